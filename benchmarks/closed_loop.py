@@ -47,7 +47,7 @@ from mr360uw.ibl.lookup import environment_lookup  # noqa: E402
 from mr360uw.ibl.plate import COARSE_COLUMNS  # noqa: E402
 from mr360uw.render.backends import make_backend  # noqa: E402
 from mr360uw.render.exposed_water import exposed_water  # noqa: E402
-from mr360uw.render.first_pass import ClipFacts, clip_facts  # noqa: E402
+from mr360uw.render.first_pass import ClipAnalysis, clip_facts  # noqa: E402
 from mr360uw.render.loaded import load  # noqa: E402
 from mr360uw.render.plate_light import plate_light  # noqa: E402
 from mr360uw.render.plate_pattern import plate_pattern  # noqa: E402
@@ -187,7 +187,7 @@ class Clip:
             (self.frames[index].plate * self.exposure).astype(np.float32), index, float(index / RATE)
         )
         loaded = load(scene, self.stage.width, self.stage.width // 2, clip=False)
-        light = replace(plate_light(loaded, ClipFacts(), plate), environment=environment)
+        light = replace(plate_light(loaded, ClipAnalysis(), plate), environment=environment)
         table = exposed_water(loaded.surroundings, light, plate.time_s)
         backend, kept = make_backend("auto")[0], Cache()
         pattern = plate_pattern(loaded, None, plate)

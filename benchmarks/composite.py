@@ -36,9 +36,7 @@ def found(**settings: object) -> SceneObject:
     """Return an object with a mesh of the shared folder."""
     if not MESHES.is_dir():
         sys.exit(f"{MESHES} is not there; this section needs its meshes")
-    paths = {
-        k: MESHES / str(settings.pop(k)) for k in ("mesh", "texture", "normal_texture", "orm_texture") if k in settings
-    }
+    paths = {k: MESHES / str(settings.pop(k)) for k in ("mesh", "texture") if k in settings}
     return load_object(ObjectSettings(**paths, **settings))
 
 
@@ -218,20 +216,13 @@ def pictures(folder: str) -> None:
     import cv2
 
     water = medium(6.0, (0.25, 0.05, 0.04))
-    rocks = "babylon_underwater/rocks_rockMat1_"
-    maps = {
-        "texture": f"{rocks}baseColor.jpg",
-        "normal_texture": f"{rocks}normal.jpg",
-        "orm_texture": f"{rocks}orm.jpg",
-    }
-    scene_file, cow = "babylon_underwater/underwaterScene.glb", "spot/spot_triangulated.obj"
-    fish = {"unit": "cm", "scale": 4.0, "position_m": (0, -0.6, -1.5), "rotation_deg": (70, 0, 0)}
+    cow = "spot/spot_triangulated.obj"
+    fish = {"scale": 0.04, "position_m": (0, -0.6, -1.5), "rotation_deg": (70, 0, 0)}
     turned = {"position_m": (0, -0.5, -2.0), "rotation_deg": (150, 0, 0)}
     stages = {
         "alpha": found(mesh="AlphaBlendModeTest.glb", scale=0.5, position_m=(0, -0.4, -2.4)),
         "snapper": found(mesh="greySnapper_vertColor.glb", **fish),
         "spot": found(mesh=cow, texture="spot/spot_texture.png", **turned),
-        "rocks": found(mesh=scene_file, scale=0.35, position_m=(0, -1.3, -3.2), part="moreRocks", **maps),
         "truck": found(mesh="CesiumMilkTruck.glb", scale=0.5, position_m=(0, -1.25, -2.4), rotation_deg=(40, 0, 0)),
     }
     renderer, width = LayerRenderer(), 1024

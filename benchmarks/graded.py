@@ -183,7 +183,7 @@ def main() -> int:
             folder / "dive", DiveSettings(**PRESETS[options.preset]), width=options.width, frames=FRAMES, samples=2
         )
         scene = load_scene(dive.scene, ["object.0.position_m=[0.3, -0.5, -2.2]"])
-        off = MatchSettings(enabled=False)
+        off = MatchSettings(softness=0.0)
         clean = composite(scene, dive.plate, backend, off)
         alpha = clean[JUDGED].layer.alpha
         for label in options.only:

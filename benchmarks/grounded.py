@@ -368,7 +368,7 @@ def caustics(*waters: str) -> None:
     """Umbra of a ball on synthetic dives under moving caustics, against the dive's own picture with the ball's shade.
 
     plate: contrast of the caustics in the plate. left: contrast of what is wrong in the umbra as a fraction of it, the
-    mean of five frames; in brackets with `plate_caustics = "keep"`. mean: light in the umbra over the dive's own,
+    mean of five frames; in brackets with the caustics left as they are. mean: light in the umbra over the dive's own,
     red, green, blue. texture: correlation of the sand's albedo with that in the umbra. clip: ten seconds, cut: two,
     still: one frame, all lit by the dive's own light; measured: ten seconds, lit by what is measured in the plate.
     """

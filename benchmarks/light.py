@@ -25,7 +25,7 @@ from mr360uw.errors import Mr360uwError
 from mr360uw.ibl.glossy import ggx_kernel
 from mr360uw.ibl.plate import COARSE_COLUMNS, COARSE_ROWS, LinearPlate, remap
 from mr360uw.ibl.reduce import reduce_map
-from mr360uw.ibl.settings import OPERATORS, LightSettings
+from mr360uw.ibl.settings import GLOSSY_ROUGHNESS, OPERATORS, LightSettings
 from mr360uw.ibl.sun.detect import find_disc
 from mr360uw.ibl.sun.split import sky_irradiance
 from mr360uw.sphere import (
@@ -142,10 +142,10 @@ def irradiance() -> None:
     print("Glossy levels (GGX, n = v = r) of the residual plus the sun's own lobe, % of the peak (target 2)")
     rows = []
     for name in SUNNY + SUNLESS:
-        settings = LightSettings(operator="none", glossy_roughness=(0.2, 0.4, 0.7))
+        settings = LightSettings(operator="none")
         light = ibl.environment(hdr(name), settings, glossy=True)
         errors = []
-        for k, roughness in enumerate(settings.glossy_roughness):
+        for k, roughness in enumerate(GLOSSY_ROUGHNESS):
             truth = brute_force(name, lambda c, r=roughness: ggx_kernel(c, r), mean=True)
             level = light.glossy[k].astype(np.float64)
             if light.sun is not None:

@@ -32,10 +32,10 @@ from mr360uw.caustics.sea.spectral import SpectralSea  # noqa: E402
 from mr360uw.caustics.settings import CausticSettings  # noqa: E402
 from mr360uw.composite.object_settings import ObjectSettings  # noqa: E402
 from mr360uw.composite.settings import DrawSettings, LampSettings, ReceiverSettings  # noqa: E402
+from mr360uw.compositor import render_frame  # noqa: E402
 from mr360uw.errors import Mr360uwError, RenderError  # noqa: E402
 from mr360uw.ibl import LightSettings  # noqa: E402
 from mr360uw.medium import WaterSettings  # noqa: E402
-from mr360uw.pipeline import render_frame  # noqa: E402
 from mr360uw.sample.whale import write_whale  # noqa: E402
 from mr360uw.scene import CameraSettings, Scene, scene_from_dict  # noqa: E402
 
@@ -52,9 +52,9 @@ COSTLY = {
 }  # fmt: skip
 """Upper ends of parameters that cost time but no care."""
 LEFT_OUT = {
-    "path", "mesh", "csv", "track", "gravity", "texture", "normal_texture", "orm_texture", "key", "tilt_keys",
-    "depth_keys", "explicit_waves", "eye", "transfer", "illuminant", "sensor", "animation", "part", "object", "model",
-    "sun_time", "vertex_colors", "glossy_roughness", "frame_rate", "invert",
+    "path", "mesh", "csv", "track", "gravity", "texture", "key", "tilt_keys",
+    "depth_keys", "explicit_waves", "eye", "transfer", "illuminant", "sensor", "animation", "object", "model",
+    "sun_time", "frame_rate", "invert",
 }  # fmt: skip
 """Parameters that name files, or whose values are no numbers and no choices."""
 DEEPEST_M, LONGEST_M = 200.0, 60.0
@@ -156,8 +156,6 @@ def scene_of(seed: int, mesh: Path) -> tuple[Scene, np.ndarray]:
         data["receiver"] = table(ReceiverSettings, rng) | {"kind": "plane", "height_m": -float(rng.exponential(4.0))}
     if rng.random() < 0.3:
         data["lamp"] = [table(LampSettings, rng) | {"position_m": _place(rng), "attach": "world"}]
-        if {"lumen", "watts"} <= data["lamp"][0].keys():
-            data["lamp"][0].pop("watts")
     return scene_from_dict(data, mesh.parent), plate_of(rng)
 
 

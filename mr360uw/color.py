@@ -31,6 +31,8 @@ Matrix = Literal["bt601", "bt709", "bt2020"]
 Primaries = Literal["bt709", "bt2020", "sgamut3", "sgamut3cine", "vgamut", "dgamut"]
 DisplayTransfer = Literal["srgb", "bt709", "bt1886", "gamma22", "linear"]
 """Curves of which white is the brightest code."""
+DISPLAY_CURVE: DisplayTransfer = "srgb"
+"""Curve from code values to linear light that published inverse tone mapping operators assume."""
 Transfer = DisplayTransfer | WideTransfer
 TRANSFERS: tuple[Transfer, ...] = (*get_args(DisplayTransfer), *WIDE_TRANSFERS)
 

@@ -8,16 +8,37 @@ the JSON schema and the tables of the documentation all read them from there.
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any, Literal, get_args
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 from pydantic.fields import FieldInfo
+
+from mr360uw.errors import ParameterError
 
 FULL_TURN_DEG = 360.0
 
 
-class Parameters(BaseModel):
-    """Frozen, strict about unknown keys, finite numbers only."""
+class _RefusedAsArguments(type(BaseModel)):  # type: ignore[misc]
+    """The class of models whose call raises `ParameterError`; tables of files are validated without a call."""
+
+    def __call__(cls, *arguments: Any, **values: Any) -> Any:
+        try:
+            return super().__call__(*arguments, **values)
+        except ValidationError as error:
+            raise ParameterError("\n".join(_told(cls.__name__, one) for one in error.errors())) from None
+
+
+def _told(model: str, problem: Any) -> str:
+    """Return a problem of pydantic's in the words of an argument's."""
+    name = ".".join([model, *map(str, problem["loc"])])
+    what = problem["msg"].removeprefix("Value error, ")
+    ours = " (got " in what and " - " in what
+    return what if ours else f"{name} - {what} (got {problem['input']!r:.40}) - correct it"
+
+
+class Parameters(BaseModel, metaclass=_RefusedAsArguments):
+    """Frozen, strict about unknown keys, finite numbers only. Raises `ParameterError` where it is called."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, validate_default=True)
 
@@ -68,20 +89,25 @@ def parameter(
     above: float | None = None,
     fixed: str = "",
     internal: str = "",
+    audience: str = "",
     **extra: Any,
 ) -> Any:
     """Return a pydantic field with a default, an inclusive range [low, high] (or > above), a unit and a help line.
 
     fixed: advice to who wants the number to change within a clip, which it cannot; "" where it can. internal: what sets
-    it, where users need no control for it.
+    it, where users need no control for it. audience: who needs it, where that is not every user.
     """
-    notes = {"unit": unit, "fixed": fixed, "internal": internal}
+    notes = {"unit": unit, "fixed": fixed, "internal": internal, "audience": audience}
     shown: dict[str, Any] = {name: text for name, text in notes.items() if text or name == "unit"}
     return Field(default, description=help_text, ge=low, le=high, gt=above, json_schema_extra=shown, **extra)
 
 
-def stated(field: FieldInfo, name: Literal["unit", "fixed", "internal"]) -> str:
-    """Return the unit of a field, why it is fixed, or what sets it; "" where nothing is stated."""
+advanced = partial(parameter, audience="few")
+"""As `parameter`, for a field that few users need: the documentation lists it apart."""
+
+
+def stated(field: FieldInfo, name: Literal["unit", "fixed", "internal", "audience"]) -> str:
+    """Return the unit of a field, why it is fixed, what sets it, or who needs it; "" where nothing is stated."""
     shown = field.json_schema_extra
     return str(shown.get(name, "")) if isinstance(shown, dict) else ""
 

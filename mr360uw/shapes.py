@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Array arguments: checks whose messages name the argument, what it is, and what it should be.
+"""Arguments: checks whose messages name the argument, what it is, and what it should be.
 
 Public functions call them once where an array enters. They refuse what is no number and what is not finite; the test
 for that is one sum over the array.
@@ -7,7 +7,8 @@ for that is one sum over the array.
 
 from __future__ import annotations
 
-from typing import Any
+from pathlib import Path
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from mr360uw.errors import ParameterError
 
 _NUMBERS = "fiu"
+T = TypeVar("T")
 
 
 def real(name: str, values: ArrayLike) -> NDArray[Any]:
@@ -50,6 +52,27 @@ def numbers(name: str, values: ArrayLike, *, infinite: bool = False) -> NDArray[
 def number(name: str, value: Any) -> float:
     """Return one number; raise `ParameterError` for other shapes, and as `numbers` does."""
     return float(exactly(name, value, ()))
+
+
+def whole(name: str, value: Any, least: int, most: int) -> int:
+    """Return a whole number of a range; raise `ParameterError` for anything else."""
+    if isinstance(value, bool) or not isinstance(value, int | np.integer) or not least <= value <= most:
+        raise ParameterError(f"{name} - must be a whole number (got {value!r:.40}) - choose {least} to {most}")
+    return int(value)
+
+
+def instance(name: str, value: Any, kind: type[T], advice: str) -> T:
+    """Return a value of a type; raise `ParameterError` for one of another. advice: what makes one."""
+    if not isinstance(value, kind):
+        raise ParameterError(f"{name} - must be a {kind.__name__} (got {type(value).__name__}) - {advice}")
+    return value
+
+
+def file_path(name: str, value: Any) -> Path:
+    """Return a path; raise `ParameterError` for what is no name of a file."""
+    if not isinstance(value, str) and not hasattr(value, "__fspath__"):
+        raise ParameterError(f"{name} - must be the name of a file (got {type(value).__name__}) - give text or a Path")
+    return Path(value)
 
 
 def vectors(name: str, values: ArrayLike, size: int = 3) -> NDArray[Any]:

@@ -16,10 +16,10 @@ from typing import Any
 import cv2
 import numpy as np
 
+from mr360uw.compositor import FrameResult, render_frame
 from mr360uw.medium.fit.open_water import DARKEST
 from mr360uw.medium.phase import Phase
 from mr360uw.optics import fresnel_from_below, refract_to_water
-from mr360uw.pipeline import FrameResult, render_frame
 from mr360uw.scene import scene_from_dict
 from mr360uw.sphere import directions, row_solid_angle
 
@@ -182,15 +182,15 @@ def composed(name: str, backend: str, folder: Path, plate: np.ndarray | None = N
     }  # fmt: skip
     ball, box = dive.ball, dive.box
     objects = [
-        {"mesh": "ball.obj", "position_m": list(ball[:3]), "scale": ball[3], "unit": "m", "smooth_deg": 60.0} | matt,
-        {"mesh": "box.obj", "position_m": list(box[:3]), "scale": dive.height_m, "unit": "m", "smooth_deg": 0.0,
+        {"mesh": "ball.obj", "position_m": list(ball[:3]), "scale": ball[3], "smooth_deg": 60.0} | matt,
+        {"mesh": "box.obj", "position_m": list(box[:3]), "scale": dive.height_m, "smooth_deg": 0.0,
          "rotation_deg": [np.degrees(-_YAW), 0.0, 0.0]} | matt,
     ]  # fmt: skip
     water: dict[str, Any] = {
         "type": "csv", "csv": "water.csv", "sensor": str(folder / "sensor.csv"), "illuminant": "equal-energy",
         "refractive_index": dive.refractive_index,
     }  # fmt: skip
-    water |= {"phase": "hg", "mean_cosine": dive.phase[1]} if isinstance(dive.phase, tuple) else {"phase": dive.phase}
+    water |= {"phase": dive.phase[1] if isinstance(dive.phase, tuple) else dive.phase}
     data = {
         "plate": {"path": "plate.png"}, "camera": {"depth_m": dive.depth_m}, "water": water,
         "receiver": {"height_m": -dive.height_m, "extent_m": 100.0}, "light": {"operator": "none"},

@@ -10,7 +10,7 @@ import pytest
 
 from mr360uw.cache import Cache, Same
 from mr360uw.render.backends import make_backend
-from mr360uw.render.first_pass import ClipFacts
+from mr360uw.render.first_pass import ClipAnalysis
 from mr360uw.render.frame import finished, frame_stages
 from mr360uw.render.loaded import load
 from mr360uw.video import VideoFrame
@@ -94,7 +94,7 @@ def test_a_cache_that_is_dropped_at_random_changes_no_code(
         for plate in plates:
             if drops and rng.random() < 0.5:
                 backend.cache.clear()
-            run.append(finished(frame_stages(loaded, ClipFacts(), backend, plate, 0.02)).picture.image_linear)
+            run.append(finished(frame_stages(loaded, ClipAnalysis(), backend, plate, 0.02)).picture.image_linear)
         pictures.append(np.stack(run))
     assert np.ptp(pictures[0], axis=0).max() > 0.01
     assert np.array_equal(pictures[0], pictures[1])

@@ -258,14 +258,15 @@ def test_check_tells_every_problem_that_would_stop_a_run(scene: Path, run: Run) 
     cv2.imwrite(str(folder / "square.png"), np.zeros((64, 64), np.uint8))
     save_track(track_suns([None, None]), folder / "sun.json")
     holdouts = '[{path="matte_%04d.png"}, {path="square.png"}]'
-    settings = [f"holdout={holdouts}", 'light.track="sun.json"', 'output.codec="prores"', 'object.0.part="fin"']
+    settings = [f"holdout={holdouts}", 'light.track="sun.json"', 'output.codec="prores"', 'object.0.animation="fin"']
     overrides = [part for setting in settings for part in ("--set", setting)]
     before = {p.name for p in folder.iterdir()}
     code, _, err = run("check", scene, folder / "out.mp4", *overrides)
     assert code == 2
     assert "5 problems" in err
     for part in (
-        "no part of that name (got 'fin')", "matte_%04d.png - ends before the plate (got 3", "square.png - has not",
+        "no animation of that name or number (got 'fin'",
+        "matte_%04d.png - ends before the plate (got 3", "square.png - has not",
         "sun.json light.track - belongs to another clip (got 2 frames for 8)", ".mp4 cannot hold prores",
     ):  # fmt: skip
         assert part in err
@@ -281,7 +282,7 @@ def test_check_tells_every_problem_that_would_stop_a_run(scene: Path, run: Run) 
 
 def test_check_reports_the_plate_s_problem_beside_others(scene: Path, run: Run) -> None:
     (scene.parent / "text.mp4").write_text("This is not a video.\n" * 50)
-    code, _, err = run("check", scene, "--set", 'plate.path="text.mp4"', "--set", 'object.0.part="fin"')
+    code, _, err = run("check", scene, "--set", 'plate.path="text.mp4"', "--set", 'object.0.animation="fin"')
     assert code == 2
     assert "2 problems" in err
 
@@ -351,6 +352,7 @@ def test_squeezed_eyes_are_taken_as_they_are(stereo: Stereo, size: str, scene: P
         ("camera.depth_m=-1", "must be > 0"),
         ("camera.depth_m=deep", "(got 'deep')"),
         ("camera.depht_m=1", "did you mean 'depth_m'?"),
+        ("sea.tiling=blend", "is fixed at lattice now"),
         ("object.3.scale=1", "no such entry"),
         ("nonsense", "key=value"),
         ("water.type=3", "(got 3)"),
@@ -414,7 +416,7 @@ def test_a_full_disk_is_told_and_the_run_goes_on_when_there_is_space(scene: Path
 
     def composite(out: Path) -> list[str | Path]:
         small = ["--set", "water.mode=table"]  # what the first pass finds has to fit below the limit
-        return [sys.executable, "-m", "mr360uw", "composite", scene, out, "--set", "output.lossless=true", *small]
+        return [sys.executable, "-m", "mr360uw", "composite", scene, out, "--set", "output.quality=lossless", *small]
 
     # compiled code is stored on the first run, which the limit would stop before it comes to the output
     assert subprocess.run(composite(scene.parent / "first.mkv"), capture_output=True).returncode == 0

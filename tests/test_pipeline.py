@@ -71,7 +71,7 @@ def test_a_video_goes_in_and_a_video_comes_out(dive: SampleDive, tmp_path: Path,
 
 
 def test_without_an_object_a_lossless_output_is_the_plate(dive: SampleDive, tmp_path: Path) -> None:
-    scene = load_scene(dive.scene, ["object=[]", "output.lossless=true"])
+    scene = load_scene(dive.scene, ["object=[]", "output.quality=lossless"])
     report = uw.composite_video(scene, tmp_path / "out.mp4")
     assert not report.plan.layer.runs
     for a, b in zip(frames_of(dive.plate), frames_of(tmp_path / "out.mp4"), strict=True):
@@ -80,7 +80,7 @@ def test_without_an_object_a_lossless_output_is_the_plate(dive: SampleDive, tmp_
 
 
 def test_pixels_that_nothing_touches_keep_every_bit(dive: SampleDive, tmp_path: Path, backend: str) -> None:
-    scene = load_scene(dive.scene, ["output.lossless=true"])
+    scene = load_scene(dive.scene, ["output.quality=lossless"])
     uw.composite_video(scene, tmp_path / "out.mp4", frames=(0, 1), backend=backend)
     (made,), plate = frames_of(tmp_path / "out.mp4"), frames_of(dive.plate)[0]
     layer = uw.render_frame(plate.image_linear, scene, plate.time_s, backend).layer
@@ -95,7 +95,7 @@ def test_pixels_that_nothing_touches_keep_every_bit(dive: SampleDive, tmp_path: 
 
 
 def test_frame_k_is_the_same_alone_and_in_the_clip(dive: SampleDive, tmp_path: Path, backend: str) -> None:
-    scene = load_scene(dive.scene, ["output.lossless=true"])
+    scene = load_scene(dive.scene, ["output.quality=lossless"])
     uw.composite_video(scene, tmp_path / "all.mp4", backend=backend)
     uw.composite_video(scene, tmp_path / "one.mp4", frames=(5, 6), backend=backend)
     np.testing.assert_array_equal(frames_of(tmp_path / "all.mp4")[5].yuv.y, frames_of(tmp_path / "one.mp4")[0].yuv.y)
@@ -240,7 +240,7 @@ def test_a_trimmed_clip_keeps_sound_times_and_every_untouched_bit(whale: Path, t
     objects = [{"mesh": str(whale), "position_m": [0.6, 0.0, -2.4], "rotation_deg": [60.0, 0.0, 0.0]}]
     scene = scene_with(
         tmp_path, None, plate=str(clip), water={"type": "none"}, object=objects,
-        light={"smooth": False}, output={"lossless": True},
+        light={"smooth": False}, output={"quality": "lossless"},
     )  # fmt: skip
     uw.composite_video(scene, tmp_path / "out.mp4", frames=(0, 3), backend=backend)
     with uw.open_video(clip) as video:

@@ -14,7 +14,7 @@ import pytest
 import mr360uw as uw
 from mr360uw.errors import Mr360uwError, ParameterError, VideoError
 from mr360uw.render.backends import make_backend
-from mr360uw.render.first_pass import ClipFacts
+from mr360uw.render.first_pass import ClipAnalysis
 from mr360uw.render.frame import finished, frame_stages
 from mr360uw.render.loaded import load
 from mr360uw.render.mattes import GreyClip
@@ -69,7 +69,7 @@ def test_light_is_measured_once_and_shared(whale: Path, tmp_path: Path) -> None:
         plate = next(iter(video.frames(0, 1)))
         loaded = load(scene, video.width, video.height, clip=False)
     backend = make_backend("reference", scene.plate.eyes)[0]
-    frame = finished(frame_stages(loaded, ClipFacts(), backend, plate, 0.0))
+    frame = finished(frame_stages(loaded, ClipAnalysis(), backend, plate, 0.0))
     assert frame.right is not None
     assert frame.light is frame.right.light
     assert frame.medium is frame.right.medium
@@ -99,7 +99,7 @@ def test_both_eyes_are_written_as_they_are_read(
 
     with open_video(plate, eye="both") as video:
         frames = list(video.frames())
-        with create_video(tmp_path / "out.mp4", video, EncodeSettings(lossless=True)) as out:
+        with create_video(tmp_path / "out.mp4", video, EncodeSettings(quality="lossless")) as out:
             for frame in frames:
                 out.write(frame)
     marks = read_spherical(tmp_path / "out.mp4")

@@ -34,8 +34,8 @@ FLOAT32 = 2e-6
 """A handful of operations in single precision on numbers near 1 (1e-7 each)."""
 MAP_RATIO = 0.003
 """Ratio on a distance map of a plane, coarser than the frame, against the plane: one-sided differences at the horizon."""
-BETWEEN_SWEEPS = 0.002
-"""Ambient light on level ground between the samples of the device: `patches.TOLERANCE`, a quarter of a code value."""
+BETWEEN_SWEEPS = 0.005
+"""Ambient light on level ground between the samples of the device: `quadtree.TOLERANCE`, a code value at most."""
 FRAME_ALONE_CODES, FRAME_ALONE_FRACTION = 2.0, 0.99
 """A frame as linear light against the same in a video: light from decoded planes and the dither of the codes; at the
 edges of objects the video's chroma is a mean of four pixels."""

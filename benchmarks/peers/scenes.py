@@ -24,6 +24,7 @@ from mr360uw.constants import SUN_HALF_ANGLE_RAD
 from mr360uw.ibl.lighting import assemble
 from mr360uw.ibl.plate import COARSE_COLUMNS, COARSE_ROWS
 from mr360uw.ibl.reduce import reduce_map
+from mr360uw.ibl.settings import GLOSSY_ROUGHNESS
 from mr360uw.sphere import direction_from_angles, directions, frame_from_direction, row_solid_angle
 from mr360uw.types import Environment, Floats, Sun, View
 from tests.composite.scenes import placed, sphere
@@ -148,7 +149,7 @@ class Scene:
 
 def lights(sky: Sky, paving_m: float = 0.0) -> dict[str, Environment]:
     """Return the light exactly as it is drawn ("known"), and as it is measured in the plate ("plate")."""
-    roughness = ibl.LightSettings().glossy_roughness
+    roughness = GLOSSY_ROUGHNESS
     coarse = reduce_map(sky.plate(sun=False, paving_m=paving_m), COARSE_COLUMNS, COARSE_ROWS)
     return {
         "known": assemble(coarse, sky.sun, roughness),

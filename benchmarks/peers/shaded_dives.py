@@ -22,7 +22,7 @@ from mr360uw.composite import Shot
 from mr360uw.ibl.lighting import assemble
 from mr360uw.ibl.plate import COARSE_COLUMNS, COARSE_ROWS
 from mr360uw.render.exposed_water import exposed_water
-from mr360uw.render.first_pass import ClipFacts
+from mr360uw.render.first_pass import ClipAnalysis
 from mr360uw.render.loaded import Loaded, load
 from mr360uw.render.plate_light import plate_light
 from mr360uw.render.plate_pattern import calm_series, plate_pattern
@@ -119,15 +119,15 @@ class ShadedDive:
         frame = VideoFrame.of_linear(np.zeros((1, 1, 3), np.float32), index, time_s)
         return replace(frame, spec=ColorSpec(), rgb=np.clip(np.floor(code + dither), 0, 255).astype(np.uint8))
 
-    def facts(self, frames: Sequence[VideoFrame]) -> ClipFacts:
+    def facts(self, frames: Sequence[VideoFrame]) -> ClipAnalysis:
         """Return what a clip of some frames shows of the calm ground; of one frame, what that shows alone."""
         series = calm_series(self.loaded)
         assert series is not None
         for frame in frames:
             series.add(frame)
-        return ClipFacts(calm=series.result())
+        return ClipAnalysis(calm=series.result())
 
-    def shot(self, frame: VideoFrame, facts: ClipFacts, *, known: bool) -> Shot:
+    def shot(self, frame: VideoFrame, facts: ClipAnalysis, *, known: bool) -> Shot:
         """Return the shot of a frame; known: lit by the dive's own ambient light and sun, not as measured in it."""
         light = plate_light(self.loaded, facts, frame)
         water = exposed_water(self.loaded.surroundings, light, frame.time_s)

@@ -51,21 +51,20 @@ def product(**values: Sequence[Any]) -> tuple[Knobs, ...]:
 
 
 def medium_stage() -> MeasuredStage:
-    """Water: number of wavelengths, their choice, and the model of the veil."""
+    """Water: number of wavelengths, and the model of the veil."""
 
-    def of(mode: str, rule: str, *bands: int) -> tuple[Knobs, ...]:
-        return product(water__mode=(mode,), water__rule=(rule,), water__bands=bands)
+    def of(mode: str, *bands: int) -> tuple[Knobs, ...]:
+        return product(water__mode=(mode,), water__bands=bands)
 
-    models = (*of("kd", "rectangle", 61), *of("kd+", "rectangle", 61), *of("rgb", "rectangle", 61))
-    fitted = of("table", "fitted", 3, 5, 8)
+    models = (*of("kd", 61), *of("kd+", 61), *of("rgb", 61))
     return MeasuredStage(
         "medium",
         "Water: wavelengths and model of the veil",
         "solving a water and tabulating it, once a clip",
         "the solved light field at 241 wavelengths, no table: veil over 0.3 to 30 m in 64 directions, without gain",
-        (*of("table", "rectangle", 3, 5, 8, 12, 16, 31), *fitted, *models),
-        (*of("table", "rectangle", 8, 16), *fitted[-1:], *models[:1]),
-        qualities("water.mode", "water.rule", "water.bands"),
+        (*of("table", 3, 5, 8, 12, 16, 31), *models),
+        (*of("table", 8, 16), *models[:1]),
+        qualities("water.mode", "water.bands"),
         _open_medium,
     )
 
@@ -79,8 +78,8 @@ def _open_medium(bench: Workbench) -> Workload:
     scale = np.sqrt(np.mean(truth**2, axis=(0, 1)))
 
     def prepare(knobs: Knobs) -> Callable[[int], Any]:
-        mode, rule, bands = (knobs[f"water.{name}"] for name in ("mode", "rule", "bands"))
-        return lambda _: Medium(water, mode=mode, camera_depth_m=_CAMERA_M, band_count=bands, rule=rule).table
+        mode, bands = knobs["water.mode"], knobs["water.bands"]
+        return lambda _: Medium(water, mode=mode, camera_depth_m=_CAMERA_M, band_count=bands).table
 
     return Workload(prepare, lambda table: relative_rms(veil_lookup(table, distance, up) / scale, truth / scale))
 

@@ -9,8 +9,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mr360uw.caustics.flux.irradiance import check_arguments, reference_map
+from mr360uw.caustics.sea.base import SeaParameters
 from mr360uw.caustics.settings import Method, Sea
 from mr360uw.constants import REFRACTIVE_INDEX_SEA, SUN_HALF_ANGLE_RAD
+from mr360uw.shapes import instance
 
 Array = NDArray[np.floating[Any]]
 
@@ -32,5 +34,6 @@ def caustic_map(
     sun_direction_in_air: (3,) towards the sun, above the horizon. grid: cells of the surface across the tile.
     Float64. Raises `ParameterError` for arguments outside their domain.
     """
+    instance("sea", sea, SeaParameters, "make a GerstnerSea or a SpectralSea")
     sun = check_arguments(sun_direction_in_air, [depth_m], size, grid, refractive_index, sun_half_angle_rad)
     return reference_map(sea, sun, depth_m, time_s, size, grid, refractive_index, sun_half_angle_rad, method)

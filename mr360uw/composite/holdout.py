@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from mr360uw.composite.shot import Shot
-from mr360uw.types import Floats, Tile
+from mr360uw.types import Tile
 
 
 def hold_out(shot: Shot, tile: Tile) -> Tile:
@@ -33,16 +33,3 @@ def hold_out(shot: Shot, tile: Tile) -> Tile:
         ratio=ratio.astype(np.float32),
         shafts=None if tile.shafts is None else tile.shafts * plate_kept[..., None],
     )
-
-
-def feathered(matte: Floats, width_px: float) -> Floats:
-    """Return a matte (H, W) with its edges softened over `width_px` by a Gaussian, periodic over the seam."""
-    import cv2
-
-    if width_px <= 0.0:
-        return matte
-    image = np.asarray(matte, np.float32)
-    pad = min(int(np.ceil(2.0 * width_px)), image.shape[1])
-    wide = np.concatenate([image[:, -pad:], image, image[:, :pad]], axis=1)
-    soft = cv2.GaussianBlur(wide, (0, 0), 0.5 * width_px, borderType=cv2.BORDER_REPLICATE)
-    return soft[:, pad : pad + image.shape[1]]

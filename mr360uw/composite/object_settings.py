@@ -9,10 +9,10 @@ from typing import Annotated, Literal
 
 from pydantic import Field, field_validator, model_validator
 
-from mr360uw.composite.settings import MOTION, Interpolation, Vector, check_color, check_times
-from mr360uw.parameters import Parameters, parameter
+from mr360uw.composite.settings import CASTS, MOTION, SIZE, TURN, Interpolation, Vector, check_color, check_times
+from mr360uw.ibl.settings import EXPOSURE
+from mr360uw.parameters import Parameters, advanced, parameter
 
-Unit = Literal["auto", "m", "cm", "mm"]
 Attachment = Literal["world", "camera", "surface"]
 Loop = Literal["repeat", "once", "ping-pong"]
 Front = Literal["+z", "-z", "+x", "-x"]
@@ -66,65 +66,54 @@ class ObjectSettings(Parameters):
     stand_on: Literal["receiver"] | None = parameter(
         None, "receiver: its lowest point is on the sea floor (receiver), whatever the height of its position"
     )
-    rotation_deg: Vector = parameter(
-        (0.0, 0.0, 0.0), "(yaw, pitch, roll): nose (-z) to the right, nose up, right side down; roll first", unit="deg"
-    )
+    rotation_deg: Vector = parameter((0.0, 0.0, 0.0), TURN, unit="deg")
     face: Facing | None = parameter(
         None, "turns its front to the camera (where that is at time 0), or to an azimuth in degrees; rotation_deg is "
         "then from there", unit="deg",
     )  # fmt: skip
-    front: Front = parameter("+z", "side of the mesh that is its front, for face; glTF has +z")
+    front: Front = advanced("+z", "side of the mesh that is its front, for face; glTF has +z")
     size_m: float | None = parameter(
         None, "length of its longest side, whatever the unit of the file, instead of scale", unit="m",
         above=0.0, high=1e6,
     )  # fmt: skip
-    scale: float = parameter(1.0, "factor on the object's size", unit="1", low=1e-6, high=1e6)
-    unit: Unit = parameter("auto", "unit of the file; auto: metres, or what USD says, with a note if it looks wrong")
+    scale: float = parameter(1.0, SIZE, unit="1", low=1e-6, high=1e6)
     attach: Attachment = parameter(
         "world",
         "frame of reference: the world; the camera and its rotation; or the waves, on which it floats, with position_m "
         "over the mean surface",
     )
     key: tuple[KeySettings, ...] = parameter((), "the motion, ascending in time", fixed=MOTION)
-    interpolation: Interpolation = parameter("smooth", "between keys: straight, or a monotone cubic")
+    interpolation: Interpolation = advanced("smooth", "between keys: straight, or a monotone cubic")
     animation: int | str = parameter(
         "auto", "clip of a glTF file that is played, by name or number (the first is 0); auto: its first, '': none"
     )
-    loop: Loop = parameter("repeat", "how the clip goes on after its end: again, not at all, or back and forth")
-    speed: float = parameter(
+    loop: Loop = advanced("repeat", "how the clip goes on after its end: again, not at all, or back and forth")
+    speed: float = advanced(
         1.0, "clip seconds a second of the video; negative plays backwards", unit="1", low=-1e3, high=1e3,
         fixed="the clip would jump: key start_s, the time within it",
     )  # fmt: skip
-    start_s: float = parameter(0.0, "time within the clip at the video's time 0", unit="s", low=-1e6, high=1e6)
-    casts_shadow: bool = parameter(True, "whether the object shades the receiver, the others and itself")
+    start_s: float = advanced(0.0, "time within the clip at the video's time 0", unit="s", low=-1e6, high=1e6)
+    casts_shadow: bool = parameter(True, CASTS)
     visible: bool = parameter(True, "whether the camera sees the object; its shadow stays")
     texture: Path | None = parameter(None, "base colour image to use instead of the file's own")
-    normal_texture: Path | None = parameter(None, "tangent space normal map to use instead of the file's own")
-    orm_texture: Path | None = parameter(None, "occlusion, roughness, metallic in red, green, blue, instead")
     base_color: Vector | None = parameter(
         None, "linear base colour, multiplies the texture; none: the file's", unit="1"
     )
     metallic: float | None = parameter(None, "0 dielectric, 1 metal; none: the file's", unit="1", low=0.0, high=1.0)
     roughness: float | None = parameter(None, "0 mirror, 1 matt; none: the file's", unit="1", low=0.0, high=1.0)
     refractive_index: float | None = parameter(
-        None, "of the surface, against vacuum; none: the file's", unit="1", low=1.0, high=4.0
+        None, "of the surface, against vacuum; none: the file's", unit="1", low=1.0, high=4.0, internal="the mesh file"
     )
-    emission_scale: float = parameter(1.0, "factor on the file's emission", unit="1", low=0.0, high=1e6)
-    exposure: float = parameter(
-        0.0, "brighter (+) or darker (-) than the plate's light makes it: trim of the light that the camera gets",
-        unit="stops", low=-10.0, high=10.0,
-    )  # fmt: skip
-    tint: Vector = parameter((1.0, 1.0, 1.0), "factors on the red, green and blue of that light", unit="1")
-    double_sided: bool | None = parameter(None, "whether back faces are drawn; none: as the file says")
-    smooth_deg: float | None = parameter(
+    exposure: float = parameter(0.0, EXPOSURE, unit="stops", low=-10.0, high=10.0)
+    tint: Vector = parameter(
+        (1.0, 1.0, 1.0), "factors on the red, green and blue of the light that the camera gets from it", unit="1"
+    )
+    double_sided: bool | None = advanced(None, "whether back faces are drawn; none: as the file says")
+    smooth_deg: float | None = advanced(
         None, "new normals, smooth across edges that bend by less than this (30 to 60 is usual), 0 = flat; none: the "
         "file's, and where it has none glTF and USD are flat, others smooth below 60", unit="deg", low=0.0, high=180.0,
     )  # fmt: skip
-    vertex_colors: Literal["auto", "multiply", "ignore"] = parameter(
-        "auto", "vertex colours as a tint; auto: where there is no base texture"
-    )
-    part: str = parameter("", "draw only the parts whose name contains this")
-    outside_files: bool = parameter(False, "whether the mesh file may name files outside of its own folder")
+    outside_files: bool = advanced(False, "whether the mesh file may name files outside of its own folder")
 
     @field_validator("base_color")
     @classmethod
@@ -146,9 +135,9 @@ class ObjectSettings(Parameters):
     def _placed_once(self) -> ObjectSettings:
         _check_place(self)
         if self.size_m is not None:
-            given = [name for name in ("scale", "unit") if name in self.model_fields_set]
+            given = "scale" in self.model_fields_set
             if given or any(key.scale is not None for key in self.key):
-                name = given[0] if given else "key.scale"
+                name = "scale" if given else "key.scale"
                 raise ValueError(f"size_m - {name} is given too (got both) - remove one of them")
         if self.stand_on is not None and self.attach != "world":
             raise ValueError(

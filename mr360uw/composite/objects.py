@@ -13,7 +13,7 @@ import numpy as np
 from mr360uw.caustics.settings import Sea
 from mr360uw.composite.at_surface.afloat import Afloat
 from mr360uw.composite.mesh.material import Material
-from mr360uw.composite.mesh.mesh import Mesh
+from mr360uw.composite.mesh.mesh import Mesh, Unit
 from mr360uw.composite.mesh.rig import Rig, load_rig
 from mr360uw.composite.mesh.texture import Texture
 from mr360uw.composite.mesh.texture_file import read_texture
@@ -128,21 +128,19 @@ def load_objects(all_settings: Sequence[ObjectSettings], kept: KeptReads | None 
     several = 4 * len(all_settings)
 
     def rig(path: Path, look: ObjectSettings) -> Rig:
-        key = (path, look.unit, look.part, look.outside_files, look.smooth_deg)
-        outside, smooth = look.outside_files, look.smooth_deg
-        return kept.get(
-            "rig", key, lambda: load_rig(path, look.unit, look.part, outside=outside, smooth_deg=smooth), _RIGS
-        )
+        unit: Unit = "auto" if look.size_m is None else "m"  # of any unit: no note on an odd size
+        key, outside, smooth = (path, unit, look.outside_files, look.smooth_deg), look.outside_files, look.smooth_deg
+        return kept.get("rig", key, lambda: load_rig(path, unit, outside=outside, smooth_deg=smooth), _RIGS)
 
-    def texture(path: Path, *, srgb: bool) -> Texture:
-        return kept.get("texture", (path, srgb), lambda: read_texture(path, srgb=srgb), 3 * several)
+    def texture(path: Path) -> Texture:
+        return kept.get("texture", path, lambda: read_texture(path, srgb=True), several)
 
     def poses(look: ObjectSettings) -> tuple[Poses, ...]:
         rigs = [rig(path, look) for path in _paths(look.mesh)]
         return tuple(Poses(replace(rig, mesh=_overridden(rig.mesh, look, texture))) for rig in rigs)
 
     def placed(settings: ObjectSettings) -> SceneObject:
-        sized = {"unit": "m"} if settings.size_m is not None else {}  # of any unit: no note on an odd size
+        sized = {} if settings.size_m is None else {"size_m": 1.0}
         look = settings.model_copy(update=_AT_REST | sized)
         return _scene_object(settings, kept.get("look", look, lambda: poses(look), several))
 
@@ -184,31 +182,21 @@ def _paths(path: Path) -> list[Path]:
     return found
 
 
-def _overridden(mesh: Mesh, settings: ObjectSettings, read_texture: Callable[..., Texture]) -> Mesh:
+def _overridden(mesh: Mesh, settings: ObjectSettings, read_texture: Callable[[Path], Texture]) -> Mesh:
     """Return a mesh with the materials that a scene asks for."""
-    base = read_texture(settings.texture, srgb=True) if settings.texture else None
-    bump = read_texture(settings.normal_texture, srgb=False) if settings.normal_texture else None
-    orm = read_texture(settings.orm_texture, srgb=False) if settings.orm_texture else None
+    base = read_texture(settings.texture) if settings.texture else None
     notes = list(mesh.notes)
-    if (base or bump or orm) is not None and not np.any(mesh.uv):
-        notes.append(f"{settings.mesh} - has no texture coordinates - all of it takes the corner of its textures")
+    if base is not None and not np.any(mesh.uv):
+        notes.append(f"{settings.mesh} - has no texture coordinates - all of it takes the corner of its texture")
     materials = []
     for material in mesh.materials:
         changed = material
         if base is not None:
             changed = replace(changed, base_map=base, base_color=(1.0, 1.0, 1.0, material.base_color[3]))
-        if bump is not None:
-            changed = replace(changed, normal_map=bump)
-        if orm is not None:
-            changed = replace(changed, metallic_roughness_map=orm, occlusion_map=orm, roughness=1.0, metallic=1.0)
         materials.append(_factors(changed, settings))
-    tinted = settings.vertex_colors == "multiply" or (
-        settings.vertex_colors == "auto" and all(m.base_map is None for m in materials)
-    )
-    if settings.vertex_colors == "auto" and not tinted and np.any(mesh.colors != 1.0):
-        notes.append(
-            f"{settings.mesh} - its vertex colours are left out beside its texture - set vertex_colors to choose"
-        )
+    tinted = all(m.base_map is None for m in materials)
+    if not tinted and np.any(mesh.colors != 1.0):
+        notes.append(f"{settings.mesh} - vertex colours are left out beside a texture - remove that to see them")
     colors = mesh.colors if tinted else np.ones_like(mesh.colors)
     return replace(mesh, materials=tuple(materials), colors=colors, notes=tuple(notes))
 
@@ -224,8 +212,8 @@ def _factors(material: Material, settings: ObjectSettings) -> Material:
         changed = replace(changed, roughness=settings.roughness)
     if settings.double_sided is not None:
         changed = replace(changed, double_sided=settings.double_sided)
-    r, g, b = (settings.emission_scale * c for c in material.emission)
-    index = material.refractive_index if settings.refractive_index is None else settings.refractive_index
+    if settings.refractive_index is not None:
+        changed = replace(changed, refractive_index=settings.refractive_index)
     gain = 2.0**settings.exposure
     red, green, blue = (gain * part for part in settings.tint)
-    return replace(changed, emission=(r, g, b), refractive_index=index, trim=(red, green, blue))
+    return replace(changed, trim=(red, green, blue))

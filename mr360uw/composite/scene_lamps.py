@@ -17,10 +17,12 @@ import numpy as np
 from mr360uw.composite.motion import Motion, lamp_motion, rigid
 from mr360uw.composite.settings import LampSettings
 from mr360uw.composite.shot import PlacedObject
-from mr360uw.medium.emitters import lamp_attenuation, lamp_color, lumen_per_watt
+from mr360uw.medium.emitters import lamp_attenuation, lamp_color
 from mr360uw.medium.medium import Medium
 from mr360uw.types import Floats, Lamp, View
 
+_EDGE = 0.3
+"""Fraction of a cone's half angle over which its light fades. Twice as much: the beam has hardly a core."""
 _DEFAULT_LUMEN = 2000.0
 """Flux of a typical diver's video light [lm], if a scene gives none."""
 
@@ -44,8 +46,8 @@ class SceneLamp:
         place = self.motion.at(time_s)
         if self.settings.attach == "camera":
             place = rigid(view.position, view.world_from_camera) @ place
-        elif self.settings.attach == "object":
-            place = objects[self.settings.object].world_from_object @ place
+        elif self.settings.attach != "world":
+            place = objects[self.settings.attach].world_from_object @ place
         axis = -place[:3, 2] / np.linalg.norm(place[:3, 2])
         cos_core, cos_edge = cone_cosines(self.settings)
         return Lamp(
@@ -76,9 +78,9 @@ def load_lamps(
 def cone_cosines(settings: LampSettings) -> tuple[float, float]:
     """Return the cosines of the half angles of a lamp's core and edge; both -1 for a point light."""
     half = np.radians(0.5 * settings.cone_deg)
-    if settings.kind == "point" or half >= np.pi:
+    if half >= np.pi:
         return -1.0, -1.0
-    return float(np.cos(half * (1.0 - settings.edge))), float(np.cos(half))
+    return float(np.cos(half * (1.0 - _EDGE))), float(np.cos(half))
 
 
 def cone_solid_angle(settings: LampSettings) -> float:
@@ -93,6 +95,4 @@ def cone_solid_angle(settings: LampSettings) -> float:
 
 
 def _lumen(settings: LampSettings) -> float:
-    if settings.watts is not None:
-        return settings.watts * lumen_per_watt(settings.temperature_k)
     return _DEFAULT_LUMEN if settings.lumen is None else settings.lumen

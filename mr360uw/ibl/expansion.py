@@ -14,7 +14,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mr360uw.color import encode
+from mr360uw.color import DISPLAY_CURVE, encode
 from mr360uw.constants import REFRACTIVE_INDEX_SEA
 from mr360uw.errors import ParameterError
 from mr360uw.ibl.level.upward import frame_sines, upward
@@ -28,6 +28,8 @@ from mr360uw.types import Floats
 
 Array = NDArray[np.float64]
 
+_RAMP = math.radians(10.0)
+"""Half the width [rad] of the smooth edge of the region that is expanded."""
 _ENHANCEMENT_COLUMNS = 256  # of the map that "kovaleski" filters: finer than its filter by a factor of fifteen
 
 
@@ -39,7 +41,7 @@ def snell_elevation(refractive_index: float = REFRACTIVE_INDEX_SEA) -> float:
 def region_weight(sine: ArrayLike, settings: LightSettings, refractive_index: float = REFRACTIVE_INDEX_SEA) -> Array:
     """Return the weight of the expansion, 0 to 1, at directions of which `sine` (...,) is the sine of the elevation.
 
-    A smoothstep over +-`ramp_deg` about the edge of the region: the horizon, or the cone of Snell's window.
+    A smoothstep over +-`_RAMP` about the edge of the region: the horizon, or the cone of Snell's window.
     """
     sine = np.asarray(sine, np.float64)
     if settings.region == "all":
@@ -49,16 +51,13 @@ def region_weight(sine: ArrayLike, settings: LightSettings, refractive_index: fl
 
 def region_edge(settings: LightSettings, refractive_index: float = REFRACTIVE_INDEX_SEA) -> tuple[float, float]:
     """Return the elevation of the region's edge and half its ramp [rad]; -pi for the whole sphere."""
-    ramp = float(np.radians(settings.ramp_deg))
     if settings.region == "all":
-        return -math.pi, ramp
-    return (0.0 if settings.region == "upper" else snell_elevation(refractive_index)), ramp
+        return -math.pi, _RAMP
+    return (0.0 if settings.region == "upper" else snell_elevation(refractive_index)), _RAMP
 
 
 def region_ramp(elevation: ArrayLike, edge: float, ramp: float) -> Array:
-    """Return a smooth step from 0 to 1 over edge - ramp .. edge + ramp; a sharp one where ramp is 0."""
-    if ramp == 0.0:
-        return (np.asarray(elevation) >= edge).astype(np.float64)
+    """Return a smooth step from 0 to 1 over edge - ramp .. edge + ramp."""
     t = np.clip((np.asarray(elevation) - edge) / (2.0 * ramp) + 0.5, 0.0, 1.0)
     return t * t * (3.0 - 2.0 * t)
 
@@ -91,7 +90,7 @@ def expand_samples(
     elif settings.operator not in POINTWISE:
         return linear
     else:
-        encoded = encode(np.minimum(linear, 1.0), settings.transfer)
+        encoded = encode(np.minimum(linear, 1.0), DISPLAY_CURVE)
         gains = gain(encoded @ luma_weights(settings).astype(linear.dtype), settings)
     return linear * (1.0 + (gains - 1.0) * region_weight(sine, settings, refractive_index))[..., None]
 
@@ -115,6 +114,6 @@ def expand(
     gains = None
     if settings.operator == "kovaleski":
         small = reduce_map(np.minimum(plate, 1.0), _ENHANCEMENT_COLUMNS, _ENHANCEMENT_COLUMNS // 2)
-        gains = resize_map(enhancement_gain(small, settings), width, height)
+        gains = resize_map(enhancement_gain(small), width, height)
     sine = frame_sines(width, height, upward(up))
     return expand_samples(plate, sine, settings, gains, refractive_index).astype(np.float32, copy=False)

@@ -19,7 +19,7 @@ from mr360uw.ibl.level.upward import upward
 from mr360uw.ibl.lookup import environment_lookup
 from mr360uw.ibl.plate import COARSE_COLUMNS, COARSE_ROWS, COARSE_SCALE, LinearPlate, Plate
 from mr360uw.ibl.reduce import reduce_map
-from mr360uw.ibl.settings import LightSettings, Operator
+from mr360uw.ibl.settings import GLOSSY_ROUGHNESS, LightSettings, Operator
 from mr360uw.ibl.sun.closure import close
 from mr360uw.ibl.sun.detect import (
     find_disc,
@@ -85,7 +85,7 @@ def light_of(
 ) -> Environment:
     """Return the light of a plate of any storage; see `environment`."""
     split = _split(plate, settings, sun, underwater, clearness)
-    roughness = settings.glossy_roughness if glossy else ()
+    roughness = GLOSSY_ROUGHNESS if glossy else ()
     return assemble(plate.coarse, None, roughness) if split is None else assemble(split.residual, split.sun, roughness)
 
 
@@ -126,7 +126,7 @@ def _detected(
     plate: Plate, settings: LightSettings, underwater: bool, ratio: float | None, glare: float
 ) -> Split | None:
     disc = find_disc(plate, underwater=underwater)
-    share = 0.0 if disc is None else taken_share(disc.confidence, settings.minimum_confidence)
+    share = 0.0 if disc is None else taken_share(disc.confidence)
     if disc is None or share == 0.0:
         return None
     split = without_glare(split_disc(plate, disc, underwater=underwater), plate, glare)

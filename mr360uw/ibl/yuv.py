@@ -92,7 +92,7 @@ def plate_of_yuv(
     total, brightest = _reduce(yuv, _region(width, height, block, settings, up, refractive_index), settings, block)
     enhancement = None
     if settings.operator == "kovaleski":
-        enhancement = enhancement_gain(np.minimum(total, 1.0), settings)
+        enhancement = enhancement_gain(np.minimum(total, 1.0))
         region = region_weight(frame_sines(COARSE_COLUMNS, COARSE_ROWS, up), settings, refractive_index)
         total = total * (1.0 + (enhancement - 1.0) * region)[..., None]
     return YuvPlate(yuv, settings, total.astype(np.float32), brightest, up, refractive_index, enhancement)

@@ -132,7 +132,7 @@ def match_caustics(
     if reason:
         return CausticMatch(f"Nothing is matched. {reason}", plate=plate, pixel_m=series.grid.pixel_m)
     share = scene.water.sun_share
-    floor = ModelledFloor.of(series, share, water_blur=scene.caustics.water_blur)
+    floor = ModelledFloor.of(series, share)
     doubt = _STATED_DOUBT if share > 0.0 else _SKY_DOUBT
     total = sum(SEAS)
     fit = fit_sea(scene.sea, floor, measure, measures, features, doubt, lambda done: progress and progress(done, total))

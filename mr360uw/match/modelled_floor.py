@@ -66,10 +66,10 @@ class ModelledFloor:
     blur: float = 0.0
 
     @classmethod
-    def of(cls, series: FloorSeries, sun_share: float = 0.0, *, water_blur: bool = True) -> ModelledFloor:
+    def of(cls, series: FloorSeries, sun_share: float = 0.0) -> ModelledFloor:
         """Return the model for the floor of a plate.
 
-        sun_share: q, 0 for that of a clear sky. water_blur: as of `CausticSettings`.
+        sun_share: q, 0 for that of a clear sky.
         """
         sun_share = sun_share or CLEAR_SKY_DIRECT
         medium, at = series.medium, np.array([series.floor_depth_m])
@@ -80,7 +80,7 @@ class ModelledFloor:
         fraction = (direct / whole)[0] * seen
         beam = float(np.sum(fraction))
         unturned = float(np.sum(unscattered_share(medium.unit_table, at, up)[0] * fraction)) / max(beam, 1e-12)
-        spread = spread_of(medium) if water_blur else None
+        spread = spread_of(medium)
         return cls(
             series.views, series.grid.pixel_m, series.time_s, series.floor_depth_m, series.sun_in_air,
             beam, unturned, spread, medium.refractive_index, series.codes,

@@ -15,16 +15,13 @@ from numpy.typing import NDArray
 from mr360uw.color import luminance
 from mr360uw.medium.medium import DEFAULT_BANDS, Medium
 from mr360uw.medium.spectral.bands import Bands, bands
-from mr360uw.medium.spectral.sensor import DEFAULT_ILLUMINANT, VISIBLE_NM, illuminant
-from mr360uw.medium.tables import builtin_table
+from mr360uw.medium.spectral.sensor import DEFAULT_ILLUMINANT, illuminant
 from mr360uw.medium.tabulate import DEPTH_SIZE, lengths
 
 Array = NDArray[np.float64]
 
 _SECOND_RADIATION_NM_K = 1.438776877e7
 """hc/k (SI 2019)."""
-_LUMEN_PER_WATT = 683.0
-"""Luminous efficacy of monochromatic light of 540 THz (SI 2019)."""
 
 
 def black_body(wavelength_nm: Array, temperature_k: float) -> Array:
@@ -35,14 +32,6 @@ def black_body(wavelength_nm: Array, temperature_k: float) -> Array:
         return nm**-5.0 / np.expm1(_SECOND_RADIATION_NM_K / (nm * temperature_k))
 
     return radiance(w) / radiance(np.array(560.0))
-
-
-def lumen_per_watt(temperature_k: float) -> float:
-    """Return the luminous flux [lm] of a watt between 400 and 700 nm of a black body's light."""
-    table = builtin_table("cie1931.csv")
-    seen = (table["wavelength_nm"] >= VISIBLE_NM[0]) & (table["wavelength_nm"] <= VISIBLE_NM[1])
-    spectrum = black_body(table["wavelength_nm"][seen], temperature_k)
-    return float(_LUMEN_PER_WATT * np.sum(spectrum * table["y"][seen]) / np.sum(spectrum))
 
 
 def lamp_color(medium: Medium | None, temperature_k: float) -> Array:

@@ -22,11 +22,11 @@ from mr360uw.medium.closed_form import check_ray, ray_in_water
 from mr360uw.medium.formation import FormationModel, fitted_formation
 from mr360uw.medium.models import CLOSED_FORMS, SpectralMode, SpectralModel, spectral_model
 from mr360uw.medium.spectral.bands import Bands, Rule, bands
-from mr360uw.medium.spectral.sensor import DEFAULT_ILLUMINANT, DEFAULT_SENSOR, Sensor
+from mr360uw.medium.spectral.sensor import DEFAULT_ILLUMINANT, Sensor, checked_sensor
 from mr360uw.medium.tabulate import medium_table
 from mr360uw.medium.transfer import LambertFloor, Sky, SurfaceKind
 from mr360uw.medium.water import Water
-from mr360uw.shapes import common_shape, exactly, number
+from mr360uw.shapes import common_shape, exactly, instance, number
 from mr360uw.types import Floats, MediumTable
 
 Array = NDArray[np.float64]
@@ -63,7 +63,7 @@ class Medium:
         surface: SurfaceKind = "snell", sky: Sky = "uniform", refractive_index: float = REFRACTIVE_INDEX_SEA,
         formation: FormationModel | None = None, floor_m: float | None = None,
     ) -> None:  # fmt: skip
-        if mode not in MODES:
+        if not isinstance(mode, str) or mode not in MODES:
             raise ParameterError(f"mode - unknown (got {mode!r}) - take one of {', '.join(MODES)}")
         if formation is not None and mode not in _FORMATIONS:
             raise ParameterError(f"formation - is for modes {', '.join(_FORMATIONS)} (got {mode!r}) - leave it out")
@@ -71,8 +71,8 @@ class Medium:
             raise ParameterError(
                 f"camera_depth_m - must be in the water (got {camera_depth_m!r}) - give 0.01 to 1000 m"
             )
-        self.water = water
-        self.sensor = sensor or Sensor.camera(DEFAULT_SENSOR)
+        self.water = instance("water", water, Water, 'make one, as by Water.jerlov("IB")')
+        self.sensor = checked_sensor(sensor)
         self.mode = mode
         self.camera_depth_m = float(camera_depth_m)
         self.gain: Array = np.ones(3)

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from mr360uw.errors import ParameterError
 from mr360uw.reading.input_files import read_text
-from mr360uw.shapes import numbers
+from mr360uw.shapes import file_path, numbers
 
 Array = NDArray[np.float64]
 
@@ -101,7 +101,7 @@ def parse_table(lines: Iterable[str], where: str) -> dict[str, Array]:
 
 def read_table(path: str | Path) -> dict[str, Array]:
     """Return the columns of a user's CSV file; raise `ParameterError` where it cannot be read."""
-    return parse_table(read_text(Path(path), ParameterError).splitlines(), str(path))
+    return parse_table(read_text(file_path("table", path), ParameterError).splitlines(), str(path))
 
 
 @functools.cache

@@ -32,7 +32,7 @@ from mr360uw.constants import INV_4PI, PI, REFRACTIVE_INDEX_SEA
 from mr360uw.errors import ParameterError
 from mr360uw.medium.closed_form import check_ray, ray_in_water
 from mr360uw.medium.ordinates import Modes, Ordinates, nodes
-from mr360uw.medium.phase import Mixture, Phase
+from mr360uw.medium.phase import Mixture, Phase, check_phase
 from mr360uw.medium.ray_field import OfBeam, RayField, cosine_kernel, legendre_polynomials
 from mr360uw.optics import critical_cosine, fresnel_from_below
 from mr360uw.shapes import common_shape, exactly, numbers
@@ -135,6 +135,7 @@ class LightField:
                 f"(got {len(floor.albedo)}) - give as many"
             )
         if not isinstance(phase, np.ndarray | Mixture):
+            check_phase(phase)
             phase = Mixture(phase, np.zeros(len(self.absorption)))
         orders = 2 * streams
         moments = _moments(phase, len(self.absorption), orders + 1)

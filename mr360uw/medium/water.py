@@ -22,7 +22,7 @@ from mr360uw.errors import ParameterError
 from mr360uw.medium.jerlov import Diffuse, Inherent, JerlovType, jerlov_parts
 from mr360uw.medium.phase import Mixture, Phase, backscatter_ratio, check_phase, particles_of_backscatter
 from mr360uw.medium.tables import Spectrum, builtin_spectrum, builtin_table, read_table
-from mr360uw.shapes import exactly, number, numbers
+from mr360uw.shapes import exactly, instance, number, numbers
 
 Array = NDArray[np.float64]
 
@@ -143,7 +143,7 @@ class Water:
         the particles; without it Petzold's average for Solonenko & Mobley, whose Kd goes with it, else
         Henyey-Greenstein g = 0.9. The molecules' part of b is that of pure sea water.
         """
-        return _jerlov(water_type, inherent, kd, phase)
+        return _jerlov(instance("water", water_type, str, "name a Jerlov type, as IB"), inherent, kd, phase)
 
     @classmethod
     def pure(cls) -> Water:

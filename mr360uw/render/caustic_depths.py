@@ -11,6 +11,7 @@ from mr360uw.caustics.depth_ladder import PlaneLadder, Span, map_size
 from mr360uw.caustics.flux.detail_blur import detail_footprint
 from mr360uw.caustics.settings import CausticSettings
 from mr360uw.composite import Receiver, SceneObject, Shot
+from mr360uw.composite.snow.settings import NEAREST_M
 from mr360uw.render.camera import CameraPath
 from mr360uw.scene.model import Scene
 from mr360uw.types import Floats
@@ -68,10 +69,10 @@ class CausticDepths:
                 ground = (surface - float(receiver.mesh[..., 1].max()), surface - float(receiver.mesh[..., 1].min()))
                 reaches.append(ground)
                 heights.append(ground[1] - ground[0])
-        snow_m = scene.snow.range_m if scene.snow.enabled and not objects else 0.0
+        snow_m = scene.snow.range_m if scene.snow.amount > 0.0 and not objects else 0.0
         if snow_m > 0.0:
             depths = surface - cameras[:, 1]
-            nearest.append(scene.snow.nearest_m)
+            nearest.append(NEAREST_M)
             reaches.append((float(depths.min()) - snow_m, float(depths.max()) + snow_m))
             heights.append(2.0 * snow_m)
         shallowest = max(min([*(reach[0] for reach in reaches), *flat], default=0.0), 0.0)

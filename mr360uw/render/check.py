@@ -14,7 +14,7 @@ from mr360uw.composite import load_object
 from mr360uw.errors import Mr360uwError, SceneError, VideoError
 from mr360uw.output_gate import check_outputs
 from mr360uw.render.backends import Backend, make_backend
-from mr360uw.render.first_pass import ClipFacts, first_pass
+from mr360uw.render.first_pass import ClipAnalysis, first_pass
 from mr360uw.render.loaded import Loaded, load
 from mr360uw.render.mattes import Mattes, ReceiverClip
 from mr360uw.render.stages.match_stage import clip_look
@@ -154,6 +154,6 @@ def _explained(video: VideoReader, loaded: Loaded, notes: tuple[str, ...], backe
         plays = "" if clip is None else f", plays {clip.name!r} of {clip.duration_s:.2f} s"
         lines.append(f"object    {placed.settings.mesh.name}: {triangles} triangles, {size} m{plays}")
     look = clip_look(loaded, video)
-    lines += scene_sun_lines(loaded, video, ClipFacts(look=look))
+    lines += scene_sun_lines(loaded, video, ClipAnalysis(look=look))
     lines += [f"look      {line}" for line in (() if look is None else look.found)]
     return "\n".join([*lines, "stages", str(loaded.plan)])

@@ -52,7 +52,7 @@ class FixedSun:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ClipFacts:
+class ClipAnalysis:
     """Measurements over a clip, or over a range of it with a margin: a frame looks the same in every run over these.
 
     sun: its track, or None if the sun is detected frame by frame. gain: (N, 3) of the veil, or None if it is fitted
@@ -70,7 +70,7 @@ class ClipFacts:
     open_water: OpenWaterTrack | None = None
 
     @classmethod
-    def of_frame(cls, sun: Sun | Literal["scene"] | None, gain: Floats | None) -> ClipFacts:
+    def of_frame(cls, sun: Sun | Literal["scene"] | None, gain: Floats | None) -> ClipAnalysis:
         """Return the facts of a clip of one frame: its sun in the world, None for none, "scene" for the scene's own."""
         return cls(None if isinstance(sun, str) else FixedSun(sun), None if gain is None else np.asarray(gain)[None])
 
@@ -95,7 +95,7 @@ def measured_range(video: VideoReader, start: int, stop: int) -> tuple[int, int]
 
 def clip_facts(
     loaded: Loaded, video: VideoReader, progress: Progress | None = None, *, frames: tuple[int, int] | None = None
-) -> ClipFacts:
+) -> ClipAnalysis:
     """Return what the plan of a scene asks to be measured over its clip, or over frames [a, b); see `first_pass`."""
     plan, calm = loaded.plan, None if video.is_still else calm_series(loaded)
     wanted = {"sun": plan.track_sun.runs, "gain": plan.track_gain.runs}
@@ -121,7 +121,7 @@ def first_pass(
     frames: tuple[int, int] | None = None,
     keyed: Callable[[float], Surroundings] | None = None,
     grade: Grade | None = None,
-) -> ClipFacts:
+) -> ClipAnalysis:
     """Return the facts of a clip, or of its frames [a, b).
 
     sun, gain: whether each is measured; open_water: whether it is, beside a gain. calm: collects the ground without
@@ -136,7 +136,7 @@ def first_pass(
     track = _stored_track(stored, video) if sun and stored is not None else None
     wanted = _Measured(sun and track is None, gain and surroundings.medium is not None, open_water, calm, grade)
     if not (wanted.sun or wanted.gain or calm is not None):
-        return ClipFacts(track)
+        return ClipAnalysis(track)
     begin, end = (0, video.frame_count) if frames is None else measured_range(video, *frames)
     while True:
         try:
@@ -168,7 +168,7 @@ def _measured(
     begin: int,
     end: int | None,
     keyed: Callable[[float], Surroundings] | None,
-) -> ClipFacts:
+) -> ClipAnalysis:
     """Return the facts of frames [begin, end)."""
     camera, calm = surroundings.camera, wanted.calm
     if not (wanted.sun or wanted.gain) and end is not None:
@@ -191,10 +191,9 @@ def _measured(
                 calm.add(frame)
             if progress is not None:
                 progress(frame.index + 1 - begin, None if end is None else end - begin)
-    confidence = surroundings.settings.minimum_confidence
     steady = gains.steady() if wanted.gain else None
-    return ClipFacts(
-        track_suns(suns.every(), minimum_confidence=confidence, camera=camera.rotation_known) if wanted.sun else None,
+    return ClipAnalysis(
+        track_suns(suns.every(), camera=camera.rotation_known) if wanted.sun else None,
         steady,
         calm.result() if calm is not None else None,
         tuple(filter(None, [_doubt(gains.residuals)])) if wanted.gain else (),

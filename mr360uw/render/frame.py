@@ -19,7 +19,7 @@ from mr360uw.composite.shot import Shot
 from mr360uw.errors import RenderError
 from mr360uw.render.backends import Backend
 from mr360uw.render.exposed_water import exposed_water
-from mr360uw.render.first_pass import ClipFacts
+from mr360uw.render.first_pass import ClipAnalysis
 from mr360uw.render.loaded import Loaded
 from mr360uw.render.plate_light import FrameLight, light_key, plate_light
 from mr360uw.render.plate_pattern import pattern_key, plate_pattern
@@ -61,7 +61,7 @@ Stages = Generator[None, None, Frame]
 
 def frame_stages(
     loaded: Loaded,
-    facts: ClipFacts,
+    facts: ClipAnalysis,
     backend: Backend,
     plate: VideoFrame,
     shutter_s: float,
@@ -139,7 +139,7 @@ def _layer(
     return Drawn(shot, with_snow(loaded, backend, shot, layer, instant_s, exposure_s, kept), found)
 
 
-def _pattern(loaded: Loaded, facts: ClipFacts, eye: Eye, kept: Cache) -> PlatePattern | None:
+def _pattern(loaded: Loaded, facts: ClipAnalysis, eye: Eye, kept: Cache) -> PlatePattern | None:
     calm = calm_of(facts.calm, eye)
     key = pattern_key(loaded, calm, eye.plate)
     return kept.get("pattern", key, lambda: plate_pattern(loaded, calm, eye.plate, kept))

@@ -223,7 +223,7 @@ def _notes(scene: Scene, objects: tuple[SceneObject, ...], camera: CameraPath, h
 
 
 def _snow_notes(scene: Scene, height: int) -> tuple[str, ...]:
-    water = scene.water.water() if scene.snow.enabled else None
+    water = scene.water.water() if scene.snow.amount > 0.0 else None
     if water is None:
         return ()
     from mr360uw.composite.snow.size_spectrum import note_on

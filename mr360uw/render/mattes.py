@@ -11,7 +11,6 @@ from pathlib import Path
 import numpy as np
 
 from mr360uw.cache import Cache, Same
-from mr360uw.composite.holdout import feathered
 from mr360uw.composite.receiver.distance_map import without_steps
 from mr360uw.composite.receiver.receiver_file import load_receiver, map_range
 from mr360uw.composite.settings import HoldoutSettings, ReceiverSettings
@@ -161,7 +160,7 @@ class _Holdout:
             metres = distances(grey, self.settings.range_m)
             return metres if same else cv2.resize(metres, self._size, interpolation=cv2.INTER_NEAREST_EXACT)
         weight = grey.values if same else cv2.resize(grey.values, self._size, interpolation=cv2.INTER_LINEAR)
-        return feathered(1.0 - weight if self.settings.invert else weight, self.settings.feather_px)
+        return 1.0 - weight if self.settings.invert else weight
 
 
 class ReceiverClip:

@@ -43,11 +43,11 @@ def _notes(scene: Scene, placed: SceneObject, camera: CameraPath, height: int) -
     if inside and placed.settings.visible:
         yield (
             f"the camera is within its bounds (got time {inside[0]:.2f} s) - if that is not meant, move it by "
-            "position_m, or set its unit or scale"
+            "position_m, or set its size_m or scale"
         )
     pixels = [_pixels(eye, view, height) for (eye, _), view in zip(poses, views, strict=True)]
     if max(pixels) < 1.0 and placed.settings.visible:
-        yield f"is smaller than a pixel (got {max(pixels):.2g} at the most) - set its unit or scale, or move it nearer"
+        yield f"is smaller than a pixel (got {max(pixels):.2g} at the most) - set its scale, or move it nearer"
 
 
 def _times(placed: SceneObject, camera: CameraPath) -> Floats:

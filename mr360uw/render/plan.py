@@ -81,7 +81,7 @@ def make_plan(
     beam = beam_at_objects(objects, medium)
     sun = sun_stage(light, visible, beam)
     gain = gain_stage(scene, visible, medium)
-    receiver, shadow = scene.receiver, shadow_stage(scene, lit=sun.runs)
+    shadow = shadow_stage(scene, lit=sun.runs)
     quality = f"{scene.draw.quality} quality, {scene.draw.samples} samples a pixel"
     waves = f"{sea_in_words(scene)}; {100 * min(beam, 1):.0f} % of the beam reaches the objects"
     focuses, none = scene.caustics.enabled, "switched off" if not scene.caustics.enabled else "needs a sun and water"
@@ -107,11 +107,9 @@ def make_plan(
         shafts=shafts_stage(scene, objects, medium, share, lit=sun.runs, waves=caustics.runs),
         shadow=shadow,
         pattern=stage(
-            shadow.runs and medium is not None and receiver is not None and receiver.plate_caustics == "auto",
+            shadow.runs and medium is not None,
             "shadows take the plate's own caustics away",
-            "no shadow" if not shadow.runs
-            else 'water is "none"' if medium is None
-            else "receiver.plate_caustics keeps them",
+            "no shadow" if not shadow.runs else 'water is "none"',
         ),
         occlusion=occlusion_stage(scene, objects),
         layer=stage(

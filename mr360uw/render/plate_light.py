@@ -10,7 +10,7 @@ from mr360uw.cache import Same
 from mr360uw.composite.shot import BetweenKnots
 from mr360uw.medium import Medium
 from mr360uw.medium.fit.level import DOUBTFUL, fit_level
-from mr360uw.render.first_pass import ClipFacts
+from mr360uw.render.first_pass import ClipAnalysis
 from mr360uw.render.lights import lit_as_its_ground, may_be_clipped, restored
 from mr360uw.render.loaded import Loaded
 from mr360uw.render.plate_map import level_view
@@ -33,7 +33,7 @@ class FrameLight:
     knots: BetweenKnots | None = None
 
 
-def plate_light(loaded: Loaded, facts: ClipFacts, plate: VideoFrame) -> FrameLight:
+def plate_light(loaded: Loaded, facts: ClipAnalysis, plate: VideoFrame) -> FrameLight:
     """Return the light of a plate's frame. Quantities that the clip's facts do not hold are measured in this frame."""
     surroundings, plan, water = loaded.surroundings, loaded.plan, loaded.scene.water
     sun = facts.sun_at(plate.index) if plan.sun.runs else None
@@ -53,7 +53,7 @@ def plate_light(loaded: Loaded, facts: ClipFacts, plate: VideoFrame) -> FrameLig
 
 
 def plate_ratio(
-    loaded: Loaded, facts: ClipFacts, plate: VideoFrame, gain: Floats | None, sun: Sun | None
+    loaded: Loaded, facts: ClipAnalysis, plate: VideoFrame, gain: Floats | None, sun: Sun | None
 ) -> Floats | None:
     """Return the ratio of a plate's open water to a veil of a gain, from the clip's track or from this frame.
 
@@ -68,7 +68,7 @@ def plate_ratio(
     return loaded.surroundings.open_water(plate, medium, gain, sun).ratio(gain)
 
 
-def _gain(facts: ClipFacts, plate: VideoFrame, medium: Medium, up: Floats) -> tuple[Floats, bool]:
+def _gain(facts: ClipAnalysis, plate: VideoFrame, medium: Medium, up: Floats) -> tuple[Floats, bool]:
     """Return the gain (3,) of a frame's veil and whether open water shows it."""
     gain = facts.gain_at(plate.index)
     if gain is not None:
@@ -77,7 +77,7 @@ def _gain(facts: ClipFacts, plate: VideoFrame, medium: Medium, up: Floats) -> tu
     return fitted, residual < DOUBTFUL
 
 
-def light_key(loaded: Loaded, facts: ClipFacts, plate: VideoFrame) -> Hashable:
+def light_key(loaded: Loaded, facts: ClipAnalysis, plate: VideoFrame) -> Hashable:
     """Return the key of `plate_light`: all that the light depends on."""
     plan, measured = loaded.plan, (Same(facts.sun), Same(facts.gain), Same(facts.open_water), facts.notes, facts.first)
     return plate, loaded.surroundings, measured, plan.sun.runs, plan.glossy.runs

@@ -77,7 +77,7 @@ def pattern_key(loaded: Loaded, calm: CalmPlate | None, plate: VideoFrame) -> Ha
 
 def waves_key(scene: Scene) -> Hashable:
     """Return the key of the contrast of the caustics that a scene's sea makes on the ground."""
-    return scene.sea, scene.camera.depth_m, without_gain(scene.water), scene.caustics.water_blur, _resolution(scene)
+    return scene.sea, scene.camera.depth_m, without_gain(scene.water), _resolution(scene)
 
 
 def _resolution(scene: Scene) -> CausticSettings:
@@ -106,7 +106,7 @@ def _expected_contrast(loaded: Loaded, depth_m: float) -> float:
     scene, medium = loaded.scene, loaded.surroundings.medium
     assert medium is not None
     index, table, at = scene.water.refractive_index, medium.unit_table, np.array([depth_m])
-    spread = spread_of(medium) if scene.caustics.water_blur else None
+    spread = spread_of(medium)
     stack = caustic_stack(scene.sea, _TYPICAL_SUN, at, 0.0, _resolution(scene), index, spread)
     up = float(stack.sun_direction[1])
     direct = direct_to_diffuse(table) * beam_ratio(table, at, up) / ambient_ratio(table, at)

@@ -118,7 +118,7 @@ def shafts_of(loaded: Loaded, backend: Backend, shot: Shot, time_s: float, kept:
     still = ShaftLight(settings, medium)
     sun_in_air, depths = _caustic_sun(loaded, shot), loaded.caustic_depths
     if sun_in_air is None or not waves_show(shot, still):
-        return still if lamps_of(shot) or settings.whole or bodies_show(shot, still) else None
+        return still if lamps_of(shot) or bodies_show(shot, still) else None
     deepest_m = float(camera_m + min(settings.range_m, _DEEPER * medium.length_m)) if settings.on_plate else 0.0
     planes = depths.water_planes(shot, deepest_m)
     of_water = depths.of_water
@@ -140,7 +140,7 @@ def _caustics(
     loaded: Loaded, backend: Backend, settings: CausticSettings, sun_in_air: Floats, depths_m: Floats, time_s: float
 ) -> CausticStack:
     medium, scene = loaded.surroundings.medium, loaded.scene
-    spread = spread_of(medium) if medium is not None and settings.water_blur else None
+    spread = spread_of(medium) if medium is not None else None
     return backend.caustics(scene.sea, sun_in_air, depths_m, time_s, settings, scene.water.refractive_index, spread)
 
 
@@ -149,9 +149,8 @@ def _caustics_key(
 ) -> Hashable:
     """Return the key of a backend's caustics of a scene. sun_in_air: (3,). depths_m: (n,)."""
     scene = loaded.scene
-    spread = loaded.surroundings.medium if settings.water_blur else None
     where = sun_in_air.tobytes(), depths_m.tobytes(), time_s
-    return scene.sea, settings, scene.water.refractive_index, spread, where
+    return scene.sea, settings, scene.water.refractive_index, loaded.surroundings.medium, where
 
 
 def with_snow(

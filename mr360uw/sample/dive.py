@@ -23,6 +23,7 @@ from mr360uw.sample.recording import record
 from mr360uw.sample.rendered_dive import SENSOR, Dive
 from mr360uw.sample.truth import dive_truth, write_frame_truth
 from mr360uw.sample.whale import write_whale
+from mr360uw.shapes import file_path, instance
 from mr360uw.threads import one_blas_thread, prefetch
 from mr360uw.types import Floats
 
@@ -63,9 +64,9 @@ def sample_dive(
     """
     from mr360uw.scene.template import scene_text
 
-    settings = settings if settings is not None else DiveSettings(seed=seed)
+    settings = DiveSettings(seed=seed) if settings is None else instance("settings", settings, DiveSettings, "make one")
     check_recording(width, frames, samples)
-    folder = Path(folder)
+    folder = file_path("folder", folder)
     made = SampleDive(folder / "dive.mp4", folder / "whale.glb", folder / "scene.toml", folder / "truth.json")
     outputs = [made.plate, made.mesh, made.scene, made.truth, *([folder / TRACK] if settings.moves else [])]
     check_outputs(outputs, overwrite=overwrite, folder=folder)

@@ -10,14 +10,14 @@ import functools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import model_validator
+from pydantic import field_validator
 
 from mr360uw.errors import ParameterError, VideoError
-from mr360uw.parameters import Parameters, parameter
+from mr360uw.parameters import Parameters, advanced
 from mr360uw.reading.input_files import unreadable
 from mr360uw.reading.limits import DATA
 from mr360uw.yuv.plate_mapping import Levels
@@ -33,18 +33,17 @@ _NAMES_SHOWN = 12  # of a config's colour spaces, in a message
 class OcioSettings(Parameters):
     """Colour spaces of an OpenColorIO config, between which the plate's values and its light are converted."""
 
-    input: str = parameter(..., "colour space of the plate's values, by its name in the config")
-    working: str = parameter("Linear Rec.709 (sRGB)", "the config's name of linear light with the primaries of Rec.709")
-    config: str = parameter(
-        "ocio://studio-config-v2.1.0_aces-v1.3_ocio-v2.3", "a config that OpenColorIO brings, unless file names one"
+    input: str = advanced(..., "colour space of the plate's values, by its name in the config")
+    working: str = advanced("Linear Rec.709 (sRGB)", "the config's name of linear light with the primaries of Rec.709")
+    config: str | Path = advanced(
+        "ocio://studio-config-v2.1.0_aces-v1.3_ocio-v2.3",
+        "a config that OpenColorIO brings, or a file (.ocio, .ocioz)",
     )
-    file: Path | None = parameter(None, "config file (.ocio, .ocioz)")
 
-    @model_validator(mode="after")
-    def _built_in(self) -> Self:
-        if not self.config.startswith(_BUILT_IN):
-            raise ValueError(f"config must begin with {_BUILT_IN}; name a config of your own by file")
-        return self
+    @field_validator("config", mode="before")
+    @classmethod
+    def _file(cls, value: object) -> object:
+        return Path(value) if isinstance(value, str) and not value.startswith(_BUILT_IN) else value
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,7 +80,7 @@ def ocio_mapping(settings: OcioSettings, levels: Levels) -> OcioMapping:
     ParameterError where OpenColorIO is not installed or the config has no such colour space; VideoError where the
     config cannot be read.
     """
-    name = str(settings.file) if settings.file is not None else settings.config
+    name = str(settings.config)
     config = _config(name)
     spaces = list(config.getColorSpaceNames())
     for where, space in (("input", settings.input), ("working", settings.working)):

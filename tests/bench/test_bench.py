@@ -191,7 +191,7 @@ def test_a_real_stage_runs(tmp_path: Path) -> None:
     """Wavelengths of water: more of them are more accurate, and dearer."""
 
     def point(bands: int) -> dict[str, Any]:
-        return {"water.mode": "table", "water.rule": "rectangle", "water.bands": bands}
+        return {"water.mode": "table", "water.bands": bands}
 
     stage = replace(all_stages()["medium"], quick=(point(3), point(31)), named={})
     bench = Workbench(tmp_path, Reference(), quick=True)

@@ -3,20 +3,18 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from pydantic import TypeAdapter, ValidationError
+from pydantic import TypeAdapter
 
 from mr360uw.caustics import GerstnerSea, SpectralSea
 from mr360uw.caustics.sea.detail import detail_slope, make_detail
 from mr360uw.caustics.sea.dispersion import angular_frequency, group_speed, lattice_vector, looping_frequency
 from mr360uw.caustics.sea.gerstner import GerstnerWave
 from mr360uw.caustics.sea.spectrum import (
-    PHILLIPS_ALPHA,
     cosine_power_share,
     cosine_spread,
     jonswap,
     peak_frequency,
     tma_factor,
-    variance_density,
 )
 from mr360uw.caustics.sea.surface import surface_jacobian
 from mr360uw.caustics.settings import Sea
@@ -113,16 +111,6 @@ def test_the_grid_is_the_points(name, size):
     np.testing.assert_allclose(grid.normal, points.normal, atol=tol.FFT_SUM)
 
 
-def test_blended_tiling_is_the_published_one():
-    sea = GerstnerSea(tiling="blend")
-    inside = GerstnerSea.model_validate(sea.model_dump() | {"tiling": "lattice"})
-    edge = sea.tile_m * (1.0 - 1e-12)
-    np.testing.assert_allclose(
-        sea.surface(edge, 1.0, 0.0).position[1], sea.surface(0.0, 1.0, 0.0).position[1], atol=tol.BLENDED_EDGE
-    )
-    assert not np.allclose(sea.waves.wave_vector, inside.waves.wave_vector)
-
-
 @pytest.mark.parametrize("spectrum", ["phillips", "jonswap", "tma"])
 @pytest.mark.parametrize("height", [None, 0.3])
 def test_the_stated_height_is_four_standard_deviations(spectrum, height):
@@ -143,33 +131,21 @@ def test_choppy_shift_sharpens_crests():
 
 def test_spectra():
     w = np.linspace(0.01, 60.0, 200_001)
-    s = jonswap(w, 10.0, 100e3, 3.3)
+    s = jonswap(w, 10.0, 100e3)
     assert w[np.argmax(s)] == pytest.approx(peak_frequency(10.0, 100e3), rel=tol.SPECTRUM_PEAK)
     np.testing.assert_array_equal(tma_factor(w, 1e6), 1.0)
     assert tma_factor(np.array([0.1]), 1.0)[0] == pytest.approx(0.5 * 0.01 / GRAVITY_M_S2, rel=tol.FLOAT64)
     angle = np.linspace(-np.pi, np.pi, 20_001)
     for frequency in (0.5, 2.0, 30.0):
-        spread = cosine_spread(angle, np.full(angle.shape, frequency), 10.0, 100e3, 0.3)
+        spread = cosine_spread(angle, np.full(angle.shape, frequency), 10.0, 100e3)
         assert np.trapezoid(spread, angle) == pytest.approx(1.0, abs=tol.SPREAD_INTEGRAL)
 
 
-def test_parameters_of_the_phillips_spectrum():
+def test_alignment_of_the_phillips_spectrum():
     for exponent in (0.0, 0.5, 2.0, 6.0, 20.0):
         angle = np.linspace(-0.5 * np.pi, 0.5 * np.pi, 20_001)
         spread = np.cos(angle) ** exponent * cosine_power_share(exponent)
         assert np.trapezoid(spread, angle) == pytest.approx(1.0, abs=tol.SPREAD_INTEGRAL)
-    k = np.array([3.0, 30.0])
-    plain = SpectralSea(spectrum="phillips")
-
-    def density(**more):
-        return variance_density(k, 0.0 * k, "phillips", 5.0, np.array([1.0, 0.0]), 1e5, 3.3, 0.0, 1e3, **more)
-
-    np.testing.assert_allclose(density(phillips_constant=2.0 * PHILLIPS_ALPHA), 2.0 * density(), rtol=tol.FLOAT64)
-    np.testing.assert_allclose(density(cutoff_m=0.05), density() * np.exp(-((0.05 * k) ** 2)), rtol=tol.FLOAT64)
-    more = SpectralSea(spectrum="phillips", phillips_constant=4.0 * PHILLIPS_ALPHA)
-    np.testing.assert_allclose(
-        more.grid_fields(32, 0.3).height, 2.0 * plain.grid_fields(32, 0.3).height, rtol=tol.FFT_SUM
-    )
     aligned = SpectralSea(spectrum="phillips", alignment=20.0, wind_direction_deg=90.0).grid_fields(64, 0.0)
     assert np.mean(aligned.slope_z**2) < 0.1 * np.mean(aligned.slope_x**2)
 
@@ -235,7 +211,7 @@ def test_a_scene_chooses_its_sea():
     "knobs", [{"wind_speed": np.nan}, {"wind_speed": -1.0}, {"tile_m": 0.0}, {"steepness": 1.1}, {"seed": -1}]
 )
 def test_knobs_out_of_range(knobs):
-    with pytest.raises(ValidationError):
+    with pytest.raises(ParameterError):
         GerstnerSea(**knobs)
 
 

@@ -17,8 +17,6 @@ TILE_EDGE = 1e-9
 """Opposite edges of a tile, both ends of a loop: phases of a few hundred radians, rounded."""
 FFT_SUM = 1e-10
 """A fast transform against the direct sum: roundings of some 1e4 waves."""
-BLENDED_EDGE = 1e-6
-"""Both sides of a blended edge meet up to the last 1e-12 of the tile times the blend's slope."""
 STATED_HEIGHT = 0.02
 """Four standard deviations of one sea over one tile against the stated height."""
 SPECTRUM_PEAK = 1e-3

@@ -9,7 +9,6 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from pydantic import ValidationError
 
 from mr360uw.color import ColorSpec, decode, decode_signal, encode, in_plate_primaries, in_rec709
 from mr360uw.composite.grading.colour_grade import MOST_LIGHT, NO_GRADE, ColourGrade, graded_spec
@@ -60,7 +59,7 @@ def test_light_of_any_code_is_neither_negative_nor_absurd() -> None:
         settings = dict(zip(COLOUR, numbers, strict=True))
         white = ColourGrade.of_numbers(np.repeat(numbers, (3, 3, 1, 1, 1))).ungraded(np.ones((1, 3)))
         if numbers[1] - numbers[0] > LEAST_STEP and decode(white, "srgb").max() > MOST_LIGHT:
-            with pytest.raises(ValidationError, match="times as bright as white"):
+            with pytest.raises(ParameterError, match="times as bright as white"):
                 MatchSettings(**settings)
         elif numbers[1] - numbers[0] > LEAST_STEP:
             grade, taken = MatchSettings(**settings).colour_over(NO_GRADE), taken + 1

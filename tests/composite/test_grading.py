@@ -59,17 +59,15 @@ def test_blur_is_found_under_grain_but_not_where_grain_hides_the_detail() -> Non
 def test_numbers_stand_in_place_of_the_plate() -> None:
     found = PlateGrade(1.2, columns=1000)
     assert found.of_scene(MatchSettings(), 1000) == found
-    by_hand = MatchSettings(softness=2.0, sharpening=0.5, sharpening_px=1.5)
+    by_hand = MatchSettings(softness=2.0, sharpening=0.5)
     assert found.of_scene(MatchSettings(sharpening=0.5), 500, 0.5) == PlateGrade(0.6, 0.5, 0.5, 500)
-    assert found.of_scene(by_hand, 500, 0.5) == PlateGrade(1.0, 0.5, 0.75, 500)
-    assert not found.of_scene(MatchSettings(enabled=False, sharpening=1.0), 1000).changes
+    assert found.of_scene(by_hand, 500, 0.5) == PlateGrade(1.0, 0.5, 0.5, 500)
     assert not found.of_scene(MatchSettings(softness=0.0), 1000).changes
     plain = MatchSettings(softness=0.0)
     assert not plain.changes
     assert not plain.measures
     assert MatchSettings().measures
     assert MatchSettings().measures
-    assert not MatchSettings(enabled=False).measures
 
 
 def disc(column: int, width: int = 64, height: int = 32) -> Layer:

@@ -187,12 +187,11 @@ def test_objects_of_one_file_share_their_meshes(tmp_path: Path, monkeypatch: pyt
     reads: list[Path] = []
     read = rig_module.read_mesh_file
     monkeypatch.setattr(rig_module, "read_mesh_file", lambda path, **kw: reads.append(path) or read(path, **kw))
-    one, other, matt, large = load_objects(
+    one, other, matt = load_objects(
         [
             ObjectSettings(**fish),
             ObjectSettings(**fish, position_m=(1, 2, 3), scale=2.0, casts_shadow=False),
             ObjectSettings(**fish, roughness=1.0),
-            ObjectSettings(**fish, unit="cm"),
         ]
     )
     assert one.meshes[0] is other.meshes[0]
@@ -200,8 +199,7 @@ def test_objects_of_one_file_share_their_meshes(tmp_path: Path, monkeypatch: pyt
     assert one.meshes[0].positions is matt.meshes[0].positions
     assert one.meshes[0].materials[0].base_map is matt.meshes[0].materials[0].base_map
     assert one.meshes[0].materials != matt.meshes[0].materials
-    np.testing.assert_allclose(large.meshes[0].extent_m, 0.01 * one.meshes[0].extent_m, rtol=tol.FLOAT64)
-    assert len(reads) == 2  # once a unit
+    assert len(reads) == 1
 
 
 def test_meshes_as_they_are_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -8,10 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from mr360uw.composite.ambient.among.pair_view import find_nearest_within
 from mr360uw.composite.ambient.knot_kernel import find_nearest_knots
 from mr360uw.composite.ambient.lattice import knots_at, make_lattice
-from mr360uw.composite.ambient.on_ground.node_kernel import from_nodes
 from mr360uw.composite.gl.shadow_atlas import LightFrame
 from mr360uw.composite.motion import object_motion
 from mr360uw.composite.object_settings import KeySettings, ObjectSettings
@@ -92,24 +90,6 @@ def test_clear_samples_have_the_fewest_covered_ones_around_them(rng: np.random.G
     np.testing.assert_array_equal(clear, free & (around == around.min(axis=1, keepdims=True)))
 
 
-def test_nodes_give_sums_that_are_bilinear_in_their_places(rng: np.random.Generator) -> None:
-    """Values that are linear over the ground are met exactly; beyond the nodes those of the edge hold."""
-    side, ends = 16, np.array([[[-2.0, 0.0, -1.0], [3.0, 0.0, 4.0]], [[0.0, 0.0, 0.0], [1.5, 0.0, 1.5]]])
-    points = rng.uniform(-4.0, 5.0, (60, 3))
-    factor = rng.uniform(size=(2, 60)) * (rng.uniform(size=(2, 60)) < 0.7)
-    entries = 4 * np.count_nonzero(factor)
-    begin, column, weight = np.zeros(61, np.int32), np.zeros(entries, np.int32), np.zeros(entries, np.float32)
-    from_nodes(points, ends, factor, side, begin, column, weight)
-    grids = [np.meshgrid(*(np.linspace(low[k], high[k], side) for k in (0, 2)), indexing="ij") for low, high in ends]
-    values = np.concatenate([(2.0 * x - 3.0 * z).ravel() for x, z in grids])
-    row = np.repeat(np.arange(60), np.diff(begin))
-    found = np.bincount(row, weight * values[column], 60)
-    inside = np.clip(points, ends[:, :1], ends[:, 1:])
-    want = np.sum(factor * (2.0 * inside[..., 0] - 3.0 * inside[..., 2]), axis=0)
-    # the last node itself is out of reach by a thousandth of a step, whose value differs by 1.7; weights are float32
-    np.testing.assert_allclose(found, want, atol=5e-3)
-
-
 def test_rays_find_the_knot_with_the_largest_share(rng: np.random.Generator) -> None:
     mesh = box()
     scene, lattice = RayScene(mesh.positions), make_lattice(mesh)
@@ -126,15 +106,3 @@ def test_rays_find_the_knot_with_the_largest_share(rng: np.random.Generator) -> 
     np.testing.assert_array_equal(knot, knots[np.arange(200), shares.argmax(axis=1)])
     np.testing.assert_allclose(distance, want)
     np.testing.assert_array_equal(behind, np.sum(scene.normals[met] * ray, axis=-1) > 0.0)
-
-
-def test_the_nearest_place_is_that_of_all_and_none_at_the_reach(rng: np.random.Generator) -> None:
-    """Points before, among and after the places in x; the same distances as those from every place."""
-    places, points = rng.normal(size=(200, 3)), 1.5 * rng.normal(size=(80, 3))
-    places = places[np.argsort(places[:, 0])]
-    every = np.sqrt(np.min(np.sum((points[:, None] - places) ** 2, axis=-1), axis=1))
-    found = np.empty(len(points))
-    for reach in (0.1, 0.5, 10.0):
-        find_nearest_within(points, places, reach, found)
-        assert 0 < np.count_nonzero(np.isfinite(found)) <= len(points)
-        np.testing.assert_allclose(found, np.where(every < reach, every, np.inf), rtol=tol.FLOAT64)

@@ -10,11 +10,9 @@ import pytest
 
 from mr360uw.cache import Cache
 from mr360uw.composite.ambient.light import ambient_light, free_between, free_of_bodies
-from mr360uw.composite.ambient.on_ground.body_bound import most_blocked
-from mr360uw.composite.ambient.on_ground.light_table import glow_table
-from mr360uw.composite.ambient.on_ground.patch_kernel import SMOOTH_PATCH
-from mr360uw.composite.ambient.on_ground.patches import camera_place, make_patches
-from mr360uw.composite.ambient.on_ground.sky_weights import sky_weights
+from mr360uw.composite.ambient.on_ground.horizon_scan import most_blocked
+from mr360uw.composite.ambient.on_ground.quadtree import camera_place, make_quadtree
+from mr360uw.composite.ambient.on_ground.quadtree_kernel import SMOOTH_PATCH
 from mr360uw.composite.shot import Receiver, Shot
 from mr360uw.types import Floats
 from tests.composite import tolerances as tol
@@ -65,8 +63,8 @@ def test_patches_of_different_size_meet_without_a_step(scene: Shot, rng: np.rand
     """Any values at the samples: to both sides of the lines of all squares they are the same."""
     light = ambient_light(scene, Cache())
     assert light is not None
-    standing, middle = light.layout.standing(FLOOR_Y_M)
-    patches = make_patches(standing, camera_place(-middle), 2.0 * np.pi / 256, 8.0)
+    origin = light.layout.below(FLOOR_Y_M)
+    patches = make_quadtree(light.layout.occluders_from(origin), camera_place(-origin), 2.0 * np.pi / 256, 8.0)
     assert len(patches.hanging) > 0
     patches.kind[patches.kind > 0] = SMOOTH_PATCH
     values = patches.joined(rng.uniform(size=(len(patches.place), 1)))
@@ -111,15 +109,14 @@ def test_no_light_is_lost_beyond_the_bound(rng: np.random.Generator, height: flo
     scene = shot(card, width=1024, environment=environment(1.0), receiver=Receiver(plane_y=FLOOR_Y_M))
     light = ambient_light(scene, Cache())
     assert light is not None
-    point, _ = places(rng, 3000)
+    point, normal = places(rng, 3000)
     (field,) = (body.field for body in light.layout.bodies if body.field is not None)
     away = point[:, [0, 2]] - light.layout.bodies[0].origin[[0, 2]] - field.frame[:2]
     along, across = away @ field.frame[2:4], away @ [-field.frame[3], field.frame[2]]
     beside = sum(
         np.maximum(np.abs(a) - half, 0.0) ** 2 for a, half in zip((along, across), field.frame[4:], strict=True)
     )
-    standing, middle = light.layout.standing(FLOOR_Y_M)
-    share = sky_weights(standing, point - middle, glow_table()[..., 0], up=True).share[0]
+    share = light.layout.occluders.blocked(point, normal).share[0]
     wide, top = float(field.frame[4] ** 2 + field.frame[5] ** 2), height
     bound = [most_blocked(float(s), float(b), wide, top) for s, b in zip(along**2 + across**2, beside, strict=True)]
     assert share.max() > 0.9

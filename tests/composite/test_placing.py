@@ -124,7 +124,6 @@ FLOOR = "[receiver]\nheight_m = -2.0\n"
         ("azimuth_deg = 10.0\nposition_m = [0.0, 0.0, -3.0]", "azimuth_deg - position_m is given too"),
         ("distance_m = 3.0\nposition_m = [1.0, 0.0, -3.0]", "distance_m - position_m is given too"),
         ("size_m = 2.0\nscale = 1.0", "size_m - scale is given too"),
-        ('size_m = 2.0\nunit = "cm"', "size_m - unit is given too"),
         ("size_m = 2.0\n[[object.key]]\ntime_s = 0.0\nscale = 2.0", "size_m - key.scale is given too"),
         ("[[object.key]]\ntime_s = 0.0\nazimuth_deg = 1.0\nposition_m = [0.0, 0.0, 1.0]", "azimuth_deg - position_m"),
         ('stand_on = "receiver"', "stand_on - needs a floor of known shape (got receiver none)"),

@@ -19,7 +19,7 @@ from mr360uw.composite.snow.drift import orbits_of
 from mr360uw.composite.snow.merge import merged, rest_of
 from mr360uw.composite.snow.particle_light import particle_phase, particle_radiance
 from mr360uw.composite.snow.particles import Particles, Reach, particles_near
-from mr360uw.composite.snow.settings import SnowSettings
+from mr360uw.composite.snow.settings import NEAREST_M, SnowSettings
 from mr360uw.composite.snow.size_spectrum import SizeClass, number_between, size_classes
 from mr360uw.composite.snow.splat import LEAST_RADIUS, SnowPicture, draw_particles
 from mr360uw.medium.lookup import ambient_ratio, transmittance_lookup, veil_lookup
@@ -57,12 +57,12 @@ def test_the_spectrum_scatters_what_the_water_does(exponent: float) -> None:
 
 
 def test_classes_share_the_particles_and_sink_by_their_size() -> None:
-    settings = SnowSettings(smallest_mm=0.5, largest_mm=3.0, amount=2.0)
+    settings = SnowSettings(sizes_mm=(0.5, 3.0), amount=2.0)
     classes = size_classes(settings, 0.1)
     assert [(c.low_m, c.high_m) for c in classes] == [(5e-4, 1e-3), (1e-3, 2e-3), (2e-3, 3e-3)]
     whole = 2.0 * number_between(5e-4, 3e-3, settings.exponent, 0.1)
     assert sum(c.per_m3 for c in classes) == pytest.approx(whole, rel=FLOAT64)
-    one_mm = size_classes(SnowSettings(smallest_mm=0.8, largest_mm=1.25), 0.1)[0]
+    one_mm = size_classes(SnowSettings(sizes_mm=(0.8, 1.25)), 0.1)[0]
     assert one_mm.sinking_m_s * 86400.0 == pytest.approx(50.0, rel=FLOAT64)
 
 
@@ -239,18 +239,16 @@ def test_phase_functions_scatter_all_light(phase: Any) -> None:
 
 
 def big_snow(view: View, **changes: Any) -> Snow:
-    """Return particles of centimetres, which a small frame resolves; 9000 of them."""
+    """Return particles of centimetres, which a small frame resolves; 9000 of them, under a sea without waves."""
     table = {
-        "smallest_mm": 20.0,
-        "largest_mm": 40.0,
+        "amount": 1.0,
+        "sizes_mm": (20.0, 40.0),
         "range_m": 1.5,
-        "nearest_m": 0.2,
         "exponent": 3.0,
-        "orbits": False,
     }
     settings = SnowSettings(**(table | {"albedo": 0.7, "phase": "isotropic", "current_m_s": (0.0, 0.4, 0.0)} | changes))
     scattering = 700.0 / number_between(0.02, 0.04, settings.exponent, 1.0)
-    return Snow(settings, scattering, SEA, 0.0, 0.0, view, view)
+    return Snow(settings, scattering, GerstnerSea(wind_speed=0.0), 0.0, 0.0, view, view)
 
 
 def test_the_mean_of_a_cloud_is_the_integral_of_single_scattering() -> None:
@@ -261,11 +259,11 @@ def test_the_mean_of_a_cloud_is_the_integral_of_single_scattering() -> None:
     shot = Shot(view, (), dark, lights=(sun,))
     snow = big_snow(view)
     layer = with_particles(snow, shot, Layer(64, 128, ()), Cache())
-    d, s = np.linspace(0.02, 0.04, 201), np.linspace(0.2, 1.5, 1301)
+    d, s = np.linspace(0.02, 0.04, 201), np.linspace(NEAREST_M, 1.5, 1301)
     number = 700.0 * d**-3.0 / np.trapezoid(d**-3.0, d)
     section = 0.25 * np.pi * d**2
     cover = section[:, None] / s**2 / (np.pi / 64) ** 2
-    t = [np.clip(x, 0.0, 1.0) for x in ((s / 0.2 - 1.0) / 0.25, cover * 40.0 - 1.0, (s / 1.5 - 0.8) / 0.2)]
+    t = [np.clip(x, 0.0, 1.0) for x in ((s / NEAREST_M - 1.0) / 0.25, cover * 40.0 - 1.0, (s / 1.5 - 0.8) / 0.2)]
     near, large, far = (x * x * (3.0 - 2.0 * x) for x in t)
     fade = near * large * (1.0 - far)
     tau = np.trapezoid(np.trapezoid((number * section)[:, None] * fade, d, axis=0), s)
@@ -359,5 +357,5 @@ def test_nothing_is_drawn_behind_the_plate_s_surfaces_or_above_the_water() -> No
     np.testing.assert_array_equal(alpha[:16], free[:16])
     cloud = particles_in_view(big_snow(view), shot)
     assert cloud.position[:, 1].max() < 0.4
-    near = replace(shot, receiver=None, holdout_distance_m=np.full((32, 64), 0.2))
+    near = replace(shot, receiver=None, holdout_distance_m=np.full((32, 64), NEAREST_M))
     assert with_particles(big_snow(view), near, Layer(32, 64, ()), Cache()).tiles == ()

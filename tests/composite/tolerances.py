@@ -69,6 +69,9 @@ REFLECTED_PATCH = 0.06
 """Root mean square error of a reflection of that disc, of contrast .9: the same edge, and lobes as wide as 9 degrees."""
 SWIMMING_BY = 2e-4
 """Steps of a ball's mean light while another fades from view in thirty steps: whole, it takes .0015 of it."""
+FAR_BODY = 0.004
+"""Light that a ball ten radii away hides, taken from the middle of another instead of from its surface: .0023 of .0123
+straight ahead, and a direction's width beside it."""
 ONE_STEP = 0.016
 """Steps of a ball's light anywhere on it while another moves by a twentieth of a radius five radii away: two of 512
 directions, each .0078 of the light, pass the other's edge at once."""

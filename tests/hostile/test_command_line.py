@@ -176,8 +176,8 @@ def test_other_inputs_that_are_no_files(bench: Bench, subtests: pytest.Subtests)
         ('object.0.mesh="pipe.glb"', "object[0].mesh"),
         ('object.0.mesh="/dev/zero"', "object[0].mesh"),
         ('object.0.texture="pipe.png"', "object[0].texture"),
-        ('object.0.normal_texture="socket.png"', "object[0].normal_texture"),
-        ('object.0.orm_texture="circle.png"', "object[0].orm_texture"),
+        ('object.0.texture="socket.png"', "object[0].texture"),
+        ('object.0.texture="circle.png"', "object[0].texture"),
         ('receiver={kind="mesh", path="pipe.glb"}', "receiver.path"),
         ('receiver={kind="height_map", path="pipe.png"}', "receiver.path"),
         ('receiver={kind="distance", path="pipe.exr"}', "receiver.path"),
@@ -267,7 +267,7 @@ def test_names_that_are_no_text_are_refused(bench: Bench) -> None:
 
 
 def test_limits_that_are_no_numbers(bench: Bench, monkeypatch: pytest.MonkeyPatch, subtests: pytest.Subtests) -> None:
-    needed = {"DATA": ['camera.track="track.csv"'], "PARTICLES": ['water.type="II"', "snow.enabled=true"],
+    needed = {"DATA": ['camera.track="track.csv"'], "PARTICLES": ['water.type="II"', "snow.amount=1"],
               "PRIMS": ['object.0.mesh="empty.usda"']}  # fmt: skip
     bench.put("track.csv", "time_s\n")
     bench.put("empty.usda", "#usda 1.0\n")

@@ -6,11 +6,11 @@ from __future__ import annotations
 import dataclasses
 import warnings
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from pydantic import ValidationError
 
 import mr360uw as uw
 from mr360uw import caustics, color, ibl, medium, optics, sphere, surface
@@ -220,7 +220,7 @@ def test_backends(backend: Any, bench: Bench) -> None:
     ],
 )  # fmt: skip
 def test_settings(made: Callable[[], Any]) -> None:
-    with pytest.raises(ValidationError, match=r"\d validation error"):
+    with pytest.raises(Mr360uwError, match=r" - .* \(got .*\) - "):
         made()
 
 
@@ -231,3 +231,48 @@ def test_exr_pictures_that_cannot_be_written(channels: Any, bench: Bench) -> Non
     with pytest.raises(Mr360uwError, match=" - "):
         uw.video.write_exr(bench.folder / "out.exr", channels)
     assert not (bench.folder / "out.exr").exists()
+
+
+WRONG: tuple[Any, ...] = (None, "x", -1.0, float("nan"), [1, 2], {}, np.zeros((3, 3)), object())
+SCENE = uw.Scene.model_validate({"plate": {"path": "plate.png"}})
+TAKING: dict[str, Callable[[Any], Any]] = {
+    "environment": ibl.environment, "expand": ibl.expand, "detect_sun": ibl.detect_sun,
+    "sun of an environment": lambda x: ibl.environment(IMAGE, sun=x), "refract_to_air": caustics.refract_to_air,
+    "wind": lambda x: GerstnerSea(wind_speed=x), "tile": lambda x: GerstnerSea(tile_m=x),
+    "seed": lambda x: GerstnerSea(seed=x), "waves": lambda x: GerstnerSea.from_waves(x, [0.1], [0.5], [0.0]),
+    "spectrum": lambda x: SpectralSea(spectrum=x), "place on a sea": lambda x: SEA.surface(x, 0.0, 0.0),
+    "sea of caustics": lambda x: caustics.caustic_map(x, UP, 3.0, 0.0),
+    "sun of caustics": lambda x: caustics.caustic_map(SEA, x, 3.0, 0.0, size=16, grid=8),
+    "depth of caustics": lambda x: caustics.caustic_map(SEA, UP, x, 0.0, size=16, grid=8),
+    "size of caustics": lambda x: caustics.caustic_map(SEA, UP, 3.0, 0.0, size=x, grid=8),
+    "jerlov": Water.jerlov, "chlorophyll": Water.chlorophyll, "water of a file": Water.from_csv,
+    "water of arrays": lambda x: Water.from_arrays(x, [0.1, 0.2], [0.1, 0.2]), "absorption": WATER.absorption,
+    "camera": Sensor.camera, "bands": medium.bands, "sensor of bands": lambda x: medium.bands(4, x),
+    "multiple_scattering": lambda x: medium.multiple_scattering(WATER, x, 1.0, 1.0, 0.0),
+    "field": lambda x: LightField(x, [0.1]), "phase": lambda x: LightField([0.1], [0.1], phase=x),
+    "water": Medium, "sensor": lambda x: Medium(WATER, x), "mode": lambda x: Medium(WATER, mode=x),
+    "depth": lambda x: Medium(WATER, camera_depth_m=x), "scene file": uw.load_scene, "video": uw.open_video,
+    "plate": lambda x: uw.render_frame(x, SCENE), "scene of a compositor": uw.Compositor,
+    "scene of a video": lambda x: uw.composite_video(x, "out.mp4"), "clip": lambda x: uw.analyse_clip(x, SCENE),
+    "clip of a track": uw.track_camera,
+    "settings of a dive": lambda x: uw.sample_dive("nowhere", 0 if x is None else x),
+}  # fmt: skip
+
+
+def _refusal(call: Callable[[Any], Any], value: Any) -> str | None:
+    """Return what a call says that refuses a value in the project's own words, None where it takes it."""
+    try:
+        call(value)
+    except Mr360uwError as error:
+        return str(error)
+    return None
+
+
+@pytest.mark.parametrize("name", TAKING)
+def test_arguments_of_any_type_are_taken_or_refused_by_name(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    refused = {repr(value): _refusal(TAKING[name], value) for value in WRONG}
+    assert [value for value, said in refused.items() if said is not None and " - " not in said] == []
+    assert not list(tmp_path.iterdir())

@@ -108,8 +108,6 @@ def test_pictures_that_announce_more_than_memory_holds(bench: Bench, subtests: p
 
 ROLES = {
     "texture": ('object.0.texture="{}"', (".png", ".jpg", ".webp")),
-    "normals": ('object.0.normal_texture="{}"', (".png",)),
-    "roughness": ('object.0.orm_texture="{}"', (".png",)),
     "heights": ('receiver={{kind="height_map", path="{}"}}', (".png", ".tif")),
     "distances": ('receiver={{kind="distance", path="{}"}}', (".png", ".exr")),
     "matte": ('holdout=[{{path="{}"}}]', (".png", ".exr")),

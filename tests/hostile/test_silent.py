@@ -97,7 +97,7 @@ def test_counts_have_limits_before_memory_is_taken(bench: Bench, monkeypatch: py
     bench.refuses_with('object=[{mesh="mesh.glb"},{mesh="mesh.glb"},{mesh="mesh.glb"}]', says=("MR360UW_MAX_OBJECTS",))
     monkeypatch.delenv("MR360UW_MAX_OBJECTS")
     monkeypatch.setenv("MR360UW_MAX_PARTICLES", "0.000001")
-    snow = ("snow.enabled=true", "snow.amount=100", "snow.smallest_mm=0.05", "snow.range_m=50")
+    snow = ("snow.amount=100", "snow.sizes_mm=[0.05, 4]", "snow.range_m=50")
     bench.refuses_with('water.type="II"', *snow, says=("MR360UW_MAX_PARTICLES",))
 
 
@@ -157,9 +157,9 @@ def test_colour_spaces_come_back(bench: Bench) -> None:
     if os.name == "posix":
         (bench.folder / "endless.cube").symlink_to("/dev/zero")
         (bench.folder / "endless.ocio").symlink_to("/dev/zero")
-        bench.refuses_with('plate.ocio={input="lin",working="lin",file="endless.ocio"}', says=("is a device",))
+        bench.refuses_with('plate.ocio={input="lin",working="lin",config="endless.ocio"}', says=("is a device",))
     for space, says in (("missing", "none.cube - no such file"), ("device", "is a device"), ("clamped", "come back")):
-        bench.refuses_with(f'plate.ocio={{input="{space}",working="lin",file="a.ocio"}}', says=(says,))
+        bench.refuses_with(f'plate.ocio={{input="{space}",working="lin",config="a.ocio"}}', says=(says,))
     code, _, err = bench.run("composite", "scene.toml", "out.png", "--backend", "reference", "--set",
-                             'plate.ocio={input="curved",working="lin",file="a.ocio"}')  # fmt: skip
+                             'plate.ocio={input="curved",working="lin",config="a.ocio"}')  # fmt: skip
     assert (code, err) == (0, "")

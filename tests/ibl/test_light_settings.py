@@ -6,16 +6,13 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-import numpy as np
 import pytest
 
-import mr360uw.ibl as ibl
-from mr360uw.constants import MAXIMUM_GLOSSY_LEVELS
 from mr360uw.errors import SceneError
-from mr360uw.ibl.settings import MINIMUM_ROUGHNESS, LightSettings
+from mr360uw.ibl.settings import LightSettings
 from mr360uw.scene.model import scene_from_dict
 
-NIGHT = {"sun": "date", "sun_time": "2026-06-21T00:00:00+00:00", "latitude_deg": 30.0}
+NIGHT = {"sun": "date", "sun_time": "2026-06-21T00:00:00+00:00", "place_deg": (30.0, 0.0)}
 
 
 def refused(**light: object) -> str:
@@ -38,22 +35,3 @@ def test_a_date_at_night_is_refused_with_the_way_out() -> None:
     # the time alone says nothing until the sun comes from it, and day is day
     assert LightSettings(**{**NIGHT, "sun": "detect"}).sun_time
     assert LightSettings(**{**NIGHT, "sun_time": "2026-06-21T12:00:00+00:00"}).sun == "date"
-
-
-@pytest.mark.parametrize(
-    ("levels", "why"),
-    [
-        ([0.4, 0.2], "ascend"), ([0.2, 0.2], "ascend"), ([0.0, 0.5], "0.05"), ([0.5, 1.5], "0.05"),
-        (list(np.linspace(0.1, 1.0, MAXIMUM_GLOSSY_LEVELS + 1)), "at most 8"),
-    ],
-)  # fmt: skip
-def test_glossy_levels_that_no_renderer_could_keep_are_refused(levels: list[float], why: str) -> None:
-    problem = refused(glossy_roughness=levels)
-    assert "glossy_roughness" in problem
-    assert why in problem
-
-
-def test_the_most_levels_are_made() -> None:
-    levels = tuple(np.linspace(MINIMUM_ROUGHNESS, 1.0, MAXIMUM_GLOSSY_LEVELS).tolist())
-    light = ibl.environment(np.full((16, 32, 3), 0.3), LightSettings(glossy_roughness=levels), glossy=True)
-    assert len(light.glossy) == len(light.glossy_roughness) == MAXIMUM_GLOSSY_LEVELS

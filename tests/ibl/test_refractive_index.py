@@ -8,7 +8,7 @@ import pytest
 
 import mr360uw.ibl as ibl
 from mr360uw.constants import REFRACTIVE_INDEX_SEA, SUN_HALF_ANGLE_RAD
-from mr360uw.ibl.expansion import snell_elevation
+from mr360uw.ibl.expansion import region_weight, snell_elevation
 from mr360uw.ibl.level.horizon import estimate_horizon
 from mr360uw.ibl.settings import LightSettings
 from mr360uw.sphere import direction_from_angles, directions, row_solid_angle
@@ -16,7 +16,8 @@ from tests.ibl.plates import clipped, planes, sky
 from tests.ibl.tolerances import FLOAT64, WINDOW_EDGE, YUV_MEAN
 
 INDICES = [1.2, REFRACTIVE_INDEX_SEA, 1.5]
-SHARP = LightSettings(operator="mr360", region="snell", ramp_deg=0.0)
+WINDOW = LightSettings(operator="mr360", region="snell")
+RAMP_DEG = 10.0  # half the width of the region's edge
 
 
 @pytest.mark.parametrize("index", INDICES)
@@ -27,9 +28,9 @@ def test_the_edge_is_the_critical_angle(index: float) -> None:
 @pytest.mark.parametrize("index", INDICES)
 def test_the_plate_is_expanded_inside_its_window(index: float) -> None:
     plate = np.full((360, 4, 3), 0.9, np.float32)
-    expanded = ibl.expand(plate, SHARP, refractive_index=index)[:, 0, 0] > plate[0, 0, 0]
+    expanded = ibl.expand(plate, WINDOW, refractive_index=index)[:, 0, 0] > plate[0, 0, 0]
     elevation_deg = 90.0 - 0.5 * (np.arange(360) + 0.5)
-    np.testing.assert_array_equal(expanded, elevation_deg > np.degrees(snell_elevation(index)))
+    np.testing.assert_array_equal(expanded, elevation_deg > np.degrees(snell_elevation(index)) - RAMP_DEG)
 
 
 @pytest.mark.parametrize("tilted", [False, True])
@@ -40,11 +41,12 @@ def test_floats_and_planes_take_the_same_window(tilted: bool) -> None:
     omega = row_solid_angle(64, 32)[:, None, None]
     extra = []
     for index in INDICES:
-        a = ibl.environment(image, SHARP, sun=None, up=up, refractive_index=index)
-        b = ibl.environment_from_yuv(planes(image), SHARP, sun=None, up=up, refractive_index=index)
+        a = ibl.environment(image, WINDOW, sun=None, up=up, refractive_index=index)
+        b = ibl.environment_from_yuv(planes(image), WINDOW, sun=None, up=up, refractive_index=index)
         assert np.abs(a.irradiance - b.irradiance).mean() < 3 * YUV_MEAN * a.irradiance.mean()
         extra.append(float(((a.radiance - dim) * omega).sum()))
-    width = [1.0 - np.sin(snell_elevation(index)) for index in INDICES]  # solid angle of the window over 2 pi
+    sine = np.linspace(-1.0, 1.0, 20_001)  # solid angle of the window over 2 pi, with its edge
+    width = [np.trapezoid(region_weight(sine, WINDOW, index), sine) for index in INDICES]
     np.testing.assert_allclose(np.array(extra) / extra[1], np.array(width) / width[1], rtol=WINDOW_EDGE)
 
 

@@ -116,7 +116,7 @@ def test_settings_give_the_direction() -> None:
     assert light.sun is not None
     np.testing.assert_allclose(light.sun.direction, direction_from_angles(np.radians(30.0), np.radians(50.0)))
     assert ibl.environment(sky(SEAM), LightSettings(operator="none", sun="none")).sun is None
-    dated = LightSettings(sun="date", sun_time="2026-06-21T12:00:00Z", latitude_deg=30.0)
+    dated = LightSettings(sun="date", sun_time="2026-06-21T12:00:00Z", place_deg=(30.0, 0.0))
     with pytest.raises(ParameterError, match="refract"):
         ibl.environment(sky(SEAM), dated, underwater=True)
 

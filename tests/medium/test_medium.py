@@ -161,9 +161,9 @@ def test_settings() -> None:
     assert WaterSettings().medium(DEPTH).water.name == "Jerlov IB"
     for keys in (
         {"type": "pure"},
-        {"type": "chlorophyll", "chlorophyll_mg_m3": 0.5, "phase": "fournier-forand"},
-        {"type": "5C", "mode": "kd", "kd": "lee2005", "rule": "fitted", "bands": 8, "sensor": "Insta360 X5"},
-        {"type": "3C", "inherent": "williamson2022", "phase": "hg", "sun_share": 0.6, "surface": "none"},
+        {"type": "chlorophyll", "chlorophyll_mg_m3": 0.5, "phase": (1.1, 3.58)},
+        {"type": "5C", "mode": "kd", "bands": 8, "sensor": "Insta360 X5"},
+        {"type": "3C", "phase": 0.9, "sun_share": 0.6},
     ):
         assert np.all(np.isfinite(WaterSettings(**keys).medium(DEPTH).table.veil))
     medium = WaterSettings(gain=(0.5, 0.6, 0.7)).medium(DEPTH)

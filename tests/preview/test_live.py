@@ -81,7 +81,7 @@ CHANGES = (
     ("water.gain=[0.4, 0.5, 0.5]",),
     ("sea.wind_speed=7", "receiver.height_m=-2.5"),
     ("camera.depth_m=7", "camera.pitch_deg=10"),
-    ("object.0.position_m=[0.2, 0.1, -3]", "receiver.plate_caustics=keep", "lamp=[{attach='camera'}]"),
+    ("object.0.position_m=[0.2, 0.1, -3]", "receiver.shadow=false", "lamp=[{attach='camera'}]"),
     ("water.type=none", "draw.ambient_occlusion=false"),
 )
 

@@ -27,14 +27,7 @@ CODE = 1.0 / 255.0
 
 @pytest.fixture(scope="module")
 def scene_file(dive: SampleDive) -> Path:
-    """The scene of the sample dive, drawn coarsely: how a frame is chosen does not depend on how fine it is."""
-    path = dive.scene.with_name("coarse.toml")
-    text = dive.scene.read_text("utf-8")
-    assert "[draw]\n" in text
-    path.write_text(
-        text.replace("[draw]\n", "[draw]\nsamples = 5\nsun_samples = 1\nambient_occlusion = false\n"), "utf-8"
-    )
-    return path
+    return dive.scene
 
 
 def run(*words: str | Path) -> str:

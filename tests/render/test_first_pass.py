@@ -12,7 +12,7 @@ import pytest
 from mr360uw.composite.grading.plate_grade import PlateGrade
 from mr360uw.errors import DamagedFrameError
 from mr360uw.render.camera import CameraPath
-from mr360uw.render.first_pass import ClipFacts, first_pass, measured_range
+from mr360uw.render.first_pass import ClipAnalysis, first_pass, measured_range
 from mr360uw.render.surroundings import load_surroundings
 from mr360uw.runs.stored_facts import load_facts, save_facts
 from mr360uw.scene.inputs import open_plate
@@ -107,7 +107,7 @@ def test_a_range_is_measured_with_a_margin_and_no_more(folder: Path, monkeypatch
         assert facts.sun_at(5) is not None
         assert facts.sun_at(0).direction == pytest.approx(facts.sun_at(2).direction, abs=0)
         assert [measured_range(video, *span) for span in ((0, 1), (9, 10))] == [(0, 4), (6, 10)]
-    gain = ClipFacts(gain=np.arange(6.0).reshape(2, 3), first=4)
+    gain = ClipAnalysis(gain=np.arange(6.0).reshape(2, 3), first=4)
     assert [gain.gain_at(k)[0] for k in (0, 4, 5, 9)] == [0.0, 0.0, 3.0, 3.0]
 
 
@@ -119,7 +119,7 @@ def test_a_stored_track_is_read_by_the_frames_of_the_clip(folder: Path, tmp_path
     assert len(later) == FRAMES - 3
     np.testing.assert_array_equal(later.at(2).irradiance, track.at(5).irradiance)
     look = PlateGrade(1.2, columns=512)
-    save_facts(ClipFacts(later, first=3, look=look), tmp_path / "facts.npz")
+    save_facts(ClipAnalysis(later, first=3, look=look), tmp_path / "facts.npz")
     facts = load_facts(tmp_path / "facts.npz")
     assert facts.look == look
     np.testing.assert_array_equal(facts.sun_at(5).irradiance, track.at(5).irradiance)

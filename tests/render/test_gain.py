@@ -21,7 +21,7 @@ from mr360uw.medium.fit.open_water import ROWS
 from mr360uw.medium.fit.profile import row_up
 from mr360uw.medium.jerlov import JerlovType
 from mr360uw.medium.spectral.sensor import named_sensor
-from mr360uw.render.first_pass import ClipFacts, first_pass
+from mr360uw.render.first_pass import ClipAnalysis, first_pass
 from mr360uw.render.plate_map import level_view
 from mr360uw.render.surroundings import load_surroundings
 from mr360uw.sample.recording import record
@@ -157,7 +157,7 @@ def test_a_frame_alone_has_the_gain_of_the_clip(tmp_path: Path, reef: Path, body
 
         facts = first_pass(load_surroundings(scene), video, sun=False, open_water=True)
 
-    def render(facts: ClipFacts | None) -> np.ndarray:
+    def render(facts: ClipAnalysis | None) -> np.ndarray:
         done = uw.render_frame(frame.image_linear, scene, frame.time_s, "reference", index=k, facts=facts)
         return done.image_linear
 
@@ -228,7 +228,7 @@ def test_the_gain_of_a_dive_over_sand_is_that_of_its_water(
 def test_a_plate_without_open_water_is_doubted(tmp_path: Path) -> None:
     rng = np.random.default_rng(5)
     for k in range(3):
-        rocks = np.repeat(rng.uniform(0.01, 1.0, (SIZE[1], SIZE[0] // 4, 3)) ** 2, 4, axis=1)
+        rocks = np.repeat(rng.uniform(0.01, 1.0, (SIZE[1], SIZE[0] // 8, 3)) ** 2, 8, axis=1)
         write_exr(tmp_path / f"plate_{k:04d}.exr", rocks.astype(np.float32))
     scene = scene_of(tmp_path)
     with open_plate(scene) as video:

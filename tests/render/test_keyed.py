@@ -14,7 +14,7 @@ from mr360uw.color import encode
 from mr360uw.errors import SceneError
 from mr360uw.render.backends import Backend, make_backend
 from mr360uw.render.caustic_tiles import export_caustics
-from mr360uw.render.first_pass import ClipFacts
+from mr360uw.render.first_pass import ClipAnalysis
 from mr360uw.render.frame import Frame, finished, frame_stages
 from mr360uw.render.loaded import Loaded, load
 from mr360uw.render.plan import joined_plan
@@ -52,7 +52,7 @@ ALL = keys(
 def scene_of(folder: Path, mesh: Path, entries: list[dict[str, Any]], **changed: Any) -> Scene:
     tables = {
         "object": [{"mesh": str(mesh), "base_color": [1, 1, 1], "position_m": [0.3, -0.4, -3.0]}],
-        "receiver": {"height_m": -1.6, "plate_caustics": "keep", "occlusion": False},
+        "receiver": {"height_m": -1.6, "occlusion": False},
         "light": {"sun": "given"},
         "lamp": [{"attach": "camera", "casts_shadow": False}],
         "water": {"mode": "kd"},
@@ -64,7 +64,7 @@ def scene_of(folder: Path, mesh: Path, entries: list[dict[str, Any]], **changed:
 
 def frame(loaded: Loaded, backend: Backend, time_s: float, shutter_s: float = 0.0) -> Frame:
     plate = VideoFrame.of_linear(gradient_plate(*SIZE), 0, time_s)
-    return finished(frame_stages(loaded, ClipFacts(), backend, plate, shutter_s))
+    return finished(frame_stages(loaded, ClipAnalysis(), backend, plate, shutter_s))
 
 
 def picture(loaded: Loaded, backend: Backend, time_s: float, shutter_s: float = 0.0) -> np.ndarray:

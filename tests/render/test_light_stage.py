@@ -13,7 +13,7 @@ import pytest
 import mr360uw as uw
 from mr360uw.cache import Cache
 from mr360uw.errors import DamagedFrameError
-from mr360uw.render.first_pass import ClipFacts
+from mr360uw.render.first_pass import ClipAnalysis
 from mr360uw.render.loaded import load
 from mr360uw.render.plate_light import FrameLight, plate_light
 from mr360uw.render.stages.light_stage import LightKnots
@@ -51,7 +51,7 @@ def clip(folder: Path, levels: Floats, bodies: list[dict[str, Any]], **tables: A
 def lit(scene: Scene, start: int = 0, stop: int = COUNT) -> tuple[list[FrameLight | None], list[FrameLight]]:
     """Return the light of a scene's frames as a run has it, and measured in each frame alone."""
     with open_plate(scene) as video:
-        loaded, facts = load(scene, video.width, video.height), ClipFacts()
+        loaded, facts = load(scene, video.width, video.height), ClipAnalysis()
         frames = list(LightKnots(loaded, facts, video, video.frames).frames(start, stop))
         assert [plate.index for plate, _ in frames] == list(range(start, stop))
         own = [ungraded(loaded.at(plate.time_s), facts.look, plate, Cache()) for plate, _ in frames]
@@ -144,7 +144,7 @@ def test_frames_before_a_damaged_one_are_given(lost: int, tmp_path: Path, bodies
                 yield plate
 
         loaded = load(scene, video.width, video.height)
-        knots, seen = LightKnots(loaded, ClipFacts(), video, read), []
+        knots, seen = LightKnots(loaded, ClipAnalysis(), video, read), []
         with pytest.raises(DamagedFrameError):
             seen += (plate.index for plate, _ in knots.frames(0, 8))
         whole = [plate.index for plate, _ in knots.frames(0, lost)]

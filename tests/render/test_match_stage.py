@@ -49,7 +49,7 @@ def scene_of(folder: Path, whale: Path, **match: Any) -> Scene:
 
 
 def test_a_sharp_plate_changes_no_bit_and_a_soft_one_softens(tmp_path: Path, whale: Path, backend: str) -> None:
-    automatic, off = scene_of(tmp_path, whale), scene_of(tmp_path, whale, enabled=False)
+    automatic, off = scene_of(tmp_path, whale), scene_of(tmp_path, whale, softness=0.0)
     sharp, soft = linear(picture(0.0)), linear(picture(1.2))
     untouched, as_is = (render_frame(sharp, scene, backend=backend) for scene in (automatic, off))
     np.testing.assert_array_equal(untouched.image_linear, as_is.image_linear)
@@ -84,7 +84,7 @@ def test_a_clip_has_one_look_in_every_range(tmp_path: Path, whale: Path) -> None
 
 def test_the_plan_says_whether_bodies_are_matched(tmp_path: Path, whale: Path) -> None:
     plain = {"softness": 0.0}
-    for match, runs in (({}, True), ({"enabled": False}, False), (plain, False), (plain | {"sharpening": 1}, True)):
+    for match, runs in (({}, True), (plain, False), (plain | {"sharpening": 1}, True)):
         assert load(scene_of(tmp_path, whale, **match), *SIZE).plan.match.runs == runs
     given = load(scene_of(tmp_path, whale, **(plain | {"softness": 1.0, "black": 0.05})), *SIZE)
     assert given.plan.match.why == "the grade as set: black 0.050, softness 1"
@@ -95,7 +95,7 @@ def test_an_ungraded_plate_is_never_read_through_a_grade_that_nobody_gave(tmp_pa
     faded = (0.38 + 0.3 * gradient_plate(96, 48, sun=None) / 2.0).astype(np.float32)
     faded[::7] = 0.38  # many pixels share the darkest code
     tables: dict[str, Any] = {"light": {"sun": "none"}, "draw": {"samples": 5}}
-    off, default = (scene_with(tmp_path, whale, match=match, **tables) for match in ({"enabled": False}, {}))
+    off, default = (scene_with(tmp_path, whale, match=match, **tables) for match in ({"softness": 0.0}, {}))
     as_is, made = (render_frame(faded, scene, backend="reference") for scene in (off, default))
     np.testing.assert_array_equal(made.image_linear, as_is.image_linear)
 
@@ -127,7 +127,7 @@ def test_a_composite_in_a_graded_plate_is_the_grade_of_the_composite(tmp_path: P
         "light": {"sun": "none"}, "water": {"type": "none"}, "draw": {"samples": 5},
         "receiver": {"kind": "plane", "position_m": [0.0, -1.5, 0.0]},
     }  # fmt: skip
-    off, given = (scene_with(tmp_path, whale, match=match, **tables) for match in ({"enabled": False}, GRADED))
+    off, given = (scene_with(tmp_path, whale, match=match, **tables) for match in ({"softness": 0.0}, GRADED))
     truth, made = (render_frame(*of, backend=backend) for of in ((plain, off), (graded, given)))
     changed = np.any(truth.image_linear != plain, axis=-1)
     assert changed.mean() > 0.01

@@ -17,7 +17,7 @@ from mr360uw import composite_video
 from mr360uw.composite.settings import ReceiverSettings
 from mr360uw.errors import VideoError
 from mr360uw.render.backends import make_backend
-from mr360uw.render.first_pass import ClipFacts
+from mr360uw.render.first_pass import ClipAnalysis
 from mr360uw.render.frame import finished, frame_stages
 from mr360uw.render.loaded import load
 from mr360uw.render.mattes import GreyClip, Mattes, ReceiverClip
@@ -146,7 +146,7 @@ def scene_of(folder: Path, whale: Path, receiver_table: dict[str, Any], **tables
 def ratios(scene: Scene, backend: str, count: int) -> list[Floats]:
     loaded, (renderer, _) = load(scene, *SIZE, clip=False), make_backend(backend)
     plates = [VideoFrame.of_linear(gradient_plate(*SIZE, sun=None), k) for k in range(count)]
-    return [finished(frame_stages(loaded, ClipFacts(), renderer, plate, 0.0)).layer.ratio for plate in plates]
+    return [finished(frame_stages(loaded, ClipAnalysis(), renderer, plate, 0.0)).layer.ratio for plate in plates]
 
 
 def test_a_floor_that_rises_takes_the_shadow_with_it(tmp_path: Path, whale: Path, backend: str) -> None:
@@ -161,8 +161,9 @@ def test_a_floor_that_rises_takes_the_shadow_with_it(tmp_path: Path, whale: Path
         assert expected.min() < 0.8
         off = np.abs(got[k] - expected).max(axis=-1)
         # the device interpolates ambient light on a plane, and sweeps every pixel of a map
-        assert off.max() <= (tol.MAP_RATIO if backend == "reference" else tol.MAP_RATIO + tol.BETWEEN_SWEEPS)
-        assert np.mean(off <= tol.MAP_RATIO) >= tol.AGREEMENT_FRACTION
+        between = 0.0 if backend == "reference" else tol.BETWEEN_SWEEPS
+        assert off.max() <= tol.MAP_RATIO + between
+        assert np.mean(off <= tol.MAP_RATIO + 0.25 * between) >= tol.AGREEMENT_FRACTION
     assert np.abs(got[0] - got[2]).max() > 0.1
 
 

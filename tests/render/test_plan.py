@@ -99,7 +99,6 @@ def test_the_plan_reads_as_a_table(tmp_path: Path, whale: Path) -> None:
     ("tables", "runs"),
     [
         ({"receiver": {"height_m": -2.0}}, True),
-        ({"receiver": {"height_m": -2.0, "plate_caustics": "keep"}}, False),
         ({"receiver": {"height_m": -2.0, "shadow": False}}, False),
         ({"receiver": {"height_m": -2.0}, "water": {"type": "none"}}, False),
         ({}, False),

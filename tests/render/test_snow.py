@@ -14,7 +14,7 @@ import pytest
 
 from mr360uw.cache import Cache
 from mr360uw.render.backends import Backend, make_backend
-from mr360uw.render.first_pass import ClipFacts
+from mr360uw.render.first_pass import ClipAnalysis
 from mr360uw.render.frame import Frame, finished, frame_stages
 from mr360uw.render.loaded import Loaded, load
 from mr360uw.video import VideoFrame
@@ -22,7 +22,7 @@ from tests.scenes import BACKENDS, gradient_plate, scene_with
 from tests.tolerances import AGREEMENT_CODE, AGREEMENT_FRACTION
 
 SNOW = {
-    "enabled": True, "amount": 0.3, "exponent": 2.5, "smallest_mm": 10.0, "largest_mm": 40.0, "range_m": 5.0,
+    "amount": 0.3, "exponent": 2.5, "sizes_mm": [10.0, 40.0], "range_m": 5.0,
     "current_m_s": [0.4, 0.1, 0.2],
 }  # fmt: skip
 WIDTH = 128
@@ -44,7 +44,7 @@ def plate(index: int) -> VideoFrame:
 
 
 def frame(loaded: Loaded, backend: Backend, index: int, shutter_s: float = 0.02, kept: Cache | None = None) -> Frame:
-    return finished(frame_stages(loaded, ClipFacts(), backend, plate(index), shutter_s, kept=kept))
+    return finished(frame_stages(loaded, ClipAnalysis(), backend, plate(index), shutter_s, kept=kept))
 
 
 @pytest.mark.parametrize("name", BACKENDS)
@@ -109,9 +109,9 @@ def test_the_shutter_draws_particles_out_without_changing_their_light(tmp_path: 
 @pytest.mark.parametrize(
     ("tables", "why"),
     [
-        ({}, "switched off"), ({"snow": {"enabled": True, "amount": 0.0}}, "amount is 0"),
-        ({"snow": {"enabled": True}, "water": {"type": "none"}}, 'water is "none"'),
-        ({"snow": {"enabled": True}, "water": {"type": "pure"}}, "no particles"),
+        ({}, "amount is 0"),
+        ({"snow": {"amount": 1.0}, "water": {"type": "none"}}, 'water is "none"'),
+        ({"snow": {"amount": 1.0}, "water": {"type": "pure"}}, "no particles"),
     ],
 )  # fmt: skip
 def test_scenes_without_snow_say_why_and_pay_nothing(
@@ -126,7 +126,7 @@ def test_scenes_without_snow_say_why_and_pay_nothing(
 
 def test_snow_that_is_not_seen_or_takes_long_is_noted(tmp_path: Path) -> None:
     def notes(**snow: Any) -> str:
-        return "; ".join(load(scene_with(tmp_path, None, snow={"enabled": True} | snow), 2048, 1024).notes)
+        return "; ".join(load(scene_with(tmp_path, None, snow={"amount": 1.0} | snow), 2048, 1024).notes)
 
     assert "shows none" in notes(amount=1e-6)
     assert "s a frame" in notes(amount=1000.0)

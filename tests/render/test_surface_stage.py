@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from mr360uw.render.backends import Backend, make_backend
-from mr360uw.render.first_pass import ClipFacts
+from mr360uw.render.first_pass import ClipAnalysis
 from mr360uw.render.frame import Frame, finished, frame_stages
 from mr360uw.render.loaded import Loaded, load
 from mr360uw.video import VideoFrame
@@ -27,7 +27,7 @@ def loaded_with(folder: Path, mesh: Path, *objects: dict[str, Any], **tables: An
     quick = {
         "draw": {"samples": 5, "ambient_occlusion": False, "sun_samples": 4}, "camera": {"depth_m": 2.0},
         "caustics": {"enabled": False}, "shafts": {"mode": "off"},
-        "sea": {"wave_count": 6, "shortest_wavelength_m": 1.0}, "surface": {"samples": 5},
+        "sea": {"wave_count": 6, "shortest_wavelength_m": 1.0},
     }  # fmt: skip
     bodies = [{"mesh": str(mesh), **one} for one in objects]
     return load(scene_with(folder, None, object=bodies, **quick | tables), WIDTH, WIDTH // 2, clip=False)
@@ -39,7 +39,7 @@ def plate(index: int) -> VideoFrame:
 
 
 def frame(loaded: Loaded, backend: Backend, index: int) -> Frame:
-    return finished(frame_stages(loaded, ClipFacts(), backend, plate(index), 0.0))
+    return finished(frame_stages(loaded, ClipAnalysis(), backend, plate(index), 0.0))
 
 
 def test_the_renderers_agree_and_frames_are_the_same_alone_and_after_others(tmp_path: Path, whale: Path) -> None:

@@ -56,7 +56,7 @@ def test_a_stopped_run_goes_on_and_its_output_is_the_same_byte_for_byte(
     if codec == "ffv1" and suffix == ".mp4":
         pytest.skip("mp4 does not hold ffv1")
     # the order in which x265's own threads finish changes its choices
-    scene = scene_of(dive, f"output.codec={codec}", "output.threads=1")
+    scene = scene_of(dive, f"output.codec={codec}")
     whole, part = tmp_path / f"whole{suffix}", tmp_path / f"part{suffix}"
     uw.composite_video(scene, whole, backend="reference")
     stopped(scene, part, 6)
@@ -119,7 +119,7 @@ def test_fresh_uses_nothing(dive: SampleDive, tmp_path: Path) -> None:
 def test_damaged_parts_are_made_again(dive: SampleDive, tmp_path: Path) -> None:
     """Cut, zeroed, with one bit turned, two segments in each other's place, another's packets: none is joined."""
     whole = tmp_path / "whole.mp4"
-    scene = scene_of(dive, "output.threads=1")
+    scene = scene_of(dive)
     uw.composite_video(scene, whole, backend="reference")
     first, second = ("00000000-00000002", "00000002-00000004")
 
@@ -246,7 +246,7 @@ def test_several_frames_into_one_still_are_refused_before_rendering(dive: Sample
 def test_a_killed_run_loses_at_most_one_segment(dive: SampleDive, tmp_path: Path) -> None:
     out, whole = tmp_path / "out.mp4", tmp_path / "whole.mp4"
     arguments = [sys.executable, "-m", "mr360uw", "composite", str(dive.scene)]
-    options = ["--backend", "reference", "--set", TWO_FRAMES, "--set", "output.threads=1"]
+    options = ["--backend", "reference", "--set", TWO_FRAMES]
     running = subprocess.Popen([*arguments, str(out), *options], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     while len(list(work_path(out).glob("0*.npz"))) < 2 and running.poll() is None:
         time.sleep(0.01)

@@ -81,7 +81,7 @@ def lamp_scene(folder: Path, plate: Path) -> Scene:
             "camera": {"depth_m": 3.0},
             "light": {"sun": "none"},
             "output": {"codec": "h265", "quality": 4},
-            "object": [{"mesh": "lamp.glb", "position_m": [0.0, 0.0, -1.5], "emission_scale": 10.0}],
+            "object": [{"mesh": "lamp.glb", "position_m": [0.0, 0.0, -1.5], "exposure": np.log2(10.0)}],
         },
         folder,
     )

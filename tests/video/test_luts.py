@@ -244,7 +244,7 @@ def test_tables_as_other_programs_write_them(tmp_path: Path, text: str) -> None:
     [
         ({"lut": "a.cube", "transfer": "slog3"}, "lut and transfer all say"),
         ({"lut": "a.cube", "ocio": {"input": "ACEScg"}}, "lut and ocio all say"),
-        ({"ocio": {"input": "ACEScg", "config": "studio"}}, "config must begin with ocio://"),
+        ({"ocio": {"input": "ACEScg", "config": "studio"}}, "plate.ocio.config - no such file"),
         ({"ocio": {}}, "input"),
         ({"lut_to": "linear"}, "lut_to - is of a lookup table, and there is none"),
         ({"ocio": {"input": "ACEScg"}, "lut_to": "linear"}, "lut_to - is of a lookup table"),

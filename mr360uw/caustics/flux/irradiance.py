@@ -35,7 +35,7 @@ from mr360uw.caustics.settings import DIVIDED_AREAS, CausticSettings, Method, Se
 from mr360uw.constants import REFRACTIVE_INDEX_SEA
 from mr360uw.errors import ParameterError
 from mr360uw.optics import check_refractive_index, refract_to_water, sea_water_index
-from mr360uw.shapes import numbers
+from mr360uw.shapes import numbers, whole
 from mr360uw.sphere import unit
 from mr360uw.types import BeamSpread, CausticStack, Surface
 
@@ -141,8 +141,8 @@ def check_arguments(
         raise ParameterError(f"depth_m - must lie in [0, {DEEPEST_M:.0f}] (got {depths.tolist()!r:.80}) - give metres")
     if np.any(np.diff(depths) <= 0.0):
         raise ParameterError(f"depths_m - must ascend (got {depths.tolist()!r:.80}) - sort them")
-    if not (1 <= size <= 16384 and 2 <= grid <= 8192):
-        raise ParameterError(f"size, grid - outside [1, 16384], [2, 8192] (got {size}, {grid}) - choose fewer pixels")
+    whole("size", size, 1, 16384)
+    whole("grid", grid, 2, 8192)
     check_refractive_index(refractive_index)
     if not 0.0 <= sun_half_angle_rad <= 0.5:
         raise ParameterError(f"sun_half_angle_rad - outside [0, 0.5] (got {sun_half_angle_rad}) - the sun has 0.00465")

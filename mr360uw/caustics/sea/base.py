@@ -14,7 +14,7 @@ from pydantic import model_validator
 from mr360uw.caustics.sea.detail import Detail, detail_slope, make_detail
 from mr360uw.caustics.sea.sea_state import mean_square_slope
 from mr360uw.caustics.sea.surface import FIELD_NAMES, SurfaceFields, displaced_surface, surface_jacobian, surface_normal
-from mr360uw.parameters import FULL_TURN_DEG, Parameters, parameter
+from mr360uw.parameters import FULL_TURN_DEG, Parameters, advanced, parameter
 from mr360uw.shapes import common_shape, number
 from mr360uw.types import Surface
 
@@ -22,6 +22,8 @@ Array = NDArray[np.float64]
 
 _POINTS_AT_ONCE = 1 << 13
 """Points evaluated together: with a hundred waves their phases take 13 MB."""
+_RIPPLE_M, _RIPPLE_M_S = 0.12, 0.25
+"""Dominant length [m] of ripples and the speed [m/s] that they scroll at."""
 _SLOPE_GRID = 128
 """Points across the tile that the mean square slope is taken of."""
 
@@ -33,6 +35,7 @@ WAVES_STAY = "waves would jump: the wind is what changes a sea, key sea.wind_spe
 class SeaParameters(Parameters):
     """Parameters of every sea. Directions are azimuths as seen from above: 0 = forward (-z), 90 = right (+x)."""
 
+    model: Literal["gerstner", "spectral"] = parameter("gerstner", "kind of sea")
     wind_speed: float = parameter(4.0, "wind speed 10 m above the sea", unit="m/s", low=0.0, high=40.0)
     wind_direction_deg: float = parameter(30.0, "azimuth the wind blows towards", unit="deg", low=-360.0, high=360.0)
     waves_of_wind_speed: float | None = parameter(
@@ -49,22 +52,19 @@ class SeaParameters(Parameters):
     water_depth_m: float = parameter(
         1000.0, "depth of the bottom, for dispersion", unit="m", above=0.0, high=11000.0, fixed=WAVES_STAY
     )
-    loop_s: float | None = parameter(
+    loop_s: float | None = advanced(
         None, "time after which the sea repeats exactly; none: never", unit="s", above=0.0, high=3600.0,
         fixed=WAVES_STAY,
     )  # fmt: skip
-    detail_slope: float | None = parameter(
+    shortest_wavelength_m: float | None = advanced(
+        None, "shortest wave; none: a fortieth of the tile", unit="m", above=0.0, high=2000.0, fixed=WAVES_STAY
+    )
+    detail_slope: float | None = advanced(
         None, "root mean square slope of all other waves; none: what the sea's own leave of Cox & Munk's for the wind",
         low=0.0, high=0.5,
     )  # fmt: skip
-    detail_kind: Literal["blur", "ripples"] = parameter(
+    detail_kind: Literal["blur", "ripples"] = advanced(
         "blur", "blur: those waves blur caustics; ripples: two scrolling maps on the surface, for fine grids"
-    )
-    detail_wavelength_m: float = parameter(
-        0.12, "dominant length of the ripples", unit="m", above=0.0, high=100.0, fixed=WAVES_STAY
-    )
-    detail_speed: float = parameter(
-        0.25, "speed the ripples scroll at", unit="m/s", low=0.0, high=10.0, fixed=WAVES_STAY
     )
     seed: int = parameter(1, "seed of the waves' directions and phases", low=0)
 
@@ -114,7 +114,7 @@ class SeaParameters(Parameters):
         if self.detail_kind == "blur" or self.detail_rms_slope == 0.0:
             return None
         return make_detail(
-            self.tile_m, self.detail_rms_slope, self.detail_wavelength_m, self.detail_speed * self.ripples_travel,
+            self.tile_m, self.detail_rms_slope, _RIPPLE_M, _RIPPLE_M_S * self.ripples_travel,
             self.loop_s, self.seed, time_s,
         )  # fmt: skip
 

@@ -26,17 +26,15 @@ from pydantic import field_validator, model_validator
 
 from mr360uw.caustics.sea.base import WAVES_STAY, SeaParameters
 from mr360uw.caustics.sea.dispersion import angular_frequency, lattice_vector, looping_frequency
-from mr360uw.caustics.sea.surface import FIELD_NAMES, SurfaceFields
+from mr360uw.caustics.sea.surface import SurfaceFields
 from mr360uw.caustics.sea.wind_waves import WaveBand, Wind, wind_waves
 from mr360uw.errors import ParameterError
-from mr360uw.parameters import Parameters, parameter
+from mr360uw.parameters import Parameters, advanced, parameter
 from mr360uw.shapes import exactly, numbers
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
-_BLEND_FROM = 0.9
-"""Fraction of the tile after which the blend of Thompson et al. 2019 into the neighbouring tile begins."""
 _MOST_TURN = 3.0
 """Most that the wind may turn, over the waves' spread: at the ends 37 % of the waves carry the sea then. Twice as far,
 18 %."""
@@ -100,21 +98,17 @@ class GerstnerSea(SeaParameters):
 
     model: Literal["gerstner"] = parameter("gerstner", "kind of sea")
     steepness: float = parameter(0.8, "sharpness of the crests: 0 = sines, 1 = trochoids", low=0.0, high=1.0)
-    spread_deg: float = parameter(
+    spread_deg: float = advanced(
         55.0, "standard deviation of the waves' directions about the wind", unit="deg", low=0.0, high=180.0,
         fixed=WAVES_STAY,
     )  # fmt: skip
     dominant_wavelength_m: float | None = parameter(
         None, "longest wave; none: that of a fully developed sea", unit="m", above=0.0, high=2000.0, fixed=WAVES_STAY
     )
-    shortest_wavelength_m: float | None = parameter(
-        None, "shortest wave; none: a fortieth of the tile", unit="m", above=0.0, high=2000.0, fixed=WAVES_STAY
+    wave_count: int = parameter(24, "number of waves", low=1, high=512, internal="comparisons")
+    explicit_waves: tuple[GerstnerWave, ...] = parameter(
+        (), "waves to use instead of random ones", internal="GerstnerSea.from_waves"
     )
-    wave_count: int = parameter(24, "number of waves", low=1, high=512)
-    tiling: Literal["lattice", "blend"] = parameter(
-        "lattice", "lattice: exact; blend: into the neighbour over the last tenth (Thompson et al. 2019)"
-    )
-    explicit_waves: tuple[GerstnerWave, ...] = parameter((), "waves to use instead of random ones")
 
     @classmethod
     def from_waves(
@@ -183,8 +177,7 @@ class GerstnerSea(SeaParameters):
             amplitude, steepness, phase = np.array(
                 [(w.amplitude_m, w.steepness, w.phase_rad) for w in self.explicit_waves]
             ).T
-            if self.tiling == "lattice":
-                k = lattice_vector(k, self.tile_m)
+            k = lattice_vector(k, self.tile_m)
         else:
             k, amplitude, phase = self._random_waves()
             length = np.linalg.norm(k, axis=1)
@@ -201,18 +194,11 @@ class GerstnerSea(SeaParameters):
         )  # fmt: skip
         shortest = min(self.shortest_wavelength_m or self.tile_m / 40.0, self.tile_m)
         band = WaveBand(self.tile_m, self.dominant_wavelength_m, shortest, math.radians(self.spread_deg))
-        return wind_waves(wind, band, self.wave_count, self.seed, lattice=self.tiling == "lattice")
+        return wind_waves(wind, band, self.wave_count, self.seed)
 
     def fields_at(self, x_m: Array, z_m: Array, time_s: float) -> SurfaceFields:
         """Return the fields at points (n,) [m]."""
-        if self.tiling == "lattice":
-            return gerstner(self.waves, x_m, z_m, time_s)
-        u, v = x_m - self.tile_m * np.floor(x_m / self.tile_m), z_m - self.tile_m * np.floor(z_m / self.tile_m)
-        wu, wv = ((np.maximum(a / self.tile_m - _BLEND_FROM, 0.0)) / (1.0 - _BLEND_FROM) for a in (u, v))
-        here = [((1.0 - wu) * (1.0 - wv), 0.0, 0.0), (wu * (1.0 - wv), self.tile_m, 0.0),
-                ((1.0 - wu) * wv, 0.0, self.tile_m), (wu * wv, self.tile_m, self.tile_m)]  # fmt: skip
-        parts = [(w, gerstner(self.waves, u - a, v - b, time_s)) for w, a, b in here]
-        return SurfaceFields(*(np.sum([w * getattr(f, name) for w, f in parts], axis=0) for name in FIELD_NAMES))
+        return gerstner(self.waves, x_m, z_m, time_s)
 
     def grid_fields(self, size: int, time_s: float) -> SurfaceFields:
         """Return the fields (size, size) at x = column tile/size, z = row tile/size.
@@ -220,10 +206,6 @@ class GerstnerSea(SeaParameters):
         On a grid, exp(i k.(x, z)) is a product of a function of x and one of z: two matrices instead of a sum at every
         point.
         """
-        if self.tiling == "blend":
-            x, z = np.meshgrid(*(np.arange(size) * (self.tile_m / size),) * 2)
-            f = self.fields_at(x.ravel(), z.ravel(), time_s)
-            return SurfaceFields(*(getattr(f, name).reshape(size, size) for name in FIELD_NAMES))
         columns, along_z = _grid_phases_of(self, size)
         rows = self.waves.coefficients(time_s).T[:, None] * along_z
         fields = np.concatenate([rows.real, rows.imag], axis=-1).reshape(-1, len(columns)) @ columns

@@ -17,12 +17,12 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.caustics.sea.base import WAVES_STAY, SeaParameters
+from mr360uw.caustics.sea.base import SeaParameters
 from mr360uw.caustics.sea.dispersion import angular_frequency, looping_frequency
 from mr360uw.caustics.sea.gerstner import Waves
-from mr360uw.caustics.sea.spectrum import PHILLIPS_ALPHA, variance_density
+from mr360uw.caustics.sea.spectrum import variance_density
 from mr360uw.caustics.sea.surface import FIELD_NAMES, SurfaceFields
-from mr360uw.parameters import parameter
+from mr360uw.parameters import advanced, parameter
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -33,30 +33,17 @@ class SpectralSea(SeaParameters):
 
     model: Literal["spectral"] = parameter("spectral", "kind of sea")
     spectrum: Literal["phillips", "jonswap", "tma"] = parameter("jonswap", "spectrum; tma: jonswap on shallow water")
-    resolution: int = parameter(128, "wave vectors across the lattice", low=4, high=2048)
+    resolution: int = advanced(128, "wave vectors across the lattice", low=4, high=2048)
     significant_wave_height_m: float | None = parameter(
         None, "four standard deviations of the tile's heights; none: of the spectrum's waves that fit into it",
         unit="m", low=0.0, high=40.0,
     )  # fmt: skip
     fetch_m: float = parameter(100e3, "distance the wind has blown over", unit="m", low=10.0, high=1e7)
-    peak_enhancement: float = parameter(3.3, "sharpness gamma of the spectrum's peak", low=1.0, high=20.0)
-    swell: float = parameter(0.0, "0: wind sea, 1: long parallel crests", low=0.0, high=1.0)
-    phillips_constant: float = parameter(
-        PHILLIPS_ALPHA, "for spectrum phillips: constant alpha of the equilibrium range, the variance goes with it",
-        unit="1", low=0.0, high=1.0,
-    )  # fmt: skip
-    alignment: float = parameter(
+    alignment: float = advanced(
         2.0, "for spectrum phillips: exponent of the cosine to the wind; 0: none, 20: along the wind alone", unit="1",
         low=0.0, high=64.0,
     )  # fmt: skip
-    small_wave_cutoff_m: float = parameter(
-        0.0, "length l that damps small waves by exp(-(k l)^2); 0: none", unit="m", low=0.0, high=10.0
-    )
     choppiness: float = parameter(0.7, "horizontal shift: 0 = none, 1 = circular orbits", low=0.0, high=2.0)
-    shortest_wavelength_m: float | None = parameter(
-        None, "shorter waves are left out; none: a fortieth of the tile", unit="m", above=0.0, high=2000.0,
-        fixed=WAVES_STAY,
-    )  # fmt: skip
 
     @property
     def lattice(self) -> tuple[Array, Array]:
@@ -134,9 +121,8 @@ def _variance_of(sea: SpectralSea) -> Array:
     """Variance [m^2] of the waves of each wave vector, from the spectrum or scaled to the height that is set."""
     kx, kz = sea.lattice
     variance = variance_density(
-        kx, kz, sea.spectrum, sea.wind_speed, sea.wind_travel, sea.fetch_m, sea.peak_enhancement, sea.swell,
-        sea.water_depth_m, turns=sea.waves_of_wind_deg is not None, phillips_constant=sea.phillips_constant,
-        alignment=sea.alignment, cutoff_m=sea.small_wave_cutoff_m,
+        kx, kz, sea.spectrum, sea.wind_speed, sea.wind_travel, sea.fetch_m, sea.water_depth_m,
+        turns=sea.waves_of_wind_deg is not None, alignment=sea.alignment,
     ) * (2.0 * np.pi / sea.tile_m) ** 2  # fmt: skip
     highest = np.arange(sea.resolution) == sea.resolution // 2
     shortest = sea.shortest_wavelength_m or sea.tile_m / 40.0

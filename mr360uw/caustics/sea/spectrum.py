@@ -5,8 +5,6 @@
     jonswap    alpha g^2 w^-5 exp(-1.25 (wp/w)^4) gamma^r, cos^2s spread      Hasselmann et al. 1973, 1980
     tma        jonswap times the depth factor        Bouws et al. 1985; Thompson & Vincent 1983
 
-Every spectrum may be cut off towards small waves by exp(-(k l)^2) (Tessendorf 2001 eq. 41).
-
 Waves against the wind are left out: there are no standing waves then, and the variance is the same at all times.
 """
 
@@ -22,8 +20,10 @@ from mr360uw.constants import GRAVITY_M_S2
 
 Array = NDArray[np.float64]
 
-PHILLIPS_ALPHA = 8.1e-3
+_PHILLIPS_ALPHA = 8.1e-3
 """Phillips' constant of the equilibrium range; the variance of the waves is proportional to it."""
+_PEAK_ENHANCEMENT = 3.3
+"""Mean sharpness gamma of the peaks of the JONSWAP measurements; 1: a fully developed sea, as Pierson & Moskowitz's."""
 _FADING = 0.5
 """Cosine of the angle to a wind that turns below which waves fade, to nothing across it: over its last 30 degrees. With
 half as much a wave fades in half the time."""
@@ -36,19 +36,15 @@ def variance_density(
     wind_speed: float,
     wind_travel: Array,
     fetch_m: float,
-    peak_enhancement: float,
-    swell: float,
     water_depth_m: float,
     *,
     turns: bool = False,
-    phillips_constant: float = PHILLIPS_ALPHA,
     alignment: float = 2.0,
-    cutoff_m: float = 0.0,
 ) -> Array:
     """Return the variance density F [m^4] over wave vectors (kx, kz) [rad/m]: the integral of F dk_x dk_z is var(h).
 
     turns: the wind changes its direction; waves across it then fade out, so that none ends at once.
-    phillips_constant, alignment: alpha and p of "phillips". cutoff_m: l of the factor exp(-(k l)^2); 0: none.
+    alignment: p of "phillips".
     """
     k = np.hypot(kx, kz)
     if wind_speed == 0.0:
@@ -59,16 +55,14 @@ def variance_density(
     if spectrum == "phillips":
         length = wind_speed**2 / GRAVITY_M_S2
         spread = np.maximum(cosine, 0.0) ** alignment * cosine_power_share(alignment)
-        density = 0.5 * phillips_constant * np.exp(-1.0 / (k * length) ** 2) / k**4 * spread
+        density = 0.5 * _PHILLIPS_ALPHA * np.exp(-1.0 / (k * length) ** 2) / k**4 * spread
     else:
         frequency = angular_frequency(k, water_depth_m)
-        density = jonswap(frequency, wind_speed, fetch_m, peak_enhancement)
+        density = jonswap(frequency, wind_speed, fetch_m)
         if spectrum == "tma":
             density = density * tma_factor(frequency, water_depth_m)
-        spread = cosine_spread(np.arccos(np.clip(cosine, -1.0, 1.0)), frequency, wind_speed, fetch_m, swell)
+        spread = cosine_spread(np.arccos(np.clip(cosine, -1.0, 1.0)), frequency, wind_speed, fetch_m)
         density = density * spread * group_speed(k, water_depth_m) / k
-    if cutoff_m > 0.0:
-        density = density * np.exp(-((k * cutoff_m) ** 2))
     if turns:
         edge = np.clip(cosine / _FADING, 0.0, 1.0)
         density = density * edge**2 * (3.0 - 2.0 * edge)
@@ -80,14 +74,14 @@ def peak_frequency(wind_speed: float, fetch_m: float) -> float:
     return 22.0 * (GRAVITY_M_S2**2 / (wind_speed * fetch_m)) ** (1.0 / 3.0)
 
 
-def jonswap(frequency: Array, wind_speed: float, fetch_m: float, peak_enhancement: float) -> Array:
+def jonswap(frequency: Array, wind_speed: float, fetch_m: float) -> Array:
     """Return S(omega) [m^2 s] of a fetch-limited sea."""
     alpha = 0.076 * (wind_speed**2 / (fetch_m * GRAVITY_M_S2)) ** 0.22
     peak = peak_frequency(wind_speed, fetch_m)
     width = np.where(frequency <= peak, 0.07, 0.09)
     r = np.exp(-((frequency - peak) ** 2) / (2.0 * width**2 * peak**2))
     tail = np.exp(-1.25 * np.minimum((peak / frequency) ** 4, 500.0))
-    return alpha * GRAVITY_M_S2**2 * frequency**-5.0 * tail * peak_enhancement**r
+    return alpha * GRAVITY_M_S2**2 * frequency**-5.0 * tail * _PEAK_ENHANCEMENT**r
 
 
 def tma_factor(frequency: Array, water_depth_m: float) -> Array:
@@ -101,13 +95,13 @@ def cosine_power_share(exponent: float) -> float:
     return math.exp(math.lgamma(0.5 * exponent + 1.0) - math.lgamma(0.5 * exponent + 0.5)) / math.sqrt(math.pi)
 
 
-def cosine_spread(angle: Array, frequency: Array, wind_speed: float, fetch_m: float, swell: float) -> Array:
+def cosine_spread(angle: Array, frequency: Array, wind_speed: float, fetch_m: float) -> Array:
     """Return the directional distribution [1/rad], integral 1: cos^2s(angle/2) (Hasselmann et al. 1980)."""
     from scipy.special import gammaln
 
     ratio = frequency / peak_frequency(wind_speed, fetch_m)
     # the branches meet at 1.046 peak frequencies: parted at the peak itself, a wave would jump as the wind grows
-    s = np.minimum(9.77 * ratio**-2.5, 6.97 * ratio**5.0) + 16.0 * np.tanh(1.0 / ratio) * swell**2
+    s = np.minimum(9.77 * ratio**-2.5, 6.97 * ratio**5.0)
     log_normal = gammaln(s + 1.0) - gammaln(s + 0.5) - np.log(2.0 * np.sqrt(np.pi))
     half = np.maximum(np.abs(np.cos(0.5 * angle)), 1e-30)
     return np.exp(log_normal + 2.0 * s * np.log(half))

@@ -58,11 +58,8 @@ class WaveBand:
         return max(min(self.longest_m or peak_wavelength(wind_speed), self.tile_m), self.shortest_m)
 
 
-def wind_waves(wind: Wind, band: WaveBand, count: int, seed: int, *, lattice: bool) -> tuple[Array, Array, Array]:
-    """Return wave vectors (n, 2) [rad/m], amplitudes (n,) [m] and phases (n,) [rad] of random waves.
-
-    lattice: move the vectors to those that repeat after the tile.
-    """
+def wind_waves(wind: Wind, band: WaveBand, count: int, seed: int) -> tuple[Array, Array, Array]:
+    """Return wave vectors (n, 2) [rad/m] that repeat after the tile, amplitudes (n,) [m] and phases (n,) [rad]."""
     longest, shortest = band.longest_at(wind.greatest_speed), band.shortest_m
     present = min(band.longest_at(wind.speed), longest)
     random = np.random.default_rng([seed, 0x5EA])
@@ -78,8 +75,7 @@ def wind_waves(wind: Wind, band: WaveBand, count: int, seed: int, *, lattice: bo
     wx, wz = math.sin(azimuth), -math.cos(azimuth)
     c, s = np.cos(angle), np.sin(angle)
     k = length[:, None] * np.stack([c * wx - s * wz, s * wx + c * wz], axis=1)
-    if lattice:
-        k = lattice_vector(k, band.tile_m)
+    k = lattice_vector(k, band.tile_m)
     variance = band_slope_variance(wind.speed, 2.0 * np.pi / present, 2.0 * np.pi / shortest)
     amplitude = np.sqrt(2.0 * variance * weight / np.sum(weight)) / np.linalg.norm(k, axis=1)
     return k, amplitude, phase

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mr360uw.composite.at_surface.settings import SurfaceSettings
+from mr360uw.composite.at_surface.settings import WITHIN_M, SurfaceSettings
 from mr360uw.composite.shot import PlacedObject, Shot
 from mr360uw.types import Floats
 
@@ -15,7 +15,7 @@ def object_presence(shot: Shot, settings: SurfaceSettings) -> Floats:
     depth = shot.view.surface_y_m - tops(shot)
     if settings.objects == "all":
         return np.ones(len(depth))
-    return np.clip(4.0 * (1.0 - depth / settings.within_m), 0.0, 1.0)
+    return np.clip(4.0 * (1.0 - depth / WITHIN_M), 0.0, 1.0)
 
 
 def tops(shot: Shot) -> Floats:

@@ -44,6 +44,8 @@ _SLACK = 1.05
 """Factor on distances that are compared with those of the highest and lowest waves: a pixel's are of its centre."""
 _RAYS_AT_ONCE = 200_000
 """Rays traced in one batch. It bounds the memory: twice as many take twice as much."""
+_SAMPLES = 17
+"""Rays of a pixel that meet the surface. Twice as many take twice as long; with fewer, edges in waves are grainy."""
 _SUN_SAMPLES = 2
 """Directions over a light's disc in images, of which the reference takes four times as many."""
 _SMOOTH_FROM, _SMOOTH_FULL = 2.0, 6.0
@@ -93,13 +95,12 @@ def cut_at_surface(
     near = tuple(o for o, share in zip(visible(shot), presence, strict=True) if share > 0.0)
     if not near:
         return layer, None
-    picture = _picture(sides, settings, layer, presence, near, cache)
+    picture = _picture(sides, layer, presence, near, cache)
     return (layer, None) if picture is None else (laid_over(shot, layer, picture), picture.kept)
 
 
 def _picture(
     sides: WaterSides,
-    settings: SurfaceSettings,
     layer: Layer,
     presence: Floats,
     near: tuple[PlacedObject, ...],
@@ -123,7 +124,7 @@ def _picture(
     if len(rows) == 0:
         return None if np.all(kept == 1.0) else BodiesInSurface(*blank_picture(layer), kept)
     bodies = _bodies(sides, presence, cache)
-    samples = pattern(settings.samples)
+    samples = pattern(_SAMPLES)
     alpha, distance = layer.alpha[rows, columns], layer.distance_m[rows, columns]
     covered = (alpha > 0.0) & (kept[rows, columns] > 0.0)
     images, step = [], max(_RAYS_AT_ONCE // samples.count, 1)

@@ -40,12 +40,10 @@ class PlateGrade:
 
         A softness in the settings stands in place of the plate's own; their pixels are those of the plate.
         """
-        if not settings.enabled:
-            return PlateGrade()
         factor = 1.0 if self.columns is None else columns / self.columns
         softness_px = self.softness_px * factor if settings.softness == "auto" else settings.softness * scale
         colour = settings.colour_over(self.colour)
-        return PlateGrade(softness_px, settings.sharpening, settings.sharpening_px * scale, columns, colour)
+        return PlateGrade(softness_px, settings.sharpening, scale, columns, colour)
 
 
 def ceil_px(deviation_px: float) -> int:

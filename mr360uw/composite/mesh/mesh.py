@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,11 +20,11 @@ from mr360uw.composite.mesh.material import Material
 from mr360uw.composite.mesh.mesh_file import read_mesh_file
 from mr360uw.composite.mesh.normals import corner_normals, crease_normals, smooth_patches, welded
 from mr360uw.composite.mesh.part import MeshFile, Part
-from mr360uw.composite.object_settings import Unit
 from mr360uw.errors import MeshError
 from mr360uw.reading.disk_cache import kept_arrays
 from mr360uw.types import Floats
 
+Unit = Literal["auto", "m", "cm", "mm"]
 METRES: dict[Unit, float] = {"auto": 1.0, "m": 1.0, "cm": 0.01, "mm": 0.001}
 """Length of one unit of a file [m]; "auto" for files that do not say."""
 _KEPT = 1000
@@ -178,12 +178,12 @@ def proper_triangles(positions: Floats) -> NDArray[np.bool_]:
 def _size_notes(where: str, extent: Floats) -> tuple[str, ...]:
     longest = float(np.max(extent))
     if longest > _LARGE_M:
-        guess = "cm" if longest < 100.0 * _LARGE_M else "mm"
+        guess: Unit = "cm" if longest < 100.0 * _LARGE_M else "mm"
     elif longest < _SMALL_M:
         return (f"{where} - is only {1000 * longest:.3g} mm large - a scale for the object may be missing",)
     else:
         return ()
-    return (f"{where} - is {longest:.3g} m long - centimetres or millimetres? then set unit = {guess!r}",)
+    return (f"{where} - is {longest:.3g} m long - in {guess}? then set size_m, or scale = {METRES[guess]:g}",)
 
 
 def _corners(part: Part) -> tuple[Floats, Floats, Floats, Floats]:

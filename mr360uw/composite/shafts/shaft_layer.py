@@ -18,13 +18,10 @@ from numpy.typing import NDArray
 
 from mr360uw.cache import Cache
 from mr360uw.composite.aovs import Aovs
-from mr360uw.composite.lighting.sun import sun_of, sun_up
 from mr360uw.composite.shafts.plate_shafts import before_plate
 from mr360uw.composite.shafts.shaft_light import ShaftLight, change_along
 from mr360uw.composite.shot import Shot
-from mr360uw.medium.shafts.beam_share import unoccluded
 from mr360uw.medium.shafts.shaft_scene import ShaftScene
-from mr360uw.sphere import unit
 from mr360uw.types import Floats, Layer, Tile
 
 Array = NDArray[np.float64]
@@ -62,7 +59,7 @@ def _before_objects(
 
 def _added(shot: Shot, light: ShaftLight, scene: ShaftScene, rays: Array, end_m: Array, kept: Cache) -> Floats:
     """Return what lies before objects (n, 3) at ends (n,) [m] of rays (n, 3), times strength, float32."""
-    settings, sun = light.settings, sun_of(shot)
+    settings = light.settings
     end_m = np.minimum(end_m, settings.range_m)
     rays, end_m = (np.asarray(a, np.float64) for a in shot.view.from_middle(rays, end_m))
     of_rays = shot.view.key, light.settings, rays.tobytes(), end_m.tobytes()
@@ -71,9 +68,6 @@ def _added(shot: Shot, light: ShaftLight, scene: ShaftScene, rays: Array, end_m:
         make = partial(change_along, part.per_unit, light, shot.view.width, rays, end_m, kept)
         change = kept.get("light before objects", (part.key, of_rays), make, keep=2)
         found += change if part.pattern is None else change * part.pattern.sun.irradiance
-    if settings.whole and sun is not None:
-        cosine = rays @ unit(sun.direction)
-        found = found + sun.irradiance * unoccluded(scene.water, cosine, rays[:, 1], end_m, scene.depth_m, sun_up(sun))
     return np.asarray(settings.strength * found, np.float32)
 
 

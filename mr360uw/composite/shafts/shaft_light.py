@@ -62,10 +62,7 @@ class ShaftLight:
         """Return the scenes of the water before the objects, and of that before the plate. kept: holds the bodies."""
         settings, bodies = self.settings, casting_bodies(shot, kept)
         lamps = tuple(light for light in shot.lights if isinstance(light, Lamp))
-        phase = None if settings.phase == "water" else ("hg", settings.phase)
-        before = ShaftScene.of(
-            shot.view, self.medium, sun_of(shot), bodies, self.caustics, lamps, spread_rad(shot), phase=phase
-        )
+        before = ShaftScene.of(shot.view, self.medium, sun_of(shot), bodies, self.caustics, lamps, spread_rad(shot))
         if settings.on_plate or before.pattern is None or self.caustics is None:
             return before, before
         still = dataclasses.replace(before.pattern, caustics=None)

@@ -25,7 +25,7 @@ from mr360uw.composite.snow.drift import orbits_of
 from mr360uw.composite.snow.merge import merged
 from mr360uw.composite.snow.particle_light import particle_radiance
 from mr360uw.composite.snow.particles import Reach, particles_near
-from mr360uw.composite.snow.settings import SnowSettings
+from mr360uw.composite.snow.settings import NEAREST_M, SnowSettings
 from mr360uw.composite.snow.size_spectrum import LEAST_COVER, seen_up_to, size_classes
 from mr360uw.composite.snow.splat import SnowPicture, draw_particles
 from mr360uw.constants import PI
@@ -36,6 +36,9 @@ _LEAST_CONTRAST = 0.005
 """Transmittance of the water, in its clearest channel, at which the range ends."""
 _FADE_FROM, _FULL_FROM = 0.8, 1.25
 """Fraction of the range from which on particles fade out, multiple of the least distance up to which they fade in."""
+_PUPIL_M, _FOCUS_M = 0.6e-3, 1.0
+"""Diameter of the lens's entrance pupil a and distance in focus F: an action camera's. A pupil twice as large: twice
+the blur of what is near."""
 _STEPS = 129
 """Distances at which the water's transmittance is read, 3 cm apart within 4 m."""
 
@@ -81,7 +84,7 @@ def with_particles(snow: Snow, shot: Shot, layer: Layer, kept: Cache) -> Layer:
         return layer
     position, velocity, diameter = cloud.position[there], cloud.velocity[there], cloud.diameter_m[there]
     point, distance = point[there], distance[there]
-    radius = _disc_radius(snow.settings, diameter, distance)
+    radius = _disc_radius(diameter, distance)
     half = 0.5 * snow.exposure_s
     radiance = particle_radiance(shot, snow.settings.albedo, snow.settings.phase, point, kept)
     before, behind = SnowPicture.empty(view), SnowPicture.empty(view)
@@ -101,27 +104,27 @@ def particles_in_view(snow: Snow, shot: Shot) -> Cloud:
     farthest = clear.range_m
     per_diameter, depth_m = seen_up_to(view.height), view.surface_y_m - float(view.position[1])
     reach_m = [min(farthest, per_diameter * size.high_m) for size in classes]
-    orbits = orbits_of(snow.sea, depth_m - reach_m[-1]) if settings.orbits else None
+    orbits = orbits_of(snow.sea, depth_m - reach_m[-1])
     whole = 0.0 if orbits is None else orbits.reach_m(depth_m - reach_m[-1])
     margins = [0.0 if orbits is None else orbits.reach_m(depth_m - far_m - whole) for far_m in reach_m]
-    reaches = [Reach(settings.nearest_m, farthest, per_diameter, margin_m) for margin_m in margins]
+    reaches = [Reach(NEAREST_M, farthest, per_diameter, margin_m) for margin_m in margins]
     current = np.asarray(settings.current_m_s, np.float64)
     speeds = [current - np.array([0.0, size.sinking_m_s, 0.0]) for size in classes]
     found = particles_near(
-        classes, settings.exponent, settings.seed, view.position, [snow.time_s * speed for speed in speeds], reaches
+        classes, settings.exponent, snow.sea.seed, view.position, [snow.time_s * speed for speed in speeds], reaches
     )
     velocity, margin = np.asarray(speeds)[found.number], np.asarray(margins)[found.number]
     position, diameter = found.position, found.diameter_m
     kept = position[:, 1] < view.surface_y_m
     mean_m = np.linalg.norm(position - view.position, axis=-1)
-    kept &= clear.contrast(diameter, np.maximum(mean_m - margin, settings.nearest_m), view.height) > LEAST_COVER
+    kept &= clear.contrast(diameter, np.maximum(mean_m - margin, NEAREST_M), view.height) > LEAST_COVER
     position, velocity, diameter = position[kept], velocity[kept], diameter[kept]
     if orbits is not None:
         offset, change = orbits.at(position, view.surface_y_m, snow.time_s, velocity)
         position, velocity = position + offset, velocity + change
     distance = np.linalg.norm(position - view.position, axis=-1)
     fade = (
-        smooth(distance / settings.nearest_m, 1.0, _FULL_FROM)
+        smooth(distance / NEAREST_M, 1.0, _FULL_FROM)
         * smooth(clear.contrast(diameter, distance, view.height) / LEAST_COVER, 1.0, 2.0)
         * (1.0 - smooth(distance / farthest, _FADE_FROM, 1.0))
     )
@@ -165,8 +168,8 @@ def smooth(x: Floats, low: float, high: float) -> Floats:
     return np.asarray(t * t * (3.0 - 2.0 * t))
 
 
-def _disc_radius(settings: SnowSettings, diameter_m: Floats, distance_m: Floats) -> Floats:
-    confusion = 0.5e-3 * settings.aperture_mm * (1.0 / distance_m - 1.0 / settings.focus_m)
+def _disc_radius(diameter_m: Floats, distance_m: Floats) -> Floats:
+    confusion = 0.5 * _PUPIL_M * (1.0 / distance_m - 1.0 / _FOCUS_M)
     return np.asarray(np.hypot(0.5 * diameter_m / distance_m, confusion))
 
 

@@ -26,7 +26,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mr360uw.composite.snow.settings import SnowSettings
+from mr360uw.composite.snow.settings import NEAREST_M, SnowSettings
 from mr360uw.constants import PI
 from mr360uw.medium.water import Water
 
@@ -72,14 +72,14 @@ def number_between(low_m: float, high_m: float, exponent: float, scattering: flo
 
 def size_classes(settings: SnowSettings, scattering: float) -> tuple[SizeClass, ...]:
     """Return the classes of a scene's particles, from the smallest on. scattering: by the water's particles [1/m]."""
-    smallest, largest = 1e-3 * settings.smallest_mm, 1e-3 * settings.largest_mm
+    smallest, largest = (1e-3 * size for size in settings.sizes_mm)
     count = max(math.ceil(math.log2(largest / smallest) - 1e-9), 1)
     classes = []
     for number in range(count):
         low, high = smallest * 2.0**number, min(smallest * 2.0 ** (number + 1), largest)
         per_m3 = settings.amount * number_between(low, high, settings.exponent, scattering)
         middle_mm = 1e3 * math.sqrt(low * high)
-        classes.append(SizeClass(low, high, per_m3, settings.settling * _SINKING_M_S * middle_mm**_SINKING_POWER))
+        classes.append(SizeClass(low, high, per_m3, _SINKING_M_S * middle_mm**_SINKING_POWER))
     return tuple(classes)
 
 
@@ -96,7 +96,7 @@ def number_drawn(settings: SnowSettings, scattering: float, height: int) -> floa
     number = 0.0
     for size in size_classes(settings, scattering):
         reach = min(settings.range_m, seen_up_to(height) * math.sqrt(size.low_m * size.high_m))
-        number += size.per_m3 * 4.0 / 3.0 * PI * max(reach**3 - settings.nearest_m**3, 0.0)
+        number += size.per_m3 * 4.0 / 3.0 * PI * max(reach**3 - NEAREST_M**3, 0.0)
     return number
 
 
@@ -107,7 +107,7 @@ def note_on(settings: SnowSettings, water: Water, height: int) -> str:
         return f"snow - a frame shows none (got {number:.2g} particles large enough to see) - raise snow.amount"
     if number > _MOST:
         took = f"got {number:.2g} particles, up to {number * _PARTICLE_S:.0f} s a frame"
-        return f"snow - is dense ({took}) - lower snow.amount or snow.range_m, or raise snow.smallest_mm"
+        return f"snow - is dense ({took}) - lower snow.amount or snow.range_m, or raise the first of snow.sizes_mm"
     return ""
 
 
@@ -115,11 +115,11 @@ def in_words(settings: SnowSettings, water: Water) -> tuple[bool, str]:
     """Return whether a water has any snow to draw, and its number, or why there is none, as the plan shows it."""
     per_m3 = sum(size.per_m3 for size in size_classes(settings, particle_scattering(water)))
     if per_m3 <= 0.0:
-        return False, "snow.amount is 0" if settings.amount == 0.0 else "the water has no particles that scatter"
-    near, far, ball = settings.nearest_m, settings.range_m, 4.0 / 3.0 * PI
+        return False, "the water has no particles that scatter"
+    near, far, ball = NEAREST_M, settings.range_m, 4.0 / 3.0 * PI
     within = ball * (far**3 - near**3) * per_m3
     return True, (
-        f"{per_m3:.3g} particles of {settings.smallest_mm:g} to {settings.largest_mm:g} mm in a cubic metre, from the "
+        f"{per_m3:.3g} particles of {settings.sizes_mm[0]:g} to {settings.sizes_mm[1]:g} mm in a cubic metre, from the "
         f"water's scattering; {within:.2g} within {far:g} m, of which those that a pixel shows are drawn"
     )
 

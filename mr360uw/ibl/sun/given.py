@@ -15,6 +15,6 @@ def given_direction(settings: LightSettings) -> Array | None:
     if settings.sun == "given":
         return direction_from_angles(math.radians(settings.sun_azimuth_deg), math.radians(settings.sun_elevation_deg))
     if settings.sun == "date":
-        azimuth, elevation = daylight_angles(settings.sun_time, settings.latitude_deg, settings.longitude_deg)
+        azimuth, elevation = daylight_angles(settings.sun_time, *settings.place_deg)
         return direction_from_angles(azimuth - math.radians(settings.heading_deg), elevation)
     return None

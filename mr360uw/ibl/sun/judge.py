@@ -37,6 +37,8 @@ from mr360uw.types import Floats
 _DOUBT = (0.2, 0.8)
 """Doubt up to which a spot surely is a sun, and from which it is none. The middle is that of the gap, 0.31 to 0.72,
 between the suns in the first half of `benchmarks/suns.py verdict`, all but one, and what is none there."""
+_HALF_TAKEN = 0.5
+"""Confidence at which half of a detected sun's light is its beam. Twice as much: only the surest suns cast shadows."""
 _WIDEST_SUN_DEG = (8.0, 15.0)
 """Radius [deg] of an unclipped spot up to which it may be a sun, and from which it is a bright part of the sky."""
 _WIDEST_GLARE_DEG = (5.0, 18.0)
@@ -184,12 +186,12 @@ def falling(x: float, one: float, zero: float) -> float:
     return t * t * (3.0 - 2.0 * t)
 
 
-def taken_share(confidence: float, minimum: float) -> float:
+def taken_share(confidence: float) -> float:
     """Return the share of a detected sun's light that is taken for its beam, smooth in the confidence.
 
-    minimum: confidence at which it is a half; 0 takes all. It is 0 up to half of that, and 1 from half above it.
+    It is 0 up to half of `_HALF_TAKEN`, and 1 from half above it.
     """
-    return falling(confidence, min(1.5 * minimum, 1.0), 0.5 * minimum) if minimum > 0.0 else 1.0
+    return falling(confidence, 1.5 * _HALF_TAKEN, 0.5 * _HALF_TAKEN)
 
 
 def _edged(blob: Blob) -> tuple[float, str]:

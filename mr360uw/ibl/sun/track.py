@@ -120,7 +120,6 @@ def track_suns(
     measurements: Sequence[SunMeasurement | Sun | None],
     times_s: Sequence[float] | None = None,
     *,
-    minimum_confidence: float = 0.5,
     camera: Camera = "unknown",
 ) -> SunTrack:
     """Return the track of a whole clip from one measurement per frame, in order.
@@ -128,8 +127,8 @@ def track_suns(
     camera: what is known of its rotation, from which the measurements come in world axes: "tracked", all of it, in
     one take without cuts; "levelled", its tilt but not its heading; "unknown", nothing.
     Suns or None may stand in for measurements; then `times_s` are their times (default: 30 frames a second) and cuts
-    show only in the sun's direction. Frames count by the share of their sun that `minimum_confidence` takes; those that
-    take none are bridged.
+    show only in the sun's direction. Frames count by the share of their sun that is taken; those of none are
+    bridged.
     """
     frames = [m if isinstance(m, SunMeasurement) else SunMeasurement(k / 30.0, m) for k, m in enumerate(measurements)]
     if not frames:
@@ -145,7 +144,7 @@ def track_suns(
             direction[k], irradiance[k] = frame.sun.direction, frame.sun.irradiance
             half_angle[k], confidence[k] = frame.sun.half_angle_rad, frame.sun.confidence
             share[k] = frame.sun.share
-    weight = confidence * [taken_share(c, minimum_confidence) for c in confidence]
+    weight = confidence * [taken_share(c) for c in confidence]
     cuts = () if camera == "tracked" else find_cuts(direction, weight, [f.thumbnail for f in frames])
     smoothed = [
         _steady_shot(times[a:b], direction[a:b], irradiance[a:b], half_angle[a:b], share[a:b], weight[a:b], camera)

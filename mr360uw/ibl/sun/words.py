@@ -36,18 +36,16 @@ class SunFound:
         return "\n".join(["", f"# {self.words}; to make it the sun, uncomment:", *(f"# {row}" for row in rows), ""])
 
 
-def sun_found(
-    plate: Plate, world_from_camera: Floats, minimum_confidence: float = 0.5, *, underwater: bool = False
-) -> SunFound:
+def sun_found(plate: Plate, world_from_camera: Floats, *, underwater: bool = False) -> SunFound:
     """Return what is found of a sun in a plate.
 
-    world_from_camera: rotation (3, 3). minimum_confidence: as in the settings of the light.
+    world_from_camera: rotation (3, 3).
     """
     disc = find_disc(plate, underwater=underwater)
     if disc is None:
         return SunFound("no sun: nothing stands out")
     azimuth, elevation = _angles_deg(world_from_camera @ disc.blob.direction)
-    share = taken_share(disc.confidence, minimum_confidence)
+    share = taken_share(disc.confidence)
     place = f"{_place(azimuth, elevation)}, confidence {disc.confidence:.2f}"
     against = f"; {disc.reason}" if disc.reason else ""
     if share > 0.0:

@@ -20,7 +20,6 @@ from mr360uw.constants import MINIMUM_SUN_UP
 from mr360uw.errors import ParameterError
 from mr360uw.medium.lookup import linear, table_coordinate
 from mr360uw.medium.medium import Medium
-from mr360uw.medium.phase import Phase
 from mr360uw.medium.shafts.beam_pattern import BeamPattern
 from mr360uw.medium.shafts.lamp_rays import lamp_segments
 from mr360uw.medium.shafts.occluders import Bodies, bodies_of
@@ -76,24 +75,19 @@ class ShaftScene:
         lamps: Sequence[Lamp] = (),
         spread_rad: float = SPREAD_RAD,
         sun_samples: int = SUN_SAMPLES,
-        phase: Phase | None = None,
     ) -> ShaftScene:
-        """Return the scene of a view; see `deviation.shaft_deviation` for the arguments. Raises `ParameterError`.
-
-        phase: of the particles, for the angle by which light turns to the camera alone; None: the water's.
-        """
+        """Return the scene of a view; see `deviation.shaft_deviation` for the arguments. Raises `ParameterError`."""
         if sun_samples < 1 or not 0.0 <= spread_rad <= _WIDEST_RAD:
             raise ParameterError(
                 f"shafts - sun_samples must be 1 or more, spread_rad in [0, {_WIDEST_RAD:.3f}] (got {sun_samples}, "
                 f"{spread_rad}) - correct them"
             )
-        water = ShaftWater.of(medium) if phase is None else replace(ShaftWater.of(medium), phase=phase)
         solid, pattern = bodies_of(bodies), None
         if sun is not None and sun.direction[1] > 0.0:
             exactly("sun.irradiance", sun.irradiance, (3,))
             pattern = BeamPattern(sun, solid, caustics, view.surface_y_m, sun_samples, spread_rad)
         return cls(
-            water, np.asarray(view.position, np.float64), camera_depth_m(view, view.surface_y_m), solid,
+            ShaftWater.of(medium), np.asarray(view.position, np.float64), camera_depth_m(view, view.surface_y_m), solid,
             None if pattern is None or pattern.even else pattern,
             tuple(lamp for lamp in lamps if np.any(lamp.intensity > 0.0)), medium.length_m,
         )  # fmt: skip

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.errors import ParameterError
-from mr360uw.medium.spectral.sensor import DEFAULT_ILLUMINANT, DEFAULT_SENSOR, VISIBLE_NM, Sensor, illuminant
-from mr360uw.shapes import vectors
+from mr360uw.medium.spectral.sensor import DEFAULT_ILLUMINANT, VISIBLE_NM, Sensor, checked_sensor, illuminant
+from mr360uw.shapes import vectors, whole
 
 Array = NDArray[np.float64]
 
@@ -84,9 +84,8 @@ def bands(
     times illuminant averaged over each interval. fitted: wavelengths and weights that reproduce the colours of water
     best (n = 2 to 24; see `fitted`); its weights are never negative unless the sensor's own are.
     """
-    sensor = sensor or Sensor.camera(DEFAULT_SENSOR)
-    if not 1 <= n <= 1000:
-        raise ParameterError(f"bands - out of range (got {n!r}) - choose 1 to 1000")
+    sensor = checked_sensor(sensor)
+    n = whole("bands", n, 1, 1000)
     if rule not in get_args(Rule):
         raise ParameterError(f"rule - unknown (got {rule!r}) - take one of {', '.join(get_args(Rule))}")
     low, high = range_nm

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from mr360uw.errors import ParameterError
 from mr360uw.medium.tables import Spectrum, builtin_cameras, builtin_spectrum, builtin_table, read_table
-from mr360uw.shapes import numbers, real
+from mr360uw.shapes import instance, numbers, real
 
 Array = NDArray[np.float64]
 
@@ -64,7 +64,7 @@ class Sensor:
     @classmethod
     def camera(cls, name: str) -> Sensor:
         """Return the raw channels of one of `cameras()`, by its name or a part that only it has, like "Insta360 X5"."""
-        found = _matching(name, cameras())
+        found = _matching(instance("camera", name, str, "give a name of `cameras()`"), cameras())
         if len(found) != 1:
             what = "no such camera" if not found else f"fits {len(found)} cameras"
             choices = ", ".join(found or cameras())
@@ -106,6 +106,13 @@ def _cie1931() -> Sensor:
     xyz = np.column_stack([table["x"], table["y"], table["z"]])
     name = "CIE 1931"
     return Sensor(name, Spectrum(name, table["wavelength_nm"], xyz), REC709_FROM_XYZ)
+
+
+def checked_sensor(sensor: Sensor | None) -> Sensor:
+    """Return a sensor, the default camera for None; raise `ParameterError` for anything else."""
+    if sensor is None:
+        return Sensor.camera(DEFAULT_SENSOR)
+    return instance("sensor", sensor, Sensor, 'make one, as by Sensor.camera("Insta360 X5")')
 
 
 def named_sensor(name: str) -> Sensor:

@@ -24,7 +24,7 @@ from mr360uw.ibl import SunTrack
 from mr360uw.ibl.lighting import light_between, sun_between, turned
 from mr360uw.medium.fit.exposure import UNCHANGED, picture_change
 from mr360uw.render.exposed_water import exposed_water
-from mr360uw.render.first_pass import ClipFacts
+from mr360uw.render.first_pass import ClipAnalysis
 from mr360uw.render.frame import finite
 from mr360uw.render.loaded import Loaded
 from mr360uw.render.plate_light import FrameLight, plate_light, plate_ratio
@@ -65,7 +65,7 @@ class LightKnots:
     def __init__(
         self,
         loaded: Loaded,
-        facts: ClipFacts,
+        facts: ClipAnalysis,
         video: VideoReader,
         read: Callable[[int, int], Iterator[VideoFrame]],
     ) -> None:

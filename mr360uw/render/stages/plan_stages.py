@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mr360uw.composite.at_surface.settings import FAINTEST
+from mr360uw.composite.at_surface.settings import FAINTEST, WITHIN_M
 from mr360uw.ibl import LightSettings
 from mr360uw.medium.lookup import beam_fraction, transmittance_lookup
 from mr360uw.scene.model import Scene
@@ -92,7 +92,7 @@ def surface_stage(scene: Scene, objects: Facts, medium: MediumTable | None) -> S
             False, "switched off" if settings.objects == "none" else "no objects" if not objects else 'water is "none"'
         )
     depth_m = min(facts.depth_m for facts in objects)
-    within = np.inf if settings.objects == "all" else settings.within_m
+    within = np.inf if settings.objects == "all" else WITHIN_M
     left = float(transmittance_lookup(medium, _shallowest_m(scene) + max(depth_m, 0.0), 0.0).max())
     near = f"an object comes within {max(depth_m, 0.0):.1f} m of the surface"
     if depth_m >= within:
@@ -116,9 +116,10 @@ def _shallowest_m(scene: Scene) -> float:
 
 def snow_stage(scene: Scene, medium: MediumTable | None) -> Stage:
     """Return whether particles are drawn."""
-    water = scene.water.water() if scene.snow.enabled and medium is not None else None
+    drawn = scene.snow.amount > 0.0
+    water = scene.water.water() if drawn and medium is not None else None
     if water is None:
-        return Stage(False, 'water is "none"' if scene.snow.enabled else "switched off")
+        return Stage(False, 'water is "none"' if drawn else "snow.amount is 0")
     from mr360uw.composite.snow.size_spectrum import in_words
 
     return Stage(*in_words(scene.snow, water))

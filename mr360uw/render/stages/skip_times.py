@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 
 from mr360uw.cache import Cache
 from mr360uw.render.backends import Backend, make_backend
-from mr360uw.render.first_pass import ClipFacts
+from mr360uw.render.first_pass import ClipAnalysis
 from mr360uw.render.frame import finished, frame_stages
 from mr360uw.render.loaded import Loaded, load
 from mr360uw.render.plan import Plan
@@ -116,5 +116,5 @@ def _with(plan: Plan, names: Sequence[str]) -> Plan:
 def _frame_ms(loaded: Loaded, backend: Backend, plate: VideoFrame) -> float:
     """Return the processor time [ms] of a frame; of earlier frames, only the renderer's geometry is kept."""
     began = time.process_time()
-    finished(frame_stages(loaded, ClipFacts(), backend, plate, 0.0, kept=Cache()))
+    finished(frame_stages(loaded, ClipAnalysis(), backend, plate, 0.0, kept=Cache()))
     return 1e3 * (time.process_time() - began)

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from mr360uw.color import Primaries, Transfer
 from mr360uw.errors import VideoError
+from mr360uw.shapes import file_path
 from mr360uw.video.clip import checked_rate
 from mr360uw.video.read.images import ImageReader, picture_files
 from mr360uw.video.read.layout import Eye, Layout
@@ -44,7 +45,8 @@ def open_video(
 
     VideoError where the plate cannot be used.
     """
-    kind = projection_of(Path(path), projection) if equirectangular else "equirectangular"
+    path = file_path("video", path)
+    kind = projection_of(path, projection) if equirectangular else "equirectangular"
     if kind != "equirectangular":
         from mr360uw.video.read.unwrapped import open_unwrapped
 

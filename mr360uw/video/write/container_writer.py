@@ -184,17 +184,15 @@ class ContainerWriter(VideoWriter):
             publish(self._part, self.path, overwrite=self._overwrite)
 
     def _mark(self) -> None:
-        """Mark a panorama and spatial audio, and put the index in front where that is asked for."""
-        sphere, spatial, front = self._metadata, self._others.spatial, self._settings.faststart
-        if sphere is None and not any(spatial) and not front:
-            return
+        """Mark a panorama and spatial audio, and put the index in front."""
+        sphere, spatial = self._metadata, self._others.spatial
 
         def edit(moov: Box) -> None:
             embed_spatial(moov, spatial)
             if sphere is not None:
                 embed(moov, sphere)
 
-        edit_moov(self._part, edit, front)
+        edit_moov(self._part, edit, front=True)
 
     def abort(self) -> None:
         """Close and remove the temporary file, if it is still there."""

@@ -89,5 +89,4 @@ def resolved(settings: EncodeSettings, like: Clip, path: Path | None = None) -> 
             f'output.encoder - output.target = "{settings.target}" takes {delivery.codec} for this plate (got '
             f"{settings.encoder}) - take one of {', '.join(fits)}, or software"
         )
-    changed = {"codec": delivery.codec, "pixel_format": delivery.pixel_format, "faststart": True}
-    return settings.model_copy(update=changed)
+    return settings.model_copy(update={"codec": delivery.codec, "pixel_format": delivery.pixel_format})

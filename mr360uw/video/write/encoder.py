@@ -45,7 +45,7 @@ class Encoder:
         context.time_base = like.time_base
         context.framerate = like.frame_rate
         context.thread_type = "AUTO"
-        context.thread_count = settings.threads
+        context.thread_count = 0
         hdr = {} if like.hdr is None else like.hdr.encoder_options(settings.codec)
         delivery = delivery_of(settings, like)
         context.options = settings.encoder_options(hdr, None if delivery is None else delivery.encoder_options())
