@@ -9,24 +9,29 @@ the JSON schema and the tables of the documentation all read them from there.
 from __future__ import annotations
 
 from functools import partial
-from typing import Any, Literal, get_args
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 from pydantic.fields import FieldInfo
 
 from mr360uw.errors import ParameterError
 
+if TYPE_CHECKING:
+    from pydantic._internal._model_construction import ModelMetaclass
+else:
+    ModelMetaclass = type(BaseModel)
+
 FULL_TURN_DEG = 360.0
 
 
-class _RefusedAsArguments(type(BaseModel)):  # type: ignore[misc]
+class _RefusedAsArguments(ModelMetaclass):
     """The class of models whose call raises `ParameterError`; tables of files are validated without a call."""
 
-    def __call__(cls, *arguments: Any, **values: Any) -> Any:
+    def __call__(self, *arguments: Any, **values: Any) -> Any:
         try:
             return super().__call__(*arguments, **values)
         except ValidationError as error:
-            raise ParameterError("\n".join(_told(cls.__name__, one) for one in error.errors())) from None
+            raise ParameterError("\n".join(_told(self.__name__, one) for one in error.errors())) from None
 
 
 def _told(model: str, problem: Any) -> str:

@@ -136,7 +136,7 @@ class GerstnerSea(SeaParameters):
                 GerstnerWave(wave_vector=(kx, kz), amplitude_m=a, steepness=q, phase_rad=p)
                 for (kx, kz), a, q, p in zip(k.tolist(), *(r.tolist() for r in rows), strict=True)
             )
-            return cls(explicit_waves=waves, tile_m=tile_m, **knobs)  # type: ignore[arg-type]
+            return cls(explicit_waves=waves, tile_m=tile_m, **knobs)
         except ValueError as error:
             reason = "; ".join(str(error).splitlines()[:4])
             raise ParameterError(f"waves - cannot be used (got: {reason}) - see GerstnerWave for the ranges") from error
