@@ -8,13 +8,14 @@ the JSON schema and the tables of the documentation all read them from there.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 from pydantic.fields import FieldInfo
 
-from mr360uw.errors import ParameterError
+from mr360uw.errors import Mr360uwError, ParameterError
 
 if TYPE_CHECKING:
     from pydantic._internal._model_construction import ModelMetaclass
@@ -25,13 +26,15 @@ FULL_TURN_DEG = 360.0
 
 
 class _RefusedAsArguments(ModelMetaclass):
-    """The class of models whose call raises `ParameterError`; tables of files are validated without a call."""
+    """The class of models whose call raises an error of the project's; tables of files are validated without a call."""
+
+    refusal: Callable[[ValidationError], Mr360uwError]
 
     def __call__(self, *arguments: Any, **values: Any) -> Any:
         try:
             return super().__call__(*arguments, **values)
         except ValidationError as error:
-            raise ParameterError("\n".join(_told(self.__name__, one) for one in error.errors())) from None
+            raise self.refusal(error) from None
 
 
 def _told(model: str, problem: Any) -> str:
@@ -46,6 +49,11 @@ class Parameters(BaseModel, metaclass=_RefusedAsArguments):
     """Frozen, strict about unknown keys, finite numbers only. Raises `ParameterError` where it is called."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, validate_default=True)
+
+    @classmethod
+    def refusal(cls, error: ValidationError) -> Mr360uwError:
+        """Return what a call of this model raises for an error of pydantic's."""
+        return ParameterError("\n".join(_told(cls.__name__, one) for one in error.errors()))
 
     @model_validator(mode="before")
     @classmethod

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import BeforeValidator, ConfigDict, model_validator
+from pydantic import BaseModel, BeforeValidator, ConfigDict, ValidationError, model_validator
 
 from mr360uw.caustics.sea.gerstner import GerstnerSea
 from mr360uw.caustics.settings import CausticSettings, Sea
@@ -22,6 +22,7 @@ from mr360uw.composite.grading.settings import MatchSettings
 from mr360uw.composite.object_settings import ObjectSettings
 from mr360uw.composite.settings import DrawSettings, HoldoutSettings, LampSettings, ReceiverSettings
 from mr360uw.composite.snow.settings import SnowSettings
+from mr360uw.errors import SceneError
 from mr360uw.ibl.settings import LightSettings
 from mr360uw.medium.settings import WaterSettings
 from mr360uw.medium.shafts.settings import ShaftSettings
@@ -29,8 +30,11 @@ from mr360uw.parameters import Parameters, advanced, parameter
 from mr360uw.scene.file_lines import Lines
 from mr360uw.scene.key_problems import check_keys
 from mr360uw.scene.key_settings import KeyedParameter
+from mr360uw.scene.overrides import override
+from mr360uw.scene.problems import problems
 from mr360uw.scene.quality import with_quality
-from mr360uw.scene.toml_model import load_model, model_from_dict, named_files
+from mr360uw.scene.toml_model import load_model, model_from_dict, named_files, with_absolute_paths
+from mr360uw.scene.toml_text import toml_document
 from mr360uw.shapes import file_path
 from mr360uw.video.read.projection import FISHEYE_FOV_DEG, Projection
 from mr360uw.video.settings import EncodeSettings
@@ -134,6 +138,18 @@ class CameraSettings(Parameters):
         return self
 
 
+def _tables(value: Any) -> Any:
+    """Return settings, and what holds them, as the nested tables of a file; of models what was set."""
+    if isinstance(value, BaseModel):
+        fields = type(value).model_fields
+        value = {fields[name].alias or name: getattr(value, name) for name in fields if name in value.model_fields_set}
+    if isinstance(value, dict):
+        return {name: _tables(one) for name, one in value.items() if one is not None}
+    if isinstance(value, list | tuple):
+        return [_tables(one) for one in value]
+    return str(value) if isinstance(value, Path) else value
+
+
 def _plate_from_path(value: Any) -> Any:
     return {"path": value} if isinstance(value, str | Path) else value
 
@@ -175,6 +191,31 @@ class Scene(Parameters):
     keys: tuple[KeyedParameter, ...] = parameter((), "parameters that change over time", fixed="keys stay as they are")
 
     _of_quality = model_validator(mode="before")(staticmethod(with_quality))
+
+    @classmethod
+    def refusal(cls, error: ValidationError) -> SceneError:
+        """Return what is wrong with the tables of a scene that is made in Python, in the words of a file's."""
+        return SceneError("Scene", problems(error, cls, "Scene", {}))
+
+    def with_(self, *overrides: str, **tables: Any) -> Scene:
+        """Return the scene with some settings changed, checked as a file is.
+
+        overrides: as the command line sets them, 'object.0.scale=2'. tables: by name; the keys of a table replace those
+        of the scene's, as in water={"type": "II"}, lists of tables and single values replace the scene's. Raises
+        `SceneError` with one line for each problem.
+        """
+        data = _tables(self)
+        for name, value in tables.items():
+            key = fields[name].alias or name if name in (fields := type(self).model_fields) else name
+            old, new = data.get(key), _tables(value)
+            data[key] = {**old, **new} if isinstance(old, dict) and isinstance(new, dict) else new
+        for one in overrides:
+            override(data, one)
+        return model_from_dict(Scene, data, Path.cwd(), "Scene")
+
+    def to_toml(self) -> str:
+        """Return the text of a scene file with the settings that are not left at their defaults; paths are absolute."""
+        return toml_document(_tables(with_absolute_paths(self, Path.cwd())))
 
     @model_validator(mode="after")
     def _lamps_on_objects(self) -> Scene:

@@ -10,6 +10,7 @@ from pydantic.fields import FieldInfo
 
 from mr360uw.scene.model import Scene
 from mr360uw.scene.problems import bounds_text, models_of
+from mr360uw.scene.toml_text import toml_value
 
 
 def scene_text(chosen: dict[str, Any]) -> str:
@@ -56,18 +57,6 @@ def _help(field: FieldInfo, *, trailing: bool = False) -> str:
     bounds = bounds_text(field)
     text = (field.description or "") + (f" [{bounds}]" if bounds else "")
     return (f"   # {text}" if text else "") if trailing else f"# {text}"
-
-
-def toml_value(value: Any) -> str:
-    """Return a value as TOML writes it."""
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, int | float):
-        return repr(value)
-    if isinstance(value, tuple | list):
-        return "[" + ", ".join(toml_value(item) for item in value) + "]"
-    text = str(value).replace("\\", "\\\\").replace('"', '\\"')
-    return '"' + "".join(c if c.isprintable() else f"\\U{ord(c):08X}" for c in text) + '"'
 
 
 def _model_of(field: FieldInfo) -> type[BaseModel] | None:

@@ -63,7 +63,7 @@ def model_from_dict(
         ) from None
     except ValidationError as error:
         raise SceneError(where, problems(error, model, where, lines or {})) from None
-    made = _with_absolute_paths(made, folder)
+    made = with_absolute_paths(made, folder)
     unusable = [
         f"{place(where, lines or {}, location)} - {problem}"
         for location, file in named_files(made)
@@ -74,16 +74,18 @@ def model_from_dict(
     return made
 
 
-def _with_absolute_paths(value: Any, folder: Path) -> Any:
+def with_absolute_paths(value: Any, folder: Path) -> Any:
+    """Return a model, or a value of one, whose relative paths start at a folder."""
     if isinstance(value, Path):
         return value if value.is_absolute() else folder / value
     if isinstance(value, tuple):
-        return tuple(_with_absolute_paths(item, folder) for item in value)
+        moved = tuple(with_absolute_paths(item, folder) for item in value)
+        return value if all(new is old for new, old in zip(moved, value, strict=True)) else moved
     if isinstance(value, BaseModel):
         changed = {}
         for name in type(value).model_fields:
             old = getattr(value, name)
-            new = _with_absolute_paths(old, folder)
+            new = with_absolute_paths(old, folder)
             if new is not old:
                 changed[name] = new
         return value.model_copy(update=changed) if changed else value

@@ -16,7 +16,6 @@ from tomlkit.items import AoT, Array, InlineTable, Item
 
 from mr360uw.errors import ParameterError
 from mr360uw.scene.file_lines import key_lines
-from mr360uw.scene.template import toml_value
 
 Key = tuple[str | int, ...]
 
@@ -34,15 +33,6 @@ def find(tree: Any, key: Key) -> Any:
             return None
         tree = tree[part]
     return tree
-
-
-def toml_text(value: Any) -> str:
-    """Return a value as TOML writes it in one line, tables too."""
-    if isinstance(value, dict):
-        return "{" + ", ".join(f"{name} = {toml_text(one)}" for name, one in value.items()) + "}"
-    if isinstance(value, list | tuple):
-        return "[" + ", ".join(toml_text(one) for one in value) + "]"
-    return toml_value(value)
 
 
 def with_value(text: str, key: Key, value: Any) -> str:

@@ -11,9 +11,9 @@ from typing import Any
 from nicegui.element import Element
 from nicegui.events import GenericEventArguments
 
+from mr360uw.scene.toml_text import toml_value
 from mr360uw.tune.editing.document import Document
 from mr360uw.tune.editing.fields import FIRST, Field, Group, groups
-from mr360uw.tune.editing.toml_edit import toml_text
 
 
 def control_spec(tables: tuple[Group, ...]) -> list[dict[str, Any]]:
@@ -85,7 +85,7 @@ class ControlPanel(Element, component="controls.js"):
         for key, value in _leaves(tree):
             field = self._field(key)
             if field is not None and field.kind == "toml":
-                texts[key] = toml_text(value)
+                texts[key] = toml_value(value)
         errors = {key: self._document.problem_of(key) for key in self._document.problem_keys()}
         return {"tree": _jsonable(tree), "texts": texts, "errors": errors, "keyed": self._keyed()}
 
