@@ -1,4 +1,4 @@
-from . import caustics, composite, from_above, ibl, medium, surface, video
+from . import caustics, composite, datasets, from_above, ibl, medium, surface, video
 from .compositor import Compositor, FrameResult, analyse_clip, render_frame
 from .errors import GlError, MeshError, Mr360uwError, OutputExistsError, ParameterError, SceneError, VideoError
 from .from_above import AerialScene, aerial, load_aerial
@@ -41,6 +41,7 @@ __all__ = [
     "caustics",
     "composite",
     "composite_video",
+    "datasets",
     "floor_from_track",
     "from_above",
     "ibl",

@@ -8,6 +8,7 @@ import importlib.util
 from typing import Any
 
 EXTRAS = {
+    "data": ("xarray",),
     "farm": ("distributed",),
     "gltf": ("DracoPy", "meshopt"),
     "notebook": ("ipywidgets", "tomlkit"),

@@ -168,9 +168,11 @@ def test_settings() -> None:
         assert np.all(np.isfinite(WaterSettings(**keys).medium(DEPTH).table.veil))
     medium = WaterSettings(gain=(0.5, 0.6, 0.7)).medium(DEPTH)
     np.testing.assert_array_equal(medium.gain, [0.5, 0.6, 0.7])
-    for keys in ({"type": "IV"}, {"type": "csv"}, {"gain": (1.0, -1.0, 1.0)}, {"bands": 0}, {"typ": "II"}):
-        with pytest.raises(ValueError, match="WaterSettings"):
-            WaterSettings(**keys)
+    for named, value in (("type", "IV"), ("gain", (1.0, -1.0, 1.0)), ("bands", 0), ("typ", "II")):
+        with pytest.raises(ParameterError, match=rf"WaterSettings\.{named}.* - .* \(got "):
+            WaterSettings(**{named: value})
+    with pytest.raises(ParameterError, match="csv - type csv needs a file"):
+        WaterSettings(type="csv")
 
 
 @pytest.mark.parametrize(

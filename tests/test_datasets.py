@@ -1,0 +1,70 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Results as labelled arrays are the results of the calls, and a table keeps them, their units and their source."""
+
+from __future__ import annotations
+
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import mr360uw as uw
+from mr360uw.medium import LightField, Medium, Water
+
+WATER = Water.jerlov("IB")
+
+
+def test_properties_of_a_water() -> None:
+    made = uw.datasets.of_water(WATER, [450.0, 550.0])
+    np.testing.assert_array_equal(made.c, made.a + made.b)
+    np.testing.assert_array_equal(made.K_d.sel(wavelength_nm=550.0), WATER.diffuse_attenuation(550.0))
+    assert (made.a.attrs["units"], made.attrs["source"]) == ("1/m", WATER.source)
+
+
+def test_what_a_camera_sees_lies_where_its_axes_say() -> None:
+    medium = Medium(WATER, mode="kd").scaled(2.0)
+    made = uw.datasets.of_medium(medium, [0.0, 5.0], [3.0, 4.0, 6.0], [-0.5, 0.25])
+    one = made.sel(distance_m=5.0, depth_m=4.0, up=-0.5)
+    close = partial(np.testing.assert_allclose, rtol=1e-13)  # sums of many rays and of one are rounded differently
+    close(one.transmittance, medium.transmittance(5.0, 4.0, -0.5))
+    close(one.veil.sel(channel="green"), medium.veil(5.0, 4.0, -0.5)[1])
+    close(made.irradiance.sel(depth_m=6.0), medium.irradiance(6.0))
+    close(made.transmittance.sel(distance_m=0.0), 1.0)
+
+
+def test_a_light_field_keeps_the_balance_of_its_energy() -> None:
+    """d(E_d - E_u)/dz = -a E_0 (Gershun 1939)."""
+    depth = np.array([4.999, 5.0, 5.001])
+    made = uw.datasets.of_light_field(LightField([0.1, 0.2], [0.2, 0.1]), depth, [-1.0, 0.0, 1.0])
+    net = (made.E_d - made.E_u).to_numpy()
+    loss = -(net[2] - net[0]) / (depth[2] - depth[0])
+    # rtol: second differences over 1 mm, 1e-7, and the quadrature of the streams
+    np.testing.assert_allclose(loss, (made.a * made.E_0).sel(depth_m=5.0), rtol=1e-4)
+    assert made.radiance.shape == (3, 3, 2)
+
+
+def test_statistics_of_caustics() -> None:
+    sea, settings = uw.caustics.GerstnerSea(wind_speed=3.0), uw.caustics.CausticSettings(size=64, grid=64)
+    stack = uw.caustics.caustic_stack(sea, [0.0, 1.0, 0.0], [1.0, 4.0], 0.0, settings)
+    made = uw.datasets.of_caustics(stack)
+    assert made.contrast.dims == ("depth_m", "channel")
+    np.testing.assert_allclose(made["mean"], 1.0, rtol=1e-5)  # float32
+    assert np.all(made.skewness > 0.0)
+    assert np.all(made.q01 < made.q50)
+    assert np.all(made.q50 < made.q99)
+
+
+def test_a_table_keeps_figures_units_and_source(tmp_path: Path) -> None:
+    made = uw.datasets.of_medium(Medium(WATER, mode="kd"), [1.0, 2.0], [3.0], [0.0])
+    uw.datasets.write_csv(made, tmp_path / "veil.csv")
+    table = pd.read_csv(tmp_path / "veil.csv", comment="#").set_index(["distance_m", "depth_m", "up", "channel"])
+    np.testing.assert_array_equal(table.veil.to_xarray().sel(channel=made.channel), made.veil)
+    text = (tmp_path / "veil.csv").read_text("utf-8")
+    for fact in ("# veil [1/sr]", "# distance_m [m]", f"# made_by: mr360uw {uw.__version__}", "# mode: kd"):
+        assert fact in text
+    with pytest.raises(uw.OutputExistsError, match="already there"):
+        uw.datasets.write_csv(made, tmp_path / "veil.csv")
+    with pytest.raises(uw.ParameterError, match="water - must be a Water"):
+        uw.datasets.of_water("IB", [500.0])  # type: ignore[arg-type]
