@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, Self
@@ -17,11 +18,13 @@ from mr360uw.render.backends import make_backend
 from mr360uw.render.first_pass import ClipAnalysis, clip_facts
 from mr360uw.render.frame import finished, frame_stages
 from mr360uw.render.loaded import Loaded, load
+from mr360uw.render.plate_light import FrameLight
+from mr360uw.render.stages.light_stage import LightKnots
 from mr360uw.scene.inputs import open_plate
 from mr360uw.scene.model import Scene
 from mr360uw.shapes import file_path, instance, real
 from mr360uw.types import CausticStack, Environment, Floats, Layer, MediumTable, Sun
-from mr360uw.video import VideoFrame
+from mr360uw.video import VideoFrame, VideoReader
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,14 +57,15 @@ class Compositor:
     backend : "auto", "gl" or "reference".
     analysis : of the frames' clip (`analyse_clip`); without it the light of a frame is measured in that frame alone.
 
-    A frame depends on its plate, index and time alone, never on the frames before it; its light is measured in itself,
-    where `composite_video` takes that of most frames from frames before and after. Frames are made in the thread
-    that made the compositor, as OpenGL asks for; any thread may close it. Raises what `load_scene` and `GlError` say.
+    A frame depends on its plate, index and time alone, never on the frames made before it. `frames` takes the light of
+    most frames of a clip from frames before and after, and gives the frames of `composite_video`; `frame` measures it
+    in the plate that it is given. Frames are made in the thread that made the compositor, as OpenGL asks for; any
+    thread may close it. Raises what `load_scene` and `GlError` say.
 
     Examples
     --------
     >>> with uw.Compositor(scene) as compositor:
-    ...     pictures = [compositor.frame(frame).image_linear for frame in video.frames()]
+    ...     pictures = [result.image_linear for result in compositor.frames()]
     """
 
     def __init__(self, scene: Scene, *, backend: str = "auto", analysis: ClipAnalysis | None = None) -> None:
@@ -95,15 +99,52 @@ class Compositor:
         shutter_s : exposure time [s], for motion blur.
         """
         with self._one_thread:
-            if self._kept is None:
-                raise ParameterError("compositor - is closed - make another")
             shown = plate if isinstance(plate, VideoFrame) else VideoFrame.of_linear(_checked(plate), index, time_s)
-            height, width = shown.shape
-            if self._loaded is None or (self._loaded.height, self._loaded.width) != (height, width):
-                self._loaded = load(self._scene, width, height, clip=self._analysis is not None)
+            loaded = self._loaded_for(*shown.shape, clip=self._analysis is not None)
             facts = ClipAnalysis.of_frame(sun, gain) if self._analysis is None else self._analysis
-            stages = frame_stages(self._loaded, facts, self._renderer, shown, shutter_s, kept=self._kept)
-            frame = finished(stages)
+            return self._finished(loaded, facts, shown, shutter_s)
+
+    def frames(
+        self, start: int = 0, stop: int | None = None, *, video: VideoReader | None = None
+    ) -> Iterator[FrameResult]:
+        """Yield the composites of a clip's frames, those that `composite_video` writes.
+
+        Parameters
+        ----------
+        start, stop : frames [start, stop); default: all.
+        video : the clip, open; default: the plate that the scene names. Without an analysis it is analysed first.
+        """
+        if video is None:
+            with open_plate(self._scene) as own:
+                yield from self.frames(start, stop, video=own)
+            return
+        if not isinstance(video, VideoReader):
+            raise ParameterError(f"video - must be an open clip (got {type(video).__name__}) - open_video opens one")
+        start, stop, _ = slice(start, stop).indices(video.frame_count or 1)
+        with self._one_thread:
+            loaded = self._loaded_for(video.height, video.width, clip=not video.is_still)
+            facts = clip_facts(loaded, video) if self._analysis is None else self._analysis
+        exposure_s = self._scene.draw.exposure_s(video.frame_rate)
+        for plate, light in LightKnots(loaded, facts, video, video.frames).frames(start, stop):
+            with self._one_thread:
+                result = self._finished(loaded, facts, plate, exposure_s, light)
+            yield result
+
+    def _loaded_for(self, height: int, width: int, *, clip: bool) -> Loaded:
+        """Return the scene, loaded for plates of a size."""
+        if self._kept is None:
+            raise ParameterError("compositor - is closed - make another")
+        if self._loaded is None or (self._loaded.height, self._loaded.width) != (height, width):
+            self._loaded = load(self._scene, width, height, clip=clip)
+        return self._loaded
+
+    def _finished(
+        self, loaded: Loaded, facts: ClipAnalysis, plate: VideoFrame, shutter_s: float, light: FrameLight | None = None
+    ) -> FrameResult:
+        """Return the composite of a plate. light: None measures it in the plate."""
+        if self._kept is None:
+            raise ParameterError("compositor - is closed - make another")
+        frame = finished(frame_stages(loaded, facts, self._renderer, plate, shutter_s, kept=self._kept, light=light))
         return FrameResult(
             image_linear=frame.picture.image_linear,
             layer=frame.layer,

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
+from fractions import Fraction
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -157,3 +158,7 @@ class DrawSettings(Parameters):
         0.5, "exposure time as a fraction of the frame's time", unit="1", low=0.0, high=1.0,
         fixed="the plate was shot with one shutter",
     )  # fmt: skip
+
+    def exposure_s(self, frame_rate: Fraction | float | None) -> float:
+        """Return the exposure time [s] at a frame rate [1/s]; 0 of a still, which has none."""
+        return float(self.shutter / frame_rate) if frame_rate else 0.0

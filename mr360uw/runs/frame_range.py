@@ -88,13 +88,12 @@ class RangeRenderer:
 
     def _read(self, start: int, stop: int) -> Iterator[Stages]:
         """Yield the stages of frames, decoded and with their light measured."""
-        rate, times = self.video.frame_rate, self.times
-        shutter_s = float(self.loaded.scene.draw.shutter / rate) if rate else 0.0
+        times, exposure_s = self.times, self.loaded.scene.draw.exposure_s(self.video.frame_rate)
         knots = LightKnots(self.loaded, self.facts, self.video, self._decoded)
         since, decoding_s = time.perf_counter(), times.seconds.get("decode", 0.0)
         for plate, light in knots.frames(start, stop):
             stages = frame_stages(
-                self.loaded, self.facts, self.backend, plate, shutter_s, variables=self.layers is not None, light=light
+                self.loaded, self.facts, self.backend, plate, exposure_s, variables=self.layers is not None, light=light
             )
             next(stages)
             times.add("light", since + times.seconds["decode"] - decoding_s)
