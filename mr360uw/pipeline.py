@@ -59,8 +59,8 @@ def composite_video(
     layers: a pattern (layers_%04d.exr) of multi-part EXR files with the layer's variables, without motion blur.
     workers: processes; "auto" takes one for every two cores. cluster: address of a Dask scheduler instead. mixed: let
     each take the renderer that it has, `backend` or the reference. progress: is called over the frames an extra time if
-    there is a first pass. report: file that the report is written to as JSON. tell: gets lines
-    on the plate's sun, and one on the time and the disk space that a long run will take.
+    there is a first pass. report: file that the report is written to as JSON. tell: gets lines on the plate's sun, and
+    one on the time and the disk space that a long run will take.
 
     Raises `VideoError`, `OutputExistsError`, `SceneError`, `MeshError`, `ParameterError`; then no output is there, of
     sequences the pictures that were complete. Where frames were finished, a note of the exception says where they are.
@@ -82,11 +82,8 @@ def composite_video(
             left, times, doubts = output.left(work, parts), RunTimes(), tuple[str, ...]()
             kept = total - sum(stop - start for start, stop in left)
             if left:
-                facts = _find_facts(loaded, video, span, work, times, progress, fresh=fresh)
+                facts = _find_facts(loaded, video, span, work, times, progress, tell, fresh=fresh)
                 doubts = facts.notes
-                if tell is not None:
-                    for line in scene_sun_lines(loaded, video, facts, span[0]):
-                        tell(line)
                 done = _counted(progress, tell and Forecast(tell, output, work, total - kept), kept, total)
                 job = Job(scene, output.path, work, "auto" if mixed else renderer.name, output.layers, left)
                 opened = OpenJob(job, video, loaded, renderer)
@@ -149,17 +146,22 @@ def _find_facts(
     work: WorkFolder,
     times: RunTimes,
     progress: Progress | None,
+    tell: Callable[[str], None] | None,
     *,
     fresh: bool,
 ) -> ClipAnalysis:
-    """Return the facts of the clip's frames `span`, measured into the work folder unless they are there."""
-    stored = work.facts()
-    if stored is not None:
-        return stored
-    since = time.perf_counter()
-    facts = measured_facts(loaded, video, span, work.keys, progress, fresh=fresh)
-    work.keep_facts(facts)
-    times.add("first pass", since)
+    """Return the facts of the clip's frames `span`, measured into the work folder unless they are there; tell of the
+    sun that they show.
+    """
+    facts = work.facts()
+    if facts is None:
+        since = time.perf_counter()
+        facts = measured_facts(loaded, video, span, work.keys, progress, fresh=fresh)
+        work.keep_facts(facts)
+        times.add("first pass", since)
+    if tell is not None:
+        for line in scene_sun_lines(loaded, video, facts, span[0]):
+            tell(line)
     return facts
 
 

@@ -1,3 +1,4 @@
+from .boundaries import LambertFloor
 from .closed_form import multiple_scattering
 from .fit.exposure import exposure_change, fit_gain, picture_change, steady_gain
 from .fit.profile import PlateProfile
@@ -22,6 +23,7 @@ __all__ = [
     "MODES",
     "Bands",
     "FroxelGrid",
+    "LambertFloor",
     "LightField",
     "Medium",
     "PlateProfile",

@@ -16,10 +16,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mr360uw.constants import INV_4PI, REFRACTIVE_INDEX_SEA
+from mr360uw.medium.boundaries import LambertFloor, Sky, SurfaceKind
 from mr360uw.medium.closed_form import path_integral, ray_in_water
 from mr360uw.medium.phase import Mixture
 from mr360uw.medium.ray_field import RayField
-from mr360uw.medium.transfer import STREAMS_PER_HEMISPHERE, LambertFloor, LightField, Sky, SurfaceKind
+from mr360uw.medium.transfer import STREAMS_PER_HEMISPHERE, LightField
 from mr360uw.medium.water import Water
 from mr360uw.optics import critical_cosine
 

@@ -28,46 +28,24 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mr360uw.constants import INV_4PI, PI, REFRACTIVE_INDEX_SEA
+from mr360uw.constants import PI, REFRACTIVE_INDEX_SEA
 from mr360uw.errors import ParameterError
+from mr360uw.medium.boundaries import LambertFloor, Sky, SurfaceKind, sky_parts
 from mr360uw.medium.closed_form import check_ray, ray_in_water
 from mr360uw.medium.ordinates import Modes, Ordinates, nodes
 from mr360uw.medium.phase import Mixture, Phase, check_phase
+from mr360uw.medium.phase_series import PhaseSeries, phase_moments
 from mr360uw.medium.ray_field import OfBeam, RayField, cosine_kernel, legendre_polynomials
 from mr360uw.optics import critical_cosine, fresnel_from_below
-from mr360uw.shapes import common_shape, exactly, numbers
+from mr360uw.shapes import common_shape, numbers
 
 Array = NDArray[np.float64]
-
-SurfaceKind = Literal["snell", "none"]
 
 STREAMS_PER_HEMISPHERE = 32
 """Directions per hemisphere: irradiances are right to 2e-4. Twice as many take eight times as long to solve."""
 _NEGLIGIBLE = 2e-3
-"""Light of an order of cos(m azimuth) over that of order 0 from which on further orders are left out.
-
-High suns then have 10 to 15, low ones 40, and radiances are right to 0.2 %. Half as much costs two more.
-"""
-
-
-Sky = Literal["uniform", "floor"] | tuple[Literal["sun"], float, float]
-"""Light that comes in: a uniform sky, or ("sun", y of the direction to the sun in the water, fraction of the
-downwelling irradiance below the surface that is its beam), the rest being uniform sky; or "floor", no light from above
-and a floor that shines with a radiance of 1 in all directions, which the results are then per unit of."""
-
-
-@dataclass(frozen=True, slots=True)
-class LambertFloor:
-    """A level Lambert floor. depth_m: below the surface. albedo: in [0, 1], of n wavelengths, or one for all."""
-
-    depth_m: float
-    albedo: tuple[float, ...]
-
-    def __post_init__(self) -> None:
-        if not (np.isfinite(self.depth_m) and self.depth_m > 0.0):
-            raise ParameterError(f"floor - must lie below the surface (got {self.depth_m!r} m) - give a depth above 0")
-        if not self.albedo or not all(0.0 <= a <= 1.0 for a in self.albedo):
-            raise ParameterError(f"floor - albedo must lie in [0, 1] (got {self.albedo!r:.60}) - correct it")
+"""Light of an order of cos(m azimuth) over that of order 0 from which on further orders are left out: high suns have 10
+to 15, low ones 40, and radiances are right to 0.2 %. Half as much costs two more."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -138,18 +116,18 @@ class LightField:
             check_phase(phase)
             phase = Mixture(phase, np.zeros(len(self.absorption)))
         orders = 2 * streams
-        moments = _moments(phase, len(self.absorption), orders + 1)
+        moments = phase_moments(phase, len(self.absorption), orders + 1)
         peak = moments[:, orders]
         self._chi = (moments[:, :orders] - peak[:, None]) / (1.0 - peak[:, None])
         self._peak = peak
-        self._phase = phase if isinstance(phase, Mixture) else _Series(moments)
+        self._phase = phase if isinstance(phase, Mixture) else PhaseSeries(moments)
         self._floor_m = np.inf if floor is None else floor.depth_m
         self._albedo = np.broadcast_to(0.0 if floor is None else np.array(floor.albedo), self.absorption.shape)
         self._mu, self._weight = nodes(streams, critical_cosine(self.refractive_index))
         if sky == "floor" and floor is None:
             raise ParameterError("floor - is the only light of sky 'floor' (got none) - give one")
         self._shining = float(sky == "floor")
-        self._solve(*_sky_parts(sky))
+        self._solve(*sky_parts(sky))
 
     def _solve(self, sun_mu: float, sun_share: float) -> None:
         mu, w = self._mu, self._weight
@@ -272,8 +250,6 @@ class LightField:
             return {0: self._even.of_beam}
         return self._around if self._only is None else {self._only: self._around[self._only]}
 
-    # --- results -----------------------------------------------------------------------------------------------
-
     @functools.cached_property
     def rays(self) -> RayField:
         """The light along rays, its forward peak unscattered."""
@@ -283,7 +259,7 @@ class LightField:
         """Return the light along rays that a part of the scattering brings into them; the rest is taken as none."""
         return self._rays(part.moments(self._chi.shape[1]), part)
 
-    def _rays(self, moments: Array, phase: Mixture | _Series) -> RayField:
+    def _rays(self, moments: Array, phase: Mixture | PhaseSeries) -> RayField:
         """Return the light along rays that moments (n, l) scatter into them, and a phase function that of the beam."""
         factor = 0.5 * (2 * np.arange(moments.shape[1]) + 1) * moments * self.scattering[:, None]
         of_beam = OfBeam(phase.parts, phase.shares * self.scattering * self._beam, self._sun_mu)
@@ -371,41 +347,3 @@ class LightField:
     def _fall(self, depth_m: Array) -> Array:
         """Return the modes (..., n, j) at depths over their amounts."""
         return np.exp(-self._even.modes.rate * (depth_m[..., None, None] - self._even.modes.origin_m))
-
-
-def _sky_parts(sky: Sky) -> tuple[float, float]:
-    if sky in ("uniform", "floor"):
-        return 1.0, 0.0
-    if isinstance(sky, tuple) and len(sky) == 3 and sky[0] == "sun" and 0.0 < sky[1] <= 1.0 and 0.0 <= sky[2] <= 1.0:
-        return float(sky[1]), float(sky[2])
-    raise ParameterError(
-        f"sky - unknown (got {sky!r}) - take 'uniform', 'floor' or ('sun', up in the water in (0, 1], share in [0, 1])"
-    )
-
-
-def _moments(phase: Mixture | Array, count: int, least: int) -> Array:
-    """Return Legendre moments (count, l), as many as are given, or the `least`."""
-    if isinstance(phase, Mixture):
-        return np.broadcast_to(phase.moments(least), (count, least))
-    length = phase.shape[-1]
-    moments = np.broadcast_to(exactly("phase", phase, (length,), (count, length)), (count, length))
-    if moments.shape[1] < least or not np.allclose(moments[:, 0], 1.0):
-        raise ParameterError(f"phase - needs {least} Legendre moments from 1 on (got {phase.shape}) - give more")
-    return np.array(moments, np.float64)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Series:
-    """Phase functions of n wavelengths by their Legendre moments (n, l + 1); light of the last is unscattered."""
-
-    moments: Array
-
-    @property
-    def shares(self) -> Array:
-        """Coefficients (l, n) of `parts`."""
-        degree = np.arange(self.moments.shape[1] - 1)[:, None]
-        return np.asarray((2 * degree + 1) * INV_4PI * (self.moments[:, :-1] - self.moments[:, -1:]).T)
-
-    def parts(self, cosine: Array) -> Array:
-        """Return the Legendre polynomials (..., l)."""
-        return legendre_polynomials(cosine, self.moments.shape[1] - 1)

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from mr360uw.medium import LightField, Water, transfer
+from mr360uw.medium.boundaries import Sky
 from mr360uw.medium.models import FieldModel, spectral_model
-from mr360uw.medium.transfer import Sky
 from tests.medium.slabs import Slab, errors, slabs
 from tests.medium.tolerances import (
     AZIMUTH_ORDERS,
