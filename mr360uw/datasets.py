@@ -124,7 +124,7 @@ def write_csv(dataset: Dataset, path: str | Path, *, overwrite: bool = False) ->
     facts = [f"# {name}: {_line(value)}" for name, value in dataset.attrs.items()]
     columns = {**dataset.coords, **dataset.data_vars}
     facts += [f"# {name} [{column.attrs.get('units', '')}]" for name, column in columns.items()]
-    text = "\n".join([*facts, dataset.to_dataframe().reset_index().to_csv(index=False)])
+    text = "\n".join([*facts, dataset.to_dataframe().reset_index().to_csv(index=False, float_format="%.17g")])
     write_whole(path, text)
 
 

@@ -167,6 +167,8 @@ def test_a_run_tells_its_progress_and_what_went_wrong(dive: SampleDive, tmp_path
 
 def test_a_run_that_is_cancelled_says_so(dive: SampleDive, tmp_path: Path) -> None:
     run = CompositeRun(tmp_path / "out.mp4", lambda: run.cancel() if run.state == "running" else None)
-    asyncio.run(run.run(dive.scene, ["--backend", "reference"]))
+    # many times the work of a plain run, so that it is not done before the word reaches it
+    slow = [f"--set=draw.{one}" for one in ("samples=65", "shading=sample", "sun_samples=32", "ambient_occlusion=true")]
+    asyncio.run(run.run(dive.scene, ["--backend", "reference", *slow]))
     assert run.state == "cancelled"
     assert not run.out.exists()
