@@ -367,6 +367,17 @@ def every_place(tree: Any, place: tuple[Any, ...] = ()) -> Iterator[tuple[Any, .
         yield from every_place(value, (*place, key))
 
 
+@pytest.mark.parametrize("length", [-1, 0])
+def test_nothing_is_read_behind_an_empty_part_of_a_buffer(tmp_path: Path, length: int) -> None:
+    file = GltfFile()
+    square = file.square()
+    file.mesh(square)
+    view = file.tree["accessors"][square["attributes"]["POSITION"]]["bufferView"]
+    file.tree["bufferViews"][view]["byteLength"] = length
+    with pytest.raises(MeshError, match=f"buffer view {view} has {length} bytes"):
+        load_mesh(file.write(tmp_path / "empty.glb"))
+
+
 @pytest.mark.parametrize("value", [None, -1, "x", 10**9])
 def test_a_damaged_file_is_read_or_refused(tmp_path: Path, value: object) -> None:
     """Whatever one entry of the JSON is replaced by, nothing but `MeshError` is raised."""

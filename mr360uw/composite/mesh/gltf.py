@@ -90,9 +90,11 @@ class Gltf:
         return self._stored(number, entry)
 
     def _stored(self, number: int, entry: dict[str, Any]) -> bytes:
-        start = entry.get("byteOffset", 0)
-        data = self.buffers[entry["buffer"]][start : start + entry["byteLength"]]
-        if len(data) < entry["byteLength"]:
+        start, length = entry.get("byteOffset", 0), entry["byteLength"]
+        if start < 0 or length < 1:
+            raise ValueError(f"buffer view {number} has {length} bytes from {start}")
+        data = self.buffers[entry["buffer"]][start : start + length]
+        if len(data) < length:
             raise ValueError(f"buffer view {number} ends beyond its buffer")
         return data
 
@@ -136,8 +138,10 @@ class Gltf:
         return dequantised(values) if entry.get("normalized", False) else values
 
     def _elements(self, view: int, offset: int, kind: np.dtype[Any], shape: tuple[int, int], stride: int) -> Any:
-        strides = (stride or shape[1] * kind.itemsize, kind.itemsize)
-        return np.ndarray(shape, kind, self.view(view), offset, strides)
+        strides, data = (stride or shape[1] * kind.itemsize, kind.itemsize), self.view(view)
+        if not data:  # NumPy takes an empty buffer for one of any length, and reads what lies behind it
+            raise ValueError(f"buffer view {view} is empty")
+        return np.ndarray(shape, kind, data, offset, strides)
 
     def _sparse(self, entry: dict[str, Any], values: NDArray[Any]) -> NDArray[Any]:
         """Return values with some of them replaced."""
