@@ -1,27 +1,61 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Cache of values between frames, each under a name and a key of everything it depends on.
+"""Cache of results between frames: the result of a function is found again by the function and its inputs.
 
-A value is a function of its key, so the cache may be emptied at any moment without changing a result. In keys,
-settings count by value; what was loaded or computed before counts by identity, as long as it is kept itself.
+Nobody writes a key: it is made of the inputs' versions. A function that is cached is a plain one, so that its inputs
+are all that it can depend on, and the cache may be emptied at any moment without changing a result.
+
+The version of an input is what it is equal to: settings and numbers count by value, arrays of up to a megabyte by their
+content, what is assembled anew in every frame (`Parts`) by the versions of its fields, and all else, which is loaded or
+computed once, by identity, as long as it is kept itself.
 """
 
 from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Callable, Hashable
 from dataclasses import fields
-from functools import partial
-from typing import Any, TypeVar
+from types import MethodType
+from typing import Any, Generic, TypeVar, TypeVarTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 T = TypeVar("T")
+Inputs = TypeVarTuple("Inputs")
+
+_BY_CONTENT = 1 << 20
+"""Bytes of an array up to which it counts by its content: to read a megabyte takes a third of a millisecond."""
+
+
+class Parts:
+    """Base of dataclasses that are assembled anew in every frame: as an input of a cached function, equal parts are an
+    equal whole.
+    """
+
+    __slots__ = ()
+
+
+class PartOf(Generic[T]):
+    """An input of which a function uses some parts alone, and which stands for nothing else: equal where these are.
+
+    whole: what they are taken from.
+    """
+
+    __slots__ = ("_parts", "whole")
+
+    def __init__(self, whole: T, *parts: object) -> None:
+        self.whole, self._parts = whole, version(parts)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, PartOf) and other._parts == self._parts
+
+    def __hash__(self) -> int:
+        return hash(self._parts)
 
 
 class Same:
-    """A key by identity, for arrays: equal only for one and the same object, which it keeps alive."""
+    """An object by identity: equal only for one and the same, which it keeps alive."""
 
     __slots__ = ("value",)
 
@@ -35,66 +69,86 @@ class Same:
         return object.__hash__(self.value)
 
 
-def by_value(item: Any) -> Hashable:
-    """Return a key of a dataclass that is equal for equal values; arrays count by their content."""
-    values = (getattr(item, field.name) for field in fields(item))
-    return type(item), *(value.tobytes() if isinstance(value, np.ndarray) else value for value in values)
+def by_content(array: NDArray[Any]) -> PartOf[NDArray[Any]]:
+    """Return a large array that counts by its content, as one that is made anew in every frame has to."""
+    return PartOf(array, array.dtype.str, array.shape, array.tobytes())
+
+
+def version(item: Any) -> Hashable:
+    """Return what stands for an input: equal where a function of it has the same result."""
+    if isinstance(item, np.ndarray):
+        return (item.dtype.str, item.shape, item.tobytes()) if item.nbytes <= _BY_CONTENT else Same(item)
+    if isinstance(item, tuple | list):
+        return tuple(map(version, item))
+    if isinstance(item, Parts):
+        values: Any = item
+        return type(item), *(version(getattr(values, field.name)) for field in fields(values))
+    hashable: Hashable = item
+    return hashable
 
 
 class Cache:
-    """The most recently used values of every name.
+    """The most recently used results of every function.
 
     room: factor on how many are kept, for frames of that many kinds which take turns.
     """
 
     def __init__(self, room: int = 1) -> None:
         self._room = room
-        self._kept: dict[str, dict[Hashable, Any]] = {}
+        self._kept: dict[Any, dict[Hashable, Any]] = {}
         self.made: Counter[str] = Counter()
-        """How often a value of each name was made."""
+        """How often each function was called, by its name."""
 
-    def get(self, name: str, key: Hashable, make: Callable[[], T], keep: int = 1) -> T:
-        """Return the value of a name for a key; call `make` if it is not among the last `keep` used of that name.
+    def of(self, function: Callable[[*Inputs], T], *inputs: *Inputs, keep: int = 1) -> T:
+        """Return the result of a function; call it if that is not among the last `keep` used of its results.
 
-        keep: is multiplied by the cache's room.
+        keep: is multiplied by the cache's room. Raises `TypeError` for a function made within another one: it may
+        depend on more than its inputs.
         """
-        if key in self._kept.get(name, {}):
-            value: T = self._kept[name].pop(key)
+        plain, key = _with_own(function, inputs)
+        name = _checked(plain)
+        if key in self._kept.get(plain, {}):
+            result: T = self._kept[plain].pop(key)
         else:
-            value = make()
+            result = function(*inputs)
             self.made[name] += 1
-        values = self._kept.setdefault(name, {})  # only now: `make` may have dropped the name
-        values[key] = value
-        while len(values) > keep * self._room:
-            values.pop(next(iter(values)))
-        return value
+        results = self._kept.setdefault(plain, {})  # only now: the call may have dropped it
+        results[key] = result
+        while len(results) > keep * self._room:
+            results.pop(next(iter(results)))
+        return result
 
-    def get_all(
-        self, name: str, keys: Sequence[Hashable], make: Callable[[list[Any]], Sequence[T]], keep: int = 1
-    ) -> list[T]:
-        """Return the values of a name for several keys; `make` is called once, with the keys of those that it returns.
+    def holds(self, function: Callable[..., Any], *inputs: object) -> bool:
+        """Return whether the result of a function is there."""
+        plain, key = _with_own(function, inputs)
+        return key in self._kept.get(plain, {})
 
-        Otherwise as `get`.
-        """
-        missing = [key for key in dict.fromkeys(keys) if not self.holds(name, key)]
-        held = {key: self._kept[name][key] for key in keys if self.holds(name, key)}
-        held |= zip(missing, make(missing), strict=True) if missing else ()
-        return [self.get(name, key, partial(held.__getitem__, key), keep) for key in keys]
-
-    def holds(self, name: str, key: Hashable) -> bool:
-        """Return whether a value of a name is there for a key."""
-        return key in self._kept.get(name, {})
-
-    def drop(self, name: str, *keys: Hashable) -> None:
-        """Remove the values of a name, or of some of its keys."""
-        for key in keys:
-            self._kept.get(name, {}).pop(key, None)
-        if not keys:
-            self._kept.pop(name, None)
+    def drop(self, function: Callable[..., Any], *inputs: object) -> None:
+        """Remove a function's result for some inputs; all its results where none are given."""
+        plain, key = _with_own(function, inputs)
+        if inputs:
+            self._kept.get(plain, {}).pop(key, None)
+        else:
+            self._kept.pop(plain, None)
 
     def clear(self) -> None:
-        """Remove all values."""
+        """Remove all results."""
         self._kept.clear()
+
+
+def _with_own(function: Callable[..., Any], inputs: tuple[Any, ...]) -> tuple[Callable[..., Any], Hashable]:
+    """Return a function, or a method's plain one, and the version of its inputs, of which a method's object is one."""
+    if isinstance(function, MethodType):
+        return function.__func__, version((function.__self__, *inputs))
+    return function, version(inputs)
+
+
+def _checked(function: Callable[..., Any]) -> str:
+    """Return the name of a function that sees nothing but its inputs."""
+    name: str = getattr(function, "function", function).__qualname__
+    if "<" in name:
+        raise TypeError(f"{name} - may depend on more than its inputs - write it at the top of a module")
+    return name
 
 
 class Room:

@@ -13,7 +13,7 @@ from mr360uw.bench.workbench import Workbench
 from mr360uw.caustics import CausticSettings, caustic_stack, refract_to_air, stack_depths
 from mr360uw.composite.objects import load_objects
 from mr360uw.composite.raycast.geometry import occluding
-from mr360uw.composite.shafts.shaft_light import ShaftLight
+from mr360uw.composite.shafts.shaft_light import grid_of
 from mr360uw.medium import Medium, ShaftScene, Water, shaft_field
 from mr360uw.medium.shafts.deviation import march
 from mr360uw.medium.shafts.settings import ShaftSettings
@@ -71,7 +71,7 @@ def _open(bench: Workbench) -> Workload:
 
     def prepare(knobs: Knobs) -> Callable[[int], Any]:
         settings = ShaftSettings(resolution=knobs["shafts.resolution"], slices=knobs["shafts.slices"])
-        grid = ShaftLight(settings, medium).grid(_WIDTH, shafts)
+        grid = grid_of(settings, _WIDTH, shafts)
         return lambda _: shaft_field(shafts, grid, rays).radiance(seen, ends)
 
     return Workload(prepare, lambda got: relative_rms(got, truth))

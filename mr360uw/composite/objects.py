@@ -3,8 +3,7 @@
 
 from __future__ import annotations
 
-import functools
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -127,24 +126,7 @@ def load_objects(all_settings: Sequence[ObjectSettings], kept: KeptReads | None 
     kept = KeptReads() if kept is None else kept
     several = 4 * len(all_settings)
 
-    def rig(path: Path, look: ObjectSettings) -> Rig:
-        unit: Unit = "auto" if look.size_m is None else "m"  # of any unit: no note on an odd size
-        key, outside, smooth = (path, unit, look.outside_files, look.smooth_deg), look.outside_files, look.smooth_deg
-        return kept.get("rig", key, lambda: load_rig(path, unit, outside=outside, smooth_deg=smooth), _RIGS)
-
-    def texture(path: Path) -> Texture:
-        return kept.get("texture", path, lambda: read_texture(path, srgb=True), several)
-
-    def poses(look: ObjectSettings) -> tuple[Poses, ...]:
-        rigs = [rig(path, look) for path in _paths(look.mesh)]
-        return tuple(Poses(replace(rig, mesh=_overridden(rig.mesh, look, texture))) for rig in rigs)
-
-    def placed(settings: ObjectSettings) -> SceneObject:
-        sized = {} if settings.size_m is None else {"size_m": 1.0}
-        look = settings.model_copy(update=_AT_REST | sized)
-        return _scene_object(settings, kept.get("look", look, lambda: poses(look), several))
-
-    return tuple(kept.get("object", one, functools.partial(placed, one), several) for one in all_settings)
+    return tuple(kept.of(_scene_object, one, several, kept, keep=several) for one in all_settings)
 
 
 def on_the_sea(placed: SceneObject, sea: Sea, surface_y_m: float) -> SceneObject:
@@ -155,12 +137,31 @@ def on_the_sea(placed: SceneObject, sea: Sea, surface_y_m: float) -> SceneObject
     return replace(placed, motion=motion, afloat=Afloat(sea, surface_y_m))
 
 
-def _scene_object(settings: ObjectSettings, poses: tuple[Poses, ...]) -> SceneObject:
+def _scene_object(settings: ObjectSettings, several: int, kept: KeptReads) -> SceneObject:
+    """Return an object. several: textures and looks that are kept."""
+    sized = {} if settings.size_m is None else {"size_m": 1.0}
+    poses = kept.of(_poses, settings.model_copy(update=_AT_REST | sized), several, kept, keep=several)
     meshes = tuple(one.rig.mesh for one in poses)
     played, notes = playback(settings, poses[0], sequence=len(poses) > 1)
     if played is not None:
         meshes = (replace(meshes[0], hull=played.bounds, notes=meshes[0].notes + notes),)
     return SceneObject(settings, meshes, object_motion(settings, poses[0].rig.mesh), played)
+
+
+def _poses(look: ObjectSettings, several: int, kept: KeptReads) -> tuple[Poses, ...]:
+    """Return the meshes of an object, one a file, with the materials that its settings ask for."""
+    unit: Unit = "auto" if look.size_m is None else "m"  # of any unit: no note on an odd size
+    rigs = [kept.of(_rig, path, unit, look.outside_files, look.smooth_deg, keep=_RIGS) for path in _paths(look.mesh)]
+    base = kept.of(_texture, look.texture, keep=several) if look.texture else None
+    return tuple(Poses(replace(rig, mesh=_overridden(rig.mesh, look, base))) for rig in rigs)
+
+
+def _rig(path: Path, unit: Unit, outside: bool, smooth_deg: float | None) -> Rig:
+    return load_rig(path, unit, outside=outside, smooth_deg=smooth_deg)
+
+
+def _texture(path: Path) -> Texture:
+    return read_texture(path, srgb=True)
 
 
 def _paths(path: Path) -> list[Path]:
@@ -182,9 +183,8 @@ def _paths(path: Path) -> list[Path]:
     return found
 
 
-def _overridden(mesh: Mesh, settings: ObjectSettings, read_texture: Callable[[Path], Texture]) -> Mesh:
-    """Return a mesh with the materials that a scene asks for."""
-    base = read_texture(settings.texture) if settings.texture else None
+def _overridden(mesh: Mesh, settings: ObjectSettings, base: Texture | None) -> Mesh:
+    """Return a mesh with the materials that a scene asks for. base: its texture, if it asks for one."""
     notes = list(mesh.notes)
     if base is not None and not np.any(mesh.uv):
         notes.append(f"{settings.mesh} - has no texture coordinates - all of it takes the corner of its texture")

@@ -72,7 +72,7 @@ def _render(shot: Shot, frame: AovFrame | None, cache: Cache) -> Layer:
     visible = tuple(o for o in shot.objects if o.visible)
     geometry = gather(visible, shot.view.position)
     shape = ReceiverShape(shot.receiver, shot.view.position) if shot.receiver is not None else None
-    object_parts = object_rectangles(shot)
+    object_parts = object_rectangles(shot.view, shot.objects)
     receiver_parts: list[Rectangle] = []
     if shape is not None:
         grid = coarse_grid(shot, shape)

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from mr360uw.cache import Parts
 from mr360uw.composite.affine import scale_of
 from mr360uw.composite.mesh.mesh import Mesh
 from mr360uw.composite.receiver.pattern import PlatePattern
@@ -19,7 +20,7 @@ large, bodies shade themselves in stripes; twice as large, contact shadows are v
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PlacedObject:
+class PlacedObject(Parts):
     """A mesh in the world. world_from_object: (4, 4), rotation, uniform scale and translation."""
 
     mesh: Mesh
@@ -36,11 +37,6 @@ class PlacedObject:
     def bias_m(self) -> float:
         """Offset [m] of the body's shadow rays from its own surface."""
         return SHADOW_BIAS * float(np.max(self.mesh.extent_m)) * self.scale
-
-    @property
-    def key(self) -> tuple[Mesh, bytes]:
-        """Cache key: equal for the same mesh with the same transform."""
-        return self.mesh, self.world_from_object.tobytes()
 
     @property
     def triangles(self) -> Floats:
@@ -93,7 +89,7 @@ class BetweenKnots:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Shot:
+class Shot(Parts):
     """One instant of a frame: view, objects, light, water and sampling settings.
 
     environment: ambient light, in world axes. lights: sun (at most one) and lamps, in world axes. medium: None without

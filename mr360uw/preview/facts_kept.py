@@ -16,7 +16,7 @@ from mr360uw.reading.kept_reads import stamp
 from mr360uw.render.calm import CalmPlate
 from mr360uw.render.first_pass import ClipAnalysis, clip_facts
 from mr360uw.render.loaded import Loaded
-from mr360uw.render.plate_pattern import waves_key
+from mr360uw.render.plate_pattern import waves_of
 from mr360uw.video import VideoReader
 
 
@@ -64,8 +64,7 @@ class KeptFacts:
         calm = last.facts.calm
         if calm is None or _of_ground(loaded) not in last.of_ground:
             return replace(last.facts, calm=None)
-        size = loaded.width, loaded.height
-        return replace(last.facts, calm=self._kept.get("calm", (calm, size), lambda: _reduced(calm, *size)))
+        return replace(last.facts, calm=self._kept.of(_reduced, calm, loaded.width, loaded.height))
 
 
 def _of_clip(plate: VideoReader, loaded: Loaded) -> Hashable:
@@ -77,7 +76,7 @@ def _of_clip(plate: VideoReader, loaded: Loaded) -> Hashable:
 
 
 def _of_ground(loaded: Loaded) -> Hashable:
-    return loaded.plan.pattern.runs, loaded.scene.receiver, waves_key(loaded.scene)
+    return loaded.plan.pattern.runs, loaded.scene.receiver, waves_of(loaded.scene)
 
 
 def _reduced(calm: CalmPlate, width: int, height: int) -> CalmPlate:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mr360uw.reading.kept_reads import KeptReads, stamp
+from mr360uw.reading.kept_reads import KeptReads, Stamp, stamp
 from mr360uw.scene.inputs import open_plate
 from mr360uw.scene.model import Scene, at_scale
 from mr360uw.video import VideoFrame, VideoReader
@@ -35,7 +35,7 @@ class _OpenPlate:
 
 
 class KeptFrames:
-    """Reads frames of scenes' plates. reads: keeps readers and frames, and counts the frames decoded as "plate"."""
+    """Reads frames of scenes' plates. reads: keeps readers and frames, and counts the frames decoded."""
 
     def __init__(self, reads: KeptReads) -> None:
         self._reads = reads
@@ -44,7 +44,7 @@ class KeptFrames:
     def reader(self, scene: Scene) -> VideoReader:
         """Return the reader of a scene's plate at its full size; opened again where the file has changed."""
         whole = at_scale(scene, 1.0)
-        return self._reads.get("clip", whole.plate, lambda: open_plate(whole))
+        return self._reads.of(open_plate, whole.only())
 
     def size(self, scene: Scene, width: int | None) -> tuple[int, int]:
         """Return the width and height of a scene's frames that are `width` pixels wide, rounded to even numbers.
@@ -58,18 +58,21 @@ class KeptFrames:
         """Return a frame of a scene's plate, width x height pixels; raise `VideoError`."""
         reader = self.reader(scene)
         reader.check_range(index, index + 1)
-        which, cache = (reader, index, stamp(reader.file_of(index))), self._reads.cache
+        return self._reads.cache.of(self._reduced, reader, index, stamp(reader.file_of(index)), size, keep=_KEPT_FRAMES)
 
-        def reduced() -> VideoFrame:
-            return smaller(cache.get("plate", which, lambda: self._decoded(reader, index)), *size)
-
-        return cache.get("plate at its size", (which, size), reduced, _KEPT_FRAMES)
+    def _reduced(self, reader: VideoReader, index: int, at: Stamp, size: tuple[int, int]) -> VideoFrame:
+        """Return a frame at a size. at: the stamp of its file."""
+        return smaller(self._reads.cache.of(self._decoded, reader, index, at), *size)
 
     def soonest(self, scene: Scene, index: int, size: tuple[int, int]) -> int:
         """Return the keyframe before a frame, or the frame itself where that is decoded about as soon."""
         reader = self.reader(scene)
-        entry, which = reader.entry_before(index), (reader, index, stamp(reader.file_of(index)))
-        kept = self._reads.cache.holds("plate", which) or self._reads.cache.holds("plate at its size", (which, size))
+        entry, which, cache = (
+            reader.entry_before(index),
+            (reader, index, stamp(reader.file_of(index))),
+            self._reads.cache,
+        )
+        kept = cache.holds(self._decoded, *which) or cache.holds(self._reduced, *which, size)
         following = self._open is not None and self._open.reader is reader
         start = max(entry, self._open.next_index) if self._open is not None and following else entry
         return index if kept or index - (start if start <= index else entry) < _SOON else entry
@@ -87,8 +90,8 @@ class KeptFrames:
             self._open.stack.close()
         self._open = None
 
-    def _decoded(self, reader: VideoReader, index: int) -> VideoFrame:
-        """Return a frame of a reader, decoding on from the last one where that is near."""
+    def _decoded(self, reader: VideoReader, index: int, _: Stamp) -> VideoFrame:
+        """Return a frame of a reader, decoding on from the last one where that is near; its file is as its stamp."""
         plate = self._opened(reader)
         if not reader.entry_before(index) <= plate.next_index <= index:
             plate.frames = plate.seek(index)

@@ -3,43 +3,52 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar, TypeVarTuple
 
 from mr360uw.cache import Cache
 from mr360uw.reading.files_read import files_read, note_read
 
 T = TypeVar("T")
+Inputs = TypeVarTuple("Inputs")
 Stamp = tuple[int, int] | None
 """Time of the last change [ns] and length [bytes] of a file; None where it cannot be read."""
 
 
 class KeptReads:
-    """Values under a name and a key of all that they depend on but files, which are watched themselves.
+    """Results of functions by their inputs and by the files that they read, which are watched themselves.
 
-    A value is made anew where a file that it was read from has changed. As if it had been read again, its files are
+    A result is made anew where a file that it was read from has changed. As if it had been read again, its files are
     noted (`files_read`). cache: counts what was made. room: of that cache.
     """
 
     def __init__(self, room: int = 1) -> None:
         self.cache = Cache(room)
 
-    def get(self, name: str, key: Hashable, make: Callable[[], T], keep: int = 1) -> T:
-        """Return the value of a name for a key; call `make` if it is not among the last `keep` used, or is outdated."""
-
-        def read() -> tuple[T, dict[Path, Stamp]]:
-            with files_read() as files:
-                value = make()
-            return value, {path: stamp(path) for path in files}
-
-        value, files = self.cache.get(name, key, read, keep)
+    def of(self, function: Callable[[*Inputs], T], *inputs: *Inputs, keep: int = 1) -> T:
+        """Return the result of a function, as `Cache.of` does; call it too where its result is outdated."""
+        reading: Any = _Reading(function)
+        result, files = self.cache.of(reading, *inputs, keep=keep)
         if any(stamp(path) != before for path, before in files.items()):
-            self.cache.drop(name, key)
-            value, files = self.cache.get(name, key, read, keep)
+            self.cache.drop(reading, *inputs)
+            result, files = self.cache.of(reading, *inputs, keep=keep)
         for path in files:
             note_read(path)
-        return value
+        return result
+
+
+@dataclass(frozen=True, slots=True)
+class _Reading:
+    """A function that tells beside its result which files it read, and what they were."""
+
+    function: Callable[..., Any]
+
+    def __call__(self, *inputs: Any) -> tuple[Any, dict[Path, Stamp]]:
+        with files_read() as files:
+            result = self.function(*inputs)
+        return result, {path: stamp(path) for path in files}
 
 
 def stamp(path: Path) -> Stamp:

@@ -95,8 +95,7 @@ def _check_other_clips(scene: Scene, video: VideoReader, frames: tuple[int, int 
     span = found.of(lambda: video.check_range(*frames))
     stop = 1 if span is None else span[1]
     for holdout in scene.holdouts:
-        alone = scene.model_copy(update={"holdouts": (holdout,)})
-        found.of(partial(lambda alone: Mattes(alone, *size).check(stop), alone))
+        found.of(partial(lambda one: Mattes([one], *size, scene.plate.eye).check(stop), holdout))
     if (receiver := scene.receiver) is not None:
         found.of(lambda: ReceiverClip(receiver, *size, scene.plate.eye).check(stop))
     if scene.light.track is not None:

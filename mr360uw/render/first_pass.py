@@ -12,6 +12,7 @@ from typing import Literal
 
 import numpy as np
 
+from mr360uw.cache import Parts
 from mr360uw.composite.grading.plate_grade import PlateGrade
 from mr360uw.errors import DamagedFrameError, SceneError
 from mr360uw.ibl import SunMeasurement, SunTrack, load_track, measure_sun, track_suns
@@ -52,7 +53,7 @@ class FixedSun:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ClipAnalysis:
+class ClipAnalysis(Parts):
     """Measurements over a clip, or over a range of it with a margin: a frame looks the same in every run over these.
 
     sun: its track, or None if the sun is detected frame by frame. gain: (N, 3) of the veil, or None if it is fitted

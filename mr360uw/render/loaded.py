@@ -14,11 +14,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeVar
 
-from mr360uw.cache import Same
 from mr360uw.composite import SceneObject, load_objects
 from mr360uw.composite.footing import on_the_floor
 from mr360uw.composite.objects import on_the_sea
 from mr360uw.composite.scene_lamps import SceneLamp, load_lamps
+from mr360uw.composite.settings import ReceiverSettings
 from mr360uw.medium import Medium
 from mr360uw.reading.files_read import files_read
 from mr360uw.reading.kept_reads import KeptReads
@@ -37,6 +37,7 @@ from mr360uw.scene.keyed_water import WaterBetween, water_between
 from mr360uw.scene.model import Scene
 from mr360uw.scene.overrides import dotted
 from mr360uw.types import View
+from mr360uw.video.read.layout import Eye
 
 T = TypeVar("T")
 _MOVING = ("object", "lamp", "receiver")
@@ -155,8 +156,7 @@ class Loader:
             trimmed = [one.model_copy(update={"exposure": one.exposure + stops}) for one in scene.objects]
             loaded = load_objects(trimmed if stops else scene.objects, kept)
         with files_read() as other_files:
-            of_eyes = self._size, scene.plate.eye
-            receiver = kept.get("receiver", (scene.receiver, of_eyes), lambda: self._receiver(scene))
+            receiver = kept.of(_receiver, scene.receiver, *self._size, scene.plate.eye)
             surroundings = load_surroundings(scene, kept, between) if frame is None else frame.surroundings
         medium, camera = surroundings.medium, surroundings.camera
         still = receiver if scene.receiver is not None and scene.receiver.kind != "distance" else None
@@ -165,16 +165,15 @@ class Loader:
         objects = tuple(on_the_floor(one, ground) for one in afloat)
         plan = self._plan(scene, objects, surroundings, keys) if whole is None else whole.plan
         check_eyes(scene, at_surface=plan.surface.runs)
-        of_lamps = scene.lamps, Same(medium), scene.light.white_cd_m2
         return Loaded(
             scene=scene,
             width=width,
             height=height,
             surroundings=surroundings,
             objects=objects,
-            lamps=kept.get("lamps", of_lamps, lambda: load_lamps(scene.lamps, medium, scene.light.white_cd_m2)),
+            lamps=kept.of(load_lamps, scene.lamps, medium, scene.light.white_cd_m2),
             receiver=receiver,
-            mattes=kept.get("mattes", (scene.holdouts, of_eyes), lambda: Mattes(scene, width, height)),
+            mattes=kept.of(Mattes, scene.holdouts, width, height, scene.plate.eye),
             caustic_depths=CausticDepths.of(scene, objects, ground, camera, height),
             plan=plan,
             notes=_notes(scene, objects, camera, height) if whole is None else whole.notes,
@@ -202,8 +201,9 @@ class Loader:
         share = functools.partial(_beam_share, medium, shallowest_m)
         return make_plan(scene, facts, medium.unit_table, share, clip=self._clip)
 
-    def _receiver(self, scene: Scene) -> ReceiverClip | None:
-        return None if scene.receiver is None else ReceiverClip(scene.receiver, *self._size, scene.plate.eye)
+
+def _receiver(settings: ReceiverSettings | None, width: int, height: int, eye: Eye | None) -> ReceiverClip | None:
+    return None if settings is None else ReceiverClip(settings, width, height, eye)
 
 
 def load(scene: Scene, width: int, height: int, *, clip: bool = True) -> Loaded:

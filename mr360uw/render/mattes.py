@@ -4,20 +4,19 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
-from mr360uw.cache import Cache, Same
+from mr360uw.cache import Cache
 from mr360uw.composite.receiver.distance_map import without_steps
 from mr360uw.composite.receiver.receiver_file import load_receiver, map_range
 from mr360uw.composite.settings import HoldoutSettings, ReceiverSettings
 from mr360uw.composite.shot import Receiver
 from mr360uw.errors import VideoError
-from mr360uw.reading.kept_reads import stamp
-from mr360uw.scene.model import Scene
+from mr360uw.reading.kept_reads import Stamp, stamp
 from mr360uw.types import Floats
 from mr360uw.video import VideoFrame, VideoReader, open_video
 from mr360uw.video.read.layout import Eye
@@ -80,10 +79,10 @@ class GreyClip:
         if self._reader.is_still:
             index = 0
         with self._one_thread:
-            key = index, stamp(self._reader.file_of(index))
-            return self._kept.get("grey", key, lambda: self._decoded(index), _APART)[eye]
+            return self._kept.of(self._decoded, index, stamp(self._reader.file_of(index)), keep=_APART)[eye]
 
-    def _decoded(self, index: int) -> tuple[Grey, ...]:
+    def _decoded(self, index: int, _: Stamp) -> tuple[Grey, ...]:
+        """Return the pictures of a frame, one an eye, as its file is by its stamp."""
         self.check(index + 1)
         if self._frames is None or index != self._last + 1:
             self._frames = iter(self._reader.frames(index))
@@ -115,8 +114,8 @@ def distances(grey: Grey, range_m: tuple[float, float]) -> Floats:
 class Mattes:
     """All holdouts of a scene, in step with the plate."""
 
-    def __init__(self, scene: Scene, width: int, height: int) -> None:
-        self._holdouts = [_Holdout(settings, width, height, scene.plate.eye) for settings in scene.holdouts]
+    def __init__(self, holdouts: Sequence[HoldoutSettings], width: int, height: int, eye: Eye | None = None) -> None:
+        self._holdouts = [_Holdout(settings, width, height, eye) for settings in holdouts]
         self._kept = Cache()
 
     def check(self, stop: int) -> None:
@@ -130,14 +129,18 @@ class Mattes:
         eye: 1 for the right one of two. Several masks combine to their maximum, several distances to their minimum: the
         same arrays while the pictures are unchanged.
         """
-        masks = [h.at(index, eye) for h in self._holdouts if h.settings.kind == "mask"]
-        nearest = [h.at(index, eye) for h in self._holdouts if h.settings.kind == "distance"]
-        return self._joined("mask", masks, np.max), self._joined("distance", nearest, np.min)
+        masks, nearest = (
+            [h.at(index, eye) for h in self._holdouts if h.settings.kind == kind] for kind in ("mask", "distance")
+        )
+        return self._kept.of(_largest, masks, keep=2), self._kept.of(_smallest, nearest, keep=2)
 
-    def _joined(self, kind: str, mattes: list[Floats], join: Callable[..., Floats]) -> Floats | None:
-        if not mattes:
-            return None
-        return self._kept.get(kind, tuple(map(Same, mattes)), lambda: join(mattes, axis=0), keep=2)
+
+def _largest(mattes: Sequence[Floats]) -> Floats | None:
+    return np.max(mattes, axis=0) if mattes else None
+
+
+def _smallest(mattes: Sequence[Floats]) -> Floats | None:
+    return np.min(mattes, axis=0) if mattes else None
 
 
 class _Holdout:
@@ -149,8 +152,7 @@ class _Holdout:
 
     def at(self, index: int, eye: int) -> Floats:
         """Return the matte (H, W) of an eye's frame: weights in [0, 1], or metres."""
-        grey = self.clip.at(index, eye)
-        return self._kept.get("matte", Same(grey), lambda: self._matte_of(grey), keep=2)
+        return self._kept.of(self._matte_of, self.clip.at(index, eye), keep=2)
 
     def _matte_of(self, grey: Grey) -> Floats:
         import cv2
@@ -188,7 +190,7 @@ class ReceiverClip:
             return self._receiver
         grey = self._clip.at(index, eye)
         with self._one_thread:
-            return self._kept.get("receiver", Same(grey), lambda: self._shaped(grey), 2 * _APART)
+            return self._kept.of(self._shaped, grey, keep=2 * _APART)
 
     def _shaped(self, grey: Grey) -> Receiver:
         low, high = self._settings.range_m

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -17,8 +18,8 @@ from mr360uw.medium.fit.level import fit_level
 from mr360uw.medium.fit.profile import upwelling
 from mr360uw.medium.lookup import ambient_ratio, transmittance_lookup, veil_lookup
 from mr360uw.medium.visibility import CONTRAST_LENGTHS
-from mr360uw.render.loaded import Loaded
 from mr360uw.render.plate_map import level_view, plate_map
+from mr360uw.render.surroundings import Surroundings
 from mr360uw.types import Floats, MediumTable
 from mr360uw.video import VideoFrame
 
@@ -30,27 +31,30 @@ _TRIED_M = np.geomspace(0.01, 100.0, 400)
 
 
 def waters_before(
-    patches: tuple[PatchSettings, ...], loaded: Loaded, shown: list[VideoFrame], colour: ColourGrade, stretch: float
+    patches: tuple[PatchSettings, ...],
+    surroundings: Sequence[Surroundings],
+    shown: Sequence[VideoFrame],
+    colour: ColourGrade,
+    stretch: float,
 ) -> list[PatchWater | None]:
     """Return the water before each patch, in frames whose light is read without a grade's colour; None for none.
 
-    stretch: factor on their distances. Raises `ParameterError` for a patch above the water, or so far away that the
-    plate shows nothing but water there.
+    surroundings, shown: of the frames that show them. stretch: factor on their distances. Raises `ParameterError` for
+    a patch above the water, or so far away that the plate shows nothing but water there.
     """
     grade = colour if colour.changes else None
     plain = {id(frame): frame.graded_by(grade) for frame in shown}  # patches of one frame share its light
-    seen = enumerate(zip(patches, shown, strict=True))
-    return [_before(k, patch, plain[id(frame)], loaded, colour, stretch) for k, (patch, frame) in seen]
+    seen = enumerate(zip(patches, shown, surroundings, strict=True))
+    return [_before(k, patch, plain[id(frame)], now, colour, stretch) for k, (patch, frame, now) in seen]
 
 
 def _before(
-    number: int, patch: PatchSettings, frame: VideoFrame, loaded: Loaded, colour: ColourGrade, stretch: float
+    number: int, patch: PatchSettings, frame: VideoFrame, now: Surroundings, colour: ColourGrade, stretch: float
 ) -> PatchWater | None:
     """Return the water before a patch. frame: without the grade of a colour, which its codes have."""
-    now = loaded.at(frame.time_s)
-    if patch.distance_m is None or now.surroundings.medium is None:
+    if patch.distance_m is None or now.medium is None:
         return None
-    distance_m, rotation = stretch * patch.distance_m, now.surroundings.camera.at(frame.time_s)[1]
+    distance_m, rotation = stretch * patch.distance_m, now.camera.at(frame.time_s)[1]
     up, medium = float((rotation @ patch.direction)[1]), _as_read(now, frame)
     _check(f"match.patch[{number}].distance_m", distance_m, medium.unit_table, up)
     passed = transmittance_lookup(medium.unit_table, distance_m, up)
@@ -58,17 +62,17 @@ def _before(
     level = medium.gain * medium.level_radiance(np.zeros(1))[0]
     near, far = (_as_coded(light, frame.spec) for light in (veil_lookup(medium.table, distance_m, up), level))
     water = PatchWater(_three(passed), _three(near / np.maximum(far, _TINY)), _three(far))
-    if not now.scene.water.fits_gain:
+    if not now.water.fits_gain:
         return water
     code = colour.graded(code_of(level, frame.spec), luma_weights_of(frame.spec))
     return replace(water, code=_three(code))
 
 
-def _as_read(now: Loaded, frame: VideoFrame) -> Medium:
+def _as_read(now: Surroundings, frame: VideoFrame) -> Medium:
     """Return the medium of a frame, with the gain of its open water where the scene gives none."""
-    medium, up = now.surroundings.medium_at(frame.time_s), now.surroundings.camera.at(frame.time_s)[1][1]
+    medium, up = now.medium_at(frame.time_s), now.camera.at(frame.time_s)[1][1]
     assert medium is not None
-    if now.scene.water.fits_gain:
+    if now.water.fits_gain:
         medium = medium.scaled(fit_level(medium, level_view(frame.pixels, up))[0])
     if medium.floor_m is None:
         return medium

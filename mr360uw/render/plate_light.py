@@ -3,10 +3,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
-from mr360uw.cache import Same
+from mr360uw.cache import Cache
 from mr360uw.composite.shot import BetweenKnots
 from mr360uw.medium import Medium
 from mr360uw.medium.fit.level import DOUBTFUL, fit_level
@@ -14,6 +13,7 @@ from mr360uw.render.first_pass import ClipAnalysis
 from mr360uw.render.lights import lit_as_its_ground, may_be_clipped, restored
 from mr360uw.render.loaded import Loaded
 from mr360uw.render.plate_map import level_view
+from mr360uw.render.surroundings import Surroundings
 from mr360uw.types import Environment, Floats, Sun
 from mr360uw.video import VideoFrame
 
@@ -33,39 +33,49 @@ class FrameLight:
     knots: BetweenKnots | None = None
 
 
-def plate_light(loaded: Loaded, facts: ClipAnalysis, plate: VideoFrame) -> FrameLight:
-    """Return the light of a plate's frame. Quantities that the clip's facts do not hold are measured in this frame."""
-    surroundings, plan, water = loaded.surroundings, loaded.plan, loaded.scene.water
-    sun = facts.sun_at(plate.index) if plan.sun.runs else None
-    found = surroundings.light.of(plate.pixels, sun, time_s=plate.time_s, glossy=plan.glossy.runs)
+def plate_light(loaded: Loaded, facts: ClipAnalysis, plate: VideoFrame, kept: Cache | None = None) -> FrameLight:
+    """Return the light of a plate's frame. Quantities that the clip's facts do not hold are measured in this frame.
+
+    kept: holds the light of the last frame.
+    """
+    plan, of_light = loaded.plan, replace(facts, calm=None, look=None)
+    cache = Cache() if kept is None else kept
+    return cache.of(_plate_light, loaded.surroundings, of_light, plate, plan.sun.runs, plan.glossy.runs)
+
+
+def _plate_light(
+    surroundings: Surroundings, facts: ClipAnalysis, plate: VideoFrame, has_sun: bool, glossy: bool
+) -> FrameLight:
+    sun = facts.sun_at(plate.index) if has_sun else None
+    found = surroundings.light.of(plate.pixels, sun, time_s=plate.time_s, glossy=glossy)
     world_from_camera = surroundings.camera.at(plate.time_s)[1]
     medium, gain = surroundings.medium_at(plate.time_s), None
     clipped = may_be_clipped(plate.pixels, surroundings.settings)
     if medium is not None:
         up = world_from_camera[1]
-        gain, known = _gain(facts, plate, medium, up) if water.fits_gain else (None, True)
+        gain, known = _gain(facts, plate, medium, up) if surroundings.water.fits_gain else (None, True)
         if known and clipped:
             scaled = medium if gain is None else medium.scaled(gain)
             found = restored(found, scaled, up, keep_sun=not isinstance(sun, str))
     if clipped:
         found = lit_as_its_ground(found, world_from_camera[1])
-    return FrameLight(found, gain, plate_ratio(loaded, facts, plate, gain, found.sun))
+    return FrameLight(found, gain, plate_ratio(surroundings, facts, plate, gain, found.sun))
 
 
 def plate_ratio(
-    loaded: Loaded, facts: ClipAnalysis, plate: VideoFrame, gain: Floats | None, sun: Sun | None
+    surroundings: Surroundings, facts: ClipAnalysis, plate: VideoFrame, gain: Floats | None, sun: Sun | None
 ) -> Floats | None:
     """Return the ratio of a plate's open water to a veil of a gain, from the clip's track or from this frame.
 
     None where the scene does not ask for it. sun: of the frame, in camera axes.
     """
-    medium = loaded.surroundings.medium_at(plate.time_s)
-    if medium is None or gain is None or not loaded.scene.water.fits_ratio:
+    medium = surroundings.medium_at(plate.time_s)
+    if medium is None or gain is None or not surroundings.water.fits_ratio:
         return None
     tracked = None if facts.open_water is None else facts.open_water.ratio_at(plate.index)
     if tracked is not None:
         return tracked
-    return loaded.surroundings.open_water(plate, medium, gain, sun).ratio(gain)
+    return surroundings.open_water(plate, medium, gain, sun).ratio(gain)
 
 
 def _gain(facts: ClipAnalysis, plate: VideoFrame, medium: Medium, up: Floats) -> tuple[Floats, bool]:
@@ -75,9 +85,3 @@ def _gain(facts: ClipAnalysis, plate: VideoFrame, medium: Medium, up: Floats) ->
         return gain, not facts.notes
     fitted, residual = fit_level(medium, level_view(plate.pixels, up))
     return fitted, residual < DOUBTFUL
-
-
-def light_key(loaded: Loaded, facts: ClipAnalysis, plate: VideoFrame) -> Hashable:
-    """Return the key of `plate_light`: all that the light depends on."""
-    plan, measured = loaded.plan, (Same(facts.sun), Same(facts.gain), Same(facts.open_water), facts.notes, facts.first)
-    return plate, loaded.surroundings, measured, plan.sun.runs, plan.glossy.runs

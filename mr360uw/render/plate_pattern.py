@@ -8,12 +8,12 @@ the size of caustics is smoothed, by the fraction of its variance that the scene
 from __future__ import annotations
 
 import math
-from collections.abc import Hashable
 
 import numpy as np
 
-from mr360uw.cache import Cache, Same
+from mr360uw.cache import Cache
 from mr360uw.caustics import CausticSettings, caustic_stack
+from mr360uw.caustics.settings import Sea
 from mr360uw.color import luminance
 from mr360uw.composite.receiver.pattern import PlatePattern
 from mr360uw.composite.shot import Receiver
@@ -22,8 +22,10 @@ from mr360uw.medium.small_angles import spread_of
 from mr360uw.render.calm import CalmPlate, CalmSeries
 from mr360uw.render.lights import direct_to_diffuse
 from mr360uw.render.loaded import Loaded
+from mr360uw.render.mattes import ReceiverClip
 from mr360uw.scene.keyed_water import without_gain
 from mr360uw.scene.model import Scene
+from mr360uw.types import BeamSpread, MediumTable
 from mr360uw.video import VideoFrame
 
 _TYPICAL_HEIGHT_M = 2.0
@@ -41,10 +43,21 @@ def calm_series(loaded: Loaded, kept: Cache | None = None) -> CalmSeries | None:
     """
     if not loaded.plan.pattern.runs or loaded.receiver is None:
         return None
-    height_m = _height_above(loaded.receiver.at(0), loaded)
-    depth_m, kept = loaded.scene.camera.depth_m + height_m, Cache() if kept is None else kept
-    key = waves_key(loaded.scene), depth_m
-    return CalmSeries(height_m, kept.get("contrast", key, lambda: _expected_contrast(loaded, depth_m)))
+    return CalmSeries(*_on_ground(loaded, loaded.receiver, Cache() if kept is None else kept))
+
+
+def _on_ground(loaded: Loaded, receiver: ReceiverClip, kept: Cache) -> tuple[float, float]:
+    """Return the camera's height [m] above the ground, and the contrast of the light that the scene's sea makes there.
+
+    kept: holds the contrast.
+    """
+    scene, medium, height_m = loaded.scene, loaded.surroundings.medium, _height_above(receiver.at(0), loaded)
+    assert medium is not None
+    contrast = kept.of(
+        _expected_contrast, scene.sea, _resolution(scene), scene.water.refractive_index, medium.unit_table,
+        spread_of(medium), scene.camera.depth_m + height_m,
+    )  # fmt: skip
+    return height_m, contrast
 
 
 def plate_pattern(
@@ -56,27 +69,22 @@ def plate_pattern(
     """
     if not loaded.plan.pattern.runs or loaded.receiver is None:
         return None
+    kept = Cache() if kept is None else kept
     if calm is None:
-        series = calm_series(loaded, kept)
-        assert series is not None
-        series.add(plate)
-        calm = series.result()
-    return PlatePattern(plate, calm.mean, _height_above(loaded.receiver.at(plate.index), loaded), calm.strength)
+        calm = kept.of(_calm_of_frame, *_on_ground(loaded, loaded.receiver, kept), plate)
+    height_m = _height_above(loaded.receiver.at(plate.index), loaded)
+    return kept.of(PlatePattern, plate, calm.mean, height_m, calm.strength)
 
 
-def pattern_key(loaded: Loaded, calm: CalmPlate | None, plate: VideoFrame) -> Hashable:
-    """Return the key of `plate_pattern`: all that the pattern depends on.
-
-    The waves count where the frame itself shows how strong its caustics are.
-    """
-    if not loaded.plan.pattern.runs or loaded.receiver is None:
-        return None
-    seen = plate, loaded.receiver, loaded.receiver.at(plate.index), loaded.surroundings.camera, Same(calm)
-    return seen, waves_key(loaded.scene) if calm is None else ()
+def _calm_of_frame(height_m: float, contrast: float, plate: VideoFrame) -> CalmPlate:
+    """Return the calm ground of a frame by itself."""
+    series = CalmSeries(height_m, contrast)
+    series.add(plate)
+    return series.result()
 
 
-def waves_key(scene: Scene) -> Hashable:
-    """Return the key of the contrast of the caustics that a scene's sea makes on the ground."""
+def waves_of(scene: Scene) -> tuple[object, ...]:
+    """Return the settings that the contrast of the caustics on the ground depends on."""
     return scene.sea, scene.camera.depth_m, without_gain(scene.water), _resolution(scene)
 
 
@@ -101,13 +109,12 @@ def _height_above(receiver: Receiver, loaded: Loaded) -> float:
     return max(abs(below), _LEAST_HEIGHT_M)
 
 
-def _expected_contrast(loaded: Loaded, depth_m: float) -> float:
-    """Return the standard deviation over mean of the light that the scene's sea throws on the ground."""
-    scene, medium = loaded.scene, loaded.surroundings.medium
-    assert medium is not None
-    index, table, at = scene.water.refractive_index, medium.unit_table, np.array([depth_m])
-    spread = spread_of(medium)
-    stack = caustic_stack(scene.sea, _TYPICAL_SUN, at, 0.0, _resolution(scene), index, spread)
+def _expected_contrast(
+    sea: Sea, settings: CausticSettings, index: float, table: MediumTable, spread: BeamSpread | None, depth_m: float
+) -> float:
+    """Return the standard deviation over mean of the light that a sea throws on the ground at a depth."""
+    at = np.array([depth_m])
+    stack = caustic_stack(sea, _TYPICAL_SUN, at, 0.0, settings, index, spread)
     up = float(stack.sun_direction[1])
     direct = direct_to_diffuse(table) * beam_ratio(table, at, up) / ambient_ratio(table, at)
     sharp = float(luminance(unscattered_share(table, at, up))[0])

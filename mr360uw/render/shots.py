@@ -4,16 +4,14 @@
 from __future__ import annotations
 
 import dataclasses
-import functools
-from collections.abc import Hashable
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mr360uw.cache import Cache, Same, by_value
+from mr360uw.cache import Cache
 from mr360uw.caustics import refract_to_air
 from mr360uw.caustics.settings import CausticSettings
-from mr360uw.composite import PlacedObject, Shot
+from mr360uw.composite import Shot
 from mr360uw.composite.lighting.lamps import lamps_of
 from mr360uw.composite.lighting.sun import sun_of
 from mr360uw.composite.receiver.pattern import PlatePattern
@@ -57,8 +55,7 @@ def shot_at(
     kept: holds the light in the world's axes.
     """
     view = loaded.view(time_s)
-    of_world = light.environment, view.world_from_camera.tobytes()
-    environment = kept.get("turned", of_world, lambda: turned(light.environment, view.world_from_camera))
+    environment = kept.of(turned, light.environment, view.world_from_camera)
     objects = tuple(o.at(time_s, index, view.position, view.world_from_camera) for o in loaded.objects)
     suns: tuple[Sun, ...] = () if environment.sun is None else (environment.sun,)
     lamps: tuple[Light, ...] = tuple(lamp.at(time_s, view, objects) for lamp in loaded.lamps)
@@ -68,7 +65,7 @@ def shot_at(
         environment=environment,
         lights=(*suns, *lamps),
         medium=medium,
-        draw=loaded.scene.draw,
+        draw=loaded.scene.draw.model_copy(update=_NOT_OF_LAYERS),
         knots=light.knots,
     )
 
@@ -96,9 +93,7 @@ def with_caustics(loaded: Loaded, backend: Backend, shot: Shot, time_s: float, k
         return shot
     depths = loaded.caustic_depths
     planes, settings = depths.planes(shot), depths.settings
-    key = _caustics_key(loaded, settings, sun_in_air, planes, time_s)
-    make = functools.partial(_caustics, loaded, backend, settings, sun_in_air, planes, time_s)
-    return dataclasses.replace(shot, caustics=kept.get("caustics", key, make))
+    return dataclasses.replace(shot, caustics=_caustics(loaded, backend, settings, sun_in_air, planes, time_s, kept))
 
 
 def shafts_of(loaded: Loaded, backend: Backend, shot: Shot, time_s: float, kept: Cache) -> ShaftLight | None:
@@ -121,10 +116,7 @@ def shafts_of(loaded: Loaded, backend: Backend, shot: Shot, time_s: float, kept:
         return still if lamps_of(shot) or bodies_show(shot, still) else None
     deepest_m = float(camera_m + min(settings.range_m, _DEEPER * medium.length_m)) if settings.on_plate else 0.0
     planes = depths.water_planes(shot, deepest_m)
-    of_water = depths.of_water
-    key = _caustics_key(loaded, of_water, sun_in_air, planes, time_s)
-    make = functools.partial(_caustics, loaded, backend, of_water, sun_in_air, planes, time_s)
-    return ShaftLight(settings, medium, kept.get("water caustics", key, make))
+    return ShaftLight(settings, medium, _caustics(loaded, backend, depths.of_water, sun_in_air, planes, time_s, kept))
 
 
 def _caustic_sun(loaded: Loaded, shot: Shot) -> Floats | None:
@@ -137,20 +129,18 @@ def _caustic_sun(loaded: Loaded, shot: Shot) -> Floats | None:
 
 
 def _caustics(
-    loaded: Loaded, backend: Backend, settings: CausticSettings, sun_in_air: Floats, depths_m: Floats, time_s: float
+    loaded: Loaded,
+    backend: Backend,
+    settings: CausticSettings,
+    sun_in_air: Floats,
+    depths_m: Floats,
+    time_s: float,
+    kept: Cache,
 ) -> CausticStack:
-    medium, scene = loaded.surroundings.medium, loaded.scene
+    """Return a backend's caustics of a scene: for its bodies, or for the water. sun_in_air: (3,). depths_m: (n,)."""
+    medium, sea, index = loaded.surroundings.medium, loaded.scene.sea, loaded.scene.water.refractive_index
     spread = spread_of(medium) if medium is not None else None
-    return backend.caustics(scene.sea, sun_in_air, depths_m, time_s, settings, scene.water.refractive_index, spread)
-
-
-def _caustics_key(
-    loaded: Loaded, settings: CausticSettings, sun_in_air: Floats, depths_m: Floats, time_s: float
-) -> Hashable:
-    """Return the key of a backend's caustics of a scene. sun_in_air: (3,). depths_m: (n,)."""
-    scene = loaded.scene
-    where = sun_in_air.tobytes(), depths_m.tobytes(), time_s
-    return scene.sea, settings, scene.water.refractive_index, loaded.surroundings.medium, where
+    return kept.of(backend.caustics, sea, sun_in_air, depths_m, time_s, settings, index, spread, keep=2)
 
 
 def with_snow(
@@ -171,29 +161,10 @@ def with_snow(
     opens, closes = (_view_at(loaded, shot.view, at_s) for at_s in (time_s - half, time_s + half))
     snow = Snow(settings, particle_scattering(medium.water), sea, time_s, exposure_s, opens, closes)
 
-    def drawn() -> Layer:
-        return with_particles(snow, shot, layer, backend.cache)
-
-    key = layer, shot.view.key, opens.key, closes.key, settings, snow.scattering, sea, time_s, exposure_s
-    return kept.get("snow", key, drawn)
+    return kept.of(with_particles, snow, shot, layer, backend.cache)
 
 
 def _view_at(loaded: Loaded, view: View, time_s: float) -> View:
     """Return the camera's view at another time, within the same frame."""
     position, rotation = loaded.surroundings.camera.at(time_s)
     return dataclasses.replace(view, position=np.asarray(position), world_from_camera=np.asarray(rotation))
-
-
-def layer_key(shot: Shot, shafts: ShaftLight | None, variables: bool) -> Hashable:
-    """Return the key of a shot's layer, with its shafts: all that it depends on."""
-    mattes = Same(shot.holdout), Same(shot.holdout_distance_m)
-    return (
-        shot.view.key, tuple(map(_object_key, shot.objects)), shot.environment, tuple(map(by_value, shot.lights)),
-        shot.medium, Same(shot.caustics), shot.receiver, mattes, shot.pattern,
-        shot.draw.model_copy(update=_NOT_OF_LAYERS),
-        None if shafts is None else shafts.key, variables, shot.knots,
-    )  # fmt: skip
-
-
-def _object_key(placed: PlacedObject) -> Hashable:
-    return placed.key, placed.casts_shadow, placed.visible

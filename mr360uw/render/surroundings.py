@@ -37,10 +37,12 @@ _TABLES = 128
 class Surroundings:
     """Camera path, medium and light reader of a scene. medium: for a camera at `camera.depth_m`; None without water.
 
-    settings: its `[light]` table. ground_y: height [m] of the scene's level floor in the world, None without one.
+    settings, water: its `[light]` and `[water]` tables. ground_y: height [m] of the scene's level floor in the world,
+    None without one.
     """
 
     settings: LightSettings
+    water: WaterSettings
     camera: CameraPath
     medium: Medium | None
     light: LightReader
@@ -86,22 +88,20 @@ def load_surroundings(scene: Scene, kept: KeptReads | None = None, between: Wate
     between: waters whose tables those of the scene's water are interpolated from, where it is keyed.
     """
     kept = KeptReads() if kept is None else kept
-    levelled_by_plate = scene.plate if scene.camera.gravity is not None else None
-    of_camera, gain = (scene.camera, levelled_by_plate, scene.water.type), scene.water.gain
-    floor_m = floor_depth_m(scene)
+    return kept.of(_surroundings, scene.only("camera", "water", "light"), between, floor_depth_m(scene), kept)
+
+
+def _surroundings(scene: Scene, between: WaterBetween | None, floor_m: float | None, kept: KeptReads) -> Surroundings:
+    dry = WaterSettings(type="none")
+    camera = kept.of(CameraPath.of, scene.only("camera", water=dry if scene.water.type == "none" else WaterSettings()))
+    plain, gain = without_gain(scene.water), scene.water.gain
+    medium, depths = (
+        _medium(plain, camera, floor_m, kept) if between is None else _mixed(plain, between, camera, floor_m, kept)
+    )
+    medium = medium if medium is None or gain == "auto" else medium.scaled(gain)
+    light = LightReader(scene, medium.unit_table if medium is not None else None, camera)
     ground_y = None if floor_m is None else scene.camera.depth_m - floor_m
-
-    def made() -> Surroundings:
-        camera = kept.get("camera", of_camera, lambda: CameraPath.of(scene))
-        plain = without_gain(scene.water)
-        medium, depths = (
-            _medium(plain, camera, floor_m, kept) if between is None else _mixed(plain, between, camera, floor_m, kept)
-        )
-        medium = medium if medium is None or gain == "auto" else medium.scaled(gain)
-        light = LightReader(scene, medium.unit_table if medium is not None else None, camera)
-        return Surroundings(scene.light, camera, medium, light, ground_y, depths)
-
-    return kept.get("surroundings", (of_camera, scene.water, scene.light, between, floor_m), made)
+    return Surroundings(scene.light, scene.water, camera, medium, light, ground_y, depths)
 
 
 def floor_depth_m(scene: Scene) -> float | None:
@@ -122,14 +122,16 @@ def _medium(
     water: WaterSettings, camera: CameraPath, floor_m: float | None, kept: KeptReads
 ) -> tuple[Medium | None, MediumAtDepths | None]:
     """Return the medium of a water at the scene's depth, and at all depths where the camera rises or sinks."""
+    return kept.of(_solved, water, camera.depth_m, camera.sinks, floor_m, keep=_WATERS)
 
-    def made() -> tuple[Medium | None, MediumAtDepths | None]:
-        medium = water.medium(camera.depth_m, floor_m=floor_m)
-        if medium is not None:
-            _ = medium.unit_table  # for all that are scaled from it
-        return medium, MediumAtDepths(medium) if medium is not None and camera.sinks else None
 
-    return kept.get("medium", (water, camera.depth_m, camera.sinks, floor_m), made, _WATERS)
+def _solved(
+    water: WaterSettings, depth_m: float, sinks: bool, floor_m: float | None
+) -> tuple[Medium | None, MediumAtDepths | None]:
+    medium = water.medium(depth_m, floor_m=floor_m)
+    if medium is not None:
+        _ = medium.unit_table  # for all that are scaled from it
+    return medium, MediumAtDepths(medium) if medium is not None and sinks else None
 
 
 def _table(water: WaterSettings, depth_m: float, floor_m: float | None) -> MediumTable:
@@ -151,8 +153,7 @@ def _mixed(
             depths = _medium(water, camera, floor_m, kept)[1]
             assert depths is not None
             return lambda depth_m: depths.at(depth_m).unit_table
-        of_table = water, camera.depth_m, floor_m
-        table = kept.get("table", of_table, lambda: _table(*of_table), _TABLES)
+        table = kept.of(_table, water, camera.depth_m, floor_m, keep=_TABLES)
         return lambda _: table
 
     mixed = MixedMedium(exact, tables(between.first), tables(between.second), between.share)

@@ -213,6 +213,19 @@ class Scene(Parameters):
             override(data, one)
         return model_from_dict(Scene, data, Path.cwd(), "Scene")
 
+    def only(self, *names: str, **instead: Any) -> Scene:
+        """Return a scene with the plate and the named tables of this one, and the defaults of all others.
+
+        What is computed from it can depend on nothing else. instead: values that other tables have.
+        """
+        fields = type(self).model_fields
+        others = {
+            name: field.get_default(call_default_factory=True)
+            for name, field in fields.items()
+            if name != "plate" and name not in names
+        }
+        return self.model_copy(update=others | instead)
+
     def to_toml(self) -> str:
         """Return the text of a scene file with the settings that are not left at their defaults; paths are absolute."""
         return toml_document(_tables(with_absolute_paths(self, Path.cwd())))

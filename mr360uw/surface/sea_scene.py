@@ -7,7 +7,6 @@ a function of the time and of the view alone, so a picture of a film is the same
 
 from __future__ import annotations
 
-import functools
 import math
 from dataclasses import dataclass
 
@@ -107,27 +106,19 @@ class SeaScene:
                 f"view - the camera must be above the floor (got y = {position[1]:g} over {ground:g} m) - raise it"
             )
         time = number("time_s", time_s)
-        points = self._cache.get("points", None, lambda: points_across(self.sea))
-        sampled = self._cache.get("sampled sea", time, lambda: SampledSea.of(self.sea, time, points))
+        points = self._cache.of(points_across, self.sea)
+        sampled = self._cache.of(SampledSea.of, self.sea, time, points)
         over, depth = float(position[1] - view.surface_y_m), view.surface_y_m - self.floor.height_m
         in_water = over < float(sampled.heights(position[[0]], position[[2]])[0])
         water = self.light_in_water(depth)
         if in_water:
             below = max(-over, _SHALLOWEST_M)
-            water = self._cache.get("water at camera", (depth, below), functools.partial(water.seen_from, below))
+            water = self._cache.of(water.seen_from, below)
         index, floor = self.refractive_index, self.floor
         depths = [depth]
         if floor.lowest_m < floor.highest_m:
             depths = _plane_depths(depth - floor.highest_m, depth - floor.lowest_m)
-        lights = [
-            self._cache.get(
-                "floor light",
-                (time, depth, d),
-                functools.partial(self._floor_light, water, sampled, time, d),
-                keep=len(depths),
-            )
-            for d in depths
-        ]
+        lights = [self._cache.of(self._floor_light, water, sampled, time, d, keep=len(depths)) for d in depths]
         planes = tuple(zip(depths, lights, strict=True)) if len(depths) > 1 else ()
         return RayStage(
             sampled, self.dome, floor, -depth, lights[0], water, self.sun, index, samples, in_water, planes
@@ -138,9 +129,8 @@ class SeaScene:
 
     def light_in_water(self, floor_m: float) -> WaterLight:
         """Return the light between the surface and the floor at a mean depth [m], for a camera above the water."""
-        return self._cache.get("water", floor_m, lambda: WaterLight.of(
-            self.water, self.dome, self.sun, self.refractive_index, floor_m, self.floor.mean_albedo
-        ))  # fmt: skip
+        albedo = self.floor.mean_albedo
+        return self._cache.of(WaterLight.of, self.water, self.dome, self.sun, self.refractive_index, floor_m, albedo)
 
 
 def _plane_depths(least_m: float, greatest_m: float) -> list[float]:

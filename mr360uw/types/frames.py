@@ -10,6 +10,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from mr360uw.cache import Parts
 from mr360uw.color import ColorSpec
 from mr360uw.constants import PI
 from mr360uw.sphere import direction_from_frame, frame_from_direction, unit
@@ -28,7 +29,7 @@ class Rectangle(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class View:
+class View(Parts):
     """A camera at one instant: what its frame shows of the world.
 
     width, height: of the frame in pixels. position: (3,) [m] in the world. world_from_camera: (3, 3) rotation.
@@ -122,14 +123,6 @@ class View:
     def depth_of(self, point: Floats) -> Floats:
         """Return the depth (...,) [m] below the mean surface of points (..., 3) from the camera, world axes."""
         return self.surface_y_m - (point[..., 1] + self.position[1])
-
-    @property
-    def key(self) -> tuple[object, ...]:
-        """A value that is equal for views that show the same."""
-        return (
-            self.projection, self.width, self.height, self.position.tobytes(), self.world_from_camera.tobytes(),
-            self.surface_y_m, self.fov_rad, self.width_m, self.eye_m,
-        )  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -5,11 +5,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from mr360uw.cache import Parts
 from mr360uw.types.frames import Floats
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Sun:
+class Sun(Parts):
     """A dominant light as the camera sees it (below the surface: after refraction).
 
     direction: (3,) unit, towards the sun. irradiance: (3,) linear RGB on a plane perpendicular to the beam, in plate
@@ -27,7 +28,7 @@ class Sun:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Lamp:
+class Lamp(Parts):
     """A point or spot light at one instant, in the world.
 
     position: (3,) [m]. axis: (3,) unit, the direction of travel along the middle of a spot. intensity: (3,) linear RGB

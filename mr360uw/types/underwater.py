@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mr360uw.cache import Parts
 from mr360uw.constants import REFRACTIVE_INDEX_SEA
 from mr360uw.types.frames import Floats
 
@@ -25,7 +26,7 @@ class Surface:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class BeamSpread:
+class BeamSpread(Parts):
     """Spread of sunlight that the water has turned by small angles, over a plane across the beam.
 
     scattering: by small angles [1/m]; times the path from the surface it is an optical depth. angle_rad: (k,) standard

@@ -19,7 +19,7 @@ from mr360uw.composite.ambient.among.body_views import body_views
 from mr360uw.composite.ambient.among.far_bodies import FarField, far_field, near_shares
 from mr360uw.composite.ambient.among.relative_pose import rounded
 from mr360uw.composite.ambient.body_view import Body, BodyView
-from mr360uw.composite.ambient.mesh_transfer import make_transfer, shape_key
+from mr360uw.composite.ambient.mesh_transfer import shape_of, shape_transfer
 from mr360uw.composite.ambient.on_ground.blocked_light import BlockedLight, Occluders
 from mr360uw.composite.ambient.on_ground.ground_view import COARSE_NODES, NODES, LevelGround
 from mr360uw.composite.ambient.on_ground.height_field import make_height_field
@@ -167,14 +167,12 @@ def _nodes(body: Body, side: int) -> Floats:
 def _body(placed: PlacedObject, ground_y: float | None, seen_by_ground: bool, cache: Cache) -> Body:
     # poses share what is found at rest: rays for each of them would cost seconds a frame
     mesh, linear, shadow = placed.mesh.still, placed.world_from_object[:3, :3], placed.casts_shadow
-    bare = cache.get("ambient shape", shape_key(mesh), lambda: make_transfer(mesh), keep=_KEPT_TRANSFERS)
-    transfer = cache.get("ambient transfer", (mesh, bare), lambda: bare.painted(mesh), keep=_KEPT_TRANSFERS)
-    shape = transfer.lattice
-    own = cache.get("ambient own", (shape, shadow), lambda: transfer.own_view(shadow), keep=_KEPT_TRANSFERS)
+    bare = cache.of(shape_transfer, shape_of(mesh), keep=_KEPT_TRANSFERS)
+    transfer = cache.of(bare.painted, mesh, keep=_KEPT_TRANSFERS)
+    own = cache.of(bare.own_view, shadow, keep=_KEPT_TRANSFERS)
     field, ground = None, None
     if seen_by_ground and shadow and len(transfer.solid):
-        key = (shape, linear.tobytes())
-        field = cache.get("height field", key, lambda: make_height_field(transfer, linear), keep=_KEPT_FIELDS)
+        field = cache.of(make_height_field, bare, linear, keep=_KEPT_FIELDS)
     rotation, center = linear / placed.scale, placed.to_world(mesh.center_m)
     if ground_y is not None:
         height = rounded((center[1] - ground_y) / placed.scale, mesh.radius_m)

@@ -3,12 +3,11 @@
 
 from __future__ import annotations
 
-import functools
 from dataclasses import replace
 
 import numpy as np
 
-from mr360uw.cache import Cache
+from mr360uw.cache import Cache, PartOf
 from mr360uw.composite.ambient.body_layout import Layout, make_layout
 from mr360uw.composite.ambient.on_ground.ground_height import ground_heights
 from mr360uw.composite.ambient.on_ground.quadtree import Quadtree, camera_place, make_quadtree
@@ -26,8 +25,7 @@ def ambient_layout(shot: Shot, cache: Cache) -> Layout:
     """Return how the bodies and the ground of a shot see each other."""
     on_ground, objects = _on_ground(shot), _bodies(shot)
     heights = ground_heights(shot, objects, cache)
-    key = (tuple((o.key, o.casts_shadow) for o in objects), tuple(heights), on_ground)
-    return cache.get("ambient layout", key, lambda: make_layout(objects, heights, on_ground, cache))
+    return cache.of(make_layout, objects, heights, on_ground, cache)
 
 
 def _on_ground(shot: Shot) -> bool:
@@ -57,8 +55,12 @@ def _at_knot(shot: Shot, layout: Layout, knot: KnotLight, cache: Cache) -> Ambie
     """Return the light of a shot's bodies, which stand still, as it is in a knot of time; kept in `cache`."""
     view = replace(shot.view, position=knot.position)
     then = replace(shot, view=view, environment=knot.environment, lights=knot.lights, medium=knot.medium, knots=None)
-    key = knot, layout, shot.draw.ambient_occlusion, view.surface_y_m
-    return cache.get("ambient at knot", key, lambda: Solver(then, layout, cache).solve(), _KEPT_KNOTS)
+    of_light = PartOf(then, knot, shot.draw.ambient_occlusion, view.surface_y_m)
+    return cache.of(_solved, of_light, layout, cache, keep=_KEPT_KNOTS)
+
+
+def _solved(shot: PartOf[Shot], layout: Layout, cache: Cache) -> AmbientLight:
+    return Solver(shot.whole, layout, cache).solve()
 
 
 def free_of_bodies(shot: Shot, light: AmbientLight | None, point: Floats, normal: Floats, cache: Cache) -> Floats:
@@ -71,9 +73,8 @@ def free_of_bodies(shot: Shot, light: AmbientLight | None, point: Floats, normal
     places, normals = point.reshape(-1, 3) + shot.view.position, normal.reshape(-1, 3)
     for start in range(0, len(places), _PLACES_AT_ONCE):
         part = slice(start, start + _PLACES_AT_ONCE)
-        key = light.layout, places[part].tobytes(), normals[part].tobytes()
-        make = functools.partial(light.layout.occluders.blocked, places[part], normals[part])
-        free[part] = light.free(cache.get("ambient blocked", key, make, _KEPT_PLACES), places[part])
+        blocked = cache.of(light.layout.occluders.blocked, places[part], normals[part], keep=_KEPT_PLACES)
+        free[part] = light.free(blocked, places[part])
     return free.reshape(point.shape)
 
 
@@ -87,13 +88,17 @@ def free_between(shot: Shot, light: AmbientLight | None, point: Floats, normal: 
     if light is None or around is None:
         return free_of_bodies(shot, light, point, normal, cache)
     tree, origin = around
-    make = functools.partial(light.free, tree.blocked, tree.place + origin)
-    values = cache.get("ambient at quadtree", (light, tree), lambda: tree.joined(make()))
+    values = cache.of(_at_samples, light, tree, origin)
     place = point.reshape(-1, 3)
     free, jump = tree.between(values, place + (shot.view.position - origin), 1.0)
     if np.any(jump):
         free[jump] = free_of_bodies(shot, light, place[jump], normal.reshape(-1, 3)[jump], cache)
     return np.asarray(np.maximum(free, 0.0)).reshape(point.shape)  # parabolas between steep samples dip below
+
+
+def _at_samples(light: AmbientLight, tree: Quadtree, origin: Floats) -> Floats:
+    """Return the light at the samples of a quadtree whose origin (3,) is given."""
+    return tree.joined(light.free(tree.blocked, tree.place + origin))
 
 
 def jumps_of_light(shot: Shot, light: AmbientLight | None, cache: Cache) -> Floats:
@@ -116,6 +121,4 @@ def _quadtree(shot: Shot, light: AmbientLight | None, cache: Cache) -> tuple[Qua
         return None
     origin, width, extent_m = light.layout.below(receiver.plane_y), shot.view.width, receiver.extent_m
     occluders, camera = light.layout.occluders_from(origin), camera_place(shot.view.position - origin)
-    key = (occluders.key, camera.tobytes(), width, extent_m)
-    make = functools.partial(make_quadtree, occluders, camera, 2.0 * np.pi / width, extent_m)
-    return cache.get("ambient quadtree", key, make), origin
+    return cache.of(make_quadtree, occluders, camera, 2.0 * np.pi / width, extent_m), origin

@@ -6,14 +6,13 @@ after the lights are known).
 
 from __future__ import annotations
 
-from collections.abc import Hashable
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.cache import Same
+from mr360uw.cache import PartOf, Same
 from mr360uw.composite.ambient.directions import SOLID_ANGLE, directions
 from mr360uw.composite.ambient.knot_kernel import find_nearest_knots
 from mr360uw.composite.ambient.lattice import Lattice, make_lattice, stand_ins
@@ -61,7 +60,7 @@ class Transfer:
     lookouts: the sites that exchange light with other bodies. own: pairs that the mesh blocks itself. base, emission:
     (S, 3) mean colour and emission [plate radiance]; metallic, roughness, index: (S,). scene, solid: its opaque
     triangles for rays, and their numbers. sides: silhouettes. tree: places of the sites. Meshes of one
-    `shape_key` share the lattice, which is the key of all that their shape alone decides.
+    `shape_of` share the lattice, which stands for all that their shape alone decides.
     """
 
     lattice: Lattice
@@ -81,7 +80,7 @@ class Transfer:
     tree: Any
 
     def painted(self, mesh: Mesh) -> Transfer:
-        """Return the transfer of a mesh of the same `shape_key`."""
+        """Return the transfer of a mesh of the same `shape_of`."""
         base, emission, metallic, roughness, index = _colors(mesh, self.lattice)
         return replace(
             self, mesh=mesh, base=base, emission=emission, metallic=metallic, roughness=roughness, index=index
@@ -115,10 +114,15 @@ class Transfer:
         return np.where(self.metallic[:, None] > 0.5, base, base + (1.0 - base) * coat)
 
 
-def shape_key(mesh: Mesh) -> Hashable:
-    """Return the key of a mesh's shape: its arrays, and which of its materials are opaque and seen from both sides."""
+def shape_of(mesh: Mesh) -> PartOf[Mesh]:
+    """Return a mesh's shape: its arrays, and which of its materials are opaque and seen from both sides."""
     sides = tuple((material.alpha_mode == "OPAQUE", material.double_sided) for material in mesh.materials)
-    return Same(mesh.positions), Same(mesh.normals), Same(mesh.material), Same(mesh.hull), sides
+    return PartOf(mesh, Same(mesh.positions), Same(mesh.normals), Same(mesh.material), Same(mesh.hull), sides)
+
+
+def shape_transfer(shape: PartOf[Mesh]) -> Transfer:
+    """Return the transfer of a mesh, of which what is not its shape is not to be used."""
+    return make_transfer(shape.whole)
 
 
 def make_transfer(mesh: Mesh) -> Transfer:

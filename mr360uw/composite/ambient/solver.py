@@ -24,6 +24,7 @@ from mr360uw.composite.ambient.directions import blurred, directions, radiance_t
 from mr360uw.composite.ambient.ground_light import GroundLight, ground_radiance
 from mr360uw.composite.ambient.knot_values import CHANNELS, FEW_CHANNELS
 from mr360uw.composite.ambient.lobe_occlusion import reflected_among
+from mr360uw.composite.ambient.mesh_transfer import Transfer
 from mr360uw.composite.ambient.on_ground.sky_table import sky_table
 from mr360uw.composite.ambient.solved_light import AmbientLight
 from mr360uw.composite.ambient.sparse_product import product
@@ -119,12 +120,7 @@ class Solver:
         """Return the fraction (C, 3) of light that the surface about a body's lookouts sends back, and its emission
         over the ambient light's fall with depth.
         """
-        transfer, index = body.transfer, self._shot.refractive_index
-        lookouts = transfer.lookouts
-        reflected, emission = self._cache.get(
-            "ambient material", (transfer.mesh, index),
-            lambda: (lookouts.mean(transfer.reflected(index)), lookouts.mean(transfer.emission)), keep=64,
-        )  # fmt: skip
+        reflected, emission = self._cache.of(_at_lookouts, body.transfer, self._shot.refractive_index, keep=64)
         return reflected, emission / self._sunlight.ambient(body.center[None])
 
     def _first_guess(self) -> Floats:
@@ -219,3 +215,9 @@ def _product(matrix: NDArray[np.float32], light: NDArray[np.float32]) -> NDArray
     """Return the product of matrices (n, k) and (k, m)."""
     parts = [matrix[k : k + _ROWS_AT_ONCE] @ light for k in range(0, len(matrix), _ROWS_AT_ONCE)]
     return np.concatenate(parts)
+
+
+def _at_lookouts(transfer: Transfer, refractive_index: float) -> tuple[Floats, Floats]:
+    """Return the reflectance (C, 3) and the emission (C, 3) of a mesh at its lookouts."""
+    lookouts = transfer.lookouts
+    return lookouts.mean(transfer.reflected(refractive_index)), lookouts.mean(transfer.emission)

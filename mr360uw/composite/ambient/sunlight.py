@@ -3,8 +3,6 @@
 
 from __future__ import annotations
 
-import functools
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -40,9 +38,9 @@ class Sunlight:
         lattice, site = body.transfer.lattice, body.transfer.lookouts.site
         if self._sun is None:
             return np.zeros((len(site), 3))
-        place = body.placed.to_world(lattice.position[site])
+        place = _lookouts(self._layout, number)
         cosine = np.maximum(lattice.normal[site] @ (self._sun.direction @ body.rotation), 0.0)
-        lit = 1.0 - self._shaded(("lookouts", number), place)
+        lit = 1.0 - self._cache.of(_lookouts_shaded, self._layout, number, self._towards, keep=_KEPT)
         return self._beam(place) * (cosine * lit)[:, None]
 
     def at_nodes(self, number: int) -> tuple[Floats, Floats]:
@@ -51,7 +49,8 @@ class Sunlight:
         if self._sun is None:
             return np.zeros((len(node), 3)), np.zeros(len(node))
         beam = self._beam(node) * max(float(self._sun.direction[1]), 0.0)
-        return beam, self._shaded(("nodes", number), node).astype(np.float64)
+        shaded = self._cache.of(_nodes_shaded, self._layout, number, self._towards, keep=_KEPT)
+        return beam, shaded.astype(np.float64)
 
     def _beam(self, points: Floats) -> Floats:
         """Return the sun's irradiance (n, 3) across its beam."""
@@ -62,9 +61,22 @@ class Sunlight:
             beam = beam * beam_ratio(shot.medium, shot.view.surface_y_m - points[:, 1], sun_up(sun))
         return np.asarray(beam / np.maximum(self.ambient(points), 1e-9))
 
-    def _shaded(self, what: object, place: Floats) -> NDArray[np.bool_]:
+    @property
+    def _towards(self) -> Floats:
         assert self._sun is not None
         towards = np.round(_STEPS * np.asarray(self._sun.direction))
-        towards = towards / np.linalg.norm(towards)
-        make = functools.partial(self._layout.shaded, place, towards)
-        return self._cache.get("ambient shade", (self._layout, what, towards.tobytes()), make, keep=_KEPT)
+        return np.asarray(towards / np.linalg.norm(towards))
+
+
+def _lookouts(layout: Layout, number: int) -> Floats:
+    """Return the places (C, 3) of a body's lookouts in the world."""
+    body = layout.bodies[number]
+    return body.placed.to_world(body.transfer.lattice.position[body.transfer.lookouts.site])
+
+
+def _lookouts_shaded(layout: Layout, number: int, towards: Floats) -> NDArray[np.bool_]:
+    return layout.shaded(_lookouts(layout, number), towards)
+
+
+def _nodes_shaded(layout: Layout, number: int, towards: Floats) -> NDArray[np.bool_]:
+    return layout.shaded(layout.nodes[number], towards)

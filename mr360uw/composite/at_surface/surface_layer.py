@@ -16,7 +16,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.cache import Cache
+from mr360uw.cache import Cache, PartOf
 from mr360uw.composite.ambient.light import ambient_light
 from mr360uw.composite.ambient.solved_light import AmbientLight
 from mr360uw.composite.at_surface.air_light import in_air
@@ -65,7 +65,7 @@ def with_bodies(
 
     from_surface: the water's table for rays that start there. cache: holds what shots share.
     """
-    waves = cache.get("waves at the surface", (sea, time_s), lambda: SampledSea.of(sea, time_s))
+    waves = cache.of(SampledSea.of, sea, time_s)
     if not camera_in_water(shot, waves):
         return layer, None
     highest_m = max((float(top) for top in tops(shot)), default=-np.inf) - shot.view.surface_y_m
@@ -144,13 +144,7 @@ def _picture(
 
 def _bodies(sides: WaterSides, presence: Floats, cache: Cache) -> RayBodies:
     shot = sides.wet
-    key = shot.view.position.tobytes(), tuple((o.key, o.casts_shadow, o.visible) for o in shot.objects)
-
-    def made() -> tuple[Geometry, RayScene, Blockers]:
-        geometry = gather(visible(shot), shot.view.position)
-        return geometry, RayScene(geometry.positions), Blockers(shot)
-
-    geometry, scene, blockers = cache.get("bodies at the surface", key, made)
+    geometry, scene, blockers = cache.of(_in_rays, PartOf(shot, shot.view.position, shot.objects))
 
     def lit(side: Shot, ambient: AmbientLight | None) -> LitBodies:
         draw = side.draw.model_copy(update={"sun_samples": _SUN_SAMPLES})
@@ -158,6 +152,12 @@ def _bodies(sides: WaterSides, presence: Floats, cache: Cache) -> RayBodies:
         return LitBodies(side, tuple(map(PlainShadows, sources)), ambient)
 
     return RayBodies(geometry, scene, lit(shot, ambient_light(shot, cache)), lit(sides.dry, None), presence)
+
+
+def _in_rays(of_bodies: PartOf[Shot]) -> tuple[Geometry, RayScene, Blockers]:
+    shot = of_bodies.whole
+    geometry = gather(visible(shot), shot.view.position)
+    return geometry, RayScene(geometry.positions), Blockers(shot)
 
 
 def _before_surface(sides: WaterSides, layer: Layer) -> tuple[Floats, Mask]:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.cache import Cache
+from mr360uw.cache import Cache, version
 from mr360uw.composite.eye_bounds import NEAREST
 from mr360uw.composite.gl.targets import Targets, bind, read_attachment
 from mr360uw.composite.gl.upload import MODES, MeshBuffers, cutting_maps, list_texture, texture_store
@@ -94,6 +94,10 @@ class _Cutouts:
     first: dict[Mesh, int]
 
 
+def _rows_of_eye(_: float) -> _Rows:
+    return _Rows()
+
+
 class FacetPass:
     """Draws triangles into one texel each. buffers: returns the device's copy of a mesh."""
 
@@ -105,14 +109,14 @@ class FacetPass:
         heights = [-(-len(placed.mesh.positions) // FACET_COLUMNS) for placed in objects]
         row = np.concatenate([[0], np.cumsum(heights)])
         masked = tuple(dict.fromkeys(p.mesh.still for p in objects if self._buffers(p.mesh).ranges["MASK"][1]))
-        cutouts = self._cache.get("cutouts", masked, lambda: self._make_cutouts(masked))
-        rows = self._cache.get("facets", shot.view.eye_m, _Rows)
+        cutouts = self._cache.of(self._make_cutouts, masked)
+        rows = self._cache.of(_rows_of_eye, shot.view.eye_m)
         target = rows.room(int(row[-1]), bool(masked))
         piece, changed = 0, []
         for k, placed in enumerate(objects):
-            key = (shot.view.key, int(row[k]), piece, masked, placed.key)
-            if k >= len(rows.drawn) or rows.drawn[k] != key:
-                rows.drawn[k : k + 1] = [key]
+            now = version((shot.view, int(row[k]), piece, masked, placed))
+            if k >= len(rows.drawn) or rows.drawn[k] != now:
+                rows.drawn[k : k + 1] = [now]
                 self._draw(shot, placed, target, cutouts, (int(row[k]), heights[k], piece))
                 self._set_kinds(rows.kinds[int(row[k]) * FACET_COLUMNS :], placed.mesh)
                 changed.append(k)

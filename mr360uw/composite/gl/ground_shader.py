@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,9 +34,9 @@ class GroundShader:
         return frozenset(self._light.defines) & {"SHADOW", "CAUSTICS"}
 
     @property
-    def sun_key(self) -> Hashable:
-        """A value that is equal where the same of the sun is seen from the same places."""
-        return self._light.sun_key
+    def of_sight(self) -> tuple[Any, ...]:
+        """See `LightTextures.of_sight`."""
+        return self._light.of_sight
 
     def sun_at(self, places: NDArray[np.float32]) -> NDArray[np.float32]:
         """Return the outputs (n, 4) of coarse.frag for balls (n, 4), position and radius [m]."""

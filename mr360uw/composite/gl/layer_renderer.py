@@ -18,7 +18,7 @@ from mr360uw.composite.gl.light_textures import LightTextures
 from mr360uw.composite.gl.object_pass import ObjectPass
 from mr360uw.composite.gl.receiver_pass import ReceiverPass
 from mr360uw.composite.gl.targets import Targets
-from mr360uw.composite.gl.upload import MeshBuffers, upload_mesh, upload_still
+from mr360uw.composite.gl.upload import MeshBuffers, StillBuffers, upload_mesh, upload_still
 from mr360uw.composite.holdout import hold_out
 from mr360uw.composite.mesh.mesh import Mesh
 from mr360uw.composite.over import empty_tile
@@ -62,8 +62,7 @@ class LayerRenderer:
         gl_context().gc()
         view = shot.view
         self._poses = max(len({placed.mesh for placed in shot.objects if placed.mesh.rest is not None}), 1)
-        key = (view.key, tuple(placed.key for placed in shot.objects if placed.visible))
-        object_parts = self._cache.get("object rectangles", key, lambda: object_rectangles(shot))
+        object_parts = self._cache.of(object_rectangles, view, shot.objects)
         reach = self._receiver.reach(shot)
         if not object_parts and reach is None:
             return Layer(view.height, view.width, ())
@@ -80,12 +79,14 @@ class LayerRenderer:
 
     def _buffers(self, mesh: Mesh) -> MeshBuffers:
         still, places = mesh.still, self._places.get(mesh.still)
-        key = (still, places is not None)
         if mesh.rest is None:
-            return self._cache.get("mesh", key, lambda: upload_mesh(mesh, places), keep=_KEPT_MESHES)
-        shared = self._cache.get("mesh at rest", key, lambda: upload_still(still, places), keep=_KEPT_MESHES)
-        pose = (mesh, places is not None)
-        return self._cache.get("pose", pose, lambda: upload_mesh(mesh, still=shared), keep=self._poses)
+            return self._cache.of(upload_mesh, mesh, places, keep=_KEPT_MESHES)
+        shared = self._cache.of(upload_still, still, places, keep=_KEPT_MESHES)
+        return self._cache.of(_posed, mesh, shared, keep=self._poses)
+
+
+def _posed(mesh: Mesh, still: StillBuffers) -> MeshBuffers:
+    return upload_mesh(mesh, still=still)
 
 
 def _places(ambient: AmbientLight | None) -> dict[Mesh, NDArray[np.int64]]:

@@ -3,12 +3,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mr360uw.cache import Cache, Same
+from mr360uw.cache import Cache
 from mr360uw.caustics.gl.stack import AtlasRoom, upload
 from mr360uw.composite.gl.lamp_light import lamp_frames, shadow_table
 from mr360uw.composite.gl.shadow_atlas import ShadowAtlas, slot_size
@@ -22,7 +22,7 @@ from mr360uw.composite.shot import Shot
 from mr360uw.constants import MAXIMUM_GLOSSY_LEVELS, MAXIMUM_SUN_RAYS, MAXIMUM_SUN_SAMPLES
 from mr360uw.gl.context import set_uniforms, texture_array_from_array, texture_from_array
 from mr360uw.sphere import disc_offsets
-from mr360uw.types import CausticStack, Floats, MediumTable
+from mr360uw.types import CausticStack, Environment, Floats, MediumTable
 
 if TYPE_CHECKING:
     import moderngl
@@ -78,12 +78,9 @@ class LightTextures:
         self._update_shadows(shot)
 
     @property
-    def sun_key(self) -> Hashable:
-        """A value that is equal where the same of the sun is seen from the same places."""
-        of_sun = (
-            by if not isinstance(by := self._uniforms.get(name), np.ndarray) else by.tobytes() for name in _OF_SIGHT
-        )
-        return Same(self.textures["sun_map"]), Same(self.textures["casters"]), *of_sun
+    def of_sight(self) -> tuple[Any, ...]:
+        """All that decides what is seen of the sun from a place: textures and uniforms."""
+        return self.textures["sun_map"], self.textures["casters"], *map(self._uniforms.get, _OF_SIGHT)
 
     def set(self, shader: moderngl.Program) -> None:
         """Set the uniforms of the light in a program."""
@@ -93,31 +90,25 @@ class LightTextures:
 
     def _update_environment(self, shot: Shot) -> None:
         """Set one texture of the ambient irradiance and, in the layers after it, the glossy levels."""
-        environment = shot.environment
-
-        def ambient() -> moderngl.TextureArray:
-            glossy = environment.glossy[:MAXIMUM_GLOSSY_LEVELS]
-            return texture_array_from_array(np.stack([environment.ambient, *glossy]))
-
-        self.textures["ambient"] = self._cache.get("ambient", environment, ambient)
+        self.textures["ambient"] = self._cache.of(_ambient_texture, shot.environment)
 
     def _update_medium(self, shot: Shot) -> None:
         medium, lamps = shot.medium, lamps_of(shot)
-        self.textures |= self._cache.get("medium", medium, lambda: _medium_textures(medium))
+        self.textures |= self._cache.of(_medium_textures, medium)
         if medium is None:
             return
         self._uniforms |= {"medium__camera_depth_m": medium.camera_depth_m, "medium__length_m": medium.length_m}
         if lamps:
             of_lamps = (lamp.attenuation for lamp in lamps if lamp.attenuation is not None)
             rows = np.stack([medium.beam, medium.unscattered, *of_lamps])
-            self.textures["beam"] = self._cache.get("lamp water", rows.tobytes(), lambda: texture_from_array(rows))
+            self.textures["beam"] = self._cache.of(texture_from_array, rows, keep=2)
 
     def _update_caustics(self, stack: CausticStack | None) -> None:
         if stack is None:
-            self.textures |= self._cache.get("no caustics", None, _no_caustics)
+            self.textures |= self._cache.of(_no_caustics)
             return
         self._uniforms |= {"stack__tile_m": stack.tile_m, "stack__sun_direction": stack.sun_direction}
-        held = self._cache.get("caustics", stack, lambda: upload(stack, self._caustic_room))
+        held = self._cache.of(upload, stack, self._caustic_room)
         self.textures |= {"caustic_ratio": held.ratio, "plane_depth": held.plane_depth}
 
     def _update_shadows(self, shot: Shot) -> None:
@@ -134,7 +125,7 @@ class LightTextures:
         table = np.concatenate([table, rows])
         self.textures |= {
             "sun_map": atlas.texture,
-            "casters": self._cache.get("casters", table.tobytes(), lambda: texture_from_array(table)),
+            "casters": self._cache.of(texture_from_array, table, keep=2),
         }
         self._uniforms |= {
             "shadows__slot_size": float(size),
@@ -142,6 +133,11 @@ class LightTextures:
             "first_lamp": len(atlas.table),
             **of_grid,
         }
+
+
+def _ambient_texture(environment: Environment) -> moderngl.TextureArray:
+    glossy = environment.glossy[:MAXIMUM_GLOSSY_LEVELS]
+    return texture_array_from_array(np.stack([environment.ambient, *glossy]))
 
 
 def _no_caustics() -> dict[str, Any]:

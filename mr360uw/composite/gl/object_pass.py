@@ -9,13 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.cache import Cache, Room, Same
+from mr360uw.cache import Cache, PartOf, Room, Same
 from mr360uw.composite.ambient.knot_values import FEW_CHANNELS, UNTOUCHED
 from mr360uw.composite.ambient.solved_light import AmbientLight
 from mr360uw.composite.aovs import SUMS, AovFrame
@@ -43,6 +42,8 @@ _CHANNELS = ((4, 1), (4,) * 6, (4,) * 4, (2,))
 """Outputs of layer.frag: radiance and distance, both halves of the output variables, what is seen of the sun."""
 _SEEN = 3
 """Number of the last of them."""
+_PARTS = 256
+"""Groups of fragments of one mesh in one layer, of which it is kept what they see of the sun."""
 _KEPT = 1 << 21
 """Most fragments, about 100 bytes each, kept between frames."""
 
@@ -65,7 +66,7 @@ class ObjectPass:
         self, targets: Targets, light: LightTextures, buffers: Callable[[Mesh], MeshBuffers], cache: Cache
     ) -> None:
         self._targets, self._light, self._buffers, self._cache = targets, light, buffers, cache
-        self._surfaces = SurfacePass(targets, buffers, cache)
+        self._surfaces, self._room = SurfacePass(targets, buffers, cache), Room()
 
     def draw(self, shot: Shot, tiles: Sequence[Tile], frame: AovFrame | None, ambient: AmbientLight | None) -> Gaps:
         """Composite the objects of a shot behind the contents of tiles.
@@ -76,12 +77,13 @@ class ObjectPass:
         objects = [placed for placed in shot.objects if placed.visible]
         layers, first = self._find(shot, objects)
         bodies = self._body_list(shot, objects, ambient)
-        kept = self._cache.get("fragments", Same(layers), Cache)
+        kept = self._cache.of(_cache_of, Same(layers))
         for number, fragments in enumerate(layers):
             if len(fragments) == 0:
                 continue
             body = np.searchsorted(first, fragments.triangle, side="right") - 1
-            parts = kept.get(f"parts {number}", None, partial(mesh_fragments, objects, fragments, first, body, number))
+            listed = PartOf((objects, first, body), fragments)
+            parts = kept.of(_by_mesh, listed, fragments, number, keep=len(layers))
             lit = (shot, parts, bodies, len(fragments), number < len(layers) - 1, kept)
             values = self._light_up(*lit, 0)
             if frame is not None:
@@ -92,12 +94,17 @@ class ObjectPass:
         return layers[-1].gaps
 
     def _find(self, shot: Shot, objects: Sequence[PlacedObject]) -> tuple[list[Fragments], NDArray[np.int64]]:
-        key = (shot.view.key, shot.draw.samples, shot.draw.shading, tuple(placed.key for placed in objects))
-        layers, first = self._cache.get("surfaces", key, lambda: self._surfaces.find(shot, objects))
+        sampled = PartOf(shot, shot.view, shot.draw.samples, shot.draw.shading)
+        layers, first = self._cache.of(self._surfaces_of, sampled, objects)
         if sum(len(layer) for layer in layers) > _KEPT:
-            self._cache.drop("surfaces")
-            self._cache.drop("fragments")
+            self._cache.drop(self._surfaces_of)
+            self._cache.drop(_cache_of)
         return layers, first
+
+    def _surfaces_of(
+        self, sampled: PartOf[Shot], objects: Sequence[PlacedObject]
+    ) -> tuple[list[Fragments], NDArray[np.int64]]:
+        return self._surfaces.find(sampled.whole, objects)
 
     def _body_list(self, shot: Shot, objects: Sequence[PlacedObject], ambient: AmbientLight | None) -> BodyList:
         """Return where bodies are, and the values of ambient light on them."""
@@ -117,8 +124,7 @@ class ObjectPass:
             row[3, 1:4] = texels, lattice.knots if lattice.two_sided else 0, own.shape[1] // 4
             values.append(own)
             texels += own.size // 4
-        room = self._cache.get("bodies room", None, Room)
-        return BodyList(joined_texture(values, room), frozenset(changed))
+        return BodyList(joined_texture(values, self._room), frozenset(changed))
 
     def _light_up(
         self,
@@ -135,8 +141,8 @@ class ObjectPass:
         for part in parts:
             extra = {}
             if "SHADOW" in self._light.defines:
-                see = partial(self._see_sun, shot, part, bodies)
-                extra["sun_seen"] = kept.get(f"sun seen {part.name}", self._light.sun_key, see)
+                seen = PartOf((shot, bodies), self._light.of_sight)
+                extra["sun_seen"] = kept.of(self._see_sun, part, seen, keep=_PARTS)
             rows = lane_rows(len(part.chosen))
             target = self._targets.target(f"layer {outputs}", LANE_COLUMNS, rows, _CHANNELS[outputs])
             self._shade(shot, part, bodies, target, {"BLENDED": 1} if blended else {}, extra, outputs)
@@ -147,8 +153,9 @@ class ObjectPass:
                 first += channels
         return values
 
-    def _see_sun(self, shot: Shot, part: MeshFragments, bodies: BodyList) -> moderngl.Texture:
+    def _see_sun(self, part: MeshFragments, seen: PartOf[tuple[Shot, BodyList]]) -> moderngl.Texture:
         """Return the visible fractions of the sun's disc and halo of each fragment, as layer.frag reads them."""
+        shot, bodies = seen.whole
         sun, objects = sun_of(shot), [placed for placed in shot.objects if placed.visible]
         assert sun is not None
         groups = sun_groups(shot, objects, part, self._buffers(part.mesh).order, sun.direction)
@@ -157,12 +164,12 @@ class ObjectPass:
         if len(groups.listed):
             few = replace(part, chosen=np.arange(len(groups.listed)), entries=list_texture(groups.listed, 3))
             self._shade(shot, few, bodies, found, {}, {}, _SEEN)
-        seen = gl_context().texture((LANE_COLUMNS, rows), 2, dtype="f4")
+        fractions = gl_context().texture((LANE_COLUMNS, rows), 2, dtype="f4")
         shader = self._targets.program("spread", {})
         bind(shader, {"groups": list_texture(groups.of, 1), "values": found.color_attachments[0]})
         set_uniforms(shader, count=count)
-        self._targets.fill(gl_context().framebuffer([seen]), shader, Rectangle(0, 0, LANE_COLUMNS, rows))
-        return seen
+        self._targets.fill(gl_context().framebuffer([fractions]), shader, Rectangle(0, 0, LANE_COLUMNS, rows))
+        return fractions
 
     def _shade(
         self,
@@ -203,6 +210,20 @@ class ObjectPass:
             filter_width=filter_width(shot.draw.samples, shot.draw.shading),
         )
         self._targets.fill(target, shader, Rectangle(0, 0, LANE_COLUMNS, lane_rows(count)))
+
+
+def _cache_of(_: Same) -> Cache:
+    """Return the cache of what is made of a list of fragments, and goes with it."""
+    return Cache()
+
+
+def _by_mesh(
+    listed: PartOf[tuple[list[PlacedObject], NDArray[np.int64], Any]],
+    fragments: Fragments,
+    number: int,
+) -> list[MeshFragments]:
+    objects, first, body = listed.whole
+    return mesh_fragments(objects, fragments, first, body, number)
 
 
 def _add_variables(

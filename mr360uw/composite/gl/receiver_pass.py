@@ -7,14 +7,13 @@ shadow's edge, caustics or an uneven shape are drawn pixel by pixel; only those 
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.cache import Cache, Room, Same
+from mr360uw.cache import Cache, PartOf, Room, Same
 from mr360uw.composite.ambient.solved_light import AmbientLight
 from mr360uw.composite.gl.ground_shader import GroundShader
 from mr360uw.composite.gl.ground_sight import NO_EDGE, SHARP, SOFT, SunSight, sun_sight
@@ -58,13 +57,13 @@ class ReachedBlocks:
 class Changes:
     """Blocks (R, C) of the ground that a shot changes, the ones that lamps light among them, and light on them.
 
-    of_sight: key of `sight`. corner: of `BlockLight`. rectangles: of the frame, which cover the blocks.
+    of_sight: all that `sight` depends on. corner: of `BlockLight`. rectangles: of the frame, which cover the blocks.
     """
 
     ground: Ground
     blocks: NDArray[np.bool_]
     lamplit: NDArray[np.bool_]
-    of_sight: Hashable
+    of_sight: tuple[object, ...]
     sight: SunSight
     corner: NDArray[np.float32]
     rectangles: list[Rectangle]
@@ -74,23 +73,21 @@ class ReceiverPass:
     """Draws the receivers of shots; caches the geometry of a receiver while the camera is at rest."""
 
     def __init__(self, targets: Targets, light: LightTextures, cache: Cache) -> None:
-        self._shader, self._cache = GroundShader(targets, light), cache
+        self._shader, self._cache, self._room = GroundShader(targets, light), cache, Room()
 
     def reach(self, shot: Shot) -> ReachedBlocks | None:
         """Return where the receiver may change, by the bodies' boxes; None where it does not."""
         if shot.receiver is None:
             return None
-        ground, grid = self._ground(shot, shot.receiver), self._coarse_grid(shot, shot.receiver)
-
-        def make() -> ReachedBlocks:
-            touched = touched_cells(shot, grid)
-            marks = touched.at_all, touched.by_shadow, touched.by_lamps
-            return ReachedBlocks(ground, *(_blocks(grid, of, ground) for of in marks))
-
-        sun, wide = sun_of(shot), widest_half_angle(shot)
-        seen = None if sun is None else np.asarray(sun.direction).tobytes(), wide, shot.caustics is None
-        key = Same(ground), Same(grid), shot.receiver, tuple(placed.key for placed in shot.casters), seen
-        found = make() if lamps_of(shot) else self._cache.get("receiver reach", key, make)
+        shape = kept_shape(shot.receiver, shot.view.position, self._cache)
+        ground = self._cache.of(_ground, PartOf(shot, shot.view), shape)
+        # the grid depends on the water's attenuation alone, which does not change when the veil is scaled to the plate
+        through = None if shot.medium is None else Same(shot.medium.attenuation)
+        grid = self._cache.of(_grid, PartOf(shot, shot.view, through), shape)
+        sun = sun_of(shot)
+        of_light = None if sun is None else sun.direction, widest_half_angle(shot), shot.caustics is None
+        alike = PartOf(shot, shot.receiver, shot.casters, *of_light)
+        found = _reached(alike, ground, grid) if lamps_of(shot) else self._cache.of(_reached, alike, ground, grid)
         return found if np.any(found.blocks) else None
 
     def find(self, shot: Shot, reach: ReachedBlocks | None, ambient: AmbientLight | None) -> Changes | None:
@@ -104,8 +101,9 @@ class ReceiverPass:
         ground.load_blocks(shot, blocks)
         corner = free_corners(shot, ground, blocks, ambient, self._cache)
         shaded = reach.shaded & ("SHADOW" in self._shader.of_sun)
-        of_sight = self._of_sight(shot, ground, blocks, shaded)
-        sight = self._cache.get("sun on ground", of_sight, partial(sun_sight, self._shader, shot, ground, shaded))
+        through = None if shot.medium is None else Same(shot.medium.unscattered)
+        of_sight = Same(ground), self._shader.of_sight, through, blocks, shaded, shot.receiver
+        sight = self._cache.of(self._sight, PartOf(shot, *of_sight), ground, shaded)
         corner[(*sight.at, SEEN)] = sight.value
         if "CAUSTICS" not in self._shader.of_sun & _wanted(shot.receiver):
             changed = changed_blocks(shot, ground, blocks, corner, ambient, self._cache)
@@ -123,24 +121,12 @@ class ReceiverPass:
         """
         if changes is None:
             return
-        light, room = self._block_light(shot, changes, ambient, gaps), self._cache.get("plate room", None, Room)
+        light = self._block_light(shot, changes, ambient, gaps)
         for tile in tiles:
-            lay_receiver(light, tile, shot.view.width, shot.view.height, shot.pattern, room)
+            lay_receiver(light, tile, shot.view.width, shot.view.height, shot.pattern, self._room)
 
-    # --- cached geometry ---------------------------------------------------------------------------------------------
-
-    def _shape(self, shot: Shot, receiver: Receiver) -> ReceiverShape:
-        return kept_shape(receiver, shot.view.position, self._cache)
-
-    def _coarse_grid(self, shot: Shot, receiver: Receiver) -> CoarseGrid:
-        # the grid depends on the water's attenuation alone, which does not change when the veil is scaled to the plate
-        through = None if shot.medium is None else Same(shot.medium.attenuation)
-        key = (receiver, shot.view.key, through)
-        return self._cache.get("receiver grid", key, lambda: coarse_grid(shot, self._shape(shot, receiver)))
-
-    def _ground(self, shot: Shot, receiver: Receiver) -> Ground:
-        key = (receiver, shot.view.key)
-        return self._cache.get("ground", key, lambda: Ground(shot, self._shape(shot, receiver)))
+    def _sight(self, of_sight: PartOf[Shot], ground: Ground, shaded: NDArray[np.bool_]) -> SunSight:
+        return sun_sight(self._shader, of_sight.whole, ground, shaded)
 
     # --- light on blocks ---------------------------------------------------------------------------------------------
 
@@ -173,9 +159,11 @@ class ReceiverPass:
             if not np.any(which):
                 continue
             wanted = frozenset(asked) & {"ROUGH", "LAMPS", *of_sun}
-            make = partial(self._pixels, shot, ground, gaps, j[which], i[which], halo[which], wanted, side)
-            of_pixels = changes.of_sight, Same(gaps), j[which].tobytes(), i[which].tobytes()
-            falls, *own = self._cache.get(f"ground {side}", of_pixels, make) if wanted == {"SHADOW"} else make()
+            where = ground, gaps, j[which], i[which], halo[which], wanted, side
+            if wanted == {"SHADOW"}:
+                falls, *own = self._cache.of(self._pixels, PartOf(shot, changes.of_sight), *where, keep=2)
+            else:
+                falls, *own = self._pixels(PartOf(shot), *where)
             if "SHADOW" in wanted:
                 seen.append((which, falls[..., -1:] if side == BLOCK else np.clip(enlarged(falls), 0.0, 1.0)))
             if "CAUSTICS" in wanted:
@@ -187,16 +175,9 @@ class ReceiverPass:
         own_pixels = (gather_images(len(j), k, of) for k, of in ((1, seen), (3, waves), (7, shape), (3, added)))
         return BlockLight(j, i, corner, free, *own_pixels)
 
-    def _of_sight(
-        self, shot: Shot, ground: Ground, blocks: NDArray[np.bool_], shaded: NDArray[np.bool_]
-    ) -> tuple[Hashable, ...]:
-        """Return the key of what blocks (R, C) of the ground see of the sun."""
-        through = None if shot.medium is None else Same(shot.medium.unscattered)
-        return Same(ground), self._shader.sun_key, through, blocks.tobytes(), shaded.tobytes(), shot.receiver
-
     def _pixels(
         self,
-        shot: Shot,
+        alike: PartOf[Shot],
         ground: Ground,
         gaps: Gaps,
         j: Indices,
@@ -206,6 +187,7 @@ class ReceiverPass:
         side: int,
     ) -> list[NDArray[np.float32]]:
         """Return `GroundShader.pixels`, with the light in the gaps of pixels where those are drawn one by one."""
+        shot = alike.whole
         images = self._shader.pixels(shot, ground, j, i, halo, wanted, side)
         some, block = ground.gaps_in(gaps, j, i)
         if len(block) and side == BLOCK:
@@ -213,6 +195,20 @@ class ReceiverPass:
             for image, values in zip(images, self._shader.at_gaps(shot, ground, some, wanted), strict=True):
                 image[at] = values
         return images
+
+
+def _ground(of_view: PartOf[Shot], shape: ReceiverShape) -> Ground:
+    return Ground(of_view.whole, shape)
+
+
+def _grid(of_view: PartOf[Shot], shape: ReceiverShape) -> CoarseGrid:
+    return coarse_grid(of_view.whole, shape)
+
+
+def _reached(alike: PartOf[Shot], ground: Ground, grid: CoarseGrid) -> ReachedBlocks:
+    touched = touched_cells(alike.whole, grid)
+    marks = touched.at_all, touched.by_shadow, touched.by_lamps
+    return ReachedBlocks(ground, *(_blocks(grid, of, ground) for of in marks))
 
 
 def _wanted(receiver: Receiver) -> frozenset[str]:

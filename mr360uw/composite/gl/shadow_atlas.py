@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mr360uw.cache import Cache
+from mr360uw.cache import Cache, PartOf
 from mr360uw.composite.ambient.among.relative_pose import rounded
 from mr360uw.composite.gl.upload import MeshBuffers
 from mr360uw.composite.mesh.mesh import Mesh
@@ -65,13 +65,17 @@ class LightFrame:
     face: bool = False
 
     @property
-    def key(self) -> tuple[object, ...]:
-        """Cache key: equal for frames that draw the same."""
+    def drawn(self) -> tuple[object, ...]:
+        """All that decides what is drawn of it."""
         if self.origin is None:
-            of_bodies = (part for body in self.bodies for part in (body.mesh, self.matrix(body).tobytes()))
-            return (*of_bodies, self.axes.tobytes())
-        of_lamp = self.origin.tobytes(), self.middle_m, self.nearest_m
-        return (*(body.key for body in self.bodies), self.axes.tobytes(), *of_lamp)
+            return *((body.mesh, self.matrix(body)) for body in self.bodies), self.axes
+        return (
+            *((body.mesh, body.world_from_object) for body in self.bodies),
+            self.axes,
+            self.origin,
+            self.middle_m,
+            self.nearest_m,
+        )
 
     @property
     def start(self) -> Floats:
@@ -151,19 +155,17 @@ class ShadowAtlas:
     def of(self, frames: Sequence[LightFrame], size: int) -> Atlas:
         """Return the atlas of frames in slots of `size` texels."""
         if not frames:
-            return self._cache.get("no shadows", None, _nothing)
-        key = (size, tuple(frame.key for frame in frames))
-        texture, drawn = self._cache.get("shadow atlas", key, lambda: self._draw(frames, size))
+            return self._cache.of(_nothing)
+        texture, drawn = self._cache.of(self._draw, PartOf(frames, *(frame.drawn for frame in frames)), size)
         extents = [frame.placed(of_frame) for frame, of_frame in zip(frames, drawn, strict=True)]
         return Atlas(texture, _table(extents, size), tuple(frames), size)
 
-    def _draw(self, frames: Sequence[LightFrame], size: int) -> tuple[moderngl.Texture, list[Floats]]:
+    def _draw(self, drawn_of: PartOf[Sequence[LightFrame]], size: int) -> tuple[moderngl.Texture, list[Floats]]:
         """Return the columns of all slots, and the extents (6,) of each about the start of its frame."""
-        self._cache.drop("shadow atlas")  # what is drawn now may replace it in the same target
+        self._cache.drop(self._draw)  # what is drawn now may replace it in the same target
+        frames = drawn_of.whole
         columns, rows = min(len(frames), _COLUMNS), -(-len(frames) // _COLUMNS)
-        drawn, atlas = self._cache.get(
-            "shadow targets", (columns, rows, size), lambda: _targets(columns * size, rows * size)
-        )
+        drawn, atlas = self._cache.of(_targets, columns * size, rows * size)
         drawn.use()
         drawn.viewport = (0, 0, *drawn.size)
         drawn.clear(-1e9, -1e9, 0.0, 0.0)

@@ -153,6 +153,12 @@ class MatchSettings(Parameters):
         return *(getattr(self, name) for name in COLOUR), self.patch
 
     @property
+    def measured(self) -> MatchSettings:
+        """The same settings without those that do not count where the plate's look is measured."""
+        softness = self.softness if self.softness == "auto" else 0.0
+        return self.model_copy(update={"softness": softness, "sharpening": 0.0})
+
+    @property
     def measures(self) -> bool:
         """Whether anything of the plate's look is measured."""
         return self.softness == "auto" or bool(self.open_keys)

@@ -16,7 +16,7 @@ from mr360uw.composite.mesh.texture import Texture, texture_lookup
 from mr360uw.composite.raycast.bump import bumped
 from mr360uw.composite.shot import PlacedObject, Shot
 from mr360uw.rays import barycentric
-from mr360uw.types import Floats, Rectangle
+from mr360uw.types import Floats, Rectangle, View
 
 LARGEST_CHANGE = 1.0
 """Most that a normal is taken to change over a pixel: at a silhouette the next pixel does not show the triangle's
@@ -76,9 +76,9 @@ def occluding(objects: Sequence[PlacedObject], camera_position: Floats) -> Float
     return np.concatenate([np.zeros((0, 3, 3)), *placed])
 
 
-def object_rectangles(shot: Shot) -> list[Rectangle]:
+def object_rectangles(view: View, objects: Sequence[PlacedObject]) -> list[Rectangle]:
     """Return the frame's rectangle of every visible object, not yet split at the seam; all of it for no panorama."""
-    view, bodies = shot.view, [placed for placed in shot.objects if placed.visible]
+    bodies = [placed for placed in objects if placed.visible]
     if view.projection != "equirectangular":
         return [Rectangle(0, 0, view.width, view.height)]
     seen = [(body.to_world(body.mesh.hull) - view.position) @ view.world_from_camera for body in bodies]

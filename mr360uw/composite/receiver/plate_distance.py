@@ -13,8 +13,7 @@ from mr360uw.types import Floats
 
 def kept_shape(receiver: Receiver, camera_position: Floats, kept: Cache) -> ReceiverShape:
     """Return a receiver's shape as seen from a position (3,) [m] in the world. kept: holds it for other frames."""
-    key = receiver, camera_position.tobytes()
-    return kept.get("receiver shape", key, lambda: ReceiverShape(receiver, camera_position))
+    return kept.of(ReceiverShape, receiver, camera_position)
 
 
 def plate_distance(shot: Shot, x: Floats, y: Floats, direction: Floats, kept: Cache) -> Floats:

@@ -8,21 +8,20 @@ and camera do.
 
 from __future__ import annotations
 
-from collections.abc import Hashable
 from dataclasses import dataclass, replace
-from functools import partial
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.cache import Cache, Same
+from mr360uw.cache import Cache, PartOf, by_content
 from mr360uw.composite.over import tile_of
 from mr360uw.composite.receiver.plate_distance import plate_distance
 from mr360uw.composite.shafts.shaft_light import ShaftLight, change_along
 from mr360uw.composite.shafts.shaft_reach import shaft_pixels
 from mr360uw.composite.shot import Shot
 from mr360uw.composite.tiles import even_tiles, rectangles_of_mask
+from mr360uw.medium.shafts.settings import ShaftSettings
 from mr360uw.medium.shafts.shaft_scene import ShaftScene
 from mr360uw.types import Layer, Rectangle
 
@@ -53,12 +52,8 @@ def before_plate(shot: Shot, light: ShaftLight, scene: ShaftScene, layer: Layer,
         return layer
     found = [_Blocks.of(shot, light, part, marked, kept) for part in scene.parts]
     of_layer = tuple(tile.rectangle for tile in layer.tiles)
-
-    def cut() -> list[Rectangle]:
-        return even_tiles([*of_layer, *rectangles_of_mask(marked, _SPARE_PX)], view.width, view.height)
-
     drawn = []
-    for part in kept.get("shaft tiles", (of_layer, marked.tobytes()), cut):
+    for part in kept.of(_cut, of_layer, by_content(marked)):
         tile = tile_of(layer, part)
         where = marked[tile.window] & (tile.alpha < 1.0)
         if not np.any(where):
@@ -85,9 +80,8 @@ class _Blocks:
         side = 1 if part.pattern is None else max(shot.view.width // _BLOCKS, 1)
         some = np.pad(marked[::side, ::side], ((0, 0), (1, 1)), "wrap").astype(np.uint8)
         near = cv2.dilate(some, np.ones((3, 3), np.uint8))[:, 1:-1] > 0
-        surfaces = shot.receiver, Same(shot.holdout_distance_m)
-        key: Hashable = part.key, shot.view.key, surfaces, light.settings, near.tobytes()
-        change = kept.get("plate shafts", key, partial(_change, shot, light, part, near, side, kept), keep=2)
+        ends = PartOf(shot, shot.view, shot.receiver, shot.holdout_distance_m)
+        change = kept.of(_change, ends, light.settings, part.per_unit, near, side, kept, keep=2)
         return cls(change if part.pattern is None else change * part.pattern.sun.irradiance.astype(np.float32), side)
 
     def pixels(self, part: Rectangle) -> NDArray[np.float32]:
@@ -103,15 +97,22 @@ class _Blocks:
         return np.asarray(near[top : top + part.height, left : left + part.width], np.float32)
 
 
+def _cut(of_layer: tuple[Rectangle, ...], marked: PartOf[Mask]) -> list[Rectangle]:
+    """Return the tiles of a layer with those of marked pixels (H, W)."""
+    height, width = marked.whole.shape
+    return even_tiles([*of_layer, *rectangles_of_mask(marked.whole, _SPARE_PX)], width, height)
+
+
 def _change(
-    shot: Shot, light: ShaftLight, scene: ShaftScene, near: Mask, side: int, kept: Cache
+    ends: PartOf[Shot], settings: ShaftSettings, scene: ShaftScene, near: Mask, side: int, kept: Cache
 ) -> NDArray[np.float32]:
-    """Return what one kind of light changes in marked blocks, (rows, columns, 3), per unit irradiance of the sun."""
+    """Return what one kind of light changes before a shot's plate in marked blocks, (rows, columns, 3)."""
+    shot = ends.whole
     row, column = np.nonzero(near)
     x, y = (column + 0.5) * side, np.minimum((row + 0.5) * side, shot.view.height - 0.5)
     rays = np.asarray(shot.view.directions(x, y), np.float64)
-    ends = np.minimum(plate_distance(shot, x, y, rays, kept), light.settings.range_m)
-    rays, ends = (np.asarray(a, np.float64) for a in shot.view.from_middle(rays, ends))
+    end_m = np.minimum(plate_distance(shot, x, y, rays, kept), settings.range_m)
+    rays, end_m = (np.asarray(a, np.float64) for a in shot.view.from_middle(rays, end_m))
     blocks = np.zeros((*near.shape, 3), np.float32)
-    blocks[row, column] = change_along(scene.per_unit, light, shot.view.width, rays, ends, kept)
+    blocks[row, column] = change_along(scene, settings, shot.view.width, rays, end_m, kept)
     return blocks

@@ -11,16 +11,16 @@ it: it needs the layer's distances alone.
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.cache import Cache
+from mr360uw.cache import Cache, PartOf, by_content
 from mr360uw.composite.aovs import Aovs
 from mr360uw.composite.shafts.plate_shafts import before_plate
 from mr360uw.composite.shafts.shaft_light import ShaftLight, change_along
 from mr360uw.composite.shot import Shot
+from mr360uw.medium.shafts.settings import ShaftSettings
 from mr360uw.medium.shafts.shaft_scene import ShaftScene
 from mr360uw.types import Floats, Layer, Tile
 
@@ -62,13 +62,16 @@ def _added(shot: Shot, light: ShaftLight, scene: ShaftScene, rays: Array, end_m:
     settings = light.settings
     end_m = np.minimum(end_m, settings.range_m)
     rays, end_m = (np.asarray(a, np.float64) for a in shot.view.from_middle(rays, end_m))
-    of_rays = shot.view.key, light.settings, rays.tobytes(), end_m.tobytes()
-    found = np.zeros((len(rays), 3))
+    found, ends = np.zeros((len(rays), 3)), np.column_stack([rays, end_m])
     for part in scene.parts:
-        make = partial(change_along, part.per_unit, light, shot.view.width, rays, end_m, kept)
-        change = kept.get("light before objects", (part.key, of_rays), make, keep=2)
+        change = kept.of(_change, part.per_unit, light.settings, shot.view.width, by_content(ends), kept, keep=2)
         found += change if part.pattern is None else change * part.pattern.sun.irradiance
     return np.asarray(settings.strength * found, np.float32)
+
+
+def _change(scene: ShaftScene, settings: ShaftSettings, width: int, ends: PartOf[Array], kept: Cache) -> Array:
+    """Return `change_along` rays. ends: (n, 4) their directions and lengths."""
+    return change_along(scene, settings, width, ends.whole[:, :3], ends.whole[:, 3], kept)
 
 
 def _rays(shot: Shot, tiles: tuple[Tile, ...], where: list[Mask]) -> Array:

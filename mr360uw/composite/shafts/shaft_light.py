@@ -8,13 +8,12 @@ The plate has the shafts of its own waves already: over it only what bodies take
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Hashable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.cache import Cache, Same
+from mr360uw.cache import Cache, Parts
 from mr360uw.composite.lighting.sun import spread_rad, sun_of
 from mr360uw.composite.raycast.casting_bodies import casting_bodies
 from mr360uw.composite.shot import Shot
@@ -28,7 +27,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ShaftLight:
+class ShaftLight(Parts):
     """Water, waves and settings of shafts.
 
     medium: of the shot's depth. caustics: of its sun, from the camera's depth to the objects'; None without waves.
@@ -37,26 +36,6 @@ class ShaftLight:
     settings: ShaftSettings
     medium: Medium
     caustics: CausticStack | None = None
-
-    @property
-    def key(self) -> Hashable:
-        """A value that is equal for the same light in the water of the same shot."""
-        return self.settings, Same(self.medium), Same(self.caustics)
-
-    def grid(self, width: int, part: ShaftScene) -> FroxelGrid:
-        """Return the size of the grid of one kind of light for a frame that is `width` pixels wide.
-
-        At most one node for two pixels, of lamps one for each, as a beam is thin at its lamp; half as many where no
-        waves make fine shafts.
-        """
-        most, slices = min(self.settings.resolution, width // 2), self.settings.slices
-        if part.pattern is None:
-            columns = max(2 * most, LEAST_NODES) // 8 * 8
-            return FroxelGrid(columns // 2, columns, slices)
-        columns = max(most, LEAST_NODES) // 8 * 8
-        if part.pattern.caustics is None:
-            return FroxelGrid(3 * columns // 16, columns // 4 * 2, max(slices // 2, 2))
-        return FroxelGrid(3 * columns // 8, columns, slices)
 
     def scenes(self, shot: Shot, kept: Cache) -> tuple[ShaftScene, ShaftScene]:
         """Return the scenes of the water before the objects, and of that before the plate. kept: holds the bodies."""
@@ -69,15 +48,33 @@ class ShaftLight:
         return before, dataclasses.replace(before, pattern=None if still.even else still)
 
 
-def change_along(scene: ShaftScene, light: ShaftLight, width: int, rays: Array, end_m: Array, kept: Cache) -> Array:
+def grid_of(settings: ShaftSettings, width: int, part: ShaftScene) -> FroxelGrid:
+    """Return the size of the grid of one kind of light for a frame that is `width` pixels wide.
+
+    At most one node for two pixels, of lamps one for each, as a beam is thin at its lamp; half as many where no waves
+    make fine shafts.
+    """
+    most, slices = min(settings.resolution, width // 2), settings.slices
+    if part.pattern is None:
+        columns = max(2 * most, LEAST_NODES) // 8 * 8
+        return FroxelGrid(columns // 2, columns, slices)
+    columns = max(most, LEAST_NODES) // 8 * 8
+    if part.pattern.caustics is None:
+        return FroxelGrid(3 * columns // 16, columns // 4 * 2, max(slices // 2, 2))
+    return FroxelGrid(3 * columns // 8, columns, slices)
+
+
+def change_along(
+    scene: ShaftScene, settings: ShaftSettings, width: int, rays: Array, end_m: Array, kept: Cache
+) -> Array:
     """Return how light in the water deviates (n, 3) along rays (n, 3) from the camera up to ends (n,) [m].
 
     Beside bright and dark edges the cubic between the grid's nodes overshoots: bodies add no light of the sun, and
-    lamps take none away. width: see `ShaftLight.grid`.
+    lamps take none away. width: see `grid_of`.
     """
     found = np.zeros((len(rays), 3))
     for part in scene.parts if len(rays) else ():
-        change = shaft_field(part, light.grid(width, part), rays, kept).radiance(rays, end_m)
+        change = shaft_field(part, grid_of(settings, width, part), rays, kept).radiance(rays, end_m)
         if part.pattern is None:
             change = np.maximum(change, 0.0)
         elif part.pattern.caustics is None:

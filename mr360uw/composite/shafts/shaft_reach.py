@@ -8,8 +8,6 @@ too thin to be seen: what it adds falls with the length of the ray within it, as
 
 from __future__ import annotations
 
-from collections.abc import Hashable
-
 import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -46,7 +44,7 @@ def shaft_pixels(shot: Shot, scene: ShaftScene, range_m: float, least_codes: flo
     x, y = np.meshgrid((np.arange(columns) + 0.5) * side, (np.arange(rows) + 0.5) * side)
     directions = np.asarray(view.directions(x, np.minimum(y, view.height - 0.5)), np.float64).reshape(-1, 3)
     ends = np.full(len(directions), range_m)
-    changes = [_change(part, directions, ends, view.key, kept) for part in scene.parts]
+    changes = [_change(part, directions, ends, kept) for part in scene.parts]
     _, veil = water_ahead(shot, ends, directions)
     veil = veil * _stepped(np.mean(veil)) / max(float(np.mean(veil)), 1e-30)
     codes = sum((code_change(veil, change) for change in changes), np.zeros(len(veil)))
@@ -57,13 +55,14 @@ def shaft_pixels(shot: Shot, scene: ShaftScene, range_m: float, least_codes: flo
     return np.repeat(np.repeat(marked, side, axis=0), side, axis=1)[: view.height, : view.width]
 
 
-def _change(scene: ShaftScene, directions: Array, ends: Array, view: Hashable, kept: Cache) -> Array:
+def _change(scene: ShaftScene, directions: Array, ends: Array, kept: Cache) -> Array:
     """Return what one kind of light changes (n, 3) in the middles of a view's cells."""
-    of_unit = kept.get(
-        "shaft cells", (scene.key, view, float(ends[0])),
-        lambda: shaft_field(scene.per_unit, _GRID, directions, kept).radiance(directions, ends), keep=2,
-    )  # fmt: skip
+    of_unit = kept.of(_radiance, scene.per_unit, directions, ends, kept, keep=2)
     return of_unit if scene.pattern is None else of_unit * _stepped(scene.pattern.sun.irradiance)
+
+
+def _radiance(scene: ShaftScene, directions: Array, ends: Array, kept: Cache) -> Array:
+    return shaft_field(scene, _GRID, directions, kept).radiance(directions, ends)
 
 
 def _stepped(light: ArrayLike) -> Array:

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mr360uw.cache import Cache
+from mr360uw.cache import Cache, Parts
 from mr360uw.caustics.settings import Sea
 from mr360uw.composite.receiver.plate_distance import plate_distance
 from mr360uw.composite.shot import Shot
@@ -44,7 +44,7 @@ _STEPS = 129
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Snow:
+class Snow(Parts):
     """The snow of one instant of a frame.
 
     scattering: by the water's particles [1/m]. sea: whose waves move it. opens, closes: views as the shutter does so,

@@ -30,7 +30,7 @@ def merged(shot: Shot, layer: Layer, before: SnowPicture, behind: SnowPicture, k
             picture.alpha[...] *= left
     tiles = [_with_snow(tile, before, behind) for tile in layer.tiles]
     whole = Rectangle(0, 0, layer.width, layer.height)
-    blank = kept.get("snow blank", (layer.height, layer.width), lambda: _read_only(empty_tile(whole)))
+    blank = kept.of(_blank, whole)
     for part in rest_of([tile.rectangle for tile in layer.tiles], layer.width, layer.height):
         at = slice(part.row, part.row + part.height), slice(part.column, part.column + part.width)
         alpha = before.alpha[at]
@@ -38,6 +38,10 @@ def merged(shot: Shot, layer: Layer, before: SnowPicture, behind: SnowPicture, k
             clear = blank.distance_m[at], blank.ratio[at], blank.veil[at]
             tiles.append(Tile(part.column, part.row, before.radiance[at], alpha, *clear))
     return Layer(layer.height, layer.width, tuple(tiles))
+
+
+def _blank(whole: Rectangle) -> Tile:
+    return _read_only(empty_tile(whole))
 
 
 def rest_of(parts: Sequence[Rectangle], width: int, height: int) -> list[Rectangle]:

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from mr360uw.cache import Parts
 from mr360uw.caustic_lookup import caustic_lookup, mip_levels
 from mr360uw.errors import ParameterError
 from mr360uw.medium.shafts.occluders import Bodies
@@ -27,7 +28,7 @@ MOST_POINTS = 1 << 18
 
 
 @dataclass(frozen=True, eq=False)
-class BeamPattern:
+class BeamPattern(Parts):
     """Bodies and waves between the sun and points in the world.
 
     surface_y_m: height of the mean water surface. samples: directions over the sun's disc. spread_rad: standard

@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.cache import Cache, Same
+from mr360uw.cache import Cache
 from mr360uw.jit import exact
 from mr360uw.medium.shafts.beam_pattern import BeamPattern
 from mr360uw.medium.shafts.occluders import GOLDEN, Bodies, Occluder
@@ -90,14 +90,15 @@ def shadows_of(pattern: BeamPattern, kept: Cache) -> Shadows | None:
     bodies, towards = pattern.bodies, unit(pattern.sun.direction)
     if not bodies.occluders or not np.all(np.isfinite(bodies.radius)):
         return None
+    wide = pattern.sun.half_angle_rad > _SMALL_RAD
+    return kept.of(_shadows, bodies, towards, pattern.disc if wide else None, pattern.halo)
 
-    def made() -> Shadows:
-        middle = ShadowMaps.of(bodies, towards, towards[None], DISC_PIXELS)
-        wide = pattern.sun.half_angle_rad > _SMALL_RAD
-        disc = ShadowMaps.of(bodies, towards, pattern.disc, DISC_PIXELS) if wide else middle
-        return Shadows(disc, ShadowMaps.of(bodies, towards, pattern.halo, HALO_PIXELS), Outlines.of(bodies, middle))
 
-    return kept.get("shaft shadows", (Same(bodies), pattern.disc.tobytes(), pattern.halo.tobytes()), made)
+def _shadows(bodies: Bodies, towards: Array, disc: Array | None, halo: Array) -> Shadows:
+    """Return the shadows of bodies. disc, halo: directions (n, 3) over those; without disc its middle (3,) alone."""
+    middle = ShadowMaps.of(bodies, towards, towards[None], DISC_PIXELS)
+    wide = middle if disc is None else ShadowMaps.of(bodies, towards, disc, DISC_PIXELS)
+    return Shadows(wide, ShadowMaps.of(bodies, towards, halo, HALO_PIXELS), Outlines.of(bodies, middle))
 
 
 def _top(body: Occluder, centre: Array, radius: float, frame: Array, size: int) -> Array:

@@ -8,14 +8,14 @@ A segment takes its visibility and caustics from one point and the exact integra
 from __future__ import annotations
 
 import functools
-from collections.abc import Hashable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.cache import Same, by_value
+from mr360uw.cache import Parts
 from mr360uw.constants import MINIMUM_SUN_UP
 from mr360uw.errors import ParameterError
 from mr360uw.medium.lookup import linear, table_coordinate
@@ -49,7 +49,7 @@ _SLOWEST = 0.02
 
 
 @dataclass(frozen=True, eq=False)
-class ShaftScene:
+class ShaftScene(Parts):
     """What the shafts of one view depend on.
 
     water: of the medium. origin: (3,) [m] of the camera in the world. depth_m: of the camera. bodies: that take light
@@ -109,17 +109,6 @@ class ShaftScene:
         if self.pattern is None:
             return self
         return replace(self, pattern=replace(self.pattern, sun=replace(self.pattern.sun, irradiance=np.ones(3))))
-
-    @property
-    def key(self) -> Hashable:
-        """A value that is equal for scenes with the same light in the water, but for the strength of the sun."""
-        beam: tuple[Hashable, ...] = ()
-        if self.pattern is not None:
-            sun, of = self.pattern.sun, self.pattern
-            beam = sun.direction.tobytes(), sun.half_angle_rad, of.surface_y_m, of.samples, of.spread_rad
-            beam = *beam, Same(of.caustics)
-        lamps = tuple(map(by_value, self.lamps))
-        return self.water.key, self.origin.tobytes(), self.depth_m, Same(self.bodies), beam, lamps, self.length_m
 
     @functools.cached_property
     def sun_up(self) -> float:

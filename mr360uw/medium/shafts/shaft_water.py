@@ -14,12 +14,12 @@ whose sum is 1: the sun's irradiance is known there in RGB, not by wavelength. T
 
 from __future__ import annotations
 
-from collections.abc import Hashable
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mr360uw.cache import Parts
 from mr360uw.constants import MINIMUM_SUN_UP
 from mr360uw.medium.closed_form import exponential_integral
 from mr360uw.medium.medium import Medium
@@ -30,7 +30,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ShaftWater:
+class ShaftWater(Parts):
     """Coefficients of n wavelengths.
 
     extinction: c' (n,), attenuation: c (n,) [1/m], see `deviation`. molecules, particles: (n,) scattering [1/m] of
@@ -55,12 +55,6 @@ class ShaftWater:
         if medium.mode in CLOSED_FORMS:
             return cls(model.extinction, model.attenuation, np.zeros(len(nm)), b, "isotropic", False, weight)
         return cls(model.extinction, model.attenuation, molecules, b - molecules, water.phase, True, weight)
-
-    @property
-    def key(self) -> Hashable:
-        """A value that is equal for equal water."""
-        values = (self.extinction, self.attenuation, self.molecules, self.particles, self.weight)
-        return self.phase, self.wide, *(value.tobytes() for value in values)
 
     def averaged(self) -> ShaftWater:
         """Return three bands instead: albedo and mean free path weighted by each channel's sensitivity (Monzon 2022).

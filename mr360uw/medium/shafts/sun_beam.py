@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.cache import Cache
+from mr360uw.cache import Cache, PartOf
 from mr360uw.medium.shafts.beam_kernel import add_beam
 from mr360uw.medium.shafts.beam_pattern import BeamPattern
 from mr360uw.medium.shafts.body_shadows import DISC_TAPS, HALO_TAPS, Shadows, shadows_of, visible_parts
@@ -43,8 +43,7 @@ class SunBeam:
     @classmethod
     def of(cls, scene: ShaftScene, pattern: BeamPattern, count: int, kept: Cache) -> SunBeam:
         """Return the beam of a scene for rays of `count` segments. kept: holds weights, and the shadows of bodies."""
-        key = scene.water.key, scene.depth_m, scene.sun_up, count
-        weights = kept.get("shaft light", key, lambda: _weights(scene, count), keep=4)
+        weights = kept.of(_weights, PartOf(scene, scene.water, scene.depth_m, scene.sun_up), count, keep=4)
         shadows = shadows_of(pattern, kept)
         maps = _NO_MAPS if pattern.caustics is None else PatternMaps.of(pattern.caustics)
         return cls(scene, pattern, weights, maps, shadows)
@@ -104,7 +103,8 @@ class SunBeam:
         return result
 
 
-def _weights(scene: ShaftScene, count: int) -> NDArray[np.float32]:
+def _weights(of_water: PartOf[ShaftScene], count: int) -> NDArray[np.float32]:
+    scene = of_water.whole
     up = np.linspace(-1.0, 1.0, _HEIGHTS)
     rate, reach = (x[:, None] for x in scene.layout(up))
     edge = radius_at(np.arange(count + 1) / count, rate, reach)

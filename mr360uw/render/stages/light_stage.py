@@ -24,8 +24,8 @@ from mr360uw.ibl import SunTrack
 from mr360uw.ibl.lighting import light_between, sun_between, turned
 from mr360uw.medium.fit.exposure import UNCHANGED, picture_change
 from mr360uw.render.exposed_water import exposed_water
+from mr360uw.render.finite import finite
 from mr360uw.render.first_pass import ClipAnalysis
-from mr360uw.render.frame import finite
 from mr360uw.render.loaded import Loaded
 from mr360uw.render.plate_light import FrameLight, plate_light, plate_ratio
 from mr360uw.render.stages.match_stage import ungraded
@@ -179,7 +179,7 @@ class LightKnots:
         sun = self._sun(before, after, plate, share, rotation)
         environment = light_between(light.environment, after.light.environment, share, sun)
         gain = None if light.gain is None else self._facts.gain_at(plate.index)
-        ratio = plate_ratio(self._loaded.at(plate.time_s), self._facts, self._ungraded(plate), gain, sun)
+        ratio = plate_ratio(self._loaded.surroundings_at(plate.time_s), self._facts, self._ungraded(plate), gain, sun)
         return FrameLight(environment, gain, ratio, knots)
 
     def _sun(self, before: _Knot, after: _Knot, plate: VideoFrame, share: float, rotation: Floats) -> Sun | None:

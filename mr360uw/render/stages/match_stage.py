@@ -7,7 +7,7 @@ sharpening are given to the bodies of a frame's layer.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from functools import partial
 
@@ -21,6 +21,7 @@ from mr360uw.composite.grading.settings import MatchSettings
 from mr360uw.errors import DamagedFrameError, VideoError
 from mr360uw.render.loaded import Loaded
 from mr360uw.render.patch_water import waters_before
+from mr360uw.render.surroundings import Surroundings
 from mr360uw.types import Floats, Layer
 from mr360uw.video import VideoFrame, VideoReader
 
@@ -43,7 +44,8 @@ def clip_look(loaded: Loaded, video: VideoReader) -> PlateGrade | None:
     at = {frame.index: frame for frame in _intact(video, shown)}
     if not seen or not all(index in at for index in shown):
         return None
-    return look_of(loaded, seen, [at[index] for index in shown])
+    with_patches = [at[index] for index in shown]
+    return _look(settings.measured, tuple(seen), tuple(with_patches), _surroundings(loaded, with_patches))
 
 
 def patch_frames(settings: MatchSettings, video: VideoReader) -> list[int]:
@@ -59,12 +61,20 @@ def patch_frames(settings: MatchSettings, video: VideoReader) -> list[int]:
     return [min(round(patch.time_s * rate), count - 1) for patch in settings.patch]
 
 
-def look_of(loaded: Loaded, frames: list[VideoFrame], shown: list[VideoFrame]) -> PlateGrade:
+def _surroundings(loaded: Loaded, frames: Iterable[VideoFrame]) -> tuple[Surroundings, ...]:
+    return tuple(loaded.surroundings_at(frame.time_s) for frame in frames)
+
+
+def _look(
+    settings: MatchSettings,
+    frames: tuple[VideoFrame, ...],
+    shown: tuple[VideoFrame, ...],
+    surroundings: tuple[Surroundings, ...],
+) -> PlateGrade:
     """Return the look of a plate's frames, as far as a scene's settings leave it open.
 
-    shown: for each patch of the settings, the frame that shows it.
+    shown: for each patch of the settings, the frame that shows it. surroundings: of each of these.
     """
-    settings = loaded.scene.match
     from mr360uw.composite.grading.point_spread import point_spread
     from mr360uw.composite.grading.read_patches import patched_colour
 
@@ -76,9 +86,9 @@ def look_of(loaded: Loaded, frames: list[VideoFrame], shown: list[VideoFrame]) -
         found = (soft,)
     if settings.open_keys:
         waters = None
-        in_water = loaded.surroundings.medium is not None
+        in_water = any(now.medium is not None for now in surroundings)
         if in_water and any(patch.distance_m is not None for patch in settings.patch):
-            waters = partial(waters_before, settings.patch, loaded, shown)
+            waters = partial(waters_before, settings.patch, surroundings, shown)
         colour, line = patched_colour(settings, shown, waters)
         look, found = replace(look, colour=colour), (*found, line)
     return replace(look, found=found)
@@ -103,7 +113,7 @@ def ungraded(loaded: Loaded, look: PlateGrade | None, plate: VideoFrame, kept: C
     if not loaded.plan.match.runs or not loaded.scene.match.colours:
         return plate
     colour = _frame_look(loaded, look, plate, kept).colour
-    return kept.get("ungraded", (plate, colour), lambda: plate.graded_by(colour)) if colour.changes else plate
+    return kept.of(VideoFrame.graded_by, plate, colour) if colour.changes else plate
 
 
 def look_in_frame(loaded: Loaded, plate: VideoFrame, shown: list[VideoFrame], kept: Cache) -> PlateGrade:
@@ -111,9 +121,7 @@ def look_in_frame(loaded: Loaded, plate: VideoFrame, shown: list[VideoFrame], ke
 
     kept: holds the look that was measured last.
     """
-    settings = loaded.scene.match
-    key = plate, *shown, loaded.surroundings, settings.reading, settings.softness == "auto"
-    return kept.get("look", key, lambda: look_of(loaded, [plate], shown))
+    return kept.of(_look, loaded.scene.match.measured, (plate,), tuple(shown), _surroundings(loaded, shown))
 
 
 def _frame_look(loaded: Loaded, look: PlateGrade | None, plate: VideoFrame, kept: Cache) -> PlateGrade:

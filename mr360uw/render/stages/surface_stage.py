@@ -5,14 +5,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from mr360uw.cache import Cache, Same
+from mr360uw.cache import Cache
 from mr360uw.composite import Shot
 from mr360uw.composite.aovs import Aovs
 from mr360uw.composite.at_surface.presence import object_presence
 from mr360uw.constants import JUST_BELOW_M
+from mr360uw.medium import Medium
 from mr360uw.render.backends import Backend
 from mr360uw.render.loaded import Loaded
-from mr360uw.types import Floats, Layer, MediumTable
+from mr360uw.types import Layer, MediumTable
 
 
 def with_surface(
@@ -33,24 +34,19 @@ def with_surface(
         return layer, variables
     from mr360uw.composite.at_surface.surface_layer import with_bodies
 
-    def drawn() -> tuple[Layer, Floats | None]:
-        return with_bodies(shot, sea, time_s, at_surface, settings, layer, backend.cache)
-
-    key = layer, shot.view.key, settings, sea, time_s, Same(at_surface)
-    layer, before = kept.get("surface", key, drawn)
+    layer, before = kept.of(with_bodies, shot, sea, time_s, at_surface, settings, layer, backend.cache)
     return layer, variables if variables is None or before is None else variables.cut(before)
 
 
 def _table_at_surface(loaded: Loaded, table: MediumTable, time_s: float, kept: Cache) -> MediumTable | None:
     """Return the table of a frame's water for rays that start at the surface; None without water."""
-    medium = loaded.surroundings.medium_at(time_s)
-    if medium is None:
+    medium, still = loaded.surroundings.medium_at(time_s), loaded.surroundings.medium
+    if medium is None or still is None:
         return None
     from mr360uw.composite.at_surface.water_sides import table_at_surface
 
-    def at_surface() -> MediumTable:
-        return medium.at_depth(JUST_BELOW_M).unit_table
+    return kept.of(table_at_surface, table, medium.unit_table, kept.of(_unit_table_below_surface, still))
 
-    unit = kept.get("table at the surface", Same(loaded.surroundings.medium), at_surface)
-    of_frame = table, Same(unit)
-    return kept.get("surface table", of_frame, lambda: table_at_surface(table, medium.unit_table, unit))
+
+def _unit_table_below_surface(medium: Medium) -> MediumTable:
+    return medium.at_depth(JUST_BELOW_M).unit_table

@@ -3,12 +3,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.cache import Cache
+from mr360uw.cache import Cache, PartOf
 from mr360uw.composite.ambient.among.near_bodies import Neighbour
 from mr360uw.composite.ambient.among.relative_pose import relative_pose
 from mr360uw.composite.ambient.body_view import Body, BodyView, Outlook, outlook
@@ -27,13 +27,9 @@ def body_views(bodies: Sequence[Body], first: NDArray[np.int64], shares: Floats,
         near = _neighbours(body, [(int(first[m]), bodies[m], shares[k, m]) for m in np.flatnonzero(shares[k]).tolist()])
         begin, total = int(first[k]), int(first[-1])
         of = tuple((other.begin, other.transfer.lattice, other.pose.key, other.share) for other in near)
-        what: Hashable = (body.transfer.lattice, body.transfer.mesh.glossy, body.placed.casts_shadow)
-        key = what, body.on_ground, body.ground_key, of, total, begin
-
-        def make(body: Body = body, near: Sequence[Neighbour] = near, begin: int = begin) -> BodyView:
-            return _view(body, near, begin, int(first[-1]))
-
-        views.append(cache.get("ambient view", key, make, keep=2 * len(bodies)))
+        of_body = body.transfer.lattice, body.transfer.mesh.glossy, body.placed.casts_shadow
+        seen = PartOf((body, near), of_body, body.on_ground, body.ground_key, of)
+        views.append(cache.of(_view, seen, begin, total, keep=2 * len(bodies)))
     return tuple(views)
 
 
@@ -47,8 +43,9 @@ def _neighbours(body: Body, others: Sequence[tuple[int, Body, float]]) -> list[N
     return found
 
 
-def _view(body: Body, near: Sequence[Neighbour], begin: int, total: int) -> BodyView:
-    """Return what a body sees. begin: where its own lookouts begin among all, `total`."""
+def _view(seen: PartOf[tuple[Body, list[Neighbour]]], begin: int, total: int) -> BodyView:
+    """Return what a body sees of near ones. begin: where its own lookouts begin among all, `total`."""
+    body, near = seen.whole
     transfer, site = body.transfer, body.transfer.lookouts.site
     close = np.max([np.zeros(len(transfer.cosine)), *(other.close_sites(transfer) for other in near)], axis=0)
     if transfer.mesh.glossy:

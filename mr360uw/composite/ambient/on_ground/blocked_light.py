@@ -10,7 +10,7 @@ the earlier ones leave of its interval.
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mr360uw.cache import Parts
 from mr360uw.composite.ambient.on_ground.height_field import HeightField
 from mr360uw.composite.ambient.on_ground.horizon_scan import AZIMUTHS, as_rectangle, place_beside, scan
 from mr360uw.composite.ambient.on_ground.sky_table import COLUMNS, NODES, ROWS
@@ -77,16 +78,11 @@ def joined(parts: Sequence[BlockedLight]) -> BlockedLight:
 
 
 @dataclass(frozen=True, eq=False)
-class Occluders:
+class Occluders(Parts):
     """Bodies that the ground sees. fields: m height fields. origin: (m, 3) places of their bodies' origins [m]."""
 
     fields: tuple[HeightField, ...]
     origin: Floats
-
-    @property
-    def key(self) -> Hashable:
-        """Equal for the same bodies at the same places."""
-        return self.fields, self.origin.tobytes()
 
     def blocked(self, points: Floats, normal: Floats) -> BlockedLight:
         """Return what the bodies block at places (n, 3) with normals (n, 3)."""

@@ -26,7 +26,7 @@ def ground_heights(shot: Shot, objects: Sequence[PlacedObject], cache: Cache) ->
         return [receiver.plane_y] * len(objects)
     mesh = receiver.mesh
     if mesh is not None:
-        scene = cache.get("ambient ground", receiver, lambda: RayScene(mesh))
+        scene = cache.of(RayScene, mesh)
         return [_below(scene, placed) for placed in objects]
     shape = kept_shape(receiver, shot.view.position, cache)
     return [_seen(shot, shape, placed) for placed in objects]
