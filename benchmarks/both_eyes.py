@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from mr360uw.cache import Cache
 from mr360uw.color import encode
 from mr360uw.composite import PlacedObject, Shot
 from mr360uw.composite.mesh.material import Material
@@ -113,7 +114,7 @@ def seconds(backend: Any, eyes: tuple[float, ...], *, moving: bool) -> float:
 def measure() -> None:
     """Print disparity, agreement and rate."""
     reference = make_backend("reference")[0]
-    backends = [reference, *(b for b in [make_backend("auto", 2)[0]] if b.name == "gl")]
+    backends = [reference, *(b for b in [make_backend("auto", Cache(2))[0]] if b.name == "gl")]
     for backend in backends:
         error, least = disparity(backend), agreement(backend, reference)
         met = "met" if error <= TARGET_PX else "MISSED"
@@ -124,7 +125,7 @@ def measure() -> None:
         print(f"{'':10s} against cameras at the eyes' points: {least:.1f} dB at worst  (target {TARGET_DB:.0f}, {met})")
     for moving in (True, False):
         one = seconds(make_backend("auto")[0], (0.0,), moving=moving)
-        two = seconds(make_backend("auto", 2)[0], (-HALF_M, HALF_M), moving=moving)
+        two = seconds(make_backend("auto", Cache(2))[0], (-HALF_M, HALF_M), moving=moving)
         met = "met" if one / two >= TARGET_RATE else "MISSED"
         kind = "a body that moves" if moving else "a body at rest"
         rate = f"rate {one / two:.2f}  (target {TARGET_RATE}, {met})"

@@ -35,7 +35,7 @@ from mr360uw.color import encode, ycbcr_from_rgb  # noqa: E402
 from mr360uw.composite.grading.settings import MatchSettings  # noqa: E402
 from mr360uw.render.backends import Backend, make_backend  # noqa: E402
 from mr360uw.render.first_pass import clip_facts  # noqa: E402
-from mr360uw.render.frame import Frame, finished, frame_stages  # noqa: E402
+from mr360uw.render.frame import Frame, composite_frame  # noqa: E402
 from mr360uw.render.loaded import load  # noqa: E402
 from mr360uw.sample.dive_settings import DiveSettings  # noqa: E402
 from mr360uw.sample.named_dives import PRESETS  # noqa: E402
@@ -164,7 +164,7 @@ def composite(scene: Scene, plate: Path, backend: Backend, match: MatchSettings)
     for line in facts.look.found if facts.look is not None else ():
         print(f"      {line}")
     kept = Cache()
-    return [finished(frame_stages(loaded, facts, backend, frame, 0.0, kept=kept)) for frame in video.frames()]
+    return [composite_frame(loaded, facts, backend, frame, 0.0, kept=kept) for frame in video.frames()]
 
 
 def main() -> int:

@@ -51,7 +51,16 @@ MOVES: dict[str, Move] = {
     "draw.sun_spread_deg": lambda r: (f"draw.sun_spread_deg={r.uniform(2, 8)}",),
     "draw.grain": lambda r: (f"draw.grain={r.uniform(0, 1)}",),
 }
-SHOWN = ("plate", "light", "pattern", "medium", "water", "caustics", "layer", "picture")
+SHOWN = (
+    "KeptFrames._decoded",
+    "plate_light",
+    "PlatePattern",
+    "solved",
+    "exposed_water",
+    "Gl.caustics",
+    "draw_layer",
+    "lay_over",
+)
 
 
 def sample(folder: Path) -> Path:

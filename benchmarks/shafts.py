@@ -42,7 +42,7 @@ from mr360uw.medium.small_angles import spread_of  # noqa: E402
 from mr360uw.preview.live import LivePreview  # noqa: E402
 from mr360uw.render.backends import make_backend  # noqa: E402
 from mr360uw.render.first_pass import clip_facts  # noqa: E402
-from mr360uw.render.frame import finished, frame_stages  # noqa: E402
+from mr360uw.render.frame import draw_frame, measure_plate  # noqa: E402
 from mr360uw.render.loaded import load  # noqa: E402
 from mr360uw.sample import DiveSettings, sample_dive  # noqa: E402
 from mr360uw.scene.inputs import open_plate  # noqa: E402
@@ -370,12 +370,10 @@ def layer_ms(scene: Scene) -> float:
         loaded = load(scene, video.width, video.height)
         facts = clip_facts(loaded, video, None)
         for frame in video.frames(0, _FRAMES):
-            stages = frame_stages(loaded, facts, backend, frame, 0.0, kept=kept)
-            next(stages)
+            measured = measure_plate(loaded, facts, frame, kept)
             start = time.process_time()
-            next(stages)
+            draw_frame(loaded, backend, measured, 0.0, kept)
             spent.append(1e3 * (time.process_time() - start))
-            finished(stages)
     return float(np.median(spent[2:]))
 
 

@@ -6,15 +6,16 @@ are all that it can depend on, and the cache may be emptied at any moment withou
 
 The version of an input is what it is equal to: settings and numbers count by value, arrays of up to a megabyte by their
 content, what is assembled anew in every frame (`Parts`) by the versions of its fields, and all else, which is loaded or
-computed once, by identity, as long as it is kept itself.
+computed once, by identity, as long as it is kept itself. Caches change no result, so they count for nothing.
 """
 
 from __future__ import annotations
 
 import math
+import weakref
 from collections import Counter
 from collections.abc import Callable, Hashable
-from dataclasses import fields
+from dataclasses import fields, is_dataclass
 from types import MethodType
 from typing import Any, Generic, TypeVar, TypeVarTuple
 
@@ -26,6 +27,10 @@ Inputs = TypeVarTuple("Inputs")
 
 _BY_CONTENT = 1 << 20
 """Bytes of an array up to which it counts by its content: to read a megabyte takes a third of a millisecond."""
+
+
+class Neutral:
+    """Base of inputs that change no result, as caches do."""
 
 
 class Parts:
@@ -80,6 +85,8 @@ def version(item: Any) -> Hashable:
         return (item.dtype.str, item.shape, item.tobytes()) if item.nbytes <= _BY_CONTENT else Same(item)
     if isinstance(item, tuple | list):
         return tuple(map(version, item))
+    if isinstance(item, Neutral):
+        return Neutral
     if isinstance(item, Parts):
         values: Any = item
         return type(item), *(version(getattr(values, field.name)) for field in fields(values))
@@ -87,7 +94,7 @@ def version(item: Any) -> Hashable:
     return hashable
 
 
-class Cache:
+class Cache(Neutral):
     """The most recently used results of every function.
 
     room: factor on how many are kept, for frames of that many kinds which take turns.
@@ -97,7 +104,7 @@ class Cache:
         self._room = room
         self._kept: dict[Any, dict[Hashable, Any]] = {}
         self.made: Counter[str] = Counter()
-        """How often each function was called, by its name."""
+        """How often each function was called, by its name (`name_of`)."""
 
     def of(self, function: Callable[[*Inputs], T], *inputs: *Inputs, keep: int = 1) -> T:
         """Return the result of a function; call it if that is not among the last `keep` used of its results.
@@ -106,7 +113,7 @@ class Cache:
         depend on more than its inputs.
         """
         plain, key = _with_own(function, inputs)
-        name = _checked(plain)
+        name = name_of(plain)
         if key in self._kept.get(plain, {}):
             result: T = self._kept[plain].pop(key)
         else:
@@ -137,18 +144,24 @@ class Cache:
 
 
 def _with_own(function: Callable[..., Any], inputs: tuple[Any, ...]) -> tuple[Callable[..., Any], Hashable]:
-    """Return a function, or a method's plain one, and the version of its inputs, of which a method's object is one."""
+    """Return a function, or a method's plain one, and the version of its inputs, of which a method's object is one.
+
+    An object that is no dataclass is not kept alive: it often owns the cache, and both would wait for the garbage
+    collector, which counts objects and not their size.
+    """
     if isinstance(function, MethodType):
-        return function.__func__, version((function.__self__, *inputs))
+        own = function.__self__
+        counted = version(own) if is_dataclass(own) else weakref.ref(own)
+        return function.__func__, (counted, version(inputs))
     return function, version(inputs)
 
 
-def _checked(function: Callable[..., Any]) -> str:
-    """Return the name of a function that sees nothing but its inputs."""
+def name_of(function: Callable[..., Any]) -> str:
+    """Return the name of a function that sees nothing but its inputs; raise `TypeError` for one within another."""
     name: str = getattr(function, "function", function).__qualname__
     if "<" in name:
         raise TypeError(f"{name} - may depend on more than its inputs - write it at the top of a module")
-    return name
+    return name.lstrip("_")
 
 
 class Room:

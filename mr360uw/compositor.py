@@ -16,7 +16,7 @@ from mr360uw.errors import ParameterError
 from mr360uw.progress import Progress
 from mr360uw.render.backends import make_backend
 from mr360uw.render.first_pass import ClipAnalysis, clip_facts
-from mr360uw.render.frame import finished, frame_stages
+from mr360uw.render.frame import composite_frame
 from mr360uw.render.loaded import Loaded, load
 from mr360uw.render.plate_light import FrameLight
 from mr360uw.render.stages.light_stage import LightKnots
@@ -144,7 +144,7 @@ class Compositor:
         """Return the composite of a plate. light: None measures it in the plate."""
         if self._kept is None:
             raise ParameterError("compositor - is closed - make another")
-        frame = finished(frame_stages(loaded, facts, self._renderer, plate, shutter_s, kept=self._kept, light=light))
+        frame = composite_frame(loaded, facts, self._renderer, plate, shutter_s, kept=self._kept, light=light)
         return FrameResult(
             image_linear=frame.picture.image_linear,
             layer=frame.layer,

@@ -15,6 +15,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
+from mr360uw.cache import Cache
 from mr360uw.farm.crew import make_crew
 from mr360uw.farm.job import Job, OpenJob
 from mr360uw.progress import Progress
@@ -74,7 +75,7 @@ def composite_video(
         loaded = load(scene, video.width, video.height, clip=not video.is_still)
         output.check([*loaded.object_files, *loaded.other_files])  # textures and the like, which only meshes name
         _check_lengths(loaded, video, span)
-        renderer, fallback = make_backend(backend, scene.plate.eyes)
+        renderer, fallback = make_backend(backend, Cache(scene.plate.eyes))
         crew, inputs = make_crew(workers, cluster, len(parts)), input_fingerprints(loaded)
         keys = work_keys(loaded, inputs, "mixed" if mixed else renderer.name, measured_range(video, *span))
         with work_folder(output.path, keys, fresh=fresh) as work:

@@ -14,7 +14,7 @@ import typer
 
 import mr360uw
 from mr360uw.from_above.settings import aerial_handbook
-from mr360uw.render.frame import frame_stages
+from mr360uw.render.frame import blend_frame, composite_frame, draw_frame, measure_plate
 from mr360uw.sample import DiveSettings
 from mr360uw.scene.handbook import parameters_markdown, table_of
 
@@ -56,7 +56,8 @@ def test_links_and_pictures_of_the_pages_exist() -> None:
 def test_the_frame_in_the_design_is_the_frame() -> None:
     text = (ROOT / "docs" / "design.md").read_text("utf-8")
     blocks = re.findall(r"^```python\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
-    assert blocks == [inspect.getsource(frame_stages)]
+    stages = (composite_frame, measure_plate, draw_frame, blend_frame)
+    assert blocks == ["\n\n".join(inspect.getsource(stage) for stage in stages)]
 
 
 def test_files_named_in_the_pages_exist() -> None:

@@ -12,10 +12,11 @@ import OpenEXR
 import pytest
 
 import mr360uw as uw
+from mr360uw.cache import Cache
 from mr360uw.errors import Mr360uwError, ParameterError, VideoError
 from mr360uw.render.backends import make_backend
 from mr360uw.render.first_pass import ClipAnalysis
-from mr360uw.render.frame import finished, frame_stages
+from mr360uw.render.frame import composite_frame
 from mr360uw.render.loaded import load
 from mr360uw.render.mattes import GreyClip
 from mr360uw.scene.inputs import open_plate
@@ -68,8 +69,8 @@ def test_light_is_measured_once_and_shared(whale: Path, tmp_path: Path) -> None:
     with open_plate(scene) as video:
         plate = next(iter(video.frames(0, 1)))
         loaded = load(scene, video.width, video.height, clip=False)
-    backend = make_backend("reference", scene.plate.eyes)[0]
-    frame = finished(frame_stages(loaded, ClipAnalysis(), backend, plate, 0.0))
+    backend = make_backend("reference", Cache(scene.plate.eyes))[0]
+    frame = composite_frame(loaded, ClipAnalysis(), backend, plate, 0.0)
     assert frame.right is not None
     assert frame.light is frame.right.light
     assert frame.medium is frame.right.medium

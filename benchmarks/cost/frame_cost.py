@@ -5,56 +5,30 @@ from __future__ import annotations
 
 import statistics
 import time
-from collections import Counter
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TypeVar
 
-from mr360uw.cache import Cache
 from mr360uw.render.backends import Backend, make_backend
 from mr360uw.render.first_pass import clip_facts
-from mr360uw.render.frame import Frame, finished, frame_stages
+from mr360uw.render.frame import Frame, composite_frame
 from mr360uw.render.loaded import load
+from mr360uw.render.stages.stage_graph import StageGraph
 from mr360uw.scene.inputs import open_plate
 from mr360uw.scene.model import Scene
 from mr360uw.video import VideoFrame
 
-T = TypeVar("T")
 PARTS = ("light", "water", "caustics", "layer", "blend")
-"""Parts of a frame's time, see `CostCache`; what is left of the frame is in `layer`."""
-_OF_CACHE = {
-    "light": "light", "pattern": "light", "water": "water", "caustics": "caustics", "water caustics": "caustics",
-    "picture": "blend",
+"""Parts of a frame's time, as `StageGraph` notes them; what is left of the frame is in `layer`."""
+_OF_STAGE = {
+    "plate_light": "light", "PlatePattern": "light", "exposed_water": "water", "Gl.caustics": "caustics",
+    "Reference.caustics": "caustics", "lay_over": "blend",
 }  # fmt: skip
-"""Part of a frame by the name under which its result is kept."""
+"""Part of a frame by the name of its stage."""
 _LONGEST_S = 90.0
 """Time [s] on the wall after which a curve has run long enough."""
 _TO_NOISE, _TO_DEVIATION = 1.2533, 1.349
 """Of a normal distribution: standard error of a median over that of a mean, and what lies between its quartiles over
 its standard deviation."""
-
-
-class CostCache(Cache):
-    """A cache that notes the processor time [s] of making each value, without that of values made within it."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.spent: Counter[str] = Counter()
-        self._within = [0.0]
-
-    def get(self, name: str, key: Hashable, make: Callable[[], T], keep: int = 1) -> T:
-        """Return the value of a name for a key, as `Cache.get` does."""
-
-        def made() -> T:
-            self._within.append(0.0)
-            began = time.process_time()
-            value = make()
-            took = time.process_time() - began
-            self.spent[_OF_CACHE.get(name, "layer")] += took - self._within.pop()
-            self._within[-1] += took
-            return value
-
-        return super().get(name, key, made, keep)
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,7 +56,7 @@ class Subject:
             self._loaded = load(scene, video.width, video.height)
             self._facts = clip_facts(self._loaded, video)
             self._plates = list(video.frames(0, video.frame_count))
-        self._kept, self._next = CostCache(), 0
+        self._kept, self._next = StageGraph(), 0
         self.samples: list[dict[str, float]] = []
         self.last = self.frame()
         self.once_s = time.process_time() - began
@@ -92,12 +66,13 @@ class Subject:
         """Draw the next frame of the clip, over and over, and note what it costs [s]."""
         plate: VideoFrame = self._plates[self._next % len(self._plates)]
         self._next += 1
-        self._kept.spent.clear()
+        self._kept.forget_times()
         began = time.process_time()
-        stages = frame_stages(self._loaded, self._facts, self.backend, plate, 0.0, kept=self._kept)
-        self.last = finished(stages)
+        self.last = composite_frame(self._loaded, self._facts, self.backend, plate, 0.0, kept=self._kept)
         took = time.process_time() - began
-        spent = {name: self._kept.spent[name] for name in PARTS}
+        spent = dict.fromkeys(PARTS, 0.0)
+        for name, run in self._kept.runs.items():
+            spent[_OF_STAGE.get(name, "layer")] += run.seconds
         spent["layer"] += took - sum(spent.values())
         self.samples.append({**spent, "frame": took})
         return self.last

@@ -12,7 +12,7 @@ from mr360uw.cache import Cache
 from mr360uw.composite.over import over
 from mr360uw.render.backends import Backend
 from mr360uw.render.first_pass import clip_facts
-from mr360uw.render.frame import Frame, finished, frame_stages
+from mr360uw.render.frame import Frame, composite_frame
 from mr360uw.render.loaded import load
 from mr360uw.sample import sample_dive
 from mr360uw.scene.inputs import open_plate
@@ -65,7 +65,7 @@ class Workbench:
             facts = clip_facts(loaded, video)
             plates = list(video.frames(0, self.runs + 1))
         kept = Cache()
-        return lambda k: finished(frame_stages(loaded, facts, self.backend, plates[k], 0.0, kept=kept))
+        return lambda k: composite_frame(loaded, facts, self.backend, plates[k], 0.0, kept=kept)
 
 
 def picture_of(frame: Frame) -> Floats:

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
+from mr360uw.cache import Cache
 from mr360uw.errors import GlError
 from mr360uw.render.backends import Backend, make_backend
 from mr360uw.render.loaded import Loaded, load
@@ -89,7 +90,7 @@ def _backend_of_worker(name: str, kinds: int) -> Backend:
     Raises `GlError` where it lacks the one that the others render with.
     """
     try:
-        return make_backend(name, kinds)[0]
+        return make_backend(name, Cache(kinds))[0]
     except GlError as error:
         raise GlError(
             f"worker {platform.node()} - has no OpenGL, which the run renders with (got: {error}) - give --backend "

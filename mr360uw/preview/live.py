@@ -7,6 +7,7 @@ from collections import Counter
 from dataclasses import replace
 from typing import Self
 
+from mr360uw.cache import Cache
 from mr360uw.preview.drafts import coarse
 from mr360uw.preview.facts_kept import KeptFacts
 from mr360uw.preview.frames_kept import KeptFrames
@@ -15,7 +16,7 @@ from mr360uw.progress import Progress
 from mr360uw.reading.kept_reads import KeptReads
 from mr360uw.render.backends import make_backend
 from mr360uw.render.first_pass import ClipAnalysis
-from mr360uw.render.frame import Frame, finished, frame_stages
+from mr360uw.render.frame import Frame, composite_frame
 from mr360uw.render.loaded import Loaded, Loader
 from mr360uw.render.stages.match_stage import look_in_frame, patch_frames
 from mr360uw.scene.model import Scene, at_scale
@@ -37,15 +38,13 @@ class LivePreview:
     """
 
     def __init__(self, backend: str = "auto") -> None:
-        self.backend, self.note = make_backend(backend, _KINDS)
+        self.backend, self.note = make_backend(backend, Cache(_KINDS))
         self._reads = KeptReads(_KINDS)
         self._plates, self._facts = KeptFrames(self._reads), KeptFacts(self._reads.cache)
 
     @property
     def made(self) -> Counter[str]:
-        """How often each part was made: "plate" (decoded), "light" (measured in it), "medium" (solved), "water"
-        (matched to the light), "caustics", "layer" (drawn), "picture" (layer over plate), and parts of loaded scenes.
-        """
+        """How often each stage ran, by the name of its function (`mr360uw.cache.name_of`)."""
         return self._reads.cache.made
 
     def frame(self, scene: Scene, index: int, width: int | None = None) -> Frame:
@@ -64,7 +63,7 @@ class LivePreview:
                 places = patch_frames(scene.match, self._plates.reader(scene))
                 shown = [self.plate(scene, place, width) for place in places]
                 facts = replace(facts, look=look_in_frame(loaded, plate, shown, self._reads.cache))
-            return finished(frame_stages(loaded, facts, self.backend, plate, 0.0, kept=self._reads.cache))
+            return composite_frame(loaded, facts, self.backend, plate, 0.0, kept=self._reads.cache)
 
     coarse = staticmethod(coarse)
 

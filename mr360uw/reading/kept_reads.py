@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar, TypeVarTuple
 
-from mr360uw.cache import Cache
+from mr360uw.cache import Cache, Neutral
 from mr360uw.reading.files_read import files_read, note_read
 
 T = TypeVar("T")
@@ -17,7 +17,7 @@ Stamp = tuple[int, int] | None
 """Time of the last change [ns] and length [bytes] of a file; None where it cannot be read."""
 
 
-class KeptReads:
+class KeptReads(Neutral):
     """Results of functions by their inputs and by the files that they read, which are watched themselves.
 
     A result is made anew where a file that it was read from has changed. As if it had been read again, its files are

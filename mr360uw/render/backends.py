@@ -46,13 +46,13 @@ class Backend(Protocol):
 
 
 class Reference:
-    """The reference renderer: float64 on the processor. room: of its cache."""
+    """The reference renderer: float64 on the processor. cache: see `Backend`."""
 
     name = "reference"
     device = "processor, float64"
 
-    def __init__(self, room: int = 1) -> None:
-        self.cache = Cache(room)
+    def __init__(self, cache: Cache | None = None) -> None:
+        self.cache = Cache() if cache is None else cache
 
     def caustics(
         self,
@@ -77,19 +77,16 @@ class Reference:
 
 
 class Gl:
-    """The OpenGL renderer, for the thread that made it. cache: values kept between frames; may be emptied.
-
-    room: of that cache.
-    """
+    """The OpenGL renderer, for the thread that made it. cache: see `Backend`."""
 
     name = "gl"
 
-    def __init__(self, room: int = 1) -> None:
+    def __init__(self, cache: Cache | None = None) -> None:
         from mr360uw.composite.gl.layer_renderer import LayerRenderer
         from mr360uw.gl.context import gl_device
 
         self.device = gl_device().renderer
-        self.cache = Cache(room)
+        self.cache = Cache() if cache is None else cache
         self._layers = LayerRenderer(self.cache)
 
     def caustics(
@@ -112,19 +109,19 @@ class Gl:
         return self._layers.render_aovs(shot) if variables else (self._layers.render(shot), None)
 
 
-def make_backend(name: BackendName | str = "auto", room: int = 1) -> tuple[Backend, str]:
+def make_backend(name: BackendName | str = "auto", cache: Cache | None = None) -> tuple[Backend, str]:
     """Return a backend and, if `auto` fell back to the reference, a line with the reason (else "").
 
-    room: kinds of frames that take turns: its cache keeps values of all of them. Raises `GlError` if "gl" is asked for
+    cache: that it is to have; None for an own one. Raises `GlError` if "gl" is asked for
     and OpenGL is not available, `ParameterError` for an unknown name.
     """
     if name == "reference":
-        return Reference(room), ""
+        return Reference(cache), ""
     if name not in ("auto", "gl"):
         raise ParameterError(f"backend - is not known (got {name!r}) - take auto, gl or reference")
     try:
-        return Gl(room), ""
+        return Gl(cache), ""
     except GlError as error:
         if name == "gl":
             raise
-        return Reference(room), f"no OpenGL, so the reference renderer runs ({error})"
+        return Reference(cache), f"no OpenGL, so the reference renderer runs ({error})"

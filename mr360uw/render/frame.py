@@ -1,15 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Stages of one frame, from the plate to the composite, for videos, stills, library calls and previews alike."""
+"""Stages of one frame, from the plate to the composite, for videos, stills, library calls and previews alike.
+
+Each stage takes all that it needs. `composite_frame` runs them one after the other; over a clip (`runs.frame_range`)
+each of the three runs on a thread of its own, one frame ahead of the next stage.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Generator
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from mr360uw.cache import Cache
 from mr360uw.composite.aovs import Aovs
-from mr360uw.composite.grading.plate_grade import PlateGrade
 from mr360uw.composite.over import mean_layer, over_tile
 from mr360uw.composite.receiver.pattern import PlatePattern
 from mr360uw.composite.shot import Shot
@@ -21,7 +23,7 @@ from mr360uw.render.loaded import Loaded
 from mr360uw.render.plate_light import FrameLight, plate_light
 from mr360uw.render.plate_pattern import plate_pattern
 from mr360uw.render.shots import instants, seen_by, shafts_of, shot_at, with_caustics, with_snow
-from mr360uw.render.stages.eye_stage import calm_of, eyes_of
+from mr360uw.render.stages.eye_stage import Eye, calm_of, eyes_of
 from mr360uw.render.stages.match_stage import asked_look, ungraded, with_look
 from mr360uw.render.stages.surface_stage import with_surface
 from mr360uw.types import CausticStack, Layer, MediumTable
@@ -50,58 +52,19 @@ class Frame:
     right: Frame | None = None
 
 
-Stages = Generator[None, None, Frame]
-"""Stages of a frame: each `next` runs one of the three and stops where another thread may continue."""
+@dataclass(frozen=True, slots=True, eq=False)
+class MeasuredPlate:
+    """What a frame's plate shows.
 
-
-def frame_stages(
-    loaded: Loaded,
-    facts: ClipAnalysis,
-    backend: Backend,
-    plate: VideoFrame,
-    shutter_s: float,
-    *,
-    variables: bool = False,
-    kept: Cache | None = None,
-    light: FrameLight | None = None,
-) -> Stages:
-    """Compute a frame from what is loaded, the clip's facts and the plate's frame alone; return it.
-
-    shutter_s: exposure time [s], for motion blur. light: between knots of a clip (`stages.light_stage`); None measures
-    it in this frame. kept: results of the same backend's frames, each under all that it
-    depends on: a stage runs unless its result is there. Yields after the plate's light is measured and after the layer
-    is drawn.
+    now: the scene at the frame's time. filed: the plate with its grade. eyes: its pictures without it. light: None
+    where nothing is lit. patterns: the plate's own caustics in each eye's picture, None where there is no shadow.
     """
-    plan, index, time_s = loaded.plan, plate.index, plate.time_s
-    now, kept = loaded.at(time_s), Cache(loaded.scene.plate.eyes) if kept is None else kept
-    grain, filed = now.scene.draw.grain, plate
-    plate = ungraded(now, facts.look, filed, kept)
-    eyes = eyes_of(now.scene, plate)
-    patterns: list[PlatePattern | None] = [None for _ in eyes]
-    water = None
-    drawn: list[list[Drawn]] = [[] for _ in eyes]
-    if plan.environment.runs:
-        if light is None:
-            light = finite("light", index, plate_light(now, facts, plate, kept))
-        patterns = [plate_pattern(now, calm_of(facts.calm, eye), eye.plate, kept) for eye in eyes]
-    yield  # from here on the thread of the backend
 
-    if light is not None and plan.layer.runs:
-        water = finite("water", index, kept.of(exposed_water, now.surroundings, light, time_s))
-        moments = instants(loaded, now, time_s, shutter_s)
-        for instant_s, then in moments:
-            bare = shot_at(then, light, water, instant_s, index, kept)
-            for eye, pattern, layers in zip(eyes, patterns, drawn, strict=True):
-                shot = seen_by(then, bare, eye, pattern, index)
-                layers.append(_layer(then, backend, shot, instant_s, shutter_s / len(moments), index, variables, kept))
-    yield  # from here on any thread, beside the next frame
-
-    frames = []
-    for eye, layers in zip(eyes, drawn, strict=True):
-        layer = mean_layer([one.layer for one in layers]) if layers else Layer(loaded.height, loaded.width, ())
-        look = asked_look(now, facts.look, filed, layer, kept)  # of the left eye for both
-        frames.append(_composited(eye.plate, layers, layer, look, light, water, grain, kept))
-    return frames[0] if len(frames) == 1 else both_eyes(*frames)
+    now: Loaded
+    filed: VideoFrame
+    eyes: tuple[Eye, ...]
+    light: FrameLight | None
+    patterns: tuple[PlatePattern | None, ...]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -113,55 +76,105 @@ class Drawn:
     variables: Aovs | None
 
 
-def _layer(
+@dataclass(frozen=True, slots=True, eq=False)
+class DrawnFrame:
+    """What is drawn for a frame. by_eye: for each eye what it sees of every instant of the exposure."""
+
+    measured: MeasuredPlate
+    water: MediumTable | None
+    by_eye: tuple[tuple[Drawn, ...], ...]
+
+
+def composite_frame(
+    loaded: Loaded,
+    facts: ClipAnalysis,
+    backend: Backend,
+    plate: VideoFrame,
+    shutter_s: float,
+    *,
+    variables: bool = False,
+    kept: Cache | None = None,
+    light: FrameLight | None = None,
+) -> Frame:
+    """Return a frame, a function of what is loaded, the clip's analysis and the plate's frame alone.
+
+    shutter_s: exposure time [s], for motion blur. variables: whether the layer's output variables are asked for.
+    light: between light samples of a clip (`stages.light_stage`); None measures it in this frame. kept: results of the
+    same backend's frames: a stage runs unless its result is there.
+    """
+    kept = Cache(loaded.scene.plate.eyes) if kept is None else kept
+    measured = measure_plate(loaded, facts, plate, kept, light)
+    drawn = draw_frame(loaded, backend, measured, shutter_s, kept, variables=variables)
+    return blend_frame(loaded, facts, drawn, kept)
+
+
+def measure_plate(
+    loaded: Loaded, facts: ClipAnalysis, filed: VideoFrame, kept: Cache, light: FrameLight | None = None
+) -> MeasuredPlate:
+    """Return the light and the pattern of a plate's frame, on any thread."""
+    now = loaded.at(filed.time_s)
+    plate = ungraded(now, facts.look, filed, kept)
+    eyes = eyes_of(now.scene, plate)
+    if not loaded.plan.environment.runs:
+        return MeasuredPlate(now, filed, eyes, light, tuple(None for _ in eyes))
+    if light is None:
+        light = finite("light", plate.index, plate_light(now, facts, plate, kept))
+    patterns = tuple(plate_pattern(now, calm_of(facts.calm, eye), eye.plate, kept) for eye in eyes)
+    return MeasuredPlate(now, filed, eyes, light, patterns)
+
+
+def draw_frame(
     loaded: Loaded,
     backend: Backend,
-    bare: Shot,
-    instant_s: float,
-    exposure_s: float,
-    index: int,
-    variables: bool,
+    measured: MeasuredPlate,
+    shutter_s: float,
     kept: Cache,
-) -> Drawn:
-    """Return the layer of a shot without caustics, with all that the plan asks for."""
-    shot = with_caustics(loaded, backend, bare, instant_s, kept)
-    shafts = shafts_of(loaded, backend, shot, instant_s, kept)
-    layer, found = kept.of(_drawn, backend, shot, shafts, variables, kept)
-    refuse("layer", index, kept.of(not_finite, layer))
-    layer, found = with_surface(loaded, backend, shot, layer, found, instant_s, kept)
-    return Drawn(shot, with_snow(loaded, backend, shot, layer, instant_s, exposure_s, kept), found)
+    *,
+    variables: bool = False,
+) -> DrawnFrame:
+    """Return the layers of a frame, on the thread of its backend."""
+    now, light = measured.now, measured.light
+    index, time_s = measured.filed.index, measured.filed.time_s
+    if light is None or not loaded.plan.layer.runs:
+        return DrawnFrame(measured, None, tuple(() for _ in measured.eyes))
+    water = finite("water", index, kept.of(exposed_water, now.surroundings, light, time_s))
+    moments = instants(loaded, now, time_s, shutter_s)
+    exposure_s = shutter_s / len(moments)
+    by_eye: list[list[Drawn]] = [[] for _ in measured.eyes]
+    for instant_s, then in moments:
+        bare = shot_at(then, light, water, instant_s, index, kept)
+        for eye, pattern, drawn in zip(measured.eyes, measured.patterns, by_eye, strict=True):
+            shot = with_caustics(then, backend, seen_by(then, bare, eye, pattern, index), instant_s, kept)
+            shafts = shafts_of(then, backend, shot, instant_s, kept)
+            layer, found = kept.of(draw_layer, backend, shot, shafts, variables, kept)
+            refuse("layer", index, kept.of(not_finite, layer))
+            layer, found = with_surface(then, backend, shot, layer, found, instant_s, kept)
+            layer = with_snow(then, backend, shot, layer, instant_s, exposure_s, kept)
+            drawn.append(Drawn(shot, layer, found))
+    return DrawnFrame(measured, water, tuple(map(tuple, by_eye)))
 
 
-def _composited(
-    plate: VideoFrame,
-    drawn: list[Drawn],
-    layer: Layer,
-    look: PlateGrade,
-    light: FrameLight | None,
-    water: MediumTable | None,
-    grain: float,
-    kept: Cache,
-) -> Frame:
-    """Return the frame of one eye from what it sees at every instant of the exposure; layer: the mean of that."""
-    picture = kept.of(_laid_over, plate, kept.of(with_look, layer, look, plate), grain)
-    if not drawn:
-        return Frame(picture, plate, layer, light, water)
-    last = drawn[-1]
-    return Frame(picture, plate, layer, light, water, last.shot.caustics, last.variables)
+def blend_frame(loaded: Loaded, facts: ClipAnalysis, drawn: DrawnFrame, kept: Cache) -> Frame:
+    """Return the composite of what was drawn and the plate, on any thread, beside the next frame."""
+    measured, frames = drawn.measured, []
+    for eye, instants_drawn in zip(measured.eyes, drawn.by_eye, strict=True):
+        layers = [one.layer for one in instants_drawn]
+        layer = mean_layer(layers) if layers else Layer(loaded.height, loaded.width, ())
+        look = asked_look(measured.now, facts.look, measured.filed, layer, kept)  # of the left eye for both
+        grain = measured.now.scene.draw.grain
+        picture = kept.of(lay_over, eye.plate, kept.of(with_look, layer, look, eye.plate), grain)
+        frame = Frame(picture, eye.plate, layer, measured.light, drawn.water)
+        if instants_drawn:
+            last = instants_drawn[-1]
+            frame = replace(frame, caustics=last.shot.caustics, variables=last.variables)
+        frames.append(frame)
+    return frames[0] if len(frames) == 1 else both_eyes(*frames)
 
 
-def both_eyes(left: Frame, right: Frame) -> Frame:
-    """Return the frame of the left eye with that of the right one."""
-    return replace(left, picture=replace(left.picture, right=right.picture), right=right)
-
-
-def _laid_over(plate: VideoFrame, layer: Layer, grain: float) -> VideoFrame:
-    return finite("composite", plate.index, plate.over(layer, over_tile, grain))
-
-
-def _drawn(
+def draw_layer(
     backend: Backend, shot: Shot, shafts: ShaftLight | None, variables: bool, kept: Cache
 ) -> tuple[Layer, Aovs | None]:
+    """Return the layer of a shot, with its shafts, and its output variables if asked for."""
     layer, found = backend.layer(shot, variables=variables)
     if shafts is not None:
         from mr360uw.composite.shafts.shaft_layer import with_shafts
@@ -170,11 +183,11 @@ def _drawn(
     return layer, found
 
 
-def finished(stages: Stages) -> Frame:
-    """Run the remaining stages of a frame and return it."""
-    while True:
-        try:
-            next(stages)
-        except StopIteration as end:
-            frame: Frame = end.value
-            return frame
+def lay_over(plate: VideoFrame, layer: Layer, grain: float) -> VideoFrame:
+    """Return a plate with a layer over it. grain: of the plate, as a fraction, that bodies are given."""
+    return finite("composite", plate.index, plate.over(layer, over_tile, grain))
+
+
+def both_eyes(left: Frame, right: Frame) -> Frame:
+    """Return the frame of the left eye with that of the right one."""
+    return replace(left, picture=replace(left.picture, right=right.picture), right=right)

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Renders a range of frames: decoder, renderer and encoder each on a thread, with short queues between them.
 
-Memory does not grow with the clip. Each thread runs one of the three parts of `render.frame.frame_stages`.
+Memory does not grow with the clip. Each thread runs one of the three stages of `render.frame`.
 """
 
 from __future__ import annotations
@@ -11,11 +11,12 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from mr360uw.cache import Cache
 from mr360uw.composite.aovs import RECIPE, Part, exr_parts, stereo_parts
 from mr360uw.reading.numbered_files import numbered
 from mr360uw.render.backends import Backend
 from mr360uw.render.first_pass import ClipAnalysis
-from mr360uw.render.frame import Frame, Stages, finished, frame_stages
+from mr360uw.render.frame import DrawnFrame, Frame, MeasuredPlate, blend_frame, draw_frame, measure_plate
 from mr360uw.render.loaded import Loaded
 from mr360uw.render.stages.light_stage import LightKnots
 from mr360uw.threads import Behind, one_blas_thread, prefetch
@@ -75,29 +76,32 @@ class RangeRenderer:
 
     def render(self, start: int, stop: int, sink: VideoWriter, done: Callable[[], None] = lambda: None) -> None:
         """Render frames [start, stop) into a sink; done: is called after each."""
-        behind: Behind[Stages] = Behind(lambda stages: self._write(stages, sink))
+        behind: Behind[DrawnFrame] = Behind(lambda drawn: self._write(drawn, sink))
         renderer = f"{self.backend.name} ({self.backend.device})"
+        exposure_s, variables = self.loaded.scene.draw.exposure_s(self.video.frame_rate), self.layers is not None
         with one_blas_thread(), sink, behind:
-            for stages in prefetch(self._read(start, stop)):
+            for measured in prefetch(self._read(start, stop)):
                 since = time.perf_counter()
-                next(stages)
+                cache = self._cache()
+                drawn = draw_frame(self.loaded, self.backend, measured, exposure_s, cache, variables=variables)
                 self.times.add("render", since)
-                behind.put(stages)
+                behind.put(drawn)
                 self.times.renderers[renderer] = self.times.renderers.get(renderer, 0) + 1
                 done()
 
-    def _read(self, start: int, stop: int) -> Iterator[Stages]:
-        """Yield the stages of frames, decoded and with their light measured."""
-        times, exposure_s = self.times, self.loaded.scene.draw.exposure_s(self.video.frame_rate)
+    def _cache(self) -> Cache:
+        """Return a cache for one stage of a frame: stages of other frames run beside it."""
+        return Cache(self.loaded.scene.plate.eyes)
+
+    def _read(self, start: int, stop: int) -> Iterator[MeasuredPlate]:
+        """Yield frames, decoded and with their light measured."""
+        times = self.times
         knots = LightKnots(self.loaded, self.facts, self.video, self._decoded)
         since, decoding_s = time.perf_counter(), times.seconds.get("decode", 0.0)
         for plate, light in knots.frames(start, stop):
-            stages = frame_stages(
-                self.loaded, self.facts, self.backend, plate, exposure_s, variables=self.layers is not None, light=light
-            )
-            next(stages)
+            measured = measure_plate(self.loaded, self.facts, plate, self._cache(), light)
             times.add("light", since + times.seconds["decode"] - decoding_s)
-            yield stages
+            yield measured
             since, decoding_s = time.perf_counter(), times.seconds["decode"]
 
     def _decoded(self, start: int, stop: int) -> Iterator[VideoFrame]:
@@ -107,10 +111,10 @@ class RangeRenderer:
             yield plate
             since = time.perf_counter()
 
-    def _write(self, stages: Stages, sink: VideoWriter) -> None:
+    def _write(self, drawn: DrawnFrame, sink: VideoWriter) -> None:
         """Composite a frame and write it, and before it the file of its layers."""
         times, since = self.times, time.perf_counter()
-        frame = finished(stages)
+        frame = blend_frame(self.loaded, self.facts, drawn, self._cache())
         since = times.add("blend", since)
         times.frames += 1
         times.empty += not frame.layer.tiles

@@ -21,7 +21,7 @@ from mr360uw.color import decode, encode, rgb_from_ycbcr
 from mr360uw.optics import refract_to_water
 from mr360uw.render.backends import make_backend
 from mr360uw.render.first_pass import first_pass
-from mr360uw.render.frame import finished, frame_stages
+from mr360uw.render.frame import composite_frame
 from mr360uw.render.loaded import load
 from mr360uw.sample.dive import dive_scene
 from mr360uw.sample.dive_settings import DiveSettings
@@ -95,7 +95,7 @@ def held(folder: Path, settings: DiveSettings, *, width: int = 512, frames: int 
         loaded = load(scene, width, width // 2)
         facts = first_pass(loaded.surroundings, video)
         for frame in video.frames():
-            made = finished(frame_stages(loaded, facts, backend, frame, 0.0))
+            made = composite_frame(loaded, facts, backend, frame, 0.0)
             for tile in made.layer.tiles:
                 inside = tile.alpha > 0.99
                 shown += made.picture.image_linear[tile.window][inside].sum(axis=0)

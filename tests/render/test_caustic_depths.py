@@ -15,7 +15,7 @@ from mr360uw.render.backends import make_backend
 from mr360uw.render.camera import CameraPath
 from mr360uw.render.caustic_depths import CausticDepths
 from mr360uw.render.first_pass import ClipAnalysis
-from mr360uw.render.frame import finished, frame_stages
+from mr360uw.render.frame import composite_frame
 from mr360uw.render.loaded import load
 from mr360uw.types import Floats, View
 from mr360uw.video import VideoFrame
@@ -120,7 +120,7 @@ def test_light_bends_by_the_index_of_the_scenes_water(
     scene = scene_with(tmp_path, whale, water={"refractive_index": 1.5}, **tables)
     loaded, (renderer, _) = load(scene, 64, 32, clip=False), make_backend(backend)
     plate = VideoFrame.of_linear(gradient_plate(64, 32), time_s=0.3)
-    frame = finished(frame_stages(loaded, ClipAnalysis(), renderer, plate, 0.0))
+    frame = composite_frame(loaded, ClipAnalysis(), renderer, plate, 0.0)
     got = frame.caustics
     assert got is not None
     assert frame.light is not None

@@ -15,7 +15,7 @@ from mr360uw.errors import SceneError
 from mr360uw.render.backends import Backend, make_backend
 from mr360uw.render.caustic_tiles import export_caustics
 from mr360uw.render.first_pass import ClipAnalysis
-from mr360uw.render.frame import Frame, finished, frame_stages
+from mr360uw.render.frame import Frame, composite_frame
 from mr360uw.render.loaded import Loaded, load
 from mr360uw.render.plan import joined_plan
 from mr360uw.scene.keyed import scene_at
@@ -64,7 +64,7 @@ def scene_of(folder: Path, mesh: Path, entries: list[dict[str, Any]], **changed:
 
 def frame(loaded: Loaded, backend: Backend, time_s: float, shutter_s: float = 0.0) -> Frame:
     plate = VideoFrame.of_linear(gradient_plate(*SIZE), 0, time_s)
-    return finished(frame_stages(loaded, ClipAnalysis(), backend, plate, shutter_s))
+    return composite_frame(loaded, ClipAnalysis(), backend, plate, shutter_s)
 
 
 def picture(loaded: Loaded, backend: Backend, time_s: float, shutter_s: float = 0.0) -> np.ndarray:

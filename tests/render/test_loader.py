@@ -13,7 +13,7 @@ import pytest
 
 from mr360uw.render.backends import make_backend
 from mr360uw.render.first_pass import ClipAnalysis
-from mr360uw.render.frame import finished, frame_stages
+from mr360uw.render.frame import composite_frame
 from mr360uw.render.loaded import Loaded, Loader, load
 from mr360uw.video import VideoFrame
 from tests.scenes import gradient_plate, scene_with
@@ -33,7 +33,7 @@ def tables(mesh: Path, **changed: Any) -> dict[str, Any]:
 def picture(loaded: Loaded) -> np.ndarray:
     plate = VideoFrame.of_linear(gradient_plate(*SIZE), 0, 0.0)
     backend, _ = make_backend("reference")
-    return np.asarray(finished(frame_stages(loaded, ClipAnalysis(), backend, plate, 0.0)).picture.image_linear)
+    return np.asarray(composite_frame(loaded, ClipAnalysis(), backend, plate, 0.0).picture.image_linear)
 
 
 def test_a_changed_scene_is_what_a_fresh_load_gives(tmp_path: Path, whale: Path, subtests: pytest.Subtests) -> None:

@@ -18,7 +18,7 @@ from mr360uw.composite.settings import ReceiverSettings
 from mr360uw.errors import VideoError
 from mr360uw.render.backends import make_backend
 from mr360uw.render.first_pass import ClipAnalysis
-from mr360uw.render.frame import finished, frame_stages
+from mr360uw.render.frame import composite_frame
 from mr360uw.render.loaded import load
 from mr360uw.render.mattes import GreyClip, Mattes, ReceiverClip
 from mr360uw.scene.model import Scene
@@ -146,7 +146,7 @@ def scene_of(folder: Path, whale: Path, receiver_table: dict[str, Any], **tables
 def ratios(scene: Scene, backend: str, count: int) -> list[Floats]:
     loaded, (renderer, _) = load(scene, *SIZE, clip=False), make_backend(backend)
     plates = [VideoFrame.of_linear(gradient_plate(*SIZE, sun=None), k) for k in range(count)]
-    return [finished(frame_stages(loaded, ClipAnalysis(), renderer, plate, 0.0)).layer.ratio for plate in plates]
+    return [composite_frame(loaded, ClipAnalysis(), renderer, plate, 0.0).layer.ratio for plate in plates]
 
 
 def test_a_floor_that_rises_takes_the_shadow_with_it(tmp_path: Path, whale: Path, backend: str) -> None:

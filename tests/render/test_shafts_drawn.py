@@ -308,7 +308,7 @@ def test_a_frame_is_the_same_whatever_came_before(tmp_path: Path, wedge: Path) -
     """Frame 7 with a cache of frame 3, and without."""
     from mr360uw.render.backends import Reference
     from mr360uw.render.first_pass import ClipAnalysis
-    from mr360uw.render.frame import finished, frame_stages
+    from mr360uw.render.frame import composite_frame
     from mr360uw.video import VideoFrame
 
     given = {"sun": "given", "sun_azimuth_deg": 20.0, "sun_elevation_deg": 70.0}
@@ -321,7 +321,7 @@ def test_a_frame_is_the_same_whatever_came_before(tmp_path: Path, wedge: Path) -
 
     def at(index: int, kept: Cache | None) -> Floats:
         shown = VideoFrame.of_linear(plate, index, index / 30.0)
-        return finished(frame_stages(loaded, ClipAnalysis(), Reference(), shown, 0.0, kept=kept)).layer.radiance
+        return composite_frame(loaded, ClipAnalysis(), Reference(), shown, 0.0, kept=kept).layer.radiance
 
     at(3, kept)
     again = at(7, kept)

@@ -15,7 +15,7 @@ import pytest
 from mr360uw.cache import Cache
 from mr360uw.render.backends import Backend, make_backend
 from mr360uw.render.first_pass import ClipAnalysis
-from mr360uw.render.frame import Frame, finished, frame_stages
+from mr360uw.render.frame import Frame, composite_frame
 from mr360uw.render.loaded import Loaded, load
 from mr360uw.video import VideoFrame
 from tests.scenes import BACKENDS, gradient_plate, scene_with
@@ -44,7 +44,7 @@ def plate(index: int) -> VideoFrame:
 
 
 def frame(loaded: Loaded, backend: Backend, index: int, shutter_s: float = 0.02, kept: Cache | None = None) -> Frame:
-    return finished(frame_stages(loaded, ClipAnalysis(), backend, plate(index), shutter_s, kept=kept))
+    return composite_frame(loaded, ClipAnalysis(), backend, plate(index), shutter_s, kept=kept)
 
 
 @pytest.mark.parametrize("name", BACKENDS)

@@ -12,7 +12,7 @@ import pytest
 
 from mr360uw.render.backends import Backend, make_backend
 from mr360uw.render.first_pass import ClipAnalysis
-from mr360uw.render.frame import Frame, finished, frame_stages
+from mr360uw.render.frame import Frame, composite_frame
 from mr360uw.render.loaded import Loaded, load
 from mr360uw.video import VideoFrame
 from tests.scenes import BACKENDS, gradient_plate, scene_with
@@ -39,7 +39,7 @@ def plate(index: int) -> VideoFrame:
 
 
 def frame(loaded: Loaded, backend: Backend, index: int) -> Frame:
-    return finished(frame_stages(loaded, ClipAnalysis(), backend, plate(index), 0.0))
+    return composite_frame(loaded, ClipAnalysis(), backend, plate(index), 0.0)
 
 
 def test_the_renderers_agree_and_frames_are_the_same_alone_and_after_others(tmp_path: Path, whale: Path) -> None:

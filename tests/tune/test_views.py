@@ -16,7 +16,7 @@ from mr360uw.medium.lookup import veil_lookup
 from mr360uw.medium.small_angles import spread_of
 from mr360uw.render.backends import Reference
 from mr360uw.render.first_pass import ClipAnalysis
-from mr360uw.render.frame import finished, frame_stages
+from mr360uw.render.frame import composite_frame
 from mr360uw.render.loaded import load
 from mr360uw.tune import drawing
 from mr360uw.tune.marks import markers, receiver_edge
@@ -50,7 +50,7 @@ def shown_frame(folder: Path, **tables: object) -> ShownFrame:
     loaded = load(scene_with(folder, mesh, **(given | tables)), WIDTH, HEIGHT)
     plate = VideoFrame.of_linear(gradient_plate(WIDTH, HEIGHT))
     renderer = Reference()
-    frame = finished(frame_stages(loaded, ClipAnalysis(), renderer, plate, 0.0))
+    frame = composite_frame(loaded, ClipAnalysis(), renderer, plate, 0.0)
     return ShownFrame(frame, loaded, renderer, 4.0)
 
 

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 from __future__ import annotations
 
+import os
 import queue
 import subprocess
 import sys
@@ -136,6 +137,13 @@ def test_very_short_clips(tmp_path, codec, frames) -> None:
     assert [pts for pts, _ in decoded(tmp_path / "out.mp4")] == [pts for pts, _ in decoded(tmp_path / "in.mp4")][
         :frames
     ]
+
+
+@pytest.mark.skipif(not hasattr(os, "sched_getscheduler"), reason="threads have no policy here")
+def test_an_encoder_does_not_outrank_what_feeds_it(tmp_path) -> None:
+    """SVT-AV1 sets itself and its caller to real-time priority where it may: as root."""
+    transcode(write_clip(tmp_path / "in.mp4"), tmp_path / "out.mp4", EncodeSettings(codec="av1"), stop=3)
+    assert os.sched_getscheduler(0) == os.SCHED_OTHER
 
 
 def test_hevc_is_tagged_for_every_player(tmp_path) -> None:

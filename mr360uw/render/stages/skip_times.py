@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Processor time that the skips of a plan save, measured by drawing one frame with each of them and without it.
+"""Processor time of the stages of a frame, and that which the skips of a plan save, measured by drawing one frame.
 
 A stage that the plan skips is made to run, with the skipped stages that it builds on, and the frame is drawn again.
 Stages that only choose what a drawn pixel shows (shadow, occlusion, grain, lamps) cannot be made to run: the scene has
@@ -13,12 +13,12 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from mr360uw.cache import Cache
 from mr360uw.render.backends import Backend, make_backend
 from mr360uw.render.first_pass import ClipAnalysis
-from mr360uw.render.frame import finished, frame_stages
+from mr360uw.render.frame import composite_frame
 from mr360uw.render.loaded import Loaded, load
 from mr360uw.render.plan import Plan
+from mr360uw.render.stages.stage_graph import StageGraph
 from mr360uw.scene.inputs import open_plate
 from mr360uw.scene.model import Scene
 from mr360uw.video import VideoFrame
@@ -62,15 +62,32 @@ class SkipTime:
 
 
 def explain_skips(scene: Scene, backend: str = "auto") -> str:
-    """Return, as text, the processor time that each skip of a scene's plan saves in the plate's first frame."""
+    """Return, as text, the graph of the stages of the plate's first frame with the processor time of each, and the time
+    that each skip of the scene's plan saves.
+    """
     with open_plate(scene) as video:
         loaded = load(scene, video.width, video.height, clip=not video.is_still)
         plate = next(iter(video.frames(0, 1)))
     renderer, _ = make_backend(backend)
     planned_ms, skips = skip_times(loaded, renderer, plate)
+    graph = stage_graph(loaded, backend, plate)
     size = f"{loaded.width}x{loaded.height}"
     head = f"skips     first frame, {size}: {planned_ms:.1f} ms of processor time as planned; median of {_RUNS} pairs"
-    return "\n".join([head, *map(str, skips)])
+    return "\n".join(
+        [head, *map(str, skips), "graph     stage, processor time, runs, and the stages that it follows", str(graph)]
+    )
+
+
+def stage_graph(loaded: Loaded, backend: str, plate: VideoFrame) -> StageGraph:
+    """Return the graph of the stages of a frame, with the times of a first frame whose kernels are compiled."""
+    graph = StageGraph()
+    renderer, _ = make_backend(backend, StageGraph(graph=graph))
+    composite_frame(loaded, ClipAnalysis(), renderer, plate, 0.0, kept=graph)
+    graph.forget_times()
+    for cache in (graph, renderer.cache):
+        cache.clear()
+    composite_frame(loaded, ClipAnalysis(), renderer, plate, 0.0, kept=graph)
+    return graph
 
 
 def skip_times(loaded: Loaded, backend: Backend, plate: VideoFrame) -> tuple[float, list[SkipTime]]:
@@ -116,5 +133,5 @@ def _with(plan: Plan, names: Sequence[str]) -> Plan:
 def _frame_ms(loaded: Loaded, backend: Backend, plate: VideoFrame) -> float:
     """Return the processor time [ms] of a frame; of earlier frames, only the renderer's geometry is kept."""
     began = time.process_time()
-    finished(frame_stages(loaded, ClipAnalysis(), backend, plate, 0.0, kept=Cache()))
+    composite_frame(loaded, ClipAnalysis(), backend, plate, 0.0)
     return 1e3 * (time.process_time() - began)

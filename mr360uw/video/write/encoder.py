@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 from pathlib import Path
 from typing import Any
@@ -93,7 +94,10 @@ class Encoder:
         native.pict_type = _NO_PICTURE_TYPE
         self._durations[pts] = frame.duration
         self._count += 1
-        return self._timed(self._context.encode(native))
+        packets = self._context.encode(native)
+        if self._count == 1 and self._settings.codec == "av1":
+            _without_real_time_priority()
+        return self._timed(packets)
 
     def flush(self) -> list[Any]:
         """Return the packets that are left."""
@@ -125,6 +129,18 @@ class Encoder:
         return native.reformat(
             format=wanted, src_color_range=source_range, dst_color_range=target_range, interpolation=_ACCURATE
         )
+
+
+def _without_real_time_priority() -> None:
+    """Set threads of this process that run at real-time priority back to the usual one.
+
+    SVT-AV1 gives it to itself and to the thread that opens it, where it may: as root. All else would wait for them.
+    """
+    threads = Path("/proc/self/task").iterdir() if hasattr(os, "sched_setscheduler") else ()
+    for thread in (int(path.name) for path in threads):
+        with contextlib.suppress(ProcessLookupError):  # it has ended meanwhile
+            if os.sched_getscheduler(thread) == os.SCHED_FIFO:
+                os.sched_setscheduler(thread, os.SCHED_OTHER, os.sched_param(0))
 
 
 def _native_of_picture(frame: VideoFrame, pixel_format: str) -> Any:
