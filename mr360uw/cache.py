@@ -90,6 +90,10 @@ def version(item: Any) -> Hashable:
     if isinstance(item, Parts):
         values: Any = item
         return type(item), *(version(getattr(values, field.name)) for field in fields(values))
+    try:
+        hash(item)
+    except TypeError:  # a dataclass that would compare arrays
+        return Same(item)
     hashable: Hashable = item
     return hashable
 

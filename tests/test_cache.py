@@ -135,7 +135,7 @@ def same(one: Any, two: Any) -> bool:
         return len(one) == len(two) and all(map(same, one, two))
     if is_dataclass(one):
         return type(one) is type(two) and all(same(getattr(one, f.name), getattr(two, f.name)) for f in fields(one))
-    return isinstance(one, int | float | str | None) and one == two
+    return isinstance(one, int | float | str | np.generic | None) and one == two
 
 
 @pytest.fixture
@@ -152,6 +152,8 @@ def rich(tmp_path: Path, whale: Path) -> Loaded:
         "caustics": {"size": 64, "grid": 32, "planes": 2},
         "shafts": {"resolution": 32, "slices": 16},
         "light": {"sun": "given", "sun_azimuth_deg": 20.0, "sun_elevation_deg": 70.0},
+        "draw": {"samples": 1, "sun_samples": 2, "motion_samples": 2},
+        "water": {"bands": 4},
     }
     return load(scene_with(tmp_path, None, **tables), 128, 64, clip=False)
 
@@ -183,9 +185,9 @@ def test_a_stage_depends_on_nothing_but_its_inputs(rich: Loaded, name: str, requ
         request.getfixturevalue("gl")
     kept = Recomputing(2)
     backend, _ = make_backend(name, Recomputing(2))
-    for plate in plates(6):
-        for shutter_s in (0.0, 0.02):
-            composite_frame(rich, ClipAnalysis(), backend, plate, shutter_s, kept=kept)
+    for plate in plates(1 if name == "reference" else 3):
+        for _ in range(2):
+            composite_frame(rich, ClipAnalysis(), backend, plate, 0.0, kept=kept)
     assert {"draw_layer", "plate_light"} <= kept.compared
     assert backend.cache.compared
 

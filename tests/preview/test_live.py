@@ -61,7 +61,8 @@ def test_a_change_leaves_alone_what_does_not_depend_on_it(
     caustics = f"{type(kept.backend).__name__}.caustics"
     slow = {"solved", "plate_light", "exposed_water", "PlatePattern", caustics, "draw_layer"}
     for change, touched in (
-        ("output.quality=20", set()), ("draw.grain=0.5", set()), ("object.0.base_color=[0.5, 0.2, 0.1]", {"draw_layer"}),
+        ("output.quality=20", set()), ("draw.grain=0.5", set()),
+        ("object.0.base_color=[0.5, 0.2, 0.1]", {"draw_layer"}),
         ("sea.wind_speed=6", {"PlatePattern", caustics, "draw_layer"}),
         ("light.peak=9", {"plate_light", "exposed_water", "draw_layer"}),
     ):  # fmt: skip
