@@ -15,8 +15,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
-from mr360uw.farm.crew import make_crew
 from mr360uw.farm.job import Job, OpenJob
+from mr360uw.farm.workers import make_crew
 from mr360uw.progress import Progress
 from mr360uw.render.backends import Backend, make_backend
 from mr360uw.render.first_pass import ClipAnalysis, measured_range

@@ -8,8 +8,8 @@ from typing import Annotated
 
 import typer
 
+from mr360uw.cli.arguments import BackendOption, OverwriteOption
 from mr360uw.cli.gated import Role
-from mr360uw.cli.options import BackendOption, OverwriteOption
 
 _REGRESSED = 1
 """Exit code of a comparison that found something slower or less accurate."""

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
+from mr360uw.cli.arguments import EyeOption, OverwriteOption
 from mr360uw.cli.gated import Role
-from mr360uw.cli.options import EyeOption, OverwriteOption
 from mr360uw.errors import ParameterError
 
 if TYPE_CHECKING:
@@ -85,7 +85,7 @@ def floor(
 ) -> None:
     """Make a mesh of the floor from the points of TRACK, for receiver.path of a scene; say how good it is."""
     from mr360uw.track.floor.floor_mesh import check_mesh_output, floor_from_track
-    from mr360uw.track.floor.floor_words import floor_lines
+    from mr360uw.track.path_words import floor_lines
 
     check_mesh_output(out, overwrite=overwrite)
     found = floor_from_track(track)

@@ -8,8 +8,8 @@ from typing import Annotated, Any
 
 import typer
 
+from mr360uw.cli.arguments import OverwriteOption
 from mr360uw.cli.gated import Role
-from mr360uw.cli.options import OverwriteOption
 
 
 def sample(

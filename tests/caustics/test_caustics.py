@@ -17,9 +17,7 @@ from mr360uw.caustics import (
     refract_to_water,
     stack_depths,
 )
-from mr360uw.caustics.flux.cell import intensities, opened
-from mr360uw.caustics.flux.deposit import deposit_exact
-from mr360uw.caustics.flux.edges import add_edge
+from mr360uw.caustics.flux.deposit import add_edge, deposit_exact, intensities, opened
 from mr360uw.caustics.flux.irradiance import pass_indices
 from mr360uw.caustics.flux.resolution import grid_of
 from mr360uw.caustics.flux.sun_disc import blur, disc_kernel, footprint, marginal_kernel

@@ -58,7 +58,7 @@ def reference_map(
     sun_half_angle_rad: float,
     method: Method,
 ) -> Array:
-    """Return the irradiance ratio (size, size) of `single_map.caustic_map` in float64; arguments must be checked."""
+    """Return the irradiance ratio (size, size) of `export.caustic_map` in float64; arguments must be checked."""
     surface = sea.grid_surface(grid, 0.0 if method == "scrolling" else time_s)
     light = SurfaceLight.of(sea, surface, sun_in_air, refractive_index)
     ratio = light.on_plane(depth_m, size, sun_half_angle_rad, method, np.zeros(2))

@@ -12,7 +12,7 @@ import re
 import numpy as np
 
 from mr360uw.errors import ParameterError
-from mr360uw.track.camera_files.quaternions import rotations
+from mr360uw.track.camera_files.path_tables import rotations
 from mr360uw.track.camera_files.solved_path import FLIPPED, SolvedPath
 
 _POSE = re.compile(r"^\s*\d+(\s+[-+.\deE]+){7}\s+\d+\s+\S")

@@ -17,11 +17,20 @@ from pathlib import Path
 import numpy as np
 
 from mr360uw.composite import read_camera_track
+from mr360uw.composite.motion import check_unit_quaternions
 from mr360uw.errors import ParameterError
 from mr360uw.medium.tables import parse_table
-from mr360uw.track.camera_files.quaternions import rotations
 from mr360uw.track.camera_files.solved_path import Y_UP_FROM_Z_UP, SolvedPath
 from mr360uw.types import Floats
+
+
+def rotations(quaternion: Floats, where: str) -> Floats:
+    """Return rotations (n, 3, 3) of quaternions (n, 4), x, y, z, w; raise `ParameterError` unless of length 1."""
+    from scipy.spatial.transform import Rotation
+
+    check_unit_quaternions(quaternion, where)
+    return np.asarray(Rotation.from_quat(quaternion).as_matrix()) if len(quaternion) else np.zeros((0, 3, 3))
+
 
 _UP = np.array([0.0, 1.0, 0.0])
 _BLENDER = ("blender_frame", "x", "y", "z", "qx", "qy", "qz", "qw")
