@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Block means of expanded linear radiance, in one pass over the Y'CbCr planes of a decoded frame.
+"""Block means of linear radiance, in one pass over the Y'CbCr planes of a decoded frame.
 
-Each luma sample is turned into R'G'B' with the chroma of its 2 x 2 block, decoded by the decoder's polynomial, expanded
-by a table of gains (one for each luma code) and added to its block with the weight of its row's solid angle. Nothing of
-the size of the frame is written. Loops run along two whole rows, which share their chroma, so that the compiler can use
-vector instructions; the look-up of gains, which it cannot vectorise, has a loop of its own.
+Each luma sample is turned into R'G'B' with the chroma of its 2 x 2 block, decoded by the decoder's polynomial and added
+to its block with the weight of its row's solid angle. Nothing of the size of the frame is written. Loops run along two
+whole rows, which share their chroma, so that the compiler can use vector instructions.
 """
 
 from __future__ import annotations
@@ -34,20 +33,6 @@ def _chroma_parts(u: Any, v: Any, folded: Any, dr: Any, dg: Any, db: Any) -> Non
 
 
 @inlined
-def _gain_places(
-    u: Any, v: Any, neutral: Any, tint: Any, margin: Any, ya: Any, yb: Any, code: Any, place_a: Any, place_b: Any
-) -> None:
-    """Write the places in the table of gains of two rows of pixels that share a row of chroma."""
-    for k in range(len(u)):
-        du = np.float32(u[k]) - neutral
-        dv = np.float32(v[k]) - neutral
-        code[2 * k] = code[2 * k + 1] = margin + int(du * tint[0] + dv * tint[1])
-    for i in range(len(ya)):
-        place_a[i] = code[i] + ya[i]
-        place_b[i] = code[i] + yb[i]
-
-
-@inlined
 def _add_light(
     ya: Any, yb: Any, scale: Any, curve: Any, dr: Any, dg: Any, db: Any, weight_a: Any, weight_b: Any,
     red: Any, green: Any, blue: Any,
@@ -58,13 +43,13 @@ def _add_light(
         a, b = np.float32(ya[i]) * scale, np.float32(yb[i]) * scale
         p = polynomial_light(a + dr[i], slope, c1, c2, c3, c4, c5, c6)
         q = polynomial_light(b + dr[i], slope, c1, c2, c3, c4, c5, c6)
-        red[i] += weight_a[i] * p + weight_b[i] * q
+        red[i] += weight_a * p + weight_b * q
         p = polynomial_light(a + dg[i], slope, c1, c2, c3, c4, c5, c6)
         q = polynomial_light(b + dg[i], slope, c1, c2, c3, c4, c5, c6)
-        green[i] += weight_a[i] * p + weight_b[i] * q
+        green[i] += weight_a * p + weight_b * q
         p = polynomial_light(a + db[i], slope, c1, c2, c3, c4, c5, c6)
         q = polynomial_light(b + db[i], slope, c1, c2, c3, c4, c5, c6)
-        blue[i] += weight_a[i] * p + weight_b[i] * q
+        blue[i] += weight_a * p + weight_b * q
 
 
 @inlined
@@ -89,23 +74,15 @@ def reduce_planes(
     v: NDArray[Any],
     folded: NDArray[np.float32],  # yuv.coefficients.folded_coefficients
     curve: NDArray[np.float32],  # yuv.coefficients.decode_polynomial
-    gain: NDArray[np.float32],  # gain - 1 of every code of the operator's luma, `margin` codes more on either side
-    margin: int,
-    tint: NDArray[np.float32],  # codes that the operator's luma differs from Y' by, for each unit of (U, V)
     row_weight: NDArray[np.float32],  # (H,) solid angle over that of the block
-    region: NDArray[np.float32],  # (r, c) weight of the expansion, over equal parts of the frame; c = 1: by row
     block: int,
-    total: NDArray[np.float32],  # (H/block, W/block, 3) out: mean expanded linear radiance
+    total: NDArray[np.float32],  # (H/block, W/block, 3) out: mean linear radiance
     brightest: NDArray[Any],  # (H/block, W/block) out: largest luma code
 ) -> None:
     """Fill `total` and `brightest` from the planes of a 4:2:0 frame whose sides are multiples of an even `block`."""
     height, width = y.shape
-    cells = region.shape[1]
     dr, dg, db = np.empty(width, np.float32), np.empty(width, np.float32), np.empty(width, np.float32)
     red, green, blue = np.empty(width, np.float32), np.empty(width, np.float32), np.empty(width, np.float32)
-    weight_a, weight_b = np.empty(width, np.float32), np.empty(width, np.float32)
-    code = np.empty(width, np.uint32)
-    place_a, place_b = np.empty(width, np.uint32), np.empty(width, np.uint32)
     peak = np.empty(width, y.dtype)
     for band in range(height // block):
         red[:] = _ZERO
@@ -115,19 +92,8 @@ def reduce_planes(
         for row in range(band * block, (band + 1) * block, 2):
             ya, yb, chroma_u, chroma_v = y[row], y[row + 1], u[row // 2], v[row // 2]
             _chroma_parts(chroma_u, chroma_v, folded, dr, dg, db)
-            wa, wb = row_weight[row], row_weight[row + 1]
-            acts_a, acts_b = region[row * len(region) // height], region[(row + 1) * len(region) // height]
-            if cells == 1 and acts_a[0] == _ZERO and acts_b[0] == _ZERO:
-                weight_a[:] = wa
-                weight_b[:] = wb
-            else:
-                _gain_places(chroma_u, chroma_v, folded[2], tint, margin, ya, yb, code, place_a, place_b)
-                for k in range(cells):
-                    share_a, share_b = wa * acts_a[k], wb * acts_b[k]
-                    for i in range(k * width // cells, (k + 1) * width // cells):
-                        weight_a[i] = wa + share_a * gain[place_a[i]]
-                        weight_b[i] = wb + share_b * gain[place_b[i]]
             for i in range(width):
                 peak[i] = max(peak[i], ya[i], yb[i])
+            weight_a, weight_b = row_weight[row], row_weight[row + 1]
             _add_light(ya, yb, folded[0], curve, dr, dg, db, weight_a, weight_b, red, green, blue)
         _store_blocks(red, green, blue, peak, block, total[band], brightest[band])

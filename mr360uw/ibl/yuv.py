@@ -13,34 +13,30 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mr360uw.color import ColorSpec, code_range, decode, rec709_from_plate, rgb_from_ycbcr
+from mr360uw.color import code_range, decode
 from mr360uw.constants import REFRACTIVE_INDEX_SEA
 from mr360uw.errors import ParameterError
-from mr360uw.ibl.expansion import expand_samples, region_weight
-from mr360uw.ibl.level.upward import LEVEL, elevation_sine, frame_sines, is_level, upward
+from mr360uw.ibl.expansion import UNEXPANDED
+from mr360uw.ibl.level.upward import LEVEL, upward
 from mr360uw.ibl.lighting import SunChoice, light_of
-from mr360uw.ibl.plate import COARSE_COLUMNS, COARSE_ROWS, LinearPlate, Plate, remap
-from mr360uw.ibl.published.enhancement import enhancement_gain
-from mr360uw.ibl.published.tone_curves import POINTWISE, gain, luma_weights
+from mr360uw.ibl.plate import COARSE_COLUMNS, COARSE_ROWS, LinearPlate, Plate
 from mr360uw.ibl.reduce import reduce_map, reduce_maximum
 from mr360uw.ibl.settings import LightSettings
 from mr360uw.shapes import exactly
-from mr360uw.sphere import Array, frame_from_direction, row_solid_angle
+from mr360uw.sphere import Array, row_solid_angle
 from mr360uw.types import Environment, Floats, YuvImage
 from mr360uw.yuv.coefficients import decode_polynomial, folded_coefficients
 
 
 @dataclass(frozen=True, slots=True)
 class YuvPlate:
-    """The planes of a 4:2:0 frame, with the maps of one pass over them."""
+    """The planes of a 4:2:0 frame, with the maps of one pass over them; nothing is expanded."""
 
     yuv: YuvImage
-    settings: LightSettings
     coarse: Floats
     brightest: Floats
     up: Array
     refractive_index: float
-    enhancement: Floats | None
 
     def look(self, direction: Floats) -> Floats:
         """Return the plate's linear radiance (h, w, 3) in directions (h, w, 3)."""
@@ -48,13 +44,7 @@ class YuvPlate:
 
         return linear_in_directions(self.yuv, direction)
 
-    def look_expanded(self, direction: Floats) -> Floats:
-        """Return the expanded radiance (h, w, 3) in directions (h, w, 3)."""
-        gains = None
-        if self.enhancement is not None:
-            gains = remap(self.enhancement, *frame_from_direction(direction, COARSE_COLUMNS, COARSE_ROWS))
-        sine = elevation_sine(direction, self.up)
-        return expand_samples(self.look(direction), sine, self.settings, gains, self.refractive_index)
+    look_expanded = look
 
 
 def environment_from_yuv(
@@ -70,8 +60,8 @@ def environment_from_yuv(
 ) -> Environment:
     """Return the light of a decoded frame, 8 to 16 bit: that of `environment` of the same frame in linear light.
 
-    4:2:0 frames of even size take one pass over the planes; others, and curves that hold light above white, are decoded
-    in full first.
+    4:2:0 frames of even size take one pass over the planes; others, curves that hold light above white, and operators
+    that expand are decoded in full first.
     """
     settings = settings or LightSettings()
     plate = plate_of_yuv(yuv, settings, upward(up), refractive_index)
@@ -87,15 +77,9 @@ def plate_of_yuv(
     exactly("u", yuv.u, *half, *((height, columns) for _, columns in half), (height, width))
     exactly("v", yuv.v, yuv.u.shape)
     block = block_size(width, height)
-    if yuv.u.shape != (height // 2, width // 2) or block == 0 or yuv.spec.is_wide:
+    if yuv.u.shape != half[0] or block == 0 or yuv.spec.is_wide or settings.operator not in UNEXPANDED:
         return LinearPlate.of(lit_frame(yuv), settings, up, refractive_index)
-    total, brightest = _reduce(yuv, _region(width, height, block, settings, up, refractive_index), settings, block)
-    enhancement = None
-    if settings.operator == "kovaleski":
-        enhancement = enhancement_gain(np.minimum(total, 1.0))
-        region = region_weight(frame_sines(COARSE_COLUMNS, COARSE_ROWS, up), settings, refractive_index)
-        total = total * (1.0 + (enhancement - 1.0) * region)[..., None]
-    return YuvPlate(yuv, settings, total.astype(np.float32), brightest, up, refractive_index, enhancement)
+    return YuvPlate(yuv, *_reduce(yuv, block), up, refractive_index)
 
 
 def block_size(width: int, height: int) -> int:
@@ -115,30 +99,6 @@ def lit_frame(yuv: YuvImage) -> NDArray[np.float32]:
     return np.maximum(linear_from_planes(yuv), 0.0)
 
 
-@dataclass(frozen=True, slots=True)
-class _Gains:
-    """Gain - 1 of every code of the operator's luma, from `margin` codes below 0 on.
-
-    tint: (2,) codes that the operator's luma differs from Y' by, for each code of (U, V) off neutral.
-    """
-
-    table: NDArray[np.float32]
-    margin: int
-    tint: NDArray[np.float32]
-
-
-@functools.lru_cache(maxsize=8)
-def _gains(spec: ColorSpec, settings: LightSettings) -> _Gains:
-    low, span, _, chroma_span = code_range(spec)
-    codes = 1 << spec.bits
-    # the operator's luma is w.R'G'B' = Y' + tint.(Cb, Cr), with w for the plate's primaries
-    weights = luma_weights(settings) @ rec709_from_plate(spec.gamut)
-    tint = (weights @ rgb_from_ycbcr(spec.matrix))[1:] * span / chroma_span
-    margin = int(np.ceil(np.abs(tint).sum() * codes / 2)) + 1
-    luma = (np.arange(-margin, codes + margin) - low) / span
-    return _Gains((gain(luma, settings) - 1.0).astype(np.float32), margin, tint.astype(np.float32))
-
-
 @functools.lru_cache(maxsize=8)
 def _row_weights(width: int, height: int, block: int) -> Floats:
     weight = row_solid_angle(width, height).reshape(-1, block)
@@ -146,36 +106,19 @@ def _row_weights(width: int, height: int, block: int) -> Floats:
     return weight.ravel().astype(np.float32)
 
 
-def _region(width: int, height: int, block: int, settings: LightSettings, up: Array, refractive_index: float) -> Floats:
-    """Return the weight of a table of gains: by row of a level frame, (H, 1), else by block, (H/block, W/block)."""
-    if settings.operator not in POINTWISE:
-        return np.zeros((1, 1), np.float32)
-    if is_level(up):
-        return _level_region(width, height, settings, refractive_index)
-    return region_weight(frame_sines(width // block, height // block, up), settings, refractive_index).astype(
-        np.float32
-    )
-
-
-@functools.lru_cache(maxsize=8)
-def _level_region(width: int, height: int, settings: LightSettings, refractive_index: float) -> Floats:
-    return region_weight(frame_sines(width, height, LEVEL), settings, refractive_index).astype(np.float32)
-
-
-def _reduce(yuv: YuvImage, region: Floats, settings: LightSettings, block: int) -> tuple[Floats, Floats]:
-    """Return the coarse maps of a frame: mean expanded radiance (128, 256, 3), brightest luminance (128, 256)."""
+def _reduce(yuv: YuvImage, block: int) -> tuple[Floats, Floats]:
+    """Return the coarse maps of a frame: mean linear radiance (128, 256, 3), brightest luminance (128, 256)."""
     from mr360uw.ibl.kernel import reduce_planes
     from mr360uw.yuv.decoding import lit_rec709
 
     height, width = yuv.y.shape
     if yuv.y.dtype not in (np.uint8, np.uint16) or not 8 <= yuv.spec.bits <= 16:
         raise ParameterError(f"planes - must be uint8 or uint16 (got {yuv.y.dtype}) - decode to one of them")
-    gains = _gains(yuv.spec, settings)
     total = np.empty((height // block, width // block, 3), np.float32)
     peak = np.empty(total.shape[:2], yuv.y.dtype)
     reduce_planes(
-        yuv.y, yuv.u, yuv.v, folded_coefficients(yuv.spec), decode_polynomial(yuv.spec.transfer), gains.table,
-        gains.margin, gains.tint, _row_weights(width, height, block), region, block, total, peak,
+        yuv.y, yuv.u, yuv.v, folded_coefficients(yuv.spec), decode_polynomial(yuv.spec.transfer),
+        _row_weights(width, height, block), block, total, peak,
     )  # fmt: skip
     low, span, _, _ = code_range(yuv.spec)
     total = lit_rec709(total, yuv.spec)
@@ -185,4 +128,4 @@ def _reduce(yuv: YuvImage, region: Floats, settings: LightSettings, block: int) 
     brightest = np.maximum((peak.astype(np.float32) - low) / span, 0.0)
     if brightest.shape != (COARSE_ROWS, COARSE_COLUMNS):
         brightest = reduce_maximum(brightest, COARSE_COLUMNS, COARSE_ROWS)
-    return coarse, decode(brightest, yuv.spec.transfer)
+    return coarse.astype(np.float32), decode(brightest, yuv.spec.transfer)

@@ -30,7 +30,6 @@ from mr360uw.caustics.flux.resolution import grid_of
 from mr360uw.caustics.flux.shadowed import lit_corners
 from mr360uw.caustics.flux.soft_light import gaussians, is_soft, soft_light
 from mr360uw.caustics.flux.sun_disc import blur, footprint
-from mr360uw.caustics.published.scrolling import scroll
 from mr360uw.caustics.settings import DIVIDED_AREAS, CausticSettings, Method, Sea
 from mr360uw.constants import REFRACTIVE_INDEX_SEA
 from mr360uw.errors import ParameterError
@@ -62,7 +61,7 @@ def reference_map(
     surface = sea.grid_surface(grid, 0.0 if method == "scrolling" else time_s)
     light = SurfaceLight.of(sea, surface, sun_in_air, refractive_index)
     ratio = light.on_plane(depth_m, size, sun_half_angle_rad, method, np.zeros(2))
-    return scroll(ratio, sea, time_s) if method == "scrolling" else ratio
+    return _scrolled(ratio, sea, time_s) if method == "scrolling" else ratio
 
 
 def caustic_stack(
@@ -95,7 +94,7 @@ def caustic_stack(
     def draw(number: int) -> None:
         plane, channel = divmod(number, len(lights))
         ratio = lights[channel].on_plane(float(depths[plane]), s.size, s.sun_half_angle_rad, s.method, travel)
-        maps[plane, ..., channel] = scroll(ratio, sea, time_s) if s.method == "scrolling" else ratio
+        maps[plane, ..., channel] = _scrolled(ratio, sea, time_s) if s.method == "scrolling" else ratio
         if soft is not None and spread is not None and channel == len(lights) // 2:
             blurs = gaussians(spread, float(depths[plane]), sun_in_water, sea.tile_m / s.size)
             soft[plane, ..., 0] = soft_light(maps[plane, ..., channel], blurs, sea.tile_m)
@@ -204,10 +203,17 @@ class SurfaceLight:
         return blur(ratio, disc, self.tile_m, gaussian_transform(detail, size, self.tile_m))
 
 
+def _scrolled(ratio: Array, sea: Sea, time_s: float) -> Array:
+    """Return the map at a time of the method that scrolls it."""
+    from mr360uw.published.divided_areas import scroll
+
+    return scroll(ratio, sea.tile_m, sea.loop_s, time_s)
+
+
 def _deposit_of(method: Method) -> Callable[[Array, Array, int], Array]:
     """Return the function of (hit, flux, size) that makes a method's map; compiled kernels load at first use."""
     if method in DIVIDED_AREAS:
-        from mr360uw.caustics.published.divided_areas import DEPOSITS
+        from mr360uw.published.divided_areas import DEPOSITS
 
         return DEPOSITS[method]
     if method not in get_args(Method):
