@@ -125,8 +125,7 @@ def test_the_ground_floor_stands_on_numpy_alone() -> None:
         ROOT / "reading" / "numbered_files.py": {"re"},
         ROOT / "reading" / "extras.py": {"importlib"},
         ROOT / "reading" / "disk_cache.py": {"contextlib", "hashlib", "io", "os", "zipfile"},
-        ROOT / "reading" / "files_read.py": {"contextlib", "contextvars"},
-        ROOT / "reading" / "input_files.py": {"os", "stat"},
+        ROOT / "reading" / "input_files.py": {"contextlib", "contextvars", "os", "stat"},
         ROOT / "reading" / "limits.py": {"os"},
         ROOT / "reading" / "picture_size.py": {"re", "struct"},
     }

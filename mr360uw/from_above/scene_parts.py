@@ -22,7 +22,7 @@ from mr360uw.sample.dive_settings import DiveSettings
 from mr360uw.sample.sea_bed import sea_bed
 from mr360uw.sphere import direction_from_angles, directions, row_solid_angle
 from mr360uw.surface import Floor, SeaScene
-from mr360uw.surface.standard_sky import CLEAR, OVERCAST, standard_sky
+from mr360uw.surface.sky import CLEAR, OVERCAST, standard_sky
 from mr360uw.types import Sun
 from mr360uw.video.read.images import read_picture
 

@@ -23,6 +23,7 @@ from mr360uw.ibl.settings import LightSettings
 from mr360uw.optics import critical_cosine
 from mr360uw.published.tone_curves import enhancement_gain, pointwise_gain
 from mr360uw.shapes import is_finite, real
+from mr360uw.types import Floats
 
 Array = NDArray[np.float64]
 
@@ -83,7 +84,7 @@ def expand(
         return plate
     if settings.operator == "kovaleski":
         small = reduce_map(np.minimum(plate, 1.0), _ENHANCEMENT_COLUMNS, _ENHANCEMENT_COLUMNS // 2)
-        gain = resize_map(enhancement_gain(small), width, height)
+        gain: Floats = resize_map(enhancement_gain(small), width, height)
     else:
         gain = pointwise_gain(settings.operator, encode(np.minimum(plate, 1.0), DISPLAY_CURVE), settings.peak)
     weight = region_weight(frame_sines(width, height, upward(up)), settings, refractive_index)

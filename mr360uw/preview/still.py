@@ -11,7 +11,7 @@ from mr360uw.errors import ParameterError
 from mr360uw.output_gate import check_outputs
 from mr360uw.preview.live import LivePreview
 from mr360uw.preview.perspective import Perspective, look
-from mr360uw.reading.files_read import files_read
+from mr360uw.reading.input_files import files_read
 from mr360uw.scene.inputs import open_plate
 from mr360uw.scene.model import Scene, files_of
 from mr360uw.video import VideoFrame

@@ -70,8 +70,10 @@ def pointwise_gain(operator: str, encoded: Floats, peak: float) -> Array:
     luma = luma.astype(np.float64)
     if operator == "mr360":
         return mr360_gain(luma)
-    curve = {"landis": landis_gain, "akyuz": akyuz_gain, "piecewise": piecewise_gain}[operator]
-    return curve(decode(luma, DISPLAY_CURVE), peak)
+    value = decode(luma, DISPLAY_CURVE)
+    if operator == "landis":
+        return landis_gain(value, peak)
+    return akyuz_gain(value, peak) if operator == "akyuz" else piecewise_gain(value, peak)
 
 
 def enhancement_gain(linear: Floats) -> NDArray[np.float32]:

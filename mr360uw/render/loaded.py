@@ -20,7 +20,7 @@ from mr360uw.composite.objects import on_the_sea
 from mr360uw.composite.scene_lamps import SceneLamp, load_lamps
 from mr360uw.composite.settings import ReceiverSettings
 from mr360uw.medium import Medium
-from mr360uw.reading.files_read import files_read
+from mr360uw.reading.input_files import files_read
 from mr360uw.reading.kept_reads import KeptReads
 from mr360uw.render.camera import CameraPath
 from mr360uw.render.caustic_depths import CausticDepths

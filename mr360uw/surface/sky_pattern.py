@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from scipy.fft import irfft2, rfft2
 
 from mr360uw.caustics import caustic_map
-from mr360uw.caustics.flux.detail_blur import gaussian_transform
+from mr360uw.caustics.flux.sun_disc import gaussian_transform
 from mr360uw.caustics.settings import Sea
 from mr360uw.constants import PI
 from mr360uw.jit import exact, inlined

@@ -26,8 +26,7 @@ from mr360uw.track.key_frames import KeyFrames, key_frames_of_shot, read_key_fra
 from mr360uw.track.key_poses import KeyPoses, solve_key_frames
 from mr360uw.track.scale import Measure
 from mr360uw.track.steps import BETWEEN, Steps
-from mr360uw.track.window_up import window_up
-from mr360uw.track.world_axes import World, world_of
+from mr360uw.track.world_axes import World, window_up, world_of
 from mr360uw.types import Floats
 from mr360uw.video import VideoReader, open_video
 

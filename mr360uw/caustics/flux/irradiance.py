@@ -3,7 +3,7 @@
 
 The surface is a grid of cells of two triangles. The flux into each triangle, Fresnel losses included, goes to its
 refracted image on the plane and is shared over the pixels there by exact coverage (`deposit`). Overlapping images add
-up, and the sum is blurred by the sun's disc and by waves too short for the grid (`detail_blur`). Flux is conserved, so
+up, and the sum is blurred by the sun's disc and by waves too short for the grid (`sun_disc`). Flux is conserved, so
 the mean is 1, and the map converges as the grid gets finer, beyond folds too. Dividing areas instead (Stam 1996;
 Thompson et al. 2019; `published`) does neither.
 
@@ -24,12 +24,10 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mr360uw.caustics.flux.detail_blur import detail_footprint, gaussian_transform
-from mr360uw.caustics.flux.refracted_rays import Rays, facet_flux, refracted_rays
+from mr360uw.caustics.flux.refracted_rays import Rays, facet_flux, lit_corners, refracted_rays
 from mr360uw.caustics.flux.resolution import grid_of
-from mr360uw.caustics.flux.shadowed import lit_corners
 from mr360uw.caustics.flux.soft_light import gaussians, is_soft, soft_light
-from mr360uw.caustics.flux.sun_disc import blur, footprint
+from mr360uw.caustics.flux.sun_disc import blur, detail_footprint, footprint, gaussian_transform
 from mr360uw.caustics.settings import DIVIDED_AREAS, CausticSettings, Method, Sea
 from mr360uw.constants import REFRACTIVE_INDEX_SEA
 from mr360uw.errors import ParameterError

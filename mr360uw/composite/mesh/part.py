@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from mr360uw.composite.mesh.curve import Animation
 from mr360uw.composite.mesh.material import Material
-from mr360uw.composite.mesh.skeleton import Skeleton
-from mr360uw.composite.mesh.skin import UnplacedSurface
+from mr360uw.composite.mesh.skin import Skeleton, UnplacedSurface
 from mr360uw.types import Floats
 
 

@@ -29,8 +29,7 @@ from numpy.typing import NDArray
 
 from mr360uw.color import Transfer, code_range, decode, encode, ycbcr_from_rgb
 from mr360uw.types import Floats, Layer, YuvImage
-from mr360uw.video.pixels.grain import NO_GRAIN, RADIUS, TABLE, Grain, add_grain
-from mr360uw.video.pixels.grain_kernels import survey
+from mr360uw.video.pixels.grain import NO_GRAIN, RADIUS, TABLE, Grain, add_grain, survey
 
 Blocks = Callable[[NDArray[np.int64], NDArray[np.int64], int], NDArray[np.float32]]
 """(rows (n,), columns (n,) of pixels, plane) -> the blocks (n, BLOCK, BLOCK) there of Y', Cb or Cr."""
