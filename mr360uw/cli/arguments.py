@@ -16,7 +16,7 @@ from mr360uw.cli.gated import Role
 from mr360uw.errors import ParameterError
 
 if TYPE_CHECKING:
-    from mr360uw.preview.perspective import Perspective
+    from mr360uw.preview.still import Perspective
 
 SceneArgument = Annotated[Path, typer.Argument(help="scene file (TOML)", show_default=False), Role.READ]
 FramesOption = Annotated[str | None, typer.Option(help="frames a:b, b not included; either may be left out")]
@@ -77,7 +77,7 @@ def view_of(text: str | None, size: str) -> Perspective | None:
     """Return the view of 'yaw,pitch,fov' in degrees, whose end may be left out, and of a size '1280x720'."""
     if text is None:
         return None
-    from mr360uw.preview.perspective import Perspective
+    from mr360uw.preview.still import Perspective
 
     try:
         angles = [float(part) for part in text.split(",")]

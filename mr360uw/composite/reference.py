@@ -20,7 +20,7 @@ from mr360uw.composite.ambient.solved_light import AmbientLight, ambient_at
 from mr360uw.composite.aovs import SUMS, AovFrame, Aovs
 from mr360uw.composite.lighting.arrival import LightSource
 from mr360uw.composite.lighting.blockers import Blockers
-from mr360uw.composite.lighting.footprint import pixel_footprint
+from mr360uw.composite.lighting.shadow import pixel_footprint
 from mr360uw.composite.lighting.sources import light_sources
 from mr360uw.composite.lighting.surfaces import surface_radiance, water_ahead
 from mr360uw.composite.over import empty_tile, hold_out

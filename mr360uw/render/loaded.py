@@ -35,7 +35,7 @@ from mr360uw.scene.key_settings import KeyedParameter
 from mr360uw.scene.keyed import scene_at
 from mr360uw.scene.keyed_water import WaterBetween, water_between
 from mr360uw.scene.model import Scene
-from mr360uw.scene.overrides import dotted
+from mr360uw.scene.toml_model import dotted
 from mr360uw.types import View
 from mr360uw.video.read.layout import Eye
 

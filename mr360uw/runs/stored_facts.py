@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.composite.grading.colour_grade import ColourGrade
-from mr360uw.composite.grading.plate_grade import PlateGrade
+from mr360uw.composite.grading.settings import PlateGrade
 from mr360uw.ibl import SunTrack
 from mr360uw.medium.fit.open_water_track import OpenWaterTrack
 from mr360uw.progress import Progress

@@ -32,7 +32,7 @@ from mr360uw.surface.sampled_sea import SampledSea
 from mr360uw.surface.sea_floor import Tiled
 from mr360uw.surface.sky import Dome
 from mr360uw.surface.tracing.bare_arrays import bare
-from mr360uw.surface.tracing.random_keys import normal_quantile
+from mr360uw.surface.tracing.facet_draws import normal_quantile
 from mr360uw.surface.tracing.ray_optics import Vector, bent, reflectance
 from mr360uw.surface.tracing.table_reads import add, packed, sky_radiance
 

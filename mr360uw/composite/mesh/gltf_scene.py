@@ -18,7 +18,7 @@ from mr360uw.composite.mesh.gltf import BROKEN, Gltf, extension_notes, open_gltf
 from mr360uw.composite.mesh.gltf_material import BARE, GltfMaterial, MaterialReader
 from mr360uw.composite.mesh.gltf_primitive import Primitive, read_primitive
 from mr360uw.composite.mesh.gltf_rig import read_skeleton, read_skin, read_targets, rest_weights
-from mr360uw.composite.mesh.part import MeshFile, Part, Rigging
+from mr360uw.composite.mesh.material import MeshFile, Part, Rigging
 from mr360uw.composite.mesh.skin import UnplacedSurface
 from mr360uw.composite.settings import FARTHEST
 from mr360uw.errors import MeshError

@@ -19,7 +19,7 @@ import numpy as np
 
 from mr360uw.cache import Cache, Parts
 from mr360uw.caustics.settings import Sea
-from mr360uw.composite.receiver.plate_distance import plate_distance
+from mr360uw.composite.receiver.shape import plate_distance
 from mr360uw.composite.shot import Shot
 from mr360uw.composite.snow.drift import orbits_of
 from mr360uw.composite.snow.particle_light import particle_radiance

@@ -20,8 +20,15 @@ from mr360uw.files import write_whole
 from mr360uw.output_gate import check_outputs
 from mr360uw.reading.input_files import read_text
 from mr360uw.sphere import unit
-from mr360uw.track.camera_files.colmap_text import frame_number, is_colmap, read_colmap
-from mr360uw.track.camera_files.path_tables import is_blender_json, is_table, read_blender_json, read_path_table
+from mr360uw.track.camera_files.path_tables import (
+    frame_number,
+    is_blender_json,
+    is_colmap,
+    is_table,
+    read_blender_json,
+    read_colmap,
+    read_path_table,
+)
 from mr360uw.track.camera_files.solved_path import FLIPPED, Y_UP_FROM_Z_UP, SolvedPath
 from mr360uw.track.camera_track import CameraTrack
 from mr360uw.types import Floats

@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 from mr360uw.cache import Cache
 from mr360uw.composite.ambient.directions import COUNT, SOLID_ANGLE, directions
 from mr360uw.composite.ambient.mesh_transfer import Transfer, met_sites
-from mr360uw.composite.receiver.plate_distance import kept_shape
-from mr360uw.composite.receiver.shape import ReceiverShape
+from mr360uw.composite.receiver.shape import ReceiverShape, kept_shape
 from mr360uw.composite.shot import PlacedObject, Shot
 from mr360uw.rays import RayScene, barycentric
 from mr360uw.types import Floats

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from mr360uw.composite.affine import placed
 from mr360uw.composite.mesh.gltf import BROKEN
-from mr360uw.composite.mesh.part import MeshFile, Part
+from mr360uw.composite.mesh.material import MeshFile, Part
 from mr360uw.composite.mesh.texture import decode_image
 from mr360uw.composite.mesh.usd.usd_geometry import Polygons, UsdWalk, polygons_of
 from mr360uw.composite.mesh.usd.usd_material import UNBOUND, UsdMaterial, UsdMaterialReader
