@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from mr360uw.cache import Cache
 from mr360uw.composite.ambient.directions import COUNT, SOLID_ANGLE, directions
-from mr360uw.composite.ambient.mesh_transfer import Transfer, met_sites
+from mr360uw.composite.ambient.mesh_transfer import Transfer, met_samples
 from mr360uw.composite.receiver.shape import ReceiverShape, kept_shape
 from mr360uw.composite.shot import PlacedObject, Shot
 from mr360uw.rays import RayScene, barycentric
@@ -70,7 +70,7 @@ blocks less than a twentieth, and shadows of a sun above 45 degrees end."""
 _NEAR_GROUND = 9.0
 """Bodies higher above the ground than this many radii block less than a hundredth of its light."""
 _LIFT = 1e-3
-"""Height of sites and nodes above the ground over the body's radius, at least."""
+"""Height of samples and nodes above the ground over the body's radius, at least."""
 _FEW = 0.002
 """Share of a node's light below which the mean of what it sees is drawn to that of its neighbours."""
 
@@ -90,14 +90,14 @@ class LevelGround:
         return self.rotation.tobytes() + np.float64(self.height_m).tobytes()
 
     def covers(self, transfer: Transfer) -> bool:
-        """Return whether a site of a mesh lies below the ground, or nearly."""
+        """Return whether a sample of a mesh lies below the ground, or nearly."""
         if self._far_below(transfer):
             return False
         above = (transfer.lattice.position - transfer.mesh.center_m) @ self.rotation[1]
         return bool(above.min() < _LIFT * transfer.mesh.radius_m - self.height_m)
 
     def _far_below(self, transfer: Transfer) -> bool:
-        """Return whether no site of a mesh, all of which lie hardly outside its ball, can be near the ground."""
+        """Return whether no sample of a mesh, all of which lie hardly outside its ball, can be near the ground."""
         return self.height_m > 1.01 * transfer.mesh.radius_m
 
     def lifted(self, transfer: Transfer, position: Floats) -> Floats:
@@ -140,7 +140,7 @@ class LevelGround:
         return seen
 
     def mean_sent(self, transfer: Transfer) -> NDArray[np.float32]:
-        """Return the mean radiance (NODES^2, C) that nodes see of a body for that of each of its lookouts."""
+        """Return the mean radiance (NODES^2, C) that nodes see of a body for that of each of its coarse samples."""
         mesh, nodes = transfer.mesh, self.nodes(transfer)
         d = directions() @ self.rotation.T
         d = d[d[:, 1] > 0.0]
@@ -151,10 +151,10 @@ class LevelGround:
         origin, rays = (lifted @ self.rotation + mesh.center_m)[number], (d @ self.rotation)[direction]
         triangle = transfer.scene.first_hit(origin, rays)
         hit = np.flatnonzero(triangle >= 0)
-        met, _, _ = met_sites(transfer, origin[hit], rays[hit], triangle[hit])
+        met, _, _ = met_samples(transfer, origin[hit], rays[hit], triangle[hit])
         weight = (SOLID_ANGLE * d[direction[hit], 1]).astype(np.float32)
-        down = np.zeros((len(nodes), len(transfer.lookouts.site)), np.float32)
-        np.add.at(down, (number[hit], transfer.lookouts.of[met]), weight)
+        down = np.zeros((len(nodes), len(transfer.coarse.sample)), np.float32)
+        np.add.at(down, (number[hit], transfer.coarse.of[met]), weight)
         grid = down.reshape(NODES, NODES, -1)
         return _spread_from(grid, grid.sum(axis=-1, keepdims=True)).reshape(NODES**2, -1)
 
