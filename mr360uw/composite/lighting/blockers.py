@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Shadow rays of the reference renderer, through opaque triangles and through those with an alpha mask."""
+"""Bodies that cast shadows: shadow rays of the reference renderer, through alpha masks too, and bodies in the water.
+"""
 
 from __future__ import annotations
 
@@ -8,10 +9,22 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from mr360uw.cache import Cache
 from mr360uw.composite.raycast.geometry import base_color, gather, occluding
 from mr360uw.composite.shot import PlacedObject, Shot
+from mr360uw.medium.shafts.occluders import Bodies, bodies_of
 from mr360uw.rays import RayScene, barycentric
 from mr360uw.types import Floats
+
+
+def casting_bodies(shot: Shot, kept: Cache) -> Bodies:
+    """Return the opaque parts of a shot's objects that cast shadows, in the world. kept: holds them."""
+    return kept.of(_in_world, shot.casters)
+
+
+def _in_world(casters: tuple[PlacedObject, ...]) -> Bodies:
+    return bodies_of([occluding([placed], np.zeros(3)) for placed in casters])
+
 
 _MAXIMUM_HITS = 64
 """Masked triangles that one ray passes at most; it counts as free after that."""
