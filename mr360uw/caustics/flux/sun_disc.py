@@ -169,23 +169,6 @@ def disc_kernel(footprint_pixel: Array, size: int) -> NDArray[np.float64]:
     return kernel
 
 
-@functools.lru_cache(maxsize=64)
-def marginal_kernel(radius_pixel: float, size: int) -> NDArray[np.float64]:
-    """Return (2 m + 1,) symmetric weights, sum 1, 2 m < size, of the disc's projection on one axis.
-
-    On the GPU the product of two of them replaces the disc: along both axes its spectrum is the disc's.
-    """
-    points = _disc_points(radius_pixel**2)[:, :1] * radius_pixel
-    cell, part = _drawn_in(np.concatenate([points, -points]))
-    kernel = np.zeros(size)
-    np.add.at(kernel, cell[:, 0] % size, (1.0 - part[:, 0]) / len(cell))
-    np.add.at(kernel, (cell[:, 0] + 1) % size, part[:, 0] / len(cell))
-    m = min(int(np.ceil(radius_pixel)), (size - 1) // 2)
-    half = 0.5 * (kernel[: m + 1] + kernel[np.arange(0, -m - 1, -1)])
-    weights = np.concatenate([half[:0:-1], half])
-    return weights / weights.sum()
-
-
 def _disc_points(area_over_pi: float) -> NDArray[np.float64]:
     """Return (n, 2) points spread evenly over the unit disc on a sunflower's spiral (Vogel 1979)."""
     i = np.arange(int(np.clip(60.0 * area_over_pi, 2048, 500_000)))

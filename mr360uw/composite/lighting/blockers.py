@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Bodies that cast shadows: shadow rays of the reference renderer, through alpha masks too, and bodies in the water.
-"""
+"""Bodies that cast shadows: shadow rays of the reference renderer, through alpha masks too, and bodies in the water."""
 
 from __future__ import annotations
 
