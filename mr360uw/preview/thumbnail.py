@@ -44,9 +44,9 @@ QUALITY = 90
 """Quality of JPEG: twice the compression of 95, without visible blocks."""
 
 
-def thumbnail(linear: ArrayLike, width: int = LARGEST_WIDTH) -> bytes:
-    """Return linear light (H, W, 3) as a PNG in 8-bit sRGB, at most `width` pixels wide; light above 1 is white."""
-    return screen_picture(linear, ".png", width=width)
+def thumbnail(linear: ArrayLike) -> bytes:
+    """Return linear light (H, W, 3) as a PNG in 8-bit sRGB, at most 1024 pixels wide; light above 1 is white."""
+    return screen_picture(linear, ".png", width=LARGEST_WIDTH)
 
 
 def screen_picture(

@@ -7,7 +7,7 @@ linear luminance.
     operator    gain                                                source
     mr360       strength Y'^power + base                            Iorns 2016; Thompson 2019 section 3
     landis      1 - w + peak w,   w = ((L - t)/(1 - t))^alpha       Landis 2002
-    akyuz       peak L^(gamma - 1)                                  Akyuz 2007
+    akyuz       peak L^(gamma - 1),   gamma = 1                     Akyuz 2007
     piecewise   slope 1 up to diffuse white, steeper above it       Meylan 2006
 
 MR360 is published with the strength 10, the power 10, the base 1.8 and the weights .3 .59 .11; Landis with the
@@ -23,7 +23,7 @@ pixels are finer than the filter's reach by a factor of fifteen:
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from mr360uw.color import DISPLAY_CURVE, LUMINANCE, decode, encode
 from mr360uw.types import Floats
@@ -38,30 +38,10 @@ _THRESHOLD = 0.9
 """Code value of the brightest channel from which on a pixel counts as clipped."""
 _BOOST = 3.0
 """Gain that is added where the filter finds nothing but such pixels."""
+_DIFFUSE_WHITE = 0.85
+"""Linear luminance from which on the slope of piecewise is steeper."""
 MR360_WEIGHTS = np.array([0.3, 0.59, 0.11])
 """Luma weights of the MR360 operator, as published."""
-
-
-def mr360_gain(luma: ArrayLike, strength: float = 10.0, power: float = 10.0, base: float = 1.8) -> Array:
-    """Return the MR360 gain of luma (...,) in [0, 1]."""
-    return strength * np.power(luma, power) + base
-
-
-def landis_gain(value: ArrayLike, peak: float, threshold: float = 0.5, alpha: float = 2.0) -> Array:
-    """Return the gain of Landis 2002 for linear luminance in [0, 1]."""
-    w = np.power(np.maximum(np.asarray(value) - threshold, 0.0) / (1.0 - threshold), alpha)
-    return 1.0 + (peak - 1.0) * w
-
-
-def akyuz_gain(value: ArrayLike, peak: float, gamma: float = 1.0) -> Array:
-    """Return the gain of Akyuz 2007 for linear luminance in [0, 1], with black at 0 and white at 1."""
-    return peak * np.power(np.maximum(value, 1e-6), gamma - 1.0)
-
-
-def piecewise_gain(value: ArrayLike, peak: float, split: float = 0.85) -> Array:
-    """Return the gain of the two slopes of Meylan 2006 for linear luminance in [0, 1]."""
-    excess = np.maximum(np.asarray(value) - split, 0.0)
-    return 1.0 + excess * ((peak - split) / (1.0 - split) - 1.0) / np.maximum(value, split)
 
 
 def pointwise_gain(operator: str, encoded: Floats, peak: float) -> Array:
@@ -69,11 +49,14 @@ def pointwise_gain(operator: str, encoded: Floats, peak: float) -> Array:
     luma = np.clip(encoded @ (MR360_WEIGHTS if operator == "mr360" else LUMINANCE).astype(encoded.dtype), 0.0, 1.0)
     luma = luma.astype(np.float64)
     if operator == "mr360":
-        return mr360_gain(luma)
+        return 10.0 * np.power(luma, 10.0) + 1.8
     value = decode(luma, DISPLAY_CURVE)
     if operator == "landis":
-        return landis_gain(value, peak)
-    return akyuz_gain(value, peak) if operator == "akyuz" else piecewise_gain(value, peak)
+        return 1.0 + (peak - 1.0) * np.square(np.maximum(value - 0.5, 0.0) / 0.5)
+    if operator == "akyuz":
+        return np.full_like(value, peak)
+    slope = (peak - _DIFFUSE_WHITE) / (1.0 - _DIFFUSE_WHITE) - 1.0
+    return 1.0 + np.maximum(value - _DIFFUSE_WHITE, 0.0) * slope / np.maximum(value, _DIFFUSE_WHITE)
 
 
 def enhancement_gain(linear: Floats) -> NDArray[np.float32]:
