@@ -19,9 +19,8 @@ import numpy as np
 from mr360uw.cache import Cache
 from mr360uw.color import encode
 from mr360uw.composite import PlacedObject, Shot
-from mr360uw.composite.mesh.material import Material
+from mr360uw.composite.mesh.material import Material, Part
 from mr360uw.composite.mesh.mesh import Mesh, make_mesh
-from mr360uw.composite.mesh.part import Part
 from mr360uw.composite.motion import rigid, rotation_matrix
 from mr360uw.composite.over import over
 from mr360uw.composite.settings import DrawSettings

@@ -46,10 +46,9 @@ from mr360uw.ibl.lighting import assemble  # noqa: E402
 from mr360uw.ibl.lookup import environment_lookup  # noqa: E402
 from mr360uw.ibl.plate import COARSE_COLUMNS  # noqa: E402
 from mr360uw.render.backends import make_backend  # noqa: E402
-from mr360uw.render.exposed_water import exposed_water  # noqa: E402
 from mr360uw.render.first_pass import ClipAnalysis, clip_facts  # noqa: E402
 from mr360uw.render.loaded import load  # noqa: E402
-from mr360uw.render.plate_light import plate_light  # noqa: E402
+from mr360uw.render.plate_light import exposed_water, plate_light  # noqa: E402
 from mr360uw.render.plate_pattern import plate_pattern  # noqa: E402
 from mr360uw.render.shots import shot_at, with_caustics  # noqa: E402
 from mr360uw.sample.recording import record  # noqa: E402

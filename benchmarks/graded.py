@@ -37,8 +37,7 @@ from mr360uw.render.backends import Backend, make_backend  # noqa: E402
 from mr360uw.render.first_pass import clip_facts  # noqa: E402
 from mr360uw.render.frame import Frame, composite_frame  # noqa: E402
 from mr360uw.render.loaded import load  # noqa: E402
-from mr360uw.sample.dive_settings import DiveSettings  # noqa: E402
-from mr360uw.sample.named_dives import PRESETS  # noqa: E402
+from mr360uw.sample.dive_settings import PRESETS, DiveSettings  # noqa: E402
 from mr360uw.scene.model import Scene, load_scene  # noqa: E402
 from mr360uw.types import Floats  # noqa: E402
 

@@ -14,7 +14,7 @@ import warnings
 from collections.abc import Callable, Iterator
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import cv2
 import numpy as np
@@ -25,7 +25,7 @@ from mr360uw.errors import Mr360uwError
 from mr360uw.ibl.glossy import ggx_kernel
 from mr360uw.ibl.plate import COARSE_COLUMNS, COARSE_ROWS, LinearPlate, remap
 from mr360uw.ibl.reduce import reduce_map
-from mr360uw.ibl.settings import GLOSSY_ROUGHNESS, OPERATORS, LightSettings
+from mr360uw.ibl.settings import GLOSSY_ROUGHNESS, LightSettings, Operator
 from mr360uw.ibl.sun.detect import find_disc
 from mr360uw.ibl.sun.split import sky_irradiance
 from mr360uw.sphere import (
@@ -268,7 +268,7 @@ def expansion() -> None:
         "Expansion of clipped maps: irradiance error [%] (mean |difference| over mean) and, in brackets, the error of"
     )
     print("log10 luminance above the clip point (rms). Exposures:", STOPS, "stops. closure: given the map's own ratio.")
-    rows, closed = [], {op: [] for op in (*OPERATORS, "closure, ratio unknown")}
+    rows, closed = [], {op: [] for op in (*get_args(Operator), "closure, ratio unknown")}
     for name in SUNNY + SUNLESS[:3]:
         truth, image = irradiance_truth(name), hdr(name)
         light = ibl.environment(image, expansion="none")

@@ -21,16 +21,15 @@ def is_ours(folder: Path) -> bool:
 
 
 @contextmanager
-def whole_file(path: Path, *, overwrite: bool = True, folder: Path | None = None) -> Iterator[Path]:
+def whole_file(path: Path, *, folder: Path | None = None) -> Iterator[Path]:
     """Yield the name of an empty new file; afterwards it is renamed to `path`, or removed if there was an exception.
 
-    folder: of the new file, on the same disk; default: that of `path`. Raises `OutputExistsError` where `path` came
-    into being meanwhile and `overwrite` is not set, and `OSError`.
+    folder: of the new file, on the same disk; default: that of `path`. Raises `OSError`.
     """
     part = new_file(path, folder)
     try:
         yield part
-        publish(part, path, overwrite=overwrite)
+        publish(part, path, overwrite=True)
     finally:
         part.unlink(missing_ok=True)
 

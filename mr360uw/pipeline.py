@@ -16,20 +16,20 @@ from pathlib import Path
 from typing import Literal
 
 from mr360uw.cache import Cache
-from mr360uw.farm.crew import make_crew
 from mr360uw.farm.job import Job, OpenJob
+from mr360uw.farm.workers import make_crew
 from mr360uw.progress import Progress
 from mr360uw.render.backends import Backend, make_backend
 from mr360uw.render.first_pass import ClipAnalysis, measured_range
 from mr360uw.render.loaded import Loaded, load
 from mr360uw.render.sun_lines import scene_sun_lines
-from mr360uw.runs.clip_measured import measured_facts
 from mr360uw.runs.fingerprint import input_fingerprints, work_keys
 from mr360uw.runs.forecast import Forecast
 from mr360uw.runs.frame_range import RunTimes
 from mr360uw.runs.outputs import Output
 from mr360uw.runs.run_report import Report
 from mr360uw.runs.sinks import Part, joined_bounds
+from mr360uw.runs.stored_facts import measured_facts
 from mr360uw.runs.work_folder import WorkFolder, work_folder
 from mr360uw.scene.inputs import open_plate, projection_notes
 from mr360uw.scene.model import Scene

@@ -17,8 +17,8 @@ sys.path.insert(0, str(ROOT))
 
 from mr360uw.color import encode  # noqa: E402
 from mr360uw.sample import Dive, DiveSettings  # noqa: E402
-from mr360uw.sample.camera_noise import with_noise  # noqa: E402
-from mr360uw.sample.named_dives import PRESETS  # noqa: E402
+from mr360uw.sample.dive_settings import PRESETS  # noqa: E402
+from mr360uw.sample.recording import with_noise  # noqa: E402
 
 _COLUMNS, _GAP = 2, 6
 

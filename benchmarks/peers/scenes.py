@@ -17,9 +17,8 @@ from numpy.typing import ArrayLike
 
 from mr360uw import ibl
 from mr360uw.composite import PlacedObject, Receiver, Shot
-from mr360uw.composite.mesh.material import Material
+from mr360uw.composite.mesh.material import Material, Part
 from mr360uw.composite.mesh.mesh import Mesh, make_mesh
-from mr360uw.composite.mesh.part import Part
 from mr360uw.constants import SUN_HALF_ANGLE_RAD
 from mr360uw.ibl.lighting import assemble
 from mr360uw.ibl.plate import COARSE_COLUMNS, COARSE_ROWS

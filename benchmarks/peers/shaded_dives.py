@@ -21,10 +21,9 @@ from mr360uw.color import ColorSpec, encode, luminance
 from mr360uw.composite import Shot
 from mr360uw.ibl.lighting import assemble
 from mr360uw.ibl.plate import COARSE_COLUMNS, COARSE_ROWS
-from mr360uw.render.exposed_water import exposed_water
 from mr360uw.render.first_pass import ClipAnalysis
 from mr360uw.render.loaded import Loaded, load
-from mr360uw.render.plate_light import plate_light
+from mr360uw.render.plate_light import exposed_water, plate_light
 from mr360uw.render.plate_pattern import calm_series, plate_pattern
 from mr360uw.render.shots import shot_at
 from mr360uw.sample.dive_settings import DiveSettings

@@ -30,12 +30,12 @@ _SWIMS = "object.0.key=[{time_s=0, position_m=[0.4, -0.6, -3.6]}, {time_s=1, pos
 class Workbench:
     """What stages are measured on. folder: an empty one, for the dive. quick: smaller frames, fewer runs.
 
-    runs: timed runs of each setting. width: of the dive's frames [pixels]; None: 1024, or 512 if quick.
+    runs: timed runs of each setting. width: of the dive's frames [pixels].
     """
 
-    def __init__(self, folder: Path, backend: Backend, *, quick: bool = False, width: int | None = None) -> None:
+    def __init__(self, folder: Path, backend: Backend, *, quick: bool = False) -> None:
         self.backend, self.quick, self.runs = backend, quick, _QUICK_RUNS if quick else _RUNS
-        self.width = width or (_QUICK_WIDTH if quick else _WIDTH)
+        self.width = _QUICK_WIDTH if quick else _WIDTH
         self._folder = folder
 
     @functools.cached_property

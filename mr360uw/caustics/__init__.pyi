@@ -1,5 +1,5 @@
 from .depth_ladder import stack_depths
-from .export import export_tiles
+from .export import caustic_map, export_tiles
 from .flux.irradiance import caustic_stack
 from .refraction import (
     fresnel_reflectance,
@@ -11,7 +11,6 @@ from .refraction import (
 from .sea.gerstner import GerstnerSea
 from .sea.spectral import SpectralSea
 from .settings import CausticSettings
-from .single_map import caustic_map
 
 __all__ = [
     "CausticSettings",

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Text of the command line as values."""
+"""Arguments and options that several commands share, and their text as values."""
 
 from __future__ import annotations
 
@@ -7,12 +7,29 @@ import itertools
 import re
 from collections.abc import Sequence
 from enum import StrEnum
-from typing import TYPE_CHECKING, Literal
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
 
+import typer
+
+from mr360uw.cli.gated import Role
 from mr360uw.errors import ParameterError
 
 if TYPE_CHECKING:
-    from mr360uw.preview.perspective import Perspective
+    from mr360uw.preview.still import Perspective
+
+SceneArgument = Annotated[Path, typer.Argument(help="scene file (TOML)", show_default=False), Role.READ]
+FramesOption = Annotated[str | None, typer.Option(help="frames a:b, b not included; either may be left out")]
+BackendOption = Annotated[str, typer.Option(help="auto, gl or reference")]
+OverwriteOption = Annotated[bool, typer.Option("--overwrite", help="replace an output that is there")]
+SetOption = Annotated[
+    list[str] | None, typer.Option("--set", help="override one key of the scene, as in --set camera.depth_m=8")
+]
+ScaleOption = Annotated[float | None, typer.Option(help="size over the plate's, for drafts, as in 0.25")]
+FrameOption = Annotated[int | None, typer.Option(help="number of the frame; default: 0")]
+TimeOption = Annotated[float | None, typer.Option("--time", help="seconds from the start, instead")]
+ViewOption = Annotated[str | None, typer.Option(help="yaw,pitch,fov in degrees; default: the whole panorama")]
+SizeOption = Annotated[str, typer.Option(help="of a view, in pixels")]
 
 
 class EyeName(StrEnum):
@@ -20,6 +37,9 @@ class EyeName(StrEnum):
 
     left = "left"
     right = "right"
+
+
+EyeOption = Annotated[EyeName | None, typer.Option(help="eye of a stereo plate to work on")]
 
 
 class ImageFormat(StrEnum):
@@ -57,7 +77,7 @@ def view_of(text: str | None, size: str) -> Perspective | None:
     """Return the view of 'yaw,pitch,fov' in degrees, whose end may be left out, and of a size '1280x720'."""
     if text is None:
         return None
-    from mr360uw.preview.perspective import Perspective
+    from mr360uw.preview.still import Perspective
 
     try:
         angles = [float(part) for part in text.split(",")]

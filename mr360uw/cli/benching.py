@@ -8,8 +8,8 @@ from typing import Annotated
 
 import typer
 
+from mr360uw.cli.arguments import BackendOption, OverwriteOption
 from mr360uw.cli.gated import Role
-from mr360uw.cli.options import BackendOption, OverwriteOption
 
 _REGRESSED = 1
 """Exit code of a comparison that found something slower or less accurate."""
@@ -35,8 +35,7 @@ def bench(
     overwrite: OverwriteOption = False,
 ) -> None:
     """Measure what settings cost (processor time) and bring (error), stage by stage, on a sample dive."""
-    from mr360uw.bench.bench_report import read_report
-    from mr360uw.bench.bench_run import chosen_stages, run_bench
+    from mr360uw.bench.bench_report import chosen_stages, read_report, run_bench
     from mr360uw.bench.pareto_page import bench_page
     from mr360uw.bench.regressions import check_kinds, compare
     from mr360uw.files import write_whole

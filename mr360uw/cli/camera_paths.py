@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
+from mr360uw.cli.arguments import EyeOption, OverwriteOption
 from mr360uw.cli.gated import Role
-from mr360uw.cli.options import EyeOption, OverwriteOption
 from mr360uw.errors import ParameterError
 
 if TYPE_CHECKING:
@@ -85,7 +85,7 @@ def floor(
 ) -> None:
     """Make a mesh of the floor from the points of TRACK, for receiver.path of a scene; say how good it is."""
     from mr360uw.track.floor.floor_mesh import check_mesh_output, floor_from_track
-    from mr360uw.track.floor.floor_words import floor_lines
+    from mr360uw.track.track_report import floor_lines
 
     check_mesh_output(out, overwrite=overwrite)
     found = floor_from_track(track)
@@ -103,7 +103,7 @@ def _convert(solved: Path, video: Path | None, out: Path, fps: float | None, sca
     from mr360uw.track.camera_files.exchange import EXPORTS, export, read_solved_path
     from mr360uw.track.camera_files.solved_path import track_of
     from mr360uw.track.camera_track import track_files
-    from mr360uw.track.path_words import report_lines
+    from mr360uw.track.track_report import report_lines
     from mr360uw.video import open_video
 
     if video is not None:
@@ -134,7 +134,7 @@ def _solve(
     from mr360uw.output_gate import remove_work_folder
     from mr360uw.progress import terminal_progress
     from mr360uw.track.camera_track import shot_path, track_files
-    from mr360uw.track.path_words import report_lines
+    from mr360uw.track.track_report import report_lines
     from mr360uw.track.tracking import track_shots
 
     keep = _work_of(out)

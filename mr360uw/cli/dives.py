@@ -8,8 +8,8 @@ from typing import Annotated, Any
 
 import typer
 
+from mr360uw.cli.arguments import OverwriteOption
 from mr360uw.cli.gated import Role
-from mr360uw.cli.options import OverwriteOption
 
 
 def sample(
@@ -41,7 +41,7 @@ def sample(
     from mr360uw.errors import ParameterError
     from mr360uw.progress import terminal_progress
     from mr360uw.sample import DiveSettings, check_recording, sample_dive
-    from mr360uw.scene.overrides import override
+    from mr360uw.scene.toml_model import override
 
     named = {
         "seed": seed, "water": water, "depth_m": depth, "floor_m": floor, "sky": sky, "sky_map": sky_map,

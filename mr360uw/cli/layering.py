@@ -9,8 +9,8 @@ from typing import Annotated
 
 import typer
 
+from mr360uw.cli.arguments import OverwriteOption
 from mr360uw.cli.gated import Role
-from mr360uw.cli.options import OverwriteOption
 
 
 class _Alpha(Enum):

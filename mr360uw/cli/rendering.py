@@ -8,9 +8,7 @@ from typing import Annotated
 
 import typer
 
-from mr360uw.cli.arguments import frame_range, variants, view_of, worker_count
-from mr360uw.cli.gated import Role
-from mr360uw.cli.options import (
+from mr360uw.cli.arguments import (
     BackendOption,
     FrameOption,
     FramesOption,
@@ -21,7 +19,12 @@ from mr360uw.cli.options import (
     SizeOption,
     TimeOption,
     ViewOption,
+    frame_range,
+    variants,
+    view_of,
+    worker_count,
 )
+from mr360uw.cli.gated import Role
 from mr360uw.errors import ParameterError
 
 

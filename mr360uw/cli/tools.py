@@ -8,9 +8,34 @@ from typing import Annotated, Literal
 
 import typer
 
-from mr360uw.cli.arguments import ImageFormat
+from mr360uw.cli.arguments import (
+    BackendOption,
+    EyeOption,
+    FramesOption,
+    ImageFormat,
+    OverwriteOption,
+    SceneArgument,
+    SetOption,
+)
 from mr360uw.cli.gated import Role
-from mr360uw.cli.options import BackendOption, EyeOption, FramesOption, OverwriteOption, SceneArgument, SetOption
+from mr360uw.errors import ParameterError
+from mr360uw.first_look.place_in_plate import Wish
+
+
+def wish_of(at: str | None, stand: bool, swim: bool, size_m: float | None) -> Wish:
+    """Return the wish that --at, --stand, --swim and --size state; raise `ParameterError` where they state none."""
+    if stand and swim:
+        raise ParameterError("--stand, --swim - exclude each other (got both) - give one of them")
+    direction = None
+    if at is not None:
+        try:
+            azimuth, elevation = (float(part) for part in at.split(","))
+        except ValueError:
+            raise ParameterError(
+                f"--at - is no direction (got {at!r}) - write azimuth,elevation in degrees, as in 30,-25"
+            ) from None
+        direction = azimuth, elevation
+    return Wish(direction, "stands" if stand else "swims" if swim else None, size_m)
 
 
 def new(
@@ -34,7 +59,6 @@ def new(
     outside_files: Annotated[bool, typer.Option("--outside-files", help="MESH may name files elsewhere")] = False,
 ) -> None:
     """Look at VIDEO and MESH, and write a scene that puts one into the other, with a preview; say what was guessed."""
-    from mr360uw.cli.wishes import wish_of
     from mr360uw.first_look.first_scene import make_first_scene
 
     made = make_first_scene(

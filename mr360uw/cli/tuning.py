@@ -12,8 +12,8 @@ from typing import Annotated
 
 import typer
 
+from mr360uw.cli.arguments import BackendOption
 from mr360uw.cli.gated import Role
-from mr360uw.cli.options import BackendOption
 from mr360uw.errors import Mr360uwError
 
 _NEEDED = ("nicegui", "tomlkit")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Bounds of bodies in the frame of an eye beside the middle, from those seen from the middle (types/eyes.py)."""
+"""Bounds of bodies in the frame of an eye beside the middle, from those seen from the middle (types/frames.py)."""
 
 from __future__ import annotations
 

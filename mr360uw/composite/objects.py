@@ -14,8 +14,7 @@ from mr360uw.composite.at_surface.afloat import Afloat
 from mr360uw.composite.mesh.material import Material
 from mr360uw.composite.mesh.mesh import Mesh, Unit
 from mr360uw.composite.mesh.rig import Rig, load_rig
-from mr360uw.composite.mesh.texture import Texture
-from mr360uw.composite.mesh.texture_file import read_texture
+from mr360uw.composite.mesh.texture import Texture, read_texture
 from mr360uw.composite.motion import Motion, object_motion, rigid
 from mr360uw.composite.object_settings import ObjectSettings
 from mr360uw.composite.playback import Playback, Poses, playback

@@ -9,24 +9,70 @@ E_with/E_without multiplies (plate - veil) and leaves the veil (Debevec 1998, wi
 Shafts are the change of the smooth veil by bodies and waves, of either sign; they never make the plate negative.
 
 Alpha is premultiplied (Porter & Duff 1984). A veil brighter than the plate is clipped to it, so that haze is never
-darkened and no pixel turns negative.
+darkened and no pixel turns negative. Holdout mattes keep parts of the plate in front of the objects.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
+from mr360uw.composite.shot import Shot
 from mr360uw.errors import ParameterError
+from mr360uw.jit import exact
 from mr360uw.types import Floats, Layer, Rectangle, Tile
+
+
+def hold_out(shot: Shot, tile: Tile) -> Tile:
+    """Return a tile with the shot's mattes applied to the objects and to the receiver's ratio.
+
+    A distance matte hides the objects behind it. It leaves the receiver, whose distances are of the same surfaces.
+    """
+    if shot.holdout is None and shot.holdout_distance_m is None:
+        return tile
+    kept = np.ones(tile.alpha.shape, np.float32)
+    if shot.holdout is not None:
+        kept -= np.clip(shot.holdout[tile.window], 0.0, 1.0).astype(np.float32)
+    plate_kept = kept
+    ratio = 1.0 + plate_kept[..., None] * (tile.ratio - 1.0)
+    if shot.holdout_distance_m is not None:
+        kept = kept * (tile.distance_m < shot.holdout_distance_m[tile.window])
+    return replace(
+        tile,
+        radiance=tile.radiance * kept[..., None],
+        alpha=tile.alpha * kept,
+        distance_m=np.where(kept > 0.0, tile.distance_m, np.inf).astype(np.float32),
+        ratio=ratio.astype(np.float32),
+        shafts=None if tile.shafts is None else tile.shafts * plate_kept[..., None],
+    )
+
+
+@exact
+def lay_over(plate: Any, radiance: Any, alpha: Any, ratio: Any, veil: Any, shafts: Any, one: Any, image: Any) -> None:
+    """Write the composite (h, w, 3) of a tile over the plate's pixels (h, w, 3).
+
+    shafts: (h, w, 3), or (0, 0, 3) for none. one: 1 in the type that is computed in. Where a tile changes nothing the
+    plate is copied bit for bit.
+    """
+    zero, none = one - one, shafts.shape[0] == 0
+    for j in range(alpha.shape[0]):
+        for i in range(alpha.shape[1]):
+            free = one - alpha[j, i]
+            for c in range(3):
+                below = plate[j, i, c]
+                if ratio[j, i, c] != one:
+                    haze = min(veil[j, i, c], below)
+                    below = haze + (below - haze) * ratio[j, i, c]
+                if not none:
+                    below = max(below + shafts[j, i, c], min(below, zero))
+                image[j, i, c] = radiance[j, i, c] + free * below
 
 
 def over_tile(plate_linear: Floats, tile: Tile) -> Floats:
     """Return the composite (h, w, 3) of the plate's pixels below one tile, linear, in the plate's type."""
-    from mr360uw.composite.over_kernel import lay_over
-
     image = np.empty_like(plate_linear)
     shafts = np.zeros((0, 0, 3), tile.radiance.dtype) if tile.shafts is None else tile.shafts
     lay_over(plate_linear, tile.radiance, tile.alpha, tile.ratio, tile.veil, shafts, plate_linear.dtype.type(1), image)

@@ -15,17 +15,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.cache import Cache
-from mr360uw.composite.ambient.at_hits import ambient_at
 from mr360uw.composite.ambient.light import ambient_light, free_of_bodies
-from mr360uw.composite.ambient.solved_light import AmbientLight
+from mr360uw.composite.ambient.solved_light import AmbientLight, ambient_at
 from mr360uw.composite.aovs import SUMS, AovFrame, Aovs
-from mr360uw.composite.holdout import hold_out
 from mr360uw.composite.lighting.arrival import LightSource
 from mr360uw.composite.lighting.blockers import Blockers
-from mr360uw.composite.lighting.footprint import pixel_footprint
+from mr360uw.composite.lighting.shadow import pixel_footprint
 from mr360uw.composite.lighting.sources import light_sources
 from mr360uw.composite.lighting.surfaces import surface_radiance, water_ahead
-from mr360uw.composite.over import empty_tile
+from mr360uw.composite.over import empty_tile, hold_out
 from mr360uw.composite.raycast.geometry import Geometry, gather, object_rectangles
 from mr360uw.composite.raycast.pixel_samples import group_samples, trace_samples
 from mr360uw.composite.receiver.ratio import receiver_ratio

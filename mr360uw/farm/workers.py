@@ -14,12 +14,29 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
-from typing import Any
+from typing import Any, Literal
 
-from mr360uw.errors import VideoError
-from mr360uw.farm.job import Job, OpenJob
+from mr360uw.errors import ParameterError, VideoError
+from mr360uw.farm.cluster import ClusterCrew
+from mr360uw.farm.job import Crew, Job, OpenJob
 from mr360uw.runs.frame_range import RunTimes
 from mr360uw.runs.sinks import Part
+
+
+def make_crew(workers: int | Literal["auto"], cluster: str | None, parts: int) -> Crew | None:
+    """Return the processes that render `parts` parts, or None for this one alone.
+
+    workers: their number; "auto" takes one for every two cores. cluster: address of a Dask scheduler instead.
+    """
+    if cluster is not None:
+        return ClusterCrew.at(cluster)
+    if workers != "auto" and (isinstance(workers, bool) or not isinstance(workers, int) or workers < 1):
+        raise ParameterError(f"workers - must be a number of processes or auto (got {workers!r}) - give 1 or more")
+    count = max(1, (os.cpu_count() or 2) // 2) if workers == "auto" else workers
+    if min(count, parts) == 1:
+        return None
+    return WorkerCrew(min(count, parts))
+
 
 _TRIES = 2
 """Workers that may die over a part."""

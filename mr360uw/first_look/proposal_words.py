@@ -17,7 +17,7 @@ from mr360uw.first_look.proposal import Proposal
 from mr360uw.first_look.sight import Sight
 from mr360uw.first_look.water_or_air import WaterOrAir
 from mr360uw.medium.fit.waterfit import CONFIDENT
-from mr360uw.scene.toml_text import toml_value
+from mr360uw.scene.toml_model import toml_value
 from mr360uw.video.read.projection import FISHEYE_FOV_DEG
 
 _SURE = 0.5

@@ -17,9 +17,9 @@ from mr360uw.constants import LUMINANCE_B, LUMINANCE_G, LUMINANCE_R, PI
 from mr360uw.errors import ParameterError
 from mr360uw.from_above.aerial_bodies import AerialBodies, brightened
 from mr360uw.from_above.first_surface import floor_radiance, floor_through_waves, reflected_radiance
-from mr360uw.from_above.published_look import thresholded_reflection
 from mr360uw.from_above.scene_parts import sea_scene_of
 from mr360uw.from_above.settings import AerialScene
+from mr360uw.published.aerial_look import thresholded_reflection
 from mr360uw.sphere import yaw_matrix
 from mr360uw.surface import SeaScene, SurfacePicture
 from mr360uw.surface.ray_stage import RayStage

@@ -1,32 +1,90 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Files of pictures from above: a still, numbered pictures, EXR files with parts, a video."""
+"""Files of pictures from above: a still, numbered pictures, EXR files with parts, a video.
+
+Bodies are laid into pictures or a video that a real camera took from the air where the scene names a plate. It says
+where the camera was, what its lens is, and what sea, water, sky and sun were there. The waves of the scene move the
+bodies' images; they are as steep as the real ones, not the same. The plate gives its own size.
+"""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mr360uw.color import ColorSpec
+from mr360uw.composite.over import over_tile
 from mr360uw.errors import OutputExistsError, ParameterError
+from mr360uw.from_above.aerial_bodies import brightened
 from mr360uw.from_above.aerial_picture import AerialPicture, LoadedAerial
-from mr360uw.from_above.onto_plate import write_onto_plate
 from mr360uw.from_above.settings import AerialScene
 from mr360uw.output_gate import check_outputs
 from mr360uw.progress import Progress
-from mr360uw.reading.files_read import files_read
+from mr360uw.reading.input_files import files_read
 from mr360uw.reading.limits import FRAMES
 from mr360uw.reading.numbered_files import is_pattern, matching_files, numbered
 from mr360uw.scene.model import files_of
-from mr360uw.video import VideoFrame, create_video
+from mr360uw.types import Floats
+from mr360uw.video import VideoFrame, VideoReader, create_video, open_video
 from mr360uw.video.clip import Clip
 from mr360uw.video.exr import Part, write_exr
 from mr360uw.video.read.suffixes import PICTURE_SUFFIXES
+
+Array = NDArray[np.float64]
+
+_MATCH_COLUMNS = 96
+"""Columns of the picture of the scene's sea that is compared with the plate: medians are the same with twice as many
+within 1 %."""
+
+
+def open_aerial_plate(scene: AerialScene) -> VideoReader:
+    """Return the plate of a scene that has one; raise `VideoError` where it cannot be read."""
+    assert scene.plate is not None
+    around = scene.camera.projection == "equirectangular"
+    return open_video(scene.plate.path, scene.plate.transfer, equirectangular=around)
+
+
+def plate_gain(loaded: LoadedAerial, plate_linear: Floats) -> Array:
+    """Return the factor (3,) on the scene's light that gives its own picture of the sea the plate's median colour."""
+    height, width = plate_linear.shape[:2]
+    columns = min(_MATCH_COLUMNS, width)
+    bare = replace(loaded, bodies=None)
+    sea = bare.picture(0.0, (columns, max(round(columns * height / width), 1))).image_linear
+    ours, plate = (np.median(image.reshape(-1, 3), axis=0) for image in (sea, plate_linear))
+    return np.asarray(plate / np.maximum(ours, 1e-9), np.float64)
+
+
+def frames_with_bodies(scene: AerialScene, plate: VideoReader, start: int, stop: int) -> Iterator[VideoFrame]:
+    """Yield frames [start, stop) of a plate with the scene's bodies; what they do not touch keeps its codes."""
+    assert scene.plate is not None
+    loaded, size = LoadedAerial.of(scene), (plate.width, plate.height)
+    gain = np.ones(3)
+    if scene.plate.match:
+        gain = plate_gain(loaded, next(iter(plate.frames(0, 1))).image_linear)
+    for frame in plate.frames(start, stop):
+        layer = brightened(loaded.layer(frame.time_s, size), gain)
+        yield frame.over(layer, over_tile, scene.plate.grain)
+
+
+def write_onto_plate(
+    scene: AerialScene, path: Path, frames: tuple[int, int | None], *, overwrite: bool, progress: Progress | None
+) -> int:
+    """Write a plate with bodies and return the number of frames; see `aerial_film`."""
+    with open_aerial_plate(scene) as plate:
+        start, stop = plate.check_range(*frames)
+        with create_video(path, plate, scene.output, overwrite=overwrite) as writer:
+            for frame in frames_with_bodies(scene, plate, start, stop):
+                writer.write(frame)
+                if progress is not None:
+                    progress(frame.index - start + 1, stop - start)
+    return stop - start
+
 
 Write = Callable[[int, AerialPicture], None]
 """Takes the number of a frame and its picture."""

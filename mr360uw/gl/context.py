@@ -153,14 +153,14 @@ def set_uniforms(program: moderngl.Program, **values: Any) -> None:
             uniform.value = tuple(np.asarray(value).ravel().tolist()) if np.ndim(value) else value
 
 
-def texture_from_array(array: ArrayLike, dtype: str = "f4", *, nearest: bool = True) -> moderngl.Texture:
+def texture_from_array(array: ArrayLike, dtype: str = "f4") -> moderngl.Texture:
     """Return a texture of an image (H, W), (H, W, C); row 0 is texel row 0."""
     import moderngl
 
     image = np.ascontiguousarray(array, dtype={"f4": np.float32, "f2": np.float16, "f1": np.uint8}[dtype])
     channels = image.shape[2] if image.ndim == 3 else 1
     texture = gl_context().texture(image.shape[1::-1], channels, image, dtype=dtype, alignment=1)
-    texture.filter = (moderngl.NEAREST, moderngl.NEAREST) if nearest else (moderngl.LINEAR, moderngl.LINEAR)
+    texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
     return texture
 
 

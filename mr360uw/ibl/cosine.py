@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 from mr360uw.constants import ENVIRONMENT_COLUMNS as COLUMNS
 from mr360uw.constants import ENVIRONMENT_ROWS as ROWS
 from mr360uw.errors import ParameterError
-from mr360uw.ibl.published.harmonics import harmonic_irradiance
+from mr360uw.published.harmonics import harmonic_irradiance
 from mr360uw.shapes import exactly, numbers
 from mr360uw.sphere import directions, row_solid_angle
 from mr360uw.types import Floats

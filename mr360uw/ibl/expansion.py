@@ -18,16 +18,17 @@ from mr360uw.color import DISPLAY_CURVE, encode
 from mr360uw.constants import REFRACTIVE_INDEX_SEA
 from mr360uw.errors import ParameterError
 from mr360uw.ibl.level.upward import frame_sines, upward
-from mr360uw.ibl.published.enhancement import enhancement_gain
-from mr360uw.ibl.published.tone_curves import POINTWISE, gain, luma_weights
 from mr360uw.ibl.reduce import reduce_map, resize_map
 from mr360uw.ibl.settings import LightSettings
 from mr360uw.optics import critical_cosine
+from mr360uw.published.tone_curves import enhancement_gain, pointwise_gain
 from mr360uw.shapes import is_finite, real
 from mr360uw.types import Floats
 
 Array = NDArray[np.float64]
 
+UNEXPANDED = ("none", "closure")
+"""Operators that leave every pixel as it is."""
 _RAMP = math.radians(10.0)
 """Half the width [rad] of the smooth edge of the region that is expanded."""
 _ENHANCEMENT_COLUMNS = 256  # of the map that "kovaleski" filters: finer than its filter by a factor of fifteen
@@ -46,19 +47,8 @@ def region_weight(sine: ArrayLike, settings: LightSettings, refractive_index: fl
     sine = np.asarray(sine, np.float64)
     if settings.region == "all":
         return np.ones_like(sine)
-    return region_ramp(np.arcsin(np.clip(sine, -1.0, 1.0)), *region_edge(settings, refractive_index))
-
-
-def region_edge(settings: LightSettings, refractive_index: float = REFRACTIVE_INDEX_SEA) -> tuple[float, float]:
-    """Return the elevation of the region's edge and half its ramp [rad]; -pi for the whole sphere."""
-    if settings.region == "all":
-        return -math.pi, _RAMP
-    return (0.0 if settings.region == "upper" else snell_elevation(refractive_index)), _RAMP
-
-
-def region_ramp(elevation: ArrayLike, edge: float, ramp: float) -> Array:
-    """Return a smooth step from 0 to 1 over edge - ramp .. edge + ramp."""
-    t = np.clip((np.asarray(elevation) - edge) / (2.0 * ramp) + 0.5, 0.0, 1.0)
+    edge = 0.0 if settings.region == "upper" else snell_elevation(refractive_index)
+    t = np.clip((np.arcsin(np.clip(sine, -1.0, 1.0)) - edge) / (2.0 * _RAMP) + 0.5, 0.0, 1.0)
     return t * t * (3.0 - 2.0 * t)
 
 
@@ -72,27 +62,6 @@ def checked_plate(plate: ArrayLike) -> NDArray[np.float32]:
     if not is_finite(image):
         raise ParameterError("plate - holds NaN or infinite samples - repair the picture")
     return np.maximum(image, 0.0, dtype=np.float32)
-
-
-def expand_samples(
-    linear: Floats,
-    sine: Floats,
-    settings: LightSettings,
-    enhancement: Floats | None = None,
-    refractive_index: float = REFRACTIVE_INDEX_SEA,
-) -> Floats:
-    """Return the expanded radiance (..., 3) of linear samples (..., 3).
-
-    sine: (...,) of the samples' elevation. enhancement: gain (...,) of the operator that is not pointwise.
-    """
-    if enhancement is not None:
-        gains = enhancement
-    elif settings.operator not in POINTWISE:
-        return linear
-    else:
-        encoded = encode(np.minimum(linear, 1.0), DISPLAY_CURVE)
-        gains = gain(encoded @ luma_weights(settings).astype(linear.dtype), settings)
-    return linear * (1.0 + (gains - 1.0) * region_weight(sine, settings, refractive_index))[..., None]
 
 
 def expand(
@@ -111,9 +80,12 @@ def expand(
     settings = settings or LightSettings()
     plate = checked_plate(plate_linear)
     height, width = plate.shape[:2]
-    gains = None
+    if settings.operator in UNEXPANDED:
+        return plate
     if settings.operator == "kovaleski":
         small = reduce_map(np.minimum(plate, 1.0), _ENHANCEMENT_COLUMNS, _ENHANCEMENT_COLUMNS // 2)
-        gains = resize_map(enhancement_gain(small), width, height)
-    sine = frame_sines(width, height, upward(up))
-    return expand_samples(plate, sine, settings, gains, refractive_index).astype(np.float32, copy=False)
+        gain: Floats = resize_map(enhancement_gain(small), width, height)
+    else:
+        gain = pointwise_gain(settings.operator, encode(np.minimum(plate, 1.0), DISPLAY_CURVE), settings.peak)
+    weight = region_weight(frame_sines(width, height, upward(up)), settings, refractive_index)
+    return (plate * (1.0 + (gain - 1.0) * weight)[..., None]).astype(np.float32)

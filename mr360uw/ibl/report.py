@@ -160,9 +160,9 @@ def plot(
     return f"<figure>{''.join(out)}<figcaption>{html.escape(label)}: {key}</figcaption></figure>"
 
 
-def irradiance_ball(irradiance: Floats, size: int = 192) -> Floats:
-    """Return a white ball lit by an irradiance map, seen along -z, as code values (size, size, 3)."""
-    x = (np.arange(size) + 0.5) / (0.5 * size) - 1.0
+def irradiance_ball(irradiance: Floats) -> Floats:
+    """Return a white ball lit by an irradiance map, seen along -z, as code values (192, 192, 3)."""
+    x = (np.arange(192) + 0.5) / 96.0 - 1.0
     px, py = np.meshgrid(x, -x)
     inside = px**2 + py**2 < 1.0
     normal = np.stack([px, py, np.sqrt(np.maximum(1.0 - px**2 - py**2, 0.0))], axis=-1)

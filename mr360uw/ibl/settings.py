@@ -12,7 +12,6 @@ from mr360uw.ibl.sun.solar import daylight_angles
 from mr360uw.parameters import Parameters, advanced, parameter
 
 Operator = Literal["none", "mr360", "landis", "akyuz", "kovaleski", "piecewise", "closure"]
-OPERATORS: tuple[Operator, ...] = ("none", "mr360", "landis", "akyuz", "kovaleski", "piecewise", "closure")
 Region = Literal["all", "upper", "snell"]
 Latitude = Annotated[float, Field(ge=-90.0, le=90.0)]
 Longitude = Annotated[float, Field(ge=-180.0, le=180.0)]

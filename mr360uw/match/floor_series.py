@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.color import encode, luminance
-from mr360uw.match.floor_region import FloorGrid, FloorRegion
-from mr360uw.match.floor_view import FloorView
+from mr360uw.match.floor_region import FloorGrid, FloorRegion, FloorView
 from mr360uw.medium import Medium
 from mr360uw.medium.fit.level import fit_level
 from mr360uw.optics import refract_to_air

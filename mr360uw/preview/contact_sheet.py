@@ -16,11 +16,10 @@ from mr360uw.errors import ParameterError
 from mr360uw.files import write_whole
 from mr360uw.output_gate import check_outputs
 from mr360uw.preview.live import LivePreview
-from mr360uw.preview.perspective import Perspective
-from mr360uw.preview.still import still_of
+from mr360uw.preview.still import Perspective, still_of
 from mr360uw.preview.thumbnail import encoded
 from mr360uw.progress import Progress
-from mr360uw.reading.files_read import files_read
+from mr360uw.reading.input_files import files_read
 from mr360uw.scene.model import at_scale, files_of, load_scene
 from mr360uw.video.write.image_writer import picture_codes
 

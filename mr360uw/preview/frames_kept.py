@@ -1,11 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Frames of plates at any size, in any order: readers stay open, and the last few frames are kept."""
+"""Frames of plates at any size, in any order: readers stay open, and the last few frames are kept. Length and size
+are told without decoding.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass
+from fractions import Fraction
+from typing import Self
 
 import numpy as np
 
@@ -15,6 +19,32 @@ from mr360uw.scene.model import Scene, at_scale
 from mr360uw.video import VideoFrame, VideoReader
 from mr360uw.video.read.reader import Seeker
 from mr360uw.video.read.scaled import scaled_size, smaller
+
+
+@dataclass(frozen=True, slots=True)
+class PlateClip:
+    """A scene's plate. width, height: [pixels], at full size. frame_count, duration_s: None for a still, which has as
+    many frames as are asked for. frame_rate: [1/s].
+    """
+
+    frame_count: int | None
+    frame_rate: Fraction
+    width: int
+    height: int
+    duration_s: float | None
+
+    @classmethod
+    def of(cls, reader: VideoReader) -> Self:
+        """Return the length and size of an open plate."""
+        count, rate = reader.frame_count, reader.frame_rate
+        return cls(count, rate, reader.width, reader.height, None if count is None else float(count / rate))
+
+
+def clip_of(scene: Scene) -> PlateClip:
+    """Return the length and size of a scene's plate; raise `VideoError`."""
+    with open_plate(scene) as video:
+        return PlateClip.of(video)
+
 
 _SOON = 4
 """Frames to decode before one from which on its keyframe comes sooner: 3840 x 1920 take 15 to 50 ms each on two cores.

@@ -1,15 +1,73 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Files that are read whole: regular ones, within a limit."""
+"""Files that are read whole, regular ones within a limit, and notes of which were read.
+
+Files that a mesh file names (buffers, textures, material libraries) lie in the folder of the mesh or below it. A mesh
+from a stranger could otherwise show any file of the machine.
+"""
 
 from __future__ import annotations
 
 import os
 import stat
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
 from pathlib import Path
 
-from mr360uw.errors import Mr360uwError
-from mr360uw.reading.files_read import note_read
+from mr360uw.errors import MeshError, Mr360uwError
 from mr360uw.reading.limits import DATA, TEXT, Limit
+
+_NOTES: ContextVar[tuple[dict[Path, None], ...]] = ContextVar("files read", default=())
+"""The notes that are being taken in this thread, one inside the other."""
+
+
+@contextmanager
+def files_read() -> Iterator[dict[Path, None]]:
+    """Yield a dictionary whose keys become the files that `note_read` names on this thread within the context.
+
+    `read_data` names every file that it opens, so that a mesh's textures and buffers are found without knowing its
+    format.
+    """
+    found: dict[Path, None] = {}
+    before = _NOTES.set((*_NOTES.get(), found))
+    try:
+        yield found
+    finally:
+        _NOTES.reset(before)
+
+
+def note_read(path: Path) -> None:
+    """Note that a file is read."""
+    for found in _NOTES.get():
+        found[path] = None
+
+
+def neighbour(path: Path, name: str, what: str, *, outside: bool, shown: str = "") -> Path:
+    """Return the file that a mesh file calls `name`.
+
+    path: of the mesh file; what: kind of the file, for messages; shown: the name as the mesh file has it. outside: it
+    may lie outside of the mesh file's folder. Raises `MeshError` for other places, and for what is no regular file.
+    """
+    file, shown = path.parent / name, shown or name
+    try:
+        found = file.resolve()
+        there = file.exists()
+    except (OSError, ValueError, RuntimeError):  # a name too long, with a zero character, or a circle of links
+        raise MeshError(f"{path} - names a {what} by a name that no file has (got {shown!r:.80}) - rename it") from None
+    if (
+        not outside
+        and not found.is_relative_to(path.parent.resolve())
+        and not found.is_relative_to(path.resolve().parent)
+    ):
+        raise MeshError(
+            f"{path} - names a {what} outside of its folder (got {shown!r:.80}) - put it beside the mesh, or if you "
+            "trust the mesh set outside_files = true for the object"
+        )
+    if not there:
+        raise MeshError(f"{path} - a {what} is missing (got {shown!r:.80}) - put it beside the mesh")
+    if reason := unreadable(file):
+        raise MeshError(f"{path} - names a {what} that {reason} (got {shown!r:.80})")
+    return file
 
 
 def unreadable(path: Path) -> str:

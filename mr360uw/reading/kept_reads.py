@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, TypeVar, TypeVarTuple
 
 from mr360uw.cache import Cache, Neutral
-from mr360uw.reading.files_read import files_read, note_read
+from mr360uw.reading.input_files import files_read, note_read
 
 T = TypeVar("T")
 Inputs = TypeVarTuple("Inputs")

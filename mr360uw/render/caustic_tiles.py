@@ -14,7 +14,7 @@ from mr360uw.render.surroundings import load_surroundings
 from mr360uw.scene.inputs import open_plate
 from mr360uw.scene.keyed import scene_at
 from mr360uw.scene.model import Scene
-from mr360uw.scene.overrides import dotted
+from mr360uw.scene.toml_model import dotted
 
 
 def export_caustics(

@@ -13,7 +13,7 @@ from typing import Literal
 import numpy as np
 
 from mr360uw.cache import Parts
-from mr360uw.composite.grading.plate_grade import PlateGrade
+from mr360uw.composite.grading.settings import PlateGrade
 from mr360uw.errors import DamagedFrameError, SceneError
 from mr360uw.ibl import SunMeasurement, SunTrack, load_track, measure_sun, track_suns
 from mr360uw.ibl.sun_series import SunSeries

@@ -16,11 +16,10 @@ from mr360uw.composite.over import mean_layer, over_tile
 from mr360uw.composite.receiver.pattern import PlatePattern
 from mr360uw.composite.shot import Shot
 from mr360uw.render.backends import Backend
-from mr360uw.render.exposed_water import exposed_water
 from mr360uw.render.finite import finite, not_finite, refuse
 from mr360uw.render.first_pass import ClipAnalysis
 from mr360uw.render.loaded import Loaded
-from mr360uw.render.plate_light import FrameLight, plate_light
+from mr360uw.render.plate_light import FrameLight, exposed_water, plate_light
 from mr360uw.render.plate_pattern import plate_pattern
 from mr360uw.render.shots import instants, seen_by, shafts_of, shot_at, with_caustics, with_snow
 from mr360uw.render.stages.eye_stage import Eye, calm_of, eyes_of

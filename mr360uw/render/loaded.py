@@ -20,7 +20,7 @@ from mr360uw.composite.objects import on_the_sea
 from mr360uw.composite.scene_lamps import SceneLamp, load_lamps
 from mr360uw.composite.settings import ReceiverSettings
 from mr360uw.medium import Medium
-from mr360uw.reading.files_read import files_read
+from mr360uw.reading.input_files import files_read
 from mr360uw.reading.kept_reads import KeptReads
 from mr360uw.render.camera import CameraPath
 from mr360uw.render.caustic_depths import CausticDepths
@@ -35,7 +35,7 @@ from mr360uw.scene.key_settings import KeyedParameter
 from mr360uw.scene.keyed import scene_at
 from mr360uw.scene.keyed_water import WaterBetween, water_between
 from mr360uw.scene.model import Scene
-from mr360uw.scene.overrides import dotted
+from mr360uw.scene.toml_model import dotted
 from mr360uw.types import View
 from mr360uw.video.read.layout import Eye
 

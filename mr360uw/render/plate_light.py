@@ -1,21 +1,55 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Light of a plate's frame: environment, sun, and what its water's veil is matched to: a gain, and open water."""
+"""Light of a plate's frame: environment, sun, and what its water's veil is matched to: a gain, and open water.
+
+The frame's medium table has its veil matched to the plate and its ambient light going on from what the plate shows at
+the camera (`medium.ambient`).
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from mr360uw.cache import Cache
 from mr360uw.composite.shot import BetweenKnots
+from mr360uw.constants import MINIMUM_SUN_UP
+from mr360uw.ibl.lookup import environment_lookup
 from mr360uw.medium import Medium
+from mr360uw.medium.ambient import LightAtCamera, ambient_parts
 from mr360uw.medium.fit.level import DOUBTFUL, fit_level
+from mr360uw.medium.fit.open_water import visible_gain
 from mr360uw.render.first_pass import ClipAnalysis
 from mr360uw.render.lights import lit_as_its_ground, may_be_clipped, restored
 from mr360uw.render.loaded import Loaded
 from mr360uw.render.plate_map import level_view
 from mr360uw.render.surroundings import Surroundings
-from mr360uw.types import Environment, Floats, Sun
+from mr360uw.types import Environment, Floats, MediumTable, Sun
 from mr360uw.video import VideoFrame
+
+
+def exposed_water(surroundings: Surroundings, light: FrameLight, time_s: float) -> MediumTable | None:
+    """Return the table of the water at a time, matched to the light of a frame; None without water."""
+    medium = surroundings.medium_at(time_s)
+    if medium is None:
+        return None
+    up, environment = surroundings.camera.at(time_s)[1][1], light.environment
+    sun = environment.sun
+    measured = LightAtCamera(
+        down=environment_lookup(environment.ambient, up),
+        up=environment_lookup(environment.ambient, -up),
+        sun=np.zeros(3) if sun is None else sun.irradiance,
+        sun_up=1.0 if sun is None else max(float(sun.direction @ up), MINIMUM_SUN_UP),
+    )
+    diffuse, floor = ambient_parts(medium, measured)
+    if light.gain is not None:
+        medium = medium.scaled(light.gain if light.plate_ratio is None else visible_gain(medium, light.gain))
+    if light.plate_ratio is not None:  # which was found over this floor
+        floor = medium.floor_seen(medium.gain, measured.up)
+    table, ratio = medium.lit_by_floor(floor).table, light.plate_ratio
+    if ratio is None:
+        ratio = surroundings.around_sun(time_s, medium, sun, fitted=light.gain is not None)
+    return replace(table, diffuse=diffuse.astype(np.float32), plate_ratio=ratio)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -14,7 +14,7 @@ from mr360uw.reading.disk_cache import sources_stamp
 from mr360uw.reading.numbered_files import files_named
 from mr360uw.render.loaded import Loaded
 from mr360uw.scene.model import Scene, files_of
-from mr360uw.scene.overrides import dotted
+from mr360uw.scene.toml_model import dotted
 
 _BLOCK = 1 << 20
 _BLOCKS = 16

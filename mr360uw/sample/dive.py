@@ -17,9 +17,8 @@ from mr360uw.files import write_whole
 from mr360uw.output_gate import check_folder, check_outputs, made_folder
 from mr360uw.progress import Progress
 from mr360uw.reading.limits import FRAMES, PICTURE
-from mr360uw.sample.camera_noise import with_noise
 from mr360uw.sample.dive_settings import DiveSettings
-from mr360uw.sample.recording import record
+from mr360uw.sample.recording import record, with_noise
 from mr360uw.sample.rendered_dive import SENSOR, Dive
 from mr360uw.sample.truth import dive_truth, write_frame_truth
 from mr360uw.sample.whale import write_whale

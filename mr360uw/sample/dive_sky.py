@@ -5,7 +5,7 @@ The unit is the irradiance just below a level surface: of a clear sky with the s
 overcast one, it is 1 in each channel, since a camera's white balance makes daylight white. Under a lower sun the beam
 is redder and the rest is not, so the sum is warm.
 
-The dome is a standard sky (`surface.standard_sky`). Its colour in each direction is that of light scattered once along
+The dome is a standard sky (`surface.sky`). Its colour in each direction is that of light scattered once along
 the way, 1 - exp(-depth m), m: air mass.
 """
 
@@ -24,8 +24,7 @@ from mr360uw.ibl.sun.daylight import CLEAR_SKY, beam_below, direct_share
 from mr360uw.optics import fresnel_transmittance
 from mr360uw.sample.dive_settings import DiveSettings
 from mr360uw.sphere import directions, row_solid_angle, unit
-from mr360uw.surface.sky import Dome, sun_below
-from mr360uw.surface.standard_sky import CLEAR, LOWEST_SINE, OVERCAST, SKY_ROWS, standard_sky
+from mr360uw.surface.sky import CLEAR, LOWEST_SINE, OVERCAST, SKY_ROWS, Dome, standard_sky, sun_below
 from mr360uw.types import Floats, Sun
 
 _GLARE_RAD = 0.05

@@ -17,7 +17,7 @@ from pydantic.fields import FieldInfo
 from mr360uw.parameters import stated
 from mr360uw.scene.model import Scene
 from mr360uw.scene.problems import bounds_text, models_of
-from mr360uw.scene.toml_text import toml_value
+from mr360uw.scene.toml_model import toml_value
 
 _COLUMNS = ("key", "default", "values, range, unit", "meaning")
 

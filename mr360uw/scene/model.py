@@ -30,11 +30,16 @@ from mr360uw.parameters import Parameters, advanced, parameter
 from mr360uw.scene.file_lines import Lines
 from mr360uw.scene.key_problems import check_keys
 from mr360uw.scene.key_settings import KeyedParameter
-from mr360uw.scene.overrides import override
 from mr360uw.scene.problems import problems
 from mr360uw.scene.quality import with_quality
-from mr360uw.scene.toml_model import load_model, model_from_dict, named_files, with_absolute_paths
-from mr360uw.scene.toml_text import toml_document
+from mr360uw.scene.toml_model import (
+    load_model,
+    model_from_dict,
+    named_files,
+    override,
+    toml_document,
+    with_absolute_paths,
+)
 from mr360uw.shapes import file_path
 from mr360uw.video.read.projection import FISHEYE_FOV_DEG, Projection
 from mr360uw.video.settings import EncodeSettings

@@ -1,10 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""TOML files as parameter models: every problem of a file at once, paths from its folder, files that must be there."""
+"""TOML files as parameter models: every problem of a file at once, paths from its folder, files that must be there.
+
+A command line sets values by names with dots, as in object.0.scale.
+"""
 
 from __future__ import annotations
 
+import re
 import tomllib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -13,8 +17,93 @@ from pydantic import BaseModel, ValidationError
 from mr360uw.errors import SceneError, VideoError
 from mr360uw.reading.input_files import read_text, unreadable
 from mr360uw.scene.file_lines import SET, Lines, Location, key_lines, place
-from mr360uw.scene.overrides import override
 from mr360uw.scene.problems import problems
+
+_DIGITS = 9
+"""Most digits of the number of an entry; Python refuses to read thousands."""
+
+
+def dotted(name: str) -> list[str]:
+    """Return the parts of a parameter's name: object.0.scale, or object[0].scale."""
+    return re.sub(r"\[(\d+)\]", r".\1", name.strip()).split(".")
+
+
+def entry(part: str, count: int) -> int | None:
+    """Return the number of one of `count` entries that a part of a name gives, None where there is no such."""
+    return int(part) if part.isdecimal() and len(part) <= _DIGITS and int(part) < count else None
+
+
+def override(data: dict[str, Any], text: str) -> Location:
+    """Set one key of nested tables from 'a.b=value', 'a.0.b=value' or 'a[0].b=value'; return where it is."""
+    key, equals, value = text.partition("=")
+    if not equals or not key.strip():
+        raise SceneError("--set", [f"{text} - is not key=value (got {text!r}) - write for example camera.depth_m=8"])
+    try:
+        parsed = tomllib.loads(f"value = {value}")["value"]
+    except (ValueError, RecursionError):
+        parsed = value.strip()
+    *parents, last = dotted(key)
+    table: Any = data
+    location: Location = ()
+    for depth, part in enumerate(parents):
+        if isinstance(table, list):
+            number = entry(part, len(table))
+            if number is None:
+                where = ".".join(parents[:depth])
+                raise SceneError("--set", [f"{key} - no such entry of {where} (got {part:.20}) - it has {len(table)}"])
+            table, location = table[number], (*location, number)
+        else:
+            table, location = table.setdefault(part, {}), (*location, part)
+        if not isinstance(table, dict | list):
+            raise SceneError("--set", [f"{key} - {part} is not a table (got {table!r}) - set {part} itself"])
+    if isinstance(table, list):
+        raise SceneError("--set", [f"{key} - names a list of tables - say which one, as in {parents[-1]}.0.{last}"])
+    if dotted(key) in _keyed(data):
+        raise SceneError(
+            "--set", [f"{key} - is keyed: its keys hold at all times - change its [[keys]], or remove them"]
+        )
+    table[last] = parsed
+    return *location, last
+
+
+def _keyed(data: dict[str, Any]) -> list[list[str]]:
+    """Return the names, in parts, of the parameters that a scene's [[keys]] name; what is no such table is left out."""
+    tables = data.get("keys")
+    names = [one.get("parameter") for one in tables if isinstance(one, dict)] if isinstance(tables, list) else []
+    return [dotted(name) for name in names if isinstance(name, str)]
+
+
+def toml_value(value: Any) -> str:
+    """Return a value as TOML writes it in one line, tables too."""
+    if isinstance(value, Mapping):
+        return "{" + ", ".join(f"{_key(name)} = {toml_value(one)}" for name, one in value.items()) + "}"
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, int | float):
+        return repr(value)
+    if isinstance(value, tuple | list):
+        return "[" + ", ".join(toml_value(item) for item in value) + "]"
+    text = str(value).replace("\\", "\\\\").replace('"', '\\"')
+    return '"' + "".join(c if c.isprintable() else f"\\U{ord(c):08X}" for c in text) + '"'
+
+
+def toml_document(tables: Mapping[str, Any]) -> str:
+    """Return the text of a file: single values, then a header for each table and each table of a list."""
+    headed: list[str] = []
+    lines: list[str] = []
+    for name, value in tables.items():
+        several = isinstance(value, list | tuple) and bool(value) and all(isinstance(one, Mapping) for one in value)
+        if not several and not isinstance(value, Mapping):
+            lines.append(f"{_key(name)} = {toml_value(value)}\n")
+        for table in value if several else [value] if isinstance(value, Mapping) else []:
+            rows = [f"{_key(key)} = {toml_value(one)}\n" for key, one in table.items()]
+            headed.append("".join([f"[[{_key(name)}]]\n" if several else f"[{_key(name)}]\n", *rows]))
+    return "\n".join(["".join(lines), *headed] if lines else headed)
+
+
+def _key(name: str) -> str:
+    return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else toml_value(name)
+
 
 Model = TypeVar("Model", bound=BaseModel)
 

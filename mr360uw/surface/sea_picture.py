@@ -20,7 +20,7 @@ from mr360uw.jit import exact
 from mr360uw.surface.intersection import NOWHERE, Hit
 from mr360uw.surface.ray_stage import OFF_M, RayStage
 from mr360uw.surface.tracing.bare_arrays import bare
-from mr360uw.surface.tracing.random_keys import next_key
+from mr360uw.surface.tracing.facet_draws import next_key
 from mr360uw.surface.tracing.ray_kernel import STACK, RayWorld, followed, met, put
 from mr360uw.surface.tracing.ray_optics import bent
 from mr360uw.surface.tracing.stage_arrays import stage_arrays

@@ -19,15 +19,13 @@ from mr360uw.files import write_whole
 from mr360uw.output_gate import check_work_folder, make_work_folder, remove_work_folder
 from mr360uw.progress import Progress
 from mr360uw.reading.kept_reads import stamp
-from mr360uw.track.between import solve_between
 from mr360uw.track.camera_track import CameraTrack
 from mr360uw.track.colmap import load_colmap
 from mr360uw.track.key_frames import KeyFrames, key_frames_of_shot, read_key_frames
-from mr360uw.track.key_poses import KeyPoses, solve_key_frames
+from mr360uw.track.key_poses import KeyPoses, solve_between, solve_key_frames
 from mr360uw.track.scale import Measure
 from mr360uw.track.steps import BETWEEN, Steps
-from mr360uw.track.window_up import window_up
-from mr360uw.track.world_axes import World, world_of
+from mr360uw.track.world_axes import World, window_up, world_of
 from mr360uw.types import Floats
 from mr360uw.video import VideoReader, open_video
 

@@ -10,8 +10,7 @@ from mr360uw.errors import Mr360uwError, ParameterError
 from mr360uw.preview.live import LivePreview
 from mr360uw.preview.thumbnail import screen_picture
 from mr360uw.scene.model import load_scene
-from mr360uw.scene.overrides import dotted
-from mr360uw.scene.toml_model import scene_text, tables_of
+from mr360uw.scene.toml_model import dotted, scene_text, tables_of
 from mr360uw.tune.editing.fields import Field, groups
 from mr360uw.tune.editing.toml_edit import find, key_of
 

@@ -1,7 +1,6 @@
 from .clip import Clip
 from .exr import read_exr, read_rgb, write_exr
 from .metadata.spherical import SphericalMetadata, read_spherical, write_spherical
-from .pixels.grain_measure import with_grain
 from .read.images import read_picture
 from .read.opening import open_video
 from .read.reader import VideoReader
@@ -27,7 +26,6 @@ __all__ = [
     "read_rgb",
     "read_spherical",
     "transcode",
-    "with_grain",
     "write_exr",
     "write_spherical",
 ]

@@ -8,7 +8,7 @@ are swapped. An offset that is the same everywhere (convergence) tells nothing. 
     (2 e/h) tan(angle below the horizon) + offset
 
 2 e: distance of the eyes, h: height of the camera (viewing circle of one radius; sin instead of tan where the circle
-shrinks towards the poles, see types/eyes.py).
+shrinks towards the poles, see types/frames.py).
 """
 
 from __future__ import annotations

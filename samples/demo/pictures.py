@@ -18,7 +18,7 @@ from PIL import Image
 
 import mr360uw as uw
 from mr360uw.color import encode
-from mr360uw.preview.perspective import Perspective, look
+from mr360uw.preview.still import Perspective, look
 from mr360uw.sample import DiveSettings, sample_dive
 from mr360uw.types import Floats
 

@@ -16,7 +16,7 @@ from xml.etree import ElementTree as ET
 import numpy as np
 import pytest
 
-from mr360uw.bench import bench_run
+from mr360uw.bench import bench_report
 from mr360uw.bench.bench_report import BenchReport, Machine, StageResult, read_report
 from mr360uw.bench.dive_stages import frames_against
 from mr360uw.bench.measuring import (
@@ -257,7 +257,7 @@ def test_the_command_prints_writes_and_compares(bench: Callable[..., tuple[int, 
 def test_bad_input_is_reported_before_anything_is_measured(
     arguments: list[str], said: str, bench: Callable[..., tuple[int, str, str]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(bench_run, "run_bench", lambda *_, **__: pytest.fail("was measured"))
+    monkeypatch.setattr(bench_report, "run_bench", lambda *_, **__: pytest.fail("was measured"))
     code, _, err = bench(*arguments)
     assert code == 2
     assert said in err

@@ -17,12 +17,10 @@ from mr360uw.caustics import (
     refract_to_water,
     stack_depths,
 )
-from mr360uw.caustics.flux.cell import intensities, opened
-from mr360uw.caustics.flux.deposit import deposit_exact
-from mr360uw.caustics.flux.edges import add_edge
+from mr360uw.caustics.flux.deposit import add_edge, deposit_exact, intensities, opened
 from mr360uw.caustics.flux.irradiance import pass_indices
 from mr360uw.caustics.flux.resolution import grid_of
-from mr360uw.caustics.flux.sun_disc import blur, disc_kernel, footprint, marginal_kernel
+from mr360uw.caustics.flux.sun_disc import blur, disc_kernel, footprint
 from mr360uw.errors import ParameterError
 from mr360uw.sphere import direction_from_angles
 from tests.caustics import tolerances as tol
@@ -214,15 +212,6 @@ def test_a_slanted_suns_disc_is_an_ellipse():
     assert np.linalg.norm(disc[0]) == pytest.approx(along, rel=tol.FINITE_DIFFERENCE)
 
 
-@pytest.mark.parametrize("radius", [0.0, 0.4, 1.0, 2.6, 9.0, 500.0])
-def test_marginal_kernels_are_weights(radius):
-    kernel = marginal_kernel(radius, 64)
-    assert kernel.sum() == pytest.approx(1.0, abs=tol.FLOAT64)
-    assert kernel.min() >= 0.0
-    assert len(kernel) <= 64
-    np.testing.assert_array_equal(kernel, kernel[::-1])
-
-
 @pytest.mark.parametrize("radius", [0.3, 0.8, 2.5])
 def test_kernels_have_the_discs_variance(radius):
     kernel = disc_kernel(radius * np.eye(2), 32)
@@ -230,9 +219,6 @@ def test_kernels_have_the_discs_variance(radius):
     at = (np.arange(32) + 16) % 32 - 16
     for marginal in (kernel.sum(axis=0), kernel.sum(axis=1)):
         assert np.sum(marginal * at**2) == pytest.approx(radius**2 / 4.0, rel=tol.DISC_SHAPE)
-    weights = marginal_kernel(radius, 32)
-    reach = np.arange(len(weights)) - len(weights) // 2
-    assert np.sum(weights * reach**2) == pytest.approx(radius**2 / 4.0, rel=tol.DISC_SHAPE)
 
 
 @pytest.mark.parametrize("method", ["exact", "scrolling"])

@@ -8,8 +8,7 @@ import pytest
 
 from mr360uw.caustics import GerstnerSea, SpectralSea
 from mr360uw.caustics.flux.irradiance import cell_flux
-from mr360uw.caustics.flux.refracted_rays import Rays, refracted_rays
-from mr360uw.caustics.flux.shadowed import lit_corners, shadow_steps
+from mr360uw.caustics.flux.refracted_rays import Rays, lit_corners, refracted_rays, shadow_steps
 from mr360uw.optics import fresnel_transmittance
 from mr360uw.sphere import direction_from_angles
 from tests.caustics import tolerances as tol

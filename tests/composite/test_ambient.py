@@ -18,9 +18,8 @@ from mr360uw.composite.ambient.mesh_transfer import make_transfer
 from mr360uw.composite.ambient.solved_light import AmbientLight
 from mr360uw.composite.gl.layer_renderer import LayerRenderer
 from mr360uw.composite.lighting.shading import ggx_distribution, lobe_axis, smith_visibility
-from mr360uw.composite.mesh.material import Material
+from mr360uw.composite.mesh.material import Material, Part
 from mr360uw.composite.mesh.mesh import Mesh, make_mesh
-from mr360uw.composite.mesh.part import Part
 from mr360uw.composite.raycast.geometry import occluding
 from mr360uw.composite.reference import render_layer
 from mr360uw.composite.shot import PlacedObject, Receiver, Shot
@@ -366,7 +365,7 @@ def test_metal_reflects_the_ground_below_it_and_not_that_below_the_camera() -> N
     light = solved(scene)
     known, lattice = light.values[0], light.layout.bodies[0].transfer.lattice
     assert known is not None
-    place, normal = (lattice.from_sites @ a for a in (ball.to_world(lattice.position), lattice.normal))
+    place, normal = (lattice.from_samples @ a for a in (ball.to_world(lattice.position), lattice.normal))
     view, d = unit(-place), pixel_directions(256, 128).reshape(-1, 3)
     found, want = [], []
     for knot in np.flatnonzero((np.sum(normal * view, axis=-1) > 0.3) & (normal[:, 1] < -0.2))[::5]:
@@ -487,7 +486,7 @@ def test_knots_interpolate_places(rng: np.random.Generator) -> None:
     lattice = make_lattice(mesh)
     triangle, weights = rng.integers(0, 12, 500), rng.dirichlet([1.0, 1.0, 1.0], 500)
     knots, shares = knots_at(lattice.places[triangle], weights)
-    place = np.einsum("nk,nkc->nc", shares, (lattice.from_sites @ lattice.position)[knots])
+    place = np.einsum("nk,nkc->nc", shares, (lattice.from_samples @ lattice.position)[knots])
     want = np.einsum("nc,nck->nk", weights, mesh.positions[triangle])
     assert shares.min() >= -tol.FLOAT64
     assert np.abs(place - want).max() < tol.KNOT_PLACE

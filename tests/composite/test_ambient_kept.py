@@ -60,7 +60,7 @@ def test_a_far_body_hides_what_rays_find_of_it() -> None:
     center, radius = np.array([5.0, 0.1, 0.0]), 0.5
     light = ratios(center[:1])[0]
     lattice = make_transfer(BALL).lattice
-    normal = lattice.from_sites @ lattice.normal
+    normal = lattice.from_samples @ lattice.normal
     to = center - radius * normal
     apart = np.linalg.norm(to, axis=-1)
     cosine = np.sum(normal * to, axis=-1) / apart
@@ -120,12 +120,12 @@ def test_objects_that_shade_nothing_have_no_part_in_ambient_light() -> None:
     assert ambient_light(alone, Cache()) is None
 
 
-def test_lookouts_interpolate_a_ball() -> None:
+def test_coarse_samples_interpolate_a_ball() -> None:
     transfer = make_transfer(OTHER)
-    lattice, spread = transfer.lattice, transfer.lookouts.spread
-    assert len(transfer.lookouts.site) < len(lattice.position)
+    lattice, spread = transfer.lattice, transfer.coarse.spread
+    assert len(transfer.coarse.sample) < len(lattice.position)
     np.testing.assert_allclose(spread.sum(axis=1), 1.0, atol=tol.FLOAT32_LOOKUP)
-    between = spread @ lattice.normal[transfer.lookouts.site]
+    between = spread @ lattice.normal[transfer.coarse.sample]
     assert np.abs(between - lattice.normal).max() < tol.LOOKOUT_PLANE
 
 

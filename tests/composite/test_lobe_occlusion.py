@@ -50,7 +50,7 @@ def knot_values(scene: Shot) -> Floats:
 
 
 def test_a_lobe_loses_what_rays_meet() -> None:
-    """A metal ball beside a black one: 1 - int w V / int w over directions far finer than the sites'."""
+    """A metal ball beside a black one: 1 - int w V / int w over directions far finer than the samples'."""
     center, radius = np.array([0.7, 0.0, -2.0]), 0.4
     body, other = placed(sphere(24, METAL, 0.4), (-0.2, 0.0, -2.0)), placed(sphere(48, BLACK, radius), tuple(center))
     scene = shot(body, other, environment=white_sky(), sun=None)
@@ -58,7 +58,7 @@ def test_a_lobe_loses_what_rays_meet() -> None:
     light = ambient_light(scene, Cache())
     assert light is not None
     lattice = light.layout.bodies[0].transfer.lattice
-    place, normal = (lattice.from_sites @ a for a in (body.to_world(lattice.position), lattice.normal))
+    place, normal = (lattice.from_samples @ a for a in (body.to_world(lattice.position), lattice.normal))
     view = unit(-place)
     d = directions(192, 96).reshape(-1, 3)
     solid_angle = np.sqrt(1.0 - d[:, 1] ** 2)

@@ -13,9 +13,8 @@ from PIL import Image
 
 from mr360uw.composite import load_mesh, load_objects
 from mr360uw.composite.mesh import rig as rig_module
-from mr360uw.composite.mesh.material import Material
+from mr360uw.composite.mesh.material import Material, Part
 from mr360uw.composite.mesh.mesh import make_mesh
-from mr360uw.composite.mesh.part import Part
 from mr360uw.composite.object_settings import ObjectSettings
 from mr360uw.composite.objects import load_object
 from mr360uw.errors import MeshError

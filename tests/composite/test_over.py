@@ -6,8 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mr360uw.composite.holdout import hold_out
-from mr360uw.composite.over import empty_tile, mean_layer, merge, over, over_tile
+from mr360uw.composite.over import empty_tile, hold_out, mean_layer, merge, over, over_tile
 from mr360uw.errors import ParameterError
 from mr360uw.types import Layer, Rectangle, Tile
 from tests.composite import tolerances as tol

@@ -13,8 +13,7 @@ from mr360uw.cache import Room
 from mr360uw.composite import render_layer
 from mr360uw.composite.lighting.sources import light_sources
 from mr360uw.composite.over import over
-from mr360uw.composite.receiver.pattern import PlatePattern
-from mr360uw.composite.receiver.plate_blur import PlateBlur
+from mr360uw.composite.receiver.pattern import PlateBlur, PlatePattern
 from mr360uw.composite.receiver.ratio import ambient_share
 from mr360uw.composite.shot import Receiver, Shot
 from mr360uw.medium.lookup import veil_lookup

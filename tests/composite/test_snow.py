@@ -16,12 +16,11 @@ from mr360uw.composite.over import empty_tile, over
 from mr360uw.composite.shot import Receiver, Shot
 from mr360uw.composite.snow.draw import Snow, particles_in_view, with_particles
 from mr360uw.composite.snow.drift import orbits_of
-from mr360uw.composite.snow.merge import merged, rest_of
 from mr360uw.composite.snow.particle_light import particle_phase, particle_radiance
 from mr360uw.composite.snow.particles import Particles, Reach, particles_near
 from mr360uw.composite.snow.settings import NEAREST_M, SnowSettings
 from mr360uw.composite.snow.size_spectrum import SizeClass, number_between, size_classes
-from mr360uw.composite.snow.splat import LEAST_RADIUS, SnowPicture, draw_particles
+from mr360uw.composite.snow.splat import LEAST_RADIUS, SnowPicture, draw_particles, merged, rest_of
 from mr360uw.medium.lookup import ambient_ratio, transmittance_lookup, veil_lookup
 from mr360uw.sphere import direction_from_frame, directions, row_solid_angle, unit, yaw_matrix
 from mr360uw.types import Floats, Lamp, Layer, Rectangle, Sun, View

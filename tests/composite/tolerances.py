@@ -59,7 +59,7 @@ CLOSED_BOX = 1e-5
 MIRROR_IN_CRATE = 0.6
 """What a mirror in a black crate that is open above may still send, over what it sends in the open."""
 BALLS = 0.025
-"""512 directions of which a ball's edge cuts some, and sites a twelfth of a ball apart."""
+"""512 directions of which a ball's edge cuts some, and samples a twelfth of a ball apart."""
 TURNED = 0.01
 """A quarter turn of all: directions stay with the body, the environment's blocks of 2 x 2 pixels turn by whole ones."""
 LIT_BY_A_PATCH = 0.06
@@ -76,12 +76,12 @@ ONE_STEP = 0.016
 """Steps of a ball's light anywhere on it while another moves by a twentieth of a radius five radii away: two of 512
 directions, each .0078 of the light, pass the other's edge at once."""
 LOOKOUT_PLANE = 0.02
-"""A unit ball's normals interpolated from lookouts that are nowhere farther than .18: half of the square of that, .016, is
+"""A unit ball's normals interpolated from coarse samples that are nowhere farther than .18: half of the square of that, .016, is
 what a sphere leaves its tangent plane by."""
 COSINE_SUM = 0.005
 """Sum over 512 directions of a cosine that is cut off at the horizon."""
 KNOT_PLACE = 0.01
-"""Sites move inwards by a tenth of their distance, a twenty-sixth of the box, and stand off its faces."""
+"""Samples move inwards by a tenth of their distance, a twenty-sixth of the box, and stand off its faces."""
 QUADRATURE = 0.002
 """A midpoint sum of some hundred to some thousand terms."""
 TEXTURE_TWIN = 2e-3

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from typing import get_args
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -10,7 +12,7 @@ from hypothesis import strategies as st
 
 import mr360uw.ibl as ibl
 from mr360uw.errors import ParameterError
-from mr360uw.ibl.settings import OPERATORS, LightSettings
+from mr360uw.ibl.settings import LightSettings, Operator
 from mr360uw.sphere import direction_from_angles, directions, row_solid_angle, unit
 from mr360uw.types import Sun
 from tests.ibl import panoramas
@@ -54,7 +56,7 @@ def test_irradiance_of_the_sun_is_what_was_put_there(place: np.ndarray) -> None:
 
 
 @pytest.mark.parametrize("place", [SEAM, ZENITH])
-@pytest.mark.parametrize("operator", OPERATORS)
+@pytest.mark.parametrize("operator", get_args(Operator))
 def test_beam_and_residual_add_up_to_the_map(place: np.ndarray, operator: str) -> None:
     light = ibl.environment(clipped(sky(place)), LightSettings(operator=operator))
     assert light.sun is not None

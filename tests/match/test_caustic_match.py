@@ -15,8 +15,7 @@ from mr360uw.constants import GRAVITY_M_S2
 from mr360uw.errors import ParameterError
 from mr360uw.match import CausticMatch, FloorRegion, match_caustics, spectral_distance
 from mr360uw.match import sea_regression as regression
-from mr360uw.match.floor_region import FloorGrid
-from mr360uw.match.floor_view import FloorView
+from mr360uw.match.floor_region import FloorGrid, FloorView
 from mr360uw.match.modelled_floor import ModelledFloor
 from mr360uw.match.pattern_measures import FloorPattern, bands, pattern_measures, relative_light
 from mr360uw.preview.thumbnail import encoded

@@ -13,8 +13,7 @@ import pytest
 
 from mr360uw.errors import MeshError, Mr360uwError, VideoError
 from mr360uw.preview.live import LivePreview
-from mr360uw.preview.screen_kernel import screen_codes
-from mr360uw.preview.thumbnail import screen_picture
+from mr360uw.preview.thumbnail import screen_codes, screen_picture
 from mr360uw.render.backends import make_backend
 from mr360uw.render.first_pass import clip_facts
 from mr360uw.render.frame import composite_frame

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mr360uw.composite.grading.plate_grade import PlateGrade
+from mr360uw.composite.grading.settings import PlateGrade
 from mr360uw.errors import DamagedFrameError
 from mr360uw.render.camera import CameraPath
 from mr360uw.render.first_pass import ClipAnalysis, first_pass, measured_range

@@ -15,8 +15,7 @@ from mr360uw import open_video, render_frame
 from mr360uw.cache import Cache
 from mr360uw.color import ColorSpec, decode, encode
 from mr360uw.composite.grading.colour_grade import NO_GRADE, ColourGrade, code_of
-from mr360uw.composite.grading.plate_grade import PlateGrade
-from mr360uw.composite.grading.settings import MatchSettings
+from mr360uw.composite.grading.settings import MatchSettings, PlateGrade
 from mr360uw.errors import VideoError
 from mr360uw.render.first_pass import clip_facts
 from mr360uw.render.loaded import load

@@ -15,7 +15,7 @@ from mr360uw import open_video
 from mr360uw.cli import main
 from mr360uw.color import encode
 from mr360uw.composite.grading.colour_grade import ColourGrade
-from mr360uw.composite.grading.plate_grade import PlateGrade
+from mr360uw.composite.grading.settings import PlateGrade
 from mr360uw.errors import ParameterError
 from mr360uw.medium import WaterSettings
 from mr360uw.preview.live import LivePreview

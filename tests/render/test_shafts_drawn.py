@@ -15,10 +15,9 @@ import pytest
 import mr360uw as uw
 from mr360uw.cache import Cache
 from mr360uw.composite.over import over
-from mr360uw.composite.shafts.code_change import code_change
+from mr360uw.composite.shafts.code_change import code_change, shaft_pixels
 from mr360uw.composite.shafts.shaft_layer import with_shafts
 from mr360uw.composite.shafts.shaft_light import ShaftLight
-from mr360uw.composite.shafts.shaft_reach import shaft_pixels
 from mr360uw.composite.shot import Shot
 from mr360uw.constants import SUN_HALF_ANGLE_RAD
 from mr360uw.medium import Medium, Water

@@ -22,12 +22,10 @@ from mr360uw.medium.jerlov import JerlovType
 from mr360uw.medium.spectral.sensor import named_sensor
 from mr360uw.optics import fresnel_from_below, refract_to_water
 from mr360uw.sample import sample_dive
-from mr360uw.sample.camera_noise import with_noise
-from mr360uw.sample.dive_settings import DiveSettings
+from mr360uw.sample.dive_settings import PRESETS, DiveSettings
 from mr360uw.sample.dive_sky import dive_sky
-from mr360uw.sample.named_dives import PRESETS
-from mr360uw.sample.relief_shade import relief_shade
-from mr360uw.sample.rendered_dive import SENSOR, Dive
+from mr360uw.sample.recording import with_noise
+from mr360uw.sample.rendered_dive import SENSOR, Dive, relief_shade
 from mr360uw.scene.model import load_scene
 from mr360uw.sphere import direction_from_angles, directions, row_solid_angle
 from mr360uw.video import open_video, write_exr

@@ -14,8 +14,7 @@ from mr360uw.medium.lookup import transmittance_lookup, veil_lookup
 from mr360uw.sphere import unit
 from mr360uw.surface.sky import Dome
 from mr360uw.surface.tracing import ray_optics
-from mr360uw.surface.tracing.facet_draws import drawn, facets_of
-from mr360uw.surface.tracing.random_keys import next_key
+from mr360uw.surface.tracing.facet_draws import drawn, facets_of, next_key
 from mr360uw.surface.tracing.stage_arrays import disc_of
 from mr360uw.surface.tracing.sun_in_waves import sunlight
 from mr360uw.surface.tracing.table_reads import (

@@ -18,11 +18,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.caustics.flux.detail_blur import detail_footprint, gaussian_steps, transform_of_steps
 from mr360uw.caustics.flux.irradiance import SurfaceLight, beam_slope, caustic_stack, check_arguments, pass_indices
 from mr360uw.caustics.flux.resolution import grid_of
 from mr360uw.caustics.flux.soft_light import gaussians, is_soft, soft_transform
-from mr360uw.caustics.flux.sun_disc import disc_transform, footprint, kernel_steps
+from mr360uw.caustics.flux.sun_disc import (
+    detail_footprint,
+    disc_transform,
+    footprint,
+    gaussian_steps,
+    kernel_steps,
+    transform_of_steps,
+)
 from mr360uw.caustics.settings import CausticSettings, Sea
 from mr360uw.optics import refract_to_water
 from mr360uw.types import BeamSpread, CausticStack

@@ -4,6 +4,14 @@
 `hit`: (N + 1, N + 1, 2) where the grid's rays meet the plane, in pixels of the map, the last row and column one period
 on. `flux`: (N, N, 2) flux of each cell's two triangles (a, b, c) and (a, c, d), a = (i, j), b = (i + 1, j), c =
 (i + 1, j + 1), d = (i, j + 1). Maps are (size, size), row = z, flux per pixel. Compiled; float64.
+
+Each triangle has an intensity, flux over signed area [1/pixel^2]. Intensity times signed coverage is the flux in a
+pixel, for folded triangles too. It is accumulated along edges. In one row of pixels, a triangle's covered area is the
+area right of its edges that run down less the area right of those that run up. Each edge stores the *change* of that
+area from pixel to pixel where it crosses the row, times the intensity. A running sum along the row then gives the flux.
+The work grows with the length of the edges, not with the area of the triangles, and two triangles share an edge. Font
+rasterisers work the same way; `coverage` gives the same result pixel by pixel. In a periodic row an edge in the n-th
+tile lies right of the row's beginning n times, which `start` accounts for.
 """
 
 from __future__ import annotations
@@ -13,11 +21,122 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.caustics.flux.cell import intensities, opened
-from mr360uw.caustics.flux.edges import add_edge, running_sum
 from mr360uw.jit import exact
 
 Array = NDArray[np.floating[Any]]
+
+
+@exact
+def add_edge(change: Array, start: Array, ax: float, ay: float, bx: float, by: float, light: float) -> None:
+    """Add the intensity `light` [1/pixel^2] right of the edge from a to b [pixel], positive where it runs down (+y).
+
+    change: (size, size + 1) difference of each pixel to the one left of it; the last column belongs to the next tile
+    and is not summed. start: (size,) value of each row before its first pixel. Both are changed in place.
+    """
+    if light == 0.0 or ay == by:
+        return
+    size = start.shape[0]
+    if ay > by:
+        ax, ay, bx, by, light = bx, by, ax, ay, -light
+    run, low, high = (bx - ax) / (by - ay), min(ax, bx), max(ax, bx)
+    bottom = np.floor(ay)
+    row = int(bottom)
+    if row < 0 or row >= size:
+        row %= size
+    x0, y0 = ax, ay
+    while y0 < by:
+        bottom += 1.0
+        y1 = min(bottom, by)
+        # the slope of an edge that hardly falls may overflow
+        x1 = min(high, max(low, ax + run * (y1 - ay))) if bottom < by else bx
+        height = light * (y1 - y0)
+        left, right = min(x0, x1), max(x0, x1)
+        pixel = np.floor(left)
+        column = int(pixel)
+        if column < 0 or column >= size:  # divisions are slow, and most edges lie in the first tile
+            tile = column // size
+            column -= tile * size
+            start[row] -= height * tile
+        before = 0.0
+        if right > pixel + 1.0:
+            slope = height / (right - left)
+            while right > pixel + 1.0:
+                # the part of the pixel right of an edge that enters it, or enters and leaves it
+                inside = 0.5 * slope * (pixel + 1.0 - left) ** 2 if left > pixel else slope * (pixel + 0.5 - left)
+                change[row, column] += inside - before
+                before = inside
+                pixel += 1.0
+                column += 1
+                if column == size:
+                    column = 0
+                    start[row] -= height - before
+            inside = height - 0.5 * slope * (right - pixel) ** 2
+        else:
+            inside = height * (pixel + 1.0 - 0.5 * (left + right))
+        change[row, column] += inside - before
+        change[row, column + 1] += height - inside
+        x0, y0 = x1, y1
+        row = row + 1 if row + 1 < size else 0
+
+
+def running_sum(change: Array, start: Array) -> Array:
+    """Return the flux (size, size) of all added edges; negative values, which are roundings, become 0."""
+    light = np.concatenate([start[:, None], change[:, :-1]], axis=1).cumsum(axis=1)
+    return np.maximum(light[:, 1:], 0.0)
+
+
+THINNEST = 2e-3
+"""Twice the area [pixel^2] below which a triangle gives its flux to the other one of its cell.
+
+Single precision resolves no smaller areas. Twice as large, cells at folds are drawn twice as wide, which is still about
+a hundredth of a pixel.
+"""
+
+Cell = tuple[float, float, float, float, float, float, float, float]
+
+
+@exact
+def twice_area(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> float:
+    """Return twice the signed area of a triangle, positive if a, b, c run from +x to +y."""
+    return (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
+
+
+@exact
+def opened(ax: float, ay: float, bx: float, by: float, cx: float, cy: float, dx: float, dy: float) -> Cell:
+    """Return the corners, pulled apart where both triangles are thinner than `THINNEST`.
+
+    At a fold of the caustic a cell becomes a line without area. The longer diagonal stays (or is drawn out to a
+    twentieth of a pixel) and becomes a c; the two other corners move to either side of it.
+    """
+    if abs(twice_area(ax, ay, bx, by, cx, cy)) >= THINNEST or abs(twice_area(ax, ay, cx, cy, dx, dy)) >= THINNEST:
+        return ax, ay, bx, by, cx, cy, dx, dy
+    if (dx - bx) ** 2 + (dy - by) ** 2 > (cx - ax) ** 2 + (cy - ay) ** 2:
+        ax, ay, cx, cy = bx, by, dx, dy
+    ex, ey = cx - ax, cy - ay
+    length2 = ex * ex + ey * ey
+    if length2 < 0.0025:
+        ex, ey, length2 = 0.05, 0.0, 0.0025
+        cx, cy = ax + ex, ay
+    wide = 1.5 * THINNEST / length2
+    mx, my = ax + 0.5 * ex, ay + 0.5 * ey
+    return ax, ay, mx + wide * ey, my - wide * ex, cx, cy, mx - wide * ey, my + wide * ex
+
+
+@exact
+def intensities(
+    ax: float, ay: float, bx: float, by: float, cx: float, cy: float, dx: float, dy: float, flux_b: float, flux_d: float
+) -> tuple[float, float]:
+    """Return the signed intensities of the triangles (a, b, c) and (a, c, d) of an opened cell.
+
+    A triangle thinner than `THINNEST` gives its flux to the other one.
+    """
+    b = twice_area(ax, ay, bx, by, cx, cy)
+    d = twice_area(ax, ay, cx, cy, dx, dy)
+    if abs(b) < THINNEST:
+        return 0.0, 2.0 * (flux_b + flux_d) / d
+    if abs(d) < THINNEST:
+        return 2.0 * (flux_b + flux_d) / b, 0.0
+    return 2.0 * flux_b / b, 2.0 * flux_d / d
 
 
 def deposit_exact(hit: Array, flux: Array, size: int) -> Array:

@@ -3,7 +3,7 @@
 
 The surface is a grid of cells of two triangles. The flux into each triangle, Fresnel losses included, goes to its
 refracted image on the plane and is shared over the pixels there by exact coverage (`deposit`). Overlapping images add
-up, and the sum is blurred by the sun's disc and by waves too short for the grid (`detail_blur`). Flux is conserved, so
+up, and the sum is blurred by the sun's disc and by waves too short for the grid (`sun_disc`). Flux is conserved, so
 the mean is 1, and the map converges as the grid gets finer, beyond folds too. Dividing areas instead (Stam 1996;
 Thompson et al. 2019; `published`) does neither.
 
@@ -24,13 +24,10 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mr360uw.caustics.flux.detail_blur import detail_footprint, gaussian_transform
-from mr360uw.caustics.flux.refracted_rays import Rays, facet_flux, refracted_rays
+from mr360uw.caustics.flux.refracted_rays import Rays, facet_flux, lit_corners, refracted_rays
 from mr360uw.caustics.flux.resolution import grid_of
-from mr360uw.caustics.flux.shadowed import lit_corners
 from mr360uw.caustics.flux.soft_light import gaussians, is_soft, soft_light
-from mr360uw.caustics.flux.sun_disc import blur, footprint
-from mr360uw.caustics.published.scrolling import scroll
+from mr360uw.caustics.flux.sun_disc import blur, detail_footprint, footprint, gaussian_transform
 from mr360uw.caustics.settings import DIVIDED_AREAS, CausticSettings, Method, Sea
 from mr360uw.constants import REFRACTIVE_INDEX_SEA
 from mr360uw.errors import ParameterError
@@ -58,11 +55,11 @@ def reference_map(
     sun_half_angle_rad: float,
     method: Method,
 ) -> Array:
-    """Return the irradiance ratio (size, size) of `single_map.caustic_map` in float64; arguments must be checked."""
+    """Return the irradiance ratio (size, size) of `export.caustic_map` in float64; arguments must be checked."""
     surface = sea.grid_surface(grid, 0.0 if method == "scrolling" else time_s)
     light = SurfaceLight.of(sea, surface, sun_in_air, refractive_index)
     ratio = light.on_plane(depth_m, size, sun_half_angle_rad, method, np.zeros(2))
-    return scroll(ratio, sea, time_s) if method == "scrolling" else ratio
+    return _scrolled(ratio, sea, time_s) if method == "scrolling" else ratio
 
 
 def caustic_stack(
@@ -95,7 +92,7 @@ def caustic_stack(
     def draw(number: int) -> None:
         plane, channel = divmod(number, len(lights))
         ratio = lights[channel].on_plane(float(depths[plane]), s.size, s.sun_half_angle_rad, s.method, travel)
-        maps[plane, ..., channel] = scroll(ratio, sea, time_s) if s.method == "scrolling" else ratio
+        maps[plane, ..., channel] = _scrolled(ratio, sea, time_s) if s.method == "scrolling" else ratio
         if soft is not None and spread is not None and channel == len(lights) // 2:
             blurs = gaussians(spread, float(depths[plane]), sun_in_water, sea.tile_m / s.size)
             soft[plane, ..., 0] = soft_light(maps[plane, ..., channel], blurs, sea.tile_m)
@@ -204,10 +201,17 @@ class SurfaceLight:
         return blur(ratio, disc, self.tile_m, gaussian_transform(detail, size, self.tile_m))
 
 
+def _scrolled(ratio: Array, sea: Sea, time_s: float) -> Array:
+    """Return the map at a time of the method that scrolls it."""
+    from mr360uw.published.divided_areas import scroll
+
+    return scroll(ratio, sea.tile_m, sea.loop_s, time_s)
+
+
 def _deposit_of(method: Method) -> Callable[[Array, Array, int], Array]:
     """Return the function of (hit, flux, size) that makes a method's map; compiled kernels load at first use."""
     if method in DIVIDED_AREAS:
-        from mr360uw.caustics.published.divided_areas import DEPOSITS
+        from mr360uw.published.divided_areas import DEPOSITS
 
         return DEPOSITS[method]
     if method not in get_args(Method):

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.caustics.flux.detail_blur import LEAST_PIXELS
+from mr360uw.caustics.flux.sun_disc import LEAST_PIXELS
 from mr360uw.types import BeamSpread
 
 Array = NDArray[np.floating[Any]]

@@ -1,4 +1,4 @@
-// One filtered fetch from a stack's texture in the layout of atlas.py: all planes of a layer, one in each channel, in
+// One filtered fetch from a stack's texture in the layout of stack.py: all planes of a layer, one in each channel, in
 // the level whose pixels are tile/side wide. Held to caustic_lookup.py.
 vec4 caustic_level(sampler2DArray ratio, float size, float side, float number, vec2 uv, float layer) {
     vec2 texel = 1.0 / vec2(textureSize(ratio, 0).xy);

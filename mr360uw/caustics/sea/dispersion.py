@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Water waves: their dispersion, and wave vectors and frequencies that repeat exactly in space and time.
+"""Water waves: their dispersion, wave vectors and frequencies that repeat in space and time, statistics of a wind sea.
 
 Dispersion of capillary-gravity waves over a flat bottom: Lamb 1932 section 267. Waves on the lattice 2 pi (m, n)/tile
 repeat at the tile's edges; frequencies that are multiples of 2 pi/loop repeat after the loop. No blending is needed.
@@ -7,10 +7,44 @@ repeat at the tile's edges; frequencies that are multiples of 2 pi/loop repeat a
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mr360uw.constants import GRAVITY_M_S2, SURFACE_TENSION_OVER_DENSITY
+
+_PEAK_FREQUENCY = 0.855
+"""Peak angular frequency of a fully developed sea times wind speed over gravity (Pierson & Moskowitz 1964)."""
+_SLOPE_CALM, _SLOPE_PER_WIND = 0.003, 0.00512
+"""Mean square slope of a clean sea, and its growth per m/s of wind (Cox & Munk 1954)."""
+_SHORTEST_RIPPLE = 370.0
+"""Wavenumber [rad/m] of the slowest waves (17 mm long), about where the slope spectrum falls off.
+
+Twice as large, a band of longer waves gets about a tenth less of the slope variance.
+"""
+
+
+def peak_wavelength(wind_speed: float) -> float:
+    """Return the dominant wavelength [m] of a fully developed deep sea at a wind speed [m/s]."""
+    frequency = _PEAK_FREQUENCY * GRAVITY_M_S2 / max(wind_speed, 0.1)
+    return 2.0 * math.pi * GRAVITY_M_S2 / frequency**2
+
+
+def mean_square_slope(wind_speed: float) -> float:
+    """Return the mean square slope of the sea, both axes (Cox & Munk 1954 from 1 m/s up, falling to flat at 0)."""
+    return (_SLOPE_CALM + _SLOPE_PER_WIND * wind_speed) * min(wind_speed, 1.0)
+
+
+def band_slope_variance(wind_speed: float, from_wavenumber: float, to_wavenumber: float) -> float:
+    """Return the slope variance in a band of wavenumbers [rad/m].
+
+    `mean_square_slope` is spread evenly over log k from the peak of the spectrum up.
+    """
+    peak = 2.0 * math.pi / peak_wavelength(wind_speed)
+    whole = math.log(max(_SHORTEST_RIPPLE / min(peak, from_wavenumber), math.e))
+    return mean_square_slope(wind_speed) * min(math.log(max(to_wavenumber / from_wavenumber, math.e)) / whole, 1.0)
+
 
 Array = NDArray[np.float64]
 

@@ -17,8 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.caustics.sea.dispersion import lattice_vector
-from mr360uw.caustics.sea.sea_state import band_slope_variance, peak_wavelength
+from mr360uw.caustics.sea.dispersion import band_slope_variance, lattice_vector, peak_wavelength
 
 Array = NDArray[np.float64]
 

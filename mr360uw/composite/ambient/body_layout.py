@@ -23,9 +23,40 @@ from mr360uw.composite.ambient.mesh_transfer import shape_of, shape_transfer
 from mr360uw.composite.ambient.on_ground.blocked_light import BlockedLight, Occluders
 from mr360uw.composite.ambient.on_ground.ground_view import COARSE_NODES, NODES, LevelGround
 from mr360uw.composite.ambient.on_ground.height_field import make_height_field
-from mr360uw.composite.ambient.on_ground.node_kernel import between_nodes
 from mr360uw.composite.shot import PlacedObject
+from mr360uw.jit import fast
 from mr360uw.types import Floats
+
+
+@fast
+def between_nodes(place: Any, values: Any, out: Any) -> None:
+    """Set `out` (n, c) to values (k, k, c) of a grid of nodes at places (n, 2), 0 to k - 1.
+
+    A cubic spline through the nodes whose slopes there are half the differences of their neighbours: light has no bends
+    along lines of nodes. It is cut to the range of the four nodes around.
+    """
+    last = values.shape[0] - 1
+    weight, index = np.zeros((2, 4)), np.zeros((2, 4), np.int64)
+    for n in range(len(place)):
+        for axis in range(2):
+            i = min(int(place[n, axis]), last - 1)
+            t = place[n, axis] - i
+            weight[axis, 0] = 0.5 * t * (t * (2.0 - t) - 1.0)
+            weight[axis, 1] = 0.5 * (t * t * (3.0 * t - 5.0) + 2.0)
+            weight[axis, 2] = 0.5 * t * (t * (4.0 - 3.0 * t) + 1.0)
+            weight[axis, 3] = 0.5 * t * t * (t - 1.0)
+            for k in range(4):
+                index[axis, k] = min(max(i + k - 1, 0), last)
+        for c in range(out.shape[1]):
+            total, least, most = 0.0, 1e30, -1e30
+            for k in range(4):
+                for m in range(4):
+                    value = values[index[0, k], index[1, m], c]
+                    total += weight[0, k] * weight[1, m] * value
+                    if 0 < k < 3 and 0 < m < 3:
+                        least, most = min(least, value), max(most, value)
+            out[n, c] = min(max(total, least), most)
+
 
 _KEPT_TRANSFERS, _KEPT_FIELDS, _KEPT_VIEWS = 64, 64, 64
 
@@ -34,17 +65,17 @@ _KEPT_TRANSFERS, _KEPT_FIELDS, _KEPT_VIEWS = 64, 64, 64
 class Layout:
     """Bodies of a shot and what each sees.
 
-    views: of near bodies and the ground, far: of the others. first: (B + 1,) where the lookouts of each body begin
-    among all. sites: (all, all) sparse, the irradiance that each lookout's radiance adds to each. nodes: places (n, 3)
-    of each body's nodes in the world, none where it does not see the ground. occluders: bodies that the ground sees.
-    coarse, blocked: coarse nodes (n, 3) of all bodies in turn, and what bodies block there.
+    views: of near bodies and the ground, far: of the others. first: (B + 1,) where the coarse samples of each body
+    begin among all. samples: (all, all) sparse, the irradiance that each coarse sample's radiance adds to each. nodes:
+    places (n, 3) of each body's nodes in the world, none where it does not see the ground. occluders: bodies that the
+    ground sees. coarse, blocked: coarse nodes (n, 3) of all bodies in turn, and what bodies block there.
     """
 
     bodies: tuple[Body, ...]
     views: tuple[BodyView, ...]
     far: tuple[FarField | None, ...]
     first: NDArray[np.int64]
-    sites: Any
+    samples: Any
     nodes: tuple[Floats, ...]
     occluders: Occluders
     coarse: Floats
@@ -98,7 +129,7 @@ class Layout:
     def sent_down(self, sent: NDArray[np.float32]) -> tuple[NDArray[np.float32], ...]:
         """Return for each body that the ground sees the mean radiance (NODES, NODES, 3) of what its nodes see of it.
 
-        sent: (all lookouts, 3) radiance that they send.
+        sent: (all coarse samples, 3) radiance that they send.
         """
         found = []
         for k in self.ground_bodies:
@@ -108,7 +139,7 @@ class Layout:
         return tuple(found)
 
     def sent_sides(self, sent: NDArray[np.float32]) -> Floats:
-        """Return the mean radiance (B, 6, 3) of the sides of all bodies. sent: (all lookouts, 3)."""
+        """Return the mean radiance (B, 6, 3) of the sides of all bodies. sent: (all coarse samples, 3)."""
         ends = zip(self.bodies, self.first[:-1], self.first[1:], strict=True)
         return np.array([body.transfer.sides.seen @ sent[begin:end] for body, begin, end in ends])
 
@@ -141,11 +172,11 @@ def make_layout(
     from scipy.sparse import block_diag, vstack
 
     bodies = tuple(_body(placed, y, seen_by_ground, cache) for placed, y in zip(objects, ground_y, strict=True))
-    first = np.concatenate([[0], np.cumsum([len(body.transfer.lookouts.site) for body in bodies])]).astype(np.int64)
+    first = np.concatenate([[0], np.cumsum([len(body.transfer.coarse.sample) for body in bodies])]).astype(np.int64)
     near, far = near_shares(bodies)
     views = body_views(bodies, first, near, cache)
-    own = block_diag([body.own.sites[body.transfer.lookouts.site] for body in bodies], format="csr")
-    sites = vstack([view.lookouts.sites for view in views], format="csr") + own
+    own = block_diag([body.own.samples[body.transfer.coarse.sample] for body in bodies], format="csr")
+    samples = vstack([view.coarse.samples for view in views], format="csr") + own
     fields_far = tuple(far_field(k, bodies, share) for k, share in enumerate(far))
     nodes, coarse = (tuple(_nodes(body, side) + body.origin for body in bodies) for side in (NODES, COARSE_NODES))
     places = np.concatenate(coarse)
@@ -153,7 +184,7 @@ def make_layout(
     fields = tuple(body.field for body in seen if body.field is not None)
     occluders = Occluders(fields, np.array([body.origin for body in seen]).reshape(-1, 3))
     blocked = occluders.blocked(places, np.tile([0.0, 1.0, 0.0], (len(places), 1)))
-    return Layout(bodies, views, fields_far, first, sites, nodes, occluders, places, blocked)
+    return Layout(bodies, views, fields_far, first, samples, nodes, occluders, places, blocked)
 
 
 def _nodes(body: Body, side: int) -> Floats:

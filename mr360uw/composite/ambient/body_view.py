@@ -47,9 +47,9 @@ class Body:
         local = (points - self.origin) @ self.rotation / self.placed.scale
         return rounded(local, self.transfer.mesh.radius_m)
 
-    def places(self, site: NDArray[np.int64]) -> Floats:
-        """Return where rays from sites (n,) start (n, 3) in the body's axes: not below the ground."""
-        position = self.transfer.lattice.position[site]
+    def places(self, sample: NDArray[np.int64]) -> Floats:
+        """Return where rays from samples (n,) start (n, 3) in the body's axes: not below the ground."""
+        position = self.transfer.lattice.position[sample]
         return position if self.ground is None else self.ground.lifted(self.transfer, position)
 
     @property
@@ -71,23 +71,24 @@ class Body:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Outlook:
-    """What r sites of a body see beside the body itself.
+    """What r samples of a body see beside the body itself.
 
-    lost: (r, COUNT) float32, irradiance that each direction's radiance does not add. sites: (r, all lookouts) sparse,
-    what each lookout of the layout adds instead; way: the direction of each of its entries. ground: (r, nodes) float32,
-    what the nodes below add instead.
+    lost: (r, COUNT) float32, irradiance that each direction's radiance does not add. samples: (r, all coarse samples)
+    sparse, what each coarse sample of the layout adds instead; way: the direction of each of its entries. ground: (r,
+    nodes) float32, what the nodes below add instead.
     """
 
     lost: NDArray[np.float32]
-    sites: Any
+    samples: Any
     way: NDArray[np.int16]
     ground: NDArray[np.float32]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Met:
-    """What directions of S sites meet, those of site s from begin[s] to begin[s + 1]: direction; target, number of a
-    lookout among all plus 1, or minus that of a node of the ground minus 1; part: of the direction that it fills.
+    """What directions of S samples meet, those of sample s from begin[s] to begin[s + 1]: direction; target, number of
+    a coarse sample among all plus 1, or minus that of a node of the ground minus 1; part: of the direction that it
+    fills.
     """
 
     begin: NDArray[np.int64]
@@ -98,16 +99,16 @@ class Met:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BodyView:
-    """What the sites of one body see. lookouts: of its lookouts. near: of sites near other bodies, near_site (e,) their
-    numbers, near_part (e, 1) the part of what they see themselves in what they take.
+    """What the samples of one body see. coarse: of its coarse samples. near: of samples near other bodies, near_site
+    (e,) their numbers, near_part (e, 1) the part of what they see themselves in what they take.
 
-    down: (nodes, C) float32, mean radiance that nodes see of the body for that of its lookouts. openness: (C, 1)
-    fraction of the irradiance from free directions. met: what all sites of a glossy body meet, None of others.
+    down: (nodes, C) float32, mean radiance that nodes see of the body for that of its coarse samples. openness: (C, 1)
+    fraction of the irradiance from free directions. met: what all samples of a glossy body meet, None of others.
     """
 
-    lookouts: Outlook
+    coarse: Outlook
     near: Outlook
-    near_site: NDArray[np.int64]
+    near_sample: NDArray[np.int64]
     near_part: NDArray[np.float32]
     down: NDArray[np.float32]
     openness: NDArray[np.float32]
@@ -115,43 +116,44 @@ class BodyView:
 
     def nothing(self, body: Body) -> bool:
         """Return whether nothing is in the way of the body's light."""
-        return not body.on_ground and self.lookouts.sites.nnz + self.near.sites.nnz == 0 and body.own.lost is None
+        return not body.on_ground and self.coarse.samples.nnz + self.near.samples.nnz == 0 and body.own.lost is None
 
-    def spread(self, body: Body, at_lookouts: Floats, at_near: Floats) -> Floats:
-        """Return values (S, n) at all sites from those at the lookouts (C, n) and at the near sites (e, n)."""
-        values = product(body.transfer.lookouts.spread, at_lookouts.astype(np.float32))
-        values[self.near_site] += self.near_part * (at_near - values[self.near_site])
+    def spread(self, body: Body, at_coarse: Floats, at_near: Floats) -> Floats:
+        """Return values (S, n) at all samples from those at the coarse samples (C, n) and at the near samples (e,
+        n)."""
+        values = product(body.transfer.coarse.spread, at_coarse.astype(np.float32))
+        values[self.near_sample] += self.near_part * (at_near - values[self.near_sample])
         return values
 
 
 def outlook(
     cosine: NDArray[np.float32], node: NDArray[np.int16] | None, hits: list[tuple[NDArray[Any], ...]], total: int
 ) -> Outlook:
-    """Return what r sites of a body see. cosine: (r, COUNT) irradiance that open directions add; node: (r, COUNT) the
+    """Return what r samples of a body see. cosine: (r, COUNT) irradiance that open directions add; node: (r, COUNT) the
     node of the ground behind each, -1 for none, or None without nodes; hits: of `Neighbour.seen_from` for each other
-    body; total: number of all lookouts.
+    body; total: number of all coarse samples.
     """
     from scipy.sparse import csr_matrix
 
     none = *(np.zeros(0, np.int32) for _ in range(3)), *(np.zeros(0, np.float32) for _ in range(2))
-    site, direction, met, distance, share = (np.concatenate(columns) for columns in zip(none, *hits, strict=True))
+    sample, direction, met, distance, share = (np.concatenate(columns) for columns in zip(none, *hits, strict=True))
     rows = len(cosine)
     lost, ground = np.zeros((rows, COUNT), np.float32), np.zeros((rows, 0 if node is None else NODES**2), np.float32)
-    begin, column = np.zeros(rows + 1, np.int64), np.zeros(len(site), np.int32)
-    weight, way = np.zeros(len(site), np.float32), np.zeros(len(site), np.int16)
-    if node is not None or len(site):
+    begin, column = np.zeros(rows + 1, np.int64), np.zeros(len(sample), np.int32)
+    weight, way = np.zeros(len(sample), np.float32), np.zeros(len(sample), np.int16)
+    if node is not None or len(sample):
         behind = np.full(cosine.shape, -1, np.int16) if node is None else node
         _resolve(
-            cosine, behind, site, direction, met, distance, share, lost, ground, begin, column, weight, way
+            cosine, behind, sample, direction, met, distance, share, lost, ground, begin, column, weight, way
         )  # fmt: skip
     used = int(begin[-1])
-    sites = csr_matrix((weight[:used], column[:used], begin), shape=(rows, total))
-    return Outlook(lost, sites, way[:used], ground)
+    samples = csr_matrix((weight[:used], column[:used], begin), shape=(rows, total))
+    return Outlook(lost, samples, way[:used], ground)
 
 
 @exact
 def _resolve(
-    cosine: Any, node: Any, site: Any, direction: Any, met: Any, distance: Any, share: Any,
+    cosine: Any, node: Any, sample: Any, direction: Any, met: Any, distance: Any, share: Any,
     lost: Any, ground: Any, begin: Any, column: Any, weight: Any, way: Any,
 ) -> None:  # fmt: skip
     """Share the light of each direction among what rays (m,) meet there, the nearest first, and the ground behind.
@@ -159,9 +161,9 @@ def _resolve(
     cosine, node: (r, COUNT). lost, ground, way, and begin, column, weight of a sparse matrix: as `Outlook` has them.
     """
     head = np.full(cosine.shape, -1, np.int32)
-    after = np.full(len(site), -1, np.int32)
-    for m in range(len(site)):
-        s, k = site[m], direction[m]
+    after = np.full(len(sample), -1, np.int32)
+    for m in range(len(sample)):
+        s, k = sample[m], direction[m]
         before, now = -1, head[s, k]
         while now >= 0 and distance[now] <= distance[m]:
             before, now = now, after[now]

@@ -54,7 +54,7 @@ class GroundLight:
         self._plain = ground_radiance(shot, map_, nodes, behind)
 
     def _taken(self, sent: NDArray[np.float32]) -> Floats:
-        """Return 1 - r (all nodes, 3), at most 1. sent: (all lookouts, 3) radiance that they send."""
+        """Return 1 - r (all nodes, 3), at most 1. sent: (all coarse samples, 3) radiance that they send."""
         layout = self._layout
         lost = self._lost - layout.bounced(layout.blocked, layout.coarse, layout.sent_down(sent))
         at_nodes = (from_coarse() @ lost.reshape(-1, COARSE_NODES**2, 3)).reshape(-1, 3)
@@ -63,7 +63,7 @@ class GroundLight:
     def radiance(self, sent: NDArray[np.float32] | None) -> list[NDArray[np.float32]]:
         """Return the radiance (NODES^2, 3) that the nodes of each body send, none of bodies that do not see the ground.
 
-        sent: (all lookouts, 3) radiance that they send; None: as the ground is without bodies.
+        sent: (all coarse samples, 3) radiance that they send; None: as the ground is without bodies.
         """
         if not self._numbers:
             return [self._empty] * len(self._layout.bodies)

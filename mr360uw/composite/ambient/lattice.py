@@ -2,7 +2,7 @@
 """Sample points over the surface of a mesh: where ambient light is found, and how shading interpolates it.
 
 *Knots* are what shading reads: the vertices, and on triangles that are large for the mesh a barycentric lattice.
-*Sites* are where rays start: the knots with those of equal place and normal joined, or of dense meshes a sample of
+*Samples* are where rays start: the knots with those of equal place and normal joined, or of dense meshes a sample of
 them, from which a knot takes a weighted mean. A lattice of n steps lists its knots by rows: place (i, j), with i steps
 towards the second corner and j towards the third, has the number i (2 n + 3 - i)/2 + j.
 """
@@ -21,28 +21,28 @@ from mr360uw.composite.mesh.normals import welded
 from mr360uw.types import Floats
 
 _STEPS_ACROSS = 24.0
-"""A lattice edge is at most this part (1/n) of the mesh's longest side, unless that makes more sites than wanted."""
-_WANTED_SITES = 3000
-"""Sites that a mesh gets at most, about: each costs 256 rays once and 2 kB."""
+"""A lattice edge is at most this part (1/n) of the mesh's longest side, unless that makes more samples than wanted."""
+_WANTED_SAMPLES = 3000
+"""Samples that a mesh gets at most, about: each costs 256 rays once and 2 kB."""
 _LONGEST = 1.3
 """The longest edge of a lattice's triangles may be this many spacings: halves of squares have legs of one."""
 _MOST_STEPS = 64
 _INSET = 0.1
-"""Sites move towards the middle of their triangles by this part of the way: rays from an edge do not start within the
+"""Samples move towards the middle of their triangles by this part of the way: rays from an edge do not start within the
 wall that meets it there."""
 _LIFT = 3e-4
-"""Distance of sites off their surface as a part of the longest side."""
+"""Distance of samples off their surface as a part of the longest side."""
 _NEAREST, _STAND_INS = 8, 4
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Lattice:
-    """Knots and sites of a mesh, in its own axes [m].
+    """Knots and samples of a mesh, in its own axes [m].
 
     places: (T, 4) for every triangle three knots and 1, or the first knot of its lattice, two zeros and the number of
     steps. knots: their number on the front; as many again follow for the back where `two_sided`. position, normal:
-    (S, 3) of the sites. triangle: (S,) one that holds it, weights:
-    (S, 3) where. knot_site: (K,) the site nearest to each knot. from_sites: (K, S) sparse, rows of sum 1.
+    (S, 3) of the samples. triangle: (S,) one that holds it, weights:
+    (S, 3) where. knot_sample: (K,) the sample nearest to each knot. from_samples: (K, S) sparse, rows of sum 1.
     """
 
     places: NDArray[np.int64]
@@ -52,18 +52,18 @@ class Lattice:
     normal: Floats
     triangle: NDArray[np.int64]
     weights: Floats
-    knot_site: NDArray[np.int64]
-    from_sites: Any
+    knot_sample: NDArray[np.int64]
+    from_samples: Any
 
 
 def make_lattice(mesh: Mesh) -> Lattice:
-    """Return the knots and sites of a mesh."""
+    """Return the knots and samples of a mesh."""
     corners = mesh.positions
     extent = float(np.max(mesh.extent_m))
     area = 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=-1)
     two_sided = any(m.double_sided for m in mesh.materials) and _is_open(corners)
     sides = 2 if two_sided else 1
-    even = float(np.sqrt(area.sum() * sides / _WANTED_SITES))
+    even = float(np.sqrt(area.sum() * sides / _WANTED_SAMPLES))
     spacing = max(extent / _STEPS_ACROSS, even)
     edge = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=-1).max(axis=1)
     steps = np.clip(np.ceil(edge / (_LONGEST * spacing)), 1, _MOST_STEPS).astype(np.int64)
@@ -76,23 +76,23 @@ def make_lattice(mesh: Mesh) -> Lattice:
     one[joined[::-1]] = np.arange(len(joined))[::-1]
     inwards = _inwards(corners[triangle].mean(axis=1) - position, joined, normal[one], spacing)
     kept, mixed = np.arange(count), None
-    if count * sides > 1.6 * _WANTED_SITES:
+    if count * sides > 1.6 * _WANTED_SAMPLES:
         kept, mixed = _sampled(position[one], normal[one], even)
-    places, site_of = _numbered(steps, first, joined)
-    from_sites = _selection(site_of, count) if mixed is None else mixed[site_of]
+    places, sample_of = _numbered(steps, first, joined)
+    from_samples = _selection(sample_of, count) if mixed is None else mixed[sample_of]
     facing, at = normal[one][kept], (position[one] + inwards)[kept]
     turned = [facing, -facing][:sides]
-    nearest = np.asarray(from_sites.argmax(axis=1)).ravel()
+    nearest = np.asarray(from_samples.argmax(axis=1)).ravel()
     return Lattice(
         places=places,
-        knots=len(site_of),
+        knots=len(sample_of),
         two_sided=two_sided,
         position=np.concatenate([at + _LIFT * extent * n for n in turned]),
         normal=np.concatenate(turned),
         triangle=np.tile(triangle[one][kept], sides),
         weights=np.tile(weights[one][kept], (sides, 1)),
-        knot_site=np.concatenate([nearest + k * len(kept) for k in range(sides)]),
-        from_sites=_block_diagonal([from_sites] * sides),
+        knot_sample=np.concatenate([nearest + k * len(kept) for k in range(sides)]),
+        from_samples=_block_diagonal([from_samples] * sides),
     )
 
 
@@ -177,7 +177,8 @@ def _sampled(position: Floats, normal: Floats, spacing: float) -> tuple[NDArray[
 
 
 def stand_ins(lattice: Lattice, without: NDArray[np.bool_]) -> tuple[NDArray[np.int64], Any]:
-    """Return for sites (S,), of which some have no light of their own, the nearest that has, and their means (S, S)."""
+    """Return for samples (S,), of which some have no light of their own, the nearest that has, and their means (S,
+    S)."""
     from scipy.sparse import csr_matrix
     from scipy.spatial import cKDTree
 

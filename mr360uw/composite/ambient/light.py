@@ -9,7 +9,7 @@ import numpy as np
 
 from mr360uw.cache import Cache, PartOf
 from mr360uw.composite.ambient.body_layout import Layout, make_layout
-from mr360uw.composite.ambient.on_ground.ground_height import ground_heights
+from mr360uw.composite.ambient.on_ground.ground_view import ground_heights
 from mr360uw.composite.ambient.on_ground.quadtree import Quadtree, camera_place, make_quadtree
 from mr360uw.composite.ambient.solved_light import AmbientLight, interpolated
 from mr360uw.composite.ambient.solver import Solver

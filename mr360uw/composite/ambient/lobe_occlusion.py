@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Occlusion of glossy reflection: other bodies and shaded ground within the lobe of a site towards the camera.
+"""Occlusion of glossy reflection: other bodies and shaded ground within the lobe of a sample towards the camera.
 
     kept = 1 - sum_m p w_k L_k/sum_k w_k L_k        instead = sum_m p w_k B_m/sum_k w_k
     w    = D(n.h) V(n.v, n.l) n.l
 
-with k the directions of `directions.py`, m those that meet a lookout, a node of the ground or ground farther off, p the
-part of the direction that they fill, L the environment at the camera, B the radiance that lookouts and ground send, D
-and V those of `shading.py`. The prefiltered environment times kept plus instead is the reflected light: white bodies in
-white light stay white, and nothing changes where nothing is met.
+with k the directions of `directions.py`, m those that meet a coarse sample, a node of the ground or ground farther off,
+p the part of the direction that they fill, L the environment at the camera, B the radiance that coarse samples and
+ground send, D and V those of `shading.py`. The prefiltered environment times kept plus instead is the reflected light:
+white bodies in white light stay white, and nothing changes where nothing is met.
 """
 
 from __future__ import annotations
@@ -30,38 +30,39 @@ _LEAST_COSINE = 1e-3
 
 
 def met_by(body: Body, look: Outlook, cosine: NDArray[np.float32], node: NDArray[np.int16] | None, begin: int) -> Met:
-    """Return what all sites of a body meet: others and the ground as in their outlook, then the body itself.
+    """Return what all samples of a body meet: others and the ground as in their outlook, then the body itself.
 
     cosine: (S, COUNT) irradiance that directions add which the body leaves open. node: (S, COUNT) of the ground, -1 for
-    none. begin: where the body's lookouts begin among all.
+    none. begin: where the body's coarse samples begin among all.
     """
-    others = np.repeat(np.arange(len(cosine)), np.diff(look.sites.indptr))
+    others = np.repeat(np.arange(len(cosine)), np.diff(look.samples.indptr))
     parts: list[tuple[Any, ...]] = [
-        (others, look.way, look.sites.indices + 1, look.sites.data / cosine[others, look.way])
+        (others, look.way, look.samples.indices + 1, look.samples.data / cosine[others, look.way])
     ]
     if node is not None:
-        site, way = np.nonzero((node >= 0) & (cosine > 0.0))
-        taken = np.bincount(others * COUNT + look.way, look.sites.data, cosine.size).reshape(cosine.shape)
-        left = 1.0 - taken[site, way] / cosine[site, way]
+        sample, way = np.nonzero((node >= 0) & (cosine > 0.0))
+        taken = np.bincount(others * COUNT + look.way, look.samples.data, cosine.size).reshape(cosine.shape)
+        left = 1.0 - taken[sample, way] / cosine[sample, way]
         some = left > 0.0
-        parts.append((site[some], way[some], -node[site, way][some] - 1, left[some]))
+        parts.append((sample[some], way[some], -node[sample, way][some] - 1, left[some]))
     if body.own.lost is not None:
         own = body.transfer.own
-        parts.append((own.site, own.direction, body.transfer.lookouts.of[own.hit] + begin + 1, np.ones(len(own.hit))))
-    site, way, target, part = (np.concatenate(column) for column in zip(*parts, strict=True))
-    order = np.argsort(site, kind="stable")
-    first = np.searchsorted(site[order], np.arange(len(cosine) + 1))
+        parts.append((own.sample, own.direction, body.transfer.coarse.of[own.hit] + begin + 1, np.ones(len(own.hit))))
+    sample, way, target, part = (np.concatenate(column) for column in zip(*parts, strict=True))
+    order = np.argsort(sample, kind="stable")
+    first = np.searchsorted(sample[order], np.arange(len(cosine) + 1))
     return Met(first, way[order].astype(np.int32), target[order].astype(np.int32), part[order].astype(np.float32))
 
 
 def reflected_among(
     body: Body, met: Met, camera: Floats, radiance: Floats, around: Floats, sent: Floats, ground: Floats
 ) -> Floats:
-    """Return (S, 6) for the sites of a body: the ratio of the environment's glossy light that is kept, and the radiance
-    that is seen instead.
+    """Return (S, 6) for the samples of a body: the ratio of the environment's glossy light that is kept, and the
+    radiance that is seen instead.
 
     camera: (3,) place in the world. radiance, around: (COUNT, 3) of the environment in the body's directions, as the
-    camera and as the body sees it. sent: (all lookouts, 3) radiance of what is met; ground: (NODES^2, 3) of the nodes.
+    camera and as the body sees it. sent: (all coarse samples, 3) radiance of what is met; ground: (NODES^2, 3) of the
+    nodes.
     """
     lattice = body.transfer.lattice
     towards = (camera - body.placed.to_world(lattice.position)) @ body.rotation

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Precomputed ambient transfer of a mesh: which directions its own surface blocks at its sites, and by which site
+"""Precomputed ambient transfer of a mesh: which directions its own surface blocks at its samples, and by which sample
 (after Sloan et al. 2002; here as a sparse list instead of spherical harmonics, so that bounces are solved
 after the lights are known).
 """
@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.cache import PartOf, Same
+from mr360uw.composite.ambient.coarse_samples import CoarseSamples, choose_coarse
 from mr360uw.composite.ambient.directions import SOLID_ANGLE, directions
 from mr360uw.composite.ambient.knot_kernel import find_nearest_knots
 from mr360uw.composite.ambient.lattice import Lattice, make_lattice, stand_ins
-from mr360uw.composite.ambient.lookouts import Lookouts, make_lookouts
 from mr360uw.composite.ambient.shape_arrays import Pairs, Sides, arrays_of, parts_of
 from mr360uw.composite.lighting.shading import dielectric_f0, reflectance
 from mr360uw.composite.mesh.material import Material
@@ -34,19 +34,19 @@ _TYPICAL_COSINE = 2.0 / 3.0
 _ACROSS = 32
 """Rays along each side of the square around a mesh that find a silhouette: those of balls are then within 1 %."""
 _BURIED = 0.5
-"""A site that sees backs of surfaces in more than this part of its directions lies inside a part of the mesh."""
+"""A sample that sees backs of surfaces in more than this part of its directions lies inside a part of the mesh."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OwnView:
     """What a mesh does to its own light. lost: (S, COUNT) float32, irradiance [sr] that its own surface keeps off in
-    each direction, None if nothing; sites: (S, C) sparse, what its lookouts add instead; open: (S, COUNT) directions
-    that are left. plain, direct: (C, COUNT) irradiance that each direction adds at the lookouts, were nothing in the
-    way, and with the mesh itself.
+    each direction, None if nothing; samples: (S, C) sparse, what its coarse samples add instead; open: (S, COUNT)
+    directions that are left. plain, direct: (C, COUNT) irradiance that each direction adds at the coarse samples, were
+    nothing in the way, and with the mesh itself.
     """
 
     lost: NDArray[np.float32] | None
-    sites: Any
+    samples: Any
     open: NDArray[np.bool_]
     plain: NDArray[np.float32]
     direct: NDArray[np.float32]
@@ -56,15 +56,15 @@ class OwnView:
 class Transfer:
     """What a mesh is to ambient light, in its own axes.
 
-    cosine: (S, COUNT) float32, irradiance [sr] that each direction's radiance adds to a site; whole: (S,) its sum.
-    lookouts: the sites that exchange light with other bodies. own: pairs that the mesh blocks itself. base, emission:
+    cosine: (S, COUNT) float32, irradiance [sr] that each direction's radiance adds to a sample; whole: (S,) its sum.
+    coarse: the samples that exchange light with other bodies. own: pairs that the mesh blocks itself. base, emission:
     (S, 3) mean colour and emission [plate radiance]; metallic, roughness, index: (S,). scene, solid: its opaque
-    triangles for rays, and their numbers. sides: silhouettes. tree: places of the sites. Meshes of one
+    triangles for rays, and their numbers. sides: silhouettes. tree: places of the samples. Meshes of one
     `shape_of` share the lattice, which stands for all that their shape alone decides.
     """
 
     lattice: Lattice
-    lookouts: Lookouts
+    coarse: CoarseSamples
     cosine: NDArray[np.float32]
     own: Pairs
     base: Floats
@@ -91,18 +91,18 @@ class Transfer:
         from scipy.sparse import csr_matrix
 
         own, open_ = self.own, self.cosine > 0.0
-        plain = self.cosine[self.lookouts.site]
-        shape = (len(self.cosine), len(self.lookouts.site))
-        if not shadow or len(own.site) == 0:
+        plain = self.cosine[self.coarse.sample]
+        shape = (len(self.cosine), len(self.coarse.sample))
+        if not shadow or len(own.sample) == 0:
             return OwnView(None, csr_matrix(np.zeros(shape, np.float32)), open_, plain, plain)
-        open_[own.site, own.direction] = False
-        weight = self.cosine[own.site, own.direction]
-        sites = csr_matrix((weight, (own.site, self.lookouts.of[own.hit])), shape=shape)
+        open_[own.sample, own.direction] = False
+        weight = self.cosine[own.sample, own.direction]
+        samples = csr_matrix((weight, (own.sample, self.coarse.of[own.hit])), shape=shape)
         lost = np.where(open_, np.float32(0.0), self.cosine)
-        return OwnView(lost, sites, open_, plain, plain - lost[self.lookouts.site])
+        return OwnView(lost, samples, open_, plain, plain - lost[self.coarse.sample])
 
     def reflected(self, medium_index: float) -> Floats:
-        """Return the fraction (S, 3) of ambient light that sites send back, the coat's part taken as diffuse.
+        """Return the fraction (S, 3) of ambient light that samples send back, the coat's part taken as diffuse.
 
         At most 1: a base colour above 1 brightens its own picture, but light that grew from wall to wall would have no
         end.
@@ -126,35 +126,35 @@ def shape_transfer(shape: PartOf[Mesh]) -> Transfer:
 
 
 def make_transfer(mesh: Mesh) -> Transfer:
-    """Return the transfer of a mesh; its sites are chosen and its rays are shot once, and kept on the disk."""
+    """Return the transfer of a mesh; its samples are chosen and its rays are shot once, and kept on the disk."""
     from scipy.spatial import cKDTree
 
     solid = np.flatnonzero(np.array([m.alpha_mode == "OPAQUE" for m in mesh.materials])[mesh.material])
     scene = RayScene(mesh.positions[solid])
     depends_on = mesh.positions, mesh.normals, mesh.hull, solid, any(m.double_sided for m in mesh.materials)
-    lattice, lookouts, own, sides = parts_of(
-        kept_arrays("ambient", depends_on, lambda: arrays_of(*_sites(mesh, scene, solid)))
+    lattice, coarse, own, sides = parts_of(
+        kept_arrays("ambient", depends_on, lambda: arrays_of(*_samples(mesh, scene, solid)))
     )  # fmt: skip
     cosine = _cosines(lattice)
     base, emission, metallic, roughness, index = _colors(mesh, lattice)
-    return Transfer(lattice, lookouts, cosine, own, base, emission, metallic, roughness, index, cosine.sum(axis=1),
+    return Transfer(lattice, coarse, cosine, own, base, emission, metallic, roughness, index, cosine.sum(axis=1),
                     scene, solid, mesh, sides, cKDTree(lattice.position))  # fmt: skip
 
 
-def _sites(mesh: Mesh, scene: RayScene, solid: NDArray[np.int64]) -> tuple[Lattice, Lookouts, Pairs, Sides]:
-    """Return sites, lookouts, the pairs that the mesh blocks itself, and silhouettes."""
+def _samples(mesh: Mesh, scene: RayScene, solid: NDArray[np.int64]) -> tuple[Lattice, CoarseSamples, Pairs, Sides]:
+    """Return samples, coarse samples, the pairs that the mesh blocks itself, and silhouettes."""
     lattice = make_lattice(mesh)
     cosine = _cosines(lattice)
-    lattice, own, seen = _without_buried_sites(lattice, cosine, *_blocked_by_itself(lattice, cosine, scene, solid))
-    lookouts = make_lookouts(lattice, float(np.max(mesh.extent_m)), seen)
-    return lattice, lookouts, own, _sides(mesh, lattice, lookouts, scene, solid)
+    lattice, own, seen = _without_buried_samples(lattice, cosine, *_blocked_by_itself(lattice, cosine, scene, solid))
+    coarse = choose_coarse(lattice, float(np.max(mesh.extent_m)), seen)
+    return lattice, coarse, own, _sides(mesh, lattice, coarse, scene, solid)
 
 
-def _sides(mesh: Mesh, lattice: Lattice, lookouts: Lookouts, scene: RayScene, solid: NDArray[np.int64]) -> Sides:
+def _sides(mesh: Mesh, lattice: Lattice, coarse: CoarseSamples, scene: RayScene, solid: NDArray[np.int64]) -> Sides:
     """Return the silhouettes of a mesh from six sides."""
     line = ((np.arange(_ACROSS) + 0.5) / _ACROSS * 2.0 - 1.0) * mesh.radius_m
     u, v = (g.ravel() for g in np.meshgrid(line, line, indexing="ij"))
-    area, seen = np.zeros(3), np.zeros((6, len(lookouts.site)), np.float32)
+    area, seen = np.zeros(3), np.zeros((6, len(coarse.sample)), np.float32)
     for side in range(6):
         axis, towards = side // 2, 1.0 - 2.0 * (side % 2)
         origin, rays = np.zeros((2, len(u), 3))
@@ -163,48 +163,49 @@ def _sides(mesh: Mesh, lattice: Lattice, lookouts: Lookouts, scene: RayScene, so
         triangle = scene.first_hit(origin, rays)
         hit = np.flatnonzero(triangle >= 0)
         met, _, _ = _met(lattice, scene, solid, origin[hit], rays[hit], triangle[hit])
-        np.add.at(seen[side], lookouts.of[met], np.float32(1.0 / max(len(hit), 1)))
+        np.add.at(seen[side], coarse.of[met], np.float32(1.0 / max(len(hit), 1)))
         area[axis] = len(hit) / len(u) * (2.0 * mesh.radius_m) ** 2
     return Sides(area, seen)
 
 
 def _cosines(lattice: Lattice) -> NDArray[np.float32]:
-    """Return the irradiance [sr] (S, COUNT) that each direction's radiance adds to sites."""
+    """Return the irradiance [sr] (S, COUNT) that each direction's radiance adds to samples."""
     cosine = np.maximum(lattice.normal @ directions().T, 0.0) * SOLID_ANGLE
     # their sum is that of the integral, so that uniform light stays uniform
     return np.asarray(cosine * (np.pi / cosine.sum(axis=1, keepdims=True)), np.float32)
 
 
-def _without_buried_sites(
+def _without_buried_samples(
     lattice: Lattice,
     cosine: NDArray[np.float32],
-    site: NDArray[np.int64],
+    sample: NDArray[np.int64],
     direction: NDArray[np.int64],
     hit: NDArray[np.int64],
     behind: NDArray[np.int64],
 ) -> tuple[Lattice, Pairs, NDArray[np.bool_]]:
-    """Return lattice and own pairs in which sites inside another part of the mesh, which see its surface from behind,
-    take the values of those about them: what is interpolated from them is seen. Last, which sites (S,) are not inside.
+    """Return lattice and own pairs in which samples inside another part of the mesh, which see its surface from behind,
+    take the values of those about them: what is interpolated from them is seen. Last, which samples (S,) are not
+    inside.
     """
     count = len(cosine)
-    inside = np.bincount(site, behind, count)
+    inside = np.bincount(sample, behind, count)
     buried = inside > _BURIED * np.count_nonzero(cosine, axis=1)
     if lattice.two_sided or not np.any(buried) or np.all(buried):
-        return lattice, Pairs(site, direction, hit), np.ones(count, np.bool_)
+        return lattice, Pairs(sample, direction, hit), np.ones(count, np.bool_)
     stand_in, mixed = stand_ins(lattice, buried)
-    kept = ~buried[site]
-    lattice = replace(lattice, knot_site=stand_in[lattice.knot_site], from_sites=lattice.from_sites @ mixed)
-    return lattice, Pairs(site[kept], direction[kept], stand_in[hit[kept]]), ~buried
+    kept = ~buried[sample]
+    lattice = replace(lattice, knot_sample=stand_in[lattice.knot_sample], from_samples=lattice.from_samples @ mixed)
+    return lattice, Pairs(sample[kept], direction[kept], stand_in[hit[kept]]), ~buried
 
 
 def _blocked_by_itself(
     lattice: Lattice, cosine: NDArray[np.float32], scene: RayScene, solid: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], ...]:
     d = directions()
-    site, direction = np.nonzero(cosine > 0.0)
+    sample, direction = np.nonzero(cosine > 0.0)
     found = [np.zeros((4, 0), np.int64)]
-    for start in range(0, len(site), _RAYS_AT_ONCE):
-        s, k = site[start : start + _RAYS_AT_ONCE], direction[start : start + _RAYS_AT_ONCE]
+    for start in range(0, len(sample), _RAYS_AT_ONCE):
+        s, k = sample[start : start + _RAYS_AT_ONCE], direction[start : start + _RAYS_AT_ONCE]
         triangle = scene.first_hit(lattice.position[s], d[k])
         hit = np.flatnonzero(triangle >= 0)
         s, k, triangle = s[hit], k[hit], triangle[hit]
@@ -213,10 +214,11 @@ def _blocked_by_itself(
     return tuple(np.concatenate(found, axis=1))
 
 
-def met_sites(
+def met_samples(
     transfer: Transfer, origin: Floats, direction: Floats, triangle: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], Floats, NDArray[np.bool_]]:
-    """Return the nearest site (n,) to where rays meet opaque triangles, the distance, and which meet the back (n,)."""
+    """Return the nearest sample (n,) to where rays meet opaque triangles, the distance, and which meet the back
+    (n,)."""
     return _met(transfer.lattice, transfer.scene, transfer.solid, origin, direction, triangle)
 
 
@@ -232,12 +234,12 @@ def _met(
     knot, distance, behind = np.empty(count, np.int64), np.empty(count), np.empty(count, np.bool_)
     if count:
         find_nearest_knots(scene.triangles, triangle, origin, direction, lattice.places, solid, knot, distance, behind)
-    return lattice.knot_site[knot + (lattice.knots * behind if lattice.two_sided else 0)], distance, behind
+    return lattice.knot_sample[knot + (lattice.knots * behind if lattice.two_sided else 0)], distance, behind
 
 
 def _colors(mesh: Mesh, lattice: Lattice) -> tuple[Floats, ...]:
-    """Return base colour (S, 3), emission (S, 3), metallic (S,), roughness (S,) and index (S,) at sites, maps averaged
-    about them.
+    """Return base colour (S, 3), emission (S, 3), metallic (S,), roughness (S,) and index (S,) at samples, maps
+    averaged about them.
     """
     geometry = gather([PlacedObject(mesh, np.eye(4))], np.zeros(3))
     uv = mesh.uv[lattice.triangle]

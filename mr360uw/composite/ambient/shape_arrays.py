@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Sites of a mesh and what they see of it as arrays by name, the form in which they are kept on the disk."""
+"""Samples of a mesh and what they see of it as arrays by name, the form in which they are kept on the disk."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mr360uw.composite.ambient.coarse_samples import CoarseSamples
 from mr360uw.composite.ambient.lattice import Lattice
-from mr360uw.composite.ambient.lookouts import Lookouts
 from mr360uw.reading.disk_cache import Arrays
 
 _SPARSE = ("data", "indices", "indptr")
@@ -19,9 +19,9 @@ _SPARSE = ("data", "indices", "indptr")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pairs:
-    """m directions that something blocks: numbers of the site, the direction, and the site that is seen instead."""
+    """m directions that something blocks: numbers of the sample, the direction, and the sample that is seen instead."""
 
-    site: NDArray[np.int64]
+    sample: NDArray[np.int64]
     direction: NDArray[np.int64]
     hit: NDArray[np.int64]
 
@@ -29,7 +29,7 @@ class Pairs:
 @dataclass(frozen=True, slots=True, eq=False)
 class Sides:
     """A mesh from +x, -x, +y, -y, +z and -z. area_m2: (3,) of its silhouettes along the axes. seen: (6, C) float32,
-    rows of sum 1: part of each lookout in the mean of what is seen from each side.
+    rows of sum 1: part of each coarse sample in the mean of what is seen from each side.
     """
 
     area_m2: NDArray[np.float64]
@@ -37,16 +37,17 @@ class Sides:
 
 
 _PARTS: Sequence[tuple[str, type[Any], str]] = (
-    ("lattice", Lattice, "from_sites"), ("lookouts", Lookouts, "spread"), ("own", Pairs, ""),
+    ("lattice", Lattice, "from_samples"), ("coarse", CoarseSamples, "spread"), ("own", Pairs, ""),
     ("sides", Sides, ""),
 )  # fmt: skip
 """Names of the parts, their types, and the field of each that is sparse."""
 
 
-def arrays_of(lattice: Lattice, lookouts: Lookouts, own: Pairs, sides: Sides) -> dict[str, NDArray[Any]]:
-    """Return the arrays of a mesh's sites, of its lookouts, of the pairs that it blocks itself, and of its sides."""
+def arrays_of(lattice: Lattice, coarse: CoarseSamples, own: Pairs, sides: Sides) -> dict[str, NDArray[Any]]:
+    """Return the arrays of a mesh's samples, of its coarse samples, of the pairs that it blocks itself, and of its
+    sides."""
     arrays: dict[str, NDArray[Any]] = {}
-    for (part, kind, sparse), value in zip(_PARTS, (lattice, lookouts, own, sides), strict=True):
+    for (part, kind, sparse), value in zip(_PARTS, (lattice, coarse, own, sides), strict=True):
         for field in fields(kind):
             entry, name = getattr(value, field.name), f"{part}.{field.name}"
             if field.name == sparse:
@@ -58,11 +59,11 @@ def arrays_of(lattice: Lattice, lookouts: Lookouts, own: Pairs, sides: Sides) ->
 
 
 def _small(array: NDArray[Any]) -> NDArray[Any]:
-    """Return numbers of sites, knots and triangles in the smallest type that holds them."""
+    """Return numbers of samples, knots and triangles in the smallest type that holds them."""
     return array.astype(np.min_scalar_type(int(array.max(initial=0)))) if array.dtype == np.int64 else array
 
 
-def parts_of(arrays: Arrays) -> tuple[Lattice, Lookouts, Pairs, Sides]:
+def parts_of(arrays: Arrays) -> tuple[Lattice, CoarseSamples, Pairs, Sides]:
     """Return what `arrays_of` was given."""
     from scipy.sparse import csr_matrix
 
@@ -79,5 +80,5 @@ def parts_of(arrays: Arrays) -> tuple[Lattice, Lookouts, Pairs, Sides]:
                 whole = array.dtype.kind == "u"
                 values[field.name] = array.item() if not array.ndim else array.astype(np.int64) if whole else array
         made.append(kind(**values))
-    lattice, lookouts, own, sides = made
-    return lattice, lookouts, own, sides
+    lattice, coarse, own, sides = made
+    return lattice, coarse, own, sides

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Solved ambient light of a shot: of its bodies' knots, and of places on the ground."""
+"""Solved ambient light of a shot: of its bodies' knots, of places on the ground, and where rays meet bodies."""
 
 from __future__ import annotations
 
@@ -10,16 +10,39 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.composite.ambient.body_layout import Layout
+from mr360uw.composite.ambient.knot_kernel import UNTOUCHED, whole_values
+from mr360uw.composite.ambient.lattice import knots_at
 from mr360uw.composite.ambient.on_ground.blocked_light import BlockedLight, fraction_left
+from mr360uw.composite.raycast.geometry import Hits
+from mr360uw.composite.shot import Shot
 from mr360uw.ibl.lookup import environment_lookup
 from mr360uw.types import Floats
+
+
+def ambient_at(shot: Shot, light: AmbientLight | None, hits: Hits) -> Floats:
+    """Return the values (n, CHANNELS) of ambient light at hits, whose objects are numbered among the visible ones."""
+    values = np.tile(UNTOUCHED, (len(hits.triangle), 1))
+    if light is None:
+        return values
+    visible = [k for k, placed in enumerate(shot.objects) if placed.visible]
+    first = np.cumsum([0, *(len(shot.objects[k].mesh.positions) for k in visible)])
+    for number, k in enumerate(visible):
+        known, of = light.values[k], np.flatnonzero(hits.object == number)
+        if known is None or len(of) == 0:
+            continue
+        lattice = light.layout.bodies[k].transfer.lattice
+        knots, shares = knots_at(lattice.places[hits.triangle[of] - first[number]], hits.weights[of])
+        if lattice.two_sided:
+            knots = knots + lattice.knots * hits.behind[of, None]
+        values[of] = np.einsum("nk,nkc->nc", shares, whole_values(known)[knots].astype(np.float64))
+    return values
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AmbientLight:
     """Solved ambient light of a shot.
 
-    values: for each object those of its knots (knot_values.py), float32, or None where nothing is in its way. table: of
+    values: for each object those of its knots (knot_kernel.py), float32, or None where nothing is in its way. table: of
     the environment (sky_table.py), empty without a receiver. sent: for each body that the ground sees the mean radiance
     (NODES, NODES, 3) of what it hides, at the nodes below it. ambient: (H, W, 3).
     """

@@ -1,13 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Ambient light of a shot with everything that bodies keep off and send back, solved on their sites for every frame.
+"""Ambient light of a shot with everything that bodies keep off and send back, solved on their samples for every frame.
 
     E_i = sum_k c_ik V_ik A_k + sum_j c_ij B_j + sum_g c_ig G_g        B_j = rho_j (E_j + S_j)/pi + e_j
 
-with i, j sites, c the solid angle times cosine of a direction, V its visibility, A the environment as the body sees it:
-the ground is at a distance and so not where the camera sees it. g are the nodes of the ground nearby, G what they send,
-rho the reflectance, S the sun's irradiance and e the emission. Jacobi steps from
-E as if each site lay in a hollow of uniform light: that of a furnace stays what it is in every step, also in a closed
-white box.
+with i, j samples, c the solid angle times cosine of a direction, V its visibility, A the environment as the body sees
+it: the ground is at a distance and so not where the camera sees it. g are the nodes of the ground nearby, G what they
+send, rho the reflectance, S the sun's irradiance and e the emission. Jacobi steps from E as if each sample lay in a
+hollow of uniform light: that of a furnace stays what it is in every step, also in a closed white box.
 """
 
 from __future__ import annotations
@@ -22,7 +21,7 @@ from mr360uw.composite.ambient.body_layout import Layout
 from mr360uw.composite.ambient.body_view import Body, Outlook
 from mr360uw.composite.ambient.directions import blurred, directions, radiance_towards
 from mr360uw.composite.ambient.ground_light import GroundLight, ground_radiance
-from mr360uw.composite.ambient.knot_values import CHANNELS, FEW_CHANNELS
+from mr360uw.composite.ambient.knot_kernel import CHANNELS, FEW_CHANNELS
 from mr360uw.composite.ambient.lobe_occlusion import reflected_among
 from mr360uw.composite.ambient.mesh_transfer import Transfer
 from mr360uw.composite.ambient.on_ground.sky_table import sky_table
@@ -62,7 +61,7 @@ class Solver:
         materials = [self._material(body) for body in bodies]
         self._reflected: Floats = np.concatenate([reflected for reflected, _ in materials])
         self._emitted: Floats = np.concatenate([emitted for _, emitted in materials])
-        self._sun = np.concatenate([self._sunlight.at_lookouts(k) for k in range(len(bodies))])
+        self._sun = np.concatenate([self._sunlight.at_coarse(k) for k in range(len(bodies))])
         self._table = _NO_TABLE if shot.receiver is None else sky_table(shot.environment)
 
     def _at_body(self, body: Body, direction: Floats, radiance: Floats) -> Floats:
@@ -89,16 +88,16 @@ class Solver:
         sent = self._sent(np.concatenate(at_body) * first_guess)
         irradiance = np.concatenate(at_body) * first_guess
         ground = GroundLight(self._shot, layout, self._table, self._sunlight)
-        steps = BOUNCES if layout.sites.nnz or any(body.on_ground for body in bodies) or any(layout.far) else 0
+        steps = BOUNCES if layout.samples.nnz or any(body.on_ground for body in bodies) or any(layout.far) else 0
         for step in range(steps):
             if step < 2:
                 self._around = self._with_far(open_, sent)
                 nodes = ground.radiance(sent if step else None)
                 direct = np.concatenate([
-                    (body.own.direct - view.lookouts.lost) @ around + view.lookouts.ground @ of
+                    (body.own.direct - view.coarse.lost) @ around + view.coarse.ground @ of
                     for body, view, around, of in zip(bodies, views, self._around, nodes, strict=True)
                 ])  # fmt: skip
-            before, irradiance = irradiance, direct + product(layout.sites, sent)
+            before, irradiance = irradiance, direct + product(layout.samples, sent)
             sent = self._sent(irradiance)
             if step > 1 and np.max(np.abs(irradiance - before)) <= _SETTLED * np.max(irradiance):
                 break
@@ -111,31 +110,32 @@ class Solver:
         return AmbientLight(layout, values, self._table, layout.sent_down(sent), self._shot.environment.ambient)
 
     def _with_far(self, open_: Sequence[Floats], sent: NDArray[np.float32]) -> list[Floats]:
-        """Return the light (COUNT, 3) around each body with far bodies before it. sent: (all lookouts, 3)."""
+        """Return the light (COUNT, 3) around each body with far bodies before it. sent: (all coarse samples, 3)."""
         far = self._layout.far
         sides = self._layout.sent_sides(sent) if any(far) else np.zeros((0, 6, 3))
         return [of if field is None else field.before(of, sides) for of, field in zip(open_, far, strict=True)]
 
     def _material(self, body: Body) -> tuple[Floats, Floats]:
-        """Return the fraction (C, 3) of light that the surface about a body's lookouts sends back, and its emission
-        over the ambient light's fall with depth.
+        """Return the fraction (C, 3) of light that the surface about a body's coarse samples sends back, and its
+        emission over the ambient light's fall with depth.
         """
-        reflected, emission = self._cache.of(_at_lookouts, body.transfer, self._shot.refractive_index, keep=64)
+        reflected, emission = self._cache.of(_at_coarse, body.transfer, self._shot.refractive_index, keep=64)
         return reflected, emission / self._sunlight.ambient(body.center[None])
 
     def _first_guess(self) -> Floats:
-        """Return the ratio (sites, 3) of irradiance were every site in a hollow of its own openness v and reflectance:
-        v/(1 - rho (1 - v)); 1 in a white or an open one.
+        """Return the ratio (samples, 3) of irradiance were every sample in a hollow of its own openness v and
+        reflectance: v/(1 - rho (1 - v)); 1 in a white or an open one.
         """
         seen = np.concatenate([view.openness for view in self._layout.views])
         return (seen + 1e-6) / (1.0 - self._reflected * (1.0 - seen) + 1e-6)
 
     def _sent(self, irradiance: Floats) -> Floats:
-        """Return the radiance (all, 3) that lookouts send to all sides, over the ambient light's fall with depth."""
+        """Return the radiance (all, 3) that coarse samples send to all sides, over the ambient light's fall with
+        depth."""
         return (self._reflected * (irradiance + self._sun) / np.pi + self._emitted).astype(np.float32)
 
     def _everywhere(self) -> list[tuple[Floats, ...]]:
-        """Return for each body that takes light of its own the irradiance (S, 3) of all its sites were nothing in the
+        """Return for each body that takes light of its own the irradiance (S, 3) of all its samples were nothing in the
         way, by the environment at the camera and at the body, and what the body itself keeps off; nothing of others.
         """
         needs = [
@@ -157,43 +157,43 @@ class Solver:
     def _values(
         self, number: int, own_light: tuple[Floats, ...], sent: Floats, nodes: Floats
     ) -> NDArray[np.float32] | None:
-        """Return the values of a body's knots (knot_values.py), None where nothing is in its way. own_light: of
-        `_everywhere`. sent, nodes: radiance of all lookouts, and of the nodes.
+        """Return the values of a body's knots (knot_kernel.py), None where nothing is in its way. own_light: of
+        `_everywhere`. sent, nodes: radiance of all coarse samples, and of the nodes.
         """
         body, view = self._layout.bodies[number], self._layout.views[number]
         light, around = self._radiance[number], self._around[number]
         if self._layout.untouched(number):
             return None
         transfer, own = body.transfer, body.own
-        others = [self._from_others(look, around, sent, nodes) for look in (view.lookouts, view.near)]
+        others = [self._from_others(look, around, sent, nodes) for look in (view.coarse, view.near)]
         if own.lost is None:
             both = np.append(light, around, axis=1)
-            at_lookouts = np.append(own.plain @ both, others[0], axis=1)
-            near = np.append(transfer.cosine[view.near_site] @ both, others[1], axis=1)
-            plain, at_body, of_others = np.split(view.spread(body, at_lookouts, near), 3, axis=1)
+            at_coarse = np.append(own.plain @ both, others[0], axis=1)
+            near = np.append(transfer.cosine[view.near_sample] @ both, others[1], axis=1)
+            plain, at_body, of_others = np.split(view.spread(body, at_coarse, near), 3, axis=1)
             irradiance = at_body + of_others
         else:
             (plain, at_body, lost), first = own_light, self._layout.first
-            inside = product(own.sites, sent[first[number] : first[number + 1]])
+            inside = product(own.samples, sent[first[number] : first[number + 1]])
             irradiance = at_body - lost + inside + view.spread(body, *others)
         least = 1e-3 * plain.max() + 1e-9
         ratio = np.clip((irradiance + least) / (plain + least), 0.0, _BRIGHTEST)
-        from_sites = transfer.lattice.from_sites
+        from_samples = transfer.lattice.from_samples
         met = view.met if len(self._shot.environment.glossy) else None
-        values = np.zeros((from_sites.shape[0], FEW_CHANNELS if met is None else CHANNELS), np.float32)
-        values[:, :3] = product(from_sites, ratio)
+        values = np.zeros((from_samples.shape[0], FEW_CHANNELS if met is None else CHANNELS), np.float32)
+        values[:, :3] = product(from_samples, ratio)
         if met is not None:
             camera = self._shot.view.position
-            mirrored = product(from_sites, reflected_among(body, met, camera, light, around, sent, nodes))
+            mirrored = product(from_samples, reflected_among(body, met, camera, light, around, sent, nodes))
             values[:, 4:7], values[:, 8:11] = mirrored[:, :3], mirrored[:, 3:]
         return values
 
     @staticmethod
     def _from_others(look: Outlook, around: Floats, sent: Floats, nodes: Floats) -> Floats:
-        """Return at r sites (r, 3) how other bodies and the ground change the irradiance. around: (COUNT, 3) radiance;
-        the others are those of `_values`.
+        """Return at r samples (r, 3) how other bodies and the ground change the irradiance. around: (COUNT, 3)
+        radiance; the others are those of `_values`.
         """
-        return np.asarray(product(look.sites, sent) + look.ground @ nodes - look.lost @ around)
+        return np.asarray(product(look.samples, sent) + look.ground @ nodes - look.lost @ around)
 
 
 def _products(matrices: Sequence[NDArray[np.float32]], light: Sequence[Floats]) -> list[NDArray[np.float32]]:
@@ -217,7 +217,7 @@ def _product(matrix: NDArray[np.float32], light: NDArray[np.float32]) -> NDArray
     return np.concatenate(parts)
 
 
-def _at_lookouts(transfer: Transfer, refractive_index: float) -> tuple[Floats, Floats]:
-    """Return the reflectance (C, 3) and the emission (C, 3) of a mesh at its lookouts."""
-    lookouts = transfer.lookouts
-    return lookouts.mean(transfer.reflected(refractive_index)), lookouts.mean(transfer.emission)
+def _at_coarse(transfer: Transfer, refractive_index: float) -> tuple[Floats, Floats]:
+    """Return the reflectance (C, 3) and the emission (C, 3) of a mesh at its coarse samples."""
+    coarse = transfer.coarse
+    return coarse.mean(transfer.reflected(refractive_index)), coarse.mean(transfer.emission)

@@ -32,15 +32,15 @@ class Sunlight:
             return np.ones((len(points), 3))
         return ambient_ratio(shot.medium, shot.view.surface_y_m - points[:, 1])
 
-    def at_lookouts(self, number: int) -> Floats:
-        """Return the irradiance (C, 3) on the lookouts of a body."""
+    def at_coarse(self, number: int) -> Floats:
+        """Return the irradiance (C, 3) on the coarse samples of a body."""
         body = self._layout.bodies[number]
-        lattice, site = body.transfer.lattice, body.transfer.lookouts.site
+        lattice, sample = body.transfer.lattice, body.transfer.coarse.sample
         if self._sun is None:
-            return np.zeros((len(site), 3))
-        place = _lookouts(self._layout, number)
-        cosine = np.maximum(lattice.normal[site] @ (self._sun.direction @ body.rotation), 0.0)
-        lit = 1.0 - self._cache.of(_lookouts_shaded, self._layout, number, self._towards, keep=_KEPT)
+            return np.zeros((len(sample), 3))
+        place = _coarse(self._layout, number)
+        cosine = np.maximum(lattice.normal[sample] @ (self._sun.direction @ body.rotation), 0.0)
+        lit = 1.0 - self._cache.of(_coarse_shaded, self._layout, number, self._towards, keep=_KEPT)
         return self._beam(place) * (cosine * lit)[:, None]
 
     def at_nodes(self, number: int) -> tuple[Floats, Floats]:
@@ -68,14 +68,14 @@ class Sunlight:
         return np.asarray(towards / np.linalg.norm(towards))
 
 
-def _lookouts(layout: Layout, number: int) -> Floats:
-    """Return the places (C, 3) of a body's lookouts in the world."""
+def _coarse(layout: Layout, number: int) -> Floats:
+    """Return the places (C, 3) of a body's coarse samples in the world."""
     body = layout.bodies[number]
-    return body.placed.to_world(body.transfer.lattice.position[body.transfer.lookouts.site])
+    return body.placed.to_world(body.transfer.lattice.position[body.transfer.coarse.sample])
 
 
-def _lookouts_shaded(layout: Layout, number: int, towards: Floats) -> NDArray[np.bool_]:
-    return layout.shaded(_lookouts(layout, number), towards)
+def _coarse_shaded(layout: Layout, number: int, towards: Floats) -> NDArray[np.bool_]:
+    return layout.shaded(_coarse(layout, number), towards)
 
 
 def _nodes_shaded(layout: Layout, number: int, towards: Floats) -> NDArray[np.bool_]:

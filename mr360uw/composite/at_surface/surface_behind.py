@@ -7,10 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mr360uw.composite.holdout import hold_out
-from mr360uw.composite.over import empty_tile
+from mr360uw.composite.over import empty_tile, hold_out
 from mr360uw.composite.shot import Shot
-from mr360uw.composite.snow.merge import rest_of
+from mr360uw.composite.snow.splat import rest_of
 from mr360uw.composite.tiles import even_tiles, rectangles_of_mask
 from mr360uw.types import Floats, Layer, Rectangle, Tile
 

@@ -23,11 +23,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.composite.ambient.at_hits import ambient_at
-from mr360uw.composite.ambient.solved_light import AmbientLight
-from mr360uw.composite.at_surface.body_rays import first_surfaces, surfaces_met
+from mr360uw.composite.ambient.solved_light import AmbientLight, ambient_at
 from mr360uw.composite.at_surface.settings import FAINTEST
-from mr360uw.composite.at_surface.surface_rays import SeenSurface, SurfaceSamples
+from mr360uw.composite.at_surface.surface_rays import SeenSurface, SurfaceSamples, first_surfaces, surfaces_met
 from mr360uw.composite.at_surface.water_sides import WaterSides
 from mr360uw.composite.lighting.arrival import Arrival, LightSource
 from mr360uw.composite.lighting.surfaces import surface_radiance

@@ -19,9 +19,8 @@ from mr360uw.composite.gl.object_pass import ObjectPass
 from mr360uw.composite.gl.receiver_pass import ReceiverPass
 from mr360uw.composite.gl.targets import Targets
 from mr360uw.composite.gl.upload import MeshBuffers, StillBuffers, upload_mesh, upload_still
-from mr360uw.composite.holdout import hold_out
 from mr360uw.composite.mesh.mesh import Mesh
-from mr360uw.composite.over import empty_tile
+from mr360uw.composite.over import empty_tile, hold_out
 from mr360uw.composite.raycast.geometry import object_rectangles
 from mr360uw.composite.sampling import NO_GAPS
 from mr360uw.composite.shot import Shot

@@ -29,12 +29,12 @@ from mr360uw.composite.receiver.block_light import (
     set_plate_light,
 )
 from mr360uw.composite.receiver.ground import BLOCK, Ground, Indices
-from mr360uw.composite.receiver.plate_distance import kept_shape
 from mr360uw.composite.receiver.receiver_kernel import SEEN, BlockLight, Gathered, gather_images, lay_receiver
 from mr360uw.composite.receiver.shape import (
     CoarseGrid,
     ReceiverShape,
     coarse_grid,
+    kept_shape,
     rectangles_of_cells,
     touched_cells,
 )

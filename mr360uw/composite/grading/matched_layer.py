@@ -16,7 +16,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from mr360uw.composite.grading.plate_grade import PlateGrade, ceil_px
+from mr360uw.composite.grading.settings import PlateGrade, ceil_px
 from mr360uw.composite.over import merge, tile_of
 from mr360uw.types import Floats, Layer, Rectangle, Tile
 

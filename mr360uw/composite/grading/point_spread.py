@@ -23,7 +23,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mr360uw.composite.grading.plate_grade import PlateGrade
+from mr360uw.composite.grading.settings import PlateGrade
 from mr360uw.types import Floats
 
 BLOCK = 32

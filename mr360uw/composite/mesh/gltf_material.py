@@ -11,8 +11,7 @@ import numpy as np
 
 from mr360uw.composite.mesh.gltf import Gltf
 from mr360uw.composite.mesh.material import Material
-from mr360uw.composite.mesh.texture import Texture, Wrap, make_texture
-from mr360uw.composite.mesh.texture_file import Pixels, decode_image
+from mr360uw.composite.mesh.texture import Pixels, Texture, Wrap, decode_image, make_texture
 from mr360uw.errors import MeshError
 from mr360uw.types import Floats
 

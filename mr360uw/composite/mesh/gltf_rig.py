@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from mr360uw.composite.affine import composed
 from mr360uw.composite.mesh.gltf import Gltf, dequantised
 from mr360uw.composite.mesh.gltf_primitive import Columns
-from mr360uw.composite.mesh.skeleton import Skeleton
-from mr360uw.composite.mesh.skin import MorphTarget, Skin
+from mr360uw.composite.mesh.skin import MorphTarget, Skeleton, Skin
 from mr360uw.errors import MeshError
 from mr360uw.types import Floats
 

@@ -16,10 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.composite.mesh.hull import hull_triangles
-from mr360uw.composite.mesh.material import Material
+from mr360uw.composite.mesh.material import Material, MeshFile, Part
 from mr360uw.composite.mesh.mesh_file import read_mesh_file
 from mr360uw.composite.mesh.normals import corner_normals, crease_normals, smooth_patches, welded
-from mr360uw.composite.mesh.part import MeshFile, Part
 from mr360uw.errors import MeshError
 from mr360uw.reading.disk_cache import kept_arrays
 from mr360uw.types import Floats

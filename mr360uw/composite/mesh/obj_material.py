@@ -11,12 +11,10 @@ from typing import Any
 import numpy as np
 
 from mr360uw.composite.mesh.material import Material
-from mr360uw.composite.mesh.texture import make_texture
-from mr360uw.composite.mesh.texture_file import check_image, decoded
+from mr360uw.composite.mesh.texture import check_image, decoded, make_texture
 from mr360uw.errors import MeshError
-from mr360uw.reading.input_files import read_data
+from mr360uw.reading.input_files import neighbour, read_data
 from mr360uw.reading.limits import TEXT
-from mr360uw.reading.neighbours import neighbour
 
 _NOT_DRAWN = ("map_d", "map_bump", "bump", "norm", "map_ks", "map_ke", "map_pr", "map_pm", "pr", "pm")
 

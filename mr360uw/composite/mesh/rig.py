@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 
 from mr360uw.composite.mesh.curve import Animation
 from mr360uw.composite.mesh.hull import slab_hull, slabs
+from mr360uw.composite.mesh.material import MeshFile, Rigging
 from mr360uw.composite.mesh.mesh import Mesh, Unit, mesh_of_file, metres_of, proper_triangles
 from mr360uw.composite.mesh.mesh_file import read_mesh_file
 from mr360uw.composite.mesh.normals import corner_normals
-from mr360uw.composite.mesh.part import MeshFile, Rigging
 from mr360uw.types import Floats
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.composite.eye_bounds import seen_rectangles
-from mr360uw.composite.lighting.footprint import Footprint, footprint, pixel_steps
+from mr360uw.composite.lighting.shadow import Footprint, footprint, pixel_steps
 from mr360uw.composite.mesh.material import Material
 from mr360uw.composite.mesh.texture import Texture, texture_lookup
 from mr360uw.composite.raycast.bump import bumped

@@ -11,8 +11,7 @@ from mr360uw.composite.ambient.light import free_between, jumps_of_light
 from mr360uw.composite.ambient.solved_light import AmbientLight
 from mr360uw.composite.lighting.sources import light_sources
 from mr360uw.composite.lighting.surfaces import veil_ahead
-from mr360uw.composite.receiver.block_kernel import mark_changed, survey_blocks
-from mr360uw.composite.receiver.ground import BLOCK, Ground, Indices
+from mr360uw.composite.receiver.ground import BLOCK, Ground, Indices, mark_changed, survey_blocks
 from mr360uw.composite.receiver.ratio import ambient_share
 from mr360uw.composite.receiver.receiver_kernel import (
     CORNER_CHANNELS,

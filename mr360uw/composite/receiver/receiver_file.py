@@ -18,6 +18,9 @@ from mr360uw.reading.limits import PICTURE
 from mr360uw.reading.picture_size import picture_size
 from mr360uw.types import Floats
 
+_MOST_HEIGHTS = 256
+"""Heights across a map: finer maps are reduced, for its mesh has two triangles a height."""
+
 
 def load_receiver(settings: ReceiverSettings) -> Receiver:
     """Return the receiver of a scene's table; for `kind = "distance"` without a shape, to be filled in each frame.
@@ -48,11 +51,11 @@ def map_range(grey: Floats, range_m: tuple[float, float]) -> Floats:
     return range_m[0] + (range_m[1] - range_m[0]) * np.asarray(grey, np.float64)
 
 
-def height_map_triangles(grey: Floats, settings: ReceiverSettings, most: int = 256) -> Floats:
+def height_map_triangles(grey: Floats, settings: ReceiverSettings) -> Floats:
     """Return the triangles (T, 3, 3) of a height map (h, w) in [0, 1]: right = +x, down = +z, about `position_m`."""
     import cv2
 
-    rows, columns = (min(n, most) for n in grey.shape)
+    rows, columns = (min(n, _MOST_HEIGHTS) for n in grey.shape)
     height = map_range(cv2.resize(np.float32(grey), (columns, rows), interpolation=cv2.INTER_AREA), settings.range_m)
     x = (np.linspace(0.0, 1.0, columns) - 0.5) * settings.size_m[0] + settings.position_m[0]
     z = (np.linspace(0.0, 1.0, rows) - 0.5) * settings.size_m[1] + settings.position_m[2]

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from mr360uw.cache import Cache
 from mr360uw.composite.ambient.on_ground.blocked_light import UNNOTICED
 from mr360uw.composite.lighting.lamps import lamps_of
 from mr360uw.composite.lighting.sources import light_sources
@@ -24,6 +25,27 @@ from mr360uw.medium.lookup import transmittance_lookup
 from mr360uw.rays import RayScene, barycentric
 from mr360uw.sphere import basis
 from mr360uw.types import Floats, Rectangle, View
+
+
+def kept_shape(receiver: Receiver, camera_position: Floats, kept: Cache) -> ReceiverShape:
+    """Return a receiver's shape as seen from a position (3,) [m] in the world. kept: holds it for other frames."""
+    return kept.of(ReceiverShape, receiver, camera_position)
+
+
+def plate_distance(shot: Shot, x: Floats, y: Floats, direction: Floats, kept: Cache) -> Floats:
+    """Return the distance (n,) [m] of the plate's surfaces along rays, infinity where the scene does not tell it.
+
+    x, y: (n,) frame coordinates. direction: (n, 3) of the view there, world axes. kept: holds the receiver's shape.
+    """
+    view, matte = shot.view, shot.holdout_distance_m
+    nearest = np.full(len(direction), np.inf)
+    if shot.receiver is not None:
+        nearest, _ = kept_shape(shot.receiver, view.position, kept).meet_along(view, x, y, direction)
+    if matte is not None:
+        found = matte[np.minimum(y.astype(np.int64), view.height - 1), x.astype(np.int64) % view.width]
+        nearest = np.minimum(nearest, found)
+    return np.asarray(nearest, np.float64)
+
 
 RECTANGLE_COST_PX = 16384
 """Fixed cost of one rectangle, in pixels that take as long. Twice as large: fewer rectangles, more untouched pixels."""

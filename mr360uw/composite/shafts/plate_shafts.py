@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 
 from mr360uw.cache import Cache, PartOf, by_content
 from mr360uw.composite.over import tile_of
-from mr360uw.composite.receiver.plate_distance import plate_distance
+from mr360uw.composite.receiver.shape import plate_distance
+from mr360uw.composite.shafts.code_change import shaft_pixels
 from mr360uw.composite.shafts.shaft_light import ShaftLight, change_along
-from mr360uw.composite.shafts.shaft_reach import shaft_pixels
 from mr360uw.composite.shot import Shot
 from mr360uw.composite.tiles import even_tiles, rectangles_of_mask
 from mr360uw.medium.shafts.settings import ShaftSettings

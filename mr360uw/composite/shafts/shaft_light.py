@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.cache import Cache, Parts
+from mr360uw.composite.lighting.blockers import casting_bodies
 from mr360uw.composite.lighting.sun import spread_rad, sun_of
-from mr360uw.composite.raycast.casting_bodies import casting_bodies
 from mr360uw.composite.shot import Shot
 from mr360uw.medium.medium import Medium
 from mr360uw.medium.shafts.froxels import FroxelGrid, shaft_field

@@ -19,15 +19,14 @@ import numpy as np
 
 from mr360uw.cache import Cache, Parts
 from mr360uw.caustics.settings import Sea
-from mr360uw.composite.receiver.plate_distance import plate_distance
+from mr360uw.composite.receiver.shape import plate_distance
 from mr360uw.composite.shot import Shot
 from mr360uw.composite.snow.drift import orbits_of
-from mr360uw.composite.snow.merge import merged
 from mr360uw.composite.snow.particle_light import particle_radiance
 from mr360uw.composite.snow.particles import Reach, particles_near
 from mr360uw.composite.snow.settings import NEAREST_M, SnowSettings
 from mr360uw.composite.snow.size_spectrum import LEAST_COVER, seen_up_to, size_classes
-from mr360uw.composite.snow.splat import SnowPicture, draw_particles
+from mr360uw.composite.snow.splat import SnowPicture, draw_particles, merged
 from mr360uw.constants import PI
 from mr360uw.medium.lookup import transmittance_lookup
 from mr360uw.types import Floats, Layer, View

@@ -17,10 +17,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from mr360uw.cache import Cache
+from mr360uw.composite.lighting.blockers import casting_bodies
 from mr360uw.composite.lighting.lamps import LampSource, lamps_of
 from mr360uw.composite.lighting.sun import SunSource, sun_of
 from mr360uw.composite.lighting.surfaces import water_ahead
-from mr360uw.composite.raycast.casting_bodies import casting_bodies
 from mr360uw.composite.shot import Shot
 from mr360uw.composite.snow.settings import SnowPhase
 from mr360uw.constants import PI

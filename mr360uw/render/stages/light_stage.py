@@ -23,11 +23,10 @@ from mr360uw.errors import DamagedFrameError
 from mr360uw.ibl import SunTrack
 from mr360uw.ibl.lighting import light_between, sun_between, turned
 from mr360uw.medium.fit.exposure import UNCHANGED, picture_change
-from mr360uw.render.exposed_water import exposed_water
 from mr360uw.render.finite import finite
 from mr360uw.render.first_pass import ClipAnalysis
 from mr360uw.render.loaded import Loaded
-from mr360uw.render.plate_light import FrameLight, plate_light, plate_ratio
+from mr360uw.render.plate_light import FrameLight, exposed_water, plate_light, plate_ratio
 from mr360uw.render.stages.match_stage import ungraded
 from mr360uw.scene.keyed import scene_at
 from mr360uw.sphere import directions, row_solid_angle

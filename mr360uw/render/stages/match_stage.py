@@ -16,8 +16,7 @@ import numpy as np
 from mr360uw.cache import Cache
 from mr360uw.color import code_range, encode, ycbcr_from_rgb
 from mr360uw.composite.grading.colour_grade import ColourGrade
-from mr360uw.composite.grading.plate_grade import PlateGrade
-from mr360uw.composite.grading.settings import MatchSettings
+from mr360uw.composite.grading.settings import MatchSettings, PlateGrade
 from mr360uw.errors import DamagedFrameError, VideoError
 from mr360uw.render.loaded import Loaded
 from mr360uw.render.patch_water import waters_before

@@ -11,8 +11,34 @@ import numpy as np
 from mr360uw.composite.at_surface.settings import FAINTEST, WITHIN_M
 from mr360uw.ibl import LightSettings
 from mr360uw.medium.lookup import beam_fraction, transmittance_lookup
+from mr360uw.medium.shafts.settings import ShaftSettings
 from mr360uw.scene.model import Scene
 from mr360uw.types import MediumTable
+
+_LEAST_SHARE = 0.01
+"""Fraction of the veil that the beam's first scattering must add: what shafts change is less than that."""
+
+
+def in_words(
+    settings: ShaftSettings, share: Callable[[], float] | None, lit: bool, waves: bool, shading: bool, lamps: int
+) -> tuple[bool, str]:
+    """Return whether light in the water is drawn, and why.
+
+    share: gives the fraction of the veil that is the beam scattered once (`medium.shafts.beam_share`); None: all of it.
+    lit: whether there is a sun. waves, shading: whether waves or bodies change its beam. lamps: their number.
+    """
+    if not lamps and not (lit and (waves or shading)):
+        return False, "no sun and no lamps" if not lit else "neither waves nor bodies change the beam"
+    of_beam = 1.0 if share is None else share()
+    if of_beam == 0.0 and not lamps:
+        return False, "the water does not scatter"
+    by = [word for word, there in (("waves", lit and waves), ("bodies", lit and shading), ("lamps", lamps)) if there]
+    number = f"{100 * of_beam:.2g} % of the veil is light of the beam scattered once"
+    if settings.mode == "auto" and of_beam < _LEAST_SHARE and not lamps:
+        return False, f"{number}, below {100 * _LEAST_SHARE:g} %"
+    least = f"; where codes change by {settings.least_codes:g}" if settings.least_codes else ""
+    return True, f"by {', '.join(by)}; {number}{least}"
+
 
 _NEGLIGIBLE_BEAM = 0.002
 """Fraction of the surface's beam below which caustics and shadows are less than half an 8-bit code value."""
@@ -77,8 +103,6 @@ def shafts_stage(
     off = "no objects" if not objects else scene.shafts.why_off or ("" if medium is not None else 'water is "none"')
     if off:
         return Stage(False, off)
-    from mr360uw.composite.shafts.shaft_words import in_words
-
     return Stage(
         *in_words(scene.shafts, share, lit, waves, any(o.casts_shadow for o in scene.objects), len(scene.lamps))
     )

@@ -8,7 +8,7 @@ import numpy as np
 from mr360uw.cache import Cache
 from mr360uw.composite import Shot
 from mr360uw.composite.aovs import Aovs
-from mr360uw.composite.at_surface.presence import object_presence
+from mr360uw.composite.at_surface.surface_layer import object_presence
 from mr360uw.constants import JUST_BELOW_M
 from mr360uw.medium import Medium
 from mr360uw.render.backends import Backend

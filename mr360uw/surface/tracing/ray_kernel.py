@@ -14,9 +14,8 @@ from typing import Any, NamedTuple
 from mr360uw.jit import exact
 from mr360uw.surface.intersection import NOWHERE, Hit, SeaWaves, first_hit
 from mr360uw.surface.ray_stage import FAINTEST, FARTHEST_M, GENERATIONS, OFF_M, WIDEST
-from mr360uw.surface.tracing.facet_draws import drawn, facets_of
+from mr360uw.surface.tracing.facet_draws import drawn, facets_of, next_key
 from mr360uw.surface.tracing.floor_light import LitFloor, floor_radiance
-from mr360uw.surface.tracing.random_keys import next_key
 from mr360uw.surface.tracing.ray_optics import Vector, bent, mirrored, reflectance
 from mr360uw.surface.tracing.relief import Relief, relief_distance
 from mr360uw.surface.tracing.ripples import Ripples, level_slopes, tilted

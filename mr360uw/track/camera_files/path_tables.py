@@ -1,27 +1,73 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Tables of a camera's path: this toolkit's own, Blender's, and Nuke's, which SynthEyes writes too.
+"""Tables of a camera's path: this toolkit's own, Blender's, COLMAP's, and Nuke's, which SynthEyes writes too.
 
 Own: time_s, x, y, z, qx, qy, qz, qw; camera axes right, up, back; +y up.
 Blender: blender_frame, x, y, z, qw, qx, qy, qz of the camera's matrix_world; camera axes right, up, back; +z up; or
 JSON with "blender_frames": a list of {"frame", "matrix_world"} and "fps".
 Nuke and SynthEyes: frame, x, y, z, and rotations [degrees] about x, y and z, with or without names and a field of view,
 between blanks or commas (.chan); camera axes right, up, back; +y up; rotated about z first, then x, then y ("ZXY").
+
+COLMAP's images.txt has for each picture a line with its pose and one with its features. The pose is the rotation
+(quaternion w, x, y, z) and translation from the world to camera axes right, down, forward. The world has no known up.
+Frames are numbered by the last digits in the pictures' names.
 """
 
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 
 from mr360uw.composite import read_camera_track
+from mr360uw.composite.motion import check_unit_quaternions
 from mr360uw.errors import ParameterError
 from mr360uw.medium.tables import parse_table
-from mr360uw.track.camera_files.quaternions import rotations
-from mr360uw.track.camera_files.solved_path import Y_UP_FROM_Z_UP, SolvedPath
+from mr360uw.track.camera_files.solved_path import FLIPPED, Y_UP_FROM_Z_UP, SolvedPath
 from mr360uw.types import Floats
+
+_POSE = re.compile(r"^\s*\d+(\s+[-+.\deE]+){7}\s+\d+\s+\S")
+
+
+def is_colmap(text: str) -> bool:
+    """Return whether a text is an images.txt."""
+    lines = [line for line in text.splitlines() if line.strip() and not line.startswith("#")]
+    return bool(lines) and bool(_POSE.match(lines[0]))
+
+
+def read_colmap(text: str, where: str) -> SolvedPath:
+    """Return the path of an images.txt; raise `ParameterError`."""
+    rows, frames = [], []
+    for line in text.splitlines():
+        if line.startswith("#") or not _POSE.match(line):
+            continue
+        cells = line.split(maxsplit=9)
+        rows.append([float(cell) for cell in cells[1:8]])
+        frames.append(frame_number(cells[9], where))
+    values = np.array(rows).reshape(-1, 7)
+    from_world = rotations(values[:, [1, 2, 3, 0]], where)
+    to_world = np.swapaxes(from_world, 1, 2)
+    position = -np.einsum("nij,nj->ni", to_world, values[:, 4:])
+    return SolvedPath("COLMAP images.txt", position, to_world @ FLIPPED, frame=np.array(frames))
+
+
+def frame_number(name: str, where: str) -> float:
+    """Return the last number in the name of a picture; raise `ParameterError` if it has none."""
+    digits = re.findall(r"\d+", name.rsplit("/", 1)[-1].rsplit(".", 1)[0])
+    if not digits:
+        raise ParameterError(f"{where} - has a picture without a frame number (got {name!r:.60}) - number the pictures")
+    return float(digits[-1])
+
+
+def rotations(quaternion: Floats, where: str) -> Floats:
+    """Return rotations (n, 3, 3) of quaternions (n, 4), x, y, z, w; raise `ParameterError` unless of length 1."""
+    from scipy.spatial.transform import Rotation
+
+    check_unit_quaternions(quaternion, where)
+    return np.asarray(Rotation.from_quat(quaternion).as_matrix()) if len(quaternion) else np.zeros((0, 3, 3))
+
 
 _UP = np.array([0.0, 1.0, 0.0])
 _BLENDER = ("blender_frame", "x", "y", "z", "qx", "qy", "qz", "qw")

@@ -14,8 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from mr360uw.errors import OutputExistsError, SceneError
-from mr360uw.tune.editing.scene_file import SceneFile
-from mr360uw.tune.editing.toml_edit import find, key_of, with_entry, with_value, without
+from mr360uw.tune.editing.toml_edit import SceneFile, find, key_of, with_entry, with_value, without
 
 _LONGEST_HISTORY = 1000
 """Steps that can be undone. A text has some 10 kB; ten times as many steps would take 100 MB."""

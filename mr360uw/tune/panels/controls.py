@@ -11,7 +11,7 @@ from typing import Any
 from nicegui.element import Element
 from nicegui.events import GenericEventArguments
 
-from mr360uw.scene.toml_text import toml_value
+from mr360uw.scene.toml_model import toml_value
 from mr360uw.tune.editing.document import Document
 from mr360uw.tune.editing.fields import FIRST, Field, Group, groups
 

@@ -5,14 +5,35 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
+from types import MappingProxyType
 from typing import Any
 
 from nicegui import ui
 
 from mr360uw.tune.editing.document import Snapshot
-from mr360uw.tune.editing.presets import PRESETS
 from mr360uw.tune.panels.widgets import Button, Choice, Text, menu
 from mr360uw.tune.session import Session
+
+PRESETS: MappingProxyType[str, MappingProxyType[str, Any]] = MappingProxyType(
+    {
+        "tropical noon": MappingProxyType(
+            {"water.type": "IB", "water.visibility_m": None, "sea.wind_speed": 4.0, "caustics.enabled": True,
+             "caustics.sun_half_angle_rad": 0.00465}
+        ),
+        "tropical, evening": MappingProxyType(
+            {"water.type": "IB", "water.visibility_m": None, "sea.wind_speed": 2.0, "caustics.enabled": True,
+             "caustics.sun_half_angle_rad": 0.02}
+        ),
+        "temperate overcast": MappingProxyType(
+            {"water.type": "1C", "water.visibility_m": None, "sea.wind_speed": 7.0, "caustics.enabled": False}
+        ),
+        "harbour": MappingProxyType(
+            {"water.type": "harbour", "water.visibility_m": None, "sea.wind_speed": 2.0, "caustics.enabled": False}
+        ),
+    }
+)  # fmt: skip
+"""Values of dotted keys, by the preset's name; None: as it is by default."""
+
 
 _MODES: dict[str, bool | None] = {"auto": None, "dark": True, "light": False}
 

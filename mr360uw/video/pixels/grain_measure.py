@@ -28,9 +28,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.color import Transfer, code_range, decode, encode, ycbcr_from_rgb
-from mr360uw.types import Floats, Layer, YuvImage
-from mr360uw.video.pixels.grain import NO_GRAIN, RADIUS, TABLE, Grain, add_grain
-from mr360uw.video.pixels.grain_kernels import survey
+from mr360uw.types import Floats, YuvImage
+from mr360uw.video.pixels.grain import NO_GRAIN, RADIUS, TABLE, Grain, survey
 
 Blocks = Callable[[NDArray[np.int64], NDArray[np.int64], int], NDArray[np.float32]]
 """(rows (n,), columns (n,) of pixels, plane) -> the blocks (n, BLOCK, BLOCK) there of Y', Cb or Cr."""
@@ -95,14 +94,6 @@ def grain_of_rgb(codes: NDArray[Any], transfer: Transfer, panorama: bool = True)
 
     found = _measure(blocks, codes.shape[:2], panorama, _ROUNDING * step**2 * np.sum(matrix**2, axis=1))
     return replace(found, transfer=transfer) if step else found
-
-
-def with_grain(image: Floats, plate: Floats, layer: Layer, amount: float, frame_index: int) -> Floats:
-    """Return the composite of a panorama, linear (H, W, 3), with the grain of its plate where the layer covers it."""
-    grain, out = grain_of_rgb(plate, "linear"), image.copy()
-    for tile in layer.tiles:
-        out[tile.window] = add_grain(image[tile.window], tile, grain, amount, layer.width, frame_index)
-    return out
 
 
 def _measure(blocks: Blocks, shape: tuple[int, int], panorama: bool, rounding: Floats) -> Grain:

@@ -15,7 +15,7 @@ import av.error
 import av.stream
 
 from mr360uw.errors import VideoError
-from mr360uw.reading.files_read import note_read
+from mr360uw.reading.input_files import note_read
 from mr360uw.reading.limits import PICTURE
 from mr360uw.video.metadata.mp4 import cut_short
 

@@ -15,7 +15,7 @@ from mr360uw.files import whole_file
 from mr360uw.reading.numbered_files import is_pattern, matching_files, numbered
 from mr360uw.video.clip import Clip
 from mr360uw.video.exr import write_exr
-from mr360uw.video.metadata.gpano import marked
+from mr360uw.video.metadata.spherical import marked
 from mr360uw.video.pixels.both_eyes import whole_frame
 from mr360uw.video.pixels.rgb import codes_from_linear
 from mr360uw.video.read.suffixes import FLOAT_SUFFIXES

@@ -26,7 +26,7 @@ while it moves from one to the next."""
 _LOST, _SEEN = 0.0005, 0.001
 """Squared sine of the radius of a body, seen from the surface of another, from which on it counts, and counts whole."""
 _NEAR, _NEAREST = 0.02, 0.03
-"""The same of a body that is near, in part and wholly: rays from each lookout then find it."""
+"""The same of a body that is near, in part and wholly: rays from each coarse sample then find it."""
 _LARGE, _LARGEST = 4.0, 3.0
 """Distances of a body from the middle of another over that one's radius, nearer than which it is seen in other
 directions from all places and so is near, too, in part and wholly, if it hides the following."""

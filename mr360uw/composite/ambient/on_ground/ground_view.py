@@ -1,19 +1,65 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What sites of a body see of the level ground below it, and what that sees of the body: a function of the body's turn
-and height alone.
+"""Form factors between the sample points of a body and the ground below it, by the body's turn and height alone.
+
+Near a body the ground is taken as level, at the height of the receiver below it.
 """
 
 from __future__ import annotations
 
 import functools
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mr360uw.cache import Cache
 from mr360uw.composite.ambient.directions import COUNT, SOLID_ANGLE, directions
-from mr360uw.composite.ambient.mesh_transfer import Transfer, met_sites
+from mr360uw.composite.ambient.mesh_transfer import Transfer, met_samples
+from mr360uw.composite.receiver.shape import ReceiverShape, kept_shape
+from mr360uw.composite.shot import PlacedObject, Shot
+from mr360uw.rays import RayScene, barycentric
 from mr360uw.types import Floats
+
+
+def ground_heights(shot: Shot, objects: Sequence[PlacedObject], cache: Cache) -> list[float | None]:
+    """Return the height [m] of the ground below each object in the world, None where there is none.
+
+    Of a mesh straight below the body's middle; of a distance map where the camera sees the middle of its underside.
+    """
+    receiver = shot.receiver
+    if receiver is None or not receiver.occlusion:
+        return [None] * len(objects)
+    if receiver.plane_y is not None:
+        return [receiver.plane_y] * len(objects)
+    mesh = receiver.mesh
+    if mesh is not None:
+        scene = cache.of(RayScene, mesh)
+        return [_below(scene, placed) for placed in objects]
+    shape = kept_shape(receiver, shot.view.position, cache)
+    return [_seen(shot, shape, placed) for placed in objects]
+
+
+def _below(scene: RayScene, placed: PlacedObject) -> float | None:
+    start, down = placed.to_world(placed.mesh.center_m)[None], np.array([[0.0, -1.0, 0.0]])
+    triangle = scene.first_hit(start, down)
+    if triangle[0] < 0:
+        return None
+    _, distance = barycentric(scene.triangles[triangle] - start[:, None], down)
+    return float(start[0, 1] - distance[0])
+
+
+def _seen(shot: Shot, shape: ReceiverShape, placed: PlacedObject) -> float | None:
+    points = placed.to_world(placed.mesh.hull.reshape(-1, 3))
+    middle = placed.to_world(placed.mesh.center_m)
+    middle[1] = points[:, 1].min()
+    ray = middle - shot.view.position
+    x, y = shot.view.places(ray[None])
+    distance, _ = shape.meet(shot, x, y)
+    if not np.isfinite(distance[0]):
+        return None
+    return float(shot.view.position[1] + shot.view.points(shot.view.directions(x, y), distance)[0, 1])
+
 
 NODES, COARSE_NODES = 16, 8
 """Points along each side of the square of ground that a body sees in its own shade; ambient light, which has no edges,
@@ -24,7 +70,7 @@ blocks less than a twentieth, and shadows of a sun above 45 degrees end."""
 _NEAR_GROUND = 9.0
 """Bodies higher above the ground than this many radii block less than a hundredth of its light."""
 _LIFT = 1e-3
-"""Height of sites and nodes above the ground over the body's radius, at least."""
+"""Height of samples and nodes above the ground over the body's radius, at least."""
 _FEW = 0.002
 """Share of a node's light below which the mean of what it sees is drawn to that of its neighbours."""
 
@@ -44,14 +90,14 @@ class LevelGround:
         return self.rotation.tobytes() + np.float64(self.height_m).tobytes()
 
     def covers(self, transfer: Transfer) -> bool:
-        """Return whether a site of a mesh lies below the ground, or nearly."""
+        """Return whether a sample of a mesh lies below the ground, or nearly."""
         if self._far_below(transfer):
             return False
         above = (transfer.lattice.position - transfer.mesh.center_m) @ self.rotation[1]
         return bool(above.min() < _LIFT * transfer.mesh.radius_m - self.height_m)
 
     def _far_below(self, transfer: Transfer) -> bool:
-        """Return whether no site of a mesh, all of which lie hardly outside its ball, can be near the ground."""
+        """Return whether no sample of a mesh, all of which lie hardly outside its ball, can be near the ground."""
         return self.height_m > 1.01 * transfer.mesh.radius_m
 
     def lifted(self, transfer: Transfer, position: Floats) -> Floats:
@@ -94,7 +140,7 @@ class LevelGround:
         return seen
 
     def mean_sent(self, transfer: Transfer) -> NDArray[np.float32]:
-        """Return the mean radiance (NODES^2, C) that nodes see of a body for that of each of its lookouts."""
+        """Return the mean radiance (NODES^2, C) that nodes see of a body for that of each of its coarse samples."""
         mesh, nodes = transfer.mesh, self.nodes(transfer)
         d = directions() @ self.rotation.T
         d = d[d[:, 1] > 0.0]
@@ -105,10 +151,10 @@ class LevelGround:
         origin, rays = (lifted @ self.rotation + mesh.center_m)[number], (d @ self.rotation)[direction]
         triangle = transfer.scene.first_hit(origin, rays)
         hit = np.flatnonzero(triangle >= 0)
-        met, _, _ = met_sites(transfer, origin[hit], rays[hit], triangle[hit])
+        met, _, _ = met_samples(transfer, origin[hit], rays[hit], triangle[hit])
         weight = (SOLID_ANGLE * d[direction[hit], 1]).astype(np.float32)
-        down = np.zeros((len(nodes), len(transfer.lookouts.site)), np.float32)
-        np.add.at(down, (number[hit], transfer.lookouts.of[met]), weight)
+        down = np.zeros((len(nodes), len(transfer.coarse.sample)), np.float32)
+        np.add.at(down, (number[hit], transfer.coarse.of[met]), weight)
         grid = down.reshape(NODES, NODES, -1)
         return _spread_from(grid, grid.sum(axis=-1, keepdims=True)).reshape(NODES**2, -1)
 

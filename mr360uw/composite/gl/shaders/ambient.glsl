@@ -1,5 +1,5 @@
 // Values of ambient light at a place of a body, three texels of a list for each knot, or one: the ratio of all light. Held to composite/ambient/knot_kernel.py
-// and composite/ambient/knot_values.py.
+// and composite/ambient/knot_kernel.py.
 struct Among {
     vec3 ratio;  // of irradiance
     vec3 kept;  // ratio of glossy light

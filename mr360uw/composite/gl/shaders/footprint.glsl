@@ -1,5 +1,5 @@
 // Footprints of pixels on surfaces, over which shadows are averaged: a middle and two sides. Held to
-// composite/lighting/footprint.py.
+// composite/lighting/shadow.py.
 struct Footprint {
     vec3 middle;
     mat2x3 sides;

@@ -63,7 +63,7 @@ float tolerance(vec3 plane, float nearness) {
 }
 
 #if defined(EYE)
-// rays that start on the viewing circle: their start, over their distance, is added to their direction (types/eyes.py). A hit's
+// rays that start on the viewing circle: their start, over their distance, is added to their direction (types/frames.py). A hit's
 // place over its distance is what a facet's vectors are multiplied with, as a direction is where rays start at the origin
 Four over_distance(Four four, vec4 nearness) {
     Four hit = four;

@@ -14,8 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.composite.mesh.material import Material
-from mr360uw.composite.mesh.texture import Texture, make_texture
-from mr360uw.composite.mesh.texture_file import Pixels
+from mr360uw.composite.mesh.texture import Pixels, Texture, make_texture
 from mr360uw.composite.mesh.usd.usd_network import Fed, PrimvarColor, Sampled, UsdCoordinates, fed
 
 UNBOUND = Material("", (0.18, 0.18, 0.18, 1.0), roughness=0.5)

@@ -17,12 +17,11 @@ from numpy.typing import NDArray
 
 from mr360uw.composite.affine import placed
 from mr360uw.composite.mesh.gltf import BROKEN
-from mr360uw.composite.mesh.part import MeshFile, Part
-from mr360uw.composite.mesh.texture_file import decode_image
-from mr360uw.composite.mesh.usd.usd_geometry import Polygons, polygons_of
+from mr360uw.composite.mesh.material import MeshFile, Part
+from mr360uw.composite.mesh.texture import decode_image
+from mr360uw.composite.mesh.usd.usd_geometry import Polygons, UsdWalk, polygons_of
 from mr360uw.composite.mesh.usd.usd_material import UNBOUND, UsdMaterial, UsdMaterialReader
 from mr360uw.composite.mesh.usd.usd_stage import asset_bytes, open_stage
-from mr360uw.composite.mesh.usd.usd_walk import UsdWalk
 from mr360uw.errors import MeshError
 from mr360uw.reading.limits import TRIANGLES
 from mr360uw.types import Floats

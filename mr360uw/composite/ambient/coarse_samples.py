@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Lookouts: the sites of a mesh at which it looks for other bodies and the ground, and exchanges light with them.
+"""Coarse samples: the samples of a mesh at which it looks for other bodies and the ground, and exchanges light with
+them.
 
-Light that comes from other bodies changes slowly over a surface, so a few hundred sites, chosen one after the other as
-the farthest from those before (Gonzalez 1985), stand for all; the others interpolate between them by moving least
+Light that comes from other bodies changes slowly over a surface, so a few hundred samples, chosen one after the other
+as the farthest from those before (Gonzalez 1985), stand for all; the others interpolate between them by moving least
 squares (Levin 1998).
 """
 
@@ -18,40 +19,42 @@ from mr360uw.composite.ambient.lattice import Lattice
 from mr360uw.types import Floats
 
 _SPACING = 0.09
-"""Every site has a lookout nearer than this part of the longest side, a sixth of a ball's radius, unless that makes
-more lookouts than `_MOST`."""
+"""Every sample has a coarse sample nearer than this part of the longest side, a sixth of a ball's radius, unless that
+makes more coarse samples than `_MOST`."""
 _MOST = 600
 _TURN = 4.0
 """A normal that turns by one radian counts as so many spacings of distance."""
 _NEIGHBOURS = 8
 _SHARP = 0.2
-"""Part of the distance between neighbours within which a site takes the value of a lookout itself."""
+"""Part of the distance between neighbours within which a sample takes the value of a coarse sample itself."""
 _STRAIGHT = 1e-4
-"""Weight of the slope's penalty: lookouts in a row do not fix the slope across it."""
+"""Weight of the slope's penalty: coarse samples in a row do not fix the slope across it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Lookouts:
-    """Lookouts of a mesh with S sites.
+class CoarseSamples:
+    """Coarse samples of a mesh with S samples.
 
-    site: (C,) their numbers among the sites. spread: (S, C) sparse float32, rows of sum 1: interpolation to all sites.
-    of: (S,) the lookout nearest to each site. spacing_m: largest distance of a site to one, in the mesh's metres.
+    sample: (C,) their numbers among the samples. spread: (S, C) sparse float32, rows of sum 1: interpolation to all
+    samples. of: (S,) the coarse sample nearest to each sample. spacing_m: largest distance of a sample to one, in the
+    mesh's metres.
     """
 
-    site: NDArray[np.int64]
+    sample: NDArray[np.int64]
     spread: Any
     of: NDArray[np.int64]
     spacing_m: float
 
     def mean(self, values: Floats) -> Floats:
-        """Return means (C, n) of values (S, n) over the sites that are nearest to each lookout."""
-        count = np.bincount(self.of, minlength=len(self.site))
-        total = np.stack([np.bincount(self.of, column, len(self.site)) for column in values.T], axis=-1)
+        """Return means (C, n) of values (S, n) over the samples that are nearest to each coarse sample."""
+        count = np.bincount(self.of, minlength=len(self.sample))
+        total = np.stack([np.bincount(self.of, column, len(self.sample)) for column in values.T], axis=-1)
         return np.asarray(total / count[:, None])
 
 
-def make_lookouts(lattice: Lattice, size_m: float, seen: NDArray[np.bool_]) -> Lookouts:
-    """Return the lookouts of a lattice on a mesh of a longest side `size_m`, among the sites that are `seen` (S,)."""
+def choose_coarse(lattice: Lattice, size_m: float, seen: NDArray[np.bool_]) -> CoarseSamples:
+    """Return the coarse samples of a lattice on a mesh of a longest side `size_m`, among the samples that are `seen`
+    (S,)."""
     from scipy.sparse import csr_matrix
     from scipy.spatial import cKDTree
 
@@ -59,13 +62,13 @@ def make_lookouts(lattice: Lattice, size_m: float, seen: NDArray[np.bool_]) -> L
     feature = np.append(lattice.position, _TURN * spacing * lattice.normal, axis=1)
     candidates = np.flatnonzero(seen)
     chosen, spacing = _farthest(feature[candidates].astype(np.float32), spacing)
-    site = np.sort(candidates[chosen])
-    near = min(_NEIGHBOURS, len(site))
-    distance, at = (np.reshape(a, (-1, near)) for a in cKDTree(feature[site]).query(feature, near))
-    weight = _least_squares(lattice, site[at], distance)
+    sample = np.sort(candidates[chosen])
+    near = min(_NEIGHBOURS, len(sample))
+    distance, at = (np.reshape(a, (-1, near)) for a in cKDTree(feature[sample]).query(feature, near))
+    weight = _least_squares(lattice, sample[at], distance)
     rows = np.repeat(np.arange(len(feature)), near)
-    spread = csr_matrix((weight.ravel().astype(np.float32), (rows, at.ravel())), shape=(len(feature), len(site)))
-    return Lookouts(site, spread, at[:, 0].astype(np.int64), spacing)
+    spread = csr_matrix((weight.ravel().astype(np.float32), (rows, at.ravel())), shape=(len(feature), len(sample)))
+    return CoarseSamples(sample, spread, at[:, 0].astype(np.int64), spacing)
 
 
 def _farthest(feature: NDArray[np.float32], spacing: float) -> tuple[NDArray[np.int64], float]:

@@ -1,12 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Caustics by division of areas, drawn at pixel centres as a graphics pipeline does, after published methods.
+"""Caustics after published methods, which do not conserve energy.
+
+By division of areas, drawn at pixel centres as a graphics pipeline does:
 
     ratio      flux of each triangle over the area of its image
     fan        flux over area of the triangles around each vertex, interpolated      Thompson et al. 2019
     jacobian   flux density over the Jacobian of the refraction, divided in each pixel
 
 They lose light where a triangle covers no pixel centre and add light where areas shrink to nothing, so their mean is
-not 1 beyond the first fold. `hit`, `flux` and maps: as in `flux.deposit`.
+not 1 beyond the first fold. `hit`, `flux` and maps: as in `caustics/flux/deposit.py`.
+
+By scrolling two copies of one still map, the darker of which shows (Stam 1996; Monzon et al. 2022).
 """
 
 from __future__ import annotations
@@ -24,6 +28,11 @@ Array = NDArray[np.floating[Any]]
 _LEAST_JACOBIAN = 1e-6
 """Least area, or Jacobian over area, that flux is divided by, because both vanish at a fold. Twice as large, the
 brightest pixels of a fold are half as bright."""
+
+
+_SCROLL = ((0.37, 0.21), (-0.29, 0.33))
+"""Velocity [m/s] of the two copies over (x, z), about that of short waves; twice as large, the pattern moves as fast
+as waves four times as long."""
 
 
 @exact
@@ -117,3 +126,19 @@ DEPOSITS: dict[str, Callable[[Array, Array, int], Array]] = {
     "ratio": deposit_ratio, "fan": deposit_fan, "jacobian": deposit_jacobian
 }  # fmt: skip
 """The methods by the name that the settings give them."""
+
+
+def scroll_offsets(tile_m: float, loop_s: float | None, time_s: float) -> Array:
+    """Return how far (2, 2) over (x, z), in tiles, the two copies have moved; whole tiles in a loop."""
+    rate = np.array(_SCROLL) / tile_m
+    if loop_s is not None:
+        rate = np.round(rate * loop_s) / loop_s
+    return rate * time_s
+
+
+def scroll(ratio: Array, tile_m: float, loop_s: float | None, time_s: float) -> Array:
+    """Return the darker of two scrolled copies of a map (size, size), of mean 1; the second has x and z swapped."""
+    size = ratio.shape[0]
+    first, second = np.round(scroll_offsets(tile_m, loop_s, time_s) * size).astype(np.int64)
+    darker = np.minimum(np.roll(ratio, (first[1], first[0]), (0, 1)), np.roll(ratio.T, (second[1], second[0]), (0, 1)))
+    return darker / darker.mean()
