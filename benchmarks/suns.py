@@ -267,7 +267,7 @@ def verdict(count: int = 60) -> None:
     tally: dict[tuple[str, bool, int], list[float]] = {}
     for name, plate, place, underwater in cases(count):
         found = find_disc(LinearPlate.of(plate), underwater=underwater)
-        share = 0.0 if found is None else taken_share(found.confidence, 0.5)
+        share = 0.0 if found is None else taken_share(found.confidence)
         near = found is not None and place is not None and angle(found.blob.direction, place) < _NEAR_DEG
         right = share >= 0.5 and near if place is not None else share < 0.5
         if not right:

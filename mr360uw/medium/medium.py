@@ -41,6 +41,8 @@ DEFAULT_BANDS = 61
 _SPECTRAL: dict[Mode, SpectralMode] = {"kd": "kd", "rgb": "kd", "kd+": "kd+", "table": "table", "plate": "table"}
 _FORMATIONS: tuple[Mode, ...] = ("koschmieder", "akkaynak-treibitz")
 _TINY = 1e-300  # below the light of any depth
+_FAR_LENGTHS = 10.0
+"""Ways, over the length of the tables, behind which nothing is seen."""
 
 
 class Medium:
@@ -269,6 +271,17 @@ class Medium:
             return level
         glow = self.under("floor").model.radiance(self.camera_depth_m, up) @ self.floor_lobes - level * self.glow_level
         return np.asarray(level + self.floor_seen(gain, upwelling) / np.maximum(gain, _TINY) * glow)
+
+    def far_veil(self, up: Array, gain: Floats, upwelling: Floats) -> Array:
+        """Return the veil (r, 3) of ways longer than one sees, in directions (r,) below the horizon, for a gain of 1.
+
+        It is the light of open water where the floor falls away. gain, upwelling: see `floor_seen`.
+        """
+        far = np.full(len(up), _FAR_LENGTHS * self.length_m)
+        veil = self.unit_veil(far, up)
+        if self.floor_m is None:
+            return veil
+        return veil + self.floor_seen(gain, upwelling) / np.maximum(gain, _TINY) * self._unit_glow(far, up)
 
     def floor_seen(self, gain: Floats, upwelling: Floats) -> Array:
         """Return the radiance (3,) of the floor in the light of a plate, 0 without a floor.

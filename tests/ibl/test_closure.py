@@ -16,7 +16,7 @@ from mr360uw.ibl.settings import LightSettings
 from mr360uw.ibl.sun.closure import clear_ratio, sunlight
 from mr360uw.ibl.sun.detect import find_disc
 from mr360uw.ibl.sun.evidence import shown_ratio
-from mr360uw.ibl.sun.judge import SunCandidate, taken_share
+from mr360uw.ibl.sun.judge import PlateSurvey, SunCandidate, taken_share
 from mr360uw.ibl.sun.split import sky_irradiance
 from mr360uw.medium import Sensor
 from mr360uw.sphere import direction_from_angles, directions, row_solid_angle
@@ -121,6 +121,13 @@ def test_a_sun_somewhere_in_a_clipped_sky_needs_the_ground_to_tell() -> None:
     assert shaded is not None
     assert sunlit.confidence >= 0.5 > shaded.confidence
     assert np.degrees(np.arccos(sunlit.blob.direction @ PLACE)) < 10.0
+
+
+def test_ground_that_no_sun_makes_so_bright_speaks_for_none() -> None:
+    """It is lit by lamps, or white; up to the ratio of the clearest air it speaks for a sun."""
+    plate = LinearPlate.of(day(1.0, 1.0, columns=256))
+    lit = [PlateSurvey(plate, plate.brightest, 1.0, 0.0, False, True, ratio).lit for ratio in (0.1, 1.0, 4.5, 12.0)]
+    assert lit == [0.0, 1.0, 1.0, 0.0]
 
 
 def test_a_sun_in_doubt_gives_a_share_of_its_light() -> None:

@@ -76,6 +76,26 @@ def test_ground_that_is_near_is_no_water(medium: Medium) -> None:
     assert found.weight[np.abs(row_up(ROWS)) < 0.05].min() > 0.99
 
 
+def test_water_goes_on_where_the_ground_falls_away() -> None:
+    """On one side the plate is as its ground makes it, on the other there is none: both veils are the plate's."""
+    above = 1.3
+    medium = Medium(Water.jerlov("IA"), camera_depth_m=DEPTH, floor_m=DEPTH + above)
+    up, gain = row_up(SIZE[0]), np.full(3, 5.0)
+    shown = np.repeat(gain * medium.level_radiance(up)[:, None], SIZE[1], axis=1)
+    long = gain * medium.far_veil(row_up(ROWS)[ROWS // 2 :], gain, np.zeros(3))
+    below = np.repeat(long, FINER, axis=0)
+    shown[SIZE[0] // 2 :, 100:300] = below[:, None]
+    found = open_water(medium, gain, shown, above)
+    falls, stands = found.weight[ROWS // 2 :, 60:140], found.weight[ROWS // 2 :, 160:]
+    ray = row_up(ROWS)[ROWS // 2 :]
+    some_way = (ray < -0.07) & (ray > -0.3)
+    assert falls[some_way].min() > 0.9
+    assert stands[some_way].max() < 0.1
+    veil = (found.ratio(gain)[ROWS // 2 :] * long[:, None])[some_way, 60:140]
+    truth = np.broadcast_to(long[some_way, None], veil.shape)
+    assert code_error(veil, truth).max() < OPEN_WATER_CODES
+
+
 def test_unknown_parts_are_harmonic_over_the_sphere() -> None:
     theta = np.pi * (np.arange(ROWS) + 0.5) / ROWS
     truth = np.broadcast_to(np.log(np.tan(0.5 * theta))[:, None, None], (ROWS, COLUMNS, 1))

@@ -48,14 +48,16 @@ _REFRACTED = 1.5
 _LAMP_DEG, _LAMP_HALO = (7.0, 4.0), (0.05, 0.2)
 """Radius [deg] and halo of a clipped spot from and up to which it is a lamp or a gap in a rock: the glare that makes a
 sun so wide does not end there."""
-_HELD_RAD = np.radians(15.0)
-"""Angle [rad] under water within which waves scatter the glitter of one sun."""
+_HELD, _HELD_RAD = (0.5, 0.2), np.radians(15.0)
+"""Share of the white that a clipped spot holds from which it is alone, and up to which it is one of many; and the angle
+[rad] under water within which waves scatter the glitter of one sun."""
 _GLOW_EXTENTS, _GLOW_RAD, _GLOW_PIXELS, _RINGS = 5.0, (np.radians(8.0), np.radians(50.0)), 61, 15
 """Radius of the patch a glow is looked for in, in extents of the spot, its limits [rad], pixels, and rings."""
 _DARK = 1e-3
 """Brightness below which differences are noise."""
-_LIT_RATIO = (0.7, 0.15)
-"""Ratio of direct to diffuse light that the ground speaks for, from which it is lit and up to which it is not."""
+_LIT_RATIO, _LAMPLIT_RATIO = (0.7, 0.15), (5.0, 10.0)
+"""Ratio of direct to diffuse light that the ground speaks for, from which it is lit and up to which it is not; and up
+to which a sun may have lit it, in the clearest air, and from which it says nothing: lamps do, and snow looks so."""
 _BESIDE_DEG = (6.0, 9.0)
 """Degrees from a spot's rim to where the gradient points, up to which it is that spot's, and from which it is not."""
 _SIDE_RAD = np.radians(20.0)
@@ -92,16 +94,16 @@ class PlateSurvey:
     @property
     def lit(self) -> float:
         """Whether the ground speaks for a sun, 0 to 1."""
-        return falling(self.ground, *_LIT_RATIO)
+        return falling(self.ground, *_LIT_RATIO) * falling(self.ground, *_LAMPLIT_RATIO)
 
     def judge(self, blob: Blob, *, by_glow: bool = False) -> SunCandidate:
         """Return a spot with the verdict on it. by_glow: whether it is where the sky's gradient points."""
         if not self.clipped:
             evidence = self._unclipped(blob)
         elif self.underwater:
-            evidence = [*self._white(blob), self._alone(blob, _HELD_RAD, 0.5, 0.2)]
+            evidence = [*self._white(blob), self._alone(blob, _HELD_RAD, *_HELD)]
         else:
-            told = self._pointed(blob) if by_glow else self._alone(blob, 0.0, 0.5, 0.15)
+            told = self._pointed(blob) if by_glow else self._alone(blob, 0.0, *_HELD)
             evidence = [*self._white(blob, grey=by_glow), told, _edged(blob), self._glowing(blob), self._agreed(blob)]
         doubt = sum(1.0 - value for value, _ in evidence)
         value, reason = min(evidence)
@@ -173,7 +175,7 @@ class PlateSurvey:
             return 1.0, ""
         angle = math.acos(min(max(float(self.glow.direction @ blob.direction), -1.0), 1.0))
         there = falling(math.degrees(angle - blob.radius_rad), *_BESIDE_DEG)
-        away = (1.0 - there) * falling(self.glow.explained, 0.45, 0.2) * (1.0 - self.lit)
+        away = (1.0 - there) * falling(self.glow.explained, 0.45, 0.2) * (1.0 - falling(self.ground, *_LIT_RATIO))
         reason = (
             f"a gap in clouds: the ground is not lit, and the glow points {math.degrees(angle):.0f} degrees beside it"
         )

@@ -9,7 +9,8 @@ over the sphere: it takes its values from the water around, so that a diver's su
 sun as R, the solved light does (`around_sun`). Where no open water is seen, r is R; without a sun R is 1.
 
 Open water is smooth over a few degrees and no redder than the rest of it. It is what is seen on long ways: not near the
-zenith, where the surface shows, nor where the ground is near.
+zenith, where the surface shows, nor where the ground is near. Where the plate goes on below the horizon as its water
+does, and not as its ground would, the ground falls away, and L is the veil of a long way.
 """
 
 from __future__ import annotations
@@ -43,6 +44,13 @@ _LEVEL = 0.25
 """Sine of elevation over which directions fall off in what is typical: there ways are long."""
 _FAR, _NEAR = 0.05, 0.25
 """Share of light from beyond the water between which a direction loses its weight."""
+_GROUND, _WATER = 0.1, 0.3
+"""How much nearer the logarithm of light is to water that goes on than to ground, from which a direction gains weight,
+and at which it has all of it."""
+_STRAYS = 0.3
+"""Difference of the logarithm of light from water that goes on, up to which it may be that: half of it counts less."""
+_HORIZON = 0.03
+"""Sine of elevation over which directions tell the water of the horizon in their azimuth."""
 _UNLIKE, _UNLIKEST = 0.8, 1.2
 """Logarithm of the light over the typical one between which a direction loses its weight: bodies that fill the view."""
 DARKEST = 1e-4
@@ -102,23 +110,48 @@ def open_water(
     size = FINER * COLUMNS, FINER * ROWS
     shown = np.asarray(cv2.resize(np.maximum(shown, 0.0).astype(np.float64), size, interpolation=cv2.INTER_AREA))
     small = np.maximum(cv2.resize(shown, (COLUMNS, ROWS), interpolation=cv2.INTER_AREA), DARKEST)
-    up = row_up(ROWS)
-    model = medium.far_light(up, visible_gain(medium, gain), upwelling(small))
-    light = visible_gain(medium, gain) * model
+    up, used = row_up(ROWS), visible_gain(medium, gain)
+    light = used * np.repeat(medium.far_light(up, used, upwelling(small))[:, None], COLUMNS, axis=1)
     dim = _DIM * float(luminance(light).max()) + DARKEST
     seen = _fade(_from_beyond(medium, up, above_ground_m), _FAR, _NEAR)[:, None]
-    weight = _small(_eroded(_fade(structure(shown, dim), _SMOOTH, _ROUGH))) * seen
+    smooth = _small(_eroded(_fade(structure(shown, dim), _SMOOTH, _ROUGH)))
+    weight = smooth * seen
+    if above_ground_m is not None:
+        down = up < 0.0
+        far = used * medium.far_veil(up[down], used, upwelling(small))[:, None]
+        horizon = weight * np.exp(-((up / _HORIZON) ** 2))[:, None]
+        goes_on = _goes_on(small, light, horizon, far)
+        either = 1.0 - (1.0 - goes_on) * (1.0 - seen[down])
+        part = (goes_on / np.maximum(either, _TINY))[..., None]
+        light[down] *= (far / np.maximum(light[down], _TINY)) ** part
+        weight[down] = smooth[down] * either
     area = np.sqrt(1.0 - up**2)[:, None] * np.ones(COLUMNS)
-    level = area * np.exp(-((up / _LEVEL) ** 2))[:, None]
+    about = area * np.exp(-((up / _LEVEL) ** 2))[:, None]
     red = (small[..., 0] + dim) / (small.sum(axis=-1) + 3.0 * dim)
-    bright = luminance(small) / luminance(light)[:, None]
-    weight = weight * _fade(red / _quantile(red, weight * level * bright, _TYPICAL_RANK), _REDDER, _REDDEST)
-    typical = _quantile(bright, weight * level * bright, 0.5)
+    bright = luminance(small) / luminance(light)
+    weight = weight * _fade(red / _quantile(red, weight * about * bright, _TYPICAL_RANK), _REDDER, _REDDEST)
+    typical = _quantile(bright, weight * about * bright, 0.5)
     weight = weight * _fade(np.abs(np.log(bright / typical)), _UNLIKE, _UNLIKEST)
     share = float((weight * area).sum() / area.sum())
     weight = weight * min(share / _LEAST_SEEN, 1.0)
-    level, least = np.log(small / np.maximum(model, _TINY)[:, None]), visible_gain(medium, np.zeros(3))
+    level, least = np.log(used * small / np.maximum(light, _TINY)), visible_gain(medium, np.zeros(3))
     return OpenWater(level, weight, least, 0.0 if around is None else np.log(np.maximum(around, DARKEST)))
+
+
+def _goes_on(small: Array, light: Array, horizon: Array, far: Array) -> Array:
+    """Return how far a plate goes on below the horizon as its water (r, c), and not as ground would: 0 to 1.
+
+    small (n, c, 3): the plate. light (n, c, 3), far (r, 1, 3): of water over ground, and of water alone below the
+    horizon. horizon (n, c): weight of directions that tell the water of the horizon.
+    """
+    known, below = horizon.sum(axis=0), len(light) - len(far)
+    usual = (horizon[..., None] * np.log(small / np.maximum(light, _TINY))).sum(axis=0)
+    usual = np.exp(usual / np.maximum(known, _TINY)[:, None])
+    dim = (_DIM * luminance(usual * far[0]) + DARKEST)[:, None]
+    ground, water = (
+        np.abs(np.log((small[below:] + dim) / (usual * one + dim))).max(axis=-1) for one in (light[below:], far)
+    )
+    return _fade(water - ground, -_WATER, -_GROUND) * _fade(water, 0.5 * _STRAYS, _STRAYS) * np.minimum(known, 1.0)
 
 
 def _from_beyond(medium: Medium, up: Array, above_ground_m: float | None) -> Array:
