@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mr360uw.constants import PI
+from mr360uw.medium.boundaries import SkyShape
 from mr360uw.medium.closed_form import check_ray, path_modes, ray_in_water
 from mr360uw.optics import fresnel_from_below
 
@@ -73,8 +74,8 @@ class RayField:
     extinction: (n,) [1/m] of the rays. rate: (n, j) [1/m]. origin_m: (j,) depth at which modes have their amounts.
     source: [1/(m sr)] the light scattered into a ray, there: of orders m of cos(m azimuth), whose modes follow one
     another, the coefficients (n, l, j of it) of the associated Legendre functions of mu. sky: (n,) radiance of the sky
-    as it would be just below the surface without reflection. index: refractive index of the water. floor_m, floor:
-    depth and radiance (n,) of a Lambert floor; infinity: none.
+    as it would be just below the surface without reflection, over its shape. index: refractive index of the water.
+    floor_m, floor: depth and radiance (n,) of a Lambert floor; infinity: none.
     of_beam: the light that the sun's beam, the last mode of all, scatters directly into a ray; None: no beam.
     azimuth_rad: of the rays, from the sun's; None: the mean over it.
     """
@@ -84,6 +85,7 @@ class RayField:
     origin_m: Array
     source: Mapping[int, Array]
     sky: Array
+    shape: SkyShape
     index: float
     floor_m: float
     floor: Array
@@ -149,7 +151,8 @@ class RayField:
         mu = np.asarray(up, np.float64)
         directions, place = np.unique(mu, return_inverse=True)
         reflectance = fresnel_from_below(directions, self.index)[:, None]
-        light = self.sky * (1.0 - reflectance) + reflectance * self.radiance(0.0, -directions)
+        shape = self.shape.seen_through(directions, self.index)[:, None]
+        light = self.sky * shape * (1.0 - reflectance) + reflectance * self.radiance(0.0, -directions)
         return light[place].reshape(*mu.shape, len(self.sky))
 
     def to_floor(self, y: Array, mu: Array) -> Array:

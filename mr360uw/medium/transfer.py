@@ -30,7 +30,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from mr360uw.constants import PI, REFRACTIVE_INDEX_SEA
 from mr360uw.errors import ParameterError
-from mr360uw.medium.boundaries import LambertFloor, Sky, SurfaceKind, sky_parts
+from mr360uw.medium.boundaries import LambertFloor, Sky, SkyShape, SurfaceKind, sky_parts
 from mr360uw.medium.closed_form import check_ray, ray_in_water
 from mr360uw.medium.ordinates import Modes, Ordinates, nodes
 from mr360uw.medium.phase import Mixture, Phase, check_phase
@@ -127,23 +127,29 @@ class LightField:
         if sky == "floor" and floor is None:
             raise ParameterError("floor - is the only light of sky 'floor' (got none) - give one")
         self._shining = float(sky == "floor")
+        self._shape = sky if isinstance(sky, SkyShape) else SkyShape()
         self._solve(*sky_parts(sky))
 
     def _solve(self, sun_mu: float, sun_share: float) -> None:
         mu, w = self._mu, self._weight
-        reflectance = fresnel_from_below(mu, self.refractive_index)
-        passed = 2.0 * PI * np.sum(w * mu * (1.0 - reflectance))
+        entering = (1.0 - fresnel_from_below(mu, self.refractive_index)) * self._shape.seen_through(
+            mu, self.refractive_index
+        )
+        passed = 2.0 * PI * np.sum(w * mu * entering)
         of_sky, beam = 1.0 - sun_share - self._shining, np.full(len(self.absorption), sun_share / sun_mu)
         self._sun_mu = sun_mu
         self._azimuth_rad: float | None = None
         self._only: int | Literal["beam"] | None = None
-        self._even = self._component(0, beam, of_sky * (1.0 - reflectance) / passed)
+        self._even = self._component(0, beam, of_sky * entering / passed)
         incident = np.ones(len(beam))
         if not self._shining:
             incident = 2.0 * PI * np.einsum("i,nij->n", w * mu, self._even.modes.at(0.0)[0]) + sun_share
         self._even = self._even.over(incident)
         self._beam = beam / incident
         self._sky = of_sky / passed / incident
+        self.entering = 1.0 / incident
+        """Fraction (n,) of the downwelling irradiance just below the surface that comes from above, and was not sent
+        back by it."""
 
     def _component(self, order: int, beam: Array, from_above: Array) -> _Component:
         """Return the light that varies as cos(order azimuth).
@@ -270,6 +276,7 @@ class LightField:
             origin_m=np.concatenate([light.modes.origin_m for light in shown.values()]),
             source={order: factor[..., None] * light.moments for order, light in shown.items()},
             sky=self._sky if self._only in (None, 0) else 0.0 * self._sky,
+            shape=self._shape,
             index=self.refractive_index,
             floor_m=self._floor_m,
             floor=self._floor_radiance,

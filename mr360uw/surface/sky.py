@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from mr360uw.constants import PI
 from mr360uw.errors import ParameterError
 from mr360uw.ibl.lookup import environment_lookup
+from mr360uw.medium.boundaries import SkyShape
 from mr360uw.optics import fresnel_transmittance
 from mr360uw.shapes import numbers
 from mr360uw.sphere import directions, row_solid_angle
@@ -53,6 +54,8 @@ Array = NDArray[np.float64]
 _RINGS, _IN_RING = (5.0, 20.0, 35.0, 50.0, 65.0, 80.0, 90.0), (16, 12, 12, 8, 6, 1)
 """Edges [deg] of elevation of the patches that the sky is divided into, from the horizon up, and patches of a ring. The
 lowest 5 degrees give 0.2 % of a uniform sky's light in the water and join the lowest ring."""
+_SHAPE_NODES = 17
+"""Sines of elevation at which the water is told how bright the sky is."""
 _BRIGHT = 10.0
 """Radiance over the sky's mean beyond which it is divided into patches: light up to there may be sought by rays at
 random, as a sun's disc of 6 degrees then has 3 % of it."""
@@ -115,6 +118,18 @@ class Dome:
     def irradiance(self) -> Array:
         """Irradiance (3,) on a level plane above the surface."""
         return np.asarray(np.einsum("hwc,hw->c", self._upper, self._weights))
+
+    @functools.cached_property
+    def shape(self) -> SkyShape:
+        """The sky's radiance by elevation, mean over azimuths and channels."""
+        edge = np.sin(np.linspace(0.0, 0.5 * PI, len(self._upper) + 1))
+        ring = self._upper[::-1].mean(axis=(1, 2))
+        below = np.concatenate([[0.0], np.cumsum(ring * np.diff(edge))])
+        if below[-1] <= 0.0:
+            return SkyShape()
+        bound = np.clip((np.arange(_SHAPE_NODES + 1) - 0.5) / (_SHAPE_NODES - 1), 0.0, 1.0)
+        mean = np.diff(np.interp(bound, edge, below)) / np.diff(bound) / below[-1]
+        return SkyShape(tuple(np.round(mean, 4).tolist()))
 
     def irradiance_below(self, refractive_index: float) -> Array:
         """Return the irradiance (3,) on a level plane just below a flat surface."""

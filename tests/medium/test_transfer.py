@@ -10,14 +10,15 @@ import numpy as np
 import pytest
 from scipy.special import expn
 
+from mr360uw.constants import REFRACTIVE_INDEX_SEA
 from mr360uw.errors import ParameterError
 from mr360uw.medium import LightField, Water
-from mr360uw.medium.boundaries import LambertFloor
+from mr360uw.medium.boundaries import LambertFloor, SkyShape
 from mr360uw.medium.closed_form import ray_in_water
 from mr360uw.medium.models import spectral_model
 from mr360uw.medium.phase import henyey_greenstein
 from mr360uw.medium.ray_field import cosine_kernel
-from mr360uw.optics import fresnel_from_below
+from mr360uw.optics import critical_cosine, fresnel_from_below
 from tests.medium.tolerances import (
     ANALYTIC_FIELD,
     AROUND_SUN,
@@ -45,7 +46,9 @@ SETTINGS = {
 }
 A = np.array([0.005, 0.05, 0.3, 3.0])
 B = np.array([0.4, 0.001, 0.5, 10.0])
-SKIES = ["uniform", ("sun", 0.85, 0.7)]
+CRITICAL = critical_cosine(REFRACTIVE_INDEX_SEA)
+OVERCAST = SkyShape((0.5, 0.7, 1.0, 1.3, 1.5))
+SKIES = ["uniform", ("sun", 0.85, 0.7), OVERCAST]
 FLOORS = [None, LambertFloor(3.0, (0.4,))]
 
 
@@ -268,6 +271,34 @@ def test_without_scattering_only_the_sky_is_seen() -> None:
     expected = np.where(up > 0, np.exp(-0.1 * 3.0 / np.maximum(up, 1e-9)) / np.pi, 0.0)
     np.testing.assert_allclose(field.radiance(3.0, up)[:, 0], expected, atol=FLOAT64)
     assert field.inscatter(5.0, 3.0, 0.2)[0] == 0.0
+
+
+def test_a_sky_keeps_its_shape() -> None:
+    """In water that hardly scatters, a level plane and a ray get the sky itself, refracted, dimmed by the way."""
+    absorption, depth, n = 0.3, 3.0, 1.34
+    field = LightField(absorption, 1e-9, "isotropic", "snell", OVERCAST, n)
+    x, w = np.polynomial.legendre.leggauss(2000)
+    least = np.sqrt(1.0 - 1.0 / n**2)
+    up = least + (1.0 - least) * (0.5 + 0.5 * x)
+    entering = OVERCAST.seen_through(up, n) * (1.0 - fresnel_from_below(up, n))
+    left = np.exp(-absorption * depth / up)
+    expected = np.sum(w * up * entering * left) / np.sum(w * up * entering)
+    assert field.irradiance(depth, 1.0)[0] == pytest.approx(expected, rel=IRRADIANCE)
+    seen = field.radiance(depth, up[::100])[:, 0] / left[::100]
+    np.testing.assert_allclose(seen / entering[::100], (seen / entering[::100])[0], rtol=IRRADIANCE)
+    assert OVERCAST.seen_through(np.array(1.0), n) == 1.5
+    with pytest.raises(ParameterError, match="sky"):
+        SkyShape((0.0, 0.0))
+
+
+@pytest.mark.parametrize("sky", SKIES)
+def test_what_the_surface_sends_back_did_not_enter(sky: str) -> None:
+    field = LightField(A, B, ("hg", 0.9), sky=sky)
+    x, w = np.polynomial.legendre.leggauss(400)
+    up = np.concatenate([-0.5 * (1.0 - CRITICAL) * (1.0 + x) - CRITICAL, -0.5 * CRITICAL * (1.0 + x)])
+    weight = np.concatenate([0.5 * (1.0 - CRITICAL) * w, 0.5 * CRITICAL * w]) * 2.0 * np.pi * -up
+    back = (weight * fresnel_from_below(-up, REFRACTIVE_INDEX_SEA)) @ field.radiance(0.0, up)
+    np.testing.assert_allclose(field.entering, 1.0 - back, rtol=IRRADIANCE)
 
 
 def test_snells_window() -> None:

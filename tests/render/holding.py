@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -73,8 +74,7 @@ def held(folder: Path, settings: DiveSettings, *, width: int = 512, frames: int 
     sun_told: whether the scene gives the sun's direction and its share of the light. A clip of one second shows the
     direction with an error of degrees, since waves displace its glitter.
     """
-    plate = Dive(settings, width, width // 2)
-    images = [plate.radiance(k / FRAME_RATE) for k in range(frames)]
+    plate, images = _filmed(settings, width, frames)
     (folder / "dive.mp4").unlink(missing_ok=True)
     record(folder / "dive.mp4", images, Fraction(FRAME_RATE), settings.seed)
     (folder / "card.obj").write_text(OBJ)
@@ -103,6 +103,12 @@ def held(folder: Path, settings: DiveSettings, *, width: int = 512, frames: int 
                 pixels += int(np.count_nonzero(inside))
     code = 255.0 * encode(covered / pixels, "srgb")
     return Held(shown / covered, _rounding(images[0], settings, under), code)
+
+
+@lru_cache(maxsize=1)
+def _filmed(settings: DiveSettings, width: int, frames: int) -> tuple[Dive, list[NDArray[np.float32]]]:
+    plate = Dive(settings, width, width // 2)
+    return plate, [plate.radiance(k / FRAME_RATE) for k in range(frames)]
 
 
 def given_sun(settings: DiveSettings) -> dict[str, object]:
