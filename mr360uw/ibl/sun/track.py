@@ -65,7 +65,7 @@ def measure_sun(environment: Environment, time_s: float, world_from_camera: Floa
     return SunMeasurement(time_s, sun, exposure, thumbnail - thumbnail.mean())
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class SunTrack:
     """The sun of every frame of a clip.
 
