@@ -35,6 +35,7 @@ from mr360uw.scene.inputs import open_plate, projection_notes
 from mr360uw.scene.model import Scene
 from mr360uw.shapes import instance
 from mr360uw.video import VideoReader
+from mr360uw.video.read.kept_frames import KeptFrames
 
 
 def composite_video(
@@ -83,11 +84,12 @@ def composite_video(
             left, times, doubts = output.left(work, parts), RunTimes(), tuple[str, ...]()
             kept = total - sum(stop - start for start, stop in left)
             if left:
-                facts = _find_facts(loaded, video, span, work, times, progress, tell, fresh=fresh)
+                seen = KeptFrames(video, measured_range(video, *span) if crew is None else (0, 0))
+                facts = _find_facts(loaded, seen, span, work, times, progress, tell, fresh=fresh)
                 doubts = facts.notes
                 done = _counted(progress, tell and Forecast(tell, output, work, total - kept), kept, total)
                 job = Job(scene, output.path, work, "auto" if mixed else renderer.name, output.layers, left)
-                opened = OpenJob(job, video, loaded, renderer)
+                opened = OpenJob(job, seen if seen.are_all else video, loaded, renderer)
                 with _noting_what_is_finished(output, work):
                     times.merge(_alone(opened, done) if crew is None else crew.render(job, done))
             notes = output.complete(work, parts)

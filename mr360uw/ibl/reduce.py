@@ -47,11 +47,18 @@ def reduce_map(radiance: ArrayLike, width: int, height: int) -> Floats:
     flat = image.reshape(source_height, -1)
     for j, (first, weight) in enumerate(_shares(height, source_height, True)):
         np.dot(weight.astype(image.dtype), flat[first : first + len(weight)], out=rows[j])
-    bands = rows.reshape(height, source_width, channels)
-    out = np.empty((height, width, channels), image.dtype)
+    columns = rows.reshape(height, source_width, channels).swapaxes(0, 1).reshape(source_width, -1)
+    out = _across(width, source_width).astype(image.dtype) @ columns
+    return np.ascontiguousarray(out.reshape(width, height, channels).swapaxes(0, 1))
+
+
+@functools.lru_cache(maxsize=8)
+def _across(width: int, source_width: int) -> NDArray[np.float32]:
+    """Return the shares (width, source_width) that the columns of a map have in those of a narrower one."""
+    shares = np.zeros((width, source_width), np.float32)
     for i, (first, weight) in enumerate(_shares(width, source_width, False)):
-        out[:, i] = np.tensordot(bands[:, first : first + len(weight)], weight.astype(image.dtype), (1, 0))
-    return out
+        shares[i, first : first + len(weight)] = weight
+    return shares
 
 
 def reduce_maximum(values: ArrayLike, width: int, height: int) -> Floats:

@@ -3,12 +3,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
-from mr360uw.color import luminance
+from mr360uw.color import LUMINANCE, luminance
 from mr360uw.composite.receiver.pattern import PlatePattern
+from mr360uw.render.plate_map import small_picture
 from mr360uw.types import Floats, Rectangle
 from mr360uw.video import VideoFrame
 
@@ -17,10 +19,11 @@ FRAMES = 240
 _EVERY = 4
 """Frames between those that are read: a sixth of a second, in which caustics move by their own width."""
 _LEAST_FRAMES = 8
-"""Frames below which a mean still shows the caustics themselves."""
+"""Frames below which a mean still shows the caustics themselves; if the camera moves in them, none is taken."""
 _MEASURED = 3
 """Frames whose detail is measured: its variance is that of thousands of filaments in each."""
 _COLUMNS = 512
+_ROWS = 32
 _SHIFT = 2
 _GROUPS = 4
 """Successive groups of frames; where the camera stands, the mean of each lies best on the mean of the others without a
@@ -54,46 +57,69 @@ class CalmSeries:
 
     def clear(self) -> None:
         """Forget all frames; the next one is the first."""
-        self._first = 0
-        self._sum: Floats | None = None
+        self._first: int | None = None
+        self._sum: NDArray[np.float32] | None = None
+        self._held: list[VideoFrame] = []
         self._small: list[Floats] = []
         self._variance: list[float] = []
 
     def add(self, frame: VideoFrame) -> None:
         """Take a frame in, where it is one of those that count."""
-        import cv2
-
-        if self._sum is None:
+        if self._first is None:
             self._first = frame.index
         place = frame.index - self._first
         if place >= FRAMES or place % _EVERY:
             return
-        linear = frame.image_linear
-        if self._sum is None:
-            self._sum = linear.copy()
-        else:
-            self._sum += linear
         if len(self._variance) < _MEASURED:
             self._variance.append(self._detail(frame))
-        size = (_COLUMNS, _COLUMNS // 2)
-        below = luminance(cv2.resize(linear, size, interpolation=cv2.INTER_AREA)[_COLUMNS // 4 :]).astype(np.float32)
-        self._small.append(below - cv2.GaussianBlur(below, (0, 0), 4.0))
+        if len(self._small) >= _LEAST_FRAMES and self._sum is None:
+            return  # the camera moves, and no mean is of use
+        self._small.append(_without_its_blur(frame))
+        self._held.append(replace(frame))  # without what was worked out from its codes
+        if len(self._small) == _LEAST_FRAMES and stands(self._small):
+            self._sum = np.zeros((*frame.shape, 3), np.float32)
+        if self._sum is not None:
+            for held in self._held:
+                _add_light(held, self._sum)
+        if len(self._small) >= _LEAST_FRAMES:
+            self._held = []
 
     def result(self) -> CalmPlate:
         """Return what the frames show; without any, that nothing is caustics."""
-        if self._sum is None:
+        if not self._variance:
             return CalmPlate(None, 0.0)
         strength = min(1.0, self._contrast**2 / max(float(np.mean(self._variance)), 1e-9))
-        if len(self._small) < _LEAST_FRAMES or not stands(self._small):
+        if self._sum is None or not stands(self._small):
             return CalmPlate(None, strength)
         return CalmPlate((self._sum / np.float32(len(self._small))).astype(np.float16), strength)
 
     def _detail(self, frame: VideoFrame) -> float:
         """Return the variance of the ground's detail over its smooth light."""
+        import cv2
+
         height, width = frame.shape
         first, last = (int(part * height) for part in _DETAIL_ROWS)
-        shown, calm = PlatePattern(frame, None, self._height_m, 1.0).light(Rectangle(0, first, width, last - first))
-        return float(np.var(luminance(shown) / np.maximum(luminance(calm), 1e-3)))
+        light = PlatePattern(frame, None, self._height_m, 1.0).light(Rectangle(0, first, width, last - first))
+        shown, calm = (cv2.transform(one, LUMINANCE[None]) for one in light)
+        return float(np.var(shown / np.maximum(calm, 1e-3), dtype=np.float64))
+
+
+def _without_its_blur(frame: VideoFrame) -> Floats:
+    """Return the luminance (h, w) of a small picture of a frame below the horizon, less its own blur."""
+    import cv2
+
+    size = (_COLUMNS, _COLUMNS // 2)
+    small = cv2.resize(small_picture(frame.pixels), size, interpolation=cv2.INTER_AREA)
+    below = luminance(small[_COLUMNS // 4 :]).astype(np.float32)
+    return np.asarray(below - cv2.GaussianBlur(below, (0, 0), 4.0))
+
+
+def _add_light(frame: VideoFrame, total: NDArray[np.float32]) -> None:
+    """Add the linear light of a frame to a sum (H, W, 3), some rows at a time, which stay in the processor's cache."""
+    height, width = frame.shape
+    for row in range(0, height, _ROWS):
+        part = Rectangle(0, row, width, min(_ROWS, height - row))
+        total[row : row + part.height] += frame.linear(part)
 
 
 def stands(pictures: list[Floats]) -> bool:

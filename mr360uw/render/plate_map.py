@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import functools
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -29,7 +30,7 @@ def plate_map(plate: Floats | YuvImage, up: ArrayLike | None = None) -> Floats:
     Codes outside the gamut (deep blue water in red) give negative light; means are clipped at 0. up: direction (3,) of
     the world's up in the plate's axes; the map is levelled and its heading kept.
     """
-    fine, up = _fine(plate), upward(up)
+    fine, up = small_picture(plate), upward(up)
     if not is_level(up):
         fine = reduce_map(fine, COARSE_COLUMNS, COARSE_ROWS)
         seen = coarse_directions() @ level_matrix(*map(float, roll_pitch(up)))
@@ -39,7 +40,7 @@ def plate_map(plate: Floats | YuvImage, up: ArrayLike | None = None) -> Floats:
 
 def world_view(plate: Floats | YuvImage, world_from_camera: Floats) -> Floats:
     """Return the light (h, w, 3) of a linear plate or of decoded planes, at most 512 x 256, in the world's axes."""
-    fine = np.ascontiguousarray(_fine(plate))
+    fine = np.ascontiguousarray(small_picture(plate))
     if not np.allclose(world_from_camera, np.eye(3), atol=1e-9):
         height, width = fine.shape[:2]
         fine = remap(fine, *frame_from_direction(directions(width, height) @ world_from_camera, width, height))
@@ -88,7 +89,8 @@ def _pixels(plate: Floats | YuvImage, row: NDArray[np.int64], column: NDArray[np
     return linear_from_planes(picked, wrap=False)
 
 
-def _fine(plate: Floats | YuvImage) -> Floats:
+def small_picture(plate: Floats | YuvImage) -> Floats:
+    """Return the light of decoded planes, at most 512 x 256; of a linear plate itself."""
     if not isinstance(plate, YuvImage):
         return np.asarray(plate, np.float32)
     import cv2
@@ -97,5 +99,20 @@ def _fine(plate: Floats | YuvImage) -> Floats:
 
     height, width = plate.y.shape
     size = min(width, _FINER * ENVIRONMENT_COLUMNS), min(height, _FINER * ENVIRONMENT_ROWS)
-    y, u, v = (cv2.resize(p, size, interpolation=cv2.INTER_AREA) for p in (plate.y, plate.u, plate.v))
+    y, u, v = (
+        cv2.resize(_by_whole_factor(plane, size), size, interpolation=cv2.INTER_AREA)
+        for plane in (plate.y, plate.u, plate.v)
+    )
     return linear_from_planes(YuvImage(y, u, v, plate.spec))
+
+
+def _by_whole_factor(plane: NDArray[Any], size: tuple[int, int]) -> NDArray[Any]:
+    """Return a plane that is reduced by the largest whole factor that leaves it a size or more: that is fast."""
+    import cv2
+
+    height, width = plane.shape
+    factors = range(min(width // size[0], height // size[1]), 1, -1)
+    factor = next((f for f in factors if width % f == 0 and height % f == 0), 1)
+    if factor == 1:
+        return plane
+    return np.asarray(cv2.resize(plane, (width // factor, height // factor), interpolation=cv2.INTER_AREA))

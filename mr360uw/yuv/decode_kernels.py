@@ -38,12 +38,18 @@ def polynomial_light(x: Any, slope: Any, c1: Any, c2: Any, c3: Any, c4: Any, c5:
 
 
 @inlined
-def _table_light(table: Any, position: Any) -> Any:
-    """Return `coefficients.decode_table` at a fractional index, linearly interpolated, held at its ends."""
-    position = min(max(position, _ZERO), np.float32(DECODE_STEPS - 1.01))
-    i = np.uint32(position)
+def _table_place(x: Any) -> Any:
+    """Return the fractional index of R', G' or B' less DECODE_LOW in `coefficients.decode_table`, held at its ends."""
+    scale = np.float32((DECODE_STEPS - 1) / (DECODE_HIGH - DECODE_LOW))
+    return min(max(x * scale, _ZERO), np.float32(DECODE_STEPS - 1.01))
+
+
+@inlined
+def _table_light(table: Any, place: Any) -> Any:
+    """Return `coefficients.decode_table` at a fractional index, linearly interpolated."""
+    i = np.uint32(place)
     low = table[i]
-    return low + (position - np.float32(i)) * (table[i + np.uint32(1)] - low)
+    return low + (place - np.float32(i)) * (table[i + np.uint32(1)] - low)
 
 
 @inlined
@@ -83,12 +89,14 @@ def chroma_row(
 def read_rectangle(
     y: Any, u: Any, v: Any, row: int, column: int, sx: int, sy: int, wrap: bool, k: Any, table: Any, out: Any
 ) -> None:
-    """Write the linear light of a rectangle of the planes into `out` (h, w, 3); table: `coefficients.decode_table`."""
+    """Write the linear light of a rectangle of the planes into `out` (h, w, 3); table: `coefficients.decode_table`.
+
+    Places in the table are found a row at a time, by vector instructions, before they are looked up.
+    """
     height, width = out.shape[:2]
-    scale = np.float32((DECODE_STEPS - 1) / (DECODE_HIGH - DECODE_LOW))
     base = np.float32(-DECODE_LOW)
-    cb = np.empty(width, np.float32)
-    cr = np.empty(width, np.float32)
+    cb, cr = np.empty(width, np.float32), np.empty(width, np.float32)
+    red, green, blue = np.empty(width, np.float32), np.empty(width, np.float32), np.empty(width, np.float32)
     y_offset, y_scale = k[0], np.float32(1.0) / k[1]
     red_cb, red_cr, green_cb, green_cr, blue_cb, blue_cr = k[4], k[5], k[6], k[7], k[8], k[9]
     for r in range(height):
@@ -98,9 +106,13 @@ def read_rectangle(
         pixels = out[r]
         for c in range(width):
             luma = luma_from_code(luma_row[c], y_offset, y_scale) + base
-            pixels[c, 0] = _table_light(table, (luma + red_cb * cb[c] + red_cr * cr[c]) * scale)
-            pixels[c, 1] = _table_light(table, (luma + green_cb * cb[c] + green_cr * cr[c]) * scale)
-            pixels[c, 2] = _table_light(table, (luma + blue_cb * cb[c] + blue_cr * cr[c]) * scale)
+            red[c] = _table_place(luma + red_cb * cb[c] + red_cr * cr[c])
+            green[c] = _table_place(luma + green_cb * cb[c] + green_cr * cr[c])
+            blue[c] = _table_place(luma + blue_cb * cb[c] + blue_cr * cr[c])
+        for c in range(width):
+            pixels[c, 0] = _table_light(table, red[c])
+            pixels[c, 1] = _table_light(table, green[c])
+            pixels[c, 2] = _table_light(table, blue[c])
 
 
 @fast

@@ -17,8 +17,9 @@ from mr360uw.composite.receiver.pattern import PlateBlur, PlatePattern
 from mr360uw.composite.receiver.ratio import ambient_share
 from mr360uw.composite.shot import Receiver, Shot
 from mr360uw.medium.lookup import veil_lookup
-from mr360uw.render.calm import stands
+from mr360uw.render.calm import CalmSeries, stands
 from mr360uw.types import Floats, Rectangle
+from mr360uw.video import VideoFrame
 from tests.composite import tolerances as tol
 from tests.composite.scenes import SUN, medium, placed, shot, sphere
 
@@ -128,6 +129,20 @@ def test_a_mean_is_the_calm_state_whatever_the_strength(rng: np.random.Generator
     got = PlatePattern(Still(shown), mean, 1.5, 0.3).light(part)
     for image, whole in zip(got, (shown, mean), strict=True):
         assert np.array_equal(image, whole[16:24, 8:32])
+
+
+def test_the_calm_ground_is_the_mean_of_the_frames_where_the_camera_stands(rng: np.random.Generator) -> None:
+    ground = rng.uniform(0.2, 0.6, size=(128, 256, 3)).astype(np.float32)
+    waves = rng.uniform(0.8, 1.2, size=(9, 128, 256, 1)).astype(np.float32)
+    for step, stands_still in ((0, True), (4, False)):
+        series, shown = CalmSeries(1.5, 0.1), [np.roll(ground, k * step, axis=1) * wave for k, wave in enumerate(waves)]
+        for k, image in enumerate(shown):
+            series.add(VideoFrame.of_linear(image, 4 * k))
+        found = series.result()
+        assert (found.mean is not None) == stands_still
+        assert 0.0 < found.strength <= 1.0
+        if found.mean is not None:
+            np.testing.assert_allclose(found.mean, np.mean(shown, axis=0), rtol=tol.HALF_FLOAT)
 
 
 def test_a_camera_that_stands_is_told_from_one_that_moves(rng: np.random.Generator) -> None:

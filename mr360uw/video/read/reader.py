@@ -6,8 +6,9 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import fields
 from pathlib import Path
-from typing import Literal, Self
+from typing import Any, Literal, Self
 
 import numpy as np
 
@@ -69,6 +70,38 @@ class VideoReader(Clip, ABC):
     def __exit__(self, *_: object) -> None:
         """Leave the plate; no file stays open between passes."""
         return
+
+
+class ReaderOver(VideoReader):
+    """A plate made of another one, whose frames it changes or keeps. changed: metadata that differ from the other's."""
+
+    def __init__(self, plate: VideoReader, **changed: Any) -> None:
+        kept: dict[str, Any] = {field.name: getattr(plate, field.name) for field in fields(Clip)}
+        super().__init__(**(kept | changed))
+        self._plate = plate
+
+    @property
+    def frame_count(self) -> int | None:
+        """Number of frames; None for a still."""
+        return self._plate.frame_count
+
+    @property
+    def intact_frames(self) -> int | None:
+        """Number of frames whose data are there; see `VideoReader`."""
+        return self._plate.intact_frames
+
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """Notes on signs that the plate is not all there."""
+        return self._plate.doubts
+
+    def check_range(self, start: int = 0, stop: int | None = None) -> tuple[int, int]:
+        """Return (start, stop) with stop filled in; see `VideoReader`."""
+        return self._plate.check_range(start, stop)
+
+    def file_of(self, index: int) -> Path:
+        """Return the file that holds a frame."""
+        return self._plate.file_of(index)
 
 
 def check_range(path: Path, start: int, stop: int | None, count: int) -> tuple[int, int]:

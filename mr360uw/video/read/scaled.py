@@ -4,8 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import fields, replace
-from pathlib import Path
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -14,7 +13,7 @@ from numpy.typing import NDArray
 from mr360uw.errors import ParameterError
 from mr360uw.types import YuvImage
 from mr360uw.video.clip import Clip
-from mr360uw.video.read.reader import VideoReader
+from mr360uw.video.read.reader import ReaderOver, VideoReader
 from mr360uw.video.video_frame import VideoFrame
 
 _LEAST_ROWS = 16
@@ -27,7 +26,8 @@ def scaled(plate: VideoReader, scale: float) -> VideoReader:
     """
     if scale == 1.0:
         return plate
-    return _ScaledReader(plate, *scaled_size(plate, scale))
+    width, height = scaled_size(plate, scale)
+    return _ScaledReader(plate, width=width, height=height)
 
 
 def scaled_size(plate: Clip, scale: float) -> tuple[int, int]:
@@ -45,40 +45,12 @@ def scaled_size(plate: Clip, scale: float) -> tuple[int, int]:
     return width, height
 
 
-class _ScaledReader(VideoReader):
+class _ScaledReader(ReaderOver):
     """Reduces frames by `smaller`. Frames keep their index and time stamps."""
-
-    def __init__(self, plate: VideoReader, width: int, height: int) -> None:
-        kept: dict[str, Any] = {field.name: getattr(plate, field.name) for field in fields(Clip)}
-        super().__init__(**(kept | {"width": width, "height": height}))
-        self._plate = plate
-
-    @property
-    def frame_count(self) -> int | None:
-        """Number of frames; None for a still."""
-        return self._plate.frame_count
-
-    @property
-    def intact_frames(self) -> int | None:
-        """Number of frames whose data are there; see `VideoReader`."""
-        return self._plate.intact_frames
-
-    @property
-    def doubts(self) -> tuple[str, ...]:
-        """Notes on signs that the plate is not all there."""
-        return self._plate.doubts
-
-    def check_range(self, start: int = 0, stop: int | None = None) -> tuple[int, int]:
-        """Return (start, stop) with stop filled in; see `VideoReader`."""
-        return self._plate.check_range(start, stop)
 
     def frames(self, start: int = 0, stop: int | None = None) -> Iterator[VideoFrame]:
         """Return an iterator over the frames; see `VideoReader`."""
         return (smaller(frame, self.width, self.height) for frame in self._plate.frames(start, stop))
-
-    def file_of(self, index: int) -> Path:
-        """Return the file that holds a frame."""
-        return self._plate.file_of(index)
 
 
 def smaller(frame: VideoFrame, width: int, height: int) -> VideoFrame:
