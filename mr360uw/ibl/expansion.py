@@ -79,7 +79,7 @@ def expand(
     """
     settings = settings or LightSettings()
     plate = checked_plate(plate_linear)
-    height, width = plate.shape[:2]
+    (height, width), up = plate.shape[:2], upward(up)
     if settings.operator in UNEXPANDED:
         return plate
     if settings.operator == "kovaleski":
@@ -87,5 +87,5 @@ def expand(
         gain: Floats = resize_map(enhancement_gain(small), width, height)
     else:
         gain = pointwise_gain(settings.operator, encode(np.minimum(plate, 1.0), DISPLAY_CURVE), settings.peak)
-    weight = region_weight(frame_sines(width, height, upward(up)), settings, refractive_index)
+    weight = region_weight(frame_sines(width, height, up), settings, refractive_index)
     return (plate * (1.0 + (gain - 1.0) * weight)[..., None]).astype(np.float32)
