@@ -17,7 +17,7 @@ from mr360uw.cache import Cache
 from mr360uw.composite.over import over
 from mr360uw.composite.shafts.code_change import code_change, shaft_pixels
 from mr360uw.composite.shafts.shaft_layer import with_shafts
-from mr360uw.composite.shafts.shaft_light import ShaftLight
+from mr360uw.composite.shafts.shaft_light import ShaftLight, grid_of
 from mr360uw.composite.shot import Shot
 from mr360uw.constants import SUN_HALF_ANGLE_RAD
 from mr360uw.medium import Medium, Water
@@ -113,7 +113,7 @@ def test_light_before_an_object_ends_at_it(rng: np.random.Generator) -> None:
     layer, _ = with_shafts(taken_shot, light, wall, None, Cache())
     before, _ = light.scenes(taken_shot, Cache())
     rays = directions(SIZE, SIZE // 2)[10:20, 8:24].reshape(-1, 3)
-    expected = 0.5 + 0.5 * shaft_field(before, light.grid(SIZE, before), rays).radiance(rays, np.full(len(rays), 2.5))
+    expected = 0.5 + 0.5 * shaft_field(before, grid_of(light.settings, SIZE, before), rays).radiance(rays, np.full(len(rays), 2.5))
     np.testing.assert_allclose(layer.tiles[0].radiance.reshape(-1, 3), expected, rtol=FLOAT32)
     assert np.any(layer.tiles[0].radiance > 0.5)
     assert np.any(layer.tiles[0].radiance < 0.5)
@@ -150,7 +150,7 @@ def test_over_the_places_of_a_wave_nothing_is_added() -> None:
             ShaftSettings(on_plate=True), medium, CausticStack(ratio, np.array([0.2, 4.0, 20.0]), 6.0, HIGH.direction)
         )
         scene, _ = light.scenes(taken(medium), Cache())
-        total += shaft_field(scene, light.grid(SIZE, scene), rays).radiance(rays, np.full(len(rays), 50.0))
+        total += shaft_field(scene, grid_of(light.settings, SIZE, scene), rays).radiance(rays, np.full(len(rays), 50.0))
         beam = HIGH.irradiance * unoccluded(
             scene.water, rays @ HIGH.direction, rays[:, 1], np.full(len(rays), 50.0), scene.depth_m, scene.sun_up
         )
