@@ -23,7 +23,7 @@ from typing import Any, Literal
 from mr360uw.errors import ParameterError, VideoError
 from mr360uw.farm.job import Crew, Job, OpenJob
 from mr360uw.runs.frame_range import RunTimes
-from mr360uw.runs.sinks import Part
+from mr360uw.runs.work_folder import Part
 
 _SCHEMES = ("tcp", "tls", "ws", "wss")
 """Kinds of connections to a scheduler."""
