@@ -34,8 +34,8 @@ from mr360uw.caustics.depth_ladder import PlaneLadder
 from mr360uw.caustics.flux.blurred_stack import blurred_stack
 from mr360uw.caustics.flux.irradiance import cell_flux
 from mr360uw.caustics.flux.refracted_rays import Rays, lit_corners, refracted_rays
-from mr360uw.caustics.flux.resolution import grid_of
 from mr360uw.caustics.gl.stack import upload
+from mr360uw.caustics.settings import grid_of
 from mr360uw.constants import REFRACTIVE_INDEX_SEA
 from mr360uw.errors import Mr360uwError
 from mr360uw.gl.context import draw_fullscreen, gl_context, gl_device, program_from_text, set_uniforms

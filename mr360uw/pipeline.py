@@ -28,9 +28,8 @@ from mr360uw.runs.forecast import Forecast
 from mr360uw.runs.frame_range import RunTimes
 from mr360uw.runs.outputs import Output
 from mr360uw.runs.run_report import Report
-from mr360uw.runs.sinks import Part, joined_bounds
 from mr360uw.runs.stored_facts import measured_facts
-from mr360uw.runs.work_folder import WorkFolder, work_folder
+from mr360uw.runs.work_folder import Part, WorkFolder, joined_bounds, work_folder
 from mr360uw.scene.inputs import open_plate, projection_notes
 from mr360uw.scene.model import Scene
 from mr360uw.shapes import instance

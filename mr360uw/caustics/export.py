@@ -12,9 +12,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mr360uw.caustics.flux.irradiance import check_arguments, pass_indices, reference_map
-from mr360uw.caustics.flux.resolution import grid_of
 from mr360uw.caustics.sea.base import SeaParameters
-from mr360uw.caustics.settings import CausticSettings, Method, Sea
+from mr360uw.caustics.settings import CausticSettings, Method, Sea, grid_of
 from mr360uw.constants import REFRACTIVE_INDEX_SEA, SUN_HALF_ANGLE_RAD
 from mr360uw.errors import ParameterError, VideoError
 from mr360uw.files import whole_file, write_whole

@@ -1,16 +1,62 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The `[sea]` and `[caustics]` tables of a scene."""
+"""The `[sea]` and `[caustics]` tables of a scene.
+
+The cells of the surface that a sea's caustics need follow from its shortest waves and the blur of its light. Inside a
+cell g wide a ray's slope is interpolated linearly. A ray is then off by f d g^2/8 times the second derivative of the
+surface's slope, d the depth and f = 1 - 1/n. Sun's disc and short waves blur the light with the standard deviation b d.
+As both grow with depth alike, the error of a map goes with the ratio
+
+    r = f g^2/8 m/b        m^2 = sum k^6 A^2/2, the variance of the second derivative of the surface's slope
+"""
 
 from __future__ import annotations
 
+import functools
+import math
 from typing import Annotated, Any, Literal
 
+import numpy as np
 from pydantic import Discriminator, Tag, field_validator
 
 from mr360uw.caustics.sea.gerstner import GerstnerSea
 from mr360uw.caustics.sea.spectral import SpectralSea
-from mr360uw.constants import SUN_HALF_ANGLE_RAD
+from mr360uw.constants import REFRACTIVE_INDEX_SEA, SUN_HALF_ANGLE_RAD
 from mr360uw.parameters import Parameters, advanced, parameter
+
+_RATIO = 0.11
+"""Greatest r. The error of maps with the sun overhead is 0.3 to 0.7 r of their standard deviation, as measured.
+
+Twice as large, grids have 0.7 times the cells across and twice the error.
+"""
+_STEP, _FEWEST, _MOST = 32, 64, 256
+"""Grids are multiples of a step in a range. 256 cells take about twice the time of 128."""
+_SAMPLES = 256
+"""Points across the tile that the waves' spectrum is taken of."""
+
+
+def cells_across(sea: Sea, sun_half_angle_rad: float) -> int:
+    """Return the cells of the surface across the tile that keep the error of its caustics at about 0.05."""
+    bend = 1.0 - 1.0 / REFRACTIVE_INDEX_SEA
+    blur = math.hypot(bend * sea.blur_slope / math.sqrt(2.0), 0.5 * sun_half_angle_rad / REFRACTIVE_INDEX_SEA)
+    bent = _second_derivative_of_slope(sea)
+    if bent == 0.0:
+        return _FEWEST
+    cell_m = math.sqrt(8.0 * _RATIO * blur / (bend * bent))
+    return int(np.clip(_STEP * math.ceil(sea.tile_m / max(cell_m, 1e-9 * sea.tile_m) / _STEP), _FEWEST, _MOST))
+
+
+def grid_of(settings: CausticSettings, sea: Sea) -> int:
+    """Return the cells across the tile that settings give, or that the sea needs."""
+    return cells_across(sea, settings.sun_half_angle_rad) if settings.grid is None else settings.grid
+
+
+@functools.lru_cache(maxsize=32)
+def _second_derivative_of_slope(sea: Sea) -> float:
+    """Return m [1/m^2] of the surface at time 0."""
+    spectrum = np.fft.fft2(sea.grid_fields(_SAMPLES, 0.0).height) / _SAMPLES**2
+    k = 2.0 * np.pi * np.fft.fftfreq(_SAMPLES, sea.tile_m / _SAMPLES)
+    return math.sqrt(float(np.sum(np.abs(spectrum) ** 2 * (k[:, None] ** 2 + k**2) ** 3)))
+
 
 Method = Literal["exact", "ratio", "fan", "jacobian", "scrolling"]
 """exact: flux by exact coverage. The others are published methods, see `published`."""

@@ -14,8 +14,7 @@ from mr360uw.errors import GlError
 from mr360uw.render.backends import Backend, make_backend
 from mr360uw.render.loaded import Loaded, load
 from mr360uw.runs.frame_range import RangeRenderer, RunTimes
-from mr360uw.runs.sinks import Part, PictureSink, SegmentSink
-from mr360uw.runs.work_folder import WorkFolder
+from mr360uw.runs.work_folder import Part, PictureSink, SegmentSink, WorkFolder
 from mr360uw.scene.inputs import open_plate
 from mr360uw.scene.model import Scene
 from mr360uw.video import VideoReader

@@ -94,7 +94,7 @@ class CausticMatch:
 
     def pictures(self) -> dict[str, NDArray[np.uint8]]:
         """Return pictures (H, W, 3) uint8: `floor` and `spectra`, the plate's beside ours before and after."""
-        from mr360uw.match.match_pictures import floor_pictures, spectrum_pictures
+        from mr360uw.match.pattern_measures import floor_pictures, spectrum_pictures
 
         shown = [p for p in (self.plate, self.before, self.after) if p is not None]
         if not shown:

@@ -12,7 +12,7 @@ from mr360uw.progress import Progress
 from mr360uw.render.first_pass import first_pass
 from mr360uw.render.surroundings import load_surroundings
 from mr360uw.scene.inputs import open_plate
-from mr360uw.scene.keyed import scene_at
+from mr360uw.scene.keyed_water import scene_at
 from mr360uw.scene.model import Scene
 from mr360uw.scene.toml_model import dotted
 

@@ -21,8 +21,7 @@ from mr360uw.render.stages.match_stage import clip_look
 from mr360uw.render.sun_lines import scene_sun_lines
 from mr360uw.render.surroundings import surroundings_over_time
 from mr360uw.scene.inputs import eyes_of_plate, open_plate, projection_notes
-from mr360uw.scene.keyed import keyed_in_words
-from mr360uw.scene.keyed_water import TABLE_S, tables_on_the_way
+from mr360uw.scene.keyed_water import TABLE_S, keyed_in_words, tables_on_the_way
 from mr360uw.scene.model import Scene, files_of
 from mr360uw.video import VideoReader, create_video
 from mr360uw.video.write.delivery import resolved

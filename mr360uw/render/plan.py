@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 
-from mr360uw.caustics.flux.resolution import grid_of
+from mr360uw.caustics.settings import grid_of
 from mr360uw.render.stages.plan_stages import (
     Facts,
     Share,

@@ -19,8 +19,7 @@ from mr360uw.reading.kept_reads import KeptReads
 from mr360uw.render.camera import CameraPath
 from mr360uw.render.lights import LightReader
 from mr360uw.render.plate_map import world_view
-from mr360uw.scene.keyed import scene_at
-from mr360uw.scene.keyed_water import WaterBetween, water_between, without_gain
+from mr360uw.scene.keyed_water import WaterBetween, scene_at, water_between, without_gain
 from mr360uw.scene.model import Scene
 from mr360uw.types import Floats, MediumTable, Sun
 from mr360uw.video import VideoFrame

@@ -1,25 +1,102 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The folder beside an output in which finished work is kept until the output is complete."""
+"""The folder beside an output in which finished work is kept until the output is complete: segments of a
+video or numbered pictures.
+"""
 
 from __future__ import annotations
 
+import itertools
 import json
 import re
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 from filelock import FileLock, Timeout
 
-from mr360uw.errors import OutputExistsError
+from mr360uw.errors import OutputExistsError, VideoError
 from mr360uw.files import write_whole
 from mr360uw.output_gate import MARKER, is_work_folder, make_work_folder, remove_work_folder
 from mr360uw.render.first_pass import ClipAnalysis
 from mr360uw.runs.fingerprint import WorkKeys
 from mr360uw.runs.stored_facts import load_facts, save_facts
-from mr360uw.video.write.segment import Segment, stored_segments
+from mr360uw.video import Clip, EncodeSettings, VideoFrame
+from mr360uw.video.write.image_writer import ImageWriter
+from mr360uw.video.write.segment import Segment, SegmentWriter, stored_segments
+from mr360uw.video.write.writer import VideoWriter
+
+Part = tuple[int, int]
+"""Frames [start, stop) of a clip."""
+
+
+def segment_bounds(start: int, stop: int, length: int) -> list[Part]:
+    """Return the parts [a, b) of a range: cut at multiples of `length`, so that ranges share the parts inside them."""
+    cuts = [start, *range((start // length + 1) * length, stop, length), stop]
+    return list(itertools.pairwise(cuts))
+
+
+def joined_bounds(parts: list[Part]) -> list[Part]:
+    """Return ascending parts with those that follow each other made one."""
+    found: list[Part] = []
+    for start, stop in parts:
+        follows = bool(found) and found[-1][1] == start
+        found.append((found.pop()[0] if follows else start, stop))
+    return found
+
+
+class SegmentSink(VideoWriter):
+    """Frames of a range as segments in a work folder, each complete as soon as its last frame is encoded."""
+
+    def __init__(self, work: WorkFolder, parts: list[Part], like: Clip, settings: EncodeSettings) -> None:
+        self.path = work.path
+        self._stops, self._clip, self._settings = dict(parts), like, settings
+        self._writer: SegmentWriter | None = None
+        self._stop = 0
+
+    def write(self, frame: VideoFrame) -> None:
+        """Encode a frame into its segment."""
+        if self._writer is None:
+            self._stop = self._stops[frame.index]
+            self._writer = SegmentWriter(self.path, frame.index, self._stop, self._clip, self._settings)
+        self._writer.write(frame)
+        if frame.index + 1 == self._stop:
+            self._writer.finish()
+            self._writer = None
+
+    def finish(self) -> None:
+        """Complete the last segment; the frames of it have all been written."""
+        if self._writer is not None:
+            self._writer.finish()
+
+    def abort(self) -> None:
+        """End the segment that is not complete with the frames that it has, or remove it where that fails."""
+        if self._writer is not None:
+            with suppress(VideoError):  # of a disk that is full; the error that ends the run says so
+                self._writer.cut()
+            self._writer.abort()
+
+
+class PictureSink(VideoWriter):
+    """Frames of a range from `start` on as pictures under their own names."""
+
+    def __init__(self, work: WorkFolder, start: int, pattern: Path, like: Clip) -> None:
+        self.path = pattern
+        self._work, self._start = work, start
+        self._writer = ImageWriter(pattern, like, overwrite=True, folder=work.path)
+
+    def write(self, frame: VideoFrame) -> None:
+        """Write the frame's picture."""
+        self._writer.write(frame)
+        self._work.add_picture(frame.index, self._start)
+
+    def finish(self) -> None:
+        """Nothing is left to do: every picture is complete."""
+
+    def abort(self) -> None:
+        """Nothing is left to remove: every picture is complete."""
+
 
 SUFFIX = ".mr360uw"
 """Ending of the folder's name, after the whole name of the output."""

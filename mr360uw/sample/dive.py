@@ -61,7 +61,7 @@ def sample_dive(
     is half of it. samples: rays of a pixel, each axis. truth: distances and masks of every frame, not of the first
     alone. Raises `ParameterError`, `OutputExistsError` or `VideoError`; each file appears when it is complete.
     """
-    from mr360uw.scene.template import scene_text
+    from mr360uw.scene.handbook import scene_text
 
     settings = DiveSettings(seed=seed) if settings is None else instance("settings", settings, DiveSettings, "make one")
     check_recording(width, frames, samples)

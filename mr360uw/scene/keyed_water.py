@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Water whose parameters are keyed: its tables are made for a few waters on the way and interpolated between them.
+"""A scene at a time, with the values that its keys have then; and tables of water whose parameters are keyed.
 
-To tabulate a solved light field takes a third of a second, all else of a water a hundredth. From each key to the next
-the way of the parameters is cut into even steps (`_RATIO`, `_STEPS`). Tables are made at the ends of the steps, as many
-as the water changes and not as the clip has frames. They depend on the keys alone, so a frame does not depend on those
-before it. At the times of keys the tables are exact.
+Tables of water are made for a few waters on the way and interpolated between them. To tabulate a solved light field
+takes a third of a second, all else of a water a hundredth. From each key to the next the way of the parameters is cut
+into even steps (`_RATIO`, `_STEPS`). Tables are made at the ends of the steps, as many as the water changes and not as
+the clip has frames. They depend on the keys alone, so a frame does not depend on those before it. At the times of keys
+the tables are exact.
 """
 
 from __future__ import annotations
@@ -18,11 +19,40 @@ from pydantic.fields import FieldInfo
 
 from mr360uw.medium.models import CLOSED_FORMS
 from mr360uw.medium.settings import WaterSettings
-from mr360uw.parameters import bounds_of
+from mr360uw.parameters import bounds_of, stated
 from mr360uw.scene.key_problems import key_times
 from mr360uw.scene.key_settings import KeyedParameter
 from mr360uw.scene.key_targets import Target, target_of, with_values
 from mr360uw.scene.model import Scene
+
+_SHOWN = 6
+"""Most keys of a parameter that its line shows one by one."""
+
+
+def scene_at(scene: Scene, time_s: float) -> Scene:
+    """Return a scene with the values of its keyed parameters at a time [s], and without keys; itself if it has none.
+
+    The values were checked when the scene was made: between keys they stay between those of the keys.
+    """
+    if not scene.keys:
+        return scene
+    return with_values(scene, scene.keys, time_s).model_copy(update={"keys": ()})
+
+
+def keyed_in_words(scene: Scene) -> list[str]:
+    """Return a line for each keyed parameter: its values, their times and how it goes between them."""
+    return [_in_words(scene, key) for key in scene.keys]
+
+
+def _in_words(scene: Scene, key: KeyedParameter) -> str:
+    unit = stated(target_of(scene, key.parameter).field, "unit")
+    values = [str(list(v)) if isinstance(v, tuple) else f"{v:g}" for v in key.value]
+    times = [f"{time:g}" for time in key.time_s]
+    if len(times) > _SHOWN:
+        values, times = ([*row[:2], "...", *row[-2:]] for row in (values, times))
+    unit = "" if unit in ("", "1") else f" {unit}"
+    return f"{key.parameter}: {', '.join(values)}{unit} at {', '.join(times)} s, {key.interpolation}"
+
 
 _RATIO = 1.03
 """Ratio of neighbouring values of a parameter that spans more than `_STEPS` times its least value (visibility,

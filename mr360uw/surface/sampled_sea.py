@@ -21,8 +21,7 @@ import scipy.fft
 from numpy.typing import ArrayLike, NDArray
 
 from mr360uw.caustics.sea.detail import Detail, detail_slope
-from mr360uw.surface.height_map import HeightMaps, height_maps
-from mr360uw.surface.spline import heights_at
+from mr360uw.surface.height_map import HeightMaps, height_maps, heights_at
 from mr360uw.types import Floats, Surface
 
 Array = NDArray[np.float64]

@@ -12,7 +12,7 @@ from mr360uw.caustic_lookup import mip_level, mip_levels, periodic_trilinear
 from mr360uw.constants import PI
 from mr360uw.errors import ParameterError
 from mr360uw.shapes import number, numbers
-from mr360uw.surface.tracing.relief import relief_height
+from mr360uw.surface.tracing.floor_light import relief_height
 from mr360uw.types import Floats
 
 Array = NDArray[np.float64]

@@ -46,7 +46,7 @@ class CameraTrack:
     solved. points (m, 3) [m], point_error_px (m,): scene points and their mean reprojection errors. coverage: share of
     the sphere of directions with features, 0 to 1. up, scale: sentences that say where they are from. slip_px,
     worst_slip_px: median and largest slip of the ground over key frames, held_out_px: median error of single features,
-    as `held_out` defines them, in pixels of a panorama 2048 wide. depth_m: of the first camera, of a depth log.
+    as `structure` defines them, in pixels of a panorama 2048 wide. depth_m: of the first camera, of a depth log.
     """
 
     kind: Kind

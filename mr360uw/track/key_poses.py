@@ -14,11 +14,10 @@ from mr360uw.sphere import direction_from_frame
 from mr360uw.track.bearings import average_rotations, classify
 from mr360uw.track.camera_track import Kind
 from mr360uw.track.colmap import Features, match_features
-from mr360uw.track.held_out import HeldOut, held_out_errors
 from mr360uw.track.key_frames import KeyFrames, grey_picture
 from mr360uw.track.resection import Landmarks, Pose, follow, resect
 from mr360uw.track.steps import BETWEEN, Steps
-from mr360uw.track.structure import solve_structure
+from mr360uw.track.structure import HeldOut, held_out_errors, solve_structure
 from mr360uw.types import Floats
 from mr360uw.video import VideoReader
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from mr360uw.track.camera_track import CameraTrack
 from mr360uw.track.floor.floor_mesh import FloorMesh
-from mr360uw.track.held_out import WIDTH
+from mr360uw.track.structure import WIDTH
 
 _LEVEL_DEG = 1.0
 """Tilt [degrees] below which a flat floor may be taken for level: 5 cm over 3 m."""

@@ -15,7 +15,7 @@ from dataclasses import replace
 from typing import Any, TypeVar
 
 from mr360uw.errors import Mr360uwError
-from mr360uw.tune.wanted import MadePicture, Renderer, Wanted
+from mr360uw.tune.page_renderer import MadePicture, Renderer, Wanted
 
 REST_S = 0.15
 """Rest [s] before the full picture within a drag. Twice as long, it comes visibly late; at half of it slow drags start

@@ -29,9 +29,9 @@ from mr360uw.threads import one_blas_thread
 from mr360uw.tune.editing.document import Document
 from mr360uw.tune.guard import Guard
 from mr360uw.tune.page import build_page
+from mr360uw.tune.page_renderer import MadePicture, Renderer
 from mr360uw.tune.pictures import Pictures
 from mr360uw.tune.session import Session
-from mr360uw.tune.wanted import MadePicture, Renderer
 
 PORT = 8360
 """Port that is taken where none is asked for and it is free."""

@@ -14,8 +14,8 @@ from mr360uw.progress import Progress
 from mr360uw.runs.composite_run import CompositeRun
 from mr360uw.scene.model import Scene
 from mr360uw.tune.editing.document import Document
+from mr360uw.tune.page_renderer import VIEW_NAMES, MadePicture, Wanted
 from mr360uw.tune.pictures import Pictures
-from mr360uw.tune.wanted import VIEW_NAMES, MadePicture, Wanted
 
 Event = Literal["document", "picture", "time", "run", "thumbnails"]
 THUMBNAILS = 12

@@ -7,12 +7,15 @@ from pydantic import TypeAdapter
 
 from mr360uw.caustics import GerstnerSea, SpectralSea
 from mr360uw.caustics.sea.detail import detail_slope, make_detail
-from mr360uw.caustics.sea.dispersion import angular_frequency, group_speed, lattice_vector, looping_frequency
 from mr360uw.caustics.sea.gerstner import GerstnerWave
 from mr360uw.caustics.sea.spectrum import (
+    angular_frequency,
     cosine_power_share,
     cosine_spread,
+    group_speed,
     jonswap,
+    lattice_vector,
+    looping_frequency,
     peak_frequency,
     tma_factor,
 )

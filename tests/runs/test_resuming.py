@@ -17,8 +17,7 @@ import mr360uw as uw
 from mr360uw.errors import OutputExistsError
 from mr360uw.runs import fingerprint
 from mr360uw.runs.fingerprint import WorkKeys
-from mr360uw.runs.sinks import joined_bounds, segment_bounds
-from mr360uw.runs.work_folder import WorkFolder, stale_work, work_path
+from mr360uw.runs.work_folder import WorkFolder, joined_bounds, segment_bounds, stale_work, work_path
 from mr360uw.sample import SampleDive
 from mr360uw.scene import Scene
 from mr360uw.scene.model import load_scene

@@ -221,7 +221,7 @@ def test_water_dims_the_floor_and_hides_it_far_away() -> None:
 
 def test_glitter_has_the_slopes_of_cox_and_munk() -> None:
     """Variance of p(s) = 4 L cos(view) n_y^4/(F E), over slopes (Cox & Munk 1954)."""
-    from mr360uw.caustics.sea.dispersion import mean_square_slope
+    from mr360uw.caustics.sea.spectrum import mean_square_slope
 
     sun = replace(sun_at(90.0), direction=np.array([0.0, 1.0, 0.0]))
     view = View(96, 48, np.array([0.0, 300.0, 0.0]), surface_y_m=0.0)

@@ -17,8 +17,8 @@ from mr360uw.errors import ParameterError
 from mr360uw.runs.composite_run import CompositeRun
 from mr360uw.sample import SampleDive
 from mr360uw.tune.editing.document import Document
+from mr360uw.tune.page_renderer import MadePicture, Wanted
 from mr360uw.tune.session import Session
-from mr360uw.tune.wanted import MadePicture, Wanted
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from mr360uw.errors import ParameterError
-from mr360uw.scene.keyed import scene_at
+from mr360uw.scene.keyed_water import scene_at
 from mr360uw.tune.editing import tracks
 from mr360uw.tune.editing.document import Document
 

@@ -17,7 +17,7 @@ from mr360uw.errors import ParameterError, VideoError
 from mr360uw.video import open_video, transcode
 from mr360uw.video.clip import Clip
 from mr360uw.video.settings import HARDWARE, EncodeSettings
-from mr360uw.video.write import hardware
+from mr360uw.video.write import encoder
 from mr360uw.video.write.delivery import delivery_of
 from tests.video.boxes import children
 from tests.video.clips import write_clip
@@ -131,7 +131,7 @@ def test_a_card_s_encoder_is_tried_first(
 ) -> None:
     write_clip(tmp_path / "plate.mp4", 2)
     (tmp_path / "scene.toml").write_text('plate = "plate.mp4"\n[output]\nencoder = "hevc_nvenc"\n', "utf-8")
-    monkeypatch.setattr(hardware, "refusal", lambda name: f"no card for {name}")
+    monkeypatch.setattr(encoder, "refusal", lambda name: f"no card for {name}")
     code, _, errors = run("composite", tmp_path / "scene.toml", tmp_path / "out.mp4")
     assert code == 2
     assert errors.count("output.encoder - hevc_nvenc does not open on this machine (got: no card for hevc_nvenc)") == 1
@@ -140,7 +140,7 @@ def test_a_card_s_encoder_is_tried_first(
 
 
 def test_encoders_are_tried_by_a_picture() -> None:
-    assert hardware.refusal("libx264") == ""
-    assert hardware.refusal("libnothing") == "this FFmpeg does not have it"
-    assert set(hardware.opening_encoders()) <= set(HARDWARE)
+    assert encoder.refusal("libx264") == ""
+    assert encoder.refusal("libnothing") == "this FFmpeg does not have it"
+    assert set(encoder.opening_encoders()) <= set(HARDWARE)
     assert EncodeSettings(encoder="av1_nvenc", quality=30).encoder_options()["cq"] == "30"

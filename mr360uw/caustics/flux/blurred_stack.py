@@ -19,17 +19,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.caustics.flux.irradiance import SurfaceLight, beam_slope, caustic_stack, check_arguments, pass_indices
-from mr360uw.caustics.flux.resolution import grid_of
-from mr360uw.caustics.flux.soft_light import gaussians, is_soft, soft_transform
 from mr360uw.caustics.flux.sun_disc import (
     detail_footprint,
     disc_transform,
     footprint,
     gaussian_steps,
+    gaussians,
+    is_soft,
     kernel_steps,
+    soft_transform,
     transform_of_steps,
 )
-from mr360uw.caustics.settings import CausticSettings, Sea
+from mr360uw.caustics.settings import CausticSettings, Sea, grid_of
 from mr360uw.optics import refract_to_water
 from mr360uw.types import BeamSpread, CausticStack
 

@@ -25,10 +25,16 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mr360uw.caustics.flux.refracted_rays import Rays, facet_flux, lit_corners, refracted_rays
-from mr360uw.caustics.flux.resolution import grid_of
-from mr360uw.caustics.flux.soft_light import gaussians, is_soft, soft_light
-from mr360uw.caustics.flux.sun_disc import blur, detail_footprint, footprint, gaussian_transform
-from mr360uw.caustics.settings import DIVIDED_AREAS, CausticSettings, Method, Sea
+from mr360uw.caustics.flux.sun_disc import (
+    blur,
+    detail_footprint,
+    footprint,
+    gaussian_transform,
+    gaussians,
+    is_soft,
+    soft_light,
+)
+from mr360uw.caustics.settings import DIVIDED_AREAS, CausticSettings, Method, Sea, grid_of
 from mr360uw.constants import REFRACTIVE_INDEX_SEA
 from mr360uw.errors import ParameterError
 from mr360uw.optics import check_refractive_index, refract_to_water, sea_water_index

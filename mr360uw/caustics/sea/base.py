@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from pydantic import model_validator
 
 from mr360uw.caustics.sea.detail import Detail, detail_slope, make_detail
-from mr360uw.caustics.sea.dispersion import mean_square_slope
+from mr360uw.caustics.sea.spectrum import mean_square_slope
 from mr360uw.caustics.sea.surface import FIELD_NAMES, SurfaceFields, displaced_surface, surface_jacobian, surface_normal
 from mr360uw.parameters import FULL_TURN_DEG, Parameters, advanced, parameter
 from mr360uw.shapes import common_shape, number

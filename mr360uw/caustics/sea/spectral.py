@@ -18,9 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.caustics.sea.base import SeaParameters
-from mr360uw.caustics.sea.dispersion import angular_frequency, looping_frequency
 from mr360uw.caustics.sea.gerstner import Waves
-from mr360uw.caustics.sea.spectrum import variance_density
+from mr360uw.caustics.sea.spectrum import angular_frequency, looping_frequency, variance_density
 from mr360uw.caustics.sea.surface import FIELD_NAMES, SurfaceFields
 from mr360uw.parameters import advanced, parameter
 

@@ -1,11 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Spectra of wind seas as variance over wave vectors.
+"""Water waves: their dispersion, statistics of a wind sea, and its spectra as variance over wave vectors.
 
     phillips   alpha/2 exp(-1/(k L)^2)/k^4, L = U^2/g, spread ~ cos^p         Phillips 1958; Tessendorf 2001 eq. 40
     jonswap    alpha g^2 w^-5 exp(-1.25 (wp/w)^4) gamma^r, cos^2s spread      Hasselmann et al. 1973, 1980
     tma        jonswap times the depth factor        Bouws et al. 1985; Thompson & Vincent 1983
 
 Waves against the wind are left out: there are no standing waves then, and the variance is the same at all times.
+
+Dispersion of capillary-gravity waves over a flat bottom: Lamb 1932 section 267. Waves on the lattice 2 pi (m, n)/tile
+repeat at the tile's edges; frequencies that are multiples of 2 pi/loop repeat after the loop. No blending is needed.
 """
 
 from __future__ import annotations
@@ -13,12 +16,82 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from mr360uw.caustics.sea.dispersion import angular_frequency, group_speed
-from mr360uw.constants import GRAVITY_M_S2
+from mr360uw.constants import GRAVITY_M_S2, SURFACE_TENSION_OVER_DENSITY
+
+_PEAK_FREQUENCY = 0.855
+"""Peak angular frequency of a fully developed sea times wind speed over gravity (Pierson & Moskowitz 1964)."""
+_SLOPE_CALM, _SLOPE_PER_WIND = 0.003, 0.00512
+"""Mean square slope of a clean sea, and its growth per m/s of wind (Cox & Munk 1954)."""
+_SHORTEST_RIPPLE = 370.0
+"""Wavenumber [rad/m] of the slowest waves (17 mm long), about where the slope spectrum falls off.
+
+Twice as large, a band of longer waves gets about a tenth less of the slope variance.
+"""
+
+
+def peak_wavelength(wind_speed: float) -> float:
+    """Return the dominant wavelength [m] of a fully developed deep sea at a wind speed [m/s]."""
+    frequency = _PEAK_FREQUENCY * GRAVITY_M_S2 / max(wind_speed, 0.1)
+    return 2.0 * math.pi * GRAVITY_M_S2 / frequency**2
+
+
+def mean_square_slope(wind_speed: float) -> float:
+    """Return the mean square slope of the sea, both axes (Cox & Munk 1954 from 1 m/s up, falling to flat at 0)."""
+    return (_SLOPE_CALM + _SLOPE_PER_WIND * wind_speed) * min(wind_speed, 1.0)
+
+
+def band_slope_variance(wind_speed: float, from_wavenumber: float, to_wavenumber: float) -> float:
+    """Return the slope variance in a band of wavenumbers [rad/m].
+
+    `mean_square_slope` is spread evenly over log k from the peak of the spectrum up.
+    """
+    peak = 2.0 * math.pi / peak_wavelength(wind_speed)
+    whole = math.log(max(_SHORTEST_RIPPLE / min(peak, from_wavenumber), math.e))
+    return mean_square_slope(wind_speed) * min(math.log(max(to_wavenumber / from_wavenumber, math.e)) / whole, 1.0)
+
 
 Array = NDArray[np.float64]
+
+
+def angular_frequency(wavenumber: ArrayLike, water_depth_m: float) -> Array:
+    """Return the angular frequency [rad/s] of waves of a wavenumber [rad/m] on water of a depth (infinity: deep)."""
+    k = np.asarray(wavenumber, np.float64)
+    shallow = np.tanh(np.minimum(k * water_depth_m, 50.0)) if np.isfinite(water_depth_m) else 1.0
+    return np.sqrt((GRAVITY_M_S2 * k + SURFACE_TENSION_OVER_DENSITY * k**3) * shallow)
+
+
+def group_speed(wavenumber: ArrayLike, water_depth_m: float) -> Array:
+    """Return d omega/d k [m/s], the derivative of `angular_frequency`."""
+    k = np.asarray(wavenumber, np.float64)
+    restoring = GRAVITY_M_S2 * k + SURFACE_TENSION_OVER_DENSITY * k**3
+    slope = GRAVITY_M_S2 + 3.0 * SURFACE_TENSION_OVER_DENSITY * k**2
+    if not np.isfinite(water_depth_m):
+        return slope / (2.0 * np.sqrt(restoring))
+    kh = np.minimum(k * water_depth_m, 50.0)
+    tanh = np.tanh(kh)
+    return (slope * tanh + restoring * water_depth_m / np.cosh(kh) ** 2) / (2.0 * np.sqrt(restoring * tanh))
+
+
+def looping_frequency(frequency: ArrayLike, loop_s: float | None) -> Array:
+    """Return angular frequencies moved to the nearest multiple of 2 pi/loop_s, at least one; None leaves them."""
+    w = np.asarray(frequency, np.float64)
+    if loop_s is None:
+        return w
+    base = 2.0 * np.pi / loop_s
+    return base * np.maximum(np.round(w / base), 1.0)
+
+
+def lattice_vector(wave_vector: ArrayLike, tile_m: float) -> Array:
+    """Return wave vectors (n, 2) [rad/m] moved to the nearest non-zero point of the lattice 2 pi (m, n)/tile_m."""
+    unit = 2.0 * np.pi / tile_m
+    k = np.asarray(wave_vector, np.float64) / unit
+    nearest = np.round(k)
+    along_x = np.abs(k[..., 0]) >= np.abs(k[..., 1])
+    smallest = np.where(along_x[..., None], [1.0, 0.0], [0.0, 1.0]) * np.where(k < 0.0, -1.0, 1.0)
+    return unit * np.where(np.any(nearest != 0.0, axis=-1, keepdims=True), nearest, smallest)
+
 
 _PHILLIPS_ALPHA = 8.1e-3
 """Phillips' constant of the equilibrium range; the variance of the waves is proportional to it."""

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.caustics.sea.dispersion import band_slope_variance, lattice_vector, peak_wavelength
+from mr360uw.caustics.sea.spectrum import band_slope_variance, lattice_vector, peak_wavelength
 
 Array = NDArray[np.float64]
 

@@ -19,13 +19,12 @@ from numpy.typing import NDArray
 from mr360uw.cache import Cache, PartOf
 from mr360uw.composite.ambient.light import ambient_light
 from mr360uw.composite.ambient.solved_light import AmbientLight
-from mr360uw.composite.at_surface.air_light import in_air
 from mr360uw.composite.at_surface.image_reach import balls_around, find_reach, in_reach
 from mr360uw.composite.at_surface.settings import WITHIN_M, SurfaceSettings
 from mr360uw.composite.at_surface.surface_behind import BodiesInSurface, blank_picture, laid_over
 from mr360uw.composite.at_surface.surface_images import Images, LitBodies, PlainShadows, RayBodies, surface_images
 from mr360uw.composite.at_surface.surface_rays import TURNS, SurfaceSamples, first_surfaces, sample_surface, see_surface
-from mr360uw.composite.at_surface.water_sides import WaterSides, camera_in_water
+from mr360uw.composite.at_surface.water_sides import WaterSides, camera_in_water, in_air
 from mr360uw.composite.lighting.blockers import Blockers
 from mr360uw.composite.lighting.sources import light_sources
 from mr360uw.composite.raycast.geometry import Geometry, gather

@@ -15,9 +15,8 @@ from numpy.typing import NDArray
 
 from mr360uw.cache import Same
 from mr360uw.composite.affine import placed
-from mr360uw.composite.mesh.material import Material, MeshFile, Part
+from mr360uw.composite.mesh.material import Material, MeshFile, ObjNeighbours, Part, obj_notes, simple_material
 from mr360uw.composite.mesh.normals import crease_normals
-from mr360uw.composite.mesh.obj_material import ObjNeighbours, obj_notes, simple_material
 from mr360uw.composite.mesh.skin import smoothed_body
 from mr360uw.composite.mesh.usd.usd_stage import USD_SUFFIXES
 from mr360uw.errors import MeshError

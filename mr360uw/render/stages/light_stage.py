@@ -28,7 +28,7 @@ from mr360uw.render.first_pass import ClipAnalysis
 from mr360uw.render.loaded import Loaded
 from mr360uw.render.plate_light import FrameLight, exposed_water, plate_light, plate_ratio
 from mr360uw.render.stages.match_stage import ungraded
-from mr360uw.scene.keyed import scene_at
+from mr360uw.scene.keyed_water import scene_at
 from mr360uw.sphere import directions, row_solid_angle
 from mr360uw.types import Floats, Sun
 from mr360uw.types.time_knots import knot_step

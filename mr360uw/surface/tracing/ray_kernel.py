@@ -15,9 +15,8 @@ from mr360uw.jit import exact
 from mr360uw.surface.intersection import NOWHERE, Hit, SeaWaves, first_hit
 from mr360uw.surface.ray_stage import FAINTEST, FARTHEST_M, GENERATIONS, OFF_M, WIDEST
 from mr360uw.surface.tracing.facet_draws import drawn, facets_of, next_key
-from mr360uw.surface.tracing.floor_light import LitFloor, floor_radiance
+from mr360uw.surface.tracing.floor_light import LitFloor, Relief, floor_radiance, relief_distance
 from mr360uw.surface.tracing.ray_optics import Vector, bent, mirrored, reflectance
-from mr360uw.surface.tracing.relief import Relief, relief_distance
 from mr360uw.surface.tracing.ripples import Ripples, level_slopes, tilted
 from mr360uw.surface.tracing.sun_in_waves import Disc, sun_seen, sunlight
 from mr360uw.surface.tracing.table_reads import WaterTable, add, panorama, sky_radiance, times, transmittance, veil
@@ -57,7 +56,7 @@ def met(
 ) -> tuple[Hit, float]:  # fmt: skip
     """Return where a ray meets the surface, and the distance at which it meets the floor instead, infinity for neither.
 
-    c to steepest: of `first_hit`; e: of `relief`. start: the first, if it is known.
+    c to steepest: of `first_hit`; e: of `floor_light`. start: the first, if it is known.
     """
     up, high = direction[1], origin[1] - floor.y
     reach = math.inf

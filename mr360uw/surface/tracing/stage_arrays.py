@@ -14,9 +14,8 @@ from mr360uw.surface.intersection import surface_arrays, waves_of
 from mr360uw.surface.ray_stage import RayStage
 from mr360uw.surface.sampled_sea import SampledSea
 from mr360uw.surface.sea_floor import FloorLight
-from mr360uw.surface.tracing.floor_light import LitFloor
+from mr360uw.surface.tracing.floor_light import LitFloor, Relief
 from mr360uw.surface.tracing.ray_kernel import Murk, RayWorld
-from mr360uw.surface.tracing.relief import Relief
 from mr360uw.surface.tracing.ripples import Ripples
 from mr360uw.surface.tracing.sun_in_waves import Disc
 from mr360uw.surface.tracing.table_reads import WaterTable, packed

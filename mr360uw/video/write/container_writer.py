@@ -25,8 +25,7 @@ from mr360uw.video.settings import EncodeSettings
 from mr360uw.video.video_frame import VideoFrame
 from mr360uw.video.write.audio import CONTAINERS, TrackCopy, check_sound
 from mr360uw.video.write.delivery import resolved
-from mr360uw.video.write.encoder import Encoder
-from mr360uw.video.write.hardware import check_encoder
+from mr360uw.video.write.encoder import Encoder, check_encoder
 from mr360uw.video.write.other_tracks import other_tracks
 from mr360uw.video.write.segment import Segment, decoding_stamps
 from mr360uw.video.write.writer import VideoWriter
