@@ -11,6 +11,7 @@ import pytest
 
 import mr360uw as uw
 from mr360uw import optics, surface
+from mr360uw.cache import version
 from mr360uw.caustics import CausticSettings, GerstnerSea, caustic_map
 from mr360uw.errors import ParameterError
 from mr360uw.medium import Medium, Water
@@ -300,7 +301,8 @@ def test_projections_of_views() -> None:
     level = small(0.0, projection="orthographic", width_m=4.0)
     np.testing.assert_allclose(level.origins(32.0, 0.0) - level.position, [2.0, 1.0, 0.0], atol=1e-15)
     np.testing.assert_allclose(level.directions([1.0, 30.0], 2.0), [[0.0, 0.0, -1.0]] * 2, atol=1e-15)
-    assert view.key != level.key
+    assert version(view) != version(level)
+    assert version(view) == version(small(0.0, projection="perspective", fov_rad=np.pi / 2.0))
     assert small(0.0).pixel_rad == pytest.approx(np.pi / 16)
 
 
