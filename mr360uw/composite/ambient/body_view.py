@@ -70,8 +70,8 @@ class Body:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Outlook:
-    """What r samples of a body see beside the body itself.
+class FormFactors:
+    """Irradiance at r samples of a body by what they see beside the body itself.
 
     lost: (r, COUNT) float32, irradiance that each direction's radiance does not add. samples: (r, all coarse samples)
     sparse, what each coarse sample of the layout adds instead; way: the direction of each of its entries. ground: (r,
@@ -106,8 +106,8 @@ class BodyView:
     fraction of the irradiance from free directions. met: what all samples of a glossy body meet, None of others.
     """
 
-    coarse: Outlook
-    near: Outlook
+    coarse: FormFactors
+    near: FormFactors
     near_sample: NDArray[np.int64]
     near_part: NDArray[np.float32]
     down: NDArray[np.float32]
@@ -126,9 +126,9 @@ class BodyView:
         return values
 
 
-def outlook(
+def form_factors(
     cosine: NDArray[np.float32], node: NDArray[np.int16] | None, hits: list[tuple[NDArray[Any], ...]], total: int
-) -> Outlook:
+) -> FormFactors:
     """Return what r samples of a body see. cosine: (r, COUNT) irradiance that open directions add; node: (r, COUNT) the
     node of the ground behind each, -1 for none, or None without nodes; hits: of `Neighbour.seen_from` for each other
     body; total: number of all coarse samples.
@@ -148,7 +148,7 @@ def outlook(
         )  # fmt: skip
     used = int(begin[-1])
     samples = csr_matrix((weight[:used], column[:used], begin), shape=(rows, total))
-    return Outlook(lost, samples, way[:used], ground)
+    return FormFactors(lost, samples, way[:used], ground)
 
 
 @exact
@@ -158,7 +158,8 @@ def _resolve(
 ) -> None:  # fmt: skip
     """Share the light of each direction among what rays (m,) meet there, the nearest first, and the ground behind.
 
-    cosine, node: (r, COUNT). lost, ground, way, and begin, column, weight of a sparse matrix: as `Outlook` has them.
+    cosine, node: (r, COUNT). lost, ground, way, and begin, column, weight of a sparse matrix: as `FormFactors` has
+    them.
     """
     head = np.full(cosine.shape, -1, np.int32)
     after = np.full(len(sample), -1, np.int32)

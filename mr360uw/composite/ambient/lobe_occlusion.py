@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.composite.ambient.body_view import Body, Met, Outlook
+from mr360uw.composite.ambient.body_view import Body, FormFactors, Met
 from mr360uw.composite.ambient.directions import COUNT, directions
 from mr360uw.jit import fast
 from mr360uw.types import Floats
@@ -29,19 +29,21 @@ smoother surfaces are blurred as much. Twice as wide, a ball of roughness .35 on
 _LEAST_COSINE = 1e-3
 
 
-def met_by(body: Body, look: Outlook, cosine: NDArray[np.float32], node: NDArray[np.int16] | None, begin: int) -> Met:
-    """Return what all samples of a body meet: others and the ground as in their outlook, then the body itself.
+def met_by(
+    body: Body, factors: FormFactors, cosine: NDArray[np.float32], node: NDArray[np.int16] | None, begin: int
+) -> Met:
+    """Return what all samples of a body meet: others and the ground as in their form factors, then the body itself.
 
     cosine: (S, COUNT) irradiance that directions add which the body leaves open. node: (S, COUNT) of the ground, -1 for
     none. begin: where the body's coarse samples begin among all.
     """
-    others = np.repeat(np.arange(len(cosine)), np.diff(look.samples.indptr))
+    others = np.repeat(np.arange(len(cosine)), np.diff(factors.samples.indptr))
     parts: list[tuple[Any, ...]] = [
-        (others, look.way, look.samples.indices + 1, look.samples.data / cosine[others, look.way])
+        (others, factors.way, factors.samples.indices + 1, factors.samples.data / cosine[others, factors.way])
     ]
     if node is not None:
         sample, way = np.nonzero((node >= 0) & (cosine > 0.0))
-        taken = np.bincount(others * COUNT + look.way, look.samples.data, cosine.size).reshape(cosine.shape)
+        taken = np.bincount(others * COUNT + factors.way, factors.samples.data, cosine.size).reshape(cosine.shape)
         left = 1.0 - taken[sample, way] / cosine[sample, way]
         some = left > 0.0
         parts.append((sample[some], way[some], -node[sample, way][some] - 1, left[some]))

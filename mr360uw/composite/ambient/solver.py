@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from mr360uw.cache import Cache
 from mr360uw.composite.ambient.body_layout import Layout
-from mr360uw.composite.ambient.body_view import Body, Outlook
+from mr360uw.composite.ambient.body_view import Body, FormFactors
 from mr360uw.composite.ambient.directions import blurred, directions, radiance_towards
 from mr360uw.composite.ambient.ground_light import GroundLight, ground_radiance
 from mr360uw.composite.ambient.knot_kernel import CHANNELS, FEW_CHANNELS
@@ -165,7 +165,7 @@ class Solver:
         if self._layout.untouched(number):
             return None
         transfer, own = body.transfer, body.own
-        others = [self._from_others(look, around, sent, nodes) for look in (view.coarse, view.near)]
+        others = [self._from_others(factors, around, sent, nodes) for factors in (view.coarse, view.near)]
         if own.lost is None:
             both = np.append(light, around, axis=1)
             at_coarse = np.append(own.plain @ both, others[0], axis=1)
@@ -189,11 +189,11 @@ class Solver:
         return values
 
     @staticmethod
-    def _from_others(look: Outlook, around: Floats, sent: Floats, nodes: Floats) -> Floats:
+    def _from_others(factors: FormFactors, around: Floats, sent: Floats, nodes: Floats) -> Floats:
         """Return at r samples (r, 3) how other bodies and the ground change the irradiance. around: (COUNT, 3)
         radiance; the others are those of `_values`.
         """
-        return np.asarray(product(look.samples, sent) + look.ground @ nodes - look.lost @ around)
+        return np.asarray(product(factors.samples, sent) + factors.ground @ nodes - factors.lost @ around)
 
 
 def _products(matrices: Sequence[NDArray[np.float32]], light: Sequence[Floats]) -> list[NDArray[np.float32]]:

@@ -39,16 +39,17 @@ def _encode_row(
     fraction_scale = np.float32(1.0 / (1 << ENCODE_STEP_BITS))
     first, last = np.int32(ENCODE_LOW), np.int32(ENCODE_STEPS - 1)
     zero, one = np.float32(0.0), np.float32(1.0)
-    for c in range(out.size):
-        old = luma_from_code(codes[c], offset, scale) + from_cb * cb[c] + from_cr * cr[c]
+    for c in range(out.size):  # look-ups apart: what remains is done by vector instructions
         magnitude = light_bits[c] & ~sign_bit
         step = np.int32(magnitude >> np.uint32(ENCODE_STEP_BITS)) - first
         i = np.uint32(min(max(step, np.int32(0)), last))
         side = np.uint32(light_bits[c] >> np.uint32(31))
         low = table[side, i]
-        code = low + np.float32(magnitude & fraction_mask) * fraction_scale * (table[side, i + np.uint32(1)] - low)
+        out[c] = low + np.float32(magnitude & fraction_mask) * fraction_scale * (table[side, i + np.uint32(1)] - low)
+    for c in range(out.size):
+        old = luma_from_code(codes[c], offset, scale) + from_cb * cb[c] + from_cr * cr[c]
         clear = one - alpha[c]
-        out[c] = min(max(code, clear * min(old, zero)), one + clear * max(old - one, zero)) - old
+        out[c] = min(max(out[c], clear * min(old, zero)), one + clear * max(old - one, zero)) - old
 
 
 @inlined
@@ -56,8 +57,8 @@ def _noise(row: int, column: int, frame: int) -> Any:
     """Return interleaved gradient noise (Jimenez 2014), 0.001 to 0.999: rounding errors alone change no code."""
     shift = np.float32(5.588238) * np.float32(frame & 63)
     ramp = np.float32(0.06711056) * (np.float32(column) + shift) + np.float32(0.00583715) * (np.float32(row) + shift)
-    value = np.float32(52.9829189) * (ramp - np.float32(int(ramp)))
-    return np.float32(0.001) + np.float32(0.998) * (value - np.float32(int(value)))
+    value = np.float32(52.9829189) * (ramp - np.float32(np.int32(ramp)))
+    return np.float32(0.001) + np.float32(0.998) * (value - np.float32(np.int32(value)))
 
 
 @fast
@@ -70,7 +71,7 @@ def write_noise(row: int, column: int, frame: int, out: Any) -> None:
 
 @inlined
 def _quantise(code: Any, noise: Any, peak: Any) -> Any:
-    return int(min(max(code + noise, np.float32(0.0)), peak))
+    return np.int32(min(max(code + noise, np.float32(0.0)), peak))
 
 
 @inlined
@@ -108,6 +109,18 @@ def _grain_row(codes: Any, alpha: Any, grain: Any, strength: Any, k: Any, steps:
                 steps[n, c] += step
 
 
+@inlined
+def _changed_part(changed: Any) -> Any:
+    """Return the first column of a row that is changed and the one after the last; 0, 0 where none is."""
+    after = changed.size
+    while after > 0 and not changed[after - 1]:
+        after -= 1
+    first = 0
+    while first < after and not changed[first]:
+        first += 1
+    return first, after
+
+
 @fast
 def write_luma(
     y: Any, u: Any, v: Any, y_out: Any, row: int, column: int, sx: int, sy: int, wrap: bool,
@@ -121,22 +134,28 @@ def write_luma(
     steps = np.empty((3, width), np.float32)  # of R', G', B'
     grainy = grain.size > 0
     for r in range(height):
-        chroma_row(u, row + r, column, sx, sy, wrap, k[2], k[3], cb)
-        chroma_row(v, row + r, column, sx, sy, wrap, k[2], k[3], cr)
+        chroma[:, r] = np.float32(0.0)
+        first, after = _changed_part(changed[r])
+        if first == after:
+            continue
+        begin, part = column + first, slice(first, after)
+        chroma_row(u, row + r, begin, sx, sy, wrap, k[2], k[3], cb[part])
+        chroma_row(v, row + r, begin, sx, sy, wrap, k[2], k[3], cr[part])
         codes = y[row + r, column : column + width]
         codes_out = y_out[row + r, column : column + width]
         for n in range(3):
-            _encode_row(codes, cb, cr, light_bits[r, :, n], alpha[r], k, n, table, steps[n])
+            light = light_bits[r, part, n]
+            _encode_row(codes[part], cb[part], cr[part], light, alpha[r, part], k, n, table, steps[n, part])
         if grainy:
-            _grain_row(codes, alpha[r], grain[r], strength, k, steps)
+            _grain_row(codes[part], alpha[r, part], grain[r, part], strength, k, steps[:, part])
         red, green, blue = k[1] * k[10], k[1] * k[11], k[1] * k[12]
-        for c in range(width):
-            if changed[r, c]:
-                step = red * steps[0, c] + green * steps[1, c] + blue * steps[2, c]
-                codes_out[c] = _quantise(np.float32(codes[c]) + step, _noise(row + r, column + c, frame), peak)
+        for c in range(first, after):
+            step = red * steps[0, c] + green * steps[1, c] + blue * steps[2, c]
+            code = _quantise(np.float32(codes[c]) + step, _noise(row + r, column + c, frame), peak)
+            codes_out[c] = code if changed[r, c] else codes_out[c]
         for plane in range(2):
             red, green, blue = k[3] * k[13 + 3 * plane], k[3] * k[14 + 3 * plane], k[3] * k[15 + 3 * plane]
-            for c in range(width):
+            for c in range(first, after):
                 step = red * steps[0, c] + green * steps[1, c] + blue * steps[2, c]
                 chroma[plane, r, c] = step if changed[r, c] else np.float32(0.0)
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from mr360uw.cache import Cache, PartOf
 from mr360uw.composite.ambient.among.relative_pose import RelativePose, relative_pose
-from mr360uw.composite.ambient.body_view import Body, BodyView, Outlook, outlook
+from mr360uw.composite.ambient.body_view import Body, BodyView, FormFactors, form_factors
 from mr360uw.composite.ambient.directions import COUNT, directions
 from mr360uw.composite.ambient.lobe_occlusion import met_by
 from mr360uw.composite.ambient.mesh_transfer import Transfer, met_samples
@@ -137,9 +137,9 @@ def _view(seen: PartOf[tuple[Body, list[Neighbour]]], begin: int, total: int) ->
     if transfer.mesh.glossy:
         close[:] = 1.0  # every sample has a lobe of its own
     near_sample = np.flatnonzero(close)
-    at_coarse, _ = _outlook(body, near, sample, body.own.direct, total)
+    at_coarse, _ = _form_factors(body, near, sample, body.own.direct, total)
     cosine = np.where(body.own.open[near_sample], transfer.cosine[near_sample], np.float32(0.0))
-    at_near, node = _outlook(body, near, near_sample, cosine, total)
+    at_near, node = _form_factors(body, near, near_sample, cosine, total)
     down = np.zeros((0, len(sample)), np.float32)
     if body.ground is not None and body.on_ground:
         down = body.ground.mean_sent(transfer)
@@ -151,11 +151,11 @@ def _view(seen: PartOf[tuple[Body, list[Neighbour]]], begin: int, total: int) ->
     return BodyView(at_coarse, at_near, near_sample, part, down, openness, met)
 
 
-def _outlook(
+def _form_factors(
     body: Body, near: Sequence[Neighbour], sample: NDArray[np.int64], cosine: NDArray[np.float32], total: int
-) -> tuple[Outlook, NDArray[np.int16] | None]:
+) -> tuple[FormFactors, NDArray[np.int16] | None]:
     """Return what samples (r,) see where directions add `cosine` (r, COUNT), and the node of the ground in each."""
     place, open_ = body.places(sample), cosine > 0.0
     node = body.ground.node_seen(body.transfer, place) if body.ground is not None and body.on_ground else None
     hits = [other.seen_from(body.transfer, place, open_) for other in near if len(sample)]
-    return outlook(cosine, node, hits, total), node
+    return form_factors(cosine, node, hits, total), node
