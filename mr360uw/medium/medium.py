@@ -21,7 +21,7 @@ from mr360uw.medium.band_light import BandLight
 from mr360uw.medium.boundaries import LambertFloor, Sky, SurfaceKind
 from mr360uw.medium.closed_form import check_ray, ray_in_water
 from mr360uw.medium.formation import FormationModel, fitted_formation
-from mr360uw.medium.models import CLOSED_FORMS, FieldModel, SpectralMode, SpectralModel, spectral_model
+from mr360uw.medium.models import CLOSED_FORMS, SpectralMode, SpectralModel, spectral_model
 from mr360uw.medium.spectral.bands import Bands, Rule, bands
 from mr360uw.medium.spectral.sensor import DEFAULT_ILLUMINANT, Sensor, checked_sensor
 from mr360uw.medium.tabulate import medium_table
@@ -215,7 +215,7 @@ class Medium:
         if sky == self.sky or self.mode in CLOSED_FORMS or self.mode in _FORMATIONS:
             return self
         other = self._copy()
-        for of_this_sky in ("model", "light", "unit_table", "_level", "glow_level", "floor_lobes", "gathered"):
+        for of_this_sky in ("model", "light", "unit_table", "_level", "glow_level", "floor_lobes"):
             other.__dict__.pop(of_this_sky, None)
         other.sky, other.gain, other.floor_radiance = sky, np.ones(3), np.zeros(3)
         return other
@@ -239,14 +239,6 @@ class Medium:
         other = copy.copy(self)
         other.__dict__.pop("table", None)
         return other
-
-    @functools.cached_property
-    def gathered(self) -> Array:
-        """Downwelling irradiance (3,) just below the surface over that which comes in from above: the surface sends a
-        part of what the water sends up back. 1 in closed forms.
-        """
-        model = self.model
-        return (1.0 / model.field.entering) @ self.bands.lobes if isinstance(model, FieldModel) else np.ones(3)
 
     # --- for the tables ----------------------------------------------------------------------------------------
 

@@ -147,9 +147,6 @@ class LightField:
         self._even = self._even.over(incident)
         self._beam = beam / incident
         self._sky = of_sky / passed / incident
-        self.entering = 1.0 / incident
-        """Fraction (n,) of the downwelling irradiance just below the surface that comes from above, and was not sent
-        back by it."""
 
     def _component(self, order: int, beam: Array, from_above: Array) -> _Component:
         """Return the light that varies as cos(order azimuth).

@@ -41,19 +41,18 @@ _LEAST = 1e-300
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LightInWater:
-    """Light of one origin. below: (3,) irradiance that it brings just below the surface; whole: with what the surface
-    sends back of it. medium: solved for it, seen from there. depths: the same for cameras at any depth.
+    """Light of one origin. below: (3,) irradiance just below the surface. medium: solved for it, seen from there.
+    depths: the same for cameras at any depth.
     """
 
     below: Array
-    whole: Array
     medium: Medium
     depths: MediumAtDepths
 
     @classmethod
     def of(cls, below: Array, medium: Medium) -> LightInWater:
         """Return the light of a medium."""
-        return cls(below, below * medium.gathered, medium, MediumAtDepths(medium))
+        return cls(below, medium, MediumAtDepths(medium))
 
     def seen_from(self, camera_depth_m: float | None) -> Medium:
         """Return the medium for a camera at a depth [m], or for rays from the surface."""
@@ -61,7 +60,7 @@ class LightInWater:
 
     def down(self, depth_m: float) -> Array:
         """Return the irradiance (3,) on a level plane at a depth."""
-        return self.whole * self.medium.light.display(self.medium.model.irradiance(depth_m, 1.0))
+        return self.below * self.medium.light.display(self.medium.model.irradiance(depth_m, 1.0))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -179,13 +178,13 @@ class WaterLight:
         assert self.sky is not None
         sky = self.sky.seen_from(camera_depth_m)
         table = sky.unit_table
-        veil = self.sky.whole * table.veil
+        veil = self.sky.below * table.veil
         if self.floor is not None and table.glow is not None:
             veil = veil + self.floor.radiance * (table.glow + sky.glow_level * table.veil)
         if self.sun is None or self.towards_sun is None:
             return replace(table, veil=veil, glow=None)
         sun = self.sun.seen_from(camera_depth_m)
-        of_sun = self.sun.whole * sun.unit_table.veil
+        of_sun = self.sun.below * sun.unit_table.veil
         veil, around = veil + of_sun, around_sun(sun)
         if around is None:
             return replace(table, veil=veil, glow=None)

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from scipy.special import expn
 
-from mr360uw.constants import REFRACTIVE_INDEX_SEA
 from mr360uw.errors import ParameterError
 from mr360uw.medium import LightField, Water
 from mr360uw.medium.boundaries import LambertFloor, SkyShape
@@ -18,7 +17,7 @@ from mr360uw.medium.closed_form import ray_in_water
 from mr360uw.medium.models import spectral_model
 from mr360uw.medium.phase import henyey_greenstein
 from mr360uw.medium.ray_field import cosine_kernel
-from mr360uw.optics import critical_cosine, fresnel_from_below
+from mr360uw.optics import fresnel_from_below
 from tests.medium.tolerances import (
     ANALYTIC_FIELD,
     AROUND_SUN,
@@ -46,7 +45,6 @@ SETTINGS = {
 }
 A = np.array([0.005, 0.05, 0.3, 3.0])
 B = np.array([0.4, 0.001, 0.5, 10.0])
-CRITICAL = critical_cosine(REFRACTIVE_INDEX_SEA)
 OVERCAST = SkyShape((0.5, 0.7, 1.0, 1.3, 1.5))
 SKIES = ["uniform", ("sun", 0.85, 0.7), OVERCAST]
 FLOORS = [None, LambertFloor(3.0, (0.4,))]
@@ -289,16 +287,6 @@ def test_a_sky_keeps_its_shape() -> None:
     assert OVERCAST.seen_through(np.array(1.0), n) == 1.5
     with pytest.raises(ParameterError, match="sky"):
         SkyShape((0.0, 0.0))
-
-
-@pytest.mark.parametrize("sky", SKIES)
-def test_what_the_surface_sends_back_did_not_enter(sky: str) -> None:
-    field = LightField(A, B, ("hg", 0.9), sky=sky)
-    x, w = np.polynomial.legendre.leggauss(400)
-    up = np.concatenate([-0.5 * (1.0 - CRITICAL) * (1.0 + x) - CRITICAL, -0.5 * CRITICAL * (1.0 + x)])
-    weight = np.concatenate([0.5 * (1.0 - CRITICAL) * w, 0.5 * CRITICAL * w]) * 2.0 * np.pi * -up
-    back = (weight * fresnel_from_below(-up, REFRACTIVE_INDEX_SEA)) @ field.radiance(0.0, up)
-    np.testing.assert_allclose(field.entering, 1.0 - back, rtol=IRRADIANCE)
 
 
 def test_snells_window() -> None:

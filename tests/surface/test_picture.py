@@ -116,14 +116,6 @@ def test_an_even_world_stays_even() -> None:
         assert seen.radiance.mean() == pytest.approx(expected, rel=tol.EVEN_SKY)
 
 
-@pytest.mark.parametrize("scattering", [0.0, 0.3, 2.0])
-def test_a_white_floor_in_water_that_takes_nothing_gives_back_all_light(scattering: float) -> None:
-    water = Water.from_arrays([380.0, 780.0], [1e-5] * 2, [scattering] * 2)
-    light = WaterLight.of(water, Dome(EVEN), None, N, 4.0, np.ones(3))
-    assert light.floor is not None
-    np.testing.assert_allclose(light.floor.radiance, N * N, rtol=tol.TAKES_NOTHING)
-
-
 def test_the_water_knows_where_its_sky_is_bright() -> None:
     sine = np.abs(np.sin(np.pi * (0.5 - (np.arange(64) + 0.5) / 64)))
     shape = Dome(np.ones((64, 128, 3)) * (1.0 + 2.0 * sine[:, None, None])).shape.radiance
@@ -190,7 +182,7 @@ def test_the_floor_under_water_has_the_light_of_the_solved_field() -> None:
     x, z = (v.ravel() for v in np.meshgrid(at, at))
     black, white = (f.irradiance(x, z, np.zeros(len(x))).mean(axis=0) for f in floors)
     parts = [part for part in (lights[0].sky, lights[0].sun) if part is not None]
-    expected = sum(p.whole * p.medium.light.display(p.medium.model.irradiance(depth, 1.0)) for p in parts)
+    expected = sum(p.below * p.medium.light.display(p.medium.model.irradiance(depth, 1.0)) for p in parts)
     assert len(parts) == 2
     np.testing.assert_allclose(black, expected, rtol=tol.SOLVED)
     np.testing.assert_allclose(white, lights[1].down(depth), rtol=tol.SOLVED)

@@ -50,7 +50,5 @@ AROUND_SUN = 0.015
 1.4 degrees."""
 TWICE_THROUGH = 5e-3
 """Light that goes from the floor to the surface and back: 16 streams, and the edge of Snell's window between two of them."""
-TAKES_NOTHING = 5e-4
-"""A floor in water that takes nothing: what is absorbed after all, on ways of a hundred depths, and 32 streams."""
 OF_SHAPE = 0.025
 """A sky by means over steps of the sine of 1/16, of half a step at its ends; the lowest of 32 rows has a sine of .0245."""
