@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Values between the four texels around a place, of numbers and arrays; `jit.inlined` makes these part of kernels."""
+"""Interpolation of numbers and arrays: between the four texels around a place (`jit.inlined` makes these part of
+kernels), and the cubic step.
+"""
 
 from __future__ import annotations
 
@@ -7,6 +9,7 @@ import math
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 
 def between_four(a: Any, b: Any, c: Any, d: Any, x: Any, y: Any) -> Any:
@@ -30,3 +33,9 @@ def texels_around(x: Any, y: Any) -> tuple[Any, Any, Any, Any]:
     """Return column and row of the texel to the upper left of places (...,), and (..., 1) how far these are from it."""
     i, j = np.floor(x), np.floor(y)
     return i.astype(np.int64), j.astype(np.int64), (x - i)[..., None], (y - j)[..., None]
+
+
+def smoothstep(value: ArrayLike, zero: float, one: float) -> NDArray[Any]:
+    """Return the cubic step (...,) from 0 for values on the side of `zero` to 1 on that of `one`."""
+    t = np.clip((np.asarray(value) - zero) / (one - zero), 0.0, 1.0)
+    return np.asarray(t * t * (3.0 - 2.0 * t))

@@ -23,6 +23,7 @@ from mr360uw.ibl.settings import LightSettings
 from mr360uw.optics import critical_cosine
 from mr360uw.published.tone_curves import enhancement_gain, pointwise_gain
 from mr360uw.shapes import is_finite, real
+from mr360uw.texels import smoothstep
 from mr360uw.types import Floats
 
 Array = NDArray[np.float64]
@@ -48,8 +49,7 @@ def region_weight(sine: ArrayLike, settings: LightSettings, refractive_index: fl
     if settings.region == "all":
         return np.ones_like(sine)
     edge = 0.0 if settings.region == "upper" else snell_elevation(refractive_index)
-    t = np.clip((np.arcsin(np.clip(sine, -1.0, 1.0)) - edge) / (2.0 * _RAMP) + 0.5, 0.0, 1.0)
-    return t * t * (3.0 - 2.0 * t)
+    return smoothstep(np.arcsin(np.clip(sine, -1.0, 1.0)), edge - _RAMP, edge + _RAMP)
 
 
 def checked_plate(plate: ArrayLike) -> NDArray[np.float32]:

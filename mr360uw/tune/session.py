@@ -13,7 +13,7 @@ from mr360uw.errors import Mr360uwError, ParameterError
 from mr360uw.progress import Progress
 from mr360uw.runs.composite_run import CompositeRun
 from mr360uw.scene.model import Scene
-from mr360uw.tune.editing.document import Document
+from mr360uw.tune.editing.document import Document, observed
 from mr360uw.tune.page_renderer import VIEW_NAMES, MadePicture, Wanted
 from mr360uw.tune.pictures import Pictures
 
@@ -86,13 +86,7 @@ class Session:
 
     def observe(self, callback: Callable[[Event], None]) -> Callable[[], None]:
         """Call a function after every change with its kind; return the function that ends it."""
-        self._observers.append(callback)
-
-        def end() -> None:
-            if callback in self._observers:
-                self._observers.remove(callback)
-
-        return end
+        return observed(self._observers, callback)
 
     def show(self, *, full: bool = True, moving: bool = False) -> None:
         """Ask for a picture of the present state. full: at full size. moving: that can wait until nothing changes."""

@@ -35,6 +35,7 @@ from mr360uw.ibl.lookup import environment_lookup
 from mr360uw.optics import fresnel
 from mr360uw.rays import RayScene
 from mr360uw.surface.ray_stage import OFF_M
+from mr360uw.texels import smoothstep
 from mr360uw.types import Floats
 
 Indices = NDArray[np.int64]
@@ -217,5 +218,4 @@ def _in_plate(
 
 def _fade(passed: Floats) -> Floats:
     """Return the fraction (n,) in which images are drawn whose light is nearly all taken by the water."""
-    t = np.clip((passed.max(axis=-1) - FAINTEST) / (_FULL_FROM - FAINTEST), 0.0, 1.0)
-    return np.asarray(t * t * (3.0 - 2.0 * t))
+    return smoothstep(passed.max(axis=-1), FAINTEST, _FULL_FROM)

@@ -19,6 +19,7 @@ from mr360uw.composite.lighting.surfaces import ambient_irradiance
 from mr360uw.composite.receiver.pattern import direct_pattern
 from mr360uw.composite.shot import Shot
 from mr360uw.constants import BRIGHTEST, DARK
+from mr360uw.texels import smoothstep
 from mr360uw.types import Floats
 
 FADE_FROM = 0.8
@@ -101,5 +102,4 @@ def receiver_ratio(
 
 def receiver_weight(distance_m: Floats, extent_m: float) -> Floats:
     """Return the weight (...,) of the receiver's change: 1 up to `FADE_FROM` of its extent, then falling to 0."""
-    t = np.clip((np.asarray(distance_m) / extent_m - FADE_FROM) / (1.0 - FADE_FROM), 0.0, 1.0)
-    return 1.0 - t * t * (3.0 - 2.0 * t)
+    return 1.0 - smoothstep(np.asarray(distance_m) / extent_m, FADE_FROM, 1.0)

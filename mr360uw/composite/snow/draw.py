@@ -29,6 +29,7 @@ from mr360uw.composite.snow.size_spectrum import LEAST_COVER, seen_up_to, size_c
 from mr360uw.composite.snow.splat import SnowPicture, draw_particles, merged
 from mr360uw.constants import PI
 from mr360uw.medium.lookup import transmittance_lookup
+from mr360uw.texels import smoothstep
 from mr360uw.types import Floats, Layer, View
 
 _LEAST_CONTRAST = 0.005
@@ -123,9 +124,9 @@ def particles_in_view(snow: Snow, shot: Shot) -> Cloud:
         position, velocity = position + offset, velocity + change
     distance = np.linalg.norm(position - view.position, axis=-1)
     fade = (
-        smooth(distance / NEAREST_M, 1.0, _FULL_FROM)
-        * smooth(clear.contrast(diameter, distance, view.height) / LEAST_COVER, 1.0, 2.0)
-        * (1.0 - smooth(distance / farthest, _FADE_FROM, 1.0))
+        smoothstep(distance / NEAREST_M, 1.0, _FULL_FROM)
+        * smoothstep(clear.contrast(diameter, distance, view.height) / LEAST_COVER, 1.0, 2.0)
+        * (1.0 - smoothstep(distance / farthest, _FADE_FROM, 1.0))
     )
     kept = fade > 0.0
     return Cloud(position[kept], velocity[kept], diameter[kept], fade[kept])
@@ -159,12 +160,6 @@ class Clearness:
         """Return the fraction (n,) of a pixel of a frame's height that particles cover, times the transmittance."""
         cover = 0.25 * PI * (diameter_m / np.maximum(distance_m, 1e-9) * height / PI) ** 2
         return np.asarray(cover * np.interp(distance_m, self.distance_m, self.left))
-
-
-def smooth(x: Floats, low: float, high: float) -> Floats:
-    """Return the cubic step from 0 at `low` to 1 at `high`."""
-    t = np.clip((x - low) / (high - low), 0.0, 1.0)
-    return np.asarray(t * t * (3.0 - 2.0 * t))
 
 
 def _disc_radius(diameter_m: Floats, distance_m: Floats) -> Floats:

@@ -11,11 +11,12 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from mr360uw.errors import OutputExistsError, SceneError
 from mr360uw.tune.editing.toml_edit import SceneFile, find, key_of, with_entry, with_value, without
 
+_Observer = TypeVar("_Observer")
 _LONGEST_HISTORY = 1000
 """Steps that can be undone. A text has some 10 kB; ten times as many steps would take 100 MB."""
 
@@ -206,13 +207,7 @@ class Document:
 
     def observe(self, callback: Callable[[], None]) -> Callable[[], None]:
         """Call a function after every change; return the function that ends it."""
-        self._observers.append(callback)
-
-        def end() -> None:
-            if callback in self._observers:
-                self._observers.remove(callback)
-
-        return end
+        return observed(self._observers, callback)
 
     def _change(self, label: str, text: str, group: str | None) -> None:
         if text == self.text:
@@ -247,3 +242,14 @@ class Document:
     def _tell(self) -> None:
         for callback in tuple(self._observers):
             callback()
+
+
+def observed(observers: list[_Observer], callback: _Observer) -> Callable[[], None]:
+    """Add a function to those that are called after changes; return the function that takes it off."""
+    observers.append(callback)
+
+    def end() -> None:
+        if callback in observers:
+            observers.remove(callback)
+
+    return end

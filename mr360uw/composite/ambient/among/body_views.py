@@ -21,6 +21,7 @@ from mr360uw.composite.ambient.directions import COUNT, directions
 from mr360uw.composite.ambient.lobe_occlusion import met_by
 from mr360uw.composite.ambient.mesh_transfer import Transfer, met_samples
 from mr360uw.jit import exact
+from mr360uw.texels import smoothstep
 from mr360uw.types import Floats
 
 _EXACT, _INTERPOLATED = 1.0, 2.0
@@ -78,9 +79,8 @@ class Neighbour:
         close = np.flatnonzero(np.linalg.norm(position - center, axis=-1) < radius + reach)
         there = (position[close] - self.pose.shift) @ np.linalg.inv(self.pose.linear).T
         near, _ = self.transfer.tree.query(there, distance_upper_bound=reach / self.pose.scale)
-        t = np.clip((_INTERPOLATED - near * self.pose.scale / spacing) / (_INTERPOLATED - _EXACT), 0.0, 1.0)
         part = np.zeros(len(position))
-        part[close] = t * t * (3.0 - 2.0 * t)
+        part[close] = smoothstep(near * self.pose.scale / spacing, _INTERPOLATED, _EXACT)
         return part
 
 

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from mr360uw.composite.ambient.body_view import Body
 from mr360uw.composite.ambient.directions import SOLID_ANGLE, directions
+from mr360uw.texels import smoothstep
 from mr360uw.types import Floats
 
 _SPREAD_RAD = 0.25
@@ -57,15 +58,9 @@ def near_shares(bodies: Sequence[Body]) -> tuple[Floats, Floats]:
     apart = np.linalg.norm(center[:, None] - center, axis=-1)
     hidden = (radius / np.maximum(apart - radius[:, None], np.maximum(radius, 1e-12))) ** 2
     casting = np.array([body.placed.casts_shadow for body in bodies]) & ~np.eye(len(bodies), dtype=bool)
-    around = _smooth(apart / radius[:, None], _LARGE, _LARGEST) * _smooth(hidden, _UNNOTICED, _NOTICED)
-    near = np.maximum(_smooth(hidden, _NEAR, _NEAREST), around)
-    return np.where(casting, near, 0.0), np.where(casting, (1.0 - near) * _smooth(hidden, _LOST, _SEEN), 0.0)
-
-
-def _smooth(value: Floats, nothing: float, all_: float) -> Floats:
-    """Return a smooth step (...,) from 0 to 1 between two values."""
-    t = np.clip((value - nothing) / (all_ - nothing), 0.0, 1.0)
-    return np.asarray(t * t * (3.0 - 2.0 * t))
+    around = smoothstep(apart / radius[:, None], _LARGE, _LARGEST) * smoothstep(hidden, _UNNOTICED, _NOTICED)
+    near = np.maximum(smoothstep(hidden, _NEAR, _NEAREST), around)
+    return np.where(casting, near, 0.0), np.where(casting, (1.0 - near) * smoothstep(hidden, _LOST, _SEEN), 0.0)
 
 
 def far_field(number: int, bodies: Sequence[Body], share: Floats) -> FarField | None:

@@ -24,6 +24,7 @@ from mr360uw.composite.ambient.on_ground.horizon_scan import AZIMUTHS, as_rectan
 from mr360uw.composite.ambient.on_ground.sky_table import COLUMNS, NODES, ROWS
 from mr360uw.constants import BRIGHTEST, DARK
 from mr360uw.jit import fast, inlined
+from mr360uw.texels import smoothstep
 from mr360uw.types import Floats
 
 UNNOTICED, NOTICED = 0.012, 0.036
@@ -38,8 +39,7 @@ def shown(blocked: Floats) -> Floats:
 
     It fades to nothing at `UNNOTICED`, so that a body changes a bounded part of the receiver.
     """
-    t = np.clip((blocked - UNNOTICED) / (NOTICED - UNNOTICED), 0.0, 1.0)
-    return t * t * (3.0 - 2.0 * t)
+    return smoothstep(blocked, UNNOTICED, NOTICED)
 
 
 def fraction_left(blocked: Floats, lost: Floats, whole: Floats) -> Floats:
