@@ -226,11 +226,8 @@ class _OfFrame:
         world_from_camera = self._camera.at(frame.time_s)[1]
         light = now.light.of(frame.pixels, time_s=frame.time_s)
         if now.medium is not None and may_be_clipped(frame.pixels, now.settings):
-            medium, known = self._water(frame), True
-            if self._fitted:
-                medium, level = self._level(frame)
-                known = level.residual < DOUBTFUL
-            if known:
+            medium, level = self._level(frame) if self._fitted else (self._water(frame), None)
+            if level is None or level.residual < DOUBTFUL:
                 light = restored(light, medium, world_from_camera[1], keep_sun=False)
         return measure_sun(light, frame.time_s, world_from_camera)
 
@@ -241,9 +238,9 @@ class _OfFrame:
 
     def _water(self, frame: VideoFrame) -> Medium:
         """Return the water at the camera's depth in a frame, with the gain of the scene; there is some."""
-        medium = self._now(frame.time_s).medium
+        medium = self._now(frame.time_s).medium_at(frame.time_s)
         assert medium is not None
-        return medium.at_depth(self._camera.depth_at(frame.time_s)) if self._camera.sinks else medium
+        return medium
 
 
 def _stored_track(path: Path, video: VideoReader) -> SunTrack:
