@@ -50,5 +50,5 @@ AROUND_SUN = 0.015
 1.4 degrees."""
 TWICE_THROUGH = 5e-3
 """Light that goes from the floor to the surface and back: 16 streams, and the edge of Snell's window between two of them."""
-OF_SHAPE = 0.02
-"""A sky by means over steps of the sine of 1/16, of half a step at its ends."""
+OF_SHAPE = 5e-3
+"""A sky of 64 rows by means over steps of the sine of 1/16: a row near the horizon is 0.05 wide."""
