@@ -199,7 +199,7 @@ def test_holdouts_by_distance_have_holes_too(tmp_path: Path) -> None:
     metres[10:20, 5:15], metres[0:3, 30:40] = 0.0, np.nan
     write_exr(tmp_path / "front.exr", {"": {"Z": metres}})
     table = [{"path": str(tmp_path / "front.exr"), "kind": "distance"}]
-    mattes = Mattes(scene_with(tmp_path, None, holdout=table), *SIZE)
+    mattes = Mattes(scene_with(tmp_path, None, holdout=table).holdouts, *SIZE)
     mask, distance = mattes.at(4)
     assert mask is None
     assert distance is not None
