@@ -34,7 +34,7 @@ from mr360uw.scene.inputs import open_plate, projection_notes
 from mr360uw.scene.model import Scene
 from mr360uw.shapes import instance
 from mr360uw.video import VideoReader
-from mr360uw.video.read.kept_frames import KeptFrames
+from mr360uw.video.read.decoded_once import DecodedOnce
 
 
 def composite_video(
@@ -83,7 +83,7 @@ def composite_video(
             left, times, doubts = output.left(work, parts), RunTimes(), tuple[str, ...]()
             kept = total - sum(stop - start for start, stop in left)
             if left:
-                seen = KeptFrames(video, measured_range(video, *span) if crew is None else (0, 0))
+                seen = DecodedOnce(video, measured_range(video, *span) if crew is None else (0, 0))
                 facts = _find_facts(loaded, seen, span, work, times, progress, tell, fresh=fresh)
                 doubts = facts.notes
                 done = _counted(progress, tell and Forecast(tell, output, work, total - kept), kept, total)

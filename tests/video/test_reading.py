@@ -10,7 +10,7 @@ import pytest
 from mr360uw.color import ColorSpec
 from mr360uw.errors import VideoError
 from mr360uw.video import open_video, write_exr
-from mr360uw.video.read.kept_frames import KeptFrames
+from mr360uw.video.read.decoded_once import DecodedOnce
 from tests.video.boxes import mark_v2
 from tests.video.clips import decoded, moving_planes, write_clip, write_trimmed_clip
 from tests.video.tolerances import VIDEO_SHARED_EXPONENT
@@ -332,7 +332,7 @@ def test_sequences_with_a_gap_or_mixed_sizes(tmp_path) -> None:
 
 def test_frames_that_are_kept_are_those_of_the_file_and_are_decoded_once(tmp_path, monkeypatch) -> None:
     with open_video(write_clip(tmp_path / "short.mp4", 12)) as video:
-        kept, straight = KeptFrames(video, (2, 9)), signatures(video)
+        kept, straight = DecodedOnce(video, (2, 9)), signatures(video)
         assert signatures(kept, 1, 10) == {k: straight[k] for k in range(1, 10)}
         assert kept.are_all
         assert next(kept.frames(2, 3)).image_linear is not next(kept.frames(2, 3)).image_linear
@@ -341,8 +341,8 @@ def test_frames_that_are_kept_are_those_of_the_file_and_are_decoded_once(tmp_pat
 
 
 def test_frames_that_are_too_many_are_not_kept(tmp_path, monkeypatch) -> None:
-    monkeypatch.setattr("mr360uw.video.read.kept_frames._MOST_BYTES", 1000)
+    monkeypatch.setattr("mr360uw.video.read.decoded_once._MOST_BYTES", 1000)
     with open_video(write_clip(tmp_path / "short.mp4", 12)) as video:
-        kept = KeptFrames(video, (0, 12))
+        kept = DecodedOnce(video, (0, 12))
         assert signatures(kept) == signatures(video)
         assert not kept.are_all

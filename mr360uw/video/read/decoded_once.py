@@ -14,7 +14,7 @@ _MOST_BYTES = 512 << 20
 clips up to twice as long decode once, and take half a gigabyte more."""
 
 
-class KeptFrames(ReaderOver):
+class DecodedOnce(ReaderOver):
     """A plate that keeps the frames [a, b) as they are read, and hands them out again; none where they are too many.
 
     What was worked out from a frame's codes is not kept.
