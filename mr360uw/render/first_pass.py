@@ -212,13 +212,13 @@ class _OfFrame:
 
     def gain(self, frame: VideoFrame) -> MeasuredGain:
         """Return the gain of a frame's water, which there is."""
-        return self._level(frame)[1]
+        return self._level(frame)
 
     def open_water(self, frame: VideoFrame) -> OpenWater:
         """Return the open water of a frame whose gain is fitted."""
         now = self._now(frame.time_s)
         sun = now.light.of(frame.pixels, time_s=frame.time_s).sun
-        return now.open_water(frame, self._water(frame), self._level(frame)[1].gain, sun)
+        return now.open_water(frame, self._water(frame), self._level(frame).gain, sun)
 
     def sun(self, frame: VideoFrame) -> SunMeasurement:
         """Return the sun of a frame, with the light that its water lets be known."""
@@ -226,21 +226,25 @@ class _OfFrame:
         world_from_camera = self._camera.at(frame.time_s)[1]
         light = now.light.of(frame.pixels, time_s=frame.time_s)
         if now.medium is not None and may_be_clipped(frame.pixels, now.settings):
-            medium, level = self._level(frame) if self._fitted else (self._water(frame), None)
-            if level is None or level.residual < DOUBTFUL:
+            medium, known = now.medium_at(frame.time_s), True  # whose tables the frames are drawn with
+            assert medium is not None
+            if self._fitted:
+                level = self._level(frame)
+                medium, known = medium.scaled(level.gain), level.residual < DOUBTFUL
+            if known:
                 light = restored(light, medium, world_from_camera[1], keep_sun=False)
         return measure_sun(light, frame.time_s, world_from_camera)
 
-    def _fit(self, frame: VideoFrame) -> tuple[Medium, MeasuredGain]:
+    def _fit(self, frame: VideoFrame) -> MeasuredGain:
         medium, up = self._water(frame), self._camera.at(frame.time_s)[1][1]
         gain, residual = fit_level(medium, level_view(frame.pixels, up))
-        return medium.scaled(gain), MeasuredGain(gain, residual, plate_map(frame.pixels, up))
+        return MeasuredGain(gain, residual, plate_map(frame.pixels, up))
 
     def _water(self, frame: VideoFrame) -> Medium:
         """Return the water at the camera's depth in a frame, with the gain of the scene; there is some."""
-        medium = self._now(frame.time_s).medium_at(frame.time_s)
+        medium = self._now(frame.time_s).medium
         assert medium is not None
-        return medium
+        return medium.at_depth(self._camera.depth_at(frame.time_s)) if self._camera.sinks else medium
 
 
 def _stored_track(path: Path, video: VideoReader) -> SunTrack:
