@@ -160,8 +160,8 @@ def blend_frame(loaded: Loaded, facts: ClipAnalysis, drawn: DrawnFrame, kept: Ca
         layers = [one.layer for one in instants_drawn]
         layer = mean_layer(layers) if layers else Layer(loaded.height, loaded.width, ())
         look = asked_look(measured.now, facts.look, measured.filed, layer, kept)  # of the left eye for both
-        grain = measured.now.scene.draw.grain
-        picture = kept.of(lay_over, eye.plate, kept.of(with_look, layer, look, eye.plate), grain)
+        layer = kept.of(with_look, layer, look, eye.plate)
+        picture = kept.of(lay_over, eye.plate, layer, measured.now.scene.draw.grain)
         frame = Frame(picture, eye.plate, layer, measured.light, drawn.water)
         if instants_drawn:
             last = instants_drawn[-1]
