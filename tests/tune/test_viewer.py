@@ -45,7 +45,7 @@ class Page:
 
     def until(self, name: str, good: Callable[[Any], bool] = lambda _: True) -> Any:
         """Return the last event of a name, once it is as wanted."""
-        for _ in range(400):
+        for _ in range(1500):
             told = self.told(name)
             if told and good(told[-1]):
                 return told[-1]
