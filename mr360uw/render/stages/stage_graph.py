@@ -57,15 +57,15 @@ class StageGraph(Cache):
         run.asked += 1
         run.ran += self.made.total() > before
         run.seconds += own
-        run.inputs |= {self._makers[id(part)][0] for part in _parts(inputs, _DEPTH) if id(part) in self._makers} - {
-            name
-        }
+        makers = (self._makers.get(id(part)) for part in _parts(inputs, _DEPTH))
+        run.inputs |= {maker[0] for maker in makers if maker is not None} - {name}
         for part in (result, *(result if isinstance(result, tuple) else ())):
             self._makers.setdefault(id(part), (name, part))  # holds the part, so that its number is not given again
         return result
 
     def forget_times(self) -> None:
-        """Begin anew to count; which stages took whose results stays known."""
+        """Begin anew to count, and let go of results; which stages took whose results stays known."""
+        self._makers.clear()
         for run in self.runs.values():
             run.asked = run.ran = 0
             run.seconds = 0.0
