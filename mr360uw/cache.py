@@ -44,19 +44,13 @@ class Parts:
 class PartOf(Generic[T]):
     """An input of which a function uses some parts alone, and which stands for nothing else: equal where these are.
 
-    whole: what they are taken from.
+    whole: what they are taken from; a cache does not keep it. version: of the parts.
     """
 
-    __slots__ = ("_parts", "whole")
+    __slots__ = ("version", "whole")
 
     def __init__(self, whole: T, *parts: object) -> None:
-        self.whole, self._parts = whole, version(parts)
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, PartOf) and other._parts == self._parts
-
-    def __hash__(self) -> int:
-        return hash(self._parts)
+        self.whole, self.version = whole, version(parts)
 
 
 class Same:
@@ -87,6 +81,8 @@ def version(item: Any) -> Hashable:
         return tuple(map(version, item))
     if isinstance(item, Neutral):
         return Neutral
+    if isinstance(item, PartOf):
+        return PartOf, item.version
     if isinstance(item, Parts):
         values: Any = item
         return type(item), *(version(getattr(values, field.name)) for field in fields(values))

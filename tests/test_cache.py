@@ -36,6 +36,10 @@ def placed(place: Place, array: Any) -> list[object]:
     return [place, array]
 
 
+def name_in(place: PartOf[Place]) -> str:
+    return place.whole.name
+
+
 def emptying(cache: Cache, letter: str) -> list[str]:
     cache.drop(emptying)
     return [letter]
@@ -95,6 +99,15 @@ def test_what_counts_of_an_input() -> None:
     of_part = cache.of(placed, Place(np.zeros(1), "c"), part)
     assert cache.of(placed, Place(np.zeros(1), "c"), PartOf(Place(np.zeros(3), "other"), "a")) is of_part
     assert cache.of(placed, Place(np.zeros(1), "c"), PartOf(part.whole, "other")) is not of_part
+
+
+def test_of_an_input_in_part_the_rest_is_not_kept() -> None:
+    cache, whole = Cache(), Place(np.arange(3.0), "a")
+    gone = weakref.ref(whole)
+    cache.of(name_in, PartOf(whole, whole.name))
+    del whole
+    assert gone() is None
+    assert cache.holds(name_in, PartOf(Place(np.zeros(1), "a"), "a"))
 
 
 def test_a_method_counts_by_its_object_and_does_not_keep_it() -> None:

@@ -110,15 +110,15 @@ def open_water(
     size = FINER * COLUMNS, FINER * ROWS
     shown = np.asarray(cv2.resize(np.maximum(shown, 0.0).astype(np.float64), size, interpolation=cv2.INTER_AREA))
     small = np.maximum(cv2.resize(shown, (COLUMNS, ROWS), interpolation=cv2.INTER_AREA), DARKEST)
-    up, used = row_up(ROWS), visible_gain(medium, gain)
-    light = used * np.repeat(medium.far_light(up, used, upwelling(small))[:, None], COLUMNS, axis=1)
+    up, used, from_below = row_up(ROWS), visible_gain(medium, gain), upwelling(small)
+    light = used * np.repeat(medium.far_light(up, used, from_below)[:, None], COLUMNS, axis=1)
     dim = _DIM * float(luminance(light).max()) + DARKEST
     seen = _fade(_from_beyond(medium, up, above_ground_m), _FAR, _NEAR)[:, None]
     smooth = _small(_eroded(_fade(structure(shown, dim), _SMOOTH, _ROUGH)))
     weight = smooth * seen
     if above_ground_m is not None:
         down = up < 0.0
-        far = used * medium.far_veil(up[down], used, upwelling(small))[:, None]
+        far = used * medium.far_veil(up[down], used, from_below)[:, None]
         horizon = weight * np.exp(-((up / _HORIZON) ** 2))[:, None]
         goes_on = _goes_on(small, light, horizon, far)
         either = 1.0 - (1.0 - goes_on) * (1.0 - seen[down])
@@ -139,7 +139,8 @@ def open_water(
 
 
 def _goes_on(small: Array, light: Array, horizon: Array, far: Array) -> Array:
-    """Return how far a plate goes on below the horizon as its water (r, c), and not as ground would: 0 to 1.
+    """Return the weight (r, c), 0 to 1, of directions below the horizon in which a plate looks like water and unlike
+    ground.
 
     small (n, c, 3): the plate. light (n, c, 3), far (r, 1, 3): of water over ground, and of water alone below the
     horizon. horizon (n, c): weight of directions that tell the water of the horizon.
