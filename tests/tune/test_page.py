@@ -311,9 +311,8 @@ def test_keys_are_set_edited_and_played(page: Page) -> None:
     tab.page.locator(".uw-strip").press("Home")
     before = tab.picture()
     tab.page.get_by_role("button", name="Play").click()
-    tab.page.wait_for_function("() => !document.querySelector('.uw-time .uw-where').textContent.includes('frame 0 ')")
+    tab.changed(before)  # while it plays: the clip begins anew after a third of a second, so a pause may meet frame 0
     tab.page.get_by_role("button", name="Pause").click()
-    tab.changed(before)
 
 
 def test_a_preset_is_one_step(page: Page) -> None:
