@@ -17,7 +17,6 @@ from mr360uw.first_look.proposal import Proposal
 from mr360uw.first_look.sight import Sight
 from mr360uw.first_look.water_or_air import WaterOrAir
 from mr360uw.medium.fit.waterfit import CONFIDENT
-from mr360uw.medium.visibility import CLEAREST_M
 from mr360uw.scene.toml_model import toml_value
 from mr360uw.video.read.projection import FISHEYE_FOV_DEG
 
@@ -110,7 +109,7 @@ def _water_lines(chosen: Proposal) -> list[str]:
         told = f"type {water.type} is nearest, confidence only {water.confidence:.2f}{others}"
     return [
         f"water     {told}; {veil}",
-        f"sight     (visibility) {_two_digits(water.sight.visibility_m)} m, {_sight_words(water.sight)}",
+        f"sight     (visibility) {water.sight.visibility_m:.2g} m, {_sight_words(water.sight)}",
         f"depth     {chosen.depth_m:g} m guessed: one picture does not show it",
     ]
 
@@ -129,13 +128,7 @@ def brightness_lines(stops: float | None) -> list[str]:
 def _sight_words(sight: Sight) -> str:
     """Return how well a visibility is known."""
     told = f"by the {sight.by}" if sight.by else "a guess, nothing shows it"
-    likely = f"{_two_digits(sight.low_m)} to {_two_digits(sight.high_m)} m are as likely"
-    clear = "clearer than any water, as edits and shade look; " if sight.visibility_m > CLEAREST_M else ""
-    return f"{clear}{told}; {likely}"
-
-
-def _two_digits(value: float) -> str:
-    return f"{float(f'{value:.2g}'):g}"
+    return f"{told}; {sight.low_m:.2g} to {sight.high_m:.2g} m are as likely"
 
 
 def _side(azimuth_deg: float) -> str:
@@ -197,7 +190,7 @@ def _water_rows(chosen: Proposal) -> list[tuple[str, str]]:
     return [
         ("[water]", ""),
         (f'type = "{water.type}"', f"Jerlov: I IA IB II III, 1C 3C 5C 7C 9C; {sure}"),
-        (f"visibility_m = {_two_digits(water.sight.visibility_m)}", f"how far one sees; {_sight_words(water.sight)}"),
+        (f"visibility_m = {water.sight.visibility_m:.2g}", f"how far one sees; {_sight_words(water.sight)}"),
     ]
 
 

@@ -18,14 +18,7 @@ from numpy.typing import NDArray
 
 from mr360uw.first_look.free_view import FreeView
 from mr360uw.medium import Medium, Water
-from mr360uw.medium.visibility import (
-    CLEAREST_M,
-    CONTRAST_LENGTHS,
-    LEAST_M,
-    MOST_M,
-    visibility_m,
-    water_seen_as_far,
-)
+from mr360uw.medium.visibility import CONTRAST_LENGTHS, LEAST_M, MOST_M, visibility_m, water_seen_as_far
 from mr360uw.types import Floats
 
 Array = NDArray[np.float64]
@@ -54,9 +47,9 @@ _DARK_SHARE, _BLUR_DEG, _HIGH_DEG = 0.05, 0.5, 2.0
 """Share of directions that are dark places, the blur that takes their noise, and the height of the bands of them."""
 _SEEN = 0.01
 """Light of open water that a channel needs for its dark places to tell: some times the noise and the steps of codes."""
-_STEPS = 9
-"""How many visibilities are tried, beyond the clearest water too: blacks are without veil in graded plates, and in
-caves, where the water before them is in the shade."""
+_STEPS = 7
+"""How many visibilities are tried, up to the clearest water: where dark places ask for more, as in caves, the water
+before them is in the shade."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,7 +74,7 @@ def guess_sight(
     found = None if height_m is None else _by_contrast(image, height_m, unsure)
     if found is None:
         usual = min(visibility_m(water), _USUAL_M)
-        found = Sight(usual, usual / _USUAL_RANGE, min(usual * _USUAL_RANGE, CLEAREST_M))
+        found = Sight(usual, usual / _USUAL_RANGE, min(usual * _USUAL_RANGE, MOST_M))
     least = 0.0 if height_m is None else _by_dark_places(image, height_m, water, open_water, depth_m, found)
     if least <= found.visibility_m:
         return found
@@ -141,10 +134,10 @@ def _by_contrast(image: Floats, height_m: float, unsure: float) -> Sight | None:
     log = 0.5 * np.log(contrast[seen] ** 2 - noise[seen] ** 2)
     (slope, _), covariance = np.polyfit(way, log, 1, cov=True)
     error = float(np.sqrt(covariance[0, 0]))
-    if slope > -CONTRAST_LENGTHS / CLEAREST_M or error > -_UNSURE * slope:
+    if slope > -CONTRAST_LENGTHS / MOST_M or error > -_UNSURE * slope:
         return None
     visibility, wide = -CONTRAST_LENGTHS / slope, unsure * np.exp(2.0 * np.hypot(error / slope, _UNEVEN))
-    low, high = (float(np.clip(v, LEAST_M, CLEAREST_M)) for v in (visibility / wide, visibility * wide))
+    low, high = (float(np.clip(v, LEAST_M, MOST_M)) for v in (visibility / wide, visibility * wide))
     return Sight(float(max(visibility, LEAST_M)), low, high, "contrast of the floor with distance")
 
 

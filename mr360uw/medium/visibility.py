@@ -28,8 +28,8 @@ CONTRAST_LENGTHS = 4.8
 """Attenuation lengths of contrast at which a black target is lost."""
 SIGHT_NM = 532.0
 """Wavelength [nm] of that attenuation: the eye's in water, and that of most instruments."""
-LEAST_M, CLEAREST_M, MOST_M = 0.5, 90.0, 500.0
-"""Visibilities [m]: mud; that of type I, the clearest; what an edit of a plate, or shade before things, looks like."""
+LEAST_M, MOST_M = 0.5, 90.0
+"""Range [m] of visibilities: mud, and that of type I."""
 _CLEAR_TO_MURKY: tuple[JerlovType, ...] = ("I", "IA", "IB", "1C", "3C", "5C", "7C", "9C")
 """Types that waters of a visibility lie between: clear water is mostly that of the ocean, murky water coastal."""
 
@@ -43,14 +43,12 @@ def visibility_m(water: Water) -> float:
 
 @functools.lru_cache(maxsize=64)
 def water_of_visibility(sight_m: float) -> Water:
-    """Return the water between two neighbouring Jerlov types whose visibility is `sight_m` [m], 0.5 to 500.
+    """Return the water between two neighbouring Jerlov types whose visibility is `sight_m` [m], 0.5 to 90.
 
     The logarithms of a, b and Kd are mixed at every wavelength, so Kd is nowhere below a. Below the 3.7 m of type 9C
-    the line from 7C to 9C goes on; above 90 m it is type I, thinned. Raises `ParameterError` outside the range.
+    the line from 7C to 9C goes on. Raises `ParameterError` outside the range.
     """
     _check(sight_m)
-    if sight_m > CLEAREST_M:
-        return water_seen_as_far(Water.jerlov("I"), sight_m)
     types = [Water.jerlov(name) for name in _CLEAR_TO_MURKY]
     place = int(np.searchsorted([-visibility_m(water) for water in types], -sight_m))
     clear, murky = types[min(max(place, 1), len(types) - 1) - 1 :][:2]
@@ -63,10 +61,9 @@ def water_of_visibility(sight_m: float) -> Water:
 
 @functools.lru_cache(maxsize=64)
 def water_seen_as_far(water: Water, sight_m: float) -> Water:
-    """Return a water with another visibility [m], 0.5 to 500: with less of all that is in it, or with more particles.
+    """Return a water with another visibility [m], 0.5 to 90: with less of all that is in it, or with more particles.
 
-    Clearer: what it has beyond pure sea water becomes less, in the same proportions; clearer than pure sea water: that
-    becomes less too, by one factor. Murkier: its particles scatter
+    Clearer: what it has beyond pure sea water becomes less, in the same proportions. Murkier: its particles scatter
     more and its absorption stays, which gives the water its colour; where it has next to none, they scatter as
     1/wavelength (Loisel & Morel 1998). Kd is that of Lee et al. 2005. Raises `ParameterError` outside the range.
     """
@@ -86,15 +83,14 @@ def water_seen_as_far(water: Water, sight_m: float) -> Water:
     else:
         shape = more_b / own_b if own_b > _NO_PARTICLES else SIGHT_NM / nm
         more_b = (wanted - clear - own_a) / wide * shape
-    thin = min(wanted / clear, 1.0)
     name = f"{water.name}, {sight_m:g} m visibility"
-    b = Spectrum(f"{name}, scattering", nm, thin * molecular + more_b)
+    b = Spectrum(f"{name}, scattering", nm, molecular + more_b)
     return Water(
         name,
-        Spectrum(f"{name}, absorption", nm, thin * absorption + more_a),
+        Spectrum(f"{name}, absorption", nm, absorption + more_a),
         b,
         phase=phase,
-        molecular=Spectrum(f"{name}, molecular scattering", nm, thin * molecular),
+        molecular=Spectrum(f"{name}, molecular scattering", nm, molecular),
         source=water.source,
     )
 

@@ -20,7 +20,7 @@ from mr360uw.first_look.sight import Sight, guess_sight
 from mr360uw.first_look.water_or_air import water_or_air
 from mr360uw.medium import Medium, Water
 from mr360uw.medium.jerlov import JerlovType
-from mr360uw.medium.visibility import CLEAREST_M, MOST_M, water_seen_as_far
+from mr360uw.medium.visibility import water_seen_as_far
 from mr360uw.sphere import directions
 from mr360uw.types import Floats
 from tests.first_look.plates import SIZE, air, water
@@ -177,16 +177,6 @@ def test_dark_places_of_the_floor_tell_the_least_visibility(albedo: float) -> No
     # light of rock may be veil as well: then less is told; the colour of open water is a mean over 18 degrees
     assert 0.7 * sight_m * (1.0 if albedo == 0.0 else 0.5) < found.visibility_m < 1.15 * sight_m
     assert found.low_m < found.visibility_m < found.high_m
-
-
-def test_blacks_without_veil_ask_for_water_clearer_than_any() -> None:
-    """An edit has crushed the blacks of the floor; its white half has no texture that could tell anything."""
-    open_water = Medium(Water.jerlov("IA"), camera_depth_m=6.0).level_radiance(directions(1024, 512)[:, 0, 1])
-    image = np.repeat(80.0 * open_water[:, None], 1024, axis=1)
-    image[264:, :512], image[264:, 512:] = 0.002, 0.4
-    found = sight_in(image.astype(np.float32), 1.5, "IA", known=True)
-    assert CLEAREST_M < found.visibility_m <= MOST_M
-    assert found.by.startswith("dark")
 
 
 def test_open_water_tells_no_visibility() -> None:

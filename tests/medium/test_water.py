@@ -129,16 +129,16 @@ def test_a_visibility_is_that_of_its_water() -> None:
             assert known is not None
             assert made is not None
             np.testing.assert_allclose(made(VISIBLE[::5]), known(VISIBLE[::5]), rtol=1e-9)  # bisected to 2^-50
-    murkier = [water_of_visibility(v) for v in (400.0, 150.0, 90.0, 40.0, 20.0, 8.0, 2.0, 1.0, 0.5)]
+    murkier = [water_of_visibility(v) for v in (90.0, 40.0, 20.0, 8.0, 2.0, 1.0, 0.5)]
     for before, after in itertools.pairwise(murkier):
         assert np.all(after.attenuation(VISIBLE) > before.attenuation(VISIBLE))
         assert np.all(after.diffuse_attenuation(VISIBLE) >= after.absorption(VISIBLE))
     # a black target against the solved water: its contrast at the distance of the definition, and that of any type
-    for water in (murkier[5], *(water_seen_as_far(Water.jerlov(name), 8.0) for name in ("I", "II", "5C", "9C"))):
+    for water in (murkier[3], *(water_seen_as_far(Water.jerlov(name), 8.0) for name in ("I", "II", "5C", "9C"))):
         solved = Medium(water, camera_depth_m=5.0)
         at = int(np.argmin(np.abs(solved.bands.wavelength_nm - 532.0)))
         assert solved.spectral_transmittance(8.0)[at] == pytest.approx(0.0082, rel=0.05)  # e^-4.8; 2 nm beside
-    for wrong in (0.4, 501.0, np.inf):
+    for wrong in (0.4, 91.0, np.inf):
         with pytest.raises(ParameterError, match="visibility - is out of range"):
             water_of_visibility(wrong)
 
