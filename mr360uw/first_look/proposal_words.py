@@ -107,9 +107,10 @@ def _water_lines(chosen: Proposal) -> list[str]:
     else:
         others = f"; {', '.join(water.others)} are nearly as likely" if water.others else ""
         told = f"type {water.type} is nearest, confidence only {water.confidence:.2f}{others}"
+    shade = f"; near blacks have less haze (shade {water.sight.shade:.2g})" if water.sight.shade else ""
     return [
         f"water     {told}; {veil}",
-        f"sight     (visibility) {water.sight.visibility_m:.2g} m, {_sight_words(water.sight)}",
+        f"sight     (visibility) {water.sight.visibility_m:.2g} m, {_sight_words(water.sight)}{shade}",
         f"depth     {chosen.depth_m:g} m guessed: one picture does not show it",
     ]
 
@@ -187,11 +188,16 @@ def _water_rows(chosen: Proposal) -> list[tuple[str, str]]:
         return [("[water]", ""), ('type = "none"', "the plate is in air")]
     water = chosen.water
     sure = f"confidence {water.confidence:.2f}" if water.known else "a guess"
-    return [
+    rows = [
         ("[water]", ""),
         (f'type = "{water.type}"', f"Jerlov: I IA IB II III, 1C 3C 5C 7C 9C; {sure}"),
         (f"visibility_m = {water.sight.visibility_m:.2g}", f"how far one sees; {_sight_words(water.sight)}"),
     ]
+    if water.sight.shade > 0.0:
+        rows.append(
+            (f"shade = {water.sight.shade:.2g}", "of the haze (veil) that is not before near things: their blacks")
+        )
+    return rows
 
 
 def _object_rows(mesh: MeshLook, chosen: Proposal, folder: Path, *, outside_files: bool) -> list[tuple[str, str]]:

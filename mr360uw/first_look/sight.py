@@ -6,6 +6,7 @@
 Differences of light between places of the floor that lie a fixed length apart do not have the veil in them; the water
 between floor and camera leaves exp(-c s) of them (`medium.visibility`). A place of the floor has the whole veil before
 it in its light, in every channel, so the darkest ones say how far one sees at least; shade and crevices tell it well.
+Where they are darker than the clearest water allows, the water before them is in the shade (`Medium.in_shade`).
 h: height of the camera over the floor, e: angle below the horizon.
 """
 
@@ -47,19 +48,19 @@ _DARK_SHARE, _BLUR_DEG, _HIGH_DEG = 0.05, 0.5, 2.0
 """Share of directions that are dark places, the blur that takes their noise, and the height of the bands of them."""
 _SEEN = 0.01
 """Light of open water that a channel needs for its dark places to tell: some times the noise and the steps of codes."""
-_STEPS = 7
-"""How many visibilities are tried, up to the clearest water: where dark places ask for more, as in caves, the water
-before them is in the shade."""
+_STEPS, _CLEAR_M = 7, 60.0
+"""How many visibilities are tried, up to that of clear ocean; darker places are in the shade."""
 
 
 @dataclass(frozen=True, slots=True)
 class Sight:
-    """A visibility [m] and the range it is in. by: what told it, or ""."""
+    """A visibility [m] and the range it is in. by: what told it, or "". shade: of the water near the camera."""
 
     visibility_m: float
     low_m: float
     high_m: float
     by: str = ""
+    shade: float = 0.0
 
 
 def guess_sight(
@@ -75,16 +76,20 @@ def guess_sight(
     if found is None:
         usual = min(visibility_m(water), _USUAL_M)
         found = Sight(usual, usual / _USUAL_RANGE, min(usual * _USUAL_RANGE, MOST_M))
-    least = 0.0 if height_m is None else _by_dark_places(image, height_m, water, open_water, depth_m, found)
-    if least <= found.visibility_m:
+    least, shade = (
+        (0.0, 0.0) if height_m is None else _by_dark_places(image, height_m, water, open_water, depth_m, found)
+    )
+    if least <= found.visibility_m and not shade:
         return found
-    return Sight(least, least / unsure, max(found.high_m, min(least * unsure, MOST_M)), "dark places of the floor")
+    high = max(found.high_m, min(least * unsure, MOST_M))
+    return Sight(least, least / unsure, high, "dark places of the floor", shade)
 
 
 def _by_dark_places(
     image: Floats, height_m: float, water: Water, open_water: FreeView, depth_m: float, found: Sight
-) -> float:
-    """Return the visibility [m] from which the veil before the floor is below its dark places, from `found` upwards.
+) -> tuple[float, float]:
+    """Return the visibility [m] from which the veil before the floor is below its dark places, from `found` upwards,
+    and the shade of the water that they ask for besides.
 
     Of the bands of directions the one that asks for most is left out.
     """
@@ -98,17 +103,21 @@ def _by_dark_places(
     color, up = np.array(open_water.color), -np.sin(np.radians(_DARK_DEG))
     level, seen = np.sin(np.radians([open_water.elevation_deg])), color > _SEEN
     if not np.any(seen):
-        return 0.0
-    visibility = np.geomspace(found.visibility_m, MOST_M, _STEPS)
+        return 0.0, 0.0
+    visibility = np.geomspace(found.visibility_m, max(found.visibility_m, _CLEAR_M), _STEPS)
     over = []
     for v in visibility:
         medium = Medium(water_seen_as_far(water, float(v)), camera_depth_m=depth_m)
         veil = color * medium.unit_veil(-height_m / up, up) / np.maximum(medium.level_radiance(level), _TINY)
-        over.append(np.sort(np.log(np.maximum(veil, _TINY) / np.maximum(dark, _TINY))[:, seen].max(axis=1))[-2])
+        asked = np.log(np.maximum(veil, _TINY) / np.maximum(dark, _TINY))[:, seen].max(axis=1)
+        over.append(np.sort(asked)[-2])
     if over[0] <= 0.0:
-        return 0.0
+        return 0.0, 0.0
+    if over[-1] > 0.0:
+        needed = -np.expm1(-asked) * np.exp(-height_m / up / medium.length_m)
+        return float(visibility[-1]), float(np.clip(np.sort(needed)[-2], 0.0, 1.0))
     falling = np.minimum.accumulate(over)[::-1]
-    return float(np.exp(np.interp(0.0, falling, np.log(visibility[::-1]))))
+    return float(np.exp(np.interp(0.0, falling, np.log(visibility[::-1])))), 0.0
 
 
 def _by_contrast(image: Floats, height_m: float, unsure: float) -> Sight | None:

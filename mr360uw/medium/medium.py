@@ -24,7 +24,7 @@ from mr360uw.medium.formation import FormationModel, fitted_formation
 from mr360uw.medium.models import CLOSED_FORMS, SpectralMode, SpectralModel, spectral_model
 from mr360uw.medium.spectral.bands import Bands, Rule, bands
 from mr360uw.medium.spectral.sensor import DEFAULT_ILLUMINANT, Sensor, checked_sensor
-from mr360uw.medium.tabulate import medium_table
+from mr360uw.medium.tabulate import lengths, medium_table
 from mr360uw.medium.water import Water
 from mr360uw.shapes import common_shape, exactly, instance, number
 from mr360uw.types import Floats, MediumTable
@@ -80,6 +80,7 @@ class Medium:
         self.gain: Array = np.ones(3)
         self.floor_m = floor_m if _SPECTRAL.get(mode) == "table" else None
         self.floor_radiance: Array = np.zeros(3)
+        self.shade = 0.0
         self.illuminant = illuminant
         self.surface: SurfaceKind = surface
         self.sky: Sky = sky
@@ -124,6 +125,8 @@ class Medium:
         veil = table.veil * self.gain
         if table.glow is not None:
             veil = veil + table.glow * np.minimum(self.floor_radiance, self.gain * self._most_glow)
+        if self.shade:
+            veil = veil * self._lit(lengths(veil.shape[1], table.length_m))
         return replace(table, veil=veil.astype(np.float32))
 
     @functools.cached_property
@@ -169,7 +172,8 @@ class Medium:
         water gives negative red: `compress_gamut` maps it, as the tables do.
         """
         check_ray(distance_m, depth_m, up)
-        return self.gain * self.bands.rgb(self.spectral_veil(distance_m, depth_m, up))
+        veil = self.gain * self.bands.rgb(self.spectral_veil(distance_m, depth_m, up))
+        return veil * self._lit(ray_in_water(distance_m, depth_m, up)) if self.shade else veil
 
     def radiance(self, depth_m: ArrayLike, up: ArrayLike) -> Array:
         """Return the radiance (..., 3) of water and sky along unobstructed rays, times the gain."""
@@ -203,6 +207,18 @@ class Medium:
         other = self._copy()
         other.gain = self.gain * factor
         return other
+
+    def in_shade(self, shade: float) -> Medium:
+        """Return the same medium with the water near the camera in the shade, 0 to 1: under rock, or in crushed blacks.
+
+        The veil of a way s is 1 - shade exp(-s/L) of what it was, with L `length_m`: far away it is that of open water.
+        """
+        other = self._copy()
+        other.shade = float(shade)
+        return other
+
+    def _lit(self, way_m: Array) -> Array:
+        return 1.0 - self.shade * np.exp(-way_m / self.length_m)[..., None]
 
     def lit_by_floor(self, radiance: ArrayLike) -> Medium:
         """Return the same medium over a floor of a radiance (3,); level light stays what it is."""

@@ -123,6 +123,10 @@ class WaterKindSettings(Parameters):
 class WaterSettings(WaterKindSettings):
     """The water between camera and objects, its model, and the gain that matches the plate's exposure."""
 
+    shade: float = parameter(
+        0.0, "share of its haze (veil) that the water near the camera lacks, as in caves and where an edit crushed the "
+        "blacks; what is far away stays", unit="1", low=0.0, high=1.0,
+    )  # fmt: skip
     mode: Mode = advanced(
         "plate",
         "how the haze (veil) is computed; plate = far away what the plate shows, on the way as the solved light "
@@ -179,7 +183,7 @@ class WaterSettings(WaterKindSettings):
             sky=("sun", sin(radians(self.sun_elevation_deg)), self.sun_share) if self.sun_share > 0.0 else "uniform",
             refractive_index=self.refractive_index,
             floor_m=floor_m,
-        )
+        ).in_shade(self.shade)
         if self.gain != "auto":
             return medium.scaled(self.gain)
         if radiance_map is None:

@@ -179,6 +179,17 @@ def test_dark_places_of_the_floor_tell_the_least_visibility(albedo: float) -> No
     assert found.low_m < found.visibility_m < found.high_m
 
 
+def test_blacks_without_veil_are_in_the_shade() -> None:
+    """An edit has crushed the blacks of the floor; its white half has no texture that could tell anything."""
+    open_water = Medium(Water.jerlov("IA"), camera_depth_m=6.0).level_radiance(directions(1024, 512)[:, 0, 1])
+    image = np.repeat(80.0 * open_water[:, None], 1024, axis=1)
+    image[264:, :512], image[264:, 512:] = 0.002, 0.4
+    found = sight_in(image.astype(np.float32), 1.5, "IA", known=True)
+    assert found.by.startswith("dark")
+    assert found.visibility_m == pytest.approx(60.0)
+    assert 0.9 < found.shade <= 1.0
+
+
 def test_open_water_tells_no_visibility() -> None:
     found = sight_in(water((0.02, 0.15, 0.3)), 2.0)
     assert (found.visibility_m, found.low_m, found.high_m, found.by) == (20.0, 10.0, 40.0, "")

@@ -135,6 +135,23 @@ def test_gain_scales_the_veil_only() -> None:
         medium.scaled(-1.0)
 
 
+def test_water_in_the_shade_lacks_the_veil_of_short_ways(rng: np.random.Generator) -> None:
+    bright = Medium(Water.jerlov("IA"), camera_depth_m=6.0, mode="plate").scaled(3.0)
+    dark = bright.in_shade(0.8)
+    way, up = rng.uniform(0.1, 60.0, 200), rng.uniform(-1.0, 0.05, 200)
+    lit = 1.0 - 0.8 * np.exp(-way / bright.length_m)[:, None]
+    np.testing.assert_allclose(dark.veil(way, 6.0, up), lit * bright.veil(way, 6.0, up), rtol=FLOAT64)
+    # nodes of the table are interpolated after the shade: what lies between them is less straight
+    looked_up = [veil_lookup(m.table, way, up) for m in (dark, bright)]
+    np.testing.assert_allclose(looked_up[0], lit * looked_up[1], rtol=TABLE_P95, atol=1e-7)
+    far = np.full(3, 20.0 * bright.length_m), np.array([-0.5, -0.1, 0.0])
+    np.testing.assert_allclose(*(veil_lookup(m.table, *far) for m in (dark, bright)), rtol=TABLE_P95)
+    np.testing.assert_array_equal(dark.transmittance(way, 6.0, up), bright.transmittance(way, 6.0, up))
+    for other in (bright.in_shade(0.0), dark.in_shade(0.0)):
+        np.testing.assert_array_equal(other.table.veil, bright.table.veil)
+    assert np.all(dark.at_depth(9.0).table.veil <= bright.at_depth(9.0).table.veil)
+
+
 def test_formation_models_follow_their_equation() -> None:
     medium = Medium(Water.jerlov("II"), None, "akkaynak-treibitz", DEPTH)
     solved = Medium(Water.jerlov("II"), None, "table", DEPTH)

@@ -96,6 +96,23 @@ def test_water_goes_on_where_the_ground_falls_away() -> None:
     assert code_error(veil, truth).max() < OPEN_WATER_CODES
 
 
+@pytest.mark.parametrize("rock_deg", [6.0, 9.0, 12.0, 18.0])
+def test_rock_on_the_horizon_leaves_a_finite_ratio(rock_deg: float) -> None:
+    """What tells the water of the horizon falls to 1e-20 and less with the rock's height, and is a weight still."""
+    above = 1.3
+    medium = Medium(Water.jerlov("IB"), camera_depth_m=DEPTH, floor_m=DEPTH + above)
+    up, gain = row_up(SIZE[0]), np.full(3, 5.0)
+    shown = np.repeat(gain * medium.level_radiance(up)[:, None], SIZE[1], axis=1)
+    long = gain * medium.far_veil(row_up(ROWS)[ROWS // 2 :], gain, np.zeros(3))
+    shown[SIZE[0] // 2 :] = np.repeat(long, FINER, axis=0)[:, None]
+    rock = np.abs(up) < np.sin(np.radians(rock_deg))
+    stones = (
+        np.random.default_rng(6).uniform(0.0, 1.0, (SIZE[0] // 4, SIZE[1] // 4, 1)).repeat(4, axis=0).repeat(4, axis=1)
+    )
+    shown[rock] *= stones[rock]
+    assert np.all(np.isfinite(open_water(medium, gain, shown, above).ratio(gain)))
+
+
 def test_unknown_parts_are_harmonic_over_the_sphere() -> None:
     theta = np.pi * (np.arange(ROWS) + 0.5) / ROWS
     truth = np.broadcast_to(np.log(np.tan(0.5 * theta))[:, None, None], (ROWS, COLUMNS, 1))

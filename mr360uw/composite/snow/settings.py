@@ -32,7 +32,9 @@ class SnowSettings(Parameters):
         (0.5, 4.0), "least and greatest diameter that is drawn", unit="mm", fixed=_SIZES
     )
     range_m: float = advanced(4.0, "distance beyond which there are none", unit="m", low=0.2, high=50.0)
-    albedo: float = advanced(0.5, "fraction of the light on a particle that it scatters", unit="1", low=0.0, high=1.0)
+    albedo: float = advanced(
+        0.5, "fraction of the light on a particle that it scatters", unit="1", low=0.0, high=1.0, internal="snow.amount"
+    )
     phase: SnowPhase = parameter(
         "grain", "where it scatters: back, as a white ball; forwards, as the water's particles; to all sides",
         internal="comparisons",

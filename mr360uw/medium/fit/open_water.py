@@ -121,7 +121,7 @@ def open_water(
         far = used * medium.far_veil(up[down], used, from_below)[:, None]
         horizon = weight * np.exp(-((up / _HORIZON) ** 2))[:, None]
         goes_on = _goes_on(small, light, horizon, far)
-        either = 1.0 - (1.0 - goes_on) * (1.0 - seen[down])
+        either = goes_on + seen[down] * (1.0 - goes_on)  # as written, never below goes_on, however small that is
         part = (goes_on / np.maximum(either, _TINY))[..., None]
         light[down] *= (far / np.maximum(light[down], _TINY)) ** part
         weight[down] = smooth[down] * either
