@@ -131,10 +131,8 @@ class LightField:
         self._solve(*sky_parts(sky))
 
     def _solve(self, sun_mu: float, sun_share: float) -> None:
-        mu, w = self._mu, self._weight
-        entering = (1.0 - fresnel_from_below(mu, self.refractive_index)) * self._shape.seen_through(
-            mu, self.refractive_index
-        )
+        mu, w, index = self._mu, self._weight, self.refractive_index
+        entering = (1.0 - fresnel_from_below(mu, index)) * self._shape.seen_through(mu, index)
         passed = 2.0 * PI * np.sum(w * mu * entering)
         of_sky, beam = 1.0 - sun_share - self._shining, np.full(len(self.absorption), sun_share / sun_mu)
         self._sun_mu = sun_mu
@@ -179,8 +177,8 @@ class LightField:
             down, up = modes.at(0.0)
             return np.asarray(down - reflectance[:, None] * up, np.float64)
 
+        driven = from_above - at_surface(of_sun)[..., 0]
         if np.isinf(self._floor_m):
-            driven = from_above - at_surface(of_sun)[..., 0]
             amount = np.asarray(np.linalg.solve(at_surface(free), driven[..., None])[..., 0], np.float64)
             return free.times(amount).beside(of_sun)
         # a floor sends the same up in all directions
@@ -193,9 +191,7 @@ class LightField:
         both = free.beside(free.mirrored(self._floor_m))
         lit = shining + albedo / PI * level_beam * np.exp(-of_sun.rate[:, 0] * self._floor_m)
         ends = np.concatenate([at_surface(both), at_floor(both)], axis=1)
-        driven = np.concatenate(
-            [from_above - at_surface(of_sun)[..., 0], lit[:, None] - at_floor(of_sun)[..., 0]], axis=1
-        )
+        driven = np.concatenate([driven, lit[:, None] - at_floor(of_sun)[..., 0]], axis=1)
         amount = np.linalg.solve(ends, driven[..., None])[..., 0]
         return both.times(amount).beside(of_sun)
 

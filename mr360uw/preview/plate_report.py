@@ -3,9 +3,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
@@ -21,7 +21,11 @@ from mr360uw.render.sun_lines import sun_lines
 from mr360uw.render.surroundings import surroundings_over_time
 from mr360uw.scene.inputs import open_plate
 from mr360uw.scene.model import PlateSettings, Scene, files_of, load_scene
+from mr360uw.types import Floats
 from mr360uw.video import VideoFrame
+
+if TYPE_CHECKING:
+    from mr360uw.ibl.report import ReportFrame
 
 _PICTURES = 6
 """Frames that the report shows, evenly spaced over the clip."""
@@ -45,11 +49,8 @@ def analyse_video(
     track goes beside it as .sun.json and .sun.csv. tell: gets the lines on the sun that a composite tells. Raises
     `VideoError`, `SceneError`, `ParameterError` or `OutputExistsError`.
     """
-    from mr360uw.ibl.level.horizon import estimate_horizon
-    from mr360uw.ibl.report import ReportFrame, level_section, light_report
+    from mr360uw.ibl.report import ReportFrame, light_report
     from mr360uw.ibl.sun.trackfile import save_track
-    from mr360uw.medium.fit.waterfit import fit_water
-    from mr360uw.medium.spectral.sensor import named_sensor
 
     source = Path(source)
     scene = load_scene(source) if source.suffix == ".toml" else Scene(plate=PlateSettings(path=source, eye=eye))
@@ -76,14 +77,8 @@ def analyse_video(
                 for line in sun_lines(reader, frame, facts):
                     tell(line)
             maps.append(plate_map(frame.pixels, reader.world_from_camera(frame.time_s)[1]))
-    sections = []
-    if scene.water.type != "none":
-        refraction = scene.water.refractive_index
-        tilts = [estimate_horizon(snapshot.environment.residual, refraction) for snapshot in snapshots]
-        sections.append(("Level", level_section(tilts, reader.world_from_camera(snapshots[0].time_s)[1])))
-        sensor = named_sensor(str(scene.water.sensor))
-        fit = fit_water(np.median(maps, axis=0), scene.camera.depth_m, sensor, refraction)
-        sections.append((f"Water, for a camera {scene.camera.depth_m:g} m deep", fit.html()))
+    up = reader.world_from_camera(snapshots[0].time_s)[1]
+    sections = [] if scene.water.type == "none" else _sections_of_water(scene, snapshots, maps, up)
     written = [page]
     write_whole(page, light_report(source.name, snapshots, track, sections))
     if track is not None:
@@ -91,6 +86,27 @@ def analyse_video(
             save_track(track, path)
         written += tracks
     return written
+
+
+def _sections_of_water(
+    scene: Scene, snapshots: Sequence[ReportFrame], maps: Sequence[Floats], declared_up: Floats
+) -> list[tuple[str, str]]:
+    """Return the report's sections on how level a plate is, and on the water that its maps (h, w, 3) show.
+
+    declared_up: (3,) the world's up in the camera's axes, from the scene.
+    """
+    from mr360uw.ibl.level.horizon import estimate_horizon
+    from mr360uw.ibl.report import level_section
+    from mr360uw.medium.fit.waterfit import fit_water
+    from mr360uw.medium.spectral.sensor import named_sensor
+
+    refraction, depth_m = scene.water.refractive_index, scene.camera.depth_m
+    tilts = [estimate_horizon(snapshot.environment.residual, refraction) for snapshot in snapshots]
+    fit = fit_water(np.median(maps, axis=0), depth_m, named_sensor(str(scene.water.sensor)), refraction)
+    return [
+        ("Level", level_section(tilts, declared_up)),
+        (f"Water, for a camera {depth_m:g} m deep", fit.html()),
+    ]
 
 
 def _page(source: Path, out: str | Path | None) -> Path:
