@@ -114,7 +114,7 @@ def _by_dark_places(
     if over[0] <= 0.0:
         return 0.0, 0.0
     if over[-1] > 0.0:
-        needed = -np.expm1(-asked) * np.exp(-height_m / up / medium.length_m)
+        needed = -np.expm1(-asked) * np.exp(-CONTRAST_LENGTHS / visibility[-1] * height_m / up)
         return float(visibility[-1]), float(np.clip(np.sort(needed)[-2], 0.0, 1.0))
     falling = np.minimum.accumulate(over)[::-1]
     return float(np.exp(np.interp(0.0, falling, np.log(visibility[::-1])))), 0.0

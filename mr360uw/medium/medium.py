@@ -25,6 +25,7 @@ from mr360uw.medium.models import CLOSED_FORMS, SpectralMode, SpectralModel, spe
 from mr360uw.medium.spectral.bands import Bands, Rule, bands
 from mr360uw.medium.spectral.sensor import DEFAULT_ILLUMINANT, Sensor, checked_sensor
 from mr360uw.medium.tabulate import lengths, medium_table
+from mr360uw.medium.visibility import CONTRAST_LENGTHS, visibility_m
 from mr360uw.medium.water import Water
 from mr360uw.shapes import common_shape, exactly, instance, number
 from mr360uw.types import Floats, MediumTable
@@ -211,14 +212,15 @@ class Medium:
     def in_shade(self, shade: float) -> Medium:
         """Return the same medium with the water near the camera in the shade, 0 to 1: under rock, or in crushed blacks.
 
-        The veil of a way s is 1 - shade exp(-s/L) of what it was, with L `length_m`: far away it is that of open water.
+        The veil of a way s is 1 - shade exp(-4.8 s/V) of what it was, V the visibility: far away, where the contrast
+        of bodies is lost, it is that of open water.
         """
         other = self._copy()
         other.shade = float(shade)
         return other
 
     def _lit(self, way_m: Array) -> Array:
-        return 1.0 - self.shade * np.exp(-way_m / self.length_m)[..., None]
+        return 1.0 - self.shade * np.exp(-CONTRAST_LENGTHS / visibility_m(self.water) * way_m)[..., None]
 
     def lit_by_floor(self, radiance: ArrayLike) -> Medium:
         """Return the same medium over a floor of a radiance (3,); level light stays what it is."""

@@ -20,6 +20,7 @@ from mr360uw.medium import (
 )
 from mr360uw.medium.closed_form import ray_in_water
 from mr360uw.medium.lookup import ambient_ratio, beam_ratio, transmittance_lookup, veil_lookup
+from mr360uw.medium.visibility import visibility_m
 from tests.medium.picture import Scene, relative_rms, render
 from tests.medium.tolerances import ANALYTIC_FIELD, FLOAT64, PICTURE_ISOTROPIC, PICTURE_PEAKED, TABLE_MEAN, TABLE_P95
 from tests.reference import reference_arrays
@@ -139,7 +140,7 @@ def test_water_in_the_shade_lacks_the_veil_of_short_ways(rng: np.random.Generato
     bright = Medium(Water.jerlov("IA"), camera_depth_m=6.0, mode="plate").scaled(3.0)
     dark = bright.in_shade(0.8)
     way, up = rng.uniform(0.1, 60.0, 200), rng.uniform(-1.0, 0.05, 200)
-    lit = 1.0 - 0.8 * np.exp(-way / bright.length_m)[:, None]
+    lit = 1.0 - 0.8 * np.exp(-4.8 / visibility_m(bright.water) * way)[:, None]
     np.testing.assert_allclose(dark.veil(way, 6.0, up), lit * bright.veil(way, 6.0, up), rtol=FLOAT64)
     # nodes of the table are interpolated after the shade: what lies between them is less straight
     looked_up = [veil_lookup(m.table, way, up) for m in (dark, bright)]
