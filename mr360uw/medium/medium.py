@@ -279,16 +279,19 @@ class Medium:
         glow = self.under("floor").model.inscatter(distance_m, self.camera_depth_m, up) @ self.floor_lobes
         return np.asarray(glow - self.unit_veil(distance_m, up) * self.glow_level)
 
-    def far_light(self, up: Array, gain: Floats, upwelling: Floats) -> Array:
-        """Return the light (r, 3) of open water at the camera from directions (r,) over its floor, for a gain of 1.
+    def far_light(self, up: Array, gain: Floats, upwelling: Floats) -> tuple[Array, Array]:
+        """Return the light (r, 3) of open water at the camera from directions (r,) over its floor, for a gain of 1,
+        and the share (r, 3) of it that comes from the floor.
 
         gain, upwelling: see `floor_seen`.
         """
         level = self.level_radiance(up)
         if self.floor_m is None:
-            return level
-        glow = self.under("floor").model.radiance(self.camera_depth_m, up) @ self.floor_lobes - level * self.glow_level
-        return np.asarray(level + self.floor_seen(gain, upwelling) / np.maximum(gain, _TINY) * glow)
+            return level, np.zeros(level.shape)
+        floor = self.floor_seen(gain, upwelling) / np.maximum(gain, _TINY)
+        glow = floor * (self.under("floor").model.radiance(self.camera_depth_m, up) @ self.floor_lobes)
+        light = level + glow - floor * level * self.glow_level
+        return light, np.clip(glow / np.maximum(light, _TINY), 0.0, 1.0)
 
     def far_veil(self, up: Array, gain: Floats, upwelling: Floats) -> Array:
         """Return the veil (r, 3) of ways longer than one sees, in directions (r,) below the horizon, for a gain of 1.

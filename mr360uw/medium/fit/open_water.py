@@ -111,7 +111,10 @@ def open_water(
     shown = np.asarray(cv2.resize(np.maximum(shown, 0.0).astype(np.float64), size, interpolation=cv2.INTER_AREA))
     small = np.maximum(cv2.resize(shown, (COLUMNS, ROWS), interpolation=cv2.INTER_AREA), DARKEST)
     up, used, from_below = row_up(ROWS), visible_gain(medium, gain), upwelling(small)
-    light = used * np.repeat(medium.far_light(up, used, from_below)[:, None], COLUMNS, axis=1)
+    level, of_floor = (np.repeat(v[:, None], COLUMNS, axis=1) for v in medium.far_light(up, used, from_below))
+    light = used * level
+    # a floor lights the water alike in all azimuths
+    around = np.ones(light.shape) if around is None else of_floor + (1.0 - of_floor) * around
     dim = _DIM * float(luminance(light).max()) + DARKEST
     seen = _fade(_from_beyond(medium, up, above_ground_m), _FAR, _NEAR)[:, None]
     smooth = _small(_eroded(_fade(structure(shown, dim), _SMOOTH, _ROUGH)))
@@ -120,7 +123,9 @@ def open_water(
         down = up < 0.0
         far = used * medium.far_veil(up[down], used, from_below)[:, None]
         horizon = weight * np.exp(-((up / _HORIZON) ** 2))[:, None]
-        goes_on = _goes_on(small, light, horizon, far)
+        usual = _usual(small, light * around, horizon)
+        ground, water = (usual * one for one in (light[down] * around[down], far * around[down]))
+        goes_on = _goes_on(small[down], ground, water) * np.minimum(horizon.sum(axis=0), 1.0)
         either = goes_on + seen[down] * (1.0 - goes_on)  # as written, never below goes_on, however small that is
         part = (goes_on / np.maximum(either, _TINY))[..., None]
         light[down] *= (far / np.maximum(light[down], _TINY)) ** part
@@ -135,24 +140,28 @@ def open_water(
     share = float((weight * area).sum() / area.sum())
     weight = weight * min(share / _LEAST_SEEN, 1.0)
     level, least = np.log(used * small / np.maximum(light, _TINY)), visible_gain(medium, np.zeros(3))
-    return OpenWater(level, weight, least, 0.0 if around is None else np.log(np.maximum(around, DARKEST)))
+    return OpenWater(level, weight, least, np.log(np.maximum(around, DARKEST)))
 
 
-def _goes_on(small: Array, light: Array, horizon: Array, far: Array) -> Array:
-    """Return the weight (r, c), 0 to 1, of directions below the horizon in which a plate looks like water and unlike
-    ground.
+def _usual(small: Array, light: Array, weight: Array) -> Array:
+    """Return the mean ratio (c, 3) of a plate (n, c, 3) to light (n, c, 3) in each column; weight: (n, c)."""
+    log = (weight[..., None] * np.log(small / np.maximum(light, _TINY))).sum(axis=0)
+    return np.asarray(np.exp(log / np.maximum(weight.sum(axis=0), _TINY)[:, None]))
 
-    small (n, c, 3): the plate. light (n, c, 3), far (r, 1, 3): of water over ground, and of water alone below the
-    horizon. horizon (n, c): weight of directions that tell the water of the horizon.
+
+def _goes_on(small: Array, ground: Array, water: Array) -> Array:
+    """Return the weight (r, c), 0 to 1, with which a plate (r, c, 3) below the horizon looks like water without ground.
+
+    ground, water: (r, c, 3) what it would be with a level ground and without.
     """
-    known, below = horizon.sum(axis=0), len(light) - len(far)
-    usual = (horizon[..., None] * np.log(small / np.maximum(light, _TINY))).sum(axis=0)
-    usual = np.exp(usual / np.maximum(known, _TINY)[:, None])
-    dim = (_DIM * luminance(usual * far[0]) + DARKEST)[:, None]
-    ground, water = (
-        np.abs(np.log((small[below:] + dim) / (usual * one + dim))).max(axis=-1) for one in (light[below:], far)
-    )
-    return _fade(water - ground, -_WATER, -_GROUND) * _fade(water, 0.5 * _STRAYS, _STRAYS) * np.minimum(known, 1.0)
+    dim = (_DIM * luminance(water[0]) + DARKEST)[:, None]
+    to_ground, to_water = (np.abs(np.log((small + dim) / (one + dim))).max(axis=-1) for one in (ground, water))
+
+    def like(one: Array, other: Array) -> Array:
+        return _fade(one - other, -_WATER, -_GROUND) * _fade(one, 0.5 * _STRAYS, _STRAYS)
+
+    above_ground = 1.0 - np.maximum.accumulate(like(to_ground, to_water), axis=0)  # below it ground is nearer still
+    return like(to_water, to_ground) * above_ground
 
 
 def _from_beyond(medium: Medium, up: Array, above_ground_m: float | None) -> Array:
