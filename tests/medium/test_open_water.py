@@ -96,6 +96,20 @@ def test_water_goes_on_where_the_ground_falls_away() -> None:
     assert code_error(veil, truth).max() < OPEN_WATER_CODES
 
 
+def test_a_bright_floor_lights_the_water_alike_about_the_sun() -> None:
+    """Towards the sun the sky's part of the light is 2.7 times as bright as the mean, the floor's part is not."""
+    above, gain = 2.0, np.full(3, 3.0)
+    medium = Medium(Water.jerlov("1C"), camera_depth_m=5.0, floor_m=5.0 + above)
+    azimuth = 2.0 * np.pi * (np.arange(COLUMNS) + 0.5) / COLUMNS
+    uneven = np.exp(1.5 * np.cos(azimuth))
+    around = np.broadcast_to((uneven / uneven.mean())[None, :, None], (ROWS, COLUMNS, 3))
+    from_below = 0.12 * gain * medium.irradiance(5.0)
+    light, of_floor = medium.far_light(row_up(ROWS), gain, from_below)
+    shown = gain * light[:, None] * (of_floor[:, None] + (1.0 - of_floor[:, None]) * around)
+    found = open_water(medium, gain, shown, above, around)
+    np.testing.assert_allclose(found.ratio(gain)[-8:], 1.0, rtol=0.05)  # below: of a part that the plate does not show
+
+
 @pytest.mark.parametrize("rock_deg", [6.0, 9.0, 12.0, 18.0])
 def test_rock_on_the_horizon_leaves_a_finite_ratio(rock_deg: float) -> None:
     """What tells the water of the horizon falls to 1e-20 and less with the rock's height, and is a weight still."""
