@@ -105,9 +105,10 @@ def test_a_bright_floor_lights_the_water_alike_about_the_sun() -> None:
     around = np.broadcast_to((uneven / uneven.mean())[None, :, None], (ROWS, COLUMNS, 3))
     from_below = 0.12 * gain * medium.irradiance(5.0)
     light, of_floor = medium.far_light(row_up(ROWS), gain, from_below)
-    shown = gain * light[:, None] * (of_floor[:, None] + (1.0 - of_floor[:, None]) * around)
-    found = open_water(medium, gain, shown, above, around)
-    np.testing.assert_allclose(found.ratio(gain)[-8:], 1.0, rtol=0.05)  # below: of a part that the plate does not show
+    truth = of_floor[:, None] + (1.0 - of_floor[:, None]) * around
+    found = open_water(medium, gain, gain * light[:, None] * truth, above, around)
+    # below: parts that the plate does not show, for the ground is near; the floor's own light is integrated from rows
+    np.testing.assert_allclose(found.ratio(gain)[-40:], truth[-40:], rtol=0.03)
 
 
 @pytest.mark.parametrize("rock_deg", [6.0, 9.0, 12.0, 18.0])
