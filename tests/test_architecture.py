@@ -24,7 +24,7 @@ ALLOWED: dict[str, set[str]] = {
     "published": set(),
     "ibl": {"published"},
     "caustics": {"gl", "caustic_lookup", "published"},
-    "medium": {"rays", "caustic_lookup"},
+    "medium": {"rays", "caustic_lookup", "threads"},
     "surface": {"caustic_lookup", *PHYSICS},
     "from_above": {"surface", "scene", "sample", "composite", "video", "progress", "rays", "published", *PHYSICS},
     "composite": {"gl", "threads", "rays", "caustic_lookup", "surface", *PHYSICS},

@@ -24,6 +24,7 @@ from mr360uw.medium.medium import Medium
 from mr360uw.medium.models import FieldModel
 from mr360uw.reading.disk_cache import kept_arrays
 from mr360uw.sphere import directions
+from mr360uw.threads import one_blas_thread
 from mr360uw.types import Floats
 
 Array = NDArray[np.float64]
@@ -58,7 +59,8 @@ def _at_depth(model: FieldModel, lobes: bytes, depth_m: float) -> Array:
     weights = np.frombuffer(lobes).reshape(-1, 3)
 
     def ratio() -> dict[str, Array]:
-        light = model.around_sun(depth_m, row_up(ROWS), AZIMUTHS) @ weights
+        with one_blas_thread():
+            light = model.around_sun(depth_m, row_up(ROWS), AZIMUTHS) @ weights
         mean = np.einsum("a,rak->rk", _shares(), light)
         return {"ratio": light / np.maximum(mean, _TINY)[:, None]}
 

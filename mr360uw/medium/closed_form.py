@@ -21,12 +21,6 @@ from mr360uw.shapes import common_shape, exactly, numbers
 
 Array = NDArray[np.float64]
 
-_LEAST_FALL = 1e-26
-"""Least |c - k mu| [1/m] that is divided by; over the longest ray it changes the light by less than rounding does."""
-
-_DARKEST = 600.0
-"""Exponent up to which the light of a mode is far from the least number in double precision."""
-
 
 def ray_in_water(distance: ArrayLike, depth: ArrayLike, up: ArrayLike) -> Array:
     """Return the length (...,) [m] of a ray from `depth` that lies below the mean surface, at most `LONGEST_RAY_M`."""
@@ -47,23 +41,6 @@ def path_integral(c: ArrayLike, k: ArrayLike, s: ArrayLike, y: ArrayLike, mu: Ar
     c, k, s, y, mu = (np.asarray(x, np.float64) for x in (c, k, s, y, mu))
     q = (c - k * mu) * s
     return s * np.exp(-k * y - np.minimum(q, 0.0)) * mean_transmittance(np.abs(q))
-
-
-def path_modes(source: Array, fall: Array, decay: Array, distance_m: Array) -> Array:
-    """Return the sum (r, n) over j modes of `source` times `path_integral`, along r rays.
-
-    source; fall [1/m], c - k mu; decay, k y: (1, n, j) for rays of one start and direction, else (r, n, j).
-    distance_m: (r,).
-    """
-    s = distance_m[:, None, None]
-    if np.max(decay) > _DARKEST and np.min(fall) < 0.0:  # exp(-decay) underflows where exp(-fall s) overflows
-        q = np.abs(fall) * -s
-        end = np.exp(-decay - np.minimum(fall, 0.0) * s)
-        return np.asarray(np.sum(source * end * s * mean_transmittance(-q), axis=-1))
-    fall = np.where(np.abs(fall) > _LEAST_FALL, fall, _LEAST_FALL)
-    lost = fall * -s
-    np.expm1(lost, out=lost)
-    return np.asarray(np.einsum("rnj,rnj->rn", source * np.exp(-decay) / -fall, lost))
 
 
 def exponential_integral(rate: ArrayLike, start: ArrayLike, end: ArrayLike) -> Array:

@@ -28,6 +28,7 @@ from mr360uw.medium.tabulate import lengths, medium_table
 from mr360uw.medium.visibility import CONTRAST_LENGTHS, visibility_m
 from mr360uw.medium.water import Water
 from mr360uw.shapes import common_shape, exactly, instance, number
+from mr360uw.threads import one_blas_thread
 from mr360uw.types import Floats, MediumTable
 
 Array = NDArray[np.float64]
@@ -136,8 +137,11 @@ class Medium:
         model = _SPECTRAL.get(self.mode, self.mode)
         # a beam by itself has no share in the floor's light, which is added to that of a sky
         beam_alone = isinstance(self.sky, tuple) and self.sky[2] == 1.0
-        glow = None if self.floor_m is None or beam_alone else self._unit_glow
-        table = medium_table(self.light, self.camera_depth_m, self.length_m, self.unit_veil, model, glow)
+        glow = None if self.floor_m is None or beam_alone else self._glow
+        with one_blas_thread():
+            table = medium_table(self.light, self.camera_depth_m, self.length_m, self.unit_veil, model, glow)
+        if table.glow is not None:
+            table = replace(table, glow=table.glow - table.veil * self.glow_level)
         return replace(table, refractive_index=self.refractive_index)
 
     # --- at the wavelengths of the bands ---------------------------------------------------------------------
@@ -274,10 +278,9 @@ class Medium:
         lit = self.bands.lobes * self.model.irradiance(self.floor_m, 1.0)[:, None]
         return np.asarray(lit / np.maximum(lit.sum(axis=0), _TINY))
 
-    def _unit_glow(self, distance_m: ArrayLike, up: ArrayLike) -> Array:
-        """Return the veil (..., 3) that a floor of radiance 1 adds, less that of the sky whose level light it has."""
-        glow = self.under("floor").model.inscatter(distance_m, self.camera_depth_m, up) @ self.floor_lobes
-        return np.asarray(glow - self.unit_veil(distance_m, up) * self.glow_level)
+    def _glow(self, distance_m: ArrayLike, up: ArrayLike) -> Array:
+        """Return the veil (..., 3) by a floor of radiance 1."""
+        return self.under("floor").model.inscatter(distance_m, self.camera_depth_m, up) @ self.floor_lobes
 
     def far_light(self, up: Array, gain: Floats, upwelling: Floats) -> tuple[Array, Array]:
         """Return the light (r, 3) of open water at the camera from directions (r,) over its floor, for a gain of 1,
@@ -302,7 +305,8 @@ class Medium:
         veil = self.unit_veil(far, up)
         if self.floor_m is None:
             return veil
-        return veil + self.floor_seen(gain, upwelling) / np.maximum(gain, _TINY) * self._unit_glow(far, up)
+        glow = self._glow(far, up) - veil * self.glow_level
+        return veil + self.floor_seen(gain, upwelling) / np.maximum(gain, _TINY) * glow
 
     def floor_seen(self, gain: Floats, upwelling: Floats) -> Array:
         """Return the radiance (3,) of the floor in the light of a plate, 0 without a floor.

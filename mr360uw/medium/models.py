@@ -181,8 +181,10 @@ class FieldModel:
     def _complement(self, s: Array, y: Array, mu: Array) -> Array:
         """Return the radiance that rays gain in the solved field when they decay with the extinction of `wide`."""
         own, slower = self.field.rays, self.extinction
-        above = np.minimum(s, own.to_floor(y, mu))
-        end = own.radiance(np.maximum(y - above * mu, 0.0), mu)
+        to_floor = own.to_floor(y, mu)
+        above, end_m = np.minimum(s, to_floor), np.maximum(y - s * mu, 0.0)
+        end_m = np.where(s >= to_floor, own.floor_m, np.where(end_m < _AT_SURFACE * y, 0.0, end_m))
+        end = own.radiance(end_m, mu)
         lost = np.exp(-slower * above[:, None])
         result = own.inscatter(above, y, mu) - lost * -np.expm1((slower - own.extinction) * above[:, None]) * end
         below = s > above
@@ -210,6 +212,8 @@ def window_share(up: Array, refractive_index: float) -> Array:
     return np.asarray(x * x * (3.0 - 2.0 * x))
 
 
+_AT_SURFACE = 1e-9
+"""Depth over that of the camera of ends of rays at the surface, as rounded."""
 _WINDOW_BLEND = 0.06
 """Width of the blend below the edge of Snell's window, in the y of the direction (4 degrees).
 

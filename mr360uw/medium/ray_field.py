@@ -7,7 +7,7 @@ the closed form of `closed_form.path_integral`. mu: y of the view direction, +1 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,15 +15,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from mr360uw.constants import PI
 from mr360uw.medium.boundaries import SkyShape
-from mr360uw.medium.closed_form import check_ray, path_modes, ray_in_water
+from mr360uw.medium.closed_form import check_ray, ray_in_water
 from mr360uw.optics import fresnel_from_below
 
 Array = NDArray[np.float64]
-
-_CHUNK = 64
-"""Rays evaluated together, so that their modes stay in the processor's cache."""
-_SHARED = 8
-"""Rays of one start and direction from which on they are evaluated together: their modes are the same."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -113,20 +108,17 @@ class RayField:
 
     def _within(self, s: Array, y: Array, mu: Array) -> Array:
         """Return the radiance (..., n) scattered into rays between surface and floor."""
+        from mr360uw.medium.mode_kernel import add_modes
+
         s = np.minimum(s, self.to_floor(y, mu))
-        # tables ask for few directions and many distances
-        directions, of_start = np.unique(mu, return_inverse=True)
-        start, of_ray = np.unique(
-            np.stack([of_start.ravel(), np.minimum(y, self.floor_m).ravel()]), axis=1, return_inverse=True
-        )
-        direction = start[0].astype(np.intp)
+        # tables ask for few directions and many distances, of which those beyond surface and floor are one
+        asked = np.stack([mu.ravel(), np.minimum(y, self.floor_m).ravel(), s.ravel()])
+        (mu, y, distance), place = np.unique(asked, axis=1, return_inverse=True)
+        directions, which = np.unique(mu, return_inverse=True)
         source = self._source_modes(directions)
-        fall = self.extinction[:, None] - self.rate * directions[:, None, None]
-        distance, result = s.ravel(), np.zeros((s.size, len(self.extinction)))
-        for rays, starts in _bundles(of_ray.ravel()):
-            to, decay = direction[starts], self.rate * (start[1][starts, None, None] - self.origin_m)
-            result[rays] = path_modes(source[to], fall[to], decay, distance[rays])
-        return result.reshape(*s.shape, len(self.extinction))
+        result = np.empty((len(distance), len(self.extinction)))
+        add_modes(source, self.rate, self.origin_m, self.extinction, directions, which, y, distance, result)
+        return result[place.ravel()].reshape(*s.shape, len(self.extinction))
 
     def radiance(self, depth_m: ArrayLike, up: ArrayLike) -> Array:
         """Return the radiance (..., n) that arrives at a depth from the directions `up`, without the sun's beam."""
@@ -143,8 +135,10 @@ class RayField:
     def scattered(self, depth_m: ArrayLike, up: ArrayLike) -> Array:
         """Return the radiance [1/m] (..., n) that the water at a depth scatters into rays."""
         y, mu = np.broadcast_arrays(np.asarray(depth_m, np.float64), np.asarray(up, np.float64))
-        modes = np.exp(-self.rate * (np.minimum(y, self.floor_m)[..., None, None] - self.origin_m))
-        return np.asarray(np.sum(self._source_modes(mu) * modes, axis=-1))
+        rays, place = np.unique(np.stack([mu.ravel(), y.ravel()]), axis=1, return_inverse=True)
+        modes = np.exp(-self.rate * (np.minimum(rays[1], self.floor_m)[:, None, None] - self.origin_m))
+        result = np.sum(self._source_modes(rays[0]) * modes, axis=-1)
+        return np.asarray(result[place.ravel()].reshape(*mu.shape, -1))
 
     def below_surface(self, up: ArrayLike) -> Array:
         """Return the radiance (..., n) just below the surface that travels down, up >= 0: sky, and reflected light."""
@@ -171,24 +165,6 @@ class RayField:
         if self.of_beam is not None:
             modes[-1][..., -1] += self.of_beam.into(mu, self.azimuth_rad)
         return np.concatenate(modes, axis=-1)
-
-
-def _bundles(start: NDArray[np.intp]) -> Iterator[tuple[NDArray[np.intp], NDArray[np.intp]]]:
-    """Yield the rays (r,) that are evaluated together and their starts: (1,) of many rays that share it, else (r,).
-
-    start: (rays,) number of the start of each.
-    """
-    order = np.argsort(start, kind="stable")
-    many = np.bincount(start)[start[order]] >= _SHARED
-    ends = np.flatnonzero(np.diff(start[order][many])) + 1
-    for rays in np.split(order[many], ends):
-        for first in range(0, len(rays), _CHUNK):
-            part = rays[first : first + _CHUNK]
-            yield part, start[part[:1]]
-    rest = order[~many]
-    for first in range(0, len(rest), _CHUNK):
-        part = rest[first : first + _CHUNK]
-        yield part, start[part]
 
 
 def legendre_polynomials(x: Array, count: int, order: int = 0) -> Array:

@@ -38,6 +38,7 @@ from mr360uw.medium.phase_series import PhaseSeries, phase_moments
 from mr360uw.medium.ray_field import OfBeam, RayField, cosine_kernel, legendre_polynomials
 from mr360uw.optics import critical_cosine, fresnel_from_below
 from mr360uw.shapes import common_shape, numbers
+from mr360uw.threads import one_blas_thread
 
 Array = NDArray[np.float64]
 
@@ -153,12 +154,13 @@ class LightField:
         """
         mu, w = self._mu, self._weight
         scattering = (2 * np.arange(self._chi.shape[1]) + 1) * self._chi * (self._faded - self.absorption)[:, None]
-        water = Ordinates(mu, w, self._faded, scattering, order)
         level = float(order == 0)  # a floor lights all azimuths alike
-        modes = self._bounded(
-            water.free(), water.driven(self._sun_mu, beam), np.broadcast_to(from_above, (len(beam), len(mu))),
-            level * self._albedo, level * self._shining, beam * self._sun_mu,
-        )  # fmt: skip
+        with one_blas_thread():
+            water = Ordinates(mu, w, self._faded, scattering, order)
+            modes = self._bounded(
+                water.free(), water.driven(self._sun_mu, beam), np.broadcast_to(from_above, (len(beam), len(mu))),
+                level * self._albedo, level * self._shining, beam * self._sun_mu,
+            )  # fmt: skip
         of_degree = w[:, None] * water.legendre
         down, up = (np.einsum("il,nij->nlj", of_degree, light) for light in (modes.down, modes.up))
         return _Component(modes, down + water.parity[:, None] * up)
