@@ -118,9 +118,8 @@ class LightField:
             phase = Mixture(phase, np.zeros(len(self.absorption)))
         orders = 2 * streams
         moments = phase_moments(phase, len(self.absorption), orders + 1)
-        peak = moments[:, orders]
+        self._peak = peak = moments[:, orders]
         self._chi = (moments[:, :orders] - peak[:, None]) / (1.0 - peak[:, None])
-        self._peak = peak
         self._phase = phase if isinstance(phase, Mixture) else PhaseSeries(moments)
         self._floor_m = np.inf if floor is None else floor.depth_m
         self._albedo = np.broadcast_to(0.0 if floor is None else np.array(floor.albedo), self.absorption.shape)
