@@ -113,7 +113,8 @@ class RayField:
         s = np.minimum(s, self.to_floor(y, mu))
         # tables ask for few directions and many distances, of which those beyond surface and floor are one
         asked = np.stack([mu.ravel(), np.minimum(y, self.floor_m).ravel(), s.ravel()])
-        (mu, y, distance), place = np.unique(asked, axis=1, return_inverse=True)
+        rays, place = np.unique(asked, axis=1, return_inverse=True)
+        mu, y, distance = np.ascontiguousarray(rays)
         directions, which = np.unique(mu, return_inverse=True)
         source = self._source_modes(directions)
         result = np.empty((len(distance), len(self.extinction)))
