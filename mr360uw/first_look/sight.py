@@ -76,9 +76,9 @@ def guess_sight(
     if found is None:
         usual = min(visibility_m(water), _USUAL_M)
         found = Sight(usual, usual / _USUAL_RANGE, min(usual * _USUAL_RANGE, MOST_M))
-    least, shade = (
-        (0.0, 0.0) if height_m is None else _by_dark_places(image, height_m, water, open_water, depth_m, found)
-    )
+    if height_m is None:
+        return found
+    least, shade = _by_dark_places(image, height_m, water, open_water, depth_m, found.visibility_m)
     if least <= found.visibility_m and not shade:
         return found
     high = max(found.high_m, min(least * unsure, MOST_M))
@@ -86,9 +86,9 @@ def guess_sight(
 
 
 def _by_dark_places(
-    image: Floats, height_m: float, water: Water, open_water: FreeView, depth_m: float, found: Sight
+    image: Floats, height_m: float, water: Water, open_water: FreeView, depth_m: float, least_m: float
 ) -> tuple[float, float]:
-    """Return the visibility [m] from which the veil before the floor is below its dark places, from `found` upwards,
+    """Return the visibility [m] from which the veil before the floor is below its dark places, from `least_m` upwards,
     and the shade of the water that they ask for besides.
 
     Of the bands of directions the one that asks for most is left out.
@@ -103,8 +103,8 @@ def _by_dark_places(
     color, up = np.array(open_water.color), -np.sin(np.radians(_DARK_DEG))
     level, seen = np.sin(np.radians([open_water.elevation_deg])), color > _SEEN
     if not np.any(seen):
-        return 0.0, 0.0
-    visibility = np.geomspace(found.visibility_m, max(found.visibility_m, _CLEAR_M), _STEPS)
+        return least_m, 0.0
+    visibility = np.unique(np.geomspace(least_m, max(least_m, _CLEAR_M), _STEPS))
     over = []
     for v in visibility:
         medium = Medium(water_seen_as_far(water, float(v)), camera_depth_m=depth_m)
@@ -112,7 +112,7 @@ def _by_dark_places(
         asked = np.log(np.maximum(veil, _TINY) / np.maximum(dark, _TINY))[:, seen].max(axis=1)
         over.append(np.sort(asked)[-2])
     if over[0] <= 0.0:
-        return 0.0, 0.0
+        return least_m, 0.0
     if over[-1] > 0.0:
         needed = -np.expm1(-asked) * np.exp(-CONTRAST_LENGTHS / visibility[-1] * height_m / up)
         return float(visibility[-1]), float(np.clip(np.sort(needed)[-2], 0.0, 1.0))

@@ -214,13 +214,16 @@ class Medium:
         return other
 
     def in_shade(self, shade: float) -> Medium:
-        """Return the same medium with the water near the camera in the shade, 0 to 1: under rock, or in crushed blacks.
+        """Return the same medium with less veil before what is near, as under rock or in crushed blacks.
 
+        shade: 0, none, to 1.
         The veil of a way s is 1 - shade exp(-4.8 s/V) of what it was, V the visibility: far away, where the contrast
-        of bodies is lost, it is that of open water.
+        of bodies is lost, it is that of open water. Raises `ParameterError`.
         """
         other = self._copy()
-        other.shade = float(shade)
+        other.shade = number("shade", shade)
+        if not 0.0 <= other.shade <= 1.0:
+            raise ParameterError(f"shade - must be from 0 to 1 (got {shade!r}) - correct it")
         return other
 
     def _lit(self, way_m: Array) -> Array:
@@ -282,31 +285,30 @@ class Medium:
         """Return the veil (..., 3) by a floor of radiance 1."""
         return self.under("floor").model.inscatter(distance_m, self.camera_depth_m, up) @ self.floor_lobes
 
-    def far_light(self, up: Array, gain: Floats, upwelling: Floats) -> tuple[Array, Array]:
+    def far_light(self, up: Array, gain: Floats, floor: Floats) -> tuple[Array, Array]:
         """Return the light (r, 3) of open water at the camera from directions (r,) over its floor, for a gain of 1,
         and the share (r, 3) of it that comes from the floor.
 
-        gain, upwelling: see `floor_seen`.
+        gain: (3,) of the plate's veil. floor: (3,) radiance of the floor in the light of the plate.
         """
         level = self.level_radiance(up)
         if self.floor_m is None:
             return level, np.zeros(level.shape)
-        floor = self.floor_seen(gain, upwelling) / np.maximum(gain, _TINY)
+        floor = floor / np.maximum(gain, _TINY)
         glow = floor * (self.under("floor").model.radiance(self.camera_depth_m, up) @ self.floor_lobes)
         light = level + glow - floor * level * self.glow_level
         return light, np.clip(glow / np.maximum(light, _TINY), 0.0, 1.0)
 
-    def far_veil(self, up: Array, gain: Floats, upwelling: Floats) -> Array:
+    def far_veil(self, up: Array, gain: Floats, floor: Floats) -> Array:
         """Return the veil (r, 3) of ways longer than one sees, in directions (r,) below the horizon, for a gain of 1.
 
-        It is the light of open water where the floor falls away. gain, upwelling: see `floor_seen`.
+        It is the light of open water where the floor falls away. gain, floor: see `far_light`.
         """
         far = np.full(len(up), _FAR_LENGTHS * self.length_m)
         veil = self.unit_veil(far, up)
         if self.floor_m is None:
             return veil
-        glow = self._glow(far, up) - veil * self.glow_level
-        return veil + self.floor_seen(gain, upwelling) / np.maximum(gain, _TINY) * glow
+        return veil + floor / np.maximum(gain, _TINY) * (self._glow(far, up) - veil * self.glow_level)
 
     def floor_seen(self, gain: Floats, upwelling: Floats) -> Array:
         """Return the radiance (3,) of the floor in the light of a plate, 0 without a floor.

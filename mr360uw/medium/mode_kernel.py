@@ -14,15 +14,15 @@ _ALL = 40.0
 
 
 @exact
-def add_modes(
+def sum_modes(
     source: Any, rate: Any, origin_m: Any, extinction: Any, mu: Any, which: Any, depth_m: Any, distance_m: Any,
     result: Any,
 ) -> None:  # fmt: skip
     """Set `result` (r, n) to the sum over the modes of `source` (d, n, j) times `closed_form.path_integral`.
 
     rate: (n, j), origin_m: (j,), extinction: (n,), mu: (d,). which: (r,) direction of each ray. depth_m, distance_m:
-    (r,) of its start and of its end from that. In one exponential, for that of the depth may underflow where that of
-    the distance overflows.
+    (r,) of its start, and from there to its end. Depth and distance are in one exponential: by themselves, one may
+    underflow where the other overflows.
     """
     for r in range(len(distance_m)):
         s, d = distance_m[r], which[r]

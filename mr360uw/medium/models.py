@@ -213,7 +213,7 @@ def window_share(up: Array, refractive_index: float) -> Array:
 
 
 _AT_SURFACE = 1e-9
-"""Depth over that of the camera of ends of rays at the surface, as rounded."""
+"""Depth of a ray's end, over the camera's, below which it lies at the surface: what rounding leaves of 0."""
 _WINDOW_BLEND = 0.06
 """Width of the blend below the edge of Snell's window, in the y of the direction (4 degrees).
 

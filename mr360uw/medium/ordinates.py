@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.constants import PI
-from mr360uw.medium.ray_field import legendre_polynomials
+from mr360uw.medium.phase import legendre_polynomials
 
 Array = NDArray[np.float64]
 

@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from mr360uw.constants import INV_4PI, PI
 from mr360uw.errors import ParameterError
 from mr360uw.medium.tables import builtin_table
+from mr360uw.shapes import exactly
 
 Array = NDArray[np.float64]
 
@@ -276,3 +277,47 @@ def backscatter_ratio(phase: Phase) -> float:
         theta, weight = _angle_quadrature()
         return float(backward / (2.0 * PI * np.sum(weight * phase_function(phase, theta))))
     return float(backward)
+
+
+def spectral_moments(phase: Mixture | Array, count: int, least: int) -> Array:
+    """Return the Legendre moments (count, l) at so many wavelengths: as many as are given, or the `least`."""
+    if isinstance(phase, Mixture):
+        return np.broadcast_to(phase.moments(least), (count, least))
+    length = phase.shape[-1]
+    moments = np.broadcast_to(exactly("phase", phase, (length,), (count, length)), (count, length))
+    if moments.shape[1] < least or not np.allclose(moments[:, 0], 1.0):
+        raise ParameterError(f"phase - needs {least} Legendre moments from 1 on (got {phase.shape}) - give more")
+    return np.array(moments, np.float64)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PhaseSeries:
+    """Phase functions of n wavelengths by their Legendre moments (n, l + 1); light of the last is unscattered."""
+
+    moments: Array
+
+    @property
+    def shares(self) -> Array:
+        """Coefficients (l, n) of `parts`."""
+        degree = np.arange(self.moments.shape[1] - 1)[:, None]
+        return np.asarray((2 * degree + 1) * INV_4PI * (self.moments[:, :-1] - self.moments[:, -1:]).T)
+
+    def parts(self, cosine: Array) -> Array:
+        """Return the Legendre polynomials (..., l)."""
+        return legendre_polynomials(cosine, self.moments.shape[1] - 1)
+
+
+def legendre_polynomials(x: Array, count: int, order: int = 0) -> Array:
+    """Return P_0 ... (..., count) at x (...,); of an order m > 0 the associated functions, 0 at the degrees below m,
+    times sqrt((l - m)!/(l + m)!), by the recurrence that is stable upwards in the degree l.
+    """
+    x = np.asarray(x, np.float64)
+    if order == 0:
+        return np.asarray(np.polynomial.legendre.legvander(x, count - 1), np.float64).reshape(*x.shape, count)
+    p = np.zeros((*x.shape, count + 1))
+    odd = 2.0 * np.arange(order) + 1.0
+    p[..., order] = np.sqrt(np.prod(odd / (odd + 1.0))) * np.maximum(1.0 - x * x, 0.0) ** (0.5 * order)
+    for degree in range(order + 1, count):
+        least, last = (np.sqrt(float(n * n - order * order)) for n in (degree, degree - 1))
+        p[..., degree] = ((2.0 * degree - 1.0) * x * p[..., degree - 1] - last * p[..., degree - 2]) / least
+    return p[..., :count]

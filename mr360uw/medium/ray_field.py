@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from mr360uw.constants import PI
 from mr360uw.medium.boundaries import SkyShape
 from mr360uw.medium.closed_form import check_ray, ray_in_water
+from mr360uw.medium.phase import legendre_polynomials
 from mr360uw.optics import fresnel_from_below
 
 Array = NDArray[np.float64]
@@ -108,7 +109,7 @@ class RayField:
 
     def _within(self, s: Array, y: Array, mu: Array) -> Array:
         """Return the radiance (..., n) scattered into rays between surface and floor."""
-        from mr360uw.medium.mode_kernel import add_modes
+        from mr360uw.medium.mode_kernel import sum_modes
 
         s = np.minimum(s, self.to_floor(y, mu))
         # tables ask for few directions and many distances, of which those beyond surface and floor are one
@@ -118,7 +119,7 @@ class RayField:
         directions, which = np.unique(mu, return_inverse=True)
         source = self._source_modes(directions)
         result = np.empty((len(distance), len(self.extinction)))
-        add_modes(source, self.rate, self.origin_m, self.extinction, directions, which, y, distance, result)
+        sum_modes(source, self.rate, self.origin_m, self.extinction, directions, which, y, distance, result)
         return result[place.ravel()].reshape(*s.shape, len(self.extinction))
 
     def radiance(self, depth_m: ArrayLike, up: ArrayLike) -> Array:
@@ -166,22 +167,6 @@ class RayField:
         if self.of_beam is not None:
             modes[-1][..., -1] += self.of_beam.into(mu, self.azimuth_rad)
         return np.concatenate(modes, axis=-1)
-
-
-def legendre_polynomials(x: Array, count: int, order: int = 0) -> Array:
-    """Return P_0 ... (..., count) at x (...,); of an order m > 0 the associated functions, 0 at the degrees below m,
-    times sqrt((l - m)!/(l + m)!), by the recurrence that is stable upwards in the degree l.
-    """
-    x = np.asarray(x, np.float64)
-    if order == 0:
-        return np.asarray(np.polynomial.legendre.legvander(x, count - 1), np.float64).reshape(*x.shape, count)
-    p = np.zeros((*x.shape, count + 1))
-    odd = 2.0 * np.arange(order) + 1.0
-    p[..., order] = np.sqrt(np.prod(odd / (odd + 1.0))) * np.maximum(1.0 - x * x, 0.0) ** (0.5 * order)
-    for degree in range(order + 1, count):
-        least, last = (np.sqrt(float(n * n - order * order)) for n in (degree, degree - 1))
-        p[..., degree] = ((2.0 * degree - 1.0) * x * p[..., degree - 1] - last * p[..., degree - 2]) / least
-    return p[..., :count]
 
 
 def cosine_kernel(mu: ArrayLike, normal_up: ArrayLike) -> Array:

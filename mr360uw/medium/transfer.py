@@ -33,9 +33,8 @@ from mr360uw.errors import ParameterError
 from mr360uw.medium.boundaries import LambertFloor, Sky, SkyShape, SurfaceKind, sky_parts
 from mr360uw.medium.closed_form import check_ray, ray_in_water
 from mr360uw.medium.ordinates import Modes, Ordinates, nodes
-from mr360uw.medium.phase import Mixture, Phase, check_phase
-from mr360uw.medium.phase_series import PhaseSeries, phase_moments
-from mr360uw.medium.ray_field import OfBeam, RayField, cosine_kernel, legendre_polynomials
+from mr360uw.medium.phase import Mixture, Phase, PhaseSeries, check_phase, legendre_polynomials, spectral_moments
+from mr360uw.medium.ray_field import OfBeam, RayField, cosine_kernel
 from mr360uw.optics import critical_cosine, fresnel_from_below
 from mr360uw.shapes import common_shape, numbers
 from mr360uw.threads import one_blas_thread
@@ -117,7 +116,7 @@ class LightField:
             check_phase(phase)
             phase = Mixture(phase, np.zeros(len(self.absorption)))
         orders = 2 * streams
-        moments = phase_moments(phase, len(self.absorption), orders + 1)
+        moments = spectral_moments(phase, len(self.absorption), orders + 1)
         self._peak = peak = moments[:, orders]
         self._chi = (moments[:, :orders] - peak[:, None]) / (1.0 - peak[:, None])
         self._phase = phase if isinstance(phase, Mixture) else PhaseSeries(moments)

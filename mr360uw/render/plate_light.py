@@ -18,7 +18,8 @@ from mr360uw.ibl.lookup import environment_lookup
 from mr360uw.medium import Medium
 from mr360uw.medium.ambient import LightAtCamera, ambient_parts
 from mr360uw.medium.fit.level import DOUBTFUL, fit_level
-from mr360uw.medium.fit.open_water import visible_gain
+from mr360uw.medium.fit.open_water import beside_floor, visible_gain
+from mr360uw.medium.fit.profile import row_up
 from mr360uw.render.first_pass import ClipAnalysis
 from mr360uw.render.lights import lit_as_its_ground, may_be_clipped, restored
 from mr360uw.render.loaded import Loaded
@@ -49,6 +50,9 @@ def exposed_water(surroundings: Surroundings, light: FrameLight, time_s: float) 
     table, ratio = medium.lit_by_floor(floor).table, light.plate_ratio
     if ratio is None:
         ratio = surroundings.around_sun(time_s, medium, sun, fitted=light.gain is not None)
+        if ratio is not None:
+            of_floor = medium.far_light(row_up(len(ratio)), medium.gain, floor)[1]
+            ratio = beside_floor(ratio, of_floor).astype(np.float32)
     return replace(table, diffuse=diffuse.astype(np.float32), plate_ratio=ratio)
 
 

@@ -9,6 +9,7 @@ import pytest
 from mr360uw.errors import ParameterError
 from mr360uw.medium import Water, multiple_scattering
 from mr360uw.medium.closed_form import closed_form, path_integral, ray_in_water
+from mr360uw.medium.mode_kernel import sum_modes
 from tests.medium.tolerances import FLOAT64, SERIES
 from tests.reference import reference_rows
 
@@ -60,6 +61,19 @@ def test_path_integral_is_an_integral(rng: np.random.Generator) -> None:
         0.5 * s[:, None] * w * np.exp(-c[:, None] * t - k[:, None] * (y[:, None] - t * mu[:, None])), axis=1
     )
     np.testing.assert_allclose(path_integral(c, k, s, y, mu), integral, rtol=FLOAT64)
+
+
+def test_a_compiled_sum_of_path_integrals_is_the_sum(rng: np.random.Generator) -> None:
+    """Modes that fade downwards and upwards, some of which underflow by the depth and overflow by the way."""
+    rate, origin = np.array([[0.02, 0.3, 60.0, -0.3, -60.0, 0.5]]), np.array([0.0, 0.0, 0.0, 9.0, 9.0, 0.0])
+    extinction, mu, which = np.array([0.5]), np.array([-0.4, 0.0, 1.0]), rng.integers(0, 3, 60)
+    depth = rng.uniform(1.0, 8.0, 60)
+    way = np.minimum(ray_in_water(rng.uniform(0.0, 90.0, 60), depth, mu[which]), (9.0 - depth) / 0.4)
+    source, found = rng.uniform(0.1, 1.0, (3, 1, 6)), np.empty((60, 1))
+    sum_modes(source, rate, origin, extinction, mu, which, depth, way, found)
+    start, s, up = (depth[:, None] - origin), way[:, None], mu[which][:, None]
+    one_by_one = source[which, 0] * path_integral(extinction, rate, s, start, up)
+    np.testing.assert_allclose(found[:, 0], one_by_one.sum(axis=1), rtol=FLOAT64)
 
 
 def test_public_call() -> None:

@@ -104,7 +104,7 @@ def test_a_bright_floor_lights_the_water_alike_about_the_sun() -> None:
     uneven = np.exp(1.5 * np.cos(azimuth))
     around = np.broadcast_to((uneven / uneven.mean())[None, :, None], (ROWS, COLUMNS, 3))
     from_below = 0.12 * gain * medium.irradiance(5.0)
-    light, of_floor = medium.far_light(row_up(ROWS), gain, from_below)
+    light, of_floor = medium.far_light(row_up(ROWS), gain, medium.floor_seen(gain, from_below))
     truth = of_floor[:, None] + (1.0 - of_floor[:, None]) * around
     found = open_water(medium, gain, gain * light[:, None] * truth, above, around)
     # below: parts that the plate does not show, for the ground is near; the floor's own light is integrated from rows

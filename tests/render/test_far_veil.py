@@ -53,6 +53,25 @@ def test_a_body_far_away_is_the_plate_s_water(tmp_path: Path, whale: Path, backe
     assert np.abs(codes(flat) - codes(plate()))[whole].max() > 4.0 * OPEN_WATER_CODES  # one colour all round
 
 
+def test_solved_veils_vary_less_about_the_sun_over_a_bright_floor(tmp_path: Path, whale: Path) -> None:
+    """A floor's light is alike on all sides, also in scenes that take nothing from the plate's open water."""
+    water = {"type": "1C", "mode": "table", "sun_share": 0.6, "sun_elevation_deg": 45.0}
+    light = {"sun": "given", "sun_azimuth_deg": 0.0, "sun_elevation_deg": 45.0}
+    spread = []
+    for floor in (0.0, 1.0):
+        shown = np.where(directions(*SIZE)[..., 1:2] < -0.1, floor * np.array([0.03, 0.2, 0.22]), plate())
+        scene = scene_with(
+            tmp_path, whale, camera={"depth_m": 5.0}, receiver={"height_m": -2.0}, light=light, water=water
+        )
+        medium = uw.render_frame(shown.astype(np.float32), scene, backend="reference").medium
+        assert medium is not None
+        assert medium.plate_ratio is not None
+        below = medium.plate_ratio[round(0.55 * len(medium.plate_ratio))]  # 9 degrees below the horizon
+        spread.append(np.log(below.max(axis=0) / below.min(axis=0)))
+    assert np.all(spread[1] < 0.8 * spread[0])
+    assert np.all(spread[1] > 0.05)
+
+
 def test_both_renderers_veil_alike(tmp_path: Path, whale: Path) -> None:
     pictures = [far_body(tmp_path, whale, backend, 8.0, type="II", visibility_m=15.0) for backend in BACKENDS]
     (one, inside), (other, _) = pictures

@@ -6,7 +6,8 @@
 V: the plate; g, L: gain and solved light of open water from a direction, without bodies, with what a level floor sends
 up. Where the plate shows open water, r makes the veil of a long way the plate's own. Elsewhere log (r/R) is harmonic
 over the sphere: it takes its values from the water around, so that a diver's suit is not in it, and varies about the
-sun as R, the solved light does (`around_sun`). Where no open water is seen, r is R; without a sun R is 1.
+sun as R, the solved light does (`around_sun`); what a floor sends is alike on all sides. Where no open water is seen, r
+is R; without a sun R is 1.
 
 Open water is smooth over a few degrees and no redder than the rest of it. It is what is seen on long ways: not near the
 zenith, where the surface shows, nor where the ground is near. Where the plate goes on below the horizon as its water
@@ -92,6 +93,11 @@ def mean_log_ratio(looks: Sequence[OpenWater], gains: Sequence[ArrayLike], share
     return around + filled(total / np.maximum(known, _TINY)[..., None] - around, known / sum(shares))
 
 
+def beside_floor(around: Floats, of_floor: Floats) -> Array:
+    """Return R (ROWS, COLUMNS, 3) of light of which a share (ROWS, 3) is a floor's: that is alike in all azimuths."""
+    return np.asarray(of_floor[:, None] + (1.0 - of_floor[:, None]) * around)
+
+
 def visible_gain(medium: Medium, gain: ArrayLike) -> Array:
     """Return a gain (3,) raised so far that open water at the horizon has a third of a code in every channel."""
     return np.maximum(gain, DARKEST / np.maximum(medium.level_radiance(np.zeros(1))[0], _TINY))
@@ -110,23 +116,23 @@ def open_water(
     size = FINER * COLUMNS, FINER * ROWS
     shown = np.asarray(cv2.resize(np.maximum(shown, 0.0).astype(np.float64), size, interpolation=cv2.INTER_AREA))
     small = np.maximum(cv2.resize(shown, (COLUMNS, ROWS), interpolation=cv2.INTER_AREA), DARKEST)
-    up, used, from_below = row_up(ROWS), visible_gain(medium, gain), upwelling(small)
-    level, of_floor = (np.repeat(v[:, None], COLUMNS, axis=1) for v in medium.far_light(up, used, from_below))
-    light = used * level
-    # a floor lights the water alike in all azimuths
-    around = np.ones(light.shape) if around is None else of_floor + (1.0 - of_floor) * around
+    up, used = row_up(ROWS), visible_gain(medium, gain)
+    floor = medium.floor_seen(used, upwelling(small))
+    level, of_floor = medium.far_light(up, used, floor)
+    light = used * np.repeat(level[:, None], COLUMNS, axis=1)
+    around = np.ones(light.shape) if around is None else beside_floor(around, of_floor)
     dim = _DIM * float(luminance(light).max()) + DARKEST
     seen = _fade(_from_beyond(medium, up, above_ground_m), _FAR, _NEAR)[:, None]
     smooth = _small(_eroded(_fade(structure(shown, dim), _SMOOTH, _ROUGH)))
     weight = smooth * seen
     if above_ground_m is not None:
         down = up < 0.0
-        far = used * medium.far_veil(up[down], used, from_below)[:, None]
+        far = used * medium.far_veil(up[down], used, floor)[:, None]
         horizon = weight * np.exp(-((up / _HORIZON) ** 2))[:, None]
         usual = _usual(small, light * around, horizon)
         ground, water = (usual * one for one in (light[down] * around[down], far * around[down]))
         goes_on = _goes_on(small[down], ground, water) * np.minimum(horizon.sum(axis=0), 1.0)
-        either = goes_on + seen[down] * (1.0 - goes_on)  # as written, never below goes_on, however small that is
+        either = goes_on + seen[down] * (1.0 - goes_on)  # 1 - (1 - a)(1 - b) is rounded to 0 where both are tiny
         part = (goes_on / np.maximum(either, _TINY))[..., None]
         light[down] *= (far / np.maximum(light[down], _TINY)) ** part
         weight[down] = smooth[down] * either
