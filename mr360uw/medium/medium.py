@@ -83,6 +83,7 @@ class Medium:
         self.floor_m = floor_m if _SPECTRAL.get(mode) == "table" else None
         self.floor_radiance: Array = np.zeros(3)
         self.shade = 0.0
+        self._radiances: dict[tuple[str, bytes], Array] = {}
         self.illuminant = illuminant
         self.surface: SurfaceKind = surface
         self.sky: Sky = sky
@@ -195,14 +196,17 @@ class Medium:
 
         Cached, because every frame of a clip asks for the same directions.
         """
-        key = up.tobytes()
-        if key not in self._level:
-            self._level[key] = self.light.display(self.model.radiance(self.camera_depth_m, up))
-        return self._level[key]
+        key = "sky", up.tobytes()
+        if key not in self._radiances:
+            self._radiances[key] = self.light.display(self.model.radiance(self.camera_depth_m, up))
+        return self._radiances[key]
 
-    @functools.cached_property
-    def _level(self) -> dict[bytes, Array]:
-        return {}
+    def _floor_light(self, up: Array) -> Array:
+        """Return the radiance (r, 3) at the camera, by a floor of radiance 1, from directions (r,); cached too."""
+        key = "floor", up.tobytes()
+        if key not in self._radiances:
+            self._radiances[key] = self.under("floor").model.radiance(self.camera_depth_m, up) @ self.floor_lobes
+        return self._radiances[key]
 
     def scaled(self, gain: ArrayLike) -> Medium:
         """Return the same medium with veil and radiances multiplied by a gain, scalar or (3,), on top of its own."""
@@ -240,8 +244,9 @@ class Medium:
         if sky == self.sky or self.mode in CLOSED_FORMS or self.mode in _FORMATIONS:
             return self
         other = self._copy()
-        for of_this_sky in ("model", "light", "unit_table", "_level", "glow_level", "floor_lobes"):
+        for of_this_sky in ("model", "light", "unit_table", "glow_level", "floor_lobes"):
             other.__dict__.pop(of_this_sky, None)
+        other._radiances = {}
         other.sky, other.gain, other.floor_radiance = sky, np.ones(3), np.zeros(3)
         return other
 
@@ -252,8 +257,9 @@ class Medium:
         """
         length_m = self.length_m
         other = self._copy()
-        for of_this_depth in ("unit_table", "_level", "glow_level"):
+        for of_this_depth in ("unit_table", "glow_level"):
             other.__dict__.pop(of_this_depth, None)
+        other._radiances = {}
         other.camera_depth_m = float(camera_depth_m)
         other.length_m = length_m
         if unit_table is not None:
@@ -295,7 +301,7 @@ class Medium:
         if self.floor_m is None:
             return level, np.zeros(level.shape)
         floor = floor / np.maximum(gain, _TINY)
-        glow = floor * (self.under("floor").model.radiance(self.camera_depth_m, up) @ self.floor_lobes)
+        glow = floor * self._floor_light(up)
         light = level + glow - floor * level * self.glow_level
         return light, np.clip(glow / np.maximum(light, _TINY), 0.0, 1.0)
 
@@ -335,7 +341,7 @@ class Medium:
     @property
     def floor_level(self) -> Array:
         """Light (3,) along the horizon at the camera by a floor of radiance 1."""
-        return np.asarray(self.under("floor").model.radiance(self.camera_depth_m, np.zeros(1))[0] @ self.floor_lobes)
+        return self._floor_light(np.zeros(1))[0]
 
     @property
     def _most_glow(self) -> Array:
