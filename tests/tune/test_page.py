@@ -28,6 +28,11 @@ from tests.tune.browser import chromium, started
 TOKEN = "for-tests"
 WAIT_MS = 60_000  # for pictures on a busy machine; they take a fraction of a second
 WIDTH, HEIGHT = 256, 128
+_NOTE_CLICKS = """() => document.querySelector('.uw-stage').addEventListener('pointerdown', event => {
+  const box = document.querySelector('.uw-stage canvas').getBoundingClientRect();
+  window.clicked = [event.clientX - box.x, event.clientY - box.y, box.width, box.height];
+}, true)"""
+"""Notes where in the picture a click was, and its size then: bars above it come and go."""
 
 
 class Tab:
@@ -363,14 +368,15 @@ def test_a_click_says_what_is_black_and_how_far_away(page: Page) -> None:
     tab, before = page.first, page.first.picture()
     tab.page.get_by_label("What a click in the picture does").select_option("black")
     distance = tab.page.get_by_label("Distance of what is clicked, in metres")
+    distance.wait_for()
+    tab.page.evaluate(_NOTE_CLICKS)
     canvas = tab.page.locator(".uw-stage canvas")
-    box = canvas.bounding_box()
-    assert box is not None
-    x, y = round(box["x"] + 0.25 * box["width"]), round(box["y"] + 0.56 * box["height"])
     for given in ("a lot", "2.5"):
         distance.fill(given)
         distance.press("Enter")
-        tab.page.mouse.click(x, y)
+        box = canvas.bounding_box()
+        assert box is not None
+        canvas.click(position={"x": 0.25 * box["width"], "y": 0.56 * box["height"]})
         if given == "a lot":
             tab.page.get_by_text("distance - is no length (got 'a lot')").wait_for()
             assert tab.page.locator("button[title='undo: add match.patch']").count() == 0
@@ -380,10 +386,9 @@ def test_a_click_says_what_is_black_and_how_far_away(page: Page) -> None:
     tab.page.keyboard.press("Control+s")
     tab.until("() => document.querySelector('.unsaved').textContent === 'saved'")
     (patch,) = load_scene(page.scene).match.patch
-    size = min(box["width"] / WIDTH, box["height"] / HEIGHT)  # screen pixels of one of the picture
-    u = 0.5 * WIDTH + (x - box["x"] - 0.5 * box["width"]) / size
-    v = 0.5 * HEIGHT + (y - box["y"] - 0.5 * box["height"]) / size
-    there = 360.0 * (u / WIDTH - 0.5), 180.0 * (0.5 - v / HEIGHT)
+    x, y, width, height = tab.page.evaluate("() => window.clicked")
+    size = min(width / WIDTH, height / HEIGHT)  # screen pixels of one of the picture
+    there = 360.0 * (x - 0.5 * width) / size / WIDTH, 180.0 * (0.5 * height - y) / size / HEIGHT
     # a click is at a whole pixel of the screen
     np.testing.assert_allclose([patch.azimuth_deg, patch.elevation_deg], there, atol=360.0 / WIDTH / size)
     (frame,) = re.findall(r"frame (\d+)", tab.page.locator(".uw-time .uw-where").first.inner_text())
