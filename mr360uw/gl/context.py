@@ -100,8 +100,8 @@ def _compile(sources: dict[str, Source]) -> moderngl.Program:
         return gl_context().program(**texts)
     except moderngl.Error as error:
         log = str(error)
-        # the message names the stage that failed; line numbers belong to that stage's files
-        failed = next((stage for stage in sources if stage in log), None)
+        # compilers and linkers name the stage ("fragment_shader", "Fragment info"); lines belong to that stage's files
+        failed = next((stage for stage in sources if stage.partition("_")[0] in log.lower()), None)
         log = sources[failed].explain(log) if failed else log
         raise GlError(f"shader - does not compile - {log.strip()}") from error
 

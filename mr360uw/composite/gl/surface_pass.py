@@ -46,8 +46,8 @@ _PROBES = np.array(
 surface, the pixel is interior and is shaded from one sample."""
 _BLOCKS_AT_ONCE = 8192
 """Blocks in one draw call: bounds the size of targets."""
-_WORD_BITS = 22
-"""Bits of a word: single floats hold 24 exactly, and three words hold the most rays of a pixel."""
+_WORD_BITS = 24
+"""Bits of a word: as many as single floats hold exactly, six fours; three words hold the most rays of a pixel."""
 _SAMPLES_AT_ONCE = 32
 """Rays of a pixel in one draw call where every sample is kept: eight targets of four."""
 

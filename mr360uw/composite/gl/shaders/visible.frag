@@ -265,19 +265,19 @@ void find_seed(Four four, inout Group group, int first) {
     }
 }
 
-float of_group[WORDS];  // bits of its rays
-
-// adds rays to a group; until it is complete they are marked by a negative nearness
-void gather(inout Four four, inout Group group, int first) {
+// adds rays to a group and returns their bits; until it is complete they are marked by a negative nearness
+float gather(inout Four four, inout Group group, int first) {
+    float bits = 0.0;
     vec4 off = abs(products(over_distance(four, four.nearness), group.plane) / four.nearness - 1.0);
     for (int k = 0; k < 4; ++k) {
         bool near = four.piece[k] == group.piece && off[k] <= group.slack;
         bool taken = four.nearness[k] > 0.0 && (near || group.last || first + k == group.rank);
         group.rays += taken ? 1.0 : 0.0;
-        of_group[(first + k) / WORD_BITS] += taken ? float(1 << (first + k) % WORD_BITS) : 0.0;
+        bits += taken ? float(1 << (first + k) % WORD_BITS) : 0.0;
         group.sum += taken ? cells[first + k] : vec2(0.0);
         four.nearness[k] = taken ? -1.0 : four.nearness[k];
     }
+    return bits;
 }
 
 // the ray closest to the mean of a group represents it
@@ -293,7 +293,8 @@ void represent(inout Four four, inout Group group, int first) {
 }
 
 #define SEED(f) find_seed(fours[FOURS - 1 - f], group, 4 * (FOURS - 1 - f));
-#define GATHER(f) gather(fours[f], group, 4 * f);
+// a word holds the bits of whole fours: NVIDIA's compiler wants to know the word that it writes to
+#define GATHER(f) of_group[4 * f / WORD_BITS] += gather(fours[f], group, 4 * f);
 #define REPRESENT(f) represent(fours[f], group, 4 * f);
 
 const Group NONE = Group(0.0, 0.0, 0.0, -1, vec3(0.0), 0.0, false, 0.0, vec2(0.0), 1e9);
@@ -310,6 +311,7 @@ void write_result() {
         group.plane = plane_of(fetch_facet(int(group.triangle) - 1, piece, nearest));
         group.slack = tolerance(group.plane, group.nearness);
         group.last = number == GROUPS - 1;
+        float of_group[WORDS];
         for (int w = 0; w < WORDS; ++w) of_group[w] = 0.0;
         EACH_FOUR(GATHER)
         EACH_FOUR(REPRESENT)
