@@ -192,7 +192,7 @@ class SurfacePass:
         shader = self._targets.program("visible", {**every, **draw.defines, **defines})
         bind(shader, draw.textures)
         size = (shot.view.width, shot.view.height)
-        set_uniforms(shader, frame_size=size, layer=draw.layer, eye_m=shot.view.eye_m)
+        set_uniforms(shader, frame_size=size, layer=draw.layer, eye_m=shot.view.eye_m, ray_count=4 * fours)
         filled = np.concatenate([positions, positions[-1:].repeat(4 * fours - len(positions), axis=0)])
         write_uniform(shader, "turns", _turns(shot, filled))
         steps = shot.draw.samples**-0.5 * np.array([(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (0.0, 0.0)])

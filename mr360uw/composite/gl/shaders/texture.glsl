@@ -1,4 +1,5 @@
 // Trilinear lookup of texture maps, averaged along the longer axis of the pixel. Held to composite/mesh/texture.py.
+// Each function calls the one below it in a single place, in a loop: compilers write out every call, and would take seconds.
 // All levels of all maps lie in one store, row after row; a map is (address / 64, width, height, wrap).
 const int STORE_COLUMNS = 4096;
 const int STORE_ALIGNMENT = 64;
@@ -40,11 +41,16 @@ vec4 trilinear(sampler2D store, vec4 map, vec2 uv, float level) {
         address += size.x * size.y;
         size = max(size >> 1, ivec2(1));
     }
-    vec4 value = bilinear_level(store, address, size, wrap, uv);
     float fraction = fract(level);
-    if (fraction == 0.0) return value;
-    vec4 coarser = bilinear_level(store, address + size.x * size.y, max(size >> 1, ivec2(1)), wrap, uv);
-    return mix(value, coarser, fraction);
+    int levels = fraction == 0.0 ? 1 : 2;
+    vec4 value = vec4(0.0);
+    for (int k = 0; k < levels; ++k) {
+        vec4 found = bilinear_level(store, address, size, wrap, uv);
+        value = k == 0 ? found : mix(value, found, fraction);
+        address += size.x * size.y;
+        size = max(size >> 1, ivec2(1));
+    }
+    return value;
 }
 
 // du, dv: changes over half a pixel
@@ -57,11 +63,13 @@ vec4 texture_lookup(sampler2D store, vec4 map, vec2 uv, vec2 du, vec2 dv) {
     float level = min(log2(extent), floor(log2(max(map.y, map.z)) + 1e-4));
     float beyond = max(longer - extent, 0.0);
     int count = min(1 + int(ceil(2.0 * beyond / extent - 1e-4)), int(LARGEST_COUNT));
-    if (count == 1) return trilinear(store, map, uv, level);
-    float angle = 0.5 * atan(2.0 * q, p - r);
-    vec2 offset = beyond / longer * (cos(angle) * du + sin(angle) * dv);
+    vec2 offset = vec2(0.0);
+    if (count > 1) {
+        float angle = 0.5 * atan(2.0 * q, p - r);
+        offset = beyond / longer * (cos(angle) * du + sin(angle) * dv);
+    }
     vec4 sum = vec4(0.0);
     for (int k = 0; k < count; ++k)
-        sum += trilinear(store, map, uv + offset * (2.0 * float(k) / float(count - 1) - 1.0), level);
+        sum += trilinear(store, map, uv + offset * (2.0 * float(k) / float(max(count - 1, 1)) - 1.0), level);
     return sum / float(count);
 }

@@ -22,6 +22,7 @@ uniform sampler2D more_lists;
 #if defined(CUTOUTS)
 uniform sampler2D cutout_a, cutout_b, cutout_c, cutout_maps, cutouts;
 uniform vec4 beside[4];
+uniform int ray_count;  // is 4 * FOURS: compilers write out no loop whose end they do not know
 #endif
 #if defined(BLENDED)
 uniform int layer;
@@ -89,46 +90,62 @@ Four over_distance(Four four, vec4 nearness) { return four; }
 Four towards(Four four, Facet facet) { return four; }
 #endif
 
-#if defined(CUTOUTS) || defined(BLENDED)
-// per ray: whether a triangle is solid there, and one over the distance from which hits count
-vec4 solid[FOURS], limit[FOURS];
-#define FREE(f) solid[f] = vec4(1.0); limit[f] = vec4(1e30);
-#define HITS(f) before(solid[f] * hits(towards(fours[f], facet), facet), limit[f])
+#if defined(BLENDED)
+// one over the distance from which the hits of a ray count
+vec4 limit[FOURS];
+#define FREE(f) limit[f] = vec4(1e30);
 
 vec4 before(vec4 hit, vec4 nearer) {
     return hit * step(hit, nearer);
 }
 #else
-#define HITS(f) hits(towards(fours[f], facet), facet)
+#define before(hit, nearer) hit
 #endif
 
 #if defined(CUTOUTS)
+// bits of the rays for which a triangle is solid
+const int SOLID_BITS = 32;
+uint solid[(4 * FOURS + SOLID_BITS - 1) / SOLID_BITS];
+
+vec4 of_solid(vec4 hit, int four) {
+    uvec4 place = uvec4(0u, 1u, 2u, 3u) + uint(4 * four % SOLID_BITS);
+    return hit * vec4((uvec4(solid[4 * four / SOLID_BITS]) >> place) & 1u);
+}
+
+void set_solid(uint bits) {
+    for (int w = 0; w < solid.length(); ++w) solid[w] = bits;
+}
+
 void cut_out(int triangle, Facet facet) {
     ivec2 at = facet_place(triangle);
     vec4 a = texelFetch(cutout_a, at, 0), b = texelFetch(cutout_b, at, 0), c = texelFetch(cutout_c, at, 0);
     vec4 map = texelFetch(cutout_maps, list_place(max(int(c.z), 0)), 0);
     mat3x2 uv = mat3x2(a.xy, a.zw, b.xy);
     vec3 alphas = vec3(b.zw, c.x);
+#if defined(WHOLE)
+    float least = 0.5 * (1.0 + c.y);
+#else
+    float least = c.y;
+#endif
     Four near = towards(four_rays(longitude, latitude, vec4[4](beside[0], beside[1], beside[2], beside[3])), facet);
     vec2 here = uv * barycentric(facet, vec3(near.x.x, near.y.x, near.z.x)).xyz;
     vec2 du = uv_change(facet, uv, here, vec3(near.x.y, near.y.y, near.z.y));
     vec2 dv = uv_change(facet, uv, here, vec3(near.x.z, near.y.z, near.z.z));
-    for (int f = 0; f < FOURS; ++f) {
-        Four hit = towards(fours[f], facet);
-        for (int k = 0; k < 4; ++k) {
-            vec3 ray = vec3(hit.x[k], hit.y[k], hit.z[k]);
-            vec3 weights = clamp(barycentric(facet, ray).xyz, 0.0, 1.0);
-            float alpha = dot(weights, alphas);
-            if (c.z >= 0.0) alpha *= texture_lookup(cutouts, map, uv * weights, du, dv).r;
-#if defined(WHOLE)
-            solid[f][k] = alpha >= 0.5 * (1.0 + c.y) ? 1.0 : 0.0;
-#else
-            solid[f][k] = alpha >= c.y ? 1.0 : 0.0;
-#endif
-        }
+    set_solid(0u);
+    for (int k = 0; k < ray_count; ++k) {
+        vec4 turn = turns[k];
+        Four hit = towards(four_rays(longitude, latitude, vec4[4](turn, turn, turn, turn)), facet);
+        vec3 weights = clamp(barycentric(facet, vec3(hit.x.x, hit.y.x, hit.z.x)).xyz, 0.0, 1.0);
+        float alpha = dot(weights, alphas);
+        if (c.z >= 0.0) alpha *= texture_lookup(cutouts, map, uv * weights, du, dv).r;
+        if (alpha >= least) solid[k / SOLID_BITS] |= 1u << uint(k % SOLID_BITS);
     }
 }
+#else
+#define of_solid(hit, four) hit
 #endif
+
+#define HITS(f) before(of_solid(hits(towards(fours[f], facet), facet), f), limit[f])
 
 #define AIM(f) fours[f] = four_rays(longitude, latitude, vec4[4](turns[4*f], turns[4*f + 1], turns[4*f + 2], turns[4*f + 3]));
 #define MEET(f) keep(fours[f], HITS(f), float(triangle + 1), piece);
@@ -202,19 +219,52 @@ void intersect_members(int first, int end, int pixel, bool cut) {
 vec4 pass(Four four) {
     return min(four.triangle, 1.0) * four.nearness / (1.0 + 4e-6 + 1e-7 * four.nearness);
 }
-
-// peels blended surfaces one after the other, in front of the opaque one
-void peel(int first, int end, int pixel) {
-    vec4 wall[FOURS];
-    EACH_FOUR(BEGIN)
-    for (int k = 0; k <= layer; ++k) {
-        EACH_FOUR(BACK)
-        intersect_members(first, end, pixel, false);
-        EACH_FOUR(PASS)
-    }
-    EACH_FOUR(LEAVE)
-}
 #endif
+
+// Intersects the members of a block: opaque ones, then cut-outs, then blended surfaces in front of both, which are peeled
+// one after the other. In rounds with a single call, because compilers write every call out
+void intersect_all(int block, vec4 list, int pixel) {
+#if defined(CUTOUTS) || defined(BLENDED)
+    vec2 more = texelFetch(more_lists, list_place(block), 0).xy;
+#if defined(CUTOUTS)
+    set_solid(~0u);
+#endif
+#if defined(BLENDED)
+    EACH_FOUR(FREE)
+    vec4 wall[FOURS];
+    int rounds = 3 + layer;
+#else
+    const int rounds = 2;
+#endif
+    int round = 0;
+    do {
+        int first = int(round == 0 ? list.z : round == 1 ? list.w : more.x);
+        int end = int(round == 0 ? list.w : round == 1 ? more.x : more.y);
+#if defined(BLENDED)
+        if (round == 2) {
+#if defined(CUTOUTS)
+            set_solid(~0u);
+#endif
+            EACH_FOUR(BEGIN)
+        }
+        if (round >= 2) {
+            EACH_FOUR(BACK)
+        }
+#endif
+        intersect_members(first, end, pixel, round == 1);
+#if defined(BLENDED)
+        if (round >= 2) {
+            EACH_FOUR(PASS)
+        }
+#endif
+    } while (++round < rounds);
+#if defined(BLENDED)
+    EACH_FOUR(LEAVE)
+#endif
+#else
+    intersect_members(int(list.z), int(list.w), pixel, false);
+#endif
+}
 
 #if defined(WHOLE)
 // tolerances in front of a piece from which on a surface of the same piece is another part of it
@@ -293,7 +343,7 @@ void represent(inout Four four, inout Group group, int first) {
 }
 
 #define SEED(f) find_seed(fours[FOURS - 1 - f], group, 4 * (FOURS - 1 - f));
-// a word holds the bits of whole fours: NVIDIA's compiler wants to know the word that it writes to
+// a word holds the bits of whole fours, so that those which fill up the last four have a place too
 #define GATHER(f) of_group[4 * f / WORD_BITS] += gather(fours[f], group, 4 * f);
 #define REPRESENT(f) represent(fours[f], group, 4 * f);
 
@@ -343,19 +393,6 @@ void main() {
     longitude = vec2(cos(lon), sin(lon));
     latitude = vec2(cos(lat), sin(lat));
     EACH_FOUR(AIM)
-    int first = int(list.z), end = int(list.w);
-#if defined(CUTOUTS) || defined(BLENDED)
-    EACH_FOUR(FREE)
-    vec2 more = texelFetch(more_lists, list_place(block), 0).xy;
-#endif
-    intersect_members(first, end, pixel, false);
-#if defined(CUTOUTS)
-    intersect_members(end, int(more.x), pixel, true);
-    EACH_FOUR(FREE)
-    end = int(more.x);
-#endif
-#if defined(BLENDED)
-    peel(int(more.x), int(more.y), pixel);
-#endif
+    intersect_all(block, list, pixel);
     write_result();
 }
