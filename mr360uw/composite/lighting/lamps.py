@@ -74,8 +74,8 @@ class LampSource:
         axes = _axes(self._place - start)
         blockers, place, least = self._blockers, self._place, nearest_m(self._lamp)
 
-        def blocked(k: int, begin: Floats, of: NDArray[np.int64]) -> NDArray[np.bool_]:
-            to = place - begin + offsets[k] @ axes[of]
+        def blocked(k: NDArray[np.int64], begin: Floats, of: NDArray[np.int64]) -> NDArray[np.bool_]:
+            to = place - begin + np.einsum("rp,rpk->rk", offsets[k], axes[of])
             length = np.linalg.norm(to, axis=-1)
             return blockers.block(begin, to / np.maximum(length, 1e-9)[:, None], np.maximum(length - least, 0.0))
 

@@ -81,11 +81,6 @@ def footprint(point: Floats, steps: Floats, area: Floats) -> Footprint:
     return Footprint(point + ox * x + oy * y, np.stack([xx * x + xy * y, xy * x + yy * y], axis=1))
 
 
-def moved(middle: Floats, sides: Floats | None, place: Floats) -> Floats:
-    """Return the points (n, 3) at a place (2,) in [-0.5, 0.5]^2 of parallelograms; the middles if `sides` is None."""
-    return middle if sides is None else middle + place @ sides
-
-
 _GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
 _STRIDE = 0.24
 """Step through the lattice of places, as a fraction of its points: of those tried, the one of least error at straight
@@ -128,8 +123,9 @@ def _strided(count: int, stride: float) -> NDArray[np.int64]:
     return np.arange(count) * step % count
 
 
-Blocked = Callable[[int, Floats, NDArray[np.int64]], NDArray[np.bool_]]
-"""Whether rays in direction k from starts (m, 3), moved points of the given indices (m,), are blocked, (m,)."""
+Blocked = Callable[[NDArray[np.int64], Floats, NDArray[np.int64]], NDArray[np.bool_]]
+"""Whether rays (m,) in directions of given numbers from starts (m, 3), moved points of indices (m,), are blocked."""
+_RAYS_AT_ONCE = 1 << 16
 
 
 def visible_fraction(blocked: Blocked, start: Floats, sides: Floats | None, count: int) -> Floats:
@@ -138,28 +134,49 @@ def visible_fraction(blocked: Blocked, start: Floats, sides: Floats | None, coun
     start: (n, 3) middles, sides: (n, 2, 3) of the footprints; None for points. At the edge of a shadow,
     every direction is taken from `_ROUNDS` places.
     """
-    seen, every = np.zeros(len(start)), np.arange(len(start))
-    places = pixel_offsets(count)
-    for k, place in enumerate(places):
-        seen += ~blocked(k, moved(start, sides, place), every)
+    every, directions, places = np.arange(len(start)), np.arange(count), pixel_offsets(count)
     if sides is None:
-        return seen / count
-    partly = (seen > 0.0) & (seen < count)
+        return _free(blocked, start, np.zeros((len(start), 2, 3)), directions, places, every) / count
+    seen = _free(blocked, start, sides, directions, places, every)
+    partly = (seen > 0) & (seen < count)
     fine = np.flatnonzero(partly | _reaches_edge(blocked, start, sides, seen, count))
-    for turn in range(1, _ROUNDS):
-        for k, place in enumerate(np.remainder(places + 0.5 + turn * _TURN_OF_PLACES, 1.0) - 0.5):
-            seen[fine] += ~blocked(k, moved(start[fine], sides[fine], place), fine)
-    seen[fine] /= _ROUNDS
-    return seen / count
+    turns = np.arange(1, _ROUNDS)[:, None, None] * _TURN_OF_PLACES
+    more = (np.remainder(places + 0.5 + turns, 1.0) - 0.5).reshape(-1, 2)
+    fraction = seen / count
+    again = _free(blocked, start, sides, np.tile(directions, _ROUNDS - 1), more, fine)
+    fraction[fine] = (seen[fine] + again) / (_ROUNDS * count)
+    return np.asarray(fraction)
 
 
-def _reaches_edge(blocked: Blocked, start: Floats, sides: Floats, seen: Floats, count: int) -> NDArray[np.bool_]:
+def _free(
+    blocked: Blocked,
+    start: Floats,
+    sides: Floats,
+    directions: NDArray[np.int64],
+    places: Floats,
+    chosen: NDArray[np.int64],
+) -> NDArray[np.int64]:
+    """Return how many (m,) of the rays from chosen points (m,) are free, which start at places (r, 2) in [-0.5, 0.5]^2
+    of their footprints in directions of given numbers (r,).
+    """
+    seen = np.zeros(len(chosen), np.int64)
+    begin, across, at_once = start[chosen], sides[chosen], max(_RAYS_AT_ONCE // max(len(chosen), 1), 1)
+    for first in range(0, len(places), at_once):
+        some, number = places[first : first + at_once], directions[first : first + at_once]
+        begins = begin + np.einsum("rp,mpk->rmk", some, across)
+        free = ~blocked(np.repeat(number, len(chosen)), begins.reshape(-1, 3), np.tile(chosen, len(some)))
+        seen += free.reshape(len(some), -1).sum(axis=0)
+    return seen
+
+
+def _reaches_edge(
+    blocked: Blocked, start: Floats, sides: Floats, seen: NDArray[np.int64], count: int
+) -> NDArray[np.bool_]:
     """Return where (n,) all rays were free, or all blocked, but one from a corner of the footprint is not."""
     other = np.zeros(len(start), np.bool_)
-    same = np.flatnonzero((seen == 0.0) | (seen == count))
+    same = np.flatnonzero((seen == 0) | (seen == count))
     outermost = count - 1 - np.arange(4) * max(count // 13, 1)
-    for corner in np.array([(-0.5, -0.5), (0.5, -0.5), (-0.5, 0.5), (0.5, 0.5)]):
-        for k in outermost:
-            free = ~blocked(int(k), moved(start[same], sides[same], corner), same)
-            other[same] |= free != (seen[same] > 0.0)
+    corners = np.repeat([(-0.5, -0.5), (0.5, -0.5), (-0.5, 0.5), (0.5, 0.5)], len(outermost), axis=0)
+    free = _free(blocked, start, sides, np.tile(outermost, 4), corners, same)
+    other[same] = free != np.where(seen[same] > 0, len(corners), 0)
     return other
