@@ -46,7 +46,7 @@ from mr360uw.ibl.lighting import assemble  # noqa: E402
 from mr360uw.ibl.lookup import environment_lookup  # noqa: E402
 from mr360uw.ibl.plate import COARSE_COLUMNS  # noqa: E402
 from mr360uw.render.backends import make_backend  # noqa: E402
-from mr360uw.render.first_pass import ClipAnalysis, clip_facts  # noqa: E402
+from mr360uw.render.first_pass import ClipAnalysis, clip_analysis  # noqa: E402
 from mr360uw.render.loaded import load  # noqa: E402
 from mr360uw.render.plate_light import exposed_water, plate_light  # noqa: E402
 from mr360uw.render.plate_pattern import plate_pattern  # noqa: E402
@@ -159,14 +159,14 @@ class Clip:
         for column in COLUMNS:
             scene = scene_of(dive, self.folder, told=column != "found", gain=self.exposure)
             with uw.open_video(self.folder / "dive.mp4") as video:
-                facts = clip_facts(load(scene, video.width, video.height), video)
+                analysis = clip_analysis(load(scene, video.width, video.height), video)
                 plates = {frame.index: frame.image_linear for frame in video.frames(0, FRAMES) if frame.index in JUDGED}
             pairs, environments = [], []
             for index in JUDGED:
                 if column == "known":
                     image, environment = self._known(scene, index)
                 else:
-                    result = uw.render_frame(plates[index], scene, float(index / RATE), index=index, facts=facts)
+                    result = uw.render_frame(plates[index], scene, float(index / RATE), index=index, analysis=analysis)
                     image, environment = result.image_linear, result.environment
                 environments.append(environment)
                 pairs.append((image.astype(np.float64), self.frames[index]))

@@ -34,7 +34,7 @@ from mr360uw.cache import Cache  # noqa: E402
 from mr360uw.color import encode, ycbcr_from_rgb  # noqa: E402
 from mr360uw.composite.grading.settings import MatchSettings  # noqa: E402
 from mr360uw.render.backends import Backend, make_backend  # noqa: E402
-from mr360uw.render.first_pass import clip_facts  # noqa: E402
+from mr360uw.render.first_pass import clip_analysis  # noqa: E402
 from mr360uw.render.frame import Frame, composite_frame  # noqa: E402
 from mr360uw.render.loaded import load  # noqa: E402
 from mr360uw.sample.dive_settings import PRESETS, DiveSettings  # noqa: E402
@@ -159,11 +159,11 @@ def composite(scene: Scene, plate: Path, backend: Backend, match: MatchSettings)
     )
     video = uw.open_video(plate)
     loaded = load(scene, video.width, video.height)
-    facts = clip_facts(loaded, video)
-    for line in facts.look.found if facts.look is not None else ():
+    analysis = clip_analysis(loaded, video)
+    for line in analysis.look.found if analysis.look is not None else ():
         print(f"      {line}")
     kept = Cache()
-    return [composite_frame(loaded, facts, backend, frame, 0.0, kept=kept) for frame in video.frames()]
+    return [composite_frame(loaded, analysis, backend, frame, 0.0, kept=kept) for frame in video.frames()]
 
 
 def main() -> int:

@@ -381,11 +381,11 @@ def caustics(*waters: str) -> None:
             continue
         dive = ShadedDive.of(water, depth_m, up_deg, contrast)
         clip = [dive.frame(index) for index in FRAMES]
-        facts = {count: dive.facts(clip[:count]) for count in set(CLIPS.values()) - {1}}
+        analysis = {count: dive.analysis(clip[:count]) for count in set(CLIPS.values()) - {1}}
         for name, count in CLIPS.items():
             found = []
             for frame in clip[:: len(clip) // _SHOWN]:
-                shot = dive.shot(frame, facts.get(count) or dive.facts([frame]), known=name != "measured")
+                shot = dive.shot(frame, analysis.get(count) or dive.analysis([frame]), known=name != "measured")
                 both = shot, replace(shot, pattern=None)
                 found.append([remains(dive, frame, over(frame.image_linear, render(one))) for one in both])
             plate, left, texture = (

@@ -41,7 +41,7 @@ from mr360uw.medium.shafts.ray_segments import ray_ends_m, view_directions  # no
 from mr360uw.medium.small_angles import spread_of  # noqa: E402
 from mr360uw.preview.live import LivePreview  # noqa: E402
 from mr360uw.render.backends import make_backend  # noqa: E402
-from mr360uw.render.first_pass import clip_facts  # noqa: E402
+from mr360uw.render.first_pass import clip_analysis  # noqa: E402
 from mr360uw.render.frame import draw_frame, measure_plate  # noqa: E402
 from mr360uw.render.loaded import load  # noqa: E402
 from mr360uw.sample import DiveSettings, sample_dive  # noqa: E402
@@ -368,9 +368,9 @@ def layer_ms(scene: Scene) -> float:
     backend, spent, kept = make_backend("gl")[0], [], Cache()
     with open_plate(scene) as video:
         loaded = load(scene, video.width, video.height)
-        facts = clip_facts(loaded, video, None)
+        analysis = clip_analysis(loaded, video, None)
         for frame in video.frames(0, _FRAMES):
-            measured = measure_plate(loaded, facts, frame, kept)
+            measured = measure_plate(loaded, analysis, frame, kept)
             start = time.process_time()
             draw_frame(loaded, backend, measured, 0.0, kept)
             spent.append(1e3 * (time.process_time() - start))

@@ -164,7 +164,7 @@ def name_of(function: Callable[..., Any]) -> str:
     return name.lstrip("_")
 
 
-class Room:
+class Scratch:
     """Memory for arrays that are made anew in every frame: to take it from the system costs as much as to fill it."""
 
     def __init__(self) -> None:

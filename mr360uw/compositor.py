@@ -15,11 +15,11 @@ from mr360uw.cache import Cache
 from mr360uw.errors import ParameterError
 from mr360uw.progress import Progress
 from mr360uw.render.backends import make_backend
-from mr360uw.render.first_pass import ClipAnalysis, clip_facts
+from mr360uw.render.first_pass import ClipAnalysis, clip_analysis
 from mr360uw.render.frame import composite_frame
 from mr360uw.render.loaded import Loaded, load
 from mr360uw.render.plate_light import FrameLight
-from mr360uw.render.stages.light_stage import LightKnots
+from mr360uw.render.stages.light_stage import LightSamples
 from mr360uw.scene.inputs import open_plate
 from mr360uw.scene.model import Scene
 from mr360uw.shapes import file_path, instance, real
@@ -101,8 +101,8 @@ class Compositor:
         with self._one_thread:
             shown = plate if isinstance(plate, VideoFrame) else VideoFrame.of_linear(_checked(plate), index, time_s)
             loaded = self._loaded_for(*shown.shape, clip=self._analysis is not None)
-            facts = ClipAnalysis.of_frame(sun, gain) if self._analysis is None else self._analysis
-            return self._finished(loaded, facts, shown, shutter_s)
+            analysis = ClipAnalysis.of_frame(sun, gain) if self._analysis is None else self._analysis
+            return self._finished(loaded, analysis, shown, shutter_s)
 
     def frames(
         self, start: int = 0, stop: int | None = None, *, video: VideoReader | None = None
@@ -123,11 +123,11 @@ class Compositor:
         start, stop, _ = slice(start, stop).indices(video.frame_count or 1)
         with self._one_thread:
             loaded = self._loaded_for(video.height, video.width, clip=not video.is_still)
-            facts = clip_facts(loaded, video) if self._analysis is None else self._analysis
+            analysis = clip_analysis(loaded, video) if self._analysis is None else self._analysis
         exposure_s = self._scene.draw.exposure_s(video.frame_rate)
-        for plate, light in LightKnots(loaded, facts, video, video.frames).frames(start, stop):
+        for plate, light in LightSamples(loaded, analysis, video, video.frames).frames(start, stop):
             with self._one_thread:
-                result = self._finished(loaded, facts, plate, exposure_s, light)
+                result = self._finished(loaded, analysis, plate, exposure_s, light)
             yield result
 
     def _loaded_for(self, height: int, width: int, *, clip: bool) -> Loaded:
@@ -139,12 +139,17 @@ class Compositor:
         return self._loaded
 
     def _finished(
-        self, loaded: Loaded, facts: ClipAnalysis, plate: VideoFrame, shutter_s: float, light: FrameLight | None = None
+        self,
+        loaded: Loaded,
+        analysis: ClipAnalysis,
+        plate: VideoFrame,
+        shutter_s: float,
+        light: FrameLight | None = None,
     ) -> FrameResult:
         """Return the composite of a plate. light: None measures it in the plate."""
         if self._kept is None:
             raise ParameterError("compositor - is closed - make another")
-        frame = composite_frame(loaded, facts, self._renderer, plate, shutter_s, kept=self._kept, light=light)
+        frame = composite_frame(loaded, analysis, self._renderer, plate, shutter_s, kept=self._kept, light=light)
         return FrameResult(
             image_linear=frame.picture.image_linear,
             layer=frame.layer,
@@ -174,13 +179,13 @@ def render_frame(
     index: int = 0,
     sun: Sun | Literal["scene"] | None = "scene",
     gain: Floats | None = None,
-    facts: ClipAnalysis | None = None,
+    analysis: ClipAnalysis | None = None,
     shutter_s: float = 0.0,
 ) -> FrameResult:
-    """Return the composite of one plate; see `Compositor`, which is faster for more than one. facts: its analysis."""
+    """Return the composite of one plate; see `Compositor`, faster for more than one. analysis: of its clip."""
     if not isinstance(plate, VideoFrame):
         plate = _checked(plate)
-    with Compositor(scene, backend=backend, analysis=facts) as compositor:
+    with Compositor(scene, backend=backend, analysis=analysis) as compositor:
         return compositor.frame(plate, time_s, index=index, sun=sun, gain=gain, shutter_s=shutter_s)
 
 
@@ -191,7 +196,7 @@ def analyse_clip(
     frames: tuple[int, int] | None = None,
     progress: Progress | None = None,
 ) -> ClipAnalysis:
-    """Return what a composite measures over a clip before its first frame: sun, gain of the veil, calm ground, look.
+    """Return what a composite measures over a clip before its first frame: sun, gain of the veil, background, look.
 
     video: the clip, instead of the plate that the scene names. frames: [a, b), with ten seconds on either side; by
     default all. progress: is called with (done, total) frames. Raises `VideoError` or `SceneError`.
@@ -199,7 +204,7 @@ def analyse_clip(
     plate = scene.plate.model_copy(update={"path": file_path("video", video)})
     with open_plate(scene.model_copy(update={"plate": plate})) as reader:
         loaded = load(scene, reader.width, reader.height, clip=not reader.is_still)
-        return clip_facts(loaded, reader, progress, frames=frames)
+        return clip_analysis(loaded, reader, progress, frames=frames)
 
 
 def _checked(plate: Floats) -> Floats:

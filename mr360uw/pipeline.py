@@ -28,7 +28,7 @@ from mr360uw.runs.forecast import Forecast
 from mr360uw.runs.frame_range import RunTimes
 from mr360uw.runs.outputs import Output
 from mr360uw.runs.run_report import Report
-from mr360uw.runs.stored_facts import measured_facts
+from mr360uw.runs.stored_analysis import measured_analysis
 from mr360uw.runs.work_folder import Part, WorkFolder, joined_bounds, work_folder
 from mr360uw.scene.inputs import open_plate, projection_notes
 from mr360uw.scene.model import Scene
@@ -84,8 +84,8 @@ def composite_video(
             kept = total - sum(stop - start for start, stop in left)
             if left:
                 seen = DecodedOnce(video, measured_range(video, *span) if crew is None else (0, 0))
-                facts = _find_facts(loaded, seen, span, work, times, progress, tell, fresh=fresh)
-                doubts = facts.notes
+                analysis = _find_analysis(loaded, seen, span, work, times, progress, tell, fresh=fresh)
+                doubts = analysis.notes
                 done = _counted(progress, tell and Forecast(tell, output, work, total - kept), kept, total)
                 job = Job(scene, output.path, work, "auto" if mixed else renderer.name, output.layers, left)
                 opened = OpenJob(job, seen if seen.are_all else video, loaded, renderer)
@@ -141,7 +141,7 @@ def _noting_what_is_finished(output: Output, work: WorkFolder) -> Iterator[None]
         raise
 
 
-def _find_facts(
+def _find_analysis(
     loaded: Loaded,
     video: VideoReader,
     span: Part,
@@ -152,19 +152,19 @@ def _find_facts(
     *,
     fresh: bool,
 ) -> ClipAnalysis:
-    """Return the facts of the clip's frames `span`, measured into the work folder unless they are there; tell of the
+    """Return the analysis of the clip's frames `span`, measured into the work folder unless they are there; tell of the
     sun that they show.
     """
-    facts = work.facts()
-    if facts is None:
+    analysis = work.analysis()
+    if analysis is None:
         since = time.perf_counter()
-        facts = measured_facts(loaded, video, span, work.keys, progress, fresh=fresh)
-        work.keep_facts(facts)
+        analysis = measured_analysis(loaded, video, span, work.keys, progress, fresh=fresh)
+        work.keep_analysis(analysis)
         times.add("first pass", since)
     if tell is not None:
-        for line in scene_sun_lines(loaded, video, facts, span[0]):
+        for line in scene_sun_lines(loaded, video, analysis, span[0]):
             tell(line)
-    return facts
+    return analysis
 
 
 def _alone(opened: OpenJob, done: Callable[[], None]) -> RunTimes:

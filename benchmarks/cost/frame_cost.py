@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from mr360uw.render.backends import Backend, make_backend
-from mr360uw.render.first_pass import clip_facts
+from mr360uw.render.first_pass import clip_analysis
 from mr360uw.render.frame import Frame, composite_frame
 from mr360uw.render.loaded import load
 from mr360uw.render.stages.stage_graph import StageGraph
@@ -54,7 +54,7 @@ class Subject:
         self.backend = make_backend()[0] if backend is None else backend
         with open_plate(scene) as video:
             self._loaded = load(scene, video.width, video.height)
-            self._facts = clip_facts(self._loaded, video)
+            self._analysis = clip_analysis(self._loaded, video)
             self._plates = list(video.frames(0, video.frame_count))
         self._kept, self._next = StageGraph(), 0
         self.samples: list[dict[str, float]] = []
@@ -68,7 +68,7 @@ class Subject:
         self._next += 1
         self._kept.forget_times()
         began = time.process_time()
-        self.last = composite_frame(self._loaded, self._facts, self.backend, plate, 0.0, kept=self._kept)
+        self.last = composite_frame(self._loaded, self._analysis, self.backend, plate, 0.0, kept=self._kept)
         took = time.process_time() - began
         spent = dict.fromkeys(PARTS, 0.0)
         for name, run in self._kept.runs.items():

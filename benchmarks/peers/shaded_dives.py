@@ -24,7 +24,7 @@ from mr360uw.ibl.plate import COARSE_COLUMNS, COARSE_ROWS
 from mr360uw.render.first_pass import ClipAnalysis
 from mr360uw.render.loaded import Loaded, load
 from mr360uw.render.plate_light import exposed_water, plate_light
-from mr360uw.render.plate_pattern import calm_series, plate_pattern
+from mr360uw.render.plate_pattern import background_series, plate_pattern
 from mr360uw.render.shots import shot_at
 from mr360uw.sample.dive_settings import DiveSettings
 from mr360uw.sample.rendered_dive import SENSOR, Dive
@@ -41,7 +41,7 @@ RADIUS_M, CENTER = 0.6, np.array([0.5, 0.8 - ABOVE_M, -1.3])
 """Ball, 0.2 m above the sand."""
 RATE_HZ = 24.0
 FRAMES = range(0, 240, 4)
-"""Frames of a clip of ten seconds that its calm state is taken from."""
+"""Frames of a clip of ten seconds that it without caustics is taken from."""
 CLIPS = {"clip": 60, "cut": 12, "still": 1, "measured": 60}
 """How many of them there are."""
 _FLOOR = 0.18
@@ -118,21 +118,21 @@ class ShadedDive:
         frame = VideoFrame.of_linear(np.zeros((1, 1, 3), np.float32), index, time_s)
         return replace(frame, spec=ColorSpec(), rgb=np.clip(np.floor(code + dither), 0, 255).astype(np.uint8))
 
-    def facts(self, frames: Sequence[VideoFrame]) -> ClipAnalysis:
-        """Return what a clip of some frames shows of the calm ground; of one frame, what that shows alone."""
-        series = calm_series(self.loaded)
+    def analysis(self, frames: Sequence[VideoFrame]) -> ClipAnalysis:
+        """Return the background of a clip of some frames; of one frame, what that shows alone."""
+        series = background_series(self.loaded)
         assert series is not None
         for frame in frames:
             series.add(frame)
-        return ClipAnalysis(calm=series.result())
+        return ClipAnalysis(background=series.result())
 
-    def shot(self, frame: VideoFrame, facts: ClipAnalysis, *, known: bool) -> Shot:
+    def shot(self, frame: VideoFrame, analysis: ClipAnalysis, *, known: bool) -> Shot:
         """Return the shot of a frame; known: lit by the dive's own ambient light and sun, not as measured in it."""
-        light = plate_light(self.loaded, facts, frame)
+        light = plate_light(self.loaded, analysis, frame)
         water = exposed_water(self.loaded.surroundings, light, frame.time_s)
         if known:
             light = replace(light, environment=self._light())
-        pattern = plate_pattern(self.loaded, facts.calm, frame)
+        pattern = plate_pattern(self.loaded, analysis.background, frame)
         return shot_at(self.loaded, light, pattern, water, frame.time_s, frame.index, Cache())
 
     def _light(self) -> Environment:
@@ -222,9 +222,9 @@ def remains(dive: ShadedDive, frame: VideoFrame, composite: Floats) -> Remains:
     umbra = np.zeros(composite.shape[:2], bool)
     umbra[WIDTH // 4 :] = dive.shade.disc == 0.0
     truth, plain = dive.picture(frame.index, dive.shade), dive.picture(frame.index)
-    calm = dive.picture(frame.index, FloorShade(ones, 0.0 * ones, ones))
+    background = dive.picture(frame.index, FloorShade(ones, 0.0 * ones, ones))
     wrong, pattern, noise = (
-        luminance(a) / luminance(b) for a, b in ((composite, truth), (plain, calm), (frame.image_linear, plain))
+        luminance(a) / luminance(b) for a, b in ((composite, truth), (plain, background), (frame.image_linear, plain))
     )
     contrasts = [_detail(a, umbra).std() / a[umbra].mean() for a in (wrong, pattern, noise)]
     left = np.sqrt(max(contrasts[0] ** 2 - contrasts[2] ** 2, 0.0)) / contrasts[1]

@@ -11,7 +11,7 @@ from typing import Any
 from mr360uw.cache import Cache
 from mr360uw.composite.over import over
 from mr360uw.render.backends import Backend
-from mr360uw.render.first_pass import clip_facts
+from mr360uw.render.first_pass import clip_analysis
 from mr360uw.render.frame import Frame, composite_frame
 from mr360uw.render.loaded import load
 from mr360uw.sample import sample_dive
@@ -62,10 +62,10 @@ class Workbench:
         scene = self.scene(knobs)
         with open_plate(scene) as video:
             loaded = load(scene, video.width, video.height)
-            facts = clip_facts(loaded, video)
+            analysis = clip_analysis(loaded, video)
             plates = list(video.frames(0, self.runs + 1))
         kept = Cache()
-        return lambda k: composite_frame(loaded, facts, self.backend, plates[k], 0.0, kept=kept)
+        return lambda k: composite_frame(loaded, analysis, self.backend, plates[k], 0.0, kept=kept)
 
 
 def picture_of(frame: Frame) -> Floats:

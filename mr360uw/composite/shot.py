@@ -67,8 +67,8 @@ class Receiver:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class KnotLight:
-    """Light and water of a knot in time, for which the ambient light of bodies is solved.
+class LightSample:
+    """Light and water at a sample in time, for which the ambient light of bodies is solved.
 
     environment: in world axes. lights: its sun, if any. position: (3,) [m] of the camera in the world.
     """
@@ -80,11 +80,11 @@ class KnotLight:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class BetweenKnots:
-    """Place of an instant between two knots in time. share: 0 at the knot before, 1 at that after."""
+class BetweenSamples:
+    """Place of an instant between two samples in time. share: 0 at the sample before, 1 at that after."""
 
-    before: KnotLight
-    after: KnotLight
+    before: LightSample
+    after: LightSample
     share: float
 
 
@@ -95,8 +95,8 @@ class Shot(Parts):
     environment: ambient light, in world axes. lights: sun (at most one) and lamps, in world axes. medium: None without
     water. caustics: of the sun. holdout: (H, W) in [0, 1], the fraction of the plate in front of the objects.
     holdout_distance_m: (H, W) [m]; objects beyond it are hidden. pattern: the plate's own caustics on the
-    receiver, which shadows remove; None leaves them. knots: the light of two knots in time about this instant, between
-    which the solved ambient light of bodies that stand still is interpolated; None solves it for this instant.
+    receiver, which shadows remove; None leaves them. between: the light of two samples in time about this instant,
+    between which the solved ambient light of bodies that stand still is interpolated; None solves it for this instant.
     """
 
     view: View
@@ -110,7 +110,7 @@ class Shot(Parts):
     holdout_distance_m: Floats | None = None
     pattern: PlatePattern | None = None
     draw: DrawSettings = field(default_factory=DrawSettings)
-    knots: BetweenKnots | None = None
+    between: BetweenSamples | None = None
 
     @property
     def casters(self) -> tuple[PlacedObject, ...]:

@@ -28,7 +28,7 @@ class Job:
 
     backend: name of the renderer; all processes use the same, so that frames do not flicker, except with "auto".
     layers: pattern of layered EXR files, or None. parts: of the clip, each complete on its own. All paths absolute; the
-    clip's facts lie in the work folder.
+    clip's analysis lie in the work folder.
     """
 
     scene: Scene
@@ -64,15 +64,15 @@ class OpenJob:
         size = self.video.width, self.video.height
         self.loaded = load(job.scene, *size, clip=not self.video.is_still) if loaded is None else loaded
         self.backend = _backend_of_worker(job.backend, job.scene.plate.eyes) if backend is None else backend
-        self._facts = job.work.facts()
+        self._analysis = job.work.analysis()
 
     def render(self, start: int, stop: int, done: Callable[[], None] = lambda: None) -> RunTimes:
         """Render frames [start, stop), which are parts of the job; return what it took."""
         job, times = self.job, RunTimes()
-        assert self._facts is not None, "the facts are stored before a job is opened"
+        assert self._analysis is not None, "the analysis is stored before a job is opened"
         # a folder beside the output is on the disk of layers that are beside it too
         scratch = job.work.path if job.layers is not None and job.layers.parent == job.out.parent else None
-        renderer = RangeRenderer(self.loaded, self._facts, self.backend, self.video, job.layers, scratch, times)
+        renderer = RangeRenderer(self.loaded, self._analysis, self.backend, self.video, job.layers, scratch, times)
         renderer.render(start, stop, self._sink(start), done)
         return times
 

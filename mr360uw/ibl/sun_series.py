@@ -13,7 +13,7 @@ from typing import Generic, TypeVar
 import numpy as np
 
 from mr360uw.ibl.sun.track import PICTURE_CHANGE, SunMeasurement
-from mr360uw.types.time_knots import knot_step
+from mr360uw.types.light_samples import sample_step
 
 Frame = TypeVar("Frame")
 
@@ -25,7 +25,7 @@ class SunSeries(Generic[Frame]):
     """Measurements of successive frames. measure: measures one."""
 
     def __init__(self, measure: Callable[[Frame], SunMeasurement], frame_rate: float) -> None:
-        self._measure, self._step = measure, knot_step(frame_rate)
+        self._measure, self._step = measure, sample_step(frame_rate)
         self._found: list[SunMeasurement] = []
         self._waiting: list[tuple[Frame, float]] = []
 

@@ -19,8 +19,8 @@ from mr360uw.preview.frames_kept import KeptFrames, PlateClip
 from mr360uw.progress import Progress
 from mr360uw.reading.kept_reads import KeptReads, stamp
 from mr360uw.render.backends import make_backend
-from mr360uw.render.calm import CalmPlate
-from mr360uw.render.first_pass import ClipAnalysis, clip_facts
+from mr360uw.render.background import Background
+from mr360uw.render.first_pass import ClipAnalysis, clip_analysis
 from mr360uw.render.frame import Frame, composite_frame
 from mr360uw.render.loaded import Loaded, Loader
 from mr360uw.render.plate_pattern import waves_of
@@ -33,17 +33,17 @@ from mr360uw.video.read.scaled import scaled
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Measured:
-    """Facts, and what they depend on, of the scene and of its draft. of_ground: what the calm ground depends on
-    besides.
+    """An analysis, and what it depends on, of the scene and of its draft. of_ground: what the background
+    depends on besides.
     """
 
     of_clip: tuple[Hashable, Hashable]
     of_ground: tuple[Hashable, Hashable]
-    facts: ClipAnalysis
+    analysis: ClipAnalysis
 
 
-class KeptFacts:
-    """The facts of the clip that was measured last. kept: holds its calm ground at the size of frames."""
+class KeptAnalysis:
+    """The analysis of the clip that was measured last. kept: holds its background at the size of frames."""
 
     def __init__(self, kept: Cache) -> None:
         self._kept = kept
@@ -52,30 +52,30 @@ class KeptFacts:
     def measure(
         self, loaded: Loaded, plate: VideoReader, video: VideoReader, progress: Progress | None
     ) -> ClipAnalysis:
-        """Return the facts of a scene's clip, and keep them. plate: at full size. video: at the scene's own."""
-        facts = clip_facts(loaded, video, progress)
-        self.take(loaded, plate, facts)
-        return facts
+        """Return the analysis of a scene's clip, and keep it. plate: at full size. video: at the scene's own."""
+        analysis = clip_analysis(loaded, video, progress)
+        self.take(loaded, plate, analysis)
+        return analysis
 
-    def take(self, loaded: Loaded, plate: VideoReader, facts: ClipAnalysis) -> None:
-        """Keep facts that were measured of a scene's clip. plate: at full size."""
+    def take(self, loaded: Loaded, plate: VideoReader, analysis: ClipAnalysis) -> None:
+        """Keep an analysis that was measured of a scene's clip. plate: at full size."""
         draft = replace(loaded, scene=coarse(loaded.scene))
         of_clip = _of_clip(plate, loaded), _of_clip(plate, draft)
-        self._last = _Measured(of_clip, (_of_ground(loaded), _of_ground(draft)), facts)
+        self._last = _Measured(of_clip, (_of_ground(loaded), _of_ground(draft)), analysis)
 
     def holds(self, loaded: Loaded, plate: VideoReader) -> bool:
-        """Return whether there are facts of a scene's clip."""
+        """Return whether there is an analysis of a scene's clip."""
         return self._last is not None and _of_clip(plate, loaded) in self._last.of_clip
 
     def of(self, loaded: Loaded, plate: VideoReader) -> ClipAnalysis:
-        """Return the facts for frames of a scene; those that are not known for its settings are left out."""
+        """Return the analysis for frames of a scene; what is not known for its settings are left out."""
         last = self._last
         if last is None or not self.holds(loaded, plate):
             return ClipAnalysis()
-        calm = last.facts.calm
-        if calm is None or _of_ground(loaded) not in last.of_ground:
-            return replace(last.facts, calm=None)
-        return replace(last.facts, calm=self._kept.of(_reduced, calm, loaded.width, loaded.height))
+        background = last.analysis.background
+        if background is None or _of_ground(loaded) not in last.of_ground:
+            return replace(last.analysis, background=None)
+        return replace(last.analysis, background=self._kept.of(_reduced, background, loaded.width, loaded.height))
 
 
 def _of_clip(plate: VideoReader, loaded: Loaded) -> Hashable:
@@ -90,13 +90,13 @@ def _of_ground(loaded: Loaded) -> Hashable:
     return loaded.plan.pattern.runs, loaded.scene.receiver, waves_of(loaded.scene)
 
 
-def _reduced(calm: CalmPlate, width: int, height: int) -> CalmPlate:
+def _reduced(background: Background, width: int, height: int) -> Background:
     import cv2
 
-    if calm.mean is None or calm.mean.shape[:2] == (height, width):
-        return calm
-    small: Any = cv2.resize(calm.mean.astype(np.float32), (width, height), interpolation=cv2.INTER_AREA)
-    return replace(calm, mean=small.astype(np.float16))
+    if background.mean is None or background.mean.shape[:2] == (height, width):
+        return background
+    small: Any = cv2.resize(background.mean.astype(np.float32), (width, height), interpolation=cv2.INTER_AREA)
+    return replace(background, mean=small.astype(np.float16))
 
 
 _KINDS = 2
@@ -115,7 +115,7 @@ class LivePreview:
     def __init__(self, backend: str = "auto") -> None:
         self.backend, self.note = make_backend(backend, Cache(_KINDS))
         self._reads = KeptReads(_KINDS)
-        self._plates, self._facts = KeptFrames(self._reads), KeptFacts(self._reads.cache)
+        self._plates, self._analysis = KeptFrames(self._reads), KeptAnalysis(self._reads.cache)
 
     @property
     def made(self) -> Counter[str]:
@@ -125,7 +125,7 @@ class LivePreview:
     def frame(self, scene: Scene, index: int, width: int | None = None) -> Frame:
         """Return a composited frame of a scene, `width` pixels wide; None takes the scene's own width.
 
-        The sun, the veil's gain and the calm ground are those that `measure` found; without it, they are measured in
+        The sun, the veil's gain and the background are those that `measure` found; without it, they are measured in
         this frame alone: a composite of the clip takes them from all of it, so that its light may differ a little.
         Patches of known colour are read in the frames that show them.
         There is no motion blur. Raises what `composite_video` raises.
@@ -133,12 +133,12 @@ class LivePreview:
         with one_blas_thread():
             loaded = self.loaded(scene, width)
             loaded.check(index + 1)
-            plate, facts = self.plate(scene, index, width), self._facts.of(loaded, self._plates.reader(scene))
-            if facts.look is None and loaded.plan.match.runs and loaded.scene.match.open_keys:
+            plate, analysis = self.plate(scene, index, width), self._analysis.of(loaded, self._plates.reader(scene))
+            if analysis.look is None and loaded.plan.match.runs and loaded.scene.match.open_keys:
                 places = patch_frames(scene.match, self._plates.reader(scene))
                 shown = [self.plate(scene, place, width) for place in places]
-                facts = replace(facts, look=look_in_frame(loaded, plate, shown, self._reads.cache))
-            return composite_frame(loaded, facts, self.backend, plate, 0.0, kept=self._reads.cache)
+                analysis = replace(analysis, look=look_in_frame(loaded, plate, shown, self._reads.cache))
+            return composite_frame(loaded, analysis, self.backend, plate, 0.0, kept=self._reads.cache)
 
     coarse = staticmethod(coarse)
 
@@ -151,15 +151,15 @@ class LivePreview:
         `[sea]`. Raises `VideoError`, `SceneError`.
         """
         reader, loaded = self._plates.reader(scene), self.loaded(scene)
-        return self._facts.measure(loaded, reader, scaled(reader, scene.plate.scale), progress)
+        return self._analysis.measure(loaded, reader, scaled(reader, scene.plate.scale), progress)
 
-    def take_facts(self, scene: Scene, facts: ClipAnalysis) -> None:
-        """Use facts of a scene's clip that another preview's `measure` returned."""
-        self._facts.take(self.loaded(scene), self._plates.reader(scene), facts)
+    def take_analysis(self, scene: Scene, analysis: ClipAnalysis) -> None:
+        """Use an analysis of a scene's clip that another preview's `measure` returned."""
+        self._analysis.take(self.loaded(scene), self._plates.reader(scene), analysis)
 
     def has_measured(self, scene: Scene, width: int | None = None) -> bool:
-        """Return whether frames of a scene use facts of its clip that were measured."""
-        return self._facts.holds(self.loaded(scene, width), self._plates.reader(scene))
+        """Return whether frames of a scene use an analysis of its clip that was measured."""
+        return self._analysis.holds(self.loaded(scene, width), self._plates.reader(scene))
 
     def loaded(self, scene: Scene, width: int | None = None) -> Loaded:
         """Return a scene resolved for frames of a width, as `frame` draws it; raises what loading raises."""

@@ -63,8 +63,8 @@ def analyse_video(
     with open_plate(scene) as video:
         over_time = surroundings_over_time(scene)
         smooth = scene.light.smooth and not video.is_still
-        facts = first_pass(over_time(0.0), video, progress, sun=smooth, gain=False, keyed=over_time)
-        track = facts.sun if isinstance(facts.sun, SunTrack) else None
+        analysis = first_pass(over_time(0.0), video, progress, sun=smooth, gain=False, keyed=over_time)
+        track = analysis.sun if isinstance(analysis.sun, SunTrack) else None
         shown = np.unique(np.linspace(0, (video.frame_count or 1) - 1, _PICTURES).astype(int))
         snapshots, maps = [], []
         for index in shown:
@@ -74,7 +74,7 @@ def analyse_video(
             words = reader.sun_found(frame.pixels, frame.time_s).words
             snapshots.append(ReportFrame(frame.time_s, _small(frame), light, words))
             if tell is not None and index == 0:
-                for line in sun_lines(reader, frame, facts):
+                for line in sun_lines(reader, frame, analysis):
                     tell(line)
             maps.append(plate_map(frame.pixels, reader.world_from_camera(frame.time_s)[1]))
     up = reader.world_from_camera(snapshots[0].time_s)[1]

@@ -23,12 +23,12 @@ from mr360uw.medium.fit.level import DOUBTFUL, fit_level
 from mr360uw.medium.fit.open_water import OpenWater
 from mr360uw.medium.fit.open_water_track import OpenWaterLooks, OpenWaterTrack
 from mr360uw.progress import Progress
-from mr360uw.render.calm import FRAMES, CalmPlate, CalmSeries
+from mr360uw.render.background import FRAMES, Background, BackgroundSeries
 from mr360uw.render.camera import CameraPath
 from mr360uw.render.lights import may_be_clipped, restored
 from mr360uw.render.loaded import Loaded
 from mr360uw.render.plate_map import level_view, plate_map
-from mr360uw.render.plate_pattern import calm_series
+from mr360uw.render.plate_pattern import background_series
 from mr360uw.render.stages.match_stage import clip_colour, clip_look
 from mr360uw.render.surroundings import Surroundings
 from mr360uw.threads import one_blas_thread, prefetch
@@ -57,14 +57,14 @@ class ClipAnalysis(Parts):
     """Measurements over a clip, or over a range of it with a margin: a frame looks the same in every run over these.
 
     sun: its track, or None if the sun is detected frame by frame. gain: (N, 3) of the veil, or None if it is fitted
-    frame by frame. open_water: beside it, or None if it is looked for frame by frame or not at all. calm: the ground
-    without its caustics, or None if it is found frame by frame. notes: doubts about them. first: frame that the track
-    and the gain begin with. look: of the plate, or None if it is measured frame by frame.
+    frame by frame. open_water: beside it, or None if it is looked for frame by frame or not at all. background: the
+    ground without its caustics, or None if it is found frame by frame. notes: doubts about them. first: frame that the
+    track and the gain begin with. look: of the plate, or None if it is measured frame by frame.
     """
 
     sun: SunTrack | FixedSun | None = None
     gain: Floats | None = None
-    calm: CalmPlate | None = None
+    background: Background | None = None
     notes: tuple[str, ...] = ()
     first: int = 0
     look: PlateGrade | None = None
@@ -72,7 +72,7 @@ class ClipAnalysis(Parts):
 
     @classmethod
     def of_frame(cls, sun: Sun | Literal["scene"] | None, gain: Floats | None) -> ClipAnalysis:
-        """Return the facts of a clip of one frame: its sun in the world, None for none, "scene" for the scene's own."""
+        """Return the analysis of a clip of one frame: its sun in the world, None: none, "scene": the scene's own."""
         return cls(None if isinstance(sun, str) else FixedSun(sun), None if gain is None else np.asarray(gain)[None])
 
     def sun_at(self, index: int) -> Sun | Literal["scene"] | None:
@@ -94,20 +94,20 @@ def measured_range(video: VideoReader, start: int, stop: int) -> tuple[int, int]
     return max(0, start - margin), max(stop, end)
 
 
-def clip_facts(
+def clip_analysis(
     loaded: Loaded, video: VideoReader, progress: Progress | None = None, *, frames: tuple[int, int] | None = None
 ) -> ClipAnalysis:
     """Return what the plan of a scene asks to be measured over its clip, or over frames [a, b); see `first_pass`."""
-    plan, calm = loaded.plan, None if video.is_still else calm_series(loaded)
+    plan, background = loaded.plan, None if video.is_still else background_series(loaded)
     wanted = {"sun": plan.track_sun.runs, "gain": plan.track_gain.runs}
     wanted["open_water"] = wanted["gain"] and loaded.scene.water.fits_ratio
     keyed = loaded.surroundings_at if loaded.scene.keys else None
     look = clip_look(loaded, video)
     colour = clip_colour(loaded, look)
-    facts = first_pass(
-        loaded.surroundings, video, progress, calm=calm, frames=frames, keyed=keyed, grade=colour, **wanted
+    analysis = first_pass(
+        loaded.surroundings, video, progress, background=background, frames=frames, keyed=keyed, grade=colour, **wanted
     )
-    return replace(facts, look=look)
+    return replace(analysis, look=look)
 
 
 def first_pass(
@@ -118,46 +118,46 @@ def first_pass(
     sun: bool = True,
     gain: bool = True,
     open_water: bool = False,
-    calm: CalmSeries | None = None,
+    background: BackgroundSeries | None = None,
     frames: tuple[int, int] | None = None,
     keyed: Callable[[float], Surroundings] | None = None,
     grade: Grade | None = None,
 ) -> ClipAnalysis:
-    """Return the facts of a clip, or of its frames [a, b).
+    """Return the analysis of a clip, or of its frames [a, b).
 
-    sun, gain: whether each is measured; open_water: whether it is, beside a gain. calm: collects the ground without
-    caustics. frames: are read with a margin on either side (`measured_range`), which ends at a frame that cannot be
-    decoded; default: the whole clip. keyed: the surroundings at a time [s], where the scene has keys. grade: that the
-    plate's light is read without.
+    sun, gain: whether each is measured; open_water: whether it is, beside a gain. background: collects the ground
+    without caustics. frames: are read with a margin on either side (`measured_range`), which ends at a frame that
+    cannot be decoded; default: the whole clip. keyed: the surroundings at a time [s], where the scene has keys. grade:
+    that the plate's light is read without.
 
     The sun is the scene's stored track or measured; the gain is fitted in the same pass. With nothing to measure there
     is no pass. Raises `SceneError` if the stored track belongs to another clip, `VideoError`.
     """
     stored = surroundings.settings.track
     track = _stored_track(stored, video) if sun and stored is not None else None
-    wanted = _Measured(sun and track is None, gain and surroundings.medium is not None, open_water, calm, grade)
-    if not (wanted.sun or wanted.gain or calm is not None):
+    wanted = _Measured(sun and track is None, gain and surroundings.medium is not None, open_water, background, grade)
+    if not (wanted.sun or wanted.gain or background is not None):
         return ClipAnalysis(track)
     begin, end = (0, video.frame_count) if frames is None else measured_range(video, *frames)
     while True:
         try:
-            facts = _measured(surroundings, video, progress, wanted, begin, end, keyed)
+            analysis = _measured(surroundings, video, progress, wanted, begin, end, keyed)
         except DamagedFrameError as error:
             if frames is None or frames[0] <= error.index < frames[1]:
                 raise
             begin, end = (error.index + 1, end) if error.index < frames[0] else (begin, error.index)
             continue
-        return facts if track is None else replace(facts, sun=track.since(begin))
+        return analysis if track is None else replace(analysis, sun=track.since(begin))
 
 
 @dataclass(frozen=True, slots=True)
 class _Measured:
-    """Which facts a pass measures, and the grade of the plate that they are measured without."""
+    """What a pass measures, and the grade of the plate that it is measured without."""
 
     sun: bool
     gain: bool
     open_water: bool
-    calm: CalmSeries | None
+    background: BackgroundSeries | None
     grade: Grade | None
 
 
@@ -170,12 +170,12 @@ def _measured(
     end: int | None,
     keyed: Callable[[float], Surroundings] | None,
 ) -> ClipAnalysis:
-    """Return the facts of frames [begin, end)."""
-    camera, calm = surroundings.camera, wanted.calm
+    """Return the analysis of frames [begin, end)."""
+    camera, background = surroundings.camera, wanted.background
     if not (wanted.sun or wanted.gain) and end is not None:
         end = min(end, begin + FRAMES)
-    if calm is not None:
-        calm.clear()
+    if background is not None:
+        background.clear()
     of_frame = _OfFrame(camera, (lambda _: surroundings) if keyed is None else keyed, wanted.gain)
     suns = SunSeries(of_frame.sun, float(video.frame_rate))
     gains = GainSeries(of_frame.gain, float(video.frame_rate))
@@ -188,15 +188,15 @@ def _measured(
                     looks.add(frame.index, of_frame.open_water(frame))
             if wanted.sun:
                 suns.add(frame, frame.index, frame.time_s)
-            if calm is not None:
-                calm.add(frame)
+            if background is not None:
+                background.add(frame)
             if progress is not None:
                 progress(frame.index + 1 - begin, None if end is None else end - begin)
     steady = gains.steady() if wanted.gain else None
     return ClipAnalysis(
         track_suns(suns.every(), camera=camera.rotation_known) if wanted.sun else None,
         steady,
-        calm.result() if calm is not None else None,
+        background.result() if background is not None else None,
         tuple(filter(None, [_doubt(gains.residuals)])) if wanted.gain else (),
         begin,
         open_water=None if steady is None else looks.track(steady, begin, gains.cuts()),

@@ -22,7 +22,7 @@ from mr360uw.render.loaded import Loaded
 from mr360uw.render.plate_light import FrameLight, exposed_water, plate_light
 from mr360uw.render.plate_pattern import plate_pattern
 from mr360uw.render.shots import instants, seen_by, shafts_of, shot_at, with_caustics, with_snow
-from mr360uw.render.stages.eye_stage import Eye, calm_of, eyes_of
+from mr360uw.render.stages.eye_stage import Eye, background_of, eyes_of
 from mr360uw.render.stages.match_stage import asked_look, ungraded, with_look
 from mr360uw.render.stages.surface_stage import with_surface
 from mr360uw.types import CausticStack, Layer, MediumTable
@@ -86,7 +86,7 @@ class DrawnFrame:
 
 def composite_frame(
     loaded: Loaded,
-    facts: ClipAnalysis,
+    analysis: ClipAnalysis,
     backend: Backend,
     plate: VideoFrame,
     shutter_s: float,
@@ -102,23 +102,23 @@ def composite_frame(
     same backend's frames: a stage runs unless its result is there.
     """
     kept = Cache(loaded.scene.plate.eyes) if kept is None else kept
-    measured = measure_plate(loaded, facts, plate, kept, light)
+    measured = measure_plate(loaded, analysis, plate, kept, light)
     drawn = draw_frame(loaded, backend, measured, shutter_s, kept, variables=variables)
-    return blend_frame(loaded, facts, drawn, kept)
+    return blend_frame(loaded, analysis, drawn, kept)
 
 
 def measure_plate(
-    loaded: Loaded, facts: ClipAnalysis, filed: VideoFrame, kept: Cache, light: FrameLight | None = None
+    loaded: Loaded, analysis: ClipAnalysis, filed: VideoFrame, kept: Cache, light: FrameLight | None = None
 ) -> MeasuredPlate:
     """Return the light and the pattern of a plate's frame, on any thread."""
     now = loaded.at(filed.time_s)
-    plate = ungraded(now, facts.look, filed, kept)
+    plate = ungraded(now, analysis.look, filed, kept)
     eyes = eyes_of(now.scene, plate)
     if not loaded.plan.environment.runs:
         return MeasuredPlate(now, filed, eyes, light, tuple(None for _ in eyes))
     if light is None:
-        light = finite("light", plate.index, plate_light(now, facts, plate, kept))
-    patterns = tuple(plate_pattern(now, calm_of(facts.calm, eye), eye.plate, kept) for eye in eyes)
+        light = finite("light", plate.index, plate_light(now, analysis, plate, kept))
+    patterns = tuple(plate_pattern(now, background_of(analysis.background, eye), eye.plate, kept) for eye in eyes)
     return MeasuredPlate(now, filed, eyes, light, patterns)
 
 
@@ -153,13 +153,13 @@ def draw_frame(
     return DrawnFrame(measured, water, tuple(map(tuple, by_eye)))
 
 
-def blend_frame(loaded: Loaded, facts: ClipAnalysis, drawn: DrawnFrame, kept: Cache) -> Frame:
+def blend_frame(loaded: Loaded, analysis: ClipAnalysis, drawn: DrawnFrame, kept: Cache) -> Frame:
     """Return the composite of what was drawn and the plate, on any thread, beside the next frame."""
     measured, frames = drawn.measured, []
     for eye, instants_drawn in zip(measured.eyes, drawn.by_eye, strict=True):
         layers = [one.layer for one in instants_drawn]
         layer = mean_layer(layers) if layers else Layer(loaded.height, loaded.width, ())
-        look = asked_look(measured.now, facts.look, measured.filed, layer, kept)  # of the left eye for both
+        look = asked_look(measured.now, analysis.look, measured.filed, layer, kept)  # of the left eye for both
         layer = kept.of(with_look, layer, look, eye.plate)
         picture = kept.of(lay_over, eye.plate, layer, measured.now.scene.draw.grain)
         frame = Frame(picture, eye.plate, layer, measured.light, drawn.water)

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mr360uw.cache import Cache
-from mr360uw.composite.shot import BetweenKnots
+from mr360uw.composite.shot import BetweenSamples
 from mr360uw.constants import MINIMUM_SUN_UP
 from mr360uw.ibl.lookup import environment_lookup
 from mr360uw.medium import Medium
@@ -62,46 +62,46 @@ class FrameLight:
 
     environment: in camera axes. gain: (3,) of the veil, from a clip's track or from this frame; None where it is not
     fitted. plate_ratio: of the veil to the plate's open water, see `MediumTable`; None where it is not asked for.
-    knots: in world axes, see `Shot`; None where the frame's own light is measured and no other.
+    between: in world axes, see `Shot`; None where the frame's own light is measured and no other.
     """
 
     environment: Environment
     gain: Floats | None = None
     plate_ratio: Floats | None = None
-    knots: BetweenKnots | None = None
+    between: BetweenSamples | None = None
 
 
-def plate_light(loaded: Loaded, facts: ClipAnalysis, plate: VideoFrame, kept: Cache | None = None) -> FrameLight:
-    """Return the light of a plate's frame. Quantities that the clip's facts do not hold are measured in this frame.
+def plate_light(loaded: Loaded, analysis: ClipAnalysis, plate: VideoFrame, kept: Cache | None = None) -> FrameLight:
+    """Return the light of a plate's frame. What the clip's analysis does not hold is measured in this frame.
 
     kept: holds the light of the last frame.
     """
-    plan, of_light = loaded.plan, replace(facts, calm=None, look=None)
+    plan, of_light = loaded.plan, replace(analysis, background=None, look=None)
     cache = Cache() if kept is None else kept
     return cache.of(_plate_light, loaded.surroundings, of_light, plate, plan.sun.runs, plan.glossy.runs)
 
 
 def _plate_light(
-    surroundings: Surroundings, facts: ClipAnalysis, plate: VideoFrame, has_sun: bool, glossy: bool
+    surroundings: Surroundings, analysis: ClipAnalysis, plate: VideoFrame, has_sun: bool, glossy: bool
 ) -> FrameLight:
-    sun = facts.sun_at(plate.index) if has_sun else None
+    sun = analysis.sun_at(plate.index) if has_sun else None
     found = surroundings.light.of(plate.pixels, sun, time_s=plate.time_s, glossy=glossy)
     world_from_camera = surroundings.camera.at(plate.time_s)[1]
     medium, gain = surroundings.medium_at(plate.time_s), None
     clipped = may_be_clipped(plate.pixels, surroundings.settings)
     if medium is not None:
         up = world_from_camera[1]
-        gain, known = _gain(facts, plate, medium, up) if surroundings.water.fits_gain else (None, True)
+        gain, known = _gain(analysis, plate, medium, up) if surroundings.water.fits_gain else (None, True)
         if known and clipped:
             scaled = medium if gain is None else medium.scaled(gain)
             found = restored(found, scaled, up, keep_sun=not isinstance(sun, str))
     if clipped:
         found = lit_as_its_ground(found, world_from_camera[1])
-    return FrameLight(found, gain, plate_ratio(surroundings, facts, plate, gain, found.sun))
+    return FrameLight(found, gain, plate_ratio(surroundings, analysis, plate, gain, found.sun))
 
 
 def plate_ratio(
-    surroundings: Surroundings, facts: ClipAnalysis, plate: VideoFrame, gain: Floats | None, sun: Sun | None
+    surroundings: Surroundings, analysis: ClipAnalysis, plate: VideoFrame, gain: Floats | None, sun: Sun | None
 ) -> Floats | None:
     """Return the ratio of a plate's open water to a veil of a gain, from the clip's track or from this frame.
 
@@ -110,16 +110,16 @@ def plate_ratio(
     medium = surroundings.medium_at(plate.time_s)
     if medium is None or gain is None or not surroundings.water.fits_ratio:
         return None
-    tracked = None if facts.open_water is None else facts.open_water.ratio_at(plate.index)
+    tracked = None if analysis.open_water is None else analysis.open_water.ratio_at(plate.index)
     if tracked is not None:
         return tracked
     return surroundings.open_water(plate, medium, gain, sun).ratio(gain)
 
 
-def _gain(facts: ClipAnalysis, plate: VideoFrame, medium: Medium, up: Floats) -> tuple[Floats, bool]:
+def _gain(analysis: ClipAnalysis, plate: VideoFrame, medium: Medium, up: Floats) -> tuple[Floats, bool]:
     """Return the gain (3,) of a frame's veil and whether open water shows it."""
-    gain = facts.gain_at(plate.index)
+    gain = analysis.gain_at(plate.index)
     if gain is not None:
-        return gain, not facts.notes
+        return gain, not analysis.notes
     fitted, residual = fit_level(medium, level_view(plate.pixels, up))
     return fitted, residual < DOUBTFUL

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The plate's own caustics in a frame, as shadows on the receiver take them away.
 
-Where the camera stands, the clip's mean is the plate in calm light. Where it moves, or of a single picture, detail of
-the size of caustics is smoothed, by the fraction of its variance that the scene's own sea explains.
+Where the camera stands, the clip's mean is the plate without caustics. Where it moves, or of a single picture, detail
+of the size of caustics is smoothed, by the fraction of its variance that the scene's own sea explains.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from mr360uw.composite.receiver.pattern import PlatePattern
 from mr360uw.composite.shot import Receiver
 from mr360uw.medium.lookup import ambient_ratio, beam_ratio, unscattered_share
 from mr360uw.medium.small_angles import spread_of
-from mr360uw.render.calm import CalmPlate, CalmSeries
+from mr360uw.render.background import Background, BackgroundSeries
 from mr360uw.render.lights import direct_to_diffuse
 from mr360uw.render.loaded import Loaded
 from mr360uw.render.mattes import ReceiverClip
@@ -36,14 +36,14 @@ _TYPICAL_SUN = (0.5, math.sqrt(0.75), 0.0)
 larger by 5 to 25 % between 4 and 8 m of depth."""
 
 
-def calm_series(loaded: Loaded, kept: Cache | None = None) -> CalmSeries | None:
-    """Return what collects a clip's calm ground; None where the plan leaves its caustics alone.
+def background_series(loaded: Loaded, kept: Cache | None = None) -> BackgroundSeries | None:
+    """Return what collects a clip's ground without caustics; None where the plan leaves its caustics alone.
 
     kept: keeps the contrast of the scene's own caustics, which is the same for all frames.
     """
     if not loaded.plan.pattern.runs or loaded.receiver is None:
         return None
-    return CalmSeries(*_on_ground(loaded, loaded.receiver, Cache() if kept is None else kept))
+    return BackgroundSeries(*_on_ground(loaded, loaded.receiver, Cache() if kept is None else kept))
 
 
 def _on_ground(loaded: Loaded, receiver: ReceiverClip, kept: Cache) -> tuple[float, float]:
@@ -61,24 +61,24 @@ def _on_ground(loaded: Loaded, receiver: ReceiverClip, kept: Cache) -> tuple[flo
 
 
 def plate_pattern(
-    loaded: Loaded, calm: CalmPlate | None, plate: VideoFrame, kept: Cache | None = None
+    loaded: Loaded, background: Background | None, plate: VideoFrame, kept: Cache | None = None
 ) -> PlatePattern | None:
     """Return the pattern of a plate's frame on the receiver; None where the plan has none.
 
-    calm: of the clip; None finds it in this frame alone. kept: see `calm_series`.
+    background: of the clip; None finds it in this frame alone. kept: see `background_series`.
     """
     if not loaded.plan.pattern.runs or loaded.receiver is None:
         return None
     kept = Cache() if kept is None else kept
-    if calm is None:
-        calm = kept.of(_calm_of_frame, *_on_ground(loaded, loaded.receiver, kept), plate)
+    if background is None:
+        background = kept.of(_background_of_frame, *_on_ground(loaded, loaded.receiver, kept), plate)
     height_m = _height_above(loaded.receiver.at(plate.index), loaded)
-    return kept.of(PlatePattern, plate, calm.mean, height_m, calm.strength)
+    return kept.of(PlatePattern, plate, background.mean, height_m, background.strength)
 
 
-def _calm_of_frame(height_m: float, contrast: float, plate: VideoFrame) -> CalmPlate:
-    """Return the calm ground of a frame by itself."""
-    series = CalmSeries(height_m, contrast)
+def _background_of_frame(height_m: float, contrast: float, plate: VideoFrame) -> Background:
+    """Return the ground without caustics of a frame by itself."""
+    series = BackgroundSeries(height_m, contrast)
     series.add(plate)
     return series.result()
 

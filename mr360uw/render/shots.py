@@ -66,7 +66,7 @@ def shot_at(
         lights=(*suns, *lamps),
         medium=medium,
         draw=loaded.scene.draw.model_copy(update=_NOT_OF_LAYERS),
-        knots=light.knots,
+        between=light.between,
     )
 
 

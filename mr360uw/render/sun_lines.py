@@ -13,7 +13,7 @@ from mr360uw.render.stages.match_stage import clip_colour
 from mr360uw.video import VideoFrame, VideoReader
 
 
-def scene_sun_lines(loaded: Loaded, video: VideoReader, facts: ClipAnalysis, index: int = 0) -> list[str]:
+def scene_sun_lines(loaded: Loaded, video: VideoReader, analysis: ClipAnalysis, index: int = 0) -> list[str]:
     """Return the lines on a scene's sun in a frame of its plate; none where the scene says itself where it is, nothing
     is lit by it, or the frame cannot be decoded.
     """
@@ -24,13 +24,13 @@ def scene_sun_lines(loaded: Loaded, video: VideoReader, facts: ClipAnalysis, ind
     except DamagedFrameError:
         return []
     light = loaded.at(frame.time_s).surroundings.light
-    return sun_lines(light, frame.graded_by(clip_colour(loaded, facts.look)), facts)
+    return sun_lines(light, frame.graded_by(clip_colour(loaded, analysis.look)), analysis)
 
 
-def sun_lines(light: LightReader, frame: VideoFrame, facts: ClipAnalysis) -> list[str]:
+def sun_lines(light: LightReader, frame: VideoFrame, analysis: ClipAnalysis) -> list[str]:
     """Return a line on the sun in a frame, and one on that of the clip's track there, if the clip was measured."""
     place = f"frame {frame.index}" if frame.index else "first frame"
     lines = [f"light     {place}: {light.sun_found(frame.pixels, frame.time_s).words}"]
-    if isinstance(facts.sun, SunTrack):
-        lines.append(f"light     clip: {tracked_in_words(facts.sun.at(frame.index - facts.first))}")
+    if isinstance(analysis.sun, SunTrack):
+        lines.append(f"light     clip: {tracked_in_words(analysis.sun.at(frame.index - analysis.first))}")
     return lines

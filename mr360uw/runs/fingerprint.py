@@ -40,7 +40,7 @@ class InputFile:
 
 @dataclass(frozen=True, slots=True)
 class WorkKeys:
-    """What kept work depends on. first_pass: of the clip's facts. pictures: of the composited frames, encoded."""
+    """What kept work depends on. first_pass: of the clip's analysis. pictures: of the composited frames, encoded."""
 
     first_pass: str
     pictures: str

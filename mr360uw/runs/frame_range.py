@@ -18,7 +18,7 @@ from mr360uw.render.backends import Backend
 from mr360uw.render.first_pass import ClipAnalysis
 from mr360uw.render.frame import DrawnFrame, Frame, MeasuredPlate, blend_frame, draw_frame, measure_plate
 from mr360uw.render.loaded import Loaded
-from mr360uw.render.stages.light_stage import LightKnots
+from mr360uw.render.stages.light_stage import LightSamples
 from mr360uw.threads import Behind, one_blas_thread, prefetch
 from mr360uw.video import VideoFrame, VideoReader, write_exr
 from mr360uw.video.write.writer import VideoWriter
@@ -60,14 +60,14 @@ class RunTimes:
 
 @dataclass(frozen=True)
 class RangeRenderer:
-    """Renders ranges of a clip, each frame from what is loaded, the clip's facts and the plate about it alone.
+    """Renders ranges of a clip, each frame from what is loaded, the clip's analysis and the plate about it alone.
 
     layers: pattern of layered EXR files that are written beside the frames, or None; scratch: folder of incomplete
     ones, None for their own. times: are added to.
     """
 
     loaded: Loaded
-    facts: ClipAnalysis
+    analysis: ClipAnalysis
     backend: Backend
     video: VideoReader
     layers: Path | None
@@ -96,10 +96,10 @@ class RangeRenderer:
     def _read(self, start: int, stop: int) -> Iterator[MeasuredPlate]:
         """Yield frames, decoded and with their light measured."""
         times = self.times
-        knots = LightKnots(self.loaded, self.facts, self.video, self._decoded)
+        samples = LightSamples(self.loaded, self.analysis, self.video, self._decoded)
         since, decoding_s = time.perf_counter(), times.seconds.get("decode", 0.0)
-        for plate, light in knots.frames(start, stop):
-            measured = measure_plate(self.loaded, self.facts, plate, self._cache(), light)
+        for plate, light in samples.frames(start, stop):
+            measured = measure_plate(self.loaded, self.analysis, plate, self._cache(), light)
             times.add("light", since + times.seconds["decode"] - decoding_s)
             yield measured
             since, decoding_s = time.perf_counter(), times.seconds["decode"]
@@ -114,7 +114,7 @@ class RangeRenderer:
     def _write(self, drawn: DrawnFrame, sink: VideoWriter) -> None:
         """Composite a frame and write it, and before it the file of its layers."""
         times, since = self.times, time.perf_counter()
-        frame = blend_frame(self.loaded, self.facts, drawn, self._cache())
+        frame = blend_frame(self.loaded, self.analysis, drawn, self._cache())
         since = times.add("blend", since)
         times.frames += 1
         times.empty += not frame.layer.tiles

@@ -21,7 +21,7 @@ from mr360uw.files import write_whole
 from mr360uw.output_gate import MARKER, is_work_folder, make_work_folder, remove_work_folder
 from mr360uw.render.first_pass import ClipAnalysis
 from mr360uw.runs.fingerprint import WorkKeys
-from mr360uw.runs.stored_facts import load_facts, save_facts
+from mr360uw.runs.stored_analysis import load_analysis, save_analysis
 from mr360uw.video import Clip, EncodeSettings, VideoFrame
 from mr360uw.video.write.image_writer import ImageWriter
 from mr360uw.video.write.segment import Segment, SegmentWriter, stored_segments
@@ -102,7 +102,7 @@ SUFFIX = ".mr360uw"
 """Ending of the folder's name, after the whole name of the output."""
 _PICTURE = re.compile(r"^(\d+);", re.MULTILINE)
 """Line of a finished picture: what was cut off by a kill has no end, and the next line begins anew."""
-_LOCK, _KEYS, _FACTS, _PICTURES = "lock", "run.json", "facts.npz", "pictures"
+_LOCK, _KEYS, _FACTS, _PICTURES = "lock", "run.json", "analysis.npz", "pictures"
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,13 +118,13 @@ class WorkFolder:
     resumed: bool
     notes: tuple[str, ...]
 
-    def facts(self) -> ClipAnalysis | None:
-        """Return the stored facts of the clip, or None."""
-        return load_facts(self.path / _FACTS)
+    def analysis(self) -> ClipAnalysis | None:
+        """Return the stored analysis of the clip, or None."""
+        return load_analysis(self.path / _FACTS)
 
-    def keep_facts(self, facts: ClipAnalysis) -> None:
-        """Store the facts of the clip."""
-        save_facts(facts, self.path / _FACTS)
+    def keep_analysis(self, analysis: ClipAnalysis) -> None:
+        """Store the analysis of the clip."""
+        save_analysis(analysis, self.path / _FACTS)
 
     def segments(self) -> list[Segment]:
         """Return the complete segments by their first frame."""
@@ -193,9 +193,11 @@ def _continued(path: Path, keys: WorkKeys, *, fresh: bool) -> tuple[bool, tuple[
 
 
 def _has_work(path: Path) -> bool:
-    """Return whether a folder holds segments, pictures or measured facts."""
-    facts = load_facts(path / _FACTS)
-    measured = facts is not None and any(fact is not None for fact in (facts.sun, facts.gain, facts.calm))
+    """Return whether a folder holds segments, pictures or measured analysis."""
+    analysis = load_analysis(path / _FACTS)
+    measured = analysis is not None and any(
+        fact is not None for fact in (analysis.sun, analysis.gain, analysis.background)
+    )
     return measured or bool(stored_segments(path)) or any(path.glob(f"{_PICTURES}-*"))
 
 

@@ -131,9 +131,9 @@ class PageRenderer:
         except (Mr360uwError, OSError):  # the picture says it
             return wanted.index
 
-    def take_facts(self, scene: Scene, facts: ClipAnalysis) -> None:
+    def take_analysis(self, scene: Scene, analysis: ClipAnalysis) -> None:
         """Take what was measured of a scene's clip."""
-        self.preview.take_facts(scene, facts)
+        self.preview.take_analysis(scene, analysis)
 
     def plate(self, scene: Scene, index: int, width: int) -> bytes:
         """Return a frame of a scene's plate as JPEG; raise `VideoError`."""

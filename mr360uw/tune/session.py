@@ -146,8 +146,8 @@ class Session:
         progress: called by another thread; an exception of it ends the pass.
         """
         scene = self.document.scene
-        facts = await asyncio.to_thread(_measured, scene, progress)
-        await asyncio.wrap_future(self.pictures.ask(partial(_take_facts, scene, facts), urgent=True))
+        analysis = await asyncio.to_thread(_measured, scene, progress)
+        await asyncio.wrap_future(self.pictures.ask(partial(_take_analysis, scene, analysis), urgent=True))
         self.show()
 
     async def make_thumbnails(self) -> None:
@@ -193,5 +193,5 @@ def _measured(scene: Scene, progress: Progress) -> Any:
         return own.measure(scene, progress)
 
 
-def _take_facts(scene: Scene, facts: Any, renderer: Any) -> None:
-    renderer.take_facts(scene, facts)
+def _take_analysis(scene: Scene, analysis: Any, renderer: Any) -> None:
+    renderer.take_analysis(scene, analysis)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from mr360uw.caustic_lookup import caustic_lookup, mip_levels
-from mr360uw.caustics.gl.stack import AtlasRoom, mip_atlas, upload
+from mr360uw.caustics.gl.stack import AtlasScratch, mip_atlas, upload
 from mr360uw.gl.context import gl_device
 from mr360uw.sphere import unit
 from mr360uw.types import CausticStack
@@ -56,7 +56,7 @@ def test_memory_of_stacks_is_used_again_only_once_they_are_gone(rng: np.random.G
             np.broadcast_to(ratio, (planes, 8, 8, 3)), np.arange(1.0, planes + 1.0), 8.0, unit([0.3, 0.9, -0.2])
         )
 
-    room, first, second = AtlasRoom(), stack(4), stack(4)
+    room, first, second = AtlasScratch(), stack(4), stack(4)
 
     def holds(stack: CausticStack) -> bytes:
         return mip_atlas(mip_levels(stack.ratio[..., :1].astype(np.float32))).tobytes()

@@ -12,7 +12,7 @@ import pytest
 from mr360uw.cache import Cache
 from mr360uw.composite.ambient.body_layout import Layout
 from mr360uw.composite.ambient.directions import COUNT, SOLID_ANGLE, directions
-from mr360uw.composite.ambient.lattice import knots_at, make_lattice
+from mr360uw.composite.ambient.lattice import make_lattice, points_at
 from mr360uw.composite.ambient.light import ambient_light, free_of_bodies
 from mr360uw.composite.ambient.mesh_transfer import make_transfer
 from mr360uw.composite.ambient.solved_light import AmbientLight
@@ -309,7 +309,7 @@ def test_touching_balls_shade_each_other() -> None:
     values = light.values[0]
     assert values is not None
     normal = np.array([[np.cos(a), np.sin(a), 0.0] for a in 2.0 * np.pi / 64.0 * np.array([0, 5, 11, 18])])
-    got = [values[_nearest_knot(light, n), 0].mean() for n in normal]
+    got = [values[_nearest_point(light, n), 0].mean() for n in normal]
     rays = RayScene(occluding(scene.objects[1:], np.zeros(3)))
     u, angle = (np.arange(4096) + 0.5) / 4096, 2.399963 * np.arange(4096)
     for n, share in zip(normal, got, strict=True):
@@ -320,12 +320,12 @@ def test_touching_balls_shade_each_other() -> None:
         assert share == pytest.approx(1.0 - rays.occluded(np.broadcast_to(start, d.shape), d).mean(), abs=tol.BALLS)
 
 
-def _nearest_knot(light: AmbientLight, normal: Floats) -> np.ndarray:
+def _nearest_point(light: AmbientLight, normal: Floats) -> np.ndarray:
     mesh, lattice = light.layout.bodies[0].placed.mesh, light.layout.bodies[0].transfer.lattice
     flat = mesh.normals.reshape(-1, 3) @ normal
     corner = np.flatnonzero(flat > flat.max() - 1e-6)
-    knots, shares = knots_at(lattice.places[corner // 3], np.eye(3)[corner % 3])
-    return knots[shares > 0.5]
+    points, shares = points_at(lattice.places[corner // 3], np.eye(3)[corner % 3])
+    return points[shares > 0.5]
 
 
 def _bright_patch(foot: Floats, side_m: float) -> Environment:
@@ -352,7 +352,7 @@ def test_a_body_is_lit_by_the_ground_below_it_and_not_by_that_below_the_camera()
     light, down = solved(scene), np.array([0.0, -1.0, 0.0])
     known = light.values[0]
     assert known is not None
-    found = known[_nearest_knot(light, down), 1] * environment_lookup(scene.environment.ambient, down)[1]
+    found = known[_nearest_point(light, down), 1] * environment_lookup(scene.environment.ambient, down)[1]
     want = np.pi * (0.1 + 0.9 * _PATCH_M**2 / (_PATCH_M**2 + (_ABOVE[1] - _SMALL_M) ** 2))
     np.testing.assert_allclose(found, want, rtol=tol.LIT_BY_A_PATCH)
 
@@ -368,18 +368,18 @@ def test_metal_reflects_the_ground_below_it_and_not_that_below_the_camera() -> N
     place, normal = (lattice.from_samples @ a for a in (ball.to_world(lattice.position), lattice.normal))
     view, d = unit(-place), pixel_directions(256, 128).reshape(-1, 3)
     found, want = [], []
-    for knot in np.flatnonzero((np.sum(normal * view, axis=-1) > 0.3) & (normal[:, 1] < -0.2))[::5]:
-        n_dot_v = normal[[knot]] @ view[knot]
-        axis = lobe_axis(normal[[knot]], view[[knot]], n_dot_v, np.array([metal.roughness]))
+    for point in np.flatnonzero((np.sum(normal * view, axis=-1) > 0.3) & (normal[:, 1] < -0.2))[::5]:
+        n_dot_v = normal[[point]] @ view[point]
+        axis = lobe_axis(normal[[point]], view[[point]], n_dot_v, np.array([metal.roughness]))
         whole = glossy_lookup(scene.environment.glossy, scene.environment.glossy_roughness, axis, [metal.roughness])
-        found.append(whole[0, 1] * known[knot, 5] + known[knot, 9])
-        n_dot_l, n_dot_h = np.maximum(d @ normal[knot], 0.0), unit(d + view[knot]) @ normal[knot]
+        found.append(whole[0, 1] * known[point, 5] + known[point, 9])
+        n_dot_l, n_dot_h = np.maximum(d @ normal[point], 0.0), unit(d + view[point]) @ normal[point]
         alpha = np.full(len(d), metal.roughness**2)
         weight = ggx_distribution(n_dot_h, alpha) * smith_visibility(np.repeat(n_dot_v, len(d)), n_dot_l, alpha)
         weight *= n_dot_l * np.sqrt(1.0 - d[:, 1] ** 2)
         with np.errstate(divide="ignore"):
-            reach = (_FOOT[1] - place[knot, 1]) / np.minimum(d[:, 1], 0.0)
-        met = place[knot, [0, 2]] + reach[:, None] * d[:, [0, 2]] - _FOOT[[0, 2]]
+            reach = (_FOOT[1] - place[point, 1]) / np.minimum(d[:, 1], 0.0)
+        met = place[point, [0, 2]] + reach[:, None] * d[:, [0, 2]] - _FOOT[[0, 2]]
         seen = np.where((d[:, 1] > 0.0) | (np.hypot(*met.T) < _PATCH_M), 1.0, 0.1)
         want.append(weight @ seen / weight.sum())
     assert np.max(want) > 0.9
@@ -481,15 +481,15 @@ def test_directions_cover_the_sphere_evenly() -> None:
     assert len(d) == COUNT
 
 
-def test_knots_interpolate_places(rng: np.random.Generator) -> None:
+def test_points_interpolate_places(rng: np.random.Generator) -> None:
     mesh = box()
     lattice = make_lattice(mesh)
     triangle, weights = rng.integers(0, 12, 500), rng.dirichlet([1.0, 1.0, 1.0], 500)
-    knots, shares = knots_at(lattice.places[triangle], weights)
-    place = np.einsum("nk,nkc->nc", shares, (lattice.from_samples @ lattice.position)[knots])
+    points, shares = points_at(lattice.places[triangle], weights)
+    place = np.einsum("nk,nkc->nc", shares, (lattice.from_samples @ lattice.position)[points])
     want = np.einsum("nc,nck->nk", weights, mesh.positions[triangle])
     assert shares.min() >= -tol.FLOAT64
-    assert np.abs(place - want).max() < tol.KNOT_PLACE
+    assert np.abs(place - want).max() < tol.POINT_PLACE
 
 
 def test_a_damaged_file_is_made_anew(tmp_path: Path) -> None:

@@ -15,7 +15,7 @@ from mr360uw.composite.ambient.light import ambient_light
 from mr360uw.composite.ambient.mesh_transfer import make_transfer
 from mr360uw.composite.ambient.sparse_product import product
 from mr360uw.composite.mesh.material import Material
-from mr360uw.composite.shot import BetweenKnots, KnotLight, PlacedObject, Receiver, Shot
+from mr360uw.composite.shot import BetweenSamples, LightSample, PlacedObject, Receiver, Shot
 from mr360uw.types import Floats
 from tests.composite import tolerances as tol
 from tests.composite.scenes import box, environment, placed, shot, sphere
@@ -35,15 +35,15 @@ def _own_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def ratios(along_m: Floats) -> Floats:
-    """Return the light of a ball (places, knots) over that in the open, with another at places along a line."""
-    cache, found, knots = Cache(), [], make_transfer(BALL).lattice.knots
+    """Return the light of a ball (places, points) over that in the open, with another at places along a line."""
+    cache, found, points = Cache(), [], make_transfer(BALL).lattice.points
     for x in along_m:
         scene = shot(
             placed(BALL, (0.0, 0.0, -2.0)), placed(OTHER, (x, 0.1, -2.0)), environment=environment(0.5), sun=None
         )
         light = ambient_light(scene, cache)
         known = None if light is None else light.values[0]
-        found.append(np.ones(knots) if known is None else known[:, :3].mean(axis=-1))
+        found.append(np.ones(points) if known is None else known[:, :3].mean(axis=-1))
     return np.array(found)
 
 
@@ -97,14 +97,14 @@ def test_a_used_cache_gives_what_a_fresh_one_gives() -> None:
             np.testing.assert_array_equal(kept, fresh)
 
 
-def test_light_solved_at_knots_in_time_is_interpolated() -> None:
+def test_light_solved_at_samples_in_time_is_interpolated() -> None:
     scene, cache = reef((0.0, 0.0, 0.0)), Cache()
-    knots = [KnotLight(environment(level), scene.lights, scene.medium, scene.view.position) for level in (0.4, 0.6)]
-    first, last = (ambient_light(replace(scene, environment=knot.environment), Cache()) for knot in knots)
+    samples = [LightSample(environment(level), scene.lights, scene.medium, scene.view.position) for level in (0.4, 0.6)]
+    first, last = (ambient_light(replace(scene, environment=sample.environment), Cache()) for sample in samples)
     assert first is not None
     assert last is not None
     for share in (0.0, 0.25, 1.0):
-        light = ambient_light(replace(scene, knots=BetweenKnots(knots[0], knots[1], share)), cache)
+        light = ambient_light(replace(scene, between=BetweenSamples(samples[0], samples[1], share)), cache)
         assert light is not None
         parts = [(*one.values, *one.sent, one.table, one.ambient) for one in (light, first, last)]
         for found, a, b in zip(*parts, strict=True):

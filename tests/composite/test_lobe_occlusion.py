@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from mr360uw.cache import Cache
-from mr360uw.composite.ambient.lattice import knots_at, make_lattice
+from mr360uw.composite.ambient.lattice import make_lattice, points_at
 from mr360uw.composite.ambient.light import ambient_light
 from mr360uw.composite.gl.upload import list_texture
 from mr360uw.composite.lighting.shading import ggx_distribution, resolved_alpha, smith_visibility
@@ -40,8 +40,8 @@ def white_sky() -> Environment:
     return sky_light(np.ones((32, 64, 3), np.float32), expansion="none", sun=None, glossy=True)
 
 
-def knot_values(scene: Shot) -> Floats:
-    """Return the values of the first body's knots, of those that face the camera, their places and normals."""
+def point_values(scene: Shot) -> Floats:
+    """Return the values of the first body's points, of those that face the camera, their places and normals."""
     light = ambient_light(scene, Cache())
     assert light is not None
     values = light.values[0]
@@ -54,7 +54,7 @@ def test_a_lobe_loses_what_rays_meet() -> None:
     center, radius = np.array([0.7, 0.0, -2.0]), 0.4
     body, other = placed(sphere(24, METAL, 0.4), (-0.2, 0.0, -2.0)), placed(sphere(48, BLACK, radius), tuple(center))
     scene = shot(body, other, environment=white_sky(), sun=None)
-    kept = knot_values(scene)[:, 4]
+    kept = point_values(scene)[:, 4]
     light = ambient_light(scene, Cache())
     assert light is not None
     lattice = light.layout.bodies[0].transfer.lattice
@@ -63,15 +63,15 @@ def test_a_lobe_loses_what_rays_meet() -> None:
     d = directions(192, 96).reshape(-1, 3)
     solid_angle = np.sqrt(1.0 - d[:, 1] ** 2)
     found, want = [], []
-    for knot in np.flatnonzero(np.sum(normal * view, axis=-1) > 0.2)[::7]:
-        n_dot_v, n_dot_l = normal[knot] @ view[knot], np.maximum(d @ normal[knot], 0.0)
-        n_dot_h, alpha = unit(d + view[knot]) @ normal[knot], np.full(len(d), METAL.roughness**2)
+    for point in np.flatnonzero(np.sum(normal * view, axis=-1) > 0.2)[::7]:
+        n_dot_v, n_dot_l = normal[point] @ view[point], np.maximum(d @ normal[point], 0.0)
+        n_dot_h, alpha = unit(d + view[point]) @ normal[point], np.full(len(d), METAL.roughness**2)
         weight = ggx_distribution(n_dot_h, alpha) * smith_visibility(np.full(len(d), n_dot_v), n_dot_l, alpha)
         weight *= n_dot_l * solid_angle
-        to = center - place[knot]
+        to = center - place[point]
         along = d @ to
         meets = (along > 0.0) & (to @ to - along**2 < radius**2)
-        found.append(kept[knot])
+        found.append(kept[point])
         want.append(1.0 - weight[meets].sum() / weight.sum())
     error = np.array(found) - want
     assert np.min(want) < 0.2
@@ -80,7 +80,7 @@ def test_a_lobe_loses_what_rays_meet() -> None:
 
 def test_white_metal_in_a_furnace_reflects_it() -> None:
     balls = [placed(sphere(24, METAL, 0.4), (x, 0.0, -2.0)) for x in (-0.45, 0.45)]
-    values = knot_values(shot(*balls, environment=white_sky(), sun=None))
+    values = point_values(shot(*balls, environment=white_sky(), sun=None))
     assert values[:, 4].min() < 0.5
     np.testing.assert_allclose(values[:, 4:7] + values[:, 8:11], 1.0, atol=tol.FURNACE)
 
@@ -97,13 +97,13 @@ def test_a_highlight_is_its_mean_over_the_pixel() -> None:
 
 
 @needs_gl
-def test_the_shader_interpolates_knots_as_python_does(rng: np.random.Generator) -> None:
+def test_the_shader_interpolates_points_as_python_does(rng: np.random.Generator) -> None:
     mesh = box()
     lattice = make_lattice(mesh)
     triangle, weights = rng.integers(0, 12, 500), rng.dirichlet([1.0, 1.0, 1.0], 500)
-    table = rng.uniform(size=(lattice.knots, 3, 4)).astype(np.float32)
-    knots, shares = knots_at(lattice.places[triangle], weights)
-    want = np.einsum("nk,nkc->nc", shares, table[knots, 0, :3].astype(float))
+    table = rng.uniform(size=(lattice.points, 3, 4)).astype(np.float32)
+    points, shares = points_at(lattice.places[triangle], weights)
+    want = np.einsum("nk,nkc->nc", shares, table[points, 0, :3].astype(float))
     got = glsl_call(
         "composite/gl/shaders/light.glsl", "among_bodies(list, 0, 3, places, weights).ratio", 3,
         "uniform sampler2D list;", {"list": list_texture(table.reshape(-1))},

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from mr360uw.cache import version
-from mr360uw.composite.ambient.knot_kernel import find_nearest_knots
-from mr360uw.composite.ambient.lattice import knots_at, make_lattice
+from mr360uw.composite.ambient.lattice import make_lattice, points_at
+from mr360uw.composite.ambient.lattice_kernel import find_nearest_points
 from mr360uw.composite.gl.shadow_atlas import LightFrame
 from mr360uw.composite.motion import object_motion
 from mr360uw.composite.object_settings import KeySettings, ObjectSettings
@@ -92,19 +92,19 @@ def test_clear_samples_have_the_fewest_covered_ones_around_them(rng: np.random.G
     np.testing.assert_array_equal(clear, free & (around == around.min(axis=1, keepdims=True)))
 
 
-def test_rays_find_the_knot_with_the_largest_share(rng: np.random.Generator) -> None:
+def test_rays_find_the_point_with_the_largest_share(rng: np.random.Generator) -> None:
     mesh = box()
     scene, lattice = RayScene(mesh.positions), make_lattice(mesh)
     met = rng.integers(0, len(mesh.positions), 200)
     place = np.einsum("nc,nck->nk", rng.dirichlet([1.0, 1.0, 1.0], 200), mesh.positions[met])
     origin = rng.uniform(-3.0, 3.0, (200, 3))
     ray = (place - origin) / np.linalg.norm(place - origin, axis=-1, keepdims=True)
-    knot, distance, behind = np.empty(200, np.int64), np.empty(200), np.empty(200, np.bool_)
-    find_nearest_knots(
-        scene.triangles, met, origin, ray, lattice.places, np.arange(len(mesh.positions)), knot, distance, behind
+    point, distance, behind = np.empty(200, np.int64), np.empty(200), np.empty(200, np.bool_)
+    find_nearest_points(
+        scene.triangles, met, origin, ray, lattice.places, np.arange(len(mesh.positions)), point, distance, behind
     )
     weights, want = barycentric(scene.triangles[met] - origin[:, None], ray)
-    knots, shares = knots_at(lattice.places[met], weights)
-    np.testing.assert_array_equal(knot, knots[np.arange(200), shares.argmax(axis=1)])
+    points, shares = points_at(lattice.places[met], weights)
+    np.testing.assert_array_equal(point, points[np.arange(200), shares.argmax(axis=1)])
     np.testing.assert_allclose(distance, want)
     np.testing.assert_array_equal(behind, np.sum(scene.normals[met] * ray, axis=-1) > 0.0)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mr360uw.cache import Room
+from mr360uw.cache import Scratch
 from mr360uw.composite import render_layer
 from mr360uw.composite.lighting.sources import light_sources
 from mr360uw.composite.over import over
@@ -17,7 +17,7 @@ from mr360uw.composite.receiver.pattern import PlateBlur, PlatePattern
 from mr360uw.composite.receiver.ratio import ambient_share
 from mr360uw.composite.shot import Receiver, Shot
 from mr360uw.medium.lookup import veil_lookup
-from mr360uw.render.calm import CalmSeries, stands
+from mr360uw.render.background import BackgroundSeries, stands
 from mr360uw.types import Floats, Rectangle
 from mr360uw.video import VideoFrame
 from tests.composite import tolerances as tol
@@ -46,7 +46,7 @@ class Still:
 
 
 def plate_of(scene: Shot, waves: Floats) -> tuple[Floats, Floats, Floats]:
-    """Return a plate lit by sky and sun under waves (H, W), the same in calm light, and in ambient light alone."""
+    """Return a plate lit by sky and sun under waves (H, W), the same without caustics, and in ambient light alone."""
     height, width = waves.shape
     x, y = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
     d = scene.view.directions(x, y)
@@ -60,8 +60,8 @@ def plate_of(scene: Shot, waves: Floats) -> tuple[Floats, Floats, Floats]:
         veil = veil_lookup(scene.medium, distance, d[..., 1])
     sand = 0.3 * below[..., None]
     plates = (veil + sand * (share + (1.0 - share) * factor) for factor in (waves[..., None], 1.0, 0.0))
-    shown, calm, ambient = (image.astype(np.float32) for image in plates)
-    return shown, calm, ambient
+    shown, background, ambient = (image.astype(np.float32) for image in plates)
+    return shown, background, ambient
 
 
 @pytest.fixture(params=["reference", "gl"])
@@ -80,8 +80,8 @@ def test_no_filament_runs_through_an_umbra(render: Any, water: Any, rng: np.rand
     ball = placed(sphere(48, radius=0.4), (0.2, -0.7, -1.2))
     scene = shot(ball, width=WIDTH, medium=water, receiver=FLOOR, sun=replace(SUN, half_angle_rad=0.01))
     waves = rng.uniform(0.3, 2.5, (WIDTH // 2, WIDTH))
-    shown, calm, ambient = plate_of(scene, waves)
-    layer = render(replace(scene, pattern=PlatePattern(Still(shown), calm, 1.2, 1.0)))
+    shown, background, ambient = plate_of(scene, waves)
+    layer = render(replace(scene, pattern=PlatePattern(Still(shown), background, 1.2, 1.0)))
     left = render(scene)
     # footprints that lie in the umbra wholly: a hundredth of the sun's light would carry filaments
     umbra = (left.ratio[..., 1] < 1.002 * left.ratio[..., 1].min()) & (layer.alpha == 0.0)
@@ -103,22 +103,22 @@ def test_without_a_mean_detail_of_the_size_of_caustics_goes() -> None:
     plate = (sky * filaments).astype(np.float32)
     pattern = PlatePattern(Still(plate), None, 1.5, 1.0)
     part = Rectangle(40, 90, 60, 20)
-    _, calm = pattern.light(part)
-    assert np.std(calm) < 0.1 * np.std(plate[90:110])
-    np.testing.assert_allclose(calm.mean(), 0.4, rtol=0.02)
+    _, background = pattern.light(part)
+    assert np.std(background) < 0.1 * np.std(plate[90:110])
+    np.testing.assert_allclose(background.mean(), 0.4, rtol=0.02)
     rolled = PlatePattern(Still(np.roll(plate, 64, axis=1)), None, 1.5, 1.0)
     over_seam = rolled.light(Rectangle(0, 90, 24, 20))[1]
     np.testing.assert_allclose(over_seam, pattern.light(Rectangle(256 - 64, 90, 24, 20))[1], atol=tol.FLOAT32)
     half = PlatePattern(Still(plate), None, 1.5, 0.5).light(part)[1]
-    np.testing.assert_allclose(half, 0.5 * (calm + plate[90:110, 40:100]), atol=tol.FLOAT32)
+    np.testing.assert_allclose(half, 0.5 * (background + plate[90:110, 40:100]), atol=tol.FLOAT32)
 
 
 def test_memory_that_is_used_again_changes_no_value(rng: np.random.Generator) -> None:
     """Parts of other sizes, near the horizon and far below it, that were drawn into the same memory before."""
-    plate, room = rng.uniform(0.1, 0.9, (128, 256, 3)).astype(np.float32), Room()
+    plate, room = rng.uniform(0.1, 0.9, (128, 256, 3)).astype(np.float32), Scratch()
     for part in (Rectangle(40, 70, 60, 58), Rectangle(200, 64, 56, 12), Rectangle(0, 90, 24, 20)):
-        calm, again = (PlatePattern(Still(plate), None, 1.5, 0.7).light(part, of)[1] for of in (None, room))
-        assert np.array_equal(calm, again)
+        background, again = (PlatePattern(Still(plate), None, 1.5, 0.7).light(part, of)[1] for of in (None, room))
+        assert np.array_equal(background, again)
         again[:] = np.nan
 
 
@@ -135,7 +135,8 @@ def test_the_calm_ground_is_the_mean_of_the_frames_where_the_camera_stands(rng: 
     ground = rng.uniform(0.2, 0.6, size=(128, 256, 3)).astype(np.float32)
     waves = rng.uniform(0.8, 1.2, size=(9, 128, 256, 1)).astype(np.float32)
     for step, stands_still in ((0, True), (4, False)):
-        series, shown = CalmSeries(1.5, 0.1), [np.roll(ground, k * step, axis=1) * wave for k, wave in enumerate(waves)]
+        series = BackgroundSeries(1.5, 0.1)
+        shown = [np.roll(ground, k * step, axis=1) * wave for k, wave in enumerate(waves)]
         for k, image in enumerate(shown):
             series.add(VideoFrame.of_linear(image, 4 * k))
         found = series.result()
@@ -179,5 +180,5 @@ def test_a_wave_is_blurred_by_the_transform_of_a_gaussian(sigma: float) -> None:
 def test_the_mean_of_a_clip_is_widened_exactly() -> None:
     mean = np.random.default_rng(6).uniform(0.0, 4.0, (8, 16, 3)).astype(np.float16)
     mean[0, 0] = 0.0, 6e-8, 65504.0  # zero, the least and the largest of them
-    _, calm = PlatePattern(Still(mean.astype(np.float32)), mean, 1.0, 1.0).light(Rectangle(0, 0, 9, 7))
-    np.testing.assert_array_equal(calm, mean[:7, :9].astype(np.float32))
+    _, background = PlatePattern(Still(mean.astype(np.float32)), mean, 1.0, 1.0).light(Rectangle(0, 0, 9, 7))
+    np.testing.assert_array_equal(background, mean[:7, :9].astype(np.float32))

@@ -80,7 +80,7 @@ LOOKOUT_PLANE = 0.02
 what a sphere leaves its tangent plane by."""
 COSINE_SUM = 0.005
 """Sum over 512 directions of a cosine that is cut off at the horizon."""
-KNOT_PLACE = 0.01
+POINT_PLACE = 0.01
 """Samples move inwards by a tenth of their distance, a twenty-sixth of the box, and stand off its faces."""
 QUADRATURE = 0.002
 """A midpoint sum of some hundred to some thousand terms."""

@@ -15,7 +15,7 @@ from mr360uw.errors import MeshError, Mr360uwError, VideoError
 from mr360uw.preview.live import LivePreview
 from mr360uw.preview.thumbnail import screen_codes, screen_picture
 from mr360uw.render.backends import make_backend
-from mr360uw.render.first_pass import clip_facts
+from mr360uw.render.first_pass import clip_analysis
 from mr360uw.render.frame import composite_frame
 from mr360uw.render.loaded import load
 from mr360uw.sample import sample_dive
@@ -106,19 +106,19 @@ def test_it_shows_what_frames_are_made_of(kept: LivePreview, small_dive: Path) -
     scene = load_scene(small_dive, FEW)
     with open_plate(scene) as video:
         loaded = load(scene, video.width, video.height)
-        facts, plate = clip_facts(loaded, video), next(iter(video.frames(2, 3)))
-    composed = composite_frame(loaded, facts, make_backend("reference")[0], plate, 0.0).picture
+        analysis, plate = clip_analysis(loaded, video), next(iter(video.frames(2, 3)))
+    composed = composite_frame(loaded, analysis, make_backend("reference")[0], plate, 0.0).picture
     alone = kept.frame(scene, 2).picture
-    assert facts.gain is not None
+    assert analysis.gain is not None
     kept.measure(scene)
     assert same(kept.frame(scene, 2).picture, composed)
     draft = kept.frame(LivePreview.coarse(scene), 2).light
     assert draft is not None
-    assert np.array_equal(draft.gain, facts.gain_at(2)), "drafts use them"
+    assert np.array_equal(draft.gain, analysis.gain_at(2)), "drafts use them"
     assert not same(alone, composed)
     other = load_scene(small_dive, (*FEW, "light.peak=9"))
     with LivePreview("reference") as fresh:
-        assert same(kept.frame(other, 2).picture, fresh.frame(other, 2).picture), "the facts are of other light"
+        assert same(kept.frame(other, 2).picture, fresh.frame(other, 2).picture), "the analysis is of other light"
 
 
 def test_drafts_look_like_frames(kept: LivePreview, small_dive: Path) -> None:

@@ -93,9 +93,9 @@ def held(folder: Path, settings: DiveSettings, *, width: int = 512, frames: int 
     shown, covered, pixels = np.zeros(3), np.zeros(3), 0
     with open_video(folder / "dive.mp4") as video:
         loaded = load(scene, width, width // 2)
-        facts = first_pass(loaded.surroundings, video)
+        analysis = first_pass(loaded.surroundings, video)
         for frame in video.frames():
-            made = composite_frame(loaded, facts, backend, frame, 0.0)
+            made = composite_frame(loaded, analysis, backend, frame, 0.0)
             for tile in made.layer.tiles:
                 inside = tile.alpha > 0.99
                 shown += made.picture.image_linear[tile.window][inside].sum(axis=0)

@@ -14,7 +14,7 @@ from mr360uw.errors import DamagedFrameError
 from mr360uw.render.camera import CameraPath
 from mr360uw.render.first_pass import ClipAnalysis, first_pass, measured_range
 from mr360uw.render.surroundings import load_surroundings
-from mr360uw.runs.stored_facts import load_facts, save_facts
+from mr360uw.runs.stored_analysis import load_analysis, save_analysis
 from mr360uw.scene.inputs import open_plate
 from mr360uw.scene.model import Scene
 from mr360uw.sphere import direction_from_angles
@@ -45,8 +45,8 @@ def scene_of(folder: Path, water: dict[str, object] | None = None, **camera: obj
 
 def suns_of(scene: Scene) -> list[Sun]:
     with open_plate(scene) as video:
-        facts = first_pass(load_surroundings(scene), video, gain=False)
-    suns = [facts.sun_at(k) for k in range(FRAMES)]
+        analysis = first_pass(load_surroundings(scene), video, gain=False)
+    suns = [analysis.sun_at(k) for k in range(FRAMES)]
     assert all(isinstance(sun, Sun) for sun in suns)
     return [sun for sun in suns if isinstance(sun, Sun)]
 
@@ -67,10 +67,10 @@ def test_a_doubtful_sun_has_the_same_share_over_a_clip_as_in_one_frame(tmp_path:
     scene = scene_of(tmp_path, water={"type": "none"})
     with open_plate(scene) as video:
         surroundings = load_surroundings(scene)
-        facts = first_pass(surroundings, video, gain=False)
+        analysis = first_pass(surroundings, video, gain=False)
         frame = next(iter(video.frames(4, 5)))
     alone = surroundings.light.of(frame.pixels, time_s=frame.time_s)
-    tracked = surroundings.light.of(frame.pixels, facts.sun_at(4), time_s=frame.time_s)
+    tracked = surroundings.light.of(frame.pixels, analysis.sun_at(4), time_s=frame.time_s)
     assert alone.sun is not None
     assert tracked.sun is not None
     share = surroundings.light.sun_found(frame.pixels, frame.time_s).share
@@ -101,11 +101,11 @@ def test_a_range_is_measured_with_a_margin_and_no_more(folder: Path, monkeypatch
     with open_plate(scene) as video:
         frames = video.frames
         monkeypatch.setattr(video, "frames", lambda a=0, b=None: read.append((a, b)) or frames(a, b))
-        facts = first_pass(load_surroundings(scene), video, gain=False, frames=(5, 6))
+        analysis = first_pass(load_surroundings(scene), video, gain=False, frames=(5, 6))
         assert read == [(2, 9)]
-        assert (facts.first, len(facts.sun)) == (2, 7)
-        assert facts.sun_at(5) is not None
-        assert facts.sun_at(0).direction == pytest.approx(facts.sun_at(2).direction, abs=0)
+        assert (analysis.first, len(analysis.sun)) == (2, 7)
+        assert analysis.sun_at(5) is not None
+        assert analysis.sun_at(0).direction == pytest.approx(analysis.sun_at(2).direction, abs=0)
         assert [measured_range(video, *span) for span in ((0, 1), (9, 10))] == [(0, 4), (6, 10)]
     gain = ClipAnalysis(gain=np.arange(6.0).reshape(2, 3), first=4)
     assert [gain.gain_at(k)[0] for k in (0, 4, 5, 9)] == [0.0, 0.0, 3.0, 3.0]
@@ -119,10 +119,10 @@ def test_a_stored_track_is_read_by_the_frames_of_the_clip(folder: Path, tmp_path
     assert len(later) == FRAMES - 3
     np.testing.assert_array_equal(later.at(2).irradiance, track.at(5).irradiance)
     look = PlateGrade(1.2, columns=512)
-    save_facts(ClipAnalysis(later, first=3, look=look), tmp_path / "facts.npz")
-    facts = load_facts(tmp_path / "facts.npz")
-    assert facts.look == look
-    np.testing.assert_array_equal(facts.sun_at(5).irradiance, track.at(5).irradiance)
+    save_analysis(ClipAnalysis(later, first=3, look=look), tmp_path / "analysis.npz")
+    analysis = load_analysis(tmp_path / "analysis.npz")
+    assert analysis.look == look
+    np.testing.assert_array_equal(analysis.sun_at(5).irradiance, track.at(5).irradiance)
 
 
 def test_a_margin_ends_where_frames_cannot_be_decoded(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -137,8 +137,8 @@ def test_a_margin_ends_where_frames_cannot_be_decoded(folder: Path, monkeypatch:
                 yield frame
 
         monkeypatch.setattr(video, "frames", damaged)
-        facts = first_pass(load_surroundings(scene), video, gain=False, frames=(3, 6))
-        assert (facts.first, len(facts.sun)) == (2, 6)
+        analysis = first_pass(load_surroundings(scene), video, gain=False, frames=(3, 6))
+        assert (analysis.first, len(analysis.sun)) == (2, 6)
         with pytest.raises(DamagedFrameError):
             first_pass(load_surroundings(scene), video, gain=False, frames=(3, 9))
 

@@ -110,8 +110,8 @@ def test_what_swims_by_does_not_move_the_gain(reef: Path) -> None:
     assert np.all(np.abs(np.log(alone[PASSES] / EXPOSURE)).max(axis=0) > 10.0 * GAIN)
     np.testing.assert_allclose(gain, np.broadcast_to(EXPOSURE, gain.shape), rtol=GAIN)
     assert np.all(flicker(gain) < GAIN_FLICKER * flicker(alone))
-    calm = np.delete(alone, PASSES, axis=0)
-    assert np.all(flicker(gain) < GAIN_FLICKER * flicker(calm))
+    background = np.delete(alone, PASSES, axis=0)
+    assert np.all(flicker(gain) < GAIN_FLICKER * flicker(background))
 
 
 def test_a_step_of_exposure_is_followed_at_once_and_a_flash_is_none(tmp_path: Path) -> None:
@@ -155,14 +155,14 @@ def test_a_frame_alone_has_the_gain_of_the_clip(tmp_path: Path, reef: Path, body
     with open_plate(scene) as video:
         frame = next(iter(video.frames(k, k + 1)))
 
-        facts = first_pass(load_surroundings(scene), video, sun=False, open_water=True)
+        analysis = first_pass(load_surroundings(scene), video, sun=False, open_water=True)
 
-    def render(facts: ClipAnalysis | None) -> np.ndarray:
-        done = uw.render_frame(frame.image_linear, scene, frame.time_s, "reference", index=k, facts=facts)
+    def render(analysis: ClipAnalysis | None) -> np.ndarray:
+        done = uw.render_frame(frame.image_linear, scene, frame.time_s, "reference", index=k, analysis=analysis)
         return done.image_linear
 
-    assert facts.open_water is not None
-    np.testing.assert_allclose(render(facts), made, atol=FLOAT32)
+    assert analysis.open_water is not None
+    np.testing.assert_allclose(render(analysis), made, atol=FLOAT32)
     assert np.abs(render(None) - made).max() > 100.0 * FLOAT32
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Light at knots in time: linear between them, measured where it is not, the same for a frame alone and in a run."""
+"""Light at samples in time: linear between them, measured where it is not, the same for a frame alone and in a run."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ from mr360uw.errors import DamagedFrameError
 from mr360uw.render.first_pass import ClipAnalysis
 from mr360uw.render.loaded import load
 from mr360uw.render.plate_light import FrameLight, plate_light
-from mr360uw.render.stages.light_stage import LightKnots
+from mr360uw.render.stages.light_stage import LightSamples
 from mr360uw.render.stages.match_stage import ungraded
 from mr360uw.scene.inputs import open_plate
 from mr360uw.scene.model import Scene
 from mr360uw.types import Floats
-from mr360uw.types.time_knots import knot_step
+from mr360uw.types.light_samples import sample_step
 from mr360uw.video import VideoFrame, write_exr
 from tests.scenes import gradient_plate, scene_with
 from tests.tolerances import FLOAT32
 
 RATE, COUNT = 32, 14
-"""Knots are the frames 0, 4, 8 and 12 of fourteen."""
+"""Samples are the frames 0, 4, 8 and 12 of fourteen."""
 PLATE = 0.4 * gradient_plate(64, 32, sun=None)
 
 
@@ -51,11 +51,11 @@ def clip(folder: Path, levels: Floats, bodies: list[dict[str, Any]], **tables: A
 def lit(scene: Scene, start: int = 0, stop: int = COUNT) -> tuple[list[FrameLight | None], list[FrameLight]]:
     """Return the light of a scene's frames as a run has it, and measured in each frame alone."""
     with open_plate(scene) as video:
-        loaded, facts = load(scene, video.width, video.height), ClipAnalysis()
-        frames = list(LightKnots(loaded, facts, video, video.frames).frames(start, stop))
+        loaded, analysis = load(scene, video.width, video.height), ClipAnalysis()
+        frames = list(LightSamples(loaded, analysis, video, video.frames).frames(start, stop))
         assert [plate.index for plate, _ in frames] == list(range(start, stop))
-        own = [ungraded(loaded.at(plate.time_s), facts.look, plate, Cache()) for plate, _ in frames]
-        return [light for _, light in frames], [plate_light(loaded.at(p.time_s), facts, p) for p in own]
+        own = [ungraded(loaded.at(plate.time_s), analysis.look, plate, Cache()) for plate, _ in frames]
+        return [light for _, light in frames], [plate_light(loaded.at(p.time_s), analysis, p) for p in own]
 
 
 def alone(levels: Floats, bodies: list[dict[str, Any]], folder: Path, **tables: Any) -> list[int]:
@@ -70,22 +70,22 @@ def alone(levels: Floats, bodies: list[dict[str, Any]], folder: Path, **tables: 
 
 
 @pytest.mark.parametrize(("rate", "step"), [(1.0, 1), (24.0, 3), (29.97, 4), (60.0, 8)])
-def test_knots_are_eight_a_second(rate: float, step: int) -> None:
-    assert knot_step(rate) == step
+def test_light_is_sampled_eight_times_a_second(rate: float, step: int) -> None:
+    assert sample_step(rate) == step
 
 
 def test_a_linear_change_is_reproduced_exactly(tmp_path: Path, bodies: list[dict[str, Any]]) -> None:
-    assert alone(1.0 + 0.03 * np.arange(COUNT), bodies, tmp_path) == [13]  # no knot follows it
+    assert alone(1.0 + 0.03 * np.arange(COUNT), bodies, tmp_path) == [13]  # no sample follows it
 
 
 @pytest.mark.parametrize("step", [5, 6, 8])
 def test_a_step_of_the_level_is_followed_to_the_frame(step: int, tmp_path: Path, bodies: list[dict[str, Any]]) -> None:
     levels = np.where(np.arange(COUNT) < step, 1.0, 0.7)
-    knot = (step - 1) // 4 * 4
-    assert alone(levels, bodies, tmp_path) == [*range(knot + 1, knot + 4), 13]
+    sample = (step - 1) // 4 * 4
+    assert alone(levels, bodies, tmp_path) == [*range(sample + 1, sample + 4), 13]
 
 
-def test_a_flash_between_knots_is_measured(tmp_path: Path, bodies: list[dict[str, Any]]) -> None:
+def test_a_flash_between_samples_is_measured(tmp_path: Path, bodies: list[dict[str, Any]]) -> None:
     assert alone(np.where(np.arange(COUNT) == 6, 1.5, 1.0), bodies, tmp_path) == [6, 13]
 
 
@@ -101,7 +101,7 @@ def test_light_is_read_without_the_plates_grade(tmp_path: Path, bodies: list[dic
     assert alone(np.ones(COUNT), bodies, tmp_path, match={"gamma": 0.8, "saturation": 1.3}) == [13]
 
 
-def test_keys_between_knots_are_followed(tmp_path: Path, bodies: list[dict[str, Any]]) -> None:
+def test_keys_between_samples_are_followed(tmp_path: Path, bodies: list[dict[str, Any]]) -> None:
     """A parameter is the same in frames 4 and 8, and another between them."""
     times, values = [4 / RATE, 6 / RATE, 8 / RATE], [12.0, 14.0, 12.0]
     keys = [{"parameter": "light.peak", "time_s": times, "value": values}]
@@ -144,10 +144,10 @@ def test_frames_before_a_damaged_one_are_given(lost: int, tmp_path: Path, bodies
                 yield plate
 
         loaded = load(scene, video.width, video.height)
-        knots, seen = LightKnots(loaded, ClipAnalysis(), video, read), []
+        samples, seen = LightSamples(loaded, ClipAnalysis(), video, read), []
         with pytest.raises(DamagedFrameError):
-            seen += (plate.index for plate, _ in knots.frames(0, 8))
-        whole = [plate.index for plate, _ in knots.frames(0, lost)]
-        after = [plate.index for plate, _ in knots.frames(lost + 1, 10)]
+            seen += (plate.index for plate, _ in samples.frames(0, 8))
+        whole = [plate.index for plate, _ in samples.frames(0, lost)]
+        after = [plate.index for plate, _ in samples.frames(lost + 1, 10)]
     assert whole == list(range(lost))
     assert after == list(range(lost + 1, 10))

@@ -19,7 +19,7 @@ from mr360uw.composite.grading.settings import PlateGrade
 from mr360uw.errors import ParameterError
 from mr360uw.medium import WaterSettings
 from mr360uw.preview.live import LivePreview
-from mr360uw.render.first_pass import clip_facts
+from mr360uw.render.first_pass import clip_analysis
 from mr360uw.render.loaded import load
 from mr360uw.scene.model import Scene
 from mr360uw.sphere import direction_from_angles, directions
@@ -74,7 +74,7 @@ def scene_of(folder: Path, whale: Path, patches: list[dict[str, Any]], **tables:
 
 def look_of(folder: Path, scene: Scene) -> PlateGrade:
     with open_video(folder / "plate.png") as video:
-        look = clip_facts(load(scene, *SIZE), video).look
+        look = clip_analysis(load(scene, *SIZE), video).look
     assert look is not None
     return look
 

@@ -12,7 +12,7 @@ import pytest
 
 import mr360uw as uw
 from mr360uw.reading.disk_cache import FOLDER
-from mr360uw.runs import stored_facts
+from mr360uw.runs import stored_analysis
 from mr360uw.sample import SampleDive
 from mr360uw.scene import Scene
 from mr360uw.scene.model import load_scene
@@ -25,13 +25,13 @@ def _counted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """First passes that are run, and an empty folder."""
     monkeypatch.setenv(FOLDER, str(tmp_path / "kept"))
     PASSES.clear()
-    run = stored_facts.clip_facts
+    run = stored_analysis.clip_analysis
 
     def counted(*arguments: object, **options: object) -> object:
         PASSES.append(1)
         return run(*arguments, **options)  # type: ignore[arg-type]
 
-    monkeypatch.setattr(stored_facts, "clip_facts", counted)
+    monkeypatch.setattr(stored_analysis, "clip_analysis", counted)
 
 
 @pytest.fixture
@@ -58,7 +58,7 @@ def test_a_second_run_measures_nothing_and_is_the_same(plate: Path, tmp_path: Pa
     assert len(PASSES) == 2
 
 
-def test_facts_of_another_kind_are_measured_anew(plate: Path, tmp_path: Path) -> None:
+def test_an_analysis_of_another_kind_is_measured_anew(plate: Path, tmp_path: Path) -> None:
     first = composited(load_scene(plate), tmp_path / "out.png")
     (kept,) = (tmp_path / "kept").glob("first-pass-*.npz")
     np.savez(kept, other=np.zeros(1))

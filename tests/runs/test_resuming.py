@@ -40,7 +40,7 @@ def stopped(scene: Scene, out: Path, after: int, **options: object) -> None:
 
     def stop(done: int, total: int | None) -> None:
         # the first pass reports frames too, before there is anything to stop
-        if done == after and total == 8 and (work_path(out) / "facts.npz").exists():
+        if done == after and total == 8 and (work_path(out) / "analysis.npz").exists():
             raise _StopError
 
     with pytest.raises(_StopError):
@@ -146,7 +146,7 @@ def test_damaged_parts_are_made_again(dive: SampleDive, tmp_path: Path) -> None:
 
     damages: list[tuple[Callable[[Path], None], int]] = [
         (lambda work: cut(work, f"{first}.npz"), 1), (lambda work: cut(work, f"{first}.packets"), 1), (zeroed, 1),
-        (turned, 1), (swapped, 2), (replaced, 1), (lambda work: cut(work, "facts.npz"), 0),
+        (turned, 1), (swapped, 2), (replaced, 1), (lambda work: cut(work, "analysis.npz"), 0),
     ]  # fmt: skip
     for number, (damage, lost) in enumerate(damages):
         out = tmp_path / f"out{number}.mp4"
@@ -214,7 +214,7 @@ def test_a_second_run_to_the_same_output_is_refused(dive: SampleDive, tmp_path: 
     refused: list[str] = []
 
     def again(done: int, total: int | None) -> None:
-        if done == 4 and total == 8 and not refused and (work_path(out) / "facts.npz").exists():
+        if done == 4 and total == 8 and not refused and (work_path(out) / "analysis.npz").exists():
             with pytest.raises(OutputExistsError, match="another run") as error:
                 uw.composite_video(scene_of(dive), out, backend="reference")
             refused.append(str(error.value))

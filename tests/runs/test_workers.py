@@ -66,7 +66,7 @@ def test_the_part_of_a_worker_that_dies_is_given_to_another(
 
     def kill_one(done: int, total: int | None) -> None:  # noqa: ARG001 - as progress is called
         workers = multiprocessing.active_children()
-        if not killed and workers and (work_path(out) / "facts.npz").exists():
+        if not killed and workers and (work_path(out) / "analysis.npz").exists():
             killed.append(workers[0].pid)
             workers[0].kill()
 

@@ -115,10 +115,10 @@ class _PointLight:
         from mr360uw.caustics.flux.point_kernels import sum_points
 
         size, tile_m = settings.size, self.sea.tile_m
-        room, covered = np.empty((size + 2, size + 2), np.float32), None
+        scratch, covered = np.empty((size + 2, size + 2), np.float32), None
         for depth_m, factor, out in zip(depths_m.tolist(), factors, maps, strict=True):
             if factor is not None:
-                sum_points(self.points, depth_m, tile_m, size * size / self.total, room, out)
+                sum_points(self.points, depth_m, tile_m, size * size / self.total, scratch, out)
                 continue
             covered = self._by_coverage(settings) if covered is None else covered
             out[:] = covered.on_plane(depth_m, size, settings.sun_half_angle_rad, "exact", self.travel)

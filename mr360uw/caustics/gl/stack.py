@@ -30,21 +30,21 @@ def layer_planes(count: int) -> NDArray[np.int64]:
     return np.minimum(first[:, None] + np.arange(channels), count - 1)
 
 
-def mip_atlas(*stacks: Sequence[Floats], room: NDArray[np.float32] | None = None) -> NDArray[np.float32]:
+def mip_atlas(*stacks: Sequence[Floats], scratch: NDArray[np.float32] | None = None) -> NDArray[np.float32]:
     """Return the levels (D, size, size, C) of stacks in the texture's layout, (layers C, 2 size + 2 levels, size + 2,
     1, 2 or 4).
 
     A pixel holds up to four planes, of one colour; colours follow each other as layers, and stacks after each other.
     The levels lie below each other, each with the pixels of its other side around it, so that one filtered fetch is
     right at its edges. They all lie in level 0 of the texture: drivers may take the level of a fetch from one pixel of
-    each 2 x 2 block. room: an earlier atlas, written over if its shape fits: pages of new memory take longer to get
+    each 2 x 2 block. scratch: an earlier atlas, written over if its shape fits: pages of new memory take longer to get
     than to fill.
     """
     count, size = stacks[0][0].shape[:2]
     planes = layer_planes(count)
     colours = [levels[0].shape[3] for levels in stacks]
     shape = (len(planes) * sum(colours), 2 * size + 2 * len(stacks[0]), size + 2, planes.shape[1])
-    atlas, first = (room if room is not None and room.shape == shape else np.zeros(shape, np.float32)), 0
+    atlas, first = (scratch if scratch is not None and scratch.shape == shape else np.zeros(shape, np.float32)), 0
     for levels, of_stack in zip(stacks, colours, strict=True):
         top = 0
         for level in levels:
@@ -77,7 +77,7 @@ def plane_steps(depth_m: Floats) -> NDArray[np.float32]:
     return steps[None].astype(np.float32)
 
 
-class AtlasRoom:
+class AtlasScratch:
     """Memory of one context for the atlases of stacks: an array, and the textures of stacks that are no longer used.
 
     Getting pages of memory takes the processor ten times as long as writing them.
@@ -89,7 +89,7 @@ class AtlasRoom:
 
     def filled(self, *stacks: Sequence[Floats]) -> moderngl.TextureArray:
         """Return a texture of the `mip_atlas` of stacks."""
-        self._atlas = mip_atlas(*stacks, room=self._atlas)
+        self._atlas = mip_atlas(*stacks, scratch=self._atlas)
         count, height, width, channels = self._atlas.shape
         if self._free:
             texture = self._free.pop()
@@ -112,17 +112,17 @@ class StackTextures:
     plane_depth: moderngl.Texture
 
 
-def upload(stack: CausticStack, room: AtlasRoom | None = None) -> StackTextures:
-    """Return a stack's textures, with its mip levels. room: None takes new memory."""
+def upload(stack: CausticStack, scratch: AtlasScratch | None = None) -> StackTextures:
+    """Return a stack's textures, with its mip levels. scratch: None takes new memory."""
     ratio = np.asarray(stack.ratio, np.float32)
     grey = ratio.strides[3] == 0 or bool(np.all(ratio[..., :1] == ratio[..., 1:]))
     stacks = [mip_levels(ratio[..., :1] if grey else ratio)]
     if stack.soft is not None:
         stacks.append(mip_levels(np.asarray(stack.soft, np.float32)))
-    room = AtlasRoom() if room is None else room
-    texture = room.filled(*stacks)
+    scratch = AtlasScratch() if scratch is None else scratch
+    texture = scratch.filled(*stacks)
     # graphics hardware filters with weights of 8 bits: an error of up to 1/512 of the difference of two pixels
     texture.filter = (moderngl.LINEAR, moderngl.LINEAR)
     held = StackTextures(texture, texture_from_array(plane_steps(stack.depth_m)))
-    room.take_back(held)
+    scratch.take_back(held)
     return held

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Sample points over the surface of a mesh: where ambient light is found, and how shading interpolates it.
 
-*Knots* are what shading reads: the vertices, and on triangles that are large for the mesh a barycentric lattice.
-*Samples* are where rays start: the knots with those of equal place and normal joined, or of dense meshes a sample of
-them, from which a knot takes a weighted mean. A lattice of n steps lists its knots by rows: place (i, j), with i steps
-towards the second corner and j towards the third, has the number i (2 n + 3 - i)/2 + j.
+*Points* are what shading reads: the vertices, and on triangles that are large for the mesh a barycentric lattice.
+*Samples* are where rays start: the points with those of equal place and normal joined, or of dense meshes a sample of
+them, from which a point takes a weighted mean. A lattice of n steps lists its points by rows: place (i, j), with i
+steps towards the second corner and j towards the third, has the number i (2 n + 3 - i)/2 + j.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.composite.ambient.knot_kernel import find_three
+from mr360uw.composite.ambient.lattice_kernel import find_three
 from mr360uw.composite.mesh.mesh import Mesh
 from mr360uw.composite.mesh.normals import welded
 from mr360uw.types import Floats
@@ -37,27 +37,27 @@ _NEAREST, _STAND_INS = 8, 4
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Lattice:
-    """Knots and samples of a mesh, in its own axes [m].
+    """Points and samples of a mesh, in its own axes [m].
 
-    places: (T, 4) for every triangle three knots and 1, or the first knot of its lattice, two zeros and the number of
-    steps. knots: their number on the front; as many again follow for the back where `two_sided`. position, normal:
+    places: (T, 4) for every triangle three points and 1, or the first point of its lattice, two zeros and the number of
+    steps. points: their number on the front; as many again follow for the back where `two_sided`. position, normal:
     (S, 3) of the samples. triangle: (S,) one that holds it, weights:
-    (S, 3) where. knot_sample: (K,) the sample nearest to each knot. from_samples: (K, S) sparse, rows of sum 1.
+    (S, 3) where. nearest_sample: (K,) the sample nearest to each point. from_samples: (K, S) sparse, rows of sum 1.
     """
 
     places: NDArray[np.int64]
-    knots: int
+    points: int
     two_sided: bool
     position: Floats
     normal: Floats
     triangle: NDArray[np.int64]
     weights: Floats
-    knot_sample: NDArray[np.int64]
+    nearest_sample: NDArray[np.int64]
     from_samples: Any
 
 
 def make_lattice(mesh: Mesh) -> Lattice:
-    """Return the knots and samples of a mesh."""
+    """Return the points and samples of a mesh."""
     corners = mesh.positions
     extent = float(np.max(mesh.extent_m))
     area = 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=-1)
@@ -85,13 +85,13 @@ def make_lattice(mesh: Mesh) -> Lattice:
     nearest = np.asarray(from_samples.argmax(axis=1)).ravel()
     return Lattice(
         places=places,
-        knots=len(sample_of),
+        points=len(sample_of),
         two_sided=two_sided,
         position=np.concatenate([at + _LIFT * extent * n for n in turned]),
         normal=np.concatenate(turned),
         triangle=np.tile(triangle[one][kept], sides),
         weights=np.tile(weights[one][kept], (sides, 1)),
-        knot_sample=np.concatenate([nearest + k * len(kept) for k in range(sides)]),
+        nearest_sample=np.concatenate([nearest + k * len(kept) for k in range(sides)]),
         from_samples=_block_diagonal([from_samples] * sides),
     )
 
@@ -113,9 +113,9 @@ def _spread(steps: NDArray[np.int64]) -> tuple[NDArray[np.int64], Floats, NDArra
 def _numbered(
     steps: NDArray[np.int64], first: NDArray[np.int64], joined: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the places (T, 4) of triangles and the joined point (K,) of each knot.
+    """Return the places (T, 4) of triangles and the joined point (K,) that each point is.
 
-    Points of lattices are knots of their own; the corners of the other triangles share the joined points.
+    Those of lattices are their own; the corners of the other triangles share the joined points.
     """
     plain = steps == 1
     own = int(first[plain].min()) if np.any(plain) else len(joined)
@@ -218,8 +218,8 @@ def _is_open(corners: Floats) -> bool:
     return bool(np.mean(np.unique(key, return_counts=True)[1] == 1) > 0.01)
 
 
-def knots_at(places: NDArray[np.int64], weights: Floats) -> tuple[NDArray[np.int64], Floats]:
-    """Return three knots (n, 3) and their shares (n, 3) at weights (n, 3) in triangles with places (n, 4)."""
-    knots, shares = np.empty((len(places), 3), np.int64), np.empty((len(places), 3))
-    find_three(places, np.asarray(weights, np.float64), knots, shares)
-    return knots, shares
+def points_at(places: NDArray[np.int64], weights: Floats) -> tuple[NDArray[np.int64], Floats]:
+    """Return three points (n, 3) and their shares (n, 3) at weights (n, 3) in triangles with places (n, 4)."""
+    points, shares = np.empty((len(places), 3), np.int64), np.empty((len(places), 3))
+    find_three(places, np.asarray(weights, np.float64), points, shares)
+    return points, shares

@@ -13,12 +13,12 @@ from mr360uw.composite.ambient.on_ground.ground_view import ground_heights
 from mr360uw.composite.ambient.on_ground.quadtree import Quadtree, camera_place, make_quadtree
 from mr360uw.composite.ambient.solved_light import AmbientLight, interpolated
 from mr360uw.composite.ambient.solver import Solver
-from mr360uw.composite.shot import KnotLight, PlacedObject, Shot
+from mr360uw.composite.shot import LightSample, PlacedObject, Shot
 from mr360uw.types import Floats
 
 _PLACES_AT_ONCE, _KEPT_PLACES = 1 << 13, 8
 """Places of the ground that are looked at together, 3 kB each, and how many such sets are kept."""
-_KEPT_KNOTS = 2
+_KEPT_SAMPLES = 2
 
 
 def ambient_layout(shot: Shot, cache: Cache) -> Layout:
@@ -44,19 +44,21 @@ def ambient_light(shot: Shot, cache: Cache) -> AmbientLight | None:
     layout = ambient_layout(shot, cache)
     if layout.nothing:
         return None
-    knots = shot.knots
-    if knots is None:
+    between = shot.between
+    if between is None:
         return Solver(shot, layout, cache).solve()
-    before, after = (_at_knot(shot, layout, knot, cache) for knot in (knots.before, knots.after))
-    return interpolated(before, after, knots.share) if knots.share > 0.0 else before
+    before, after = (_at_sample(shot, layout, sample, cache) for sample in (between.before, between.after))
+    return interpolated(before, after, between.share) if between.share > 0.0 else before
 
 
-def _at_knot(shot: Shot, layout: Layout, knot: KnotLight, cache: Cache) -> AmbientLight:
-    """Return the light of a shot's bodies, which stand still, as it is in a knot of time; kept in `cache`."""
-    view = replace(shot.view, position=knot.position)
-    then = replace(shot, view=view, environment=knot.environment, lights=knot.lights, medium=knot.medium, knots=None)
-    of_light = PartOf(then, knot, shot.draw.ambient_occlusion, view.surface_y_m)
-    return cache.of(_solved, of_light, layout, cache, keep=_KEPT_KNOTS)
+def _at_sample(shot: Shot, layout: Layout, sample: LightSample, cache: Cache) -> AmbientLight:
+    """Return the light of a shot's bodies, which stand still, as it is at a sample in time; kept in `cache`."""
+    view = replace(shot.view, position=sample.position)
+    then = replace(
+        shot, view=view, environment=sample.environment, lights=sample.lights, medium=sample.medium, between=None
+    )
+    of_light = PartOf(then, sample, shot.draw.ambient_occlusion, view.surface_y_m)
+    return cache.of(_solved, of_light, layout, cache, keep=_KEPT_SAMPLES)
 
 
 def _solved(shot: PartOf[Shot], layout: Layout, cache: Cache) -> AmbientLight:

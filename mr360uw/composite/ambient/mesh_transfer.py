@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from mr360uw.cache import PartOf, Same
 from mr360uw.composite.ambient.coarse_samples import CoarseSamples, choose_coarse
 from mr360uw.composite.ambient.directions import SOLID_ANGLE, directions
-from mr360uw.composite.ambient.knot_kernel import find_nearest_knots
 from mr360uw.composite.ambient.lattice import Lattice, make_lattice, stand_ins
+from mr360uw.composite.ambient.lattice_kernel import find_nearest_points
 from mr360uw.composite.ambient.shape_arrays import Pairs, Sides, arrays_of, parts_of
 from mr360uw.composite.lighting.shading import dielectric_f0, reflectance
 from mr360uw.composite.mesh.material import Material
@@ -194,7 +194,9 @@ def _without_buried_samples(
         return lattice, Pairs(sample, direction, hit), np.ones(count, np.bool_)
     stand_in, mixed = stand_ins(lattice, buried)
     kept = ~buried[sample]
-    lattice = replace(lattice, knot_sample=stand_in[lattice.knot_sample], from_samples=lattice.from_samples @ mixed)
+    lattice = replace(
+        lattice, nearest_sample=stand_in[lattice.nearest_sample], from_samples=lattice.from_samples @ mixed
+    )
     return lattice, Pairs(sample[kept], direction[kept], stand_in[hit[kept]]), ~buried
 
 
@@ -231,10 +233,12 @@ def _met(
     triangle: NDArray[np.int64],
 ) -> tuple[NDArray[np.int64], Floats, NDArray[np.bool_]]:
     count = len(triangle)
-    knot, distance, behind = np.empty(count, np.int64), np.empty(count), np.empty(count, np.bool_)
+    point, distance, behind = np.empty(count, np.int64), np.empty(count), np.empty(count, np.bool_)
     if count:
-        find_nearest_knots(scene.triangles, triangle, origin, direction, lattice.places, solid, knot, distance, behind)
-    return lattice.knot_sample[knot + (lattice.knots * behind if lattice.two_sided else 0)], distance, behind
+        find_nearest_points(
+            scene.triangles, triangle, origin, direction, lattice.places, solid, point, distance, behind
+        )
+    return lattice.nearest_sample[point + (lattice.points * behind if lattice.two_sided else 0)], distance, behind
 
 
 def _colors(mesh: Mesh, lattice: Lattice) -> tuple[Floats, ...]:

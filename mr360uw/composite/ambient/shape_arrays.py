@@ -59,7 +59,7 @@ def arrays_of(lattice: Lattice, coarse: CoarseSamples, own: Pairs, sides: Sides)
 
 
 def _small(array: NDArray[Any]) -> NDArray[Any]:
-    """Return numbers of samples, knots and triangles in the smallest type that holds them."""
+    """Return numbers of samples, points and triangles in the smallest type that holds them."""
     return array.astype(np.min_scalar_type(int(array.max(initial=0)))) if array.dtype == np.int64 else array
 
 

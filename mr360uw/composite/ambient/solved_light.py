@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Solved ambient light of a shot: of its bodies' knots, of places on the ground, and where rays meet bodies."""
+"""Solved ambient light of a shot: of its bodies' points, of places on the ground, and where rays meet bodies."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.composite.ambient.body_layout import Layout
-from mr360uw.composite.ambient.knot_kernel import UNTOUCHED, whole_values
-from mr360uw.composite.ambient.lattice import knots_at
+from mr360uw.composite.ambient.lattice import points_at
+from mr360uw.composite.ambient.lattice_kernel import UNTOUCHED, whole_values
 from mr360uw.composite.ambient.on_ground.blocked_light import BlockedLight, fraction_left
 from mr360uw.composite.raycast.geometry import Hits
 from mr360uw.composite.shot import Shot
@@ -31,10 +31,10 @@ def ambient_at(shot: Shot, light: AmbientLight | None, hits: Hits) -> Floats:
         if known is None or len(of) == 0:
             continue
         lattice = light.layout.bodies[k].transfer.lattice
-        knots, shares = knots_at(lattice.places[hits.triangle[of] - first[number]], hits.weights[of])
+        points, shares = points_at(lattice.places[hits.triangle[of] - first[number]], hits.weights[of])
         if lattice.two_sided:
-            knots = knots + lattice.knots * hits.behind[of, None]
-        values[of] = np.einsum("nk,nkc->nc", shares, whole_values(known)[knots].astype(np.float64))
+            points = points + lattice.points * hits.behind[of, None]
+        values[of] = np.einsum("nk,nkc->nc", shares, whole_values(known)[points].astype(np.float64))
     return values
 
 
@@ -42,9 +42,9 @@ def ambient_at(shot: Shot, light: AmbientLight | None, hits: Hits) -> Floats:
 class AmbientLight:
     """Solved ambient light of a shot.
 
-    values: for each object those of its knots (knot_kernel.py), float32, or None where nothing is in its way. table: of
-    the environment (sky_table.py), empty without a receiver. sent: for each body that the ground sees the mean radiance
-    (NODES, NODES, 3) of what it hides, at the nodes below it. ambient: (H, W, 3).
+    values: for each object those of its points (lattice_kernel.py), float32, or None where nothing is in its way.
+    table: of the environment (sky_table.py), empty without a receiver. sent: for each body that the ground sees the
+    mean radiance (NODES, NODES, 3) of what it hides, at the nodes below it. ambient: (H, W, 3).
     """
 
     layout: Layout
@@ -65,7 +65,7 @@ def interpolated(before: AmbientLight, after: AmbientLight, share: float) -> Amb
     """Return the light between two solutions of one layout, interpolated linearly.
 
     share: 0 at `before`, 1 at `after`. What bodies send to the ground is linear in the environment and in the sun, so
-    that this is exact; the ratios of their own knots are, to the second order of what changes between both.
+    that this is exact; the ratios of their own points are, to the second order of what changes between both.
     """
 
     def mixed(a: Any, b: Any) -> Any:

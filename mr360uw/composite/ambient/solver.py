@@ -21,7 +21,7 @@ from mr360uw.composite.ambient.body_layout import Layout
 from mr360uw.composite.ambient.body_view import Body, FormFactors
 from mr360uw.composite.ambient.directions import blurred, directions, radiance_towards
 from mr360uw.composite.ambient.ground_light import GroundLight, ground_radiance
-from mr360uw.composite.ambient.knot_kernel import CHANNELS, FEW_CHANNELS
+from mr360uw.composite.ambient.lattice_kernel import CHANNELS, FEW_CHANNELS
 from mr360uw.composite.ambient.lobe_occlusion import reflected_among
 from mr360uw.composite.ambient.mesh_transfer import Transfer
 from mr360uw.composite.ambient.on_ground.sky_table import sky_table
@@ -157,7 +157,7 @@ class Solver:
     def _values(
         self, number: int, own_light: tuple[Floats, ...], sent: Floats, nodes: Floats
     ) -> NDArray[np.float32] | None:
-        """Return the values of a body's knots (knot_kernel.py), None where nothing is in its way. own_light: of
+        """Return the values of a body's points (lattice_kernel.py), None where nothing is in its way. own_light: of
         `_everywhere`. sent, nodes: radiance of all coarse samples, and of the nodes.
         """
         body, view = self._layout.bodies[number], self._layout.views[number]

@@ -49,7 +49,7 @@ def in_air(shot: Shot) -> Shot:
     light = assemble(_sky(shot), sun, roughness)
     lamps: tuple[Light, ...] = tuple(one for one in shot.lights if not isinstance(one, Sun))
     lights = lamps if sun is None else (sun, *lamps)
-    return replace(shot, environment=light, lights=lights, medium=None, caustics=None, knots=None)
+    return replace(shot, environment=light, lights=lights, medium=None, caustics=None, between=None)
 
 
 def _sky(shot: Shot) -> Floats:

@@ -89,7 +89,7 @@ def _posed(mesh: Mesh, still: StillBuffers) -> MeshBuffers:
 
 
 def _places(ambient: AmbientLight | None) -> dict[Mesh, NDArray[np.int64]]:
-    """Return the knots of ambient light, for each mesh at rest whose values are to be read."""
+    """Return the points of ambient light, for each mesh at rest whose values are to be read."""
     if ambient is None:
         return {}
     bodies = zip(ambient.layout.bodies, ambient.values, strict=False)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from mr360uw.cache import Cache
-from mr360uw.caustics.gl.stack import AtlasRoom, upload
+from mr360uw.caustics.gl.stack import AtlasScratch, upload
 from mr360uw.composite.gl.lamp_light import lamp_frames, shadow_table
 from mr360uw.composite.gl.shadow_atlas import ShadowAtlas, slot_size
 from mr360uw.composite.gl.sun_light import sun_defines, sun_frames, sun_grid, sun_uniforms
@@ -49,7 +49,7 @@ class LightTextures:
         self._cache = cache
         self._uniforms: dict[str, Any] = {}
         self._arrays: dict[str, Floats] = {}
-        self._atlas, self._caustic_room = ShadowAtlas(cache, buffers), AtlasRoom()
+        self._atlas, self._caustic_scratch = ShadowAtlas(cache, buffers), AtlasScratch()
 
     def update(self, shot: Shot) -> None:
         """Set textures, defines and uniforms to those of a shot; unchanged textures come from the cache."""
@@ -108,7 +108,7 @@ class LightTextures:
             self.textures |= self._cache.of(_no_caustics)
             return
         self._uniforms |= {"stack__tile_m": stack.tile_m, "stack__sun_direction": stack.sun_direction}
-        held = self._cache.of(upload, stack, self._caustic_room)
+        held = self._cache.of(upload, stack, self._caustic_scratch)
         self.textures |= {"caustic_ratio": held.ratio, "plane_depth": held.plane_depth}
 
     def _update_shadows(self, shot: Shot) -> None:

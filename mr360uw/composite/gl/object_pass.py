@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.cache import Cache, PartOf, Room, Same
-from mr360uw.composite.ambient.knot_kernel import FEW_CHANNELS, UNTOUCHED
+from mr360uw.cache import Cache, PartOf, Same, Scratch
+from mr360uw.composite.ambient.lattice_kernel import FEW_CHANNELS, UNTOUCHED
 from mr360uw.composite.ambient.solved_light import AmbientLight
 from mr360uw.composite.aovs import SUMS, AovFrame
 from mr360uw.composite.gl.blocks import LANE_COLUMNS, lane_rows
@@ -50,7 +50,7 @@ _KEPT = 1 << 21
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BodyList:
-    """Texture of bodies: four texels each as layer.frag says, then the values of knots. among: meshes that have any."""
+    """Texture of bodies: four texels each as layer.frag says, then values of points. among: meshes with any."""
 
     texture: moderngl.Texture
     among: frozenset[Mesh]
@@ -66,7 +66,7 @@ class ObjectPass:
         self, targets: Targets, light: LightTextures, buffers: Callable[[Mesh], MeshBuffers], cache: Cache
     ) -> None:
         self._targets, self._light, self._buffers, self._cache = targets, light, buffers, cache
-        self._surfaces, self._room = SurfacePass(targets, buffers, cache), Room()
+        self._surfaces, self._scratch = SurfacePass(targets, buffers, cache), Scratch()
 
     def draw(self, shot: Shot, tiles: Sequence[Tile], frame: AovFrame | None, ambient: AmbientLight | None) -> Gaps:
         """Composite the objects of a shot behind the contents of tiles.
@@ -119,12 +119,12 @@ class ObjectPass:
                 continue
             assert ambient is not None
             lattice = ambient.layout.bodies[shot.objects.index(placed)].transfer.lattice
-            knots = lattice.knots * (2 if lattice.two_sided else 1)
-            own = np.tile(np.array(UNTOUCHED[:FEW_CHANNELS], np.float32), (knots, 1)) if known is None else known
-            row[3, 1:4] = texels, lattice.knots if lattice.two_sided else 0, own.shape[1] // 4
+            points = lattice.points * (2 if lattice.two_sided else 1)
+            own = np.tile(np.array(UNTOUCHED[:FEW_CHANNELS], np.float32), (points, 1)) if known is None else known
+            row[3, 1:4] = texels, lattice.points if lattice.two_sided else 0, own.shape[1] // 4
             values.append(own)
             texels += own.size // 4
-        return BodyList(joined_texture(values, self._room), frozenset(changed))
+        return BodyList(joined_texture(values, self._scratch), frozenset(changed))
 
     def _light_up(
         self,

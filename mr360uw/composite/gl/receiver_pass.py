@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.cache import Cache, PartOf, Room, Same
+from mr360uw.cache import Cache, PartOf, Same, Scratch
 from mr360uw.composite.ambient.solved_light import AmbientLight
 from mr360uw.composite.gl.ground_shader import GroundShader
 from mr360uw.composite.gl.ground_sight import NO_EDGE, SHARP, SOFT, SunSight, sun_sight
@@ -73,7 +73,7 @@ class ReceiverPass:
     """Draws the receivers of shots; caches the geometry of a receiver while the camera is at rest."""
 
     def __init__(self, targets: Targets, light: LightTextures, cache: Cache) -> None:
-        self._shader, self._cache, self._room = GroundShader(targets, light), cache, Room()
+        self._shader, self._cache, self._scratch = GroundShader(targets, light), cache, Scratch()
 
     def reach(self, shot: Shot) -> ReachedBlocks | None:
         """Return where the receiver may change, by the bodies' boxes; None where it does not."""
@@ -123,7 +123,7 @@ class ReceiverPass:
             return
         light = self._block_light(shot, changes, ambient, gaps)
         for tile in tiles:
-            lay_receiver(light, tile, shot.view.width, shot.view.height, shot.pattern, self._room)
+            lay_receiver(light, tile, shot.view.width, shot.view.height, shot.pattern, self._scratch)
 
     def _sight(self, of_sight: PartOf[Shot], ground: Ground, shaded: NDArray[np.bool_]) -> SunSight:
         return sun_sight(self._shader, of_sight.whole, ground, shaded)

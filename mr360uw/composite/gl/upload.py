@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.cache import Room
+from mr360uw.cache import Scratch
 from mr360uw.composite.mesh.material import AlphaMode, Material
 from mr360uw.composite.mesh.mesh import Mesh
 from mr360uw.composite.mesh.texture import WRAPS, Texture
@@ -67,7 +67,7 @@ class StillBuffers:
 
 
 def upload_still(mesh: Mesh, places: NDArray[np.int64] | None = None) -> StillBuffers:
-    """Return what the poses of a mesh share on the device. places: (T, 4) its knots of ambient light, as `Lattice` has
+    """Return what the poses of a mesh share on the device. places: (T, 4) its points of ambient light, as `Lattice` has
     them; None without them.
     """
     mode = np.array([MODES.index(m.alpha_mode) for m in mesh.materials])[mesh.material]
@@ -119,11 +119,11 @@ def list_texture(values: NDArray[Any], channels: int = 4) -> moderngl.Texture:
     return texture_from_array(_in_rows(values, channels))
 
 
-def joined_texture(parts: Sequence[NDArray[np.float32]], room: Room) -> moderngl.Texture:
-    """Return `list_texture` of the values of several arrays, one after the other. room: for a copy of them."""
+def joined_texture(parts: Sequence[NDArray[np.float32]], scratch: Scratch) -> moderngl.Texture:
+    """Return `list_texture` of the values of several arrays, one after the other. scratch: for a copy of them."""
     begin = np.cumsum([0, *(part.size for part in parts)]).tolist()
     row = 4 * _LIST_COLUMNS
-    texels = room.floats("texels", max(-(-begin[-1] // row), 1), _LIST_COLUMNS, 4)
+    texels = scratch.floats("texels", max(-(-begin[-1] // row), 1), _LIST_COLUMNS, 4)
     flat = texels.reshape(-1)
     for part, start in zip(parts, begin[:-1], strict=True):
         flat[start : start + part.size] = part.reshape(-1)

@@ -19,7 +19,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.cache import Room
+from mr360uw.cache import Scratch
 from mr360uw.jit import exact
 from mr360uw.types import Floats, Rectangle
 
@@ -56,13 +56,13 @@ class PlateBlur:
 
     def of(self, part: Rectangle, sigma: float) -> Floats:
         """Return a part (h, w, 3), float32, under a Gaussian of a standard deviation [px]."""
-        image, row, column = self.around(part, sigma, Room())
+        image, row, column = self.around(part, sigma, Scratch())
         return image[row : row + part.height, column : column + part.width]
 
-    def around(self, part: Rectangle, sigma: float, room: Room) -> tuple[Floats, int, int]:
+    def around(self, part: Rectangle, sigma: float, scratch: Scratch) -> tuple[Floats, int, int]:
         """Return a picture that holds what `of` returns, contiguous, and the row and column where that begins.
 
-        room: has the picture, until it is used again.
+        scratch: has the picture, until it is used again.
         """
         import cv2
 
@@ -78,13 +78,13 @@ class PlateBlur:
         begin, end = part.column // factor - beside, -(-(part.column + part.width) // factor) + beside
         cells = self._cells(factor, top, bottom, np.arange(left, right) % across)
         small = cv2.GaussianBlur(
-            cells, (0, 0), sigma / factor, room.floats("blurred", *cells.shape), borderType=cv2.BORDER_REPLICATE
+            cells, (0, 0), sigma / factor, scratch.floats("blurred", *cells.shape), borderType=cv2.BORDER_REPLICATE
         )
         if factor == 1:
             return small, first - top, begin - left
         small = small[first - top : last - top, begin - left : end - left]
         size = factor * (end - begin), factor * (last - first)
-        large = cv2.resize(small, size, room.floats("enlarged", *size[::-1], 3), interpolation=cv2.INTER_LINEAR)
+        large = cv2.resize(small, size, scratch.floats("enlarged", *size[::-1], 3), interpolation=cv2.INTER_LINEAR)
         return large, part.row - factor * first, part.column - factor * begin
 
     def _cells(self, factor: int, top: int, bottom: int, columns: NDArray[np.integer]) -> Floats:
@@ -156,20 +156,20 @@ class PlatePattern:
         """Share reduced pictures among the parts that are asked for."""
         object.__setattr__(self, "blur", PlateBlur(self.picture))
 
-    def light(self, part: Rectangle, room: Room | None = None) -> tuple[Floats, Floats]:
+    def light(self, part: Rectangle, scratch: Scratch | None = None) -> tuple[Floats, Floats]:
         """Return the frame and its calm state over a part of it, each (h, w, 3) float32.
 
-        room: may have the calm state, until it is used again; None takes new memory.
+        scratch: may have the calm state, until it is used again; None takes new memory.
         """
         shown = np.asarray(self.picture.lent(part), np.float32)
         if self.mean is not None:
             rows, columns = slice(part.row, part.row + part.height), slice(part.column, part.column + part.width)
             return shown, _widened(self.mean[rows, columns])
-        calm = self._smooth(part, Room() if room is None else room)
+        calm = self._smooth(part, Scratch() if scratch is None else scratch)
         _draw_from(shown.reshape(-1), np.float32(self.strength), calm.reshape(-1))
         return shown, calm
 
-    def _smooth(self, part: Rectangle, room: Room) -> NDArray[np.float32]:
+    def _smooth(self, part: Rectangle, scratch: Scratch) -> NDArray[np.float32]:
         """Return a part blurred by `_SIGMA_M` on level ground, row by row."""
         height, width = self.picture.shape
         latitude = np.pi * ((np.arange(part.height) + part.row + 0.5) / height - 0.5)
@@ -177,7 +177,7 @@ class PlatePattern:
         sigma = np.clip(_SIGMA_M / distance * height / np.pi, 1.0, width / 16)
         level = np.log(sigma) / np.log(_STEP)
         low, high = int(np.floor(level.min())), int(np.floor(level.max())) + 1
-        smooth, begun = room.floats("smooth", part.height, part.width, 3), np.zeros(part.height, np.bool_)
+        smooth, begun = scratch.floats("smooth", part.height, part.width, 3), np.zeros(part.height, np.bool_)
         for number in range(low, high + 1):
             weight = np.maximum(1.0 - np.abs(level - number), 0.0).astype(np.float32)
             rows = np.flatnonzero(weight)
@@ -185,7 +185,7 @@ class PlatePattern:
                 continue
             own = slice(rows[0], rows[-1] + 1)
             band = part._replace(row=part.row + int(rows[0]), height=int(rows[-1] - rows[0]) + 1)
-            _add_rows(*self.blur.around(band, _STEP**number, room), weight[own], begun[own], smooth[own])
+            _add_rows(*self.blur.around(band, _STEP**number, scratch), weight[own], begun[own], smooth[own])
         return smooth
 
 

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.cache import Room
+from mr360uw.cache import Scratch
 from mr360uw.composite.receiver.ground import BLOCK
 from mr360uw.composite.receiver.pattern import LEAST_DIRECT, LEAST_LIGHT, PlatePattern
 from mr360uw.jit import fast, inlined
@@ -72,7 +72,7 @@ class BlockLight:
 
 
 def lay_receiver(
-    light: BlockLight, tile: Tile, width: int, height: int, pattern: PlatePattern | None, room: Room
+    light: BlockLight, tile: Tile, width: int, height: int, pattern: PlatePattern | None, room: Scratch
 ) -> None:
     """Write ratio and veil of the blocks into a tile of a width x height frame; where nothing changes it is left.
 

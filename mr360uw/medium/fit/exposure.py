@@ -36,7 +36,7 @@ _LEAST_CHANGE = 0.02
 CUT, _CUT_MEDIANS = 0.25, 6.0
 """A cut changes the log luminance by at least this much, and by this many medians of the clip's changes."""
 UNCHANGED = 0.5 * CUT
-"""Change of the picture up to which two knots in time show the same: half of that of a cut."""
+"""Change of the picture up to which two samples in time show the same: half of that of a cut."""
 _FLASH_FRAMES = 2
 """Half window [frames] of the median filter of the exposure: shorter changes are ignored as flashes."""
 _PASSING_S = 1.0

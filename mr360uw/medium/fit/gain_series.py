@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from mr360uw.medium.fit.exposure import UNCHANGED, exposure_change, picture_change, shot_starts, steady_gain
 from mr360uw.types import Floats
-from mr360uw.types.time_knots import knot_step
+from mr360uw.types.light_samples import sample_step
 
 Frame = TypeVar("Frame")
 
@@ -34,7 +34,7 @@ class GainSeries(Generic[Frame]):
     """Gains of successive frames. measure: measures one."""
 
     def __init__(self, measure: Callable[[Frame], MeasuredGain], frame_rate: float) -> None:
-        self._measure, self._rate, self._step = measure, frame_rate, knot_step(frame_rate)
+        self._measure, self._rate, self._step = measure, frame_rate, sample_step(frame_rate)
         self._last: MeasuredGain | None = None
         self._waiting: list[Frame] = []
         self._gains: list[Floats] = []

@@ -11,7 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from mr360uw.errors import ParameterError, SceneError
-from mr360uw.render.calm import CalmPlate
+from mr360uw.render.background import Background
 from mr360uw.scene.model import Scene
 from mr360uw.video import VideoFrame
 
@@ -44,9 +44,9 @@ def eyes_of(scene: Scene, plate: VideoFrame) -> tuple[Eye, ...]:
     return Eye(plate, -half_m, 0), Eye(plate.right, half_m, 1)
 
 
-def calm_of(calm: CalmPlate | None, eye: Eye) -> CalmPlate | None:
-    """Return a clip's calm ground for one eye: without the mean of the left eye's pictures where there are two."""
-    return calm if calm is None or not eye.eye_m else CalmPlate(None, calm.strength)
+def background_of(background: Background | None, eye: Eye) -> Background | None:
+    """Return a clip's background for one eye: without the mean of the left eye's pictures where there are two."""
+    return background if background is None or not eye.eye_m else Background(None, background.strength)
 
 
 def check_eyes(scene: Scene, *, at_surface: bool) -> None:

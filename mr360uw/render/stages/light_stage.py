@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Light of a clip's frames: measured at knots in time, and interpolated between two that show the same.
+"""Light of a clip's frames: measured at samples in time, and interpolated between two that show the same.
 
 A sun that is followed over the clip keeps its own values in every frame. Frames whose light is not between that of the
-knots, as about a flash, a step of the exposure or a cut, are measured too: the irradiance of the six faces of a cube
-shows it, summed over some of the rows of the plate. Frame k is the same in every run, since knots are numbered from the
-start of the clip: a range reads the knot before its first frame and that after its last one.
+samples, as about a flash, a step of the exposure or a cut, are measured too: the irradiance of the six faces of a cube
+shows it, summed over some of the rows of the plate. Frame k is the same in every run, since samples are numbered from
+the start of the clip: a range reads the sample before its first frame and that after its last one.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import numpy as np
 
 from mr360uw.cache import Cache
 from mr360uw.color import code_range, decode_signal
-from mr360uw.composite.shot import BetweenKnots, KnotLight
+from mr360uw.composite.shot import BetweenSamples, LightSample
 from mr360uw.constants import ENVIRONMENT_COLUMNS, ENVIRONMENT_ROWS
 from mr360uw.errors import DamagedFrameError
 from mr360uw.ibl import SunTrack
@@ -31,14 +31,14 @@ from mr360uw.render.stages.match_stage import ungraded
 from mr360uw.scene.keyed_water import scene_at
 from mr360uw.sphere import directions, row_solid_angle
 from mr360uw.types import Floats, Sun
-from mr360uw.types.time_knots import knot_step
+from mr360uw.types.light_samples import sample_step
 from mr360uw.video import VideoFrame, VideoReader
 
 _WAITING = 1 << 26
-"""Pixels of frames that may wait for the next knot, 100 MB of 8-bit 4:2:0: knots are closer in larger plates."""
+"""Pixels of frames that may wait for the next sample, 100 MB of 8-bit 4:2:0: samples are closer in larger plates."""
 _DEVIATION, _DARK = 0.01, 0.1
-"""Deviation of a face's irradiance from that between the knots up to which light is interpolated, relative to it, or to
-a tenth of the brightest face's: one 8-bit code value of a body at most. Twice as large: two of them."""
+"""Deviation of a face's irradiance from that between the samples up to which light is interpolated, relative to it, or
+to a tenth of the brightest face's: one 8-bit code value of a body at most. Twice as large: two of them."""
 _SAMPLED_ROWS = 128
 """Rows of a plate that are summed, at least."""
 _NORMALS = np.concatenate([np.eye(3), -np.eye(3)])
@@ -49,29 +49,29 @@ LitFrame = tuple[VideoFrame, FrameLight | None]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Knot:
+class _Sampled:
     """A frame whose light was measured. faces: see `_faces`. lit: the light as bodies are lit by it."""
 
     plate: VideoFrame
     faces: Floats
     light: FrameLight
-    lit: KnotLight
+    lit: LightSample
 
 
-class LightKnots:
+class LightSamples:
     """Finds the light of the frames of a clip. read: decodes its frames [a, b)."""
 
     def __init__(
         self,
         loaded: Loaded,
-        facts: ClipAnalysis,
+        analysis: ClipAnalysis,
         video: VideoReader,
         read: Callable[[int, int], Iterator[VideoFrame]],
     ) -> None:
-        self._loaded, self._facts, self._read = loaded, facts, read
+        self._loaded, self._analysis, self._read = loaded, analysis, read
         self._end = video.intact_frames or 0
         most = _WAITING // (video.width * video.height * (1 if loaded.scene.plate.eye != "both" else 2))
-        self._step = min(knot_step(float(video.frame_rate)), max(most, 1)) if self._tracked(video) else 1
+        self._step = min(sample_step(float(video.frame_rate)), max(most, 1)) if self._tracked(video) else 1
         still = not any(o.moves or o.afloat is not None for o in loaded.objects)
         self._bodies_stand = still and not loaded.scene.keys
 
@@ -80,11 +80,11 @@ class LightKnots:
         if self._step == 1:
             yield from ((plate, None) for plate in self._read(start, stop))
             return
-        before: _Knot | None = None
+        before: _Sampled | None = None
         waiting: list[VideoFrame] = []
         try:
             for plate in self._around(start, stop):
-                if not self._is_knot(plate.index):
+                if not self._is_sample(plate.index):
                     waiting.append(plate)
                     continue
                 after = self._measured(plate)
@@ -98,21 +98,21 @@ class LightKnots:
         yield from ((plate, None) for plate in waiting if start <= plate.index < stop)
 
     def _tracked(self, video: VideoReader) -> bool:
-        """Return whether a clip's facts hold what single frames would be measured for but the environment."""
-        loaded, facts, scene = self._loaded, self._facts, self._loaded.scene
+        """Return whether a clip's analysis holds what single frames would be measured for but the environment."""
+        loaded, analysis, scene = self._loaded, self._analysis, self._loaded.scene
         if video.is_still or video.intact_frames is None or not loaded.plan.environment.runs:
             return False
-        sun = facts.sun is not None or not loaded.plan.sun.runs or scene.light.sun != "detect"
-        return sun and (facts.gain is not None or not scene.water.fits_gain or loaded.surroundings.medium is None)
+        sun = analysis.sun is not None or not loaded.plan.sun.runs or scene.light.sun != "detect"
+        return sun and (analysis.gain is not None or not scene.water.fits_gain or loaded.surroundings.medium is None)
 
-    def _is_knot(self, index: int) -> bool:
+    def _is_sample(self, index: int) -> bool:
         return index % self._step == 0 and index < self._end
 
     def _around(self, start: int, stop: int) -> Iterator[VideoFrame]:
-        """Yield the frames of a range, from the knot before it to that after it as far as they can be decoded."""
+        """Yield the frames of a range, from the sample before it to that after it as far as they can be decoded."""
         step = self._step
         begin, after = start // step * step, -(-(stop - 1) // step) * step
-        end = after + 1 if self._is_knot(after) else stop
+        end = after + 1 if self._is_sample(after) else stop
         while True:
             try:
                 yield from self._read(begin, end)
@@ -124,21 +124,21 @@ class LightKnots:
                     continue
             return
 
-    def _measured(self, plate: VideoFrame) -> _Knot:
+    def _measured(self, plate: VideoFrame) -> _Sampled:
         now, time_s = self._loaded.at(plate.time_s), plate.time_s
-        light: FrameLight = finite("light", plate.index, plate_light(now, self._facts, self._ungraded(plate)))
+        light: FrameLight = finite("light", plate.index, plate_light(now, self._analysis, self._ungraded(plate)))
         view = now.view(time_s)
         of_world = turned(light.environment, view.world_from_camera)
         suns = () if of_world.sun is None else (of_world.sun,)
         water = exposed_water(now.surroundings, light, time_s)
-        return _Knot(plate, _faces(plate), light, KnotLight(of_world, suns, water, view.position))
+        return _Sampled(plate, _faces(plate), light, LightSample(of_world, suns, water, view.position))
 
     def _ungraded(self, plate: VideoFrame) -> VideoFrame:
         """Return a frame as its light is read."""
-        return ungraded(self._loaded.at(plate.time_s), self._facts.look, plate, Cache())
+        return ungraded(self._loaded.at(plate.time_s), self._analysis.look, plate, Cache())
 
-    def _between(self, before: _Knot | None, waiting: list[VideoFrame], after: _Knot) -> Iterator[LitFrame]:
-        """Yield the frames between two knots."""
+    def _between(self, before: _Sampled | None, waiting: list[VideoFrame], after: _Sampled) -> Iterator[LitFrame]:
+        """Yield the frames between two samples."""
         if before is None or not self._alike(before, after):
             yield from ((plate, None) for plate in waiting)
             return
@@ -149,44 +149,50 @@ class LightKnots:
             there = np.all(np.abs(_faces(plate) - expected) <= allowed) and self._settings_alike(before, plate)
             yield plate, self._at(before, after, plate) if there else None
 
-    def _alike(self, before: _Knot, after: _Knot) -> bool:
-        """Return whether two knots are of one shot, with the same settings and a sun in both or in neither."""
-        facts, (first, last) = self._facts, (before.plate.index, after.plate.index)
+    def _alike(self, before: _Sampled, after: _Sampled) -> bool:
+        """Return whether two samples are of one shot, with the same settings and a sun in both or in neither."""
+        analysis, (first, last) = self._analysis, (before.plate.index, after.plate.index)
         a, b = before.light.environment, after.light.environment
         if (a.sun is None) != (b.sun is None) or picture_change(a.residual, b.residual) > UNCHANGED:
             return False
-        if facts.sun is not None and any((facts.sun_at(k) is None) != (a.sun is None) for k in range(first, last + 1)):
+        if analysis.sun is not None and any(
+            (analysis.sun_at(k) is None) != (a.sun is None) for k in range(first, last + 1)
+        ):
             return False
-        if isinstance(facts.sun, SunTrack) and any(first < facts.first + cut <= last for cut in facts.sun.cuts):
+        if isinstance(analysis.sun, SunTrack) and any(
+            first < analysis.first + cut <= last for cut in analysis.sun.cuts
+        ):
             return False
         return self._settings_alike(before, after.plate)
 
-    def _settings_alike(self, knot: _Knot, plate: VideoFrame) -> bool:
-        """Return whether keys leave the settings that light depends on in a frame what they are in a knot."""
+    def _settings_alike(self, sample: _Sampled, plate: VideoFrame) -> bool:
+        """Return whether keys leave the settings that light depends on in a frame what they are in a sample."""
         if not self._loaded.scene.keys:
             return True
-        one, other = (scene_at(self._loaded.scene, time_s) for time_s in (knot.plate.time_s, plate.time_s))
+        one, other = (scene_at(self._loaded.scene, time_s) for time_s in (sample.plate.time_s, plate.time_s))
         return all(getattr(one, name) == getattr(other, name) for name in _SETTINGS)
 
-    def _at(self, before: _Knot, after: _Knot, plate: VideoFrame) -> FrameLight:
-        """Return the light of a frame between two knots, or at one that is both."""
+    def _at(self, before: _Sampled, after: _Sampled, plate: VideoFrame) -> FrameLight:
+        """Return the light of a frame between two samples, or at one that is both."""
         light, share = before.light, _share(before, after, plate)
-        knots = BetweenKnots(before.lit, after.lit, share) if self._bodies_stand else None
+        between = BetweenSamples(before.lit, after.lit, share) if self._bodies_stand else None
         if before is after:
-            return replace(light, knots=knots)
+            return replace(light, between=between)
         rotation = self._loaded.at(plate.time_s).surroundings.camera.at(plate.time_s)[1]
         sun = self._sun(before, after, plate, share, rotation)
         environment = light_between(light.environment, after.light.environment, share, sun)
-        gain = None if light.gain is None else self._facts.gain_at(plate.index)
-        ratio = plate_ratio(self._loaded.surroundings_at(plate.time_s), self._facts, self._ungraded(plate), gain, sun)
-        return FrameLight(environment, gain, ratio, knots)
+        gain = None if light.gain is None else self._analysis.gain_at(plate.index)
+        ratio = plate_ratio(
+            self._loaded.surroundings_at(plate.time_s), self._analysis, self._ungraded(plate), gain, sun
+        )
+        return FrameLight(environment, gain, ratio, between)
 
-    def _sun(self, before: _Knot, after: _Knot, plate: VideoFrame, share: float, rotation: Floats) -> Sun | None:
-        """Return the sun of a frame in its own axes: that of the clip's track, or between those of two knots.
+    def _sun(self, before: _Sampled, after: _Sampled, plate: VideoFrame, share: float, rotation: Floats) -> Sun | None:
+        """Return the sun of a frame in its own axes: that of the clip's track, or between those of two samples.
 
         rotation: (3, 3) of the camera.
         """
-        known = self._facts.sun_at(plate.index)
+        known = self._analysis.sun_at(plate.index)
         a, b = before.light.environment.sun, after.light.environment.sun
         if a is None or b is None:
             return None
@@ -195,8 +201,8 @@ class LightKnots:
         return sun_between(a, b, share)
 
 
-def _share(before: _Knot, after: _Knot, plate: VideoFrame) -> float:
-    """Return how far a frame is from one knot, 0, to another, 1."""
+def _share(before: _Sampled, after: _Sampled, plate: VideoFrame) -> float:
+    """Return how far a frame is from one sample, 0, to another, 1."""
     step_s = after.plate.time_s - before.plate.time_s
     return (plate.time_s - before.plate.time_s) / step_s if step_s > 0.0 else 0.0
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The button that measures the clip's sun, gain and calm ground, as a composite does before its first frame."""
+"""The button that measures the clip's sun, gain and background, as a composite does before its first frame."""
 
 from __future__ import annotations
 

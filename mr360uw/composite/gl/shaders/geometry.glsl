@@ -1,6 +1,6 @@
 // Surface at the intersection of a ray and a triangle: point, normals, material. Held to composite/raycast/geometry.py.
 // A triangle is eleven texels of `triangles`: for each corner (position, u), (normal, v), colour; then (material, patch);
-// then its knots of ambient light (ambient/lattice.py).
+// then its points of ambient light (ambient/lattice.py).
 // A material is nine texels of `materials`, which upload.py writes.
 // Maps are switched at compile time, because software drivers execute both sides of every branch.
 #include "composite/gl/shaders/rays.glsl"

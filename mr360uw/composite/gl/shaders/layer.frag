@@ -111,7 +111,7 @@ void main() {
     int body = 4 * int(more.x);
     mat4 placed = transpose(mat4(texelFetch(bodies, list_place(body), 0), texelFetch(bodies, list_place(body + 1), 0),
                                  texelFetch(bodies, list_place(body + 2), 0), vec4(0.0, 0.0, 0.0, 1.0)));
-    vec4 numbers = texelFetch(bodies, list_place(body + 3), 0);  // bias, first knot value, knots of the front if two-sided, texels a knot
+    vec4 numbers = texelFetch(bodies, list_place(body + 3), 0);  // bias, first point value, points of the front if two-sided, texels a point
     Triangle triangle = fetch_triangle(triangles, placed, int(fragment.x));
     vec2 place = fragment.yz;
     vec3 right = world_direction(place + vec2(filter_width, 0.0)), below = world_direction(place + vec2(0.0, filter_width));

@@ -33,7 +33,7 @@ _DETAIL_ROWS = (0.6, 0.9)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class CalmPlate:
+class Background:
     """The ground of a clip in the mean light of its waves.
 
     mean: (H, W, 3) float16 of the plate, or None where the camera moves or there is one picture. strength: fraction of
@@ -44,7 +44,7 @@ class CalmPlate:
     strength: float
 
 
-class CalmSeries:
+class BackgroundSeries:
     """Collects the first frames of a clip, or of a range.
 
     height_m: of the camera above the ground. contrast: standard deviation over mean of the light on the ground that the
@@ -84,14 +84,14 @@ class CalmSeries:
         if len(self._small) >= _LEAST_FRAMES:
             self._held = []
 
-    def result(self) -> CalmPlate:
+    def result(self) -> Background:
         """Return what the frames show; without any, that nothing is caustics."""
         if not self._variance:
-            return CalmPlate(None, 0.0)
+            return Background(None, 0.0)
         strength = min(1.0, self._contrast**2 / max(float(np.mean(self._variance)), 1e-9))
         if self._sum is None or not stands(self._small):
-            return CalmPlate(None, strength)
-        return CalmPlate((self._sum / np.float32(len(self._small))).astype(np.float16), strength)
+            return Background(None, strength)
+        return Background((self._sum / np.float32(len(self._small))).astype(np.float16), strength)
 
     def _detail(self, frame: VideoFrame) -> float:
         """Return the variance of the ground's detail over its smooth light."""
@@ -100,8 +100,8 @@ class CalmSeries:
         height, width = frame.shape
         first, last = (int(part * height) for part in _DETAIL_ROWS)
         light = PlatePattern(frame, None, self._height_m, 1.0).light(Rectangle(0, first, width, last - first))
-        shown, calm = (cv2.transform(one, LUMINANCE[None]) for one in light)
-        return float(np.var(shown / np.maximum(calm, 1e-3), dtype=np.float64))
+        shown, background = (cv2.transform(one, LUMINANCE[None]) for one in light)
+        return float(np.var(shown / np.maximum(background, 1e-3), dtype=np.float64))
 
 
 def _without_its_blur(frame: VideoFrame) -> Floats:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Knots of a lattice about places on its triangles; lattice.py says how they are numbered.
+"""Points of a lattice about places on its triangles; lattice.py says how they are numbered.
 
 What shading reads of the ambient light at a place of a body.
 """
@@ -15,16 +15,16 @@ from mr360uw.jit import exact, inlined
 from mr360uw.rays import triple
 
 CHANNELS = 12
-"""Values of a knot: ratio of irradiance (3), 0; ratio of glossy light that is kept (3), 0; radiance that is reflected
+"""Values of a point: ratio of irradiance (3), 0; ratio of glossy light that is kept (3), 0; radiance that is reflected
 besides (3), 0."""
 FEW_CHANNELS = 4
-"""Values of a knot that reflects nothing besides and keeps the same ratio of all light: that ratio (3), 0."""
+"""Values of a point that reflects nothing besides and keeps the same ratio of all light: that ratio (3), 0."""
 UNTOUCHED = (1.0, 1.0, 1.0, 0.0, 1.0, 1.0, 1.0, *[0.0] * (CHANNELS - 7))
 """Values where nothing is in the way."""
 
 
 def whole_values(values: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return the values (K, CHANNELS) of knots that are given with those or with `FEW_CHANNELS`."""
+    """Return the values (K, CHANNELS) of points that are given with those or with `FEW_CHANNELS`."""
     if values.shape[1] == CHANNELS:
         return values
     whole = np.zeros((len(values), CHANNELS), np.float32)
@@ -39,7 +39,7 @@ def _row(steps: Any, i: Any) -> Any:
 
 @inlined
 def _three(place: Any, w0: Any, w1: Any, w2: Any) -> Any:
-    """Return three knots and their shares at barycentric weights of a triangle with a place (4,).
+    """Return three points and their shares at barycentric weights of a triangle with a place (4,).
 
     Twin: ambient.glsl.
     """
@@ -64,20 +64,20 @@ def _three(place: Any, w0: Any, w1: Any, w2: Any) -> Any:
 
 
 @exact
-def find_three(places: Any, weights: Any, knots: Any, shares: Any) -> None:
-    """Set knots (n, 3) and shares (n, 3) at barycentric weights (n, 3) of triangles with places (n, 4)."""
+def find_three(places: Any, weights: Any, points: Any, shares: Any) -> None:
+    """Set points (n, 3) and shares (n, 3) at barycentric weights (n, 3) of triangles with places (n, 4)."""
     for n in range(len(places)):
         a, b, c, u, v, w = _three(places[n], weights[n, 0], weights[n, 1], weights[n, 2])
-        knots[n, 0], knots[n, 1], knots[n, 2] = a, b, c
+        points[n, 0], points[n, 1], points[n, 2] = a, b, c
         shares[n, 0], shares[n, 1], shares[n, 2] = u, v, w
 
 
 @exact
-def find_nearest_knots(
+def find_nearest_points(
     triangles: Any, met: Any, origin: Any, direction: Any, places: Any, numbers: Any,
-    knot: Any, distance: Any, behind: Any,
+    point: Any, distance: Any, behind: Any,
 ) -> None:  # fmt: skip
-    """Set the nearest knot and the distance of rays (n,) that meet triangles of a scene (T, 3, 3), and if they meet
+    """Set the nearest point and the distance of rays (n,) that meet triangles of a scene (T, 3, 3), and if they meet
     the back. met: (n,) triangles in the scene; numbers: (T,) those in `places`.
     """
     a, b, c = origin[0].copy(), origin[0].copy(), origin[0].copy()
@@ -93,4 +93,4 @@ def find_nearest_knots(
         total = total if abs(total) >= 1e-300 else 1e-300
         distance[n] = triple(a, b, c) / total
         first, second, third, x, y, z = _three(places[numbers[met[n]]], u / total, v / total, w / total)
-        knot[n] = first if x >= y and x >= z else second if y >= z else third
+        point[n] = first if x >= y and x >= z else second if y >= z else third
