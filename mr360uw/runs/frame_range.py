@@ -76,30 +76,30 @@ class RangeRenderer:
 
     def render(self, start: int, stop: int, sink: VideoWriter, done: Callable[[], None] = lambda: None) -> None:
         """Render frames [start, stop) into a sink; done: is called after each."""
-        behind: Behind[DrawnFrame] = Behind(lambda drawn: self._write(drawn, sink))
+        drawing, blending = self._cache(), self._cache()
+        behind: Behind[DrawnFrame] = Behind(lambda drawn: self._write(drawn, sink, blending))
         renderer = f"{self.backend.name} ({self.backend.device})"
         exposure_s, variables = self.loaded.scene.draw.exposure_s(self.video.frame_rate), self.layers is not None
         with one_blas_thread(), sink, behind:
             for measured in prefetch(self._read(start, stop)):
                 since = time.perf_counter()
-                cache = self._cache()
-                drawn = draw_frame(self.loaded, self.backend, measured, exposure_s, cache, variables=variables)
+                drawn = draw_frame(self.loaded, self.backend, measured, exposure_s, drawing, variables=variables)
                 self.times.add("render", since)
                 behind.put(drawn)
                 self.times.renderers[renderer] = self.times.renderers.get(renderer, 0) + 1
                 done()
 
     def _cache(self) -> Cache:
-        """Return a cache for one stage of a frame: stages of other frames run beside it."""
+        """Return a cache of one stage of all frames, which is of its thread alone."""
         return Cache(self.loaded.scene.plate.eyes)
 
     def _read(self, start: int, stop: int) -> Iterator[MeasuredPlate]:
         """Yield frames, decoded and with their light measured."""
-        times = self.times
+        times, measuring = self.times, self._cache()
         samples = LightSamples(self.loaded, self.analysis, self.video, self._decoded)
         since, decoding_s = time.perf_counter(), times.seconds.get("decode", 0.0)
         for plate, light in samples.frames(start, stop):
-            measured = measure_plate(self.loaded, self.analysis, plate, self._cache(), light)
+            measured = measure_plate(self.loaded, self.analysis, plate, measuring, light)
             times.add("light", since + times.seconds["decode"] - decoding_s)
             yield measured
             since, decoding_s = time.perf_counter(), times.seconds["decode"]
@@ -111,10 +111,10 @@ class RangeRenderer:
             yield plate
             since = time.perf_counter()
 
-    def _write(self, drawn: DrawnFrame, sink: VideoWriter) -> None:
-        """Composite a frame and write it, and before it the file of its layers."""
+    def _write(self, drawn: DrawnFrame, sink: VideoWriter, kept: Cache) -> None:
+        """Composite a frame and write it, and before it the file of its layers. kept: results of earlier frames."""
         times, since = self.times, time.perf_counter()
-        frame = blend_frame(self.loaded, self.analysis, drawn, self._cache())
+        frame = blend_frame(self.loaded, self.analysis, drawn, kept)
         since = times.add("blend", since)
         times.frames += 1
         times.empty += not frame.layer.tiles
