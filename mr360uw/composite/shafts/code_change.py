@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from mr360uw.cache import Cache
 from mr360uw.color import encode
 from mr360uw.composite.lighting.sun import sun_of, sun_up
-from mr360uw.composite.lighting.surfaces import water_ahead
+from mr360uw.composite.lighting.surfaces import veil_ahead, water_ahead
 from mr360uw.composite.shafts.shaft_light import ShaftLight
 from mr360uw.composite.shot import Shot
 from mr360uw.medium.medium import Medium
@@ -26,7 +26,7 @@ from mr360uw.medium.shafts.froxels import FroxelGrid, shaft_field
 from mr360uw.medium.shafts.shaft_scene import ShaftScene
 from mr360uw.medium.shafts.shaft_water import ShaftWater
 from mr360uw.sphere import unit
-from mr360uw.types import Floats
+from mr360uw.types import Floats, MediumTable, View
 
 Array = NDArray[np.float64]
 
@@ -47,27 +47,41 @@ def shaft_pixels(shot: Shot, scene: ShaftScene, range_m: float, least_codes: flo
 
     kept: holds what does not change from frame to frame.
     """
-    view = shot.view
+    # between two light samples the veil is that of the first, whose mask holds for all frames up to the next
+    table = shot.medium if shot.between is None else shot.between.before.medium
+    parts = tuple(part.per_unit for part in scene.parts)
+    light = tuple(np.ones(3) if part.pattern is None else _stepped(part.pattern.sun.irradiance) for part in scene.parts)
+    return kept.of(_marked, shot.view, table, parts, light, range_m, least_codes, kept)
+
+
+def _marked(
+    view: View,
+    table: MediumTable | None,
+    parts: tuple[ShaftScene, ...],
+    light: tuple[Array, ...],
+    range_m: float,
+    least_codes: float,
+    kept: Cache,
+) -> NDArray[np.bool_]:
+    """Return the mask of `shaft_pixels`. table: of the veil. parts: scenes of one kind of light each, of a unit; light:
+    (3,) how much of it there is, in steps.
+    """
     side = max(2 * -(-view.height // (2 * _ROWS)), 2)
     rows, columns = -(-view.height // side), -(-view.width // side)
     x, y = np.meshgrid((np.arange(columns) + 0.5) * side, (np.arange(rows) + 0.5) * side)
     directions = np.asarray(view.directions(x, np.minimum(y, view.height - 0.5)), np.float64).reshape(-1, 3)
     ends = np.full(len(directions), range_m)
-    changes = [_change(part, directions, ends, kept) for part in scene.parts]
-    _, veil = water_ahead(shot, ends, directions)
+    veil = np.zeros((len(ends), 3)) if table is None else veil_ahead(table, ends, directions)
     veil = veil * _stepped(np.mean(veil)) / max(float(np.mean(veil)), 1e-30)
+    changes = [
+        of * kept.of(_radiance, part, directions, ends, kept, keep=2) for part, of in zip(parts, light, strict=True)
+    ]
     codes = sum((code_change(veil, change) for change in changes), np.zeros(len(veil)))
     marked = ((codes >= _MARGIN * least_codes) & (codes > 0.0)).reshape(rows, columns)
     around = np.pad(np.pad(marked, ((0, 0), (_AROUND,) * 2), "wrap"), ((_AROUND,) * 2, (0, 0))).astype(np.uint8)
     reach = np.ones((2 * _AROUND + 1,) * 2, np.uint8)
     marked = cv2.dilate(around, reach)[_AROUND:-_AROUND, _AROUND:-_AROUND] > 0
     return np.repeat(np.repeat(marked, side, axis=0), side, axis=1)[: view.height, : view.width]
-
-
-def _change(scene: ShaftScene, directions: Array, ends: Array, kept: Cache) -> Array:
-    """Return what one kind of light changes (n, 3) in the middles of a view's cells."""
-    of_unit = kept.of(_radiance, scene.per_unit, directions, ends, kept, keep=2)
-    return of_unit if scene.pattern is None else of_unit * _stepped(scene.pattern.sun.irradiance)
 
 
 def _radiance(scene: ShaftScene, directions: Array, ends: Array, kept: Cache) -> Array:
