@@ -3,6 +3,10 @@
 
 from __future__ import annotations
 
+from mr360uw.composite.gl.self_test import CODES as RENDERERS_CODES
+from mr360uw.composite.gl.self_test import FRACTION as RENDERERS_FRACTION
+from mr360uw.composite.gl.self_test import PSNR_DB as RENDERERS_PSNR_DB
+
 FLOAT64 = 1e-12
 """Closed forms evaluated in double precision: a few hundred roundings."""
 TRANSFER_JOIN = 4e-5
@@ -39,12 +43,6 @@ BETWEEN_SWEEPS = 0.005
 FRAME_ALONE_CODES, FRAME_ALONE_FRACTION = 2.0, 0.99
 """A frame as linear light against the same in a video: light from decoded planes and the dither of the codes; at the
 edges of objects the video's chroma is a mean of four pixels."""
-RENDERERS_PSNR_DB = 45.0
-"""gl against the reference over a frame: what a compositor does not see in a difference picture."""
-RENDERERS_CODES = 2.0
-"""8-bit code values that gl may be off by ..."""
-RENDERERS_FRACTION = 0.999
-"""... in all pixels but one of a thousand: samples that an edge misses by a rounding, texels of the shadow map."""
 HALF_FLOAT = 1e-3
 """Half floats keep 11 bits: 5e-4 of a value near 1."""
 GRAIN_TEXTURED = 0.15

@@ -21,6 +21,9 @@ from mr360uw.cli.gated import Role
 from mr360uw.errors import ParameterError
 from mr360uw.first_look.place_in_plate import Wish
 
+_DIFFERS = 1
+"""Exit code of a self-test in which a picture is wrong."""
+
 
 def wish_of(at: str | None, stand: bool, swim: bool, size_m: float | None) -> Wish:
     """Return the wish that --at, --stand, --swim and --size state; raise `ParameterError` where they state none."""
@@ -166,8 +169,30 @@ def schema(
     typer.echo(json.dumps(AerialScene.model_json_schema(by_alias=True) if aerial else scene_schema(), indent=2))
 
 
-def info() -> None:
+def info(
+    gpu: Annotated[
+        bool, typer.Option("--gpu", help="also draw eight small pictures with both renderers, and compare")
+    ] = False,
+    out: Annotated[
+        Path | None, typer.Option("--report", help="also write what is printed to a text file"), Role.WRITTEN
+    ] = None,
+    overwrite: OverwriteOption = False,
+) -> None:
     """Print the renderer, the graphics device, the video codecs and the versions in use."""
+    from mr360uw.files import write_whole
     from mr360uw.info import describe
 
-    typer.echo(describe())
+    del overwrite  # the output has been looked at: see `gated`
+    lines, wrong = describe(), False
+    typer.echo(lines)
+    if gpu:
+        from mr360uw.composite.gl.self_test import report, run_trials
+
+        trials = run_trials()
+        found = report(trials)
+        typer.echo(found)
+        lines, wrong = f"{lines}\n{found}", any(trial.problem for trial in trials)
+    if out is not None:
+        write_whole(out, lines + "\n")
+    if wrong:
+        raise typer.Exit(_DIFFERS)

@@ -112,16 +112,23 @@ class Gl:
 def make_backend(name: BackendName | str = "auto", cache: Cache | None = None) -> tuple[Backend, str]:
     """Return a backend and, if `auto` fell back to the reference, a line with the reason (else "").
 
-    cache: that it is to have; None for an own one. Raises `GlError` if "gl" is asked for
-    and OpenGL is not available, `ParameterError` for an unknown name.
+    Before `auto` takes a graphics card for the first time, one small picture shows whether it draws right. cache: that
+    it is to have; None for an own one. Raises `GlError` if "gl" is asked for and OpenGL is not available,
+    `ParameterError` for an unknown name.
     """
     if name == "reference":
         return Reference(cache), ""
     if name not in ("auto", "gl"):
         raise ParameterError(f"backend - is not known (got {name!r}) - take auto, gl or reference")
     try:
-        return Gl(cache), ""
+        found = Gl(cache)
     except GlError as error:
         if name == "gl":
             raise
         return Reference(cache), f"no OpenGL, so the reference renderer runs ({error})"
+    if name == "auto":
+        from mr360uw.composite.gl.self_test import doubt_of_device
+
+        if doubt := doubt_of_device():
+            return Reference(cache), f"{found.device} fails its first trial, so the reference renderer runs ({doubt})"
+    return found, ""

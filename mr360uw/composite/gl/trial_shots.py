@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Small meshes, lights and shots for the tests and the benchmark of the composite package."""
+"""Small shots on which the renderers are compared, by the self-test of a device and by the tests."""
 
 from __future__ import annotations
 
