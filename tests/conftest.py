@@ -18,13 +18,19 @@ from mr360uw.reading.disk_cache import FOLDER, kernel_folder
 
 @pytest.fixture(scope="session", autouse=True)
 def _own_disk_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """Results that are kept between runs begin empty, and are not those of the user, whose kernels are used."""
+    """Results that are kept between runs begin empty, and are not those of the user, whose kernels are used.
+
+    Workers of one run share them: fixtures of equal dives are solved once.
+    """
+    base = tmp_path_factory.getbasetemp()
+    shared = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "kept"
+    shared.mkdir(exist_ok=True)
     with pytest.MonkeyPatch.context() as patch:
         kernels = kernel_folder()
         if kernels is None or not os.access(next(p for p in (kernels, *kernels.parents) if p.exists()), os.W_OK):
             kernels = Path(__file__).resolve().parents[1] / "build" / "kernels"  # of a user without a home
         patch.setenv("NUMBA_CACHE_DIR", str(kernels))
-        patch.setenv(FOLDER, str(tmp_path_factory.mktemp("kept")))
+        patch.setenv(FOLDER, str(shared))
         yield
 
 
