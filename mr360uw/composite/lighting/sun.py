@@ -11,6 +11,7 @@ disc and V_halo that of the wider disc from which forward-scattered light comes.
 from __future__ import annotations
 
 import functools
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -22,7 +23,7 @@ from mr360uw.composite.shot import Shot
 from mr360uw.constants import MINIMUM_SUN_UP
 from mr360uw.medium.lookup import beam_ratio, unscattered_share
 from mr360uw.sphere import disc_directions, effective_half_angle
-from mr360uw.types import Floats, Sun
+from mr360uw.types import Floats, Light, Sun
 
 REFERENCE_SUN_FACTOR = 4
 """Factor on the directions over a light's disc in the reference renderer, which approximates the limit of many."""
@@ -30,7 +31,12 @@ REFERENCE_SUN_FACTOR = 4
 
 def sun_of(shot: Shot) -> Sun | None:
     """Return the sun of a shot; None where there is none above the horizon."""
-    return next((light for light in shot.lights if isinstance(light, Sun) and light.direction[1] > 0.0), None)
+    return sun_in(shot.lights)
+
+
+def sun_in(lights: Sequence[Light]) -> Sun | None:
+    """Return the sun among lights; None where there is none above the horizon."""
+    return next((light for light in lights if isinstance(light, Sun) and light.direction[1] > 0.0), None)
 
 
 def sun_up(sun: Sun) -> float:

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from mr360uw.cache import Cache
 from mr360uw.color import encode
-from mr360uw.composite.lighting.sun import sun_of, sun_up
+from mr360uw.composite.lighting.sun import sun_in, sun_of, sun_up
 from mr360uw.composite.lighting.surfaces import veil_ahead, water_ahead
 from mr360uw.composite.shafts.shaft_light import ShaftLight
 from mr360uw.composite.shot import Shot
@@ -47,10 +47,13 @@ def shaft_pixels(shot: Shot, scene: ShaftScene, range_m: float, least_codes: flo
 
     kept: holds what does not change from frame to frame.
     """
-    # between two light samples the veil is that of the first, whose mask holds for all frames up to the next
-    table = shot.medium if shot.between is None else shot.between.before.medium
+    # between two light samples veil and sun are those of the first, whose mask holds for all frames up to the next
+    table, sun = shot.medium, sun_of(shot)
+    if shot.between is not None:
+        table, sun = shot.between.before.medium, sun_in(shot.between.before.lights)
     parts = tuple(part.per_unit for part in scene.parts)
-    light = tuple(np.ones(3) if part.pattern is None else _stepped(part.pattern.sun.irradiance) for part in scene.parts)
+    of_sun = np.zeros(3) if sun is None else _stepped(sun.irradiance)
+    light = tuple(np.ones(3) if part.pattern is None else of_sun for part in parts)
     return kept.of(_marked, shot.view, table, parts, light, range_m, least_codes, kept)
 
 
