@@ -36,7 +36,8 @@ def dark(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture
 def card(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """This device as if it were a card, and nothing known of it."""
-    device = replace(self_test.gl_device(), software=False)
+    # of a version of its own, for a process asks once for each
+    device = replace(self_test.gl_device(), software=False, version=str(tmp_path))
     monkeypatch.setattr(self_test, "gl_device", lambda: device)
     monkeypatch.setenv(FOLDER, str(tmp_path))
 

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import functools
 import statistics
 import time
 from collections.abc import Sequence
@@ -117,10 +118,12 @@ def doubt_of_device() -> str:
     It is drawn once for a card and a driver, and not with a driver that renders on the processor, as tests do.
     """
     device = gl_device()
-    if device.software:
-        return ""
-    found = kept_arrays("card", (device.renderer, device.version), _first_trial)
-    return str(found["problem"])
+    return "" if device.software else _doubt_of(device.renderer, device.version)
+
+
+@functools.cache  # for users of whom nothing is kept on the disk
+def _doubt_of(renderer: str, version: str) -> str:
+    return str(kept_arrays("card", (renderer, version), _first_trial)["problem"])
 
 
 def _first_trial() -> dict[str, Floats]:
