@@ -20,14 +20,14 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
 from mr360uw.composite import ObjectSettings, Receiver, SceneObject, Shot, load_object, render_layer  # noqa: E402
-from mr360uw.composite.gl import trial_shots as scenes  # noqa: E402
 from mr360uw.composite.gl.layer_renderer import LayerRenderer  # noqa: E402
-from mr360uw.composite.gl.trial_shots import changed, codes, environment, medium, placed, plate, shot, sphere  # noqa: E402
 from mr360uw.composite.lighting import sun as sun_module  # noqa: E402
 from mr360uw.composite.mesh.material import Material  # noqa: E402
 from mr360uw.composite.over import over  # noqa: E402
 from mr360uw.sphere import row_solid_angle, yaw_matrix  # noqa: E402
 from mr360uw.types import View  # noqa: E402
+from tests.composite import scenes  # noqa: E402
+from tests.composite.scenes import changed, codes, environment, medium, placed, plate, shot, sphere  # noqa: E402
 
 MESHES = ROOT.parent / "shared" / "data" / "meshes"
 

@@ -47,11 +47,11 @@ from benchmarks.peers.scenes import (  # noqa: E402
 )
 from mr360uw.composite import PlacedObject, Receiver, Shot, render_layer  # noqa: E402
 from mr360uw.composite.gl.layer_renderer import LayerRenderer  # noqa: E402
-from mr360uw.composite.gl.trial_shots import box, codes, environment, placed, sphere  # noqa: E402
 from mr360uw.composite.over import over  # noqa: E402
 from mr360uw.ibl.lookup import environment_lookup  # noqa: E402
 from mr360uw.types import Environment, Floats, Layer, View  # noqa: E402
 from tests.composite.form_factors import box_form_factor, sphere_form_factor  # noqa: E402
+from tests.composite.scenes import box, codes, environment, placed, sphere  # noqa: E402
 
 Render = Callable[[Shot], Layer]
 UP = np.array([0.0, 1.0, 0.0])

@@ -30,10 +30,10 @@ ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT))
 
 from mr360uw.composite.aovs import RECIPE, exr_parts  # noqa: E402
-from mr360uw.composite.gl.trial_shots import medium, placed, plate, shot, sphere  # noqa: E402
 from mr360uw.composite.reference import render_aovs  # noqa: E402
 from mr360uw.composite.shot import Receiver  # noqa: E402
 from mr360uw.video import write_exr  # noqa: E402
+from tests.composite.scenes import medium, placed, plate, shot, sphere  # noqa: E402
 
 WIDTH = 64
 APART = 1e-6

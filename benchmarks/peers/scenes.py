@@ -17,7 +17,6 @@ from numpy.typing import ArrayLike
 
 from mr360uw import ibl
 from mr360uw.composite import PlacedObject, Receiver, Shot
-from mr360uw.composite.gl.trial_shots import placed, sphere
 from mr360uw.composite.mesh.material import Material, Part
 from mr360uw.composite.mesh.mesh import Mesh, make_mesh
 from mr360uw.constants import SUN_HALF_ANGLE_RAD
@@ -27,6 +26,7 @@ from mr360uw.ibl.reduce import reduce_map
 from mr360uw.ibl.settings import GLOSSY_ROUGHNESS
 from mr360uw.sphere import direction_from_angles, directions, frame_from_direction, row_solid_angle
 from mr360uw.types import Environment, Floats, Sun, View
+from tests.composite.scenes import placed, sphere
 
 FLOOR_Y_M = -1.2
 FLOOR_ALBEDO = np.array([0.42, 0.40, 0.37])

@@ -102,7 +102,7 @@ SUFFIX = ".mr360uw"
 """Ending of the folder's name, after the whole name of the output."""
 _PICTURE = re.compile(r"^(\d+);", re.MULTILINE)
 """Line of a finished picture: what was cut off by a kill has no end, and the next line begins anew."""
-_LOCK, _KEYS, _FACTS, _PICTURES = "lock", "run.json", "analysis.npz", "pictures"
+_LOCK, _KEYS, _ANALYSIS, _PICTURES = "lock", "run.json", "analysis.npz", "pictures"
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,11 +120,11 @@ class WorkFolder:
 
     def analysis(self) -> ClipAnalysis | None:
         """Return the stored analysis of the clip, or None."""
-        return load_analysis(self.path / _FACTS)
+        return load_analysis(self.path / _ANALYSIS)
 
     def keep_analysis(self, analysis: ClipAnalysis) -> None:
         """Store the analysis of the clip."""
-        save_analysis(analysis, self.path / _FACTS)
+        save_analysis(analysis, self.path / _ANALYSIS)
 
     def segments(self) -> list[Segment]:
         """Return the complete segments by their first frame."""
@@ -185,7 +185,7 @@ def _continued(path: Path, keys: WorkKeys, *, fresh: bool) -> tuple[bool, tuple[
         kept = "the first pass is kept" if same_pass else "the first pass too"
         notes.append(f"the scene changed since the run that was stopped: its frames are made again, {kept}")
     for file in path.iterdir():
-        keeps = file.name in (_LOCK, MARKER) or (same_pass if file.name == _FACTS else same_pictures)
+        keeps = file.name in (_LOCK, MARKER) or (same_pass if file.name == _ANALYSIS else same_pictures)
         if not keeps or ".part" in file.name:
             file.unlink()
     write_whole(path / _KEYS, json.dumps(asdict(keys), indent=2) + "\n")
@@ -194,9 +194,9 @@ def _continued(path: Path, keys: WorkKeys, *, fresh: bool) -> tuple[bool, tuple[
 
 def _has_work(path: Path) -> bool:
     """Return whether a folder holds segments, pictures or measured analysis."""
-    analysis = load_analysis(path / _FACTS)
+    analysis = load_analysis(path / _ANALYSIS)
     measured = analysis is not None and any(
-        fact is not None for fact in (analysis.sun, analysis.gain, analysis.background)
+        one is not None for one in (analysis.sun, analysis.gain, analysis.background)
     )
     return measured or bool(stored_segments(path)) or any(path.glob(f"{_PICTURES}-*"))
 

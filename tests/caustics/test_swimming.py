@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from mr360uw.caustics import CausticSettings, GerstnerSea, caustic_stack, refract_to_air
-from mr360uw.composite.gl.trial_shots import SUN, placed, shot, sphere
 from mr360uw.composite.mesh.material import Material
 from mr360uw.composite.motion import rigid, rotation_matrix
 from mr360uw.composite.reference import render_layer
 from mr360uw.composite.shot import PlacedObject, Shot
 from mr360uw.types import CausticStack, Layer
 from tests.caustics import tolerances as tol
+from tests.composite.scenes import SUN, placed, shot, sphere
 
 ROWS = 24
 BALL = sphere(ROWS, Material(roughness=1.0), radius=0.8)

@@ -17,7 +17,6 @@ from mr360uw.composite.ambient.light import ambient_light, free_of_bodies
 from mr360uw.composite.ambient.mesh_transfer import make_transfer
 from mr360uw.composite.ambient.solved_light import AmbientLight
 from mr360uw.composite.gl.layer_renderer import LayerRenderer
-from mr360uw.composite.gl.trial_shots import box, changed, codes, environment, medium, placed, plate, quad, shot, sphere
 from mr360uw.composite.lighting.shading import ggx_distribution, lobe_axis, smith_visibility
 from mr360uw.composite.mesh.material import Material, Part
 from mr360uw.composite.mesh.mesh import Mesh, make_mesh
@@ -37,6 +36,7 @@ from mr360uw.sphere import unit, yaw_matrix
 from mr360uw.types import Environment, Floats, Layer
 from tests.composite import tolerances as tol
 from tests.composite.form_factors import box_form_factor, polygon_form_factor
+from tests.composite.scenes import box, changed, codes, environment, medium, placed, plate, quad, shot, sphere
 
 WHITE = Material(base_color=(1.0, 1.0, 1.0, 1.0), roughness=1.0, refractive_index=1.0)
 """Without a coat: what a closed form says of a diffuse white is then exact."""

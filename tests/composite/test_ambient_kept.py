@@ -14,11 +14,11 @@ from mr360uw.cache import Cache
 from mr360uw.composite.ambient.light import ambient_light
 from mr360uw.composite.ambient.mesh_transfer import make_transfer
 from mr360uw.composite.ambient.sparse_product import product
-from mr360uw.composite.gl.trial_shots import box, environment, placed, shot, sphere
 from mr360uw.composite.mesh.material import Material
 from mr360uw.composite.shot import BetweenSamples, LightSample, PlacedObject, Receiver, Shot
 from mr360uw.types import Floats
 from tests.composite import tolerances as tol
+from tests.composite.scenes import box, environment, placed, shot, sphere
 from tests.tolerances import FLOAT32
 
 GREY = Material(base_color=(0.6, 0.5, 0.4, 1.0), roughness=1.0)

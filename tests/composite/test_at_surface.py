@@ -17,7 +17,6 @@ from mr360uw.composite.at_surface.afloat import Afloat
 from mr360uw.composite.at_surface.settings import SurfaceSettings
 from mr360uw.composite.at_surface.surface_layer import with_bodies, with_surface
 from mr360uw.composite.at_surface.water_sides import WaterSides, in_air
-from mr360uw.composite.gl import trial_shots as scenes
 from mr360uw.composite.mesh.material import Material
 from mr360uw.composite.over import over
 from mr360uw.composite.reference import render_aovs, render_layer
@@ -27,6 +26,7 @@ from mr360uw.optics import fresnel
 from mr360uw.sphere import direction_from_frame
 from mr360uw.surface.sampled_sea import SampledSea
 from mr360uw.types import Layer, MediumTable
+from tests.composite import scenes
 from tests.composite import tolerances as tol
 
 LEVEL = GerstnerSea.from_waves([[1.0, 0.0]], 0.0, 0.0, 0.0, detail_slope=0.0)

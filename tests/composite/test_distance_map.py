@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from mr360uw.composite.gl.layer_renderer import LayerRenderer
-from mr360uw.composite.gl.trial_shots import codes, placed, plate, shot, sphere
 from mr360uw.composite.over import over
 from mr360uw.composite.receiver.distance_map import touching_planes, without_steps
 from mr360uw.composite.receiver.shape import ReceiverShape
@@ -18,6 +17,7 @@ from mr360uw.composite.shot import Receiver
 from mr360uw.sphere import directions, unit
 from mr360uw.types import Floats
 from tests.composite import tolerances as tol
+from tests.composite.scenes import codes, placed, plate, shot, sphere
 
 SIZE = (512, 256)
 

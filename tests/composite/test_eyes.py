@@ -10,7 +10,6 @@ import pytest
 
 from mr360uw.cache import Cache
 from mr360uw.composite.eye_bounds import nearest_m, seen_rectangle
-from mr360uw.composite.gl.trial_shots import box, changed, codes, placed, plate, quad, shot, sphere
 from mr360uw.composite.over import over
 from mr360uw.composite.reference import render_layer
 from mr360uw.composite.shot import Receiver, Shot
@@ -18,6 +17,7 @@ from mr360uw.composite.tiles import rectangles_of_bodies
 from mr360uw.types import Layer, View
 from mr360uw.types.frames import ray_starts, seen_direction
 from tests.composite import tolerances as tol
+from tests.composite.scenes import box, changed, codes, placed, plate, quad, shot, sphere
 
 HALF_M = 0.032
 DISPARITY_PX = 0.1

@@ -13,7 +13,6 @@ import pytest
 
 from mr360uw.color import luminance
 from mr360uw.composite import render_layer
-from mr360uw.composite.gl.trial_shots import box, codes, environment, medium, placed, plate, quad, shot, sphere
 from mr360uw.composite.lighting.blockers import Blockers
 from mr360uw.composite.lighting.sources import light_sources
 from mr360uw.composite.mesh.material import Material
@@ -30,6 +29,7 @@ from mr360uw.medium.spectral.sensor import illuminant
 from mr360uw.sphere import directions, unit
 from mr360uw.types import Floats, Lamp, Layer, View
 from tests.composite import tolerances as tol
+from tests.composite.scenes import box, codes, environment, medium, placed, plate, quad, shot, sphere
 from tests.scenes import scene_with
 
 ABSORPTION = np.array([0.35, 0.06, 0.04])

@@ -12,7 +12,6 @@ import pytest
 from mr360uw.cache import Cache
 from mr360uw.composite.ambient.lattice import make_lattice, points_at
 from mr360uw.composite.ambient.light import ambient_light
-from mr360uw.composite.gl.trial_shots import SUN, box, placed, shot, sphere
 from mr360uw.composite.gl.upload import list_texture
 from mr360uw.composite.lighting.shading import ggx_distribution, resolved_alpha, smith_visibility
 from mr360uw.composite.mesh.material import Material
@@ -23,6 +22,7 @@ from mr360uw.ibl.lighting import environment as sky_light
 from mr360uw.sphere import directions, unit
 from mr360uw.types import Environment, Floats
 from tests.composite import tolerances as tol
+from tests.composite.scenes import SUN, box, placed, shot, sphere
 from tests.glsl import glsl_call
 
 METAL = Material(base_color=(1.0, 1.0, 1.0, 1.0), metallic=1.0, roughness=0.4)

@@ -14,7 +14,6 @@ import pytest
 from mr360uw.composite import load_mesh
 from mr360uw.composite.aovs import Aovs
 from mr360uw.composite.gl.layer_renderer import LayerRenderer
-from mr360uw.composite.gl.trial_shots import environment, placed, quad, shot, sphere
 from mr360uw.composite.mesh.material import Material
 from mr360uw.composite.mesh.texture import make_texture
 from mr360uw.composite.reference import render_aovs
@@ -23,6 +22,7 @@ from mr360uw.sphere import unit
 from mr360uw.types import Layer, Sun
 from tests.composite import tolerances as tol
 from tests.composite.gltf_files import GltfFile
+from tests.composite.scenes import environment, placed, quad, shot, sphere
 
 
 def draw(backend: str, scene: Shot) -> tuple[Layer, Aovs]:

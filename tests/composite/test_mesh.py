@@ -12,7 +12,6 @@ import trimesh
 from PIL import Image
 
 from mr360uw.composite import load_mesh, load_objects
-from mr360uw.composite.gl.trial_shots import box, sphere
 from mr360uw.composite.mesh import rig as rig_module
 from mr360uw.composite.mesh.material import Material, Part
 from mr360uw.composite.mesh.mesh import make_mesh
@@ -21,6 +20,7 @@ from mr360uw.composite.objects import load_object
 from mr360uw.errors import MeshError
 from tests.composite import tolerances as tol
 from tests.composite.gltf_files import GltfFile
+from tests.composite.scenes import box, sphere
 
 
 def written(path: Path, mesh: trimesh.Trimesh) -> Path:

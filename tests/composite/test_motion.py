@@ -8,11 +8,11 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from mr360uw.composite.gl.trial_shots import box
 from mr360uw.composite.motion import object_motion, read_camera_track, rotation_matrix
 from mr360uw.composite.object_settings import KeySettings, ObjectSettings
 from mr360uw.errors import ParameterError
 from tests.composite import tolerances as tol
+from tests.composite.scenes import box
 
 MESH = box((1.0, 1.0, 1.0))
 ANGLE = st.floats(-180.0, 180.0)

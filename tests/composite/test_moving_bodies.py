@@ -12,7 +12,6 @@ from mr360uw.cache import version
 from mr360uw.composite.ambient.lattice import make_lattice, points_at
 from mr360uw.composite.ambient.lattice_kernel import find_nearest_points
 from mr360uw.composite.gl.shadow_atlas import LightFrame
-from mr360uw.composite.gl.trial_shots import box, placed, sphere
 from mr360uw.composite.motion import object_motion
 from mr360uw.composite.object_settings import KeySettings, ObjectSettings
 from mr360uw.composite.sample_kernel import find_clear, read_groups
@@ -20,6 +19,7 @@ from mr360uw.composite.shot import PlacedObject
 from mr360uw.rays import RayScene, barycentric
 from mr360uw.sphere import basis
 from tests.composite import tolerances as tol
+from tests.composite.scenes import box, placed, sphere
 
 
 def moved(body: PlacedObject, way: tuple[float, float, float]) -> PlacedObject:

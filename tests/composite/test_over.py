@@ -6,11 +6,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mr360uw.composite.gl.trial_shots import shot
 from mr360uw.composite.over import empty_tile, hold_out, mean_layer, merge, over, over_tile
 from mr360uw.errors import ParameterError
 from mr360uw.types import Layer, Rectangle, Tile
 from tests.composite import tolerances as tol
+from tests.composite.scenes import shot
 
 
 def random_tile(rng: np.random.Generator, height: int = 6, width: int = 8) -> Tile:

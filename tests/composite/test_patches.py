@@ -13,10 +13,10 @@ from mr360uw.composite.ambient.light import ambient_light, free_between, free_of
 from mr360uw.composite.ambient.on_ground.horizon_scan import most_blocked
 from mr360uw.composite.ambient.on_ground.quadtree import camera_place, make_quadtree
 from mr360uw.composite.ambient.on_ground.quadtree_kernel import SMOOTH_PATCH
-from mr360uw.composite.gl.trial_shots import box, changed, environment, placed, shot, sphere
 from mr360uw.composite.shot import Receiver, Shot
 from mr360uw.types import Floats
 from tests.composite import tolerances as tol
+from tests.composite.scenes import box, changed, environment, placed, shot, sphere
 
 FLOOR_Y_M = -1.2
 

@@ -11,7 +11,6 @@ import pytest
 
 from mr360uw.cache import Scratch
 from mr360uw.composite import render_layer
-from mr360uw.composite.gl.trial_shots import SUN, medium, placed, shot, sphere
 from mr360uw.composite.lighting.sources import light_sources
 from mr360uw.composite.over import over
 from mr360uw.composite.receiver.pattern import PlateBlur, PlatePattern
@@ -22,6 +21,7 @@ from mr360uw.render.background import BackgroundSeries, stands
 from mr360uw.types import Floats, Rectangle
 from mr360uw.video import VideoFrame
 from tests.composite import tolerances as tol
+from tests.composite.scenes import SUN, medium, placed, shot, sphere
 
 WIDTH = 256
 FLOOR = Receiver(plane_y=-1.2, extent_m=8.0, occlusion=False)

@@ -11,20 +11,6 @@ import pytest
 from mr360uw.cache import Cache
 from mr360uw.composite.ambient.light import ambient_light, free_of_bodies
 from mr360uw.composite.gl.layer_renderer import LayerRenderer
-from mr360uw.composite.gl.trial_shots import (
-    SUN,
-    box,
-    caustics,
-    changed,
-    codes,
-    environment,
-    medium,
-    placed,
-    plate,
-    quad,
-    shot,
-    sphere,
-)
 from mr360uw.composite.lighting.blockers import Blockers
 from mr360uw.composite.lighting.shadow import pixel_footprint
 from mr360uw.composite.lighting.sources import light_sources
@@ -39,6 +25,20 @@ from mr360uw.composite.shot import Receiver, Shot
 from mr360uw.sphere import directions
 from mr360uw.types import Environment, Floats, Layer, Rectangle
 from tests.composite import tolerances as tol
+from tests.composite.scenes import (
+    SUN,
+    box,
+    caustics,
+    changed,
+    codes,
+    environment,
+    medium,
+    placed,
+    plate,
+    quad,
+    shot,
+    sphere,
+)
 
 pytestmark = pytest.mark.usefixtures("gl")
 

@@ -9,19 +9,6 @@ import numpy as np
 import pytest
 
 from mr360uw.composite.aovs import exr_parts, receiver_difference
-from mr360uw.composite.gl.trial_shots import (
-    SUN,
-    box,
-    changed,
-    codes,
-    environment,
-    medium,
-    placed,
-    plate,
-    quad,
-    shot,
-    sphere,
-)
 from mr360uw.composite.lighting.sources import light_sources
 from mr360uw.composite.mesh.material import Material
 from mr360uw.composite.over import over
@@ -32,6 +19,7 @@ from mr360uw.rays import RayScene
 from mr360uw.sphere import directions, disc_directions, row_solid_angle, unit, yaw_matrix
 from mr360uw.types import View
 from tests.composite import tolerances as tol
+from tests.composite.scenes import SUN, box, changed, codes, environment, medium, placed, plate, quad, shot, sphere
 
 
 @pytest.mark.parametrize(("metallic", "roughness"), [(0.0, 1.0), (0.0, 0.2), (1.0, 0.4), (0.5, 0.7)])

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 from mr360uw.composite.gl.layer_renderer import LayerRenderer
-from mr360uw.composite.gl.trial_shots import box, placed, shot
 from mr360uw.composite.mesh.material import Part
 from mr360uw.composite.mesh.mesh import Mesh, make_mesh
 from mr360uw.composite.reference import render_layer
 from mr360uw.composite.shot import Receiver, Shot
 from mr360uw.types import Lamp, Layer
 from tests.composite import tolerances as tol
+from tests.composite.scenes import box, placed, shot
 
 
 def table(unit_m: float) -> Mesh:

@@ -4,7 +4,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mr360uw.composite.gl.trial_shots import placed, quad, shot, sphere
 from mr360uw.composite.gl.upload import list_texture, upload_mesh
 from mr360uw.composite.lighting.shading import (
     dielectric_f0,
@@ -20,6 +19,7 @@ from mr360uw.constants import REFRACTIVE_INDEX_SEA
 from mr360uw.ibl.lighting import environment as sky_light
 from mr360uw.sphere import basis, directions, disc_directions, disc_offsets, effective_half_angle, unit
 from tests.composite import tolerances as tol
+from tests.composite.scenes import placed, quad, shot, sphere
 from tests.glsl import glsl_call
 
 COUNT = 2000

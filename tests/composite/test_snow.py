@@ -12,7 +12,6 @@ import pytest
 from mr360uw.cache import Cache
 from mr360uw.caustics.sea.gerstner import GerstnerSea
 from mr360uw.caustics.sea.spectral import SpectralSea
-from mr360uw.composite.gl import trial_shots as scenes
 from mr360uw.composite.over import empty_tile, over
 from mr360uw.composite.shot import Receiver, Shot
 from mr360uw.composite.snow.draw import Snow, particles_in_view, with_particles
@@ -25,6 +24,7 @@ from mr360uw.composite.snow.splat import LEAST_RADIUS, SnowPicture, draw_particl
 from mr360uw.medium.lookup import ambient_ratio, transmittance_lookup, veil_lookup
 from mr360uw.sphere import direction_from_frame, directions, row_solid_angle, unit, yaw_matrix
 from mr360uw.types import Floats, Lamp, Layer, Rectangle, Sun, View
+from tests.composite import scenes
 from tests.composite.tolerances import (
     BALL_PHASE,
     FLOAT64,

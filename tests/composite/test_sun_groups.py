@@ -11,9 +11,9 @@ import pytest
 
 from mr360uw.composite.gl.caster_grid import CELLS, HALF_BITS, make_caster_grid
 from mr360uw.composite.gl.sun_groups import SunGroups, sun_groups
-from mr360uw.composite.gl.trial_shots import placed, quad, shot
 from mr360uw.composite.sampling import frame_areas, pattern
 from mr360uw.types import Floats
+from tests.composite.scenes import placed, quad, shot
 
 
 def listed(grid: Any, place: Floats) -> np.ndarray:

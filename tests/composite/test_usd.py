@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from mr360uw.composite import load_mesh
-from mr360uw.composite.gl.trial_shots import placed, shot, sphere
 from mr360uw.composite.mesh.mesh import Mesh
 from mr360uw.composite.object_settings import ObjectSettings
 from mr360uw.composite.objects import load_object
@@ -18,6 +17,7 @@ from mr360uw.composite.reference import render_layer
 from mr360uw.errors import MeshError
 from tests.composite import tolerances as tol
 from tests.composite.gltf_files import GltfFile
+from tests.composite.scenes import placed, shot, sphere
 from tests.composite.usd_files import (
     CORNERS,
     Gf,

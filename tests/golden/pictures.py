@@ -9,10 +9,10 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from mr360uw.composite.gl.trial_shots import codes, eight_shots, plate
 from mr360uw.composite.over import over
 from mr360uw.composite.shot import Shot
 from mr360uw.types import Layer
+from tests.composite.scenes import codes, eight_shots, plate
 
 WIDTH = 128
 FOLDER = Path(__file__).parent

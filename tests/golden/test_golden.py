@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from mr360uw.composite import render_layer
-from mr360uw.composite.gl.trial_shots import codes, plate
 from mr360uw.composite.shot import Shot
+from tests.composite.scenes import codes, plate
 from tests.golden import tolerances as tol
 from tests.golden.pictures import FOLDER, NAMES, WIDTH, composite_codes, read_golden, shots
 

@@ -14,7 +14,6 @@ from typer.testing import CliRunner
 import mr360uw as uw
 from mr360uw.cli import app
 from mr360uw.composite.gl.layer_renderer import LayerRenderer
-from mr360uw.composite.gl.trial_shots import codes, medium, plate, shot
 from mr360uw.composite.mesh.rig import load_rig
 from mr360uw.composite.object_settings import ObjectSettings
 from mr360uw.composite.objects import load_object
@@ -25,6 +24,7 @@ from mr360uw.render.loaded import load
 from mr360uw.types import Layer
 from tests.composite import tolerances as tol
 from tests.composite.gltf_files import GltfFile, one_square, swimming
+from tests.composite.scenes import codes, medium, plate, shot
 from tests.scenes import gradient_plate, scene_with
 
 OBJECT: dict[str, Any] = {"position_m": [-0.8, -0.3, -2.0]}

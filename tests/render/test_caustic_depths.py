@@ -11,7 +11,6 @@ import pytest
 
 from mr360uw.caustics import caustic_stack, refract_to_air
 from mr360uw.composite import Shot, load_object, load_receiver
-from mr360uw.composite.gl.trial_shots import environment
 from mr360uw.render.backends import make_backend
 from mr360uw.render.camera import CameraPath
 from mr360uw.render.caustic_depths import CausticDepths
@@ -21,6 +20,7 @@ from mr360uw.render.loaded import load
 from mr360uw.types import Floats, View
 from mr360uw.video import VideoFrame
 from tests.caustics import tolerances as tol
+from tests.composite.scenes import environment
 from tests.scenes import BACKENDS, gradient_plate, scene_with
 
 RISING = {

@@ -14,7 +14,6 @@ import pytest
 
 import mr360uw as uw
 from mr360uw.cache import Cache
-from mr360uw.composite.gl.trial_shots import placed, shot, sphere
 from mr360uw.composite.over import over
 from mr360uw.composite.shafts.code_change import code_change, shaft_pixels
 from mr360uw.composite.shafts.shaft_layer import with_shafts
@@ -28,6 +27,7 @@ from mr360uw.medium.shafts.settings import ShaftSettings
 from mr360uw.render.loaded import load
 from mr360uw.sphere import directions, unit
 from mr360uw.types import CausticStack, Floats, Lamp, Layer, Sun
+from tests.composite.scenes import placed, shot, sphere
 from tests.scenes import gradient_plate, scene_with
 from tests.tolerances import FLOAT32
 

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import functools
-from dataclasses import fields, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -132,7 +132,6 @@ def placed(
 
 
 _DRAW = set(DrawSettings.model_fields)
-_VIEW = {field.name for field in fields(View)}
 
 
 def shot(*objects: PlacedObject, width: int = 128, **more: Any) -> Shot:
@@ -145,15 +144,6 @@ def shot(*objects: PlacedObject, width: int = 128, **more: Any) -> Shot:
     sun = more.pop("sun", SUN)
     lights = (*(() if sun is None else (sun,)), *more.pop("lamps", ()))
     return Shot(view, objects, more.pop("environment", None) or environment(), lights, draw=draw, **more)
-
-
-def changed(scene: Shot, **more: Any) -> Shot:
-    """Return a shot with other fields of its own, of its view or of how it is drawn; `sun` replaces all lights."""
-    view = replace(scene.view, **{name: more.pop(name) for name in _VIEW & set(more)})
-    draw = scene.draw.model_copy(update={name: more.pop(name) for name in _DRAW & set(more)})
-    if "sun" in more:
-        more["lights"] = tuple(filter(None, [more.pop("sun")]))
-    return replace(scene, view=view, draw=draw, **more)
 
 
 def plate(width: int) -> Floats:

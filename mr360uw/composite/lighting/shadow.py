@@ -126,6 +126,7 @@ def _strided(count: int, stride: float) -> NDArray[np.int64]:
 Blocked = Callable[[NDArray[np.int64], Floats, NDArray[np.int64]], NDArray[np.bool_]]
 """Whether rays (m,) in directions of given numbers from starts (m, 3), moved points of indices (m,), are blocked."""
 _RAYS_AT_ONCE = 1 << 16
+"""Rays traced together, which bounds memory."""
 
 
 def visible_fraction(blocked: Blocked, start: Floats, sides: Floats | None, count: int) -> Floats:
