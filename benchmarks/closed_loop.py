@@ -188,10 +188,10 @@ class Clip:
         loaded = load(scene, self.stage.width, self.stage.width // 2, clip=False)
         light = replace(plate_light(loaded, ClipAnalysis(), plate), environment=environment)
         table = exposed_water(loaded.surroundings, light, plate.time_s)
-        backend, kept = make_backend("auto")[0], Cache()
+        backend, cache = make_backend("auto")[0], Cache()
         pattern = plate_pattern(loaded, None, plate)
-        bare = shot_at(loaded, light, pattern, table, plate.time_s, index, kept)
-        layer, _ = backend.layer(with_caustics(loaded, backend, bare, plate.time_s, kept))
+        bare = shot_at(loaded, light, pattern, table, plate.time_s, index, cache)
+        layer, _ = backend.layer(with_caustics(loaded, backend, bare, plate.time_s, cache))
         return over(plate.image_linear, layer), environment
 
     def _row(self, column: str, pairs: list[tuple[Floats, TruePicture]], environment: Environment) -> Row:

@@ -160,10 +160,10 @@ def composite(scene: Scene, plate: Path, backend: Backend, match: MatchSettings)
     video = uw.open_video(plate)
     loaded = load(scene, video.width, video.height)
     analysis = clip_analysis(loaded, video)
-    for line in analysis.look.found if analysis.look is not None else ():
+    for line in analysis.grade.found if analysis.grade is not None else ():
         print(f"      {line}")
-    kept = Cache()
-    return [composite_frame(loaded, analysis, backend, frame, 0.0, kept=kept) for frame in video.frames()]
+    cache = Cache()
+    return [composite_frame(loaded, analysis, backend, frame, 0.0, cache=cache) for frame in video.frames()]
 
 
 def main() -> int:

@@ -365,14 +365,14 @@ def section_cost() -> None:
 
 def layer_ms(scene: Scene) -> float:
     """Return the median processor time [ms] of the layer, caustics included, over a clip's frames after the second."""
-    backend, spent, kept = make_backend("gl")[0], [], Cache()
+    backend, spent, cache = make_backend("gl")[0], [], Cache()
     with open_plate(scene) as video:
         loaded = load(scene, video.width, video.height)
         analysis = clip_analysis(loaded, video, None)
         for frame in video.frames(0, _FRAMES):
-            measured = measure_plate(loaded, analysis, frame, kept)
+            measured = measure_plate(loaded, analysis, frame, cache)
             start = time.process_time()
-            draw_frame(loaded, backend, measured, 0.0, kept)
+            draw_frame(loaded, backend, measured, 0.0, cache)
             spent.append(1e3 * (time.process_time() - start))
     return float(np.median(spent[2:]))
 

@@ -149,7 +149,7 @@ class Compositor:
         """Return the composite of a plate. light: None measures it in the plate."""
         if self._kept is None:
             raise ParameterError("compositor - is closed - make another")
-        frame = composite_frame(loaded, analysis, self._renderer, plate, shutter_s, kept=self._kept, light=light)
+        frame = composite_frame(loaded, analysis, self._renderer, plate, shutter_s, cache=self._kept, light=light)
         return FrameResult(
             image_linear=frame.picture.image_linear,
             layer=frame.layer,

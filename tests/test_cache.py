@@ -65,8 +65,8 @@ def test_the_last_results_of_a_function_are_kept() -> None:
     cache.clear()
     assert not cache.holds(doubled, "b")
     roomy = Cache(room=2)
-    kept = [roomy.of(doubled, letter) for letter in "ab"]
-    assert [roomy.of(doubled, letter) for letter in "ab"] == kept
+    found = [roomy.of(doubled, letter) for letter in "ab"]
+    assert [roomy.of(doubled, letter) for letter in "ab"] == found
     assert roomy.made == {"doubled": 2}
 
 
@@ -196,12 +196,12 @@ def test_a_stage_depends_on_nothing_but_its_inputs(rich: Loaded, name: str, requ
     """Whatever is found again is what the function returns now, of every stage whose results can be compared."""
     if name == "gl":
         request.getfixturevalue("gl")
-    kept = Recomputing(2)
+    cache = Recomputing(2)
     backend, _ = make_backend(name, Recomputing(2))
     for plate in plates(1 if name == "reference" else 3):
         for _ in range(2):
-            composite_frame(rich, ClipAnalysis(), backend, plate, 0.0, kept=kept)
-    assert {"draw_layer", "plate_light"} <= kept.compared
+            composite_frame(rich, ClipAnalysis(), backend, plate, 0.0, cache=cache)
+    assert {"draw_layer", "plate_light"} <= cache.compared
     assert backend.cache.compared
 
 
@@ -210,11 +210,11 @@ def test_a_frame_leaves_nothing_behind(rich: Loaded) -> None:
     gc.collect()
     gc.disable()
     try:
-        kept, (plate, *_) = Cache(), plates(1)
+        cache, (plate, *_) = Cache(), plates(1)
         backend, _ = make_backend("reference")
-        composite_frame(rich, ClipAnalysis(), backend, plate, 0.0, kept=kept)
-        gone = weakref.ref(kept), weakref.ref(backend.cache)
-        del kept, backend
+        composite_frame(rich, ClipAnalysis(), backend, plate, 0.0, cache=cache)
+        gone = weakref.ref(cache), weakref.ref(backend.cache)
+        del cache, backend
         assert [one() for one in gone] == [None, None]
     finally:
         gc.enable()
@@ -224,7 +224,7 @@ def test_the_graph_of_a_frame_names_its_stages_and_whom_they_follow(rich: Loaded
     graph = StageGraph()
     backend, _ = make_backend("reference", StageGraph(graph=graph))
     (plate,) = plates(1)
-    composite_frame(rich, ClipAnalysis(), backend, plate, 0.0, kept=graph)
+    composite_frame(rich, ClipAnalysis(), backend, plate, 0.0, cache=graph)
     assert "plate_light" in graph.runs["exposed_water"].inputs
     assert {"exposed_water", "turned"} <= graph.runs["draw_layer"].inputs
     assert {"plate_light", "exposed_water", "draw_layer", "lay_over"} <= graph.runs.keys()
@@ -233,6 +233,6 @@ def test_the_graph_of_a_frame_names_its_stages_and_whom_they_follow(rich: Loaded
     before = graph.runs["draw_layer"].seconds
     assert before > 0.0
     graph.forget_times()
-    composite_frame(rich, ClipAnalysis(), backend, plate, 0.0, kept=graph)
+    composite_frame(rich, ClipAnalysis(), backend, plate, 0.0, cache=graph)
     assert graph.runs["draw_layer"].ran == 0
     assert graph.runs["draw_layer"].asked == 1

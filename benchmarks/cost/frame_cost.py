@@ -68,7 +68,7 @@ class Subject:
         self._next += 1
         self._kept.forget_times()
         began = time.process_time()
-        self.last = composite_frame(self._loaded, self._analysis, self.backend, plate, 0.0, kept=self._kept)
+        self.last = composite_frame(self._loaded, self._analysis, self.backend, plate, 0.0, cache=self._kept)
         took = time.process_time() - began
         spent = dict.fromkeys(PARTS, 0.0)
         for name, run in self._kept.runs.items():

@@ -64,8 +64,8 @@ class Workbench:
             loaded = load(scene, video.width, video.height)
             analysis = clip_analysis(loaded, video)
             plates = list(video.frames(0, self.runs + 1))
-        kept = Cache()
-        return lambda k: composite_frame(loaded, analysis, self.backend, plates[k], 0.0, kept=kept)
+        cache = Cache()
+        return lambda k: composite_frame(loaded, analysis, self.backend, plates[k], 0.0, cache=cache)
 
 
 def picture_of(frame: Frame) -> Floats:

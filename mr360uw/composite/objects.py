@@ -20,7 +20,7 @@ from mr360uw.composite.object_settings import ObjectSettings
 from mr360uw.composite.playback import Playback, Poses, playback
 from mr360uw.composite.shot import PlacedObject
 from mr360uw.errors import MeshError, ParameterError
-from mr360uw.reading.kept_reads import KeptReads
+from mr360uw.reading.cached_reads import CachedReads
 from mr360uw.reading.limits import OBJECTS
 from mr360uw.types import Floats
 
@@ -50,7 +50,7 @@ _AT_REST = {
 }
 """The settings that do not change an object's meshes."""
 _RIGS = 4096
-"""Files of meshes that are kept: all of a long sequence."""
+"""Files of meshes that are reads: all of a long sequence."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -115,17 +115,17 @@ def load_object(settings: ObjectSettings) -> SceneObject:
     return load_objects([settings])[0]
 
 
-def load_objects(all_settings: Sequence[ObjectSettings], kept: KeptReads | None = None) -> tuple[SceneObject, ...]:
+def load_objects(all_settings: Sequence[ObjectSettings], reads: CachedReads | None = None) -> tuple[SceneObject, ...]:
     """Return objects with their meshes, textures and overrides; raise `MeshError`.
 
-    Every file is read once, and objects that differ only in where they are share their meshes. kept: what was read
+    Every file is read once, and objects that differ only in where they are share their meshes. reads: what was read
     before, for an object that changes.
     """
     OBJECTS.check("scene - its number of objects", len(all_settings), ParameterError)
-    kept = KeptReads() if kept is None else kept
+    reads = CachedReads() if reads is None else reads
     several = 4 * len(all_settings)
 
-    return tuple(kept.of(_scene_object, one, several, kept, keep=several) for one in all_settings)
+    return tuple(reads.of(_scene_object, one, several, reads, keep=several) for one in all_settings)
 
 
 def on_the_sea(placed: SceneObject, sea: Sea, surface_y_m: float) -> SceneObject:
@@ -136,10 +136,10 @@ def on_the_sea(placed: SceneObject, sea: Sea, surface_y_m: float) -> SceneObject
     return replace(placed, motion=motion, afloat=Afloat(sea, surface_y_m))
 
 
-def _scene_object(settings: ObjectSettings, several: int, kept: KeptReads) -> SceneObject:
+def _scene_object(settings: ObjectSettings, several: int, reads: CachedReads) -> SceneObject:
     """Return an object. several: textures and looks that are kept."""
     sized = {} if settings.size_m is None else {"size_m": 1.0}
-    poses = kept.of(_poses, settings.model_copy(update=_AT_REST | sized), several, kept, keep=several)
+    poses = reads.of(_poses, settings.model_copy(update=_AT_REST | sized), several, reads, keep=several)
     meshes = tuple(one.rig.mesh for one in poses)
     played, notes = playback(settings, poses[0], sequence=len(poses) > 1)
     if played is not None:
@@ -147,11 +147,11 @@ def _scene_object(settings: ObjectSettings, several: int, kept: KeptReads) -> Sc
     return SceneObject(settings, meshes, object_motion(settings, poses[0].rig.mesh), played)
 
 
-def _poses(look: ObjectSettings, several: int, kept: KeptReads) -> tuple[Poses, ...]:
+def _poses(look: ObjectSettings, several: int, reads: CachedReads) -> tuple[Poses, ...]:
     """Return the meshes of an object, one a file, with the materials that its settings ask for."""
     unit: Unit = "auto" if look.size_m is None else "m"  # of any unit: no note on an odd size
-    rigs = [kept.of(_rig, path, unit, look.outside_files, look.smooth_deg, keep=_RIGS) for path in _paths(look.mesh)]
-    base = kept.of(_texture, look.texture, keep=several) if look.texture else None
+    rigs = [reads.of(_rig, path, unit, look.outside_files, look.smooth_deg, keep=_RIGS) for path in _paths(look.mesh)]
+    base = reads.of(_texture, look.texture, keep=several) if look.texture else None
     return tuple(Poses(replace(rig, mesh=_overridden(rig.mesh, look, base))) for rig in rigs)
 
 

@@ -14,17 +14,17 @@ from typing import Any, Self
 import numpy as np
 
 from mr360uw.cache import Cache, Same
+from mr360uw.preview.cached_frames import KeptFrames, PlateClip
 from mr360uw.preview.drafts import coarse
-from mr360uw.preview.frames_kept import KeptFrames, PlateClip
 from mr360uw.progress import Progress
-from mr360uw.reading.kept_reads import KeptReads, stamp
+from mr360uw.reading.cached_reads import CachedReads, stamp
 from mr360uw.render.backends import make_backend
 from mr360uw.render.background import Background
 from mr360uw.render.first_pass import ClipAnalysis, clip_analysis
 from mr360uw.render.frame import Frame, composite_frame
 from mr360uw.render.loaded import Loaded, Loader
 from mr360uw.render.plate_pattern import waves_of
-from mr360uw.render.stages.match_stage import look_in_frame, patch_frames
+from mr360uw.render.stages.match_stage import grade_in_frame, patch_frames
 from mr360uw.scene.model import Scene, at_scale
 from mr360uw.threads import one_blas_thread
 from mr360uw.video import VideoFrame, VideoReader
@@ -43,10 +43,10 @@ class _Measured:
 
 
 class KeptAnalysis:
-    """The analysis of the clip that was measured last. kept: holds its background at the size of frames."""
+    """The analysis of the clip that was measured last. cache: holds its background at the size of frames."""
 
-    def __init__(self, kept: Cache) -> None:
-        self._kept = kept
+    def __init__(self, cache: Cache) -> None:
+        self._kept = cache
         self._last: _Measured | None = None
 
     def measure(
@@ -114,7 +114,7 @@ class LivePreview:
 
     def __init__(self, backend: str = "auto") -> None:
         self.backend, self.note = make_backend(backend, Cache(_KINDS))
-        self._reads = KeptReads(_KINDS)
+        self._reads = CachedReads(_KINDS)
         self._plates, self._analysis = KeptFrames(self._reads), KeptAnalysis(self._reads.cache)
 
     @property
@@ -134,11 +134,11 @@ class LivePreview:
             loaded = self.loaded(scene, width)
             loaded.check(index + 1)
             plate, analysis = self.plate(scene, index, width), self._analysis.of(loaded, self._plates.reader(scene))
-            if analysis.look is None and loaded.plan.match.runs and loaded.scene.match.open_keys:
+            if analysis.grade is None and loaded.plan.match.runs and loaded.scene.match.open_keys:
                 places = patch_frames(scene.match, self._plates.reader(scene))
                 shown = [self.plate(scene, place, width) for place in places]
-                analysis = replace(analysis, look=look_in_frame(loaded, plate, shown, self._reads.cache))
-            return composite_frame(loaded, analysis, self.backend, plate, 0.0, kept=self._reads.cache)
+                analysis = replace(analysis, grade=grade_in_frame(loaded, plate, shown, self._reads.cache))
+            return composite_frame(loaded, analysis, self.backend, plate, 0.0, cache=self._reads.cache)
 
     coarse = staticmethod(coarse)
 
@@ -165,7 +165,7 @@ class LivePreview:
         """Return a scene resolved for frames of a width, as `frame` draws it; raises what loading raises."""
         reader, size = self._plates.reader(scene), self._plates.size(scene, width)
         at_size = at_scale(scene, size[0] / reader.width)
-        return Loader(*size, clip=not reader.is_still, kept=self._reads).load(at_size)
+        return Loader(*size, clip=not reader.is_still, reads=self._reads).load(at_size)
 
     def plate(self, scene: Scene, index: int, width: int | None = None) -> VideoFrame:
         """Return a frame of a scene's plate, `width` pixels wide; raise `VideoError`."""

@@ -17,7 +17,7 @@ from mr360uw.render.backends import Backend, make_backend
 from mr360uw.render.first_pass import ClipAnalysis, first_pass
 from mr360uw.render.loaded import Loaded, load
 from mr360uw.render.mattes import Mattes, ReceiverClip
-from mr360uw.render.stages.match_stage import clip_look
+from mr360uw.render.stages.match_stage import clip_grade
 from mr360uw.render.sun_lines import scene_sun_lines
 from mr360uw.render.surroundings import surroundings_over_time
 from mr360uw.scene.inputs import eyes_of_plate, open_plate, projection_notes
@@ -151,7 +151,7 @@ def _explained(video: VideoReader, loaded: Loaded, notes: tuple[str, ...], backe
         clip = None if placed.playback is None else placed.playback.clip
         plays = "" if clip is None else f", plays {clip.name!r} of {clip.duration_s:.2f} s"
         lines.append(f"object    {placed.settings.mesh.name}: {triangles} triangles, {size} m{plays}")
-    look = clip_look(loaded, video)
-    lines += scene_sun_lines(loaded, video, ClipAnalysis(look=look))
-    lines += [f"look      {line}" for line in (() if look is None else look.found)]
+    grade = clip_grade(loaded, video)
+    lines += scene_sun_lines(loaded, video, ClipAnalysis(grade=grade))
+    lines += [f"look      {line}" for line in (() if grade is None else grade.found)]
     return "\n".join([*lines, "stages", str(loaded.plan)])

@@ -29,7 +29,7 @@ from mr360uw.render.lights import may_be_clipped, restored
 from mr360uw.render.loaded import Loaded
 from mr360uw.render.plate_map import level_view, plate_map
 from mr360uw.render.plate_pattern import background_series
-from mr360uw.render.stages.match_stage import clip_colour, clip_look
+from mr360uw.render.stages.match_stage import clip_colour, clip_grade
 from mr360uw.render.surroundings import Surroundings
 from mr360uw.threads import one_blas_thread, prefetch
 from mr360uw.types import Floats, Sun
@@ -59,7 +59,7 @@ class ClipAnalysis(Parts):
     sun: its track, or None if the sun is detected frame by frame. gain: (N, 3) of the veil, or None if it is fitted
     frame by frame. open_water: beside it, or None if it is looked for frame by frame or not at all. background: the
     ground without its caustics, or None if it is found frame by frame. notes: doubts about them. first: frame that the
-    track and the gain begin with. look: of the plate, or None if it is measured frame by frame.
+    track and the gain begin with. grade: of the plate, or None if it is measured frame by frame.
     """
 
     sun: SunTrack | FixedSun | None = None
@@ -67,7 +67,7 @@ class ClipAnalysis(Parts):
     background: Background | None = None
     notes: tuple[str, ...] = ()
     first: int = 0
-    look: PlateGrade | None = None
+    grade: PlateGrade | None = None
     open_water: OpenWaterTrack | None = None
 
     @classmethod
@@ -102,12 +102,12 @@ def clip_analysis(
     wanted = {"sun": plan.track_sun.runs, "gain": plan.track_gain.runs}
     wanted["open_water"] = wanted["gain"] and loaded.scene.water.fits_ratio
     keyed = loaded.surroundings_at if loaded.scene.keys else None
-    look = clip_look(loaded, video)
-    colour = clip_colour(loaded, look)
+    grade = clip_grade(loaded, video)
+    colour = clip_colour(loaded, grade)
     analysis = first_pass(
         loaded.surroundings, video, progress, background=background, frames=frames, keyed=keyed, grade=colour, **wanted
     )
-    return replace(analysis, look=look)
+    return replace(analysis, grade=grade)
 
 
 def first_pass(

@@ -23,7 +23,7 @@ from mr360uw.render.plate_light import FrameLight, exposed_water, plate_light
 from mr360uw.render.plate_pattern import plate_pattern
 from mr360uw.render.shots import instants, seen_by, shafts_of, shot_at, with_caustics, with_snow
 from mr360uw.render.stages.eye_stage import Eye, background_of, eyes_of
-from mr360uw.render.stages.match_stage import asked_look, ungraded, with_look
+from mr360uw.render.stages.match_stage import asked_grade, ungraded, with_grade
 from mr360uw.render.stages.surface_stage import with_surface
 from mr360uw.types import CausticStack, Layer, MediumTable
 from mr360uw.video import VideoFrame
@@ -92,33 +92,33 @@ def composite_frame(
     shutter_s: float,
     *,
     variables: bool = False,
-    kept: Cache | None = None,
+    cache: Cache | None = None,
     light: FrameLight | None = None,
 ) -> Frame:
     """Return a frame, a function of what is loaded, the clip's analysis and the plate's frame alone.
 
     shutter_s: exposure time [s], for motion blur. variables: whether the layer's output variables are asked for.
-    light: between light samples of a clip (`stages.light_stage`); None measures it in this frame. kept: results of the
+    light: between light samples of a clip (`stages.light_stage`); None measures it in this frame. cache: results of the
     same backend's frames: a stage runs unless its result is there.
     """
-    kept = Cache(loaded.scene.plate.eyes) if kept is None else kept
-    measured = measure_plate(loaded, analysis, plate, kept, light)
-    drawn = draw_frame(loaded, backend, measured, shutter_s, kept, variables=variables)
-    return blend_frame(loaded, analysis, drawn, kept)
+    cache = Cache(loaded.scene.plate.eyes) if cache is None else cache
+    measured = measure_plate(loaded, analysis, plate, cache, light)
+    drawn = draw_frame(loaded, backend, measured, shutter_s, cache, variables=variables)
+    return blend_frame(loaded, analysis, drawn, cache)
 
 
 def measure_plate(
-    loaded: Loaded, analysis: ClipAnalysis, filed: VideoFrame, kept: Cache, light: FrameLight | None = None
+    loaded: Loaded, analysis: ClipAnalysis, filed: VideoFrame, cache: Cache, light: FrameLight | None = None
 ) -> MeasuredPlate:
     """Return the light and the pattern of a plate's frame, on any thread."""
     now = loaded.at(filed.time_s)
-    plate = ungraded(now, analysis.look, filed, kept)
+    plate = ungraded(now, analysis.grade, filed, cache)
     eyes = eyes_of(now.scene, plate)
     if not loaded.plan.environment.runs:
         return MeasuredPlate(now, filed, eyes, light, tuple(None for _ in eyes))
     if light is None:
-        light = finite("light", plate.index, plate_light(now, analysis, plate, kept))
-    patterns = tuple(plate_pattern(now, background_of(analysis.background, eye), eye.plate, kept) for eye in eyes)
+        light = finite("light", plate.index, plate_light(now, analysis, plate, cache))
+    patterns = tuple(plate_pattern(now, background_of(analysis.background, eye), eye.plate, cache) for eye in eyes)
     return MeasuredPlate(now, filed, eyes, light, patterns)
 
 
@@ -127,7 +127,7 @@ def draw_frame(
     backend: Backend,
     measured: MeasuredPlate,
     shutter_s: float,
-    kept: Cache,
+    cache: Cache,
     *,
     variables: bool = False,
 ) -> DrawnFrame:
@@ -136,32 +136,32 @@ def draw_frame(
     index, time_s = measured.filed.index, measured.filed.time_s
     if light is None or not loaded.plan.layer.runs:
         return DrawnFrame(measured, None, tuple(() for _ in measured.eyes))
-    water = finite("water", index, kept.of(exposed_water, now.surroundings, light, time_s))
+    water = finite("water", index, cache.of(exposed_water, now.surroundings, light, time_s))
     moments = instants(loaded, now, time_s, shutter_s)
     exposure_s = shutter_s / len(moments)
     by_eye: list[list[Drawn]] = [[] for _ in measured.eyes]
     for instant_s, then in moments:
-        bare = shot_at(then, light, water, instant_s, index, kept)
+        bare = shot_at(then, light, water, instant_s, index, cache)
         for eye, pattern, drawn in zip(measured.eyes, measured.patterns, by_eye, strict=True):
-            shot = with_caustics(then, backend, seen_by(then, bare, eye, pattern, index), instant_s, kept)
-            shafts = shafts_of(then, backend, shot, instant_s, kept)
-            layer, found = kept.of(draw_layer, backend, shot, shafts, variables, kept)
-            refuse("layer", index, kept.of(not_finite, layer))
-            layer, found = with_surface(then, backend, shot, layer, found, instant_s, kept)
-            layer = with_snow(then, backend, shot, layer, instant_s, exposure_s, kept)
+            shot = with_caustics(then, backend, seen_by(then, bare, eye, pattern, index), instant_s, cache)
+            shafts = shafts_of(then, backend, shot, instant_s, cache)
+            layer, found = cache.of(draw_layer, backend, shot, shafts, variables, cache)
+            refuse("layer", index, cache.of(not_finite, layer))
+            layer, found = with_surface(then, backend, shot, layer, found, instant_s, cache)
+            layer = with_snow(then, backend, shot, layer, instant_s, exposure_s, cache)
             drawn.append(Drawn(shot, layer, found))
     return DrawnFrame(measured, water, tuple(map(tuple, by_eye)))
 
 
-def blend_frame(loaded: Loaded, analysis: ClipAnalysis, drawn: DrawnFrame, kept: Cache) -> Frame:
+def blend_frame(loaded: Loaded, analysis: ClipAnalysis, drawn: DrawnFrame, cache: Cache) -> Frame:
     """Return the composite of what was drawn and the plate, on any thread, beside the next frame."""
     measured, frames = drawn.measured, []
     for eye, instants_drawn in zip(measured.eyes, drawn.by_eye, strict=True):
         layers = [one.layer for one in instants_drawn]
         layer = mean_layer(layers) if layers else Layer(loaded.height, loaded.width, ())
-        look = asked_look(measured.now, analysis.look, measured.filed, layer, kept)  # of the left eye for both
-        layer = kept.of(with_look, layer, look, eye.plate)
-        picture = kept.of(lay_over, eye.plate, layer, measured.now.scene.draw.grain)
+        look = asked_grade(measured.now, analysis.grade, measured.filed, layer, cache)  # of the left eye for both
+        layer = cache.of(with_grade, layer, look, eye.plate)
+        picture = cache.of(lay_over, eye.plate, layer, measured.now.scene.draw.grain)
         frame = Frame(picture, eye.plate, layer, measured.light, drawn.water)
         if instants_drawn:
             last = instants_drawn[-1]
@@ -171,14 +171,14 @@ def blend_frame(loaded: Loaded, analysis: ClipAnalysis, drawn: DrawnFrame, kept:
 
 
 def draw_layer(
-    backend: Backend, shot: Shot, shafts: ShaftLight | None, variables: bool, kept: Cache
+    backend: Backend, shot: Shot, shafts: ShaftLight | None, variables: bool, cache: Cache
 ) -> tuple[Layer, Aovs | None]:
     """Return the layer of a shot, with its shafts, and its output variables if asked for."""
     layer, found = backend.layer(shot, variables=variables)
     if shafts is not None:
         from mr360uw.composite.shafts.shaft_layer import with_shafts
 
-        layer, found = with_shafts(shot, shafts, layer, found, kept)
+        layer, found = with_shafts(shot, shafts, layer, found, cache)
     return layer, found
 
 

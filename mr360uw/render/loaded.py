@@ -20,8 +20,8 @@ from mr360uw.composite.objects import on_the_sea
 from mr360uw.composite.scene_lamps import SceneLamp, load_lamps
 from mr360uw.composite.settings import ReceiverSettings
 from mr360uw.medium import Medium
+from mr360uw.reading.cached_reads import CachedReads
 from mr360uw.reading.input_files import files_read
-from mr360uw.reading.kept_reads import KeptReads
 from mr360uw.render.camera import CameraPath
 from mr360uw.render.caustic_depths import CausticDepths
 from mr360uw.render.mattes import Mattes, ReceiverClip
@@ -105,13 +105,13 @@ class Loader:
     """Loads scenes for frames of width x height [pixels]; parts that a change leaves as they were are kept.
 
     clip: whether the plate has several frames, for a first pass. A part depends on its own settings and files alone, so
-    that what was loaded before changes no result. kept: counts what was made; loaders of other sizes may share it, in
+    that what was loaded before changes no result. reads: counts what was made; loaders of other sizes may share it, in
     one thread. A loader of its own may be used by any thread, one at a time.
     """
 
-    def __init__(self, width: int, height: int, *, clip: bool = True, kept: KeptReads | None = None) -> None:
+    def __init__(self, width: int, height: int, *, clip: bool = True, reads: CachedReads | None = None) -> None:
         self._size, self._clip = (width, height), clip
-        self.kept = KeptReads() if kept is None else kept
+        self.reads = CachedReads() if reads is None else reads
         self._one_thread = threading.Lock()
 
     def load(self, scene: Scene) -> Loaded:
@@ -149,14 +149,14 @@ class Loader:
 
         keys: that it has at other times, for the plan. whole: that it is an instant of, with its plan and notes.
         """
-        kept, (width, height) = self.kept, self._size
+        reads, (width, height) = self.reads, self._size
         with files_read() as object_files:
             stops = scene.light.exposure
             trimmed = [one.model_copy(update={"exposure": one.exposure + stops}) for one in scene.objects]
-            loaded = load_objects(trimmed if stops else scene.objects, kept)
+            loaded = load_objects(trimmed if stops else scene.objects, reads)
         with files_read() as other_files:
-            receiver = kept.of(_receiver, scene.receiver, *self._size, scene.plate.eye)
-            surroundings = load_surroundings(scene, kept, between) if frame is None else frame.surroundings
+            receiver = reads.of(_receiver, scene.receiver, *self._size, scene.plate.eye)
+            surroundings = load_surroundings(scene, reads, between) if frame is None else frame.surroundings
         medium, camera = surroundings.medium, surroundings.camera
         still = receiver if scene.receiver is not None and scene.receiver.kind != "distance" else None
         ground = still.at(0) if still is not None else None
@@ -170,9 +170,9 @@ class Loader:
             height=height,
             surroundings=surroundings,
             objects=objects,
-            lamps=kept.of(load_lamps, scene.lamps, medium, scene.light.white_cd_m2),
+            lamps=reads.of(load_lamps, scene.lamps, medium, scene.light.white_cd_m2),
             receiver=receiver,
-            mattes=kept.of(Mattes, scene.holdouts, width, height, scene.plate.eye),
+            mattes=reads.of(Mattes, scene.holdouts, width, height, scene.plate.eye),
             caustic_depths=CausticDepths.of(scene, objects, ground, camera, height),
             plan=plan,
             notes=_notes(scene, objects, camera, height) if whole is None else whole.notes,

@@ -71,13 +71,13 @@ class FrameLight:
     between: BetweenSamples | None = None
 
 
-def plate_light(loaded: Loaded, analysis: ClipAnalysis, plate: VideoFrame, kept: Cache | None = None) -> FrameLight:
+def plate_light(loaded: Loaded, analysis: ClipAnalysis, plate: VideoFrame, cache: Cache | None = None) -> FrameLight:
     """Return the light of a plate's frame. What the clip's analysis does not hold is measured in this frame.
 
-    kept: holds the light of the last frame.
+    cache: holds the light of the last frame.
     """
-    plan, of_light = loaded.plan, replace(analysis, background=None, look=None)
-    cache = Cache() if kept is None else kept
+    plan, of_light = loaded.plan, replace(analysis, background=None, grade=None)
+    cache = Cache() if cache is None else cache
     return cache.of(_plate_light, loaded.surroundings, of_light, plate, plan.sun.runs, plan.glossy.runs)
 
 

@@ -36,24 +36,24 @@ _TYPICAL_SUN = (0.5, math.sqrt(0.75), 0.0)
 larger by 5 to 25 % between 4 and 8 m of depth."""
 
 
-def background_series(loaded: Loaded, kept: Cache | None = None) -> BackgroundSeries | None:
+def background_series(loaded: Loaded, cache: Cache | None = None) -> BackgroundSeries | None:
     """Return what collects a clip's ground without caustics; None where the plan leaves its caustics alone.
 
-    kept: keeps the contrast of the scene's own caustics, which is the same for all frames.
+    cache: keeps the contrast of the scene's own caustics, which is the same for all frames.
     """
     if not loaded.plan.pattern.runs or loaded.receiver is None:
         return None
-    return BackgroundSeries(*_on_ground(loaded, loaded.receiver, Cache() if kept is None else kept))
+    return BackgroundSeries(*_on_ground(loaded, loaded.receiver, Cache() if cache is None else cache))
 
 
-def _on_ground(loaded: Loaded, receiver: ReceiverClip, kept: Cache) -> tuple[float, float]:
+def _on_ground(loaded: Loaded, receiver: ReceiverClip, cache: Cache) -> tuple[float, float]:
     """Return the camera's height [m] above the ground, and the contrast of the light that the scene's sea makes there.
 
-    kept: holds the contrast.
+    cache: holds the contrast.
     """
     scene, medium, height_m = loaded.scene, loaded.surroundings.medium, _height_above(receiver.at(0), loaded)
     assert medium is not None
-    contrast = kept.of(
+    contrast = cache.of(
         _expected_contrast, scene.sea, _resolution(scene), scene.water.refractive_index, medium.unit_table,
         spread_of(medium), scene.camera.depth_m + height_m,
     )  # fmt: skip
@@ -61,19 +61,19 @@ def _on_ground(loaded: Loaded, receiver: ReceiverClip, kept: Cache) -> tuple[flo
 
 
 def plate_pattern(
-    loaded: Loaded, background: Background | None, plate: VideoFrame, kept: Cache | None = None
+    loaded: Loaded, background: Background | None, plate: VideoFrame, cache: Cache | None = None
 ) -> PlatePattern | None:
     """Return the pattern of a plate's frame on the receiver; None where the plan has none.
 
-    background: of the clip; None finds it in this frame alone. kept: see `background_series`.
+    background: of the clip; None finds it in this frame alone. cache: see `background_series`.
     """
     if not loaded.plan.pattern.runs or loaded.receiver is None:
         return None
-    kept = Cache() if kept is None else kept
+    cache = Cache() if cache is None else cache
     if background is None:
-        background = kept.of(_background_of_frame, *_on_ground(loaded, loaded.receiver, kept), plate)
+        background = cache.of(_background_of_frame, *_on_ground(loaded, loaded.receiver, cache), plate)
     height_m = _height_above(loaded.receiver.at(plate.index), loaded)
-    return kept.of(PlatePattern, plate, background.mean, height_m, background.strength)
+    return cache.of(PlatePattern, plate, background.mean, height_m, background.strength)
 
 
 def _background_of_frame(height_m: float, contrast: float, plate: VideoFrame) -> Background:

@@ -48,14 +48,14 @@ def instants(loaded: Loaded, now: Loaded, time_s: float, shutter_s: float) -> li
 
 
 def shot_at(
-    loaded: Loaded, light: FrameLight, medium: MediumTable | None, time_s: float, index: int, kept: Cache
+    loaded: Loaded, light: FrameLight, medium: MediumTable | None, time_s: float, index: int, cache: Cache
 ) -> Shot:
     """Return the shot of an instant of frame `index`, without caustics and without what is of one eye (`seen_by`).
 
-    kept: holds the light in the world's axes.
+    cache: holds the light in the world's axes.
     """
     view = loaded.view(time_s)
-    environment = kept.of(turned, light.environment, view.world_from_camera)
+    environment = cache.of(turned, light.environment, view.world_from_camera)
     objects = tuple(o.at(time_s, index, view.position, view.world_from_camera) for o in loaded.objects)
     suns: tuple[Sun, ...] = () if environment.sun is None else (environment.sun,)
     lamps: tuple[Light, ...] = tuple(lamp.at(time_s, view, objects) for lamp in loaded.lamps)
@@ -83,23 +83,23 @@ def seen_by(loaded: Loaded, shot: Shot, eye: Eye, pattern: PlatePattern | None, 
     )
 
 
-def with_caustics(loaded: Loaded, backend: Backend, shot: Shot, time_s: float, kept: Cache) -> Shot:
+def with_caustics(loaded: Loaded, backend: Backend, shot: Shot, time_s: float, cache: Cache) -> Shot:
     """Return the shot with the caustics of its sun on planes around the objects' depths, if the plan has caustics.
 
-    kept: holds caustics of the same backend.
+    cache: holds caustics of the same backend.
     """
     sun_in_air = _caustic_sun(loaded, shot)
     if sun_in_air is None:
         return shot
     depths = loaded.caustic_depths
     planes, settings = depths.planes(shot), depths.settings
-    return dataclasses.replace(shot, caustics=_caustics(loaded, backend, settings, sun_in_air, planes, time_s, kept))
+    return dataclasses.replace(shot, caustics=_caustics(loaded, backend, settings, sun_in_air, planes, time_s, cache))
 
 
-def shafts_of(loaded: Loaded, backend: Backend, shot: Shot, time_s: float, kept: Cache) -> ShaftLight | None:
+def shafts_of(loaded: Loaded, backend: Backend, shot: Shot, time_s: float, cache: Cache) -> ShaftLight | None:
     """Return what the shafts of a shot depend on beside it; None where none show, or the camera is not below.
 
-    kept: holds caustics of the same backend.
+    cache: holds caustics of the same backend.
     """
     settings, camera_m = loaded.scene.shafts, shot.view.depth_of(np.zeros(3))
     if not (loaded.plan.shafts.runs and not settings.why_off) or camera_m < 0.0:
@@ -116,7 +116,7 @@ def shafts_of(loaded: Loaded, backend: Backend, shot: Shot, time_s: float, kept:
         return still if lamps_of(shot) or bodies_show(shot, still) else None
     deepest_m = float(camera_m + min(settings.range_m, _DEEPER * medium.length_m)) if settings.on_plate else 0.0
     planes = depths.water_planes(shot, deepest_m)
-    return ShaftLight(settings, medium, _caustics(loaded, backend, depths.of_water, sun_in_air, planes, time_s, kept))
+    return ShaftLight(settings, medium, _caustics(loaded, backend, depths.of_water, sun_in_air, planes, time_s, cache))
 
 
 def _caustic_sun(loaded: Loaded, shot: Shot) -> Floats | None:
@@ -135,20 +135,20 @@ def _caustics(
     sun_in_air: Floats,
     depths_m: Floats,
     time_s: float,
-    kept: Cache,
+    cache: Cache,
 ) -> CausticStack:
     """Return a backend's caustics of a scene: for its bodies, or for the water. sun_in_air: (3,). depths_m: (n,)."""
     medium, sea, index = loaded.surroundings.medium, loaded.scene.sea, loaded.scene.water.refractive_index
     spread = spread_of(medium) if medium is not None else None
-    return kept.of(backend.caustics, sea, sun_in_air, depths_m, time_s, settings, index, spread, keep=2)
+    return cache.of(backend.caustics, sea, sun_in_air, depths_m, time_s, settings, index, spread, keep=2)
 
 
 def with_snow(
-    loaded: Loaded, backend: Backend, shot: Shot, layer: Layer, time_s: float, exposure_s: float, kept: Cache
+    loaded: Loaded, backend: Backend, shot: Shot, layer: Layer, time_s: float, exposure_s: float, cache: Cache
 ) -> Layer:
     """Return the layer of a shot with its snow, the layer itself where the plan has none.
 
-    exposure_s: over which particles are drawn out. kept: holds layers of the same backend; a layer stands for all that
+    exposure_s: over which particles are drawn out. cache: holds layers of the same backend; a layer stands for all that
     its shot depends on.
     """
     medium = loaded.surroundings.medium
@@ -161,7 +161,7 @@ def with_snow(
     opens, closes = (_view_at(loaded, shot.view, at_s) for at_s in (time_s - half, time_s + half))
     snow = Snow(settings, particle_scattering(medium.water), sea, time_s, exposure_s, opens, closes)
 
-    return kept.of(with_particles, snow, shot, layer, backend.cache)
+    return cache.of(with_particles, snow, shot, layer, backend.cache)
 
 
 def _view_at(loaded: Loaded, view: View, time_s: float) -> View:

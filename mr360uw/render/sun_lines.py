@@ -24,7 +24,7 @@ def scene_sun_lines(loaded: Loaded, video: VideoReader, analysis: ClipAnalysis, 
     except DamagedFrameError:
         return []
     light = loaded.at(frame.time_s).surroundings.light
-    return sun_lines(light, frame.graded_by(clip_colour(loaded, analysis.look)), analysis)
+    return sun_lines(light, frame.graded_by(clip_colour(loaded, analysis.grade)), analysis)
 
 
 def sun_lines(light: LightReader, frame: VideoFrame, analysis: ClipAnalysis) -> list[str]:

@@ -15,7 +15,7 @@ from mr360uw.medium.around_sun import around_sun, placed, typical_level
 from mr360uw.medium.depths import MediumAtDepths, MixedMedium, TableAt
 from mr360uw.medium.fit.open_water import OpenWater, open_water
 from mr360uw.medium.settings import WaterSettings
-from mr360uw.reading.kept_reads import KeptReads
+from mr360uw.reading.cached_reads import CachedReads
 from mr360uw.render.camera import CameraPath
 from mr360uw.render.lights import LightReader
 from mr360uw.render.plate_map import world_view
@@ -81,21 +81,25 @@ class Surroundings:
         return (around / typical_level(around) if fitted else around).astype(np.float32)
 
 
-def load_surroundings(scene: Scene, kept: KeptReads | None = None, between: WaterBetween | None = None) -> Surroundings:
-    """Return the surroundings of a scene. kept: what was made before. Raises `ParameterError` or `VideoError`.
+def load_surroundings(
+    scene: Scene, reads: CachedReads | None = None, between: WaterBetween | None = None
+) -> Surroundings:
+    """Return the surroundings of a scene. reads: what was made before. Raises `ParameterError` or `VideoError`.
 
     between: waters whose tables those of the scene's water are interpolated from, where it is keyed.
     """
-    kept = KeptReads() if kept is None else kept
-    return kept.of(_surroundings, scene.only("camera", "water", "light"), between, floor_depth_m(scene), kept)
+    reads = CachedReads() if reads is None else reads
+    return reads.of(_surroundings, scene.only("camera", "water", "light"), between, floor_depth_m(scene), reads)
 
 
-def _surroundings(scene: Scene, between: WaterBetween | None, floor_m: float | None, kept: KeptReads) -> Surroundings:
+def _surroundings(
+    scene: Scene, between: WaterBetween | None, floor_m: float | None, reads: CachedReads
+) -> Surroundings:
     dry = WaterSettings(type="none")
-    camera = kept.of(CameraPath.of, scene.only("camera", water=dry if scene.water.type == "none" else WaterSettings()))
+    camera = reads.of(CameraPath.of, scene.only("camera", water=dry if scene.water.type == "none" else WaterSettings()))
     plain, gain = without_gain(scene.water), scene.water.gain
     medium, depths = (
-        _medium(plain, camera, floor_m, kept) if between is None else _mixed(plain, between, camera, floor_m, kept)
+        _medium(plain, camera, floor_m, reads) if between is None else _mixed(plain, between, camera, floor_m, reads)
     )
     medium = medium if medium is None or gain == "auto" else medium.scaled(gain)
     light = LightReader(scene, medium.unit_table if medium is not None else None, camera)
@@ -113,15 +117,15 @@ def floor_depth_m(scene: Scene) -> float | None:
 
 def surroundings_over_time(scene: Scene) -> Callable[[float], Surroundings]:
     """Return the function of time [s] that gives a scene's surroundings."""
-    kept = KeptReads()
-    return lambda time_s: load_surroundings(scene_at(scene, time_s), kept, water_between(scene, time_s))
+    reads = CachedReads()
+    return lambda time_s: load_surroundings(scene_at(scene, time_s), reads, water_between(scene, time_s))
 
 
 def _medium(
-    water: WaterSettings, camera: CameraPath, floor_m: float | None, kept: KeptReads
+    water: WaterSettings, camera: CameraPath, floor_m: float | None, reads: CachedReads
 ) -> tuple[Medium | None, MediumAtDepths | None]:
     """Return the medium of a water at the scene's depth, and at all depths where the camera rises or sinks."""
-    return kept.of(_solved, water, camera.depth_m, camera.sinks, floor_m, keep=_WATERS)
+    return reads.of(_solved, water, camera.depth_m, camera.sinks, floor_m, keep=_WATERS)
 
 
 def _solved(
@@ -140,7 +144,7 @@ def _table(water: WaterSettings, depth_m: float, floor_m: float | None) -> Mediu
 
 
 def _mixed(
-    water: WaterSettings, between: WaterBetween, camera: CameraPath, floor_m: float | None, kept: KeptReads
+    water: WaterSettings, between: WaterBetween, camera: CameraPath, floor_m: float | None, reads: CachedReads
 ) -> tuple[Medium | None, MixedMedium | None]:
     """Return the same of a water between two others."""
     exact = water.medium(camera.depth_m, floor_m=floor_m)
@@ -149,10 +153,10 @@ def _mixed(
 
     def tables(water: WaterSettings) -> TableAt:
         if camera.sinks:
-            depths = _medium(water, camera, floor_m, kept)[1]
+            depths = _medium(water, camera, floor_m, reads)[1]
             assert depths is not None
             return lambda depth_m: depths.at(depth_m).unit_table
-        table = kept.of(_table, water, camera.depth_m, floor_m, keep=_TABLES)
+        table = reads.of(_table, water, camera.depth_m, floor_m, keep=_TABLES)
         return lambda _: table
 
     mixed = MixedMedium(exact, tables(between.first), tables(between.second), between.share)

@@ -111,10 +111,10 @@ class RangeRenderer:
             yield plate
             since = time.perf_counter()
 
-    def _write(self, drawn: DrawnFrame, sink: VideoWriter, kept: Cache) -> None:
-        """Composite a frame and write it, and before it the file of its layers. kept: results of earlier frames."""
+    def _write(self, drawn: DrawnFrame, sink: VideoWriter, cache: Cache) -> None:
+        """Composite a frame and write it, and before it the file of its layers. cache: results of earlier frames."""
         times, since = self.times, time.perf_counter()
-        frame = blend_frame(self.loaded, self.analysis, drawn, kept)
+        frame = blend_frame(self.loaded, self.analysis, drawn, cache)
         since = times.add("blend", since)
         times.frames += 1
         times.empty += not frame.layer.tiles

@@ -16,8 +16,8 @@ from mr360uw.composite.grading.settings import PlateGrade
 from mr360uw.ibl import SunTrack
 from mr360uw.medium.fit.open_water_track import OpenWaterTrack
 from mr360uw.progress import Progress
+from mr360uw.reading.cached_reads import stamp
 from mr360uw.reading.disk_cache import cache_file, keep_arrays, read_arrays, write_arrays
-from mr360uw.reading.kept_reads import stamp
 from mr360uw.reading.numbered_files import files_named
 from mr360uw.render.background import Background
 from mr360uw.render.first_pass import ClipAnalysis, clip_analysis
@@ -83,11 +83,11 @@ def arrays_of_analysis(analysis: ClipAnalysis) -> dict[str, Any]:
         arrays["strength"] = analysis.background.strength
         if analysis.background.mean is not None:
             arrays["mean"] = analysis.background.mean
-    if analysis.look is not None:
-        plain = {name: getattr(analysis.look, name) for name in _PLAIN if getattr(analysis.look, name) is not None}
+    if analysis.grade is not None:
+        plain = {name: getattr(analysis.grade, name) for name in _PLAIN if getattr(analysis.grade, name) is not None}
         of_look = {
-            "colour": analysis.look.colour.numbers,
-            "found": np.array(analysis.look.found, dtype=np.str_),
+            "colour": analysis.grade.colour.numbers,
+            "found": np.array(analysis.grade.found, dtype=np.str_),
             **plain,
         }
         arrays |= {_LOOK + name: value for name, value in of_look.items()}

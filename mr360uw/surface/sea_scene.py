@@ -79,12 +79,12 @@ class SeaScene:
         if water is not None and not isinstance(water, Water | Medium):
             raise ParameterError(f"water - must be a Water, a Medium or None (got {water!r:.40}) - see uw.medium.Water")
         sky, light = Dome(dome), _checked(sun)
-        kept = {
+        cache = {
             "sea": sea, "dome": sky, "floor": floor if isinstance(floor, Floor) else Floor(*floor), "sun": light,
             "water": water, "refractive_index": refractive_index,
             "caustics": caustics or CausticSettings(), "_cache": Cache(),
         }  # fmt: skip
-        for name, value in kept.items():
+        for name, value in cache.items():
             object.__setattr__(self, name, value)
 
     def picture(self, view: View, time_s: float = 0.0, *, samples: int = 2) -> SurfacePicture:

@@ -18,7 +18,7 @@ from mr360uw.errors import ParameterError, VideoError
 from mr360uw.files import write_whole
 from mr360uw.output_gate import check_work_folder, make_work_folder, remove_work_folder
 from mr360uw.progress import Progress
-from mr360uw.reading.kept_reads import stamp
+from mr360uw.reading.cached_reads import stamp
 from mr360uw.track.camera_track import CameraTrack
 from mr360uw.track.colmap import load_colmap
 from mr360uw.track.key_frames import KeyFrames, key_frames_of_shot, read_key_frames

@@ -24,7 +24,7 @@ from nicegui import ui
 
 from mr360uw.errors import ParameterError
 from mr360uw.files import write_whole
-from mr360uw.preview.frames_kept import clip_of
+from mr360uw.preview.cached_frames import clip_of
 from mr360uw.threads import one_blas_thread
 from mr360uw.tune.editing.document import Document
 from mr360uw.tune.guard import Guard

@@ -85,14 +85,14 @@ def bodies(width: int, **more: int) -> Shot:
 @pytest.mark.parametrize(("column", "row"), [(29, 25), (31, 20)])
 def test_pixels_are_those_of_cameras_at_their_own_points(column: int, row: int) -> None:
     """On the bodies and on the shadow that they cast: another pixel is seen from another point."""
-    scene, kept = bodies(64, samples=5, sun_samples=16), Cache(4)
+    scene, cache = bodies(64, samples=5, sun_samples=16), Cache(4)
     for eye_m in (-HALF_M, HALF_M):
         seen = changed(scene, eye_m=eye_m)
         own = seen.view.starts(seen.view.directions(column + 0.5, row + 0.5))
         here = (row, slice(column - 1, column + 2))
-        whole, alone = (picture(render_layer(one, kept))[here] for one in (seen, changed(scene, position=own)))
+        whole, alone = (picture(render_layer(one, cache))[here] for one in (seen, changed(scene, position=own)))
         assert psnr(whole, alone) > EQUAL_DB
-        assert psnr(whole, picture(render_layer(scene, kept))[here]) < EQUAL_DB
+        assert psnr(whole, picture(render_layer(scene, cache))[here]) < EQUAL_DB
 
 
 @pytest.mark.usefixtures("gl")

@@ -95,8 +95,8 @@ def test_a_body_is_blurred_and_nothing_else() -> None:
 
 
 @pytest.mark.parametrize("look", [PlateGrade(softness_px=1.3), PlateGrade(0.8, 0.7)])
-def test_a_body_over_the_seam_is_as_one_in_the_middle(look: PlateGrade) -> None:
-    middle, seam = (matched_layer(disc(column), look, plate) for column in (32, 0))
+def test_a_body_over_the_seam_is_as_one_in_the_middle(grade: PlateGrade) -> None:
+    middle, seam = (matched_layer(disc(column), grade, plate) for column in (32, 0))
     for name in ("alpha", "radiance", "ratio"):
         np.testing.assert_allclose(
             np.roll(getattr(seam, name), 32, axis=1), getattr(middle, name), atol=tol.FLOAT32, err_msg=name
@@ -104,12 +104,12 @@ def test_a_body_over_the_seam_is_as_one_in_the_middle(look: PlateGrade) -> None:
 
 
 def test_a_mask_overshoots_as_that_of_the_whole_picture() -> None:
-    layer, look = disc(32), PlateGrade(softness_px=1.0, sharpening=0.6)
+    layer, grade = disc(32), PlateGrade(softness_px=1.0, sharpening=0.6)
     layer = replace(layer, tiles=tuple(replace(t, ratio=np.ones_like(t.ratio)) for t in layer.tiles))
     whole = plate(Rectangle(0, 0, 64, 32))
-    soft = over(whole, matched_layer(layer, replace(look, sharpening=0.0), plate))
+    soft = over(whole, matched_layer(layer, replace(grade, sharpening=0.0), plate))
     expected = soft + 0.6 * (soft - cv2.GaussianBlur(soft, (9, 9), 1.0))
-    matched = matched_layer(layer, look, plate)
+    matched = matched_layer(layer, grade, plate)
     found = over(whole, matched)
     body = matched.alpha > 0.0
     np.testing.assert_allclose(found[body], expected[body], atol=tol.MASK_AT_EDGE)

@@ -118,10 +118,10 @@ def test_a_stored_track_is_read_by_the_frames_of_the_clip(folder: Path, tmp_path
     later = track.since(3)
     assert len(later) == FRAMES - 3
     np.testing.assert_array_equal(later.at(2).irradiance, track.at(5).irradiance)
-    look = PlateGrade(1.2, columns=512)
-    save_analysis(ClipAnalysis(later, first=3, look=look), tmp_path / "analysis.npz")
+    grade = PlateGrade(1.2, columns=512)
+    save_analysis(ClipAnalysis(later, first=3, grade=grade), tmp_path / "analysis.npz")
     analysis = load_analysis(tmp_path / "analysis.npz")
-    assert analysis.look == look
+    assert analysis.grade == grade
     np.testing.assert_array_equal(analysis.sun_at(5).irradiance, track.at(5).irradiance)
 
 

@@ -54,7 +54,7 @@ def lit(scene: Scene, start: int = 0, stop: int = COUNT) -> tuple[list[FrameLigh
         loaded, analysis = load(scene, video.width, video.height), ClipAnalysis()
         frames = list(LightSamples(loaded, analysis, video, video.frames).frames(start, stop))
         assert [plate.index for plate, _ in frames] == list(range(start, stop))
-        own = [ungraded(loaded.at(plate.time_s), analysis.look, plate, Cache()) for plate, _ in frames]
+        own = [ungraded(loaded.at(plate.time_s), analysis.grade, plate, Cache()) for plate, _ in frames]
         return [light for _, light in frames], [plate_light(loaded.at(p.time_s), analysis, p) for p in own]
 
 

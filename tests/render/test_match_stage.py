@@ -19,7 +19,7 @@ from mr360uw.composite.grading.settings import MatchSettings, PlateGrade
 from mr360uw.errors import VideoError
 from mr360uw.render.first_pass import clip_analysis
 from mr360uw.render.loaded import load
-from mr360uw.render.stages.match_stage import asked_look, clip_look
+from mr360uw.render.stages.match_stage import asked_grade, clip_grade
 from mr360uw.runs.stored_analysis import load_analysis, save_analysis
 from mr360uw.scene.model import Scene
 from mr360uw.types import Floats
@@ -66,19 +66,19 @@ def test_a_clip_has_one_look_in_every_range(tmp_path: Path, whale: Path) -> None
     loaded = load(scene, *SIZE)
     with open_video(tmp_path / "soft_%d.png") as video:
         analysis = [clip_analysis(loaded, video, frames=span) for span in ((0, 3), (2, 3))]
-        assert analysis[0].look == analysis[1].look == clip_look(loaded, video)
+        assert analysis[0].grade == analysis[1].grade == clip_grade(loaded, video)
         frame = next(iter(video.frames()))
-    assert analysis[0].look is not None
-    assert analysis[0].look.softness_px == pytest.approx(1.2, rel=tol.BLUR_FOUND)
+    assert analysis[0].grade is not None
+    assert analysis[0].grade.softness_px == pytest.approx(1.2, rel=tol.BLUR_FOUND)
     layer = render_frame(linear(picture(1.2)), scene, backend="reference").layer
-    alone = asked_look(loaded, None, frame, layer, Cache())
-    assert alone.softness_px == pytest.approx(analysis[0].look.softness_px, rel=tol.BLUR_FOUND)
-    of_clip = asked_look(loaded, analysis[0].look, frame, layer, Cache())
-    assert of_clip.softness_px == analysis[0].look.softness_px
+    alone = asked_grade(loaded, None, frame, layer, Cache())
+    assert alone.softness_px == pytest.approx(analysis[0].grade.softness_px, rel=tol.BLUR_FOUND)
+    of_clip = asked_grade(loaded, analysis[0].grade, frame, layer, Cache())
+    assert of_clip.softness_px == analysis[0].grade.softness_px
     draft = load(scene.model_copy(update={"plate": scene.plate.model_copy(update={"scale": 0.5})}), 128, 64)
-    assert asked_look(draft, analysis[0].look, frame, layer, Cache()).softness_px == 0.5 * of_clip.softness_px
+    assert asked_grade(draft, analysis[0].grade, frame, layer, Cache()).softness_px == 0.5 * of_clip.softness_px
     empty = replace(layer, tiles=())
-    assert asked_look(loaded, analysis[0].look, frame, empty, Cache()) == PlateGrade()
+    assert asked_grade(loaded, analysis[0].grade, frame, empty, Cache()) == PlateGrade()
 
 
 def test_the_plan_says_whether_bodies_are_matched(tmp_path: Path, whale: Path) -> None:
@@ -157,14 +157,14 @@ def test_patches_of_a_clip_are_solved_and_kept(tmp_path: Path, whale: Path) -> N
     scene = scene_of(tmp_path, whale, patch=patches, softness=0.0, white=1.0)
     with open_video(tmp_path / "card_%d.png") as video:
         analysis = clip_analysis(load(scene, *SIZE), video, frames=(1, 2))
-    assert analysis.look is not None
-    colour = analysis.look.colour
+    assert analysis.grade is not None
+    colour = analysis.grade.colour
     np.testing.assert_allclose(colour.black, grade.black, atol=tol.PATCH_BLACK)
     assert colour.gamma == pytest.approx(grade.gamma, abs=2.0 * tol.PATCH_NUMBER)  # codes are rounded to 8 bits
     assert colour.saturation == pytest.approx(grade.saturation, abs=2.0 * tol.PATCH_NUMBER)
-    assert analysis.look.found[0].startswith("5 patches: black 0.0")
+    assert analysis.grade.found[0].startswith("5 patches: black 0.0")
     assert colour.contrast == pytest.approx(1.0, abs=2.0 * tol.PATCH_NUMBER)
     save_analysis(analysis, tmp_path / "analysis.npz")
     stored = load_analysis(tmp_path / "analysis.npz")
     assert stored is not None
-    assert stored.look == analysis.look
+    assert stored.grade == analysis.grade

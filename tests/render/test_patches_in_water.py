@@ -46,13 +46,13 @@ def plate(path: Path, grade: ColourGrade, seen: list[Seen]) -> tuple[Floats, lis
     medium = WaterSettings(**WATER).medium(DEPTH_M)
     assert medium is not None
     medium = medium.scaled(GAIN)
-    look = directions(*SIZE)
-    light = np.broadcast_to(medium.gain * medium.level_radiance(look[:, :1, 1].ravel())[:, None], look.shape).copy()
+    grade = directions(*SIZE)
+    light = np.broadcast_to(medium.gain * medium.level_radiance(grade[:, :1, 1].ravel())[:, None], grade.shape).copy()
     patches = []
     for k, (kind, distance_m) in enumerate(seen):
         azimuth, elevation = 40.0 * k - 30.0, -12.0 + 8.0 * k
         middle = direction_from_angles(np.radians(azimuth), np.radians(elevation))
-        there, up = look @ middle > np.cos(np.radians(5.0)), float(middle[1])
+        there, up = grade @ middle > np.cos(np.radians(5.0)), float(middle[1])
         of_white = medium.irradiance(DEPTH_M - distance_m * up) / np.pi
         shown = REFLECTED[kind] * of_white * medium.transmittance(distance_m, DEPTH_M, up)
         light[there] = shown + medium.veil(distance_m, DEPTH_M, up)
@@ -74,9 +74,9 @@ def scene_of(folder: Path, whale: Path, patches: list[dict[str, Any]], **tables:
 
 def look_of(folder: Path, scene: Scene) -> PlateGrade:
     with open_video(folder / "plate.png") as video:
-        look = clip_analysis(load(scene, *SIZE), video).look
-    assert look is not None
-    return look
+        grade = clip_analysis(load(scene, *SIZE), video).grade
+    assert grade is not None
+    return grade
 
 
 def assert_ungraded(folder: Path, colour: ColourGrade, light: Floats) -> None:
@@ -92,13 +92,13 @@ def test_a_black_and_a_white_patch_in_the_water_give_the_plate_without_its_grade
     tmp_path: Path, whale: Path, black: float, white: float
 ) -> None:
     light, patches = plate(tmp_path / "plate.png", BENT, [("black", black), ("white", white)])
-    look = look_of(tmp_path, scene_of(tmp_path, whale, patches, match={"white": 0.9}))
-    assert look.found[0].startswith("2 patches: black 0.0")
-    nearer = re.search(r"; were all a tenth nearer, black would be 0\.0\d+ (0\.\d+) (0\.\d+)", look.found[0])
+    grade = look_of(tmp_path, scene_of(tmp_path, whale, patches, match={"white": 0.9}))
+    assert grade.found[0].startswith("2 patches: black 0.0")
+    nearer = re.search(r"; were all a tenth nearer, black would be 0\.0\d+ (0\.\d+) (0\.\d+)", grade.found[0])
     assert nearer is not None
-    assert look.colour.black[1] < float(nearer[1]) < look.colour.black[1] + 2.5 * tol.PATCH_BLACK
-    np.testing.assert_allclose(look.colour.black, BENT.black, atol=tol.PATCH_BLACK)
-    assert_ungraded(tmp_path, look.colour, light)
+    assert grade.colour.black[1] < float(nearer[1]) < grade.colour.black[1] + 2.5 * tol.PATCH_BLACK
+    np.testing.assert_allclose(grade.colour.black, BENT.black, atol=tol.PATCH_BLACK)
+    assert_ungraded(tmp_path, grade.colour, light)
     near = [{name: one[name] for name in one if name != "distance_m"} for one in patches]
     as_if_near = look_of(tmp_path, scene_of(tmp_path, whale, near, match={"white": 0.9})).colour
     lifted = np.array(as_if_near.black) - BENT.black

@@ -317,13 +317,13 @@ def test_a_frame_is_the_same_whatever_came_before(tmp_path: Path, wedge: Path) -
                    shafts={"resolution": 32, "slices": 16}), SIZE, SIZE // 2,
     )  # fmt: skip
     plate = gradient_plate(SIZE, SIZE // 2)
-    kept = Cache()
+    cache = Cache()
 
-    def at(index: int, kept: Cache | None) -> Floats:
+    def at(index: int, cache: Cache | None) -> Floats:
         shown = VideoFrame.of_linear(plate, index, index / 30.0)
-        return composite_frame(loaded, ClipAnalysis(), Reference(), shown, 0.0, kept=kept).layer.radiance
+        return composite_frame(loaded, ClipAnalysis(), Reference(), shown, 0.0, cache=cache).layer.radiance
 
-    at(3, kept)
-    again = at(7, kept)
+    at(3, cache)
+    again = at(7, cache)
     np.testing.assert_array_equal(again, at(7, None))
     assert np.any(again != at(3, None))

@@ -43,8 +43,8 @@ def plate(index: int) -> VideoFrame:
     return VideoFrame.of_linear(gradient_plate(WIDTH, WIDTH // 2), index, index / 24.0)
 
 
-def frame(loaded: Loaded, backend: Backend, index: int, shutter_s: float = 0.02, kept: Cache | None = None) -> Frame:
-    return composite_frame(loaded, ClipAnalysis(), backend, plate(index), shutter_s, kept=kept)
+def frame(loaded: Loaded, backend: Backend, index: int, shutter_s: float = 0.02, cache: Cache | None = None) -> Frame:
+    return composite_frame(loaded, ClipAnalysis(), backend, plate(index), shutter_s, cache=cache)
 
 
 @pytest.mark.parametrize("name", BACKENDS)
@@ -73,16 +73,16 @@ def test_the_renderers_agree_and_snow_is_before_and_behind_the_body(tmp_path: Pa
 
 
 def test_kept_layers_follow_the_snow_s_settings(tmp_path: Path, whale: Path) -> None:
-    backend, kept = make_backend("reference")[0], Cache()
-    first = frame(loaded_with(tmp_path, whale), backend, 0, kept=kept)
+    backend, cache = make_backend("reference")[0], Cache()
+    first = frame(loaded_with(tmp_path, whale), backend, 0, cache=cache)
     loaded = loaded_with(tmp_path, whale)
-    frame(loaded, backend, 0, kept=kept)
-    again = frame(loaded, backend, 0, kept=kept)
+    frame(loaded, backend, 0, cache=cache)
+    again = frame(loaded, backend, 0, cache=cache)
     np.testing.assert_array_equal(first.layer.alpha, again.layer.alpha)
     brighter = replace(
         loaded, scene=loaded.scene.model_copy(update={"snow": loaded.scene.snow.model_copy(update={"albedo": 1.0})})
     )
-    bright = frame(brighter, backend, 0, kept=kept)
+    bright = frame(brighter, backend, 0, cache=cache)
     assert bright.layer.radiance.sum() > first.layer.radiance.sum()
 
 

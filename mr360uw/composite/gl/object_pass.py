@@ -77,14 +77,14 @@ class ObjectPass:
         objects = [placed for placed in shot.objects if placed.visible]
         layers, first = self._find(shot, objects)
         bodies = self._body_list(shot, objects, ambient)
-        kept = self._cache.of(_cache_of, Same(layers))
+        cache = self._cache.of(_cache_of, Same(layers))
         for number, fragments in enumerate(layers):
             if len(fragments) == 0:
                 continue
             body = np.searchsorted(first, fragments.triangle, side="right") - 1
             listed = PartOf((objects, first, body), fragments)
-            parts = kept.of(_by_mesh, listed, fragments, number, keep=len(layers))
-            lit = (shot, parts, bodies, len(fragments), number < len(layers) - 1, kept)
+            parts = cache.of(_by_mesh, listed, fragments, number, keep=len(layers))
+            lit = (shot, parts, bodies, len(fragments), number < len(layers) - 1, cache)
             values = self._light_up(*lit, 0)
             if frame is not None:
                 seen = through(tiles, fragments)[fragments.pixel()] * fragments.weight * values[:, 3]
@@ -133,7 +133,7 @@ class ObjectPass:
         bodies: BodyList,
         count: int,
         blended: bool,
-        kept: Cache,
+        cache: Cache,
         outputs: int,
     ) -> Floats:
         """Return the outputs of layer.frag (count, channels) for every fragment. outputs: see `_CHANNELS`."""
@@ -142,7 +142,7 @@ class ObjectPass:
             extra = {}
             if "SHADOW" in self._light.defines:
                 seen = PartOf((shot, bodies), self._light.of_sight)
-                extra["sun_seen"] = kept.of(self._see_sun, part, seen, keep=_PARTS)
+                extra["sun_seen"] = cache.of(self._see_sun, part, seen, keep=_PARTS)
             rows = lane_rows(len(part.chosen))
             target = self._targets.target(f"layer {outputs}", LANE_COLUMNS, rows, _CHANNELS[outputs])
             self._shade(shot, part, bodies, target, {"BLENDED": 1} if blended else {}, extra, outputs)

@@ -26,33 +26,33 @@ _FAINTEST = 1e-4
 """Coverage below which the blur leaves none: a fiftieth of a code on white."""
 
 
-def matched_layer(layer: Layer, look: PlateGrade, plate: Plate) -> Layer:
+def matched_layer(layer: Layer, grade: PlateGrade, plate: Plate) -> Layer:
     """Return a layer whose bodies have a look; the layer itself where the look changes nothing or there are no bodies.
 
     plate: gives the plate that the layer is laid over.
     """
-    reach = look.reach_px
+    reach = grade.reach_px
     bodies = [tile for tile in layer.tiles if np.any(tile.alpha > 0.0)]
     if reach == 0 or not bodies:
         return layer
     grown = [part for tile in bodies for part in _grown(tile.rectangle, reach, layer)]
     parts = merge([*grown, *(tile.rectangle for tile in layer.tiles)])
-    return replace(layer, tiles=tuple(_matched(layer, part, look, plate) for part in parts))
+    return replace(layer, tiles=tuple(_matched(layer, part, grade, plate) for part in parts))
 
 
-def _matched(layer: Layer, part: Rectangle, look: PlateGrade, plate: Plate) -> Tile:
+def _matched(layer: Layer, part: Rectangle, grade: PlateGrade, plate: Plate) -> Tile:
     """Return one tile of the matched layer."""
-    tile, reach = tile_of(layer, part), look.reach_px
+    tile, reach = tile_of(layer, part), grade.reach_px
     around = _around(layer, part, reach)
     if not np.any(around[..., 3] > 0.0):
         return tile
-    soft = _blurred(around, look.softness_px)
+    soft = _blurred(around, grade.softness_px)
     inside = slice(reach, reach + part.height), slice(reach, reach + part.width)
     inner = soft[inside]
     alpha = np.where(inner[..., 3] < _FAINTEST, 0.0, np.minimum(inner[..., 3], 1.0)).astype(np.float32)
     radiance = np.where(alpha[..., None] > 0.0, inner[..., :3], 0.0)
-    if look.sharpening > 0.0:
-        masked = (soft + look.sharpening * (soft - _blurred(soft, look.sharpening_px)))[inside]
+    if grade.sharpening > 0.0:
+        masked = (soft + grade.sharpening * (soft - _blurred(soft, grade.sharpening_px)))[inside]
         shown = masked[..., :3] + (alpha - masked[..., 3])[..., None] * plate(part)
         least = -(1.0 - alpha)[..., None] * plate(part)  # no light is negative
         radiance = np.where(alpha[..., None] > 0.0, np.maximum(shown, least), radiance)

@@ -16,9 +16,9 @@ from mr360uw.rays import RayScene, barycentric
 from mr360uw.types import Floats
 
 
-def casting_bodies(shot: Shot, kept: Cache) -> Bodies:
-    """Return the opaque parts of a shot's objects that cast shadows, in the world. kept: holds them."""
-    return kept.of(_in_world, shot.casters)
+def casting_bodies(shot: Shot, cache: Cache) -> Bodies:
+    """Return the opaque parts of a shot's objects that cast shadows, in the world. cache: holds them."""
+    return cache.of(_in_world, shot.casters)
 
 
 def _in_world(casters: tuple[PlacedObject, ...]) -> Bodies:

@@ -27,20 +27,20 @@ from mr360uw.sphere import basis
 from mr360uw.types import Floats, Rectangle, View
 
 
-def kept_shape(receiver: Receiver, camera_position: Floats, kept: Cache) -> ReceiverShape:
-    """Return a receiver's shape as seen from a position (3,) [m] in the world. kept: holds it for other frames."""
-    return kept.of(ReceiverShape, receiver, camera_position)
+def kept_shape(receiver: Receiver, camera_position: Floats, cache: Cache) -> ReceiverShape:
+    """Return a receiver's shape as seen from a position (3,) [m] in the world. cache: holds it for other frames."""
+    return cache.of(ReceiverShape, receiver, camera_position)
 
 
-def plate_distance(shot: Shot, x: Floats, y: Floats, direction: Floats, kept: Cache) -> Floats:
+def plate_distance(shot: Shot, x: Floats, y: Floats, direction: Floats, cache: Cache) -> Floats:
     """Return the distance (n,) [m] of the plate's surfaces along rays, infinity where the scene does not tell it.
 
-    x, y: (n,) frame coordinates. direction: (n, 3) of the view there, world axes. kept: holds the receiver's shape.
+    x, y: (n,) frame coordinates. direction: (n, 3) of the view there, world axes. cache: holds the receiver's shape.
     """
     view, matte = shot.view, shot.holdout_distance_m
     nearest = np.full(len(direction), np.inf)
     if shot.receiver is not None:
-        nearest, _ = kept_shape(shot.receiver, view.position, kept).meet_along(view, x, y, direction)
+        nearest, _ = kept_shape(shot.receiver, view.position, cache).meet_along(view, x, y, direction)
     if matte is not None:
         found = matte[np.minimum(y.astype(np.int64), view.height - 1), x.astype(np.int64) % view.width]
         nearest = np.minimum(nearest, found)

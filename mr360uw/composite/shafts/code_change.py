@@ -42,10 +42,10 @@ _GRID = FroxelGrid(64, 192, 16)
 """The coarse grid: a sixth of the default one in both directions, half as many slices."""
 
 
-def shaft_pixels(shot: Shot, scene: ShaftScene, range_m: float, least_codes: float, kept: Cache) -> NDArray[np.bool_]:
+def shaft_pixels(shot: Shot, scene: ShaftScene, range_m: float, least_codes: float, cache: Cache) -> NDArray[np.bool_]:
     """Return the mask (H, W) of pixels over whose veil the scene's light may change a code by `least_codes`.
 
-    kept: holds what does not change from frame to frame.
+    cache: holds what does not change from frame to frame.
     """
     # between two light samples veil and sun are those of the first, whose mask holds for all frames up to the next
     table, sun = shot.medium, sun_of(shot)
@@ -54,7 +54,7 @@ def shaft_pixels(shot: Shot, scene: ShaftScene, range_m: float, least_codes: flo
     parts = tuple(part.per_unit for part in scene.parts)
     of_sun = np.zeros(3) if sun is None else _stepped(sun.irradiance)
     light = tuple(np.ones(3) if part.pattern is None else of_sun for part in parts)
-    return kept.of(_marked, shot.view, table, parts, light, range_m, least_codes, kept)
+    return cache.of(_marked, shot.view, table, parts, light, range_m, least_codes, cache)
 
 
 def _marked(
@@ -64,7 +64,7 @@ def _marked(
     light: tuple[Array, ...],
     range_m: float,
     least_codes: float,
-    kept: Cache,
+    cache: Cache,
 ) -> NDArray[np.bool_]:
     """Return the mask of `shaft_pixels`. table: of the veil. parts: scenes of one kind of light each, of a unit; light:
     (3,) how much of it there is, in steps.
@@ -77,7 +77,7 @@ def _marked(
     veil = np.zeros((len(ends), 3)) if table is None else veil_ahead(table, ends, directions)
     veil = veil * _stepped(np.mean(veil)) / max(float(np.mean(veil)), 1e-30)
     changes = [
-        of * kept.of(_radiance, part, directions, ends, kept, keep=2) for part, of in zip(parts, light, strict=True)
+        of * cache.of(_radiance, part, directions, ends, cache, keep=2) for part, of in zip(parts, light, strict=True)
     ]
     codes = sum((code_change(veil, change) for change in changes), np.zeros(len(veil)))
     marked = ((codes >= _MARGIN * least_codes) & (codes > 0.0)).reshape(rows, columns)
@@ -87,8 +87,8 @@ def _marked(
     return np.repeat(np.repeat(marked, side, axis=0), side, axis=1)[: view.height, : view.width]
 
 
-def _radiance(scene: ShaftScene, directions: Array, ends: Array, kept: Cache) -> Array:
-    return shaft_field(scene, _GRID, directions, kept).radiance(directions, ends)
+def _radiance(scene: ShaftScene, directions: Array, ends: Array, cache: Cache) -> Array:
+    return shaft_field(scene, _GRID, directions, cache).radiance(directions, ends)
 
 
 def _stepped(light: ArrayLike) -> Array:

@@ -34,10 +34,10 @@ _BLOCKS = 512
 """Blocks around the horizon in wide frames, as many as the columns of the default grid before the plate."""
 
 
-def before_plate(shot: Shot, light: ShaftLight, scene: ShaftScene, layer: Layer, kept: Cache) -> Layer:
+def before_plate(shot: Shot, light: ShaftLight, scene: ShaftScene, layer: Layer, cache: Cache) -> Layer:
     """Return a layer with `Tile.shafts` of a scene of the water before the plate, and tiles where it has none yet.
 
-    kept: holds what does not change from frame to frame.
+    cache: holds what does not change from frame to frame.
     """
     view = shot.view
     if scene.dark:
@@ -46,14 +46,14 @@ def before_plate(shot: Shot, light: ShaftLight, scene: ShaftScene, layer: Layer,
     settings = light.settings
     marked = (
         np.ones((view.height, view.width), np.bool_) if waves
-        else shaft_pixels(shot, scene, settings.range_m, settings.least_codes / max(settings.strength, 1e-9), kept)
+        else shaft_pixels(shot, scene, settings.range_m, settings.least_codes / max(settings.strength, 1e-9), cache)
     )  # fmt: skip
     if not np.any(marked):
         return layer
-    found = [_Blocks.of(shot, light, part, marked, kept) for part in scene.parts]
+    found = [_Blocks.of(shot, light, part, marked, cache) for part in scene.parts]
     of_layer = tuple(tile.rectangle for tile in layer.tiles)
     drawn = []
-    for part in kept.of(_cut, of_layer, by_content(marked)):
+    for part in cache.of(_cut, of_layer, by_content(marked)):
         tile = tile_of(layer, part)
         where = marked[tile.window] & (tile.alpha < 1.0)
         if not np.any(where):
@@ -74,14 +74,14 @@ class _Blocks:
     side: int
 
     @classmethod
-    def of(cls, shot: Shot, light: ShaftLight, part: ShaftScene, marked: Mask, kept: Cache) -> _Blocks:
+    def of(cls, shot: Shot, light: ShaftLight, part: ShaftScene, marked: Mask, cache: Cache) -> _Blocks:
         """Return the blocks of marked pixels (H, W) and those beside them."""
         # a lamp's beam is thin at the lamp
         side = 1 if part.pattern is None else max(shot.view.width // _BLOCKS, 1)
         some = np.pad(marked[::side, ::side], ((0, 0), (1, 1)), "wrap").astype(np.uint8)
         near = cv2.dilate(some, np.ones((3, 3), np.uint8))[:, 1:-1] > 0
         ends = PartOf(shot, shot.view, shot.receiver, shot.holdout_distance_m)
-        change = kept.of(_change, ends, light.settings, part.per_unit, near, side, kept, keep=2)
+        change = cache.of(_change, ends, light.settings, part.per_unit, near, side, cache, keep=2)
         return cls(change if part.pattern is None else change * part.pattern.sun.irradiance.astype(np.float32), side)
 
     def pixels(self, part: Rectangle) -> NDArray[np.float32]:
@@ -104,15 +104,15 @@ def _cut(of_layer: tuple[Rectangle, ...], marked: PartOf[Mask]) -> list[Rectangl
 
 
 def _change(
-    ends: PartOf[Shot], settings: ShaftSettings, scene: ShaftScene, near: Mask, side: int, kept: Cache
+    ends: PartOf[Shot], settings: ShaftSettings, scene: ShaftScene, near: Mask, side: int, cache: Cache
 ) -> NDArray[np.float32]:
     """Return what one kind of light changes before a shot's plate in marked blocks, (rows, columns, 3)."""
     shot = ends.whole
     row, column = np.nonzero(near)
     x, y = (column + 0.5) * side, np.minimum((row + 0.5) * side, shot.view.height - 0.5)
     rays = np.asarray(shot.view.directions(x, y), np.float64)
-    end_m = np.minimum(plate_distance(shot, x, y, rays, kept), settings.range_m)
+    end_m = np.minimum(plate_distance(shot, x, y, rays, cache), settings.range_m)
     rays, end_m = (np.asarray(a, np.float64) for a in shot.view.from_middle(rays, end_m))
     blocks = np.zeros((*near.shape, 3), np.float32)
-    blocks[row, column] = change_along(scene, settings, shot.view.width, rays, end_m, kept)
+    blocks[row, column] = change_along(scene, settings, shot.view.width, rays, end_m, cache)
     return blocks

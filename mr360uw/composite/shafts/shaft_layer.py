@@ -29,26 +29,26 @@ Mask = NDArray[np.bool_]
 
 
 def with_shafts(
-    shot: Shot, light: ShaftLight, layer: Layer, variables: Aovs | None, kept: Cache
+    shot: Shot, light: ShaftLight, layer: Layer, variables: Aovs | None, cache: Cache
 ) -> tuple[Layer, Aovs | None]:
-    """Return a shot's layer and output variables with the light in the water. kept: holds what does not change."""
-    before, behind = light.scenes(shot, kept)
-    tiles = _before_objects(shot, light, before, layer.tiles, kept)
+    """Return a shot's layer and output variables with the light in the water. cache: holds what does not change."""
+    before, behind = light.scenes(shot, cache)
+    tiles = _before_objects(shot, light, before, layer.tiles, cache)
     if variables is not None:
         shown = variables.shafts.copy()
         for tile, old in zip(tiles, layer.tiles, strict=True):
             shown[tile.window] += tile.radiance - old.radiance
         variables = replace(variables, shafts=shown)
-    return before_plate(shot, light, behind, replace(layer, tiles=tiles), kept), variables
+    return before_plate(shot, light, behind, replace(layer, tiles=tiles), cache), variables
 
 
 def _before_objects(
-    shot: Shot, light: ShaftLight, scene: ShaftScene, tiles: tuple[Tile, ...], kept: Cache
+    shot: Shot, light: ShaftLight, scene: ShaftScene, tiles: tuple[Tile, ...], cache: Cache
 ) -> tuple[Tile, ...]:
     covered = [tile.alpha > 0.0 for tile in tiles]
     ends = [tile.distance_m[where] for tile, where in zip(tiles, covered, strict=True)]
     rays = _rays(shot, tiles, covered)
-    added = _split(_added(shot, light, scene, rays, _joined(ends), kept), covered)
+    added = _split(_added(shot, light, scene, rays, _joined(ends), cache), covered)
     drawn = []
     for tile, where, values in zip(tiles, covered, added, strict=True):
         radiance, old = tile.radiance.copy(), tile.radiance[where]
@@ -57,21 +57,21 @@ def _before_objects(
     return tuple(drawn)
 
 
-def _added(shot: Shot, light: ShaftLight, scene: ShaftScene, rays: Array, end_m: Array, kept: Cache) -> Floats:
+def _added(shot: Shot, light: ShaftLight, scene: ShaftScene, rays: Array, end_m: Array, cache: Cache) -> Floats:
     """Return what lies before objects (n, 3) at ends (n,) [m] of rays (n, 3), times strength, float32."""
     settings = light.settings
     end_m = np.minimum(end_m, settings.range_m)
     rays, end_m = (np.asarray(a, np.float64) for a in shot.view.from_middle(rays, end_m))
     found, ends = np.zeros((len(rays), 3)), np.column_stack([rays, end_m])
     for part in scene.parts:
-        change = kept.of(_change, part.per_unit, light.settings, shot.view.width, by_content(ends), kept, keep=2)
+        change = cache.of(_change, part.per_unit, light.settings, shot.view.width, by_content(ends), cache, keep=2)
         found += change if part.pattern is None else change * part.pattern.sun.irradiance
     return np.asarray(settings.strength * found, np.float32)
 
 
-def _change(scene: ShaftScene, settings: ShaftSettings, width: int, ends: PartOf[Array], kept: Cache) -> Array:
+def _change(scene: ShaftScene, settings: ShaftSettings, width: int, ends: PartOf[Array], cache: Cache) -> Array:
     """Return `change_along` rays. ends: (n, 4) their directions and lengths."""
-    return change_along(scene, settings, width, ends.whole[:, :3], ends.whole[:, 3], kept)
+    return change_along(scene, settings, width, ends.whole[:, :3], ends.whole[:, 3], cache)
 
 
 def _rays(shot: Shot, tiles: tuple[Tile, ...], where: list[Mask]) -> Array:

@@ -37,9 +37,9 @@ class ShaftLight(Parts):
     medium: Medium
     caustics: CausticStack | None = None
 
-    def scenes(self, shot: Shot, kept: Cache) -> tuple[ShaftScene, ShaftScene]:
-        """Return the scenes of the water before the objects, and of that before the plate. kept: holds the bodies."""
-        settings, bodies = self.settings, casting_bodies(shot, kept)
+    def scenes(self, shot: Shot, cache: Cache) -> tuple[ShaftScene, ShaftScene]:
+        """Return the scenes of the water before the objects, and of that before the plate. cache: holds the bodies."""
+        settings, bodies = self.settings, casting_bodies(shot, cache)
         lamps = tuple(light for light in shot.lights if isinstance(light, Lamp))
         before = ShaftScene.of(shot.view, self.medium, sun_of(shot), bodies, self.caustics, lamps, spread_rad(shot))
         if settings.on_plate or before.pattern is None or self.caustics is None:
@@ -65,7 +65,7 @@ def grid_of(settings: ShaftSettings, width: int, part: ShaftScene) -> FroxelGrid
 
 
 def change_along(
-    scene: ShaftScene, settings: ShaftSettings, width: int, rays: Array, end_m: Array, kept: Cache
+    scene: ShaftScene, settings: ShaftSettings, width: int, rays: Array, end_m: Array, cache: Cache
 ) -> Array:
     """Return how light in the water deviates (n, 3) along rays (n, 3) from the camera up to ends (n,) [m].
 
@@ -74,7 +74,7 @@ def change_along(
     """
     found = np.zeros((len(rays), 3))
     for part in scene.parts if len(rays) else ():
-        change = shaft_field(part, grid_of(settings, width, part), rays, kept).radiance(rays, end_m)
+        change = shaft_field(part, grid_of(settings, width, part), rays, cache).radiance(rays, end_m)
         if part.pattern is None:
             change = np.maximum(change, 0.0)
         elif part.pattern.caustics is None:

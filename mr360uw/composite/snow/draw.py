@@ -72,13 +72,13 @@ class Cloud:
     fade: Floats
 
 
-def with_particles(snow: Snow, shot: Shot, layer: Layer, kept: Cache) -> Layer:
-    """Return a shot's layer with its snow. kept: holds what is the same in other frames."""
+def with_particles(snow: Snow, shot: Shot, layer: Layer, cache: Cache) -> Layer:
+    """Return a shot's layer with its snow. cache: holds what is the same in other frames."""
     view = shot.view
     cloud = particles_in_view(snow, shot)
     point = cloud.position - view.position
     distance = np.linalg.norm(point, axis=-1)
-    there = np.flatnonzero(distance < _plate_m(shot, point, distance, kept))
+    there = np.flatnonzero(distance < _plate_m(shot, point, distance, cache))
     there = there[np.argsort(-distance[there], kind="stable")]
     if len(there) == 0:
         return layer
@@ -86,14 +86,14 @@ def with_particles(snow: Snow, shot: Shot, layer: Layer, kept: Cache) -> Layer:
     point, distance = point[there], distance[there]
     radius = _disc_radius(diameter, distance)
     half = 0.5 * snow.exposure_s
-    radiance = particle_radiance(shot, snow.settings.albedo, snow.settings.phase, point, kept)
+    radiance = particle_radiance(shot, snow.settings.albedo, snow.settings.phase, point, cache)
     before, behind = SnowPicture.empty(view), SnowPicture.empty(view)
     draw_particles(
         _seen(snow.opens, position - half * velocity), _seen(snow.closes, position + half * velocity), radius,
         0.25 * PI * (diameter / distance) ** 2 * cloud.fade[there], distance, radiance, layer.distance_m, before,
         behind,
     )  # fmt: skip
-    return merged(shot, layer, before, behind, kept)
+    return merged(shot, layer, before, behind, cache)
 
 
 def particles_in_view(snow: Snow, shot: Shot) -> Cloud:
@@ -115,10 +115,10 @@ def particles_in_view(snow: Snow, shot: Shot) -> Cloud:
     )
     velocity, margin = np.asarray(speeds)[found.number], np.asarray(margins)[found.number]
     position, diameter = found.position, found.diameter_m
-    kept = position[:, 1] < view.surface_y_m
+    cache = position[:, 1] < view.surface_y_m
     mean_m = np.linalg.norm(position - view.position, axis=-1)
-    kept &= clear.contrast(diameter, np.maximum(mean_m - margin, NEAREST_M), view.height) > LEAST_COVER
-    position, velocity, diameter = position[kept], velocity[kept], diameter[kept]
+    cache &= clear.contrast(diameter, np.maximum(mean_m - margin, NEAREST_M), view.height) > LEAST_COVER
+    position, velocity, diameter = position[cache], velocity[cache], diameter[cache]
     if orbits is not None:
         offset, change = orbits.at(position, view.surface_y_m, snow.time_s, velocity)
         position, velocity = position + offset, velocity + change
@@ -128,8 +128,8 @@ def particles_in_view(snow: Snow, shot: Shot) -> Cloud:
         * smoothstep(clear.contrast(diameter, distance, view.height) / LEAST_COVER, 1.0, 2.0)
         * (1.0 - smoothstep(distance / farthest, _FADE_FROM, 1.0))
     )
-    kept = fade > 0.0
-    return Cloud(position[kept], velocity[kept], diameter[kept], fade[kept])
+    cache = fade > 0.0
+    return Cloud(position[cache], velocity[cache], diameter[cache], fade[cache])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -172,8 +172,8 @@ def _seen(view: View, position: Floats) -> Floats:
     return view.seen(position - view.position)
 
 
-def _plate_m(shot: Shot, point: Floats, distance_m: Floats, kept: Cache) -> Floats:
+def _plate_m(shot: Shot, point: Floats, distance_m: Floats, cache: Cache) -> Floats:
     """Return the distance (n,) [m] of the plate's surfaces behind points (n, 3), infinity where none is known."""
     view, direction = shot.view, point / np.maximum(distance_m, 1e-9)[:, None]
     x, y = view.places(point)
-    return plate_distance(shot, x, y, direction, kept)
+    return plate_distance(shot, x, y, direction, cache)

@@ -41,10 +41,10 @@ _ROWS = 16
 """Rows of the map of scattered ambient light: 11 degrees, over which the white ball's phase function is straight."""
 
 
-def particle_radiance(shot: Shot, albedo: float, phase: SnowPhase, point: Floats, kept: Cache) -> Floats:
+def particle_radiance(shot: Shot, albedo: float, phase: SnowPhase, point: Floats, cache: Cache) -> Floats:
     """Return the radiance (n, 3) of particles as the camera sees it through the water.
 
-    point: (n, 3) from the camera, world axes [m]. kept: holds the bodies of other frames.
+    point: (n, 3) from the camera, world axes [m]. cache: holds the bodies of other frames.
     """
     distance = np.linalg.norm(point, axis=-1)
     direction = point / distance[:, None]
@@ -52,7 +52,7 @@ def particle_radiance(shot: Shot, albedo: float, phase: SnowPhase, point: Floats
     depths = _Depths.of(shot, point)
     if shot.medium is not None:
         light = light * depths.between(ambient_ratio(shot.medium, depths.ladder_m))
-    bodies = casting_bodies(shot, kept)
+    bodies = casting_bodies(shot, cache)
     world = point + shot.view.position
     if (sun := sun_of(shot)) is not None:
         source = _SunOnPoints(sun, shot, None)

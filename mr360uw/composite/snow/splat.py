@@ -29,8 +29,8 @@ from mr360uw.sphere import row_solid_angle
 from mr360uw.types import Floats, Layer, Rectangle, Tile, View
 
 
-def merged(shot: Shot, layer: Layer, before: SnowPicture, behind: SnowPicture, kept: Cache) -> Layer:
-    """Return a layer with snow before its bodies and behind them; pictures are used up. kept: what frames share.
+def merged(shot: Shot, layer: Layer, before: SnowPicture, behind: SnowPicture, cache: Cache) -> Layer:
+    """Return a layer with snow before its bodies and behind them; pictures are used up. cache: what frames share.
 
     Mattes without distances hide snow as they hide bodies, of which they know no more.
     """
@@ -41,7 +41,7 @@ def merged(shot: Shot, layer: Layer, before: SnowPicture, behind: SnowPicture, k
             picture.alpha[...] *= left
     tiles = [_with_snow(tile, before, behind) for tile in layer.tiles]
     whole = Rectangle(0, 0, layer.width, layer.height)
-    blank = kept.of(_blank, whole)
+    blank = cache.of(_blank, whole)
     for part in rest_of([tile.rectangle for tile in layer.tiles], layer.width, layer.height):
         at = slice(part.row, part.row + part.height), slice(part.column, part.column + part.width)
         alpha = before.alpha[at]

@@ -85,13 +85,13 @@ class Shadows:
     outlines: Outlines
 
 
-def shadows_of(pattern: BeamPattern, kept: Cache) -> Shadows | None:
-    """Return the shadows of a beam's bodies, None without bodies or where one has no bounds. kept: holds them."""
+def shadows_of(pattern: BeamPattern, cache: Cache) -> Shadows | None:
+    """Return the shadows of a beam's bodies, None without bodies or where one has no bounds. cache: holds them."""
     bodies, towards = pattern.bodies, unit(pattern.sun.direction)
     if not bodies.occluders or not np.all(np.isfinite(bodies.radius)):
         return None
     wide = pattern.sun.half_angle_rad > _SMALL_RAD
-    return kept.of(_shadows, bodies, towards, pattern.disc if wide else None, pattern.halo)
+    return cache.of(_shadows, bodies, towards, pattern.disc if wide else None, pattern.halo)
 
 
 def _shadows(bodies: Bodies, towards: Array, disc: Array | None, halo: Array) -> Shadows:

@@ -87,11 +87,11 @@ def shaft_field(
     scene: ShaftScene,
     grid: FroxelGrid = DEFAULT_GRID,
     directions: Array | None = None,
-    kept: Cache | None = None,
+    cache: Cache | None = None,
 ) -> ShaftField:
     """Return the shafts about a scene's camera on a grid, for rays (m, 3); None: for all.
 
-    kept: holds what does not change from frame to frame.
+    cache: holds what does not change from frame to frame.
     """
     pole = _pole(scene)
     node = np.full((grid.rows, grid.columns), -1, np.int32)
@@ -107,7 +107,7 @@ def shaft_field(
     beam = (
         None
         if scene.pattern is None
-        else SunBeam.of(scene, scene.pattern, grid.slices, Cache() if kept is None else kept)
+        else SunBeam.of(scene, scene.pattern, grid.slices, Cache() if cache is None else cache)
     )
     lamps = [LampField.of(scene, lamp) for lamp in scene.lamps]
     for start in range(0, len(rays), _TOGETHER):

@@ -41,10 +41,10 @@ class SunBeam:
     shadows: Shadows | None
 
     @classmethod
-    def of(cls, scene: ShaftScene, pattern: BeamPattern, count: int, kept: Cache) -> SunBeam:
-        """Return the beam of a scene for rays of `count` segments. kept: holds weights, and the shadows of bodies."""
-        weights = kept.of(_weights, PartOf(scene, scene.water, scene.depth_m, scene.sun_up), count, keep=4)
-        shadows = shadows_of(pattern, kept)
+    def of(cls, scene: ShaftScene, pattern: BeamPattern, count: int, cache: Cache) -> SunBeam:
+        """Return the beam of a scene for rays of `count` segments. cache: holds weights, and the shadows of bodies."""
+        weights = cache.of(_weights, PartOf(scene, scene.water, scene.depth_m, scene.sun_up), count, keep=4)
+        shadows = shadows_of(pattern, cache)
         maps = _NO_MAPS if pattern.caustics is None else PatternMaps.of(pattern.caustics)
         return cls(scene, pattern, weights, maps, shadows)
 

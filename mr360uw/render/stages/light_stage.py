@@ -135,7 +135,7 @@ class LightSamples:
 
     def _ungraded(self, plate: VideoFrame) -> VideoFrame:
         """Return a frame as its light is read."""
-        return ungraded(self._loaded.at(plate.time_s), self._analysis.look, plate, Cache())
+        return ungraded(self._loaded.at(plate.time_s), self._analysis.grade, plate, Cache())
 
     def _between(self, before: _Sampled | None, waiting: list[VideoFrame], after: _Sampled) -> Iterator[LitFrame]:
         """Yield the frames between two samples."""

@@ -28,7 +28,7 @@ FRAMES = 5
 """Frames of a clip whose look is measured, evenly spread; each is the keyframe before its place."""
 
 
-def clip_look(loaded: Loaded, video: VideoReader) -> PlateGrade | None:
+def clip_grade(loaded: Loaded, video: VideoReader) -> PlateGrade | None:
     """Return the look of a clip's plate; None where the plan measures none, or no frame of these can be decoded.
 
     The frames depend on the clip and the patches alone, so that any range of it has one look. Raises `VideoError`.
@@ -77,11 +77,11 @@ def _look(
     from mr360uw.composite.grading.point_spread import point_spread
     from mr360uw.composite.grading.read_patches import patched_colour
 
-    look = PlateGrade(columns=frames[0].shape[1])
+    grade = PlateGrade(columns=frames[0].shape[1])
     found: tuple[str, ...] = ()
     if settings.softness == "auto":
-        look = replace(look, softness_px=point_spread([_luma(frame) for frame in frames]).softness_px)
-        soft = f"blur of {look.softness_px:.2f} px" if look.softness_px > 0.0 else "blur: not told by this plate"
+        grade = replace(grade, softness_px=point_spread([_luma(frame) for frame in frames]).softness_px)
+        soft = f"blur of {grade.softness_px:.2f} px" if grade.softness_px > 0.0 else "blur: not told by this plate"
         found = (soft,)
     if settings.open_keys:
         waters = None
@@ -89,64 +89,64 @@ def _look(
         if in_water and any(patch.distance_m is not None for patch in settings.patch):
             waters = partial(waters_before, settings.patch, surroundings, shown)
         colour, line = patched_colour(settings, shown, waters)
-        look, found = replace(look, colour=colour), (*found, line)
-    return replace(look, found=found)
+        grade, found = replace(grade, colour=colour), (*found, line)
+    return replace(grade, found=found)
 
 
-def asked_look(loaded: Loaded, look: PlateGrade | None, plate: VideoFrame, layer: Layer, kept: Cache) -> PlateGrade:
+def asked_grade(loaded: Loaded, grade: PlateGrade | None, plate: VideoFrame, layer: Layer, cache: Cache) -> PlateGrade:
     """Return the look that bodies of a frame's layer are given; one that changes nothing where the plan has none.
 
-    look: of the clip; None measures it in this frame alone. plate: as the file has it. kept: holds the look that was
+    grade: of the clip; None measures it in this frame alone. plate: as the file has it. cache: holds the look that was
     measured last.
     """
     if not loaded.plan.match.runs or not any(np.any(tile.alpha > 0.0) for tile in layer.tiles):
         return PlateGrade()
-    return _frame_look(loaded, look, plate, kept)
+    return _frame_grade(loaded, grade, plate, cache)
 
 
-def ungraded(loaded: Loaded, look: PlateGrade | None, plate: VideoFrame, kept: Cache) -> VideoFrame:
+def ungraded(loaded: Loaded, grade: PlateGrade | None, plate: VideoFrame, cache: Cache) -> VideoFrame:
     """Return a frame whose light is read without the colour of its grade; the frame itself where it has none.
 
-    look: of the clip; None measures it in this frame alone.
+    grade: of the clip; None measures it in this frame alone.
     """
     if not loaded.plan.match.runs or not loaded.scene.match.colours:
         return plate
-    colour = _frame_look(loaded, look, plate, kept).colour
-    return kept.of(VideoFrame.graded_by, plate, colour) if colour.changes else plate
+    colour = _frame_grade(loaded, grade, plate, cache).colour
+    return cache.of(VideoFrame.graded_by, plate, colour) if colour.changes else plate
 
 
-def look_in_frame(loaded: Loaded, plate: VideoFrame, shown: list[VideoFrame], kept: Cache) -> PlateGrade:
+def grade_in_frame(loaded: Loaded, plate: VideoFrame, shown: list[VideoFrame], cache: Cache) -> PlateGrade:
     """Return the look of a plate as one frame has it, and its patches. shown: for each patch the frame that shows it.
 
-    kept: holds the look that was measured last.
+    cache: holds the look that was measured last.
     """
-    return kept.of(_look, loaded.scene.match.measured, (plate,), tuple(shown), _surroundings(loaded, shown))
+    return cache.of(_look, loaded.scene.match.measured, (plate,), tuple(shown), _surroundings(loaded, shown))
 
 
-def _frame_look(loaded: Loaded, look: PlateGrade | None, plate: VideoFrame, kept: Cache) -> PlateGrade:
+def _frame_grade(loaded: Loaded, grade: PlateGrade | None, plate: VideoFrame, cache: Cache) -> PlateGrade:
     settings = loaded.scene.match
-    if look is None:
-        look = PlateGrade()
+    if grade is None:
+        grade = PlateGrade()
         if settings.measures:
-            look = look_in_frame(loaded, plate, [plate for _ in settings.patch], kept)
-    return look.of_scene(settings, loaded.width, loaded.scene.plate.scale)
+            grade = grade_in_frame(loaded, plate, [plate for _ in settings.patch], cache)
+    return grade.of_scene(settings, loaded.width, loaded.scene.plate.scale)
 
 
-def clip_colour(loaded: Loaded, look: PlateGrade | None) -> ColourGrade | None:
-    """Return the colour of a clip's grade; None where it has none. look: of the clip, as measured."""
+def clip_colour(loaded: Loaded, grade: PlateGrade | None) -> ColourGrade | None:
+    """Return the colour of a clip's grade; None where it has none. grade: of the clip, as measured."""
     if not loaded.plan.match.runs:
         return None
-    colour = (look or PlateGrade()).of_scene(loaded.scene.match, loaded.width).colour
+    colour = (grade or PlateGrade()).of_scene(loaded.scene.match, loaded.width).colour
     return colour if colour.changes else None
 
 
-def with_look(layer: Layer, look: PlateGrade, plate: VideoFrame) -> Layer:
+def with_grade(layer: Layer, grade: PlateGrade, plate: VideoFrame) -> Layer:
     """Return a frame's layer whose bodies have a look; the layer itself where the look changes nothing."""
-    if look.reach_px == 0:
+    if grade.reach_px == 0:
         return layer
     from mr360uw.composite.grading.matched_layer import matched_layer
 
-    return matched_layer(layer, look, plate.linear)
+    return matched_layer(layer, grade, plate.linear)
 
 
 def _intact(video: VideoReader, places: list[int]) -> Iterator[VideoFrame]:

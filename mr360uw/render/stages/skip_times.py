@@ -82,11 +82,11 @@ def stage_graph(loaded: Loaded, backend: str, plate: VideoFrame) -> StageGraph:
     """Return the graph of the stages of a frame, with the times of a first frame whose kernels are compiled."""
     graph = StageGraph()
     renderer, _ = make_backend(backend, StageGraph(graph=graph))
-    composite_frame(loaded, ClipAnalysis(), renderer, plate, 0.0, kept=graph)
+    composite_frame(loaded, ClipAnalysis(), renderer, plate, 0.0, cache=graph)
     graph.forget_times()
     for cache in (graph, renderer.cache):
         cache.clear()
-    composite_frame(loaded, ClipAnalysis(), renderer, plate, 0.0, kept=graph)
+    composite_frame(loaded, ClipAnalysis(), renderer, plate, 0.0, cache=graph)
     return graph
 
 

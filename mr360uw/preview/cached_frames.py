@@ -13,7 +13,7 @@ from typing import Self
 
 import numpy as np
 
-from mr360uw.reading.kept_reads import KeptReads, Stamp, stamp
+from mr360uw.reading.cached_reads import CachedReads, Stamp, stamp
 from mr360uw.scene.inputs import open_plate
 from mr360uw.scene.model import Scene, at_scale
 from mr360uw.video import VideoFrame, VideoReader
@@ -67,7 +67,7 @@ class _OpenPlate:
 class KeptFrames:
     """Reads frames of scenes' plates. reads: keeps readers and frames, and counts the frames decoded."""
 
-    def __init__(self, reads: KeptReads) -> None:
+    def __init__(self, reads: CachedReads) -> None:
         self._reads = reads
         self._open: _OpenPlate | None = None
 

@@ -17,7 +17,7 @@ Stamp = tuple[int, int] | None
 """Time of the last change [ns] and length [bytes] of a file; None where it cannot be read."""
 
 
-class KeptReads(Neutral):
+class CachedReads(Neutral):
     """Results of functions by their inputs and by the files that they read, which are watched themselves.
 
     A result is made anew where a file that it was read from has changed. As if it had been read again, its files are
