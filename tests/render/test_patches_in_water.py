@@ -46,13 +46,13 @@ def plate(path: Path, grade: ColourGrade, seen: list[Seen]) -> tuple[Floats, lis
     medium = WaterSettings(**WATER).medium(DEPTH_M)
     assert medium is not None
     medium = medium.scaled(GAIN)
-    grade = directions(*SIZE)
-    light = np.broadcast_to(medium.gain * medium.level_radiance(grade[:, :1, 1].ravel())[:, None], grade.shape).copy()
+    way = directions(*SIZE)
+    light = np.broadcast_to(medium.gain * medium.level_radiance(way[:, :1, 1].ravel())[:, None], way.shape).copy()
     patches = []
     for k, (kind, distance_m) in enumerate(seen):
         azimuth, elevation = 40.0 * k - 30.0, -12.0 + 8.0 * k
         middle = direction_from_angles(np.radians(azimuth), np.radians(elevation))
-        there, up = grade @ middle > np.cos(np.radians(5.0)), float(middle[1])
+        there, up = way @ middle > np.cos(np.radians(5.0)), float(middle[1])
         of_white = medium.irradiance(DEPTH_M - distance_m * up) / np.pi
         shown = REFLECTED[kind] * of_white * medium.transmittance(distance_m, DEPTH_M, up)
         light[there] = shown + medium.veil(distance_m, DEPTH_M, up)
@@ -72,7 +72,7 @@ def scene_of(folder: Path, whale: Path, patches: list[dict[str, Any]], **tables:
     )
 
 
-def look_of(folder: Path, scene: Scene) -> PlateGrade:
+def grade_of(folder: Path, scene: Scene) -> PlateGrade:
     with open_video(folder / "plate.png") as video:
         grade = clip_analysis(load(scene, *SIZE), video).grade
     assert grade is not None
@@ -92,7 +92,7 @@ def test_a_black_and_a_white_patch_in_the_water_give_the_plate_without_its_grade
     tmp_path: Path, whale: Path, black: float, white: float
 ) -> None:
     light, patches = plate(tmp_path / "plate.png", BENT, [("black", black), ("white", white)])
-    grade = look_of(tmp_path, scene_of(tmp_path, whale, patches, match={"white": 0.9}))
+    grade = grade_of(tmp_path, scene_of(tmp_path, whale, patches, match={"white": 0.9}))
     assert grade.found[0].startswith("2 patches: black 0.0")
     nearer = re.search(r"; were all a tenth nearer, black would be 0\.0\d+ (0\.\d+) (0\.\d+)", grade.found[0])
     assert nearer is not None
@@ -100,7 +100,7 @@ def test_a_black_and_a_white_patch_in_the_water_give_the_plate_without_its_grade
     np.testing.assert_allclose(grade.colour.black, BENT.black, atol=tol.PATCH_BLACK)
     assert_ungraded(tmp_path, grade.colour, light)
     near = [{name: one[name] for name in one if name != "distance_m"} for one in patches]
-    as_if_near = look_of(tmp_path, scene_of(tmp_path, whale, near, match={"white": 0.9})).colour
+    as_if_near = grade_of(tmp_path, scene_of(tmp_path, whale, near, match={"white": 0.9})).colour
     lifted = np.array(as_if_near.black) - BENT.black
     assert lifted.max() > 2.5 * tol.PATCH_BLACK  # the water before it, most in blue
 
@@ -109,7 +109,7 @@ def test_patches_in_water_of_a_known_light_tell_black_and_white(tmp_path: Path, 
     light, patches = plate(tmp_path / "plate.png", BENT, [("black", 1.0), ("black", 10.0)])
     curve = dict.fromkeys(("gamma", "contrast", "saturation"), 1.0)
     scene = scene_of(tmp_path, whale, patches, water={"gain": GAIN}, match=curve)
-    colour = look_of(tmp_path, scene).colour
+    colour = grade_of(tmp_path, scene).colour
     np.testing.assert_allclose(colour.black, BENT.black, atol=tol.PATCH_BLACK)
     np.testing.assert_allclose(colour.white, BENT.white, atol=tol.PATCH_NUMBER)
     assert_ungraded(tmp_path, colour, light)
@@ -121,7 +121,7 @@ def test_a_black_that_the_water_hides_in_a_channel_tells_one_black_of_all_channe
     monkeypatch.setitem(WATER, "type", "1C")
     even = ColourGrade((0.06, 0.06, 0.06))
     _, patches = plate(tmp_path / "plate.png", even, [("black", 4.0)])
-    black = look_of(tmp_path, scene_of(tmp_path, whale, patches)).colour.black
+    black = grade_of(tmp_path, scene_of(tmp_path, whale, patches)).colour.black
     np.testing.assert_allclose(black, even.black, atol=tol.PATCH_BLACK)
     assert len(set(black)) == 1
 
@@ -130,10 +130,10 @@ def test_patches_near_and_far_are_mixed_and_air_has_no_distance(tmp_path: Path, 
     _, patches = plate(tmp_path / "plate.png", BENT, [("black", 0.02), ("black", 4.0), ("grey", 0.02), ("white", 4.0)])
     near = [{name: one[name] for name in one if name != "distance_m"} for one in patches]
     mixed = [near[0], patches[1], near[2], patches[3]]
-    black = look_of(tmp_path, scene_of(tmp_path, whale, mixed)).colour.black
+    black = grade_of(tmp_path, scene_of(tmp_path, whale, mixed)).colour.black
     np.testing.assert_allclose(black, BENT.black, atol=tol.PATCH_BLACK)
     air = {"type": "none"}
-    dry, plain = (look_of(tmp_path, scene_of(tmp_path, whale, of, water=air)).colour for of in (patches, near))
+    dry, plain = (grade_of(tmp_path, scene_of(tmp_path, whale, of, water=air)).colour for of in (patches, near))
     assert dry == plain
 
 
@@ -163,7 +163,7 @@ def test_a_patch_that_shows_only_water_is_refused(
     plate(tmp_path / "plate.png", BENT, [])
     patch = {"azimuth_deg": 0.0, "elevation_deg": elevation_deg, "is": "black", "distance_m": distance_m}
     with pytest.raises(ParameterError, match=rf"match\.patch\[0\]\.distance_m - {words}"):
-        look_of(tmp_path, scene_of(tmp_path, whale, [patch], water={"type": "7C"}))
+        grade_of(tmp_path, scene_of(tmp_path, whale, [patch], water={"type": "7C"}))
 
 
 @pytest.mark.parametrize("command", [["check"], ["composite", "--backend", "reference"]])
