@@ -136,7 +136,8 @@ def keep_bytes(path: Path, data: bytes) -> None:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         write_bytes(path, data)
-        _make_room(path.parent, path.suffix)
+        if path.stem.endswith("0"):  # names end in a hash: at every sixteenth file or so
+            _make_room(path.parent, path.suffix)
     except OSError:
         return  # it only costs the time to make them again
 
@@ -171,13 +172,14 @@ def _packed(arrays: Arrays) -> bytes:
 
 def _make_room(folder: Path, suffix: str) -> None:
     """Remove the files of a kind that were used longest ago, where all take more than `_ROOM`."""
-    files = [(stat.st_mtime_ns, stat.st_size, path) for path in folder.glob(f"*{suffix}") for stat in [path.stat()]]
-    total = sum(size for _, size, _ in files)
-    for _, size, path in sorted(files):
+    with os.scandir(folder) as entries:
+        stats = [(entry.stat(), entry.path) for entry in entries if entry.name.endswith(suffix)]
+    total = sum(stat.st_size for stat, _ in stats)
+    for stat, path in sorted(stats, key=lambda pair: pair[0].st_mtime_ns):
         if total <= _ROOM:
             return
-        path.unlink(missing_ok=True)
-        total -= size
+        Path(path).unlink(missing_ok=True)
+        total -= stat.st_size
 
 
 @functools.cache
