@@ -66,7 +66,21 @@ ALLOWED: dict[str, set[str]] = {
         *PHYSICS,
     },
 }
-HEAVY = {"colour", "trimesh", "moderngl", "av", "cv2", "OpenEXR", "numba", "matplotlib", "scipy", "nicegui", "pycolmap"}
+HEAVY = {
+    "colour",
+    "trimesh",
+    "moderngl",
+    "av",
+    "cv2",
+    "OpenEXR",
+    "numba",
+    "matplotlib",
+    "scipy",
+    "nicegui",
+    "pycolmap",
+    "numpy",
+    "pydantic",
+}
 
 
 def test_only_the_command_line_takes_a_first_look() -> None:

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -19,7 +19,9 @@ from mr360uw.cli.arguments import (
 )
 from mr360uw.cli.gated import Role
 from mr360uw.errors import ParameterError
-from mr360uw.first_look.place_in_plate import Wish
+
+if TYPE_CHECKING:
+    from mr360uw.first_look.place_in_plate import Wish
 
 _DIFFERS = 1
 """Exit code of a self-test in which a picture is wrong."""
@@ -27,6 +29,8 @@ _DIFFERS = 1
 
 def wish_of(at: str | None, stand: bool, swim: bool, size_m: float | None) -> Wish:
     """Return the wish that --at, --stand, --swim and --size state; raise `ParameterError` where they state none."""
+    from mr360uw.first_look.place_in_plate import Wish
+
     if stand and swim:
         raise ParameterError("--stand, --swim - exclude each other (got both) - give one of them")
     direction = None
