@@ -5,11 +5,11 @@ import pytest
 
 from mr360uw.sample import SampleDive, sample_dive
 
-COARSE = """[draw]
-samples = 1
-sun_samples = 1
-ambient_occlusion = false
-"""
+COARSE = {
+    "draw": "samples = 1\nsun_samples = 1\nambient_occlusion = false\n",
+    "receiver": "occlusion = false\n",
+    "caustics": "size = 64\ngrid = 32\nplanes = 2\n",
+}
 
 
 @pytest.fixture(scope="session")
@@ -20,6 +20,8 @@ def dive(tmp_path_factory: pytest.TempPathFactory) -> SampleDive:
     """
     dive = sample_dive(tmp_path_factory.mktemp("dive"), width=128, frames=8)
     text = dive.scene.read_text("utf-8")
-    assert "[draw]\n" in text
-    dive.scene.write_text(text.replace("[draw]\n", COARSE), "utf-8")
+    for table, settings in COARSE.items():
+        assert f"[{table}]\n" in text
+        text = text.replace(f"[{table}]\n", f"[{table}]\n{settings}")
+    dive.scene.write_text(text, "utf-8")
     return dive
