@@ -18,16 +18,16 @@ from mr360uw.cache import Cache
 from mr360uw.composite.ambient.light import ambient_light, free_of_bodies
 from mr360uw.composite.ambient.solved_light import AmbientLight, ambient_at
 from mr360uw.composite.aovs import SUMS, AovFrame, Aovs
-from mr360uw.composite.lighting.arrival import LightSource
 from mr360uw.composite.lighting.blockers import Blockers
+from mr360uw.composite.lighting.lamps import light_sources
 from mr360uw.composite.lighting.shadow import pixel_footprint
-from mr360uw.composite.lighting.sources import light_sources
+from mr360uw.composite.lighting.sun import LightSource
 from mr360uw.composite.lighting.surfaces import surface_radiance, water_ahead
 from mr360uw.composite.over import empty_tile, hold_out
 from mr360uw.composite.raycast.geometry import Geometry, gather, object_rectangles
 from mr360uw.composite.raycast.pixel_samples import group_samples, trace_samples
 from mr360uw.composite.receiver.ratio import receiver_ratio
-from mr360uw.composite.receiver.shape import ReceiverShape, coarse_grid, receiver_rectangles, touched_cells
+from mr360uw.composite.receiver.shape import ReceiverShape, coarse_grid, receiver_rectangles
 from mr360uw.composite.sampling import NO_GAPS, WHOLE_PIXEL, Gaps, Pattern, find_gaps, join_gaps, pattern
 from mr360uw.composite.shot import Shot
 from mr360uw.composite.tiles import even_tiles, split
@@ -74,7 +74,7 @@ def _render(shot: Shot, frame: AovFrame | None, cache: Cache) -> Layer:
     receiver_parts: list[Rectangle] = []
     if shape is not None:
         grid = coarse_grid(shot, shape)
-        receiver_parts = receiver_rectangles(shot, grid, touched_cells(shot, grid))
+        receiver_parts = receiver_rectangles(shot, grid)
     tiles = even_tiles(object_parts + receiver_parts, shot.view.width, shot.view.height)
     if not tiles:
         return Layer(shot.view.height, shot.view.width, ())

@@ -23,12 +23,11 @@ from mr360uw.medium.fit.level import DOUBTFUL, fit_level
 from mr360uw.medium.fit.open_water import OpenWater
 from mr360uw.medium.fit.open_water_track import OpenWaterLooks, OpenWaterTrack
 from mr360uw.progress import Progress
-from mr360uw.render.background import FRAMES, Background, BackgroundSeries
 from mr360uw.render.camera import CameraPath
 from mr360uw.render.lights import may_be_clipped, restored
 from mr360uw.render.loaded import Loaded
 from mr360uw.render.plate_map import level_view, plate_map
-from mr360uw.render.plate_pattern import background_series
+from mr360uw.render.plate_pattern import FRAMES, Background, BackgroundSeries, background_series
 from mr360uw.render.stages.match_stage import clip_colour, clip_grade
 from mr360uw.render.surroundings import Surroundings
 from mr360uw.threads import one_blas_thread, prefetch

@@ -20,11 +20,19 @@ from mr360uw.render.finite import finite, not_finite, refuse
 from mr360uw.render.first_pass import ClipAnalysis
 from mr360uw.render.loaded import Loaded
 from mr360uw.render.plate_light import FrameLight, exposed_water, plate_light
-from mr360uw.render.plate_pattern import plate_pattern
-from mr360uw.render.shots import instants, seen_by, shafts_of, shot_at, with_caustics, with_snow
-from mr360uw.render.stages.eye_stage import Eye, background_of, eyes_of
+from mr360uw.render.plate_pattern import Background, plate_pattern
+from mr360uw.render.shots import (
+    Eye,
+    eyes_of,
+    instants,
+    seen_by,
+    shafts_of,
+    shot_at,
+    with_caustics,
+    with_snow,
+    with_surface,
+)
 from mr360uw.render.stages.match_stage import asked_grade, ungraded, with_grade
-from mr360uw.render.stages.surface_stage import with_surface
 from mr360uw.types import CausticStack, Layer, MediumTable
 from mr360uw.video import VideoFrame
 
@@ -66,13 +74,8 @@ class MeasuredPlate:
     patterns: tuple[PlatePattern | None, ...]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Drawn:
-    """What an eye sees of one instant: the shot, its layer and, if asked for, the layer's output variables."""
-
-    shot: Shot
-    layer: Layer
-    variables: Aovs | None
+Drawn = tuple[Shot, Layer, Aovs | None]
+"""What an eye sees of one instant: the shot, its layer and, if asked for, the layer's output variables."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -118,8 +121,13 @@ def measure_plate(
         return MeasuredPlate(now, filed, eyes, light, tuple(None for _ in eyes))
     if light is None:
         light = finite("light", plate.index, plate_light(now, analysis, plate, cache))
-    patterns = tuple(plate_pattern(now, background_of(analysis.background, eye), eye.plate, cache) for eye in eyes)
-    return MeasuredPlate(now, filed, eyes, light, patterns)
+    patterns = []
+    for eye in eyes:
+        background = analysis.background
+        if background is not None and eye.eye_m:  # the mean is of the left eye's pictures
+            background = Background(None, background.strength)
+        patterns.append(plate_pattern(now, background, eye.plate, cache))
+    return MeasuredPlate(now, filed, eyes, light, tuple(patterns))
 
 
 def draw_frame(
@@ -149,7 +157,7 @@ def draw_frame(
             refuse("layer", index, cache.of(not_finite, layer))
             layer, found = with_surface(then, backend, shot, layer, found, instant_s, cache)
             layer = with_snow(then, backend, shot, layer, instant_s, exposure_s, cache)
-            drawn.append(Drawn(shot, layer, found))
+            drawn.append((shot, layer, found))
     return DrawnFrame(measured, water, tuple(map(tuple, by_eye)))
 
 
@@ -157,17 +165,20 @@ def blend_frame(loaded: Loaded, analysis: ClipAnalysis, drawn: DrawnFrame, cache
     """Return the composite of what was drawn and the plate, on any thread, beside the next frame."""
     measured, frames = drawn.measured, []
     for eye, instants_drawn in zip(measured.eyes, drawn.by_eye, strict=True):
-        layers = [one.layer for one in instants_drawn]
+        layers = [layer for _, layer, _ in instants_drawn]
         layer = mean_layer(layers) if layers else Layer(loaded.height, loaded.width, ())
         look = asked_grade(measured.now, analysis.grade, measured.filed, layer, cache)  # of the left eye for both
         layer = cache.of(with_grade, layer, look, eye.plate)
         picture = cache.of(lay_over, eye.plate, layer, measured.now.scene.draw.grain)
         frame = Frame(picture, eye.plate, layer, measured.light, drawn.water)
         if instants_drawn:
-            last = instants_drawn[-1]
-            frame = replace(frame, caustics=last.shot.caustics, variables=last.variables)
+            shot, _, variables = instants_drawn[-1]
+            frame = replace(frame, caustics=shot.caustics, variables=variables)
         frames.append(frame)
-    return frames[0] if len(frames) == 1 else both_eyes(*frames)
+    if len(frames) == 1:
+        return frames[0]
+    left, right = frames
+    return replace(left, picture=replace(left.picture, right=right.picture), right=right)
 
 
 def draw_layer(
@@ -185,8 +196,3 @@ def draw_layer(
 def lay_over(plate: VideoFrame, layer: Layer, grain: float) -> VideoFrame:
     """Return a plate with a layer over it. grain: of the plate, as a fraction, that bodies are given."""
     return finite("composite", plate.index, plate.over(layer, over_tile, grain))
-
-
-def both_eyes(left: Frame, right: Frame) -> Frame:
-    """Return the frame of the left eye with that of the right one."""
-    return replace(left, picture=replace(left.picture, right=right.picture), right=right)

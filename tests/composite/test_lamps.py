@@ -14,7 +14,7 @@ import pytest
 from mr360uw.color import luminance
 from mr360uw.composite import render_layer
 from mr360uw.composite.lighting.blockers import Blockers
-from mr360uw.composite.lighting.sources import light_sources
+from mr360uw.composite.lighting.lamps import light_sources
 from mr360uw.composite.mesh.material import Material
 from mr360uw.composite.over import over
 from mr360uw.composite.scene_lamps import load_lamps

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from mr360uw.composite.aovs import exr_parts, receiver_difference
-from mr360uw.composite.lighting.sources import light_sources
+from mr360uw.composite.lighting.lamps import light_sources
 from mr360uw.composite.mesh.material import Material
 from mr360uw.composite.over import over
 from mr360uw.composite.raycast.geometry import occluding

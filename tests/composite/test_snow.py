@@ -15,9 +15,8 @@ from mr360uw.caustics.sea.spectral import SpectralSea
 from mr360uw.composite.over import empty_tile, over
 from mr360uw.composite.shot import Receiver, Shot
 from mr360uw.composite.snow.draw import Snow, particles_in_view, with_particles
-from mr360uw.composite.snow.drift import orbits_of
 from mr360uw.composite.snow.particle_light import particle_phase, particle_radiance
-from mr360uw.composite.snow.particles import Particles, Reach, particles_near
+from mr360uw.composite.snow.particles import Particles, Reach, orbits_of, particles_near
 from mr360uw.composite.snow.settings import NEAREST_M, SnowSettings
 from mr360uw.composite.snow.size_spectrum import SizeClass, number_between, size_classes
 from mr360uw.composite.snow.splat import LEAST_RADIUS, SnowPicture, draw_particles, merged, rest_of

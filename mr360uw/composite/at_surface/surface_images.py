@@ -27,7 +27,7 @@ from mr360uw.composite.ambient.solved_light import AmbientLight, ambient_at
 from mr360uw.composite.at_surface.settings import FAINTEST
 from mr360uw.composite.at_surface.surface_rays import SeenSurface, SurfaceSamples, first_surfaces, surfaces_met
 from mr360uw.composite.at_surface.water_sides import WaterSides
-from mr360uw.composite.lighting.arrival import Arrival, LightSource
+from mr360uw.composite.lighting.sun import Arrival, LightSource
 from mr360uw.composite.lighting.surfaces import surface_radiance
 from mr360uw.composite.raycast.geometry import Geometry, Hits
 from mr360uw.composite.shot import Shot

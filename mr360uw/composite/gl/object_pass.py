@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,10 +20,8 @@ from mr360uw.composite.ambient.solved_light import AmbientLight
 from mr360uw.composite.aovs import SUMS, AovFrame
 from mr360uw.composite.gl.blocks import LANE_COLUMNS, lane_rows
 from mr360uw.composite.gl.facet_pass import camera_centred, of_eye
-from mr360uw.composite.gl.fragment_kernel import take_lanes
-from mr360uw.composite.gl.fragments import Fragments, add_behind, through
+from mr360uw.composite.gl.fragments import Fragments, MeshFragments, add_behind, mesh_fragments, take_lanes, through
 from mr360uw.composite.gl.light_textures import LightTextures
-from mr360uw.composite.gl.mesh_fragments import MeshFragments, mesh_fragments
 from mr360uw.composite.gl.sun_groups import sun_groups
 from mr360uw.composite.gl.surface_pass import SurfacePass
 from mr360uw.composite.gl.targets import Targets, bind, read_attachment
@@ -83,7 +81,7 @@ class ObjectPass:
                 continue
             body = np.searchsorted(first, fragments.triangle, side="right") - 1
             listed = PartOf((objects, first, body), fragments)
-            parts = cache.of(_by_mesh, listed, fragments, number, keep=len(layers))
+            parts = cache.of(mesh_fragments, listed, fragments, number, keep=len(layers))
             lit = (shot, parts, bodies, len(fragments), number < len(layers) - 1, cache)
             values = self._light_up(*lit, 0)
             if frame is not None:
@@ -95,16 +93,11 @@ class ObjectPass:
 
     def _find(self, shot: Shot, objects: Sequence[PlacedObject]) -> tuple[list[Fragments], NDArray[np.int64]]:
         sampled = PartOf(shot, shot.view, shot.draw.samples, shot.draw.shading)
-        layers, first = self._cache.of(self._surfaces_of, sampled, objects)
+        layers, first = self._cache.of(self._surfaces.find, sampled, objects)
         if sum(len(layer) for layer in layers) > _KEPT:
-            self._cache.drop(self._surfaces_of)
+            self._cache.drop(self._surfaces.find)
             self._cache.drop(_cache_of)
         return layers, first
-
-    def _surfaces_of(
-        self, sampled: PartOf[Shot], objects: Sequence[PlacedObject]
-    ) -> tuple[list[Fragments], NDArray[np.int64]]:
-        return self._surfaces.find(sampled.whole, objects)
 
     def _body_list(self, shot: Shot, objects: Sequence[PlacedObject], ambient: AmbientLight | None) -> BodyList:
         """Return where bodies are, and the values of ambient light on them."""
@@ -158,15 +151,15 @@ class ObjectPass:
         shot, bodies = seen.whole
         sun, objects = sun_of(shot), [placed for placed in shot.objects if placed.visible]
         assert sun is not None
-        groups = sun_groups(shot, objects, part, self._buffers(part.mesh).order, sun.direction)
+        of, listed = sun_groups(shot, objects, part, self._buffers(part.mesh).order, sun.direction)
         count, rows = len(part.chosen), lane_rows(len(part.chosen))
         found = self._targets.target(f"layer {_SEEN}", LANE_COLUMNS, rows, _CHANNELS[_SEEN])
-        if len(groups.listed):
-            few = replace(part, chosen=np.arange(len(groups.listed)), entries=list_texture(groups.listed, 3))
+        if len(listed):
+            few = replace(part, chosen=np.arange(len(listed)), entries=list_texture(listed, 3))
             self._shade(shot, few, bodies, found, {}, {}, _SEEN)
         fractions = gl_context().texture((LANE_COLUMNS, rows), 2, dtype="f4")
         shader = self._targets.program("spread", {})
-        bind(shader, {"groups": list_texture(groups.of, 1), "values": found.color_attachments[0]})
+        bind(shader, {"groups": list_texture(of, 1), "values": found.color_attachments[0]})
         set_uniforms(shader, count=count)
         self._targets.fill(gl_context().framebuffer([fractions]), shader, Rectangle(0, 0, LANE_COLUMNS, rows))
         return fractions
@@ -215,15 +208,6 @@ class ObjectPass:
 def _cache_of(_: Same) -> Cache:
     """Return the cache of what is made of a list of fragments, and goes with it."""
     return Cache()
-
-
-def _by_mesh(
-    listed: PartOf[tuple[list[PlacedObject], NDArray[np.int64], Any]],
-    fragments: Fragments,
-    number: int,
-) -> list[MeshFragments]:
-    objects, first, body = listed.whole
-    return mesh_fragments(objects, fragments, first, body, number)
 
 
 def _add_variables(

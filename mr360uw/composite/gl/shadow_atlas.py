@@ -116,16 +116,6 @@ class LightFrame:
         )
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Atlas:
-    """A drawn atlas. table: (slots, ROW_TEXELS, 4), the first two texels filled. frames: those of the slots."""
-
-    texture: moderngl.Texture
-    table: Floats
-    frames: tuple[LightFrame, ...]
-    size: int
-
-
 def slot_size(slots: int, pixels_across: float, half_angle_rad: float) -> int:
     """Return the texels across a slot for a light of this radius and bodies at most `pixels_across` pixels wide."""
     wanted = max(_TEXELS_A_PIXEL * pixels_across, _TEXELS_A_DISC / max(float(np.tan(half_angle_rad)), 1e-6))
@@ -152,13 +142,15 @@ class ShadowAtlas:
         }
         self._columns = program(fragment="composite/gl/shaders/atlas/shadow_columns.frag")
 
-    def of(self, frames: Sequence[LightFrame], size: int) -> Atlas:
-        """Return the atlas of frames in slots of `size` texels."""
+    def of(self, frames: Sequence[LightFrame], size: int) -> tuple[moderngl.Texture, Floats]:
+        """Return the atlas of frames in slots of `size` texels, and its table (slots, ROW_TEXELS, 4), whose first two
+        texels are filled.
+        """
         if not frames:
             return self._cache.of(_nothing)
         texture, drawn = self._cache.of(self._draw, PartOf(frames, *(frame.drawn for frame in frames)), size)
         extents = [frame.placed(of_frame) for frame, of_frame in zip(frames, drawn, strict=True)]
-        return Atlas(texture, _table(extents, size), tuple(frames), size)
+        return texture, _table(extents, size)
 
     def _draw(self, drawn_of: PartOf[Sequence[LightFrame]], size: int) -> tuple[moderngl.Texture, list[Floats]]:
         """Return the columns of all slots, and the extents (6,) of each about the start of its frame."""
@@ -231,8 +223,8 @@ def _table(extents: Sequence[Floats], size: int) -> Floats:
     return table
 
 
-def _nothing() -> Atlas:
-    return Atlas(texture_from_array(np.zeros((1, 1, 2))), np.zeros((1, ROW_TEXELS, 4)), (), SLOTS[0])
+def _nothing() -> tuple[moderngl.Texture, Floats]:
+    return texture_from_array(np.zeros((1, 1, 2))), np.zeros((1, ROW_TEXELS, 4))
 
 
 def _targets(width: int, height: int) -> tuple[moderngl.Framebuffer, moderngl.Framebuffer]:

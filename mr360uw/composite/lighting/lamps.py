@@ -14,10 +14,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.composite.lighting.arrival import Arrival
 from mr360uw.composite.lighting.blockers import Blockers
 from mr360uw.composite.lighting.shadow import visible_fraction
-from mr360uw.composite.lighting.sun import REFERENCE_SUN_FACTOR
+from mr360uw.composite.lighting.sun import REFERENCE_SUN_FACTOR, Arrival, LightSource, SunSource, sun_of
 from mr360uw.composite.shot import Shot
 from mr360uw.medium.lookup import linear, optical_length, table_coordinate
 from mr360uw.medium.shafts.lamp_rays import nearest_m, spot_factor
@@ -89,3 +88,10 @@ def _axes(away: Floats) -> Floats:
     length = np.linalg.norm(level, axis=-1, keepdims=True)
     u = np.where(length > 1e-9, level / np.maximum(length, 1e-9), basis([0.0, 1.0, 0.0])[0])
     return np.stack([u, np.cross(w, u)], axis=1)
+
+
+def light_sources(shot: Shot, blockers: Blockers | None = None) -> tuple[LightSource, ...]:
+    """Return a source for the sun and every lamp of a shot. blockers: None for no shadows."""
+    sun = sun_of(shot)
+    suns = [] if sun is None else [SunSource(sun, shot, blockers)]
+    return (*suns, *(LampSource(lamp, shot, blockers) for lamp in lamps_of(shot)))

@@ -14,7 +14,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mr360uw.composite.lighting.arrival import Arrival, LightSource
 from mr360uw.composite.lighting.shading import (
     PIXEL_POINTS,
     dielectric_f0,
@@ -23,6 +22,7 @@ from mr360uw.composite.lighting.shading import (
     reflectance,
     resolved_alpha,
 )
+from mr360uw.composite.lighting.sun import Arrival, LightSource
 from mr360uw.composite.raycast.geometry import Hits
 from mr360uw.composite.shot import Shot
 from mr360uw.constants import INV_PI

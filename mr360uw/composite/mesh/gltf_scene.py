@@ -13,13 +13,18 @@ from typing import Any, cast
 
 import numpy as np
 
-from mr360uw.composite.mesh.curve import Animation, Channel, Curve, Interpolation, Target
 from mr360uw.composite.mesh.gltf import BROKEN, Gltf, extension_notes, open_gltf
 from mr360uw.composite.mesh.gltf_material import BARE, GltfMaterial, MaterialReader
-from mr360uw.composite.mesh.gltf_primitive import Primitive, read_primitive
-from mr360uw.composite.mesh.gltf_rig import read_skeleton, read_skin, read_targets, rest_weights
+from mr360uw.composite.mesh.gltf_rig import (
+    Primitive,
+    read_primitive,
+    read_skeleton,
+    read_skin,
+    read_targets,
+    rest_weights,
+)
 from mr360uw.composite.mesh.material import MeshFile, Part, Rigging
-from mr360uw.composite.mesh.skin import UnplacedSurface
+from mr360uw.composite.mesh.skin import Animation, Channel, Curve, Interpolation, Target, UnplacedSurface
 from mr360uw.composite.settings import FARTHEST
 from mr360uw.errors import MeshError
 from mr360uw.reading.limits import TRIANGLES

@@ -16,8 +16,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.composite.mesh.curve import Animation
-from mr360uw.composite.mesh.skin import Skeleton, UnplacedSurface
+from mr360uw.composite.mesh.skin import Animation, Skeleton, UnplacedSurface
 from mr360uw.composite.mesh.texture import Texture, check_image, decoded, make_texture
 from mr360uw.errors import MeshError
 from mr360uw.reading.input_files import neighbour, read_data

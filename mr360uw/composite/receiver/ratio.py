@@ -14,7 +14,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from mr360uw.composite.lighting.arrival import LightSource
+from mr360uw.composite.lighting.sun import LightSource
 from mr360uw.composite.lighting.surfaces import ambient_irradiance
 from mr360uw.composite.receiver.pattern import direct_pattern
 from mr360uw.composite.shot import Shot

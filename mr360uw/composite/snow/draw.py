@@ -21,9 +21,8 @@ from mr360uw.cache import Cache, Parts
 from mr360uw.caustics.settings import Sea
 from mr360uw.composite.receiver.shape import plate_distance
 from mr360uw.composite.shot import Shot
-from mr360uw.composite.snow.drift import orbits_of
 from mr360uw.composite.snow.particle_light import particle_radiance
-from mr360uw.composite.snow.particles import Reach, particles_near
+from mr360uw.composite.snow.particles import Reach, orbits_of, particles_near
 from mr360uw.composite.snow.settings import NEAREST_M, SnowSettings
 from mr360uw.composite.snow.size_spectrum import LEAST_COVER, seen_up_to, size_classes
 from mr360uw.composite.snow.splat import SnowPicture, draw_particles, merged

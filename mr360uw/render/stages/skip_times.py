@@ -10,18 +10,105 @@ from __future__ import annotations
 
 import statistics
 import time
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, fields, is_dataclass, replace
+from typing import Any, TypeVar, TypeVarTuple
 
+from mr360uw.cache import Cache, PartOf, name_of
 from mr360uw.render.backends import Backend, make_backend
 from mr360uw.render.first_pass import ClipAnalysis
 from mr360uw.render.frame import composite_frame
 from mr360uw.render.loaded import Loaded, load
 from mr360uw.render.plan import Plan
-from mr360uw.render.stages.stage_graph import StageGraph
 from mr360uw.scene.inputs import open_plate
 from mr360uw.scene.model import Scene
 from mr360uw.video import VideoFrame
+
+T = TypeVar("T")
+Inputs = TypeVarTuple("Inputs")
+
+_DEPTH = 3
+"""Levels of fields in which an input is looked for results of other stages: a body's mesh is in its place in a shot."""
+_SHOWN_MS = 0.05
+"""Processor time [ms] below which a stage is left out of the table, for nobody would miss it."""
+
+
+@dataclass
+class StageRun:
+    """A stage: how often it was asked for and how often it ran, its processor time [s] without that of the stages that
+    it called, and the stages whose results it took.
+    """
+
+    asked: int = 0
+    ran: int = 0
+    seconds: float = 0.0
+    inputs: set[str] = field(default_factory=set)
+
+
+class StageGraph(Cache):
+    """A cache that notes the graph of the functions whose results it holds. runs: by name, in the order of their ends.
+
+    Caches of other parts of the program may note into the same graph. graph: that they note into; None for an own one.
+    """
+
+    def __init__(self, room: int = 1, graph: StageGraph | None = None) -> None:
+        super().__init__(room)
+        self.runs: dict[str, StageRun] = {} if graph is None else graph.runs
+        self._within: list[float] = [] if graph is None else graph._within
+        self._makers: dict[int, tuple[str, object]] = {} if graph is None else graph._makers
+
+    def of(self, function: Callable[[*Inputs], T], *inputs: *Inputs, keep: int = 1) -> T:
+        """Return the result of a function, as `Cache.of` does."""
+        name, before = name_of(function), self.made.total()
+        self._within.append(0.0)
+        began = time.process_time()
+        result = super().of(function, *inputs, keep=keep)
+        took = time.process_time() - began
+        own = took - self._within.pop()
+        if self._within:
+            self._within[-1] += took
+        run = self.runs.setdefault(name, StageRun())
+        run.asked += 1
+        run.ran += self.made.total() > before
+        run.seconds += own
+        makers = (self._makers.get(id(part)) for part in _parts(inputs, _DEPTH))
+        run.inputs |= {maker[0] for maker in makers if maker is not None} - {name}
+        for part in (result, *(result if isinstance(result, tuple) else ())):
+            self._makers.setdefault(id(part), (name, part))  # holds the part, so that its number is not given again
+        return result
+
+    def forget_times(self) -> None:
+        """Begin anew to count, and let go of results; which stages took whose results stays known."""
+        self._makers.clear()
+        for run in self.runs.values():
+            run.asked = run.ran = 0
+            run.seconds = 0.0
+
+    def __str__(self) -> str:
+        shown = {name: run for name, run in self.runs.items() if 1e3 * run.seconds >= _SHOWN_MS}
+        width = max(map(len, shown), default=0)
+        return "\n".join(
+            f"  {name:<{width}}  {1e3 * run.seconds:8.1f} ms  {run.ran} of {run.asked}  {', '.join(sorted(run.inputs))}"
+            for name, run in shown.items()
+        )
+
+
+def _parts(item: Any, depth: int) -> Iterator[object]:
+    """Yield an input and its fields, down to a depth."""
+    if item is None or isinstance(item, int | float | str):
+        return
+    yield item
+    if depth == 0:
+        return
+    if isinstance(item, PartOf):
+        yield from _parts(item.whole, depth)
+    elif isinstance(item, tuple | list):
+        for part in item:
+            yield from _parts(part, depth)
+    elif is_dataclass(item):
+        for one in fields(item):
+            yield from _parts(getattr(item, one.name, None), depth - 1)
+
 
 _RUNS = 5
 """Pairs of frames that a median is taken over. Twice as many halve the error of what is saved by a factor of 1.4."""
