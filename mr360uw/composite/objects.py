@@ -13,7 +13,7 @@ from mr360uw.caustics.settings import Sea
 from mr360uw.composite.mesh.material import Material
 from mr360uw.composite.mesh.mesh import Mesh, Unit
 from mr360uw.composite.mesh.texture import Texture, read_texture
-from mr360uw.composite.motion import Afloat, Motion, object_motion, rigid
+from mr360uw.composite.motion import Motion, floating, object_motion, rigid
 from mr360uw.composite.object_settings import ObjectSettings
 from mr360uw.composite.playback import Playback, Poses, Rig, load_rig, playback
 from mr360uw.composite.shot import PlacedObject, Receiver
@@ -56,15 +56,15 @@ class SceneObject:
     """An object of a scene, loaded. meshes: one, or one for every frame of a mesh sequence.
 
     playback: the clip that it plays, or None. The one mesh of an object that plays is that at rest, but for its hull,
-    which holds every pose of the clip. afloat: the sea that it floats on, or None; its motion then is that on a level
-    sea.
+    which holds every pose of the clip. afloat: the sea that it floats on and the height [m] of its mean surface in
+    the world, or None; its motion then is that on a level sea.
     """
 
     settings: ObjectSettings
     meshes: tuple[Mesh, ...]
     motion: Motion
     playback: Playback | None = None
-    afloat: Afloat | None = None
+    afloat: tuple[Sea, float] | None = None
 
     @property
     def moves(self) -> bool:
@@ -97,7 +97,7 @@ class SceneObject:
         if self.settings.attach == "camera":
             transform = rigid(camera_position, world_from_camera) @ transform
         elif self.afloat is not None:
-            transform = self.afloat.pose(transform, self.meshes[0], time_s)
+            transform = floating(*self.afloat, transform, self.meshes[0], time_s)
         mesh = self.meshes[frame % len(self.meshes)] if self.playback is None else self.playback.at(time_s)
         return PlacedObject(mesh, transform, self.settings.casts_shadow, self.settings.visible)
 
@@ -105,7 +105,7 @@ class SceneObject:
         """Return what the surface adds (3,) [m] to the position setting of an object that is at `origin` at a time."""
         if self.afloat is None:
             return np.zeros(3)
-        return origin - self.motion.at(time_s)[:3, 3] + np.array([0.0, self.afloat.surface_y_m, 0.0])
+        return origin - self.motion.at(time_s)[:3, 3] + np.array([0.0, self.afloat[1], 0.0])
 
 
 def load_object(settings: ObjectSettings) -> SceneObject:
@@ -131,7 +131,7 @@ def on_the_sea(placed: SceneObject, sea: Sea, surface_y_m: float) -> SceneObject
     if placed.settings.attach != "surface":
         return placed
     motion = replace(placed.motion, position=placed.motion.position + np.array([0.0, surface_y_m, 0.0]))
-    return replace(placed, motion=motion, afloat=Afloat(sea, surface_y_m))
+    return replace(placed, motion=motion, afloat=(sea, surface_y_m))
 
 
 def _scene_object(settings: ObjectSettings, several: int, reads: CachedReads) -> SceneObject:

@@ -65,7 +65,7 @@ def pixelwise(scene: Shot) -> tuple[Floats, Floats]:
     sources = light_sources(scene, Blockers(scene))
     point = scene.view.directions(x, y)[there] * distance[there][:, None]
     free = free_of_bodies(scene, ambient_light(scene, Cache()), point, normal[there], Cache())
-    sides = pixel_footprint(scene.view, x[there], y[there], point, normal[there]).sides
+    sides = pixel_footprint(scene.view, x[there], y[there], point, normal[there])
     ratio[there] = receiver_ratio(scene, sources, free, point, normal[there], distance[there], sides=sides)
     return ratio, distance
 

@@ -18,10 +18,9 @@ from numpy.typing import NDArray
 
 from mr360uw.cache import Cache, PartOf
 from mr360uw.composite.ambient.light import ambient_light
-from mr360uw.composite.ambient.solved_light import AmbientLight
 from mr360uw.composite.at_surface.image_reach import balls_around, find_reach, in_reach
 from mr360uw.composite.at_surface.settings import WITHIN_M, SurfaceSettings
-from mr360uw.composite.at_surface.surface_images import Images, LitBodies, PlainShadows, RayBodies, surface_images
+from mr360uw.composite.at_surface.surface_images import RayBodies, surface_images
 from mr360uw.composite.at_surface.surface_rays import TURNS, SurfaceSamples, first_surfaces, sample_surface, see_surface
 from mr360uw.composite.at_surface.water_sides import WaterSides, camera_in_water, in_air
 from mr360uw.composite.lighting.blockers import Blockers
@@ -92,14 +91,6 @@ def with_bodies(
     return cut_at_surface(sides, settings, layer, cache)
 
 
-def with_surface(sides: WaterSides, settings: SurfaceSettings, layer: Layer, cache: Cache) -> Layer:
-    """Return a layer with the surface: the layer itself where it shows no body and cuts none.
-
-    cache: holds what shots of the same bodies share.
-    """
-    return cut_at_surface(sides, settings, layer, cache)[0]
-
-
 def cut_at_surface(
     sides: WaterSides, settings: SurfaceSettings, layer: Layer, cache: Cache
 ) -> tuple[Layer, Floats | None]:
@@ -126,19 +117,14 @@ def _picture(
 ) -> BodiesInSurface | None:
     reach = find_reach(sides, near)
     kept, cut = _before_surface(sides, layer)
-    where = reach.mirrored | reach.refracted | cut
+    where = reach[0] | reach[1] | cut
     if not np.any(where):
         return None if np.all(kept == 1.0) else BodiesInSurface(*blank_picture(layer), kept)
     rows, columns, seen = see_surface(sides, where)
     mirrored, refracted = in_reach(sides, seen, *balls_around(near), sides.wet.view.pixel_rad)
     shown = mirrored | refracted | cut[rows, columns]
-    rows, columns, seen, mirrored, refracted = (
-        rows[shown],
-        columns[shown],
-        seen.of(shown),
-        mirrored[shown],
-        refracted[shown],
-    )
+    rows, columns, seen = rows[shown], columns[shown], seen.of(shown)
+    mirrored, refracted = mirrored[shown], refracted[shown]
     if len(rows) == 0:
         return None if np.all(kept == 1.0) else BodiesInSurface(*blank_picture(layer), kept)
     bodies = _bodies(sides, presence, cache)
@@ -164,12 +150,9 @@ def _bodies(sides: WaterSides, presence: Floats, cache: Cache) -> RayBodies:
     shot = sides.wet
     geometry, scene, blockers = cache.of(_in_rays, PartOf(shot, shot.view.position, shot.objects))
 
-    def lit(side: Shot, ambient: AmbientLight | None) -> LitBodies:
-        draw = side.draw.model_copy(update={"sun_samples": _SUN_SAMPLES})
-        sources = light_sources(replace(side, draw=draw), blockers)
-        return LitBodies(side, tuple(map(PlainShadows, sources)), ambient)
-
-    return RayBodies(geometry, scene, lit(shot, ambient_light(shot, cache)), lit(sides.dry, None), presence)
+    draw = shot.draw.model_copy(update={"sun_samples": _SUN_SAMPLES})
+    wet, dry = ((side, light_sources(replace(side, draw=draw), blockers)) for side in (shot, sides.dry))
+    return RayBodies(geometry, scene, wet, dry, ambient_light(shot, cache), presence)
 
 
 def _in_rays(of_bodies: PartOf[Shot]) -> tuple[Geometry, RayScene, Blockers]:
@@ -222,10 +205,12 @@ def _hidden(bodies: RayBodies, rays: SurfaceSamples, covered: Mask, distance_m: 
     return hidden, share
 
 
-def _smoothed(sides: WaterSides, rows: Indices, columns: Indices, images: Sequence[Images]) -> tuple[Floats, Floats]:
+def _smoothed(
+    sides: WaterSides, rows: Indices, columns: Indices, images: Sequence[tuple[Floats, Floats, Floats]]
+) -> tuple[Floats, Floats]:
     """Return radiance (n, 3) and alpha (n,) of pixels, averaged over neighbours where facets blur them widely."""
-    values = np.concatenate([np.concatenate([one.radiance, one.alpha[:, None]], axis=-1) for one in images])
-    blur = np.concatenate([one.blur_rad for one in images]) / sides.wet.view.pixel_rad
+    values = np.concatenate([np.append(radiance, alpha[:, None], axis=-1) for radiance, alpha, _ in images])
+    blur = np.concatenate([blur_rad for _, _, blur_rad in images]) / sides.wet.view.pixel_rad
     height, width = sides.wet.view.height, sides.wet.view.width
     number = np.full((height, width), -1, np.int32)
     number[rows, columns] = np.arange(len(rows))

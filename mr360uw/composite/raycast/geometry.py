@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.composite.lighting.shadow import Footprint, footprint, pixel_steps
+from mr360uw.composite.lighting.shadow import footprint, pixel_steps
 from mr360uw.composite.mesh.material import Material
 from mr360uw.composite.mesh.texture import Texture, texture_lookup
 from mr360uw.composite.shot import PlacedObject, Shot
@@ -92,7 +92,7 @@ class Hits:
     camera. distance_m, direction: of the ray. geometric_normal, normal: unit, on the camera's side; the second is
     interpolated and bumped by the normal map. base: (n, 3) linear, alpha: (n,). footprint_m: width of the textures'
     filter at that distance. normal_change: (n, 2, 3) of the interpolated normal over a pixel, along its columns and
-    rows. footprint: the area over which shadows are averaged.
+    rows. area_middle: (n, 3), area_sides: (n, 2, 3) [m] of the parallelogram over which shadows are averaged.
     """
 
     triangle: NDArray[np.int64]
@@ -114,7 +114,8 @@ class Hits:
     trim: Floats
     footprint_m: Floats
     normal_change: Floats
-    footprint: Footprint
+    area_middle: Floats
+    area_sides: Floats
 
 
 def base_color(geometry: Geometry, triangle: NDArray[np.int64], weights: Floats, level_scale: Floats) -> Floats:
@@ -209,6 +210,7 @@ def surface_along(
             bump = 2.0 * _lookup(material.normal_map, uv[of], change[of])[:, :3] - 1.0
             bump[:, :2] *= material.normal_scale
             normal[of] = bumped(normal[of], e1[of], e2[of], uv_corners[of], bump)
+    area_middle, area_sides = footprint(origin + point, pixel_steps(point, flat, neighbours, pixel), area)
     return Hits(
         triangle=triangle,
         object=geometry.object[triangle],
@@ -229,7 +231,8 @@ def surface_along(
         trim=np.array([material.trim for material in geometry.materials])[geometry.material[triangle]],
         footprint_m=distance * np.pi / height * pixel,
         normal_change=turning * side[..., None],
-        footprint=footprint(origin + point, pixel_steps(point, flat, neighbours, pixel), area),
+        area_middle=area_middle,
+        area_sides=area_sides,
     )
 
 

@@ -10,7 +10,7 @@ it: it needs the layer's distances alone.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -50,9 +50,13 @@ def _before_objects(
     shot: Shot, light: ShaftLight, scene: ShaftScene, tiles: tuple[Tile, ...], cache: Cache
 ) -> tuple[Tile, ...]:
     covered = [tile.alpha > 0.0 for tile in tiles]
-    ends = [tile.distance_m[where] for tile, where in zip(tiles, covered, strict=True)]
-    rays = _rays(shot, tiles, covered)
-    added = _split(_added(shot, light, scene, rays, _joined(ends), cache), covered)
+    pixels = [np.nonzero(where) for where in covered]
+    x = _joined([at[1] + tile.column + 0.5 for at, tile in zip(pixels, tiles, strict=True)])
+    y = _joined([at[0] + tile.row + 0.5 for at, tile in zip(pixels, tiles, strict=True)])
+    end_m = _joined([tile.distance_m[where] for tile, where in zip(tiles, covered, strict=True)])
+    rays = np.asarray(shot.view.directions(x, y), np.float64).reshape(-1, 3)
+    found = _added(shot, light, scene, rays, end_m, cache)
+    added = np.split(found, np.cumsum([len(at[0]) for at in pixels])[:-1]) if tiles else []
     drawn = []
     for tile, where, values in zip(tiles, covered, added, strict=True):
         radiance, old = tile.radiance.copy(), tile.radiance[where]
@@ -78,24 +82,8 @@ def _change(scene: ShaftScene, settings: ShaftSettings, width: int, ends: PartOf
     return change_along(scene, settings, width, ends.whole[:, :3], ends.whole[:, 3], cache)
 
 
-def _rays(shot: Shot, tiles: tuple[Tile, ...], where: list[Mask]) -> Array:
-    return np.asarray(shot.view.directions(*_places(tiles, where)), np.float64).reshape(-1, 3)
-
-
-def _places(tiles: tuple[Tile, ...], where: list[Mask]) -> tuple[Array, Array]:
-    """Return the frame coordinates (n,) of the centres of marked pixels of all tiles."""
-    marked = [(np.nonzero(mask), tile) for tile, mask in zip(tiles, where, strict=True)]
-    x = _joined([at[1] + tile.column + 0.5 for at, tile in marked])
-    return x, _joined([at[0] + tile.row + 0.5 for at, tile in marked])
-
-
 def _joined(arrays: list[Floats]) -> Array:
     return np.concatenate([np.zeros(0), *arrays])
-
-
-def _split(values: Floats, where: list[Mask]) -> list[Floats]:
-    """Return rows (n, 3) divided among the marked pixels of each tile."""
-    return np.split(values, np.cumsum([int(mask.sum()) for mask in where])[:-1]) if where else []
 
 
 _SPARE_PX = 4096
@@ -120,7 +108,7 @@ def before_plate(shot: Shot, light: ShaftLight, scene: ShaftScene, layer: Layer,
     )  # fmt: skip
     if not np.any(marked):
         return layer
-    found = [_Blocks.of(shot, light, part, marked, cache) for part in scene.parts]
+    found = [_in_blocks(shot, light, part, marked, cache) for part in scene.parts]
     of_layer = tuple(tile.rectangle for tile in layer.tiles)
     drawn = []
     for part in cache.of(_cut, of_layer, by_content(marked)):
@@ -129,42 +117,39 @@ def before_plate(shot: Shot, light: ShaftLight, scene: ShaftScene, layer: Layer,
         if not np.any(where):
             drawn.append(tile)
             continue
-        shafts = settings.strength * sum(blocks.pixels(part) for blocks in found) * where[..., None]
+        shafts = settings.strength * sum(_pixels(*blocks, part) for blocks in found) * where[..., None]
         if shot.holdout is not None:
             shafts *= 1.0 - np.clip(shot.holdout[tile.window], 0.0, 1.0).astype(np.float32)[..., None]
         drawn.append(replace(tile, shafts=shafts) if np.any(shafts) else tile)
     return replace(layer, tiles=tuple(drawn))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Blocks:
-    """What one kind of light changes in blocks of side x side pixels. change: (rows, columns, 3)."""
+def _in_blocks(
+    shot: Shot, light: ShaftLight, part: ShaftScene, marked: Mask, cache: Cache
+) -> tuple[NDArray[np.float32], int]:
+    """Return what one kind of light changes in blocks of side x side pixels (rows, columns, 3), and the side.
 
-    change: NDArray[np.float32]
-    side: int
+    marked: (H, W) pixels whose blocks are found, with those beside them.
+    """
+    # a lamp's beam is thin at the lamp
+    side = 1 if part.pattern is None else max(shot.view.width // _BLOCKS, 1)
+    some = np.pad(marked[::side, ::side], ((0, 0), (1, 1)), "wrap").astype(np.uint8)
+    near = cv2.dilate(some, np.ones((3, 3), np.uint8))[:, 1:-1] > 0
+    ends = PartOf(shot, shot.view, shot.receiver, shot.holdout_distance_m)
+    change = cache.of(_change_in_blocks, ends, light.settings, part.per_unit, near, side, cache, keep=2)
+    return change if part.pattern is None else change * part.pattern.sun.irradiance.astype(np.float32), side
 
-    @classmethod
-    def of(cls, shot: Shot, light: ShaftLight, part: ShaftScene, marked: Mask, cache: Cache) -> _Blocks:
-        """Return the blocks of marked pixels (H, W) and those beside them."""
-        # a lamp's beam is thin at the lamp
-        side = 1 if part.pattern is None else max(shot.view.width // _BLOCKS, 1)
-        some = np.pad(marked[::side, ::side], ((0, 0), (1, 1)), "wrap").astype(np.uint8)
-        near = cv2.dilate(some, np.ones((3, 3), np.uint8))[:, 1:-1] > 0
-        ends = PartOf(shot, shot.view, shot.receiver, shot.holdout_distance_m)
-        change = cache.of(_change_in_blocks, ends, light.settings, part.per_unit, near, side, cache, keep=2)
-        return cls(change if part.pattern is None else change * part.pattern.sun.irradiance.astype(np.float32), side)
 
-    def pixels(self, part: Rectangle) -> NDArray[np.float32]:
-        """Return the pixels (h, w, 3) of a rectangle, bilinear between the middles of blocks, periodic in columns."""
-        side = self.side
-        first_row, first_column = part.row // side - 1, part.column // side - 1
-        row = np.arange(first_row, (part.row + part.height - 1) // side + 2)
-        column = np.arange(first_column, (part.column + part.width - 1) // side + 2)
-        near = self.change[np.clip(row, 0, len(self.change) - 1)[:, None], column % self.change.shape[1]]
-        if side > 1:
-            near = cv2.resize(near, None, fx=side, fy=side, interpolation=cv2.INTER_LINEAR)
-        top, left = part.row - first_row * side, part.column - first_column * side
-        return np.asarray(near[top : top + part.height, left : left + part.width], np.float32)
+def _pixels(change: NDArray[np.float32], side: int, part: Rectangle) -> NDArray[np.float32]:
+    """Return the pixels (h, w, 3) of a rectangle, bilinear between the middles of blocks, periodic in columns."""
+    first_row, first_column = part.row // side - 1, part.column // side - 1
+    row = np.arange(first_row, (part.row + part.height - 1) // side + 2)
+    column = np.arange(first_column, (part.column + part.width - 1) // side + 2)
+    near = change[np.clip(row, 0, len(change) - 1)[:, None], column % change.shape[1]]
+    if side > 1:
+        near = cv2.resize(near, None, fx=side, fy=side, interpolation=cv2.INTER_LINEAR)
+    top, left = part.row - first_row * side, part.column - first_column * side
+    return np.asarray(near[top : top + part.height, left : left + part.width], np.float32)
 
 
 def _cut(of_layer: tuple[Rectangle, ...], marked: PartOf[Mask]) -> list[Rectangle]:

@@ -25,7 +25,7 @@ from mr360uw.composite.snow.particle_light import particle_radiance
 from mr360uw.composite.snow.particles import Reach, orbits_of, particles_near
 from mr360uw.composite.snow.settings import NEAREST_M, SnowSettings
 from mr360uw.composite.snow.size_spectrum import LEAST_COVER, seen_up_to, size_classes
-from mr360uw.composite.snow.splat import SnowPicture, draw_particles, merged
+from mr360uw.composite.snow.splat import draw_particles, empty_picture, merged
 from mr360uw.constants import PI
 from mr360uw.medium.lookup import transmittance_lookup
 from mr360uw.texels import smoothstep
@@ -59,44 +59,38 @@ class Snow(Parts):
     closes: View
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Cloud:
-    """Particles about a camera. position: (n, 3) [m] in the world at an instant, velocity: (n, 3) [m/s], diameter_m,
-    fade: (n,), the latter in [0, 1], by their distance and their size in pixels.
-    """
-
-    position: Floats
-    velocity: Floats
-    diameter_m: Floats
-    fade: Floats
-
-
 def with_particles(snow: Snow, shot: Shot, layer: Layer, cache: Cache) -> Layer:
     """Return a shot's layer with its snow. cache: holds what is the same in other frames."""
     view = shot.view
-    cloud = particles_in_view(snow, shot)
-    point = cloud.position - view.position
+    position, velocity, diameter, fade = particles_in_view(snow, shot)
+    point = position - view.position
     distance = np.linalg.norm(point, axis=-1)
-    there = np.flatnonzero(distance < _plate_m(shot, point, distance, cache))
+    x, y = view.places(point)
+    plate_m = plate_distance(shot, x, y, point / np.maximum(distance, 1e-9)[:, None], cache)
+    there = np.flatnonzero(distance < plate_m)
     there = there[np.argsort(-distance[there], kind="stable")]
     if len(there) == 0:
         return layer
-    position, velocity, diameter = cloud.position[there], cloud.velocity[there], cloud.diameter_m[there]
+    position, velocity, diameter, fade = position[there], velocity[there], diameter[there], fade[there]
     point, distance = point[there], distance[there]
-    radius = _disc_radius(diameter, distance)
+    radius = np.hypot(0.5 * diameter / distance, 0.5 * _PUPIL_M * (1.0 / distance - 1.0 / _FOCUS_M))
     half = 0.5 * snow.exposure_s
     radiance = particle_radiance(shot, snow.settings.albedo, snow.settings.phase, point, cache)
-    before, behind = SnowPicture.empty(view), SnowPicture.empty(view)
-    draw_particles(
-        _seen(snow.opens, position - half * velocity), _seen(snow.closes, position + half * velocity), radius,
-        0.25 * PI * (diameter / distance) ** 2 * cloud.fade[there], distance, radiance, layer.distance_m, before,
-        behind,
-    )  # fmt: skip
+    before, behind = empty_picture(view), empty_picture(view)
+    arcs = tuple(
+        eye.seen(position + side * half * velocity - eye.position) for side, eye in ((-1, snow.opens), (1, snow.closes))
+    )
+    solid_angle = 0.25 * PI * (diameter / distance) ** 2 * fade
+    draw_particles(arcs, radius, solid_angle, distance, radiance, layer.distance_m, before, behind)
     return merged(shot, layer, before, behind, cache)
 
 
-def particles_in_view(snow: Snow, shot: Shot) -> Cloud:
-    """Return the particles about a shot's camera that its frame resolves, below the surface of the water."""
+def particles_in_view(snow: Snow, shot: Shot) -> tuple[Floats, Floats, Floats, Floats]:
+    """Return the particles about a shot's camera that its frame resolves, below the surface of the water.
+
+    Position (n, 3) [m] in the world at the instant, velocity (n, 3) [m/s], diameter (n,) [m], and the fraction (n,) in
+    which they are drawn, by their distance and their size in pixels.
+    """
     settings, view = snow.settings, shot.view
     classes = size_classes(settings, snow.scattering)
     clear = Clearness.of(shot, settings.range_m)
@@ -109,15 +103,14 @@ def particles_in_view(snow: Snow, shot: Shot) -> Cloud:
     reaches = [Reach(NEAREST_M, farthest, per_diameter, margin_m) for margin_m in margins]
     current = np.asarray(settings.current_m_s, np.float64)
     speeds = [current - np.array([0.0, size.sinking_m_s, 0.0]) for size in classes]
-    found = particles_near(
+    position, diameter, number = particles_near(
         classes, settings.exponent, snow.sea.seed, view.position, [snow.time_s * speed for speed in speeds], reaches
     )
-    velocity, margin = np.asarray(speeds)[found.number], np.asarray(margins)[found.number]
-    position, diameter = found.position, found.diameter_m
-    cache = position[:, 1] < view.surface_y_m
+    velocity, margin = np.asarray(speeds)[number], np.asarray(margins)[number]
+    kept = position[:, 1] < view.surface_y_m
     mean_m = np.linalg.norm(position - view.position, axis=-1)
-    cache &= clear.contrast(diameter, np.maximum(mean_m - margin, NEAREST_M), view.height) > LEAST_COVER
-    position, velocity, diameter = position[cache], velocity[cache], diameter[cache]
+    kept &= clear.contrast(diameter, np.maximum(mean_m - margin, NEAREST_M), view.height) > LEAST_COVER
+    position, velocity, diameter = position[kept], velocity[kept], diameter[kept]
     if orbits is not None:
         offset, change = orbits.at(position, view.surface_y_m, snow.time_s, velocity)
         position, velocity = position + offset, velocity + change
@@ -127,8 +120,8 @@ def particles_in_view(snow: Snow, shot: Shot) -> Cloud:
         * smoothstep(clear.contrast(diameter, distance, view.height) / LEAST_COVER, 1.0, 2.0)
         * (1.0 - smoothstep(distance / farthest, _FADE_FROM, 1.0))
     )
-    cache = fade > 0.0
-    return Cloud(position[cache], velocity[cache], diameter[cache], fade[cache])
+    kept = fade > 0.0
+    return position[kept], velocity[kept], diameter[kept], fade[kept]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -159,20 +152,3 @@ class Clearness:
         """Return the fraction (n,) of a pixel of a frame's height that particles cover, times the transmittance."""
         cover = 0.25 * PI * (diameter_m / np.maximum(distance_m, 1e-9) * height / PI) ** 2
         return np.asarray(cover * np.interp(distance_m, self.distance_m, self.left))
-
-
-def _disc_radius(diameter_m: Floats, distance_m: Floats) -> Floats:
-    confusion = 0.5 * _PUPIL_M * (1.0 / distance_m - 1.0 / _FOCUS_M)
-    return np.asarray(np.hypot(0.5 * diameter_m / distance_m, confusion))
-
-
-def _seen(view: View, position: Floats) -> Floats:
-    """Return the unit directions (n, 3), in a camera's axes, of points (n, 3) in the world."""
-    return view.seen(position - view.position)
-
-
-def _plate_m(shot: Shot, point: Floats, distance_m: Floats, cache: Cache) -> Floats:
-    """Return the distance (n,) [m] of the plate's surfaces behind points (n, 3), infinity where none is known."""
-    view, direction = shot.view, point / np.maximum(distance_m, 1e-9)[:, None]
-    x, y = view.places(point)
-    return plate_distance(shot, x, y, direction, cache)

@@ -12,7 +12,6 @@ is the fraction of a pixel that particles cover. A white ball's phase function i
 from __future__ import annotations
 
 import functools
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -49,20 +48,23 @@ def particle_radiance(shot: Shot, albedo: float, phase: SnowPhase, point: Floats
     distance = np.linalg.norm(point, axis=-1)
     direction = point / distance[:, None]
     light = environment_lookup(scattered_ambient(shot.environment, phase), direction)
-    depths = _Depths.of(shot, point)
+    # smooth light is evaluated on a ladder of depths and interpolated to the points'
+    depth = shot.view.depth_of(point)
+    low, high = float(depth.min()), max(float(depth.max()), float(depth.min()) + _LEAST_SPAN_M)
+    ladder, place, points = np.linspace(low, high, _STEPS), (depth - low) / (high - low), np.zeros((_STEPS, 3))
+    points[:, 1] = shot.view.surface_y_m - ladder - shot.view.position[1]
     if shot.medium is not None:
-        light = light * depths.between(ambient_ratio(shot.medium, depths.ladder_m))
+        light = light * linear(ambient_ratio(shot.medium, ladder), place)
     bodies = casting_bodies(shot, cache)
     world = point + shot.view.position
     if (sun := sun_of(shot)) is not None:
         source = _SunOnPoints(sun, shot, None)
-        arrival = source.arrival(depths.points)
+        arrival = source.arrival(points)
         half_angle = float(np.mean(arrival.half_angle_rad))
         seen = bodies.visible(world, disc_directions(sun.direction, half_angle, _SUN_DIRECTIONS))
         turned: Floats = particle_phase(phase, direction @ sun.direction) * seen
-        light = (
-            light + depths.between(arrival.irradiance) * source.pattern(point, np.zeros(len(point))) * turned[:, None]
-        )
+        irradiance = linear(arrival.irradiance, place)
+        light = light + irradiance * source.pattern(point, np.zeros(len(point))) * turned[:, None]
     for lamp in lamps_of(shot):
         arrival = LampSource(lamp, shot, None).arrival(point)
         turned = particle_phase(phase, np.sum(direction * arrival.direction, axis=-1))
@@ -72,29 +74,6 @@ def particle_radiance(shot: Shot, albedo: float, phase: SnowPhase, point: Floats
         light = light + arrival.irradiance * turned[:, None]
     through, veil = water_ahead(shot, distance, direction)
     return np.asarray(through * albedo * light + veil)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Depths:
-    """A ladder of depths (_STEPS,) [m] over points, with points (_STEPS, 3) at these. place: (n,) of the points on it,
-    0 to 1."""
-
-    place: Floats
-    ladder_m: Floats
-    points: Floats
-
-    @classmethod
-    def of(cls, shot: Shot, point: Floats) -> _Depths:
-        depth = shot.view.depth_of(point)
-        low, high = float(depth.min()), max(float(depth.max()), float(depth.min()) + _LEAST_SPAN_M)
-        ladder = np.linspace(low, high, _STEPS)
-        points = np.zeros((_STEPS, 3))
-        points[:, 1] = shot.view.surface_y_m - ladder - shot.view.position[1]
-        return cls((depth - low) / (high - low), ladder, points)
-
-    def between(self, values: Floats) -> Floats:
-        """Return values (_STEPS, 3) on the ladder, interpolated to the points' depths, (n, 3)."""
-        return linear(values, self.place)
 
 
 class _SunOnPoints(SunSource):

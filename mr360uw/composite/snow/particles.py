@@ -47,15 +47,6 @@ class Reach:
     margin_m: float = 0.0
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Particles:
-    """n particles. position: (n, 3) [m] in the world, diameter_m: (n,), number: (n,) of their class of size."""
-
-    position: Floats
-    diameter_m: Floats
-    number: NDArray[np.int64]
-
-
 def particles_near(
     classes: Sequence[SizeClass],
     exponent: float,
@@ -63,8 +54,9 @@ def particles_near(
     centre: Floats,
     carried: Sequence[Floats],
     reaches: Sequence[Reach],
-) -> Particles:
-    """Return the particles about a centre (3,), class by class.
+) -> tuple[Floats, Floats, NDArray[np.int64]]:
+    """Return the particles about a centre (3,), class by class: position (n, 3) [m] in the world, diameter (n,) [m],
+    and number (n,) of the class of size.
 
     carried: (3,) [m] for each class, how far the water has carried it. reaches: for each class.
     """
@@ -72,9 +64,8 @@ def particles_near(
     for number, (size, moved, reach) in enumerate(zip(classes, carried, reaches, strict=True)):
         at_rest = np.asarray(centre, np.float64) - moved
         places = (
-            np.uint64(seed), number, _CELL_M * 2.0**number, size.per_m3, size.low_m, size.high_m, 1.0 - exponent,
-            at_rest, reach.nearest_m - reach.margin_m, reach.farthest_m + reach.margin_m, reach.per_diameter,
-            reach.margin_m,
+            (np.uint64(seed), number, _CELL_M * 2.0**number), (size.per_m3, size.low_m, size.high_m, 1.0 - exponent),
+            at_rest, (reach.nearest_m, reach.farthest_m, reach.per_diameter, reach.margin_m),
         )  # fmt: skip
         _check_number(size, reach)
         count = _fill(*places, np.empty((0, 4)))
@@ -84,7 +75,7 @@ def particles_near(
         found.append(rows)
     rows = np.concatenate(found)
     of_class = np.repeat(np.arange(len(found), dtype=np.int64), [len(part) for part in found])
-    return Particles(rows[:, :3], rows[:, 3], of_class)
+    return rows[:, :3], rows[:, 3], of_class
 
 
 def _check_number(size: SizeClass, reach: Reach) -> None:
@@ -110,14 +101,14 @@ def _uniform(h: Any, number: Any) -> Any:
 
 
 @exact
-def _fill(
-    seed: Any, size_class: Any, side: Any, per_m3: Any, low: Any, high: Any, power: Any, centre: Any, nearest: Any,
-    farthest: Any, per_diameter: Any, margin: Any, rows: Any,
-) -> Any:  # fmt: skip
+def _fill(cells: Any, sizes: Any, centre: Any, span: Any, rows: Any) -> Any:
     """Write (x, y, z, diameter) of a class's particles into rows (n, 4), as many as fit; return their number.
 
-    power: 1 - exponent, of the number above a size.
+    cells: the seed, the number of the class, the side of its cells. sizes: the number per cubic metre, the least and
+    the greatest diameter, and 1 - exponent, the power of the number above a size. span: as `Reach`.
     """
+    (seed, size_class, side), (per_m3, low, high, power), (nearest, farthest, per_diameter, margin) = cells, sizes, span
+    nearest, farthest = nearest - margin, farthest + margin
     reach = min(farthest, per_diameter * high + margin)
     first = np.floor((centre - reach) / side).astype(np.int64)
     last = np.floor((centre + reach) / side).astype(np.int64)
@@ -179,11 +170,15 @@ class Orbits:
         length = np.linalg.norm(waves.wave_vector, axis=1)
         turn = np.remainder(waves.phase_rad - waves.angular_frequency * time_s, 2.0 * np.pi)
         offset, velocity = np.zeros(mean.shape), np.zeros(mean.shape)
-        _add_orbits(
-            np.ascontiguousarray(waves.wave_vector, np.float64), length, waves.amplitude_m, turn,
-            waves.angular_frequency, self.water_depth_m, np.ascontiguousarray(mean), surface_y_m - mean[:, 1],
-            np.ascontiguousarray(carried_m_s), offset, velocity,
-        )  # fmt: skip
+        arrays = (
+            np.ascontiguousarray(waves.wave_vector, np.float64),
+            length,
+            waves.amplitude_m,
+            turn,
+            waves.angular_frequency,
+        )
+        places = np.ascontiguousarray(mean), surface_y_m - mean[:, 1], np.ascontiguousarray(carried_m_s)
+        _add_orbits(arrays, self.water_depth_m, places, offset, velocity)
         return offset, velocity
 
 
@@ -214,10 +209,13 @@ def depth_factors(waves: Waves, depth_m: float, water_depth_m: float) -> tuple[F
 
 
 @exact
-def _add_orbits(
-    k: Any, length: Any, amplitude: Any, turn: Any, frequency: Any, bottom: Any, mean: Any, depth: Any, carried: Any,
-    offset: Any, velocity: Any,
-) -> None:  # fmt: skip
+def _add_orbits(waves: Any, bottom: Any, places: Any, offset: Any, velocity: Any) -> None:
+    """Add the offsets (n, 3) and velocities (n, 3) of `Orbits.at`.
+
+    waves: wave vector (w, 2), its length, amplitude, phase at the instant and frequency (w,). places: mean position
+    (n, 3), depth (n,) and velocity (n, 3).
+    """
+    (k, length, amplitude, turn, frequency), (mean, depth, carried) = waves, places
     both = 1.0 - np.exp(-2.0 * length * bottom)
     deepest = np.log(np.maximum(2.0 * amplitude / (both * _LEAST_ORBIT_M), 1.0)) / length
     for i in range(len(mean)):
