@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -15,7 +16,7 @@ from mr360uw.composite.mesh.mesh import Mesh, Unit
 from mr360uw.composite.mesh.texture import Texture, read_texture
 from mr360uw.composite.motion import Motion, floating, object_motion, rigid
 from mr360uw.composite.object_settings import ObjectSettings
-from mr360uw.composite.playback import Playback, Poses, Rig, load_rig, playback
+from mr360uw.composite.playback import Playback, Rig, load_rig, playback
 from mr360uw.composite.shot import PlacedObject, Receiver
 from mr360uw.errors import MeshError, ParameterError
 from mr360uw.reading.cached_reads import CachedReads
@@ -137,28 +138,22 @@ def on_the_sea(placed: SceneObject, sea: Sea, surface_y_m: float) -> SceneObject
 def _scene_object(settings: ObjectSettings, several: int, reads: CachedReads) -> SceneObject:
     """Return an object. several: textures and looks that are kept."""
     sized = {} if settings.size_m is None else {"size_m": 1.0}
-    poses = reads.of(_poses, settings.model_copy(update=_AT_REST | sized), several, reads, keep=several)
-    meshes = tuple(one.rig.mesh for one in poses)
-    played, notes = playback(settings, poses[0], sequence=len(poses) > 1)
+    rigs = reads.of(_rigs, settings.model_copy(update=_AT_REST | sized), several, reads, keep=several)
+    meshes = tuple(rig.mesh for rig in rigs)
+    played, notes = playback(settings, rigs[0], sequence=len(rigs) > 1)
     if played is not None:
         meshes = (replace(meshes[0], hull=played.bounds, notes=meshes[0].notes + notes),)
-    return SceneObject(settings, meshes, object_motion(settings, poses[0].rig.mesh), played)
+    return SceneObject(settings, meshes, object_motion(settings, rigs[0].mesh), played)
 
 
-def _poses(look: ObjectSettings, several: int, reads: CachedReads) -> tuple[Poses, ...]:
+def _rigs(look: ObjectSettings, several: int, reads: CachedReads) -> tuple[Rig, ...]:
     """Return the meshes of an object, one a file, with the materials that its settings ask for."""
     unit: Unit = "auto" if look.size_m is None else "m"  # of any unit: no note on an odd size
-    rigs = [reads.of(_rig, path, unit, look.outside_files, look.smooth_deg, keep=_RIGS) for path in _paths(look.mesh)]
-    base = reads.of(_texture, look.texture, keep=several) if look.texture else None
-    return tuple(Poses(replace(rig, mesh=_overridden(rig.mesh, look, base))) for rig in rigs)
-
-
-def _rig(path: Path, unit: Unit, outside: bool, smooth_deg: float | None) -> Rig:
-    return load_rig(path, unit, outside=outside, smooth_deg=smooth_deg)
-
-
-def _texture(path: Path) -> Texture:
-    return read_texture(path, srgb=True)
+    rigs = [
+        reads.of(load_rig, path, unit, look.outside_files, look.smooth_deg, keep=_RIGS) for path in _paths(look.mesh)
+    ]
+    base = reads.of(read_texture, look.texture, keep=several) if look.texture else None
+    return tuple(replace(rig, mesh=_overridden(rig.mesh, look, base)) for rig in rigs)
 
 
 def _paths(path: Path) -> list[Path]:
@@ -199,21 +194,13 @@ def _overridden(mesh: Mesh, settings: ObjectSettings, base: Texture | None) -> M
 
 
 def _factors(material: Material, settings: ObjectSettings) -> Material:
-    changed = material
+    names = ("metallic", "roughness", "double_sided", "refractive_index")
+    given: dict[str, Any] = {name: value for name in names if (value := getattr(settings, name)) is not None}
     if settings.base_color is not None:
-        r, g, b = settings.base_color
-        changed = replace(changed, base_color=(r, g, b, material.base_color[3]))
-    if settings.metallic is not None:
-        changed = replace(changed, metallic=settings.metallic)
-    if settings.roughness is not None:
-        changed = replace(changed, roughness=settings.roughness)
-    if settings.double_sided is not None:
-        changed = replace(changed, double_sided=settings.double_sided)
-    if settings.refractive_index is not None:
-        changed = replace(changed, refractive_index=settings.refractive_index)
+        given["base_color"] = (*settings.base_color, material.base_color[3])
     gain = 2.0**settings.exposure
     red, green, blue = (gain * part for part in settings.tint)
-    return replace(changed, trim=(red, green, blue))
+    return replace(material, **given, trim=(red, green, blue))
 
 
 def on_the_floor(placed: SceneObject, receiver: Receiver | None) -> SceneObject:

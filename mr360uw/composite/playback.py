@@ -1,9 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which clip of its file an object plays, how, and the poses that it takes."""
+"""Meshes that move: a mesh at rest, what moves it, and which clip of its file an object plays.
+
+A pose has the triangles, texture coordinates and materials of the mesh at rest. Its positions and normals are evaluated
+in float64; its hull is a 26-DOP of its vertices.
+"""
 
 from __future__ import annotations
 
 import functools
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -22,9 +27,9 @@ from mr360uw.errors import MeshError
 from mr360uw.types import Floats
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Rig:
-    """A mesh at rest and what moves it.
+    """A mesh at rest and what moves it; the last few poses are kept, so that objects in step share their meshes.
 
     rigging: None where nothing moves; else its bodies are those of the mesh. faces: for each body (t, 3), the vertices
     of its triangles in the mesh's order. scale: metres for a unit of the file.
@@ -35,12 +40,27 @@ class Rig:
     faces: tuple[NDArray[np.int64], ...] = ()
     scale: float = 1.0
 
+    @functools.cached_property
+    def at(self) -> Callable[[Animation, float], Mesh]:
+        """Function that returns the mesh at a time of a clip [s], counted from the clip's own zero."""
+        return functools.lru_cache(_KEPT_POSES)(functools.partial(pose, self))
+
+    @functools.cached_property
+    def clip(self) -> Callable[[int], Animation]:
+        """Function that returns the animation of a number, see `Rigging.read_clip`."""
+        assert self.rigging is not None
+        return functools.cache(self.rigging.read_clip)
+
+    @functools.cached_property
+    def bounds(self) -> Callable[[Animation], Floats]:
+        """Function that returns `clip_bounds`."""
+        return functools.cache(functools.partial(clip_bounds, self))
+
 
 def load_rig(
-    path: str | Path, unit: Unit = "auto", part: str = "", *, outside: bool = False, smooth_deg: float | None = None
+    path: Path, unit: Unit = "auto", outside: bool = False, smooth_deg: float | None = None, part: str = ""
 ) -> Rig:
     """Return the mesh of a file and what moves it; arguments and errors are those of `load_mesh`."""
-    path = Path(path)
     file = read_mesh_file(path, outside=outside, smooth_deg=smooth_deg)
     return _rig(file, mesh_of_file(path, file, unit, part), metres_of(file, unit), part)
 
@@ -98,25 +118,11 @@ is left for what happens between them, and take twice the time to load."""
 _NOTED_INSTANTS = 17
 
 
-class Poses:
-    """The poses of one rig; the last few are kept, so that objects that play in step share their meshes."""
-
-    def __init__(self, rig: Rig) -> None:
-        self.rig = rig
-        self.at = functools.lru_cache(_KEPT_POSES)(functools.partial(pose, rig))
-        self.clip = functools.cache(self._clip)
-        self.bounds = functools.cache(functools.partial(clip_bounds, rig))
-
-    def _clip(self, number: int) -> Animation:
-        assert self.rig.rigging is not None
-        return self.rig.rigging.read_clip(number)
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Playback:
     """A clip as an object plays it: at the video's time t it shows the clip's time start_s + speed t."""
 
-    poses: Poses
+    rig: Rig
     clip: Animation
     loop: Loop
     speed: float
@@ -130,7 +136,7 @@ class Playback:
     @property
     def bounds(self) -> Floats:
         """Triangles (h, 3, 3) of a convex body that holds every pose of the clip."""
-        return self.poses.bounds(self.clip)
+        return self.rig.bounds(self.clip)
 
     @property
     def instants(self) -> Floats:
@@ -142,7 +148,7 @@ class Playback:
     def at(self, time_s: float) -> Mesh:
         """Return the mesh at a time of the video [s]."""
         elapsed = looped(self.start_s + self.speed * time_s, self.clip.duration_s, self.loop)
-        return self.poses.at(self.clip, self.clip.first_s + elapsed)
+        return self.rig.at(self.clip, self.clip.first_s + elapsed)
 
 
 def looped(time_s: float, duration_s: float, loop: Loop) -> float:
@@ -174,13 +180,13 @@ def clip_bounds(rig: Rig, clip: Animation) -> Floats:
     return slab_hull(every, inside, 0.5 * way)
 
 
-def playback(settings: ObjectSettings, poses: Poses, *, sequence: bool) -> tuple[Playback | None, tuple[str, ...]]:
+def playback(settings: ObjectSettings, rig: Rig, *, sequence: bool) -> tuple[Playback | None, tuple[str, ...]]:
     """Return what an object plays, or None, and notes for the user.
 
     sequence: it has a mesh for every frame, which leaves nothing to play. Raises `MeshError` where the animation that
     the scene names is not there, or broken.
     """
-    rigging = None if sequence else poses.rig.rigging
+    rigging = None if sequence else rig.rigging
     names = () if rigging is None else rigging.clips
     wanted = settings.animation
     number = _number(wanted, names)
@@ -190,14 +196,14 @@ def playback(settings: ObjectSettings, poses: Poses, *, sequence: bool) -> tuple
         there = ", ".join(repr(name) for name in names) if names else "none"
         why = "a sequence plays its meshes" if sequence else f"there are: {there}"
         raise MeshError(f"{settings.mesh} - no animation of that name or number (got {wanted!r}) - {why}")
-    clip = poses.clip(number)
+    clip = rig.clip(number)
     notes: list[str] = []
     if wanted == "auto" and len(names) > 1:
         others = ", ".join(repr(name) for name in names)
         notes.append(f"{settings.mesh} - plays the first of its animations - set animation to choose of: {others}")
     if not clip.channels:
         notes.append(f"{settings.mesh} - its animation {clip.name!r} moves nothing that is drawn - it rests")
-    return Playback(poses, clip, settings.loop, settings.speed, settings.start_s), tuple(notes)
+    return Playback(rig, clip, settings.loop, settings.speed, settings.start_s), tuple(notes)
 
 
 def _number(wanted: Any, names: tuple[str, ...]) -> int | None:

@@ -94,7 +94,7 @@ def test_a_body_is_blurred_and_nothing_else() -> None:
     assert matched_layer(Layer(32, 64, ()), PlateGrade(1.0), plate).tiles == ()
 
 
-@pytest.mark.parametrize("look", [PlateGrade(softness_px=1.3), PlateGrade(0.8, 0.7)])
+@pytest.mark.parametrize("grade", [PlateGrade(softness_px=1.3), PlateGrade(0.8, 0.7)])
 def test_a_body_over_the_seam_is_as_one_in_the_middle(grade: PlateGrade) -> None:
     middle, seam = (matched_layer(disc(column), grade, plate) for column in (32, 0))
     for name in ("alpha", "radiance", "ratio"):

@@ -19,7 +19,6 @@ unsharp mask of amount 1 was found as 0.6 to 1.8, and sharp caustics pass for on
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -52,52 +51,40 @@ _FLOORS = 8.0
 """The same over the least power of the detail, which is not known to be noise: an eighth of it is an error of 12 %."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class DetailSpectrum:
-    """Mean power of the detail (n,) at frequencies (n,) [cycles/px] where it exceeds the noise; detail: over noise."""
+def detail_spectrum(frames: Sequence[Floats]) -> tuple[Floats, Floats, float]:
+    """Return the spectrum of the detail of pictures of luma (H, W), in 8-bit code values, equirectangular.
 
-    frequency: Floats
-    power: Floats
-    detail: float
-
-
-def detail_spectrum(frames: Sequence[Floats]) -> DetailSpectrum:
-    """Return the spectrum of the detail of pictures of luma (H, W), in 8-bit code values, equirectangular."""
+    Frequencies (n,) [cycles/px] at which it exceeds the noise, its mean power (n,) there, and detail over noise.
+    """
     rings = np.concatenate([_rings(luma) for luma in frames]) if frames else np.empty((0, BLOCK // 2 - 1))
     frequency = np.arange(1, BLOCK // 2) / BLOCK
     # flat to the last bit is no picture of a camera: a cap, a title
     rings = rings[rings[:, -1] > 0.0]
     if len(rings) < 40:
-        return DetailSpectrum(frequency[:0], frequency[:0], 0.0)
+        return frequency[:0], frequency[:0], 0.0
     energy = rings[:, 3:8].sum(axis=1)
     order = np.argsort(energy, kind="stable")
     noise = np.median(rings[order[: len(order) // 5]], axis=0)
     top = rings[order[-max(8, len(order) // 10) :]]
     power = np.exp(np.log(top).mean(axis=0))
     used = (power > _TWICE * noise) & (frequency >= 2.0 / BLOCK) & (frequency < 0.45)
-    detail = float(energy[order[-len(top) :]].mean() / np.median(noise))
-    return DetailSpectrum(frequency[used], (power - noise)[used], detail)
+    return frequency[used], (power - noise)[used], float(energy[order[-len(top) :]].mean() / np.median(noise))
 
 
 def point_spread(frames: Sequence[Floats]) -> PlateGrade:
     """Return the blur of pictures of luma (H, W), in 8-bit code values; none where it is not evident."""
-    spectrum = detail_spectrum(frames)
-    for part in (spectrum, _above_floor(spectrum)):
-        if len(part.power) < LEAST_RINGS or part.detail < LEAST_DETAIL:
+    frequency, power, detail = detail_spectrum(frames)
+    floor = power.min(initial=np.inf)
+    above = power > _FLOORS * floor  # less an encoder's noise in the detail itself
+    for f, of in ((frequency, power), (frequency[above], power[above] - floor)):
+        if len(of) < LEAST_RINGS or detail < LEAST_DETAIL:
             return PlateGrade()
-        variance, residual = _fit_blur(part)
+        variance, residual = _fit_blur(f, of)
         if variance <= LEAST_VARIANCE:
             return PlateGrade()
-        if residual <= MOST_RESIDUAL * _drop(variance, part):
+        if residual <= MOST_RESIDUAL * float(4.0 * np.pi**2 * variance * f[-1] ** 2):
             return PlateGrade(softness_px=float(np.sqrt(variance - OWN_VARIANCE)))
     return PlateGrade()
-
-
-def _above_floor(spectrum: DetailSpectrum) -> DetailSpectrum:
-    """Return the part of a spectrum well above its least power, less that: an encoder's noise in the detail itself."""
-    floor = spectrum.power.min(initial=np.inf)
-    used = spectrum.power > _FLOORS * floor
-    return DetailSpectrum(spectrum.frequency[used], spectrum.power[used] - floor, spectrum.detail)
 
 
 def _rings(luma: Floats) -> Floats:
@@ -121,22 +108,9 @@ def _rings(luma: Floats) -> Floats:
     return power @ (members / members.sum(axis=1, keepdims=True)).T
 
 
-def _drop(variance: float, spectrum: DetailSpectrum) -> float:
-    """Return what a blur takes off ln P at the highest frequency that is fitted."""
-    return float(4.0 * np.pi**2 * variance * spectrum.frequency[-1] ** 2)
-
-
-def _fit_blur(spectrum: DetailSpectrum) -> tuple[float, float]:
-    """Return the variance [px^2] of the blur, and the standard deviation of ln P about the fit."""
-    f = spectrum.frequency
-    terms = np.stack([np.ones_like(f), -np.log(f), -4.0 * np.pi**2 * f**2], axis=1)
-    found, residual = _with_slope(terms, np.log(spectrum.power))
-    return float(found[2]), residual
-
-
-def _with_slope(terms: Floats, values: Floats) -> tuple[Floats, float]:
-    """Return the coefficients of terms (n, m), the second of them near `_SLOPE`, and the deviation of the values."""
-    known = np.zeros(terms.shape[1])
-    known[1] = _SLOPE_WEIGHT
-    found = np.linalg.lstsq(np.vstack([terms, known]), np.append(values, _SLOPE_WEIGHT * _SLOPE), rcond=None)[0]
-    return found, float(np.std(terms @ found - values))
+def _fit_blur(frequency: Floats, power: Floats) -> tuple[float, float]:
+    """Return the variance [px^2] of the blur, and the standard deviation of ln P about the fit with n near `_SLOPE`."""
+    terms = np.stack([np.ones_like(frequency), -np.log(frequency), -4.0 * np.pi**2 * frequency**2], axis=1)
+    rows, values = np.vstack([terms, [0.0, _SLOPE_WEIGHT, 0.0]]), np.append(np.log(power), _SLOPE_WEIGHT * _SLOPE)
+    found = np.linalg.lstsq(rows, values, rcond=None)[0]
+    return float(found[2]), float(np.std(terms @ found - np.log(power)))

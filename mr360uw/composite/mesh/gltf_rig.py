@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Nodes, skins and morph targets of a glTF file (glTF 2.0 specification, sections 3.5 and 3.7)."""
+"""Primitives, nodes, skins and morph targets of a glTF file (glTF 2.0 specification, sections 3.5 and 3.7)."""
 
 from __future__ import annotations
 
@@ -132,7 +132,7 @@ def _column(nodes: list[dict[str, Any]], name: str, default: tuple[float, ...]) 
 
 def read_targets(gltf: Gltf, entry: dict[str, Any], vertices: int) -> tuple[MorphTarget, ...]:
     """Return the morph targets of a primitive; raise `MeshError` where one has not as many vertices as it."""
-    targets = []
+    targets: list[MorphTarget] = []
     for number, target in enumerate(entry.get("targets", [])):
         deltas: dict[str, Floats | None] = {"POSITION": None, "NORMAL": None}
         for name in deltas.keys() & target.keys():
@@ -147,7 +147,7 @@ def read_targets(gltf: Gltf, entry: dict[str, Any], vertices: int) -> tuple[Morp
                     f"{gltf.path} - morph target {number} is broken (got {name} that is not finite) - export it again"
                 )
             deltas[name] = values
-        targets.append(MorphTarget(deltas["POSITION"], deltas["NORMAL"]))
+        targets.append((deltas["POSITION"], deltas["NORMAL"]))
     return tuple(targets)
 
 

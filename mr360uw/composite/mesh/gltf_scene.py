@@ -14,7 +14,7 @@ from typing import Any, cast
 import numpy as np
 
 from mr360uw.composite.mesh.gltf import BROKEN, Gltf, extension_notes, open_gltf
-from mr360uw.composite.mesh.gltf_material import BARE, GltfMaterial, MaterialReader
+from mr360uw.composite.mesh.gltf_material import BARE, MaterialReader
 from mr360uw.composite.mesh.gltf_rig import (
     Primitive,
     read_primitive,
@@ -23,7 +23,7 @@ from mr360uw.composite.mesh.gltf_rig import (
     read_targets,
     rest_weights,
 )
-from mr360uw.composite.mesh.material import MeshFile, Part, Rigging
+from mr360uw.composite.mesh.material import MappedMaterial, MeshFile, Part, Rigging
 from mr360uw.composite.mesh.skin import Animation, Channel, Curve, Interpolation, Target, UnplacedSurface
 from mr360uw.composite.settings import FARTHEST
 from mr360uw.errors import MeshError
@@ -146,7 +146,7 @@ class _SceneReader:
         self.rest = self.skeleton.at_rest()
         self.reader = MaterialReader(gltf)
         self.numbers: dict[int | None, int] = {}
-        self.materials: list[GltfMaterial] = []
+        self.materials: list[MappedMaterial] = []
         self.primitives: dict[tuple[int, int], Primitive | None] = {}
         self.notes: dict[str, None] = {}  # in order, once each
         self.triangles = 0
@@ -179,7 +179,7 @@ class _SceneReader:
                 self._note("has parts without material and colours - they are white, matt and drawn on both sides")
             material = self._material(entry.get("material"))
             coordinates = self.materials[material].coordinates
-            uv = primitive.columns.get(f"TEXCOORD_{coordinates.texcoord}")
+            uv = primitive.columns.get(coordinates.name)
             uv = None if uv is None else coordinates.of(uv.astype(np.float64))
             title = name or f"mesh {node['mesh']}"
             yield Part(title, positions, faces, normals, uv, primitive.colors, material, flat=True), body

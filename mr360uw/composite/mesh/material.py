@@ -86,6 +86,30 @@ def simple_material(source: Any, path: Path) -> Material:
     return Material(base_color=(float(r), float(g), float(b), 1.0), double_sided=True)
 
 
+@dataclass(frozen=True, slots=True)
+class MapCoordinates:
+    """Texture coordinates of a material's maps: the name of the mesh's values, and how these are moved."""
+
+    name: str
+    offset: tuple[float, float] = (0.0, 0.0)
+    rotation_rad: float = 0.0
+    scale: tuple[float, float] = (1.0, 1.0)
+
+    def of(self, uv: Floats) -> Floats:
+        """Return coordinates (V, 2) scaled, then turned (anticlockwise where v points down), then moved."""
+        c, s = np.cos(self.rotation_rad), np.sin(self.rotation_rad)
+        return uv * self.scale @ np.array([[c, -s], [s, c]]) + self.offset
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MappedMaterial:
+    """A material of a file, the coordinates that all its maps share, and the name of its vertex colours or ""."""
+
+    material: Material
+    coordinates: MapCoordinates
+    colors: str = ""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Part:
     """Triangles `faces` (T, 3) over vertices (V, 3), in the world of the file.

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Surfaces that follow nodes: rigidly, by morph targets and by skins (glTF 2.0 specification, sections 3.7.2.2, 3.7.3).
+"""Surfaces that follow nodes: rigidly, by morph targets and by skins (glTF 2.0 specification, sections 3.7.2.2, 3.7.3),
+and the clips that move these: values over time between keys (section 3.11 and appendix C).
 
 Tangents are not morphed: the renderers find them from positions and texture coordinates.
 Nodes are a tree of transforms, at rest and at a time of a clip.
@@ -8,7 +9,7 @@ Nodes are a tree of transforms, at rest and at a time of a clip.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -96,14 +97,11 @@ class Animation:
         return max((float(c.curve.time_s[-1]) for c in self.channels), default=0.0) - self.first_s
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class SkeletonPose:
-    """Where nodes are. world: (n, 4, 4) from each node to the file's axes. weights: of morph targets, by node, where
-    a clip sets them.
-    """
-
-    world: Floats
-    weights: Mapping[int, Floats] = field(default_factory=dict)
+Pose = tuple[Floats, Mapping[int, Floats]]
+"""Where nodes are: transforms (n, 4, 4) from each node to the file's axes, and the weights of morph targets, by node,
+where a clip sets them."""
+MorphTarget = tuple[Floats | None, Floats | None]
+"""What is added at weight 1 to positions (V, 3) and normals (V, 3); None adds nothing."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -121,11 +119,11 @@ class Skeleton:
     scale: Floats
     numbers: tuple[int, ...]
 
-    def at_rest(self) -> SkeletonPose:
+    def at_rest(self) -> Pose:
         """Return the pose that the file's nodes have."""
-        return SkeletonPose(self._world(self.local))
+        return self._world(self.local), {}
 
-    def at(self, clip: Animation, time_s: float) -> SkeletonPose:
+    def at(self, clip: Animation, time_s: float) -> Pose:
         """Return the pose at a time [s] of a clip, counted from the clip's own zero."""
         columns = {"translation": self.translation.copy(), "rotation": self.rotation.copy(), "scale": self.scale.copy()}
         weights: dict[int, Floats] = {}
@@ -137,21 +135,13 @@ class Skeleton:
         moved = sorted({channel.node for channel in clip.channels if channel.target != "weights"})
         local = self.local.copy()
         local[moved] = composed(**{name: column[moved] for name, column in columns.items()})
-        return SkeletonPose(self._world(local), weights)
+        return self._world(local), weights
 
     def _world(self, local: Floats) -> Floats:
         world = np.empty_like(local)
         for number, parent in enumerate(self.parent):
             world[number] = local[number] if parent < 0 else world[parent] @ local[number]
         return world
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class MorphTarget:
-    """What is added at weight 1 to positions (V, 3) and normals (V, 3); None adds nothing."""
-
-    positions: Floats | None
-    normals: Floats | None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -200,18 +190,18 @@ class UnplacedSurface:
     weights: Floats | None = None
     skin: Skin | None = None
 
-    def at(self, pose: SkeletonPose) -> tuple[Floats, Floats | None, NDArray[np.int64]]:
+    def at(self, pose: Pose) -> tuple[Floats, Floats | None, NDArray[np.int64]]:
         """Return positions, normals (of any length) and faces in the file's axes."""
-        positions, normals = self.positions, self.normals
-        weights = pose.weights.get(self.node, self.weights)
-        for weight, target in zip([] if weights is None else weights.tolist(), self.targets, strict=True):
-            if weight != 0.0 and target.positions is not None:
-                positions = positions + weight * target.positions
-            if weight != 0.0 and target.normals is not None and normals is not None:
-                normals = normals + weight * target.normals
+        (world, set_weights), positions, normals = pose, self.positions, self.normals
+        weights = set_weights.get(self.node, self.weights)
+        for weight, (moved, turned) in zip([] if weights is None else weights.tolist(), self.targets, strict=True):
+            if weight != 0.0 and moved is not None:
+                positions = positions + weight * moved
+            if weight != 0.0 and turned is not None and normals is not None:
+                normals = normals + weight * turned
         if self.skin is not None:
-            return self.skin.bent(pose.world, positions, normals, self.faces)
-        return placed(pose.world[self.node], positions, normals, self.faces)
+            return self.skin.bent(world, positions, normals, self.faces)
+        return placed(world[self.node], positions, normals, self.faces)
 
 
 def smoothed_body(body: UnplacedSurface, crease_cosine: float) -> UnplacedSurface:
@@ -220,12 +210,11 @@ def smoothed_body(body: UnplacedSurface, crease_cosine: float) -> UnplacedSurfac
     if not len(corners) or not np.all(np.isfinite(corners)):
         return body
     order = body.faces.ravel()
-    targets = (None if t.positions is None else t.positions[order] for t in body.targets)
     return replace(
         body,
         positions=body.positions[order],
         normals=crease_normals(corners, crease_cosine).reshape(-1, 3),
         faces=np.arange(len(order)).reshape(-1, 3),
-        targets=tuple(MorphTarget(positions, None) for positions in targets),
+        targets=tuple((None if moved is None else moved[order], None) for moved, _ in body.targets),
         skin=None if body.skin is None else replace(body.skin, weights=body.skin.weights[order]),
     )
