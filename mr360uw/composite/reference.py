@@ -9,6 +9,7 @@ pixel are composited by `over`.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -125,7 +126,7 @@ def draw_objects(
                 share = through[p] * weight * cover
                 radiance[p] += share[:, None] * (passed * sent + veil)
                 if frame is not None:
-                    values = {name: passed * part for name, part in parts.items()}
+                    values: dict[str, Any] = {name: passed * part for name, part in parts.items()}
                     values |= {"veil": veil, "transmittance": passed, "normal": hits.normal}
                     values["position"] = hits.point + shot.view.position
                     frame.add((y[p], x[p]), share, values, hits.object)

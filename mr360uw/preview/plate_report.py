@@ -63,7 +63,7 @@ def analyse_video(
     with open_plate(scene) as video:
         over_time = surroundings_over_time(scene)
         smooth = scene.light.smooth and not video.is_still
-        analysis = first_pass(over_time(0.0), video, progress, sun=smooth, gain=False, keyed=over_time)
+        analysis = first_pass(over_time(0.0), video, progress, ["sun"] if smooth else [], keyed=over_time)
         track = analysis.sun if isinstance(analysis.sun, SunTrack) else None
         shown = np.unique(np.linspace(0, (video.frame_count or 1) - 1, _PICTURES).astype(int))
         snapshots, maps = [], []

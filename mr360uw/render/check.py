@@ -100,7 +100,7 @@ def _check_other_clips(scene: Scene, video: VideoReader, frames: tuple[int, int 
     if (receiver := scene.receiver) is not None:
         found.of(lambda: ReceiverClip(receiver, *size, scene.plate.eye).check(stop))
     if scene.light.track is not None:
-        found.of(lambda: first_pass(surroundings_over_time(scene)(0.0), video, gain=False))
+        found.of(lambda: first_pass(surroundings_over_time(scene)(0.0), video, measures=["sun"]))
 
 
 def _output(scene: Scene, video: VideoReader, out: Path | None, where: str) -> tuple[str, tuple[str, ...]]:

@@ -193,15 +193,19 @@ class Loader:
         surroundings: Surroundings,
         keys: tuple[KeyedParameter, ...],
     ) -> Plan:
+        medium, camera = surroundings.medium, surroundings.camera
         keyed = {tuple(dotted(key.parameter)[:2]) for key in keys}
         facts = tuple(
-            _facts(placed, surroundings.camera, keyed=("object", str(number)) in keyed)
+            ObjectFacts(
+                camera.depth_m - placed.highest_m(camera.highest_m),
+                any(mesh.glossy for mesh in placed.meshes),
+                ("object", str(number)) in keyed or placed.moves,
+            )
             for number, placed in enumerate(objects)
         )
-        medium = surroundings.medium
         if medium is None:
             return make_plan(scene, facts, None, clip=self._clip)
-        shallowest_m = surroundings.camera.depth_m - surroundings.camera.highest_m
+        shallowest_m = camera.depth_m - camera.highest_m
         share = functools.partial(_beam_share, medium, shallowest_m)
         return make_plan(scene, facts, medium.unit_table, share, clip=self._clip)
 
@@ -237,11 +241,6 @@ def _snow_notes(scene: Scene, height: int) -> tuple[str, ...]:
 
 def _each_once(rows: Iterable[tuple[T, ...]]) -> tuple[T, ...]:
     return tuple(dict.fromkeys(one for row in rows for one in row))
-
-
-def _facts(placed: SceneObject, camera: CameraPath, *, keyed: bool) -> ObjectFacts:
-    depth_m = camera.depth_m - placed.highest_m(camera.highest_m)
-    return ObjectFacts(depth_m, any(mesh.glossy for mesh in placed.meshes), keyed or placed.moves)
 
 
 _INSTANTS = 64

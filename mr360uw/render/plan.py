@@ -17,33 +17,11 @@ from mr360uw.caustics.settings import grid_of
 from mr360uw.composite.at_surface.settings import FAINTEST, WITHIN_M
 from mr360uw.ibl import LightSettings
 from mr360uw.medium.lookup import beam_fraction, transmittance_lookup
-from mr360uw.medium.shafts.settings import ShaftSettings
 from mr360uw.scene.model import Scene
 from mr360uw.types import MediumTable
 
 _LEAST_SHARE = 0.01
 """Fraction of the veil that the beam's first scattering must add: what shafts change is less than that."""
-
-
-def in_words(
-    settings: ShaftSettings, share: Callable[[], float] | None, lit: bool, waves: bool, shading: bool, lamps: int
-) -> tuple[bool, str]:
-    """Return whether light in the water is drawn, and why.
-
-    share: gives the fraction of the veil that is the beam scattered once (`medium.shafts.beam_share`); None: all of it.
-    lit: whether there is a sun. waves, shading: whether waves or bodies change its beam. lamps: their number.
-    """
-    if not lamps and not (lit and (waves or shading)):
-        return False, "no sun and no lamps" if not lit else "neither waves nor bodies change the beam"
-    of_beam = 1.0 if share is None else share()
-    if of_beam == 0.0 and not lamps:
-        return False, "the water does not scatter"
-    by = [word for word, there in (("waves", lit and waves), ("bodies", lit and shading), ("lamps", lamps)) if there]
-    number = f"{100 * of_beam:.2g} % of the veil is light of the beam scattered once"
-    if settings.mode == "auto" and of_beam < _LEAST_SHARE and not lamps:
-        return False, f"{number}, below {100 * _LEAST_SHARE:g} %"
-    least = f"; where codes change by {settings.least_codes:g}" if settings.least_codes else ""
-    return True, f"by {', '.join(by)}; {number}{least}"
 
 
 _NEGLIGIBLE_BEAM = 0.002
@@ -105,13 +83,25 @@ def shadow_stage(scene: Scene, *, lit: bool) -> Stage:
 def shafts_stage(
     scene: Scene, objects: Facts, medium: MediumTable | None, share: Share, *, lit: bool, waves: bool
 ) -> Stage:
-    """Return whether light in the water is drawn. lit, waves: whether there are a sun and its caustics."""
-    off = "no objects" if not objects else scene.shafts.why_off or ("" if medium is not None else 'water is "none"')
+    """Return whether light in the water is drawn. share: see `make_plan`. lit, waves: whether there are a sun and its
+    caustics.
+    """
+    settings, lamps = scene.shafts, len(scene.lamps)
+    off = "no objects" if not objects else settings.why_off or ("" if medium is not None else 'water is "none"')
     if off:
         return Stage(False, off)
-    return Stage(
-        *in_words(scene.shafts, share, lit, waves, any(o.casts_shadow for o in scene.objects), len(scene.lamps))
-    )
+    shading = any(placed.casts_shadow for placed in scene.objects)
+    if not lamps and not (lit and (waves or shading)):
+        return Stage(False, "no sun and no lamps" if not lit else "neither waves nor bodies change the beam")
+    of_beam = 1.0 if share is None else share()
+    if of_beam == 0.0 and not lamps:
+        return Stage(False, "the water does not scatter")
+    by = [word for word, there in (("waves", lit and waves), ("bodies", lit and shading), ("lamps", lamps)) if there]
+    number = f"{100 * of_beam:.2g} % of the veil is light of the beam scattered once"
+    if settings.mode == "auto" and of_beam < _LEAST_SHARE and not lamps:
+        return Stage(False, f"{number}, below {100 * _LEAST_SHARE:g} %")
+    least = f"; where codes change by {settings.least_codes:g}" if settings.least_codes else ""
+    return Stage(True, f"by {', '.join(by)}; {number}{least}")
 
 
 def surface_stage(scene: Scene, objects: Facts, medium: MediumTable | None) -> Stage:
@@ -121,9 +111,12 @@ def surface_stage(scene: Scene, objects: Facts, medium: MediumTable | None) -> S
         return Stage(
             False, "switched off" if settings.objects == "none" else "no objects" if not objects else 'water is "none"'
         )
-    depth_m = min(facts.depth_m for facts in objects)
+    depth_m, camera = min(facts.depth_m for facts in objects), scene.camera
+    shallowest_m = 0.0  # a lower bound of the camera's depth
+    if camera.track is None:
+        shallowest_m = max(min([camera.depth_m, *(keyed_m for _, keyed_m in camera.depth_keys)]), 0.0)
     within = np.inf if settings.objects == "all" else WITHIN_M
-    left = float(transmittance_lookup(medium, _shallowest_m(scene) + max(depth_m, 0.0), 0.0).max())
+    left = float(transmittance_lookup(medium, shallowest_m + max(depth_m, 0.0), 0.0).max())
     near = f"an object comes within {max(depth_m, 0.0):.1f} m of the surface"
     if depth_m >= within:
         return Stage(False, f"no object comes within {within:g} m of the surface (least depth {depth_m:.1f} m)")
@@ -134,14 +127,6 @@ def surface_stage(scene: Scene, objects: Facts, medium: MediumTable | None) -> S
         f"{near}; the water leaves up to {100 * left:.0f} % of its mirror image",
         f"{near}; the water leaves {100 * left:.2g} % of its mirror image",
     )
-
-
-def _shallowest_m(scene: Scene) -> float:
-    """Return a lower bound [m] of the camera's depth."""
-    camera = scene.camera
-    if camera.track is not None:
-        return 0.0
-    return max(min([camera.depth_m, *(depth_m for _, depth_m in camera.depth_keys)]), 0.0)
 
 
 def snow_stage(scene: Scene, medium: MediumTable | None) -> Stage:
@@ -155,7 +140,7 @@ def snow_stage(scene: Scene, medium: MediumTable | None) -> Stage:
     return Stage(*in_words(scene.snow, water))
 
 
-def occlusion_stage(scene: Scene, objects: tuple[ObjectFacts, ...]) -> Stage:
+def occlusion_stage(scene: Scene, objects: Facts) -> Stage:
     """Return whether ambient light among bodies is solved."""
     receiver = scene.receiver
     on_ground = receiver is not None and receiver.occlusion

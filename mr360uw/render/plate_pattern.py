@@ -167,14 +167,11 @@ _TYPICAL_SUN = (0.5, math.sqrt(0.75), 0.0)
 larger by 5 to 25 % between 4 and 8 m of depth."""
 
 
-def background_series(loaded: Loaded, cache: Cache | None = None) -> BackgroundSeries | None:
-    """Return what collects a clip's ground without caustics; None where the plan leaves its caustics alone.
-
-    cache: keeps the contrast of the scene's own caustics, which is the same for all frames.
-    """
+def background_series(loaded: Loaded) -> BackgroundSeries | None:
+    """Return what collects a clip's ground without caustics; None where the plan leaves its caustics alone."""
     if not loaded.plan.pattern.runs or loaded.receiver is None:
         return None
-    return BackgroundSeries(*_on_ground(loaded, loaded.receiver, Cache() if cache is None else cache))
+    return BackgroundSeries(*_on_ground(loaded, loaded.receiver, Cache()))
 
 
 def _on_ground(loaded: Loaded, receiver: ReceiverClip, cache: Cache) -> tuple[float, float]:
@@ -196,7 +193,8 @@ def plate_pattern(
 ) -> PlatePattern | None:
     """Return the pattern of a plate's frame on the receiver; None where the plan has none.
 
-    background: of the clip; None finds it in this frame alone. cache: see `background_series`.
+    background: of the clip; None finds it in this frame alone. cache: keeps the contrast of the scene's own caustics,
+    which is the same for all frames.
     """
     if not loaded.plan.pattern.runs or loaded.receiver is None:
         return None

@@ -132,6 +132,8 @@ def add_behind(tiles: Sequence[Tile], fragments: Fragments, values: Floats) -> N
 
 
 _AT_ONCE = 1 << 19
+ListedOf = tuple[Sequence[PlacedObject], NDArray[np.int64], NDArray[Any]]
+"""Objects, the number of each one's first triangle, and the body (n,) of each fragment."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -152,15 +154,8 @@ class MeshFragments:
     name: str
 
 
-def mesh_fragments(
-    listed_of: PartOf[tuple[Sequence[PlacedObject], NDArray[np.int64], NDArray[np.int64]]],
-    fragments: Fragments,
-    number: int,
-) -> list[MeshFragments]:
-    """Return the fragments of layer `number` by mesh.
-
-    listed_of: the objects, the number of each one's first triangle, and the body (n,) of each fragment.
-    """
+def mesh_fragments(listed_of: PartOf[ListedOf], fragments: Fragments, number: int) -> list[MeshFragments]:
+    """Return the fragments of layer `number` by mesh."""
     objects, first, body = listed_of.whole
     triangle, pixel = fragments.triangle - first[body], fragments.pixel()
     listed = np.concatenate([triangle[:, None], fragments.place, body[:, None], fragments.area], axis=1)

@@ -20,7 +20,15 @@ from mr360uw.composite.ambient.solved_light import AmbientLight
 from mr360uw.composite.aovs import SUMS, AovFrame
 from mr360uw.composite.gl.blocks import LANE_COLUMNS, lane_rows
 from mr360uw.composite.gl.facet_pass import camera_centred, of_eye
-from mr360uw.composite.gl.fragments import Fragments, MeshFragments, add_behind, mesh_fragments, take_lanes, through
+from mr360uw.composite.gl.fragments import (
+    Fragments,
+    ListedOf,
+    MeshFragments,
+    add_behind,
+    mesh_fragments,
+    take_lanes,
+    through,
+)
 from mr360uw.composite.gl.light_textures import LightTextures
 from mr360uw.composite.gl.sun_groups import sun_groups
 from mr360uw.composite.gl.surface_pass import SurfacePass
@@ -80,7 +88,7 @@ class ObjectPass:
             if len(fragments) == 0:
                 continue
             body = np.searchsorted(first, fragments.triangle, side="right") - 1
-            listed = PartOf((objects, first, body), fragments)
+            listed: PartOf[ListedOf] = PartOf((objects, first, body), fragments)
             parts = cache.of(mesh_fragments, listed, fragments, number, keep=len(layers))
             lit = (shot, parts, bodies, len(fragments), number < len(layers) - 1, cache)
             values = self._light_up(*lit, 0)

@@ -36,7 +36,8 @@ def through_tables(linear: Floats, tables: GradeTables) -> NDArray[np.float32]:
     """Return the light (..., 3) of light (..., 3) up to `BRIGHTEST`, both in the plate's primaries, float32."""
     light = np.ascontiguousarray(linear, np.float32).reshape(-1, 3)
     out = np.empty_like(light)
-    _run(light, *tables, out)
+    encode, before, curves, after, last = tables
+    _run(light, encode, before, curves, after, last, out)
     return out.reshape(linear.shape)
 
 

@@ -77,9 +77,8 @@ def with_particles(snow: Snow, shot: Shot, layer: Layer, cache: Cache) -> Layer:
     half = 0.5 * snow.exposure_s
     radiance = particle_radiance(shot, snow.settings.albedo, snow.settings.phase, point, cache)
     before, behind = empty_picture(view), empty_picture(view)
-    arcs = tuple(
-        eye.seen(position + side * half * velocity - eye.position) for side, eye in ((-1, snow.opens), (1, snow.closes))
-    )
+    begin, end = position - half * velocity, position + half * velocity
+    arcs = snow.opens.seen(begin - snow.opens.position), snow.closes.seen(end - snow.closes.position)
     solid_angle = 0.25 * PI * (diameter / distance) ** 2 * fade
     draw_particles(arcs, radius, solid_angle, distance, radiance, layer.distance_m, before, behind)
     return merged(shot, layer, before, behind, cache)

@@ -128,26 +128,6 @@ _LEAST_MS = 0.1
 """Saved time [ms] below which nothing is told from the clock's own steps."""
 
 
-@dataclass(frozen=True, slots=True)
-class SkipTime:
-    """A stage that is skipped, or "kept" for all that is kept between frames.
-
-    saved_ms: processor time [ms] of all threads that the skip saves in a frame, the median of pairs of frames; None
-    where the stage cannot be made to run. why: the plan's reason.
-    """
-
-    name: str
-    saved_ms: float | None
-    why: str
-
-    def __str__(self) -> str:
-        if self.saved_ms is None:
-            return f"  {self.name:<11}  not measured: it has nothing to work on ({self.why})"
-        if self.saved_ms < _LEAST_MS:
-            return f"  {self.name:<11}  saves less than {_LEAST_MS:g} ms ({self.why})"
-        return f"  {self.name:<11}  saves {self.saved_ms:.1f} ms ({self.why})"
-
-
 def explain_skips(scene: Scene, backend: str = "auto") -> str:
     """Return, as text, the graph of the stages of the plate's first frame with the processor time of each, and the time
     that each skip of the scene's plan saves.
@@ -156,13 +136,17 @@ def explain_skips(scene: Scene, backend: str = "auto") -> str:
         loaded = load(scene, video.width, video.height, clip=not video.is_still)
         plate = next(iter(video.frames(0, 1)))
     renderer, _ = make_backend(backend)
-    planned_ms, skips = skip_times(loaded, renderer, plate)
+    planned_ms, saved = skip_times(loaded, renderer, plate)
     graph = stage_graph(loaded, backend, plate)
     size = f"{loaded.width}x{loaded.height}"
     head = f"skips     first frame, {size}: {planned_ms:.1f} ms of processor time as planned; median of {_RUNS} pairs"
-    return "\n".join(
-        [head, *map(str, skips), "graph     stage, processor time, runs, and the stages that it follows", str(graph)]
-    )
+    lines = [head]
+    for name, (saved_ms, why) in saved.items():
+        said = "not measured: it has nothing to work on"
+        if saved_ms is not None:
+            said = f"saves less than {_LEAST_MS:g} ms" if saved_ms < _LEAST_MS else f"saves {saved_ms:.1f} ms"
+        lines.append(f"  {name:<11}  {said} ({why})")
+    return "\n".join([*lines, "graph     stage, processor time, runs, and the stages that it follows", str(graph)])
 
 
 def stage_graph(loaded: Loaded, backend: str, plate: VideoFrame) -> StageGraph:
@@ -177,19 +161,27 @@ def stage_graph(loaded: Loaded, backend: str, plate: VideoFrame) -> StageGraph:
     return graph
 
 
-def skip_times(loaded: Loaded, backend: Backend, plate: VideoFrame) -> tuple[float, list[SkipTime]]:
+def skip_times(
+    loaded: Loaded, backend: Backend, plate: VideoFrame
+) -> tuple[float, dict[str, tuple[float | None, str]]]:
     """Return the processor time [ms] of a frame as planned, its geometry kept, and what each skip of the plan saves.
 
-    The frame's light is measured in the plate's frame alone.
+    By stage: processor time [ms] of all threads that is saved in a frame, the median of pairs of frames, None where the
+    stage cannot be made to run; and the plan's reason. "kept" is all that a renderer keeps from an earlier frame:
+    geometry, meshes, ambient light. The frame's light is measured in the plate's frame alone.
     """
     _frame_ms(loaded, backend, plate)  # compiles
     planned = statistics.median(_frame_ms(loaded, backend, plate) for _ in range(_RUNS))
-    found = [_kept_time(loaded, backend, plate)] if loaded.plan.layer.runs else []
+    found: dict[str, tuple[float | None, str]] = {}
+    if loaded.plan.layer.runs:
+        backend.cache.clear()
+        saved_ms = _frame_ms(loaded, backend, plate) - _frame_ms(loaded, backend, plate)
+        found["kept"] = saved_ms, "geometry, visibility and ambient light of bodies that have not moved; one pair"
     for name, stage in loaded.plan.stages.items():
         if stage.runs:
             continue
         possible = name in _NEEDS and (name not in _OF_WATER or loaded.surroundings.medium is not None)
-        found.append(SkipTime(name, _saved_ms(loaded, backend, plate, name) if possible else None, stage.why))
+        found[name] = _saved_ms(loaded, backend, plate, name) if possible else None, stage.why
     return planned, found
 
 
@@ -200,16 +192,6 @@ def _saved_ms(loaded: Loaded, backend: Backend, plate: VideoFrame, name: str) ->
     for one in (without, run):
         _frame_ms(one, backend, plate)  # compiles
     return statistics.median(_frame_ms(run, backend, plate) - _frame_ms(without, backend, plate) for _ in range(_RUNS))
-
-
-def _kept_time(loaded: Loaded, backend: Backend, plate: VideoFrame) -> SkipTime:
-    """Return what is saved by what a renderer keeps from an earlier frame: geometry, meshes, ambient light."""
-
-    def pair() -> float:
-        backend.cache.clear()
-        return _frame_ms(loaded, backend, plate) - _frame_ms(loaded, backend, plate)
-
-    return SkipTime("kept", pair(), "geometry, visibility and ambient light of bodies that have not moved; one pair")
 
 
 def _with(plan: Plan, names: Sequence[str]) -> Plan:
