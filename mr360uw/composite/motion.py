@@ -148,7 +148,11 @@ def read_camera_track(path: str | Path) -> Motion:
     if not np.all(np.isfinite(columns)):
         raise ParameterError(f"{path} - has entries that are no numbers - correct the rows")
     check_unit_quaternions(columns[:, 4:], str(path))
-    _require_ascending(columns[:, 0], f"{path} time_s")
+    times = columns[:, 0]
+    if np.any(np.diff(times) <= 0.0):
+        at = int(np.argmax(np.diff(times) <= 0.0))
+        got = f"got {times[at]:g} then {times[at + 1]:g}"
+        raise ParameterError(f"{path} time_s - must ascend ({got}) - sort the keys")
     rotation = Rotation.from_quat(columns[:, 4:]).as_matrix()
     return Motion(columns[:, 0], columns[:, 1:4], rotation, np.ones(len(columns)), "linear")
 
@@ -162,12 +166,6 @@ def check_unit_quaternions(quaternion: Floats, where: str) -> None:
             f"{where} - quaternions must have the length 1 (got {length[wrong[0]]:.4g} in row {wrong[0] + 1}) - check "
             "that the columns are in their places, or export it again"
         )
-
-
-def _require_ascending(times: Floats, where: str) -> None:
-    if np.any(np.diff(times) <= 0.0):
-        at = int(np.argmax(np.diff(times) <= 0.0))
-        raise ParameterError(f"{where} - must ascend (got {times[at]:g} then {times[at + 1]:g}) - sort the keys")
 
 
 _POINTS = 13

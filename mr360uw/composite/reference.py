@@ -51,8 +51,7 @@ def render_aovs(shot: Shot, cache: Cache | None = None) -> tuple[Layer, Aovs]:
 
 
 def _render(shot: Shot, frame: AovFrame | None, cache: Cache) -> Layer:
-    visible = tuple(o for o in shot.objects if o.visible)
-    geometry = gather(visible, shot.view.position)
+    geometry = gather(shot.visible, shot.view.position)
     shape = ReceiverShape(shot.receiver, shot.view.position) if shot.receiver is not None else None
     object_parts = object_rectangles(shot.view, shot.objects)
     receiver_parts: list[Rectangle] = []

@@ -17,7 +17,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from mr360uw.errors import ParameterError
 from mr360uw.jit import exact
@@ -71,17 +71,12 @@ def pattern(samples: int) -> Pattern:
     a, b = _GAUSSIAN[samples]
     reach = np.arange(-b - 1, a + b + 2)
     cells = np.stack(np.meshgrid(reach, reach, indexing="ij"), axis=-1).reshape(-1, 2)
-    positions = np.stack(frame_from_grid(cells[:, 0] + 0.5, cells[:, 1] + 0.5, a, b), axis=-1)
+    x, y = cells.T + 0.5
+    positions = np.stack([a * x + b * y, a * y - b * x], axis=-1) / (a * a + b * b)
     inside = np.all((positions >= 0.0) & (positions < 1.0), axis=-1)
     cells, positions = cells[inside], positions[inside]
     order = np.lexsort((cells[:, 1], cells[:, 0], np.round(np.sum((positions - 0.5) ** 2, axis=-1), 9)))
     return Pattern(cells[order], positions[order])
-
-
-def frame_from_grid(x: ArrayLike, y: ArrayLike, a: int, b: int) -> tuple[Floats, Floats]:
-    """Return the frame coordinates of grid coordinates."""
-    x, y, n = np.asarray(x, np.float64), np.asarray(y, np.float64), a * a + b * b
-    return (a * x + b * y) / n, (a * y - b * x) / n
 
 
 def nearest_to_mean(

@@ -56,7 +56,7 @@ def groups_of(members: list[Any], depths: list[float], sun: Floats, **more: Any)
     part: Any = SimpleNamespace(
         mesh=objects[0].mesh, listed=rows, pixel=np.zeros(len(members), np.int64), weight=weight
     )
-    return sun_groups(scene, objects, part, np.arange(len(objects[0].mesh.positions)), sun)
+    return sun_groups(scene, part, np.arange(len(objects[0].mesh.positions)), sun)
 
 
 def test_fragments_of_one_wall_look_for_the_sun_over_the_area_of_all() -> None:

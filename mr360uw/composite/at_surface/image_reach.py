@@ -75,7 +75,9 @@ def in_reach(sides: WaterSides, seen: SeenSurface, centres: Floats, radii: Float
     view, m = sides.wet.view, sides.relative_index
     against = -seen.normal if sides.in_water else seen.normal
     point = seen.distance_m[:, None] * seen.direction
-    spread = _DEVIATIONS * np.sqrt(np.maximum(_largest_variance(seen.lost), 0.0))
+    xx, xz, zz = seen.lost.T
+    variance = 0.5 * (xx + zz) + np.hypot(0.5 * (xx - zz), xz)  # along the steeper axis
+    spread = _DEVIATIONS * np.sqrt(np.maximum(variance, 0.0))
     mirrored, bent = reflect(seen.direction, against), refract_clamped(seen.direction, against, 1.0 / m)
     to = centres - view.position - point[:, None]  # (n, m, 3)
     away = np.linalg.norm(to, axis=-1)
@@ -116,12 +118,6 @@ def _bending(travel: Floats, against: Floats, m: float, spread: Floats) -> tuple
     turn = np.abs(np.cos(steeper) / np.maximum(m * behind, 1e-6) - 1.0)
     turn = np.where(behind > 0.0, turn, _MOST_BENT)
     return np.clip(turn, _LEAST_BENT, _MOST_BENT), np.sin(np.maximum(angle - spread, 0.0)) < m
-
-
-def _largest_variance(covariance: Floats) -> Floats:
-    """Return the larger eigenvalue (n,) of covariances (n, 3), xx, xz, zz."""
-    xx, xz, zz = covariance.T
-    return np.asarray(0.5 * (xx + zz) + np.hypot(0.5 * (xx - zz), xz))
 
 
 def _pixels(cells: Mask, step: int) -> Mask:

@@ -46,12 +46,7 @@ def object_presence(shot: Shot, settings: SurfaceSettings) -> Floats:
 
 def tops(shot: Shot) -> Floats:
     """Return the height (n,) [m] in the world of the highest point of each visible object."""
-    return np.array([o.to_world(o.mesh.hull.reshape(-1, 3))[:, 1].max() for o in visible(shot)])
-
-
-def visible(shot: Shot) -> tuple[PlacedObject, ...]:
-    """Return the objects of a shot that are not hidden."""
-    return tuple(placed for placed in shot.objects if placed.visible)
+    return np.array([o.to_world(o.mesh.hull.reshape(-1, 3))[:, 1].max() for o in shot.visible])
 
 
 Indices = NDArray[np.int64]
@@ -101,7 +96,7 @@ def cut_at_surface(
     """
     shot = sides.wet
     presence = object_presence(shot, settings)
-    near = tuple(o for o, share in zip(visible(shot), presence, strict=True) if share > 0.0)
+    near = tuple(o for o, share in zip(shot.visible, presence, strict=True) if share > 0.0)
     if not near:
         return layer, None
     picture = _picture(sides, layer, presence, near, cache)
@@ -157,7 +152,7 @@ def _bodies(sides: WaterSides, presence: Floats, cache: Cache) -> RayBodies:
 
 def _in_rays(of_bodies: PartOf[Shot]) -> tuple[Geometry, RayScene, Blockers]:
     shot = of_bodies.whole
-    geometry = gather(visible(shot), shot.view.position)
+    geometry = gather(shot.visible, shot.view.position)
     return geometry, RayScene(geometry.positions), Blockers(shot)
 
 

@@ -80,7 +80,7 @@ class ObjectPass:
         Returns the uncovered parts of pixels that opaque surfaces cover partly.
         frame: receives output variables, or None. ambient: solved ambient light among the bodies.
         """
-        objects = [placed for placed in shot.objects if placed.visible]
+        objects = list(shot.visible)
         layers, first = self._find(shot, objects)
         bodies = self._body_list(shot, objects, ambient)
         cache = self._cache.of(_cache_of, Same(layers))
@@ -157,9 +157,9 @@ class ObjectPass:
     def _see_sun(self, part: MeshFragments, seen: PartOf[tuple[Shot, BodyList]]) -> moderngl.Texture:
         """Return the visible fractions of the sun's disc and halo of each fragment, as layer.frag reads them."""
         shot, bodies = seen.whole
-        sun, objects = sun_of(shot), [placed for placed in shot.objects if placed.visible]
+        sun = sun_of(shot)
         assert sun is not None
-        of, listed = sun_groups(shot, objects, part, self._buffers(part.mesh).order, sun.direction)
+        of, listed = sun_groups(shot, part, self._buffers(part.mesh).order, sun.direction)
         count, rows = len(part.chosen), lane_rows(len(part.chosen))
         found = self._targets.target(f"layer {_SEEN}", LANE_COLUMNS, rows, _CHANNELS[_SEEN])
         if len(listed):

@@ -16,6 +16,7 @@ import numpy as np
 
 from mr360uw.cache import Cache, PartOf
 from mr360uw.composite.ambient.among.relative_pose import rounded
+from mr360uw.composite.gl.targets import bind
 from mr360uw.composite.gl.upload import MeshBuffers
 from mr360uw.composite.mesh.mesh import Mesh
 from mr360uw.composite.shot import PlacedObject
@@ -168,9 +169,8 @@ class ShadowAtlas:
             self._draw_frame(drawn, frame, (*of_frame[:2], *(1.0 / of_frame[2:4])))
         entries = texture_from_array(_table(extents, size))
         gl_context().disable(gl_context().DEPTH_TEST | gl_context().BLEND)
-        drawn.color_attachments[0].use(0)  # type: ignore[union-attr]
-        entries.use(1)
-        set_uniforms(self._columns, drawn=0, casters=1, slot_size=size, slot_columns=columns)
+        bind(self._columns, {"drawn": drawn.color_attachments[0], "casters": entries})
+        set_uniforms(self._columns, slot_size=size, slot_columns=columns)
         atlas.viewport = (0, 0, columns * size, rows * size)
         draw_fullscreen(atlas, self._columns)
         texture: moderngl.Texture = atlas.color_attachments[0]  # type: ignore[assignment]
@@ -180,38 +180,25 @@ class ShadowAtlas:
 
     def _draw_frame(self, target: moderngl.Framebuffer, frame: LightFrame, slot: tuple[float, ...]) -> None:
         """Draw bodies into the viewport: the largest of (top, -bottom) along the light."""
+        context = gl_context()
         for placed in frame.bodies:
-            for masked, mode in ((False, "OPAQUE"), (True, "MASK")):
+            mesh = self._buffers(placed.mesh)
+            light_from_object = np.concatenate([frame.matrix(placed), [[0.0, 0.0, 0.0, 1.0]]])
+            for masked in (False, True):
+                first, count = mesh.ranges["MASK" if masked else "OPAQUE"]
+                if count == 0:
+                    continue
                 shader = self._bodies[masked, frame.origin is not None]
+                bind(shader, {"triangles": mesh.triangles, "materials": mesh.materials, "store": mesh.store})
+                set_uniforms(shader, light_from_object=light_from_object.T, slot=slot)
                 if frame.origin is not None:
                     set_uniforms(shader, middle=frame.middle_m, nearest=frame.nearest_m)
-                self._draw_body(target, self._buffers(placed.mesh), mode, shader, frame.matrix(placed), slot)
-
-    def _draw_body(
-        self,
-        target: moderngl.Framebuffer,
-        mesh: MeshBuffers,
-        mode: str,
-        shader: moderngl.Program,
-        matrix: Floats,
-        slot: tuple[float, ...],
-    ) -> None:
-        context = gl_context()
-        first, count = mesh.ranges[mode]  # type: ignore[index]
-        if count == 0:
-            return
-        for unit, name in enumerate(("triangles", "materials", "store")):
-            if name in shader:
-                getattr(mesh, name).use(unit)
-                set_uniforms(shader, **{name: unit})
-        light_from_object = np.concatenate([matrix, [[0.0, 0.0, 0.0, 1.0]]])
-        set_uniforms(shader, light_from_object=light_from_object.T, slot=slot)
-        vertex_array = context.vertex_array(shader, [(mesh.corners, "3f 4x", "corner")])
-        with context.scope(target, context.BLEND):
-            context.blend_func = (context.ONE, context.ONE)
-            context.blend_equation = context.MAX  # type: ignore[assignment]
-            vertex_array.render(context.TRIANGLES, vertices=3 * count, first=3 * first)
-            context.blend_equation = context.FUNC_ADD  # type: ignore[assignment]
+                vertex_array = context.vertex_array(shader, [(mesh.corners, "3f 4x", "corner")])
+                with context.scope(target, context.BLEND):
+                    context.blend_func = (context.ONE, context.ONE)
+                    context.blend_equation = context.MAX  # type: ignore[assignment]
+                    vertex_array.render(context.TRIANGLES, vertices=3 * count, first=3 * first)
+                    context.blend_equation = context.FUNC_ADD  # type: ignore[assignment]
 
 
 def _table(extents: Sequence[Floats], size: int) -> Floats:

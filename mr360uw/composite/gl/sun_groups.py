@@ -7,14 +7,13 @@ them: from the fragment with most samples, over the area of the group. Fragments
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.composite.gl.fragments import MeshFragments
-from mr360uw.composite.shot import PlacedObject, Shot
+from mr360uw.composite.shot import Shot
 from mr360uw.jit import exact
 from mr360uw.types import Floats
 
@@ -27,16 +26,16 @@ _BEND = 0.7
 
 
 def sun_groups(
-    shot: Shot, objects: Sequence[PlacedObject], part: MeshFragments, order: NDArray[np.int64], sun: Floats
+    shot: Shot, part: MeshFragments, order: NDArray[np.int64], sun: Floats
 ) -> tuple[NDArray[np.int64], Floats]:
     """Return the group (n,) of each fragment of one mesh, and of each of m groups what `MeshFragments` lists (m, 9).
 
     Fragments that face away from the sun have the group -1.
 
-    objects: by their numbers in `part`. order: (T,) of the mesh's triangles on the device. sun: (3,) direction in the
+    order: (T,) of the mesh's triangles on the device. sun: (3,) direction in the
     world.
     """
-    view = shot.view
+    view, objects = shot.view, shot.visible
     linear = np.array([placed.world_from_object[:3, :3] / placed.scale for placed in objects])
     eye = np.array([(view.position - placed.world_from_object[:3, 3]) / placed.scale for placed in objects])
     eye, sunward = (np.einsum("bk,bkj->bj", a, linear) for a in (eye, np.broadcast_to(sun, eye.shape)))

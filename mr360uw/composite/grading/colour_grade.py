@@ -141,10 +141,6 @@ class ColourGrade:
             changed = np.clip(changed, 0.0, np.maximum(light, MOST_LIGHT))
         return np.asarray(in_rec709(changed, own), np.float32)
 
-    def saturation_matrix(self, weights: Floats) -> Floats:
-        """Return the (3, 3) matrix from R'G'B' before the saturation to that after it. weights: (3,) of luma."""
-        return self.saturation * np.eye(3) + (1.0 - self.saturation) * np.outer(np.ones(3), weights)
-
     def _levels(self, code: Floats) -> tuple[Floats, Floats]:
         low = np.array(self.black, code.dtype)
         return low, np.array(self.white, code.dtype) - low
@@ -186,7 +182,8 @@ def _tables(grade: ColourGrade, spec: ColorSpec, laid_on: bool) -> GradeTables:
     """Return the tables of a grade in one direction, of codes that are read by `spec`."""
     from mr360uw.composite.grading.grade_tables import table_codes, table_light
 
-    mixed, codes = grade.saturation_matrix(luma_weights_of(spec)), table_codes()
+    codes, s = table_codes(), grade.saturation
+    mixed = s * np.eye(3) + (1.0 - s) * np.outer(np.ones(3), luma_weights_of(spec))  # from R'G'B' before saturation
     plain, grey = replace(grade, saturation=1.0), codes[:, None] * np.ones(3)
     encode = encode_signal(table_light(), spec)
     steps: tuple[Floats, ...]

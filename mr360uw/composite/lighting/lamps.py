@@ -47,7 +47,7 @@ class LampSource:
         towards = away / distance[:, None]
         irradiance = self._lamp.intensity * (spot_factor(self._lamp, towards) / distance**2)[:, None]
         sine = np.minimum(self._lamp.radius_m / distance, 1.0)
-        return Arrival(towards, irradiance * self._path_ratio(point, distance), np.arcsin(sine))
+        return towards, irradiance * self._path_ratio(point, distance), np.arcsin(sine)
 
     def _path_ratio(self, point: Floats, distance: Floats) -> Floats:
         """Return the ratio (n, 3) of the transmittance there and back to that of an object's light on the way back."""

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
@@ -26,18 +25,10 @@ from mr360uw.medium.lookup import beam_ratio, unscattered_share
 from mr360uw.sphere import disc_directions, effective_half_angle
 from mr360uw.types import Floats, Light, Sun
 
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Arrival:
-    """Light of one source at n points, without shadows and caustics.
-
-    direction: (n, 3), or (3,) for all, unit, towards the light. irradiance: (n, 3) perpendicular to it, in plate
-    radiance times sr. half_angle_rad: (n,), or a number for all, angular radius of the source.
-    """
-
-    direction: Floats
-    irradiance: Floats
-    half_angle_rad: Floats | float
+Arrival = tuple[Floats, Floats, Floats | float]
+"""Light of one source at n points, without shadows and caustics: unit direction (n, 3), or (3,) for all, towards the
+light; irradiance (n, 3) perpendicular to it, in plate radiance times sr; angular radius [rad] of the source, (n,) or
+one for all."""
 
 
 class LightSource(Protocol):
@@ -119,7 +110,7 @@ class SunSource:
         ratio = 1.0 if shot.medium is None else beam_ratio(shot.medium, depth, self._up)
         spread = spread_rad(shot) * np.sqrt(scattered_share(shot, point))
         irradiance = np.broadcast_to(sun.irradiance, (len(point), 3)) * ratio
-        return Arrival(sun.direction, irradiance, effective_half_angle(sun.half_angle_rad, spread))
+        return sun.direction, irradiance, effective_half_angle(sun.half_angle_rad, spread)
 
     def pattern(self, point: Floats, footprint_m: Floats) -> Floats:
         """Return the caustic factor (n, 3), faded and blurred by scattering, as a mean over footprints (n,) [m]."""

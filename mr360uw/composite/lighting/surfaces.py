@@ -69,7 +69,7 @@ def surface_radiance(
         reflected = environment_lookup(environment.ambient, axis) * INV_PI * ratio
     occlusion = hits.occlusion[:, None]
     coat = view, dielectric * (1.0 - metal) + hits.base * metal, albedo
-    bias_m = np.array([placed.bias_m for placed in shot.objects if placed.visible])[hits.object]
+    bias_m = np.array([placed.bias_m for placed in shot.visible])[hits.object]
     diffuse = hits.trim * albedo * INV_PI * ambient_irradiance(shot, hits.point, hits.normal) * ratio * occlusion
     glossy = hits.trim * mirrors * reflected * _ambient_factor(shot, hits.point, axis) * occlusion
     emission = hits.trim * hits.emission
@@ -91,13 +91,14 @@ def _reflected(
     coat: (n, 3) direction to the camera, reflectance at normal incidence, diffuse albedo.
     """
     arrival = source.arrival(hits.point)
-    n_dot_l = np.sum(hits.normal * arrival.direction, -1)
-    lit = np.flatnonzero((n_dot_l > 0.0) & (np.sum(hits.geometric_normal * arrival.direction, -1) > 0.0))
+    towards, arriving, _ = arrival
+    n_dot_l = np.sum(hits.normal * towards, -1)
+    lit = np.flatnonzero((n_dot_l > 0.0) & (np.sum(hits.geometric_normal * towards, -1) > 0.0))
     seen = np.zeros(len(n_dot_l))
     start = hits.area_middle[lit] + bias_m[lit, None] * hits.geometric_normal[lit]
     seen[lit] = source.visibility(start, hits.area_sides[lit] if footprints else None)
     waves = source.pattern(hits.point, hits.footprint_m)
-    irradiance = hits.trim * arrival.irradiance * seen[:, None] * waves
+    irradiance = hits.trim * arriving * seen[:, None] * waves
     n_dot_l = np.maximum(n_dot_l, 0.0)
     view, f0, albedo = coat
     diffuse, glossy = albedo * INV_PI * irradiance * n_dot_l[:, None], _highlight(arrival, hits, view, f0) * irradiance
@@ -106,7 +107,8 @@ def _reflected(
 
 def _highlight(arrival: Arrival, hits: Hits, view: Floats, f0: Floats) -> Floats:
     """Return the mean highlight (n, 3) of pixels for an irradiance of 1. view: to the camera. f0: as of `highlight`."""
-    half = view + arrival.direction
+    towards, _, half_angle_rad = arrival
+    half = view + towards
     half = half / np.maximum(np.linalg.norm(half, axis=-1, keepdims=True), 1e-9)
     v_dot_h, alpha = np.clip(np.sum(view * half, -1), 0.0, 1.0), resolved_alpha(hits.roughness, hits.normal_change)
     total = np.zeros_like(hits.normal)
@@ -114,9 +116,9 @@ def _highlight(arrival: Arrival, hits: Hits, view: Floats, f0: Floats) -> Floats
         normal = hits.normal + np.einsum("k,nkc->nc", place, hits.normal_change)
         normal /= np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-9)
         n_dot_v = np.clip(np.sum(normal * view, -1), 1e-3, 1.0)
-        n_dot_l = np.maximum(np.sum(normal * arrival.direction, -1), 0.0)
+        n_dot_l = np.maximum(np.sum(normal * towards, -1), 0.0)
         n_dot_h = np.clip(np.sum(normal * half, -1), 0.0, 1.0)
-        total += highlight(f0, alpha, n_dot_v, n_dot_l, n_dot_h, v_dot_h, arrival.half_angle_rad)
+        total += highlight(f0, alpha, n_dot_v, n_dot_l, n_dot_h, v_dot_h, half_angle_rad)
     return total / len(PIXEL_POINTS)
 
 

@@ -121,11 +121,6 @@ def _worst(values: Floats) -> float:
     return float(values.ravel()[np.argmax(np.where(np.isfinite(values), np.abs(values), np.inf))])
 
 
-def clip_names(gltf: Gltf) -> tuple[str, ...]:
-    """Return the names of a file's animations; one without a name has its number."""
-    return tuple(str(entry.get("name") or number) for number, entry in enumerate(gltf.listed("animations")))
-
-
 def read_gltf(path: Path, *, outside: bool = False) -> MeshFile:
     """Return the contents of a .gltf or .glb; outside: as of `open_gltf`. Raises `MeshError`."""
     try:
@@ -155,7 +150,9 @@ class _SceneReader:
         found = [pair for number in self.place for pair in self._parts(number)]
         parts, bodies = tuple(part for part, _ in found), tuple(body for _, body in found)
         notes = (*extension_notes(self.gltf), *self.reader.notes, *self.notes)
-        names = clip_names(self.gltf)
+        # a clip without a name has its number
+        clips = enumerate(self.gltf.listed("animations"))
+        names = tuple(str(entry.get("name") or number) for number, entry in clips)
         rigging = Rigging(self.skeleton, bodies, names, ClipReader(self.gltf, self.place, names)) if names else None
         return MeshFile(parts, tuple(m.material for m in self.materials), notes, rigging)
 
@@ -167,7 +164,10 @@ class _SceneReader:
         mesh = self.gltf.entry("meshes", node["mesh"])
         name = "/".join(dict.fromkeys(str(entry["name"]) for entry in (node, mesh) if entry.get("name")))
         for k, entry in enumerate(mesh["primitives"]):
-            primitive = self._primitive(node["mesh"], k, entry)
+            place = node["mesh"], k
+            if place not in self.primitives:  # several nodes may show it
+                self.primitives[place] = read_primitive(self.gltf, entry)
+            primitive = self.primitives[place]
             if primitive is None:
                 self._note("has points or lines - they are not drawn")
                 continue
@@ -194,12 +194,6 @@ class _SceneReader:
             self.notes |= dict.fromkeys(notes)
         place = self.place[number]
         return UnplacedSurface(place, primitive.positions, primitive.normals, primitive.faces, targets, weights, skin)
-
-    def _primitive(self, mesh: int, k: int, entry: dict[str, Any]) -> Primitive | None:
-        """Return a primitive, read once where several nodes show it."""
-        if (mesh, k) not in self.primitives:
-            self.primitives[mesh, k] = read_primitive(self.gltf, entry)
-        return self.primitives[mesh, k]
 
     def _material(self, source: int | None) -> int:
         if source not in self.numbers:

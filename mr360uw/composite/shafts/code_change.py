@@ -124,10 +124,9 @@ def waves_show(shot: Shot, light: ShaftLight) -> bool:
     sun, settings = sun_of(shot), light.settings
     if settings.least_codes == 0.0 or settings.on_plate:
         return True
-    visible = [placed for placed in shot.objects if placed.visible]
-    if sun is None or not visible:
+    if sun is None or not shot.visible:
         return False
-    to = np.array([placed.to_world(placed.mesh.center_m) for placed in visible]) - shot.view.position
+    to = np.array([placed.to_world(placed.mesh.center_m) for placed in shot.visible]) - shot.view.position
     distance = np.maximum(np.linalg.norm(to, axis=-1), 1e-9)
     rays, end = to / distance[:, None], np.minimum(distance, settings.range_m)
     beam = _beam_before(shot, light, rays, end)

@@ -92,8 +92,18 @@ def particles_in_view(snow: Snow, shot: Shot) -> tuple[Floats, Floats, Floats, F
     """
     settings, view = snow.settings, shot.view
     classes = size_classes(settings, snow.scattering)
-    clear = Clearness.of(shot, settings.range_m)
-    farthest = clear.range_m
+    # transmittance of the water before particles, in its clearest channel and along level rays
+    away, left = np.linspace(0.0, settings.range_m, _STEPS), np.ones(_STEPS)
+    if shot.medium is not None:
+        left = transmittance_lookup(shot.medium, away, 0.0).max(axis=-1)
+    hidden = np.flatnonzero(left < _LEAST_CONTRAST)
+    farthest = float(away[hidden[0] if len(hidden) else -1])
+
+    def contrast(diameter_m: Floats, distance_m: Floats) -> Floats:
+        """Return the fraction (n,) of a pixel that particles cover, times the transmittance."""
+        cover = 0.25 * PI * (diameter_m / np.maximum(distance_m, 1e-9) * view.height / PI) ** 2
+        return np.asarray(cover * np.interp(distance_m, away, left))
+
     per_diameter, depth_m = seen_up_to(view.height), view.surface_y_m - float(view.position[1])
     reach_m = [min(farthest, per_diameter * size.high_m) for size in classes]
     orbits = orbits_of(snow.sea, depth_m - reach_m[-1])
@@ -108,7 +118,7 @@ def particles_in_view(snow: Snow, shot: Shot) -> tuple[Floats, Floats, Floats, F
     velocity, margin = np.asarray(speeds)[number], np.asarray(margins)[number]
     kept = position[:, 1] < view.surface_y_m
     mean_m = np.linalg.norm(position - view.position, axis=-1)
-    kept &= clear.contrast(diameter, np.maximum(mean_m - margin, NEAREST_M), view.height) > LEAST_COVER
+    kept &= contrast(diameter, np.maximum(mean_m - margin, NEAREST_M)) > LEAST_COVER
     position, velocity, diameter = position[kept], velocity[kept], diameter[kept]
     if orbits is not None:
         offset, change = orbits.at(position, view.surface_y_m, snow.time_s, velocity)
@@ -116,38 +126,8 @@ def particles_in_view(snow: Snow, shot: Shot) -> tuple[Floats, Floats, Floats, F
     distance = np.linalg.norm(position - view.position, axis=-1)
     fade = (
         smoothstep(distance / NEAREST_M, 1.0, _FULL_FROM)
-        * smoothstep(clear.contrast(diameter, distance, view.height) / LEAST_COVER, 1.0, 2.0)
+        * smoothstep(contrast(diameter, distance) / LEAST_COVER, 1.0, 2.0)
         * (1.0 - smoothstep(distance / farthest, _FADE_FROM, 1.0))
     )
     kept = fade > 0.0
     return position[kept], velocity[kept], diameter[kept], fade[kept]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Clearness:
-    """Transmittance of the water before particles, in its clearest channel and along level rays.
-
-    distance_m: (_STEPS,) ascending. left: (_STEPS,); 1 everywhere without water.
-    """
-
-    distance_m: Floats
-    left: Floats
-
-    @classmethod
-    def of(cls, shot: Shot, farthest_m: float) -> Clearness:
-        """Return that of a shot's water up to a distance."""
-        distance = np.linspace(0.0, farthest_m, _STEPS)
-        if shot.medium is None:
-            return cls(distance, np.ones(_STEPS))
-        return cls(distance, transmittance_lookup(shot.medium, distance, 0.0).max(axis=-1))
-
-    @property
-    def range_m(self) -> float:
-        """Distance [m] beyond which water hides particles, the last one where it hides none."""
-        hidden = np.flatnonzero(self.left < _LEAST_CONTRAST)
-        return float(self.distance_m[hidden[0] if len(hidden) else -1])
-
-    def contrast(self, diameter_m: Floats, distance_m: Floats, height: int) -> Floats:
-        """Return the fraction (n,) of a pixel of a frame's height that particles cover, times the transmittance."""
-        cover = 0.25 * PI * (diameter_m / np.maximum(distance_m, 1e-9) * height / PI) ** 2
-        return np.asarray(cover * np.interp(distance_m, self.distance_m, self.left))

@@ -28,7 +28,7 @@ from mr360uw.medium.lookup import ambient_ratio, linear
 from mr360uw.medium.phase import phase_function
 from mr360uw.medium.shafts.lamp_rays import nearest_m
 from mr360uw.sphere import directions, disc_directions, row_solid_angle
-from mr360uw.types import Environment, Floats
+from mr360uw.types import Floats
 
 _SUN_DIRECTIONS = 4
 """Directions over the sun's disc. Particles are a pixel large: a shadow's edge is told by many of them."""
@@ -47,7 +47,10 @@ def particle_radiance(shot: Shot, albedo: float, phase: SnowPhase, point: Floats
     """
     distance = np.linalg.norm(point, axis=-1)
     direction = point / distance[:, None]
-    light = environment_lookup(scattered_ambient(shot.environment, phase), direction)
+    residual = np.asarray(shot.environment.residual, np.float32)
+    # what particles of albedo 1 send to the camera, a map over directions
+    scattered = (_weights(phase, *residual.shape[:2]) @ residual.reshape(-1, 3)).reshape(_ROWS, 2 * _ROWS, 3)
+    light = environment_lookup(scattered, direction)
     # smooth light is evaluated on a ladder of depths and interpolated to the points'
     depth = shot.view.depth_of(point)
     low, high = float(depth.min()), max(float(depth.max()), float(depth.min()) + _LEAST_SPAN_M)
@@ -59,19 +62,18 @@ def particle_radiance(shot: Shot, albedo: float, phase: SnowPhase, point: Floats
     world = point + shot.view.position
     if (sun := sun_of(shot)) is not None:
         source = _SunOnPoints(sun, shot, None)
-        arrival = source.arrival(points)
-        half_angle = float(np.mean(arrival.half_angle_rad))
+        _, irradiance, half_angle_rad = source.arrival(points)
+        half_angle = float(np.mean(half_angle_rad))
         seen = bodies.visible(world, disc_directions(sun.direction, half_angle, _SUN_DIRECTIONS))
         turned: Floats = particle_phase(phase, direction @ sun.direction) * seen
-        irradiance = linear(arrival.irradiance, place)
-        light = light + irradiance * source.pattern(point, np.zeros(len(point))) * turned[:, None]
+        light = light + linear(irradiance, place) * source.pattern(point, np.zeros(len(point))) * turned[:, None]
     for lamp in lamps_of(shot):
-        arrival = LampSource(lamp, shot, None).arrival(point)
-        turned = particle_phase(phase, np.sum(direction * arrival.direction, axis=-1))
-        lit = np.flatnonzero(np.any(arrival.irradiance > 0.0, axis=-1))
+        towards, irradiance, _ = LampSource(lamp, shot, None).arrival(point)
+        turned = particle_phase(phase, np.sum(direction * towards, axis=-1))
+        lit = np.flatnonzero(np.any(irradiance > 0.0, axis=-1))
         if lamp.casts_shadow:
             turned[lit] *= bodies.visible_from(world[lit], np.asarray(lamp.position, np.float64), nearest_m(lamp))
-        light = light + arrival.irradiance * turned[:, None]
+        light = light + irradiance * turned[:, None]
     through, veil = water_ahead(shot, distance, direction)
     return np.asarray(through * albedo * light + veil)
 
@@ -96,13 +98,6 @@ def particle_phase(phase: SnowPhase, cosine: Floats) -> Floats:
     if phase == "grain":
         return 2.0 / (3.0 * PI * PI) * (np.sin(theta) - theta * np.cos(theta))
     return phase_function(phase, theta)
-
-
-def scattered_ambient(environment: Environment, phase: SnowPhase) -> Floats:
-    """Return the ambient light that particles of albedo 1 send to the camera, a map (16, 32, 3) over directions."""
-    source = np.asarray(environment.residual, np.float32)
-    weights = _weights(phase, *source.shape[:2])
-    return (weights @ source.reshape(-1, 3)).reshape(_ROWS, 2 * _ROWS, 3)
 
 
 @functools.lru_cache(maxsize=4)

@@ -14,7 +14,7 @@ from functools import partial
 import numpy as np
 
 from mr360uw.cache import Cache
-from mr360uw.color import ColorSpec, code_range, decode_signal, encode, ycbcr_from_rgb
+from mr360uw.color import code_range, decode_signal, encode, ycbcr_from_rgb
 from mr360uw.composite.grading.colour_grade import ColourGrade, Three, code_of, graded_spec, luma_weights_of
 from mr360uw.composite.grading.patch_solve import PatchWater
 from mr360uw.composite.grading.settings import MatchSettings, PatchSettings, PlateGrade
@@ -210,7 +210,9 @@ def _before(
     passed = transmittance_lookup(medium.unit_table, distance_m, up)
     passed = passed * ambient_ratio(medium.unit_table, medium.camera_depth_m - distance_m * up)
     level = medium.gain * medium.level_radiance(np.zeros(1))[0]
-    near, far = (_as_coded(light, frame.spec) for light in (veil_lookup(medium.table, distance_m, up), level))
+    # in the primaries that the patches of a plate are solved in
+    seen = veil_lookup(medium.table, distance_m, up), level
+    near, far = (np.asarray(decode_signal(code_of(light, frame.spec), graded_spec(frame.spec))) for light in seen)
     water = PatchWater(_three(passed), _three(near / np.maximum(far, _TINY)), _three(far))
     if not now.water.fits_gain:
         return water
@@ -243,11 +245,6 @@ def _check(where: str, distance_m: float, table: MediumTable, up: float) -> None
             f"{where} - is so far that only water is seen: all else is lost beyond {_TRIED_M[seen].max():.2g} m "
             f"there (got {distance_m:g}) - mark something nearer, or check the distance and the water"
         )
-
-
-def _as_coded(light: Floats, spec: ColorSpec) -> Floats:
-    """Return linear Rec.709 light (3,) in the primaries that the patches of a plate are solved in."""
-    return np.asarray(decode_signal(code_of(light, spec), graded_spec(spec)))
 
 
 def _three(values: Floats) -> Three:
