@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Objects of a scene: meshes loaded from its `[[object]]` tables, and placed at a time for a shot."""
+"""Objects of a scene: meshes of its `[[object]]` tables, set down on the receiver, and placed at a time for a shot."""
 
 from __future__ import annotations
 

@@ -16,7 +16,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.composite.mesh.hull import slab_hull, slabs
 from mr360uw.composite.mesh.material import MeshFile, Rigging
 from mr360uw.composite.mesh.mesh import Mesh, Unit, mesh_of_file, metres_of, proper_triangles
 from mr360uw.composite.mesh.mesh_file import read_mesh_file
@@ -160,6 +159,40 @@ def looped(time_s: float, duration_s: float, loop: Loop) -> float:
     if loop == "repeat":
         return time_s % duration_s
     return duration_s - abs(time_s % (2.0 * duration_s) - duration_s)
+
+
+_SLAB_MARGIN = 1e-5
+"""What a hull of slabs is larger by on every side, in terms of the extent: it keeps flat bodies from having no inside.
+A hundredth of a pixel for a body that fills a frame of 1000 rows."""
+SLAB_AXES = np.array([
+    (1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 1, 0), (1, -1, 0), (1, 0, 1), (1, 0, -1), (0, 1, 1), (0, 1, -1),
+    (1, 1, 1), (1, 1, -1), (1, -1, 1), (1, -1, -1),
+], np.float64)  # fmt: skip
+"""Normals, not unit, of the pairs of planes about a pose: of faces, edges and corners of a cube."""
+
+
+def slabs(points: Floats) -> Floats:
+    """Return the least and the greatest coordinate (13, 2) of points (n, 3) along `SLAB_AXES`."""
+    along = np.einsum("ak,vk->av", SLAB_AXES, points)
+    return np.stack([along.min(axis=1), along.max(axis=1)], axis=-1)
+
+
+def slab_hull(bounds: Floats, inside: Floats, more: float = 0.0) -> Floats:
+    """Return the triangles (h, 3, 3) of the convex body between planes at `bounds` (13, 2), as `slabs` returns them.
+
+    It holds all the points, and its bounding box is theirs but for `_SLAB_MARGIN`: a hull for poses, found in a
+    millisecond (Klosowski et al. 1998, 26-DOP). inside: a point (3,) of their convex hull, such as their mean.
+    more: what it is larger by on every side.
+    """
+    from scipy.spatial import ConvexHull, HalfspaceIntersection
+
+    margin = _SLAB_MARGIN * float(np.max(bounds[:3, 1] - bounds[:3, 0]))
+    wider = (margin + more) * np.linalg.norm(SLAB_AXES, axis=-1, keepdims=True)
+    planes = np.concatenate([
+        np.append(SLAB_AXES, -bounds[:, 1:] - wider, axis=1), np.append(-SLAB_AXES, bounds[:, :1] - wider, axis=1)
+    ])  # fmt: skip
+    points = HalfspaceIntersection(planes, inside).intersections
+    return np.asarray(points[ConvexHull(points).simplices])
 
 
 def clip_bounds(rig: Rig, clip: Animation) -> Floats:

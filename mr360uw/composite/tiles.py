@@ -4,6 +4,8 @@
 The longitudes and latitudes of each triangle are bounded exactly: its edges are arcs of great circles that bulge
 towards the poles, and a triangle over a pole takes all columns. Rectangles may cross the seam (column + width > W);
 `split` cuts them there.
+
+The rectangle of an eye beside the middle of a stereo camera is bounded by that seen from the middle.
 """
 
 from __future__ import annotations

@@ -1,8 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""OpenGL contexts, one for each thread; programs and textures on them.
+"""OpenGL contexts, one for each thread; shader sources, programs and textures on them.
 
 Every shader runs on OpenGL 3.3 core. On Linux the context comes headless from EGL, on a GPU or on Mesa's llvmpipe;
 elsewhere from the window system. Objects of a context are used on the thread that made it.
+
+`#include "medium/lookup.glsl"` takes a path below the package folder, or beside the including file, once per program.
+`constants.glsl`, generated from `mr360uw.constants`, is prepended to every shader. Line markers encode the file in the
+number (`#line 30012` = file 3, line 12), because Mesa always prints source 0.
 """
 
 from __future__ import annotations

@@ -7,16 +7,18 @@ each of the three runs on a thread of its own, one frame ahead of the next stage
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, fields, is_dataclass, replace
+from typing import TYPE_CHECKING, TypeVar
+
+import numpy as np
 
 from mr360uw.cache import Cache
 from mr360uw.composite.aovs import Aovs
 from mr360uw.composite.over import mean_layer, over_tile
 from mr360uw.composite.receiver.pattern import PlatePattern
 from mr360uw.composite.shot import Shot
+from mr360uw.errors import RenderError
 from mr360uw.render.backends import Backend
-from mr360uw.render.finite import finite, not_finite, refuse
 from mr360uw.render.first_pass import ClipAnalysis
 from mr360uw.render.loaded import Loaded
 from mr360uw.render.plate_light import FrameLight, exposed_water, plate_light
@@ -38,6 +40,45 @@ from mr360uw.video import VideoFrame
 
 if TYPE_CHECKING:
     from mr360uw.composite.shafts.shaft_light import ShaftLight
+
+
+T = TypeVar("T")
+
+
+def finite(stage: str, index: int, result: T) -> T:
+    """Return a stage's result; raise `RenderError` if `not_finite` finds anything in it."""
+    refuse(stage, index, not_finite(result))
+    return result
+
+
+def refuse(stage: str, index: int, found: str) -> None:
+    """Raise `RenderError` for the result of a frame in which `not_finite` found something."""
+    if found:
+        raise RenderError(
+            f"frame {index} - the {stage} has numbers that are not finite (got {found}) - please report it with the "
+            "scene file"
+        )
+
+
+def not_finite(result: object) -> str:
+    """Return where an array of floats in a result has a NaN or an infinity; "" where none has. Distances may.
+
+    result: a dataclass or a tuple, which may hold others. Sums are tested first: 13 ms for a layer that covers all of
+    3840 x 1920.
+    """
+    if isinstance(result, tuple):
+        return next(filter(None, map(not_finite, result)), "")
+    for field in fields(result) if is_dataclass(result) else ():
+        values = getattr(result, field.name)
+        if (is_dataclass(values) or isinstance(values, tuple)) and (inner := not_finite(values)):
+            return inner
+        if not isinstance(values, np.ndarray) or values.dtype.kind != "f" or field.name == "distance_m":
+            continue
+        with np.errstate(all="ignore"):
+            total = values.sum()
+        if not np.isfinite(total) and not np.all(np.isfinite(values)):
+            return f"{np.sum(~np.isfinite(values))} of {values.size} in {field.name}"
+    return ""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

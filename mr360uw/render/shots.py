@@ -147,8 +147,7 @@ def shafts_of(loaded: Loaded, backend: Backend, shot: Shot, time_s: float, cache
     medium = loaded.surroundings.medium_at(time_s)
     if medium is None:
         return None
-    from mr360uw.composite.shafts.code_change import bodies_show, waves_show
-    from mr360uw.composite.shafts.shaft_light import ShaftLight
+    from mr360uw.composite.shafts.shaft_light import ShaftLight, bodies_show, waves_show
 
     still = ShaftLight(settings, medium)
     sun_in_air, depths = _caustic_sun(loaded, shot), loaded.caustic_depths

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Light on the receiver computed on the device: at listed points, and in the pixels of listed blocks."""
+"""Light on the receiver computed on the device: at listed points, and in the pixels of listed blocks.
+
+Found from these: what blocks of the receiver see of the sun, and which of them a shadow's edge crosses.
+"""
 
 from __future__ import annotations
 

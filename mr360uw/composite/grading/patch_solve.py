@@ -12,6 +12,8 @@ known to better than `TOLD`; the others keep their value. Black is one number of
 or where the water hides it in one of them.
 
 Greys tell no saturation: codes follow nearly a power of light, and in these a saturated grey is one in other light.
+
+Patches are read from the frames of the plate that show them.
 """
 
 from __future__ import annotations

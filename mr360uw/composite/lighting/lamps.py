@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Irradiance of lamps: inverse square, attenuated by the water on the way there and back, shadowed by bodies.
+"""Irradiance of lamps: inverse square, attenuated by the water there and back, shadowed; and all sources of a shot.
 
     E = I spot(angle) T(r + S)/(r^2 T_object(S)) V
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Irradiance of the sun: its beam through the water, the caustic factor, and its visibility behind bodies.
+"""Interface of directed lights, and the sun: its beam through the water, caustic factor, visibility behind bodies.
 
     E = irradiance beam_ratio(d) (s(d) C + (1 - s(d)) B) V        V = s(d) V_disc + (1 - s(d)) V_halo
 

@@ -6,6 +6,10 @@ the plate.
 
 D is the deviation from the smooth veil (`medium.shafts.deviation`). No pixel turns negative by it. Both renderers share
 it: it needs the layer's distances alone.
+
+Light before the plate has no edges but those of shadows in the water, which the water blurs, so it is found for blocks
+of pixels and read bilinearly between their middles. Without waves it goes with the sun's strength, and stands still as
+long as sun, bodies and camera do.
 """
 
 from __future__ import annotations
@@ -20,8 +24,7 @@ from mr360uw.cache import Cache, PartOf, by_content
 from mr360uw.composite.aovs import Aovs
 from mr360uw.composite.over import tile_of
 from mr360uw.composite.receiver.shape import plate_distance
-from mr360uw.composite.shafts.code_change import shaft_pixels
-from mr360uw.composite.shafts.shaft_light import ShaftLight, change_along
+from mr360uw.composite.shafts.shaft_light import ShaftLight, change_along, shaft_pixels
 from mr360uw.composite.shot import Shot
 from mr360uw.composite.tiles import even_tiles, rectangles_of_mask
 from mr360uw.medium.shafts.settings import ShaftSettings

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Places and sizes of particles, from the integers of the world's cells and a seed alone.
+"""Places, sizes and drift of particles, from the integers of the world's cells and a seed alone.
 
 Every class of size has cubic cells of its own, which rest in the water. A cell's particles are a Poisson process of
 rising density: the gaps between arrivals are exponential, and those that arrive before the water's density are there.
@@ -7,6 +7,19 @@ So a denser water has the same particles and more. Nothing depends on other fram
 process.
 
 Hash: the finaliser of SplitMix64 (Steele et al. 2014), chained over seed, class, cell and number.
+
+Particles drift, as a closed function of time: current, sinking, and the orbits of the water under waves.
+
+    carried(t) = (U - w up) t        position = mean + offset        mean = rest + carried(t)
+
+    offset along k = sum A H(d) cos(theta)        offset up = sum A V(d) sin(theta)
+    theta = k.(x, z) - omega t + phase
+
+with U the current, w the speed at which a class of size sinks, d the depth of the mean place. H and V are those of
+linear waves (Lamb 1932): exp(-k d) both in deep water, cosh and sinh of k (h - d) over sinh(k h) on water of depth h.
+The orbits are those of the sea's own waves: amplitude, phase and frequency are shared, so a particle just below the
+surface rises with it. A sea's `steepness` or `choppiness` shapes its surface; orbits are circles in deep water. Of a
+sea of more waves, those of the largest orbits at the camera are taken.
 """
 
 from __future__ import annotations

@@ -3,6 +3,8 @@
 
 Its colour is taken off every frame before its light is read, and laid on again with the composite; its softness and
 sharpening are given to the bodies of a frame's layer.
+
+A patch of known distance is solved with the water before it, as frames are drawn in it.
 """
 
 from __future__ import annotations
@@ -81,7 +83,7 @@ def _look(
     shown: for each patch of the settings, the frame that shows it. surroundings: of each of these.
     """
     from mr360uw.composite.grading.patch_solve import patched_colour
-    from mr360uw.composite.grading.point_spread import point_spread
+    from mr360uw.composite.grading.softness import point_spread
 
     grade = PlateGrade(columns=frames[0].shape[1])
     found: tuple[str, ...] = ()
@@ -150,7 +152,7 @@ def with_grade(layer: Layer, grade: PlateGrade, plate: VideoFrame) -> Layer:
     """Return a frame's layer whose bodies have a look; the layer itself where the look changes nothing."""
     if grade.reach_px == 0:
         return layer
-    from mr360uw.composite.grading.matched_layer import matched_layer
+    from mr360uw.composite.grading.softness import matched_layer
 
     return matched_layer(layer, grade, plate.linear)
 

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Processor time of the stages of a frame, and that which the skips of a plan save, measured by drawing one frame.
+"""Graph of the stages of a frame as they ran: whose results each took, its processor time, and what the skips of a plan
+save, measured by drawing one frame.
 
 A stage that the plan skips is made to run, with the skipped stages that it builds on, and the frame is drawn again.
 Stages that only choose what a drawn pixel shows (shadow, occlusion, grain, lamps) cannot be made to run: the scene has
