@@ -180,9 +180,7 @@ def gain_stage(scene: Scene, visible: bool, medium: MediumTable | None) -> Stage
 def match_stage(scene: Scene, visible: bool) -> Stage:
     """Return whether the plate's light is read without its grade, and bodies are given its look."""
     return stage(
-        visible and scene.match.changes,
-        scene.match.in_words,
-        "nothing to cover" if not visible else "switched off",
+        visible and scene.match.changes, scene.match.in_words, "nothing to cover" if not visible else "switched off"
     )
 
 

@@ -104,11 +104,7 @@ def cut_at_surface(
 
 
 def _picture(
-    sides: WaterSides,
-    layer: Layer,
-    presence: Floats,
-    near: tuple[PlacedObject, ...],
-    cache: Cache,
+    sides: WaterSides, layer: Layer, presence: Floats, near: tuple[PlacedObject, ...], cache: Cache
 ) -> BodiesInSurface | None:
     reach = find_reach(sides, near)
     kept, cut = _before_surface(sides, layer)

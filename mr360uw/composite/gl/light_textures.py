@@ -119,10 +119,7 @@ class LightTextures:
         table = shadow_table(shot, of_atlas, frames, slots)
         of_grid, rows = sun_grid(shot, of_atlas, len(table))
         table = np.concatenate([table, rows])
-        self.textures |= {
-            "sun_map": texture,
-            "casters": self._cache.of(texture_from_array, table, keep=2),
-        }
+        self.textures |= {"sun_map": texture, "casters": self._cache.of(texture_from_array, table, keep=2)}
         self._uniforms |= {
             "shadows__slot_size": float(size),
             "shadows__bias_scale": max(_BIASED_SLOT / size, 1.0),

@@ -8,7 +8,7 @@ Objects that share a mesh are shaded together.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -54,12 +54,9 @@ _KEPT = 1 << 21
 """Most fragments, about 100 bytes each, kept between frames."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class BodyList:
-    """Texture of bodies: four texels each as layer.frag says, then values of points. among: meshes with any."""
-
-    texture: moderngl.Texture
-    among: frozenset[Mesh]
+Bodies = tuple["moderngl.Texture", frozenset[Mesh]]
+"""Texture of bodies, four texels each as layer.frag says, then values of ambient light at points; and the meshes that
+have any."""
 
 
 class ObjectPass:
@@ -107,7 +104,7 @@ class ObjectPass:
             self._cache.drop(_cache_of)
         return layers, first
 
-    def _body_list(self, shot: Shot, objects: Sequence[PlacedObject], ambient: AmbientLight | None) -> BodyList:
+    def _body_list(self, shot: Shot, objects: Sequence[PlacedObject], ambient: AmbientLight | None) -> Bodies:
         """Return where bodies are, and the values of ambient light on them."""
         table = np.zeros((len(objects), 4, 4), np.float32)
         values, texels = [table], 4 * len(objects)
@@ -125,13 +122,13 @@ class ObjectPass:
             row[3, 1:4] = texels, lattice.points if lattice.two_sided else 0, own.shape[1] // 4
             values.append(own)
             texels += own.size // 4
-        return BodyList(joined_texture(values, self._scratch), frozenset(changed))
+        return joined_texture(values, self._scratch), frozenset(changed)
 
     def _light_up(
         self,
         shot: Shot,
         parts: Sequence[MeshFragments],
-        bodies: BodyList,
+        bodies: Bodies,
         count: int,
         blended: bool,
         cache: Cache,
@@ -154,7 +151,7 @@ class ObjectPass:
                 first += channels
         return values
 
-    def _see_sun(self, part: MeshFragments, seen: PartOf[tuple[Shot, BodyList]]) -> moderngl.Texture:
+    def _see_sun(self, part: MeshFragments, seen: PartOf[tuple[Shot, Bodies]]) -> moderngl.Texture:
         """Return the visible fractions of the sun's disc and halo of each fragment, as layer.frag reads them."""
         shot, bodies = seen.whole
         sun = sun_of(shot)
@@ -176,7 +173,7 @@ class ObjectPass:
         self,
         shot: Shot,
         part: MeshFragments,
-        bodies: BodyList,
+        bodies: Bodies,
         target: moderngl.Framebuffer,
         defines: dict[str, int],
         textures: dict[str, moderngl.Texture],
@@ -186,14 +183,14 @@ class ObjectPass:
         mesh, count = part.mesh, len(part.chosen)
         buffers = self._buffers(mesh)
         defines = defines | of_eye(shot) | {"OUTPUTS": outputs} | _map_defines(mesh) | self._light.defines
-        defines |= {"AMONG_BODIES": 1} if mesh in bodies.among and outputs != _SEEN else {}
+        defines |= {"AMONG_BODIES": 1} if mesh in bodies[1] and outputs != _SEEN else {}
         defines |= {"SMOOTH": 1} if mesh.glossy and outputs != _SEEN else {}
         shader = self._targets.program("layer", defines)
         bind(
             shader,
             {
                 "fragments": part.entries,
-                "bodies": bodies.texture,
+                "bodies": bodies[0],
                 "triangles": buffers.triangles,
                 "materials": buffers.materials,
                 "store": buffers.store,

@@ -20,13 +20,7 @@ from mr360uw.composite.gl.light_textures import LightTextures
 from mr360uw.composite.gl.targets import Targets
 from mr360uw.composite.lighting.lamps import lamps_of
 from mr360uw.composite.lighting.sun import sun_of, widest_half_angle
-from mr360uw.composite.receiver.block_light import (
-    changed_blocks,
-    enlarged,
-    free_corners,
-    free_images,
-    set_plate_light,
-)
+from mr360uw.composite.receiver.block_light import changed_blocks, enlarged, free_corners, free_images, set_plate_light
 from mr360uw.composite.receiver.ground import BLOCK, Ground, Indices
 from mr360uw.composite.receiver.receiver_kernel import SEEN, BlockLight, Gathered, gather_images, lay_receiver
 from mr360uw.composite.receiver.shape import (

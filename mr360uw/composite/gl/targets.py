@@ -51,14 +51,7 @@ class Targets:
         gl_context().disable(gl_context().DEPTH_TEST | gl_context().BLEND)
         self._triangles[shader].render(vertices=3)
 
-    def draw(
-        self,
-        shader: moderngl.Program,
-        name: str,
-        width: int,
-        height: int,
-        channels: tuple[int, ...],
-    ) -> None:
+    def draw(self, shader: moderngl.Program, name: str, width: int, height: int, channels: tuple[int, ...]) -> None:
         """Run a full-screen program on width x height pixels of a kept target; discarded pixels are zero."""
         target = self.target(name, width, height, channels)
         part = Rectangle(0, 0, width, height)

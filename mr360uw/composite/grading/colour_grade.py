@@ -27,14 +27,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.color import (
-    ColorSpec,
-    decode_signal,
-    encode_signal,
-    in_plate_primaries,
-    in_rec709,
-    ycbcr_from_rgb,
-)
+from mr360uw.color import ColorSpec, decode_signal, encode_signal, in_plate_primaries, in_rec709, ycbcr_from_rgb
 from mr360uw.types import Floats
 
 if TYPE_CHECKING:

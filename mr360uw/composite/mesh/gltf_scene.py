@@ -74,7 +74,7 @@ class ClipReader:
             if "matrix" in details:
                 raise self._broken(number, "moves a node that is placed by a matrix", f"node {node}")
         curve = self._curve(samplers[entry["sampler"]], width, number, path)
-        return Channel(self.place[node], cast("Target", path), curve)
+        return self.place[node], cast("Target", path), curve
 
     def _curve(self, sampler: dict[str, Any], width: int, number: int, path: str) -> Curve:
         times = self.gltf.accessor(sampler["input"]).astype(np.float64).ravel()

@@ -70,13 +70,8 @@ def slerp(before: Floats, after: Floats, t: float) -> Floats:
     return np.asarray((np.sin((1.0 - t) * angle) * before + np.sin(t * angle) * after) / np.sin(angle))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Channel:
-    """A curve that moves one thing: `target` of the skeleton's node number `node`."""
-
-    node: int
-    target: Target
-    curve: Curve
+Channel = tuple[int, Target, Curve]
+"""A curve that moves one thing: number of a skeleton's node, what of it, and its values."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -89,12 +84,12 @@ class Animation:
     @property
     def first_s(self) -> float:
         """Time of the first key [s]."""
-        return min((float(c.curve.time_s[0]) for c in self.channels), default=0.0)
+        return min((float(curve.time_s[0]) for _, _, curve in self.channels), default=0.0)
 
     @property
     def duration_s(self) -> float:
         """Time from the first key to the last [s]."""
-        return max((float(c.curve.time_s[-1]) for c in self.channels), default=0.0) - self.first_s
+        return max((float(curve.time_s[-1]) for _, _, curve in self.channels), default=0.0) - self.first_s
 
 
 Pose = tuple[Floats, Mapping[int, Floats]]
@@ -127,12 +122,12 @@ class Skeleton:
         """Return the pose at a time [s] of a clip, counted from the clip's own zero."""
         columns = {"translation": self.translation.copy(), "rotation": self.rotation.copy(), "scale": self.scale.copy()}
         weights: dict[int, Floats] = {}
-        for channel in clip.channels:
-            if channel.target == "weights":
-                weights[channel.node] = channel.curve.at(time_s)
+        for node, target, curve in clip.channels:
+            if target == "weights":
+                weights[node] = curve.at(time_s)
             else:
-                columns[channel.target][channel.node] = channel.curve.at(time_s)
-        moved = sorted({channel.node for channel in clip.channels if channel.target != "weights"})
+                columns[target][node] = curve.at(time_s)
+        moved = sorted({node for node, target, _ in clip.channels if target != "weights"})
         local = self.local.copy()
         local[moved] = composed(**{name: column[moved] for name, column in columns.items()})
         return self._world(local), weights
