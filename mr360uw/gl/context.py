@@ -114,34 +114,20 @@ def _compile(sources: dict[str, Source]) -> moderngl.Program:
 
 
 def program(
-    *,
-    vertex: str | None = None,
-    geometry: str | None = None,
-    fragment: str | None = None,
-    defines: Mapping[str, str | int | float] | None = None,
+    *, fragment: str, vertex: str | None = None, defines: Mapping[str, str | int | float] | None = None
 ) -> moderngl.Program:
     """Return a linked program of shader files below the package; without `vertex`, one triangle fills the target.
 
     The full-screen triangle hands `uv` in [0, 1]^2 to the fragment shader and is drawn with `draw_fullscreen`.
     """
-    sources = {
-        "vertex_shader": load_source(vertex, defines) if vertex else expand_source(_FULLSCREEN, "fullscreen.vert")
-    }
-    if geometry:
-        sources["geometry_shader"] = load_source(geometry, defines)
-    if fragment:
-        sources["fragment_shader"] = load_source(fragment, defines)
-    return _compile(sources)
+    first = load_source(vertex, defines) if vertex else expand_source(_FULLSCREEN, "fullscreen.vert")
+    return _compile({"vertex_shader": first, "fragment_shader": load_source(fragment, defines)})
 
 
 def program_from_text(*, fragment: str, name: str = "shader") -> moderngl.Program:
     """Return a linked full-screen program of fragment shader text, for harnesses that wrap a function of a file."""
-    return _compile(
-        {
-            "vertex_shader": expand_source(_FULLSCREEN, "fullscreen.vert"),
-            "fragment_shader": expand_source(fragment, name),
-        }
-    )
+    whole = expand_source(_FULLSCREEN, "fullscreen.vert")
+    return _compile({"vertex_shader": whole, "fragment_shader": expand_source(fragment, name)})
 
 
 def draw_fullscreen(target: moderngl.Framebuffer, program: moderngl.Program) -> None:

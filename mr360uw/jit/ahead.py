@@ -41,7 +41,7 @@ def compile_ahead(tell: Callable[[int, int | None], None]) -> None:
     complete = folder / f"complete-{stamp}.nbc"
     if complete.is_file():
         return
-    missing = [line for line in listed.splitlines() if not _is_there(line)]
+    missing = [line for line in listed.splitlines() if not size(*_read(line))]
     for done in _compiled(missing):
         tell(done, len(missing))
     keep_bytes(complete, b"")
@@ -73,10 +73,6 @@ def _compiled(lines: list[str]) -> Iterator[int]:
         for worker in workers:
             worker.terminate()
             worker.wait()
-
-
-def _is_there(line: str) -> bool:
-    return size(*_read(line)) > 0
 
 
 def size(kernel: Any, arguments: tuple[Any, ...]) -> int:

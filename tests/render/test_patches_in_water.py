@@ -46,13 +46,13 @@ def plate(path: Path, grade: ColourGrade, seen: list[Seen]) -> tuple[Floats, lis
     medium = WaterSettings(**WATER).medium(DEPTH_M)
     assert medium is not None
     medium = medium.scaled(GAIN)
-    grade = directions(*SIZE)
-    light = np.broadcast_to(medium.gain * medium.level_radiance(grade[:, :1, 1].ravel())[:, None], grade.shape).copy()
+    looks = directions(*SIZE)
+    light = np.broadcast_to(medium.gain * medium.level_radiance(looks[:, :1, 1].ravel())[:, None], looks.shape).copy()
     patches = []
     for k, (kind, distance_m) in enumerate(seen):
         azimuth, elevation = 40.0 * k - 30.0, -12.0 + 8.0 * k
         middle = direction_from_angles(np.radians(azimuth), np.radians(elevation))
-        there, up = grade @ middle > np.cos(np.radians(5.0)), float(middle[1])
+        there, up = looks @ middle > np.cos(np.radians(5.0)), float(middle[1])
         of_white = medium.irradiance(DEPTH_M - distance_m * up) / np.pi
         shown = REFLECTED[kind] * of_white * medium.transmittance(distance_m, DEPTH_M, up)
         light[there] = shown + medium.veil(distance_m, DEPTH_M, up)

@@ -8,6 +8,7 @@ heights above the lowest point of its bodies, about their middle: bodies that mo
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -130,17 +131,12 @@ class ShadowAtlas:
 
     def __init__(self, cache: Cache, buffers: Callable[[Mesh], MeshBuffers]) -> None:
         self._cache, self._buffers = cache, buffers
-        stages = {
-            "vertex": "composite/gl/shaders/atlas/shadow_atlas.vert",
-            "fragment": "composite/gl/shaders/atlas/shadow_atlas.frag",
-        }
-        self._bodies = {
-            (masked, projected): program(
-                **stages, defines=({"MASKED": 1} if masked else {}) | ({"PROJECTED": 1} if projected else {})
-            )
-            for masked in (False, True)
-            for projected in (False, True)
-        }
+        path = "composite/gl/shaders/atlas/shadow_atlas"
+        self._bodies = {}
+        for masked, projected in itertools.product((False, True), repeat=2):
+            defines = {name: 1 for name, there in (("MASKED", masked), ("PROJECTED", projected)) if there}
+            shader = program(vertex=f"{path}.vert", fragment=f"{path}.frag", defines=defines)
+            self._bodies[masked, projected] = shader
         self._columns = program(fragment="composite/gl/shaders/atlas/shadow_columns.frag")
 
     def of(self, frames: Sequence[LightFrame], size: int) -> tuple[moderngl.Texture, Floats]:
