@@ -20,9 +20,9 @@ from mr360uw.farm.job import Job, OpenJob
 from mr360uw.farm.workers import make_crew
 from mr360uw.progress import Progress
 from mr360uw.render.backends import Backend, make_backend
+from mr360uw.render.check import scene_sun_lines
 from mr360uw.render.first_pass import ClipAnalysis, measured_range
 from mr360uw.render.loaded import Loaded, load
-from mr360uw.render.sun_lines import scene_sun_lines
 from mr360uw.runs.fingerprint import input_fingerprints, work_keys
 from mr360uw.runs.forecast import Forecast
 from mr360uw.runs.frame_range import RunTimes

@@ -110,7 +110,7 @@ def test_kernels_listed_for_a_plain_composite_are_there() -> None:
 
 def test_kernels_are_compiled_ahead_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """By processes of their own, which are counted; a second run finds them."""
-    quick = [line for line in ahead.LIST.read_text("utf-8").splitlines() if "fragment_kernel take_lanes" in line]
+    quick = [line for line in ahead.LIST.read_text("utf-8").splitlines() if "fragments take_lanes" in line]
     assert quick
     (tmp_path / "kernels.txt").write_text("\n".join(quick))
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "kept"))

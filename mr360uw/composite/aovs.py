@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.composite.shot import Shot
-from mr360uw.types import Floats, Layer, Tile
+from mr360uw.types import Floats, Layer
 
 SUMS = ("diffuse", "glossy", "sun", "lamps", "caustics", "emission", "veil", "transmittance", "normal", "position")
 """Variables summed over a pixel's surfaces, weighted by their fraction of it; (h, w, 3) each."""
@@ -74,6 +74,20 @@ class AovFrame:
         self.share = np.zeros(size, np.float32)
         self.object_id = np.zeros(size, np.uint32)
 
+    def add(
+        self, pixels: tuple[NDArray[np.int64], NDArray[np.int64]], share: Floats, values: Mapping[str, Floats],
+        number: NDArray[np.int64],
+    ) -> None:  # fmt: skip
+        """Add the variables (n, 3) of surfaces of objects (n,), weighted by their share (n,) of pixels.
+
+        pixels: rows and columns (n,).
+        """
+        for name in SUMS:
+            self.sums[name][pixels] += (share[:, None] * values[name]).astype(np.float32)
+        largest = share > self.share[pixels]
+        at = pixels[0][largest], pixels[1][largest]
+        self.share[at], self.object_id[at] = share[largest], number[largest] + 1
+
     def finish(self, shot: Shot, layer: Layer) -> Aovs:
         """Return the variables, with the shot's mattes applied as to the layer. Shafts, added later, are zero."""
         alpha = layer.alpha
@@ -99,12 +113,12 @@ def receiver_difference(plate_linear: Floats, layer: Layer) -> Floats:
     """Return the change (H, W, 3) of the plate by shadows, caustics, lamps and shafts, without the objects."""
     from mr360uw.composite.over import over
 
-    bare = Layer(layer.height, layer.width, tuple(_without_objects(tile) for tile in layer.tiles))
+    bare = Layer(
+        layer.height,
+        layer.width,
+        tuple(replace(t, radiance=np.zeros_like(t.radiance), alpha=np.zeros_like(t.alpha)) for t in layer.tiles),
+    )
     return over(plate_linear, bare) - plate_linear
-
-
-def _without_objects(tile: Tile) -> Tile:
-    return replace(tile, radiance=np.zeros_like(tile.radiance), alpha=np.zeros_like(tile.alpha))
 
 
 RECIPE = "linear Rec.709, premultiplied by A; composite = RGB + (1 - A) * (plate + receiver_difference)"

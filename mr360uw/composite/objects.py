@@ -1,24 +1,23 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Objects of a scene: meshes loaded from its `[[object]]` tables, and placed at a time for a shot."""
+"""Objects of a scene: meshes of its `[[object]]` tables, set down on the receiver, and placed at a time for a shot."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from mr360uw.caustics.settings import Sea
-from mr360uw.composite.at_surface.afloat import Afloat
 from mr360uw.composite.mesh.material import Material
 from mr360uw.composite.mesh.mesh import Mesh, Unit
-from mr360uw.composite.mesh.rig import Rig, load_rig
 from mr360uw.composite.mesh.texture import Texture, read_texture
-from mr360uw.composite.motion import Motion, object_motion, rigid
+from mr360uw.composite.motion import Motion, floating, object_motion, rigid
 from mr360uw.composite.object_settings import ObjectSettings
-from mr360uw.composite.playback import Playback, Poses, playback
-from mr360uw.composite.shot import PlacedObject
+from mr360uw.composite.playback import Playback, Rig, load_rig, playback
+from mr360uw.composite.shot import PlacedObject, Receiver
 from mr360uw.errors import MeshError, ParameterError
 from mr360uw.reading.cached_reads import CachedReads
 from mr360uw.reading.limits import OBJECTS
@@ -58,15 +57,15 @@ class SceneObject:
     """An object of a scene, loaded. meshes: one, or one for every frame of a mesh sequence.
 
     playback: the clip that it plays, or None. The one mesh of an object that plays is that at rest, but for its hull,
-    which holds every pose of the clip. afloat: the sea that it floats on, or None; its motion then is that on a level
-    sea.
+    which holds every pose of the clip. afloat: the sea that it floats on and the height [m] of its mean surface in
+    the world, or None; its motion then is that on a level sea.
     """
 
     settings: ObjectSettings
     meshes: tuple[Mesh, ...]
     motion: Motion
     playback: Playback | None = None
-    afloat: Afloat | None = None
+    afloat: tuple[Sea, float] | None = None
 
     @property
     def moves(self) -> bool:
@@ -99,7 +98,7 @@ class SceneObject:
         if self.settings.attach == "camera":
             transform = rigid(camera_position, world_from_camera) @ transform
         elif self.afloat is not None:
-            transform = self.afloat.pose(transform, self.meshes[0], time_s)
+            transform = floating(*self.afloat, transform, self.meshes[0], time_s)
         mesh = self.meshes[frame % len(self.meshes)] if self.playback is None else self.playback.at(time_s)
         return PlacedObject(mesh, transform, self.settings.casts_shadow, self.settings.visible)
 
@@ -107,7 +106,7 @@ class SceneObject:
         """Return what the surface adds (3,) [m] to the position setting of an object that is at `origin` at a time."""
         if self.afloat is None:
             return np.zeros(3)
-        return origin - self.motion.at(time_s)[:3, 3] + np.array([0.0, self.afloat.surface_y_m, 0.0])
+        return origin - self.motion.at(time_s)[:3, 3] + np.array([0.0, self.afloat[1], 0.0])
 
 
 def load_object(settings: ObjectSettings) -> SceneObject:
@@ -133,34 +132,28 @@ def on_the_sea(placed: SceneObject, sea: Sea, surface_y_m: float) -> SceneObject
     if placed.settings.attach != "surface":
         return placed
     motion = replace(placed.motion, position=placed.motion.position + np.array([0.0, surface_y_m, 0.0]))
-    return replace(placed, motion=motion, afloat=Afloat(sea, surface_y_m))
+    return replace(placed, motion=motion, afloat=(sea, surface_y_m))
 
 
 def _scene_object(settings: ObjectSettings, several: int, reads: CachedReads) -> SceneObject:
     """Return an object. several: textures and looks that are kept."""
     sized = {} if settings.size_m is None else {"size_m": 1.0}
-    poses = reads.of(_poses, settings.model_copy(update=_AT_REST | sized), several, reads, keep=several)
-    meshes = tuple(one.rig.mesh for one in poses)
-    played, notes = playback(settings, poses[0], sequence=len(poses) > 1)
+    rigs = reads.of(_rigs, settings.model_copy(update=_AT_REST | sized), several, reads, keep=several)
+    meshes = tuple(rig.mesh for rig in rigs)
+    played, notes = playback(settings, rigs[0], sequence=len(rigs) > 1)
     if played is not None:
         meshes = (replace(meshes[0], hull=played.bounds, notes=meshes[0].notes + notes),)
-    return SceneObject(settings, meshes, object_motion(settings, poses[0].rig.mesh), played)
+    return SceneObject(settings, meshes, object_motion(settings, rigs[0].mesh), played)
 
 
-def _poses(look: ObjectSettings, several: int, reads: CachedReads) -> tuple[Poses, ...]:
+def _rigs(look: ObjectSettings, several: int, reads: CachedReads) -> tuple[Rig, ...]:
     """Return the meshes of an object, one a file, with the materials that its settings ask for."""
     unit: Unit = "auto" if look.size_m is None else "m"  # of any unit: no note on an odd size
-    rigs = [reads.of(_rig, path, unit, look.outside_files, look.smooth_deg, keep=_RIGS) for path in _paths(look.mesh)]
-    base = reads.of(_texture, look.texture, keep=several) if look.texture else None
-    return tuple(Poses(replace(rig, mesh=_overridden(rig.mesh, look, base))) for rig in rigs)
-
-
-def _rig(path: Path, unit: Unit, outside: bool, smooth_deg: float | None) -> Rig:
-    return load_rig(path, unit, outside=outside, smooth_deg=smooth_deg)
-
-
-def _texture(path: Path) -> Texture:
-    return read_texture(path, srgb=True)
+    rigs = [
+        reads.of(load_rig, path, unit, look.outside_files, look.smooth_deg, keep=_RIGS) for path in _paths(look.mesh)
+    ]
+    base = reads.of(read_texture, look.texture, keep=several) if look.texture else None
+    return tuple(replace(rig, mesh=_overridden(rig.mesh, look, base)) for rig in rigs)
 
 
 def _paths(path: Path) -> list[Path]:
@@ -201,18 +194,62 @@ def _overridden(mesh: Mesh, settings: ObjectSettings, base: Texture | None) -> M
 
 
 def _factors(material: Material, settings: ObjectSettings) -> Material:
-    changed = material
+    names = ("metallic", "roughness", "double_sided", "refractive_index")
+    given: dict[str, Any] = {name: value for name in names if (value := getattr(settings, name)) is not None}
     if settings.base_color is not None:
-        r, g, b = settings.base_color
-        changed = replace(changed, base_color=(r, g, b, material.base_color[3]))
-    if settings.metallic is not None:
-        changed = replace(changed, metallic=settings.metallic)
-    if settings.roughness is not None:
-        changed = replace(changed, roughness=settings.roughness)
-    if settings.double_sided is not None:
-        changed = replace(changed, double_sided=settings.double_sided)
-    if settings.refractive_index is not None:
-        changed = replace(changed, refractive_index=settings.refractive_index)
+        given["base_color"] = (*settings.base_color, material.base_color[3])
     gain = 2.0**settings.exposure
     red, green, blue = (gain * part for part in settings.tint)
-    return replace(changed, trim=(red, green, blue))
+    return replace(material, **given, trim=(red, green, blue))
+
+
+def on_the_floor(placed: SceneObject, receiver: Receiver | None) -> SceneObject:
+    """Return an object that stands on a receiver if its settings say so, else itself.
+
+    At every key its lowest point is as high as the receiver is under the middle of its foot; of an object that plays a
+    clip, the lowest point at rest. Raises `MeshError` where no receiver of known shape is under it.
+    """
+    if placed.settings.stand_on is None:
+        return placed
+    mesh = placed.meshes[0]
+    points = (mesh.hull if placed.playback is None else mesh.positions).reshape(-1, 3)
+    return replace(placed, motion=_stood(placed, points, receiver))
+
+
+def _stood(placed: SceneObject, points: Floats, receiver: Receiver | None) -> Motion:
+    """Return the motion of an object of these points (n, 3) at the heights at which it stands."""
+    motion = placed.motion
+    position = motion.position.copy()
+    for number, (rotation, scale) in enumerate(zip(motion.rotation, motion.scale, strict=True)):
+        corners = scale * points @ rotation.T + position[number]
+        low, high = corners.min(axis=0), corners.max(axis=0)
+        x, z = 0.5 * (low + high)[[0, 2]]
+        height = None if receiver is None else receiver_height(receiver, float(x), float(z))
+        if height is None:
+            raise MeshError(
+                f"{placed.settings.mesh} - stands on nothing (got no receiver under x {x:.2f}, z {z:.2f} m) - move it, "
+                "or give a receiver of kind plane, mesh or height_map that reaches there"
+            )
+        position[number, 1] += height - low[1]
+    return replace(motion, position=position)
+
+
+def receiver_height(receiver: Receiver, x_m: float, z_m: float) -> float | None:
+    """Return the height [m] in the world of the highest point of a receiver at (x, z); None where there is none.
+
+    The shape of a distance map is known along the rays of a frame only: None.
+    """
+    if receiver.plane_y is not None:
+        return receiver.plane_y
+    if receiver.mesh is None:
+        return None
+    a, b, c = (receiver.mesh[:, k] for k in range(3))
+    u, v = b - a, c - a
+    area = u[:, 0] * v[:, 2] - u[:, 2] * v[:, 0]
+    there = np.abs(area) > 0.0
+    a, u, v, area = a[there], u[there], v[there], area[there]
+    dx, dz = x_m - a[:, 0], z_m - a[:, 2]
+    along_u, along_v = (dx * v[:, 2] - dz * v[:, 0]) / area, (dz * u[:, 0] - dx * u[:, 2]) / area
+    inside = (along_u >= 0.0) & (along_v >= 0.0) & (along_u + along_v <= 1.0)
+    heights = (a[:, 1] + along_u * u[:, 1] + along_v * v[:, 1])[inside]
+    return float(heights.max()) if len(heights) else None

@@ -109,6 +109,7 @@ def mean_layer(layers: Sequence[Layer]) -> Layer:
         stack = [tile_of(layer, rectangle) for layer in layers]
         changed = np.stack([np.any(t.ratio != 1.0, axis=-1) for t in stack])[..., None]
         veil = np.stack([t.veil for t in stack])
+        filled = [t.shafts for t in stack if t.shafts is not None]
         tiles.append(
             Tile(
                 column=rectangle.column,
@@ -118,15 +119,10 @@ def mean_layer(layers: Sequence[Layer]) -> Layer:
                 distance_m=np.min([t.distance_m for t in stack], axis=0),
                 ratio=np.mean([t.ratio for t in stack], axis=0),
                 veil=(np.where(changed, veil, 0.0).sum(0) / np.maximum(changed.sum(0), 1)).astype(np.float32),
-                shafts=_mean_shafts(stack),
+                shafts=np.asarray(np.sum(filled, axis=0) / np.float32(len(stack))) if filled else None,
             )
         )
     return Layer(height, width, tuple(tiles))
-
-
-def _mean_shafts(tiles: Sequence[Tile]) -> Floats | None:
-    filled = [tile.shafts for tile in tiles if tile.shafts is not None]
-    return np.asarray(np.sum(filled, axis=0) / np.float32(len(tiles))) if filled else None
 
 
 def merge(rectangles: Sequence[Rectangle]) -> list[Rectangle]:

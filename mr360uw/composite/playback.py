@@ -1,21 +1,114 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which clip of its file an object plays, how, and the poses that it takes."""
+"""Meshes that move: a mesh at rest, what moves it, and which clip of its file an object plays.
+
+A pose has the triangles, texture coordinates and materials of the mesh at rest. Its positions and normals are evaluated
+in float64; its hull is a 26-DOP of its vertices.
+"""
 
 from __future__ import annotations
 
 import functools
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from mr360uw.composite.mesh.curve import Animation
-from mr360uw.composite.mesh.hull import slab_hull, slabs
-from mr360uw.composite.mesh.mesh import Mesh
-from mr360uw.composite.mesh.rig import Rig, pose, surfaces
+from mr360uw.composite.mesh.material import MeshFile, Rigging
+from mr360uw.composite.mesh.mesh import Mesh, Unit, mesh_of_file, metres_of, proper_triangles
+from mr360uw.composite.mesh.mesh_file import read_mesh_file
+from mr360uw.composite.mesh.normals import corner_normals
+from mr360uw.composite.mesh.skin import Animation
 from mr360uw.composite.object_settings import Loop, ObjectSettings
 from mr360uw.errors import MeshError
 from mr360uw.types import Floats
+
+
+@dataclass(frozen=True, eq=False)
+class Rig:
+    """A mesh at rest and what moves it; the last few poses are kept, so that objects in step share their meshes.
+
+    rigging: None where nothing moves; else its bodies are those of the mesh. faces: for each body (t, 3), the vertices
+    of its triangles in the mesh's order. scale: metres for a unit of the file.
+    """
+
+    mesh: Mesh
+    rigging: Rigging | None = None
+    faces: tuple[NDArray[np.int64], ...] = ()
+    scale: float = 1.0
+
+    @functools.cached_property
+    def at(self) -> Callable[[Animation, float], Mesh]:
+        """Function that returns the mesh at a time of a clip [s], counted from the clip's own zero."""
+        return functools.lru_cache(_KEPT_POSES)(functools.partial(pose, self))
+
+    @functools.cached_property
+    def clip(self) -> Callable[[int], Animation]:
+        """Function that returns the animation of a number, see `Rigging.read_clip`."""
+        assert self.rigging is not None
+        return functools.cache(self.rigging.read_clip)
+
+    @functools.cached_property
+    def bounds(self) -> Callable[[Animation], Floats]:
+        """Function that returns `clip_bounds`."""
+        return functools.cache(functools.partial(clip_bounds, self))
+
+
+def load_rig(
+    path: Path, unit: Unit = "auto", outside: bool = False, smooth_deg: float | None = None, part: str = ""
+) -> Rig:
+    """Return the mesh of a file and what moves it; arguments and errors are those of `load_mesh`."""
+    file = read_mesh_file(path, outside=outside, smooth_deg=smooth_deg)
+    return _rig(file, mesh_of_file(path, file, unit, part), metres_of(file, unit), part)
+
+
+def _rig(file: MeshFile, mesh: Mesh, scale: float, part: str) -> Rig:
+    if file.rigging is None:
+        return Rig(mesh)
+    pairs = zip(file.parts, file.rigging.bodies, strict=True)
+    kept = [(p, body) for p, body in pairs if part in p.name and len(p.faces)]
+    corners = np.concatenate([p.positions[p.faces] for p, _ in kept]) * scale
+    proper = np.split(proper_triangles(corners), np.cumsum([len(p.faces) for p, _ in kept])[:-1])
+    faces = tuple(p.faces[keep] for (p, _), keep in zip(kept, proper, strict=True))
+    rigging = replace(file.rigging, bodies=tuple(body for _, body in kept))
+    return Rig(mesh, rigging, faces, scale)
+
+
+def surfaces(rig: Rig, clip: Animation, time_s: float) -> list[tuple[Floats, Floats | None]]:
+    """Return positions (V, 3) [m] and normals (V, 3), or None, of the vertices of each body at a time of a clip [s].
+
+    A mirror turns normals round; the winding of the triangles stays that at rest.
+    """
+    assert rig.rigging is not None
+    state = rig.rigging.skeleton.at(clip, time_s)
+    found = [body.at(state) for body in rig.rigging.bodies]
+    return [(positions * rig.scale, normals) for positions, normals, _ in found]
+
+
+def pose(rig: Rig, clip: Animation, time_s: float) -> Mesh:
+    """Return the mesh at a time of a clip [s], counted from the clip's own zero."""
+    found = surfaces(rig, clip, time_s)
+    corners = [points.take(faces, axis=0) for (points, _), faces in zip(found, rig.faces, strict=True)]
+    normals = [
+        corner_normals(corner, normal, faces)
+        for (_, normal), corner, faces in zip(found, corners, rig.faces, strict=True)
+    ]
+    positions, points = _joined(corners), _joined([points for points, _ in found])
+    return replace(
+        rig.mesh,
+        positions=positions,
+        normals=_joined(normals),
+        hull=slab_hull(slabs(points), points.mean(axis=0)),
+        rest=rig.mesh,
+    )
+
+
+def _joined(arrays: list[Floats]) -> Floats:
+    """Return arrays one after the other; one array without a copy."""
+    return arrays[0] if len(arrays) == 1 else np.concatenate(arrays)
+
 
 _KEPT_POSES = 8
 _BOUND_INSTANTS = 49
@@ -24,25 +117,11 @@ is left for what happens between them, and take twice the time to load."""
 _NOTED_INSTANTS = 17
 
 
-class Poses:
-    """The poses of one rig; the last few are kept, so that objects that play in step share their meshes."""
-
-    def __init__(self, rig: Rig) -> None:
-        self.rig = rig
-        self.at = functools.lru_cache(_KEPT_POSES)(functools.partial(pose, rig))
-        self.clip = functools.cache(self._clip)
-        self.bounds = functools.cache(functools.partial(clip_bounds, rig))
-
-    def _clip(self, number: int) -> Animation:
-        assert self.rig.rigging is not None
-        return self.rig.rigging.read_clip(number)
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Playback:
     """A clip as an object plays it: at the video's time t it shows the clip's time start_s + speed t."""
 
-    poses: Poses
+    rig: Rig
     clip: Animation
     loop: Loop
     speed: float
@@ -56,7 +135,7 @@ class Playback:
     @property
     def bounds(self) -> Floats:
         """Triangles (h, 3, 3) of a convex body that holds every pose of the clip."""
-        return self.poses.bounds(self.clip)
+        return self.rig.bounds(self.clip)
 
     @property
     def instants(self) -> Floats:
@@ -68,7 +147,7 @@ class Playback:
     def at(self, time_s: float) -> Mesh:
         """Return the mesh at a time of the video [s]."""
         elapsed = looped(self.start_s + self.speed * time_s, self.clip.duration_s, self.loop)
-        return self.poses.at(self.clip, self.clip.first_s + elapsed)
+        return self.rig.at(self.clip, self.clip.first_s + elapsed)
 
 
 def looped(time_s: float, duration_s: float, loop: Loop) -> float:
@@ -80,6 +159,40 @@ def looped(time_s: float, duration_s: float, loop: Loop) -> float:
     if loop == "repeat":
         return time_s % duration_s
     return duration_s - abs(time_s % (2.0 * duration_s) - duration_s)
+
+
+_SLAB_MARGIN = 1e-5
+"""What a hull of slabs is larger by on every side, in terms of the extent: it keeps flat bodies from having no inside.
+A hundredth of a pixel for a body that fills a frame of 1000 rows."""
+SLAB_AXES = np.array([
+    (1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 1, 0), (1, -1, 0), (1, 0, 1), (1, 0, -1), (0, 1, 1), (0, 1, -1),
+    (1, 1, 1), (1, 1, -1), (1, -1, 1), (1, -1, -1),
+], np.float64)  # fmt: skip
+"""Normals, not unit, of the pairs of planes about a pose: of faces, edges and corners of a cube."""
+
+
+def slabs(points: Floats) -> Floats:
+    """Return the least and the greatest coordinate (13, 2) of points (n, 3) along `SLAB_AXES`."""
+    along = np.einsum("ak,vk->av", SLAB_AXES, points)
+    return np.stack([along.min(axis=1), along.max(axis=1)], axis=-1)
+
+
+def slab_hull(bounds: Floats, inside: Floats, more: float = 0.0) -> Floats:
+    """Return the triangles (h, 3, 3) of the convex body between planes at `bounds` (13, 2), as `slabs` returns them.
+
+    It holds all the points, and its bounding box is theirs but for `_SLAB_MARGIN`: a hull for poses, found in a
+    millisecond (Klosowski et al. 1998, 26-DOP). inside: a point (3,) of their convex hull, such as their mean.
+    more: what it is larger by on every side.
+    """
+    from scipy.spatial import ConvexHull, HalfspaceIntersection
+
+    margin = _SLAB_MARGIN * float(np.max(bounds[:3, 1] - bounds[:3, 0]))
+    wider = (margin + more) * np.linalg.norm(SLAB_AXES, axis=-1, keepdims=True)
+    planes = np.concatenate([
+        np.append(SLAB_AXES, -bounds[:, 1:] - wider, axis=1), np.append(-SLAB_AXES, bounds[:, :1] - wider, axis=1)
+    ])  # fmt: skip
+    points = HalfspaceIntersection(planes, inside).intersections
+    return np.asarray(points[ConvexHull(points).simplices])
 
 
 def clip_bounds(rig: Rig, clip: Animation) -> Floats:
@@ -100,13 +213,13 @@ def clip_bounds(rig: Rig, clip: Animation) -> Floats:
     return slab_hull(every, inside, 0.5 * way)
 
 
-def playback(settings: ObjectSettings, poses: Poses, *, sequence: bool) -> tuple[Playback | None, tuple[str, ...]]:
+def playback(settings: ObjectSettings, rig: Rig, *, sequence: bool) -> tuple[Playback | None, tuple[str, ...]]:
     """Return what an object plays, or None, and notes for the user.
 
     sequence: it has a mesh for every frame, which leaves nothing to play. Raises `MeshError` where the animation that
     the scene names is not there, or broken.
     """
-    rigging = None if sequence else poses.rig.rigging
+    rigging = None if sequence else rig.rigging
     names = () if rigging is None else rigging.clips
     wanted = settings.animation
     number = _number(wanted, names)
@@ -116,14 +229,14 @@ def playback(settings: ObjectSettings, poses: Poses, *, sequence: bool) -> tuple
         there = ", ".join(repr(name) for name in names) if names else "none"
         why = "a sequence plays its meshes" if sequence else f"there are: {there}"
         raise MeshError(f"{settings.mesh} - no animation of that name or number (got {wanted!r}) - {why}")
-    clip = poses.clip(number)
+    clip = rig.clip(number)
     notes: list[str] = []
     if wanted == "auto" and len(names) > 1:
         others = ", ".join(repr(name) for name in names)
         notes.append(f"{settings.mesh} - plays the first of its animations - set animation to choose of: {others}")
     if not clip.channels:
         notes.append(f"{settings.mesh} - its animation {clip.name!r} moves nothing that is drawn - it rests")
-    return Playback(poses, clip, settings.loop, settings.speed, settings.start_s), tuple(notes)
+    return Playback(rig, clip, settings.loop, settings.speed, settings.start_s), tuple(notes)
 
 
 def _number(wanted: Any, names: tuple[str, ...]) -> int | None:

@@ -8,8 +8,8 @@ pixel are composited by `over`.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,41 +17,25 @@ from numpy.typing import NDArray
 from mr360uw.cache import Cache
 from mr360uw.composite.ambient.light import ambient_light, free_of_bodies
 from mr360uw.composite.ambient.solved_light import AmbientLight, ambient_at
-from mr360uw.composite.aovs import SUMS, AovFrame, Aovs
-from mr360uw.composite.lighting.arrival import LightSource
+from mr360uw.composite.aovs import AovFrame, Aovs
 from mr360uw.composite.lighting.blockers import Blockers
+from mr360uw.composite.lighting.lamps import light_sources
 from mr360uw.composite.lighting.shadow import pixel_footprint
-from mr360uw.composite.lighting.sources import light_sources
+from mr360uw.composite.lighting.sun import LightSource
 from mr360uw.composite.lighting.surfaces import surface_radiance, water_ahead
 from mr360uw.composite.over import empty_tile, hold_out
 from mr360uw.composite.raycast.geometry import Geometry, gather, object_rectangles
 from mr360uw.composite.raycast.pixel_samples import group_samples, trace_samples
 from mr360uw.composite.receiver.ratio import receiver_ratio
-from mr360uw.composite.receiver.shape import ReceiverShape, coarse_grid, receiver_rectangles, touched_cells
-from mr360uw.composite.sampling import NO_GAPS, WHOLE_PIXEL, Gaps, Pattern, find_gaps, join_gaps, pattern
+from mr360uw.composite.receiver.shape import ReceiverShape, coarse_grid, receiver_rectangles
+from mr360uw.composite.sampling import WHOLE_PIXEL, Gaps, find_gaps, join_gaps, pattern
 from mr360uw.composite.shot import Shot
 from mr360uw.composite.tiles import even_tiles, split
 from mr360uw.rays import RayScene
-from mr360uw.types import Floats, Layer, Rectangle, Tile
+from mr360uw.types import Layer, Rectangle, Tile
 
 _RAYS_AT_ONCE = 200_000
 """Rays traced in one batch. It bounds the memory: twice as many take twice as much."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Fragment:
-    """Contribution of one surface to n pixels.
-
-    pixel: (n,) indices. weight: (n,) fraction of the pixel's samples. values: radiance (n, 3) at the camera, and the
-    output variables where they are asked for.
-    """
-
-    pixel: NDArray[np.int64]
-    weight: Floats
-    alpha: Floats
-    distance_m: Floats
-    object: NDArray[np.int64]
-    values: dict[str, Floats]
 
 
 def render_layer(shot: Shot, cache: Cache | None = None) -> Layer:
@@ -67,14 +51,13 @@ def render_aovs(shot: Shot, cache: Cache | None = None) -> tuple[Layer, Aovs]:
 
 
 def _render(shot: Shot, frame: AovFrame | None, cache: Cache) -> Layer:
-    visible = tuple(o for o in shot.objects if o.visible)
-    geometry = gather(visible, shot.view.position)
+    geometry = gather(shot.visible, shot.view.position)
     shape = ReceiverShape(shot.receiver, shot.view.position) if shot.receiver is not None else None
     object_parts = object_rectangles(shot.view, shot.objects)
     receiver_parts: list[Rectangle] = []
     if shape is not None:
         grid = coarse_grid(shot, shape)
-        receiver_parts = receiver_rectangles(shot, grid, touched_cells(shot, grid))
+        receiver_parts = receiver_rectangles(shot, grid)
     tiles = even_tiles(object_parts + receiver_parts, shot.view.width, shot.view.height)
     if not tiles:
         return Layer(shot.view.height, shot.view.width, ())
@@ -125,6 +108,7 @@ def draw_objects(
     samples = pattern(shot.draw.samples)
     rows, columns = np.nonzero(where)
     step = max(_RAYS_AT_ONCE // samples.count, 1)
+    opaque = np.array([m.alpha_mode != "BLEND" for m in geometry.materials])
     for first in range(0, len(rows), step):
         j, i = rows[first : first + step], columns[first : first + step]
         x, y = i + tile.column, j + tile.row
@@ -132,60 +116,23 @@ def draw_objects(
         distance = np.full(len(i), np.inf)
         layers = trace_samples(shot, geometry, scene, samples, x, y)
         gaps.append(find_gaps(samples, y, x, layers[-1][0] >= 0))
-        for layer in layers:
+        for triangle, seen_m in layers:
             through = (1.0 - alpha).copy()
-            for fragment in light_up(shot, geometry, sources, light, samples, x, y, *layer, parts=frame is not None):
-                p = fragment.pixel
-                share = through[p] * fragment.weight * fragment.alpha
-                radiance[p] += share[:, None] * fragment.values["radiance"]
+            for p, weight, hits in group_samples(shot, geometry, samples, x, y, triangle, seen_m):
+                passed, veil = water_ahead(shot, hits.distance_m, hits.direction)
+                sent, parts = surface_radiance(shot, sources, hits, ambient_at(shot, light, hits))
+                cover = np.where(opaque[geometry.material[hits.triangle]], 1.0, hits.alpha)
+                share = through[p] * weight * cover
+                radiance[p] += share[:, None] * (passed * sent + veil)
                 if frame is not None:
-                    add_to_frame(frame, y[p], x[p], share, fragment)
+                    values: dict[str, Any] = {name: passed * part for name, part in parts.items()}
+                    values |= {"veil": veil, "transmittance": passed, "normal": hits.normal}
+                    values["position"] = hits.point + shot.view.position
+                    frame.add((y[p], x[p]), share, values, hits.object)
                 alpha[p] += share
-                np.minimum.at(distance, p, fragment.distance_m)
+                np.minimum.at(distance, p, hits.distance_m)
         tile.radiance[j, i], tile.alpha[j, i], tile.distance_m[j, i] = radiance, alpha, distance
     return join_gaps(gaps)
-
-
-def add_to_frame(
-    frame: AovFrame, rows: NDArray[np.int64], columns: NDArray[np.int64], share: Floats, fragment: Fragment
-) -> None:
-    """Add a surface's output variables, weighted by its share (n,) of the pixels."""
-    for name in SUMS:
-        frame.sums[name][rows, columns] += (share[:, None] * fragment.values[name]).astype(np.float32)
-    largest = share > frame.share[rows, columns]
-    frame.share[rows[largest], columns[largest]] = share[largest]
-    frame.object_id[rows[largest], columns[largest]] = fragment.object[largest] + 1
-
-
-def light_up(
-    shot: Shot,
-    geometry: Geometry,
-    sources: Sequence[LightSource],
-    light: AmbientLight | None,
-    samples: Pattern,
-    x: NDArray[np.int64],
-    y: NDArray[np.int64],
-    triangle: NDArray[np.int64],
-    distance: Floats,
-    *,
-    parts: bool = False,
-) -> Iterator[Fragment]:
-    """Yield the shaded surfaces of one layer of samples, one fragment for each round of groups."""
-    for pixel, weight, hits in group_samples(shot, geometry, samples, x, y, triangle, distance):
-        through, veil = water_ahead(shot, hits.distance_m, hits.direction)
-        opaque = np.array([m.alpha_mode != "BLEND" for m in geometry.materials])
-        alpha = np.where(opaque[geometry.material[hits.triangle]], 1.0, hits.alpha)
-        sent = surface_radiance(shot, sources, hits, ambient_at(shot, light, hits))
-        values: dict[str, Floats] = {"radiance": through * sent.total + veil}
-        if parts:
-            values |= {
-                "diffuse": through * sent.diffuse, "glossy": through * sent.glossy,
-                "sun": through * sent.of("sun"), "lamps": through * sent.of("lamps"),
-                "caustics": through * sent.caustics,
-                "emission": through * sent.emission, "veil": veil, "transmittance": through, "normal": hits.normal,
-                "position": hits.point + shot.view.position,
-            }  # fmt: skip
-        yield Fragment(pixel, weight, alpha, hits.distance_m, hits.object, values)
 
 
 # --- receivers -----------------------------------------------------------------------------------------------------
@@ -198,7 +145,7 @@ def draw_receiver(
     light: AmbientLight | None,
     tile: Tile,
     where: NDArray[np.bool_],
-    gaps: Gaps = NO_GAPS,
+    gaps: Gaps,
 ) -> None:
     """Write the receiver's ratio and veil into the marked pixels (h, w) of a tile.
 
@@ -227,7 +174,7 @@ def draw_receiver(
         plate = shown, calm, veil
     point = shot.view.points(direction, distance)
     free = free_of_bodies(shot, light, point, normal, Cache())
-    sides = pixel_footprint(shot.view, x, y, point, normal, area).sides
+    sides = pixel_footprint(shot.view, x, y, point, normal, area)
     ratio = receiver_ratio(shot, sources, free, point, normal, distance, plate, sides)
     changed = np.any(np.abs(ratio - 1.0) > 1e-4, axis=-1)
     tile.ratio[rows[changed], columns[changed]] = ratio[changed]

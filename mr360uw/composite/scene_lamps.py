@@ -69,7 +69,10 @@ def load_lamps(
     lamps = []
     for settings in all_settings:
         color = lamp_color(medium, settings.temperature_k) * np.asarray(settings.color)
-        candela = _lumen(settings) / cone_solid_angle(settings)
+        cos_core, cos_edge = cone_cosines(settings)
+        # the mean of the smooth step over the cosine, and so over solid angle, is 1/2
+        angle = 4.0 * np.pi if cos_edge <= -1.0 else 2.0 * np.pi * (1.0 - 0.5 * (cos_core + cos_edge))
+        candela = (_DEFAULT_LUMEN if settings.lumen is None else settings.lumen) / float(angle)
         attenuation = None if medium is None else lamp_attenuation(medium, settings.temperature_k)
         lamps.append(SceneLamp(settings, lamp_motion(settings), color * candela / white_cd_m2, attenuation))
     return tuple(lamps)
@@ -81,18 +84,3 @@ def cone_cosines(settings: LampSettings) -> tuple[float, float]:
     if half >= np.pi:
         return -1.0, -1.0
     return float(np.cos(half * (1.0 - _EDGE))), float(np.cos(half))
-
-
-def cone_solid_angle(settings: LampSettings) -> float:
-    """Return the solid angle [sr] of a lamp's light, weighted by its fall-off towards the edge of the cone.
-
-    The mean of the smooth step over the cosine, and so over solid angle, is 1/2.
-    """
-    cos_core, cos_edge = cone_cosines(settings)
-    if cos_edge <= -1.0:
-        return float(4.0 * np.pi)
-    return float(2.0 * np.pi * (1.0 - 0.5 * (cos_core + cos_edge)))
-
-
-def _lumen(settings: LampSettings) -> float:
-    return _DEFAULT_LUMEN if settings.lumen is None else settings.lumen

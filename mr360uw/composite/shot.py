@@ -113,6 +113,11 @@ class Shot(Parts):
     between: BetweenSamples | None = None
 
     @property
+    def visible(self) -> tuple[PlacedObject, ...]:
+        """The objects that the camera sees."""
+        return tuple(placed for placed in self.objects if placed.visible)
+
+    @property
     def casters(self) -> tuple[PlacedObject, ...]:
         """The objects that cast shadows."""
         return tuple(placed for placed in self.objects if placed.casts_shadow)

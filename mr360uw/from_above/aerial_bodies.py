@@ -26,7 +26,7 @@ from mr360uw.cache import Cache
 from mr360uw.caustics import CausticSettings, caustic_stack
 from mr360uw.composite.at_surface.image_reach import balls_around
 from mr360uw.composite.at_surface.settings import SurfaceSettings
-from mr360uw.composite.at_surface.surface_layer import with_surface
+from mr360uw.composite.at_surface.surface_layer import cut_at_surface
 from mr360uw.composite.at_surface.water_sides import WaterSides
 from mr360uw.composite.objects import SceneObject
 from mr360uw.composite.over import empty_tile
@@ -178,7 +178,7 @@ class AerialBodies:
         ratio, veil = np.ones(mirrored.shape, np.float32), mirrored.astype(np.float32)
         ratio[floor.mask] = ratio_on_floor(self.sea, stage, placed, floor)
         veil[floor.mask] += floor.veil
-        return _with_shadow(with_surface(sides, _ALL, direct, cache), ratio, veil)
+        return _with_shadow(cut_at_surface(sides, _ALL, direct, cache)[0], ratio, veil)
 
     def _shot(
         self, view: View, placed: tuple[PlacedObject, ...], light: Environment, table: MediumTable | None

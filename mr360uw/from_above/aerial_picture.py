@@ -9,8 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.composite.footing import on_the_floor
-from mr360uw.composite.objects import load_objects, on_the_sea
+from mr360uw.composite.objects import load_objects, on_the_floor, on_the_sea
 from mr360uw.composite.over import over
 from mr360uw.composite.shot import Receiver
 from mr360uw.constants import LUMINANCE_B, LUMINANCE_G, LUMINANCE_R, PI

@@ -2,8 +2,8 @@
 """The kernels of a plain composite (kernels.txt), compiled before the first frame by several processes at once.
 
 Each line names a module, a kernel in it and the types of its arguments, `float32:2C` an array of two axes in C order,
-`float32:2Cr` one that is not written; those that take longest to compile stand first. `python -m mr360uw.jit.ahead`
-compiles the lines that it reads and answers each with a line.
+`float32:2Cr` one that is not written, `(int64,float32:1C)` a tuple; those that take longest to compile stand first.
+`python -m mr360uw.jit.ahead` compiles the lines that it reads and answers each with a line.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import IO, Any, cast
 
 import numba
+from numba.core.types.containers import BaseTuple
 from numba.core.types.npytypes import Array
 
 from mr360uw.jit import versions
@@ -40,7 +41,7 @@ def compile_ahead(tell: Callable[[int, int | None], None]) -> None:
     complete = folder / f"complete-{stamp}.nbc"
     if complete.is_file():
         return
-    missing = [line for line in listed.splitlines() if not _is_there(line)]
+    missing = [line for line in listed.splitlines() if not size(*_read(line))]
     for done in _compiled(missing):
         tell(done, len(missing))
     keep_bytes(complete, b"")
@@ -74,10 +75,6 @@ def _compiled(lines: list[str]) -> Iterator[int]:
             worker.wait()
 
 
-def _is_there(line: str) -> bool:
-    return size(*_read(line)) > 0
-
-
 def size(kernel: Any, arguments: tuple[Any, ...]) -> int:
     """Return the bytes that a kernel takes for arguments of a type; 0 where it is not kept."""
     file = kernel._cache.file(arguments)
@@ -90,6 +87,8 @@ def entry(kernel: Any, arguments: tuple[Any, ...]) -> str:
 
 
 def _written(kind: Any) -> str:
+    if isinstance(kind, BaseTuple):
+        return f"({','.join(map(_written, kind.types))})"
     if isinstance(kind, Array):
         return f"{kind.dtype}:{kind.ndim}{kind.layout}{'' if kind.mutable else 'r'}"
     return str(kind)
@@ -102,6 +101,8 @@ def _read(line: str) -> tuple[Any, tuple[Any, ...]]:
 
 
 def _kind(text: str) -> Any:
+    if text.startswith("("):
+        return numba.types.Tuple([_kind(part) for part in text[1:-1].split(",")])
     dtype, colon, rest = text.partition(":")
     scalar = getattr(numba.types, dtype)
     if not colon:

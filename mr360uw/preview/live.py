@@ -19,11 +19,10 @@ from mr360uw.preview.drafts import coarse
 from mr360uw.progress import Progress
 from mr360uw.reading.cached_reads import CachedReads, stamp
 from mr360uw.render.backends import make_backend
-from mr360uw.render.background import Background
 from mr360uw.render.first_pass import ClipAnalysis, clip_analysis
 from mr360uw.render.frame import Frame, composite_frame
 from mr360uw.render.loaded import Loaded, Loader
-from mr360uw.render.plate_pattern import waves_of
+from mr360uw.render.plate_pattern import Background, waves_of
 from mr360uw.render.stages.match_stage import grade_in_frame, patch_frames
 from mr360uw.scene.model import Scene, at_scale
 from mr360uw.threads import one_blas_thread

@@ -15,9 +15,9 @@ from mr360uw.ibl import SunTrack
 from mr360uw.medium.settings import WaterSettings
 from mr360uw.output_gate import check_outputs
 from mr360uw.progress import Progress
+from mr360uw.render.check import sun_lines
 from mr360uw.render.first_pass import first_pass
 from mr360uw.render.plate_map import plate_map
-from mr360uw.render.sun_lines import sun_lines
 from mr360uw.render.surroundings import surroundings_over_time
 from mr360uw.scene.inputs import open_plate
 from mr360uw.scene.model import PlateSettings, Scene, files_of, load_scene
@@ -63,7 +63,7 @@ def analyse_video(
     with open_plate(scene) as video:
         over_time = surroundings_over_time(scene)
         smooth = scene.light.smooth and not video.is_still
-        analysis = first_pass(over_time(0.0), video, progress, sun=smooth, gain=False, keyed=over_time)
+        analysis = first_pass(over_time(0.0), video, progress, ["sun"] if smooth else [], keyed=over_time)
         track = analysis.sun if isinstance(analysis.sun, SunTrack) else None
         shown = np.unique(np.linspace(0, (video.frame_count or 1) - 1, _PICTURES).astype(int))
         snapshots, maps = [], []

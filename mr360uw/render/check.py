@@ -11,19 +11,21 @@ from tempfile import TemporaryDirectory
 from typing import TypeVar
 
 from mr360uw.composite import load_object
-from mr360uw.errors import Mr360uwError, SceneError, VideoError
+from mr360uw.errors import DamagedFrameError, Mr360uwError, SceneError, VideoError
+from mr360uw.ibl import SunTrack
+from mr360uw.ibl.sun.words import tracked_in_words
 from mr360uw.output_gate import check_outputs
 from mr360uw.render.backends import Backend, make_backend
 from mr360uw.render.first_pass import ClipAnalysis, first_pass
+from mr360uw.render.lights import LightReader
 from mr360uw.render.loaded import Loaded, load
 from mr360uw.render.mattes import Mattes, ReceiverClip
-from mr360uw.render.stages.match_stage import clip_grade
-from mr360uw.render.sun_lines import scene_sun_lines
+from mr360uw.render.stages.match_stage import clip_colour, clip_grade
 from mr360uw.render.surroundings import surroundings_over_time
 from mr360uw.scene.inputs import eyes_of_plate, open_plate, projection_notes
 from mr360uw.scene.keyed_water import TABLE_S, keyed_in_words, tables_on_the_way
 from mr360uw.scene.model import Scene, files_of
-from mr360uw.video import VideoReader, create_video
+from mr360uw.video import VideoFrame, VideoReader, create_video
 from mr360uw.video.write.delivery import resolved
 
 T = TypeVar("T")
@@ -98,7 +100,7 @@ def _check_other_clips(scene: Scene, video: VideoReader, frames: tuple[int, int 
     if (receiver := scene.receiver) is not None:
         found.of(lambda: ReceiverClip(receiver, *size, scene.plate.eye).check(stop))
     if scene.light.track is not None:
-        found.of(lambda: first_pass(surroundings_over_time(scene)(0.0), video, gain=False))
+        found.of(lambda: first_pass(surroundings_over_time(scene)(0.0), video, measures=["sun"]))
 
 
 def _output(scene: Scene, video: VideoReader, out: Path | None, where: str) -> tuple[str, tuple[str, ...]]:
@@ -155,3 +157,26 @@ def _explained(video: VideoReader, loaded: Loaded, notes: tuple[str, ...], backe
     lines += scene_sun_lines(loaded, video, ClipAnalysis(grade=grade))
     lines += [f"look      {line}" for line in (() if grade is None else grade.found)]
     return "\n".join([*lines, "stages", str(loaded.plan)])
+
+
+def scene_sun_lines(loaded: Loaded, video: VideoReader, analysis: ClipAnalysis, index: int = 0) -> list[str]:
+    """Return the lines on a scene's sun in a frame of its plate; none where the scene says itself where it is, nothing
+    is lit by it, or the frame cannot be decoded.
+    """
+    if not loaded.plan.sun.runs or loaded.scene.light.sun != "detect":
+        return []
+    try:
+        frame = next(iter(video.frames(index, index + 1)))
+    except DamagedFrameError:
+        return []
+    light = loaded.at(frame.time_s).surroundings.light
+    return sun_lines(light, frame.graded_by(clip_colour(loaded, analysis.grade)), analysis)
+
+
+def sun_lines(light: LightReader, frame: VideoFrame, analysis: ClipAnalysis) -> list[str]:
+    """Return a line on the sun in a frame, and one on that of the clip's track there, if the clip was measured."""
+    place = f"frame {frame.index}" if frame.index else "first frame"
+    lines = [f"light     {place}: {light.sun_found(frame.pixels, frame.time_s).words}"]
+    if isinstance(analysis.sun, SunTrack):
+        lines.append(f"light     clip: {tracked_in_words(analysis.sun.at(frame.index - analysis.first))}")
+    return lines

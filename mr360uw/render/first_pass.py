@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
@@ -23,12 +23,10 @@ from mr360uw.medium.fit.level import DOUBTFUL, fit_level
 from mr360uw.medium.fit.open_water import OpenWater
 from mr360uw.medium.fit.open_water_track import OpenWaterLooks, OpenWaterTrack
 from mr360uw.progress import Progress
-from mr360uw.render.background import FRAMES, Background, BackgroundSeries
-from mr360uw.render.camera import CameraPath
 from mr360uw.render.lights import may_be_clipped, restored
 from mr360uw.render.loaded import Loaded
 from mr360uw.render.plate_map import level_view, plate_map
-from mr360uw.render.plate_pattern import background_series
+from mr360uw.render.plate_pattern import FRAMES, Background, BackgroundSeries, background_series
 from mr360uw.render.stages.match_stage import clip_colour, clip_grade
 from mr360uw.render.surroundings import Surroundings
 from mr360uw.threads import one_blas_thread, prefetch
@@ -99,13 +97,14 @@ def clip_analysis(
 ) -> ClipAnalysis:
     """Return what the plan of a scene asks to be measured over its clip, or over frames [a, b); see `first_pass`."""
     plan, background = loaded.plan, None if video.is_still else background_series(loaded)
-    wanted = {"sun": plan.track_sun.runs, "gain": plan.track_gain.runs}
-    wanted["open_water"] = wanted["gain"] and loaded.scene.water.fits_ratio
+    gain = plan.track_gain.runs
+    wanted = {"sun": plan.track_sun.runs, "gain": gain, "open_water": gain and loaded.scene.water.fits_ratio}
+    measures = [name for name, runs in wanted.items() if runs]
     keyed = loaded.surroundings_at if loaded.scene.keys else None
     grade = clip_grade(loaded, video)
     colour = clip_colour(loaded, grade)
     analysis = first_pass(
-        loaded.surroundings, video, progress, background=background, frames=frames, keyed=keyed, grade=colour, **wanted
+        loaded.surroundings, video, progress, measures, background=background, frames=frames, keyed=keyed, grade=colour
     )
     return replace(analysis, grade=grade)
 
@@ -114,10 +113,8 @@ def first_pass(
     surroundings: Surroundings,
     video: VideoReader,
     progress: Progress | None = None,
+    measures: Collection[str] = ("sun", "gain"),
     *,
-    sun: bool = True,
-    gain: bool = True,
-    open_water: bool = False,
     background: BackgroundSeries | None = None,
     frames: tuple[int, int] | None = None,
     keyed: Callable[[float], Surroundings] | None = None,
@@ -125,23 +122,25 @@ def first_pass(
 ) -> ClipAnalysis:
     """Return the analysis of a clip, or of its frames [a, b).
 
-    sun, gain: whether each is measured; open_water: whether it is, beside a gain. background: collects the ground
-    without caustics. frames: are read with a margin on either side (`measured_range`), which ends at a frame that
-    cannot be decoded; default: the whole clip. keyed: the surroundings at a time [s], where the scene has keys. grade:
-    that the plate's light is read without.
+    measures: of "sun", "gain" and, beside a gain, "open_water". background: collects the ground without caustics.
+    frames: are read with a margin on either side (`measured_range`), which ends at a frame that cannot be decoded;
+    default: the whole clip. keyed: the surroundings at a time [s], where the scene has keys. grade: that the plate's
+    light is read without.
 
     The sun is the scene's stored track or measured; the gain is fitted in the same pass. With nothing to measure there
     is no pass. Raises `SceneError` if the stored track belongs to another clip, `VideoError`.
     """
     stored = surroundings.settings.track
-    track = _stored_track(stored, video) if sun and stored is not None else None
-    wanted = _Measured(sun and track is None, gain and surroundings.medium is not None, open_water, background, grade)
-    if not (wanted.sun or wanted.gain or background is not None):
+    track = _stored_track(stored, video) if "sun" in measures and stored is not None else None
+    wanted = set(measures) - ({"sun"} if track is not None else set())
+    wanted -= {"gain", "open_water"} if surroundings.medium is None else set()
+    if not wanted and background is None:
         return ClipAnalysis(track)
+    measured = _Pass(surroundings, video, wanted, background, keyed, grade)
     begin, end = (0, video.frame_count) if frames is None else measured_range(video, *frames)
     while True:
         try:
-            analysis = _measured(surroundings, video, progress, wanted, begin, end, keyed)
+            analysis = measured.over(begin, end, progress)
         except DamagedFrameError as error:
             if frames is None or frames[0] <= error.index < frames[1]:
                 raise
@@ -150,65 +149,51 @@ def first_pass(
         return analysis if track is None else replace(analysis, sun=track.since(begin))
 
 
-@dataclass(frozen=True, slots=True)
-class _Measured:
-    """What a pass measures, and the grade of the plate that it is measured without."""
+class _Pass:
+    """A pass over a clip, and what it measures in single frames; see `first_pass`."""
 
-    sun: bool
-    gain: bool
-    open_water: bool
-    background: BackgroundSeries | None
-    grade: Grade | None
-
-
-def _measured(
-    surroundings: Surroundings,
-    video: VideoReader,
-    progress: Progress | None,
-    wanted: _Measured,
-    begin: int,
-    end: int | None,
-    keyed: Callable[[float], Surroundings] | None,
-) -> ClipAnalysis:
-    """Return the analysis of frames [begin, end)."""
-    camera, background = surroundings.camera, wanted.background
-    if not (wanted.sun or wanted.gain) and end is not None:
-        end = min(end, begin + FRAMES)
-    if background is not None:
-        background.clear()
-    of_frame = _OfFrame(camera, (lambda _: surroundings) if keyed is None else keyed, wanted.gain)
-    suns = SunSeries(of_frame.sun, float(video.frame_rate))
-    gains = GainSeries(of_frame.gain, float(video.frame_rate))
-    looks = OpenWaterLooks(float(video.frame_rate))
-    with one_blas_thread():
-        for frame in prefetch(one.graded_by(wanted.grade) for one in video.frames(begin, end)):
-            if wanted.gain:
-                gains.add(frame, frame.index)
-                if wanted.open_water and looks.due(frame.index):
-                    looks.add(frame.index, of_frame.open_water(frame))
-            if wanted.sun:
-                suns.add(frame, frame.index, frame.time_s)
-            if background is not None:
-                background.add(frame)
-            if progress is not None:
-                progress(frame.index + 1 - begin, None if end is None else end - begin)
-    steady = gains.steady() if wanted.gain else None
-    return ClipAnalysis(
-        track_suns(suns.every(), camera=camera.rotation_known) if wanted.sun else None,
-        steady,
-        background.result() if background is not None else None,
-        tuple(filter(None, [_doubt(gains.residuals)])) if wanted.gain else (),
-        begin,
-        open_water=None if steady is None else looks.track(steady, begin, gains.cuts()),
-    )
-
-
-class _OfFrame:
-    """What is measured in single frames. now: the surroundings at a time [s]. fitted: whether the water's gain is."""
-
-    def __init__(self, camera: CameraPath, now: Callable[[float], Surroundings], fitted: bool) -> None:
-        self._camera, self._now, self._fitted = camera, now, fitted
+    def __init__(
+        self,
+        surroundings: Surroundings,
+        video: VideoReader,
+        measures: Collection[str],
+        background: BackgroundSeries | None,
+        keyed: Callable[[float], Surroundings] | None,
+        grade: Grade | None,
+    ) -> None:
+        self._camera, self._now = surroundings.camera, keyed or (lambda _: surroundings)
+        self._video, self._measures, self._background, self._grade = video, measures, background, grade
         self._level = lru_cache(maxsize=1)(self._fit)
+
+    def over(self, begin: int, end: int | None, progress: Progress | None) -> ClipAnalysis:
+        """Return the analysis of frames [begin, end)."""
+        background, rate, measures = self._background, float(self._video.frame_rate), self._measures
+        if not measures and end is not None:
+            end = min(end, begin + FRAMES)
+        if background is not None:
+            background.clear()
+        suns, gains, looks = SunSeries(self.sun, rate), GainSeries(self.gain, rate), OpenWaterLooks(rate)
+        with one_blas_thread():
+            for frame in prefetch(one.graded_by(self._grade) for one in self._video.frames(begin, end)):
+                if "gain" in measures:
+                    gains.add(frame, frame.index)
+                    if "open_water" in measures and looks.due(frame.index):
+                        looks.add(frame.index, self.open_water(frame))
+                if "sun" in measures:
+                    suns.add(frame, frame.index, frame.time_s)
+                if background is not None:
+                    background.add(frame)
+                if progress is not None:
+                    progress(frame.index + 1 - begin, None if end is None else end - begin)
+        steady = gains.steady() if "gain" in measures else None
+        return ClipAnalysis(
+            track_suns(suns.every(), camera=self._camera.rotation_known) if "sun" in measures else None,
+            steady,
+            background.result() if background is not None else None,
+            tuple(filter(None, [_doubt(gains.residuals)])) if "gain" in measures else (),
+            begin,
+            open_water=None if steady is None else looks.track(steady, begin, gains.cuts()),
+        )
 
     def gain(self, frame: VideoFrame) -> MeasuredGain:
         """Return the gain of a frame's water, which there is."""
@@ -228,7 +213,7 @@ class _OfFrame:
         if now.medium is not None and may_be_clipped(frame.pixels, now.settings):
             medium, known = now.medium_at(frame.time_s), True  # whose tables the frames are drawn with
             assert medium is not None
-            if self._fitted:
+            if "gain" in self._measures:
                 level = self._level(frame)
                 medium, known = medium.scaled(level.gain), level.residual < DOUBTFUL
             if known:

@@ -7,29 +7,78 @@ each of the three runs on a thread of its own, one frame ahead of the next stage
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, fields, is_dataclass, replace
+from typing import TYPE_CHECKING, TypeVar
+
+import numpy as np
 
 from mr360uw.cache import Cache
 from mr360uw.composite.aovs import Aovs
 from mr360uw.composite.over import mean_layer, over_tile
 from mr360uw.composite.receiver.pattern import PlatePattern
 from mr360uw.composite.shot import Shot
+from mr360uw.errors import RenderError
 from mr360uw.render.backends import Backend
-from mr360uw.render.finite import finite, not_finite, refuse
 from mr360uw.render.first_pass import ClipAnalysis
 from mr360uw.render.loaded import Loaded
 from mr360uw.render.plate_light import FrameLight, exposed_water, plate_light
-from mr360uw.render.plate_pattern import plate_pattern
-from mr360uw.render.shots import instants, seen_by, shafts_of, shot_at, with_caustics, with_snow
-from mr360uw.render.stages.eye_stage import Eye, background_of, eyes_of
+from mr360uw.render.plate_pattern import Background, plate_pattern
+from mr360uw.render.shots import (
+    Eye,
+    eyes_of,
+    instants,
+    seen_by,
+    shafts_of,
+    shot_at,
+    with_caustics,
+    with_snow,
+    with_surface,
+)
 from mr360uw.render.stages.match_stage import asked_grade, ungraded, with_grade
-from mr360uw.render.stages.surface_stage import with_surface
 from mr360uw.types import CausticStack, Layer, MediumTable
 from mr360uw.video import VideoFrame
 
 if TYPE_CHECKING:
     from mr360uw.composite.shafts.shaft_light import ShaftLight
+
+
+T = TypeVar("T")
+
+
+def finite(stage: str, index: int, result: T) -> T:
+    """Return a stage's result; raise `RenderError` if `not_finite` finds anything in it."""
+    refuse(stage, index, not_finite(result))
+    return result
+
+
+def refuse(stage: str, index: int, found: str) -> None:
+    """Raise `RenderError` for the result of a frame in which `not_finite` found something."""
+    if found:
+        raise RenderError(
+            f"frame {index} - the {stage} has numbers that are not finite (got {found}) - please report it with the "
+            "scene file"
+        )
+
+
+def not_finite(result: object) -> str:
+    """Return where an array of floats in a result has a NaN or an infinity; "" where none has. Distances may.
+
+    result: a dataclass or a tuple, which may hold others. Sums are tested first: 13 ms for a layer that covers all of
+    3840 x 1920.
+    """
+    if isinstance(result, tuple):
+        return next(filter(None, map(not_finite, result)), "")
+    for field in fields(result) if is_dataclass(result) else ():
+        values = getattr(result, field.name)
+        if (is_dataclass(values) or isinstance(values, tuple)) and (inner := not_finite(values)):
+            return inner
+        if not isinstance(values, np.ndarray) or values.dtype.kind != "f" or field.name == "distance_m":
+            continue
+        with np.errstate(all="ignore"):
+            total = values.sum()
+        if not np.isfinite(total) and not np.all(np.isfinite(values)):
+            return f"{np.sum(~np.isfinite(values))} of {values.size} in {field.name}"
+    return ""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -66,13 +115,8 @@ class MeasuredPlate:
     patterns: tuple[PlatePattern | None, ...]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Drawn:
-    """What an eye sees of one instant: the shot, its layer and, if asked for, the layer's output variables."""
-
-    shot: Shot
-    layer: Layer
-    variables: Aovs | None
+Drawn = tuple[Shot, Layer, Aovs | None]
+"""What an eye sees of one instant: the shot, its layer and, if asked for, the layer's output variables."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -118,8 +162,13 @@ def measure_plate(
         return MeasuredPlate(now, filed, eyes, light, tuple(None for _ in eyes))
     if light is None:
         light = finite("light", plate.index, plate_light(now, analysis, plate, cache))
-    patterns = tuple(plate_pattern(now, background_of(analysis.background, eye), eye.plate, cache) for eye in eyes)
-    return MeasuredPlate(now, filed, eyes, light, patterns)
+    patterns = []
+    for eye in eyes:
+        background = analysis.background
+        if background is not None and eye.eye_m:  # the mean is of the left eye's pictures
+            background = Background(None, background.strength)
+        patterns.append(plate_pattern(now, background, eye.plate, cache))
+    return MeasuredPlate(now, filed, eyes, light, tuple(patterns))
 
 
 def draw_frame(
@@ -149,7 +198,7 @@ def draw_frame(
             refuse("layer", index, cache.of(not_finite, layer))
             layer, found = with_surface(then, backend, shot, layer, found, instant_s, cache)
             layer = with_snow(then, backend, shot, layer, instant_s, exposure_s, cache)
-            drawn.append(Drawn(shot, layer, found))
+            drawn.append((shot, layer, found))
     return DrawnFrame(measured, water, tuple(map(tuple, by_eye)))
 
 
@@ -157,17 +206,20 @@ def blend_frame(loaded: Loaded, analysis: ClipAnalysis, drawn: DrawnFrame, cache
     """Return the composite of what was drawn and the plate, on any thread, beside the next frame."""
     measured, frames = drawn.measured, []
     for eye, instants_drawn in zip(measured.eyes, drawn.by_eye, strict=True):
-        layers = [one.layer for one in instants_drawn]
+        layers = [layer for _, layer, _ in instants_drawn]
         layer = mean_layer(layers) if layers else Layer(loaded.height, loaded.width, ())
         look = asked_grade(measured.now, analysis.grade, measured.filed, layer, cache)  # of the left eye for both
         layer = cache.of(with_grade, layer, look, eye.plate)
         picture = cache.of(lay_over, eye.plate, layer, measured.now.scene.draw.grain)
         frame = Frame(picture, eye.plate, layer, measured.light, drawn.water)
         if instants_drawn:
-            last = instants_drawn[-1]
-            frame = replace(frame, caustics=last.shot.caustics, variables=last.variables)
+            shot, _, variables = instants_drawn[-1]
+            frame = replace(frame, caustics=shot.caustics, variables=variables)
         frames.append(frame)
-    return frames[0] if len(frames) == 1 else both_eyes(*frames)
+    if len(frames) == 1:
+        return frames[0]
+    left, right = frames
+    return replace(left, picture=replace(left.picture, right=right.picture), right=right)
 
 
 def draw_layer(
@@ -185,8 +237,3 @@ def draw_layer(
 def lay_over(plate: VideoFrame, layer: Layer, grain: float) -> VideoFrame:
     """Return a plate with a layer over it. grain: of the plate, as a fraction, that bodies are given."""
     return finite("composite", plate.index, plate.over(layer, over_tile, grain))
-
-
-def both_eyes(left: Frame, right: Frame) -> Frame:
-    """Return the frame of the left eye with that of the right one."""
-    return replace(left, picture=replace(left.picture, right=right.picture), right=right)

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A scene resolved for frames of one size: files loaded, water solved, plan made, once before all frames.
+"""A scene resolved for frames of one size: files loaded, water solved, plan made, objects' places checked, once before
+all frames.
 
 A scene that is changed and loaded again by the same `Loader` shares all that the change leaves as it was. So does a
 scene with keys, from one instant to the next.
@@ -9,33 +10,32 @@ from __future__ import annotations
 
 import functools
 import threading
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeVar
 
-from mr360uw.composite import SceneObject, load_objects
-from mr360uw.composite.footing import on_the_floor
-from mr360uw.composite.objects import on_the_sea
+import numpy as np
+
+from mr360uw.composite import PlacedObject, SceneObject, load_objects
+from mr360uw.composite.objects import on_the_floor, on_the_sea
 from mr360uw.composite.scene_lamps import SceneLamp, load_lamps
 from mr360uw.composite.settings import ReceiverSettings
+from mr360uw.errors import SceneError
 from mr360uw.medium import Medium
 from mr360uw.reading.cached_reads import CachedReads
 from mr360uw.reading.input_files import files_read
 from mr360uw.render.camera import CameraPath
 from mr360uw.render.caustic_depths import CausticDepths
 from mr360uw.render.mattes import Mattes, ReceiverClip
-from mr360uw.render.placement import placement_notes
-from mr360uw.render.plan import Plan, joined_plan, make_plan
-from mr360uw.render.stages.eye_stage import check_eyes
-from mr360uw.render.stages.plan_stages import ObjectFacts
+from mr360uw.render.plan import ObjectFacts, Plan, joined_plan, make_plan
 from mr360uw.render.surroundings import Surroundings, load_surroundings
 from mr360uw.scene.key_problems import key_times
 from mr360uw.scene.key_settings import KeyedParameter
 from mr360uw.scene.keyed_water import WaterBetween, scene_at, water_between
 from mr360uw.scene.model import Scene
 from mr360uw.scene.toml_model import dotted
-from mr360uw.types import View
+from mr360uw.types import Floats, View
 from mr360uw.video.read.layout import Eye
 
 T = TypeVar("T")
@@ -163,7 +163,12 @@ class Loader:
         afloat = (on_the_sea(one, scene.sea, scene.camera.depth_m) for one in loaded)
         objects = tuple(on_the_floor(one, ground) for one in afloat)
         plan = self._plan(scene, objects, surroundings, keys) if whole is None else whole.plan
-        check_eyes(scene, at_surface=plan.surface.runs)
+        if scene.plate.eye == "both" and plan.surface.runs:
+            problem = (
+                "surface - bodies that the water's surface cuts or mirrors are drawn from one point, not for both eyes "
+                '(got plate.eye = "both") - place the objects deeper, or set surface.objects = "none"'
+            )
+            raise SceneError("scene", [problem])
         return Loaded(
             scene=scene,
             width=width,
@@ -188,15 +193,19 @@ class Loader:
         surroundings: Surroundings,
         keys: tuple[KeyedParameter, ...],
     ) -> Plan:
+        medium, camera = surroundings.medium, surroundings.camera
         keyed = {tuple(dotted(key.parameter)[:2]) for key in keys}
         facts = tuple(
-            _facts(placed, surroundings.camera, keyed=("object", str(number)) in keyed)
+            ObjectFacts(
+                camera.depth_m - placed.highest_m(camera.highest_m),
+                any(mesh.glossy for mesh in placed.meshes),
+                ("object", str(number)) in keyed or placed.moves,
+            )
             for number, placed in enumerate(objects)
         )
-        medium = surroundings.medium
         if medium is None:
             return make_plan(scene, facts, None, clip=self._clip)
-        shallowest_m = surroundings.camera.depth_m - surroundings.camera.highest_m
+        shallowest_m = camera.depth_m - camera.highest_m
         share = functools.partial(_beam_share, medium, shallowest_m)
         return make_plan(scene, facts, medium.unit_table, share, clip=self._clip)
 
@@ -234,6 +243,62 @@ def _each_once(rows: Iterable[tuple[T, ...]]) -> tuple[T, ...]:
     return tuple(dict.fromkeys(one for row in rows for one in row))
 
 
-def _facts(placed: SceneObject, camera: CameraPath, *, keyed: bool) -> ObjectFacts:
-    depth_m = camera.depth_m - placed.highest_m(camera.highest_m)
-    return ObjectFacts(depth_m, any(mesh.glossy for mesh in placed.meshes), keyed or placed.moves)
+_INSTANTS = 64
+"""Most times at which an object is checked."""
+
+
+def placement_notes(scene: Scene, objects: tuple[SceneObject, ...], camera: CameraPath, height: int) -> tuple[str, ...]:
+    """Return a line for every object that is above the water, around the camera, or smaller than a pixel.
+
+    height: of the frame in pixels. Checked at the keys of the object and of the camera.
+    """
+    return tuple(
+        f"object[{number}] {placed.settings.mesh.name} - {note}"
+        for number, placed in enumerate(objects)
+        for note in _notes_on(scene, placed, camera, height)
+    )
+
+
+def _notes_on(scene: Scene, placed: SceneObject, camera: CameraPath, height: int) -> Iterator[str]:
+    times = _times(placed, camera)
+    poses = [camera.at(time) for time in times]
+    views = [placed.at(time, 0, *pose) for time, pose in zip(times, poses, strict=True)]
+    surface_m = scene.camera.depth_m
+    above = [view.to_world(view.mesh.hull.reshape(-1, 3))[:, 1].min() - surface_m for view in views]
+    if scene.water.type != "none" and min(above) > 0.0:
+        yield (
+            f"is wholly above the water's surface (got {min(above):.2f} m at the least) - lower its position_m, or set "
+            "camera.depth_m to the camera's true depth"
+        )
+    inside = [time for time, (eye, _), view in zip(times, poses, views, strict=True) if _is_in_bounds(eye, view)]
+    if inside and placed.settings.visible:
+        yield (
+            f"the camera is within its bounds (got time {inside[0]:.2f} s) - if that is not meant, move it by "
+            "position_m, or set its size_m or scale"
+        )
+    pixels = [_pixels(eye, view, height) for (eye, _), view in zip(poses, views, strict=True)]
+    if max(pixels) < 1.0 and placed.settings.visible:
+        yield f"is smaller than a pixel (got {max(pixels):.2g} at the most) - set its scale, or move it nearer"
+
+
+def _times(placed: SceneObject, camera: CameraPath) -> Floats:
+    """Return the times [s] at which the object or the camera has a key, thinned out where there are many, and some of
+    the clip that the object plays.
+    """
+    known = [np.zeros(1), placed.instants]
+    known += [] if camera.track is None else [camera.track.time_s]
+    known += [] if camera.depth_keys is None else [camera.depth_keys[:, 0]]
+    times = np.unique(np.concatenate(known))
+    return times[np.unique(np.linspace(0, len(times) - 1, _INSTANTS).round().astype(int))]
+
+
+def _is_in_bounds(eye: Floats, view: PlacedObject) -> bool:
+    """Return whether a point of the world is in an object's bounding box."""
+    local = np.linalg.solve(view.world_from_object, [*eye, 1.0])[:3]
+    return bool(np.all(np.abs(local - view.mesh.center_m) <= 0.5 * view.mesh.extent_m))
+
+
+def _pixels(eye: Floats, view: PlacedObject, height: int) -> float:
+    """Return the diameter of an object's bounding sphere in pixels."""
+    distance = float(np.linalg.norm(view.to_world(view.mesh.center_m) - eye))
+    return 2.0 * view.mesh.radius_m * view.scale / max(distance, 1e-9) * height / np.pi

@@ -115,13 +115,16 @@ class Mattes:
     """All holdouts of a scene, in step with the plate."""
 
     def __init__(self, holdouts: Sequence[HoldoutSettings], width: int, height: int, eye: Eye | None = None) -> None:
-        self._holdouts = [_Holdout(settings, width, height, eye) for settings in holdouts]
-        self._kept = Cache()
+        self._size, self._kept = (width, height), Cache()
+        self._clips = [
+            (one, GreyClip(one.path, width, height, depth=one.kind == "distance", both=eye == "both"))
+            for one in holdouts
+        ]
 
     def check(self, stop: int) -> None:
         """Raise `VideoError` where a matte ends before the plate's frame `stop`."""
-        for holdout in self._holdouts:
-            holdout.clip.check(stop)
+        for _, clip in self._clips:
+            clip.check(stop)
 
     def at(self, index: int, eye: int = 0) -> tuple[Floats | None, Floats | None]:
         """Return the mask (H, W) in [0, 1] and the distances (H, W) [m] of a frame, each None where there is none.
@@ -129,10 +132,11 @@ class Mattes:
         eye: 1 for the right one of two. Several masks combine to their maximum, several distances to their minimum: the
         same arrays while the pictures are unchanged.
         """
-        masks, nearest = (
-            [h.at(index, eye) for h in self._holdouts if h.settings.kind == kind] for kind in ("mask", "distance")
-        )
-        return self._kept.of(_largest, masks, keep=2), self._kept.of(_smallest, nearest, keep=2)
+        found: dict[str, list[Floats]] = {"mask": [], "distance": []}
+        for settings, clip in self._clips:
+            matte = self._kept.of(_matte_of, settings, self._size, clip.at(index, eye), keep=2 * len(self._clips))
+            found[settings.kind].append(matte)
+        return self._kept.of(_largest, found["mask"], keep=2), self._kept.of(_smallest, found["distance"], keep=2)
 
 
 def _largest(mattes: Sequence[Floats]) -> Floats | None:
@@ -143,26 +147,16 @@ def _smallest(mattes: Sequence[Floats]) -> Floats | None:
     return np.min(mattes, axis=0) if mattes else None
 
 
-class _Holdout:
-    def __init__(self, settings: HoldoutSettings, width: int, height: int, eye: Eye | None) -> None:
-        self.settings = settings
-        self.clip = GreyClip(settings.path, width, height, depth=settings.kind == "distance", both=eye == "both")
-        self._size = (width, height)
-        self._kept = Cache()
+def _matte_of(settings: HoldoutSettings, size: tuple[int, int], grey: Grey) -> Floats:
+    """Return the matte (H, W) of a holdout's picture, at a size (W, H): weights in [0, 1], or metres."""
+    import cv2
 
-    def at(self, index: int, eye: int) -> Floats:
-        """Return the matte (H, W) of an eye's frame: weights in [0, 1], or metres."""
-        return self._kept.of(self._matte_of, self.clip.at(index, eye), keep=2)
-
-    def _matte_of(self, grey: Grey) -> Floats:
-        import cv2
-
-        same = grey.values.shape == self._size[::-1]
-        if self.settings.kind == "distance":
-            metres = distances(grey, self.settings.range_m)
-            return metres if same else cv2.resize(metres, self._size, interpolation=cv2.INTER_NEAREST_EXACT)
-        weight = grey.values if same else cv2.resize(grey.values, self._size, interpolation=cv2.INTER_LINEAR)
-        return 1.0 - weight if self.settings.invert else weight
+    same = grey.values.shape == size[::-1]
+    if settings.kind == "distance":
+        metres = distances(grey, settings.range_m)
+        return metres if same else cv2.resize(metres, size, interpolation=cv2.INTER_NEAREST_EXACT)
+    weight = grey.values if same else cv2.resize(grey.values, size, interpolation=cv2.INTER_LINEAR)
+    return 1.0 - weight if settings.invert else weight
 
 
 class ReceiverClip:

@@ -8,25 +8,156 @@ of the size of caustics is smoothed, by the fraction of its variance that the sc
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mr360uw.cache import Cache
 from mr360uw.caustics import CausticSettings, caustic_stack
 from mr360uw.caustics.settings import Sea
-from mr360uw.color import luminance
+from mr360uw.color import LUMINANCE, luminance
 from mr360uw.composite.receiver.pattern import PlatePattern
 from mr360uw.composite.shot import Receiver
 from mr360uw.medium.lookup import ambient_ratio, beam_ratio, unscattered_share
 from mr360uw.medium.small_angles import spread_of
-from mr360uw.render.background import Background, BackgroundSeries
 from mr360uw.render.lights import direct_to_diffuse
 from mr360uw.render.loaded import Loaded
 from mr360uw.render.mattes import ReceiverClip
+from mr360uw.render.plate_map import small_picture
 from mr360uw.scene.keyed_water import without_gain
 from mr360uw.scene.model import Scene
-from mr360uw.types import BeamSpread, MediumTable
+from mr360uw.types import BeamSpread, Floats, MediumTable, Rectangle
 from mr360uw.video import VideoFrame
+
+FRAMES = 240
+"""Frames that the mean of a clip is taken over, from the first that is read on: ten seconds, many periods of waves."""
+_EVERY = 4
+"""Frames between those that are read: a sixth of a second, in which caustics move by their own width."""
+_LEAST_FRAMES = 8
+"""Frames below which a mean still shows the caustics themselves; if the camera moves in them, none is taken."""
+_MEASURED = 3
+"""Frames whose detail is measured: its variance is that of thousands of filaments in each."""
+_COLUMNS = 512
+_ROWS = 32
+_SHIFT = 2
+_GROUPS = 4
+"""Successive groups of frames; where the camera stands, the mean of each lies best on the mean of the others without a
+shift. By chance that happens once in 25^4. Means show a fainter ground under stronger caustics than single frames."""
+_DETAIL_ROWS = (0.6, 0.9)
+"""Part of the frame's height over which the detail of the ground is measured: 18 to 72 degrees below the horizon."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Background:
+    """The ground of a clip in the mean light of its waves.
+
+    mean: (H, W, 3) float16 of the plate, or None where the camera moves or there is one picture. strength: fraction of
+    the variance of the ground's detail that is caustics, for smoothing instead.
+    """
+
+    mean: Floats | None
+    strength: float
+
+
+class BackgroundSeries:
+    """Collects the first frames of a clip, or of a range.
+
+    height_m: of the camera above the ground. contrast: standard deviation over mean of the light on the ground that the
+    scene's sea makes.
+    """
+
+    def __init__(self, height_m: float, contrast: float) -> None:
+        self._height_m, self._contrast = height_m, contrast
+        self.clear()
+
+    def clear(self) -> None:
+        """Forget all frames; the next one is the first."""
+        self._first: int | None = None
+        self._sum: NDArray[np.float32] | None = None
+        self._held: list[VideoFrame] = []
+        self._small: list[Floats] = []
+        self._variance: list[float] = []
+
+    def add(self, frame: VideoFrame) -> None:
+        """Take a frame in, where it is one of those that count."""
+        if self._first is None:
+            self._first = frame.index
+        place = frame.index - self._first
+        if place >= FRAMES or place % _EVERY:
+            return
+        if len(self._variance) < _MEASURED:
+            self._variance.append(self._detail(frame))
+        if len(self._small) >= _LEAST_FRAMES and self._sum is None:
+            return  # the camera moves, and no mean is of use
+        self._small.append(_without_its_blur(frame))
+        self._held.append(replace(frame))  # without what was worked out from its codes
+        if len(self._small) == _LEAST_FRAMES and stands(self._small):
+            self._sum = np.zeros((*frame.shape, 3), np.float32)
+        if self._sum is not None:
+            for held in self._held:
+                _add_light(held, self._sum)
+        if len(self._small) >= _LEAST_FRAMES:
+            self._held = []
+
+    def result(self) -> Background:
+        """Return what the frames show; without any, that nothing is caustics."""
+        if not self._variance:
+            return Background(None, 0.0)
+        strength = min(1.0, self._contrast**2 / max(float(np.mean(self._variance)), 1e-9))
+        if self._sum is None or not stands(self._small):
+            return Background(None, strength)
+        return Background((self._sum / np.float32(len(self._small))).astype(np.float16), strength)
+
+    def _detail(self, frame: VideoFrame) -> float:
+        """Return the variance of the ground's detail over its smooth light."""
+        import cv2
+
+        height, width = frame.shape
+        first, last = (int(part * height) for part in _DETAIL_ROWS)
+        light = PlatePattern(frame, None, self._height_m, 1.0).light(Rectangle(0, first, width, last - first))
+        shown, background = (cv2.transform(one, LUMINANCE[None]) for one in light)
+        return float(np.var(shown / np.maximum(background, 1e-3), dtype=np.float64))
+
+
+def _without_its_blur(frame: VideoFrame) -> Floats:
+    """Return the luminance (h, w) of a small picture of a frame below the horizon, less its own blur."""
+    import cv2
+
+    size = (_COLUMNS, _COLUMNS // 2)
+    small = cv2.resize(small_picture(frame.pixels), size, interpolation=cv2.INTER_AREA)
+    below = luminance(small[_COLUMNS // 4 :]).astype(np.float32)
+    return np.asarray(below - cv2.GaussianBlur(below, (0, 0), 4.0))
+
+
+def _add_light(frame: VideoFrame, total: NDArray[np.float32]) -> None:
+    """Add the linear light of a frame to a sum (H, W, 3), some rows at a time, which stay in the processor's cache."""
+    height, width = frame.shape
+    for row in range(0, height, _ROWS):
+        part = Rectangle(0, row, width, min(_ROWS, height - row))
+        total[row : row + part.height] += frame.linear(part)
+
+
+def stands(pictures: list[Floats]) -> bool:
+    """Return whether small pictures (h, w), less their own blur, show one scene from one place.
+
+    The mean of each group of them is laid over the mean of the others at shifts of up to two pixels; where it fits best
+    without one, nothing has moved.
+    """
+    groups = [
+        np.sum(pictures[k * len(pictures) // _GROUPS : (k + 1) * len(pictures) // _GROUPS], axis=0)
+        for k in range(_GROUPS)
+    ]
+    total = np.sum(groups, axis=0)
+    shifts = [(j, i) for j in range(-_SHIFT, _SHIFT + 1) for i in range(-_SHIFT, _SHIFT + 1)]
+    inside = slice(_SHIFT, -_SHIFT)
+    for group in groups:
+        others = total - group
+        fits = [float(np.vdot(np.roll(group, shift, (0, 1))[inside], others[inside])) for shift in shifts]
+        if shifts[int(np.argmax(fits))] != (0, 0):
+            return False
+    return True
+
 
 _TYPICAL_HEIGHT_M = 2.0
 """Height of the camera above ground that a distance map gives."""
@@ -36,14 +167,11 @@ _TYPICAL_SUN = (0.5, math.sqrt(0.75), 0.0)
 larger by 5 to 25 % between 4 and 8 m of depth."""
 
 
-def background_series(loaded: Loaded, cache: Cache | None = None) -> BackgroundSeries | None:
-    """Return what collects a clip's ground without caustics; None where the plan leaves its caustics alone.
-
-    cache: keeps the contrast of the scene's own caustics, which is the same for all frames.
-    """
+def background_series(loaded: Loaded) -> BackgroundSeries | None:
+    """Return what collects a clip's ground without caustics; None where the plan leaves its caustics alone."""
     if not loaded.plan.pattern.runs or loaded.receiver is None:
         return None
-    return BackgroundSeries(*_on_ground(loaded, loaded.receiver, Cache() if cache is None else cache))
+    return BackgroundSeries(*_on_ground(loaded, loaded.receiver, Cache()))
 
 
 def _on_ground(loaded: Loaded, receiver: ReceiverClip, cache: Cache) -> tuple[float, float]:
@@ -65,7 +193,8 @@ def plate_pattern(
 ) -> PlatePattern | None:
     """Return the pattern of a plate's frame on the receiver; None where the plan has none.
 
-    background: of the clip; None finds it in this frame alone. cache: see `background_series`.
+    background: of the clip; None finds it in this frame alone. cache: keeps the contrast of the scene's own caustics,
+    which is the same for all frames.
     """
     if not loaded.plan.pattern.runs or loaded.receiver is None:
         return None

@@ -1,9 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Shot of one instant: view, placed objects, lights, medium, receiver, mattes and caustics; snow over its layer."""
+"""Shot of one instant and eye: view, objects, lights, medium, receiver, mattes, caustics; and surface and snow over it.
+
+What both eyes of a stereo plate see is found once: light, sun, gain and water in the left eye's picture, so that no
+difference between the pictures makes their objects differ; caustics, shadow maps and ambient light do not depend on
+the view. The plate's own caustics are smoothed in each eye's picture alike: a clip's mean is kept of the left eye
+alone.
+"""
 
 from __future__ import annotations
 
-import dataclasses
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,17 +18,23 @@ from mr360uw.cache import Cache
 from mr360uw.caustics import refract_to_air
 from mr360uw.caustics.settings import CausticSettings
 from mr360uw.composite import Shot
+from mr360uw.composite.aovs import Aovs
+from mr360uw.composite.at_surface.surface_layer import object_presence
 from mr360uw.composite.lighting.lamps import lamps_of
 from mr360uw.composite.lighting.sun import sun_of
 from mr360uw.composite.receiver.pattern import PlatePattern
 from mr360uw.composite.settings import DrawSettings
+from mr360uw.constants import JUST_BELOW_M
+from mr360uw.errors import ParameterError
 from mr360uw.ibl.lighting import turned
+from mr360uw.medium import Medium
 from mr360uw.medium.small_angles import spread_of
 from mr360uw.render.backends import Backend
 from mr360uw.render.loaded import Loaded
 from mr360uw.render.plate_light import FrameLight
-from mr360uw.render.stages.eye_stage import Eye
+from mr360uw.scene.model import Scene
 from mr360uw.types import CausticStack, Floats, Layer, Light, MediumTable, Sun, View
+from mr360uw.video import VideoFrame
 
 if TYPE_CHECKING:
     from mr360uw.composite.shafts.shaft_light import ShaftLight
@@ -33,6 +45,34 @@ _DEEPER = 3.0
 """How far below the camera waves are followed for the whole plate, in lengths over which daylight falls to 1/e."""
 _NOT_OF_LAYERS = {name: DrawSettings.model_fields[name].default for name in ("grain", "motion_samples", "shutter")}
 """Settings of drawing that the layer of one instant does not depend on."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Eye:
+    """One eye of a frame.
+
+    plate: what it shows. eye_m: distance to the right of the middle [m]. number: 1 for the right eye of two, else 0.
+    """
+
+    plate: VideoFrame
+    eye_m: float = 0.0
+    number: int = 0
+
+
+def eyes_of(scene: Scene, plate: VideoFrame) -> tuple[Eye, ...]:
+    """Return the eyes of a plate's frame: itself, or left and right where the scene works on both.
+
+    Raises `ParameterError` where the scene works on both and the frame is one panorama.
+    """
+    if scene.plate.eye != "both":
+        return (Eye(plate),)
+    if plate.right is None:
+        raise ParameterError(
+            'plate.eye - is "both", but the frame has one eye - take frames that open_video(..., eye="both") reads, or '
+            "leave out plate.eye"
+        )
+    half_m = 0.5 * scene.camera.ipd_m
+    return Eye(plate, -half_m, 0), Eye(plate.right, half_m, 1)
 
 
 def instants(loaded: Loaded, now: Loaded, time_s: float, shutter_s: float) -> list[tuple[float, Loaded]]:
@@ -73,9 +113,9 @@ def shot_at(
 def seen_by(loaded: Loaded, shot: Shot, eye: Eye, pattern: PlatePattern | None, index: int) -> Shot:
     """Return a shot of frame `index` as one eye sees it, with the receiver and the mattes in its picture."""
     matte, matte_distance = loaded.mattes.at(index, eye.number)
-    return dataclasses.replace(
+    return replace(
         shot,
-        view=dataclasses.replace(shot.view, eye_m=eye.eye_m),
+        view=replace(shot.view, eye_m=eye.eye_m),
         receiver=loaded.receiver.at(index, eye.number) if loaded.receiver is not None else None,
         holdout=matte,
         holdout_distance_m=matte_distance,
@@ -93,7 +133,7 @@ def with_caustics(loaded: Loaded, backend: Backend, shot: Shot, time_s: float, c
         return shot
     depths = loaded.caustic_depths
     planes, settings = depths.planes(shot), depths.settings
-    return dataclasses.replace(shot, caustics=_caustics(loaded, backend, settings, sun_in_air, planes, time_s, cache))
+    return replace(shot, caustics=_caustics(loaded, backend, settings, sun_in_air, planes, time_s, cache))
 
 
 def shafts_of(loaded: Loaded, backend: Backend, shot: Shot, time_s: float, cache: Cache) -> ShaftLight | None:
@@ -107,8 +147,7 @@ def shafts_of(loaded: Loaded, backend: Backend, shot: Shot, time_s: float, cache
     medium = loaded.surroundings.medium_at(time_s)
     if medium is None:
         return None
-    from mr360uw.composite.shafts.code_change import bodies_show, waves_show
-    from mr360uw.composite.shafts.shaft_light import ShaftLight
+    from mr360uw.composite.shafts.shaft_light import ShaftLight, bodies_show, waves_show
 
     still = ShaftLight(settings, medium)
     sun_in_air, depths = _caustic_sun(loaded, shot), loaded.caustic_depths
@@ -167,4 +206,41 @@ def with_snow(
 def _view_at(loaded: Loaded, view: View, time_s: float) -> View:
     """Return the camera's view at another time, within the same frame."""
     position, rotation = loaded.surroundings.camera.at(time_s)
-    return dataclasses.replace(view, position=np.asarray(position), world_from_camera=np.asarray(rotation))
+    return replace(view, position=np.asarray(position), world_from_camera=np.asarray(rotation))
+
+
+def with_surface(
+    loaded: Loaded, backend: Backend, shot: Shot, layer: Layer, variables: Aovs | None, time_s: float, cache: Cache
+) -> tuple[Layer, Aovs | None]:
+    """Return the layer of a shot and its variables with the moving surface; as they are where the plan has none.
+
+    Images of bodies in the surface are in the layer alone, the cut through bodies is in both. cache: holds layers of
+    the same backend; a layer stands for all that its shot depends on.
+    """
+    settings = loaded.scene.surface
+    if not loaded.plan.surface.runs or shot.medium is None or shot.view.depth_of(np.zeros(3)) <= 0.0:
+        return layer, variables
+    if not np.any(object_presence(shot, settings) > 0.0):
+        return layer, variables
+    sea, at_surface = loaded.scene.sea, _table_at_surface(loaded, shot.medium, time_s, cache)
+    if at_surface is None:
+        return layer, variables
+    from mr360uw.composite.at_surface.surface_layer import with_bodies
+
+    layer, before = cache.of(with_bodies, shot, sea, time_s, at_surface, settings, layer, backend.cache)
+    return layer, variables if variables is None or before is None else variables.cut(before)
+
+
+def _table_at_surface(loaded: Loaded, table: MediumTable, time_s: float, cache: Cache) -> MediumTable | None:
+    """Return the table of a frame's water for rays that start at the surface; None without water."""
+    medium, still = loaded.surroundings.medium_at(time_s), loaded.surroundings.medium
+    if medium is None or still is None:
+        return None
+    from mr360uw.composite.at_surface.water_sides import table_at_surface
+
+    return cache.of(table_at_surface, table, medium.unit_table, cache.of(_unit_table_below_surface, still))
+
+
+def _unit_table_below_surface(medium: Medium) -> MediumTable:
+    """Return the table without gain of a water for rays from just below its surface."""
+    return medium.at_depth(JUST_BELOW_M).unit_table

@@ -19,9 +19,9 @@ from mr360uw.progress import Progress
 from mr360uw.reading.cached_reads import stamp
 from mr360uw.reading.disk_cache import cache_file, keep_arrays, read_arrays, write_arrays
 from mr360uw.reading.numbered_files import files_named
-from mr360uw.render.background import Background
 from mr360uw.render.first_pass import ClipAnalysis, clip_analysis
 from mr360uw.render.loaded import Loaded
+from mr360uw.render.plate_pattern import Background
 from mr360uw.runs.fingerprint import WorkKeys
 from mr360uw.video import VideoReader
 from mr360uw.video.read.projection import projection_of

@@ -13,11 +13,11 @@ import pytest
 from mr360uw.cache import Cache
 from mr360uw.caustics.sea.gerstner import GerstnerSea
 from mr360uw.composite.at_surface import surface_layer
-from mr360uw.composite.at_surface.afloat import Afloat
 from mr360uw.composite.at_surface.settings import SurfaceSettings
-from mr360uw.composite.at_surface.surface_layer import with_bodies, with_surface
+from mr360uw.composite.at_surface.surface_layer import cut_at_surface, with_bodies
 from mr360uw.composite.at_surface.water_sides import WaterSides, in_air
 from mr360uw.composite.mesh.material import Material
+from mr360uw.composite.motion import floating, plane_of_waves
 from mr360uw.composite.over import over
 from mr360uw.composite.reference import render_aovs, render_layer
 from mr360uw.composite.shot import PlacedObject, Shot
@@ -141,7 +141,7 @@ def test_bodies_are_hidden_behind_the_surface_and_seen_through_it_from_above() -
     wet = replace(shot, medium=water(0.01))
     sides = WaterSides(wet, shot, SampledSea.of(LEVEL, 0.0), water(0.01), False, INDEX)
     bare = render_layer(shot)
-    image = with_surface(sides, ALL, bare, Cache())
+    image, _ = cut_at_surface(sides, ALL, bare, Cache())
     rows, columns = np.nonzero(image.alpha > 0.5)
     row = np.average(rows + 0.5, weights=image.alpha[rows, columns])
     # apparent depth: the place at which the ray that meets the ball's middle crosses the surface
@@ -236,9 +236,8 @@ SMALL = GerstnerSea(wind_speed=5.0, detail_slope=0.0)
 
 
 def test_a_floating_body_heaves_with_the_mean_of_the_surface_under_it() -> None:
-    afloat = Afloat(SMALL, 2.0)
     middle, sides = np.array([0.7, -3.0]), np.array([[1.5, 0.0], [0.0, 0.5]])
-    height, slope = afloat.plane(middle, sides, 0.4)
+    height, slope = plane_of_waves(SMALL, middle, sides, 0.4)
     place = (np.arange(201) + 0.5) / 201 - 0.5
     u, v = np.meshgrid(place, place)
     x, z = middle[0] + 1.5 * u, middle[1] + 0.5 * v
@@ -251,9 +250,8 @@ def test_a_floating_body_heaves_with_the_mean_of_the_surface_under_it() -> None:
 def test_floating_is_level_on_a_level_sea_and_smooth_on_waves() -> None:
     mesh = scenes.box((0.6, 0.3, 2.0))
     calm = scenes.placed(mesh, (1.0, 2.1, -4.0), (30, 0, 0)).world_from_object
-    np.testing.assert_allclose(Afloat(LEVEL, 2.0).pose(calm, mesh, 3.0), calm, atol=1e-12)
-    afloat = Afloat(SMALL, 2.0)
-    poses = np.array([afloat.pose(calm, mesh, t) for t in (1.0, 1.01, 1.02)])
+    np.testing.assert_allclose(floating(LEVEL, 2.0, calm, mesh, 3.0), calm, atol=1e-12)
+    poses = np.array([floating(SMALL, 2.0, calm, mesh, t) for t in (1.0, 1.01, 1.02)])
     step, bend = np.abs(poses[1] - poses[0]).max(), np.abs(poses[2] - 2.0 * poses[1] + poses[0]).max()
     assert 0.0 < step < 0.02
     assert bend < 0.2 * step

@@ -9,11 +9,10 @@ import numpy as np
 import pytest
 
 from mr360uw.cache import Cache
-from mr360uw.composite.eye_bounds import nearest_m, seen_rectangle
 from mr360uw.composite.over import over
 from mr360uw.composite.reference import render_layer
 from mr360uw.composite.shot import Receiver, Shot
-from mr360uw.composite.tiles import rectangles_of_bodies
+from mr360uw.composite.tiles import nearest_m, rectangles_of_bodies, seen_rectangle
 from mr360uw.types import Layer, View
 from mr360uw.types.frames import ray_starts, seen_direction
 from tests.composite import tolerances as tol

@@ -9,9 +9,8 @@ import cv2
 import numpy as np
 import pytest
 
-from mr360uw.composite.grading.matched_layer import matched_layer
-from mr360uw.composite.grading.point_spread import point_spread
 from mr360uw.composite.grading.settings import MatchSettings, PlateGrade
+from mr360uw.composite.grading.softness import matched_layer, point_spread
 from mr360uw.composite.over import empty_tile, over
 from mr360uw.types import Floats, Layer, Rectangle
 from tests.composite import tolerances as tol

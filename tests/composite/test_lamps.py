@@ -14,7 +14,7 @@ import pytest
 from mr360uw.color import luminance
 from mr360uw.composite import render_layer
 from mr360uw.composite.lighting.blockers import Blockers
-from mr360uw.composite.lighting.sources import light_sources
+from mr360uw.composite.lighting.lamps import light_sources
 from mr360uw.composite.mesh.material import Material
 from mr360uw.composite.over import over
 from mr360uw.composite.scene_lamps import load_lamps
@@ -115,9 +115,9 @@ def test_a_spot_is_dark_beyond_its_edge() -> None:
     (source,) = light_sources(shot(sun=None, lamps=(lamp,)))
     angle = np.array([0.0, 0.3, 0.35, 0.6, 0.7, np.pi])
     point = 2.0 * np.stack([np.sin(angle), 0 * angle, -np.cos(angle)], axis=-1)
-    irradiance = source.arrival(point).irradiance / INTENSITY * 4.0
+    irradiance = source.arrival(point)[1] / INTENSITY * 4.0
     np.testing.assert_allclose(irradiance[:, 0], [1.0, 1.0, 1.0, 0.0, 0.0, 0.0], atol=tol.FLOAT64)
-    assert np.all(source.arrival(point[2:4].mean(axis=0, keepdims=True)).irradiance > 0.0)
+    assert np.all(source.arrival(point[2:4].mean(axis=0, keepdims=True))[1] > 0.0)
 
 
 def test_half_of_a_ball_shows_over_a_straight_edge() -> None:
@@ -182,7 +182,7 @@ def test_all_of_the_flux_comes_out(settings: LampSettings) -> None:
     (source,) = light_sources(shot(sun=None, lamps=(lamp,)))
     cosine = np.linspace(-1.0, 1.0, 200001)
     point = np.stack([np.sqrt(1.0 - cosine**2), 0.0 * cosine, -cosine], axis=-1)
-    total = 2.0 * np.pi * np.trapezoid(luminance(source.arrival(point).irradiance), cosine)
+    total = 2.0 * np.pi * np.trapezoid(luminance(source.arrival(point)[1]), cosine)
     assert total == pytest.approx(900.0 / 500.0, rel=tol.LAMP_FLUX)
 
 

@@ -14,7 +14,7 @@ from mr360uw.composite.ambient.lattice_kernel import find_nearest_points
 from mr360uw.composite.gl.shadow_atlas import LightFrame
 from mr360uw.composite.motion import object_motion
 from mr360uw.composite.object_settings import KeySettings, ObjectSettings
-from mr360uw.composite.sample_kernel import find_clear, read_groups
+from mr360uw.composite.sampling import find_clear, read_groups
 from mr360uw.composite.shot import PlacedObject
 from mr360uw.rays import RayScene, barycentric
 from mr360uw.sphere import basis

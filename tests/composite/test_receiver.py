@@ -12,8 +12,8 @@ from mr360uw.cache import Cache
 from mr360uw.composite.ambient.light import ambient_light, free_of_bodies
 from mr360uw.composite.gl.layer_renderer import LayerRenderer
 from mr360uw.composite.lighting.blockers import Blockers
+from mr360uw.composite.lighting.lamps import light_sources
 from mr360uw.composite.lighting.shadow import pixel_footprint
-from mr360uw.composite.lighting.sources import light_sources
 from mr360uw.composite.mesh.material import Material
 from mr360uw.composite.mesh.texture import make_texture
 from mr360uw.composite.over import over, tile_of
@@ -65,7 +65,7 @@ def pixelwise(scene: Shot) -> tuple[Floats, Floats]:
     sources = light_sources(scene, Blockers(scene))
     point = scene.view.directions(x, y)[there] * distance[there][:, None]
     free = free_of_bodies(scene, ambient_light(scene, Cache()), point, normal[there], Cache())
-    sides = pixel_footprint(scene.view, x[there], y[there], point, normal[there]).sides
+    sides = pixel_footprint(scene.view, x[there], y[there], point, normal[there])
     ratio[there] = receiver_ratio(scene, sources, free, point, normal[there], distance[there], sides=sides)
     return ratio, distance
 

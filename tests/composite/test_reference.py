@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from mr360uw.composite.aovs import exr_parts, receiver_difference
-from mr360uw.composite.lighting.sources import light_sources
+from mr360uw.composite.lighting.lamps import light_sources
 from mr360uw.composite.mesh.material import Material
 from mr360uw.composite.over import over
 from mr360uw.composite.raycast.geometry import occluding
@@ -177,7 +177,7 @@ def test_light_falls_with_depth() -> None:
     scene = shot(body, medium=medium(5.0))
     (sun,) = light_sources(scene)
     down = np.array([[0.0, -1.0, 0.0], [0.0, -4.0, 0.0]])
-    beam = sun.arrival(down).irradiance
+    beam = sun.arrival(down)[1]
     assert np.all(beam[1] < beam[0])
     path = 3.0 / SUN.direction[1]
     np.testing.assert_allclose(beam[1] / beam[0], np.exp(-np.array([0.35, 0.06, 0.04]) * path), rtol=tol.FLOAT32_LOOKUP)

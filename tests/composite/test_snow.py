@@ -15,12 +15,11 @@ from mr360uw.caustics.sea.spectral import SpectralSea
 from mr360uw.composite.over import empty_tile, over
 from mr360uw.composite.shot import Receiver, Shot
 from mr360uw.composite.snow.draw import Snow, particles_in_view, with_particles
-from mr360uw.composite.snow.drift import orbits_of
 from mr360uw.composite.snow.particle_light import particle_phase, particle_radiance
-from mr360uw.composite.snow.particles import Particles, Reach, particles_near
+from mr360uw.composite.snow.particles import Reach, orbits_of, particles_near
 from mr360uw.composite.snow.settings import NEAREST_M, SnowSettings
 from mr360uw.composite.snow.size_spectrum import SizeClass, number_between, size_classes
-from mr360uw.composite.snow.splat import LEAST_RADIUS, SnowPicture, draw_particles, merged, rest_of
+from mr360uw.composite.snow.splat import LEAST_RADIUS, draw_particles, empty_picture, merged, rest_of
 from mr360uw.medium.lookup import ambient_ratio, transmittance_lookup, veil_lookup
 from mr360uw.sphere import direction_from_frame, directions, row_solid_angle, unit, yaw_matrix
 from mr360uw.types import Floats, Lamp, Layer, Rectangle, Sun, View
@@ -39,7 +38,9 @@ CLASS = SizeClass(1e-3, 2e-3, 300.0, 0.0)
 SEA = GerstnerSea()
 
 
-def about(centre: Floats, radius: float = 1.5, per_m3: float = CLASS.per_m3, seed: int = 3) -> Particles:
+def about(
+    centre: Floats, radius: float = 1.5, per_m3: float = CLASS.per_m3, seed: int = 3
+) -> tuple[Floats, Floats, Any]:
     reach = Reach(0.0, radius, np.inf)
     return particles_near([replace(CLASS, per_m3=per_m3)], 3.0, seed, centre, [np.zeros(3)], [reach])
 
@@ -66,31 +67,31 @@ def test_classes_share_the_particles_and_sink_by_their_size() -> None:
 
 
 def test_number_and_sizes_in_a_ball_are_those_of_the_spectrum() -> None:
-    found = about(np.array([40.3, -7.1, 1e4]), radius=2.0)
+    position, diameter, _ = about(np.array([40.3, -7.1, 1e4]), radius=2.0)
     expected = CLASS.per_m3 * 4.0 / 3.0 * np.pi * 8.0
-    assert abs(len(found.diameter_m) - expected) < POISSON_DEVIATIONS * np.sqrt(expected)
+    assert abs(len(diameter) - expected) < POISSON_DEVIATIONS * np.sqrt(expected)
     # dN/dd = d^-3 between 1 and 2 mm: mean diameter 4/3 mm, mean square 1.8484 mm2
     error = np.sqrt((1.8484 - 16.0 / 9.0) / expected)
-    assert abs(1e3 * found.diameter_m.mean() - 4.0 / 3.0) < POISSON_DEVIATIONS * error
-    inner = np.sum(np.linalg.norm(found.position - [40.3, -7.1, 1e4], axis=-1) < 1.0)
+    assert abs(1e3 * diameter.mean() - 4.0 / 3.0) < POISSON_DEVIATIONS * error
+    inner = np.sum(np.linalg.norm(position - [40.3, -7.1, 1e4], axis=-1) < 1.0)
     assert abs(inner - expected / 8.0) < POISSON_DEVIATIONS * np.sqrt(expected / 8.0)
 
 
-def rows(found: Particles, keep: Any = slice(None)) -> set[tuple[float, ...]]:
-    return {tuple(row) for row in np.column_stack([found.position, found.diameter_m])[keep]}
+def rows(found: tuple[Floats, Floats, Any], keep: Any = slice(None)) -> set[tuple[float, ...]]:
+    return {tuple(row) for row in np.column_stack(found[:2])[keep]}
 
 
 def test_particles_stay_where_the_camera_goes_and_where_the_water_thickens() -> None:
     here, there = about(np.zeros(3)), about(np.array([1.0, 0.3, -0.2]))
-    both = np.linalg.norm(here.position - [1.0, 0.3, -0.2], axis=-1) <= 1.5
-    assert rows(here, both) == rows(there, np.linalg.norm(there.position, axis=-1) <= 1.5)
+    both = np.linalg.norm(here[0] - [1.0, 0.3, -0.2], axis=-1) <= 1.5
+    assert rows(here, both) == rows(there, np.linalg.norm(there[0], axis=-1) <= 1.5)
     assert len(rows(here, both)) > 1000
     assert rows(here) < rows(about(np.zeros(3), per_m3=500.0))
     assert not rows(here) & rows(about(np.zeros(3), seed=4))
     moved = particles_near(
         [CLASS], 3.0, 3, np.array([0.3, 7.0, 0.0]), [np.array([0.3, 7.0, 0.0])], [Reach(0.0, 1.5, np.inf)]
     )
-    np.testing.assert_allclose(moved.position - [0.3, 7.0, 0.0], here.position, atol=1e-13)  # roundings of 7 m
+    np.testing.assert_allclose(moved[0] - [0.3, 7.0, 0.0], here[0], atol=1e-13)  # roundings of 7 m
 
 
 # --- drift ---------------------------------------------------------------------------------------------------------
@@ -140,12 +141,12 @@ def test_orbits_end_at_the_bottom() -> None:
 SIZE = 48
 
 
-def picture(start: Floats, end: Floats, radius: float, omega: float) -> SnowPicture:
+def picture(start: Floats, end: Floats, radius: float, omega: float) -> tuple[Floats, Floats]:
     view, n = View(2 * SIZE, SIZE), len(start)
-    before, behind = SnowPicture.empty(view), SnowPicture.empty(view)
+    before, behind = empty_picture(view), empty_picture(view)
     far = np.full((SIZE, 2 * SIZE), np.inf, np.float32)
     draw_particles(
-        start, end, np.full(n, radius), np.full(n, omega), np.ones(n), np.ones((n, 3)), far, before, behind,
+        (start, end), np.full(n, radius), np.full(n, omega), np.ones(n), np.ones((n, 3)), far, before, behind,
     )  # fmt: skip
     return before
 
@@ -162,10 +163,10 @@ PLACES = {
 def test_blur_keeps_a_particle_s_light_and_draws_it_where_it_was(place: str) -> None:
     first, last, radius = PLACES[place]
     start, end = (direction_from_frame([p[0]], [p[1]], 2 * SIZE, SIZE) for p in (first, last))
-    found = picture(start, end, radius, 1e-4)
+    radiance, alpha = picture(start, end, radius, 1e-4)
     weight = row_solid_angle(2 * SIZE, SIZE)[:, None]
-    assert float(np.sum(found.alpha * weight)) == pytest.approx(1e-4, rel=SNOW_FLOAT32)
-    np.testing.assert_array_equal(found.radiance, np.repeat(found.alpha[..., None], 3, axis=-1))
+    assert float(np.sum(alpha * weight)) == pytest.approx(1e-4, rel=SNOW_FLOAT32)
+    np.testing.assert_array_equal(radiance, np.repeat(alpha[..., None], 3, axis=-1))
     # the same from all pixels of the frame, and many points of the arc
     t = np.linspace(0.0, 1.0, 501)[:, None]
     arc = unit(start + t * (end - start))
@@ -174,7 +175,7 @@ def test_blur_keeps_a_particle_s_light_and_draws_it_where_it_was(place: str) -> 
     pixel = np.pi / SIZE
     share = np.clip((max(radius, LEAST_RADIUS * pixel) + 0.5 * pixel - nearest) / pixel, 0.0, 1.0)
     expected = 1e-4 * share / np.sum(share * weight)
-    np.testing.assert_allclose(found.alpha, expected, atol=1e-3 * expected.max())  # points of the arc, 3 mrad apart
+    np.testing.assert_allclose(alpha, expected, atol=1e-3 * expected.max())  # points of the arc, 3 mrad apart
 
 
 def test_a_turn_by_columns_rolls_the_picture_and_poles_mirror_each_other() -> None:
@@ -183,11 +184,11 @@ def test_a_turn_by_columns_rolls_the_picture_and_poles_mirror_each_other() -> No
     start[:40, 1] = 20.0 * np.sign(start[:40, 1])  # near the poles
     start = unit(start)
     end = unit(start + 0.03 * rng.normal(size=(200, 3)))
-    found = picture(start, end, 0.02, 1e-4).alpha
+    found = picture(start, end, 0.02, 1e-4)[1]
     turn = yaw_matrix(2.0 * np.pi * 7.0 / (2 * SIZE)).T
-    np.testing.assert_allclose(picture(start @ turn, end @ turn, 0.02, 1e-4).alpha, np.roll(found, 7, 1), atol=ROLLED)
+    np.testing.assert_allclose(picture(start @ turn, end @ turn, 0.02, 1e-4)[1], np.roll(found, 7, 1), atol=ROLLED)
     over_end = np.array([1.0, -1.0, 1.0])
-    np.testing.assert_allclose(picture(start * over_end, end * over_end, 0.02, 1e-4).alpha, found[::-1], atol=ROLLED)
+    np.testing.assert_allclose(picture(start * over_end, end * over_end, 0.02, 1e-4)[1], found[::-1], atol=ROLLED)
 
 
 def test_bodies_hide_what_is_behind_them_and_let_through_what_they_do_not_cover() -> None:
@@ -195,14 +196,14 @@ def test_bodies_hide_what_is_behind_them_and_let_through_what_they_do_not_cover(
     tile = empty_tile(Rectangle(40, 15, 20, 20))
     tile.alpha[...], tile.radiance[...], tile.distance_m[...] = 0.25, 0.1, 2.0
     layer = Layer(SIZE, 2 * SIZE, (tile,))
-    before, behind = SnowPicture.empty(view), SnowPicture.empty(view)
+    before, behind = empty_picture(view), empty_picture(view)
     at = direction_from_frame(np.array([45.0, 55.0, 10.0]), np.array([25.0, 25.0, 25.0]), 2 * SIZE, SIZE)
     pixel = float(row_solid_angle(2 * SIZE, SIZE)[25])
     draw_particles(
-        at, at, np.full(3, 0.1), np.full(3, 5.0 * pixel), np.array([1.0, 3.0, 3.0]), np.ones((3, 3)),
+        (at, at), np.full(3, 0.1), np.full(3, 5.0 * pixel), np.array([1.0, 3.0, 3.0]), np.ones((3, 3)),
         layer.distance_m, before, behind,
     )  # fmt: skip
-    w = float(before.alpha[25, 45])
+    w = float(before[1][25, 45])
     assert w > 0.1
     shot = Shot(view, (), scenes.environment())
     result = merged(shot, layer, before, behind, Cache())
@@ -354,7 +355,7 @@ def test_nothing_is_drawn_behind_the_plate_s_surfaces_or_above_the_water() -> No
     free = with_particles(big_snow(view), replace(shot, receiver=None), Layer(32, 64, ()), Cache()).alpha
     assert 0.0 < alpha[28:].mean() < free[28:].mean()
     np.testing.assert_array_equal(alpha[:16], free[:16])
-    cloud = particles_in_view(big_snow(view), shot)
-    assert cloud.position[:, 1].max() < 0.4
+    position = particles_in_view(big_snow(view), shot)[0]
+    assert position[:, 1].max() < 0.4
     near = replace(shot, receiver=None, holdout_distance_m=np.full((32, 64), NEAREST_M))
     assert with_particles(big_snow(view), near, Layer(32, 64, ()), Cache()).tiles == ()

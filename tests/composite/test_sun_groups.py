@@ -9,17 +9,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mr360uw.composite.gl.caster_grid import CELLS, HALF_BITS, make_caster_grid
-from mr360uw.composite.gl.sun_groups import SunGroups, sun_groups
+from mr360uw.composite.gl.light_slots import CELLS, HALF_BITS, make_caster_grid
+from mr360uw.composite.gl.sun_groups import sun_groups
 from mr360uw.composite.sampling import frame_areas, pattern
 from mr360uw.types import Floats
 from tests.composite.scenes import placed, quad, shot
 
 
-def listed(grid: Any, place: Floats) -> np.ndarray:
+def listed(low: Floats, scale: Floats, table: Floats, place: Floats) -> np.ndarray:
     """Return the bodies (n, 2 HALF_BITS) that the grid lists at places (n, 3), as sun.glsl reads them."""
-    cell = np.clip(np.floor((place - grid.low) * grid.scale), 0, np.array(CELLS) - 1).astype(int)
-    halves = grid.table.reshape(-1, 2)[cell @ (1, CELLS[0], CELLS[0] * CELLS[1])].astype(int)
+    cell = np.clip(np.floor((place - low) * scale), 0, np.array(CELLS) - 1).astype(int)
+    halves = table.reshape(-1, 2)[cell @ (1, CELLS[0], CELLS[0] * CELLS[1])].astype(int)
     return np.concatenate([halves[:, k, None] >> np.arange(HALF_BITS) & 1 for k in (0, 1)], axis=1).astype(bool)
 
 
@@ -31,18 +31,18 @@ def test_the_grid_lists_every_body_that_may_occlude_the_sun(
     extents = np.column_stack(
         [rng.uniform(-4.0, 4.0, (bodies, 2)), rng.uniform(0.05, 0.8, (bodies, 2)), bottom, bottom + 0.4]
     )
-    grid = make_caster_grid(extents, spread)
+    low, scale, radius_m, table = make_caster_grid(extents, spread)
     place = rng.uniform(-9.0, 9.0, (20_000, 3))
-    above = extents[:, 5] - place[:, None, 2] + grid.radius_m
+    above = extents[:, 5] - place[:, None, 2] + radius_m
     across = (np.abs(place[:, None, :2] - extents[:, :2]) - extents[:, 2:4]).max(axis=-1)
-    near = (above > 0.0) & (across <= grid.radius_m + spread * above)
-    found = listed(grid, place)[:, :bodies]
+    near = (above > 0.0) & (across <= radius_m + spread * above)
+    found = listed(low, scale, table, place)[:, :bodies]
     assert np.all(found | ~near)
-    inside = np.all((place > grid.low) & (place < grid.low + np.array(CELLS) / grid.scale), axis=-1)
+    inside = np.all((place > low) & (place < low + np.array(CELLS) / scale), axis=-1)
     assert bodies == 1 or found[inside].sum() < 0.4 * inside.sum() * bodies  # a few, where twenty would be tested
 
 
-def groups_of(members: list[Any], depths: list[float], sun: Floats, **more: Any) -> SunGroups:
+def groups_of(members: list[Any], depths: list[float], sun: Floats, **more: Any) -> tuple[np.ndarray, Floats]:
     """Return the groups of fragments of the frame's middle pixel, on walls at some depths that face the camera."""
     objects = [placed(quad(size=20.0), (0.0, 0.0, -depth)) for depth in depths]
     scene, samples = shot(*objects, **more), pattern(65)
@@ -56,7 +56,7 @@ def groups_of(members: list[Any], depths: list[float], sun: Floats, **more: Any)
     part: Any = SimpleNamespace(
         mesh=objects[0].mesh, listed=rows, pixel=np.zeros(len(members), np.int64), weight=weight
     )
-    return sun_groups(scene, objects, part, np.arange(len(objects[0].mesh.positions)), sun)
+    return sun_groups(scene, part, np.arange(len(objects[0].mesh.positions)), sun)
 
 
 def test_fragments_of_one_wall_look_for_the_sun_over_the_area_of_all() -> None:
@@ -65,22 +65,20 @@ def test_fragments_of_one_wall_look_for_the_sun_over_the_area_of_all() -> None:
     members.append(~(members[0] | members[1]))
     towards_camera = np.array([0.0, 0.0, 1.0])
     together = groups_of(members, [4.0], towards_camera)
-    assert together.of.tolist() == [0, 0, 0]
+    assert together[0].tolist() == [0, 0, 0]
     chosen = int(np.argmax([np.mean(member) for member in members]))
-    middle = together.listed[0, 1:3] + together.listed[0, 4:6]
+    middle = together[1][0, 1:3] + together[1][0, 4:6]
     np.testing.assert_allclose(middle % 1.0, 0.5, atol=1e-9)  # the mean of all samples is the pixel's middle
     whole = frame_areas(pattern(65), np.ones((1, 65), np.bool_), np.zeros(1, np.int64))[0, 2:]
-    np.testing.assert_allclose(together.listed[0, 6:], whole, atol=1e-9)
+    np.testing.assert_allclose(together[1][0, 6:], whole, atol=1e-9)
     alone = groups_of(members, [4.0], towards_camera, shading="sample")
-    assert alone.of.tolist() == [0, 1, 2]
-    np.testing.assert_allclose(
-        alone.listed[chosen, 4:], groups_of([members[chosen]], [4.0], towards_camera).listed[0, 4:]
-    )
+    assert alone[0].tolist() == [0, 1, 2]
+    np.testing.assert_allclose(alone[1][chosen, 4:], groups_of([members[chosen]], [4.0], towards_camera)[1][0, 4:])
 
 
 def test_fragments_apart_or_turned_away_look_for_themselves_or_not_at_all() -> None:
     position = pattern(65).positions
     members = [position[:, 0] < 0.5, position[:, 0] >= 0.5]
     behind = np.array([0.0, 0.0, -1.0])
-    assert groups_of(members, [4.0, 5.0], -behind).of.tolist() == [0, 1]
-    assert groups_of(members, [4.0, 5.0], behind).of.tolist() == [-1, -1]
+    assert groups_of(members, [4.0, 5.0], -behind)[0].tolist() == [0, 1]
+    assert groups_of(members, [4.0, 5.0], behind)[0].tolist() == [-1, -1]

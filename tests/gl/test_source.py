@@ -6,8 +6,7 @@ import pytest
 
 from mr360uw import constants
 from mr360uw.errors import GlError
-from mr360uw.gl.context import program_from_text
-from mr360uw.gl.source import constants_source, expand_source, glsl_number
+from mr360uw.gl.context import constants_source, expand_source, glsl_number, program_from_text
 from tests.glsl import glsl_call
 
 

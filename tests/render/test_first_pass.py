@@ -45,7 +45,7 @@ def scene_of(folder: Path, water: dict[str, object] | None = None, **camera: obj
 
 def suns_of(scene: Scene) -> list[Sun]:
     with open_plate(scene) as video:
-        analysis = first_pass(load_surroundings(scene), video, gain=False)
+        analysis = first_pass(load_surroundings(scene), video, measures=["sun"])
     suns = [analysis.sun_at(k) for k in range(FRAMES)]
     assert all(isinstance(sun, Sun) for sun in suns)
     return [sun for sun in suns if isinstance(sun, Sun)]
@@ -67,7 +67,7 @@ def test_a_doubtful_sun_has_the_same_share_over_a_clip_as_in_one_frame(tmp_path:
     scene = scene_of(tmp_path, water={"type": "none"})
     with open_plate(scene) as video:
         surroundings = load_surroundings(scene)
-        analysis = first_pass(surroundings, video, gain=False)
+        analysis = first_pass(surroundings, video, measures=["sun"])
         frame = next(iter(video.frames(4, 5)))
     alone = surroundings.light.of(frame.pixels, time_s=frame.time_s)
     tracked = surroundings.light.of(frame.pixels, analysis.sun_at(4), time_s=frame.time_s)
@@ -83,10 +83,10 @@ def test_a_doubtful_sun_has_the_same_share_over_a_clip_as_in_one_frame(tmp_path:
 def test_frames_of_a_range_take_the_sun_of_the_whole_clip(folder: Path) -> None:
     scene = scene_of(folder)
     with open_plate(scene) as video:
-        whole = first_pass(load_surroundings(scene), video, gain=False)
+        whole = first_pass(load_surroundings(scene), video, measures=["sun"])
         for _ in video.frames(6, 8):  # a reader that has been used elsewhere
             pass
-        later = first_pass(load_surroundings(scene), video, gain=False)
+        later = first_pass(load_surroundings(scene), video, measures=["sun"])
     for k in (0, 6, 9):
         a, b = whole.sun_at(k), later.sun_at(k)
         assert isinstance(a, Sun)
@@ -101,7 +101,7 @@ def test_a_range_is_measured_with_a_margin_and_no_more(folder: Path, monkeypatch
     with open_plate(scene) as video:
         frames = video.frames
         monkeypatch.setattr(video, "frames", lambda a=0, b=None: read.append((a, b)) or frames(a, b))
-        analysis = first_pass(load_surroundings(scene), video, gain=False, frames=(5, 6))
+        analysis = first_pass(load_surroundings(scene), video, measures=["sun"], frames=(5, 6))
         assert read == [(2, 9)]
         assert (analysis.first, len(analysis.sun)) == (2, 7)
         assert analysis.sun_at(5) is not None
@@ -114,7 +114,7 @@ def test_a_range_is_measured_with_a_margin_and_no_more(folder: Path, monkeypatch
 def test_a_stored_track_is_read_by_the_frames_of_the_clip(folder: Path, tmp_path: Path) -> None:
     scene = scene_of(folder)
     with open_plate(scene) as video:
-        track = first_pass(load_surroundings(scene), video, gain=False).sun
+        track = first_pass(load_surroundings(scene), video, measures=["sun"]).sun
     later = track.since(3)
     assert len(later) == FRAMES - 3
     np.testing.assert_array_equal(later.at(2).irradiance, track.at(5).irradiance)
@@ -137,10 +137,10 @@ def test_a_margin_ends_where_frames_cannot_be_decoded(folder: Path, monkeypatch:
                 yield frame
 
         monkeypatch.setattr(video, "frames", damaged)
-        analysis = first_pass(load_surroundings(scene), video, gain=False, frames=(3, 6))
+        analysis = first_pass(load_surroundings(scene), video, measures=["sun"], frames=(3, 6))
         assert (analysis.first, len(analysis.sun)) == (2, 6)
         with pytest.raises(DamagedFrameError):
-            first_pass(load_surroundings(scene), video, gain=False, frames=(3, 9))
+            first_pass(load_surroundings(scene), video, measures=["sun"], frames=(3, 9))
 
 
 def test_a_tracked_camera_turns_under_one_sun(folder: Path, tmp_path: Path) -> None:

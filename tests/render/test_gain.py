@@ -85,7 +85,7 @@ def body(whale: Path) -> list[dict[str, Any]]:
 def gain_of(scene: Scene) -> np.ndarray:
     """Return the gain (N, 3) that the clip's frames are rendered with."""
     with open_plate(scene) as video:
-        gain = first_pass(load_surroundings(scene), video, sun=False).gain
+        gain = first_pass(load_surroundings(scene), video, measures=["gain"]).gain
     assert gain is not None
     assert gain.shape == (FRAMES, 3)
     return gain
@@ -155,7 +155,7 @@ def test_a_frame_alone_has_the_gain_of_the_clip(tmp_path: Path, reef: Path, body
     with open_plate(scene) as video:
         frame = next(iter(video.frames(k, k + 1)))
 
-        analysis = first_pass(load_surroundings(scene), video, sun=False, open_water=True)
+        analysis = first_pass(load_surroundings(scene), video, measures=["gain", "open_water"])
 
     def render(analysis: ClipAnalysis | None) -> np.ndarray:
         done = uw.render_frame(frame.image_linear, scene, frame.time_s, "reference", index=k, analysis=analysis)
@@ -232,7 +232,7 @@ def test_a_plate_without_open_water_is_doubted(tmp_path: Path) -> None:
         write_exr(tmp_path / f"plate_{k:04d}.exr", rocks.astype(np.float32))
     scene = scene_of(tmp_path)
     with open_plate(scene) as video:
-        assert "gain is not known" in first_pass(load_surroundings(scene), video, sun=False).notes[0]
+        assert "gain is not known" in first_pass(load_surroundings(scene), video, measures=["gain"]).notes[0]
 
 
 def test_the_horizon_is_read_level() -> None:

@@ -115,8 +115,10 @@ def test_the_gain_of_a_clip_is_fitted_with_the_water_of_each_frame(tmp_path: Pat
         cv2.imwrite(str(plate) % index, np.full((32, 64, 3), 90, np.uint8))
     clear, murky = (load_surroundings(scene_of(tmp_path, mode="kd", visibility_m=v)) for v in (20.0, 5.0))
     with open_video(plate) as video:
-        of_murky = first_pass(murky, video, sun=False).gain
-        of_both = first_pass(clear, video, sun=False, keyed=lambda time_s: murky if time_s >= 0.0 else clear).gain
-        of_clear = first_pass(clear, video, sun=False).gain
+        of_murky = first_pass(murky, video, measures=["gain"]).gain
+        of_both = first_pass(
+            clear, video, measures=["gain"], keyed=lambda time_s: murky if time_s >= 0.0 else clear
+        ).gain
+        of_clear = first_pass(clear, video, measures=["gain"]).gain
     np.testing.assert_array_equal(of_both, of_murky)
     assert not np.allclose(of_clear, of_murky)

@@ -9,8 +9,7 @@ from typing import Any
 import pytest
 
 from mr360uw.render.loaded import load
-from mr360uw.render.plan import Plan, make_plan
-from mr360uw.render.stages.plan_stages import ObjectFacts
+from mr360uw.render.plan import ObjectFacts, Plan, make_plan
 from tests.scenes import scene_with
 
 OTHER = {"glossy", "track_sun", "track_gain", "lamps", "pattern", "surface", "snow"}

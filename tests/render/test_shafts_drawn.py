@@ -15,9 +15,8 @@ import pytest
 import mr360uw as uw
 from mr360uw.cache import Cache
 from mr360uw.composite.over import over
-from mr360uw.composite.shafts.code_change import code_change, shaft_pixels
 from mr360uw.composite.shafts.shaft_layer import with_shafts
-from mr360uw.composite.shafts.shaft_light import ShaftLight, grid_of
+from mr360uw.composite.shafts.shaft_light import ShaftLight, code_change, grid_of, shaft_pixels
 from mr360uw.composite.shot import Shot
 from mr360uw.constants import SUN_HALF_ANGLE_RAD
 from mr360uw.medium import Medium, Water

@@ -23,7 +23,7 @@ POINTS = [Point(0.0, 0.0), Point(0.3, -0.6), Point(-3.1, 0.2), Point(2.0, -1.5),
 
 def box_hull(low: tuple[float, float, float], high: tuple[float, float, float]) -> np.ndarray:
     """Return triangles whose corners are those of a box; which of them are joined is of no matter for bounds."""
-    from mr360uw.composite.mesh.hull import hull_triangles
+    from mr360uw.composite.mesh.mesh import hull_triangles
 
     corners = np.stack(np.meshgrid(*zip(low, high, strict=True), indexing="ij"), axis=-1).reshape(-1, 3)
     return hull_triangles(corners, np.arange(8))

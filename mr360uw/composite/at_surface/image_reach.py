@@ -8,8 +8,6 @@ filter took turn such rays by.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -38,14 +36,6 @@ _MIRRORED, _LEAST_BENT, _MOST_BENT = 2.0, 0.5, 3.0
 is reached 5 degrees from the edge of Snell's window."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class ImageReach:
-    """Pixels (H, W) that can show a body mirrored in the surface, and refracted through it."""
-
-    mirrored: Mask
-    refracted: Mask
-
-
 def balls_around(objects: tuple[PlacedObject, ...]) -> tuple[Floats, Floats]:
     """Return centres (m, 3) in the world and radii (m,) [m] of balls that hold the bodies."""
     centres: list[Floats] = [np.zeros((0, 3))]
@@ -62,8 +52,8 @@ def balls_around(objects: tuple[PlacedObject, ...]) -> tuple[Floats, Floats]:
     return np.concatenate(centres), np.concatenate(radii)
 
 
-def find_reach(sides: WaterSides, objects: tuple[PlacedObject, ...]) -> ImageReach:
-    """Return where the surface can show bodies."""
+def find_reach(sides: WaterSides, objects: tuple[PlacedObject, ...]) -> Mask:
+    """Return the pixels (2, H, W) that can show a body mirrored in the surface, and refracted through it."""
     view = sides.wet.view
     step = max(view.height // _CELLS, 1)
     rows, columns = -(-view.height // step), -(-view.width // step)
@@ -77,7 +67,7 @@ def find_reach(sides: WaterSides, objects: tuple[PlacedObject, ...]) -> ImageRea
     found = np.zeros((2, rows * columns), bool)
     if len(at):
         found[:, at] = in_reach(sides, seen, *balls_around(objects), PI * step / view.height)
-    return ImageReach(*(_pixels(one.reshape(rows, columns), step)[: view.height, : view.width] for one in found))
+    return np.stack([_pixels(one.reshape(rows, columns), step)[: view.height, : view.width] for one in found])
 
 
 def in_reach(sides: WaterSides, seen: SeenSurface, centres: Floats, radii: Floats, cell_rad: float) -> Mask:
@@ -85,7 +75,9 @@ def in_reach(sides: WaterSides, seen: SeenSurface, centres: Floats, radii: Float
     view, m = sides.wet.view, sides.relative_index
     against = -seen.normal if sides.in_water else seen.normal
     point = seen.distance_m[:, None] * seen.direction
-    spread = _DEVIATIONS * np.sqrt(np.maximum(_largest_variance(seen.lost), 0.0))
+    xx, xz, zz = seen.lost.T
+    variance = 0.5 * (xx + zz) + np.hypot(0.5 * (xx - zz), xz)  # along the steeper axis
+    spread = _DEVIATIONS * np.sqrt(np.maximum(variance, 0.0))
     mirrored, bent = reflect(seen.direction, against), refract_clamped(seen.direction, against, 1.0 / m)
     to = centres - view.position - point[:, None]  # (n, m, 3)
     away = np.linalg.norm(to, axis=-1)
@@ -126,12 +118,6 @@ def _bending(travel: Floats, against: Floats, m: float, spread: Floats) -> tuple
     turn = np.abs(np.cos(steeper) / np.maximum(m * behind, 1e-6) - 1.0)
     turn = np.where(behind > 0.0, turn, _MOST_BENT)
     return np.clip(turn, _LEAST_BENT, _MOST_BENT), np.sin(np.maximum(angle - spread, 0.0)) < m
-
-
-def _largest_variance(covariance: Floats) -> Floats:
-    """Return the larger eigenvalue (n,) of covariances (n, 3), xx, xz, zz."""
-    xx, xz, zz = covariance.T
-    return np.asarray(0.5 * (xx + zz) + np.hypot(0.5 * (xx - zz), xz))
 
 
 def _pixels(cells: Mask, step: int) -> Mask:

@@ -27,7 +27,7 @@ from mr360uw.composite.ambient.solved_light import AmbientLight, ambient_at
 from mr360uw.composite.at_surface.settings import FAINTEST
 from mr360uw.composite.at_surface.surface_rays import SeenSurface, SurfaceSamples, first_surfaces, surfaces_met
 from mr360uw.composite.at_surface.water_sides import WaterSides
-from mr360uw.composite.lighting.arrival import Arrival, LightSource
+from mr360uw.composite.lighting.sun import LightSource
 from mr360uw.composite.lighting.surfaces import surface_radiance
 from mr360uw.composite.raycast.geometry import Geometry, Hits
 from mr360uw.composite.shot import Shot
@@ -48,69 +48,28 @@ _FULL_FROM = 10.0 * FAINTEST
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PlainShadows:
-    """A light source whose shadows are those of points: images in waves are too small and restless for more."""
-
-    source: LightSource
-
-    @property
-    def variable(self) -> str:
-        """Name of the output variable of its light."""
-        return self.source.variable
-
-    @property
-    def in_plate(self) -> bool:
-        """Whether it already lights the plate."""
-        return self.source.in_plate
-
-    def arrival(self, point: Floats) -> Arrival:
-        """Return its light at points (n, 3)."""
-        return self.source.arrival(point)
-
-    def pattern(self, point: Floats, footprint_m: Floats) -> Floats:
-        """Return the caustic factor (n, 3)."""
-        return self.source.pattern(point, footprint_m)
-
-    def visibility(self, start: Floats, sides: Floats | None = None) -> Floats:  # noqa: ARG002 - of the interface
-        """Return the visible fraction (n,) of the source."""
-        return self.source.visibility(start, None)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class LitBodies:
-    """The bodies in the light of one side of the surface. ambient: solved among them, or None for none of it."""
-
-    shot: Shot
-    sources: Sequence[LightSource]
-    ambient: AmbientLight | None
-
-    def radiance(self, hits: Hits) -> Floats:
-        """Return the radiance (n, 3) of surfaces against the rays that meet them."""
-        return surface_radiance(self.shot, self.sources, hits, ambient_at(self.shot, self.ambient, hits)).total
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class RayBodies:
-    """Visible bodies of a shot for rays. wet, dry: in the light of the water and of the air. presence: for each visible
-    object the fraction in which its images are drawn.
+    """Visible bodies of a shot for rays.
+
+    wet, dry: the shot in the light of the water and of the air, each with its sources. ambient: solved among the bodies
+    in the water, or None. presence: for each visible object the fraction in which its images are drawn.
     """
 
     geometry: Geometry
     scene: RayScene
-    wet: LitBodies
-    dry: LitBodies
+    wet: tuple[Shot, Sequence[LightSource]]
+    dry: tuple[Shot, Sequence[LightSource]]
+    ambient: AmbientLight | None
     presence: Floats
 
+    def radiance(self, hits: Hits, *, in_water: bool) -> Floats:
+        """Return the radiance (n, 3) of surfaces on one side against the rays that meet them.
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Images:
-    """What n pixels show of bodies in the surface: premultiplied radiance (n, 3), which can be negative above water,
-    the fraction alpha (n,) of the plate that it replaces, and the blur (n,) [rad] of mirrored bodies by facets.
-    """
-
-    radiance: Floats
-    alpha: Floats
-    blur_rad: Floats
+        Shadows are those of points: images in waves are too small and restless for more.
+        """
+        shot, sources = self.wet if in_water else self.dry
+        among = ambient_at(shot, self.ambient if in_water else None, hits)
+        return surface_radiance(shot, sources, hits, among, footprints=False)[0]
 
 
 def surface_images(
@@ -120,9 +79,11 @@ def surface_images(
     seen: SeenSurface,
     open_: Mask,
     shows: tuple[Mask, Mask],
-) -> Images:
-    """Return the images of bodies in pixels. open_: (n, s) samples that reach the surface. shows: (n,) pixels in reach
-    of mirrored and of refracted bodies.
+) -> tuple[Floats, Floats, Floats]:
+    """Return what n pixels show of bodies in the surface: premultiplied radiance (n, 3), which can be negative above
+    water, the fraction alpha (n,) of the plate that it replaces, and the blur (n,) [rad] of mirrored bodies by facets.
+
+    open_: (n, s) samples that reach the surface. shows: (n,) pixels in reach of mirrored and of refracted bodies.
     """
     count = len(open_)
     weight = samples.weight * open_
@@ -165,7 +126,7 @@ def surface_images(
             total[:, c] += np.bincount(at, weights=covers * light[:, c], minlength=count)
         alpha += np.bincount(at, weights=covers * kept, minlength=count)
         np.maximum.at(blur, at, lobe[at] * further[chosen] / path)
-    return Images(total, np.minimum(alpha, 1.0), blur)
+    return total, np.minimum(alpha, 1.0), blur
 
 
 def _grouped(pixel: Indices, body: Indices, point: Floats, amount: Floats) -> tuple[Indices, Floats, Floats]:
@@ -198,9 +159,9 @@ def _towards_camera(
     square = sides.refractive_index**2
     if in_water:
         passed, added = sides.below_surface(further_m, hits.direction)
-        light = passed * bodies.wet.radiance(hits) + added
+        light = passed * bodies.radiance(hits, in_water=True) + added
         return veil + through * (light if sides.in_water else light / square), through * passed
-    above = bodies.dry.radiance(hits) * (square if sides.in_water else 1.0)
+    above = bodies.radiance(hits, in_water=False) * (square if sides.in_water else 1.0)
     return veil + through * above, through
 
 

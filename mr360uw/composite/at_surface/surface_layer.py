@@ -11,28 +11,29 @@ needs the layer's coverage and distances alone.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.cache import Cache, PartOf
 from mr360uw.composite.ambient.light import ambient_light
-from mr360uw.composite.ambient.solved_light import AmbientLight
 from mr360uw.composite.at_surface.image_reach import balls_around, find_reach, in_reach
 from mr360uw.composite.at_surface.settings import WITHIN_M, SurfaceSettings
-from mr360uw.composite.at_surface.surface_behind import BodiesInSurface, blank_picture, laid_over
-from mr360uw.composite.at_surface.surface_images import Images, LitBodies, PlainShadows, RayBodies, surface_images
+from mr360uw.composite.at_surface.surface_images import RayBodies, surface_images
 from mr360uw.composite.at_surface.surface_rays import TURNS, SurfaceSamples, first_surfaces, sample_surface, see_surface
 from mr360uw.composite.at_surface.water_sides import WaterSides, camera_in_water, in_air
 from mr360uw.composite.lighting.blockers import Blockers
-from mr360uw.composite.lighting.sources import light_sources
+from mr360uw.composite.lighting.lamps import light_sources
+from mr360uw.composite.over import empty_tile, hold_out
 from mr360uw.composite.raycast.geometry import Geometry, gather
 from mr360uw.composite.sampling import pattern
 from mr360uw.composite.shot import PlacedObject, Shot
+from mr360uw.composite.snow.splat import rest_of
+from mr360uw.composite.tiles import even_tiles, rectangles_of_mask
 from mr360uw.rays import RayScene
 from mr360uw.surface.sampled_sea import MovingSea, SampledSea
-from mr360uw.types import Floats, Layer, MediumTable
+from mr360uw.types import Floats, Layer, MediumTable, Rectangle, Tile
 
 
 def object_presence(shot: Shot, settings: SurfaceSettings) -> Floats:
@@ -45,12 +46,7 @@ def object_presence(shot: Shot, settings: SurfaceSettings) -> Floats:
 
 def tops(shot: Shot) -> Floats:
     """Return the height (n,) [m] in the world of the highest point of each visible object."""
-    return np.array([o.to_world(o.mesh.hull.reshape(-1, 3))[:, 1].max() for o in visible(shot)])
-
-
-def visible(shot: Shot) -> tuple[PlacedObject, ...]:
-    """Return the objects of a shot that are not hidden."""
-    return tuple(placed for placed in shot.objects if placed.visible)
+    return np.array([o.to_world(o.mesh.hull.reshape(-1, 3))[:, 1].max() for o in shot.visible])
 
 
 Indices = NDArray[np.int64]
@@ -90,14 +86,6 @@ def with_bodies(
     return cut_at_surface(sides, settings, layer, cache)
 
 
-def with_surface(sides: WaterSides, settings: SurfaceSettings, layer: Layer, cache: Cache) -> Layer:
-    """Return a layer with the surface: the layer itself where it shows no body and cuts none.
-
-    cache: holds what shots of the same bodies share.
-    """
-    return cut_at_surface(sides, settings, layer, cache)[0]
-
-
 def cut_at_surface(
     sides: WaterSides, settings: SurfaceSettings, layer: Layer, cache: Cache
 ) -> tuple[Layer, Floats | None]:
@@ -108,7 +96,7 @@ def cut_at_surface(
     """
     shot = sides.wet
     presence = object_presence(shot, settings)
-    near = tuple(o for o, share in zip(visible(shot), presence, strict=True) if share > 0.0)
+    near = tuple(o for o, share in zip(shot.visible, presence, strict=True) if share > 0.0)
     if not near:
         return layer, None
     picture = _picture(sides, layer, presence, near, cache)
@@ -116,27 +104,18 @@ def cut_at_surface(
 
 
 def _picture(
-    sides: WaterSides,
-    layer: Layer,
-    presence: Floats,
-    near: tuple[PlacedObject, ...],
-    cache: Cache,
+    sides: WaterSides, layer: Layer, presence: Floats, near: tuple[PlacedObject, ...], cache: Cache
 ) -> BodiesInSurface | None:
     reach = find_reach(sides, near)
     kept, cut = _before_surface(sides, layer)
-    where = reach.mirrored | reach.refracted | cut
+    where = reach[0] | reach[1] | cut
     if not np.any(where):
         return None if np.all(kept == 1.0) else BodiesInSurface(*blank_picture(layer), kept)
     rows, columns, seen = see_surface(sides, where)
     mirrored, refracted = in_reach(sides, seen, *balls_around(near), sides.wet.view.pixel_rad)
     shown = mirrored | refracted | cut[rows, columns]
-    rows, columns, seen, mirrored, refracted = (
-        rows[shown],
-        columns[shown],
-        seen.of(shown),
-        mirrored[shown],
-        refracted[shown],
-    )
+    rows, columns, seen = rows[shown], columns[shown], seen.of(shown)
+    mirrored, refracted = mirrored[shown], refracted[shown]
     if len(rows) == 0:
         return None if np.all(kept == 1.0) else BodiesInSurface(*blank_picture(layer), kept)
     bodies = _bodies(sides, presence, cache)
@@ -162,17 +141,14 @@ def _bodies(sides: WaterSides, presence: Floats, cache: Cache) -> RayBodies:
     shot = sides.wet
     geometry, scene, blockers = cache.of(_in_rays, PartOf(shot, shot.view.position, shot.objects))
 
-    def lit(side: Shot, ambient: AmbientLight | None) -> LitBodies:
-        draw = side.draw.model_copy(update={"sun_samples": _SUN_SAMPLES})
-        sources = light_sources(replace(side, draw=draw), blockers)
-        return LitBodies(side, tuple(map(PlainShadows, sources)), ambient)
-
-    return RayBodies(geometry, scene, lit(shot, ambient_light(shot, cache)), lit(sides.dry, None), presence)
+    draw = shot.draw.model_copy(update={"sun_samples": _SUN_SAMPLES})
+    wet, dry = ((side, light_sources(replace(side, draw=draw), blockers)) for side in (shot, sides.dry))
+    return RayBodies(geometry, scene, wet, dry, ambient_light(shot, cache), presence)
 
 
 def _in_rays(of_bodies: PartOf[Shot]) -> tuple[Geometry, RayScene, Blockers]:
     shot = of_bodies.whole
-    geometry = gather(visible(shot), shot.view.position)
+    geometry = gather(shot.visible, shot.view.position)
     return geometry, RayScene(geometry.positions), Blockers(shot)
 
 
@@ -220,10 +196,12 @@ def _hidden(bodies: RayBodies, rays: SurfaceSamples, covered: Mask, distance_m: 
     return hidden, share
 
 
-def _smoothed(sides: WaterSides, rows: Indices, columns: Indices, images: Sequence[Images]) -> tuple[Floats, Floats]:
+def _smoothed(
+    sides: WaterSides, rows: Indices, columns: Indices, images: Sequence[tuple[Floats, Floats, Floats]]
+) -> tuple[Floats, Floats]:
     """Return radiance (n, 3) and alpha (n,) of pixels, averaged over neighbours where facets blur them widely."""
-    values = np.concatenate([np.concatenate([one.radiance, one.alpha[:, None]], axis=-1) for one in images])
-    blur = np.concatenate([one.blur_rad for one in images]) / sides.wet.view.pixel_rad
+    values = np.concatenate([np.append(radiance, alpha[:, None], axis=-1) for radiance, alpha, _ in images])
+    blur = np.concatenate([blur_rad for _, _, blur_rad in images]) / sides.wet.view.pixel_rad
     height, width = sides.wet.view.height, sides.wet.view.width
     number = np.full((height, width), -1, np.int32)
     number[rows, columns] = np.arange(len(rows))
@@ -237,3 +215,67 @@ def _smoothed(sides: WaterSides, rows: Indices, columns: Indices, images: Sequen
     t = np.clip((widest - _SMOOTH_FROM) / (_SMOOTH_FULL - _SMOOTH_FROM), 0.0, 1.0)[:, None]
     values = values + t * (total / TURNS**2 - values)
     return values[:, :3], values[:, 3]
+
+
+_SPARE_PX = 4096
+"""Pixels that a rectangle of images must save to be cut in two."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BodiesInSurface:
+    """Bodies in the surface and the cut through them, for a whole frame.
+
+    radiance: (H, W, 3) premultiplied, alpha: (H, W). distance_m: (H, W) of the surface, 0 where it is not known. kept:
+    (H, W) fraction of the bodies' samples before the surface.
+    """
+
+    radiance: Floats
+    alpha: Floats
+    distance_m: Floats
+    kept: Floats
+
+
+def blank_picture(layer: Layer) -> tuple[Floats, Floats, Floats]:
+    """Return radiance, alpha and distance of a frame without images."""
+    size = layer.height, layer.width
+    return np.zeros((*size, 3), np.float32), np.zeros(size, np.float32), np.zeros(size, np.float32)
+
+
+def laid_over(shot: Shot, layer: Layer, picture: BodiesInSurface) -> Layer:
+    """Return a layer with its bodies cut, over the images."""
+    tiles = [_over_images(tile, _images_tile(shot, picture, tile.rectangle), picture) for tile in layer.tiles]
+    shown = np.any(picture.radiance != 0.0, axis=-1) | (picture.alpha > 0.0)
+    parts = even_tiles(rectangles_of_mask(shown, _SPARE_PX), layer.width, layer.height)
+    free = rest_of([tile.rectangle for tile in layer.tiles], layer.width, layer.height)
+    for part in parts:
+        tiles += [_images_tile(shot, picture, both) for one in free if (both := _common(part, one)) is not None]
+    return replace(layer, tiles=tuple(tiles))
+
+
+def _common(a: Rectangle, b: Rectangle) -> Rectangle | None:
+    """Return the rectangle that two have in common, if any."""
+    column, row = max(a.column, b.column), max(a.row, b.row)
+    width = min(a.column + a.width, b.column + b.width) - column
+    height = min(a.row + a.height, b.row + b.height) - row
+    return Rectangle(column, row, width, height) if min(width, height) > 0 else None
+
+
+def _images_tile(shot: Shot, picture: BodiesInSurface, part: Rectangle) -> Tile:
+    """Return the images in a part of the frame as a tile of their own, behind the shot's mattes."""
+    blank = empty_tile(part)
+    at = blank.window
+    distance = np.where(picture.alpha[at] > 0.0, picture.distance_m[at], np.inf).astype(np.float32)
+    tile = replace(blank, radiance=picture.radiance[at].copy(), alpha=picture.alpha[at].copy(), distance_m=distance)
+    return hold_out(shot, tile)
+
+
+def _over_images(tile: Tile, images: Tile, picture: BodiesInSurface) -> Tile:
+    kept = picture.kept[tile.window]
+    alpha = kept * tile.alpha
+    through = 1.0 - alpha
+    return replace(
+        tile,
+        radiance=kept[..., None] * tile.radiance + through[..., None] * images.radiance,
+        alpha=alpha + through * images.alpha,
+        distance_m=np.where(alpha > 0.0, tile.distance_m, images.distance_m),
+    )

@@ -87,7 +87,7 @@ FARTHEST_M = 1e4
 _JUMP = 0.1
 """Change of the distance from a pixel to the next, over it, beyond which they show different waves."""
 TURNS = 3
-"""Side of the square of pixels whose facets differ; `facet_numbers` gives each pixel of it other ones."""
+"""Side of the square of pixels whose facets differ."""
 _PLASTIC = (0.7548776662466927, 0.5698402909980532)
 """Steps of the additive sequence in two dimensions of least discrepancy (1/g and 1/g^2, g^3 = g + 1)."""
 
@@ -190,20 +190,11 @@ def sample_surface(
     count = samples.count
     lost = np.repeat(seen.lost, count, axis=0)
     facets = FacetsOfRays(direction.reshape(-1, 3), normal.reshape(-1, 3), lost, sides.in_water)
-    drawn = slope_steps(count)[facet_numbers(rows, columns, count)].reshape(-1, 2)
+    # pairs of independent normal numbers that fill the plane evenly, other ones for each of `TURNS` squared neighbours
+    number = (columns % TURNS + TURNS * (rows % TURNS))[:, None] + TURNS * TURNS * np.arange(count)
+    step = np.arange(TURNS * TURNS * count)[:, None] + 0.5
+    drawn = ndtri(np.remainder(0.5 + step * np.array(_PLASTIC), 1.0))[number].reshape(-1, 2)
     slope = facets.at(drawn)
     seen_as = np.maximum(facets.facing(slope), 0.0).reshape(-1, count)
     shape = direction.shape
     return SurfaceSamples(direction, away, point, normal_of(slope).reshape(shape), seen_as)
-
-
-def facet_numbers(rows: Indices, columns: Indices, count: int) -> Indices:
-    """Return the numbers (n, count) of the slopes of pixels: those of `TURNS` squared neighbours are all different."""
-    turn = (columns % TURNS) + TURNS * (rows % TURNS)
-    return turn[:, None] + TURNS * TURNS * np.arange(count)
-
-
-def slope_steps(count: int) -> Array:
-    """Return pairs (TURNS^2 count, 2) of independent normal numbers that fill the plane evenly."""
-    k = np.arange(TURNS * TURNS * count)[:, None] + 0.5
-    return np.asarray(ndtri(np.remainder(0.5 + k * np.array(_PLASTIC), 1.0)))

@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.cache import Cache, version
-from mr360uw.composite.eye_bounds import NEAREST
 from mr360uw.composite.gl.targets import Targets, bind, read_attachment
 from mr360uw.composite.gl.upload import MODES, MeshBuffers, cutting_maps, list_texture, texture_store
 from mr360uw.composite.mesh.mesh import Mesh
 from mr360uw.composite.shot import PlacedObject, Shot
+from mr360uw.composite.tiles import NEAREST
 from mr360uw.errors import MeshError
 from mr360uw.gl.context import gl_context, set_uniforms
 from mr360uw.types import Floats, Rectangle
@@ -47,9 +47,9 @@ class ObjectTriangles:
 
 
 class _Rows:
-    """A target with a texel for each triangle, its values read back, and the keys of the objects in its rows."""
+    """A target with a texel for each triangle as an eye sees it, its values read back, and the keys of the objects."""
 
-    def __init__(self) -> None:
+    def __init__(self, _eye_m: float) -> None:
         self.target: moderngl.Framebuffer | None = None
         self.rectangles = np.zeros((0, 4), np.int32)
         self.kinds = np.zeros(0, np.int8)
@@ -86,18 +86,6 @@ class _Rows:
         self.nearest[rows] = read_attachment(self.target, 1 + len(_FACETS), part).reshape(-1)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Cutouts:
-    """Alpha of all mask maps in one texture, and the index of each mesh's first map."""
-
-    textures: dict[str, moderngl.Texture]
-    first: dict[Mesh, int]
-
-
-def _rows_of_eye(_: float) -> _Rows:
-    return _Rows()
-
-
 class FacetPass:
     """Draws triangles into one texel each. buffers: returns the device's copy of a mesh."""
 
@@ -109,16 +97,20 @@ class FacetPass:
         heights = [-(-len(placed.mesh.positions) // FACET_COLUMNS) for placed in objects]
         row = np.concatenate([[0], np.cumsum(heights)])
         masked = tuple(dict.fromkeys(p.mesh.still for p in objects if self._buffers(p.mesh).ranges["MASK"][1]))
-        cutouts = self._cache.of(self._make_cutouts, masked)
-        rows = self._cache.of(_rows_of_eye, shot.view.eye_m)
+        cutouts, first_map = self._cache.of(self._make_cutouts, masked)
+        rows = self._cache.of(_Rows, shot.view.eye_m)
         target = rows.room(int(row[-1]), bool(masked))
         piece, changed = 0, []
         for k, placed in enumerate(objects):
             now = version((shot.view, int(row[k]), piece, masked, placed))
             if k >= len(rows.drawn) or rows.drawn[k] != now:
                 rows.drawn[k : k + 1] = [now]
-                self._draw(shot, placed, target, cutouts, (int(row[k]), heights[k], piece))
-                self._set_kinds(rows.kinds[int(row[k]) * FACET_COLUMNS :], placed.mesh)
+                place = int(row[k]), heights[k], piece, first_map.get(placed.mesh.still, 0)
+                self._draw(shot, placed, target, bool(cutouts), place)
+                kinds = rows.kinds[int(row[k]) * FACET_COLUMNS :]
+                for kind, mode in enumerate(MODES):
+                    start, count = self._buffers(placed.mesh).ranges[mode]
+                    kinds[start : start + count] = kind
                 changed.append(k)
             piece += self._buffers(placed.mesh).pieces
         if changed:
@@ -128,7 +120,7 @@ class FacetPass:
         names = (*_FACETS, "nearest", *(_CUTOUTS if masked else ()))
         textures: dict[str, Any] = dict(zip(names, target.color_attachments[1:], strict=False))
         return ObjectTriangles(
-            textures | cutouts.textures, row[:-1] * FACET_COLUMNS, numbers, rows.kinds[numbers], used[numbers]
+            textures | cutouts, row[:-1] * FACET_COLUMNS, numbers, rows.kinds[numbers], used[numbers]
         )
 
     def _draw(
@@ -136,13 +128,15 @@ class FacetPass:
         shot: Shot,
         placed: PlacedObject,
         target: moderngl.Framebuffer,
-        cutouts: _Cutouts,
-        place: tuple[int, int, int],
+        cut: bool,
+        place: tuple[int, int, int, int],
     ) -> None:
-        """Draw an object. place: its first row, its rows, and the number of its first smooth piece."""
-        buffers, (row, rows, piece) = self._buffers(placed.mesh), place
+        """Draw an object. cut: whether the shot has masked triangles. place: the object's first row, its rows, and the
+        numbers of its first smooth piece and of its first mask map.
+        """
+        buffers, (row, rows, piece, first_map) = self._buffers(placed.mesh), place
         defines: dict[str, int | float] = {"FACET_COLUMNS": FACET_COLUMNS, **of_eye(shot)}
-        defines |= {"CUTOUTS": 1} if cutouts.textures else {}
+        defines |= {"CUTOUTS": 1} if cut else {}
         defines |= {"NEAREST": NEAREST} if shot.view.eye_m else {}
         shader = self._targets.program("facets", defines)
         bind(shader, {"triangles": buffers.triangles, "materials": buffers.materials})
@@ -156,24 +150,20 @@ class FacetPass:
             first_row=row,
             eye_m=shot.view.eye_m,
             first_piece=float(piece),
-            first_map=float(cutouts.first.get(placed.mesh.still, 0)),
+            first_map=float(first_map),
         )
         self._targets.fill(target, shader, Rectangle(0, row, FACET_COLUMNS, rows))
 
-    def _set_kinds(self, kinds: NDArray[np.int8], mesh: Mesh) -> None:
-        for kind, mode in enumerate(MODES):
-            start, count = self._buffers(mesh).ranges[mode]
-            kinds[start : start + count] = kind
-
-    def _make_cutouts(self, meshes: tuple[Mesh, ...]) -> _Cutouts:
+    def _make_cutouts(self, meshes: tuple[Mesh, ...]) -> tuple[dict[str, moderngl.Texture], dict[Mesh, int]]:
+        """Return textures of the alpha of mask maps and of their entries, and the index of each mesh's first map."""
         maps = [texture for mesh in meshes for texture in cutting_maps(mesh)]
         if not maps:
-            return _Cutouts({}, {})
+            return {}, {}
         first = np.cumsum([0, *(len(cutting_maps(mesh)) for mesh in meshes)])
         store, entries = texture_store(maps, slice(3, 4))
         table = np.array([entries[texture] for texture in maps])
         textures = {"cutouts": store, "cutout_maps": list_texture(table)}
-        return _Cutouts(textures, dict(zip(meshes, first[:-1].tolist(), strict=True)))
+        return textures, dict(zip(meshes, first[:-1].tolist(), strict=True))
 
 
 def of_eye(shot: Shot) -> dict[str, int]:

@@ -3,15 +3,69 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.composite.gl.fragment_kernel import sum_behind
+from mr360uw.cache import PartOf
+from mr360uw.composite.gl.blocks import BLOCK
+from mr360uw.composite.gl.upload import list_texture
+from mr360uw.composite.mesh.mesh import Mesh
 from mr360uw.composite.sampling import NO_GAPS, Gaps, join_gaps
+from mr360uw.composite.shot import PlacedObject
+from mr360uw.jit import exact
 from mr360uw.types import Floats, Tile
+
+if TYPE_CHECKING:
+    import moderngl
+
+
+@exact
+def take_lanes(image: Any, chosen: Any, first: int, values: Any) -> None:
+    """Write the texels (h, w, c) of a target into the rows `chosen` (m,) of values (n, first + c...).
+
+    Texel k in the order of numbers (`blocks.in_lane_order`) goes to row chosen[k], from column `first` on.
+    """
+    blocks_across = image.shape[1] // BLOCK
+    for k in range(len(chosen)):
+        block, within = k // (BLOCK * BLOCK), k % (BLOCK * BLOCK)
+        row = BLOCK * (block // blocks_across) + within // BLOCK
+        column = BLOCK * (block % blocks_across) + within % BLOCK
+        for c in range(image.shape[2]):
+            values[chosen[k], first + c] = image[row, column, c]
+
+
+@exact
+def sum_behind(pieces: Any, values: Any, corner: Any, tile: Any) -> None:
+    """Composite the fragments (n,) of pixels (p,) behind a tile.
+
+    pieces: row, column, first and weight of `Fragments`. values: (n, 5) radiance, alpha and distance [m]. corner: row
+    and column of the tile; tile: its radiance, alpha and distance. A pixel takes the sum of weight alpha times the
+    radiance, and the least distance.
+    """
+    row, column, first, weight = pieces
+    radiance, alpha, distance = tile
+    for p in range(len(row)):
+        r, c = row[p] - corner[0], column[p] - corner[1]
+        if r < 0 or c < 0 or r >= alpha.shape[0] or c >= alpha.shape[1]:
+            continue
+        red, green, blue, cover, nearest = 0.0, 0.0, 0.0, 0.0, distance[r, c]
+        for n in range(first[p], first[p + 1] if p + 1 < len(first) else len(weight)):
+            share = weight[n] * values[n, 3]
+            red += share * values[n, 0]
+            green += share * values[n, 1]
+            blue += share * values[n, 2]
+            cover += share
+            nearest = min(nearest, values[n, 4])
+        free = 1.0 - alpha[r, c]
+        radiance[r, c, 0] += free * red
+        radiance[r, c, 1] += free * green
+        radiance[r, c, 2] += free * blue
+        alpha[r, c] += free * cover
+        distance[r, c] = nearest
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -62,25 +116,58 @@ def joined_fragments(parts: Sequence[Fragments]) -> Fragments:
 def through(tiles: Sequence[Tile], fragments: Fragments) -> Floats:
     """Return the transparency (p,) = 1 - alpha of tiles at the pixels of fragments."""
     free = np.ones(len(fragments.row), np.float32)
-    for tile, inside, at in _places(tiles, fragments):
-        free[inside] = 1.0 - tile.alpha.reshape(-1)[at]
+    for tile in tiles:
+        rows, columns = tile.alpha.shape
+        r, c = fragments.row - tile.row, fragments.column - tile.column
+        inside = np.flatnonzero((r >= 0) & (r < rows) & (c >= 0) & (c < columns))
+        free[inside] = 1.0 - tile.alpha[r[inside], c[inside]]
     return free
 
 
 def add_behind(tiles: Sequence[Tile], fragments: Fragments, values: Floats) -> None:
     """Composite fragments behind the contents of tiles. values: (n, 5) radiance, alpha and distance [m]."""
+    pieces = fragments.row, fragments.column, fragments.first, fragments.weight
     for tile in tiles:
-        sum_behind(
-            fragments.row, fragments.column, fragments.first, fragments.weight, values, tile.row, tile.column,
-            tile.radiance, tile.alpha, tile.distance_m,
-        )  # fmt: skip
+        sum_behind(pieces, values, (tile.row, tile.column), (tile.radiance, tile.alpha, tile.distance_m))
 
 
-def _places(tiles: Sequence[Tile], fragments: Fragments) -> Iterator[tuple[Tile, NDArray[np.int64], NDArray[np.int64]]]:
-    """Yield tiles, the pixels of fragments in each, and their flat indices in the tile."""
-    for tile in tiles:
-        rows, columns = tile.alpha.shape
-        r, c = fragments.row - tile.row, fragments.column - tile.column
-        inside = np.flatnonzero((r >= 0) & (r < rows) & (c >= 0) & (c < columns))
-        if len(inside):
-            yield tile, inside, r[inside] * columns + c[inside]
+_AT_ONCE = 1 << 19
+ListedOf = tuple[Sequence[PlacedObject], NDArray[np.int64], NDArray[Any]]
+"""Objects, the number of each one's first triangle, and the body (n,) of each fragment."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MeshFragments:
+    """Fragments of one mesh that are shaded together. chosen: (n,) numbers among all.
+
+    listed: (n, 9) of each, triangle on the device, place (2), body and area (5) of `Fragments`. pixel: (n,) numbers,
+    those of a pixel in sequence; weight: (n,) of `Fragments`. entries: texture of `listed`. name: of this part of the
+    shot's fragments.
+    """
+
+    mesh: Mesh
+    chosen: NDArray[np.int64]
+    listed: Floats
+    pixel: NDArray[np.int64]
+    weight: Floats
+    entries: moderngl.Texture
+    name: str
+
+
+def mesh_fragments(listed_of: PartOf[ListedOf], fragments: Fragments, number: int) -> list[MeshFragments]:
+    """Return the fragments of layer `number` by mesh."""
+    objects, first, body = listed_of.whole
+    triangle, pixel = fragments.triangle - first[body], fragments.pixel()
+    listed = np.concatenate([triangle[:, None], fragments.place, body[:, None], fragments.area], axis=1)
+    meshes = list(dict.fromkeys(placed.mesh for placed in objects))
+    of_mesh = np.array([meshes.index(placed.mesh) for placed in objects])[body]
+    parts = []
+    for k, mesh in enumerate(meshes):
+        chosen = np.flatnonzero(of_mesh == k)
+        for start in range(0, len(chosen), _AT_ONCE):
+            part = chosen[start : start + _AT_ONCE]
+            of_part, name = listed[part], f"{number} {k} {start}"
+            parts.append(
+                MeshFragments(mesh, part, of_part, pixel[part], fragments.weight[part], list_texture(of_part, 3), name)
+            )
+    return parts

@@ -10,9 +10,8 @@ import numpy as np
 
 from mr360uw.cache import Cache
 from mr360uw.caustics.gl.stack import AtlasScratch, upload
-from mr360uw.composite.gl.lamp_light import lamp_frames, shadow_table
+from mr360uw.composite.gl.light_slots import lamp_frames, shadow_table, sun_defines, sun_frames, sun_grid, sun_uniforms
 from mr360uw.composite.gl.shadow_atlas import ShadowAtlas, slot_size
-from mr360uw.composite.gl.sun_light import sun_defines, sun_frames, sun_grid, sun_uniforms
 from mr360uw.composite.gl.upload import MeshBuffers, write_uniform
 from mr360uw.composite.lighting.lamps import lamps_of
 from mr360uw.composite.lighting.shadow import wide_pixel_offsets
@@ -72,7 +71,8 @@ class LightTextures:
             "shadows__samples": count,
             **sun_uniforms(shot),
         }
-        self._update_environment(shot)
+        # one texture of the ambient irradiance and, in the layers after it, the glossy levels
+        self.textures["ambient"] = self._cache.of(_ambient_texture, shot.environment)
         self._update_medium(shot)
         self._update_caustics(shot.caustics)
         self._update_shadows(shot)
@@ -87,10 +87,6 @@ class LightTextures:
         set_uniforms(shader, **self._uniforms)
         for name, values in self._arrays.items():
             write_uniform(shader, name, np.asarray(values, np.float32))
-
-    def _update_environment(self, shot: Shot) -> None:
-        """Set one texture of the ambient irradiance and, in the layers after it, the glossy levels."""
-        self.textures["ambient"] = self._cache.of(_ambient_texture, shot.environment)
 
     def _update_medium(self, shot: Shot) -> None:
         medium, lamps = shot.medium, lamps_of(shot)
@@ -118,19 +114,16 @@ class LightTextures:
         radii = [lamp.radius_m / frame.middle_m for lamp, g in zip(lamps, of_lamps, strict=True) for frame in g]
         narrowest = min([*radii, *([] if sun is None else [sun.half_angle_rad])], default=0.0)
         size = slot_size(len(frames), _pixels_across(shot), narrowest)
-        atlas = self._atlas.of(frames, size)
+        texture, of_atlas = self._atlas.of(frames, size)
         slots = np.cumsum([len(of_sun), *(len(group) for group in of_lamps)]).tolist()
-        table = shadow_table(shot, atlas, slots)
-        of_grid, rows = sun_grid(shot, atlas, len(table))
+        table = shadow_table(shot, of_atlas, frames, slots)
+        of_grid, rows = sun_grid(shot, of_atlas, len(table))
         table = np.concatenate([table, rows])
-        self.textures |= {
-            "sun_map": atlas.texture,
-            "casters": self._cache.of(texture_from_array, table, keep=2),
-        }
+        self.textures |= {"sun_map": texture, "casters": self._cache.of(texture_from_array, table, keep=2)}
         self._uniforms |= {
             "shadows__slot_size": float(size),
             "shadows__bias_scale": max(_BIASED_SLOT / size, 1.0),
-            "first_lamp": len(atlas.table),
+            "first_lamp": len(of_atlas),
             **of_grid,
         }
 

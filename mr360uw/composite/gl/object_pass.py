@@ -8,8 +8,8 @@ Objects that share a mesh are shaded together.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,10 +20,16 @@ from mr360uw.composite.ambient.solved_light import AmbientLight
 from mr360uw.composite.aovs import SUMS, AovFrame
 from mr360uw.composite.gl.blocks import LANE_COLUMNS, lane_rows
 from mr360uw.composite.gl.facet_pass import camera_centred, of_eye
-from mr360uw.composite.gl.fragment_kernel import take_lanes
-from mr360uw.composite.gl.fragments import Fragments, add_behind, through
+from mr360uw.composite.gl.fragments import (
+    Fragments,
+    ListedOf,
+    MeshFragments,
+    add_behind,
+    mesh_fragments,
+    take_lanes,
+    through,
+)
 from mr360uw.composite.gl.light_textures import LightTextures
-from mr360uw.composite.gl.mesh_fragments import MeshFragments, mesh_fragments
 from mr360uw.composite.gl.sun_groups import sun_groups
 from mr360uw.composite.gl.surface_pass import SurfacePass
 from mr360uw.composite.gl.targets import Targets, bind, read_attachment
@@ -48,12 +54,9 @@ _KEPT = 1 << 21
 """Most fragments, about 100 bytes each, kept between frames."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class BodyList:
-    """Texture of bodies: four texels each as layer.frag says, then values of points. among: meshes with any."""
-
-    texture: moderngl.Texture
-    among: frozenset[Mesh]
+Bodies = tuple["moderngl.Texture", frozenset[Mesh]]
+"""Texture of bodies, four texels each as layer.frag says, then values of ambient light at points; and the meshes that
+have any."""
 
 
 class ObjectPass:
@@ -74,7 +77,7 @@ class ObjectPass:
         Returns the uncovered parts of pixels that opaque surfaces cover partly.
         frame: receives output variables, or None. ambient: solved ambient light among the bodies.
         """
-        objects = [placed for placed in shot.objects if placed.visible]
+        objects = list(shot.visible)
         layers, first = self._find(shot, objects)
         bodies = self._body_list(shot, objects, ambient)
         cache = self._cache.of(_cache_of, Same(layers))
@@ -82,8 +85,8 @@ class ObjectPass:
             if len(fragments) == 0:
                 continue
             body = np.searchsorted(first, fragments.triangle, side="right") - 1
-            listed = PartOf((objects, first, body), fragments)
-            parts = cache.of(_by_mesh, listed, fragments, number, keep=len(layers))
+            listed: PartOf[ListedOf] = PartOf((objects, first, body), fragments)
+            parts = cache.of(mesh_fragments, listed, fragments, number, keep=len(layers))
             lit = (shot, parts, bodies, len(fragments), number < len(layers) - 1, cache)
             values = self._light_up(*lit, 0)
             if frame is not None:
@@ -95,18 +98,13 @@ class ObjectPass:
 
     def _find(self, shot: Shot, objects: Sequence[PlacedObject]) -> tuple[list[Fragments], NDArray[np.int64]]:
         sampled = PartOf(shot, shot.view, shot.draw.samples, shot.draw.shading)
-        layers, first = self._cache.of(self._surfaces_of, sampled, objects)
+        layers, first = self._cache.of(self._surfaces.find, sampled, objects)
         if sum(len(layer) for layer in layers) > _KEPT:
-            self._cache.drop(self._surfaces_of)
+            self._cache.drop(self._surfaces.find)
             self._cache.drop(_cache_of)
         return layers, first
 
-    def _surfaces_of(
-        self, sampled: PartOf[Shot], objects: Sequence[PlacedObject]
-    ) -> tuple[list[Fragments], NDArray[np.int64]]:
-        return self._surfaces.find(sampled.whole, objects)
-
-    def _body_list(self, shot: Shot, objects: Sequence[PlacedObject], ambient: AmbientLight | None) -> BodyList:
+    def _body_list(self, shot: Shot, objects: Sequence[PlacedObject], ambient: AmbientLight | None) -> Bodies:
         """Return where bodies are, and the values of ambient light on them."""
         table = np.zeros((len(objects), 4, 4), np.float32)
         values, texels = [table], 4 * len(objects)
@@ -124,13 +122,13 @@ class ObjectPass:
             row[3, 1:4] = texels, lattice.points if lattice.two_sided else 0, own.shape[1] // 4
             values.append(own)
             texels += own.size // 4
-        return BodyList(joined_texture(values, self._scratch), frozenset(changed))
+        return joined_texture(values, self._scratch), frozenset(changed)
 
     def _light_up(
         self,
         shot: Shot,
         parts: Sequence[MeshFragments],
-        bodies: BodyList,
+        bodies: Bodies,
         count: int,
         blended: bool,
         cache: Cache,
@@ -153,20 +151,20 @@ class ObjectPass:
                 first += channels
         return values
 
-    def _see_sun(self, part: MeshFragments, seen: PartOf[tuple[Shot, BodyList]]) -> moderngl.Texture:
+    def _see_sun(self, part: MeshFragments, seen: PartOf[tuple[Shot, Bodies]]) -> moderngl.Texture:
         """Return the visible fractions of the sun's disc and halo of each fragment, as layer.frag reads them."""
         shot, bodies = seen.whole
-        sun, objects = sun_of(shot), [placed for placed in shot.objects if placed.visible]
+        sun = sun_of(shot)
         assert sun is not None
-        groups = sun_groups(shot, objects, part, self._buffers(part.mesh).order, sun.direction)
+        of, listed = sun_groups(shot, part, self._buffers(part.mesh).order, sun.direction)
         count, rows = len(part.chosen), lane_rows(len(part.chosen))
         found = self._targets.target(f"layer {_SEEN}", LANE_COLUMNS, rows, _CHANNELS[_SEEN])
-        if len(groups.listed):
-            few = replace(part, chosen=np.arange(len(groups.listed)), entries=list_texture(groups.listed, 3))
+        if len(listed):
+            few = replace(part, chosen=np.arange(len(listed)), entries=list_texture(listed, 3))
             self._shade(shot, few, bodies, found, {}, {}, _SEEN)
         fractions = gl_context().texture((LANE_COLUMNS, rows), 2, dtype="f4")
         shader = self._targets.program("spread", {})
-        bind(shader, {"groups": list_texture(groups.of, 1), "values": found.color_attachments[0]})
+        bind(shader, {"groups": list_texture(of, 1), "values": found.color_attachments[0]})
         set_uniforms(shader, count=count)
         self._targets.fill(gl_context().framebuffer([fractions]), shader, Rectangle(0, 0, LANE_COLUMNS, rows))
         return fractions
@@ -175,7 +173,7 @@ class ObjectPass:
         self,
         shot: Shot,
         part: MeshFragments,
-        bodies: BodyList,
+        bodies: Bodies,
         target: moderngl.Framebuffer,
         defines: dict[str, int],
         textures: dict[str, moderngl.Texture],
@@ -185,14 +183,14 @@ class ObjectPass:
         mesh, count = part.mesh, len(part.chosen)
         buffers = self._buffers(mesh)
         defines = defines | of_eye(shot) | {"OUTPUTS": outputs} | _map_defines(mesh) | self._light.defines
-        defines |= {"AMONG_BODIES": 1} if mesh in bodies.among and outputs != _SEEN else {}
+        defines |= {"AMONG_BODIES": 1} if mesh in bodies[1] and outputs != _SEEN else {}
         defines |= {"SMOOTH": 1} if mesh.glossy and outputs != _SEEN else {}
         shader = self._targets.program("layer", defines)
         bind(
             shader,
             {
                 "fragments": part.entries,
-                "bodies": bodies.texture,
+                "bodies": bodies[0],
                 "triangles": buffers.triangles,
                 "materials": buffers.materials,
                 "store": buffers.store,
@@ -215,15 +213,6 @@ class ObjectPass:
 def _cache_of(_: Same) -> Cache:
     """Return the cache of what is made of a list of fragments, and goes with it."""
     return Cache()
-
-
-def _by_mesh(
-    listed: PartOf[tuple[list[PlacedObject], NDArray[np.int64], Any]],
-    fragments: Fragments,
-    number: int,
-) -> list[MeshFragments]:
-    objects, first, body = listed.whole
-    return mesh_fragments(objects, fragments, first, body, number)
 
 
 def _add_variables(

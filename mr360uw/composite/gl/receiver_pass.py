@@ -15,19 +15,12 @@ from numpy.typing import NDArray
 
 from mr360uw.cache import Cache, PartOf, Same, Scratch
 from mr360uw.composite.ambient.solved_light import AmbientLight
-from mr360uw.composite.gl.ground_shader import GroundShader
-from mr360uw.composite.gl.ground_sight import NO_EDGE, SHARP, SOFT, SunSight, sun_sight
+from mr360uw.composite.gl.ground_shader import NO_EDGE, SHARP, SOFT, GroundShader, SunSight, sun_sight
 from mr360uw.composite.gl.light_textures import LightTextures
 from mr360uw.composite.gl.targets import Targets
 from mr360uw.composite.lighting.lamps import lamps_of
 from mr360uw.composite.lighting.sun import sun_of, widest_half_angle
-from mr360uw.composite.receiver.block_light import (
-    changed_blocks,
-    enlarged,
-    free_corners,
-    free_images,
-    set_plate_light,
-)
+from mr360uw.composite.receiver.block_light import changed_blocks, enlarged, free_corners, free_images, set_plate_light
 from mr360uw.composite.receiver.ground import BLOCK, Ground, Indices
 from mr360uw.composite.receiver.receiver_kernel import SEEN, BlockLight, Gathered, gather_images, lay_receiver
 from mr360uw.composite.receiver.shape import (
@@ -42,15 +35,8 @@ from mr360uw.composite.sampling import Gaps
 from mr360uw.composite.shot import Receiver, Shot
 from mr360uw.types import Rectangle, Tile
 
-
-@dataclass(frozen=True, slots=True, eq=False)
-class ReachedBlocks:
-    """Blocks (R, C) of the ground that a shot may change: at all, by the sun's shadow, and by lamps. An upper bound."""
-
-    ground: Ground
-    blocks: NDArray[np.bool_]
-    shaded: NDArray[np.bool_]
-    lamplit: NDArray[np.bool_]
+Reached = tuple[Ground, NDArray[np.bool_], NDArray[np.bool_], NDArray[np.bool_]]
+"""The ground, and upper bounds of its blocks (R, C) that a shot changes: at all, by the sun's shadow, by lamps."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -75,7 +61,7 @@ class ReceiverPass:
     def __init__(self, targets: Targets, light: LightTextures, cache: Cache) -> None:
         self._shader, self._cache, self._scratch = GroundShader(targets, light), cache, Scratch()
 
-    def reach(self, shot: Shot) -> ReachedBlocks | None:
+    def reach(self, shot: Shot) -> Reached | None:
         """Return where the receiver may change, by the bodies' boxes; None where it does not."""
         if shot.receiver is None:
             return None
@@ -87,20 +73,20 @@ class ReceiverPass:
         sun = sun_of(shot)
         of_light = None if sun is None else sun.direction, widest_half_angle(shot), shot.caustics is None
         alike = PartOf(shot, shot.receiver, shot.casters, *of_light)
-        found = _reached(alike, ground, grid) if lamps_of(shot) else self._cache.of(_reached, alike, ground, grid)
-        return found if np.any(found.blocks) else None
+        masks = _reached(alike, ground, grid) if lamps_of(shot) else self._cache.of(_reached, alike, ground, grid)
+        return (ground, *masks) if np.any(masks[0]) else None
 
-    def find(self, shot: Shot, reach: ReachedBlocks | None, ambient: AmbientLight | None) -> Changes | None:
+    def find(self, shot: Shot, reach: Reached | None, ambient: AmbientLight | None) -> Changes | None:
         """Return the blocks that change, by the light at their corners; None where there are none.
 
         ambient: solved ambient light among the bodies.
         """
         if reach is None or shot.receiver is None:
             return None
-        ground, blocks, lamplit = reach.ground, reach.blocks, reach.lamplit
+        ground, blocks, shaded, lamplit = reach
         ground.load_blocks(shot, blocks)
         corner = free_corners(shot, ground, blocks, ambient, self._cache)
-        shaded = reach.shaded & ("SHADOW" in self._shader.of_sun)
+        shaded = shaded & ("SHADOW" in self._shader.of_sun)
         through = None if shot.medium is None else Same(shot.medium.unscattered)
         of_sight = Same(ground), self._shader.of_sight, through, blocks, shaded, shot.receiver
         sight = self._cache.of(self._sight, PartOf(shot, *of_sight), ground, shaded)
@@ -159,7 +145,7 @@ class ReceiverPass:
             if not np.any(which):
                 continue
             wanted = frozenset(asked) & {"ROUGH", "LAMPS", *of_sun}
-            where = ground, gaps, j[which], i[which], halo[which], wanted, side
+            where = ground, gaps, (j[which], i[which]), halo[which], wanted, side
             if wanted == {"SHADOW"}:
                 falls, *own = self._cache.of(self._pixels, PartOf(shot, changes.of_sight), *where, keep=2)
             else:
@@ -180,14 +166,13 @@ class ReceiverPass:
         alike: PartOf[Shot],
         ground: Ground,
         gaps: Gaps,
-        j: Indices,
-        i: Indices,
+        blocks: tuple[Indices, Indices],
         halo: NDArray[np.float32],
         wanted: frozenset[str],
         side: int,
     ) -> list[NDArray[np.float32]]:
         """Return `GroundShader.pixels`, with the light in the gaps of pixels where those are drawn one by one."""
-        shot = alike.whole
+        shot, (j, i) = alike.whole, blocks
         images = self._shader.pixels(shot, ground, j, i, halo, wanted, side)
         some, block = ground.gaps_in(gaps, j, i)
         if len(block) and side == BLOCK:
@@ -205,10 +190,11 @@ def _grid(of_view: PartOf[Shot], shape: ReceiverShape) -> CoarseGrid:
     return coarse_grid(of_view.whole, shape)
 
 
-def _reached(alike: PartOf[Shot], ground: Ground, grid: CoarseGrid) -> ReachedBlocks:
-    touched = touched_cells(alike.whole, grid)
-    marks = touched.at_all, touched.by_shadow, touched.by_lamps
-    return ReachedBlocks(ground, *(_blocks(grid, of, ground) for of in marks))
+def _reached(
+    alike: PartOf[Shot], ground: Ground, grid: CoarseGrid
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_], NDArray[np.bool_]]:
+    at_all, by_shadow, by_lamps = (_blocks(grid, marks, ground) for marks in touched_cells(alike.whole, grid))
+    return at_all, by_shadow, by_lamps
 
 
 def _wanted(receiver: Receiver) -> frozenset[str]:

@@ -8,6 +8,7 @@ heights above the lowest point of its bodies, about their middle: bodies that mo
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -16,6 +17,7 @@ import numpy as np
 
 from mr360uw.cache import Cache, PartOf
 from mr360uw.composite.ambient.among.relative_pose import rounded
+from mr360uw.composite.gl.targets import bind
 from mr360uw.composite.gl.upload import MeshBuffers
 from mr360uw.composite.mesh.mesh import Mesh
 from mr360uw.composite.shot import PlacedObject
@@ -116,16 +118,6 @@ class LightFrame:
         )
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Atlas:
-    """A drawn atlas. table: (slots, ROW_TEXELS, 4), the first two texels filled. frames: those of the slots."""
-
-    texture: moderngl.Texture
-    table: Floats
-    frames: tuple[LightFrame, ...]
-    size: int
-
-
 def slot_size(slots: int, pixels_across: float, half_angle_rad: float) -> int:
     """Return the texels across a slot for a light of this radius and bodies at most `pixels_across` pixels wide."""
     wanted = max(_TEXELS_A_PIXEL * pixels_across, _TEXELS_A_DISC / max(float(np.tan(half_angle_rad)), 1e-6))
@@ -139,26 +131,23 @@ class ShadowAtlas:
 
     def __init__(self, cache: Cache, buffers: Callable[[Mesh], MeshBuffers]) -> None:
         self._cache, self._buffers = cache, buffers
-        stages = {
-            "vertex": "composite/gl/shaders/atlas/shadow_atlas.vert",
-            "fragment": "composite/gl/shaders/atlas/shadow_atlas.frag",
-        }
-        self._bodies = {
-            (masked, projected): program(
-                **stages, defines=({"MASKED": 1} if masked else {}) | ({"PROJECTED": 1} if projected else {})
-            )
-            for masked in (False, True)
-            for projected in (False, True)
-        }
+        path = "composite/gl/shaders/atlas/shadow_atlas"
+        self._bodies = {}
+        for masked, projected in itertools.product((False, True), repeat=2):
+            defines = {name: 1 for name, there in (("MASKED", masked), ("PROJECTED", projected)) if there}
+            shader = program(vertex=f"{path}.vert", fragment=f"{path}.frag", defines=defines)
+            self._bodies[masked, projected] = shader
         self._columns = program(fragment="composite/gl/shaders/atlas/shadow_columns.frag")
 
-    def of(self, frames: Sequence[LightFrame], size: int) -> Atlas:
-        """Return the atlas of frames in slots of `size` texels."""
+    def of(self, frames: Sequence[LightFrame], size: int) -> tuple[moderngl.Texture, Floats]:
+        """Return the atlas of frames in slots of `size` texels, and its table (slots, ROW_TEXELS, 4), whose first two
+        texels are filled.
+        """
         if not frames:
             return self._cache.of(_nothing)
         texture, drawn = self._cache.of(self._draw, PartOf(frames, *(frame.drawn for frame in frames)), size)
         extents = [frame.placed(of_frame) for frame, of_frame in zip(frames, drawn, strict=True)]
-        return Atlas(texture, _table(extents, size), tuple(frames), size)
+        return texture, _table(extents, size)
 
     def _draw(self, drawn_of: PartOf[Sequence[LightFrame]], size: int) -> tuple[moderngl.Texture, list[Floats]]:
         """Return the columns of all slots, and the extents (6,) of each about the start of its frame."""
@@ -176,9 +165,8 @@ class ShadowAtlas:
             self._draw_frame(drawn, frame, (*of_frame[:2], *(1.0 / of_frame[2:4])))
         entries = texture_from_array(_table(extents, size))
         gl_context().disable(gl_context().DEPTH_TEST | gl_context().BLEND)
-        drawn.color_attachments[0].use(0)  # type: ignore[union-attr]
-        entries.use(1)
-        set_uniforms(self._columns, drawn=0, casters=1, slot_size=size, slot_columns=columns)
+        bind(self._columns, {"drawn": drawn.color_attachments[0], "casters": entries})
+        set_uniforms(self._columns, slot_size=size, slot_columns=columns)
         atlas.viewport = (0, 0, columns * size, rows * size)
         draw_fullscreen(atlas, self._columns)
         texture: moderngl.Texture = atlas.color_attachments[0]  # type: ignore[assignment]
@@ -188,38 +176,25 @@ class ShadowAtlas:
 
     def _draw_frame(self, target: moderngl.Framebuffer, frame: LightFrame, slot: tuple[float, ...]) -> None:
         """Draw bodies into the viewport: the largest of (top, -bottom) along the light."""
+        context = gl_context()
         for placed in frame.bodies:
-            for masked, mode in ((False, "OPAQUE"), (True, "MASK")):
+            mesh = self._buffers(placed.mesh)
+            light_from_object = np.concatenate([frame.matrix(placed), [[0.0, 0.0, 0.0, 1.0]]])
+            for masked in (False, True):
+                first, count = mesh.ranges["MASK" if masked else "OPAQUE"]
+                if count == 0:
+                    continue
                 shader = self._bodies[masked, frame.origin is not None]
+                bind(shader, {"triangles": mesh.triangles, "materials": mesh.materials, "store": mesh.store})
+                set_uniforms(shader, light_from_object=light_from_object.T, slot=slot)
                 if frame.origin is not None:
                     set_uniforms(shader, middle=frame.middle_m, nearest=frame.nearest_m)
-                self._draw_body(target, self._buffers(placed.mesh), mode, shader, frame.matrix(placed), slot)
-
-    def _draw_body(
-        self,
-        target: moderngl.Framebuffer,
-        mesh: MeshBuffers,
-        mode: str,
-        shader: moderngl.Program,
-        matrix: Floats,
-        slot: tuple[float, ...],
-    ) -> None:
-        context = gl_context()
-        first, count = mesh.ranges[mode]  # type: ignore[index]
-        if count == 0:
-            return
-        for unit, name in enumerate(("triangles", "materials", "store")):
-            if name in shader:
-                getattr(mesh, name).use(unit)
-                set_uniforms(shader, **{name: unit})
-        light_from_object = np.concatenate([matrix, [[0.0, 0.0, 0.0, 1.0]]])
-        set_uniforms(shader, light_from_object=light_from_object.T, slot=slot)
-        vertex_array = context.vertex_array(shader, [(mesh.corners, "3f 4x", "corner")])
-        with context.scope(target, context.BLEND):
-            context.blend_func = (context.ONE, context.ONE)
-            context.blend_equation = context.MAX  # type: ignore[assignment]
-            vertex_array.render(context.TRIANGLES, vertices=3 * count, first=3 * first)
-            context.blend_equation = context.FUNC_ADD  # type: ignore[assignment]
+                vertex_array = context.vertex_array(shader, [(mesh.corners, "3f 4x", "corner")])
+                with context.scope(target, context.BLEND):
+                    context.blend_func = (context.ONE, context.ONE)
+                    context.blend_equation = context.MAX  # type: ignore[assignment]
+                    vertex_array.render(context.TRIANGLES, vertices=3 * count, first=3 * first)
+                    context.blend_equation = context.FUNC_ADD  # type: ignore[assignment]
 
 
 def _table(extents: Sequence[Floats], size: int) -> Floats:
@@ -231,8 +206,8 @@ def _table(extents: Sequence[Floats], size: int) -> Floats:
     return table
 
 
-def _nothing() -> Atlas:
-    return Atlas(texture_from_array(np.zeros((1, 1, 2))), np.zeros((1, ROW_TEXELS, 4)), (), SLOTS[0])
+def _nothing() -> tuple[moderngl.Texture, Floats]:
+    return texture_from_array(np.zeros((1, 1, 2))), np.zeros((1, ROW_TEXELS, 4))
 
 
 def _targets(width: int, height: int) -> tuple[moderngl.Framebuffer, moderngl.Framebuffer]:

@@ -7,15 +7,13 @@ them: from the fragment with most samples, over the area of the group. Fragments
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.composite.gl.mesh_fragments import MeshFragments
-from mr360uw.composite.shot import PlacedObject, Shot
+from mr360uw.composite.gl.fragments import MeshFragments
+from mr360uw.composite.shot import Shot
 from mr360uw.jit import exact
 from mr360uw.types import Floats
 
@@ -27,59 +25,43 @@ _BEND = 0.7
 """Least cosine between the normals of fragments that follow each other in a group."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class SunGroups:
-    """m groups of n fragments. of: (n,) group of each, -1 of those that face away from the sun. listed: (m, 9) of each
-    group as of a fragment of `MeshFragments`.
-    """
-
-    of: NDArray[np.int64]
-    listed: Floats
-
-
 def sun_groups(
-    shot: Shot, objects: Sequence[PlacedObject], part: MeshFragments, order: NDArray[np.int64], sun: Floats
-) -> SunGroups:
-    """Return the groups of fragments of one mesh.
+    shot: Shot, part: MeshFragments, order: NDArray[np.int64], sun: Floats
+) -> tuple[NDArray[np.int64], Floats]:
+    """Return the group (n,) of each fragment of one mesh, and of each of m groups what `MeshFragments` lists (m, 9).
 
-    objects: by their numbers in `part`. order: (T,) of the mesh's triangles on the device. sun: (3,) direction in the
+    Fragments that face away from the sun have the group -1.
+
+    order: (T,) of the mesh's triangles on the device. sun: (3,) direction in the
     world.
     """
-    view = shot.view
+    view, objects = shot.view, shot.visible
     linear = np.array([placed.world_from_object[:3, :3] / placed.scale for placed in objects])
     eye = np.array([(view.position - placed.world_from_object[:3, 3]) / placed.scale for placed in objects])
     eye, sunward = (np.einsum("bk,bkj->bj", a, linear) for a in (eye, np.broadcast_to(sun, eye.shape)))
     turn = np.einsum("bkj,kl->bjl", linear, view.world_from_camera)
     beside = np.array([view.eye_m / placed.scale for placed in objects])
     surface = np.empty((len(part.listed), 5))
-    _meet(part.listed, part.mesh.positions, order, eye, sunward, turn, beside, view.width, view.height, surface)
+    bodies = eye, sunward, turn, beside
+    _meet(part.listed, part.mesh.positions, order, bodies, (view.width, view.height), surface)
     apart = _APART * np.pi / view.height if shot.draw.shading != "sample" else -1.0
     of, chosen = np.full(len(part.listed), -1, np.int64), np.zeros(len(part.listed), np.int64)
     area = np.zeros((len(part.listed), 5))
     count = _group(part.listed, part.pixel, part.weight, surface, apart, of, chosen, area)
     listed = part.listed[chosen[:count]]
     listed[:, 4:] = area[:count]
-    return SunGroups(of, listed)
+    return of, listed
 
 
 @exact
-def _meet(
-    listed: Any,
-    corners: Any,
-    order: Any,
-    eye: Any,
-    sun: Any,
-    turn: Any,
-    beside: Any,
-    width: Any,
-    height: Any,
-    surface: Any,
-) -> None:
+def _meet(listed: Any, corners: Any, order: Any, bodies: Any, size: Any, surface: Any) -> None:
     """Set `surface` (n, 5) of fragments (n, 9): unit normal, distance along the ray, and whether it faces the sun.
 
-    eye, sun: (b, 3) the camera and the sun's direction in the axes of bodies; turn: (b, 3, 3) the camera's axes to
-    theirs; beside: (b,) of a stereo eye to the right of the camera, in the metres of the mesh.
+    bodies: (b, 3) the camera and (b, 3) the sun's direction in the axes of bodies, (b, 3, 3) the camera's axes to
+    theirs, and (b,) the place of a stereo eye to the right of the camera, in the metres of the mesh. size: width and
+    height of the frame.
     """
+    (eye, sun, turn, beside), (width, height) = bodies, size
     for n in range(len(listed)):
         t, b = order[int(listed[n, 0])], int(listed[n, 3])
         lon, lat = 2.0 * np.pi * (listed[n, 1] / width - 0.5), np.pi * (0.5 - listed[n, 2] / height)
@@ -89,10 +71,10 @@ def _meet(
             i, j = (k + 1) % 3, (k + 2) % 3
             normal[k] = (corners[t, 1, i] - corners[t, 0, i]) * (corners[t, 2, j] - corners[t, 0, j])
             normal[k] -= (corners[t, 1, j] - corners[t, 0, j]) * (corners[t, 2, i] - corners[t, 0, i])
-        size = max(np.sqrt(normal[0] ** 2 + normal[1] ** 2 + normal[2] ** 2), 1e-300)
+        length = max(np.sqrt(normal[0] ** 2 + normal[1] ** 2 + normal[2] ** 2), 1e-300)
         above, along, lit = 0.0, 0.0, 0.0
         for k in range(3):
-            normal[k] /= size
+            normal[k] /= length
             start = eye[b, k] + beside[b] * (turn[b, k, 2] * dx - turn[b, k, 0] * dz)
             above += normal[k] * (start - corners[t, 0, k])
             along += normal[k] * (turn[b, k, 0] * dx + turn[b, k, 1] * dy + turn[b, k, 2] * dz)

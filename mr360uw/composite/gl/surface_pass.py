@@ -15,14 +15,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.cache import Cache
+from mr360uw.cache import Cache, PartOf
 from mr360uw.composite.gl.blocks import BLOCK, LANE_COLUMNS, Blocks, in_lane_order, lane_rows, make_blocks
 from mr360uw.composite.gl.facet_pass import FACET_COLUMNS, FacetPass, of_eye
 from mr360uw.composite.gl.fragments import NOTHING, Fragments, joined_fragments
 from mr360uw.composite.gl.targets import Targets, bind, read_attachment
 from mr360uw.composite.gl.upload import MeshBuffers, list_texture, write_uniform
 from mr360uw.composite.mesh.mesh import Mesh
-from mr360uw.composite.sample_kernel import read_groups
 from mr360uw.composite.sampling import (
     BLEND_LAYERS,
     GROUPS,
@@ -34,6 +33,7 @@ from mr360uw.composite.sampling import (
     frame_areas,
     nearest_to_mean,
     pattern,
+    read_groups,
 )
 from mr360uw.composite.shot import PlacedObject, Shot
 from mr360uw.gl.context import set_uniforms
@@ -69,8 +69,9 @@ class SurfacePass:
         self._targets = targets
         self._facets = FacetPass(targets, buffers, cache)
 
-    def find(self, shot: Shot, objects: Sequence[PlacedObject]) -> tuple[list[Fragments], NDArray[np.int64]]:
+    def find(self, sampled: PartOf[Shot], objects: Sequence[PlacedObject]) -> tuple[list[Fragments], NDArray[np.int64]]:
         """Return the layers of fragments, nearest first, opaque ones last; and each object's first triangle."""
+        shot = sampled.whole
         facets = self._facets.draw(shot, objects)
         blocks = make_blocks(facets.rectangles, facets.numbers, facets.kinds, shot.view.width)
         textures = facets.textures | {"members": list_texture(blocks.members, 1), "masks": list_texture(blocks.masks)}

@@ -51,28 +51,15 @@ class Targets:
         gl_context().disable(gl_context().DEPTH_TEST | gl_context().BLEND)
         self._triangles[shader].render(vertices=3)
 
-    def draw(
-        self,
-        shader: moderngl.Program,
-        name: str,
-        width: int,
-        height: int,
-        channels: tuple[int, ...],
-        part: Rectangle | None = None,
-    ) -> moderngl.Texture:
-        """Run a full-screen program on width x height pixels of a kept target, or a part of them.
-
-        Discarded pixels are zero. Returns the first of the target's textures, which may be larger.
-        """
+    def draw(self, shader: moderngl.Program, name: str, width: int, height: int, channels: tuple[int, ...]) -> None:
+        """Run a full-screen program on width x height pixels of a kept target; discarded pixels are zero."""
         target = self.target(name, width, height, channels)
-        part = part or Rectangle(0, 0, width, height)
+        part = Rectangle(0, 0, width, height)
         target.use()
         target.clear(viewport=part)
         target.scissor = part
-        self.fill(target, shader, Rectangle(0, 0, width, height))
+        self.fill(target, shader, part)
         target.scissor = None  # type: ignore[assignment]
-        image: Any = target.color_attachments[0]
-        return image
 
     def read(self, name: str, width: int, height: int) -> list[Floats]:
         """Return the images (h, w, c), float32, of a kept target."""

@@ -40,7 +40,6 @@ class MeshBuffers:
     texture.glsl say.
     """
 
-    mesh: Mesh
     corners: moderngl.Buffer
     ranges: dict[AlphaMode, tuple[int, int]]
     pieces: int
@@ -103,7 +102,6 @@ def upload_mesh(mesh: Mesh, places: NDArray[np.int64] | None = None, still: Stil
     texels = rows.reshape(-1, 4)[: TRIANGLE_TEXELS * len(positions)].reshape(-1, TRIANGLE_TEXELS, 4)
     texels[:, 0:9:3, :3], texels[:, 1:9:3, :3] = positions, normals
     return MeshBuffers(
-        mesh=mesh,
         corners=gl_context().buffer(corners),
         ranges=still.ranges,
         pieces=still.pieces,

@@ -27,14 +27,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.color import (
-    ColorSpec,
-    decode_signal,
-    encode_signal,
-    in_plate_primaries,
-    in_rec709,
-    ycbcr_from_rgb,
-)
+from mr360uw.color import ColorSpec, decode_signal, encode_signal, in_plate_primaries, in_rec709, ycbcr_from_rgb
 from mr360uw.types import Floats
 
 if TYPE_CHECKING:
@@ -124,7 +117,7 @@ class ColourGrade:
         return self._through(linear, spec, laid_on=False)
 
     def _through(self, linear: Floats, spec: ColorSpec, *, laid_on: bool) -> NDArray[np.float32]:
-        from mr360uw.composite.grading.grade_tables import BRIGHTEST
+        from mr360uw.composite.grading.grade_tables import BRIGHTEST, through_tables
 
         own = graded_spec(spec)
         light = in_plate_primaries(np.asarray(linear, np.float32), own)
@@ -136,14 +129,10 @@ class ColourGrade:
                 code = np.clip(code, -most, most)  # log curves of more are not finite
             changed = decode_signal(code, own)
         else:
-            changed = _tables(self, own, laid_on)(light)
+            changed = through_tables(light, _tables(self, own, laid_on))
         if not laid_on:
             changed = np.clip(changed, 0.0, np.maximum(light, MOST_LIGHT))
         return np.asarray(in_rec709(changed, own), np.float32)
-
-    def saturation_matrix(self, weights: Floats) -> Floats:
-        """Return the (3, 3) matrix from R'G'B' before the saturation to that after it. weights: (3,) of luma."""
-        return self.saturation * np.eye(3) + (1.0 - self.saturation) * np.outer(np.ones(3), weights)
 
     def _levels(self, code: Floats) -> tuple[Floats, Floats]:
         low = np.array(self.black, code.dtype)
@@ -184,9 +173,10 @@ NO_GRADE = ColourGrade()
 @lru_cache(maxsize=8)
 def _tables(grade: ColourGrade, spec: ColorSpec, laid_on: bool) -> GradeTables:
     """Return the tables of a grade in one direction, of codes that are read by `spec`."""
-    from mr360uw.composite.grading.grade_tables import GradeTables, table_codes, table_light
+    from mr360uw.composite.grading.grade_tables import table_codes, table_light
 
-    mixed, codes = grade.saturation_matrix(luma_weights_of(spec)), table_codes()
+    codes, s = table_codes(), grade.saturation
+    mixed = s * np.eye(3) + (1.0 - s) * np.outer(np.ones(3), luma_weights_of(spec))  # from R'G'B' before saturation
     plain, grey = replace(grade, saturation=1.0), codes[:, None] * np.ones(3)
     encode = encode_signal(table_light(), spec)
     steps: tuple[Floats, ...]
@@ -194,7 +184,7 @@ def _tables(grade: ColourGrade, spec: ColorSpec, laid_on: bool) -> GradeTables:
         steps = encode, np.eye(3), plain.graded(grey).T, mixed, decode_signal(codes, spec)
     else:
         steps = encode, np.linalg.inv(mixed), decode_signal(plain.ungraded(grey), spec).T, np.eye(3), np.empty(0)
-    return GradeTables(*(np.ascontiguousarray(step, np.float32) for step in steps))
+    return tuple(np.ascontiguousarray(step, np.float32) for step in steps)
 
 
 def _inverse_s(s: Floats, contrast: float) -> Floats:

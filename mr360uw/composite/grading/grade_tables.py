@@ -10,7 +10,6 @@ law; the error of each table falls with the square of its step.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -27,27 +26,19 @@ LOW, HIGH = -1.0, 2.5
 """Codes at the ends of the tables of codes: a saturation of 1.4 takes the brightest light to 1.9."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class GradeTables:
-    """The steps of a grade in one direction.
+GradeTables = tuple[NDArray[np.float32], ...]
+"""The steps of a grade in one direction. encode: (STEPS + 1,) codes over the square root of light from 0 to that of
+`BRIGHTEST`; before: (3, 3); curves: (3, STEPS + 1) over codes from LOW to HIGH; after: (3, 3); last: (STEPS + 1,) light
+over codes from LOW to HIGH, or (0,) where the curves give light."""
 
-    encode: (STEPS + 1,) codes over the square root of light from 0 to that of `BRIGHTEST`. before, after: (3, 3).
-    curves: (3, STEPS + 1) over codes from LOW to HIGH. last: (STEPS + 1,) light over codes from LOW to HIGH, or (0,)
-    where the curves give light.
-    """
 
-    encode: NDArray[np.float32]
-    before: NDArray[np.float32]
-    curves: NDArray[np.float32]
-    after: NDArray[np.float32]
-    last: NDArray[np.float32]
-
-    def __call__(self, linear: Floats) -> NDArray[np.float32]:
-        """Return the light (..., 3) of light (..., 3) up to `BRIGHTEST`, both in the plate's primaries, float32."""
-        light = np.ascontiguousarray(linear, np.float32).reshape(-1, 3)
-        out = np.empty_like(light)
-        _run(light, self.encode, self.before, self.curves, self.after, self.last, out)
-        return out.reshape(linear.shape)
+def through_tables(linear: Floats, tables: GradeTables) -> NDArray[np.float32]:
+    """Return the light (..., 3) of light (..., 3) up to `BRIGHTEST`, both in the plate's primaries, float32."""
+    light = np.ascontiguousarray(linear, np.float32).reshape(-1, 3)
+    out = np.empty_like(light)
+    encode, before, curves, after, last = tables
+    _run(light, encode, before, curves, after, last, out)
+    return out.reshape(linear.shape)
 
 
 def table_codes() -> Floats:

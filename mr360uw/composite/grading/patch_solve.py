@@ -12,12 +12,16 @@ known to better than `TOLD`; the others keep their value. Black is one number of
 or where the water hides it in one of them.
 
 Greys tell no saturation: codes follow nearly a power of light, and in these a saturated grey is one in other light.
+
+Patches are read from the frames of the plate that show them.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 
@@ -25,14 +29,17 @@ from mr360uw.color import ColorSpec, decode_signal, encode_signal
 from mr360uw.composite.grading.colour_grade import (
     LEAST_CONTRAST,
     MOST_CONTRAST,
+    NO_GRADE,
     ColourGrade,
     Three,
+    code_of,
     graded_spec,
     luma_weights_of,
 )
-from mr360uw.composite.grading.settings import number_words
+from mr360uw.composite.grading.settings import MatchSettings, PatchSettings, number_words
 from mr360uw.errors import ParameterError
-from mr360uw.types import Floats
+from mr360uw.sphere import disc_directions, frame_from_direction
+from mr360uw.types import Floats, Rectangle
 
 CODE_ERROR = 1.0 / 255.0
 """Standard error of a patch's mean code, one 8-bit code: uneven light and the encoder, not noise. Twice as large, a
@@ -203,3 +210,73 @@ def solved_in_words(solved: Solved, patches: int) -> str:
     if solved.rms_codes > DISAGREE_CODES:
         line += f"; they contradict each other by {solved.rms_codes:.0f} codes"
     return line
+
+
+PATCH_SAMPLES = 64
+"""Pixels that are read of a patch, evenly over its disc."""
+_ROUNDS = 6
+"""Most solutions of patches in the water: the light of open water is averaged over pixels without the grade last found,
+and two or three settle it."""
+_NEARER = 0.9
+"""Factor on the distances of patches for what an error of them does; longer ones may be beyond all sight."""
+Waters = Callable[[ColourGrade, float], Sequence[PatchWater | None]]
+"""The water before each patch, in a plate whose light is read without a grade, their distances times a factor."""
+
+
+class FilePicture(Protocol):
+    """A plate's frame, read as the file has it."""
+
+    @property
+    def spec(self) -> ColorSpec:
+        """How its codes are read."""
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns."""
+
+    def linear(self, rectangle: Rectangle) -> Floats:
+        """Return a part of it as linear light (h, w, 3)."""
+
+
+def patched_colour(
+    settings: MatchSettings, shown: Sequence[FilePicture], waters: Waters | None = None
+) -> tuple[ColourGrade, str]:
+    """Return the colour of a plate's grade by its patches, and a line on what they tell.
+
+    settings: with one patch or more; numbers that are given stay. shown: for each patch the frame that shows it.
+    waters: None where no water is seen before any of them.
+    """
+    patches = [read_patch(frame, patch) for frame, patch in zip(shown, settings.patch, strict=True)]
+    start, spec = settings.colour_over(NO_GRADE), shown[0].spec
+    if waters is None:
+        solved = solve_patches(patches, start, settings.open_keys, spec)
+        return solved.colour, solved_in_words(solved, len(patches))
+
+    def through(read_without: ColourGrade, stretch: float) -> Solved:
+        seen = zip(patches, waters(read_without, stretch), strict=True)
+        in_water = [replace(patch, water=water) for patch, water in seen]
+        return solve_patches(in_water, start, settings.open_keys, spec)
+
+    solved, read_without = through(start, 1.0), start
+    for _ in range(_ROUNDS):
+        if float(np.abs(solved.colour.numbers - read_without.numbers).max()) < 0.1 * CODE_ERROR:
+            break
+        read_without = solved.colour
+        solved = through(read_without, 1.0)
+    line = solved_in_words(solved, len(patches))
+    if solved.told:
+        first, nearer = solved.told[0], through(read_without, _NEARER).colour
+        line += f"; were all a tenth nearer, {first} would be {number_words(getattr(nearer, first))}"
+    return solved.colour, line
+
+
+def read_patch(frame: FilePicture, patch: PatchSettings) -> Patch:
+    """Return a patch as a frame shows it: the median code of its disc in each channel."""
+    directions = disc_directions(patch.direction, math.radians(0.5 * patch.size_deg), PATCH_SAMPLES)
+    height, width = frame.shape
+    x, y = frame_from_direction(directions, width, height)
+    column, row = x.astype(int) % width, np.clip(y.astype(int), 0, height - 1)
+    first, last = int(row.min()), int(row.max())
+    light = np.asarray(frame.linear(Rectangle(0, first, width, last - first + 1)))[row - first, column]
+    red, green, blue = np.median(code_of(light, frame.spec), axis=0)
+    return Patch((float(red), float(green), float(blue)), patch.reflected)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Irradiance of lamps: inverse square, attenuated by the water on the way there and back, shadowed by bodies.
+"""Irradiance of lamps: inverse square, attenuated by the water there and back, shadowed; and all sources of a shot.
 
     E = I spot(angle) T(r + S)/(r^2 T_object(S)) V
 
@@ -14,10 +14,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.composite.lighting.arrival import Arrival
 from mr360uw.composite.lighting.blockers import Blockers
 from mr360uw.composite.lighting.shadow import visible_fraction
-from mr360uw.composite.lighting.sun import REFERENCE_SUN_FACTOR
+from mr360uw.composite.lighting.sun import REFERENCE_SUN_FACTOR, Arrival, LightSource, SunSource, sun_of
 from mr360uw.composite.shot import Shot
 from mr360uw.medium.lookup import linear, optical_length, table_coordinate
 from mr360uw.medium.shafts.lamp_rays import nearest_m, spot_factor
@@ -48,7 +47,7 @@ class LampSource:
         towards = away / distance[:, None]
         irradiance = self._lamp.intensity * (spot_factor(self._lamp, towards) / distance**2)[:, None]
         sine = np.minimum(self._lamp.radius_m / distance, 1.0)
-        return Arrival(towards, irradiance * self._path_ratio(point, distance), np.arcsin(sine))
+        return towards, irradiance * self._path_ratio(point, distance), np.arcsin(sine)
 
     def _path_ratio(self, point: Floats, distance: Floats) -> Floats:
         """Return the ratio (n, 3) of the transmittance there and back to that of an object's light on the way back."""
@@ -89,3 +88,10 @@ def _axes(away: Floats) -> Floats:
     length = np.linalg.norm(level, axis=-1, keepdims=True)
     u = np.where(length > 1e-9, level / np.maximum(length, 1e-9), basis([0.0, 1.0, 0.0])[0])
     return np.stack([u, np.cross(w, u)], axis=1)
+
+
+def light_sources(shot: Shot, blockers: Blockers | None = None) -> tuple[LightSource, ...]:
+    """Return a source for the sun and every lamp of a shot. blockers: None for no shadows."""
+    sun = sun_of(shot)
+    suns = [] if sun is None else [SunSource(sun, shot, blockers)]
+    return (*suns, *(LampSource(lamp, shot, blockers) for lamp in lamps_of(shot)))

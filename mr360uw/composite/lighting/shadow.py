@@ -20,25 +20,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.constants import LONGEST_FOOTPRINT
 from mr360uw.types import Floats, View
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Footprint:
-    """Parallelograms on surfaces. middle: (n, 3) from the camera, sides: (n, 2, 3), both [m] in the world's axes."""
-
-    middle: Floats
-    sides: Floats
-
-    def some(self, chosen: NDArray[np.int64]) -> Footprint:
-        """Return the footprints of some indices."""
-        return Footprint(self.middle[chosen], self.sides[chosen])
 
 
 def pixel_steps(point: Floats, normal: Floats, neighbours: Floats, step: float) -> Floats:
@@ -60,25 +47,27 @@ def pixel_steps(point: Floats, normal: Floats, neighbours: Floats, step: float) 
 
 def pixel_footprint(
     view: View, x: Floats, y: Floats, point: Floats, normal: Floats, area: Floats | None = None
-) -> Footprint:
-    """Return the footprints of areas (n, 5) of the frame about frame coordinates (n,), whole pixels if not given.
+) -> Floats:
+    """Return the sides (n, 2, 3) [m] of the footprints of areas (n, 5) of the frame about frame coordinates (n,), whole
+    pixels if not given.
 
     point, normal: (n, 3) of the surface seen there.
     """
     neighbours = np.stack([view.directions(x + 1.0, y), view.directions(x, y + 1.0)], axis=1)
     seen = point - view.starts(view.directions(x, y)) if view.eye_m else point
     steps = pixel_steps(seen, normal, neighbours, 1.0)
-    return Footprint(point, steps) if area is None else footprint(point, steps, area)
+    return steps if area is None else footprint(point, steps, area)[1]
 
 
-def footprint(point: Floats, steps: Floats, area: Floats) -> Footprint:
-    """Return the footprints of areas (n, 5) of the frame (`sampling.frame_areas`) about points (n, 3).
+def footprint(point: Floats, steps: Floats, area: Floats) -> tuple[Floats, Floats]:
+    """Return the middles (n, 3) and the sides (n, 2, 3) [m] of the parallelograms that areas (n, 5) of the frame
+    (`sampling.frame_areas`) have about points (n, 3), from the camera in the world's axes.
 
     steps: (n, 2, 3) of `pixel_steps`.
     """
     x, y = steps[:, 0], steps[:, 1]
     ox, oy, xx, xy, yy = area.T[..., None]
-    return Footprint(point + ox * x + oy * y, np.stack([xx * x + xy * y, xy * x + yy * y], axis=1))
+    return point + ox * x + oy * y, np.stack([xx * x + xy * y, xy * x + yy * y], axis=1)
 
 
 _GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Irradiance of the sun: its beam through the water, the caustic factor, and its visibility behind bodies.
+"""Interface of directed lights, and the sun: its beam through the water, caustic factor, visibility behind bodies.
 
     E = irradiance beam_ratio(d) (s(d) C + (1 - s(d)) B) V        V = s(d) V_disc + (1 - s(d)) V_halo
 
@@ -12,11 +12,11 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Sequence
+from typing import Protocol
 
 import numpy as np
 
 from mr360uw.caustic_lookup import caustic_lookup, mip_levels, soft_caustic_lookup
-from mr360uw.composite.lighting.arrival import Arrival
 from mr360uw.composite.lighting.blockers import Blockers
 from mr360uw.composite.lighting.shadow import visible_fraction
 from mr360uw.composite.shot import Shot
@@ -24,6 +24,36 @@ from mr360uw.constants import MINIMUM_SUN_UP
 from mr360uw.medium.lookup import beam_ratio, unscattered_share
 from mr360uw.sphere import disc_directions, effective_half_angle
 from mr360uw.types import Floats, Light, Sun
+
+Arrival = tuple[Floats, Floats, Floats | float]
+"""Light of one source at n points, without shadows and caustics: unit direction (n, 3), or (3,) for all, towards the
+light; irradiance (n, 3) perpendicular to it, in plate radiance times sr; angular radius [rad] of the source, (n,) or
+one for all."""
+
+
+class LightSource(Protocol):
+    """One light in one shot. Points are from the camera, in the world's axes [m]."""
+
+    @property
+    def variable(self) -> str:
+        """Name of the output variable of its light."""
+
+    @property
+    def in_plate(self) -> bool:
+        """Whether it already lights the plate."""
+
+    def arrival(self, point: Floats) -> Arrival:
+        """Return its light at points (n, 3)."""
+
+    def pattern(self, point: Floats, footprint_m: Floats) -> Floats:
+        """Return the caustic factor (n, 3), a mean over footprints (n,) [m]; 1 for light that waves do not refract."""
+
+    def visibility(self, start: Floats, sides: Floats | None = None) -> Floats:
+        """Return the fraction (n,) of the source that bodies leave visible from points (n, 3).
+
+        sides: (n, 2, 3) [m] of parallelograms about the points, for the means over them; None for the points alone.
+        """
+
 
 REFERENCE_SUN_FACTOR = 4
 """Factor on the directions over a light's disc in the reference renderer, which approximates the limit of many."""
@@ -80,7 +110,7 @@ class SunSource:
         ratio = 1.0 if shot.medium is None else beam_ratio(shot.medium, depth, self._up)
         spread = spread_rad(shot) * np.sqrt(scattered_share(shot, point))
         irradiance = np.broadcast_to(sun.irradiance, (len(point), 3)) * ratio
-        return Arrival(sun.direction, irradiance, effective_half_angle(sun.half_angle_rad, spread))
+        return sun.direction, irradiance, effective_half_angle(sun.half_angle_rad, spread)
 
     def pattern(self, point: Floats, footprint_m: Floats) -> Floats:
         """Return the caustic factor (n, 3), faded and blurred by scattering, as a mean over footprints (n,) [m]."""

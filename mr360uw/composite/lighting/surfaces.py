@@ -10,11 +10,9 @@ device: layer.frag.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
-from mr360uw.composite.lighting.arrival import Arrival, LightSource
 from mr360uw.composite.lighting.shading import (
     PIXEL_POINTS,
     dielectric_f0,
@@ -23,6 +21,7 @@ from mr360uw.composite.lighting.shading import (
     reflectance,
     resolved_alpha,
 )
+from mr360uw.composite.lighting.sun import Arrival, LightSource
 from mr360uw.composite.raycast.geometry import Hits
 from mr360uw.composite.shot import Shot
 from mr360uw.constants import INV_PI
@@ -30,59 +29,6 @@ from mr360uw.ibl.lookup import environment_lookup, glossy_lookup
 from mr360uw.ibl.splitsum import split_sum
 from mr360uw.medium.lookup import ambient_ratio, transmittance_lookup, veil_lookup
 from mr360uw.types import Floats, MediumTable
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Reflected:
-    """Light of one source that surfaces reflect to the camera, before attenuation by the water, each (n, 3).
-
-    variable: its output variable. pattern: the change of diffuse and glossy by the waves, of either sign.
-    """
-
-    variable: str
-    diffuse: Floats
-    glossy: Floats
-    pattern: Floats
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Radiance:
-    """Radiance of surfaces towards the camera, before attenuation by the water and with their trim, each (n, 3).
-
-    diffuse, glossy: reflected ambient light. direct: reflected light of every source.
-    """
-
-    diffuse: Floats
-    glossy: Floats
-    direct: tuple[Reflected, ...]
-    emission: Floats
-
-    @property
-    def total(self) -> Floats:
-        """Sum of all light. Patterns are contained in the reflected light, so they are not added again."""
-        total = self.diffuse + self.glossy
-        for light in self.direct:
-            total = total + light.diffuse + light.glossy
-        return total + self.emission
-
-    def of(self, variable: str) -> Floats:
-        """Return the direct light (n, 3) of an output variable."""
-        zero = np.zeros_like(self.diffuse)
-        return sum((light.diffuse + light.glossy for light in self.direct if light.variable == variable), zero)
-
-    @property
-    def caustics(self) -> Floats:
-        """Change of the direct light by the waves, (n, 3), of either sign."""
-        return sum((light.pattern for light in self.direct), np.zeros_like(self.diffuse))
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Coat:
-    """Reflection of surfaces (n, 3): direction to the camera, reflectance at normal incidence, diffuse albedo."""
-
-    view: Floats
-    f0: Floats
-    albedo: Floats
 
 
 def ambient_irradiance(shot: Shot, point: Floats, normal: Floats) -> Floats:
@@ -96,8 +42,16 @@ def _ambient_factor(shot: Shot, point: Floats, normal: Floats) -> Floats:
     return ambient_ratio(shot.medium, shot.view.depth_of(point), normal[:, 1])
 
 
-def surface_radiance(shot: Shot, sources: Sequence[LightSource], hits: Hits, among_bodies: Floats) -> Radiance:
-    """Return the radiance of surfaces towards the camera. among_bodies: (n, CHANNELS) of `ambient_at`."""
+def surface_radiance(
+    shot: Shot, sources: Sequence[LightSource], hits: Hits, among_bodies: Floats, *, footprints: bool = True
+) -> tuple[Floats, dict[str, Floats]]:
+    """Return the radiance (n, 3) of surfaces towards the camera, before attenuation by the water and with their trim,
+    and its parts by output variable.
+
+    Parts: reflected ambient light, diffuse and glossy; reflected light of the sun and of lamps; emission; and caustics,
+    the change of the reflected light by the waves, of either sign, which it contains. among_bodies: (n, CHANNELS) of
+    `ambient_at`. footprints: whether shadows are averaged over the pixels' footprints, or those of points.
+    """
     environment, view = shot.environment, -hits.direction
     n_dot_v = np.clip(np.sum(hits.normal * view, -1), 1e-3, 1.0)
     dielectric = dielectric_f0(hits.refractive_index, shot.refractive_index)[:, None]
@@ -114,45 +68,57 @@ def surface_radiance(shot: Shot, sources: Sequence[LightSource], hits: Hits, amo
     else:
         reflected = environment_lookup(environment.ambient, axis) * INV_PI * ratio
     occlusion = hits.occlusion[:, None]
-    coat = _Coat(view, dielectric * (1.0 - metal) + hits.base * metal, albedo)
-    bias_m = np.array([placed.bias_m for placed in shot.objects if placed.visible])[hits.object]
-    return Radiance(
-        diffuse=hits.trim * albedo * INV_PI * ambient_irradiance(shot, hits.point, hits.normal) * ratio * occlusion,
-        glossy=hits.trim * mirrors * reflected * _ambient_factor(shot, hits.point, axis) * occlusion,
-        direct=tuple(_reflected(source, hits, coat, bias_m) for source in sources),
-        emission=hits.trim * hits.emission,
-    )
+    coat = view, dielectric * (1.0 - metal) + hits.base * metal, albedo
+    bias_m = np.array([placed.bias_m for placed in shot.visible])[hits.object]
+    diffuse = hits.trim * albedo * INV_PI * ambient_irradiance(shot, hits.point, hits.normal) * ratio * occlusion
+    glossy = hits.trim * mirrors * reflected * _ambient_factor(shot, hits.point, axis) * occlusion
+    emission = hits.trim * hits.emission
+    total, direct = diffuse + glossy, {name: np.zeros_like(diffuse) for name in ("sun", "lamps", "caustics")}
+    for source in sources:
+        matt, shiny, pattern = _reflected(source, hits, coat, bias_m, footprints)
+        total = total + matt + shiny
+        direct[source.variable] = direct[source.variable] + (matt + shiny)
+        direct["caustics"] = direct["caustics"] + pattern
+    return total + emission, {"diffuse": diffuse, "glossy": glossy, "emission": emission, **direct}
 
 
-def _reflected(source: LightSource, hits: Hits, coat: _Coat, bias_m: Floats) -> Reflected:
-    """Return the light of one source that surfaces reflect to the camera."""
+def _reflected(
+    source: LightSource, hits: Hits, coat: tuple[Floats, Floats, Floats], bias_m: Floats, footprints: bool
+) -> tuple[Floats, Floats, Floats]:
+    """Return the light (n, 3) of one source that surfaces reflect to the camera, diffuse and glossy, and the change of
+    both by the waves.
+
+    coat: (n, 3) direction to the camera, reflectance at normal incidence, diffuse albedo.
+    """
     arrival = source.arrival(hits.point)
-    n_dot_l = np.sum(hits.normal * arrival.direction, -1)
-    lit = np.flatnonzero((n_dot_l > 0.0) & (np.sum(hits.geometric_normal * arrival.direction, -1) > 0.0))
+    towards, arriving, _ = arrival
+    n_dot_l = np.sum(hits.normal * towards, -1)
+    lit = np.flatnonzero((n_dot_l > 0.0) & (np.sum(hits.geometric_normal * towards, -1) > 0.0))
     seen = np.zeros(len(n_dot_l))
-    area = hits.footprint.some(lit)
-    seen[lit] = source.visibility(area.middle + bias_m[lit, None] * hits.geometric_normal[lit], area.sides)
+    start = hits.area_middle[lit] + bias_m[lit, None] * hits.geometric_normal[lit]
+    seen[lit] = source.visibility(start, hits.area_sides[lit] if footprints else None)
     waves = source.pattern(hits.point, hits.footprint_m)
-    irradiance = hits.trim * arrival.irradiance * seen[:, None] * waves
+    irradiance = hits.trim * arriving * seen[:, None] * waves
     n_dot_l = np.maximum(n_dot_l, 0.0)
-    diffuse, glossy = coat.albedo * INV_PI * irradiance * n_dot_l[:, None], _highlight(arrival, hits, coat) * irradiance
-    pattern = (diffuse + glossy) * (1.0 - 1.0 / np.maximum(waves, 1e-6))
-    return Reflected(source.variable, diffuse, glossy, pattern)
+    view, f0, albedo = coat
+    diffuse, glossy = albedo * INV_PI * irradiance * n_dot_l[:, None], _highlight(arrival, hits, view, f0) * irradiance
+    return diffuse, glossy, (diffuse + glossy) * (1.0 - 1.0 / np.maximum(waves, 1e-6))
 
 
-def _highlight(arrival: Arrival, hits: Hits, coat: _Coat) -> Floats:
-    """Return the mean highlight (n, 3) of pixels for an irradiance of 1."""
-    half = coat.view + arrival.direction
+def _highlight(arrival: Arrival, hits: Hits, view: Floats, f0: Floats) -> Floats:
+    """Return the mean highlight (n, 3) of pixels for an irradiance of 1. view: to the camera. f0: as of `highlight`."""
+    towards, _, half_angle_rad = arrival
+    half = view + towards
     half = half / np.maximum(np.linalg.norm(half, axis=-1, keepdims=True), 1e-9)
-    v_dot_h, alpha = np.clip(np.sum(coat.view * half, -1), 0.0, 1.0), resolved_alpha(hits.roughness, hits.normal_change)
+    v_dot_h, alpha = np.clip(np.sum(view * half, -1), 0.0, 1.0), resolved_alpha(hits.roughness, hits.normal_change)
     total = np.zeros_like(hits.normal)
     for place in PIXEL_POINTS:
         normal = hits.normal + np.einsum("k,nkc->nc", place, hits.normal_change)
         normal /= np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-9)
-        n_dot_v = np.clip(np.sum(normal * coat.view, -1), 1e-3, 1.0)
-        n_dot_l = np.maximum(np.sum(normal * arrival.direction, -1), 0.0)
+        n_dot_v = np.clip(np.sum(normal * view, -1), 1e-3, 1.0)
+        n_dot_l = np.maximum(np.sum(normal * towards, -1), 0.0)
         n_dot_h = np.clip(np.sum(normal * half, -1), 0.0, 1.0)
-        total += highlight(coat.f0, alpha, n_dot_v, n_dot_l, n_dot_h, v_dot_h, arrival.half_angle_rad)
+        total += highlight(f0, alpha, n_dot_v, n_dot_l, n_dot_h, v_dot_h, half_angle_rad)
     return total / len(PIXEL_POINTS)
 
 

@@ -4,47 +4,18 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
 from mr360uw.composite.mesh.gltf import Gltf
-from mr360uw.composite.mesh.material import Material
+from mr360uw.composite.mesh.material import MapCoordinates, MappedMaterial, Material
 from mr360uw.composite.mesh.texture import Pixels, Texture, Wrap, decode_image, make_texture
 from mr360uw.errors import MeshError
-from mr360uw.types import Floats
 
 _WRAPS: dict[int, Wrap] = {10497: "repeat", 33071: "clamp", 33648: "mirror"}
 
 
-@dataclass(frozen=True, slots=True)
-class Coordinates:
-    """Texture coordinates of a map: the index of the set, and KHR_texture_transform."""
-
-    texcoord: int = 0
-    offset: tuple[float, float] = (0.0, 0.0)
-    rotation_rad: float = 0.0
-    scale: tuple[float, float] = (1.0, 1.0)
-
-    def of(self, uv: Floats) -> Floats:
-        """Return coordinates (V, 2) scaled, then turned (anticlockwise in the image, where v points down), then moved.
-
-        The signs are those of the extension's own example; those of its first shader text turn the other way.
-        """
-        c, s = np.cos(self.rotation_rad), np.sin(self.rotation_rad)
-        return uv * self.scale @ np.array([[c, -s], [s, c]]) + self.offset
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class GltfMaterial:
-    """A material and the coordinates that all its maps share."""
-
-    material: Material
-    coordinates: Coordinates
-
-
-BARE = GltfMaterial(Material(base_color=(1.0, 1.0, 1.0, 1.0), roughness=1.0, double_sided=True), Coordinates())
+_PLAIN = MapCoordinates("TEXCOORD_0")
+BARE = MappedMaterial(Material(base_color=(1.0, 1.0, 1.0, 1.0), roughness=1.0, double_sided=True), _PLAIN)
 """Default material: glTF's white, but not metallic, and drawn on both sides."""
 
 
@@ -57,7 +28,7 @@ class MaterialReader:
         self._pixels: dict[int, Pixels] = {}
         self._textures: dict[tuple[int, bool, tuple[Wrap, Wrap]], Texture] = {}
 
-    def read(self, number: int) -> GltfMaterial:
+    def read(self, number: int) -> MappedMaterial:
         """Return a material of the file's list."""
         entry = self.gltf.entry("materials", number)
         extensions = entry.get("extensions", {})
@@ -98,9 +69,9 @@ class MaterialReader:
             **maps,
         )
         self._check(material, coordinates)
-        return GltfMaterial(material, coordinates)
+        return MappedMaterial(material, coordinates)
 
-    def _check(self, material: Material, coordinates: Coordinates) -> None:
+    def _check(self, material: Material, coordinates: MapCoordinates) -> None:
         """Raise `MeshError` where a factor is not finite, or one of light or reflection is negative."""
         placed = (*coordinates.offset, *coordinates.scale, coordinates.rotation_rad)
         if bad := [*material.wrong_factors, *(factor for factor in placed if not math.isfinite(factor))]:
@@ -119,9 +90,9 @@ class MaterialReader:
             "roughnessFactor": 1.0 - float(entry.get("glossinessFactor", 1.0)),
         }
 
-    def _maps(self, name: str, references: dict[str, dict[str, Any]]) -> tuple[dict[str, Any], Coordinates]:
+    def _maps(self, name: str, references: dict[str, dict[str, Any]]) -> tuple[dict[str, Any], MapCoordinates]:
         """Return the maps by slot and their coordinates: those of the first; maps with others are left out."""
-        shared: Coordinates | None = None
+        shared: MapCoordinates | None = None
         maps: dict[str, Any] = {}
         for slot, reference in references.items():
             own = _coordinates(reference)
@@ -134,7 +105,7 @@ class MaterialReader:
                 )
                 continue
             maps[slot] = self._texture(reference["index"], srgb=slot in ("base_map", "emission_map"))
-        return maps, shared or Coordinates()
+        return maps, shared or _PLAIN
 
     def _texture(self, number: int, *, srgb: bool) -> Texture:
         entry = self.gltf.entry("textures", number)
@@ -156,11 +127,16 @@ class MaterialReader:
             self.notes.append(note)
 
 
-def _coordinates(reference: dict[str, Any]) -> Coordinates:
+def _coordinates(reference: dict[str, Any]) -> MapCoordinates:
+    """Return a set of coordinates and its KHR_texture_transform.
+
+    The signs are those of the extension's own example; those of its first shader text turn the other way.
+    """
     entry = reference.get("extensions", {}).get("KHR_texture_transform", {})
     (x, y), (sx, sy) = entry.get("offset", (0.0, 0.0)), entry.get("scale", (1.0, 1.0))
     texcoord = int(entry.get("texCoord", reference.get("texCoord", 0)))
-    return Coordinates(texcoord, (float(x), float(y)), float(entry.get("rotation", 0.0)), (float(sx), float(sy)))
+    turn = float(entry.get("rotation", 0.0))
+    return MapCoordinates(f"TEXCOORD_{texcoord}", (float(x), float(y)), turn, (float(sx), float(sy)))
 
 
 def _index(extensions: dict[str, Any]) -> float:

@@ -13,13 +13,18 @@ from typing import Any, cast
 
 import numpy as np
 
-from mr360uw.composite.mesh.curve import Animation, Channel, Curve, Interpolation, Target
 from mr360uw.composite.mesh.gltf import BROKEN, Gltf, extension_notes, open_gltf
-from mr360uw.composite.mesh.gltf_material import BARE, GltfMaterial, MaterialReader
-from mr360uw.composite.mesh.gltf_primitive import Primitive, read_primitive
-from mr360uw.composite.mesh.gltf_rig import read_skeleton, read_skin, read_targets, rest_weights
-from mr360uw.composite.mesh.material import MeshFile, Part, Rigging
-from mr360uw.composite.mesh.skin import UnplacedSurface
+from mr360uw.composite.mesh.gltf_material import BARE, MaterialReader
+from mr360uw.composite.mesh.gltf_rig import (
+    Primitive,
+    read_primitive,
+    read_skeleton,
+    read_skin,
+    read_targets,
+    rest_weights,
+)
+from mr360uw.composite.mesh.material import MappedMaterial, MeshFile, Part, Rigging
+from mr360uw.composite.mesh.skin import Animation, Channel, Curve, Interpolation, Target, UnplacedSurface
 from mr360uw.composite.settings import FARTHEST
 from mr360uw.errors import MeshError
 from mr360uw.reading.limits import TRIANGLES
@@ -69,7 +74,7 @@ class ClipReader:
             if "matrix" in details:
                 raise self._broken(number, "moves a node that is placed by a matrix", f"node {node}")
         curve = self._curve(samplers[entry["sampler"]], width, number, path)
-        return Channel(self.place[node], cast("Target", path), curve)
+        return self.place[node], cast("Target", path), curve
 
     def _curve(self, sampler: dict[str, Any], width: int, number: int, path: str) -> Curve:
         times = self.gltf.accessor(sampler["input"]).astype(np.float64).ravel()
@@ -116,11 +121,6 @@ def _worst(values: Floats) -> float:
     return float(values.ravel()[np.argmax(np.where(np.isfinite(values), np.abs(values), np.inf))])
 
 
-def clip_names(gltf: Gltf) -> tuple[str, ...]:
-    """Return the names of a file's animations; one without a name has its number."""
-    return tuple(str(entry.get("name") or number) for number, entry in enumerate(gltf.listed("animations")))
-
-
 def read_gltf(path: Path, *, outside: bool = False) -> MeshFile:
     """Return the contents of a .gltf or .glb; outside: as of `open_gltf`. Raises `MeshError`."""
     try:
@@ -141,7 +141,7 @@ class _SceneReader:
         self.rest = self.skeleton.at_rest()
         self.reader = MaterialReader(gltf)
         self.numbers: dict[int | None, int] = {}
-        self.materials: list[GltfMaterial] = []
+        self.materials: list[MappedMaterial] = []
         self.primitives: dict[tuple[int, int], Primitive | None] = {}
         self.notes: dict[str, None] = {}  # in order, once each
         self.triangles = 0
@@ -150,7 +150,9 @@ class _SceneReader:
         found = [pair for number in self.place for pair in self._parts(number)]
         parts, bodies = tuple(part for part, _ in found), tuple(body for _, body in found)
         notes = (*extension_notes(self.gltf), *self.reader.notes, *self.notes)
-        names = clip_names(self.gltf)
+        # a clip without a name has its number
+        clips = enumerate(self.gltf.listed("animations"))
+        names = tuple(str(entry.get("name") or number) for number, entry in clips)
         rigging = Rigging(self.skeleton, bodies, names, ClipReader(self.gltf, self.place, names)) if names else None
         return MeshFile(parts, tuple(m.material for m in self.materials), notes, rigging)
 
@@ -162,7 +164,10 @@ class _SceneReader:
         mesh = self.gltf.entry("meshes", node["mesh"])
         name = "/".join(dict.fromkeys(str(entry["name"]) for entry in (node, mesh) if entry.get("name")))
         for k, entry in enumerate(mesh["primitives"]):
-            primitive = self._primitive(node["mesh"], k, entry)
+            place = node["mesh"], k
+            if place not in self.primitives:  # several nodes may show it
+                self.primitives[place] = read_primitive(self.gltf, entry)
+            primitive = self.primitives[place]
             if primitive is None:
                 self._note("has points or lines - they are not drawn")
                 continue
@@ -174,7 +179,7 @@ class _SceneReader:
                 self._note("has parts without material and colours - they are white, matt and drawn on both sides")
             material = self._material(entry.get("material"))
             coordinates = self.materials[material].coordinates
-            uv = primitive.columns.get(f"TEXCOORD_{coordinates.texcoord}")
+            uv = primitive.columns.get(coordinates.name)
             uv = None if uv is None else coordinates.of(uv.astype(np.float64))
             title = name or f"mesh {node['mesh']}"
             yield Part(title, positions, faces, normals, uv, primitive.colors, material, flat=True), body
@@ -189,12 +194,6 @@ class _SceneReader:
             self.notes |= dict.fromkeys(notes)
         place = self.place[number]
         return UnplacedSurface(place, primitive.positions, primitive.normals, primitive.faces, targets, weights, skin)
-
-    def _primitive(self, mesh: int, k: int, entry: dict[str, Any]) -> Primitive | None:
-        """Return a primitive, read once where several nodes show it."""
-        if (mesh, k) not in self.primitives:
-            self.primitives[mesh, k] = read_primitive(self.gltf, entry)
-        return self.primitives[mesh, k]
 
     def _material(self, source: int | None) -> int:
         if source not in self.numbers:

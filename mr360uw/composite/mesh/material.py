@@ -16,8 +16,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.composite.mesh.curve import Animation
-from mr360uw.composite.mesh.skin import Skeleton, UnplacedSurface
+from mr360uw.composite.mesh.skin import Animation, Skeleton, UnplacedSurface
 from mr360uw.composite.mesh.texture import Texture, check_image, decoded, make_texture
 from mr360uw.errors import MeshError
 from mr360uw.reading.input_files import neighbour, read_data
@@ -85,6 +84,30 @@ def simple_material(source: Any, path: Path) -> Material:
     if diffuse is not None and getattr(source, "kwargs", {}).get("kd") is not None:
         r, g, b = decode(np.asarray(diffuse[:3], np.float64) / 255.0, "srgb")
     return Material(base_color=(float(r), float(g), float(b), 1.0), double_sided=True)
+
+
+@dataclass(frozen=True, slots=True)
+class MapCoordinates:
+    """Texture coordinates of a material's maps: the name of the mesh's values, and how these are moved."""
+
+    name: str
+    offset: tuple[float, float] = (0.0, 0.0)
+    rotation_rad: float = 0.0
+    scale: tuple[float, float] = (1.0, 1.0)
+
+    def of(self, uv: Floats) -> Floats:
+        """Return coordinates (V, 2) scaled, then turned (anticlockwise where v points down), then moved."""
+        c, s = np.cos(self.rotation_rad), np.sin(self.rotation_rad)
+        return uv * self.scale @ np.array([[c, -s], [s, c]]) + self.offset
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MappedMaterial:
+    """A material of a file, the coordinates that all its maps share, and the name of its vertex colours or ""."""
+
+    material: Material
+    coordinates: MapCoordinates
+    colors: str = ""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -15,7 +15,6 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.composite.mesh.hull import hull_triangles
 from mr360uw.composite.mesh.material import Material, MeshFile, Part
 from mr360uw.composite.mesh.mesh_file import read_mesh_file
 from mr360uw.composite.mesh.normals import corner_normals, crease_normals, smooth_patches, welded
@@ -29,6 +28,9 @@ METRES: dict[Unit, float] = {"auto": 1.0, "m": 1.0, "cm": 0.01, "mm": 0.001}
 _KEPT = 1000
 """Triangles from which on the patches and the hull of a mesh are kept on the disk: computing less takes as long as
 reading a file."""
+_MANY = 50_000
+"""Distinct points above which the hull is simplified."""
+_SHALLOW = 1e-4
 _LARGE_M = 20.0
 _SMALL_M = 0.02
 """Sizes above and below which a note suggests another unit or a scale."""
@@ -165,6 +167,29 @@ def _patches_and_hull(positions: Floats, normals: Floats, piece: NDArray[np.int3
 
     found = kept_arrays("mesh", (positions, normals, piece), made) if len(positions) >= _KEPT else made()
     return found["patch"], found["hull"]
+
+
+def hull_triangles(positions: Floats, place: NDArray[np.int64]) -> Floats:
+    """Return the triangles of the convex hull, or of the bounding box where the mesh is flat.
+
+    place: (3 T,) index of every corner's position. Above `_MANY` positions, points may lie outside the hull by up to
+    `_SHALLOW` of the extent: less than the pixel added around an object, with far fewer triangles.
+    """
+    from scipy.spatial import ConvexHull, QhullError
+
+    points = positions.reshape(-1, 3)
+    one = np.empty(place.max() + 1, np.int64)
+    one[place] = np.arange(len(place))  # of the corners at a place, any
+    points = points[one]
+    try:
+        shallow = _SHALLOW * float(np.max(np.ptp(points, axis=0)))
+        hull = ConvexHull(points, qhull_options=f"Qt W{shallow:.3g}" if len(points) > _MANY else "Qt")
+        return points[hull.simplices]
+    except QhullError:
+        low, high = points.min(axis=0), points.max(axis=0)
+        box = np.stack(np.meshgrid(*zip(low, high, strict=True), indexing="ij"), axis=-1).reshape(8, 3)
+        sides = [(0, 1, 3, 2), (4, 5, 7, 6), (0, 1, 5, 4), (2, 3, 7, 6), (0, 2, 6, 4), (1, 3, 7, 5)]
+        return box[[t for a, b, c, d in sides for t in ((a, b, c), (a, c, d))]]
 
 
 def proper_triangles(positions: Floats) -> NDArray[np.bool_]:

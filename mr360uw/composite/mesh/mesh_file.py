@@ -4,8 +4,6 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -90,23 +88,16 @@ def _conversion(path: Path) -> str:
 
 
 def _load_scene(path: Path, neighbours: ObjNeighbours | None) -> Any:
+    """Return a scene of trimesh, whose log is silent: its errors are raised as `MeshError`."""
     import trimesh
 
-    try:
-        with _quiet_trimesh():
-            return trimesh.load_scene(path, process=False, resolver=neighbours)
-    except Exception as error:  # trimesh does not catch the exceptions of its parsers
-        raise MeshError(f"{path} - cannot be read as a mesh (got: {error!s:.200}) - export it again") from error
-
-
-@contextmanager
-def _quiet_trimesh() -> Iterator[None]:
-    """Suppress trimesh's log; its errors are raised as `MeshError`."""
     log = logging.getLogger("trimesh")
     level = log.level
     log.setLevel(logging.CRITICAL)
     try:
-        yield
+        return trimesh.load_scene(path, process=False, resolver=neighbours)
+    except Exception as error:  # trimesh does not catch the exceptions of its parsers
+        raise MeshError(f"{path} - cannot be read as a mesh (got: {error!s:.200}) - export it again") from error
     finally:
         log.setLevel(level)
 

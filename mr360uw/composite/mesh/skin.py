@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Surfaces that follow nodes: rigidly, by morph targets and by skins (glTF 2.0 specification, sections 3.7.2.2, 3.7.3).
+"""Surfaces that follow nodes: rigidly, by morph targets and by skins (glTF 2.0 specification, sections 3.7.2.2, 3.7.3),
+and the clips that move these: values over time between keys (section 3.11 and appendix C).
 
 Tangents are not morphed: the renderers find them from positions and texture coordinates.
 Nodes are a tree of transforms, at rest and at a time of a clip.
@@ -8,26 +9,94 @@ Nodes are a tree of transforms, at rest and at a time of a clip.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.composite.affine import cofactors, composed, placed
-from mr360uw.composite.mesh.curve import Animation
 from mr360uw.composite.mesh.normals import crease_normals
 from mr360uw.types import Floats
 
+Interpolation = Literal["LINEAR", "STEP", "CUBICSPLINE"]
+Target = Literal["translation", "rotation", "scale", "weights"]
+_STRAIGHT = 1.0 - 1e-10
+"""Cosine between quaternions above which the arc is taken as straight; its error there is below 1e-15."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SkeletonPose:
-    """Where nodes are. world: (n, 4, 4) from each node to the file's axes. weights: of morph targets, by node, where
-    a clip sets them.
+class Curve:
+    """Values (k, w) at ascending times (k,) [s]; before the first and after the last they stay.
+
+    tangents: of CUBICSPLINE, (k, 2, w), into and out of each key, per second. turns: whether the values are unit
+    quaternions x, y, z, w.
     """
 
-    world: Floats
-    weights: Mapping[int, Floats] = field(default_factory=dict)
+    time_s: Floats
+    values: Floats
+    interpolation: Interpolation = "LINEAR"
+    tangents: Floats | None = None
+    turns: bool = False
+
+    def at(self, time_s: float) -> Floats:
+        """Return the value (w,) at a time: STEP, LINEAR (quaternions: the shortest arc), or a cubic Hermite spline."""
+        key = int(np.searchsorted(self.time_s, time_s, side="right")) - 1
+        if key < 0 or key == len(self.time_s) - 1 or self.interpolation == "STEP":
+            return np.asarray(self.values[max(key, 0)])
+        span = float(self.time_s[key + 1] - self.time_s[key])
+        t, before, after = (time_s - float(self.time_s[key])) / span, self.values[key], self.values[key + 1]
+        if self.tangents is not None:
+            leaving, arriving = span * self.tangents[key, 1], span * self.tangents[key + 1, 0]
+            value = (
+                (2 * t**3 - 3 * t**2 + 1) * before
+                + (t**3 - 2 * t**2 + t) * leaving
+                + (3 * t**2 - 2 * t**3) * after
+                + (t**3 - t**2) * arriving
+            )
+            return np.asarray(value / np.linalg.norm(value) if self.turns else value)
+        return slerp(before, after, t) if self.turns else np.asarray((1.0 - t) * before + t * after)
+
+
+def slerp(before: Floats, after: Floats, t: float) -> Floats:
+    """Return the unit quaternion (4,) a fraction t along the shortest arc between two (Shoemake 1985)."""
+    cosine = float(before @ after)
+    if cosine < 0.0:
+        after, cosine = -after, -cosine
+    if cosine > _STRAIGHT:
+        value = (1.0 - t) * before + t * after
+        return np.asarray(value / np.linalg.norm(value))
+    angle = np.arccos(cosine)
+    return np.asarray((np.sin((1.0 - t) * angle) * before + np.sin(t * angle) * after) / np.sin(angle))
+
+
+Channel = tuple[int, Target, Curve]
+"""A curve that moves one thing: number of a skeleton's node, what of it, and its values."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Animation:
+    """An animation: channels that are played together."""
+
+    name: str
+    channels: tuple[Channel, ...]
+
+    @property
+    def first_s(self) -> float:
+        """Time of the first key [s]."""
+        return min((float(curve.time_s[0]) for _, _, curve in self.channels), default=0.0)
+
+    @property
+    def duration_s(self) -> float:
+        """Time from the first key to the last [s]."""
+        return max((float(curve.time_s[-1]) for _, _, curve in self.channels), default=0.0) - self.first_s
+
+
+Pose = tuple[Floats, Mapping[int, Floats]]
+"""Where nodes are: transforms (n, 4, 4) from each node to the file's axes, and the weights of morph targets, by node,
+where a clip sets them."""
+MorphTarget = tuple[Floats | None, Floats | None]
+"""What is added at weight 1 to positions (V, 3) and normals (V, 3); None adds nothing."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -45,37 +114,29 @@ class Skeleton:
     scale: Floats
     numbers: tuple[int, ...]
 
-    def at_rest(self) -> SkeletonPose:
+    def at_rest(self) -> Pose:
         """Return the pose that the file's nodes have."""
-        return SkeletonPose(self._world(self.local))
+        return self._world(self.local), {}
 
-    def at(self, clip: Animation, time_s: float) -> SkeletonPose:
+    def at(self, clip: Animation, time_s: float) -> Pose:
         """Return the pose at a time [s] of a clip, counted from the clip's own zero."""
         columns = {"translation": self.translation.copy(), "rotation": self.rotation.copy(), "scale": self.scale.copy()}
         weights: dict[int, Floats] = {}
-        for channel in clip.channels:
-            if channel.target == "weights":
-                weights[channel.node] = channel.curve.at(time_s)
+        for node, target, curve in clip.channels:
+            if target == "weights":
+                weights[node] = curve.at(time_s)
             else:
-                columns[channel.target][channel.node] = channel.curve.at(time_s)
-        moved = sorted({channel.node for channel in clip.channels if channel.target != "weights"})
+                columns[target][node] = curve.at(time_s)
+        moved = sorted({node for node, target, _ in clip.channels if target != "weights"})
         local = self.local.copy()
         local[moved] = composed(**{name: column[moved] for name, column in columns.items()})
-        return SkeletonPose(self._world(local), weights)
+        return self._world(local), weights
 
     def _world(self, local: Floats) -> Floats:
         world = np.empty_like(local)
         for number, parent in enumerate(self.parent):
             world[number] = local[number] if parent < 0 else world[parent] @ local[number]
         return world
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class MorphTarget:
-    """What is added at weight 1 to positions (V, 3) and normals (V, 3); None adds nothing."""
-
-    positions: Floats | None
-    normals: Floats | None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -124,18 +185,18 @@ class UnplacedSurface:
     weights: Floats | None = None
     skin: Skin | None = None
 
-    def at(self, pose: SkeletonPose) -> tuple[Floats, Floats | None, NDArray[np.int64]]:
+    def at(self, pose: Pose) -> tuple[Floats, Floats | None, NDArray[np.int64]]:
         """Return positions, normals (of any length) and faces in the file's axes."""
-        positions, normals = self.positions, self.normals
-        weights = pose.weights.get(self.node, self.weights)
-        for weight, target in zip([] if weights is None else weights.tolist(), self.targets, strict=True):
-            if weight != 0.0 and target.positions is not None:
-                positions = positions + weight * target.positions
-            if weight != 0.0 and target.normals is not None and normals is not None:
-                normals = normals + weight * target.normals
+        (world, set_weights), positions, normals = pose, self.positions, self.normals
+        weights = set_weights.get(self.node, self.weights)
+        for weight, (moved, turned) in zip([] if weights is None else weights.tolist(), self.targets, strict=True):
+            if weight != 0.0 and moved is not None:
+                positions = positions + weight * moved
+            if weight != 0.0 and turned is not None and normals is not None:
+                normals = normals + weight * turned
         if self.skin is not None:
-            return self.skin.bent(pose.world, positions, normals, self.faces)
-        return placed(pose.world[self.node], positions, normals, self.faces)
+            return self.skin.bent(world, positions, normals, self.faces)
+        return placed(world[self.node], positions, normals, self.faces)
 
 
 def smoothed_body(body: UnplacedSurface, crease_cosine: float) -> UnplacedSurface:
@@ -144,12 +205,11 @@ def smoothed_body(body: UnplacedSurface, crease_cosine: float) -> UnplacedSurfac
     if not len(corners) or not np.all(np.isfinite(corners)):
         return body
     order = body.faces.ravel()
-    targets = (None if t.positions is None else t.positions[order] for t in body.targets)
     return replace(
         body,
         positions=body.positions[order],
         normals=crease_normals(corners, crease_cosine).reshape(-1, 3),
         faces=np.arange(len(order)).reshape(-1, 3),
-        targets=tuple(MorphTarget(positions, None) for positions in targets),
+        targets=tuple((None if moved is None else moved[order], None) for moved, _ in body.targets),
         skin=None if body.skin is None else replace(body.skin, weights=body.skin.weights[order]),
     )

@@ -34,9 +34,9 @@ _BROKEN = (OSError, ValueError, IndexError, KeyError, TypeError, SyntaxError, Ov
 """What PIL raises where a file is damaged; UnidentifiedImageError is an OSError."""
 
 
-def read_texture(path: Path, *, srgb: bool) -> Texture:
-    """Return the texture of an image file; raise `MeshError`."""
-    return make_texture(decode_image(read_data(path, MeshError), str(path)), srgb=srgb)
+def read_texture(path: Path) -> Texture:
+    """Return the texture of the colours in an image file; raise `MeshError`."""
+    return make_texture(decode_image(read_data(path, MeshError), str(path)), srgb=True)
 
 
 def check_image(data: bytes, where: str) -> None:

@@ -9,12 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.composite.eye_bounds import seen_rectangles
-from mr360uw.composite.lighting.shadow import Footprint, footprint, pixel_steps
+from mr360uw.composite.lighting.shadow import footprint, pixel_steps
 from mr360uw.composite.mesh.material import Material
 from mr360uw.composite.mesh.texture import Texture, texture_lookup
-from mr360uw.composite.raycast.bump import bumped
 from mr360uw.composite.shot import PlacedObject, Shot
+from mr360uw.composite.tiles import seen_rectangles
 from mr360uw.rays import barycentric
 from mr360uw.types import Floats, Rectangle, View
 
@@ -93,7 +92,7 @@ class Hits:
     camera. distance_m, direction: of the ray. geometric_normal, normal: unit, on the camera's side; the second is
     interpolated and bumped by the normal map. base: (n, 3) linear, alpha: (n,). footprint_m: width of the textures'
     filter at that distance. normal_change: (n, 2, 3) of the interpolated normal over a pixel, along its columns and
-    rows. footprint: the area over which shadows are averaged.
+    rows. area_middle: (n, 3), area_sides: (n, 2, 3) [m] of the parallelogram over which shadows are averaged.
     """
 
     triangle: NDArray[np.int64]
@@ -115,7 +114,8 @@ class Hits:
     trim: Floats
     footprint_m: Floats
     normal_change: Floats
-    footprint: Footprint
+    area_middle: Floats
+    area_sides: Floats
 
 
 def base_color(geometry: Geometry, triangle: NDArray[np.int64], weights: Floats, level_scale: Floats) -> Floats:
@@ -210,6 +210,7 @@ def surface_along(
             bump = 2.0 * _lookup(material.normal_map, uv[of], change[of])[:, :3] - 1.0
             bump[:, :2] *= material.normal_scale
             normal[of] = bumped(normal[of], e1[of], e2[of], uv_corners[of], bump)
+    area_middle, area_sides = footprint(origin + point, pixel_steps(point, flat, neighbours, pixel), area)
     return Hits(
         triangle=triangle,
         object=geometry.object[triangle],
@@ -230,7 +231,8 @@ def surface_along(
         trim=np.array([material.trim for material in geometry.materials])[geometry.material[triangle]],
         footprint_m=distance * np.pi / height * pixel,
         normal_change=turning * side[..., None],
-        footprint=footprint(origin + point, pixel_steps(point, flat, neighbours, pixel), area),
+        area_middle=area_middle,
+        area_sides=area_sides,
     )
 
 
@@ -250,3 +252,22 @@ def _material_values(geometry: Geometry, triangle: NDArray[np.int64], uv: Floats
         if material.emission_map is not None:
             emission[of] *= _lookup(material.emission_map, uv[of], change[of])[:, :3]
     return metallic, roughness, occlusion, index, emission
+
+
+def bumped(normal: Floats, e1: Floats, e2: Floats, uv: Floats, bump: Floats) -> Floats:
+    """Return unit normals (n, 3) turned by a tangent space normal (n, 3) whose y points up the image.
+
+    The tangents are those of the triangle's own texture coordinates (n, 3, 2), made perpendicular to the normal.
+    """
+    d1, d2 = uv[:, 1] - uv[:, 0], uv[:, 2] - uv[:, 0]
+    determinant = (d1[:, 0] * d2[:, 1] - d2[:, 0] * d1[:, 1])[:, None]
+    sign = np.sign(determinant)
+    tangent = sign * (e1 * d2[:, 1:] - e2 * d1[:, 1:])
+    up = -sign * (e2 * d1[:, :1] - e1 * d2[:, :1])
+    tangent = tangent - normal * np.sum(normal * tangent, -1, keepdims=True)
+    up = up - normal * np.sum(normal * up, -1, keepdims=True)
+    tangent = tangent / np.maximum(np.linalg.norm(tangent, axis=-1, keepdims=True), 1e-20)
+    up = up / np.maximum(np.linalg.norm(up, axis=-1, keepdims=True), 1e-20)
+    turned = bump[:, :1] * tangent + bump[:, 1:2] * up + bump[:, 2:] * normal
+    length = np.linalg.norm(turned, axis=-1, keepdims=True)
+    return np.where(length > 1e-6, turned / np.maximum(length, 1e-6), normal)

@@ -13,7 +13,8 @@ grows with the pixels of the parts, and once with those of the rows that wide bl
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+import functools
+from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
@@ -137,24 +138,24 @@ _FLATTEST = 0.02
 """Least sine of the angle below the horizon: nearer to it ground is too far away for its caustics to be seen."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class PlatePattern:
     """A plate's frame and how it would look in the mean light of its waves.
 
     mean: (H, W, 3) of the clip where the camera stands, or None: then detail of the size of caustics is smoothed.
     height_m: of the camera above the ground, for that size. strength: fraction of that detail that is caustics, 0 to 1;
-    a mean is the calm state as it is. blur: of the frame.
+    a mean is the calm state as it is.
     """
 
     picture: Picture
     mean: Floats | None
     height_m: float
     strength: float
-    blur: PlateBlur = field(init=False, repr=False)
 
-    def __post_init__(self) -> None:
-        """Share reduced pictures among the parts that are asked for."""
-        object.__setattr__(self, "blur", PlateBlur(self.picture))
+    @functools.cached_property
+    def blur(self) -> PlateBlur:
+        """Blurs of the frame, whose parts share reduced pictures."""
+        return PlateBlur(self.picture)
 
     def light(self, part: Rectangle, scratch: Scratch | None = None) -> tuple[Floats, Floats]:
         """Return the frame and its calm state over a part of it, each (h, w, 3) float32.

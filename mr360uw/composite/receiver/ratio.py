@@ -14,7 +14,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from mr360uw.composite.lighting.arrival import LightSource
+from mr360uw.composite.lighting.sun import LightSource
 from mr360uw.composite.lighting.surfaces import ambient_irradiance
 from mr360uw.composite.receiver.pattern import direct_pattern
 from mr360uw.composite.shot import Shot
@@ -37,8 +37,8 @@ def _plate_light(shot: Shot, sources: Sequence[LightSource], point: Floats, norm
     ambient, beam = ambient_irradiance(shot, point, normal), np.zeros((len(point), 3))
     for source in sources:
         if source.in_plate:
-            arrival = source.arrival(point)
-            beam = beam + arrival.irradiance * np.maximum(np.sum(normal * arrival.direction, -1), 0.0)[:, None]
+            direction, irradiance, _ = source.arrival(point)
+            beam = beam + irradiance * np.maximum(np.sum(normal * direction, -1), 0.0)[:, None]
     return ambient, beam
 
 
@@ -59,10 +59,10 @@ def added_light(
     for source in sources:
         if source.in_plate:
             continue
-        arrival = source.arrival(point)
-        cosine = np.maximum(np.sum(normal * arrival.direction, -1), 0.0)
+        direction, irradiance, _ = source.arrival(point)
+        cosine = np.maximum(np.sum(normal * direction, -1), 0.0)
         seen = source.visibility(point, sides) if shadows else np.ones(len(point))
-        added = added + arrival.irradiance * (cosine * seen)[:, None]
+        added = added + irradiance * (cosine * seen)[:, None]
     if np.any(added):
         ambient, beam = _plate_light(shot, sources, point, normal)
         added = np.minimum(added / np.maximum(ambient + beam, DARK), BRIGHTEST)
@@ -97,9 +97,5 @@ def receiver_ratio(
     r = np.ones_like(share) if plate is None else direct_pattern(*plate, share)
     ratio = share * free + (r - share) * seen[:, None] * waves
     ratio = (ratio + added_light(shot, sources, point, normal, sides)) / r
-    return 1.0 + receiver_weight(distance_m, receiver.extent_m)[:, None] * (ratio - 1.0)
-
-
-def receiver_weight(distance_m: Floats, extent_m: float) -> Floats:
-    """Return the weight (...,) of the receiver's change: 1 up to `FADE_FROM` of its extent, then falling to 0."""
-    return 1.0 - smoothstep(np.asarray(distance_m) / extent_m, FADE_FROM, 1.0)
+    weight = 1.0 - smoothstep(distance_m / receiver.extent_m, FADE_FROM, 1.0)
+    return 1.0 + weight[:, None] * (ratio - 1.0)

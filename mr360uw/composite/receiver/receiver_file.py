@@ -28,10 +28,7 @@ def load_receiver(settings: ReceiverSettings) -> Receiver:
     Raises `MeshError`.
     """
     plain = Receiver(
-        shadow=settings.shadow,
-        occlusion=settings.occlusion,
-        caustics=settings.caustics,
-        extent_m=settings.extent_m,
+        shadow=settings.shadow, occlusion=settings.occlusion, caustics=settings.caustics, extent_m=settings.extent_m
     )
     if settings.kind == "plane":
         return replace(plain, plane_y=settings.height_m)

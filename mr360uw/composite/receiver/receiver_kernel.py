@@ -28,6 +28,8 @@ _CHANGED = 1e-4
 _AT_ONCE = 32
 """Most blocks beside each other that are computed together: compilers vectorise loops that are longer than a block.
 Half as many or twice as many take as long."""
+_MIDDLE = ((np.arange(BLOCK) + 0.5) / BLOCK).astype(np.float32)
+"""Where the pixels of a block lie, along it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -80,26 +82,13 @@ def lay_receiver(
     """
     none = np.zeros((0, 0, 3), np.float32)
     shown, calm = (none, none) if pattern is None else pattern.light(tile.rectangle, room)
+    images = [
+        part for own in (light.free, light.seen, light.waves, light.shape, light.added) for part in (own.at, own.image)
+    ]
     _lay(
-        light.row, light.column, light.corner, light.free.at, light.free.image, light.seen.at, light.seen.image,
-        light.waves.at, light.waves.image, light.shape.at, light.shape.image,
-        light.added.at, light.added.image, width,
-        height, tile.row, tile.column, np.ascontiguousarray(shown), np.ascontiguousarray(calm), tile.ratio, tile.veil,
-        *_lines(),
+        (light.row, light.column, light.corner), tuple(images), (width, height, tile.row, tile.column),
+        (np.ascontiguousarray(shown), np.ascontiguousarray(calm)), (tile.ratio, tile.veil),
     )  # fmt: skip
-
-
-def _lines() -> tuple[NDArray[np.float32], ...]:
-    """Return room for one row of some blocks: channels of `corner`, weight of the change, waves and added light, twice,
-    by blocks and by pixels; the plate's pattern, one over it, and the relative change; and where pixels lie in a block.
-    """
-    room = _AT_ONCE * BLOCK
-    line, weight = np.empty((10, _AT_ONCE, BLOCK), np.float32), np.empty((_AT_ONCE, BLOCK), np.float32)
-    waves, added = np.empty((3, _AT_ONCE, BLOCK), np.float32), np.empty((3, _AT_ONCE, BLOCK), np.float32)
-    by_pixels = (line.reshape(10, room), weight.reshape(room), waves.reshape(3, room), added.reshape(3, room))
-    plate, inverse = np.ones((2, 3, room), np.float32), np.ones((3, room), np.float32)
-    middle = ((np.arange(BLOCK) + 0.5) / BLOCK).astype(np.float32)
-    return line, weight, waves, added, *by_pixels, plate, inverse, np.empty((3, room), np.float32), middle
 
 
 @inlined
@@ -123,16 +112,16 @@ def _inverse_pattern(shown: Any, calm: Any, inside: Any, plate: Any, line: Any, 
 
 
 @inlined
-def _between(corner: Any, q: int, z: int, down: Any, middle: Any, line: Any, b: int) -> None:
+def _between(corner: Any, q: int, z: int, down: Any, line: Any, b: int) -> None:
     """Set a row of block b of `line` (10, n, BLOCK) to what lies between the corners of block (q, z).
 
-    down: how far the row lies from the upper corners to the lower ones. middle: (BLOCK,) the same of the pixels, along.
+    down: how far the row lies from the upper corners to the lower ones.
     """
     for k in range(10):
         start = corner[q, z, k] + down * (corner[q + 1, z, k] - corner[q, z, k])
         step = corner[q, z + 1, k] + down * (corner[q + 1, z + 1, k] - corner[q, z + 1, k]) - start
         for i in range(BLOCK):
-            line[k, b, i] = start + middle[i] * step
+            line[k, b, i] = start + _MIDDLE[i] * step
 
 
 @inlined
@@ -146,11 +135,13 @@ def _write(change: Any, haze: Any, ratio: Any, veil: Any) -> None:
 
 
 @inlined
-def _take_images(
-    line: Any, weight: Any, waves_row: Any, added_row: Any, b: int, j: int, f: int, free: Any, s: int, seen: Any,
-    w: int, waves: Any, g: int, shape: Any, p: int, added: Any,
-) -> None:  # fmt: skip
-    """Set a row of block b to row j of its images, of those whose number is not negative."""
+def _take_images(rows: Any, b: int, j: int, numbers: Any, images: Any) -> None:
+    """Set a row of block b to row j of its images, of those whose number is not negative.
+
+    rows: channels of `BlockLight.corner`, weight of the change, waves and added light. numbers, images: of free, seen,
+    waves, shape and added.
+    """
+    (line, weight, waves_row, added_row), (f, s, w, g, p), (free, seen, waves, shape, added) = rows, numbers, images
     for i in range(BLOCK):
         if g >= 0:
             weight[b, i] = shape[g, j, i, 3]
@@ -180,13 +171,23 @@ def _even(corner: Any, q: int, z: int) -> bool:
 
 
 @fast
-def _lay(
-    row: Any, column: Any, corner: Any, free_at: Any, free: Any, seen_at: Any, seen: Any, waves_at: Any, waves: Any,
-    shape_at: Any, shape: Any, added_at: Any, added: Any,
-    width: int, height: int, first_row: int, first_column: int, shown: Any, calm: Any, ratio: Any, veil: Any,
-    line: Any, weight: Any, waves_row: Any, added_row: Any, flat_line: Any, flat_weight: Any, flat_waves: Any,
-    flat_added: Any, flat_plate: Any, inverse: Any, change: Any, middle: Any,
-) -> None:  # fmt: skip
+def _lay(blocks: Any, images: Any, frame: Any, plate: Any, tile: Any) -> None:
+    """Write ratio and veil of the blocks into a tile, see `lay_receiver`.
+
+    blocks: row, column and corner of `BlockLight`. images: `at` and `image` of its images, one after the other. frame:
+    width and height, and row and column of the tile. plate: its light and its calm light. tile: ratio and veil.
+    """
+    row, column, corner = blocks
+    free_at, free, seen_at, seen, waves_at, waves, shape_at, shape, added_at, added = images
+    (width, height, first_row, first_column), (shown, calm), (ratio, veil) = frame, plate, tile
+    # one row of some blocks, by blocks and by pixels
+    room = _AT_ONCE * BLOCK
+    line, weight = np.empty((10, _AT_ONCE, BLOCK), np.float32), np.empty((_AT_ONCE, BLOCK), np.float32)
+    waves_row, added_row = np.empty((3, _AT_ONCE, BLOCK), np.float32), np.empty((3, _AT_ONCE, BLOCK), np.float32)
+    flat_line, flat_weight = line.reshape(10, room), weight.reshape(room)
+    flat_waves, flat_added = waves_row.reshape(3, room), added_row.reshape(3, room)
+    flat_plate, inverse = np.ones((2, 3, room), np.float32), np.ones((3, room), np.float32)
+    change = np.empty((3, room), np.float32)
     one, half, zero = np.float32(1.0), np.float32(0.5), np.float32(0.0)
     begin, end = 0, 0
     while end < len(row):
@@ -216,11 +217,10 @@ def _lay(
             j, v, r = y - top, (np.float32(y - top) + half) * down, y - first_row
             for b in range(blocks):
                 n = begin + b
-                _between(corner, q, z + b, v, middle, line, b)
-                _take_images(
-                    line, weight, waves_row, added_row, b, j, free_at[n], free, seen_at[n], seen, waves_at[n], waves,
-                    shape_at[n], shape, added_at[n], added,
-                )  # fmt: skip
+                _between(corner, q, z + b, v, line, b)
+                numbers = free_at[n], seen_at[n], waves_at[n], shape_at[n], added_at[n]
+                rows = line, weight, waves_row, added_row
+                _take_images(rows, b, j, numbers, (free, seen, waves, shape, added))
             if len(shown):
                 _inverse_pattern(
                     shown[r, across_row], calm[r, across_row], inside, flat_plate, flat_line, blocks * BLOCK, inverse

@@ -8,19 +8,19 @@ cell, can fall on it, or if the body blocks about `UNNOTICED` of its ambient lig
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.cache import Cache
 from mr360uw.composite.ambient.on_ground.blocked_light import UNNOTICED
-from mr360uw.composite.lighting.lamps import lamps_of
-from mr360uw.composite.lighting.sources import light_sources
+from mr360uw.composite.lighting.lamps import lamps_of, light_sources
 from mr360uw.composite.lighting.sun import sun_of, widest_half_angle
 from mr360uw.composite.receiver.ratio import added_light
-from mr360uw.composite.receiver.shadow_box import mark_occluded, mark_shaded
 from mr360uw.composite.shot import PlacedObject, Receiver, Shot
 from mr360uw.composite.tiles import rectangles_of_mask
+from mr360uw.jit import fast
 from mr360uw.medium.lookup import transmittance_lookup
 from mr360uw.rays import RayScene, barycentric
 from mr360uw.sphere import basis
@@ -158,17 +158,10 @@ def coarse_grid(shot: Shot, shape: ReceiverShape) -> CoarseGrid:
     return CoarseGrid(cell, seen.shape, index, shot.view.points(direction, distance), normal, reach)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Touched:
-    """Masks (n,) of cells that may change: by the sun's shadow, by the light of lamps, and by anything."""
-
-    by_shadow: NDArray[np.bool_]
-    by_lamps: NDArray[np.bool_]
-    at_all: NDArray[np.bool_]
-
-
-def touched_cells(shot: Shot, grid: CoarseGrid) -> Touched:
-    """Return the cells of the receiver that objects, caustics or lamps may change."""
+def touched_cells(shot: Shot, grid: CoarseGrid) -> tuple[NDArray[np.bool_], NDArray[np.bool_], NDArray[np.bool_]]:
+    """Return masks (n,) of the cells of the receiver that may change: by anything, by the sun's shadow, and by the
+    light of lamps.
+    """
     receiver, sun = shot.receiver, sun_of(shot)
     assert receiver is not None
     casters = shot.casters
@@ -176,18 +169,18 @@ def touched_cells(shot: Shot, grid: CoarseGrid) -> Touched:
     boxes = [_box(placed, basis(sun.direction if sun else (0.0, 1.0, 0.0)), shot.view.position) for placed in casters]
     if receiver.shadow and sun is not None:
         spread = float(np.tan(widest_half_angle(shot)))
-        for box in boxes:
-            mark_shaded(grid.point, grid.reach_m, box.axes, box.low, box.high, spread, marks)
+        for axes, low, high, _ in boxes:
+            mark_shaded(grid.point, grid.reach_m, axes, low, high, spread, marks)
     by_shadow = marks.copy()
     if receiver.occlusion:
-        for box in boxes:
-            half = 0.5 * (box.high - box.low)
-            args = box.center, box.radius, np.ascontiguousarray(box.axes), half, UNNOTICED, marks
-            mark_occluded(grid.point, grid.normal, grid.reach_m, *args)
+        for axes, low, high, radius in boxes:
+            center, half = 0.5 * (low + high) @ axes, 0.5 * (high - low)
+            box = center, radius, np.ascontiguousarray(axes), half
+            mark_occluded(grid.point, grid.normal, grid.reach_m, box, UNNOTICED, marks)
     if receiver.caustics and shot.caustics is not None and sun is not None:
         marks[:] = True
     by_lamps = _lit_cells(shot, grid)
-    return Touched(by_shadow, by_lamps, marks | by_lamps)
+    return marks | by_lamps, by_shadow, by_lamps
 
 
 def _lit_cells(shot: Shot, grid: CoarseGrid) -> NDArray[np.bool_]:
@@ -205,21 +198,11 @@ def _lit_cells(shot: Shot, grid: CoarseGrid) -> NDArray[np.bool_]:
     return np.asarray(mask.flat[grid.index])
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Box:
-    """Oriented bounding box of a body: axes (3, 3), one a row, and bounds along them (3,). center, radius: of a ball
-    that contains the body.
+def _box(placed: PlacedObject, axes: Floats, camera_position: Floats) -> tuple[Floats, Floats, Floats, float]:
+    """Return the axes (3, 3) of a box about a body, one a row, its bounds (3,) along them, and the radius of a ball
+    about its middle that contains the body. Its third axis is that of `axes`, its first is along the greatest extent
+    across it.
     """
-
-    axes: Floats
-    low: Floats
-    high: Floats
-    center: Floats
-    radius: float
-
-
-def _box(placed: PlacedObject, axes: Floats, camera_position: Floats) -> _Box:
-    """Return the box whose third axis is that of `axes` and whose first is along the greatest extent across it."""
     linear, offset = placed.world_from_object[:3, :3], placed.world_from_object[:3, 3] - camera_position
     corners = linear @ placed.mesh.hull.reshape(-1, 3).T + offset[:, None]
     across = axes[:2] @ (corners - corners.mean(axis=1, keepdims=True))
@@ -228,13 +211,13 @@ def _box(placed: PlacedObject, axes: Floats, camera_position: Floats) -> _Box:
     low, high = along.min(axis=1), along.max(axis=1)
     center = 0.5 * (low + high)
     radius = float(np.sqrt(np.max(np.sum((along - center[:, None]) ** 2, axis=0))))
-    return _Box(turned, low, high, center @ turned, radius)
+    return turned, low, high, radius
 
 
-def receiver_rectangles(shot: Shot, grid: CoarseGrid, touched: Touched) -> list[Rectangle]:
+def receiver_rectangles(shot: Shot, grid: CoarseGrid) -> list[Rectangle]:
     """Return rectangles of the frame that cover the cells that may change."""
     mask = np.zeros(grid.shape, np.bool_)
-    mask.flat[grid.index[touched.at_all]] = True
+    mask.flat[grid.index[touched_cells(shot, grid)[0]]] = True
     return rectangles_of_cells(mask, grid.cell, shot.view)
 
 
@@ -245,3 +228,50 @@ def rectangles_of_cells(mask: NDArray[np.bool_], cell: tuple[int, int], view: Vi
         Rectangle(c * width, r * height, min(columns * width, view.width), min(rows * height, view.height - r * height))
         for c, r, columns, rows in rectangles_of_mask(mask, RECTANGLE_COST_PX // (width * height))
     ]
+
+
+@fast
+def mark_shaded(point: Any, reach_m: Any, axes: Any, low: Any, high: Any, spread: Any, marks: Any) -> None:
+    """Set the marks (n,) of places between which and the sun a body's box may be.
+
+    axes: (3, 3), one a row, the last towards the sun. low, high: (3,) of the box along them. spread: tangent of the
+    sun's radius. reach_m: (n,) of the receiver around each place, which stands for it.
+    """
+    for i in range(len(marks)):
+        p, reach = point[i], reach_m[i]
+        above = high[2] - (p[0] * axes[2, 0] + p[1] * axes[2, 1] + p[2] * axes[2, 2]) + reach
+        wide = reach + spread * max(above, 0.0)
+        u = p[0] * axes[0, 0] + p[1] * axes[0, 1] + p[2] * axes[0, 2]
+        v = p[0] * axes[1, 0] + p[1] * axes[1, 1] + p[2] * axes[1, 2]
+        beside = max(low[0] - u, u - high[0], low[1] - v, v - high[1])
+        if above > 0.0 and beside <= wide:
+            marks[i] = True
+
+
+@fast
+def mark_occluded(point: Any, normal: Any, reach_m: Any, box: Any, least: Any, marks: Any) -> None:
+    """Set the marks (n,) of places that a body touches, or of whose ambient light it may block at least this part.
+
+    box: centre and radius of a ball around the body, axes (3, 3) and half size (3,) of a box around it. reach_m: (n,)
+    of the receiver around each place, which stands for it. Of the box, what faces a place bounds what the body blocks
+    there.
+    """
+    center, radius, axes, half = box
+    for i in range(len(marks)):
+        if marks[i]:
+            continue
+        p, n = point[i], normal[i]
+        x, y, z = center[0] - p[0], center[1] - p[1], center[2] - p[2]
+        near = radius + reach_m[i]
+        squared = x * x + y * y + z * z
+        if squared < near * near:
+            marks[i] = True
+            continue
+        away = np.sqrt(squared)
+        face = 0.0
+        for c in range(3):
+            d = abs(x * axes[c, 0] + y * axes[c, 1] + z * axes[c, 2]) / away
+            face += d * 4.0 * half[(c + 1) % 3] * half[(c + 2) % 3]
+        rising = max(x * n[0] + y * n[1] + z * n[2] + near, 0.0) / (away - reach_m[i])
+        distance = away - reach_m[i]
+        marks[i] = face * min(rising, 1.0) > least * np.pi * distance * distance

@@ -6,23 +6,30 @@ the plate.
 
 D is the deviation from the smooth veil (`medium.shafts.deviation`). No pixel turns negative by it. Both renderers share
 it: it needs the layer's distances alone.
+
+Light before the plate has no edges but those of shadows in the water, which the water blurs, so it is found for blocks
+of pixels and read bilinearly between their middles. Without waves it goes with the sun's strength, and stands still as
+long as sun, bodies and camera do.
 """
 
 from __future__ import annotations
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.cache import Cache, PartOf, by_content
 from mr360uw.composite.aovs import Aovs
-from mr360uw.composite.shafts.plate_shafts import before_plate
-from mr360uw.composite.shafts.shaft_light import ShaftLight, change_along
+from mr360uw.composite.over import tile_of
+from mr360uw.composite.receiver.shape import plate_distance
+from mr360uw.composite.shafts.shaft_light import ShaftLight, change_along, shaft_pixels
 from mr360uw.composite.shot import Shot
+from mr360uw.composite.tiles import even_tiles, rectangles_of_mask
 from mr360uw.medium.shafts.settings import ShaftSettings
 from mr360uw.medium.shafts.shaft_scene import ShaftScene
-from mr360uw.types import Floats, Layer, Tile
+from mr360uw.types import Floats, Layer, Rectangle, Tile
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -46,9 +53,13 @@ def _before_objects(
     shot: Shot, light: ShaftLight, scene: ShaftScene, tiles: tuple[Tile, ...], cache: Cache
 ) -> tuple[Tile, ...]:
     covered = [tile.alpha > 0.0 for tile in tiles]
-    ends = [tile.distance_m[where] for tile, where in zip(tiles, covered, strict=True)]
-    rays = _rays(shot, tiles, covered)
-    added = _split(_added(shot, light, scene, rays, _joined(ends), cache), covered)
+    pixels = [np.nonzero(where) for where in covered]
+    x = _joined([at[1] + tile.column + 0.5 for at, tile in zip(pixels, tiles, strict=True)])
+    y = _joined([at[0] + tile.row + 0.5 for at, tile in zip(pixels, tiles, strict=True)])
+    end_m = _joined([tile.distance_m[where] for tile, where in zip(tiles, covered, strict=True)])
+    rays = np.asarray(shot.view.directions(x, y), np.float64).reshape(-1, 3)
+    found = _added(shot, light, scene, rays, end_m, cache)
+    added = np.split(found, np.cumsum([len(at[0]) for at in pixels])[:-1]) if tiles else []
     drawn = []
     for tile, where, values in zip(tiles, covered, added, strict=True):
         radiance, old = tile.radiance.copy(), tile.radiance[where]
@@ -74,21 +85,92 @@ def _change(scene: ShaftScene, settings: ShaftSettings, width: int, ends: PartOf
     return change_along(scene, settings, width, ends.whole[:, :3], ends.whole[:, 3], cache)
 
 
-def _rays(shot: Shot, tiles: tuple[Tile, ...], where: list[Mask]) -> Array:
-    return np.asarray(shot.view.directions(*_places(tiles, where)), np.float64).reshape(-1, 3)
-
-
-def _places(tiles: tuple[Tile, ...], where: list[Mask]) -> tuple[Array, Array]:
-    """Return the frame coordinates (n,) of the centres of marked pixels of all tiles."""
-    marked = [(np.nonzero(mask), tile) for tile, mask in zip(tiles, where, strict=True)]
-    x = _joined([at[1] + tile.column + 0.5 for at, tile in marked])
-    return x, _joined([at[0] + tile.row + 0.5 for at, tile in marked])
-
-
 def _joined(arrays: list[Floats]) -> Array:
     return np.concatenate([np.zeros(0), *arrays])
 
 
-def _split(values: Floats, where: list[Mask]) -> list[Floats]:
-    """Return rows (n, 3) divided among the marked pixels of each tile."""
-    return np.split(values, np.cumsum([int(mask.sum()) for mask in where])[:-1]) if where else []
+_SPARE_PX = 4096
+"""Pixels that a rectangle of the frame must save to be cut in two."""
+_BLOCKS = 512
+"""Blocks around the horizon in wide frames, as many as the columns of the default grid before the plate."""
+
+
+def before_plate(shot: Shot, light: ShaftLight, scene: ShaftScene, layer: Layer, cache: Cache) -> Layer:
+    """Return a layer with `Tile.shafts` of a scene of the water before the plate, and tiles where it has none yet.
+
+    cache: holds what does not change from frame to frame.
+    """
+    view = shot.view
+    if scene.dark:
+        return layer
+    waves = scene.pattern is not None and scene.pattern.caustics is not None
+    settings = light.settings
+    marked = (
+        np.ones((view.height, view.width), np.bool_) if waves
+        else shaft_pixels(shot, scene, settings.range_m, settings.least_codes / max(settings.strength, 1e-9), cache)
+    )  # fmt: skip
+    if not np.any(marked):
+        return layer
+    found = [_in_blocks(shot, light, part, marked, cache) for part in scene.parts]
+    of_layer = tuple(tile.rectangle for tile in layer.tiles)
+    drawn = []
+    for part in cache.of(_cut, of_layer, by_content(marked)):
+        tile = tile_of(layer, part)
+        where = marked[tile.window] & (tile.alpha < 1.0)
+        if not np.any(where):
+            drawn.append(tile)
+            continue
+        shafts = settings.strength * sum(_pixels(*blocks, part) for blocks in found) * where[..., None]
+        if shot.holdout is not None:
+            shafts *= 1.0 - np.clip(shot.holdout[tile.window], 0.0, 1.0).astype(np.float32)[..., None]
+        drawn.append(replace(tile, shafts=shafts) if np.any(shafts) else tile)
+    return replace(layer, tiles=tuple(drawn))
+
+
+def _in_blocks(
+    shot: Shot, light: ShaftLight, part: ShaftScene, marked: Mask, cache: Cache
+) -> tuple[NDArray[np.float32], int]:
+    """Return what one kind of light changes in blocks of side x side pixels (rows, columns, 3), and the side.
+
+    marked: (H, W) pixels whose blocks are found, with those beside them.
+    """
+    # a lamp's beam is thin at the lamp
+    side = 1 if part.pattern is None else max(shot.view.width // _BLOCKS, 1)
+    some = np.pad(marked[::side, ::side], ((0, 0), (1, 1)), "wrap").astype(np.uint8)
+    near = cv2.dilate(some, np.ones((3, 3), np.uint8))[:, 1:-1] > 0
+    ends = PartOf(shot, shot.view, shot.receiver, shot.holdout_distance_m)
+    change = cache.of(_change_in_blocks, ends, light.settings, part.per_unit, near, side, cache, keep=2)
+    return change if part.pattern is None else change * part.pattern.sun.irradiance.astype(np.float32), side
+
+
+def _pixels(change: NDArray[np.float32], side: int, part: Rectangle) -> NDArray[np.float32]:
+    """Return the pixels (h, w, 3) of a rectangle, bilinear between the middles of blocks, periodic in columns."""
+    first_row, first_column = part.row // side - 1, part.column // side - 1
+    row = np.arange(first_row, (part.row + part.height - 1) // side + 2)
+    column = np.arange(first_column, (part.column + part.width - 1) // side + 2)
+    near = change[np.clip(row, 0, len(change) - 1)[:, None], column % change.shape[1]]
+    if side > 1:
+        near = cv2.resize(near, None, fx=side, fy=side, interpolation=cv2.INTER_LINEAR)
+    top, left = part.row - first_row * side, part.column - first_column * side
+    return np.asarray(near[top : top + part.height, left : left + part.width], np.float32)
+
+
+def _cut(of_layer: tuple[Rectangle, ...], marked: PartOf[Mask]) -> list[Rectangle]:
+    """Return the tiles of a layer with those of marked pixels (H, W)."""
+    height, width = marked.whole.shape
+    return even_tiles([*of_layer, *rectangles_of_mask(marked.whole, _SPARE_PX)], width, height)
+
+
+def _change_in_blocks(
+    ends: PartOf[Shot], settings: ShaftSettings, scene: ShaftScene, near: Mask, side: int, cache: Cache
+) -> NDArray[np.float32]:
+    """Return what one kind of light changes before a shot's plate in marked blocks, (rows, columns, 3)."""
+    shot = ends.whole
+    row, column = np.nonzero(near)
+    x, y = (column + 0.5) * side, np.minimum((row + 0.5) * side, shot.view.height - 0.5)
+    rays = np.asarray(shot.view.directions(x, y), np.float64)
+    end_m = np.minimum(plate_distance(shot, x, y, rays, cache), settings.range_m)
+    rays, end_m = (np.asarray(a, np.float64) for a in shot.view.from_middle(rays, end_m))
+    blocks = np.zeros((*near.shape, 3), np.float32)
+    blocks[row, column] = change_along(scene, settings, shot.view.width, rays, end_m, cache)
+    return blocks

@@ -21,12 +21,11 @@ from mr360uw.cache import Cache, Parts
 from mr360uw.caustics.settings import Sea
 from mr360uw.composite.receiver.shape import plate_distance
 from mr360uw.composite.shot import Shot
-from mr360uw.composite.snow.drift import orbits_of
 from mr360uw.composite.snow.particle_light import particle_radiance
-from mr360uw.composite.snow.particles import Reach, particles_near
+from mr360uw.composite.snow.particles import Reach, orbits_of, particles_near
 from mr360uw.composite.snow.settings import NEAREST_M, SnowSettings
 from mr360uw.composite.snow.size_spectrum import LEAST_COVER, seen_up_to, size_classes
-from mr360uw.composite.snow.splat import SnowPicture, draw_particles, merged
+from mr360uw.composite.snow.splat import draw_particles, empty_picture, merged
 from mr360uw.constants import PI
 from mr360uw.medium.lookup import transmittance_lookup
 from mr360uw.texels import smoothstep
@@ -60,48 +59,51 @@ class Snow(Parts):
     closes: View
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Cloud:
-    """Particles about a camera. position: (n, 3) [m] in the world at an instant, velocity: (n, 3) [m/s], diameter_m,
-    fade: (n,), the latter in [0, 1], by their distance and their size in pixels.
-    """
-
-    position: Floats
-    velocity: Floats
-    diameter_m: Floats
-    fade: Floats
-
-
 def with_particles(snow: Snow, shot: Shot, layer: Layer, cache: Cache) -> Layer:
     """Return a shot's layer with its snow. cache: holds what is the same in other frames."""
     view = shot.view
-    cloud = particles_in_view(snow, shot)
-    point = cloud.position - view.position
+    position, velocity, diameter, fade = particles_in_view(snow, shot)
+    point = position - view.position
     distance = np.linalg.norm(point, axis=-1)
-    there = np.flatnonzero(distance < _plate_m(shot, point, distance, cache))
+    x, y = view.places(point)
+    plate_m = plate_distance(shot, x, y, point / np.maximum(distance, 1e-9)[:, None], cache)
+    there = np.flatnonzero(distance < plate_m)
     there = there[np.argsort(-distance[there], kind="stable")]
     if len(there) == 0:
         return layer
-    position, velocity, diameter = cloud.position[there], cloud.velocity[there], cloud.diameter_m[there]
+    position, velocity, diameter, fade = position[there], velocity[there], diameter[there], fade[there]
     point, distance = point[there], distance[there]
-    radius = _disc_radius(diameter, distance)
+    radius = np.hypot(0.5 * diameter / distance, 0.5 * _PUPIL_M * (1.0 / distance - 1.0 / _FOCUS_M))
     half = 0.5 * snow.exposure_s
     radiance = particle_radiance(shot, snow.settings.albedo, snow.settings.phase, point, cache)
-    before, behind = SnowPicture.empty(view), SnowPicture.empty(view)
-    draw_particles(
-        _seen(snow.opens, position - half * velocity), _seen(snow.closes, position + half * velocity), radius,
-        0.25 * PI * (diameter / distance) ** 2 * cloud.fade[there], distance, radiance, layer.distance_m, before,
-        behind,
-    )  # fmt: skip
+    before, behind = empty_picture(view), empty_picture(view)
+    begin, end = position - half * velocity, position + half * velocity
+    arcs = snow.opens.seen(begin - snow.opens.position), snow.closes.seen(end - snow.closes.position)
+    solid_angle = 0.25 * PI * (diameter / distance) ** 2 * fade
+    draw_particles(arcs, radius, solid_angle, distance, radiance, layer.distance_m, before, behind)
     return merged(shot, layer, before, behind, cache)
 
 
-def particles_in_view(snow: Snow, shot: Shot) -> Cloud:
-    """Return the particles about a shot's camera that its frame resolves, below the surface of the water."""
+def particles_in_view(snow: Snow, shot: Shot) -> tuple[Floats, Floats, Floats, Floats]:
+    """Return the particles about a shot's camera that its frame resolves, below the surface of the water.
+
+    Position (n, 3) [m] in the world at the instant, velocity (n, 3) [m/s], diameter (n,) [m], and the fraction (n,) in
+    which they are drawn, by their distance and their size in pixels.
+    """
     settings, view = snow.settings, shot.view
     classes = size_classes(settings, snow.scattering)
-    clear = Clearness.of(shot, settings.range_m)
-    farthest = clear.range_m
+    # transmittance of the water before particles, in its clearest channel and along level rays
+    away, left = np.linspace(0.0, settings.range_m, _STEPS), np.ones(_STEPS)
+    if shot.medium is not None:
+        left = transmittance_lookup(shot.medium, away, 0.0).max(axis=-1)
+    hidden = np.flatnonzero(left < _LEAST_CONTRAST)
+    farthest = float(away[hidden[0] if len(hidden) else -1])
+
+    def contrast(diameter_m: Floats, distance_m: Floats) -> Floats:
+        """Return the fraction (n,) of a pixel that particles cover, times the transmittance."""
+        cover = 0.25 * PI * (diameter_m / np.maximum(distance_m, 1e-9) * view.height / PI) ** 2
+        return np.asarray(cover * np.interp(distance_m, away, left))
+
     per_diameter, depth_m = seen_up_to(view.height), view.surface_y_m - float(view.position[1])
     reach_m = [min(farthest, per_diameter * size.high_m) for size in classes]
     orbits = orbits_of(snow.sea, depth_m - reach_m[-1])
@@ -110,70 +112,22 @@ def particles_in_view(snow: Snow, shot: Shot) -> Cloud:
     reaches = [Reach(NEAREST_M, farthest, per_diameter, margin_m) for margin_m in margins]
     current = np.asarray(settings.current_m_s, np.float64)
     speeds = [current - np.array([0.0, size.sinking_m_s, 0.0]) for size in classes]
-    found = particles_near(
+    position, diameter, number = particles_near(
         classes, settings.exponent, snow.sea.seed, view.position, [snow.time_s * speed for speed in speeds], reaches
     )
-    velocity, margin = np.asarray(speeds)[found.number], np.asarray(margins)[found.number]
-    position, diameter = found.position, found.diameter_m
-    cache = position[:, 1] < view.surface_y_m
+    velocity, margin = np.asarray(speeds)[number], np.asarray(margins)[number]
+    kept = position[:, 1] < view.surface_y_m
     mean_m = np.linalg.norm(position - view.position, axis=-1)
-    cache &= clear.contrast(diameter, np.maximum(mean_m - margin, NEAREST_M), view.height) > LEAST_COVER
-    position, velocity, diameter = position[cache], velocity[cache], diameter[cache]
+    kept &= contrast(diameter, np.maximum(mean_m - margin, NEAREST_M)) > LEAST_COVER
+    position, velocity, diameter = position[kept], velocity[kept], diameter[kept]
     if orbits is not None:
         offset, change = orbits.at(position, view.surface_y_m, snow.time_s, velocity)
         position, velocity = position + offset, velocity + change
     distance = np.linalg.norm(position - view.position, axis=-1)
     fade = (
         smoothstep(distance / NEAREST_M, 1.0, _FULL_FROM)
-        * smoothstep(clear.contrast(diameter, distance, view.height) / LEAST_COVER, 1.0, 2.0)
+        * smoothstep(contrast(diameter, distance) / LEAST_COVER, 1.0, 2.0)
         * (1.0 - smoothstep(distance / farthest, _FADE_FROM, 1.0))
     )
-    cache = fade > 0.0
-    return Cloud(position[cache], velocity[cache], diameter[cache], fade[cache])
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Clearness:
-    """Transmittance of the water before particles, in its clearest channel and along level rays.
-
-    distance_m: (_STEPS,) ascending. left: (_STEPS,); 1 everywhere without water.
-    """
-
-    distance_m: Floats
-    left: Floats
-
-    @classmethod
-    def of(cls, shot: Shot, farthest_m: float) -> Clearness:
-        """Return that of a shot's water up to a distance."""
-        distance = np.linspace(0.0, farthest_m, _STEPS)
-        if shot.medium is None:
-            return cls(distance, np.ones(_STEPS))
-        return cls(distance, transmittance_lookup(shot.medium, distance, 0.0).max(axis=-1))
-
-    @property
-    def range_m(self) -> float:
-        """Distance [m] beyond which water hides particles, the last one where it hides none."""
-        hidden = np.flatnonzero(self.left < _LEAST_CONTRAST)
-        return float(self.distance_m[hidden[0] if len(hidden) else -1])
-
-    def contrast(self, diameter_m: Floats, distance_m: Floats, height: int) -> Floats:
-        """Return the fraction (n,) of a pixel of a frame's height that particles cover, times the transmittance."""
-        cover = 0.25 * PI * (diameter_m / np.maximum(distance_m, 1e-9) * height / PI) ** 2
-        return np.asarray(cover * np.interp(distance_m, self.distance_m, self.left))
-
-
-def _disc_radius(diameter_m: Floats, distance_m: Floats) -> Floats:
-    confusion = 0.5 * _PUPIL_M * (1.0 / distance_m - 1.0 / _FOCUS_M)
-    return np.asarray(np.hypot(0.5 * diameter_m / distance_m, confusion))
-
-
-def _seen(view: View, position: Floats) -> Floats:
-    """Return the unit directions (n, 3), in a camera's axes, of points (n, 3) in the world."""
-    return view.seen(position - view.position)
-
-
-def _plate_m(shot: Shot, point: Floats, distance_m: Floats, cache: Cache) -> Floats:
-    """Return the distance (n,) [m] of the plate's surfaces behind points (n, 3), infinity where none is known."""
-    view, direction = shot.view, point / np.maximum(distance_m, 1e-9)[:, None]
-    x, y = view.places(point)
-    return plate_distance(shot, x, y, direction, cache)
+    kept = fade > 0.0
+    return position[kept], velocity[kept], diameter[kept], fade[kept]

@@ -12,7 +12,6 @@ is the fraction of a pixel that particles cover. A white ball's phase function i
 from __future__ import annotations
 
 import functools
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -29,7 +28,7 @@ from mr360uw.medium.lookup import ambient_ratio, linear
 from mr360uw.medium.phase import phase_function
 from mr360uw.medium.shafts.lamp_rays import nearest_m
 from mr360uw.sphere import directions, disc_directions, row_solid_angle
-from mr360uw.types import Environment, Floats
+from mr360uw.types import Floats
 
 _SUN_DIRECTIONS = 4
 """Directions over the sun's disc. Particles are a pixel large: a shadow's edge is told by many of them."""
@@ -48,53 +47,35 @@ def particle_radiance(shot: Shot, albedo: float, phase: SnowPhase, point: Floats
     """
     distance = np.linalg.norm(point, axis=-1)
     direction = point / distance[:, None]
-    light = environment_lookup(scattered_ambient(shot.environment, phase), direction)
-    depths = _Depths.of(shot, point)
+    residual = np.asarray(shot.environment.residual, np.float32)
+    # what particles of albedo 1 send to the camera, a map over directions
+    scattered = (_weights(phase, *residual.shape[:2]) @ residual.reshape(-1, 3)).reshape(_ROWS, 2 * _ROWS, 3)
+    light = environment_lookup(scattered, direction)
+    # smooth light is evaluated on a ladder of depths and interpolated to the points'
+    depth = shot.view.depth_of(point)
+    low, high = float(depth.min()), max(float(depth.max()), float(depth.min()) + _LEAST_SPAN_M)
+    ladder, place, points = np.linspace(low, high, _STEPS), (depth - low) / (high - low), np.zeros((_STEPS, 3))
+    points[:, 1] = shot.view.surface_y_m - ladder - shot.view.position[1]
     if shot.medium is not None:
-        light = light * depths.between(ambient_ratio(shot.medium, depths.ladder_m))
+        light = light * linear(ambient_ratio(shot.medium, ladder), place)
     bodies = casting_bodies(shot, cache)
     world = point + shot.view.position
     if (sun := sun_of(shot)) is not None:
         source = _SunOnPoints(sun, shot, None)
-        arrival = source.arrival(depths.points)
-        half_angle = float(np.mean(arrival.half_angle_rad))
+        _, irradiance, half_angle_rad = source.arrival(points)
+        half_angle = float(np.mean(half_angle_rad))
         seen = bodies.visible(world, disc_directions(sun.direction, half_angle, _SUN_DIRECTIONS))
         turned: Floats = particle_phase(phase, direction @ sun.direction) * seen
-        light = (
-            light + depths.between(arrival.irradiance) * source.pattern(point, np.zeros(len(point))) * turned[:, None]
-        )
+        light = light + linear(irradiance, place) * source.pattern(point, np.zeros(len(point))) * turned[:, None]
     for lamp in lamps_of(shot):
-        arrival = LampSource(lamp, shot, None).arrival(point)
-        turned = particle_phase(phase, np.sum(direction * arrival.direction, axis=-1))
-        lit = np.flatnonzero(np.any(arrival.irradiance > 0.0, axis=-1))
+        towards, irradiance, _ = LampSource(lamp, shot, None).arrival(point)
+        turned = particle_phase(phase, np.sum(direction * towards, axis=-1))
+        lit = np.flatnonzero(np.any(irradiance > 0.0, axis=-1))
         if lamp.casts_shadow:
             turned[lit] *= bodies.visible_from(world[lit], np.asarray(lamp.position, np.float64), nearest_m(lamp))
-        light = light + arrival.irradiance * turned[:, None]
+        light = light + irradiance * turned[:, None]
     through, veil = water_ahead(shot, distance, direction)
     return np.asarray(through * albedo * light + veil)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Depths:
-    """A ladder of depths (_STEPS,) [m] over points, with points (_STEPS, 3) at these. place: (n,) of the points on it,
-    0 to 1."""
-
-    place: Floats
-    ladder_m: Floats
-    points: Floats
-
-    @classmethod
-    def of(cls, shot: Shot, point: Floats) -> _Depths:
-        depth = shot.view.depth_of(point)
-        low, high = float(depth.min()), max(float(depth.max()), float(depth.min()) + _LEAST_SPAN_M)
-        ladder = np.linspace(low, high, _STEPS)
-        points = np.zeros((_STEPS, 3))
-        points[:, 1] = shot.view.surface_y_m - ladder - shot.view.position[1]
-        return cls((depth - low) / (high - low), ladder, points)
-
-    def between(self, values: Floats) -> Floats:
-        """Return values (_STEPS, 3) on the ladder, interpolated to the points' depths, (n, 3)."""
-        return linear(values, self.place)
 
 
 class _SunOnPoints(SunSource):
@@ -117,13 +98,6 @@ def particle_phase(phase: SnowPhase, cosine: Floats) -> Floats:
     if phase == "grain":
         return 2.0 / (3.0 * PI * PI) * (np.sin(theta) - theta * np.cos(theta))
     return phase_function(phase, theta)
-
-
-def scattered_ambient(environment: Environment, phase: SnowPhase) -> Floats:
-    """Return the ambient light that particles of albedo 1 send to the camera, a map (16, 32, 3) over directions."""
-    source = np.asarray(environment.residual, np.float32)
-    weights = _weights(phase, *source.shape[:2])
-    return (weights @ source.reshape(-1, 3)).reshape(_ROWS, 2 * _ROWS, 3)
 
 
 @functools.lru_cache(maxsize=4)

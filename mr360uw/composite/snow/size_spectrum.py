@@ -67,7 +67,8 @@ def particle_scattering(water: Water) -> float:
 
 def number_between(low_m: float, high_m: float, exponent: float, scattering: float) -> float:
     """Return the number of particles [1/m^3] with diameters between two. scattering: by all particles [1/m]."""
-    return _scale(exponent, scattering) * _integral(low_m, high_m, -exponent)
+    scale = scattering / (EFFICIENCY * 0.25 * PI * _integral(SMALLEST_M, LARGEST_M, 2.0 - exponent))
+    return scale * _integral(low_m, high_m, -exponent)
 
 
 def size_classes(settings: SnowSettings, scattering: float) -> tuple[SizeClass, ...]:
@@ -122,11 +123,6 @@ def in_words(settings: SnowSettings, water: Water) -> tuple[bool, str]:
         f"{per_m3:.3g} particles of {settings.sizes_mm[0]:g} to {settings.sizes_mm[1]:g} mm in a cubic metre, from the "
         f"water's scattering; {within:.2g} within {far:g} m, of which those that a pixel shows are drawn"
     )
-
-
-def _scale(exponent: float, scattering: float) -> float:
-    """Return A of the spectrum."""
-    return scattering / (EFFICIENCY * 0.25 * PI * _integral(SMALLEST_M, LARGEST_M, 2.0 - exponent))
 
 
 def _integral(low: float, high: float, power: float) -> float:

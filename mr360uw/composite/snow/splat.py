@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -29,30 +29,33 @@ from mr360uw.sphere import row_solid_angle
 from mr360uw.types import Floats, Layer, Rectangle, Tile, View
 
 
-def merged(shot: Shot, layer: Layer, before: SnowPicture, behind: SnowPicture, cache: Cache) -> Layer:
+def merged(shot: Shot, layer: Layer, before: Picture, behind: Picture, cache: Cache) -> Layer:
     """Return a layer with snow before its bodies and behind them; pictures are used up. cache: what frames share.
 
     Mattes without distances hide snow as they hide bodies, of which they know no more.
     """
     if shot.holdout is not None:
         left = (1.0 - np.clip(shot.holdout, 0.0, 1.0)).astype(np.float32)
-        for picture in (before, behind):
-            picture.radiance[...] *= left[..., None]
-            picture.alpha[...] *= left
+        for radiance, alpha in (before, behind):
+            radiance[...] *= left[..., None]
+            alpha[...] *= left
     tiles = [_with_snow(tile, before, behind) for tile in layer.tiles]
     whole = Rectangle(0, 0, layer.width, layer.height)
     blank = cache.of(_blank, whole)
     for part in rest_of([tile.rectangle for tile in layer.tiles], layer.width, layer.height):
         at = slice(part.row, part.row + part.height), slice(part.column, part.column + part.width)
-        alpha = before.alpha[at]
+        alpha = before[1][at]
         if np.any(alpha):
             clear = blank.distance_m[at], blank.ratio[at], blank.veil[at]
-            tiles.append(Tile(part.column, part.row, before.radiance[at], alpha, *clear))
+            tiles.append(Tile(part.column, part.row, before[0][at], alpha, *clear))
     return Layer(layer.height, layer.width, tuple(tiles))
 
 
 def _blank(whole: Rectangle) -> Tile:
-    return _read_only(empty_tile(whole))
+    tile = empty_tile(whole)
+    for values in (tile.distance_m, tile.ratio, tile.veil):
+        values.flags.writeable = False
+    return tile
 
 
 def rest_of(parts: Sequence[Rectangle], width: int, height: int) -> list[Rectangle]:
@@ -70,22 +73,19 @@ def rest_of(parts: Sequence[Rectangle], width: int, height: int) -> list[Rectang
     return rest
 
 
-def _with_snow(tile: Tile, before: SnowPicture, behind: SnowPicture) -> Tile:
+def _with_snow(tile: Tile, before: Picture, behind: Picture) -> Tile:
     """Return a tile with the snow before its bodies over them, over the snow behind them."""
     at = tile.window
     radiance, alpha = np.empty(tile.radiance.shape, np.float32), np.empty(tile.alpha.shape, np.float32)
-    _lay(
-        before.radiance[at], before.alpha[at], tile.radiance, tile.alpha, behind.radiance[at], behind.alpha[at],
-        radiance, alpha,
-    )  # fmt: skip
+    front, back = ((image[at], covered[at]) for image, covered in (before, behind))
+    _lay(front, (tile.radiance, tile.alpha), back, (radiance, alpha))
     return replace(tile, radiance=radiance, alpha=alpha)
 
 
 @exact
-def _lay(
-    front: Any, front_alpha: Any, body: Any, body_alpha: Any, back: Any, back_alpha: Any, radiance: Any, alpha: Any
-) -> None:
-    """Write `front` over `body` over `back`, premultiplied."""
+def _lay(before: Any, bodies: Any, behind: Any, out: Any) -> None:
+    """Write a picture over another over a third into `out`, premultiplied radiance (h, w, 3) and alpha (h, w) each."""
+    (front, front_alpha), (body, body_alpha), (back, back_alpha), (radiance, alpha) = before, bodies, behind, out
     for j in range(alpha.shape[0]):
         for i in range(alpha.shape[1]):
             clear, through = np.float32(1.0) - front_alpha[j, i], np.float32(1.0) - body_alpha[j, i]
@@ -95,49 +95,37 @@ def _lay(
             alpha[j, i] = front_alpha[j, i] + clear * covered
 
 
-def _read_only(tile: Tile) -> Tile:
-    for values in (tile.distance_m, tile.ratio, tile.veil):
-        values.flags.writeable = False
-    return tile
-
-
 LEAST_RADIUS = 0.75
 """Least radius of a disc in pixels: a centre is never farther than 0.71 from a pixel's, so every disc has weight there.
 Twice as large: particles are blurred. Half as large: they flicker as they move from pixel to pixel."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class SnowPicture:
-    """Snow in a frame. radiance: (H, W, 3) premultiplied, alpha: (H, W). Both are drawn into."""
+Picture = tuple[Floats, Floats]
+"""Snow in a frame: premultiplied radiance (H, W, 3) and alpha (H, W), float32. Both are drawn into."""
 
-    radiance: Floats
-    alpha: Floats
 
-    @classmethod
-    def empty(cls, view: View) -> SnowPicture:
-        """Return a picture without particles, float32, of a view's size."""
-        size = view.height, view.width
-        return cls(np.zeros((*size, 3), np.float32), np.zeros(size, np.float32))
+def empty_picture(view: View) -> Picture:
+    """Return a picture without particles, of a view's size."""
+    return np.zeros((view.height, view.width, 3), np.float32), np.zeros((view.height, view.width), np.float32)
 
 
 def draw_particles(
-    start: Floats, end: Floats, radius: Floats, solid_angle: Floats, distance_m: Floats, radiance: Floats,
-    body_m: Floats, before: SnowPicture, behind: SnowPicture,
+    arcs: tuple[Floats, Floats], radius: Floats, solid_angle: Floats, distance_m: Floats, radiance: Floats,
+    body_m: Floats, before: Picture, behind: Picture,
 ) -> None:  # fmt: skip
     """Composite n particles, in their order, over two pictures.
 
-    start, end: (n, 3) unit directions in the camera's axes as the shutter opens and closes. radius: (n,) [rad] of their
-    discs. solid_angle: (n,) [sr] that they cover. distance_m: (n,). radiance: (n, 3). body_m: (H, W) distance of the
-    nearest body; a particle beyond it is drawn into `behind`, others into `before`.
+    arcs: (n, 3) unit directions in the camera's axes as the shutter opens, and as it closes. radius: (n,) [rad] of
+    their discs. solid_angle: (n,) [sr] that they cover. distance_m: (n,). radiance: (n, 3). body_m: (H, W) distance of
+    the nearest body; a particle beyond it is drawn into `behind`, others into `before`.
     """
     height, width = body_m.shape
     latitude = np.pi * (0.5 - (np.arange(height) + 0.5) / height)
     longitude = 2.0 * np.pi * ((np.arange(width) + 0.5) / width - 0.5)
-    _draw(
-        start, end, np.maximum(radius, LEAST_RADIUS * np.pi / height), solid_angle, distance_m, radiance, body_m,
-        np.sin(latitude), np.cos(latitude), np.sin(longitude), np.cos(longitude), row_solid_angle(width, height),
-        before.radiance, before.alpha, behind.radiance, behind.alpha,
-    )  # fmt: skip
+    least = LEAST_RADIUS * np.pi / height
+    particles = (*arcs, np.maximum(radius, least), solid_angle, distance_m, radiance)
+    rows = np.sin(latitude), np.cos(latitude), row_solid_angle(width, height)
+    _draw(particles, body_m, rows, (np.sin(longitude), np.cos(longitude)), before, behind)
 
 
 @exact
@@ -166,11 +154,14 @@ def _share(a: Any, v: Any, b: Any, outer: Any, soft: Any, dx: Any, dy: Any, dz: 
 
 
 @exact
-def _draw(
-    start: Any, end: Any, radius: Any, solid_angle: Any, distance: Any, radiance: Any, body: Any, row_sine: Any,
-    row_cosine: Any, column_sine: Any, column_cosine: Any, row_solid_angle: Any, before: Any, before_alpha: Any,
-    behind: Any, behind_alpha: Any,
-) -> None:  # fmt: skip
+def _draw(particles: Any, body: Any, rows: Any, columns: Any, before: Any, behind: Any) -> None:
+    """Composite particles, the arguments of `draw_particles`, over two pictures.
+
+    rows: sine and cosine of the latitude, and the solid angle of a pixel, each (H,). columns: sine and cosine of the
+    longitude, each (W,).
+    """
+    start, end, radius, solid_angle, distance, radiance = particles
+    (row_sine, row_cosine, row_solid_angle), (column_sine, column_cosine) = rows, columns
     height, width = body.shape
     soft = np.pi / height
     a, v, m, b = np.empty(3), np.empty(3), np.empty(3), np.empty(2)
@@ -216,7 +207,7 @@ def _draw(
                 if share > 0.0:
                     w = min(share * solid_angle[n] / total, 1.0)
                     nearer = distance[n] < body[j, k]
-                    light, alpha = (before, before_alpha) if nearer else (behind, behind_alpha)
+                    light, alpha = before if nearer else behind
                     for c in range(3):
                         light[j, k, c] = w * radiance[n, c] + (1.0 - w) * light[j, k, c]
                     alpha[j, k] = w + (1.0 - w) * alpha[j, k]

@@ -23,8 +23,8 @@ from mr360uw.errors import DamagedFrameError
 from mr360uw.ibl import SunTrack
 from mr360uw.ibl.lighting import light_between, sun_between, turned
 from mr360uw.medium.fit.exposure import UNCHANGED, picture_change
-from mr360uw.render.finite import finite
 from mr360uw.render.first_pass import ClipAnalysis
+from mr360uw.render.frame import finite
 from mr360uw.render.loaded import Loaded
 from mr360uw.render.plate_light import FrameLight, exposed_water, plate_light, plate_ratio
 from mr360uw.render.stages.match_stage import ungraded

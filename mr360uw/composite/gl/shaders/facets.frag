@@ -48,7 +48,7 @@ Triangle beside_middle(Triangle t) {
     return Triangle(t.a + shift, t.b + shift, t.c + shift, t.first, t.material, t.patch_number);
 }
 
-// rectangle (left, top, right, bottom) that holds what an eye sees of a triangle (composite/eye_bounds.py)
+// rectangle (left, top, right, bottom) that holds what an eye sees of a triangle (composite/tiles.py)
 vec4 seen_rectangle(vec4 rectangle, float nearest) {
     float ratio = abs(eye_m) * nearest;
     if (ratio > 1.0 / NEAREST) return vec4(0.0, 0.0, frame_size);

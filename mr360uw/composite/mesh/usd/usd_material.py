@@ -7,30 +7,20 @@ Separate maps of roughness, metalness, occlusion and opacity are joined into the
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.composite.mesh.material import Material
+from mr360uw.composite.mesh.material import MapCoordinates, MappedMaterial, Material
 from mr360uw.composite.mesh.texture import Pixels, Texture, make_texture
-from mr360uw.composite.mesh.usd.usd_network import Fed, PrimvarColor, Sampled, UsdCoordinates, fed
+from mr360uw.composite.mesh.usd.usd_network import PLAIN, Fed, Sampled, fed
 
 UNBOUND = Material("", (0.18, 0.18, 0.18, 1.0), roughness=0.5)
 """The defaults of UsdPreviewSurface: what a mesh without a material looks like."""
 _CHANNELS = "rgba"
-_PLAIN = UsdCoordinates()
 _WHITE = np.full((1, 1), 255, np.uint8)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class UsdMaterial:
-    """A material, the coordinates that all its maps share, and the primvar of its vertex colours or ""."""
-
-    material: Material
-    coordinates: UsdCoordinates = _PLAIN
-    color_primvar: str = ""
 
 
 class UsdMaterialReader:
@@ -43,13 +33,13 @@ class UsdMaterialReader:
         self._pixels: dict[str, Pixels] = {}
         self._textures: dict[Any, Texture] = {}
 
-    def read(self, bound: Any) -> UsdMaterial:
+    def read(self, bound: Any) -> MappedMaterial:
         """Return a UsdShadeMaterial as a material."""
         name = str(bound.GetPrim().GetName())
         shader = bound.ComputeSurfaceSource()[0]
         if not shader or str(shader.GetIdAttr().Get()) != "UsdPreviewSurface":
             self.note(f"material {name!r} has no UsdPreviewSurface - it is grey - export one beside it")
-            return UsdMaterial(replace(UNBOUND, name=name))
+            return MappedMaterial(replace(UNBOUND, name=name), PLAIN)
         return _Surface(self, shader, name).read()
 
     def pixels(self, source: Sampled) -> Pixels:
@@ -73,9 +63,9 @@ class _Surface:
         self.reader = reader
         self.shader = shader
         self.name = name
-        self.coordinates: UsdCoordinates | None = None
+        self.coordinates: MapCoordinates | None = None
 
-    def read(self) -> UsdMaterial:
+    def read(self) -> MappedMaterial:
         color, emission = self._fed("diffuseColor", 0.18, 0.18, 0.18), self._fed("emissiveColor", 0.0, 0.0, 0.0)
         opacity, normal = self._fed("opacity", 1.0), self._fed("normal", 0.0, 0.0, 1.0)
         cutoff = self._number("opacityThreshold", 0.0)
@@ -108,8 +98,7 @@ class _Surface:
         )
         if bad := material.wrong_factors:
             raise ValueError(f"a factor of material {self.name!r} that is negative or not finite: {bad[0]:g}")
-        primvar = color.primvar if isinstance(color, PrimvarColor) else ""
-        return UsdMaterial(material, self.coordinates or _PLAIN, primvar)
+        return MappedMaterial(material, self.coordinates or PLAIN, color if isinstance(color, str) else "")
 
     def _fed(self, name: str, *default: float) -> Fed:
         """Return what an input is fed from; a texture with coordinates of its own is left out, with a note."""
@@ -117,7 +106,7 @@ class _Surface:
         if unread:
             self._note(f"takes {name} from {unread}, which is not drawn")
         if not isinstance(found, Sampled):
-            if isinstance(found, PrimvarColor) and name != "diffuseColor":
+            if isinstance(found, str) and name != "diffuseColor":
                 self._note(f"takes {name} from a primvar, which is not drawn")
                 return default
             return found
@@ -136,7 +125,7 @@ class _Surface:
 
     def _color(self, color: Fed) -> tuple[tuple[float, float, float], Texture | None]:
         """Return a colour's factor and map."""
-        if isinstance(color, PrimvarColor):
+        if isinstance(color, str):
             return (1.0, 1.0, 1.0), None
         if not isinstance(color, Sampled):
             return (color[0], color[1], color[2]), None

@@ -6,35 +6,16 @@ Nodes: UsdUVTexture, UsdTransform2d and UsdPrimvarReader (UsdPreviewSurface spec
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
+from mr360uw.composite.mesh.material import MapCoordinates
 from mr360uw.composite.mesh.texture import Wrap
-from mr360uw.types import Floats
 
 _WRAPS: dict[str, Wrap] = {"repeat": "repeat", "mirror": "mirror", "clamp": "clamp", "black": "clamp"}
 """Edges of textures; black ones are not drawn. `useMetadata`, the default, is repeat: images hold no such metadata."""
-
-
-@dataclass(frozen=True, slots=True)
-class UsdCoordinates:
-    """Texture coordinates of a map: the name of their primvar, and UsdTransform2d."""
-
-    primvar: str = "st"
-    rotation_deg: float = 0.0
-    scale: tuple[float, float] = (1.0, 1.0)
-    translation: tuple[float, float] = (0.0, 0.0)
-
-    def of(self, st: Floats) -> Floats:
-        """Return coordinates (n, 2), right and down from the top left, of st (n, 2), right and up from the bottom left.
-
-        They are scaled, then turned anticlockwise, then moved.
-        """
-        c, s = np.cos(np.radians(self.rotation_deg)), np.sin(np.radians(self.rotation_deg))
-        moved = st * self.scale @ np.array([[c, s], [-s, c]]) + self.translation
-        return np.asarray(moved * [1.0, -1.0] + [0.0, 1.0])
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,21 +25,16 @@ class Sampled:
     file: Any = field(compare=False)
     name: str
     channels: str
-    coordinates: UsdCoordinates
+    coordinates: MapCoordinates
     wrap: tuple[Wrap, Wrap]
     color_space: str
     scale: tuple[float, ...]
     bias: tuple[float, ...]
 
 
-@dataclass(frozen=True, slots=True)
-class PrimvarColor:
-    """An input fed from a colour of the mesh: the name of its primvar."""
-
-    primvar: str
-
-
-Fed = Sampled | PrimvarColor | tuple[float, ...]
+Fed = Sampled | str | tuple[float, ...]
+"""What an input is fed from: a texture, a primvar of the mesh by its name, or constants."""
+PLAIN = MapCoordinates("st")
 
 
 def fed(shader: Any, name: str, default: tuple[float, ...], time: Any) -> tuple[Fed, str]:
@@ -82,7 +58,7 @@ def fed(shader: Any, name: str, default: tuple[float, ...], time: Any) -> tuple[
 def _of_node(node: Any, output: str, default: tuple[float, ...], time: Any) -> tuple[Fed, str]:
     kind = str(node.GetIdAttr().Get())
     if kind.startswith("UsdPrimvarReader_float"):
-        return PrimvarColor(_text(node, "varname", time, "displayColor")), ""
+        return _text(node, "varname", time, "displayColor"), ""
     if kind != "UsdUVTexture":
         return default, f"a node {kind}"
     file = _value(node, "file", time)
@@ -98,20 +74,23 @@ def _of_node(node: Any, output: str, default: tuple[float, ...], time: Any) -> t
     return Sampled(file, name, output, coordinates, (wrap[0], wrap[1]), space, scale, bias), unread
 
 
-def _coordinates(node: Any, time: Any) -> tuple[UsdCoordinates, str]:
-    """Return the texture coordinates of a UsdUVTexture, and what cannot be followed or ""."""
-    reader, found = _before(node, "st"), UsdCoordinates()
+def _coordinates(node: Any, time: Any) -> tuple[MapCoordinates, str]:
+    """Return the texture coordinates of a UsdUVTexture, and what cannot be followed or "".
+
+    UsdTransform2d turns anticlockwise where v points up.
+    """
+    reader, found = _before(node, "st"), PLAIN
     if reader is not None and _kind(reader) == "UsdTransform2d":
         x, y = (float(v) for v in _value(reader, "scale", time) or (1.0, 1.0))
         right, up = (float(v) for v in _value(reader, "translation", time) or (0.0, 0.0))
-        found = UsdCoordinates("st", float(_value(reader, "rotation", time) or 0.0), (x, y), (right, up))
+        turn = -float(np.radians(float(_value(reader, "rotation", time) or 0.0)))
+        found = MapCoordinates("st", (right, up), turn, (x, y))
         reader = _before(reader, "in")
     if reader is None:
         return found, ""
     if _kind(reader) != "UsdPrimvarReader_float2":
         return found, f"texture coordinates of a node {_kind(reader)}"
-    primvar = _text(reader, "varname", time, "st")
-    return UsdCoordinates(primvar, found.rotation_deg, found.scale, found.translation), ""
+    return replace(found, name=_text(reader, "varname", time, "st")), ""
 
 
 def _before(node: Any, name: str) -> Any:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,10 +17,11 @@ from numpy.typing import NDArray
 
 from mr360uw.composite.affine import placed
 from mr360uw.composite.mesh.gltf import BROKEN
-from mr360uw.composite.mesh.material import MeshFile, Part
+from mr360uw.composite.mesh.material import MappedMaterial, MeshFile, Part
 from mr360uw.composite.mesh.texture import decode_image
 from mr360uw.composite.mesh.usd.usd_geometry import Polygons, UsdWalk, polygons_of
-from mr360uw.composite.mesh.usd.usd_material import UNBOUND, UsdMaterial, UsdMaterialReader
+from mr360uw.composite.mesh.usd.usd_material import UNBOUND, UsdMaterialReader
+from mr360uw.composite.mesh.usd.usd_network import PLAIN
 from mr360uw.composite.mesh.usd.usd_stage import asset_bytes, open_stage
 from mr360uw.errors import MeshError
 from mr360uw.reading.limits import TRIANGLES
@@ -42,16 +43,6 @@ def read_usd(path: Path, *, outside: bool = False) -> MeshFile:
         raise MeshError(f"{path} - is not valid USD (got {what}) - export it again") from error
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Shape:
-    """A UsdGeomMesh in its own axes: values are by corner of its polygons. flat: shading without normals."""
-
-    positions: Floats
-    normals: Floats | None
-    polygons: Polygons
-    flat: bool
-
-
 class _StageReader:
     """Walks the prims of a stage."""
 
@@ -63,7 +54,7 @@ class _StageReader:
         self.time = Usd.TimeCode.EarliestTime()
         self.notes: dict[str, None] = {}  # in order, once each
         self._note = functools.partial(_note, path, self.notes)  # no reference to the reader: stages end with it
-        self.materials: list[UsdMaterial] = []
+        self.materials: list[MappedMaterial] = []
         self.numbers: dict[tuple[str, bool], int] = {}
         self.triangles = 0
 
@@ -85,21 +76,22 @@ class _StageReader:
 
     def _parts(self, prim: Any, places: list[Floats]) -> Iterator[Part]:
         """Yield the parts of a mesh, by material and place."""
-        shape = self._shape(prim)
-        self.triangles += len(shape.polygons.faces) * len(places)
+        corners, own, polygons, flat = self._shape(prim)
+        self.triangles += len(polygons.faces) * len(places)
         TRIANGLES.check(str(self.path), self.triangles, MeshError)
         name = str(prim.GetPath()).lstrip("/")
-        for number, chosen in self._materials(prim, shape.polygons):
+        for number, chosen in self._materials(prim, polygons):
             look = self.materials[number]
-            faces, corners = shape.polygons.faces[chosen], shape.positions
-            uv = self._primvar(prim, shape.polygons, look.coordinates.primvar, 2)
-            uv = None if uv is None else look.coordinates.of(uv)
-            colors = self._colors(prim, shape.polygons, look)
+            uv = self._primvar(prim, polygons, look.coordinates.name, 2)
+            # from right and up from the bottom left to right and down from the top left
+            uv = None if uv is None else look.coordinates.of(uv) * [1.0, -1.0] + [0.0, 1.0]
+            colors = self._colors(prim, polygons, look)
             for place in places:
-                positions, normals, turned = placed(place, corners, shape.normals, faces)
-                yield Part(name, positions, turned, normals, uv, colors, number, shape.flat)
+                positions, normals, turned = placed(place, corners, own, polygons.faces[chosen])
+                yield Part(name, positions, turned, normals, uv, colors, number, flat)
 
-    def _shape(self, prim: Any) -> _Shape:
+    def _shape(self, prim: Any) -> tuple[Floats, Floats | None, Polygons, bool]:
+        """Return a UsdGeomMesh: positions and normals by corner, polygons, and whether it is flat without normals."""
         from pxr import UsdGeom
 
         mesh = UsdGeom.Mesh(prim)
@@ -117,7 +109,7 @@ class _StageReader:
         normals = self._primvar(prim, polygons, "normals", 3)
         if normals is None and (given := mesh.GetNormalsAttr().Get(self.time)):
             normals = polygons.at_corners(given, str(mesh.GetNormalsInterpolation()), "normals")
-        return _Shape(points[polygons.corners], normals, polygons, flat=not subdivided)
+        return points[polygons.corners], normals, polygons, not subdivided
 
     def _primvar(self, prim: Any, polygons: Polygons, name: str, width: int) -> Floats | None:
         """Return a primvar (C, width) by corner, or None."""
@@ -130,8 +122,8 @@ class _StageReader:
         array = np.asarray(values, np.float64).reshape(-1, width)
         return polygons.at_corners(array, str(primvar.GetInterpolation()), name)
 
-    def _colors(self, prim: Any, polygons: Polygons, look: UsdMaterial) -> Floats | None:
-        rgb = self._primvar(prim, polygons, look.color_primvar, 3) if look.color_primvar else None
+    def _colors(self, prim: Any, polygons: Polygons, look: MappedMaterial) -> Floats | None:
+        rgb = self._primvar(prim, polygons, look.colors, 3) if look.colors else None
         if rgb is not None and np.any(rgb < 0.0):
             raise ValueError(f"a colour is negative: {rgb.min():g}")
         return None if rgb is None else np.concatenate([rgb, np.ones((len(rgb), 1))], axis=1)
@@ -169,11 +161,11 @@ class _StageReader:
         primvar = UsdGeom.PrimvarsAPI(prim).FindPrimvarWithInheritance("displayColor")
         return "displayColor" if primvar and primvar.HasValue() else ""
 
-    def _unbound(self, color: str) -> UsdMaterial:
+    def _unbound(self, color: str) -> MappedMaterial:
         if not color:
             self._note("has parts without material and colours - they are grey")
-            return UsdMaterial(UNBOUND)
-        return UsdMaterial(replace(UNBOUND, base_color=(1.0, 1.0, 1.0, 1.0)), color_primvar=color)
+            return MappedMaterial(UNBOUND, PLAIN)
+        return MappedMaterial(replace(UNBOUND, base_color=(1.0, 1.0, 1.0, 1.0)), PLAIN, color)
 
 
 def _note(path: Path, notes: dict[str, None], text: str) -> None:

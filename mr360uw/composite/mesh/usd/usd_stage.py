@@ -10,7 +10,6 @@ has all of them. A few lines can so make any number of prims, and composing them
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -29,43 +28,42 @@ def composed_prims(layers: Sequence[Any]) -> int:
 
     Every reference, payload, inherited and specialised prim and every variant counts, as if all were shown.
     """
-    arcs = _Arcs({layer.identifier: layer for layer in layers}, {})
-    return min(sum(arcs.count(layer, prim, 0) for layer in layers for prim in layer.rootPrims), ENDLESS)
+    by_identifier = {layer.identifier: layer for layer in layers}
+    known: dict[tuple[str, Any], int] = {}
+    found = (_count(by_identifier, known, layer, prim, 0) for layer in layers for prim in layer.rootPrims)
+    return min(sum(found), ENDLESS)
 
 
-@dataclass(frozen=True, slots=True)
-class _Arcs:
-    """Counts what prims compose to. layers: by their identifier; known: numbers by layer and path."""
+def _count(layers: dict[str, Any], known: dict[tuple[str, Any], int], layer: Any, prim: Any, depth: int) -> int:
+    """Return the number of prims that one composes to, itself included.
 
-    layers: dict[str, Any]
-    known: dict[tuple[str, Any], int]
+    layers: by their identifier; known: numbers by layer and path.
+    """
+    key = layer.identifier, prim.path
+    if key not in known:
+        known[key] = 0  # of a circle, which USD leaves out
+        parts = _parts(layers, layer, prim) if depth <= _DEEPEST else ()
+        below = sum(_count(layers, known, *one, depth + 1) for one in parts)
+        known[key] = min(1 + below, ENDLESS) if depth <= _DEEPEST else ENDLESS
+    return known[key]
 
-    def count(self, layer: Any, prim: Any, depth: int) -> int:
-        """Return the number of prims that one composes to, itself included."""
-        key = layer.identifier, prim.path
-        if key not in self.known:
-            self.known[key] = 0  # of a circle, which USD leaves out
-            parts = self._parts(layer, prim) if depth <= _DEEPEST else ()
-            below = sum(self.count(*one, depth + 1) for one in parts)
-            self.known[key] = min(1 + below, ENDLESS) if depth <= _DEEPEST else ENDLESS
-        return self.known[key]
 
-    def _parts(self, layer: Any, prim: Any) -> Iterator[tuple[Any, Any]]:
-        """Yield the prims, each with its layer, that one consists of or refers to."""
-        yield from ((layer, child) for child in prim.nameChildren)
-        for choices in prim.variantSets.values():
-            yield from ((layer, variant.primSpec) for variant in choices.variants.values())
-        for arc in (*prim.referenceList.GetAddedOrExplicitItems(), *prim.payloadList.GetAddedOrExplicitItems()):
-            place = layer.ComputeAbsolutePath(arc.assetPath) if arc.assetPath else layer.identifier
-            yield from self._target(self.layers.get(place), arc.primPath)
-        for path in (*prim.inheritPathList.GetAddedOrExplicitItems(), *prim.specializesList.GetAddedOrExplicitItems()):
-            yield from self._target(layer, path)
-
-    def _target(self, layer: Any, path: Any) -> Iterator[tuple[Any, Any]]:
-        if layer is not None:
-            found = layer.GetPrimAtPath(path) if not path.isEmpty else layer.rootPrims.get(layer.defaultPrim)
+def _parts(layers: dict[str, Any], layer: Any, prim: Any) -> Iterator[tuple[Any, Any]]:
+    """Yield the prims, each with its layer, that one consists of or refers to. layers: by their identifier."""
+    yield from ((layer, child) for child in prim.nameChildren)
+    for choices in prim.variantSets.values():
+        yield from ((layer, variant.primSpec) for variant in choices.variants.values())
+    targets = []
+    for arc in (*prim.referenceList.GetAddedOrExplicitItems(), *prim.payloadList.GetAddedOrExplicitItems()):
+        place = layer.ComputeAbsolutePath(arc.assetPath) if arc.assetPath else layer.identifier
+        targets.append((layers.get(place), arc.primPath))
+    own = (*prim.inheritPathList.GetAddedOrExplicitItems(), *prim.specializesList.GetAddedOrExplicitItems())
+    targets += [(layer, path) for path in own]
+    for other, path in targets:
+        if other is not None:
+            found = other.GetPrimAtPath(path) if not path.isEmpty else other.rootPrims.get(other.defaultPrim)
             if found is not None:
-                yield layer, found
+                yield other, found
 
 
 def clip_assets(layer: Any) -> list[str]:
