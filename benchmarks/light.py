@@ -22,7 +22,7 @@ import numpy as np
 import mr360uw.ibl as ibl
 from mr360uw.color import LUMINANCE, ColorSpec, decode, encode, luminance, ycbcr_from_rgb
 from mr360uw.errors import Mr360uwError
-from mr360uw.ibl.glossy import ggx_kernel
+from mr360uw.ibl.filters import ggx_kernel
 from mr360uw.ibl.plate import COARSE_COLUMNS, COARSE_ROWS, LinearPlate, remap
 from mr360uw.ibl.reduce import reduce_map
 from mr360uw.ibl.settings import GLOSSY_ROUGHNESS, LightSettings, Operator

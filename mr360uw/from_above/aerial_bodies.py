@@ -42,7 +42,7 @@ from mr360uw.optics import fresnel_transmittance, radiance_factor, refract_to_ai
 from mr360uw.rays import RayScene
 from mr360uw.sphere import directions, disc_directions
 from mr360uw.surface import SeaScene
-from mr360uw.surface.ray_stage import RayStage
+from mr360uw.surface.tracing.stage_arrays import RayStage
 from mr360uw.types import CausticStack, Environment, Floats, Layer, MediumTable, Rectangle, Sun, View
 
 Array = NDArray[np.float64]

@@ -22,8 +22,8 @@ from mr360uw.from_above.settings import AerialScene
 from mr360uw.published.aerial_look import thresholded_reflection
 from mr360uw.sphere import yaw_matrix
 from mr360uw.surface import SeaScene, SurfacePicture
-from mr360uw.surface.ray_stage import RayStage
 from mr360uw.surface.sea_picture import rendered
+from mr360uw.surface.tracing.stage_arrays import RayStage
 from mr360uw.types import Floats, Layer, View
 
 Array = NDArray[np.float64]

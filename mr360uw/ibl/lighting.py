@@ -11,16 +11,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from mr360uw.constants import ENVIRONMENT_COLUMNS, ENVIRONMENT_ROWS, REFRACTIVE_INDEX_SEA
 from mr360uw.errors import ParameterError
-from mr360uw.ibl.cosine import cosine_beam, cosine_filter
 from mr360uw.ibl.expansion import checked_plate
-from mr360uw.ibl.glossy import glossy_levels
-from mr360uw.ibl.level.tilt import level_matrix, roll_pitch
-from mr360uw.ibl.level.upward import upward
+from mr360uw.ibl.filters import cosine_beam, cosine_filter, glossy_levels
+from mr360uw.ibl.level.tilt import level_matrix, roll_pitch, upward
 from mr360uw.ibl.lookup import environment_lookup
 from mr360uw.ibl.plate import COARSE_COLUMNS, COARSE_ROWS, COARSE_SCALE, LinearPlate, Plate
 from mr360uw.ibl.reduce import reduce_map
 from mr360uw.ibl.settings import GLOSSY_ROUGHNESS, LightSettings, Operator
-from mr360uw.ibl.sun.closure import close
+from mr360uw.ibl.sun.closure import UNKNOWN_RATIO, close
 from mr360uw.ibl.sun.detect import (
     find_disc,
     is_disc,
@@ -31,11 +29,9 @@ from mr360uw.ibl.sun.detect import (
     split_known,
     spot_towards,
 )
-from mr360uw.ibl.sun.evidence import UNKNOWN_RATIO
 from mr360uw.ibl.sun.given import given_direction
-from mr360uw.ibl.sun.glare import without_glare
 from mr360uw.ibl.sun.judge import taken_share
-from mr360uw.ibl.sun.split import Split, with_sun
+from mr360uw.ibl.sun.split import Split, with_sun, without_glare
 from mr360uw.shapes import exactly
 from mr360uw.sphere import directions, unit
 from mr360uw.types import Environment, Floats, Sun

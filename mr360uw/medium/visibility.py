@@ -17,10 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.errors import ParameterError
-from mr360uw.medium.jerlov import JerlovType, molecular_part
 from mr360uw.medium.phase import Phase, wide_angle_moments
 from mr360uw.medium.tables import Spectrum
-from mr360uw.medium.water import Water
+from mr360uw.medium.water import JerlovType, Water, molecular_part
 
 Array = NDArray[np.float64]
 

@@ -30,13 +30,12 @@ from mr360uw.caustics import refract_to_water
 from mr360uw.color import luminance
 from mr360uw.constants import MINIMUM_SUN_UP
 from mr360uw.ibl import LightSettings, environment, environment_from_yuv
-from mr360uw.ibl.cosine import cosine_filter
 from mr360uw.ibl.expansion import checked_plate
-from mr360uw.ibl.glossy import glossy_levels
+from mr360uw.ibl.filters import cosine_filter, glossy_levels
 from mr360uw.ibl.lighting import sunlit
 from mr360uw.ibl.lookup import environment_lookup
 from mr360uw.ibl.plate import LinearPlate, Plate
-from mr360uw.ibl.sun.daylight import CLEAR_SKY, CLEAR_SKY_DIRECT, beam_below, direct_share
+from mr360uw.ibl.sun.closure import CLEAR_SKY, CLEAR_SKY_DIRECT, beam_below, direct_share
 from mr360uw.ibl.sun.detect import DISPLAY_WHITE
 from mr360uw.ibl.sun.given import given_direction
 from mr360uw.ibl.sun.words import SunFound, sun_found

@@ -19,9 +19,8 @@ from pydantic.fields import FieldInfo
 
 from mr360uw.errors import ParameterError
 from mr360uw.parameters import FULL_TURN_DEG, bounds_of, is_direction, stated
-from mr360uw.scene.file_lines import Location
 from mr360uw.scene.key_settings import KeyedParameter, Value
-from mr360uw.scene.problems import allowed_text
+from mr360uw.scene.problems import Location, allowed_text
 from mr360uw.scene.removed_keys import removed
 from mr360uw.scene.toml_model import dotted, entry
 

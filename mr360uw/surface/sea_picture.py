@@ -16,14 +16,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.jit import exact
+from mr360uw.jit import bare, exact
 from mr360uw.surface.intersection import NOWHERE, Hit
-from mr360uw.surface.ray_stage import OFF_M, RayStage
-from mr360uw.surface.tracing.bare_arrays import bare
 from mr360uw.surface.tracing.facet_draws import next_key
-from mr360uw.surface.tracing.ray_kernel import STACK, RayWorld, followed, met, put
+from mr360uw.surface.tracing.ray_kernel import OFF_M, STACK, RayWorld, followed, met, put
 from mr360uw.surface.tracing.ray_optics import bent
-from mr360uw.surface.tracing.stage_arrays import stage_arrays
+from mr360uw.surface.tracing.stage_arrays import RayStage, stage_arrays
 from mr360uw.surface.tracing.table_reads import add
 from mr360uw.types import View
 

@@ -22,11 +22,11 @@ from mr360uw.medium import Medium, Water
 from mr360uw.optics import check_refractive_index
 from mr360uw.shapes import exactly, number
 from mr360uw.sphere import unit
-from mr360uw.surface.ray_stage import RayStage
 from mr360uw.surface.sampled_sea import SampledSea, points_across
 from mr360uw.surface.sea_floor import Floor, FloorLight
 from mr360uw.surface.sea_picture import SurfacePicture, rendered
 from mr360uw.surface.sky import Dome
+from mr360uw.surface.tracing.stage_arrays import RayStage
 from mr360uw.surface.water_light import WaterLight
 from mr360uw.types import Sun, View
 

@@ -27,11 +27,10 @@ from mr360uw.caustics import caustic_map
 from mr360uw.caustics.flux.sun_disc import gaussian_transform
 from mr360uw.caustics.settings import Sea
 from mr360uw.constants import PI
-from mr360uw.jit import exact, inlined
+from mr360uw.jit import bare, exact, inlined
 from mr360uw.surface.sampled_sea import SampledSea
 from mr360uw.surface.sea_floor import Tiled
 from mr360uw.surface.sky import Dome
-from mr360uw.surface.tracing.bare_arrays import bare
 from mr360uw.surface.tracing.facet_draws import normal_quantile
 from mr360uw.surface.tracing.ray_optics import Vector, bent, reflectance
 from mr360uw.surface.tracing.table_reads import add, packed, sky_radiance

@@ -13,7 +13,7 @@ from mr360uw.caustics.flux.irradiance import beam_slope, cell_flux
 from mr360uw.caustics.flux.point_kernels import edge_points, sum_points, triangle_flux, vertex_rays
 from mr360uw.caustics.flux.refracted_rays import refracted_rays
 from mr360uw.caustics.gl.stack import mip_atlas
-from mr360uw.caustics.sea.surface import FIELD_NAMES
+from mr360uw.caustics.sea.base import FIELD_NAMES
 from mr360uw.optics import refract_to_water
 from mr360uw.sphere import direction_from_angles
 from mr360uw.types import BeamSpread

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from mr360uw.ibl.plate import LinearPlate, coarse_directions, coarse_solid_angle
-from mr360uw.ibl.sun.glare import without_glare
-from mr360uw.ibl.sun.split import Split, sky_irradiance
+from mr360uw.ibl.sun.split import Split, sky_irradiance, without_glare
 from mr360uw.sphere import unit
 from mr360uw.types import Floats, Sun
 from tests.ibl.tolerances import FLOAT32_TWIN

@@ -9,7 +9,7 @@ import pytest
 import mr360uw.ibl as ibl
 from mr360uw.constants import REFRACTIVE_INDEX_SEA
 from mr360uw.ibl.plate import LinearPlate
-from mr360uw.ibl.sun.glitter import glitter_middle
+from mr360uw.ibl.sun.detect import glitter_middle
 from mr360uw.optics import critical_cosine, refract_to_water
 from mr360uw.sphere import direction_from_angles, directions, unit
 from mr360uw.surface.tracing.stage_arrays import disc_of

@@ -14,8 +14,8 @@ import mr360uw.ibl as ibl
 from mr360uw.errors import ParameterError
 from mr360uw.ibl.level.tilt import keyed_level, level_from_gpmf, level_matrix, parse_gpmf, roll_pitch, streams
 from mr360uw.ibl.report import ReportFrame, light_report
-from mr360uw.ibl.sun.smooth import smooth
 from mr360uw.ibl.sun.solar import parse_time, sun_angles
+from mr360uw.ibl.sun.steady import smooth
 from mr360uw.sphere import direction_from_angles, directions, unit
 from mr360uw.types import Sun
 from tests.gpmf import payloads, tilted_up

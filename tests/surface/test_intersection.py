@@ -12,7 +12,7 @@ from mr360uw.sphere import unit
 from mr360uw.surface import SampledSea
 from mr360uw.surface.intersection import first_hits
 from mr360uw.surface.tracing.facet_draws import Facets, drawn, facets_of, facing, next_key, normal_quantile
-from mr360uw.surface.tracing.ripples import level_slopes, tilted
+from mr360uw.surface.tracing.ray_kernel import level_slopes, tilted
 from mr360uw.surface.tracing.stage_arrays import ripples_of
 from tests.surface import tolerances as tol
 

@@ -3,7 +3,7 @@
 
 The light of a triangle is replaced by a third of it at the middle of each edge, which keeps its flux, its centre and
 its variance: the rule of the three midpoints is exact for quadratic polynomials. Edges are shared, so a cell has three
-points: on its edges a-b and a-d and on its diagonal a-c, with the corners of `deposit`. Compiled. Twin: surface.py,
+points: on its edges a-b and a-d and on its diagonal a-c, with the corners of `deposit`. Compiled. Twin: sea/base.py,
 refracted_rays.py (`displaced_surface`, `refracted_rays`, `facet_flux`).
 """
 

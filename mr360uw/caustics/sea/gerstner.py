@@ -24,9 +24,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import field_validator, model_validator
 
-from mr360uw.caustics.sea.base import WAVES_STAY, SeaParameters
+from mr360uw.caustics.sea.base import WAVES_STAY, SeaParameters, SurfaceFields
 from mr360uw.caustics.sea.spectrum import angular_frequency, lattice_vector, looping_frequency
-from mr360uw.caustics.sea.surface import SurfaceFields
 from mr360uw.caustics.sea.wind_waves import WaveBand, Wind, wind_waves
 from mr360uw.errors import ParameterError
 from mr360uw.parameters import Parameters, advanced, parameter

@@ -17,10 +17,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.caustics.sea.base import SeaParameters
+from mr360uw.caustics.sea.base import SeaParameters, SurfaceFields
 from mr360uw.caustics.sea.gerstner import Waves
 from mr360uw.caustics.sea.spectrum import angular_frequency, looping_frequency, variance_density
-from mr360uw.caustics.sea.surface import FIELD_NAMES, SurfaceFields
 from mr360uw.parameters import advanced, parameter
 
 Array = NDArray[np.float64]
@@ -111,7 +110,7 @@ class SpectralSea(SeaParameters):
             else:
                 np.add.at(field, (place[:, None], place), spectrum)
         pairs = ifft2(folded, norm="forward", overwrite_x=True, workers=os.cpu_count())
-        values = np.stack([pairs.real, pairs.imag], axis=1).reshape(len(FIELD_NAMES), size, size)
+        values = np.stack([pairs.real, pairs.imag], axis=1).reshape(-1, size, size)
         return SurfaceFields(*values)
 
 

@@ -21,10 +21,9 @@ from mr360uw.composite.lighting.surfaces import veil_ahead, water_ahead
 from mr360uw.composite.shafts.shaft_light import ShaftLight
 from mr360uw.composite.shot import Shot
 from mr360uw.medium.medium import Medium
-from mr360uw.medium.shafts.beam_share import unoccluded
 from mr360uw.medium.shafts.froxels import FroxelGrid, shaft_field
 from mr360uw.medium.shafts.shaft_scene import ShaftScene
-from mr360uw.medium.shafts.shaft_water import ShaftWater
+from mr360uw.medium.shafts.shaft_water import ShaftWater, unoccluded
 from mr360uw.sphere import unit
 from mr360uw.types import Floats, MediumTable, View
 

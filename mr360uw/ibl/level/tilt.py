@@ -4,7 +4,8 @@
     pitch  + = the centre of the frame looks up        roll  + = clockwise about the view, the right side down
     world = R camera,  R = Rx(pitch) Rz(-roll);  up in camera axes = (-sin r cos p, cos r cos p, -sin p)
 
-Yaw is not corrected: the heading of a plate is arbitrary.
+Yaw is not corrected: the heading of a plate is arbitrary. `up` is the direction (3,) of the world's up in the frame's
+axes, the second row of `world_from_camera`. In a level frame it is +y; then elevation is a matter of the row alone.
 
 GoPro metadata (GPMF) are nested key-length-value records. A record is FourCC, type character, sample size (u8), repeat
 (u16), data padded to 4 bytes, big-endian; type 0 holds records. A stream (STRM) states a divisor (SCAL) before its
@@ -21,7 +22,43 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mr360uw.errors import ParameterError
-from mr360uw.sphere import unit
+from mr360uw.shapes import exactly
+from mr360uw.sphere import Array, unit
+from mr360uw.types import Floats
+
+LEVEL: Array = np.array([0.0, 1.0, 0.0])
+_LEVEL_RAD = 1e-9
+"""Tilt [rad] taken as none: the rounding of a rotation matrix, a millionth of a pixel of any frame."""
+
+
+def upward(up: ArrayLike | None) -> Array:
+    """Return `up` as a unit vector (3,): +y where it is None or within 1e-9 rad of +y; raise on anything else."""
+    if up is None:
+        return LEVEL
+    direction = unit(exactly("up", up, (3,)))
+    return LEVEL if direction[1] > 0.0 and np.hypot(direction[0], direction[2]) < _LEVEL_RAD else direction
+
+
+def is_level(up: Array) -> bool:
+    """Return whether a frame of this `up` is level."""
+    return bool(np.array_equal(up, LEVEL))
+
+
+def elevation_sine(direction: Floats, up: Array) -> Floats:
+    """Return the sine (...,) of the elevation of directions (..., 3) in the frame's axes."""
+    return direction[..., 1] if is_level(up) else direction @ up.astype(direction.dtype)
+
+
+def frame_sines(width: int, height: int, up: Array) -> Array:
+    """Return the sine of the elevation of every pixel of a frame, (H, W), or (H, 1) of one that is level."""
+    latitude = np.pi * (0.5 - (np.arange(height) + 0.5) / height)
+    if is_level(up):
+        return np.sin(latitude)[:, None]
+    longitude = 2.0 * np.pi * ((np.arange(width) + 0.5) / width - 0.5)
+    around = up[0] * np.sin(longitude) - up[2] * np.cos(longitude)
+    sine: Array = up[1] * np.sin(latitude)[:, None] + np.cos(latitude)[:, None] * around
+    return sine
+
 
 _NUMBERS = {
     "b": ">i1", "B": ">u1", "s": ">i2", "S": ">u2", "l": ">i4", "L": ">u4", "f": ">f4", "d": ">f8", "j": ">i8",
@@ -102,9 +139,6 @@ def streams(data: bytes, key: str) -> list[NDArray[np.float64]]:
 
     visit(parse_gpmf(data))
     return found
-
-
-Array = NDArray[np.float64]
 
 
 def level_matrix(roll_rad: float, pitch_rad: float) -> Array:

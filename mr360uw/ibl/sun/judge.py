@@ -27,7 +27,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mr360uw.ibl.level.upward import elevation_sine
+from mr360uw.ibl.level.tilt import elevation_sine
 from mr360uw.ibl.plate import Plate, coarse_directions, coarse_solid_angle, plate_sines
 from mr360uw.ibl.sun.blob import CLIPPED, Blob, brightness
 from mr360uw.ibl.sun.glow import Glow

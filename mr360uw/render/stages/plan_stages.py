@@ -24,7 +24,7 @@ def in_words(
 ) -> tuple[bool, str]:
     """Return whether light in the water is drawn, and why.
 
-    share: gives the fraction of the veil that is the beam scattered once (`medium.shafts.beam_share`); None: all of it.
+    share: gives the fraction of the veil that is the beam scattered once (`shaft_water.beam_share`); None: all of it.
     lit: whether there is a sun. waves, shading: whether waves or bodies change its beam. lamps: their number.
     """
     if not lamps and not (lit and (waves or shading)):

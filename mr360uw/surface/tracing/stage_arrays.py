@@ -1,9 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What rays can meet, as the arrays and numbers that compiled rays read."""
+"""What the rays of one picture can meet, and the arrays and numbers of it that compiled rays read.
+
+Rays part at the surface: each hit sends one on by reflection and one by refraction, in water and in air.
+"""
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -11,18 +15,36 @@ from numpy.typing import NDArray
 
 from mr360uw.optics import refract_to_water
 from mr360uw.surface.intersection import surface_arrays, waves_of
-from mr360uw.surface.ray_stage import RayStage
 from mr360uw.surface.sampled_sea import SampledSea
-from mr360uw.surface.sea_floor import FloorLight
+from mr360uw.surface.sea_floor import Floor, FloorLight
+from mr360uw.surface.sky import Dome
 from mr360uw.surface.tracing.floor_light import LitFloor, Relief
-from mr360uw.surface.tracing.ray_kernel import Murk, RayWorld
-from mr360uw.surface.tracing.ripples import Ripples
+from mr360uw.surface.tracing.ray_kernel import Murk, RayWorld, Ripples
 from mr360uw.surface.tracing.sun_in_waves import Disc
 from mr360uw.surface.tracing.table_reads import WaterTable, packed
 from mr360uw.surface.water_light import WaterLight
 from mr360uw.types import Sun
 
 Arrays = tuple[Any, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RayStage:
+    """What rays can meet. samples: rays of one pixel, which take different facets. floor_y_m: over the mean surface.
+    camera_in_water: on which side of the waves the camera is. planes: depths of an uneven floor and the light there.
+    """
+
+    sea: SampledSea
+    dome: Dome
+    floor: Floor
+    floor_y_m: float
+    floor_light: FloorLight
+    water: WaterLight
+    sun: Sun | None
+    refractive_index: float
+    samples: int
+    camera_in_water: bool
+    planes: tuple[tuple[float, FloorLight], ...] = ()
 
 
 def stage_arrays(stage: RayStage) -> tuple[Arrays, RayWorld]:
