@@ -154,7 +154,10 @@ def irradiance() -> None:
         rows.append((name, *errors))
     table(("map", "roughness .2", ".4", ".7"), rows)
 
-    from mr360uw.ibl.splitsum import split_sum, split_sum_integral
+    from mr360uw.ibl.splitsum import split_sum
+
+    sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+    from tests.ibl.split_sum import split_sum_integral
 
     grid = [(r, v) for r in np.linspace(0.05, 1, 12) for v in np.linspace(0.05, 1, 16)]
     exact = np.array([split_sum_integral(r, v) for r, v in grid])

@@ -61,7 +61,7 @@ def light_below(sea: SeaScene, floor_depth_m: float) -> Array:
     passed, veil = water.along(floor_depth_m / -flat, flat, from_camera=False)
     assert water.floor is not None
     veil = veil * water.about_sun(towards.reshape(-1, 3))
-    below = (passed * water.floor.radiance + veil).reshape(towards.shape)
+    below = (passed * water.floor + veil).reshape(towards.shape)
     window = up > np.sqrt(1.0 - 1.0 / sea.refractive_index**2)
     air = refract_to_air(np.where(window[..., None], towards, [0.0, 1.0, 0.0]), sea.refractive_index)
     factor = radiance_factor(np.clip(air[..., 1], 0.0, 1.0), sea.refractive_index)

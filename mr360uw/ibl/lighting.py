@@ -29,7 +29,6 @@ from mr360uw.ibl.sun.detect import (
     split_known,
     spot_towards,
 )
-from mr360uw.ibl.sun.given import given_direction
 from mr360uw.ibl.sun.judge import taken_share
 from mr360uw.ibl.sun.split import Split, with_sun, without_glare
 from mr360uw.shapes import exactly
@@ -101,7 +100,7 @@ def _split(
             raise ParameterError(
                 'sun - "date" is a place in the air (got a plate under water) - refract it, pass it as sun'
             )
-        direction = given_direction(settings)
+        direction = settings.given_direction
         if direction is None:
             return _detected(plate, settings, underwater, ratio, glare)
         sun = direction @ level_matrix(*map(float, roll_pitch(plate.up)))  # given in level axes of the same heading
@@ -173,13 +172,11 @@ def light_between(before: Environment, after: Environment, share: float, sun: Su
 def sun_between(before: Sun, after: Sun, share: float) -> Sun:
     """Return the sun of an instant between two, every value of which is interpolated linearly. share: 0 at `before`."""
     direction, irradiance, half_angle_rad, confidence = (
-        (1.0 - share) * a + share * b for a, b in zip(_values(before), _values(after), strict=True)
+        (1.0 - share) * np.asarray(getattr(before, name), np.float64)
+        + share * np.asarray(getattr(after, name), np.float64)
+        for name in ("direction", "irradiance", "half_angle_rad", "confidence")
     )
     return Sun(unit(direction), irradiance.astype(np.float32), float(half_angle_rad), float(confidence))
-
-
-def _values(sun: Sun) -> tuple[Floats, ...]:
-    return tuple(np.asarray(v, np.float64) for v in (sun.direction, sun.irradiance, sun.half_angle_rad, sun.confidence))
 
 
 def turned(light: Environment, world_from_camera: Floats) -> Environment:

@@ -37,7 +37,6 @@ from mr360uw.ibl.lookup import environment_lookup
 from mr360uw.ibl.plate import LinearPlate, Plate
 from mr360uw.ibl.sun.closure import CLEAR_SKY, CLEAR_SKY_DIRECT, beam_below, direct_share
 from mr360uw.ibl.sun.detect import DISPLAY_WHITE
-from mr360uw.ibl.sun.given import given_direction
 from mr360uw.ibl.sun.words import SunFound, sun_found
 from mr360uw.ibl.yuv import plate_of_yuv
 from mr360uw.medium import Medium
@@ -101,7 +100,7 @@ class LightReader:
         if settings.sun == "none":
             self._sun = None
         elif settings.sun in ("given", "date"):
-            self._sun = given_direction(settings)
+            self._sun = settings.given_direction
             if self._sun is not None and settings.sun == "date" and self._underwater:
                 self._sun = refract_to_water(self._sun, scene.water.refractive_index)
 

@@ -115,10 +115,9 @@ def sky_pattern(sea: Sea, sampled: SampledSea, dome: Dome, depth_m: float, time_
     size = 1 << int(np.clip(np.ceil(np.log2(_PER_DEPTH * tile / depth_m)), np.log2(_SMALLEST), np.log2(_LARGEST)))
     soft, bright = dome.divided(index)
     total = _gathered(sampled, soft, max(depth_m, -sampled.lowest_m), size, index)
-    for patch in bright:
-        half = min(patch.half_angle_rad, 0.5)
-        ratio = caustic_map(sea, patch.direction, depth_m, time_s, size, _GRID, index, half)
-        total += ratio[..., None] * patch.irradiance
+    for direction, irradiance, half_angle_rad in bright:
+        ratio = caustic_map(sea, direction, depth_m, time_s, size, _GRID, index, min(half_angle_rad, 0.5))
+        total += ratio[..., None] * irradiance
     return Tiled.of(total, tile)
 
 

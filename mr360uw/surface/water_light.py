@@ -64,18 +64,11 @@ class LightInWater:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class LevelFloor:
-    """A level floor at a depth [m] below the mean surface. radiance: (3,) it sends up in all directions."""
-
-    depth_m: float
-    radiance: Array
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class WaterLight:
     """Water for rays. below: (3,) irradiance just below a level surface by sky and sun. sky, sun: light of each in the
-    water; none for clear water, and no sun at night. sun_up: y of the sun's direction in the water. floor: None where
-    it is not below the surface. index: of refraction.
+    water; none for clear water, and no sun at night. sun_up: y of the sun's direction in the water. index: of
+    refraction. floor_m: depth [m] of a level floor below the mean surface; floor: (3,) radiance it sends up in all
+    directions, None where it is not below the surface.
 
     from_surface, from_camera: tables of the water for rays that start there, with the veil of all this light, and how
     it varies about the sun (`plate_ratio`); those of the surface stand for the camera's where the camera is above the
@@ -87,7 +80,8 @@ class WaterLight:
     sun: LightInWater | None
     sun_up: float
     index: float
-    floor: LevelFloor | None = None
+    floor_m: float = 0.0
+    floor: Array | None = None
     from_surface: MediumTable | None = None
     from_camera: MediumTable | None = None
     towards_sun: Array | None = None
@@ -117,7 +111,7 @@ class WaterLight:
             light = replace(light, sky=of_sky, sun=None if beam is None else LightInWater.of(by_sun, beam))
         if floor_m > 0.0:
             lit, back = light.down(floor_m), light._returned(floor_m, floor_m)
-            light = replace(light, floor=LevelFloor(floor_m, albedo * lit / (PI - albedo * back)))
+            light = replace(light, floor_m=floor_m, floor=albedo * lit / (PI - albedo * back))
         return light if light.sky is None else replace(light, from_surface=light._table(None))
 
     def seen_from(self, camera_depth_m: float) -> WaterLight:
@@ -139,7 +133,7 @@ class WaterLight:
 
     def returned(self, depth_m: float) -> Array:
         """Return the irradiance (3,) on a level plane at a depth by light of the floor that comes back down."""
-        return np.zeros(3) if self.floor is None else self.floor.radiance * self._returned(depth_m, self.floor.depth_m)
+        return np.zeros(3) if self.floor is None else self.floor * self._returned(depth_m, self.floor_m)
 
     def along(self, distance_m: Array, up: Array, from_camera: bool) -> tuple[Array, Array]:
         """Return transmittance and veil (n, 3) of rays (n,) from the camera or from the surface; `up`: y of their
@@ -180,7 +174,7 @@ class WaterLight:
         table = sky.unit_table
         veil = self.sky.below * table.veil
         if self.floor is not None and table.glow is not None:
-            veil = veil + self.floor.radiance * (table.glow + sky.glow_level * table.veil)
+            veil = veil + self.floor * (table.glow + sky.glow_level * table.veil)
         if self.sun is None or self.towards_sun is None:
             return replace(table, veil=veil, glow=None)
         sun = self.sun.seen_from(camera_depth_m)

@@ -19,7 +19,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from mr360uw.errors import ParameterError
 from mr360uw.shapes import exactly
@@ -69,76 +69,50 @@ _DEEPEST = 16
 """Most records within each other; cameras write three."""
 
 
-@dataclass(frozen=True, slots=True)
-class Record:
-    """One key-length-value record: `children` of a container, else `data` of `repeat` samples of `size` bytes."""
+def streams(data: bytes, key: str) -> list[Array]:
+    """Return the scaled samples (n, k) of stream `key` in GPMF payloads, one array for each payload that has it.
 
-    key: str
-    type: str
-    size: int
-    repeat: int
-    data: bytes
-    children: tuple[Record, ...] = ()
-
-    def numbers(self) -> NDArray[np.float64]:
-        """Return the samples (repeat, values in each); raise for text and compound types."""
-        dtype = _NUMBERS.get(self.type)
-        if dtype is None or not self.size or self.size % np.dtype(dtype).itemsize:
-            raise ParameterError(
-                f"GPMF {self.key} - holds no plain numbers (got type {self.type!r}) - take another key"
-            )
-        values = np.frombuffer(self.data[: self.size * self.repeat], dtype)
-        return values.reshape(self.repeat, self.size // values.itemsize).astype(np.float64)
+    Raises `ParameterError` where a record runs past the end, or holds no numbers that its scale fits.
+    """
+    return list(_samples(data, key, "GPMF"))
 
 
-def parse_gpmf(data: bytes) -> tuple[Record, ...]:
-    """Return the records of GPMF payloads, in order; raise `ParameterError` where a record runs past the end."""
-    return tuple(_records(data, "GPMF"))
-
-
-def _records(data: bytes, where: str, depth: int = 0) -> Iterator[Record]:
+def _samples(data: bytes, key: str, where: str, depth: int = 0) -> Iterator[Array]:
     if depth > _DEEPEST:
         raise ParameterError(f"GPMF - has records within records (got more than {_DEEPEST}) - copy it again")
-    offset = 0
+    scale, offset = np.ones(1), 0
     while offset + 8 <= len(data):
         code, kind, size, repeat = struct.unpack_from(">4scBH", data, offset)
         if code == b"\0\0\0\0":  # padding at the end of a payload; others may follow
             offset += 4
             continue
-        key, length = code.decode("latin-1"), size * repeat
+        name, length = code.decode("latin-1"), size * repeat
         body = data[offset + 8 : offset + 8 + length]
         if len(body) < length:
             raise ParameterError(
-                f"{where} - record {key!r} is cut off (got {len(body)} of {length} bytes) - copy it again"
+                f"{where} - record {name!r} is cut off (got {len(body)} of {length} bytes) - copy it again"
             )
-        children = tuple(_records(body, f"{where}/{key}", depth + 1)) if kind == b"\0" else ()
-        yield Record(key, kind.decode("latin-1"), size, repeat, b"" if children else body, children)
+        if kind == b"\0":
+            yield from _samples(body, key, f"{where}/{name}", depth + 1)
+        elif name == "SCAL":
+            scale = _numbers(name, kind.decode("latin-1"), size, body).ravel()
+        elif name == key:
+            samples = _numbers(name, kind.decode("latin-1"), size, body)
+            if scale.size not in (1, samples.shape[1]) or not np.all(scale):
+                raise ParameterError(
+                    f"GPMF {key} - its scale does not fit (got {scale.tolist()!r:.40}) - copy it again"
+                )
+            yield samples / scale
         offset += 8 + (length + 3) // 4 * 4
 
 
-def _scaled(record: Record, scale: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the samples of a record divided by its stream's scale; raise `ParameterError` where it does not fit."""
-    samples = record.numbers()
-    if scale.size not in (1, samples.shape[1]) or not np.all(scale):
-        raise ParameterError(f"GPMF {record.key} - its scale does not fit (got {scale.tolist()!r:.40}) - copy it again")
-    return samples / scale
-
-
-def streams(data: bytes, key: str) -> list[NDArray[np.float64]]:
-    """Return the scaled samples (n, k) of stream `key`, one array for each payload that has it."""
-    found: list[NDArray[np.float64]] = []
-
-    def visit(records: tuple[Record, ...]) -> None:
-        scale: NDArray[np.float64] = np.ones(1)
-        for record in records:
-            if record.key == "SCAL":
-                scale = record.numbers().ravel()
-            elif record.key == key:
-                found.append(_scaled(record, scale))
-            visit(record.children)
-
-    visit(parse_gpmf(data))
-    return found
+def _numbers(key: str, kind: str, size: int, data: bytes) -> Array:
+    """Return the samples (n, values in each) of a record, each of `size` bytes; raise for text and compound types."""
+    dtype = _NUMBERS.get(kind)
+    if dtype is None or not size or size % np.dtype(dtype).itemsize:
+        raise ParameterError(f"GPMF {key} - holds no plain numbers (got type {kind!r}) - take another key")
+    values = np.frombuffer(data, dtype)
+    return values.reshape(-1, size // values.itemsize).astype(np.float64)
 
 
 def level_matrix(roll_rad: float, pitch_rad: float) -> Array:

@@ -55,34 +55,17 @@ class ShadowMaps:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Outlines:
-    """Outlines of k bodies as the sun sees them. frame: (3, 3) rows (u, v, towards the sun). apart: (k, size, size)
-    distance [m] of a place across the sun's direction from the nearest that a body covers. centre, radius: of the
-    bodies' spheres, which maps span.
-    """
-
-    frame: Array
-    apart: NDArray[np.float32]
-    centre: Array
-    radius: Array
-
-    @classmethod
-    def of(cls, bodies: Bodies, middle: ShadowMaps) -> Outlines:
-        """Return the outlines of bodies from their maps for the middle of the disc."""
-        covered = np.isfinite(middle.top[:, 0])
-        pixel = 2.0 * bodies.radius / covered.shape[1]
-        apart = [cv2.distanceTransform((~mask).astype(np.uint8), cv2.DIST_L2, 5) for mask in covered]
-        metres = (np.array(apart) * pixel[:, None, None]).astype(np.float32)
-        return cls(middle.frame[0], metres, bodies.centre, bodies.radius)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class Shadows:
-    """Maps of bodies for the sun's disc and for its halo, and their outlines."""
+    """Maps of k bodies for the sun's disc and for its halo, and their outlines as the sun sees them.
+
+    frame: (3, 3) rows (u, v, towards the sun). apart: (k, size, size) distance [m] of a place across the sun's
+    direction from the nearest that a body covers.
+    """
 
     disc: ShadowMaps
     halo: ShadowMaps
-    outlines: Outlines
+    frame: Array
+    apart: NDArray[np.float32]
 
 
 def shadows_of(pattern: BeamPattern, cache: Cache) -> Shadows | None:
@@ -98,7 +81,11 @@ def _shadows(bodies: Bodies, towards: Array, disc: Array | None, halo: Array) ->
     """Return the shadows of bodies. disc, halo: directions (n, 3) over those; without disc its middle (3,) alone."""
     middle = ShadowMaps.of(bodies, towards, towards[None], DISC_PIXELS)
     wide = middle if disc is None else ShadowMaps.of(bodies, towards, disc, DISC_PIXELS)
-    return Shadows(wide, ShadowMaps.of(bodies, towards, halo, HALO_PIXELS), Outlines.of(bodies, middle))
+    covered = np.isfinite(middle.top[:, 0])
+    pixel = 2.0 * bodies.radius / covered.shape[1]
+    apart = [cv2.distanceTransform((~mask).astype(np.uint8), cv2.DIST_L2, 5) for mask in covered]
+    metres = (np.array(apart) * pixel[:, None, None]).astype(np.float32)
+    return Shadows(wide, ShadowMaps.of(bodies, towards, halo, HALO_PIXELS), middle.frame[0], metres)
 
 
 def _top(body: Occluder, centre: Array, radius: float, frame: Array, size: int) -> Array:
@@ -119,8 +106,8 @@ def visible_parts(
     """Write the visible fraction of a disc of light, a mean over each segment of rays, to `seen` (n, count).
 
     directions: (n, 3). start, end: (n, count) [m] of their segments. centre, radius: (k, 3), (k,) bounding spheres of
-    bodies. axes, apart: of `Outlines`. frame to spread: of `ShadowMaps`. taps: points of a segment that are tested,
-    with the directions in turn.
+    bodies. axes, apart: `frame` and `apart` of `Shadows`. frame to spread: of `ShadowMaps`. taps: points of a segment
+    that are tested, with the directions in turn.
     """
     size, last = top.shape[2], apart.shape[1] - 1
     for n in range(len(directions)):

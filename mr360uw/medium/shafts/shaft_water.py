@@ -16,7 +16,7 @@ whose sum is 1: the sun's irradiance is known there in RGB, not by wavelength. T
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,19 +60,6 @@ class ShaftWater(Parts):
         if medium.mode in CLOSED_FORMS:
             return cls(model.extinction, model.attenuation, np.zeros(len(nm)), b, "isotropic", False, weight)
         return cls(model.extinction, model.attenuation, molecules, b - molecules, water.phase, True, weight)
-
-    def averaged(self) -> ShaftWater:
-        """Return three bands instead: albedo and mean free path weighted by each channel's sensitivity (Monzon 2022).
-
-        Cheaper in a renderer that sums wavelengths at every point; here it is the published approximation to compare.
-        """
-        length, whole = self.weight.T @ (1.0 / self.extinction), self.weight.T @ (1.0 / self.attenuation)
-        kinds = (self.weight.T @ (b / self.extinction) / length for b in (self.molecules, self.particles))
-        molecules, particles = kinds
-        return replace(
-            self, extinction=1.0 / length, attenuation=1.0 / whole, molecules=molecules, particles=particles,
-            weight=np.eye(3),
-        )  # fmt: skip
 
     @property
     def scatters(self) -> bool:

@@ -90,11 +90,11 @@ class SunBeam:
         if self.shadows is None:
             return self._seen_by_rays(rays, start, end)
         seen = np.empty((len(rays), count, 2))
-        of = self.shadows.outlines
-        for k, (maps, taps) in enumerate(((self.shadows.disc, DISC_TAPS), (self.shadows.halo, HALO_TAPS))):
+        of, bodies = self.shadows, self.pattern.bodies
+        for k, (maps, taps) in enumerate(((of.disc, DISC_TAPS), (of.halo, HALO_TAPS))):
             visible_parts(
-                self.scene.origin, rays, start, end, of.centre, of.radius, of.frame, of.apart, maps.frame, maps.top,
-                maps.spread, taps, seen[:, :, k],
+                self.scene.origin, rays, start, end, bodies.centre, bodies.radius, of.frame, of.apart, maps.frame,
+                maps.top, maps.spread, taps, seen[:, :, k],
             )  # fmt: skip
         return seen
 
