@@ -4,7 +4,7 @@
 `exact`     arithmetic as it is written
 `fast`      sums may be reordered, products and sums joined, divisions multiplied; no number may be infinite or NaN
 `inlined`   becomes part of the kernels that call it, with their arithmetic
-`bare`      in a kernel: the same array, whose users are not counted
+`borrowing` as `exact`, of functions that make no arrays: they do not count who uses those that they are passed
 
 All run outside of Python's lock; a division by zero gives infinity, as in NumPy. A kernel is compiled for a class of
 processors, not for one, so that all workers of a farm compute the same: x86-64-v3, ARMv8, or, where the machine is
@@ -37,7 +37,6 @@ from numba.core.caching import _Cache
 from numba.core.compiler import CompileResult
 from numba.core.dispatcher import Dispatcher
 from numba.core.serialize import dumps
-from numba.extending import intrinsic
 
 from mr360uw.jit.stamp import add_to
 from mr360uw.reading.disk_cache import keep_bytes, kernel_folder, read_bytes
@@ -65,21 +64,13 @@ def inlined(function: F) -> F:
     return _kernel(function, inline="always")
 
 
-@intrinsic  # type: ignore[untyped-decorator, unused-ignore]
-def bare(_typing: Any, array: Any) -> Any:
-    """Return the same array without an owner, in a kernel.
+def borrowing(function: F) -> F:
+    """Return a function as a kernel, as by `exact`, that makes no arrays and does not count who uses those it reads.
 
-    A kernel counts the users of every array that it is passed, in memory that all threads share: for functions of a few
-    numbers that costs more than what they do. An array without an owner is not counted. It must not outlive the call
-    that was passed the array it stands for.
+    Other kernels count the users of every array that they are passed, in memory that all threads share: for functions
+    of a few numbers that costs more than what they do.
     """
-
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        view = context.make_array(signature.args[0])(context, builder, arguments[0])
-        view.meminfo = view.meminfo.type(None)
-        return view._getvalue()
-
-    return array(array), generate
+    return _kernel(function, _nrt=False)
 
 
 def _kernel(function: F, **options: Any) -> F:

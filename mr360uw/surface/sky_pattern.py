@@ -27,7 +27,7 @@ from mr360uw.caustics import caustic_map
 from mr360uw.caustics.flux.sun_disc import gaussian_transform
 from mr360uw.caustics.settings import Sea
 from mr360uw.constants import PI
-from mr360uw.jit import bare, exact, inlined
+from mr360uw.jit import borrowing, inlined
 from mr360uw.surface.sampled_sea import SampledSea
 from mr360uw.surface.sea_floor import Tiled
 from mr360uw.surface.sky import Dome
@@ -38,7 +38,7 @@ from mr360uw.surface.tracing.table_reads import add, packed, sky_radiance
 _STEPS = 3
 
 
-@exact
+@borrowing
 def gather_row(
     w: Any, d: Any, dn: Any, rays: Any, tile_m: float, row: int, depth: float, index: float, footprint: float, out: Any
 ) -> None:
@@ -48,7 +48,6 @@ def gather_row(
     `sky_radiance`. rays: (k, 7) direction up, place in the pixel over (x, z) in [0, 1), and slope of the facet.
     footprint: of each ray in the sky [rad].
     """
-    w, d, dn, rays, out = bare(w), bare(d), bare(dn), bare(rays), bare(out)
     step = tile_m / len(out)
     for column in range(len(out)):
         light = (0.0, 0.0, 0.0)
