@@ -239,7 +239,7 @@ def sun(count: int = 200) -> None:
     truths = json.loads((FOOTAGE / "360" / "sun_truth_ldr.json").read_text("utf-8"))["images"]
     rows = []
     for name, entry in truths.items():
-        disc = find_disc(LinearPlate.of(picture(name)))
+        disc = find_disc(LinearPlate(picture(name)))
         place = direction_from_frame(entry["x"], entry["y"], entry["width"], entry["height"])
         pixels = angle(disc.blob.direction, place) / 360.0 * entry["width"] if disc else np.nan
         rows.append((name, pixels, entry["tol_px"], disc.confidence if disc else 0.0))
@@ -255,11 +255,11 @@ def sun(count: int = 200) -> None:
     negative |= {name: picture(name) for name in pictures}
     rows = []
     for name, image in negative.items():
-        disc = find_disc(LinearPlate.of(image))
+        disc = find_disc(LinearPlate(image))
         rows.append((name, disc.confidence if disc else 0.0))
     for name in SUNLESS[:3]:
         for stops in STOPS:
-            disc = find_disc(LinearPlate.of(clipped(hdr(name), middle(hdr(name)) * 2.0**stops)))
+            disc = find_disc(LinearPlate(clipped(hdr(name), middle(hdr(name)) * 2.0**stops)))
             rows.append((f"{name} clipped, {stops} stops", disc.confidence if disc else 0.0))
     table(("map", "confidence"), rows)
     print(f"  rejected: {sum(row[1] < 0.5 for row in rows)} of {len(rows)}\n")

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -129,22 +129,13 @@ _GLOSSY = (0.2, 0.5)
 """Roughnesses at which what surfaces mirror is filtered."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
 class AerialBodies:
     """Bodies of a scene with the light of both sides, which does not change with time.
 
     table: of the water for rays from the surface, None for clear water. below, above: light of both sides.
     """
 
-    sea: SeaScene
-    objects: tuple[SceneObject, ...]
-    table: MediumTable | None
-    below: Environment
-    above: Environment
-
-    @classmethod
-    def of(cls, sea: SeaScene, objects: Sequence[SceneObject]) -> AerialBodies:
-        """Return the bodies of a scene in its light."""
+    def __init__(self, sea: SeaScene, objects: Sequence[SceneObject]) -> None:
         depth, sun = -sea.floor.height_m, sea.sun if sea.sun is not None and sea.sun.direction[1] > 0.0 else None
         in_water = light_below(sea, depth)
         wet = None
@@ -154,9 +145,10 @@ class AerialBodies:
             beam = sun.irradiance * passed * sun.direction[1] / direction[1]
             wet = Sun(direction, beam, sun.half_angle_rad / sea.refractive_index, 1.0)
         water = sea.light_in_water(depth)
-        table = None if water.sky is None else water.table(from_camera=False)
-        above = assemble(_over_water(sea, in_water), sun, _GLOSSY)
-        return cls(sea, tuple(objects), table, assemble(in_water, wet, _GLOSSY), above)
+        self.sea, self.objects = sea, tuple(objects)
+        self.table = None if water.sky is None else water.table(from_camera=False)
+        self.below = assemble(in_water, wet, _GLOSSY)
+        self.above = assemble(_over_water(sea, in_water), sun, _GLOSSY)
 
     def layer(
         self, stage: RayStage, view: View, floor: FloorSeen, mirrored: Array, time_s: float, frame: int,

@@ -79,7 +79,7 @@ class LoadedAerial:
             raise ParameterError("sun, sky - give no light (got 0) - set sun.irradiance or sky.irradiance")
         ground = Receiver(plane_y=-scene.floor.depth_m)
         afloat = tuple(on_the_floor(on_the_sea(one, sea.sea, 0.0), ground) for one in load_objects(scene.objects))
-        bodies = AerialBodies.of(sea, afloat) if afloat else None
+        bodies = AerialBodies(sea, afloat) if afloat else None
         return cls(scene, sea, scene.camera.exposure * PI / level, bodies)
 
     def view(self, time_s: float = 0.0, size: tuple[int, int] | None = None) -> View:

@@ -145,7 +145,7 @@ def water_of(settings: AerialWaterSettings) -> Medium | None:
         return _medium(settings, water)
     beta = np.array(settings.attenuation_per_m or water.attenuation(np.array(RGB_NM)))
     far = _deep_radiance(settings, water) if settings.far_radiance is None else np.array(settings.far_radiance)
-    formation = FormationModel(beta, beta, far, np.asarray(water.diffuse_attenuation(np.array(RGB_NM))))
+    formation = FormationModel(beta, np.asarray(water.diffuse_attenuation(np.array(RGB_NM))), beta, far)
     return Medium(
         water, named_sensor(str(settings.sensor)), "koschmieder", _SEEN_FROM_M, illuminant=settings.illuminant,
         refractive_index=settings.refractive_index, formation=formation,

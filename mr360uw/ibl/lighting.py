@@ -66,7 +66,7 @@ def environment(
     settings = settings or LightSettings()
     if expansion is not None:
         settings = LightSettings(**{**settings.model_dump(), "operator": expansion})
-    linear = LinearPlate.of(checked_plate(plate), settings, upward(up), refractive_index)
+    linear = LinearPlate(checked_plate(plate), settings, upward(up), refractive_index)
     return light_of(linear, settings, sun, underwater, glossy, clearness)
 
 

@@ -1,11 +1,11 @@
 from .band_light import compress_gamut
-from .boundaries import LambertFloor
 from .closed_form import multiple_scattering
 from .fit.exposure import exposure_change, fit_gain, picture_change, steady_gain
 from .fit.profile import PlateProfile
 from .fit.waterfit import WaterFit, fit_water
 from .medium import MODES, Medium
 from .models import spectral_model
+from .ray_field import LambertFloor
 from .settings import WaterSettings
 from .shafts.deviation import shaft_deviation
 from .shafts.froxels import FroxelGrid, ShaftField, shaft_field

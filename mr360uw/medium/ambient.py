@@ -20,10 +20,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.constants import PI
-from mr360uw.medium.boundaries import Sky
 from mr360uw.medium.medium import Medium
 from mr360uw.medium.models import SpectralModel
-from mr360uw.medium.ray_field import cosine_kernel
+from mr360uw.medium.ray_field import Sky, cosine_kernel
 from mr360uw.medium.tabulate import NORMALS, depth_nodes, diffuse_table, normal_nodes
 from mr360uw.types import Floats
 

@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from mr360uw.color import luminance
 from mr360uw.constants import GAMUT_POWER, GAMUT_THRESHOLD
-from mr360uw.medium.models import SpectralModel
+from mr360uw.medium.models import OneLight, SpectralModel
 from mr360uw.medium.spectral.bands import Bands
 from mr360uw.shapes import vectors
 
@@ -47,12 +47,11 @@ _LEAST_LIGHT = 1e-250
 """Irradiance at `deepest_m`, far enough above `_LEAST` that products of it with a transmittance do not reach that."""
 
 
-@dataclass(frozen=True, eq=False)
 class BandLight:
     """A model at the wavelengths of a sensor's bands."""
 
-    model: SpectralModel
-    bands: Bands
+    def __init__(self, model: SpectralModel, bands: Bands) -> None:
+        self.model, self.bands = model, bands
 
     def display(self, spectrum: Array) -> Array:
         """Return RGB (..., 3) within the gamut of spectra (..., n) relative to the illuminant."""
@@ -96,32 +95,15 @@ class BandLight:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class FormationModel:
+class FormationModel(OneLight):
     """The image formation model I = J exp(-beta_D z) + B (1 - exp(-beta_B z)), one constant per channel.
 
-    direct: beta_D, backscatter: beta_B [1/m], veil: B, diffuse: attenuation of the irradiance with depth [1/m]; all
-    (3,). Koschmieder 1924 has beta_D = beta_B; Akkaynak & Treibitz 2018 eq. 20 keep them apart.
+    extinction: beta_D, backscatter: beta_B [1/m], veil: B, all (3,). Koschmieder 1924 has beta_D = beta_B; Akkaynak &
+    Treibitz 2018 eq. 20 keep them apart.
     """
 
-    direct: Array
     backscatter: Array
     veil: Array
-    diffuse: Array
-
-    @property
-    def extinction(self) -> Array:
-        """beta_D."""
-        return self.direct
-
-    @property
-    def attenuation(self) -> Array:
-        """beta_D: the model has no other."""
-        return self.direct
-
-    @property
-    def level_beam(self) -> float:
-        """All light at the surface, of which the model has one kind."""
-        return 1.0
 
     def inscatter(self, distance_m: ArrayLike, depth_m: ArrayLike, up: ArrayLike) -> Array:
         """Return B (1 - exp(-beta_B z)), the same in every direction and at every depth."""
@@ -132,11 +114,6 @@ class FormationModel:
         """Return B."""
         shape = np.broadcast_shapes(np.shape(depth_m), np.shape(up))
         return np.broadcast_to(self.veil, (*shape, 3))
-
-    def irradiance(self, depth_m: ArrayLike, normal_up: ArrayLike) -> Array:
-        """Return exp(-diffuse y) for every normal."""
-        y = np.broadcast_arrays(np.asarray(depth_m, np.float64), np.asarray(normal_up))[0]
-        return np.exp(-self.diffuse * y[..., None])
 
 
 def fitted_formation(solved: BandLight, camera_depth_m: float, *, one_attenuation: bool) -> FormationModel:
@@ -150,4 +127,4 @@ def fitted_formation(solved: BandLight, camera_depth_m: float, *, one_attenuatio
     near = solved.display(solved.model.inscatter(np.array(s), depth, np.array(0.0)))
     backscatter = direct if one_attenuation else -np.log1p(-near / far) / s
     log = solved.ambient_log(np.array([depth, 0.0]))
-    return FormationModel(direct, backscatter, far, (log[1] - log[0]) / depth)
+    return FormationModel(direct, (log[1] - log[0]) / depth, backscatter, far)

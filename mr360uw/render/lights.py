@@ -174,7 +174,7 @@ class LightReader:
         if isinstance(plate, YuvImage):
             seen: Plate = plate_of_yuv(plate, settings, **options)
         else:
-            seen = LinearPlate.of(checked_plate(plate), settings, **options)
+            seen = LinearPlate(checked_plate(plate), settings, **options)
         return sun_found(seen, world_from_camera, underwater=self._underwater)
 
     def world_from_camera(self, time_s: float) -> Floats:

@@ -31,7 +31,7 @@ from mr360uw.render.stages.eye_stage import check_eyes
 from mr360uw.render.stages.plan_stages import ObjectFacts
 from mr360uw.render.surroundings import Surroundings, load_surroundings
 from mr360uw.scene.key_problems import key_times
-from mr360uw.scene.key_settings import KeyedParameter
+from mr360uw.scene.key_targets import KeyedParameter
 from mr360uw.scene.keyed_water import WaterBetween, scene_at, water_between
 from mr360uw.scene.model import Scene
 from mr360uw.scene.toml_model import dotted

@@ -10,8 +10,7 @@ from pydantic import BaseModel, ValidationError
 from pydantic_core import InitErrorDetails, PydanticCustomError
 
 from mr360uw.errors import ParameterError
-from mr360uw.scene.key_settings import KeyedParameter
-from mr360uw.scene.key_targets import ANY_LENGTH, Target, target_of, with_values
+from mr360uw.scene.key_targets import ANY_LENGTH, KeyedParameter, Target, target_of, with_values
 from mr360uw.scene.problems import Location, place, problems
 
 Problem = tuple[Location, Any, str]

@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from mr360uw.constants import PI
 from mr360uw.errors import ParameterError
 from mr360uw.ibl.lookup import environment_lookup
-from mr360uw.medium.boundaries import SkyShape
+from mr360uw.medium.ray_field import SkyShape
 from mr360uw.optics import fresnel_transmittance
 from mr360uw.shapes import numbers
 from mr360uw.sphere import directions, row_solid_angle

@@ -110,14 +110,14 @@ def sky_pattern(sea: Sea, sampled: SampledSea, dome: Dome, depth_m: float, time_
     """Return the irradiance of the floor by the sky through clear water. sampled: the sea at that time."""
     tile = sea.tile_m
     if depth_m > _EVEN_TILES * tile or sampled.steepest < 1e-5:  # a level sea
-        return Tiled.of(np.broadcast_to(dome.irradiance_below(index), (1, 1, 3)), tile)
+        return Tiled(np.broadcast_to(dome.irradiance_below(index), (1, 1, 3)), tile)
     size = 1 << int(np.clip(np.ceil(np.log2(_PER_DEPTH * tile / depth_m)), np.log2(_SMALLEST), np.log2(_LARGEST)))
     soft, bright = dome.divided(index)
     total = _gathered(sampled, soft, max(depth_m, -sampled.lowest_m), size, index)
     for direction, irradiance, half_angle_rad in bright:
         ratio = caustic_map(sea, direction, depth_m, time_s, size, _GRID, index, min(half_angle_rad, 0.5))
         total += ratio[..., None] * irradiance
-    return Tiled.of(total, tile)
+    return Tiled(total, tile)
 
 
 def _gathered(sampled: SampledSea, dome: Dome, depth_m: float, size: int, index: float) -> Array:

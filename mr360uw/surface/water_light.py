@@ -39,20 +39,13 @@ Array = NDArray[np.float64]
 _LEAST = 1e-300
 
 
-@dataclass(frozen=True, slots=True, eq=False)
 class LightInWater:
     """Light of one origin. below: (3,) irradiance just below the surface. medium: solved for it, seen from there.
     depths: the same for cameras at any depth.
     """
 
-    below: Array
-    medium: Medium
-    depths: MediumAtDepths
-
-    @classmethod
-    def of(cls, below: Array, medium: Medium) -> LightInWater:
-        """Return the light of a medium."""
-        return cls(below, medium, MediumAtDepths(medium))
+    def __init__(self, below: Array, medium: Medium) -> None:
+        self.below, self.medium, self.depths = below, medium, MediumAtDepths(medium)
 
     def seen_from(self, camera_depth_m: float | None) -> Medium:
         """Return the medium for a camera at a depth [m], or for rays from the surface."""
@@ -106,9 +99,9 @@ class WaterLight:
                 sky=dome.shape,
             )  # fmt: skip
             _ = medium.length_m  # that of all tables, so that their nodes are the same
-            of_sky = LightInWater.of(by_sky, medium)
+            of_sky = LightInWater(by_sky, medium)
             beam = medium.under(("sun", sun_up, 1.0)) if risen else None
-            light = replace(light, sky=of_sky, sun=None if beam is None else LightInWater.of(by_sun, beam))
+            light = replace(light, sky=of_sky, sun=None if beam is None else LightInWater(by_sun, beam))
         if floor_m > 0.0:
             lit, back = light.down(floor_m), light._returned(floor_m, floor_m)
             light = replace(light, floor_m=floor_m, floor=albedo * lit / (PI - albedo * back))
@@ -244,4 +237,4 @@ def _on_floor(stack: CausticStack, plane: Array) -> Tiled:
     """Return a plane of a stack along the beam in the place where it lies on the floor."""
     x, y, z = stack.sun_direction
     depth = float(stack.depth_m[0])
-    return Tiled.of(np.ascontiguousarray(plane), stack.tile_m, (-float(x / y) * depth, -float(z / y) * depth))
+    return Tiled(np.ascontiguousarray(plane), stack.tile_m, (-float(x / y) * depth, -float(z / y) * depth))

@@ -26,7 +26,7 @@ def split_of(sun: Floats, up: Floats) -> tuple[Split, Split, LinearPlate]:
     alone = Sun(sun, np.zeros(3, np.float32), 0.004, 1.0)
     images = [image.astype(np.float32) for image in (sky, sky + glare)]
     clean, glaring = (Split(image, alone) for image in images)
-    return clean, glaring, LinearPlate.of(images[1], up=up)
+    return clean, glaring, LinearPlate(images[1], up=up)
 
 
 @pytest.mark.parametrize("height_deg", [45.0, 60.0, 82.0])

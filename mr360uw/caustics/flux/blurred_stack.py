@@ -131,7 +131,7 @@ class _PointLight:
 
     def _by_coverage(self, settings: CausticSettings) -> SurfaceLight:
         surface = self.sea.grid_surface(grid_of(settings, self.sea), self.time_s)
-        return SurfaceLight.of(self.sea, surface, self.sun, self.refractive_index)
+        return SurfaceLight(self.sea, surface, self.sun, self.refractive_index)
 
 
 def _point_lights(

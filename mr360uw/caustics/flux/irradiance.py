@@ -18,7 +18,6 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -71,7 +70,7 @@ def caustic_map(
     instance("sea", sea, SeaParameters, "make a GerstnerSea or a SpectralSea")
     sun = check_arguments(sun_direction_in_air, [depth_m], size, grid, refractive_index, sun_half_angle_rad)
     surface = sea.grid_surface(grid, 0.0 if method == "scrolling" else time_s)
-    light = SurfaceLight.of(sea, surface, sun, refractive_index)
+    light = SurfaceLight(sea, surface, sun, refractive_index)
     ratio = light.on_plane(depth_m, size, sun_half_angle_rad, method, np.zeros(2))
     return _scrolled(ratio, sea, time_s) if method == "scrolling" else ratio
 
@@ -101,7 +100,7 @@ def caustic_stack(
     indices = pass_indices(s.chromatic, refractive_index)
     maps = np.zeros((len(depths), s.size, s.size, len(indices)))
     soft = np.zeros((len(depths), s.size, s.size, 1)) if is_soft(spread, depths[-1], sun_in_water) else None
-    lights = [SurfaceLight.of(sea, surface, sun, index) for index in indices]
+    lights = [SurfaceLight(sea, surface, sun, index) for index in indices]
 
     def draw(number: int) -> None:
         plane, channel = divmod(number, len(lights))
@@ -189,26 +188,16 @@ def wrapped(values: Array, period: float, columns: tuple[int, int]) -> Array:
     return out
 
 
-@dataclass(frozen=True, slots=True)
 class SurfaceLight:
-    """Light of one sun below one surface: origin and slope (N, N, 2) of the `refracted_rays`, the flux (N, N, 2) of its
-    cells, and the slope that blurs.
+    """Light of one sun (3,) in air below a surface of the whole tile, (N, N): origin and slope (N, N, 2) of its
+    `refracted_rays`, and the flux (N, N, 2) of its cells.
     """
 
-    origin: Array
-    slope: Array
-    flux: Array
-    sun: Array
-    tile_m: float
-    refractive_index: float
-    blur_slope: float
-
-    @classmethod
-    def of(cls, sea: Sea, surface: Surface, sun: Array, refractive_index: float) -> SurfaceLight:
-        """Return the light of the sun (3,) in air below a surface of the whole tile, (N, N)."""
-        origin, slope, transmittance = refracted_rays(surface, sun, refractive_index)
-        flux = cell_flux(surface, transmittance, sun, sea.tile_m)
-        return cls(origin, slope, flux, sun, sea.tile_m, refractive_index, sea.blur_slope)
+    def __init__(self, sea: Sea, surface: Surface, sun: Array, refractive_index: float) -> None:
+        self.origin, self.slope, transmittance = refracted_rays(surface, sun, refractive_index)
+        self.flux = cell_flux(surface, transmittance, sun, sea.tile_m)
+        self.sun, self.refractive_index = sun, refractive_index
+        self.tile_m, self.blur_slope = sea.tile_m, sea.blur_slope
 
     def on_plane(self, depth_m: float, size: int, half_angle_rad: float, method: Method, travel: Array) -> Array:
         """Return the ratio (size, size) on a plane. travel: (2,) shift of the map [m] per metre of depth, taken off."""

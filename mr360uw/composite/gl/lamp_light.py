@@ -8,7 +8,7 @@ import numpy as np
 from mr360uw.composite.gl.shadow_atlas import ROW_TEXELS, Atlas, LightFrame
 from mr360uw.composite.lighting.lamps import lamps_of
 from mr360uw.composite.shot import PlacedObject, Shot
-from mr360uw.medium.shafts.lamp_rays import nearest_m
+from mr360uw.medium.shafts.ray_segments import nearest_m
 from mr360uw.sphere import basis
 from mr360uw.types import Floats, Lamp
 

@@ -32,13 +32,12 @@ from numpy.typing import ArrayLike
 from mr360uw.constants import REFRACTIVE_INDEX_SEA, SUN_HALF_ANGLE_RAD
 from mr360uw.ibl.expansion import checked_plate, snell_elevation
 from mr360uw.ibl.level.tilt import level_matrix, roll_pitch, upward
-from mr360uw.ibl.plate import LinearPlate, Plate, coarse_directions, coarse_solid_angle, plate_sines
+from mr360uw.ibl.plate import LinearPlate, Plate, coarse_directions, coarse_solid_angle, patch_directions, plate_sines
 from mr360uw.ibl.sun.blob import CLIPPED, Blob, brightness, examine
 from mr360uw.ibl.sun.closure import ground_ratio
 from mr360uw.ibl.sun.glow import find_glow
 from mr360uw.ibl.sun.judge import PlateSurvey, SunCandidate
 from mr360uw.ibl.sun.split import Split, sky_irradiance, split_sun
-from mr360uw.ibl.sun.tangent import patch_directions
 from mr360uw.optics import refract_clamped, refract_to_air
 from mr360uw.sphere import unit
 from mr360uw.types import Floats, Sun
@@ -226,7 +225,7 @@ def detect_sun(
     `environment`. The irradiance is that of the plate as it is: of a clipped one far too low (see `environment`).
     Raises `ParameterError` for other arrays.
     """
-    seen = LinearPlate.of(checked_plate(plate), up=upward(up), refractive_index=refractive_index)
+    seen = LinearPlate(checked_plate(plate), up=upward(up), refractive_index=refractive_index)
     disc = find_disc(seen, underwater=underwater)
     return None if disc is None or disc.confidence <= 0.0 else split_disc(seen, disc, underwater=underwater).sun
 

@@ -28,10 +28,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from mr360uw.ibl.level.tilt import elevation_sine
-from mr360uw.ibl.plate import Plate, coarse_directions, coarse_solid_angle, plate_sines
+from mr360uw.ibl.plate import Plate, coarse_directions, coarse_solid_angle, patch_directions, plate_sines
 from mr360uw.ibl.sun.blob import CLIPPED, Blob, brightness
 from mr360uw.ibl.sun.glow import Glow
-from mr360uw.ibl.sun.tangent import patch_directions
 from mr360uw.types import Floats
 
 _DOUBT = (0.2, 0.8)

@@ -33,8 +33,9 @@ from mr360uw.ibl.plate import (
     Plate,
     coarse_directions,
     coarse_solid_angle,
+    patch_directions,
+    patch_step,
 )
-from mr360uw.ibl.sun.tangent import patch_directions, patch_step
 from mr360uw.sphere import Array, frame_from_direction, row_solid_angle, unit
 from mr360uw.types import Floats, Sun
 

@@ -33,25 +33,20 @@ DISC_TAPS, HALO_TAPS = 16, 32
 """Points of a segment at which disc and halo are tested, one direction each, in turn."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
 class ShadowMaps:
-    """Maps of k bodies in n directions. frame: (n, 3, 3) rows (u, v, direction). top: (k, n, size, size) float32 [m].
+    """Maps of k bodies with bounding spheres in n directions of a disc about an axis (3,).
 
-    spread: tangent of the widest angle between a direction and the middle of the disc.
+    frame: (n, 3, 3) rows (u, v, direction). top: (k, n, size, size) float32 [m]. spread: tangent of the widest angle
+    between a direction and the middle of the disc.
     """
 
-    frame: Array
-    top: NDArray[np.float32]
-    spread: float
-
-    @classmethod
-    def of(cls, bodies: Bodies, axis: Array, directions: Array, size: int) -> ShadowMaps:
-        """Return the maps of bodies with bounding spheres, for directions (n, 3) of a disc about an axis (3,)."""
-        frame = np.array([basis(d) for d in directions])
+    def __init__(self, bodies: Bodies, axis: Array, directions: Array, size: int) -> None:
+        self.frame: Array = np.array([basis(d) for d in directions])
         spheres = zip(bodies.occluders, bodies.centre, bodies.radius, strict=True)
-        top = [[_top(body, centre, radius, f, size) for f in frame] for body, centre, radius in spheres]
+        top = [[_top(body, centre, radius, f, size) for f in self.frame] for body, centre, radius in spheres]
+        self.top = np.array(top, np.float32)
         cosine = min(float(np.min(directions @ axis)), 1.0)
-        return cls(frame, np.array(top, np.float32), math.sqrt(1.0 - cosine * cosine) / cosine)
+        self.spread = math.sqrt(1.0 - cosine * cosine) / cosine
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -79,13 +74,13 @@ def shadows_of(pattern: BeamPattern, cache: Cache) -> Shadows | None:
 
 def _shadows(bodies: Bodies, towards: Array, disc: Array | None, halo: Array) -> Shadows:
     """Return the shadows of bodies. disc, halo: directions (n, 3) over those; without disc its middle (3,) alone."""
-    middle = ShadowMaps.of(bodies, towards, towards[None], DISC_PIXELS)
-    wide = middle if disc is None else ShadowMaps.of(bodies, towards, disc, DISC_PIXELS)
+    middle = ShadowMaps(bodies, towards, towards[None], DISC_PIXELS)
+    wide = middle if disc is None else ShadowMaps(bodies, towards, disc, DISC_PIXELS)
     covered = np.isfinite(middle.top[:, 0])
     pixel = 2.0 * bodies.radius / covered.shape[1]
     apart = [cv2.distanceTransform((~mask).astype(np.uint8), cv2.DIST_L2, 5) for mask in covered]
     metres = (np.array(apart) * pixel[:, None, None]).astype(np.float32)
-    return Shadows(wide, ShadowMaps.of(bodies, towards, halo, HALO_PIXELS), middle.frame[0], metres)
+    return Shadows(wide, ShadowMaps(bodies, towards, halo, HALO_PIXELS), middle.frame[0], metres)
 
 
 def _top(body: Occluder, centre: Array, radius: float, frame: Array, size: int) -> Array:

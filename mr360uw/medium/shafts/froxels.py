@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from mr360uw.cache import Cache
 from mr360uw.errors import ParameterError
 from mr360uw.jit import exact, inlined
-from mr360uw.medium.shafts.lamp_field import LampField
+from mr360uw.medium.shafts.lamp_field import lamp_field, lamp_light
 from mr360uw.medium.shafts.ray_segments import fraction_at, radius_at
 from mr360uw.medium.shafts.shaft_scene import ShaftScene
 from mr360uw.medium.shafts.sun_beam import SunBeam
@@ -109,9 +109,9 @@ def shaft_field(
     beam = (
         None
         if scene.pattern is None
-        else SunBeam.of(scene, scene.pattern, grid.slices, Cache() if cache is None else cache)
+        else SunBeam(scene, scene.pattern, grid.slices, Cache() if cache is None else cache)
     )
-    lamps = [LampField.of(scene, lamp) for lamp in scene.lamps]
+    lamps = [(lamp_field(scene, lamp), lamp.intensity) for lamp in scene.lamps]
     for start in range(0, len(rays), _TOGETHER):
         part = slice(start, start + _TOGETHER)
         light = np.zeros((len(rays[part]), grid.slices, 3))
@@ -119,8 +119,8 @@ def shaft_field(
             beam.add(rays[part], rate[part], reach[part], column[part], 2.0 * np.pi / grid.columns, light)
         if lamps:
             edge = radius_at(np.arange(grid.slices + 1) / grid.slices, rate[part, None], reach[part, None])
-            for lamp in lamps:
-                lamp.add(scene, rays[part], edge, light)
+            for field, intensity in lamps:
+                light += lamp_light(scene, field, rays[part], edge) * intensity
         table[part, 1:] = np.cumsum(light, axis=1)
     return ShaftField(scene, table, node, pole)
 

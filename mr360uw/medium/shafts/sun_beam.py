@@ -9,7 +9,6 @@ mean of the caustics over its part of the line, at the depth of its middle, and 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -18,7 +17,7 @@ from numpy.typing import NDArray
 from mr360uw.cache import Cache, PartOf
 from mr360uw.jit import fast, inlined
 from mr360uw.medium.shafts.beam_pattern import BeamPattern
-from mr360uw.medium.shafts.body_shadows import DISC_TAPS, HALO_TAPS, Shadows, shadows_of, visible_parts
+from mr360uw.medium.shafts.body_shadows import DISC_TAPS, HALO_TAPS, shadows_of, visible_parts
 from mr360uw.medium.shafts.pattern_lines import PatternMaps, fill_line, line_steps
 from mr360uw.medium.shafts.ray_segments import radius_at
 from mr360uw.medium.shafts.shaft_scene import ShaftScene
@@ -30,30 +29,19 @@ _HEIGHTS = 257
 """Heights of rays at which the light of segments is tabulated."""
 _PARTS = 4
 """Parts of a segment that are tested by rays, for bodies without bounds."""
-_NO_MAPS = PatternMaps(
-    np.zeros((1, 4), np.float32), np.zeros(1, np.int64), 1, np.zeros(0), 1.0, np.zeros(2)
-)  # fmt: skip
 
 
-@dataclass(frozen=True, slots=True, eq=False)
 class SunBeam:
-    """What rays need. weights: (heights, count, 12) `whole` and `sharp` of `ShaftWater.beam_segments`. maps: of the
-    caustics. shadows: of bodies on the disc and the halo, None without bodies or where a body has no bounds.
+    """The sun's beam in a scene, for rays of `count` segments. cache: holds weights, and the shadows of bodies.
+
+    weights: (heights, count, 12) `whole` and `sharp` of `ShaftWater.beam_segments`. maps: of the caustics. shadows: of
+    bodies on the disc and the halo, None without bodies or where a body has no bounds.
     """
 
-    scene: ShaftScene
-    pattern: BeamPattern
-    weights: NDArray[np.float32]
-    maps: PatternMaps
-    shadows: Shadows | None
-
-    @classmethod
-    def of(cls, scene: ShaftScene, pattern: BeamPattern, count: int, cache: Cache) -> SunBeam:
-        """Return the beam of a scene for rays of `count` segments. cache: holds weights, and the shadows of bodies."""
-        weights = cache.of(_weights, PartOf(scene, scene.water, scene.depth_m, scene.sun_up), count, keep=4)
-        shadows = shadows_of(pattern, cache)
-        maps = _NO_MAPS if pattern.caustics is None else PatternMaps.of(pattern.caustics)
-        return cls(scene, pattern, weights, maps, shadows)
+    def __init__(self, scene: ShaftScene, pattern: BeamPattern, count: int, cache: Cache) -> None:
+        self.scene, self.pattern = scene, pattern
+        self.weights = cache.of(_weights, PartOf(scene, scene.water, scene.depth_m, scene.sun_up), count, keep=4)
+        self.shadows, self.maps = shadows_of(pattern, cache), PatternMaps(pattern.caustics)
 
     def add(
         self, rays: Array, rate: Array, reach: Array, column: NDArray[np.int64], widening_rad: float, light: Array
