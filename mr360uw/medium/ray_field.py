@@ -98,7 +98,9 @@ class OfBeam:
         across = np.sqrt(np.maximum(1.0 - mu * mu, 0.0) * max(1.0 - self.sun_mu**2, 0.0))
 
         def turned(azimuth: ArrayLike) -> Array:
-            cosine = np.multiply.outer(across, np.cos(azimuth)) + (mu * self.sun_mu).reshape(*mu.shape, *_ones(azimuth))
+            cosine = np.multiply.outer(across, np.cos(azimuth)) + (mu * self.sun_mu).reshape(
+                *mu.shape, *[1] * np.ndim(azimuth)
+            )
             return self.kinds(np.clip(cosine, -1.0, np.cos(LEAST_TURN_RAD)))
 
         if azimuth_rad is not None:
@@ -107,10 +109,6 @@ class OfBeam:
         x, weight = 0.5 * (x + 1.0), 0.5 * weight
         # nodes are dense about the sun
         return np.asarray(np.einsum("a,...ak->...k", 2.0 * x * weight, turned(PI * x**2)) @ self.amount)
-
-
-def _ones(azimuth: ArrayLike) -> tuple[int, ...]:
-    return (1,) * np.ndim(azimuth)
 
 
 LEAST_TURN_RAD = 0.01

@@ -37,7 +37,7 @@ def scene_text(chosen: dict[str, Any]) -> str:
         for entry in entries or [{}]:
             prefix = "# " if unused else ""
             tables += [
-                f"# {_first_line(model)}",
+                f"# {(model.__doc__ or model.__name__).strip().splitlines()[0]}",
                 f"{prefix}{header}",
                 *_scene_table(model, field.default, entry, unused),
                 "",
@@ -76,10 +76,6 @@ def _model_of(field: FieldInfo) -> type[BaseModel] | None:
         return type(field.default)
     models = models_of(field.annotation)
     return models[0] if models else None
-
-
-def _first_line(model: type[BaseModel]) -> str:
-    return (model.__doc__ or model.__name__).strip().splitlines()[0]
 
 
 _COLUMNS = ("key", "default", "values, range, unit", "meaning")

@@ -163,7 +163,9 @@ def _step(owner: Any, part: str, name: str, location: Location) -> tuple[str | i
         return number, None
     if not isinstance(owner, BaseModel):
         where = ".".join(map(str, location))
-        raise ParameterError(f"has no {part!r} (got {name!r}) - {where} is {_in_words(owner)}")
+        raise ParameterError(
+            f"has no {part!r} (got {name!r}) - {where} is {'not set: set it first' if owner is None else repr(owner)}"
+        )
     fields = {field.alias or known: known for known, field in type(owner).model_fields.items()}
     if part not in fields:
         if became := removed((*location, part)):
@@ -176,10 +178,6 @@ def _step(owner: Any, part: str, name: str, location: Location) -> tuple[str | i
     if advice := stated(field, "fixed"):
         raise ParameterError(f"cannot change within a clip (got {name!r}) - {advice}")
     return fields[part], field
-
-
-def _in_words(value: Any) -> str:
-    return "not set: set it first" if value is None else repr(value)
 
 
 def _holds_models(value: Any) -> bool:

@@ -101,18 +101,13 @@ def _locate(root: type[BaseModel], location: Location, kind: str) -> tuple[Locat
         found = [f for m in models for n, f in m.model_fields.items() if part in (n, f.alias)]
         tagged = [m for m in models if part in _tags(m)]
         is_unknown_key = kind == "extra_forbidden" and k == len(location)
-        if not found and not is_unknown_key and (tagged or not _is_key(part)):
+        if not found and not is_unknown_key and (tagged or part in _TYPES or not re.fullmatch(r"[\w\-]+", part)):
             models = tagged or models
             continue
         owners, field = models, (found[0] if found else None)
         clean.append(part)
         models = [model for f in found for model in models_of(f.annotation)] or []
     return tuple(clean), owners, field
-
-
-def _is_key(part: str) -> bool:
-    """Return whether a part of a pydantic location is a key of a file rather than the name of a type."""
-    return re.fullmatch(r"[\w\-]+", part) is not None and part not in _TYPES
 
 
 def _kinds(model: type[BaseModel]) -> dict[str, str]:
@@ -253,7 +248,7 @@ def problems(error: ValidationError, root: type[BaseModel], where: str, lines: L
         found.setdefault(location, (line, text))
     deeper = {location[:k] for location in found for k in range(len(location)) if isinstance(location[k], int)}
     listed = {loc for loc in deeper & found.keys() if models_of(_locate(root, loc, "")[2].annotation) == []}
-    return [text for location, (_, text) in sorted(found.items(), key=_by_line) if location not in listed]
+    return [text for location, (_, text) in sorted(found.items(), key=lambda item: item[1]) if location not in listed]
 
 
 def _near_key(key: str, owners: list[type[BaseModel]]) -> str:
@@ -262,10 +257,6 @@ def _near_key(key: str, owners: list[type[BaseModel]]) -> str:
     names = dict.fromkeys(name for name, field in fields if not stated(field, "internal"))
     near = difflib.get_close_matches(key, names, 1)
     return f"did you mean '{near[0]}'?" if near else f"known here: {', '.join(names)}"
-
-
-def _by_line(item: tuple[Location, tuple[int, str]]) -> tuple[int, str]:
-    return item[1]
 
 
 def _near(value: Any, allowed: str) -> str:

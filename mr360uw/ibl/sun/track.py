@@ -259,8 +259,10 @@ class SunSeries(Generic[Frame]):
             self._waiting.append((frame, time_s))
             return
         here = self._measure(frame)
-        if self._waiting and _change(self._found[-1], here) > _UNCHANGED:
-            self._measure_waiting()
+        if self._waiting:
+            change = np.abs(np.asarray(here.thumbnail) - np.asarray(self._found[-1].thumbnail))
+            if float(np.mean(change)) > _UNCHANGED:
+                self._measure_waiting()
         before = self._found[-1] if self._found else here
         self._found += [_between(before, here, passed_s) for _, passed_s in self._waiting]
         self._found.append(here)
@@ -274,11 +276,6 @@ class SunSeries(Generic[Frame]):
     def _measure_waiting(self) -> None:
         self._found += [self._measure(frame) for frame, _ in self._waiting]
         self._waiting = []
-
-
-def _change(a: SunMeasurement, b: SunMeasurement) -> float:
-    """Return the mean change of two frames' thumbnails."""
-    return float(np.mean(np.abs(np.asarray(b.thumbnail) - np.asarray(a.thumbnail))))
 
 
 def _between(a: SunMeasurement, b: SunMeasurement, time_s: float) -> SunMeasurement:

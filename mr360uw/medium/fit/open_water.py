@@ -34,6 +34,7 @@ from numpy.typing import ArrayLike, NDArray
 from mr360uw.color import luminance
 from mr360uw.medium.fit.profile import row_up, upwelling
 from mr360uw.medium.medium import Medium
+from mr360uw.texels import smoothstep
 from mr360uw.types import Floats
 
 Array = NDArray[np.float64]
@@ -130,8 +131,9 @@ def open_water(
     light = used * np.repeat(level[:, None], COLUMNS, axis=1)
     around = np.ones(light.shape) if around is None else beside_floor(around, of_floor)
     dim = _DIM * float(luminance(light).max()) + DARKEST
-    seen = _fade(_from_beyond(medium, up, above_ground_m), _FAR, _NEAR)[:, None]
-    smooth = _small(_eroded(_fade(structure(shown, dim), _SMOOTH, _ROUGH)))
+    seen = smoothstep(_from_beyond(medium, up, above_ground_m), _NEAR, _FAR)[:, None]
+    sharp = _eroded(smoothstep(structure(shown, dim), _ROUGH, _SMOOTH))
+    smooth = np.asarray(cv2.resize(sharp, (COLUMNS, ROWS), interpolation=cv2.INTER_AREA))
     weight = smooth * seen
     if above_ground_m is not None:
         down = up < 0.0
@@ -148,9 +150,9 @@ def open_water(
     about = area * np.exp(-((up / _LEVEL) ** 2))[:, None]
     red = (small[..., 0] + dim) / (small.sum(axis=-1) + 3.0 * dim)
     bright = luminance(small) / luminance(light)
-    weight = weight * _fade(red / _quantile(red, weight * about * bright, _TYPICAL_RANK), _REDDER, _REDDEST)
+    weight = weight * smoothstep(red / _quantile(red, weight * about * bright, _TYPICAL_RANK), _REDDEST, _REDDER)
     typical = _quantile(bright, weight * about * bright, 0.5)
-    weight = weight * _fade(np.abs(np.log(bright / typical)), _UNLIKE, _UNLIKEST)
+    weight = weight * smoothstep(np.abs(np.log(bright / typical)), _UNLIKEST, _UNLIKE)
     share = float((weight * area).sum() / area.sum())
     weight = weight * min(share / _LEAST_SEEN, 1.0)
     level, least = np.log(used * small / np.maximum(light, _TINY)), visible_gain(medium, np.zeros(3))
@@ -172,7 +174,7 @@ def _goes_on(small: Array, ground: Array, water: Array) -> Array:
     to_ground, to_water = (np.abs(np.log((small + dim) / (one + dim))).max(axis=-1) for one in (ground, water))
 
     def like(one: Array, other: Array) -> Array:
-        return _fade(one - other, -_WATER, -_GROUND) * _fade(one, 0.5 * _STRAYS, _STRAYS)
+        return smoothstep(one - other, -_GROUND, -_WATER) * smoothstep(one, _STRAYS, 0.5 * _STRAYS)
 
     above_ground = 1.0 - np.maximum.accumulate(like(to_ground, to_water), axis=0)  # below it ground is nearer still
     return like(to_water, to_ground) * above_ground
@@ -215,18 +217,6 @@ def _eroded(weight: Array) -> Array:
 
     wide = np.pad(weight, ((0, 0), (2, 2)), mode="wrap")
     return np.asarray(cv2.erode(wide, np.ones((3, 3))))[:, 2:-2]
-
-
-def _small(weight: Array) -> Array:
-    import cv2
-
-    return np.asarray(cv2.resize(weight, (COLUMNS, ROWS), interpolation=cv2.INTER_AREA))
-
-
-def _fade(values: Floats, full: float, none: float) -> Array:
-    """Return weights that fall smoothly from 1 at `full` to 0 at `none`."""
-    x = np.clip((none - np.asarray(values, np.float64)) / (none - full), 0.0, 1.0)
-    return np.asarray(x * x * (3.0 - 2.0 * x))
 
 
 def _quantile(values: Array, weight: Array, rank: float) -> float:
