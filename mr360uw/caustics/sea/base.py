@@ -53,16 +53,14 @@ class SurfaceFields(NamedTuple):
     strain_xz: Floats
 
 
-def surface_normal(
-    slope_x: Floats, slope_z: Floats, strain_xx: Floats, strain_zz: Floats, strain_xz: Floats, detail: ArrayLike = 0.0
-) -> Floats:
+def surface_normal(f: SurfaceFields, detail: ArrayLike = 0.0) -> Floats:
     """Return unit normals (..., 3). detail: (..., 2) slopes of a detail map, added to those of the surface."""
     d = np.asarray(detail, np.float64)
     detail_x, detail_z = (d, d) if d.ndim == 0 else (d[..., 0], d[..., 1])
-    across_x, across_z = 1.0 + strain_xx, 1.0 + strain_zz
-    y = across_x * across_z - strain_xz * strain_xz
-    x = slope_z * strain_xz - across_z * slope_x - detail_x * y
-    z = slope_x * strain_xz - across_x * slope_z - detail_z * y
+    across_x, across_z = 1.0 + f.strain_xx, 1.0 + f.strain_zz
+    y = surface_jacobian(f)
+    x = f.slope_z * f.strain_xz - across_z * f.slope_x - detail_x * y
+    z = f.slope_x * f.strain_xz - across_x * f.slope_z - detail_z * y
     return _vectors(x, y, z) / np.maximum(np.sqrt(x * x + y * y + z * z), 1e-30)[..., None]
 
 
@@ -73,19 +71,15 @@ def _vectors(x: Floats, y: Floats, z: Floats) -> Floats:
     return out
 
 
-def surface_jacobian(strain_xx: Floats, strain_zz: Floats, strain_xz: Floats) -> Floats:
+def surface_jacobian(f: SurfaceFields) -> Floats:
     """Return the determinant of the horizontal displacement; positive where the surface does not fold over."""
-    return (1.0 + strain_xx) * (1.0 + strain_zz) - strain_xz * strain_xz
+    return (1.0 + f.strain_xx) * (1.0 + f.strain_zz) - f.strain_xz * f.strain_xz
 
 
 def displaced_surface(x_m: Floats, z_m: Floats, fields: SurfaceFields, detail: ArrayLike = 0.0) -> Surface:
     """Return the surface over undisplaced points (x, z) [m]."""
-    f = fields
-    return Surface(
-        _vectors(x_m + f.shift_x, f.height, z_m + f.shift_z),
-        surface_normal(f.slope_x, f.slope_z, f.strain_xx, f.strain_zz, f.strain_xz, detail),
-        surface_jacobian(f.strain_xx, f.strain_zz, f.strain_xz),
-    )
+    position = _vectors(x_m + fields.shift_x, fields.height, z_m + fields.shift_z)
+    return Surface(position, surface_normal(fields, detail), surface_jacobian(fields))
 
 
 class SeaParameters(Parameters):
@@ -218,8 +212,8 @@ def _travel(azimuth_deg: float) -> Array:
 @functools.lru_cache(maxsize=32)
 def _mean_square_slope_of(sea: SeaParameters) -> float:
     f = sea.grid_fields(_SLOPE_GRID, 0.0)
-    slope = surface_normal(f.slope_x, f.slope_z, f.strain_xx, f.strain_zz, f.strain_xz)
-    area = np.maximum(surface_jacobian(f.strain_xx, f.strain_zz, f.strain_xz), 0.0)
+    slope = surface_normal(f)
+    area = np.maximum(surface_jacobian(f), 0.0)
     return float(np.average((1.0 - slope[..., 1] ** 2) / slope[..., 1] ** 2, weights=area))
 
 
