@@ -49,8 +49,6 @@ _FLASH_FRAMES = 2
 """Half window [frames] of the median filter of the exposure: shorter changes are ignored as flashes."""
 _PASSING_S = 1.0
 """Half window [s] of the median filter of the gain: deviations shorter than this are ignored."""
-_WINDOWS_AT_ONCE = 4096
-"""Windows of the median filter that are copied at once: 12 MB of two seconds at 60 frames a second."""
 _EASE_S = 1.0
 """Half window [s] of the weighted mean after it; twice as large, the gain takes twice as long to follow."""
 
@@ -140,11 +138,11 @@ def _steady_shot(gain: Array, change: Array, frame_rate: float) -> Array:
 
 def _running_median(values: Array, half: int) -> Array:
     """Return medians of values (n, k) over `half` frames on either side; near an end that of the last whole window."""
-    count = len(values)
-    half = min(half, (count - 1) // 2)
-    windows = np.lib.stride_tricks.sliding_window_view(values, 2 * half + 1, axis=0)
-    parts = [np.median(windows[k : k + _WINDOWS_AT_ONCE], axis=-1) for k in range(0, len(windows), _WINDOWS_AT_ONCE)]
-    return np.asarray(np.concatenate(parts)[np.clip(np.arange(count) - half, 0, len(windows) - 1)])
+    from scipy.ndimage import median_filter
+
+    half = min(half, (len(values) - 1) // 2)
+    whole = np.clip(np.arange(len(values)), half, len(values) - 1 - half)
+    return np.asarray(median_filter(values, (2 * half + 1, 1))[whole])
 
 
 Frame = TypeVar("Frame")
