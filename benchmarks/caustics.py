@@ -33,7 +33,7 @@ from mr360uw.caustics import (
 from mr360uw.caustics.depth_ladder import PlaneLadder
 from mr360uw.caustics.flux.blurred_stack import blurred_stack
 from mr360uw.caustics.flux.irradiance import cell_flux
-from mr360uw.caustics.flux.refracted_rays import Rays, lit_corners, refracted_rays
+from mr360uw.caustics.flux.refracted_rays import lit_corners, refracted_rays
 from mr360uw.caustics.gl.stack import upload
 from mr360uw.caustics.settings import grid_of
 from mr360uw.constants import REFRACTIVE_INDEX_SEA
@@ -428,9 +428,10 @@ def shadows() -> None:
     """Light that low suns' waves take in, over what comes in, and the time of finding the shadows."""
     for wind, elevation, grid in itertools.product((5.0, 10.0), (5.0, 10.0, 20.0), (128, 192, 256)):
         sun, surface = sun_at(90.0 - elevation), GerstnerSea(wind_speed=wind).grid_surface(grid, 0.0)
-        rays = refracted_rays(surface, sun, 1.34)
-        through = Rays(rays.origin, rays.slope, np.ones_like(rays.transmittance))
-        met, passed = (cell_flux(surface, r, sun, 8.0).sum() / (64.0 * sun[1]) for r in (through, rays))
+        through = refracted_rays(surface, sun, 1.34)[2]
+        met, passed = (
+            cell_flux(surface, t, sun, 8.0).sum() / (64.0 * sun[1]) for t in (np.ones_like(through), through)
+        )
         ms = median_ms(functools.partial(lit_corners, surface, sun, 8.0), 5)
         print(
             f"  {wind:2.0f} m/s, {elevation:2.0f} deg, grid {grid}: in {met:.3f}, passed on {passed:.3f}, {ms:.0f} ms"

@@ -22,7 +22,7 @@ import numpy as np
 import mr360uw.ibl as ibl
 from mr360uw.color import LUMINANCE, ColorSpec, decode, encode, luminance, ycbcr_from_rgb
 from mr360uw.errors import Mr360uwError
-from mr360uw.ibl.glossy import ggx_kernel
+from mr360uw.ibl.filters import ggx_kernel
 from mr360uw.ibl.plate import COARSE_COLUMNS, COARSE_ROWS, LinearPlate, remap
 from mr360uw.ibl.reduce import reduce_map
 from mr360uw.ibl.settings import GLOSSY_ROUGHNESS, LightSettings, Operator
@@ -154,7 +154,10 @@ def irradiance() -> None:
         rows.append((name, *errors))
     table(("map", "roughness .2", ".4", ".7"), rows)
 
-    from mr360uw.ibl.splitsum import split_sum, split_sum_integral
+    from mr360uw.ibl.splitsum import split_sum
+
+    sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+    from tests.ibl.split_sum import split_sum_integral
 
     grid = [(r, v) for r in np.linspace(0.05, 1, 12) for v in np.linspace(0.05, 1, 16)]
     exact = np.array([split_sum_integral(r, v) for r, v in grid])
@@ -236,7 +239,7 @@ def sun(count: int = 200) -> None:
     truths = json.loads((FOOTAGE / "360" / "sun_truth_ldr.json").read_text("utf-8"))["images"]
     rows = []
     for name, entry in truths.items():
-        disc = find_disc(LinearPlate.of(picture(name)))
+        disc = find_disc(LinearPlate(picture(name)))
         place = direction_from_frame(entry["x"], entry["y"], entry["width"], entry["height"])
         pixels = angle(disc.blob.direction, place) / 360.0 * entry["width"] if disc else np.nan
         rows.append((name, pixels, entry["tol_px"], disc.confidence if disc else 0.0))
@@ -252,11 +255,11 @@ def sun(count: int = 200) -> None:
     negative |= {name: picture(name) for name in pictures}
     rows = []
     for name, image in negative.items():
-        disc = find_disc(LinearPlate.of(image))
+        disc = find_disc(LinearPlate(image))
         rows.append((name, disc.confidence if disc else 0.0))
     for name in SUNLESS[:3]:
         for stops in STOPS:
-            disc = find_disc(LinearPlate.of(clipped(hdr(name), middle(hdr(name)) * 2.0**stops)))
+            disc = find_disc(LinearPlate(clipped(hdr(name), middle(hdr(name)) * 2.0**stops)))
             rows.append((f"{name} clipped, {stops} stops", disc.confidence if disc else 0.0))
     table(("map", "confidence"), rows)
     print(f"  rejected: {sum(row[1] < 0.5 for row in rows)} of {len(rows)}\n")

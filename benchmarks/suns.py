@@ -115,7 +115,7 @@ def photographs() -> None:
     truths = json.loads((FOOTAGE / "360" / "sun_truth_ldr.json").read_text("utf-8"))["images"]
     rows = []
     for name in (*truths, "360/chichen-itza.jpg"):
-        found = find_disc(LinearPlate.of(picture(name)))
+        found = find_disc(LinearPlate(picture(name)))
         if found is None:
             continue
         entry = truths.get(name, CASTLE)
@@ -266,7 +266,7 @@ def verdict(count: int = 60) -> None:
     print("the name, exposure and turn included. Kinds and scales of evidence were found on plates of both halves)")
     tally: dict[tuple[str, bool, int], list[float]] = {}
     for name, plate, place, underwater in cases(count):
-        found = find_disc(LinearPlate.of(plate), underwater=underwater)
+        found = find_disc(LinearPlate(plate), underwater=underwater)
         share = 0.0 if found is None else taken_share(found.confidence)
         near = found is not None and place is not None and angle(found.blob.direction, place) < _NEAR_DEG
         right = share >= 0.5 and near if place is not None else share < 0.5

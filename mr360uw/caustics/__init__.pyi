@@ -1,6 +1,6 @@
 from .depth_ladder import stack_depths
-from .export import caustic_map, export_tiles
-from .flux.irradiance import caustic_stack
+from .export import export_tiles
+from .flux.irradiance import caustic_map, caustic_stack
 from .refraction import (
     fresnel_reflectance,
     fresnel_transmittance,

@@ -18,7 +18,7 @@ from mr360uw.first_look.sight import Sight, guess_sight
 from mr360uw.first_look.water_or_air import LITTLE_RED
 from mr360uw.match import WaterPatch, match_water
 from mr360uw.medium import Water
-from mr360uw.medium.jerlov import JerlovType
+from mr360uw.medium.water import JerlovType
 from mr360uw.scene.model import CameraSettings, PlateSettings, Scene
 from mr360uw.video.eyes_seen import EYES_APART_M
 

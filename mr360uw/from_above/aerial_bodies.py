@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,7 +42,7 @@ from mr360uw.optics import fresnel_transmittance, radiance_factor, refract_to_ai
 from mr360uw.rays import RayScene
 from mr360uw.sphere import directions, disc_directions
 from mr360uw.surface import SeaScene
-from mr360uw.surface.ray_stage import RayStage
+from mr360uw.surface.tracing.stage_arrays import RayStage
 from mr360uw.types import CausticStack, Environment, Floats, Layer, MediumTable, Rectangle, Sun, View
 
 Array = NDArray[np.float64]
@@ -61,7 +61,7 @@ def light_below(sea: SeaScene, floor_depth_m: float) -> Array:
     passed, veil = water.along(floor_depth_m / -flat, flat, from_camera=False)
     assert water.floor is not None
     veil = veil * water.about_sun(towards.reshape(-1, 3))
-    below = (passed * water.floor.radiance + veil).reshape(towards.shape)
+    below = (passed * water.floor + veil).reshape(towards.shape)
     window = up > np.sqrt(1.0 - 1.0 / sea.refractive_index**2)
     air = refract_to_air(np.where(window[..., None], towards, [0.0, 1.0, 0.0]), sea.refractive_index)
     factor = radiance_factor(np.clip(air[..., 1], 0.0, 1.0), sea.refractive_index)
@@ -129,22 +129,13 @@ _GLOSSY = (0.2, 0.5)
 """Roughnesses at which what surfaces mirror is filtered."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
 class AerialBodies:
     """Bodies of a scene with the light of both sides, which does not change with time.
 
     table: of the water for rays from the surface, None for clear water. below, above: light of both sides.
     """
 
-    sea: SeaScene
-    objects: tuple[SceneObject, ...]
-    table: MediumTable | None
-    below: Environment
-    above: Environment
-
-    @classmethod
-    def of(cls, sea: SeaScene, objects: Sequence[SceneObject]) -> AerialBodies:
-        """Return the bodies of a scene in its light."""
+    def __init__(self, sea: SeaScene, objects: Sequence[SceneObject]) -> None:
         depth, sun = -sea.floor.height_m, sea.sun if sea.sun is not None and sea.sun.direction[1] > 0.0 else None
         in_water = light_below(sea, depth)
         wet = None
@@ -154,9 +145,10 @@ class AerialBodies:
             beam = sun.irradiance * passed * sun.direction[1] / direction[1]
             wet = Sun(direction, beam, sun.half_angle_rad / sea.refractive_index, 1.0)
         water = sea.light_in_water(depth)
-        table = None if water.sky is None else water.table(from_camera=False)
-        above = assemble(_over_water(sea, in_water), sun, _GLOSSY)
-        return cls(sea, tuple(objects), table, assemble(in_water, wet, _GLOSSY), above)
+        self.sea, self.objects = sea, tuple(objects)
+        self.table = None if water.sky is None else water.table(from_camera=False)
+        self.below = assemble(in_water, wet, _GLOSSY)
+        self.above = assemble(_over_water(sea, in_water), sun, _GLOSSY)
 
     def layer(
         self, stage: RayStage, view: View, floor: FloorSeen, mirrored: Array, time_s: float, frame: int,

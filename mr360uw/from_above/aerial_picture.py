@@ -21,8 +21,8 @@ from mr360uw.from_above.settings import AerialScene
 from mr360uw.published.aerial_look import thresholded_reflection
 from mr360uw.sphere import yaw_matrix
 from mr360uw.surface import SeaScene, SurfacePicture
-from mr360uw.surface.ray_stage import RayStage
 from mr360uw.surface.sea_picture import rendered
+from mr360uw.surface.tracing.stage_arrays import RayStage
 from mr360uw.types import Floats, Layer, View
 
 Array = NDArray[np.float64]
@@ -78,7 +78,7 @@ class LoadedAerial:
             raise ParameterError("sun, sky - give no light (got 0) - set sun.irradiance or sky.irradiance")
         ground = Receiver(plane_y=-scene.floor.depth_m)
         afloat = tuple(on_the_floor(on_the_sea(one, sea.sea, 0.0), ground) for one in load_objects(scene.objects))
-        bodies = AerialBodies.of(sea, afloat) if afloat else None
+        bodies = AerialBodies(sea, afloat) if afloat else None
         return cls(scene, sea, scene.camera.exposure * PI / level, bodies)
 
     def view(self, time_s: float = 0.0, size: tuple[int, int] | None = None) -> View:

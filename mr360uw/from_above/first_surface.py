@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 from mr360uw.optics import fresnel, reflect, refract_clamped
 from mr360uw.surface import SurfacePicture
 from mr360uw.surface.intersection import sigma_at
-from mr360uw.surface.ray_stage import RayStage
-from mr360uw.surface.tracing.stage_arrays import disc_of
+from mr360uw.surface.tracing.stage_arrays import RayStage, disc_of
 from mr360uw.surface.tracing.sun_in_waves import glitter
 from mr360uw.types import View
 

@@ -9,12 +9,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.caustics.settings import Sea
 from mr360uw.color import decode
 from mr360uw.constants import CLEAR_SKY_B, CLEAR_SKY_G, CLEAR_SKY_R, PI
 from mr360uw.from_above.settings import AerialFloorSettings, AerialScene, AerialWaterSettings
 from mr360uw.medium import Medium, Water
-from mr360uw.medium.formation import FormationModel
+from mr360uw.medium.band_light import FormationModel
 from mr360uw.medium.medium import RGB_NM, Mode
 from mr360uw.medium.spectral.sensor import named_sensor
 from mr360uw.published.aerial_look import blended_albedo
@@ -93,18 +92,13 @@ _SAND_SEED = 1
 
 def sea_scene_of(scene: AerialScene) -> SeaScene:
     """Return a scene with its water solved and its files read; raise `ParameterError` or `VideoError`."""
-    index = scene.water.refractive_index
+    index, sea = scene.water.refractive_index, scene.sea
+    if "water_depth_m" not in sea.model_fields_set:
+        sea = sea.model_copy(update={"water_depth_m": scene.floor.depth_m})  # waves feel the scene's floor
     return SeaScene(
-        _sea_of(scene), sky_of(scene), floor_of(scene.floor, scene.water), water_of(scene.water), sun=sun_of(scene),
+        sea, sky_of(scene), floor_of(scene.floor, scene.water), water_of(scene.water), sun=sun_of(scene),
         refractive_index=index, caustics=scene.caustics,
     )  # fmt: skip
-
-
-def _sea_of(scene: AerialScene) -> Sea:
-    """Return the sea over the scene's floor, whose depth its waves feel unless they have one of their own."""
-    sea = scene.sea
-    given = "water_depth_m" in sea.model_fields_set
-    return sea if given else sea.model_copy(update={"water_depth_m": scene.floor.depth_m})
 
 
 def floor_of(floor: AerialFloorSettings, water: AerialWaterSettings) -> Floor:
@@ -145,7 +139,7 @@ def water_of(settings: AerialWaterSettings) -> Medium | None:
         return _medium(settings, water)
     beta = np.array(settings.attenuation_per_m or water.attenuation(np.array(RGB_NM)))
     far = _deep_radiance(settings, water) if settings.far_radiance is None else np.array(settings.far_radiance)
-    formation = FormationModel(beta, beta, far, np.asarray(water.diffuse_attenuation(np.array(RGB_NM))))
+    formation = FormationModel(beta, np.asarray(water.diffuse_attenuation(np.array(RGB_NM))), beta, far)
     return Medium(
         water, named_sensor(str(settings.sensor)), "koschmieder", _SEEN_FROM_M, illuminant=settings.illuminant,
         refractive_index=settings.refractive_index, formation=formation,

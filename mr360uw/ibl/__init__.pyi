@@ -1,6 +1,5 @@
-from .cosine import irradiance
 from .expansion import expand
-from .glossy import glossy_beam, prefilter
+from .filters import glossy_beam, irradiance, prefilter
 from .lighting import environment
 from .settings import LightSettings
 from .splitsum import split_sum

@@ -11,16 +11,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from mr360uw.constants import ENVIRONMENT_COLUMNS, ENVIRONMENT_ROWS, REFRACTIVE_INDEX_SEA
 from mr360uw.errors import ParameterError
-from mr360uw.ibl.cosine import cosine_beam, cosine_filter
 from mr360uw.ibl.expansion import checked_plate
-from mr360uw.ibl.glossy import glossy_levels
-from mr360uw.ibl.level.tilt import level_matrix, roll_pitch
-from mr360uw.ibl.level.upward import upward
+from mr360uw.ibl.filters import cosine_beam, cosine_filter, glossy_levels
+from mr360uw.ibl.level.tilt import level_matrix, roll_pitch, upward
 from mr360uw.ibl.lookup import environment_lookup
 from mr360uw.ibl.plate import COARSE_COLUMNS, COARSE_ROWS, COARSE_SCALE, LinearPlate, Plate
 from mr360uw.ibl.reduce import reduce_map
 from mr360uw.ibl.settings import GLOSSY_ROUGHNESS, LightSettings, Operator
-from mr360uw.ibl.sun.closure import close
+from mr360uw.ibl.sun.closure import UNKNOWN_RATIO, close
 from mr360uw.ibl.sun.detect import (
     find_disc,
     is_disc,
@@ -31,11 +29,8 @@ from mr360uw.ibl.sun.detect import (
     split_known,
     spot_towards,
 )
-from mr360uw.ibl.sun.evidence import UNKNOWN_RATIO
-from mr360uw.ibl.sun.given import given_direction
-from mr360uw.ibl.sun.glare import without_glare
 from mr360uw.ibl.sun.judge import taken_share
-from mr360uw.ibl.sun.split import Split, with_sun
+from mr360uw.ibl.sun.split import Split, with_sun, without_glare
 from mr360uw.shapes import exactly
 from mr360uw.sphere import directions, unit
 from mr360uw.types import Environment, Floats, Sun
@@ -71,7 +66,7 @@ def environment(
     settings = settings or LightSettings()
     if expansion is not None:
         settings = LightSettings(**{**settings.model_dump(), "operator": expansion})
-    linear = LinearPlate.of(checked_plate(plate), settings, upward(up), refractive_index)
+    linear = LinearPlate(checked_plate(plate), settings, upward(up), refractive_index)
     return light_of(linear, settings, sun, underwater, glossy, clearness)
 
 
@@ -105,7 +100,7 @@ def _split(
             raise ParameterError(
                 'sun - "date" is a place in the air (got a plate under water) - refract it, pass it as sun'
             )
-        direction = given_direction(settings)
+        direction = settings.given_direction
         if direction is None:
             return _detected(plate, settings, underwater, ratio, glare)
         sun = direction @ level_matrix(*map(float, roll_pitch(plate.up)))  # given in level axes of the same heading
@@ -177,13 +172,11 @@ def light_between(before: Environment, after: Environment, share: float, sun: Su
 def sun_between(before: Sun, after: Sun, share: float) -> Sun:
     """Return the sun of an instant between two, every value of which is interpolated linearly. share: 0 at `before`."""
     direction, irradiance, half_angle_rad, confidence = (
-        (1.0 - share) * a + share * b for a, b in zip(_values(before), _values(after), strict=True)
+        (1.0 - share) * np.asarray(getattr(before, name), np.float64)
+        + share * np.asarray(getattr(after, name), np.float64)
+        for name in ("direction", "irradiance", "half_angle_rad", "confidence")
     )
     return Sun(unit(direction), irradiance.astype(np.float32), float(half_angle_rad), float(confidence))
-
-
-def _values(sun: Sun) -> tuple[Floats, ...]:
-    return tuple(np.asarray(v, np.float64) for v in (sun.direction, sun.irradiance, sun.half_angle_rad, sun.confidence))
 
 
 def turned(light: Environment, world_from_camera: Floats) -> Environment:

@@ -1,22 +1,27 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The plate interface of the light stages: a coarse map of the whole sphere, and samples in any direction."""
+"""The plate interface of the light stages: a coarse map of the whole sphere, and samples in any direction.
+
+Parts of the sphere are looked at in equal-area patches about one direction (Lambert's azimuthal projection), without
+seam and poles. A direction at an angle from the centre lies 2 sin(angle/2) from it on the patch, y upwards. Every pixel
+has the same solid angle, and discs about the centre stay round.
+"""
 
 from __future__ import annotations
 
 import functools
-from dataclasses import dataclass
+import math
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from mr360uw.color import LUMINANCE
 from mr360uw.constants import ENVIRONMENT_COLUMNS, ENVIRONMENT_ROWS, REFRACTIVE_INDEX_SEA
 from mr360uw.ibl.expansion import expand
-from mr360uw.ibl.level.upward import LEVEL, elevation_sine
+from mr360uw.ibl.level.tilt import LEVEL, elevation_sine
 from mr360uw.ibl.reduce import reduce_map, reduce_maximum
 from mr360uw.ibl.settings import LightSettings
-from mr360uw.sphere import Array, directions, frame_from_direction, row_solid_angle
+from mr360uw.sphere import Array, directions, frame_from_direction, row_solid_angle, unit
 from mr360uw.types import Floats
 
 COARSE_SCALE = 4
@@ -37,23 +42,17 @@ def coarse_solid_angle() -> Floats:
 
 
 class Plate(Protocol):
-    """A plate for the sun detector and the environment, independent of its storage (floats or planes)."""
+    """A plate for the sun detector and the environment, independent of its storage (floats or planes).
 
-    @property
-    def coarse(self) -> Floats:
-        """Means of the expanded radiance, (128, 256, 3)."""
+    coarse: (128, 256, 3) means of the expanded radiance. brightest: (128, 256) largest luminance of the plate's pixels
+    inside each coarse pixel before expansion. up: (3,) direction of the world's up in the axes of the plate.
+    refractive_index: of the water, which sets the width of Snell's window; without effect in air.
+    """
 
-    @property
-    def brightest(self) -> Floats:
-        """Largest luminance of the plate's pixels inside each coarse pixel before expansion, (128, 256)."""
-
-    @property
-    def up(self) -> Array:
-        """Direction (3,) of the world's up in the axes of the plate."""
-
-    @property
-    def refractive_index(self) -> float:
-        """Refractive index of the water, which sets the width of Snell's window; without effect in air."""
+    coarse: Floats
+    brightest: Floats
+    up: Array
+    refractive_index: float
 
     def look(self, direction: Floats) -> Floats:
         """Return the plate's linear radiance before expansion (h, w, 3) in directions (h, w, 3)."""
@@ -78,37 +77,22 @@ def remap(image: NDArray[Any], x: Floats, y: Floats) -> NDArray[Any]:
     return cv2.remap(image, column, row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)
 
 
-@dataclass(frozen=True, slots=True)
 class LinearPlate:
-    """A plate of linear floats, (H, W, 3), and its expansion."""
+    """A plate of linear floats, (H, W, 3), and its expansion; without settings nothing is expanded."""
 
-    image: NDArray[np.float32]
-    expanded: NDArray[np.float32]
-    coarse: Floats
-    brightest: Floats
-    up: Array
-    refractive_index: float
-
-    @classmethod
-    def of(
-        cls,
+    def __init__(
+        self,
         image: NDArray[np.float32],
         settings: LightSettings | None = None,
         up: Array = LEVEL,
         refractive_index: float = REFRACTIVE_INDEX_SEA,
-    ) -> LinearPlate:
-        """Return the plate with its coarse maps worked out; without settings nothing is expanded."""
-        expanded = image
+    ) -> None:
+        self.image = self.expanded = image
         if settings is not None:
-            expanded = expand(image, settings, up=up, refractive_index=refractive_index)
-        return cls(
-            image,
-            expanded,
-            reduce_map(expanded, COARSE_COLUMNS, COARSE_ROWS),
-            reduce_maximum(image @ LUMINANCE.astype(np.float32), COARSE_COLUMNS, COARSE_ROWS),
-            up,
-            refractive_index,
-        )
+            self.expanded = expand(image, settings, up=up, refractive_index=refractive_index)
+        self.coarse = reduce_map(self.expanded, COARSE_COLUMNS, COARSE_ROWS)
+        self.brightest = reduce_maximum(image @ LUMINANCE.astype(np.float32), COARSE_COLUMNS, COARSE_ROWS)
+        self.up, self.refractive_index = up, refractive_index
 
     def look(self, direction: Floats) -> Floats:
         """Return the plate's linear radiance (h, w, 3) in directions (h, w, 3)."""
@@ -121,3 +105,34 @@ class LinearPlate:
     @staticmethod
     def _sample(image: NDArray[np.float32], direction: Floats) -> Floats:
         return remap(image, *frame_from_direction(direction, image.shape[1], image.shape[0]))
+
+
+def tangent_frame(direction: ArrayLike) -> tuple[Array, Array, Array]:
+    """Return (right, up, direction), orthonormal, for a direction (3,)."""
+    d = unit(direction)
+    x, y, z = map(float, d)
+    low = abs(y) < 0.9  # away from the poles +y is the other axis, near them +z
+    size = math.hypot(x, z if low else y)
+    a, b, c = (-z / size, 0.0, x / size) if low else (y / size, -x / size, 0.0)
+    return np.array([a, b, c]), np.array([b * z - c * y, c * x - a * z, a * y - b * x]), d
+
+
+def patch_step(radius_rad: float, size: int) -> float:
+    """Return the side of a pixel of a patch of `size` pixels; its square is the pixel's solid angle [sr]."""
+    return 4.0 * math.sin(min(0.5 * radius_rad, 0.5)) / size
+
+
+def patch_directions(direction: ArrayLike, radius_rad: float, size: int) -> Array:
+    """Return the unit directions (size, size, 3) of a square patch about `direction`.
+
+    Its inscribed circle has `radius_rad`, at most one radian, so that the corners stay on the sphere.
+    """
+    x = (np.arange(size) - 0.5 * (size - 1)) * patch_step(radius_rad, size)
+    square = (x * x)[None, :] + (x * x)[:, None]
+    ratio = np.sqrt(1.0 - 0.25 * square)
+    place = np.empty((size, size, 3))
+    np.multiply(ratio, x[None, :], out=place[..., 0])
+    np.multiply(ratio, -x[:, None], out=place[..., 1])
+    np.subtract(1.0, 0.5 * square, out=place[..., 2])
+    out: Array = place @ np.stack(tangent_frame(direction))
+    return out

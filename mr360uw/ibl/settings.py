@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -10,6 +11,7 @@ from pydantic import Field, model_validator
 
 from mr360uw.ibl.sun.solar import daylight_angles
 from mr360uw.parameters import Parameters, advanced, parameter
+from mr360uw.sphere import Array, direction_from_angles
 
 Operator = Literal["none", "mr360", "landis", "akyuz", "kovaleski", "piecewise", "closure"]
 Region = Literal["all", "upper", "snell"]
@@ -67,3 +69,13 @@ class LightSettings(Parameters):
         if self.sun == "date":
             daylight_angles(self.sun_time, *self.place_deg)
         return self
+
+    @property
+    def given_direction(self) -> Array | None:
+        """Direction (3,) of a sun that is not detected: "given" as the camera sees it, "date" in the air, else None."""
+        if self.sun == "given":
+            return direction_from_angles(math.radians(self.sun_azimuth_deg), math.radians(self.sun_elevation_deg))
+        if self.sun == "date":
+            azimuth, elevation = daylight_angles(self.sun_time, *self.place_deg)
+            return direction_from_angles(azimuth - math.radians(self.heading_deg), elevation)
+        return None

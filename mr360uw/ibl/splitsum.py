@@ -4,7 +4,7 @@
     A = int f/F cos (1 - (1 - v.h)^5),   B = int f/F cos (1 - v.h)^5   over the hemisphere of l
 
 f = GGX with the height-correlated Smith masking (Heitz 2014 eq. 99) and the Fresnel factor of Schlick 1994.
-`split_sum_integral` is the integral (Karis 2013), `split_sum` a quotient of polynomials fitted to it: rms error .014 of
+`split_sum` is a quotient of polynomials fitted to the integral (Karis 2013): rms error .014 of
 A + B and .003 of B, within .04 and .015 where n.v > .1; B vanishes at n.v = 1 as it must, or every dark dielectric
 would look hazy. (The widely used fit of Karis 2014 is off by up to .47 for rough metals.)
 Twin: splitsum.glsl.
@@ -33,22 +33,3 @@ def split_sum(roughness: ArrayLike, n_dot_v: ArrayLike) -> tuple[Array, Array]:
     x = 1.0 - v
     b = np.maximum(x * x * x * b, 0.0)
     return np.minimum(white, 1.0) - b, b
-
-
-def split_sum_integral(roughness: float, n_dot_v: float, samples: int = 256) -> tuple[float, float]:
-    """Return (A, B) by midpoint quadrature over half vectors spread as the GGX distribution (Karis 2013)."""
-    alpha2 = max(roughness, 1e-3) ** 4
-    u = (np.arange(samples) + 0.5) / samples
-    cos_h = np.sqrt((1.0 - u) / (1.0 + (alpha2 - 1.0) * u))[:, None]
-    sin_h = np.sqrt(np.maximum(1.0 - cos_h**2, 0.0))
-    phi = np.pi * u[None, :]  # the other half is its mirror image
-    v_dot_h = np.sqrt(1.0 - n_dot_v**2) * sin_h * np.cos(phi) + n_dot_v * cos_h
-    n_dot_l = 2.0 * v_dot_h * cos_h - n_dot_v
-    valid = (n_dot_l > 0.0) & (v_dot_h > 0.0)
-    lit = np.where(valid, n_dot_l, 1.0)
-    smith_v = lit * np.sqrt(n_dot_v**2 * (1.0 - alpha2) + alpha2)
-    smith_l = n_dot_v * np.sqrt(lit**2 * (1.0 - alpha2) + alpha2)
-    masking = 2.0 * lit * n_dot_v / (smith_v + smith_l)
-    weight = np.where(valid, masking * v_dot_h / (cos_h * n_dot_v), 0.0)
-    fresnel = np.power(1.0 - np.clip(v_dot_h, 0.0, 1.0), 5.0)
-    return float(np.mean(weight * (1.0 - fresnel))), float(np.mean(weight * fresnel))

@@ -12,7 +12,6 @@ is written. Loops run along two whole rows, which share their chroma, so that th
 from __future__ import annotations
 
 import functools
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -22,7 +21,7 @@ from mr360uw.color import code_range, decode
 from mr360uw.constants import REFRACTIVE_INDEX_SEA
 from mr360uw.errors import ParameterError
 from mr360uw.ibl.expansion import UNEXPANDED
-from mr360uw.ibl.level.upward import LEVEL, upward
+from mr360uw.ibl.level.tilt import LEVEL, upward
 from mr360uw.ibl.lighting import SunChoice, light_of
 from mr360uw.ibl.plate import COARSE_COLUMNS, COARSE_ROWS, LinearPlate, Plate
 from mr360uw.ibl.reduce import reduce_map, reduce_maximum
@@ -117,15 +116,12 @@ def reduce_planes(
         _store_blocks(red, green, blue, peak, block, total[band], brightest[band])
 
 
-@dataclass(frozen=True, slots=True)
 class YuvPlate:
-    """The planes of a 4:2:0 frame, with the maps of one pass over them; nothing is expanded."""
+    """The planes of a 4:2:0 frame, with the maps of one pass over them in blocks; nothing is expanded."""
 
-    yuv: YuvImage
-    coarse: Floats
-    brightest: Floats
-    up: Array
-    refractive_index: float
+    def __init__(self, yuv: YuvImage, block: int, up: Array, refractive_index: float) -> None:
+        self.yuv, self.up, self.refractive_index = yuv, up, refractive_index
+        self.coarse, self.brightest = _reduce(yuv, block)
 
     def look(self, direction: Floats) -> Floats:
         """Return the plate's linear radiance (h, w, 3) in directions (h, w, 3)."""
@@ -167,8 +163,8 @@ def plate_of_yuv(
     exactly("v", yuv.v, yuv.u.shape)
     block = block_size(width, height)
     if yuv.u.shape != half[0] or block == 0 or yuv.spec.is_wide or settings.operator not in UNEXPANDED:
-        return LinearPlate.of(lit_frame(yuv), settings, up, refractive_index)
-    return YuvPlate(yuv, *_reduce(yuv, block), up, refractive_index)
+        return LinearPlate(lit_frame(yuv), settings, up, refractive_index)
+    return YuvPlate(yuv, block, up, refractive_index)
 
 
 def block_size(width: int, height: int) -> int:

@@ -4,6 +4,7 @@
 `exact`     arithmetic as it is written
 `fast`      sums may be reordered, products and sums joined, divisions multiplied; no number may be infinite or NaN
 `inlined`   becomes part of the kernels that call it, with their arithmetic
+`borrowing` as `exact`, of functions that make no arrays: they do not count who uses those that they are passed
 
 All run outside of Python's lock; a division by zero gives infinity, as in NumPy. A kernel is compiled for a class of
 processors, not for one, so that all workers of a farm compute the same: x86-64-v3, ARMv8, or, where the machine is
@@ -66,6 +67,15 @@ def fast(function: F) -> F:
 def inlined(function: F) -> F:
     """Return a function that becomes part of each kernel that calls it."""
     return _kernel(function, inline="always")
+
+
+def borrowing(function: F) -> F:
+    """Return a function as a kernel, as by `exact`, that makes no arrays and does not count who uses those it reads.
+
+    Other kernels count the users of every array that they are passed, in memory that all threads share: for functions
+    of a few numbers that costs more than what they do.
+    """
+    return _kernel(function, _nrt=False)
 
 
 def _kernel(function: F, **options: Any) -> F:

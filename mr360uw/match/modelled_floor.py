@@ -23,7 +23,7 @@ from mr360uw.caustics import CausticSettings, caustic_stack
 from mr360uw.caustics.settings import Sea
 from mr360uw.color import luminance
 from mr360uw.constants import REFRACTIVE_INDEX_SEA
-from mr360uw.ibl.sun.daylight import CLEAR_SKY, CLEAR_SKY_DIRECT
+from mr360uw.ibl.sun.closure import CLEAR_SKY, CLEAR_SKY_DIRECT
 from mr360uw.match.floor_region import FloorView
 from mr360uw.match.floor_series import FloorSeries
 from mr360uw.medium.lookup import ambient_ratio, beam_fraction, unscattered_share

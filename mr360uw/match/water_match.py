@@ -19,8 +19,8 @@ from mr360uw.errors import ParameterError
 from mr360uw.medium import Medium, WaterSettings
 from mr360uw.medium.fit.level import DOUBTFUL, LevelView, fit_level
 from mr360uw.medium.fit.waterfit import CONFIDENT, WaterComparison, compare_waters
-from mr360uw.medium.jerlov import JERLOV_TYPES
 from mr360uw.medium.medium import Mode
+from mr360uw.medium.water import JERLOV_TYPES
 from mr360uw.render.camera import CameraPath
 from mr360uw.render.plate_map import level_view
 from mr360uw.scene.inputs import open_plate

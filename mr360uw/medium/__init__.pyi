@@ -1,22 +1,20 @@
-from .boundaries import LambertFloor
+from .band_light import compress_gamut
 from .closed_form import multiple_scattering
 from .fit.exposure import exposure_change, fit_gain, picture_change, steady_gain
 from .fit.profile import PlateProfile
 from .fit.waterfit import WaterFit, fit_water
-from .jerlov import JERLOV_TYPES
 from .medium import MODES, Medium
 from .models import spectral_model
+from .ray_field import LambertFloor
 from .settings import WaterSettings
 from .shafts.deviation import shaft_deviation
 from .shafts.froxels import FroxelGrid, ShaftField, shaft_field
 from .shafts.shaft_scene import ShaftScene
 from .shafts.single_scattering import single_scattering
 from .spectral.bands import Bands, bands
-from .spectral.gamut import compress_gamut
-from .spectral.sensor import Sensor, cameras, illuminant
-from .spectral.upsampling import reflectance
+from .spectral.sensor import Sensor, cameras, illuminant, reflectance
 from .transfer import LightField
-from .water import Water
+from .water import JERLOV_TYPES, Water
 
 __all__ = [
     "JERLOV_TYPES",

@@ -15,16 +15,14 @@ above and from below. x is the floor's radiance in the plate's light. Every part
 from __future__ import annotations
 
 import functools
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.constants import PI
-from mr360uw.medium.boundaries import Sky
 from mr360uw.medium.medium import Medium
 from mr360uw.medium.models import SpectralModel
-from mr360uw.medium.ray_field import cosine_kernel
+from mr360uw.medium.ray_field import Sky, cosine_kernel
 from mr360uw.medium.tabulate import NORMALS, depth_nodes, diffuse_table, normal_nodes
 from mr360uw.types import Floats
 
@@ -35,37 +33,29 @@ _STEP = 0.01
 _TINY = 1e-290
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class LightAtCamera:
-    """Measured light of the place of a camera. down, up: (3,) irradiance of level planes that face up and down, without
-    the sun's beam. sun: (3,) irradiance across the beam, 0 for none; sun_up: y of its direction.
+def ambient_parts(medium: Medium, down: Floats, up: Floats, sun: Floats, sun_up: float) -> tuple[Array, Array]:
+    """Return the table `MediumTable.diffuse` (N, D, 3) of a medium, and the radiance (3,) of its floor, 0 without.
+
+    down, up: (3,) measured irradiance at the camera of level planes that face up and down, without the sun's beam. sun:
+    (3,) irradiance across the beam, 0 for none; sun_up: y of its direction.
     """
-
-    down: Floats
-    up: Floats
-    sun: Floats
-    sun_up: float
-
-
-def ambient_parts(medium: Medium, light: LightAtCamera) -> tuple[Array, Array]:
-    """Return the table `MediumTable.diffuse` (N, D, 3) of a medium, and the radiance (3,) of its floor, 0 without."""
     depth, here = depth_nodes(medium.length_m, medium.light.deepest_m), np.array([medium.camera_depth_m])
     skies: list[tuple[Sky, float | None]] = [(medium.sky, None)]
     amounts: list[Array] = [np.ones(3)]
     of_sun, of_glow = np.zeros((NORMALS, 3)), np.zeros((NORMALS, 3))
-    if np.any(light.sun > 0.0):
-        sun_up = min(max(round(light.sun_up / _STEP), 1) * _STEP, 1.0)
+    if np.any(sun > 0.0):
+        sun_up = min(max(round(sun_up / _STEP), 1) * _STEP, 1.0)
         skies.append((("sun", sun_up, 1.0), sun_up))
         model = medium.under(skies[-1][0]).model
         left = model.level_beam / sun_up * np.exp(-model.extinction / sun_up * medium.camera_depth_m)
-        amounts.append(light.sun / np.maximum(left @ medium.bands.lobes, _TINY))
+        amounts.append(sun / np.maximum(left @ medium.bands.lobes, _TINY))
         of_sun = amounts[-1] * _on_normals(medium, *skies[-1], here)[:, 0]
     if medium.floor_m is not None:
         skies.append(("floor", None))
         of_glow = _on_normals(medium, *skies[-1], here)[:, 0]
-    down, up = (np.maximum(seen - of_sun[k], 0.0) for seen, k in ((light.down, -1), (light.up, 0)))
+    from_above, from_below = (np.maximum(seen - of_sun[k], 0.0) for seen, k in ((down, -1), (up, 0)))
     of_sky = _on_normals(medium, *skies[0], here)[:, 0]
-    amounts[0], floor = two_lights(of_sky[[-1, 0]], of_glow[[-1, 0]], down, up)
+    amounts[0], floor = two_lights(of_sky[[-1, 0]], of_glow[[-1, 0]], from_above, from_below)
     if medium.floor_m is not None:
         amounts.append(floor)
     whole, at_camera = (

@@ -17,9 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.constants import PI
-from mr360uw.medium.fit.level import typical
+from mr360uw.medium.fit.level import MIDDLE
 from mr360uw.medium.fit.open_water import COLUMNS, ROWS
-from mr360uw.medium.fit.profile import row_up
+from mr360uw.medium.fit.profile import row_up, typical
 from mr360uw.medium.medium import Medium
 from mr360uw.medium.models import FieldModel
 from mr360uw.reading.disk_cache import kept_arrays
@@ -93,4 +93,4 @@ def placed(ratio: Array, sun: Floats) -> Array:
 def typical_level(around: Array) -> Array:
     """Return what is typical (3,) of a map R at the horizon, from where a gain is fitted to a plate (`fit_level`)."""
     level = around[ROWS // 2 - 1 : ROWS // 2 + 1].mean(axis=0)
-    return typical(level, np.ones(COLUMNS))
+    return typical(level, np.ones(COLUMNS), MIDDLE)

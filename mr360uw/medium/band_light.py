@@ -3,6 +3,13 @@
 
 Ratios of light (transmittance, daylight over depth, the sun's beam) are computed as logarithms of sums over wavelength
 with the non-negative weights `Bands.lobes`, so that they stay finite and positive however dark the water is.
+
+Light in clear water is more saturated than any mixture of Rec.709 primaries: its red is negative. `compress_gamut` maps
+such colours into the gamut smoothly. Each channel's distance from the largest, d = 1 - x/max, is compressed above a
+threshold towards 1, by the curve of the reference gamut compression of ACES 1.3 (AMPAS 2021) with its limit at
+infinity; then the luminance is restored. Colours well inside are unchanged; k times a colour gives k times the result.
+
+`FormationModel` has one constant per channel instead of a spectrum.
 """
 
 from __future__ import annotations
@@ -11,13 +18,28 @@ import functools
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from mr360uw.medium.models import SpectralModel
+from mr360uw.color import luminance
+from mr360uw.constants import GAMUT_POWER, GAMUT_THRESHOLD
+from mr360uw.medium.models import OneLight, SpectralModel
 from mr360uw.medium.spectral.bands import Bands
-from mr360uw.medium.spectral.gamut import compress_gamut
+from mr360uw.shapes import vectors
 
 Array = NDArray[np.float64]
+
+
+def compress_gamut(rgb: ArrayLike) -> Array:
+    """Return linear Rec.709 colours (..., 3) with no negative channel and the luminance they had (0 if negative)."""
+    c = vectors("rgb", rgb).astype(np.float64, copy=False)
+    largest = np.maximum(c.max(axis=-1, keepdims=True), 0.0)
+    d = 1.0 - np.divide(c, largest, out=np.ones(c.shape), where=largest > 0.0)
+    x = np.maximum(d - GAMUT_THRESHOLD, 0.0) / (1.0 - GAMUT_THRESHOLD)
+    compressed = GAMUT_THRESHOLD + (1.0 - GAMUT_THRESHOLD) * x / (1.0 + x**GAMUT_POWER) ** (1.0 / GAMUT_POWER)
+    mapped = largest * (1.0 - np.where(d > GAMUT_THRESHOLD, compressed, d))
+    before, after = luminance(c)[..., None], luminance(mapped)[..., None]
+    return mapped * np.divide(np.maximum(before, 0.0), after, out=np.ones(before.shape), where=after > 0.0)
+
 
 _LEAST = 1e-300
 """Least irradiance that a logarithm is taken of: the smallest normal double is 2e-308."""
@@ -25,12 +47,11 @@ _LEAST_LIGHT = 1e-250
 """Irradiance at `deepest_m`, far enough above `_LEAST` that products of it with a transmittance do not reach that."""
 
 
-@dataclass(frozen=True, eq=False)
 class BandLight:
     """A model at the wavelengths of a sensor's bands."""
 
-    model: SpectralModel
-    bands: Bands
+    def __init__(self, model: SpectralModel, bands: Bands) -> None:
+        self.model, self.bands = model, bands
 
     def display(self, spectrum: Array) -> Array:
         """Return RGB (..., 3) within the gamut of spectra (..., n) relative to the illuminant."""
@@ -71,3 +92,39 @@ class BandLight:
         depth = np.geomspace(0.1, 1e6, 300)
         light = self.model.irradiance(depth, 1.0)[:, np.argmin(self.model.extinction)]
         return float(depth[light > _LEAST_LIGHT][-1])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FormationModel(OneLight):
+    """The image formation model I = J exp(-beta_D z) + B (1 - exp(-beta_B z)), one constant per channel.
+
+    extinction: beta_D, backscatter: beta_B [1/m], veil: B, all (3,). Koschmieder 1924 has beta_D = beta_B; Akkaynak &
+    Treibitz 2018 eq. 20 keep them apart.
+    """
+
+    backscatter: Array
+    veil: Array
+
+    def inscatter(self, distance_m: ArrayLike, depth_m: ArrayLike, up: ArrayLike) -> Array:
+        """Return B (1 - exp(-beta_B z)), the same in every direction and at every depth."""
+        s = np.broadcast_arrays(*(np.asarray(x, np.float64) for x in (distance_m, depth_m, up)))[0][..., None]
+        return -self.veil * np.expm1(-self.backscatter * s)
+
+    def radiance(self, depth_m: ArrayLike, up: ArrayLike) -> Array:
+        """Return B."""
+        shape = np.broadcast_shapes(np.shape(depth_m), np.shape(up))
+        return np.broadcast_to(self.veil, (*shape, 3))
+
+
+def fitted_formation(solved: BandLight, camera_depth_m: float, *, one_attenuation: bool) -> FormationModel:
+    """Return the constants that agree with a solved field on a level ray of one fading length at the camera's depth.
+
+    one_attenuation: beta_B = beta_D (Koschmieder), else beta_B is fitted to the veil.
+    """
+    depth, s = camera_depth_m, solved.fading_length_m(camera_depth_m)
+    direct = -solved.transmittance_log(np.array(s), np.array(depth)) / s
+    far = solved.display(solved.model.inscatter(np.array(1e4 * s), depth, np.array(0.0)))
+    near = solved.display(solved.model.inscatter(np.array(s), depth, np.array(0.0)))
+    backscatter = direct if one_attenuation else -np.log1p(-near / far) / s
+    log = solved.ambient_log(np.array([depth, 0.0]))
+    return FormationModel(direct, (log[1] - log[0]) / depth, backscatter, far)

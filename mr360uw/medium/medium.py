@@ -17,11 +17,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from mr360uw.constants import REFRACTIVE_INDEX_SEA
 from mr360uw.errors import ParameterError
-from mr360uw.medium.band_light import BandLight
-from mr360uw.medium.boundaries import LambertFloor, Sky, SurfaceKind
+from mr360uw.medium.band_light import BandLight, FormationModel, fitted_formation
 from mr360uw.medium.closed_form import check_ray, ray_in_water
-from mr360uw.medium.formation import FormationModel, fitted_formation
 from mr360uw.medium.models import CLOSED_FORMS, SpectralMode, SpectralModel, spectral_model
+from mr360uw.medium.ray_field import LambertFloor, Sky, SurfaceKind
 from mr360uw.medium.spectral.bands import Bands, Rule, bands
 from mr360uw.medium.spectral.sensor import DEFAULT_ILLUMINANT, Sensor, checked_sensor
 from mr360uw.medium.tabulate import lengths, medium_table

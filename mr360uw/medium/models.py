@@ -16,10 +16,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mr360uw.constants import INV_4PI, REFRACTIVE_INDEX_SEA
-from mr360uw.medium.boundaries import LambertFloor, Sky, SurfaceKind
 from mr360uw.medium.closed_form import path_integral, ray_in_water
 from mr360uw.medium.phase import Mixture
-from mr360uw.medium.ray_field import RayField
+from mr360uw.medium.ray_field import LambertFloor, Sky, SurfaceKind
 from mr360uw.medium.transfer import STREAMS_PER_HEMISPHERE, LightField
 from mr360uw.medium.water import Water
 from mr360uw.optics import critical_cosine
@@ -55,45 +54,50 @@ class SpectralModel(Protocol):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class KdModel:
-    """Isotropic scattering of an irradiance that falls off as exp(-Kd y): b, c, kd and `factor` are (n,).
+class OneLight:
+    """Light of one kind, which has no direction: what closed forms and fitted formations have in common.
+
+    extinction: (n,) [1/m] of objects and beams; nothing that has been scattered is in it. diffuse: (n,) [1/m] by which
+    the irradiance falls off with depth.
+    """
+
+    extinction: Array
+    diffuse: Array
+
+    @property
+    def attenuation(self) -> Array:
+        """The extinction: all scattered light is lost to the image."""
+        return self.extinction
+
+    @property
+    def level_beam(self) -> float:
+        """All light at the surface."""
+        return 1.0
+
+    def irradiance(self, depth_m: ArrayLike, normal_up: ArrayLike) -> Array:
+        """Return exp(-diffuse y) for every normal."""
+        y = np.broadcast_arrays(np.asarray(depth_m, np.float64), np.asarray(normal_up))[0]
+        return np.exp(-self.diffuse * y[..., None])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class KdModel(OneLight):
+    """Isotropic scattering b (n,) of an irradiance that falls off as exp(-Kd y).
 
     factor: 1 as published (Monzon et al. 2022); Gershun's for `kd+`, see `gershun_factor`.
     """
 
     b: Array
-    c: Array
-    kd: Array
     factor: Array
-
-    @property
-    def extinction(self) -> Array:
-        """c: all scattered light is lost to the image."""
-        return self.c
-
-    @property
-    def attenuation(self) -> Array:
-        """c."""
-        return self.c
-
-    @property
-    def level_beam(self) -> float:
-        """All light at the surface, of which the model has one kind."""
-        return 1.0
 
     def inscatter(self, distance_m: ArrayLike, depth_m: ArrayLike, up: ArrayLike) -> Array:
         """Return the closed form (..., n)."""
         s, y, mu = (np.asarray(x, np.float64)[..., None] for x in (distance_m, depth_m, up))
-        return self.factor * self.b * INV_4PI * path_integral(self.c, self.kd, s, y, mu)
+        return self.factor * self.b * INV_4PI * path_integral(self.extinction, self.diffuse, s, y, mu)
 
     def radiance(self, depth_m: ArrayLike, up: ArrayLike) -> Array:
         """Return the in-scattered light of the whole ray: the model has no sky."""
         return self.inscatter(ray_in_water(np.inf, depth_m, up), depth_m, up)
-
-    def irradiance(self, depth_m: ArrayLike, normal_up: ArrayLike) -> Array:
-        """Return exp(-Kd y) for every normal: the model's light has no direction."""
-        y = np.broadcast_arrays(np.asarray(depth_m, np.float64), np.asarray(normal_up))[0]
-        return np.exp(-self.kd * y[..., None])
 
 
 def gershun_factor(a: ArrayLike, b: ArrayLike, kd: ArrayLike, g: ArrayLike) -> Array:
@@ -108,7 +112,6 @@ def gershun_factor(a: ArrayLike, b: ArrayLike, kd: ArrayLike, g: ArrayLike) -> A
     return kd * (1.0 - reflectance) / a
 
 
-@dataclass(frozen=True, slots=True, eq=False)
 class FieldModel:
     """The solved light field, with light scattered by small angles counted as part of the image.
 
@@ -119,19 +122,13 @@ class FieldModel:
     decides it.
     """
 
-    field: LightField
-    wide: RayField
-    part: Mixture
-    inputs: tuple[object, ...] = ()
-
-    @classmethod
-    def of(cls, field: LightField, part: Mixture, inputs: tuple[object, ...] = ()) -> FieldModel:
-        """Return the model of a field of which a part of the scattering is by wide angles."""
-        return cls(field, field.scattered_by(part), part, inputs)
+    def __init__(self, field: LightField, part: Mixture, inputs: tuple[object, ...] = ()) -> None:
+        self.field, self.part, self.inputs = field, part, inputs
+        self.wide = field.scattered_by(part)
 
     def at_azimuth(self, azimuth_rad: float, only: int | Literal["beam"] | None = None) -> FieldModel:
         """Return the same seen at an azimuth from the sun's, see `LightField.at_azimuth`."""
-        return FieldModel.of(self.field.at_azimuth(azimuth_rad, only), self.part)
+        return FieldModel(self.field.at_azimuth(azimuth_rad, only), self.part)
 
     def around_sun(self, depth_m: float, up: Array, azimuth_rad: Array) -> Array:
         """Return `inscatter` (r, a, n) of endless rays in directions of y (r,), at azimuths (a,) from the sun's."""
@@ -243,7 +240,7 @@ def spectral_model(
         return _field_model(water, tuple(w.tolist()), surface, sky, refractive_index, floor)
     a, b, kd = water.absorption(w), water.scattering(w), water.diffuse_attenuation(w)
     factor = gershun_factor(a, b, kd, water.moments(w, 2)[:, 1]) if mode == "kd+" else np.ones(len(w))
-    return KdModel(b, a + b, kd, factor)
+    return KdModel(a + b, kd, b, factor)
 
 
 @functools.lru_cache(maxsize=48)
@@ -260,4 +257,4 @@ def _field_model(
     a, b = water.absorption(w), water.scattering(w)
     field = LightField(a, b, whole, surface, sky, refractive_index, floor=floor)
     of_phase = whole.particles, whole.molecular, whole.moments(2 * STREAMS_PER_HEMISPHERE)
-    return FieldModel.of(field, wide, (a, b, *of_phase, surface, sky, refractive_index, floor, w))
+    return FieldModel(field, wide, (a, b, *of_phase, surface, sky, refractive_index, floor, w))

@@ -30,11 +30,19 @@ from numpy.typing import ArrayLike, NDArray
 
 from mr360uw.constants import PI, REFRACTIVE_INDEX_SEA
 from mr360uw.errors import ParameterError
-from mr360uw.medium.boundaries import LambertFloor, Sky, SkyShape, SurfaceKind, sky_parts
 from mr360uw.medium.closed_form import check_ray, ray_in_water
 from mr360uw.medium.ordinates import Modes, Ordinates, nodes
 from mr360uw.medium.phase import Mixture, Phase, PhaseSeries, check_phase, legendre_polynomials, spectral_moments
-from mr360uw.medium.ray_field import OfBeam, RayField, cosine_kernel
+from mr360uw.medium.ray_field import (
+    LambertFloor,
+    OfBeam,
+    RayField,
+    Sky,
+    SkyShape,
+    SurfaceKind,
+    cosine_kernel,
+    sky_parts,
+)
 from mr360uw.optics import critical_cosine, fresnel_from_below
 from mr360uw.shapes import common_shape, numbers
 from mr360uw.threads import one_blas_thread

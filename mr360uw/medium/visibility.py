@@ -17,10 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.errors import ParameterError
-from mr360uw.medium.jerlov import JerlovType, molecular_part
 from mr360uw.medium.phase import Phase, wide_angle_moments
 from mr360uw.medium.tables import Spectrum
-from mr360uw.medium.water import Water
+from mr360uw.medium.water import JerlovType, Water, molecular_part
 
 Array = NDArray[np.float64]
 
@@ -101,17 +100,6 @@ _FARTHEST = 8.0
 """How many times the step from 7C to 9C is taken at most: to 0.2 m, beyond the range."""
 
 
-def _nodes(one: Spectrum, other: Spectrum) -> tuple[Array, Array, Array]:
-    """Return the visible wavelengths (w,) [nm] of a spectrum, and its values and another's there."""
-    nm = one.wavelength_nm[(one.wavelength_nm >= 400.0) & (one.wavelength_nm <= 700.0)]
-    return nm, one(nm), other(nm)
-
-
-def _mixed(one: Array, other: Array, share: float) -> Array:
-    """Return values with mixed logarithms; share: of the other."""
-    return np.asarray(one ** (1.0 - share) * other**share)
-
-
 def _check(sight_m: float) -> None:
     if not LEAST_M <= sight_m <= MOST_M:
         raise ParameterError(
@@ -126,8 +114,8 @@ def _between(clear: Water, murky: Water, share: float) -> Water:
     name = f"water between {clear.name} and {murky.name}"
 
     def mixed(label: str, one: Spectrum, other: Spectrum) -> Spectrum:
-        nm, first, second = _nodes(one, other)
-        return Spectrum(f"{name}, {label}", nm, _mixed(first, second, share))
+        nm = one.wavelength_nm[(one.wavelength_nm >= 400.0) & (one.wavelength_nm <= 700.0)]
+        return Spectrum(f"{name}, {label}", nm, one(nm) ** (1.0 - share) * other(nm) ** share)
 
     a, b = mixed("absorption", clear.a, murky.a), mixed("scattering", clear.b, murky.b)
     source = f"between the types: {clear.source}"

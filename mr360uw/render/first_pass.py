@@ -16,9 +16,9 @@ from mr360uw.cache import Parts
 from mr360uw.composite.grading.settings import PlateGrade
 from mr360uw.errors import DamagedFrameError, SceneError
 from mr360uw.ibl import SunMeasurement, SunTrack, load_track, measure_sun, track_suns
-from mr360uw.ibl.sun_series import SunSeries
+from mr360uw.ibl.sun.track import SunSeries
 from mr360uw.medium import Medium
-from mr360uw.medium.fit.gain_series import GainSeries, MeasuredGain
+from mr360uw.medium.fit.exposure import GainSeries, MeasuredGain
 from mr360uw.medium.fit.level import DOUBTFUL, fit_level
 from mr360uw.medium.fit.open_water import OpenWater
 from mr360uw.medium.fit.open_water_track import OpenWaterLooks, OpenWaterTrack

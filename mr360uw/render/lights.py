@@ -30,15 +30,13 @@ from mr360uw.caustics import refract_to_water
 from mr360uw.color import luminance
 from mr360uw.constants import MINIMUM_SUN_UP
 from mr360uw.ibl import LightSettings, environment, environment_from_yuv
-from mr360uw.ibl.cosine import cosine_filter
 from mr360uw.ibl.expansion import checked_plate
-from mr360uw.ibl.glossy import glossy_levels
+from mr360uw.ibl.filters import cosine_filter, glossy_levels
 from mr360uw.ibl.lighting import sunlit
 from mr360uw.ibl.lookup import environment_lookup
 from mr360uw.ibl.plate import LinearPlate, Plate
-from mr360uw.ibl.sun.daylight import CLEAR_SKY, CLEAR_SKY_DIRECT, beam_below, direct_share
+from mr360uw.ibl.sun.closure import CLEAR_SKY, CLEAR_SKY_DIRECT, beam_below, direct_share
 from mr360uw.ibl.sun.detect import DISPLAY_WHITE
-from mr360uw.ibl.sun.given import given_direction
 from mr360uw.ibl.sun.words import SunFound, sun_found
 from mr360uw.ibl.yuv import plate_of_yuv
 from mr360uw.medium import Medium
@@ -102,7 +100,7 @@ class LightReader:
         if settings.sun == "none":
             self._sun = None
         elif settings.sun in ("given", "date"):
-            self._sun = given_direction(settings)
+            self._sun = settings.given_direction
             if self._sun is not None and settings.sun == "date" and self._underwater:
                 self._sun = refract_to_water(self._sun, scene.water.refractive_index)
 
@@ -176,7 +174,7 @@ class LightReader:
         if isinstance(plate, YuvImage):
             seen: Plate = plate_of_yuv(plate, settings, **options)
         else:
-            seen = LinearPlate.of(checked_plate(plate), settings, **options)
+            seen = LinearPlate(checked_plate(plate), settings, **options)
         return sun_found(seen, world_from_camera, underwater=self._underwater)
 
     def world_from_camera(self, time_s: float) -> Floats:

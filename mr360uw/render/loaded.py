@@ -31,7 +31,7 @@ from mr360uw.render.mattes import Mattes, ReceiverClip
 from mr360uw.render.plan import ObjectFacts, Plan, joined_plan, make_plan
 from mr360uw.render.surroundings import Surroundings, load_surroundings
 from mr360uw.scene.key_problems import key_times
-from mr360uw.scene.key_settings import KeyedParameter
+from mr360uw.scene.key_targets import KeyedParameter
 from mr360uw.scene.keyed_water import WaterBetween, scene_at, water_between
 from mr360uw.scene.model import Scene
 from mr360uw.scene.toml_model import dotted
@@ -220,7 +220,7 @@ def load(scene: Scene, width: int, height: int, *, clip: bool = True) -> Loaded:
 
 
 def _beam_share(medium: Medium, depth_m: float) -> float:
-    from mr360uw.medium.shafts.beam_share import beam_share
+    from mr360uw.medium.shafts.shaft_water import beam_share
 
     return beam_share(medium, depth_m)
 

@@ -16,7 +16,7 @@ from mr360uw.composite.shot import BetweenSamples
 from mr360uw.constants import MINIMUM_SUN_UP
 from mr360uw.ibl.lookup import environment_lookup
 from mr360uw.medium import Medium
-from mr360uw.medium.ambient import LightAtCamera, ambient_parts
+from mr360uw.medium.ambient import ambient_parts
 from mr360uw.medium.fit.level import DOUBTFUL, fit_level
 from mr360uw.medium.fit.open_water import beside_floor, visible_gain
 from mr360uw.medium.fit.profile import row_up
@@ -36,17 +36,18 @@ def exposed_water(surroundings: Surroundings, light: FrameLight, time_s: float) 
         return None
     up, environment = surroundings.camera.at(time_s)[1][1], light.environment
     sun = environment.sun
-    measured = LightAtCamera(
+    upwards = environment_lookup(environment.ambient, -up)
+    diffuse, floor = ambient_parts(
+        medium,
         down=environment_lookup(environment.ambient, up),
-        up=environment_lookup(environment.ambient, -up),
+        up=upwards,
         sun=np.zeros(3) if sun is None else sun.irradiance,
         sun_up=1.0 if sun is None else max(float(sun.direction @ up), MINIMUM_SUN_UP),
     )
-    diffuse, floor = ambient_parts(medium, measured)
     if light.gain is not None:
         medium = medium.scaled(light.gain if light.plate_ratio is None else visible_gain(medium, light.gain))
     if light.plate_ratio is not None:  # which was found over this floor
-        floor = medium.floor_seen(medium.gain, measured.up)
+        floor = medium.floor_seen(medium.gain, upwards)
     table, ratio = medium.lit_by_floor(floor).table, light.plate_ratio
     if ratio is None:
         ratio = surroundings.around_sun(time_s, medium, sun, fitted=light.gain is not None)

@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mr360uw.constants import ENVIRONMENT_COLUMNS, ENVIRONMENT_ROWS
-from mr360uw.ibl.level.tilt import level_matrix, roll_pitch
-from mr360uw.ibl.level.upward import is_level, upward
+from mr360uw.ibl.level.tilt import is_level, level_matrix, roll_pitch, upward
 from mr360uw.ibl.plate import COARSE_COLUMNS, COARSE_ROWS, coarse_directions, remap
 from mr360uw.ibl.reduce import reduce_map
 from mr360uw.medium.fit.level import BAND_RAD, SECTORS, LevelView

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mr360uw.ibl import LightSettings
-from mr360uw.ibl.sun.daylight import CLEAR_SKY_DIRECT
+from mr360uw.ibl.sun.closure import CLEAR_SKY_DIRECT
 from mr360uw.medium import Medium
 from mr360uw.medium.around_sun import around_sun, placed, typical_level
 from mr360uw.medium.depths import MediumAtDepths, MixedMedium, TableAt

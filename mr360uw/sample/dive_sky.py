@@ -19,8 +19,7 @@ import numpy as np
 from mr360uw.color import luminance
 from mr360uw.constants import REFRACTIVE_INDEX_SEA, SUN_HALF_ANGLE_RAD
 from mr360uw.ibl import environment
-from mr360uw.ibl.sun.closure import air_mass, clear_air_depth
-from mr360uw.ibl.sun.daylight import CLEAR_SKY, beam_below, direct_share
+from mr360uw.ibl.sun.closure import CLEAR_SKY, air_mass, beam_below, clear_air_depth, direct_share
 from mr360uw.optics import fresnel_transmittance
 from mr360uw.sample.dive_settings import DiveSettings
 from mr360uw.sphere import directions, row_solid_angle, unit

@@ -37,7 +37,7 @@ def scene_text(chosen: dict[str, Any]) -> str:
         for entry in entries or [{}]:
             prefix = "# " if unused else ""
             tables += [
-                f"# {_first_line(model)}",
+                f"# {(model.__doc__ or model.__name__).strip().splitlines()[0]}",
                 f"{prefix}{header}",
                 *_scene_table(model, field.default, entry, unused),
                 "",
@@ -78,19 +78,11 @@ def _model_of(field: FieldInfo) -> type[BaseModel] | None:
     return models[0] if models else None
 
 
-def _first_line(model: type[BaseModel]) -> str:
-    return (model.__doc__ or model.__name__).strip().splitlines()[0]
-
-
 _COLUMNS = ("key", "default", "values, range, unit", "meaning")
 
 
-@dataclass(frozen=True, slots=True)
-class _Row:
-    """A parameter as the tables show it."""
-
-    cells: tuple[str, ...]
-    advanced: bool
+_Row = tuple[tuple[str, ...], bool]
+"""The cells of a parameter in the tables, and whether few users need it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,7 +99,7 @@ class _Table:
         title = f"{self.header} {self.name}".strip()
         lines = ["", f"## {title}", "", self.text]
         for advanced in (False, True):
-            cells = [row.cells for row in self.rows if row.advanced == advanced]
+            cells = [row for row, few in self.rows if few == advanced]
             if cells:
                 lines += ["", f"### {title} `[advanced]`"] if advanced else []
                 lines += ["", *(f"| {' | '.join(row)} |" for row in (columns, ("---",) * len(columns), *cells))]
@@ -126,7 +118,7 @@ def parameters_markdown(
     lines = [f"# {title}", "", f"Written by `{command}`. A key without a default must be given."]
     for table in tables:
         lines += replace(table, rows=tuple(row for row in table.rows if len(headers[row]) == 1)).lines()
-    several = [replace(row, cells=(", ".join(of), *row.cells)) for row, of in headers.items() if len(of) > 1]
+    several = [((", ".join(of), *cells), few) for (cells, few), of in headers.items() if len(of) > 1]
     if several:
         text = "With the same meaning in each."
         lines += _Table("Keys of several tables", "", text, tuple(several)).lines(("tables", *_COLUMNS))
@@ -166,7 +158,7 @@ def _table(header: str, model: type[BaseModel], outer: Collection[str] = (), inh
         elif name not in inherited and not stated(field, "internal") and not models_of(field.annotation):
             allowed = ", ".join(choices(field.annotation)) or bounds_text(field)
             cells = f"`{key}`", _default(field), allowed, field.description or ""
-            rows.append(_Row(tuple(cell.replace("|", "\\|") for cell in cells), stated(field, "audience") == "few"))
+            rows.append((tuple(cell.replace("|", "\\|") for cell in cells), stated(field, "audience") == "few"))
     text = (model.__doc__ or "").strip().splitlines()[0]
     text += f" As around it: {', '.join(again)}." if again else ""
     return _Table(f"`{header}`", model.__name__, text, tuple(rows))

@@ -10,10 +10,8 @@ from pydantic import BaseModel, ValidationError
 from pydantic_core import InitErrorDetails, PydanticCustomError
 
 from mr360uw.errors import ParameterError
-from mr360uw.scene.file_lines import Location, place
-from mr360uw.scene.key_settings import KeyedParameter
-from mr360uw.scene.key_targets import ANY_LENGTH, Target, target_of, with_values
-from mr360uw.scene.problems import problems
+from mr360uw.scene.key_targets import ANY_LENGTH, KeyedParameter, Target, target_of, with_values
+from mr360uw.scene.problems import Location, place, problems
 
 Problem = tuple[Location, Any, str]
 """Where in the file, what stands there, and what is wrong with it and what to do."""

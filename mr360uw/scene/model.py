@@ -27,10 +27,9 @@ from mr360uw.ibl.settings import LightSettings
 from mr360uw.medium.settings import WaterSettings
 from mr360uw.medium.shafts.settings import ShaftSettings
 from mr360uw.parameters import Parameters, advanced, parameter
-from mr360uw.scene.file_lines import Lines
 from mr360uw.scene.key_problems import check_keys
-from mr360uw.scene.key_settings import KeyedParameter
-from mr360uw.scene.problems import problems
+from mr360uw.scene.key_targets import KeyedParameter
+from mr360uw.scene.problems import Lines, problems
 from mr360uw.scene.quality import with_quality
 from mr360uw.scene.toml_model import (
     load_model,

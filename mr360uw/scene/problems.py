@@ -2,7 +2,7 @@
 """Error messages of a settings file: *file:line key - what is wrong (got ...) - what to do*.
 
 Turns the errors of a pydantic model into one line each, in the order of the file, with unit, range, help and the near
-miss of a wrong key; all of it is read from the fields' own declarations.
+miss of a wrong key; all of it is read from the fields' own declarations. `key_lines` finds the lines of keys in a file.
 """
 
 from __future__ import annotations
@@ -16,8 +16,57 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin
 from pydantic import BaseModel, ValidationError
 
 from mr360uw.parameters import stated
-from mr360uw.scene.file_lines import Lines, Location, line_of, place
 from mr360uw.scene.removed_keys import removed
+
+Location = tuple[str | int, ...]
+Lines = dict[Location, int]
+"""Line of each key and table of a file; `SET` of what the command line sets."""
+SET = 0
+
+
+def key_lines(text: str) -> Lines:
+    """Return the line of every key and table header of TOML text."""
+    lines: Lines = {}
+    table: Location = ()
+    counts: dict[Location, int] = {}  # of every array of tables, its last index
+    for number, line in enumerate(text.splitlines(), 1):
+        header = re.match(r"\s*(\[\[?)([^\[\]]+)\]", line)
+        if header:
+            *parents, last = (part.strip().strip("\"'") for part in header.group(2).split("."))
+            table = ()
+            for name in parents:
+                table = (*table, name)
+                table = (*table, counts[table]) if table in counts else table
+            table = (*table, last)
+            if header.group(1) == "[[":
+                lines.setdefault(table, number)
+                counts[table] = counts.get(table, -1) + 1
+                table = (*table, counts[table])
+            lines.setdefault(table, number)
+            continue
+        key = re.match(r"\s*([\w\-\"'.]+)\s*=", line)
+        if key:
+            names = tuple(part.strip("\"'") for part in key.group(1).split("."))
+            lines.setdefault((*table, *names), number)
+    return lines
+
+
+def place(where: str, lines: Lines, location: Location) -> str:
+    """Return 'file:line table.key' for a location; the line of the nearest enclosing table where the key has none.
+
+    What the command line sets is at '--set table.key'.
+    """
+    line = line_of(lines, location)
+    name = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in location).lstrip(".")
+    if line == SET:
+        return f"--set {name}"
+    return f"{where} {name}" if line is None else f"{where}:{line} {name}"
+
+
+def line_of(lines: Lines, location: Location) -> int | None:
+    """Return the line of a location, or of the nearest table around it; None where there is neither."""
+    return next((lines[location[:k]] for k in range(len(location), 0, -1) if location[:k] in lines), None)
+
 
 _WORDS: dict[Any, str] = {
     float: "a number", int: "a whole number", bool: "true or false", str: "text in quotes", Path: "text in quotes"
@@ -52,18 +101,13 @@ def _locate(root: type[BaseModel], location: Location, kind: str) -> tuple[Locat
         found = [f for m in models for n, f in m.model_fields.items() if part in (n, f.alias)]
         tagged = [m for m in models if part in _tags(m)]
         is_unknown_key = kind == "extra_forbidden" and k == len(location)
-        if not found and not is_unknown_key and (tagged or not _is_key(part)):
+        if not found and not is_unknown_key and (tagged or part in _TYPES or not re.fullmatch(r"[\w\-]+", part)):
             models = tagged or models
             continue
         owners, field = models, (found[0] if found else None)
         clean.append(part)
         models = [model for f in found for model in models_of(f.annotation)] or []
     return tuple(clean), owners, field
-
-
-def _is_key(part: str) -> bool:
-    """Return whether a part of a pydantic location is a key of a file rather than the name of a type."""
-    return re.fullmatch(r"[\w\-]+", part) is not None and part not in _TYPES
 
 
 def _kinds(model: type[BaseModel]) -> dict[str, str]:
@@ -204,7 +248,7 @@ def problems(error: ValidationError, root: type[BaseModel], where: str, lines: L
         found.setdefault(location, (line, text))
     deeper = {location[:k] for location in found for k in range(len(location)) if isinstance(location[k], int)}
     listed = {loc for loc in deeper & found.keys() if models_of(_locate(root, loc, "")[2].annotation) == []}
-    return [text for location, (_, text) in sorted(found.items(), key=_by_line) if location not in listed]
+    return [text for location, (_, text) in sorted(found.items(), key=lambda item: item[1]) if location not in listed]
 
 
 def _near_key(key: str, owners: list[type[BaseModel]]) -> str:
@@ -213,10 +257,6 @@ def _near_key(key: str, owners: list[type[BaseModel]]) -> str:
     names = dict.fromkeys(name for name, field in fields if not stated(field, "internal"))
     near = difflib.get_close_matches(key, names, 1)
     return f"did you mean '{near[0]}'?" if near else f"known here: {', '.join(names)}"
-
-
-def _by_line(item: tuple[Location, tuple[int, str]]) -> tuple[int, str]:
-    return item[1]
 
 
 def _near(value: Any, allowed: str) -> str:

@@ -3,8 +3,6 @@
 
 from __future__ import annotations
 
-from mr360uw.scene.file_lines import Location
-
 _PUBLISHED = "is fixed at the published value now"
 _PHASE = "is part of water.phase now: a mean cosine, or [index, slope]"
 _FILE = "is the mesh file's alone now"
@@ -77,6 +75,6 @@ REMOVED = {
 """By their names without numbers of entries."""
 
 
-def removed(location: Location) -> str:
+def removed(location: tuple[str | int, ...]) -> str:
     """Return what became of a key, "" of one that there never was."""
     return REMOVED.get(".".join(part for part in location if isinstance(part, str)), "")

@@ -16,8 +16,7 @@ from pydantic import BaseModel, ValidationError
 
 from mr360uw.errors import SceneError, VideoError
 from mr360uw.reading.input_files import read_text, unreadable
-from mr360uw.scene.file_lines import SET, Lines, Location, key_lines, place
-from mr360uw.scene.problems import problems
+from mr360uw.scene.problems import SET, Lines, Location, key_lines, place, problems
 
 _DIGITS = 9
 """Most digits of the number of an entry; Python refuses to read thousands."""

@@ -6,8 +6,7 @@ the splines. Between nodes a map is off by 3 % of the height of the shortest wav
 
 Splines give the displacement and its derivatives at a rest position, one point at a time. A particle at rest at (a, b)
 stands at (a + shift_x, height, b + shift_z). c: (n, 3) coefficients; n: (L, 2) of every level its first coefficient and
-its points across the tile, powers of two: see `SampledSea`. Arrays are passed one by one, as those in a tuple would be
-counted at every call.
+its points across the tile, powers of two: see `SampledSea`.
 """
 
 from __future__ import annotations
@@ -20,14 +19,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.jit import exact, inlined
+from mr360uw.jit import borrowing, exact, inlined
 from mr360uw.texels import between_four, periodic_four
 
 Displacement = tuple[float, float, float, float, float, float, float, float, float]
 """Height, shift_x and shift_z, their derivatives by a and those by b."""
 
 
-@exact
+@borrowing
 def displacement(c: Any, n: Any, tile_m: float, level: float, a: float, b: float) -> Displacement:
     """Return the displacement of a particle, between the splines of two levels."""
     lower = min(int(level), len(n) - 1)
@@ -43,7 +42,7 @@ def displacement(c: Any, n: Any, tile_m: float, level: float, a: float, b: float
     )  # fmt: skip
 
 
-@exact
+@borrowing
 def at_level(c: Any, first: int, size: int, tile_m: float, a: float, b: float) -> Displacement:
     """Return the displacement of a particle by the splines of one level."""
     per_m, last = size / tile_m, size - 1
@@ -89,7 +88,7 @@ def _slopes(t: float) -> tuple[float, float, float, float]:
     return -0.5 * r * r, 0.5 * t * (3.0 * t - 4.0), -0.5 * r * (3.0 * r - 4.0), 0.5 * t * t
 
 
-@exact
+@borrowing
 def rest_position(
     c: Any, n: Any, tile_m: float, level: float, x: float, z: float, a: float, b: float, slack: float
 ) -> tuple[float, float, Displacement]:
@@ -112,7 +111,7 @@ def rest_position(
     return a, b, p
 
 
-@exact
+@borrowing
 def heights_at(c: Any, n: Any, tile_m: float, x: Any, z: Any, result: Any) -> None:
     """Write the height of the surface over the mean at places (n,) into `result` (n,)."""
     for k in range(len(x)):
@@ -175,7 +174,7 @@ def _steepest(height: NDArray[np.float32], step_m: float) -> float:
     return max(float(np.abs(height - np.roll(height, 1, axis)).max()) for axis in (0, 1)) * math.sqrt(2.0) / step_m
 
 
-@exact
+@borrowing
 def _fill(c: Any, n: Any, tile_m: float, level: int, size: int, first: int, last: int, height: Any, shift: Any) -> None:
     step = tile_m / size
     slack = _SLACK * step
@@ -189,7 +188,7 @@ def _fill(c: Any, n: Any, tile_m: float, level: int, size: int, first: int, last
             height[at], shift[at, 0], shift[at, 1] = p[0], x - a, z - b
 
 
-@exact
+@borrowing
 def read_height(h: Any, n: Any, tile_m: float, level: float, x: float, z: float) -> float:
     """Return the height [m] above (x, z) at a fractional level. h, n: `height` and `table` of the maps."""
     lower = min(int(level), len(n) - 1)
@@ -200,7 +199,7 @@ def read_height(h: Any, n: Any, tile_m: float, level: float, x: float, z: float)
     return value
 
 
-@exact
+@borrowing
 def _height(h: Any, first: int, size: int, tile_m: float, x: float, z: float) -> float:
     per_m = size / tile_m
     a, b, c, d, fx, fy = _periodic_four(first, size, x * per_m, z * per_m)
@@ -208,7 +207,7 @@ def _height(h: Any, first: int, size: int, tile_m: float, x: float, z: float) ->
     return value
 
 
-@exact
+@borrowing
 def read_shift(s: Any, n: Any, tile_m: float, level: float, x: float, z: float) -> tuple[float, float]:
     """Return the shift over (x, z) [m] of the particle above (x, z) at the next lower level. s: `shift` of the maps."""
     lower = min(int(level), len(n) - 1)

@@ -16,10 +16,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.jit import exact
+from mr360uw.jit import borrowing, exact
 from mr360uw.surface.height_map import Displacement, displacement, read_height, read_shift, rest_position
 from mr360uw.surface.sampled_sea import SampledSea
-from mr360uw.surface.tracing.ray_optics import Vector
+from mr360uw.surface.tracing.ray_optics import Ray, Vector
 
 Array = NDArray[np.float64]
 
@@ -38,12 +38,18 @@ curvatures of 10/m."""
 
 
 class SeaWaves(NamedTuple):
-    """The numbers of a `SampledSea` that rays read."""
+    """What rays read of a `SampledSea`: its numbers, coefficients and table of its splines, and its `HeightMaps`."""
 
     tile_m: float
     step_m: float
     lowest_m: float
     highest_m: float
+    splines: Any
+    table: Any
+    height: Any
+    shift: Any
+    maps: Any
+    steepest: Any
 
 
 class Hit(NamedTuple):
@@ -76,19 +82,11 @@ def level_at(sigma: float, step_m: float, last: int) -> float:
     return min(float(last), s if s < 1.0 else 1.0 + math.log2(s))
 
 
-@exact
-def first_hit(
-    c: Any, n: Any, h: Any, s: Any, m: Any, steepest: Any, sea: SeaWaves, origin: Vector, direction: Vector,
-    side: float, width: float, spread: float, reach: float,
-) -> Hit:  # fmt: skip
-    """Return where a ray first meets the surface.
-
-    c, n: coefficients and table of the splines; h, s, m, steepest: height, shift, table and slopes of the maps.
-    origin: [m], y over the mean surface. side: 1 for rays in the air, -1 in the water. width, spread: of the ray's
-    footprint at its origin and its growth per metre. reach: [m] at most.
-    """
-    (ox, oy, oz), (dx, dy, dz) = origin, direction
-    last = len(n) - 1
+@borrowing
+def first_hit(sea: SeaWaves, ray: Ray, reach: float) -> Hit:
+    """Return where a ray first meets the surface. reach: [m] at most."""
+    (ox, oy, oz), (dx, dy, dz), side, width, spread = ray
+    last = len(sea.table) - 1
     # the part of the ray in the layer of waves
     t, end = 0.0, reach
     if dy > 0.0:
@@ -105,14 +103,14 @@ def first_hit(
             break
         sigma = sigma_at(width, spread, t, dy)
         level = level_at(sigma, sea.step_m, last)
-        over = side * (oy + t * dy - read_height(h, m, sea.tile_m, level, ox + t * dx, oz + t * dz))
-        steep = steepest[min(int(level), last)] * across
+        over = side * (oy + t * dy - read_height(sea.height, sea.maps, sea.tile_m, level, ox + t * dx, oz + t * dz))
+        steep = sea.steepest[min(int(level), last)] * across
         if side * dy > steep and over > -_BESIDE * sea.step_m:  # away from the surface, faster than it can follow
             break
         if over <= 0.0 and right:
             guess = before + (t - before) * (was / (was - over) if was > 0.0 else 0.5)
             sigma = sigma_at(width, spread, guess, dy)
-            hit = _refined(c, n, s, m, sea, origin, direction, side, sigma, before, t, guess)
+            hit = _refined(sea, ray, sigma, before, t, guess)
             if (sigma_at(width, 0.0, 0.0, dy) if inside else 0.0) <= hit.distance < math.inf:
                 return hit
             right = hit.distance == math.inf  # the maps are wrong: by the splines it is not there yet
@@ -124,20 +122,17 @@ def first_hit(
     return NOWHERE
 
 
-@exact
-def _refined(
-    c: Any, n: Any, s: Any, m: Any, sea: SeaWaves, origin: Vector, direction: Vector, side: float, sigma: float,
-    low: float, high: float, t: float,
-) -> Hit:  # fmt: skip
+@borrowing
+def _refined(sea: SeaWaves, ray: Ray, sigma: float, low: float, high: float, t: float) -> Hit:
     """Return the hit between two distances, from about a distance t, infinite if there is none after all."""
-    (ox, oy, oz), (dx, dy, dz) = origin, direction
+    (ox, oy, oz), (dx, dy, dz) = ray.origin, ray.direction
     tile = sea.tile_m
-    level = level_at(sigma, sea.step_m, len(n) - 1)
+    level = level_at(sigma, sea.step_m, len(sea.table) - 1)
     x, z = ox + t * dx, oz + t * dz
-    shift_x, shift_z = read_shift(s, m, tile, level, x, z)
+    shift_x, shift_z = read_shift(sea.shift, sea.maps, tile, level, x, z)
     a, b = x - shift_x, z - shift_z
     for _ in range(12):
-        p = displacement(c, n, tile, level, a, b)
+        p = displacement(sea.splines, sea.table, tile, level, a, b)
         gx, gy, gz = a + p[1] - ox - t * dx, p[0] - oy - t * dy, b + p[2] - oz - t * dz
         near = abs(gx) + abs(gy) + abs(gz) < _NEAR
         # columns: the tangents by a and b, and minus the direction (Cramer's rule)
@@ -154,16 +149,14 @@ def _refined(
             if max(low - max(sea.step_m, sigma), 0.0) <= t <= high + max(sea.step_m, sigma):
                 return Hit(t, _normal(p), a, b, sigma, level)
             break
-    return _bisected(c, n, sea, origin, direction, side, sigma, low, high)
+    return _bisected(sea, ray, sigma, low, high)
 
 
-@exact
-def _bisected(
-    c: Any, n: Any, sea: SeaWaves, origin: Vector, direction: Vector, side: float, sigma: float, low: float, high: float
-) -> Hit:
+@borrowing
+def _bisected(sea: SeaWaves, ray: Ray, sigma: float, low: float, high: float) -> Hit:
     """Return the hit between two distances: the first if the ray is behind the splines there, none if before both."""
-    (ox, oy, oz), (dx, dy, dz) = origin, direction
-    tile = sea.tile_m
+    (ox, oy, oz), (dx, dy, dz), side = ray.origin, ray.direction, ray.side
+    c, n, tile = sea.splines, sea.table, sea.tile_m
     level, slack = level_at(sigma, sea.step_m, len(n) - 1), 1e-11 * tile
     x, z, t = ox + high * dx, oz + high * dz, low
     a, b, p = rest_position(c, n, tile, level, x, z, x, z, slack)
@@ -219,31 +212,24 @@ def first_hits(
     width_m, spread: (n,) width of a ray's footprint at its origin and its growth per metre. reach_m: (n,) at most.
     """
     out, side = np.zeros((len(origins), 8)), -1.0 if from_below else 1.0
-    args: Any = waves_of(sea), origins, directions, side, width_m, spread, reach_m, out
-    _hit_all(*(*surface_arrays(sea), *args))
+    _hit_all(waves_of(sea), side, origins, directions, width_m, spread, reach_m, out)
     return SurfaceHits(out[:, 0], out[:, 1:4], out[:, 4:6], out[:, 6], out[:, 7])
 
 
-def surface_arrays(sea: SampledSea) -> tuple[Any, ...]:
-    """Return the arrays that `first_hit` takes first."""
-    maps = sea.maps
-    return sea.fine, sea.table, maps.height, maps.shift, maps.table, maps.steepest
-
-
 def waves_of(sea: SampledSea) -> SeaWaves:
-    """Return the numbers of a sea."""
-    return SeaWaves(sea.tile_m, sea.step_m, sea.lowest_m, sea.highest_m)
+    """Return what rays read of a sea."""
+    maps, numbers = sea.maps, (sea.tile_m, sea.step_m, sea.lowest_m, sea.highest_m)
+    return SeaWaves(*numbers, sea.fine, sea.table, maps.height, maps.shift, maps.table, maps.steepest)
 
 
-@exact
+@borrowing
 def _hit_all(
-    c: Any, n: Any, h: Any, s: Any, m: Any, steepest: Any, sea: SeaWaves, origins: Any, directions: Any, side: float,
-    width: Any, spread: Any, reach: Any, out: Any,
-) -> None:  # fmt: skip
+    sea: SeaWaves, side: float, origins: Any, directions: Any, width: Any, spread: Any, reach: Any, out: Any
+) -> None:
     for k in range(len(origins)):
         o = origins[k, 0], origins[k, 1], origins[k, 2]
         d = directions[k, 0], directions[k, 1], directions[k, 2]
-        hit = first_hit(c, n, h, s, m, steepest, sea, o, d, side, width[k], spread[k], reach[k])
+        hit = first_hit(sea, Ray(o, d, side, width[k], spread[k]), reach[k])
         out[k, 0] = hit.distance
         out[k, 1], out[k, 2], out[k, 3] = hit.normal
         out[k, 4], out[k, 5], out[k, 6], out[k, 7] = hit.a, hit.b, hit.sigma_m, hit.level

@@ -18,19 +18,12 @@ from mr360uw.types import Floats
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
 class Tiled:
     """A picture (size, size, C) that repeats every tile_m [m], column = +x, row = +z; pixel (0, 0) spans [0,
     tile_m/size) from `origin` (2,) over (x, z) [m]; with its halves for footprints."""
 
-    levels: list[Floats]
-    tile_m: float
-    origin: tuple[float, float] = (0.0, 0.0)
-
-    @classmethod
-    def of(cls, picture: Floats, tile_m: float, origin: tuple[float, float] = (0.0, 0.0)) -> Tiled:
-        """Return it with its halves. picture: (size, size, C)."""
-        return cls(mip_levels(np.asarray(picture, np.float64)[None]), tile_m, origin)
+    def __init__(self, picture: Floats, tile_m: float, origin: tuple[float, float] = (0.0, 0.0)) -> None:
+        self.levels, self.tile_m, self.origin = mip_levels(np.asarray(picture, np.float64)[None]), tile_m, origin
 
     def at(self, x_m: Array, z_m: Array, footprint_m: Array) -> Array:
         """Return values (n, 3) at places (n,), averaged over footprints (n,) [m]."""
@@ -76,7 +69,7 @@ class Floor:
                 "sides of a power of two tile"
             )
         self.mean_albedo: Array = np.broadcast_to(image.mean(axis=(0, 1)), (3,)).copy()
-        self.image = Tiled.of(image, _metres("tile_m" if albedo_tile_m is None else "albedo_tile_m", given))
+        self.image = Tiled(image, _metres("tile_m" if albedo_tile_m is None else "albedo_tile_m", given))
         heights = numbers("floor.relief", relief).astype(np.float64)
         level = heights.ndim == 0
         if not level and (heights.ndim != 2 or heights.shape[0] != heights.shape[1] or len(heights) < 2):

@@ -16,14 +16,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.jit import exact
+from mr360uw.jit import borrowing
 from mr360uw.surface.intersection import NOWHERE, Hit
-from mr360uw.surface.ray_stage import OFF_M, RayStage
-from mr360uw.surface.tracing.bare_arrays import bare
 from mr360uw.surface.tracing.facet_draws import next_key
-from mr360uw.surface.tracing.ray_kernel import STACK, RayWorld, followed, met, put
-from mr360uw.surface.tracing.ray_optics import bent
-from mr360uw.surface.tracing.stage_arrays import stage_arrays
+from mr360uw.surface.tracing.ray_kernel import OFF_M, STACK, RayWorld, followed, met, put
+from mr360uw.surface.tracing.ray_optics import Ray, Vector, bent
+from mr360uw.surface.tracing.stage_arrays import RayStage, ray_world
 from mr360uw.surface.tracing.table_reads import add
 from mr360uw.types import View
 
@@ -31,8 +29,6 @@ Array = NDArray[np.float64]
 
 _AT_ONCE = 1 << 14
 """Rays that are traced on one thread at a time."""
-_HEIGHTS = 12
-"""The place of the floor's heights among the arrays of rays."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -60,21 +56,20 @@ def rendered(stage: RayStage, view: View, samples: int) -> SurfacePicture:
     height, width, side = view.height, view.width, -1.0 if stage.camera_in_water else 1.0
     radiance, distance, wet = np.zeros((height, width, 3)), np.zeros((height, width)), np.zeros((height, width))
     normal, kind = np.zeros((height, width, 3)), np.zeros((height, width), np.uint8)
-    arrays, world = stage_arrays(stage)
+    world = ray_world(stage)
     rows = max(_AT_ONCE // (width * samples * samples), 1)
 
     def draw(first: int) -> None:
         band = slice(first, min(first + rows, height))
         out = radiance[band], distance[band], wet[band], normal[band], kind[band]
         origins, directions = _camera_rays(view, band, 1)
-        footprint = view.pixel_m / samples, view.pixel_rad / samples
-        args: Any = world, origins, directions, side, view.pixel_m, view.pixel_rad, *out[1:]
-        middle = _centres(*(*arrays[:6], arrays[_HEIGHTS], *args))
+        footprint = side, view.pixel_m / samples, view.pixel_rad / samples
+        middle = np.zeros((band.stop - band.start, width, 8))
+        _centres(world, origins, directions, (side, view.pixel_m, view.pixel_rad), *out[1:], middle)
         if samples > 1:
             origins, directions = _camera_rays(view, band, samples)
         key = (first * width * samples * samples) % 2**32
-        args = world, origins, directions, side, *footprint, key, middle, samples == 1, np.zeros(STACK), out[0]
-        _samples(*(*arrays, *args))
+        _samples(world, origins, directions, footprint, key, middle, np.zeros(STACK), out[0])
 
     with ThreadPoolExecutor(os.cpu_count()) as threads:
         list(threads.map(draw, range(0, height, rows)))  # to see their errors
@@ -95,24 +90,20 @@ def _camera_rays(view: View, rows: slice, samples: int) -> tuple[Array, Array]:
     return np.ascontiguousarray(origins), np.ascontiguousarray(view.directions(x, y))
 
 
-@exact
+@borrowing
 def _centres(
-    c: Any, n: Any, h: Any, s: Any, m: Any, steepest: Any, e: Any, w: RayWorld, origins: Any, directions: Any,
-    side: float, width: float, spread: float, distance: Any, wet: Any, normal: Any, kind: Any,
-) -> Any:  # fmt: skip
-    """Write what the rays of pixels' centres meet: `SurfacePicture`, kind 1 for the surface, 2 for the floor. Return
-    where they meet the surface (h, w, 8).
+    w: RayWorld, origins: Any, directions: Any, of: Vector, distance: Any, wet: Any, normal: Any, kind: Any, hits: Any
+) -> None:
+    """Write what the rays of pixels' centres meet: `SurfacePicture`, kind 1 for the surface, 2 for the floor, and where
+    they meet the surface, hits (h, w, 8). of: side, width and spread of the rays.
     """
-    c, n, h, s, m, steepest, e = bare(c), bare(n), bare(h), bare(s), bare(m), bare(steepest), bare(e)
+    side, width, spread = of
     rows, columns = distance.shape
-    hits = np.zeros((rows, columns, 8))
     for row in range(rows):
         for column in range(columns):
             p, q = origins[row, column, 0], directions[row, column, 0]
             o, v = (p[0], p[1], p[2]), (q[0], q[1], q[2])
-            hit, floor = met(
-                c, n, h, s, m, steepest, e, w.sea, w.ground.relief, o, v, side, width, spread, NOWHERE, False
-            )  # fmt: skip
+            hit, floor = met(w, Ray(o, v, side, width, spread), NOWHERE, False)
             t, length = hit.distance, 0.0
             if t < math.inf:
                 kind[row, column] = 1
@@ -121,9 +112,7 @@ def _centres(
                 if side > 0.0:
                     d = bent(v[0], v[1], v[2], nx, ny, nz, 1.0 / w.refractive_index)
                     at = o[0] + t * v[0] + OFF_M * d[0], o[1] + t * v[1] + OFF_M * d[1], o[2] + t * v[2] + OFF_M * d[2]
-                    on, below = met(
-                        c, n, h, s, m, steepest, e, w.sea, w.ground.relief, at, d, -1.0, width, spread, NOWHERE, False
-                    )  # fmt: skip
+                    on, below = met(w, Ray(at, d, -1.0, width, spread), NOWHERE, False)
                     length = min(on.distance, below)
             elif floor < math.inf:
                 t, kind[row, column] = floor, 2
@@ -132,23 +121,18 @@ def _centres(
             out = hits[row, column]
             out[0], out[4], out[5], out[6], out[7] = hit.distance, hit.a, hit.b, hit.sigma_m, hit.level
             out[1], out[2], out[3] = hit.normal
-    return hits
 
 
-@exact
+@borrowing
 def _samples(
-    c: Any, n: Any, h: Any, s: Any, m: Any, steepest: Any, lost: Any, r: Any, f: Any, fn: Any, fk: Any, fe: Any, e: Any,
-    d: Any, dn: Any, wv: Any, wa: Any, w: RayWorld, origins: Any, directions: Any, side: float, width: float,
-    spread: float, key: int, hits: Any, known: bool, stack: Any, radiance: Any,
-) -> None:  # fmt: skip
-    """Write the radiance of pixels, the mean of their rays. key: number of the first ray of all. hits: where the rays
-    meet the surface, if that is known."""
-    c, n, h, s, m, steepest, lost, r = bare(c), bare(n), bare(h), bare(s), bare(m), bare(steepest), bare(lost), bare(r)
-    f, fn, fk, fe, e, d, dn, wv, wa = (
-        bare(f), bare(fn), bare(fk), bare(fe), bare(e), bare(d), bare(dn), bare(wv), bare(wa)
-    )  # fmt: skip
+    w: RayWorld, origins: Any, directions: Any, of: Vector, key: int, hits: Any, stack: Any, radiance: Any
+) -> None:
+    """Write the radiance of pixels, the mean of their rays. of: side, width and spread of the rays. key: number of the
+    first ray of all. hits: where the rays meet the surface, if each pixel has but one. stack: zeros of shape `STACK`.
+    """
+    side, width, spread = of
     rows, columns, count = origins.shape[:3]
-    stack, origins, directions, hits = bare(stack), bare(origins), bare(directions), bare(hits)
+    known = count == 1
     share = 1.0 / count
     for row in range(rows):
         for column in range(columns):
@@ -157,11 +141,8 @@ def _samples(
             light = (0.0, 0.0, 0.0)
             for sample in range(count):
                 p, q = origins[row, column, sample], directions[row, column, sample]
-                put(
-                    stack, 0, (p[0], p[1], p[2]), (q[0], q[1], q[2]), (share, share, share), (width, spread, 0.0),
-                    next_key((key + (row * columns + column) * count + sample) & 0xFFFFFFFF, 0), 0, side,
-                )  # fmt: skip
-                light = add(light, followed(
-                    c, n, h, s, m, steepest, lost, r, f, fn, fk, fe, e, d, dn, wv, wa, w, stack, start, known
-                ), 1.0)  # fmt: skip
+                ray = Ray((p[0], p[1], p[2]), (q[0], q[1], q[2]), side, width, spread)
+                number = (key + (row * columns + column) * count + sample) & 0xFFFFFFFF
+                put(stack, 0, ray, (share, share, share), 0.0, next_key(number, 0), 0)
+                light = add(light, followed(w, stack, start, known), 1.0)
             radiance[row, column, 0], radiance[row, column, 1], radiance[row, column, 2] = light

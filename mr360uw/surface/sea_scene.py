@@ -8,7 +8,6 @@ a function of the time and of the view alone, so a picture of a film is the same
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -22,11 +21,11 @@ from mr360uw.medium import Medium, Water
 from mr360uw.optics import check_refractive_index
 from mr360uw.shapes import exactly, number
 from mr360uw.sphere import unit
-from mr360uw.surface.ray_stage import RayStage
 from mr360uw.surface.sampled_sea import SampledSea, points_across
 from mr360uw.surface.sea_floor import Floor, FloorLight
 from mr360uw.surface.sea_picture import SurfacePicture, rendered
 from mr360uw.surface.sky import Dome
+from mr360uw.surface.tracing.stage_arrays import RayStage
 from mr360uw.surface.water_light import WaterLight
 from mr360uw.types import Sun, View
 
@@ -37,18 +36,8 @@ _SHALLOWEST_M = 0.01
 """Depth [m] of cameras that are nearer to the surface, or over its mean in a crest, in the water's tables."""
 
 
-@dataclass(frozen=True, eq=False, init=False)
 class SeaScene:
     """A sea, its sky, floor and water. Pictures are taken one at a time."""
-
-    sea: Sea
-    dome: Dome
-    floor: Floor
-    water: Water | Medium | None
-    sun: Sun | None
-    refractive_index: float
-    caustics: CausticSettings
-    _cache: Cache
 
     def __init__(
         self,
@@ -78,14 +67,11 @@ class SeaScene:
             )
         if water is not None and not isinstance(water, Water | Medium):
             raise ParameterError(f"water - must be a Water, a Medium or None (got {water!r:.40}) - see uw.medium.Water")
-        sky, light = Dome(dome), _checked(sun)
-        cache = {
-            "sea": sea, "dome": sky, "floor": floor if isinstance(floor, Floor) else Floor(*floor), "sun": light,
-            "water": water, "refractive_index": refractive_index,
-            "caustics": caustics or CausticSettings(), "_cache": Cache(),
-        }  # fmt: skip
-        for name, value in cache.items():
-            object.__setattr__(self, name, value)
+        self.sea, self.dome, self.water = sea, Dome(dome), water
+        self.sun, self.refractive_index = _checked(sun), refractive_index
+        self.floor = floor if isinstance(floor, Floor) else Floor(*floor)
+        self.caustics = caustics or CausticSettings()
+        self._cache = Cache()
 
     def picture(self, view: View, time_s: float = 0.0, *, samples: int = 2) -> SurfacePicture:
         """Return what a camera below or above the sea sees at a time [s], float64.

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import functools
 import math
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from mr360uw.constants import PI
 from mr360uw.errors import ParameterError
 from mr360uw.ibl.lookup import environment_lookup
-from mr360uw.medium.boundaries import SkyShape
+from mr360uw.medium.ray_field import SkyShape
 from mr360uw.optics import fresnel_transmittance
 from mr360uw.shapes import numbers
 from mr360uw.sphere import directions, row_solid_angle
@@ -61,17 +60,9 @@ _BRIGHT = 10.0
 random, as a sun's disc of 6 degrees then has 3 % of it."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class SkyPatch:
-    """What is bright in a part of the sky, as a light.
-
-    direction: (3,) to its middle in the air. irradiance: (3,) that it brings on a level plane just below a flat
-    surface. half_angle_rad: radius of a disc of its solid angle.
-    """
-
-    direction: Array
-    irradiance: Array
-    half_angle_rad: float
+SkyPatch = tuple[Array, Array, float]
+"""What is bright in a part of the sky, as a light: direction (3,) to its middle in the air, irradiance (3,) that it
+brings on a level plane just below a flat surface, and radius [rad] of a disc of its solid angle."""
 
 
 class Dome:
@@ -160,13 +151,13 @@ class Dome:
         turn = np.arctan2(self._view[..., 0], -self._view[..., 2]) / (2.0 * PI) + 0.5
         part = np.minimum((turn * np.take(_IN_RING, ring)).astype(np.int64), np.take(_IN_RING, ring) - 1)
         number = np.concatenate([[0], np.cumsum(_IN_RING)])[ring] + part
-        out, lit = [], bright.max(axis=-1) > 0.0
+        out, lit = list[SkyPatch](), bright.max(axis=-1) > 0.0
         for k in np.unique(number[lit]):
             inside = lit & (number == k)
             light = np.einsum("nc,n->c", bright[inside], weight[inside])
             middle = np.einsum("nk,n->k", self._view[inside], weight[inside] * bright[inside].mean(axis=1))
             half = np.arccos(1.0 - min(float(solid[inside].sum()) / (2.0 * PI), 0.12))
-            out.append(SkyPatch(middle / np.linalg.norm(middle), light, float(half)))
+            out.append((middle / np.linalg.norm(middle), light, float(half)))
         return out
 
     @property

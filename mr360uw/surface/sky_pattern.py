@@ -27,11 +27,10 @@ from mr360uw.caustics import caustic_map
 from mr360uw.caustics.flux.sun_disc import gaussian_transform
 from mr360uw.caustics.settings import Sea
 from mr360uw.constants import PI
-from mr360uw.jit import exact, inlined
+from mr360uw.jit import borrowing, inlined
 from mr360uw.surface.sampled_sea import SampledSea
 from mr360uw.surface.sea_floor import Tiled
 from mr360uw.surface.sky import Dome
-from mr360uw.surface.tracing.bare_arrays import bare
 from mr360uw.surface.tracing.facet_draws import normal_quantile
 from mr360uw.surface.tracing.ray_optics import Vector, bent, reflectance
 from mr360uw.surface.tracing.table_reads import add, packed, sky_radiance
@@ -39,7 +38,7 @@ from mr360uw.surface.tracing.table_reads import add, packed, sky_radiance
 _STEPS = 3
 
 
-@exact
+@borrowing
 def gather_row(
     w: Any, d: Any, dn: Any, rays: Any, tile_m: float, row: int, depth: float, index: float, footprint: float, out: Any
 ) -> None:
@@ -49,7 +48,6 @@ def gather_row(
     `sky_radiance`. rays: (k, 7) direction up, place in the pixel over (x, z) in [0, 1), and slope of the facet.
     footprint: of each ray in the sky [rad].
     """
-    w, d, dn, rays, out = bare(w), bare(d), bare(dn), bare(rays), bare(out)
     step = tile_m / len(out)
     for column in range(len(out)):
         light = (0.0, 0.0, 0.0)
@@ -112,15 +110,14 @@ def sky_pattern(sea: Sea, sampled: SampledSea, dome: Dome, depth_m: float, time_
     """Return the irradiance of the floor by the sky through clear water. sampled: the sea at that time."""
     tile = sea.tile_m
     if depth_m > _EVEN_TILES * tile or sampled.steepest < 1e-5:  # a level sea
-        return Tiled.of(np.broadcast_to(dome.irradiance_below(index), (1, 1, 3)), tile)
+        return Tiled(np.broadcast_to(dome.irradiance_below(index), (1, 1, 3)), tile)
     size = 1 << int(np.clip(np.ceil(np.log2(_PER_DEPTH * tile / depth_m)), np.log2(_SMALLEST), np.log2(_LARGEST)))
     soft, bright = dome.divided(index)
     total = _gathered(sampled, soft, max(depth_m, -sampled.lowest_m), size, index)
-    for patch in bright:
-        half = min(patch.half_angle_rad, 0.5)
-        ratio = caustic_map(sea, patch.direction, depth_m, time_s, size, _GRID, index, half)
-        total += ratio[..., None] * patch.irradiance
-    return Tiled.of(total, tile)
+    for direction, irradiance, half_angle_rad in bright:
+        ratio = caustic_map(sea, direction, depth_m, time_s, size, _GRID, index, min(half_angle_rad, 0.5))
+        total += ratio[..., None] * irradiance
+    return Tiled(total, tile)
 
 
 def _gathered(sampled: SampledSea, dome: Dome, depth_m: float, size: int, index: float) -> Array:

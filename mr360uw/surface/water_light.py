@@ -39,20 +39,13 @@ Array = NDArray[np.float64]
 _LEAST = 1e-300
 
 
-@dataclass(frozen=True, slots=True, eq=False)
 class LightInWater:
     """Light of one origin. below: (3,) irradiance just below the surface. medium: solved for it, seen from there.
     depths: the same for cameras at any depth.
     """
 
-    below: Array
-    medium: Medium
-    depths: MediumAtDepths
-
-    @classmethod
-    def of(cls, below: Array, medium: Medium) -> LightInWater:
-        """Return the light of a medium."""
-        return cls(below, medium, MediumAtDepths(medium))
+    def __init__(self, below: Array, medium: Medium) -> None:
+        self.below, self.medium, self.depths = below, medium, MediumAtDepths(medium)
 
     def seen_from(self, camera_depth_m: float | None) -> Medium:
         """Return the medium for a camera at a depth [m], or for rays from the surface."""
@@ -64,18 +57,11 @@ class LightInWater:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class LevelFloor:
-    """A level floor at a depth [m] below the mean surface. radiance: (3,) it sends up in all directions."""
-
-    depth_m: float
-    radiance: Array
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class WaterLight:
     """Water for rays. below: (3,) irradiance just below a level surface by sky and sun. sky, sun: light of each in the
-    water; none for clear water, and no sun at night. sun_up: y of the sun's direction in the water. floor: None where
-    it is not below the surface. index: of refraction.
+    water; none for clear water, and no sun at night. sun_up: y of the sun's direction in the water. index: of
+    refraction. floor_m: depth [m] of a level floor below the mean surface; floor: (3,) radiance it sends up in all
+    directions, None where it is not below the surface.
 
     from_surface, from_camera: tables of the water for rays that start there, with the veil of all this light, and how
     it varies about the sun (`plate_ratio`); those of the surface stand for the camera's where the camera is above the
@@ -87,7 +73,8 @@ class WaterLight:
     sun: LightInWater | None
     sun_up: float
     index: float
-    floor: LevelFloor | None = None
+    floor_m: float = 0.0
+    floor: Array | None = None
     from_surface: MediumTable | None = None
     from_camera: MediumTable | None = None
     towards_sun: Array | None = None
@@ -112,12 +99,12 @@ class WaterLight:
                 sky=dome.shape,
             )  # fmt: skip
             _ = medium.length_m  # that of all tables, so that their nodes are the same
-            of_sky = LightInWater.of(by_sky, medium)
+            of_sky = LightInWater(by_sky, medium)
             beam = medium.under(("sun", sun_up, 1.0)) if risen else None
-            light = replace(light, sky=of_sky, sun=None if beam is None else LightInWater.of(by_sun, beam))
+            light = replace(light, sky=of_sky, sun=None if beam is None else LightInWater(by_sun, beam))
         if floor_m > 0.0:
             lit, back = light.down(floor_m), light._returned(floor_m, floor_m)
-            light = replace(light, floor=LevelFloor(floor_m, albedo * lit / (PI - albedo * back)))
+            light = replace(light, floor_m=floor_m, floor=albedo * lit / (PI - albedo * back))
         return light if light.sky is None else replace(light, from_surface=light._table(None))
 
     def seen_from(self, camera_depth_m: float) -> WaterLight:
@@ -139,7 +126,7 @@ class WaterLight:
 
     def returned(self, depth_m: float) -> Array:
         """Return the irradiance (3,) on a level plane at a depth by light of the floor that comes back down."""
-        return np.zeros(3) if self.floor is None else self.floor.radiance * self._returned(depth_m, self.floor.depth_m)
+        return np.zeros(3) if self.floor is None else self.floor * self._returned(depth_m, self.floor_m)
 
     def along(self, distance_m: Array, up: Array, from_camera: bool) -> tuple[Array, Array]:
         """Return transmittance and veil (n, 3) of rays (n,) from the camera or from the surface; `up`: y of their
@@ -180,7 +167,7 @@ class WaterLight:
         table = sky.unit_table
         veil = self.sky.below * table.veil
         if self.floor is not None and table.glow is not None:
-            veil = veil + self.floor.radiance * (table.glow + sky.glow_level * table.veil)
+            veil = veil + self.floor * (table.glow + sky.glow_level * table.veil)
         if self.sun is None or self.towards_sun is None:
             return replace(table, veil=veil, glow=None)
         sun = self.sun.seen_from(camera_depth_m)
@@ -250,4 +237,4 @@ def _on_floor(stack: CausticStack, plane: Array) -> Tiled:
     """Return a plane of a stack along the beam in the place where it lies on the floor."""
     x, y, z = stack.sun_direction
     depth = float(stack.depth_m[0])
-    return Tiled.of(np.ascontiguousarray(plane), stack.tile_m, (-float(x / y) * depth, -float(z / y) * depth))
+    return Tiled(np.ascontiguousarray(plane), stack.tile_m, (-float(x / y) * depth, -float(z / y) * depth))

@@ -19,10 +19,8 @@ images first: (H, W, 3), row 0 at the top. Random numbers depend on the seed and
 
 from __future__ import annotations
 
-from mr360uw.types.frames import Floats, Rectangle, View, YuvImage
-from mr360uw.types.layers import Layer, Tile
-from mr360uw.types.sky_and_lamps import Environment, Lamp, Light, Sun
-from mr360uw.types.underwater import BeamSpread, CausticStack, MediumTable, Surface
+from mr360uw.types.frames import Floats, Layer, Rectangle, Tile, View, YuvImage
+from mr360uw.types.light_and_water import BeamSpread, CausticStack, Environment, Lamp, Light, MediumTable, Sun, Surface
 
 __all__ = [
     "BeamSpread",

@@ -158,7 +158,7 @@ def test_pixels_share_the_whole_cell(rng):
     for shape in (rng.uniform(0.0, 6.0, (200, 8)), np.repeat(rng.uniform(0.0, 6.0, (50, 2)), 4, axis=0).reshape(50, 8)):
         for cell in shape:
             corners = opened(*cell)
-            light = intensities(*corners, 0.3, 0.7)
+            light = intensities(corners, 0.3, 0.7)
             total = sum(
                 cell_light(*(np.array(corners) - np.tile((x, y), 4)), *light)
                 for x in range(-1, 8)
@@ -183,7 +183,7 @@ def test_edges_share_light_as_pixels_do(rng, size, cells, reach):
         if np.any(high - low >= size):
             evenly += flux[j, i].sum()
             continue
-        light = intensities(*corners, *flux[j, i])
+        light = intensities(tuple(corners), *flux[j, i])
         for y in range(low[1], high[1]):
             for x in range(low[0], high[0]):
                 expected[y % size, x % size] += cell_light(*(corners - np.tile((x, y), 4)), *light)

@@ -24,7 +24,7 @@ from mr360uw.composite.raycast.geometry import occluding
 from mr360uw.composite.reference import render_layer
 from mr360uw.composite.shot import PlacedObject, Receiver, Shot
 from mr360uw.gl.context import gl_available
-from mr360uw.ibl.cosine import irradiance
+from mr360uw.ibl.filters import irradiance
 from mr360uw.ibl.lighting import assemble
 from mr360uw.ibl.lookup import environment_lookup, glossy_lookup
 from mr360uw.ibl.plate import COARSE_COLUMNS, COARSE_ROWS

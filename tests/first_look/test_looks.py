@@ -19,8 +19,8 @@ from mr360uw.first_look.plate_look import look_at_plate
 from mr360uw.first_look.sight import Sight, guess_sight
 from mr360uw.first_look.water_or_air import water_or_air
 from mr360uw.medium import Medium, Water
-from mr360uw.medium.jerlov import JerlovType
 from mr360uw.medium.visibility import water_seen_as_far
+from mr360uw.medium.water import JerlovType
 from mr360uw.sphere import directions
 from mr360uw.types import Floats
 from tests.first_look.plates import SIZE, air, water

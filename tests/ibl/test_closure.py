@@ -13,9 +13,8 @@ from mr360uw.color import luminance
 from mr360uw.ibl.lookup import environment_lookup
 from mr360uw.ibl.plate import LinearPlate
 from mr360uw.ibl.settings import LightSettings
-from mr360uw.ibl.sun.closure import clear_ratio, sunlight
+from mr360uw.ibl.sun.closure import clear_ratio, shown_ratio, sunlight
 from mr360uw.ibl.sun.detect import find_disc
-from mr360uw.ibl.sun.evidence import shown_ratio
 from mr360uw.ibl.sun.judge import PlateSurvey, SunCandidate, taken_share
 from mr360uw.ibl.sun.split import sky_irradiance
 from mr360uw.medium import Sensor
@@ -37,7 +36,7 @@ def day(glow: float, ground: float, *, exposure: float = 0.03, columns: int = 10
 
 
 def ratio_of(plate: np.ndarray) -> float:
-    seen = LinearPlate.of(plate)
+    seen = LinearPlate(plate)
     return shown_ratio(seen, PLACE, sky_irradiance(seen.coarse), None)
 
 
@@ -116,7 +115,7 @@ def test_the_colour_of_sunlight_is_that_of_its_spectrum(elevation_deg: float) ->
 
 def test_a_sun_somewhere_in_a_clipped_sky_needs_the_ground_to_tell() -> None:
     """The glow clips over a twentieth of the sphere; sunlit ground says that a sun is in it, shaded ground does not."""
-    sunlit, shaded = (find_disc(LinearPlate.of(day(40.0, ground, exposure=0.13))) for ground in (3.0, 1.0))
+    sunlit, shaded = (find_disc(LinearPlate(day(40.0, ground, exposure=0.13))) for ground in (3.0, 1.0))
     assert sunlit is not None
     assert shaded is not None
     assert sunlit.confidence >= 0.5 > shaded.confidence
@@ -125,7 +124,7 @@ def test_a_sun_somewhere_in_a_clipped_sky_needs_the_ground_to_tell() -> None:
 
 def test_ground_that_no_sun_makes_so_bright_speaks_for_none() -> None:
     """It is lit by lamps, or white; up to the ratio of the clearest air it speaks for a sun."""
-    plate = LinearPlate.of(day(1.0, 1.0, columns=256))
+    plate = LinearPlate(day(1.0, 1.0, columns=256))
     lit = [PlateSurvey(plate, plate.brightest, 1.0, 0.0, False, True, ratio).lit for ratio in (0.1, 1.0, 4.5, 12.0)]
     assert lit == [0.0, 1.0, 1.0, 0.0]
 
@@ -150,7 +149,7 @@ def dusk(gap: np.ndarray, ground: float) -> SunCandidate:
     away = np.degrees(np.arccos(np.clip(d @ GLOW, -1.0, 1.0)))
     sky = 0.2 + 0.7 * np.exp(-away / 20.0) + 1.0 * (d @ gap > np.cos(np.radians(3.0)))
     scene = np.where(d[..., 1] > 0.0, sky, ground)[..., None] * np.array([0.95, 1.0, 1.05])
-    found = find_disc(LinearPlate.of(clipped(scene.astype(np.float32))))
+    found = find_disc(LinearPlate(clipped(scene.astype(np.float32))))
     assert found is not None
     return found
 

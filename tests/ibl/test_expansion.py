@@ -76,7 +76,7 @@ def test_the_polynomial_follows_the_curve(transfer: str) -> None:
 def test_planes_give_the_light_of_the_decoded_frame(operator: str, bits: int) -> None:
     yuv = planes(clipped(sky(unit([0.3, 0.7, 0.2]), width=1024)), bits)
     chosen = LightSettings(operator=operator)
-    fast, full = plate_of_yuv(yuv, chosen), LinearPlate.of(lit_frame(yuv), chosen)
+    fast, full = plate_of_yuv(yuv, chosen), LinearPlate(lit_frame(yuv), chosen)
     assert np.mean(np.abs(fast.coarse - full.coarse)) < YUV_MEAN * full.coarse.mean()
     a, b = ibl.environment_from_yuv(yuv, chosen), ibl.environment(lit_frame(yuv), chosen)
     assert a.sun is not None
@@ -91,7 +91,7 @@ def test_sizes_that_do_not_nest(width: int, rng: np.random.Generator) -> None:
     assert block_size(width, height) % 2 == 0
     yuv = planes(np.clip(0.5 + 0.3 * directions(width, height) + rng.normal(0, 0.02, (height, width, 3)), 0, 1))
     fast = plate_of_yuv(yuv, LightSettings())
-    full = LinearPlate.of(lit_frame(yuv), LightSettings())
+    full = LinearPlate(lit_frame(yuv), LightSettings())
     assert np.mean(np.abs(fast.coarse - full.coarse)) < YUV_MEAN * full.coarse.mean()
 
 

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from mr360uw.ibl.plate import LinearPlate, coarse_directions, coarse_solid_angle
-from mr360uw.ibl.sun.glare import without_glare
-from mr360uw.ibl.sun.split import Split, sky_irradiance
+from mr360uw.ibl.sun.split import Split, sky_irradiance, without_glare
 from mr360uw.sphere import unit
 from mr360uw.types import Floats, Sun
 from tests.ibl.tolerances import FLOAT32_TWIN
@@ -27,7 +26,7 @@ def split_of(sun: Floats, up: Floats) -> tuple[Split, Split, LinearPlate]:
     alone = Sun(sun, np.zeros(3, np.float32), 0.004, 1.0)
     images = [image.astype(np.float32) for image in (sky, sky + glare)]
     clean, glaring = (Split(image, alone) for image in images)
-    return clean, glaring, LinearPlate.of(images[1], up=up)
+    return clean, glaring, LinearPlate(images[1], up=up)
 
 
 @pytest.mark.parametrize("height_deg", [45.0, 60.0, 82.0])

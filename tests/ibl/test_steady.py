@@ -9,7 +9,7 @@ import pytest
 import mr360uw.ibl as ibl
 from mr360uw.constants import REFRACTIVE_INDEX_SEA
 from mr360uw.ibl.plate import LinearPlate
-from mr360uw.ibl.sun.glitter import glitter_middle
+from mr360uw.ibl.sun.detect import glitter_middle
 from mr360uw.optics import critical_cosine, refract_to_water
 from mr360uw.sphere import direction_from_angles, directions, unit
 from mr360uw.surface.tracing.stage_arrays import disc_of
@@ -80,8 +80,8 @@ def test_the_middle_of_a_glitter_is_that_of_the_slopes(elevation_deg: float, slo
     disc, _ = disc_of(Sun(air, np.full(3, 20.0), 0.00465, 1.0))
     light = np.where(seen[..., 1] > critical_cosine(REFRACTIVE_INDEX_SEA), 0.4, 0.05)
     light[seen[..., 1] > 0.02] += disc.red * glitter(disc, ray, level, covariance, -1.0, REFRACTIVE_INDEX_SEA)
-    plate = LinearPlate.of(clipped(np.repeat(light[..., None], 3, axis=2).astype(np.float32)))
+    plate = LinearPlate(clipped(np.repeat(light[..., None], 3, axis=2).astype(np.float32)))
     beside = unit(sun + np.array([0.03, 0.0, 0.03]))
     assert angle_deg(glitter_middle(plate, beside), sun) < GLITTER_DEG
-    dark = LinearPlate.of(np.zeros((64, 128, 3), np.float32))
+    dark = LinearPlate(np.zeros((64, 128, 3), np.float32))
     np.testing.assert_array_equal(glitter_middle(dark, sun), sun)

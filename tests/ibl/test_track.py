@@ -12,10 +12,10 @@ import pytest
 
 import mr360uw.ibl as ibl
 from mr360uw.errors import ParameterError
-from mr360uw.ibl.level.tilt import keyed_level, level_from_gpmf, level_matrix, parse_gpmf, roll_pitch, streams
+from mr360uw.ibl.level.tilt import keyed_level, level_from_gpmf, level_matrix, roll_pitch, streams
 from mr360uw.ibl.report import ReportFrame, light_report
-from mr360uw.ibl.sun.smooth import smooth
 from mr360uw.ibl.sun.solar import parse_time, sun_angles
+from mr360uw.ibl.sun.steady import smooth
 from mr360uw.sphere import direction_from_angles, directions, unit
 from mr360uw.types import Sun
 from tests.gpmf import payloads, tilted_up
@@ -159,7 +159,7 @@ def test_gravity_of_a_gopro() -> None:
     level = level_matrix(track.roll_rad[20], track.pitch_rad[20])
     assert angle_deg(level @ up[20], np.array([0.0, 1.0, 0.0])) < np.degrees(2.0 * GRAVITY_RAD)
     with pytest.raises(ParameterError, match="cut off"):
-        parse_gpmf(data[:200])
+        streams(data[:200], "GRAV")
     with pytest.raises(ParameterError, match="no gravity"):
         level_from_gpmf(b"", 30.0)
 

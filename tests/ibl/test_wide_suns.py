@@ -57,7 +57,7 @@ def test_an_unclipped_disc_is_the_sun_at_any_size_and_exposure(radius_deg: float
 
 def test_a_spot_loses_confidence_with_contrast_and_never_comes_back() -> None:
     for radius_deg in RADII_DEG:
-        found = [find_disc(LinearPlate.of(disc(radius_deg, 512, radiance)[0])) for radiance in (3e3, 300.0, 60.0, 3.0)]
+        found = [find_disc(LinearPlate(disc(radius_deg, 512, radiance)[0])) for radiance in (3e3, 300.0, 60.0, 3.0)]
         confidence = [0.0 if spot is None else spot.confidence for spot in found]
         assert confidence == sorted(confidence, reverse=True)
         assert confidence[0] > 0.9
@@ -91,7 +91,7 @@ def test_a_clipped_disc_shows_its_radius_and_glare_does_not() -> None:
 def test_two_lamps_are_no_sun() -> None:
     image, _ = disc(1.2, 1024)
     two = np.maximum(image, np.roll(image, 300, axis=1))
-    found = find_disc(LinearPlate.of(two))
+    found = find_disc(LinearPlate(two))
     assert found is not None
     assert found.confidence < 0.5
     assert "one of several" in found.reason
@@ -112,7 +112,7 @@ def cloudy(sun_glow: float) -> tuple[np.ndarray, np.ndarray]:
 
 def test_the_glow_of_the_sky_tells_which_cloud_hides_the_sun() -> None:
     plate, place = cloudy(0.9)
-    seen = find_glow(LinearPlate.of(plate))
+    seen = find_glow(LinearPlate(plate))
     assert seen is not None
     assert angle_deg(seen.direction, place) < GLOW_DEG
     sun = ibl.detect_sun(plate)
@@ -122,7 +122,7 @@ def test_the_glow_of_the_sky_tells_which_cloud_hides_the_sun() -> None:
 
 
 def test_clouds_without_a_glow_are_none_and_the_candidate_is_named() -> None:
-    plate = LinearPlate.of(cloudy(0.0)[0])
+    plate = LinearPlate(cloudy(0.0)[0])
     found = find_disc(plate)
     assert found is not None
     assert found.confidence < 0.5
@@ -134,8 +134,8 @@ def test_clouds_without_a_glow_are_none_and_the_candidate_is_named() -> None:
     assert all(line.startswith("# ") for line in lines)
     made = tomllib.loads("\n".join(line.removeprefix("# ") for line in lines[1:]))
     assert LightSettings(**made["light"]).sun == "given"
-    sure = sun_found(LinearPlate.of(disc(1.0, 512)[0]), np.eye(3))
+    sure = sun_found(LinearPlate(disc(1.0, 512)[0]), np.eye(3))
     assert sure.words.startswith("sun at azimuth 123.7, elevation 65")
     assert sure.to_uncomment == ""
-    grey = LinearPlate.of(np.full((64, 128, 3), 0.2, np.float32))
+    grey = LinearPlate(np.full((64, 128, 3), 0.2, np.float32))
     assert sun_found(grey, np.eye(3)).words == "no sun: nothing stands out"

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mr360uw.medium import LightField
-from mr360uw.medium.boundaries import LambertFloor
+from mr360uw.medium.ray_field import LambertFloor
 from tests.reference import reference_rows
 
 LEAST_ABSORPTION = 1e-9

@@ -183,18 +183,6 @@ def test_the_grid_has_no_seam_and_no_poles() -> None:
         np.testing.assert_allclose(pole, np.broadcast_to(pole[0], (40, 3)), atol=tol.NEXT_TO * largest)
 
 
-def test_three_averaged_bands_are_those_of_three_wavelengths() -> None:
-    """One wavelength a channel is its own average; of more the rate of red is that of its mean free path."""
-    own = ShaftScene.of(VIEW, medium(mode="rgb"), SUN, [BALL]).water
-    for name in ("extinction", "attenuation", "molecules", "particles", "weight"):
-        np.testing.assert_allclose(getattr(own.averaged(), name), getattr(own, name), rtol=tol.SUMMED)
-    water = ShaftScene.of(VIEW, medium(), SUN, [BALL]).water
-    np.testing.assert_allclose(1.0 / water.averaged().extinction, water.weight.T @ (1.0 / water.extinction))
-    b = water.molecules + water.particles
-    albedo = (water.averaged().molecules + water.averaged().particles) / water.averaged().extinction
-    np.testing.assert_allclose(albedo, water.weight.T @ (b / water.extinction), rtol=tol.SUMMED)
-
-
 @pytest.mark.parametrize(("rate", "reach"), [(0.3, 20.0), (-0.4, 9.0), (0.0, 7.0), (2.0, 1e9), (0.1, 0.0)])
 def test_segments_share_the_light_evenly(rate: float, reach: float) -> None:
     t = np.linspace(0.0, 1.0, 9)

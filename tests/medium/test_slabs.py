@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from mr360uw.medium import LightField, Water, transfer
-from mr360uw.medium.boundaries import Sky
 from mr360uw.medium.models import FieldModel, spectral_model
+from mr360uw.medium.ray_field import Sky
 from tests.medium.slabs import Slab, errors, slabs
 from tests.medium.tolerances import (
     AZIMUTH_ORDERS,
@@ -43,7 +43,7 @@ def solved(name: str, streams: int, sky: Sky = "uniform") -> FieldModel:
     """Return the light of a water at three wavelengths, solved anew."""
     water, w = Water.jerlov(name), np.array([450.0, 550.0, 650.0])
     field = LightField(water.absorption(w), water.scattering(w), water.phases(w), sky=sky, streams=streams)
-    return FieldModel.of(field, water.phases(w, wide_angle=True))
+    return FieldModel(field, water.phases(w, wide_angle=True))
 
 
 @pytest.mark.parametrize("name", ["IB", "5C"])

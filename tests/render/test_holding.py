@@ -12,11 +12,10 @@ import pytest
 
 from mr360uw.ibl.lookup import environment_lookup
 from mr360uw.medium import Medium, Water
-from mr360uw.medium.ambient import LightAtCamera, ambient_parts
-from mr360uw.medium.boundaries import LambertFloor
+from mr360uw.medium.ambient import ambient_parts
 from mr360uw.medium.lookup import ambient_ratio
 from mr360uw.medium.models import spectral_model
-from mr360uw.medium.ray_field import cosine_kernel
+from mr360uw.medium.ray_field import LambertFloor, cosine_kernel
 from mr360uw.render.surroundings import load_surroundings
 from mr360uw.sample.dive import dive_scene
 from mr360uw.sample.recording import record
@@ -80,7 +79,7 @@ def test_what_leaves_the_beam_becomes_ambient(water: str, floor_m: float | None)
     at = np.array(camera)
     down, up = (whole * ambient(at, np.array(n)) for n in (1.0, -1.0))
     sun = whole * bands.rgb(field.level_beam * np.exp(-field.extinction * camera / SUN_UP)) / SUN_UP
-    diffuse, shining = ambient_parts(medium, LightAtCamera(down, up, sun, SUN_UP))
+    diffuse, shining = ambient_parts(medium, down, up, sun, SUN_UP)
     table = replace(medium.table, diffuse=diffuse)
     tolerance = WATER_ADDS_UP if floor_m is None else COLOUR_OF_FLOOR
     for height in normal:
@@ -92,7 +91,7 @@ def test_what_leaves_the_beam_becomes_ambient(water: str, floor_m: float | None)
         lit = albedo / np.pi * bands.rgb(field.irradiance(np.array(floor_m), 1.0))
         np.testing.assert_allclose(shining, whole * lit, rtol=tolerance)
     # without a sun all light is ambient
-    alone, _ = ambient_parts(Medium(Water.jerlov(water), camera_depth_m=camera),
-                             LightAtCamera(whole, 0.1 * whole, np.zeros(3), SUN_UP))  # fmt: skip
+    deep = Medium(Water.jerlov(water), camera_depth_m=camera)
+    alone, _ = ambient_parts(deep, whole, 0.1 * whole, np.zeros(3), SUN_UP)
     plain = Medium(Water.jerlov(water), camera_depth_m=camera).table.diffuse
     np.testing.assert_allclose(alone, plain, rtol=WATER_ADDS_UP)

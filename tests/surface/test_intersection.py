@@ -12,7 +12,7 @@ from mr360uw.sphere import unit
 from mr360uw.surface import SampledSea
 from mr360uw.surface.intersection import first_hits
 from mr360uw.surface.tracing.facet_draws import Facets, drawn, facets_of, facing, next_key, normal_quantile
-from mr360uw.surface.tracing.ripples import level_slopes, tilted
+from mr360uw.surface.tracing.ray_kernel import level_slopes, tilted
 from mr360uw.surface.tracing.stage_arrays import ripples_of
 from tests.surface import tolerances as tol
 
@@ -53,12 +53,12 @@ def test_ripples_tilt_the_surface_or_are_kept_as_slopes() -> None:
     exact, sampled = sea.surface(x, 2.0 * x, 0.0), SampledSea.of(sea, 0.0)
     n, down = np.zeros(50), np.tile([0.0, -1.0, 0.0], (50, 1))
     hits = first_hits(sampled, exact.position - 5.0 * down, down, False, n, n, n + 1e3)
-    ripples, slopes = ripples_of(sampled)
+    ripples = ripples_of(sampled)
     for k, rest in enumerate(hits.rest):
-        normal, lost = tilted(slopes, ripples, tuple(hits.normal[k]), *rest, 0.0)
+        normal, lost = tilted(ripples, tuple(hits.normal[k]), *rest, 0.0)
         np.testing.assert_allclose(normal, exact.normal[k], atol=1e3 * tol.SPLINE_HEIGHT_M)
         assert lost == 0.0
-        normal, lost = tilted(slopes, ripples, tuple(hits.normal[k]), *rest, 10.0)
+        normal, lost = tilted(ripples, tuple(hits.normal[k]), *rest, 10.0)
         np.testing.assert_allclose(normal, hits.normal[k], atol=tol.SPLINE_HEIGHT_M)
         assert lost == pytest.approx(0.5 * 0.05**2, rel=tol.SPLINE_HEIGHT_M)
 
@@ -99,7 +99,7 @@ def test_wide_footprints_see_a_level_sea_and_lose_no_slope() -> None:
     )  # fmt: skip
     assert hits.distance[0] == pytest.approx(5.0, abs=tol.ON_SURFACE_M)
     fields = SEAS["gerstner"].grid_fields(128, 0.0)
-    lost = level_slopes(sea.lost_slope, sea.blur_variance, hits.level[0])
+    lost = level_slopes(ripples_of(sea), hits.level[0])
     assert lost[0] == pytest.approx(np.mean(fields.slope_x**2), rel=tol.SPLINE_HEIGHT_M)
     assert lost[2] == pytest.approx(np.mean(fields.slope_z**2), rel=tol.SPLINE_HEIGHT_M)
 

@@ -144,9 +144,9 @@ def test_the_sky_in_two_parts_brings_its_light() -> None:
     halo = 1.0 + 40.0 * np.maximum(d @ direction_from_angles(0.4, 1.0), 0.0)[..., None] ** 60
     dome = Dome(halo * np.array([0.5, 1.0, 2.0]))
     soft, bright = dome.divided(N)
-    total = soft.irradiance_below(N) + sum(patch.irradiance for patch in bright)
+    total = soft.irradiance_below(N) + sum(irradiance for _, irradiance, _ in bright)
     np.testing.assert_allclose(total, dome.irradiance_below(N), rtol=tol.SKY_SUM)
-    assert 0.01 < sum(patch.irradiance[1] for patch in bright) / total[1] < 0.3
+    assert 0.01 < sum(irradiance[1] for _, irradiance, _ in bright) / total[1] < 0.3
     mean = sky_pattern(CALM, SampledSea.of(CALM, 0.0), Dome(EVEN), 4.0, 0.0, N).levels[-1].ravel()
     np.testing.assert_allclose(mean, np.pi * (1.0 - optics.diffuse_reflectance_from_below(N)) * N**2, rtol=tol.EVEN_SKY)
 

@@ -131,7 +131,7 @@ class _PointLight:
 
     def _by_coverage(self, settings: CausticSettings) -> SurfaceLight:
         surface = self.sea.grid_surface(grid_of(settings, self.sea), self.time_s)
-        return SurfaceLight.of(self.sea, surface, self.sun, self.refractive_index)
+        return SurfaceLight(self.sea, surface, self.sun, self.refractive_index)
 
 
 def _point_lights(
@@ -143,14 +143,11 @@ def _point_lights(
     from mr360uw.caustics.flux.point_kernels import edge_points, triangle_flux, vertex_rays
 
     cells, tile_m = grid_of(settings, sea), sea.tile_m
-    f, travel = sea.grid_fields(cells, time_s), beam_slope(refract_to_water(sun, refractive_index))
+    fields, travel = np.stack(sea.grid_fields(cells, time_s)), beam_slope(refract_to_water(sun, refractive_index))
     rays, flux = np.empty((8, cells + 1, cells + 1)), np.empty((2, cells + 1, cells + 1))
     lights = []
     for index in pass_indices(settings.chromatic, refractive_index):
-        vertex_rays(
-            f.height, f.shift_x, f.shift_z, f.slope_x, f.slope_z, f.strain_xx, f.strain_zz, f.strain_xz, tile_m, sun,
-            index, travel, rays,
-        )  # fmt: skip
+        vertex_rays(fields, tile_m, sun, index, travel, rays)
         if triangle_flux(rays, sun, flux) <= 0.0:
             return []
         points = np.empty((5, 3, cells, cells), np.float32)

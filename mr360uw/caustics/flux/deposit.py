@@ -123,13 +123,12 @@ def opened(ax: float, ay: float, bx: float, by: float, cx: float, cy: float, dx:
 
 
 @exact
-def intensities(
-    ax: float, ay: float, bx: float, by: float, cx: float, cy: float, dx: float, dy: float, flux_b: float, flux_d: float
-) -> tuple[float, float]:
+def intensities(corners: Cell, flux_b: float, flux_d: float) -> tuple[float, float]:
     """Return the signed intensities of the triangles (a, b, c) and (a, c, d) of an opened cell.
 
     A triangle thinner than `THINNEST` gives its flux to the other one.
     """
+    ax, ay, bx, by, cx, cy, dx, dy = corners
     b = twice_area(ax, ay, bx, by, cx, cy)
     d = twice_area(ax, ay, cx, cy, dx, dy)
     if abs(b) < THINNEST:
@@ -163,16 +162,17 @@ def _add_cells(hit: Array, flux: Array, change: Array, start: Array, light: Arra
             flux_b, flux_d = flux[j, i, 0], flux[j, i, 1]
             if flux_b + flux_d == 0.0:
                 continue
-            ax, ay, bx, by, cx, cy, dx, dy = opened(
+            corners = opened(
                 hit[j, i, 0], hit[j, i, 1], hit[j, i + 1, 0], hit[j, i + 1, 1],
                 hit[j + 1, i + 1, 0], hit[j + 1, i + 1, 1], hit[j + 1, i, 0], hit[j + 1, i, 1],
             )  # fmt: skip
+            ax, ay, bx, by, cx, cy, dx, dy = corners
             wide = np.ceil(max(ax, bx, cx, dx)) - np.floor(min(ax, bx, cx, dx))
             high = np.ceil(max(ay, by, cy, dy)) - np.floor(min(ay, by, cy, dy))
             if wide >= size or high >= size:
                 evenly += flux_b + flux_d
                 continue
-            in_b, in_d = intensities(ax, ay, bx, by, cx, cy, dx, dy, flux_b, flux_d)
+            in_b, in_d = intensities(corners, flux_b, flux_d)
             if bx == hit[j, i + 1, 0] and by == hit[j, i + 1, 1]:
                 light[j + 1, i + 1, 0], light[j + 1, i + 1, 1] = in_b, in_d
                 continue

@@ -18,13 +18,12 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
 from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mr360uw.caustics.flux.refracted_rays import Rays, facet_flux, lit_corners, refracted_rays
+from mr360uw.caustics.flux.refracted_rays import facet_flux, lit_corners, refracted_rays
 from mr360uw.caustics.flux.sun_disc import (
     blur,
     detail_footprint,
@@ -34,11 +33,12 @@ from mr360uw.caustics.flux.sun_disc import (
     is_soft,
     soft_light,
 )
+from mr360uw.caustics.sea.base import SeaParameters
 from mr360uw.caustics.settings import DIVIDED_AREAS, CausticSettings, Method, Sea, grid_of
-from mr360uw.constants import REFRACTIVE_INDEX_SEA
+from mr360uw.constants import REFRACTIVE_INDEX_SEA, SUN_HALF_ANGLE_RAD
 from mr360uw.errors import ParameterError
 from mr360uw.optics import check_refractive_index, refract_to_water, sea_water_index
-from mr360uw.shapes import numbers, whole
+from mr360uw.shapes import instance, numbers, whole
 from mr360uw.sphere import unit
 from mr360uw.types import BeamSpread, CausticStack, Surface
 
@@ -50,20 +50,27 @@ DEEPEST_M = 11000.0
 """Greatest depth [m] of a plane: the deepest ocean."""
 
 
-def reference_map(
+def caustic_map(
     sea: Sea,
-    sun_in_air: Array,
+    sun_direction_in_air: ArrayLike,
     depth_m: float,
     time_s: float,
-    size: int,
-    grid: int,
-    refractive_index: float,
-    sun_half_angle_rad: float,
-    method: Method,
+    size: int = 512,
+    grid: int = 256,
+    refractive_index: float = REFRACTIVE_INDEX_SEA,
+    sun_half_angle_rad: float = SUN_HALF_ANGLE_RAD,
+    method: Method = "exact",
 ) -> Array:
-    """Return the irradiance ratio (size, size) of `export.caustic_map` in float64; arguments must be checked."""
+    """Return the irradiance ratio (size, size), mean 1, on the plane depth_m below the mean surface.
+
+    Column = +x, row = +z; pixel (0, 0) spans [0, tile_m/size) from the world's origin, not shifted along the sun.
+    sun_direction_in_air: (3,) towards the sun, above the horizon. grid: cells of the surface across the tile.
+    Float64. Raises `ParameterError` for arguments outside their domain.
+    """
+    instance("sea", sea, SeaParameters, "make a GerstnerSea or a SpectralSea")
+    sun = check_arguments(sun_direction_in_air, [depth_m], size, grid, refractive_index, sun_half_angle_rad)
     surface = sea.grid_surface(grid, 0.0 if method == "scrolling" else time_s)
-    light = SurfaceLight.of(sea, surface, sun_in_air, refractive_index)
+    light = SurfaceLight(sea, surface, sun, refractive_index)
     ratio = light.on_plane(depth_m, size, sun_half_angle_rad, method, np.zeros(2))
     return _scrolled(ratio, sea, time_s) if method == "scrolling" else ratio
 
@@ -93,7 +100,7 @@ def caustic_stack(
     indices = pass_indices(s.chromatic, refractive_index)
     maps = np.zeros((len(depths), s.size, s.size, len(indices)))
     soft = np.zeros((len(depths), s.size, s.size, 1)) if is_soft(spread, depths[-1], sun_in_water) else None
-    lights = [SurfaceLight.of(sea, surface, sun, index) for index in indices]
+    lights = [SurfaceLight(sea, surface, sun, index) for index in indices]
 
     def draw(number: int) -> None:
         plane, channel = divmod(number, len(lights))
@@ -152,14 +159,15 @@ def check_arguments(
     return sun
 
 
-def cell_flux(surface: Surface, rays: Rays, sun: Array, tile_m: float) -> Array:
+def cell_flux(surface: Surface, transmittance: Array, sun: Array, tile_m: float) -> Array:
     """Return the flux (N, N, 2) [m^2] into each cell's two triangles, per unit irradiance across the beam.
 
+    transmittance: (N, N) of the surface at its points.
     Triangles in the shadow of other waves get none; where none is turned away from the sun, none is in shadow.
     """
     position = wrapped(surface.position, tile_m, columns=(0, 2))
     a, b, c, d = position[:-1, :-1], position[:-1, 1:], position[1:, 1:], position[1:, :-1]
-    t = np.pad(rays.transmittance, ((0, 1), (0, 1)), mode="wrap")
+    t = np.pad(transmittance, ((0, 1), (0, 1)), mode="wrap")
     ta, tb, tc, td = t[:-1, :-1], t[:-1, 1:], t[1:, 1:], t[1:, :-1]
     # the grid's x and z axes span a downward normal: corners in reverse order face up
     flux = np.stack(
@@ -180,27 +188,22 @@ def wrapped(values: Array, period: float, columns: tuple[int, int]) -> Array:
     return out
 
 
-@dataclass(frozen=True, slots=True)
 class SurfaceLight:
-    """Light of one sun below one surface: refracted rays, the flux (N, N, 2) of its cells, and the slope that blurs."""
+    """Light of one sun (3,) in air below a surface of the whole tile, (N, N): origin and slope (N, N, 2) of its
+    `refracted_rays`, and the flux (N, N, 2) of its cells.
+    """
 
-    rays: Rays
-    flux: Array
-    sun: Array
-    tile_m: float
-    refractive_index: float
-    blur_slope: float
-
-    @classmethod
-    def of(cls, sea: Sea, surface: Surface, sun: Array, refractive_index: float) -> SurfaceLight:
-        """Return the light of the sun (3,) in air below a surface of the whole tile, (N, N)."""
-        rays = refracted_rays(surface, sun, refractive_index)
-        return cls(rays, cell_flux(surface, rays, sun, sea.tile_m), sun, sea.tile_m, refractive_index, sea.blur_slope)
+    def __init__(self, sea: Sea, surface: Surface, sun: Array, refractive_index: float) -> None:
+        self.origin, self.slope, transmittance = refracted_rays(surface, sun, refractive_index)
+        self.flux = cell_flux(surface, transmittance, sun, sea.tile_m)
+        self.sun, self.refractive_index = sun, refractive_index
+        self.tile_m, self.blur_slope = sea.tile_m, sea.blur_slope
 
     def on_plane(self, depth_m: float, size: int, half_angle_rad: float, method: Method, travel: Array) -> Array:
         """Return the ratio (size, size) on a plane. travel: (2,) shift of the map [m] per metre of depth, taken off."""
         deposit = _deposit_of(method)
-        hit = wrapped(self.rays.hit(depth_m) - travel * depth_m, self.tile_m, columns=(0, 1)) * (size / self.tile_m)
+        on_plane = self.origin + self.slope * depth_m - travel * depth_m
+        hit = wrapped(on_plane, self.tile_m, columns=(0, 1)) * (size / self.tile_m)
         ratio = deposit(hit, self.flux, size) * (size * size / self.flux.sum())
         detail = detail_footprint(self.sun, self.refractive_index, self.blur_slope, depth_m)
         disc = footprint(self.sun, self.refractive_index, half_angle_rad, depth_m)

@@ -3,7 +3,7 @@
 
 The light of a triangle is replaced by a third of it at the middle of each edge, which keeps its flux, its centre and
 its variance: the rule of the three midpoints is exact for quadratic polynomials. Edges are shared, so a cell has three
-points: on its edges a-b and a-d and on its diagonal a-c, with the corners of `deposit`. Compiled. Twin: surface.py,
+points: on its edges a-b and a-d and on its diagonal a-c, with the corners of `deposit`. Compiled. Twin: sea/base.py,
 refracted_rays.py (`displaced_surface`, `refracted_rays`, `facet_flux`).
 """
 
@@ -25,23 +25,35 @@ _AT_ONCE = 256
 
 
 @exact
-def vertex_rays(
-    height: Array, shift_x: Array, shift_z: Array, slope_x: Array, slope_z: Array, strain_xx: Array, strain_zz: Array,
-    strain_xz: Array, tile_m: float, sun: Array, refractive_index: float, travel: Array, out: Array,
-) -> None:  # fmt: skip
-    """Write the rays at the points of a grid of one tile from its `SurfaceFields`, each (N, N).
+def vertex_rays(fields: Array, tile_m: float, sun: Array, refractive_index: float, travel: Array, out: Array) -> None:
+    """Write the rays at the points of a grid of one tile from its `SurfaceFields`, (8, N, N).
 
     sun: (3,) towards it in air. travel: (2,) of the beam for each metre of depth, taken off the slopes. out: (8, N + 1,
     N + 1): position x, y, z, origin x, z, slope x, z, transmittance; the last row and column lie one tile on.
     """
-    cells = height.shape[0]
-    cell_m, row = tile_m / cells, np.empty((8, cells))
+    cells = fields.shape[1]
+    cell_m, eta, row = tile_m / cells, 1.0 / refractive_index, np.empty((8, cells))
     for j in range(cells):
-        _row_of_rays(
-            height[j], shift_x[j], shift_z[j], slope_x[j], slope_z[j], strain_xx[j], strain_zz[j], strain_xz[j],
-            j * cell_m, cell_m, sun[0], sun[1], sun[2], refractive_index, travel[0], travel[1],
-            row[0], row[1], row[2], row[3], row[4], row[5], row[6], row[7],
-        )  # fmt: skip
+        of = fields[:, j]
+        for i in range(cells):  # into an array that nothing else refers to, which compilers vectorise
+            across_x, across_z, shear = 1.0 + of[5, i], 1.0 + of[6, i], of[7, i]
+            ny = across_x * across_z - shear * shear
+            nx = of[4, i] * shear - across_z * of[3, i]
+            nz = of[3, i] * shear - across_x * of[4, i]
+            inverse = 1.0 / max(np.sqrt(nx * nx + ny * ny + nz * nz), 1e-30)
+            nx, ny, nz = nx * inverse, ny * inverse, nz * inverse
+            cosine = nx * sun[0] + ny * sun[1] + nz * sun[2]
+            bent = eta * cosine - np.sqrt(max(1.0 - eta * eta * (1.0 - cosine * cosine), 0.0))
+            run = 1.0 / max(eta * sun[1] - bent * ny, STEEPEST_RAY)
+            along_x, along_z = (bent * nx - eta * sun[0]) * run, (bent * nz - eta * sun[2]) * run
+            x, y, z = i * cell_m + of[1, i], of[0, i], j * cell_m + of[2, i]
+            row[0, i], row[1, i], row[2, i] = x, y, z
+            row[3, i], row[4, i] = x + along_x * y, z + along_z * y
+            row[5, i], row[6, i] = along_x - travel[0], along_z - travel[1]
+            c_i = max(cosine, 0.0)
+            c_t = np.sqrt(1.0 - (1.0 - c_i * c_i) * eta * eta)
+            s, p = c_i + refractive_index * c_t, refractive_index * c_i + c_t
+            row[7, i] = 2.0 * refractive_index * c_i * c_t * (1.0 / (s * s) + 1.0 / (p * p))
         for field in range(8):
             for i in range(cells):
                 out[field, j, i] = row[field, i]
@@ -49,39 +61,6 @@ def vertex_rays(
     for field in range(8):
         for i in range(cells + 1):
             out[field, cells, i] = out[field, 0, i] + (tile_m if field in (2, 4) else 0.0)
-
-
-@exact
-def _row_of_rays(
-    height: Array, shift_x: Array, shift_z: Array, slope_x: Array, slope_z: Array, strain_xx: Array, strain_zz: Array,
-    strain_xz: Array, first_z: float, cell_m: float, sun_x: float, sun_y: float, sun_z: float, refractive_index: float,
-    travel_x: float, travel_z: float, out_x: Array, out_y: Array, out_z: Array, origin_x: Array, origin_z: Array,
-    ray_x: Array, ray_z: Array, transmittance: Array,
-) -> None:  # fmt: skip
-    """Write the rays of one row (N,) of `vertex_rays`, whose mean place is z = first_z [m].
-
-    A loop of its own into arrays that nothing else refers to, which compilers vectorise: a third of the time.
-    """
-    eta = 1.0 / refractive_index
-    for i in range(len(height)):
-        across_x, across_z, shear = 1.0 + strain_xx[i], 1.0 + strain_zz[i], strain_xz[i]
-        ny = across_x * across_z - shear * shear
-        nx = slope_z[i] * shear - across_z * slope_x[i]
-        nz = slope_x[i] * shear - across_x * slope_z[i]
-        inverse = 1.0 / max(np.sqrt(nx * nx + ny * ny + nz * nz), 1e-30)
-        nx, ny, nz = nx * inverse, ny * inverse, nz * inverse
-        cosine = nx * sun_x + ny * sun_y + nz * sun_z
-        bent = eta * cosine - np.sqrt(max(1.0 - eta * eta * (1.0 - cosine * cosine), 0.0))
-        run = 1.0 / max(eta * sun_y - bent * ny, STEEPEST_RAY)
-        along_x, along_z = (bent * nx - eta * sun_x) * run, (bent * nz - eta * sun_z) * run
-        x, y, z = i * cell_m + shift_x[i], height[i], first_z + shift_z[i]
-        out_x[i], out_y[i], out_z[i] = x, y, z
-        origin_x[i], origin_z[i] = x + along_x * y, z + along_z * y
-        ray_x[i], ray_z[i] = along_x - travel_x, along_z - travel_z
-        c_i = max(cosine, 0.0)
-        c_t = np.sqrt(1.0 - (1.0 - c_i * c_i) * eta * eta)
-        s, p = c_i + refractive_index * c_t, refractive_index * c_i + c_t
-        transmittance[i] = 2.0 * refractive_index * c_i * c_t * (1.0 / (s * s) + 1.0 / (p * p))
 
 
 @exact

@@ -19,7 +19,6 @@ area tile^2 L_y across the beam. Without shadows it is more: the light of the sh
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -100,35 +99,21 @@ Only facets tilted by more than 39 degrees can reach it. Twice as large, their l
 """
 
 
-@dataclass(frozen=True, slots=True)
-class Rays:
-    """origin: (..., 2) over (x, z). slope: (..., 2) metres per metre of depth. transmittance: (...,)."""
-
-    origin: Array
-    slope: Array
-    transmittance: Array
-
-    def hit(self, depth_m: float) -> Array:
-        """Return where the rays meet the plane at a depth, (..., 2) over (x, z)."""
-        return self.origin + self.slope * depth_m
-
-
 def ray_slope(normal: Array, sun_in_air: Array, refractive_index: float) -> Array:
     """Return the horizontal travel (..., 2) of refracted sunlight for each metre of depth."""
     t = refract_clamped(-sun_in_air, normal, 1.0 / refractive_index)
     return t[..., [0, 2]] / np.maximum(-t[..., 1:2], STEEPEST_RAY)
 
 
-def ray_transmittance(normal: Array, sun_in_air: Array, refractive_index: float) -> Array:
-    """Return the transmitted fraction of the sun's flux, 0 for surfaces turned away from it."""
-    return fresnel_transmittance(normal @ sun_in_air, refractive_index)
+def refracted_rays(surface: Surface, sun_in_air: Array, refractive_index: float) -> tuple[Array, Array, Array]:
+    """Return the rays that enter at each point of a surface.
 
-
-def refracted_rays(surface: Surface, sun_in_air: Array, refractive_index: float) -> Rays:
-    """Return the rays that enter at each point of a surface."""
+    Where they cross the mean surface (..., 2) over (x, z), their slope (..., 2) in metres per metre of depth, and the
+    fraction (...,) of the sun's flux that is let through, 0 where the surface is turned away from it.
+    """
     slope = ray_slope(surface.normal, sun_in_air, refractive_index)
     origin = surface.position[..., [0, 2]] + slope * surface.position[..., 1:2]
-    return Rays(origin, slope, ray_transmittance(surface.normal, sun_in_air, refractive_index))
+    return origin, slope, fresnel_transmittance(surface.normal @ sun_in_air, refractive_index)
 
 
 def facet_flux(a: Array, b: Array, c: Array, transmittance: Array, sun_in_air: Array) -> Array:

@@ -1,11 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Base of the sea models: common parameters, detail slopes, surfaces at points and on the grid of one tile."""
+"""Base of the sea models: common parameters, detail slopes, surfaces at points and on the grid of one tile.
+
+A particle at rest at (x, 0, z) moves to P = (x + shift_x, height, z + shift_z). With the strains s_ab = d shift_a/d b
+and slopes h_a = d height/d a, all at the *undisplaced* (x, z), the tangents are
+
+    T_x = (1 + s_xx, h_x, s_xz)      T_z = (s_xz, h_z, 1 + s_zz)
+
+N = T_z x T_x normalised and J = (1 + s_xx)(1 + s_zz) - s_xz^2, both exact (Finch 2004 drops terms of the normal;
+its form holds for one wave only).
+"""
 
 from __future__ import annotations
 
 import functools
 import math
-from typing import Literal, Self
+from typing import Literal, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,10 +22,9 @@ from pydantic import model_validator
 
 from mr360uw.caustics.sea.detail import Detail, detail_slope, make_detail
 from mr360uw.caustics.sea.spectrum import mean_square_slope
-from mr360uw.caustics.sea.surface import FIELD_NAMES, SurfaceFields, displaced_surface, surface_jacobian, surface_normal
 from mr360uw.parameters import FULL_TURN_DEG, Parameters, advanced, parameter
 from mr360uw.shapes import common_shape, number
-from mr360uw.types import Surface
+from mr360uw.types import Floats, Surface
 
 Array = NDArray[np.float64]
 
@@ -30,6 +38,48 @@ _SLOPE_GRID = 128
 
 WAVES_STAY = "waves would jump: the wind is what changes a sea, key sea.wind_speed"
 """Advice on parameters that decide on the waves' lengths, directions or periods."""
+
+
+class SurfaceFields(NamedTuple):
+    """The eight fields of a displaced surface, each (...,): metres, or metres per metre."""
+
+    height: Floats
+    shift_x: Floats
+    shift_z: Floats
+    slope_x: Floats
+    slope_z: Floats
+    strain_xx: Floats
+    strain_zz: Floats
+    strain_xz: Floats
+
+
+def surface_normal(f: SurfaceFields, detail: ArrayLike = 0.0) -> Floats:
+    """Return unit normals (..., 3). detail: (..., 2) slopes of a detail map, added to those of the surface."""
+    d = np.asarray(detail, np.float64)
+    detail_x, detail_z = (d, d) if d.ndim == 0 else (d[..., 0], d[..., 1])
+    across_x, across_z = 1.0 + f.strain_xx, 1.0 + f.strain_zz
+    y = surface_jacobian(f)
+    x = f.slope_z * f.strain_xz - across_z * f.slope_x - detail_x * y
+    z = f.slope_x * f.strain_xz - across_x * f.slope_z - detail_z * y
+    return _vectors(x, y, z) / np.maximum(np.sqrt(x * x + y * y + z * z), 1e-30)[..., None]
+
+
+def _vectors(x: Floats, y: Floats, z: Floats) -> Floats:
+    """Return vectors (..., 3) of their components."""
+    out = np.empty((*np.broadcast_shapes(np.shape(x), np.shape(y), np.shape(z)), 3))
+    out[..., 0], out[..., 1], out[..., 2] = x, y, z
+    return out
+
+
+def surface_jacobian(f: SurfaceFields) -> Floats:
+    """Return the determinant of the horizontal displacement; positive where the surface does not fold over."""
+    return (1.0 + f.strain_xx) * (1.0 + f.strain_zz) - f.strain_xz * f.strain_xz
+
+
+def displaced_surface(x_m: Floats, z_m: Floats, fields: SurfaceFields, detail: ArrayLike = 0.0) -> Surface:
+    """Return the surface over undisplaced points (x, z) [m]."""
+    position = _vectors(x_m + fields.shift_x, fields.height, z_m + fields.shift_z)
+    return Surface(position, surface_normal(fields, detail), surface_jacobian(fields))
 
 
 class SeaParameters(Parameters):
@@ -139,9 +189,7 @@ class SeaParameters(Parameters):
             self.fields_at(flat_x[i : i + _POINTS_AT_ONCE], flat_z[i : i + _POINTS_AT_ONCE], time_s)
             for i in range(0, max(x.size, 1), _POINTS_AT_ONCE)
         ]
-        fields = SurfaceFields(
-            *(np.concatenate([getattr(p, name) for p in parts]).reshape(x.shape) for name in FIELD_NAMES)
-        )
+        fields = SurfaceFields(*(np.concatenate(field).reshape(x.shape) for field in zip(*parts, strict=True)))
         detail = self.detail(time_s)
         return displaced_surface(x, z, fields, 0.0 if detail is None else detail_slope(detail, x, z))
 
@@ -164,8 +212,8 @@ def _travel(azimuth_deg: float) -> Array:
 @functools.lru_cache(maxsize=32)
 def _mean_square_slope_of(sea: SeaParameters) -> float:
     f = sea.grid_fields(_SLOPE_GRID, 0.0)
-    slope = surface_normal(f.slope_x, f.slope_z, f.strain_xx, f.strain_zz, f.strain_xz)
-    area = np.maximum(surface_jacobian(f.strain_xx, f.strain_zz, f.strain_xz), 0.0)
+    slope = surface_normal(f)
+    area = np.maximum(surface_jacobian(f), 0.0)
     return float(np.average((1.0 - slope[..., 1] ** 2) / slope[..., 1] ** 2, weights=area))
 
 

@@ -11,6 +11,14 @@
 
 The surface cannot fold over while sum Q |k| A <= 1 (Finch 2004; Thompson et al. 2019 eq. 1 without its slips). Wave
 vectors lie on the tile's lattice and frequencies on the loop's, so both close exactly.
+
+Random waves of a wind have lengths even in log k and directions about the wind. Every octave has the same slope
+variance, as in the equilibrium range of a wind sea (Phillips 1958). The sum is the part of the mean square slope of Cox
+& Munk 1954 that lies in the band.
+
+Where the wind changes over a clip, waves must not: a wave whose length or direction followed the wind would jump, the
+further from the origin the more. Lengths and directions are then drawn once for all winds of the clip. At each time
+every wave has the variance of the present wind at its place in the spectrum: it grows and fades where it is.
 """
 
 from __future__ import annotations
@@ -24,10 +32,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import field_validator, model_validator
 
-from mr360uw.caustics.sea.base import WAVES_STAY, SeaParameters
-from mr360uw.caustics.sea.spectrum import angular_frequency, lattice_vector, looping_frequency
-from mr360uw.caustics.sea.surface import SurfaceFields
-from mr360uw.caustics.sea.wind_waves import WaveBand, Wind, wind_waves
+from mr360uw.caustics.sea.base import WAVES_STAY, SeaParameters, SurfaceFields
+from mr360uw.caustics.sea.spectrum import (
+    angular_frequency,
+    band_slope_variance,
+    lattice_vector,
+    looping_frequency,
+    peak_wavelength,
+)
 from mr360uw.errors import ParameterError
 from mr360uw.parameters import Parameters, advanced, parameter
 from mr360uw.shapes import exactly, numbers
@@ -38,6 +50,13 @@ Complex = NDArray[np.complex128]
 _MOST_TURN = 3.0
 """Most that the wind may turn, over the waves' spread: at the ends 37 % of the waves carry the sea then. Twice as far,
 18 %."""
+_LEAST_WAVES = 6
+"""Waves that stay in the weakest wind: the surface would show the shape of two or three alone."""
+_FADING_OCTAVES = 1.0
+"""Octaves of wavelength over which waves fade that are longer than the wind makes. The peak's wavelength goes with the
+square of the wind: a wave grows while the wind does by 40 %. With half as much it grows twice as fast."""
+_LAPS = 3
+"""Turns to either side that a wave's direction is counted at: enough for the widest spread, 180 degrees."""
 _FOLDING = 1.0 + 1e-9
 """Greatest sum Q |k| A that counts as not folding over: 1, and rounding."""
 
@@ -186,15 +205,31 @@ class GerstnerSea(SeaParameters):
         return Waves(k, amplitude, steepness, phase, frequency)
 
     def _random_waves(self) -> tuple[Array, Array, Array]:
-        """Return wave vectors, amplitudes and phases of the wind's waves."""
-        arc = self.waves_of_wind_deg
-        wind = Wind(
-            self.wind_speed, math.radians(self.wind_direction_deg), self.waves_of_wind_speed or self.wind_speed,
-            None if arc is None else (math.radians(arc[0]), math.radians(arc[1])),
-        )  # fmt: skip
+        """Return wave vectors (n, 2) [rad/m] that repeat after the tile, amplitudes (n,) [m] and phases (n,) [rad]."""
+        count, spread = self.wave_count, math.radians(self.spread_deg)
         shortest = min(self.shortest_wavelength_m or self.tile_m / 40.0, self.tile_m)
-        band = WaveBand(self.tile_m, self.dominant_wavelength_m, shortest, math.radians(self.spread_deg))
-        return wind_waves(wind, band, self.wave_count, self.seed)
+
+        def longest_at(wind_speed: float) -> float:
+            return max(min(self.dominant_wavelength_m or peak_wavelength(wind_speed), self.tile_m), shortest)
+
+        longest = longest_at(self.waves_of_wind_speed or self.wind_speed)
+        present = min(longest_at(self.wind_speed), longest)
+        random = np.random.default_rng([self.seed, 0x5EA])
+        place = (np.arange(count) + random.uniform(0.0, 1.0, count)) / count
+        length = 2.0 * np.pi / longest * (longest / shortest) ** place
+        angle = spread * random.standard_normal(count)
+        phase = random.uniform(0.0, 2.0 * np.pi, count)
+        weight, wind = share_of_lengths(2.0 * np.pi / length, present), math.radians(self.wind_direction_deg)
+        azimuth = wind
+        if self.waves_of_wind_deg is not None:
+            azimuth, last = (math.radians(one) for one in self.waves_of_wind_deg)
+            angle += (last - azimuth) * (random.permutation(count) + random.uniform(0.0, 1.0, count)) / count
+            weight *= share_of_directions(angle, wind - azimuth, last - azimuth, spread)
+        wx, wz = math.sin(azimuth), -math.cos(azimuth)
+        c, s = np.cos(angle), np.sin(angle)
+        k = lattice_vector(length[:, None] * np.stack([c * wx - s * wz, s * wx + c * wz], axis=1), self.tile_m)
+        variance = band_slope_variance(self.wind_speed, 2.0 * np.pi / present, 2.0 * np.pi / shortest)
+        return k, np.sqrt(2.0 * variance * weight / np.sum(weight)) / np.linalg.norm(k, axis=1), phase
 
     def fields_at(self, x_m: Array, z_m: Array, time_s: float) -> SurfaceFields:
         """Return the fields at points (n,) [m]."""
@@ -210,6 +245,34 @@ class GerstnerSea(SeaParameters):
         rows = self.waves.coefficients(time_s).T[:, None] * along_z
         fields = np.concatenate([rows.real, rows.imag], axis=-1).reshape(-1, len(columns)) @ columns
         return SurfaceFields(*fields.reshape(-1, size, size))
+
+
+def share_of_lengths(wavelength: Array, present: float) -> Array:
+    """Return the weights (n,) of waves [m] at a wind whose longest waves have the length `present`, at least those of
+    the shortest `_LEAST_WAVES`; longer ones fade over an octave.
+
+    The amplitudes, the root of the weights, grow smoothly with the wind.
+    """
+    kept = max(present, float(np.sort(wavelength)[:_LEAST_WAVES][-1]))
+    fading = np.clip(1.0 - np.log2(wavelength / kept) / _FADING_OCTAVES, 0.0, 1.0)
+    return np.asarray((fading**2 * (3.0 - 2.0 * fading)) ** 2)
+
+
+def share_of_directions(angle: Array, present: float, turn: float, spread: float) -> Array:
+    """Return weights (n,) of waves for the present wind: the ratio of two densities of directions.
+
+    angle: of the waves [rad], drawn from normal distributions of standard deviation `spread` about directions even over
+    [0, turn]. With the weights they have that distribution about the direction `present` alone (importance sampling).
+    All one if spread or turn are 0.
+    """
+    if spread == 0.0 or turn == 0.0:
+        return np.ones(len(angle))
+    from scipy.special import ndtr
+
+    laps = angle[:, None] + 2.0 * np.pi * np.arange(-_LAPS, _LAPS + 1)
+    now = np.exp(-0.5 * ((laps - present) / spread) ** 2).sum(axis=1)
+    drawn = (ndtr(laps / spread) - ndtr((laps - turn) / spread)).sum(axis=1)
+    return np.asarray(now / drawn)
 
 
 @functools.lru_cache(maxsize=8)

@@ -6,6 +6,12 @@
 so that h(x, t) = sum h(k, t) exp(i k.x) is real and waves run along k. Slopes i k h; shift i k/|k| h, whose sign draws
 particles towards the crests (the paper's -i sharpens the troughs). Wave vectors are the tile's lattice; the rows of
 the highest frequency, which have no partner, stay empty.
+
+    phillips   alpha/2 exp(-1/(k L)^2)/k^4, L = U^2/g, spread ~ cos^p         Phillips 1958; Tessendorf 2001 eq. 40
+    jonswap    alpha g^2 w^-5 exp(-1.25 (wp/w)^4) gamma^r, cos^2s spread      Hasselmann et al. 1973, 1980
+    tma        jonswap times the depth factor        Bouws et al. 1985; Thompson & Vincent 1983
+
+Waves against the wind are left out: there are no standing waves then, and the variance is the same at all times.
 """
 
 from __future__ import annotations
@@ -17,14 +23,28 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.caustics.sea.base import SeaParameters
+from mr360uw.caustics.sea.base import SeaParameters, SurfaceFields
 from mr360uw.caustics.sea.gerstner import Waves
-from mr360uw.caustics.sea.spectrum import angular_frequency, looping_frequency, variance_density
-from mr360uw.caustics.sea.surface import FIELD_NAMES, SurfaceFields
+from mr360uw.caustics.sea.spectrum import (
+    angular_frequency,
+    cosine_power_share,
+    cosine_spread,
+    group_speed,
+    jonswap,
+    looping_frequency,
+    tma_factor,
+)
+from mr360uw.constants import GRAVITY_M_S2
 from mr360uw.parameters import advanced, parameter
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
+
+_PHILLIPS_ALPHA = 8.1e-3
+"""Phillips' constant of the equilibrium range; the variance of the waves is proportional to it."""
+_FADING = 0.5
+"""Cosine of the angle to a wind that turns below which waves fade, to nothing across it: over its last 30 degrees. With
+half as much a wave fades in half the time."""
 
 
 class SpectralSea(SeaParameters):
@@ -111,18 +131,44 @@ class SpectralSea(SeaParameters):
             else:
                 np.add.at(field, (place[:, None], place), spectrum)
         pairs = ifft2(folded, norm="forward", overwrite_x=True, workers=os.cpu_count())
-        values = np.stack([pairs.real, pairs.imag], axis=1).reshape(len(FIELD_NAMES), size, size)
+        values = np.stack([pairs.real, pairs.imag], axis=1).reshape(-1, size, size)
         return SurfaceFields(*values)
+
+
+def _density_of(sea: SpectralSea) -> Array:
+    """Return the variance density F [m^4] over the lattice's wave vectors: the integral of F dk_x dk_z is var(h).
+
+    Where the wind changes its direction, waves across it fade out, so that none ends at once.
+    """
+    kx, kz = sea.lattice
+    k, wind, wind_speed = np.hypot(kx, kz), sea.wind_travel, sea.wind_speed
+    if wind_speed == 0.0:
+        return np.zeros(k.shape)
+    used = k > 0.0
+    k = np.where(used, k, 1.0)
+    cosine = (kx * wind[0] + kz * wind[1]) / k
+    if sea.spectrum == "phillips":
+        length = wind_speed**2 / GRAVITY_M_S2
+        spread = np.maximum(cosine, 0.0) ** sea.alignment * cosine_power_share(sea.alignment)
+        density = 0.5 * _PHILLIPS_ALPHA * np.exp(-1.0 / (k * length) ** 2) / k**4 * spread
+    else:
+        frequency = angular_frequency(k, sea.water_depth_m)
+        density = jonswap(frequency, wind_speed, sea.fetch_m)
+        if sea.spectrum == "tma":
+            density = density * tma_factor(frequency, sea.water_depth_m)
+        spread = cosine_spread(np.arccos(np.clip(cosine, -1.0, 1.0)), frequency, wind_speed, sea.fetch_m)
+        density = density * spread * group_speed(k, sea.water_depth_m) / k
+    if sea.waves_of_wind_deg is not None:
+        edge = np.clip(cosine / _FADING, 0.0, 1.0)
+        density = density * edge**2 * (3.0 - 2.0 * edge)
+    return np.where(used & (cosine > 0.0), density, 0.0)
 
 
 @functools.lru_cache(maxsize=8)
 def _variance_of(sea: SpectralSea) -> Array:
     """Variance [m^2] of the waves of each wave vector, from the spectrum or scaled to the height that is set."""
     kx, kz = sea.lattice
-    variance = variance_density(
-        kx, kz, sea.spectrum, sea.wind_speed, sea.wind_travel, sea.fetch_m, sea.water_depth_m,
-        turns=sea.waves_of_wind_deg is not None, alignment=sea.alignment,
-    ) * (2.0 * np.pi / sea.tile_m) ** 2  # fmt: skip
+    variance = _density_of(sea) * (2.0 * np.pi / sea.tile_m) ** 2
     highest = np.arange(sea.resolution) == sea.resolution // 2
     shortest = sea.shortest_wavelength_m or sea.tile_m / 40.0
     longest_kept = max(2.0 * np.pi / shortest, 2.0 * np.pi / sea.tile_m)

@@ -1,11 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Water waves: their dispersion, statistics of a wind sea, and its spectra as variance over wave vectors.
-
-    phillips   alpha/2 exp(-1/(k L)^2)/k^4, L = U^2/g, spread ~ cos^p         Phillips 1958; Tessendorf 2001 eq. 40
-    jonswap    alpha g^2 w^-5 exp(-1.25 (wp/w)^4) gamma^r, cos^2s spread      Hasselmann et al. 1973, 1980
-    tma        jonswap times the depth factor        Bouws et al. 1985; Thompson & Vincent 1983
-
-Waves against the wind are left out: there are no standing waves then, and the variance is the same at all times.
+"""Water waves: their dispersion, statistics of a wind sea, and the parts of its spectra.
 
 Dispersion of capillary-gravity waves over a flat bottom: Lamb 1932 section 267. Waves on the lattice 2 pi (m, n)/tile
 repeat at the tile's edges; frequencies that are multiples of 2 pi/loop repeat after the loop. No blending is needed.
@@ -93,53 +87,8 @@ def lattice_vector(wave_vector: ArrayLike, tile_m: float) -> Array:
     return unit * np.where(np.any(nearest != 0.0, axis=-1, keepdims=True), nearest, smallest)
 
 
-_PHILLIPS_ALPHA = 8.1e-3
-"""Phillips' constant of the equilibrium range; the variance of the waves is proportional to it."""
 _PEAK_ENHANCEMENT = 3.3
 """Mean sharpness gamma of the peaks of the JONSWAP measurements; 1: a fully developed sea, as Pierson & Moskowitz's."""
-_FADING = 0.5
-"""Cosine of the angle to a wind that turns below which waves fade, to nothing across it: over its last 30 degrees. With
-half as much a wave fades in half the time."""
-
-
-def variance_density(
-    kx: Array,
-    kz: Array,
-    spectrum: str,
-    wind_speed: float,
-    wind_travel: Array,
-    fetch_m: float,
-    water_depth_m: float,
-    *,
-    turns: bool = False,
-    alignment: float = 2.0,
-) -> Array:
-    """Return the variance density F [m^4] over wave vectors (kx, kz) [rad/m]: the integral of F dk_x dk_z is var(h).
-
-    turns: the wind changes its direction; waves across it then fade out, so that none ends at once.
-    alignment: p of "phillips".
-    """
-    k = np.hypot(kx, kz)
-    if wind_speed == 0.0:
-        return np.zeros(k.shape)
-    used = k > 0.0
-    k = np.where(used, k, 1.0)
-    cosine = (kx * wind_travel[0] + kz * wind_travel[1]) / k
-    if spectrum == "phillips":
-        length = wind_speed**2 / GRAVITY_M_S2
-        spread = np.maximum(cosine, 0.0) ** alignment * cosine_power_share(alignment)
-        density = 0.5 * _PHILLIPS_ALPHA * np.exp(-1.0 / (k * length) ** 2) / k**4 * spread
-    else:
-        frequency = angular_frequency(k, water_depth_m)
-        density = jonswap(frequency, wind_speed, fetch_m)
-        if spectrum == "tma":
-            density = density * tma_factor(frequency, water_depth_m)
-        spread = cosine_spread(np.arccos(np.clip(cosine, -1.0, 1.0)), frequency, wind_speed, fetch_m)
-        density = density * spread * group_speed(k, water_depth_m) / k
-    if turns:
-        edge = np.clip(cosine / _FADING, 0.0, 1.0)
-        density = density * edge**2 * (3.0 - 2.0 * edge)
-    return np.where(used & (cosine > 0.0), density, 0.0)
 
 
 def peak_frequency(wind_speed: float, fetch_m: float) -> float:

@@ -34,7 +34,7 @@ from mr360uw.composite.shot import Shot
 from mr360uw.ibl.lookup import environment_lookup
 from mr360uw.optics import fresnel
 from mr360uw.rays import RayScene
-from mr360uw.surface.ray_stage import OFF_M
+from mr360uw.surface.tracing.ray_kernel import OFF_M
 from mr360uw.texels import smoothstep
 from mr360uw.types import Floats
 

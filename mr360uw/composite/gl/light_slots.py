@@ -17,7 +17,7 @@ from mr360uw.composite.gl.shadow_atlas import ROW_TEXELS, LightFrame
 from mr360uw.composite.lighting.lamps import lamps_of
 from mr360uw.composite.lighting.sun import sun_of, sun_up, widest_half_angle
 from mr360uw.composite.shot import PlacedObject, Shot
-from mr360uw.medium.shafts.lamp_rays import nearest_m
+from mr360uw.medium.shafts.ray_segments import nearest_m
 from mr360uw.sphere import basis
 from mr360uw.types import Floats, Lamp, Sun
 

@@ -26,11 +26,10 @@ from mr360uw.composite.lighting.sun import spread_rad, sun_in, sun_of, sun_up
 from mr360uw.composite.lighting.surfaces import veil_ahead, water_ahead
 from mr360uw.composite.shot import Shot
 from mr360uw.medium.medium import Medium
-from mr360uw.medium.shafts.beam_share import unoccluded
 from mr360uw.medium.shafts.froxels import FroxelGrid, shaft_field
 from mr360uw.medium.shafts.settings import LEAST_NODES, ShaftSettings
 from mr360uw.medium.shafts.shaft_scene import ShaftScene
-from mr360uw.medium.shafts.shaft_water import ShaftWater
+from mr360uw.medium.shafts.shaft_water import ShaftWater, unoccluded
 from mr360uw.sphere import unit
 from mr360uw.types import CausticStack, Floats, Lamp, MediumTable, View
 

@@ -4,7 +4,8 @@
     pitch  + = the centre of the frame looks up        roll  + = clockwise about the view, the right side down
     world = R camera,  R = Rx(pitch) Rz(-roll);  up in camera axes = (-sin r cos p, cos r cos p, -sin p)
 
-Yaw is not corrected: the heading of a plate is arbitrary.
+Yaw is not corrected: the heading of a plate is arbitrary. `up` is the direction (3,) of the world's up in the frame's
+axes, the second row of `world_from_camera`. In a level frame it is +y; then elevation is a matter of the row alone.
 
 GoPro metadata (GPMF) are nested key-length-value records. A record is FourCC, type character, sample size (u8), repeat
 (u16), data padded to 4 bytes, big-endian; type 0 holds records. A stream (STRM) states a divisor (SCAL) before its
@@ -18,10 +19,46 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from mr360uw.errors import ParameterError
-from mr360uw.sphere import unit
+from mr360uw.shapes import exactly
+from mr360uw.sphere import Array, unit
+from mr360uw.types import Floats
+
+LEVEL: Array = np.array([0.0, 1.0, 0.0])
+_LEVEL_RAD = 1e-9
+"""Tilt [rad] taken as none: the rounding of a rotation matrix, a millionth of a pixel of any frame."""
+
+
+def upward(up: ArrayLike | None) -> Array:
+    """Return `up` as a unit vector (3,): +y where it is None or within 1e-9 rad of +y; raise on anything else."""
+    if up is None:
+        return LEVEL
+    direction = unit(exactly("up", up, (3,)))
+    return LEVEL if direction[1] > 0.0 and np.hypot(direction[0], direction[2]) < _LEVEL_RAD else direction
+
+
+def is_level(up: Array) -> bool:
+    """Return whether a frame of this `up` is level."""
+    return bool(np.array_equal(up, LEVEL))
+
+
+def elevation_sine(direction: Floats, up: Array) -> Floats:
+    """Return the sine (...,) of the elevation of directions (..., 3) in the frame's axes."""
+    return direction[..., 1] if is_level(up) else direction @ up.astype(direction.dtype)
+
+
+def frame_sines(width: int, height: int, up: Array) -> Array:
+    """Return the sine of the elevation of every pixel of a frame, (H, W), or (H, 1) of one that is level."""
+    latitude = np.pi * (0.5 - (np.arange(height) + 0.5) / height)
+    if is_level(up):
+        return np.sin(latitude)[:, None]
+    longitude = 2.0 * np.pi * ((np.arange(width) + 0.5) / width - 0.5)
+    around = up[0] * np.sin(longitude) - up[2] * np.cos(longitude)
+    sine: Array = up[1] * np.sin(latitude)[:, None] + np.cos(latitude)[:, None] * around
+    return sine
+
 
 _NUMBERS = {
     "b": ">i1", "B": ">u1", "s": ">i2", "S": ">u2", "l": ">i4", "L": ">u4", "f": ">f4", "d": ">f8", "j": ">i8",
@@ -32,79 +69,50 @@ _DEEPEST = 16
 """Most records within each other; cameras write three."""
 
 
-@dataclass(frozen=True, slots=True)
-class Record:
-    """One key-length-value record: `children` of a container, else `data` of `repeat` samples of `size` bytes."""
+def streams(data: bytes, key: str) -> list[Array]:
+    """Return the scaled samples (n, k) of stream `key` in GPMF payloads, one array for each payload that has it.
 
-    key: str
-    type: str
-    size: int
-    repeat: int
-    data: bytes
-    children: tuple[Record, ...] = ()
-
-    def numbers(self) -> NDArray[np.float64]:
-        """Return the samples (repeat, values in each); raise for text and compound types."""
-        dtype = _NUMBERS.get(self.type)
-        if dtype is None or not self.size or self.size % np.dtype(dtype).itemsize:
-            raise ParameterError(
-                f"GPMF {self.key} - holds no plain numbers (got type {self.type!r}) - take another key"
-            )
-        values = np.frombuffer(self.data[: self.size * self.repeat], dtype)
-        return values.reshape(self.repeat, self.size // values.itemsize).astype(np.float64)
+    Raises `ParameterError` where a record runs past the end, or holds no numbers that its scale fits.
+    """
+    return list(_samples(data, key, "GPMF"))
 
 
-def parse_gpmf(data: bytes) -> tuple[Record, ...]:
-    """Return the records of GPMF payloads, in order; raise `ParameterError` where a record runs past the end."""
-    return tuple(_records(data, "GPMF"))
-
-
-def _records(data: bytes, where: str, depth: int = 0) -> Iterator[Record]:
+def _samples(data: bytes, key: str, where: str, depth: int = 0) -> Iterator[Array]:
     if depth > _DEEPEST:
         raise ParameterError(f"GPMF - has records within records (got more than {_DEEPEST}) - copy it again")
-    offset = 0
+    scale, offset = np.ones(1), 0
     while offset + 8 <= len(data):
         code, kind, size, repeat = struct.unpack_from(">4scBH", data, offset)
         if code == b"\0\0\0\0":  # padding at the end of a payload; others may follow
             offset += 4
             continue
-        key, length = code.decode("latin-1"), size * repeat
+        name, length = code.decode("latin-1"), size * repeat
         body = data[offset + 8 : offset + 8 + length]
         if len(body) < length:
             raise ParameterError(
-                f"{where} - record {key!r} is cut off (got {len(body)} of {length} bytes) - copy it again"
+                f"{where} - record {name!r} is cut off (got {len(body)} of {length} bytes) - copy it again"
             )
-        children = tuple(_records(body, f"{where}/{key}", depth + 1)) if kind == b"\0" else ()
-        yield Record(key, kind.decode("latin-1"), size, repeat, b"" if children else body, children)
+        if kind == b"\0":
+            yield from _samples(body, key, f"{where}/{name}", depth + 1)
+        elif name == "SCAL":
+            scale = _numbers(name, kind.decode("latin-1"), size, body).ravel()
+        elif name == key:
+            samples = _numbers(name, kind.decode("latin-1"), size, body)
+            if scale.size not in (1, samples.shape[1]) or not np.all(scale):
+                raise ParameterError(
+                    f"GPMF {key} - its scale does not fit (got {scale.tolist()!r:.40}) - copy it again"
+                )
+            yield samples / scale
         offset += 8 + (length + 3) // 4 * 4
 
 
-def _scaled(record: Record, scale: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the samples of a record divided by its stream's scale; raise `ParameterError` where it does not fit."""
-    samples = record.numbers()
-    if scale.size not in (1, samples.shape[1]) or not np.all(scale):
-        raise ParameterError(f"GPMF {record.key} - its scale does not fit (got {scale.tolist()!r:.40}) - copy it again")
-    return samples / scale
-
-
-def streams(data: bytes, key: str) -> list[NDArray[np.float64]]:
-    """Return the scaled samples (n, k) of stream `key`, one array for each payload that has it."""
-    found: list[NDArray[np.float64]] = []
-
-    def visit(records: tuple[Record, ...]) -> None:
-        scale: NDArray[np.float64] = np.ones(1)
-        for record in records:
-            if record.key == "SCAL":
-                scale = record.numbers().ravel()
-            elif record.key == key:
-                found.append(_scaled(record, scale))
-            visit(record.children)
-
-    visit(parse_gpmf(data))
-    return found
-
-
-Array = NDArray[np.float64]
+def _numbers(key: str, kind: str, size: int, data: bytes) -> Array:
+    """Return the samples (n, values in each) of a record, each of `size` bytes; raise for text and compound types."""
+    dtype = _NUMBERS.get(kind)
+    if dtype is None or not size or size % np.dtype(dtype).itemsize:
+        raise ParameterError(f"GPMF {key} - holds no plain numbers (got type {kind!r}) - take another key")
+    values = np.frombuffer(data, dtype)
+    return values.reshape(-1, size // values.itemsize).astype(np.float64)
 
 
 def level_matrix(roll_rad: float, pitch_rad: float) -> Array:

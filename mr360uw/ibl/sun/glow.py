@@ -19,11 +19,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.constants import ENVIRONMENT_COLUMNS, ENVIRONMENT_ROWS
-from mr360uw.ibl.level.upward import elevation_sine
-from mr360uw.ibl.plate import Plate
+from mr360uw.ibl.level.tilt import elevation_sine
+from mr360uw.ibl.plate import Plate, patch_directions
 from mr360uw.ibl.reduce import reduce_map, reduce_maximum
 from mr360uw.ibl.sun.blob import brightness
-from mr360uw.ibl.sun.tangent import patch_directions
 from mr360uw.sphere import directions, row_solid_angle
 from mr360uw.types import Floats
 

@@ -27,11 +27,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mr360uw.ibl.level.upward import elevation_sine
-from mr360uw.ibl.plate import Plate, coarse_directions, coarse_solid_angle, plate_sines
+from mr360uw.ibl.level.tilt import elevation_sine
+from mr360uw.ibl.plate import Plate, coarse_directions, coarse_solid_angle, patch_directions, plate_sines
 from mr360uw.ibl.sun.blob import CLIPPED, Blob, brightness
 from mr360uw.ibl.sun.glow import Glow
-from mr360uw.ibl.sun.tangent import patch_directions
+from mr360uw.texels import smoothstep
 from mr360uw.types import Floats
 
 _DOUBT = (0.2, 0.8)
@@ -94,7 +94,7 @@ class PlateSurvey:
     @property
     def lit(self) -> float:
         """Whether the ground speaks for a sun, 0 to 1."""
-        return falling(self.ground, *_LIT_RATIO) * falling(self.ground, *_LAMPLIT_RATIO)
+        return _falling(self.ground, *_LIT_RATIO) * _falling(self.ground, *_LAMPLIT_RATIO)
 
     def judge(self, blob: Blob, *, by_glow: bool = False) -> SunCandidate:
         """Return a spot with the verdict on it. by_glow: whether it is where the sky's gradient points."""
@@ -107,14 +107,14 @@ class PlateSurvey:
             evidence = [*self._white(blob, grey=by_glow), told, _edged(blob), self._glowing(blob), self._agreed(blob)]
         doubt = sum(1.0 - value for value, _ in evidence)
         value, reason = min(evidence)
-        return SunCandidate(blob, falling(doubt, *_DOUBT), reason if value < 1.0 else "")
+        return SunCandidate(blob, _falling(doubt, *_DOUBT), reason if value < 1.0 else "")
 
     def _unclipped(self, blob: Blob) -> list[tuple[float, str]]:
         contrast = blob.peak / max(self.middle, 1e-6 * blob.peak) if self.middle >= 0.0 else 0.0
         # irradiance over that of a sky that is everywhere as bright as the middle of the map
         beam = contrast * float(np.sin(blob.radius_rad)) ** 2
-        outshines = falling(np.log10(max(beam, 1e-9)), 0.0, -1.0) * falling(blob.halo, 0.1, 0.3)
-        stands_out = falling(np.log10(max(contrast, 1e-9)), 3.6, 2.6)
+        outshines = _falling(np.log10(max(beam, 1e-9)), 0.0, -1.0) * _falling(blob.halo, 0.1, 0.3)
+        stands_out = _falling(np.log10(max(contrast, 1e-9)), 3.6, 2.6)
         return [
             self._small(blob, _WIDEST_SUN_DEG),
             (max(stands_out, outshines), f"too dim: {contrast:.3g} times the middle of the map"),
@@ -124,25 +124,25 @@ class PlateSurvey:
     def _white(self, blob: Blob, *, grey: bool = False) -> list[tuple[float, str]]:
         """Return evidence that a clipped spot is white, not too wide, and no lamp. grey: as tone mapping makes it."""
         radius = float(np.degrees(blob.radius_rad))
-        lamp = falling(radius, *_LAMP_DEG) * falling(blob.halo, *_LAMP_HALO)
+        lamp = _falling(radius, *_LAMP_DEG) * _falling(blob.halo, *_LAMP_HALO)
         darkest = (0.78, 0.65) if grey else (CLIPPED, CLIPPED - (0.2 if self.underwater else 0.1))
         return [
             self._small(blob, _WIDEST_GLARE_DEG),
-            (falling(blob.peak, *darkest), f"not white: {blob.peak:.2f} of display white"),
+            (_falling(blob.peak, *darkest), f"not white: {blob.peak:.2f} of display white"),
             (1.0 - lamp, f"a lamp or an opening: {radius:.1f} degrees of radius, dark about it"),
         ]
 
     def _small(self, blob: Blob, widest_deg: tuple[float, float]) -> tuple[float, str]:
         radius = float(np.degrees(blob.radius_rad)) / (_REFRACTED if self.underwater else 1.0)
         # a lit ground says that there is a sun somewhere in a sky that is clipped far and wide
-        return max(falling(radius, *widest_deg), 0.5 * self.lit), f"as wide as a sky: {radius:.1f} degrees of radius"
+        return max(_falling(radius, *widest_deg), 0.5 * self.lit), f"as wide as a sky: {radius:.1f} degrees of radius"
 
     def _alone(self, blob: Blob, reach: float, most: float, least: float) -> tuple[float, str]:
         """Return evidence that most of what is as bright is near. reach: least angle [rad] that is near."""
         near = coarse_directions() @ blob.direction > np.cos(max(2.0 * blob.radius_rad, reach, np.radians(4.0)))
         held = float(self.weight[near].sum() / self.weight.sum())
         kind = "many" if self.clipped else "several"
-        return falling(held, most, least), f"one of {kind}: it holds {100.0 * held:.0f} % of the light as bright"
+        return _falling(held, most, least), f"one of {kind}: it holds {100.0 * held:.0f} % of the light as bright"
 
     def _pointed(self, blob: Blob) -> tuple[float, str]:
         """Return evidence that the sky's gradient, or its brighter side over a lit ground, tells a spot from others."""
@@ -153,9 +153,9 @@ class PlateSurvey:
         above = plate_sines(self.plate) > self.lowest_sine
         near, far = (above & (coarse_directions() @ place > np.cos(_SIDE_RAD)) for place in (blob.direction, across))
         ratio = float(np.mean(value[near])) / max(float(np.mean(value[far])), _DARK * float(np.mean(value)))
-        side = falling(math.log(max(ratio, _DARK)), 0.8, 0.2) * self.lit
+        side = _falling(math.log(max(ratio, _DARK)), 0.8, 0.2) * self.lit
         reason = f"the sky's glow explains {100.0 * explained:.0f} % of its shades"
-        return max(falling(explained, 0.45, 0.3), side), reason
+        return max(_falling(explained, 0.45, 0.3), side), reason
 
     def _glowing(self, blob: Blob) -> tuple[float, str]:
         """Return evidence that brightness about a clipped spot is a matter of the angle from it."""
@@ -167,25 +167,24 @@ class PlateSurvey:
         ring = (angle[seen] * (_RINGS / radius)).astype(np.int64)
         mean = np.bincount(ring, value, _RINGS) / np.maximum(np.bincount(ring, minlength=_RINGS), 1)
         explained = 1.0 - float(np.mean((value - mean[ring]) ** 2)) / max(float(np.var(value)), 1e-9)
-        return falling(explained, 0.3, 0.08), f"no glow: its light falls off on some sides only ({explained:.2f} of 1)"
+        return _falling(explained, 0.3, 0.08), f"no glow: its light falls off on some sides only ({explained:.2f} of 1)"
 
     def _agreed(self, blob: Blob) -> tuple[float, str]:
         """Return evidence that ground and sky do not contradict: a dark ground under a gradient that points away."""
         if self.glow is None:
             return 1.0, ""
         angle = math.acos(min(max(float(self.glow.direction @ blob.direction), -1.0), 1.0))
-        there = falling(math.degrees(angle - blob.radius_rad), *_BESIDE_DEG)
-        away = (1.0 - there) * falling(self.glow.explained, 0.45, 0.2) * (1.0 - falling(self.ground, *_LIT_RATIO))
+        there = _falling(math.degrees(angle - blob.radius_rad), *_BESIDE_DEG)
+        away = (1.0 - there) * _falling(self.glow.explained, 0.45, 0.2) * (1.0 - _falling(self.ground, *_LIT_RATIO))
         reason = (
             f"a gap in clouds: the ground is not lit, and the glow points {math.degrees(angle):.0f} degrees beside it"
         )
         return 1.0 - away, reason
 
 
-def falling(x: float, one: float, zero: float) -> float:
+def _falling(x: float, one: float, zero: float) -> float:
     """Return 1 for x on the side of `one`, 0 on that of `zero`, a smooth step between."""
-    t = float(np.clip((x - zero) / (one - zero), 0.0, 1.0))
-    return t * t * (3.0 - 2.0 * t)
+    return float(smoothstep(x, zero, one))
 
 
 def taken_share(confidence: float) -> float:
@@ -193,9 +192,9 @@ def taken_share(confidence: float) -> float:
 
     It is 0 up to half of `_HALF_TAKEN`, and 1 from half above it.
     """
-    return falling(confidence, 1.5 * _HALF_TAKEN, 0.5 * _HALF_TAKEN)
+    return _falling(confidence, 1.5 * _HALF_TAKEN, 0.5 * _HALF_TAKEN)
 
 
 def _edged(blob: Blob) -> tuple[float, str]:
-    edge = max(falling(blob.halo, 0.55, 0.8), falling(blob.radius_rad / max(blob.extent_rad, 1e-9), 0.7, 0.4))
+    edge = max(_falling(blob.halo, 0.55, 0.8), _falling(blob.radius_rad / max(blob.extent_rad, 1e-9), 0.7, 0.4))
     return edge, f"no edge: the sky about it is {100.0 * blob.halo:.0f} % as bright"

@@ -7,12 +7,17 @@ waves move them; then their path is followed slowly (`steady`).
 
 The track belongs to the whole clip. It is made once, kept beside the scene (`save_track`), may be edited there, and
 is looked up by frame, so that any frame range renders the same.
+
+A few frames a second are measured (`SunSeries`): waves move the sun with periods of seconds. Between two measured
+frames that show the same, those in between are taken to lie on the way; where the picture changes, all of them are
+measured, so that cuts are found to the frame.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
+from typing import Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,10 +25,10 @@ from numpy.typing import NDArray
 from mr360uw.color import luminance
 from mr360uw.errors import ParameterError
 from mr360uw.ibl.sun.judge import taken_share
-from mr360uw.ibl.sun.smooth import smooth, strength_of_period
-from mr360uw.ibl.sun.steady import WAVE_PERIOD_S, Camera, steady_directions
+from mr360uw.ibl.sun.steady import WAVE_PERIOD_S, Camera, smooth, steady_directions, strength_of_period
 from mr360uw.shapes import exactly, numbers
 from mr360uw.types import Environment, Floats, Sun
+from mr360uw.types.frames import sample_step
 
 Array = NDArray[np.float64]
 
@@ -229,3 +234,53 @@ def _split(d: Array, low: int, high: int) -> int:
         return float((1.0 - before @ _middle(before)).mean() + (1.0 - after @ _middle(after)).mean())
 
     return min(range(low, high), key=cost)
+
+
+Frame = TypeVar("Frame")
+
+_UNCHANGED = 0.5 * PICTURE_CHANGE
+"""Change of the thumbnail up to which two measured frames show the same: half of that of a cut."""
+
+
+class SunSeries(Generic[Frame]):
+    """Measurements of successive frames. measure: measures one."""
+
+    def __init__(self, measure: Callable[[Frame], SunMeasurement], frame_rate: float) -> None:
+        self._measure, self._step = measure, sample_step(frame_rate)
+        self._found: list[SunMeasurement] = []
+        self._waiting: list[tuple[Frame, float]] = []
+
+    def add(self, frame: Frame, index: int, time_s: float) -> None:
+        """Add the next frame, of an index in the clip, shown at a time [s].
+
+        Which frames are measured depends on the index alone, but that the first is.
+        """
+        if self._found and index % self._step:
+            self._waiting.append((frame, time_s))
+            return
+        here = self._measure(frame)
+        if self._waiting:
+            change = np.abs(np.asarray(here.thumbnail) - np.asarray(self._found[-1].thumbnail))
+            if float(np.mean(change)) > _UNCHANGED:
+                self._measure_waiting()
+        before = self._found[-1] if self._found else here
+        self._found += [_between(before, here, passed_s) for _, passed_s in self._waiting]
+        self._found.append(here)
+        self._waiting = []
+
+    def every(self) -> list[SunMeasurement]:
+        """Return one measurement for each frame; those on the way between two have no sun of their own."""
+        self._measure_waiting()
+        return self._found
+
+    def _measure_waiting(self) -> None:
+        self._found += [self._measure(frame) for frame, _ in self._waiting]
+        self._waiting = []
+
+
+def _between(a: SunMeasurement, b: SunMeasurement, time_s: float) -> SunMeasurement:
+    """Return what a frame between two measured ones would show, without its sun."""
+    share = (time_s - a.time_s) / (b.time_s - a.time_s)
+    exposure = a.exposure ** (1.0 - share) * b.exposure**share
+    thumbnail = (1.0 - share) * np.asarray(a.thumbnail) + share * np.asarray(b.thumbnail)
+    return SunMeasurement(time_s, None, exposure, thumbnail)

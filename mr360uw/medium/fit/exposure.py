@@ -3,11 +3,18 @@
 
 A change of the camera's exposure multiplies the whole picture in all channels; the gain follows it at once. Changes in
 a part of the picture, as of animals that pass, are followed slowly and only if they last.
+
+Over a clip it is measured a few times a second. Between two measured frames that show the same at the same exposure,
+those in between are taken to lie on the way; where exposure or picture change, all of them are measured, so that steps
+and cuts are found to the frame.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass
 from itertools import pairwise
+from typing import Generic, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,6 +24,7 @@ from mr360uw.medium.fit.profile import LEVEL_RAD, PlateProfile
 from mr360uw.medium.medium import Medium
 from mr360uw.shapes import exactly, vectors
 from mr360uw.types import Floats
+from mr360uw.types.frames import sample_step
 
 Array = NDArray[np.float64]
 
@@ -41,8 +49,6 @@ _FLASH_FRAMES = 2
 """Half window [frames] of the median filter of the exposure: shorter changes are ignored as flashes."""
 _PASSING_S = 1.0
 """Half window [s] of the median filter of the gain: deviations shorter than this are ignored."""
-_WINDOWS_AT_ONCE = 4096
-"""Windows of the median filter that are copied at once: 12 MB of two seconds at 60 frames a second."""
 _EASE_S = 1.0
 """Half window [s] of the weighted mean after it; twice as large, the gain takes twice as long to follow."""
 
@@ -132,8 +138,79 @@ def _steady_shot(gain: Array, change: Array, frame_rate: float) -> Array:
 
 def _running_median(values: Array, half: int) -> Array:
     """Return medians of values (n, k) over `half` frames on either side; near an end that of the last whole window."""
-    count = len(values)
-    half = min(half, (count - 1) // 2)
-    windows = np.lib.stride_tricks.sliding_window_view(values, 2 * half + 1, axis=0)
-    parts = [np.median(windows[k : k + _WINDOWS_AT_ONCE], axis=-1) for k in range(0, len(windows), _WINDOWS_AT_ONCE)]
-    return np.asarray(np.concatenate(parts)[np.clip(np.arange(count) - half, 0, len(windows) - 1)])
+    from scipy.ndimage import median_filter
+
+    half = min(half, (len(values) - 1) // 2)
+    whole = np.clip(np.arange(len(values)), half, len(values) - 1 - half)
+    return np.asarray(median_filter(values, (2 * half + 1, 1))[whole])
+
+
+Frame = TypeVar("Frame")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MeasuredGain:
+    """The gain (3,) of one frame and the residual of its fit (`level.fit_level`). shown: small linear map (h, w, 3)."""
+
+    gain: Floats
+    residual: float
+    shown: Floats
+
+
+class GainSeries(Generic[Frame]):
+    """Gains of successive frames. measure: measures one."""
+
+    def __init__(self, measure: Callable[[Frame], MeasuredGain], frame_rate: float) -> None:
+        self._measure, self._rate, self._step = measure, frame_rate, sample_step(frame_rate)
+        self._last: MeasuredGain | None = None
+        self._waiting: list[Frame] = []
+        self._gains: list[Floats] = []
+        self._changes: list[tuple[float, float]] = []
+        self.residuals: list[float] = []
+        """Residual of each frame, after `steady`."""
+
+    def add(self, frame: Frame, index: int) -> None:
+        """Add the next frame, of an index in the clip; that alone says which frames are measured, after the first."""
+        if self._last is not None and index % self._step:
+            self._waiting.append(frame)
+            return
+        here = self._measure(frame)
+        if self._waiting and self._last is not None:
+            last, count = self._last, len(self._waiting) + 1
+            moved = picture_change(last.shown, here.shown)
+            if moved > UNCHANGED or exposure_change(last.shown, here.shown) != 0.0:
+                self._measure_waiting()
+            else:
+                for share in np.arange(1, count) / count:
+                    gain = (1.0 - share) * last.gain + share * here.gain
+                    self._append(gain, (1.0 - share) * last.residual + share * here.residual, (0.0, moved / count))
+                self._append(here.gain, here.residual, (0.0, moved / count))
+                self._last, self._waiting = here, []
+                return
+        self._append_measured(here)
+
+    def steady(self) -> Floats:
+        """Return the smoothed gain (N, 3) of every frame; see `steady_gain`."""
+        self._measure_waiting()
+        exposure, picture = zip(*self._changes, strict=True)
+        return steady_gain(self._gains, exposure, picture, self._rate)
+
+    def cuts(self) -> NDArray[np.int64]:
+        """Return the frames that begin a shot, counted from the first one; after `steady`."""
+        return shot_starts([picture for _, picture in self._changes])
+
+    def _measure_waiting(self) -> None:
+        for frame in self._waiting:
+            self._append_measured(self._measure(frame))
+        self._waiting = []
+
+    def _append_measured(self, here: MeasuredGain) -> None:
+        before = here if self._last is None else self._last
+        changes = exposure_change(before.shown, here.shown), picture_change(before.shown, here.shown)
+        self._append(here.gain, here.residual, changes)
+        self._last = here
+
+    def _append(self, gain: Floats, residual: float, changes: tuple[float, float]) -> None:
+        self._gains.append(gain)
+        self.residuals.append(residual)
+        self._changes.append(changes)

@@ -16,8 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.color import luminance
+from mr360uw.medium.fit.profile import typical
 from mr360uw.medium.medium import Medium
 from mr360uw.shapes import exactly, vectors
+from mr360uw.texels import smoothstep
 from mr360uw.types import Floats
 
 Array = NDArray[np.float64]
@@ -37,7 +39,7 @@ _OPEN, _CLOSED = 1.2, 1.6
 Dark red is coarse in a video: weights by rank alone would choose the azimuths whose codes were rounded down, and the
 gain of red would be 1 to 3 % low.
 """
-_MIDDLE = 0.5
+MIDDLE = 0.5
 """Fraction of the open azimuths about the median that is averaged; bodies may cover a quarter of them unseen."""
 _TINY = 1e-300
 
@@ -64,7 +66,7 @@ def fit_level(medium: Medium, view: LevelView) -> tuple[Array, float]:
     model = medium.level_radiance(up)
     columns = (seen / np.maximum(model, _TINY)[:, None]).mean(axis=0)
     shown = np.maximum(seen.mean(axis=0), 0.0)
-    gain = np.maximum(typical(columns, _openness(shown)), 0.0)
+    gain = np.maximum(typical(columns, _openness(shown), MIDDLE), 0.0)
     light = luminance(gain * model.mean(axis=0))
     if light <= 0.0:
         return gain, 0.0
@@ -75,16 +77,5 @@ def _openness(shown: Array) -> Array:
     """Return the weight (c,) of azimuths by the fraction of red in their light (c, 3): bodies have more than water."""
     red = shown[:, 0] / np.maximum(shown.sum(axis=1), _TINY)
     excess = red / max(float(np.quantile(red, _TYPICAL_RANK)), _TINY)
-    x = np.clip((_CLOSED - excess) / (_CLOSED - _OPEN), 0.0, 1.0)
-    weight = x * x * (3.0 - 2.0 * x)
+    weight = smoothstep(excess, _CLOSED, _OPEN)
     return np.asarray(weight if np.any(weight > 0.0) else np.ones(len(red)))
-
-
-def typical(values: Array, weight: Array) -> Array:
-    """Return the weighted mean (3,) of the middle of values (c, 3) of azimuths, by rank in each channel."""
-    order = np.argsort(values, axis=0, kind="stable")
-    share = (weight / weight.sum())[order]
-    end = np.cumsum(share, axis=0)
-    low, high = 0.5 - 0.5 * _MIDDLE, 0.5 + 0.5 * _MIDDLE
-    inside = np.clip(end, low, high) - np.clip(end - share, low, high)
-    return np.asarray((inside * np.take_along_axis(values, order, 0)).sum(axis=0) / inside.sum(axis=0))

@@ -21,9 +21,9 @@ from numpy.typing import NDArray
 
 from mr360uw.medium.ambient import two_lights
 from mr360uw.medium.around_sun import around_sun, placed, typical_level
-from mr360uw.medium.boundaries import Sky, SurfaceKind
 from mr360uw.medium.medium import Medium
 from mr360uw.medium.models import SpectralModel
+from mr360uw.medium.ray_field import Sky, SurfaceKind
 from mr360uw.medium.spectral.sensor import Sensor
 from mr360uw.medium.water import Water
 from mr360uw.sphere import directions, row_solid_angle

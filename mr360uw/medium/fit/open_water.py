@@ -12,20 +12,29 @@ is R; without a sun R is 1.
 Open water is smooth over a few degrees and no redder than the rest of it. It is what is seen on long ways: not near the
 zenith, where the surface shows, nor where the ground is near. Where the plate goes on below the horizon as its water
 does, and not as its ground would, the ground falls away, and L is the veil of a long way.
+
+Harmonic: `filled` minimises over u
+
+    integral of  w (u - v)^2 + l^2 |grad u|^2 + e u^2        (Laplace's equation where w = 0)
+
+v, w: values and how far they are known; l: length over which values that are known are smoothed; e: so small that it
+only decides where nothing is known, for 0.
 """
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mr360uw.color import luminance
 from mr360uw.medium.fit.profile import row_up, upwelling
-from mr360uw.medium.fit.sphere_fill import filled
 from mr360uw.medium.medium import Medium
+from mr360uw.texels import smoothstep
 from mr360uw.types import Floats
 
 Array = NDArray[np.float64]
@@ -122,8 +131,9 @@ def open_water(
     light = used * np.repeat(level[:, None], COLUMNS, axis=1)
     around = np.ones(light.shape) if around is None else beside_floor(around, of_floor)
     dim = _DIM * float(luminance(light).max()) + DARKEST
-    seen = _fade(_from_beyond(medium, up, above_ground_m), _FAR, _NEAR)[:, None]
-    smooth = _small(_eroded(_fade(structure(shown, dim), _SMOOTH, _ROUGH)))
+    seen = smoothstep(_from_beyond(medium, up, above_ground_m), _NEAR, _FAR)[:, None]
+    sharp = _eroded(smoothstep(structure(shown, dim), _ROUGH, _SMOOTH))
+    smooth = np.asarray(cv2.resize(sharp, (COLUMNS, ROWS), interpolation=cv2.INTER_AREA))
     weight = smooth * seen
     if above_ground_m is not None:
         down = up < 0.0
@@ -140,9 +150,9 @@ def open_water(
     about = area * np.exp(-((up / _LEVEL) ** 2))[:, None]
     red = (small[..., 0] + dim) / (small.sum(axis=-1) + 3.0 * dim)
     bright = luminance(small) / luminance(light)
-    weight = weight * _fade(red / _quantile(red, weight * about * bright, _TYPICAL_RANK), _REDDER, _REDDEST)
+    weight = weight * smoothstep(red / _quantile(red, weight * about * bright, _TYPICAL_RANK), _REDDEST, _REDDER)
     typical = _quantile(bright, weight * about * bright, 0.5)
-    weight = weight * _fade(np.abs(np.log(bright / typical)), _UNLIKE, _UNLIKEST)
+    weight = weight * smoothstep(np.abs(np.log(bright / typical)), _UNLIKEST, _UNLIKE)
     share = float((weight * area).sum() / area.sum())
     weight = weight * min(share / _LEAST_SEEN, 1.0)
     level, least = np.log(used * small / np.maximum(light, _TINY)), visible_gain(medium, np.zeros(3))
@@ -164,7 +174,7 @@ def _goes_on(small: Array, ground: Array, water: Array) -> Array:
     to_ground, to_water = (np.abs(np.log((small + dim) / (one + dim))).max(axis=-1) for one in (ground, water))
 
     def like(one: Array, other: Array) -> Array:
-        return _fade(one - other, -_WATER, -_GROUND) * _fade(one, 0.5 * _STRAYS, _STRAYS)
+        return smoothstep(one - other, -_GROUND, -_WATER) * smoothstep(one, _STRAYS, 0.5 * _STRAYS)
 
     above_ground = 1.0 - np.maximum.accumulate(like(to_ground, to_water), axis=0)  # below it ground is nearer still
     return like(to_water, to_ground) * above_ground
@@ -209,18 +219,6 @@ def _eroded(weight: Array) -> Array:
     return np.asarray(cv2.erode(wide, np.ones((3, 3))))[:, 2:-2]
 
 
-def _small(weight: Array) -> Array:
-    import cv2
-
-    return np.asarray(cv2.resize(weight, (COLUMNS, ROWS), interpolation=cv2.INTER_AREA))
-
-
-def _fade(values: Floats, full: float, none: float) -> Array:
-    """Return weights that fall smoothly from 1 at `full` to 0 at `none`."""
-    x = np.clip((none - np.asarray(values, np.float64)) / (none - full), 0.0, 1.0)
-    return np.asarray(x * x * (3.0 - 2.0 * x))
-
-
 def _quantile(values: Array, weight: Array, rank: float) -> float:
     """Return the weighted quantile of values; that of all where none has a weight."""
     if not np.any(weight > 0.0):
@@ -228,3 +226,41 @@ def _quantile(values: Array, weight: Array, rank: float) -> float:
     order = np.argsort(values, axis=None, kind="stable")
     share = np.cumsum(weight.ravel()[order])
     return float(values.ravel()[order][np.searchsorted(share, rank * share[-1])])
+
+
+_SMOOTHED = 0.5
+"""l in pixels of the equator."""
+_NOTHING = 1e-7
+"""e: a millionth of what a pixel that is known counts."""
+
+
+def filled(values: Array, weight: Array) -> Array:
+    """Return an equirectangular map (h, w, k) that follows values where weights (h, w) of 0 to 1 say they are known."""
+    from scipy.sparse import diags
+    from scipy.sparse.linalg import splu
+
+    height, width, channels = values.shape
+    area, stiffness = _sphere(height, width)
+    known = weight.ravel() * area
+    solve = splu((stiffness + diags(known + _NOTHING * area)).tocsc(), permc_spec="MMD_AT_PLUS_A")
+    return np.asarray(solve.solve(known[:, None] * values.reshape(-1, channels)).reshape(values.shape))
+
+
+@functools.lru_cache(maxsize=2)
+def _sphere(height: int, width: int) -> tuple[Array, Any]:
+    """Return the areas (n,) of pixels, of 1 at the equator, and the sparse matrix (n, n) of l^2 |grad u|^2."""
+    from scipy.sparse import coo_matrix
+
+    number = np.arange(height * width).reshape(height, width)
+    latitude = np.pi * (0.5 - (np.arange(height) + 0.5) / height)
+    edge = np.cos(np.pi * (0.5 - np.arange(1, height) / height))
+    across = np.broadcast_to(1.0 / np.cos(latitude)[:, None], (height, width))  # height over width of a pixel
+    pairs = [
+        (number, np.roll(number, -1, axis=1), across),
+        (number[:-1], number[1:], np.broadcast_to(edge[:, None], (height - 1, width))),
+    ]
+    one, other = (np.concatenate([pair[k].ravel() for pair in pairs]) for k in (0, 1))
+    weight = _SMOOTHED**2 * np.concatenate([pair[2].ravel() for pair in pairs])
+    rows, columns = np.concatenate([one, other, one, other]), np.concatenate([one, other, other, one])
+    matrix = coo_matrix((np.concatenate([weight, weight, -weight, -weight]), (rows, columns)))
+    return np.repeat(np.cos(latitude), width), matrix.tocsr()

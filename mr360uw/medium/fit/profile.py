@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from mr360uw.constants import PI
 from mr360uw.errors import ParameterError
 from mr360uw.shapes import numbers, real
+from mr360uw.texels import smoothstep
 from mr360uw.types import Floats
 
 Array = NDArray[np.float64]
@@ -72,7 +73,9 @@ class PlateProfile:
         """
         m = check_map(radiance_map)
         level = m[np.abs(np.arcsin(row_up(len(m)))) <= LEVEL_RAD].sum(axis=0)
-        rows = _typical(m, openness(level))[::-1]
+        x = np.log(np.maximum(m, 1e-6 * max(float(m.max()), _TINY)))
+        middle = np.exp(typical(x, openness(level), _MIDDLE))
+        rows = np.where(m.max(axis=1) > 0.0, middle, 0.0)[::-1]
         padded = np.pad(rows, ((1, 1), (0, 0)), mode="edge")
         calm = np.median([padded[:-2], padded[1:-1], padded[2:]], axis=0)
         padded = np.pad(calm, ((1, 1), (0, 0)), mode="edge")
@@ -84,17 +87,17 @@ def openness(level: Array) -> Array:
     """Return the weight (c,) of azimuths by the rank in red of their light (c, 3): 1 for the least, 0 for the most."""
     red = level[:, 0] / np.maximum(level.sum(axis=1), _TINY)
     rank = (np.argsort(np.argsort(red, kind="stable")) + 0.5) / len(red)
-    x = np.clip((_CLOSED - rank) / (_CLOSED - _OPEN), 0.0, 1.0)
-    return np.asarray(x * x * (3.0 - 2.0 * x))
+    return smoothstep(rank, _CLOSED, _OPEN)
 
 
-def _typical(m: Array, weight: Array) -> Array:
-    """Return the trimmed mean colour (r, 3) of each row of a map (r, c, 3), its columns weighted by (c,)."""
-    x = np.log(np.maximum(m, 1e-6 * max(float(m.max()), _TINY)))
-    order = np.argsort(x, axis=1, kind="stable")
-    share = np.take_along_axis(np.broadcast_to((weight / weight.sum())[None, :, None], x.shape), order, 1)
-    end = np.cumsum(share, axis=1)
-    low, high = 0.5 - 0.5 * _MIDDLE, 0.5 + 0.5 * _MIDDLE
+def typical(values: Array, weight: Array, middle: float) -> Array:
+    """Return the weighted mean (..., 3) of the middle of values (..., c, 3) of azimuths, by rank in each channel.
+
+    weight: (c,). middle: fraction of the azimuths about the median that is averaged.
+    """
+    order = np.argsort(values, axis=-2, kind="stable")
+    share = np.take_along_axis(np.broadcast_to((weight / weight.sum())[:, None], values.shape), order, -2)
+    end = np.cumsum(share, axis=-2)
+    low, high = 0.5 - 0.5 * middle, 0.5 + 0.5 * middle
     inside = np.clip(end, low, high) - np.clip(end - share, low, high)
-    middle = (inside * np.take_along_axis(x, order, 1)).sum(axis=1) / inside.sum(axis=1)
-    return np.where(m.max(axis=1) > 0.0, np.exp(middle), 0.0)
+    return np.asarray((inside * np.take_along_axis(values, order, -2)).sum(axis=-2) / inside.sum(axis=-2))

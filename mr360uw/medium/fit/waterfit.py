@@ -21,10 +21,9 @@ from mr360uw.color import encode
 from mr360uw.constants import REFRACTIVE_INDEX_SEA
 from mr360uw.errors import ParameterError
 from mr360uw.medium.fit.profile import PlateProfile
-from mr360uw.medium.jerlov import JERLOV_TYPES, JerlovType
 from mr360uw.medium.medium import Medium
 from mr360uw.medium.spectral.sensor import Sensor
-from mr360uw.medium.water import Water
+from mr360uw.medium.water import JERLOV_TYPES, JerlovType, Water
 from mr360uw.shapes import number
 from mr360uw.types import Floats
 

@@ -33,56 +33,34 @@ DISC_TAPS, HALO_TAPS = 16, 32
 """Points of a segment at which disc and halo are tested, one direction each, in turn."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
 class ShadowMaps:
-    """Maps of k bodies in n directions. frame: (n, 3, 3) rows (u, v, direction). top: (k, n, size, size) float32 [m].
+    """Maps of k bodies with bounding spheres in n directions of a disc about an axis (3,).
 
-    spread: tangent of the widest angle between a direction and the middle of the disc.
+    frame: (n, 3, 3) rows (u, v, direction). top: (k, n, size, size) float32 [m]. spread: tangent of the widest angle
+    between a direction and the middle of the disc.
     """
 
-    frame: Array
-    top: NDArray[np.float32]
-    spread: float
-
-    @classmethod
-    def of(cls, bodies: Bodies, axis: Array, directions: Array, size: int) -> ShadowMaps:
-        """Return the maps of bodies with bounding spheres, for directions (n, 3) of a disc about an axis (3,)."""
-        frame = np.array([basis(d) for d in directions])
+    def __init__(self, bodies: Bodies, axis: Array, directions: Array, size: int) -> None:
+        self.frame: Array = np.array([basis(d) for d in directions])
         spheres = zip(bodies.occluders, bodies.centre, bodies.radius, strict=True)
-        top = [[_top(body, centre, radius, f, size) for f in frame] for body, centre, radius in spheres]
+        top = [[_top(body, centre, radius, f, size) for f in self.frame] for body, centre, radius in spheres]
+        self.top = np.array(top, np.float32)
         cosine = min(float(np.min(directions @ axis)), 1.0)
-        return cls(frame, np.array(top, np.float32), math.sqrt(1.0 - cosine * cosine) / cosine)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Outlines:
-    """Outlines of k bodies as the sun sees them. frame: (3, 3) rows (u, v, towards the sun). apart: (k, size, size)
-    distance [m] of a place across the sun's direction from the nearest that a body covers. centre, radius: of the
-    bodies' spheres, which maps span.
-    """
-
-    frame: Array
-    apart: NDArray[np.float32]
-    centre: Array
-    radius: Array
-
-    @classmethod
-    def of(cls, bodies: Bodies, middle: ShadowMaps) -> Outlines:
-        """Return the outlines of bodies from their maps for the middle of the disc."""
-        covered = np.isfinite(middle.top[:, 0])
-        pixel = 2.0 * bodies.radius / covered.shape[1]
-        apart = [cv2.distanceTransform((~mask).astype(np.uint8), cv2.DIST_L2, 5) for mask in covered]
-        metres = (np.array(apart) * pixel[:, None, None]).astype(np.float32)
-        return cls(middle.frame[0], metres, bodies.centre, bodies.radius)
+        self.spread = math.sqrt(1.0 - cosine * cosine) / cosine
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Shadows:
-    """Maps of bodies for the sun's disc and for its halo, and their outlines."""
+    """Maps of k bodies for the sun's disc and for its halo, and their outlines as the sun sees them.
+
+    frame: (3, 3) rows (u, v, towards the sun). apart: (k, size, size) distance [m] of a place across the sun's
+    direction from the nearest that a body covers.
+    """
 
     disc: ShadowMaps
     halo: ShadowMaps
-    outlines: Outlines
+    frame: Array
+    apart: NDArray[np.float32]
 
 
 def shadows_of(pattern: BeamPattern, cache: Cache) -> Shadows | None:
@@ -96,9 +74,13 @@ def shadows_of(pattern: BeamPattern, cache: Cache) -> Shadows | None:
 
 def _shadows(bodies: Bodies, towards: Array, disc: Array | None, halo: Array) -> Shadows:
     """Return the shadows of bodies. disc, halo: directions (n, 3) over those; without disc its middle (3,) alone."""
-    middle = ShadowMaps.of(bodies, towards, towards[None], DISC_PIXELS)
-    wide = middle if disc is None else ShadowMaps.of(bodies, towards, disc, DISC_PIXELS)
-    return Shadows(wide, ShadowMaps.of(bodies, towards, halo, HALO_PIXELS), Outlines.of(bodies, middle))
+    middle = ShadowMaps(bodies, towards, towards[None], DISC_PIXELS)
+    wide = middle if disc is None else ShadowMaps(bodies, towards, disc, DISC_PIXELS)
+    covered = np.isfinite(middle.top[:, 0])
+    pixel = 2.0 * bodies.radius / covered.shape[1]
+    apart = [cv2.distanceTransform((~mask).astype(np.uint8), cv2.DIST_L2, 5) for mask in covered]
+    metres = (np.array(apart) * pixel[:, None, None]).astype(np.float32)
+    return Shadows(wide, ShadowMaps(bodies, towards, halo, HALO_PIXELS), middle.frame[0], metres)
 
 
 def _top(body: Occluder, centre: Array, radius: float, frame: Array, size: int) -> Array:
@@ -119,8 +101,8 @@ def visible_parts(
     """Write the visible fraction of a disc of light, a mean over each segment of rays, to `seen` (n, count).
 
     directions: (n, 3). start, end: (n, count) [m] of their segments. centre, radius: (k, 3), (k,) bounding spheres of
-    bodies. axes, apart: of `Outlines`. frame to spread: of `ShadowMaps`. taps: points of a segment that are tested,
-    with the directions in turn.
+    bodies. axes, apart: `frame` and `apart` of `Shadows`. frame to spread: of `ShadowMaps`. taps: points of a segment
+    that are tested, with the directions in turn.
     """
     size, last = top.shape[2], apart.shape[1] - 1
     for n in range(len(directions)):

@@ -3,7 +3,7 @@
 
 All structure of shafts runs towards the sun. Rays at one angle about it lie in a plane with it and meet the same beams,
 and what bodies shade ends along such planes; with the angle from it light changes slowly. Only nodes that the pixels
-asked for read are computed (`beam_kernel`), each with its distances divided into slices of equal transmittance of the
+asked for read are computed (`sun_beam`), each with its distances divided into slices of equal transmittance of the
 clearest wavelength, up to the surface or to where no light is left. The table holds the light from the camera to every
 slice. The light of lamps is added on the same nodes; without sun the pole is up.
 
@@ -16,15 +16,17 @@ light at which its own ray ends (`ray_segments.fraction_at`), so that all end at
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.cache import Cache
 from mr360uw.errors import ParameterError
-from mr360uw.medium.shafts.field_kernel import mark_nodes, read_field
-from mr360uw.medium.shafts.lamp_field import LampField
+from mr360uw.jit import exact, inlined
+from mr360uw.medium.shafts.lamp_field import lamp_field, lamp_light
 from mr360uw.medium.shafts.ray_segments import fraction_at, radius_at
 from mr360uw.medium.shafts.shaft_scene import ShaftScene
 from mr360uw.medium.shafts.sun_beam import SunBeam
@@ -107,9 +109,9 @@ def shaft_field(
     beam = (
         None
         if scene.pattern is None
-        else SunBeam.of(scene, scene.pattern, grid.slices, Cache() if cache is None else cache)
+        else SunBeam(scene, scene.pattern, grid.slices, Cache() if cache is None else cache)
     )
-    lamps = [LampField.of(scene, lamp) for lamp in scene.lamps]
+    lamps = [(lamp_field(scene, lamp), lamp.intensity) for lamp in scene.lamps]
     for start in range(0, len(rays), _TOGETHER):
         part = slice(start, start + _TOGETHER)
         light = np.zeros((len(rays[part]), grid.slices, 3))
@@ -117,8 +119,8 @@ def shaft_field(
             beam.add(rays[part], rate[part], reach[part], column[part], 2.0 * np.pi / grid.columns, light)
         if lamps:
             edge = radius_at(np.arange(grid.slices + 1) / grid.slices, rate[part, None], reach[part, None])
-            for lamp in lamps:
-                lamp.add(scene, rays[part], edge, light)
+            for field, intensity in lamps:
+                light += lamp_light(scene, field, rays[part], edge) * intensity
         table[part, 1:] = np.cumsum(light, axis=1)
     return ShaftField(scene, table, node, pole)
 
@@ -128,3 +130,64 @@ def _pole(scene: ShaftScene) -> Array:
     towards = np.array([0.0, 1.0, 0.0]) if scene.pattern is None else unit(scene.pattern.sun.direction)
     right, back, up = basis(towards)
     return np.stack([right, up, back])
+
+
+@inlined
+def _wrapped(row: Any, column: Any, rows: Any, columns: Any) -> Any:
+    """Return a node's row and column, continued over the poles and about them."""
+    if row < 0 or row >= rows:
+        row = -1 - row if row < 0 else 2 * rows - 1 - row
+        column += columns // 2
+    return min(max(row, 0), rows - 1), column % columns
+
+
+@inlined
+def _cubic(f: Any, k: Any) -> Any:
+    """Return the weight of neighbour k = 0 to 3 at a fraction f between the inner two (Keys 1981)."""
+    if k == 0:
+        return 0.5 * f * (f * (2.0 - f) - 1.0)
+    if k == 1:
+        return 0.5 * (f * f * (3.0 * f - 5.0) + 2.0)
+    if k == 2:
+        return 0.5 * f * (f * (4.0 - 3.0 * f) + 1.0)
+    return 0.5 * f * f * (f - 1.0)
+
+
+@exact
+def mark_nodes(x: Any, y: Any, node: Any) -> None:
+    """Set `node` (rows, columns) to 0 where frame coordinates (n,) of the grid read it."""
+    rows, columns = node.shape
+    for n in range(len(x)):
+        i, j = math.floor(x[n] - 0.5), math.floor(y[n] - 0.5)
+        for b in range(4):
+            for a in range(4):
+                row, column = _wrapped(j + b - 1, i + a - 1, rows, columns)
+                node[row, column] = 0
+
+
+@exact
+def read_field(table: Any, node: Any, x: Any, y: Any, t: Any, result: Any) -> bool:
+    """Write the light of rays at frame coordinates (n,) of the grid to `result` (n, 3).
+
+    t: (n,) fractions of the rays' light, in [0, 1], up to which it is summed. Return whether every node that is read is
+    there.
+    """
+    rows, columns = node.shape
+    slices = table.shape[1] - 1
+    for n in range(len(x)):
+        if not t[n] > 0.0:
+            continue
+        k = min(int(t[n] * slices), slices - 1)
+        f = t[n] * slices - k
+        i, j = math.floor(x[n] - 0.5), math.floor(y[n] - 0.5)
+        fx, fy = x[n] - 0.5 - i, y[n] - 0.5 - j
+        for b in range(4):
+            for a in range(4):
+                row, column = _wrapped(j + b - 1, i + a - 1, rows, columns)
+                m = node[row, column]
+                if m < 0:
+                    return False
+                weight = _cubic(fx, a) * _cubic(fy, b)
+                for c in range(3):
+                    result[n, c] += weight * (table[m, k, c] + (table[m, k + 1, c] - table[m, k, c]) * f)
+    return True

@@ -8,15 +8,14 @@ axis as radius (azimuthal equidistant) and reaches to the edge of the cone, so t
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.jit import exact, inlined
-from mr360uw.medium.shafts.lamp_rays import nearest_m
 from mr360uw.medium.shafts.occluders import Bodies
+from mr360uw.medium.shafts.ray_segments import nearest_m
 from mr360uw.medium.shafts.shaft_scene import ShaftScene
 from mr360uw.sphere import basis
 from mr360uw.types import Lamp
@@ -31,41 +30,45 @@ _COSINES = 2049
 """Angles at which phase functions are tabulated, uniform in the angle."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class LampField:
-    """What rays need of one lamp. frame: (3, 3) rows (u, v, axis). hit: (size, size) distance [m] of the nearest body,
-    (0, 0) without. over_path: (paths, 2, 3) of `ShaftScene.path_light`. turned: (angles, 2) phase functions.
+class LampField(NamedTuple):
+    """What rays need of one lamp.
+
+    position: (3,). frame: (3, 3) rows (u, v, axis). cos_core, cos_edge: of its cone. nearest_m: of `nearest_m`. hit:
+    (size, size) distance [m] of the nearest body, (0, 0) without. over_path: (paths, 2, 3) of `ShaftScene.path_light`.
+    turned: (angles, 2) phase functions. length_m: of the scene's tables.
     """
 
-    lamp: Lamp
+    position: Array
     frame: Array
+    cos_core: float
+    cos_edge: float
+    nearest_m: float
     hit: NDArray[np.float32]
     over_path: Array
     turned: Array
     length_m: float
 
-    @classmethod
-    def of(cls, scene: ShaftScene, lamp: Lamp) -> LampField:
-        """Return the field of a lamp in a scene."""
-        frame = basis(lamp.axis)
-        shaded = lamp.casts_shadow and bool(scene.bodies.occluders)
-        hit = _hits(lamp, frame, scene.bodies) if shaded else np.zeros((0, 0), np.float32)
-        turned = scene.water.turned(np.cos(np.linspace(0.0, np.pi, _COSINES)))
-        return cls(lamp, frame, hit, np.exp(scene.path_light(lamp)), turned, scene.length_m)
 
-    def add(self, scene: ShaftScene, rays: Array, edge_m: Array, light: Array) -> None:
-        """Add the light of segments to `light` (n, count, 3): of rays (n, 3) with edges (n, count + 1) [m]."""
-        lamp, bodies = self.lamp, scene.bodies
-        within = np.full((2, len(rays)), np.inf)
-        if len(self.hit):
-            within = np.stack(bodies.inside_m(scene.origin, rays))
-        beam = np.zeros_like(light)
-        _add_lamp(
-            scene.origin, rays, edge_m, STEP_RAD, within, np.asarray(lamp.position, np.float64), self.frame,
-            float(lamp.cos_core), float(lamp.cos_edge), nearest_m(lamp), self.hit, self.over_path, self.turned,
-            self.length_m, beam,
-        )  # fmt: skip
-        light += beam * lamp.intensity
+def lamp_field(scene: ShaftScene, lamp: Lamp) -> LampField:
+    """Return the field of a lamp in a scene."""
+    frame = basis(lamp.axis)
+    shaded = lamp.casts_shadow and bool(scene.bodies.occluders)
+    hit = _hits(lamp, frame, scene.bodies) if shaded else np.zeros((0, 0), np.float32)
+    turned = scene.water.turned(np.cos(np.linspace(0.0, np.pi, _COSINES)))
+    return LampField(
+        np.asarray(lamp.position, np.float64), frame, float(lamp.cos_core), float(lamp.cos_edge), nearest_m(lamp), hit,
+        np.exp(scene.path_light(lamp)), turned, scene.length_m,
+    )  # fmt: skip
+
+
+def lamp_light(scene: ShaftScene, field: LampField, rays: Array, edge_m: Array) -> Array:
+    """Return the light of segments (n, count, 3) of rays (n, 3) with edges (n, count + 1) [m], per unit intensity."""
+    within = np.full((2, len(rays)), np.inf)
+    if len(field.hit):
+        within = np.stack(scene.bodies.inside_m(scene.origin, rays))
+    beam = np.zeros((*edge_m[:, 1:].shape, 3))
+    _add_lamp(field, scene.origin, rays, edge_m, within, beam)
+    return beam
 
 
 def _widest(cos_edge: float) -> float:
@@ -101,11 +104,9 @@ def _nearest(hit: Any, frame: Any, widest: Any, axial: Any, x: Any, y: Any, z: A
 
 
 @exact
-def _add_lamp(
-    origin: Any, rays: Any, edge: Any, step: Any, within: Any, place: Any, frame: Any, cos_core: Any, cos_edge: Any,
-    least: Any, hit: Any, over_path: Any, turned: Any, length_m: Any, light: Any,
-) -> None:  # fmt: skip
-    """See `lamp_rays.lamp_segments` for the segments, one point each, and `spot_factor` for the cone."""
+def _add_lamp(lamp: LampField, origin: Any, rays: Any, edge: Any, within: Any, light: Any) -> None:
+    """See `ray_segments.lamp_segments` for the segments, one point each, and `spot_factor` for the cone."""
+    place, frame, cos_core, cos_edge, least, hit, over_path, turned, length_m = lamp
     x0, y0, z0 = place[0] - origin[0], place[1] - origin[1], place[2] - origin[2]
     distance2 = x0 * x0 + y0 * y0 + z0 * z0
     widest = math.acos(max(cos_edge, -1.0))
@@ -117,7 +118,7 @@ def _add_lamp(
         last = math.atan2(edge[n, 0] - foot, width)
         for k in range(edge.shape[1] - 1):
             first, last = last, math.atan2(edge[n, k + 1] - foot, width)
-            count = max(math.ceil((last - first) / step), 1)
+            count = max(math.ceil((last - first) / STEP_RAD), 1)
             for point in range(count):
                 tangent = math.tan(first + (last - first) * (point + 0.5) / count)
                 s = max(foot + width * tangent, 0.0)

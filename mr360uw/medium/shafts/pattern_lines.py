@@ -13,11 +13,9 @@ are read at the mip level of a step.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mr360uw.jit import fast, inlined
 from mr360uw.types import CausticStack
@@ -26,9 +24,8 @@ _HALF_WAY = math.sqrt(6.0)
 """Width of a step [pixels] at which the next level is as near: sqrt(3) sqrt(2), see `caustic_lookup` for the first."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
 class PatternMaps:
-    """Mip levels of a stack in one array, down to the first of odd size, as deviations from 1.
+    """Mip levels of a `CausticStack` in one array, down to the first of odd size, as deviations from 1.
 
     The last axis has sharp red, green, blue, and soft.
 
@@ -37,27 +34,21 @@ class PatternMaps:
     direction over its y, which places points on the mean surface.
     """
 
-    values: NDArray[np.float32]
-    start: NDArray[np.int64]
-    size: int
-    depth_m: NDArray[np.float64]
-    tile_m: float
-    lean: NDArray[np.float64]
-
-    @classmethod
-    def of(cls, stack: CausticStack) -> PatternMaps:
-        """Return the maps of a stack."""
-        planes, size = stack.ratio.shape[:2]
-        halvings = (size & -size).bit_length()
-        pixels = [planes * (size >> k) ** 2 for k in range(halvings)]
-        start = np.concatenate([[0], np.cumsum(pixels)])
-        values = np.zeros((start[-1], 4), np.float32)
+    def __init__(self, stack: CausticStack | None) -> None:
+        """Take a stack, None for no planes."""
+        if stack is None:
+            self.values, self.start, self.size = np.zeros((1, 4), np.float32), np.zeros(1, np.int64), 1
+            self.depth_m, self.tile_m, self.lean = np.zeros(0), 1.0, np.zeros(2)
+            return
+        planes, self.size = stack.ratio.shape[:2]
+        halvings = (self.size & -self.size).bit_length()
+        start = np.concatenate([[0], np.cumsum([planes * (self.size >> k) ** 2 for k in range(halvings)])])
+        self.values, self.start = np.zeros((start[-1], 4), np.float32), start[:-1]
         soft = np.ones((1, 1, 1, 1)) if stack.soft is None else stack.soft
-        _fill_levels(stack.ratio, soft, start, values)
+        _fill_levels(stack.ratio, soft, start, self.values)
         towards = stack.sun_direction
-        lean = np.array([towards[0], towards[2]]) / towards[1]
-        depth = np.asarray(stack.depth_m, np.float64)
-        return cls(values, start[:-1], size, depth, float(stack.tile_m), lean)
+        self.depth_m, self.tile_m = np.asarray(stack.depth_m, np.float64), float(stack.tile_m)
+        self.lean = np.array([towards[0], towards[2]]) / towards[1]
 
 
 @fast

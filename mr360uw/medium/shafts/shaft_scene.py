@@ -21,9 +21,8 @@ from mr360uw.errors import ParameterError
 from mr360uw.medium.lookup import linear, table_coordinate
 from mr360uw.medium.medium import Medium
 from mr360uw.medium.shafts.beam_pattern import BeamPattern
-from mr360uw.medium.shafts.lamp_rays import lamp_segments
 from mr360uw.medium.shafts.occluders import Bodies, bodies_of
-from mr360uw.medium.shafts.ray_segments import camera_depth_m, segment_points
+from mr360uw.medium.shafts.ray_segments import camera_depth_m, lamp_segments, segment_points
 from mr360uw.medium.shafts.shaft_water import ShaftWater
 from mr360uw.shapes import exactly
 from mr360uw.sphere import unit

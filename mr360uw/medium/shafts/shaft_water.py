@@ -10,21 +10,26 @@ distance alone, so that a point in the water costs the same for 3 wavelengths or
 
 p is the beam's path to the camera, and w_ki = weight_ki exp(-c'_i p)/sum_i(...) the spectrum of the beam at the camera,
 whose sum is 1: the sun's irradiance is known there in RGB, not by wavelength. The weights are `Bands.lobes`.
+
+`beam_share` is the fraction of the veil that shafts can change.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.cache import Parts
+from mr360uw.color import luminance
 from mr360uw.constants import MINIMUM_SUN_UP
-from mr360uw.medium.closed_form import exponential_integral
+from mr360uw.medium.closed_form import exponential_integral, ray_in_water
+from mr360uw.medium.lookup import beam_fraction
 from mr360uw.medium.medium import Medium
 from mr360uw.medium.models import CLOSED_FORMS
 from mr360uw.medium.phase import Phase, phase_function, wide_angle_function
+from mr360uw.types import Floats
 
 Array = NDArray[np.float64]
 
@@ -55,19 +60,6 @@ class ShaftWater(Parts):
         if medium.mode in CLOSED_FORMS:
             return cls(model.extinction, model.attenuation, np.zeros(len(nm)), b, "isotropic", False, weight)
         return cls(model.extinction, model.attenuation, molecules, b - molecules, water.phase, True, weight)
-
-    def averaged(self) -> ShaftWater:
-        """Return three bands instead: albedo and mean free path weighted by each channel's sensitivity (Monzon 2022).
-
-        Cheaper in a renderer that sums wavelengths at every point; here it is the published approximation to compare.
-        """
-        length, whole = self.weight.T @ (1.0 / self.extinction), self.weight.T @ (1.0 / self.attenuation)
-        kinds = (self.weight.T @ (b / self.extinction) / length for b in (self.molecules, self.particles))
-        molecules, particles = kinds
-        return replace(
-            self, extinction=1.0 / length, attenuation=1.0 / whole, molecules=molecules, particles=particles,
-            weight=np.eye(3),
-        )  # fmt: skip
 
     @property
     def scatters(self) -> bool:
@@ -107,3 +99,41 @@ class ShaftWater(Parts):
 
     def _mixed(self, weight: Array) -> Array:
         return np.concatenate([self.molecules[:, None] * weight, self.particles[:, None] * weight], axis=1)
+
+
+_DIRECT = 0.75
+"""Fraction of the irradiance below the surface that is the beam, for a high sun in a clear sky. Under other skies the
+beam's share of the veil is less."""
+_DARKEST = 1e-30
+"""Least veil that is divided by."""
+_SUN_UP = 0.85
+"""Sine of that sun's elevation in the water."""
+
+
+def beam_share(medium: Medium, depth_m: float) -> float:
+    """Return the fraction of a level veil's luminance that the beam's first scattering adds, under a high sun.
+
+    It is the contrast of a shaft in full shadow that fills the view of a camera at depth_m [m], and falls with depth.
+    Zero in water that does not scatter.
+    """
+    water = ShaftWater.of(medium)
+    if not water.scatters:
+        return 0.0
+    level = np.zeros(1)
+    beam = _DIRECT / _SUN_UP * beam_fraction(medium.unit_table, depth_m, _SUN_UP)
+    lit = float(luminance(beam * unoccluded(water, level, level, np.array([np.inf]), depth_m, _SUN_UP)[0]))
+    veil = float(luminance(medium.light.display(medium.model.radiance(depth_m, level))[0]))
+    return lit / max(veil, lit, _DARKEST)
+
+
+def unoccluded(
+    water: ShaftWater, cosine: Array, up: Array, end_m: Array, camera_depth_m: float, sun_up: float
+) -> Floats:
+    """Return the beam's light scattered once (n, 3) over rays up to end_m (n,), per unit irradiance at the camera.
+
+    The smooth part of `single_scattering`, over an open, flat sea, with the water's wide angles. cosine: (n,) of the
+    angle by which light turns. up: (n,) height of the rays' directions.
+    """
+    edge = np.stack([np.zeros(len(up)), ray_in_water(end_m, camera_depth_m, up)], axis=-1)
+    whole, _ = water.beam_segments(up, edge, camera_depth_m, sun_up)
+    return np.asarray(np.einsum("nj,njk->nk", water.turned(cosine), whole[:, 0]))

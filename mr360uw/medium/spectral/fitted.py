@@ -22,9 +22,8 @@ from numpy.typing import NDArray
 
 from mr360uw.errors import ParameterError
 from mr360uw.medium.closed_form import closed_form
-from mr360uw.medium.jerlov import JERLOV_TYPES
 from mr360uw.medium.spectral.sensor import Sensor, illuminant
-from mr360uw.medium.water import Water
+from mr360uw.medium.water import JERLOV_TYPES, Water
 from mr360uw.reading.disk_cache import kept_arrays
 
 Array = NDArray[np.float64]

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Sensors: spectral responses of cameras and of the CIE observer, and the illuminants that white is balanced for.
+"""Sensors: spectral responses of cameras and of the CIE observer, illuminants, and reflectances of RGB albedos.
+
+White is balanced for an illuminant. The reflectance of an albedo is a sum of three smooth basis spectra, which add up
+to 1, weighted by red, green and blue (Mallett & Yuksel 2019): linear in the colour, exact under D65, within [0, 1].
 
 Sources: CIE 018:2019 (1931 observer); IEC 61966-2-1 (XYZ to linear Rec.709); rawtoaces-data (52 cameras); CIE 15 (D65);
 ASTM G173-03 (sun and sky).
@@ -16,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from mr360uw.errors import ParameterError
 from mr360uw.medium.tables import Spectrum, builtin_cameras, builtin_spectrum, builtin_table, read_table
-from mr360uw.shapes import instance, numbers, real
+from mr360uw.shapes import instance, numbers, real, vectors
 
 Array = NDArray[np.float64]
 
@@ -160,3 +163,19 @@ def illuminant(name: str) -> Spectrum:
         raise ParameterError(f"illuminant - unknown (got {name!r}) - take one of {known}")
     distribution = colour.SDS_ILLUMINANTS[name]
     return Spectrum(name, np.asarray(distribution.wavelengths), np.asarray(distribution.values))
+
+
+def reflectance(albedo_rgb: ArrayLike, wavelength_nm: ArrayLike) -> Array:
+    """Return reflectances (..., n) in [0, 1] of linear Rec.709 albedos (..., 3) in [0, 1] at wavelengths (n,) [nm]."""
+    w = np.atleast_1d(numbers("wavelength_nm", wavelength_nm))
+    return vectors("albedo_rgb", albedo_rgb).astype(np.float64, copy=False) @ _basis()(w).T
+
+
+@functools.cache
+def _basis() -> Spectrum:
+    import warnings
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # it warns about optional packages
+        from colour.recovery import MSDS_BASIS_FUNCTIONS_sRGB_MALLETT2019 as BASIS
+    return Spectrum("reflectance basis", np.asarray(BASIS.wavelengths), np.asarray(BASIS.values))

@@ -31,7 +31,7 @@ from mr360uw.render.stages.match_stage import ungraded
 from mr360uw.scene.keyed_water import scene_at
 from mr360uw.sphere import directions, row_solid_angle
 from mr360uw.types import Floats, Sun
-from mr360uw.types.light_samples import sample_step
+from mr360uw.types.frames import sample_step
 from mr360uw.video import VideoFrame, VideoReader
 
 _WAITING = 1 << 26

@@ -1,16 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Radiance of the floor at one place, and heights of an uneven floor: where rays meet it, slopes and shadows. Compiled.
 
-f: (n, 3) texels of the albedo and of the light's patterns, each with its halves. fn: (k, 3) first texel, width and
-height of every level of each. fk: (1 + p q, 2) first row of `fn` and number of levels of the albedo, then of the q
-patterns of each of p planes. fe: (p, 4 + 3 q) of each plane: its depth and its even light, then the origin over (x, z)
-of each pattern and whether the sun makes it.
-
 A level floor has one plane. Between the planes of an uneven one light is interpolated, and every pattern followed along
 its beam. A facet of it gets the sun's light times the cosine that it is lit at, over that of a level plane, and the
 share (1 + n_y)/2 of the even light, that of an even sky over a slope.
-
-e: (size, size) heights [m] at the centres of pixels over a tile, read bilinearly; column = +x, row = +z.
 """
 
 from __future__ import annotations
@@ -18,7 +11,7 @@ from __future__ import annotations
 import math
 from typing import Any, NamedTuple
 
-from mr360uw.jit import exact
+from mr360uw.jit import borrowing
 from mr360uw.surface.tracing.ray_optics import Vector
 from mr360uw.surface.tracing.table_reads import add, between, level_for, periodic, times
 
@@ -33,8 +26,9 @@ _LIFT = 1e-6
 
 
 class Relief(NamedTuple):
-    """The numbers of an uneven floor. tile_m: after which it repeats. y: of the height 0 over the mean surface. low,
-    high: least and greatest height; both 0 for a level floor. steepest: bound of its slope.
+    """An uneven floor. tile_m: after which it repeats. y: of the height 0 over the mean surface. low, high: least and
+    greatest height; both 0 for a level floor. steepest: bound of its slope. heights: (size, size) [m] at the centres of
+    pixels over a tile, read bilinearly; column = +x, row = +z.
     """
 
     tile_m: float
@@ -42,11 +36,12 @@ class Relief(NamedTuple):
     low: float
     high: float
     steepest: float
+    heights: Any
 
 
-@exact
+@borrowing
 def relief_height(e: Any, tile_m: float, x: float, z: float) -> float:
-    """Return the height [m] of the floor at (x, z)."""
+    """Return the height [m] of a floor of `Relief.heights` e at (x, z)."""
     size = e.shape[0]
     u, v = x / tile_m * size - 0.5, z / tile_m * size - 0.5
     column, row = math.floor(u), math.floor(v)
@@ -56,11 +51,11 @@ def relief_height(e: Any, tile_m: float, x: float, z: float) -> float:
     return (1.0 - fy) * above + fy * ((1.0 - fx) * e[j1, i0] + fx * e[j1, i1])
 
 
-@exact
-def relief_distance(e: Any, r: Relief, origin: Vector, direction: Vector, reach: float) -> float:
+@borrowing
+def relief_distance(r: Relief, origin: Vector, direction: Vector, reach: float) -> float:
     """Return the distance at which a ray first goes through the floor from above, infinity for nowhere within reach."""
     (ox, oy, oz), (dx, dy, dz) = (origin[0], origin[1] - r.y, origin[2]), direction
-    t, end = 0.0, reach
+    e, t, end = r.heights, 0.0, reach
     if dy < 0.0:
         lift = _LIFT * r.tile_m / e.shape[0]  # a ray that began on a level top would not go through it
         t, end = max((r.high + lift - oy) / dy, 0.0), min(end, (r.low - oy) / dy)
@@ -89,18 +84,20 @@ def relief_distance(e: Any, r: Relief, origin: Vector, direction: Vector, reach:
     return math.inf
 
 
-@exact
-def relief_slopes(e: Any, tile_m: float, x: float, z: float, footprint: float) -> tuple[float, float]:
+@borrowing
+def relief_slopes(r: Relief, x: float, z: float, footprint: float) -> tuple[float, float]:
     """Return the slopes of the floor over x and z, averaged over a footprint, at least a pixel."""
+    e, tile_m = r.heights, r.tile_m
     half = 0.5 * max(tile_m / e.shape[0], footprint)
     by_x = relief_height(e, tile_m, x + half, z) - relief_height(e, tile_m, x - half, z)
     by_z = relief_height(e, tile_m, x, z + half) - relief_height(e, tile_m, x, z - half)
     return 0.5 * by_x / half, 0.5 * by_z / half
 
 
-@exact
-def in_shadow(e: Any, r: Relief, x: float, z: float, to_sun: Vector) -> bool:
+@borrowing
+def in_shadow(r: Relief, x: float, z: float, to_sun: Vector) -> bool:
     """Return whether the floor hides a sun in a direction from its point at (x, z)."""
+    e = r.heights
     pixel = r.tile_m / e.shape[0]
     y = relief_height(e, r.tile_m, x, z) + _LIFT * pixel
     closing = r.steepest * math.hypot(to_sun[0], to_sun[2]) - to_sun[1]
@@ -119,9 +116,13 @@ def in_shadow(e: Any, r: Relief, x: float, z: float, to_sun: Vector) -> bool:
 
 
 class LitFloor(NamedTuple):
-    """The numbers of the floor. relief: its heights. albedo_m, light_m: after which albedo and patterns repeat.
-    dry_sky, dry_sun: irradiance of a level plane above the water. sun_wet, sun_dry: directions to the sun in water and
-    air.
+    """The floor and its light. relief: its heights. albedo_m, light_m: after which albedo and patterns repeat. dry_sky,
+    dry_sun: irradiance of a level plane above the water. sun_wet, sun_dry: directions to the sun in water and air.
+
+    texels: (n, 3) of the albedo and of the light's patterns, each with its halves. levels: (k, 3) first texel, width
+    and height of every level of each. pictures: (1 + p q, 2) first row of `levels` and number of levels of the albedo,
+    then of the q patterns of each of p planes. planes: (p, 4 + 3 q) of each plane: its depth and its even light, then
+    the origin over (x, z) of each pattern and whether the sun makes it.
     """
 
     relief: Relief
@@ -131,23 +132,25 @@ class LitFloor(NamedTuple):
     dry_sun: Vector
     sun_wet: Vector
     sun_dry: Vector
+    texels: Any
+    levels: Any
+    pictures: Any
+    planes: Any
 
 
-@exact
-def floor_radiance(
-    f: Any, fn: Any, fk: Any, fe: Any, e: Any, g: LitFloor, x: float, z: float, footprint: float, dry: bool
-) -> Vector:
+@borrowing
+def floor_radiance(g: LitFloor, x: float, z: float, footprint: float, dry: bool) -> Vector:
     """Return the radiance of the floor at (x, z), averaged over a footprint [m]; dry: above the water."""
-    albedo = _picture(f, fn, fk[0, 0], fk[0, 1], g.albedo_m, x, z, footprint)
-    r, sky, sun, depth = g.relief, 1.0, 1.0, -g.relief.y
+    albedo = _picture(g, 0, g.albedo_m, x, z, footprint)
+    r, fe, sky, sun, depth = g.relief, g.planes, 1.0, 1.0, -g.relief.y
     if r.low < r.high:
         to_sun = g.sun_dry if dry else g.sun_wet
-        depth -= relief_height(e, r.tile_m, x, z)
-        by_x, by_z = relief_slopes(e, r.tile_m, x, z, footprint)
+        depth -= relief_height(r.heights, r.tile_m, x, z)
+        by_x, by_z = relief_slopes(r, x, z, footprint)
         up = 1.0 / math.sqrt(1.0 + by_x * by_x + by_z * by_z)
         sky = 0.5 + 0.5 * up
         sun = max(up * (to_sun[1] - by_x * to_sun[0] - by_z * to_sun[2]) / to_sun[1], 0.0)
-        if sun > 0.0 and in_shadow(e, r, x, z, to_sun):
+        if sun > 0.0 and in_shadow(r, x, z, to_sun):
             sun = 0.0
     if dry:
         light = add((0.0, 0.0, 0.0), g.dry_sky, sky)
@@ -156,34 +159,36 @@ def floor_radiance(
         lower, share = 0, 0.0
         while lower < len(fe) - 2 and fe[lower + 1, 0] < depth:
             lower += 1
-        light = _plane_light(f, fn, fk, fe, lower, g.light_m, x, z, depth, footprint, sky, sun)
+        light = _plane_light(g, lower, x, z, depth, footprint, sky, sun)
         if len(fe) > 1:
             share = min(max((depth - fe[lower, 0]) / (fe[lower + 1, 0] - fe[lower, 0]), 0.0), 1.0)
-            below = _plane_light(f, fn, fk, fe, lower + 1, g.light_m, x, z, depth, footprint, sky, sun)
+            below = _plane_light(g, lower + 1, x, z, depth, footprint, sky, sun)
             light = between(light, below, share)
     value = times(albedo, light)
     return value[0] / math.pi, value[1] / math.pi, value[2] / math.pi
 
 
-@exact
+@borrowing
 def _plane_light(
-    f: Any, fn: Any, fk: Any, fe: Any, plane: int, tile_m: float, x: float, z: float, depth: float, footprint: float,
-    sky: float, sun: float,
-) -> Vector:  # fmt: skip
+    g: LitFloor, plane: int, x: float, z: float, depth: float, footprint: float, sky: float, sun: float
+) -> Vector:
     """Return the irradiance by one plane at (x, z) and a depth; sky, sun: factors on even light and on the sun's."""
+    fe = g.planes
     count = (fe.shape[1] - 4) // 3
     light = sky * fe[plane, 1], sky * fe[plane, 2], sky * fe[plane, 3]
     along = depth / fe[plane, 0] if len(fe) > 1 else 1.0
     for k in range(count):
-        row, at = 1 + plane * count + k, 4 + 3 * k
+        at = 4 + 3 * k
         share = sun if fe[plane, at + 2] > 0.0 else sky
         if share > 0.0:
             at_x, at_z = x - along * fe[plane, at], z - along * fe[plane, at + 1]
-            light = add(light, _picture(f, fn, fk[row, 0], fk[row, 1], tile_m, at_x, at_z, footprint), share)
+            light = add(light, _picture(g, 1 + plane * count + k, g.light_m, at_x, at_z, footprint), share)
     return light
 
 
-@exact
-def _picture(f: Any, fn: Any, first: int, levels: int, tile_m: float, x: float, z: float, footprint: float) -> Vector:
-    level = level_for(footprint, tile_m / fn[first, 1], levels - 1)
-    return periodic(f, fn, first, levels, x / tile_m, z / tile_m, level)
+@borrowing
+def _picture(g: LitFloor, number: int, tile_m: float, x: float, z: float, footprint: float) -> Vector:
+    """Return a picture of the floor at (x, z), averaged over a footprint."""
+    first, levels = g.pictures[number, 0], g.pictures[number, 1]
+    level = level_for(footprint, tile_m / g.levels[first, 1], levels - 1)
+    return periodic(g.texels, g.levels, first, levels, x / tile_m, z / tile_m, level)

@@ -4,10 +4,23 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 from mr360uw.jit import exact
 
 Vector = tuple[float, float, float]
+
+
+class Ray(NamedTuple):
+    """A ray of light. origin: [m], y over the mean surface. side: 1 in the air, -1 in the water. width, spread: of its
+    footprint at its origin, and its growth per metre.
+    """
+
+    origin: Vector
+    direction: Vector
+    side: float
+    width: float
+    spread: float
 
 
 @exact

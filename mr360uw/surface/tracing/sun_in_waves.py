@@ -13,8 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from mr360uw.jit import exact
-from mr360uw.surface.slopes import LEAST, SHARP
-from mr360uw.surface.tracing.facet_draws import Facets, facets_of, facing
+from mr360uw.surface.tracing.facet_draws import LEAST, SHARP, Facets, facets_of, facing
 from mr360uw.surface.tracing.ray_optics import Vector, bent, mirrored, reflectance
 
 _DARK = 80.0

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.jit import exact, inlined
+from mr360uw.jit import borrowing, exact, inlined
 from mr360uw.surface.tracing.ray_optics import Vector
 from mr360uw.texels import between_four, periodic_four
 
@@ -54,7 +54,7 @@ def times(a: Vector, b: Vector) -> Vector:
     return a[0] * b[0], a[1] * b[1], a[2] * b[2]
 
 
-@exact
+@borrowing
 def four(t: Any, a: int, b: int, c: int, d: int, fx: float, fy: float) -> Vector:
     """Return the value between four texels of t (n, 3): a, b above, c, d below."""
     wa, wb, wc, wd = (1.0 - fx) * (1.0 - fy), fx * (1.0 - fy), (1.0 - fx) * fy, fx * fy
@@ -65,7 +65,7 @@ def four(t: Any, a: int, b: int, c: int, d: int, fx: float, fy: float) -> Vector
     )
 
 
-@exact
+@borrowing
 def periodic(t: Any, n: Any, first: int, levels: int, u: float, v: float, level: float) -> Vector:
     """Return the value of a picture with its halves at tile coordinates (`caustic_lookup.periodic_trilinear`).
 
@@ -87,7 +87,7 @@ def between(a: Vector, b: Vector, share: float) -> Vector:
     return rest * a[0] + share * b[0], rest * a[1] + share * b[1], rest * a[2] + share * b[2]
 
 
-@exact
+@borrowing
 def _periodic_level(t: Any, first: int, size: int, u: float, v: float) -> Vector:
     a, b, c, d, fx, fy = _periodic_four(first, size, u * size - 0.5, v * size - 0.5)
     return four(t, a, b, c, d, fx, fy)
@@ -100,7 +100,7 @@ def level_for(footprint: float, pixel: float, last: int) -> float:
     return min(math.log2(wanted), float(last)) if wanted > 1.0 else 0.0
 
 
-@exact
+@borrowing
 def sky_radiance(t: Any, n: Any, dx: float, dy: float, dz: float, footprint: float) -> Vector:
     """Return the radiance of the sky over a footprint [rad]; directions below the horizon see its mirror image.
 
@@ -120,7 +120,7 @@ def sky_radiance(t: Any, n: Any, dx: float, dy: float, dz: float, footprint: flo
     return between(value, _dome_level(t, n[lower, 0], n[lower, 1], n[lower, 2], longitude, latitude), share)
 
 
-@exact
+@borrowing
 def panorama(t: Any, first: int, width: int, height: int, v: Vector) -> Vector:
     """Return `ibl.lookup.environment_lookup` of a map whose texels begin in row `first` of t (n, 3)."""
     longitude = math.atan2(v[0], -v[2]) / (2.0 * math.pi) + 0.5
@@ -128,7 +128,7 @@ def panorama(t: Any, first: int, width: int, height: int, v: Vector) -> Vector:
     return _dome_level(t, first, width, height, longitude, latitude)
 
 
-@exact
+@borrowing
 def _dome_level(t: Any, first: int, width: int, height: int, longitude: float, latitude: float) -> Vector:
     x, y = longitude * width - 0.5, latitude * height - 0.5
     column, row = math.floor(x), math.floor(y)
@@ -142,7 +142,7 @@ def _dome_level(t: Any, first: int, width: int, height: int, longitude: float, l
     )  # fmt: skip
 
 
-@exact
+@borrowing
 def _bilinear(table: Any, at: int, u: float, v: float) -> Vector:
     """Return the value of table `at` of (n, U, V, 3) at coordinates in [0, 1] (`medium.lookup.bilinear`)."""
     x, y = min(max(u, 0.0), 1.0) * (table.shape[1] - 1), min(max(v, 0.0), 1.0) * (table.shape[2] - 1)
@@ -155,7 +155,7 @@ def _channel(t: Any, at: int, i: int, j: int, x: float, y: float, k: int) -> Any
     return _between_four(t[at, i, j, k], t[at, i, j + 1, k], t[at, i + 1, j, k], t[at, i + 1, j + 1, k], y - j, x - i)
 
 
-@exact
+@borrowing
 def veil(veils: Any, table: WaterTable, distance: float, up: float) -> Vector:
     """Return `medium.lookup.veil_lookup` of a ray that may be infinite."""
     s = min(distance, table.depth_m / max(up, 1e-9))
@@ -164,7 +164,7 @@ def veil(veils: Any, table: WaterTable, distance: float, up: float) -> Vector:
     return filled * smooth[0], filled * smooth[1], filled * smooth[2]
 
 
-@exact
+@borrowing
 def transmittance(attenuations: Any, table: WaterTable, distance: float, up: float) -> Vector:
     """Return `medium.lookup.transmittance_lookup` of a finite ray."""
     s = min(distance, table.depth_m / max(up, 1e-9))

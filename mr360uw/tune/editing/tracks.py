@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 
 from mr360uw.errors import ParameterError
-from mr360uw.scene.key_settings import KeyedParameter
-from mr360uw.scene.key_targets import target_of
+from mr360uw.scene.key_targets import KeyedParameter, target_of
 from mr360uw.tune.editing.document import Document
 
 Pairs = Sequence[tuple[float, Any]]
