@@ -10,16 +10,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.errors import ParameterError
+from mr360uw.progress import Steps
 from mr360uw.sphere import direction_from_frame
-from mr360uw.track.bearings import average_rotations, classify
+from mr360uw.track.bearings import Matches, average_rotations, classify
 from mr360uw.track.camera_track import Kind
-from mr360uw.track.colmap import Features, match_features
+from mr360uw.track.colmap import match_features
 from mr360uw.track.key_frames import KeyFrames, grey_picture
-from mr360uw.track.resection import Landmarks, Pose, follow, resect
-from mr360uw.track.steps import BETWEEN, Steps
-from mr360uw.track.structure import HeldOut, held_out_errors, solve_structure
+from mr360uw.track.resection import Landmarks, follow, resect
+from mr360uw.track.structure import held_out_errors, solve_structure
 from mr360uw.types import Floats
 from mr360uw.video import VideoReader
+
+BETWEEN = 2
+"""Steps of progress that a frame between key frames takes, over reading a frame."""
 
 
 def solve_between(
@@ -49,10 +52,9 @@ def solve_between(
         if held is None or held[0] != nearest:
             held = nearest, np.asarray(cv2.imread(str(poses.paths[nearest]), cv2.IMREAD_GRAYSCALE), np.uint8)
         marks, seen = follow(held[1], grey_picture(frame), poses.landmarks[nearest], position[n], rotation[n])
-        pose: Pose | None = resect(marks, seen, position[n], rotation[n], pixel_rad)
+        pose = resect(marks, seen, position[n], rotation[n], pixel_rad)
         if pose is not None:
-            position[n], rotation[n] = pose.position, pose.rotation
-            residual[n] = pose.residual_rad / pixel_rad
+            position[n], rotation[n], residual[n] = pose[0], pose[1], pose[2] / pixel_rad
     return position, rotation, residual, np.concatenate(observed)
 
 
@@ -79,7 +81,7 @@ _LEAST_MATCHED = 0.5
 class KeyPoses:
     """Solved key frames: numbers (k,), positions (k, 3), rotations (k, 3, 3), residuals (k,) [px], landmarks of each.
 
-    points (m, 3), error_px (m,): of the scene. held_out: of a camera that moves.
+    points (m, 3), error_px (m,): of the scene. held_out: see `held_out_errors`, of a camera that moves.
     """
 
     kind: Kind
@@ -91,7 +93,7 @@ class KeyPoses:
     landmarks: tuple[Landmarks, ...]
     points: Floats
     error_px: Floats
-    held_out: HeldOut | None
+    held_out: tuple[Floats, Floats] | None
 
 
 def solve_key_frames(
@@ -103,15 +105,15 @@ def solve_key_frames(
     the camera. folder: for files, some of which a run before may have left there. Raises `ParameterError` where the
     pictures do not tell a path.
     """
-    features = _matched(where, keys, left_out, folder, steps, mask_only=mask_only)
-    kind = classify(features.matches, 2.0 * np.pi / keys.width)
-    return _moving(where, keys, folder, steps) if kind == "moving" else _resting(kind, keys, features)
+    pixels, matches = _matched(where, keys, left_out, folder, steps, mask_only=mask_only)
+    kind = classify(matches, 2.0 * np.pi / keys.width)
+    return _moving(where, keys, folder, steps) if kind == "moving" else _resting(kind, keys, pixels, matches)
 
 
 def _matched(
     where: str, keys: KeyFrames, left_out: NDArray[np.bool_] | None, folder: Path, steps: Steps, *, mask_only: bool
-) -> Features:
-    """Return the matched features of key frames; raise `ParameterError` where too few match."""
+) -> tuple[tuple[Floats, ...], Matches]:
+    """Return what `match_features` does; raise `ParameterError` where too few key frames match another."""
     import cv2
 
     mask = keys.fixed.copy() if keys.fixed.size and not mask_only else np.zeros((keys.height, keys.width), bool)
@@ -120,14 +122,14 @@ def _matched(
         mask |= cv2.resize(left_out.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST).astype(bool)
     path = folder / "mask.png"
     cv2.imwrite(str(path), np.where(mask, 0, 255).astype(np.uint8))
-    found = match_features(keys.paths, path, keys.width, keys.height, folder, steps, riding=mask_only)
-    matched = {i for pair in found.matches for i in pair}
+    pixels, matches = match_features(keys.paths, path, keys.width, keys.height, folder, steps, riding=mask_only)
+    matched = {i for pair in matches for i in pair}
     if len(matched) < max(2, _LEAST_MATCHED * len(keys.index)):
         raise ParameterError(
             f"{where} - too few features are seen again (got {len(matched)} of {len(keys.index)} key frames) - give a "
             "clip that shows more of the floor or a reef, or a smaller mask"
         )
-    return found
+    return pixels, matches
 
 
 def _moving(where: str, keys: KeyFrames, folder: Path, steps: Steps) -> KeyPoses:
@@ -151,20 +153,20 @@ def _moving(where: str, keys: KeyFrames, folder: Path, steps: Steps) -> KeyPoses
     )  # fmt: skip
 
 
-def _resting(kind: Kind, keys: KeyFrames, features: Features) -> KeyPoses:
+def _resting(kind: Kind, keys: KeyFrames, pixels: tuple[Floats, ...], matches: Matches) -> KeyPoses:
     """Return the key frames of a camera that stands still or turns on the spot, by rotations alone."""
     count, pixel_rad = len(keys.index), 2.0 * np.pi / keys.width
     rotation: Floats = np.repeat(np.eye(3)[None], count, axis=0)
     if kind == "turning":
-        rotation = average_rotations(count, features.matches, pixel_rad)
+        rotation = average_rotations(count, matches, pixel_rad)
     residual: list[list[float]] = [[] for _ in range(count)]
-    for (i, j), (a, b) in features.matches.items():
+    for (i, j), (a, b) in matches.items():
         chord = np.linalg.norm(a @ rotation[i].T - b @ rotation[j].T, axis=1)
         for k in (i, j):
             residual[k].append(float(np.median(chord)) / pixel_rad)
     landmarks = []
     for k in range(count):
-        every = features.pixel[k][:: max(1, len(features.pixel[k]) // _LANDMARKS)]
+        every = pixels[k][:: max(1, len(pixels[k]) // _LANDMARKS)]
         directions = direction_from_frame(every[:, 0], every[:, 1], keys.width, keys.height)
         landmarks.append(Landmarks(every, directions @ rotation[k].T, far=True))
     medians = np.array([np.median(r) if r else np.nan for r in residual])

@@ -35,23 +35,17 @@ class Landmarks:
     far: bool
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Pose:
-    """Position (3,), rotation from camera axes to the world (3, 3) and median residual [rad]."""
-
-    position: Floats
-    rotation: Floats
-    residual_rad: float
-
-
 def predicted(landmarks: Landmarks, position: Floats, rotation: Floats) -> Floats:
     """Return the vectors (n, 3) from a camera to landmarks, in camera axes."""
     seen: Floats = (landmarks.point if landmarks.far else landmarks.point - position) @ rotation
     return seen
 
 
-def resect(landmarks: Landmarks, observed: Floats, position: Floats, rotation: Floats, scale_rad: float) -> Pose | None:
-    """Return the pose that sees landmarks in the observed directions (n, 3); None if fewer than 12 agree.
+def resect(
+    landmarks: Landmarks, observed: Floats, position: Floats, rotation: Floats, scale_rad: float
+) -> tuple[Floats, Floats, float] | None:
+    """Return position (3,), rotation (3, 3) and median residual [rad] of the camera that sees landmarks in the
+    observed directions (n, 3); None if fewer than 12 agree.
 
     position, rotation: start. Far landmarks leave the position as it is. scale_rad: residual at which a weight is
     half.
@@ -85,7 +79,7 @@ def resect(landmarks: Landmarks, observed: Floats, position: Floats, rotation: F
     agree = residual < 3.0 * scale_rad
     if np.count_nonzero(agree) < LEAST_FEATURES or not np.all(np.isfinite(position)):
         return None
-    return Pose(position, rotation, float(np.median(residual[agree])))
+    return position, rotation, float(np.median(residual[agree]))
 
 
 def _cross_matrix(vector: Floats) -> Floats:

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from mr360uw.track.camera_track import CameraTrack
-from mr360uw.track.floor.floor_mesh import FloorMesh
+from mr360uw.track.floor_mesh import FloorMesh
 from mr360uw.track.structure import WIDTH
 
 _LEVEL_DEG = 1.0

@@ -97,10 +97,9 @@ def receiver_edge(camera: View, receiver: Receiver) -> list[list[Point]]:
 
 def _seen(view: View, position: Floats) -> tuple[Point | None, float]:
     try:
-        shown = shown_at(view, position)
+        return shown_at(view, position)
     except ParameterError:
         return None, 0.0
-    return shown.point, shown.distance_m
 
 
 def _points(directions: Floats) -> list[Point]:

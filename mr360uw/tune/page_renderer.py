@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
@@ -16,28 +15,15 @@ from mr360uw.render.first_pass import ClipAnalysis
 from mr360uw.scene.model import Scene
 from mr360uw.tune.shown_frame import ShownFrame
 from mr360uw.tune.situation import Situation, situation
-from mr360uw.tune.views import VIEWS
+from mr360uw.tune.views import CHARTS, VIEWS
 from mr360uw.video.write.image_writer import picture_codes
-
-VIEW_NAMES = {
-    "composite": "Composite",
-    "plate": "Plate",
-    "caustics": "Caustics",
-    "surface": "Sea surface",
-    "lights": "Lights",
-    "difference": "Shadows and caustics",
-    "water": "Water alone",
-    "depth": "Distances",
-    "plan": "Plan",
-}
-"""Views of a frame, see `views.VIEWS`, with their names for people."""
 
 
 @dataclass(frozen=True, slots=True)
 class Wanted:
     """A picture to be made.
 
-    revision: of the document whose scene it is. index: of the frame. view: a key of `VIEW_NAMES`. dark: its charts.
+    revision: of the document whose scene it is. index: of the frame. view: a key of `views.VIEWS`. dark: its charts.
     width: [pixels] of the full picture. full: whether to make that once nothing else is asked for.
     """
 
@@ -56,50 +42,24 @@ class Wanted:
 
 
 @dataclass(frozen=True, slots=True)
-class Jpeg:
-    """A picture as JPEG, with its size [pixels].
-
-    panorama: whether it is equirectangular. measured: whether its light is that of a clip that was measured.
-    """
-
-    data: bytes
-    width: int
-    height: int
-    panorama: bool = True
-    measured: bool = False
-
-
-@dataclass(frozen=True, slots=True)
 class MadePicture:
-    """A picture that was made, as JPEG; or, where none could be made, the reasons.
+    """A picture that was made, as JPEG, with its size [pixels]; or, where none could be made, the problems.
 
-    seconds: it took. panorama, measured: see `Jpeg`. stand_in: whether it is a draft of the nearest keyframe.
+    panorama: whether it is equirectangular. measured: whether its light is that of a clip that was measured. number: by
+    which browsers fetch it. seconds: it took. stand_in: whether it is a draft of the nearest keyframe.
     """
 
-    number: int
     wanted: Wanted
-    width: int
-    height: int
-    draft: bool
-    seconds: float
-    data: bytes
-    problems: tuple[str, ...] = ()
+    width: int = 0
+    height: int = 0
+    data: bytes = b""
     panorama: bool = True
-    stand_in: bool = False
     measured: bool = False
-
-
-class Renderer(Protocol):
-    """Makes pictures; belongs to the thread that made it."""
-
-    def picture(self, wanted: Wanted, width: int) -> Jpeg:
-        """Return a picture of about a width."""
-
-    def stand_in(self, wanted: Wanted) -> int:
-        """Return the frame to show while the one that is wanted is decoded, or that one."""
-
-    def close(self) -> None:
-        """Let go of everything."""
+    number: int = 0
+    draft: bool = False
+    stand_in: bool = False
+    seconds: float = 0.0
+    problems: tuple[str, ...] = ()
 
 
 _SHORT = 300
@@ -108,21 +68,21 @@ _THUMBNAIL_WIDTH = 160
 
 
 class PageRenderer:
-    """A live preview and its pictures. backend: "auto", "gl" or "reference"."""
+    """A live preview and its pictures, for the thread that made it. backend: "auto", "gl" or "reference"."""
 
     def __init__(self, backend: str = "auto") -> None:
         self.preview = LivePreview(backend)
 
-    def picture(self, wanted: Wanted, width: int) -> Jpeg:
-        """Return a picture of about a width; raises what `LivePreview.frame` raises."""
-        preview, view = self.preview, VIEWS[wanted.view]
+    def picture(self, wanted: Wanted, width: int) -> MadePicture:
+        """Return a picture of about a width, without its number and kind; raises what `LivePreview.frame` raises."""
+        preview = self.preview
         scene = preview.coarse(wanted.scene) if width <= COARSE_WIDTH and width < wanted.width else wanted.scene
         frame = preview.frame(scene, wanted.index, width)
         loaded = preview.loaded(scene, width).at(frame.plate.time_s)
         shown = ShownFrame(frame, loaded, preview.backend, preview.clip(wanted.scene).duration_s or 0.0, wanted.dark)
-        codes = view.draw(shown)
+        codes = VIEWS[wanted.view](shown)
         size, measured = (codes.shape[1], codes.shape[0]), preview.has_measured(scene, width)
-        return Jpeg(encoded(codes, ".jpg"), *size, view.panorama, measured)
+        return MadePicture(wanted, *size, encoded(codes, ".jpg"), wanted.view not in CHARTS, measured)
 
     def stand_in(self, wanted: Wanted) -> int:
         """Return the frame to show while the one that is wanted is decoded, or that one."""

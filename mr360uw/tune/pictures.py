@@ -15,7 +15,7 @@ from dataclasses import replace
 from typing import Any, TypeVar
 
 from mr360uw.errors import Mr360uwError
-from mr360uw.tune.page_renderer import MadePicture, Renderer, Wanted
+from mr360uw.tune.page_renderer import MadePicture, PageRenderer, Wanted
 
 REST_S = 0.15
 """Rest [s] before the full picture within a drag. Twice as long, it comes visibly late; at half of it slow drags start
@@ -31,7 +31,7 @@ T = TypeVar("T")
 class Pictures:
     """The thread that makes pictures. make: called in it for the renderer. publish: called in it with each picture."""
 
-    def __init__(self, make: Callable[[], Renderer], publish: Callable[[MadePicture], None]) -> None:
+    def __init__(self, make: Callable[[], PageRenderer], publish: Callable[[MadePicture], None]) -> None:
         self._make, self._publish = make, publish
         self._changed = threading.Condition()
         self._wanted: Wanted | None = None
@@ -94,7 +94,7 @@ class Pictures:
         self._thread.join(timeout=30.0)
 
     def _run(self) -> None:
-        renderer: Renderer | None = None
+        renderer: PageRenderer | None = None
         while True:
             with self._changed:
                 while self._wanted is None and not self._urgent and not self._jobs and not self._closed:
@@ -123,20 +123,20 @@ class Pictures:
         if renderer is not None:
             renderer.close()
 
-    def _serve(self, renderer: Renderer, wanted: Wanted) -> None:
+    def _serve(self, renderer: PageRenderer, wanted: Wanted) -> None:
         """Make the draft and, at rest, the full picture, unless another is asked for meanwhile."""
         quick = wanted.full and self._full_s <= (2.0 if self._settled else 1.0) * _QUICK_S
         if quick or (self._draft(renderer, wanted) and wanted.full and not self._rest(renderer)):
             self._one(renderer, wanted, draft=False)
 
-    def _draft(self, renderer: Renderer, wanted: Wanted) -> bool:
+    def _draft(self, renderer: PageRenderer, wanted: Wanted) -> bool:
         """Make the draft, after one of the nearest keyframe where that comes sooner; return whether it was made."""
         index = renderer.stand_in(wanted)
         if index != wanted.index and (not self._one(renderer, wanted, draft=True, index=index) or self._wanted):
             return False
         return self._one(renderer, wanted, draft=True)
 
-    def _rest(self, renderer: Renderer) -> bool:
+    def _rest(self, renderer: PageRenderer) -> bool:
         """Wait until nothing moves, and do what is urgent; return whether another picture is asked for by then."""
         while True:
             with self._changed:
@@ -148,7 +148,7 @@ class Pictures:
                 job = self._urgent.popleft()
             _run_job(job, renderer)
 
-    def _one(self, renderer: Renderer, wanted: Wanted, *, draft: bool, index: int | None = None) -> bool:
+    def _one(self, renderer: PageRenderer, wanted: Wanted, *, draft: bool, index: int | None = None) -> bool:
         """Make and publish one picture; return whether it could be made. index: of a frame that stands in."""
         start, shown = time.perf_counter(), wanted if index is None else replace(wanted, index=index)
         try:
@@ -158,10 +158,7 @@ class Pictures:
             return False
         seconds = time.perf_counter() - start
         self._full_s = self._full_s if draft else seconds
-        made = MadePicture(
-            0, wanted, drawn.width, drawn.height, draft, seconds, drawn.data, (), drawn.panorama,
-            stand_in=index is not None, measured=drawn.measured,
-        )  # fmt: skip
+        made = replace(drawn, wanted=wanted, draft=draft, stand_in=index is not None, seconds=seconds)
         self._publish(self._numbered(made))
         return True
 
@@ -178,10 +175,10 @@ class Pictures:
 
 def _failed(wanted: Wanted, error: Exception) -> MadePicture:
     lines = getattr(error, "problems", None) or (str(error) or type(error).__name__,)
-    return MadePicture(0, wanted, 0, 0, False, 0.0, b"", tuple(lines))
+    return MadePicture(wanted, problems=tuple(lines))
 
 
-def _run_job(job: tuple[Callable[[Any], Any], Future[Any]], renderer: Renderer) -> None:
+def _run_job(job: tuple[Callable[[Any], Any], Future[Any]], renderer: PageRenderer) -> None:
     work, future = job
     if not future.set_running_or_notify_cancel():
         return

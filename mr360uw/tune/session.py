@@ -7,35 +7,22 @@ import asyncio
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal, Protocol
+from typing import Any, Literal
 
 from mr360uw.errors import Mr360uwError, ParameterError
+from mr360uw.preview.cached_frames import PlateClip
+from mr360uw.preview.live import LivePreview
 from mr360uw.progress import Progress
 from mr360uw.runs.composite_run import CompositeRun
 from mr360uw.scene.model import Scene
 from mr360uw.tune.editing.document import Document, observed
-from mr360uw.tune.page_renderer import VIEW_NAMES, MadePicture, Wanted
+from mr360uw.tune.page_renderer import MadePicture, Wanted
 from mr360uw.tune.pictures import Pictures
+from mr360uw.tune.views import VIEW_NAMES
 
 Event = Literal["document", "picture", "time", "run", "thumbnails"]
 THUMBNAILS = 12
 """Pictures on the time line: as many as are 100 pixels wide on a small screen."""
-
-
-class PlateLength(Protocol):
-    """Length of a plate; a still has no frame count."""
-
-    @property
-    def frame_count(self) -> int | None:
-        """Number of frames."""
-
-    @property
-    def frame_rate(self) -> Any:
-        """Frames a second."""
-
-    @property
-    def width(self) -> int:
-        """Of a frame [pixels]."""
 
 
 class Session:
@@ -49,7 +36,7 @@ class Session:
     """
 
     def __init__(
-        self, document: Document, pictures: Pictures, clip: PlateLength, width: int, backend: str = "auto"
+        self, document: Document, pictures: Pictures, clip: PlateClip, width: int, backend: str = "auto"
     ) -> None:
         self.document, self.pictures, self.clip = document, pictures, clip
         self.width, self.backend = min(width, clip.width), backend
@@ -187,8 +174,6 @@ class Session:
 
 
 def _measured(scene: Scene, progress: Progress) -> Any:
-    from mr360uw.preview.live import LivePreview
-
     with LivePreview("reference") as own:  # which draws nothing; the one that draws belongs to its thread
         return own.measure(scene, progress)
 

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import io
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,7 +12,7 @@ import numpy as np
 import pytest
 
 from mr360uw.caustics import GerstnerSea, SpectralSea
-from mr360uw.cli.matching import match_lines
+from mr360uw.cli.tools import match
 from mr360uw.constants import GRAVITY_M_S2
 from mr360uw.errors import ParameterError
 from mr360uw.match import CausticMatch, FloorRegion, match_caustics, spectral_distance
@@ -260,9 +262,10 @@ def test_the_command_prints_what_was_found(still_floor: Path) -> None:
 
 
 def lines_of(path: Path, *, caustics: bool, water: str | None) -> list[str]:
-    return match_lines(
-        path, caustics=caustics, water=water, frames="0:5", picture=None, overrides=(), overwrite=False, progress=None
-    )
+    said = io.StringIO()
+    with contextlib.redirect_stdout(said):
+        match(path, caustics=caustics, water=water, frames="0:5")
+    return said.getvalue().splitlines()
 
 
 def test_too_few_frames_are_refused(still_floor: Path) -> None:

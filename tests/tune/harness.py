@@ -9,7 +9,6 @@ from __future__ import annotations
 import asyncio
 import json
 import sys
-from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -19,7 +18,7 @@ from nicegui import app, ui
 from mr360uw.preview.thumbnail import encoded
 from mr360uw.tune.marks import Marker
 from mr360uw.tune.placing import Point
-from mr360uw.tune.timeline import KeyEdit, ParameterKeys, Thumbnail, Timeline
+from mr360uw.tune.timeline import ParameterKeys, Timeline
 from mr360uw.tune.viewer import Viewer
 
 COUNT, RATE = 300, 30.0
@@ -70,7 +69,7 @@ async def _do(element: str, method: str, request: Request) -> None:
 
 
 def note(name: str) -> Any:
-    return lambda *told: TOLD.append((name, [asdict(t) if hasattr(t, "__dataclass_fields__") else t for t in told]))
+    return lambda *told: TOLD.append((name, list(told)))
 
 
 def curve(keys: tuple[tuple[float, float], ...], interpolation: str = "linear") -> ParameterKeys:
@@ -95,19 +94,17 @@ def build() -> None:
         viewer = Viewer()
     timeline = Timeline(COUNT, RATE)
     NOW.update(viewer=viewer, timeline=timeline)
-    for name in ("pick", "drag", "select"):
-        getattr(viewer, f"on_{name}")(note(name))
-    viewer.on("view", lambda event: note("view")(event.args))
+    viewer.on_select(note("select"))
+    for name in ("pick", "drag", "view"):
+        viewer.on(name, lambda event, name=name: note(name)(event.args))
     viewer.on("shown", lambda event: note("shown")(event.args["serial"]))
     viewer.on("failed", lambda event: note("failed")(event.args["reason"]))
     viewer.on_select(viewer.select)
-    for name in ("seek", "play", "range", "keys"):
-        getattr(timeline, f"on_{name}")(note(name))
-
-    def answer(edit: KeyEdit) -> None:
-        timeline.set_curve(curve(edit.keys, edit.interpolation))
-
-    timeline.on_keys(answer)
+    timeline.on_play(note("play"))
+    timeline.on_range(note("range"))
+    for name in ("seek", "keys"):
+        timeline.on(name, lambda event, name=name: note(name)(event.args))
+    timeline.on_keys(lambda keys, kind, done: timeline.set_curve(curve(tuple(keys), kind)))  # noqa: ARG005
     viewer.show("/picture/200.png")
     viewer.show_other("/picture/40.png")
     horizon = [Point(a, -0.12) for a in np.linspace(-np.pi, np.pi, 181)]
@@ -119,7 +116,7 @@ def build() -> None:
         ],
         [horizon],
     )
-    timeline.set_thumbnails([Thumbnail(f, f"/small/{f % 256}.png") for f in range(0, COUNT, 60)])
+    timeline.set_thumbnails({f: f"/small/{f % 256}.png" for f in range(0, COUNT, 60)})
     timeline.set_curve(curve(((1.0, 4.0), (5.0, 12.0), (8.0, 6.0))))
 
 

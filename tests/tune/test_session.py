@@ -66,7 +66,7 @@ def session(tmp_path: Path) -> Session:
 
 def made(session: Session, **changes: Any) -> MadePicture:
     studio: Any = session.pictures
-    return replace(MadePicture(1, studio.wanted[-1], 1024, 512, False, 0.1, b"jpeg"), **changes)
+    return replace(MadePicture(studio.wanted[-1], 1024, 512, b"jpeg", number=1, seconds=0.1), **changes)
 
 
 def test_a_picture_of_an_older_state_is_never_the_present_one(session: Session) -> None:

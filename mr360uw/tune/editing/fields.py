@@ -12,7 +12,7 @@ from typing import Any, Literal, Union, get_args, get_origin
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
-from mr360uw.parameters import stated
+from mr360uw.parameters import bounds_of, stated
 from mr360uw.scene.model import Scene
 from mr360uw.scene.problems import bounds_text, models_of
 from mr360uw.scene.toml_model import toml_value
@@ -171,7 +171,7 @@ def _field(path: str, key: str, field: FieldInfo, tags: tuple[str, ...], changes
     kind = _kind(key, options, choices)
     unit = stated(field, "unit")
     changes &= kind in ("number", "vector", "colour") and not stated(field, "fixed")
-    low, high = _bounds(field)
+    low, high = bounds_of(field)
     default = None if field.is_required() else field.get_default(call_default_factory=True)
     span, logarithmic = None, False
     if kind in ("number", "integer", "vector", "colour"):
@@ -212,14 +212,6 @@ def _kind(key: str, options: list[Any], choices: tuple[Any, ...]) -> Kind:
     if parts and Ellipsis not in parts and not any(models_of(part) for part in parts):
         return "colour" if key.endswith("color") else "vector"
     return "toml"
-
-
-def _bounds(field: FieldInfo) -> tuple[float | None, float | None]:
-    low = high = None
-    for rule in field.metadata:
-        low = next((v for v in (getattr(rule, "ge", None), getattr(rule, "gt", None)) if v is not None), low)
-        high = getattr(rule, "le", None) if getattr(rule, "le", None) is not None else high
-    return low, high
 
 
 def _span(

@@ -15,14 +15,13 @@ from mr360uw.errors import ParameterError
 from mr360uw.tune import placing
 from mr360uw.tune.editing import tracks
 from mr360uw.tune.marks import Marker
-from mr360uw.tune.panels.floor_tool import FloorTool
-from mr360uw.tune.panels.patch_tool import PATCH_TOOLS, PatchTool
+from mr360uw.tune.panels.click_tools import PATCH_TOOLS, FloorTool, PatchTool
 from mr360uw.tune.panels.stage import ShownPicture
 from mr360uw.tune.panels.widgets import Button, Choice
 from mr360uw.tune.placing import Point
 from mr360uw.tune.session import Session
 from mr360uw.tune.situation import Situation
-from mr360uw.tune.viewer import Drag, Pick
+from mr360uw.tune.viewer import Drag
 
 _TOOLS = {
     "": "Click: nothing",
@@ -120,9 +119,8 @@ class PlaceTools:
         self._patch.begin(shown=tool in PATCH_TOOLS)
         self._floor.begin(shown=tool == "floor")
 
-    async def _picked(self, pick: Pick) -> None:
-        point = pick.point
-        if point is None or not self._tool:
+    async def _picked(self, point: Point) -> None:
+        if not self._tool:
             return
         try:
             if self._tool == "water":
@@ -182,7 +180,7 @@ class PlaceTools:
         if drag.handle == "move":
             self._put_object(number, "position_m", _vector(here.swimming(number, point)), group)
         elif shown is not None and drag.handle == "turn":
-            step = _TURN_STEP_DEG if drag.keys.shift else 0.0
+            step = _TURN_STEP_DEG if drag.shift else 0.0
             yaw = placing.yaw_by_drag(body.rotation_deg[0], shown, drag.start, point, step)
             self._put_object(number, "rotation_deg", [_short(yaw, 2), *body.rotation_deg[1:]], group)
         elif shown is not None:

@@ -87,7 +87,7 @@ class ShownPicture:
     def _offer(self) -> None:
         """Offer the pictures that there are to compare with; choose the one that is compared with."""
         session = self._session
-        names = [kept.name for kept in session.document.snapshots if kept.name in session.kept_pictures]
+        names = [name for name in session.document.snapshots if name in session.kept_pictures]
         names += [SNAPSHOT] if self._compared == SNAPSHOT else []
         if self._compared not in (*names, *_COMPARISONS):  # it was forgotten
             self._compared = ""

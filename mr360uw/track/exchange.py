@@ -20,7 +20,11 @@ from mr360uw.files import write_whole
 from mr360uw.output_gate import check_outputs
 from mr360uw.reading.input_files import read_text
 from mr360uw.sphere import unit
-from mr360uw.track.camera_files.path_tables import (
+from mr360uw.track.camera_track import CameraTrack
+from mr360uw.track.path_tables import (
+    FLIPPED,
+    Y_UP_FROM_Z_UP,
+    SolvedPath,
     frame_number,
     is_blender_json,
     is_colmap,
@@ -29,8 +33,6 @@ from mr360uw.track.camera_files.path_tables import (
     read_colmap,
     read_path_table,
 )
-from mr360uw.track.camera_files.solved_path import FLIPPED, Y_UP_FROM_Z_UP, SolvedPath
-from mr360uw.track.camera_track import CameraTrack
 from mr360uw.types import Floats
 
 _GEOCENTRIC_M = 1e6
