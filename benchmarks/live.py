@@ -24,8 +24,7 @@ import av
 import cv2
 import numpy as np
 
-from mr360uw.preview.drafts import COARSE_WIDTH
-from mr360uw.preview.live import LivePreview
+from mr360uw.preview.live import COARSE_WIDTH, LivePreview
 from mr360uw.preview.thumbnail import screen_picture
 from mr360uw.sample import sample_dive
 from mr360uw.scene.inputs import open_plate

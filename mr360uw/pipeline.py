@@ -34,7 +34,7 @@ from mr360uw.scene.inputs import open_plate, projection_notes
 from mr360uw.scene.model import Scene
 from mr360uw.shapes import instance
 from mr360uw.video import VideoReader
-from mr360uw.video.read.decoded_once import DecodedOnce
+from mr360uw.video.read.reader import DecodedOnce
 
 
 def composite_video(
@@ -76,7 +76,7 @@ def composite_video(
         output.check([*loaded.object_files, *loaded.other_files])  # textures and the like, which only meshes name
         _check_lengths(loaded, video, span)
         renderer, fallback = make_backend(backend, Cache(scene.plate.eyes))
-        crew, inputs = make_crew(workers, cluster, len(parts)), input_fingerprints(loaded)
+        (count, crew), inputs = make_crew(workers, cluster, len(parts)), input_fingerprints(loaded)
         keys = work_keys(loaded, inputs, "mixed" if mixed else renderer.name, measured_range(video, *span))
         with work_folder(output.path, keys, fresh=fresh) as work:
             output.check_pictures(work)
@@ -90,12 +90,12 @@ def composite_video(
                 job = Job(scene, output.path, work, "auto" if mixed else renderer.name, output.layers, left)
                 opened = OpenJob(job, seen if seen.are_all else video, loaded, renderer)
                 with _noting_what_is_finished(output, work):
-                    times.merge(_alone(opened, done) if crew is None else crew.render(job, done))
+                    times.merge(_alone(opened, done) if crew is None else crew(job, done))
             notes = output.complete(work, parts)
         doubts = (*video.doubts, *projection_notes(scene, video, span[0]), *loaded.notes, *doubts, *work.notes)
     made = replace(
         _report(Path(out), total, loaded, renderer, times), seconds=time.perf_counter() - began, kept_frames=kept,
-        notes=(*doubts, *filter(None, [fallback]), *notes), workers=1 if crew is None else crew.count, inputs=inputs,
+        notes=(*doubts, *filter(None, [fallback]), *notes), workers=count, inputs=inputs,
     )  # fmt: skip
     if output.report is not None:
         made.save(output.report, overwrite=overwrite)

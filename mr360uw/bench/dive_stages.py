@@ -8,8 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from mr360uw.bench.measuring import Knobs, MeasuredStage, Workload, qualities, relative_rms
-from mr360uw.bench.workbench import Workbench, picture_of
+from mr360uw.bench.measuring import Knobs, MeasuredStage, Workbench, Workload, picture_of, qualities, relative_rms
 from mr360uw.constants import MAXIMUM_SUN_SAMPLES
 from mr360uw.ibl import environment
 from mr360uw.types import Floats

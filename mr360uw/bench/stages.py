@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 
 from mr360uw.bench.dive_stages import frame_stage, light_stage, pixel_stage, sun_stage
-from mr360uw.bench.measuring import Knobs, MeasuredStage, Workload, qualities, relative_rms
-from mr360uw.bench.workbench import Workbench
+from mr360uw.bench.measuring import Knobs, MeasuredStage, Workbench, Workload, qualities, relative_rms
 from mr360uw.caustic_lookup import caustic_lookup, mip_levels
 from mr360uw.caustics import CausticSettings, GerstnerSea, caustic_stack, refract_to_air, stack_depths
 from mr360uw.caustics.depth_ladder import PlaneLadder

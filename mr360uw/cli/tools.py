@@ -223,9 +223,8 @@ def bench(
     overwrite: OverwriteOption = False,
 ) -> None:
     """Measure what settings cost (processor time) and bring (error), stage by stage, on a sample dive."""
-    from mr360uw.bench.bench_report import chosen_stages, read_report, run_bench
+    from mr360uw.bench.bench_report import check_kinds, chosen_stages, compare, read_report, run_bench
     from mr360uw.bench.pareto_page import bench_page
-    from mr360uw.bench.regressions import check_kinds, compare
     from mr360uw.files import write_whole
     from mr360uw.progress import terminal_progress
 
@@ -241,7 +240,7 @@ def bench(
     if page is not None:
         write_whole(page, bench_page(report))
     if before is not None:
-        comparison = compare(before, report)
+        regressions, comparison = compare(before, report)
         typer.echo(f"\nagainst {against}: {comparison}")
-        if comparison.regressions:
+        if regressions:
             raise typer.Exit(_REGRESSED)

@@ -7,7 +7,6 @@ import platform
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
 
 from mr360uw.cache import Cache
 from mr360uw.errors import GlError
@@ -18,7 +17,7 @@ from mr360uw.runs.work_folder import Part, PictureSink, SegmentSink, WorkFolder
 from mr360uw.scene.inputs import open_plate
 from mr360uw.scene.model import Scene
 from mr360uw.video import VideoReader
-from mr360uw.video.read.suffixes import PICTURE_SUFFIXES
+from mr360uw.video.read.projection import PICTURE_SUFFIXES
 from mr360uw.video.write.writer import VideoWriter
 
 
@@ -40,17 +39,6 @@ class Job:
 
     def __hash__(self) -> int:
         return hash((self.work.path, self.parts))
-
-
-class Crew(Protocol):
-    """Processes that render the parts of a job."""
-
-    @property
-    def count(self) -> int:
-        """Number of processes."""
-
-    def render(self, job: Job, done: Callable[[], None]) -> RunTimes:
-        """Render all parts of a job; done: is called after every frame. Raises what a process raised."""
 
 
 class OpenJob:

@@ -49,35 +49,23 @@ UNEVEN = 0.9
 """Cost above which a place is doubtful."""
 
 
-@dataclass(frozen=True, slots=True)
-class GroundPlace:
-    """A place on the ground. azimuth_deg: of its middle. distance_m: level. cost: 0.3 on even ground."""
-
-    azimuth_deg: float
-    distance_m: float
-    cost: float
-
-
-@dataclass(frozen=True, slots=True)
-class NeededSpace:
-    """What has to find a place: its sides across the line of sight and along it, and its height, all [m]."""
-
-    across_m: float
-    along_m: float
-    height_m: float
+Sides = tuple[float, float, float]
+"""Of what has to find a place: across the line of sight, along it, and its height, all [m]."""
 
 
 def ground_place(
-    image: Floats, drop_m: float, body: NeededSpace, distances_m: Array, azimuths_deg: Array, usual_m: float
-) -> GroundPlace:
+    image: Floats, drop_m: float, body: Sides, distances_m: Array, azimuths_deg: Array, usual_m: float
+) -> tuple[float, float, float]:
     """Return the best of some places on the ground of a levelled panorama (h, w, 3) of linear light.
+
+    That is the azimuth of its middle [deg], its level distance [m], and its cost, 0.3 on even ground.
 
     drop_m: height of the camera over the ground. distances_m: (n,), level. azimuths_deg: (m,). usual_m: the distance
     that is preferred where all else is equal.
     """
     layout = _Layout.of(image)
     azimuth, distance = np.meshgrid(np.radians(azimuths_deg), distances_m / drop_m, indexing="ij")
-    across, along = body.across_m / drop_m, body.along_m / drop_m
+    across, along = body[0] / drop_m, body[1] / drop_m
     side = np.linspace(-0.5, 0.5, _ACROSS)
     right, ahead = (points.ravel() for points in np.meshgrid(side * across, side * along))
     foot = layout.cells(azimuth[..., None], distance[..., None] + ahead, right)
@@ -92,7 +80,7 @@ def ground_place(
     cost += _HIDES * _hidden(image, azimuth, distance * drop_m, body, drop_m)
     cost += _ASIDE * np.abs(np.degrees(azimuth)) + _ODD * np.abs(np.log(distance * drop_m / usual_m))
     row, column = np.unravel_index(int(np.argmin(cost)), cost.shape)
-    return GroundPlace(float(azimuths_deg[row]), float(distances_m[column]), float(cost[row, column]))
+    return float(azimuths_deg[row]), float(distances_m[column]), float(cost[row, column])
 
 
 def shows_ground(image: Floats) -> bool:
@@ -166,7 +154,7 @@ def _crossed(layout: _Layout, azimuth: Array, ends: Array, width: float) -> Arra
     return np.asarray(np.maximum.accumulate(step, axis=1)[:, np.minimum(last, step.shape[1] - 1)])
 
 
-def _hidden(image: Floats, azimuth: Array, distance_m: Array, body: NeededSpace, drop_m: float) -> Array:
+def _hidden(image: Floats, azimuth: Array, distance_m: Array, body: Sides, drop_m: float) -> Array:
     """Return how much is to be seen behind a body at some places: edges there over those of the whole plate, less 1."""
     import cv2
 
@@ -175,8 +163,8 @@ def _hidden(image: Floats, azimuth: Array, distance_m: Array, body: NeededSpace,
     light = cv2.GaussianBlur(np.log(np.maximum(luminance(image), 0.0) + _DARK).astype(np.float32), (0, 0), scale)
     edges = np.hypot(*np.gradient(light)) * scale
     across, up = np.meshgrid(np.linspace(-0.5, 0.5, _ACROSS), np.linspace(0.1, 1.0, _ACROSS))
-    longitude = azimuth[..., None] + np.arctan(across.ravel() * body.across_m / distance_m[..., None])
-    latitude = np.arctan2(up.ravel() * body.height_m - drop_m, distance_m[..., None])
+    longitude = azimuth[..., None] + np.arctan(across.ravel() * body[0] / distance_m[..., None])
+    latitude = np.arctan2(up.ravel() * body[2] - drop_m, distance_m[..., None])
     column = np.floor((longitude / (2.0 * np.pi) + 0.5) * width).astype(int) % width
     row = np.clip(((0.5 - latitude / np.pi) * height).astype(int), 0, height - 1)
     behind = np.mean(edges[row, column], axis=-1) / max(float(np.mean(edges)), 1e-3)

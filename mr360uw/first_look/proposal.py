@@ -104,8 +104,8 @@ def _nearest_type(plate: PlateLook, view: FreeView) -> tuple[JerlovType, float, 
     if plate.tilt is not None:
         roll, pitch = (float(np.degrees(angle)) for angle in (plate.tilt.roll_rad, plate.tilt.pitch_rad))
         camera = camera.model_copy(update={"roll_deg": roll, "pitch_deg": pitch})
-    reading = plate.reading
-    scene = Scene(plate=PlateSettings(path=plate.path, eye=reading.eye, projection=reading.projection), camera=camera)
+    settings = PlateSettings(path=plate.path, eye=plate.eye, projection=plate.projection)
+    scene = Scene(plate=settings, camera=camera)
     unknown: JerlovType = _MURKY if plate.medium.red_far > LITTLE_RED else _WATER
     try:
         found = match_water(scene, WaterPatch(view.azimuth_deg, view.elevation_deg, _PATCH_DEG))

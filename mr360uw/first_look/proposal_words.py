@@ -31,11 +31,11 @@ def found_lines(plate: PlateLook, mesh: MeshLook, chosen: Proposal, sun: str) ->
     width, height = plate.size
     kind = "a still" if plate.still else "a clip"
     lines = [f"plate     {plate.path.name}: {kind}, {width}x{height}"]
-    if plate.reading.eye is not None:
-        lines[0] += f", its {plate.reading.eye} eye"
-    if plate.reading.projection != "auto":
-        lines[0] += f", from {plate.reading.projection}: it shows that"
-    if plate.reading.projection == "dual_fisheye":
+    if plate.eye is not None:
+        lines[0] += f", its {plate.eye} eye"
+    if plate.projection != "auto":
+        lines[0] += f", from {plate.projection}: it shows that"
+    if plate.projection == "dual_fisheye":
         lines.append(f"lenses    {FISHEYE_FOV_DEG:g} degrees each, guessed: plate.fisheye_fov_deg sets it")
     lines.append(where_line(plate.medium))
     if plate.medium.half:
@@ -144,10 +144,10 @@ def scene_lines(plate: PlateLook, mesh: MeshLook, chosen: Proposal, folder: Path
         ("[plate]", ""),
         (f"path = {toml_value(relative_to(plate.path, folder))}", ""),
     ]
-    if plate.reading.eye is not None:
-        rows.append((f'eye = "{plate.reading.eye}"', "of the two"))
-    if plate.reading.projection != "auto":
-        rows.append((f'projection = "{plate.reading.projection}"', "by what its first picture shows"))
+    if plate.eye is not None:
+        rows.append((f'eye = "{plate.eye}"', "of the two"))
+    if plate.projection != "auto":
+        rows.append((f'projection = "{plate.projection}"', "by what its first picture shows"))
     rows += [("", ""), *_camera_rows(plate, chosen, folder), ("", ""), *_water_rows(chosen), ("", "")]
     rows += _object_rows(mesh, chosen, folder, outside_files=outside_files)
     if chosen.place.drop_m is not None and not chosen.place.hangs:

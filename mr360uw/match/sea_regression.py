@@ -151,7 +151,7 @@ def fit_sea(
     azimuth = plate.azimuth_deg
     first = _made_seas(sea, azimuth, low, high, SEAS[0], floor, measure, doubt, made, 0)
     middle, rough, _ = _regressed(first, features)
-    azimuth -= first.turn_deg
+    azimuth -= first[2]
     reach = np.maximum(_LEAST_REACH, _REACH * rough)
     near_low, near_high = np.maximum(low, middle - reach), np.minimum(high, middle + reach)
     near_low, near_high = np.minimum(near_low, high - 0.2), np.maximum(near_high, low + 0.2)
@@ -159,17 +159,12 @@ def fit_sea(
     value, sigma, misfit = _regressed(second, features)
     value = np.clip(value, low, high)
     sigma = sigma * _STRAY
-    told = 1.0 - (sigma / first.parameters.std(axis=0)) ** 2
-    return SeaFit(np.exp(value), sigma, told, (plate.azimuth_deg - second.turn_deg) % 360.0, misfit)
+    told = 1.0 - (sigma / first[0].std(axis=0)) ** 2
+    return SeaFit(np.exp(value), sigma, told, (plate.azimuth_deg - second[2]) % 360.0, misfit)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Made:
-    """Logarithms of parameters (N, 2), features (N, f), and the mean turn [deg] of their travel against the wind."""
-
-    parameters: Array
-    features: Array
-    turn_deg: float
+_Made = tuple[Array, Array, float]
+"""Logarithms of parameters (N, 2), features (N, f), and the mean turn [deg] of their travel against the wind."""
 
 
 def _made_seas(
@@ -200,14 +195,15 @@ def _made_seas(
         rows.append(features)
         turns.append(np.exp(1j * np.radians(found.azimuth_deg - azimuth_deg)))
         made(before + k + 1)
-    return _Made(parameters, np.array(rows), float(np.degrees(np.angle(np.mean(turns)))))
+    return parameters, np.array(rows), float(np.degrees(np.angle(np.mean(turns))))
 
 
 def _regressed(made: _Made, features: Array) -> tuple[Array, Array, float]:
     """Return the logarithms (2,) of the parameters of features (f,), their standard deviations, and the misfit."""
-    mean, spread = made.features.mean(axis=0), made.features.std(axis=0) + 1e-9
-    x = (made.features - mean) / spread
-    y = made.parameters - made.parameters.mean(axis=0)
+    parameters, seen, _ = made
+    mean, spread = seen.mean(axis=0), seen.std(axis=0) + 1e-9
+    x = (seen - mean) / spread
+    y = parameters - parameters.mean(axis=0)
     gram = x @ x.T
     smoother = gram @ np.linalg.inv(gram + _RIDGE * np.eye(len(x)))
     # each sea left out of its own regression; the mean takes one part in N
@@ -220,4 +216,4 @@ def _regressed(made: _Made, features: Array) -> tuple[Array, Array, float]:
     stray = np.maximum((x - terms @ expected).std(axis=0), 0.05)
     here = np.concatenate([[1.0], value, value**2, value[:1] * value[1:]])
     misfit = float(np.sqrt(np.mean((((features - mean) / spread - here @ expected) / stray) ** 2)))
-    return made.parameters.mean(axis=0) + value, left.std(axis=0), misfit
+    return parameters.mean(axis=0) + value, left.std(axis=0), misfit

@@ -19,9 +19,9 @@ from mr360uw.scene.model import Scene, files_of
 from mr360uw.sphere import frame_from_direction, yaw_matrix
 from mr360uw.types import Floats
 from mr360uw.video import VideoFrame
-from mr360uw.video.pixels.both_eyes import whole_frame
 from mr360uw.video.pixels.rgb import codes_from_linear
-from mr360uw.video.read.suffixes import PICTURE_SUFFIXES
+from mr360uw.video.read.projection import PICTURE_SUFFIXES
+from mr360uw.video.video_frame import whole_frame
 from mr360uw.video.write.image_writer import write_picture
 
 _MARGIN = 4

@@ -14,7 +14,7 @@ from mr360uw.runs.run_report import counted
 from mr360uw.runs.work_folder import Part, WorkFolder, segment_bounds, work_path
 from mr360uw.scene.model import Scene, files_of
 from mr360uw.video import VideoReader, create_video
-from mr360uw.video.read.suffixes import PICTURE_SUFFIXES
+from mr360uw.video.read.projection import PICTURE_SUFFIXES
 from mr360uw.video.write.segment import Segment
 
 

@@ -172,7 +172,7 @@ def _read_mask(path: Path, clip: VideoReader) -> NDArray[np.bool_]:
 def _gravity_up(video: Path, frame_rate: float, time_s: Floats) -> Floats | None:
     """Return up in the camera's axes (n, 3) of a GoPro's gravity, or None where the clip has no such track."""
     from mr360uw.ibl.level.tilt import level_from_gpmf
-    from mr360uw.video.metadata.gpmf import gpmf_payloads
+    from mr360uw.video.read.probe import gpmf_payloads
 
     try:
         level = level_from_gpmf(gpmf_payloads(video), frame_rate)

@@ -8,8 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mr360uw.errors import Mr360uwError
-from mr360uw.preview.drafts import COARSE_WIDTH
-from mr360uw.preview.live import LivePreview
+from mr360uw.preview.live import COARSE_WIDTH, LivePreview
 from mr360uw.preview.thumbnail import encoded
 from mr360uw.render.first_pass import ClipAnalysis
 from mr360uw.scene.model import Scene

@@ -10,7 +10,7 @@ import numpy as np
 
 from mr360uw.composite.motion import yaw_pitch_roll_deg
 from mr360uw.errors import ParameterError
-from mr360uw.preview.drafts import COARSE_WIDTH, coarse
+from mr360uw.preview.live import COARSE_WIDTH, coarse
 from mr360uw.scene.model import Scene
 from mr360uw.tune import placing
 from mr360uw.tune.marks import Marker, markers, receiver_edge

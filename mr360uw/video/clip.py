@@ -10,9 +10,8 @@ from pathlib import Path
 
 from mr360uw.color import ColorSpec
 from mr360uw.errors import VideoError
-from mr360uw.video.metadata.hdr import HdrMetadata
 from mr360uw.video.metadata.spherical import SphericalMetadata, Stereo
-from mr360uw.video.metadata.tags import BT709_TAGS, ColorTags
+from mr360uw.video.metadata.tags import BT709_TAGS, ColorTags, HdrMetadata
 
 _FASTEST = 1000  # frames per second, as in a scene
 

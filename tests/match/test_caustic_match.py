@@ -19,7 +19,7 @@ from mr360uw.match import CausticMatch, FloorRegion, match_caustics, spectral_di
 from mr360uw.match import sea_regression as regression
 from mr360uw.match.floor_region import FloorGrid, FloorView
 from mr360uw.match.modelled_floor import ModelledFloor
-from mr360uw.match.pattern_measures import FloorPattern, bands, pattern_measures, relative_light
+from mr360uw.match.pattern_measures import bands, pattern_measures, relative_light
 from mr360uw.preview.thumbnail import encoded
 from mr360uw.scene import load_scene
 from mr360uw.sphere import direction_from_angles, directions, yaw_matrix
@@ -155,9 +155,9 @@ def test_more_wind_makes_a_larger_distance_and_pictures_show_it() -> None:
     for wind in (1.0, 1.3, 4.0):
         light = floor().light(sea.model_copy(update={"wind_speed": wind}))
         relative = relative_light(light)
-        shown.append(FloorPattern(relative[0], pattern_measures(relative, 0.125, 1.0 / 6.0, edges)))
+        shown.append(pattern_measures(relative, 0.125, 1.0 / 6.0, edges))
     match = CausticMatch("", plate=shown[0], before=shown[2], after=shown[1], pixel_m=0.125)
-    assert spectral_distance(shown[0].measures, shown[0].measures) == 0.0
+    assert spectral_distance(shown[0], shown[0]) == 0.0
     assert match.distance_after < match.distance_before
     pictures = match.pictures()
     assert set(pictures) == {"floor", "spectra"}
@@ -231,7 +231,7 @@ def test_a_floor_without_caustics_is_refused_with_the_reason(still_floor: Path) 
     assert match.confidence == 0.0
     assert "no caustics" in match.sentence
     assert match.plate is not None
-    assert match.plate.measures.contrast < 0.03
+    assert match.plate.contrast < 0.03
 
 
 @pytest.mark.parametrize(

@@ -22,8 +22,8 @@ from mr360uw.reading.numbered_files import is_pattern, matching_files
 from mr360uw.reading.picture_size import picture_size
 from mr360uw.video.read.layout import Eye, Layout, output_layout, panorama_crops
 from mr360uw.video.read.picture_shape import shape_of_codes
+from mr360uw.video.read.projection import PICTURE_SUFFIXES
 from mr360uw.video.read.reader import VideoReader, check_range
-from mr360uw.video.read.suffixes import PICTURE_SUFFIXES
 from mr360uw.video.video_frame import VideoFrame
 
 

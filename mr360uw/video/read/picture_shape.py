@@ -14,9 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.types import Floats, YuvImage
-from mr360uw.video.read.eac_rows import DOUBLED_STRIP
-from mr360uw.video.read.projection import Projection, turned_by_ffmpeg
-from mr360uw.video.read.suffixes import PICTURE_SUFFIXES
+from mr360uw.video.read.projection import DOUBLED_STRIP, PICTURE_SUFFIXES, Projection, turned_by_ffmpeg
 
 Shape = Literal["panorama", "dual fisheye", "fisheye", "EAC", "EAC track", "flat"]
 """What a picture looks like; "panorama" where nothing speaks against it."""

@@ -18,7 +18,6 @@ from mr360uw.errors import VideoError
 from mr360uw.files import new_file, publish
 from mr360uw.video.clip import Clip
 from mr360uw.video.metadata.mp4 import Box, edit_moov
-from mr360uw.video.metadata.spatial_audio import embed_spatial
 from mr360uw.video.metadata.spherical import V1_TAG, SphericalMetadata, embed, v1_xml
 from mr360uw.video.read.probe import create_local
 from mr360uw.video.settings import EncodeSettings
@@ -26,7 +25,7 @@ from mr360uw.video.video_frame import VideoFrame
 from mr360uw.video.write.audio import CONTAINERS, TrackCopy, check_sound
 from mr360uw.video.write.delivery import resolved
 from mr360uw.video.write.encoder import Encoder, check_encoder
-from mr360uw.video.write.other_tracks import other_tracks
+from mr360uw.video.write.other_tracks import embed_spatial, other_tracks
 from mr360uw.video.write.segment import Segment, decoding_stamps
 from mr360uw.video.write.writer import VideoWriter
 
@@ -69,8 +68,8 @@ class ContainerWriter(VideoWriter):
         self._metadata = sphere if like.panorama else None
         sound = like.sound if audio and settings.sound else None
         span = frames or (0, like.frame_count or 0)
-        self._others = other_tracks(like, kind, wanted=settings.data, sound=sound, frames=span)
-        self.notes = self._others.notes
+        others = other_tracks(like, kind, wanted=settings.data, sound=sound, frames=span)
+        self._data, self._timecode, self._chapters, self._spatial, self.notes = others
         if not self._boxes and self._metadata is not None:
             self.notes += (f"{path.suffix} gets the spherical metadata as a V1 tag, not as Projection elements",)
         with self._errors("begun"):
@@ -107,11 +106,11 @@ class ContainerWriter(VideoWriter):
         self._stream = stream
         if sound is not None:
             self._copies.append(TrackCopy(sound, self._container))
-        if self._others.data:
-            self._copies.append(TrackCopy(like.path, self._container, self._others.data))
-        self._container.set_chapters(list(self._others.chapters))
-        if self._others.timecode:
-            stream.metadata["timecode"] = self._others.timecode
+        if self._data:
+            self._copies.append(TrackCopy(like.path, self._container, self._data))
+        self._container.set_chapters(list(self._chapters))
+        if self._timecode:
+            stream.metadata["timecode"] = self._timecode
         self._container.start_encoding()
 
     def write(self, frame: VideoFrame) -> None:
@@ -184,7 +183,7 @@ class ContainerWriter(VideoWriter):
 
     def _mark(self) -> None:
         """Mark a panorama and spatial audio, and put the index in front."""
-        sphere, spatial = self._metadata, self._others.spatial
+        sphere, spatial = self._metadata, self._spatial
 
         def edit(moov: Box) -> None:
             embed_spatial(moov, spatial)

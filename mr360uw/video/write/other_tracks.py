@@ -1,15 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Selects the data tracks, time code and chapters of a plate's file that an output can keep.
+"""Selects the data tracks, time code, chapters and marks of sound of a plate's file that an output can keep.
 
 MP4 and QuickTime keep tracks of data (GoPro's GPMF) packet by packet, the time code (tmcd) and the chapters; Matroska
 keeps the chapters. Each track that is lost has a note.
+
+Spatial audio has marks of how the channels of a track are ambisonics: SA3D says the order and how channels are sorted,
+SAND that two more are head-locked stereo (Google, "Spatial Audio RFC"). Players take a track of four channels for
+loudspeakers without them; FFmpeg does not copy them.
 """
 
 from __future__ import annotations
 
 import io
 import re
-from dataclasses import dataclass
+import struct
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -18,8 +22,7 @@ import av
 import av.error
 
 from mr360uw.video.clip import Clip, not_copied
-from mr360uw.video.metadata.mp4 import Box, read_moov
-from mr360uw.video.metadata.spatial_audio import read_spatial
+from mr360uw.video.metadata.mp4 import Box, parse_boxes, read_moov
 from mr360uw.video.read.probe import open_packets
 
 _MADE_ANEW = (b"tmcd", b"text")
@@ -27,24 +30,15 @@ _MADE_ANEW = (b"tmcd", b"text")
 _TIMECODE = re.compile(r"(\d\d):(\d\d):(\d\d)([:;.])(\d\d)$")
 
 
-@dataclass(frozen=True)
-class OtherTracks:
-    """The other parts of a plate's file that an output keeps.
-
-    data: numbers of the tracks that are copied. timecode: of the first frame that is written, or "". chapters: as
-    PyAV has them, moved with the pictures. spatial: marks of the audio tracks (`spatial_audio`). notes: the plate's
-    notes, without those on tracks that are kept, with those on what is lost.
-    """
-
-    data: tuple[int, ...] = ()
-    timecode: str = ""
-    chapters: tuple[dict[str, Any], ...] = ()
-    spatial: tuple[bytes, ...] = ()
-    notes: tuple[str, ...] = ()
+OtherTracks = tuple[tuple[int, ...], str, tuple[dict[str, Any], ...], tuple[bytes, ...], tuple[str, ...]]
 
 
 def other_tracks(like: Clip, kind: str, *, wanted: bool, sound: Path | None, frames: tuple[int, int]) -> OtherTracks:
-    """Return what an output of a kind ("mp4", "mov", "matroska") keeps of a plate.
+    """Return what an output of a kind ("mp4", "mov", "matroska") keeps of the other parts of a plate's file.
+
+    These are the numbers of the tracks of data that are copied; the time code of the first frame that is written, or
+    ""; the chapters as PyAV has them, moved with the pictures; the marks of the audio tracks; and the plate's notes,
+    without those on tracks that are kept, with those on what is lost.
 
     wanted: whether data, time code and chapters are asked for. sound: the file of the sound that is copied, or None.
     frames: (start, stop) of the frames that are written.
@@ -56,7 +50,7 @@ def other_tracks(like: Clip, kind: str, *, wanted: bool, sound: Path | None, fra
         notes.append(f"{sound} - its mark of spatial audio (SA3D) is kept in .mp4 and .mov alone")
         spatial = ()
     if not wanted or not like.pixel_format or not like.path.is_file():
-        return OtherTracks(spatial=spatial, notes=tuple(notes))
+        return (), "", (), spatial, tuple(notes)
     with open_packets(like.path) as container:
         data = [(s.index, s.id, boxes and _holds(kind, s)) for s in container.streams if s.type == "data"]
         found = {s.index: s.metadata["timecode"] for s in container.streams if "timecode" in s.metadata}
@@ -69,7 +63,7 @@ def other_tracks(like: Clip, kind: str, *, wanted: bool, sound: Path | None, fra
     gone = {not_copied("data", index) for index in kept}
     notes = [note for note in notes if note not in gone]
     start = later_timecode(timecode, frames[0], like.frame_rate)
-    return OtherTracks(copied, start, chapters, spatial, tuple(notes))
+    return copied, start, chapters, spatial, tuple(notes)
 
 
 def _holds(kind: str, stream: Any) -> bool:
@@ -134,3 +128,45 @@ def later_timecode(timecode: str, frames: int, rate: Fraction) -> str:
     count += 9 * dropped * tens
     whole, frame = divmod(count, base)
     return f"{whole // 3600 % 24:02d}:{whole // 60 % 60:02d}:{whole % 60:02d}{found[4]}{frame:02d}"
+
+
+_MARKS = (b"SA3D", b"SAND")
+_ENTRY_HEADS = {0: 28, 1: 44, 2: 64}
+"""Bytes of an audio sample entry before its boxes, by version (ISO/IEC 14496-12; QuickTime File Format: 1 and 2)."""
+_VERSION_AT = 8
+
+
+def read_spatial(path: Path) -> tuple[bytes, ...]:
+    """Return the marks of each audio track of a file, as the bytes of their boxes; b"" for a track without."""
+    moov = read_moov(path)
+    return () if moov is None else tuple(_marks(entry) for entry in _audio_entries(moov))
+
+
+def embed_spatial(moov: Box, marks: tuple[bytes, ...]) -> None:
+    """Put the marks of each audio track into a parsed 'moov' box that has the same tracks, where it has none."""
+    for entry, mark in zip(_audio_entries(moov), marks, strict=False):
+        if mark and not _marks(entry):
+            entry.payload += mark
+
+
+def _audio_entries(moov: Box) -> list[Box]:
+    """Return the first sample entry of each audio track."""
+    found = []
+    for track in moov.children:
+        handler, table = track.find(b"mdia", b"hdlr"), track.find(b"mdia", b"minf", b"stbl", b"stsd")
+        sounds = track.kind == b"trak" and handler is not None and handler.payload[8:12] == b"soun"
+        if sounds and table is not None and table.children:
+            found.append(table.children[0])
+    return found
+
+
+def _marks(entry: Box) -> bytes:
+    """Return the marks in an audio sample entry."""
+    if len(entry.payload) < _ENTRY_HEADS[0]:
+        return b""
+    head = _ENTRY_HEADS.get(struct.unpack_from(">H", entry.payload, _VERSION_AT)[0], len(entry.payload))
+    try:
+        boxes = parse_boxes(entry.payload[head:])
+    except ValueError:
+        return b""
+    return b"".join(box.serialised() for box in boxes if box.kind in _MARKS)
