@@ -33,7 +33,6 @@ ALLOWED: dict[str, set[str]] = {
     "scene": {"composite", "video", *PHYSICS},
     "render": {"scene", "composite", "video", "gl", "progress", "threads", *PHYSICS},
     "runs": {"render", "scene", "composite", "video", "ibl", "medium", "threads", "progress", "__version__"},
-    "farm": {"runs", "render", "scene", "video"},
     "preview": {"render", "scene", "video", "composite", "progress", "threads", *PHYSICS},
     "match": {"render", "scene", "video", "caustic_lookup", "progress", *PHYSICS},
     "sample": {"scene", "ibl", "caustics", "medium", "surface", "video", "progress", "threads"},

@@ -95,7 +95,7 @@ def _open_light(bench: Workbench) -> Workload:
         return lambda k: environment(small[k], underwater=True)
 
     truth = environment(images[0], underwater=True).irradiance
-    return Workload(prepare, lambda light: relative_rms(light.irradiance, truth))
+    return prepare, lambda light: relative_rms(light.irradiance, truth)
 
 
 def frames_against(bench: Workbench, finest: Knobs) -> Workload:
@@ -107,7 +107,7 @@ def frames_against(bench: Workbench, finest: Knobs) -> Workload:
     def error(frame: Any) -> float:
         return relative_rms(_as_large(picture_of(frame), truth)[touched], truth[touched])
 
-    return Workload(bench.frames, error)
+    return bench.frames, error
 
 
 def _as_large(image: Floats, like: Floats) -> Floats:

@@ -93,17 +93,10 @@ _NAMES = {"final": "default", "draft": "draft", "reference": "reference"}
 """Words for the points of the qualities of a scene."""
 
 
-@dataclass(frozen=True, slots=True)
-class Workload:
-    """A stage ready to be measured.
-
-    prepare: takes settings, returns the work, which is timed; it is called with 0 for the run whose error is taken, and
-    with 1, 2, ... for the runs that are timed. error: takes a result of run 0, returns its relative root mean square
-    error.
-    """
-
-    prepare: Callable[[Knobs], Callable[[int], Any]]
-    error: Callable[[Any], float]
+Workload = tuple[Callable[[Knobs], Callable[[int], Any]], Callable[[Any], float]]
+"""A stage ready to be measured: two functions. The first takes settings and returns the work, which is timed; it is
+called with 0 for the run whose error is taken, and with 1, 2, ... for the runs that are timed. The second takes a
+result of run 0 and returns its relative root mean square error."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,11 +152,11 @@ def qualities(*names: str) -> dict[str, Knobs]:
 
 def measure(stage: MeasuredStage, bench: Workbench, tick: Callable[[], None] = lambda: None) -> list[Measurement]:
     """Return the measurements of a stage at its settings. tick: called after each of them."""
-    work, found = stage.open(bench), []
+    (prepare, error_of), found = stage.open(bench), []
     for knobs in stage.settings(quick=bench.quick):
         with nothing_kept():
-            run = work.prepare(knobs)
-            error = work.error(run(0))
+            run = prepare(knobs)
+            error = error_of(run(0))
             cpu, wall = timed(run, bench.runs)
         names = tuple(word for word, point in stage.named.items() if point == knobs)
         found.append(Measurement(dict(knobs), 1e3 * cpu, 1e3 * wall, error, bench.runs, names))

@@ -54,11 +54,11 @@ def new(
             ) from None
         direction = azimuth, elevation
     wish = Wish(direction, "stands" if stand else "swims" if swim else None, size)
-    made = make_first_scene(
+    _, lines, commands = make_first_scene(
         video, mesh, out, wish=wish, track=track, eye=eye, overwrite=overwrite, outside_files=outside_files,
         backend=backend,
     )  # fmt: skip
-    typer.echo("\n".join([*made.lines, *made.next_lines]))
+    typer.echo("\n".join([*lines, *commands]))
 
 
 def tune(
@@ -90,9 +90,8 @@ def tune(
     if mesh is not None:
         from mr360uw.first_look.first_scene import make_first_scene
 
-        made = make_first_scene(source, mesh, backend=backend)
-        typer.echo("\n".join(made.lines))
-        scene = made.scene
+        scene, lines, _ = make_first_scene(source, mesh, backend=backend)
+        typer.echo("\n".join(lines))
     document = Document(scene)
 
     gc.disable()  # modules are no garbage: looking for some takes a tenth of the time to load them

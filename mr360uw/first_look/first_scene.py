@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 import tomllib
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -84,19 +84,6 @@ _RADIANCE = (".exr", ".hdr")
 """Stills of scene radiance, whose composite is one too."""
 
 
-@dataclass(frozen=True, slots=True)
-class FirstScene:
-    """A scene that was written, and a picture of its first frame.
-
-    lines: what was found and guessed. next_lines: commands that go on from there.
-    """
-
-    scene: Path
-    preview: Path
-    lines: tuple[str, ...]
-    next_lines: tuple[str, ...]
-
-
 def make_first_scene(
     video: Path,
     mesh: Path,
@@ -108,8 +95,10 @@ def make_first_scene(
     overwrite: bool = False,
     outside_files: bool = False,
     backend: str = "auto",
-) -> FirstScene:
-    """Write a scene that puts `mesh` into `video` where it is seen, and a preview beside it.
+) -> tuple[Path, list[str], list[str]]:
+    """Write a scene that puts `mesh` into `video` where it is seen, and a preview of its first frame beside it.
+
+    Returns the scene, lines on what was found and guessed, and commands that go on from there.
 
     wish: for its place and size. track: the camera's path, whose floor is taken from the .json beside it. eye: of a
     stereo plate, by default the left one. outside_files: the mesh may name files outside of its folder. Raises the
@@ -138,12 +127,12 @@ def make_first_scene(
     ]
     lines += [f"wrote     {path}", f"          {preview}: look at it first"]
     view = f"{chosen.place.azimuth_deg:g},{chosen.place.elevation_deg:g},75"
-    commands = (
+    commands = [
         f"next:     mr360uw composite {path} {path.with_suffix(f'.composite{suffix}').name}",
         f"or:       mr360uw still {path} look.png --view {view}",
         f"          mr360uw tune {path}",
-    )
-    return FirstScene(path, preview, tuple(lines), commands)
+    ]
+    return path, lines, commands
 
 
 def _targets(video: Path, mesh: Path, track: Path | None, out: Path | None, *, overwrite: bool) -> tuple[Path, Path]:

@@ -123,7 +123,7 @@ def match_caustics(
         series = floor_series(scene, frames, progress)
     except NoMatchError as refused:
         return CausticMatch(f"Nothing is matched. {refused}")
-    edges = bands(series.grid.region.size_m, _FINEST * float(np.median(series.footprint_m)))
+    edges = bands(series.grid.size_m, _FINEST * float(np.median(series.footprint_m)))
     measure = measurer(series.grid.pixel_m, series.step_s, edges)
     plate, features = measure(series.light)
     reason = _no_caustics(series, plate)
@@ -167,10 +167,10 @@ def _no_caustics(series: FloorSeries, measures: PatternMeasures) -> str:
 def _changes(fit: SeaFit, plate: PatternMeasures, sea: Sea) -> tuple[dict[str, float], dict[str, float]]:
     changes: dict[str, float] = {}
     uncertainty: dict[str, float] = {}
-    for k, parameter in enumerate(fitted_parameters(sea)):
+    for k, (name, *_) in enumerate(fitted_parameters(sea)):
         if fit.told[k] >= _LEAST_TOLD:
-            changes[f"sea.{parameter.name}"] = float(f"{fit.value[k]:.3g}")
-            uncertainty[f"sea.{parameter.name}"] = float(fit.sigma[k])
+            changes[f"sea.{name}"] = float(f"{fit.value[k]:.3g}")
+            uncertainty[f"sea.{name}"] = float(fit.sigma[k])
     if float(np.hypot(*plate.direction)) >= _LEAST_SENSE:
         changes["sea.wind_direction_deg"] = float(round(fit.direction_deg) % 360)
         uncertainty["sea.wind_direction_deg"] = _DIRECTION_SIGMA_DEG
@@ -189,12 +189,13 @@ def _confidence(fit: SeaFit, uncertainty: dict[str, float]) -> float:
 def _sentence(match: CausticMatch, fit: SeaFit, sea: Sea) -> str:
     """Return the result in plain words."""
     parts, untold = [], []
-    for parameter in fitted_parameters(sea):
-        key = f"sea.{parameter.name}"
+    for name, _, _, words, unit in fitted_parameters(sea):
+        key = f"sea.{name}"
         if key in match.changes:
-            parts.append(f"{parameter.words} {match.changes[key]:g} {parameter.unit} (+-{_percent(match, key)} %)")
+            percent = round(100.0 * match.uncertainty[key])
+            parts.append(f"{words} {match.changes[key]:g} {unit} (+-{percent} %)")
         else:
-            untold.append(parameter.words)
+            untold.append(words)
     if "sea.wind_direction_deg" in match.changes:
         parts.append(f"towards {match.changes['sea.wind_direction_deg']:.0f} degrees")
     else:
@@ -211,7 +212,3 @@ def _sentence(match: CausticMatch, fit: SeaFit, sea: Sea) -> str:
     if fit.misfit > _STRANGE:
         text += " The pattern is unlike that of any sea tried: check the depths, the floor's height and its motion."
     return text
-
-
-def _percent(match: CausticMatch, key: str) -> int:
-    return round(100.0 * match.uncertainty[key])

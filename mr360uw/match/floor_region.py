@@ -16,7 +16,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.errors import ParameterError
 from mr360uw.medium.lookup import veil_lookup
 from mr360uw.sphere import direction_from_frame, frame_from_direction
 from mr360uw.types import Floats, MediumTable
@@ -82,44 +81,35 @@ _SIDE_PER_HEIGHT = 4.0
 it holds a quarter of the waves; twice as large, pixels at its edges show no detail of caustics."""
 
 
-@dataclass(frozen=True, slots=True)
-class FloorRegion:
-    """A square on the level floor. x_m, z_m: its middle in the world. size_m: its side."""
+@dataclass(frozen=True, slots=True, eq=False)
+class FloorGrid:
+    """The pixels of a square region on the level floor, `count` across.
+
+    x_m, z_m: its middle in the world. size_m: its side. floor_y: height of the floor.
+    """
 
     x_m: float
     z_m: float
     size_m: float
-
-    def __post_init__(self) -> None:
-        values = (self.x_m, self.z_m, self.size_m)
-        if not np.all(np.isfinite(values)) or self.size_m <= 0.0:
-            raise ParameterError(f"region - must be x, z and a side > 0 in metres (got {values}) - correct it")
-
-    @classmethod
-    def below(cls, positions: Array, floor_y: float) -> FloorRegion:
-        """Return the square below and around camera positions (n, 3)."""
-        x, y, z = positions.mean(axis=0)
-        return cls(float(x), float(z), _SIDE_PER_HEIGHT * float(y - floor_y))
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class FloorGrid:
-    """The pixels of a region on the plane y = `floor_y`, `count` across."""
-
-    region: FloorRegion
     floor_y: float
     count: int
+
+    @classmethod
+    def below(cls, positions: Array, floor_y: float, count: int) -> FloorGrid:
+        """Return the square below and around camera positions (n, 3)."""
+        x, y, z = positions.mean(axis=0)
+        return cls(float(x), float(z), _SIDE_PER_HEIGHT * float(y - floor_y), floor_y, count)
 
     @property
     def pixel_m(self) -> float:
         """Side of a pixel [m]."""
-        return self.region.size_m / self.count
+        return self.size_m / self.count
 
     def places(self, finer: int = 1) -> tuple[Array, Array]:
         """Return x and z (n, n) [m] of the pixels' centres, or of `finer` points across each."""
         n = self.count * finer
-        along = ((np.arange(n) + 0.5) / n - 0.5) * self.region.size_m
-        x, z = np.broadcast_arrays(self.region.x_m + along, (self.region.z_m + along)[:, None])
+        along = ((np.arange(n) + 0.5) / n - 0.5) * self.size_m
+        x, z = np.broadcast_arrays(self.x_m + along, (self.z_m + along)[:, None])
         return x, z
 
     def footprint_m(self, position: Array, pixel_rad: float) -> Array:

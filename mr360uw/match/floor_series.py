@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.color import encode, luminance
-from mr360uw.match.floor_region import FloorGrid, FloorRegion, FloorView
+from mr360uw.match.floor_region import FloorGrid, FloorView
 from mr360uw.medium import Medium
 from mr360uw.medium.fit.level import fit_level
 from mr360uw.optics import refract_to_air
@@ -96,7 +96,7 @@ def floor_series(scene: Scene, frames: tuple[int, int] | None = None, progress: 
         positions = np.array([position for position, _ in places])
         if positions[:, 1].min() - floor_y < _LEAST_HEIGHT_M:
             raise NoMatchError("The floor is not below the camera; set receiver.height_m.")
-        grid = FloorGrid(FloorRegion.below(positions, floor_y), floor_y, _COUNT)
+        grid = FloorGrid.below(positions, floor_y, _COUNT)
         views = _views(grid, places, video.width, video.height)
         seen, suns, gains = [], [], []
         for frame in video.frames(start, stop):

@@ -6,7 +6,6 @@ from __future__ import annotations
 import shutil
 import time
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
 from pathlib import Path
 
 from mr360uw.reading.numbered_files import numbered
@@ -19,41 +18,34 @@ _LONG_S = 60.0
 """Time left [s] from which on a run gets a forecast; shorter ones are over before it is read."""
 
 
-@dataclass(slots=True)
-class Forecast:
-    """Tells once how long a run will take and what it will write; tell: gets the line. left: frames to render."""
+def forecaster(tell: Callable[[str], None], output: Output, work: WorkFolder, left: int) -> Callable[[], None]:
+    """Return a function that counts a frame, and tells once, after a few seconds, how long the run will take.
 
-    tell: Callable[[str], None]
-    output: Output
-    work: WorkFolder
-    left: int
-    _done: int = 0
-    _began: float = 0.0
-    _told: bool = False
+    It tells when a part is complete, if the run is a long one. tell: gets the line. left: frames to render.
+    """
+    done, began, told = 0, 0.0, False
 
-    def frame_done(self) -> None:
-        """Count a frame; after a few seconds, when a part is complete, tell the forecast if the run is a long one."""
-        self._done += 1
-        if self._told:
+    def frame_done() -> None:
+        nonlocal done, began, told
+        done += 1
+        if done == 1:  # the first frame compiles and uploads: it says nothing about the others
+            began = time.perf_counter()
+        seconds = time.perf_counter() - began
+        if told or seconds < _MEASURED_S:
             return
-        if self._done == 1:  # the first frame compiles and uploads: it says nothing about the others
-            self._began = time.perf_counter()
-            return
-        seconds = time.perf_counter() - self._began
-        if seconds < _MEASURED_S:
-            return
-        written, frames = _written(self.output, self.work)
+        written, frames = _written(output, work)
         if frames == 0:
             return
-        self._told = True
-        rate = (self._done - 1) / seconds
-        if (self.left - self._done) / rate >= _LONG_S:
-            total = self.output.span[1] - self.output.span[0]
+        told, rate = True, (done - 1) / seconds
+        if (left - done) / rate >= _LONG_S:
+            total = output.span[1] - output.span[0]
             # segments and the file that they are joined into lie side by side at the end
-            copies = 1 if self.output.is_pictures else 2
+            copies = 1 if output.is_pictures else 2
             size = written / frames * total
-            free = shutil.disk_usage(self.work.path).free
-            self.tell(forecast_line(self.left - self._done, rate, size, copies * size - written, free))
+            free = shutil.disk_usage(work.path).free
+            tell(forecast_line(left - done, rate, size, copies * size - written, free))
+
+    return frame_done
 
 
 def forecast_line(left: int, rate: float, size: float, needed: float, free: float) -> str:

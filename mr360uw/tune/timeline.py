@@ -8,29 +8,12 @@ a value goes between keys is Python's to say: the curve that is drawn is made of
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
 from nicegui.element import Element
 from nicegui.events import GenericEventArguments
 
 Interpolation = Literal["linear", "smooth", "hold"]
-
-
-@dataclass(frozen=True, slots=True)
-class ParameterKeys:
-    """The keys of one parameter. keys: (time [s], value), ascending. low, high: of its range, None where it has none.
-
-    samples: (time [s], value) of the curve, ascending and dense enough to be joined by straight lines.
-    """
-
-    label: str
-    unit: str
-    keys: tuple[tuple[float, float], ...]
-    samples: tuple[tuple[float, float], ...]
-    interpolation: Interpolation = "linear"
-    low: float | None = None
-    high: float | None = None
 
 
 class Timeline(Element, component="timeline.js", esm={"mr360uw-tune": "js"}):
@@ -59,9 +42,13 @@ class Timeline(Element, component="timeline.js", esm={"mr360uw-tune": "js"}):
         self._props["thumbnails"] = [{"frame": frame, "url": url} for frame, url in urls.items()]
         self.update()
 
-    def set_curve(self, curve: ParameterKeys | None) -> None:
-        """Show the keys of a parameter below the strip; None: none."""
-        self._set("curve", None if curve is None else asdict(curve))
+    def set_curve(self, curve: dict[str, Any] | None) -> None:
+        """Show the keys of a parameter below the strip; None: none.
+
+        curve: label, unit, keys: (time [s], value), ascending; interpolation; low, high: of the parameter's range, None
+        where it has none; samples: (time [s], value), ascending and dense enough to be joined by straight lines.
+        """
+        self._set("curve", curve)
 
     # --- events
 

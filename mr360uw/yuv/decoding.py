@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Linear light of decoded planes, of a rectangle of the frame or in directions of a panorama, and its compiled functions.
+"""Linear light of decoded planes, of a rectangle of the frame or in directions, and its compiled functions.
 
 These are serial, outside Python's lock; see `coefficients` for the equations. k: `coefficients.coefficients`; folded:
 `coefficients.folded_coefficients`. sx, sy: log2 of the chroma subsampling. wrap: left and right edges meet. Chroma of

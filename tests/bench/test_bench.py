@@ -60,7 +60,7 @@ def fake_stage(calls: list[Any]) -> MeasuredStage:
 
     def opened(bench: Workbench) -> Workload:
         del bench
-        return Workload(prepare, lambda got: relative_rms(got, 1.0))
+        return prepare, lambda got: relative_rms(got, 1.0)
 
     return MeasuredStage("sum", "A sum", "adding", "its limit", POINTS, POINTS[:1], {"default": {"steps": 10}}, opened)
 

@@ -15,7 +15,7 @@ from mr360uw.caustics import GerstnerSea, SpectralSea
 from mr360uw.cli.tools import match
 from mr360uw.constants import GRAVITY_M_S2
 from mr360uw.errors import ParameterError
-from mr360uw.match import CausticMatch, FloorRegion, match_caustics, spectral_distance
+from mr360uw.match import CausticMatch, match_caustics, spectral_distance
 from mr360uw.match import sea_regression as regression
 from mr360uw.match.floor_region import FloorGrid, FloorView
 from mr360uw.match.modelled_floor import ModelledFloor
@@ -47,7 +47,7 @@ def test_a_floor_is_seen_from_above_wherever_the_camera_is_and_looks(
     tilt = np.radians(12.0)
     pitch = np.array([[1, 0, 0], [0, np.cos(tilt), -np.sin(tilt)], [0, np.sin(tilt), np.cos(tilt)]])
     position, rotation = np.array([place[0], HEIGHT_M, place[1]]), yaw_matrix(np.radians(yaw_deg)) @ pitch
-    grid = FloorGrid(FloorRegion(0.0, 0.0, 3.2), 0.0, 64)
+    grid = FloorGrid(0.0, 0.0, 3.2, 0.0, 64)
     view = FloorView.of(grid, position, rotation, 1024, 512)
     seen = view.read(checkerboard(position, rotation, 0.4).image_linear[slice(*view.rows)])
     x, z = grid.places()
@@ -114,15 +114,9 @@ def test_bands_end_at_what_is_seen() -> None:
         bands(1.0, 0.5)
 
 
-@pytest.mark.parametrize("values", [(0.0, 0.0, 0.0), (np.nan, 0.0, 1.0)])
-def test_a_region_is_a_square(values: tuple[float, float, float]) -> None:
-    with pytest.raises(ParameterError, match="region - must be"):
-        FloorRegion(*values)
-
-
 def floor(depth_m: float = 5.0) -> ModelledFloor:
     """Return a small floor under a high sun."""
-    grid = FloorGrid(FloorRegion(0.0, 0.0, 6.0), 0.0, 48)
+    grid = FloorGrid(0.0, 0.0, 6.0, 0.0, 48)
     times = np.arange(6) / 6.0
     view = FloorView.of(grid, np.array([0.0, 1.5, 0.0]), np.eye(3), 128, 64)
     return ModelledFloor((view,) * 6, grid.pixel_m, times, depth_m, direction_from_angles(0.5, 1.1), 0.6, 1.0)
@@ -145,8 +139,8 @@ def test_a_made_sea_is_found_again(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_what_is_fitted_of_a_sea() -> None:
-    assert [p.name for p in regression.fitted_parameters(GerstnerSea())] == ["wind_speed", "dominant_wavelength_m"]
-    assert [p.name for p in regression.fitted_parameters(SpectralSea())] == ["wind_speed", "fetch_m"]
+    assert [name for name, *_ in regression.fitted_parameters(GerstnerSea())] == ["wind_speed", "dominant_wavelength_m"]
+    assert [name for name, *_ in regression.fitted_parameters(SpectralSea())] == ["wind_speed", "fetch_m"]
 
 
 def test_more_wind_makes_a_larger_distance_and_pictures_show_it() -> None:
@@ -192,7 +186,7 @@ def test_a_floor_lost_in_the_veil_is_refused(still_floor: Path, monkeypatch: pyt
 
 def test_a_moving_camera_sees_the_same_floor() -> None:
     """Through other pixels, each an average over its own footprint: nearly the same pattern."""
-    grid = FloorGrid(FloorRegion(0.0, 0.0, 6.0), 0.0, 48)
+    grid = FloorGrid(0.0, 0.0, 6.0, 0.0, 48)
     here, there = (
         FloorView.of(grid, np.array([x, 1.5, 0.0]), yaw_matrix(turn), 256, 128) for x, turn in ((0.0, 0.0), (0.3, 1.0))
     )

@@ -12,10 +12,10 @@ import pytest
 
 import mr360uw as uw
 from mr360uw.errors import DamagedFrameError, GlError, OutputError, VideoError
-from mr360uw.farm.job import Job, OpenJob
 from mr360uw.render.backends import Backend, make_backend
 from mr360uw.runs import forecast
 from mr360uw.runs.forecast import forecast_line
+from mr360uw.runs.job import Job, OpenJob
 from mr360uw.runs.work_folder import work_folder, work_path
 from mr360uw.scene import Scene
 from mr360uw.scene.model import scene_from_dict
@@ -220,7 +220,7 @@ def test_a_worker_without_the_renderer_of_the_others_ends_the_run(
             raise GlError("no display")
         return make_backend("reference")
 
-    monkeypatch.setattr("mr360uw.farm.job.make_backend", without_gl)
+    monkeypatch.setattr("mr360uw.runs.job.make_backend", without_gl)
     scene = bare(whole)
     out.parent.mkdir(exist_ok=True)
     from mr360uw.runs.fingerprint import WorkKeys

@@ -18,7 +18,7 @@ from nicegui import app, ui
 from mr360uw.preview.thumbnail import encoded
 from mr360uw.tune.marks import Marker
 from mr360uw.tune.placing import Point
-from mr360uw.tune.timeline import ParameterKeys, Timeline
+from mr360uw.tune.timeline import Timeline
 from mr360uw.tune.viewer import Viewer
 
 COUNT, RATE = 300, 30.0
@@ -72,11 +72,14 @@ def note(name: str) -> Any:
     return lambda *told: TOLD.append((name, list(told)))
 
 
-def curve(keys: tuple[tuple[float, float], ...], interpolation: str = "linear") -> ParameterKeys:
+def curve(keys: tuple[tuple[float, float], ...], interpolation: str = "linear") -> dict[str, Any]:
     times = np.linspace(0.0, COUNT / RATE, 200)
     values = np.interp(times, *np.transpose(keys)) if keys else np.full(200, 4.0)
     samples = tuple(zip(times.tolist(), values.tolist(), strict=True))
-    return ParameterKeys("Wind speed", "m/s", keys, samples, interpolation, 0.0, 40.0)  # type: ignore[arg-type]
+    return {
+        "label": "Wind speed", "unit": "m/s", "keys": keys, "samples": samples, "interpolation": interpolation,
+        "low": 0.0, "high": 40.0,
+    }  # fmt: skip
 
 
 @app.post("/fresh")

@@ -14,7 +14,7 @@ from mr360uw.scene.key_targets import target_of
 from mr360uw.tune.editing import tracks
 from mr360uw.tune.panels.widgets import Choice
 from mr360uw.tune.session import Session
-from mr360uw.tune.timeline import Interpolation, ParameterKeys, Timeline
+from mr360uw.tune.timeline import Interpolation, Timeline
 
 _AXES = ("right", "up", "back")
 
@@ -85,17 +85,18 @@ class TimePanel:
         self._line.set_frame(self._session.index)
         self._line.set_range(*self._session.range)
 
-    def _curve(self, label: str) -> ParameterKeys:
+    def _curve(self, label: str) -> dict[str, Any]:
         name, component = self._named()
         key = tracks.tracks(self._document)[name]
         field = target_of(self._document.scene, name).field
         low, high = bounds_of(field)
         values = [tracks.component_of(value, component) for value in key.value]
         end_s = self._session.frame_count / float(self._session.clip.frame_rate)
-        return ParameterKeys(
-            label, stated(field, "unit"), tuple(zip(key.time_s, values, strict=True)),
-            tuple(tracks.samples(self._document, key, end_s, component)), key.interpolation, low, high,
-        )  # fmt: skip
+        return {
+            "label": label, "unit": stated(field, "unit"), "keys": list(zip(key.time_s, values, strict=True)),
+            "samples": tracks.samples(self._document, key, end_s, component), "interpolation": key.interpolation,
+            "low": low, "high": high,
+        }  # fmt: skip
 
     def _named(self) -> tuple[str, int | None]:
         name, _, component = self._chosen.partition(" ")

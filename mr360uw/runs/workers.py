@@ -21,8 +21,7 @@ from multiprocessing.process import BaseProcess
 from typing import Any, Literal
 
 from mr360uw.errors import ParameterError, VideoError
-from mr360uw.farm.job import Job, OpenJob
-from mr360uw.runs.frame_range import RunTimes
+from mr360uw.runs.job import Job, OpenJob, RunTimes
 from mr360uw.runs.work_folder import Part
 
 _SCHEMES = ("tcp", "tls", "ws", "wss")
