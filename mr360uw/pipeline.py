@@ -21,9 +21,8 @@ from mr360uw.render.first_pass import ClipAnalysis, measured_range
 from mr360uw.render.loaded import Loaded, load
 from mr360uw.render.sun_lines import scene_sun_lines
 from mr360uw.runs.fingerprint import input_fingerprints, work_keys
-from mr360uw.runs.forecast import forecaster
 from mr360uw.runs.job import Job, OpenJob, RunTimes
-from mr360uw.runs.outputs import Output
+from mr360uw.runs.outputs import Output, forecaster
 from mr360uw.runs.run_report import Report
 from mr360uw.runs.stored_analysis import measured_analysis
 from mr360uw.runs.work_folder import Part, WorkFolder, joined_bounds, work_folder

@@ -167,12 +167,8 @@ def read_report(path: Path) -> BenchReport:
 def this_machine(backend: str, device: str) -> Machine:
     """Return the machine that this runs on. backend, device: of the renderer."""
     system, load = f"{platform.system()} {platform.release()}", os.getloadavg()[0] if hasattr(os, "getloadavg") else 0.0
-    return Machine(cpu=_processor(), cores=_cores(), system=system, backend=backend, device=device, load=round(load, 2))
-
-
-def _cores() -> int:
-    """Return the number of cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    return Machine(cpu=_processor(), cores=cores, system=system, backend=backend, device=device, load=round(load, 2))
 
 
 def _processor() -> str:

@@ -13,8 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mr360uw.errors import ParameterError
-from mr360uw.first_look.free_view import free_view
-from mr360uw.first_look.ground_place import Sides, ground_place, shows_ground
+from mr360uw.first_look.good_places import Sides, free_view, ground_place, shows_ground
 from mr360uw.first_look.mesh_look import Habit, MeshLook
 from mr360uw.first_look.plate_look import PlateLook
 

@@ -110,7 +110,9 @@ def look_at_plate(path: Path, eye: Eye | None = None) -> PlateLook:
     """Return what a plate shows; raise `VideoError` where it is no panorama, or cannot be read."""
     eye, projection = _reading_of(path, eye)
     with open_video(path, eye=eye, projection=projection) as video:
-        frames = [_small(video, index) for index in _indices(video)]
+        count = 1 if video.is_still else video.frame_count or 1
+        chosen = sorted(set(np.linspace(0, count - 1, _FRAMES).astype(int).tolist()))
+        frames = [_small(video, index) for index in chosen]
         still, size = video.is_still, (video.width, video.height)
     image = np.median(frames, axis=0)
     medium = water_or_air(image)
@@ -122,11 +124,6 @@ def look_at_plate(path: Path, eye: Eye | None = None) -> PlateLook:
     eyes, doubt = eyes_of_plate(Scene(plate=PlateSettings(path=path, eye=eye)))
     floor = _has_floor(image, medium.underwater)
     return PlateLook(path, image, frames[0], still, size, eye, projection, medium, dark, tilt, floor, eyes, doubt)
-
-
-def _indices(video: VideoReader) -> list[int]:
-    count = 1 if video.is_still else video.frame_count or 1
-    return sorted(set(np.linspace(0, count - 1, _FRAMES).astype(int).tolist()))
 
 
 def _small(video: VideoReader, index: int) -> Floats:

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from mr360uw.errors import ParameterError
-from mr360uw.first_look.free_view import FreeView, free_view
+from mr360uw.first_look.good_places import FreeView, free_view
 from mr360uw.first_look.mesh_look import MeshLook
 from mr360uw.first_look.place_in_plate import Place, Wish, guessed_drop_m, place_of
 from mr360uw.first_look.plate_look import PlateLook

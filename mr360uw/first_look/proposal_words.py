@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from mr360uw.color import encode
-from mr360uw.first_look.ground_place import UNEVEN
+from mr360uw.first_look.good_places import UNEVEN
 from mr360uw.first_look.mesh_look import MeshLook
 from mr360uw.first_look.place_in_plate import Place
 from mr360uw.first_look.plate_look import PlateLook

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.first_look.free_view import FreeView
+from mr360uw.first_look.good_places import FreeView
 from mr360uw.medium import Medium, Water
 from mr360uw.medium.visibility import CONTRAST_LENGTHS, LEAST_M, MOST_M, visibility_m, water_seen_as_far
 from mr360uw.types import Floats

@@ -81,7 +81,7 @@ _DARK = 0.004
 
 @dataclass(frozen=True, slots=True)
 class WaterOrAir:
-    """Whether a plate is under water. confidence: 0 to 1. red_far: q, red_near: s of the module's text.
+    """Whether a plate is under water. confidence: 0 to 1. red_far: q of the module's text.
 
     half: whether it is so below the horizon only, and in air above.
     """
@@ -89,7 +89,6 @@ class WaterOrAir:
     underwater: bool
     confidence: float
     red_far: float
-    red_near: float
     half: bool = False
 
 
@@ -112,7 +111,7 @@ def water_or_air(image: Floats) -> WaterOrAir:
         for there, q in ((np.abs(up) < _BAND_SINE, 0.1), (up < _BELOW_SINE, 0.9))
     )
     if np.isnan(far):
-        return WaterOrAir(False, 0.0, 1.0, 1.0)
+        return WaterOrAir(False, 0.0, 1.0)
     if np.isnan(near):  # the ground is black, as over deep water
         near = far
     margins = [
@@ -122,7 +121,7 @@ def water_or_air(image: Floats) -> WaterOrAir:
     ]
     margin = float(max(margins))
     half = margin > 0.0 and _half_in_air(ratio, weight, up)
-    return WaterOrAir(margin > 0.0, min(abs(margin) / _SURE, 1.0), far, near, half)
+    return WaterOrAir(margin > 0.0, min(abs(margin) / _SURE, 1.0), far, half)
 
 
 def _half_in_air(ratio: Floats, weight: Floats, up: Floats) -> bool:

@@ -67,11 +67,6 @@ class CausticMatch:
     pixel_m: float = 0.0
 
     @property
-    def fitted(self) -> bool:
-        """Whether there is anything to change."""
-        return bool(self.changes)
-
-    @property
     def overrides(self) -> tuple[str, ...]:
         """The changes as `load_scene` and `--set` take them."""
         return tuple(f"{key}={value:g}" for key, value in self.changes.items())

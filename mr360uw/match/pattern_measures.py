@@ -113,12 +113,6 @@ class PatternMeasures:
         return float(np.exp(np.average(np.log(self.wavelength_m), weights=np.maximum(self.power, _TINY))))
 
     @property
-    def speed_m_s(self) -> float:
-        """Mean phase speed [m/s] over the bands, weighted by power."""
-        speed = self.frequency_rad_s * self.wavelength_m / (2.0 * np.pi)
-        return float(np.average(speed, weights=np.maximum(self.power, _TINY)))
-
-    @property
     def dispersion(self) -> float:
         """Median over the bands of the frequency over that of deep-water waves of the same length, sqrt(g k).
 

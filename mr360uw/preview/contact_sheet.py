@@ -55,7 +55,7 @@ def sweep(
 
     out: a PNG or JPEG; the page goes beside it as .html and holds its pictures. changes: overrides of each variant, as
     `load_scene` takes them; all are checked before the first is rendered. scale: size of the frames over the plate's.
-    Raises what `render_still` raises, `ParameterError` for more than `LARGEST_SHEET` variants.
+    Raises what `still_of` raises, `ParameterError` for more than `LARGEST_SHEET` variants.
     """
     if len(changes) > LARGEST_SHEET:
         raise ParameterError(

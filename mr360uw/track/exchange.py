@@ -39,11 +39,6 @@ _GEOCENTRIC_M = 1e6
 """Distance from the origin [m] beyond which a world is the geocentric one."""
 
 
-def is_metashape(text: str) -> bool:
-    """Return whether a text is an XML document of cameras."""
-    return text.lstrip().startswith("<") and "<camera" in text
-
-
 def read_metashape(text: str, where: str) -> SolvedPath:
     """Return the path of the first chunk's aligned cameras; raise `ParameterError`."""
     if "<!DOCTYPE" in text or "<!ENTITY" in text:
@@ -99,7 +94,7 @@ def read_solved_path(path: Path) -> SolvedPath:
     text = read_text(path, ParameterError)
     if is_blender_json(text):
         return read_blender_json(text, str(path))
-    if is_metashape(text):
+    if text.lstrip().startswith("<") and "<camera" in text:
         return read_metashape(text, str(path))
     if is_colmap(text):
         return read_colmap(text, str(path))

@@ -28,8 +28,7 @@ from mr360uw.threads import one_blas_thread
 from mr360uw.tune.editing.document import Document
 from mr360uw.tune.guard import Guard
 from mr360uw.tune.page import build_page
-from mr360uw.tune.page_renderer import MadePicture, PageRenderer
-from mr360uw.tune.pictures import Pictures
+from mr360uw.tune.pictures import MadePicture, PageRenderer, Pictures
 from mr360uw.tune.session import Session
 
 PORT = 8360

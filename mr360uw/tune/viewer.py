@@ -14,8 +14,8 @@ from typing import Any, Literal
 from nicegui.element import Element
 from nicegui.events import GenericEventArguments
 
-from mr360uw.tune.marks import Handle, Marker
 from mr360uw.tune.placing import Point
+from mr360uw.tune.situation import Handle, Marker
 
 Phase = Literal["start", "move", "end", "cancel"]
 Compare = Literal["none", "wipe", "side"]
@@ -87,10 +87,6 @@ class Viewer(Element, component="viewer.js", esm={"mr360uw-tune": "js"}):
         self._others += 1
         self._props["other"] = {"url": url, "serial": self._others, "name": name}
         self.update()
-
-    def snapshot(self, name: str = "snapshot") -> None:
-        """Keep the picture that is shown as the second one."""
-        self.run_method("snapshot", name)
 
     def set_compare(self, compare: Compare) -> None:
         """Show the picture alone, with a draggable divider to the second one, or both beside each other."""

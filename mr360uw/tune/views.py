@@ -18,10 +18,10 @@ from mr360uw.composite.receiver.shape import ReceiverShape
 from mr360uw.ibl.report import marked
 from mr360uw.medium.small_angles import spread_of
 from mr360uw.tune.drawing import Codes, false_colour, label, legend, message, scale_bar
-from mr360uw.tune.marks import markers
 from mr360uw.tune.placing import Point, pixel_of_point
 from mr360uw.tune.plan_chart import plan_chart
 from mr360uw.tune.shown_frame import ShownFrame
+from mr360uw.tune.situation import markers
 from mr360uw.types import Floats
 from mr360uw.video import VideoFrame
 from mr360uw.video.write.image_writer import picture_codes
@@ -106,16 +106,6 @@ _NEAREST_M, _FARTHEST_M = 0.5, 50.0
 """Distances of the ends of the false colours, which go with the logarithm."""
 
 
-def composite_picture(shown: ShownFrame) -> Codes:
-    """Return the plate with all that is laid over it, (H, W, 3)."""
-    return _codes(shown.frame.picture)
-
-
-def plate_picture(shown: ShownFrame) -> Codes:
-    """Return the plate as it is, (H, W, 3)."""
-    return _codes(shown.frame.plate.graded_by(None))
-
-
 def lights_picture(shown: ShownFrame) -> Codes:
     """Return the light that reaches the camera, expanded, with the sun and the lamps marked; (512, 1024, 3)."""
     import cv2
@@ -163,7 +153,9 @@ def depth_picture(shown: ShownFrame) -> Codes:
     Black: nothing there, or farther than the receiver's extent.
     """
     view = shown.view_of(_WIDTH)
-    distance = _nearest_pixels(shown.frame.layer.distance_m, view.width, view.height)
+    drawn = shown.frame.layer.distance_m
+    rows, columns = (np.arange(n) * of // n for n, of in zip((view.height, view.width), drawn.shape, strict=True))
+    distance = drawn[rows[:, None], columns]
     receiver = shown.receiver
     if receiver is not None:
         x, y = np.broadcast_arrays(np.arange(view.width) + 0.5, (np.arange(view.height) + 0.5)[:, None])
@@ -180,8 +172,8 @@ def depth_picture(shown: ShownFrame) -> Codes:
 
 
 VIEWS: dict[str, Callable[[ShownFrame], Codes]] = {
-    "composite": composite_picture,
-    "plate": plate_picture,
+    "composite": lambda shown: _codes(shown.frame.picture),
+    "plate": lambda shown: _codes(shown.frame.plate.graded_by(None)),
     "caustics": caustic_chart,
     "surface": surface_chart,
     "lights": lights_picture,
@@ -224,9 +216,3 @@ def _reduced(codes: Codes) -> Codes:
 
 def _quantized(encoded: Floats) -> Codes:
     return np.ascontiguousarray(np.round(255.0 * encoded).astype(np.uint8))
-
-
-def _nearest_pixels(values: Floats, width: int, height: int) -> Floats:
-    rows = (np.arange(height) * values.shape[0]) // height
-    columns = (np.arange(width) * values.shape[1]) // width
-    return values[rows[:, None], columns]

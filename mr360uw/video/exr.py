@@ -190,11 +190,6 @@ def read_rgb(path: str | Path, *, depth: bool = False) -> NDArray[np.float32]:
     raise VideoError(f"{path} - has no colour channels R, G, B (got {', '.join(sorted(channels))}) - write them")
 
 
-def _one_part(image: Floats) -> Mapping[str, Part]:
-    array = np.asarray(image)
-    return {"": {"RGBA"[: array.shape[-1] if array.ndim == 3 else 1]: array}}
-
-
 def _checked(where: str, values: Any) -> NDArray[Any]:
     """Return a channel as a contiguous array; raise `VideoError` where it is no picture."""
     array = np.asarray(values)
@@ -229,7 +224,11 @@ def write_exr(
     import OpenEXR
 
     path = Path(path)
-    image_parts = parts if isinstance(parts, Mapping) else _one_part(parts)
+    if isinstance(parts, Mapping):
+        image_parts: Mapping[str, Part] = parts
+    else:
+        image = np.asarray(parts)
+        image_parts = {"": {"RGBA"[: image.shape[-1] if image.ndim == 3 else 1]: image}}
     if not (image_parts and all(image_parts.values())):
         raise VideoError(f"{path} - has no channels (got none) - give an array for each")
     kind = "NO" if compression == "none" else compression.upper()

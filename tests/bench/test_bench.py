@@ -203,8 +203,8 @@ def test_frames_of_the_dive_err_by_their_settings_alone(dive: SampleDive, tmp_pa
     bench = Workbench(tmp_path, Reference(), quick=True)
     bench.runs, bench.scene_file = 1, dive.scene  # smaller than its own
     cheap = {"plate.scale": 0.25, "water.bands": 5, "light.smooth": "false", "shafts.mode": "off"}
-    work = frames_against(bench, {**cheap, "draw.samples": 5})
-    same, other = (work.error(work.prepare({**cheap, "draw.samples": count})(0)) for count in (5, 1))
+    prepare, error = frames_against(bench, {**cheap, "draw.samples": 5})
+    same, other = (error(prepare({**cheap, "draw.samples": count})(0)) for count in (5, 1))
     assert same == 0.0
     assert 1e-3 < other < 0.3
 

@@ -17,7 +17,7 @@ from mr360uw.constants import GRAVITY_M_S2
 from mr360uw.errors import ParameterError
 from mr360uw.match import CausticMatch, match_caustics, spectral_distance
 from mr360uw.match import sea_regression as regression
-from mr360uw.match.floor_region import FloorGrid, FloorView
+from mr360uw.match.floor_series import FloorGrid, FloorView
 from mr360uw.match.modelled_floor import ModelledFloor
 from mr360uw.match.pattern_measures import bands, pattern_measures, relative_light
 from mr360uw.preview.thumbnail import encoded
@@ -181,7 +181,7 @@ def test_a_floor_lost_in_the_veil_is_refused(still_floor: Path, monkeypatch: pyt
     monkeypatch.setattr(FloorGrid, "light", lambda *_: 0.01 + 0.1 * random.standard_normal((128, 128, 3)))
     match = match_caustics(load_scene(still_floor))
     assert "no brighter than the water" in match.sentence
-    assert not match.fitted
+    assert not match.changes
 
 
 def test_a_moving_camera_sees_the_same_floor() -> None:
@@ -221,7 +221,7 @@ def still_floor(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_a_floor_without_caustics_is_refused_with_the_reason(still_floor: Path) -> None:
     match = match_caustics(load_scene(still_floor))
-    assert not match.fitted
+    assert not match.changes
     assert match.confidence == 0.0
     assert "no caustics" in match.sentence
     assert match.plate is not None

@@ -13,9 +13,9 @@ import pytest
 import mr360uw as uw
 from mr360uw.errors import DamagedFrameError, GlError, OutputError, VideoError
 from mr360uw.render.backends import Backend, make_backend
-from mr360uw.runs import forecast
-from mr360uw.runs.forecast import forecast_line
+from mr360uw.runs import outputs
 from mr360uw.runs.job import Job, OpenJob
+from mr360uw.runs.outputs import forecast_line
 from mr360uw.runs.work_folder import work_folder, work_path
 from mr360uw.scene import Scene
 from mr360uw.scene.model import scene_from_dict
@@ -245,8 +245,8 @@ def test_a_forecast_is_told_once_when_a_part_is_complete(
     told: list[str] = []
     uw.composite_video(bare(whole), out, tell=told.append)
     assert told == []  # a run of seconds needs none
-    monkeypatch.setattr(forecast, "_LONG_S", 0.0)
-    monkeypatch.setattr(forecast, "_MEASURED_S", 0.0)
+    monkeypatch.setattr(outputs, "_LONG_S", 0.0)
+    monkeypatch.setattr(outputs, "_MEASURED_S", 0.0)
     uw.composite_video(bare(whole), out, tell=told.append, overwrite=True)
     assert len(told) == 1
     assert "frames/s; writes " in told[0]

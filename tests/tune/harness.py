@@ -16,8 +16,8 @@ from fastapi import Request, Response
 from nicegui import app, ui
 
 from mr360uw.preview.thumbnail import encoded
-from mr360uw.tune.marks import Marker
 from mr360uw.tune.placing import Point
+from mr360uw.tune.situation import Marker
 from mr360uw.tune.timeline import Timeline
 from mr360uw.tune.viewer import Viewer
 

@@ -12,8 +12,7 @@ import pytest
 from mr360uw.errors import SceneError, VideoError
 from mr360uw.scene.model import Scene
 from mr360uw.tune import pictures
-from mr360uw.tune.page_renderer import MadePicture, Wanted
-from mr360uw.tune.pictures import Pictures
+from mr360uw.tune.pictures import MadePicture, Pictures, Wanted
 
 WAIT_S = 20.0  # for events that happen within milliseconds: only a hang takes as long
 

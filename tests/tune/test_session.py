@@ -14,11 +14,10 @@ import pytest
 pytest.importorskip("tomlkit", reason="the tuning page needs the extra tune")
 
 from mr360uw.errors import ParameterError
-from mr360uw.runs.composite_run import CompositeRun
 from mr360uw.sample import SampleDive
 from mr360uw.tune.editing.document import Document
-from mr360uw.tune.page_renderer import MadePicture, Wanted
-from mr360uw.tune.session import Session
+from mr360uw.tune.pictures import MadePicture, Wanted
+from mr360uw.tune.session import CompositeRun, Session
 
 
 @dataclass(frozen=True)

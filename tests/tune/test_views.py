@@ -19,9 +19,9 @@ from mr360uw.render.first_pass import ClipAnalysis
 from mr360uw.render.frame import composite_frame
 from mr360uw.render.loaded import load
 from mr360uw.tune import drawing
-from mr360uw.tune.marks import markers, receiver_edge
 from mr360uw.tune.placing import Point, pixel_of_point, shown_at
 from mr360uw.tune.shown_frame import ShownFrame
+from mr360uw.tune.situation import markers, receiver_edge
 from mr360uw.tune.views import CHARTS, VIEW_NAMES, VIEWS
 from mr360uw.types import View
 from mr360uw.video import VideoFrame

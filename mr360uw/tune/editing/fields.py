@@ -99,23 +99,6 @@ class Field:
         """The default as TOML writes it; None where there is none."""
         return None if self.default is None else toml_value(self.default)
 
-    def position(self, value: float) -> float:
-        """Return where a value stands on the slider, 0 to 1; values beyond its span at its ends."""
-        assert self.span is not None
-        low, high = self.span
-        at = min(max(value, low), high)
-        return math.log(at / low) / math.log(high / low) if self.logarithmic else (at - low) / (high - low)
-
-    def value_at(self, position: float) -> float | int:
-        """Return the value of a position of the slider, with three significant digits; within the allowed range."""
-        assert self.span is not None
-        low, high = self.span
-        value = min(low * (high / low) ** position if self.logarithmic else low + (high - low) * position, high)
-        if self.kind == "integer":
-            return round(value)
-        digits = 2 - math.floor(math.log10(abs(value))) if self.logarithmic else 1 - math.floor(math.log10(self.step))
-        return min(max(round(value, digits), low), high) if value else 0.0
-
 
 @dataclass(frozen=True, slots=True)
 class Group:

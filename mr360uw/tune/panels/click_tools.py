@@ -16,10 +16,10 @@ import numpy as np
 from nicegui import ui
 
 from mr360uw.errors import ParameterError
-from mr360uw.tune.marks import Marker
 from mr360uw.tune.panels.widgets import Button, Choice, Text
 from mr360uw.tune.placing import Point, ray
 from mr360uw.tune.session import Session
+from mr360uw.tune.situation import Marker
 from mr360uw.types import Floats, View
 
 FloorFit = tuple[float, float, str]

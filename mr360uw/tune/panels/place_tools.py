@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -14,13 +13,12 @@ from nicegui import background_tasks
 from mr360uw.errors import ParameterError
 from mr360uw.tune import placing
 from mr360uw.tune.editing import tracks
-from mr360uw.tune.marks import Marker
 from mr360uw.tune.panels.click_tools import PATCH_TOOLS, FloorTool, PatchTool
 from mr360uw.tune.panels.stage import ShownPicture
 from mr360uw.tune.panels.widgets import Button, Choice
 from mr360uw.tune.placing import Point
 from mr360uw.tune.session import Session
-from mr360uw.tune.situation import Situation
+from mr360uw.tune.situation import Marker, Situation
 from mr360uw.tune.viewer import Drag
 
 _TOOLS = {
@@ -97,9 +95,10 @@ class PlaceTools:
             self._mark()
 
     async def _ask(self) -> Situation:
-        session = self._session
-        job = partial(_situation, session.document.scene, session.index, session.time_s)
-        return await asyncio.wrap_future(session.pictures.ask(job, urgent=True))
+        scene, index, time_s = self._document.scene, self._session.index, self._session.time_s
+        job = self._session.pictures.ask(lambda renderer: renderer.situation(scene, index, time_s), urgent=True)
+        here: Situation = await asyncio.wrap_future(job)
+        return here
 
     def _mark(self) -> None:
         here = self._situation
@@ -188,14 +187,14 @@ class PlaceTools:
             self._put_object(number, "scale", float(f"{scale:.4g}"), group)
 
     def _face_camera(self) -> None:
-        def turn() -> None:
-            assert self._situation is not None
+        assert self._situation is not None
+        try:
             self._check_number(self._situation)
             yaw = _short(self._situation.facing_yaw_deg(self._number), 2)
             rest = self._situation.bodies[self._number].rotation_deg[1:]
             self._put_object(self._number, "rotation_deg", [yaw, *rest])
-
-        self._try(turn)
+        except (ParameterError, OSError, ValueError) as error:
+            self._failed(error)
 
     def _check_number(self, here: Situation) -> None:
         if not here.bodies:
@@ -217,17 +216,6 @@ class PlaceTools:
             tracks.set_key(self._document, key, self._session.time_s, value, group=group)
         else:
             self._document.set(key, value, group=group)
-
-    def _try(self, action: Callable[[], Any]) -> None:
-        try:
-            action()
-        except (ParameterError, OSError, ValueError) as error:
-            self._failed(error)
-
-
-def _situation(scene: Any, index: int, time_s: float, renderer: Any) -> Situation:
-    here: Situation = renderer.situation(scene, index, time_s)
-    return here
 
 
 def _vector(position: Any) -> list[float]:

@@ -5,8 +5,6 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable
-from functools import partial
-from typing import Any
 
 from nicegui import background_tasks, ui
 
@@ -118,16 +116,13 @@ class ShownPicture:
 
     async def _show_plate(self) -> None:
         session = self._session
-        job: Callable[[Any], bytes] = partial(_plate, session.document.scene, session.index, session.width)
+        scene, index, width = session.document.scene, session.index, session.width
         try:
-            data = await asyncio.wrap_future(session.pictures.ask(job))
+            data: bytes = await asyncio.wrap_future(
+                session.pictures.ask(lambda renderer: renderer.plate(scene, index, width))
+            )
         except Exception as error:  # noqa: BLE001 - told to the user
             self._failed(error)
             return
         if self._compared == "plate":
             self.viewer.show_other(f"/picture/{session.replaced('plate', data)}", "plate")
-
-
-def _plate(scene: Any, index: int, width: int, renderer: Any) -> bytes:
-    data: bytes = renderer.plate(scene, index, width)
-    return data

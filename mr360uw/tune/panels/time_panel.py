@@ -33,7 +33,7 @@ class TimePanel:
             with ui.element("div").classes("foot-bar") as self._bar:
                 self._choice = Choice("Keyed parameter", {"": "no curve"}, "", self.choose)
         self._line.on_seek(lambda frame, scrubbing: session.seek(frame, scrubbing=scrubbing))
-        self._line.on_play(self._played)
+        self._line.on_play(lambda playing: setattr(self, "_playing", playing))
         self._line.on_range(session.set_range)
         self._line.on_keys(self._edited)
 
@@ -113,9 +113,6 @@ class TimePanel:
         self._guarded(partial(tracks.set_keys, self._document, name, pairs, interpolation, group=group))
         self._drag += done
         self.refresh()
-
-    def _played(self, playing: bool) -> None:
-        self._playing = playing
 
     def show_thumbnails(self) -> None:
         """Show the small pictures of the plate that there are."""

@@ -28,7 +28,8 @@ def check_sound(source: Path, target: Path) -> None:
     if _holds(source, target.suffix.lower()):
         return
     with open_packets(source) as container:
-        kinds = sorted({_described(stream) for stream in container.streams.audio})
+        contexts = [stream.codec_context for stream in container.streams.audio]
+        kinds = sorted({f"{context.codec.canonical_name}, {context.layout.name}" for context in contexts})
     others = [suffix for suffix in _ADVISED if _holds(source, suffix)]
     better = f"write {' or '.join(others)}, or set output.sound = false" if others else "set output.sound = false"
     raise VideoError(
@@ -54,11 +55,6 @@ def _holds(source: Path, suffix: str) -> bool:
     except (av.error.FFmpegError, ValueError):
         return False
     return True
-
-
-def _described(stream: Any) -> str:
-    context = stream.codec_context
-    return f"{context.codec.canonical_name}, {context.layout.name}"
 
 
 class TrackCopy:

@@ -89,7 +89,8 @@ class ContainerWriter(VideoWriter):
         scale = str(like.time_base.denominator)
         options = {"movie_timescale": scale, "video_track_timescale": scale} if self._boxes else {}
         self._container = create_local(self._part, kind, options)
-        self._container.metadata.update(_title_tags(like))
+        own = {"major_brand", "minor_version", "compatible_brands", "encoder"}  # tags of the container's format
+        self._container.metadata.update({key: value for key, value in like.words.items() if key not in own})
         try:
             stream = self._container.add_stream(settings.encoder_name, rate=like.frame_rate)
         except ValueError as error:
@@ -212,9 +213,3 @@ class ContainerWriter(VideoWriter):
                 f"{self.path} - cannot be {doing} (got {reason}) - check the space left, the folder's rights, and that "
                 f"{self.path.suffix} can hold {self._settings.codec}"
             ) from error
-
-
-def _title_tags(like: Clip) -> dict[str, str]:
-    """Return the plate's text tags, such as title and date, without those of the container format."""
-    own = {"major_brand", "minor_version", "compatible_brands", "encoder"}
-    return {key: value for key, value in like.words.items() if key not in own}

@@ -85,12 +85,9 @@ def _kinds(path: Path) -> dict[int, bytes]:
         header, table = track.find(b"tkhd"), track.find(b"mdia", b"minf", b"stbl", b"stsd")
         if header is not None and table is not None:
             at = 20 if header.payload[:1] == b"\1" else 12  # after times of 8 or 4 bytes each
-            found[int.from_bytes(header.payload[at : at + 4], "big")] = _entry_kind(table)
+            number = int.from_bytes(header.payload[at : at + 4], "big")
+            found[number] = table.children[0].kind if table.children else table.payload[12:16]
     return found
-
-
-def _entry_kind(table: Box) -> bytes:
-    return table.children[0].kind if table.children else table.payload[12:16]
 
 
 def _moved(chapters: list[Any], like: Clip, frames: tuple[int, int]) -> tuple[dict[str, Any], ...]:
