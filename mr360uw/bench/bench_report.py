@@ -52,7 +52,7 @@ def run_bench(
     from mr360uw import __version__
 
     renderer, _ = make_backend(backend)
-    machine = this_machine(renderer.name, renderer.device)
+    machine = _this_machine(renderer.name, renderer.device)
     total, done, results = sum(len(stage.settings(quick=quick)) for stage in stages), 0, []
 
     def tick() -> None:
@@ -164,7 +164,7 @@ def read_report(path: Path) -> BenchReport:
         ) from None
 
 
-def this_machine(backend: str, device: str) -> Machine:
+def _this_machine(backend: str, device: str) -> Machine:
     """Return the machine that this runs on. backend, device: of the renderer."""
     system, load = f"{platform.system()} {platform.release()}", os.getloadavg()[0] if hasattr(os, "getloadavg") else 0.0
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

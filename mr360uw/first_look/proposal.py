@@ -38,12 +38,11 @@ _CLEAR_M = 0.3
 
 @dataclass(frozen=True, slots=True)
 class WaterGuess:
-    """A type of water. known: whether the plate shows one. sight: its visibility."""
+    """A type of water. confidence: 0 where the plate shows none. others: nearly as likely. sight: its visibility."""
 
     type: JerlovType
     confidence: float
     others: tuple[str, ...]
-    known: bool
     sight: Sight
 
 
@@ -71,7 +70,11 @@ def propose(plate: PlateLook, mesh: MeshLook, wish: Wish, floor_m: float | None 
     wet = plate.medium.underwater
     drop, floor_by = _ground_below(plate, wish, floor_m)
     view = free_view(plate.image, _OPEN_DEG, underwater=True) if wet else None
-    water = None if view is None else guess_water(plate, view, drop, known=bool(floor_by))
+    water = None
+    if view is not None:
+        kind, confidence, others = _nearest_type(plate, view)
+        seen = guess_sight(plate.sharp, drop, Water.jerlov(kind), view, _DEPTH_M, known=bool(floor_by))
+        water = WaterGuess(kind, confidence, others, seen)
     sight = math.inf if water is None else water.sight.visibility_m
     place = place_of(plate, mesh, wish, sight, drop)
     least = _CLEAR_M if plate.medium.half else _DEPTH_M
@@ -86,16 +89,6 @@ def _ground_below(plate: PlateLook, wish: Wish, floor_m: float | None) -> tuple[
     if plate.eyes is not None and plate.eyes.floor_m is not None:
         return plate.eyes.floor_m, f"by the disparity of its eyes, if they are {EYES_APART_M:g} m apart"
     return guessed_drop_m(plate, wish), ""
-
-
-def guess_water(plate: PlateLook, view: FreeView, height_m: float | None, *, known: bool) -> WaterGuess:
-    """Return the type of water that is nearest to a plate's open water, at a typical depth, and its visibility.
-
-    height_m: of the camera over the floor, None without one; known: whether it is, or is guessed.
-    """
-    kind, confidence, others = _nearest_type(plate, view)
-    sight = guess_sight(plate.sharp, height_m, Water.jerlov(kind), view, _DEPTH_M, known=known)
-    return WaterGuess(kind, confidence, others, confidence > 0.0, sight)
 
 
 def _nearest_type(plate: PlateLook, view: FreeView) -> tuple[JerlovType, float, tuple[str, ...]]:

@@ -100,7 +100,7 @@ def _water_lines(chosen: Proposal) -> list[str]:
     code = np.round(255.0 * encode(np.clip(np.array(chosen.view.color), 0.0, 1.0), "srgb")).astype(int)
     hex_code = "".join(f"{c:02x}" for c in code.tolist())
     veil = f"open water has the colour #{hex_code} (veil)"
-    if not water.known:
+    if water.confidence <= 0.0:
         told = f"type {water.type} assumed: no Jerlov type has that colour"
     elif water.confidence >= CONFIDENT:
         told = f"type {water.type}, confidence {water.confidence:.2f}"
@@ -187,7 +187,7 @@ def _water_rows(chosen: Proposal) -> list[tuple[str, str]]:
     if chosen.water is None:
         return [("[water]", ""), ('type = "none"', "the plate is in air")]
     water = chosen.water
-    sure = f"confidence {water.confidence:.2f}" if water.known else "a guess"
+    sure = f"confidence {water.confidence:.2f}" if water.confidence > 0.0 else "a guess"
     rows = [
         ("[water]", ""),
         (f'type = "{water.type}"', f"Jerlov: I IA IB II III, 1C 3C 5C 7C 9C; {sure}"),

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The output of a run: its parts, its names, the file that its segments are joined into; its forecast time and space."""
+"""The output of a run: its parts, its names, the file that its segments are joined into, and how long that takes."""
 
 from __future__ import annotations
 

@@ -71,11 +71,6 @@ class Clip:
         return (self.width, 2 * self.height) if self.stereo == "top-bottom" else (2 * self.width, self.height)
 
     @property
-    def has_audio(self) -> bool:
-        """Whether there is sound to copy."""
-        return self.sound is not None
-
-    @property
     def frame_count(self) -> int | None:
         """Number of frames; None where it is unknown or unlimited (a still)."""
         return None

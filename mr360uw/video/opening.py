@@ -101,9 +101,9 @@ def create_video(
         return ImageWriter(path, like, overwrite)
     from mr360uw.video.write.container_writer import ContainerWriter
 
-    return ContainerWriter(
-        path, like, settings or EncodeSettings(), audio=audio, rebase=rebase, overwrite=overwrite, frames=frames
-    )
+    settings = settings or EncodeSettings()
+    settings = settings if audio else settings.model_copy(update={"sound": False})
+    return ContainerWriter(path, like, settings, rebase=rebase, overwrite=overwrite, frames=frames)
 
 
 def _new_clip(path: Path, width: int, height: int, frame_rate: Fraction | float, sound: str | Path | None) -> Clip:

@@ -59,7 +59,7 @@ def test_frames_that_an_edit_list_cuts_away_do_not_count(tmp_path) -> None:
     path, whole = write_trimmed_clip(tmp_path / "cut.mp4")
     with open_video(path) as video:
         assert video.frame_count == 24
-        assert video.has_audio
+        assert video.sound is not None
         assert video.frame_rate == Fraction(30000, 1001)
         straight = [(f.index, f.pts, f.yuv.y.copy()) for f in video.frames()]
         assert [index for index, _, _ in straight] == list(range(24))
@@ -80,7 +80,7 @@ def test_full_range_camera_footage(tmp_path) -> None:
     )  # fmt: skip
     with open_video(path, equirectangular=False) as video:
         assert video.spec == ColorSpec("bt709", True, "srgb", 8)
-        assert (video.frame_count, video.start_pts, video.has_audio) == (40, 990, False)
+        assert (video.frame_count, video.start_pts, video.sound) == (40, 990, None)
         assert video.notes == ("the data track 1 is not copied",)
         frame = next(video.frames(30))
         assert frame.time_s == pytest.approx(30 * 1001 / 30000)

@@ -67,7 +67,7 @@ class ContainerReader(VideoReader):
             self._rotation = int(first.rotation) % 360
             spec = color_spec(path, first.format.name, tags, first.height, transfer, primaries)
             self._crop, self._beside, stereo = panorama_crops(
-                path, first.width, first.height, spherical, eye, self._rotation, equirectangular, layout,
+                path, (first.width, first.height), spherical, eye, self._rotation, equirectangular, layout,
                 lambda: shape_of_codes(plane_views(first, spec), spec.bits),
             )  # fmt: skip
             self._announced_s = None if container.duration is None else float(container.duration / av.time_base)

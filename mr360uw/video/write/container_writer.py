@@ -44,7 +44,6 @@ class ContainerWriter(VideoWriter):
         like: Clip,
         settings: EncodeSettings,
         *,
-        audio: bool = True,
         rebase: bool = True,
         overwrite: bool = False,
         folder: Path | None = None,
@@ -66,7 +65,7 @@ class ContainerWriter(VideoWriter):
         self._boxes = kind in ("mp4", "mov")
         sphere = replace(like.spherical or SphericalMetadata(), stereo=like.stereo)
         self._metadata = sphere if like.panorama else None
-        sound = like.sound if audio and settings.sound else None
+        sound = like.sound if settings.sound else None
         span = frames or (0, like.frame_count or 0)
         others = other_tracks(like, kind, wanted=settings.data, sound=sound, frames=span)
         self._data, self._timecode, self._chapters, self._spatial, self.notes = others

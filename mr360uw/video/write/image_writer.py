@@ -40,7 +40,7 @@ class ImageWriter(VideoWriter):
         there = matching_files(path)[:1] if self._many else []
         if there and not overwrite:
             raise OutputExistsError(f"{there[0][1]} - is already there - choose another name or allow overwriting")
-        self.notes = (*like.notes, *(["pictures carry no sound"] if like.has_audio else []))
+        self.notes = (*like.notes, *(["pictures carry no sound"] if like.sound is not None else []))
 
     def write(self, frame: VideoFrame) -> None:
         """Write the frame's picture."""
