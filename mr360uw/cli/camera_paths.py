@@ -52,7 +52,7 @@ def track(
     """
     from mr360uw.output_gate import check_work_folder
     from mr360uw.track.camera_track import track_files
-    from mr360uw.track.scale import Length, Measure
+    from mr360uw.track.scale import Measure, parse_length
 
     if solved is not None:
         if any(given is not None for given in (height, length, depth_log, mask)):
@@ -69,7 +69,7 @@ def track(
         raise ParameterError("--depth-offset - is of no use without --depth-log - give both")
     measure = Measure(
         height_m=height,
-        length=None if length is None else Length.parse(length),
+        length=None if length is None else parse_length(length),
         depth_log=depth_log,
         depth_offset_s=depth_offset,
     )

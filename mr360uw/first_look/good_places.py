@@ -34,13 +34,8 @@ _OFF_LEVEL, _OFF_MIDDLE = 0.008, 0.002
 """Costs for a degree from the wanted elevation, and from the middle of the frame: ties go to where one looks first."""
 
 
-@dataclass(frozen=True, slots=True)
-class FreeView:
-    """A part of a panorama: its middle, and its mean linear light."""
-
-    azimuth_deg: float
-    elevation_deg: float
-    color: tuple[float, float, float]
+FreeView = tuple[float, float, tuple[float, float, float]]
+"""A part of a panorama: azimuth and elevation [deg] of its middle, and its mean linear light."""
 
 
 def free_view(image: Floats, elevation_deg: tuple[float, float], *, underwater: bool) -> FreeView:
@@ -77,7 +72,7 @@ def free_view(image: Floats, elevation_deg: tuple[float, float], *, underwater: 
     color = tuple(float(mean(wrapped[..., k])[row, column]) for k in range(3))
     near_azimuth, near_elevation = (round(v / _STEP_DEG) * _STEP_DEG + 0.0 for v in (azimuth[column], elevation[row]))
     near_elevation = float(np.clip(near_elevation, low, high))
-    return FreeView(near_azimuth, near_elevation, (color[0], color[1], color[2]))
+    return near_azimuth, near_elevation, (color[0], color[1], color[2])
 
 
 Array = NDArray[np.float64]

@@ -158,8 +158,7 @@ def _off_the_ground(plate: PlateLook, mesh: MeshLook, wish: Wish, start: Place, 
     azimuth, elevation = wish.at_deg or (0.0, 0.0)
     if wish.at_deg is None:
         level = _SINKS_DEG if start.hangs or plate.medium.half else _clear_of_ground(distance, height, start.drop_m)
-        view = free_view(plate.image, level, underwater=wet)
-        azimuth, elevation = view.azimuth_deg, view.elevation_deg
+        azimuth, elevation, _ = free_view(plate.image, level, underwater=wet)
     return replace(
         start, azimuth_deg=azimuth, elevation_deg=round(elevation, 1), distance_m=distance,
         top_m=distance * math.sin(math.radians(elevation)) + 0.5 * height,

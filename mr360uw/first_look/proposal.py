@@ -38,23 +38,26 @@ _CLEAR_M = 0.3
 
 @dataclass(frozen=True, slots=True)
 class WaterGuess:
-    """A type of water. confidence: 0 where the plate shows none. others: nearly as likely. sight: its visibility."""
+    """A type of water. confidence: 0 where the plate shows none. others: nearly as likely. sight: its visibility.
+
+    color: (3,) linear light of the open water.
+    """
 
     type: JerlovType
     confidence: float
     others: tuple[str, ...]
     sight: Sight
+    color: tuple[float, float, float]
 
 
 @dataclass(frozen=True, slots=True)
 class Proposal:
-    """A scene as it is proposed. view: open water; None in air, as is water. floor_by: what told its height, or "".
+    """A scene as it is proposed. water: None in air. floor_by: what told the floor's height, or "".
 
     lamp: whether a lamp goes with the camera.
     """
 
     place: Place
-    view: FreeView | None
     water: WaterGuess | None
     depth_m: float
     floor_by: str
@@ -69,17 +72,17 @@ def propose(plate: PlateLook, mesh: MeshLook, wish: Wish, floor_m: float | None 
     """
     wet = plate.medium.underwater
     drop, floor_by = _ground_below(plate, wish, floor_m)
-    view = free_view(plate.image, _OPEN_DEG, underwater=True) if wet else None
     water = None
-    if view is not None:
+    if wet:
+        view = free_view(plate.image, _OPEN_DEG, underwater=True)
         kind, confidence, others = _nearest_type(plate, view)
         seen = guess_sight(plate.sharp, drop, Water.jerlov(kind), view, _DEPTH_M, known=bool(floor_by))
-        water = WaterGuess(kind, confidence, others, seen)
+        water = WaterGuess(kind, confidence, others, seen, view[2])
     sight = math.inf if water is None else water.sight.visibility_m
     place = place_of(plate, mesh, wish, sight, drop)
     least = _CLEAR_M if plate.medium.half else _DEPTH_M
     depth = max(least, math.ceil(10.0 * (place.top_m + _CLEAR_M)) / 10.0) if wet else CameraSettings().depth_m
-    return Proposal(place, view, water, float(depth), floor_by, plate.dark)
+    return Proposal(place, water, float(depth), floor_by, plate.dark)
 
 
 def _ground_below(plate: PlateLook, wish: Wish, floor_m: float | None) -> tuple[float | None, str]:
@@ -101,7 +104,7 @@ def _nearest_type(plate: PlateLook, view: FreeView) -> tuple[JerlovType, float, 
     scene = Scene(plate=settings, camera=camera)
     unknown: JerlovType = _MURKY if plate.medium.red_far > LITTLE_RED else _WATER
     try:
-        found = match_water(scene, WaterPatch(view.azimuth_deg, view.elevation_deg, _PATCH_DEG))
+        found = match_water(scene, WaterPatch(view[0], view[1], _PATCH_DEG))
     except ParameterError:  # the open water is black, or redder than water
         return unknown, 0.0, ()
     nearest, _, misfit = found.candidates[0]

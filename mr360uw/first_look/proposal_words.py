@@ -96,8 +96,7 @@ def _place_lines(place: Place) -> list[str]:
 def _water_lines(chosen: Proposal) -> list[str]:
     water = chosen.water
     assert water is not None
-    assert chosen.view is not None
-    code = np.round(255.0 * encode(np.clip(np.array(chosen.view.color), 0.0, 1.0), "srgb")).astype(int)
+    code = np.round(255.0 * encode(np.clip(np.array(water.color), 0.0, 1.0), "srgb")).astype(int)
     hex_code = "".join(f"{c:02x}" for c in code.tolist())
     veil = f"open water has the colour #{hex_code} (veil)"
     if water.confidence <= 0.0:

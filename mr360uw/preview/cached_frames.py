@@ -76,9 +76,9 @@ class KeptFrames:
         reader = self.reader(scene)
         return scaled_size(reader, scene.plate.scale if width is None else min(width / reader.width, 1.0))
 
-    def at(self, scene: Scene, index: int, size: tuple[int, int]) -> VideoFrame:
-        """Return a frame of a scene's plate, width x height pixels; raise `VideoError`."""
-        reader = self.reader(scene)
+    def at(self, scene: Scene, index: int, width: int | None) -> VideoFrame:
+        """Return a frame of a scene's plate, `width` pixels wide, see `size`; raise `VideoError`."""
+        reader, size = self.reader(scene), self.size(scene, width)
         reader.check_range(index, index + 1)
         return self._reads.cache.of(self._reduced, reader, index, stamp(reader.file_of(index)), size, keep=_KEPT_FRAMES)
 
@@ -86,24 +86,26 @@ class KeptFrames:
         """Return a frame at a size. at: the stamp of its file."""
         return smaller(self._reads.cache.of(self._decoded, reader, index, at), *size)
 
-    def soonest(self, scene: Scene, index: int, size: tuple[int, int]) -> int:
-        """Return the keyframe before a frame, or the frame itself where that is decoded about as soon."""
-        reader = self.reader(scene)
-        entry, which, cache = (
-            reader.entry_before(index),
-            (reader, index, stamp(reader.file_of(index))),
-            self._reads.cache,
-        )
+    def soonest(self, scene: Scene, index: int, width: int | None) -> int:
+        """Return the frame that stands in for another while that is decoded: its keyframe, or itself where it is near.
+
+        Raises `VideoError`.
+        """
+        reader, size, cache = self.reader(scene), self.size(scene, width), self._reads.cache
+        entry, which = reader.entry_before(index), (reader, index, stamp(reader.file_of(index)))
         kept = cache.holds(self._decoded, *which) or cache.holds(self._reduced, *which, size)
         start = max(entry, self._next) if self._open is reader else entry
         return index if kept or index - (start if start <= index else entry) < _SOON else entry
 
     def overview(self, scene: Scene, count: int, width: int) -> list[VideoFrame]:
-        """Return up to `count` frames, evenly spread over a clip, that are read without others before them."""
-        reader, size = self.reader(scene), self.size(scene, width)
+        """Return up to `count` small frames spread over a scene's plate, for a time line; raise `VideoError`.
+
+        They are the keyframes nearest before even steps, which are read without others; each has its own index.
+        """
+        reader = self.reader(scene)
         last = 1 if reader.frame_count is None else reader.frame_count
         places = np.linspace(0, last - 1, count).astype(int).tolist()
-        return [self.at(scene, index, size) for index in dict.fromkeys(map(reader.entry_before, places))]
+        return [self.at(scene, index, width) for index in dict.fromkeys(map(reader.entry_before, places))]
 
     def close(self) -> None:
         """Close the file that is open."""

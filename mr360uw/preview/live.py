@@ -137,13 +137,13 @@ class LivePreview:
     A frame depends on its scene, its number and its width alone, never on the frames before it. Files that are changed
     meanwhile are read again. After an error the preview goes on working. It belongs to the thread that made it, as its
     renderer does. backend: "auto", "gl" or "reference"; raises what `make_backend` raises. note: the reason where auto
-    fell back to the reference, else "".
+    fell back to the reference, else "". plates: reads the plates' frames.
     """
 
     def __init__(self, backend: str = "auto") -> None:
         self.backend, self.note = make_backend(backend, Cache(_KINDS))
         self._reads = CachedReads(_KINDS)
-        self._plates, self._analysis = KeptFrames(self._reads), KeptAnalysis(self._reads.cache)
+        self.plates, self._analysis = KeptFrames(self._reads), KeptAnalysis(self._reads.cache)
 
     @property
     def made(self) -> Counter[str]:
@@ -161,9 +161,9 @@ class LivePreview:
         with one_blas_thread():
             loaded = self.loaded(scene, width)
             loaded.check(index + 1)
-            plate, analysis = self.plate(scene, index, width), self._analysis.of(loaded, self._plates.reader(scene))
+            plate, analysis = self.plate(scene, index, width), self._analysis.of(loaded, self.plates.reader(scene))
             if analysis.grade is None and loaded.plan.match.runs and loaded.scene.match.open_keys:
-                places = patch_frames(scene.match, self._plates.reader(scene))
+                places = patch_frames(scene.match, self.plates.reader(scene))
                 shown = [self.plate(scene, place, width) for place in places]
                 analysis = replace(analysis, grade=grade_in_frame(loaded, plate, shown, self._reads.cache))
             return composite_frame(loaded, analysis, self.backend, plate, 0.0, cache=self._reads.cache)
@@ -178,48 +178,34 @@ class LivePreview:
         plate, `[camera]`, `[water]` and `[light]` stay as they are; the ground also depends on `[receiver]` and
         `[sea]`. Raises `VideoError`, `SceneError`.
         """
-        reader, loaded = self._plates.reader(scene), self.loaded(scene)
+        reader, loaded = self.plates.reader(scene), self.loaded(scene)
         return self._analysis.measure(loaded, reader, scaled(reader, scene.plate.scale), progress)
 
     def take_analysis(self, scene: Scene, analysis: ClipAnalysis) -> None:
         """Use an analysis of a scene's clip that another preview's `measure` returned."""
-        self._analysis.take(self.loaded(scene), self._plates.reader(scene), analysis)
+        self._analysis.take(self.loaded(scene), self.plates.reader(scene), analysis)
 
     def has_measured(self, scene: Scene, width: int | None = None) -> bool:
         """Return whether frames of a scene use an analysis of its clip that was measured."""
-        return self._analysis.holds(self.loaded(scene, width), self._plates.reader(scene))
+        return self._analysis.holds(self.loaded(scene, width), self.plates.reader(scene))
 
     def loaded(self, scene: Scene, width: int | None = None) -> Loaded:
         """Return a scene resolved for frames of a width, as `frame` draws it; raises what loading raises."""
-        reader, size = self._plates.reader(scene), self._plates.size(scene, width)
+        reader, size = self.plates.reader(scene), self.plates.size(scene, width)
         at_size = at_scale(scene, size[0] / reader.width)
         return Loader(*size, clip=not reader.is_still, reads=self._reads).load(at_size)
 
     def plate(self, scene: Scene, index: int, width: int | None = None) -> VideoFrame:
         """Return a frame of a scene's plate, `width` pixels wide; raise `VideoError`."""
-        return self._plates.at(scene, index, self._plates.size(scene, width))
-
-    def soonest(self, scene: Scene, index: int, width: int | None = None) -> int:
-        """Return the frame that stands in for another while that is decoded: its keyframe, or itself where it is near.
-
-        Raises `VideoError`.
-        """
-        return self._plates.soonest(scene, index, self._plates.size(scene, width))
-
-    def thumbnails(self, scene: Scene, count: int, width: int = 160) -> list[VideoFrame]:
-        """Return up to `count` small frames spread over a scene's plate, for a time line; raise `VideoError`.
-
-        They are the keyframes nearest before even steps, which are read without others; each has its own index.
-        """
-        return self._plates.overview(scene, count, width)
+        return self.plates.at(scene, index, width)
 
     def clip(self, scene: Scene) -> PlateClip:
         """Return the length and size of a scene's plate; raise `VideoError`."""
-        return PlateClip.of(self._plates.reader(scene))
+        return PlateClip.of(self.plates.reader(scene))
 
     def close(self) -> None:
         """Let go of everything that is kept, and of open files."""
-        self._plates.close()
+        self.plates.close()
         self._reads.cache.clear()
 
     def __enter__(self) -> Self:

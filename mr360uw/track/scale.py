@@ -24,36 +24,31 @@ _LEAST_AGREEMENT = 0.9
 _OFFSET_STEP_S = 0.25
 
 
-@dataclass(frozen=True, slots=True)
-class Length:
-    """Length in metres between what two pixels (column, row) of the first frame show, in a frame of `width` columns."""
+Length = tuple[tuple[float, float], tuple[float, float], float]
+"""Two pixels (column, row) of the first frame, and the length [m] between what they show."""
 
-    first: tuple[float, float]
-    second: tuple[float, float]
-    metres: float
 
-    @classmethod
-    def parse(cls, text: str) -> Length:
-        """Return a length of the form X,Y:X,Y=METRES; raise `ParameterError`."""
-        number = r"\s*(\d+\.?\d*)\s*"
-        match = re.fullmatch(f"{number},{number}:{number},{number}={number}", text)
-        if match is None:
-            raise ParameterError(
-                f"--length - must be two pixels and metres (got {text!r}) - write X,Y:X,Y=METRES, as in "
-                "812,700:990,705=1.5"
-            )
-        x, y, u, v, metres = (float(group) for group in match.groups())
-        if metres <= 0.0:
-            raise ParameterError(f"--length - must be more than 0 (got {metres:g}) - give metres")
-        return cls((x, y), (u, v), metres)
+def parse_length(text: str) -> Length:
+    """Return a length of the form X,Y:X,Y=METRES; raise `ParameterError`."""
+    number = r"\s*(\d+\.?\d*)\s*"
+    match = re.fullmatch(f"{number},{number}:{number},{number}={number}", text)
+    if match is None:
+        raise ParameterError(
+            f"--length - must be two pixels and metres (got {text!r}) - write X,Y:X,Y=METRES, as in 812,700:990,705=1.5"
+        )
+    x, y, u, v, metres = (float(group) for group in match.groups())
+    if metres <= 0.0:
+        raise ParameterError(f"--length - must be more than 0 (got {metres:g}) - give metres")
+    return (x, y), (u, v), metres
 
 
 @dataclass(frozen=True, slots=True)
 class Measure:
     """What tells the scale; nothing, or one of three.
 
-    height_m: of the camera over the floor at the first frame. depth_log: CSV file of a dive computer with the columns
-    time_s and depth_m; depth_offset_s: its time at the clip's start, None searches for it.
+    height_m: of the camera over the floor at the first frame. length: in a frame of `frame_width` columns. depth_log:
+    CSV file of a dive computer with the columns time_s and depth_m; depth_offset_s: its time at the clip's start, None
+    searches for it.
     """
 
     height_m: float | None = None
@@ -146,7 +141,8 @@ def looks_of(length: Length, width: int, rotation: Floats) -> Floats:
     """Return the directions (2, 3) in the scene of a length's pixels of a frame of `width` columns."""
     from mr360uw.sphere import direction_from_frame
 
-    x, y = np.array([length.first, length.second]).T
+    first, second, _ = length
+    x, y = np.array([first, second]).T
     if not (np.all(x <= width) and np.all(y <= width / 2)):
-        raise ParameterError(f"--length - a pixel is outside of the frame (got {length.first}, {length.second})")
+        raise ParameterError(f"--length - a pixel is outside of the frame (got {first}, {second})")
     return unit(direction_from_frame(x, y, width, width // 2)) @ rotation.T

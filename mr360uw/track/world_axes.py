@@ -200,8 +200,8 @@ def _scale(
         return 1.0, "none is needed: the camera stays where it is", None
     if measure.length is not None:
         looks = looks_of(measure.length, measure.frame_width, rotation[0])
-        scale = scale_from_length(points, position[0], looks, measure.length.metres)
-        return scale, f"the two pixels of --length are {measure.length.metres:g} m apart, as given", None
+        scale = scale_from_length(points, position[0], looks, measure.length[2])
+        return scale, f"the two pixels of --length are {measure.length[2]:g} m apart, as given", None
     if measure.depth_log is not None and time_s is not None:
         scale, depth, start = scale_from_depths(
             measure.depth_log, measure.depth_offset_s, time_s, (position - position[0]) @ up

@@ -95,7 +95,7 @@ class PageRenderer:
     def stand_in(self, wanted: Wanted) -> int:
         """Return the frame to show while the one that is wanted is decoded, or that one."""
         try:
-            return self.preview.soonest(wanted.scene, wanted.index, wanted.draft_width)
+            return self.preview.plates.soonest(wanted.scene, wanted.index, wanted.draft_width)
         except (Mr360uwError, OSError):  # the picture says it
             return wanted.index
 
@@ -109,7 +109,7 @@ class PageRenderer:
 
     def thumbnails(self, scene: Scene, count: int) -> list[tuple[int, bytes]]:
         """Return (frame, JPEG) of up to `count` small frames of a scene's plate; raise `VideoError`."""
-        made, clip = self.preview.thumbnails(scene, count), self.preview.clip(scene)
+        made, clip = self.preview.plates.overview(scene, count, _THUMBNAIL_WIDTH), self.preview.clip(scene)
         if len(made) < count and (clip.frame_count or 1) <= _SHORT:
             frames = np.unique(np.linspace(0, (clip.frame_count or 1) - 1, count).astype(int)).tolist()
             made = [self.preview.plate(scene, frame, _THUMBNAIL_WIDTH) for frame in frames]

@@ -75,7 +75,7 @@ def test_the_part_without_texture_is_found(azimuth: float, rng: np.random.Genera
     free = (np.abs((about + 180.0) % 360.0 - 180.0) < 25.0) & (np.abs(np.degrees(np.arcsin(y)) - 5.0) < 18.0)
     image[free] = (0.02, 0.15, 0.3)
     found = free_view(image, (-8.0, 18.0), underwater=True)
-    off = (found.azimuth_deg - azimuth + 180.0) % 360.0 - 180.0
+    off = (found[0] - azimuth + 180.0) % 360.0 - 180.0
     assert abs(off) <= 15.0  # anywhere inside of a part that is wider than what is looked for by 24 degrees
 
 

@@ -13,6 +13,7 @@ import pytest
 import mr360uw as uw
 from mr360uw.errors import DamagedFrameError, GlError, OutputError, VideoError
 from mr360uw.render.backends import Backend, make_backend
+from mr360uw.render.first_pass import ClipAnalysis
 from mr360uw.runs import outputs
 from mr360uw.runs.job import Job, OpenJob
 from mr360uw.runs.outputs import forecast_line
@@ -226,6 +227,7 @@ def test_a_worker_without_the_renderer_of_the_others_ends_the_run(
     from mr360uw.runs.fingerprint import WorkKeys
 
     with work_folder(out, WorkKeys("", "")) as work:
+        work.keep_analysis(ClipAnalysis())
         with pytest.raises(
             GlError, match=r"has no OpenGL, which the run renders with .*--backend reference, or --mixed"
         ):

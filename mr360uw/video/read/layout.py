@@ -96,9 +96,9 @@ def panorama_crops(
     crop = whole if stereo == "mono" else _eye_crop(path, width, height, stereo, "right" if eye == "right" else "left")
     said = layout is not None or spherical is not None
     if equirectangular and crop.width != 2 * crop.height and not (said and _may_be_squeezed(crop)):
-        size = f"the picture is not a 360 degree panorama of 2:1 (got {crop.width}x{crop.height})"
+        what = f"the picture is not a 360 degree panorama of 2:1 (got {crop.width}x{crop.height})"
         out = way_out(look(), path) or "export it as equirectangular 2:1, or tag it as the full sphere"
-        raise VideoError(f"{path} - {size} - {out}")
+        raise VideoError(f"{path} - {what} - {out}")
     return crop, _eye_crop(path, width, height, stereo, "right") if eye == "both" else None, stereo
 
 
