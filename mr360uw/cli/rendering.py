@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -89,13 +90,14 @@ def still(
     overwrite: OverwriteOption = False,
 ) -> None:
     """Write one frame of SCENE, whole or as a view into it; its light is measured in that frame alone."""
-    from mr360uw.preview.still import save_still
+    from mr360uw.preview.still import save_still, still_of
     from mr360uw.scene.model import at_scale, load_scene
 
     loaded = at_scale(load_scene(scene, overrides or ()), scale)
     seen = view_of(view, size)
     compile_first()
-    save_still(out, loaded, frame=frame, time_s=time_s, view=seen, backend=backend, overwrite=overwrite)
+    shown = partial(still_of, frame=frame, time_s=time_s, view=seen)
+    save_still(out, loaded, shown, backend=backend, overwrite=overwrite)
     typer.echo(f"wrote {out}")
 
 
@@ -115,12 +117,14 @@ def sweep(
 ) -> None:
     """Render one frame of SCENE with every combination of values, side by side on a labelled sheet."""
     from mr360uw.preview.contact_sheet import sweep as write_sweep
+    from mr360uw.preview.still import still_of
     from mr360uw.progress import terminal_progress
 
+    changes, shown = variants(overrides), partial(still_of, frame=frame, time_s=time_s, view=view_of(view, size))
     with terminal_progress() as progress:
         written = write_sweep(
-            scene, out, variants(overrides), scale=scale, frame=frame, time_s=time_s,
-            view=view_of(view, size), backend=backend, overwrite=overwrite, progress=progress,
+            scene, out, changes, shown, scale=scale, backend=backend, overwrite=overwrite,
+            progress=progress,
         )  # fmt: skip
     typer.echo("wrote " + "\n      ".join(str(path) for path in written))
 

@@ -15,7 +15,7 @@ from mr360uw.errors import ParameterError
 from mr360uw.files import write_whole
 from mr360uw.output_gate import check_outputs
 from mr360uw.preview.live import LivePreview
-from mr360uw.preview.still import Perspective, still_of
+from mr360uw.preview.still import Still, still_of
 from mr360uw.preview.thumbnail import encoded
 from mr360uw.progress import Progress
 from mr360uw.reading.input_files import files_read
@@ -42,11 +42,9 @@ def sweep(
     scene: Path,
     out: Path,
     changes: Sequence[tuple[str, ...]],
+    still: Still = still_of,
     *,
     scale: float | None = None,
-    frame: int | None = None,
-    time_s: float | None = None,
-    view: Perspective | None = None,
     backend: str = "auto",
     overwrite: bool = False,
     progress: Progress | None = None,
@@ -54,8 +52,9 @@ def sweep(
     """Render one frame of a scene file with each set of overrides; write a labelled sheet and a page, return the paths.
 
     out: a PNG or JPEG; the page goes beside it as .html and holds its pictures. changes: overrides of each variant, as
-    `load_scene` takes them; all are checked before the first is rendered. scale: size of the frames over the plate's.
-    Raises what `still_of` raises, `ParameterError` for more than `LARGEST_SHEET` variants.
+    `load_scene` takes them; all are checked before the first is rendered. still: which frame and view is shown. scale:
+    size of the frames over the plate's. Raises what `still_of` raises, `ParameterError` for more than `LARGEST_SHEET`
+    variants.
     """
     if len(changes) > LARGEST_SHEET:
         raise ParameterError(
@@ -69,7 +68,7 @@ def sweep(
     found = []
     with files_read() as read, LivePreview(backend) as live:
         for number, (one, overrides) in enumerate(zip(scenes, changes, strict=True), 1):
-            picture = still_of(live, one, frame=frame, time_s=time_s, view=view)
+            picture = still(live, one)
             found.append(("  ".join(overrides) or scene.name, _small(picture_codes(picture, deep=False))))
             if progress is not None:
                 progress(number, len(scenes))

@@ -68,44 +68,6 @@ def coarse(scene: Scene) -> Scene:
     return scene.model_copy(update=drafts)
 
 
-class KeptAnalysis:
-    """The analysis of the clip that was measured last. cache: holds its background at the size of frames."""
-
-    def __init__(self, cache: Cache) -> None:
-        self._kept = cache
-        self._last = ClipAnalysis()
-        # what it depends on, of the scene and of its draft, and what its background depends on besides
-        self._of_clip: tuple[Hashable, ...] = ()
-        self._of_ground: tuple[Hashable, ...] = ()
-
-    def measure(
-        self, loaded: Loaded, plate: VideoReader, video: VideoReader, progress: Progress | None
-    ) -> ClipAnalysis:
-        """Return the analysis of a scene's clip, and keep it. plate: at full size. video: at the scene's own."""
-        analysis = clip_analysis(loaded, video, progress)
-        self.take(loaded, plate, analysis)
-        return analysis
-
-    def take(self, loaded: Loaded, plate: VideoReader, analysis: ClipAnalysis) -> None:
-        """Keep an analysis that was measured of a scene's clip. plate: at full size."""
-        draft = replace(loaded, scene=coarse(loaded.scene))
-        self._of_clip = _of_clip(plate, loaded), _of_clip(plate, draft)
-        self._of_ground, self._last = (_of_ground(loaded), _of_ground(draft)), analysis
-
-    def holds(self, loaded: Loaded, plate: VideoReader) -> bool:
-        """Return whether there is an analysis of a scene's clip."""
-        return _of_clip(plate, loaded) in self._of_clip
-
-    def of(self, loaded: Loaded, plate: VideoReader) -> ClipAnalysis:
-        """Return the analysis for frames of a scene; what is not known for its settings are left out."""
-        if not self.holds(loaded, plate):
-            return ClipAnalysis()
-        background = self._last.background
-        if background is None or _of_ground(loaded) not in self._of_ground:
-            return replace(self._last, background=None)
-        return replace(self._last, background=self._kept.of(_reduced, background, loaded.width, loaded.height))
-
-
 def _of_clip(plate: VideoReader, loaded: Loaded) -> Hashable:
     scene, plan = loaded.scene, loaded.plan
     files = tuple((path, stamp(path)) for path in loaded.other_files)
@@ -143,7 +105,11 @@ class LivePreview:
     def __init__(self, backend: str = "auto") -> None:
         self.backend, self.note = make_backend(backend, Cache(_KINDS))
         self._reads = CachedReads(_KINDS)
-        self.plates, self._analysis = KeptFrames(self._reads), KeptAnalysis(self._reads.cache)
+        self.plates = KeptFrames(self._reads)
+        self._last = ClipAnalysis()  # that was measured
+        # what it depends on, of the scene and of its draft, and what its background depends on besides
+        self._clip_keys: tuple[Hashable, ...] = ()
+        self._ground_keys: tuple[Hashable, ...] = ()
 
     @property
     def made(self) -> Counter[str]:
@@ -161,7 +127,7 @@ class LivePreview:
         with one_blas_thread():
             loaded = self.loaded(scene, width)
             loaded.check(index + 1)
-            plate, analysis = self.plate(scene, index, width), self._analysis.of(loaded, self.plates.reader(scene))
+            plate, analysis = self.plate(scene, index, width), self._analysis_for(loaded, self.plates.reader(scene))
             if analysis.grade is None and loaded.plan.match.runs and loaded.scene.match.open_keys:
                 places = patch_frames(scene.match, self.plates.reader(scene))
                 shown = [self.plate(scene, place, width) for place in places]
@@ -178,16 +144,31 @@ class LivePreview:
         plate, `[camera]`, `[water]` and `[light]` stay as they are; the ground also depends on `[receiver]` and
         `[sea]`. Raises `VideoError`, `SceneError`.
         """
-        reader, loaded = self.plates.reader(scene), self.loaded(scene)
-        return self._analysis.measure(loaded, reader, scaled(reader, scene.plate.scale), progress)
+        video = scaled(self.plates.reader(scene), scene.plate.scale)
+        analysis = clip_analysis(self.loaded(scene), video, progress)
+        self.take_analysis(scene, analysis)
+        return analysis
 
     def take_analysis(self, scene: Scene, analysis: ClipAnalysis) -> None:
         """Use an analysis of a scene's clip that another preview's `measure` returned."""
-        self._analysis.take(self.loaded(scene), self.plates.reader(scene), analysis)
+        plate, loaded = self.plates.reader(scene), self.loaded(scene)
+        draft = replace(loaded, scene=coarse(loaded.scene))
+        self._clip_keys = _of_clip(plate, loaded), _of_clip(plate, draft)
+        self._ground_keys, self._last = (_of_ground(loaded), _of_ground(draft)), analysis
 
     def has_measured(self, scene: Scene, width: int | None = None) -> bool:
         """Return whether frames of a scene use an analysis of its clip that was measured."""
-        return self._analysis.holds(self.loaded(scene, width), self.plates.reader(scene))
+        return _of_clip(self.plates.reader(scene), self.loaded(scene, width)) in self._clip_keys
+
+    def _analysis_for(self, loaded: Loaded, plate: VideoReader) -> ClipAnalysis:
+        """Return the analysis for frames of a scene; what is not known for its settings is left out."""
+        if _of_clip(plate, loaded) not in self._clip_keys:
+            return ClipAnalysis()
+        background = self._last.background
+        if background is None or _of_ground(loaded) not in self._ground_keys:
+            return replace(self._last, background=None)
+        reduced = self._reads.cache.of(_reduced, background, loaded.width, loaded.height)
+        return replace(self._last, background=reduced)
 
     def loaded(self, scene: Scene, width: int | None = None) -> Loaded:
         """Return a scene resolved for frames of a width, as `frame` draws it; raises what loading raises."""

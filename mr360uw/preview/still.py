@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -131,17 +132,14 @@ def still_of(
     return picture if view is None else _seen(picture, view)
 
 
+Still = Callable[[LivePreview, Scene], VideoFrame]
+"""`still_of` with its frame or time and its view given."""
+
+
 def save_still(
-    path: Path,
-    scene: Scene,
-    *,
-    frame: int | None = None,
-    time_s: float | None = None,
-    view: Perspective | None = None,
-    backend: str = "auto",
-    overwrite: bool = False,
+    path: Path, scene: Scene, still: Still = still_of, *, backend: str = "auto", overwrite: bool = False
 ) -> None:
-    """Write a still (see `still_of`) as a picture, whose kind follows the suffix.
+    """Write a still as a picture, whose kind follows the suffix.
 
     Raises `ParameterError` where the name is no picture's, `OutputExistsError` where it is there, unless `overwrite`,
     and `OutputError`.
@@ -150,7 +148,7 @@ def save_still(
         raise ParameterError(f"{path} - is no name of a picture (got {path.suffix!r}) - end it in .png, .jpg or .exr")
     check_outputs([path], inputs=files_of(scene), overwrite=overwrite)
     with files_read() as read, LivePreview(backend) as live:
-        picture = still_of(live, scene, frame=frame, time_s=time_s, view=view)
+        picture = still(live, scene)
     check_outputs([path], inputs=read, overwrite=overwrite)  # textures and the like, which only meshes name
     with open_plate(scene) as plate:
         write_picture(path, whole_frame(picture, plate.stereo))

@@ -19,10 +19,8 @@ import numpy as np
 from mr360uw.errors import Mr360uwError
 from mr360uw.preview.live import COARSE_WIDTH, LivePreview
 from mr360uw.preview.thumbnail import encoded
-from mr360uw.render.first_pass import ClipAnalysis
 from mr360uw.scene.model import Scene
 from mr360uw.tune.shown_frame import ShownFrame
-from mr360uw.tune.situation import Situation, situation
 from mr360uw.tune.views import CHARTS, VIEWS
 from mr360uw.video.write.image_writer import picture_codes
 
@@ -99,10 +97,6 @@ class PageRenderer:
         except (Mr360uwError, OSError):  # the picture says it
             return wanted.index
 
-    def take_analysis(self, scene: Scene, analysis: ClipAnalysis) -> None:
-        """Take what was measured of a scene's clip."""
-        self.preview.take_analysis(scene, analysis)
-
     def plate(self, scene: Scene, index: int, width: int) -> bytes:
         """Return a frame of a scene's plate as JPEG; raise `VideoError`."""
         return encoded(picture_codes(self.preview.plate(scene, index, width), deep=False), ".jpg")
@@ -114,10 +108,6 @@ class PageRenderer:
             frames = np.unique(np.linspace(0, (clip.frame_count or 1) - 1, count).astype(int)).tolist()
             made = [self.preview.plate(scene, frame, _THUMBNAIL_WIDTH) for frame in frames]
         return [(frame.index, encoded(picture_codes(frame, deep=False), ".jpg")) for frame in made]
-
-    def situation(self, scene: Scene, index: int, time_s: float) -> Situation:
-        """Return camera, receiver and objects of a frame; raises what loading the scene raises."""
-        return situation(self.preview, scene, index, time_s)
 
     def close(self) -> None:
         """Let go of everything."""

@@ -197,7 +197,7 @@ class Session:
         """
         scene = self.document.scene
         analysis = await asyncio.to_thread(_measured, scene, progress)
-        job = self.pictures.ask(lambda renderer: renderer.take_analysis(scene, analysis), urgent=True)
+        job = self.pictures.ask(lambda renderer: renderer.preview.take_analysis(scene, analysis), urgent=True)
         await asyncio.wrap_future(job)
         self.show()
 

@@ -18,7 +18,7 @@ from mr360uw.tune.panels.stage import ShownPicture
 from mr360uw.tune.panels.widgets import Button, Choice
 from mr360uw.tune.placing import Point
 from mr360uw.tune.session import Session
-from mr360uw.tune.situation import Marker, Situation
+from mr360uw.tune.situation import Marker, Situation, situation
 from mr360uw.tune.viewer import Drag
 
 _TOOLS = {
@@ -96,7 +96,9 @@ class PlaceTools:
 
     async def _ask(self) -> Situation:
         scene, index, time_s = self._document.scene, self._session.index, self._session.time_s
-        job = self._session.pictures.ask(lambda renderer: renderer.situation(scene, index, time_s), urgent=True)
+        job = self._session.pictures.ask(
+            lambda renderer: situation(renderer.preview, scene, index, time_s), urgent=True
+        )
         here: Situation = await asyncio.wrap_future(job)
         return here
 
