@@ -56,7 +56,7 @@ $(VENV)/.installed-docs: $(VENV)/.installed
 
 wheel: $(VENV)/.installed-docs  ## wheel with compiled kernels and sources in dist, tried in an environment of their own
 	rm -rf dist build/fresh mr360uw/compiled
-	NUMBA_CACHE_DIR=mr360uw/compiled $(BIN)/python -c 'from mr360uw.cli.first_run import compile_first; compile_first()'
+	NUMBA_CACHE_DIR=mr360uw/compiled $(BIN)/python -c 'from mr360uw.cli.rendering import compile_first; compile_first()'
 	$(BIN)/python -m build --sdist --wheel --outdir dist . >/dev/null
 	rm -rf mr360uw/compiled
 	$(PYTHON) -m venv build/fresh

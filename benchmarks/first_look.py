@@ -83,7 +83,7 @@ def main() -> None:
         for mesh in files(given.meshes, MESHES):
             started, out = time.process_time(), given.out / f"{plate.stem}.{mesh.stem}.toml"
             try:
-                made = make_first_scene(plate, mesh, out, overwrite=True)
+                _, lines, _ = make_first_scene(plate, mesh, out, overwrite=True)
                 scene = load_scene(out)
                 ray = rays(scene)
                 widest = float(np.degrees(np.arccos(np.clip((ray @ ray.T).min(), -1.0, 1.0))))
@@ -92,7 +92,7 @@ def main() -> None:
             except Mr360uwError as error:
                 refused.append(f"{plate.name}, {mesh.name}: {error}")
                 continue
-            wet = "air" not in next(line for line in made.lines if line.startswith("where")).split(":")[0]
+            wet = "air" not in next(line for line in lines if line.startswith("where")).split(":")[0]
             same = wet == (given.water in str(plate.relative_to(given.plates)))
             right, count = right + same, count + 1
             elevation = np.degrees(np.arcsin(ray[:, 1]))
@@ -100,7 +100,7 @@ def main() -> None:
             place = f"{widest:.0f} deg wide, from {elevation.min():.0f} to {elevation.max():.0f} deg"
             seconds = time.process_time() - started
             print(f"{plate.name} + {mesh.name}: {told}, {place}, {seconds:.1f} s of processor")
-            print(*(f"    {line}" for line in made.lines), sep="\n", flush=True)
+            print(*(f"    {line}" for line in lines), sep="\n", flush=True)
             row.append(cv2.putText(cell, out.stem, (6, 16), 0, 0.45, (0, 0, 255), 1))
         if row:
             rows.append(np.concatenate(row, axis=1))

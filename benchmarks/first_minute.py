@@ -24,7 +24,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 SCENE = "samples/demo/scene.toml"
-COMPILE = "from mr360uw.cli.first_run import compile_first; compile_first()"
+COMPILE = "from mr360uw.cli.rendering import compile_first; compile_first()"
 
 
 def measured(name: str, command: Sequence[object], folder: Path, environment: Mapping[str, str]) -> None:

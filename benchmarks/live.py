@@ -24,8 +24,7 @@ import av
 import cv2
 import numpy as np
 
-from mr360uw.preview.drafts import COARSE_WIDTH
-from mr360uw.preview.live import LivePreview
+from mr360uw.preview.live import COARSE_WIDTH, LivePreview
 from mr360uw.preview.thumbnail import screen_picture
 from mr360uw.sample import sample_dive
 from mr360uw.scene.inputs import open_plate
@@ -140,7 +139,7 @@ def scrub(clip: Path) -> None:
             found = [timed(partial(live.plate, scene, index, WIDTH)) for index in order]
             wall, processor = (statistics.median(column) for column in zip(*found, strict=True))
             print(f"{name:14}{wall:8.0f} ms  processor {processor:6.0f} ms  slowest {max(w for w, _ in found):6.0f} ms")
-        wall, processor = timed(lambda: live.thumbnails(scene, 24))
+        wall, processor = timed(lambda: live.plates.overview(scene, 24, 160))
         print(f"24 thumbnails {wall:8.0f} ms  processor {processor:6.0f} ms")
 
 

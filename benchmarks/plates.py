@@ -141,8 +141,8 @@ class Case:
     """A plate, the scene that `new` wrote for it, and a direction of open water in it."""
 
     def __init__(self, plate: Path, ball: Path, folder: Path) -> None:
-        made = make_first_scene(plate, ball, folder / f"{plate.stem}.toml", overwrite=True)
-        self.table: Table = tomllib.loads(made.scene.read_text("utf-8"))
+        written, _, _ = make_first_scene(plate, ball, folder / f"{plate.stem}.toml", overwrite=True)
+        self.table: Table = tomllib.loads(written.read_text("utf-8"))
         self.folder, self.ball = folder, ball
         with open_plate(scene_from_dict(self.table, folder)) as video:
             self.whole = next(iter(video.frames(0, 1))).image_linear

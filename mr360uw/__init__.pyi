@@ -8,7 +8,7 @@ from .runs.run_report import Report
 from .sample import sample_dive
 from .scene import Scene, load_scene
 from .track.camera_track import CameraTrack
-from .track.floor.floor_mesh import FloorMesh, floor_from_track
+from .track.floor_mesh import FloorMesh, floor_from_track
 from .track.tracking import track_camera
 from .types import CausticStack, Environment, Layer, Sun
 from .video import open_video

@@ -9,7 +9,7 @@ between code values in [0, 1] and linear light; names say `_encoded` or `_linear
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Literal, get_args
+from typing import Any, Literal, Protocol, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,7 +17,6 @@ from numpy.typing import ArrayLike, NDArray
 from mr360uw.constants import LUMINANCE_B, LUMINANCE_G, LUMINANCE_R
 from mr360uw.errors import ParameterError
 from mr360uw.shapes import numbers, real, vectors
-from mr360uw.yuv.plate_mapping import PlateMapping
 from mr360uw.yuv.wide_curves import (
     ON_FILE_CODES,
     WIDE_TRANSFERS,
@@ -26,6 +25,31 @@ from mr360uw.yuv.wide_curves import (
     wide_encode,
     wide_primaries,
 )
+
+Levels = Literal["video", "data"]
+"""What 0 and 1 of a map's input are. video: black and white of the plate's range. data: code 0 and full scale."""
+
+
+class PlateMapping(Protocol):
+    """A map between a plate's R'G'B' values and light that a curve and primaries cannot say: a lookup table, or OCIO.
+
+    Implementations compare and hash by what the map does. on_file_codes: values are codes over full scale; otherwise
+    0 is black and 1 is white of the plate's range. Both methods take and return (..., 3) floats, of any shape before.
+    """
+
+    @property
+    def on_file_codes(self) -> bool:
+        """Whether values are codes over full scale, rather than signals from black to white."""
+        ...
+
+    def to_light(self, values: NDArray[Any]) -> NDArray[Any]:
+        """Return the linear Rec.709 light of values."""
+        ...
+
+    def to_values(self, light: NDArray[Any]) -> NDArray[Any]:
+        """Return the values of linear Rec.709 light, the inverse of `to_light`."""
+        ...
+
 
 Matrix = Literal["bt601", "bt709", "bt2020"]
 Primaries = Literal["bt709", "bt2020", "sgamut3", "sgamut3cine", "vgamut", "dgamut"]

@@ -1,8 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Compositing of whole videos.
 
-A video is made in parts that are kept until all are there: see `mr360uw.runs`; by one process or by several: see
-`mr360uw.farm`.
+A video is made in parts that are kept until all are there, by one process or by several: see `mr360uw.runs`.
 """
 
 from __future__ import annotations
@@ -16,25 +15,23 @@ from pathlib import Path
 from typing import Literal
 
 from mr360uw.cache import Cache
-from mr360uw.farm.job import Job, OpenJob
-from mr360uw.farm.workers import make_crew
 from mr360uw.progress import Progress
 from mr360uw.render.backends import Backend, make_backend
 from mr360uw.render.check import scene_sun_lines
 from mr360uw.render.first_pass import ClipAnalysis, measured_range
 from mr360uw.render.loaded import Loaded, load
 from mr360uw.runs.fingerprint import input_fingerprints, work_keys
-from mr360uw.runs.forecast import Forecast
-from mr360uw.runs.frame_range import RunTimes
-from mr360uw.runs.outputs import Output
+from mr360uw.runs.job import Job, OpenJob, RunTimes
+from mr360uw.runs.outputs import Output, forecaster
 from mr360uw.runs.run_report import Report
 from mr360uw.runs.stored_analysis import measured_analysis
 from mr360uw.runs.work_folder import Part, WorkFolder, joined_bounds, work_folder
+from mr360uw.runs.workers import make_crew
 from mr360uw.scene.inputs import open_plate, projection_notes
 from mr360uw.scene.model import Scene
 from mr360uw.shapes import instance
 from mr360uw.video import VideoReader
-from mr360uw.video.read.decoded_once import DecodedOnce
+from mr360uw.video.read.reader import DecodedOnce
 
 
 def composite_video(
@@ -76,7 +73,7 @@ def composite_video(
         output.check([*loaded.object_files, *loaded.other_files])  # textures and the like, which only meshes name
         _check_lengths(loaded, video, span)
         renderer, fallback = make_backend(backend, Cache(scene.plate.eyes))
-        crew, inputs = make_crew(workers, cluster, len(parts)), input_fingerprints(loaded)
+        (count, crew), inputs = make_crew(workers, cluster, len(parts)), input_fingerprints(loaded)
         keys = work_keys(loaded, inputs, "mixed" if mixed else renderer.name, measured_range(video, *span))
         with work_folder(output.path, keys, fresh=fresh) as work:
             output.check_pictures(work)
@@ -86,16 +83,16 @@ def composite_video(
                 seen = DecodedOnce(video, measured_range(video, *span) if crew is None else (0, 0))
                 analysis = _find_analysis(loaded, seen, span, work, times, progress, tell, fresh=fresh)
                 doubts = analysis.notes
-                done = _counted(progress, tell and Forecast(tell, output, work, total - kept), kept, total)
+                done = _counted(progress, tell and forecaster(tell, output, work, total - kept), kept, total)
                 job = Job(scene, output.path, work, "auto" if mixed else renderer.name, output.layers, left)
                 opened = OpenJob(job, seen if seen.are_all else video, loaded, renderer)
                 with _noting_what_is_finished(output, work):
-                    times.merge(_alone(opened, done) if crew is None else crew.render(job, done))
+                    times.merge(_alone(opened, done) if crew is None else crew(job, done))
             notes = output.complete(work, parts)
         doubts = (*video.doubts, *projection_notes(scene, video, span[0]), *loaded.notes, *doubts, *work.notes)
     made = replace(
         _report(Path(out), total, loaded, renderer, times), seconds=time.perf_counter() - began, kept_frames=kept,
-        notes=(*doubts, *filter(None, [fallback]), *notes), workers=1 if crew is None else crew.count, inputs=inputs,
+        notes=(*doubts, *filter(None, [fallback]), *notes), workers=count, inputs=inputs,
     )  # fmt: skip
     if output.report is not None:
         made.save(output.report, overwrite=overwrite)
@@ -175,7 +172,9 @@ def _alone(opened: OpenJob, done: Callable[[], None]) -> RunTimes:
     return times
 
 
-def _counted(progress: Progress | None, forecast: Forecast | None, kept: int, total: int) -> Callable[[], None]:
+def _counted(
+    progress: Progress | None, forecast: Callable[[], None] | None, kept: int, total: int
+) -> Callable[[], None]:
     """Return a function that reports one more frame as done."""
     count: Iterator[int] = itertools.count(kept + 1)
 
@@ -183,6 +182,6 @@ def _counted(progress: Progress | None, forecast: Forecast | None, kept: int, to
         if progress is not None:
             progress(next(count), total)
         if forecast is not None:
-            forecast.frame_done()
+            forecast()
 
     return done

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Progress of a run on a terminal (frames, rate, time left), and signals that end the run."""
+"""Progress of a run on a terminal (frames, rate, time left), signals that end the run, and counts of uneven steps."""
 
 from __future__ import annotations
 
@@ -102,3 +102,20 @@ def _bar() -> Iterator[Progress]:
     with Bar(*columns, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task("frames", total=None)
         yield lambda done, total: bar.update(task, completed=done, total=total)
+
+
+class Steps:
+    """Counts the steps of a run and passes them on; more may be expected as the run goes on."""
+
+    def __init__(self, progress: Progress | None, expected: int) -> None:
+        self._progress, self._done, self._expected = progress, 0, expected
+
+    def expect(self, count: int) -> None:
+        """Expect that many more steps."""
+        self._expected += count
+
+    def done(self, count: int = 1) -> None:
+        """Count steps as done."""
+        self._done += count
+        if self._progress is not None:
+            self._progress(self._done, max(self._expected, self._done))

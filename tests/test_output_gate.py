@@ -12,7 +12,7 @@ import pytest
 import typer
 
 from mr360uw import cli, output_gate
-from mr360uw.cli.gated import Role, roles_of
+from mr360uw.cli.arguments import Role, roles_of
 from mr360uw.errors import OutputError, OutputExistsError
 from mr360uw.output_gate import (
     MARKER,

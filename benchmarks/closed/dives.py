@@ -122,7 +122,7 @@ class Dive:
     def floor(self) -> Floor:
         """The sand."""
         bare = DiveSettings(seed=self.seed, rocks=0.0, grass=0.0)
-        return Floor(-self.above_floor_m, sea_bed(bare).albedo, BED_TILE_M)
+        return Floor(-self.above_floor_m, sea_bed(bare)[1], BED_TILE_M)
 
     @property
     def floor_depth_m(self) -> float:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A benchmark run and its results: the machine, the versions, every measurement; as JSON and as a table."""
+"""A benchmark run and its results, as JSON and as a table, and what became slower or less accurate since another."""
 
 from __future__ import annotations
 
@@ -12,8 +12,18 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-from mr360uw.bench.measuring import MeasuredStage, Measurement, better_than_default, front, knobs_in_words, measure
-from mr360uw.bench.workbench import Workbench
+from mr360uw.bench.measuring import (
+    SLOWER,
+    WORSE,
+    MeasuredStage,
+    Measurement,
+    Workbench,
+    better_than_default,
+    front,
+    knobs_in_words,
+    larger,
+    measure,
+)
 from mr360uw.errors import ParameterError
 from mr360uw.info import package_versions
 from mr360uw.progress import Progress
@@ -42,7 +52,7 @@ def run_bench(
     from mr360uw import __version__
 
     renderer, _ = make_backend(backend)
-    machine = this_machine(renderer.name, renderer.device)
+    machine = _this_machine(renderer.name, renderer.device)
     total, done, results = sum(len(stage.settings(quick=quick)) for stage in stages), 0, []
 
     def tick() -> None:
@@ -154,18 +164,75 @@ def read_report(path: Path) -> BenchReport:
         ) from None
 
 
-def this_machine(backend: str, device: str) -> Machine:
+def _this_machine(backend: str, device: str) -> Machine:
     """Return the machine that this runs on. backend, device: of the renderer."""
     system, load = f"{platform.system()} {platform.release()}", os.getloadavg()[0] if hasattr(os, "getloadavg") else 0.0
-    return Machine(cpu=_processor(), cores=_cores(), system=system, backend=backend, device=device, load=round(load, 2))
-
-
-def _cores() -> int:
-    """Return the number of cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    return Machine(cpu=_processor(), cores=cores, system=system, backend=backend, device=device, load=round(load, 2))
 
 
 def _processor() -> str:
     lines = _CPU_INFO.read_text("utf-8", errors="replace").splitlines() if _CPU_INFO.is_file() else []
     named = (line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
     return next(named, "") or platform.processor() or platform.machine()
+
+
+_LEAST_MS = 1.0
+"""Difference of time [ms] below which nothing counts as slower: the clock and the caches of the processor."""
+
+
+def check_kinds(before: BenchReport, *, quick: bool) -> None:
+    """Raise `ParameterError` where an earlier run is not of the kind of one that is `quick` or not."""
+    if before.quick != quick:
+        kinds = ["with --quick" if one else "without --quick" for one in (before.quick, quick)]
+        raise ParameterError(f"--against - the runs differ (got one {kinds[0]}, this one {kinds[1]}) - run alike")
+
+
+def compare(before: BenchReport, now: BenchReport) -> tuple[list[str], str]:
+    """Return a line for each setting that became worse, and the comparison in words; raise `ParameterError` for runs
+    of different kinds or without a common setting.
+
+    Slower: processor time more than 1.15 times and 1 ms longer. Less accurate: error more than 1.1 times larger.
+    """
+    check_kinds(before, quick=now.quick)
+    old = {_key(stage.name, m): m for stage in before.stages for m in stage.measurements}
+    found: list[str] = []
+    compared = 0
+    for stage in now.stages:
+        for m in stage.measurements:
+            was = old.get(_key(stage.name, m))
+            if was is None:
+                continue
+            compared += 1
+            if m.cpu_ms > SLOWER * was.cpu_ms and m.cpu_ms - was.cpu_ms > _LEAST_MS:
+                found.append(_worse(_key(stage.name, m), "CPU ms", was.cpu_ms, m.cpu_ms))
+            if larger(m.error, was.error):
+                found.append(_worse(_key(stage.name, m), "error", was.error, m.error))
+    if not compared:
+        raise ParameterError("--against - has none of the settings of this run (got 0 in common) - run the same stages")
+    head = f"{compared} settings compared, {len(found)} regressions (time > {SLOWER:g} times, error > {WORSE:g} times)"
+    return found, "\n".join((head, *found, *_notes(before, now)))
+
+
+def _worse(setting: str, quantity: str, before: float, now: float) -> str:
+    ratio = now / before if before > 0.0 else float("inf")
+    return f"{setting}: {quantity} {before:.3g} -> {now:.3g} ({ratio:.2f} times)"
+
+
+def _key(stage: str, m: Measurement) -> str:
+    return f"{stage}: {knobs_in_words(m.knobs)}"
+
+
+def _notes(before: BenchReport, now: BenchReport) -> tuple[str, ...]:
+    notes = []
+    for name, was, is_ in (
+        ("processors", before.machine.cpu, now.machine.cpu),
+        ("numbers of cores", before.machine.cores, now.machine.cores),
+        ("renderers", before.machine.device, now.machine.device),
+    ):
+        if was != is_:
+            notes.append(f"note: the {name} differ ({was}; now {is_}): times are not comparable")
+    for word, run in (("the earlier", before), ("this", now)):
+        if run.machine.busy:
+            notes.append(f"note: the machine was busy in {word} run (load {run.machine.load:.1f})")
+    return tuple(notes)

@@ -8,8 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from mr360uw.bench.measuring import Knobs, MeasuredStage, Workload, qualities, relative_rms
-from mr360uw.bench.workbench import Workbench, picture_of
+from mr360uw.bench.measuring import Knobs, MeasuredStage, Workbench, Workload, picture_of, qualities, relative_rms
 from mr360uw.constants import MAXIMUM_SUN_SAMPLES
 from mr360uw.ibl import environment
 from mr360uw.types import Floats
@@ -96,7 +95,7 @@ def _open_light(bench: Workbench) -> Workload:
         return lambda k: environment(small[k], underwater=True)
 
     truth = environment(images[0], underwater=True).irradiance
-    return Workload(prepare, lambda light: relative_rms(light.irradiance, truth))
+    return prepare, lambda light: relative_rms(light.irradiance, truth)
 
 
 def frames_against(bench: Workbench, finest: Knobs) -> Workload:
@@ -108,7 +107,7 @@ def frames_against(bench: Workbench, finest: Knobs) -> Workload:
     def error(frame: Any) -> float:
         return relative_rms(_as_large(picture_of(frame), truth)[touched], truth[touched])
 
-    return Workload(bench.frames, error)
+    return bench.frames, error
 
 
 def _as_large(image: Floats, like: Floats) -> Floats:

@@ -1,19 +1,83 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Measures stages: processor time and error of each setting, and which settings lie on the Pareto front."""
+"""Measures stages on a sample dive: processor time and error of each setting, and which lie on the Pareto front."""
 
 from __future__ import annotations
 
+import functools
 import statistics
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from mr360uw.bench.workbench import Workbench
+from mr360uw.cache import Cache
+from mr360uw.composite.over import over
 from mr360uw.reading.disk_cache import nothing_kept
-from mr360uw.scene.model import Scene
+from mr360uw.render.backends import Backend
+from mr360uw.render.first_pass import clip_analysis
+from mr360uw.render.frame import Frame, composite_frame
+from mr360uw.render.loaded import load
+from mr360uw.sample import sample_dive
+from mr360uw.scene.inputs import open_plate
+from mr360uw.scene.model import Scene, load_scene
+from mr360uw.types import Floats
+from mr360uw.video import VideoFrame
+
+_RUNS, _QUICK_RUNS = 5, 3
+_WIDTH, _QUICK_WIDTH = 1024, 512
+"""Width [pixels] of the dive's frames: shadows and edges cost and err as in larger ones, in a fraction of the time."""
+_SWIMS = "object.0.key=[{time_s=0, position_m=[0.4, -0.6, -3.6]}, {time_s=1, position_m=[1.4, -0.4, -3.2]}]"
+"""Motion of the whale: nothing of a frame can be kept for the next because it stands still."""
+
+
+class Workbench:
+    """What stages are measured on. folder: an empty one, for the dive. quick: smaller frames, fewer runs.
+
+    runs: timed runs of each setting. width: of the dive's frames [pixels].
+    """
+
+    def __init__(self, folder: Path, backend: Backend, *, quick: bool = False) -> None:
+        self.backend, self.quick, self.runs = backend, quick, _QUICK_RUNS if quick else _RUNS
+        self.width = _QUICK_WIDTH if quick else _WIDTH
+        self._folder = folder
+
+    @functools.cached_property
+    def scene_file(self) -> Path:
+        """The scene of the dive, made when it is first asked for: a plate of a frame for each run, a whale, sand."""
+        return sample_dive(self._folder / "dive", width=self.width, frames=self.runs + 1).scene
+
+    def scene(self, knobs: Mapping[str, Any]) -> Scene:
+        """Return the scene of the dive with settings."""
+        given = [f"{name}={value}" for name, value in knobs.items() if value is not None]
+        return load_scene(self.scene_file, [_SWIMS, *given])
+
+    @functools.cached_property
+    def plates(self) -> list[VideoFrame]:
+        """The frames of the dive's plate."""
+        with open_plate(self.scene({})) as video:
+            return list(video.frames(0, self.runs + 1))
+
+    def frames(self, knobs: Mapping[str, Any]) -> Callable[[int], Frame]:
+        """Return a function that composites frame k of the dive with settings, decoding not included.
+
+        What frames share is kept from one to the next, as in a composite of the clip.
+        """
+        scene = self.scene(knobs)
+        with open_plate(scene) as video:
+            loaded = load(scene, video.width, video.height)
+            analysis = clip_analysis(loaded, video)
+            plates = list(video.frames(0, self.runs + 1))
+        cache = Cache()
+        return lambda k: composite_frame(loaded, analysis, self.backend, plates[k], 0.0, cache=cache)
+
+
+def picture_of(frame: Frame) -> Floats:
+    """Return a frame's picture (H, W, 3) before it is rounded to codes: linear radiance."""
+    return over(frame.plate.image_linear, frame.layer)
+
 
 Knobs = Mapping[str, Any]
 """Values of settings by their names, those of a scene as in caustics.size."""
@@ -29,17 +93,10 @@ _NAMES = {"final": "default", "draft": "draft", "reference": "reference"}
 """Words for the points of the qualities of a scene."""
 
 
-@dataclass(frozen=True, slots=True)
-class Workload:
-    """A stage ready to be measured.
-
-    prepare: takes settings, returns the work, which is timed; it is called with 0 for the run whose error is taken, and
-    with 1, 2, ... for the runs that are timed. error: takes a result of run 0, returns its relative root mean square
-    error.
-    """
-
-    prepare: Callable[[Knobs], Callable[[int], Any]]
-    error: Callable[[Any], float]
+Workload = tuple[Callable[[Knobs], Callable[[int], Any]], Callable[[Any], float]]
+"""A stage ready to be measured: two functions. The first takes settings and returns the work, which is timed; it is
+called with 0 for the run whose error is taken, and with 1, 2, ... for the runs that are timed. The second takes a
+result of run 0 and returns its relative root mean square error."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,11 +152,11 @@ def qualities(*names: str) -> dict[str, Knobs]:
 
 def measure(stage: MeasuredStage, bench: Workbench, tick: Callable[[], None] = lambda: None) -> list[Measurement]:
     """Return the measurements of a stage at its settings. tick: called after each of them."""
-    work, found = stage.open(bench), []
+    (prepare, error_of), found = stage.open(bench), []
     for knobs in stage.settings(quick=bench.quick):
         with nothing_kept():
-            run = work.prepare(knobs)
-            error = work.error(run(0))
+            run = prepare(knobs)
+            error = error_of(run(0))
             cpu, wall = timed(run, bench.runs)
         names = tuple(word for word, point in stage.named.items() if point == knobs)
         found.append(Measurement(dict(knobs), 1e3 * cpu, 1e3 * wall, error, bench.runs, names))

@@ -35,14 +35,16 @@ def bench_page(report: BenchReport) -> str:
         parts.append(
             f'<p class="note">The load average was {machine.load:.1f} at the start: times may be too long.</p>'
         )
+    legend = ", ".join(f'<span style="color:{colour}">{name}</span>' for name, colour in _COLOURS.items())
     parts.append(
         "<p>Each dot is a setting: right is dearer, up is less accurate, both in powers of ten. Blue dots on the line "
         "are the Pareto front: no other setting is both cheaper and as accurate. Rings are the settings that "
-        f"<code>draw.quality</code> stands for: {_legend()}. Numbers are the rows of the table below each plot.</p>"
+        f"<code>draw.quality</code> stands for: {legend}. Numbers are the rows of the table below each plot.</p>"
     )
     parts += [f'<p class="note">Default off the front - {html.escape(line)}</p>' for line in report.off_front]
     for stage in report.stages:
-        parts += [f"<h2>{html.escape(stage.title)}</h2>", _words(stage), pareto_plot(stage), _table(stage)]
+        words = f"<p>Time: {html.escape(stage.timed)}. Error: against {html.escape(stage.truth)}.</p>"
+        parts += [f"<h2>{html.escape(stage.title)}</h2>", words, pareto_plot(stage), _table(stage)]
     versions = ", ".join(f"{name} {version}" for name, version in report.packages.items() if version)
     return html_page("mr360uw bench", [*parts, f"<p>{html.escape(versions)}</p>"], _STYLE)
 
@@ -118,10 +120,6 @@ def _ticks(values: Sequence[float]) -> list[float]:
     return [n * step for n in range(math.ceil(low / step), math.floor(high / step) + 1)] or [low]
 
 
-def _words(stage: StageResult) -> str:
-    return f"<p>Time: {html.escape(stage.timed)}. Error: against {html.escape(stage.truth)}.</p>"
-
-
 def _table(stage: StageResult) -> str:
     best, rows = front(stage.measurements), []
     for row, m in enumerate(_by_time(stage), 1):
@@ -133,7 +131,3 @@ def _table(stage: StageResult) -> str:
         rows.append(f"<tr{' class=front' if m in best else ''}>{cells}<td>{knobs}</td></tr>")
     head = "<tr><th></th><th>CPU ms</th><th>wall ms</th><th>error</th><th>settings</th></tr>"
     return f"<details open><summary>Figures</summary><table>{head}{''.join(rows)}</table></details>"
-
-
-def _legend() -> str:
-    return ", ".join(f'<span style="color:{colour}">{name}</span>' for name, colour in _COLOURS.items())

@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 
 from mr360uw.bench.dive_stages import frame_stage, light_stage, pixel_stage, sun_stage
-from mr360uw.bench.measuring import Knobs, MeasuredStage, Workload, qualities, relative_rms
-from mr360uw.bench.workbench import Workbench
+from mr360uw.bench.measuring import Knobs, MeasuredStage, Workbench, Workload, qualities, relative_rms
 from mr360uw.caustic_lookup import caustic_lookup, mip_levels
 from mr360uw.caustics import CausticSettings, GerstnerSea, caustic_stack, refract_to_air, stack_depths
 from mr360uw.caustics.depth_ladder import PlaneLadder
@@ -80,7 +79,7 @@ def _open(bench: Workbench) -> Workload:
         grid = grid_of(settings, _WIDTH, shafts)
         return lambda _: shaft_field(shafts, grid, rays).radiance(seen, ends)
 
-    return Workload(prepare, lambda got: relative_rms(got, truth))
+    return prepare, lambda got: relative_rms(got, truth)
 
 
 _CAMERA_M = 4.0
@@ -142,7 +141,7 @@ def _open_medium(bench: Workbench) -> Workload:
         mode, bands = knobs["water.mode"], knobs["water.bands"]
         return lambda _: Medium(water, mode=mode, camera_depth_m=_CAMERA_M, band_count=bands).table
 
-    return Workload(prepare, lambda table: relative_rms(veil_lookup(table, distance, up) / scale, truth / scale))
+    return prepare, lambda table: relative_rms(veil_lookup(table, distance, up) / scale, truth / scale)
 
 
 # --- caustics ------------------------------------------------------------------------------------------------------
@@ -187,7 +186,7 @@ def _open_caustics(bench: Workbench) -> Workload:
         settings = CausticSettings(size=knobs["caustics.size"], grid=knobs["caustics.grid"])
         return lambda k: _stack(bench, np.array([depth_m]), settings, 0.1 * k)
 
-    return Workload(prepare, lambda stack: relative_rms(_read(stack, x, np.full(_POINTS, depth_m), z), truth))
+    return prepare, lambda stack: relative_rms(_read(stack, x, np.full(_POINTS, depth_m), z), truth)
 
 
 def _open_planes(bench: Workbench) -> Workload:
@@ -201,7 +200,7 @@ def _open_planes(bench: Workbench) -> Workload:
         planes = ladder.around([_REACH_M])
         return lambda k: _stack(bench, planes, settings, 0.1 * k)
 
-    return Workload(prepare, lambda stack: relative_rms(_read(stack, x, depth_m, z), truth))
+    return prepare, lambda stack: relative_rms(_read(stack, x, depth_m, z), truth)
 
 
 def _stack(bench: Workbench, depths_m: Floats, settings: CausticSettings, time_s: float = 0.0) -> CausticStack:

@@ -12,8 +12,8 @@ from typing import Annotated, NoReturn
 
 import typer
 
-from mr360uw.cli import benching, camera_paths, dives, layering, rendering, tools, tuning
-from mr360uw.cli.gated import gated
+from mr360uw.cli import camera_paths, making, rendering, tools
+from mr360uw.cli.arguments import gated
 from mr360uw.errors import Mr360uwError
 
 app = typer.Typer(
@@ -29,12 +29,12 @@ for _command in (
     rendering.still,
     rendering.sweep,
     rendering.aerial,
-    tools.new,
-    tuning.tune,
+    making.new,
+    making.tune,
     rendering.check,
     rendering.clean,
-    layering.layer,
-    dives.sample,
+    rendering.layer,
+    making.sample,
     tools.analyse,
     tools.caustics,
     tools.match,
@@ -42,7 +42,7 @@ for _command in (
     camera_paths.floor,
     tools.schema,
     tools.info,
-    benching.bench,
+    tools.bench,
 ):
     app.command()(gated(_command))
 

@@ -1,22 +1,62 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Arguments and options that several commands share, and their text as values."""
+"""Arguments and options that several commands share, their text as values, and the gate before every command.
+
+Every file that the command line names is declared as read or written, and what is written passes the gate first.
+"""
 
 from __future__ import annotations
 
+import functools
 import itertools
 import re
-from collections.abc import Sequence
-from enum import StrEnum
+from collections.abc import Callable, Iterator, Sequence
+from enum import Enum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args, get_type_hints
 
 import typer
 
-from mr360uw.cli.gated import Role
 from mr360uw.errors import ParameterError
+from mr360uw.output_gate import check_folder, check_outputs
 
 if TYPE_CHECKING:
     from mr360uw.preview.still import Perspective
+
+
+class Role(Enum):
+    """What a command does with a file that an argument or an option names; stands in its annotation."""
+
+    READ = "read"
+    WRITTEN = "written"
+    FOLDER = "filled"
+
+
+def gated(command: Callable[..., None]) -> Callable[..., None]:
+    """Return a command that raises `OutputError` before it does anything where an output may not be written.
+
+    Commands whose outputs have other names than the given ones, or whose scene names more inputs, check these too.
+    """
+
+    @functools.wraps(command)
+    def checked(**values: Any) -> None:
+        named = dict(roles_of(command))
+        paths = {role: [Path(values[name]) for name in named if named[name] is role and values[name]] for role in Role}
+        writes = not values.get("explain", False)
+        for folder in paths[Role.FOLDER]:
+            check_folder(folder)
+        check_outputs(
+            paths[Role.WRITTEN], inputs=paths[Role.READ], overwrite=values.get("overwrite", False) or not writes
+        )
+        command(**values)
+
+    return checked
+
+
+def roles_of(command: Callable[..., None]) -> Iterator[tuple[str, Role]]:
+    """Yield the parameters of a command that name files, with what is done with these."""
+    for name, hint in get_type_hints(command, include_extras=True).items():
+        yield from ((name, role) for role in get_args(hint)[1:] if isinstance(role, Role))
+
 
 SceneArgument = Annotated[Path, typer.Argument(help="scene file (TOML)", show_default=False), Role.READ]
 FramesOption = Annotated[str | None, typer.Option(help="frames a:b, b not included; either may be left out")]
@@ -32,21 +72,7 @@ ViewOption = Annotated[str | None, typer.Option(help="yaw,pitch,fov in degrees; 
 SizeOption = Annotated[str, typer.Option(help="of a view, in pixels")]
 
 
-class EyeName(StrEnum):
-    """Eyes of a stereo plate."""
-
-    left = "left"
-    right = "right"
-
-
-EyeOption = Annotated[EyeName | None, typer.Option(help="eye of a stereo plate to work on")]
-
-
-class ImageFormat(StrEnum):
-    """File formats of exported maps."""
-
-    png = "png"
-    exr = "exr"
+EyeOption = Annotated[Literal["left", "right"] | None, typer.Option(help="eye of a stereo plate to work on")]
 
 
 def frame_range(text: str | None) -> tuple[int, int | None]:

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from mr360uw.cli.arguments import EyeOption, OverwriteOption
-from mr360uw.cli.gated import Role
+from mr360uw.cli.arguments import EyeOption, OverwriteOption, Role
 from mr360uw.errors import ParameterError
 
 if TYPE_CHECKING:
@@ -53,7 +52,7 @@ def track(
     """
     from mr360uw.output_gate import check_work_folder
     from mr360uw.track.camera_track import track_files
-    from mr360uw.track.scale import DepthLog, Length, Measure
+    from mr360uw.track.scale import Measure, parse_length
 
     if solved is not None:
         if any(given is not None for given in (height, length, depth_log, mask)):
@@ -70,12 +69,13 @@ def track(
         raise ParameterError("--depth-offset - is of no use without --depth-log - give both")
     measure = Measure(
         height_m=height,
-        length=None if length is None else Length.parse(length),
-        depth_log=None if depth_log is None else DepthLog(depth_log, depth_offset),
+        length=None if length is None else parse_length(length),
+        depth_log=depth_log,
+        depth_offset_s=depth_offset,
     )
     track_files(out, [video, *(file for file in (mask, depth_log) if file is not None)], overwrite=overwrite)
     check_work_folder(_work_of(out))
-    _solve(video, out, measure, mask, None if eye is None else eye.value, mask_only=mask_only, overwrite=overwrite)
+    _solve(video, out, measure, mask, eye, mask_only=mask_only, overwrite=overwrite)
 
 
 def floor(
@@ -84,7 +84,7 @@ def floor(
     overwrite: OverwriteOption = False,
 ) -> None:
     """Make a mesh of the floor from the points of TRACK, for receiver.path of a scene; say how good it is."""
-    from mr360uw.track.floor.floor_mesh import check_mesh_output, floor_from_track
+    from mr360uw.track.floor_mesh import check_mesh_output, floor_from_track
     from mr360uw.track.track_report import floor_lines
 
     check_mesh_output(out, overwrite=overwrite)
@@ -100,9 +100,9 @@ def _work_of(out: Path) -> Path:
 
 def _convert(solved: Path, video: Path | None, out: Path, fps: float | None, scale: float, *, overwrite: bool) -> None:
     """Write the path in another program's file as a track, or for another program."""
-    from mr360uw.track.camera_files.exchange import EXPORTS, export, read_solved_path
-    from mr360uw.track.camera_files.solved_path import track_of
     from mr360uw.track.camera_track import track_files
+    from mr360uw.track.exchange import EXPORTS, export, read_solved_path
+    from mr360uw.track.path_tables import track_of
     from mr360uw.track.track_report import report_lines
     from mr360uw.video import open_video
 

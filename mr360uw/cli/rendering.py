@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Commands that check and render a scene."""
+"""Commands that check and render a scene, and `layer`, which makes a video of what they rendered."""
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
@@ -13,6 +14,7 @@ from mr360uw.cli.arguments import (
     FrameOption,
     FramesOption,
     OverwriteOption,
+    Role,
     ScaleOption,
     SceneArgument,
     SetOption,
@@ -24,7 +26,6 @@ from mr360uw.cli.arguments import (
     view_of,
     worker_count,
 )
-from mr360uw.cli.gated import Role
 from mr360uw.errors import ParameterError
 
 
@@ -51,7 +52,6 @@ def composite(
     progress_lines: Annotated[bool, typer.Option("--progress-lines", help="a line for each frame, no bar")] = False,
 ) -> None:
     """Put the objects of SCENE into its plate and write OUT; goes on where a run that was stopped ended."""
-    from mr360uw.cli.first_run import compile_first
     from mr360uw.pipeline import composite_video
     from mr360uw.progress import terminal_progress
     from mr360uw.render.check import explain_plan
@@ -90,14 +90,14 @@ def still(
     overwrite: OverwriteOption = False,
 ) -> None:
     """Write one frame of SCENE, whole or as a view into it; its light is measured in that frame alone."""
-    from mr360uw.cli.first_run import compile_first
-    from mr360uw.preview.still import save_still
+    from mr360uw.preview.still import save_still, still_of
     from mr360uw.scene.model import at_scale, load_scene
 
     loaded = at_scale(load_scene(scene, overrides or ()), scale)
     seen = view_of(view, size)
     compile_first()
-    save_still(out, loaded, frame=frame, time_s=time_s, view=seen, backend=backend, overwrite=overwrite)
+    shown = partial(still_of, frame=frame, time_s=time_s, view=seen)
+    save_still(out, loaded, shown, backend=backend, overwrite=overwrite)
     typer.echo(f"wrote {out}")
 
 
@@ -117,12 +117,14 @@ def sweep(
 ) -> None:
     """Render one frame of SCENE with every combination of values, side by side on a labelled sheet."""
     from mr360uw.preview.contact_sheet import sweep as write_sweep
+    from mr360uw.preview.still import still_of
     from mr360uw.progress import terminal_progress
 
+    changes, shown = variants(overrides), partial(still_of, frame=frame, time_s=time_s, view=view_of(view, size))
     with terminal_progress() as progress:
         written = write_sweep(
-            scene, out, variants(overrides), scale=scale, frame=frame, time_s=time_s,
-            view=view_of(view, size), backend=backend, overwrite=overwrite, progress=progress,
+            scene, out, changes, shown, scale=scale, backend=backend, overwrite=overwrite,
+            progress=progress,
         )  # fmt: skip
     typer.echo("wrote " + "\n      ".join(str(path) for path in written))
 
@@ -177,3 +179,34 @@ def clean(
         raise ParameterError(f"{folder} - is no folder - name the one that the outputs are in")
     for line in remove_stale(folder, dry_run=dry_run):
         typer.echo(line)
+
+
+def compile_first() -> None:
+    """Compile the kernels of a plain composite that this machine does not have, on all cores, and count them."""
+    from mr360uw.jit.ahead import compile_ahead
+    from mr360uw.progress import terminal_count
+
+    compile_ahead(terminal_count("compiling for this machine, once"))
+
+
+def layer(
+    layers: Annotated[
+        Path, typer.Argument(help="pattern of the EXR files of `composite --layers`: layers_%04d.exr"), Role.READ
+    ],
+    out: Annotated[Path, typer.Argument(help="video to write, .mov (ProRes 4444 with alpha)"), Role.WRITTEN],
+    alpha: Annotated[
+        Literal["straight", "premultiplied"], typer.Option(help="colour as it is, or times alpha")
+    ] = "straight",
+    frame_rate: Annotated[float, typer.Option(help="frames a second, of the plate")] = 30.0,
+    eye: Annotated[Literal["left", "right"] | None, typer.Option(help="of layers of two eyes")] = None,
+    overwrite: OverwriteOption = False,
+) -> None:
+    """Write what a composite laid over its plate as a video with alpha, from its EXR layers."""
+    from mr360uw.runs.run_report import counted
+    from mr360uw.video.write.layer_video import layer_video
+
+    count, empty = layer_video(
+        layers, out, alpha=alpha, frame_rate=frame_rate, eye=eye, overwrite=overwrite,
+    )  # fmt: skip
+    note = f", {empty} of them transparent for want of a file" if empty else ""
+    typer.echo(f"wrote {out}: {counted(count)}{note}, {alpha} alpha")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Commands that make scenes, measure plates, export maps and tell what is there."""
+"""Commands that measure plates and this machine, fit scenes, export maps and tell what is there."""
 
 from __future__ import annotations
 
@@ -12,68 +12,20 @@ from mr360uw.cli.arguments import (
     BackendOption,
     EyeOption,
     FramesOption,
-    ImageFormat,
     OverwriteOption,
+    Role,
     SceneArgument,
     SetOption,
+    frame_range,
 )
-from mr360uw.cli.gated import Role
 from mr360uw.errors import ParameterError
 
 if TYPE_CHECKING:
-    from mr360uw.first_look.place_in_plate import Wish
+    from mr360uw.progress import Progress
+    from mr360uw.scene.model import Scene
 
 _DIFFERS = 1
 """Exit code of a self-test in which a picture is wrong."""
-
-
-def wish_of(at: str | None, stand: bool, swim: bool, size_m: float | None) -> Wish:
-    """Return the wish that --at, --stand, --swim and --size state; raise `ParameterError` where they state none."""
-    from mr360uw.first_look.place_in_plate import Wish
-
-    if stand and swim:
-        raise ParameterError("--stand, --swim - exclude each other (got both) - give one of them")
-    direction = None
-    if at is not None:
-        try:
-            azimuth, elevation = (float(part) for part in at.split(","))
-        except ValueError:
-            raise ParameterError(
-                f"--at - is no direction (got {at!r}) - write azimuth,elevation in degrees, as in 30,-25"
-            ) from None
-        direction = azimuth, elevation
-    return Wish(direction, "stands" if stand else "swims" if swim else None, size_m)
-
-
-def new(
-    video: Annotated[Path, typer.Argument(help="360 plate: a video or a still"), Role.READ],
-    mesh: Annotated[Path, typer.Argument(help="glTF, USD, OBJ, PLY or STL"), Role.READ],
-    out: Annotated[
-        Path | None, typer.Option("--out", "-o", help="scene file; default: VIDEO.toml"), Role.WRITTEN
-    ] = None,
-    at: Annotated[
-        str | None, typer.Option(help="direction of its foot, or of its middle where it swims: azimuth,elevation")
-    ] = None,
-    stand: Annotated[bool, typer.Option("--stand", help="on the ground, whatever its name says")] = False,
-    swim: Annotated[bool, typer.Option("--swim", help="off the ground, whatever its name says")] = False,
-    size: Annotated[float | None, typer.Option(help="of its longest side, in metres")] = None,
-    track: Annotated[
-        Path | None, typer.Option(help="the camera's path, as `mr360uw track` writes it"), Role.READ
-    ] = None,
-    eye: EyeOption = None,
-    backend: BackendOption = "auto",
-    overwrite: OverwriteOption = False,
-    outside_files: Annotated[bool, typer.Option("--outside-files", help="MESH may name files elsewhere")] = False,
-) -> None:
-    """Look at VIDEO and MESH, and write a scene that puts one into the other, with a preview; say what was guessed."""
-    from mr360uw.first_look.first_scene import make_first_scene
-
-    made = make_first_scene(
-        video, mesh, out, wish=wish_of(at, stand, swim, size), track=track, eye=None if eye is None else eye.value,
-        overwrite=overwrite,
-        outside_files=outside_files, backend=backend,
-    )  # fmt: skip
-    typer.echo("\n".join([*made.lines, *made.next_lines]))
 
 
 def analyse(
@@ -91,10 +43,9 @@ def analyse(
     from mr360uw.progress import terminal_progress
     from mr360uw.scene.model import load_scene
 
-    of_eye: Literal["left", "right"] | None = None if eye is None else eye.value
     in_air = False
     if video.suffix.lower() != ".toml":
-        medium = look_at_plate(video, of_eye).medium
+        medium = look_at_plate(video, eye).medium
         in_air = not medium.underwater
         typer.echo(where_line(medium))
     else:
@@ -105,7 +56,7 @@ def analyse(
                 typer.echo('note      the plate is in air, and the scene does not say so: [water] type = "none"')
     with terminal_progress() as progress:
         written = analyse_video(
-            video, out, eye=of_eye, in_air=in_air, overwrite=overwrite, progress=progress, tell=typer.echo
+            video, out, eye=eye, in_air=in_air, overwrite=overwrite, progress=progress, tell=typer.echo
         )
     typer.echo("wrote " + "\n      ".join(str(path) for path in written))
 
@@ -116,7 +67,7 @@ def caustics(
     frames: Annotated[int, typer.Option(help="number of frames of the loop")] = 48,
     loop_s: Annotated[float, typer.Option(help="length of the loop in seconds")] = 8.0,
     depth_m: Annotated[float | None, typer.Option(help="depth of the caustics; default: the receiver's")] = None,
-    image_format: Annotated[ImageFormat, typer.Option("--format", help="16-bit PNG or float EXR")] = ImageFormat.png,
+    image_format: Annotated[Literal["png", "exr"], typer.Option("--format", help="16-bit PNG or float EXR")] = "png",
     overrides: SetOption = None,
     overwrite: OverwriteOption = False,
 ) -> None:
@@ -128,7 +79,7 @@ def caustics(
     with terminal_progress() as progress:
         written = export_caustics(
             load_scene(scene, overrides or ()), folder, frames=frames, loop_s=loop_s, depth_m=depth_m,
-            image_format=image_format.value, overwrite=overwrite, progress=progress,
+            image_format=image_format, overwrite=overwrite, progress=progress,
         )  # fmt: skip
     typer.echo(f"wrote {len(written)} files into {folder}")
 
@@ -145,15 +96,61 @@ def match(
     overwrite: OverwriteOption = False,
 ) -> None:
     """Fit SCENE's sea or water to what its plate shows, and print the changes as --set takes them."""
-    from mr360uw.cli.matching import match_lines
+    from mr360uw.output_gate import check_outputs
     from mr360uw.progress import terminal_progress
+    from mr360uw.scene.inputs import open_plate
+    from mr360uw.scene.model import files_of, load_scene
 
+    if caustics == (water is not None):
+        raise ParameterError("match - fits one thing at a time (got both or none) - give --caustics or --water")
+    loaded, span = load_scene(scene, overrides or ()), None
+    if picture is not None and water is None:
+        if picture.suffix.lower() != ".png":
+            raise ParameterError(f"--picture - is no name of a PNG (got {picture}) - end it in .png")
+        check_outputs([picture], inputs=files_of(loaded), overwrite=overwrite)
+    if frames is not None:
+        with open_plate(loaded) as video:
+            span = video.check_range(*frame_range(frames))
     with terminal_progress() as progress:
-        lines = match_lines(
-            scene, caustics=caustics, water=water, frames=frames, picture=picture, overrides=overrides or (),
-            overwrite=overwrite, progress=progress,
-        )  # fmt: skip
+        lines = _caustic_lines(loaded, span, picture, progress) if water is None else _water_lines(loaded, water, span)
     typer.echo("\n".join(lines))
+
+
+def _water_lines(scene: Scene, patch: str, frames: tuple[int, int] | None) -> list[str]:
+    """Return what a fit of the water to a patch 'yaw,pitch,size' found. frames: [a, b), by default the first."""
+    import numpy as np
+
+    from mr360uw.match import WaterPatch, match_water
+
+    try:
+        yaw, pitch, size = (float(part) for part in patch.split(","))
+    except ValueError:
+        raise ParameterError(
+            f"--water - is no patch (got {patch!r}) - write yaw,pitch,size in degrees, as in 120,5,15"
+        ) from None
+    found = match_water(scene, WaterPatch(yaw, pitch, size), frames or 0)
+    codes = "; ".join(
+        f"{name} {np.round(code).astype(int).tolist()}"
+        for name, code in (("plate", found.plate_code), ("before", found.before_code), ("after", found.after_code))
+    )
+    return [found.sentence, f"code values: {codes}", *(f"--set {change}" for change in found.overrides)]
+
+
+def _caustic_lines(scene: Scene, frames: tuple[int, int] | None, picture: Path | None, progress: Progress) -> list[str]:
+    """Return what a fit of the sea to the plate's caustics found; write them beside the fitted ones to a picture."""
+    import numpy as np
+
+    from mr360uw.files import write_whole
+    from mr360uw.match import match_caustics
+    from mr360uw.preview.thumbnail import encoded
+
+    found = match_caustics(scene, frames, progress=progress)
+    lines = [found.sentence, f"confidence {found.confidence:.2f}", *(f"--set {change}" for change in found.overrides)]
+    pictures = found.pictures()
+    if picture is not None and pictures:
+        write_whole(picture, encoded(np.concatenate([pictures["floor"], pictures["spectra"]]), ".png"))
+        lines.append(f"wrote {picture}")
+    return lines
 
 
 def schema(
@@ -200,3 +197,50 @@ def info(
         write_whole(out, lines + "\n")
     if wrong:
         raise typer.Exit(_DIFFERS)
+
+
+_REGRESSED = 1
+"""Exit code of a comparison that found something slower or less accurate."""
+
+
+def bench(
+    quick: Annotated[
+        bool, typer.Option("--quick", help="fewer settings and smaller frames: about two minutes")
+    ] = False,
+    only: Annotated[list[str] | None, typer.Option(help="measure this stage alone; may be repeated")] = None,
+    json_file: Annotated[
+        Path | None, typer.Option("--json", help="also write every measurement, as JSON"), Role.WRITTEN
+    ] = None,
+    page: Annotated[
+        Path | None, typer.Option(help="also write a page with the Pareto fronts, as HTML"), Role.WRITTEN
+    ] = None,
+    against: Annotated[
+        Path | None,
+        typer.Option(help="JSON of an earlier run: list what is slower or worse, exit code 1 if any"),
+        Role.READ,
+    ] = None,
+    backend: BackendOption = "auto",
+    overwrite: OverwriteOption = False,
+) -> None:
+    """Measure what settings cost (processor time) and bring (error), stage by stage, on a sample dive."""
+    from mr360uw.bench.bench_report import check_kinds, chosen_stages, compare, read_report, run_bench
+    from mr360uw.bench.pareto_page import bench_page
+    from mr360uw.files import write_whole
+    from mr360uw.progress import terminal_progress
+
+    del overwrite  # the outputs have been looked at: see `gated`
+    stages, before = chosen_stages(only or ()), None if against is None else read_report(against)
+    if before is not None:
+        check_kinds(before, quick=quick)
+    with terminal_progress() as progress:
+        report = run_bench(stages, quick=quick, backend=backend, progress=progress)
+    typer.echo(str(report))
+    if json_file is not None:
+        write_whole(json_file, report.model_dump_json(indent=2) + "\n")
+    if page is not None:
+        write_whole(page, bench_page(report))
+    if before is not None:
+        regressions, comparison = compare(before, report)
+        typer.echo(f"\nagainst {against}: {comparison}")
+        if regressions:
+            raise typer.Exit(_REGRESSED)

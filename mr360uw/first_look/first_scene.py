@@ -1,46 +1,87 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Makes a first scene: looks at a plate and a mesh, writes the scene and a preview of it, says what was found."""
+"""Makes a first scene: looks at a plate and a mesh, writes the scene and a preview of it, says what was found.
+
+The preview also compares a grey card at the object's place with what is around it in the plate."""
 
 from __future__ import annotations
 
 import json
 import tomllib
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
+import numpy as np
+from numpy.typing import NDArray
+
+from mr360uw.color import luminance
+from mr360uw.composite.object_settings import ObjectSettings
 from mr360uw.errors import ParameterError, SceneError, VideoError
 from mr360uw.files import whole_file
-from mr360uw.first_look.grey_card import grey_card_stops
 from mr360uw.first_look.mesh_look import look_at_mesh
-from mr360uw.first_look.panorama import Eye
 from mr360uw.first_look.place_in_plate import Wish
-from mr360uw.first_look.plate_look import look_at_plate
+from mr360uw.first_look.plate_look import Eye, look_at_plate
 from mr360uw.first_look.proposal import propose
 from mr360uw.first_look.proposal_words import brightness_lines, found_lines, scene_lines
 from mr360uw.ibl.sun.words import SunFound
 from mr360uw.output_gate import check_outputs
-from mr360uw.preview.live import LivePreview
+from mr360uw.preview.live import COARSE_WIDTH, LivePreview
 from mr360uw.preview.thumbnail import screen_picture
 from mr360uw.render.loaded import Loaded
-from mr360uw.scene.model import scene_from_dict
+from mr360uw.scene.model import Scene, scene_from_dict
+
+_GREY = 0.18
+"""Reflectance of a grey card, and about that of most ground."""
+_THIN = 0.01
+"""Thickness of the card over its side."""
+_WHOLE = 0.95
+"""Alpha from which a pixel shows the card alone."""
+_FEWEST = 12
+"""Pixels of the card below which nothing is told."""
+_DARKEST = 1e-4
+"""Light that counts as black."""
+
+
+def grey_card_stops(live: LivePreview, draft: Scene) -> float | None:
+    """Return by how many stops a grey card in the place of a draft's object is brighter than the plate around it.
+
+    Where the object stands the card lies on the ground, else it faces the camera. None where it is not seen.
+    """
+    import trimesh
+
+    body = draft.objects[0]
+    lies = body.stand_on is not None
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "card.ply"
+        trimesh.creation.box((1.0, _THIN, 1.0) if lies else (1.0, 1.0, _THIN)).export(path)
+        card = ObjectSettings(
+            mesh=path, size_m=body.size_m, azimuth_deg=body.azimuth_deg, elevation_deg=body.elevation_deg,
+            distance_m=body.distance_m, stand_on=body.stand_on, face="camera", casts_shadow=False,
+            base_color=(_GREY, _GREY, _GREY), metallic=0.0, roughness=1.0,
+        )  # fmt: skip
+        frame = live.frame(draft.model_copy(update={"objects": (card,)}), 0, COARSE_WIDTH)
+    inside = frame.layer.alpha > _WHOLE
+    if int(inside.sum()) < _FEWEST:
+        return None
+    seen, plate = (luminance(picture.image_linear) for picture in (frame.picture, frame.plate))
+    shown, around = float(np.mean(seen[inside])), float(np.median(plate[_rim(inside)]))
+    return float(np.log2(max(shown, _DARKEST) / max(around, _DARKEST)))
+
+
+def _rim(inside: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return the pixels around some (h, w) of a panorama, about as far out as those reach."""
+    import cv2
+
+    reach = max(3, round(np.sqrt(int(inside.sum())) / 2))
+    wide = np.pad(inside.astype(np.uint8), ((0, 0), (reach, reach)), mode="wrap")
+    outer, inner = (cv2.dilate(wide, np.ones((2 * r + 1, 2 * r + 1), np.uint8)) for r in (reach, 1))
+    return np.asarray((outer > inner)[:, reach:-reach])
+
 
 PREVIEW_COLUMNS = 1024
 """Width [pixels] of previews, at most."""
 _RADIANCE = (".exr", ".hdr")
 """Stills of scene radiance, whose composite is one too."""
-
-
-@dataclass(frozen=True, slots=True)
-class FirstScene:
-    """A scene that was written, and a picture of its first frame.
-
-    lines: what was found and guessed. next_lines: commands that go on from there.
-    """
-
-    scene: Path
-    preview: Path
-    lines: tuple[str, ...]
-    next_lines: tuple[str, ...]
 
 
 def make_first_scene(
@@ -54,8 +95,10 @@ def make_first_scene(
     overwrite: bool = False,
     outside_files: bool = False,
     backend: str = "auto",
-) -> FirstScene:
-    """Write a scene that puts `mesh` into `video` where it is seen, and a preview beside it.
+) -> tuple[Path, list[str], list[str]]:
+    """Write a scene that puts `mesh` into `video` where it is seen, and a preview of its first frame beside it.
+
+    Returns the scene, lines on what was found and guessed, and commands that go on from there.
 
     wish: for its place and size. track: the camera's path, whose floor is taken from the .json beside it. eye: of a
     stereo plate, by default the left one. outside_files: the mesh may name files outside of its folder. Raises the
@@ -84,12 +127,12 @@ def make_first_scene(
     ]
     lines += [f"wrote     {path}", f"          {preview}: look at it first"]
     view = f"{chosen.place.azimuth_deg:g},{chosen.place.elevation_deg:g},75"
-    commands = (
+    commands = [
         f"next:     mr360uw composite {path} {path.with_suffix(f'.composite{suffix}').name}",
         f"or:       mr360uw still {path} look.png --view {view}",
         f"          mr360uw tune {path}",
-    )
-    return FirstScene(path, preview, tuple(lines), commands)
+    ]
+    return path, lines, commands
 
 
 def _targets(video: Path, mesh: Path, track: Path | None, out: Path | None, *, overwrite: bool) -> tuple[Path, Path]:

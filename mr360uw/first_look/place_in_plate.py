@@ -13,10 +13,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mr360uw.errors import ParameterError
-from mr360uw.first_look.free_view import free_view
-from mr360uw.first_look.ground_place import NeededSpace, ground_place, shows_ground
-from mr360uw.first_look.mesh_look import MeshLook
-from mr360uw.first_look.mesh_words import Habit
+from mr360uw.first_look.good_places import Sides, free_view, ground_place, shows_ground
+from mr360uw.first_look.mesh_look import Habit, MeshLook
 from mr360uw.first_look.plate_look import PlateLook
 
 _GUESSED_M: dict[bool, float] = {True: 1.3, False: 1.6}
@@ -135,22 +133,22 @@ def _standing(plate: PlateLook, mesh: MeshLook, wish: Wish, start: Place, reach_
     usual = float(
         np.clip(_sizes_away(_USUAL_DEG) * size, distances[0], max(distances[0], min(distances[-1], _NEAR_BY_M)))
     )
-    place = ground_place(plate.image, drop_m, _footprint(mesh, size), distances, azimuths, usual)
-    middle = math.degrees(math.atan2(0.5 * height - drop_m, place.distance_m))
+    azimuth, distance, cost = ground_place(plate.image, drop_m, _footprint(mesh, size), distances, azimuths, usual)
+    middle = math.degrees(math.atan2(0.5 * height - drop_m, distance))
     return replace(
-        start, stands=True, azimuth_deg=place.azimuth_deg, elevation_deg=round(middle, 1),
-        distance_m=place.distance_m, uneven=place.cost, top_m=height - drop_m,
+        start, stands=True, azimuth_deg=azimuth, elevation_deg=round(middle, 1),
+        distance_m=distance, uneven=cost, top_m=height - drop_m,
     )  # fmt: skip
 
 
-def _footprint(mesh: MeshLook, size_m: float) -> NeededSpace:
+def _footprint(mesh: MeshLook, size_m: float) -> Sides:
     """Return the sides of a mesh as it is turned: long ones lie across the line of sight."""
     x, y, z = (size_m * side for side in mesh.extent)
     ahead, aside = (z, x) if mesh.front in ("+z", "-z") else (x, z)
     if not mesh.long:
-        return NeededSpace(aside, ahead, y)
+        return aside, ahead, y
     c, s = math.cos(math.radians(_TURN_DEG)), math.sin(math.radians(_TURN_DEG))
-    return NeededSpace(c * ahead + s * aside, s * ahead + c * aside, y)
+    return c * ahead + s * aside, s * ahead + c * aside, y
 
 
 def _off_the_ground(plate: PlateLook, mesh: MeshLook, wish: Wish, start: Place, reach_m: float) -> Place:
@@ -160,8 +158,7 @@ def _off_the_ground(plate: PlateLook, mesh: MeshLook, wish: Wish, start: Place, 
     azimuth, elevation = wish.at_deg or (0.0, 0.0)
     if wish.at_deg is None:
         level = _SINKS_DEG if start.hangs or plate.medium.half else _clear_of_ground(distance, height, start.drop_m)
-        view = free_view(plate.image, level, underwater=wet)
-        azimuth, elevation = view.azimuth_deg, view.elevation_deg
+        azimuth, elevation, _ = free_view(plate.image, level, underwater=wet)
     return replace(
         start, azimuth_deg=azimuth, elevation_deg=round(elevation, 1), distance_m=distance,
         top_m=distance * math.sin(math.radians(elevation)) + 0.5 * height,

@@ -1,27 +1,71 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a plate shows by itself: water or air, day or dark, level, whether a floor is below."""
+"""What a plate shows by itself: eye and projection to read it with, water or air, day or dark, level, a floor below."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
 from mr360uw.color import luminance
-from mr360uw.first_look.below_horizon import ground_texture, light_at
-from mr360uw.first_look.panorama import Eye, PlateReading, reading_of
-from mr360uw.first_look.water_or_air import WaterOrAir, water_or_air
+from mr360uw.errors import VideoError
+from mr360uw.first_look.water_or_air import WaterOrAir, ground_texture, light_at, water_or_air
 from mr360uw.ibl import environment
 from mr360uw.ibl.level.horizon import HorizonEstimate, clip_horizon, estimate_horizon
 from mr360uw.ibl.level.tilt import level_matrix
 from mr360uw.ibl.plate import remap
-from mr360uw.scene.inputs import eyes_of_plate
+from mr360uw.scene.inputs import eyes_of_plate, shape_of_frame
 from mr360uw.scene.model import PlateSettings, Scene
 from mr360uw.sphere import directions, frame_from_direction
 from mr360uw.types import Floats
 from mr360uw.video import VideoReader, open_video
 from mr360uw.video.eyes_seen import EyesSeen
+from mr360uw.video.read.picture_shape import SHOWN_PROJECTIONS, way_out
+from mr360uw.video.read.projection import PICTURE_SUFFIXES, Projection, projection_of
+
+Eye = Literal["left", "right"]
+
+
+def _reading_of(path: Path, eye: Eye | None) -> tuple[Eye | None, Projection]:
+    """Return the eye that a plate is read with, None of mono, and the projection: "auto" unless it shows another one.
+
+    It is the eye asked for, or the left one of a stereo plate. Raises `VideoError` where the plate is no panorama, and
+    cannot be turned into one.
+    """
+    projection = _projection_shown(path) if eye is None else "auto"
+    try:
+        with open_video(path, eye=eye, projection=projection):
+            return eye, projection
+    except VideoError:
+        if eye is not None or projection != "auto" or not _is_stereo(path):
+            raise
+    with open_video(path, eye="left"):
+        return "left", "auto"
+
+
+def _projection_shown(path: Path) -> Projection:
+    """Return the projection that a plate's first picture shows; "auto" for a panorama, tagged as one or not."""
+    if projection_of(path, "auto") != "equirectangular":
+        return "auto"
+    try:
+        with open_video(path, equirectangular=False) as video:
+            shape = "panorama" if video.spherical is not None else shape_of_frame(video)
+    except VideoError:
+        return "auto"  # the plate is opened again, and says why it cannot be read
+    if shape in SHOWN_PROJECTIONS and path.suffix.lower() in PICTURE_SUFFIXES:
+        raise VideoError(f"{path} - {way_out(shape, path)}")
+    return SHOWN_PROJECTIONS.get(shape, "auto")
+
+
+def _is_stereo(path: Path) -> bool:
+    try:
+        with open_video(path, eye="left", equirectangular=False):
+            return True
+    except VideoError:
+        return False
+
 
 COLUMNS, ROWS = 1024, 512
 """Pixels of the picture that is looked at."""
@@ -42,9 +86,9 @@ class PlateLook:
     """What was found in a plate. image: (512, 1024, 3) linear light, levelled, the median of a few frames; sharp: the
     same of the first.
 
-    still: one picture. size: (width, height) [pixels]. tilt: of the camera, None where it
-    cannot be told or is level. floor: whether something is seen below. eyes: what the two of a stereo plate show, None
-    of mono; doubt: about their arrangement, or "".
+    still: one picture. size: (width, height) [pixels]. eye: that was looked at, None of mono. projection: "auto" unless
+    the plate shows another one. tilt: of the camera, None where it cannot be told or is level. floor: whether something
+    is seen below. eyes: what the two of a stereo plate show, None of mono; doubt: about their arrangement, or "".
     """
 
     path: Path
@@ -52,7 +96,8 @@ class PlateLook:
     sharp: Floats
     still: bool
     size: tuple[int, int]
-    reading: PlateReading
+    eye: Eye | None
+    projection: Projection
     medium: WaterOrAir
     dark: bool
     tilt: HorizonEstimate | None
@@ -63,9 +108,11 @@ class PlateLook:
 
 def look_at_plate(path: Path, eye: Eye | None = None) -> PlateLook:
     """Return what a plate shows; raise `VideoError` where it is no panorama, or cannot be read."""
-    reading = reading_of(path, eye)
-    with open_video(path, eye=reading.eye, projection=reading.projection) as video:
-        frames = [_small(video, index) for index in _indices(video)]
+    eye, projection = _reading_of(path, eye)
+    with open_video(path, eye=eye, projection=projection) as video:
+        count = 1 if video.is_still else video.frame_count or 1
+        chosen = sorted(set(np.linspace(0, count - 1, _FRAMES).astype(int).tolist()))
+        frames = [_small(video, index) for index in chosen]
         still, size = video.is_still, (video.width, video.height)
     image = np.median(frames, axis=0)
     medium = water_or_air(image)
@@ -74,14 +121,9 @@ def look_at_plate(path: Path, eye: Eye | None = None) -> PlateLook:
         image, frames[0] = _levelled(image, tilt), _levelled(frames[0], tilt)
     upper = luminance(image[: ROWS // 2])
     dark = float(np.quantile(upper, 0.9)) < _DARK
-    eyes, doubt = eyes_of_plate(Scene(plate=PlateSettings(path=path, eye=reading.eye)))
+    eyes, doubt = eyes_of_plate(Scene(plate=PlateSettings(path=path, eye=eye)))
     floor = _has_floor(image, medium.underwater)
-    return PlateLook(path, image, frames[0], still, size, reading, medium, dark, tilt, floor, eyes, doubt)
-
-
-def _indices(video: VideoReader) -> list[int]:
-    count = 1 if video.is_still else video.frame_count or 1
-    return sorted(set(np.linspace(0, count - 1, _FRAMES).astype(int).tolist()))
+    return PlateLook(path, image, frames[0], still, size, eye, projection, medium, dark, tilt, floor, eyes, doubt)
 
 
 def _small(video: VideoReader, index: int) -> Floats:

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from mr360uw.errors import ParameterError
-from mr360uw.first_look.free_view import FreeView, free_view
+from mr360uw.first_look.good_places import FreeView, free_view
 from mr360uw.first_look.mesh_look import MeshLook
 from mr360uw.first_look.place_in_plate import Place, Wish, guessed_drop_m, place_of
 from mr360uw.first_look.plate_look import PlateLook
@@ -38,24 +38,26 @@ _CLEAR_M = 0.3
 
 @dataclass(frozen=True, slots=True)
 class WaterGuess:
-    """A type of water. known: whether the plate shows one. sight: its visibility."""
+    """A type of water. confidence: 0 where the plate shows none. others: nearly as likely. sight: its visibility.
+
+    color: (3,) linear light of the open water.
+    """
 
     type: JerlovType
     confidence: float
     others: tuple[str, ...]
-    known: bool
     sight: Sight
+    color: tuple[float, float, float]
 
 
 @dataclass(frozen=True, slots=True)
 class Proposal:
-    """A scene as it is proposed. view: open water; None in air, as is water. floor_by: what told its height, or "".
+    """A scene as it is proposed. water: None in air. floor_by: what told the floor's height, or "".
 
     lamp: whether a lamp goes with the camera.
     """
 
     place: Place
-    view: FreeView | None
     water: WaterGuess | None
     depth_m: float
     floor_by: str
@@ -70,13 +72,17 @@ def propose(plate: PlateLook, mesh: MeshLook, wish: Wish, floor_m: float | None 
     """
     wet = plate.medium.underwater
     drop, floor_by = _ground_below(plate, wish, floor_m)
-    view = free_view(plate.image, _OPEN_DEG, underwater=True) if wet else None
-    water = None if view is None else guess_water(plate, view, drop, known=bool(floor_by))
+    water = None
+    if wet:
+        view = free_view(plate.image, _OPEN_DEG, underwater=True)
+        kind, confidence, others = _nearest_type(plate, view)
+        seen = guess_sight(plate.sharp, drop, Water.jerlov(kind), view, _DEPTH_M, known=bool(floor_by))
+        water = WaterGuess(kind, confidence, others, seen, view[2])
     sight = math.inf if water is None else water.sight.visibility_m
     place = place_of(plate, mesh, wish, sight, drop)
     least = _CLEAR_M if plate.medium.half else _DEPTH_M
     depth = max(least, math.ceil(10.0 * (place.top_m + _CLEAR_M)) / 10.0) if wet else CameraSettings().depth_m
-    return Proposal(place, view, water, float(depth), floor_by, plate.dark)
+    return Proposal(place, water, float(depth), floor_by, plate.dark)
 
 
 def _ground_below(plate: PlateLook, wish: Wish, floor_m: float | None) -> tuple[float | None, str]:
@@ -88,27 +94,17 @@ def _ground_below(plate: PlateLook, wish: Wish, floor_m: float | None) -> tuple[
     return guessed_drop_m(plate, wish), ""
 
 
-def guess_water(plate: PlateLook, view: FreeView, height_m: float | None, *, known: bool) -> WaterGuess:
-    """Return the type of water that is nearest to a plate's open water, at a typical depth, and its visibility.
-
-    height_m: of the camera over the floor, None without one; known: whether it is, or is guessed.
-    """
-    kind, confidence, others = _nearest_type(plate, view)
-    sight = guess_sight(plate.sharp, height_m, Water.jerlov(kind), view, _DEPTH_M, known=known)
-    return WaterGuess(kind, confidence, others, confidence > 0.0, sight)
-
-
 def _nearest_type(plate: PlateLook, view: FreeView) -> tuple[JerlovType, float, tuple[str, ...]]:
     """Return the nearest type, its confidence, 0 where none has the plate's colour, and the others that are likely."""
     camera = CameraSettings(depth_m=_DEPTH_M)
     if plate.tilt is not None:
         roll, pitch = (float(np.degrees(angle)) for angle in (plate.tilt.roll_rad, plate.tilt.pitch_rad))
         camera = camera.model_copy(update={"roll_deg": roll, "pitch_deg": pitch})
-    reading = plate.reading
-    scene = Scene(plate=PlateSettings(path=plate.path, eye=reading.eye, projection=reading.projection), camera=camera)
+    settings = PlateSettings(path=plate.path, eye=plate.eye, projection=plate.projection)
+    scene = Scene(plate=settings, camera=camera)
     unknown: JerlovType = _MURKY if plate.medium.red_far > LITTLE_RED else _WATER
     try:
-        found = match_water(scene, WaterPatch(view.azimuth_deg, view.elevation_deg, _PATCH_DEG))
+        found = match_water(scene, WaterPatch(view[0], view[1], _PATCH_DEG))
     except ParameterError:  # the open water is black, or redder than water
         return unknown, 0.0, ()
     nearest, _, misfit = found.candidates[0]

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from mr360uw.color import encode
-from mr360uw.first_look.ground_place import UNEVEN
+from mr360uw.first_look.good_places import UNEVEN
 from mr360uw.first_look.mesh_look import MeshLook
 from mr360uw.first_look.place_in_plate import Place
 from mr360uw.first_look.plate_look import PlateLook
@@ -31,11 +31,11 @@ def found_lines(plate: PlateLook, mesh: MeshLook, chosen: Proposal, sun: str) ->
     width, height = plate.size
     kind = "a still" if plate.still else "a clip"
     lines = [f"plate     {plate.path.name}: {kind}, {width}x{height}"]
-    if plate.reading.eye is not None:
-        lines[0] += f", its {plate.reading.eye} eye"
-    if plate.reading.projection != "auto":
-        lines[0] += f", from {plate.reading.projection}: it shows that"
-    if plate.reading.projection == "dual_fisheye":
+    if plate.eye is not None:
+        lines[0] += f", its {plate.eye} eye"
+    if plate.projection != "auto":
+        lines[0] += f", from {plate.projection}: it shows that"
+    if plate.projection == "dual_fisheye":
         lines.append(f"lenses    {FISHEYE_FOV_DEG:g} degrees each, guessed: plate.fisheye_fov_deg sets it")
     lines.append(where_line(plate.medium))
     if plate.medium.half:
@@ -96,11 +96,10 @@ def _place_lines(place: Place) -> list[str]:
 def _water_lines(chosen: Proposal) -> list[str]:
     water = chosen.water
     assert water is not None
-    assert chosen.view is not None
-    code = np.round(255.0 * encode(np.clip(np.array(chosen.view.color), 0.0, 1.0), "srgb")).astype(int)
+    code = np.round(255.0 * encode(np.clip(np.array(water.color), 0.0, 1.0), "srgb")).astype(int)
     hex_code = "".join(f"{c:02x}" for c in code.tolist())
     veil = f"open water has the colour #{hex_code} (veil)"
-    if not water.known:
+    if water.confidence <= 0.0:
         told = f"type {water.type} assumed: no Jerlov type has that colour"
     elif water.confidence >= CONFIDENT:
         told = f"type {water.type}, confidence {water.confidence:.2f}"
@@ -144,10 +143,10 @@ def scene_lines(plate: PlateLook, mesh: MeshLook, chosen: Proposal, folder: Path
         ("[plate]", ""),
         (f"path = {toml_value(relative_to(plate.path, folder))}", ""),
     ]
-    if plate.reading.eye is not None:
-        rows.append((f'eye = "{plate.reading.eye}"', "of the two"))
-    if plate.reading.projection != "auto":
-        rows.append((f'projection = "{plate.reading.projection}"', "by what its first picture shows"))
+    if plate.eye is not None:
+        rows.append((f'eye = "{plate.eye}"', "of the two"))
+    if plate.projection != "auto":
+        rows.append((f'projection = "{plate.projection}"', "by what its first picture shows"))
     rows += [("", ""), *_camera_rows(plate, chosen, folder), ("", ""), *_water_rows(chosen), ("", "")]
     rows += _object_rows(mesh, chosen, folder, outside_files=outside_files)
     if chosen.place.drop_m is not None and not chosen.place.hangs:
@@ -187,7 +186,7 @@ def _water_rows(chosen: Proposal) -> list[tuple[str, str]]:
     if chosen.water is None:
         return [("[water]", ""), ('type = "none"', "the plate is in air")]
     water = chosen.water
-    sure = f"confidence {water.confidence:.2f}" if water.known else "a guess"
+    sure = f"confidence {water.confidence:.2f}" if water.confidence > 0.0 else "a guess"
     rows = [
         ("[water]", ""),
         (f'type = "{water.type}"', f"Jerlov: I IA IB II III, 1C 3C 5C 7C 9C; {sure}"),

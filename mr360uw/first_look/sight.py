@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.first_look.free_view import FreeView
+from mr360uw.first_look.good_places import FreeView
 from mr360uw.medium import Medium, Water
 from mr360uw.medium.visibility import CONTRAST_LENGTHS, LEAST_M, MOST_M, visibility_m, water_seen_as_far
 from mr360uw.types import Floats
@@ -100,8 +100,9 @@ def _by_dark_places(
     half = 0.5 * _HIGH_DEG
     bands = [smooth[round((90.0 + e - half) * scale) : round((90.0 + e + half) * scale)] for e in _DARK_DEG]
     dark = np.array([np.quantile(band.reshape(-1, 3), _DARK_SHARE, axis=0) for band in bands])
-    color, up = np.array(open_water.color), -np.sin(np.radians(_DARK_DEG))
-    level, seen = np.sin(np.radians([open_water.elevation_deg])), color > _SEEN
+    _, elevation_deg, light = open_water
+    color, up = np.array(light), -np.sin(np.radians(_DARK_DEG))
+    level, seen = np.sin(np.radians([elevation_deg])), color > _SEEN
     if not np.any(seen):
         return least_m, 0.0
     visibility = np.unique(np.geomspace(least_m, max(least_m, _CLEAR_M), _STEPS))

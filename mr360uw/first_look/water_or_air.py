@@ -8,6 +8,9 @@ Water absorbs red within a few metres, so the far distance, which a panorama sho
 In air the distance may be blue, but the ground nearby has red. A strobe gives the ground nearby its red back; then only
 a very low q tells. Murky coastal water keeps some red, but hides the ground: nothing is seen below, and light falls off
 from high above the horizon to far below. In air there is always a ground.
+
+Structure of the ground is taken between 3 and 12 degrees and along rows: grain is finer, and what open water does, it
+does in all directions alike.
 """
 
 from __future__ import annotations
@@ -17,9 +20,42 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.first_look.below_horizon import ground_texture, light_at
+from mr360uw.color import luminance
 from mr360uw.sphere import directions, row_solid_angle
 from mr360uw.types import Floats
+
+_FINE_DEG, _COARSE_DEG = 3.0, 12.0
+_TOE = 0.01
+"""Linear light that is added before the logarithm: what is darker has grain alone."""
+_MARGIN_DEG = 36.0
+"""Columns taken from the other side of the seam, three deviations of the coarse Gaussian."""
+
+
+def ground_texture(image: Floats, lowest_deg: float, highest_deg: float) -> float:
+    """Return the structure of a levelled panorama (h, w, 3) of linear light between two elevations.
+
+    It is the root mean square along rows of the logarithm of light: 0.01 in open water, 0.06 and more over dry ground.
+    """
+    import cv2
+
+    scale = image.shape[0] / 180.0
+    margin = round(_MARGIN_DEG * scale)
+    light = np.pad(luminance(np.maximum(image, 0.0)), ((0, 0), (margin, margin)), mode="wrap").astype(np.float32)
+    fine = np.log(cv2.GaussianBlur(light, (0, 0), _FINE_DEG * scale) + _TOE)
+    band = (fine - cv2.GaussianBlur(fine, (0, 0), _COARSE_DEG * scale))[_rows(scale, lowest_deg, highest_deg)]
+    inner = band[:, margin:-margin]
+    return float(np.std(inner - inner.mean(axis=1, keepdims=True)))
+
+
+def light_at(image: Floats, lowest_deg: float, highest_deg: float) -> float:
+    """Return the logarithm of a levelled panorama's light (h, w, 3) between two elevations: its median."""
+    light = luminance(image[_rows(image.shape[0] / 180.0, lowest_deg, highest_deg)])
+    return float(np.log(max(float(np.median(light)), 0.0) + _TOE))
+
+
+def _rows(scale: float, lowest_deg: float, highest_deg: float) -> slice:
+    return slice(round((90.0 - highest_deg) * scale), round((90.0 - lowest_deg) * scale))
+
 
 _BAND_SINE = float(np.sin(np.radians(8.0)))
 _BELOW_SINE = float(np.sin(np.radians(-5.0)))
@@ -45,7 +81,7 @@ _DARK = 0.004
 
 @dataclass(frozen=True, slots=True)
 class WaterOrAir:
-    """Whether a plate is under water. confidence: 0 to 1. red_far: q, red_near: s of the module's text.
+    """Whether a plate is under water. confidence: 0 to 1. red_far: q of the module's text.
 
     half: whether it is so below the horizon only, and in air above.
     """
@@ -53,7 +89,6 @@ class WaterOrAir:
     underwater: bool
     confidence: float
     red_far: float
-    red_near: float
     half: bool = False
 
 
@@ -76,7 +111,7 @@ def water_or_air(image: Floats) -> WaterOrAir:
         for there, q in ((np.abs(up) < _BAND_SINE, 0.1), (up < _BELOW_SINE, 0.9))
     )
     if np.isnan(far):
-        return WaterOrAir(False, 0.0, 1.0, 1.0)
+        return WaterOrAir(False, 0.0, 1.0)
     if np.isnan(near):  # the ground is black, as over deep water
         near = far
     margins = [
@@ -86,7 +121,7 @@ def water_or_air(image: Floats) -> WaterOrAir:
     ]
     margin = float(max(margins))
     half = margin > 0.0 and _half_in_air(ratio, weight, up)
-    return WaterOrAir(margin > 0.0, min(abs(margin) / _SURE, 1.0), far, near, half)
+    return WaterOrAir(margin > 0.0, min(abs(margin) / _SURE, 1.0), far, half)
 
 
 def _half_in_air(ratio: Floats, weight: Floats, up: Floats) -> bool:

@@ -34,7 +34,7 @@ from mr360uw.types import Floats
 from mr360uw.video import VideoFrame, VideoReader, create_video, open_video
 from mr360uw.video.clip import Clip
 from mr360uw.video.exr import Part, write_exr
-from mr360uw.video.read.suffixes import PICTURE_SUFFIXES
+from mr360uw.video.read.projection import PICTURE_SUFFIXES
 
 Array = NDArray[np.float64]
 

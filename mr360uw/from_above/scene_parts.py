@@ -106,7 +106,7 @@ def floor_of(floor: AerialFloorSettings, water: AerialWaterSettings) -> Floor:
     albedo = np.broadcast_to(np.asarray(floor.albedo, np.float64), (3,))
     image: Array = albedo[None, None]
     if floor.ground == "sand":
-        sand = sea_bed(DiveSettings(seed=_SAND_SEED, rocks=0.0, grass=0.0)).albedo
+        sand = sea_bed(DiveSettings(seed=_SAND_SEED, rocks=0.0, grass=0.0))[1]
         image = sand / sand.mean(axis=(0, 1)) * albedo
     elif floor.ground == "picture":
         assert floor.picture is not None

@@ -31,7 +31,7 @@ from mr360uw.shapes import exactly
 from mr360uw.sphere import Array, row_solid_angle
 from mr360uw.types import Environment, Floats, YuvImage
 from mr360uw.yuv.coefficients import decode_polynomial, folded_coefficients
-from mr360uw.yuv.decode_kernels import polynomial_light
+from mr360uw.yuv.decoding import polynomial_light
 
 _ZERO = np.float32(0.0)
 

@@ -12,11 +12,10 @@ from numpy.typing import NDArray
 from mr360uw.caustics.settings import Sea
 from mr360uw.match.floor_series import FloorSeries, NoMatchError, floor_series
 from mr360uw.match.modelled_floor import ModelledFloor
-from mr360uw.match.pattern_measures import FloorPattern, PatternMeasures, bands, pattern_measures, relative_light
+from mr360uw.match.pattern_measures import PatternMeasures, bands, pattern_measures, relative_light
 from mr360uw.match.sea_regression import SEAS, SeaFit, fit_sea, fitted_parameters, measurer
 from mr360uw.progress import Progress
 from mr360uw.scene.model import Scene
-from mr360uw.types import Floats
 
 Array = NDArray[np.float64]
 
@@ -62,15 +61,10 @@ class CausticMatch:
     changes: dict[str, float] = field(default_factory=dict)
     confidence: float = 0.0
     uncertainty: dict[str, float] = field(default_factory=dict)
-    plate: FloorPattern | None = None
-    before: FloorPattern | None = None
-    after: FloorPattern | None = None
+    plate: PatternMeasures | None = None
+    before: PatternMeasures | None = None
+    after: PatternMeasures | None = None
     pixel_m: float = 0.0
-
-    @property
-    def fitted(self) -> bool:
-        """Whether there is anything to change."""
-        return bool(self.changes)
 
     @property
     def overrides(self) -> tuple[str, ...]:
@@ -87,10 +81,10 @@ class CausticMatch:
         """The same of the fitted sea."""
         return self._distance(self.after)
 
-    def _distance(self, other: FloorPattern | None) -> float:
+    def _distance(self, other: PatternMeasures | None) -> float:
         if self.plate is None or other is None:
             return math.nan
-        return spectral_distance(self.plate.measures, other.measures)
+        return spectral_distance(self.plate, other)
 
     def pictures(self) -> dict[str, NDArray[np.uint8]]:
         """Return pictures (H, W, 3) uint8: `floor` and `spectra`, the plate's beside ours before and after."""
@@ -124,34 +118,26 @@ def match_caustics(
         series = floor_series(scene, frames, progress)
     except NoMatchError as refused:
         return CausticMatch(f"Nothing is matched. {refused}")
-    edges = bands(series.grid.region.size_m, _FINEST * float(np.median(series.footprint_m)))
+    edges = bands(series.grid.size_m, _FINEST * float(np.median(series.footprint_m)))
     measure = measurer(series.grid.pixel_m, series.step_s, edges)
-    measures, features = measure(series.light)
-    plate = FloorPattern(_middle(series.light), measures)
-    reason = _no_caustics(series, measures)
+    plate, features = measure(series.light)
+    reason = _no_caustics(series, plate)
     if reason:
         return CausticMatch(f"Nothing is matched. {reason}", plate=plate, pixel_m=series.grid.pixel_m)
     share = scene.water.sun_share
     floor = ModelledFloor.of(series, share)
     doubt = _STATED_DOUBT if share > 0.0 else _SKY_DOUBT
     total = sum(SEAS)
-    fit = fit_sea(scene.sea, floor, measure, measures, features, doubt, lambda done: progress and progress(done, total))
-    changes, uncertainty = _changes(fit, measures, scene.sea)
+    fit = fit_sea(scene.sea, floor, measure, plate, features, doubt, lambda done: progress and progress(done, total))
+    changes, uncertainty = _changes(fit, plate, scene.sea)
     names = {key.removeprefix("sea."): value for key, value in changes.items()}
-    before, after = (_of_sea(sea, floor, series, edges) for sea in (scene.sea, scene.sea.model_copy(update=names)))
+    seas = (scene.sea, scene.sea.model_copy(update=names))
+    before, after = (
+        pattern_measures(relative_light(floor.light(sea)), series.grid.pixel_m, series.step_s, edges) for sea in seas
+    )
     confidence = _confidence(fit, uncertainty)
     match = CausticMatch("", changes, confidence, uncertainty, plate, before, after, series.grid.pixel_m)
     return replace(match, sentence=_sentence(match, fit, scene.sea))
-
-
-def _middle(light: Floats) -> Floats:
-    return relative_light(light)[len(light) // 2]
-
-
-def _of_sea(sea: Sea, floor: ModelledFloor, series: FloorSeries, edges: Array) -> FloorPattern:
-    light = floor.light(sea)
-    measures = pattern_measures(relative_light(light), series.grid.pixel_m, series.step_s, edges)
-    return FloorPattern(_middle(light), measures)
 
 
 def _no_caustics(series: FloorSeries, measures: PatternMeasures) -> str:
@@ -176,10 +162,10 @@ def _no_caustics(series: FloorSeries, measures: PatternMeasures) -> str:
 def _changes(fit: SeaFit, plate: PatternMeasures, sea: Sea) -> tuple[dict[str, float], dict[str, float]]:
     changes: dict[str, float] = {}
     uncertainty: dict[str, float] = {}
-    for k, parameter in enumerate(fitted_parameters(sea)):
+    for k, (name, *_) in enumerate(fitted_parameters(sea)):
         if fit.told[k] >= _LEAST_TOLD:
-            changes[f"sea.{parameter.name}"] = float(f"{fit.value[k]:.3g}")
-            uncertainty[f"sea.{parameter.name}"] = float(fit.sigma[k])
+            changes[f"sea.{name}"] = float(f"{fit.value[k]:.3g}")
+            uncertainty[f"sea.{name}"] = float(fit.sigma[k])
     if float(np.hypot(*plate.direction)) >= _LEAST_SENSE:
         changes["sea.wind_direction_deg"] = float(round(fit.direction_deg) % 360)
         uncertainty["sea.wind_direction_deg"] = _DIRECTION_SIGMA_DEG
@@ -198,12 +184,13 @@ def _confidence(fit: SeaFit, uncertainty: dict[str, float]) -> float:
 def _sentence(match: CausticMatch, fit: SeaFit, sea: Sea) -> str:
     """Return the result in plain words."""
     parts, untold = [], []
-    for parameter in fitted_parameters(sea):
-        key = f"sea.{parameter.name}"
+    for name, _, _, words, unit in fitted_parameters(sea):
+        key = f"sea.{name}"
         if key in match.changes:
-            parts.append(f"{parameter.words} {match.changes[key]:g} {parameter.unit} (+-{_percent(match, key)} %)")
+            percent = round(100.0 * match.uncertainty[key])
+            parts.append(f"{words} {match.changes[key]:g} {unit} (+-{percent} %)")
         else:
-            untold.append(parameter.words)
+            untold.append(words)
     if "sea.wind_direction_deg" in match.changes:
         parts.append(f"towards {match.changes['sea.wind_direction_deg']:.0f} degrees")
     else:
@@ -214,13 +201,9 @@ def _sentence(match: CausticMatch, fit: SeaFit, sea: Sea) -> str:
     text += f" Their spectrum differs by {match.distance_after:.2f} then, by {match.distance_before:.2f} before."
     assert match.plate is not None
     assert match.after is not None
-    ratio = match.plate.measures.contrast / max(match.after.measures.contrast, 1e-6)
+    ratio = match.plate.contrast / max(match.after.contrast, 1e-6)
     if abs(math.log(max(ratio, 1e-6))) > _SAME_CONTRAST:
         text += f" The plate's contrast is {ratio:.2f} of ours: see water.sun_share and the water."
     if fit.misfit > _STRANGE:
         text += " The pattern is unlike that of any sea tried: check the depths, the floor's height and its motion."
     return text
-
-
-def _percent(match: CausticMatch, key: str) -> int:
-    return round(100.0 * match.uncertainty[key])

@@ -24,8 +24,7 @@ from mr360uw.caustics.settings import Sea
 from mr360uw.color import luminance
 from mr360uw.constants import REFRACTIVE_INDEX_SEA
 from mr360uw.ibl.sun.closure import CLEAR_SKY, CLEAR_SKY_DIRECT
-from mr360uw.match.floor_region import FloorView
-from mr360uw.match.floor_series import FloorSeries
+from mr360uw.match.floor_series import FloorSeries, FloorView
 from mr360uw.medium.lookup import ambient_ratio, beam_fraction, unscattered_share
 from mr360uw.medium.small_angles import spread_of
 from mr360uw.optics import refract_to_water

@@ -36,28 +36,27 @@ _DECADES = 3.0
 _NAMES = ("plate", "ours before", "ours after")
 
 
-def floor_pictures(shown: Sequence[FloorPattern]) -> Codes:
+def floor_pictures(shown: Sequence[PatternMeasures]) -> Codes:
     """Return the light of floors (plate, before, after) side by side, (H, W, 3), on one scale."""
     reach = _BRIGHTEST * max(float(np.std(shown[0].relative)), 1e-6)
     grey = [np.clip(0.5 + 0.5 * one.relative / reach, 0.0, 1.0) for one in shown]
-    labels = [f"{name}, contrast {100 * one.measures.contrast:.0f} %" for name, one in zip(_NAMES, shown, strict=False)]
+    labels = [f"{name}, contrast {100 * one.contrast:.0f} %" for name, one in zip(_NAMES, shown, strict=False)]
     return _side_by_side(grey, labels)
 
 
-def spectrum_pictures(shown: Sequence[FloorPattern], pixel_m: float) -> Codes:
+def spectrum_pictures(shown: Sequence[PatternMeasures], pixel_m: float) -> Codes:
     """Return the power over wave vectors of travel, long waves in the middle, as logarithms on one scale."""
     parts = []
-    top = max(float(shown[0].measures.spectrum.max()), 1e-30)
+    top = max(float(shown[0].spectrum.max()), 1e-30)
     for one in shown:
-        power = one.measures.spectrum
+        power = one.spectrum
         n = len(power)
         half = int(np.clip(round(n * pixel_m / _FINEST_M), 2, n // 2 - 1))
         middle = slice(n // 2 - half, n // 2 + half + 1)
         level = np.log10(np.maximum(power[middle, middle], 1e-30) / top)
         parts.append(np.clip(1.0 + level / _DECADES, 0.0, 1.0))
     labels = [
-        f"{name}, {one.measures.scale_m:.2f} m to {one.measures.azimuth_deg:.0f} deg"
-        for name, one in zip(_NAMES, shown, strict=False)
+        f"{name}, {one.scale_m:.2f} m to {one.azimuth_deg:.0f} deg" for name, one in zip(_NAMES, shown, strict=False)
     ]
     return _side_by_side(parts, labels)
 
@@ -96,7 +95,8 @@ class PatternMeasures:
     contrast: standard deviation over mean. wavelength_m: (b,) middle of each band, ascending. power: (b,) variance of
     the relative light in each band. frequency_rad_s: (b,) mean angular frequency of each band, weighted by power.
     direction: (2,) over (x, z), mean unit vector of travel weighted by power; its length is 0 for a pattern without
-    direction and 1 for a plane wave. spectrum: (n, n) power over wave vectors of travel, zero in the middle.
+    direction and 1 for a plane wave. spectrum: (n, n) power over wave vectors of travel, zero in the middle. relative:
+    (n, n) C at the time in the middle.
     """
 
     contrast: float
@@ -105,17 +105,12 @@ class PatternMeasures:
     frequency_rad_s: Array
     direction: Array
     spectrum: Array
+    relative: Floats
 
     @property
     def scale_m(self) -> float:
         """Mean wavelength [m] of the bands, of the logarithm and weighted by power."""
         return float(np.exp(np.average(np.log(self.wavelength_m), weights=np.maximum(self.power, _TINY))))
-
-    @property
-    def speed_m_s(self) -> float:
-        """Mean phase speed [m/s] over the bands, weighted by power."""
-        speed = self.frequency_rad_s * self.wavelength_m / (2.0 * np.pi)
-        return float(np.average(speed, weights=np.maximum(self.power, _TINY)))
 
     @property
     def dispersion(self) -> float:
@@ -130,14 +125,6 @@ class PatternMeasures:
     def azimuth_deg(self) -> float:
         """Azimuth [deg] of the direction of travel, 0 = forward (-z), 90 = right (+x), in [0, 360)."""
         return float(np.degrees(np.arctan2(self.direction[0], -self.direction[1]))) % 360.0
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class FloorPattern:
-    """One floor that is compared. relative: (n, n) light over its mean, less 1, at one time. measures: over time."""
-
-    relative: Floats
-    measures: PatternMeasures
 
 
 def relative_light(light: Floats) -> NDArray[np.float32]:
@@ -195,4 +182,4 @@ def pattern_measures(relative: Floats, pixel_m: float, step_s: float, edges_m: A
     direction = np.array([np.sum((u * gone)[inside]) for u in unit]) / max(float(gone[inside].sum()), _TINY)
     middle = np.sqrt(edges_m[:-1] * edges_m[1:])
     shown = np.fft.fftshift(np.roll(gone[::-1, ::-1], (1, 1), (0, 1)))
-    return PatternMeasures(float(relative.std()), middle, banded, rate, direction, shown)
+    return PatternMeasures(float(relative.std()), middle, banded, rate, direction, shown, relative[frames // 2].copy())

@@ -80,25 +80,17 @@ _PLASTIC = 1.32471795724474602596
 """Root of x^3 = x + 1, whose powers make an even sequence of pairs."""
 
 
-@dataclass(frozen=True, slots=True)
-class Fitted:
-    """One parameter of a sea that is fitted: its name, range, unit, and the words for it."""
+def fitted_parameters(sea: Sea) -> list[tuple[str, float, float, str, str]]:
+    """Return what is fitted of a sea: wind, and its dominant wave or, of a spectrum, the fetch that sets it.
 
-    name: str
-    low: float
-    high: float
-    unit: str
-    words: str
-
-
-def fitted_parameters(sea: Sea) -> tuple[Fitted, Fitted]:
-    """Return what is fitted of a sea: wind, and its dominant wave or, of a spectrum, the fetch that sets it."""
-    wind = Fitted("wind_speed", 0.8, 12.0, "m/s", "a wind of")
+    For each the name, the range (low, high), the words for it, and the unit.
+    """
+    wind = ("wind_speed", 0.8, 12.0, "a wind of", "m/s")
     if sea.model == "spectral":
-        return wind, Fitted("fetch_m", 300.0, 1e6, "m", "a fetch of")
+        return [wind, ("fetch_m", 300.0, 1e6, "a fetch of", "m")]
     shortest = sea.shortest_wavelength_m or sea.tile_m / 40.0
     least = min(2.5 * shortest, 0.5 * sea.tile_m)
-    return wind, Fitted("dominant_wavelength_m", least, sea.tile_m, "m", "a dominant wave of")
+    return [wind, ("dominant_wavelength_m", least, sea.tile_m, "a dominant wave of", "m")]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -146,68 +138,51 @@ def fit_sea(
     doubt: standard deviation of the logarithm of the beam's fraction of the light. made: counts the seas made so
     far.
     """
-    fitted = fitted_parameters(sea)
-    low, high = np.log([[p.low, p.high] for p in fitted]).T
+    names, lows, highs, *_ = zip(*fitted_parameters(sea), strict=True)
+    low, high = np.log([lows, highs])
     azimuth = plate.azimuth_deg
-    first = _made_seas(sea, azimuth, low, high, SEAS[0], floor, measure, doubt, made, 0)
+
+    def made_seas(azimuth_deg: float, low: Array, high: Array, count: int, before: int) -> _Made:
+        random = np.random.default_rng([before, count])
+        place = (0.5 + np.arange(1, count + 1)[:, None] * np.array([1.0 / _PLASTIC, 1.0 / _PLASTIC**2])) % 1.0
+        parameters = low + place * (high - low)
+        rows, turns = [], []
+        for k in range(count):
+            values = dict(zip(names, np.exp(parameters[k]).tolist(), strict=True))
+            one = sea.model_copy(
+                update={**values, "wind_direction_deg": azimuth_deg, "seed": _FIRST_SEED + before + k, "loop_s": None}
+            )
+            beam, codec = float(np.exp(doubt * random.standard_normal())), random.random()
+            found, of_sea = measure(floor.as_coded(beam, codec).light(one))
+            rows.append(of_sea)
+            turns.append(np.exp(1j * np.radians(found.azimuth_deg - azimuth_deg)))
+            made(before + k + 1)
+        return parameters, np.array(rows), float(np.degrees(np.angle(np.mean(turns))))
+
+    first = made_seas(azimuth, low, high, SEAS[0], 0)
     middle, rough, _ = _regressed(first, features)
-    azimuth -= first.turn_deg
+    azimuth -= first[2]
     reach = np.maximum(_LEAST_REACH, _REACH * rough)
     near_low, near_high = np.maximum(low, middle - reach), np.minimum(high, middle + reach)
     near_low, near_high = np.minimum(near_low, high - 0.2), np.maximum(near_high, low + 0.2)
-    second = _made_seas(sea, azimuth, near_low, near_high, SEAS[1], floor, measure, doubt, made, SEAS[0])
+    second = made_seas(azimuth, near_low, near_high, SEAS[1], SEAS[0])
     value, sigma, misfit = _regressed(second, features)
     value = np.clip(value, low, high)
     sigma = sigma * _STRAY
-    told = 1.0 - (sigma / first.parameters.std(axis=0)) ** 2
-    return SeaFit(np.exp(value), sigma, told, (plate.azimuth_deg - second.turn_deg) % 360.0, misfit)
+    told = 1.0 - (sigma / first[0].std(axis=0)) ** 2
+    return SeaFit(np.exp(value), sigma, told, (plate.azimuth_deg - second[2]) % 360.0, misfit)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Made:
-    """Logarithms of parameters (N, 2), features (N, f), and the mean turn [deg] of their travel against the wind."""
-
-    parameters: Array
-    features: Array
-    turn_deg: float
-
-
-def _made_seas(
-    sea: Sea,
-    azimuth_deg: float,
-    low: Array,
-    high: Array,
-    count: int,
-    floor: ModelledFloor,
-    measure: Measure,
-    doubt: float,
-    made: Callable[[int], object],
-    before: int,
-) -> _Made:
-    random = np.random.default_rng([before, count])
-    place = (0.5 + np.arange(1, count + 1)[:, None] * np.array([1.0 / _PLASTIC, 1.0 / _PLASTIC**2])) % 1.0
-    parameters = low + place * (high - low)
-    names = [p.name for p in fitted_parameters(sea)]
-    rows, turns = [], []
-    for k in range(count):
-        values = dict(zip(names, np.exp(parameters[k]).tolist(), strict=True))
-        one = sea.model_copy(
-            update={**values, "wind_direction_deg": azimuth_deg, "seed": _FIRST_SEED + before + k, "loop_s": None}
-        )
-        beam, codec = float(np.exp(doubt * random.standard_normal())), random.random()
-        here = floor.as_coded(beam, codec)
-        found, features = measure(here.light(one))
-        rows.append(features)
-        turns.append(np.exp(1j * np.radians(found.azimuth_deg - azimuth_deg)))
-        made(before + k + 1)
-    return _Made(parameters, np.array(rows), float(np.degrees(np.angle(np.mean(turns)))))
+_Made = tuple[Array, Array, float]
+"""Logarithms of parameters (N, 2), features (N, f), and the mean turn [deg] of their travel against the wind."""
 
 
 def _regressed(made: _Made, features: Array) -> tuple[Array, Array, float]:
     """Return the logarithms (2,) of the parameters of features (f,), their standard deviations, and the misfit."""
-    mean, spread = made.features.mean(axis=0), made.features.std(axis=0) + 1e-9
-    x = (made.features - mean) / spread
-    y = made.parameters - made.parameters.mean(axis=0)
+    parameters, seen, _ = made
+    mean, spread = seen.mean(axis=0), seen.std(axis=0) + 1e-9
+    x = (seen - mean) / spread
+    y = parameters - parameters.mean(axis=0)
     gram = x @ x.T
     smoother = gram @ np.linalg.inv(gram + _RIDGE * np.eye(len(x)))
     # each sea left out of its own regression; the mean takes one part in N
@@ -220,4 +195,4 @@ def _regressed(made: _Made, features: Array) -> tuple[Array, Array, float]:
     stray = np.maximum((x - terms @ expected).std(axis=0), 0.05)
     here = np.concatenate([[1.0], value, value**2, value[:1] * value[1:]])
     misfit = float(np.sqrt(np.mean((((features - mean) / spread - here @ expected) / stray) ** 2)))
-    return made.parameters.mean(axis=0) + value, left.std(axis=0), misfit
+    return parameters.mean(axis=0) + value, left.std(axis=0), misfit

@@ -92,13 +92,9 @@ class WaterMatch:
         return tuple(f"{key}={_toml(value)}" for key, value in self.changes.items())
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Veil:
-    """The veil of a setting in the patches: codes (r, 3), and their deviation from the plate's."""
-
-    changes: Changes
-    codes: Array
-    rms: float
+_Veil = tuple[Changes, Array, float]
+"""The veil of a setting in the patches: its changes, codes (r, 3), and their root mean square deviation from the plate.
+"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -112,7 +108,7 @@ class _View:
     def veil(self, medium: Medium, gain: Floats, changes: Changes) -> _Veil:
         """Return the veil of a medium."""
         codes = _codes(gain * medium.level_radiance(self.up))
-        return _Veil(changes, codes, float(np.sqrt(np.mean((codes - _codes(self.light)) ** 2))))
+        return changes, codes, float(np.sqrt(np.mean((codes - _codes(self.light)) ** 2)))
 
     def fitted(self, medium: Medium, changes: Changes, *, from_patch: bool) -> _Veil:
         """Return the veil of a medium with the gain of the horizon, or one of the patches, which is one more change."""
@@ -152,17 +148,17 @@ def match_water(
     if found.residual[found.nearest] <= _UNLIKE and (changes := _change(water, found.nearest)):
         other = _medium(tried[found.nearest], depth, water.mode)
         proposed.insert(0, view.fitted(other, changes, from_patch=from_patch))
-    after = next((veil for veil in proposed if veil.rms < before.rms), before)
+    after = next((veil for veil in proposed if veil[2] < before[2]), before)
     return WaterMatch(
         _sentence(water, found, before, after, doubtful),
-        after.changes,
+        after[0],
         found.confidence,
         tuple(sorted(((str(n), found.likelihood[n], found.residual[n]) for n in media), key=lambda c: -c[1])),
         plate_code=_mean(_codes(view.light)),
-        before_code=_mean(before.codes),
-        after_code=_mean(after.codes),
-        rms_before=before.rms,
-        rms_after=after.rms,
+        before_code=_mean(before[1]),
+        after_code=_mean(after[1]),
+        rms_before=before[2],
+        rms_after=after[2],
     )
 
 
@@ -260,11 +256,9 @@ def _sentence(water: WaterSettings, found: WaterComparison[str], before: _Veil, 
     name = f"a visibility of {found.nearest} m" if water.of_visibility_alone else f"type {found.nearest}"
     sure = "clearly" if found.confidence >= CONFIDENT else "not surely"
     text = f"The water is nearest to {name}, {sure} (confidence {found.confidence:.2f}); "
-    if not after.changes:
-        return (
-            text + f"the veil differs from the patch by {before.rms:.1f} code values, and no change brings it nearer."
-        )
-    text += f"the veil then differs from the patch by {after.rms:.1f} code values, before by {before.rms:.1f}."
+    if not after[0]:
+        return text + f"the veil differs from the patch by {before[2]:.1f} code values, and no change brings it nearer."
+    text += f"the veil then differs from the patch by {after[2]:.1f} code values, before by {before[2]:.1f}."
     if doubtful:
         text += " The horizon shows little open water, so the gain of the veil is taken from the patch."
     return text

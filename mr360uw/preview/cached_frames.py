@@ -17,8 +17,7 @@ from mr360uw.reading.cached_reads import CachedReads, Stamp, stamp
 from mr360uw.scene.inputs import open_plate
 from mr360uw.scene.model import Scene, at_scale
 from mr360uw.video import VideoFrame, VideoReader
-from mr360uw.video.read.reader import Seeker
-from mr360uw.video.read.scaled import scaled_size, smaller
+from mr360uw.video.read.reader import Seeker, scaled_size, smaller
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,23 +52,16 @@ _KEPT_FRAMES = 8
 """Frames that are kept at the size they were asked for: 6 MB each at 2048 x 1024."""
 
 
-@dataclass(slots=True)
-class _OpenPlate:
-    """A plate whose file is open. frames: the pass that goes on; next_index: of the frame that comes next in it."""
-
-    reader: VideoReader
-    seek: Seeker
-    stack: ExitStack
-    frames: Iterator[VideoFrame]
-    next_index: int
-
-
 class KeptFrames:
     """Reads frames of scenes' plates. reads: keeps readers and frames, and counts the frames decoded."""
 
     def __init__(self, reads: CachedReads) -> None:
         self._reads = reads
-        self._open: _OpenPlate | None = None
+        self._open: VideoReader | None = None  # the plate whose file is open
+        self._closing = ExitStack()
+        self._seek: Seeker = lambda _: iter(())
+        self._frames: Iterator[VideoFrame] = iter(())  # the pass that goes on
+        self._next = -1  # of the frame that comes next in it
 
     def reader(self, scene: Scene) -> VideoReader:
         """Return the reader of a scene's plate at its full size; opened again where the file has changed."""
@@ -84,9 +76,9 @@ class KeptFrames:
         reader = self.reader(scene)
         return scaled_size(reader, scene.plate.scale if width is None else min(width / reader.width, 1.0))
 
-    def at(self, scene: Scene, index: int, size: tuple[int, int]) -> VideoFrame:
-        """Return a frame of a scene's plate, width x height pixels; raise `VideoError`."""
-        reader = self.reader(scene)
+    def at(self, scene: Scene, index: int, width: int | None) -> VideoFrame:
+        """Return a frame of a scene's plate, `width` pixels wide, see `size`; raise `VideoError`."""
+        reader, size = self.reader(scene), self.size(scene, width)
         reader.check_range(index, index + 1)
         return self._reads.cache.of(self._reduced, reader, index, stamp(reader.file_of(index)), size, keep=_KEPT_FRAMES)
 
@@ -94,45 +86,41 @@ class KeptFrames:
         """Return a frame at a size. at: the stamp of its file."""
         return smaller(self._reads.cache.of(self._decoded, reader, index, at), *size)
 
-    def soonest(self, scene: Scene, index: int, size: tuple[int, int]) -> int:
-        """Return the keyframe before a frame, or the frame itself where that is decoded about as soon."""
-        reader = self.reader(scene)
-        entry, which, cache = (
-            reader.entry_before(index),
-            (reader, index, stamp(reader.file_of(index))),
-            self._reads.cache,
-        )
+    def soonest(self, scene: Scene, index: int, width: int | None) -> int:
+        """Return the frame that stands in for another while that is decoded: its keyframe, or itself where it is near.
+
+        Raises `VideoError`.
+        """
+        reader, size, cache = self.reader(scene), self.size(scene, width), self._reads.cache
+        entry, which = reader.entry_before(index), (reader, index, stamp(reader.file_of(index)))
         kept = cache.holds(self._decoded, *which) or cache.holds(self._reduced, *which, size)
-        following = self._open is not None and self._open.reader is reader
-        start = max(entry, self._open.next_index) if self._open is not None and following else entry
+        start = max(entry, self._next) if self._open is reader else entry
         return index if kept or index - (start if start <= index else entry) < _SOON else entry
 
     def overview(self, scene: Scene, count: int, width: int) -> list[VideoFrame]:
-        """Return up to `count` frames, evenly spread over a clip, that are read without others before them."""
-        reader, size = self.reader(scene), self.size(scene, width)
+        """Return up to `count` small frames spread over a scene's plate, for a time line; raise `VideoError`.
+
+        They are the keyframes nearest before even steps, which are read without others; each has its own index.
+        """
+        reader = self.reader(scene)
         last = 1 if reader.frame_count is None else reader.frame_count
         places = np.linspace(0, last - 1, count).astype(int).tolist()
-        return [self.at(scene, index, size) for index in dict.fromkeys(map(reader.entry_before, places))]
+        return [self.at(scene, index, width) for index in dict.fromkeys(map(reader.entry_before, places))]
 
     def close(self) -> None:
         """Close the file that is open."""
-        if self._open is not None:
-            self._open.stack.close()
-        self._open = None
+        self._closing.close()
+        self._open, self._frames = None, iter(())
 
     def _decoded(self, reader: VideoReader, index: int, _: Stamp) -> VideoFrame:
         """Return a frame of a reader, decoding on from the last one where that is near; its file is as its stamp."""
-        plate = self._opened(reader)
-        if not reader.entry_before(index) <= plate.next_index <= index:
-            plate.frames = plate.seek(index)
-        plate.next_index = -1
-        frame = next(frame for frame in plate.frames if frame.index == index)
-        plate.next_index = index + 1
-        return frame
-
-    def _opened(self, reader: VideoReader) -> _OpenPlate:
-        if self._open is None or self._open.reader is not reader:
+        if self._open is not reader:
             self.close()
-            stack = ExitStack()
-            self._open = _OpenPlate(reader, stack.enter_context(reader.seeker()), stack, iter(()), -1)
-        return self._open
+            self._seek, self._next = self._closing.enter_context(reader.seeker()), -1
+            self._open = reader
+        if not reader.entry_before(index) <= self._next <= index:
+            self._frames = self._seek(index)
+        self._next = -1
+        frame = next(frame for frame in self._frames if frame.index == index)
+        self._next = index + 1
+        return frame

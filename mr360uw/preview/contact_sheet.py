@@ -6,7 +6,6 @@ from __future__ import annotations
 import base64
 import html
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +15,7 @@ from mr360uw.errors import ParameterError
 from mr360uw.files import write_whole
 from mr360uw.output_gate import check_outputs
 from mr360uw.preview.live import LivePreview
-from mr360uw.preview.still import Perspective, still_of
+from mr360uw.preview.still import Still, still_of
 from mr360uw.preview.thumbnail import encoded
 from mr360uw.progress import Progress
 from mr360uw.reading.input_files import files_read
@@ -35,23 +34,17 @@ img { width: 100%; display: block; } figcaption { padding: .3em 0; font-family: 
 """
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Variant:
-    """A picture of a scene with some keys changed. codes: (h, w, 3) uint8. label: the changes."""
-
-    label: str
-    codes: NDArray[np.uint8]
+Variant = tuple[str, NDArray[np.uint8]]
+"""A picture of a scene with some keys changed: the changes in words, and codes (h, w, 3)."""
 
 
 def sweep(
     scene: Path,
     out: Path,
     changes: Sequence[tuple[str, ...]],
+    still: Still = still_of,
     *,
     scale: float | None = None,
-    frame: int | None = None,
-    time_s: float | None = None,
-    view: Perspective | None = None,
     backend: str = "auto",
     overwrite: bool = False,
     progress: Progress | None = None,
@@ -59,8 +52,9 @@ def sweep(
     """Render one frame of a scene file with each set of overrides; write a labelled sheet and a page, return the paths.
 
     out: a PNG or JPEG; the page goes beside it as .html and holds its pictures. changes: overrides of each variant, as
-    `load_scene` takes them; all are checked before the first is rendered. scale: size of the frames over the plate's.
-    Raises what `render_still` raises, `ParameterError` for more than `LARGEST_SHEET` variants.
+    `load_scene` takes them; all are checked before the first is rendered. still: which frame and view is shown. scale:
+    size of the frames over the plate's. Raises what `still_of` raises, `ParameterError` for more than `LARGEST_SHEET`
+    variants.
     """
     if len(changes) > LARGEST_SHEET:
         raise ParameterError(
@@ -74,8 +68,8 @@ def sweep(
     found = []
     with files_read() as read, LivePreview(backend) as live:
         for number, (one, overrides) in enumerate(zip(scenes, changes, strict=True), 1):
-            picture = still_of(live, one, frame=frame, time_s=time_s, view=view)
-            found.append(Variant("  ".join(overrides) or scene.name, _small(picture_codes(picture, deep=False))))
+            picture = still(live, one)
+            found.append(("  ".join(overrides) or scene.name, _small(picture_codes(picture, deep=False))))
             if progress is not None:
                 progress(number, len(scenes))
     check_outputs([out, page], inputs=read, overwrite=overwrite)
@@ -88,14 +82,14 @@ def contact_sheet(variants: Sequence[Variant]) -> NDArray[np.uint8]:
     """Return variants in rows of up to four, (h, w, 3) uint8, each with its label below."""
     import cv2
 
-    cell = np.max([one.codes.shape[:2] for one in variants], axis=0) + np.array([_LABEL_ROWS + _GAP, _GAP])
+    cell = np.max([codes.shape[:2] for _, codes in variants], axis=0) + np.array([_LABEL_ROWS + _GAP, _GAP])
     columns = min(_COLUMNS, len(variants))
     sheet = np.full((-(-len(variants) // columns) * cell[0] + _GAP, columns * cell[1] + _GAP, 3), 24, np.uint8)
-    for number, one in enumerate(variants):
+    for number, (words, codes) in enumerate(variants):
         row, column = _GAP + cell[0] * (number // columns), _GAP + cell[1] * (number % columns)
-        height, width = one.codes.shape[:2]
-        sheet[row : row + height, column : column + width] = one.codes
-        label = one.label.encode("ascii", "replace").decode()
+        height, width = codes.shape[:2]
+        sheet[row : row + height, column : column + width] = codes
+        label = words.encode("ascii", "replace").decode()
         (length, _), _ = cv2.getTextSize(label, cv2.FONT_HERSHEY_SIMPLEX, 1.0, 1)
         size = min(0.55, (width - 2 * _GAP) / max(length, 1))
         place = int(column + _GAP), int(row + height + _LABEL_ROWS - 8)
@@ -106,10 +100,9 @@ def contact_sheet(variants: Sequence[Variant]) -> NDArray[np.uint8]:
 def contact_page(title: str, variants: Sequence[Variant]) -> str:
     """Return a page (HTML, complete in itself) of variants with their labels."""
     figures = "\n".join(
-        f'<figure><img alt="{html.escape(one.label)}" src="data:image/png;base64,'
-        f'{base64.b64encode(encoded(one.codes, ".png")).decode()}"><figcaption>{html.escape(one.label)}</figcaption>'
-        "</figure>"
-        for one in variants
+        f'<figure><img alt="{html.escape(label)}" src="data:image/png;base64,'
+        f'{base64.b64encode(encoded(codes, ".png")).decode()}"><figcaption>{html.escape(label)}</figcaption></figure>'
+        for label, codes in variants
     )
     return f"""<!DOCTYPE html>
 <html lang="en"><head><meta charset="utf-8"><title>{html.escape(title)}</title><style>{_STYLE}</style></head>

@@ -8,14 +8,13 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Hashable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, Self
 
 import numpy as np
 
 from mr360uw.cache import Cache, Same
 from mr360uw.preview.cached_frames import KeptFrames, PlateClip
-from mr360uw.preview.drafts import coarse
 from mr360uw.progress import Progress
 from mr360uw.reading.cached_reads import CachedReads, stamp
 from mr360uw.render.backends import make_backend
@@ -27,54 +26,45 @@ from mr360uw.render.stages.match_stage import grade_in_frame, patch_frames
 from mr360uw.scene.model import Scene, at_scale
 from mr360uw.threads import one_blas_thread
 from mr360uw.video import VideoFrame, VideoReader
-from mr360uw.video.read.scaled import scaled
+from mr360uw.video.read.reader import scaled
+
+COARSE_WIDTH = 512
+"""Width [pixels] of drafts."""
+_SAMPLES, _SUN_SAMPLES = 5, 8
+_CAUSTIC_SIZE, _CAUSTIC_GRID, _PLANES = 128, 96, 2
+_SHAFT_NODES, _SHAFT_SLICES = 128, 16
+"""Settings of drafts, at most. A pixel of theirs is as wide as two of a frame: detail is lost anyhow."""
+_BANDS = 21
+"""Wavelengths of drafts, at most: veils of Jerlov's waters differ by up to 0.8 % from those of 61 wavelengths. With 16
+it is 1.7 %; the time to solve and tabulate a water goes with their number."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Measured:
-    """An analysis, and what it depends on, of the scene and of its draft. of_ground: what the background
-    depends on besides.
+def coarse(scene: Scene) -> Scene:
+    """Return a scene with the settings of a draft, for frames `COARSE_WIDTH` wide while a value is being moved.
+
+    Edges, soft shadows, caustics and shafts are drawn with fewer samples, and the water is solved at fewer wavelengths.
+    Shafts of waves and bodies alone are left out: at their physical strength a draft would hardly show them.
     """
-
-    of_clip: tuple[Hashable, Hashable]
-    of_ground: tuple[Hashable, Hashable]
-    analysis: ClipAnalysis
-
-
-class KeptAnalysis:
-    """The analysis of the clip that was measured last. cache: holds its background at the size of frames."""
-
-    def __init__(self, cache: Cache) -> None:
-        self._kept = cache
-        self._last: _Measured | None = None
-
-    def measure(
-        self, loaded: Loaded, plate: VideoReader, video: VideoReader, progress: Progress | None
-    ) -> ClipAnalysis:
-        """Return the analysis of a scene's clip, and keep it. plate: at full size. video: at the scene's own."""
-        analysis = clip_analysis(loaded, video, progress)
-        self.take(loaded, plate, analysis)
-        return analysis
-
-    def take(self, loaded: Loaded, plate: VideoReader, analysis: ClipAnalysis) -> None:
-        """Keep an analysis that was measured of a scene's clip. plate: at full size."""
-        draft = replace(loaded, scene=coarse(loaded.scene))
-        of_clip = _of_clip(plate, loaded), _of_clip(plate, draft)
-        self._last = _Measured(of_clip, (_of_ground(loaded), _of_ground(draft)), analysis)
-
-    def holds(self, loaded: Loaded, plate: VideoReader) -> bool:
-        """Return whether there is an analysis of a scene's clip."""
-        return self._last is not None and _of_clip(plate, loaded) in self._last.of_clip
-
-    def of(self, loaded: Loaded, plate: VideoReader) -> ClipAnalysis:
-        """Return the analysis for frames of a scene; what is not known for its settings are left out."""
-        last = self._last
-        if last is None or not self.holds(loaded, plate):
-            return ClipAnalysis()
-        background = last.analysis.background
-        if background is None or _of_ground(loaded) not in last.of_ground:
-            return replace(last.analysis, background=None)
-        return replace(last.analysis, background=self._kept.of(_reduced, background, loaded.width, loaded.height))
+    draw, caustics, water = scene.draw, scene.caustics, scene.water
+    fewer = {"samples": min(draw.samples, _SAMPLES), "sun_samples": min(draw.sun_samples, _SUN_SAMPLES)}
+    coarser = {
+        "size": min(caustics.size, _CAUSTIC_SIZE),
+        "grid": min(caustics.grid or _CAUSTIC_GRID, _CAUSTIC_GRID),
+        "planes": min(caustics.planes, _PLANES),
+    }
+    shafts: dict[str, int | str] = {
+        "resolution": min(scene.shafts.resolution, _SHAFT_NODES),
+        "slices": min(scene.shafts.slices, _SHAFT_SLICES),
+    }
+    if not (scene.lamps or scene.shafts.on_plate or scene.shafts.strength > 1.0):
+        shafts = {"mode": "off"}
+    drafts = {
+        "shafts": scene.shafts.model_copy(update=shafts),
+        "draw": draw.model_copy(update=fewer),
+        "caustics": caustics.model_copy(update=coarser),
+        "water": water.model_copy(update={"bands": min(water.bands, _BANDS)}),
+    }
+    return scene.model_copy(update=drafts)
 
 
 def _of_clip(plate: VideoReader, loaded: Loaded) -> Hashable:
@@ -108,13 +98,17 @@ class LivePreview:
     A frame depends on its scene, its number and its width alone, never on the frames before it. Files that are changed
     meanwhile are read again. After an error the preview goes on working. It belongs to the thread that made it, as its
     renderer does. backend: "auto", "gl" or "reference"; raises what `make_backend` raises. note: the reason where auto
-    fell back to the reference, else "".
+    fell back to the reference, else "". plates: reads the plates' frames.
     """
 
     def __init__(self, backend: str = "auto") -> None:
         self.backend, self.note = make_backend(backend, Cache(_KINDS))
         self._reads = CachedReads(_KINDS)
-        self._plates, self._analysis = KeptFrames(self._reads), KeptAnalysis(self._reads.cache)
+        self.plates = KeptFrames(self._reads)
+        self._last = ClipAnalysis()  # that was measured
+        # what it depends on, of the scene and of its draft, and what its background depends on besides
+        self._clip_keys: tuple[Hashable, ...] = ()
+        self._ground_keys: tuple[Hashable, ...] = ()
 
     @property
     def made(self) -> Counter[str]:
@@ -132,9 +126,9 @@ class LivePreview:
         with one_blas_thread():
             loaded = self.loaded(scene, width)
             loaded.check(index + 1)
-            plate, analysis = self.plate(scene, index, width), self._analysis.of(loaded, self._plates.reader(scene))
+            plate, analysis = self.plate(scene, index, width), self._analysis_for(loaded, self.plates.reader(scene))
             if analysis.grade is None and loaded.plan.match.runs and loaded.scene.match.open_keys:
-                places = patch_frames(scene.match, self._plates.reader(scene))
+                places = patch_frames(scene.match, self.plates.reader(scene))
                 shown = [self.plate(scene, place, width) for place in places]
                 analysis = replace(analysis, grade=grade_in_frame(loaded, plate, shown, self._reads.cache))
             return composite_frame(loaded, analysis, self.backend, plate, 0.0, cache=self._reads.cache)
@@ -149,48 +143,49 @@ class LivePreview:
         plate, `[camera]`, `[water]` and `[light]` stay as they are; the ground also depends on `[receiver]` and
         `[sea]`. Raises `VideoError`, `SceneError`.
         """
-        reader, loaded = self._plates.reader(scene), self.loaded(scene)
-        return self._analysis.measure(loaded, reader, scaled(reader, scene.plate.scale), progress)
+        video = scaled(self.plates.reader(scene), scene.plate.scale)
+        analysis = clip_analysis(self.loaded(scene), video, progress)
+        self.take_analysis(scene, analysis)
+        return analysis
 
     def take_analysis(self, scene: Scene, analysis: ClipAnalysis) -> None:
         """Use an analysis of a scene's clip that another preview's `measure` returned."""
-        self._analysis.take(self.loaded(scene), self._plates.reader(scene), analysis)
+        plate, loaded = self.plates.reader(scene), self.loaded(scene)
+        draft = replace(loaded, scene=coarse(loaded.scene))
+        self._clip_keys = _of_clip(plate, loaded), _of_clip(plate, draft)
+        self._ground_keys, self._last = (_of_ground(loaded), _of_ground(draft)), analysis
 
     def has_measured(self, scene: Scene, width: int | None = None) -> bool:
         """Return whether frames of a scene use an analysis of its clip that was measured."""
-        return self._analysis.holds(self.loaded(scene, width), self._plates.reader(scene))
+        return _of_clip(self.plates.reader(scene), self.loaded(scene, width)) in self._clip_keys
+
+    def _analysis_for(self, loaded: Loaded, plate: VideoReader) -> ClipAnalysis:
+        """Return the analysis for frames of a scene; what is not known for its settings is left out."""
+        if _of_clip(plate, loaded) not in self._clip_keys:
+            return ClipAnalysis()
+        background = self._last.background
+        if background is None or _of_ground(loaded) not in self._ground_keys:
+            return replace(self._last, background=None)
+        reduced = self._reads.cache.of(_reduced, background, loaded.width, loaded.height)
+        return replace(self._last, background=reduced)
 
     def loaded(self, scene: Scene, width: int | None = None) -> Loaded:
         """Return a scene resolved for frames of a width, as `frame` draws it; raises what loading raises."""
-        reader, size = self._plates.reader(scene), self._plates.size(scene, width)
+        reader, size = self.plates.reader(scene), self.plates.size(scene, width)
         at_size = at_scale(scene, size[0] / reader.width)
         return Loader(*size, clip=not reader.is_still, reads=self._reads).load(at_size)
 
     def plate(self, scene: Scene, index: int, width: int | None = None) -> VideoFrame:
         """Return a frame of a scene's plate, `width` pixels wide; raise `VideoError`."""
-        return self._plates.at(scene, index, self._plates.size(scene, width))
-
-    def soonest(self, scene: Scene, index: int, width: int | None = None) -> int:
-        """Return the frame that stands in for another while that is decoded: its keyframe, or itself where it is near.
-
-        Raises `VideoError`.
-        """
-        return self._plates.soonest(scene, index, self._plates.size(scene, width))
-
-    def thumbnails(self, scene: Scene, count: int, width: int = 160) -> list[VideoFrame]:
-        """Return up to `count` small frames spread over a scene's plate, for a time line; raise `VideoError`.
-
-        They are the keyframes nearest before even steps, which are read without others; each has its own index.
-        """
-        return self._plates.overview(scene, count, width)
+        return self.plates.at(scene, index, width)
 
     def clip(self, scene: Scene) -> PlateClip:
         """Return the length and size of a scene's plate; raise `VideoError`."""
-        return PlateClip.of(self._plates.reader(scene))
+        return PlateClip.of(self.plates.reader(scene))
 
     def close(self) -> None:
         """Let go of everything that is kept, and of open files."""
-        self._plates.close()
+        self.plates.close()
         self._reads.cache.clear()
 
     def __enter__(self) -> Self:

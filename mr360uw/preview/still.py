@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -19,9 +20,9 @@ from mr360uw.scene.model import Scene, files_of
 from mr360uw.sphere import frame_from_direction, yaw_matrix
 from mr360uw.types import Floats
 from mr360uw.video import VideoFrame
-from mr360uw.video.pixels.both_eyes import whole_frame
 from mr360uw.video.pixels.rgb import codes_from_linear
-from mr360uw.video.read.suffixes import PICTURE_SUFFIXES
+from mr360uw.video.read.projection import PICTURE_SUFFIXES
+from mr360uw.video.video_frame import whole_frame
 from mr360uw.video.write.image_writer import write_picture
 
 _MARGIN = 4
@@ -106,24 +107,6 @@ _LATEST_S = 1e6
 """Largest time within a clip [s]: eleven days."""
 
 
-def render_still(
-    scene: Scene,
-    *,
-    frame: int | None = None,
-    time_s: float | None = None,
-    view: Perspective | None = None,
-    backend: str = "auto",
-) -> VideoFrame:
-    """Return one composited frame of a scene's plate, the left eye's with the right one of two, or a view into it.
-
-    frame: its number, 0 by default; or time_s, for the frame that is shown then. The sun and the veil are measured in
-    this frame alone; a composite of the clip takes them from all of it, so that its light may differ a little. Raises
-    what `composite_video` raises.
-    """
-    with LivePreview(backend) as live:
-        return still_of(live, scene, frame=frame, time_s=time_s, view=view)
-
-
 def still_of(
     live: LivePreview,
     scene: Scene,
@@ -132,7 +115,12 @@ def still_of(
     time_s: float | None = None,
     view: Perspective | None = None,
 ) -> VideoFrame:
-    """Return what `render_still` does; what stills of other scenes needed before is not made again."""
+    """Return one composited frame of a scene's plate, the left eye's with the right one of two, or a view into it.
+
+    frame: its number, 0 by default; or time_s, for the frame that is shown then. The sun and the veil are measured in
+    this frame alone; a composite of the clip takes them from all of it, so that its light may differ a little. Raises
+    what `composite_video` raises.
+    """
     if frame is not None and time_s is not None:
         raise ParameterError("frame, time_s - say the same thing (got both) - give one of them")
     index = frame or 0
@@ -144,17 +132,14 @@ def still_of(
     return picture if view is None else _seen(picture, view)
 
 
+Still = Callable[[LivePreview, Scene], VideoFrame]
+"""`still_of` with its frame or time and its view given."""
+
+
 def save_still(
-    path: Path,
-    scene: Scene,
-    *,
-    frame: int | None = None,
-    time_s: float | None = None,
-    view: Perspective | None = None,
-    backend: str = "auto",
-    overwrite: bool = False,
+    path: Path, scene: Scene, still: Still = still_of, *, backend: str = "auto", overwrite: bool = False
 ) -> None:
-    """Write a still (see `render_still`) as a picture, whose kind follows the suffix.
+    """Write a still as a picture, whose kind follows the suffix.
 
     Raises `ParameterError` where the name is no picture's, `OutputExistsError` where it is there, unless `overwrite`,
     and `OutputError`.
@@ -162,8 +147,8 @@ def save_still(
     if path.suffix.lower() not in PICTURE_SUFFIXES:
         raise ParameterError(f"{path} - is no name of a picture (got {path.suffix!r}) - end it in .png, .jpg or .exr")
     check_outputs([path], inputs=files_of(scene), overwrite=overwrite)
-    with files_read() as read:
-        picture = render_still(scene, frame=frame, time_s=time_s, view=view, backend=backend)
+    with files_read() as read, LivePreview(backend) as live:
+        picture = still(live, scene)
     check_outputs([path], inputs=read, overwrite=overwrite)  # textures and the like, which only meshes name
     with open_plate(scene) as plate:
         write_picture(path, whole_frame(picture, plate.stereo))

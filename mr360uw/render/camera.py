@@ -25,7 +25,7 @@ def level_track(scene: Scene) -> LevelTrack | None:
     """Return the tilt of a plate over time, from a GoPro's gravity, keys or fixed angles; None if it is level."""
     camera = scene.camera
     if camera.gravity is not None:
-        from mr360uw.video.metadata.gpmf import gpmf_payloads
+        from mr360uw.video.read.probe import gpmf_payloads
 
         with open_plate(scene) as video:
             rate = float(video.frame_rate)

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Stages of one frame, from the plate to the composite, for videos, stills, library calls and previews alike.
 
-Each stage takes all that it needs. `composite_frame` runs them one after the other; over a clip (`runs.frame_range`)
+Each stage takes all that it needs. `composite_frame` runs them one after the other; over a clip (`runs.job`)
 each of the three runs on a thread of its own, one frame ahead of the next stage.
 """
 

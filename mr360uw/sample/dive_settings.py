@@ -55,15 +55,6 @@ PRESETS: Mapping[str, Mapping[str, Any]] = {
 low sun, and a gale under clouds."""
 
 
-def preset_of(name: str) -> dict[str, Any]:
-    """Return the parameters of a named dive; raise `ParameterError` for other names."""
-    if name not in PRESETS:
-        near = difflib.get_close_matches(name, PRESETS, 1)
-        advice = f"did you mean '{near[0]}'?" if near else f"take one of {', '.join(PRESETS)}"
-        raise ParameterError(f"preset - no such dive (got {name!r:.40}) - {advice}")
-    return dict(PRESETS[name])
-
-
 _ABOVE_FLOOR_M = 3.5
 """Height [m] of the camera above the floor where no depth of the floor is given."""
 _LEAST_ABOVE_M = 0.2
@@ -146,13 +137,13 @@ class DiveSettings(Parameters):
         from mr360uw.scene.problems import problems
 
         given = {name: value for name, value in options.items() if value is not None}
-        lines, base = [], {}
+        lines, named = [], {} if preset is None else PRESETS.get(preset, {})
+        if preset is not None and preset not in PRESETS:
+            near = difflib.get_close_matches(preset, PRESETS, 1)
+            advice = f"did you mean '{near[0]}'?" if near else f"take one of {', '.join(PRESETS)}"
+            lines.append(f"preset - no such dive (got {preset!r:.40}) - {advice}")
         try:
-            base = {} if preset is None else preset_of(preset)
-        except ParameterError as error:
-            lines.append(str(error))
-        try:
-            settings = cls.model_validate(base | given)
+            settings = cls.model_validate({**named, **given})
         except ValidationError as error:
             lines += [line.removeprefix("dive ").lstrip(" -") for line in problems(error, cls, "dive", {})]
         if lines:

@@ -27,7 +27,7 @@ from mr360uw.medium.spectral.sensor import DEFAULT_SENSOR, named_sensor
 from mr360uw.optics import fresnel_from_below, refract_to_water
 from mr360uw.sample.dive_settings import DiveSettings
 from mr360uw.sample.dive_sky import DiveSky, dive_sky
-from mr360uw.sample.sea_bed import BED_TILE_M, SeaBed, sea_bed
+from mr360uw.sample.sea_bed import BED_TILE_M, sea_bed
 from mr360uw.sphere import directions
 from mr360uw.surface.sea_floor import Floor
 from mr360uw.surface.sea_picture import SurfacePicture
@@ -95,7 +95,7 @@ _FAR_M = 1e6
 class Dive:
     """Renders a dive's frames; what does not move is made once.
 
-    sky: sun and dome. bed: relief and albedo of the floor. scene: of all of it, for other cameras. exposure: factor of
+    sky: sun and dome. scene: of all of it, for other cameras. exposure: factor of
     a frame on radiance. level_radiance: (3,) of the water at the horizon at the start, after exposure.
     """
 
@@ -103,12 +103,11 @@ class Dive:
         """Take the size of frames and the number of rays for each pixel and axis."""
         self.settings, self._size, self._samples = settings, (width, height), samples
         self.sky: DiveSky = dive_sky(settings)
-        self.bed: SeaBed = sea_bed(settings)
         medium = Medium(Water.jerlov(settings.water), named_sensor(SENSOR))
-        albedo = self.bed.albedo
-        if np.ptp(self.bed.height_m) > 0.0:
+        height_m, albedo = sea_bed(settings)
+        if np.ptp(height_m) > 0.0:
             level = self._scene(albedo, medium).light_in_water(settings.floor_depth_m)
-            shade = relief_shade(self.bed.height_m, BED_TILE_M, self.sun_in_water, _beam_share(level, settings))
+            shade = relief_shade(height_m, BED_TILE_M, self.sun_in_water, _beam_share(level, settings))
             albedo = np.clip(albedo * shade, 0.0, 1.0)
         self.scene = self._scene(albedo, medium)
         water = self.water.seen_from(settings.depth_m)

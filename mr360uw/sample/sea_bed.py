@@ -5,8 +5,6 @@ repeats.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from mr360uw.sample.dive_settings import DiveSettings
@@ -26,20 +24,11 @@ _ROCK_HEIGHT_M, _GRASS_HEIGHT_M = 0.55, 0.22
 """Height [m] of the largest rocks, and of grass."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class SeaBed:
-    """A tile of sea floor. height_m: (size, size) over the floor's mean. albedo: (size, size, 3). rocks, grass: (size,
-    size) fraction of a pixel under each; column = +x, row = +z.
+def sea_bed(settings: DiveSettings) -> tuple[Floats, Floats]:
+    """Return the tile of a dive's floor, a function of its seed and its parameters of the floor.
+
+    Heights (size, size) [m] over the floor's mean, and albedo (size, size, 3); column = +x, row = +z.
     """
-
-    height_m: Floats
-    albedo: Floats
-    rocks: Floats
-    grass: Floats
-
-
-def sea_bed(settings: DiveSettings) -> SeaBed:
-    """Return the floor of a dive, a function of its seed and its parameters of the floor."""
     sand, dunes = _sand(_Noise(settings.seed, 0), settings.sand_albedo, settings.sand_contrast)
     rocks, boulders, crust = _rocks(_Noise(settings.seed, 1), settings.rocks)
     grass, tufts, blades = _grass(_Noise(settings.seed, 2), settings.grass)
@@ -47,7 +36,7 @@ def sea_bed(settings: DiveSettings) -> SeaBed:
     bare = (1.0 - rocks) * (1.0 - grass)
     height = settings.relief * (dunes * (1.0 - rocks) + boulders + grass * tufts)
     albedo = bare[..., None] * sand + rocks[..., None] * crust + grass[..., None] * blades
-    return SeaBed(height - height.mean(), np.clip(albedo, 0.0, 0.9), rocks, grass)
+    return height - height.mean(), np.clip(albedo, 0.0, 0.9)
 
 
 class _Noise:

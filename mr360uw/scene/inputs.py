@@ -3,15 +3,15 @@
 
 from __future__ import annotations
 
+from mr360uw.color import PlateMapping
 from mr360uw.scene.model import PlateSettings, Scene
 from mr360uw.video import VideoReader, open_video
 from mr360uw.video.eyes_seen import EyesSeen, eyes_seen
 from mr360uw.video.read.picture_shape import Shape, shape_of_codes, way_out
 from mr360uw.video.read.projection import projection_of
-from mr360uw.video.read.scaled import scaled
+from mr360uw.video.read.reader import scaled
 from mr360uw.yuv.cube_lut import CubeLut, clipped_greys
 from mr360uw.yuv.ocio_transform import ocio_mapping
-from mr360uw.yuv.plate_mapping import PlateMapping
 
 
 def open_plate(scene: Scene) -> VideoReader:

@@ -16,7 +16,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, ValidationError, mo
 
 from mr360uw.caustics.sea.gerstner import GerstnerSea
 from mr360uw.caustics.settings import CausticSettings, Sea
-from mr360uw.color import DisplayTransfer, Primaries, Transfer
+from mr360uw.color import DisplayTransfer, Levels, Primaries, Transfer
 from mr360uw.composite.at_surface.settings import SurfaceSettings
 from mr360uw.composite.grading.settings import MatchSettings
 from mr360uw.composite.object_settings import ObjectSettings
@@ -43,7 +43,6 @@ from mr360uw.shapes import file_path
 from mr360uw.video.read.projection import FISHEYE_FOV_DEG, Projection
 from mr360uw.video.settings import EncodeSettings
 from mr360uw.yuv.ocio_transform import OcioSettings
-from mr360uw.yuv.plate_mapping import Levels
 
 
 class PlateSettings(Parameters):

@@ -14,7 +14,6 @@ from __future__ import annotations
 import shutil
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -22,12 +21,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.errors import Mr360uwError
+from mr360uw.progress import Steps
 from mr360uw.sphere import direction_from_frame
 from mr360uw.track.bearings import MINIMUM_MATCHES, Matches
-from mr360uw.track.steps import FEATURES, PAIR, Steps
 from mr360uw.types import Floats
 
 Indices = NDArray[np.uint32]
+_EXTRACTED, _MATCHED = 10, 4
+"""Steps of progress that a key frame's features and a matched pair take, over reading a frame."""
 _STATIC_PX = 1.0
 """Largest motion [px] of a feature that stays where it is. Half: noisy features of a rig remain; double: distant ones
 ahead of the camera are lost."""
@@ -86,14 +87,6 @@ _CHUNK = 16
 """Pictures, or pairs of them, after which a run that is stopped goes on."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Features:
-    """Features of key frames: pixels (n, 2) of each frame, and the matches that agree with two views' geometry."""
-
-    pixel: tuple[Floats, ...]
-    matches: Matches
-
-
 def load_colmap() -> Any:
     """Return pycolmap; raise `Mr360uwError` where it is not installed."""
     try:
@@ -126,15 +119,17 @@ def pairs_to_match(count: int) -> list[tuple[int, int]]:
 
 def match_features(
     paths: tuple[Path, ...], mask: Path, width: int, height: int, folder: Path, steps: Steps, *, riding: bool = False
-) -> Features:
-    """Find and match features of key frames; go on with what a run before left in the folder.
+) -> tuple[tuple[Floats, ...], Matches]:
+    """Return the pixels (n, 2) of each key frame's features, and the matches that agree with two views' geometry.
+
+    It goes on with what a run before left in the folder.
 
     mask: picture that is black where features are left out. folder: for COLMAP's databases. riding: keep features that
     move along with the camera.
     """
     found, verified = folder / "features.db", folder / DATABASE
     pairs = pairs_to_match(len(paths))
-    steps.expect(FEATURES * len(paths) + PAIR * len(pairs))
+    steps.expect(_EXTRACTED * len(paths) + _MATCHED * len(pairs))
     with quiet_colmap() as pycolmap:
         if not verified.exists():
             _extract(pycolmap, paths, mask, (width, height), found, steps)
@@ -146,7 +141,7 @@ def match_features(
         with pycolmap.Database.open(verified) as stored:
             pixel, matched = _read_matches(stored, paths, pairs)
             directions = tuple(direction_from_frame(p[:, 0], p[:, 1], width, height) for p in pixel)
-            return Features(pixel, _verified(stored, paths, matched, directions))
+            return pixel, _verified(stored, paths, matched, directions)
 
 
 def _extract(
@@ -167,7 +162,7 @@ def _extract(
         pycolmap.extract_features(
             database, paths[0].parent, names, pycolmap.CameraMode.SINGLE, reading, options, pycolmap.Device.cpu
         )
-        steps.done(FEATURES * len(names))
+        steps.done(_EXTRACTED * len(names))
 
 
 def _match(pycolmap: Any, paths: tuple[Path, ...], pairs: list[tuple[int, int]], database: Path, steps: Steps) -> None:
@@ -180,7 +175,7 @@ def _match(pycolmap: Any, paths: tuple[Path, ...], pairs: list[tuple[int, int]],
         some = pairs[at : at + _CHUNK]
         _list_pairs(pairing.match_list_path, paths, some)
         pycolmap.match_image_pairs(database, options, pairing, device=pycolmap.Device.cpu)
-        steps.done(PAIR * len(some))
+        steps.done(_MATCHED * len(some))
 
 
 def _list_pairs(listed: Path, paths: tuple[Path, ...], pairs: list[tuple[int, int]]) -> None:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import itertools
 import json
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -18,11 +19,46 @@ from numpy.typing import NDArray
 
 from mr360uw.errors import ParameterError
 from mr360uw.files import write_whole
+from mr360uw.progress import Steps
 from mr360uw.sphere import direction_from_frame
-from mr360uw.track.fixed_pixels import fixed_pixels
-from mr360uw.track.steps import Steps
 from mr360uw.types import Floats
 from mr360uw.video import VideoFrame, VideoReader
+
+_STILL_CODES = 3.0
+"""Standard deviation over time [codes] up to which a pixel stands still: twice a codec's noise."""
+_TEXTURED_CODES = 4.0
+"""Least standard deviation [codes] around a pixel whose standing still means anything."""
+_STILL_OF_TEXTURE = 0.35
+"""Largest standard deviation over time over that around it of a pixel that stands still."""
+_LARGEST_STILL = 0.5
+"""Share of textured pixels that stand still above which nothing is left out: then the whole scene does."""
+_LEAST_KEYS_OF_MASK = 6
+
+
+def fixed_pixels(pictures: Iterable[NDArray[np.uint8]]) -> NDArray[np.bool_]:
+    """Return the pixels that stand still while the rest of pictures (H, W) of one size moves, (H, W): a rig, a hand.
+
+    Nowhere if most of the picture stands still; nothing, (0, 0), for fewer than six pictures.
+    """
+    import cv2
+
+    count, total, squares = 0, np.zeros(()), np.zeros(())
+    for picture in pictures:
+        count, total, squares = count + 1, total + picture, squares + np.square(picture, dtype=np.float64)
+    if count < _LEAST_KEYS_OF_MASK:
+        return np.zeros((0, 0), bool)
+    mean = total / count
+    temporal = np.sqrt(np.maximum(squares / count - mean**2, 0.0))
+    size = (9, 9)
+    around = np.sqrt(np.maximum(cv2.blur(mean**2, size) - cv2.blur(mean, size) ** 2, 0.0))
+    textured = np.maximum(around, temporal) > _TEXTURED_CODES
+    still = textured & (temporal < _STILL_CODES) & (temporal < _STILL_OF_TEXTURE * around)
+    if np.count_nonzero(still) > _LARGEST_STILL * np.count_nonzero(textured):
+        return np.zeros(mean.shape, bool)
+    closed = cv2.morphologyEx(still.astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
+    closed = cv2.morphologyEx(closed, cv2.MORPH_CLOSE, np.ones((15, 15), np.uint8))
+    return np.asarray(cv2.dilate(closed, np.ones((7, 7), np.uint8))).astype(bool)
+
 
 _SIZE = (32, 16)
 _LEAST_CHANGE = 0.3

@@ -1,5 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Poses of a shot: of its key frames by structure from motion or rotations alone, of all frames from these."""
+"""Poses of a shot: of its key frames by structure from motion or rotations alone, of all frames from these.
+
+From the nearest key frame features are followed by pyramidal optical flow (Lucas & Kanade 1981) that starts where the
+interpolated pose predicts them. The pose minimises the distances between observed and predicted unit directions, by
+Gauss-Newton with Cauchy weights, so that features on fish and caustics have little effect.
+"""
 
 from __future__ import annotations
 
@@ -10,16 +15,123 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.errors import ParameterError
-from mr360uw.sphere import direction_from_frame
-from mr360uw.track.bearings import average_rotations, classify
+from mr360uw.progress import Steps
+from mr360uw.sphere import direction_from_frame, frame_from_direction
+from mr360uw.track.bearings import Matches, average_rotations, classify
 from mr360uw.track.camera_track import Kind
-from mr360uw.track.colmap import Features, match_features
+from mr360uw.track.colmap import match_features
 from mr360uw.track.key_frames import KeyFrames, grey_picture
-from mr360uw.track.resection import Landmarks, Pose, follow, resect
-from mr360uw.track.steps import BETWEEN, Steps
-from mr360uw.track.structure import HeldOut, held_out_errors, solve_structure
+from mr360uw.track.structure import held_out_errors, solve_structure
 from mr360uw.types import Floats
 from mr360uw.video import VideoReader
+
+_STEPS = 12
+_WINDOW = 15
+"""Side [px] of the patches that are followed. Half: noise moves them; double: they bend with the panorama."""
+_EDGE_PX = 12
+"""Features this near to the frame's edges are left out, where the patches end."""
+_LARGEST_LATITUDE = np.radians(72.0)
+"""Nearer to the poles [rad] the panorama is stretched by more than 3 and patches change their shape."""
+LEAST_FEATURES = 12
+"""Fewest agreeing features of a pose that is used; a frame with fewer keeps the interpolated one."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Landmarks:
+    """Features of a key frame: pixel (n, 2), and points (n, 3) in the world, or directions if they are far away."""
+
+    pixel: Floats
+    point: Floats
+    far: bool
+
+
+def predicted(landmarks: Landmarks, position: Floats, rotation: Floats) -> Floats:
+    """Return the vectors (n, 3) from a camera to landmarks, in camera axes."""
+    seen: Floats = (landmarks.point if landmarks.far else landmarks.point - position) @ rotation
+    return seen
+
+
+def resect(
+    landmarks: Landmarks, observed: Floats, position: Floats, rotation: Floats, scale_rad: float
+) -> tuple[Floats, Floats, float] | None:
+    """Return position (3,), rotation (3, 3) and median residual [rad] of the camera that sees landmarks in the
+    observed directions (n, 3); None if fewer than 12 agree.
+
+    position, rotation: start. Far landmarks leave the position as it is. scale_rad: residual at which a weight is
+    half.
+    """
+    from scipy.spatial.transform import Rotation
+
+    if len(observed) < LEAST_FEATURES:
+        return None
+    for _ in range(_STEPS):
+        seen = predicted(landmarks, position, rotation)
+        distance = np.maximum(np.linalg.norm(seen, axis=1), 1e-9)
+        direction = seen / distance[:, None]
+        error = observed - direction
+        weight = 1.0 / (1.0 + np.sum(np.square(error), axis=1) / scale_rad**2)
+        turn = _cross_matrix(direction)  # of a small rotation after `rotation`
+        jacobian = turn
+        if not landmarks.far:
+            across = np.eye(3) - direction[:, :, None] * direction[:, None, :]
+            shift = -across @ rotation.T / distance[:, None, None]
+            jacobian = np.concatenate([turn, shift], axis=2)
+        normal = np.einsum("n,nij,nik->jk", weight, jacobian, jacobian)
+        normal[np.diag_indices_from(normal)] *= 1.0 + 1e-9
+        step = np.linalg.lstsq(normal, np.einsum("n,nij,ni->j", weight, jacobian, error), rcond=None)[0]
+        rotation = rotation @ Rotation.from_rotvec(step[:3]).as_matrix()
+        if not landmarks.far:
+            position = position + step[3:]
+        if np.abs(step).max() < 1e-9:
+            break
+    seen = predicted(landmarks, position, rotation)
+    residual = np.linalg.norm(observed - seen / np.linalg.norm(seen, axis=1, keepdims=True), axis=1)
+    agree = residual < 3.0 * scale_rad
+    if np.count_nonzero(agree) < LEAST_FEATURES or not np.all(np.isfinite(position)):
+        return None
+    return position, rotation, float(np.median(residual[agree]))
+
+
+def _cross_matrix(vector: Floats) -> Floats:
+    """Return matrices (n, 3, 3) with M w = v x w."""
+    matrix = np.zeros((len(vector), 3, 3))
+    x, y, z = vector.T
+    matrix[:, 0, 1], matrix[:, 0, 2], matrix[:, 1, 2] = -z, y, -x
+    matrix[:, 1, 0], matrix[:, 2, 0], matrix[:, 2, 1] = z, -y, x
+    return matrix
+
+
+def follow(
+    key: np.ndarray, grey: np.ndarray, landmarks: Landmarks, position: Floats, rotation: Floats
+) -> tuple[Landmarks, Floats]:
+    """Return the landmarks of a key frame that are found in another frame, and their directions (n, 3) there.
+
+    key, grey: both frames (H, W), uint8. position, rotation: pose of the other frame, as interpolated.
+    """
+    import cv2
+
+    height, width = grey.shape
+    x, y = frame_from_direction(predicted(landmarks, position, rotation), width, height)
+    start = np.stack([x, y], axis=1)
+    inside = np.abs(np.pi * (0.5 - y / height)) < _LARGEST_LATITUDE
+    for place in (landmarks.pixel, start):
+        inside &= (place[:, 0] > _EDGE_PX) & (place[:, 0] < width - _EDGE_PX)
+    if not inside.any():
+        return Landmarks(landmarks.pixel[:0], landmarks.point[:0], landmarks.far), np.zeros((0, 3))
+    # OpenCV's coordinates are 0 at the centre of a pixel
+    before = (landmarks.pixel[inside] - 0.5).astype(np.float32)[:, None]
+    guess = (start[inside] - 0.5).astype(np.float32)[:, None].copy()
+    after, found, _ = cv2.calcOpticalFlowPyrLK(
+        key, grey, before, guess, winSize=(_WINDOW, _WINDOW), maxLevel=2, flags=cv2.OPTFLOW_USE_INITIAL_FLOW
+    )
+    good = found.ravel().astype(bool)
+    place = after[good, 0].astype(np.float64) + 0.5
+    kept = Landmarks(landmarks.pixel[inside][good], landmarks.point[inside][good], landmarks.far)
+    return kept, direction_from_frame(place[:, 0], place[:, 1], width, height)
+
+
+BETWEEN = 2
+"""Steps of progress that a frame between key frames takes, over reading a frame."""
 
 
 def solve_between(
@@ -49,10 +161,9 @@ def solve_between(
         if held is None or held[0] != nearest:
             held = nearest, np.asarray(cv2.imread(str(poses.paths[nearest]), cv2.IMREAD_GRAYSCALE), np.uint8)
         marks, seen = follow(held[1], grey_picture(frame), poses.landmarks[nearest], position[n], rotation[n])
-        pose: Pose | None = resect(marks, seen, position[n], rotation[n], pixel_rad)
+        pose = resect(marks, seen, position[n], rotation[n], pixel_rad)
         if pose is not None:
-            position[n], rotation[n] = pose.position, pose.rotation
-            residual[n] = pose.residual_rad / pixel_rad
+            position[n], rotation[n], residual[n] = pose[0], pose[1], pose[2] / pixel_rad
     return position, rotation, residual, np.concatenate(observed)
 
 
@@ -79,7 +190,7 @@ _LEAST_MATCHED = 0.5
 class KeyPoses:
     """Solved key frames: numbers (k,), positions (k, 3), rotations (k, 3, 3), residuals (k,) [px], landmarks of each.
 
-    points (m, 3), error_px (m,): of the scene. held_out: of a camera that moves.
+    points (m, 3), error_px (m,): of the scene. held_out: see `held_out_errors`, of a camera that moves.
     """
 
     kind: Kind
@@ -91,7 +202,7 @@ class KeyPoses:
     landmarks: tuple[Landmarks, ...]
     points: Floats
     error_px: Floats
-    held_out: HeldOut | None
+    held_out: tuple[Floats, Floats] | None
 
 
 def solve_key_frames(
@@ -103,15 +214,15 @@ def solve_key_frames(
     the camera. folder: for files, some of which a run before may have left there. Raises `ParameterError` where the
     pictures do not tell a path.
     """
-    features = _matched(where, keys, left_out, folder, steps, mask_only=mask_only)
-    kind = classify(features.matches, 2.0 * np.pi / keys.width)
-    return _moving(where, keys, folder, steps) if kind == "moving" else _resting(kind, keys, features)
+    pixels, matches = _matched(where, keys, left_out, folder, steps, mask_only=mask_only)
+    kind = classify(matches, 2.0 * np.pi / keys.width)
+    return _moving(where, keys, folder, steps) if kind == "moving" else _resting(kind, keys, pixels, matches)
 
 
 def _matched(
     where: str, keys: KeyFrames, left_out: NDArray[np.bool_] | None, folder: Path, steps: Steps, *, mask_only: bool
-) -> Features:
-    """Return the matched features of key frames; raise `ParameterError` where too few match."""
+) -> tuple[tuple[Floats, ...], Matches]:
+    """Return what `match_features` does; raise `ParameterError` where too few key frames match another."""
     import cv2
 
     mask = keys.fixed.copy() if keys.fixed.size and not mask_only else np.zeros((keys.height, keys.width), bool)
@@ -120,14 +231,14 @@ def _matched(
         mask |= cv2.resize(left_out.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST).astype(bool)
     path = folder / "mask.png"
     cv2.imwrite(str(path), np.where(mask, 0, 255).astype(np.uint8))
-    found = match_features(keys.paths, path, keys.width, keys.height, folder, steps, riding=mask_only)
-    matched = {i for pair in found.matches for i in pair}
+    pixels, matches = match_features(keys.paths, path, keys.width, keys.height, folder, steps, riding=mask_only)
+    matched = {i for pair in matches for i in pair}
     if len(matched) < max(2, _LEAST_MATCHED * len(keys.index)):
         raise ParameterError(
             f"{where} - too few features are seen again (got {len(matched)} of {len(keys.index)} key frames) - give a "
             "clip that shows more of the floor or a reef, or a smaller mask"
         )
-    return found
+    return pixels, matches
 
 
 def _moving(where: str, keys: KeyFrames, folder: Path, steps: Steps) -> KeyPoses:
@@ -151,20 +262,20 @@ def _moving(where: str, keys: KeyFrames, folder: Path, steps: Steps) -> KeyPoses
     )  # fmt: skip
 
 
-def _resting(kind: Kind, keys: KeyFrames, features: Features) -> KeyPoses:
+def _resting(kind: Kind, keys: KeyFrames, pixels: tuple[Floats, ...], matches: Matches) -> KeyPoses:
     """Return the key frames of a camera that stands still or turns on the spot, by rotations alone."""
     count, pixel_rad = len(keys.index), 2.0 * np.pi / keys.width
     rotation: Floats = np.repeat(np.eye(3)[None], count, axis=0)
     if kind == "turning":
-        rotation = average_rotations(count, features.matches, pixel_rad)
+        rotation = average_rotations(count, matches, pixel_rad)
     residual: list[list[float]] = [[] for _ in range(count)]
-    for (i, j), (a, b) in features.matches.items():
+    for (i, j), (a, b) in matches.items():
         chord = np.linalg.norm(a @ rotation[i].T - b @ rotation[j].T, axis=1)
         for k in (i, j):
             residual[k].append(float(np.median(chord)) / pixel_rad)
     landmarks = []
     for k in range(count):
-        every = features.pixel[k][:: max(1, len(features.pixel[k]) // _LANDMARKS)]
+        every = pixels[k][:: max(1, len(pixels[k]) // _LANDMARKS)]
         directions = direction_from_frame(every[:, 0], every[:, 1], keys.width, keys.height)
         landmarks.append(Landmarks(every, directions @ rotation[k].T, far=True))
     medians = np.array([np.median(r) if r else np.nan for r in residual])

@@ -24,48 +24,37 @@ _LEAST_AGREEMENT = 0.9
 _OFFSET_STEP_S = 0.25
 
 
-@dataclass(frozen=True, slots=True)
-class Length:
-    """Length in metres between what two pixels (column, row) of the first frame show, in a frame of `width` columns."""
-
-    first: tuple[float, float]
-    second: tuple[float, float]
-    metres: float
-
-    @classmethod
-    def parse(cls, text: str) -> Length:
-        """Return a length of the form X,Y:X,Y=METRES; raise `ParameterError`."""
-        number = r"\s*(\d+\.?\d*)\s*"
-        match = re.fullmatch(f"{number},{number}:{number},{number}={number}", text)
-        if match is None:
-            raise ParameterError(
-                f"--length - must be two pixels and metres (got {text!r}) - write X,Y:X,Y=METRES, as in "
-                "812,700:990,705=1.5"
-            )
-        x, y, u, v, metres = (float(group) for group in match.groups())
-        if metres <= 0.0:
-            raise ParameterError(f"--length - must be more than 0 (got {metres:g}) - give metres")
-        return cls((x, y), (u, v), metres)
+Length = tuple[tuple[float, float], tuple[float, float], float]
+"""Two pixels (column, row) of the first frame, and the length [m] between what they show."""
 
 
-@dataclass(frozen=True, slots=True)
-class DepthLog:
-    """Log of a dive computer: a CSV file with the columns time_s and depth_m, and the log's time at the clip's start.
-
-    offset_s: None searches for it.
-    """
-
-    path: Path
-    offset_s: float | None = None
+def parse_length(text: str) -> Length:
+    """Return a length of the form X,Y:X,Y=METRES; raise `ParameterError`."""
+    number = r"\s*(\d+\.?\d*)\s*"
+    match = re.fullmatch(f"{number},{number}:{number},{number}={number}", text)
+    if match is None:
+        raise ParameterError(
+            f"--length - must be two pixels and metres (got {text!r}) - write X,Y:X,Y=METRES, as in 812,700:990,705=1.5"
+        )
+    x, y, u, v, metres = (float(group) for group in match.groups())
+    if metres <= 0.0:
+        raise ParameterError(f"--length - must be more than 0 (got {metres:g}) - give metres")
+    return (x, y), (u, v), metres
 
 
 @dataclass(frozen=True, slots=True)
 class Measure:
-    """What tells the scale; nothing, or one of three. height_m: of the camera over the floor at the first frame."""
+    """What tells the scale; nothing, or one of three.
+
+    height_m: of the camera over the floor at the first frame. length: in a frame of `frame_width` columns. depth_log:
+    CSV file of a dive computer with the columns time_s and depth_m; depth_offset_s: its time at the clip's start, None
+    searches for it.
+    """
 
     height_m: float | None = None
     length: Length | None = None
-    depth_log: DepthLog | None = None
+    depth_log: Path | None = None
+    depth_offset_s: float | None = None
     frame_width: int = 0
 
     def __post_init__(self) -> None:
@@ -115,25 +104,25 @@ def read_depth_log(path: Path) -> tuple[Floats, Floats]:
     return times, depths
 
 
-def scale_from_depths(log: DepthLog, time_s: Floats, height: Floats) -> tuple[float, float, float]:
+def scale_from_depths(log: Path, offset_s: float | None, time_s: Floats, height: Floats) -> tuple[float, float, float]:
     """Return metres per unit of a scene, the depth [m] at the first frame, and the log's time [s] at the first frame.
 
-    height (n,): of the camera in the scene, upwards, at times (n,) from the clip's start. Least squares of depth =
-    first depth - scale (height - first height); an unknown start of the clip in the log is that of the best
-    correlation, in steps of a quarter of a second. Raises `ParameterError` where log and path disagree.
+    log, offset_s: see `Measure`. height (n,): of the camera in the scene, upwards, at times (n,) from the clip's start.
+    Least squares of depth = first depth - scale (height - first height); an unknown start of the clip in the log is
+    that of the best correlation, in steps of a quarter of a second. Raises `ParameterError` where both disagree.
     """
-    times, depths = read_depth_log(log.path)
+    times, depths = read_depth_log(log)
     span = float(time_s[-1] - time_s[0])
-    if log.offset_s is None:
+    if offset_s is None:
         starts = np.arange(times[0], max(times[-1] - span, times[0]) + 1e-9, _OFFSET_STEP_S)
     else:
-        starts = np.array([log.offset_s])
+        starts = np.array([offset_s])
     best = max(starts, key=lambda start: _agreement(np.interp(time_s - time_s[0] + start, times, depths), height))
     depth = np.interp(time_s - time_s[0] + best, times, depths)
     agreement = _agreement(depth, height)
     if agreement < _LEAST_AGREEMENT:
         raise ParameterError(
-            f"{log.path} - its depths do not fit the camera's path (correlation {agreement:.2f}, depths change by "
+            f"{log} - its depths do not fit the camera's path (correlation {agreement:.2f}, depths change by "
             f"{np.ptp(depth):.2f} m) - check the clip's start in the log, or give --height"
         )
     a = height - height.mean()
@@ -152,7 +141,8 @@ def looks_of(length: Length, width: int, rotation: Floats) -> Floats:
     """Return the directions (2, 3) in the scene of a length's pixels of a frame of `width` columns."""
     from mr360uw.sphere import direction_from_frame
 
-    x, y = np.array([length.first, length.second]).T
+    first, second, _ = length
+    x, y = np.array([first, second]).T
     if not (np.all(x <= width) and np.all(y <= width / 2)):
-        raise ParameterError(f"--length - a pixel is outside of the frame (got {length.first}, {length.second})")
+        raise ParameterError(f"--length - a pixel is outside of the frame (got {first}, {second})")
     return unit(direction_from_frame(x, y, width, width // 2)) @ rotation.T

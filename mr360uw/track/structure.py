@@ -17,11 +17,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mr360uw.progress import Steps
 from mr360uw.sphere import direction_from_frame
 from mr360uw.track.colmap import DATABASE, SEED, quiet_colmap
-from mr360uw.track.steps import MAPPED, Steps
 from mr360uw.types import Floats
 
+_MAPPED = 6
+"""Steps of progress that a key frame in the map takes, over reading a frame."""
 WIDTH = 2048
 """Width of the panorama [px] whose pixels the error is counted in."""
 _ROUNDS = 4
@@ -30,20 +32,12 @@ _LEAST_OBSERVED = 20
 """Least number of held-out features of a key frame that has a slip; half as many make its noise 1.4 times as large."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class HeldOut:
-    """Held-out errors of key frames (k,), in pixels of a panorama 2048 wide; NaN where too few points are seen.
+def held_out_errors(scene: Solution) -> tuple[Floats, Floats]:
+    """Return the errors of points from half of the key frames in the other half, for each key frame: slip and feature.
 
-    slip_px: length of the median error, as a vector, of the features below the horizon: how far the ground as a whole,
-    and a body on it, is off. feature_px: median length of the errors of single features, which contains their noise.
-    """
-
-    slip_px: Floats
-    feature_px: Floats
-
-
-def held_out_errors(scene: Solution) -> HeldOut:
-    """Return the errors of points from half of the key frames in the other half.
+    Both (k,) are in pixels of a panorama 2048 wide, NaN where too few points are seen. Slip: length of the median
+    error, as a vector, of the features below the horizon: how far the ground as a whole, and a body on it, is off.
+    Feature: median length of the errors of single features, which contains their noise.
 
     Points that at least two even key frames see are triangulated from these alone, and compared with where odd ones
     see them; then the other way round. Errors are in the tangent plane: along the parallel and along the meridian.
@@ -69,7 +63,7 @@ def held_out_errors(scene: Solution) -> HeldOut:
             feature[k] = np.median(np.linalg.norm(error[known], axis=1))
         if np.count_nonzero(ground) >= _LEAST_OBSERVED:
             slip[k] = np.linalg.norm(np.median(error[ground], axis=0))
-    return HeldOut(slip, feature)
+    return slip, feature
 
 
 def _tangent(seen: Floats, towards: Floats) -> Floats:
@@ -143,7 +137,7 @@ def solve_structure(paths: tuple[Path, ...], folder: Path, steps: Steps) -> Solu
     database of matches.
     """
     best: Any = None
-    steps.expect(MAPPED * len(paths))
+    steps.expect(_MAPPED * len(paths))
     with quiet_colmap() as pycolmap:
         for number, start in enumerate(_STARTS):
             into = folder / f"scene{number}"
@@ -151,7 +145,7 @@ def solve_structure(paths: tuple[Path, ...], folder: Path, steps: Steps) -> Solu
             into.mkdir()
             found = pycolmap.incremental_mapping(
                 folder / DATABASE, paths[0].parent, into, _mapping(pycolmap, *start),
-                next_image_callback=lambda: steps.done(MAPPED),
+                next_image_callback=lambda: steps.done(_MAPPED),
             )  # fmt: skip
             for scene in found.values():
                 if best is None or scene.num_reg_images() > best.num_reg_images():

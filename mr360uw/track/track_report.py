@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from mr360uw.track.camera_track import CameraTrack
-from mr360uw.track.floor.floor_mesh import FloorMesh
+from mr360uw.track.floor_mesh import FloorMesh
 from mr360uw.track.structure import WIDTH
 
 _LEVEL_DEG = 1.0
@@ -41,11 +41,6 @@ _FAR = 50.0
 _KINDS = {"still": "stands still", "turning": "turns on the spot", "moving": "moves"}
 
 
-def slip_m(track: CameraTrack) -> float:
-    """Return how far [m] an object 5 m away slips against the picture, by the median residual of the frames."""
-    return _DISTANCE_M * float(np.radians(np.nanmedian(track.residual_deg)))
-
-
 def verdict(track: CameraTrack) -> str:
     """Return one line that says how good a track is."""
     solved = np.isfinite(track.residual_px)
@@ -59,8 +54,9 @@ def verdict(track: CameraTrack) -> str:
         np.linalg.norm(track.points - track.position[0], axis=1)
     ):
         word = "doubtful"  # a path that leaves its own points behind
+    slip_m = _DISTANCE_M * float(np.radians(np.nanmedian(track.residual_deg)))
     return (
-        f"{word}: objects stay in place to {100.0 * slip_m(track):.1f} cm at {_DISTANCE_M:g} m; "
+        f"{word}: objects stay in place to {100.0 * slip_m:.1f} cm at {_DISTANCE_M:g} m; "
         f"{np.count_nonzero(solved)} of {len(solved)} frames solved; residual {residual:.2f} px"
     )
 

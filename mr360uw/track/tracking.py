@@ -17,14 +17,13 @@ from numpy.typing import NDArray
 from mr360uw.errors import ParameterError, VideoError
 from mr360uw.files import write_whole
 from mr360uw.output_gate import check_work_folder, make_work_folder, remove_work_folder
-from mr360uw.progress import Progress
+from mr360uw.progress import Progress, Steps
 from mr360uw.reading.cached_reads import stamp
 from mr360uw.track.camera_track import CameraTrack
 from mr360uw.track.colmap import load_colmap
 from mr360uw.track.key_frames import KeyFrames, key_frames_of_shot, read_key_frames
-from mr360uw.track.key_poses import KeyPoses, solve_between, solve_key_frames
+from mr360uw.track.key_poses import BETWEEN, KeyPoses, solve_between, solve_key_frames
 from mr360uw.track.scale import Measure
-from mr360uw.track.steps import BETWEEN, Steps
 from mr360uw.track.world_axes import World, window_up, world_of
 from mr360uw.types import Floats
 from mr360uw.video import VideoReader, open_video
@@ -173,7 +172,7 @@ def _read_mask(path: Path, clip: VideoReader) -> NDArray[np.bool_]:
 def _gravity_up(video: Path, frame_rate: float, time_s: Floats) -> Floats | None:
     """Return up in the camera's axes (n, 3) of a GoPro's gravity, or None where the clip has no such track."""
     from mr360uw.ibl.level.tilt import level_from_gpmf
-    from mr360uw.video.metadata.gpmf import gpmf_payloads
+    from mr360uw.video.read.probe import gpmf_payloads
 
     try:
         level = level_from_gpmf(gpmf_payloads(video), frame_rate)
@@ -187,7 +186,7 @@ def _in_world(
 ) -> CameraTrack:
     """Return the track of all frames in the world's axes."""
     position, rotation, residual, observed = frames
-    slip, feature = (None, None) if poses.held_out is None else (poses.held_out.slip_px, poses.held_out.feature_px)
+    slip, feature = (None, None) if poses.held_out is None else poses.held_out
     cell = np.floor(np.stack([
         12.0 * (np.arctan2(observed[:, 0], -observed[:, 2]) / (2.0 * np.pi) + 0.5), 6.0 * (0.5 - 0.5 * observed[:, 1])
     ])).astype(int)  # fmt: skip

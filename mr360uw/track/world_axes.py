@@ -67,18 +67,9 @@ _WINDOW_OFF = np.radians(3.0)
 _SEED = 1
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Plane:
-    """Plane normal . x = offset, its share of the points below the camera and their number."""
-
-    normal: Floats
-    offset: float
-    support: float
-    points: int
-
-
-def fit_floor(points: Floats, camera: Floats, up: Floats) -> Plane | None:
-    """Return the plane that most points (n, 3) below a camera (3,) lie on; None where no plane has enough.
+def fit_floor(points: Floats, camera: Floats, up: Floats) -> tuple[Floats, float, float, int] | None:
+    """Return the plane normal . x = offset that most points (n, 3) below a camera (3,) lie on; None where none has
+    enough. With normal (3,) and offset: its share of the points below the camera, and their number.
 
     Planes through three random points are tried (Fischler & Bolles 1981), and the best is fitted to its points. Its
     normal is within 30 degrees of `up` (3,), and it is below the camera.
@@ -116,7 +107,7 @@ def fit_floor(points: Floats, camera: Floats, up: Floats) -> Plane | None:
     support = float(np.mean(inside))
     if np.count_nonzero(inside) < _LEAST_POINTS or support < _LEAST_SUPPORT:
         return None
-    return Plane(n, float(n @ camera) - h, support, int(np.count_nonzero(inside)))
+    return n, float(n @ camera) - h, support, int(np.count_nonzero(inside))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -177,18 +168,19 @@ def world_of(
     if gravity_up is None and window is not None and _angle(window, up) > _WINDOW_OFF:
         words = f"the window of light overhead, {np.degrees(_angle(window, up)):.1f} degrees off the frames' own up"
         up = window
-    elif gravity_up is None and rolls and plane is not None and plane.support >= _LEVEL_SUPPORT:
-        slope = _angle(plane.normal, up)
+    elif gravity_up is None and rolls and plane is not None and plane[2] >= _LEVEL_SUPPORT:
+        slope = _angle(plane[0], up)
         if slope <= _LEVEL_SLOPE:
-            up, words = plane.normal, f"the floor's normal, {np.degrees(slope):.1f} degrees off the frames' own up"
+            up, words = plane[0], f"the floor's normal, {np.degrees(slope):.1f} degrees off the frames' own up"
     turned = rotation_to_world(up, rotation[0])
     height = None  # along up from the first camera to the plane
     if plane is not None:
-        height = (float(plane.normal @ position[0]) - plane.offset) / float(plane.normal @ up)
+        normal, offset, support, count = plane
+        height = (float(normal @ position[0]) - offset) / float(normal @ up)
     scale, sentence, depth = _scale(position, rotation, points, up, height, measure, time_s)
     floor = None
-    if plane is not None and height is not None:
-        floor = FittedFloor(-scale * height, float(np.degrees(_angle(plane.normal, up))), plane.support, plane.points)
+    if height is not None:
+        floor = FittedFloor(-scale * height, float(np.degrees(_angle(normal, up))), support, count)
     return World(position[0], turned, scale, words, sentence, floor, depth)
 
 
@@ -208,11 +200,13 @@ def _scale(
         return 1.0, "none is needed: the camera stays where it is", None
     if measure.length is not None:
         looks = looks_of(measure.length, measure.frame_width, rotation[0])
-        scale = scale_from_length(points, position[0], looks, measure.length.metres)
-        return scale, f"the two pixels of --length are {measure.length.metres:g} m apart, as given", None
+        scale = scale_from_length(points, position[0], looks, measure.length[2])
+        return scale, f"the two pixels of --length are {measure.length[2]:g} m apart, as given", None
     if measure.depth_log is not None and time_s is not None:
-        scale, depth, start = scale_from_depths(measure.depth_log, time_s, (position - position[0]) @ up)
-        found = "as given" if measure.depth_log.offset_s is not None else "as found"
+        scale, depth, start = scale_from_depths(
+            measure.depth_log, measure.depth_offset_s, time_s, (position - position[0]) @ up
+        )
+        found = "as given" if measure.depth_offset_s is not None else "as found"
         return scale, f"the depth log; the shot starts at {start:.2f} s of it, {found}", depth
     if height is not None:
         wanted = GUESSED_HEIGHT_M if measure.height_m is None else measure.height_m

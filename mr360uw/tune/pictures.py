@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Pictures of a scene that changes, made by one thread: always of the newest state that was asked for.
+"""Pictures of a scene that changes, made by one thread with a live preview: always of the newest state asked for.
 
 First a draft, then the picture at full size: at once, or within a drag when nothing was asked for a moment.
 """
@@ -11,11 +11,108 @@ import time
 from collections import OrderedDict, deque
 from collections.abc import Callable
 from concurrent.futures import Future
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
+import numpy as np
+
 from mr360uw.errors import Mr360uwError
-from mr360uw.tune.page_renderer import MadePicture, Renderer, Wanted
+from mr360uw.preview.live import COARSE_WIDTH, LivePreview
+from mr360uw.preview.thumbnail import encoded
+from mr360uw.scene.model import Scene
+from mr360uw.tune.shown_frame import ShownFrame
+from mr360uw.tune.views import CHARTS, VIEWS
+from mr360uw.video.write.image_writer import picture_codes
+
+
+@dataclass(frozen=True, slots=True)
+class Wanted:
+    """A picture to be made.
+
+    revision: of the document whose scene it is. index: of the frame. view: a key of `views.VIEWS`. dark: its charts.
+    width: [pixels] of the full picture. full: whether to make that once nothing else is asked for.
+    """
+
+    scene: Scene
+    revision: int
+    index: int
+    view: str
+    width: int
+    full: bool = True
+    dark: bool = True
+
+    @property
+    def draft_width(self) -> int:
+        """Width [pixels] of a draft."""
+        return min(self.width // 2, COARSE_WIDTH)
+
+
+@dataclass(frozen=True, slots=True)
+class MadePicture:
+    """A picture that was made, as JPEG, with its size [pixels]; or, where none could be made, the problems.
+
+    panorama: whether it is equirectangular. measured: whether its light is that of a clip that was measured. number: by
+    which browsers fetch it. seconds: it took. stand_in: whether it is a draft of the nearest keyframe.
+    """
+
+    wanted: Wanted
+    width: int = 0
+    height: int = 0
+    data: bytes = b""
+    panorama: bool = True
+    measured: bool = False
+    number: int = 0
+    draft: bool = False
+    stand_in: bool = False
+    seconds: float = 0.0
+    problems: tuple[str, ...] = ()
+
+
+_SHORT = 300
+"""Frames of clips that are decoded whole for thumbnails where they have few keyframes; longer ones have more."""
+_THUMBNAIL_WIDTH = 160
+
+
+class PageRenderer:
+    """A live preview and its pictures, for the thread that made it. backend: "auto", "gl" or "reference"."""
+
+    def __init__(self, backend: str = "auto") -> None:
+        self.preview = LivePreview(backend)
+
+    def picture(self, wanted: Wanted, width: int) -> MadePicture:
+        """Return a picture of about a width, without its number and kind; raises what `LivePreview.frame` raises."""
+        preview = self.preview
+        scene = preview.coarse(wanted.scene) if width <= COARSE_WIDTH and width < wanted.width else wanted.scene
+        frame = preview.frame(scene, wanted.index, width)
+        loaded = preview.loaded(scene, width).at(frame.plate.time_s)
+        shown = ShownFrame(frame, loaded, preview.backend, preview.clip(wanted.scene).duration_s or 0.0, wanted.dark)
+        codes = VIEWS[wanted.view](shown)
+        size, measured = (codes.shape[1], codes.shape[0]), preview.has_measured(scene, width)
+        return MadePicture(wanted, *size, encoded(codes, ".jpg"), wanted.view not in CHARTS, measured)
+
+    def stand_in(self, wanted: Wanted) -> int:
+        """Return the frame to show while the one that is wanted is decoded, or that one."""
+        try:
+            return self.preview.plates.soonest(wanted.scene, wanted.index, wanted.draft_width)
+        except (Mr360uwError, OSError):  # the picture says it
+            return wanted.index
+
+    def plate(self, scene: Scene, index: int, width: int) -> bytes:
+        """Return a frame of a scene's plate as JPEG; raise `VideoError`."""
+        return encoded(picture_codes(self.preview.plate(scene, index, width), deep=False), ".jpg")
+
+    def thumbnails(self, scene: Scene, count: int) -> list[tuple[int, bytes]]:
+        """Return (frame, JPEG) of up to `count` small frames of a scene's plate; raise `VideoError`."""
+        made, clip = self.preview.plates.overview(scene, count, _THUMBNAIL_WIDTH), self.preview.clip(scene)
+        if len(made) < count and (clip.frame_count or 1) <= _SHORT:
+            frames = np.unique(np.linspace(0, (clip.frame_count or 1) - 1, count).astype(int)).tolist()
+            made = [self.preview.plate(scene, frame, _THUMBNAIL_WIDTH) for frame in frames]
+        return [(frame.index, encoded(picture_codes(frame, deep=False), ".jpg")) for frame in made]
+
+    def close(self) -> None:
+        """Let go of everything."""
+        self.preview.close()
+
 
 REST_S = 0.15
 """Rest [s] before the full picture within a drag. Twice as long, it comes visibly late; at half of it slow drags start
@@ -31,7 +128,7 @@ T = TypeVar("T")
 class Pictures:
     """The thread that makes pictures. make: called in it for the renderer. publish: called in it with each picture."""
 
-    def __init__(self, make: Callable[[], Renderer], publish: Callable[[MadePicture], None]) -> None:
+    def __init__(self, make: Callable[[], PageRenderer], publish: Callable[[MadePicture], None]) -> None:
         self._make, self._publish = make, publish
         self._changed = threading.Condition()
         self._wanted: Wanted | None = None
@@ -94,7 +191,7 @@ class Pictures:
         self._thread.join(timeout=30.0)
 
     def _run(self) -> None:
-        renderer: Renderer | None = None
+        renderer: PageRenderer | None = None
         while True:
             with self._changed:
                 while self._wanted is None and not self._urgent and not self._jobs and not self._closed:
@@ -123,20 +220,20 @@ class Pictures:
         if renderer is not None:
             renderer.close()
 
-    def _serve(self, renderer: Renderer, wanted: Wanted) -> None:
+    def _serve(self, renderer: PageRenderer, wanted: Wanted) -> None:
         """Make the draft and, at rest, the full picture, unless another is asked for meanwhile."""
         quick = wanted.full and self._full_s <= (2.0 if self._settled else 1.0) * _QUICK_S
         if quick or (self._draft(renderer, wanted) and wanted.full and not self._rest(renderer)):
             self._one(renderer, wanted, draft=False)
 
-    def _draft(self, renderer: Renderer, wanted: Wanted) -> bool:
+    def _draft(self, renderer: PageRenderer, wanted: Wanted) -> bool:
         """Make the draft, after one of the nearest keyframe where that comes sooner; return whether it was made."""
         index = renderer.stand_in(wanted)
         if index != wanted.index and (not self._one(renderer, wanted, draft=True, index=index) or self._wanted):
             return False
         return self._one(renderer, wanted, draft=True)
 
-    def _rest(self, renderer: Renderer) -> bool:
+    def _rest(self, renderer: PageRenderer) -> bool:
         """Wait until nothing moves, and do what is urgent; return whether another picture is asked for by then."""
         while True:
             with self._changed:
@@ -148,7 +245,7 @@ class Pictures:
                 job = self._urgent.popleft()
             _run_job(job, renderer)
 
-    def _one(self, renderer: Renderer, wanted: Wanted, *, draft: bool, index: int | None = None) -> bool:
+    def _one(self, renderer: PageRenderer, wanted: Wanted, *, draft: bool, index: int | None = None) -> bool:
         """Make and publish one picture; return whether it could be made. index: of a frame that stands in."""
         start, shown = time.perf_counter(), wanted if index is None else replace(wanted, index=index)
         try:
@@ -158,10 +255,7 @@ class Pictures:
             return False
         seconds = time.perf_counter() - start
         self._full_s = self._full_s if draft else seconds
-        made = MadePicture(
-            0, wanted, drawn.width, drawn.height, draft, seconds, drawn.data, (), drawn.panorama,
-            stand_in=index is not None, measured=drawn.measured,
-        )  # fmt: skip
+        made = replace(drawn, wanted=wanted, draft=draft, stand_in=index is not None, seconds=seconds)
         self._publish(self._numbered(made))
         return True
 
@@ -178,10 +272,10 @@ class Pictures:
 
 def _failed(wanted: Wanted, error: Exception) -> MadePicture:
     lines = getattr(error, "problems", None) or (str(error) or type(error).__name__,)
-    return MadePicture(0, wanted, 0, 0, False, 0.0, b"", tuple(lines))
+    return MadePicture(wanted, problems=tuple(lines))
 
 
-def _run_job(job: tuple[Callable[[Any], Any], Future[Any]], renderer: Renderer) -> None:
+def _run_job(job: tuple[Callable[[Any], Any], Future[Any]], renderer: PageRenderer) -> None:
     work, future = job
     if not future.set_running_or_notify_cancel():
         return

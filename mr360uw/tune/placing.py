@@ -39,14 +39,6 @@ class Point:
         return direction_from_angles(self.longitude, self.latitude)
 
 
-@dataclass(frozen=True, slots=True)
-class Shown:
-    """A position as a camera sees it: the point of the picture, and the distance [m] along the ray."""
-
-    point: Point
-    distance_m: float
-
-
 def pixel_of_point(point: Point, width: int, height: int) -> tuple[float, float]:
     """Return the continuous coordinates (x, y) of a point in an equirectangular picture."""
     x, y = frame_from_direction(point.direction, width, height)
@@ -70,13 +62,14 @@ def swim_to(camera: View, point: Point, position: Floats) -> Floats:
     return at_distance(camera, point, float(np.linalg.norm(position - camera.position)))
 
 
-def shown_at(camera: View, position: Floats) -> Shown:
-    """Return the point that shows a position in the world; raise `ParameterError` at the camera itself."""
+def shown_at(camera: View, position: Floats) -> tuple[Point, float]:
+    """Return the point that shows a position of the world, its distance [m]; `ParameterError` at the camera itself."""
     away = np.asarray(position, np.float64) - camera.position
     distance = float(np.linalg.norm(away))
     if not distance > 0.0:
         raise ParameterError(f"position - is the camera's own (got {np.round(position, 3).tolist()}) - move it away")
-    return Shown(_point(camera.world_from_camera.T @ away), distance)
+    d = unit(camera.world_from_camera.T @ away)
+    return Point(float(np.arctan2(d[0], -d[2])), float(np.arctan2(d[1], np.hypot(d[0], d[2])))), distance
 
 
 def in_camera(camera: View, position: Floats) -> Floats:
@@ -196,8 +189,3 @@ def _angle(one: Point, other: Point) -> float:
     """Return the angle [rad] between two points, exact for small ones too."""
     a, b = one.direction, other.direction
     return float(np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b))
-
-
-def _point(direction: Floats) -> Point:
-    d = unit(direction)
-    return Point(float(np.arctan2(d[0], -d[2])), float(np.arctan2(d[1], np.hypot(d[0], d[2]))))

@@ -14,7 +14,6 @@ from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
 from urllib.parse import urlencode
 
 import uvicorn
@@ -24,13 +23,12 @@ from nicegui import ui
 
 from mr360uw.errors import ParameterError
 from mr360uw.files import write_whole
-from mr360uw.preview.cached_frames import clip_of
+from mr360uw.preview.cached_frames import PlateClip, clip_of
 from mr360uw.threads import one_blas_thread
 from mr360uw.tune.editing.document import Document
 from mr360uw.tune.guard import Guard
 from mr360uw.tune.page import build_page
-from mr360uw.tune.page_renderer import MadePicture, Renderer
-from mr360uw.tune.pictures import Pictures
+from mr360uw.tune.pictures import MadePicture, PageRenderer, Pictures
 from mr360uw.tune.session import Session
 
 PORT = 8360
@@ -119,7 +117,7 @@ def _listen(host: str, port: int | None) -> socket.socket:
     raise AssertionError
 
 
-def _application(document: Document, clip: Any, backend: str, ready: Callable[[], None]) -> FastAPI:
+def _application(document: Document, clip: PlateClip, backend: str, ready: Callable[[], None]) -> FastAPI:
     """Return the application of a document's page. ready: called once it answers."""
     held: list[Session] = []
 
@@ -130,7 +128,7 @@ def _application(document: Document, clip: Any, backend: str, ready: Callable[[]
         def publish(picture: MadePicture) -> None:
             loop.call_soon_threadsafe(lambda: held[0].take(picture))
 
-        pictures = Pictures(lambda: _renderer(backend), publish)
+        pictures = Pictures(lambda: PageRenderer(backend), publish)
         held.append(Session(document, pictures, clip, _WIDTH, backend))
         watch = loop.create_task(_watch(document))
         loop.call_soon(ready)
@@ -175,12 +173,6 @@ def _application(document: Document, clip: Any, backend: str, ready: Callable[[]
         show_welcome_message=False, reconnect_timeout=10.0, binding_refresh_interval=None,
     )  # fmt: skip
     return app
-
-
-def _renderer(backend: str) -> Renderer:
-    from mr360uw.tune.page_renderer import PageRenderer
-
-    return PageRenderer(backend)
 
 
 async def _watch(document: Document) -> None:

@@ -1,41 +1,91 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The state that all tabs of a tuning page share: document, time, view, newest picture."""
+"""The state that all tabs of a tuning page share: document, time, view, newest picture, and the run beside the page."""
 
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
-from functools import partial
+import re
+import signal
+import sys
+import time
+from collections import deque
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, Literal, Protocol
+from typing import Any, Literal
 
 from mr360uw.errors import Mr360uwError, ParameterError
+from mr360uw.preview.cached_frames import PlateClip
+from mr360uw.preview.live import LivePreview
 from mr360uw.progress import Progress
-from mr360uw.runs.composite_run import CompositeRun
 from mr360uw.scene.model import Scene
 from mr360uw.tune.editing.document import Document, observed
-from mr360uw.tune.page_renderer import VIEW_NAMES, MadePicture, Wanted
-from mr360uw.tune.pictures import Pictures
+from mr360uw.tune.pictures import MadePicture, Pictures, Wanted
+from mr360uw.tune.views import VIEW_NAMES
+
+State = Literal["running", "done", "failed", "cancelled"]
+_MESSAGE_LINES = 40
+"""Last lines of a run's output that are kept for its message."""
+
+
+class CompositeRun:
+    """One run; `state` is "running" until it ends. changed: called after every change.
+
+    done, total: frames. seconds_left: None before the first frame. message: what the command printed at its end.
+    """
+
+    def __init__(self, out: Path, changed: Callable[[], None]) -> None:
+        self.out, self._changed = out, changed
+        self.state: State = "running"
+        self.done, self.total = 0, 0
+        self.seconds_left: float | None = None
+        self.message = ""
+        self._process: asyncio.subprocess.Process | None = None
+        self._cancelled = False
+        self._first: tuple[int, float] | None = None
+
+    async def run(self, scene: Path, options: Sequence[str] = ()) -> None:
+        """Run the command on a scene file to its end; a run that was stopped goes on, as the command does."""
+        command = ["composite", str(scene), str(self.out), "--progress-lines", *options]
+        self._process = await asyncio.create_subprocess_exec(
+            sys.executable, "-m", "mr360uw", *command, stdin=asyncio.subprocess.DEVNULL,
+            stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.STDOUT, start_new_session=True,
+        )  # fmt: skip
+        assert self._process.stdout is not None
+        said: deque[str] = deque(maxlen=_MESSAGE_LINES)
+        async for data in self._process.stdout:
+            line = data.decode(errors="replace").rstrip()
+            counted = re.fullmatch(r"frame (\d+) of (\d+|unknown)", line)
+            if counted is None:
+                said.append(line)
+            else:
+                self._count(int(counted[1]), 0 if counted[2] == "unknown" else int(counted[2]))
+        code = await self._process.wait()
+        self.message = "\n".join(said)
+        self.state = "done" if code == 0 else "cancelled" if self._cancelled else "failed"
+        self._changed()
+
+    def cancel(self) -> None:
+        """End the run as Ctrl+C does: its finished parts stay, the next run to the same output goes on from them."""
+        if self._process is not None and self._process.returncode is None:
+            self._cancelled = True
+            if sys.platform == "win32":
+                self._process.terminate()
+            else:
+                self._process.send_signal(signal.SIGINT)
+
+    def _count(self, done: int, total: int) -> None:
+        now = time.monotonic()
+        if self._first is None or done < self._first[0] or total != self.total:  # a first pass counts its own frames
+            self._first = (done, now)
+        self.done, self.total = done, total
+        start, began = self._first
+        self.seconds_left = (now - began) / (done - start) * (total - done) if done > start and total else None
+        self._changed()
+
 
 Event = Literal["document", "picture", "time", "run", "thumbnails"]
 THUMBNAILS = 12
 """Pictures on the time line: as many as are 100 pixels wide on a small screen."""
-
-
-class PlateLength(Protocol):
-    """Length of a plate; a still has no frame count."""
-
-    @property
-    def frame_count(self) -> int | None:
-        """Number of frames."""
-
-    @property
-    def frame_rate(self) -> Any:
-        """Frames a second."""
-
-    @property
-    def width(self) -> int:
-        """Of a frame [pixels]."""
 
 
 class Session:
@@ -49,7 +99,7 @@ class Session:
     """
 
     def __init__(
-        self, document: Document, pictures: Pictures, clip: PlateLength, width: int, backend: str = "auto"
+        self, document: Document, pictures: Pictures, clip: PlateClip, width: int, backend: str = "auto"
     ) -> None:
         self.document, self.pictures, self.clip = document, pictures, clip
         self.width, self.backend = min(width, clip.width), backend
@@ -147,7 +197,8 @@ class Session:
         """
         scene = self.document.scene
         analysis = await asyncio.to_thread(_measured, scene, progress)
-        await asyncio.wrap_future(self.pictures.ask(partial(_take_analysis, scene, analysis), urgent=True))
+        job = self.pictures.ask(lambda renderer: renderer.preview.take_analysis(scene, analysis), urgent=True)
+        await asyncio.wrap_future(job)
         self.show()
 
     async def make_thumbnails(self) -> None:
@@ -187,11 +238,5 @@ class Session:
 
 
 def _measured(scene: Scene, progress: Progress) -> Any:
-    from mr360uw.preview.live import LivePreview
-
     with LivePreview("reference") as own:  # which draws nothing; the one that draws belongs to its thread
         return own.measure(scene, progress)
-
-
-def _take_analysis(scene: Scene, analysis: Any, renderer: Any) -> None:
-    renderer.take_analysis(scene, analysis)

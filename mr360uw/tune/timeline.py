@@ -7,56 +7,13 @@ a value goes between keys is Python's to say: the curve that is drawn is made of
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Mapping
 from typing import Any, Literal
 
 from nicegui.element import Element
 from nicegui.events import GenericEventArguments
 
 Interpolation = Literal["linear", "smooth", "hold"]
-
-
-@dataclass(frozen=True, slots=True)
-class Thumbnail:
-    """A small picture of a frame, at a URL of this server."""
-
-    frame: int
-    url: str
-
-
-@dataclass(frozen=True, slots=True)
-class ParameterKeys:
-    """The keys of one parameter. keys: (time [s], value), ascending. low, high: of its range, None where it has none.
-
-    samples: (time [s], value) of the curve, ascending and dense enough to be joined by straight lines.
-    """
-
-    label: str
-    unit: str
-    keys: tuple[tuple[float, float], ...]
-    samples: tuple[tuple[float, float], ...]
-    interpolation: Interpolation = "linear"
-    low: float | None = None
-    high: float | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class Seek:
-    """The play head is at a frame. scrubbing: it is on its way, dragged or playing, and a draft will do."""
-
-    frame: int
-    time_s: float
-    scrubbing: bool
-
-
-@dataclass(frozen=True, slots=True)
-class KeyEdit:
-    """Keys as they are after an edit: (time [s], value), ascending, each at a frame of its own. done: not mid-drag."""
-
-    keys: tuple[tuple[float, float], ...]
-    interpolation: Interpolation
-    done: bool
 
 
 class Timeline(Element, component="timeline.js", esm={"mr360uw-tune": "js"}):
@@ -80,25 +37,27 @@ class Timeline(Element, component="timeline.js", esm={"mr360uw-tune": "js"}):
         """Set the in and the out point, frames start:stop, without an event."""
         self._set("range", {"start": start, "stop": stop})
 
-    def set_thumbnails(self, thumbnails: Sequence[Thumbnail]) -> None:
-        """Set the pictures of the strip, any number of them; each fills the strip up to half way to its neighbours."""
-        self._props["thumbnails"] = [asdict(one) for one in thumbnails]
+    def set_thumbnails(self, urls: Mapping[int, str]) -> None:
+        """Set the pictures of the strip, URLs of this server by frame; each fills it half way to its neighbours."""
+        self._props["thumbnails"] = [{"frame": frame, "url": url} for frame, url in urls.items()]
         self.update()
 
-    def set_curve(self, curve: ParameterKeys | None) -> None:
-        """Show the keys of a parameter below the strip; None: none."""
-        self._set("curve", None if curve is None else asdict(curve))
+    def set_curve(self, curve: dict[str, Any] | None) -> None:
+        """Show the keys of a parameter below the strip; None: none.
+
+        curve: label, unit, keys: (time [s], value), ascending; interpolation; low, high: of the parameter's range, None
+        where it has none; samples: (time [s], value), ascending and dense enough to be joined by straight lines.
+        """
+        self._set("curve", curve)
 
     # --- events
 
-    def on_seek(self, handler: Callable[[Seek], Any]) -> None:
-        """Call a handler when the play head moves, at most 17 times a second and where it comes to rest."""
+    def on_seek(self, handler: Callable[[int, bool], Any]) -> None:
+        """Call a handler when the play head moves, at most 17 times a second and where it comes to rest.
 
-        def told(event: GenericEventArguments) -> Any:
-            a = event.args
-            return handler(Seek(a["frame"], a["time_s"], a["scrubbing"]))
-
-        self.on("seek", told)
+        It gets the frame, and whether the head is on its way, dragged or playing, so that a draft will do.
+        """
+        self.on("seek", lambda event: handler(event.args["frame"], event.args["scrubbing"]))
 
     def on_play(self, handler: Callable[[bool], Any]) -> None:
         """Call a handler when playing begins (True) and ends; the element itself moves the head in real time."""
@@ -108,12 +67,16 @@ class Timeline(Element, component="timeline.js", esm={"mr360uw-tune": "js"}):
         """Call a handler with the new range, frames start:stop."""
         self.on("range", lambda event: handler(event.args["start"], event.args["stop"]))
 
-    def on_keys(self, handler: Callable[[KeyEdit], Any]) -> None:
-        """Call a handler when keys are changed; it answers by `set_curve`, until then the curve is shown as old."""
+    def on_keys(self, handler: Callable[[list[tuple[float, float]], Interpolation, bool], Any]) -> None:
+        """Call a handler when keys are changed; it answers by `set_curve`, until then the curve is shown as old.
+
+        It gets the keys as they are then, (time [s], value), ascending, each at a frame of its own, their
+        interpolation, and whether the edit is done: not mid-drag.
+        """
 
         def told(event: GenericEventArguments) -> Any:
-            keys = tuple((float(t), float(v)) for t, v in event.args["keys"])
-            return handler(KeyEdit(keys, event.args["interpolation"], event.args["done"]))
+            keys = [(float(t), float(v)) for t, v in event.args["keys"]]
+            return handler(keys, event.args["interpolation"], event.args["done"])
 
         self.on("keys", told)
 

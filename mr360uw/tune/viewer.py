@@ -14,8 +14,8 @@ from typing import Any, Literal
 from nicegui.element import Element
 from nicegui.events import GenericEventArguments
 
-from mr360uw.tune.marks import Handle, Marker
 from mr360uw.tune.placing import Point
+from mr360uw.tune.situation import Handle, Marker
 
 Phase = Literal["start", "move", "end", "cancel"]
 Compare = Literal["none", "wipe", "side"]
@@ -24,30 +24,11 @@ SNAPSHOT = "snapshot"
 
 
 @dataclass(frozen=True, slots=True)
-class Keys:
-    """The modifier keys that were held."""
-
-    shift: bool = False
-    ctrl: bool = False
-    alt: bool = False
-    meta: bool = False
-
-
-@dataclass(frozen=True, slots=True)
-class Pick:
-    """A click on the picture. u, v: fractions of it from the top left. point: None in a picture that is no panorama."""
-
-    u: float
-    v: float
-    point: Point | None
-    keys: Keys
-
-
-@dataclass(frozen=True, slots=True)
 class Drag:
     """A drag of a handle, or an arrow key on it: from `start` to `point`. name: of the marker.
 
     phase: "start", then any number of "move" (at most 25 a second), then "end", or "cancel" where nothing is to change.
+    shift: whether that key is held.
     """
 
     phase: Phase
@@ -55,7 +36,7 @@ class Drag:
     name: str
     start: Point
     point: Point
-    keys: Keys
+    shift: bool
 
 
 class Viewer(Element, component="viewer.js", esm={"mr360uw-tune": "js"}):
@@ -107,10 +88,6 @@ class Viewer(Element, component="viewer.js", esm={"mr360uw-tune": "js"}):
         self._props["other"] = {"url": url, "serial": self._others, "name": name}
         self.update()
 
-    def snapshot(self, name: str = "snapshot") -> None:
-        """Keep the picture that is shown as the second one."""
-        self.run_method("snapshot", name)
-
     def set_compare(self, compare: Compare) -> None:
         """Show the picture alone, with a draggable divider to the second one, or both beside each other."""
         self._props["compare"] = compare
@@ -136,13 +113,12 @@ class Viewer(Element, component="viewer.js", esm={"mr360uw-tune": "js"}):
 
     # --- events
 
-    def on_pick(self, handler: Callable[[Pick], Any]) -> None:
-        """Call a handler for each click on the picture that is no drag, and for Enter (the middle of the view)."""
+    def on_pick(self, handler: Callable[[Point], Any]) -> None:
+        """Call a handler for each click on a panorama that is no drag, and for Enter (the middle of the view)."""
 
         def told(event: GenericEventArguments) -> Any:
             a = event.args
-            point = Point(a["longitude"], a["latitude"]) if a.get("longitude") is not None else None
-            return handler(Pick(a["u"], a["v"], point, _keys(a)))
+            return None if a.get("longitude") is None else handler(Point(a["longitude"], a["latitude"]))
 
         self.on("pick", told)
 
@@ -153,7 +129,7 @@ class Viewer(Element, component="viewer.js", esm={"mr360uw-tune": "js"}):
             a, start = event.args, event.args["start"]
             began = Point(start["longitude"], start["latitude"])
             here = Point(a["longitude"], a["latitude"])
-            return handler(Drag(a["phase"], a["handle"], a["name"], began, here, _keys(a)))
+            return handler(Drag(a["phase"], a["handle"], a["name"], began, here, a["shift"]))
 
         self.on("drag", told)
 
@@ -167,7 +143,3 @@ class Viewer(Element, component="viewer.js", esm={"mr360uw-tune": "js"}):
         The name is `SNAPSHOT` where the second picture is one that was kept in the viewer alone.
         """
         self.on("compare", lambda event: handler(event.args["compare"], event.args["second"]))
-
-
-def _keys(told: dict[str, Any]) -> Keys:
-    return Keys(told["shift"], told["ctrl"], told["alt"], told["meta"])

@@ -8,7 +8,6 @@ the caustics, a tile of the sea, a plan of the scene from above.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -19,15 +18,13 @@ from mr360uw.composite.receiver.shape import ReceiverShape
 from mr360uw.ibl.report import marked
 from mr360uw.medium.small_angles import spread_of
 from mr360uw.tune.drawing import Codes, false_colour, label, legend, message, scale_bar
-from mr360uw.tune.marks import markers
 from mr360uw.tune.placing import Point, pixel_of_point
 from mr360uw.tune.plan_chart import plan_chart
 from mr360uw.tune.shown_frame import ShownFrame
+from mr360uw.tune.situation import markers
 from mr360uw.types import Floats
 from mr360uw.video import VideoFrame
 from mr360uw.video.write.image_writer import picture_codes
-
-__all__ = ["caustic_chart", "plan_chart", "surface_chart"]
 
 _SIDE = 720
 """Side [px] of a tile."""
@@ -109,25 +106,6 @@ _NEAREST_M, _FARTHEST_M = 0.5, 50.0
 """Distances of the ends of the false colours, which go with the logarithm."""
 
 
-@dataclass(frozen=True, slots=True)
-class PictureView:
-    """A view of a frame. panorama: whether it can be looked around in. draw: makes its picture."""
-
-    help: str
-    panorama: bool
-    draw: Callable[[ShownFrame], Codes]
-
-
-def composite_picture(shown: ShownFrame) -> Codes:
-    """Return the plate with all that is laid over it, (H, W, 3)."""
-    return _codes(shown.frame.picture)
-
-
-def plate_picture(shown: ShownFrame) -> Codes:
-    """Return the plate as it is, (H, W, 3)."""
-    return _codes(shown.frame.plate.graded_by(None))
-
-
 def lights_picture(shown: ShownFrame) -> Codes:
     """Return the light that reaches the camera, expanded, with the sun and the lamps marked; (512, 1024, 3)."""
     import cv2
@@ -175,7 +153,9 @@ def depth_picture(shown: ShownFrame) -> Codes:
     Black: nothing there, or farther than the receiver's extent.
     """
     view = shown.view_of(_WIDTH)
-    distance = _nearest_pixels(shown.frame.layer.distance_m, view.width, view.height)
+    drawn = shown.frame.layer.distance_m
+    rows, columns = (np.arange(n) * of // n for n, of in zip((view.height, view.width), drawn.shape, strict=True))
+    distance = drawn[rows[:, None], columns]
     receiver = shown.receiver
     if receiver is not None:
         x, y = np.broadcast_arrays(np.arange(view.width) + 0.5, (np.arange(view.height) + 0.5)[:, None])
@@ -191,23 +171,32 @@ def depth_picture(shown: ShownFrame) -> Codes:
     return image
 
 
-VIEWS: dict[str, PictureView] = {
-    "composite": PictureView("the plate with the objects, their shadows and caustics", True,
-                             composite_picture),
-    "plate": PictureView("the plate as it is", True, plate_picture),
-    "caustics": PictureView("a tile of the caustics at the receiver's depth, 1 is a flat sea", False,
-                            caustic_chart),
-    "surface": PictureView("height and slope of a tile of the sea", False, surface_chart),
-    "lights": PictureView("the light that reaches the camera, with the sun and the lamps", True,
-                          lights_picture),
-    "difference": PictureView("what they change of the plate, 4 times amplified; grey: nothing",
-                              True, difference_picture),
-    "water": PictureView("what is seen where there is nothing but water", True, water_picture),
-    "depth": PictureView("of the objects and the receiver from the camera", True, depth_picture),
-    "plan": PictureView("from above: camera, objects and their paths, lamps, receiver and sun", False,
-                        plan_chart),
-}  # fmt: skip
-"""The views by their names in URLs and settings, in the order of `VIEW_NAMES`."""
+VIEWS: dict[str, Callable[[ShownFrame], Codes]] = {
+    "composite": lambda shown: _codes(shown.frame.picture),
+    "plate": lambda shown: _codes(shown.frame.plate.graded_by(None)),
+    "caustics": caustic_chart,
+    "surface": surface_chart,
+    "lights": lights_picture,
+    "difference": difference_picture,
+    "water": water_picture,
+    "depth": depth_picture,
+    "plan": plan_chart,
+}
+"""Functions that draw the views, by their names in URLs and settings."""
+CHARTS = frozenset({"caustics", "surface", "plan"})
+"""Views that are no panoramas."""
+VIEW_NAMES = {
+    "composite": "Composite",
+    "plate": "Plate",
+    "caustics": "Caustics",
+    "surface": "Sea surface",
+    "lights": "Lights",
+    "difference": "Shadows and caustics",
+    "water": "Water alone",
+    "depth": "Distances",
+    "plan": "Plan",
+}
+"""The views' names for people."""
 
 
 def _codes(frame: VideoFrame) -> Codes:
@@ -227,9 +216,3 @@ def _reduced(codes: Codes) -> Codes:
 
 def _quantized(encoded: Floats) -> Codes:
     return np.ascontiguousarray(np.round(255.0 * encoded).astype(np.uint8))
-
-
-def _nearest_pixels(values: Floats, width: int, height: int) -> Floats:
-    rows = (np.arange(height) * values.shape[0]) // height
-    columns = (np.arange(width) * values.shape[1]) // width
-    return values[rows[:, None], columns]

@@ -10,9 +10,8 @@ from pathlib import Path
 
 from mr360uw.color import ColorSpec
 from mr360uw.errors import VideoError
-from mr360uw.video.metadata.hdr import HdrMetadata
 from mr360uw.video.metadata.spherical import SphericalMetadata, Stereo
-from mr360uw.video.metadata.tags import BT709_TAGS, ColorTags
+from mr360uw.video.metadata.tags import BT709_TAGS, ColorTags, HdrMetadata
 
 _FASTEST = 1000  # frames per second, as in a scene
 
@@ -70,11 +69,6 @@ class Clip:
         if self.stereo == "mono":
             return self.width, self.height
         return (self.width, 2 * self.height) if self.stereo == "top-bottom" else (2 * self.width, self.height)
-
-    @property
-    def has_audio(self) -> bool:
-        """Whether there is sound to copy."""
-        return self.sound is not None
 
     @property
     def frame_count(self) -> int | None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A frame of a plate, and the composite of a layer over it."""
+"""A frame of a plate, the composite of a layer over it, and the picture of two eyes in one."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from mr360uw.color import ColorSpec, decode_signal, in_plate_primaries, in_rec709
 from mr360uw.errors import VideoError
 from mr360uw.types import Floats, Layer, Rectangle, Tile, YuvImage
+from mr360uw.video.metadata.spherical import Stereo
 
 if TYPE_CHECKING:
     from mr360uw.video.pixels.grain import Grain
@@ -243,3 +244,30 @@ def _read_only(image: YuvImage) -> YuvImage:
     for plane in (image.y, image.u, image.v):
         plane.flags.writeable = False
     return image
+
+
+def whole_frame(frame: VideoFrame, stereo: Stereo) -> VideoFrame:
+    """Return a frame with its right eye beside or below it, arranged as `stereo` says; itself for mono.
+
+    The codes are copied. The result is no panorama: its edges do not meet.
+    """
+    right = frame.right
+    if right is None:
+        return frame
+    axis = 0 if stereo == "top-bottom" else 1
+
+    def joined(left: NDArray[Any], other: NDArray[Any]) -> NDArray[Any]:
+        both = np.concatenate([left, other], axis=axis)
+        both.flags.writeable = False
+        return both
+
+    down, across = (frame.shape[0], 0) if axis == 0 else (0, frame.shape[1])
+    beside = tuple((r._replace(row=r.row + down, column=r.column + across), light) for r, light in right.clipped)
+    clipped = frame.clipped + beside
+    if frame.yuv is None or right.yuv is None:
+        assert frame.rgb is not None
+        assert right.rgb is not None
+        return replace(frame, rgb=joined(frame.rgb, right.rgb), native=None, wrap=False, right=None, clipped=clipped)
+    a, b = frame.yuv, right.yuv
+    planes = YuvImage(joined(a.y, b.y), joined(a.u, b.u), joined(a.v, b.v), a.spec)
+    return replace(frame, yuv=planes, native=None, wrap=False, right=None, clipped=clipped)

@@ -6,8 +6,7 @@ cube_file        .cube lookup tables: reading and the check that they can be tur
 cube_lut         lookup tables as a mapping of a plate's values to light, and their inverse
 cube_kernels     compiled loops of it (numba)
 ocio_transform   colour spaces of OpenColorIO as such a mapping
-plate_mapping    the interface of both
 wide_curves      transfer curves that hold light above white, of colour-science
-decode_kernels   the compiled functions that every pixel loop over planes is made of
-decoding         linear light of a rectangle, or in directions
+decoding         linear light of a rectangle, or in directions; the compiled functions that every pixel loop over
+                 planes is made of
 """

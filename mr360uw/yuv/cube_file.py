@@ -15,11 +15,10 @@ from pathlib import Path
 
 import numpy as np
 
-from mr360uw.color import DisplayTransfer
+from mr360uw.color import DisplayTransfer, Levels
 from mr360uw.errors import VideoError
 from mr360uw.reading.input_files import read_text
 from mr360uw.yuv.cube_lut import Array, CubeLut, LutTable
-from mr360uw.yuv.plate_mapping import Levels
 
 _MOST = {"LUT_1D_SIZE": 65536, "LUT_3D_SIZE": 256}  # of the specification
 _COUNTS = {"DOMAIN_MIN": 3, "DOMAIN_MAX": 3, "LUT_1D_INPUT_RANGE": 2, "LUT_3D_INPUT_RANGE": 2}

@@ -1,22 +1,166 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Linear light of decoded planes: of a rectangle of the frame, or in directions of a panorama."""
+"""Linear light of decoded planes, of a rectangle of the frame or in directions, and its compiled functions.
+
+These are serial, outside Python's lock; see `coefficients` for the equations. k: `coefficients.coefficients`; folded:
+`coefficients.folded_coefficients`. sx, sy: log2 of the chroma subsampling. wrap: left and right edges meet. Chroma of
+4:2:0 and 4:2:2 is sited at the even columns, between the rows of a pair (the default of H.264 and HEVC), and
+interpolated linearly.
+"""
 
 from __future__ import annotations
+
+import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.color import ColorSpec, in_rec709
+from mr360uw.jit import fast, inlined
+from mr360uw.texels import between_four
 from mr360uw.types import Floats, Rectangle, YuvImage
 from mr360uw.yuv.coefficients import (
+    DECODE_HIGH,
+    DECODE_LOW,
+    DECODE_STEPS,
     NEAREST_STEPS,
+    POLYNOMIAL_TOP,
     coefficients,
     decode_table,
     folded_coefficients,
     nearest_table,
     subsampling,
 )
-from mr360uw.yuv.decode_kernels import read_directions, read_rectangle
+
+_between_four = inlined(between_four)
+
+# Sums may be reordered and divisions multiplied; no sample is ever infinite or not a number.
+
+_ZERO = np.float32(0.0)
+
+
+@inlined
+def luma_from_code(code: Any, offset: Any, scale: Any) -> Any:
+    """Return Y' of a luma code; scale = 1/dy."""
+    return (np.float32(code) - offset) * scale
+
+
+@inlined
+def polynomial_light(x: Any, slope: Any, c1: Any, c2: Any, c3: Any, c4: Any, c5: Any, c6: Any) -> Any:
+    """Return the linear light of R', G' or B' by `coefficients.decode_polynomial`; negative values count as 0."""
+    x = min(max(x, _ZERO), POLYNOMIAL_TOP)
+    return x * max(c1 + x * (c2 + x * (c3 + x * (c4 + x * (c5 + x * c6)))), slope)
+
+
+@inlined
+def _table_place(x: Any) -> Any:
+    """Return the fractional index of R', G' or B' less DECODE_LOW in `coefficients.decode_table`, held at its ends."""
+    scale = np.float32((DECODE_STEPS - 1) / (DECODE_HIGH - DECODE_LOW))
+    return min(max(x * scale, _ZERO), np.float32(DECODE_STEPS - 1.01))
+
+
+@inlined
+def _table_light(table: Any, place: Any) -> Any:
+    """Return `coefficients.decode_table` at a fractional index, linearly interpolated."""
+    i = np.uint32(place)
+    low = table[i]
+    return low + (place - np.float32(i)) * (table[i + np.uint32(1)] - low)
+
+
+@inlined
+def _nearest_light(table: Any, x: Any, steps: Any, last: Any) -> Any:
+    """Return `coefficients.nearest_table` at R', G' or B' = x; negative values count as 0."""
+    return table[int(min(max(x * steps + 0.5, 0.0), last))]
+
+
+@fast
+def chroma_row(
+    plane: Any, row: int, column: int, sx: int, sy: int, wrap: bool, offset: Any, span: Any, out: Any
+) -> None:
+    """Write the chroma at the pixels (row, column...) into `out`, linearly interpolated, as C in [-.5, .5]."""
+    rows, columns = plane.shape
+    j = row >> sy
+    far = j
+    if sy:
+        far = min(j + 1, rows - 1) if row & 1 else max(j - 1, 0)
+    near_weight = np.float32(0.75 if sy else 1.0) / span
+    far_weight = np.float32(0.25 if sy else 0.0) / span
+    base = -offset / span
+    near_row, far_row = plane[j], plane[far]
+    for c in range(out.size):
+        i = np.uint32(column + c) >> np.uint32(sx)
+        out[c] = base + near_weight * np.float32(near_row[i]) + far_weight * np.float32(far_row[i])
+    if sx:
+        last = (column + out.size - 1) >> 1
+        after = last + 1
+        if after == columns:
+            after = 0 if wrap else last
+        right = base + near_weight * np.float32(near_row[after]) + far_weight * np.float32(far_row[after])
+        for c in range(1 - (column & 1), out.size, 2):
+            out[c] = np.float32(0.5) * (out[c] + (out[c + 1] if c + 1 < out.size else right))
+
+
+@fast
+def read_rectangle(
+    y: Any, u: Any, v: Any, row: int, column: int, sx: int, sy: int, wrap: bool, k: Any, table: Any, out: Any
+) -> None:
+    """Write the linear light of a rectangle of the planes into `out` (h, w, 3); table: `coefficients.decode_table`.
+
+    Places in the table are found a row at a time, by vector instructions, before they are looked up.
+    """
+    height, width = out.shape[:2]
+    base = np.float32(-DECODE_LOW)
+    cb, cr = np.empty(width, np.float32), np.empty(width, np.float32)
+    red, green, blue = np.empty(width, np.float32), np.empty(width, np.float32), np.empty(width, np.float32)
+    y_offset, y_scale = k[0], np.float32(1.0) / k[1]
+    red_cb, red_cr, green_cb, green_cr, blue_cb, blue_cr = k[4], k[5], k[6], k[7], k[8], k[9]
+    for r in range(height):
+        chroma_row(u, row + r, column, sx, sy, wrap, k[2], k[3], cb)
+        chroma_row(v, row + r, column, sx, sy, wrap, k[2], k[3], cr)
+        luma_row = y[row + r, column : column + width]
+        pixels = out[r]
+        for c in range(width):
+            luma = luma_from_code(luma_row[c], y_offset, y_scale) + base
+            red[c] = _table_place(luma + red_cb * cb[c] + red_cr * cr[c])
+            green[c] = _table_place(luma + green_cb * cb[c] + green_cr * cr[c])
+            blue[c] = _table_place(luma + blue_cb * cb[c] + blue_cr * cr[c])
+        for c in range(width):
+            pixels[c, 0] = _table_light(table, red[c])
+            pixels[c, 1] = _table_light(table, green[c])
+            pixels[c, 2] = _table_light(table, blue[c])
+
+
+@fast
+def _bilinear(plane: Any, x: Any, y: Any) -> Any:
+    """Return a plane at x in [0, W], y in [0, H]: periodic across the seam, the nearest row at the poles."""
+    height, width = plane.shape
+    x, y = x - 0.5, min(max(y - 0.5, 0.0), height - 1.0)
+    left, top = math.floor(x), int(y)
+    fx, fy = x - left, y - top
+    right, bottom = left + 1 if left + 1 < width else 0, min(top + 1, height - 1)
+    left = left if left >= 0 else width - 1
+    return _between_four(plane[top, left], plane[top, right], plane[bottom, left], plane[bottom, right], fx, fy)
+
+
+@fast
+def read_directions(direction: Any, y: Any, u: Any, v: Any, folded: Any, table: Any, steps: float, out: Any) -> None:
+    """Write the light of a 4:2:0 panorama in directions (n, 3) into `out` (n, 3); table: `nearest_table`.
+
+    The planes are interpolated bilinearly, chroma at its own sites.
+    """
+    height, width = y.shape
+    last = len(table) - 1.0
+    for i in range(len(direction)):
+        dx, dy, dz = direction[i, 0], direction[i, 1], direction[i, 2]
+        px = width * (math.atan2(dx, -dz) / (2.0 * math.pi) + 0.5)
+        py = height * (0.5 - math.atan2(dy, math.sqrt(dx * dx + dz * dz)) / math.pi)
+        # chroma is sited on the left luma sample of its pair, and half way between its two rows
+        cb = _bilinear(u, 0.5 * px + 0.25, 0.5 * py) - folded[2]
+        cr = _bilinear(v, 0.5 * px + 0.25, 0.5 * py) - folded[2]
+        luma = _bilinear(y, px, py) * folded[0] + folded[1]
+        out[i, 0] = _nearest_light(table, luma + cr * folded[3], steps, last)
+        out[i, 1] = _nearest_light(table, luma + cb * folded[4] + cr * folded[5], steps, last)
+        out[i, 2] = _nearest_light(table, luma + cb * folded[6], steps, last)
 
 
 def linear_from_planes(image: YuvImage, rectangle: Rectangle | None = None, wrap: bool = True) -> NDArray[np.float32]:

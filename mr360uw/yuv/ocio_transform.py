@@ -16,11 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import field_validator
 
+from mr360uw.color import Levels
 from mr360uw.errors import ParameterError, VideoError
 from mr360uw.parameters import Parameters, advanced
 from mr360uw.reading.input_files import unreadable
 from mr360uw.reading.limits import DATA
-from mr360uw.yuv.plate_mapping import Levels
 
 _BUILT_IN = "ocio://"
 _GRID = 17

@@ -17,11 +17,12 @@ import numpy as np
 import pytest
 
 from mr360uw.bench import bench_report
-from mr360uw.bench.bench_report import BenchReport, Machine, StageResult, read_report
+from mr360uw.bench.bench_report import BenchReport, Machine, StageResult, compare, read_report
 from mr360uw.bench.dive_stages import frames_against
 from mr360uw.bench.measuring import (
     MeasuredStage,
     Measurement,
+    Workbench,
     Workload,
     beats,
     better_than_default,
@@ -32,9 +33,7 @@ from mr360uw.bench.measuring import (
     timed,
 )
 from mr360uw.bench.pareto_page import bench_page, pareto_plot
-from mr360uw.bench.regressions import compare
 from mr360uw.bench.stages import all_stages
-from mr360uw.bench.workbench import Workbench
 from mr360uw.errors import ParameterError
 from mr360uw.render.backends import Reference
 from mr360uw.sample import SampleDive
@@ -61,7 +60,7 @@ def fake_stage(calls: list[Any]) -> MeasuredStage:
 
     def opened(bench: Workbench) -> Workload:
         del bench
-        return Workload(prepare, lambda got: relative_rms(got, 1.0))
+        return prepare, lambda got: relative_rms(got, 1.0)
 
     return MeasuredStage("sum", "A sum", "adding", "its limit", POINTS, POINTS[:1], {"default": {"steps": 10}}, opened)
 
@@ -120,20 +119,20 @@ def test_the_front_has_what_nothing_beats() -> None:
 def test_worse_and_slower_settings_are_listed() -> None:
     before = report_of(at(10.0, 0.1, steps=1), at(10.0, 0.1, steps=2), at(0.1, 0.0, steps=3), at(5.0, 0.2, steps=4))
     now = report_of(at(11.4, 0.109, steps=1), at(11.6, 0.12, steps=2), at(0.9, 0.0, steps=3), at(5.0, 0.2, steps=5))
-    found = compare(before, now)
-    assert found.compared == 3
-    assert [(r.knobs["steps"], r.quantity) for r in found.regressions] == [(2, "CPU ms"), (2, "error")]
-    assert [r.ratio for r in found.regressions] == pytest.approx([1.16, 1.2])
-    assert "2 regressions" in str(found)
-    assert "sum: steps=2: CPU ms 10 -> 11.6 (1.16 times)" in str(found)
-    assert not compare(now, before).regressions
-    assert compare(report_of(at(1.0, 0.0)), report_of(at(1.0, 0.01))).regressions[0].ratio == float("inf")
+    found, words = compare(before, now)
+    assert found == [
+        "sum: steps=2: CPU ms 10 -> 11.6 (1.16 times)", "sum: steps=2: error 0.1 -> 0.12 (1.20 times)"
+    ]  # fmt: skip
+    assert words.startswith("3 settings compared, 2 regressions")
+    assert found[0] in words
+    assert not compare(now, before)[0]
+    assert "(inf times)" in compare(report_of(at(1.0, 0.0)), report_of(at(1.0, 0.01)))[0][0]
 
 
 def test_runs_that_differ_are_not_compared_in_silence() -> None:
     before = report_of(at(10.0, 0.1))
     other = report_of(at(10.0, 0.1), machine=MACHINE.model_copy(update={"device": "another", "load": 3.0}))
-    notes = str(compare(before, other))
+    _, notes = compare(before, other)
     assert "renderers differ (a device; now another)" in notes
     assert "the machine was busy in this run (load 3.0)" in notes
     with pytest.raises(ParameterError, match="got one with --quick, this one without"):
@@ -204,8 +203,8 @@ def test_frames_of_the_dive_err_by_their_settings_alone(dive: SampleDive, tmp_pa
     bench = Workbench(tmp_path, Reference(), quick=True)
     bench.runs, bench.scene_file = 1, dive.scene  # smaller than its own
     cheap = {"plate.scale": 0.25, "water.bands": 5, "light.smooth": "false", "shafts.mode": "off"}
-    work = frames_against(bench, {**cheap, "draw.samples": 5})
-    same, other = (work.error(work.prepare({**cheap, "draw.samples": count})(0)) for count in (5, 1))
+    prepare, error = frames_against(bench, {**cheap, "draw.samples": 5})
+    same, other = (error(prepare({**cheap, "draw.samples": count})(0)) for count in (5, 1))
     assert same == 0.0
     assert 1e-3 < other < 0.3
 

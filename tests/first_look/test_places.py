@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from mr360uw import load_scene
-from mr360uw.first_look.ground_place import NeededSpace, ground_place, shows_ground
-from mr360uw.first_look.mesh_words import kind_of
+from mr360uw.first_look.good_places import ground_place, shows_ground
+from mr360uw.first_look.mesh_look import kind_of
 from mr360uw.first_look.water_or_air import water_or_air
 from mr360uw.sphere import directions
 from mr360uw.types import Floats
@@ -38,17 +38,17 @@ def garden(free_deg: float, rng: np.random.Generator) -> Floats:
 
 @pytest.mark.parametrize("free_deg", [-140.0, 0.0, 95.0])
 def test_things_stand_on_even_ground_before_no_wall(free_deg: float, rng: np.random.Generator) -> None:
-    place = ground_place(
+    azimuth_deg, _, cost = ground_place(
         garden(free_deg, rng),
         DROP_M,
-        NeededSpace(0.8, 0.8, 1.0),
+        (0.8, 0.8, 1.0),
         np.geomspace(1.9, 4.4, 7),
         np.arange(-180.0, 180.0, 5.0),
         2.5,
     )
-    off = abs((place.azimuth_deg - free_deg + 180.0) % 360.0 - 180.0)
+    off = abs((azimuth_deg - free_deg + 180.0) % 360.0 - 180.0)
     assert off <= 25.0  # the free side is 60 degrees wide, the foot 10 to 24
-    assert place.cost < 0.9
+    assert cost < 0.9
 
 
 def test_open_water_below_is_no_ground(rng: np.random.Generator) -> None:

@@ -190,8 +190,8 @@ def test_plate_and_thumbnails(kept: LivePreview, small_dive: Path) -> None:
     assert small.shape == (32, 64)
     assert small.index == 2
     with LivePreview("reference") as live:
-        assert [live.soonest(scene, index) for index in (0, 3)] == [0, 3], "near ones are decoded at once"
-    shown = kept.thumbnails(scene, 3, 64)
+        assert [live.plates.soonest(scene, index, None) for index in (0, 3)] == [0, 3], "near ones are decoded at once"
+    shown = kept.plates.overview(scene, 3, 64)
     assert [frame.index for frame in shown] == sorted({frame.index for frame in shown})
     assert shown[0].index == 0
     assert all(frame.shape == (32, 64) for frame in shown)

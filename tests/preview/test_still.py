@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -14,14 +15,21 @@ import mr360uw as uw
 from mr360uw.cli import app
 from mr360uw.cli.arguments import variants, view_of
 from mr360uw.preview.contact_sheet import LARGEST_SHEET
-from mr360uw.preview.still import Perspective, look, render_still
+from mr360uw.preview.live import LivePreview
+from mr360uw.preview.still import Perspective, look, still_of
 from mr360uw.sample import SampleDive
 from mr360uw.scene.inputs import open_plate
-from mr360uw.scene.model import at_scale, load_scene
+from mr360uw.scene.model import Scene, at_scale, load_scene
 from mr360uw.sphere import direction_from_angles, directions
+from mr360uw.video import VideoFrame
 from mr360uw.video.write.image_writer import picture_codes
 
 CODE = 1.0 / 255.0
+
+
+def render_still(scene: Scene, backend: str = "auto", **place: Any) -> VideoFrame:
+    with LivePreview(backend) as live:
+        return still_of(live, scene, **place)
 
 
 @pytest.fixture(scope="module")

@@ -12,10 +12,11 @@ import pytest
 
 import mr360uw as uw
 from mr360uw.errors import DamagedFrameError, GlError, OutputError, VideoError
-from mr360uw.farm.job import Job, OpenJob
 from mr360uw.render.backends import Backend, make_backend
-from mr360uw.runs import forecast
-from mr360uw.runs.forecast import forecast_line
+from mr360uw.render.first_pass import ClipAnalysis
+from mr360uw.runs import outputs
+from mr360uw.runs.job import Job, OpenJob
+from mr360uw.runs.outputs import forecast_line
 from mr360uw.runs.work_folder import work_folder, work_path
 from mr360uw.scene import Scene
 from mr360uw.scene.model import scene_from_dict
@@ -220,12 +221,13 @@ def test_a_worker_without_the_renderer_of_the_others_ends_the_run(
             raise GlError("no display")
         return make_backend("reference")
 
-    monkeypatch.setattr("mr360uw.farm.job.make_backend", without_gl)
+    monkeypatch.setattr("mr360uw.runs.job.make_backend", without_gl)
     scene = bare(whole)
     out.parent.mkdir(exist_ok=True)
     from mr360uw.runs.fingerprint import WorkKeys
 
     with work_folder(out, WorkKeys("", "")) as work:
+        work.keep_analysis(ClipAnalysis())
         with pytest.raises(
             GlError, match=r"has no OpenGL, which the run renders with .*--backend reference, or --mixed"
         ):
@@ -245,8 +247,8 @@ def test_a_forecast_is_told_once_when_a_part_is_complete(
     told: list[str] = []
     uw.composite_video(bare(whole), out, tell=told.append)
     assert told == []  # a run of seconds needs none
-    monkeypatch.setattr(forecast, "_LONG_S", 0.0)
-    monkeypatch.setattr(forecast, "_MEASURED_S", 0.0)
+    monkeypatch.setattr(outputs, "_LONG_S", 0.0)
+    monkeypatch.setattr(outputs, "_MEASURED_S", 0.0)
     uw.composite_video(bare(whole), out, tell=told.append, overwrite=True)
     assert len(told) == 1
     assert "frames/s; writes " in told[0]

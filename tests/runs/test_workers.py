@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 import mr360uw as uw
-from mr360uw.farm import workers
-from mr360uw.farm.job import Job
+from mr360uw.runs import workers
+from mr360uw.runs.job import Job
 from mr360uw.runs.work_folder import work_path
 from mr360uw.sample import SampleDive
 from mr360uw.scene import Scene
@@ -93,7 +93,7 @@ def test_a_part_that_kills_every_worker_is_given_up_after_two(monkeypatch: pytes
     monkeypatch.setattr(workers, "_Worker", Dying)
     job = Job(Scene(plate={"path": "a.mp4"}), Path("out.mp4"), Path("work"), "reference", None, ((3, 7),))
     with pytest.raises(uw.VideoError, match=r"frames 3:7 - 2 workers died over them"):
-        workers.WorkerCrew(1).render(job, lambda: None)
+        workers.render_in_workers(1, job, lambda: None)
     assert len(started) == 2
 
 

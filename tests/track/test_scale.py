@@ -10,7 +10,7 @@ import pytest
 
 from mr360uw.errors import ParameterError
 from mr360uw.sphere import unit
-from mr360uw.track.scale import DepthLog, Length, Measure, looks_of, scale_from_depths, scale_from_length
+from mr360uw.track.scale import Measure, looks_of, parse_length, scale_from_depths, scale_from_length
 from mr360uw.track.world_axes import world_of
 
 TIME = np.arange(0.0, 20.0, 0.04)
@@ -29,7 +29,7 @@ def log(folder: Path, start_s: float) -> Path:
 
 @pytest.mark.parametrize("given", [None, 30.5])
 def test_a_depth_log_tells_scale_depth_and_start(tmp_path: Path, given: float | None) -> None:
-    scale, depth, start = scale_from_depths(DepthLog(log(tmp_path, 30.5), given), TIME, HEIGHT)
+    scale, depth, start = scale_from_depths(log(tmp_path, 30.5), given, TIME, HEIGHT)
     # one sample a second cuts the crests of a wave of 9 s by (2 pi/9)^2/8 = 6 % at the most, 4 % rms
     assert scale == pytest.approx(2.0, rel=0.04)
     assert depth == pytest.approx(8.0, abs=0.05)
@@ -39,14 +39,14 @@ def test_a_depth_log_tells_scale_depth_and_start(tmp_path: Path, given: float | 
 def test_a_log_of_another_dive_is_refused(tmp_path: Path) -> None:
     path = log(tmp_path, 30.5)
     with pytest.raises(ParameterError, match="do not fit the camera's path"):
-        scale_from_depths(DepthLog(path, 90.0), TIME, HEIGHT)
+        scale_from_depths(path, 90.0, TIME, HEIGHT)
     path.write_text("time_s,deep\n0,1\n1,2\n", "utf-8")
     with pytest.raises(ParameterError, match="got no depth_m"):
-        scale_from_depths(DepthLog(path), TIME, HEIGHT)
+        scale_from_depths(path, None, TIME, HEIGHT)
 
 
 def test_a_length_between_two_pixels_tells_the_scale() -> None:
-    given = Length.parse("512, 256:640,256=3")
+    given = parse_length("512, 256:640,256=3")
     looks = looks_of(given, 1024, np.eye(3))
     np.testing.assert_allclose(looks[0], unit(np.array([0.0, 0.0, -1.0])), atol=1e-12)
     points = np.repeat(looks * [[2.0], [2.0 * np.sqrt(0.5)]], 3, axis=0)
@@ -63,14 +63,14 @@ def test_a_length_between_two_pixels_tells_the_scale() -> None:
 @pytest.mark.parametrize("text", ["", "1,2:3=4", "1,2:3,4=", "a,2:3,4=5", "1,2:3,4=0", "-1,2:3,4=1"])
 def test_lengths_that_are_none(text: str) -> None:
     with pytest.raises(ParameterError, match="--length"):
-        Length.parse(text)
+        parse_length(text)
 
 
 def test_pixels_without_points_are_refused() -> None:
-    looks = looks_of(Length((512, 256), (0, 256), 1.0), 1024, np.eye(3))
+    looks = looks_of(((512, 256), (0, 256), 1.0), 1024, np.eye(3))
     with pytest.raises(ParameterError, match="no point was solved near its second pixel"):
         scale_from_length(np.array([[0.0, 0.0, -2.0]]), np.zeros(3), looks, 1.0)
     with pytest.raises(ParameterError, match="outside of the frame"):
-        looks_of(Length((512, 600), (0, 256), 1.0), 1024, np.eye(3))
+        looks_of(((512, 600), (0, 256), 1.0), 1024, np.eye(3))
     with pytest.raises(ParameterError, match="given twice"):
-        Measure(height_m=2.0, depth_log=DepthLog(Path("a.csv")))
+        Measure(height_m=2.0, depth_log=Path("a.csv"))

@@ -20,7 +20,7 @@ from mr360uw.errors import Mr360uwError, OutputExistsError, ParameterError
 from mr360uw.sample.recording import record
 from mr360uw.track.camera_track import CameraTrack, FittedFloor
 from mr360uw.track.colmap import pairs_to_match
-from mr360uw.track.fixed_pixels import FixedPixels
+from mr360uw.track.key_frames import fixed_pixels
 from mr360uw.track.track_report import report_lines, verdict
 
 
@@ -70,13 +70,13 @@ def test_all_neighbours_and_some_far_frames_are_matched() -> None:
 
 
 def test_what_stands_still_in_a_moving_picture_is_left_out(rng: np.random.Generator) -> None:
-    fixed, moving = FixedPixels((96, 192)), rng.integers(0, 255, (96, 400)).astype(np.uint8)
+    pictures, moving = [], rng.integers(0, 255, (96, 400)).astype(np.uint8)
     rig = rng.integers(0, 255, (20, 192)).astype(np.uint8)
     for k in range(10):
         picture = moving[:, 8 * k : 8 * k + 192].copy()
         picture[70:90] = rig
-        fixed.add(picture)
-    mask = fixed.mask()
+        pictures.append(picture)
+    mask = fixed_pixels(pictures)
     assert mask[72:88, 4:-4].all()
     assert not mask[:60].any()
 

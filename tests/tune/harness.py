@@ -9,7 +9,6 @@ from __future__ import annotations
 import asyncio
 import json
 import sys
-from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -17,9 +16,9 @@ from fastapi import Request, Response
 from nicegui import app, ui
 
 from mr360uw.preview.thumbnail import encoded
-from mr360uw.tune.marks import Marker
 from mr360uw.tune.placing import Point
-from mr360uw.tune.timeline import KeyEdit, ParameterKeys, Thumbnail, Timeline
+from mr360uw.tune.situation import Marker
+from mr360uw.tune.timeline import Timeline
 from mr360uw.tune.viewer import Viewer
 
 COUNT, RATE = 300, 30.0
@@ -70,14 +69,17 @@ async def _do(element: str, method: str, request: Request) -> None:
 
 
 def note(name: str) -> Any:
-    return lambda *told: TOLD.append((name, [asdict(t) if hasattr(t, "__dataclass_fields__") else t for t in told]))
+    return lambda *told: TOLD.append((name, list(told)))
 
 
-def curve(keys: tuple[tuple[float, float], ...], interpolation: str = "linear") -> ParameterKeys:
+def curve(keys: tuple[tuple[float, float], ...], interpolation: str = "linear") -> dict[str, Any]:
     times = np.linspace(0.0, COUNT / RATE, 200)
     values = np.interp(times, *np.transpose(keys)) if keys else np.full(200, 4.0)
     samples = tuple(zip(times.tolist(), values.tolist(), strict=True))
-    return ParameterKeys("Wind speed", "m/s", keys, samples, interpolation, 0.0, 40.0)  # type: ignore[arg-type]
+    return {
+        "label": "Wind speed", "unit": "m/s", "keys": keys, "samples": samples, "interpolation": interpolation,
+        "low": 0.0, "high": 40.0,
+    }  # fmt: skip
 
 
 @app.post("/fresh")
@@ -95,19 +97,17 @@ def build() -> None:
         viewer = Viewer()
     timeline = Timeline(COUNT, RATE)
     NOW.update(viewer=viewer, timeline=timeline)
-    for name in ("pick", "drag", "select"):
-        getattr(viewer, f"on_{name}")(note(name))
-    viewer.on("view", lambda event: note("view")(event.args))
+    viewer.on_select(note("select"))
+    for name in ("pick", "drag", "view"):
+        viewer.on(name, lambda event, name=name: note(name)(event.args))
     viewer.on("shown", lambda event: note("shown")(event.args["serial"]))
     viewer.on("failed", lambda event: note("failed")(event.args["reason"]))
     viewer.on_select(viewer.select)
-    for name in ("seek", "play", "range", "keys"):
-        getattr(timeline, f"on_{name}")(note(name))
-
-    def answer(edit: KeyEdit) -> None:
-        timeline.set_curve(curve(edit.keys, edit.interpolation))
-
-    timeline.on_keys(answer)
+    timeline.on_play(note("play"))
+    timeline.on_range(note("range"))
+    for name in ("seek", "keys"):
+        timeline.on(name, lambda event, name=name: note(name)(event.args))
+    timeline.on_keys(lambda keys, kind, done: timeline.set_curve(curve(tuple(keys), kind)))  # noqa: ARG005
     viewer.show("/picture/200.png")
     viewer.show_other("/picture/40.png")
     horizon = [Point(a, -0.12) for a in np.linspace(-np.pi, np.pi, 181)]
@@ -119,7 +119,7 @@ def build() -> None:
         ],
         [horizon],
     )
-    timeline.set_thumbnails([Thumbnail(f, f"/small/{f % 256}.png") for f in range(0, COUNT, 60)])
+    timeline.set_thumbnails({f: f"/small/{f % 256}.png" for f in range(0, COUNT, 60)})
     timeline.set_curve(curve(((1.0, 4.0), (5.0, 12.0), (8.0, 6.0))))
 
 

@@ -211,14 +211,15 @@ def test_observers_hear_of_a_step_once(document: Document) -> None:
 
 def test_snapshots_are_kept_and_taken_as_a_step(document: Document) -> None:
     document.set("camera.depth_m", 7.0)
-    kept = document.keep("deeper")
+    document.keep("deeper")
+    kept = document.snapshots["deeper"]
     document.set("camera.depth_m", 1.0)
-    document.replace("snapshot deeper", kept.text)
+    document.replace("snapshot deeper", kept)
     assert document.scene.camera.depth_m == 7.0
     document.undo()
     assert document.scene.camera.depth_m == 1.0
     document.keep("deeper")
-    assert [one.text for one in document.snapshots] == [document.text]
+    assert document.snapshots == {"deeper": document.text}
     document.forget("deeper")
     assert not document.snapshots
     with pytest.raises(SceneError, match="not TOML"):

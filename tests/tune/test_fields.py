@@ -63,14 +63,6 @@ def test_a_control_says_what_the_declaration_says(subtests: pytest.Subtests) -> 
                 assert field.low is None or low >= field.low
                 assert field.high is None or high <= field.high
                 assert field.step > 0.0
-                for position in (0.01, 0.3, 1.0):
-                    value = field.value_at(position)
-                    assert low <= value <= high
-                    nearest = 0.5 / (high - low) if field.kind == "integer" and not field.logarithmic else 0.1
-                    assert field.position(value) == pytest.approx(position, abs=max(nearest, 0.006))
-                if isinstance(field.default, int | float) and low <= field.default <= high:
-                    back = field.value_at(field.position(field.default))
-                    assert back == pytest.approx(field.default, rel=0.01, abs=field.step)
 
 
 KINDS = [

@@ -12,8 +12,7 @@ import pytest
 from mr360uw.errors import SceneError, VideoError
 from mr360uw.scene.model import Scene
 from mr360uw.tune import pictures
-from mr360uw.tune.page_renderer import Jpeg, MadePicture, Wanted
-from mr360uw.tune.pictures import Pictures
+from mr360uw.tune.pictures import MadePicture, Pictures, Wanted
 
 WAIT_S = 20.0  # for events that happen within milliseconds: only a hang takes as long
 
@@ -30,12 +29,12 @@ class Studio:
         self.nearest: int | None = None
         self.pictures = Pictures(lambda: self, self.made.put)
 
-    def picture(self, wanted: Wanted, width: int) -> Jpeg:
+    def picture(self, wanted: Wanted, width: int) -> MadePicture:
         self.begun.put(wanted.revision)
         assert self.gate.acquire(timeout=WAIT_S)
         if self.fails is not None:
             raise self.fails
-        return Jpeg(f"{wanted.revision}".encode(), width, width // 2)
+        return MadePicture(wanted, width, width // 2, f"{wanted.revision}".encode())
 
     def stand_in(self, wanted: Wanted) -> int:
         return self.nearest if self.nearest is not None else wanted.index

@@ -10,7 +10,8 @@ from mr360uw.composite.motion import rotation_matrix
 from mr360uw.composite.shot import Receiver
 from mr360uw.errors import ParameterError
 from mr360uw.sphere import yaw_matrix
-from mr360uw.tune import floor, placing
+from mr360uw.tune import placing
+from mr360uw.tune.panels import click_tools as floor
 from mr360uw.tune.placing import Point
 from mr360uw.types import View
 
@@ -41,9 +42,9 @@ def test_a_point_goes_to_pixels(point: Point) -> None:
 @pytest.mark.parametrize("distance", [0.3, 25.0])
 def test_click_position_and_where_it_shows_agree(point: Point, distance: float) -> None:
     position = placing.at_distance(CAMERA, point, distance)
-    shown = placing.shown_at(CAMERA, position)
-    assert shown.distance_m == pytest.approx(distance, abs=EXACT)
-    np.testing.assert_allclose(shown.point.direction, point.direction, atol=EXACT)
+    shown, away_m = placing.shown_at(CAMERA, position)
+    assert away_m == pytest.approx(distance, abs=EXACT)
+    np.testing.assert_allclose(shown.direction, point.direction, atol=EXACT)
     np.testing.assert_allclose(placing.in_camera(CAMERA, position), distance * point.direction, atol=EXACT)
 
 
@@ -56,7 +57,7 @@ def test_axes_are_right_up_back() -> None:
 def test_swimming_keeps_the_distance() -> None:
     position = placing.at_distance(CAMERA, POINTS[0], 4.0)
     moved = placing.swim_to(CAMERA, POINTS[2], position)
-    assert placing.shown_at(CAMERA, moved).distance_m == pytest.approx(4.0, abs=EXACT)
+    assert placing.shown_at(CAMERA, moved)[1] == pytest.approx(4.0, abs=EXACT)
 
 
 def test_an_object_stands_on_a_plane_with_its_foot_where_it_was_clicked() -> None:
@@ -67,8 +68,8 @@ def test_an_object_stands_on_a_plane_with_its_foot_where_it_was_clicked() -> Non
     position = placing.stand_at(CAMERA, point, receiver, hull, rotation, scale)
     lowest = np.min((scale * hull.reshape(-1, 3) @ rotation.T + position)[:, 1])
     assert lowest == pytest.approx(-3.0, abs=EXACT)
-    shown = placing.shown_at(CAMERA, position + placing.foot(hull, rotation, scale))
-    np.testing.assert_allclose(shown.point.direction, point.direction, atol=EXACT)
+    shown, _ = placing.shown_at(CAMERA, position + placing.foot(hull, rotation, scale))
+    np.testing.assert_allclose(shown.direction, point.direction, atol=EXACT)
 
 
 def test_a_foot_is_the_middle_of_the_bottom() -> None:
@@ -162,36 +163,27 @@ FLOOR = np.array([(1.0, -4.0, -2.0), (-2.5, -4.0, -1.0), (0.5, -4.0, 6.0)])
 
 
 def clicks_on(points: np.ndarray, camera: View = CAMERA) -> list[Point]:
-    return [placing.shown_at(camera, point).point for point in points]
+    return [placing.shown_at(camera, point)[0] for point in points]
 
 
-def test_a_known_height_of_the_camera_gives_the_floor_and_the_distances() -> None:
+def test_a_known_height_of_the_camera_gives_the_floor() -> None:
     found = floor.floor_from_height(CAMERA, clicks_on(FLOOR), CAMERA.position[1] + 4.0)
-    assert found.height_m == pytest.approx(-4.0, abs=EXACT)
-    np.testing.assert_allclose(found.points, FLOOR, atol=EXACT)
+    assert found[:2] == pytest.approx((-4.0, 0.0), abs=EXACT)
 
 
 def test_known_distances_give_the_floor_that_fits_them_best() -> None:
     away = np.linalg.norm(FLOOR - CAMERA.position, axis=-1)
     found = floor.floor_from_distances(CAMERA, clicks_on(FLOOR), away)
-    assert (found.height_m, found.error_m) == pytest.approx((-4.0, 0.0), abs=EXACT)
+    assert found[:2] == pytest.approx((-4.0, 0.0), abs=EXACT)
     wrong = floor.floor_from_distances(CAMERA, clicks_on(FLOOR), away * (1.1, 1.0, 1.0))
-    assert wrong.height_m == pytest.approx(-4.0 - 0.1 * (CAMERA.position[1] + 4.0) / 3.0, abs=EXACT)
-    assert wrong.error_m > 0.1
+    assert wrong[0] == pytest.approx(-4.0 - 0.1 * (CAMERA.position[1] + 4.0) / 3.0, abs=EXACT)
+    assert wrong[1] > 0.1
 
 
 def test_known_lengths_give_the_floor() -> None:
     lengths = np.linalg.norm(np.diff(FLOOR, axis=0), axis=-1)
     found = floor.floor_from_lengths(CAMERA, clicks_on(FLOOR), lengths)
-    assert (found.height_m, found.error_m) == pytest.approx((-4.0, 0.0), abs=EXACT)
-    np.testing.assert_allclose(found.points, FLOOR, atol=EXACT)
-
-
-def test_points_of_a_track_give_their_median_height() -> None:
-    strays = np.concatenate([FLOOR, FLOOR + np.array([0.0, 0.02, 0.0]), [(0.0, 5.0, 0.0)]])
-    found = floor.floor_from_track(strays)
-    assert found.height_m == pytest.approx(-3.98, abs=EXACT)
-    assert found.error_m == pytest.approx(1.4826 * 0.02, abs=EXACT)
+    assert found[:2] == pytest.approx((-4.0, 0.0), abs=EXACT)
 
 
 def test_floors_without_a_solution_are_refused() -> None:
@@ -205,5 +197,3 @@ def test_floors_without_a_solution_are_refused() -> None:
         floor.floor_from_lengths(LEVEL, [Point(0.0, -0.3), Point(0.1, -0.3)], [])
     with pytest.raises(ParameterError, match="are the same"):
         floor.floor_from_lengths(LEVEL, [Point(0.0, -0.3), Point(0.0, -0.3)], [1.0])
-    with pytest.raises(ParameterError, match="points"):
-        floor.floor_from_track(np.zeros((0, 3)))

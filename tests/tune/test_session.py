@@ -14,11 +14,10 @@ import pytest
 pytest.importorskip("tomlkit", reason="the tuning page needs the extra tune")
 
 from mr360uw.errors import ParameterError
-from mr360uw.runs.composite_run import CompositeRun
 from mr360uw.sample import SampleDive
 from mr360uw.tune.editing.document import Document
-from mr360uw.tune.page_renderer import MadePicture, Wanted
-from mr360uw.tune.session import Session
+from mr360uw.tune.pictures import MadePicture, Wanted
+from mr360uw.tune.session import CompositeRun, Session
 
 
 @dataclass(frozen=True)
@@ -66,7 +65,7 @@ def session(tmp_path: Path) -> Session:
 
 def made(session: Session, **changes: Any) -> MadePicture:
     studio: Any = session.pictures
-    return replace(MadePicture(1, studio.wanted[-1], 1024, 512, False, 0.1, b"jpeg"), **changes)
+    return replace(MadePicture(studio.wanted[-1], 1024, 512, b"jpeg", number=1, seconds=0.1), **changes)
 
 
 def test_a_picture_of_an_older_state_is_never_the_present_one(session: Session) -> None:

@@ -19,11 +19,10 @@ from mr360uw.render.first_pass import ClipAnalysis
 from mr360uw.render.frame import composite_frame
 from mr360uw.render.loaded import load
 from mr360uw.tune import drawing
-from mr360uw.tune.marks import markers, receiver_edge
-from mr360uw.tune.page_renderer import VIEW_NAMES
 from mr360uw.tune.placing import Point, pixel_of_point, shown_at
 from mr360uw.tune.shown_frame import ShownFrame
-from mr360uw.tune.views import VIEWS
+from mr360uw.tune.situation import markers, receiver_edge
+from mr360uw.tune.views import CHARTS, VIEW_NAMES, VIEWS
 from mr360uw.types import View
 from mr360uw.video import VideoFrame
 from tests.scenes import gradient_plate, scene_with
@@ -66,12 +65,12 @@ def test_every_view_has_a_name_for_people() -> None:
 @pytest.mark.parametrize("name", VIEWS)
 def test_every_view_is_a_picture_of_codes_that_does_not_change_the_frame(shown: ShownFrame, name: str) -> None:
     before = shown.frame.layer.ratio.copy()
-    picture = VIEWS[name].draw(shown)
+    picture = VIEWS[name](shown)
     assert picture.dtype == np.uint8
     assert picture.shape[2] == 3
     assert picture.flags.c_contiguous
     assert np.ptp(picture) > 60
-    if VIEWS[name].panorama:
+    if name not in CHARTS:
         assert picture.shape[1] == 2 * picture.shape[0]
     np.testing.assert_array_equal(shown.frame.layer.ratio, before)
 
@@ -79,11 +78,11 @@ def test_every_view_is_a_picture_of_codes_that_does_not_change_the_frame(shown: 
 def test_the_composite_and_the_plate_are_their_codes(shown: ShownFrame) -> None:
     for name, frame in (("composite", shown.frame.picture), ("plate", shown.frame.plate)):
         codes = 255.0 * np.clip(encode(frame.image_linear, "srgb"), 0.0, 1.0)
-        np.testing.assert_allclose(VIEWS[name].draw(shown), codes, atol=CODE)
+        np.testing.assert_allclose(VIEWS[name](shown), codes, atol=CODE)
 
 
 def test_the_difference_is_grey_where_nothing_changes_and_dark_in_the_shadow(shown: ShownFrame) -> None:
-    picture, ratio = VIEWS["difference"].draw(shown), shown.frame.layer.ratio
+    picture, ratio = VIEWS["difference"](shown), shown.frame.layer.ratio
     assert np.all(picture[np.all(ratio == 1.0, axis=-1)] == 128)
     darkest = np.unravel_index(np.argmin(ratio[..., 1]), ratio.shape[:2])
     assert ratio[darkest][1] < 0.9
@@ -91,7 +90,7 @@ def test_the_difference_is_grey_where_nothing_changes_and_dark_in_the_shadow(sho
 
 
 def test_water_alone_is_the_veil_of_a_long_way(shown: ShownFrame) -> None:
-    picture = VIEWS["water"].draw(shown)
+    picture = VIEWS["water"](shown)
     view = View(512, 256)
     for row in (5, 150, 250):
         up = view.directions(0.5, row + 0.5)[1]
@@ -100,7 +99,7 @@ def test_water_alone_is_the_veil_of_a_long_way(shown: ShownFrame) -> None:
 
 
 def test_distances_have_the_colours_of_the_legend(shown: ShownFrame) -> None:
-    picture = VIEWS["depth"].draw(shown)
+    picture = VIEWS["depth"](shown)
     down = -View(1024, 512).directions(512.5, 500.5)[1]  # straight below nothing is in the way
     wanted = drawing.false_colour(np.array([np.log(2.5 / down / 0.5) / np.log(100.0)]))[0]
     np.testing.assert_array_equal(picture[500, 512], wanted)
@@ -114,19 +113,19 @@ def test_the_sun_and_lamps_are_marked_where_they_are(shown: ShownFrame) -> None:
     assert set(marks) == {"object.0", "lamp.0", "sun"}
     assert (marks["sun"].longitude, marks["sun"].latitude) == pytest.approx(np.radians([70.0, 55.0]), abs=1e-6)
     view = shown.loaded.view(0.0)
-    lamp = shown_at(view, np.array([-2.0, 1.0, -2.0])).point
+    lamp, _ = shown_at(view, np.array([-2.0, 1.0, -2.0]))
     assert (marks["lamp.0"].longitude, marks["lamp.0"].latitude) == pytest.approx((lamp.longitude, lamp.latitude))
-    body = shown_at(view, np.array([0.5, -0.5, -4.0]))
-    assert marks["object.0"].longitude == pytest.approx(body.point.longitude)
-    assert marks["object.0"].radius == pytest.approx(np.arctan(0.6 * np.sqrt(3.0) / body.distance_m))
-    picture = VIEWS["lights"].draw(shown).astype(int)
+    body, away_m = shown_at(view, np.array([0.5, -0.5, -4.0]))
+    assert marks["object.0"].longitude == pytest.approx(body.longitude)
+    assert marks["object.0"].radius == pytest.approx(np.arctan(0.6 * np.sqrt(3.0) / away_m))
+    picture = VIEWS["lights"](shown).astype(int)
     x, y = pixel_of_point(Point(marks["sun"].longitude, marks["sun"].latitude), 1024, 512)
     around = picture[int(y) - 20 : int(y) + 21, int(x) - 20 : int(x) + 21]
     assert np.max(around[..., 0] - around[..., 2]) > 150  # its ring is red
 
 
 def test_a_tile_of_caustics_has_the_map_that_the_renderer_makes(shown: ShownFrame) -> None:
-    picture = VIEWS["caustics"].draw(shown)
+    picture = VIEWS["caustics"](shown)
     assert picture.shape == (720, 720, 3)
     assert shown.ground_y == (-2.5, "receiver")
     scene, sun = shown.loaded.scene, shown.sun
@@ -147,11 +146,11 @@ def test_a_tile_of_caustics_has_the_map_that_the_renderer_makes(shown: ShownFram
 def test_views_say_why_there_is_nothing(tmp_path: Path) -> None:
     bare = shown_frame(tmp_path, water={"type": "none"}, object=[], lamp=[], receiver={})
     for name in ("caustics", "water"):
-        words = VIEWS[name].draw(bare)
+        words = VIEWS[name](bare)
         assert words.shape[2] == 3
         assert 0.0 < np.mean(np.any(words != drawing.DARK.back, axis=-1)) < 0.1
     assert bare.frame.layer.tiles == ()
-    assert np.all(VIEWS["difference"].draw(bare) == 128)
+    assert np.all(VIEWS["difference"](bare) == 128)
 
 
 def test_charts_suit_light_and_dark_pages(shown: ShownFrame) -> None:
@@ -159,7 +158,7 @@ def test_charts_suit_light_and_dark_pages(shown: ShownFrame) -> None:
     for palette in (drawing.DARK, drawing.LIGHT):
         for color in (palette.text, palette.soft, palette.strong, palette.warm, *palette.series):
             assert contrast(color, palette.back) > 4.5, color
-    plan = VIEWS["plan"].draw(replace(shown, dark=False))
+    plan = VIEWS["plan"](replace(shown, dark=False))
     assert tuple(plan[450, 5]) == drawing.LIGHT.back
     for color in (drawing.LIGHT.series[0], drawing.LIGHT.strong, drawing.LIGHT.warm):
         assert np.any(np.all(plan == color, axis=-1))

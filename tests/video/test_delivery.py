@@ -88,8 +88,9 @@ def test_bit_rates_are_those_of_the_table(size: tuple[int, int], rate: int, tran
     )  # fmt: skip
     found = delivery_of(EncodeSettings(target="youtube-360"), like)
     assert found is not None
-    assert found.bit_rate / 1e6 == wanted
-    assert found.codec == ("h264" if transfer == "srgb" else "h265")
+    codec, _, options = found
+    assert int(options["b"]) / 1e6 == wanted
+    assert codec == ("h264" if transfer == "srgb" else "h265")
     assert delivery_of(EncodeSettings(), replace(like)) is None
 
 

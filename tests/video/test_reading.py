@@ -10,7 +10,7 @@ import pytest
 from mr360uw.color import ColorSpec
 from mr360uw.errors import VideoError
 from mr360uw.video import open_video, write_exr
-from mr360uw.video.read.decoded_once import DecodedOnce
+from mr360uw.video.read.reader import DecodedOnce
 from tests.video.boxes import mark_v2
 from tests.video.clips import decoded, moving_planes, write_clip, write_trimmed_clip
 from tests.video.tolerances import VIDEO_SHARED_EXPONENT
@@ -59,7 +59,7 @@ def test_frames_that_an_edit_list_cuts_away_do_not_count(tmp_path) -> None:
     path, whole = write_trimmed_clip(tmp_path / "cut.mp4")
     with open_video(path) as video:
         assert video.frame_count == 24
-        assert video.has_audio
+        assert video.sound is not None
         assert video.frame_rate == Fraction(30000, 1001)
         straight = [(f.index, f.pts, f.yuv.y.copy()) for f in video.frames()]
         assert [index for index, _, _ in straight] == list(range(24))
@@ -80,7 +80,7 @@ def test_full_range_camera_footage(tmp_path) -> None:
     )  # fmt: skip
     with open_video(path, equirectangular=False) as video:
         assert video.spec == ColorSpec("bt709", True, "srgb", 8)
-        assert (video.frame_count, video.start_pts, video.has_audio) == (40, 990, False)
+        assert (video.frame_count, video.start_pts, video.sound) == (40, 990, None)
         assert video.notes == ("the data track 1 is not copied",)
         frame = next(video.frames(30))
         assert frame.time_s == pytest.approx(30 * 1001 / 30000)
@@ -341,7 +341,7 @@ def test_frames_that_are_kept_are_those_of_the_file_and_are_decoded_once(tmp_pat
 
 
 def test_frames_that_are_too_many_are_not_kept(tmp_path, monkeypatch) -> None:
-    monkeypatch.setattr("mr360uw.video.read.decoded_once._MOST_BYTES", 1000)
+    monkeypatch.setattr("mr360uw.video.read.reader._MOST_BYTES", 1000)
     with open_video(write_clip(tmp_path / "short.mp4", 12)) as video:
         kept = DecodedOnce(video, (0, 12))
         assert signatures(kept) == signatures(video)

@@ -9,53 +9,44 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
 from mr360uw.errors import OutputExistsError, SceneError
-from mr360uw.tune.editing.toml_edit import SceneFile, find, key_of, with_entry, with_value, without
+from mr360uw.files import write_whole
+from mr360uw.reading.cached_reads import stamp
+from mr360uw.scene.model import Scene, scene_from_dict
+from mr360uw.scene.problems import key_lines
+from mr360uw.scene.toml_model import scene_text, tables_of
+from mr360uw.tune.editing.toml_edit import find, key_of, with_entry, with_value, without
 
 _Observer = TypeVar("_Observer")
 _LONGEST_HISTORY = 1000
 """Steps that can be undone. A text has some 10 kB; ten times as many steps would take 100 MB."""
 
 
-@dataclass(frozen=True, slots=True)
-class Snapshot:
-    """A state of a document that was kept under a name."""
-
-    name: str
-    text: str
-
-
-@dataclass(frozen=True, slots=True)
-class _Step:
-    """A change. before: text before it. group: changes of one group, one after the other, are one step."""
-
-    label: str
-    before: str
-    group: str | None
+_Step = tuple[str, str, str | None]
+"""A change: its label, the text before it, and its group: changes of one group, one after the other, are one step."""
 
 
 class Document:
     """A scene file as text, and the scene that the text gives.
 
-    scene: of the text, or of the last text that gave one. revision: counts the changes. outside: text of the file if it
-    was changed by another program while there are unsaved changes, or is no TOML any more. dragging: whether the last
-    change was one of a group, others of which may follow.
+    scene: of the text, or of the last text that gave one. revision: counts the changes. snapshots: texts by name.
+    outside: text of the file if it was changed by another program while there are unsaved changes, or is no TOML any
+    more. dragging: whether the last change was one of a group, others of which may follow.
     """
 
     def __init__(self, path: Path) -> None:
         """Open a scene file; raise `SceneError` where it gives no scene."""
-        self.path, self._file = path, SceneFile(path)
-        self.text = self._saved = self._file.read()
-        self.scene, self.tree = self._file.scene_of(self.text), self._file.tree_of(self.text)
+        self.path, self._stamp = path, stamp(path)
+        self.text = self._saved = scene_text(path)
+        self.scene, self.tree = self._scene_of(self.text), self._tree_of(self.text)
         self._wrong: tuple[str, ...] = ()
         self._file_wrong: tuple[str, ...] = ()
         self.revision, self.dragging = 0, False
         self.outside: str | None = None
-        self.snapshots: list[Snapshot] = []
+        self.snapshots: dict[str, str] = {}
         self._past, self._future = list[_Step](), list[_Step]()
         self._observers: list[Callable[[], None]] = []
         self._together: str | None = None
@@ -92,12 +83,12 @@ class Document:
     @property
     def undo_label(self) -> str | None:
         """Name of the change that `undo` takes back; None where there is none."""
-        return self._past[-1].label if self._past else None
+        return self._past[-1][0] if self._past else None
 
     @property
     def redo_label(self) -> str | None:
         """Name of the change that `redo` makes again; None where there is none."""
-        return self._future[-1].label if self._future else None
+        return self._future[-1][0] if self._future else None
 
     def set(self, key: str, value: Any, *, group: str | None = None) -> None:
         """Set a key; changes with the same group that follow each other, as those of one drag, are one step."""
@@ -137,12 +128,12 @@ class Document:
         finally:
             self._together = None
             if self.text != before:
-                self._push(_Step(label, before, group))
+                self._push((label, before, group))
                 self._tell()
 
     def replace(self, label: str, text: str) -> None:
         """Take another text as one step; raise `SceneError` where it is not TOML."""
-        self._file.tree_of(text)
+        self._tree_of(text)
         self._change(label, text, None)
 
     def undo(self) -> None:
@@ -153,15 +144,14 @@ class Document:
         """Make the step again that was taken back last, if there is one."""
         self._travel(self._future, self._past)
 
-    def keep(self, name: str) -> Snapshot:
-        """Keep the present state under a name, in place of one that had it; return it."""
-        self.snapshots = [*(one for one in self.snapshots if one.name != name), Snapshot(name, self.text)]
+    def keep(self, name: str) -> None:
+        """Keep the present text under a name, in place of one that had it."""
+        self.snapshots = {other: text for other, text in self.snapshots.items() if other != name} | {name: self.text}
         self._tell()
-        return self.snapshots[-1]
 
     def forget(self, name: str) -> None:
         """Drop a kept state."""
-        self.snapshots = [one for one in self.snapshots if one.name != name]
+        self.snapshots = {other: text for other, text in self.snapshots.items() if other != name}
         self._tell()
 
     def save(self, *, overwrite: bool = False) -> None:
@@ -175,20 +165,22 @@ class Document:
         self.poll()
         if self.outside is not None and not overwrite:
             raise OutputExistsError(f"{self.path} - was changed by another program - take its text, or overwrite it")
-        self._file.write(self.text)
+        write_whole(self.path.resolve(), self.text)
+        self._stamp = stamp(self.path)
         self._saved, self.outside, self._file_wrong = self.text, None, ()
         self._tell()
 
     def poll(self) -> None:
         """Look whether the file was changed: without unsaved changes its text is taken, else it is in `outside`."""
-        if not self._file.changed():
+        before, self._stamp = self._stamp, stamp(self.path)
+        if before == self._stamp:
             return
         self.outside, self._file_wrong = None, ()
         try:
-            self.outside = self._file.read()
-            self._file.tree_of(self.outside)
+            self.outside = scene_text(self.path)
+            self._tree_of(self.outside)
         except SceneError as error:  # a file that is gone, `save` writes again
-            self._file_wrong = error.problems if self._file.exists() else ()
+            self._file_wrong = error.problems if self._stamp is not None else ()
         if self.outside == self._saved:
             self.outside = None
         if self.outside is not None and not self.dirty and not self._file_wrong:
@@ -200,7 +192,7 @@ class Document:
         """Take the text that the file has now, as a step that can be undone; raise `SceneError` if it is not TOML."""
         if self.outside is not None:
             taken = self.outside
-            self._file.tree_of(taken)
+            self._tree_of(taken)
             self._saved, self.outside = taken, None
             self._change("changed by another program", taken, None)
             self._tell()
@@ -212,32 +204,42 @@ class Document:
     def _change(self, label: str, text: str, group: str | None) -> None:
         if text == self.text:
             return
-        step = _Step(label, self.text, group)
+        step = label, self.text, group
         self._take(text)
         if self._together is None:
             self._push(step)
             self._tell()
 
     def _push(self, step: _Step) -> None:
-        if step.group is None or self._future or not self._past or self._past[-1].group != step.group:
+        group = step[2]
+        if group is None or self._future or not self._past or self._past[-1][2] != group:
             self._past = [*self._past[-_LONGEST_HISTORY:], step]
-        self._future, self.dragging = [], step.group is not None
+        self._future, self.dragging = [], group is not None
 
     def _travel(self, source: list[_Step], target: list[_Step]) -> None:
         if source:
-            step, self.dragging = source.pop(), False
-            target.append(_Step(step.label, self.text, None))
-            self._take(step.before)
+            (label, before, _), self.dragging = source.pop(), False
+            target.append((label, self.text, None))
+            self._take(before)
             self._tell()
 
     def _take(self, text: str) -> None:
-        self.text, self.tree = text, self._file.tree_of(text)
+        self.text, self.tree = text, self._tree_of(text)
         self.revision += 1
         try:
-            self.scene = self._file.scene_of(text)
+            self.scene = self._scene_of(text)
             self._wrong = ()
         except SceneError as error:
             self._wrong = error.problems
+
+    def _tree_of(self, text: str) -> dict[str, Any]:
+        """Return the tables of a text; raise `SceneError` where it is not TOML."""
+        return tables_of(text, str(self.path))
+
+    def _scene_of(self, text: str) -> Scene:
+        """Return the scene of a text, whose paths start at the file's folder; raise `SceneError`."""
+        folder = self.path.resolve().parent
+        return scene_from_dict(self._tree_of(text), folder, where=str(self.path), lines=key_lines(text))
 
     def _tell(self) -> None:
         for callback in tuple(self._observers):

@@ -12,7 +12,7 @@ from typing import Any, Literal, Union, get_args, get_origin
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
-from mr360uw.parameters import stated
+from mr360uw.parameters import bounds_of, stated
 from mr360uw.scene.model import Scene
 from mr360uw.scene.problems import bounds_text, models_of
 from mr360uw.scene.toml_model import toml_value
@@ -99,23 +99,6 @@ class Field:
         """The default as TOML writes it; None where there is none."""
         return None if self.default is None else toml_value(self.default)
 
-    def position(self, value: float) -> float:
-        """Return where a value stands on the slider, 0 to 1; values beyond its span at its ends."""
-        assert self.span is not None
-        low, high = self.span
-        at = min(max(value, low), high)
-        return math.log(at / low) / math.log(high / low) if self.logarithmic else (at - low) / (high - low)
-
-    def value_at(self, position: float) -> float | int:
-        """Return the value of a position of the slider, with three significant digits; within the allowed range."""
-        assert self.span is not None
-        low, high = self.span
-        value = min(low * (high / low) ** position if self.logarithmic else low + (high - low) * position, high)
-        if self.kind == "integer":
-            return round(value)
-        digits = 2 - math.floor(math.log10(abs(value))) if self.logarithmic else 1 - math.floor(math.log10(self.step))
-        return min(max(round(value, digits), low), high) if value else 0.0
-
 
 @dataclass(frozen=True, slots=True)
 class Group:
@@ -171,7 +154,7 @@ def _field(path: str, key: str, field: FieldInfo, tags: tuple[str, ...], changes
     kind = _kind(key, options, choices)
     unit = stated(field, "unit")
     changes &= kind in ("number", "vector", "colour") and not stated(field, "fixed")
-    low, high = _bounds(field)
+    low, high = bounds_of(field)
     default = None if field.is_required() else field.get_default(call_default_factory=True)
     span, logarithmic = None, False
     if kind in ("number", "integer", "vector", "colour"):
@@ -212,14 +195,6 @@ def _kind(key: str, options: list[Any], choices: tuple[Any, ...]) -> Kind:
     if parts and Ellipsis not in parts and not any(models_of(part) for part in parts):
         return "colour" if key.endswith("color") else "vector"
     return "toml"
-
-
-def _bounds(field: FieldInfo) -> tuple[float | None, float | None]:
-    low = high = None
-    for rule in field.metadata:
-        low = next((v for v in (getattr(rule, "ge", None), getattr(rule, "gt", None)) if v is not None), low)
-        high = getattr(rule, "le", None) if getattr(rule, "le", None) is not None else high
-    return low, high
 
 
 def _span(

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Scene files that are edited: edits of TOML text that keep comments, order and layout; reading and writing it whole.
+"""Edits of the TOML text of scene files that keep comments, order and layout.
 
 A key is a tuple of names and of indices into lists, as in ("object", 0, "scale"). New scene files hold every default as
 a line "# key = value   # help": a key that is set takes the place of its line, one that is removed leaves it behind.
@@ -9,54 +9,13 @@ from __future__ import annotations
 
 import re
 import tomllib
-from pathlib import Path
 from typing import Any
 
 import tomlkit
 from tomlkit.items import AoT, Array, InlineTable, Item
 
 from mr360uw.errors import ParameterError
-from mr360uw.files import write_whole
-from mr360uw.reading.cached_reads import stamp
-from mr360uw.scene.model import Scene, scene_from_dict
 from mr360uw.scene.problems import key_lines
-from mr360uw.scene.toml_model import scene_text, tables_of
-
-
-class SceneFile:
-    """A scene file at a path."""
-
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        self._stamp = stamp(self.path)
-
-    def read(self) -> str:
-        """Return the text; raise `SceneError` where there is none."""
-        return scene_text(self.path)
-
-    def tree_of(self, text: str) -> dict[str, Any]:
-        """Return the tables of a text; raise `SceneError` where it is not TOML."""
-        return tables_of(text, str(self.path))
-
-    def scene_of(self, text: str) -> Scene:
-        """Return the scene of a text, whose paths start at the file's folder; raise `SceneError`."""
-        folder = self.path.resolve().parent
-        return scene_from_dict(self.tree_of(text), folder, where=str(self.path), lines=key_lines(text))
-
-    def write(self, text: str) -> None:
-        """Write the text, whole or not at all; raise `OSError`."""
-        write_whole(self.path.resolve(), text)
-        self._stamp = stamp(self.path)
-
-    def changed(self) -> bool:
-        """Whether the file was touched since the last look, or since it was written here."""
-        before, self._stamp = self._stamp, stamp(self.path)
-        return before != self._stamp
-
-    def exists(self) -> bool:
-        """Whether there is a file at the last look."""
-        return self._stamp is not None
-
 
 Key = tuple[str | int, ...]
 

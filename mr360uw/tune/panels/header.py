@@ -10,7 +10,6 @@ from typing import Any
 
 from nicegui import ui
 
-from mr360uw.tune.editing.document import Snapshot
 from mr360uw.tune.panels.widgets import Button, Choice, Text, menu
 from mr360uw.tune.session import Session
 
@@ -97,19 +96,17 @@ class Header:
         self._snapshots.clear()
         with self._snapshots:
             ui.menu_item("Keep the present state", self._keep)
-            for kept in self._document.snapshots:
+            for name, text in self._document.snapshots.items():
+                back = partial(self._document.replace, f"back to {name}", text)
                 ui.separator()
-                ui.menu_item(f"Back to {kept.name}", partial(self._restore, kept))
-                ui.menu_item(f"Forget {kept.name}", partial(self._document.forget, kept.name))
+                ui.menu_item(f"Back to {name}", partial(self._guarded, back))
+                ui.menu_item(f"Forget {name}", partial(self._document.forget, name))
 
     def _keep(self) -> None:
-        taken = {kept.name for kept in self._document.snapshots}
+        taken = self._document.snapshots
         number = next(k for k in range(1, len(taken) + 2) if f"snapshot {k}" not in taken)
         self._session.keep_picture(f"snapshot {number}")
         self._document.keep(f"snapshot {number}")
-
-    def _restore(self, kept: Snapshot) -> None:
-        self._guarded(lambda: self._document.replace(f"back to {kept.name}", kept.text))
 
     def _show_notices(self) -> None:
         document, self_guarded = self._document, self._guarded

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -14,15 +13,13 @@ from nicegui import background_tasks
 from mr360uw.errors import ParameterError
 from mr360uw.tune import placing
 from mr360uw.tune.editing import tracks
-from mr360uw.tune.marks import Marker
-from mr360uw.tune.panels.floor_tool import FloorTool
-from mr360uw.tune.panels.patch_tool import PATCH_TOOLS, PatchTool
+from mr360uw.tune.panels.click_tools import PATCH_TOOLS, FloorTool, PatchTool
 from mr360uw.tune.panels.stage import ShownPicture
 from mr360uw.tune.panels.widgets import Button, Choice
 from mr360uw.tune.placing import Point
 from mr360uw.tune.session import Session
-from mr360uw.tune.situation import Situation
-from mr360uw.tune.viewer import Drag, Pick
+from mr360uw.tune.situation import Marker, Situation, situation
+from mr360uw.tune.viewer import Drag
 
 _TOOLS = {
     "": "Click: nothing",
@@ -98,9 +95,12 @@ class PlaceTools:
             self._mark()
 
     async def _ask(self) -> Situation:
-        session = self._session
-        job = partial(_situation, session.document.scene, session.index, session.time_s)
-        return await asyncio.wrap_future(session.pictures.ask(job, urgent=True))
+        scene, index, time_s = self._document.scene, self._session.index, self._session.time_s
+        job = self._session.pictures.ask(
+            lambda renderer: situation(renderer.preview, scene, index, time_s), urgent=True
+        )
+        here: Situation = await asyncio.wrap_future(job)
+        return here
 
     def _mark(self) -> None:
         here = self._situation
@@ -120,9 +120,8 @@ class PlaceTools:
         self._patch.begin(shown=tool in PATCH_TOOLS)
         self._floor.begin(shown=tool == "floor")
 
-    async def _picked(self, pick: Pick) -> None:
-        point = pick.point
-        if point is None or not self._tool:
+    async def _picked(self, point: Point) -> None:
+        if not self._tool:
             return
         try:
             if self._tool == "water":
@@ -182,7 +181,7 @@ class PlaceTools:
         if drag.handle == "move":
             self._put_object(number, "position_m", _vector(here.swimming(number, point)), group)
         elif shown is not None and drag.handle == "turn":
-            step = _TURN_STEP_DEG if drag.keys.shift else 0.0
+            step = _TURN_STEP_DEG if drag.shift else 0.0
             yaw = placing.yaw_by_drag(body.rotation_deg[0], shown, drag.start, point, step)
             self._put_object(number, "rotation_deg", [_short(yaw, 2), *body.rotation_deg[1:]], group)
         elif shown is not None:
@@ -190,14 +189,14 @@ class PlaceTools:
             self._put_object(number, "scale", float(f"{scale:.4g}"), group)
 
     def _face_camera(self) -> None:
-        def turn() -> None:
-            assert self._situation is not None
+        assert self._situation is not None
+        try:
             self._check_number(self._situation)
             yaw = _short(self._situation.facing_yaw_deg(self._number), 2)
             rest = self._situation.bodies[self._number].rotation_deg[1:]
             self._put_object(self._number, "rotation_deg", [yaw, *rest])
-
-        self._try(turn)
+        except (ParameterError, OSError, ValueError) as error:
+            self._failed(error)
 
     def _check_number(self, here: Situation) -> None:
         if not here.bodies:
@@ -219,17 +218,6 @@ class PlaceTools:
             tracks.set_key(self._document, key, self._session.time_s, value, group=group)
         else:
             self._document.set(key, value, group=group)
-
-    def _try(self, action: Callable[[], Any]) -> None:
-        try:
-            action()
-        except (ParameterError, OSError, ValueError) as error:
-            self._failed(error)
-
-
-def _situation(scene: Any, index: int, time_s: float, renderer: Any) -> Situation:
-    here: Situation = renderer.situation(scene, index, time_s)
-    return here
 
 
 def _vector(position: Any) -> list[float]:

@@ -11,9 +11,8 @@ from typing import Any
 from nicegui import background_tasks, ui
 
 from mr360uw.files import write_whole
-from mr360uw.runs.composite_run import CompositeRun
 from mr360uw.tune.panels.widgets import Button, Choice, Text
-from mr360uw.tune.session import Session
+from mr360uw.tune.session import CompositeRun, Session
 
 _SCALES = {"1": "full size", "0.5": "half size", "0.25": "quarter size"}
 
@@ -40,7 +39,8 @@ class RenderDialog:
                 Choice("Size", _SCALES, "1", lambda scale: setattr(self, "_scale", scale))
                 with ui.element("label"):
                     box = ui.element("input").props("type=checkbox")
-                    box.on("change", self._allow, js_handler="(e) => emit(e.target.checked)")
+                    allow = "(e) => emit(e.target.checked)"
+                    box.on("change", lambda event: setattr(self, "_overwrite", bool(event.args)), js_handler=allow)
                     Text(" replace an output that is there")
             self._bar = ui.element("progress").props("max=1 aria-label='frames rendered'")
             self._text = Text("", "p", "run-text").props("role=status")
@@ -88,9 +88,6 @@ class RenderDialog:
 
     def _named(self, event: Any) -> None:
         self._name = str(event.args)
-
-    def _allow(self, event: Any) -> None:
-        self._overwrite = bool(event.args)
 
     def _start(self, *, save: bool) -> None:
         """Start a run on the saved scene, or on a copy beside it that is removed afterwards."""

@@ -5,8 +5,6 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable
-from functools import partial
-from typing import Any
 
 from nicegui import background_tasks, ui
 
@@ -87,7 +85,7 @@ class ShownPicture:
     def _offer(self) -> None:
         """Offer the pictures that there are to compare with; choose the one that is compared with."""
         session = self._session
-        names = [kept.name for kept in session.document.snapshots if kept.name in session.kept_pictures]
+        names = [name for name in session.document.snapshots if name in session.kept_pictures]
         names += [SNAPSHOT] if self._compared == SNAPSHOT else []
         if self._compared not in (*names, *_COMPARISONS):  # it was forgotten
             self._compared = ""
@@ -118,16 +116,13 @@ class ShownPicture:
 
     async def _show_plate(self) -> None:
         session = self._session
-        job: Callable[[Any], bytes] = partial(_plate, session.document.scene, session.index, session.width)
+        scene, index, width = session.document.scene, session.index, session.width
         try:
-            data = await asyncio.wrap_future(session.pictures.ask(job))
+            data: bytes = await asyncio.wrap_future(
+                session.pictures.ask(lambda renderer: renderer.plate(scene, index, width))
+            )
         except Exception as error:  # noqa: BLE001 - told to the user
             self._failed(error)
             return
         if self._compared == "plate":
             self.viewer.show_other(f"/picture/{session.replaced('plate', data)}", "plate")
-
-
-def _plate(scene: Any, index: int, width: int, renderer: Any) -> bytes:
-    data: bytes = renderer.plate(scene, index, width)
-    return data

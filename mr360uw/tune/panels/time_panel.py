@@ -14,7 +14,7 @@ from mr360uw.scene.key_targets import target_of
 from mr360uw.tune.editing import tracks
 from mr360uw.tune.panels.widgets import Choice
 from mr360uw.tune.session import Session
-from mr360uw.tune.timeline import KeyEdit, ParameterKeys, Thumbnail, Timeline
+from mr360uw.tune.timeline import Interpolation, Timeline
 
 _AXES = ("right", "up", "back")
 
@@ -32,19 +32,14 @@ class TimePanel:
             self._line = Timeline(session.frame_count, float(clip.frame_rate))
             with ui.element("div").classes("foot-bar") as self._bar:
                 self._choice = Choice("Keyed parameter", {"": "no curve"}, "", self.choose)
-        self._line.on_seek(lambda seek: session.seek(seek.frame, scrubbing=seek.scrubbing))
-        self._line.on_play(self._played)
+        self._line.on_seek(lambda frame, scrubbing: session.seek(frame, scrubbing=scrubbing))
+        self._line.on_play(lambda playing: setattr(self, "_playing", playing))
         self._line.on_range(session.set_range)
         self._line.on_keys(self._edited)
 
     def begin(self) -> None:
         """Ask for the thumbnails, which would hold up the first picture."""
         background_tasks.create(self._session.make_thumbnails(), name="thumbnails")
-
-    @property
-    def playing(self) -> bool:
-        """Whether this tab plays."""
-        return self._playing
 
     def play(self) -> None:
         """Start or stop playing."""
@@ -90,39 +85,35 @@ class TimePanel:
         self._line.set_frame(self._session.index)
         self._line.set_range(*self._session.range)
 
-    def _curve(self, label: str) -> ParameterKeys:
+    def _curve(self, label: str) -> dict[str, Any]:
         name, component = self._named()
         key = tracks.tracks(self._document)[name]
         field = target_of(self._document.scene, name).field
         low, high = bounds_of(field)
         values = [tracks.component_of(value, component) for value in key.value]
         end_s = self._session.frame_count / float(self._session.clip.frame_rate)
-        return ParameterKeys(
-            label, stated(field, "unit"), tuple(zip(key.time_s, values, strict=True)),
-            tuple(tracks.samples(self._document, key, end_s, component)), key.interpolation, low, high,
-        )  # fmt: skip
+        return {
+            "label": label, "unit": stated(field, "unit"), "keys": list(zip(key.time_s, values, strict=True)),
+            "samples": tracks.samples(self._document, key, end_s, component), "interpolation": key.interpolation,
+            "low": low, "high": high,
+        }  # fmt: skip
 
     def _named(self) -> tuple[str, int | None]:
         name, _, component = self._chosen.partition(" ")
         return name, int(component) if component else None
 
-    def _edited(self, edit: KeyEdit) -> None:
+    def _edited(self, keys: list[tuple[float, float]], interpolation: Interpolation, done: bool) -> None:
         name, component = self._named()
         key = tracks.tracks(self._document).get(name)
         if key is None:
             self.refresh()
             return
-        pairs: list[tuple[float, Any]] = list(edit.keys)
-        if component is not None:
-            pairs = tracks.with_component(self._document, key, component, edit.keys)
+        pairs = keys if component is None else tracks.with_component(self._document, key, component, keys)
         group = f"{self._line.client.id} keys {self._drag}"
-        self._guarded(partial(tracks.set_keys, self._document, name, pairs, edit.interpolation, group=group))
-        self._drag += edit.done
+        self._guarded(partial(tracks.set_keys, self._document, name, pairs, interpolation, group=group))
+        self._drag += done
         self.refresh()
-
-    def _played(self, playing: bool) -> None:
-        self._playing = playing
 
     def show_thumbnails(self) -> None:
         """Show the small pictures of the plate that there are."""
-        self._line.set_thumbnails([Thumbnail(f, f"/picture/{n}") for f, n in self._session.thumbnails.items()])
+        self._line.set_thumbnails({f: f"/picture/{n}" for f, n in self._session.thumbnails.items()})

@@ -44,13 +44,8 @@ class Box:
         return struct.pack(">I4sQ", 1, self.kind, len(body) + 16) + body
 
 
-@dataclass(frozen=True, slots=True)
-class _Extent:
-    """A top-level box in the file."""
-
-    kind: bytes
-    offset: int
-    size: int
+_Extent = tuple[bytes, int, int]
+"""A top-level box in the file: kind, offset, size."""
 
 
 def _header(data: bytes, available: int) -> tuple[bytes, int, int] | None:
@@ -73,7 +68,7 @@ def _extents(file: BinaryIO) -> Iterator[_Extent]:
         header = _header(file.read(16), end - offset)
         if header is None:
             return
-        yield _Extent(header[0], offset, header[2])
+        yield header[0], offset, header[2]
         offset += header[2]
 
 
@@ -82,14 +77,15 @@ def cut_short(path: Path) -> str:
     with path.open("rb") as file:
         extents = list(_extents(file))
         size = file.seek(0, 2)
-    if not extents or extents[0].kind not in (b"ftyp", b"moov", b"mdat", b"wide", b"free", b"skip"):
+    if not extents or extents[0][0] not in (b"ftyp", b"moov", b"mdat", b"wide", b"free", b"skip"):
         return ""
-    last = extents[-1]
-    if last.offset + last.size > size and last.kind != b"mdat":
-        return f"its '{last.kind.decode('latin-1')}' index is incomplete"
-    if all(extent.kind != b"moov" for extent in extents):
+    kind, offset, length = extents[-1]
+    missing = offset + length - size
+    if missing > 0 and kind != b"mdat":
+        return f"its '{kind.decode('latin-1')}' index is incomplete"
+    if all(kind != b"moov" for kind, _, _ in extents):
         return "it has no 'moov' index"
-    return f"{last.offset + last.size - size} bytes are missing" if last.offset + last.size > size else ""
+    return f"{missing} bytes are missing" if missing > 0 else ""
 
 
 def parse_boxes(data: bytes) -> list[Box]:
@@ -150,14 +146,15 @@ def read_moov(path: Path) -> Box | None:
     """Return the parsed 'moov' box of a file, None where it has none."""
     with path.open("rb") as file:
         for extent in _extents(file):
-            if extent.kind == b"moov":
+            if extent[0] == b"moov":
                 return _read_moov(file, extent)
     return None
 
 
 def _read_moov(file: BinaryIO, extent: _Extent) -> Box | None:
-    file.seek(extent.offset)
-    boxes, _ = _split(file.read(extent.size))
+    _, offset, size = extent
+    file.seek(offset)
+    boxes, _ = _split(file.read(size))
     return boxes[0] if boxes and boxes[0].children else None
 
 
@@ -169,29 +166,28 @@ def edit_moov(path: Path, edit: Callable[[Box], None], front: bool = False) -> N
     """
     with path.open("r+b") as file:
         extents = list(_extents(file))
-        index = next((i for i, extent in enumerate(extents) if extent.kind == b"moov"), None)
+        index = next((i for i, extent in enumerate(extents) if extent[0] == b"moov"), None)
         moov = _read_moov(file, extents[index]) if index is not None else None
         if index is None or moov is None:
             raise VideoError(f"{path} - is not an mp4 or mov file with an index - remux it to mp4")
-        if moov.find(b"mvex") or any(extent.kind == b"moof" for extent in extents):
+        if moov.find(b"mvex") or any(kind == b"moof" for kind, _, _ in extents):
             raise VideoError(f"{path} - is a fragmented mp4, its index cannot be edited - remux it to a plain mp4")
         edit(moov)
         old = extents[index]
-        target = old.offset
+        target = old[1]
         if front:
-            media = [extent.offset for extent in extents if extent.kind == b"mdat"]
-            target = min([*media, target])
+            target = min([*(offset for kind, offset, _ in extents if kind == b"mdat"), target])
         _replace(file, old, target, moov)
 
 
 def _replace(file: BinaryIO, old: _Extent, target: int, moov: Box) -> None:
-    """Take away the box at `old` and put the new one at `target` <= old.offset."""
-    size = len(moov.serialised())
-    old_end = old.offset + old.size
+    """Take away the box at `old` and put the new one at `target`, not after it."""
+    size, (_, old_offset, old_size) = len(moov.serialised()), old
+    old_end = old_offset + old_size
 
     def moved(offsets: np.ndarray) -> np.ndarray:
-        between = np.where((offsets >= target) & (offsets < old.offset), size, 0)
-        return offsets + np.where(offsets >= old_end, size - old.size, between)
+        between = np.where((offsets >= target) & (offsets < old_offset), size, 0)
+        return offsets + np.where(offsets >= old_end, size - old_size, between)
 
     shifted = _with_offsets(moov, moved, wide=False)
     if shifted is None:  # an offset no longer fits in 32 bits: 64-bit tables make the box larger
@@ -199,15 +195,15 @@ def _replace(file: BinaryIO, old: _Extent, target: int, moov: Box) -> None:
         shifted = _with_offsets(moov, moved, wide=True)
     assert shifted is not None
     end = file.seek(0, 2)
-    if size >= old.size:
-        _move(file, old_end, end, size - old.size)
-        _move(file, target, old.offset, size)
+    if size >= old_size:
+        _move(file, old_end, end, size - old_size)
+        _move(file, target, old_offset, size)
     else:
-        _move(file, target, old.offset, size)
-        _move(file, old_end, end, size - old.size)
+        _move(file, target, old_offset, size)
+        _move(file, old_end, end, size - old_size)
     file.seek(target)
     file.write(shifted.serialised())
-    file.truncate(end + size - old.size)
+    file.truncate(end + size - old_size)
 
 
 def _with_offsets(box: Box, moved: Callable[[np.ndarray], np.ndarray], wide: bool) -> Box | None:

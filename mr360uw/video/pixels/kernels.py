@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from mr360uw.jit import fast, inlined
-from mr360uw.yuv.decode_kernels import chroma_row, luma_from_code
+from mr360uw.yuv.decoding import chroma_row, luma_from_code
 
 ENCODE_STEP_BITS = 16
 """Bits of a float32 that lie between two samples of the encoding table: the exponent and the first 7 bits of the

@@ -21,13 +21,18 @@ from mr360uw.color import Primaries, Transfer
 from mr360uw.errors import DamagedFrameError, VideoError
 from mr360uw.types import YuvImage
 from mr360uw.video.clip import not_copied
-from mr360uw.video.metadata.hdr import hdr_from_side_data
 from mr360uw.video.metadata.spherical import from_side_data, from_tag, read_spherical
-from mr360uw.video.metadata.tags import ColorTags, color_spec
+from mr360uw.video.metadata.tags import ColorTags, color_spec, hdr_from_side_data
 from mr360uw.video.pixels.native import plane_views
-from mr360uw.video.read.index import FrameIndex, container_index, has_full_index, scanned_index
 from mr360uw.video.read.layout import Eye, Layout, output_layout, panorama_crops
-from mr360uw.video.read.picture_order import StoredPicture, pictures
+from mr360uw.video.read.picture_order import (
+    FrameIndex,
+    StoredPicture,
+    container_index,
+    has_full_index,
+    pictures,
+    scanned_index,
+)
 from mr360uw.video.read.picture_shape import shape_of_codes
 from mr360uw.video.read.probe import first_picture, open_container
 from mr360uw.video.read.reader import Damaged, Seeker, VideoReader, check_range
@@ -62,7 +67,7 @@ class ContainerReader(VideoReader):
             self._rotation = int(first.rotation) % 360
             spec = color_spec(path, first.format.name, tags, first.height, transfer, primaries)
             self._crop, self._beside, stereo = panorama_crops(
-                path, first.width, first.height, spherical, eye, self._rotation, equirectangular, layout,
+                path, (first.width, first.height), spherical, eye, self._rotation, equirectangular, layout,
                 lambda: shape_of_codes(plane_views(first, spec), spec.bits),
             )  # fmt: skip
             self._announced_s = None if container.duration is None else float(container.duration / av.time_base)

@@ -22,8 +22,8 @@ from mr360uw.reading.numbered_files import is_pattern, matching_files
 from mr360uw.reading.picture_size import picture_size
 from mr360uw.video.read.layout import Eye, Layout, output_layout, panorama_crops
 from mr360uw.video.read.picture_shape import shape_of_codes
+from mr360uw.video.read.projection import PICTURE_SUFFIXES
 from mr360uw.video.read.reader import VideoReader, check_range
-from mr360uw.video.read.suffixes import PICTURE_SUFFIXES
 from mr360uw.video.video_frame import VideoFrame
 
 
@@ -98,12 +98,10 @@ class ImageReader(VideoReader):
         depth: bool = False,
         layout: Layout | None = None,
     ) -> None:
-        if frame_rate <= 0:
-            raise VideoError(f"{path} - frame rate must be positive (got {frame_rate}) - give frames per second")
         first = read_picture(files[0], depth=depth)
         self._files, self._wrap, self._depth = files, equirectangular, depth
         self._crop, self._beside, stereo = panorama_crops(
-            path, first.shape[1], first.shape[0], None, eye, equirectangular=equirectangular, layout=layout,
+            path, (first.shape[1], first.shape[0]), None, eye, equirectangular=equirectangular, layout=layout,
             look=lambda: shape_of_codes(first, 8 * first.dtype.itemsize),
         )  # fmt: skip
         own = transfer or ("linear" if first.dtype.kind == "f" else "srgb")

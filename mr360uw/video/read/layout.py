@@ -53,8 +53,7 @@ class Crop:
 
 def panorama_crops(
     path: Path,
-    width: int,
-    height: int,
+    size: tuple[int, int],
     spherical: SphericalMetadata | None,
     eye: Eye | None,
     rotation: int = 0,
@@ -65,17 +64,18 @@ def panorama_crops(
     """Return the part of a frame that is one full equirectangular panorama, that of the right eye beside it where
     `eye` is "both", and the arrangement of the eyes. Raises `VideoError`.
 
-    layout: arrangement of the eyes; None takes it from the metadata or, without any, from the frame's shape: 1:1 is
-    top-bottom, 4:1 is left-right. Panoramas are 2:1 unless the layout or the metadata say that the frame is one:
-    then their pixels may be wider or higher. equirectangular False accepts a mono frame of any shape. look: says what
-    the picture shows, where its size does not fit.
+    size: (width, height) of the frame. layout: arrangement of the eyes; None takes it from the metadata or, without
+    any, from the frame's shape: 1:1 is top-bottom, 4:1 is left-right. Panoramas are 2:1 unless the layout or the
+    metadata say that the frame is one: then their pixels may be wider or higher. equirectangular False accepts a mono
+    frame of any shape. look: says what the picture shows, where its size does not fit.
     """
     if rotation not in (0, 180) or (rotation and eye == "both"):
         raise VideoError(
             f"{path} - asks to be turned by {rotation} degrees - turn the pictures upright before "
             "(only 180 is done here, and not for both eyes)"
         )
-    whole = Crop(0, 0, width, height, (width, height))
+    width, height = size
+    whole = Crop(0, 0, width, height, size)
     if not equirectangular and eye is None:
         return whole, None, "mono"
     if spherical is not None and equirectangular:
@@ -96,9 +96,9 @@ def panorama_crops(
     crop = whole if stereo == "mono" else _eye_crop(path, width, height, stereo, "right" if eye == "right" else "left")
     said = layout is not None or spherical is not None
     if equirectangular and crop.width != 2 * crop.height and not (said and _may_be_squeezed(crop)):
-        size = f"the picture is not a 360 degree panorama of 2:1 (got {crop.width}x{crop.height})"
+        what = f"the picture is not a 360 degree panorama of 2:1 (got {crop.width}x{crop.height})"
         out = way_out(look(), path) or "export it as equirectangular 2:1, or tag it as the full sphere"
-        raise VideoError(f"{path} - {size} - {out}")
+        raise VideoError(f"{path} - {what} - {out}")
     return crop, _eye_crop(path, width, height, stereo, "right") if eye == "both" else None, stereo
 
 

@@ -14,9 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.types import Floats, YuvImage
-from mr360uw.video.read.eac_rows import DOUBLED_STRIP
-from mr360uw.video.read.projection import Projection, turned_by_ffmpeg
-from mr360uw.video.read.suffixes import PICTURE_SUFFIXES
+from mr360uw.video.read.projection import DOUBLED_STRIP, PICTURE_SUFFIXES, Projection, turned_by_ffmpeg
 
 Shape = Literal["panorama", "dual fisheye", "fisheye", "EAC", "EAC track", "flat"]
 """What a picture looks like; "panorama" where nothing speaks against it."""
@@ -73,7 +71,8 @@ def picture_shape(luma: NDArray[Any], white: float = 255.0) -> Shape:
         return "dual fisheye"
     if 0.95 < aspect < 1.05 and _is_circle(cv2.resize(small, (_ROWS, _ROWS), interpolation=cv2.INTER_AREA)):
         return "fisheye"
-    if not (_ends_differ(small) and _no_pole(small)):
+    ends_differ, no_pole = seam_step(small) > [_SEAM, _SEAM_CODES], pole_spread(small) > [_POLE, _POLE_CODES]
+    if not (np.all(ends_differ) and np.all(no_pole)):
         return "panorama"
     if (columns, rows) in DOUBLED_STRIP:
         return "EAC track"
@@ -100,11 +99,6 @@ def way_out(shape: Shape, path: Path) -> str:
     return f"shows {_SHOWS[shape]}: {turn}, or {_EXPORT}"
 
 
-def _ends_differ(small: Floats) -> bool:
-    """Whether the left and right edges do not meet."""
-    return bool(np.all(seam_step(small) > [_SEAM, _SEAM_CODES]))
-
-
 def seam_step(small: Floats) -> Floats:
     """Return the mean step from the right edge to the left: over that between neighbouring columns, and in codes."""
     step = float(np.mean(np.abs(small[:, 0] - small[:, -1])))
@@ -116,10 +110,6 @@ def pole_spread(small: Floats) -> Floats:
     spread = small.std(axis=1)
     ends = float(min(spread[0], spread[-1]))
     return np.array([ends / max(float(np.median(spread)), 1.0), ends])
-
-
-def _no_pole(small: Floats) -> bool:
-    return bool(np.all(pole_spread(small) > [_POLE, _POLE_CODES]))
 
 
 def _is_circle(half: Floats) -> bool:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Opens video files by name, with a message on the cause where one does not open."""
+"""Opens video files by name, with a message on the cause where one does not open; reads a GoPro's raw metadata."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ import av.error
 import av.stream
 
 from mr360uw.errors import VideoError
-from mr360uw.reading.input_files import note_read
+from mr360uw.reading.input_files import note_read, read_data
 from mr360uw.reading.limits import PICTURE
 from mr360uw.video.metadata.mp4 import cut_short
 
@@ -130,3 +130,24 @@ def first_picture(path: Path, container: Any, stream: Any) -> Any:
     if short:
         raise VideoError(f"{path} - the file is cut short before its first picture ({short}) - {_COPY_AGAIN}")
     raise VideoError(f"{path} - its pictures cannot be decoded (got {reason}) - get an intact copy")
+
+
+def gpmf_payloads(path: str | Path) -> bytes:
+    """Return the GPMF payloads of a video's metadata track one after the other, or a file that holds just these.
+
+    Raises `VideoError` where the video has no such track.
+    """
+    import av.error
+
+    path = Path(path)
+    if path.suffix.lower() in (".bin", ".gpmf"):
+        return read_data(path, VideoError)
+    check_file(path)
+    try:
+        with open_packets(path) as container:
+            tracks = [s for s in container.streams if s.type == "data" and "GoPro MET" in str(s.metadata)]
+            if tracks:
+                return b"".join(bytes(packet) for packet in container.demux(tracks[0]) if packet.size)
+    except (av.error.FFmpegError, OSError) as error:
+        raise VideoError(f"{path} - cannot be read as a video (got {error}) - give the camera's own file") from error
+    raise VideoError(f"{path} - has no GoPro metadata track (got none named 'GoPro MET') - give the camera's own file")

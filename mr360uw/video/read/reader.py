@@ -1,18 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The interface of plates: videos, image sequences and stills."""
+"""The interface of plates, and plates made of others: smaller ones for drafts, and ones whose frames are kept."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any, Literal, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
-from mr360uw.errors import VideoError
+from mr360uw.errors import ParameterError, VideoError
+from mr360uw.types import YuvImage
 from mr360uw.video.clip import Clip
 from mr360uw.video.video_frame import VideoFrame
 
@@ -115,3 +117,116 @@ def check_range(path: Path, start: int, stop: int | None, count: int) -> tuple[i
             f"{count} frames) - take a range within 0:{count}"
         )
     return start, end
+
+
+_LEAST_ROWS = 16
+
+
+def scaled(plate: VideoReader, scale: float) -> VideoReader:
+    """Return a plate with frames of `scale` times its width and height, rounded to even sizes; for 1 itself.
+
+    Raises `ParameterError` unless 0 < scale <= 1 and at least 16 rows are left.
+    """
+    if scale == 1.0:
+        return plate
+    width, height = scaled_size(plate, scale)
+    return _ScaledReader(plate, width=width, height=height)
+
+
+def scaled_size(plate: Clip, scale: float) -> tuple[int, int]:
+    """Return the width and height of the frames of `scaled`; raise as it does."""
+    if scale == 1.0:
+        return plate.width, plate.height
+    if not 0.0 < scale <= 1.0:
+        raise ParameterError(f"scale - must be > 0 and <= 1 (got {scale}) - give 0.25 for a quarter of the width")
+    width, height = (2 * round(0.5 * scale * size) for size in (plate.width, plate.height))
+    if height < _LEAST_ROWS:
+        raise ParameterError(
+            f"scale - leaves frames of {width}x{height} of {plate.width}x{plate.height} (got {scale}) - give at least "
+            f"{_LEAST_ROWS / plate.height:.2g}"
+        )
+    return width, height
+
+
+class _ScaledReader(ReaderOver):
+    """Reduces frames by `smaller`. Frames keep their index and time stamps."""
+
+    def frames(self, start: int = 0, stop: int | None = None) -> Iterator[VideoFrame]:
+        """Return an iterator over the frames; see `VideoReader`."""
+        return (smaller(frame, self.width, self.height) for frame in self._plate.frames(start, stop))
+
+
+def smaller(frame: VideoFrame, width: int, height: int) -> VideoFrame:
+    """Return a frame reduced to an even size; every pixel is the mean of the codes that it covers."""
+    if frame.shape == (height, width):
+        return frame
+    if frame.right is not None:
+        frame = replace(frame, right=smaller(frame.right, width, height))
+    if frame.yuv is None:
+        assert frame.rgb is not None
+        return replace(frame, rgb=_reduced(frame.rgb, width, height))
+    old, (rows, columns) = frame.yuv, frame.shape
+    y, u, v = (
+        _reduced(plane, width * plane.shape[1] // columns, height * plane.shape[0] // rows)
+        for plane in (old.y, old.u, old.v)
+    )
+    return replace(frame, yuv=YuvImage(y, u, v, old.spec), native=None)
+
+
+def _reduced(plane: NDArray[Any], width: int, height: int) -> NDArray[Any]:
+    import cv2
+
+    small = np.asarray(cv2.resize(np.ascontiguousarray(plane), (width, height), interpolation=cv2.INTER_AREA))
+    small.flags.writeable = False
+    return small
+
+
+_MOST_BYTES = 512 << 20
+"""Bytes of frames that are kept, where all of a range fit: 46 of 3840 x 1920 with 8 bits. Twice as many, runs over
+clips up to twice as long decode once, and take half a gigabyte more."""
+
+
+class DecodedOnce(ReaderOver):
+    """A plate that keeps the frames [a, b) as they are read, and hands them out again; none where they are too many.
+
+    What was worked out from a frame's codes is not kept.
+    """
+
+    def __init__(self, plate: VideoReader, span: tuple[int, int]) -> None:
+        super().__init__(plate)
+        self._span = range(*span)
+        self._kept: dict[int, VideoFrame] = {}
+
+    @property
+    def are_all(self) -> bool:
+        """Whether all frames of the range are kept."""
+        return len(self._kept) == len(self._span)
+
+    def frames(self, start: int = 0, stop: int | None = None) -> Iterator[VideoFrame]:
+        """Return an iterator over the frames; see `VideoReader`."""
+        start, stop = self.check_range(start, stop)
+        if all(index in self._kept for index in range(start, stop)):
+            return (_anew(self._kept[index]) for index in range(start, stop))
+        return map(self._seen, self._plate.frames(start, stop))
+
+    def entry_before(self, index: int) -> int:
+        """Return the last frame up to another that is read without others before it."""
+        return self._plate.entry_before(index)
+
+    def _seen(self, frame: VideoFrame) -> VideoFrame:
+        """Return a frame that has been read; keep it, where it is one of those."""
+        if frame.index in self._span and len(self._span) * _size(frame) <= _MOST_BYTES:
+            self._kept[frame.index] = _anew(frame)
+        return frame
+
+
+def _anew(frame: VideoFrame) -> VideoFrame:
+    """Return a frame of the same codes, with nothing worked out from them."""
+    return replace(frame, right=None if frame.right is None else _anew(frame.right))
+
+
+def _size(frame: VideoFrame) -> int:
+    """Return the bytes of a frame's codes."""
+    planes = (frame.rgb,) if frame.yuv is None else (frame.yuv.y, frame.yuv.u, frame.yuv.v)
+    own = sum(plane.nbytes for plane in planes if plane is not None)
+    return own if frame.right is None else own + _size(frame.right)

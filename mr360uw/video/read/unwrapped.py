@@ -24,11 +24,9 @@ from mr360uw.types import YuvImage
 from mr360uw.video.clip import Clip
 from mr360uw.video.pixels.native import native_frame, plane_views
 from mr360uw.video.read.container import ContainerReader
-from mr360uw.video.read.eac_rows import joined_row
 from mr360uw.video.read.probe import track_sizes
-from mr360uw.video.read.projection import FFMPEG_NAMES, Projection, turned_by_ffmpeg
+from mr360uw.video.read.projection import FFMPEG_NAMES, PICTURE_SUFFIXES, Projection, joined_row, turned_by_ffmpeg
 from mr360uw.video.read.reader import Damaged, Seeker, VideoReader
-from mr360uw.video.read.suffixes import PICTURE_SUFFIXES
 from mr360uw.video.video_frame import VideoFrame
 
 

@@ -18,15 +18,13 @@ from mr360uw.errors import VideoError
 from mr360uw.files import new_file, publish
 from mr360uw.video.clip import Clip
 from mr360uw.video.metadata.mp4 import Box, edit_moov
-from mr360uw.video.metadata.spatial_audio import embed_spatial
 from mr360uw.video.metadata.spherical import V1_TAG, SphericalMetadata, embed, v1_xml
 from mr360uw.video.read.probe import create_local
 from mr360uw.video.settings import EncodeSettings
 from mr360uw.video.video_frame import VideoFrame
-from mr360uw.video.write.audio import CONTAINERS, TrackCopy, check_sound
 from mr360uw.video.write.delivery import resolved
 from mr360uw.video.write.encoder import Encoder, check_encoder
-from mr360uw.video.write.other_tracks import other_tracks
+from mr360uw.video.write.other_tracks import CONTAINERS, TrackCopy, check_sound, embed_spatial, other_tracks
 from mr360uw.video.write.segment import Segment, decoding_stamps
 from mr360uw.video.write.writer import VideoWriter
 
@@ -45,7 +43,6 @@ class ContainerWriter(VideoWriter):
         like: Clip,
         settings: EncodeSettings,
         *,
-        audio: bool = True,
         rebase: bool = True,
         overwrite: bool = False,
         folder: Path | None = None,
@@ -67,10 +64,10 @@ class ContainerWriter(VideoWriter):
         self._boxes = kind in ("mp4", "mov")
         sphere = replace(like.spherical or SphericalMetadata(), stereo=like.stereo)
         self._metadata = sphere if like.panorama else None
-        sound = like.sound if audio and settings.sound else None
+        sound = like.sound if settings.sound else None
         span = frames or (0, like.frame_count or 0)
-        self._others = other_tracks(like, kind, wanted=settings.data, sound=sound, frames=span)
-        self.notes = self._others.notes
+        others = other_tracks(like, kind, wanted=settings.data, sound=sound, frames=span)
+        self._data, self._timecode, self._chapters, self._spatial, self.notes = others
         if not self._boxes and self._metadata is not None:
             self.notes += (f"{path.suffix} gets the spherical metadata as a V1 tag, not as Projection elements",)
         with self._errors("begun"):
@@ -90,7 +87,8 @@ class ContainerWriter(VideoWriter):
         scale = str(like.time_base.denominator)
         options = {"movie_timescale": scale, "video_track_timescale": scale} if self._boxes else {}
         self._container = create_local(self._part, kind, options)
-        self._container.metadata.update(_title_tags(like))
+        own = {"major_brand", "minor_version", "compatible_brands", "encoder"}  # tags of the container's format
+        self._container.metadata.update({key: value for key, value in like.words.items() if key not in own})
         try:
             stream = self._container.add_stream(settings.encoder_name, rate=like.frame_rate)
         except ValueError as error:
@@ -107,11 +105,11 @@ class ContainerWriter(VideoWriter):
         self._stream = stream
         if sound is not None:
             self._copies.append(TrackCopy(sound, self._container))
-        if self._others.data:
-            self._copies.append(TrackCopy(like.path, self._container, self._others.data))
-        self._container.set_chapters(list(self._others.chapters))
-        if self._others.timecode:
-            stream.metadata["timecode"] = self._others.timecode
+        if self._data:
+            self._copies.append(TrackCopy(like.path, self._container, self._data))
+        self._container.set_chapters(list(self._chapters))
+        if self._timecode:
+            stream.metadata["timecode"] = self._timecode
         self._container.start_encoding()
 
     def write(self, frame: VideoFrame) -> None:
@@ -184,7 +182,7 @@ class ContainerWriter(VideoWriter):
 
     def _mark(self) -> None:
         """Mark a panorama and spatial audio, and put the index in front."""
-        sphere, spatial = self._metadata, self._others.spatial
+        sphere, spatial = self._metadata, self._spatial
 
         def edit(moov: Box) -> None:
             embed_spatial(moov, spatial)
@@ -213,9 +211,3 @@ class ContainerWriter(VideoWriter):
                 f"{self.path} - cannot be {doing} (got {reason}) - check the space left, the folder's rights, and that "
                 f"{self.path.suffix} can hold {self._settings.codec}"
             ) from error
-
-
-def _title_tags(like: Clip) -> dict[str, str]:
-    """Return the plate's text tags, such as title and date, without those of the container format."""
-    own = {"major_brand", "minor_version", "compatible_brands", "encoder"}
-    return {key: value for key, value in like.words.items() if key not in own}

@@ -10,7 +10,6 @@ the table, and beyond, follow the number of pixels on logarithmic axes.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -28,29 +27,11 @@ _SUFFIXES = (".mp4", ".m4v")
 _PEAK, _BUFFER_S = 1.5, 2.0  # of the mean bit rate; a buffer shorter than a group makes key frames poor
 
 
-@dataclass(frozen=True)
-class Delivery:
-    """Settings of an output for a target. bit_rate: mean [bit/s]. gop: frames from one key frame to the next."""
+def delivery_of(settings: EncodeSettings, like: Clip) -> tuple[Codec, str, dict[str, str]] | None:
+    """Return what the target of an output asks for; None without one.
 
-    codec: Codec
-    pixel_format: str
-    bit_rate: int
-    gop: int
-
-    def encoder_options(self) -> dict[str, str]:
-        """Return FFmpeg's options, of every encoder: bit rate, closed groups, two B frames."""
-        return {
-            "b": str(self.bit_rate),
-            "maxrate": str(round(_PEAK * self.bit_rate)),
-            "bufsize": str(round(_BUFFER_S * self.bit_rate)),
-            "g": str(self.gop),
-            "bf": "2",
-            "flags": "+cgop",
-        }
-
-
-def delivery_of(settings: EncodeSettings, like: Clip) -> Delivery | None:
-    """Return what the target of an output asks for; None without one."""
+    It is the codec, the pixel format, and FFmpeg's options of every encoder: bit rate, closed groups, two B frames.
+    """
     if settings.target == "none":
         return None
     hdr = like.spec.transfer in ("pq", "hlg")
@@ -61,12 +42,17 @@ def delivery_of(settings: EncodeSettings, like: Clip) -> Delivery | None:
     i = int(np.clip(np.searchsorted(-place, 0.0) - 1, 0, len(_PIXELS) - 2))
     slope = np.log(rates[i + 1] / rates[i]) / np.log(_PIXELS[i + 1] / _PIXELS[i])
     rate = float(rates[i] * np.exp(slope * place[i]))
-    return Delivery(
-        codec="h265" if hdr or settings.target == "quest" else "h264",
-        pixel_format="yuv420p10le" if ten else "yuv420p",
-        bit_rate=round(rate * 1e6),
-        gop=max(1, round(like.frame_rate / 2)),
-    )
+    bit_rate, gop = round(rate * 1e6), max(1, round(like.frame_rate / 2))
+    options = {
+        "b": str(bit_rate),
+        "maxrate": str(round(_PEAK * bit_rate)),
+        "bufsize": str(round(_BUFFER_S * bit_rate)),
+        "g": str(gop),
+        "bf": "2",
+        "flags": "+cgop",
+    }
+    codec: Codec = "h265" if hdr or settings.target == "quest" else "h264"
+    return codec, "yuv420p10le" if ten else "yuv420p", options
 
 
 def resolved(settings: EncodeSettings, like: Clip, path: Path | None = None) -> EncodeSettings:
@@ -78,15 +64,16 @@ def resolved(settings: EncodeSettings, like: Clip, path: Path | None = None) -> 
     if delivery is None:
         own = settings.codec if settings.encoder == "software" else HARDWARE[settings.encoder]
         return settings.model_copy(update={"codec": own})
+    codec, pixel_format, _ = delivery
     if path is not None and path.suffix.lower() not in _SUFFIXES:
         raise VideoError(
             f'{path} - output.target = "{settings.target}" is an mp4 (got {path.suffix}) - name it '
             f"{path.stem}.mp4, or leave the target out"
         )
-    if settings.encoder != "software" and HARDWARE[settings.encoder] != delivery.codec:
-        fits = [name for name, codec in HARDWARE.items() if codec == delivery.codec]
+    if settings.encoder != "software" and HARDWARE[settings.encoder] != codec:
+        fits = [name for name, made in HARDWARE.items() if made == codec]
         raise VideoError(
-            f'output.encoder - output.target = "{settings.target}" takes {delivery.codec} for this plate (got '
+            f'output.encoder - output.target = "{settings.target}" takes {codec} for this plate (got '
             f"{settings.encoder}) - take one of {', '.join(fits)}, or software"
         )
-    return settings.model_copy(update={"codec": delivery.codec, "pixel_format": delivery.pixel_format})
+    return settings.model_copy(update={"codec": codec, "pixel_format": pixel_format})

@@ -19,11 +19,10 @@ from av.video.reformatter import ColorRange, Interpolation
 from mr360uw.errors import VideoError
 from mr360uw.video.clip import Clip
 from mr360uw.video.metadata.tags import BT709_TAGS, color_spec
-from mr360uw.video.pixels.both_eyes import whole_frame
 from mr360uw.video.pixels.native import has_stereo_mark, native_frame, plane_views
 from mr360uw.video.pixels.planes import planes_from_linear
 from mr360uw.video.settings import ENCODERS, HARDWARE, EncodeSettings
-from mr360uw.video.video_frame import VideoFrame
+from mr360uw.video.video_frame import VideoFrame, whole_frame
 from mr360uw.video.write.delivery import delivery_of
 
 _TRIAL_SIZE = (512, 256)
@@ -101,7 +100,7 @@ class Encoder:
         context.thread_count = 0
         hdr = {} if like.hdr is None else like.hdr.encoder_options(settings.codec)
         delivery = delivery_of(settings, like)
-        context.options = settings.encoder_options(hdr, None if delivery is None else delivery.encoder_options())
+        context.options = settings.encoder_options(hdr, None if delivery is None else delivery[2])
         like.tags.write_to(context)
         # ProRes has no mark for full range: it is limited by definition.
         full_range = bool(like.pixel_format) and like.spec.full_range and settings.codec != "prores"

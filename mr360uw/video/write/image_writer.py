@@ -16,10 +16,9 @@ from mr360uw.reading.numbered_files import is_pattern, matching_files, numbered
 from mr360uw.video.clip import Clip
 from mr360uw.video.exr import write_exr
 from mr360uw.video.metadata.spherical import marked
-from mr360uw.video.pixels.both_eyes import whole_frame
 from mr360uw.video.pixels.rgb import codes_from_linear
-from mr360uw.video.read.suffixes import FLOAT_SUFFIXES
-from mr360uw.video.video_frame import VideoFrame
+from mr360uw.video.read.projection import FLOAT_SUFFIXES
+from mr360uw.video.video_frame import VideoFrame, whole_frame
 from mr360uw.video.write.writer import VideoWriter
 
 _DEEP_SUFFIXES = (".png", ".tif", ".tiff")
@@ -41,7 +40,7 @@ class ImageWriter(VideoWriter):
         there = matching_files(path)[:1] if self._many else []
         if there and not overwrite:
             raise OutputExistsError(f"{there[0][1]} - is already there - choose another name or allow overwriting")
-        self.notes = (*like.notes, *(["pictures carry no sound"] if like.has_audio else []))
+        self.notes = (*like.notes, *(["pictures carry no sound"] if like.sound is not None else []))
 
     def write(self, frame: VideoFrame) -> None:
         """Write the frame's picture."""

@@ -1,15 +1,24 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Selects the data tracks, time code and chapters of a plate's file that an output can keep.
+"""Sound, data tracks, time code and chapters of a plate's file: which of them an output can keep, and copies of them.
+
+Sound and data are copied packet by packet, without decoding them.
 
 MP4 and QuickTime keep tracks of data (GoPro's GPMF) packet by packet, the time code (tmcd) and the chapters; Matroska
 keeps the chapters. Each track that is lost has a note.
+
+Spatial audio has marks of how the channels of a track are ambisonics: SA3D says the order and how channels are sorted,
+SAND that two more are head-locked stereo (Google, "Spatial Audio RFC"). Players take a track of four channels for
+loudspeakers without them; FFmpeg does not copy them.
 """
 
 from __future__ import annotations
 
 import io
+import itertools
 import re
-from dataclasses import dataclass
+import struct
+from collections.abc import Iterator
+from contextlib import ExitStack
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -17,34 +26,114 @@ from typing import Any
 import av
 import av.error
 
+from mr360uw.errors import VideoError
 from mr360uw.video.clip import Clip, not_copied
-from mr360uw.video.metadata.mp4 import Box, read_moov
-from mr360uw.video.metadata.spatial_audio import read_spatial
+from mr360uw.video.metadata.mp4 import Box, parse_boxes, read_moov
 from mr360uw.video.read.probe import open_packets
+
+CONTAINERS = {".mp4": "mp4", ".m4v": "mp4", ".mov": "mov", ".mkv": "matroska", ".webm": "webm"}
+"""FFmpeg's names of the kinds of output, by suffix."""
+_ADVISED = (".mp4", ".mov", ".mkv")
+_TRIAL_PACKETS = 16
+
+
+def check_sound(source: Path, target: Path) -> None:
+    """Raise `VideoError` where the kind of output that `target` names cannot hold the sound of `source`."""
+    if _holds_sound(source, target.suffix.lower()):
+        return
+    with open_packets(source) as container:
+        contexts = [stream.codec_context for stream in container.streams.audio]
+        kinds = sorted({f"{context.codec.canonical_name}, {context.layout.name}" for context in contexts})
+    others = [suffix for suffix in _ADVISED if _holds_sound(source, suffix)]
+    better = f"write {' or '.join(others)}, or set output.sound = false" if others else "set output.sound = false"
+    raise VideoError(
+        f"{target} - {target.suffix} cannot hold the sound of {source.name} (got {', '.join(kinds)}) - {better}"
+    )
+
+
+def _holds_sound(source: Path, suffix: str) -> bool:
+    """Return whether a container takes the first packets of a file's sound.
+
+    It is completed, in memory: some sound is refused only then, as PCM without a layout of its channels by MP4.
+    """
+    try:
+        with ExitStack() as closing:
+            container = closing.enter_context(open_packets(source))
+            trial = closing.enter_context(av.open(io.BytesIO(), "w", format=CONTAINERS[suffix]))
+            streams = {s.index: trial.add_stream_from_template(s) for s in container.streams.audio}
+            trial.start_encoding()
+            for packet in itertools.islice(container.demux(audio=list(range(len(streams)))), _TRIAL_PACKETS):
+                if packet.dts is not None:
+                    packet.stream = streams[packet.stream_index]
+                    trial.mux(packet)
+    except (av.error.FFmpegError, ValueError):
+        return False
+    return True
+
+
+class TrackCopy:
+    """Copies packets of one file into an output container, in step with the pictures: of its sound, or of some tracks.
+
+    Times are in seconds on the clock of the input file. All packets of a whole clip keep their time stamps; of a part,
+    those that begin within it are kept and moved with the pictures. The target must be able to hold them: see
+    `check_sound`. tracks: numbers of the tracks; None: all of the sound.
+    """
+
+    def __init__(self, source: Path, target: Any, tracks: tuple[int, ...] | None = None) -> None:
+        self._closing = ExitStack()
+        self._container = self._closing.enter_context(open_packets(source))
+        self._target = target
+        self._streams: dict[int, Any] = {}
+        streams = self._container.streams
+        for stream in streams.audio if tracks is None else [streams[index] for index in tracks]:
+            self._streams[stream.index] = target.add_stream_from_template(stream)
+            self._streams[stream.index].metadata.update(stream.metadata)
+        self._packets: Iterator[Any] = iter(())
+        self._pending: Any = None
+        self._shift_s = Fraction(0)
+
+    def begin(self, start_s: Fraction | None, shift_s: Fraction) -> None:
+        """Start with the packets from `start_s` on, or with the first; subtract `shift_s` from all time stamps."""
+        self._shift_s = shift_s
+        streams = [self._container.streams[index] for index in self._streams]
+        if start_s is not None:
+            self._container.seek(int(start_s * av.time_base), backward=True)
+        self._packets = (
+            packet
+            for packet in self._container.demux(streams)
+            if packet.dts is not None and (start_s is None or packet.pts * packet.time_base >= start_s)
+        )
+        self._pending = next(self._packets, None)
+
+    def advance(self, until_s: Fraction | None) -> None:
+        """Copy the packets that begin before `until_s`, or all that are left."""
+        while self._pending is not None and (until_s is None or self._pending.dts * self._pending.time_base < until_s):
+            packet, self._pending = self._pending, next(self._packets, None)
+            ticks = round(self._shift_s / packet.time_base)
+            packet.pts -= ticks
+            packet.dts -= ticks
+            packet.stream = self._streams[packet.stream_index]
+            self._target.mux(packet)
+
+    def close(self) -> None:
+        """Close the input file."""
+        self._closing.close()
+
 
 _MADE_ANEW = (b"tmcd", b"text")
 """Kinds of tracks that FFmpeg writes from the time code and the chapters."""
 _TIMECODE = re.compile(r"(\d\d):(\d\d):(\d\d)([:;.])(\d\d)$")
 
 
-@dataclass(frozen=True)
-class OtherTracks:
-    """The other parts of a plate's file that an output keeps.
-
-    data: numbers of the tracks that are copied. timecode: of the first frame that is written, or "". chapters: as
-    PyAV has them, moved with the pictures. spatial: marks of the audio tracks (`spatial_audio`). notes: the plate's
-    notes, without those on tracks that are kept, with those on what is lost.
-    """
-
-    data: tuple[int, ...] = ()
-    timecode: str = ""
-    chapters: tuple[dict[str, Any], ...] = ()
-    spatial: tuple[bytes, ...] = ()
-    notes: tuple[str, ...] = ()
+OtherTracks = tuple[tuple[int, ...], str, tuple[dict[str, Any], ...], tuple[bytes, ...], tuple[str, ...]]
 
 
 def other_tracks(like: Clip, kind: str, *, wanted: bool, sound: Path | None, frames: tuple[int, int]) -> OtherTracks:
-    """Return what an output of a kind ("mp4", "mov", "matroska") keeps of a plate.
+    """Return what an output of a kind ("mp4", "mov", "matroska") keeps of the other parts of a plate's file.
+
+    These are the numbers of the tracks of data that are copied; the time code of the first frame that is written, or
+    ""; the chapters as PyAV has them, moved with the pictures; the marks of the audio tracks; and the plate's notes,
+    without those on tracks that are kept, with those on what is lost.
 
     wanted: whether data, time code and chapters are asked for. sound: the file of the sound that is copied, or None.
     frames: (start, stop) of the frames that are written.
@@ -56,7 +145,7 @@ def other_tracks(like: Clip, kind: str, *, wanted: bool, sound: Path | None, fra
         notes.append(f"{sound} - its mark of spatial audio (SA3D) is kept in .mp4 and .mov alone")
         spatial = ()
     if not wanted or not like.pixel_format or not like.path.is_file():
-        return OtherTracks(spatial=spatial, notes=tuple(notes))
+        return (), "", (), spatial, tuple(notes)
     with open_packets(like.path) as container:
         data = [(s.index, s.id, boxes and _holds(kind, s)) for s in container.streams if s.type == "data"]
         found = {s.index: s.metadata["timecode"] for s in container.streams if "timecode" in s.metadata}
@@ -69,7 +158,7 @@ def other_tracks(like: Clip, kind: str, *, wanted: bool, sound: Path | None, fra
     gone = {not_copied("data", index) for index in kept}
     notes = [note for note in notes if note not in gone]
     start = later_timecode(timecode, frames[0], like.frame_rate)
-    return OtherTracks(copied, start, chapters, spatial, tuple(notes))
+    return copied, start, chapters, spatial, tuple(notes)
 
 
 def _holds(kind: str, stream: Any) -> bool:
@@ -91,12 +180,9 @@ def _kinds(path: Path) -> dict[int, bytes]:
         header, table = track.find(b"tkhd"), track.find(b"mdia", b"minf", b"stbl", b"stsd")
         if header is not None and table is not None:
             at = 20 if header.payload[:1] == b"\1" else 12  # after times of 8 or 4 bytes each
-            found[int.from_bytes(header.payload[at : at + 4], "big")] = _entry_kind(table)
+            number = int.from_bytes(header.payload[at : at + 4], "big")
+            found[number] = table.children[0].kind if table.children else table.payload[12:16]
     return found
-
-
-def _entry_kind(table: Box) -> bytes:
-    return table.children[0].kind if table.children else table.payload[12:16]
 
 
 def _moved(chapters: list[Any], like: Clip, frames: tuple[int, int]) -> tuple[dict[str, Any], ...]:
@@ -134,3 +220,45 @@ def later_timecode(timecode: str, frames: int, rate: Fraction) -> str:
     count += 9 * dropped * tens
     whole, frame = divmod(count, base)
     return f"{whole // 3600 % 24:02d}:{whole // 60 % 60:02d}:{whole % 60:02d}{found[4]}{frame:02d}"
+
+
+_MARKS = (b"SA3D", b"SAND")
+_ENTRY_HEADS = {0: 28, 1: 44, 2: 64}
+"""Bytes of an audio sample entry before its boxes, by version (ISO/IEC 14496-12; QuickTime File Format: 1 and 2)."""
+_VERSION_AT = 8
+
+
+def read_spatial(path: Path) -> tuple[bytes, ...]:
+    """Return the marks of each audio track of a file, as the bytes of their boxes; b"" for a track without."""
+    moov = read_moov(path)
+    return () if moov is None else tuple(_marks(entry) for entry in _audio_entries(moov))
+
+
+def embed_spatial(moov: Box, marks: tuple[bytes, ...]) -> None:
+    """Put the marks of each audio track into a parsed 'moov' box that has the same tracks, where it has none."""
+    for entry, mark in zip(_audio_entries(moov), marks, strict=False):
+        if mark and not _marks(entry):
+            entry.payload += mark
+
+
+def _audio_entries(moov: Box) -> list[Box]:
+    """Return the first sample entry of each audio track."""
+    found = []
+    for track in moov.children:
+        handler, table = track.find(b"mdia", b"hdlr"), track.find(b"mdia", b"minf", b"stbl", b"stsd")
+        sounds = track.kind == b"trak" and handler is not None and handler.payload[8:12] == b"soun"
+        if sounds and table is not None and table.children:
+            found.append(table.children[0])
+    return found
+
+
+def _marks(entry: Box) -> bytes:
+    """Return the marks in an audio sample entry."""
+    if len(entry.payload) < _ENTRY_HEADS[0]:
+        return b""
+    head = _ENTRY_HEADS.get(struct.unpack_from(">H", entry.payload, _VERSION_AT)[0], len(entry.payload))
+    try:
+        boxes = parse_boxes(entry.payload[head:])
+    except ValueError:
+        return b""
+    return b"".join(box.serialised() for box in boxes if box.kind in _MARKS)

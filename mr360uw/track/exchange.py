@@ -20,7 +20,11 @@ from mr360uw.files import write_whole
 from mr360uw.output_gate import check_outputs
 from mr360uw.reading.input_files import read_text
 from mr360uw.sphere import unit
-from mr360uw.track.camera_files.path_tables import (
+from mr360uw.track.camera_track import CameraTrack
+from mr360uw.track.path_tables import (
+    FLIPPED,
+    Y_UP_FROM_Z_UP,
+    SolvedPath,
     frame_number,
     is_blender_json,
     is_colmap,
@@ -29,17 +33,10 @@ from mr360uw.track.camera_files.path_tables import (
     read_colmap,
     read_path_table,
 )
-from mr360uw.track.camera_files.solved_path import FLIPPED, Y_UP_FROM_Z_UP, SolvedPath
-from mr360uw.track.camera_track import CameraTrack
 from mr360uw.types import Floats
 
 _GEOCENTRIC_M = 1e6
 """Distance from the origin [m] beyond which a world is the geocentric one."""
-
-
-def is_metashape(text: str) -> bool:
-    """Return whether a text is an XML document of cameras."""
-    return text.lstrip().startswith("<") and "<camera" in text
 
 
 def read_metashape(text: str, where: str) -> SolvedPath:
@@ -97,7 +94,7 @@ def read_solved_path(path: Path) -> SolvedPath:
     text = read_text(path, ParameterError)
     if is_blender_json(text):
         return read_blender_json(text, str(path))
-    if is_metashape(text):
+    if text.lstrip().startswith("<") and "<camera" in text:
         return read_metashape(text, str(path))
     if is_colmap(text):
         return read_colmap(text, str(path))

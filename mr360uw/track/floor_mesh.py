@@ -1,10 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The floor of a clip as a mesh, from the points of its camera track."""
+"""The floor of a clip as a mesh, from the points of its camera track that lie below the camera and can be trusted."""
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,12 +14,95 @@ from numpy.typing import NDArray
 from mr360uw.errors import ParameterError
 from mr360uw.files import write_whole
 from mr360uw.output_gate import check_outputs
+from mr360uw.reading.input_files import read_text
 from mr360uw.threads import one_blas_thread
 from mr360uw.track.camera_track import CameraTrack
-from mr360uw.track.floor.floor_points import FloorPoints, floor_points
-from mr360uw.track.floor.scattered_heights import ScatteredHeights, fit_height_field
+from mr360uw.track.scattered_heights import ScatteredHeights, fit_height_field
 from mr360uw.track.world_axes import fit_floor
 from mr360uw.types import Floats
+
+_DEPRESSION = np.sin(np.radians(12.0))
+"""Sine of the angle below a camera's horizon under which points are the floor's. Half of it: 9 camera heights away,
+where a pixel spans half a metre of floor; twice: a third of the floor that is used now."""
+_LARGEST_ERROR_PX = 2.0
+"""Mean reprojection error [px] from which on a point is left out: it moved, or was matched wrongly."""
+LEAST_POINTS = 30
+"""Fewest points of a floor."""
+
+
+def _floor_points(track: CameraTrack | str | Path) -> tuple[Floats, Floats, float]:
+    """Return the points (n, 3) [m] of a track, or of its JSON file, that may lie on the floor; raise `ParameterError`.
+
+    With them the inverse variances (n,) of their heights, 1 straight below the camera, and the median height [m] of the
+    nearest camera over a point.
+    """
+    from scipy.spatial import cKDTree
+
+    where, camera, point, error_px = _read(track)
+    if not len(point):
+        raise ParameterError(
+            f"{where} - has no points (a camera that turns on the spot or stands still sees no distances) - give a "
+            'track of a camera that moves, or set [receiver] kind = "plane" and its height_m'
+        )
+    keep = np.isfinite(point).all(axis=1) & (error_px <= _LARGEST_ERROR_PX)
+    kept = point[keep]
+    away = kept - camera[cKDTree(camera).query(kept)[1]] if len(kept) else kept
+    distance = np.maximum(np.linalg.norm(away, axis=1), 1e-9)
+    below = away[:, 1] < -_DEPRESSION * distance
+    if not np.any(below):
+        raise ParameterError(
+            f"{where} - no point is below the camera (got {len(point)} points, all level or above) - is the track "
+            "upside down, or does the clip show no floor? Set [receiver] height_m by hand"
+        )
+    if np.count_nonzero(below) < LEAST_POINTS:
+        raise ParameterError(
+            f"{where} - too few points are below the camera (got {np.count_nonzero(below)}, at least {LEAST_POINTS} "
+            "are needed) - track a clip that shows more of the floor, or set [receiver] height_m by hand"
+        )
+    height = -away[below, 1]
+    # a pixel along the ray at distance d and height h: d^2 / h on the floor, of which the height takes h / d
+    weight = np.square(height / distance[below]) / np.square(np.maximum(distance[below] / np.median(height), 1.0))
+    return kept[below], weight, float(np.median(height))
+
+
+def _read(track: CameraTrack | str | Path) -> tuple[str, Floats, Floats, Floats]:
+    """Return a name, camera positions (m, 3), points (n, 3) and their errors [px]."""
+    if isinstance(track, CameraTrack):
+        return "track", track.position, track.points, track.point_error_px
+    path = Path(track)
+    if path.suffix.lower() == ".csv":
+        raise ParameterError(f"{path} - a table of poses has no points - give the .json that is written beside it")
+    text = read_text(path, ParameterError)
+    try:
+        said: Any = json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise ParameterError(_no_track(path, f"{error!s:.60}")) from None
+    if not isinstance(said, dict) or not str(said.get("format", "")).startswith("mr360uw camera track"):
+        raise ParameterError(_no_track(path, "no such format"))
+    camera, point = (_table(path, said, key, 3) for key in ("position_m", "points_m"))
+    error_px = _table(path, said, "point_error_px", 0)
+    if not len(camera) or len(error_px) != len(point) or not np.isfinite(camera).all():
+        raise ParameterError(_no_track(path, f"{len(camera)} poses, {len(point)} points, {len(error_px)} errors"))
+    return str(path), camera, point, error_px
+
+
+def _table(path: Path, said: dict[str, Any], key: str, columns: int) -> Floats:
+    """Return a list of numbers (n,) or of rows (n, columns)."""
+    try:
+        values = np.array(said[key], np.float64)
+    except (KeyError, ValueError, TypeError):
+        raise ParameterError(_no_track(path, f"no numbers at {key!r}")) from None
+    shape = (0, columns) if columns else (0,)
+    if not values.size:
+        return np.zeros(shape)
+    if values.ndim != len(shape) or (columns and values.shape[1] != columns):
+        raise ParameterError(_no_track(path, f"{key} of shape {values.shape}"))
+    return values
+
+
+def _no_track(path: Path, got: str) -> str:
+    return f"{path} - is no camera track (got {got}) - give the track.json that `mr360uw track` writes"
+
 
 MESH_SUFFIXES = (".glb", ".ply")
 _FINEST, _MOST_NODES = 0.06, 80
@@ -115,49 +200,38 @@ def floor_from_track(track: CameraTrack | str | Path) -> FloorMesh:
     the track: use it with the same `camera.track`, unmoved and unscaled. Raises `ParameterError` where the track has no
     floor.
     """
-    seen = floor_points(track)
-    plane = _plane(seen)
-    normal, offset = plane
-    over = seen.point[:, 1] - _on_plane(plane, seen.point[:, 0], seen.point[:, 2])
-    x, z = (_middle(seen.point[:, axis]) for axis in (0, 2))
-    inside = (
-        (seen.point[:, 0] >= x[0])
-        & (seen.point[:, 0] <= x[1])
-        & (seen.point[:, 2] >= z[0])
-        & (seen.point[:, 2] <= z[1])
-    )
-    cell = max(_FINEST * seen.height_m, max(x[1] - x[0], z[1] - z[0]) / _MOST_NODES)
-    relief = np.stack([seen.point[inside, 0], over[inside], seen.point[inside, 2]], axis=1)
+    point, weight, camera_m = _floor_points(track)
+    plane = normal, offset = _plane(point, camera_m)
+    over = point[:, 1] - _on_plane(plane, point[:, 0], point[:, 2])
+    x, z = (np.quantile(point[:, axis], [_RIM, 1.0 - _RIM]).tolist() for axis in (0, 2))
+    inside = (point[:, 0] >= x[0]) & (point[:, 0] <= x[1]) & (point[:, 2] >= z[0]) & (point[:, 2] <= z[1])
+    cell = max(_FINEST * camera_m, max(x[1] - x[0], z[1] - z[0]) / _MOST_NODES)
+    relief = np.stack([point[inside, 0], over[inside], point[inside, 2]], axis=1)
     with one_blas_thread():  # many small products
-        field = fit_height_field(relief, seen.weight[inside], cell, _LEAST_SPREAD * seen.height_m)
+        field = fit_height_field(relief, weight[inside], cell, _LEAST_SPREAD * camera_m)
     flat = field.held_out >= _FLAT * field.held_out_flat
-    x_m, z_m, height, confidence = _with_skirt(field, flat, seen.height_m)
+    x_m, z_m, height, confidence = _with_skirt(field, flat, camera_m)
     at_x, at_z = np.meshgrid(x_m, z_m)
     spread = 1.4826 * float(np.median(np.abs(relief[:, 1]))) if flat else field.spread
     far = float(np.mean(np.abs(relief[:, 1]) > 3.0 * spread if flat else field.kept == 0.0))
     return FloorMesh(
         x_m, z_m, height + _on_plane(plane, at_x, at_z), confidence, flat,
-        float(np.degrees(np.arccos(np.clip(normal[1], -1.0, 1.0)))), float(offset / normal[1]), seen.height_m,
+        float(np.degrees(np.arccos(np.clip(normal[1], -1.0, 1.0)))), float(offset / normal[1]), camera_m,
         int(np.count_nonzero(inside)), far, spread,
     )  # fmt: skip
 
 
-def _plane(seen: FloorPoints) -> tuple[Floats, float]:
+def _plane(point: Floats, camera_m: float) -> tuple[Floats, float]:
     """Return normal and offset of the plane that most points lie on, else of the level plane at their median height."""
     up = np.array([0.0, 1.0, 0.0])
-    middle = np.median(seen.point, axis=0)
-    found = fit_floor(seen.point, middle + seen.height_m * up, up)
-    return (found.normal, found.offset) if found is not None else (up, float(middle[1]))
+    middle = np.median(point, axis=0)
+    found = fit_floor(point, middle + camera_m * up, up)
+    return found[:2] if found is not None else (up, float(middle[1]))
 
 
 def _on_plane(plane: tuple[Floats, float], x: Floats, z: Floats) -> Floats:
     normal, offset = plane
     return np.asarray((offset - normal[0] * x - normal[2] * z) / normal[1])
-
-
-def _middle(values: Floats) -> tuple[float, float]:
-    low, high = np.quantile(values, [_RIM, 1.0 - _RIM])
-    return float(low), float(high)
 
 
 def _with_skirt(field: ScatteredHeights, flat: bool, height_m: float) -> tuple[Floats, Floats, Floats, Floats]:

@@ -21,8 +21,7 @@ from multiprocessing.process import BaseProcess
 from typing import Any, Literal
 
 from mr360uw.errors import ParameterError, VideoError
-from mr360uw.farm.job import Crew, Job, OpenJob
-from mr360uw.runs.frame_range import RunTimes
+from mr360uw.runs.job import Job, OpenJob, RunTimes
 from mr360uw.runs.work_folder import Part
 
 _SCHEMES = ("tcp", "tls", "ws", "wss")
@@ -31,31 +30,21 @@ _RETRIES = 1
 """Workers that may die over a part, beside the first."""
 
 
-@dataclass(frozen=True, slots=True)
-class ClusterCrew:
-    """The `count` workers of a Dask scheduler at an address such as "tcp://farm:8786"."""
+def _render_in_cluster(address: str, job: Job, done: Callable[[], None]) -> RunTimes:
+    """Render all parts of a job by the workers of a Dask scheduler at an address such as "tcp://farm:8786".
 
-    address: str
-    count: int
-
-    @classmethod
-    def at(cls, address: str) -> ClusterCrew:
-        """Return the workers of a scheduler; `ParameterError` where Dask is not installed or no scheduler answers."""
-        with _client(address) as client:
-            return cls(address, max(1, len(client.scheduler_info(n_workers=-1)["workers"])))
-
-    def render(self, job: Job, done: Callable[[], None]) -> RunTimes:
-        """Render all parts of a job; done: is called for every frame of a part that is complete."""
-        times = RunTimes()
-        with _client(self.address) as client:
-            futures = client.map(
-                functools.partial(render_part, job), job.parts, pure=False, retries=_RETRIES, allow_other_workers=False
-            )
-            for _, found in _distributed().as_completed(futures, with_results=True):
-                times.merge(found)
-                for _ in range(found.frames):
-                    done()
-        return times
+    done: is called for every frame of a part that is complete.
+    """
+    times = RunTimes()
+    with _client(address) as client:
+        futures = client.map(
+            functools.partial(render_part, job), job.parts, pure=False, retries=_RETRIES, allow_other_workers=False
+        )
+        for _, found in _distributed().as_completed(futures, with_results=True):
+            times.merge(found)
+            for _ in range(found.frames):
+                done()
+    return times
 
 
 def render_part(job: Job, part: Part) -> RunTimes:
@@ -90,60 +79,63 @@ def _distributed() -> Any:
         raise ParameterError("--dask - Dask is not installed - pip install 'mr360uw[farm]'") from error
 
 
-def make_crew(workers: int | Literal["auto"], cluster: str | None, parts: int) -> Crew | None:
-    """Return the processes that render `parts` parts, or None for this one alone.
+Crew = Callable[[Job, Callable[[], None]], RunTimes]
+"""Renders all parts of a job; calls the second argument after every frame. Raises what a process raised."""
 
-    workers: their number; "auto" takes one for every two cores. cluster: address of a Dask scheduler instead.
+
+def make_crew(workers: int | Literal["auto"], cluster: str | None, parts: int) -> tuple[int, Crew | None]:
+    """Return the number of processes that render `parts` parts, and what renders by them; None for this one alone.
+
+    workers: their number; "auto" takes one for every two cores. cluster: address of a Dask scheduler instead. Raises
+    `ParameterError`, also where Dask is not installed or no scheduler answers.
     """
     if cluster is not None:
-        return ClusterCrew.at(cluster)
+        with _client(cluster) as client:
+            count = max(1, len(client.scheduler_info(n_workers=-1)["workers"]))
+        return count, functools.partial(_render_in_cluster, cluster)
     if workers != "auto" and (isinstance(workers, bool) or not isinstance(workers, int) or workers < 1):
         raise ParameterError(f"workers - must be a number of processes or auto (got {workers!r}) - give 1 or more")
-    count = max(1, (os.cpu_count() or 2) // 2) if workers == "auto" else workers
-    if min(count, parts) == 1:
-        return None
-    return WorkerCrew(min(count, parts))
+    count = min(max(1, (os.cpu_count() or 2) // 2) if workers == "auto" else workers, parts)
+    return count, functools.partial(render_in_workers, count) if count > 1 else None
 
 
 _TRIES = 2
 """Workers that may die over a part."""
 
 
-@dataclass(frozen=True, slots=True)
-class WorkerCrew:
-    """Spawned processes on this machine."""
+def render_in_workers(count: int, job: Job, done: Callable[[], None]) -> RunTimes:
+    """Render all parts of a job by `count` spawned processes on this machine; done: is called after every frame.
 
-    count: int
-
-    def render(self, job: Job, done: Callable[[], None]) -> RunTimes:
-        """Render all parts of a job; done: is called after every frame. `VideoError` where workers died over a part."""
-        waiting, tries, times = deque(job.parts), dict.fromkeys(job.parts, 0), RunTimes()
-        workers: list[_Worker] = []
-        try:
-            while waiting or any(worker.part for worker in workers):
-                while waiting and len(workers) < self.count:
-                    workers.append(_Worker.start(job, len(workers), self.count))
-                for worker in workers:
-                    if worker.part is None and waiting:
-                        worker.take(waiting.popleft())
-                for worker in _ready(workers):
-                    try:
-                        message = worker.connection.recv()
-                    except (EOFError, OSError):
-                        workers.remove(worker)
-                        waiting.extendleft(_given_back(worker, tries))
-                        continue
-                    if isinstance(message, BaseException):
-                        raise message
-                    if isinstance(message, RunTimes):
-                        times.merge(message)
-                        worker.part = None
-                    else:
-                        done()
-        finally:
+    `VideoError` where workers died over a part.
+    """
+    waiting, tries, times = deque(job.parts), dict.fromkeys(job.parts, 0), RunTimes()
+    workers: list[_Worker] = []
+    try:
+        while waiting or any(worker.part for worker in workers):
+            while waiting and len(workers) < count:
+                workers.append(_Worker.start(job, len(workers), count))
             for worker in workers:
-                worker.end()
-        return times
+                if worker.part is None and waiting:
+                    worker.take(waiting.popleft())
+            busy = wait([worker.connection for worker in workers if worker.part is not None])
+            for worker in [worker for worker in workers if worker.connection in busy]:
+                try:
+                    message = worker.connection.recv()
+                except (EOFError, OSError):
+                    workers.remove(worker)
+                    waiting.extendleft(_given_back(worker, tries))
+                    continue
+                if isinstance(message, BaseException):
+                    raise message
+                if isinstance(message, RunTimes):
+                    times.merge(message)
+                    worker.part = None
+                else:
+                    done()
+    finally:
+        for worker in workers:
+            worker.end()
+    return times
 
 
 @dataclass(slots=True)
@@ -173,12 +165,6 @@ class _Worker:
         if self.part is not None:  # an idle worker ends by itself
             self.process.terminate()
         self.process.join()
-
-
-def _ready(workers: list[_Worker]) -> list[_Worker]:
-    """Wait for messages or deaths; return the workers that have one."""
-    found = wait([worker.connection for worker in workers if worker.part is not None])
-    return [worker for worker in workers if worker.connection in found]
 
 
 def _given_back(worker: _Worker, tries: dict[Part, int]) -> list[Part]:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Finds a place on the ground of a panorama where a thing can stand.
+"""Finds where a thing is seen best in a panorama: before open water or sky, or standing on the ground.
 
 The ground is taken as a level plane one camera height below, and laid out as seen from above, in camera heights: there
 ground looks alike everywhere, while what rises from it ends in edges. Of every place of a foot the cost is what is seen
@@ -15,8 +15,65 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.color import luminance
+from mr360uw.first_look.water_or_air import red_ratio
 from mr360uw.sphere import frame_from_direction
 from mr360uw.types import Floats
+
+_WIDE_DEG, _HIGH_DEG = 26.0, 18.0
+"""Size [deg] of the part that is looked for: somewhat more than an object."""
+_COARSE_DEG = 4.0
+"""Standard deviation [deg] of the blur whose difference from the picture counts as texture."""
+_STEP_DEG = 5.0
+_DIM = 0.002
+"""Light that is added before logarithms are taken: noise of dark plates is no texture."""
+_RED, _BLACK, _WHITE = 1.5, 0.25, 1.5
+"""Costs of red, of darkness (a factor of e) and of clipping, over those of texture (rms of the logarithm of light)."""
+_CLIPPED = 0.97
+"""Linear light from which a pixel counts as clipped. Under water that is the sun's glitter; in air, an overcast sky."""
+_OFF_LEVEL, _OFF_MIDDLE = 0.008, 0.002
+"""Costs for a degree from the wanted elevation, and from the middle of the frame: ties go to where one looks first."""
+
+
+FreeView = tuple[float, float, tuple[float, float, float]]
+"""A part of a panorama: azimuth and elevation [deg] of its middle, and its mean linear light."""
+
+
+def free_view(image: Floats, elevation_deg: tuple[float, float], *, underwater: bool) -> FreeView:
+    """Return the freest part of a levelled panorama (h, w, 3) of linear light, its middle within these elevations.
+
+    underwater: parts with the veil's colour, without red, are preferred, and parts that are not clipped. The cost is
+    texture and what the constants say.
+    """
+    import cv2
+
+    height, width = image.shape[:2]
+    scale = height / 180.0
+    pad = width // 8
+    wrapped = np.concatenate([image[:, -pad:], image, image[:, :pad]], axis=1).astype(np.float32)
+    light = np.log(np.maximum(luminance(wrapped), 0.0) + _DIM)
+    fine = light - cv2.GaussianBlur(light, (0, 0), _COARSE_DEG * scale)
+    box = (round(_WIDE_DEG * scale), round(_HIGH_DEG * scale))
+
+    def mean(values: Floats) -> Floats:
+        return np.asarray(cv2.blur(np.asarray(values, np.float32), box)[:, pad : pad + width])
+
+    texture = np.sqrt(np.maximum(mean(fine * fine), 0.0))
+    bright = mean(light)
+    cost = texture + _BLACK * np.maximum(np.quantile(bright, 0.8) - bright, 0.0)
+    if underwater:
+        cost += _WHITE * mean((wrapped.max(axis=-1) > _CLIPPED).astype(np.float32))
+        cost += _RED * mean(np.nan_to_num(np.minimum(red_ratio(wrapped), 1.0), nan=0.0))
+    elevation = 90.0 - (np.arange(height) + 0.5) / scale
+    azimuth = ((np.arange(width) + 0.5) / width - 0.5) * 360.0
+    low, high = elevation_deg
+    cost += _OFF_LEVEL * np.abs(elevation - 0.5 * (low + high))[:, None] + _OFF_MIDDLE * np.abs(azimuth)
+    cost[(elevation < low) | (elevation > high)] = np.inf
+    row, column = np.unravel_index(int(np.argmin(cost)), cost.shape)
+    color = tuple(float(mean(wrapped[..., k])[row, column]) for k in range(3))
+    near_azimuth, near_elevation = (round(v / _STEP_DEG) * _STEP_DEG + 0.0 for v in (azimuth[column], elevation[row]))
+    near_elevation = float(np.clip(near_elevation, low, high))
+    return near_azimuth, near_elevation, (color[0], color[1], color[2])
+
 
 Array = NDArray[np.float64]
 
@@ -49,35 +106,23 @@ UNEVEN = 0.9
 """Cost above which a place is doubtful."""
 
 
-@dataclass(frozen=True, slots=True)
-class GroundPlace:
-    """A place on the ground. azimuth_deg: of its middle. distance_m: level. cost: 0.3 on even ground."""
-
-    azimuth_deg: float
-    distance_m: float
-    cost: float
-
-
-@dataclass(frozen=True, slots=True)
-class NeededSpace:
-    """What has to find a place: its sides across the line of sight and along it, and its height, all [m]."""
-
-    across_m: float
-    along_m: float
-    height_m: float
+Sides = tuple[float, float, float]
+"""Of what has to find a place: across the line of sight, along it, and its height, all [m]."""
 
 
 def ground_place(
-    image: Floats, drop_m: float, body: NeededSpace, distances_m: Array, azimuths_deg: Array, usual_m: float
-) -> GroundPlace:
+    image: Floats, drop_m: float, body: Sides, distances_m: Array, azimuths_deg: Array, usual_m: float
+) -> tuple[float, float, float]:
     """Return the best of some places on the ground of a levelled panorama (h, w, 3) of linear light.
+
+    That is the azimuth of its middle [deg], its level distance [m], and its cost, 0.3 on even ground.
 
     drop_m: height of the camera over the ground. distances_m: (n,), level. azimuths_deg: (m,). usual_m: the distance
     that is preferred where all else is equal.
     """
     layout = _Layout.of(image)
     azimuth, distance = np.meshgrid(np.radians(azimuths_deg), distances_m / drop_m, indexing="ij")
-    across, along = body.across_m / drop_m, body.along_m / drop_m
+    across, along = body[0] / drop_m, body[1] / drop_m
     side = np.linspace(-0.5, 0.5, _ACROSS)
     right, ahead = (points.ravel() for points in np.meshgrid(side * across, side * along))
     foot = layout.cells(azimuth[..., None], distance[..., None] + ahead, right)
@@ -92,7 +137,7 @@ def ground_place(
     cost += _HIDES * _hidden(image, azimuth, distance * drop_m, body, drop_m)
     cost += _ASIDE * np.abs(np.degrees(azimuth)) + _ODD * np.abs(np.log(distance * drop_m / usual_m))
     row, column = np.unravel_index(int(np.argmin(cost)), cost.shape)
-    return GroundPlace(float(azimuths_deg[row]), float(distances_m[column]), float(cost[row, column]))
+    return float(azimuths_deg[row]), float(distances_m[column]), float(cost[row, column])
 
 
 def shows_ground(image: Floats) -> bool:
@@ -166,7 +211,7 @@ def _crossed(layout: _Layout, azimuth: Array, ends: Array, width: float) -> Arra
     return np.asarray(np.maximum.accumulate(step, axis=1)[:, np.minimum(last, step.shape[1] - 1)])
 
 
-def _hidden(image: Floats, azimuth: Array, distance_m: Array, body: NeededSpace, drop_m: float) -> Array:
+def _hidden(image: Floats, azimuth: Array, distance_m: Array, body: Sides, drop_m: float) -> Array:
     """Return how much is to be seen behind a body at some places: edges there over those of the whole plate, less 1."""
     import cv2
 
@@ -175,8 +220,8 @@ def _hidden(image: Floats, azimuth: Array, distance_m: Array, body: NeededSpace,
     light = cv2.GaussianBlur(np.log(np.maximum(luminance(image), 0.0) + _DARK).astype(np.float32), (0, 0), scale)
     edges = np.hypot(*np.gradient(light)) * scale
     across, up = np.meshgrid(np.linspace(-0.5, 0.5, _ACROSS), np.linspace(0.1, 1.0, _ACROSS))
-    longitude = azimuth[..., None] + np.arctan(across.ravel() * body.across_m / distance_m[..., None])
-    latitude = np.arctan2(up.ravel() * body.height_m - drop_m, distance_m[..., None])
+    longitude = azimuth[..., None] + np.arctan(across.ravel() * body[0] / distance_m[..., None])
+    latitude = np.arctan2(up.ravel() * body[2] - drop_m, distance_m[..., None])
     column = np.floor((longitude / (2.0 * np.pi) + 0.5) * width).astype(int) % width
     row = np.clip(((0.5 - latitude / np.pi) * height).astype(int), 0, height - 1)
     behind = np.mean(edges[row, column], axis=-1) / max(float(np.mean(edges)), 1e-3)

@@ -1,0 +1,191 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Rendering of parts of a clip, and what a process needs for it, which can be sent to another process or machine."""
+
+from __future__ import annotations
+
+import platform
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from mr360uw.cache import Cache
+from mr360uw.composite.aovs import RECIPE, exr_parts, stereo_parts
+from mr360uw.composite.aovs import Part as LayerPart
+from mr360uw.errors import GlError
+from mr360uw.reading.numbered_files import numbered
+from mr360uw.render.backends import Backend, make_backend
+from mr360uw.render.frame import DrawnFrame, Frame, MeasuredPlate, blend_frame, draw_frame, measure_plate
+from mr360uw.render.loaded import Loaded, load
+from mr360uw.render.stages.light_stage import LightSamples
+from mr360uw.runs.work_folder import Part, PictureSink, SegmentSink, WorkFolder
+from mr360uw.scene.inputs import open_plate
+from mr360uw.scene.model import Scene
+from mr360uw.threads import Behind, one_blas_thread, prefetch
+from mr360uw.video import VideoFrame, VideoReader, write_exr
+from mr360uw.video.read.projection import PICTURE_SUFFIXES
+from mr360uw.video.write.writer import VideoWriter
+
+
+@dataclass
+class RunTimes:
+    """Seconds by stage, and counts of frames: all, those without visible objects, those without a sun.
+
+    held, concealed: frames whose plate was damaged (`VideoFrame.damage`). renderers: frames by renderer and device.
+    """
+
+    seconds: dict[str, float] = field(default_factory=dict)
+    frames: int = 0
+    empty: int = 0
+    sunless: int = 0
+    held: int = 0
+    concealed: int = 0
+    renderers: dict[str, int] = field(default_factory=dict)
+
+    def add(self, stage: str, since: float) -> float:
+        """Add the time since `since` to a stage; return the present time."""
+        now = time.perf_counter()
+        self.seconds[stage] = self.seconds.get(stage, 0.0) + now - since
+        return now
+
+    def merge(self, other: RunTimes) -> None:
+        """Add what another part of the run took."""
+        for stage, seconds in other.seconds.items():
+            self.seconds[stage] = self.seconds.get(stage, 0.0) + seconds
+        for name, frames in other.renderers.items():
+            self.renderers[name] = self.renderers.get(name, 0) + frames
+        self.frames += other.frames
+        self.empty += other.empty
+        self.sunless += other.sunless
+        self.held += other.held
+        self.concealed += other.concealed
+
+
+def _layers(frame: Frame) -> tuple[dict[str, LayerPart], dict[str, str]]:
+    """Return the parts of a frame's layered EXR, and the view of each where there are two eyes."""
+    eyes = {"left": frame} if frame.right is None else {"left": frame, "right": frame.right}
+    parts = {
+        name: exr_parts(eye.layer, eye.variables, eye.plate.image_linear)
+        for name, eye in eyes.items()
+        if eye.variables is not None
+    }
+    return (parts["left"], {}) if len(parts) == 1 else stereo_parts(parts)
+
+
+@dataclass(frozen=True, slots=True)
+class Job:
+    """A run over a clip.
+
+    backend: name of the renderer; all processes use the same, so that frames do not flicker, except with "auto".
+    layers: pattern of layered EXR files, or None. parts: of the clip, each complete on its own. All paths absolute; the
+    clip's analysis lie in the work folder.
+    """
+
+    scene: Scene
+    out: Path
+    work: WorkFolder
+    backend: str
+    layers: Path | None
+    parts: tuple[Part, ...]
+
+    def __hash__(self) -> int:
+        return hash((self.work.path, self.parts))
+
+
+class OpenJob:
+    """A job with its plate, its loaded scene and its renderer, for the thread that opened it."""
+
+    def __init__(
+        self, job: Job, video: VideoReader | None = None, loaded: Loaded | None = None, backend: Backend | None = None
+    ) -> None:
+        self.job = job
+        self.video = open_plate(job.scene) if video is None else video
+        size = self.video.width, self.video.height
+        self.loaded = load(job.scene, *size, clip=not self.video.is_still) if loaded is None else loaded
+        self.backend = _backend_of_worker(job.backend, job.scene.plate.eyes) if backend is None else backend
+        analysis = job.work.analysis()
+        assert analysis is not None, "the analysis is stored before a job is opened"
+        self._analysis, self._times = analysis, RunTimes()
+
+    def render(self, start: int, stop: int, done: Callable[[], None] = lambda: None) -> RunTimes:
+        """Render frames [start, stop), which are parts of the job; return what it took. done: is called after each.
+
+        Decoder, renderer and encoder each run on a thread, with short queues between them: memory does not grow with
+        the clip. Each frame depends on what is loaded, the clip's analysis and the plate about it alone.
+        """
+        self._times = RunTimes()
+        drawing, blending, sink = self._cache(), self._cache(), self._sink(start)
+        behind: Behind[DrawnFrame] = Behind(lambda drawn: self._write(drawn, sink, blending))
+        renderer = f"{self.backend.name} ({self.backend.device})"
+        exposure_s, variables = self.loaded.scene.draw.exposure_s(self.video.frame_rate), self.job.layers is not None
+        with one_blas_thread(), sink, behind:
+            for measured in prefetch(self._read(start, stop)):
+                since = time.perf_counter()
+                drawn = draw_frame(self.loaded, self.backend, measured, exposure_s, drawing, variables=variables)
+                self._times.add("render", since)
+                behind.put(drawn)
+                self._times.renderers[renderer] = self._times.renderers.get(renderer, 0) + 1
+                done()
+        return self._times
+
+    def _cache(self) -> Cache:
+        """Return a cache of one stage of all frames, which is of its thread alone."""
+        return Cache(self.loaded.scene.plate.eyes)
+
+    def _read(self, start: int, stop: int) -> Iterator[MeasuredPlate]:
+        """Yield frames, decoded and with their light measured."""
+        times, measuring = self._times, self._cache()
+        samples = LightSamples(self.loaded, self._analysis, self.video, self._decoded)
+        since, decoding_s = time.perf_counter(), times.seconds.get("decode", 0.0)
+        for plate, light in samples.frames(start, stop):
+            measured = measure_plate(self.loaded, self._analysis, plate, measuring, light)
+            times.add("light", since + times.seconds["decode"] - decoding_s)
+            yield measured
+            since, decoding_s = time.perf_counter(), times.seconds["decode"]
+
+    def _decoded(self, start: int, stop: int) -> Iterator[VideoFrame]:
+        since = time.perf_counter()
+        for plate in self.video.frames(start, stop):
+            self._times.add("decode", since)
+            yield plate
+            since = time.perf_counter()
+
+    def _write(self, drawn: DrawnFrame, sink: VideoWriter, cache: Cache) -> None:
+        """Composite a frame and write it, and before it the file of its layers. cache: results of earlier frames."""
+        times, since = self._times, time.perf_counter()
+        frame = blend_frame(self.loaded, self._analysis, drawn, cache)
+        since = times.add("blend", since)
+        times.frames += 1
+        times.empty += not frame.layer.tiles
+        times.held += frame.plate.damage == "held"
+        times.concealed += frame.plate.damage == "concealed"
+        times.sunless += frame.light is not None and frame.light.environment.sun is None
+        if self.job.layers is not None and frame.variables is not None:
+            parts, views = _layers(frame)
+            file = numbered(self.job.layers, frame.plate.index)
+            # a folder beside the output is on the disk of layers that are beside it too
+            scratch = self.job.work.path if self.job.layers.parent == self.job.out.parent else None
+            write_exr(file, parts, attributes={"comments": RECIPE}, views=views, folder=scratch)
+            since = times.add("layers", since)
+        sink.write(frame.picture)
+        times.add("encode", since)
+
+    def _sink(self, start: int) -> VideoWriter:
+        job = self.job
+        if job.out.suffix.lower() in PICTURE_SUFFIXES:
+            return PictureSink(job.work, start, job.out, self.video)
+        return SegmentSink(job.work, list(job.parts), self.video, job.scene.output)
+
+
+def _backend_of_worker(name: str, kinds: int) -> Backend:
+    """Return a worker's renderer for so many kinds of frames that take turns.
+
+    Raises `GlError` where it lacks the one that the others render with.
+    """
+    try:
+        return make_backend(name, Cache(kinds))[0]
+    except GlError as error:
+        raise GlError(
+            f"worker {platform.node()} - has no OpenGL, which the run renders with (got: {error}) - give --backend "
+            "reference, or --mixed to let each worker take the renderer that it has"
+        ) from error

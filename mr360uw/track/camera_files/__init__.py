@@ -1,2 +1,0 @@
-# SPDX-License-Identifier: Apache-2.0
-"""Paths of cameras in the files of other programs."""

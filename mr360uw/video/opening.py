@@ -1,0 +1,144 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Opens plates and begins outputs of every kind: video files, sequences of pictures, single pictures."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from pathlib import Path
+
+from mr360uw.color import Primaries, Transfer
+from mr360uw.errors import VideoError
+from mr360uw.output_gate import check_outputs
+from mr360uw.shapes import file_path
+from mr360uw.video.clip import Clip, checked_rate
+from mr360uw.video.read.images import ImageReader, picture_files
+from mr360uw.video.read.layout import Eye, Layout
+from mr360uw.video.read.projection import FISHEYE_FOV_DEG, PICTURE_SUFFIXES, Projection, projection_of
+from mr360uw.video.read.reader import Damaged, VideoReader
+from mr360uw.video.settings import EncodeSettings
+from mr360uw.video.write.image_writer import ImageWriter
+from mr360uw.video.write.writer import VideoWriter
+
+
+def open_video(
+    path: str | Path,
+    transfer: Transfer | None = None,
+    *,
+    primaries: Primaries | None = None,
+    eye: Eye | None = None,
+    frame_rate: Fraction | float = 30,
+    equirectangular: bool = True,
+    depth: bool = False,
+    damaged: Damaged = "stop",
+    projection: Projection = "auto",
+    fisheye_fov_deg: float = FISHEYE_FOV_DEG,
+    layout: Layout | None = None,
+) -> VideoReader:
+    """Open a plate: a video (mp4, mov, mkv, webm ...), one picture, or a sequence of pictures.
+
+    path: a file, or the pattern of a sequence: "plate_%04d.png", "plate_####.exr" or "plate_*.png".
+    transfer: curve from code values to linear light; by default sRGB, PQ or HLG where the file is tagged so, and none
+    for EXR and HDR pictures. primaries: of the plate's light; by default those of its matrix.
+    eye: "left" or "right" of a stereo plate, or "both": then frames are the left eye's and have the right one.
+    frame_rate: of pictures, which have none of their own. equirectangular: refuse what is not a panorama, of 2:1 or
+    tagged as one. depth: read EXR pictures by their channel Z if they have one. damaged: "stop" raises at a frame of a
+    video that cannot be decoded, "hold" repeats the last one that could.
+    projection: of the file's pictures; frames of "dual_fisheye" and "eac" are turned to equirectangular. "auto": .insv
+    is dual fisheye, .360 is EAC, all else equirectangular. fisheye_fov_deg: across one half of a dual-fisheye frame.
+    layout: arrangement of the eyes in a file without tags; by default as its tags or its shape say.
+
+    VideoError where the plate cannot be used.
+    """
+    path = file_path("video", path)
+    kind = projection_of(path, projection) if equirectangular else "equirectangular"
+    if kind != "equirectangular":
+        from mr360uw.video.read.unwrapped import open_unwrapped
+
+        if eye is not None:
+            raise VideoError(f"{path} - {kind} has no {eye} eye - leave out the eye")
+        return open_unwrapped(Path(path), kind, fisheye_fov_deg, transfer, primaries, damaged)
+    files = picture_files(Path(path))
+    if files is not None:
+        rate = checked_rate(frame_rate, Path(path))
+        return ImageReader(Path(path), files, rate, transfer, primaries, eye, equirectangular, depth, layout)
+    from mr360uw.video.read.container import ContainerReader
+
+    return ContainerReader(Path(path), transfer, primaries, eye, equirectangular, damaged, layout)
+
+
+def create_video(
+    path: str | Path,
+    like: Clip | None = None,
+    settings: EncodeSettings | None = None,
+    *,
+    width: int | None = None,
+    height: int | None = None,
+    frame_rate: Fraction | float = 30,
+    sound: str | Path | None = None,
+    overwrite: bool = False,
+    audio: bool = True,
+    rebase: bool = True,
+    frames: tuple[int, int] | None = None,
+) -> VideoWriter:
+    """Begin an output with the size, colours, time stamps, sound and metadata of a plate, or a new one.
+
+    path: .mp4, .mov, .mkv or .webm; or a picture or a pattern of pictures ("out_%04d.png", "out_####.exr"), numbered
+    by the frame's index. like: the plate; without one, width, height, frame_rate and sound (a file) say what is made,
+    in BT.709, 4:2:0, 8 bits. audio: copy the sound, unless the settings leave it out. rebase: when the first frame is
+    not frame 0 of the plate, move pictures and sound so that the output begins where the plate begins; False keeps the
+    time stamps. frames: (start, stop) of those that will be written, which time code and chapters follow; default: all.
+
+    Raises `OutputExistsError` where the output is there already and `overwrite` is not set, `OutputError` where it may
+    not be written, `VideoError` where it cannot be made.
+    """
+    path = Path(path)
+    if like is None:
+        if width is None or height is None:
+            raise VideoError(f"{path} - the size of a new video is missing - give like, or width and height")
+        like = _new_clip(path, width, height, frame_rate, sound)
+    check_outputs([path], inputs=[like.path] if like.path.name else [], overwrite=overwrite)
+    if path.suffix.lower() in PICTURE_SUFFIXES:
+        return ImageWriter(path, like, overwrite)
+    from mr360uw.video.write.container_writer import ContainerWriter
+
+    settings = settings or EncodeSettings()
+    settings = settings if audio else settings.model_copy(update={"sound": False})
+    return ContainerWriter(path, like, settings, rebase=rebase, overwrite=overwrite, frames=frames)
+
+
+def _new_clip(path: Path, width: int, height: int, frame_rate: Fraction | float, sound: str | Path | None) -> Clip:
+    if width != 2 * height or height < 2 or height % 2:
+        raise VideoError(
+            f"{path} - a panorama must be 2:1 with an even height (got {width}x{height}) - take 2048x1024 or 3840x1920"
+        )
+    rate = checked_rate(frame_rate, path)
+    return Clip(
+        path=Path(),
+        width=width,
+        height=height,
+        frame_rate=rate,
+        time_base=1 / rate,
+        sound=Path(sound) if sound is not None else None,
+    )
+
+
+def transcode(
+    source: str | Path,
+    target: str | Path,
+    settings: EncodeSettings | None = None,
+    *,
+    start: int = 0,
+    stop: int | None = None,
+    overwrite: bool = False,
+    equirectangular: bool = True,
+) -> int:
+    """Decode and encode the frames start <= index < stop of a plate, with sound; returns their number."""
+    count = 0
+    with open_video(source, equirectangular=equirectangular) as video:
+        frames = video.frames(start, stop)
+        span = video.check_range(start, stop)
+        with create_video(target, video, settings, overwrite=overwrite, frames=span) as out:
+            for frame in frames:
+                out.write(frame)
+                count += 1
+    return count
