@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Ray-triangle intersection: first hits and occlusion of rays by triangles.
+"""Ray-triangle intersection: first hits and occlusion of rays by triangles, and grids of parallel rays.
 
 embree finds the triangle in single precision; the point on it is computed again in double precision. On platforms
 without a wheel of embree, trimesh's own (slow) intersector is used.
@@ -7,6 +7,7 @@ without a wheel of embree, trimesh's own (slow) intersector is used.
 
 from __future__ import annotations
 
+import math
 from functools import cached_property
 from typing import Any
 
@@ -15,6 +16,10 @@ from numpy.typing import NDArray
 
 from mr360uw.jit import exact
 from mr360uw.types import Floats
+
+
+_OVERLAP = 1e-9
+"""Barycentric weight by which neighbouring triangles overlap, so that no ray of a grid passes between two."""
 
 
 class RayScene:
@@ -63,6 +68,10 @@ class RayScene:
         found[hit] = barycentric(corners, np.asarray(directions)[hit])[1]
         return found
 
+    def raise_heights(self, origin: Floats, axes: Floats, low: Floats, step: Floats, top: Floats) -> None:
+        """Raise heights `top` (m, n) over a grid to the triangles: see `raise_to_triangles`."""
+        raise_to_triangles(self.triangles, origin, axes, low, step, top)
+
     def _query(self, origins: Floats, directions: Floats, query: str) -> NDArray[np.int64]:
         if len(self.triangles) == 0 or len(origins) == 0:
             return np.full(len(origins), -1, np.int64)
@@ -70,6 +79,30 @@ class RayScene:
             o, d = (np.ascontiguousarray(a, np.float32) for a in (origins, directions))
             return self._embree.run(o, d, query=query).astype(np.int64)
         return np.asarray(self._trimesh.intersects_first(origins, directions), np.int64)
+
+
+class PlacedScene:
+    """A scene of triangles moved by `matrix` (4, 4), a rotation, a scale and a translation: it is not built anew."""
+
+    def __init__(self, scene: RayScene, matrix: Floats) -> None:
+        self._scene, self._linear, self._shift = scene, np.ascontiguousarray(matrix[:3, :3]), matrix[:3, 3]
+        self._back = np.linalg.inv(self._linear)
+
+    def occluded(self, origins: Floats, directions: Floats, reach_m: Floats | float = np.inf) -> NDArray[np.bool_]:
+        """Return whether each ray (n,) hits anything nearer than `reach_m`, (n,) or a number for all."""
+        return self._scene.occluded(*self._inside(origins, directions), reach_m)
+
+    def distance(self, origins: Floats, directions: Floats) -> Floats:
+        """Return the distance (n,) of each ray's nearest triangle in units of its direction, infinity for none."""
+        return self._scene.distance(*self._inside(origins, directions))
+
+    def raise_heights(self, origin: Floats, axes: Floats, low: Floats, step: Floats, top: Floats) -> None:
+        """Raise heights `top` (m, n) over a grid to the triangles: see `raise_to_triangles`."""
+        inside = self._back @ (origin - self._shift)
+        raise_to_triangles(self._scene.triangles, inside, axes @ self._linear, low, step, top)
+
+    def _inside(self, origins: Floats, directions: Floats) -> tuple[Floats, Floats]:
+        return (np.asarray(origins) - self._shift) @ self._back.T, np.asarray(directions) @ self._back.T
 
 
 def barycentric(triangles: Floats, directions: Floats) -> tuple[Floats, Floats]:
@@ -101,3 +134,40 @@ def _intersect(triangles: Any, directions: Any, weights: Any, distance: Any) -> 
         for k in range(3):
             weights[n, k] /= total
         distance[n] = triple(a, b, c) / total
+
+
+@exact
+def raise_to_triangles(triangles: Any, origin: Any, axes: Any, low: Any, step: Any, top: Any) -> None:
+    """Raise heights `top` (m, n) to the highest triangle (T, 3, 3) at each place of a grid, as a depth buffer does.
+
+    Places and heights are products with the rows of `axes` (3, 3) from an origin (3,), heights with the third. A place
+    (i, j) of the grid lies at low + (i, j) step along the first two; low, step: (2,).
+    """
+    corner = np.empty((3, 3))
+    for t in range(len(triangles)):
+        for c in range(3):
+            x, y, z = (
+                triangles[t, c, 0] - origin[0],
+                triangles[t, c, 1] - origin[1],
+                triangles[t, c, 2] - origin[2],
+            )
+            for k in range(3):
+                corner[c, k] = x * axes[k, 0] + y * axes[k, 1] + z * axes[k, 2]
+        ax, ay, az = corner[0, 0] - low[0], corner[0, 1] - low[1], corner[0, 2]
+        bx, by, bz = corner[1, 0] - corner[0, 0], corner[1, 1] - corner[0, 1], corner[1, 2] - az
+        cx, cy, cz = corner[2, 0] - corner[0, 0], corner[2, 1] - corner[0, 1], corner[2, 2] - az
+        area = bx * cy - by * cx
+        if area == 0.0:
+            continue
+        first_i = max(math.ceil((ax + min(bx, cx, 0.0)) / step[0] - _OVERLAP), 0)
+        first_j = max(math.ceil((ay + min(by, cy, 0.0)) / step[1] - _OVERLAP), 0)
+        last_i = min(math.floor((ax + max(bx, cx, 0.0)) / step[0] + _OVERLAP), top.shape[0] - 1)
+        last_j = min(math.floor((ay + max(by, cy, 0.0)) / step[1] + _OVERLAP), top.shape[1] - 1)
+        bx, by, cx, cy = bx / area, by / area, cx / area, cy / area
+        for i in range(first_i, last_i + 1):
+            x = i * step[0] - ax
+            for j in range(first_j, last_j + 1):
+                y = j * step[1] - ay
+                b, c = x * cy - y * cx, bx * y - by * x
+                if b >= -_OVERLAP and c >= -_OVERLAP and b + c <= 1.0 + _OVERLAP:
+                    top[i, j] = max(top[i, j], az + b * bz + c * cz)

@@ -58,7 +58,8 @@ def between_nodes(place: Any, values: Any, out: Any) -> None:
             out[n, c] = min(max(total, least), most)
 
 
-_KEPT_TRANSFERS, _KEPT_FIELDS, _KEPT_VIEWS = 64, 64, 64
+_KEPT = 64
+"""Least number of meshes and of turned meshes of which it is kept what they see and show."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -171,7 +172,8 @@ def make_layout(
     """Return the layout of objects. ground_y: height of the ground below each, or None. cache: keeps what is found."""
     from scipy.sparse import block_diag, vstack
 
-    bodies = tuple(_body(placed, y, seen_by_ground, cache) for placed, y in zip(objects, ground_y, strict=True))
+    keep = max(_KEPT, 2 * len(objects))
+    bodies = tuple(_body(placed, y, seen_by_ground, cache, keep) for placed, y in zip(objects, ground_y, strict=True))
     first = np.concatenate([[0], np.cumsum([len(body.transfer.coarse.sample) for body in bodies])]).astype(np.int64)
     near, far = near_shares(bodies)
     views = body_views(bodies, first, near, cache)
@@ -195,15 +197,15 @@ def _nodes(body: Body, side: int) -> Floats:
     return placed.world_from_object[:3, :3] @ center + body.ground.nodes(body.transfer, side) * placed.scale
 
 
-def _body(placed: PlacedObject, ground_y: float | None, seen_by_ground: bool, cache: Cache) -> Body:
+def _body(placed: PlacedObject, ground_y: float | None, seen_by_ground: bool, cache: Cache, keep: int) -> Body:
     # poses share what is found at rest: rays for each of them would cost seconds a frame
     mesh, linear, shadow = placed.mesh.still, placed.world_from_object[:3, :3], placed.casts_shadow
-    bare = cache.of(shape_transfer, shape_of(mesh), keep=_KEPT_TRANSFERS)
-    transfer = cache.of(bare.painted, mesh, keep=_KEPT_TRANSFERS)
-    own = cache.of(bare.own_view, shadow, keep=_KEPT_TRANSFERS)
+    bare = cache.of(shape_transfer, shape_of(mesh), keep=keep)
+    transfer = cache.of(bare.painted, mesh, keep=keep)
+    own = cache.of(bare.own_view, shadow, keep=keep)
     field, ground = None, None
     if seen_by_ground and shadow and len(transfer.solid):
-        field = cache.of(make_height_field, bare, linear, keep=_KEPT_FIELDS)
+        field = cache.of(make_height_field, bare, linear, keep=keep)
     rotation, center = linear / placed.scale, placed.to_world(mesh.center_m)
     if ground_y is not None:
         height = rounded((center[1] - ground_y) / placed.scale, mesh.radius_m)

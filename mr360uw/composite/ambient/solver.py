@@ -119,7 +119,7 @@ class Solver:
         """Return the fraction (C, 3) of light that the surface about a body's coarse samples sends back, and its
         emission over the ambient light's fall with depth.
         """
-        reflected, emission = self._cache.of(_at_coarse, body.transfer, self._shot.refractive_index, keep=64)
+        reflected, emission = self._cache.of(_at_coarse, body.transfer, self._shot.refractive_index, keep=max(64, 2 * len(self._layout.bodies)))
         return reflected, emission / self._sunlight.ambient(body.center[None])
 
     def _first_guess(self) -> Floats:

@@ -40,7 +40,7 @@ class Sunlight:
             return np.zeros((len(sample), 3))
         place = _coarse(self._layout, number)
         cosine = np.maximum(lattice.normal[sample] @ (self._sun.direction @ body.rotation), 0.0)
-        lit = 1.0 - self._cache.of(_coarse_shaded, self._layout, number, self._towards, keep=_KEPT)
+        lit = 1.0 - self._cache.of(_coarse_shaded, self._layout, number, self._towards, keep=max(_KEPT, 2 * len(self._layout.bodies)))
         return self._beam(place) * (cosine * lit)[:, None]
 
     def at_nodes(self, number: int) -> tuple[Floats, Floats]:
@@ -49,7 +49,7 @@ class Sunlight:
         if self._sun is None:
             return np.zeros((len(node), 3)), np.zeros(len(node))
         beam = self._beam(node) * max(float(self._sun.direction[1]), 0.0)
-        shaded = self._cache.of(_nodes_shaded, self._layout, number, self._towards, keep=_KEPT)
+        shaded = self._cache.of(_nodes_shaded, self._layout, number, self._towards, keep=max(_KEPT, 2 * len(self._layout.bodies)))
         return beam, shaded.astype(np.float64)
 
     def _beam(self, points: Floats) -> Floats:

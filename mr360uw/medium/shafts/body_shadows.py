@@ -20,15 +20,20 @@ from mr360uw.cache import Cache
 from mr360uw.jit import exact
 from mr360uw.medium.shafts.beam_pattern import BeamPattern
 from mr360uw.medium.shafts.occluders import GOLDEN, Bodies, Occluder
+from mr360uw.rays import PlacedScene, RayScene
 from mr360uw.sphere import basis, unit
 
 Array = NDArray[np.float64]
 
 DISC_PIXELS, HALO_PIXELS = 256, 64
-"""Pixels across a body: of the disc's maps, and of the halo's, whose shadows are blurred by degrees."""
+"""Pixels across a body: of the disc's maps, and of the halo's, whose shadows are blurred by degrees. Of more than
+`_WHOLE` bodies, which are smaller in the frame or hide each other, all maps together have as many as of so many."""
+_WHOLE = 8
 _SMALL_RAD = 0.01
 """Radius of a disc up to which one direction stands for it: 10 m behind a body its shadow's edge is then 20 cm wide at
 most, less than half a segment."""
+_GROUP = 8
+"""Segments of a ray for which bodies are sorted out together."""
 DISC_TAPS, HALO_TAPS = 16, 32
 """Points of a segment at which disc and halo are tested, one direction each, in turn."""
 
@@ -49,9 +54,9 @@ class ShadowMaps:
         """Return the maps of bodies with bounding spheres, for directions (n, 3) of a disc about an axis (3,)."""
         frame = np.array([basis(d) for d in directions])
         spheres = zip(bodies.occluders, bodies.centre, bodies.radius, strict=True)
-        top = [[_top(body, centre, radius, f, size) for f in frame] for body, centre, radius in spheres]
+        top = [_tops(body, centre, radius, frame, size) for body, centre, radius in spheres]
         cosine = min(float(np.min(directions @ axis)), 1.0)
-        return cls(frame, np.array(top, np.float32), math.sqrt(1.0 - cosine * cosine) / cosine)
+        return cls(frame, np.array(top), math.sqrt(1.0 - cosine * cosine) / cosine)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -96,19 +101,28 @@ def shadows_of(pattern: BeamPattern, cache: Cache) -> Shadows | None:
 
 def _shadows(bodies: Bodies, towards: Array, disc: Array | None, halo: Array) -> Shadows:
     """Return the shadows of bodies. disc, halo: directions (n, 3) over those; without disc its middle (3,) alone."""
-    middle = ShadowMaps.of(bodies, towards, towards[None], DISC_PIXELS)
-    wide = middle if disc is None else ShadowMaps.of(bodies, towards, disc, DISC_PIXELS)
-    return Shadows(wide, ShadowMaps.of(bodies, towards, halo, HALO_PIXELS), Outlines.of(bodies, middle))
+    fewer = min(math.sqrt(_WHOLE / len(bodies.occluders)), 1.0)
+    of_disc, of_halo = round(DISC_PIXELS * fewer), round(HALO_PIXELS * fewer)
+    middle = ShadowMaps.of(bodies, towards, towards[None], of_disc)
+    wide = middle if disc is None else ShadowMaps.of(bodies, towards, disc, of_disc)
+    return Shadows(wide, ShadowMaps.of(bodies, towards, halo, of_halo), Outlines.of(bodies, middle))
 
 
-def _top(body: Occluder, centre: Array, radius: float, frame: Array, size: int) -> Array:
+def _tops(body: Occluder, centre: Array, radius: float, frame: Array, size: int) -> NDArray[np.float32]:
+    """Return the maps (n, size, size) of a body in directions of `ShadowMaps.frame`."""
+    top = np.full((len(frame), size, size), -np.inf)
+    if isinstance(body, RayScene | PlacedScene):
+        low, step = np.full(2, radius * (1.0 / size - 1.0)), np.full(2, 2.0 * radius / size)
+        for f, of_direction in zip(frame, top, strict=True):
+            body.raise_heights(centre, f[[1, 0, 2]], low, step, of_direction)
+        return top.astype(np.float32)
     at = radius * (2.0 * (np.arange(size) + 0.5) / size - 1.0)
     u, v = np.meshgrid(at, at)
     inside = u * u + v * v <= radius * radius
-    start = centre + u[inside, None] * frame[0] + v[inside, None] * frame[1] + radius * frame[2]
-    top = np.full((size, size), -np.inf)
-    top[inside] = radius - body.distance(start, np.broadcast_to(-frame[2], start.shape))
-    return top
+    for f, of_direction in zip(frame, top, strict=True):
+        start = centre + u[inside, None] * f[0] + v[inside, None] * f[1] + radius * f[2]
+        of_direction[inside] = radius - body.distance(start, np.broadcast_to(-f[2], start.shape))
+    return top.astype(np.float32)
 
 
 @exact
@@ -122,15 +136,22 @@ def visible_parts(
     bodies. axes, apart: of `Outlines`. frame to spread: of `ShadowMaps`. taps: points of a segment that are tested,
     with the directions in turn.
     """
-    size, last = top.shape[2], apart.shape[1] - 1
+    size, last, count = top.shape[2], apart.shape[1] - 1, seen.shape[1]
+    few, near = np.empty(len(radius), np.int64), np.empty(len(radius), np.int64)
     for n in range(len(directions)):
         d0, d1, d2 = directions[n, 0], directions[n, 1], directions[n, 2]
-        for k in range(seen.shape[1]):
+        listed = 0
+        for k in range(count):
+            if k % _GROUP == 0:
+                until = min(k + _GROUP, count)
+                listed = _bodies_about(
+                    origin, directions[n], start[n, k:until], end[n, k:until], centre, radius, axes, spread, last + 1, few
+                )  # fmt: skip
             length = end[n, k] - start[n, k]
             middle = start[n, k] + 0.5 * length
-            blocked = 0
-            near = False
-            for body in range(len(radius)):
+            blocked, close = 0, 0
+            for number in range(listed):
+                body = few[number]
                 x = origin[0] + middle * d0 - centre[body, 0]
                 y = origin[1] + middle * d1 - centre[body, 1]
                 z = origin[2] + middle * d2 - centre[body, 2]
@@ -143,14 +164,14 @@ def visible_parts(
                 i = min(max(int(u * scale + 0.5 * (last + 1)), 0), last)
                 j = min(max(int(v * scale + 0.5 * (last + 1)), 0), last)
                 beside = max(apart[body, j, i], math.sqrt(u * u + v * v) - radius[body])
-                near |= beside <= below * spread + 0.5 * length + 2.0 * pixel
-            if not near:
-                seen[n, k] = 1.0
-                continue
-            for tap in range(taps):
+                if beside <= below * spread + 0.5 * length + 2.0 * pixel:
+                    near[close] = body
+                    close += 1
+            for tap in range(taps if close else 0):
                 m = tap % len(frame)
                 s = start[n, k] + (tap * GOLDEN + 0.5) % 1.0 * length
-                for body in range(len(radius)):
+                for number in range(close):
+                    body = near[number]
                     x = origin[0] + s * d0 - centre[body, 0]
                     y = origin[1] + s * d1 - centre[body, 1]
                     z = origin[2] + s * d2 - centre[body, 2]
@@ -163,3 +184,37 @@ def visible_parts(
                         blocked += 1
                         break
             seen[n, k] = 1.0 - blocked / taps
+
+
+@exact
+def _bodies_about(
+    origin: Any, direction: Any, start: Any, end: Any, centre: Any, radius: Any, axes: Any, spread: Any, pixels: Any,
+    few: Any,
+) -> Any:  # fmt: skip
+    """Write the bodies whose shadows may meet segments of one ray to `few` (k,); return how many there are.
+
+    start, end: (g,) [m] of the segments, one after the other. pixels: across a body, in its outline.
+    """
+    first, last, longest = start[0], end[-1], 0.0
+    for k in range(len(start)):
+        longest = max(longest, end[k] - start[k])
+    along_u = direction[0] * axes[0, 0] + direction[1] * axes[0, 1] + direction[2] * axes[0, 2]
+    along_v = direction[0] * axes[1, 0] + direction[1] * axes[1, 1] + direction[2] * axes[1, 2]
+    rise = direction[0] * axes[2, 0] + direction[1] * axes[2, 1] + direction[2] * axes[2, 2]
+    squared = max(along_u * along_u + along_v * along_v, 1e-300)
+    found = 0
+    for body in range(len(radius)):
+        x, y, z = origin[0] - centre[body, 0], origin[1] - centre[body, 1], origin[2] - centre[body, 2]
+        height = x * axes[2, 0] + y * axes[2, 1] + z * axes[2, 2]
+        below = radius[body] - height - min(first * rise, last * rise) + 0.5 * longest
+        if below <= 0.0:
+            continue
+        u = x * axes[0, 0] + y * axes[0, 1] + z * axes[0, 2]
+        v = x * axes[1, 0] + y * axes[1, 1] + z * axes[1, 2]
+        nearest = min(max(-(u * along_u + v * along_v) / squared, first), last)
+        u, v = u + nearest * along_u, v + nearest * along_v
+        reach = radius[body] * (1.0 + 4.0 / pixels) + below * spread + 0.5 * longest
+        if u * u + v * v <= reach * reach:
+            few[found] = body
+            found += 1
+    return found
