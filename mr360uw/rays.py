@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from mr360uw.jit import exact
 from mr360uw.types import Floats
 
-
 _OVERLAP = 1e-9
 """Barycentric weight by which neighbouring triangles overlap, so that no ray of a grid passes between two."""
 
@@ -68,10 +67,6 @@ class RayScene:
         found[hit] = barycentric(corners, np.asarray(directions)[hit])[1]
         return found
 
-    def raise_heights(self, origin: Floats, axes: Floats, low: Floats, step: Floats, top: Floats) -> None:
-        """Raise heights `top` (m, n) over a grid to the triangles: see `raise_to_triangles`."""
-        raise_to_triangles(self.triangles, origin, axes, low, step, top)
-
     def _query(self, origins: Floats, directions: Floats, query: str) -> NDArray[np.int64]:
         if len(self.triangles) == 0 or len(origins) == 0:
             return np.full(len(origins), -1, np.int64)
@@ -82,27 +77,26 @@ class RayScene:
 
 
 class PlacedScene:
-    """A scene of triangles moved by `matrix` (4, 4), a rotation, a scale and a translation: it is not built anew."""
+    """A scene of triangles moved by `matrix` (4, 4), a rotation, a scale and a translation: it is not built anew.
+
+    linear: (3, 3) of the matrix.
+    """
 
     def __init__(self, scene: RayScene, matrix: Floats) -> None:
-        self._scene, self._linear, self._shift = scene, np.ascontiguousarray(matrix[:3, :3]), matrix[:3, 3]
-        self._back = np.linalg.inv(self._linear)
+        self.scene, self.linear, self._shift = scene, np.ascontiguousarray(matrix[:3, :3]), matrix[:3, 3]
+        self._back = np.linalg.inv(self.linear)
 
     def occluded(self, origins: Floats, directions: Floats, reach_m: Floats | float = np.inf) -> NDArray[np.bool_]:
         """Return whether each ray (n,) hits anything nearer than `reach_m`, (n,) or a number for all."""
-        return self._scene.occluded(*self._inside(origins, directions), reach_m)
+        return self.scene.occluded(self.inside(origins), np.asarray(directions) @ self._back.T, reach_m)
 
     def distance(self, origins: Floats, directions: Floats) -> Floats:
         """Return the distance (n,) of each ray's nearest triangle in units of its direction, infinity for none."""
-        return self._scene.distance(*self._inside(origins, directions))
+        return self.scene.distance(self.inside(origins), np.asarray(directions) @ self._back.T)
 
-    def raise_heights(self, origin: Floats, axes: Floats, low: Floats, step: Floats, top: Floats) -> None:
-        """Raise heights `top` (m, n) over a grid to the triangles: see `raise_to_triangles`."""
-        inside = self._back @ (origin - self._shift)
-        raise_to_triangles(self._scene.triangles, inside, axes @ self._linear, low, step, top)
-
-    def _inside(self, origins: Floats, directions: Floats) -> tuple[Floats, Floats]:
-        return (np.asarray(origins) - self._shift) @ self._back.T, np.asarray(directions) @ self._back.T
+    def inside(self, points: Floats) -> Floats:
+        """Return points (..., 3) of the world in the scene's own axes."""
+        return (np.asarray(points) - self._shift) @ self._back.T
 
 
 def barycentric(triangles: Floats, directions: Floats) -> tuple[Floats, Floats]:

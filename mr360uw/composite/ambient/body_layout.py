@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from mr360uw.cache import Cache
 from mr360uw.composite.ambient.among.body_views import body_views
-from mr360uw.composite.ambient.among.far_bodies import FarField, far_field, near_shares
+from mr360uw.composite.ambient.among.far_bodies import FarBodies, far_bodies, near_shares
 from mr360uw.composite.ambient.among.relative_pose import rounded
 from mr360uw.composite.ambient.body_view import Body, BodyView
 from mr360uw.composite.ambient.mesh_transfer import shape_of, shape_transfer
@@ -74,7 +74,7 @@ class Layout:
 
     bodies: tuple[Body, ...]
     views: tuple[BodyView, ...]
-    far: tuple[FarField | None, ...]
+    far: FarBodies
     first: NDArray[np.int64]
     samples: Any
     nodes: tuple[Floats, ...]
@@ -89,7 +89,7 @@ class Layout:
 
     def untouched(self, number: int) -> bool:
         """Return whether nothing is in the way of a body's light."""
-        return self.far[number] is None and self.views[number].nothing(self.bodies[number])
+        return not self.far.around(number) and self.views[number].nothing(self.bodies[number])
 
     @property
     def nothing(self) -> bool:
@@ -144,25 +144,28 @@ class Layout:
         ends = zip(self.bodies, self.first[:-1], self.first[1:], strict=True)
         return np.array([body.transfer.sides.seen @ sent[begin:end] for body, begin, end in ends])
 
-    def shaded(self, points: Floats, direction: Floats) -> NDArray[np.bool_]:
-        """Return whether a body that casts shadows lies from points (n, 3) of the world towards a direction (3,)."""
-        shaded, casting = np.zeros(len(points), np.bool_), [b for b in self.bodies if b.placed.casts_shadow]
-        if len(points) == 0 or not casting:
+    def shaded(self, points: Sequence[Floats], direction: Floats) -> list[NDArray[np.bool_]]:
+        """Return for groups of points (n, 3) of the world whether a body that casts shadows lies from each towards a
+        direction (3,).
+        """
+        shaded = [np.zeros(len(group), np.bool_) for group in points]
+        casting, some = [b for b in self.bodies if b.placed.casts_shadow], [k for k, of in enumerate(points) if len(of)]
+        if not some or not casting:
             return shaded
-        middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
-        reach = np.array([b.radius for b in casting]) + np.sqrt(np.sum((points - middle) ** 2, axis=-1).max())
-        way = np.array([b.center for b in casting]) - middle
+        low, high = (np.array([at(points[k], axis=0) for k in some]) for at in (np.min, np.max))
+        reach = 0.5 * np.linalg.norm(high - low, axis=-1)[:, None] + np.array([b.radius for b in casting])
+        way = np.array([b.center for b in casting]) - 0.5 * (low + high)[:, None]
         ahead = way @ direction
         beside = np.sum(way * way, axis=-1) - ahead**2
-        for number in np.flatnonzero((beside < reach**2) & (ahead > -reach)):
-            body = casting[number]
-            to = body.center - points
+        for row, number in zip(*np.nonzero((beside < reach**2) & (ahead > -reach)), strict=True):
+            body, group = casting[number], some[row]
+            to = body.center - points[group]
             along = to @ direction
             off = np.sum(to * to, axis=-1) - along**2
             near = np.flatnonzero((off < body.radius**2) & (along > -body.radius))
             if len(near):
                 ray = np.broadcast_to(direction @ body.rotation, (len(near), 3))
-                shaded[near] |= body.transfer.scene.occluded(body.inside(points[near]), ray)
+                shaded[group][near] |= body.transfer.scene.occluded(body.inside(points[group][near]), ray)
         return shaded
 
 
@@ -179,14 +182,13 @@ def make_layout(
     views = body_views(bodies, first, near, cache)
     own = block_diag([body.own.samples[body.transfer.coarse.sample] for body in bodies], format="csr")
     samples = vstack([view.coarse.samples for view in views], format="csr") + own
-    fields_far = tuple(far_field(k, bodies, share) for k, share in enumerate(far))
     nodes, coarse = (tuple(_nodes(body, side) + body.origin for body in bodies) for side in (NODES, COARSE_NODES))
     places = np.concatenate(coarse)
     seen = [body for body in bodies if body.field is not None]
     fields = tuple(body.field for body in seen if body.field is not None)
     occluders = Occluders(fields, np.array([body.origin for body in seen]).reshape(-1, 3))
     blocked = occluders.blocked(places, np.tile([0.0, 1.0, 0.0], (len(places), 1)))
-    return Layout(bodies, views, fields_far, first, samples, nodes, occluders, places, blocked)
+    return Layout(bodies, views, far_bodies(bodies, far), first, samples, nodes, occluders, places, blocked)
 
 
 def _nodes(body: Body, side: int) -> Floats:

@@ -83,6 +83,11 @@ class FormFactors:
     way: NDArray[np.int16]
     ground: NDArray[np.float32]
 
+    @property
+    def nothing(self) -> bool:
+        """Whether nothing is seen."""
+        return self.samples.nnz == 0 and self.ground.shape[1] == 0
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Met:

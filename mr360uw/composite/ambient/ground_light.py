@@ -46,7 +46,7 @@ class GroundLight:
             return
         self._lost, light = layout.blocked.irradiance(table), shot.environment
         map_ = light.residual if light.detail is None else light.detail
-        beam, shaded = (np.concatenate(a) for a in zip(*(sunlight.at_nodes(k) for k in self._numbers), strict=True))
+        beam, shaded = sunlight.at_nodes()
         whole = np.maximum(environment_lookup(shot.environment.ambient, _UP), 1e-9)
         self._whole, self._shade = whole + beam, beam * shaded[:, None]
         nodes = np.concatenate([layout.nodes[k] for k in self._numbers])

@@ -15,7 +15,8 @@ from mr360uw.types import Floats
 
 _STEPS = 64.0
 """The sun's direction in shadow rays of this module is rounded to such parts of one: kept while its track trembles."""
-_KEPT = 256
+_KEPT = 4
+"""Directions of the sun for which shadows are kept while bodies stand still."""
 
 
 class Sunlight:
@@ -32,25 +33,27 @@ class Sunlight:
             return np.ones((len(points), 3))
         return ambient_ratio(shot.medium, shot.view.surface_y_m - points[:, 1])
 
-    def at_coarse(self, number: int) -> Floats:
-        """Return the irradiance (C, 3) on the coarse samples of a body."""
-        body = self._layout.bodies[number]
-        lattice, sample = body.transfer.lattice, body.transfer.coarse.sample
+    def at_coarse(self) -> Floats:
+        """Return the irradiance (all, 3) on the coarse samples of all bodies."""
+        bodies = self._layout.bodies
+        place = _coarse(self._layout)
         if self._sun is None:
-            return np.zeros((len(sample), 3))
-        place = _coarse(self._layout, number)
-        cosine = np.maximum(lattice.normal[sample] @ (self._sun.direction @ body.rotation), 0.0)
-        lit = 1.0 - self._cache.of(_coarse_shaded, self._layout, number, self._towards, keep=max(_KEPT, 2 * len(self._layout.bodies)))
-        return self._beam(place) * (cosine * lit)[:, None]
+            return np.zeros((sum(map(len, place)), 3))
+        towards = self._sun.direction
+        cosine = [b.transfer.lattice.normal[b.transfer.coarse.sample] @ (towards @ b.rotation) for b in bodies]
+        lit = 1.0 - np.concatenate(self._cache.of(_coarse_shaded, self._layout, self._towards, keep=_KEPT))
+        return self._beam(np.concatenate(place)) * (np.maximum(np.concatenate(cosine), 0.0) * lit)[:, None]
 
-    def at_nodes(self, number: int) -> tuple[Floats, Floats]:
-        """Return the irradiance on the nodes of a body without bodies (n, 3), and what part (n,) of it bodies block."""
-        node = self._layout.nodes[number]
+    def at_nodes(self) -> tuple[Floats, Floats]:
+        """Return the irradiance on the nodes of all bodies without bodies (n, 3), and what part (n,) of it bodies
+        block.
+        """
+        node = np.concatenate(self._layout.nodes)
         if self._sun is None:
             return np.zeros((len(node), 3)), np.zeros(len(node))
         beam = self._beam(node) * max(float(self._sun.direction[1]), 0.0)
-        shaded = self._cache.of(_nodes_shaded, self._layout, number, self._towards, keep=max(_KEPT, 2 * len(self._layout.bodies)))
-        return beam, shaded.astype(np.float64)
+        shaded = self._cache.of(_nodes_shaded, self._layout, self._towards, keep=_KEPT)
+        return beam, np.concatenate(shaded).astype(np.float64)
 
     def _beam(self, points: Floats) -> Floats:
         """Return the sun's irradiance (n, 3) across its beam."""
@@ -68,15 +71,15 @@ class Sunlight:
         return np.asarray(towards / np.linalg.norm(towards))
 
 
-def _coarse(layout: Layout, number: int) -> Floats:
-    """Return the places (C, 3) of a body's coarse samples in the world."""
-    body = layout.bodies[number]
-    return body.placed.to_world(body.transfer.lattice.position[body.transfer.coarse.sample])
+def _coarse(layout: Layout) -> list[Floats]:
+    """Return the places (C, 3) of the coarse samples of each body in the world."""
+    parts = [(body.placed, body.transfer.lattice.position[body.transfer.coarse.sample]) for body in layout.bodies]
+    return [placed.to_world(position) for placed, position in parts]
 
 
-def _coarse_shaded(layout: Layout, number: int, towards: Floats) -> NDArray[np.bool_]:
-    return layout.shaded(_coarse(layout, number), towards)
+def _coarse_shaded(layout: Layout, towards: Floats) -> list[NDArray[np.bool_]]:
+    return layout.shaded(_coarse(layout), towards)
 
 
-def _nodes_shaded(layout: Layout, number: int, towards: Floats) -> NDArray[np.bool_]:
-    return layout.shaded(layout.nodes[number], towards)
+def _nodes_shaded(layout: Layout, towards: Floats) -> list[NDArray[np.bool_]]:
+    return layout.shaded(layout.nodes, towards)

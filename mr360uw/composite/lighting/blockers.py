@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.cache import Cache, PartOf, Same
-from mr360uw.composite.raycast.geometry import base_color, gather, occluding
 from mr360uw.composite.mesh.mesh import Mesh
+from mr360uw.composite.raycast.geometry import base_color, gather, occluding
 from mr360uw.composite.shot import PlacedObject, Shot
 from mr360uw.medium.shafts.occluders import Bodies
 from mr360uw.rays import PlacedScene, RayScene, barycentric

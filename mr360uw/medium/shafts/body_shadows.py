@@ -16,11 +16,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.cache import Cache
+from mr360uw.cache import Cache, PartOf, Same
 from mr360uw.jit import exact
 from mr360uw.medium.shafts.beam_pattern import BeamPattern
 from mr360uw.medium.shafts.occluders import GOLDEN, Bodies, Occluder
-from mr360uw.rays import PlacedScene, RayScene
+from mr360uw.rays import PlacedScene, RayScene, raise_to_triangles
 from mr360uw.sphere import basis, unit
 
 Array = NDArray[np.float64]
@@ -50,11 +50,16 @@ class ShadowMaps:
     spread: float
 
     @classmethod
-    def of(cls, bodies: Bodies, axis: Array, directions: Array, size: int) -> ShadowMaps:
-        """Return the maps of bodies with bounding spheres, for directions (n, 3) of a disc about an axis (3,)."""
+    def of(cls, bodies: Bodies, axis: Array, directions: Array, size: int, cache: Cache) -> ShadowMaps:
+        """Return the maps of bodies with bounding spheres, for directions (n, 3) of a disc about an axis (3,).
+
+        cache: keeps those of bodies that move without turning.
+        """
         frame = np.array([basis(d) for d in directions])
         spheres = zip(bodies.occluders, bodies.centre, bodies.radius, strict=True)
-        top = [_tops(body, centre, radius, frame, size) for body, centre, radius in spheres]
+        top = [
+            _tops(body, centre, radius, frame, size, cache, 4 * len(bodies.radius)) for body, centre, radius in spheres
+        ]
         cosine = min(float(np.min(directions @ axis)), 1.0)
         return cls(frame, np.array(top), math.sqrt(1.0 - cosine * cosine) / cosine)
 
@@ -96,32 +101,46 @@ def shadows_of(pattern: BeamPattern, cache: Cache) -> Shadows | None:
     if not bodies.occluders or not np.all(np.isfinite(bodies.radius)):
         return None
     wide = pattern.sun.half_angle_rad > _SMALL_RAD
-    return cache.of(_shadows, bodies, towards, pattern.disc if wide else None, pattern.halo)
+    return cache.of(_shadows, bodies, towards, pattern.disc if wide else None, pattern.halo, cache)
 
 
-def _shadows(bodies: Bodies, towards: Array, disc: Array | None, halo: Array) -> Shadows:
+def _shadows(bodies: Bodies, towards: Array, disc: Array | None, halo: Array, cache: Cache) -> Shadows:
     """Return the shadows of bodies. disc, halo: directions (n, 3) over those; without disc its middle (3,) alone."""
     fewer = min(math.sqrt(_WHOLE / len(bodies.occluders)), 1.0)
     of_disc, of_halo = round(DISC_PIXELS * fewer), round(HALO_PIXELS * fewer)
-    middle = ShadowMaps.of(bodies, towards, towards[None], of_disc)
-    wide = middle if disc is None else ShadowMaps.of(bodies, towards, disc, of_disc)
-    return Shadows(wide, ShadowMaps.of(bodies, towards, halo, of_halo), Outlines.of(bodies, middle))
+    middle = ShadowMaps.of(bodies, towards, towards[None], of_disc, cache)
+    wide = middle if disc is None else ShadowMaps.of(bodies, towards, disc, of_disc, cache)
+    return Shadows(wide, ShadowMaps.of(bodies, towards, halo, of_halo, cache), Outlines.of(bodies, middle))
 
 
-def _tops(body: Occluder, centre: Array, radius: float, frame: Array, size: int) -> NDArray[np.float32]:
+def _tops(
+    body: Occluder, centre: Array, radius: float, frame: Array, size: int, cache: Cache, keep: int
+) -> NDArray[np.float32]:
     """Return the maps (n, size, size) of a body in directions of `ShadowMaps.frame`."""
-    top = np.full((len(frame), size, size), -np.inf)
-    if isinstance(body, RayScene | PlacedScene):
-        low, step = np.full(2, radius * (1.0 / size - 1.0)), np.full(2, 2.0 * radius / size)
-        for f, of_direction in zip(frame, top, strict=True):
-            body.raise_heights(centre, f[[1, 0, 2]], low, step, of_direction)
-        return top.astype(np.float32)
+    if isinstance(body, PlacedScene):
+        place = PartOf((body.scene, body.inside(centre)), Same(body.scene), body.linear)
+        return cache.of(_drawn, place, body.linear, radius, frame, size, keep=keep)
+    if isinstance(body, RayScene):
+        return _drawn(PartOf((body, centre)), np.eye(3), radius, frame, size)
+    top = np.full((len(frame), size, size), -np.inf, np.float32)
     at = radius * (2.0 * (np.arange(size) + 0.5) / size - 1.0)
     u, v = np.meshgrid(at, at)
     inside = u * u + v * v <= radius * radius
     for f, of_direction in zip(frame, top, strict=True):
         start = centre + u[inside, None] * f[0] + v[inside, None] * f[1] + radius * f[2]
         of_direction[inside] = radius - body.distance(start, np.broadcast_to(-f[2], start.shape))
+    return top
+
+
+def _drawn(
+    place: PartOf[tuple[RayScene, Array]], linear: Array, radius: float, frame: Array, size: int
+) -> NDArray[np.float32]:
+    """Return `_tops` of triangles about a centre (3,) in their own axes, which `linear` (3, 3) turns to the world's."""
+    scene, centre = place.whole
+    top = np.full((len(frame), size, size), -np.inf)
+    low, step = np.full(2, radius * (1.0 / size - 1.0)), np.full(2, 2.0 * radius / size)
+    for f, of_direction in zip(frame, top, strict=True):
+        raise_to_triangles(scene.triangles, centre, f[[1, 0, 2]] @ linear, low, step, of_direction)
     return top.astype(np.float32)
 
 
@@ -137,21 +156,31 @@ def visible_parts(
     with the directions in turn.
     """
     size, last, count = top.shape[2], apart.shape[1] - 1, seen.shape[1]
-    few, near = np.empty(len(radius), np.int64), np.empty(len(radius), np.int64)
+    every, few, near = np.arange(len(radius)), np.empty(len(radius), np.int64), np.empty(len(radius), np.int64)
+    some, wide = np.empty(len(radius), np.int64), radius * (1.0 + spread + 4.0 / (last + 1))
     for n in range(len(directions)):
         d0, d1, d2 = directions[n, 0], directions[n, 1], directions[n, 2]
+        met = _bodies_met(origin, directions[n], start[n, 0], end[n, count - 1], centre, wide, axes, spread, every, few)
+        if met == 0:
+            seen[n] = 1.0
+            continue
         listed = 0
         for k in range(count):
             if k % _GROUP == 0:
-                until = min(k + _GROUP, count)
-                listed = _bodies_about(
-                    origin, directions[n], start[n, k:until], end[n, k:until], centre, radius, axes, spread, last + 1, few
-                )  # fmt: skip
+                until = end[n, min(k + _GROUP, count) - 1]
+                of_ray = few[:met]
+                listed = _bodies_met(
+                    origin, directions[n], start[n, k], until, centre, wide, axes, spread, of_ray, some
+                )
             length = end[n, k] - start[n, k]
             middle = start[n, k] + 0.5 * length
+            of_group = some[:listed]
+            met_here = _bodies_met(
+                origin, directions[n], start[n, k], end[n, k], centre, wide, axes, spread, of_group, near
+            )
             blocked, close = 0, 0
-            for number in range(listed):
-                body = few[number]
+            for number in range(met_here):
+                body = near[number]
                 x = origin[0] + middle * d0 - centre[body, 0]
                 y = origin[1] + middle * d1 - centre[body, 1]
                 z = origin[2] + middle * d2 - centre[body, 2]
@@ -187,34 +216,32 @@ def visible_parts(
 
 
 @exact
-def _bodies_about(
-    origin: Any, direction: Any, start: Any, end: Any, centre: Any, radius: Any, axes: Any, spread: Any, pixels: Any,
-    few: Any,
+def _bodies_met(
+    origin: Any, direction: Any, first: Any, last: Any, centre: Any, wide: Any, axes: Any, spread: Any, asked: Any,
+    met: Any,
 ) -> Any:  # fmt: skip
-    """Write the bodies whose shadows may meet segments of one ray to `few` (k,); return how many there are.
+    """Write those of the bodies `asked` (m,) whose shadows a ray may meet between two distances to `met`; return how
+    many there are.
 
-    start, end: (g,) [m] of the segments, one after the other. pixels: across a body, in its outline.
+    wide: (k,) radius of their shadows [m] at the bodies, which grows by `spread` a metre below.
     """
-    first, last, longest = start[0], end[-1], 0.0
-    for k in range(len(start)):
-        longest = max(longest, end[k] - start[k])
     along_u = direction[0] * axes[0, 0] + direction[1] * axes[0, 1] + direction[2] * axes[0, 2]
     along_v = direction[0] * axes[1, 0] + direction[1] * axes[1, 1] + direction[2] * axes[1, 2]
     rise = direction[0] * axes[2, 0] + direction[1] * axes[2, 1] + direction[2] * axes[2, 2]
     squared = max(along_u * along_u + along_v * along_v, 1e-300)
     found = 0
-    for body in range(len(radius)):
+    for body in asked:
         x, y, z = origin[0] - centre[body, 0], origin[1] - centre[body, 1], origin[2] - centre[body, 2]
         height = x * axes[2, 0] + y * axes[2, 1] + z * axes[2, 2]
-        below = radius[body] - height - min(first * rise, last * rise) + 0.5 * longest
+        below = wide[body] - height - min(first * rise, last * rise)
         if below <= 0.0:
             continue
         u = x * axes[0, 0] + y * axes[0, 1] + z * axes[0, 2]
         v = x * axes[1, 0] + y * axes[1, 1] + z * axes[1, 2]
         nearest = min(max(-(u * along_u + v * along_v) / squared, first), last)
         u, v = u + nearest * along_u, v + nearest * along_v
-        reach = radius[body] * (1.0 + 4.0 / pixels) + below * spread + 0.5 * longest
+        reach = wide[body] + below * spread
         if u * u + v * v <= reach * reach:
-            few[found] = body
+            met[found] = body
             found += 1
     return found
