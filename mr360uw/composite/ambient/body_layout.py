@@ -15,14 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.cache import Cache
-from mr360uw.composite.ambient.among.body_views import body_views
-from mr360uw.composite.ambient.among.far_bodies import FarBodies, far_bodies, near_shares
-from mr360uw.composite.ambient.among.relative_pose import rounded
-from mr360uw.composite.ambient.body_view import Body, BodyView
+from mr360uw.composite.ambient.blocked_light import BlockedLight, Occluders
+from mr360uw.composite.ambient.body import COARSE_NODES, NODES, Body, rounded
+from mr360uw.composite.ambient.far_bodies import FarBodies, far_bodies, near_shares
+from mr360uw.composite.ambient.form_factors import BodyView, body_views
+from mr360uw.composite.ambient.height_field import make_height_field
 from mr360uw.composite.ambient.mesh_transfer import shape_of, shape_transfer
-from mr360uw.composite.ambient.on_ground.blocked_light import BlockedLight, Occluders
-from mr360uw.composite.ambient.on_ground.ground_view import COARSE_NODES, NODES, LevelGround
-from mr360uw.composite.ambient.on_ground.height_field import make_height_field
 from mr360uw.composite.shot import PlacedObject
 from mr360uw.jit import fast
 from mr360uw.types import Floats
@@ -142,7 +140,7 @@ class Layout:
     def sent_sides(self, sent: NDArray[np.float32]) -> Floats:
         """Return the mean radiance (B, 6, 3) of the sides of all bodies. sent: (all coarse samples, 3)."""
         ends = zip(self.bodies, self.first[:-1], self.first[1:], strict=True)
-        return np.array([body.transfer.sides.seen @ sent[begin:end] for body, begin, end in ends])
+        return np.array([body.transfer.sides @ sent[begin:end] for body, begin, end in ends])
 
     def shaded(self, points: Sequence[Floats], direction: Floats) -> list[NDArray[np.bool_]]:
         """Return for groups of points (n, 3) of the world whether a body that casts shadows lies from each towards a
@@ -193,10 +191,8 @@ def make_layout(
 
 def _nodes(body: Body, side: int) -> Floats:
     """Return the places (side^2, 3) of a body's nodes from its origin, none where it does not see the ground."""
-    if body.ground is None or not body.on_ground:
-        return np.zeros((0, 3))
-    placed, center = body.placed, body.transfer.mesh.center_m
-    return placed.world_from_object[:3, :3] @ center + body.ground.nodes(body.transfer, side) * placed.scale
+    placed = body.placed
+    return placed.world_from_object[:3, :3] @ body.transfer.mesh.center_m + body.nodes(side) * placed.scale
 
 
 def _body(placed: PlacedObject, ground_y: float | None, seen_by_ground: bool, cache: Cache, keep: int) -> Body:
@@ -205,11 +201,10 @@ def _body(placed: PlacedObject, ground_y: float | None, seen_by_ground: bool, ca
     bare = cache.of(shape_transfer, shape_of(mesh), keep=keep)
     transfer = cache.of(bare.painted, mesh, keep=keep)
     own = cache.of(bare.own_view, shadow, keep=keep)
-    field, ground = None, None
+    field, height_m = None, None
     if seen_by_ground and shadow and len(transfer.solid):
         field = cache.of(make_height_field, bare, linear, keep=keep)
-    rotation, center = linear / placed.scale, placed.to_world(mesh.center_m)
+    rotation, center = rounded(linear / placed.scale), placed.to_world(mesh.center_m)
     if ground_y is not None:
-        height = rounded((center[1] - ground_y) / placed.scale, mesh.radius_m)
-        ground = LevelGround(rounded(rotation), float(height))
-    return Body(placed, transfer, own, rotation, field, ground, center, mesh.radius_m * placed.scale)
+        height_m = float(rounded((center[1] - ground_y) / placed.scale, mesh.radius_m))
+    return Body(placed, transfer, own, rotation, field, height_m, center, mesh.radius_m * placed.scale)

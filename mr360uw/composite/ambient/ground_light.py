@@ -19,9 +19,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from mr360uw.composite.ambient.body import COARSE_NODES, NODES, from_coarse
 from mr360uw.composite.ambient.body_layout import Layout
 from mr360uw.composite.ambient.directions import seen_by_camera
-from mr360uw.composite.ambient.on_ground.ground_view import COARSE_NODES, NODES, from_coarse
 from mr360uw.composite.ambient.sunlight import Sunlight
 from mr360uw.composite.shot import Shot
 from mr360uw.ibl.lookup import environment_lookup

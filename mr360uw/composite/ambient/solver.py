@@ -12,23 +12,26 @@ hollow of uniform light: that of a furnace stays what it is in every step, also 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.cache import Cache
+from mr360uw.composite.ambient.blocked_light import BlockedLight, fraction_left
+from mr360uw.composite.ambient.body import Body
 from mr360uw.composite.ambient.body_layout import Layout
-from mr360uw.composite.ambient.body_view import Body, FormFactors
-from mr360uw.composite.ambient.directions import blurred, directions, radiance_towards
+from mr360uw.composite.ambient.directions import blurred, directions
+from mr360uw.composite.ambient.form_factors import FormFactors
 from mr360uw.composite.ambient.ground_light import GroundLight, ground_radiance
-from mr360uw.composite.ambient.lattice_kernel import CHANNELS, FEW_CHANNELS
+from mr360uw.composite.ambient.lattice_kernel import CHANNELS, FEW_CHANNELS, product
 from mr360uw.composite.ambient.lobe_occlusion import reflected_among
 from mr360uw.composite.ambient.mesh_transfer import Transfer
-from mr360uw.composite.ambient.on_ground.sky_table import sky_table
-from mr360uw.composite.ambient.solved_light import AmbientLight
-from mr360uw.composite.ambient.sparse_product import product
+from mr360uw.composite.ambient.sky_table import sky_table
 from mr360uw.composite.ambient.sunlight import Sunlight
 from mr360uw.composite.shot import Shot
+from mr360uw.ibl.lookup import environment_lookup
 from mr360uw.types import Floats
 
 BOUNCES = 8
@@ -44,6 +47,47 @@ _NO_TABLE = np.zeros((0, 3, 3))
 """Table of the environment of shots without a receiver, which is what it is for."""
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class AmbientLight:
+    """Solved ambient light of a shot.
+
+    values: for each object those of its points (lattice_kernel.py), float32, or None where nothing is in its way.
+    table: of the environment (sky_table.py), empty without a receiver. sent: for each body that the ground sees the
+    mean radiance (NODES, NODES, 3) of what it hides, at the nodes below it. ambient: (H, W, 3).
+    """
+
+    layout: Layout
+    values: tuple[NDArray[np.float32] | None, ...]
+    table: Floats
+    sent: tuple[Floats, ...]
+    ambient: Floats
+
+    def free(self, blocked: BlockedLight, points: Floats) -> Floats:
+        """Return the fraction (n, 3) of the ambient light that is left on the ground at places (n, 3) of the world,
+        with what bodies send there.
+        """
+        lost = blocked.irradiance(self.table) - self.layout.bounced(blocked, points, self.sent)
+        return fraction_left(blocked.share.sum(axis=0), lost, environment_lookup(self.ambient, blocked.normal))
+
+
+def interpolated(before: AmbientLight, after: AmbientLight, share: float) -> AmbientLight:
+    """Return the light between two solutions of one layout, interpolated linearly.
+
+    share: 0 at `before`, 1 at `after`. What bodies send to the ground is linear in the environment and in the sun, so
+    that this is exact; the ratios of their own points are, to the second order of what changes between both.
+    """
+
+    def mixed(a: Any, b: Any) -> Any:
+        return a + np.asarray(share, a.dtype) * (b - a)
+
+    values = tuple(
+        None if a is None or b is None else mixed(a, b) for a, b in zip(before.values, after.values, strict=True)
+    )
+    sent = tuple(mixed(a, b) for a, b in zip(before.sent, after.sent, strict=True))
+    table, ambient = mixed(before.table, after.table), mixed(before.ambient, after.ambient)
+    return AmbientLight(before.layout, values, table, sent, ambient)
+
+
 class Solver:
     """Solves the ambient light of one shot; the layout's shadow rays are kept in `cache`."""
 
@@ -51,13 +95,10 @@ class Solver:
         self._shot, self._layout, self._cache = shot, layout, cache
         self._sunlight = Sunlight(shot, layout, cache)
         map_, bodies = blurred(shot.environment), layout.bodies
-        towards = {body.rotation.tobytes(): directions() @ body.rotation.T for body in bodies}
-        light = {key: radiance_towards(map_, way) for key, way in towards.items()}
-        self._radiance = np.array([light[body.rotation.tobytes()] for body in bodies])
-        self._open = self._around = np.array([
-            self._at_body(body, towards[body.rotation.tobytes()], of)
-            for body, of in zip(bodies, self._radiance, strict=True)
-        ], np.float32)  # fmt: skip
+        towards = np.array([directions() @ body.rotation.T for body in bodies])
+        self._radiance = np.asarray(environment_lookup(map_, towards), np.float32)
+        around = [self._at_body(*of) for of in zip(bodies, towards, self._radiance, strict=True)]
+        self._open = self._around = np.array(around, np.float32)
         materials = [self._material(body) for body in bodies]
         self._reflected: Floats = np.concatenate([reflected for reflected, _ in materials])
         self._emitted: Floats = np.concatenate([emitted for _, emitted in materials])
@@ -68,9 +109,9 @@ class Solver:
         """Return the radiance (COUNT, 3) of the environment as a body sees it, from its middle: where it looks at level
         ground, that of the place. Without ground that of the camera, `radiance`. direction: (COUNT, 3).
         """
-        if body.ground is None or not body.on_ground:
+        if body.height_m is None or not body.on_ground:
             return radiance
-        above_m = body.ground.height_m * body.placed.scale
+        above_m = body.height_m * body.placed.scale
         if above_m <= 0.0 or self._shot.view.position[1] <= body.center[1] - above_m:
             return radiance
         down = np.flatnonzero(direction[:, 1] < 0.0)
@@ -195,7 +236,9 @@ class Solver:
         return np.asarray(product(factors.samples, sent) + factors.ground @ nodes - factors.lost @ around)
 
 
-def _products(matrices: Sequence[NDArray[np.float32]], light: Sequence[Floats]) -> list[NDArray[np.float32]]:
+def _products(
+    matrices: Sequence[NDArray[np.float32]], light: Sequence[Floats] | NDArray[np.float32]
+) -> list[NDArray[np.float32]]:
     """Return the products (n, 3) of matrices (n, k) and light (k, 3); a matrix that several share is read once."""
     sharing: dict[int, list[int]] = {}
     for number, matrix in enumerate(matrices):

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from mr360uw.cache import Cache, PartOf
 from mr360uw.composite.ambient.light import ambient_light
-from mr360uw.composite.ambient.solved_light import AmbientLight
+from mr360uw.composite.ambient.solver import AmbientLight
 from mr360uw.composite.at_surface.image_reach import balls_around, find_reach, in_reach
 from mr360uw.composite.at_surface.settings import WITHIN_M, SurfaceSettings
 from mr360uw.composite.at_surface.surface_behind import BodiesInSurface, blank_picture, laid_over

@@ -22,6 +22,7 @@ from mr360uw.medium.shafts.beam_pattern import BeamPattern
 from mr360uw.medium.shafts.occluders import GOLDEN, Bodies, Occluder
 from mr360uw.rays import PlacedScene, RayScene, raise_to_triangles
 from mr360uw.sphere import basis, unit
+from mr360uw.types import Floats
 
 Array = NDArray[np.float64]
 
@@ -133,7 +134,7 @@ def _tops(
 
 
 def _drawn(
-    place: PartOf[tuple[RayScene, Array]], linear: Array, radius: float, frame: Array, size: int
+    place: PartOf[tuple[RayScene, Floats]], linear: Floats, radius: float, frame: Array, size: int
 ) -> NDArray[np.float32]:
     """Return `_tops` of triangles about a centre (3,) in their own axes, which `linear` (3, 3) turns to the world's."""
     scene, centre = place.whole

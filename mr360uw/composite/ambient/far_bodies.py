@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.composite.ambient.body_view import Body
+from mr360uw.composite.ambient.body import Body
 from mr360uw.composite.ambient.directions import COUNT, SOLID_ANGLE, directions
 from mr360uw.jit import exact
 from mr360uw.texels import smoothstep
@@ -82,7 +82,7 @@ def far_bodies(bodies: Sequence[Body], share: Floats) -> FarBodies:
     lit, other = np.nonzero(share)
     center, radius = np.array([body.center for body in bodies]), np.array([body.radius for body in bodies])
     rotation = np.array([body.rotation for body in bodies])
-    area = np.array([body.transfer.sides.area_m2 * body.placed.scale**2 for body in bodies])
+    area = np.array([body.transfer.area_m2 * body.placed.scale**2 for body in bodies])
     to = center[other] - center[lit]
     apart = np.linalg.norm(to, axis=-1)
     to /= apart[:, None]
