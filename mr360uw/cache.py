@@ -85,8 +85,8 @@ def version(item: Any) -> Hashable:
     if isinstance(item, PartOf):
         return PartOf, item.version
     if isinstance(item, Parts):
-        values: Any = item
-        return type(item), *(version(getattr(values, name)) for name in _field_names(type(item)))
+        kind: Any = type(item)
+        return kind, *(version(getattr(item, name)) for name in _field_names(kind))
     try:
         hash(item)
     except TypeError:  # a dataclass that would compare arrays

@@ -65,7 +65,7 @@ class Met:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BodyView:
-    """What the samples of one body see. coarse: of its coarse samples. near: of samples near other bodies, near_site
+    """What the samples of one body see. coarse: of its coarse samples. near: of samples near other bodies, near_sample
     (e,) their numbers, near_part (e, 1) the part of what they see themselves in what they take.
 
     down: (nodes, C) float32, mean radiance that nodes see of the body for that of its coarse samples. openness: (C, 1)
@@ -118,8 +118,9 @@ class Neighbour:
         the place and the direction, the coarse sample among all, distance in metres of the mesh, and the share, each
         (m,).
         """
-        found = np.empty((2, len(place) * COUNT), np.int32)
-        used = _into_ball(place, open_, directions(), self._directions_near(transfer), *self.ball, found)
+        near = self._directions_near(transfer)
+        found = np.empty((2, len(place) * len(near)), np.int32)
+        used = _into_ball(place, open_, directions(), near, *self.ball, found)
         sample, direction = found[:, :used]
         back = np.linalg.inv(self.linear).T
         origin, rays = ((place - self.shift) @ back)[sample], (directions() @ back)[direction]

@@ -24,12 +24,11 @@ from mr360uw.composite.ambient.body import Body
 from mr360uw.composite.ambient.body_layout import Layout
 from mr360uw.composite.ambient.directions import blurred, directions
 from mr360uw.composite.ambient.form_factors import FormFactors
-from mr360uw.composite.ambient.ground_light import GroundLight, ground_radiance
+from mr360uw.composite.ambient.ground_light import GroundLight, Sunlight, ground_radiance
 from mr360uw.composite.ambient.lattice_kernel import CHANNELS, FEW_CHANNELS, product
 from mr360uw.composite.ambient.lobe_occlusion import reflected_among
 from mr360uw.composite.ambient.mesh_transfer import Transfer
 from mr360uw.composite.ambient.sky_table import sky_table
-from mr360uw.composite.ambient.sunlight import Sunlight
 from mr360uw.composite.shot import Shot
 from mr360uw.ibl.lookup import environment_lookup
 from mr360uw.types import Floats
