@@ -11,6 +11,7 @@ computed once, by identity, as long as it is kept itself. Caches change no resul
 
 from __future__ import annotations
 
+import functools
 import math
 import weakref
 from collections import Counter
@@ -84,14 +85,19 @@ def version(item: Any) -> Hashable:
     if isinstance(item, PartOf):
         return PartOf, item.version
     if isinstance(item, Parts):
-        values: Any = item
-        return type(item), *(version(getattr(values, field.name)) for field in fields(values))
+        kind: Any = type(item)
+        return kind, *(version(getattr(item, name)) for name in _field_names(kind))
     try:
         hash(item)
     except TypeError:  # a dataclass that would compare arrays
         return Same(item)
     hashable: Hashable = item
     return hashable
+
+
+@functools.cache
+def _field_names(kind: type[Any]) -> tuple[str, ...]:
+    return tuple(field.name for field in fields(kind))
 
 
 class Cache(Neutral):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Ray-triangle intersection: first hits and occlusion of rays by triangles.
+"""Ray-triangle intersection: first hits and occlusion of rays by triangles, and grids of parallel rays.
 
 embree finds the triangle in single precision; the point on it is computed again in double precision. On platforms
 without a wheel of embree, trimesh's own (slow) intersector is used.
@@ -7,6 +7,7 @@ without a wheel of embree, trimesh's own (slow) intersector is used.
 
 from __future__ import annotations
 
+import math
 from functools import cached_property
 from typing import Any
 
@@ -15,6 +16,9 @@ from numpy.typing import NDArray
 
 from mr360uw.jit import exact
 from mr360uw.types import Floats
+
+_OVERLAP = 1e-9
+"""Barycentric weight by which neighbouring triangles overlap, so that no ray of a grid passes between two."""
 
 
 class RayScene:
@@ -72,6 +76,29 @@ class RayScene:
         return np.asarray(self._trimesh.intersects_first(origins, directions), np.int64)
 
 
+class PlacedScene:
+    """A scene of triangles moved by `matrix` (4, 4), a rotation, a scale and a translation: it is not built anew.
+
+    linear: (3, 3) of the matrix.
+    """
+
+    def __init__(self, scene: RayScene, matrix: Floats) -> None:
+        self.scene, self.linear, self._shift = scene, np.ascontiguousarray(matrix[:3, :3]), matrix[:3, 3]
+        self._back = np.linalg.inv(self.linear)
+
+    def occluded(self, origins: Floats, directions: Floats, reach_m: Floats | float = np.inf) -> NDArray[np.bool_]:
+        """Return whether each ray (n,) hits anything nearer than `reach_m`, (n,) or a number for all."""
+        return self.scene.occluded(self.inside(origins), np.asarray(directions) @ self._back.T, reach_m)
+
+    def distance(self, origins: Floats, directions: Floats) -> Floats:
+        """Return the distance (n,) of each ray's nearest triangle in units of its direction, infinity for none."""
+        return self.scene.distance(self.inside(origins), np.asarray(directions) @ self._back.T)
+
+    def inside(self, points: Floats) -> Floats:
+        """Return points (..., 3) of the world in the scene's own axes."""
+        return (np.asarray(points) - self._shift) @ self._back.T
+
+
 def barycentric(triangles: Floats, directions: Floats) -> tuple[Floats, Floats]:
     """Return barycentric weights (n, 3) and distances (n,) at which rays from the origin hit the planes of triangles.
 
@@ -101,3 +128,40 @@ def _intersect(triangles: Any, directions: Any, weights: Any, distance: Any) -> 
         for k in range(3):
             weights[n, k] /= total
         distance[n] = triple(a, b, c) / total
+
+
+@exact
+def raise_to_triangles(triangles: Any, origin: Any, axes: Any, low: Any, step: Any, top: Any) -> None:
+    """Raise heights `top` (m, n) to the highest triangle (T, 3, 3) at each place of a grid, as a depth buffer does.
+
+    Places and heights are products with the rows of `axes` (3, 3) from an origin (3,), heights with the third. A place
+    (i, j) of the grid lies at low + (i, j) step along the first two; low, step: (2,).
+    """
+    corner = np.empty((3, 3))
+    for t in range(len(triangles)):
+        for c in range(3):
+            x, y, z = (
+                triangles[t, c, 0] - origin[0],
+                triangles[t, c, 1] - origin[1],
+                triangles[t, c, 2] - origin[2],
+            )
+            for k in range(3):
+                corner[c, k] = x * axes[k, 0] + y * axes[k, 1] + z * axes[k, 2]
+        ax, ay, az = corner[0, 0] - low[0], corner[0, 1] - low[1], corner[0, 2]
+        bx, by, bz = corner[1, 0] - corner[0, 0], corner[1, 1] - corner[0, 1], corner[1, 2] - az
+        cx, cy, cz = corner[2, 0] - corner[0, 0], corner[2, 1] - corner[0, 1], corner[2, 2] - az
+        area = bx * cy - by * cx
+        if area == 0.0:
+            continue
+        first_i = max(math.ceil((ax + min(bx, cx, 0.0)) / step[0] - _OVERLAP), 0)
+        first_j = max(math.ceil((ay + min(by, cy, 0.0)) / step[1] - _OVERLAP), 0)
+        last_i = min(math.floor((ax + max(bx, cx, 0.0)) / step[0] + _OVERLAP), top.shape[0] - 1)
+        last_j = min(math.floor((ay + max(by, cy, 0.0)) / step[1] + _OVERLAP), top.shape[1] - 1)
+        bx, by, cx, cy = bx / area, by / area, cx / area, cy / area
+        for i in range(first_i, last_i + 1):
+            x = i * step[0] - ax
+            for j in range(first_j, last_j + 1):
+                y = j * step[1] - ay
+                b, c = x * cy - y * cx, bx * y - by * x
+                if b >= -_OVERLAP and c >= -_OVERLAP and b + c <= 1.0 + _OVERLAP:
+                    top[i, j] = max(top[i, j], az + b * bz + c * cz)

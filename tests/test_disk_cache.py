@@ -179,7 +179,7 @@ def test_spread_and_shape_from_the_disk_are_those_that_were_computed(
         return [
             mesh.hull, mesh.patch, lattice.places, lattice.position, lattice.normal, lattice.triangle, lattice.weights,
             lattice.nearest_sample, lattice.from_samples.toarray(), coarse.sample, coarse.spread.toarray(), coarse.of,
-            own.sample, own.direction, own.hit, np.array([lattice.points, lattice.two_sided, coarse.spacing_m]),
+            *own, np.array([lattice.points, lattice.two_sided, coarse.spacing_m]),
         ]  # fmt: skip
 
     kept = [(spread(), *arrays(load_mesh(whale))) for _ in range(2)]

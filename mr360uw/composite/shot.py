@@ -45,7 +45,8 @@ class PlacedObject(Parts):
 
     def to_world(self, points: Floats) -> Floats:
         """Return points (..., 3) of the object in the world."""
-        return points @ self.world_from_object[:3, :3].T + self.world_from_object[:3, 3]
+        placed = points.reshape(-1, 3) @ self.world_from_object[:3, :3].T + self.world_from_object[:3, 3]
+        return placed.reshape(points.shape)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 
 from mr360uw.cache import Cache
+from mr360uw.composite.ambient.horizon_scan import most_blocked
 from mr360uw.composite.ambient.light import ambient_light, free_between, free_of_bodies
-from mr360uw.composite.ambient.on_ground.horizon_scan import most_blocked
-from mr360uw.composite.ambient.on_ground.quadtree import camera_place, make_quadtree
-from mr360uw.composite.ambient.on_ground.quadtree_kernel import SMOOTH_PATCH
+from mr360uw.composite.ambient.quadtree import SMOOTH_PATCH, camera_place, make_quadtree
 from mr360uw.composite.shot import Receiver, Shot
 from mr360uw.types import Floats
 from tests.composite import tolerances as tol

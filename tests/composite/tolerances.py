@@ -185,3 +185,7 @@ GRADED_RENDER = 0.002
 is read through tables of float32, and of devices that cut it to halves."""
 TRIM = 2e-3
 """Light of a body with a trim of two stops: layers of half floats, at light below 2."""
+CROWD_WITHIN_ONE_CODE, CROWD_CODES = 0.999, 8.0
+"""Pixels of a crowd that keep their code where every pair of bodies is found by rays, and the most that one changes."""
+CROWD_SHADOWS, CROWD_SHADOWS_RMS = 0.03, 0.1
+"""Light that bodies take in the water by maps of fewer pixels: of all, and of segments of rays, over its root."""

@@ -15,14 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.cache import Cache
-from mr360uw.composite.ambient.among.body_views import body_views
-from mr360uw.composite.ambient.among.far_bodies import FarField, far_field, near_shares
-from mr360uw.composite.ambient.among.relative_pose import rounded
-from mr360uw.composite.ambient.body_view import Body, BodyView
+from mr360uw.composite.ambient.blocked_light import BlockedLight, Occluders
+from mr360uw.composite.ambient.body import COARSE_NODES, NODES, Body, rounded
+from mr360uw.composite.ambient.far_bodies import FarBodies, far_bodies, near_shares
+from mr360uw.composite.ambient.form_factors import BodyView, body_views
+from mr360uw.composite.ambient.height_field import make_height_field
 from mr360uw.composite.ambient.mesh_transfer import shape_of, shape_transfer
-from mr360uw.composite.ambient.on_ground.blocked_light import BlockedLight, Occluders
-from mr360uw.composite.ambient.on_ground.ground_view import COARSE_NODES, NODES, LevelGround
-from mr360uw.composite.ambient.on_ground.height_field import make_height_field
 from mr360uw.composite.shot import PlacedObject
 from mr360uw.jit import fast
 from mr360uw.types import Floats
@@ -58,7 +56,8 @@ def between_nodes(place: Any, values: Any, out: Any) -> None:
             out[n, c] = min(max(total, least), most)
 
 
-_KEPT_TRANSFERS, _KEPT_FIELDS, _KEPT_VIEWS = 64, 64, 64
+_KEPT = 64
+"""Least number of meshes and of turned meshes of which it is kept what they see and show."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -73,7 +72,7 @@ class Layout:
 
     bodies: tuple[Body, ...]
     views: tuple[BodyView, ...]
-    far: tuple[FarField | None, ...]
+    far: FarBodies
     first: NDArray[np.int64]
     samples: Any
     nodes: tuple[Floats, ...]
@@ -88,7 +87,7 @@ class Layout:
 
     def untouched(self, number: int) -> bool:
         """Return whether nothing is in the way of a body's light."""
-        return self.far[number] is None and self.views[number].nothing(self.bodies[number])
+        return not self.far.around(number) and self.views[number].nothing(self.bodies[number])
 
     @property
     def nothing(self) -> bool:
@@ -141,27 +140,30 @@ class Layout:
     def sent_sides(self, sent: NDArray[np.float32]) -> Floats:
         """Return the mean radiance (B, 6, 3) of the sides of all bodies. sent: (all coarse samples, 3)."""
         ends = zip(self.bodies, self.first[:-1], self.first[1:], strict=True)
-        return np.array([body.transfer.sides.seen @ sent[begin:end] for body, begin, end in ends])
+        return np.array([body.transfer.sides @ sent[begin:end] for body, begin, end in ends])
 
-    def shaded(self, points: Floats, direction: Floats) -> NDArray[np.bool_]:
-        """Return whether a body that casts shadows lies from points (n, 3) of the world towards a direction (3,)."""
-        shaded, casting = np.zeros(len(points), np.bool_), [b for b in self.bodies if b.placed.casts_shadow]
-        if len(points) == 0 or not casting:
+    def shaded(self, points: Sequence[Floats], direction: Floats) -> list[NDArray[np.bool_]]:
+        """Return for groups of points (n, 3) of the world whether a body that casts shadows lies from each towards a
+        direction (3,).
+        """
+        shaded = [np.zeros(len(group), np.bool_) for group in points]
+        casting, some = [b for b in self.bodies if b.placed.casts_shadow], [k for k, of in enumerate(points) if len(of)]
+        if not some or not casting:
             return shaded
-        middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
-        reach = np.array([b.radius for b in casting]) + np.sqrt(np.sum((points - middle) ** 2, axis=-1).max())
-        way = np.array([b.center for b in casting]) - middle
+        low, high = (np.array([at(points[k], axis=0) for k in some]) for at in (np.min, np.max))
+        reach = 0.5 * np.linalg.norm(high - low, axis=-1)[:, None] + np.array([b.radius for b in casting])
+        way = np.array([b.center for b in casting]) - 0.5 * (low + high)[:, None]
         ahead = way @ direction
         beside = np.sum(way * way, axis=-1) - ahead**2
-        for number in np.flatnonzero((beside < reach**2) & (ahead > -reach)):
-            body = casting[number]
-            to = body.center - points
+        for row, number in zip(*np.nonzero((beside < reach**2) & (ahead > -reach)), strict=True):
+            body, group = casting[number], some[row]
+            to = body.center - points[group]
             along = to @ direction
             off = np.sum(to * to, axis=-1) - along**2
             near = np.flatnonzero((off < body.radius**2) & (along > -body.radius))
             if len(near):
                 ray = np.broadcast_to(direction @ body.rotation, (len(near), 3))
-                shaded[near] |= body.transfer.scene.occluded(body.inside(points[near]), ray)
+                shaded[group][near] |= body.transfer.scene.occluded(body.inside(points[group][near]), ray)
         return shaded
 
 
@@ -171,41 +173,38 @@ def make_layout(
     """Return the layout of objects. ground_y: height of the ground below each, or None. cache: keeps what is found."""
     from scipy.sparse import block_diag, vstack
 
-    bodies = tuple(_body(placed, y, seen_by_ground, cache) for placed, y in zip(objects, ground_y, strict=True))
+    keep = max(_KEPT, 2 * len(objects))
+    bodies = tuple(_body(placed, y, seen_by_ground, cache, keep) for placed, y in zip(objects, ground_y, strict=True))
     first = np.concatenate([[0], np.cumsum([len(body.transfer.coarse.sample) for body in bodies])]).astype(np.int64)
     near, far = near_shares(bodies)
     views = body_views(bodies, first, near, cache)
     own = block_diag([body.own.samples[body.transfer.coarse.sample] for body in bodies], format="csr")
     samples = vstack([view.coarse.samples for view in views], format="csr") + own
-    fields_far = tuple(far_field(k, bodies, share) for k, share in enumerate(far))
     nodes, coarse = (tuple(_nodes(body, side) + body.origin for body in bodies) for side in (NODES, COARSE_NODES))
     places = np.concatenate(coarse)
     seen = [body for body in bodies if body.field is not None]
     fields = tuple(body.field for body in seen if body.field is not None)
     occluders = Occluders(fields, np.array([body.origin for body in seen]).reshape(-1, 3))
     blocked = occluders.blocked(places, np.tile([0.0, 1.0, 0.0], (len(places), 1)))
-    return Layout(bodies, views, fields_far, first, samples, nodes, occluders, places, blocked)
+    return Layout(bodies, views, far_bodies(bodies, far), first, samples, nodes, occluders, places, blocked)
 
 
 def _nodes(body: Body, side: int) -> Floats:
     """Return the places (side^2, 3) of a body's nodes from its origin, none where it does not see the ground."""
-    if body.ground is None or not body.on_ground:
-        return np.zeros((0, 3))
-    placed, center = body.placed, body.transfer.mesh.center_m
-    return placed.world_from_object[:3, :3] @ center + body.ground.nodes(body.transfer, side) * placed.scale
+    placed = body.placed
+    return placed.world_from_object[:3, :3] @ body.transfer.mesh.center_m + body.nodes(side) * placed.scale
 
 
-def _body(placed: PlacedObject, ground_y: float | None, seen_by_ground: bool, cache: Cache) -> Body:
+def _body(placed: PlacedObject, ground_y: float | None, seen_by_ground: bool, cache: Cache, keep: int) -> Body:
     # poses share what is found at rest: rays for each of them would cost seconds a frame
     mesh, linear, shadow = placed.mesh.still, placed.world_from_object[:3, :3], placed.casts_shadow
-    bare = cache.of(shape_transfer, shape_of(mesh), keep=_KEPT_TRANSFERS)
-    transfer = cache.of(bare.painted, mesh, keep=_KEPT_TRANSFERS)
-    own = cache.of(bare.own_view, shadow, keep=_KEPT_TRANSFERS)
-    field, ground = None, None
+    bare = cache.of(shape_transfer, shape_of(mesh), keep=keep)
+    transfer = cache.of(bare.painted, mesh, keep=keep)
+    own = cache.of(bare.own_view, shadow, keep=keep)
+    field, height_m = None, None
     if seen_by_ground and shadow and len(transfer.solid):
-        field = cache.of(make_height_field, bare, linear, keep=_KEPT_FIELDS)
-    rotation, center = linear / placed.scale, placed.to_world(mesh.center_m)
+        field = cache.of(make_height_field, bare, linear, keep=keep)
+    rotation, center = rounded(linear / placed.scale), placed.to_world(mesh.center_m)
     if ground_y is not None:
-        height = rounded((center[1] - ground_y) / placed.scale, mesh.radius_m)
-        ground = LevelGround(rounded(rotation), float(height))
-    return Body(placed, transfer, own, rotation, field, ground, center, mesh.radius_m * placed.scale)
+        height_m = float(rounded((center[1] - ground_y) / placed.scale, mesh.radius_m))
+    return Body(placed, transfer, own, rotation, field, height_m, center, mesh.radius_m * placed.scale)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The fixed directions in which bodies look for ambient light, and the environment's radiance in them."""
+"""The fixed directions in which bodies look for ambient light."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ import functools
 
 import numpy as np
 
-from mr360uw.ibl.lookup import environment_lookup
 from mr360uw.sphere import unit
 from mr360uw.types import Environment, Floats
 
@@ -34,11 +33,6 @@ def blurred(environment: Environment) -> Floats:
     map_ = np.asarray(environment.residual, np.float64)
     rows, columns = map_.shape[0] // 2, map_.shape[1] // 2
     return map_[: 2 * rows, : 2 * columns].reshape(rows, 2, columns, 2, 3).mean(axis=(1, 3))
-
-
-def radiance_towards(map_: Floats, direction: Floats) -> Floats:
-    """Return the radiance (n, 3) of a map (H, W, 3) in directions (n, 3) of the world."""
-    return np.asarray(environment_lookup(map_, direction), np.float32)
 
 
 def seen_by_camera(away: Floats, direction: Floats) -> Floats:

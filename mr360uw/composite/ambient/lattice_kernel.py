@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Points of a lattice about places on its triangles; lattice.py says how they are numbered.
+"""Values of points of a lattice, which shading reads at places of a body, and products of sparse matrices with them.
 
-What shading reads of the ambient light at a place of a body.
+sample_points.py says how points are numbered.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from mr360uw.jit import exact, inlined
 from mr360uw.rays import triple
+from mr360uw.types import Floats
 
 CHANNELS = 12
 """Values of a point: ratio of irradiance (3), 0; ratio of glossy light that is kept (3), 0; radiance that is reflected
@@ -94,3 +95,25 @@ def find_nearest_points(
         distance[n] = triple(a, b, c) / total
         first, second, third, x, y, z = _three(places[numbers[met[n]]], u / total, v / total, w / total)
         point[n] = first if x >= y and x >= z else second if y >= z else third
+
+
+def product(matrix: Any, values: Floats) -> Floats:
+    """Return the product (r, 3 k) of a `csr_matrix` (r, n) and values (n, 3 k), in the type of both; it is the same as
+    that of `matrix @ values`.
+    """
+    out = np.empty((matrix.shape[0], values.shape[1]), np.result_type(matrix.dtype, values.dtype))
+    _sum_rows(matrix.indptr, matrix.indices, matrix.data, values, out, out.dtype.type(0.0))
+    return out
+
+
+@exact
+def _sum_rows(begin: Any, column: Any, weight: Any, values: Any, out: Any, zero: Any) -> None:
+    for row in range(len(out)):
+        for c in range(0, out.shape[1], 3):
+            first, second, third = zero, zero, zero
+            for k in range(begin[row], begin[row + 1]):
+                n, w = column[k], weight[k]
+                first += w * values[n, c]
+                second += w * values[n, c + 1]
+                third += w * values[n, c + 2]
+            out[row, c], out[row, c + 1], out[row, c + 2] = first, second, third

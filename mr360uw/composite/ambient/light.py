@@ -3,17 +3,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from mr360uw.cache import Cache, PartOf
 from mr360uw.composite.ambient.body_layout import Layout, make_layout
-from mr360uw.composite.ambient.on_ground.ground_view import ground_heights
-from mr360uw.composite.ambient.on_ground.quadtree import Quadtree, camera_place, make_quadtree
-from mr360uw.composite.ambient.solved_light import AmbientLight, interpolated
-from mr360uw.composite.ambient.solver import Solver
+from mr360uw.composite.ambient.lattice_kernel import UNTOUCHED, whole_values
+from mr360uw.composite.ambient.quadtree import Quadtree, camera_place, make_quadtree
+from mr360uw.composite.ambient.sample_points import points_at
+from mr360uw.composite.ambient.solver import AmbientLight, Solver, interpolated
+from mr360uw.composite.raycast.geometry import Hits
+from mr360uw.composite.receiver.shape import ReceiverShape, kept_shape
 from mr360uw.composite.shot import LightSample, PlacedObject, Shot
+from mr360uw.rays import RayScene, barycentric
 from mr360uw.types import Floats
 
 _PLACES_AT_ONCE, _KEPT_PLACES = 1 << 13, 8
@@ -24,7 +28,7 @@ _KEPT_SAMPLES = 2
 def ambient_layout(shot: Shot, cache: Cache) -> Layout:
     """Return how the bodies and the ground of a shot see each other."""
     on_ground, objects = _on_ground(shot), _bodies(shot)
-    heights = ground_heights(shot, objects, cache)
+    heights = _ground_heights(shot, objects, cache)
     return cache.of(make_layout, objects, heights, on_ground, cache)
 
 
@@ -35,6 +39,45 @@ def _on_ground(shot: Shot) -> bool:
 def _bodies(shot: Shot) -> tuple[PlacedObject, ...]:
     """Return the objects that have a part in ambient light: all, or those alone that shade the ground."""
     return shot.objects if shot.draw.ambient_occlusion else tuple(o for o in shot.casters if _on_ground(shot))
+
+
+def _ground_heights(shot: Shot, objects: Sequence[PlacedObject], cache: Cache) -> list[float | None]:
+    """Return the height [m] of the ground below each object in the world, None where there is none.
+
+    Of a mesh straight below the body's middle; of a distance map where the camera sees the middle of its underside.
+    """
+    receiver = shot.receiver
+    if receiver is None or not receiver.occlusion:
+        return [None] * len(objects)
+    if receiver.plane_y is not None:
+        return [receiver.plane_y] * len(objects)
+    mesh = receiver.mesh
+    if mesh is not None:
+        scene = cache.of(RayScene, mesh)
+        return [_below(scene, placed) for placed in objects]
+    shape = kept_shape(receiver, shot.view.position, cache)
+    return [_seen(shot, shape, placed) for placed in objects]
+
+
+def _below(scene: RayScene, placed: PlacedObject) -> float | None:
+    start, down = placed.to_world(placed.mesh.center_m)[None], np.array([[0.0, -1.0, 0.0]])
+    triangle = scene.first_hit(start, down)
+    if triangle[0] < 0:
+        return None
+    _, distance = barycentric(scene.triangles[triangle] - start[:, None], down)
+    return float(start[0, 1] - distance[0])
+
+
+def _seen(shot: Shot, shape: ReceiverShape, placed: PlacedObject) -> float | None:
+    points = placed.to_world(placed.mesh.hull.reshape(-1, 3))
+    middle = placed.to_world(placed.mesh.center_m)
+    middle[1] = points[:, 1].min()
+    ray = middle - shot.view.position
+    x, y = shot.view.places(ray[None])
+    distance, _ = shape.meet(shot, x, y)
+    if not np.isfinite(distance[0]):
+        return None
+    return float(shot.view.position[1] + shot.view.points(shot.view.directions(x, y), distance)[0, 1])
 
 
 def ambient_light(shot: Shot, cache: Cache) -> AmbientLight | None:
@@ -124,3 +167,22 @@ def _quadtree(shot: Shot, light: AmbientLight | None, cache: Cache) -> tuple[Qua
     origin, width, extent_m = light.layout.below(receiver.plane_y), shot.view.width, receiver.extent_m
     occluders, camera = light.layout.occluders_from(origin), camera_place(shot.view.position - origin)
     return cache.of(make_quadtree, occluders, camera, 2.0 * np.pi / width, extent_m), origin
+
+
+def ambient_at(shot: Shot, light: AmbientLight | None, hits: Hits) -> Floats:
+    """Return the values (n, CHANNELS) of ambient light at hits, whose objects are numbered among the visible ones."""
+    values = np.tile(UNTOUCHED, (len(hits.triangle), 1))
+    if light is None:
+        return values
+    visible = [k for k, placed in enumerate(shot.objects) if placed.visible]
+    first = np.cumsum([0, *(len(shot.objects[k].mesh.positions) for k in visible)])
+    for number, k in enumerate(visible):
+        known, of = light.values[k], np.flatnonzero(hits.object == number)
+        if known is None or len(of) == 0:
+            continue
+        lattice = light.layout.bodies[k].transfer.lattice
+        points, shares = points_at(lattice.places[hits.triangle[of] - first[number]], hits.weights[of])
+        if lattice.two_sided:
+            points = points + lattice.points * hits.behind[of, None]
+        values[of] = np.einsum("nk,nkc->nc", shares, whole_values(known)[points].astype(np.float64))
+    return values

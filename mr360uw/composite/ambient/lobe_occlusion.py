@@ -15,10 +15,10 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from mr360uw.composite.ambient.body_view import Body, FormFactors, Met
-from mr360uw.composite.ambient.directions import COUNT, directions
+from mr360uw.composite.ambient.body import Body
+from mr360uw.composite.ambient.directions import directions
+from mr360uw.composite.ambient.form_factors import Met
 from mr360uw.jit import fast
 from mr360uw.types import Floats
 
@@ -27,33 +27,6 @@ LEAST_ALPHA = 0.1
 smoother surfaces are blurred as much. Twice as wide, a ball of roughness .35 on the ground is off by a third more.
 """
 _LEAST_COSINE = 1e-3
-
-
-def met_by(
-    body: Body, factors: FormFactors, cosine: NDArray[np.float32], node: NDArray[np.int16] | None, begin: int
-) -> Met:
-    """Return what all samples of a body meet: others and the ground as in their form factors, then the body itself.
-
-    cosine: (S, COUNT) irradiance that directions add which the body leaves open. node: (S, COUNT) of the ground, -1 for
-    none. begin: where the body's coarse samples begin among all.
-    """
-    others = np.repeat(np.arange(len(cosine)), np.diff(factors.samples.indptr))
-    parts: list[tuple[Any, ...]] = [
-        (others, factors.way, factors.samples.indices + 1, factors.samples.data / cosine[others, factors.way])
-    ]
-    if node is not None:
-        sample, way = np.nonzero((node >= 0) & (cosine > 0.0))
-        taken = np.bincount(others * COUNT + factors.way, factors.samples.data, cosine.size).reshape(cosine.shape)
-        left = 1.0 - taken[sample, way] / cosine[sample, way]
-        some = left > 0.0
-        parts.append((sample[some], way[some], -node[sample, way][some] - 1, left[some]))
-    if body.own.lost is not None:
-        own = body.transfer.own
-        parts.append((own.sample, own.direction, body.transfer.coarse.of[own.hit] + begin + 1, np.ones(len(own.hit))))
-    sample, way, target, part = (np.concatenate(column) for column in zip(*parts, strict=True))
-    order = np.argsort(sample, kind="stable")
-    first = np.searchsorted(sample[order], np.arange(len(cosine) + 1))
-    return Met(first, way[order].astype(np.int32), target[order].astype(np.int32), part[order].astype(np.float32))
 
 
 def reflected_among(

@@ -6,18 +6,16 @@ after the lights are known).
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import dataclass, fields, replace
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.cache import PartOf, Same
-from mr360uw.composite.ambient.coarse_samples import CoarseSamples, choose_coarse
 from mr360uw.composite.ambient.directions import SOLID_ANGLE, directions
-from mr360uw.composite.ambient.lattice import Lattice, make_lattice, stand_ins
 from mr360uw.composite.ambient.lattice_kernel import find_nearest_points
-from mr360uw.composite.ambient.shape_arrays import Pairs, Sides, arrays_of, parts_of
+from mr360uw.composite.ambient.sample_points import CoarseSamples, Lattice, choose_coarse, make_lattice, stand_ins
 from mr360uw.composite.lighting.shading import dielectric_f0, reflectance
 from mr360uw.composite.mesh.material import Material
 from mr360uw.composite.mesh.mesh import Mesh
@@ -25,9 +23,13 @@ from mr360uw.composite.raycast.geometry import base_color, gather
 from mr360uw.composite.shot import PlacedObject
 from mr360uw.ibl.splitsum import split_sum
 from mr360uw.rays import RayScene
-from mr360uw.reading.disk_cache import kept_arrays
+from mr360uw.reading.disk_cache import Arrays, kept_arrays
 from mr360uw.types import Floats
 
+Samples = TypeVar("Samples", Lattice, CoarseSamples)
+
+_SPARSE = ("data", "indices", "indptr")
+"""Arrays of a sparse matrix."""
 _RAYS_AT_ONCE = 200_000
 _TYPICAL_COSINE = 2.0 / 3.0
 """Mean cosine at which diffuse light arrives: what a coat reflects of it is taken there."""
@@ -57,16 +59,18 @@ class Transfer:
     """What a mesh is to ambient light, in its own axes.
 
     cosine: (S, COUNT) float32, irradiance [sr] that each direction's radiance adds to a sample; whole: (S,) its sum.
-    coarse: the samples that exchange light with other bodies. own: pairs that the mesh blocks itself. base, emission:
-    (S, 3) mean colour and emission [plate radiance]; metallic, roughness, index: (S,). scene, solid: its opaque
-    triangles for rays, and their numbers. sides: silhouettes. tree: places of the samples. Meshes of one
-    `shape_of` share the lattice, which stands for all that their shape alone decides.
+    coarse: the samples that exchange light with other bodies. own: (3, m) numbers of the samples and directions that
+    the mesh blocks itself, and of the samples that are seen instead. base, emission: (S, 3) mean colour and emission
+    [plate radiance]; metallic, roughness, index: (S,). scene, solid: its opaque triangles for rays, and their numbers.
+    area_m2: (3,) of its silhouettes along the axes; sides: (6, C) part of each coarse sample in the mean of what is
+    seen from +x, -x, +y, -y, +z and -z. tree: places of the samples. Meshes of one `shape_of` share the lattice, which
+    stands for all that their shape alone decides.
     """
 
     lattice: Lattice
     coarse: CoarseSamples
     cosine: NDArray[np.float32]
-    own: Pairs
+    own: NDArray[np.int64]
     base: Floats
     emission: Floats
     metallic: Floats
@@ -76,7 +80,8 @@ class Transfer:
     scene: RayScene
     solid: NDArray[np.int64]
     mesh: Mesh
-    sides: Sides
+    area_m2: Floats
+    sides: NDArray[np.float32]
     tree: Any
 
     def painted(self, mesh: Mesh) -> Transfer:
@@ -90,14 +95,15 @@ class Transfer:
         """Return what the mesh does to its own light if it casts a `shadow`."""
         from scipy.sparse import csr_matrix
 
-        own, open_ = self.own, self.cosine > 0.0
+        sample, direction, hit = self.own
+        open_ = self.cosine > 0.0
         plain = self.cosine[self.coarse.sample]
         shape = (len(self.cosine), len(self.coarse.sample))
-        if not shadow or len(own.sample) == 0:
+        if not shadow or len(sample) == 0:
             return OwnView(None, csr_matrix(np.zeros(shape, np.float32)), open_, plain, plain)
-        open_[own.sample, own.direction] = False
-        weight = self.cosine[own.sample, own.direction]
-        samples = csr_matrix((weight, (own.sample, self.coarse.of[own.hit])), shape=shape)
+        open_[sample, direction] = False
+        weight = self.cosine[sample, direction]
+        samples = csr_matrix((weight, (sample, self.coarse.of[hit])), shape=shape)
         lost = np.where(open_, np.float32(0.0), self.cosine)
         return OwnView(lost, samples, open_, plain, plain - lost[self.coarse.sample])
 
@@ -132,26 +138,65 @@ def make_transfer(mesh: Mesh) -> Transfer:
     solid = np.flatnonzero(np.array([m.alpha_mode == "OPAQUE" for m in mesh.materials])[mesh.material])
     scene = RayScene(mesh.positions[solid])
     depends_on = mesh.positions, mesh.normals, mesh.hull, solid, any(m.double_sided for m in mesh.materials)
-    lattice, coarse, own, sides = parts_of(
-        kept_arrays("ambient", depends_on, lambda: arrays_of(*_samples(mesh, scene, solid)))
-    )  # fmt: skip
+    found = kept_arrays("ambient", depends_on, lambda: _samples(mesh, scene, solid))
+    lattice, coarse = _from_arrays(Lattice, found), _from_arrays(CoarseSamples, found)
     cosine = _cosines(lattice)
     base, emission, metallic, roughness, index = _colors(mesh, lattice)
-    return Transfer(lattice, coarse, cosine, own, base, emission, metallic, roughness, index, cosine.sum(axis=1),
-                    scene, solid, mesh, sides, cKDTree(lattice.position))  # fmt: skip
+    return Transfer(
+        lattice, coarse, cosine, found["own"].astype(np.int64), base, emission, metallic, roughness, index,
+        cosine.sum(axis=1), scene, solid, mesh, found["area_m2"], found["sides"], cKDTree(lattice.position),
+    )  # fmt: skip
 
 
-def _samples(mesh: Mesh, scene: RayScene, solid: NDArray[np.int64]) -> tuple[Lattice, CoarseSamples, Pairs, Sides]:
-    """Return samples, coarse samples, the pairs that the mesh blocks itself, and silhouettes."""
+def _samples(mesh: Mesh, scene: RayScene, solid: NDArray[np.int64]) -> dict[str, NDArray[Any]]:
+    """Return the arrays of lattice and coarse samples, and own, area_m2 and sides of `Transfer`, by their names."""
     lattice = make_lattice(mesh)
     cosine = _cosines(lattice)
     lattice, own, seen = _without_buried_samples(lattice, cosine, *_blocked_by_itself(lattice, cosine, scene, solid))
     coarse = choose_coarse(lattice, float(np.max(mesh.extent_m)), seen)
-    return lattice, coarse, own, _sides(mesh, lattice, coarse, scene, solid)
+    area, sides = _sides(mesh, lattice, coarse, scene, solid)
+    return {**_arrays_of(lattice), **_arrays_of(coarse), "own": _small(own), "area_m2": area, "sides": sides}
 
 
-def _sides(mesh: Mesh, lattice: Lattice, coarse: CoarseSamples, scene: RayScene, solid: NDArray[np.int64]) -> Sides:
-    """Return the silhouettes of a mesh from six sides."""
+def _arrays_of(samples: Lattice | CoarseSamples) -> dict[str, NDArray[Any]]:
+    """Return the fields of samples as arrays by their names, as they are kept on the disk."""
+    arrays: dict[str, NDArray[Any]] = {}
+    for field in fields(samples):
+        entry, name = getattr(samples, field.name), f"{type(samples).__name__}.{field.name}"
+        if hasattr(entry, "indptr"):
+            arrays |= {f"{name}.{of}": getattr(entry, of) for of in _SPARSE}
+            arrays[f"{name}.shape"] = np.array(entry.shape)
+        else:
+            arrays[name] = _small(np.asarray(entry))
+    return arrays
+
+
+def _small(array: NDArray[Any]) -> NDArray[Any]:
+    """Return numbers of samples, points and triangles in the smallest type that holds them."""
+    return array.astype(np.min_scalar_type(int(array.max(initial=0)))) if array.dtype == np.int64 else array
+
+
+def _from_arrays(kind: type[Samples], arrays: Arrays) -> Samples:
+    """Return the samples of which `_arrays_of` returned arrays."""
+    from scipy.sparse import csr_matrix
+
+    values: dict[str, Any] = {}
+    for field in fields(kind):
+        name = f"{kind.__name__}.{field.name}"
+        if name in arrays:
+            array = arrays[name]
+            whole = array.dtype.kind == "u"
+            values[field.name] = array.item() if not array.ndim else array.astype(np.int64) if whole else array
+        else:
+            entries = tuple(arrays[f"{name}.{of}"] for of in _SPARSE)
+            values[field.name] = csr_matrix(entries, shape=tuple(arrays[f"{name}.shape"].tolist()))
+    return kind(**values)
+
+
+def _sides(
+    mesh: Mesh, lattice: Lattice, coarse: CoarseSamples, scene: RayScene, solid: NDArray[np.int64]
+) -> tuple[Floats, NDArray[np.float32]]:
+    """Return area_m2 and sides of `Transfer`: the silhouettes of a mesh from six sides."""
     line = ((np.arange(_ACROSS) + 0.5) / _ACROSS * 2.0 - 1.0) * mesh.radius_m
     u, v = (g.ravel() for g in np.meshgrid(line, line, indexing="ij"))
     area, seen = np.zeros(3), np.zeros((6, len(coarse.sample)), np.float32)
@@ -165,7 +210,7 @@ def _sides(mesh: Mesh, lattice: Lattice, coarse: CoarseSamples, scene: RayScene,
         met, _, _ = _met(lattice, scene, solid, origin[hit], rays[hit], triangle[hit])
         np.add.at(seen[side], coarse.of[met], np.float32(1.0 / max(len(hit), 1)))
         area[axis] = len(hit) / len(u) * (2.0 * mesh.radius_m) ** 2
-    return Sides(area, seen)
+    return area, seen
 
 
 def _cosines(lattice: Lattice) -> NDArray[np.float32]:
@@ -182,7 +227,7 @@ def _without_buried_samples(
     direction: NDArray[np.int64],
     hit: NDArray[np.int64],
     behind: NDArray[np.int64],
-) -> tuple[Lattice, Pairs, NDArray[np.bool_]]:
+) -> tuple[Lattice, NDArray[np.int64], NDArray[np.bool_]]:
     """Return lattice and own pairs in which samples inside another part of the mesh, which see its surface from behind,
     take the values of those about them: what is interpolated from them is seen. Last, which samples (S,) are not
     inside.
@@ -191,13 +236,13 @@ def _without_buried_samples(
     inside = np.bincount(sample, behind, count)
     buried = inside > _BURIED * np.count_nonzero(cosine, axis=1)
     if lattice.two_sided or not np.any(buried) or np.all(buried):
-        return lattice, Pairs(sample, direction, hit), np.ones(count, np.bool_)
+        return lattice, np.stack([sample, direction, hit]), np.ones(count, np.bool_)
     stand_in, mixed = stand_ins(lattice, buried)
     kept = ~buried[sample]
     lattice = replace(
         lattice, nearest_sample=stand_in[lattice.nearest_sample], from_samples=lattice.from_samples @ mixed
     )
-    return lattice, Pairs(sample[kept], direction[kept], stand_in[hit[kept]]), ~buried
+    return lattice, np.stack([sample[kept], direction[kept], stand_in[hit[kept]]]), ~buried
 
 
 def _blocked_by_itself(

@@ -12,23 +12,25 @@ hollow of uniform light: that of a furnace stays what it is in every step, also 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.cache import Cache
+from mr360uw.composite.ambient.blocked_light import BlockedLight, fraction_left
+from mr360uw.composite.ambient.body import Body
 from mr360uw.composite.ambient.body_layout import Layout
-from mr360uw.composite.ambient.body_view import Body, FormFactors
-from mr360uw.composite.ambient.directions import blurred, directions, radiance_towards
-from mr360uw.composite.ambient.ground_light import GroundLight, ground_radiance
-from mr360uw.composite.ambient.lattice_kernel import CHANNELS, FEW_CHANNELS
+from mr360uw.composite.ambient.directions import blurred, directions
+from mr360uw.composite.ambient.form_factors import FormFactors
+from mr360uw.composite.ambient.ground_light import GroundLight, Sunlight, ground_radiance
+from mr360uw.composite.ambient.lattice_kernel import CHANNELS, FEW_CHANNELS, product
 from mr360uw.composite.ambient.lobe_occlusion import reflected_among
 from mr360uw.composite.ambient.mesh_transfer import Transfer
-from mr360uw.composite.ambient.on_ground.sky_table import sky_table
-from mr360uw.composite.ambient.solved_light import AmbientLight
-from mr360uw.composite.ambient.sparse_product import product
-from mr360uw.composite.ambient.sunlight import Sunlight
+from mr360uw.composite.ambient.sky_table import sky_table
 from mr360uw.composite.shot import Shot
+from mr360uw.ibl.lookup import environment_lookup
 from mr360uw.types import Floats
 
 BOUNCES = 8
@@ -44,6 +46,47 @@ _NO_TABLE = np.zeros((0, 3, 3))
 """Table of the environment of shots without a receiver, which is what it is for."""
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class AmbientLight:
+    """Solved ambient light of a shot.
+
+    values: for each object those of its points (lattice_kernel.py), float32, or None where nothing is in its way.
+    table: of the environment (sky_table.py), empty without a receiver. sent: for each body that the ground sees the
+    mean radiance (NODES, NODES, 3) of what it hides, at the nodes below it. ambient: (H, W, 3).
+    """
+
+    layout: Layout
+    values: tuple[NDArray[np.float32] | None, ...]
+    table: Floats
+    sent: tuple[Floats, ...]
+    ambient: Floats
+
+    def free(self, blocked: BlockedLight, points: Floats) -> Floats:
+        """Return the fraction (n, 3) of the ambient light that is left on the ground at places (n, 3) of the world,
+        with what bodies send there.
+        """
+        lost = blocked.irradiance(self.table) - self.layout.bounced(blocked, points, self.sent)
+        return fraction_left(blocked.share.sum(axis=0), lost, environment_lookup(self.ambient, blocked.normal))
+
+
+def interpolated(before: AmbientLight, after: AmbientLight, share: float) -> AmbientLight:
+    """Return the light between two solutions of one layout, interpolated linearly.
+
+    share: 0 at `before`, 1 at `after`. What bodies send to the ground is linear in the environment and in the sun, so
+    that this is exact; the ratios of their own points are, to the second order of what changes between both.
+    """
+
+    def mixed(a: Any, b: Any) -> Any:
+        return a + np.asarray(share, a.dtype) * (b - a)
+
+    values = tuple(
+        None if a is None or b is None else mixed(a, b) for a, b in zip(before.values, after.values, strict=True)
+    )
+    sent = tuple(mixed(a, b) for a, b in zip(before.sent, after.sent, strict=True))
+    table, ambient = mixed(before.table, after.table), mixed(before.ambient, after.ambient)
+    return AmbientLight(before.layout, values, table, sent, ambient)
+
+
 class Solver:
     """Solves the ambient light of one shot; the layout's shadow rays are kept in `cache`."""
 
@@ -51,26 +94,23 @@ class Solver:
         self._shot, self._layout, self._cache = shot, layout, cache
         self._sunlight = Sunlight(shot, layout, cache)
         map_, bodies = blurred(shot.environment), layout.bodies
-        towards = {body.rotation.tobytes(): directions() @ body.rotation.T for body in bodies}
-        light = {key: radiance_towards(map_, way) for key, way in towards.items()}
-        self._radiance = [light[body.rotation.tobytes()] for body in bodies]
-        self._open = self._around = [
-            self._at_body(body, towards[body.rotation.tobytes()], of)
-            for body, of in zip(bodies, self._radiance, strict=True)
-        ]
+        towards = np.array([directions() @ body.rotation.T for body in bodies])
+        self._radiance = np.asarray(environment_lookup(map_, towards), np.float32)
+        around = [self._at_body(*of) for of in zip(bodies, towards, self._radiance, strict=True)]
+        self._open = self._around = np.array(around, np.float32)
         materials = [self._material(body) for body in bodies]
         self._reflected: Floats = np.concatenate([reflected for reflected, _ in materials])
         self._emitted: Floats = np.concatenate([emitted for _, emitted in materials])
-        self._sun = np.concatenate([self._sunlight.at_coarse(k) for k in range(len(bodies))])
+        self._sun = self._sunlight.at_coarse()
         self._table = _NO_TABLE if shot.receiver is None else sky_table(shot.environment)
 
     def _at_body(self, body: Body, direction: Floats, radiance: Floats) -> Floats:
         """Return the radiance (COUNT, 3) of the environment as a body sees it, from its middle: where it looks at level
         ground, that of the place. Without ground that of the camera, `radiance`. direction: (COUNT, 3).
         """
-        if body.ground is None or not body.on_ground:
+        if body.height_m is None or not body.on_ground:
             return radiance
-        above_m = body.ground.height_m * body.placed.scale
+        above_m = body.height_m * body.placed.scale
         if above_m <= 0.0 or self._shot.view.position[1] <= body.center[1] - above_m:
             return radiance
         down = np.flatnonzero(direction[:, 1] < 0.0)
@@ -83,20 +123,18 @@ class Solver:
         """Return the light after the last step; what the ground and far bodies send is found from the first two."""
         layout, open_ = self._layout, self._open
         bodies, views = layout.bodies, layout.views
-        at_body = [body.own.plain @ of for body, of in zip(bodies, open_, strict=True)]
-        first_guess = self._first_guess()
-        sent = self._sent(np.concatenate(at_body) * first_guess)
-        irradiance = np.concatenate(at_body) * first_guess
+        irradiance = np.concatenate(_products([body.own.plain for body in bodies], open_)) * self._first_guess()
+        sent = self._sent(irradiance)
         ground = GroundLight(self._shot, layout, self._table, self._sunlight)
-        steps = BOUNCES if layout.samples.nnz or any(body.on_ground for body in bodies) or any(layout.far) else 0
+        steps = BOUNCES if layout.samples.nnz or any(body.on_ground for body in bodies) or len(layout.far.lit) else 0
         for step in range(steps):
             if step < 2:
                 self._around = self._with_far(open_, sent)
                 nodes = ground.radiance(sent if step else None)
-                direct = np.concatenate([
-                    (body.own.direct - view.coarse.lost) @ around + view.coarse.ground @ of
-                    for body, view, around, of in zip(bodies, views, self._around, nodes, strict=True)
-                ])  # fmt: skip
+                direct = np.concatenate(_products([body.own.direct for body in bodies], self._around))
+                for view, around, of, k in zip(views, self._around, nodes, layout.first.tolist(), strict=False):
+                    if not view.coarse.nothing:
+                        direct[k : k + len(view.coarse.lost)] += view.coarse.ground @ of - view.coarse.lost @ around
             before, irradiance = irradiance, direct + product(layout.samples, sent)
             sent = self._sent(irradiance)
             if step > 1 and np.max(np.abs(irradiance - before)) <= _SETTLED * np.max(irradiance):
@@ -109,17 +147,18 @@ class Solver:
             values = tuple(self._values(k, everywhere[k], sent, nodes[k]) for k in range(len(bodies)))
         return AmbientLight(layout, values, self._table, layout.sent_down(sent), self._shot.environment.ambient)
 
-    def _with_far(self, open_: Sequence[Floats], sent: NDArray[np.float32]) -> list[Floats]:
-        """Return the light (COUNT, 3) around each body with far bodies before it. sent: (all coarse samples, 3)."""
+    def _with_far(self, open_: NDArray[np.float32], sent: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Return the light (B, COUNT, 3) around bodies with far bodies before it. sent: (all coarse samples, 3)."""
         far = self._layout.far
-        sides = self._layout.sent_sides(sent) if any(far) else np.zeros((0, 6, 3))
-        return [of if field is None else field.before(of, sides) for of, field in zip(open_, far, strict=True)]
+        return far.before(open_, self._layout.sent_sides(sent)) if len(far.lit) else open_
 
     def _material(self, body: Body) -> tuple[Floats, Floats]:
         """Return the fraction (C, 3) of light that the surface about a body's coarse samples sends back, and its
         emission over the ambient light's fall with depth.
         """
-        reflected, emission = self._cache.of(_at_coarse, body.transfer, self._shot.refractive_index, keep=64)
+        reflected, emission = self._cache.of(
+            _at_coarse, body.transfer, self._shot.refractive_index, keep=max(64, 2 * len(self._layout.bodies))
+        )
         return reflected, emission / self._sunlight.ambient(body.center[None])
 
     def _first_guess(self) -> Floats:
@@ -135,20 +174,18 @@ class Solver:
         return (self._reflected * (irradiance + self._sun) / np.pi + self._emitted).astype(np.float32)
 
     def _everywhere(self) -> list[tuple[Floats, ...]]:
-        """Return for each body that takes light of its own the irradiance (S, 3) of all its samples were nothing in the
-        way, by the environment at the camera and at the body, and what the body itself keeps off; nothing of others.
+        """Return for each body whose light is changed the irradiance (n, 3) were nothing of others in the way, by the
+        environment at the camera and at the body, and what the body itself keeps off: at all samples of those that
+        take light of their own, at the coarse samples of others, which keep off nothing.
         """
-        needs = [
-            (k, matrix, light[k])
-            for k, body in enumerate(self._layout.bodies)
-            if body.own.lost is not None and not self._layout.untouched(k)
-            for matrix, light in (
-                (body.transfer.cosine, self._radiance),
-                (body.transfer.cosine, self._around),
-                (body.own.lost, self._around),
-            )
-        ]
-        products = _products([matrix for _, matrix, _ in needs], [light for _, _, light in needs])
+        needs = []
+        for k, body in enumerate(self._layout.bodies):
+            if self._layout.untouched(k):
+                continue
+            plain = body.own.plain if body.own.lost is None else body.transfer.cosine
+            needs += [(k, plain, self._radiance), (k, plain, self._around)]
+            needs += [(k, body.own.lost, self._around)] if body.own.lost is not None else []
+        products = _products([matrix for _, matrix, _ in needs], [light[k] for k, _, light in needs])
         found: list[tuple[Floats, ...]] = [()] * len(self._layout.bodies)
         for (k, _, _), of_matrix in zip(needs, products, strict=True):
             found[k] = (*found[k], of_matrix)
@@ -168,7 +205,7 @@ class Solver:
         others = [self._from_others(factors, around, sent, nodes) for factors in (view.coarse, view.near)]
         if own.lost is None:
             both = np.append(light, around, axis=1)
-            at_coarse = np.append(own.plain @ both, others[0], axis=1)
+            at_coarse = np.concatenate([*own_light, others[0]], axis=1)
             near = np.append(transfer.cosine[view.near_sample] @ both, others[1], axis=1)
             plain, at_body, of_others = np.split(view.spread(body, at_coarse, near), 3, axis=1)
             irradiance = at_body + of_others
@@ -193,22 +230,25 @@ class Solver:
         """Return at r samples (r, 3) how other bodies and the ground change the irradiance. around: (COUNT, 3)
         radiance; the others are those of `_values`.
         """
+        if factors.nothing:
+            return np.zeros((len(factors.lost), 3), np.float32)
         return np.asarray(product(factors.samples, sent) + factors.ground @ nodes - factors.lost @ around)
 
 
-def _products(matrices: Sequence[NDArray[np.float32]], light: Sequence[Floats]) -> list[NDArray[np.float32]]:
-    """Return the products (n, 3) of matrices (n, k) and light (k, 3); a matrix that several share is read once, and
-    light that several share is multiplied once.
-    """
-    sharing: dict[int, dict[int, Floats]] = {}
-    for matrix, of in zip(matrices, light, strict=True):
-        sharing.setdefault(id(matrix), {})[id(of)] = of
-    found: dict[tuple[int, int], NDArray[np.float32]] = {}
-    for matrix in {id(matrix): matrix for matrix in matrices}.values():
-        shared = sharing[id(matrix)]
-        product = _product(matrix, np.concatenate(list(shared.values()), axis=1))
-        found |= {(id(matrix), of): product[:, 3 * place : 3 * place + 3] for place, of in enumerate(shared)}
-    return [found[id(matrix), id(of)] for matrix, of in zip(matrices, light, strict=True)]
+def _products(
+    matrices: Sequence[NDArray[np.float32]], light: Sequence[Floats] | NDArray[np.float32]
+) -> list[NDArray[np.float32]]:
+    """Return the products (n, 3) of matrices (n, k) and light (k, 3); a matrix that several share is read once."""
+    sharing: dict[int, list[int]] = {}
+    for number, matrix in enumerate(matrices):
+        sharing.setdefault(id(matrix), []).append(number)
+    found = [np.zeros((0, 3), np.float32)] * len(matrices)
+    for numbers in sharing.values():
+        columns = np.concatenate([light[k] for k in numbers], axis=1)
+        parts = np.split(_product(matrices[numbers[0]], columns), len(numbers), axis=1)
+        for number, part in zip(numbers, parts, strict=True):
+            found[number] = part
+    return found
 
 
 def _product(matrix: NDArray[np.float32], light: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from mr360uw.cache import Cache, PartOf, Same, Scratch
 from mr360uw.composite.ambient.lattice_kernel import FEW_CHANNELS, UNTOUCHED
-from mr360uw.composite.ambient.solved_light import AmbientLight
+from mr360uw.composite.ambient.solver import AmbientLight
 from mr360uw.composite.aovs import SUMS, AovFrame
 from mr360uw.composite.gl.blocks import LANE_COLUMNS, lane_rows
 from mr360uw.composite.gl.facet_pass import camera_centred, of_eye

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.cache import Cache, PartOf, Same, Scratch
-from mr360uw.composite.ambient.solved_light import AmbientLight
+from mr360uw.composite.ambient.solver import AmbientLight
 from mr360uw.composite.gl.ground_shader import NO_EDGE, SHARP, SOFT, GroundShader, SunSight, sun_sight
 from mr360uw.composite.gl.light_textures import LightTextures
 from mr360uw.composite.gl.targets import Targets

@@ -8,21 +8,37 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.cache import Cache
+from mr360uw.cache import Cache, PartOf, Same
+from mr360uw.composite.mesh.mesh import Mesh
 from mr360uw.composite.raycast.geometry import base_color, gather, occluding
 from mr360uw.composite.shot import PlacedObject, Shot
-from mr360uw.medium.shafts.occluders import Bodies, bodies_of
-from mr360uw.rays import RayScene, barycentric
+from mr360uw.medium.shafts.occluders import Bodies
+from mr360uw.rays import PlacedScene, RayScene, barycentric
 from mr360uw.types import Floats
 
 
 def casting_bodies(shot: Shot, cache: Cache) -> Bodies:
     """Return the opaque parts of a shot's objects that cast shadows, in the world. cache: holds them."""
-    return cache.of(_in_world, shot.casters)
+    return cache.of(_in_world, shot.casters, cache)
 
 
-def _in_world(casters: tuple[PlacedObject, ...]) -> Bodies:
-    return bodies_of([occluding([placed], np.zeros(3)) for placed in casters])
+def _in_world(casters: tuple[PlacedObject, ...], cache: Cache) -> Bodies:
+    scenes = [cache.of(_opaque, _opaque_part(placed.mesh), keep=2 * len(casters)) for placed in casters]
+    solid = [(scene, placed) for scene, placed in zip(scenes, casters, strict=True) if len(scene.triangles)]
+    return Bodies(
+        tuple(PlacedScene(scene, placed.world_from_object) for scene, placed in solid),
+        np.array([placed.to_world(placed.mesh.center_m) for _, placed in solid]).reshape(-1, 3),
+        np.array([placed.mesh.radius_m * placed.scale for _, placed in solid]),
+    )
+
+
+def _opaque_part(mesh: Mesh) -> PartOf[Mesh]:
+    return PartOf(mesh, Same(mesh.positions), Same(mesh.material), tuple(m.alpha_mode for m in mesh.materials))
+
+
+def _opaque(part: PartOf[Mesh]) -> RayScene:
+    mesh = part.whole
+    return RayScene(mesh.positions[np.array([m.alpha_mode == "OPAQUE" for m in mesh.materials])[mesh.material]])
 
 
 _MAXIMUM_HITS = 64

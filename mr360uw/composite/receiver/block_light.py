@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from mr360uw.cache import Cache
 from mr360uw.composite.ambient.light import free_between, jumps_of_light
-from mr360uw.composite.ambient.solved_light import AmbientLight
+from mr360uw.composite.ambient.solver import AmbientLight
 from mr360uw.composite.lighting.lamps import light_sources
 from mr360uw.composite.lighting.surfaces import veil_ahead
 from mr360uw.composite.receiver.ground import BLOCK, Ground, Indices, mark_changed, survey_blocks

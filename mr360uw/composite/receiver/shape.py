@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.cache import Cache
-from mr360uw.composite.ambient.on_ground.blocked_light import UNNOTICED
+from mr360uw.composite.ambient.blocked_light import UNNOTICED
 from mr360uw.composite.lighting.lamps import lamps_of, light_sources
 from mr360uw.composite.lighting.sun import sun_of, widest_half_angle
 from mr360uw.composite.receiver.ratio import added_light

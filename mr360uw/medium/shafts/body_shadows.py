@@ -16,19 +16,25 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.cache import Cache
+from mr360uw.cache import Cache, PartOf, Same
 from mr360uw.jit import exact
 from mr360uw.medium.shafts.beam_pattern import BeamPattern
 from mr360uw.medium.shafts.occluders import GOLDEN, Bodies, Occluder
+from mr360uw.rays import PlacedScene, RayScene, raise_to_triangles
 from mr360uw.sphere import basis, unit
+from mr360uw.types import Floats
 
 Array = NDArray[np.float64]
 
 DISC_PIXELS, HALO_PIXELS = 256, 64
-"""Pixels across a body: of the disc's maps, and of the halo's, whose shadows are blurred by degrees."""
+"""Pixels across a body: of the disc's maps, and of the halo's, whose shadows are blurred by degrees. Of more than
+`_WHOLE` bodies, which are smaller in the frame or hide each other, all maps together have as many as of so many."""
+_WHOLE = 8
 _SMALL_RAD = 0.01
 """Radius of a disc up to which one direction stands for it: 10 m behind a body its shadow's edge is then 20 cm wide at
 most, less than half a segment."""
+_GROUP = 8
+"""Segments of a ray for which bodies are sorted out together."""
 DISC_TAPS, HALO_TAPS = 16, 32
 """Points of a segment at which disc and halo are tested, one direction each, in turn."""
 
@@ -40,11 +46,12 @@ class ShadowMaps:
     between a direction and the middle of the disc.
     """
 
-    def __init__(self, bodies: Bodies, axis: Array, directions: Array, size: int) -> None:
+    def __init__(self, bodies: Bodies, axis: Array, directions: Array, size: int, cache: Cache) -> None:
+        """cache: keeps the maps of bodies that move without turning."""
         self.frame: Array = np.array([basis(d) for d in directions])
         spheres = zip(bodies.occluders, bodies.centre, bodies.radius, strict=True)
-        top = [[_top(body, centre, radius, f, size) for f in self.frame] for body, centre, radius in spheres]
-        self.top = np.array(top, np.float32)
+        keep = 4 * len(bodies.radius)
+        self.top = np.array([_tops(body, *sphere, self.frame, size, cache, keep) for body, *sphere in spheres])
         cosine = min(float(np.min(directions @ axis)), 1.0)
         self.spread = math.sqrt(1.0 - cosine * cosine) / cosine
 
@@ -69,28 +76,51 @@ def shadows_of(pattern: BeamPattern, cache: Cache) -> Shadows | None:
     if not bodies.occluders or not np.all(np.isfinite(bodies.radius)):
         return None
     wide = pattern.sun.half_angle_rad > _SMALL_RAD
-    return cache.of(_shadows, bodies, towards, pattern.disc if wide else None, pattern.halo)
+    return cache.of(_shadows, bodies, towards, pattern.disc if wide else None, pattern.halo, cache)
 
 
-def _shadows(bodies: Bodies, towards: Array, disc: Array | None, halo: Array) -> Shadows:
+def _shadows(bodies: Bodies, towards: Array, disc: Array | None, halo: Array, cache: Cache) -> Shadows:
     """Return the shadows of bodies. disc, halo: directions (n, 3) over those; without disc its middle (3,) alone."""
-    middle = ShadowMaps(bodies, towards, towards[None], DISC_PIXELS)
-    wide = middle if disc is None else ShadowMaps(bodies, towards, disc, DISC_PIXELS)
+    fewer = min(math.sqrt(_WHOLE / len(bodies.occluders)), 1.0)
+    of_disc, of_halo = round(DISC_PIXELS * fewer), round(HALO_PIXELS * fewer)
+    middle = ShadowMaps(bodies, towards, towards[None], of_disc, cache)
+    wide = middle if disc is None else ShadowMaps(bodies, towards, disc, of_disc, cache)
     covered = np.isfinite(middle.top[:, 0])
     pixel = 2.0 * bodies.radius / covered.shape[1]
     apart = [cv2.distanceTransform((~mask).astype(np.uint8), cv2.DIST_L2, 5) for mask in covered]
     metres = (np.array(apart) * pixel[:, None, None]).astype(np.float32)
-    return Shadows(wide, ShadowMaps(bodies, towards, halo, HALO_PIXELS), middle.frame[0], metres)
+    return Shadows(wide, ShadowMaps(bodies, towards, halo, of_halo, cache), middle.frame[0], metres)
 
 
-def _top(body: Occluder, centre: Array, radius: float, frame: Array, size: int) -> Array:
+def _tops(
+    body: Occluder, centre: Array, radius: float, frame: Array, size: int, cache: Cache, keep: int
+) -> NDArray[np.float32]:
+    """Return the maps (n, size, size) of a body in directions of `ShadowMaps.frame`."""
+    if isinstance(body, PlacedScene):
+        place = PartOf((body.scene, body.inside(centre)), Same(body.scene), body.linear)
+        return cache.of(_drawn, place, body.linear, radius, frame, size, keep=keep)
+    if isinstance(body, RayScene):
+        return _drawn(PartOf((body, centre)), np.eye(3), radius, frame, size)
+    top = np.full((len(frame), size, size), -np.inf, np.float32)
     at = radius * (2.0 * (np.arange(size) + 0.5) / size - 1.0)
     u, v = np.meshgrid(at, at)
     inside = u * u + v * v <= radius * radius
-    start = centre + u[inside, None] * frame[0] + v[inside, None] * frame[1] + radius * frame[2]
-    top = np.full((size, size), -np.inf)
-    top[inside] = radius - body.distance(start, np.broadcast_to(-frame[2], start.shape))
+    for f, of_direction in zip(frame, top, strict=True):
+        start = centre + u[inside, None] * f[0] + v[inside, None] * f[1] + radius * f[2]
+        of_direction[inside] = radius - body.distance(start, np.broadcast_to(-f[2], start.shape))
     return top
+
+
+def _drawn(
+    place: PartOf[tuple[RayScene, Floats]], linear: Floats, radius: float, frame: Array, size: int
+) -> NDArray[np.float32]:
+    """Return `_tops` of triangles about a centre (3,) in their own axes, which `linear` (3, 3) turns to the world's."""
+    scene, centre = place.whole
+    top = np.full((len(frame), size, size), -np.inf)
+    low, step = np.full(2, radius * (1.0 / size - 1.0)), np.full(2, 2.0 * radius / size)
+    for f, of_direction in zip(frame, top, strict=True):
+        raise_to_triangles(scene.triangles, centre, f[[1, 0, 2]] @ linear, low, step, of_direction)
+    return top.astype(np.float32)
 
 
 @exact
@@ -104,15 +134,32 @@ def visible_parts(
     bodies. axes, apart: `frame` and `apart` of `Shadows`. frame to spread: of `ShadowMaps`. taps: points of a segment
     that are tested, with the directions in turn.
     """
-    size, last = top.shape[2], apart.shape[1] - 1
+    size, last, count = top.shape[2], apart.shape[1] - 1, seen.shape[1]
+    every, few, near = np.arange(len(radius)), np.empty(len(radius), np.int64), np.empty(len(radius), np.int64)
+    some, wide = np.empty(len(radius), np.int64), radius * (1.0 + spread + 4.0 / (last + 1))
     for n in range(len(directions)):
         d0, d1, d2 = directions[n, 0], directions[n, 1], directions[n, 2]
-        for k in range(seen.shape[1]):
+        met = _bodies_met(origin, directions[n], start[n, 0], end[n, count - 1], centre, wide, axes, spread, every, few)
+        if met == 0:
+            seen[n] = 1.0
+            continue
+        listed = 0
+        for k in range(count):
+            if k % _GROUP == 0:
+                until = end[n, min(k + _GROUP, count) - 1]
+                of_ray = few[:met]
+                listed = _bodies_met(
+                    origin, directions[n], start[n, k], until, centre, wide, axes, spread, of_ray, some
+                )
             length = end[n, k] - start[n, k]
             middle = start[n, k] + 0.5 * length
-            blocked = 0
-            near = False
-            for body in range(len(radius)):
+            of_group = some[:listed]
+            met_here = _bodies_met(
+                origin, directions[n], start[n, k], end[n, k], centre, wide, axes, spread, of_group, near
+            )
+            blocked, close = 0, 0
+            for number in range(met_here):
+                body = near[number]
                 x = origin[0] + middle * d0 - centre[body, 0]
                 y = origin[1] + middle * d1 - centre[body, 1]
                 z = origin[2] + middle * d2 - centre[body, 2]
@@ -125,14 +172,14 @@ def visible_parts(
                 i = min(max(int(u * scale + 0.5 * (last + 1)), 0), last)
                 j = min(max(int(v * scale + 0.5 * (last + 1)), 0), last)
                 beside = max(apart[body, j, i], math.sqrt(u * u + v * v) - radius[body])
-                near |= beside <= below * spread + 0.5 * length + 2.0 * pixel
-            if not near:
-                seen[n, k] = 1.0
-                continue
-            for tap in range(taps):
+                if beside <= below * spread + 0.5 * length + 2.0 * pixel:
+                    near[close] = body
+                    close += 1
+            for tap in range(taps if close else 0):
                 m = tap % len(frame)
                 s = start[n, k] + (tap * GOLDEN + 0.5) % 1.0 * length
-                for body in range(len(radius)):
+                for number in range(close):
+                    body = near[number]
                     x = origin[0] + s * d0 - centre[body, 0]
                     y = origin[1] + s * d1 - centre[body, 1]
                     z = origin[2] + s * d2 - centre[body, 2]
@@ -145,3 +192,35 @@ def visible_parts(
                         blocked += 1
                         break
             seen[n, k] = 1.0 - blocked / taps
+
+
+@exact
+def _bodies_met(
+    origin: Any, direction: Any, first: Any, last: Any, centre: Any, wide: Any, axes: Any, spread: Any, asked: Any,
+    met: Any,
+) -> Any:  # fmt: skip
+    """Write those of the bodies `asked` (m,) whose shadows a ray may meet between two distances to `met`; return how
+    many there are.
+
+    wide: (k,) radius of their shadows [m] at the bodies, which grows by `spread` a metre below.
+    """
+    along_u = direction[0] * axes[0, 0] + direction[1] * axes[0, 1] + direction[2] * axes[0, 2]
+    along_v = direction[0] * axes[1, 0] + direction[1] * axes[1, 1] + direction[2] * axes[1, 2]
+    rise = direction[0] * axes[2, 0] + direction[1] * axes[2, 1] + direction[2] * axes[2, 2]
+    squared = max(along_u * along_u + along_v * along_v, 1e-300)
+    found = 0
+    for body in asked:
+        x, y, z = origin[0] - centre[body, 0], origin[1] - centre[body, 1], origin[2] - centre[body, 2]
+        height = x * axes[2, 0] + y * axes[2, 1] + z * axes[2, 2]
+        below = wide[body] - height - min(first * rise, last * rise)
+        if below <= 0.0:
+            continue
+        u = x * axes[0, 0] + y * axes[0, 1] + z * axes[0, 2]
+        v = x * axes[1, 0] + y * axes[1, 1] + z * axes[1, 2]
+        nearest = min(max(-(u * along_u + v * along_v) / squared, first), last)
+        u, v = u + nearest * along_u, v + nearest * along_v
+        reach = wide[body] + below * spread
+        if u * u + v * v <= reach * reach:
+            met[found] = body
+            found += 1
+    return found

@@ -25,6 +25,8 @@ Array = NDArray[np.float64]
 
 _BEYOND_M = 1e-4
 """How far [m] behind a hit the next one is searched for: above the roundings of rays, below the size of a body."""
+_ROUND = 1.001
+"""Factor on the radius of a body's sphere within which rays are cast at it: above the roundings of rays."""
 GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
 """Step from place to place along a segment, as a fraction of it."""
 
@@ -54,8 +56,13 @@ class Bodies:
     def first_hit_m(self, origin: Array, directions: Array) -> Array:
         """Return the distance (n,) [m] of the nearest body along rays (n, 3) from one point, infinity for none."""
         nearest = np.full(len(directions), np.inf)
-        for body in self.occluders:
-            nearest = np.minimum(nearest, body.distance(np.broadcast_to(origin, directions.shape), directions))
+        for body, centre, radius in zip(self.occluders, self.centre, _ROUND * self.radius, strict=True):
+            to = np.broadcast_to(centre - origin, directions.shape)
+            along, away = np.einsum("nk,nk->n", to, directions), np.einsum("nk,nk->n", to, to)
+            outside = away - radius**2
+            near = np.flatnonzero((outside <= 0.0) | ((along > 0.0) & (along * along >= outside)))
+            start = np.broadcast_to(origin, directions.shape)[near]
+            nearest[near] = np.minimum(nearest[near], body.distance(start, directions[near]))
         return nearest
 
     def inside_m(self, origin: Array, directions: Array) -> tuple[Array, Array]:

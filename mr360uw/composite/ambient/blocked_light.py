@@ -19,9 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.cache import Parts
-from mr360uw.composite.ambient.on_ground.height_field import HeightField
-from mr360uw.composite.ambient.on_ground.horizon_scan import AZIMUTHS, as_rectangle, place_beside, scan
-from mr360uw.composite.ambient.on_ground.sky_table import COLUMNS, NODES, ROWS
+from mr360uw.composite.ambient.height_field import HeightField
+from mr360uw.composite.ambient.horizon_scan import AZIMUTHS, as_rectangle, place_beside, scan
+from mr360uw.composite.ambient.sky_table import COLUMNS, NODES, ROWS
 from mr360uw.constants import BRIGHTEST, DARK
 from mr360uw.jit import fast, inlined
 from mr360uw.texels import smoothstep

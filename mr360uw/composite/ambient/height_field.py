@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.composite.ambient.mesh_transfer import Transfer
+from mr360uw.rays import raise_to_triangles
 from mr360uw.types import Floats
 
 CELLS = 32
@@ -54,10 +55,7 @@ def make_height_field(transfer: Transfer, linear: Floats) -> HeightField:
     fine = CELLS * _FINE
     along = (np.arange(fine) + 0.5) / fine * 2.0 - 1.0
     a, b = (g.ravel() for g in np.meshgrid(along * frame[4], along * frame[5], indexing="ij"))
-    x, z = frame[0] + a * frame[2] - b * frame[3], frame[1] + a * frame[3] + b * frame[2]
-    margin = 0.1 * (high - low) + 1e-3 * frame[4]
-    down = _first_height(transfer, linear, x, z, high + margin, -1.0)
-    up = _first_height(transfer, linear, x, z, low - margin, 1.0)
+    down, up = _heights(points, frame, fine, 1.0), -_heights(points, frame, fine, -1.0)
     shape = (CELLS, _FINE, CELLS, _FINE)
     hit = np.isfinite(down) & np.isfinite(up)
     count = hit.reshape(shape).sum(axis=(1, 3))
@@ -127,20 +125,15 @@ def _within(outline: Floats, a: Floats, b: Floats) -> NDArray[np.bool_]:
     return inside
 
 
-def _first_height(transfer: Transfer, linear: Floats, x: Floats, z: Floats, start: float, way: float) -> Floats:
-    """Return the height (n,) at which vertical rays first meet the body, infinite where they do not."""
-    back = np.linalg.inv(linear)
-    origin = np.stack([x, np.full_like(x, start), z], axis=-1) @ back.T
-    direction = np.broadcast_to(back[:, 1] * way, origin.shape)
-    triangle = transfer.scene.first_hit(origin, direction)
-    height = np.full(len(x), np.inf)
-    hit = np.flatnonzero(triangle >= 0)
-    corners = transfer.scene.triangles[triangle[hit]] - origin[hit, None]
-    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    rate = np.sum(normal * direction[hit], axis=-1)
-    distance = np.sum(normal * corners[:, 0], axis=-1) / np.where(np.abs(rate) < 1e-300, 1e-300, rate)
-    height[hit] = start + way * distance
-    return height
+def _heights(points: Floats, frame: Floats, count: int, up: float) -> Floats:
+    """Return the greatest heights (count^2,) of triangles (T, 3, 3) over a plan, minus infinity where there are none.
+
+    up: 1, or -1 for heights measured downwards.
+    """
+    axes = np.array([[frame[2], 0.0, frame[3]], [-frame[3], 0.0, frame[2]], [0.0, up, 0.0]])
+    step, top = 2.0 * frame[4:] / count, np.full((count, count), -np.inf)
+    raise_to_triangles(points, np.array([frame[0], 0.0, frame[1]]), axes, 0.5 * step - frame[4:], step, top)
+    return top.ravel()
 
 
 def _samples(points: Floats, frame: Floats) -> tuple[Floats, Floats]:

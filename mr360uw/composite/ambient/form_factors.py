@@ -1,0 +1,320 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Visibility and form factors: what the sample points of a body see of near bodies and of the ground.
+
+Rays from the coarse sample points of a body, and from all of its sample points close by, meet the others.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mr360uw.cache import Cache, PartOf
+from mr360uw.composite.affine import scale_of
+from mr360uw.composite.ambient.body import BITS, NODES, Body
+from mr360uw.composite.ambient.directions import COUNT, directions
+from mr360uw.composite.ambient.lattice_kernel import product
+from mr360uw.composite.ambient.mesh_transfer import Transfer, met_samples
+from mr360uw.jit import exact
+from mr360uw.texels import smoothstep
+from mr360uw.types import Floats
+
+_EXACT, _INTERPOLATED = 1.0, 2.0
+"""Samples nearer to another body than so many spacings of the coarse samples look themselves, and those beyond so many
+take what the coarse samples see; between the two they pass from one to the other."""
+_SHARE_STEPS = 1 << 16
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FormFactors:
+    """Irradiance at r samples of a body by what they see beside the body itself.
+
+    lost: (r, COUNT) float32, irradiance that each direction's radiance does not add. samples: (r, all coarse samples)
+    sparse, what each coarse sample of the layout adds instead; way: the direction of each of its entries. ground: (r,
+    nodes) float32, what the nodes below add instead.
+    """
+
+    lost: NDArray[np.float32]
+    samples: Any
+    way: NDArray[np.int16]
+    ground: NDArray[np.float32]
+
+    @property
+    def nothing(self) -> bool:
+        """Whether nothing is seen."""
+        return self.samples.nnz == 0 and self.ground.shape[1] == 0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Met:
+    """What directions of S samples meet, those of sample s from begin[s] to begin[s + 1]: direction; target, number of
+    a coarse sample among all plus 1, or minus that of a node of the ground minus 1; part: of the direction that it
+    fills.
+    """
+
+    begin: NDArray[np.int64]
+    direction: NDArray[np.int32]
+    target: NDArray[np.int32]
+    part: NDArray[np.float32]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BodyView:
+    """What the samples of one body see. coarse: of its coarse samples. near: of samples near other bodies, near_sample
+    (e,) their numbers, near_part (e, 1) the part of what they see themselves in what they take.
+
+    down: (nodes, C) float32, mean radiance that nodes see of the body for that of its coarse samples. openness: (C, 1)
+    fraction of the irradiance from free directions. met: what all samples of a glossy body meet, None of others.
+    """
+
+    coarse: FormFactors
+    near: FormFactors
+    near_sample: NDArray[np.int64]
+    near_part: NDArray[np.float32]
+    down: NDArray[np.float32]
+    openness: NDArray[np.float32]
+    met: Met | None
+
+    def nothing(self, body: Body) -> bool:
+        """Return whether nothing is in the way of the body's light."""
+        return not body.on_ground and self.coarse.samples.nnz + self.near.samples.nnz == 0 and body.own.lost is None
+
+    def spread(self, body: Body, at_coarse: Floats, at_near: Floats) -> Floats:
+        """Return values (S, n) at all samples from those at the coarse samples (C, n) and at the near samples (e,
+        n)."""
+        values = product(body.transfer.coarse.spread, at_coarse.astype(np.float32))
+        values[self.near_sample] += self.near_part * (at_near - values[self.near_sample])
+        return values
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Neighbour:
+    """Another body as one sees it. begin: where its coarse samples begin among all. share: the part of it that is
+    near. linear: (3, 3), shift: (3,): where its axes lie in those of the body that looks, in whose metres, rounded;
+    scale: size of the linear part. key: equal for equal poses.
+    """
+
+    begin: int
+    transfer: Transfer
+    share: float
+    linear: Floats
+    shift: Floats
+    scale: float
+    key: bytes
+
+    @property
+    def ball(self) -> tuple[Floats, float]:
+        """Middle (3,) and radius of a ball around it, in the frame and the metres of the body that looks."""
+        mesh = self.transfer.mesh
+        return self.linear @ mesh.center_m + self.shift, mesh.radius_m * self.scale
+
+    def seen_from(self, transfer: Transfer, place: Floats, open_: NDArray[np.bool_]) -> tuple[NDArray[Any], ...]:
+        """Return where rays from places (r, 3) of a mesh in their open directions (r, COUNT) meet the body: numbers of
+        the place and the direction, the coarse sample among all, distance in metres of the mesh, and the share, each
+        (m,).
+        """
+        near = self._directions_near(transfer)
+        found = np.empty((2, len(place) * len(near)), np.int32)
+        used = _into_ball(place, open_, directions(), near, *self.ball, found)
+        sample, direction = found[:, :used]
+        back = np.linalg.inv(self.linear).T
+        origin, rays = ((place - self.shift) @ back)[sample], (directions() @ back)[direction]
+        triangle = self.transfer.scene.first_hit(origin, rays)
+        hit = np.flatnonzero(triangle >= 0)
+        met, distance, _ = met_samples(self.transfer, origin[hit], rays[hit], triangle[hit])
+        coarse_sample = (self.transfer.coarse.of[met] + self.begin).astype(np.int32)
+        share = np.full(len(hit), self.share, np.float32)
+        return sample[hit], direction[hit], coarse_sample, distance.astype(np.float32), share
+
+    def _directions_near(self, transfer: Transfer) -> NDArray[np.int64]:
+        """Return the directions that lead from some place of a mesh into the ball around the body."""
+        center, radius = self.ball
+        to = center - transfer.mesh.center_m
+        apart = math.hypot(*to)
+        sine = (transfer.mesh.radius_m + radius) / max(apart, 1e-12)
+        if sine >= 1.0:
+            return np.arange(COUNT)
+        return np.flatnonzero(directions() @ to >= apart * np.sqrt(1.0 - sine * sine))
+
+    def close_samples(self, transfer: Transfer) -> Floats:
+        """Return (S,) how far the samples of a mesh have passed from interpolating (0) to looking themselves (1)."""
+        spacing, position = transfer.coarse.spacing_m, transfer.lattice.position
+        (center, radius), reach = self.ball, _INTERPOLATED * spacing
+        close = np.flatnonzero(np.linalg.norm(position - center, axis=-1) < radius + reach)
+        there = (position[close] - self.shift) @ np.linalg.inv(self.linear).T
+        near, _ = self.transfer.tree.query(there, distance_upper_bound=reach / self.scale)
+        part = np.zeros(len(position))
+        part[close] = smoothstep(near * self.scale / spacing, _INTERPOLATED, _EXACT)
+        return part
+
+
+@exact
+def _into_ball(place: Any, open_: Any, d: Any, near: Any, center: Any, radius: Any, found: Any) -> Any:
+    """Write sample and direction of the open rays into a ball to `found` (2, most); return how many there are."""
+    total = 0
+    for s in range(len(place)):
+        x, y, z = center[0] - place[s, 0], center[1] - place[s, 1], center[2] - place[s, 2]
+        squared = x * x + y * y + z * z
+        outside = squared - radius * radius
+        for k in near:
+            if open_[s, k]:
+                along = x * d[k, 0] + y * d[k, 1] + z * d[k, 2]
+                if along * along >= outside and (along > 0.0 or outside < 0.0):
+                    found[0, total], found[1, total] = s, k
+                    total += 1
+    return total
+
+
+def body_views(bodies: Sequence[Body], first: NDArray[np.int64], shares: Floats, cache: Cache) -> tuple[BodyView, ...]:
+    """Return what bodies see. first: (B + 1,) where the coarse samples of each begin among all. shares: (B, B), how
+    much of each body is near to that of a row. A view is kept while all that it shows stay where they are to the body.
+    """
+    views = []
+    for k, body in enumerate(bodies):
+        near = _neighbours(body, [(int(first[m]), bodies[m], shares[k, m]) for m in np.flatnonzero(shares[k]).tolist()])
+        begin, total = int(first[k]), int(first[-1])
+        of = tuple((other.begin, other.transfer.lattice, other.key, other.share) for other in near)
+        of_body = body.transfer.lattice, body.transfer.mesh.glossy, body.placed.casts_shadow
+        seen = PartOf((body, near), of_body, body.on_ground, body.ground_key, of)
+        views.append(cache.of(_view, seen, begin, total, keep=2 * len(bodies)))
+    return tuple(views)
+
+
+def _neighbours(body: Body, others: Sequence[tuple[int, Body, float]]) -> list[Neighbour]:
+    inverse, scale = np.linalg.inv(body.placed.world_from_object), body.placed.scale
+    found = []
+    for begin, other, share in others:
+        pose = inverse @ other.placed.world_from_object
+        steps = np.rint(np.log2([other.placed.scale / scale, min(body.radius, other.radius) / scale])) - BITS
+        linear, shift = np.rint(pose[:3, :3] / np.exp2(steps[0])) + 0.0, np.rint(pose[:3, 3] / np.exp2(steps[1])) + 0.0
+        key, linear = linear.tobytes() + shift.tobytes() + steps.tobytes(), linear * np.exp2(steps[0])
+        near = round(float(share) * _SHARE_STEPS) / _SHARE_STEPS
+        found.append(Neighbour(begin, other.transfer, near, linear, shift * np.exp2(steps[1]), scale_of(linear), key))
+    return found
+
+
+def _view(seen: PartOf[tuple[Body, list[Neighbour]]], begin: int, total: int) -> BodyView:
+    """Return what a body sees of near ones. begin: where its own coarse samples begin among all, `total`."""
+    body, near = seen.whole
+    transfer, sample = body.transfer, body.transfer.coarse.sample
+    close = np.max([np.zeros(len(transfer.cosine)), *(other.close_samples(transfer) for other in near)], axis=0)
+    if transfer.mesh.glossy:
+        close[:] = 1.0  # every sample has a lobe of its own
+    near_sample = np.flatnonzero(close)
+    at_coarse, _ = _form_factors(body, near, sample, body.own.direct, total)
+    cosine = np.where(body.own.open[near_sample], transfer.cosine[near_sample], np.float32(0.0))
+    at_near, node = _form_factors(body, near, near_sample, cosine, total)
+    lost = (body.own.plain - body.own.direct + at_coarse.lost).sum(axis=1, keepdims=True)
+    lost -= at_coarse.ground.sum(axis=1, keepdims=True)
+    openness = 1.0 - lost / transfer.whole[sample, None]
+    met = _met_by(body, at_near, cosine, node, begin) if transfer.mesh.glossy else None
+    part = close[near_sample, None].astype(np.float32)
+    return BodyView(at_coarse, at_near, near_sample, part, body.mean_sent(), openness, met)
+
+
+def _form_factors(
+    body: Body, near: Sequence[Neighbour], sample: NDArray[np.int64], cosine: NDArray[np.float32], total: int
+) -> tuple[FormFactors, NDArray[np.int16] | None]:
+    """Return what samples (r,) see where directions add `cosine` (r, COUNT), and the node of the ground in each."""
+    place, open_ = body.places(sample), cosine > 0.0
+    node = body.node_seen(place)
+    hits = [other.seen_from(body.transfer, place, open_) for other in near if len(sample)]
+    return form_factors(cosine, node, hits, total), node
+
+
+def form_factors(
+    cosine: NDArray[np.float32], node: NDArray[np.int16] | None, hits: list[tuple[NDArray[Any], ...]], total: int
+) -> FormFactors:
+    """Return what r samples of a body see. cosine: (r, COUNT) irradiance that open directions add; node: (r, COUNT) the
+    node of the ground behind each, -1 for none, or None without nodes; hits: of `Neighbour.seen_from` for each other
+    body; total: number of all coarse samples.
+    """
+    from scipy.sparse import csr_matrix
+
+    none = *(np.zeros(0, np.int32) for _ in range(3)), *(np.zeros(0, np.float32) for _ in range(2))
+    sample, direction, met, distance, share = (np.concatenate(columns) for columns in zip(none, *hits, strict=True))
+    rows = len(cosine)
+    lost, ground = np.zeros((rows, COUNT), np.float32), np.zeros((rows, 0 if node is None else NODES**2), np.float32)
+    begin, column = np.zeros(rows + 1, np.int64), np.zeros(len(sample), np.int32)
+    weight, way = np.zeros(len(sample), np.float32), np.zeros(len(sample), np.int16)
+    if node is not None or len(sample):
+        behind = np.full(cosine.shape, -1, np.int16) if node is None else node
+        _resolve(
+            cosine, behind, sample, direction, met, distance, share, lost, ground, begin, column, weight, way
+        )  # fmt: skip
+    used = int(begin[-1])
+    samples = csr_matrix((weight[:used], column[:used], begin), shape=(rows, total))
+    return FormFactors(lost, samples, way[:used], ground)
+
+
+@exact
+def _resolve(
+    cosine: Any, node: Any, sample: Any, direction: Any, met: Any, distance: Any, share: Any,
+    lost: Any, ground: Any, begin: Any, column: Any, weight: Any, way: Any,
+) -> None:  # fmt: skip
+    """Share the light of each direction among what rays (m,) meet there, the nearest first, and the ground behind.
+
+    cosine, node: (r, COUNT). lost, ground, way, and begin, column, weight of a sparse matrix: as `FormFactors` has
+    them.
+    """
+    head = np.full(cosine.shape, -1, np.int32)
+    after = np.full(len(sample), -1, np.int32)
+    for m in range(len(sample)):
+        s, k = sample[m], direction[m]
+        before, now = -1, head[s, k]
+        while now >= 0 and distance[now] <= distance[m]:
+            before, now = now, after[now]
+        after[m] = now
+        if before < 0:
+            head[s, k] = m
+        else:
+            after[before] = m
+    used = 0
+    for s in range(cosine.shape[0]):
+        for k in range(cosine.shape[1]):
+            left = cosine[s, k]
+            if left <= 0.0:
+                continue
+            m = head[s, k]
+            while m >= 0:
+                column[used], weight[used], way[used] = met[m], left * share[m], k
+                left -= weight[used]
+                used += 1
+                m = after[m]
+            lost[s, k] = cosine[s, k] - left
+            if node[s, k] >= 0:
+                ground[s, node[s, k]] += left
+                lost[s, k] = cosine[s, k]
+        begin[s + 1] = used
+
+
+def _met_by(
+    body: Body, factors: FormFactors, cosine: NDArray[np.float32], node: NDArray[np.int16] | None, begin: int
+) -> Met:
+    """Return what all samples of a body meet: others and the ground as in their form factors, then the body itself.
+
+    cosine: (S, COUNT) irradiance that directions add which the body leaves open. node: (S, COUNT) of the ground, -1 for
+    none. begin: where the body's coarse samples begin among all.
+    """
+    others = np.repeat(np.arange(len(cosine)), np.diff(factors.samples.indptr))
+    parts: list[tuple[Any, ...]] = [
+        (others, factors.way, factors.samples.indices + 1, factors.samples.data / cosine[others, factors.way])
+    ]
+    if node is not None:
+        sample, way = np.nonzero((node >= 0) & (cosine > 0.0))
+        taken = np.bincount(others * COUNT + factors.way, factors.samples.data, cosine.size).reshape(cosine.shape)
+        left = 1.0 - taken[sample, way] / cosine[sample, way]
+        some = left > 0.0
+        parts.append((sample[some], way[some], -node[sample, way][some] - 1, left[some]))
+    if body.own.lost is not None:
+        sample, way, hit = body.transfer.own
+        parts.append((sample, way, body.transfer.coarse.of[hit] + begin + 1, np.ones(len(hit))))
+    sample, way, target, part = (np.concatenate(column) for column in zip(*parts, strict=True))
+    order = np.argsort(sample, kind="stable")
+    first = np.searchsorted(sample[order], np.arange(len(cosine) + 1))
+    return Met(first, way[order].astype(np.int32), target[order].astype(np.int32), part[order].astype(np.float32))
