@@ -67,12 +67,8 @@ def track(
         raise ParameterError("--fps, --scale - are for --from alone - leave them out")
     if depth_offset is not None and depth_log is None:
         raise ParameterError("--depth-offset - is of no use without --depth-log - give both")
-    measure = Measure(
-        height_m=height,
-        length=None if length is None else parse_length(length),
-        depth_log=depth_log,
-        depth_offset_s=depth_offset,
-    )
+    apart = None if length is None else parse_length(length)
+    measure = Measure(height, apart, depth_log, depth_offset)
     track_files(out, [video, *(file for file in (mask, depth_log) if file is not None)], overwrite=overwrite)
     check_work_folder(_work_of(out))
     _solve(video, out, measure, mask, eye, mask_only=mask_only, overwrite=overwrite)

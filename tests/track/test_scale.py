@@ -51,7 +51,7 @@ def test_a_length_between_two_pixels_tells_the_scale() -> None:
     np.testing.assert_allclose(looks[0], unit(np.array([0.0, 0.0, -1.0])), atol=1e-12)
     points = np.repeat(looks * [[2.0], [2.0 * np.sqrt(0.5)]], 3, axis=0)
     # the corners of a right triangle 2 and sqrt(2) from the camera, 45 degrees apart: sqrt(2) apart
-    assert scale_from_length(points, np.zeros(3), looks, given.metres) == pytest.approx(3.0 / np.sqrt(2.0))
+    assert scale_from_length(points, np.zeros(3), looks, given[2]) == pytest.approx(3.0 / np.sqrt(2.0))
     world = world_of(
         np.zeros((4, 3)), np.repeat(np.eye(3)[None], 4, axis=0), points, None,
         measure=Measure(length=given, frame_width=1024),
