@@ -51,7 +51,8 @@ class ShadowMaps:
         self.frame: Array = np.array([basis(d) for d in directions])
         spheres = zip(bodies.occluders, bodies.centre, bodies.radius, strict=True)
         keep = 4 * len(bodies.radius)
-        self.top = np.array([_tops(body, *sphere, self.frame, size, cache, keep) for body, *sphere in spheres])
+        top = [_tops(body, centre, radius, self.frame, size, cache, keep) for body, centre, radius in spheres]
+        self.top = np.array(top)
         cosine = min(float(np.min(directions @ axis)), 1.0)
         self.spread = math.sqrt(1.0 - cosine * cosine) / cosine
 

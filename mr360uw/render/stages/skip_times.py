@@ -70,10 +70,12 @@ class StageGraph(Cache):
             self._within[-1] += took
         run = self.runs.setdefault(name, StageRun())
         run.asked += 1
-        run.ran += self.made.total() > before
+        ran = self.made.total() > before
+        run.ran += ran
         run.seconds += own
-        makers = (self._makers.get(id(part)) for part in _parts(inputs, _DEPTH))
-        run.inputs |= {maker[0] for maker in makers if maker is not None} - {name}
+        if ran:  # a result that is there has noted its inputs
+            makers = (self._makers.get(id(part)) for part in _parts(inputs, _DEPTH))
+            run.inputs |= {maker[0] for maker in makers if maker is not None} - {name}
         for part in (result, *(result if isinstance(result, tuple) else ())):
             self._makers.setdefault(id(part), (name, part))  # holds the part, so that its number is not given again
         return result
