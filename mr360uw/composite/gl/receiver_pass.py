@@ -20,7 +20,15 @@ from mr360uw.composite.gl.light_textures import LightTextures
 from mr360uw.composite.gl.targets import Targets
 from mr360uw.composite.lighting.lamps import lamps_of
 from mr360uw.composite.lighting.sun import sun_of, widest_half_angle
-from mr360uw.composite.receiver.block_light import changed_blocks, enlarged, free_corners, free_images, set_plate_light
+from mr360uw.composite.receiver.block_light import (
+    SMOOTH,
+    changed_blocks,
+    enlarged,
+    free_corners,
+    free_images,
+    missed_between,
+    set_plate_light,
+)
 from mr360uw.composite.receiver.ground import BLOCK, Ground, Indices
 from mr360uw.composite.receiver.receiver_kernel import SEEN, BlockLight, Gathered, gather_images, lay_receiver
 from mr360uw.composite.receiver.shape import (
@@ -145,13 +153,15 @@ class ReceiverPass:
             if not np.any(which):
                 continue
             wanted = frozenset(asked) & {"ROUGH", "LAMPS", *of_sun}
-            where = ground, gaps, (j[which], i[which]), halo[which], wanted, side
+            blocks = j[which], i[which]
             if wanted == {"SHADOW"}:
-                falls, *own = self._cache.of(self._pixels, PartOf(shot, changes.of_sight), *where, keep=2)
+                of_sight = PartOf(shot, changes.of_sight)
+                falls = self._cache.of(self._shadow, of_sight, ground, gaps, blocks, halo[which], side, keep=2)
+                own: list[NDArray[np.float32]] = []
             else:
-                falls, *own = self._pixels(PartOf(shot), *where)
+                falls, *own = self._pixels(shot, ground, gaps, blocks, halo[which], wanted, side)
             if "SHADOW" in wanted:
-                seen.append((which, falls[..., -1:] if side == BLOCK else np.clip(enlarged(falls), 0.0, 1.0)))
+                seen.append((which, falls[..., -1:]))
             if "CAUSTICS" in wanted:
                 waves.append((which, falls[..., :3]))
             if own:
@@ -161,9 +171,33 @@ class ReceiverPass:
         own_pixels = (gather_images(len(j), k, of) for k, of in ((1, seen), (3, waves), (7, shape), (3, added)))
         return BlockLight(j, i, corner, free, *own_pixels)
 
-    def _pixels(
+    def _shadow(
         self,
         alike: PartOf[Shot],
+        ground: Ground,
+        gaps: Gaps,
+        blocks: tuple[Indices, Indices],
+        halo: NDArray[np.float32],
+        side: int,
+    ) -> NDArray[np.float32]:
+        """Return the sun's visible fraction (n, B, B, 1) on blocks: at every second pixel, with straight lines between.
+
+        side: samples along a block; with `BLOCK` of them, blocks that the lines miss are drawn at every pixel.
+        """
+        wanted = frozenset({"SHADOW"})
+        few = self._pixels(alike.whole, ground, gaps, blocks, halo, wanted, BLOCK // 2)[0][..., -1:]
+        seen = np.clip(enlarged(few), 0.0, 1.0)
+        if side == BLOCK:
+            (j, i), sharp = blocks, missed_between(few) > SMOOTH
+            sharp[ground.gaps_in(gaps, j, i)[1]] = True
+            if np.any(sharp):
+                rest = (j[sharp], i[sharp]), halo[sharp]
+                seen[sharp] = self._pixels(alike.whole, ground, gaps, *rest, wanted, BLOCK)[0][..., -1:]
+        return seen
+
+    def _pixels(
+        self,
+        shot: Shot,
         ground: Ground,
         gaps: Gaps,
         blocks: tuple[Indices, Indices],
@@ -172,7 +206,7 @@ class ReceiverPass:
         side: int,
     ) -> list[NDArray[np.float32]]:
         """Return `GroundShader.pixels`, with the light in the gaps of pixels where those are drawn one by one."""
-        shot, (j, i) = alike.whole, blocks
+        j, i = blocks
         images = self._shader.pixels(shot, ground, j, i, halo, wanted, side)
         some, block = ground.gaps_in(gaps, j, i)
         if len(block) and side == BLOCK:

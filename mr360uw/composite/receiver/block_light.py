@@ -117,7 +117,7 @@ def free_images(
         of = j[uneven], i[uneven]
         quarters = _free(shot, light, _quarter_places(shot, ground, *of), cache)
         free = np.maximum(enlarged(quarters), 0.0)  # past the outer samples lines go on
-        sharp = crossed[of] | (_missed_between(quarters) > SMOOTH)
+        sharp = crossed[of] | (missed_between(quarters) > SMOOTH)
         if np.any(sharp):
             free[sharp] = _free(shot, light, _pixel_places(shot, ground, of[0][sharp], of[1][sharp]), cache)
         parts.append((uneven, free))
@@ -164,7 +164,7 @@ def _quarter_places(shot: Shot, ground: Ground, j: Indices, i: Indices) -> tuple
     return ground.meet(shot, *np.broadcast_arrays(x, np.minimum(y, shot.view.height)))
 
 
-def _missed_between(images: NDArray[np.float32]) -> NDArray[np.float32]:
+def missed_between(images: NDArray[np.float32]) -> NDArray[np.float32]:
     """Return the largest error (n,) of straight lines between samples (n, s, s, k), and a quarter step past the outer
     ones, as second differences tell it.
     """
