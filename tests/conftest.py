@@ -71,7 +71,15 @@ def dive(tmp_path_factory: pytest.TempPathFactory):
 
     made = sample_dive(tmp_path_factory.mktemp("dive"), DiveSettings(detail_slope=0.05), width=256, frames=8)
     text = made.scene.read_text("utf-8")
-    coarse = {"ambient_occlusion": "false", "samples": 5, "sun_samples": 2, "size": 64, "grid": 32, "planes": 2}
+    coarse = {
+        "ambient_occlusion": "false",
+        "samples": 5,
+        "sun_samples": 2,
+        "size": 64,
+        "grid": 32,
+        "planes": 2,
+        "bands": 8,
+    }
     for key, value in coarse.items():
         text = re.sub(rf"^# {key} = [^ ]+", f"{key} = {value}", text, count=1, flags=re.MULTILINE)
     made.scene.write_text(text, "utf-8")

@@ -126,7 +126,7 @@ def test_the_renderers_agree(tables: dict, whale: Path, tmp_path: Path) -> None:
 
 
 def test_turning_plate_and_scene_rolls_the_result(whale: Path, tmp_path: Path, backend: str) -> None:
-    width, yaw = 720, 137.0
+    width, yaw = 360, 137.0
     shift = round(width * yaw / 360.0)
     objects = [{"mesh": str(whale), "position_m": [0.4, -0.3, -2.6], "rotation_deg": [35.0, 0.0, 0.0]}]
     still = {"caustics": {"enabled": False}, "receiver": {"height_m": -1.5}}  # waves have a direction of their own
@@ -220,7 +220,7 @@ def test_a_track_is_smooth_editable_and_used(dive: SampleDive, tmp_path: Path) -
 
 def test_a_camera_that_turns_sees_the_same_world(whale: Path, tmp_path: Path, backend: str) -> None:
     """A camera turned to the left sees the same as a plate rolled to the right, waves and shadows included."""
-    width, yaw = 720, 137.0
+    width, yaw = 360, 137.0
     shift = round(width * yaw / 360.0)
     c, s = np.cos(np.radians(yaw / 2)), np.sin(np.radians(yaw / 2))
     (tmp_path / "track.csv").write_text(f"time_s,x,y,z,qx,qy,qz,qw\n0,0,0,0,0,{s},0,{c}\n")

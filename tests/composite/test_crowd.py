@@ -65,10 +65,10 @@ def seen_past(bodies: Bodies, rays: Floats, edge: Floats) -> Floats:
     """Return the visible fraction of the halo in segments of rays from the world's origin."""
     shadows = shadows_of(BeamPattern(SUN, bodies, None, 5.0, 4, 0.1), Cache())
     assert shadows is not None
-    of, maps, seen = shadows.outlines, shadows.halo, np.empty((len(rays), edge.shape[1] - 1))
+    maps, seen = shadows.halo, np.empty((len(rays), edge.shape[1] - 1))
     visible_parts(
-        np.zeros(3), rays, edge[:, :-1], edge[:, 1:], of.centre, of.radius, of.frame, of.apart, maps.frame, maps.top,
-        maps.spread, HALO_TAPS, seen,
+        np.zeros(3), rays, edge[:, :-1], edge[:, 1:], bodies.centre, bodies.radius, shadows.frame, shadows.apart,
+        maps.frame, maps.top, maps.spread, HALO_TAPS, seen,
     )  # fmt: skip
     return seen
 

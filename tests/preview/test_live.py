@@ -23,7 +23,14 @@ from mr360uw.scene.inputs import open_plate
 from mr360uw.scene.model import Scene, load_scene
 from mr360uw.video import VideoFrame
 
-FEW = ("light.sun=given", "draw.samples=1", "draw.sun_samples=2", "caustics.size=32", "caustics.grid=32")
+FEW = (
+    "light.sun=given",
+    "draw.samples=1",
+    "draw.sun_samples=2",
+    "caustics.size=32",
+    "caustics.grid=32",
+    "water.bands=8",
+)
 """Settings that make a frame cheap, and a sun that every frame has."""
 
 

@@ -151,11 +151,11 @@ def ratios(scene: Scene, backend: str, count: int) -> list[Floats]:
 
 def test_a_floor_that_rises_takes_the_shadow_with_it(tmp_path: Path, whale: Path, backend: str) -> None:
     """Frame by frame as the plane receiver at that height."""
-    heights = [-2.0, -1.7, -1.4]
+    heights = [-2.0, -1.4]
     for k, height in enumerate(heights):
         write_exr(tmp_path / f"floor_{k}.exr", {"": {"Z": floor(height, (512, 256)).astype(np.float32)}})
     table = {"kind": "distance", "path": str(tmp_path / "floor_%d.exr"), "extent_m": 8.0}
-    got = ratios(scene_of(tmp_path, whale, table), backend, 3)
+    got = ratios(scene_of(tmp_path, whale, table), backend, 2)
     for k, height in enumerate(heights):
         expected = ratios(scene_of(tmp_path, whale, {"height_m": height, "extent_m": 8.0}), backend, 1)[0]
         assert expected.min() < 0.8
@@ -164,7 +164,7 @@ def test_a_floor_that_rises_takes_the_shadow_with_it(tmp_path: Path, whale: Path
         between = 0.0 if backend == "reference" else tol.BETWEEN_SWEEPS
         assert off.max() <= tol.MAP_RATIO + between
         assert np.mean(off <= tol.MAP_RATIO + 0.25 * between) >= tol.AGREEMENT_FRACTION
-    assert np.abs(got[0] - got[2]).max() > 0.1
+    assert np.abs(got[0] - got[1]).max() > 0.1
 
 
 def test_a_map_that_ends_early_is_said_before_anything_is_written(tmp_path: Path, whale: Path) -> None:

@@ -7,6 +7,7 @@ from mr360uw.sample import SampleDive, sample_dive
 
 COARSE = {
     "draw": "samples = 1\nsun_samples = 1\nambient_occlusion = false\n",
+    "water": "bands = 8\n",
     "receiver": "occlusion = false\n",
     "caustics": "size = 64\ngrid = 32\nplanes = 2\n",
 }

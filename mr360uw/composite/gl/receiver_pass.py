@@ -182,9 +182,13 @@ class ReceiverPass:
     ) -> NDArray[np.float32]:
         """Return the sun's visible fraction (n, B, B, 1) on blocks: at every second pixel, with straight lines between.
 
-        side: samples along a block; with `BLOCK` of them, blocks that the lines miss are drawn at every pixel.
+        side: samples along a block; with `BLOCK` of them, blocks that the lines miss are drawn at every pixel, and so is
+        all that is no level plane: other shapes are given at pixels only.
         """
-        wanted = frozenset({"SHADOW"})
+        wanted, receiver = frozenset({"SHADOW"}), alike.whole.receiver
+        assert receiver is not None
+        if receiver.plane_y is None:
+            return self._pixels(alike.whole, ground, gaps, blocks, halo, wanted, BLOCK)[0][..., -1:]
         few = self._pixels(alike.whole, ground, gaps, blocks, halo, wanted, BLOCK // 2)[0][..., -1:]
         seen = np.clip(enlarged(few), 0.0, 1.0)
         if side == BLOCK:
