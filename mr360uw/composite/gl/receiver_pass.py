@@ -182,7 +182,7 @@ class ReceiverPass:
     ) -> NDArray[np.float32]:
         """Return the sun's visible fraction (n, B, B, 1) on blocks: at every second pixel, with straight lines between.
 
-        side: samples along a block; with `BLOCK` of them, blocks that the lines miss are drawn at every pixel, and so is
+        side: samples along a block; with `BLOCK` of them, blocks that the lines miss are drawn at every pixel. So is
         all that is no level plane: other shapes are given at pixels only.
         """
         wanted, receiver = frozenset({"SHADOW"}), alike.whole.receiver
