@@ -67,7 +67,7 @@ def write_clip(folder: Path, exposure: dict[int, float], body: range) -> Path:
 
 def scene_of(folder: Path, **tables: Any) -> Scene:
     plate = {"path": str(folder / "plate_%04d.exr"), "frame_rate": RATE}
-    usual = {"light": {"sun": "none"}, "camera": {"depth_m": DEPTH}, "object": []}
+    usual = {"light": {"sun": "none"}, "camera": {"depth_m": DEPTH}, "object": [], "water": {"bands": 61}}
     return scene_with(folder, None, **(usual | tables), plate=plate)
 
 

@@ -13,13 +13,13 @@ from mr360uw.errors import SceneError
 from mr360uw.render.loaded import load
 from mr360uw.scene.model import Scene, load_scene, scene_from_dict
 from mr360uw.scene.quality import QUALITIES, with_quality
-from tests.scenes import scene_with
 
 TABLES = ("water", "caustics", "shafts", "draw")
 
 
 def scene_of(folder: Path, **tables: Any) -> Scene:
-    return scene_with(folder, None, **tables)
+    (folder / "plate.png").touch()
+    return scene_from_dict({"plate": "plate.png"} | tables, folder)
 
 
 def values(scene: Scene) -> dict[str, dict[str, Any]]:
@@ -96,5 +96,6 @@ def test_the_docs_have_the_values() -> None:
 
 
 def test_the_plan_names_the_quality(tmp_path: Path, whale: Path) -> None:
-    scene = scene_with(tmp_path, whale, draw={"quality": "draft"}, water={"type": "none"})
+    objects = [{"mesh": str(whale), "position_m": [0.3, -0.4, -3.0], "rotation_deg": [-60.0, 5.0, 0.0]}]
+    scene = scene_of(tmp_path, object=objects, draw={"quality": "draft"}, water={"type": "none"})
     assert "draft quality, 13 samples a pixel" in load(scene, 64, 32).plan.layer.why
