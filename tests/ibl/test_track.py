@@ -14,7 +14,7 @@ import mr360uw.ibl as ibl
 from mr360uw.errors import ParameterError
 from mr360uw.ibl.level.tilt import keyed_level, level_from_gpmf, level_matrix, roll_pitch, streams
 from mr360uw.ibl.report import ReportFrame, light_report
-from mr360uw.ibl.sun.solar import parse_time, sun_angles
+from mr360uw.ibl.sun.solar import parse_time, refraction, sun_angles
 from mr360uw.ibl.sun.steady import smooth
 from mr360uw.sphere import direction_from_angles, directions, unit
 from mr360uw.types import Sun
@@ -162,6 +162,12 @@ def test_gravity_of_a_gopro() -> None:
         streams(data[:200], "GRAV")
     with pytest.raises(ParameterError, match="no gravity"):
         level_from_gpmf(b"", 30.0)
+
+
+@pytest.mark.parametrize(("elevation_deg", "minutes"), [(0.0, 28.98), (10.0, 5.41), (45.0, 1.01)])
+def test_air_lifts_a_low_sun(elevation_deg: float, minutes: float) -> None:
+    """Minutes of arc by the formula of Saemundsson (1986), reckoned apart."""
+    assert np.degrees(refraction(np.radians(elevation_deg))) * 60.0 == pytest.approx(minutes, abs=0.02)
 
 
 def test_solar_position_of_the_published_example() -> None:
