@@ -36,7 +36,7 @@ FAULTS: tuple[tuple[str, str, str, str], ...] = (
     ("color.py", "a <= 0.04045 / 12.92", "a <= 0.04045", "test_color.py"),
     ("medium/closed_form.py", "q = (c - k * mu) * s", "q = (c + k * mu) * s", ""),
     ("medium/models.py", "return kd * (1.0 - reflectance) / a", "return kd * (1.0 + reflectance) / a",
-     "medium/test_medium.py"),
+     "medium/test_closed_form.py"),
     ("medium/models.py", "share = window_share(ray[-1]", "share = window_share(-ray[-1]", ""),
     ("medium/phase.py", "2.0 * g * (1.0 - cos_theta)", "2.0 * g * (1.0 + cos_theta)", ""),
     ("medium/phase.py", "3.0 * (1.0 - 2.0 * s2) ** 2 - 1.0", "3.0 * (1.0 - 2.0 * s2) ** 2 + 1.0", ""),

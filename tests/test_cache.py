@@ -95,6 +95,7 @@ def test_what_counts_of_an_input() -> None:
     assert cache.of(placed, Place(np.arange(3.0), "a"), large.copy()) is not result
     by_value = cache.of(placed, Place(np.arange(3.0), "a"), by_content(large))
     assert cache.of(placed, Place(np.arange(3.0), "a"), by_content(large.copy())) is by_value
+    assert cache.of(placed, Place(np.arange(3.0), "a"), by_content(large + 1.0)) is not by_value
     part = PartOf(Place(np.arange(3.0), "a"), "a")
     of_part = cache.of(placed, Place(np.zeros(1), "c"), part)
     assert cache.of(placed, Place(np.zeros(1), "c"), PartOf(Place(np.zeros(3), "other"), "a")) is of_part

@@ -10,7 +10,8 @@ from mr360uw.errors import ParameterError
 from mr360uw.medium import Water, multiple_scattering
 from mr360uw.medium.closed_form import closed_form, path_integral, ray_in_water
 from mr360uw.medium.mode_kernel import sum_modes
-from tests.medium.tolerances import FLOAT64, SERIES
+from mr360uw.medium.models import gershun_factor
+from tests.medium.tolerances import DEEP_REFLECTANCE, FLOAT64, SERIES
 from tests.reference import reference_rows
 
 
@@ -90,3 +91,15 @@ def test_public_call() -> None:
     for bad in ((-1.0, 5.0, 0.0), (1.0, -5.0, 0.0), (1.0, 5.0, 1.5), (1.0, np.inf, 0.0), (np.nan, 5.0, 0.0)):
         with pytest.raises(ParameterError, match=" - "):
             multiple_scattering(water, w, *bad)
+
+
+@pytest.mark.parametrize("omega", [0.3, 0.6, 0.9, 0.98])
+def test_light_deep_down_has_the_reflectance_of_a_deep_medium(omega: float) -> None:
+    """1 - R of isotropic scattering is 2 sqrt(1 - w) times the first moment of Chandrasekhar's H (1960, sec. 38)."""
+    x, weight = np.polynomial.legendre.leggauss(64)
+    mu, weight = 0.5 * (x + 1.0), 0.5 * weight
+    h = np.ones(64)
+    for _ in range(400):  # 1/H = sqrt(1 - w) + w/2 int mu' H(mu')/(mu + mu') dmu'
+        h = 1.0 / (np.sqrt(1.0 - omega) + 0.5 * omega * np.sum(weight * mu * h / (mu[:, None] + mu), axis=1))
+    kept = 2.0 * np.sqrt(1.0 - omega) * np.sum(weight * mu * h)
+    assert gershun_factor(1.0 - omega, omega, 1.0, 0.0) * (1.0 - omega) == pytest.approx(kept, abs=DEEP_REFLECTANCE)

@@ -111,3 +111,5 @@ OPEN_WATER_CODES = 1.5
 FILLED = 0.02
 """A harmonic function over the sphere, of range 3, found again from two of its rings: finite differences of 1.4
 degrees, and values that are known are smoothed over half a pixel."""
+DEEP_REFLECTANCE = 0.003
+"""Van de Hulst's (1980) closed form of the reflectance of a deep medium: within 0.0021 of that of the H functions."""
