@@ -17,7 +17,7 @@ from mr360uw.render.backends import make_backend
 from mr360uw.render.first_pass import ClipAnalysis
 from mr360uw.render.frame import composite_frame
 from mr360uw.render.loaded import Loaded, load
-from mr360uw.render.stages.skip_times import StageGraph
+from mr360uw.render.stages.stage_costs import StageGraph
 from mr360uw.video import VideoFrame
 from tests.scenes import gradient_plate, scene_with
 

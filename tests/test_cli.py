@@ -112,9 +112,9 @@ def test_an_analysis_of_a_plate_in_air_knows_no_water(tmp_path: Path, run: Run) 
 
 
 def test_explain_measures_what_skips_save(scene: Path, run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
-    from mr360uw.render.stages import skip_times
+    from mr360uw.render.stages import stage_costs
 
-    monkeypatch.setattr(skip_times, "_RUNS", 1)
+    monkeypatch.setattr(stage_costs, "_RUNS", 1)
     dry = ("--set", 'water.type="none"', "--set", "plate.scale=0.25", "--backend", "reference")
     code, out, _ = run("composite", scene, "out.mp4", "--explain", "--measure", *dry)
     assert code == 0

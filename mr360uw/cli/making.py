@@ -136,7 +136,6 @@ def sample(
     overwrite: OverwriteOption = False,
 ) -> None:
     """Make a synthetic 360 dive: plate with sound, whale, truth, and a scene file that puts one into the other."""
-    from mr360uw.errors import ParameterError
     from mr360uw.progress import terminal_progress
     from mr360uw.sample import DiveSettings, check_recording, sample_dive
     from mr360uw.scene.toml_model import override

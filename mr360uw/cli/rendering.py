@@ -63,7 +63,7 @@ def composite(
     if explain:
         typer.echo(explain_plan(loaded, backend))
         if measure:
-            from mr360uw.render.stages.skip_times import explain_skips
+            from mr360uw.render.stages.stage_costs import explain_skips
 
             typer.echo(explain_skips(loaded, backend))
         return

@@ -31,11 +31,9 @@ _NEAR, _NEAREST = 0.02, 0.03
 """The same of a body that is near, in part and wholly: rays from each coarse sample then find it."""
 _LARGE, _LARGEST = 4.0, 3.0
 """Distances of a body from the middle of another over that one's radius, nearer than which it is seen in other
-directions from all places and so is near, too, in part and wholly, if it hides the following."""
+directions from all places and so is near, too, in part and wholly."""
 _UNNOTICED, _NOTICED = 0.004, 0.008
-_OVER_MEAN, _FEW = 2.0, 8
-"""A cone holds at most so many times the mean number of directions in its solid angle, and so many more: room for them.
-The most that was found is 1.4 times as many."""
+"""The squared sine, as above, from which on it is so at those distances, in part and wholly: smaller ones stay far."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -92,8 +90,8 @@ def far_bodies(bodies: Sequence[Body], share: Floats) -> FarBodies:
     back = -np.einsum("pk,pkj->pj", to, rotation[other])
     solid_angle = share[lit, other] * np.sum(back**2 * area[other], axis=-1) / apart**2
     wide = np.maximum(np.arcsin(np.minimum(radius[other] / apart, 1.0)), _SPREAD_RAD)
-    most = int(np.sum(_OVER_MEAN * (1.0 - np.cos(wide)) * COUNT / 2.0 + _FEW))
-    begin, direction = np.zeros(len(lit) + 1, np.int64), np.empty(most, np.int16)
+    # room for all directions of each pair: memory that is not written to is not taken
+    begin, direction = np.zeros(len(lit) + 1, np.int64), np.empty(len(lit) * COUNT, np.int16)
     weight, cover = np.empty(len(direction), np.float32), np.zeros((len(bodies), COUNT), np.float32)
     towards = np.einsum("pk,pkj->pj", to, rotation[lit])
     _spread(lit, towards, np.cos(wide), solid_angle / SOLID_ANGLE, directions(), begin, direction, weight, cover)

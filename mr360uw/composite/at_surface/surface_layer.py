@@ -106,9 +106,9 @@ def cut_at_surface(
 def _picture(
     sides: WaterSides, layer: Layer, presence: Floats, near: tuple[PlacedObject, ...], cache: Cache
 ) -> BodiesInSurface | None:
-    reach = find_reach(sides, near)
+    mirrors, refracts = find_reach(sides, near)
     kept, cut = _before_surface(sides, layer)
-    where = reach[0] | reach[1] | cut
+    where = mirrors | refracts | cut
     if not np.any(where):
         return None if np.all(kept == 1.0) else BodiesInSurface(*blank_picture(layer), kept)
     rows, columns, seen = see_surface(sides, where)
