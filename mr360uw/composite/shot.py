@@ -69,11 +69,12 @@ class Receiver:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LightSample:
-    """Light and water at a sample in time, for which the ambient light of bodies is solved.
+    """Bodies, light and water at a sample in time, for which the ambient light of bodies is solved.
 
     environment: in world axes. lights: its sun, if any. position: (3,) [m] of the camera in the world.
     """
 
+    objects: tuple[PlacedObject, ...]
     environment: Environment
     lights: tuple[Light, ...]
     medium: MediumTable | None
@@ -96,8 +97,8 @@ class Shot(Parts):
     environment: ambient light, in world axes. lights: sun (at most one) and lamps, in world axes. medium: None without
     water. caustics: of the sun. holdout: (H, W) in [0, 1], the fraction of the plate in front of the objects.
     holdout_distance_m: (H, W) [m]; objects beyond it are hidden. pattern: the plate's own caustics on the
-    receiver, which shadows remove; None leaves them. between: the light of two samples in time about this instant,
-    between which the solved ambient light of bodies that stand still is interpolated; None solves it for this instant.
+    receiver, which shadows remove; None leaves them. between: two samples in time about this instant, between
+    which the solved ambient light of bodies is interpolated where they move little; None solves it for this instant.
     """
 
     view: View

@@ -12,7 +12,7 @@ import scipy.sparse
 
 from mr360uw.cache import Cache
 from mr360uw.composite.ambient.lattice_kernel import product
-from mr360uw.composite.ambient.light import ambient_light
+from mr360uw.composite.ambient.light import ambient_light, free_of_bodies
 from mr360uw.composite.ambient.mesh_transfer import make_transfer
 from mr360uw.composite.mesh.material import Material
 from mr360uw.composite.shot import BetweenSamples, LightSample, PlacedObject, Receiver, Shot
@@ -99,7 +99,10 @@ def test_a_used_cache_gives_what_a_fresh_one_gives() -> None:
 
 def test_light_solved_at_samples_in_time_is_interpolated() -> None:
     scene, cache = reef((0.0, 0.0, 0.0)), Cache()
-    samples = [LightSample(environment(level), scene.lights, scene.medium, scene.view.position) for level in (0.4, 0.6)]
+    samples = [
+        LightSample(scene.objects, environment(level), scene.lights, scene.medium, scene.view.position)
+        for level in (0.4, 0.6)
+    ]
     first, last = (ambient_light(replace(scene, environment=sample.environment), Cache()) for sample in samples)
     assert first is not None
     assert last is not None
@@ -109,6 +112,40 @@ def test_light_solved_at_samples_in_time_is_interpolated() -> None:
         parts = [(*one.values, *one.sent, one.table, one.ambient) for one in (light, first, last)]
         for found, a, b in zip(*parts, strict=True):
             np.testing.assert_allclose(found, (1.0 - share) * a + share * b, rtol=FLOAT32, atol=FLOAT32)
+
+
+def between_samples(share: float, swim_m: float, turn_deg: float) -> tuple[Shot, Shot]:
+    """Return the shot at a share of the way between two samples, and the same without samples."""
+    places = [reef((0.0, 0.0, 0.0), at * turn_deg, at * swim_m) for at in (0.0, 1.0, share)]
+    samples = [LightSample(at.objects, at.environment, at.lights, at.medium, at.view.position) for at in places[:2]]
+    return replace(places[2], between=BetweenSamples(samples[0], samples[1], share)), places[2]
+
+
+def test_light_of_bodies_that_move_slowly_is_interpolated_between_samples() -> None:
+    cache = Cache()
+    for share in (0.3, 0.6):
+        between, alone = between_samples(share, 0.02, 5.0)
+        found, want = ambient_light(between, cache), ambient_light(alone, Cache())
+        assert found is not None
+        assert want is not None
+        pairs = list(zip(found.values, want.values, strict=True))
+        assert any(np.any(a != b) for a, b in pairs)
+        for a, b in pairs:
+            assert np.sqrt(np.mean((a - b) ** 2)) < tol.INTERPOLATED_MOTION
+        below = np.array([[0.1, -1.0, -2.0], [-0.6, -1.0, -2.1]])
+        up = np.tile([0.0, 1.0, 0.0], (2, 1))
+        pair = [free_of_bodies(alone, light, below, up, Cache()) for light in (found, want)]
+        np.testing.assert_allclose(pair[0], pair[1], atol=tol.INTERPOLATED_MOTION)
+
+
+@pytest.mark.parametrize(("swim_m", "turn_deg"), [(0.3, 0.0), (0.0, 20.0)])
+def test_light_of_fast_bodies_is_solved_in_every_frame(swim_m: float, turn_deg: float) -> None:
+    between, alone = between_samples(0.5, swim_m, turn_deg)
+    found, want = ambient_light(between, Cache()), ambient_light(alone, Cache())
+    assert found is not None
+    assert want is not None
+    for a, b in zip(found.values, want.values, strict=True):
+        np.testing.assert_array_equal(a, b)
 
 
 def test_objects_that_shade_nothing_have_no_part_in_ambient_light() -> None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How placed bodies and the ground see each other: a function of where they are alone.
+"""Where bodies are over the ground, and how all of these see each other: functions of where they are alone.
 
 What a body sees of another is kept under their relative pose, and what it sees of the ground under its own turn and
 height: where one body moves, what the others see of each other is kept.
@@ -62,37 +62,20 @@ _KEPT = 64
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Layout:
-    """Bodies of a shot and what each sees.
+    """Bodies of a shot where they are, and what the ground sees of them.
 
-    views: of near bodies and the ground, far: of the others. first: (B + 1,) where the coarse samples of each body
-    begin among all. samples: (all, all) sparse, the irradiance that each coarse sample's radiance adds to each. nodes:
-    places (n, 3) of each body's nodes in the world, none where it does not see the ground. occluders: bodies that the
-    ground sees. coarse, blocked: coarse nodes (n, 3) of all bodies in turn, and what bodies block there.
+    nodes: places (n, 3) of each body's nodes in the world, none where it does not see the ground. occluders: bodies
+    that the ground sees.
     """
 
     bodies: tuple[Body, ...]
-    views: tuple[BodyView, ...]
-    far: FarBodies
-    first: NDArray[np.int64]
-    samples: Any
     nodes: tuple[Floats, ...]
     occluders: Occluders
-    coarse: Floats
-    blocked: BlockedLight
 
     @property
     def ground_bodies(self) -> tuple[int, ...]:
         """Numbers of the bodies that the ground sees."""
         return tuple(k for k, body in enumerate(self.bodies) if body.field is not None)
-
-    def untouched(self, number: int) -> bool:
-        """Return whether nothing is in the way of a body's light."""
-        return not self.far.around(number) and self.views[number].nothing(self.bodies[number])
-
-    @property
-    def nothing(self) -> bool:
-        """Whether nothing is in the way of any light."""
-        return not self.ground_bodies and all(self.untouched(k) for k in range(len(self.bodies)))
 
     def occluders_from(self, point: Floats) -> Occluders:
         """Return the bodies that the ground sees with their places from a point (3,): the same where all move along."""
@@ -125,23 +108,6 @@ class Layout:
             between_nodes(np.clip(place, 0.0, NODES - 1.0), np.ascontiguousarray(values, np.float64), out)
         return out
 
-    def sent_down(self, sent: NDArray[np.float32]) -> tuple[NDArray[np.float32], ...]:
-        """Return for each body that the ground sees the mean radiance (NODES, NODES, 3) of what its nodes see of it.
-
-        sent: (all coarse samples, 3) radiance that they send.
-        """
-        found = []
-        for k in self.ground_bodies:
-            down = self.views[k].down
-            seen = down @ sent[self.first[k] : self.first[k + 1]] if len(down) else np.zeros((NODES**2, 3), np.float32)
-            found.append(np.asarray(seen).reshape(NODES, NODES, 3))
-        return tuple(found)
-
-    def sent_sides(self, sent: NDArray[np.float32]) -> Floats:
-        """Return the mean radiance (B, 6, 3) of the sides of all bodies. sent: (all coarse samples, 3)."""
-        ends = zip(self.bodies, self.first[:-1], self.first[1:], strict=True)
-        return np.array([body.transfer.sides @ sent[begin:end] for body, begin, end in ends])
-
     def shaded(self, points: Sequence[Floats], direction: Floats) -> list[NDArray[np.bool_]]:
         """Return for groups of points (n, 3) of the world whether a body that casts shadows lies from each towards a
         direction (3,).
@@ -167,26 +133,75 @@ class Layout:
         return shaded
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Exchange:
+    """What the bodies of a layout and the ground see of each other.
+
+    views: of near bodies and the ground, far: of the others. first: (B + 1,) where the coarse samples of each body
+    begin among all. samples: (all, all) sparse, the irradiance that each coarse sample's radiance adds to each. coarse,
+    blocked: coarse nodes (n, 3) of all bodies in turn, and what bodies block there.
+    """
+
+    layout: Layout
+    views: tuple[BodyView, ...]
+    far: FarBodies
+    first: NDArray[np.int64]
+    samples: Any
+    coarse: Floats
+    blocked: BlockedLight
+
+    def untouched(self, number: int) -> bool:
+        """Return whether nothing is in the way of a body's light."""
+        return not self.far.around(number) and self.views[number].nothing(self.layout.bodies[number])
+
+    @property
+    def nothing(self) -> bool:
+        """Whether nothing is in the way of any light."""
+        return not self.layout.ground_bodies and all(map(self.untouched, range(len(self.views))))
+
+    def sent_down(self, sent: NDArray[np.float32]) -> tuple[NDArray[np.float32], ...]:
+        """Return for each body that the ground sees the mean radiance (NODES, NODES, 3) of what its nodes see of it.
+
+        sent: (all coarse samples, 3) radiance that they send.
+        """
+        found = []
+        for k in self.layout.ground_bodies:
+            down = self.views[k].down
+            seen = down @ sent[self.first[k] : self.first[k + 1]] if len(down) else np.zeros((NODES**2, 3), np.float32)
+            found.append(np.asarray(seen).reshape(NODES, NODES, 3))
+        return tuple(found)
+
+    def sent_sides(self, sent: NDArray[np.float32]) -> Floats:
+        """Return the mean radiance (B, 6, 3) of the sides of all bodies. sent: (all coarse samples, 3)."""
+        ends = zip(self.layout.bodies, self.first[:-1], self.first[1:], strict=True)
+        return np.array([body.transfer.sides @ sent[begin:end] for body, begin, end in ends])
+
+
 def make_layout(
     objects: Sequence[PlacedObject], ground_y: Sequence[float | None], seen_by_ground: bool, cache: Cache
 ) -> Layout:
     """Return the layout of objects. ground_y: height of the ground below each, or None. cache: keeps what is found."""
-    from scipy.sparse import block_diag, vstack
-
     keep = max(_KEPT, 2 * len(objects))
     bodies = tuple(_body(placed, y, seen_by_ground, cache, keep) for placed, y in zip(objects, ground_y, strict=True))
+    seen = [body for body in bodies if body.field is not None]
+    fields = tuple(body.field for body in seen if body.field is not None)
+    occluders = Occluders(fields, np.array([body.origin for body in seen]).reshape(-1, 3))
+    return Layout(bodies, tuple(_nodes(body, NODES) + body.origin for body in bodies), occluders)
+
+
+def make_exchange(layout: Layout, cache: Cache) -> Exchange:
+    """Return what the bodies of a layout and the ground see of each other. cache: keeps what is found."""
+    from scipy.sparse import block_diag, vstack
+
+    bodies = layout.bodies
     first = np.concatenate([[0], np.cumsum([len(body.transfer.coarse.sample) for body in bodies])]).astype(np.int64)
     near, far = near_shares(bodies)
     views = body_views(bodies, first, near, cache)
     own = block_diag([body.own.samples[body.transfer.coarse.sample] for body in bodies], format="csr")
     samples = vstack([view.coarse.samples for view in views], format="csr") + own
-    nodes, coarse = (tuple(_nodes(body, side) + body.origin for body in bodies) for side in (NODES, COARSE_NODES))
-    places = np.concatenate(coarse)
-    seen = [body for body in bodies if body.field is not None]
-    fields = tuple(body.field for body in seen if body.field is not None)
-    occluders = Occluders(fields, np.array([body.origin for body in seen]).reshape(-1, 3))
-    blocked = occluders.blocked(places, np.tile([0.0, 1.0, 0.0], (len(places), 1)))
-    return Layout(bodies, views, far_bodies(bodies, far), first, samples, nodes, occluders, places, blocked)
+    places = np.concatenate([_nodes(body, COARSE_NODES) + body.origin for body in bodies])
+    blocked = layout.occluders.blocked(places, np.tile([0.0, 1.0, 0.0], (len(places), 1)))
+    return Exchange(layout, views, far_bodies(bodies, far), first, samples, places, blocked)
 
 
 def _nodes(body: Body, side: int) -> Floats:

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from mr360uw.cache import Cache
 from mr360uw.composite.ambient.body import COARSE_NODES, NODES, from_coarse
-from mr360uw.composite.ambient.body_layout import Layout
+from mr360uw.composite.ambient.body_layout import Exchange, Layout
 from mr360uw.composite.ambient.directions import seen_by_camera
 from mr360uw.composite.lighting.sun import sun_of, sun_up
 from mr360uw.composite.shot import Shot
@@ -105,18 +105,18 @@ def _nodes_shaded(layout: Layout, towards: Floats) -> list[NDArray[np.bool_]]:
 
 
 class GroundLight:
-    """Light of one shot at the nodes of the bodies of a layout; what does not depend on what bodies send is found once.
+    """Light of one shot at the nodes of bodies; what does not depend on what bodies send is found once.
 
     table: of the shot's environment (sky_table.py).
     """
 
-    def __init__(self, shot: Shot, layout: Layout, table: Floats, sunlight: Sunlight) -> None:
-        self._layout = layout
+    def __init__(self, shot: Shot, exchange: Exchange, table: Floats, sunlight: Sunlight) -> None:
+        self._exchange, layout = exchange, exchange.layout
         self._numbers = [k for k, node in enumerate(layout.nodes) if len(node)]
         self._empty = np.zeros((0, 3), np.float32)
         if not self._numbers:
             return
-        self._lost, light = layout.blocked.irradiance(table), shot.environment
+        self._lost, light = exchange.blocked.irradiance(table), shot.environment
         map_ = light.residual if light.detail is None else light.detail
         beam, shaded = sunlight.at_nodes()
         whole = np.maximum(environment_lookup(shot.environment.ambient, _UP), 1e-9)
@@ -127,8 +127,9 @@ class GroundLight:
 
     def _taken(self, sent: NDArray[np.float32]) -> Floats:
         """Return 1 - r (all nodes, 3), at most 1. sent: (all coarse samples, 3) radiance that they send."""
-        layout = self._layout
-        lost = self._lost - layout.bounced(layout.blocked, layout.coarse, layout.sent_down(sent))
+        exchange = self._exchange
+        bounced = exchange.layout.bounced(exchange.blocked, exchange.coarse, exchange.sent_down(sent))
+        lost = self._lost - bounced
         at_nodes = (from_coarse() @ lost.reshape(-1, COARSE_NODES**2, 3)).reshape(-1, 3)
         return np.minimum((at_nodes + self._shade) / self._whole, 1.0)
 
@@ -138,12 +139,12 @@ class GroundLight:
         sent: (all coarse samples, 3) radiance that they send; None: as the ground is without bodies.
         """
         if not self._numbers:
-            return [self._empty] * len(self._layout.bodies)
+            return [self._empty] * len(self._exchange.layout.bodies)
         left = 1.0 if sent is None else 1.0 - self._taken(sent)
         return self._of_bodies((self._plain * left).astype(np.float32))
 
     def _of_bodies(self, values: NDArray[np.float32]) -> list[NDArray[np.float32]]:
-        found, step = [self._empty] * len(self._layout.bodies), NODES**2
+        found, step = [self._empty] * len(self._exchange.layout.bodies), NODES**2
         for number, k in enumerate(self._numbers):
             found[k] = values[number * step : (number + 1) * step]
         return found

@@ -21,11 +21,11 @@ from numpy.typing import NDArray
 from mr360uw.cache import Cache
 from mr360uw.composite.ambient.blocked_light import BlockedLight, fraction_left
 from mr360uw.composite.ambient.body import Body
-from mr360uw.composite.ambient.body_layout import Layout
+from mr360uw.composite.ambient.body_layout import Exchange, Layout
 from mr360uw.composite.ambient.directions import blurred, directions
 from mr360uw.composite.ambient.form_factors import FormFactors
 from mr360uw.composite.ambient.ground_light import GroundLight, Sunlight, ground_radiance
-from mr360uw.composite.ambient.lattice_kernel import CHANNELS, FEW_CHANNELS, product
+from mr360uw.composite.ambient.lattice_kernel import CHANNELS, FEW_CHANNELS, UNTOUCHED, product
 from mr360uw.composite.ambient.lobe_occlusion import reflected_among
 from mr360uw.composite.ambient.mesh_transfer import Transfer
 from mr360uw.composite.ambient.sky_table import sky_table
@@ -69,31 +69,41 @@ class AmbientLight:
         return fraction_left(blocked.share.sum(axis=0), lost, environment_lookup(self.ambient, blocked.normal))
 
 
-def interpolated(before: AmbientLight, after: AmbientLight, share: float) -> AmbientLight:
-    """Return the light between two solutions of one layout, interpolated linearly.
+def interpolated(layout: Layout, before: AmbientLight, after: AmbientLight, share: float) -> AmbientLight:
+    """Return the light of a layout between two solutions for the same bodies, interpolated linearly.
 
-    share: 0 at `before`, 1 at `after`. What bodies send to the ground is linear in the environment and in the sun, so
-    that this is exact; the ratios of their own points are, to the second order of what changes between both.
+    share: 0 at `before`, 1 at `after`. What bodies that stand still send to the ground is linear in the environment and
+    in the sun, so that this is exact; the ratios of their own points are, to the second order of what changes between
+    both, which are also the turns and the ways of bodies that move.
     """
 
     def mixed(a: Any, b: Any) -> Any:
         return a + np.asarray(share, a.dtype) * (b - a)
 
     values = tuple(
-        None if a is None or b is None else mixed(a, b) for a, b in zip(before.values, after.values, strict=True)
+        None if a is None and b is None else mixed(*_alike(a, b))
+        for a, b in zip(before.values, after.values, strict=True)
     )
     sent = tuple(mixed(a, b) for a, b in zip(before.sent, after.sent, strict=True))
     table, ambient = mixed(before.table, after.table), mixed(before.ambient, after.ambient)
-    return AmbientLight(before.layout, values, table, sent, ambient)
+    return AmbientLight(layout, values, table, sent, ambient)
+
+
+def _alike(*values: NDArray[np.float32] | None) -> list[NDArray[np.float32]]:
+    """Return the values of a body's points at two times, those of untouched light where nothing is in its way."""
+    shape = next(one.shape for one in values if one is not None)
+    none = np.broadcast_to(np.array(UNTOUCHED[: shape[1]], np.float32), shape)
+    return [none if one is None else one for one in values]
 
 
 class Solver:
-    """Solves the ambient light of one shot; the layout's shadow rays are kept in `cache`."""
+    """Solves the ambient light of one shot; the shadow rays are kept in `cache`."""
 
-    def __init__(self, shot: Shot, layout: Layout, cache: Cache) -> None:
-        self._shot, self._layout, self._cache = shot, layout, cache
-        self._sunlight = Sunlight(shot, layout, cache)
-        map_, bodies = blurred(shot.environment), layout.bodies
+    def __init__(self, shot: Shot, exchange: Exchange, cache: Cache) -> None:
+        self._shot, self._exchange, self._cache = shot, exchange, cache
+        self._bodies = bodies = exchange.layout.bodies
+        self._sunlight = Sunlight(shot, exchange.layout, cache)
+        map_ = blurred(shot.environment)
         towards = np.array([directions() @ body.rotation.T for body in bodies])
         self._radiance = np.asarray(environment_lookup(map_, towards), np.float32)
         around = [self._at_body(*of) for of in zip(bodies, towards, self._radiance, strict=True)]
@@ -121,21 +131,21 @@ class Solver:
 
     def solve(self) -> AmbientLight:
         """Return the light after the last step; what the ground and far bodies send is found from the first two."""
-        layout, open_ = self._layout, self._open
-        bodies, views = layout.bodies, layout.views
+        exchange, open_ = self._exchange, self._open
+        bodies, views = self._bodies, exchange.views
         irradiance = np.concatenate(_products([body.own.plain for body in bodies], open_)) * self._first_guess()
         sent = self._sent(irradiance)
-        ground = GroundLight(self._shot, layout, self._table, self._sunlight)
-        steps = BOUNCES if layout.samples.nnz or any(body.on_ground for body in bodies) or len(layout.far.lit) else 0
+        ground = GroundLight(self._shot, exchange, self._table, self._sunlight)
+        steps = BOUNCES if exchange.samples.nnz or any(b.on_ground for b in bodies) or len(exchange.far.lit) else 0
         for step in range(steps):
             if step < 2:
                 self._around = self._with_far(open_, sent)
                 nodes = ground.radiance(sent if step else None)
                 direct = np.concatenate(_products([body.own.direct for body in bodies], self._around))
-                for view, around, of, k in zip(views, self._around, nodes, layout.first.tolist(), strict=False):
+                for view, around, of, k in zip(views, self._around, nodes, exchange.first.tolist(), strict=False):
                     if not view.coarse.nothing:
                         direct[k : k + len(view.coarse.lost)] += view.coarse.ground @ of - view.coarse.lost @ around
-            before, irradiance = irradiance, direct + product(layout.samples, sent)
+            before, irradiance = irradiance, direct + product(exchange.samples, sent)
             sent = self._sent(irradiance)
             if step > 1 and np.max(np.abs(irradiance - before)) <= _SETTLED * np.max(irradiance):
                 break
@@ -145,19 +155,20 @@ class Solver:
             nodes = ground.radiance(sent)
             everywhere = self._everywhere()
             values = tuple(self._values(k, everywhere[k], sent, nodes[k]) for k in range(len(bodies)))
-        return AmbientLight(layout, values, self._table, layout.sent_down(sent), self._shot.environment.ambient)
+        sent_down, ambient = exchange.sent_down(sent), self._shot.environment.ambient
+        return AmbientLight(exchange.layout, values, self._table, sent_down, ambient)
 
     def _with_far(self, open_: NDArray[np.float32], sent: NDArray[np.float32]) -> NDArray[np.float32]:
         """Return the light (B, COUNT, 3) around bodies with far bodies before it. sent: (all coarse samples, 3)."""
-        far = self._layout.far
-        return far.before(open_, self._layout.sent_sides(sent)) if len(far.lit) else open_
+        far = self._exchange.far
+        return far.before(open_, self._exchange.sent_sides(sent)) if len(far.lit) else open_
 
     def _material(self, body: Body) -> tuple[Floats, Floats]:
         """Return the fraction (C, 3) of light that the surface about a body's coarse samples sends back, and its
         emission over the ambient light's fall with depth.
         """
         reflected, emission = self._cache.of(
-            _at_coarse, body.transfer, self._shot.refractive_index, keep=max(64, 2 * len(self._layout.bodies))
+            _at_coarse, body.transfer, self._shot.refractive_index, keep=max(64, 2 * len(self._bodies))
         )
         return reflected, emission / self._sunlight.ambient(body.center[None])
 
@@ -165,7 +176,7 @@ class Solver:
         """Return the ratio (samples, 3) of irradiance were every sample in a hollow of its own openness v and
         reflectance: v/(1 - rho (1 - v)); 1 in a white or an open one.
         """
-        seen = np.concatenate([view.openness for view in self._layout.views])
+        seen = np.concatenate([view.openness for view in self._exchange.views])
         return (seen + 1e-6) / (1.0 - self._reflected * (1.0 - seen) + 1e-6)
 
     def _sent(self, irradiance: Floats) -> Floats:
@@ -179,14 +190,14 @@ class Solver:
         take light of their own, at the coarse samples of others, which keep off nothing.
         """
         needs = []
-        for k, body in enumerate(self._layout.bodies):
-            if self._layout.untouched(k):
+        for k, body in enumerate(self._bodies):
+            if self._exchange.untouched(k):
                 continue
             plain = body.own.plain if body.own.lost is None else body.transfer.cosine
             needs += [(k, plain, self._radiance), (k, plain, self._around)]
             needs += [(k, body.own.lost, self._around)] if body.own.lost is not None else []
         products = _products([matrix for _, matrix, _ in needs], [light[k] for k, _, light in needs])
-        found: list[tuple[Floats, ...]] = [()] * len(self._layout.bodies)
+        found: list[tuple[Floats, ...]] = [()] * len(self._bodies)
         for (k, _, _), of_matrix in zip(needs, products, strict=True):
             found[k] = (*found[k], of_matrix)
         return found
@@ -197,9 +208,9 @@ class Solver:
         """Return the values of a body's points (lattice_kernel.py), None where nothing is in its way. own_light: of
         `_everywhere`. sent, nodes: radiance of all coarse samples, and of the nodes.
         """
-        body, view = self._layout.bodies[number], self._layout.views[number]
+        body, view = self._bodies[number], self._exchange.views[number]
         light, around = self._radiance[number], self._around[number]
-        if self._layout.untouched(number):
+        if self._exchange.untouched(number):
             return None
         transfer, own = body.transfer, body.own
         others = [self._from_others(factors, around, sent, nodes) for factors in (view.coarse, view.near)]
@@ -210,7 +221,7 @@ class Solver:
             plain, at_body, of_others = np.split(view.spread(body, at_coarse, near), 3, axis=1)
             irradiance = at_body + of_others
         else:
-            (plain, at_body, lost), first = own_light, self._layout.first
+            (plain, at_body, lost), first = own_light, self._exchange.first
             inside = product(own.samples, sent[first[number] : first[number + 1]])
             irradiance = at_body - lost + inside + view.spread(body, *others)
         least = 1e-3 * plain.max() + 1e-9

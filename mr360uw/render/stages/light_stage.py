@@ -72,8 +72,6 @@ class LightSamples:
         self._end = video.intact_frames or 0
         most = _WAITING // (video.width * video.height * (1 if loaded.scene.plate.eye != "both" else 2))
         self._step = min(sample_step(float(video.frame_rate)), max(most, 1)) if self._tracked(video) else 1
-        still = not any(o.moves or o.afloat is not None for o in loaded.objects)
-        self._bodies_stand = still and not loaded.scene.keys
 
     def frames(self, start: int, stop: int) -> Iterator[LitFrame]:
         """Yield frames start <= index < stop, each with its light. Raises what `read` raises, but in other frames."""
@@ -128,10 +126,11 @@ class LightSamples:
         now, time_s = self._loaded.at(plate.time_s), plate.time_s
         light: FrameLight = finite("light", plate.index, plate_light(now, self._analysis, self._ungraded(plate)))
         view = now.view(time_s)
+        objects = tuple(o.at(time_s, plate.index, view.position, view.world_from_camera) for o in now.objects)
         of_world = turned(light.environment, view.world_from_camera)
         suns = () if of_world.sun is None else (of_world.sun,)
         water = exposed_water(now.surroundings, light, time_s)
-        return _Sampled(plate, _faces(plate), light, LightSample(of_world, suns, water, view.position))
+        return _Sampled(plate, _faces(plate), light, LightSample(objects, of_world, suns, water, view.position))
 
     def _ungraded(self, plate: VideoFrame) -> VideoFrame:
         """Return a frame as its light is read."""
@@ -175,7 +174,7 @@ class LightSamples:
     def _at(self, before: _Sampled, after: _Sampled, plate: VideoFrame) -> FrameLight:
         """Return the light of a frame between two samples, or at one that is both."""
         light, share = before.light, _share(before, after, plate)
-        between = BetweenSamples(before.lit, after.lit, share) if self._bodies_stand else None
+        between = BetweenSamples(before.lit, after.lit, share) if not self._loaded.scene.keys else None
         if before is after:
             return replace(light, between=between)
         rotation = self._loaded.at(plate.time_s).surroundings.camera.at(plate.time_s)[1]
