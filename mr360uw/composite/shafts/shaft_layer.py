@@ -29,7 +29,7 @@ from mr360uw.composite.shot import Shot
 from mr360uw.composite.tiles import even_tiles, rectangles_of_mask
 from mr360uw.medium.shafts.settings import ShaftSettings
 from mr360uw.medium.shafts.shaft_scene import ShaftScene
-from mr360uw.types import Floats, Layer, Rectangle, Tile
+from mr360uw.types import Floats, Layer, Rectangle, Tile, View
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -54,11 +54,10 @@ def _before_objects(
 ) -> tuple[Tile, ...]:
     covered = [tile.alpha > 0.0 for tile in tiles]
     pixels = [np.nonzero(where) for where in covered]
-    x = _joined([at[1] + tile.column + 0.5 for at, tile in zip(pixels, tiles, strict=True)])
-    y = _joined([at[0] + tile.row + 0.5 for at, tile in zip(pixels, tiles, strict=True)])
+    x = _joined([at[1] + np.float32(tile.column + 0.5) for at, tile in zip(pixels, tiles, strict=True)])
+    y = _joined([at[0] + np.float32(tile.row + 0.5) for at, tile in zip(pixels, tiles, strict=True)])
     end_m = _joined([tile.distance_m[where] for tile, where in zip(tiles, covered, strict=True)])
-    rays = np.asarray(shot.view.directions(x, y), np.float64).reshape(-1, 3)
-    found = _added(shot, light, scene, rays, end_m, cache)
+    found = _added(shot, light, scene, np.stack([x, y, end_m]), cache)
     added = np.split(found, np.cumsum([len(at[0]) for at in pixels])[:-1]) if tiles else []
     drawn = []
     for tile, where, values in zip(tiles, covered, added, strict=True):
@@ -68,25 +67,30 @@ def _before_objects(
     return tuple(drawn)
 
 
-def _added(shot: Shot, light: ShaftLight, scene: ShaftScene, rays: Array, end_m: Array, cache: Cache) -> Floats:
-    """Return what lies before objects (n, 3) at ends (n,) [m] of rays (n, 3), times strength, float32."""
+def _added(
+    shot: Shot, light: ShaftLight, scene: ShaftScene, ends: NDArray[np.float32], cache: Cache
+) -> NDArray[np.float32]:
+    """Return what lies before objects (n, 3), times strength. ends: (3, n) column, row and distance [m] of each."""
     settings = light.settings
-    end_m = np.minimum(end_m, settings.range_m)
-    rays, end_m = (np.asarray(a, np.float64) for a in shot.view.from_middle(rays, end_m))
-    found, ends = np.zeros((len(rays), 3)), np.column_stack([rays, end_m])
+    found, places = np.zeros((ends.shape[1], 3), np.float32), by_content(ends)
     for part in scene.parts:
-        change = cache.of(_change, part.per_unit, light.settings, shot.view.width, by_content(ends), cache, keep=2)
-        found += change if part.pattern is None else change * part.pattern.sun.irradiance
-    return np.asarray(settings.strength * found, np.float32)
+        change = cache.of(_change, part.per_unit, settings, shot.view, places, cache, keep=2)
+        found += change if part.pattern is None else change * part.pattern.sun.irradiance.astype(np.float32)
+    return np.float32(settings.strength) * found
 
 
-def _change(scene: ShaftScene, settings: ShaftSettings, width: int, ends: PartOf[Array], cache: Cache) -> Array:
-    """Return `change_along` rays. ends: (n, 4) their directions and lengths."""
-    return change_along(scene, settings, width, ends.whole[:, :3], ends.whole[:, 3], cache)
+def _change(
+    scene: ShaftScene, settings: ShaftSettings, view: View, ends: PartOf[NDArray[np.float32]], cache: Cache
+) -> NDArray[np.float32]:
+    """Return `change_along` the rays to ends (3, n)."""
+    x, y, end_m = ends.whole.astype(np.float64)
+    middle = view.from_middle(np.asarray(view.directions(x, y), np.float64), np.minimum(end_m, settings.range_m))
+    rays, end_m = (np.asarray(a, np.float64) for a in middle)
+    return change_along(scene, settings, view.width, rays, end_m, cache).astype(np.float32)
 
 
-def _joined(arrays: list[Floats]) -> Array:
-    return np.concatenate([np.zeros(0), *arrays])
+def _joined(arrays: list[Floats]) -> NDArray[np.float32]:
+    return np.concatenate([np.zeros(0, np.float32), *arrays]).astype(np.float32)
 
 
 _SPARE_PX = 4096
@@ -106,21 +110,27 @@ def before_plate(shot: Shot, light: ShaftLight, scene: ShaftScene, layer: Layer,
     waves = scene.pattern is not None and scene.pattern.caustics is not None
     settings = light.settings
     marked = (
-        np.ones((view.height, view.width), np.bool_) if waves
+        cache.of(_everywhere, view.height, view.width) if waves
         else shaft_pixels(shot, scene, settings.range_m, settings.least_codes / max(settings.strength, 1e-9), cache)
     )  # fmt: skip
     if not np.any(marked):
         return layer
-    found = [_in_blocks(shot, light, part, marked, cache) for part in scene.parts]
+    found: dict[int, NDArray[np.float32]] = {}
+    for part in scene.parts:
+        blocks, side = _in_blocks(shot, light, part, marked, cache)
+        found[side] = found.get(side, np.float32(0.0)) + np.float32(settings.strength) * blocks
     of_layer = tuple(tile.rectangle for tile in layer.tiles)
     drawn = []
-    for part in cache.of(_cut, of_layer, by_content(marked)):
-        tile = tile_of(layer, part)
+    for rectangle in cache.of(_cut, of_layer, marked):
+        tile = tile_of(layer, rectangle)
         where = marked[tile.window] & (tile.alpha < 1.0)
         if not np.any(where):
             drawn.append(tile)
             continue
-        shafts = settings.strength * sum(_pixels(*blocks, part) for blocks in found) * where[..., None]
+        shafts: Floats = np.zeros((*where.shape, 3), np.float32)
+        for side, blocks in found.items():
+            shafts += _pixels(blocks, side, rectangle)
+        shafts *= where[..., None]
         if shot.holdout is not None:
             shafts *= 1.0 - np.clip(shot.holdout[tile.window], 0.0, 1.0).astype(np.float32)[..., None]
         drawn.append(replace(tile, shafts=shafts) if np.any(shafts) else tile)
@@ -136,11 +146,20 @@ def _in_blocks(
     """
     # a lamp's beam is thin at the lamp
     side = 1 if part.pattern is None else max(shot.view.width // _BLOCKS, 1)
-    some = np.pad(marked[::side, ::side], ((0, 0), (1, 1)), "wrap").astype(np.uint8)
-    near = cv2.dilate(some, np.ones((3, 3), np.uint8))[:, 1:-1] > 0
+    near = cache.of(_blocks_near, marked, side, keep=2)
     ends = PartOf(shot, shot.view, shot.receiver, shot.holdout_distance_m)
     change = cache.of(_change_in_blocks, ends, light.settings, part.per_unit, near, side, cache, keep=2)
     return change if part.pattern is None else change * part.pattern.sun.irradiance.astype(np.float32), side
+
+
+def _everywhere(height: int, width: int) -> Mask:
+    return np.ones((height, width), np.bool_)
+
+
+def _blocks_near(marked: Mask, side: int) -> Mask:
+    """Return the blocks with marked pixels (H, W) and those beside them."""
+    some = np.pad(marked[::side, ::side], ((0, 0), (1, 1)), "wrap").astype(np.uint8)
+    return np.asarray(cv2.dilate(some, np.ones((3, 3), np.uint8))[:, 1:-1] > 0)
 
 
 def _pixels(change: NDArray[np.float32], side: int, part: Rectangle) -> NDArray[np.float32]:
@@ -152,13 +171,13 @@ def _pixels(change: NDArray[np.float32], side: int, part: Rectangle) -> NDArray[
     if side > 1:
         near = cv2.resize(near, None, fx=side, fy=side, interpolation=cv2.INTER_LINEAR)
     top, left = part.row - first_row * side, part.column - first_column * side
-    return np.asarray(near[top : top + part.height, left : left + part.width], np.float32)
+    return np.asarray(near[top : top + part.height, left : left + part.width])
 
 
-def _cut(of_layer: tuple[Rectangle, ...], marked: PartOf[Mask]) -> list[Rectangle]:
+def _cut(of_layer: tuple[Rectangle, ...], marked: Mask) -> list[Rectangle]:
     """Return the tiles of a layer with those of marked pixels (H, W)."""
-    height, width = marked.whole.shape
-    return even_tiles([*of_layer, *rectangles_of_mask(marked.whole, _SPARE_PX)], width, height)
+    height, width = marked.shape
+    return even_tiles([*of_layer, *rectangles_of_mask(marked, _SPARE_PX)], width, height)
 
 
 def _change_in_blocks(

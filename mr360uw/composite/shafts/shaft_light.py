@@ -117,10 +117,22 @@ def shaft_pixels(shot: Shot, scene: ShaftScene, range_m: float, least_codes: flo
     parts = tuple(part.per_unit for part in scene.parts)
     of_sun = np.zeros(3) if sun is None else _stepped(sun.irradiance)
     light = tuple(np.ones(3) if part.pattern is None else of_sun for part in parts)
-    return cache.of(_marked, shot.view, table, parts, light, range_m, least_codes, cache)
+    marked = cache.of(_marked_cells, shot.view, table, parts, light, range_m, least_codes, cache)
+    return cache.of(_pixels_of, marked, shot.view.width, shot.view.height)
 
 
-def _marked(
+def _cell_side(height: int) -> int:
+    """Return the side [px] of cells of a frame."""
+    return max(2 * -(-height // (2 * _ROWS)), 2)
+
+
+def _pixels_of(cells: NDArray[np.bool_], width: int, height: int) -> NDArray[np.bool_]:
+    """Return the mask (H, W) of the pixels of marked cells."""
+    side = _cell_side(height)
+    return np.repeat(np.repeat(cells, side, axis=0), side, axis=1)[:height, :width]
+
+
+def _marked_cells(
     view: View,
     table: MediumTable | None,
     parts: tuple[ShaftScene, ...],
@@ -129,10 +141,10 @@ def _marked(
     least_codes: float,
     cache: Cache,
 ) -> NDArray[np.bool_]:
-    """Return the mask of `shaft_pixels`. table: of the veil. parts: scenes of one kind of light each, of a unit; light:
-    (3,) how much of it there is, in steps.
+    """Return the cells (rows, columns) of `shaft_pixels`. table: of the veil. parts: scenes of one kind of light each,
+    of a unit; light: (3,) how much of it there is, in steps.
     """
-    side = max(2 * -(-view.height // (2 * _ROWS)), 2)
+    side = _cell_side(view.height)
     rows, columns = -(-view.height // side), -(-view.width // side)
     x, y = np.meshgrid((np.arange(columns) + 0.5) * side, (np.arange(rows) + 0.5) * side)
     directions = np.asarray(view.directions(x, np.minimum(y, view.height - 0.5)), np.float64).reshape(-1, 3)
@@ -146,8 +158,7 @@ def _marked(
     marked = ((codes >= _MARGIN * least_codes) & (codes > 0.0)).reshape(rows, columns)
     around = np.pad(np.pad(marked, ((0, 0), (_AROUND,) * 2), "wrap"), ((_AROUND,) * 2, (0, 0))).astype(np.uint8)
     reach = np.ones((2 * _AROUND + 1,) * 2, np.uint8)
-    marked = cv2.dilate(around, reach)[_AROUND:-_AROUND, _AROUND:-_AROUND] > 0
-    return np.repeat(np.repeat(marked, side, axis=0), side, axis=1)[: view.height, : view.width]
+    return np.asarray(cv2.dilate(around, reach)[_AROUND:-_AROUND, _AROUND:-_AROUND] > 0)
 
 
 def _radiance(scene: ShaftScene, directions: Array, ends: Array, cache: Cache) -> Array:
