@@ -85,7 +85,7 @@ class TunePage:
             with ui.element("div").classes("page-controls"):
                 self.controls = ControlPanel(
                     session.document, mark=self._mark, choose=self._choose, keyed=self._keyed,
-                    key_value=self._key_value, failed=self.failed, settle=session.settle,
+                    key_value=self._key_value, in_words=self._in_words, failed=self.failed, settle=session.settle,
                 )  # fmt: skip
             self.stage = ShownPicture(session, self.failed)
             self.render = RenderDialog(session, self.guarded)
@@ -94,7 +94,7 @@ class TunePage:
                 Button("Match caustics", self.match.caustics, title="fit the sea to the caustics on the plate's floor")
                 MeasureTool(session, self.failed)
                 Button("Render …", self.render.open, title="composite the whole clip")
-            self.place = PlaceTools(session, self.stage, self.failed, self.match.water)
+            self.place = PlaceTools(session, self.stage, self.failed, self.match.water, self.controls.show_words)
             self.time = TimePanel(session, self.guarded)
         ui.on("tune", lambda event: self._pressed(str(event.args)))
         self.client.on_delete(session.observe(self._follow))
@@ -166,6 +166,9 @@ class TunePage:
 
     def _key_value(self, key: str, value: Any, group: str | None) -> None:
         tracks.set_key(self.document, key, self.session.time_s, value, group=group)
+
+    def _in_words(self, number: int, name: str, value: Any, group: str | None) -> bool:
+        return self.place.set_word(number, name, value, group)
 
     def _choose(self, key: str, number: int) -> None:
         if key == "object":

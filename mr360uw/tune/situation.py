@@ -7,7 +7,7 @@ Marks stand where objects, lamps and the sun show, and along the edge of the rec
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -166,6 +166,22 @@ class Situation:
         """Return the position setting of an object for a position (3,) in the world."""
         body = self.bodies[number]
         return placing.in_camera(self.camera, position) if body.with_camera else position - body.lifted
+
+    def words(self, number: int, *, level: bool = False) -> dict[str, Any]:
+        """Return the place and the size of an object in all words that a scene file has for them.
+
+        level: whether `distance_m` is along the ground, as of one that stands on it.
+        """
+        body = self.bodies[number]
+        place, middle = (self.setting_of(number, at) for at in (body.position, body.center))
+        beside, away = float(np.hypot(middle[0], middle[2])), float(np.linalg.norm(middle))
+        return {
+            "position_m": [round(float(part), 4) + 0.0 for part in place],
+            "azimuth_deg": round(float(np.degrees(np.arctan2(middle[0], -middle[2]))), 2) + 0.0,
+            "elevation_deg": round(float(np.degrees(np.arctan2(middle[1], beside))), 2) + 0.0,
+            "distance_m": round(beside if level else away, 4),
+            "size_m": float(f"{float(np.ptp(body.hull.reshape(-1, 3), axis=0).max()) * body.scale:.4g}"),
+        }
 
     def facing_yaw_deg(self, number: int) -> float:
         """Return the yaw setting [deg] of an object that turns its nose to the camera."""

@@ -14,7 +14,7 @@ const TURN_DEG = 5; // of an arrow key
 const HANDLE_PX = 44; // least distance of a handle from the middle of its object
 const FAR_PX = 1e5; // beyond which a line is not drawn
 const FOV = { low: 20, high: 140, start: 90 };
-const ZOOM = { low: 1, high: 16 };
+const ZOOM = { low: 1, near: 3, high: 16 };
 const clamp = (value, low, high) => Math.min(Math.max(value, low), high);
 const HANDLES = [
   { handle: "move", sign: "\u2725", words: "Move" },
@@ -260,6 +260,8 @@ export default {
     setMode(look) {
       if (look === this.view.look) return;
       this.view.look = look;
+      const chosen = this.markers.find((marker) => marker.name === this.selected);
+      if (look && chosen && !this.view.yaw && !this.view.pitch) this.turnTo(chosen); // begin where there is something
       this.$emit("mode", { look });
     },
     setCompare(comparison) {
@@ -269,6 +271,17 @@ export default {
     },
     reset() {
       this.view = startView(this.view.look);
+    },
+    turnTo({ longitude, latitude }) {
+      if (this.lookNow) {
+        this.view.yaw = (longitude * 180) / Math.PI;
+        this.view.pitch = (latitude * 180) / Math.PI;
+        return;
+      }
+      this.view.u = longitude / (2 * Math.PI) + 0.5;
+      this.view.v = 0.5 - latitude / Math.PI;
+      this.view.zoom = Math.max(this.view.zoom, ZOOM.near);
+      this.keepInside();
     },
     turn(across, up) {
       if (this.lookNow) {

@@ -100,6 +100,10 @@ class Viewer(Element, component="viewer.js", esm={"mr360uw-tune": "js"}):
         self._props["look"] = look
         self.update()
 
+    def turn_to(self, point: Point) -> None:
+        """Look at a point of the picture."""
+        self.run_method("turnTo", {"longitude": point.longitude, "latitude": point.latitude})
+
     def set_marks(self, markers: Sequence[Marker], horizon: Sequence[Sequence[Point]] = ()) -> None:
         """Replace the marks, and the lines that show the edge of the receiver."""
         self._props["markers"] = [asdict(marker) for marker in markers]

@@ -187,6 +187,57 @@ def test_every_kind_of_control_sets_its_parameter(
     assert (list(found) if isinstance(found, tuple) else found) == expected
 
 
+def test_a_place_is_said_in_the_words_that_are_set(page: Page) -> None:
+    tab = page.first
+    tab.done()
+    azimuth = tab.control("object.0.azimuth_deg").locator("input[type=number]")
+    tab.page.wait_for_function("e => e.value !== '' && Number(e.value) !== 0", arg=azimuth.element_handle())  # as it is
+    before = tab.picture()
+    azimuth.fill("40")
+    azimuth.press("Enter")
+    tab.page.locator("button[title='undo: set object.0.azimuth_deg']").wait_for()
+    assert tab.page.locator(".problems").count() == 0
+    tab.changed(before)
+    control = tab.control("object.0.position_m")
+    control.locator(".mark").wait_for(state="detached")
+    tab.page.keyboard.press("Control+s")
+    tab.until("() => document.querySelector('.unsaved').textContent === 'saved'")
+    (first, *_) = load_scene(page.scene).objects
+    assert first.azimuth_deg == 40.0
+    assert "position_m" not in first.model_fields_set
+    tab.page.locator("h1").click()
+    tab.page.keyboard.press("Control+z")
+    control.locator(".mark").wait_for()  # it is a position again
+
+
+def test_a_control_without_effect_says_why(page: Page) -> None:
+    control = page.first.control("snow.exponent")
+    assert control.locator(".why").inner_text() == "No effect while amount is 0"
+    assert page.first.control("sea.wind_speed").locator(".why").count() == 0
+
+
+def test_everyday_words_are_found(page: Page) -> None:
+    search = page.first.page.get_by_label("Search parameters")
+    for word, key in (("god rays", "shafts.mode"), ("brighter", "light.exposure"), ("sand", "receiver.height_m")):
+        search.fill(word)
+        page.first.page.locator(f'[data-key="{key}"]').wait_for()
+
+
+def test_a_phone_shows_picture_and_controls(page: Page) -> None:
+    phone = page.browser.new_context(viewport={"width": 400, "height": 800}, base_url=page.base).new_page()
+    phone.goto(page.address)
+    control, picture = phone.locator(".control").first, phone.locator(".stage-picture")
+    control.wait_for()
+    for part in (control, picture):
+        box = part.bounding_box()
+        assert box is not None
+        assert box["x"] >= 0.0
+        assert box["x"] + box["width"] <= 400.0
+        assert box["y"] + 40.0 <= 800.0
+    assert phone.evaluate("document.documentElement.scrollWidth") <= 400
+    phone.close()
+
+
 def test_undo_and_reset_go_back(page: Page) -> None:
     tab = page.first
     control = tab.control("object.0.visible")

@@ -32,7 +32,12 @@ FIRST = {
     "caustics.sun_half_angle_rad": "Caustic softness",
     "receiver.height_m": "Sea floor height",
     "object.position_m": "Object position",
+    "object.azimuth_deg": "Object azimuth",
+    "object.elevation_deg": "Object elevation",
+    "object.distance_m": "Object distance",
+    "object.face": "Object faces",
     "object.rotation_deg": "Object rotation",
+    "object.size_m": "Object size",
     "object.scale": "Object scale",
     "light.exposure": "Exposure of all objects",
     "object.exposure": "Object exposure",
@@ -45,6 +50,31 @@ _TITLES = {
     "receiver": "Sea floor", "holdout": "Mattes", "light": "Light of the plate", "sea": "Sea surface", "keys": "Keys",
     "caustics": "Caustics", "shafts": "Light in the water", "snow": "Marine snow", "match": "Look", "draw": "Drawing",
 }  # fmt: skip
+_EVERYDAY = {
+    "exposure": "brighter darker brightness light dark",
+    "tint": "colour color hue",
+    "water": "haze fog murky clear blue green",
+    "visibility_m": "how far",
+    "shade": "contrast cave",
+    "receiver": "sand bottom ground seabed",
+    "sea": "waves ripples",
+    "caustics": "light pattern ripples dancing",
+    "shafts": "god rays beams sunbeams",
+    "snow": "particles dust backscatter",
+    "match": "grade colour",
+    "light": "bright",
+    "holdout": "mask in front behind",
+    "grain": "noise",
+    "motion_samples": "motion blur",
+    "softness": "blur sharp",
+    "size_m": "bigger smaller larger",
+    "scale": "bigger smaller larger",
+    "distance_m": "nearer farther closer",
+    "rotation_deg": "turn",
+    "face": "turn look",
+    "attach": "float follow",
+}
+"""Everyday words by which tables and parameters are found too, by the last part of a key."""
 _UNIT_SUFFIXES = ("_mg_m3", "_cd_m2", "_deg", "_rad", "_m", "_s", "_px", "_k")
 _SPANS = {
     "position_m": (-15.0, 15.0), "height_m": (-20.0, 5.0), "speed": (-4.0, 4.0), "start_s": (0.0, 60.0),
@@ -63,7 +93,7 @@ class Field:
 
     key: below its table, as in "depth_m". low, high: the allowed range, None where it is open. span: of the slider.
     default: of the file's value; None: none, or the key must be given (`required`). length: of a vector. changes:
-    whether it may change within a clip.
+    whether it may change within a clip. everyday: words by which it is found beside its own.
     """
 
     key: str
@@ -82,6 +112,7 @@ class Field:
     choices: tuple[Any, ...] = ()
     length: int = 0
     changes: bool = False
+    everyday: str = ""
 
     @property
     def step(self) -> float:
@@ -163,6 +194,7 @@ def _field(path: str, key: str, field: FieldInfo, tags: tuple[str, ...], changes
         key, FIRST.get(path, _label(key)), kind, field.description or "", "" if unit == "1" else unit, default,
         bounds_text(field), low, high, span, logarithmic, optional, field.is_required(), choices,
         len(get_args(options[0])) if kind in ("vector", "colour") else 0, changes,
+        " ".join(_EVERYDAY.get(part, "") for part in path.split(".")),
     )  # fmt: skip
 
 

@@ -1,7 +1,8 @@
 // The controls of all parameters, drawn from their descriptions. Held to tune/editing/fields.py.
 //
 // spec: the tables and fields. begin, and `take` from then on: tree, the values that the scene file sets; errors and
-// texts, by dotted key; keyed, the values now of the parameters that have keys. Emits: change {key, value, group}, reset {key, default}, add {key,
+// texts, by dotted key; keyed, the values now of the parameters that have keys; words, the present places and sizes of objects in all words for
+// them; hidden, those that the file says in others; idle, why parameters have no effect. Emits: change {key, value, group}, reset {key, default}, add {key,
 // table}, remove {key}, mark {key}, settle {} at the end of a drag.
 
 const PAUSE_MS = 25; // between two changes of one drag that are sent
@@ -15,7 +16,7 @@ const settled = (old, now) => {
 };
 
 const Control = {
-  props: ["field", "path", "value", "error", "text", "key_state"],
+  props: ["field", "path", "value", "error", "text", "key_state", "present", "idle"],
   emits: ["change", "reset", "mark", "settle"],
   data: () => ({ held: null, group: 0, timer: null, next: null }),
   watch: {
@@ -32,7 +33,7 @@ const Control = {
     },
     shown() {
       if (this.held !== null) return this.held;
-      return this.isSet ? this.value : this.field.default;
+      return this.isSet ? this.value : this.present ?? this.field.default;
     },
     position() {
       const value = typeof this.shown === "number" ? this.shown : this.middle;
@@ -56,7 +57,7 @@ const Control = {
       return this.isSet ? JSON.stringify(this.value) : "";
     },
     described() {
-      return this.id + "-help" + (this.error ? " " + this.id + "-error" : "");
+      return this.id + "-help" + (this.error ? " " + this.id + "-error" : "") + (this.idle ? " " + this.id + "-idle" : "");
     },
     title() {
       return [this.field.help, this.field.bounds && "[" + this.field.bounds + "]"].filter(Boolean).join(" ");
@@ -117,7 +118,7 @@ const Control = {
     },
   },
   template: `
-    <div class="control" :class="{changed: isSet, wrong: error}" :data-key="path">
+    <div class="control" :class="{changed: isSet, wrong: error, idle}" :data-key="path">
       <div class="control-head">
         <label :for="id" :title="title">{{ field.label }}</label>
         <span v-if="isSet" class="mark" role="img" aria-label="changed" title="set in the scene file"></span>
@@ -158,6 +159,7 @@ const Control = {
           :aria-describedby="described" :aria-invalid="!!error" @change="put($event.target.value)">
       </div>
       <p :id="id + '-help'" class="help">{{ title }}</p>
+      <p v-if="idle" :id="id + '-idle'" class="why">{{ idle }}</p>
       <p v-if="error" :id="id + '-error'" class="error" role="alert">{{ error }}</p>
     </div>`,
 };
@@ -189,7 +191,8 @@ export default {
       return this.first
         .map((path) => ({ path, group: this.spec.find((g) => g.key === path.split(".")[0]) }))
         .map(({ path, group }) => ({ group, field: this.fields(group).find((f) => f.key === path.split(".")[1]) }))
-        .filter(({ group, field }) => field && (!group.repeated || this.count(group) > 0));
+        .filter(({ group, field }) => field && (!group.repeated || this.count(group) > 0))
+        .filter(({ group, field }) => !this.now.hidden.includes(this.path(group, field)));
     },
     groups() {
       return this.spec
@@ -206,7 +209,7 @@ export default {
       return group.kinds[tag] || Object.values(group.kinds)[0];
     },
     matches(group, field) {
-      const text = [group.key, group.title, group.help, field.key, field.label, field.help].join(" ").toLowerCase();
+      const text = [group.key, group.title, group.help, field.key, field.label, field.help, field.everyday].join(" ").toLowerCase();
       return this.wanted.every((word) => text.includes(word));
     },
     count(group) {
@@ -263,7 +266,7 @@ export default {
         <template v-if="!all && !wanted.length">
           <template v-for="{group, field} in firsts" :key="path(group, field)">
             <Control :field="field" :path="path(group, field)" :value="value(group, field)" :error="errors[path(group, field)]"
-              :text="texts[path(group, field)]" :key_state="path(group, field) in keyed"
+              :text="texts[path(group, field)]" :key_state="path(group, field) in keyed" :present="now.words[path(group, field)]" :idle="now.idle[path(group, field)]"
               @change="$emit('change', $event)" @reset="$emit('reset', $event)" @mark="$emit('mark', $event)" @settle="$emit('settle', $event)"></Control>
           </template>
         </template>
@@ -289,7 +292,7 @@ export default {
               </div>
               <template v-if="!group.repeated || count(group)">
                 <Control v-for="field in fields" :key="path(group, field)" :field="field" :path="path(group, field)" :value="value(group, field)"
-                  :error="errors[path(group, field)]" :text="texts[path(group, field)]" :key_state="path(group, field) in keyed"
+                  :error="errors[path(group, field)]" :text="texts[path(group, field)]" :key_state="path(group, field) in keyed" :present="now.words[path(group, field)]" :idle="now.idle[path(group, field)]"
                   @change="$emit('change', $event)" @reset="$emit('reset', $event)" @mark="$emit('mark', $event)" @settle="$emit('settle', $event)"></Control>
               </template>
             </template>

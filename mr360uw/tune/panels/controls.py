@@ -6,6 +6,7 @@ from __future__ import annotations
 import tomllib
 from collections.abc import Callable
 from dataclasses import asdict
+from functools import partial
 from typing import Any
 
 from nicegui.element import Element
@@ -14,6 +15,7 @@ from nicegui.events import GenericEventArguments
 from mr360uw.scene.toml_model import toml_value
 from mr360uw.tune.editing.document import Document
 from mr360uw.tune.editing.fields import FIRST, Field, Group, groups
+from mr360uw.tune.editing.ways import set_along, unsaid, without_effect
 
 
 def control_spec(tables: tuple[Group, ...]) -> list[dict[str, Any]]:
@@ -45,7 +47,8 @@ class ControlPanel(Element, component="controls.js"):
 
     mark: called with the dotted key of a parameter that is to be keyed. choose: called with a list's key and the number
     of its entry that is chosen. keyed: returns the present values of the parameters that have keys, by key; a change of
-    one of those goes to `key_value` instead of the document.
+    one of those goes to `key_value` instead of the document. in_words: called with an object's number, the word, its
+    value and the group of a drag; sets it and returns whether it did, where others had to change with it.
     """
 
     def __init__(
@@ -56,10 +59,12 @@ class ControlPanel(Element, component="controls.js"):
         choose: Callable[[str, int], None],
         keyed: Callable[[], dict[str, Any]],
         key_value: Callable[[str, Any, str | None], None],
+        in_words: Callable[[int, str, Any, str | None], bool],
         failed: Callable[[Exception], None],
         settle: Callable[[], None],
     ) -> None:
         super().__init__()
+        self._in_words, self._words = in_words, dict[str, Any]()
         self._document, self._keyed, self._key_value, self._failed = document, keyed, key_value, failed
         tables = groups()
         self._fields = {
@@ -80,6 +85,12 @@ class ControlPanel(Element, component="controls.js"):
         """Show the document's values."""
         self.run_method("take", self._state())
 
+    def show_words(self, words: dict[str, Any]) -> None:
+        """Show the present places and sizes of objects, by dotted key, in whichever words the file has them."""
+        if words != self._words:
+            self._words = words
+            self.refresh()
+
     def _state(self) -> dict[str, Any]:
         tree, texts = self._document.tree, {}
         for key, value in _leaves(tree):
@@ -87,7 +98,29 @@ class ControlPanel(Element, component="controls.js"):
             if field is not None and field.kind == "toml":
                 texts[key] = toml_value(value)
         errors = {key: self._document.problem_of(key) for key in self._document.problem_keys()}
-        return {"tree": _jsonable(tree), "texts": texts, "errors": errors, "keyed": self._keyed()}
+        objects = tree.get("object", [])
+        hidden = [f"object.{k}.{word}" for k, table in enumerate(objects) for word in unsaid(table)]
+        return {"tree": _jsonable(tree), "texts": texts, "errors": errors, "keyed": self._keyed(),
+                "words": self._words, "hidden": hidden, "idle": self._idle(len(objects))}  # fmt: skip
+
+    def _idle(self, objects: int) -> dict[str, str]:
+        """Return why parameters have no effect, by dotted key."""
+        found = {}
+        for key in self._fields:
+            table, _, name = key.partition(".")
+            for at in [f"{table}.{k}.{name}" for k in range(objects)] if table == "object" else [key]:
+                other = without_effect(key, partial(self._now, beside=at))
+                if other:
+                    now, label = self._now(other, at)[0], self._fields[other].label
+                    found[at] = f"No effect while {label[0].lower() + label[1:]} is {_word(now)}"
+        return found
+
+    def _now(self, key: str, beside: str) -> tuple[Any, Any]:
+        """Return the present value and the default of a parameter without numbers, of the entry of one beside it."""
+        table, _, name = key.partition(".")
+        place = f"{beside.rpartition('.')[0]}.{name}" if beside.startswith(f"{table}.") else key
+        default, value = self._fields[key].default, self._document.get(place)
+        return default if value is None else value, default
 
     def default_of(self, key: str) -> Any:
         """Return the default of a parameter; None where it has none."""
@@ -109,7 +142,14 @@ class ControlPanel(Element, component="controls.js"):
             self._try(lambda: self._set(key, value, drag))
 
     def _set(self, key: str, value: Any, group: str | None) -> None:
+        table, _, rest = key.partition(".")
+        number, _, name = rest.partition(".")
+        if table == "object" and number.isdecimal() and self._in_words(int(number), name, value, group):
+            return
+        along = set_along(key, partial(self._now, beside=key)) if key in self._fields else {}
         with self._document.together(f"set {key}", group=group):
+            for other, effective in along.items():
+                self._document.set(other, effective)
             self._document.set(key, value)
 
     def _reset(self, event: GenericEventArguments) -> None:
@@ -126,6 +166,12 @@ class ControlPanel(Element, component="controls.js"):
         except (ValueError, OSError) as error:
             self._failed(error)
         self.refresh()  # also where nothing changed, so that the control shows the value that counts
+
+
+def _word(value: Any) -> str:
+    if isinstance(value, bool) or value is None:
+        return {None: "not set", True: "on", False: "off"}[value]
+    return f"{value:g}" if isinstance(value, float) else str(value)
 
 
 def _plain(field: Field) -> dict[str, Any]:

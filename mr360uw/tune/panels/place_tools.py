@@ -13,6 +13,7 @@ from nicegui import background_tasks
 from mr360uw.errors import ParameterError
 from mr360uw.tune import placing
 from mr360uw.tune.editing import tracks
+from mr360uw.tune.editing.ways import in_words
 from mr360uw.tune.panels.click_tools import PATCH_TOOLS, FloorTool, PatchTool
 from mr360uw.tune.panels.stage import ShownPicture
 from mr360uw.tune.panels.widgets import Button, Choice
@@ -33,15 +34,19 @@ _TOOLS = {
 _WORDS = {
     "position_m": ("azimuth_deg", "elevation_deg", "distance_m", "stand_on"),
     "rotation_deg": ("face",),
-    "scale": ("size_m",),
+    "scale": (),
+    "size_m": ("scale",),
 }
-"""Keys of an object that give way to a position, rotation or scale that is set by hand."""
+"""Keys of an object that give way to a position, rotation or size that is set by hand."""
 _TURN_STEP_DEG = 15.0
 """Step of a turn while Shift is held."""
 
 
 class PlaceTools:
-    """The placing tools of a tab. failed: tells an error. match_water: called with the point of open water clicked."""
+    """The placing tools of a tab. failed: tells an error. match_water: called with the point of open water clicked.
+
+    show_words: called with the present places and sizes of objects, by dotted key.
+    """
 
     def __init__(
         self,
@@ -49,15 +54,17 @@ class PlaceTools:
         stage: ShownPicture,
         failed: Callable[[Exception], None],
         match_water: Callable[[Point], None],
+        show_words: Callable[[dict[str, Any]], None],
     ) -> None:
         self._session, self._document, self._failed = session, session.document, failed
-        self._viewer, self._match_water = stage.viewer, match_water
+        self._viewer, self._match_water, self._show_words = stage.viewer, match_water, show_words
         self._tool, self._number = "", 0
         self._situation: Situation | None = None
         self._drag: tuple[Situation, str, int] | None = None
         self._asked = 0
         with stage.tools:
             self._choice = Choice("What a click in the picture does", _TOOLS, "", self._choose)
+            self._go = Button("Go to", self._go_to, title="look at the chosen object")
             self._face = Button("Face camera", self._face_camera, title="turn the chosen object's nose to the camera")
             self._floor = FloorTool(session, failed, self._mark)
             self._patch = PatchTool(session)
@@ -112,7 +119,39 @@ class PlaceTools:
         marks += self._patch.marks() if self._tool in PATCH_TOOLS else []
         self._viewer.set_marks(marks, here.edge if here is not None and self._tool in ("stand", "floor") else ())
         self._viewer.select(f"object.{self._number}")
-        self._face.enable(bool(here is not None and here.bodies))
+        for button in (self._face, self._go):
+            button.enable(bool(here is not None and here.bodies))
+        if here is not None:
+            words = {f"object.{k}": here.words(k, level=self._stands(k)) for k in range(len(here.bodies))}
+            self._show_words({f"{at}.{word}": value for at, of in words.items() for word, value in of.items()})
+
+    def _stands(self, number: int) -> bool:
+        return self._document.get(f"object.{number}.stand_on") is not None
+
+    def set_word(self, number: int, name: str, value: Any, group: str | None) -> bool:
+        """Set a word of an object's place or size, in place of those that say the same; return False where nothing but
+        it changes, which is left to the caller.
+        """
+        here, key = self._situation, f"object.{number}"
+        if here is None or number >= len(here.bodies):
+            return False
+        changes = in_words(
+            self._document.get(key) or {}, name, value, lambda level: here.words(number, level=level)
+        )  # fmt: skip
+        if changes is None:
+            return False
+        with self._document.together(f"set {key}.{name}", group=group):
+            for word in [word for word, now in changes.items() if now is None]:
+                if self._document.get(f"{key}.{word}") is not None:
+                    self._document.unset(f"{key}.{word}")
+            for word in [word for word, now in changes.items() if now is not None]:
+                self._document.set(f"{key}.{word}", changes[word])
+        return True
+
+    def _go_to(self) -> None:
+        point = None if self._situation is None else self._situation.shown(self._number)
+        if point is not None:
+            self._viewer.turn_to(point)
 
     def _choose(self, tool: str) -> None:
         self._tool = tool
@@ -185,8 +224,10 @@ class PlaceTools:
             yaw = placing.yaw_by_drag(body.rotation_deg[0], shown, drag.start, point, step)
             self._put_object(number, "rotation_deg", [_short(yaw, 2), *body.rotation_deg[1:]], group)
         elif shown is not None:
+            # of an object with a size, whose mesh is taken as a metre long, the scale is that size
+            word = "scale" if self._document.get(f"object.{number}.size_m") is None else "size_m"
             scale = placing.scale_by_drag(body.scale, shown, drag.start, point)
-            self._put_object(number, "scale", float(f"{scale:.4g}"), group)
+            self._put_object(number, word, float(f"{scale:.4g}"), group)
 
     def _face_camera(self) -> None:
         assert self._situation is not None
