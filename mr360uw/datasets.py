@@ -31,7 +31,31 @@ _CHANNELS = ("red", "green", "blue")
 
 
 def of_water(water: Water, wavelength_nm: ArrayLike) -> Dataset:
-    """Return the optical properties of a water at wavelengths (n,) [nm], in 1/m: a, b, c, b_b and K_d."""
+    """Return the optical properties of a water: a, b, c, b_b and K_d.
+
+    Parameters
+    ----------
+    water : Water
+        The water.
+    wavelength_nm : array_like
+        Wavelengths (n,) [nm].
+
+    Returns
+    -------
+    xarray.Dataset
+        Variables over `wavelength_nm`, in 1/m.
+
+    Raises
+    ------
+    ParameterError
+        If the water is none, a wavelength is beyond its tables, or xarray is not installed.
+
+    Examples
+    --------
+    >>> made = uw.datasets.of_water(uw.medium.Water.jerlov("IB"), [450.0, 550.0])
+    >>> made.K_d.attrs["units"], made.c.shape
+    ('1/m', (2,))
+    """
     instance("water", water, Water, 'make one, as by Water.jerlov("IB")')
     grid = {"wavelength_nm": wavelength_nm}
     axes = ("wavelength_nm",)
@@ -47,12 +71,37 @@ def of_water(water: Water, wavelength_nm: ArrayLike) -> Dataset:
 
 
 def of_medium(medium: Medium, distance_m: ArrayLike, depth_m: ArrayLike, up: ArrayLike) -> Dataset:
-    """Return what a camera sees of the water, on the grid of all arguments, each (n,).
+    """Return what a camera sees of the water, on the grid of all arguments.
 
-    distance_m: to the object. depth_m: of the camera. up: y of the view direction, -1 to 1. The factor `transmittance`
-    on an object's light and the light `veil` that is added, with the axes (distance_m, depth_m, up, channel);
-    `irradiance` of a level plane (depth_m, channel). Light is per unit irradiance just below the surface, times the
-    medium's gain.
+    Parameters
+    ----------
+    medium : Medium
+        Water and sensor.
+    distance_m : array_like
+        Distances (n,) [m] to the object.
+    depth_m : array_like
+        Depths (n,) [m] of the camera.
+    up : array_like
+        The y components (n,) of the view direction, -1 to 1.
+
+    Returns
+    -------
+    xarray.Dataset
+        The factor `transmittance` on an object's light and the light `veil` that is added, with the axes (distance_m,
+        depth_m, up, channel); `irradiance` of a level plane (depth_m, channel). Light is per unit irradiance just below
+        the surface, times the medium's gain.
+
+    Raises
+    ------
+    ParameterError
+        If an argument is out of range, or xarray is not installed.
+
+    Examples
+    --------
+    >>> medium = uw.medium.Medium(uw.medium.Water.jerlov("IB"), mode="kd")
+    >>> seen = uw.datasets.of_medium(medium, [1.0, 10.0], [5.0], [0.0])
+    >>> dict(seen.veil.sizes)
+    {'distance_m': 2, 'depth_m': 1, 'up': 1, 'channel': 3}
     """
     instance("medium", medium, Medium, "make one, as by Medium(water)")
     grid: dict[str, Any] = {"distance_m": distance_m, "depth_m": depth_m, "up": up}
@@ -71,10 +120,33 @@ def of_medium(medium: Medium, distance_m: ArrayLike, depth_m: ArrayLike, up: Arr
 
 
 def of_light_field(field: LightField, depth_m: ArrayLike, up: ArrayLike) -> Dataset:
-    """Return the light of a solved field on the grid of its arguments, each (n,), per unit irradiance at the surface.
+    """Return the light of a solved field on the grid of its arguments, per unit irradiance at the surface.
 
-    `radiance` (depth_m, up, wavelength) from directions with the y component `up`, the sun's own beam left out [1/sr];
-    `E_d`, `E_u` and `E_0` (depth_m, wavelength), downwelling, upwelling and scalar irradiance with the beam [1].
+    Parameters
+    ----------
+    field : LightField
+        The solved field.
+    depth_m : array_like
+        Depths (n,) [m].
+    up : array_like
+        The y components (n,) of directions, -1 to 1.
+
+    Returns
+    -------
+    xarray.Dataset
+        `radiance` (depth_m, up, wavelength) [1/sr] without the sun's own beam; `E_d`, `E_u` and `E_0` (depth_m,
+        wavelength) [1], downwelling, upwelling and scalar irradiance with the beam; a and b.
+
+    Raises
+    ------
+    ParameterError
+        If an argument is out of range, or xarray is not installed.
+
+    Examples
+    --------
+    >>> field = uw.medium.LightField([0.1, 0.3], [0.2, 0.1])
+    >>> uw.datasets.of_light_field(field, [1.0, 5.0], [-1.0, 1.0]).E_d.shape
+    (2, 2)
     """
     instance("field", field, LightField, "make one, as by LightField([0.1], [0.2])")
     grid = {"depth_m": depth_m, "up": up}
@@ -95,10 +167,30 @@ def of_light_field(field: LightField, depth_m: ArrayLike, up: ArrayLike) -> Data
 
 
 def of_caustics(stack: CausticStack) -> Dataset:
-    """Return the statistics of caustics by depth and channel, axes (depth_m, channel).
+    """Return the statistics of caustics by depth and channel.
 
-    Of the irradiance over its mean: `mean`, `contrast` (standard deviation over mean), `skewness`, and the quantiles
-    `q01`, `q50` and `q99` [1].
+    Parameters
+    ----------
+    stack : CausticStack
+        The maps.
+
+    Returns
+    -------
+    xarray.Dataset
+        Of the irradiance over its mean, with the axes (depth_m, channel) [1]: `mean`, `contrast` (standard deviation
+        over mean), `skewness`, and the quantiles `q01`, `q50` and `q99`.
+
+    Raises
+    ------
+    ParameterError
+        If there is no stack, or xarray is not installed.
+
+    Examples
+    --------
+    >>> sea, settings = uw.caustics.GerstnerSea(wave_count=4), uw.caustics.CausticSettings(size=16, grid=16)
+    >>> stack = uw.caustics.caustic_stack(sea, [0.0, 1.0, 0.0], [1.0, 4.0], 0.0, settings)
+    >>> uw.datasets.of_caustics(stack).contrast.dims
+    ('depth_m', 'channel')
     """
     instance("stack", stack, CausticStack, "make one, as by caustic_stack(sea, sun, depths, time_s)")
     ratio = np.asarray(stack.ratio, np.float64).reshape(len(stack.depth_m), -1, 3)
@@ -116,8 +208,28 @@ def of_caustics(stack: CausticStack) -> Dataset:
 def write_csv(dataset: Dataset, path: str | Path, *, overwrite: bool = False) -> None:
     """Write a dataset as a CSV table, a row for each point of its grid; units and provenance stand in lines with #.
 
-    Raises `OutputExistsError` where the file is there already and `overwrite` is not set, `OutputError` where it may
-    not be written. `pandas.read_csv(path, comment="#")` reads the table.
+    Parameters
+    ----------
+    dataset : xarray.Dataset
+        One of this module's, or another with units.
+    path : str or Path
+        The file; `read_csv` and `pandas.read_csv(path, comment="#")` read it.
+    overwrite : bool
+        Replace a file that is there.
+
+    Raises
+    ------
+    OutputExistsError
+        If the file is there already and `overwrite` is not set.
+    OutputError
+        If it may not be written.
+
+    Examples
+    --------
+    >>> uw.datasets.write_csv(uw.datasets.of_water(uw.medium.Water.pure(), [500.0]), "pure.csv")
+    >>> with open("pure.csv", encoding="utf-8") as file:
+    ...     [file.readline().strip() for _ in range(2)][1]
+    '# water: pure sea water'
     """
     path = file_path("path", path)
     check_outputs([path], overwrite=overwrite)
