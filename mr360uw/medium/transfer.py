@@ -32,7 +32,15 @@ from mr360uw.constants import PI, REFRACTIVE_INDEX_SEA
 from mr360uw.errors import ParameterError
 from mr360uw.medium.closed_form import check_ray, ray_in_water
 from mr360uw.medium.ordinates import Modes, Ordinates, nodes
-from mr360uw.medium.phase import Mixture, Phase, PhaseSeries, check_phase, legendre_polynomials, spectral_moments
+from mr360uw.medium.phase import (
+    Mixture,
+    Phase,
+    PhaseSeries,
+    check_phase,
+    legendre_polynomials,
+    moments_of_each,
+    spectral_moments,
+)
 from mr360uw.medium.ray_field import (
     LambertFloor,
     OfBeam,
@@ -84,12 +92,14 @@ class LightField:
     ----------
     absorption, scattering : array_like
         Coefficients (n,) or one number [1/m]; absorption above 0, scattering at least 0.
-    phase : Phase or Mixture or ndarray
-        Phase function of all coefficients, see `Water`; or Legendre moments (m,) or (n, m), chi_0 = 1.
+    phase : Phase or list of Phase or Mixture or ndarray
+        Phase function of all coefficients, see `Water`, or a list of one for each; or Legendre moments (m,) or (n, m),
+        chi_0 = 1. Of lists and moments the streams' moments are used alone.
     surface : {"snell", "none"}
         Flat with Fresnel's reflection, or no change of refractive index.
     sky : "uniform" or tuple or SkyShape
-        Light that enters: uniform, or ("sun", elevation [rad] in the water, share of the sun).
+        Light that enters: uniform, or ("sun", y of the direction to the sun in the water, fraction of the downwelling
+        irradiance that is its beam), the rest being a uniform sky.
     refractive_index : float
         Index of the water relative to air, 1 to 4, for "snell".
     streams : int
@@ -104,7 +114,7 @@ class LightField:
 
     See Also
     --------
-    LayeredWater : Beams in water whose coefficients change with depth.
+    LayeredField : The irradiances of water whose coefficients change with depth.
 
     Notes
     -----
@@ -123,7 +133,7 @@ class LightField:
         self,
         absorption: ArrayLike,
         scattering: ArrayLike,
-        phase: Phase | Mixture | Array = "petzold",
+        phase: Phase | list[Phase] | Mixture | Array = "petzold",
         surface: SurfaceKind = "snell",
         sky: Sky = "uniform",
         refractive_index: float = REFRACTIVE_INDEX_SEA,
@@ -154,10 +164,12 @@ class LightField:
                 f"floor - needs one albedo, or one for each of {len(self.absorption)} wavelengths "
                 f"(got {len(floor.albedo)}) - give as many"
             )
+        orders = 2 * streams
+        if isinstance(phase, list):
+            phase = moments_of_each(phase, orders + 1)
         if not isinstance(phase, np.ndarray | Mixture):
             check_phase(phase)
             phase = Mixture(phase, np.zeros(len(self.absorption)))
-        orders = 2 * streams
         moments = spectral_moments(phase, len(self.absorption), orders + 1)
         self._peak = peak = moments[:, orders]
         self._chi = (moments[:, :orders] - peak[:, None]) / (1.0 - peak[:, None])
