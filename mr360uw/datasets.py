@@ -7,6 +7,9 @@ Needs xarray, `pip install 'mr360uw[data]'`.
 
 from __future__ import annotations
 
+import csv
+import re
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,7 +23,8 @@ from mr360uw.medium.transfer import LightField
 from mr360uw.medium.water import Water
 from mr360uw.output_gate import check_outputs
 from mr360uw.reading.extras import command, optional
-from mr360uw.shapes import file_path, instance, numbers
+from mr360uw.reading.input_files import read_text
+from mr360uw.shapes import file_path, instance, numbers, whole
 from mr360uw.types import CausticStack
 
 if TYPE_CHECKING:
@@ -233,21 +237,148 @@ def write_csv(dataset: Dataset, path: str | Path, *, overwrite: bool = False) ->
     """
     path = file_path("path", path)
     check_outputs([path], overwrite=overwrite)
+    missing = {name: np.arange(size) for name, size in dataset.sizes.items() if name not in dataset.coords}
+    dataset = dataset.assign_coords(missing)
     facts = [f"# {name}: {_line(value)}" for name, value in dataset.attrs.items()]
     columns = {**dataset.coords, **dataset.data_vars}
-    facts += [f"# {name} [{column.attrs.get('units', '')}]" for name, column in columns.items()]
+    facts += [
+        f"# {name} [{column.attrs.get('units', '')}] over {', '.join(map(str, column.dims))}: "
+        f"{column.attrs.get('long_name', name)}"
+        for name, column in columns.items()
+    ]
     text = "\n".join([*facts, dataset.to_dataframe().reset_index().to_csv(index=False, float_format="%.17g")])
     write_whole(path, text)
+
+
+def read_csv(path: str | Path) -> Dataset:
+    """Return a dataset that `write_csv` wrote: axes, variables, units and provenance as they were.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file.
+
+    Returns
+    -------
+    xarray.Dataset
+        With attributes as text.
+
+    Raises
+    ------
+    ParameterError
+        If the file cannot be read or was not written by `write_csv`, or xarray is not installed.
+
+    Examples
+    --------
+    >>> made = uw.datasets.of_water(uw.medium.Water.pure(), [500.0, 600.0])
+    >>> uw.datasets.write_csv(made, "water_of_paper.csv")
+    >>> uw.datasets.read_csv("water_of_paper.csv").K_d.equals(made.K_d)
+    True
+    """
+    xarray = _xarray()
+    lines = read_text(file_path("path", path), ParameterError).splitlines()
+    columns = dict(filter(None, map(_column, lines)))
+    facts = dict(line[2:].split(": ", 1) for line in lines if line.startswith("# ") and _column(line) is None)
+    rows = list(csv.DictReader(line for line in lines if not line.startswith("#")))
+    if not columns or not rows or set(rows[0]) != set(columns):
+        raise ParameterError(f"{path} - is no table of `write_csv` (got {len(rows)} rows) - write it with write_csv")
+    values = {name: np.array([_value(row[name]) for row in rows]) for name in columns}
+    axes = {name: list(dict.fromkeys(values[name].tolist())) for name, (dims, _) in columns.items() if dims == (name,)}
+    places = {name: [axis.index(value) for value in values[name].tolist()] for name, axis in axes.items()}
+    data = {}
+    for name, (dims, attributes) in columns.items():
+        if name in axes:
+            continue
+        array = np.empty([len(axes[dim]) for dim in dims], values[name].dtype)
+        array[tuple(places[dim] for dim in dims)] = values[name]
+        data[name] = (dims, array, attributes)
+    given = {name: (name, np.array(axis), columns[name][1]) for name, axis in axes.items()}
+    made: Dataset = xarray.Dataset(data, given, facts)
+    return made
+
+
+def spread(fit: Callable[[list[Any]], ArrayLike], frames: Sequence[Any], draws: int = 200, seed: int = 1) -> Dataset:
+    """Return how far a fit changes with the frames that it is made of, by resampling them.
+
+    Parameters
+    ----------
+    fit : callable
+        Makes a number, or an array of one shape, from a list of frames: a gain, a Kd, the wind.
+    frames : sequence
+        What the fit takes, one for each frame: radiance maps, patterns of caustics.
+    draws : int
+        Times that as many frames are drawn with replacement, 2 or more.
+    seed : int
+        Seed of the draws.
+
+    Returns
+    -------
+    xarray.Dataset
+        `fit` of all frames; `mean`, `std`, `q05` and `q95` over the draws.
+
+    Raises
+    ------
+    ParameterError
+        If there are no frames, or fewer than two draws, or xarray is not installed.
+
+    Notes
+    -----
+    The bootstrap of independent frames: frames of a clip that are seconds apart, not neighbours, are nearly that.
+
+    Examples
+    --------
+    >>> found = uw.datasets.spread(lambda frames: np.mean(frames), [1.0, 2.0, 3.0, 4.0], draws=400)
+    >>> float(found.fit), round(float(found["std"]), 1)
+    (2.5, 0.6)
+    """
+    whole("draws", draws, 2, 1_000_000)
+    if not len(frames):
+        raise ParameterError("frames - must hold one or more (got none) - give the frames of a clip")
+    random = np.random.default_rng([seed, 0xB007])
+    drawn = random.integers(0, len(frames), (draws, len(frames)))
+    found = np.array([np.asarray(fit([frames[k] for k in row]), np.float64) for row in drawn])
+    axes = tuple(f"axis_{k}" for k in range(found.ndim - 1))
+    values = {
+        "fit": np.asarray(fit(list(frames)), np.float64),
+        "mean": found.mean(axis=0),
+        "std": found.std(axis=0, ddof=1),
+    }
+    values |= dict(zip(("q05", "q95"), np.quantile(found, (0.05, 0.95), axis=0), strict=True))
+    data = {name: (axes, value) for name, value in values.items()}
+    return _dataset(data, {}, frames=len(frames), draws=draws, seed=seed)
+
+
+_COLUMN = re.compile(r"# (\w+) \[(.*?)\] over (.*?): (.*)$")
+
+
+def _column(line: str) -> tuple[str, tuple[tuple[str, ...], dict[str, str]]] | None:
+    """Return the name of a column, its axes and its attributes from the line that says so."""
+    found = _COLUMN.match(line)
+    if found is None:
+        return None
+    attributes = {"long_name": found[4]} if found[4] != found[1] else {}
+    return found[1], (tuple(filter(None, found[3].split(", "))), attributes | ({"units": found[2]} if found[2] else {}))
+
+
+def _value(cell: str) -> float | str:
+    try:
+        return float(cell)
+    except ValueError:
+        return cell
+
+
+def _xarray() -> Any:
+    try:
+        return optional("xarray")
+    except ImportError:
+        raise ParameterError(f"datasets - need xarray (got none) - {command('data')}") from None
 
 
 def _dataset(data: dict[str, Any], grid: dict[str, Any], **facts: Any) -> Dataset:
     """Return named arrays on a grid as a dataset that says what made it."""
     from mr360uw import __version__
 
-    try:
-        xarray = optional("xarray")
-    except ImportError:
-        raise ParameterError(f"datasets - need xarray (got none) - {command('data')}") from None
+    xarray = _xarray()
     axes = {name: (name, np.atleast_1d(numbers(name, one)), {"units": _UNITS[name]}) for name, one in grid.items()}
     made: Dataset = xarray.Dataset(data, axes, {"made_by": f"mr360uw {__version__}", **facts})
     return made

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Literal
 
 from mr360uw.cache import Cache
+from mr360uw.info import package_versions
 from mr360uw.progress import Progress
 from mr360uw.render.backends import Backend, make_backend
 from mr360uw.render.check import scene_sun_lines
@@ -163,6 +164,8 @@ def _report(out: Path, frames: int, loaded: Loaded, renderer: Backend, times: Ru
         held_frames=times.held,
         concealed_frames=times.concealed,
         renderers=times.renderers,
+        scene=loaded.scene.model_dump(mode="json", by_alias=True),
+        packages=package_versions(),
     )
 
 
