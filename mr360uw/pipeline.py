@@ -16,7 +16,7 @@ from typing import Literal
 
 from mr360uw.cache import Cache
 from mr360uw.info import package_versions
-from mr360uw.progress import Progress
+from mr360uw.progress import Progress, begin_phase
 from mr360uw.render.backends import Backend, make_backend
 from mr360uw.render.check import scene_sun_lines
 from mr360uw.render.first_pass import ClipAnalysis, measured_range
@@ -124,6 +124,7 @@ def composite_video(
                 seen = DecodedOnce(video, measured_range(video, *span) if crew is None else (0, 0))
                 analysis = _find_analysis(loaded, seen, span, work, times, progress, tell, fresh=fresh)
                 doubts = analysis.notes
+                begin_phase(progress, "rendering")
                 done = _counted(progress, tell and forecaster(tell, output, work, total - kept), kept, total)
                 job = Job(scene, output.path, work, "auto" if mixed else renderer.name, output.layers, left)
                 opened = OpenJob(job, seen if seen.are_all else video, loaded, renderer)
@@ -198,6 +199,7 @@ def _find_analysis(
     analysis = work.analysis()
     if analysis is None:
         since = time.perf_counter()
+        begin_phase(progress, "reading the light")
         analysis = measured_analysis(loaded, video, span, work.keys, progress, fresh=fresh)
         work.keep_analysis(analysis)
         times.add("first pass", since)
