@@ -1,4 +1,4 @@
-from . import caustics, composite, datasets, from_above, ibl, medium, surface, video
+from . import caustics, composite, datasets, from_above, ibl, medium, plot, surface, types, video
 from .compositor import Compositor, FrameResult, analyse_clip, render_frame
 from .errors import GlError, MeshError, Mr360uwError, OutputExistsError, ParameterError, SceneError, VideoError
 from .from_above import AerialScene, aerial, load_aerial
@@ -49,9 +49,11 @@ __all__ = [
     "load_scene",
     "medium",
     "open_video",
+    "plot",
     "render_frame",
     "sample_dive",
     "surface",
     "track_camera",
+    "types",
     "video",
 ]

@@ -31,8 +31,26 @@ from mr360uw.video import VideoFrame, VideoReader
 class FrameResult:
     """One composited frame and its intermediate results; stages that the scene does not need are None.
 
-    image_linear: (H, W, 3) float32. layer: objects, shadows and caustics over the plate. environment: the plate's
-    light. caustics: on planes around the objects' depths. medium: the water, its veil matched to the plate.
+    Parameters
+    ----------
+    image_linear : ndarray
+        The frame (H, W, 3), float32, linear Rec.709, white is 1.
+    layer : Layer
+        Objects, their shadows and caustics, as they are laid over the plate.
+    environment : Environment or None
+        The plate's light.
+    caustics : CausticStack or None
+        Caustics on planes around the objects' depths.
+    medium : MediumTable or None
+        The water, its veil matched to the plate.
+
+    Examples
+    --------
+    >>> result = uw.render_frame(plate, scene, backend="reference")
+    >>> result.image_linear.shape
+    (32, 64, 3)
+    >>> bool(result.layer.alpha.max() > 0.9)
+    True
     """
 
     image_linear: Floats
@@ -51,21 +69,35 @@ class FrameResult:
 class Compositor:
     """Composites frames with one scene, which is loaded once: from the second frame on only the frame is computed.
 
-    Parameters
-    ----------
-    scene : of a file (`load_scene`), or made in Python.
-    backend : "auto", "gl" or "reference".
-    analysis : of the frames' clip (`analyse_clip`); without it the light of a frame is measured in that frame alone.
-
     A frame depends on its plate, index and time alone, never on the frames made before it. `frames` takes the light of
     most frames of a clip from frames before and after, and gives the frames of `composite_video`; `frame` measures it
     in the plate that it is given. Frames are made in the thread that made the compositor, as OpenGL asks for; any
-    thread may close it. Raises what `load_scene` and `GlError` say.
+    thread may close it.
+
+    Parameters
+    ----------
+    scene : Scene
+        A scene of a file (`load_scene`), or made in Python.
+    backend : {"auto", "gl", "reference"}
+        The renderer; "auto" takes OpenGL where it can be had.
+    analysis : ClipAnalysis, optional
+        Of the frames' clip (`analyse_clip`); without it the light of a frame is measured in that frame alone.
+
+    Raises
+    ------
+    ParameterError
+        If the scene is no `Scene`, or the compositor is closed.
+    GlError
+        If OpenGL is asked for and cannot be had.
+    SceneError
+        If a file of the scene cannot be used.
 
     Examples
     --------
-    >>> with uw.Compositor(scene) as compositor:
-    ...     pictures = [result.image_linear for result in compositor.frames()]
+    >>> with uw.Compositor(scene, backend="reference") as compositor:
+    ...     pictures = [compositor.frame(plate, time_s).image_linear for time_s in (0.0, 0.5)]
+    >>> pictures[1].shape
+    (32, 64, 3)
     """
 
     def __init__(self, scene: Scene, *, backend: str = "auto", analysis: ClipAnalysis | None = None) -> None:
@@ -90,13 +122,37 @@ class Compositor:
 
         Parameters
         ----------
-        plate : (H, W, 3) float32, linear, values up to 1 where it clips; or a frame of `open_video`, which brings its
-            index and time, and whose light is read from its codes as `composite_video` does.
-        time_s : of the sea and of moving objects [s].
-        index : of the frame, for sequences, grain and the analysis.
-        sun : "scene" follows the scene's settings in this plate alone. Without an analysis only.
-        gain : (3,) of the veil if the scene's is "auto"; None fits it to this plate alone. Without an analysis only.
-        shutter_s : exposure time [s], for motion blur.
+        plate : ndarray or VideoFrame
+            A panorama (H, 2 H, 3), linear float, values up to 1 where it clips; or a frame of `open_video`, which
+            brings its index and time, and whose light is read from its codes as `composite_video` does.
+        time_s : float
+            Time [s] of the sea and of moving objects.
+        index : int
+            Number of the frame, for sequences, grain and the analysis.
+        sun : Sun or "scene" or None
+            The sun in the world, None for none; "scene" follows the scene's settings in this plate alone. Without an
+            analysis only.
+        gain : ndarray, optional
+            Gain (3,) of the veil if the scene's is "auto"; None fits it to this plate alone. Without an analysis only.
+        shutter_s : float
+            Exposure time [s], for motion blur.
+
+        Returns
+        -------
+        FrameResult
+            The frame, linear, and its layers.
+
+        Raises
+        ------
+        ParameterError
+            If the plate is no panorama of linear light, or the compositor is closed.
+
+        Examples
+        --------
+        >>> with uw.Compositor(scene, backend="reference") as compositor:
+        ...     result = compositor.frame(plate, time_s=0.5, sun=None)
+        >>> result.image_linear.dtype.name
+        'float32'
         """
         with self._one_thread:
             shown = plate if isinstance(plate, VideoFrame) else VideoFrame.of_linear(_checked(plate), index, time_s)
@@ -111,8 +167,28 @@ class Compositor:
 
         Parameters
         ----------
-        start, stop : frames [start, stop); default: all.
-        video : the clip, open; default: the plate that the scene names. Without an analysis it is analysed first.
+        start, stop : int, optional
+            Frames [start, stop); by default all.
+        video : VideoReader, optional
+            The clip, open; by default the plate that the scene names. Without an analysis it is analysed first.
+
+        Yields
+        ------
+        FrameResult
+            A frame and its layers, in the order of the clip.
+
+        Raises
+        ------
+        ParameterError
+            If the video is not open, or the compositor is closed.
+        VideoError
+            If a frame cannot be decoded.
+
+        Examples
+        --------
+        >>> with uw.Compositor(scene, backend="reference") as compositor:
+        ...     [result.image_linear.shape for result in compositor.frames(0, 1)]
+        [(32, 64, 3)]
         """
         if video is None:
             with open_plate(self._scene) as own:
@@ -159,7 +235,13 @@ class Compositor:
         )
 
     def close(self) -> None:
-        """Let go of all that is kept. It waits for a frame that is being made."""
+        """Release everything that is cached, after the frame that is being made.
+
+        Examples
+        --------
+        >>> compositor = uw.Compositor(scene, backend="reference")
+        >>> compositor.close()
+        """
         with self._one_thread:
             self._loaded = self._kept = None
 
@@ -182,7 +264,47 @@ def render_frame(
     analysis: ClipAnalysis | None = None,
     shutter_s: float = 0.0,
 ) -> FrameResult:
-    """Return the composite of one plate; see `Compositor`, faster for more than one. analysis: of its clip."""
+    """Return the composite of one plate; for more than one a `Compositor` is faster.
+
+    Parameters
+    ----------
+    plate : ndarray or VideoFrame
+        A panorama (H, 2 H, 3), linear float, white is 1; or a frame of `open_video`.
+    scene : Scene
+        What is put into it, and the water.
+    time_s : float
+        Time [s] of the sea and of moving objects.
+    backend : {"auto", "gl", "reference"}
+        The renderer.
+    index : int
+        Number of the frame, for sequences and grain.
+    sun : Sun or "scene" or None
+        The sun in the world, None for none; "scene" follows the scene's settings.
+    gain : ndarray, optional
+        Gain (3,) of the veil; None fits it to the plate if the scene's is "auto".
+    analysis : ClipAnalysis, optional
+        Of the plate's clip; instead of sun and gain.
+    shutter_s : float
+        Exposure time [s], for motion blur.
+
+    Returns
+    -------
+    FrameResult
+        The frame, linear, and its layers.
+
+    Raises
+    ------
+    ParameterError
+        If the plate is no panorama of linear light.
+    SceneError
+        If a file of the scene cannot be used.
+
+    Examples
+    --------
+    >>> result = uw.render_frame(plate, scene, time_s=0.5, backend="reference")
+    >>> result.image_linear.shape
+    (32, 64, 3)
+    """
     if not isinstance(plate, VideoFrame):
         plate = _checked(plate)
     with Compositor(scene, backend=backend, analysis=analysis) as compositor:
@@ -196,10 +318,36 @@ def analyse_clip(
     frames: tuple[int, int] | None = None,
     progress: Progress | None = None,
 ) -> ClipAnalysis:
-    """Return what a composite measures over a clip before its first frame: sun, gain of the veil, background, look.
+    """Return what a composite measures over a clip before its first frame: sun, gain of the veil, background, grade.
 
-    video: the clip, instead of the plate that the scene names. frames: [a, b), with ten seconds on either side; by
-    default all. progress: is called with (done, total) frames. Raises `VideoError` or `SceneError`.
+    Parameters
+    ----------
+    video : str or Path
+        The clip, instead of the plate that the scene names.
+    scene : Scene
+        Says what has to be measured.
+    frames : tuple of int, optional
+        Frames [a, b), measured with ten seconds on either side; by default all.
+    progress : callable, optional
+        Is called with (done, total) frames.
+
+    Returns
+    -------
+    ClipAnalysis
+        For `Compositor(scene, analysis=...)`, of this scene or of others with the same clip.
+
+    Raises
+    ------
+    VideoError
+        If the clip cannot be read.
+    SceneError
+        If a file of the scene cannot be used.
+
+    Examples
+    --------
+    >>> analysis = uw.analyse_clip("dive.mp4", scene)
+    >>> analysis.gain.shape
+    (2, 3)
     """
     plate = scene.plate.model_copy(update={"path": file_path("video", video)})
     with open_plate(scene.model_copy(update={"plate": plate})) as reader:

@@ -7,6 +7,9 @@ Needs xarray, `pip install 'mr360uw[data]'`.
 
 from __future__ import annotations
 
+import csv
+import re
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,7 +23,8 @@ from mr360uw.medium.transfer import LightField
 from mr360uw.medium.water import Water
 from mr360uw.output_gate import check_outputs
 from mr360uw.reading.extras import command, optional
-from mr360uw.shapes import file_path, instance, numbers
+from mr360uw.reading.input_files import read_text
+from mr360uw.shapes import file_path, instance, numbers, whole
 from mr360uw.types import CausticStack
 
 if TYPE_CHECKING:
@@ -31,7 +35,31 @@ _CHANNELS = ("red", "green", "blue")
 
 
 def of_water(water: Water, wavelength_nm: ArrayLike) -> Dataset:
-    """Return the optical properties of a water at wavelengths (n,) [nm], in 1/m: a, b, c, b_b and K_d."""
+    """Return the optical properties of a water: a, b, c, b_b and K_d.
+
+    Parameters
+    ----------
+    water : Water
+        The water.
+    wavelength_nm : array_like
+        Wavelengths (n,) [nm].
+
+    Returns
+    -------
+    xarray.Dataset
+        Variables over `wavelength_nm`, in 1/m.
+
+    Raises
+    ------
+    ParameterError
+        If the water is none, a wavelength is beyond its tables, or xarray is not installed.
+
+    Examples
+    --------
+    >>> made = uw.datasets.of_water(uw.medium.Water.jerlov("IB"), [450.0, 550.0])
+    >>> made.K_d.attrs["units"], made.c.shape
+    ('1/m', (2,))
+    """
     instance("water", water, Water, 'make one, as by Water.jerlov("IB")')
     grid = {"wavelength_nm": wavelength_nm}
     axes = ("wavelength_nm",)
@@ -47,12 +75,37 @@ def of_water(water: Water, wavelength_nm: ArrayLike) -> Dataset:
 
 
 def of_medium(medium: Medium, distance_m: ArrayLike, depth_m: ArrayLike, up: ArrayLike) -> Dataset:
-    """Return what a camera sees of the water, on the grid of all arguments, each (n,).
+    """Return what a camera sees of the water, on the grid of all arguments.
 
-    distance_m: to the object. depth_m: of the camera. up: y of the view direction, -1 to 1. The factor `transmittance`
-    on an object's light and the light `veil` that is added, with the axes (distance_m, depth_m, up, channel);
-    `irradiance` of a level plane (depth_m, channel). Light is per unit irradiance just below the surface, times the
-    medium's gain.
+    Parameters
+    ----------
+    medium : Medium
+        Water and sensor.
+    distance_m : array_like
+        Distances (n,) [m] to the object.
+    depth_m : array_like
+        Depths (n,) [m] of the camera.
+    up : array_like
+        The y components (n,) of the view direction, -1 to 1.
+
+    Returns
+    -------
+    xarray.Dataset
+        The factor `transmittance` on an object's light and the light `veil` that is added, with the axes (distance_m,
+        depth_m, up, channel); `irradiance` of a level plane (depth_m, channel). Light is per unit irradiance just below
+        the surface, times the medium's gain.
+
+    Raises
+    ------
+    ParameterError
+        If an argument is out of range, or xarray is not installed.
+
+    Examples
+    --------
+    >>> medium = uw.medium.Medium(uw.medium.Water.jerlov("IB"), mode="kd")
+    >>> seen = uw.datasets.of_medium(medium, [1.0, 10.0], [5.0], [0.0])
+    >>> dict(seen.veil.sizes)
+    {'distance_m': 2, 'depth_m': 1, 'up': 1, 'channel': 3}
     """
     instance("medium", medium, Medium, "make one, as by Medium(water)")
     grid: dict[str, Any] = {"distance_m": distance_m, "depth_m": depth_m, "up": up}
@@ -71,10 +124,33 @@ def of_medium(medium: Medium, distance_m: ArrayLike, depth_m: ArrayLike, up: Arr
 
 
 def of_light_field(field: LightField, depth_m: ArrayLike, up: ArrayLike) -> Dataset:
-    """Return the light of a solved field on the grid of its arguments, each (n,), per unit irradiance at the surface.
+    """Return the light of a solved field on the grid of its arguments, per unit irradiance at the surface.
 
-    `radiance` (depth_m, up, wavelength) from directions with the y component `up`, the sun's own beam left out [1/sr];
-    `E_d`, `E_u` and `E_0` (depth_m, wavelength), downwelling, upwelling and scalar irradiance with the beam [1].
+    Parameters
+    ----------
+    field : LightField
+        The solved field.
+    depth_m : array_like
+        Depths (n,) [m].
+    up : array_like
+        The y components (n,) of directions, -1 to 1.
+
+    Returns
+    -------
+    xarray.Dataset
+        `radiance` (depth_m, up, wavelength) [1/sr] without the sun's own beam; `E_d`, `E_u` and `E_0` (depth_m,
+        wavelength) [1], downwelling, upwelling and scalar irradiance with the beam; a and b.
+
+    Raises
+    ------
+    ParameterError
+        If an argument is out of range, or xarray is not installed.
+
+    Examples
+    --------
+    >>> field = uw.medium.LightField([0.1, 0.3], [0.2, 0.1])
+    >>> uw.datasets.of_light_field(field, [1.0, 5.0], [-1.0, 1.0]).E_d.shape
+    (2, 2)
     """
     instance("field", field, LightField, "make one, as by LightField([0.1], [0.2])")
     grid = {"depth_m": depth_m, "up": up}
@@ -95,10 +171,30 @@ def of_light_field(field: LightField, depth_m: ArrayLike, up: ArrayLike) -> Data
 
 
 def of_caustics(stack: CausticStack) -> Dataset:
-    """Return the statistics of caustics by depth and channel, axes (depth_m, channel).
+    """Return the statistics of caustics by depth and channel.
 
-    Of the irradiance over its mean: `mean`, `contrast` (standard deviation over mean), `skewness`, and the quantiles
-    `q01`, `q50` and `q99` [1].
+    Parameters
+    ----------
+    stack : CausticStack
+        The maps.
+
+    Returns
+    -------
+    xarray.Dataset
+        Of the irradiance over its mean, with the axes (depth_m, channel) [1]: `mean`, `contrast` (standard deviation
+        over mean), `skewness`, and the quantiles `q01`, `q50` and `q99`.
+
+    Raises
+    ------
+    ParameterError
+        If there is no stack, or xarray is not installed.
+
+    Examples
+    --------
+    >>> sea, settings = uw.caustics.GerstnerSea(wave_count=4), uw.caustics.CausticSettings(size=16, grid=16)
+    >>> stack = uw.caustics.caustic_stack(sea, [0.0, 1.0, 0.0], [1.0, 4.0], 0.0, settings)
+    >>> uw.datasets.of_caustics(stack).contrast.dims
+    ('depth_m', 'channel')
     """
     instance("stack", stack, CausticStack, "make one, as by caustic_stack(sea, sun, depths, time_s)")
     ratio = np.asarray(stack.ratio, np.float64).reshape(len(stack.depth_m), -1, 3)
@@ -116,26 +212,173 @@ def of_caustics(stack: CausticStack) -> Dataset:
 def write_csv(dataset: Dataset, path: str | Path, *, overwrite: bool = False) -> None:
     """Write a dataset as a CSV table, a row for each point of its grid; units and provenance stand in lines with #.
 
-    Raises `OutputExistsError` where the file is there already and `overwrite` is not set, `OutputError` where it may
-    not be written. `pandas.read_csv(path, comment="#")` reads the table.
+    Parameters
+    ----------
+    dataset : xarray.Dataset
+        One of this module's, or another with units.
+    path : str or Path
+        The file; `read_csv` and `pandas.read_csv(path, comment="#")` read it.
+    overwrite : bool
+        Replace a file that is there.
+
+    Raises
+    ------
+    OutputExistsError
+        If the file is there already and `overwrite` is not set.
+    OutputError
+        If it may not be written.
+
+    Examples
+    --------
+    >>> uw.datasets.write_csv(uw.datasets.of_water(uw.medium.Water.pure(), [500.0]), "pure.csv")
+    >>> with open("pure.csv", encoding="utf-8") as file:
+    ...     [file.readline().strip() for _ in range(2)][1]
+    '# water: pure sea water'
     """
     path = file_path("path", path)
     check_outputs([path], overwrite=overwrite)
+    missing = {name: np.arange(size) for name, size in dataset.sizes.items() if name not in dataset.coords}
+    dataset = dataset.assign_coords(missing)
     facts = [f"# {name}: {_line(value)}" for name, value in dataset.attrs.items()]
     columns = {**dataset.coords, **dataset.data_vars}
-    facts += [f"# {name} [{column.attrs.get('units', '')}]" for name, column in columns.items()]
+    facts += [
+        f"# {name} [{column.attrs.get('units', '')}] over {', '.join(map(str, column.dims))}: "
+        f"{column.attrs.get('long_name', name)}"
+        for name, column in columns.items()
+    ]
     text = "\n".join([*facts, dataset.to_dataframe().reset_index().to_csv(index=False, float_format="%.17g")])
     write_whole(path, text)
+
+
+def read_csv(path: str | Path) -> Dataset:
+    """Return a dataset that `write_csv` wrote: axes, variables, units and provenance as they were.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file.
+
+    Returns
+    -------
+    xarray.Dataset
+        With attributes as text.
+
+    Raises
+    ------
+    ParameterError
+        If the file cannot be read or was not written by `write_csv`, or xarray is not installed.
+
+    Examples
+    --------
+    >>> made = uw.datasets.of_water(uw.medium.Water.pure(), [500.0, 600.0])
+    >>> uw.datasets.write_csv(made, "water_of_paper.csv")
+    >>> uw.datasets.read_csv("water_of_paper.csv").K_d.equals(made.K_d)
+    True
+    """
+    xarray = _xarray()
+    lines = read_text(file_path("path", path), ParameterError).splitlines()
+    columns = dict(filter(None, map(_column, lines)))
+    facts = dict(line[2:].split(": ", 1) for line in lines if line.startswith("# ") and _column(line) is None)
+    rows = list(csv.DictReader(line for line in lines if not line.startswith("#")))
+    if not columns or not rows or set(rows[0]) != set(columns):
+        raise ParameterError(f"{path} - is no table of `write_csv` (got {len(rows)} rows) - write it with write_csv")
+    values = {name: np.array([_value(row[name]) for row in rows]) for name in columns}
+    axes = {name: list(dict.fromkeys(values[name].tolist())) for name, (dims, _) in columns.items() if dims == (name,)}
+    places = {name: [axis.index(value) for value in values[name].tolist()] for name, axis in axes.items()}
+    data = {}
+    for name, (dims, attributes) in columns.items():
+        if name in axes:
+            continue
+        array = np.empty([len(axes[dim]) for dim in dims], values[name].dtype)
+        array[tuple(places[dim] for dim in dims)] = values[name]
+        data[name] = (dims, array, attributes)
+    given = {name: (name, np.array(axis), columns[name][1]) for name, axis in axes.items()}
+    made: Dataset = xarray.Dataset(data, given, facts)
+    return made
+
+
+def spread(fit: Callable[[list[Any]], ArrayLike], frames: Sequence[Any], draws: int = 200, seed: int = 1) -> Dataset:
+    """Return how far a fit changes with the frames that it is made of, by resampling them.
+
+    Parameters
+    ----------
+    fit : callable
+        Makes a number, or an array of one shape, from a list of frames: a gain, a Kd, the wind.
+    frames : sequence
+        What the fit takes, one for each frame: radiance maps, patterns of caustics.
+    draws : int
+        Times that as many frames are drawn with replacement, 2 or more.
+    seed : int
+        Seed of the draws.
+
+    Returns
+    -------
+    xarray.Dataset
+        `fit` of all frames; `mean`, `std`, `q05` and `q95` over the draws.
+
+    Raises
+    ------
+    ParameterError
+        If there are no frames, or fewer than two draws, or xarray is not installed.
+
+    Notes
+    -----
+    The bootstrap of independent frames: frames of a clip that are seconds apart, not neighbours, are nearly that.
+
+    Examples
+    --------
+    >>> found = uw.datasets.spread(lambda frames: np.mean(frames), [1.0, 2.0, 3.0, 4.0], draws=400)
+    >>> float(found.fit), round(float(found["std"]), 1)
+    (2.5, 0.6)
+    """
+    whole("draws", draws, 2, 1_000_000)
+    if not len(frames):
+        raise ParameterError("frames - must hold one or more (got none) - give the frames of a clip")
+    random = np.random.default_rng([seed, 0xB007])
+    drawn = random.integers(0, len(frames), (draws, len(frames)))
+    found = np.array([np.asarray(fit([frames[k] for k in row]), np.float64) for row in drawn])
+    axes = tuple(f"axis_{k}" for k in range(found.ndim - 1))
+    values = {
+        "fit": np.asarray(fit(list(frames)), np.float64),
+        "mean": found.mean(axis=0),
+        "std": found.std(axis=0, ddof=1),
+    }
+    values |= dict(zip(("q05", "q95"), np.quantile(found, (0.05, 0.95), axis=0), strict=True))
+    data = {name: (axes, value) for name, value in values.items()}
+    return _dataset(data, {}, frames=len(frames), draws=draws, seed=seed)
+
+
+_COLUMN = re.compile(r"# (\w+) \[(.*?)\] over (.*?): (.*)$")
+
+
+def _column(line: str) -> tuple[str, tuple[tuple[str, ...], dict[str, str]]] | None:
+    """Return the name of a column, its axes and its attributes from the line that says so."""
+    found = _COLUMN.match(line)
+    if found is None:
+        return None
+    attributes = {"long_name": found[4]} if found[4] != found[1] else {}
+    return found[1], (tuple(filter(None, found[3].split(", "))), attributes | ({"units": found[2]} if found[2] else {}))
+
+
+def _value(cell: str) -> float | str:
+    try:
+        return float(cell)
+    except ValueError:
+        return cell
+
+
+def _xarray() -> Any:
+    try:
+        return optional("xarray")
+    except ImportError:
+        raise ParameterError(f"datasets - need xarray (got none) - {command('data')}") from None
 
 
 def _dataset(data: dict[str, Any], grid: dict[str, Any], **facts: Any) -> Dataset:
     """Return named arrays on a grid as a dataset that says what made it."""
     from mr360uw import __version__
 
-    try:
-        xarray = optional("xarray")
-    except ImportError:
-        raise ParameterError(f"datasets - need xarray (got none) - {command('data')}") from None
+    xarray = _xarray()
     axes = {name: (name, np.atleast_1d(numbers(name, one)), {"units": _UNITS[name]}) for name, one in grid.items()}
     made: Dataset = xarray.Dataset(data, axes, {"made_by": f"mr360uw {__version__}", **facts})
     return made

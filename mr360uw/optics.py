@@ -28,11 +28,32 @@ Array = NDArray[np.float64]
 
 
 def refract_to_air(direction_in_water: ArrayLike, refractive_index: float = REFRACTIVE_INDEX_SEA) -> Array:
-    """Return the directions (..., 3) in air, towards the sun, of light seen from below a flat surface.
+    """Return the directions in air, towards the sun, of light seen from below a flat surface.
 
     Outside Snell's window (more than asin(1/n) from the zenith, 48.3 degrees at n = 1.34) no light comes from the air:
-    the result is then the horizon below that azimuth, y = 0, which a caller can test for. Raises `ParameterError` for
-    directions below the horizon and indices outside (1, 4].
+    the result is then the horizon below that azimuth, y = 0, which a caller can test for.
+
+    Parameters
+    ----------
+    direction_in_water : array_like
+        Directions (..., 3) towards the light, not below the horizon.
+    refractive_index : float
+        Index of the water relative to air, above 1 and up to 4.
+
+    Returns
+    -------
+    ndarray
+        Unit directions (..., 3).
+
+    Raises
+    ------
+    ParameterError
+        If a direction is below the horizon or the index out of range.
+
+    Examples
+    --------
+    >>> uw.caustics.refract_to_air([0.6, 0.8, 0.0]).round(3)
+    array([0.804, 0.595, 0.   ])
     """
     d = _towards_light(direction_in_water, refractive_index)
     horizontal = refractive_index * d[..., [0, 2]]
@@ -43,9 +64,29 @@ def refract_to_air(direction_in_water: ArrayLike, refractive_index: float = REFR
 
 
 def refract_to_water(direction_in_air: ArrayLike, refractive_index: float = REFRACTIVE_INDEX_SEA) -> Array:
-    """Return the directions (..., 3) in water, towards the sun, of light from above a flat surface.
+    """Return the directions in water, towards the sun, of light from above a flat surface.
 
-    Raises `ParameterError` for directions below the horizon and indices outside (1, 4].
+    Parameters
+    ----------
+    direction_in_air : array_like
+        Directions (..., 3) towards the light, not below the horizon.
+    refractive_index : float
+        Index of the water relative to air, above 1 and up to 4.
+
+    Returns
+    -------
+    ndarray
+        Unit directions (..., 3).
+
+    Raises
+    ------
+    ParameterError
+        If a direction is below the horizon or the index out of range.
+
+    Examples
+    --------
+    >>> uw.caustics.refract_to_water([1.0, 0.0, 0.0]).round(3)
+    array([0.746, 0.666, 0.   ])
     """
     d = _towards_light(direction_in_air, refractive_index)
     horizontal = d[..., [0, 2]] / refractive_index
@@ -179,9 +220,35 @@ _COSINES = 64
 
 
 def sea_water_index(wavelength_nm: ArrayLike, temperature_c: float = 20.0, salinity: float = 35.0) -> Array:
-    """Return the refractive index (...,) of sea water relative to air (Quan & Fry 1995 eq. 3).
+    """Return the refractive index of sea water relative to air.
 
-    wavelength_nm: 400 to 700. temperature_c: 0 to 30. salinity: 0 to 35 (practical scale).
+    Parameters
+    ----------
+    wavelength_nm : array_like
+        Wavelengths (...,) [nm], 400 to 700.
+    temperature_c : float
+        Temperature [degC], 0 to 30.
+    salinity : float
+        Salinity on the practical scale, 0 to 35.
+
+    Returns
+    -------
+    ndarray
+        Index (...,).
+
+    Raises
+    ------
+    ParameterError
+        If an argument is out of range.
+
+    Notes
+    -----
+    Quan & Fry 1995, equation 3.
+
+    Examples
+    --------
+    >>> uw.caustics.sea_water_index([450.0, 550.0, 650.0]).round(4).tolist()
+    [1.3459, 1.3408, 1.3377]
     """
     w = numbers("wavelength_nm", wavelength_nm).astype(np.float64, copy=False)
     t, s = temperature_c, salinity

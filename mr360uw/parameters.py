@@ -8,9 +8,10 @@ the JSON schema and the tables of the documentation all read them from there.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from functools import partial
-from typing import TYPE_CHECKING, Any, Literal, get_args
+from typing import TYPE_CHECKING, Any, Literal, TypeVar, get_args
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 from pydantic.fields import FieldInfo
@@ -117,6 +118,50 @@ def parameter(
 
 advanced = partial(parameter, audience="few")
 """As `parameter`, for a field that few users need: the documentation lists it apart."""
+
+
+Model = TypeVar("Model", bound=BaseModel)
+
+
+def listed(model: type[Model]) -> type[Model]:
+    """Return a model whose docstring lists its fields as a numpydoc section, before the first section it has.
+
+    Each field says its type, default, meaning, unit and range, as `parameter` has them.
+    """
+    summary, rule, sections = (model.__doc__ or "").partition(_first_section(model.__doc__ or ""))
+    lines = ["Parameters", "----------"]
+    for name, field in model.model_fields.items():
+        value = None if field.is_required() else field.get_default(call_default_factory=True)
+        default = ", optional" if isinstance(value, BaseModel) else f", default {value!r}"
+        lines += [
+            f"{field.alias or name} : {_type_name(field.annotation)}{'' if field.is_required() else default}",
+            f"    {_sentence(field)}",
+        ]
+    table = "\n".join(f"    {line}" for line in lines)
+    model.__doc__ = f"{summary.rstrip()}\n\n{table}\n\n{rule}{sections}".rstrip() + "\n    "
+    return model
+
+
+def _first_section(text: str) -> str:
+    """Return the heading of the first numpydoc section of a docstring, with its line break; "" where there is none."""
+    found = re.search(r"^ *\w[\w ]*\n *-{3,}$", text, re.MULTILINE)
+    return found[0] if found else "\0"
+
+
+def _type_name(annotation: Any) -> str:
+    text = annotation.__name__ if isinstance(annotation, type) else str(annotation)
+    if "Annotated" in text:
+        text = text.partition("[")[0]
+    return re.sub(r"\b(?:typing|pathlib|mr360uw(?:\.\w+)*)\.", "", text).replace(" | ", " or ")
+
+
+def _sentence(field: FieldInfo) -> str:
+    """Return a field's meaning with its unit and range, as a sentence."""
+    text, unit, (low, high) = field.description or "", stated(field, "unit"), bounds_of(field)
+    text += f" [{unit}]" if unit else ""
+    text += "" if low is None and high is None else f"; from {low:g}" if high is None else ""
+    text += "" if high is None else f"; up to {high:g}" if low is None else f"; {low:g} to {high:g}"
+    return f"{text[:1].upper()}{text[1:]}."
 
 
 def stated(field: FieldInfo, name: Literal["unit", "fixed", "internal", "audience"]) -> str:

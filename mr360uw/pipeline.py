@@ -15,7 +15,8 @@ from pathlib import Path
 from typing import Literal
 
 from mr360uw.cache import Cache
-from mr360uw.progress import Progress
+from mr360uw.info import package_versions
+from mr360uw.progress import Progress, begin_phase
 from mr360uw.render.backends import Backend, make_backend
 from mr360uw.render.check import scene_sun_lines
 from mr360uw.render.first_pass import ClipAnalysis, measured_range
@@ -50,18 +51,58 @@ def composite_video(
     mixed: bool = False,
     report: str | Path | None = None,
 ) -> Report:
-    """Composite frames [a, b) of the scene's plate into `out`; return a report of stages and times.
+    """Composite frames of the scene's plate into a file; return a report of stages and times.
 
-    out: a video, or a pattern of images (out_%04d.png, .exr), or a still; it appears when it is complete. Until then
-    finished parts lie in a folder beside it: the same call goes on after a stop. fresh: use nothing of earlier runs.
-    layers: a pattern (layers_%04d.exr) of multi-part EXR files with the layer's variables, without motion blur.
-    workers: processes; "auto" takes one for every two cores. cluster: address of a Dask scheduler instead. mixed: let
-    each take the renderer that it has, `backend` or the reference. progress: is called over the frames an extra time if
-    there is a first pass. report: file that the report is written to as JSON. tell: gets lines on the plate's sun, and
-    one on the time and the disk space that a long run will take.
+    The output appears when it is complete. Until then finished parts lie in a folder beside it, and the same call goes
+    on after a stop.
 
-    Raises `VideoError`, `OutputExistsError`, `SceneError`, `MeshError`, `ParameterError`; then no output is there, of
-    sequences the pictures that were complete. Where frames were finished, a note of the exception says where they are.
+    Parameters
+    ----------
+    scene : Scene
+        The scene, whose plate is the clip.
+    out : str or Path
+        A video, or a pattern of pictures (out_%04d.png, .exr), or a still.
+    frames : tuple of int
+        Frames [a, b); None for b takes all.
+    backend : {"auto", "gl", "reference"}
+        The renderer.
+    overwrite : bool
+        Replace an output that is there.
+    layers : str or Path, optional
+        A pattern (layers_%04d.exr) of multi-part EXR files with the layer's variables, without motion blur.
+    progress : callable, optional
+        Is called with (done, total) frames, over the frames an extra time if there is a first pass.
+    tell : callable, optional
+        Gets lines on the plate's sun, and one on the time and the disk space that a long run will take.
+    fresh : bool
+        Use nothing of earlier runs.
+    workers : int or "auto"
+        Processes; "auto" takes one for every two cores.
+    cluster : str, optional
+        Address of a Dask scheduler instead of own processes.
+    mixed : bool
+        Let each worker take the renderer that it has, `backend` or the reference.
+    report : str or Path, optional
+        File that the report is written to as JSON.
+
+    Returns
+    -------
+    Report
+        Frames, device, stages and their times.
+
+    Raises
+    ------
+    VideoError, SceneError, MeshError, ParameterError
+        If something cannot be used; then no output is there, of sequences the pictures that were complete. Where frames
+        were finished, a note of the exception says where they are.
+    OutputExistsError
+        If the output is there and `overwrite` is not set.
+
+    Examples
+    --------
+    >>> report = uw.composite_video(scene, "out.mp4", frames=(0, 1), backend="reference")
+    >>> report.frames
+    1
     """
     began = time.perf_counter()
     instance("scene", scene, Scene, "load_scene reads one")
@@ -83,6 +124,7 @@ def composite_video(
                 seen = DecodedOnce(video, measured_range(video, *span) if crew is None else (0, 0))
                 analysis = _find_analysis(loaded, seen, span, work, times, progress, tell, fresh=fresh)
                 doubts = analysis.notes
+                begin_phase(progress, "rendering")
                 done = _counted(progress, tell and forecaster(tell, output, work, total - kept), kept, total)
                 job = Job(scene, output.path, work, "auto" if mixed else renderer.name, output.layers, left)
                 opened = OpenJob(job, seen if seen.are_all else video, loaded, renderer)
@@ -123,6 +165,8 @@ def _report(out: Path, frames: int, loaded: Loaded, renderer: Backend, times: Ru
         held_frames=times.held,
         concealed_frames=times.concealed,
         renderers=times.renderers,
+        scene=loaded.scene.model_dump(mode="json", by_alias=True),
+        packages=package_versions(),
     )
 
 
@@ -155,6 +199,7 @@ def _find_analysis(
     analysis = work.analysis()
     if analysis is None:
         since = time.perf_counter()
+        begin_phase(progress, "reading the light")
         analysis = measured_analysis(loaded, video, span, work.keys, progress, fresh=fresh)
         work.keep_analysis(analysis)
         times.add("first pass", since)

@@ -22,12 +22,29 @@ def terminal_progress(*, lines: bool = False) -> Iterator[Progress]:
     end the run at the next frame at the latest. For the main thread.
     """
     with _pending_signals() as raise_pending, _lines() if lines else _bar() as draw:
+        yield _Terminal(raise_pending, draw)
 
-        def progress(done: int, total: int | None) -> None:
-            raise_pending()
-            draw(done, total)
 
-        yield progress
+class _Terminal:
+    """A `Progress` that a run may tell the name of its phase."""
+
+    def __init__(self, raise_pending: Callable[[], None], draw: Progress) -> None:
+        self._raise_pending, self._draw = raise_pending, draw
+
+    def __call__(self, done: int, total: int | None) -> None:
+        self._raise_pending()
+        self._draw(done, total)
+
+    def phase(self, name: str) -> None:
+        """Begin a phase of the run, with a bar of its own."""
+        begin_phase(self._draw, name)
+
+
+def begin_phase(progress: Progress | None, name: str) -> None:
+    """Tell a `Progress` that a phase of the run begins, as "rendering", if it wants to know: if it has `phase`."""
+    phase = getattr(progress, "phase", None)
+    if phase is not None:
+        phase(name)
 
 
 def terminal_count(doing: str) -> Progress:
@@ -90,7 +107,7 @@ def _bar() -> Iterator[Progress]:
         yield lambda done, total: None  # noqa: ARG005 - the signature of Progress
         return
     from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, ProgressColumn, Task, TimeRemainingColumn
+    from rich.progress import BarColumn, MofNCompleteColumn, ProgressColumn, Task, TextColumn, TimeRemainingColumn
     from rich.progress import Progress as Bar
     from rich.text import Text
 
@@ -98,10 +115,23 @@ def _bar() -> Iterator[Progress]:
         def render(self, task: Task) -> Text:
             return Text(f"{task.speed:.1f} frames/s" if task.speed else "- frames/s")
 
-    columns = (BarColumn(), MofNCompleteColumn(), Rate(), TimeRemainingColumn())
+    class Labelled:
+        """The bar of the phase that runs; those of earlier phases are gone."""
+
+        def __init__(self, bar: Bar) -> None:
+            self._bar, self._task = bar, bar.add_task("frames", total=None)
+
+        def __call__(self, done: int, total: int | None) -> None:
+            self._bar.update(self._task, completed=done, total=total)
+
+        def phase(self, name: str) -> None:
+            self._bar.remove_task(self._task)
+            self._task = self._bar.add_task(name, total=None)
+
+    named = TextColumn("{task.description}")
+    columns = (named, BarColumn(), MofNCompleteColumn(), Rate(), TimeRemainingColumn())
     with Bar(*columns, console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task("frames", total=None)
-        yield lambda done, total: bar.update(task, completed=done, total=total)
+        yield Labelled(bar)
 
 
 class Steps:

@@ -16,7 +16,7 @@ import mr360uw
 ROOT = Path(mr360uw.__file__).parent
 GROUND = {
     "files", "output_gate", "reading", "types", "constants", "sphere", "color", "errors", "parameters", "optics",
-    "shapes", "yuv", "cache", "jit", "texels",
+    "shapes", "yuv", "cache", "jit", "texels", "plot",
 }  # fmt: skip
 # what a package may import of mr360uw besides the ground floor and itself
 PHYSICS = {"ibl", "caustics", "medium"}
@@ -132,6 +132,8 @@ def test_the_ground_floor_stands_on_numpy_alone() -> None:
         ROOT / "jit" / "__init__.py": {"dis", "hashlib", "llvmlite", "numba", "os", "pickle", "platform", "sys"},
         ROOT / "jit" / "ahead.py": {"hashlib", "importlib", "numba", "os", "subprocess", "sys"},
         ROOT / "cache.py": {"types"},
+        ROOT / "parameters.py": {"re"},
+        ROOT / "plot.py": {"base64", "html", "struct", "zlib"},
         ROOT / "files.py": {"contextlib", "os", "secrets"},
         ROOT / "output_gate.py": {"contextlib", "os", "secrets", "shutil"},
         ROOT / "reading" / "numbered_files.py": {"re"},

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import ctypes
+import io
 import json
 import os
 import re
@@ -22,7 +23,7 @@ import pytest
 
 from mr360uw.ibl import track_suns
 from mr360uw.ibl.sun.trackfile import save_track
-from mr360uw.progress import terminal_progress
+from mr360uw.progress import begin_phase, terminal_progress
 from mr360uw.reading.extras import EXTRAS
 from mr360uw.sample import SampleDive
 from mr360uw.video import write_exr
@@ -69,6 +70,7 @@ def test_explain_and_check_print_the_plan(scene: Path, run: Run) -> None:
     assert "caustics     runs" in out
     assert "not told by this plate" in "".join(line for line in out.splitlines() if line.startswith("look "))
     assert not (scene.parent / "out.mp4").exists()
+    assert out.splitlines()[-1] == "nothing was written to out.mp4: --explain says what would run"
     code, out, _ = run("check", scene, "--set", 'water.type="none"', "--set", 'light.sun="detect"')
     assert code == 0
     assert "caustics     skipped  needs a sun and water" in out
@@ -466,6 +468,39 @@ def test_an_interrupt_within_a_callback_stops_the_run_at_the_next_frame() -> Non
         with pytest.raises(KeyboardInterrupt):
             progress(2, 9)
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+def test_each_phase_of_a_run_has_its_name() -> None:
+    names: list[str] = []
+
+    class Told:
+        def __call__(self, done: int, total: int | None) -> None:
+            pass
+
+        def phase(self, name: str) -> None:
+            names.append(name)
+
+    begin_phase(Told(), "rendering")
+    begin_phase(None, "rendering")
+    with terminal_progress() as progress:
+        begin_phase(progress, "rendering")
+        progress(1, 9)
+    assert names == ["rendering"]
+
+
+def test_a_terminal_shows_the_phase_that_runs(monkeypatch: pytest.MonkeyPatch) -> None:
+    screen = io.StringIO()
+    screen.isatty = lambda: True  # type: ignore[method-assign]
+    monkeypatch.setattr(sys, "stderr", screen)
+    monkeypatch.setenv("TERM", "xterm")
+    with terminal_progress() as progress:
+        for name in ("reading the light", "rendering"):
+            begin_phase(progress, name)
+            progress(3, 9)
+            time.sleep(0.15)  # two pictures of the bar
+    text = screen.getvalue()
+    assert text.index("reading the light") < text.index("rendering")
+    assert "3/9" in text
 
 
 def test_help_names_every_command() -> None:

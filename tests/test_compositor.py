@@ -3,10 +3,12 @@
 
 from __future__ import annotations
 
+import json
 import threading
 from pathlib import Path
 
 import numpy as np
+import OpenEXR
 import pytest
 
 import mr360uw as uw
@@ -22,12 +24,19 @@ def codes(linear: Floats) -> Floats:
 
 def test_frames_of_a_clip_are_those_that_a_composite_writes(dive: SampleDive, tmp_path: Path, backend: str) -> None:
     scene = uw.load_scene(dive.scene)
-    uw.composite_video(scene, tmp_path / "out_%d.exr", frames=(2, 5), backend=backend)
+    told = tmp_path / "run.json"
+    uw.composite_video(scene, tmp_path / "out_%d.exr", frames=(2, 5), backend=backend, report=told)
+    table = json.loads(told.read_text("utf-8"))
+    assert (uw.Scene(**table["scene"]), table["seeds"]) == (scene, {"sea": scene.sea.seed})
+    assert table["packages"]["numpy"] == np.__version__
     analysis = uw.analyse_clip(dive.plate, scene)
     with uw.open_video(dive.plate) as video, uw.Compositor(scene, backend=backend, analysis=analysis) as compositor:
         found = [result.image_linear for result in compositor.frames(2, 5)]
         # the light of most frames of a clip is that of frames before and after, here that of the frame alone
         alone = [compositor.frame(frame).image_linear for frame in video.frames(2, 5)]
+    header = OpenEXR.File(str(tmp_path / "out_2.exr")).header()
+    assert header["frameNumber"] == 2
+    assert (header["framesPerSecond"], header["timeCode"].frame) == (24, 2)
     with uw.open_video(tmp_path / "out_%d.exr") as written:
         for frame, in_clip, by_itself in zip(written.frames(), found, alone, strict=True):
             np.testing.assert_array_equal(in_clip.astype(np.float16), frame.image_linear.astype(np.float16))

@@ -12,6 +12,7 @@ import pytest
 
 import mr360uw as uw
 from mr360uw.medium import LightField, Medium, Water
+from tests.tolerances import SPREAD
 
 WATER = Water.jerlov("IB")
 
@@ -54,6 +55,45 @@ def test_statistics_of_caustics() -> None:
     assert np.all(made.skewness > 0.0)
     assert np.all(made.q01 < made.q50)
     assert np.all(made.q50 < made.q99)
+
+
+def test_tables_come_back(tmp_path: Path) -> None:
+    """Values bit for bit, axes in their order, units and what made them."""
+    sea, settings = uw.caustics.GerstnerSea(wind_speed=3.0), uw.caustics.CausticSettings(size=16, grid=16)
+    stack = uw.caustics.caustic_stack(sea, [0.0, 1.0, 0.0], [1.0, 4.0], 0.0, settings)
+    made = {
+        "water": uw.datasets.of_water(WATER, [450.0, 550.0]),
+        "medium": uw.datasets.of_medium(Medium(WATER, mode="kd"), [3.0, 1.0], [3.0], [0.5, -0.5]),
+        "field": uw.datasets.of_light_field(LightField([0.1, 0.2], [0.2, 0.1]), [1.0, 5.0], [-1.0, 1.0]),
+        "caustics": uw.datasets.of_caustics(stack),
+    }
+    for name, dataset in made.items():
+        uw.datasets.write_csv(dataset, tmp_path / f"{name}.csv")
+        back = uw.datasets.read_csv(tmp_path / f"{name}.csv")
+        for variable in dataset.data_vars:
+            np.testing.assert_array_equal(back[variable], dataset[variable], strict=True)
+            assert back[variable].dims == dataset[variable].dims
+            assert back[variable].attrs == dataset[variable].attrs
+        for axis in dataset.coords:
+            np.testing.assert_array_equal(back[axis], dataset[axis])
+        assert back.attrs["made_by"] == f"mr360uw {uw.__version__}"
+        assert back.attrs.keys() == dataset.attrs.keys()
+    (tmp_path / "other.csv").write_text("a,b\n1,2\n", "utf-8")
+    with pytest.raises(uw.ParameterError, match="is no table"):
+        uw.datasets.read_csv(tmp_path / "other.csv")
+
+
+def test_the_spread_of_a_mean_is_that_of_its_frames() -> None:
+    """The standard error of a mean, and the same draws for the same seed."""
+    frames = list(np.random.default_rng(1).normal([1.0, 5.0], [0.1, 0.3], (200, 2)))
+    found = uw.datasets.spread(lambda some: np.mean(some, axis=0), frames, draws=400)
+    np.testing.assert_allclose(found["std"], np.std(frames, axis=0) / np.sqrt(200.0), rtol=SPREAD)
+    np.testing.assert_array_equal(found.fit, np.mean(frames, axis=0))
+    assert np.all((found.q05 < found.fit) & (found.fit < found.q95))
+    again = uw.datasets.spread(lambda some: np.mean(some, axis=0), frames, draws=400)
+    np.testing.assert_array_equal(again.q95, found.q95)
+    with pytest.raises(uw.ParameterError, match="frames - must hold"):
+        uw.datasets.spread(np.mean, [])
 
 
 def test_a_table_keeps_figures_units_and_source(tmp_path: Path) -> None:

@@ -26,6 +26,13 @@ def test_the_page_of_parameters_is_current() -> None:
     assert (ROOT / "docs" / "aerial-parameters.md").read_text("utf-8") == aerial_handbook()
 
 
+def test_every_table_of_a_scene_has_a_task() -> None:
+    for scene, page in ((mr360uw.Scene, parameters_markdown()), (mr360uw.AerialScene, aerial_handbook())):
+        for name, field in scene.model_fields.items():
+            assert re.search(rf"^### `\[+{field.alias or name}[\].]", page, re.M), name
+    assert parameters_markdown().index("## The plate") < parameters_markdown().index("## Rendering")
+
+
 def test_the_page_of_the_sample_dive_has_its_parameters() -> None:
     table = "\n".join(table_of("--set", DiveSettings))
     assert table in (ROOT / "docs" / "sample.md").read_text("utf-8")

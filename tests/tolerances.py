@@ -103,3 +103,5 @@ LIT_SIGMAS = 3.0
 """Standard errors of the traced light that are allowed besides."""
 RENDERERS_ON_DIVES = 0.012
 """Means over regions by both renderers: where shade begins on a faceted ball, a shadow map and rays differ."""
+SPREAD = 0.12
+"""Standard deviation of 400 draws, over its own: 1/sqrt(2 x 400), three times."""

@@ -44,9 +44,29 @@ def _depth(rung: float) -> float:
 
 
 def stack_depths(near_m: float, far_m: float, count: int) -> NDArray[np.float64]:
-    """Return `count` ascending depths [m] from near_m to far_m, evenly on the ladder; a single one lies halfway.
+    """Return ascending depths for a stack of caustics, closer to each other near the surface.
 
-    Raises `ParameterError` unless 0 < near_m <= far_m < infinity and count >= 1.
+    Parameters
+    ----------
+    near_m, far_m : float
+        First and last depth [m], 0 < near_m <= far_m.
+    count : int
+        Number of depths, 1 or more; a single one lies halfway.
+
+    Returns
+    -------
+    ndarray
+        Depths (count,) [m].
+
+    Raises
+    ------
+    ParameterError
+        If the depths do not ascend from above 0, or there is no plane.
+
+    Examples
+    --------
+    >>> uw.caustics.stack_depths(1.0, 9.0, 3).round(2).tolist()
+    [1.0, 4.24, 9.0]
     """
     if not 0.0 < number("near_m", near_m) <= number("far_m", far_m) or number("count", count) < 1:
         raise ParameterError(

@@ -48,14 +48,56 @@ def export_tiles(
     overwrite: bool = False,
     progress: Callable[[int, int], None] | None = None,
 ) -> tuple[Path, ...]:
-    """Write `frames` images of caustics, heights and normals that repeat after loop_s seconds; return their paths.
+    """Write caustics, heights and normals as picture sequences that repeat in space and time; return their paths.
 
     Names are caustic_0000.png, height_0000.png, normal_0000.png; column = +x, row = +z, all on the regular world grid
-    (pixel centres). PNG has 16 bits, linear: caustic white = `CAUSTIC_WHITE`, height 0.5 + h/(2 height_range_m), normal
-    (x, z, y)/2 + 0.5. EXR holds the ratio, metres, and (x, z, y) as they are. tiles.json holds these scales, the tile's
-    size and the loop. The sea's frequencies move to multiples of 1/loop_s. refractive_index: of the water at 550 nm.
-    progress: called with (done, frames). Every file is whole or absent. Raises
-    `OutputExistsError` where files are there already, `ParameterError` for arguments outside their domain.
+    (pixel centres). PNG has 16 bits, linear: caustic white = 8, height 0.5 + h/(2 height_range_m), normal (x, z, y)/2 +
+    0.5. EXR holds the ratio, metres, and (x, z, y) as they are. tiles.json holds these scales, the tile's size and the
+    loop. Every file is whole or absent.
+
+    Parameters
+    ----------
+    sea : GerstnerSea or SpectralSea
+        The surface, whose frequencies move to multiples of 1/loop_s.
+    sun_direction_in_air : array_like
+        Direction (3,) towards the sun, above the horizon.
+    depth_m : float
+        Depth [m] of the plane below the mean surface, 0 to 11000.
+    folder : str or Path
+        Folder of the files, which is made.
+    frames : int
+        Pictures of a loop, 1 or more.
+    loop_s : float
+        Length [s] of the loop, above 0 and up to 3600.
+    settings : CausticSettings, optional
+        Size of the maps, method and the sun's disc.
+    image_format : {"png", "exr"}
+        Format of the pictures.
+    refractive_index : float
+        Index of the water at 550 nm relative to air.
+    overwrite : bool
+        Replace files that are there.
+    progress : callable, optional
+        Is called with (done, frames).
+
+    Returns
+    -------
+    tuple of Path
+        The files.
+
+    Raises
+    ------
+    OutputExistsError
+        If files are there already and `overwrite` is not set.
+    ParameterError
+        If an argument is outside its domain.
+
+    Examples
+    --------
+    >>> sea, settings = uw.caustics.GerstnerSea(wave_count=4), uw.caustics.CausticSettings(size=16, grid=16)
+    >>> paths = uw.caustics.export_tiles(sea, [0.0, 1.0, 0.0], 3.0, "tiles", frames=1, settings=settings)
+    >>> [path.name for path in paths]
+    ['caustic_0000.png', 'height_0000.png', 'normal_0000.png', 'tiles.json']
     """
     s = settings or CausticSettings()
     grid = grid_of(s, sea)

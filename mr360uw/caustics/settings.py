@@ -21,7 +21,7 @@ from pydantic import Discriminator, Tag, field_validator
 from mr360uw.caustics.sea.gerstner import GerstnerSea
 from mr360uw.caustics.sea.spectral import SpectralSea
 from mr360uw.constants import REFRACTIVE_INDEX_SEA, SUN_HALF_ANGLE_RAD
-from mr360uw.parameters import Parameters, advanced, parameter
+from mr360uw.parameters import Parameters, advanced, listed, parameter
 
 _RATIO = 0.11
 """Greatest r. The error of maps with the sun overhead is 0.3 to 0.7 r of their standard deviation, as measured.
@@ -74,8 +74,20 @@ Sea = Annotated[
 """A sea of either kind, chosen by `model`; Gerstner by default."""
 
 
+@listed
 class CausticSettings(Parameters):
-    """Method and resolution of the caustics."""
+    """Method and resolution of the caustics.
+
+    Raises
+    ------
+    ParameterError
+        If a value is out of its range; the message names it.
+
+    Examples
+    --------
+    >>> uw.caustics.CausticSettings(size=64).size
+    64
+    """
 
     enabled: bool = parameter(True, "whether the surface focuses light")
     method: Method = parameter(

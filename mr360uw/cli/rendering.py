@@ -66,6 +66,7 @@ def composite(
             from mr360uw.render.stages.stage_costs import explain_skips
 
             typer.echo(explain_skips(loaded, backend))
+        typer.echo(f"nothing was written to {out}: --explain says what would run")
         return
     compile_first()
     with terminal_progress(lines=progress_lines) as progress:

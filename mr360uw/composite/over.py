@@ -72,7 +72,32 @@ def lay_over(plate: Any, radiance: Any, alpha: Any, ratio: Any, veil: Any, shaft
 
 
 def over_tile(plate_linear: Floats, tile: Tile) -> Floats:
-    """Return the composite (h, w, 3) of the plate's pixels below one tile, linear, in the plate's type."""
+    """Return the composite of the plate's pixels below one tile.
+
+    Parameters
+    ----------
+    plate_linear : ndarray
+        The plate (H, W, 3), linear.
+    tile : Tile
+        Of a layer.
+
+    Returns
+    -------
+    ndarray
+        Linear pixels (h, w, 3) in the plate's type.
+
+    Notes
+    -----
+    L' = layer + (1 - alpha) (veil + (plate - veil) ratio + shafts): over of Porter & Duff 1984, the plate changed by
+    differential rendering (Debevec 1998).
+
+    Examples
+    --------
+    >>> result = uw.render_frame(plate, scene, backend="reference")
+    >>> tile = result.layer.tiles[0]
+    >>> uw.composite.over_tile(plate, tile).shape == tile.radiance.shape
+    False
+    """
     image = np.empty_like(plate_linear)
     shafts = np.zeros((0, 0, 3), tile.radiance.dtype) if tile.shafts is None else tile.shafts
     lay_over(plate_linear, tile.radiance, tile.alpha, tile.ratio, tile.veil, shafts, plate_linear.dtype.type(1), image)

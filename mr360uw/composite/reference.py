@@ -39,7 +39,26 @@ _RAYS_AT_ONCE = 200_000
 
 
 def render_layer(shot: Shot, cache: Cache | None = None) -> Layer:
-    """Return the layer of a shot: float32 tiles of everything that objects cover or change. cache: kept among shots."""
+    """Return the layer of a shot, by the reference renderer.
+
+    Parameters
+    ----------
+    shot : Shot
+        Everything that one frame shows: view, lights, water, objects, receiver.
+    cache : Cache, optional
+        Kept among shots.
+
+    Returns
+    -------
+    Layer
+        Tiles, float32, of everything that objects cover or change.
+
+    Examples
+    --------
+    >>> view, light = uw.types.View(64, 32), uw.ibl.environment(plate)
+    >>> uw.composite.render_layer(uw.composite.Shot(view, (), light)).tiles
+    ()
+    """
     return _render(shot, None, cache or Cache())
 
 

@@ -154,10 +154,35 @@ class LoadedAerial:
 
 
 def aerial(scene: AerialScene, *, time_s: float = 0.0, size: tuple[int, int] | None = None) -> AerialPicture:
-    """Return a picture of a scene at a time [s].
+    """Return a picture of the sea from the air.
 
-    scene: of `load_aerial`, or made from its tables. size: (width, height) instead of the camera's. For several
-    pictures, `from_above.LoadedAerial` keeps what does not change. Raises `ParameterError` and `VideoError`.
+    Parameters
+    ----------
+    scene : AerialScene
+        The scene, of `load_aerial`, or made from its tables.
+    time_s : float
+        Time [s] of the sea.
+    size : tuple of int, optional
+        Width and height in pixels instead of the camera's.
+
+    Returns
+    -------
+    AerialPicture
+        Linear light `image_linear` (H, W, 3), distances and masks. For several pictures, `from_above.LoadedAerial`
+        keeps what does not change.
+
+    Raises
+    ------
+    ParameterError
+        If the scene cannot be seen, as from below the floor.
+    VideoError
+        If its sky cannot be read.
+
+    Examples
+    --------
+    >>> above = uw.AerialScene()
+    >>> uw.aerial(above, size=(16, 8)).image_linear.shape
+    (8, 16, 3)
     """
     return LoadedAerial.of(scene).picture(time_s, size)
 

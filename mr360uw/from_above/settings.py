@@ -236,10 +236,31 @@ class AerialScene(Parameters):
 
 
 def load_aerial(path: str | Path, overrides: Sequence[str] = ()) -> AerialScene:
-    """Return the scene of a TOML file; relative paths in it start at its folder.
+    r"""Return the scene from above of a TOML file; relative paths in it start at its folder.
 
-    overrides: 'table.key=value', as in 'sea.wind_speed=8'. Raises `SceneError` with one line for each problem:
-    *file:line key - what is wrong (got ...) - what to do*.
+    Parameters
+    ----------
+    path : str or Path
+        The scene file.
+    overrides : sequence of str
+        Settings as 'table.key=value', as in 'sea.wind_speed=8'.
+
+    Returns
+    -------
+    AerialScene
+        The scene, checked.
+
+    Raises
+    ------
+    SceneError
+        With one line for each problem: *file:line key - what is wrong (got ...) - what to do*.
+
+    Examples
+    --------
+    >>> with open("above.toml", "w", encoding="utf-8") as file:
+    ...     _ = file.write("[sea]\nwind_speed = 6.0\n")
+    >>> uw.load_aerial("above.toml").sea.wind_speed
+    6.0
     """
     return load_model(AerialScene, path, overrides)
 

@@ -71,11 +71,37 @@ def expand(
     up: ArrayLike | None = None,
     refractive_index: float = REFRACTIVE_INDEX_SEA,
 ) -> NDArray[np.float32]:
-    """Return the scene radiance (H, W, 3) of a linear plate of the same shape: inverse tone mapping.
+    """Return the scene radiance of a linear plate: inverse tone mapping.
 
-    Display white is 1. Pixels outside the region of the settings keep their radiance. "closure" needs the sun and
-    the sky together and is applied by `environment`; here it leaves the plate as it is. up: the direction (3,) of the
-    world's up in the frame's axes; by default the frame is level. refractive_index: of the water, for Snell's cone.
+    Pixels outside the region of the settings keep their radiance. The default operator, "closure", needs the sun and
+    the sky together and is applied by `environment`; here it leaves the plate as it is.
+
+    Parameters
+    ----------
+    plate_linear : array_like
+        Equirectangular picture (H, W, 3) of linear light; display white is 1.
+    settings : LightSettings, optional
+        Operator, peak and region.
+    up : array_like, optional
+        Direction (3,) of the world's up in the frame's axes; by default the frame is level.
+    refractive_index : float
+        Index of the water, 1 to 4, for Snell's cone.
+
+    Returns
+    -------
+    ndarray
+        Radiance (H, W, 3), float32.
+
+    Raises
+    ------
+    ParameterError
+        If the array is no plate.
+
+    Examples
+    --------
+    >>> settings = uw.ibl.LightSettings(operator="landis", region="all", peak=12.0)
+    >>> float(uw.ibl.expand(np.ones((4, 8, 3)), settings).max())
+    11.999994277954102
     """
     settings = settings or LightSettings()
     plate = checked_plate(plate_linear)

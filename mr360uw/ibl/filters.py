@@ -124,10 +124,34 @@ def _normals() -> NDArray[np.float64]:
 
 
 def irradiance(radiance: ArrayLike, method: Literal["exact", "sh9"] = "exact") -> Floats:
-    """Return the irradiance map (32, 64, 3), in radiance x sr, of a radiance map (32 k, 64 k, 3).
+    """Return the irradiance of surfaces of any orientation, from a radiance map.
 
-    exact: the cosine integral over every source pixel. sh9: nine spherical harmonics (`published.harmonics`),
-    smooth, a few percent off under a sun, and negative there on the far side.
+    Parameters
+    ----------
+    radiance : array_like
+        Equirectangular map (32 k, 64 k, 3), k = 1, 2, ...
+    method : {"exact", "sh9"}
+        The cosine integral over every source pixel; or nine spherical harmonics, smooth, a few percent off under a sun,
+        and negative there on the far side.
+
+    Returns
+    -------
+    ndarray
+        Irradiance (32, 64, 3) on a surface that faces each pixel's direction, in radiance times sr.
+
+    Raises
+    ------
+    ParameterError
+        If the map has another shape.
+
+    Notes
+    -----
+    The nine harmonics are those of Ramamoorthi & Hanrahan 2001.
+
+    Examples
+    --------
+    >>> uw.ibl.irradiance(np.ones((32, 64, 3)))[0, 0].round(4)
+    array([3.1416, 3.1416, 3.1416], dtype=float32)
     """
     scale = filter_scale(radiance)
     if method == "exact":
@@ -165,7 +189,30 @@ def _check_roughness(roughness: float) -> None:
 
 
 def prefilter(radiance: ArrayLike, roughness: float) -> Floats:
-    """Return a radiance map (32 k, 64 k, 3) filtered by the GGX lobe of `roughness` in [0.05, 1], (32, 64, 3)."""
+    """Return a radiance map filtered by the GGX lobe of a roughness.
+
+    Parameters
+    ----------
+    radiance : array_like
+        Equirectangular map (32 k, 64 k, 3), k = 1, 2, ...
+    roughness : float
+        Of the surface, in [0.05, 1].
+
+    Returns
+    -------
+    ndarray
+        Filtered radiance (32, 64, 3) about the mirror direction.
+
+    Raises
+    ------
+    ParameterError
+        If the map has another shape or the roughness is out of range.
+
+    Examples
+    --------
+    >>> uw.ibl.prefilter(np.ones((32, 64, 3)), 0.5).shape
+    (32, 64, 3)
+    """
     _check_roughness(roughness)
     return glossy_filter(float(roughness), filter_scale(radiance))(radiance)
 

@@ -50,18 +50,52 @@ def environment(
     refractive_index: float = REFRACTIVE_INDEX_SEA,
     clearness: float | None = None,
 ) -> Environment:
-    """Return the light of a linear plate (H, W, 3), of any size.
+    """Return the light of a linear plate as small maps, its sun apart.
 
-    settings: how to expand it; `expansion` overrides their operator, "none" says that the plate is scene radiance
-    already. sun: "detect" follows `settings.sun`: by default the sun is detected, inside Snell's window if
-    `underwater`, and left in the sky as far as the confidence is low; a direction (3,) as seen by the camera measures
-    the light there; a `Sun` replaces the light there; None leaves all light in the sky. glossy: also filter the
-    residual at the roughnesses of the settings. up: the direction (3,) of the world's up in the frame's axes; by
-    default the frame is level. The result is in the frame's axes for any `up`. refractive_index: of the water, which
-    sets the width of Snell's window and of the sun's disc. A clipped sun gets the strength and colour of sunlight in
-    air, without the losses of the water above. clearness: of the water above the camera, from 0 to 1, which is none:
-    how far sun and sky are told apart as in air; without it, under water, they are taken to be equally strong. Raises
-    `ParameterError` for arrays that are no plate.
+    A clipped sun gets the strength and colour of sunlight in air, without the losses of the water above.
+
+    Parameters
+    ----------
+    plate : array_like
+        Equirectangular picture (H, W, 3) of linear light, of any size; white is 1.
+    settings : LightSettings, optional
+        How the plate is expanded to scene radiance, and where its sun is.
+    expansion : str, optional
+        Operator instead of that of the settings; "none" says that the plate is scene radiance already.
+    sun : Sun or "detect" or array_like or None
+        By default "detect" follows `settings.sun`: the sun is detected, inside Snell's window if `underwater`, and left
+        in the sky as far as the confidence is low. A direction (3,) as seen by the camera measures the light there; a
+        `Sun` replaces the light there; None leaves all light in the sky.
+    underwater : bool
+        Whether the camera is under water.
+    glossy : bool
+        Also filter the residual at the roughnesses of the settings.
+    up : array_like, optional
+        Direction (3,) of the world's up in the frame's axes; by default the frame is level. The result is in the
+        frame's axes for any `up`.
+    refractive_index : float
+        Index of the water, 1 to 4, which sets the width of Snell's window and of the sun's disc.
+    clearness : float, optional
+        Of the water above the camera, from 0 to 1, which is none: how far sun and sky are told apart as in air. Without
+        it, under water, they are taken to be equally strong.
+
+    Returns
+    -------
+    Environment
+        Radiance, irradiance and the sun; `residual` and `ambient` lack the sun.
+
+    Raises
+    ------
+    ParameterError
+        If an array is no plate, or no direction.
+
+    Examples
+    --------
+    >>> light = uw.ibl.environment(plate, underwater=True)
+    >>> light.irradiance.shape
+    (32, 64, 3)
+    >>> uw.ibl.environment(plate, sun=None).sun is None
+    True
     """
     settings = settings or LightSettings()
     if expansion is not None:

@@ -10,7 +10,7 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 
 from mr360uw.ibl.sun.solar import daylight_angles
-from mr360uw.parameters import Parameters, advanced, parameter
+from mr360uw.parameters import Parameters, advanced, listed, parameter
 from mr360uw.sphere import Array, direction_from_angles
 
 Operator = Literal["none", "mr360", "landis", "akyuz", "kovaleski", "piecewise", "closure"]
@@ -27,8 +27,20 @@ MINIMUM_ROUGHNESS = 0.05
 """Below it the lobe is far narrower than a pixel of the finest source map."""
 
 
+@listed
 class LightSettings(Parameters):
-    """Light from the plate: expansion to scene radiance, the region it acts in, and the source of the sun."""
+    """Light from the plate: expansion to scene radiance, the region it acts in, and the source of the sun.
+
+    Raises
+    ------
+    ParameterError
+        If a value is out of its range; the message names it.
+
+    Examples
+    --------
+    >>> uw.ibl.LightSettings(sun="given", sun_elevation_deg=40.0).sun
+    'given'
+    """
 
     operator: Operator = advanced("closure", "inverse tone mapping; none = the plate already is scene radiance")
     region: Region = parameter(

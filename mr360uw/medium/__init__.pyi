@@ -3,8 +3,10 @@ from .closed_form import multiple_scattering
 from .fit.exposure import exposure_change, fit_gain, picture_change, steady_gain
 from .fit.profile import PlateProfile
 from .fit.waterfit import WaterFit, fit_water
+from .layers import LayeredField
 from .medium import MODES, Medium
 from .models import spectral_model
+from .phase import PhaseTable
 from .ray_field import LambertFloor
 from .settings import WaterSettings
 from .shafts.deviation import shaft_deviation
@@ -22,8 +24,10 @@ __all__ = [
     "Bands",
     "FroxelGrid",
     "LambertFloor",
+    "LayeredField",
     "LightField",
     "Medium",
+    "PhaseTable",
     "PlateProfile",
     "Sensor",
     "ShaftField",

@@ -67,11 +67,44 @@ def multiple_scattering(
     up: ArrayLike,
     surface_irradiance: ArrayLike = 1.0,
 ) -> Array:
-    """Return the radiance (..., n) scattered into camera rays at n wavelengths by the published closed form.
+    """Return the radiance scattered into camera rays by the published closed form.
 
-    distance_m, depth_m, up: (...,) length of the ray, depth of the camera, y of the view direction. A distance may be
-    infinite; rays end at the surface. surface_irradiance: downwelling just below the surface, scalar or (n,).
-    Raises `ParameterError` for a negative distance or depth, or `up` outside [-1, 1].
+    Parameters
+    ----------
+    water : Water
+        Its b, c and Kd are used.
+    wavelength_nm : array_like
+        Wavelengths (n,) [nm].
+    distance_m : array_like
+        Lengths (...,) [m] of the rays, which may be infinite; rays end at the surface.
+    depth_m : array_like
+        Depths (...,) [m] of the camera, at least 0.
+    up : array_like
+        The y components (...,) of the view directions, -1 to 1.
+    surface_irradiance : array_like
+        Downwelling irradiance just below the surface, one number or (n,).
+
+    Returns
+    -------
+    ndarray
+        Radiance (..., n), in units of the irradiance per sr.
+
+    Raises
+    ------
+    ParameterError
+        If a distance or depth is negative, or `up` outside [-1, 1].
+
+    Notes
+    -----
+    Monzon et al. 2022, equation 4: L = b E/(4 pi) exp(-K y) (1 - exp(-(c - K mu) S))/(c - K mu), in a form that is
+    stable for every c - K mu.
+
+    Examples
+    --------
+    >>> water = uw.medium.Water.jerlov("IB")
+    >>> uw.medium.multiple_scattering(water, [450.0, 550.0], [1.0, 10.0], 5.0, 0.0).round(4)
+    array([[0.0044, 0.0028],
+           [0.0299, 0.0176]])
     """
     check_ray(distance_m, depth_m, up)
     w = np.atleast_1d(numbers("wavelength_nm", wavelength_nm).astype(np.float64))

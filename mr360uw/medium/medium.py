@@ -47,17 +47,50 @@ _FAR_LENGTHS = 10.0
 
 
 class Medium:
-    """A water, a sensor and a model of the light between camera and object.
+    """Transmittance and veil of a water as a sensor sees them, in linear RGB.
 
-    mode: "kd", the published closed form (Monzon et al. 2022); "kd+", the same with Gershun's factor; "table", the
-    solved light field; "plate", the same, and scenes take the veil of long ways from their plate (`fit.open_water`);
-    "rgb", the closed form at three wavelengths; "koschmieder" and "akkaynak-treibitz", one attenuation per channel for
-    object and veil, or one each (Akkaynak & Treibitz 2018), fitted to the solved field.
+    Everything is per unit downwelling irradiance just below the surface, with the spectrum of the illuminant.
 
-    sensor: the default camera unless given. band_count, rule: wavelengths, see `bands`. illuminant: the light that
-    white is balanced for. surface, sky, refractive_index: see `LightField`. formation: constants of modes
-    "koschmieder" and "akkaynak-treibitz" instead of fitted ones. floor_m: depth of a floor, for solved fields;
-    `lit_by_floor` says how bright it is. Raises `ParameterError`.
+    Parameters
+    ----------
+    water : Water
+        The water.
+    sensor : Sensor, optional
+        The sensor; without it the default camera.
+    mode : {"kd", "kd+", "table", "plate", "rgb", "koschmieder", "akkaynak-treibitz"}
+        Model of the light between camera and object: "kd", the published closed form (Monzon et al. 2022); "kd+", the
+        same with Gershun's factor; "table", the solved light field; "plate", the same, and scenes take the veil of long
+        ways from their plate; "rgb", the closed form at three wavelengths; the last two have one attenuation per
+        channel for object and veil, or one each (Akkaynak & Treibitz 2018), fitted to the solved field.
+    camera_depth_m : float
+        Depth [m] of the camera, above 0 and up to 1000.
+    band_count : int
+        Number of wavelengths, see `bands`.
+    rule : {"rectangle", "integrated", "fitted"}
+        How they are chosen, see `bands`.
+    illuminant : str
+        Light that white is balanced for.
+    surface : {"snell", "none"}
+        See `LightField`.
+    sky : "uniform" or tuple or SkyShape
+        See `LightField`.
+    refractive_index : float
+        Index of the water relative to air.
+    formation : FormationModel, optional
+        Constants of the modes "koschmieder" and "akkaynak-treibitz" instead of fitted ones.
+    floor_m : float, optional
+        Depth [m] of a floor, for solved fields; `lit_by_floor` says how bright it is.
+
+    Raises
+    ------
+    ParameterError
+        If an argument is not known or out of range.
+
+    Examples
+    --------
+    >>> medium = uw.medium.Medium(uw.medium.Water.jerlov("IB"), mode="kd", camera_depth_m=5.0)
+    >>> medium.veil(distance_m=8.0, depth_m=5.0, up=0.2).round(4)
+    array([0.0064, 0.0177, 0.0243])
     """
 
     def __init__(
@@ -159,11 +192,34 @@ class Medium:
     # --- in linear RGB ---------------------------------------------------------------------------------------
 
     def transmittance(self, distance_m: ArrayLike, depth_m: ArrayLike, up: ArrayLike) -> Array:
-        """Return the factor (..., 3) in (0, 1] on the radiance of a grey object at the end of a camera ray.
+        """Return the factor on the radiance of a grey object at the end of a camera ray.
 
-        depth_m: of the camera, up: y of the view direction. The factor is weighted by the spectrum of the daylight at
-        the object's depth. For grey objects it is exact if no response has a negative part; of the others `Bands.lobes`
-        is used.
+        Parameters
+        ----------
+        distance_m : array_like
+            Lengths (...,) [m] of the rays.
+        depth_m : array_like
+            Depths (...,) [m] of the camera.
+        up : array_like
+            The y components (...,) of the view directions, -1 to 1.
+
+        Returns
+        -------
+        ndarray
+            Factor (..., 3) in (0, 1], weighted by the spectrum of the daylight at the object's depth. For grey objects
+            it is exact if no response has a negative part; of the others `Bands.lobes` is used.
+
+        Raises
+        ------
+        ParameterError
+            If a distance or depth is negative, or `up` outside [-1, 1].
+
+        Examples
+        --------
+        >>> medium = uw.medium.Medium(uw.medium.Water.jerlov("IB"), mode="kd")
+        >>> medium.transmittance([0.0, 10.0], 5.0, 0.0).round(3)
+        array([[1.   , 1.   , 1.   ],
+               [0.173, 0.344, 0.395]])
         """
         check_ray(distance_m, depth_m, up)
         s = ray_in_water(distance_m, depth_m, up)
@@ -171,10 +227,35 @@ class Medium:
         return np.exp(self.light.transmittance_log(s, np.minimum(depth, self.light.deepest_m)))
 
     def veil(self, distance_m: ArrayLike, depth_m: ArrayLike, up: ArrayLike) -> Array:
-        """Return the radiance (..., 3) that the water adds to a camera ray, times the gain.
+        """Return the radiance that the water adds to a camera ray, times the gain.
 
-        depth_m: of the camera, up: y of the view direction; the ray ends at the surface. With the CIE observer clear
-        water gives negative red: `compress_gamut` maps it, as the tables do.
+        With the CIE observer clear water gives negative red: `compress_gamut` maps it, as the tables do.
+
+        Parameters
+        ----------
+        distance_m : array_like
+            Lengths (...,) [m] of the rays, which end at the surface.
+        depth_m : array_like
+            Depths (...,) [m] of the camera.
+        up : array_like
+            The y components (...,) of the view directions, -1 to 1.
+
+        Returns
+        -------
+        ndarray
+            Radiance (..., 3) [1/sr].
+
+        Raises
+        ------
+        ParameterError
+            If a distance or depth is negative, or `up` outside [-1, 1].
+
+        Examples
+        --------
+        >>> medium = uw.medium.Medium(uw.medium.Water.jerlov("IB"), mode="kd")
+        >>> medium.veil([0.0, 10.0], 5.0, 0.0).round(4)
+        array([[0.    , 0.    , 0.    ],
+               [0.0065, 0.0195, 0.0272]])
         """
         check_ray(distance_m, depth_m, up)
         veil = self.gain * self.bands.rgb(self.spectral_veil(distance_m, depth_m, up))
@@ -186,7 +267,32 @@ class Medium:
         return self.gain * self.bands.rgb(self.model.radiance(depth_m, up))
 
     def irradiance(self, depth_m: ArrayLike, normal_up: ArrayLike = 1.0) -> Array:
-        """Return the irradiance (..., 3) of a surface whose normal has the y component `normal_up`, times the gain."""
+        """Return the irradiance of a surface, times the gain.
+
+        Parameters
+        ----------
+        depth_m : array_like
+            Depths (...,) [m].
+        normal_up : array_like
+            The y components (...,) of the surface's normal: 1 looks up.
+
+        Returns
+        -------
+        ndarray
+            Irradiance (..., 3).
+
+        Raises
+        ------
+        ParameterError
+            If the shapes do not fit, or values are not finite.
+
+        Examples
+        --------
+        >>> medium = uw.medium.Medium(uw.medium.Water.jerlov("IB"), mode="kd")
+        >>> medium.irradiance([0.0, 10.0]).round(3)
+        array([[1.   , 1.   , 1.   ],
+               [0.163, 0.515, 0.67 ]])
+        """
         common_shape(depth_m=depth_m, normal_up=normal_up)
         return self.gain * self.bands.rgb(self.model.irradiance(depth_m, normal_up))
 
@@ -208,7 +314,29 @@ class Medium:
         return self._radiances[key]
 
     def scaled(self, gain: ArrayLike) -> Medium:
-        """Return the same medium with veil and radiances multiplied by a gain, scalar or (3,), on top of its own."""
+        """Return the same medium with veil and radiances multiplied by a gain, on top of its own.
+
+        Parameters
+        ----------
+        gain : array_like
+            One number or (3,), at least 0.
+
+        Returns
+        -------
+        Medium
+            Another medium; this one stays as it is.
+
+        Raises
+        ------
+        ParameterError
+            If the gain has another shape, or is negative.
+
+        Examples
+        --------
+        >>> medium = uw.medium.Medium(uw.medium.Water.jerlov("IB"), mode="kd")
+        >>> medium.scaled(2.0).gain
+        array([2., 2., 2.])
+        """
         factor = np.broadcast_to(exactly("gain", gain, (), (3,)).astype(np.float64), (3,))
         if not np.all(np.isfinite(factor) & (factor >= 0.0)):
             raise ParameterError(f"gain - must be three numbers >= 0 (got {factor.tolist()}) - correct it")

@@ -11,20 +11,214 @@ Mobley et al. 1993; Zhang et al. 2009 for molecules.
 from __future__ import annotations
 
 import functools
+from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mr360uw.constants import INV_4PI, PI
 from mr360uw.errors import ParameterError
-from mr360uw.medium.tables import builtin_table
-from mr360uw.shapes import exactly
+from mr360uw.medium.tables import builtin_table, read_table
+from mr360uw.shapes import exactly, numbers
 
 Array = NDArray[np.float64]
 
-Phase = str | tuple[str, float] | tuple[str, float, float]
-"""A name ("isotropic", "petzold", "water"), ("hg", g) or ("fournier-forand", refractive index, Junge slope)."""
+
+@dataclass(frozen=True, slots=True)
+class PhaseTable:
+    """A phase function of one's own, measured or computed: values at angles, or Legendre moments.
+
+    It stands wherever a phase function is named: `Water.from_csv(path, phase=...)`, `LightField(..., phase=...)`.
+    Between angles the logarithm of the value is linear in the logarithm of the angle. Below the first angle it goes on
+    as a power of the angle with the slope of the first two, no steeper than -1.9; above the last it stays. It is
+    normalised to an integral of 1 over the sphere.
+
+    Parameters
+    ----------
+    angle_rad : tuple of float
+        Scattering angles [rad], ascending, above 0 and up to pi; () for moments.
+    value : tuple of float
+        Values at the angles, above 0, in any unit.
+    moment : tuple of float
+        Legendre moments chi_0 = 1, chi_1 = mean cosine, ...; those beyond the last are 0.
+
+    Raises
+    ------
+    ParameterError
+        If angles do not ascend, values are not positive, or the moments are those of no phase function.
+
+    Notes
+    -----
+    Of moments: p = sum (2 l + 1)/(4 pi) chi_l P_l(cos).
+
+    Examples
+    --------
+    >>> table = uw.medium.PhaseTable.from_angles([0.1, 1.0, 10.0, 90.0, 180.0], [1767.0, 70.0, 2.5, 0.0023, 0.0034])
+    >>> water = uw.medium.Water.from_arrays([450.0, 650.0], [0.02, 0.3], [0.1, 0.08], phase=table)
+    >>> bool(water.backscattering(550.0) < 0.02 * water.scattering(550.0))
+    True
+    """
+
+    angle_rad: tuple[float, ...] = ()
+    value: tuple[float, ...] = ()
+    moment: tuple[float, ...] = ()
+
+    def __post_init__(self) -> None:
+        angle, value, moment = (np.asarray(numbers(name, getattr(self, name)), np.float64) for name in _OF_TABLE)
+        if len(moment):
+            if len(angle) or len(value) or abs(moment[0] - 1.0) > _MOMENT_ROUNDING or np.max(np.abs(moment)) > 1.0:
+                raise ParameterError(
+                    f"phase - moments must begin with 1 and lie in [-1, 1] (got {moment.tolist()!r:.60}) - divide them "
+                    "by the first, without the factor 2 l + 1"
+                )
+            low = float(np.min(_series(np.linspace(0.0, PI, _ANGLES_CHECKED), self.moment)))
+            if low < -_LEAST_OF_SERIES:
+                raise ParameterError(
+                    f"phase - moments give a negative phase function (got {low:.3g} 1/sr) - give more of them"
+                )
+            return
+        if angle.ndim != 1 or angle.shape != value.shape or len(angle) < 2 or np.any(np.diff(angle) <= 0.0):
+            raise ParameterError(
+                "phase - needs two angles or more that ascend, and as many values "
+                f"(got {angle.shape} and {value.shape}) - sort the table"
+            )
+        if angle[0] <= 0.0 or angle[-1] > PI + 1e-9 or np.any(value <= 0.0):
+            raise ParameterError(
+                "phase - angles must lie in (0, pi] and values above 0 "
+                f"(got angles {angle[0]:.3g} to {angle[-1]:.3g} rad, least value {value.min():.3g}) - leave them out"
+            )
+
+    @classmethod
+    def from_angles(cls, angle_deg: ArrayLike, value: ArrayLike) -> PhaseTable:
+        """Return the phase function of values at angles.
+
+        Parameters
+        ----------
+        angle_deg : array_like
+            Scattering angles (n,) [deg], ascending, above 0 and up to 180; 0 is forward.
+        value : array_like
+            Values (n,), above 0: a phase function [1/sr] or a volume scattering function, in any unit.
+
+        Returns
+        -------
+        PhaseTable
+            For `Water` and `LightField`.
+
+        Raises
+        ------
+        ParameterError
+            If angles do not ascend or values are not positive.
+
+        Examples
+        --------
+        >>> len(uw.medium.PhaseTable.from_angles([1.0, 90.0, 180.0], [10.0, 0.1, 0.1]).value)
+        3
+        """
+        angle, value = (exactly(n, x, np.shape(value)) for n, x in (("angle_deg", angle_deg), ("value", value)))
+        return cls(tuple(np.radians(angle).ravel().tolist()), tuple(np.asarray(value, np.float64).ravel().tolist()))
+
+    @classmethod
+    def from_moments(cls, moment: ArrayLike) -> PhaseTable:
+        """Return the phase function of Legendre moments.
+
+        Parameters
+        ----------
+        moment : array_like
+            Moments (m,), chi_0 = 1 and chi_1 the mean cosine, without the factor 2 l + 1.
+
+        Returns
+        -------
+        PhaseTable
+            For `Water` and `LightField`.
+
+        Raises
+        ------
+        ParameterError
+            If the moments are those of no phase function.
+
+        Examples
+        --------
+        >>> rayleigh = uw.medium.PhaseTable.from_moments([1.0, 0.0, 0.1])
+        >>> uw.medium.Water.from_arrays([500.0], [0.1], [0.2], phase=rayleigh).backscattering(500.0).round(6)
+        np.float64(0.1)
+        """
+        return cls(moment=tuple(np.asarray(numbers("moment", moment), np.float64).ravel().tolist()))
+
+    @classmethod
+    def from_csv(cls, path: str | Path) -> PhaseTable:
+        """Return the phase function of a CSV file with the columns angle_deg and phase_function.
+
+        Parameters
+        ----------
+        path : str or Path
+            The file; lines that start with # are comments.
+
+        Returns
+        -------
+        PhaseTable
+            For `Water` and `LightField`.
+
+        Raises
+        ------
+        ParameterError
+            If the file cannot be read, a column is missing, or angles do not ascend.
+
+        Examples
+        --------
+        >>> with open("phase.csv", "w", encoding="utf-8") as file:
+        ...     _ = file.write("angle_deg,phase_function\\n1,10\\n90,0.1\\n180,0.1\\n")
+        >>> uw.medium.PhaseTable.from_csv("phase.csv").value
+        (10.0, 0.1, 0.1)
+        """
+        columns = {name.lower(): values for name, values in read_table(path).items()}
+        missing = [name for name in ("angle_deg", "phase_function") if name not in columns]
+        if missing:
+            raise ParameterError(
+                f"{path} - column {missing[0]} is missing (got {', '.join(columns)}) - "
+                "name them angle_deg, phase_function"
+            )
+        return cls.from_angles(columns["angle_deg"], columns["phase_function"])
+
+    def __call__(self, theta: ArrayLike) -> Array:
+        """Return the phase function [1/sr] at scattering angles [rad]."""
+        angle = np.asarray(theta, np.float64)
+        return _series(angle, self.moment) if self.moment else _tabulated(angle, self) / _table_norm(self)
+
+
+_OF_TABLE = ("angle_rad", "value", "moment")
+_MOMENT_ROUNDING = 1e-6
+"""How far the first moment may be from 1: the rounding of printed tables."""
+_LEAST_OF_SERIES = 1e-3
+"""Negative values [1/sr] that a series may have: a hundredth of the isotropic value, from rounded moments."""
+_ANGLES_CHECKED = 721
+"""Angles at which a series is looked at for negative values, a quarter of a degree apart."""
+_STEEPEST_SLOPE = -1.9
+"""Least slope of the continuation to angle 0, above -2, where the integral over the sphere is infinite."""
+
+
+def _series(theta: Array, moment: tuple[float, ...]) -> Array:
+    factor = (2.0 * np.arange(len(moment)) + 1.0) * INV_4PI * np.asarray(moment)
+    return np.asarray(np.polynomial.legendre.legval(np.cos(theta), factor))
+
+
+def _tabulated(theta: Array, table: PhaseTable) -> Array:
+    log_angle, log_p = np.log(table.angle_rad), np.log(table.value)
+    slope = max((log_p[1] - log_p[0]) / (log_angle[1] - log_angle[0]), _STEEPEST_SLOPE)
+    x = np.log(np.maximum(theta, 1e-12))
+    return np.asarray(np.exp(np.interp(x, log_angle, log_p) + slope * np.minimum(x - log_angle[0], 0.0)))
+
+
+@functools.lru_cache(maxsize=64)
+def _table_norm(table: PhaseTable) -> float:
+    theta, weight = _angle_quadrature()
+    return float(2.0 * PI * np.sum(weight * _tabulated(theta, table)))
+
+
+Phase = str | tuple[str, float] | tuple[str, float, float] | PhaseTable
+"""A name ("isotropic", "petzold", "water"), ("hg", g), ("fournier-forand", refractive index, Junge slope), or a
+table."""
 
 _DEPOLARISATION = 0.039
 """Depolarisation ratio of sea water's molecules (Zhang et al. 2009)."""
@@ -115,7 +309,7 @@ def _angle_quadrature() -> tuple[Array, Array]:
 
 def check_phase(phase: Phase) -> None:
     """Raise `ParameterError` where a phase function is not one of `Phase` or its numbers have no meaning."""
-    if phase in ("isotropic", "petzold", "water"):
+    if phase in ("isotropic", "petzold", "water") or isinstance(phase, PhaseTable):
         return
     if isinstance(phase, tuple) and len(phase) == 2 and phase[0] == "hg" and -0.99 <= phase[1] <= 0.99:
         return
@@ -127,7 +321,7 @@ def check_phase(phase: Phase) -> None:
         )
     raise ParameterError(
         f"phase - unknown phase function (got {phase!r}) - take 'isotropic', 'petzold', 'water', ('hg', g) with "
-        "|g| <= 0.99 or ('fournier-forand', index, slope)"
+        "|g| <= 0.99, ('fournier-forand', index, slope) or a PhaseTable"
     )
 
 
@@ -141,6 +335,8 @@ def phase_function(phase: Phase, theta: ArrayLike) -> Array:
         return petzold(angle)
     if phase == "water":
         return molecular(np.cos(angle), _DEPOLARISATION)
+    if isinstance(phase, PhaseTable):
+        return phase(angle)
     if phase[0] == "hg":
         return henyey_greenstein(np.cos(angle), phase[1])
     return fournier_forand(angle, phase[1], phase[2])  # type: ignore[misc, arg-type]
@@ -153,6 +349,9 @@ def phase_moments(phase: Phase, count: int) -> Array:
     order = np.arange(count)
     if phase == "isotropic":
         moments = np.where(order == 0, 1.0, 0.0)
+    elif isinstance(phase, PhaseTable) and phase.moment:
+        moments = np.zeros(count)
+        moments[: len(phase.moment)] = phase.moment[:count]
     elif isinstance(phase, tuple) and phase[0] == "hg":
         moments = np.power(float(phase[1]), order)
     else:
@@ -277,6 +476,13 @@ def backscatter_ratio(phase: Phase) -> float:
         theta, weight = _angle_quadrature()
         return float(backward / (2.0 * PI * np.sum(weight * phase_function(phase, theta))))
     return float(backward)
+
+
+def moments_of_each(phases: Sequence[Phase], count: int) -> Array:
+    """Return the Legendre moments (n, count) of the phase functions of n wavelengths."""
+    for phase in phases:
+        check_phase(phase)
+    return np.stack([phase_moments(phase, count) for phase in phases])
 
 
 def spectral_moments(phase: Mixture | Array, count: int, least: int) -> Array:

@@ -32,7 +32,15 @@ from mr360uw.constants import PI, REFRACTIVE_INDEX_SEA
 from mr360uw.errors import ParameterError
 from mr360uw.medium.closed_form import check_ray, ray_in_water
 from mr360uw.medium.ordinates import Modes, Ordinates, nodes
-from mr360uw.medium.phase import Mixture, Phase, PhaseSeries, check_phase, legendre_polynomials, spectral_moments
+from mr360uw.medium.phase import (
+    Mixture,
+    Phase,
+    PhaseSeries,
+    check_phase,
+    legendre_polynomials,
+    moments_of_each,
+    spectral_moments,
+)
 from mr360uw.medium.ray_field import (
     LambertFloor,
     OfBeam,
@@ -76,20 +84,56 @@ class _Component:
 
 
 class LightField:
-    """The light in water for n sets of coefficients, solved once; see the module's docstring.
+    """The light in water for n sets of coefficients, solved once.
 
-    absorption (> 0), scattering: (n,) or scalar [1/m]. phase: one for all, see `phase.Phase`, or that of each, or
-    Legendre moments (m,) or (n, m). surface: "snell", flat with Fresnel's reflection, or "none", no change of
-    refractive index. refractive_index: of the water relative to air, for "snell". sky: see `Sky`. streams: directions
-    per hemisphere. floor: None for deep water; below it the light stays what it is there. All results are per unit
-    downwelling irradiance just below the surface. Raises `ParameterError`.
+    All results are per unit downwelling irradiance just below the surface.
+
+    Parameters
+    ----------
+    absorption, scattering : array_like
+        Coefficients (n,) or one number [1/m]; absorption above 0, scattering at least 0.
+    phase : Phase or list of Phase or Mixture or ndarray
+        Phase function of all coefficients, see `Water`, or a list of one for each; or Legendre moments (m,) or (n, m),
+        chi_0 = 1. Of lists and moments the streams' moments are used alone.
+    surface : {"snell", "none"}
+        Flat with Fresnel's reflection, or no change of refractive index.
+    sky : "uniform" or tuple or SkyShape
+        Light that enters: uniform, or ("sun", y of the direction to the sun in the water, fraction of the downwelling
+        irradiance that is its beam), the rest being a uniform sky.
+    refractive_index : float
+        Index of the water relative to air, 1 to 4, for "snell".
+    streams : int
+        Directions per hemisphere.
+    floor : LambertFloor, optional
+        None for deep water; below it the light stays what it is there.
+
+    Raises
+    ------
+    ParameterError
+        If a coefficient or an index is out of range, or moments are too few.
+
+    See Also
+    --------
+    LayeredField : The irradiances of water whose coefficients change with depth.
+
+    Notes
+    -----
+    Plane-parallel radiative transfer by discrete ordinates (Stamnes et al. 1988; symmetric form after Nakajima & Tanaka
+    1986), the forward peak taken as unscattered (Wiscombe 1977), the beam's own scattering by the phase function itself
+    (Nakajima & Tanaka 1988).
+
+    Examples
+    --------
+    >>> field = uw.medium.LightField([0.05, 0.3], [0.1, 0.1], phase="petzold")
+    >>> field.irradiance(depth_m=5.0, normal_up=1.0).round(3)
+    array([0.724, 0.164])
     """
 
     def __init__(
         self,
         absorption: ArrayLike,
         scattering: ArrayLike,
-        phase: Phase | Mixture | Array = "petzold",
+        phase: Phase | list[Phase] | Mixture | Array = "petzold",
         surface: SurfaceKind = "snell",
         sky: Sky = "uniform",
         refractive_index: float = REFRACTIVE_INDEX_SEA,
@@ -120,10 +164,12 @@ class LightField:
                 f"floor - needs one albedo, or one for each of {len(self.absorption)} wavelengths "
                 f"(got {len(floor.albedo)}) - give as many"
             )
+        orders = 2 * streams
+        if isinstance(phase, list):
+            phase = moments_of_each(phase, orders + 1)
         if not isinstance(phase, np.ndarray | Mixture):
             check_phase(phase)
             phase = Mixture(phase, np.zeros(len(self.absorption)))
-        orders = 2 * streams
         moments = spectral_moments(phase, len(self.absorption), orders + 1)
         self._peak = peak = moments[:, orders]
         self._chi = (moments[:, :orders] - peak[:, None]) / (1.0 - peak[:, None])
@@ -293,9 +339,37 @@ class LightField:
         return np.asarray(self._shining + self._albedo / PI * self.irradiance(self._floor_m, 1.0))
 
     def inscatter(self, distance_m: ArrayLike, depth_m: ArrayLike, up: ArrayLike) -> Array:
-        """Return the radiance (..., n) scattered into camera rays, cut at the surface; their extinction is c = a + b.
+        """Return the radiance scattered into camera rays, cut at the surface.
 
-        radiance(camera) = inscatter + exp(-c S) radiance(end).
+        Parameters
+        ----------
+        distance_m : array_like
+            Lengths (...,) [m] of the rays, which may be infinite.
+        depth_m : array_like
+            Depths (...,) [m] of the camera, at least 0.
+        up : array_like
+            The y components (...,) of the view directions, -1 to 1.
+
+        Returns
+        -------
+        ndarray
+            Radiance (..., n) [1/sr].
+
+        Raises
+        ------
+        ParameterError
+            If a distance or depth is negative, or `up` outside [-1, 1].
+
+        Notes
+        -----
+        Radiance at the camera = inscatter + exp(-c S) times the radiance at the end, c = a + b.
+
+        Examples
+        --------
+        >>> field = uw.medium.LightField([0.1], [0.2], phase="isotropic")
+        >>> field.inscatter([0.0, 5.0], depth_m=5.0, up=0.0).round(4)
+        array([[0.    ],
+               [0.0238]])
         """
         s, y, mu = np.broadcast_arrays(
             ray_in_water(distance_m, depth_m, up), np.asarray(depth_m, np.float64), np.asarray(up, np.float64)
@@ -306,16 +380,61 @@ class LightField:
         return self.rays.inscatter(s, y, mu) + regained * self.radiance(np.maximum(y - s * mu, 0.0), mu)
 
     def radiance(self, depth_m: ArrayLike, up: ArrayLike) -> Array:
-        """Return the radiance (..., n) that arrives at a depth from directions with the y component `up`.
+        """Return the radiance that arrives at a depth; the sun's own beam is not in it.
 
-        The sun's own beam is not in it.
+        Parameters
+        ----------
+        depth_m : array_like
+            Depths (...,) [m], at least 0.
+        up : array_like
+            The y components (...,) of the directions that it comes from, -1 to 1.
+
+        Returns
+        -------
+        ndarray
+            Radiance (..., n) [1/sr].
+
+        Raises
+        ------
+        ParameterError
+            If a depth is negative, or `up` outside [-1, 1].
+
+        Examples
+        --------
+        >>> field = uw.medium.LightField([0.1], [0.2], phase="isotropic")
+        >>> field.radiance(depth_m=5.0, up=[-1.0, 0.0]).round(4)
+        array([[0.0165],
+               [0.0306]])
         """
         return self.rays.radiance(depth_m, up)
 
     def irradiance(self, depth_m: ArrayLike, normal_up: ArrayLike) -> Array:
-        """Return the irradiance (..., n) of a surface whose normal has the y component `normal_up`, sun included.
+        """Return the irradiance of a surface in the water, sun included.
 
-        1: downwelling E_d, -1: upwelling E_u, 0: a vertical plane, averaged over its azimuth.
+        Parameters
+        ----------
+        depth_m : array_like
+            Depths (...,) [m], at least 0.
+        normal_up : array_like
+            The y components (...,) of the surface's normal: 1 for downwelling E_d, -1 for upwelling E_u, 0 for a
+            vertical plane, averaged over its azimuth.
+
+        Returns
+        -------
+        ndarray
+            Irradiance (..., n) [1].
+
+        Raises
+        ------
+        ParameterError
+            If a depth is negative, or a normal outside [-1, 1].
+
+        Examples
+        --------
+        >>> field = uw.medium.LightField([0.1], [0.2])
+        >>> field.irradiance([0.0, 10.0], 1.0).round(3)
+        array([[1.   ],
+               [0.266]])
         """
         check_ray(0.0, depth_m, normal_up)
         y, normal = np.broadcast_arrays(
@@ -342,7 +461,30 @@ class LightField:
         return np.asarray(self._beam * self._sun_mu)
 
     def scalar_irradiance(self, depth_m: ArrayLike) -> Array:
-        """Return the irradiance (..., n) of a small sphere, E_0, sun included."""
+        """Return the irradiance of a small sphere, E_0, sun included.
+
+        Parameters
+        ----------
+        depth_m : array_like
+            Depths (...,) [m], at least 0.
+
+        Returns
+        -------
+        ndarray
+            Irradiance (..., n) [1].
+
+        Raises
+        ------
+        ParameterError
+            If a depth is not finite.
+
+        Examples
+        --------
+        >>> field = uw.medium.LightField([0.1], [0.2])
+        >>> field.scalar_irradiance([0.0, 10.0]).round(3)
+        array([[1.251],
+               [0.353]])
+        """
         y = np.minimum(numbers("depth_m", depth_m).astype(np.float64, copy=False), self._floor_m)
         direct = self._beam * np.exp(-self._faded / self._sun_mu * y[..., None])
         return 2.0 * PI * np.sum(self._even.moments[:, 0] * self._fall(y), axis=-1) + direct

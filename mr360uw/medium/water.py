@@ -23,6 +23,7 @@ from mr360uw.constants import MEAN_COSINE_SEA
 from mr360uw.errors import ParameterError
 from mr360uw.medium.phase import Mixture, Phase, backscatter_ratio, check_phase, particles_of_backscatter
 from mr360uw.medium.tables import Spectrum, builtin_spectrum, builtin_table, read_table
+from mr360uw.plot import Figure, Shown
 from mr360uw.shapes import exactly, instance, number, numbers
 
 Array = NDArray[np.float64]
@@ -68,17 +69,54 @@ def _kd_table(water_type: JerlovType, source: Diffuse) -> Spectrum | None:
     return replace(spectrum, wavelength_nm=spectrum.wavelength_nm[visible], value=spectrum.value[visible])
 
 
+_SHOWN_NM = 550.0
+"""Wavelength [nm] of the coefficients that a water's line shows: green, where the eye sees best."""
 _KD_ROUNDING = 1.03
 """Kd may be below a by this factor, the rounding of tables with two or three figures; below that it is an error."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Water:
-    """Homogeneous water.
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Water(Shown):
+    """Water with the same optical properties everywhere.
 
-    a, b: absorption and scattering. kd: diffuse attenuation, or None to derive it from a and b (Lee et al. 2005).
-    phase: of the particles. molecular: the part of b due to the water itself, or None if `phase` holds for all of b.
-    source: citation of the figures. Raises `ParameterError` for a <= 0, b < 0 or Kd < a.
+    Parameters
+    ----------
+    name : str
+        Used in messages.
+    a : Spectrum
+        Absorption [1/m], above 0.
+    b : Spectrum
+        Scattering [1/m], at least 0.
+    kd : Spectrum, optional
+        Diffuse attenuation [1/m], not below a; None derives it from a and b.
+    phase : Phase
+        Phase function of the particles: a name, ("hg", g), ("fournier-forand", index, slope), or a `PhaseTable`.
+    molecular : Spectrum, optional
+        The part [1/m] of b due to the water itself; None if `phase` holds for all of b.
+    source : str
+        Citation of the figures.
+
+    Raises
+    ------
+    ParameterError
+        If a <= 0, b < 0 or Kd < a at any wavelength.
+
+    See Also
+    --------
+    LightField : The light in such water, solved.
+    Medium : The water as a camera sees it.
+
+    Notes
+    -----
+    Kd without a table is that of Lee et al. 2005, equation 11.
+
+    Examples
+    --------
+    >>> water = uw.medium.Water.jerlov("IB")
+    >>> water
+    <Water Jerlov IB: a 0.0623, b 0.0536, Kd 0.0726 1/m at 550 nm>
+    >>> water.attenuation(550.0).round(3)
+    np.float64(0.116)
     """
 
     name: str
@@ -127,25 +165,146 @@ class Water:
         known = [s for s in (self.a, self.b, self.kd, self.molecular) if s is not None]
         return max(float(s.wavelength_nm[0]) for s in known), min(float(s.wavelength_nm[-1]) for s in known)
 
+    def __repr__(self) -> str:
+        low, high = self.range_nm
+        at = min(max(_SHOWN_NM, low), high)
+        a, b, kd = (float(f(at)) for f in (self.absorption, self.scattering, self.diffuse_attenuation))
+        return f"<Water {self.name}: a {a:.3g}, b {b:.3g}, Kd {kd:.3g} 1/m at {at:g} nm>"
+
+    def _figure(self) -> Figure:
+        w = np.linspace(*self.range_nm, 101)
+        curves = {"a": self.absorption(w), "b": self.scattering(w), "Kd": self.diffuse_attenuation(w)}
+        return Figure(self.name, w, curves, "wavelength [nm]", "1/m")
+
     def absorption(self, wavelength_nm: ArrayLike) -> Array:
-        """Return a [1/m] at wavelengths [nm]; `ParameterError` beyond the table."""
+        """Return the absorption a.
+
+        Parameters
+        ----------
+        wavelength_nm : array_like
+            Wavelengths (...,) [nm].
+
+        Returns
+        -------
+        ndarray
+            Absorption (...,) [1/m].
+
+        Raises
+        ------
+        ParameterError
+            If a wavelength is beyond the table.
+
+        Examples
+        --------
+        >>> uw.medium.Water.pure().absorption([450.0, 650.0]).round(4).tolist()
+        [0.0081, 0.3421]
+        """
         return self.a(wavelength_nm)
 
     def scattering(self, wavelength_nm: ArrayLike) -> Array:
-        """Return b [1/m] at wavelengths [nm]."""
+        """Return the scattering b.
+
+        Parameters
+        ----------
+        wavelength_nm : array_like
+            Wavelengths (...,) [nm].
+
+        Returns
+        -------
+        ndarray
+            Scattering (...,) [1/m].
+
+        Raises
+        ------
+        ParameterError
+            If a wavelength is beyond the table.
+
+        Examples
+        --------
+        >>> uw.medium.Water.pure().scattering([450.0, 650.0]).round(5).tolist()
+        [0.00398, 0.00085]
+        """
         return self.b(wavelength_nm)
 
     def attenuation(self, wavelength_nm: ArrayLike) -> Array:
-        """Return c = a + b [1/m] at wavelengths [nm]."""
+        """Return the beam attenuation c = a + b.
+
+        Parameters
+        ----------
+        wavelength_nm : array_like
+            Wavelengths (...,) [nm].
+
+        Returns
+        -------
+        ndarray
+            Beam attenuation (...,) [1/m].
+
+        Raises
+        ------
+        ParameterError
+            If a wavelength is beyond the tables.
+
+        Examples
+        --------
+        >>> uw.medium.Water.jerlov("II").attenuation([450.0, 650.0]).round(3).tolist()
+        [0.528, 0.604]
+        """
         return self.a(wavelength_nm) + self.b(wavelength_nm)
 
     def backscattering(self, wavelength_nm: ArrayLike) -> Array:
-        """Return bb [1/m] at wavelengths [nm], from the phase function (molecules scatter half of it backwards)."""
+        """Return the backscattering bb, from the phase function.
+
+        Parameters
+        ----------
+        wavelength_nm : array_like
+            Wavelengths (...,) [nm].
+
+        Returns
+        -------
+        ndarray
+            Backscattering (...,) [1/m]; molecules scatter half of their light backwards.
+
+        Raises
+        ------
+        ParameterError
+            If a wavelength is beyond the tables.
+
+        Examples
+        --------
+        >>> water = uw.medium.Water.pure()
+        >>> float(water.backscattering(500.0) / water.scattering(500.0))
+        0.5
+        """
         molecular = self.molecular(wavelength_nm) if self.molecular else np.zeros(np.shape(wavelength_nm))
         return 0.5 * molecular + backscatter_ratio(self.phase) * (self.b(wavelength_nm) - molecular)
 
     def diffuse_attenuation(self, wavelength_nm: ArrayLike) -> Array:
-        """Return Kd [1/m] at wavelengths [nm]: tabulated, or Lee et al. 2005 eq. 11 under a sun at the zenith."""
+        """Return the diffuse attenuation Kd of downwelling irradiance.
+
+        Parameters
+        ----------
+        wavelength_nm : array_like
+            Wavelengths (...,) [nm].
+
+        Returns
+        -------
+        ndarray
+            Kd (...,) [1/m], as tabulated, or derived from a and bb under a sun at the zenith.
+
+        Raises
+        ------
+        ParameterError
+            If a wavelength is beyond the tables.
+
+        Notes
+        -----
+        Derived by Lee et al. 2005, equation 11: Kd = a + 4.18 (1 - 0.52 exp(-10.8 a)) bb.
+
+        Examples
+        --------
+        >>> uw.medium.Water.jerlov("IB").diffuse_attenuation([450.0, 550.0, 650.0]).round(3).tolist()
+        [0.034, 0.073, 0.349]
+        """
         if self.kd is not None:
             return self.kd(wavelength_nm)
         a = self.a(wavelength_nm)
@@ -179,17 +338,55 @@ class Water:
         kd: Diffuse | None = None,
         phase: Phase | None = None,
     ) -> Water:
-        """Return a Jerlov type: a and b by Solonenko & Mobley 2015 (all ten) or Williamson & Hollins 2022 (six).
+        """Return a Jerlov type; the molecules' part of b is that of pure sea water.
 
-        kd: source of Kd; without it that of Solonenko & Mobley, or Lee et al. 2005 for Williamson & Hollins. phase: of
-        the particles; without it Petzold's average for Solonenko & Mobley, whose Kd goes with it, else
-        Henyey-Greenstein g = 0.9. The molecules' part of b is that of pure sea water.
+        Parameters
+        ----------
+        water_type : {"I", "IA", "IB", "II", "III", "1C", "3C", "5C", "7C", "9C"}
+            Open ocean, clear to turbid, then coastal.
+        inherent : {"solonenko2015", "williamson2022"}
+            Source of a and b: Solonenko & Mobley 2015 (all ten) or Williamson & Hollins 2022 (six).
+        kd : {"solonenko2015", "jerlov1976", "austin_petzold1986", "lee2005"}, optional
+            Source of Kd; without it that of Solonenko & Mobley, or Lee et al. 2005 for Williamson & Hollins.
+        phase : Phase, optional
+            Phase function of the particles; without it Petzold's average for Solonenko & Mobley, whose Kd goes with it,
+            else Henyey-Greenstein g = 0.9.
+
+        Returns
+        -------
+        Water
+            The same object for the same arguments.
+
+        Raises
+        ------
+        ParameterError
+            If a type or a source is not known.
+
+        Examples
+        --------
+        >>> uw.medium.Water.jerlov("1C").diffuse_attenuation(550.0).round(3)
+        np.float64(0.129)
         """
         return _jerlov(instance("water", water_type, str, "name a Jerlov type, as IB"), inherent, kd, phase)
 
     @classmethod
     def pure(cls) -> Water:
-        """Return pure sea water of 20 degC and 35 psu, 300 to 800 nm."""
+        """Return pure sea water of 20 degC and 35 psu, 300 to 800 nm.
+
+        Returns
+        -------
+        Water
+            Absorption and scattering of molecules alone.
+
+        Notes
+        -----
+        Mason et al. 2016 and Pope & Fry 1997 (a), Zhang et al. 2009 (b).
+
+        Examples
+        --------
+        >>> uw.medium.Water.pure().range_nm
+        (300.0, 800.0)
+        """
         b = builtin_spectrum("pure_sea_water.csv", "scattering", "pure sea water, scattering")
         return cls(
             name="pure sea water",
@@ -203,12 +400,37 @@ class Water:
 
     @classmethod
     def chlorophyll(cls, mg_m3: float, phase: Phase | None = None) -> Water:
-        """Return open-ocean (Case 1) water of a chlorophyll concentration [mg/m^3], 0.01 to 20, at 350 to 700 nm.
+        """Return open-ocean (Case 1) water of a chlorophyll concentration, at 350 to 700 nm.
 
+        Parameters
+        ----------
+        mg_m3 : float
+            Concentration [mg/m^3], 0.01 to 20.
+        phase : Phase, optional
+            Phase function of the particles; without it that of Fournier & Forand with the bb/b of Morel & Maritorena
+            2001.
+
+        Returns
+        -------
+        Water
+            Its a, b and Kd.
+
+        Raises
+        ------
+        ParameterError
+            If the concentration is outside the models.
+
+        Notes
+        -----
         a: pure water + particles Ap Chl^Ep (Bricaud et al. 1998) + 20 % of their value at 440 nm as dissolved matter
         with slope 0.014/nm (Morel & Maritorena 2001). b: pure water + 0.416 Chl^0.766 (w/550)^v (Loisel & Morel 1998).
-        Kd: Kw + chi Chl^e (Morel & Maritorena 2001, Table 2), nowhere below a. phase: of the particles; without it
-        that of Fournier & Forand whose bb/b is 0.002 + 0.01 (0.5 - 0.25 log10 Chl) (Morel & Maritorena 2001).
+        Kd: Kw + chi Chl^e (Morel & Maritorena 2001, Table 2), nowhere below a. bb/b of the particles: 0.002 + 0.01 (0.5
+        - 0.25 log10 Chl).
+
+        Examples
+        --------
+        >>> uw.medium.Water.chlorophyll(0.3).absorption(440.0).round(3)
+        np.float64(0.034)
         """
         if not 0.01 <= number("chlorophyll", mg_m3) <= 20.0:
             raise ParameterError(f"chlorophyll - outside the models (got {mg_m3!r} mg/m^3) - choose 0.01 to 20")
@@ -244,7 +466,37 @@ class Water:
         phase: Phase = ("hg", MEAN_COSINE_SEA),
         name: str = "water",
     ) -> Water:
-        """Return water of coefficients [1/m], each (w,), at wavelengths [nm] (w,)."""
+        """Return water of coefficients at wavelengths.
+
+        Parameters
+        ----------
+        wavelength_nm : array_like
+            Wavelengths (w,) [nm], ascending.
+        absorption, scattering : array_like
+            Coefficients (w,) [1/m].
+        diffuse_attenuation : array_like, optional
+            Kd (w,) [1/m]; without it Lee et al. 2005.
+        phase : Phase
+            Phase function of all scattering: a name, ("hg", g), ("fournier-forand", index, slope), or a `PhaseTable`.
+        name : str
+            Used in messages.
+
+        Returns
+        -------
+        Water
+            Linear between the wavelengths.
+
+        Raises
+        ------
+        ParameterError
+            If lengths differ, or values are out of range.
+
+        Examples
+        --------
+        >>> water = uw.medium.Water.from_arrays([450.0, 650.0], [0.02, 0.3], [0.1, 0.08], phase=("hg", 0.92))
+        >>> water.attenuation(550.0).round(3)
+        np.float64(0.25)
+        """
         w = numbers("wavelength_nm", wavelength_nm).astype(np.float64)
 
         def spectrum(label: str, values: ArrayLike) -> Spectrum:
@@ -257,7 +509,32 @@ class Water:
 
     @classmethod
     def from_csv(cls, path: str | Path, phase: Phase = ("hg", MEAN_COSINE_SEA)) -> Water:
-        """Return water of a CSV file with the columns wavelength_nm, absorption, scattering and, if known, kd [1/m]."""
+        r"""Return water of a CSV file with the columns wavelength_nm, absorption, scattering and, if known, kd.
+
+        Parameters
+        ----------
+        path : str or Path
+            The file; lines that start with # are comments, coefficients are in 1/m.
+        phase : Phase
+            Phase function of all scattering.
+
+        Returns
+        -------
+        Water
+            Linear between the wavelengths of the file.
+
+        Raises
+        ------
+        ParameterError
+            If the file cannot be read, a column is missing, or values are out of range.
+
+        Examples
+        --------
+        >>> with open("water.csv", "w", encoding="utf-8") as file:
+        ...     _ = file.write("wavelength_nm,absorption,scattering\n450,0.02,0.10\n650,0.30,0.08\n")
+        >>> uw.medium.Water.from_csv("water.csv").absorption(650.0)
+        np.float64(0.3)
+        """
         columns = {_COLUMN.get(name.lower(), name.lower()): value for name, value in read_table(path).items()}
         missing = [name for name in ("wavelength_nm", "absorption", "scattering") if name not in columns]
         if missing:

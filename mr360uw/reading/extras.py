@@ -12,6 +12,7 @@ EXTRAS = {
     "farm": ("distributed",),
     "gltf": ("DracoPy", "meshopt"),
     "notebook": ("ipywidgets", "tomlkit"),
+    "plot": ("matplotlib",),
     "track": ("pycolmap",),
     "tune": ("nicegui", "tomlkit"),
     "usd": ("usd-core",),

@@ -22,6 +22,7 @@ from mr360uw.medium.fit.exposure import GainSeries, MeasuredGain
 from mr360uw.medium.fit.level import DOUBTFUL, fit_level
 from mr360uw.medium.fit.open_water import OpenWater
 from mr360uw.medium.fit.open_water_track import OpenWaterLooks, OpenWaterTrack
+from mr360uw.plot import Figure, Shown
 from mr360uw.progress import Progress
 from mr360uw.render.lights import may_be_clipped, restored
 from mr360uw.render.loaded import Loaded
@@ -50,14 +51,32 @@ class FixedSun:
         return self.sun
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class ClipAnalysis(Parts):
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class ClipAnalysis(Parts, Shown):
     """Measurements over a clip, or over a range of it with a margin: a frame looks the same in every run over these.
 
-    sun: its track, or None if the sun is detected frame by frame. gain: (N, 3) of the veil, or None if it is fitted
-    frame by frame. open_water: beside it, or None if it is looked for frame by frame or not at all. background: the
-    ground without its caustics, or None if it is found frame by frame. notes: doubts about them. first: frame that the
-    track and the gain begin with. grade: of the plate, or None if it is measured frame by frame.
+    Parameters
+    ----------
+    sun : SunTrack or FixedSun or None
+        Track of the sun, or None if it is detected frame by frame.
+    gain : ndarray or None
+        Gain (N, 3) of the veil, or None if it is fitted frame by frame.
+    background : Background or None
+        The ground without its caustics, or None if it is found frame by frame.
+    notes : tuple of str
+        Doubts about the measurements.
+    first : int
+        Frame that the track and the gain begin with.
+    grade : PlateGrade or None
+        Grade of the plate, or None if it is measured frame by frame.
+    open_water : OpenWaterTrack or None
+        Light of the open water beside the gain, or None if it is looked for frame by frame or not at all.
+
+    Examples
+    --------
+    >>> analysis = uw.analyse_clip("dive.mp4", scene)
+    >>> analysis.gain_at(0).shape
+    (3,)
     """
 
     sun: SunTrack | FixedSun | None = None
@@ -67,6 +86,20 @@ class ClipAnalysis(Parts):
     first: int = 0
     grade: PlateGrade | None = None
     open_water: OpenWaterTrack | None = None
+
+    def __repr__(self) -> str:
+        names = ("sun", "gain", "background", "grade", "open_water")
+        found = [name for name in names if getattr(self, name) is not None]
+        frames = "" if self.gain is None else f" of {len(self.gain)} frames"
+        return f"<ClipAnalysis{frames} from {self.first}: {', '.join(found) or 'nothing measured'}>"
+
+    def _figure(self) -> Figure:
+        if isinstance(self.sun, SunTrack) and self.gain is None:
+            elevation = np.degrees(np.arcsin(np.clip(self.sun.direction[:, 1], -1.0, 1.0)))
+            return Figure("sun", self.first + np.arange(len(elevation)), {"elevation": elevation}, "frame", "deg")
+        gain = np.zeros((0, 3)) if self.gain is None else np.asarray(self.gain)
+        curves = dict(zip(("red", "green", "blue"), gain.T, strict=True))
+        return Figure("gain of the veil", self.first + np.arange(len(gain)), curves, "frame", "gain")
 
     @classmethod
     def of_frame(cls, sun: Sun | Literal["scene"] | None, gain: Floats | None) -> ClipAnalysis:

@@ -9,6 +9,7 @@ scene with keys, from one instant to the next.
 from __future__ import annotations
 
 import functools
+import math
 import threading
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
@@ -21,6 +22,7 @@ from mr360uw.composite import PlacedObject, SceneObject, load_objects
 from mr360uw.composite.objects import on_the_floor, on_the_sea
 from mr360uw.composite.scene_lamps import SceneLamp, load_lamps
 from mr360uw.composite.settings import ReceiverSettings
+from mr360uw.constants import PI
 from mr360uw.errors import SceneError
 from mr360uw.medium import Medium
 from mr360uw.reading.cached_reads import CachedReads
@@ -35,7 +37,7 @@ from mr360uw.scene.key_targets import KeyedParameter
 from mr360uw.scene.keyed_water import WaterBetween, scene_at, water_between
 from mr360uw.scene.model import Scene
 from mr360uw.scene.toml_model import dotted
-from mr360uw.types import Floats, View
+from mr360uw.types import Floats, Lamp, View
 from mr360uw.video.read.layout import Eye
 
 T = TypeVar("T")
@@ -169,18 +171,19 @@ class Loader:
                 '(got plate.eye = "both") - place the objects deeper, or set surface.objects = "none"'
             )
             raise SceneError("scene", [problem])
+        lamps = reads.of(load_lamps, scene.lamps, medium, scene.light.white_cd_m2)
         return Loaded(
             scene=scene,
             width=width,
             height=height,
             surroundings=surroundings,
             objects=objects,
-            lamps=reads.of(load_lamps, scene.lamps, medium, scene.light.white_cd_m2),
+            lamps=lamps,
             receiver=receiver,
             mattes=reads.of(Mattes, scene.holdouts, width, height, scene.plate.eye),
             caustic_depths=CausticDepths.of(scene, objects, ground, camera, height),
             plan=plan,
-            notes=_notes(scene, objects, camera, height) if whole is None else whole.notes,
+            notes=_notes(scene, objects, camera, height, lamps) if whole is None else whole.notes,
             object_files=tuple(object_files),
             other_files=tuple(other_files),
             _loader=self,
@@ -225,9 +228,72 @@ def _beam_share(medium: Medium, depth_m: float) -> float:
     return beam_share(medium, depth_m)
 
 
-def _notes(scene: Scene, objects: tuple[SceneObject, ...], camera: CameraPath, height: int) -> tuple[str, ...]:
+def _notes(
+    scene: Scene,
+    objects: tuple[SceneObject, ...],
+    camera: CameraPath,
+    height: int,
+    lamps: tuple[SceneLamp, ...],
+) -> tuple[str, ...]:
     found = dict.fromkeys(note for placed in objects for note in placed.notes)
-    return (*found, *placement_notes(scene, objects, camera, height), *_snow_notes(scene, height))
+    placed = placement_notes(scene, objects, camera, height)
+    return (*found, *placed, *lamp_notes(scene, lamps, objects, camera), *_snow_notes(scene, height))
+
+
+_LEAST_LIT = 1e-3
+"""Light of a white card over the plate's white below which a lamp shows nothing: a quarter of a code of 8 bits."""
+_CLOSEST_M = 0.05
+"""Least distance [m] at which a lamp's light is looked at."""
+
+
+def lamp_notes(
+    scene: Scene, lamps: tuple[SceneLamp, ...], objects: tuple[SceneObject, ...], camera: CameraPath
+) -> tuple[str, ...]:
+    """Return a line for every lamp whose light reaches no object and no floor: too weak, too far, or turned away.
+
+    By the brightest light that bounding spheres and a level floor may get at time 0, without shadows. Lamps and scenes
+    that move, and floors of other shapes, are not judged.
+    """
+    receiver = scene.receiver
+    moving = camera.moves or any(lamp.motion.moves for lamp in lamps) or any(one.moves for one in objects)
+    if not lamps or scene.keys or moving or (receiver is not None and receiver.kind != "plane"):
+        return ()
+    eye, rotation = camera.at(0.0)
+    view = View(2, 1, eye, rotation, scene.camera.depth_m)
+    placed = [one.at(0.0, 0, eye, rotation) for one in objects]
+    spheres = [(one.to_world(one.mesh.center_m), one.mesh.radius_m * one.scale) for one in placed]
+    notes = []
+    for number, lamp in enumerate(one.at(0.0, view, placed) for one in lamps):
+        lit = [_brightest(lamp, middle - lamp.position, radius) for middle, radius in spheres]
+        if receiver is not None:
+            under = np.array([0.0, receiver.height_m - lamp.position[1], 0.0])
+            lit.append(_brightest(lamp, under, 0.0, level=True))
+        if max(lit, default=0.0) < _LEAST_LIT:
+            notes.append(
+                f"lamp[{number}] - lights no object and no floor (got {max(lit, default=0.0):.1g} of the plate's white "
+                "on a white card) - move or turn it, or raise its lumen"
+            )
+    return tuple(notes)
+
+
+def _brightest(lamp: Lamp, towards: Floats, radius_m: float, *, level: bool = False) -> float:
+    """Return the most light, over white, that a white card gets in a sphere about a place [m] from a lamp.
+
+    level: on the level plane through the place, which lies straight over or under the lamp.
+    """
+    far = float(np.linalg.norm(towards))
+    nearest = max(far - radius_m, _CLOSEST_M)
+    angle = math.acos(np.clip(np.dot(towards, lamp.axis) / max(far, 1e-9), -1.0, 1.0))
+    beside = angle - math.acos(lamp.cos_edge) if lamp.cos_edge > -1.0 else 0.0
+    if level:
+        nearest = nearest / math.cos(beside) if 0.0 < beside < 0.5 * PI else nearest
+        missed = beside >= 0.5 * PI
+    else:
+        missed = far > radius_m and beside > math.asin(min(radius_m / far, 1.0))
+    if missed:
+        return 0.0
+    fall = 0.0 if lamp.attenuation is None else np.min(lamp.attenuation, axis=0)
+    return float(np.max(lamp.intensity * np.exp(-fall * nearest)) / nearest**2 / PI)
 
 
 def _snow_notes(scene: Scene, height: int) -> tuple[str, ...]:

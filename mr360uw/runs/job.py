@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from mr360uw import __version__
 from mr360uw.cache import Cache
 from mr360uw.composite.aovs import RECIPE, exr_parts, stereo_parts
 from mr360uw.composite.aovs import Part as LayerPart
@@ -24,6 +25,7 @@ from mr360uw.scene.model import Scene
 from mr360uw.threads import Behind, one_blas_thread, prefetch
 from mr360uw.video import VideoFrame, VideoReader, write_exr
 from mr360uw.video.read.projection import PICTURE_SUFFIXES
+from mr360uw.video.write.other_tracks import exr_attributes
 from mr360uw.video.write.writer import VideoWriter
 
 
@@ -165,7 +167,9 @@ class OpenJob:
             file = numbered(self.job.layers, frame.plate.index)
             # a folder beside the output is on the disk of layers that are beside it too
             scratch = self.job.work.path if self.job.layers.parent == self.job.out.parent else None
-            write_exr(file, parts, attributes={"comments": RECIPE}, views=views, folder=scratch)
+            told = {"comments": RECIPE, "software": f"mr360uw {__version__}"}
+            told |= exr_attributes(self.video, frame.plate.index)
+            write_exr(file, parts, attributes=told, views=views, folder=scratch)
             since = times.add("layers", since)
         sink.write(frame.picture)
         times.add("encode", since)

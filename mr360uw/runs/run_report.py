@@ -7,6 +7,7 @@ import json
 import platform
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from mr360uw.files import write_whole
 from mr360uw.output_gate import check_outputs
@@ -21,7 +22,7 @@ class Report:
     frames: of the output, of which `kept_frames` were there from a run that was stopped; the other counts are of the
     frames made by this run. held_frames: the plate's could not be decoded, and the last good one stands for it;
     concealed_frames: the decoder guessed a part of it. renderers: frames by renderer and device. inputs: the files that
-    the scene reads.
+    the scene reads. scene: all of its settings, defaults too. packages: versions of those that results depend on.
     """
 
     out: Path
@@ -40,6 +41,8 @@ class Report:
     workers: int = 1
     renderers: dict[str, int] = field(default_factory=dict)
     inputs: tuple[InputFile, ...] = ()
+    scene: dict[str, Any] = field(default_factory=dict)
+    packages: dict[str, str] = field(default_factory=dict)
 
     def __str__(self) -> str:
         made = self.frames - self.kept_frames
@@ -89,6 +92,9 @@ class Report:
             "plan": {name: {"runs": stage.runs, "why": stage.why} for name, stage in self.plan.stages.items()},
             "inputs": [{"path": str(f.path), "bytes": f.size, "sha256_of_blocks": f.digest} for f in self.inputs],
             "notes": list(self.notes),
+            "seeds": {"sea": self.scene["sea"]["seed"]} if self.scene else {},
+            "scene": self.scene,
+            "packages": self.packages,
             "python": platform.python_version(),
             "system": platform.platform(),
         }

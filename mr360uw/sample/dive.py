@@ -55,11 +55,50 @@ def sample_dive(
     overwrite: bool = False,
     progress: Progress | None = None,
 ) -> SampleDive:
-    """Make `folder` with a synthetic 360 clip (sound, spherical metadata), a whale, a scene file and the truth.
+    """Make a folder with a synthetic 360 clip (sound, spherical metadata), a whale, a scene file and the truth.
 
-    settings: of the dive; seed: of sea, floor and noise without them. width: of the frame, a multiple of 4; the height
-    is half of it. samples: rays of a pixel, each axis. truth: distances and masks of every frame, not of the first
-    alone. Raises `ParameterError`, `OutputExistsError` or `VideoError`; each file appears when it is complete.
+    Parameters
+    ----------
+    folder : str or Path
+        Folder of the files, which is made.
+    settings : DiveSettings, optional
+        Water, sun, sea and floor of the dive.
+    width : int
+        Pixels across the frame, a multiple of 4; the height is half of it.
+    frames : int
+        Length of the clip.
+    frame_rate : Fraction
+        Frames a second.
+    seed : int
+        Seed of sea, floor and noise, without settings.
+    samples : int
+        Rays of a pixel along each axis.
+    truth : bool
+        Distances and masks of every frame, not of the first alone.
+    overwrite : bool
+        Replace files that are there.
+    progress : callable, optional
+        Is called with (done, total) frames.
+
+    Returns
+    -------
+    SampleDive
+        Paths of the plate, the mesh, the scene and the truth.
+
+    Raises
+    ------
+    ParameterError
+        If a setting is out of range.
+    OutputExistsError
+        If files are there already.
+    VideoError
+        If the clip cannot be written.
+
+    Examples
+    --------
+    >>> dive = uw.sample_dive("try", width=64, frames=1)
+    >>> dive.scene.name
+    'scene.toml'
     """
     from mr360uw.scene.handbook import scene_text
 

@@ -94,30 +94,51 @@ class _Table:
     text: str
     rows: tuple[_Row, ...]
 
-    def lines(self, columns: tuple[str, ...] = _COLUMNS) -> list[str]:
-        """Return the lines of its heading, its text and its rows, those that few users need last."""
+    def lines(self, columns: tuple[str, ...] = _COLUMNS, level: str = "##") -> list[str]:
+        """Return the lines of its heading, its text and its rows, those that few users need last.
+
+        level: of its heading.
+        """
         title = f"{self.header} {self.name}".strip()
-        lines = ["", f"## {title}", "", self.text]
+        lines = ["", f"{level} {title}", "", self.text]
         for advanced in (False, True):
             cells = [row for row, few in self.rows if few == advanced]
             if cells:
-                lines += ["", f"### {title} `[advanced]`"] if advanced else []
+                lines += ["", f"{level}# {title} `[advanced]`"] if advanced else []
                 lines += ["", *(f"| {' | '.join(row)} |" for row in (columns, ("---",) * len(columns), *cells))]
         return lines
+
+
+_TASKS = {
+    "The plate and its camera": ("plate", "camera", "match", "holdout"),
+    "Water and light": ("water", "light", "sun", "sky", "shafts", "snow", "lamp"),
+    "Objects and the floor": ("object", "receiver", "floor", "reflection"),
+    "The surface and its caustics": ("sea", "caustics", "surface"),
+    "Changes over time": ("keys",),
+    "Rendering and output": ("draw", "film", "output"),
+}
+"""Tables of a scene by what they are for, in the order of the work."""
 
 
 def parameters_markdown(
     scene: type[BaseModel] = Scene, title: str = "Parameters of a scene", command: str = "mr360uw schema --markdown"
 ) -> str:
     """Return the page docs/parameters.md, or that of another kind of scene: one table for each table of its file."""
-    tables = [table for name, field in scene.model_fields.items() for table in _tables(field.alias or name, field)]
+    fields = {field.alias or name: field for name, field in scene.model_fields.items()}
+    of_tasks = {
+        task: [t for n in names if n in fields for t in _tables(n, fields[n])] for task, names in _TASKS.items()
+    }
+    tables = [table for of_task in of_tasks.values() for table in of_task]
     headers: dict[_Row, list[str]] = {}
     for table in tables:
         for row in table.rows:
             headers.setdefault(row, []).append(table.header)
     lines = [f"# {title}", "", f"Written by `{command}`. A key without a default must be given."]
-    for table in tables:
-        lines += replace(table, rows=tuple(row for row in table.rows if len(headers[row]) == 1)).lines()
+    for task, of_task in of_tasks.items():
+        lines += ["", f"## {task}"] if of_task else []
+        for table in of_task:
+            own = replace(table, rows=tuple(row for row in table.rows if len(headers[row]) == 1))
+            lines += own.lines(level="###")
     several = [((", ".join(of), *cells), few) for (cells, few), of in headers.items() if len(of) > 1]
     if several:
         text = "With the same meaning in each."

@@ -26,7 +26,7 @@ from mr360uw.errors import SceneError
 from mr360uw.ibl.settings import LightSettings
 from mr360uw.medium.settings import WaterSettings
 from mr360uw.medium.shafts.settings import ShaftSettings
-from mr360uw.parameters import Parameters, advanced, parameter
+from mr360uw.parameters import Parameters, advanced, listed, parameter
 from mr360uw.scene.key_problems import check_keys
 from mr360uw.scene.key_targets import KeyedParameter
 from mr360uw.scene.problems import Lines, problems
@@ -157,8 +157,21 @@ def _plate_from_path(value: Any) -> Any:
     return {"path": value} if isinstance(value, str | Path) else value
 
 
+@listed
 class Scene(Parameters):
-    """A composite: a plate and everything that is put into it."""
+    """A composite: a plate and everything that is put into it.
+
+    Raises
+    ------
+    SceneError
+        With one line for each problem: *key - what is wrong (got ...) - what to do*.
+
+    Examples
+    --------
+    >>> made = uw.Scene(plate="dive.mp4", objects=[{"mesh": "whale.glb", "position_m": [0.0, -0.5, -3.0]}])
+    >>> made.objects[0].scale
+    1.0
+    """
 
     model_config = ConfigDict(populate_by_name=True)
 
@@ -203,9 +216,28 @@ class Scene(Parameters):
     def with_(self, *overrides: str, **tables: Any) -> Scene:
         """Return the scene with some settings changed, checked as a file is.
 
-        overrides: as the command line sets them, 'object.0.scale=2'. tables: by name; the keys of a table replace those
-        of the scene's, as in water={"type": "II"}, lists of tables and single values replace the scene's. Raises
-        `SceneError` with one line for each problem.
+        Parameters
+        ----------
+        *overrides : str
+            Settings as the command line takes them, 'object.0.scale=2'.
+        **tables : dict or list or scalar
+            Tables by name; the keys of a table replace those of the scene's, as in water={"type": "II"}. Lists of
+            tables and single values replace the scene's.
+
+        Returns
+        -------
+        Scene
+            Another scene; this one stays as it is.
+
+        Raises
+        ------
+        SceneError
+            With one line for each problem.
+
+        Examples
+        --------
+        >>> scene.with_("object.0.scale=2", water={"type": "II"}).water.type
+        'II'
         """
         data = _tables(self)
         for name, value in tables.items():
@@ -230,7 +262,23 @@ class Scene(Parameters):
         return self.model_copy(update=others | instead)
 
     def to_toml(self) -> str:
-        """Return the text of a scene file with the settings that are not left at their defaults; paths are absolute."""
+        """Return the text of a scene file with the settings that are not left at their defaults; paths are absolute.
+
+        Returns
+        -------
+        str
+            TOML that `load_scene` reads.
+
+        Raises
+        ------
+        SceneError
+            If a setting cannot be written.
+
+        Examples
+        --------
+        >>> scene.with_("water.type=II").to_toml().count('type = "II"')
+        1
+        """
         return toml_document(_tables(with_absolute_paths(self, Path.cwd())))
 
     @model_validator(mode="after")
@@ -263,8 +311,27 @@ class Scene(Parameters):
 def load_scene(path: str | Path, overrides: Sequence[str] = ()) -> Scene:
     """Return the scene of a TOML file; relative paths in it start at its folder.
 
-    overrides: 'table.key=value' with a TOML value (a bare word is text), 'object.0.scale=2' for the first object.
-    Raises `SceneError` with one line for each problem: *file:line key - what is wrong (got ...) - what to do*.
+    Parameters
+    ----------
+    path : str or Path
+        The scene file.
+    overrides : sequence of str
+        Settings as 'table.key=value' with a TOML value (a bare word is text), 'object.0.scale=2' for the first object.
+
+    Returns
+    -------
+    Scene
+        The scene, checked.
+
+    Raises
+    ------
+    SceneError
+        With one line for each problem: *file:line key - what is wrong (got ...) - what to do*.
+
+    Examples
+    --------
+    >>> uw.load_scene("scene.toml", ["water.type=II"]).water.type
+    'II'
     """
     return load_model(Scene, file_path("scene", path), overrides, made="mr360uw new VIDEO MESH")
 

@@ -35,10 +35,29 @@ class Tiled:
 class Floor:
     """A diffuse floor, level or uneven.
 
-    height_m: its y in the world. albedo: in [0, 1], a number, (3,), or an image (size, size, 3) or (size, size), `size`
-    a power of two, that repeats every albedo_tile_m [m] from the world's origin, column = +x, row = +z. relief: (size,
-    size) heights [m] over height_m at the centres of pixels, that repeat every tile_m [m] in the same way, read
-    bilinearly. albedo_tile_m is tile_m unless given. Raises `ParameterError`.
+    Parameters
+    ----------
+    height_m : float
+        Its y [m] in the world.
+    albedo : array_like
+        In [0, 1]: a number, (3,), or an image (size, size, 3) or (size, size), `size` a power of two, that repeats
+        every albedo_tile_m from the world's origin, column = +x, row = +z.
+    tile_m : float, optional
+        Length [m] after which the relief repeats.
+    relief : array_like
+        Heights (size, size) [m] over height_m at the centres of pixels, read bilinearly.
+    albedo_tile_m : float, optional
+        Length [m] after which the albedo repeats; `tile_m` unless given.
+
+    Raises
+    ------
+    ParameterError
+        If a shape or a value is out of its domain.
+
+    Examples
+    --------
+    >>> uw.surface.Floor(-4.0, albedo=[0.4, 0.35, 0.3]).mean_albedo
+    array([0.4 , 0.35, 0.3 ])
     """
 
     def __init__(

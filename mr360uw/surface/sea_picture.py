@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.jit import borrowing
+from mr360uw.plot import Figure, Shown
 from mr360uw.surface.intersection import NOWHERE, Hit
 from mr360uw.surface.tracing.facet_draws import next_key
 from mr360uw.surface.tracing.ray_kernel import OFF_M, STACK, RayWorld, followed, met, put
@@ -31,15 +32,32 @@ _AT_ONCE = 1 << 14
 """Rays that are traced on one thread at a time."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class SurfacePicture:
-    """A picture of the sea.
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class SurfacePicture(Shown):
+    """A picture of the sea; all but the radiance is of the ray through each pixel's centre.
 
-    radiance: (H, W, 3) linear, in units of the dome's. What follows is of the ray through each pixel's centre.
-    distance_m: (H, W) to the first of surface and floor, infinity for the sky and for level rays. in_water_m: (H, W)
-    length in the water: that distance, or for a camera above the waves that of the refracted ray, 0 where there is
-    none. normal: (H, W, 3) of the surface, up, zero where it is not met. surface, floor: (H, W) masks of what is met
-    first. camera_in_water: on which side of the waves the camera is.
+    Parameters
+    ----------
+    radiance : ndarray
+        Linear radiance (H, W, 3), in units of the dome's.
+    distance_m : ndarray
+        Distance (H, W) [m] to the first of surface and floor, infinity for the sky and for level rays.
+    in_water_m : ndarray
+        Length (H, W) [m] in the water: that distance, or for a camera above the waves that of the refracted ray, 0
+        where there is none.
+    normal : ndarray
+        Normal (H, W, 3) of the surface, up, zero where it is not met.
+    surface, floor : ndarray
+        Masks (H, W) of what is met first.
+    camera_in_water : bool
+        On which side of the waves the camera is.
+
+    Examples
+    --------
+    >>> sea, view = uw.caustics.GerstnerSea(wave_count=4), uw.types.View(8, 4, surface_y_m=1.0)
+    >>> seen = uw.surface.picture(sea, np.ones((16, 32, 3)), (-3.0, 0.3), view, samples=1)
+    >>> bool(np.isfinite(seen.distance_m[seen.floor]).all())
+    True
     """
 
     radiance: Array
@@ -49,6 +67,15 @@ class SurfacePicture:
     surface: NDArray[np.bool_]
     floor: NDArray[np.bool_]
     camera_in_water: bool
+
+    def __repr__(self) -> str:
+        height, width = self.distance_m.shape
+        side = "below" if self.camera_in_water else "above"
+        return f"<SurfacePicture {height} x {width}, from {side} the surface, mean {np.mean(self.radiance):.3g}>"
+
+    def _figure(self) -> Figure:
+        white = max(float(np.quantile(self.radiance, 0.99)), 1e-12)
+        return Figure("radiance, white at its 99 % quantile", image=self.radiance / white)
 
 
 def rendered(stage: RayStage, view: View, samples: int) -> SurfacePicture:

@@ -37,7 +37,38 @@ _SHALLOWEST_M = 0.01
 
 
 class SeaScene:
-    """A sea, its sky, floor and water. Pictures are taken one at a time."""
+    """A sea with its sky, floor and water, of which pictures are taken one at a time.
+
+    Parameters
+    ----------
+    sea : GerstnerSea or SpectralSea
+        The surface.
+    dome : array_like
+        Equirectangular radiance (h, w, 3) of the sky, of which the upper half is read; a sun in it is part of the sky.
+    floor : Floor or tuple
+        A `Floor`, or its height [m] in the world and its albedo.
+    water : Water or Medium, optional
+        None for clear water; else its scattered light is that of the solved field over a level floor of the mean depth
+        and albedo.
+    sun : Sun, optional
+        A sun that is not in the dome, as seen in the air; below the horizon it gives no light.
+    refractive_index : float
+        Index of the water relative to air.
+    caustics : CausticSettings, optional
+        Resolution of the sun's pattern on the floor.
+
+    Raises
+    ------
+    ParameterError
+        If a floor, a water, a sun or an index cannot be used.
+
+    Examples
+    --------
+    >>> sea = uw.caustics.GerstnerSea(wind_speed=2.0, wave_count=4)
+    >>> scene = uw.surface.SeaScene(sea, np.ones((16, 32, 3)), (-3.0, 0.3))
+    >>> scene.picture(uw.types.View(8, 4, surface_y_m=1.0), samples=1).radiance.shape
+    (4, 8, 3)
+    """
 
     def __init__(
         self,
@@ -50,16 +81,6 @@ class SeaScene:
         refractive_index: float = REFRACTIVE_INDEX_SEA,
         caustics: CausticSettings | None = None,
     ) -> None:
-        """Take a scene and solve its water.
-
-        dome: (h, w, 3) equirectangular radiance of the sky, of which the upper half is read; a sun in it is part of the
-        sky. floor: a `Floor`, or its height [m] in the world and its albedo. water: None for clear water; else its
-        scattered light is that of the solved field over a level floor of the mean
-        depth and albedo. sun: a sun that is not in the dome, as seen in the
-        air; below the horizon it gives no light. caustics: resolution of the sun's pattern on the floor.
-
-        Raises `ParameterError`.
-        """
         check_refractive_index(refractive_index)
         if not isinstance(floor, Floor) and (not isinstance(floor, tuple) or len(floor) != 2):
             raise ParameterError(
@@ -74,10 +95,33 @@ class SeaScene:
         self._cache = Cache()
 
     def picture(self, view: View, time_s: float = 0.0, *, samples: int = 2) -> SurfacePicture:
-        """Return what a camera below or above the sea sees at a time [s], float64.
+        """Return what a camera below or above the sea sees.
 
-        view: its `surface_y_m` is the height of the mean surface. samples: per pixel and axis, 1 to 32. Raises
-        `ParameterError`, also for cameras below the floor.
+        Parameters
+        ----------
+        view : View
+            The camera; its `surface_y_m` is the height of the mean surface.
+        time_s : float
+            Time [s] of the sea.
+        samples : int
+            Rays per pixel and axis, 1 to 32.
+
+        Returns
+        -------
+        SurfacePicture
+            Radiance (H, W, 3), float64, distances and masks.
+
+        Raises
+        ------
+        ParameterError
+            If an argument is out of range, or the camera below the floor.
+
+        Examples
+        --------
+        >>> sea = uw.caustics.GerstnerSea(wind_speed=2.0, wave_count=4)
+        >>> scene = uw.surface.SeaScene(sea, np.ones((16, 32, 3)), (-3.0, 0.3))
+        >>> scene.picture(uw.types.View(8, 4, surface_y_m=1.0), time_s=0.5, samples=1).camera_in_water
+        True
         """
         if not 1 <= samples <= _MOST_SAMPLES:
             raise ParameterError(f"samples - outside 1 to {_MOST_SAMPLES} (got {samples}) - take 2 to 4")
@@ -140,7 +184,50 @@ def picture(
     refractive_index: float = REFRACTIVE_INDEX_SEA,
     caustics: CausticSettings | None = None,
 ) -> SurfacePicture:
-    """Return one picture of a scene: see `SeaScene` and `SeaScene.picture`."""
+    """Return one picture of a sea; for several `SeaScene` keeps what does not change.
+
+    Parameters
+    ----------
+    sea : GerstnerSea or SpectralSea
+        The surface.
+    dome : array_like
+        Equirectangular radiance (h, w, 3) of the sky, of which the upper half is read; a sun in it is part of the sky.
+    floor : Floor or tuple
+        A `Floor`, or its height [m] in the world and its albedo.
+    view : View
+        The camera, below or above the water: position, rotation, projection, and the mean surface's height
+        `surface_y_m`.
+    water : Water or Medium, optional
+        None for clear water.
+    sun : Sun, optional
+        A sun that is not in the dome, as seen in the air.
+    time_s : float
+        Time [s] of the sea.
+    samples : int
+        Rays per pixel and axis, 1 to 32.
+    refractive_index : float
+        Index of the water relative to air.
+    caustics : CausticSettings, optional
+        Resolution of the sun's pattern on the floor.
+
+    Returns
+    -------
+    SurfacePicture
+        Radiance (H, W, 3), float64, in units of the dome's, distances and masks.
+
+    Raises
+    ------
+    ParameterError
+        If an argument cannot be used, or the camera is below the floor.
+
+    Examples
+    --------
+    >>> sea = uw.caustics.GerstnerSea(wind_speed=2.0, wave_count=4)
+    >>> view = uw.types.View(16, 8, projection="perspective", fov_rad=1.5, surface_y_m=1.0)
+    >>> seen = uw.surface.picture(sea, np.ones((16, 32, 3)), (-3.0, 0.3), view, samples=1)
+    >>> seen.radiance.shape, seen.camera_in_water
+    ((8, 16, 3), True)
+    """
     scene = SeaScene(sea, dome, floor, water, sun=sun, refractive_index=refractive_index, caustics=caustics)
     return scene.picture(view, time_s, samples=samples)
 

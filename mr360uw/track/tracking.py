@@ -55,13 +55,47 @@ def track_camera(
 ) -> CameraTrack:
     """Return the path of the camera of a 360 clip without cuts, solved from its pictures.
 
-    height_m: of the camera over the floor at time 0; sets the scale, which pictures alone do not tell. measure: another
-    measure of the scale. mask: picture of the clip's size, black where nothing is tracked; what stands still in a
-    picture that moves is left out anyway, unless mask_only. eye: of a stereo plate. keep: folder for key frames and
-    matches, from which a run that was stopped goes on. progress: is called with (steps done, all of them).
+    Parameters
+    ----------
+    video : str or Path
+        The clip.
+    height_m : float, optional
+        Height [m] of the camera over the floor at time 0; sets the scale, which pictures alone do not tell.
+    measure : Measure, optional
+        Another measure of the scale.
+    mask : str or Path, optional
+        Picture of the clip's size, black where nothing is tracked; what stands still in a picture that moves is left
+        out anyway, unless `mask_only`.
+    eye : {"left", "right"}, optional
+        Eye of a stereo plate.
+    mask_only : bool
+        Leave out nothing besides the mask.
+    keep : str or Path, optional
+        Folder for key frames and matches, from which a run that was stopped goes on.
+    progress : callable, optional
+        Is called with (steps done, all of them).
 
-    Raises `Mr360uwError` without pycolmap, `VideoError`, and `ParameterError` for clips that cannot be tracked, and for
-    such with cuts: see `track_shots`.
+    Returns
+    -------
+    CameraTrack
+        Positions, rotations, floor points and how good they are.
+
+    Raises
+    ------
+    Mr360uwError
+        If pycolmap is not installed.
+    VideoError
+        If the clip cannot be read.
+    ParameterError
+        If it cannot be tracked, or has cuts: see `track_shots`.
+
+    Examples
+    --------
+    >>> try:
+    ...     track = uw.track_camera("missing.mp4", height_m=1.5)
+    ... except uw.Mr360uwError as error:
+    ...     print(type(error).__name__)
+    Mr360uwError
     """
     if height_m is not None:
         measure = Measure(height_m=height_m)

@@ -9,17 +9,42 @@ import numpy as np
 
 from mr360uw.cache import Parts
 from mr360uw.constants import REFRACTIVE_INDEX_SEA
+from mr360uw.plot import Figure, Shown
 from mr360uw.types.frames import Floats
+
+_PLANES_SHOWN, _RATIO_SHOWN = 4, 4.0
+"""Planes of a stack that a notebook shows, and the irradiance ratio that is white there."""
+
+
+def _exposed(radiance: Floats) -> Floats:
+    """Return light over its 99 % quantile, so that a sun leaves the rest visible."""
+    return np.asarray(radiance / max(float(np.quantile(radiance, 0.99)), 1e-12))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sun(Parts):
     """A dominant light as the camera sees it (below the surface: after refraction).
 
-    direction: (3,) unit, towards the sun. irradiance: (3,) linear RGB on a plane perpendicular to the beam, in plate
-    radiance times sr. half_angle_rad: angular radius of the disc. confidence: 0 (a guess) to 1 (given or certain).
-    shown: how far strength and colour are those that a plate shows, 1, and not what others tell of a clipped disc, 0.
-    share: fraction of the light of its spot in the plate that it is; the rest stays in the sky.
+    Parameters
+    ----------
+    direction : ndarray
+        Unit vector (3,) towards the sun.
+    irradiance : ndarray
+        Linear RGB (3,) on a plane perpendicular to the beam, in plate radiance times sr.
+    half_angle_rad : float
+        Angular radius [rad] of the disc.
+    confidence : float
+        How certain it is, 0 (a guess) to 1 (given or certain).
+    shown : float
+        How far strength and colour are those that a plate shows, 1, and not what others tell of a clipped disc, 0.
+    share : float
+        Fraction of the light of its spot in the plate that it is; the rest stays in the sky.
+
+    Examples
+    --------
+    >>> noon = uw.Sun(np.array([0.0, 1.0, 0.0]), np.ones(3), 0.00465, 1.0)
+    >>> noon.confidence
+    1.0
     """
 
     direction: Floats
@@ -56,15 +81,35 @@ Light = Sun | Lamp
 """A source with a direction of its own; what comes from all around is the `Environment`."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Environment:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Environment(Shown):
     """The light that reaches the camera, (32, 64, 3) equirectangular maps in plate radiance.
 
-    radiance: of the expanded plate. irradiance: cosine integral of `radiance` over the hemisphere about each
-    pixel's direction. sun: None where there is none. residual: `radiance` without the sun. ambient: cosine integral
-    of `residual`, what surfaces receive besides the sun's beam. glossy: `residual` filtered by GGX lobes, (L, 32, 64,
-    3), at the roughnesses `glossy_roughness` (L,), ascending; L = 0 where nothing needs them. detail: (128, 256, 3)
-    what `residual` is the mean of, but for light of the sky that was restored later; None where it is not known.
+    Parameters
+    ----------
+    radiance : ndarray
+        Radiance of the expanded plate (32, 64, 3), with the sun.
+    irradiance : ndarray
+        Cosine integral (32, 64, 3) of `radiance` over the hemisphere about each pixel's direction, with the sun.
+    sun : Sun or None
+        The sun, None where there is none.
+    residual : ndarray
+        The same as `radiance` (32, 64, 3), without the sun.
+    ambient : ndarray
+        Cosine integral (32, 64, 3) of `residual`: what surfaces receive besides the sun's beam.
+    glossy : ndarray
+        The `residual` filtered by GGX lobes, (L, 32, 64, 3), without the sun; L = 0 where nothing needs them.
+    glossy_roughness : ndarray
+        Roughnesses (L,) of `glossy`, ascending.
+    detail : ndarray or None
+        Map (128, 256, 3) that `residual` is the mean of, but for light of the sky that was restored later; None where
+        it is not known.
+
+    Examples
+    --------
+    >>> light = uw.ibl.environment(plate, underwater=True)
+    >>> light.radiance.shape, light.detail.shape
+    ((32, 64, 3), (128, 256, 3))
     """
 
     radiance: Floats
@@ -76,9 +121,18 @@ class Environment:
     glossy_roughness: Floats
     detail: Floats | None = None
 
+    def __repr__(self) -> str:
+        mean = ", ".join(f"{c:.3g}" for c in np.mean(self.radiance, axis=(0, 1)))
+        height, width = self.radiance.shape[:2]
+        sun = "no sun" if self.sun is None else f"sun of confidence {self.sun.confidence:.2f}"
+        return f"<Environment {height} x {width}, mean radiance ({mean}), {sun}>"
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Surface:
+    def _figure(self) -> Figure:
+        return Figure("radiance, white at its 99 % quantile", image=_exposed(self.radiance))
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Surface(Shown):
     """A displaced water surface at one time.
 
     position: (..., 3), y = height above the mean surface. normal: (..., 3) unit, y > 0. jacobian: (...,) determinant
@@ -88,6 +142,17 @@ class Surface:
     position: Floats
     normal: Floats
     jacobian: Floats
+
+    def __repr__(self) -> str:
+        height = self.position[..., 1]
+        return f"<Surface {height.shape}, heights {np.min(height):.3g} to {np.max(height):.3g} m>"
+
+    def _figure(self) -> Figure:
+        height = np.asarray(self.position[..., 1], np.float64)
+        if height.ndim != 2:
+            return Figure("surface", np.arange(height.size), {"height": height.ravel()}, "point", "m")
+        low, high = height.min(), height.max()
+        return Figure("height, black to white", image=(height - low) / max(high - low, 1e-12))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -114,14 +179,29 @@ class BeamSpread(Parts):
         return np.array([np.interp(tau, self.optical_depth, column) for column in self.weight.T])
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class CausticStack:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class CausticStack(Shown):
     """Irradiance of the sun's refracted beam on horizontal planes, relative to a flat surface (mean 1).
 
-    ratio: (D, size, size, 3) on planes `depth_m` (D,) below the mean surface, ascending; column = +x, row = +z,
-    periodic. Maps lie along the beam: a pixel is where its ray comes from on the mean surface, and pixel (0, 0) spans
-    [0, tile_m/size) there from the world's origin. sun_direction: (3,) unit, towards the sun, in the water. soft: (D,
-    size, size, 1) the same of the light that the water has turned by small angles; None: even.
+    Parameters
+    ----------
+    ratio : ndarray
+        Irradiance ratio (D, size, size, 3); column = +x, row = +z, periodic. Maps lie along the beam: a pixel is where
+        its ray comes from on the mean surface, and pixel (0, 0) spans [0, tile_m/size) there from the world's origin.
+    depth_m : ndarray
+        Depths (D,) [m] of the planes below the mean surface, ascending.
+    tile_m : float
+        Length [m] after which the maps repeat.
+    sun_direction : ndarray
+        Unit vector (3,) towards the sun, in the water.
+    soft : ndarray or None
+        The ratio (D, size, size, 1) of the light that the water has turned by small angles; None: even.
+
+    Examples
+    --------
+    >>> sea, settings = uw.caustics.GerstnerSea(wave_count=4), uw.caustics.CausticSettings(size=16, grid=16)
+    >>> uw.caustics.caustic_stack(sea, [0.0, 1.0, 0.0], [1.0, 4.0], 0.0, settings).ratio.shape
+    (2, 16, 16, 3)
     """
 
     ratio: Floats
@@ -129,6 +209,18 @@ class CausticStack:
     tile_m: float
     sun_direction: Floats
     soft: Floats | None = None
+
+    def __repr__(self) -> str:
+        depth, contrast = self.depth_m, np.std(self.ratio, axis=(1, 2))[:, 1]
+        return (
+            f"<CausticStack {len(depth)} x {self.ratio.shape[1]} x {self.ratio.shape[2]}, {depth[0]:.3g} to "
+            f"{depth[-1]:.3g} m deep, tile of {self.tile_m:g} m, contrast {contrast.min():.2f} to {contrast.max():.2f}>"
+        )
+
+    def _figure(self) -> Figure:
+        shown = np.linspace(0, len(self.depth_m) - 1, min(len(self.depth_m), _PLANES_SHOWN)).astype(int)
+        side_by_side = np.concatenate([self.ratio[plane] for plane in shown], axis=1)
+        return Figure("irradiance ratio, white is 4, shallow to deep", image=side_by_side / _RATIO_SHOWN)
 
     @property
     def softened(self) -> bool:

@@ -36,18 +36,49 @@ def open_video(
 ) -> VideoReader:
     """Open a plate: a video (mp4, mov, mkv, webm ...), one picture, or a sequence of pictures.
 
-    path: a file, or the pattern of a sequence: "plate_%04d.png", "plate_####.exr" or "plate_*.png".
-    transfer: curve from code values to linear light; by default sRGB, PQ or HLG where the file is tagged so, and none
-    for EXR and HDR pictures. primaries: of the plate's light; by default those of its matrix.
-    eye: "left" or "right" of a stereo plate, or "both": then frames are the left eye's and have the right one.
-    frame_rate: of pictures, which have none of their own. equirectangular: refuse what is not a panorama, of 2:1 or
-    tagged as one. depth: read EXR pictures by their channel Z if they have one. damaged: "stop" raises at a frame of a
-    video that cannot be decoded, "hold" repeats the last one that could.
-    projection: of the file's pictures; frames of "dual_fisheye" and "eac" are turned to equirectangular. "auto": .insv
-    is dual fisheye, .360 is EAC, all else equirectangular. fisheye_fov_deg: across one half of a dual-fisheye frame.
-    layout: arrangement of the eyes in a file without tags; by default as its tags or its shape say.
+    Parameters
+    ----------
+    path : str or Path
+        A file, or the pattern of a sequence: "plate_%04d.png", "plate_####.exr" or "plate_*.png".
+    transfer : str, optional
+        Curve from code values to linear light; by default sRGB, PQ or HLG where the file is tagged so, and none for EXR
+        and HDR pictures.
+    primaries : str, optional
+        Primaries of the plate's light; by default those of its matrix.
+    eye : {"left", "right", "both"}, optional
+        Eye of a stereo plate; with "both" frames are the left eye's and have the right one.
+    frame_rate : Fraction or float
+        Frames a second of pictures, which have no rate of their own.
+    equirectangular : bool
+        Refuse what is not a panorama, of 2:1 or tagged as one.
+    depth : bool
+        Read EXR pictures by their channel Z if they have one.
+    damaged : {"stop", "hold"}
+        Raise at a frame of a video that cannot be decoded, or repeat the last one that could.
+    projection : {"auto", "equirectangular", "dual_fisheye", "eac"}
+        Projection of the file's pictures, whose frames are turned to equirectangular; "auto": .insv is dual fisheye,
+        .360 is EAC, all else equirectangular.
+    fisheye_fov_deg : float
+        Angle [deg] across one half of a dual-fisheye frame.
+    layout : str, optional
+        Arrangement of the eyes in a file without tags; by default as its tags or its shape say.
 
-    VideoError where the plate cannot be used.
+    Returns
+    -------
+    VideoReader
+        An open clip; `frames(start, stop)` yields frames with `image_linear`, `time_s` and `index`.
+
+    Raises
+    ------
+    VideoError
+        If the plate cannot be used.
+
+    Examples
+    --------
+    >>> with uw.open_video("dive.mp4") as video:
+    ...     frame = next(video.frames(1))
+    >>> frame.index, frame.image_linear.shape
+    (1, (32, 64, 3))
     """
     path = file_path("video", path)
     kind = projection_of(path, projection) if equirectangular else "equirectangular"
@@ -82,14 +113,50 @@ def create_video(
 ) -> VideoWriter:
     """Begin an output with the size, colours, time stamps, sound and metadata of a plate, or a new one.
 
-    path: .mp4, .mov, .mkv or .webm; or a picture or a pattern of pictures ("out_%04d.png", "out_####.exr"), numbered
-    by the frame's index. like: the plate; without one, width, height, frame_rate and sound (a file) say what is made,
-    in BT.709, 4:2:0, 8 bits. audio: copy the sound, unless the settings leave it out. rebase: when the first frame is
-    not frame 0 of the plate, move pictures and sound so that the output begins where the plate begins; False keeps the
-    time stamps. frames: (start, stop) of those that will be written, which time code and chapters follow; default: all.
+    Parameters
+    ----------
+    path : str or Path
+        A video .mp4, .mov, .mkv or .webm; or a picture or a pattern of pictures ("out_%04d.png", "out_####.exr"),
+        numbered by the frame's index.
+    like : Clip, optional
+        The plate; without one, width, height, frame_rate and sound say what is made, in BT.709, 4:2:0, 8 bits.
+    settings : EncodeSettings, optional
+        Codec, quality and layout; unset values follow the plate.
+    width, height : int, optional
+        Size in pixels, without a plate.
+    frame_rate : Fraction or float
+        Frames a second, without a plate.
+    sound : str or Path, optional
+        File whose sound is copied, without a plate.
+    overwrite : bool
+        Replace an output that is there.
+    audio : bool
+        Copy the sound, unless the settings leave it out.
+    rebase : bool
+        When the first frame is not frame 0 of the plate, move pictures and sound so that the output begins where the
+        plate begins; False keeps the time stamps.
+    frames : tuple of int, optional
+        Frames (start, stop) that will be written, which time code and chapters follow; by default all.
 
-    Raises `OutputExistsError` where the output is there already and `overwrite` is not set, `OutputError` where it may
-    not be written, `VideoError` where it cannot be made.
+    Returns
+    -------
+    VideoWriter
+        An open output that takes frames.
+
+    Raises
+    ------
+    OutputExistsError
+        If the output is there already and `overwrite` is not set.
+    OutputError
+        If it may not be written.
+    VideoError
+        If it cannot be made.
+
+    Examples
+    --------
+    >>> with uw.open_video("dive.mp4") as video, uw.video.create_video("copy.mp4", video) as copy:
+    ...     for frame in video.frames():
+    ...         copy.write(frame)
     """
     path = Path(path)
     if like is None:

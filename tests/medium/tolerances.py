@@ -113,3 +113,15 @@ FILLED = 0.02
 degrees, and values that are known are smoothed over half a pixel."""
 DEEP_REFLECTANCE = 0.003
 """Van de Hulst's (1980) closed form of the reflectance of a deep medium: within 0.0021 of that of the H functions."""
+TABLE_OF_PETZOLD = 2e-4
+"""Built-in function of Petzold's against its published table given as a user's: its slope below 0.1 degree is that of two
+rows of six figures instead of a rounded one."""
+HG_BY_ANGLES = 2e-3
+"""Henyey-Greenstein by 400 angles evenly in the logarithm, straight lines between: the square of a step, 3 %, times the
+curvature of the logarithm."""
+DRIVEN_APART = 2e-9
+"""Beams in layers against one layer: the rate of a beam's mode is moved by 1e-9 from those of the water."""
+NET_FLUX = 3e-6
+"""Divergence of the net irradiance by differences over 0.2 mm, against -a E_0: the differences of 12 digits."""
+LAYERS_OF_PROFILE = 0.35
+"""Error of twice as many layers of a linear profile over that of once as many: a quarter, and higher orders."""

@@ -69,3 +69,24 @@ def test_a_file_that_changes_is_read_again(tmp_path: Path, whale: Path) -> None:
     after = loader.load(scene)
     assert after.objects[0] is not before.objects[0]
     assert after.object_files == before.object_files == (mesh,)
+
+
+@pytest.mark.parametrize(
+    ("lamp", "noted"),
+    [
+        ({"position_m": [0.0, 0.0, 0.0]}, False),  # straight ahead, at the whale
+        ({"position_m": [0.0, 0.0, 0.0], "rotation_deg": [180.0, 60.0, 0.0]}, True),  # up and back
+        ({"position_m": [0.0, 0.0, 0.0], "rotation_deg": [0.0, -90.0, 0.0]}, False),  # down, at the floor
+        ({"position_m": [0.0, 0.0, 0.0], "rotation_deg": [180.0, 0.0, 0.0], "cone_deg": 360.0}, False),
+        ({"position_m": [0.0, 0.0, 0.0], "rotation_deg": [180.0, 0.0, 0.0]}, False),  # back, at the floor there
+        ({"position_m": [0.0, 0.0, 60.0], "cone_deg": 5.0, "lumen": 100.0}, True),  # too far
+        ({"position_m": [0.0, 0.0, 0.0], "lumen": 0.01}, True),
+        ({"position_m": [0.0, 0.0, 0.0], "rotation_deg": [180.0, 60.0, 0.0], "attach": "camera"}, True),
+        ({"position_m": [0.0, 0.0, 2.0], "attach": 0}, False),
+    ],
+)
+def test_a_lamp_that_reaches_nothing_is_noted(tmp_path: Path, whale: Path, lamp: dict[str, Any], noted: bool) -> None:
+    scene = scene_with(tmp_path, whale, lamp=[lamp], receiver={"height_m": -1.6})
+    notes = [note for note in load(scene, *SIZE, clip=False).notes if note.startswith("lamp[0]")]
+    assert bool(notes) == noted
+    assert all("lights no object and no floor" in note for note in notes)

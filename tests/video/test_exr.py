@@ -1,12 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
 from __future__ import annotations
 
+from fractions import Fraction
+from pathlib import Path
+
 import numpy as np
 import OpenEXR
 import pytest
 
 from mr360uw.errors import VideoError
 from mr360uw.video import read_exr, read_rgb, write_exr
+from mr360uw.video.exr import frame_attributes
+from mr360uw.video.write.other_tracks import later_timecode
 
 
 def test_parts_channels_and_kinds_come_back(tmp_path, rng) -> None:
@@ -77,3 +82,19 @@ def test_bad_files(tmp_path) -> None:
     assert read_rgb(tmp_path / "grey.exr")[0, 0].tolist() == [2.0, 2.0, 2.0]
     with pytest.raises(VideoError, match="cannot be written"):
         write_exr(tmp_path / "missing" / "a.exr", np.ones((4, 8, 3), np.float32))
+
+
+@pytest.mark.parametrize(("rate", "told", "expected"), [
+    (Fraction(25), "", (0, 0, 2, 3)), (Fraction(30000, 1001), "10:00:00;00", (10, 0, 1, 23)), (Fraction(120), "", None),
+])  # fmt: skip
+def test_the_header_says_which_frame_it_is(
+    tmp_path: Path, rate: Fraction, told: str, expected: tuple[int, int, int, int] | None
+) -> None:
+    timecode = later_timecode(told, 53, rate)
+    write_exr(tmp_path / "a.exr", np.ones((2, 4, 3), np.float32), attributes=frame_attributes(53, rate, timecode))
+    header = OpenEXR.File(str(tmp_path / "a.exr")).header()
+    assert header["frameNumber"] == 53
+    assert header["framesPerSecond"] == rate
+    code = header.get("timeCode")
+    assert (code and (code.hours, code.minutes, code.seconds, code.frame)) == expected
+    assert code is None or code.dropFrame == (";" in told)

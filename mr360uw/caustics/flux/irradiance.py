@@ -61,11 +61,51 @@ def caustic_map(
     sun_half_angle_rad: float = SUN_HALF_ANGLE_RAD,
     method: Method = "exact",
 ) -> Array:
-    """Return the irradiance ratio (size, size), mean 1, on the plane depth_m below the mean surface.
+    """Return the irradiance of the sun's refracted beam on a level plane, over that below a flat sea.
 
-    Column = +x, row = +z; pixel (0, 0) spans [0, tile_m/size) from the world's origin, not shifted along the sun.
-    sun_direction_in_air: (3,) towards the sun, above the horizon. grid: cells of the surface across the tile.
-    Float64. Raises `ParameterError` for arguments outside their domain.
+    Parameters
+    ----------
+    sea : GerstnerSea or SpectralSea
+        The surface.
+    sun_direction_in_air : array_like
+        Direction (3,) towards the sun, above the horizon.
+    depth_m : float
+        Depth [m] of the plane below the mean surface, 0 to 11000.
+    time_s : float
+        Time [s] of the sea.
+    size : int
+        Pixels across the tile, 1 to 16384.
+    grid : int
+        Cells of the surface across the tile, 2 to 8192.
+    refractive_index : float
+        Index of the water relative to air, above 1 and up to 4.
+    sun_half_angle_rad : float
+        Angular radius [rad] of the sun's disc in air, 0 to 0.5.
+    method : {"exact", "ratio", "fan", "jacobian", "scrolling"}
+        Exact coverage conserves energy; the others are published methods, for comparison.
+
+    Returns
+    -------
+    ndarray
+        Ratio (size, size), float64, mean 1. Column = +x, row = +z; pixel (0, 0) spans [0, tile_m/size) from the world's
+        origin, not shifted along the sun.
+
+    Raises
+    ------
+    ParameterError
+        If an argument is outside its domain.
+
+    Notes
+    -----
+    The flux of each cell of the surface goes to its refracted image and is shared over the pixels there by exact
+    coverage, so that it is conserved (after Stam 1996, who divides areas instead).
+
+    Examples
+    --------
+    >>> sea = uw.caustics.GerstnerSea(wind_speed=4.0)
+    >>> ratio = uw.caustics.caustic_map(sea, [0.3, 0.9, -0.3], depth_m=3.0, time_s=0.5, size=32, grid=32)
+    >>> ratio.shape, round(ratio.mean(), 6)
+    ((32, 32), np.float64(1.0))
     """
     instance("sea", sea, SeaParameters, "make a GerstnerSea or a SpectralSea")
     sun = check_arguments(sun_direction_in_air, [depth_m], size, grid, refractive_index, sun_half_angle_rad)
@@ -84,11 +124,41 @@ def caustic_stack(
     refractive_index: float = REFRACTIVE_INDEX_SEA,
     spread: BeamSpread | None = None,
 ) -> CausticStack:
-    """Return the irradiance ratio on planes `depths_m` (ascending) below the mean surface, along the beam, in float64.
+    """Return the irradiance ratio on several planes, along the beam.
 
-    sun_direction_in_air: (3,) towards the sun, above the horizon. refractive_index: of the water at 550 nm, relative to
-    air. spread: of the light that the water turns by small angles; None: without its pattern. `settings.planes` is not
-    read here: `stack_depths` makes depths of a count. Raises `ParameterError`.
+    Parameters
+    ----------
+    sea : GerstnerSea or SpectralSea
+        The surface.
+    sun_direction_in_air : array_like
+        Direction (3,) towards the sun, above the horizon.
+    depths_m : array_like
+        Depths (D,) [m] of the planes below the mean surface, ascending; `stack_depths` makes good ones.
+    time_s : float
+        Time [s] of the sea.
+    settings : CausticSettings, optional
+        Size of the maps, method and the sun's disc; `planes` is not read here.
+    refractive_index : float
+        Index of the water at 550 nm relative to air, above 1 and up to 4.
+    spread : BeamSpread, optional
+        Spread of the light that the water turns by small angles; None: without its pattern.
+
+    Returns
+    -------
+    CausticStack
+        Maps (D, size, size, 3), float64, mean 1.
+
+    Raises
+    ------
+    ParameterError
+        If an argument is outside its domain.
+
+    Examples
+    --------
+    >>> sea, settings = uw.caustics.GerstnerSea(wave_count=4), uw.caustics.CausticSettings(size=16, grid=16)
+    >>> stack = uw.caustics.caustic_stack(sea, [0.0, 1.0, 0.0], [1.0, 4.0], 0.0, settings)
+    >>> stack.ratio.shape, stack.depth_m.tolist()
+    ((2, 16, 16, 3), [1.0, 4.0])
     """
     s = settings or CausticSettings()
     grid = grid_of(s, sea)

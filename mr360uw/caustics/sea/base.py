@@ -177,9 +177,30 @@ class SeaParameters(Parameters):
         raise NotImplementedError
 
     def surface(self, x_m: ArrayLike, z_m: ArrayLike, time_s: float) -> Surface:
-        """Return the displaced surface whose particles rest at world (x, z) [m], arrays of any one shape.
+        """Return the displaced surface of particles that rest at places in the world.
 
-        time_s: seconds. Raises `ParameterError` for times and places that are not finite.
+        Parameters
+        ----------
+        x_m, z_m : array_like
+            World x and z [m] of the particles at rest, of any one shape.
+        time_s : float
+            Time [s].
+
+        Returns
+        -------
+        Surface
+            Positions (..., 3), unit normals (..., 3) and the determinant (...,) of the horizontal displacement.
+
+        Raises
+        ------
+        ParameterError
+            If times or places are not finite.
+
+        Examples
+        --------
+        >>> sea = uw.caustics.GerstnerSea(wind_speed=0.0)
+        >>> sea.surface(1.0, 2.0, time_s=0.0).normal
+        array([0., 1., 0.])
         """
         check_time(time_s)
         common_shape(x_m=x_m, z_m=z_m)

@@ -41,7 +41,7 @@ from mr360uw.caustics.sea.spectrum import (
     peak_wavelength,
 )
 from mr360uw.errors import ParameterError
-from mr360uw.parameters import Parameters, advanced, parameter
+from mr360uw.parameters import Parameters, advanced, listed, parameter
 from mr360uw.shapes import exactly, numbers
 
 Array = NDArray[np.float64]
@@ -112,8 +112,26 @@ def gerstner(waves: Waves, x_m: Array, z_m: Array, time_s: float) -> SurfaceFiel
     return SurfaceFields(*(wave @ waves.coefficients(time_s)).real.T)
 
 
+@listed
 class GerstnerSea(SeaParameters):
-    """A sea of Gerstner waves, random ones that follow the wind or explicit ones."""
+    """A sea of Gerstner waves, random ones that follow the wind or explicit ones.
+
+    Raises
+    ------
+    ParameterError
+        If a value is out of its range; the message names it.
+
+    Notes
+    -----
+    A particle at rest at x moves on a circle: height = sum A sin theta, shift = sum Q A k/|k| cos theta, theta = k.x -
+    omega t + phase (Tessendorf 2001, section 3.1). The waves' mean square slope is that of Cox & Munk 1954.
+
+    Examples
+    --------
+    >>> sea = uw.caustics.GerstnerSea(wind_speed=4.0, seed=1)
+    >>> sea.surface([0.0, 1.0], [0.0, 0.0], time_s=0.5).position.shape
+    (2, 3)
+    """
 
     model: Literal["gerstner"] = parameter("gerstner", "kind of sea")
     steepness: float = parameter(0.8, "sharpness of the crests: 0 = sines, 1 = trochoids", low=0.0, high=1.0)
@@ -141,9 +159,40 @@ class GerstnerSea(SeaParameters):
     ) -> Self:
         """Return a sea of explicit waves.
 
-        wave_vector: (n, 2) rad/m over (x, z), moved to the nearest vector that repeats after tile_m. amplitude_m,
-        steepness, phase_rad: (n,) or one number. At t = 0, theta = k.(x, z) + phase, height = sum A sin theta, shift =
-        sum Q A k/|k| cos theta. Raises `ParameterError` for values out of range, or where sum Q |k| A > 1.
+        Parameters
+        ----------
+        wave_vector : array_like
+            Wave vectors (n, 2) [rad/m] over (x, z), moved to the nearest vector that repeats after `tile_m`.
+        amplitude_m : array_like
+            Amplitudes [m], (n,) or one number.
+        steepness : array_like
+            Horizontal over vertical amplitude, 0 to 1, (n,) or one number.
+        phase_rad : array_like
+            Phases [rad] at the origin at time 0, (n,) or one number.
+        tile_m : float
+            Side [m] of the square after which the sea repeats.
+        **knobs : object
+            Other parameters of `GerstnerSea`.
+
+        Returns
+        -------
+        GerstnerSea
+            The sea.
+
+        Raises
+        ------
+        ParameterError
+            If a value is out of range, or where sum Q |k| A > 1 and the surface would fold over.
+
+        Notes
+        -----
+        At t = 0, theta = k.(x, z) + phase, height = sum A sin theta, shift = sum Q A k/|k| cos theta.
+
+        Examples
+        --------
+        >>> swell = uw.caustics.GerstnerSea.from_waves([[0.8, 0.0]], 0.1, 0.5, 0.0, tile_m=8.0)
+        >>> swell.waves.wave_vector.round(4)
+        array([[0.7854, 0.    ]])
         """
         k = np.atleast_2d(numbers("wave_vector", wave_vector).astype(np.float64))
         if k.ndim != 2 or k.shape[1] != 2:

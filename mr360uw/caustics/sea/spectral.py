@@ -35,7 +35,7 @@ from mr360uw.caustics.sea.spectrum import (
     tma_factor,
 )
 from mr360uw.constants import GRAVITY_M_S2
-from mr360uw.parameters import advanced, parameter
+from mr360uw.parameters import advanced, listed, parameter
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -47,8 +47,26 @@ _FADING = 0.5
 half as much a wave fades in half the time."""
 
 
+@listed
 class SpectralSea(SeaParameters):
-    """A sea of random waves with the spectrum of a wind sea."""
+    """A sea of random waves with the spectrum of a wind sea.
+
+    Raises
+    ------
+    ParameterError
+        If a value is out of its range; the message names it.
+
+    Notes
+    -----
+    h(k, t) = h0(k) exp(-i omega t) + conj h0(-k) exp(i omega t), summed by a fast Fourier transform (Tessendorf 2001).
+    The spectra are those of Phillips 1958, Hasselmann et al. 1973 (JONSWAP) and Bouws et al. 1985 (TMA).
+
+    Examples
+    --------
+    >>> sea = uw.caustics.SpectralSea(spectrum="jonswap", resolution=32, significant_wave_height_m=0.2)
+    >>> round(sea.significant_height_m, 3)
+    0.2
+    """
 
     model: Literal["spectral"] = parameter("spectral", "kind of sea")
     spectrum: Literal["phillips", "jonswap", "tma"] = parameter("jonswap", "spectrum; tma: jonswap on shallow water")

@@ -88,13 +88,36 @@ class Mesh:
 def load_mesh(
     path: str | Path, unit: Unit = "auto", part: str = "", *, outside: bool = False, smooth_deg: float | None = None
 ) -> Mesh:
-    """Return the mesh of a file of one of the formats `FORMATS`, all its parts in the world of the file.
+    """Return the mesh of a file, all its parts in the world of the file.
 
-    unit: of the file; "auto" takes what the file says, or metres, and notes sizes that look wrong. part: keep the parts
-    whose name contains it.
-    outside: buffers and textures may lie outside of the file's folder. smooth_deg: as of `read_mesh_file`.
-    Raises `MeshError` if the file cannot be read, has no triangles, vertices that are not finite or no extent, or
-    names a missing texture.
+    Parameters
+    ----------
+    path : str or Path
+        A file of one of the formats `FORMATS`: glTF, GLB, USD, OBJ, PLY, STL.
+    unit : str
+        Unit of the file; "auto" takes what the file says, or metres, and notes sizes that look wrong.
+    part : str
+        Keep the parts whose name contains it.
+    outside : bool
+        Buffers and textures may lie outside of the file's folder.
+    smooth_deg : float, optional
+        Make new normals, smooth across edges that bend by less than this [deg]; 0: flat.
+
+    Returns
+    -------
+    Mesh
+        Triangles (T, 3, 3) [m], normals and materials.
+
+    Raises
+    ------
+    MeshError
+        If the file cannot be read, has no triangles, vertices that are not finite or no extent, or names a missing
+        texture.
+
+    Examples
+    --------
+    >>> uw.composite.load_mesh("whale.glb").positions.shape[1:]
+    (3, 3)
     """
     file = read_mesh_file(Path(path), outside=outside, smooth_deg=smooth_deg)
     moves = "is animated - here it is drawn as it rests in the file"

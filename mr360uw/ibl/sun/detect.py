@@ -219,11 +219,39 @@ def detect_sun(
     up: ArrayLike | None = None,
     refractive_index: float = REFRACTIVE_INDEX_SEA,
 ) -> Sun | None:
-    """Return the sun of a linear plate (H, W, 3), HDR or clipped to display white = 1; None where there is none.
+    """Return the sun of a linear plate, HDR or clipped to display white = 1; None where there is none.
 
-    underwater: look inside Snell's window only; the direction is that in the water. up, refractive_index: as in
-    `environment`. The irradiance is that of the plate as it is: of a clipped one far too low (see `environment`).
-    Raises `ParameterError` for other arrays.
+    The irradiance is that of the plate as it is: of a clipped one far too low (see `environment`).
+
+    Parameters
+    ----------
+    plate : array_like
+        Equirectangular picture (H, W, 3) of linear light.
+    underwater : bool
+        Look inside Snell's window only; the direction is that in the water.
+    up : array_like, optional
+        Direction (3,) of the world's up in the frame's axes; by default the frame is level.
+    refractive_index : float
+        Index of the water, 1 to 4.
+
+    Returns
+    -------
+    Sun or None
+        Its direction, irradiance, size and a confidence.
+
+    Raises
+    ------
+    ParameterError
+        If the array is no plate.
+
+    Examples
+    --------
+    >>> sky = np.full((64, 128, 3), 0.2)
+    >>> sky[12:14, 64:66] = 400.0
+    >>> uw.ibl.detect_sun(sky).direction.round(2)
+    array([ 0.03,  0.8 , -0.6 ])
+    >>> uw.ibl.detect_sun(np.full((64, 128, 3), 0.2)) is None
+    True
     """
     seen = LinearPlate(checked_plate(plate), up=upward(up), refractive_index=refractive_index)
     disc = find_disc(seen, underwater=underwater)

@@ -54,12 +54,37 @@ _EASE_S = 1.0
 
 
 def fit_gain(medium: Medium, radiance_map: Floats) -> tuple[Array, float]:
-    """Return the gain (3,) that makes the model's level radiance that of the plate, and the residual of the fit.
+    """Return the gain that makes the model's level radiance that of the plate, and the residual of the fit.
 
-    Rows within 12 degrees of the horizon count, each by its typical colour over the azimuth. The gain of a channel is
-    the median ratio of plate to model over these rows; residual: rms of the relative deviation left, over rows and
-    channels (0 = the model has the plate's colour at every elevation). A channel that is black about the horizon, as
-    red is in deep water, has the gain 0 and no residual. Raises `ParameterError` for an unusable map.
+    Rows within 12 degrees of the horizon count, each by its typical colour over the azimuth.
+
+    Parameters
+    ----------
+    medium : Medium
+        The model.
+    radiance_map : array_like
+        Linear radiance (32, 64, 3) of the plate, as `Environment.residual`.
+
+    Returns
+    -------
+    gain : ndarray
+        Gain (3,): of a channel the median ratio of plate to model over these rows. A channel that is black about the
+        horizon, as red is in deep water, has the gain 0 and no residual.
+    residual : float
+        Root mean square of the relative deviation left, over rows and channels; 0: the model has the plate's colour at
+        every elevation.
+
+    Raises
+    ------
+    ParameterError
+        If the map cannot be used.
+
+    Examples
+    --------
+    >>> medium = uw.medium.Medium(uw.medium.Water.jerlov("IB"), mode="kd", camera_depth_m=4.0)
+    >>> gain, residual = uw.medium.fit_gain(medium, uw.ibl.environment(plate, underwater=True).residual)
+    >>> gain.shape
+    (3,)
     """
     profile = PlateProfile.from_map(radiance_map)
     up = profile.up[np.abs(np.arcsin(profile.up)) <= LEVEL_RAD]

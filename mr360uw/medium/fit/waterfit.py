@@ -135,10 +135,34 @@ def fit_water(
     sensor: Sensor | None = None,
     refractive_index: float = REFRACTIVE_INDEX_SEA,
 ) -> WaterFit:
-    """Return the nearest Jerlov type of a plate's radiance map (32, 64, 3), linear, at a camera depth [m].
+    """Return the nearest Jerlov type of a plate.
 
-    sensor: of the camera, the default one unless given. Raises `ParameterError` where the plate is black about the
-    horizon.
+    Parameters
+    ----------
+    radiance_map : array_like
+        Linear radiance (32, 64, 3) of the plate, as `Environment.residual`.
+    camera_depth_m : float
+        Depth [m] of the camera.
+    sensor : Sensor, optional
+        Of the camera, the default one unless given.
+    refractive_index : float
+        Index of the water relative to air.
+
+    Returns
+    -------
+    WaterFit
+        The type, how certain it is, and the fit of all types.
+
+    Raises
+    ------
+    ParameterError
+        If the plate is black about the horizon.
+
+    Examples
+    --------
+    >>> light = uw.ibl.environment(plate, underwater=True)
+    >>> uw.medium.fit_water(light.residual, camera_depth_m=4.0).water_type in uw.medium.JERLOV_TYPES
+    True
     """
     number("camera_depth_m", camera_depth_m)
     profile = PlateProfile.from_map(radiance_map)

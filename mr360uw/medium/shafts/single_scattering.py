@@ -69,18 +69,57 @@ def single_scattering(
     tolerance: float | None = None,
     sun_samples: int = 8,
 ) -> Floats:
-    """Return the radiance (H, W) or (H, W, n) that a view receives of light scattered once by the water.
+    """Return the radiance that a view receives of light scattered once by the water.
 
-    absorption, scattering: [1/m], numbers for a result (H, W), or (n,) for (H, W, n). phase: see `phase.Phase`. sun:
-    its direction in the water, and its irradiance at the camera: one value for all coefficients, or one for each. Below
-    the horizon, or None: no beam. bodies: triangles (T, 3, 3) [m] in the world, objects with such `triangles`
-    (placed objects, trimesh), or `Occluder`s. caustics: of the same sun; with three coefficients its channels are
-    theirs, else their mean is taken. surface_y_m: height of the mean surface in the world instead of the view's.
+    Parameters
+    ----------
+    view : View
+        The camera.
+    absorption, scattering : array_like
+        Coefficients [1/m], numbers for a result (H, W), or (n,) for (H, W, n).
+    phase : Phase
+        Phase function, see `Water`.
+    sun : Sun or None
+        Its direction in the water, and its irradiance at the camera: one value for all coefficients, or one for each.
+        Below the horizon, or None: no beam.
+    bodies : sequence
+        Triangles (T, 3, 3) [m] in the world, objects with such `triangles` (placed objects, trimesh), or `Occluder`s.
+    caustics : CausticStack, optional
+        Of the same sun; with three coefficients its channels are theirs, else their mean is taken.
+    surface_y_m : float, optional
+        Height [m] of the mean surface in the world instead of the view's.
+    lamps : sequence of Lamp
+        In the world; their intensities like the sun's irradiance.
+    end_m : array_like, optional
+        Distance [m], (H, W) or a number, at which rays end besides the surface and the bodies.
+    steps : int
+        Segments of a ray, 1 or more.
+    tolerance : float, optional
+        Double the steps until no pixel changes by more than this fraction of the brightest smooth light.
+    sun_samples : int
+        Directions over the sun's disc.
 
-    lamps: in the world; their intensities like the sun's irradiance. end_m: (H, W) or a number, distance [m] at which
-    rays end besides the surface and the bodies. steps: segments of a ray. tolerance: double them until no pixel changes
-    by more than this fraction of the brightest smooth light. sun_samples: directions over the sun's disc.
-    Raises `ParameterError`.
+    Returns
+    -------
+    ndarray
+        Radiance (H, W) or (H, W, n).
+
+    Raises
+    ------
+    ParameterError
+        If a coefficient, a shape or a count is out of its domain.
+
+    Notes
+    -----
+    L(v) = int_0^Z b p(v . l) E(s) C V exp(-c s) ds; the smooth part in closed form, the rest by segments (Hillaire
+    2015).
+
+    Examples
+    --------
+    >>> sun = uw.Sun(np.array([0.0, 1.0, 0.0]), np.ones(3), 0.00465, 1.0)
+    >>> view = uw.types.View(8, 4, surface_y_m=5.0)
+    >>> uw.medium.single_scattering(view, 0.1, 0.2, "isotropic", sun).shape
+    (4, 8)
     """
     a, b = _coefficients(absorption, scattering)
     check_phase(phase)

@@ -78,11 +78,37 @@ def bands(
     illuminant_name: str = DEFAULT_ILLUMINANT,
     range_nm: tuple[float, float] = VISIBLE_NM,
 ) -> Bands:
-    """Return n bands (1 to 1000) of a sensor (the default camera unless given).
+    """Return wavelengths and RGB weights that replace the full spectrum.
 
-    rectangle: n equal intervals, response and illuminant at their midpoints. integrated: the same midpoints, response
-    times illuminant averaged over each interval. fitted: wavelengths and weights that reproduce the colours of water
-    best (n = 2 to 24; see `fitted`); its weights are never negative unless the sensor's own are.
+    Parameters
+    ----------
+    n : int
+        Number of wavelengths, 1 to 1000.
+    sensor : Sensor, optional
+        The sensor; without it the default camera.
+    rule : {"rectangle", "integrated", "fitted"}
+        Equal intervals with response and illuminant at their midpoints; the same midpoints, response times illuminant
+        averaged over each interval; or the 2 to 24 wavelengths and weights that reproduce the colours of water best.
+    illuminant_name : str
+        Light that white is balanced for: "D65", "sun-sky", "equal-energy", "A", ...
+    range_nm : tuple of float
+        First and last wavelength [nm].
+
+    Returns
+    -------
+    Bands
+        `wavelength_nm` (n,) and `weight` (n, 3), each column of sum 1.
+
+    Raises
+    ------
+    ParameterError
+        If the rule is not known, the range beyond the sensor, or a channel is missed by all bands.
+
+    Examples
+    --------
+    >>> three = uw.medium.bands(3)
+    >>> three.wavelength_nm.tolist(), three.weight.sum(axis=0).round(6).tolist()
+    ([450.0, 550.0, 650.0], [1.0, 1.0, 1.0])
     """
     sensor = checked_sensor(sensor)
     n = whole("bands", n, 1, 1000)

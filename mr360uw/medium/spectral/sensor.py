@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from mr360uw.errors import ParameterError
 from mr360uw.medium.tables import Spectrum, builtin_cameras, builtin_spectrum, builtin_table, read_table
+from mr360uw.plot import Figure, Shown
 from mr360uw.shapes import instance, numbers, real, vectors
 
 Array = NDArray[np.float64]
@@ -43,30 +44,107 @@ _CAMERA_STEP = (380.0, 780.0, 81)
 """First and last wavelength [nm] and number of samples of the built-in cameras."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Sensor:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Sensor(Shown):
     """Relative responses of red, green and blue over wavelength.
 
-    curves: (w, 3) non-negative. matrix: (3, 3) from them to linear RGB. Only ratios within a channel matter: bands are
-    balanced so that the illuminant's white is (1, 1, 1).
+    Only ratios within a channel matter: bands are balanced so that the illuminant's white is (1, 1, 1).
+
+    Parameters
+    ----------
+    name : str
+        Used in messages.
+    curves : Spectrum
+        Responses (w, 3), non-negative.
+    matrix : ndarray
+        Matrix (3, 3) from them to linear RGB.
+
+    Examples
+    --------
+    >>> uw.medium.Sensor.camera("Insta360 X5")
+    <Sensor Arashi Vision Insta360 X5: 380 to 780 nm>
     """
 
     name: str
     curves: Spectrum
     matrix: Array
 
+    def __repr__(self) -> str:
+        known = self.curves.wavelength_nm
+        return f"<Sensor {self.name}: {known[0]:g} to {known[-1]:g} nm>"
+
+    def _figure(self) -> Figure:
+        w = self.curves.wavelength_nm
+        curves = dict(zip(("red", "green", "blue"), self.response(w).T, strict=True))
+        return Figure(self.name, w, curves, "wavelength [nm]", "response")
+
     def response(self, wavelength_nm: ArrayLike) -> Array:
-        """Return the responses (..., 3) of red, green and blue, the observer's with negative parts."""
+        """Return the responses of red, green and blue.
+
+        Parameters
+        ----------
+        wavelength_nm : array_like
+            Wavelengths (...,) [nm].
+
+        Returns
+        -------
+        ndarray
+            Responses (..., 3), the observer's with negative parts.
+
+        Raises
+        ------
+        ParameterError
+            If a wavelength is beyond the table.
+
+        Examples
+        --------
+        >>> uw.medium.Sensor.cie1931().response([450.0, 550.0, 650.0]).round(2)
+        array([[ 0.15, -0.18,  1.88],
+               [-0.13,  1.45, -0.17],
+               [ 0.75, -0.07, -0.01]])
+        """
         return self.curves(wavelength_nm) @ self.matrix.T
 
     @classmethod
     def cie1931(cls) -> Sensor:
-        """Return the CIE 1931 2 degree observer in linear Rec.709; its responses have negative parts."""
+        """Return the CIE 1931 2 degree observer in linear Rec.709; its responses have negative parts.
+
+        Returns
+        -------
+        Sensor
+            The observer of CIE 018:2019.
+
+        Examples
+        --------
+        >>> uw.medium.Sensor.cie1931().name
+        'CIE 1931'
+        """
         return _cie1931()
 
     @classmethod
     def camera(cls, name: str) -> Sensor:
-        """Return the raw channels of one of `cameras()`, by its name or a part that only it has, like "Insta360 X5"."""
+        """Return the raw channels of a built-in camera.
+
+        Parameters
+        ----------
+        name : str
+            One of `cameras()`, or a part that only it has, like "Insta360 X5".
+
+        Returns
+        -------
+        Sensor
+            Its responses, 380 to 780 nm.
+
+        Raises
+        ------
+        ParameterError
+            If no camera, or more than one, has the name.
+
+        Examples
+        --------
+        >>> uw.medium.Sensor.camera("Insta360 X5").response(550.0).round(2)
+        array([0.05, 0.95, 0.09])
+        """
         found = _matching(instance("camera", name, str, "give a name of `cameras()`"), cameras())
         if len(found) != 1:
             what = "no such camera" if not found else f"fits {len(found)} cameras"
@@ -77,7 +155,32 @@ class Sensor:
 
     @classmethod
     def from_arrays(cls, wavelength_nm: ArrayLike, response: ArrayLike, name: str = "sensor") -> Sensor:
-        """Return a sensor of responses (w, 3) at wavelengths [nm] (w,)."""
+        """Return a sensor of responses at wavelengths.
+
+        Parameters
+        ----------
+        wavelength_nm : array_like
+            Wavelengths (w,) [nm], ascending.
+        response : array_like
+            Responses (w, 3) of red, green and blue, at least 0.
+        name : str
+            Used in messages.
+
+        Returns
+        -------
+        Sensor
+            Linear between the wavelengths.
+
+        Raises
+        ------
+        ParameterError
+            If the shapes do not fit, or values are negative or all zero.
+
+        Examples
+        --------
+        >>> uw.medium.Sensor.from_arrays([450.0, 550.0, 650.0], np.eye(3)[::-1]).response(600.0)
+        array([0.5, 0.5, 0. ])
+        """
         values = real(f"{name} responses", response).astype(np.float64)
         if values.ndim != 2 or values.shape[1] != 3 or not np.all(np.isfinite(values)):
             raise ParameterError(
@@ -92,7 +195,30 @@ class Sensor:
 
     @classmethod
     def from_csv(cls, path: str | Path) -> Sensor:
-        """Return a sensor of a CSV file with the columns wavelength_nm, R, G, B."""
+        r"""Return a sensor of a CSV file with the columns wavelength_nm, R, G, B.
+
+        Parameters
+        ----------
+        path : str or Path
+            The file; lines that start with # are comments.
+
+        Returns
+        -------
+        Sensor
+            Linear between the wavelengths of the file.
+
+        Raises
+        ------
+        ParameterError
+            If the file cannot be read or a column is missing.
+
+        Examples
+        --------
+        >>> with open("sensor.csv", "w", encoding="utf-8") as file:
+        ...     _ = file.write("wavelength_nm,R,G,B\n450,0,0.1,1\n550,0.1,1,0.1\n650,1,0.1,0\n")
+        >>> uw.medium.Sensor.from_csv("sensor.csv").response(650.0)
+        array([1. , 0.1, 0. ])
+        """
         columns = {name.lower(): values for name, values in read_table(path).items()}
         missing = [name for name in ("wavelength_nm", "r", "g", "b") if name not in columns]
         if missing:

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,7 @@ from mr360uw.video.metadata.spherical import marked
 from mr360uw.video.pixels.rgb import codes_from_linear
 from mr360uw.video.read.projection import FLOAT_SUFFIXES
 from mr360uw.video.video_frame import VideoFrame, whole_frame
+from mr360uw.video.write.other_tracks import exr_attributes
 from mr360uw.video.write.writer import VideoWriter
 
 _DEEP_SUFFIXES = (".png", ".tif", ".tiff")
@@ -27,9 +29,9 @@ _DEEP_SUFFIXES = (".png", ".tif", ".tiff")
 class ImageWriter(VideoWriter):
     """One picture, or a sequence numbered by the frames' index; each appears complete or not at all.
 
-    EXR: linear Rec.709, objects not clipped, with the `envmap` attribute, in single precision for plates of floats,
-    which then keep every bit, else in half. PNG and TIFF: 8 bits, or 16 for plates with more. JPEG and PNG are marked
-    as panoramas (XMP), except pictures of two eyes, for which there is no mark.
+    EXR: linear Rec.709, objects not clipped, with frame number, rate, time code and the `envmap` attribute, in single
+    precision for plates of floats, which then keep every bit, else in half. PNG and TIFF: 8 bits, or 16 for plates with
+    more. JPEG and PNG are marked as panoramas (XMP), except pictures of two eyes, for which there is no mark.
     folder: of incomplete pictures, on the same disk; default: that of `path`.
     """
 
@@ -50,7 +52,8 @@ class ImageWriter(VideoWriter):
                 f"{self.path.stem}_%04d{self.path.suffix}"
             )
         path = numbered(self.path, frame.index) if self._many else self.path
-        write_picture(path, whole_frame(frame, self._clip.stereo), self._folder)
+        told = exr_attributes(self._clip, frame.index) if path.suffix.lower() == ".exr" else None
+        write_picture(path, whole_frame(frame, self._clip.stereo), self._folder, told)
         self._written += 1
 
     def finish(self) -> None:
@@ -62,14 +65,16 @@ class ImageWriter(VideoWriter):
         """Nothing is left to remove: every picture is complete."""
 
 
-def write_picture(path: Path, frame: VideoFrame, folder: Path | None = None) -> None:
+def write_picture(
+    path: Path, frame: VideoFrame, folder: Path | None = None, attributes: Mapping[str, Any] | None = None
+) -> None:
     """Write a frame as a picture, by a temporary name and a rename; the kind follows the suffix.
 
-    folder: of the temporary file; default: that of `path`.
+    folder: of the temporary file; default: that of `path`. attributes: more entries of an EXR file's header.
     """
     if path.suffix.lower() == ".exr":
         depth = np.float32 if frame.spec.bits == 32 else np.float16
-        write_exr(path, frame.light.astype(depth, copy=False), latlong=frame.wrap, folder=folder)
+        write_exr(path, frame.light.astype(depth, copy=False), latlong=frame.wrap, folder=folder, attributes=attributes)
         return
     try:
         with whole_file(path, folder=folder) as part:

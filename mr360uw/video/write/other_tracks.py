@@ -13,6 +13,7 @@ loudspeakers without them; FFmpeg does not copy them.
 
 from __future__ import annotations
 
+import functools
 import io
 import itertools
 import re
@@ -28,8 +29,10 @@ import av.error
 
 from mr360uw.errors import VideoError
 from mr360uw.video.clip import Clip, not_copied
+from mr360uw.video.exr import frame_attributes
 from mr360uw.video.metadata.mp4 import Box, parse_boxes, read_moov
 from mr360uw.video.read.probe import open_packets
+from mr360uw.video.read.projection import PICTURE_SUFFIXES
 
 CONTAINERS = {".mp4": "mp4", ".m4v": "mp4", ".mov": "mov", ".mkv": "matroska", ".webm": "webm"}
 """FFmpeg's names of the kinds of output, by suffix."""
@@ -195,6 +198,24 @@ def _moved(chapters: list[Any], like: Clip, frames: tuple[int, int]) -> tuple[di
             place = {"start": round(1000 * (first - begin)), "end": round(1000 * (last - begin))}
             found.append({**chapter, **place, "id": len(found) + 1, "time_base": Fraction(1, 1000)})
     return tuple(found)
+
+
+def timecode_of(path: Path) -> str:
+    """Return the time code of a video's first frame, "" where it has none or is no video."""
+    if not path.is_file() or path.suffix.lower() in PICTURE_SUFFIXES:
+        return ""
+    return _timecode(path, path.stat().st_mtime_ns)
+
+
+@functools.lru_cache(maxsize=8)
+def _timecode(path: Path, written_ns: int) -> str:  # noqa: ARG001 - another file under the same name has another
+    with open_packets(path) as container:
+        return next((s.metadata["timecode"] for s in container.streams if "timecode" in s.metadata), "")
+
+
+def exr_attributes(like: Clip, index: int) -> dict[str, Any]:
+    """Return the entries of an EXR header that say which frame of a clip it is, by the clip's own time code."""
+    return frame_attributes(index, like.frame_rate, later_timecode(timecode_of(like.path), index, like.frame_rate))
 
 
 def later_timecode(timecode: str, frames: int, rate: Fraction) -> str:

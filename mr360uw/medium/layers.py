@@ -1,0 +1,469 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The irradiances of stratified water: layers of constant coefficients, solved together by discrete ordinates.
+
+Each layer has the modes of homogeneous water (`ordinates`, `transfer`): half of them fade downwards from its top, half
+upwards from its bottom. Their amounts follow from the surface, from radiances that are the same on both sides of every
+interface, and from the floor or, in a last layer without end, from modes that fade upwards being none. Nothing is
+approximated besides the streams, so equal layers are homogeneous water. The refractive index is that of all layers.
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from pathlib import Path
+from typing import Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from mr360uw.constants import PI, REFRACTIVE_INDEX_SEA
+from mr360uw.errors import ParameterError
+from mr360uw.medium.closed_form import check_ray
+from mr360uw.medium.ordinates import Modes, Ordinates, nodes
+from mr360uw.medium.phase import Mixture, Phase, check_phase, moments_of_each, spectral_moments
+from mr360uw.medium.ray_field import LambertFloor, Sky, SkyShape, SurfaceKind, cosine_kernel, sky_parts
+from mr360uw.medium.tables import read_table
+from mr360uw.medium.transfer import STREAMS_PER_HEMISPHERE
+from mr360uw.optics import check_refractive_index, critical_cosine, fresnel_from_below
+from mr360uw.shapes import exactly, numbers
+from mr360uw.threads import one_blas_thread
+
+Array = NDArray[np.float64]
+
+
+class LayeredField:
+    """The irradiances of water whose coefficients change with depth, at n wavelengths, solved once.
+
+    All results are per unit downwelling irradiance just below the surface. Radiances along rays, and with them veils
+    and composites, are those of water that is the same everywhere: see `LightField`.
+
+    Parameters
+    ----------
+    top_m : array_like
+        Depths (L,) [m] at which layers begin, ascending, the first 0; the last layer reaches down to the floor or for
+        ever.
+    absorption, scattering : array_like
+        Coefficients (L,) or (L, n) [1/m] of the layers; absorption above 0, scattering at least 0.
+    phase : Phase or list of Phase or ndarray
+        Phase function of all layers, see `LightField`.
+    surface : {"snell", "none"}
+        Flat with Fresnel's reflection, or no change of refractive index.
+    sky : "uniform" or tuple or SkyShape
+        Light that enters: uniform, or ("sun", y of the direction to the sun in the water, fraction of the downwelling
+        irradiance that is its beam), the rest being a uniform sky.
+    refractive_index : float
+        Index of the water relative to air, for "snell".
+    streams : int
+        Directions per hemisphere.
+    floor : LambertFloor, optional
+        Below the top of the last layer; None for deep water.
+
+    Raises
+    ------
+    ParameterError
+        If depths do not ascend, shapes do not fit, or a coefficient is out of range.
+
+    See Also
+    --------
+    LightField : Water that is the same everywhere, with radiances along rays.
+
+    Notes
+    -----
+    Plane-parallel radiative transfer by discrete ordinates in layers (Stamnes et al. 1988), the forward peak taken as
+    unscattered (Wiscombe 1977).
+
+    Examples
+    --------
+    >>> field = uw.medium.LayeredField([0.0, 5.0], absorption=[0.05, 0.2], scattering=[0.1, 0.4])
+    >>> field.irradiance([5.0, 10.0], 1.0).round(3).tolist()
+    [[0.724], [0.19]]
+    >>> field.diffuse_attenuation([1.0, 12.0]).round(3).tolist()
+    [[0.064], [0.271]]
+    """
+
+    def __init__(
+        self,
+        top_m: ArrayLike,
+        absorption: ArrayLike,
+        scattering: ArrayLike,
+        phase: Phase | list[Phase] | Array = "petzold",
+        surface: SurfaceKind = "snell",
+        sky: Sky = "uniform",
+        refractive_index: float = REFRACTIVE_INDEX_SEA,
+        streams: int = STREAMS_PER_HEMISPHERE,
+        floor: LambertFloor | None = None,
+    ) -> None:
+        self.top_m = numbers("top_m", top_m).astype(np.float64)
+        if self.top_m.ndim != 1 or not len(self.top_m) or self.top_m[0] != 0.0 or np.any(np.diff(self.top_m) <= 0.0):
+            raise ParameterError(
+                f"top_m - must ascend from 0 (got {self.top_m.tolist()!r:.60}) - give the depth where each layer begins"
+            )
+        self.absorption, self.scattering = _of_layers(len(self.top_m), absorption, scattering)
+        if surface not in ("snell", "none"):
+            raise ParameterError(f"surface - unknown (got {surface!r}) - take 'snell' or 'none'")
+        if surface == "snell":
+            check_refractive_index(refractive_index)
+        count, orders = self.absorption.shape[1], 2 * streams
+        if isinstance(phase, list):
+            phase = moments_of_each(phase, orders + 1)
+        if not isinstance(phase, np.ndarray):
+            check_phase(phase)
+        mixture = phase if isinstance(phase, np.ndarray) else Mixture(phase, np.zeros(count))
+        moments = spectral_moments(mixture, count, orders + 1)
+        self._floor_m = np.inf if floor is None else floor.depth_m
+        if self._floor_m <= self.top_m[-1] or sky == "floor":
+            raise ParameterError(
+                f"floor - must lie below the last layer's top at {self.top_m[-1]:g} m, lit from above (got "
+                f"{self._floor_m:g} m, sky {sky!r:.20}) - move it, or leave layers out"
+            )
+        if floor is not None and len(floor.albedo) not in (1, count):
+            raise ParameterError(
+                f"floor - needs one albedo, or one for each of {count} wavelengths (got {len(floor.albedo)}) - "
+                "give as many"
+            )
+        self._albedo = np.broadcast_to(0.0 if floor is None else np.array(floor.albedo), (count,))
+        peak = moments[:, orders]
+        self._faded = self.absorption + self.scattering * (1.0 - peak)
+        chi = (moments[:, :orders] - peak[:, None]) / (1.0 - peak[:, None])
+        index = refractive_index if surface == "snell" else 1.0
+        self._mu, self._weight = nodes(streams, critical_cosine(index))
+        with one_blas_thread():
+            self._solve(chi, index, sky)
+
+    @classmethod
+    def from_profile(
+        cls, depth_m: ArrayLike, absorption: ArrayLike, scattering: ArrayLike, layers: int = 20, **settings: object
+    ) -> Self:
+        """Return the light of a profile that is linear between depths, as layers of its means.
+
+        Every layer has the profile's optical depth; the last, from the last depth on, its last coefficients.
+
+        Parameters
+        ----------
+        depth_m : array_like
+            Depths (d,) [m], ascending; above the first the coefficients are those of the first.
+        absorption, scattering : array_like
+            Coefficients (d,) or (d, n) [1/m] at the depths.
+        layers : int
+            Layers down to the last depth, even in depth; twice as many have a quarter of the error.
+        **settings : object
+            Phase function, surface, sky ... of `LayeredField`.
+
+        Returns
+        -------
+        LayeredField
+            The solved field.
+
+        Raises
+        ------
+        ParameterError
+            If depths do not ascend, or shapes do not fit.
+
+        Examples
+        --------
+        >>> field = uw.medium.LayeredField.from_profile([0.0, 10.0], [0.05, 0.2], [0.1, 0.4], layers=5)
+        >>> field.top_m.tolist()
+        [0.0, 2.0, 4.0, 6.0, 8.0, 10.0]
+        """
+        depth = numbers("depth_m", depth_m).astype(np.float64)
+        if depth.ndim != 1 or len(depth) < 2 or depth[0] < 0.0 or np.any(np.diff(depth) <= 0.0) or layers < 1:
+            raise ParameterError(
+                "depth_m - must be two depths or more that ascend, and layers one or more (got "
+                f"{depth.tolist()!r:.60}, {layers!r}) - sort the profile"
+            )
+        edge = np.linspace(0.0, depth[-1], layers + 1)
+        means = [
+            np.stack([_means(edge, depth, column) for column in values.T], axis=-1)
+            for values in _of_layers(len(depth), absorption, scattering)
+        ]
+        return cls(edge, *means, **settings)  # type: ignore[arg-type]
+
+    @classmethod
+    def from_csv(cls, path: str | Path, layers: int = 20, **settings: object) -> Self:
+        """Return the light of a profile in a CSV file: a row for each depth and wavelength.
+
+        Parameters
+        ----------
+        path : str or Path
+            The file, with the columns depth_m, wavelength_nm, absorption and scattering [1/m]; every depth has the same
+            wavelengths, which the results follow in ascending order.
+        layers : int
+            Layers down to the last depth.
+        **settings : object
+            Phase function, surface, sky ... of `LayeredField`.
+
+        Returns
+        -------
+        LayeredField
+            The solved field.
+
+        Raises
+        ------
+        ParameterError
+            If the file cannot be read, a column is missing, or depths have different wavelengths.
+
+        Examples
+        --------
+        >>> with open("profile.csv", "w", encoding="utf-8") as file:
+        ...     _ = file.write("depth_m,wavelength_nm,absorption,scattering\\n0,500,0.05,0.1\\n10,500,0.2,0.4\\n")
+        >>> uw.medium.LayeredField.from_csv("profile.csv", layers=2).absorption.ravel().round(4).tolist()
+        [0.0875, 0.1625, 0.2]
+        """
+        columns = {name.lower(): values for name, values in read_table(path).items()}
+        wanted = ("depth_m", "wavelength_nm", "absorption", "scattering")
+        missing = [name for name in wanted if name not in columns]
+        if missing:
+            raise ParameterError(
+                f"{path} - column {missing[0]} is missing (got {', '.join(columns)}) - name them {', '.join(wanted)}"
+            )
+        order = np.lexsort((columns["wavelength_nm"], columns["depth_m"]))
+        depth, wavelength, a, b = (columns[name][order] for name in wanted)
+        depths, count = np.unique(depth), len(np.unique(wavelength))
+        if len(depth) != len(depths) * count or np.any(wavelength.reshape(-1, count) != wavelength[:count]):
+            raise ParameterError(
+                f"{path} - every depth needs the same wavelengths (got {len(depth)} rows for {len(depths)} depths and "
+                f"{count} wavelengths) - fill the table"
+            )
+        shape = len(depths), count
+        return cls.from_profile(depths, a.reshape(shape), b.reshape(shape), layers, **settings)
+
+    def irradiance(self, depth_m: ArrayLike, normal_up: ArrayLike = 1.0) -> Array:
+        """Return the irradiance of a surface in the water, sun included.
+
+        Parameters
+        ----------
+        depth_m : array_like
+            Depths (...,) [m], at least 0; below the floor the light stays what it is there.
+        normal_up : array_like
+            The y components (...,) of the surface's normal: 1 for E_d, -1 for E_u.
+
+        Returns
+        -------
+        ndarray
+            Irradiance (..., n) [1].
+
+        Raises
+        ------
+        ParameterError
+            If a depth is negative, or a normal outside [-1, 1].
+
+        Examples
+        --------
+        >>> field = uw.medium.LayeredField([0.0, 5.0], [0.05, 0.2], [0.1, 0.4])
+        >>> field.irradiance(0.0)
+        array([1.])
+        """
+        check_ray(0.0, depth_m, normal_up)
+        y, normal = np.broadcast_arrays(np.asarray(depth_m, np.float64), np.asarray(normal_up, np.float64))
+        return self._weighted(y, normal, slope=False)
+
+    def scalar_irradiance(self, depth_m: ArrayLike) -> Array:
+        """Return the irradiance of a small sphere, E_0, sun included.
+
+        Parameters
+        ----------
+        depth_m : array_like
+            Depths (...,) [m], at least 0.
+
+        Returns
+        -------
+        ndarray
+            Irradiance (..., n) [1].
+
+        Raises
+        ------
+        ParameterError
+            If a depth is negative.
+
+        Examples
+        --------
+        >>> field = uw.medium.LayeredField([0.0, 5.0], [0.05, 0.2], [0.1, 0.4])
+        >>> field.scalar_irradiance(5.0).round(2)
+        array([0.94])
+        """
+        check_ray(0.0, depth_m, 0.0)
+        return self._weighted(np.asarray(depth_m, np.float64), None, slope=False)
+
+    def diffuse_attenuation(self, depth_m: ArrayLike) -> Array:
+        """Return Kd = -d ln E_d/dz.
+
+        Parameters
+        ----------
+        depth_m : array_like
+            Depths (...,) [m], at least 0; at an interface Kd is that of the layer below.
+
+        Returns
+        -------
+        ndarray
+            Kd (..., n) [1/m].
+
+        Raises
+        ------
+        ParameterError
+            If a depth is negative.
+
+        Examples
+        --------
+        >>> field = uw.medium.LayeredField([0.0, 5.0], [0.05, 0.2], [0.1, 0.4])
+        >>> field.diffuse_attenuation([1.0, 12.0]).round(3).tolist()
+        [[0.064], [0.271]]
+        """
+        check_ray(0.0, depth_m, 0.0)
+        y = np.asarray(depth_m, np.float64)
+        up = np.ones(y.shape)
+        return -self._weighted(y, up, slope=True) / self._weighted(y, up, slope=False)
+
+    def transmittance(self, distance_m: ArrayLike, depth_m: ArrayLike, up: ArrayLike) -> Array:
+        """Return the fraction of light that passes along a ray without being absorbed or scattered.
+
+        Parameters
+        ----------
+        distance_m : array_like
+            Lengths (...,) [m] of the rays, which end at the surface.
+        depth_m : array_like
+            Depths (...,) [m] at which they begin.
+        up : array_like
+            The y components (...,) of their directions, -1 to 1.
+
+        Returns
+        -------
+        ndarray
+            Fraction (..., n), exp(-integral of a + b), by Beer and Lambert.
+
+        Raises
+        ------
+        ParameterError
+            If a distance or depth is negative, or `up` outside [-1, 1].
+
+        Examples
+        --------
+        >>> field = uw.medium.LayeredField([0.0, 5.0], [0.05, 0.2], [0.1, 0.4])
+        >>> field.transmittance(8.0, 3.0, -1.0).round(4)
+        array([0.0202])
+        """
+        check_ray(distance_m, depth_m, up)
+        s, y, mu = np.broadcast_arrays(*(np.asarray(x, np.float64) for x in (distance_m, depth_m, up)))
+        end = np.maximum(y - s * mu, 0.0)
+        c, start = self.absorption + self.scattering, self._layer_of(y)
+        crossed = np.abs(self._depth_integral(c, end) - self._depth_integral(c, y))
+        steep = np.abs(end - y) > _LEVEL * np.maximum(s, 1e-300)
+        slant = np.where(steep, np.abs(mu), 1.0)[..., None]
+        return np.exp(-np.where(steep[..., None], crossed / slant, c[start] * s[..., None]))
+
+    # --- solution ----------------------------------------------------------------------------------------------
+
+    def _solve(self, chi: Array, index: float, sky: Sky) -> None:
+        """Find the amounts of all layers' modes and keep them: `_modes`, a layer each, the beam's mode last."""
+        mu, w, streams, layers = self._mu, self._weight, len(self._mu), len(self.top_m)
+        self._sun_mu, sun_share = sky_parts(sky)
+        shape = sky if isinstance(sky, SkyShape) else SkyShape()
+        entering = (1.0 - fresnel_from_below(mu, index)) * shape.seen_through(mu, index)
+        entering = entering * (1.0 - sun_share) / (2.0 * PI * np.sum(w * mu * entering))
+        bottom = np.append(self.top_m[1:], self._floor_m)
+        self._beam = np.full(self.absorption.shape[1], sun_share / self._sun_mu)
+        free, sun = [], []
+        for layer, (top, end) in enumerate(zip(self.top_m, bottom, strict=True)):
+            moments = (2 * np.arange(chi.shape[1]) + 1) * chi * (self._faded[layer] - self.absorption[layer])[:, None]
+            water = Ordinates(mu, w, self._faded[layer], moments)
+            fading = water.free()
+            down = Modes(fading.rate, np.full(streams, top), fading.down, fading.up)
+            free.append(down if np.isinf(end) else down.beside(fading.mirrored(end)))
+            driven = water.driven(self._sun_mu, self._beam * self._beam_left(np.array(top)))
+            sun.append(Modes(driven.rate, np.full(1, top), driven.down, driven.up))
+        reflectance = fresnel_from_below(mu, index)[:, None]
+
+        def at_surface(modes: Modes) -> Array:
+            down, up = modes.at(0.0)
+            return np.asarray(down - reflectance * up)
+
+        def at_floor(modes: Modes) -> Array:
+            down, up = modes.at(self._floor_m)
+            sent = 2.0 * self._albedo[:, None] * w * mu
+            return np.asarray(up - np.einsum("ni,nij->nj", sent, down)[:, None])
+
+        size = [modes.rate.shape[1] for modes in free]
+        start = np.concatenate([[0], np.cumsum(size)])
+        system = np.zeros((len(self._beam), start[-1], start[-1]))
+        known = np.zeros((len(self._beam), start[-1]))
+        system[:, :streams, : size[0]], known[:, :streams] = at_surface(free[0]), entering - at_surface(sun[0])[..., 0]
+        row = streams
+        for above in range(layers - 1):
+            depth, rows = bottom[above], slice(row, row + 2 * streams)
+            for layer, sign in ((above, 1.0), (above + 1, -1.0)):
+                columns = slice(start[layer], start[layer + 1])
+                system[:, rows, columns] = sign * np.concatenate(free[layer].at(depth), axis=1)
+                known[:, rows] -= sign * np.concatenate(sun[layer].at(depth), axis=1)[..., 0]
+            row += 2 * streams
+        if np.isfinite(self._floor_m):
+            beam = self._beam * self._sun_mu * self._beam_left(np.array(self._floor_m))
+            system[:, row:, start[-2] :] = at_floor(free[-1])
+            known[:, row:] = (self._albedo / PI * beam)[:, None] - at_floor(sun[-1])[..., 0]
+        amount = np.linalg.solve(system, known[..., None])[..., 0]
+        parts = [amount[:, a:b] for a, b in pairwise(start)]
+        modes = [m.times(part).beside(beam) for m, part, beam in zip(free, parts, sun, strict=True)]
+        incident = 2.0 * PI * np.einsum("i,nij->n", w * mu, modes[0].at(0.0)[0]) + sun_share
+        self._beam = self._beam / incident
+        self._modes = [m.times(np.broadcast_to(1.0 / incident[:, None], m.rate.shape)) for m in modes]
+
+    def _weighted(self, y: Array, normal: Array | None, *, slope: bool) -> Array:
+        """Return the irradiance (..., n) of planes of a normal (...), or of spheres for None; or its slope in depth."""
+        y = np.minimum(y, self._floor_m)
+        layer_of, flat = self._layer_of(y).ravel(), y.ravel()
+        out = np.empty((flat.size, len(self._beam)))
+        for layer, modes in enumerate(self._modes):
+            of = np.flatnonzero(layer_of == layer)
+            if not len(of):
+                continue
+            n = None if normal is None else normal.ravel()[of][:, None]
+            down, up, direct = (
+                np.full((len(of), x.size), 2.0 * PI) if n is None else cosine_kernel(x, n)
+                for x in (self._mu, -self._mu, np.array([self._sun_mu]))
+            )
+            fall = np.exp(-modes.rate * (flat[of][:, None, None] - modes.origin_m))
+            beam = self._beam * self._beam_left(flat[of]) * direct / (2.0 * PI)
+            if slope:
+                fall, beam = fall * -modes.rate, beam * -self._faded[layer] / self._sun_mu
+            sums = np.einsum("pi,nij->pnj", down * self._weight, modes.down)
+            sums += np.einsum("pi,nij->pnj", up * self._weight, modes.up)
+            out[of] = np.sum(sums * fall, axis=-1) + beam
+        return out.reshape(*y.shape, len(self._beam))
+
+    def _layer_of(self, y: Array) -> NDArray[np.intp]:
+        return np.asarray(np.searchsorted(self.top_m, y, side="right") - 1)
+
+    def _depth_integral(self, coefficient: Array, y: Array) -> Array:
+        """Return the integral (..., n) of coefficients (L, n) of the layers from the surface to depths (...)."""
+        within = np.clip(y[..., None] - self.top_m, 0.0, np.append(np.diff(self.top_m), np.inf))
+        return np.asarray(within @ coefficient)
+
+    def _beam_left(self, y: Array) -> Array:
+        """Return the fraction (..., n) of the beam at the surface that reaches depths (...)."""
+        return np.exp(-self._depth_integral(self._faded, y) / self._sun_mu)
+
+
+_LEVEL = 1e-9
+"""Change of depth over length of a ray below which it is level: the coefficient is then that of its depth."""
+
+
+def _of_layers(count: int, absorption: ArrayLike, scattering: ArrayLike) -> tuple[Array, Array]:
+    """Return coefficients (count, n) of both; raise `ParameterError` for other shapes and impossible values."""
+    a, b = (numbers(name, x).astype(np.float64) for name, x in (("absorption", absorption), ("scattering", scattering)))
+    a, b = (x[:, None] if x.ndim == 1 else x for x in (a, b))
+    if a.ndim != 2:
+        raise ParameterError(f"absorption - must be (L,) or (L, n) (got shape {a.shape}) - give a row for each depth")
+    shape = count, a.shape[1]
+    a, b = exactly("absorption", a, shape), exactly("scattering", b, shape)
+    if not np.all(a > 0.0) or not np.all(b >= 0.0):
+        raise ParameterError(
+            f"layers - absorption must be above and scattering at least zero (got {a.min(initial=0.0):g} and "
+            f"{b.min(initial=0.0):g} 1/m) - correct the coefficients"
+        )
+    return a, b
+
+
+def _means(edge: Array, depth: Array, value: Array) -> Array:
+    """Return the means of a linear profile between edges (e,), and the last value below them: (e,)."""
+    at = np.unique(np.concatenate([edge, depth]))
+    level = np.interp(at, depth, value)
+    integral = np.concatenate([[0.0], np.cumsum(0.5 * (level[1:] + level[:-1]) * np.diff(at))])
+    return np.append(np.diff(np.interp(edge, at, integral)) / np.diff(edge), value[-1])

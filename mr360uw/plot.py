@@ -1,0 +1,164 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Small plots of results: in notebooks by themselves, and as axes of matplotlib.
+
+A result that can be shown derives from `Shown` and says what it looks like as a `Figure`: curves over one axis, or a
+picture. A notebook gets that as SVG, without any other package; `show` draws it with matplotlib, `pip install
+'mr360uw[plot]'`.
+"""
+
+from __future__ import annotations
+
+import base64
+import html
+import struct
+import zlib
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from mr360uw.color import encode
+from mr360uw.errors import ParameterError
+from mr360uw.reading.extras import command, optional
+
+_WIDTH, _HEIGHT, _MARGIN = 360, 180, 34
+"""Pixels of a plot in a notebook, and of the margin for its axes' figures."""
+_MOST_ACROSS = 512
+"""Most pixels across a picture in a notebook: every n-th is shown of larger ones."""
+_COLOURS = {"red": "#d62728", "green": "#2ca02c", "blue": "#1f77b4"}
+_OTHERS = ("#1f77b4", "#ff7f0e", "#9467bd", "#8c564b", "#17becf")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Figure:
+    """What a result looks like.
+
+    title: what is shown. x: (n,) of all curves; x_label, y_label: quantity and unit. curves: (n,) by name, NaN where
+    there is nothing. image: (h, w, 3) linear light, or (h, w), white 1, instead of curves.
+    """
+
+    title: str
+    x: ArrayLike = ()
+    curves: dict[str, Any] = field(default_factory=dict)
+    x_label: str = ""
+    y_label: str = ""
+    image: ArrayLike | None = None
+
+
+class Shown:
+    """Base of results with a plot."""
+
+    __slots__ = ()
+
+    def _figure(self) -> Figure:
+        """Return what the result looks like."""
+        raise NotImplementedError
+
+    def _repr_html_(self) -> str:
+        """Return the result's line and its plot, as a notebook shows them."""
+        return f"<div><code>{html.escape(repr(self))}</code><br/>{_svg(self._figure())}</div>"
+
+
+def show(result: Shown, axes: Any = None) -> Any:
+    """Draw a result with matplotlib.
+
+    Parameters
+    ----------
+    result : Water, Sensor, Environment, Surface, SurfacePicture, CausticStack or ClipAnalysis
+        What is drawn.
+    axes : matplotlib.axes.Axes, optional
+        Where; new ones without.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        The axes, for labels and limits of one's own.
+
+    Raises
+    ------
+    ParameterError
+        If the result has no plot, or matplotlib is not installed.
+
+    Examples
+    --------
+    >>> axes = uw.plot.show(uw.medium.Water.jerlov("IB"))
+    >>> axes.get_xlabel()
+    'wavelength [nm]'
+    """
+    if not isinstance(result, Shown):
+        raise ParameterError(f"result - has no plot (got {type(result).__name__}) - see uw.plot.show")
+    if axes is None:
+        try:
+            axes = optional("matplotlib.pyplot").figure().add_subplot()
+        except ImportError:
+            raise ParameterError(f"plot - needs matplotlib (got none) - {command('plot')}") from None
+    figure = result._figure()
+    axes.set_title(figure.title)
+    if figure.image is not None:
+        axes.imshow(_codes(figure.image))
+        return axes
+    for name, values in figure.curves.items():
+        axes.plot(np.asarray(figure.x), np.asarray(values), label=name, color=_COLOURS.get(name))
+    axes.set_xlabel(figure.x_label)
+    axes.set_ylabel(figure.y_label)
+    axes.legend()
+    return axes
+
+
+def _codes(image: ArrayLike) -> NDArray[np.uint8]:
+    """Return linear light as 8-bit sRGB (h, w, 3)."""
+    light = np.asarray(image, np.float64)
+    light = np.repeat(light[..., None], 3, axis=-1) if light.ndim == 2 else light
+    return np.asarray(np.round(255.0 * encode(np.clip(light, 0.0, 1.0), "srgb")), np.uint8)
+
+
+def _png(codes: NDArray[np.uint8]) -> bytes:
+    """Return a picture (h, w, 3) as a PNG file (ISO/IEC 15948): header, deflated rows of filter 0, end."""
+
+    def chunk(kind: bytes, data: bytes) -> bytes:
+        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+
+    height, width = codes.shape[:2]
+    rows = np.pad(codes.reshape(height, 3 * width), ((0, 0), (1, 0)))
+    head = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
+    parts = chunk(b"IHDR", head), chunk(b"IDAT", zlib.compress(rows.tobytes())), chunk(b"IEND", b"")
+    return b"\x89PNG\r\n\x1a\n" + b"".join(parts)
+
+
+def _svg(figure: Figure) -> str:
+    """Return a figure as HTML: curves as SVG, a picture as PNG within it."""
+    if figure.image is not None:
+        codes = _codes(figure.image)
+        step = -(-codes.shape[1] // _MOST_ACROSS)
+        data = base64.b64encode(_png(np.ascontiguousarray(codes[::step, ::step]))).decode("ascii")
+        return f'<img alt="{html.escape(figure.title)}" width="{_WIDTH}" src="data:image/png;base64,{data}"/>'
+    x = np.asarray(figure.x, np.float64)
+    finite = [y[np.isfinite(y)] for y in (np.asarray(y, np.float64) for y in figure.curves.values())]
+    values = np.concatenate([*finite, np.zeros(1)])
+    low, high, left, right = values.min(), values.max(), x.min(initial=np.inf), x.max(initial=-np.inf)
+    across, up = _WIDTH - 2 * _MARGIN, _HEIGHT - 2 * _MARGIN
+    parts = [f'<rect x="{_MARGIN}" y="{_MARGIN}" width="{across}" height="{up}" fill="none" stroke="#999"/>']
+
+    def text(at_x: float, at_y: float, words: str, colour: str = "#666", anchor: str = "middle") -> None:
+        parts.append(f'<text x="{at_x:g}" y="{at_y:g}" fill="{colour}" text-anchor="{anchor}">{words}</text>')
+
+    for number, (name, curve) in enumerate(figure.curves.items()):
+        colour = _COLOURS.get(name, _OTHERS[number % len(_OTHERS)])
+        y = np.asarray(curve, np.float64)
+        there = np.isfinite(y)
+        px = _MARGIN + across * (x[there] - left) / max(right - left, 1e-300)
+        py = _MARGIN + up * (high - y[there]) / max(high - low, 1e-300)
+        points = " ".join(f"{a:.1f},{b:.1f}" for a, b in zip(px, py, strict=True))
+        parts.append(f'<polyline points="{points}" fill="none" stroke="{colour}" stroke-width="1.5"/>')
+        text(_MARGIN + 4 + 60 * number, _MARGIN - 4, html.escape(name), colour, "start")
+    text(_MARGIN, _HEIGHT - 20, f"{left:.4g}")
+    text(_WIDTH - _MARGIN, _HEIGHT - 20, f"{right:.4g}")
+    text(_WIDTH / 2, _HEIGHT - 6, html.escape(figure.x_label))
+    text(_MARGIN - 3, _MARGIN + 8, f"{high:.3g}", anchor="end")
+    text(_MARGIN - 3, _HEIGHT - _MARGIN, f"{low:.3g}", anchor="end")
+    text(_WIDTH - _MARGIN, _MARGIN - 4, html.escape(figure.y_label), anchor="end")
+    return (
+        f'<svg xmlns="http://www.w3.org/2000/svg" width="{_WIDTH}" height="{_HEIGHT}" font-size="10" '
+        f'font-family="sans-serif">{"".join(parts)}</svg>'
+    )
