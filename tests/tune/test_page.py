@@ -344,6 +344,26 @@ def test_an_object_stands_where_the_picture_is_clicked(page: Page) -> None:
     np.testing.assert_allclose([at_x, at_y], [x, y], atol=1.0)
 
 
+def test_a_matte_is_made_of_clicks_around_something(page: Page) -> None:
+    tab = page.first
+    tab.page.get_by_label("What a click in the picture does").select_option("lasso")
+    tab.page.get_by_role("button", name="Make matte").wait_for()
+    tab.done()
+    box = tab.page.locator(".uw-stage canvas").bounding_box()
+    assert box is not None
+    size = min(box["width"] / WIDTH, box["height"] / HEIGHT)  # screen pixels of one of the picture
+    for u, v in ((0.4, 0.05), (0.7, 0.05), (0.7, 0.3), (0.4, 0.3)):  # the sun, and the sky about it
+        x = box["x"] + 0.5 * box["width"] + size * WIDTH * (u - 0.5)
+        tab.page.mouse.click(x, box["y"] + 0.5 * box["height"] + size * HEIGHT * (v - 0.5))
+    tab.page.get_by_role("button", name="Make matte").click()
+    tab.page.locator("button[title='undo: add holdout']").wait_for()
+    assert (page.scene.parent / "matte-1.png").exists()
+    tab.page.get_by_label("What a click in the picture does").select_option("")
+    tab.page.locator("h1").click()
+    tab.page.keyboard.press("Control+z")
+    tab.page.locator("button[title='undo: add holdout']").wait_for(state="detached")
+
+
 def test_keys_are_set_edited_and_played(page: Page) -> None:
     tab = page.first
     control, before = tab.control("sea.wind_speed"), tab.picture()

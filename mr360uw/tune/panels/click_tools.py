@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Bars of tools for clicks in the picture: the height of the sea floor, and patches of known colour.
+"""Bars of tools for clicks in the picture: the height of the sea floor, patches of known colour, outlines of mattes.
 
 Rays alone leave the scale of a scene open, so that one length has to be known: the camera's height above the floor,
 distances from the camera, or lengths between clicked points. All fits assume a level floor and a levelled camera:
@@ -8,6 +8,7 @@ with an error e [rad] of its level, a height found at a distance D along the gro
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Callable, Sequence
 from math import degrees, inf, nan, radians
 from typing import Any
@@ -15,12 +16,16 @@ from typing import Any
 import numpy as np
 from nicegui import ui
 
-from mr360uw.errors import ParameterError
+from mr360uw.errors import Mr360uwError, ParameterError
+from mr360uw.files import write_whole
+from mr360uw.tune.lasso import free_name, matte_of_outline
 from mr360uw.tune.panels.widgets import Button, Choice, Text
 from mr360uw.tune.placing import Point, ray
 from mr360uw.tune.session import Session
 from mr360uw.tune.situation import Marker
 from mr360uw.types import Floats, View
+from mr360uw.video import VideoFrame
+from mr360uw.video.write.image_writer import picture_codes
 
 FloorFit = tuple[float, float, str]
 """A level floor: its height [m] in the world, as `receiver.height_m`, the root mean square deviation [m] from what was
@@ -222,3 +227,61 @@ def _metres(text: str) -> float:
     if not 0.0 < length_m < inf:
         raise ParameterError(f"distance - is no length (got {text!r}) - write metres, as in 2.5, or nothing")
     return length_m
+
+
+class LassoTool:
+    """The tool of a tab that makes a matte of what is clicked around, in a bar of its own. failed: tells an error.
+    changed: called when the clicks change.
+    """
+
+    def __init__(self, session: Session, failed: Callable[[Exception], None], changed: Callable[[], None]) -> None:
+        self._session, self._failed, self._changed = session, failed, changed
+        self.clicks: list[Point] = []
+        with ui.element("span").classes("floor-tool") as self._root:
+            self._count = Text("", classes="status").props("role=status")
+            self._make = Button("Make matte", self._made, title="keep what the outline holds before the objects")
+            Button("Forget outline", lambda: self.begin(shown=True))
+        self._root.set_visibility(False)
+
+    def begin(self, *, shown: bool) -> None:
+        """Forget the outline; show the tool or hide it."""
+        self.clicks = []
+        self._told()
+        self._root.set_visibility(shown)
+        self._changed()
+
+    def add(self, point: Point) -> None:
+        """Take a point of the outline."""
+        self.clicks.append(point)
+        self._told()
+        self._changed()
+
+    def _told(self) -> None:
+        self._count.text = f"{len(self.clicks)} points" if self.clicks else "click around what stays in front"
+        self._make.enable(len(self.clicks) > 2)
+
+    async def _made(self) -> None:
+        session, document, outline = self._session, self._session.document, list(self.clicks)
+        scene, index, width = document.scene, session.index, session.clip.width
+        try:
+            job = session.pictures.ask(
+                lambda renderer: _matte_file(renderer.preview.plate(scene, index, width), outline)
+            )
+            data: bytes = await asyncio.wrap_future(job)
+            name = free_name(document.path.parent)
+            write_whole(document.path.with_name(name), data)
+            document.append("holdout", {"path": name})
+        except (Mr360uwError, OSError) as error:
+            self._failed(error)
+            return
+        moves = "" if session.frame_count == 1 else ", the same in every frame"
+        ui.notify(f"{name} keeps it before the objects{moves}.")
+        self.begin(shown=True)
+
+
+def _matte_file(plate: VideoFrame, outline: Sequence[Point]) -> bytes:
+    """Return the matte of an outline in a plate's frame as PNG."""
+    import cv2
+
+    matte = matte_of_outline(picture_codes(plate, deep=False), outline)
+    return bytes(cv2.imencode(".png", matte)[1])

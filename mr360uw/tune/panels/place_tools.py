@@ -14,7 +14,7 @@ from mr360uw.errors import ParameterError
 from mr360uw.tune import placing
 from mr360uw.tune.editing import tracks
 from mr360uw.tune.editing.ways import in_words
-from mr360uw.tune.panels.click_tools import PATCH_TOOLS, FloorTool, PatchTool
+from mr360uw.tune.panels.click_tools import PATCH_TOOLS, FloorTool, LassoTool, PatchTool
 from mr360uw.tune.panels.stage import ShownPicture
 from mr360uw.tune.panels.widgets import Button, Choice
 from mr360uw.tune.placing import Point
@@ -30,6 +30,7 @@ _TOOLS = {
     "floor": "Click: points on the floor",
     "water": "Click: match open water",
     **PATCH_TOOLS,
+    "lasso": "Click: outline of a matte",
 }
 _WORDS = {
     "position_m": ("azimuth_deg", "elevation_deg", "distance_m", "stand_on"),
@@ -68,6 +69,7 @@ class PlaceTools:
             self._face = Button("Face camera", self._face_camera, title="turn the chosen object's nose to the camera")
             self._floor = FloorTool(session, failed, self._mark)
             self._patch = PatchTool(session)
+            self._lasso = LassoTool(session, failed, self._mark)
         self._viewer.on_pick(self._picked)
         self._viewer.on_drag(self._dragged)
         self._viewer.on_select(self._selected)
@@ -114,7 +116,7 @@ class PlaceTools:
         marks = [] if here is None else list(here.marks)
         marks += [
             Marker(f"floor.{k}", p.longitude, p.latitude, "spot", str(k + 1), handles=())
-            for k, p in enumerate(self._floor.clicks)
+            for k, p in enumerate(self._floor.clicks + self._lasso.clicks)
         ]
         marks += self._patch.marks() if self._tool in PATCH_TOOLS else []
         self._viewer.set_marks(marks, here.edge if here is not None and self._tool in ("stand", "floor") else ())
@@ -158,6 +160,7 @@ class PlaceTools:
         self._choice.choose(tool)
         self._patch.begin(shown=tool in PATCH_TOOLS)
         self._floor.begin(shown=tool == "floor")
+        self._lasso.begin(shown=tool == "lasso")
 
     async def _picked(self, point: Point) -> None:
         if not self._tool:
@@ -168,6 +171,9 @@ class PlaceTools:
                 return
             if self._tool in PATCH_TOOLS:
                 self._patch.add(point, self._tool)
+                return
+            if self._tool == "lasso":
+                self._lasso.add(point)
                 return
             here = await self._ask()
             if self._tool == "floor":
