@@ -24,6 +24,8 @@ else:
     ModelMetaclass = type(BaseModel)
 
 FULL_TURN_DEG = 360.0
+_PARAMETERS = "\n\nParameters\n----------\n"
+"""Heading of the section that `listed` adds to a docstring, as it stands there without indents."""
 
 
 class _RefusedAsArguments(ModelMetaclass):
@@ -55,6 +57,15 @@ class Parameters(BaseModel, metaclass=_RefusedAsArguments):
     def refusal(cls, error: ValidationError) -> Mr360uwError:
         """Return what a call of this model raises for an error of pydantic's."""
         return ParameterError("\n".join(_told(cls.__name__, one) for one in error.errors()))
+
+    @classmethod
+    def __get_pydantic_json_schema__(cls, core_schema: Any, handler: Any) -> dict[str, Any]:
+        """Return the JSON schema, whose description is the text before the sections: its fields have their own."""
+        schema: dict[str, Any] = handler(core_schema)
+        own = handler.resolve_ref_schema(schema)
+        if "description" in own:
+            own["description"] = own["description"].partition(_PARAMETERS)[0]
+        return schema
 
     @model_validator(mode="before")
     @classmethod

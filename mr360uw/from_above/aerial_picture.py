@@ -180,7 +180,7 @@ def aerial(scene: AerialScene, *, time_s: float = 0.0, size: tuple[int, int] | N
 
     Examples
     --------
-    >>> above = uw.AerialScene()
+    >>> above = uw.AerialScene(caustics={"size": 64, "grid": 64}, sea={"resolution": 32})
     >>> uw.aerial(above, size=(16, 8)).image_linear.shape
     (8, 16, 3)
     """
