@@ -95,7 +95,8 @@ class Shot(Parts):
 
     environment: ambient light, in world axes. lights: sun (at most one) and lamps, in world axes. medium: None without
     water. caustics: of the sun. holdout: (H, W) in [0, 1], the fraction of the plate in front of the objects.
-    holdout_distance_m: (H, W) [m]; objects beyond it are hidden. pattern: the plate's own caustics on the
+    holdout_distance_m: (H, W) [m]; objects beyond it are hidden. holdout_soft: whether the edges of what it hides are
+    soft, over about a pixel. pattern: the plate's own caustics on the
     receiver, which shadows remove; None leaves them. between: the light of two samples in time about this instant,
     between which the solved ambient light of bodies that stand still is interpolated; None solves it for this instant.
     """
@@ -109,6 +110,7 @@ class Shot(Parts):
     receiver: Receiver | None = None
     holdout: Floats | None = None
     holdout_distance_m: Floats | None = None
+    holdout_soft: bool = False
     pattern: PlatePattern | None = None
     draw: DrawSettings = field(default_factory=DrawSettings)
     between: BetweenSamples | None = None
