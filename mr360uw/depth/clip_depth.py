@@ -195,11 +195,19 @@ def _inputs(video: Path, path: _Path, width: int, eye: str | None) -> str:
 
 
 def _check_note(folder: Path, inputs: str, *, overwrite: bool) -> None:
-    """Keep the maps of the same inputs; remove those of others if that is allowed, else raise `OutputExistsError`."""
+    """Keep the maps of the same inputs; remove those of others if that is allowed, else raise `OutputExistsError`.
+
+    Files that no run of this command made, in a folder without its note, are never removed.
+    """
     note = folder / NOTE
     if note.is_file() and note.read_text("utf-8") == inputs:
         return
     there = sorted(folder.glob("depth_*.exr"))
+    if there and not note.is_file():
+        raise OutputExistsError(
+            f"{folder} - holds files of such names that this command did not make (got {there[0].name}) - name another "
+            "folder"
+        )
     if there and not overwrite:
         raise OutputExistsError(
             f"{folder} - holds maps of another clip, track or width (got {there[0].name}) - name another folder, or "

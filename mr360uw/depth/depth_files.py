@@ -48,7 +48,7 @@ class DepthClip:
         self._files = sorted(path for path in folder.iterdir() if path.suffix.lower() in _SUFFIXES)
         if not self._files:
             raise VideoError(f"{folder} - holds no maps (got no .exr and no .png) - run mr360uw depth into it")
-        self._ours = depth_file(folder, 0) in self._files or (folder / NOTE).is_file()
+        self._ours = (folder / NOTE).is_file()
         self._read = CachedReads()
 
     def check(self, stop: int) -> None:

@@ -17,8 +17,8 @@ from mr360uw.video.exr import read_exr
 from tests.depth import tolerances
 from tests.depth.hazy_scene import HazyScene, relative_error
 
-WIDTH, FRAMES, RATE = 128, 6, 30.0
-SLOW = 15.0
+WIDTH, FRAMES, RATE = 128, 8, 30.0
+SLOW = 12.0
 """The scene's time runs this much faster than that of the clip, so that few frames make a baseline."""
 
 
@@ -54,18 +54,23 @@ def test_a_clip_gets_a_map_for_each_frame_and_a_stopped_run_goes_on(
     files = sorted(out.glob("depth_*.exr"))
     assert (report.written, report.kept, len(files), steps[-1]) == (FRAMES, 0, FRAMES, (FRAMES, FRAMES))
     assert {one.name for one in out.iterdir()} == {"depth.json", *(one.name for one in files)}
-    channels = next(iter(read_exr(files[2]).values()))
+    channels = next(iter(read_exr(files[5]).values()))
     sure = channels["confidence"] >= 0.5
-    truth = scene.see(WIDTH, SLOW * 2 / RATE)[1]
+    truth = scene.see(WIDTH, SLOW * 5 / RATE)[1]
     assert np.median(relative_error(channels["Z"], truth)[sure & np.isfinite(truth)]) < tolerances.TINY
 
     before = {one: one.read_bytes() for one in files}
     files[3].unlink()
-    files[5].unlink()
+    files[6].unlink()
     again = uw.depth_of_clip(clip, out, track=track, width=WIDTH)
     assert (again.written, again.kept) == (2, FRAMES - 2)
     assert {one: one.read_bytes() for one in files} == before
 
+    (tmp_path / "theirs").mkdir()
+    (tmp_path / "theirs" / files[0].name).write_bytes(b"another program's")
+    with pytest.raises(OutputExistsError, match="did not make"):
+        uw.depth_of_clip(clip, tmp_path / "theirs", track=track, width=WIDTH, overwrite=True)
+    assert (tmp_path / "theirs" / files[0].name).read_bytes() == b"another program's"
     other = tmp_path / "other.csv"
     write_track(other, [(2.0 * place, turn) for place, turn in map(scene.pose, np.arange(FRAMES) * SLOW / RATE)])
     with pytest.raises(OutputExistsError, match="maps of another clip, track or width"):

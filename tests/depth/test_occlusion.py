@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import mr360uw as uw
-from mr360uw.depth.depth_files import DepthClip, depth_file, write_depth
+from mr360uw.depth.depth_files import NOTE, DepthClip, depth_file, write_depth
 from mr360uw.depth.occlusion import enlarged_along_edges, sure_distance
 from mr360uw.depth.sphere_stereo import DepthMap
 from mr360uw.errors import SceneError, VideoError
@@ -29,6 +29,7 @@ def maps(folder: Path, distance_m: Floats, confidence: float = 1.0) -> Path:
     folder.mkdir()
     shape = SIZE[::-1]
     sure = np.full(shape, confidence, np.float32)
+    (folder / NOTE).touch()
     write_depth(depth_file(folder, 0), DepthMap(np.broadcast_to(distance_m, shape).astype(np.float32), sure))
     return folder
 
