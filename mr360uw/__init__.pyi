@@ -1,5 +1,6 @@
-from . import caustics, composite, datasets, from_above, ibl, medium, plot, surface, types, video
+from . import caustics, composite, datasets, depth, from_above, ibl, medium, plot, surface, types, video
 from .compositor import Compositor, FrameResult, analyse_clip, render_frame
+from .depth.clip_depth import DepthReport, depth_of_clip
 from .errors import GlError, MeshError, Mr360uwError, OutputExistsError, ParameterError, SceneError, VideoError
 from .from_above import AerialScene, aerial, load_aerial
 from .pipeline import composite_video
@@ -21,6 +22,7 @@ __all__ = [
     "CausticStack",
     "ClipAnalysis",
     "Compositor",
+    "DepthReport",
     "Environment",
     "FloorMesh",
     "FrameResult",
@@ -42,6 +44,8 @@ __all__ = [
     "composite",
     "composite_video",
     "datasets",
+    "depth",
+    "depth_of_clip",
     "floor_from_track",
     "from_above",
     "ibl",

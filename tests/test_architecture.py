@@ -31,7 +31,7 @@ ALLOWED: dict[str, set[str]] = {
     "gl": set(),
     "video": set(),
     "scene": {"composite", "video", *PHYSICS},
-    "render": {"scene", "composite", "video", "gl", "progress", "threads", *PHYSICS},
+    "render": {"depth", "scene", "composite", "video", "gl", "progress", "threads", *PHYSICS},
     "runs": {"render", "scene", "composite", "video", "ibl", "medium", "threads", "progress", "__version__"},
     "preview": {"render", "scene", "video", "composite", "progress", "threads", *PHYSICS},
     "match": {"render", "scene", "video", "caustic_lookup", "progress", *PHYSICS},
@@ -49,6 +49,7 @@ ALLOWED: dict[str, set[str]] = {
         "__version__",
         *PHYSICS,
     },
+    "depth": {"track", "video", "composite", "progress", "threads"},
     "track": {"video", "ibl", "medium", "composite", "progress", "threads"},
     "first_look": {"match", "preview", "render", "scene", "composite", "video", *PHYSICS},
     "tune": {

@@ -39,6 +39,7 @@ for _command in (
     tools.caustics,
     tools.match,
     camera_paths.track,
+    camera_paths.depth,
     camera_paths.floor,
     tools.schema,
     tools.info,

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The command that solves, reads and writes paths of cameras."""
+"""Commands that solve, read and write paths of cameras, and measure what tracked clips show: floor and distances."""
 
 from __future__ import annotations
 
@@ -87,6 +87,25 @@ def floor(
     found = floor_from_track(track)
     written = found.save(out, overwrite=overwrite)
     typer.echo("\n".join([*floor_lines(found, track, written), f"wrote {written}"]))
+
+
+def depth(
+    video: Annotated[Path, typer.Argument(help="360 clip of a camera that moves", show_default=False), Role.READ],
+    out: Annotated[Path, typer.Option("--out", "-o", help="folder for the maps"), Role.FOLDER],
+    track: Annotated[
+        Path | None, typer.Option(help="track.csv of `mr360uw track`; default: solved here"), Role.READ
+    ] = None,
+    width: Annotated[int, typer.Option(help="of the maps, in pixels")] = 1024,
+    eye: EyeOption = None,
+    overwrite: OverwriteOption = False,
+) -> None:
+    """Write distances and confidences of all frames of VIDEO, as numbered EXR files; a stopped run goes on."""
+    from mr360uw.depth.clip_depth import depth_of_clip
+    from mr360uw.progress import terminal_progress
+
+    with terminal_progress() as progress:
+        report = depth_of_clip(video, out, track=track, width=width, eye=eye, overwrite=overwrite, progress=progress)
+    typer.echo(str(report))
 
 
 def _work_of(out: Path) -> Path:

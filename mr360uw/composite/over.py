@@ -19,6 +19,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mr360uw.composite.shot import Shot
 from mr360uw.errors import ParameterError
@@ -39,7 +40,8 @@ def hold_out(shot: Shot, tile: Tile) -> Tile:
     plate_kept = kept
     ratio = 1.0 + plate_kept[..., None] * (tile.ratio - 1.0)
     if shot.holdout_distance_m is not None:
-        kept = kept * (tile.distance_m < shot.holdout_distance_m[tile.window])
+        shown = tile.distance_m < shot.holdout_distance_m[tile.window]
+        kept = kept * (_softened(shown, np.isfinite(tile.distance_m)) if shot.holdout_soft else shown)
     return replace(
         tile,
         radiance=tile.radiance * kept[..., None],
@@ -48,6 +50,17 @@ def hold_out(shot: Shot, tile: Tile) -> Tile:
         ratio=ratio.astype(np.float32),
         shafts=None if tile.shafts is None else tile.shafts * plate_kept[..., None],
     )
+
+
+def _softened(shown: NDArray[np.bool_], body: NDArray[np.bool_]) -> NDArray[np.float32]:
+    """Return the fraction (h, w) of the pixels of objects that is shown, of each and its eight neighbours.
+
+    body: pixels of objects; the others tell nothing of what is in front of these.
+    """
+    import cv2
+
+    part, whole = (cv2.blur(one.astype(np.float32), (3, 3)) for one in (shown & body, body))
+    return np.asarray(part / np.maximum(whole, np.float32(1.0 / 9.0)), np.float32)
 
 
 @exact

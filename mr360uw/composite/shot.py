@@ -96,9 +96,10 @@ class Shot(Parts):
 
     environment: ambient light, in world axes. lights: sun (at most one) and lamps, in world axes. medium: None without
     water. caustics: of the sun. holdout: (H, W) in [0, 1], the fraction of the plate in front of the objects.
-    holdout_distance_m: (H, W) [m]; objects beyond it are hidden. pattern: the plate's own caustics on the
-    receiver, which shadows remove; None leaves them. between: two samples in time about this instant, between
-    which the solved ambient light of bodies is interpolated where they move little; None solves it for this instant.
+    holdout_distance_m: (H, W) [m]; objects beyond it are hidden. holdout_soft: whether the edges of what it hides are
+    soft, over about a pixel. pattern: the plate's own caustics on the receiver, which shadows remove; None leaves them.
+    between: two samples in time about this instant, between which the solved ambient light of bodies is interpolated
+    where they move little; None solves it for this instant.
     """
 
     view: View
@@ -110,6 +111,7 @@ class Shot(Parts):
     receiver: Receiver | None = None
     holdout: Floats | None = None
     holdout_distance_m: Floats | None = None
+    holdout_soft: bool = False
     pattern: PlatePattern | None = None
     draw: DrawSettings = field(default_factory=DrawSettings)
     between: BetweenSamples | None = None

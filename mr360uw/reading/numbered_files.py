@@ -40,10 +40,12 @@ def matcher(path: Path) -> re.Pattern[str]:
 
 
 def files_named(path: Path) -> Iterator[Path]:
-    """Yield the files that a path, a numbered pattern or a wildcard stands for."""
+    """Yield the files that a path, a folder, a numbered pattern or a wildcard stands for."""
     if is_pattern(path):
         yield from (file for _, file in matching_files(path))
     elif "*" in path.name:
         yield from path.parent.glob(path.name)
+    elif path.is_dir():
+        yield from sorted(file for file in path.iterdir() if file.is_file())
     else:
         yield path

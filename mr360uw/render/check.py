@@ -15,10 +15,11 @@ from mr360uw.errors import DamagedFrameError, Mr360uwError, SceneError, VideoErr
 from mr360uw.ibl import SunTrack
 from mr360uw.ibl.sun.words import tracked_in_words
 from mr360uw.output_gate import check_outputs
+from mr360uw.reading.cached_reads import CachedReads
 from mr360uw.render.backends import Backend, make_backend
 from mr360uw.render.first_pass import ClipAnalysis, first_pass
 from mr360uw.render.lights import LightReader
-from mr360uw.render.loaded import Loaded, load
+from mr360uw.render.loaded import Loaded, load, load_plate_depth
 from mr360uw.render.mattes import Mattes, ReceiverClip
 from mr360uw.render.stages.match_stage import clip_colour, clip_grade
 from mr360uw.render.surroundings import surroundings_over_time
@@ -97,10 +98,19 @@ def _check_other_clips(scene: Scene, video: VideoReader, frames: tuple[int, int 
     stop = 1 if span is None else span[1]
     for holdout in scene.holdouts:
         found.of(partial(lambda one: Mattes([one], *size, scene.plate.eye).check(stop), holdout))
+    if scene.plate.depth is not None:
+        found.of(lambda: _check_depth(scene, stop))
     if (receiver := scene.receiver) is not None:
         found.of(lambda: ReceiverClip(receiver, *size, scene.plate.eye).check(stop))
     if scene.light.track is not None:
         found.of(lambda: first_pass(surroundings_over_time(scene)(0.0), video, measures=["sun"]))
+
+
+def _check_depth(scene: Scene, stop: int) -> None:
+    """Raise `VideoError` where the plate's depth has no map for one of the frames up to `stop`."""
+    depth = load_plate_depth(scene, CachedReads())
+    if depth is not None:
+        depth.check(stop)
 
 
 def _output(scene: Scene, video: VideoReader, out: Path | None, where: str) -> tuple[str, tuple[str, ...]]:

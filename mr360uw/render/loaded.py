@@ -23,6 +23,7 @@ from mr360uw.composite.objects import on_the_floor, on_the_sea
 from mr360uw.composite.scene_lamps import SceneLamp, load_lamps
 from mr360uw.composite.settings import ReceiverSettings
 from mr360uw.constants import PI
+from mr360uw.depth.occlusion import PlateDepth
 from mr360uw.errors import SceneError
 from mr360uw.medium import Medium
 from mr360uw.reading.cached_reads import CachedReads
@@ -63,6 +64,7 @@ class Loaded:
     lamps: tuple[SceneLamp, ...]
     receiver: ReceiverClip | None
     mattes: Mattes
+    plate_depth: PlateDepth | None
     caustic_depths: CausticDepths
     plan: Plan
     notes: tuple[str, ...]
@@ -97,10 +99,26 @@ class Loaded:
         )
 
     def check(self, stop: int) -> None:
-        """Raise `VideoError` where a matte or a distance map ends before the plate's frame `stop`."""
+        """Raise `VideoError` where a matte, a distance map or the plate's depth ends before frame `stop`."""
         self.mattes.check(stop)
+        if self.plate_depth is not None:
+            self.plate_depth.check(stop)
         if self.receiver is not None:
             self.receiver.check(stop)
+
+
+def load_plate_depth(scene: Scene, reads: CachedReads) -> PlateDepth | None:
+    """Return the distances of a scene's plate; None where it names none.
+
+    Raises `SceneError` where the scene works on both eyes, for which a map holds the distances of one alone.
+    """
+    plate = scene.plate
+    if plate.depth is None:
+        return None
+    if plate.eye == "both":
+        problem = 'plate.depth - is of one eye (got plate.eye = "both") - name one, or use [[holdout]]'
+        raise SceneError("scene", [problem])
+    return reads.of(PlateDepth, plate.depth, plate.depth_kind, plate.depth_scale)
 
 
 class Loader:
@@ -181,6 +199,7 @@ class Loader:
             lamps=lamps,
             receiver=receiver,
             mattes=reads.of(Mattes, scene.holdouts, width, height, scene.plate.eye),
+            plate_depth=load_plate_depth(scene, reads),
             caustic_depths=CausticDepths.of(scene, objects, ground, camera, height),
             plan=plan,
             notes=_notes(scene, objects, camera, height, lamps) if whole is None else whole.notes,

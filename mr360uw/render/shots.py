@@ -113,12 +113,16 @@ def shot_at(
 def seen_by(loaded: Loaded, shot: Shot, eye: Eye, pattern: PlatePattern | None, index: int) -> Shot:
     """Return a shot of frame `index` as one eye sees it, with the receiver and the mattes in its picture."""
     matte, matte_distance = loaded.mattes.at(index, eye.number)
+    depth = None if loaded.plate_depth is None else loaded.plate_depth.at(index, eye.plate)
+    if depth is not None:
+        matte_distance = depth if matte_distance is None else np.minimum(matte_distance, depth)
     return replace(
         shot,
         view=replace(shot.view, eye_m=eye.eye_m),
         receiver=loaded.receiver.at(index, eye.number) if loaded.receiver is not None else None,
         holdout=matte,
         holdout_distance_m=matte_distance,
+        holdout_soft=depth is not None,
         pattern=pattern,
     )
 

@@ -63,6 +63,15 @@ class PlateSettings(Parameters):
     layout: Literal["mono", "top-bottom", "bottom-top", "left-right", "right-left"] | None = advanced(
         None, "arrangement of the eyes, in which the panorama may be squeezed; none: as tagged, or by the frame's shape"
     )
+    depth: Path | None = parameter(
+        None, "folder of distance maps, of `mr360uw depth` or made elsewhere: bodies go behind what is nearer"
+    )
+    depth_kind: Literal["metric", "inverse"] = advanced(
+        "metric", "of maps made elsewhere: distances, or their inverse as networks give it"
+    )
+    depth_scale: float = advanced(
+        1.0, "of maps made elsewhere: metres for 1, and for the white of a PNG", unit="m", above=0.0, high=10000.0
+    )
     frame_rate: float = parameter(30.0, "of pictures, which have none of their own", unit="1/s", above=0.0, high=1000.0)
     scale: float = parameter(
         1.0, "size of the frames that are worked on over the plate's, for drafts", above=0.0, high=1.0,

@@ -155,7 +155,7 @@ def model_from_dict(
     unusable = [
         f"{place(where, lines or {}, location)} - {problem}"
         for location, file in named_files(made)
-        if (problem := _problem(file, folder))
+        if (problem := _problem(file, folder, location))
     ]
     if unusable:
         raise SceneError(where, unusable)
@@ -192,8 +192,17 @@ def named_files(value: Any, location: Location = ()) -> Iterator[tuple[Location,
             yield from named_files(getattr(value, name), (*location, field.alias or name))
 
 
-def _problem(path: Path, folder: Path) -> str:
-    """Return why a file, or a pattern of numbered files, cannot be read, "" if it can; folder: of the scene."""
+_FOLDERS = {("plate", "depth")}
+"""Keys that name a folder of files, one for each frame."""
+
+
+def _problem(path: Path, folder: Path, location: Location) -> str:
+    """Return why a file, or a pattern of numbered files, cannot be read, "" if it can; folder: of the scene.
+
+    location: of the path in the model.
+    """
+    if location in _FOLDERS and path.is_dir():
+        return ""
     reason = unreadable(path)
     if not reason or (reason.startswith("no such") and any(c in path.name for c in "%#*") and path.parent.is_dir()):
         return ""

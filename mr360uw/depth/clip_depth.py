@@ -1,0 +1,297 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Distances of every frame of a tracked clip, written as numbered EXR files; a run that was stopped goes on."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from collections import deque
+from collections.abc import Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
+from itertools import islice
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mr360uw.composite import read_camera_track
+from mr360uw.composite.motion import Motion
+from mr360uw.depth.depth_files import NOTE, depth_file, write_depth
+from mr360uw.depth.sphere_stereo import DepthMap, distances
+from mr360uw.depth.warping import Panorama
+from mr360uw.errors import OutputExistsError, ParameterError
+from mr360uw.files import write_whole
+from mr360uw.output_gate import check_folder, made_folder
+from mr360uw.progress import Progress, Steps
+from mr360uw.reading.cached_reads import stamp
+from mr360uw.threads import one_blas_thread
+from mr360uw.track.camera_track import CameraTrack
+from mr360uw.track.key_frames import grey_picture
+from mr360uw.video import VideoReader, open_video
+
+_METHOD = "distances 1"
+"""Names how maps are found; another number where that changes, so that maps of before are not kept."""
+SPAN_S = 6.0
+"""Time [s] over which the neighbours of a frame are spread, with the frame in the middle where the shot allows. Half:
+shorter baselines, and caustics that resemble each other; double: more of what is seen has left the view."""
+NEIGHBOURS = 32
+"""Most neighbours of a frame. Half: under caustics three times as strong a third of the confident pixels is lost."""
+_LEAST_M = 0.01
+"""Extent of a path [m] below which a camera is taken to stand."""
+_LEAST_TURN = np.radians(0.5)
+"""Rotation [rad] below which a camera that stands is said to be still."""
+LEAST_WIDTH = 512
+"""Least width of maps [px], below which confidences do not hold."""
+
+
+@dataclass(frozen=True, slots=True)
+class DepthReport:
+    """What `depth_of_clip` did.
+
+    folder: of the maps. written, kept: numbers of frames that were made, and found finished. without: frames that have
+    no pose, whose maps hold no distance. coverage: mean fraction of the sphere with a confidence of a half or more, of
+    the frames that were made; NaN for none.
+    """
+
+    folder: Path
+    written: int
+    kept: int
+    without: int
+    coverage: float
+
+    def __str__(self) -> str:
+        told = f"; {100.0 * self.coverage:.0f} % of the sphere with confidence .5 or more" if self.written else ""
+        lost = f"; {self.without} frames without a pose have no distances" if self.without else ""
+        return f"{self.written} maps written, {self.kept} kept in {self.folder}{told}{lost}"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Path:
+    """Poses of a clip's frames: position (n, 3), rotation (n, 3, 3), and the shot (n,) of each, -1 without a pose."""
+
+    position: NDArray[np.float64]
+    rotation: NDArray[np.float64]
+    shot: NDArray[np.int64]
+
+
+def depth_of_clip(
+    video: str | Path,
+    folder: str | Path,
+    *,
+    track: CameraTrack | str | Path | Sequence[CameraTrack | str | Path] | None = None,
+    width: int = 1024,
+    eye: Literal["left", "right"] | None = None,
+    overwrite: bool = False,
+    progress: Progress | None = None,
+) -> DepthReport:
+    """Write the distances and confidences of all frames of a 360 clip into a folder; return what was done.
+
+    A pixel of a map holds the distance [m] along its ray in the channel Z and the confidence, 0 to 1, in the channel
+    `confidence`: of pixels with a half or more, 93 % are within 6 % of the truth on synthetic dives.
+
+    Parameters
+    ----------
+    video : the clip, of a camera that moves.
+    folder : of the maps, depth_00000.exr for frame 0 and so on. Finished maps of the same clip, track and width stay.
+    track : path of the camera, of each shot one; a table of `mr360uw track`, or what `track_camera` returns. For
+        track.csv that is not there, track.shot1.csv and so on are taken. None: solved from the pictures.
+    width : of the maps [px]; at most that of the clip.
+    eye : of a stereo plate.
+    overwrite : replace maps of other inputs.
+    progress : called with the steps done and all of them.
+
+    Raises `ParameterError` for a camera that stands or turns on the spot, for a clip that cannot be tracked, and for a
+    track that does not belong to the clip; `OutputExistsError` for a folder with maps of other inputs.
+    """
+    folder = Path(folder)
+    check_folder(folder)
+    with open_video(video, eye=eye) as clip:
+        if clip.is_still:
+            raise ParameterError(f"{video} - is one picture (got no motion that shows distances) - give a clip")
+        tracks = _tracks(video, track, eye)
+        path = _poses(str(video), clip, [_motion(one) for one in tracks])
+        width = min(width, clip.width)
+        if width < LEAST_WIDTH or width % 8:
+            raise ParameterError(
+                f"width - must be a multiple of 8 from {LEAST_WIDTH} up (got {width}) - take 1024, or 512 for a draft"
+            )
+        with made_folder(folder):
+            _check_note(folder, _inputs(Path(video), path, width, eye), overwrite=overwrite)
+            return _written(clip, path, folder, width, progress)
+
+
+def _tracks(
+    video: str | Path,
+    track: CameraTrack | str | Path | Sequence[CameraTrack | str | Path] | None,
+    eye: Literal["left", "right"] | None,
+) -> list[CameraTrack | str | Path]:
+    """Return the tracks of a clip's shots; solve them where none is given."""
+    if isinstance(track, str | Path):
+        shots_of = sorted(Path(track).parent.glob(f"{Path(track).stem}.shot*{Path(track).suffix}"))
+        return list(shots_of) if shots_of and not Path(track).is_file() else [track]
+    if isinstance(track, CameraTrack):
+        return [track]
+    if track is not None:
+        return list(track)
+    from mr360uw.track.tracking import track_shots
+
+    shots = track_shots(video, eye=eye)
+    found = [shot.track for shot in shots if shot.track is not None]
+    if not found:
+        raise ParameterError("\n".join(shot.problem for shot in shots))
+    return list(found)
+
+
+def _motion(track: CameraTrack | str | Path) -> Motion:
+    """Return a track as keyed motion."""
+    if isinstance(track, CameraTrack):
+        ones = np.ones(len(track.time_s))
+        return Motion(track.time_s, track.position, track.rotation, ones, "linear")
+    return read_camera_track(track)
+
+
+def _poses(where: str, clip: VideoReader, motions: list[Motion]) -> _Path:
+    """Return the poses of all frames of a clip; raise `ParameterError` where no motion tells distances."""
+    count = clip.frame_count
+    if count is None:
+        _, count = clip.check_range()
+    rate = float(clip.frame_rate)
+    times = np.arange(count) / rate
+    position, rotation = np.zeros((count, 3)), np.repeat(np.eye(3)[None], count, axis=0)
+    shot = np.full(count, -1, np.int64)
+    moves, turns = False, False
+    for number, motion in enumerate(motions):
+        inside = (times > motion.time_s[0] - 0.6 / rate) & (times < motion.time_s[-1] + 0.6 / rate)
+        if not inside.any():
+            continue
+        poses = np.stack([motion.at(float(t)) for t in times[inside]])
+        if np.ptp(poses[:, :3, 3], axis=0).max() < _LEAST_M:
+            cosine = np.clip(0.5 * (np.trace(poses[0, :3, :3].T @ poses[:, :3, :3], axis1=1, axis2=2) - 1.0), -1, 1)
+            turns |= bool(np.arccos(cosine).max() > _LEAST_TURN)
+            continue
+        moves = True
+        position[inside], rotation[inside], shot[inside] = poses[:, :3, 3], poses[:, :3, :3], number
+    if not moves and not turns and np.all(shot < 0) and not any(len(m.time_s) > 1 for m in motions):
+        raise ParameterError(
+            f"{where} - has no track of its frames (got {len(motions)} tracks that hold none) - run mr360uw track on it"
+        )
+    if not moves:
+        how = "turns on the spot" if turns else "stands still"
+        raise ParameterError(
+            f"{where} - its camera {how}, which shows no distances (got a path shorter than {100 * _LEAST_M:.0f} cm) - "
+            "give a clip of a camera that moves, or maps made by another program"
+        )
+    return _Path(position, rotation, shot)
+
+
+def _inputs(video: Path, path: _Path, width: int, eye: str | None) -> str:
+    """Return what maps follow from, as JSON."""
+    poses = hashlib.sha256(b"".join(np.ascontiguousarray(a).tobytes() for a in (path.position, path.rotation)))
+    files = [str(video), stamp(video)]
+    return json.dumps({"method": _METHOD, "clip": files, "poses": poses.hexdigest(), "width": width, "eye": eye}) + "\n"
+
+
+def _check_note(folder: Path, inputs: str, *, overwrite: bool) -> None:
+    """Keep the maps of the same inputs; remove those of others if that is allowed, else raise `OutputExistsError`.
+
+    Files that no run of this command made, in a folder without its note, are never removed.
+    """
+    note = folder / NOTE
+    if note.is_file() and note.read_text("utf-8") == inputs:
+        return
+    there = sorted(folder.glob("depth_*.exr"))
+    if there and not note.is_file():
+        raise OutputExistsError(
+            f"{folder} - holds files of such names that this command did not make (got {there[0].name}) - name another "
+            "folder"
+        )
+    if there and not overwrite:
+        raise OutputExistsError(
+            f"{folder} - holds maps of another clip, track or width (got {there[0].name}) - name another folder, or "
+            "allow overwriting with --overwrite"
+        )
+    for one in there:
+        one.unlink()
+    write_whole(note, inputs)
+
+
+def _written(clip: VideoReader, path: _Path, folder: Path, width: int, progress: Progress | None) -> DepthReport:
+    """Make the maps that are missing, two frames or more side by side, and return what was done."""
+    count = len(path.shot)
+    missing = [index for index in range(count) if not depth_file(folder, index).is_file()]
+    steps = Steps(progress, count)
+    steps.done(count - len(missing))
+    covered: list[float] = []
+    threads = os.cpu_count() or 1
+    with one_blas_thread(), ThreadPoolExecutor(threads) as pool:
+        running: deque[Future[float]] = deque()
+        for index, reference, neighbours in _with_neighbours(clip, path, missing, width):
+            running.append(pool.submit(_make, folder, index, reference, neighbours, width))
+            if len(running) > threads:
+                covered.append(running.popleft().result())
+                steps.done(1)
+        for one in running:
+            covered.append(one.result())
+            steps.done(1)
+    coverage = float(np.mean(covered)) if covered else float("nan")
+    return DepthReport(folder, len(missing), count - len(missing), int(np.count_nonzero(path.shot < 0)), coverage)
+
+
+def _make(folder: Path, index: int, reference: Panorama | None, neighbours: list[Panorama], width: int) -> float:
+    """Write the map of a frame, one without distances where it has no pose; return its coverage."""
+    if reference is None or not neighbours:
+        shape = width // 2, width
+        found = DepthMap(np.full(shape, np.inf, np.float32), np.zeros(shape, np.float32))
+    else:
+        found = distances(reference, neighbours)
+    write_depth(depth_file(folder, index), found)
+    return float(np.mean(found.confidence >= 0.5))
+
+
+def _chosen(path: _Path, index: int, span: int) -> NDArray[np.int64]:
+    """Return the neighbours of a frame: frames of its shot, evenly over a span about it that lies within the shot."""
+    shot = np.flatnonzero(path.shot == path.shot[index])
+    first = int(np.clip(index - span // 2, shot[0], max(shot[-1] - span, shot[0])))
+    last = min(first + span, int(shot[-1]))
+    even = np.unique(np.round(np.linspace(first, last, min(NEIGHBOURS + 1, last - first + 1))).astype(np.int64))
+    return even[(even != index) & (path.shot[even] == path.shot[index])]
+
+
+def _with_neighbours(
+    clip: VideoReader, path: _Path, missing: list[int], width: int
+) -> Iterator[tuple[int, Panorama | None, list[Panorama]]]:
+    """Yield frames in order with their neighbours; pictures within the span of a frame are held, a byte a pixel."""
+    import cv2
+
+    span = max(round(SPAN_S * float(clip.frame_rate)), 2)
+    chosen = {index: _chosen(path, index, span) for index in missing if path.shot[index] >= 0}
+    needed = sorted({frame for index, near in chosen.items() for frame in (index, *near.tolist())})
+    if not needed:
+        yield from ((index, None, []) for index in missing)
+        return
+    frames, wanted = clip.frames(needed[0], needed[-1] + 1), frozenset(needed)
+    held: dict[int, NDArray[np.uint8]] = {}
+    read = needed[0]
+
+    def panorama(index: int) -> Panorama:
+        return Panorama(held[index].astype(np.float32), path.position[index], path.rotation[index])
+
+    for index in missing:
+        if index not in chosen:
+            yield index, None, []
+            continue
+        near = chosen[index].tolist()
+        last = max([index, *near])
+        for frame in islice(frames, max(last + 1 - read, 0)):
+            read = frame.index + 1
+            if frame.index in wanted:
+                grey = grey_picture(frame)
+                if grey.shape[1] != width:
+                    grey = np.asarray(cv2.resize(grey, (width, width // 2), interpolation=cv2.INTER_AREA), np.uint8)
+                held[frame.index] = grey
+        for old in [one for one in held if one < min([index, *near])]:
+            del held[old]
+        yield index, panorama(index), [panorama(one) for one in near]

@@ -1,0 +1,88 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Distances of a plate's frame that bodies are compared with: sure ones alone, at the frame's size.
+
+A map that is smaller than the frame is enlarged along the edges of the picture: every pixel takes the distance of the
+one, of the nine samples about it, that looks most alike. So no distances between two surfaces come into being, which
+would be a rim around what is in front.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mr360uw.cache import Cache
+from mr360uw.depth.depth_files import DepthClip, Kind
+from mr360uw.depth.sphere_stereo import DepthMap
+from mr360uw.depth.warping import Map, resized
+from mr360uw.jit import fast
+from mr360uw.track.key_frames import grey_picture
+from mr360uw.video import VideoFrame
+
+_SURE = 0.5
+"""Least confidence of a distance that hides a body."""
+_CLOSER = 0.25
+"""Codes of difference that count as much as one sample of distance."""
+
+
+@fast
+def _likest(values: Any, small: Any, large: Any, out: Any) -> None:
+    """Write values (h, w) at the size of a picture, large (H, W), of which small (h, w) is the mean."""
+    height, width = values.shape
+    rows, columns = large.shape
+    for j in range(rows):
+        y = (j + 0.5) * height / rows - 0.5
+        middle = int(np.rint(y))
+        for i in range(columns):
+            x = (i + 0.5) * width / columns - 0.5
+            centre = int(np.rint(x))
+            least = np.float32(1e9)
+            for b in range(middle - 1, middle + 2):
+                row = min(max(b, 0), height - 1)
+                for a in range(centre - 1, centre + 2):
+                    column = a % width
+                    apart = abs(small[row, column] - large[j, i]) + np.float32(_CLOSER) * (abs(y - b) + abs(x - a))
+                    if apart < least:
+                        least = apart
+                        out[j, i] = values[row, column]
+
+
+def enlarged_along_edges(values: Map, picture: Map) -> Map:
+    """Return values (h, w) at the size of a grey picture (H, W), codes in [0, 255], whose edges they keep to."""
+    out = np.empty(picture.shape, np.float32)
+    _likest(np.ascontiguousarray(values, np.float32), resized(picture, values.shape[1]), picture, out)
+    return out
+
+
+def sure_distance(found: DepthMap, picture: Map) -> Map:
+    """Return distances (H, W) [m] at the size of a grey picture (H, W), infinite where a map is not sure of them."""
+    sure = np.where(found.confidence >= _SURE, found.distance_m, np.float32(np.inf)).astype(np.float32)
+    return sure if sure.shape == picture.shape else enlarged_along_edges(sure, picture)
+
+
+class PlateDepth:
+    """The distances of a plate, in step with its frames."""
+
+    def __init__(self, folder: Path, kind: Kind, scale_m: float) -> None:
+        self._clip, self._kept = DepthClip(folder, kind, scale_m), Cache()
+
+    def check(self, stop: int) -> None:
+        """Raise `VideoError` if a map is missing up to the plate's frame `stop`."""
+        self._clip.check(stop)
+
+    def at(self, index: int, plate: VideoFrame) -> Map:
+        """Return the sure distances (H, W) [m] of a frame: the same array for the same picture and map."""
+        return self._kept.of(_of_frame, self._clip.at(index), plate, keep=2)
+
+
+def _of_frame(found: DepthMap, plate: VideoFrame) -> Map:
+    """Return the sure distances of a frame (H, W) [m]."""
+    import cv2
+
+    height, width = plate.image_linear.shape[:2] if plate.yuv is None else plate.yuv.y.shape
+    grey = grey_picture(plate).astype(np.float32)
+    if grey.shape != (height, width):
+        grey = np.asarray(cv2.resize(grey, (width, height), interpolation=cv2.INTER_LINEAR), np.float32)
+    return sure_distance(found, grey)

@@ -1,0 +1,118 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Bodies behind what the plate's depth says is nearer: both renderers, maps of others, edges."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+import mr360uw as uw
+from mr360uw.depth.depth_files import NOTE, DepthClip, depth_file, write_depth
+from mr360uw.depth.occlusion import enlarged_along_edges, sure_distance
+from mr360uw.depth.sphere_stereo import DepthMap
+from mr360uw.errors import SceneError, VideoError
+from mr360uw.scene.model import Scene
+from mr360uw.types import Floats
+from mr360uw.video.exr import write_exr
+from tests.depth import tolerances
+from tests.scenes import BACKENDS, gradient_plate, scene_with
+
+SIZE = (128, 64)
+BODY_M = 3.0
+
+
+def maps(folder: Path, distance_m: Floats, confidence: float = 1.0) -> Path:
+    folder.mkdir()
+    shape = SIZE[::-1]
+    sure = np.full(shape, confidence, np.float32)
+    (folder / NOTE).touch()
+    write_depth(depth_file(folder, 0), DepthMap(np.broadcast_to(distance_m, shape).astype(np.float32), sure))
+    return folder
+
+
+def alpha_of(scene: Scene, backend: str) -> Floats:
+    return np.asarray(uw.render_frame(gradient_plate(*SIZE), scene, backend=backend, sun=None).layer.alpha)
+
+
+def scene_of(tmp_path: Path, whale: Path, depth: Path | None, **more: Any) -> Scene:
+    plate = {"path": str(tmp_path / "plate.png")} | ({} if depth is None else {"depth": str(depth)}) | more
+    (tmp_path / "plate.png").touch()
+    return scene_with(tmp_path, whale, plate=plate, water={"type": "none"})
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_a_body_behind_a_wall_is_gone_and_one_in_front_stays(
+    backend: str, tmp_path: Path, whale: Path, request: pytest.FixtureRequest
+) -> None:
+    if backend == "gl":
+        request.getfixturevalue("gl")
+    free = alpha_of(scene_of(tmp_path, whale, None), backend)
+    assert free.max() > 0.9
+    wall = maps(tmp_path / "near", np.float32(0.5 * BODY_M))
+    assert alpha_of(scene_of(tmp_path, whale, wall), backend).max() == 0.0
+    for name, distance, confidence in (("far", 10.0, 1.0), ("doubtful", 0.5 * BODY_M, 0.4)):
+        behind = maps(tmp_path / name, np.float32(distance), confidence)
+        np.testing.assert_array_equal(alpha_of(scene_of(tmp_path, whale, behind), backend), free)
+    half = maps(tmp_path / "half", np.where(np.arange(SIZE[0]) < 64, 1.0, 10.0))
+    cut = alpha_of(scene_of(tmp_path, whale, half), backend)
+    assert np.all(cut[:, :63] == 0.0)
+    np.testing.assert_array_equal(cut[:, 66:], free[:, 66:])
+    edge = (free > 0.99)[:, 62:66].all(axis=1)
+    assert edge.any()
+    soft = cut[edge, 63:65]
+    assert np.all((soft > 0.2) & (soft < 0.8))
+
+
+def test_small_maps_keep_to_the_edges_of_the_picture() -> None:
+    """A slanted edge of a near thing, in a map of a quarter of the size: alpha against truth."""
+    rows, columns = np.mgrid[0:128, 0:256]
+    near = columns + 0.4 * rows < 130.0
+    near[:, :40] = False
+    picture = cv2.blur(np.where(near, 60.0, 150.0).astype(np.float32), (2, 2))
+    covered = cv2.resize(near.astype(np.float32), (64, 32), interpolation=cv2.INTER_AREA)
+    small = np.where(covered > 0.5, 2.0, 8.0).astype(np.float32)
+    large = enlarged_along_edges(small, picture)
+    assert set(np.unique(large)) == {2.0, 8.0}
+    band = cv2.dilate(near.astype(np.uint8), np.ones((9, 9))) != cv2.erode(near.astype(np.uint8), np.ones((9, 9)))
+    wrong = np.mean((large < 4.0)[band] != near[band])
+    plain = cv2.resize(small, (256, 128), interpolation=cv2.INTER_NEAREST)
+    assert wrong < 0.5 * np.mean((plain < 4.0)[band] != near[band])
+    assert wrong < tolerances.EDGE
+
+
+@pytest.mark.parametrize("kind", ["metric", "inverse"])
+@pytest.mark.parametrize("suffix", [".exr", ".png"])
+def test_maps_of_other_programs_are_taken(kind: Any, suffix: str, tmp_path: Path) -> None:
+    metres = np.linspace(1.0, 8.0, 128, dtype=np.float32)[None].repeat(64, axis=0)
+    values, scale = (metres / 10.0, 10.0) if kind == "metric" else (0.5 / metres, 0.5)
+    values[5:9, 5:9] = 0.0
+    if suffix == ".exr":
+        write_exr(tmp_path / "frame7.exr", {"": {"Z": values}})
+    else:
+        cv2.imwrite(str(tmp_path / "frame7.png"), np.round(65535.0 * values).astype(np.uint16))
+    clip = DepthClip(tmp_path, kind, scale)
+    found = clip.at(0)
+    assert clip.at(0) is found
+    assert np.all(np.isinf(found.distance_m[5:9, 5:9]))
+    seen = np.isfinite(found.distance_m)
+    assert np.allclose(found.distance_m[seen], metres[seen], rtol=2e-3)
+    assert np.array_equal(sure_distance(found, np.zeros((64, 128), np.float32)), found.distance_m)
+    with pytest.raises(VideoError, match="no map for frame 1"):
+        clip.check(2)
+
+
+def test_what_is_missing_is_said(tmp_path: Path, whale: Path) -> None:
+    with pytest.raises(SceneError, match=r"plate.depth - .*no such file"):
+        scene_of(tmp_path, whale, tmp_path / "nowhere")
+    folder = maps(tmp_path / "depth", np.float32(5.0))
+    with pytest.raises(SceneError, match=r"plate.depth - is of one eye"):
+        alpha_of(scene_of(tmp_path, whale, folder, eye="both"), "reference")
+    with pytest.raises(VideoError, match=r"depth_00001.exr - is missing"):
+        DepthClip(folder).check(2)
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(VideoError, match="holds no maps"):
+        alpha_of(scene_of(tmp_path, whale, tmp_path / "empty"), "reference")
