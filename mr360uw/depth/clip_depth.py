@@ -94,17 +94,45 @@ def depth_of_clip(
 
     Parameters
     ----------
-    video : the clip, of a camera that moves.
-    folder : of the maps, depth_00000.exr for frame 0 and so on. Finished maps of the same clip, track and width stay.
-    track : path of the camera, of each shot one; a table of `mr360uw track`, or what `track_camera` returns. For
-        track.csv that is not there, track.shot1.csv and so on are taken. None: solved from the pictures.
-    width : of the maps [px]; at most that of the clip.
-    eye : of a stereo plate.
-    overwrite : replace maps of other inputs.
-    progress : called with the steps done and all of them.
+    video : str or Path
+        The clip, of a camera that moves.
+    folder : str or Path
+        Folder of the maps, depth_00000.exr for frame 0 and so on; finished maps of the same clip, track and width stay.
+    track : CameraTrack or str or Path or list of these, optional
+        Path of the camera, of each shot one: a table of `mr360uw track`, or what `track_camera` returns. For track.csv
+        that is not there, track.shot1.csv and so on are taken. None: solved from the pictures.
+    width : int
+        Columns of the maps, at most those of the clip: a multiple of 8.
+    eye : {"left", "right"}, optional
+        Eye of a stereo plate.
+    overwrite : bool
+        Replace maps of other inputs.
+    progress : callable, optional
+        Is called with (steps done, all of them).
 
-    Raises `ParameterError` for a camera that stands or turns on the spot, for a clip that cannot be tracked, and for a
-    track that does not belong to the clip; `OutputExistsError` for a folder with maps of other inputs.
+    Returns
+    -------
+    DepthReport
+        How many maps were written and found, and how much of the sphere they tell.
+
+    Raises
+    ------
+    ParameterError
+        For a camera that stands or turns on the spot, a clip that cannot be tracked, and a track of another clip.
+    OutputExistsError
+        For a folder with maps of other inputs.
+
+    Notes
+    -----
+    Multi-view stereo on the sphere: see `distances`.
+
+    Examples
+    --------
+    >>> try:
+    ...     uw.depth_of_clip("dive.mp4", "depth", width=100)
+    ... except uw.Mr360uwError as error:
+    ...     print("width" in str(error) or "track" in str(error))
+    True
     """
     folder = Path(folder)
     check_folder(folder)
