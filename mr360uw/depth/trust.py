@@ -40,7 +40,7 @@ _MANY, _FEW = 32, 2.0
 """Neighbours of the dives of the regression, and what one e-th of them takes off the logit: by
 chance the caustics of few instants agree. Without it, half the neighbours leave four of five confident pixels right
 under caustics three times as strong."""
-_HALF = 0.65
+_HALF = 0.85
 """Probability that is given the confidence of a half. Higher: less is used, and more of that is right."""
 
 
