@@ -75,5 +75,6 @@ def test_the_example_runs(path: str, names: dict[str, Any], monkeypatch: pytest.
     test = doctest.DocTestParser().get_doctest(text, dict(names), path, None, None)
     assert test.examples
     said: list[str] = []
+    np.set_printoptions(legacy=False)  # colour-science sets an older form for the whole process
     doctest.DocTestRunner(optionflags=doctest.NORMALIZE_WHITESPACE).run(test, out=said.append)
     assert not said, "".join(said)

@@ -90,7 +90,7 @@ def over_tile(plate_linear: Floats, tile: Tile) -> Floats:
     Parameters
     ----------
     plate_linear : ndarray
-        The plate (H, W, 3), linear.
+        The plate's pixels (h, w, 3) below the tile, linear.
     tile : Tile
         Of a layer.
 
@@ -108,8 +108,8 @@ def over_tile(plate_linear: Floats, tile: Tile) -> Floats:
     --------
     >>> result = uw.render_frame(plate, scene, backend="reference")
     >>> tile = result.layer.tiles[0]
-    >>> uw.composite.over_tile(plate, tile).shape == tile.radiance.shape
-    False
+    >>> uw.composite.over_tile(plate[tile.window], tile).shape == tile.radiance.shape
+    True
     """
     image = np.empty_like(plate_linear)
     shafts = np.zeros((0, 0, 3), tile.radiance.dtype) if tile.shafts is None else tile.shafts

@@ -42,7 +42,7 @@ def wide_decode(code: Array, transfer: WideTransfer) -> Array:
     if transfer in _LOG_BASES:
         base = _LOG_BASES[transfer]
         return _odd(lambda v: np.expm1(v * math.log(base)) / (base - 1.0), code)
-    models = library().models
+    models = colour_science().models
     with np.errstate(all="ignore"):  # both pieces of a curve are computed everywhere, and one is taken
         if transfer == "pq":
             return _odd(lambda v: models.eotf_ST2084(np.minimum(v, 1.0)) / _WHITE_CD_M2, code)
@@ -56,7 +56,7 @@ def wide_encode(linear: Array, transfer: WideTransfer) -> Array:
     if transfer in _LOG_BASES:
         base = _LOG_BASES[transfer]
         return _odd(lambda x: np.log1p(x * (base - 1.0)) / math.log(base), linear)
-    models = library().models
+    models = colour_science().models
     with np.errstate(all="ignore"):
         if transfer == "pq":
             return _odd(lambda x: models.eotf_inverse_ST2084(x * _WHITE_CD_M2), linear)
@@ -68,7 +68,7 @@ def wide_encode(linear: Array, transfer: WideTransfer) -> Array:
 @functools.cache
 def wide_primaries(name: str) -> Array:
     """Return the chromaticities (3, 2) of a camera's red, green and blue, by colour-science's name of its gamut."""
-    return np.asarray(library().RGB_COLOURSPACES[name].primaries, np.float64)
+    return np.asarray(colour_science().RGB_COLOURSPACES[name].primaries, np.float64)
 
 
 def _odd(curve: Callable[[Array], Any], values: Array) -> Array:
@@ -78,13 +78,13 @@ def _odd(curve: Callable[[Array], Any], values: Array) -> Array:
 
 @functools.cache
 def _hlg_white() -> float:
-    return float(library().models.oetf_inverse_BT2100_HLG(_HLG_WHITE))
+    return float(colour_science().models.oetf_inverse_BT2100_HLG(_HLG_WHITE))
 
 
 @functools.cache
-def library() -> Any:
+def colour_science() -> Any:
     """Return the package colour-science, imported at the first call: it takes about a second."""
-    with warnings.catch_warnings():
+    with warnings.catch_warnings(), np.printoptions():  # it changes how NumPy prints arrays, for the whole process
         warnings.simplefilter("ignore")  # it warns about optional packages
         import colour
     return colour

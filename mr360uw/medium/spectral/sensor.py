@@ -21,6 +21,7 @@ from mr360uw.errors import ParameterError
 from mr360uw.medium.tables import Spectrum, builtin_cameras, builtin_spectrum, builtin_table, read_table
 from mr360uw.plot import Figure, Shown
 from mr360uw.shapes import instance, numbers, real, vectors
+from mr360uw.yuv.wide_curves import colour_science
 
 Array = NDArray[np.float64]
 
@@ -279,11 +280,7 @@ def illuminant(name: str) -> Spectrum:
         return Spectrum(name, np.array([300.0, 830.0]), np.ones(2))
     if name in _ILLUMINANTS:
         return builtin_spectrum("cie1931.csv", _ILLUMINANTS[name], name)
-    import warnings
-
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # it warns about optional packages
-        import colour
+    colour = colour_science()
     if name not in colour.SDS_ILLUMINANTS:
         known = ", ".join(("equal-energy", *_ILLUMINANTS, *sorted(colour.SDS_ILLUMINANTS)))
         raise ParameterError(f"illuminant - unknown (got {name!r}) - take one of {known}")
