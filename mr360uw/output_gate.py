@@ -36,7 +36,8 @@ def check_outputs(
     taken: dict[Hashable, Path] = {}
     exist, wrong = [], []
     for number, path in enumerate(outputs):
-        own = {identity for file in {path, *files_named(path)} for identity in _identities(file)}
+        files = {path} if path.is_dir() else {path, *files_named(path)}  # a folder is refused for what it is
+        own = {identity for file in files for identity in _identities(file)}
         hit = next((read[identity] for identity in own if identity in read), None)
         other = next((taken[identity] for identity in own if identity in taken), None)
         other = next((one for one in outputs[:number] if _same_pattern(one, path)), other)
