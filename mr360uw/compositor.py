@@ -34,7 +34,7 @@ class FrameResult:
     Parameters
     ----------
     image_linear : ndarray
-        The frame (H, W, 3), float32, linear Rec.709, white is 1.
+        The frame (H, W, 3), float32, linear Rec.709, white is 1; bodies keep what is above the plate's brightest code.
     layer : Layer
         Objects, their shadows and caustics, as they are laid over the plate.
     environment : Environment or None
@@ -227,7 +227,7 @@ class Compositor:
             raise ParameterError("compositor - is closed - make another")
         frame = composite_frame(loaded, analysis, self._renderer, plate, shutter_s, cache=self._kept, light=light)
         return FrameResult(
-            image_linear=frame.picture.image_linear,
+            image_linear=frame.picture.light,
             layer=frame.layer,
             environment=frame.light.environment if frame.light is not None else None,
             caustics=frame.caustics,
