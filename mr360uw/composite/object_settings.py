@@ -17,8 +17,9 @@ Attachment = Literal["world", "camera", "surface"]
 Loop = Literal["repeat", "once", "ping-pong"]
 Front = Literal["+z", "-z", "+x", "-x"]
 Facing = Literal["camera"] | Annotated[float, Field(ge=-360.0, le=360.0)]
-_POLAR = ("azimuth_deg", "elevation_deg", "distance_m")
-_KEYED = ("position_m", *_POLAR, "rotation_deg", "face", "scale")
+POLAR = ("azimuth_deg", "elevation_deg", "distance_m")
+"""Words of a place that stand instead of `position_m`."""
+_KEYED = ("position_m", *POLAR, "rotation_deg", "face", "scale")
 _AWAY_M = 3.0
 """Distance [m] of an object whose azimuth alone is given."""
 
@@ -45,7 +46,7 @@ class KeySettings(Parameters):
     @property
     def polar(self) -> bool:
         """Whether its place is given by azimuth, elevation or distance."""
-        return any(getattr(self, name) is not None for name in _POLAR)
+        return any(getattr(self, name) is not None for name in POLAR)
 
 
 class ObjectSettings(Parameters):
@@ -153,7 +154,7 @@ class ObjectSettings(Parameters):
     @property
     def polar(self) -> bool:
         """Whether its place is given by azimuth, elevation and distance."""
-        return any(getattr(self, name) is not None for name in _POLAR)
+        return any(getattr(self, name) is not None for name in POLAR)
 
     @property
     def place_m(self) -> Vector:
@@ -169,12 +170,12 @@ class ObjectSettings(Parameters):
         """Return the settings of an instant of the motion: those of the key, and its own where the key has none."""
         given = {name: value for name in _KEYED if (value := getattr(key, name)) is not None}
         if key.position_m is not None:
-            given = dict.fromkeys(_POLAR) | given
+            given = dict.fromkeys(POLAR) | given
         return self.model_copy(update=given)
 
 
 def _check_place(given: KeySettings | ObjectSettings) -> None:
     """Raise `ValueError` where a place is given twice."""
-    polar = [name for name in _POLAR if getattr(given, name) is not None]
+    polar = [name for name in POLAR if getattr(given, name) is not None]
     if polar and "position_m" in given.model_fields_set and given.position_m is not None:
         raise ValueError(f"{polar[0]} - position_m is given too (got both) - remove one of them")

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from mr360uw.composite import read_camera_track
 from mr360uw.composite.motion import Motion
 from mr360uw.depth.depth_files import NOTE, depth_file, write_depth
-from mr360uw.depth.sphere_stereo import DepthMap, distances
+from mr360uw.depth.sphere_stereo import SURE, DepthMap, distances
 from mr360uw.depth.warping import Panorama
 from mr360uw.errors import OutputExistsError, ParameterError
 from mr360uw.files import write_whole
@@ -276,7 +276,7 @@ def _make(folder: Path, index: int, reference: Panorama | None, neighbours: list
     else:
         found = distances(reference, neighbours)
     write_depth(depth_file(folder, index), found)
-    return float(np.mean(found.confidence >= 0.5))
+    return float(np.mean(found.confidence >= SURE))
 
 
 def _chosen(path: _Path, index: int, span: int) -> NDArray[np.int64]:

@@ -15,14 +15,12 @@ import numpy as np
 
 from mr360uw.cache import Cache
 from mr360uw.depth.depth_files import DepthClip, Kind
-from mr360uw.depth.sphere_stereo import DepthMap
+from mr360uw.depth.sphere_stereo import SURE, DepthMap
 from mr360uw.depth.warping import Map, resized
 from mr360uw.jit import fast
 from mr360uw.track.key_frames import grey_picture
 from mr360uw.video import VideoFrame
 
-_SURE = 0.5
-"""Least confidence of a distance that hides a body."""
 _CLOSER = 0.25
 """Codes of difference that count as much as one sample of distance."""
 
@@ -58,7 +56,7 @@ def enlarged_along_edges(values: Map, picture: Map) -> Map:
 
 def sure_distance(found: DepthMap, picture: Map) -> Map:
     """Return distances (H, W) [m] at the size of a grey picture (H, W), infinite where a map is not sure of them."""
-    sure = np.where(found.confidence >= _SURE, found.distance_m, np.float32(np.inf)).astype(np.float32)
+    sure = np.where(found.confidence >= SURE, found.distance_m, np.float32(np.inf)).astype(np.float32)
     return sure if sure.shape == picture.shape else enlarged_along_edges(sure, picture)
 
 

@@ -55,6 +55,10 @@ _FINE_SMALL, _FINE_LARGE = 0.01, 0.06
 _LEAST_BASELINE_M = 1e-6
 
 
+SURE = 0.5
+"""Confidence from which on a distance is used."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class DepthMap:
     """Distances of a frame. distance_m: (H, W) float32 along the rays [m], infinite where none was found.

@@ -14,7 +14,7 @@ import threading
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
@@ -23,7 +23,6 @@ from mr360uw.composite.objects import on_the_floor, on_the_sea
 from mr360uw.composite.scene_lamps import SceneLamp, load_lamps
 from mr360uw.composite.settings import ReceiverSettings
 from mr360uw.constants import PI
-from mr360uw.depth.occlusion import PlateDepth
 from mr360uw.errors import SceneError
 from mr360uw.medium import Medium
 from mr360uw.reading.cached_reads import CachedReads
@@ -40,6 +39,9 @@ from mr360uw.scene.model import Scene
 from mr360uw.scene.toml_model import dotted
 from mr360uw.types import Floats, Lamp, View
 from mr360uw.video.read.layout import Eye
+
+if TYPE_CHECKING:
+    from mr360uw.depth.occlusion import PlateDepth
 
 T = TypeVar("T")
 _MOVING = ("object", "lamp", "receiver")
@@ -118,6 +120,8 @@ def load_plate_depth(scene: Scene, reads: CachedReads) -> PlateDepth | None:
     if plate.eye == "both":
         problem = 'plate.depth - is of one eye (got plate.eye = "both") - name one, or use [[holdout]]'
         raise SceneError("scene", [problem])
+    from mr360uw.depth.occlusion import PlateDepth  # whose kernels most scenes have no use for
+
     return reads.of(PlateDepth, plate.depth, plate.depth_kind, plate.depth_scale)
 
 

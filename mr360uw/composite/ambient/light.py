@@ -26,8 +26,8 @@ _KEPT_SAMPLES = 3
 """Instants of which it is kept how bodies lie and what their light is: two samples in time, and one between them."""
 _MOST_MOVED, _MOST_TURNED = 0.125, 0.125
 """Most that a body may move, over its radius, and turn [rad] between two samples in time for its light to be
-interpolated. Of bodies that pass through each other so fast four values of 8 bits in a hundred thousand of their
-pictures are then off by more than one code; twice as fast one in a thousand, up to 15 codes."""
+interpolated. Of bodies that pass through each other so fast, four of a million values of 8 bits are then off by more
+than one code, by 3 at most; twice as fast a hundred of them, by 15 at most."""
 
 
 def ambient_layout(shot: Shot, cache: Cache) -> Layout:

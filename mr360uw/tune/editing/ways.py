@@ -10,7 +10,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any
 
-POLAR = ("azimuth_deg", "elevation_deg", "distance_m")
+from mr360uw.composite.object_settings import POLAR
+
 _SAID = {"position_m": POLAR, "scale": ("size_m",)}
 """Words of an object that are used where none of others, which say the same, is in the file."""
 

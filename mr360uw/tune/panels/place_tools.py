@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from nicegui import background_tasks
 
+from mr360uw.composite.object_settings import POLAR
 from mr360uw.errors import ParameterError
 from mr360uw.tune import placing
 from mr360uw.tune.editing import tracks
@@ -33,7 +34,7 @@ _TOOLS = {
     "lasso": "Click: outline of a matte",
 }
 _WORDS = {
-    "position_m": ("azimuth_deg", "elevation_deg", "distance_m", "stand_on"),
+    "position_m": (*POLAR, "stand_on"),
     "rotation_deg": ("face",),
     "scale": (),
     "size_m": ("scale",),
