@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Iterator
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, Self
@@ -16,13 +17,13 @@ from mr360uw.errors import ParameterError
 from mr360uw.progress import Progress
 from mr360uw.render.backends import make_backend
 from mr360uw.render.first_pass import ClipAnalysis, clip_analysis
-from mr360uw.render.frame import composite_frame
+from mr360uw.render.frame import Frame, MeasuredPlate, blend_frame, composite_frame, draw_frame, measure_plate
 from mr360uw.render.loaded import Loaded, load
-from mr360uw.render.plate_light import FrameLight
 from mr360uw.render.stages.light_stage import LightSamples
 from mr360uw.scene.inputs import open_plate
 from mr360uw.scene.model import Scene
 from mr360uw.shapes import file_path, instance, real
+from mr360uw.threads import one_blas_thread, prefetch
 from mr360uw.types import CausticStack, Environment, Floats, Layer, MediumTable, Sun
 from mr360uw.video import VideoFrame, VideoReader
 
@@ -71,8 +72,8 @@ class Compositor:
 
     A frame depends on its plate, index and time alone, never on the frames made before it. `frames` takes the light of
     most frames of a clip from frames before and after, and gives the frames of `composite_video`; `frame` measures it
-    in the plate that it is given. Frames are made in the thread that made the compositor, as OpenGL asks for; any
-    thread may close it.
+    in the plate that it is given. Frames are made in the thread that made the compositor, as OpenGL asks for; `frames`
+    decodes the next ones meanwhile on a thread of its own. Any thread may close it.
 
     Parameters
     ----------
@@ -158,7 +159,8 @@ class Compositor:
             shown = plate if isinstance(plate, VideoFrame) else VideoFrame.of_linear(_checked(plate), index, time_s)
             loaded = self._loaded_for(*shown.shape, clip=self._analysis is not None)
             analysis = ClipAnalysis.of_frame(sun, gain) if self._analysis is None else self._analysis
-            return self._finished(loaded, analysis, shown, shutter_s)
+            frame = composite_frame(loaded, analysis, self._renderer, shown, shutter_s, cache=self._cache())
+            return _result(frame)
 
     def frames(
         self, start: int = 0, stop: int | None = None, *, video: VideoReader | None = None
@@ -201,38 +203,33 @@ class Compositor:
             loaded = self._loaded_for(video.height, video.width, clip=not video.is_still)
             analysis = clip_analysis(loaded, video) if self._analysis is None else self._analysis
         exposure_s = self._scene.draw.exposure_s(video.frame_rate)
+        with closing(prefetch(self._measured(loaded, analysis, video, start, stop))) as plates:
+            for plate in plates:
+                with self._one_thread, one_blas_thread():
+                    drawn = draw_frame(loaded, self._renderer, plate, exposure_s, self._cache())
+                    result = _result(blend_frame(loaded, analysis, drawn, self._cache()))
+                yield result
+
+    def _measured(
+        self, loaded: Loaded, analysis: ClipAnalysis, video: VideoReader, start: int, stop: int
+    ) -> Iterator[MeasuredPlate]:
+        """Yield frames of a clip, decoded and with their light measured, on any thread."""
+        cache = Cache(self._scene.plate.eyes)
         for plate, light in LightSamples(loaded, analysis, video, video.frames).frames(start, stop):
-            with self._one_thread:
-                result = self._finished(loaded, analysis, plate, exposure_s, light)
-            yield result
+            yield measure_plate(loaded, analysis, plate, cache, light)
+
+    def _cache(self) -> Cache:
+        """Return what is kept from frame to frame."""
+        if self._kept is None:
+            raise ParameterError("compositor - is closed - make another")
+        return self._kept
 
     def _loaded_for(self, height: int, width: int, *, clip: bool) -> Loaded:
         """Return the scene, loaded for plates of a size."""
-        if self._kept is None:
-            raise ParameterError("compositor - is closed - make another")
+        self._cache()
         if self._loaded is None or (self._loaded.height, self._loaded.width) != (height, width):
             self._loaded = load(self._scene, width, height, clip=clip)
         return self._loaded
-
-    def _finished(
-        self,
-        loaded: Loaded,
-        analysis: ClipAnalysis,
-        plate: VideoFrame,
-        shutter_s: float,
-        light: FrameLight | None = None,
-    ) -> FrameResult:
-        """Return the composite of a plate. light: None measures it in the plate."""
-        if self._kept is None:
-            raise ParameterError("compositor - is closed - make another")
-        frame = composite_frame(loaded, analysis, self._renderer, plate, shutter_s, cache=self._kept, light=light)
-        return FrameResult(
-            image_linear=frame.picture.light,
-            layer=frame.layer,
-            environment=frame.light.environment if frame.light is not None else None,
-            caustics=frame.caustics,
-            medium=frame.medium,
-        )
 
     def close(self) -> None:
         """Release everything that is cached, after the frame that is being made.
@@ -250,6 +247,17 @@ class Compositor:
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+
+def _result(frame: Frame) -> FrameResult:
+    """Return a frame as callers get it."""
+    return FrameResult(
+        image_linear=frame.picture.light,
+        layer=frame.layer,
+        environment=frame.light.environment if frame.light is not None else None,
+        caustics=frame.caustics,
+        medium=frame.medium,
+    )
 
 
 def render_frame(

@@ -3,10 +3,8 @@
 
 All colours are linear Rec.709, premultiplied by alpha, and attenuated by the water in front, so
 
-    beauty    = diffuse + glossy + sun + lamps + emission + veil + shafts    (caustics is a part of sun)
+    beauty    = diffuse + glossy + sun + lamps + emission + veil + shafts + snow    (caustics is a part of sun)
     composite = beauty + (1 - alpha) (plate + receiver_difference)
-
-Marine snow is in the beauty and its alpha alone, in none of the variables.
 """
 
 from __future__ import annotations
@@ -30,7 +28,8 @@ class Aovs:
 
     diffuse, glossy: reflected ambient light. sun, lamps: their reflected light; caustics: its change by the waves, of
     either sign. emission. veil: light scattered by the water in front of the objects; shafts: its change by waves,
-    bodies and lamps, of either sign. All these are premultiplied and attenuated by the water. transmittance: of the
+    bodies and lamps, of either sign. All these are premultiplied, and attenuated by the water and by the
+    snow before the objects. snow: light of marine snow; behind objects, what they let pass. transmittance: of the
     water, mean over the objects in a pixel, 1 where there is none. normal: unit in the world, position [m] in the
     world, means likewise. object_id: (H, W) uint32, 1 for the first visible object, 0 for none; the one with the
     largest share.
@@ -44,6 +43,7 @@ class Aovs:
     emission: Floats
     veil: Floats
     shafts: Floats
+    snow: Floats
     transmittance: Floats
     normal: Floats
     position: Floats
@@ -89,7 +89,7 @@ class AovFrame:
         self.share[at], self.object_id[at] = share[largest], number[largest] + 1
 
     def finish(self, shot: Shot, layer: Layer) -> Aovs:
-        """Return the variables, with the shot's mattes applied as to the layer. Shafts, added later, are zero."""
+        """Return the variables, with the shot's mattes applied as to the layer. Shafts and snow come later."""
         alpha = layer.alpha
         covered = self.sums["transmittance"].max(axis=-1) > 0.0
         kept = np.ones_like(alpha)
@@ -105,7 +105,7 @@ class AovFrame:
         length = np.linalg.norm(self.sums["normal"], axis=-1, keepdims=True)
         values["normal"] = np.where(shown, self.sums["normal"] / np.maximum(length, 1e-6), 0.0)
         ids = np.where(shown[..., 0], self.object_id, 0).astype(np.uint32)
-        values["shafts"] = np.zeros_like(values["veil"])
+        values["shafts"], values["snow"] = np.zeros_like(values["veil"]), np.zeros_like(values["veil"])
         return Aovs(**{name: v.astype(np.float32) for name, v in values.items()}, object_id=ids)
 
 
@@ -134,14 +134,15 @@ def exr_parts(layer: Layer, aovs: Aovs, plate_linear: Floats) -> dict[str, dict[
 
     rgba: the beauty and alpha. depth: Z, the distance along the ray [m], 1e10 where there is none. N, P: X, Y, Z of the
     normal and the position [m]. id: Y, of the object. diffuse, glossy, sun, lamps, caustics, emission, veil,
-    shafts (before objects), transmittance, shadow_ratio, plate_shafts (before the plate, a part of the next),
+    shafts (before objects), snow, transmittance, shadow_ratio, plate_shafts (before the plate, a part of the next),
     receiver_difference (of shadow, caustics, lamps and shafts): R, G, B. Every channel is named layer.channel, as the
     format asks for (OpenEXR, "Channel Naming"), except those of rgba and depth, which have standard names.
     """
     colours = {
         "diffuse": aovs.diffuse, "glossy": aovs.glossy, "sun": aovs.sun, "lamps": aovs.lamps,
         "caustics": aovs.caustics, "emission": aovs.emission, "veil": aovs.veil, "shafts": aovs.shafts,
-        "transmittance": aovs.transmittance, "shadow_ratio": layer.ratio, "plate_shafts": layer.shafts,
+        "snow": aovs.snow, "transmittance": aovs.transmittance, "shadow_ratio": layer.ratio,
+        "plate_shafts": layer.shafts,
         "receiver_difference": receiver_difference(plate_linear, layer),
     }  # fmt: skip
     parts: dict[str, dict[str, NDArray[np.generic]]] = {

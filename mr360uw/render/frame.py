@@ -197,7 +197,7 @@ def draw_frame(
             layer, found = cache.of(draw_layer, backend, shot, shafts, variables, cache)
             refuse("layer", index, cache.of(not_finite, layer))
             layer, found = with_surface(then, backend, shot, layer, found, instant_s, cache)
-            layer = with_snow(then, backend, shot, layer, instant_s, exposure_s, cache)
+            layer, found = with_snow(then, backend, shot, layer, found, instant_s, exposure_s, cache)
             drawn.append((shot, layer, found))
     return DrawnFrame(measured, water, tuple(map(tuple, by_eye)))
 

@@ -187,24 +187,30 @@ def _caustics(
 
 
 def with_snow(
-    loaded: Loaded, backend: Backend, shot: Shot, layer: Layer, time_s: float, exposure_s: float, cache: Cache
-) -> Layer:
-    """Return the layer of a shot with its snow, the layer itself where the plan has none.
+    loaded: Loaded,
+    backend: Backend,
+    shot: Shot,
+    layer: Layer,
+    variables: Aovs | None,
+    time_s: float,
+    exposure_s: float,
+    cache: Cache,
+) -> tuple[Layer, Aovs | None]:
+    """Return the layer of a shot and its variables with its snow; as they are where the plan has none.
 
     exposure_s: over which particles are drawn out. cache: holds layers of the same backend; a layer stands for all that
     its shot depends on.
     """
     medium = loaded.surroundings.medium
     if not loaded.plan.snow.runs or medium is None:
-        return layer
+        return layer, variables
     from mr360uw.composite.snow.draw import Snow, with_particles
     from mr360uw.composite.snow.size_spectrum import particle_scattering
 
     half, settings, sea = 0.5 * exposure_s, loaded.scene.snow, loaded.scene.sea
     opens, closes = (_view_at(loaded, shot.view, at_s) for at_s in (time_s - half, time_s + half))
     snow = Snow(settings, particle_scattering(medium.water), sea, time_s, exposure_s, opens, closes)
-
-    return cache.of(with_particles, snow, shot, layer, backend.cache)
+    return cache.of(with_particles, snow, shot, layer, variables, backend.cache)
 
 
 def _view_at(loaded: Loaded, view: View, time_s: float) -> View:

@@ -20,7 +20,7 @@ from tests.composite import tolerances as tol
 from tests.composite.scenes import medium, placed, plate, shot, sphere
 
 COLOURS = (
-    "diffuse", "glossy", "sun", "lamps", "caustics", "emission", "veil", "shafts", "transmittance",
+    "diffuse", "glossy", "sun", "lamps", "caustics", "emission", "veil", "shafts", "snow", "transmittance",
     "shadow_ratio", "plate_shafts", "receiver_difference",
 )  # fmt: skip
 EXPECTED = {

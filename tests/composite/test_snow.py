@@ -13,6 +13,7 @@ from mr360uw.cache import Cache
 from mr360uw.caustics.sea.gerstner import GerstnerSea
 from mr360uw.caustics.sea.spectral import SpectralSea
 from mr360uw.composite.over import empty_tile, over
+from mr360uw.composite.reference import render_aovs
 from mr360uw.composite.shot import Receiver, Shot
 from mr360uw.composite.snow.draw import Snow, particles_in_view, with_particles
 from mr360uw.composite.snow.particle_light import particle_phase, particle_radiance
@@ -258,7 +259,7 @@ def test_the_mean_of_a_cloud_is_the_integral_of_single_scattering() -> None:
     dark = scenes.environment(0.0)
     shot = Shot(view, (), dark, lights=(sun,))
     snow = big_snow(view)
-    layer = with_particles(snow, shot, Layer(64, 128, ()), Cache())
+    layer = with_particles(snow, shot, Layer(64, 128, ()), None, Cache())[0]
     d, s = np.linspace(0.02, 0.04, 201), np.linspace(NEAREST_M, 1.5, 1301)
     number = 700.0 * d**-3.0 / np.trapezoid(d**-3.0, d)
     section = 0.25 * np.pi * d**2
@@ -279,11 +280,25 @@ def test_the_mean_of_a_cloud_is_the_integral_of_single_scattering() -> None:
     np.testing.assert_allclose(mean, single * float(np.sum(layer.alpha * weight)), rtol=SNOW_FLOAT32)
 
 
+def test_the_parts_of_a_layer_with_snow_add_up_to_its_light() -> None:
+    body = scenes.placed(scenes.sphere(), (0.1, 0.2, -0.9))
+    shot = scenes.shot(body, width=64, medium=scenes.medium())
+    bare, variables = render_aovs(shot)
+    layer, parts = with_particles(big_snow(shot.view), shot, bare, variables, Cache())
+    assert parts is not None
+    lights = ("diffuse", "glossy", "sun", "lamps", "emission", "veil", "shafts", "snow")
+    total = sum(getattr(parts, name) for name in lights)
+    np.testing.assert_allclose(total, layer.radiance, atol=1e-6)  # float32 sums of light below 1
+    assert np.any(parts.snow[bare.alpha == 1.0] > 0.0)  # before the body
+    assert np.any(parts.diffuse < 0.9 * variables.diffuse)  # which the snow hides in part
+    np.testing.assert_array_equal(parts.object_id, variables.object_id)
+
+
 @pytest.mark.parametrize("phase", ["grain", "isotropic", "petzold"])
 def test_white_particles_vanish_in_even_light(phase: str) -> None:
     view = View(64, 32)
     shot = Shot(view, (), scenes.environment(0.3))
-    layer = with_particles(big_snow(view, albedo=1.0, phase=phase), shot, Layer(32, 64, ()), Cache())
+    layer = with_particles(big_snow(view, albedo=1.0, phase=phase), shot, Layer(32, 64, ()), None, Cache())[0]
     assert layer.alpha.mean() > 0.1
     plate = np.full((32, 64, 3), 0.3, np.float32)
     np.testing.assert_allclose(over(plate, layer), plate, rtol=PHASE_MAP)
@@ -351,11 +366,11 @@ def test_a_lamp_behind_particles_is_scattered_forwards_and_one_beside_the_camera
 def test_nothing_is_drawn_behind_the_plate_s_surfaces_or_above_the_water() -> None:
     view = View(64, 32, surface_y_m=0.4)
     shot = Shot(view, (), scenes.environment(0.3), receiver=Receiver(plane_y=-0.3))
-    alpha = with_particles(big_snow(view), shot, Layer(32, 64, ()), Cache()).alpha
-    free = with_particles(big_snow(view), replace(shot, receiver=None), Layer(32, 64, ()), Cache()).alpha
+    alpha = with_particles(big_snow(view), shot, Layer(32, 64, ()), None, Cache())[0].alpha
+    free = with_particles(big_snow(view), replace(shot, receiver=None), Layer(32, 64, ()), None, Cache())[0].alpha
     assert 0.0 < alpha[28:].mean() < free[28:].mean()
     np.testing.assert_array_equal(alpha[:16], free[:16])
     position = particles_in_view(big_snow(view), shot)[0]
     assert position[:, 1].max() < 0.4
     near = replace(shot, receiver=None, holdout_distance_m=np.full((32, 64), NEAREST_M))
-    assert with_particles(big_snow(view), near, Layer(32, 64, ()), Cache()).tiles == ()
+    assert with_particles(big_snow(view), near, Layer(32, 64, ()), None, Cache())[0].tiles == ()

@@ -13,12 +13,13 @@ moments of the particle and of the disc of confusion add up.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from mr360uw.cache import Cache, Parts
 from mr360uw.caustics.settings import Sea
+from mr360uw.composite.aovs import Aovs
 from mr360uw.composite.receiver.shape import plate_distance
 from mr360uw.composite.shot import Shot
 from mr360uw.composite.snow.particle_light import particle_radiance
@@ -59,8 +60,10 @@ class Snow(Parts):
     closes: View
 
 
-def with_particles(snow: Snow, shot: Shot, layer: Layer, cache: Cache) -> Layer:
-    """Return a shot's layer with its snow. cache: holds what is the same in other frames."""
+def with_particles(
+    snow: Snow, shot: Shot, layer: Layer, variables: Aovs | None, cache: Cache
+) -> tuple[Layer, Aovs | None]:
+    """Return a shot's layer and its variables with its snow. cache: holds what is the same in other frames."""
     view = shot.view
     position, velocity, diameter, fade = particles_in_view(snow, shot)
     point = position - view.position
@@ -70,7 +73,7 @@ def with_particles(snow: Snow, shot: Shot, layer: Layer, cache: Cache) -> Layer:
     there = np.flatnonzero(distance < plate_m)
     there = there[np.argsort(-distance[there], kind="stable")]
     if len(there) == 0:
-        return layer
+        return layer, variables
     position, velocity, diameter, fade = position[there], velocity[there], diameter[there], fade[there]
     point, distance = point[there], distance[there]
     radius = np.hypot(0.5 * diameter / distance, 0.5 * _PUPIL_M * (1.0 / distance - 1.0 / _FOCUS_M))
@@ -81,7 +84,12 @@ def with_particles(snow: Snow, shot: Shot, layer: Layer, cache: Cache) -> Layer:
     arcs = snow.opens.seen(begin - snow.opens.position), snow.closes.seen(end - snow.closes.position)
     solid_angle = 0.25 * PI * (diameter / distance) ** 2 * fade
     draw_particles(arcs, radius, solid_angle, distance, radiance, layer.distance_m, before, behind)
-    return merged(shot, layer, before, behind, cache)
+    covered = merged(shot, layer, before, behind, cache)
+    if variables is not None:
+        clear = 1.0 - before[1]
+        light = before[0] + (clear * (1.0 - layer.alpha))[..., None] * behind[0]
+        variables = replace(variables.cut(clear), snow=light)
+    return covered, variables
 
 
 def particles_in_view(snow: Snow, shot: Shot) -> tuple[Floats, Floats, Floats, Floats]:
