@@ -83,7 +83,7 @@ def composite_video(
     mixed : bool
         Let each worker take the renderer that it has, `backend` or the reference.
     report : str or Path, optional
-        File that the report is written to as JSON.
+        File that the report is written to as JSON; that of an earlier run for the same output is replaced.
 
     Returns
     -------
@@ -137,7 +137,7 @@ def composite_video(
         notes=(*doubts, *filter(None, [fallback]), *notes), workers=count, inputs=inputs,
     )  # fmt: skip
     if output.report is not None:
-        made.save(output.report, overwrite=overwrite)
+        made.save(output.report, overwrite=True)  # what is there was looked at before the run
     return made
 
 

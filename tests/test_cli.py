@@ -429,7 +429,7 @@ def test_a_full_disk_is_told_and_the_run_goes_on_when_there_is_space(scene: Path
     assert "out.mkv" in done.stderr
     assert [p.name for p in scene.parent.iterdir() if "out" in p.name] == ["out.mkv.mr360uw"]
     assert subprocess.run(composite(out), capture_output=True).returncode == 0
-    assert [p.name for p in scene.parent.iterdir() if "out" in p.name] == ["out.mkv"]
+    assert sorted(p.name for p in scene.parent.iterdir() if "out" in p.name) == ["out.mkv", "out.mkv.json"]
 
 
 @pytest.mark.skipif(os.name != "posix", reason="sends a signal")

@@ -45,8 +45,11 @@ def composite(
     dask: Annotated[str | None, typer.Option(help="address of a Dask scheduler, as in tcp://farm:8786")] = None,
     mixed: Annotated[bool, typer.Option("--mixed", help="let workers without OpenGL use the reference")] = False,
     report_file: Annotated[
-        Path | None, typer.Option("--report", help="also write the report, as JSON"), Role.WRITTEN
+        Path | None,
+        typer.Option("--report", help="JSON file of settings, versions and times; default: OUT.json"),
+        Role.WRITTEN,
     ] = None,
+    no_report: Annotated[bool, typer.Option("--no-report", help="write no report")] = False,
     explain: Annotated[bool, typer.Option("--explain", help="print what will run and why, and stop")] = False,
     measure: Annotated[bool, typer.Option("--measure", help="with --explain: also time what each skip saves")] = False,
     progress_lines: Annotated[bool, typer.Option("--progress-lines", help="a line for each frame, no bar")] = False,
@@ -55,8 +58,11 @@ def composite(
     from mr360uw.pipeline import composite_video
     from mr360uw.progress import terminal_progress
     from mr360uw.render.check import explain_plan
+    from mr360uw.runs.run_report import report_beside
     from mr360uw.scene.model import at_scale, load_scene
 
+    if report_file is not None and no_report:
+        raise ParameterError("--no-report - contradicts --report (got both) - give one of them")
     if measure and not explain:
         raise ParameterError("--measure - times the skips that --explain lists (got it alone) - give both")
     loaded = at_scale(load_scene(scene, overrides or ()), scale)
@@ -68,6 +74,7 @@ def composite(
             typer.echo(explain_skips(loaded, backend))
         typer.echo(f"nothing was written to {out}: --explain says what would run")
         return
+    report_file = None if no_report else report_file or report_beside(out)
     compile_first()
     with terminal_progress(lines=progress_lines) as progress:
         report = composite_video(

@@ -15,6 +15,14 @@ def is_pattern(path: Path) -> bool:
     return _NUMBER.search(path.name) is not None
 
 
+def without_number(path: Path) -> Path:
+    """Return a name without the number of a pattern and what parts it from the rest: out.exr for out_%04d.exr."""
+    found = _NUMBER.search(path.name)
+    if found is None:
+        return path
+    return path.with_name((path.name[: found.start()].rstrip("_-. ") or "frames") + path.name[found.end() :])
+
+
 def numbered(path: Path, number: int) -> Path:
     """Return the file of a pattern with this number."""
     found = _NUMBER.search(path.name)

@@ -12,7 +12,7 @@ from pathlib import Path
 from mr360uw.errors import OutputExistsError, ParameterError, VideoError
 from mr360uw.output_gate import check_outputs, check_work_folder
 from mr360uw.reading.numbered_files import is_pattern, matching_files, numbered
-from mr360uw.runs.run_report import counted
+from mr360uw.runs.run_report import counted, is_report_of
 from mr360uw.runs.work_folder import Part, WorkFolder, segment_bounds, work_path
 from mr360uw.scene.model import Scene, files_of
 from mr360uw.video import VideoReader, create_video
@@ -25,7 +25,7 @@ class Output:
     """The output of frames [a, b) = `span` of a plate: a video, a still or numbered pictures, and layers beside it.
 
     path: of the video or the still, or the pattern; absolute. layers: pattern of layered EXR files, or None. report:
-    file of the run's report, or None.
+    file of the run's report, or None; one of an earlier run for the same output is replaced.
     """
 
     path: Path
@@ -60,7 +60,8 @@ class Output:
     def check(self, inputs: Sequence[Path]) -> None:
         """Raise `OutputError` where the output may not be written. inputs: files that the run reads."""
         outputs = [path for path in (self.path, self.layers, self.report) if path is not None]
-        check_outputs(outputs, inputs=inputs, overwrite=self.overwrite)
+        new = [path for path in outputs if path != self.report or not is_report_of(path, self.path)]
+        check_outputs(new, inputs=inputs, overwrite=self.overwrite)
         check_work_folder(work_path(self.path), [*inputs, *outputs])
 
     @property

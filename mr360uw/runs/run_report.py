@@ -11,6 +11,7 @@ from typing import Any
 
 from mr360uw.files import write_whole
 from mr360uw.output_gate import check_outputs
+from mr360uw.reading.numbered_files import without_number
 from mr360uw.render.plan import Plan
 from mr360uw.runs.fingerprint import InputFile
 
@@ -98,6 +99,23 @@ class Report:
             "python": platform.python_version(),
             "system": platform.platform(),
         }
+
+
+def report_beside(out: Path) -> Path:
+    """Return the file beside an output in which its report is looked for: dive.mp4.json, out.exr.json of numbered EXR
+    files.
+    """
+    name = without_number(out)
+    return name.with_name(name.name + ".json")
+
+
+def is_report_of(path: Path, out: Path) -> bool:
+    """Return whether a file is the report of an earlier run that wrote the same output."""
+    try:
+        told = json.loads(path.read_text("utf-8"))
+    except (OSError, ValueError):
+        return False
+    return isinstance(told, dict) and "mr360uw" in told and Path(str(told.get("out", ""))).name == out.name
 
 
 def counted(frames: int) -> str:

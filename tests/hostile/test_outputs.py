@@ -159,3 +159,22 @@ def test_a_folder_whose_links_lead_round_in_a_circle_is_refused(bench: Bench) ->
     bench.refuses("still", "scene.toml", "one/out.png", says=("one/out.png",))
     bench.refuses("new", "plate.png", "mesh.glb", "-o", "one/new.toml", says=("one/new.toml",))
     bench.refuses("track", "plate.png", "-o", "one/t.csv", says=("one/t.csv",))
+
+
+def test_a_report_lies_beside_the_output_and_replaces_only_its_own_kind(bench: Bench) -> None:
+    code, _, err = bench.run(*COMPOSITE)
+    assert (code, err) == (0, "")
+    beside = bench.folder / "out.png.json"
+    told = json.loads(beside.read_text("utf-8"))
+    assert told["scene"]["water"]["type"] == "none"
+    assert {"mr360uw", "packages", "seeds", "inputs"} <= set(told)
+    (bench.folder / "out.png").unlink()
+    assert bench.run(*COMPOSITE)[0] == 0  # its own report of before is replaced
+    (bench.folder / "out.png").unlink()
+    bench.put("out.png.json", '{"mine": 1}')
+    bench.refuses(*COMPOSITE, says=("out.png.json", "already there"))
+    code, _, err = bench.run(*COMPOSITE, "--no-report")
+    assert (code, err) == (0, "")
+    assert json.loads(beside.read_text("utf-8")) == {"mine": 1}
+    (bench.folder / "out.png").unlink()
+    bench.refuses(*COMPOSITE, "--no-report", "--report", "a.json", says=("--no-report", "give one of them"))
