@@ -1,14 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The irradiances of stratified water: layers of constant coefficients, solved together by discrete ordinates.
+"""The light of stratified water: layers of constant coefficients, solved together by discrete ordinates.
 
 Each layer has the modes of homogeneous water (`ordinates`, `transfer`): half of them fade downwards from its top, half
 upwards from its bottom. Their amounts follow from the surface, from radiances that are the same on both sides of every
 interface, and from the floor or, in a last layer without end, from modes that fade upwards being none. Nothing is
-approximated besides the streams, so equal layers are homogeneous water. The refractive index is that of all layers.
+approximated besides the streams, so equal layers are homogeneous water. Rays gather what each layer that they cross
+scatters into them (`ray_field`), less what the layers before it take. The refractive index is that of all layers.
 """
 
 from __future__ import annotations
 
+import functools
 from itertools import pairwise
 from pathlib import Path
 from typing import Self
@@ -18,10 +20,27 @@ from numpy.typing import ArrayLike, NDArray
 
 from mr360uw.constants import PI, REFRACTIVE_INDEX_SEA
 from mr360uw.errors import ParameterError
-from mr360uw.medium.closed_form import check_ray
+from mr360uw.medium.closed_form import check_ray, ray_in_water
 from mr360uw.medium.ordinates import Modes, Ordinates, nodes
-from mr360uw.medium.phase import Mixture, Phase, check_phase, moments_of_each, spectral_moments
-from mr360uw.medium.ray_field import LambertFloor, Sky, SkyShape, SurfaceKind, cosine_kernel, sky_parts
+from mr360uw.medium.phase import (
+    Mixture,
+    Phase,
+    PhaseSeries,
+    check_phase,
+    legendre_polynomials,
+    moments_of_each,
+    spectral_moments,
+)
+from mr360uw.medium.ray_field import (
+    LambertFloor,
+    OfBeam,
+    RayField,
+    Sky,
+    SkyShape,
+    SurfaceKind,
+    cosine_kernel,
+    sky_parts,
+)
 from mr360uw.medium.tables import read_table
 from mr360uw.medium.transfer import STREAMS_PER_HEMISPHERE
 from mr360uw.optics import check_refractive_index, critical_cosine, fresnel_from_below
@@ -32,10 +51,10 @@ Array = NDArray[np.float64]
 
 
 class LayeredField:
-    """The irradiances of water whose coefficients change with depth, at n wavelengths, solved once.
+    """The light of water whose coefficients change with depth, at n wavelengths, solved once.
 
-    All results are per unit downwelling irradiance just below the surface. Radiances along rays, and with them veils
-    and composites, are those of water that is the same everywhere: see `LightField`.
+    All results are per unit downwelling irradiance just below the surface. The water of a scene is the same everywhere:
+    composites take a `LightField`.
 
     Parameters
     ----------
@@ -65,7 +84,7 @@ class LayeredField:
 
     See Also
     --------
-    LightField : Water that is the same everywhere, with radiances along rays.
+    LightField : Water that is the same everywhere.
 
     Notes
     -----
@@ -122,13 +141,14 @@ class LayeredField:
                 "give as many"
             )
         self._albedo = np.broadcast_to(0.0 if floor is None else np.array(floor.albedo), (count,))
-        peak = moments[:, orders]
+        self._phase = mixture if isinstance(mixture, Mixture) else PhaseSeries(moments)
+        self._peak = peak = moments[:, orders]
         self._faded = self.absorption + self.scattering * (1.0 - peak)
-        chi = (moments[:, :orders] - peak[:, None]) / (1.0 - peak[:, None])
-        index = refractive_index if surface == "snell" else 1.0
-        self._mu, self._weight = nodes(streams, critical_cosine(index))
+        self._chi = (moments[:, :orders] - peak[:, None]) / (1.0 - peak[:, None])
+        self._index = refractive_index if surface == "snell" else 1.0
+        self._mu, self._weight = nodes(streams, critical_cosine(self._index))
         with one_blas_thread():
-            self._solve(chi, index, sky)
+            self._solve(sky)
 
     @classmethod
     def from_profile(
@@ -343,22 +363,99 @@ class LayeredField:
         """
         check_ray(distance_m, depth_m, up)
         s, y, mu = np.broadcast_arrays(*(np.asarray(x, np.float64) for x in (distance_m, depth_m, up)))
-        end = np.maximum(y - s * mu, 0.0)
-        c, start = self.absorption + self.scattering, self._layer_of(y)
-        crossed = np.abs(self._depth_integral(c, end) - self._depth_integral(c, y))
-        steep = np.abs(end - y) > _LEVEL * np.maximum(s, 1e-300)
-        slant = np.where(steep, np.abs(mu), 1.0)[..., None]
-        return np.exp(-np.where(steep[..., None], crossed / slant, c[start] * s[..., None]))
+        return np.exp(-self._along(self.absorption + self.scattering, s, y, mu))
+
+    def inscatter(self, distance_m: ArrayLike, depth_m: ArrayLike, up: ArrayLike) -> Array:
+        """Return the radiance scattered into camera rays, cut at the surface and at the floor.
+
+        Parameters
+        ----------
+        distance_m : array_like
+            Lengths (...,) [m] of the rays, which may be infinite.
+        depth_m : array_like
+            Depths (...,) [m] of the camera, at least 0.
+        up : array_like
+            The y components (...,) of the view directions, -1 to 1.
+
+        Returns
+        -------
+        ndarray
+            Radiance (..., n) [1/sr], the mean over the azimuth from the sun's.
+
+        Raises
+        ------
+        ParameterError
+            If a distance or depth is negative, or `up` outside [-1, 1].
+
+        Notes
+        -----
+        Radiance at the camera = inscatter + `transmittance` times the radiance at the end.
+
+        Examples
+        --------
+        >>> field = uw.medium.LayeredField([0.0, 5.0], [0.05, 0.2], [0.1, 0.4])
+        >>> field.inscatter([2.0, 8.0], depth_m=3.0, up=-0.6).round(4)
+        array([[0.0012],
+               [0.0039]])
+        """
+        check_ray(distance_m, depth_m, up)
+        y, mu = (np.asarray(x, np.float64) for x in (depth_m, up))
+        s, y, mu = np.broadcast_arrays(np.minimum(ray_in_water(distance_m, y, mu), self._to_floor(y, mu)), y, mu)
+        ends = np.maximum(y - s * mu, 0.0)
+        # light of the forward peak: lost from the ray at a + b, put back by the scattering of what lies behind
+        kept, left = (np.exp(-self._along(c, s, y, mu)) for c in (self._faded, self.absorption + self.scattering))
+        return self._scattered_into(s, y, mu) + (kept - left) * self.radiance(ends, mu)
+
+    def radiance(self, depth_m: ArrayLike, up: ArrayLike) -> Array:
+        """Return the radiance that arrives at a depth; the sun's own beam is not in it.
+
+        Parameters
+        ----------
+        depth_m : array_like
+            Depths (...,) [m], at least 0.
+        up : array_like
+            The y components (...,) of the directions that it comes from, -1 to 1.
+
+        Returns
+        -------
+        ndarray
+            Radiance (..., n) [1/sr], the mean over the azimuth from the sun's.
+
+        Raises
+        ------
+        ParameterError
+            If a depth is negative, or `up` outside [-1, 1].
+
+        Examples
+        --------
+        >>> field = uw.medium.LayeredField([0.0, 5.0], [0.05, 0.2], [0.1, 0.4])
+        >>> field.radiance(depth_m=[2.0, 8.0], up=0.0).round(4)
+        array([[0.0123],
+               [0.0057]])
+        """
+        check_ray(0.0, depth_m, up)
+        y, mu = np.broadcast_arrays(np.asarray(depth_m, np.float64), np.asarray(up, np.float64))
+        y = np.minimum(y, self._floor_m)
+        s = np.minimum(ray_in_water(np.inf, y, mu), self._to_floor(y, mu))
+        behind = np.zeros((*s.shape, len(self._beam)))
+        rising = mu > 0.0
+        if np.any(rising):
+            behind[rising] = self._below_surface(mu[rising])
+        if np.isfinite(self._floor_m):
+            behind[mu < 0.0] = self._albedo / PI * self.irradiance(self._floor_m, 1.0)
+        return self._scattered_into(s, y, mu) + np.exp(-self._along(self._faded, s, y, mu)) * behind
 
     # --- solution ----------------------------------------------------------------------------------------------
 
-    def _solve(self, chi: Array, index: float, sky: Sky) -> None:
+    def _solve(self, sky: Sky) -> None:
         """Find the amounts of all layers' modes and keep them: `_modes`, a layer each, the beam's mode last."""
         mu, w, streams, layers = self._mu, self._weight, len(self._mu), len(self.top_m)
+        chi, index = self._chi, self._index
         self._sun_mu, sun_share = sky_parts(sky)
-        shape = sky if isinstance(sky, SkyShape) else SkyShape()
-        entering = (1.0 - fresnel_from_below(mu, index)) * shape.seen_through(mu, index)
-        entering = entering * (1.0 - sun_share) / (2.0 * PI * np.sum(w * mu * entering))
+        self._shape = sky if isinstance(sky, SkyShape) else SkyShape()
+        entering = (1.0 - fresnel_from_below(mu, index)) * self._shape.seen_through(mu, index)
+        of_sky = (1.0 - sun_share) / (2.0 * PI * np.sum(w * mu * entering))
+        entering = entering * of_sky
         bottom = np.append(self.top_m[1:], self._floor_m)
         self._beam = np.full(self.absorption.shape[1], sun_share / self._sun_mu)
         free, sun = [], []
@@ -402,7 +499,7 @@ class LayeredField:
         parts = [amount[:, a:b] for a, b in pairwise(start)]
         modes = [m.times(part).beside(beam) for m, part, beam in zip(free, parts, sun, strict=True)]
         incident = 2.0 * PI * np.einsum("i,nij->n", w * mu, modes[0].at(0.0)[0]) + sun_share
-        self._beam = self._beam / incident
+        self._beam, self._sky = self._beam / incident, of_sky / incident
         self._modes = [m.times(np.broadcast_to(1.0 / incident[:, None], m.rate.shape)) for m in modes]
 
     def _weighted(self, y: Array, normal: Array | None, *, slope: bool) -> Array:
@@ -428,6 +525,67 @@ class LayeredField:
             out[of] = np.sum(sums * fall, axis=-1) + beam
         return out.reshape(*y.shape, len(self._beam))
 
+    # --- along rays --------------------------------------------------------------------------------------------
+
+    def _along(self, coefficient: Array, s: Array, y: Array, mu: Array) -> Array:
+        """Return the integral (..., n) of coefficients (L, n) of layers along rays from depths y, to the surface."""
+        end = np.maximum(y - s * mu, 0.0)
+        crossed = np.abs(self._depth_integral(coefficient, end) - self._depth_integral(coefficient, y))
+        steep = (np.abs(mu) > _LEVEL)[..., None]
+        slant = np.where(steep, np.abs(mu)[..., None], 1.0)
+        return np.where(steep, crossed / slant, coefficient[self._layer_of(y)] * s[..., None])
+
+    def _scattered_into(self, s: Array, y: Array, mu: Array) -> Array:
+        """Return the radiance (..., n) that all layers scatter into rays that end in the water."""
+        total = np.zeros((*s.shape, len(self._beam)))
+        level = np.abs(mu) <= _LEVEL
+        for layer, (top, end) in enumerate(pairwise([*self.top_m, np.inf])):
+            to_top, to_end = (np.divide(y - d, mu, out=np.zeros(s.shape), where=~level) for d in (top, end))
+            near, far = np.minimum(to_top, to_end), np.maximum(to_top, to_end)
+            far = np.where(level, np.where(self._layer_of(y) == layer, np.inf, 0.0), far)
+            begin, stop = np.clip(near, 0.0, s), np.clip(far, 0.0, s)
+            inside = stop > begin
+            if not np.any(inside):
+                continue
+            way, depth, toward = begin[inside], y[inside], mu[inside]
+            left = np.exp(-self._along(self._faded, way, depth, toward))
+            starts = np.clip(depth - way * toward, top, end)
+            total[inside] += left * self._rays[layer].inscatter(stop[inside] - way, starts, toward)
+        return total
+
+    @functools.cached_property
+    def _rays(self) -> list[RayField]:
+        """The light along rays in each layer, as if it had no end."""
+        legendre = legendre_polynomials(self._mu, self._chi.shape[1])
+        parity = (-1.0) ** np.arange(self._chi.shape[1])
+        of_degree = self._weight[:, None] * legendre
+        factor = 0.5 * (2 * np.arange(self._chi.shape[1]) + 1) * self._chi
+        rays = []
+        for layer, (top, modes) in enumerate(zip(self.top_m, self._modes, strict=True)):
+            down, up = (np.einsum("il,nij->nlj", of_degree, light) for light in (modes.down, modes.up))
+            scattered = self._faded[layer] - self.absorption[layer]
+            source = (factor * scattered[:, None])[..., None] * (down + parity[:, None] * up)
+            beam = self.scattering[layer] * self._beam * self._beam_left(np.array(top))
+            of_beam = OfBeam(self._phase.parts, self._phase.shares * beam, self._sun_mu)
+            rays.append(
+                RayField(
+                    self._faded[layer], modes.rate, modes.origin_m, {0: source}, self._sky, self._shape, self._index,
+                    np.inf, np.zeros(len(beam)), of_beam if np.any(beam > 0.0) else None,
+                )
+            )  # fmt: skip
+        return rays
+
+    def _below_surface(self, mu: Array) -> Array:
+        """Return the radiance (r, n) just below the surface that travels down: sky, and reflected light."""
+        reflectance = fresnel_from_below(mu, self._index)[:, None]
+        seen = self._sky * self._shape.seen_through(mu, self._index)[:, None]
+        return np.asarray(seen * (1.0 - reflectance) + reflectance * self.radiance(0.0, -mu))
+
+    def _to_floor(self, y: Array, mu: Array) -> Array:
+        """Return the length (...,) [m] of rays down to the floor, infinite for others."""
+        above = np.maximum(self._floor_m - y, 0.0)
+        return np.divide(above, -mu, out=np.full(np.broadcast_shapes(y.shape, mu.shape), np.inf), where=mu < 0.0)
+
     def _layer_of(self, y: Array) -> NDArray[np.intp]:
         return np.asarray(np.searchsorted(self.top_m, y, side="right") - 1)
 
@@ -442,7 +600,7 @@ class LayeredField:
 
 
 _LEVEL = 1e-9
-"""Change of depth over length of a ray below which it is level: the coefficient is then that of its depth."""
+"""Change of depth over length of a ray up to which it is level: the coefficient is then that of its depth."""
 
 
 def _of_layers(count: int, absorption: ArrayLike, scattering: ArrayLike) -> tuple[Array, Array]:

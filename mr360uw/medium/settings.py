@@ -13,7 +13,7 @@ from mr360uw.constants import REFRACTIVE_INDEX_SEA
 from mr360uw.errors import ParameterError
 from mr360uw.medium.fit.exposure import fit_gain
 from mr360uw.medium.medium import DEFAULT_BANDS, Medium, Mode
-from mr360uw.medium.phase import Phase
+from mr360uw.medium.phase import Phase, PhaseTable
 from mr360uw.medium.spectral.sensor import DEFAULT_ILLUMINANT, DEFAULT_SENSOR, named_sensor
 from mr360uw.medium.visibility import LEAST_M, MOST_M, water_of_visibility, water_seen_as_far
 from mr360uw.medium.water import JerlovType, Water
@@ -45,9 +45,10 @@ class WaterKindSettings(Parameters):
     csv: Path | None = parameter(
         None, "for type csv: table with wavelength_nm, absorption, scattering and, if known, kd"
     )
-    phase: PhaseName | MeanCosine | tuple[Index, Slope] = advanced(
+    phase: PhaseName | MeanCosine | tuple[Index, Slope] | Annotated[Path, Field(strict=True)] = advanced(
         "auto", "phase function of the particles: by name, auto = the one that goes with the water; Henyey-Greenstein "
-        "of a mean cosine; or Fournier-Forand of [refractive index, slope of sizes], as in [1.1, 3.58]",
+        "of a mean cosine; Fournier-Forand of [refractive index, slope of sizes], as in [1.1, 3.58]; or a CSV file with "
+        "angle_deg, phase_function",
         fixed="water has one phase function",
     )  # fmt: skip
     sensor: str | Path = parameter(
@@ -61,7 +62,7 @@ class WaterKindSettings(Parameters):
         REFRACTIVE_INDEX_SEA, "refractive index relative to air, at 550 nm", unit="1", above=1.0, high=2.0
     )
 
-    @field_validator("sensor", mode="before")
+    @field_validator("sensor", "phase", mode="before")
     @classmethod
     def _file(cls, value: object) -> object:
         return Path(value) if isinstance(value, str) and value.lower().endswith(".csv") else value
@@ -115,6 +116,8 @@ class WaterKindSettings(Parameters):
             return "hg", self.phase
         if isinstance(self.phase, tuple):
             return "fournier-forand", *self.phase
+        if isinstance(self.phase, Path):
+            return PhaseTable.from_csv(self.phase)
         assert self.phase != "auto"
         return self.phase
 

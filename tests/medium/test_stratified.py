@@ -13,6 +13,8 @@ from mr360uw.errors import ParameterError
 from mr360uw.medium import LambertFloor, LayeredField, LightField, PhaseTable, Water
 from mr360uw.medium.phase import backscatter_ratio, henyey_greenstein, phase_function, phase_moments
 from mr360uw.medium.ray_field import Sky
+from mr360uw.scene.model import files_of, load_scene
+from mr360uw.video import write_exr
 from tests.medium.tolerances import (
     DRIVEN_APART,
     FLOAT64,
@@ -20,6 +22,7 @@ from tests.medium.tolerances import (
     LAYERS_OF_PROFILE,
     NET_FLUX,
     TABLE_OF_PETZOLD,
+    WINDOW_BY_STREAMS,
 )
 
 DEPTH = np.array([0.0, 0.5, 3.0, 8.0, 20.0])
@@ -64,6 +67,47 @@ def test_what_layers_absorb_is_lost_and_their_light_is_continuous() -> None:
         for normal in (-1.0, 1.0):
             np.testing.assert_allclose(field.irradiance(above, normal), field.irradiance(below, normal), rtol=1e-9)
     np.testing.assert_allclose(field.irradiance(12.0, -1.0), 0.3 * field.irradiance(12.0, 1.0), rtol=1e-9)
+
+
+@pytest.mark.parametrize("floor", [None, LambertFloor(15.0, (0.3, 0.4))])
+@pytest.mark.parametrize("sky", ["uniform", SUN])
+def test_equal_layers_scatter_into_rays_what_homogeneous_water_does(sky: Sky, floor: LambertFloor | None) -> None:
+    a, b = np.array([0.05, 0.2]), np.array([0.1, 0.3])
+    whole = LightField(a, b, "petzold", sky=sky, floor=floor)
+    layers = LayeredField([0.0, 3.0, 7.0], np.tile(a, (3, 1)), np.tile(b, (3, 1)), "petzold", sky=sky, floor=floor)
+    random = np.random.default_rng(1)
+    depth, up = random.uniform(0.0, 12.0, 100), np.append(random.uniform(-1.0, 1.0, 98), [0.0, 0.0])
+    distance = random.uniform(0.0, 40.0, 100)
+    if floor is not None:  # beyond it a `LightField` goes on
+        distance = np.where(up < 0.0, np.minimum(distance, (15.0 - depth) / np.maximum(-up, 1e-9)), distance)
+    for found, expected in (
+        (layers.inscatter(distance, depth, up), whole.inscatter(distance, depth, up)),
+        (layers.radiance(depth, up), whole.radiance(depth, up)),
+    ):
+        np.testing.assert_allclose(found, expected, rtol=DRIVEN_APART)
+
+
+def test_the_radiance_of_layers_adds_up_to_their_irradiance() -> None:
+    """Rays that are traced through the layers know nothing of the irradiances, which the modes give at once."""
+    field = LayeredField(
+        [0.0, 3.0, 7.0], [0.05, 0.3, 0.05], [0.1, 0.5, 0.2], "isotropic", floor=LambertFloor(15.0, (0.3,))
+    )
+    x, weight = np.polynomial.legendre.leggauss(100)
+    middle = float(np.sqrt(1.0 - 1.0 / 1.34**2))  # the edge of Snell's window
+    up = np.concatenate([0.5 * (x + 1.0) * middle, middle + 0.5 * (x + 1.0) * (1.0 - middle)])
+    weight = 2.0 * np.pi * up * np.concatenate([0.5 * weight * middle, 0.5 * weight * (1.0 - middle)])
+    for depth in (0.0, 2.0, 5.0, 9.0):
+        for side in (1.0, -1.0):
+            total = weight @ field.radiance(depth, side * up)
+            np.testing.assert_allclose(total, field.irradiance(depth, side), rtol=WINDOW_BY_STREAMS)
+
+
+def test_a_ray_through_layers_is_its_parts() -> None:
+    field = LayeredField([0.0, 2.0, 7.0], [0.1, 0.4, 0.2], [0.3, 0.05, 0.6], "isotropic", sky=SUN)
+    for up in (-0.6, 0.0, 0.3):
+        near, whole = field.inscatter([3.0, 9.0], 6.0, up)
+        far = field.inscatter(6.0, 6.0 - 3.0 * up, up)
+        np.testing.assert_allclose(whole, near + field.transmittance(3.0, 6.0, up) * far, rtol=1e-9)
 
 
 def test_a_profile_converges_with_its_layers(tmp_path: Path) -> None:
@@ -162,3 +206,17 @@ def test_each_wavelength_may_have_a_phase_function() -> None:
 def test_what_is_no_phase_function_is_refused(make: object, message: str) -> None:
     with pytest.raises(ParameterError, match=message):
         make()  # type: ignore[operator]
+
+
+def test_a_scene_names_a_table_of_a_phase_function(tmp_path: Path) -> None:
+    angle = np.geomspace(1e-3, np.pi, 400)
+    value = henyey_greenstein(np.cos(angle), 0.7)
+    rows = "".join(f"{a:.17g},{v:.17g}\n" for a, v in zip(np.degrees(angle), value, strict=True))
+    (tmp_path / "particles.csv").write_text("angle_deg,phase_function\n" + rows, "utf-8")
+    (tmp_path / "scene.toml").write_text('[plate]\npath = "dive.exr"\n[water]\nphase = "particles.csv"\n', "utf-8")
+    write_exr(tmp_path / "dive.exr", np.zeros((32, 64, 3), np.float32))
+    scene = load_scene(tmp_path / "scene.toml")
+    water, named = scene.water.water(), Water.jerlov("IB").with_phase(("hg", 0.7))
+    assert water is not None
+    assert tmp_path / "particles.csv" in files_of(scene)
+    np.testing.assert_allclose(water.moments([450.0, 650.0], 12), named.moments([450.0, 650.0], 12), atol=HG_BY_ANGLES)

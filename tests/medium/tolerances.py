@@ -125,3 +125,6 @@ NET_FLUX = 3e-6
 """Divergence of the net irradiance by differences over 0.2 mm, against -a E_0: the differences of 12 digits."""
 LAYERS_OF_PROFILE = 0.35
 """Error of twice as many layers of a linear profile over that of once as many: a quarter, and higher orders."""
+
+WINDOW_BY_STREAMS = 2e-4
+"""Light through Snell's window by 200 directions, against that of the few streams of a light field."""
