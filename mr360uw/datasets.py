@@ -18,13 +18,14 @@ from numpy.typing import ArrayLike
 
 from mr360uw.errors import ParameterError
 from mr360uw.files import write_whole
+from mr360uw.medium.fit.resampling import resampled
 from mr360uw.medium.medium import Medium
 from mr360uw.medium.transfer import LightField
 from mr360uw.medium.water import Water
 from mr360uw.output_gate import check_outputs
 from mr360uw.reading.extras import command, optional
 from mr360uw.reading.input_files import read_text
-from mr360uw.shapes import file_path, instance, numbers, whole
+from mr360uw.shapes import file_path, instance, numbers
 from mr360uw.types import CausticStack
 
 if TYPE_CHECKING:
@@ -331,12 +332,7 @@ def spread(fit: Callable[[list[Any]], ArrayLike], frames: Sequence[Any], draws: 
     >>> float(found.fit), round(float(found["std"]), 1)
     (2.5, 0.6)
     """
-    whole("draws", draws, 2, 1_000_000)
-    if not len(frames):
-        raise ParameterError("frames - must hold one or more (got none) - give the frames of a clip")
-    random = np.random.default_rng([seed, 0xB007])
-    drawn = random.integers(0, len(frames), (draws, len(frames)))
-    found = np.array([np.asarray(fit([frames[k] for k in row]), np.float64) for row in drawn])
+    found = np.array([np.asarray(value, np.float64) for value in resampled(fit, frames, draws, seed)])
     axes = tuple(f"axis_{k}" for k in range(found.ndim - 1))
     values = {
         "fit": np.asarray(fit(list(frames)), np.float64),

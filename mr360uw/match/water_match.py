@@ -18,6 +18,7 @@ from mr360uw.color import encode
 from mr360uw.errors import ParameterError
 from mr360uw.medium import Medium, WaterSettings
 from mr360uw.medium.fit.level import DOUBTFUL, LevelView, fit_level
+from mr360uw.medium.fit.resampling import resampled
 from mr360uw.medium.fit.waterfit import CONFIDENT, WaterComparison, compare_waters
 from mr360uw.medium.medium import Mode
 from mr360uw.medium.water import JERLOV_TYPES
@@ -38,6 +39,8 @@ _BANDS = 31
 _ROWS, _COLUMNS = 16, 32
 """Elevations and azimuths at which a patch is read."""
 _MOST_FRAMES = 6
+_DRAWS = 200
+"""Draws of the frames, of which the share that names the same water is told: known to 3 %."""
 _DARK = 1e-4
 """Linear light of a patch below which it is black."""
 _TINY = 1e-12
@@ -70,7 +73,8 @@ class WaterMatch:
     """The result of `match_water`.
 
     sentence: the result in words. changes: {key of the scene: value}; empty where the water is right or cannot be told.
-    confidence: 0 to 1, see `WaterFit`. candidates: (name, likelihood, rms deviation of the logarithm), likeliest first.
+    confidence: 0 to 1, see `WaterFit`. agreement: share of draws of the frames, with replacement, that name the same
+    water; NaN for one frame. candidates: (name, likelihood, rms deviation of the logarithm), likeliest first.
     plate_code, before_code, after_code: (3,) sRGB code values, 0 to 255, of the patches in the plate and of the water
     of the scene, before and after the changes; rms_before, rms_after: deviation over rows and channels in code values,
     the second never above the first.
@@ -79,6 +83,7 @@ class WaterMatch:
     sentence: str
     changes: Changes = field(default_factory=dict)
     confidence: float = 0.0
+    agreement: float = math.nan
     candidates: tuple[tuple[str, float, float], ...] = ()
     plate_code: tuple[float, float, float] = (0.0, 0.0, 0.0)
     before_code: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -99,10 +104,14 @@ _Veil = tuple[Changes, Array, float]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _View:
-    """What a plate shows: light (r, 3) of the rows of patches, the y `up` (r,) of their directions, and its horizon."""
+    """What a plate shows: light (r, 3) of the rows of patches, the y `up` (r,) of their directions, and its horizon.
+
+    frames: the light in each frame, of which `light` is the mean.
+    """
 
     up: Array
     light: Array
+    frames: tuple[Array, ...]
     level: LevelView
 
     def veil(self, medium: Medium, gain: Floats, changes: Changes) -> _Veil:
@@ -139,7 +148,12 @@ def match_water(
     view = _read(scene, patches, frames)
     tried = _candidates(water)
     media = {name: _medium(candidate, depth, "table") for name, candidate in tried.items()}
-    found = compare_waters(view.light, {n: np.maximum(m.level_radiance(view.up), _TINY) for n, m in media.items()})
+    lights = {n: np.maximum(m.level_radiance(view.up), _TINY) for n, m in media.items()}
+    found = compare_waters(view.light, lights)
+    agreement = math.nan
+    if len(view.frames) > 1:
+        drawn = resampled(lambda some: compare_waters(np.mean(some, axis=0), lights).nearest, view.frames, _DRAWS, 1)
+        agreement = drawn.count(found.nearest) / _DRAWS
     doubtful = not water.fits_ratio and fit_level(media[found.nearest], view.level)[1] >= DOUBTFUL
     from_patch = water.gain != "auto" or doubtful
     own = _medium(water, depth, water.mode)
@@ -150,9 +164,10 @@ def match_water(
         proposed.insert(0, view.fitted(other, changes, from_patch=from_patch))
     after = next((veil for veil in proposed if veil[2] < before[2]), before)
     return WaterMatch(
-        _sentence(water, found, before, after, doubtful),
+        _sentence(water, found, before, after, doubtful, agreement),
         after[0],
         found.confidence,
+        agreement,
         tuple(sorted(((str(n), found.likelihood[n], found.residual[n]) for n in media), key=lambda c: -c[1])),
         plate_code=_mean(_codes(view.light)),
         before_code=_mean(before[1]),
@@ -203,7 +218,7 @@ def _read(scene: Scene, patches: Sequence[WaterPatch], frames: int | tuple[int, 
     if float(np.median(measured[:, 0] / np.maximum(measured[:, 1], _DARK))) > _MOST_RED:
         raise ParameterError("water - the patch is redder than water (got more red than green) - mark open water")
     level = LevelView(levels[0].up, np.mean([one.radiance for one in levels], axis=0))
-    return _View(np.sin(elevation), measured, level)
+    return _View(np.sin(elevation), measured, tuple(light), level)
 
 
 def _directions(patches: Sequence[WaterPatch]) -> tuple[Array, Array]:
@@ -245,7 +260,9 @@ def _toml(value: str | float | tuple[float, ...]) -> str:
     return value if isinstance(value, str) else f"{value:g}"
 
 
-def _sentence(water: WaterSettings, found: WaterComparison[str], before: _Veil, after: _Veil, doubtful: bool) -> str:
+def _sentence(
+    water: WaterSettings, found: WaterComparison[str], before: _Veil, after: _Veil, doubtful: bool, agreement: float
+) -> str:
     """Return the result in plain words."""
     if found.residual[found.nearest] > _UNLIKE:
         return (
@@ -255,7 +272,8 @@ def _sentence(water: WaterSettings, found: WaterComparison[str], before: _Veil, 
         )
     name = f"a visibility of {found.nearest} m" if water.of_visibility_alone else f"type {found.nearest}"
     sure = "clearly" if found.confidence >= CONFIDENT else "not surely"
-    text = f"The water is nearest to {name}, {sure} (confidence {found.confidence:.2f}); "
+    drawn = "" if math.isnan(agreement) else f", {100.0 * agreement:.0f} % of draws of the frames"
+    text = f"The water is nearest to {name}, {sure} (confidence {found.confidence:.2f}{drawn}); "
     if not after[0]:
         return text + f"the veil differs from the patch by {before[2]:.1f} code values, and no change brings it nearer."
     text += f"the veil then differs from the patch by {after[2]:.1f} code values, before by {before[2]:.1f}."

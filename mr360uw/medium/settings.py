@@ -47,8 +47,8 @@ class WaterKindSettings(Parameters):
     )
     phase: PhaseName | MeanCosine | tuple[Index, Slope] | Annotated[Path, Field(strict=True)] = advanced(
         "auto", "phase function of the particles: by name, auto = the one that goes with the water; Henyey-Greenstein "
-        "of a mean cosine; Fournier-Forand of [refractive index, slope of sizes], as in [1.1, 3.58]; or a CSV file with "
-        "angle_deg, phase_function",
+        "of a mean cosine; Fournier-Forand of [refractive index, slope of sizes], as in [1.1, 3.58]; or a CSV file "
+        "with angle_deg, phase_function",
         fixed="water has one phase function",
     )  # fmt: skip
     sensor: str | Path = parameter(

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import numpy as np
@@ -43,6 +44,17 @@ def test_a_type_is_found_again(tmp_path: Path, name: str) -> None:
     assert match.rms_after < 0.5  # rows of the plate are 3 degrees high, those of the fit 1
     assert match.rms_after < match.rms_before
     assert name in match.sentence
+
+
+def test_frames_that_differ_name_the_same_water_in_a_part_of_their_draws(tmp_path: Path) -> None:
+    for number, name in enumerate(["I", "I", "I", "7C"]):
+        plate(tmp_path / f"plate_{number:04d}.exr", WaterSettings(type=name))  # type: ignore[arg-type]
+    scene = scene_of(tmp_path / "plate_%04d.exr", type="III")
+    same, mixed = match_water(scene, PATCH, (0, 3)), match_water(scene, PATCH, (0, 4))
+    assert same.agreement == 1.0
+    assert "100 % of draws" in same.sentence
+    assert 0.1 < mixed.agreement < 0.95
+    assert math.isnan(match_water(scene, PATCH, 0).agreement)
 
 
 def test_a_visibility_is_found_again(tmp_path: Path) -> None:
