@@ -98,12 +98,13 @@ def depth(
     width: Annotated[int, typer.Option(help="of the maps, in pixels")] = 1024,
     eye: EyeOption = None,
     overwrite: OverwriteOption = False,
+    progress_lines: Annotated[bool, typer.Option("--progress-lines", help="a line for each frame, no bar")] = False,
 ) -> None:
     """Write distances and confidences of all frames of VIDEO, as numbered EXR files; a stopped run goes on."""
     from mr360uw.depth.clip_depth import depth_of_clip
     from mr360uw.progress import terminal_progress
 
-    with terminal_progress() as progress:
+    with terminal_progress(lines=progress_lines) as progress:
         report = depth_of_clip(video, out, track=track, width=width, eye=eye, overwrite=overwrite, progress=progress)
     typer.echo(str(report))
 

@@ -12,6 +12,7 @@ from nicegui import background_tasks, ui
 from mr360uw.errors import Mr360uwError, OutputExistsError
 from mr360uw.tune.editing import tracks
 from mr360uw.tune.panels.controls import ControlPanel
+from mr360uw.tune.panels.depth_tool import DepthTool
 from mr360uw.tune.panels.header import Header
 from mr360uw.tune.panels.match_dialog import MatchDialog
 from mr360uw.tune.panels.place_tools import PlaceTools
@@ -93,6 +94,7 @@ class TunePage:
             with self.header.tools:
                 Button("Match caustics", self.match.caustics, title="fit the sea to the caustics on the plate's floor")
                 MeasureTool(session, self.failed)
+                DepthTool(session, self.failed)
                 Button("Render …", self.render.open, title="composite the whole clip")
             self.place = PlaceTools(session, self.stage, self.failed, self.match.water, self.controls.show_words)
             self.time = TimePanel(session, self.guarded)

@@ -27,10 +27,11 @@ _MESSAGE_LINES = 40
 """Last lines of a run's output that are kept for its message."""
 
 
-class CompositeRun:
-    """One run; `state` is "running" until it ends. changed: called after every change.
+class CommandRun:
+    """One run of a command; `state` is "running" until it ends. changed: called after every change.
 
-    done, total: frames. seconds_left: None before the first frame. message: what the command printed at its end.
+    out: what it writes. done, total: frames. seconds_left: None before the first frame. message: what the command
+    printed at its end.
     """
 
     def __init__(self, out: Path, changed: Callable[[], None]) -> None:
@@ -43,9 +44,8 @@ class CompositeRun:
         self._cancelled = False
         self._first: tuple[int, float] | None = None
 
-    async def run(self, scene: Path, options: Sequence[str] = ()) -> None:
-        """Run the command on a scene file to its end; a run that was stopped goes on, as the command does."""
-        command = ["composite", str(scene), str(self.out), "--progress-lines", *options]
+    async def run(self, command: Sequence[str]) -> None:
+        """Run a command of mr360uw, with --progress-lines among its words, to its end; one that was stopped goes on."""
         self._process = await asyncio.create_subprocess_exec(
             sys.executable, "-m", "mr360uw", *command, stdin=asyncio.subprocess.DEVNULL,
             stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.STDOUT, start_new_session=True,
@@ -103,7 +103,7 @@ class Session:
     ) -> None:
         self.document, self.pictures, self.clip = document, pictures, clip
         self.width, self.backend = min(width, clip.width), backend
-        self.run: CompositeRun | None = None
+        self.run: CommandRun | None = None
         self.index, self.view, self.dark = 0, "composite", True
         self.range = (0, self.frame_count)
         self.views = dict(VIEW_NAMES)
@@ -163,11 +163,11 @@ class Session:
         self.show()
         self._tell("time")
 
-    def start_run(self, out: Path) -> CompositeRun:
+    def start_run(self, out: Path) -> CommandRun:
         """Return a new run to an output; raise `ParameterError` while another one is going on."""
         if self.run is not None and self.run.state == "running":
             raise ParameterError(f"render - a run is going on (got {self.run.out}) - wait for it, or cancel it")
-        self.run = CompositeRun(out, lambda: self._tell("run"))
+        self.run = CommandRun(out, lambda: self._tell("run"))
         self._tell("run")
         return self.run
 

@@ -148,19 +148,25 @@ def water_picture(shown: ShownFrame) -> Codes:
 
 
 def depth_picture(shown: ShownFrame) -> Codes:
-    """Return distances along the rays of objects and receiver, false colours with a legend; (512, 1024, 3).
+    """Return distances along the rays of objects, receiver and plate, false colours with a legend; (512, 1024, 3).
 
-    Black: nothing there, or farther than the receiver's extent.
+    Where `plate.depth` is sure of a distance, it stands before that of the receiver. Black: nothing there, or farther
+    than the receiver's extent.
     """
     view = shown.view_of(_WIDTH)
     drawn = shown.frame.layer.distance_m
     rows, columns = (np.arange(n) * of // n for n, of in zip((view.height, view.width), drawn.shape, strict=True))
     distance = drawn[rows[:, None], columns]
-    receiver = shown.receiver
+    receiver, plate_m = shown.receiver, np.full(distance.shape, np.inf)
+    if shown.loaded.plate_depth is not None:
+        plate_m = shown.loaded.plate_depth.at(shown.frame.plate.index, shown.frame.plate)[rows[:, None], columns]
     if receiver is not None:
         x, y = np.broadcast_arrays(np.arange(view.width) + 0.5, (np.arange(view.height) + 0.5)[:, None])
         floor, _ = ReceiverShape(receiver, view.position).meet_along(view, x, y, view.directions(x, y))
+        floor = np.where(plate_m < np.inf, plate_m, floor)
         distance = np.minimum(distance, floor)
+    else:
+        distance = np.minimum(distance, plate_m)
     there = np.isfinite(distance)
     log_range = np.log(_FARTHEST_M / _NEAREST_M)
     image = false_colour(np.log(np.where(there, np.maximum(distance, 1e-3), 1.0) / _NEAREST_M) / log_range)

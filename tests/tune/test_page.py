@@ -319,6 +319,14 @@ def test_the_clip_is_measured_on_request(page: Page) -> None:
     tab.page.get_by_role("button", name="Measure clip", pressed=False).wait_for()
 
 
+def test_depth_is_not_looked_for_without_a_scale(page: Page) -> None:
+    tab = page.first
+    tab.page.get_by_role("button", name="Find depth").click()
+    tab.page.get_by_text("distances have no scale").wait_for()
+    tab.page.get_by_role("button", name="Close", exact=True).first.click()
+    assert tab.page.get_by_role("button", name="Find depth").get_attribute("aria-pressed") != "true"
+
+
 def test_an_object_stands_where_the_picture_is_clicked(page: Page) -> None:
     tab = page.first
     tab.page.get_by_label("What a click in the picture does").select_option("stand")

@@ -17,7 +17,7 @@ from mr360uw.errors import ParameterError
 from mr360uw.sample import SampleDive
 from mr360uw.tune.editing.document import Document
 from mr360uw.tune.pictures import MadePicture, Wanted
-from mr360uw.tune.session import CompositeRun, Session
+from mr360uw.tune.session import CommandRun, Session
 
 
 @dataclass(frozen=True)
@@ -150,24 +150,28 @@ def test_one_run_at_a_time(session: Session, tmp_path: Path) -> None:
     assert session.start_run(tmp_path / "other.mp4") is not run
 
 
+def command(dive: SampleDive, run: CommandRun) -> list[str]:
+    return ["composite", str(dive.scene), str(run.out), "--progress-lines", "--frames", "0:3"]
+
+
 def test_a_run_tells_its_progress_and_what_went_wrong(dive: SampleDive, tmp_path: Path) -> None:
     told: list[tuple[int, int, float | None]] = []
-    run = CompositeRun(tmp_path / "out.mp4", lambda: told.append((run.done, run.total, run.seconds_left)))
-    asyncio.run(run.run(dive.scene, ["--frames", "0:3", "--scale", "0.25", "--backend", "reference"]))
+    run = CommandRun(tmp_path / "out.mp4", lambda: told.append((run.done, run.total, run.seconds_left)))
+    asyncio.run(run.run([*command(dive, run), "--scale", "0.25", "--backend", "reference"]))
     assert run.state == "done", run.message
     assert run.out.is_file()
     assert [row[:2] for row in told[-4:-1]] == [(1, 3), (2, 3), (3, 3)]
     assert told[-2][2] == 0.0
-    again = CompositeRun(tmp_path / "out.mp4", lambda: None)
-    asyncio.run(again.run(dive.scene, ["--frames", "0:3"]))
+    again = CommandRun(tmp_path / "out.mp4", lambda: None)
+    asyncio.run(again.run(command(dive, again)))
     assert again.state == "failed"
     assert "already there" in again.message
 
 
 def test_a_run_that_is_cancelled_says_so(dive: SampleDive, tmp_path: Path) -> None:
-    run = CompositeRun(tmp_path / "out.mp4", lambda: run.cancel() if run.state == "running" else None)
+    run = CommandRun(tmp_path / "out.mp4", lambda: run.cancel() if run.state == "running" else None)
     # many times the work of a plain run, so that it is not done before the word reaches it
     slow = [f"--set=draw.{one}" for one in ("samples=65", "shading=sample", "sun_samples=32", "ambient_occlusion=true")]
-    asyncio.run(run.run(dive.scene, ["--backend", "reference", *slow]))
+    asyncio.run(run.run([*command(dive, run), "--backend", "reference", *slow]))
     assert run.state == "cancelled"
     assert not run.out.exists()

@@ -98,6 +98,20 @@ def test_water_alone_is_the_veil_of_a_long_way(shown: ShownFrame) -> None:
         np.testing.assert_allclose(picture[row], np.broadcast_to(np.clip(code, 0, 255), (512, 3)), atol=CODE)
 
 
+def test_distances_of_the_plate_stand_before_the_receiver_s(shown: ShownFrame) -> None:
+    class Depth:
+        def at(self, index: int, plate: VideoFrame) -> np.ndarray:  # noqa: ARG002 - as `PlateDepth` has it
+            metres = np.full(plate.image_linear.shape[:2], np.inf, np.float32)
+            metres[-8:] = 1.3
+            return metres
+
+    loaded = replace(shown.loaded, plate_depth=Depth())  # type: ignore[arg-type]
+    picture = VIEWS["depth"](replace(shown, loaded=loaded))
+    wanted = drawing.false_colour(np.array([np.log(1.3 / 0.5) / np.log(100.0)]))[0]
+    np.testing.assert_array_equal(picture[511, 900], wanted)
+    np.testing.assert_array_equal(picture[256], VIEWS["depth"](shown)[256])
+
+
 def test_distances_have_the_colours_of_the_legend(shown: ShownFrame) -> None:
     picture = VIEWS["depth"](shown)
     down = -View(1024, 512).directions(512.5, 500.5)[1]  # straight below nothing is in the way

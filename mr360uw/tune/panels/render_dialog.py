@@ -12,7 +12,7 @@ from nicegui import background_tasks, ui
 
 from mr360uw.files import write_whole
 from mr360uw.tune.panels.widgets import Button, Choice, Text
-from mr360uw.tune.session import CompositeRun, Session
+from mr360uw.tune.session import CommandRun, Session
 
 _SCALES = {"1": "full size", "0.5": "half size", "0.25": "quarter size"}
 
@@ -109,9 +109,9 @@ class RenderDialog:
             self._session.run.cancel()
 
 
-async def _finish(run: CompositeRun, scene: Path, copy: Path | None, options: list[str]) -> None:
+async def _finish(run: CommandRun, scene: Path, copy: Path | None, options: list[str]) -> None:
     try:
-        await run.run(scene, options)
+        await run.run(["composite", str(scene), str(run.out), "--progress-lines", *options])
     finally:
         if copy is not None:
             copy.unlink(missing_ok=True)
