@@ -32,6 +32,9 @@ from mr360uw.video import VideoFrame, VideoReader
 class FrameResult:
     """One composited frame and its intermediate results; stages that the scene does not need are None.
 
+    The picture is what a video would get, before it is encoded. The other fields show why it looks so: which sun was
+    found, how bright the ambient light is, what the objects cover.
+
     Parameters
     ----------
     image_linear : ndarray
@@ -44,6 +47,12 @@ class FrameResult:
         Caustics on planes around the objects' depths.
     medium : MediumTable or None
         The water, its veil matched to the plate.
+
+    See Also
+    --------
+    uw.render_frame : Makes one.
+    uw.Compositor.frames : Makes those of a clip.
+    uw.composite.over_tile : Lays a tile of the layer over a plate.
 
     Examples
     --------
@@ -93,6 +102,12 @@ class Compositor:
     SceneError
         If a file of the scene cannot be used.
 
+    See Also
+    --------
+    uw.composite_video : Writes the frames to a file, and goes on after a stop.
+    uw.render_frame : One frame by one call.
+    uw.analyse_clip : Measures a clip once for several compositors.
+
     Examples
     --------
     >>> with uw.Compositor(scene, backend="reference") as compositor:
@@ -121,6 +136,9 @@ class Compositor:
     ) -> FrameResult:
         """Return the composite of one plate.
 
+        For frames of one's own, in any order. Without an analysis the light is measured in this plate alone, so
+        brightness may flicker from frame to frame where that of `frames` does not.
+
         Parameters
         ----------
         plate : ndarray or VideoFrame
@@ -148,6 +166,11 @@ class Compositor:
         ParameterError
             If the plate is no panorama of linear light, or the compositor is closed.
 
+        See Also
+        --------
+        uw.Compositor.frames : Frames of a clip, with light that is smooth in time.
+        uw.render_frame : The same for a single frame.
+
         Examples
         --------
         >>> with uw.Compositor(scene, backend="reference") as compositor:
@@ -167,6 +190,9 @@ class Compositor:
     ) -> Iterator[FrameResult]:
         """Yield the composites of a clip's frames, those that `composite_video` writes.
 
+        Without an analysis the clip is first read from end to end, however short the range, where the scene needs
+        measurements; `analyse_clip` with `frames` reads only what is near the range.
+
         Parameters
         ----------
         start, stop : int, optional
@@ -185,6 +211,12 @@ class Compositor:
             If the video is not open, or the compositor is closed.
         VideoError
             If a frame cannot be decoded.
+
+        See Also
+        --------
+        uw.composite_video : Writes these frames to a file.
+        uw.Compositor.frame : A frame of one's own.
+        uw.analyse_clip : Measures a clip once for several scenes.
 
         Examples
         --------
@@ -234,6 +266,12 @@ class Compositor:
     def close(self) -> None:
         """Release everything that is cached, after the frame that is being made.
 
+        The end of a `with` block does the same. A closed compositor makes no more frames.
+
+        See Also
+        --------
+        uw.Compositor : Makes frames until it is closed.
+
         Examples
         --------
         >>> compositor = uw.Compositor(scene, backend="reference")
@@ -274,6 +312,9 @@ def render_frame(
 ) -> FrameResult:
     """Return the composite of one plate; for more than one a `Compositor` is faster.
 
+    The scene is loaded for this call alone. Unless an analysis is given, the light is measured in this plate alone: a
+    video made frame by frame may flicker.
+
     Parameters
     ----------
     plate : ndarray or VideoFrame
@@ -307,6 +348,11 @@ def render_frame(
     SceneError
         If a file of the scene cannot be used.
 
+    See Also
+    --------
+    uw.Compositor : Keeps the scene for many frames.
+    uw.composite_video : Makes a whole video.
+
     Examples
     --------
     >>> result = uw.render_frame(plate, scene, time_s=0.5, backend="reference")
@@ -327,6 +373,8 @@ def analyse_clip(
     progress: Progress | None = None,
 ) -> ClipAnalysis:
     """Return what a composite measures over a clip before its first frame: sun, gain of the veil, background, grade.
+
+    It reads the clip once. Given to several compositors, it saves each of them that pass, and all have the same light.
 
     Parameters
     ----------
@@ -350,6 +398,11 @@ def analyse_clip(
         If the clip cannot be read.
     SceneError
         If a file of the scene cannot be used.
+
+    See Also
+    --------
+    uw.Compositor : Takes the analysis.
+    uw.ClipAnalysis : What is returned.
 
     Examples
     --------

@@ -38,6 +38,9 @@ _CHANNELS = ("red", "green", "blue")
 def of_water(water: Water, wavelength_nm: ArrayLike) -> Dataset:
     """Return the optical properties of a water: a, b, c, b_b and K_d.
 
+    For tables and plots of a paper: the arrays know their units, the dataset the name of the water and the source of
+    its figures.
+
     Parameters
     ----------
     water : Water
@@ -54,6 +57,12 @@ def of_water(water: Water, wavelength_nm: ArrayLike) -> Dataset:
     ------
     ParameterError
         If the water is none, a wavelength is beyond its tables, or xarray is not installed.
+
+    See Also
+    --------
+    uw.medium.Water : The same as plain arrays.
+    uw.datasets.of_medium : What a camera sees of the water.
+    uw.datasets.write_csv : Writes it as a table.
 
     Examples
     --------
@@ -78,6 +87,8 @@ def of_water(water: Water, wavelength_nm: ArrayLike) -> Dataset:
 def of_medium(medium: Medium, distance_m: ArrayLike, depth_m: ArrayLike, up: ArrayLike) -> Dataset:
     """Return what a camera sees of the water, on the grid of all arguments.
 
+    Every distance meets every depth and direction. The dataset names water, source, mode, sensor and gain.
+
     Parameters
     ----------
     medium : Medium
@@ -100,6 +111,12 @@ def of_medium(medium: Medium, distance_m: ArrayLike, depth_m: ArrayLike, up: Arr
     ------
     ParameterError
         If an argument is out of range, or xarray is not installed.
+
+    See Also
+    --------
+    uw.medium.Medium : The same as plain arrays.
+    uw.datasets.of_light_field : Light by wavelength, without a sensor.
+    uw.datasets.write_csv : Writes it as a table.
 
     Examples
     --------
@@ -127,6 +144,9 @@ def of_medium(medium: Medium, distance_m: ArrayLike, depth_m: ArrayLike, up: Arr
 def of_light_field(field: LightField, depth_m: ArrayLike, up: ArrayLike) -> Dataset:
     """Return the light of a solved field on the grid of its arguments, per unit irradiance at the surface.
 
+    Every depth meets every direction. The axis `wavelength` has no values in nm, as a field has coefficients alone: it
+    is their order.
+
     Parameters
     ----------
     field : LightField
@@ -146,6 +166,12 @@ def of_light_field(field: LightField, depth_m: ArrayLike, up: ArrayLike) -> Data
     ------
     ParameterError
         If an argument is out of range, or xarray is not installed.
+
+    See Also
+    --------
+    uw.medium.LightField : The same as plain arrays.
+    uw.datasets.of_water : The coefficients of a water.
+    uw.datasets.write_csv : Writes it as a table.
 
     Examples
     --------
@@ -174,6 +200,8 @@ def of_light_field(field: LightField, depth_m: ArrayLike, up: ArrayLike) -> Data
 def of_caustics(stack: CausticStack) -> Dataset:
     """Return the statistics of caustics by depth and channel.
 
+    The maps are of one instant: for the statistics of a sea, average over stacks at several times.
+
     Parameters
     ----------
     stack : CausticStack
@@ -189,6 +217,11 @@ def of_caustics(stack: CausticStack) -> Dataset:
     ------
     ParameterError
         If there is no stack, or xarray is not installed.
+
+    See Also
+    --------
+    uw.caustics.caustic_stack : Makes the maps.
+    uw.datasets.write_csv : Writes it as a table.
 
     Examples
     --------
@@ -213,6 +246,8 @@ def of_caustics(stack: CausticStack) -> Dataset:
 def write_csv(dataset: Dataset, path: str | Path, *, overwrite: bool = False) -> None:
     """Write a dataset as a CSV table, a row for each point of its grid; units and provenance stand in lines with #.
 
+    Numbers have 17 digits, so that they are the same bits when they are read.
+
     Parameters
     ----------
     dataset : xarray.Dataset
@@ -228,6 +263,11 @@ def write_csv(dataset: Dataset, path: str | Path, *, overwrite: bool = False) ->
         If the file is there already and `overwrite` is not set.
     OutputError
         If it may not be written.
+
+    See Also
+    --------
+    uw.datasets.read_csv : Reads it.
+    uw.datasets.of_medium : Makes a dataset.
 
     Examples
     --------
@@ -254,6 +294,8 @@ def write_csv(dataset: Dataset, path: str | Path, *, overwrite: bool = False) ->
 def read_csv(path: str | Path) -> Dataset:
     """Return a dataset that `write_csv` wrote: axes, variables, units and provenance as they were.
 
+    Tables of other programs lack the lines on axes and units: read them with pandas.
+
     Parameters
     ----------
     path : str or Path
@@ -268,6 +310,10 @@ def read_csv(path: str | Path) -> Dataset:
     ------
     ParameterError
         If the file cannot be read or was not written by `write_csv`, or xarray is not installed.
+
+    See Also
+    --------
+    uw.datasets.write_csv : Writes one.
 
     Examples
     --------
@@ -301,6 +347,9 @@ def read_csv(path: str | Path) -> Dataset:
 def spread(fit: Callable[[list[Any]], ArrayLike], frames: Sequence[Any], draws: int = 200, seed: int = 1) -> Dataset:
     """Return how far a fit changes with the frames that it is made of, by resampling them.
 
+    It is the bootstrap of independent frames: frames of a clip that are seconds apart, not neighbours, are nearly that.
+    The fit is made once more than `draws`.
+
     Parameters
     ----------
     fit : callable
@@ -322,9 +371,10 @@ def spread(fit: Callable[[list[Any]], ArrayLike], frames: Sequence[Any], draws: 
     ParameterError
         If there are no frames, or fewer than two draws, or xarray is not installed.
 
-    Notes
-    -----
-    The bootstrap of independent frames: frames of a clip that are seconds apart, not neighbours, are nearly that.
+    See Also
+    --------
+    uw.medium.fit_gain : A fit of the veil's gain.
+    uw.medium.fit_water : A fit of the water's type, with Kd.
 
     Examples
     --------

@@ -98,6 +98,12 @@ def composite_video(
     OutputExistsError
         If the output is there and `overwrite` is not set.
 
+    See Also
+    --------
+    uw.Compositor.frames : The same frames in memory, without a file.
+    uw.render_frame : One frame, whose light is measured in it alone.
+    uw.load_scene : Reads the scene.
+
     Examples
     --------
     >>> report = uw.composite_video(scene, "out.mp4", frames=(0, 1), backend="reference")

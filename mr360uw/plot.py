@@ -61,6 +61,9 @@ class Shown:
 def show(result: Shown, axes: Any = None) -> Any:
     """Draw a result with matplotlib.
 
+    For a quick look; notebooks show the same by themselves. Pictures are drawn as sRGB. For figures of one's own take
+    the arrays.
+
     Parameters
     ----------
     result : Water, Sensor, Environment, Surface, SurfacePicture, CausticStack or ClipAnalysis
@@ -77,6 +80,11 @@ def show(result: Shown, axes: Any = None) -> Any:
     ------
     ParameterError
         If the result has no plot, or matplotlib is not installed.
+
+    See Also
+    --------
+    uw.datasets.of_water : Arrays with units, which xarray plots.
+    uw.datasets.of_caustics : Statistics of caustics.
 
     Examples
     --------

@@ -46,6 +46,9 @@ def _depth(rung: float) -> float:
 def stack_depths(near_m: float, far_m: float, count: int) -> NDArray[np.float64]:
     """Return ascending depths for a stack of caustics, closer to each other near the surface.
 
+    Light is mixed linearly between planes. The sun's disc widens filaments with depth, so deeper planes may stand
+    further apart.
+
     Parameters
     ----------
     near_m, far_m : float
@@ -62,6 +65,10 @@ def stack_depths(near_m: float, far_m: float, count: int) -> NDArray[np.float64]
     ------
     ParameterError
         If the depths do not ascend from above 0, or there is no plane.
+
+    See Also
+    --------
+    uw.caustics.caustic_stack : Takes the depths.
 
     Examples
     --------

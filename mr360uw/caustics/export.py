@@ -92,6 +92,11 @@ def export_tiles(
     ParameterError
         If an argument is outside its domain.
 
+    See Also
+    --------
+    uw.caustics.caustic_map : One map in memory.
+    uw.caustics.GerstnerSea.surface : Heights and normals in memory.
+
     Examples
     --------
     >>> sea, settings = uw.caustics.GerstnerSea(wave_count=4), uw.caustics.CausticSettings(size=16, grid=16)

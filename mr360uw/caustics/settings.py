@@ -78,10 +78,18 @@ Sea = Annotated[
 class CausticSettings(Parameters):
     """Method and resolution of the caustics.
 
+    The `[caustics]` table of a scene, and the `settings` of library calls. Time goes with the pixels of the maps, the
+    cells of the surface and the planes.
+
     Raises
     ------
     ParameterError
         If a value is out of its range; the message names it.
+
+    See Also
+    --------
+    uw.caustics.caustic_stack : Takes them.
+    uw.Scene : Has them as `caustics`.
 
     Examples
     --------

@@ -87,6 +87,9 @@ def lay_over(plate: Any, radiance: Any, alpha: Any, ratio: Any, veil: Any, shaft
 def over_tile(plate_linear: Floats, tile: Tile) -> Floats:
     """Return the composite of the plate's pixels below one tile.
 
+    Tiles cover what a layer changes: all other pixels stay the plate's. Where a tile changes nothing the plate is
+    copied bit for bit.
+
     Parameters
     ----------
     plate_linear : ndarray
@@ -98,6 +101,12 @@ def over_tile(plate_linear: Floats, tile: Tile) -> Floats:
     -------
     ndarray
         Linear pixels (h, w, 3) in the plate's type.
+
+    See Also
+    --------
+    uw.composite.render_layer : Makes the tiles.
+    uw.types.Tile : Fields of a tile.
+    uw.render_frame : Makes the whole picture.
 
     Notes
     -----

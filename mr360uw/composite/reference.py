@@ -41,6 +41,9 @@ _RAYS_AT_ONCE = 200_000
 def render_layer(shot: Shot, cache: Cache | None = None) -> Layer:
     """Return the layer of a shot, by the reference renderer.
 
+    This renderer is float64 on the processor and defines what the OpenGL one must draw, which is faster. Nothing is
+    measured here: light and water are those of the shot.
+
     Parameters
     ----------
     shot : Shot
@@ -52,6 +55,12 @@ def render_layer(shot: Shot, cache: Cache | None = None) -> Layer:
     -------
     Layer
         Tiles, float32, of everything that objects cover or change.
+
+    See Also
+    --------
+    uw.render_frame : Makes the shot from a scene and a plate.
+    uw.composite.Shot : The input.
+    uw.composite.over_tile : Lays a tile over the plate.
 
     Examples
     --------

@@ -122,9 +122,10 @@ def depth_of_clip(
     OutputExistsError
         For a folder with maps of other inputs.
 
-    Notes
-    -----
-    Multi-view stereo on the sphere: see `distances`.
+    See Also
+    --------
+    uw.track_camera : Solves the camera's path that is needed.
+    uw.depth.distances : The same for one frame in memory, and the method.
 
     Examples
     --------

@@ -95,6 +95,11 @@ def distances(reference: Panorama, neighbours: Sequence[Panorama]) -> DepthMap:
     ParameterError
         Without neighbours, for pictures that are no panoramas of one size, and for neighbours where the frame is.
 
+    See Also
+    --------
+    uw.depth_of_clip : The same for all frames of a clip, as files.
+    uw.depth.Panorama : A frame with its pose.
+
     Notes
     -----
     A sweep of spheres with normalised correlation over all pairs, semi-global smoothing (Hirschmueller 2008), and

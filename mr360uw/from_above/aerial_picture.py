@@ -156,6 +156,9 @@ class LoadedAerial:
 def aerial(scene: AerialScene, *, time_s: float = 0.0, size: tuple[int, int] | None = None) -> AerialPicture:
     """Return a picture of the sea from the air.
 
+    The floor is seen through moving waves, with caustics and the mirrored sky. A level white card on the shore has the
+    value of `camera.exposure`.
+
     Parameters
     ----------
     scene : AerialScene
@@ -168,8 +171,7 @@ def aerial(scene: AerialScene, *, time_s: float = 0.0, size: tuple[int, int] | N
     Returns
     -------
     AerialPicture
-        Linear light `image_linear` (H, W, 3), distances and masks. For several pictures, `from_above.LoadedAerial`
-        keeps what does not change.
+        Linear light `image_linear` (H, W, 3), distances and masks.
 
     Raises
     ------
@@ -177,6 +179,12 @@ def aerial(scene: AerialScene, *, time_s: float = 0.0, size: tuple[int, int] | N
         If the scene cannot be seen, as from below the floor.
     VideoError
         If its sky cannot be read.
+
+    See Also
+    --------
+    uw.load_aerial : Reads the scene.
+    uw.from_above.LoadedAerial : Keeps what does not change, for several pictures.
+    uw.from_above.aerial_film : Writes pictures or a video.
 
     Examples
     --------

@@ -238,6 +238,9 @@ class AerialScene(Parameters):
 def load_aerial(path: str | Path, overrides: Sequence[str] = ()) -> AerialScene:
     r"""Return the scene from above of a TOML file; relative paths in it start at its folder.
 
+    Every key has a default, so an empty file is a scene. Positions start on the mean surface, not at the camera as in a
+    composite.
+
     Parameters
     ----------
     path : str or Path
@@ -254,6 +257,12 @@ def load_aerial(path: str | Path, overrides: Sequence[str] = ()) -> AerialScene:
     ------
     SceneError
         With one line for each problem: *file:line key - what is wrong (got ...) - what to do*.
+
+    See Also
+    --------
+    uw.aerial : Makes a picture of it.
+    uw.AerialScene : A scene made in Python.
+    uw.load_scene : Reads the scene of a composite.
 
     Examples
     --------

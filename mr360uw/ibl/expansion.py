@@ -97,6 +97,11 @@ def expand(
     ParameterError
         If the array is no plate.
 
+    See Also
+    --------
+    uw.ibl.environment : Expands a plate and finds its light in one call.
+    uw.ibl.LightSettings : The operators and their regions.
+
     Examples
     --------
     >>> settings = uw.ibl.LightSettings(operator="landis", region="all", peak=12.0)

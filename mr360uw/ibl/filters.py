@@ -126,6 +126,9 @@ def _normals() -> NDArray[np.float64]:
 def irradiance(radiance: ArrayLike, method: Literal["exact", "sh9"] = "exact") -> Floats:
     """Return the irradiance of surfaces of any orientation, from a radiance map.
 
+    Times albedo/pi it is the radiance of a diffuse surface. A sun in a coarse map is as wide as its pixel:
+    `environment` takes the sun out and adds its beam in closed form.
+
     Parameters
     ----------
     radiance : array_like
@@ -143,6 +146,11 @@ def irradiance(radiance: ArrayLike, method: Literal["exact", "sh9"] = "exact") -
     ------
     ParameterError
         If the map has another shape.
+
+    See Also
+    --------
+    uw.ibl.environment : The light of a plate, its sun apart.
+    uw.ibl.prefilter : The light that a glossy surface mirrors.
 
     Notes
     -----
@@ -191,6 +199,9 @@ def _check_roughness(roughness: float) -> None:
 def prefilter(radiance: ArrayLike, roughness: float) -> Floats:
     """Return a radiance map filtered by the GGX lobe of a roughness.
 
+    The lobe has the integral 1, so even light stays as it is: this is the first half of the split sum, without masking
+    and Fresnel's factor.
+
     Parameters
     ----------
     radiance : array_like
@@ -207,6 +218,12 @@ def prefilter(radiance: ArrayLike, roughness: float) -> Floats:
     ------
     ParameterError
         If the map has another shape or the roughness is out of range.
+
+    See Also
+    --------
+    uw.ibl.split_sum : The second half, with these factors.
+    uw.ibl.glossy_beam : The same of the sun's beam.
+    uw.ibl.irradiance : The integral for diffuse surfaces.
 
     Examples
     --------

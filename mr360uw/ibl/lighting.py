@@ -89,6 +89,12 @@ def environment(
     ParameterError
         If an array is no plate, or no direction.
 
+    See Also
+    --------
+    uw.ibl.detect_sun : The sun alone, as bright as the plate shows it.
+    uw.ibl.environment_from_yuv : The same from the decoded planes of a video frame.
+    uw.medium.fit_water : Finds the type of water that fits the light.
+
     Examples
     --------
     >>> light = uw.ibl.environment(plate, underwater=True)

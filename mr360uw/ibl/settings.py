@@ -31,10 +31,18 @@ MINIMUM_ROUGHNESS = 0.05
 class LightSettings(Parameters):
     """Light from the plate: expansion to scene radiance, the region it acts in, and the source of the sun.
 
+    The `[light]` table of a scene, and the `settings` of library calls. By default the sun is looked for, and what the
+    plate clipped of it is restored.
+
     Raises
     ------
     ParameterError
         If a value is out of its range; the message names it.
+
+    See Also
+    --------
+    uw.ibl.environment : Finds the light with them.
+    uw.Scene : Has them as `light`.
 
     Examples
     --------

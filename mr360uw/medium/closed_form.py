@@ -69,6 +69,9 @@ def multiple_scattering(
 ) -> Array:
     """Return the radiance scattered into camera rays by the published closed form.
 
+    Nothing is solved, but scattering is taken as isotropic, and light as one exponential over depth. Against the solved
+    field the veil is off by about half, so take it for comparisons.
+
     Parameters
     ----------
     water : Water
@@ -93,6 +96,11 @@ def multiple_scattering(
     ------
     ParameterError
         If a distance or depth is negative, or `up` outside [-1, 1].
+
+    See Also
+    --------
+    uw.medium.LightField.inscatter : The solved field.
+    uw.medium.Medium : Both as a camera sees them.
 
     Notes
     -----

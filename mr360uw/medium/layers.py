@@ -84,7 +84,8 @@ class LayeredField:
 
     See Also
     --------
-    LightField : Water that is the same everywhere.
+    uw.medium.LayeredField.from_profile : Layers of a measured profile.
+    uw.medium.LightField : Water that is the same everywhere.
 
     Notes
     -----
@@ -179,6 +180,11 @@ class LayeredField:
         ParameterError
             If depths do not ascend, or shapes do not fit.
 
+        See Also
+        --------
+        uw.medium.LayeredField.from_csv : Reads the profile from a file.
+        uw.medium.Water.from_arrays : Water that is the same everywhere.
+
         Examples
         --------
         >>> field = uw.medium.LayeredField.from_profile([0.0, 10.0], [0.05, 0.2], [0.1, 0.4], layers=5)
@@ -202,6 +208,9 @@ class LayeredField:
     def from_csv(cls, path: str | Path, layers: int = 20, **settings: object) -> Self:
         """Return the light of a profile in a CSV file: a row for each depth and wavelength.
 
+        For the cast of an instrument that was lowered through the water. Phase function and sky are not in the file:
+        give them as settings.
+
         Parameters
         ----------
         path : str or Path
@@ -221,6 +230,11 @@ class LayeredField:
         ------
         ParameterError
             If the file cannot be read, a column is missing, or depths have different wavelengths.
+
+        See Also
+        --------
+        uw.medium.LayeredField.from_profile : Takes arrays.
+        uw.medium.Water.from_csv : Reads water that is the same everywhere.
 
         Examples
         --------
@@ -250,6 +264,9 @@ class LayeredField:
     def irradiance(self, depth_m: ArrayLike, normal_up: ArrayLike = 1.0) -> Array:
         """Return the irradiance of a surface in the water, sun included.
 
+        Just below the surface it is 1 for a normal that looks up. Where layers meet it is continuous, and only its
+        slope changes.
+
         Parameters
         ----------
         depth_m : array_like
@@ -267,6 +284,11 @@ class LayeredField:
         ParameterError
             If a depth is negative, or a normal outside [-1, 1].
 
+        See Also
+        --------
+        uw.medium.LayeredField.diffuse_attenuation : That slope.
+        uw.medium.LayeredField.scalar_irradiance : Light from all sides alike.
+
         Examples
         --------
         >>> field = uw.medium.LayeredField([0.0, 5.0], [0.05, 0.2], [0.1, 0.4])
@@ -279,6 +301,9 @@ class LayeredField:
 
     def scalar_irradiance(self, depth_m: ArrayLike) -> Array:
         """Return the irradiance of a small sphere, E_0, sun included.
+
+        Light from all directions counts alike, as for plankton. Times the absorption of the layer it is the power that
+        a volume of water absorbs.
 
         Parameters
         ----------
@@ -295,6 +320,10 @@ class LayeredField:
         ParameterError
             If a depth is negative.
 
+        See Also
+        --------
+        uw.medium.LayeredField.irradiance : The irradiance of a plane.
+
         Examples
         --------
         >>> field = uw.medium.LayeredField([0.0, 5.0], [0.05, 0.2], [0.1, 0.4])
@@ -306,6 +335,9 @@ class LayeredField:
 
     def diffuse_attenuation(self, depth_m: ArrayLike) -> Array:
         """Return Kd = -d ln E_d/dz.
+
+        It is the rate at which daylight falls at that depth. Light of the sky and of the layers below counts in it, so
+        it changes with depth within a layer too.
 
         Parameters
         ----------
@@ -322,6 +354,11 @@ class LayeredField:
         ParameterError
             If a depth is negative.
 
+        See Also
+        --------
+        uw.medium.LayeredField.irradiance : The irradiance itself.
+        uw.medium.Water.diffuse_attenuation : An estimate without a solved field.
+
         Examples
         --------
         >>> field = uw.medium.LayeredField([0.0, 5.0], [0.05, 0.2], [0.1, 0.4])
@@ -335,6 +372,9 @@ class LayeredField:
 
     def transmittance(self, distance_m: ArrayLike, depth_m: ArrayLike, up: ArrayLike) -> Array:
         """Return the fraction of light that passes along a ray without being absorbed or scattered.
+
+        A transmissometer measures it. A picture keeps more contrast, as light that turns by small angles still reaches
+        the camera.
 
         Parameters
         ----------
@@ -355,6 +395,11 @@ class LayeredField:
         ParameterError
             If a distance or depth is negative, or `up` outside [-1, 1].
 
+        See Also
+        --------
+        uw.medium.LayeredField.inscatter : The light that is added.
+        uw.medium.Medium.transmittance : The loss in a picture.
+
         Examples
         --------
         >>> field = uw.medium.LayeredField([0.0, 5.0], [0.05, 0.2], [0.1, 0.4])
@@ -367,6 +412,9 @@ class LayeredField:
 
     def inscatter(self, distance_m: ArrayLike, depth_m: ArrayLike, up: ArrayLike) -> Array:
         """Return the radiance scattered into camera rays, cut at the surface and at the floor.
+
+        It is the veil before an object at the end of the ray. What is seen behind the water is not in it: `radiance`
+        has floor and sky too.
 
         Parameters
         ----------
@@ -386,6 +434,11 @@ class LayeredField:
         ------
         ParameterError
             If a distance or depth is negative, or `up` outside [-1, 1].
+
+        See Also
+        --------
+        uw.medium.LayeredField.transmittance : What is left of the object's light.
+        uw.medium.LayeredField.radiance : Light of the whole ray, with what is behind.
 
         Notes
         -----
@@ -409,6 +462,9 @@ class LayeredField:
     def radiance(self, depth_m: ArrayLike, up: ArrayLike) -> Array:
         """Return the radiance that arrives at a depth; the sun's own beam is not in it.
 
+        This is what a camera sees where no object is: the water, and behind it the floor or, in Snell's window, the
+        sky.
+
         Parameters
         ----------
         depth_m : array_like
@@ -425,6 +481,11 @@ class LayeredField:
         ------
         ParameterError
             If a depth is negative, or `up` outside [-1, 1].
+
+        See Also
+        --------
+        uw.medium.LayeredField.inscatter : The light that a part of a ray adds.
+        uw.medium.LayeredField.irradiance : The light on a surface.
 
         Examples
         --------

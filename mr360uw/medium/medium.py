@@ -86,6 +86,12 @@ class Medium:
     ParameterError
         If an argument is not known or out of range.
 
+    See Also
+    --------
+    uw.medium.Water : The coefficients.
+    uw.medium.fit_gain : Brings the veil to the exposure of a plate.
+    uw.datasets.of_medium : Results as labelled arrays.
+
     Examples
     --------
     >>> medium = uw.medium.Medium(uw.medium.Water.jerlov("IB"), mode="kd", camera_depth_m=5.0)
@@ -194,6 +200,9 @@ class Medium:
     def transmittance(self, distance_m: ArrayLike, depth_m: ArrayLike, up: ArrayLike) -> Array:
         """Return the factor on the radiance of a grey object at the end of a camera ray.
 
+        A camera sees the object's radiance times this, plus the veil. In the solved modes light that turns by a few
+        degrees counts as passed: it blurs the object and does not dim it.
+
         Parameters
         ----------
         distance_m : array_like
@@ -213,6 +222,11 @@ class Medium:
         ------
         ParameterError
             If a distance or depth is negative, or `up` outside [-1, 1].
+
+        See Also
+        --------
+        uw.medium.Medium.veil : The light that is added.
+        uw.medium.Water.attenuation : The loss of a narrow beam.
 
         Examples
         --------
@@ -250,6 +264,12 @@ class Medium:
         ParameterError
             If a distance or depth is negative, or `up` outside [-1, 1].
 
+        See Also
+        --------
+        uw.medium.Medium.transmittance : What is left of the object's light.
+        uw.medium.fit_gain : Finds the gain.
+        uw.medium.compress_gamut : Brings negative colours into the gamut.
+
         Examples
         --------
         >>> medium = uw.medium.Medium(uw.medium.Water.jerlov("IB"), mode="kd")
@@ -269,6 +289,9 @@ class Medium:
     def irradiance(self, depth_m: ArrayLike, normal_up: ArrayLike = 1.0) -> Array:
         """Return the irradiance of a surface, times the gain.
 
+        Before the gain it is 1 for a level plane just below the surface; times albedo/pi it is the radiance of a
+        diffuse surface. Closed forms have no directions: there all normals get the same.
+
         Parameters
         ----------
         depth_m : array_like
@@ -285,6 +308,11 @@ class Medium:
         ------
         ParameterError
             If the shapes do not fit, or values are not finite.
+
+        See Also
+        --------
+        uw.medium.LightField.irradiance : The same by wavelength.
+        uw.datasets.of_medium : Results as labelled arrays.
 
         Examples
         --------
@@ -316,6 +344,9 @@ class Medium:
     def scaled(self, gain: ArrayLike) -> Medium:
         """Return the same medium with veil and radiances multiplied by a gain, on top of its own.
 
+        A model has no exposure: the gain of `fit_gain` brings it to that of a plate. Transmittance stays as it is. What
+        is solved is shared, not solved again.
+
         Parameters
         ----------
         gain : array_like
@@ -330,6 +361,11 @@ class Medium:
         ------
         ParameterError
             If the gain has another shape, or is negative.
+
+        See Also
+        --------
+        uw.medium.fit_gain : Finds the gain.
+        uw.medium.Medium.veil : The radiance that it multiplies.
 
         Examples
         --------

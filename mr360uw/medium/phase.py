@@ -49,6 +49,12 @@ class PhaseTable:
     ParameterError
         If angles do not ascend, values are not positive, or the moments are those of no phase function.
 
+    See Also
+    --------
+    uw.medium.PhaseTable.from_angles : Makes one of measured values.
+    uw.medium.Water.from_arrays : Takes one for a water.
+    uw.medium.LightField : Takes one for a light field.
+
     Notes
     -----
     Of moments: p = sum (2 l + 1)/(4 pi) chi_l P_l(cos).
@@ -94,6 +100,9 @@ class PhaseTable:
     def from_angles(cls, angle_deg: ArrayLike, value: ArrayLike) -> PhaseTable:
         """Return the phase function of values at angles.
 
+        Only the shape of the values counts; how much is scattered is b of the water. Begin at a small angle: in the sea
+        half of the light turns by less than 5 degrees, and what lies below the first angle is extrapolated.
+
         Parameters
         ----------
         angle_deg : array_like
@@ -111,6 +120,11 @@ class PhaseTable:
         ParameterError
             If angles do not ascend or values are not positive.
 
+        See Also
+        --------
+        uw.medium.PhaseTable.from_csv : Reads them from a file.
+        uw.medium.PhaseTable.from_moments : Takes a Legendre series.
+
         Examples
         --------
         >>> len(uw.medium.PhaseTable.from_angles([1.0, 90.0, 180.0], [10.0, 0.1, 0.1]).value)
@@ -122,6 +136,9 @@ class PhaseTable:
     @classmethod
     def from_moments(cls, moment: ArrayLike) -> PhaseTable:
         """Return the phase function of Legendre moments.
+
+        For phase functions of theory, as programs for Mie scattering print them. A sharp forward peak needs many: with
+        too few the series turns negative and is refused.
 
         Parameters
         ----------
@@ -138,6 +155,10 @@ class PhaseTable:
         ParameterError
             If the moments are those of no phase function.
 
+        See Also
+        --------
+        uw.medium.PhaseTable.from_angles : Takes values at angles.
+
         Examples
         --------
         >>> rayleigh = uw.medium.PhaseTable.from_moments([1.0, 0.0, 0.1])
@@ -149,6 +170,8 @@ class PhaseTable:
     @classmethod
     def from_csv(cls, path: str | Path) -> PhaseTable:
         """Return the phase function of a CSV file with the columns angle_deg and phase_function.
+
+        The same file can be named in a scene, as `water.phase`. Only the shape of the values counts.
 
         Parameters
         ----------
@@ -164,6 +187,11 @@ class PhaseTable:
         ------
         ParameterError
             If the file cannot be read, a column is missing, or angles do not ascend.
+
+        See Also
+        --------
+        uw.medium.PhaseTable.from_angles : Takes arrays, and says where they should begin.
+        uw.medium.Water.from_csv : Reads absorption and scattering.
 
         Examples
         --------

@@ -114,7 +114,9 @@ class LightField:
 
     See Also
     --------
-    LayeredField : The irradiances of water whose coefficients change with depth.
+    uw.medium.LayeredField : Water whose coefficients change with depth.
+    uw.medium.Medium : The light as a camera sees it.
+    uw.datasets.of_light_field : Results as labelled arrays.
 
     Notes
     -----
@@ -341,6 +343,9 @@ class LightField:
     def inscatter(self, distance_m: ArrayLike, depth_m: ArrayLike, up: ArrayLike) -> Array:
         """Return the radiance scattered into camera rays, cut at the surface.
 
+        Here every turn takes light from the object behind, as in exp(-c S). `Medium.veil` leaves it what turns by small
+        angles, as a picture does, and adds less.
+
         Parameters
         ----------
         distance_m : array_like
@@ -359,6 +364,12 @@ class LightField:
         ------
         ParameterError
             If a distance or depth is negative, or `up` outside [-1, 1].
+
+        See Also
+        --------
+        uw.medium.Medium.veil : The same for pictures, in RGB.
+        uw.medium.LightField.radiance : Light of the whole ray, with what is behind.
+        uw.medium.multiple_scattering : A closed form for it.
 
         Notes
         -----
@@ -382,6 +393,9 @@ class LightField:
     def radiance(self, depth_m: ArrayLike, up: ArrayLike) -> Array:
         """Return the radiance that arrives at a depth; the sun's own beam is not in it.
 
+        This is what a camera sees where no object is: water and floor, and in Snell's window the sky. With a sun it is
+        the mean over the azimuth, unless `at_azimuth` has chosen one.
+
         Parameters
         ----------
         depth_m : array_like
@@ -399,6 +413,12 @@ class LightField:
         ParameterError
             If a depth is negative, or `up` outside [-1, 1].
 
+        See Also
+        --------
+        uw.medium.LightField.inscatter : The light that a part of a ray adds.
+        uw.medium.LightField.irradiance : The light on a surface.
+        uw.datasets.of_light_field : Results as labelled arrays.
+
         Examples
         --------
         >>> field = uw.medium.LightField([0.1], [0.2], phase="isotropic")
@@ -410,6 +430,9 @@ class LightField:
 
     def irradiance(self, depth_m: ArrayLike, normal_up: ArrayLike) -> Array:
         """Return the irradiance of a surface in the water, sun included.
+
+        Just below the surface it is 1 for a normal that looks up, as all results are per unit of that. Times albedo/pi
+        it is the radiance of a diffuse surface.
 
         Parameters
         ----------
@@ -428,6 +451,11 @@ class LightField:
         ------
         ParameterError
             If a depth is negative, or a normal outside [-1, 1].
+
+        See Also
+        --------
+        uw.medium.LightField.scalar_irradiance : Light from all sides alike.
+        uw.medium.LightField.radiance : Light from one direction.
 
         Examples
         --------
@@ -463,6 +491,9 @@ class LightField:
     def scalar_irradiance(self, depth_m: ArrayLike) -> Array:
         """Return the irradiance of a small sphere, E_0, sun included.
 
+        Light from all directions counts alike, as for plankton. Times the absorption it is the power that a volume of
+        water absorbs.
+
         Parameters
         ----------
         depth_m : array_like
@@ -477,6 +508,10 @@ class LightField:
         ------
         ParameterError
             If a depth is not finite.
+
+        See Also
+        --------
+        uw.medium.LightField.irradiance : The irradiance of a plane.
 
         Examples
         --------

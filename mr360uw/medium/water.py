@@ -79,6 +79,8 @@ _KD_ROUNDING = 1.03
 class Water(Shown):
     """Water with the same optical properties everywhere.
 
+    It has coefficients, no light: `LightField` finds the light in it, `Medium` what a camera sees of it.
+
     Parameters
     ----------
     name : str
@@ -103,8 +105,9 @@ class Water(Shown):
 
     See Also
     --------
-    LightField : The light in such water, solved.
-    Medium : The water as a camera sees it.
+    uw.medium.Water.jerlov : One of ten common types.
+    uw.medium.LightField : The light in such water, solved.
+    uw.medium.Medium : The water as a camera sees it.
 
     Notes
     -----
@@ -179,6 +182,8 @@ class Water(Shown):
     def absorption(self, wavelength_nm: ArrayLike) -> Array:
         """Return the absorption a.
 
+        Light that is absorbed is gone; exp(-a s) of it is left after a path s without scattering.
+
         Parameters
         ----------
         wavelength_nm : array_like
@@ -194,6 +199,11 @@ class Water(Shown):
         ParameterError
             If a wavelength is beyond the table.
 
+        See Also
+        --------
+        uw.medium.Water.scattering : Light that turns instead.
+        uw.medium.Water.attenuation : The sum of both.
+
         Examples
         --------
         >>> uw.medium.Water.pure().absorption([450.0, 650.0]).round(4).tolist()
@@ -203,6 +213,9 @@ class Water(Shown):
 
     def scattering(self, wavelength_nm: ArrayLike) -> Array:
         """Return the scattering b.
+
+        It counts turns by any angle. In the sea half of them are by less than 5 degrees, and blur a picture more than
+        they dim it.
 
         Parameters
         ----------
@@ -219,6 +232,12 @@ class Water(Shown):
         ParameterError
             If a wavelength is beyond the table.
 
+        See Also
+        --------
+        uw.medium.Water.backscattering : The part that turns back.
+        uw.medium.Water.absorption : Light that is lost instead.
+        uw.medium.Water.attenuation : The sum of both.
+
         Examples
         --------
         >>> uw.medium.Water.pure().scattering([450.0, 650.0]).round(5).tolist()
@@ -228,6 +247,9 @@ class Water(Shown):
 
     def attenuation(self, wavelength_nm: ArrayLike) -> Array:
         """Return the beam attenuation c = a + b.
+
+        Of a narrow beam exp(-c s) is left after a path s, as a transmissometer measures it. A picture keeps more
+        contrast, as light that turns by small angles still reaches the camera.
 
         Parameters
         ----------
@@ -244,6 +266,11 @@ class Water(Shown):
         ParameterError
             If a wavelength is beyond the tables.
 
+        See Also
+        --------
+        uw.medium.Medium.transmittance : The loss in a picture.
+        uw.medium.Water.diffuse_attenuation : The loss of daylight with depth.
+
         Examples
         --------
         >>> uw.medium.Water.jerlov("II").attenuation([450.0, 650.0]).round(3).tolist()
@@ -253,6 +280,8 @@ class Water(Shown):
 
     def backscattering(self, wavelength_nm: ArrayLike) -> Array:
         """Return the backscattering bb, from the phase function.
+
+        The part of b that turns by more than 90 degrees: with absorption it decides how bright water looks from above.
 
         Parameters
         ----------
@@ -269,6 +298,11 @@ class Water(Shown):
         ParameterError
             If a wavelength is beyond the tables.
 
+        See Also
+        --------
+        uw.medium.Water.scattering : Scattering by all angles.
+        uw.medium.PhaseTable : A phase function of one's own.
+
         Examples
         --------
         >>> water = uw.medium.Water.pure()
@@ -280,6 +314,9 @@ class Water(Shown):
 
     def diffuse_attenuation(self, wavelength_nm: ArrayLike) -> Array:
         """Return the diffuse attenuation Kd of downwelling irradiance.
+
+        Daylight falls about as exp(-Kd z) with depth z, in most waters far more slowly than a beam. It depends on sun
+        and sky too: for a given sky take that of a solved field.
 
         Parameters
         ----------
@@ -295,6 +332,11 @@ class Water(Shown):
         ------
         ParameterError
             If a wavelength is beyond the tables.
+
+        See Also
+        --------
+        uw.medium.LayeredField.diffuse_attenuation : Kd of a solved field.
+        uw.medium.Water.attenuation : The loss of a beam.
 
         Notes
         -----
@@ -340,6 +382,8 @@ class Water(Shown):
     ) -> Water:
         """Return a Jerlov type; the molecules' part of b is that of pure sea water.
 
+        For water that was not measured. In the words of a scene, IB is tropical water, 1C temperate and 7C a harbour.
+
         Parameters
         ----------
         water_type : {"I", "IA", "IB", "II", "III", "1C", "3C", "5C", "7C", "9C"}
@@ -362,6 +406,12 @@ class Water(Shown):
         ParameterError
             If a type or a source is not known.
 
+        See Also
+        --------
+        uw.medium.Water.chlorophyll : Open ocean of a chlorophyll concentration.
+        uw.medium.Water.from_csv : Measured coefficients.
+        uw.medium.fit_water : Finds the nearest type of a plate.
+
         Examples
         --------
         >>> uw.medium.Water.jerlov("1C").diffuse_attenuation(550.0).round(3)
@@ -373,10 +423,17 @@ class Water(Shown):
     def pure(cls) -> Water:
         """Return pure sea water of 20 degC and 35 psu, 300 to 800 nm.
 
+        A limit for comparisons: without particles and dissolved matter, and so deep blue.
+
         Returns
         -------
         Water
             Absorption and scattering of molecules alone.
+
+        See Also
+        --------
+        uw.medium.Water.jerlov : Natural waters.
+        uw.medium.Water.chlorophyll : The same with phytoplankton.
 
         Notes
         -----
@@ -402,6 +459,9 @@ class Water(Shown):
     def chlorophyll(cls, mg_m3: float, phase: Phase | None = None) -> Water:
         """Return open-ocean (Case 1) water of a chlorophyll concentration, at 350 to 700 nm.
 
+        For water whose colour comes from phytoplankton, not for coasts with silt or river water. Above 0.3 mg/m^3 its
+        light is up to 1.7 times too bright in blue.
+
         Parameters
         ----------
         mg_m3 : float
@@ -419,6 +479,11 @@ class Water(Shown):
         ------
         ParameterError
             If the concentration is outside the models.
+
+        See Also
+        --------
+        uw.medium.Water.jerlov : Types from clear ocean to turbid coast.
+        uw.medium.Water.from_arrays : Measured coefficients.
 
         Notes
         -----
@@ -468,6 +533,8 @@ class Water(Shown):
     ) -> Water:
         """Return water of coefficients at wavelengths.
 
+        For measured coefficients. Molecules are not told apart from particles: `phase` holds for all of b.
+
         Parameters
         ----------
         wavelength_nm : array_like
@@ -491,6 +558,12 @@ class Water(Shown):
         ParameterError
             If lengths differ, or values are out of range.
 
+        See Also
+        --------
+        uw.medium.Water.from_csv : Reads the coefficients from a file.
+        uw.medium.PhaseTable.from_angles : A measured phase function.
+        uw.medium.LayeredField.from_profile : Coefficients that change with depth.
+
         Examples
         --------
         >>> water = uw.medium.Water.from_arrays([450.0, 650.0], [0.02, 0.3], [0.1, 0.08], phase=("hg", 0.92))
@@ -511,6 +584,9 @@ class Water(Shown):
     def from_csv(cls, path: str | Path, phase: Phase = ("hg", MEAN_COSINE_SEA)) -> Water:
         r"""Return water of a CSV file with the columns wavelength_nm, absorption, scattering and, if known, kd.
 
+        Columns may also be named wavelength or wl_nm, a and b. Molecules are not told apart from particles: `phase`
+        holds for all of b.
+
         Parameters
         ----------
         path : str or Path
@@ -527,6 +603,12 @@ class Water(Shown):
         ------
         ParameterError
             If the file cannot be read, a column is missing, or values are out of range.
+
+        See Also
+        --------
+        uw.medium.Water.from_arrays : Takes arrays.
+        uw.medium.PhaseTable.from_csv : Reads a phase function.
+        uw.medium.LayeredField.from_csv : Reads coefficients that change with depth.
 
         Examples
         --------

@@ -55,6 +55,9 @@ class FixedSun:
 class ClipAnalysis(Parts, Shown):
     """Measurements over a clip, or over a range of it with a margin: a frame looks the same in every run over these.
 
+    Sun and gain that are fitted to each frame alone change from frame to frame; here they are followed over the clip.
+    The gain holds for the water and the depth of the scene: after a change of these, analyse again.
+
     Parameters
     ----------
     sun : SunTrack or FixedSun or None
@@ -71,6 +74,12 @@ class ClipAnalysis(Parts, Shown):
         Grade of the plate, or None if it is measured frame by frame.
     open_water : OpenWaterTrack or None
         Light of the open water beside the gain, or None if it is looked for frame by frame or not at all.
+
+    See Also
+    --------
+    uw.analyse_clip : Makes one.
+    uw.Compositor : Takes one for its frames.
+    uw.plot.show : Draws the gain, or the sun's elevation, by frame.
 
     Examples
     --------

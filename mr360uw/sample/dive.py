@@ -57,6 +57,9 @@ def sample_dive(
 ) -> SampleDive:
     """Make a folder with a synthetic 360 clip (sound, spherical metadata), a whale, a scene file and the truth.
 
+    For a first try without footage, and for checks against a light, a water and a camera that are known. Frames are
+    rendered by rays through moving waves.
+
     Parameters
     ----------
     folder : str or Path
@@ -93,6 +96,11 @@ def sample_dive(
         If files are there already.
     VideoError
         If the clip cannot be written.
+
+    See Also
+    --------
+    uw.load_scene : Reads the scene file.
+    uw.surface.SeaScene : Renders pictures of a sea in memory.
 
     Examples
     --------

@@ -170,10 +170,19 @@ def _plate_from_path(value: Any) -> Any:
 class Scene(Parameters):
     """A composite: a plate and everything that is put into it.
 
+    Only the plate is required; all else has defaults. Settings are checked when the scene is made, and it never changes
+    afterwards: `with_` makes another.
+
     Raises
     ------
     SceneError
         With one line for each problem: *key - what is wrong (got ...) - what to do*.
+
+    See Also
+    --------
+    uw.load_scene : Reads one from a file.
+    uw.Scene.with_ : Returns a variant of one.
+    uw.composite_video : Makes its video.
 
     Examples
     --------
@@ -225,6 +234,9 @@ class Scene(Parameters):
     def with_(self, *overrides: str, **tables: Any) -> Scene:
         """Return the scene with some settings changed, checked as a file is.
 
+        For variants of one scene, as over wind or depth. Relative paths among the new values start at the current
+        folder.
+
         Parameters
         ----------
         *overrides : str
@@ -242,6 +254,11 @@ class Scene(Parameters):
         ------
         SceneError
             With one line for each problem.
+
+        See Also
+        --------
+        uw.load_scene : Takes the same overrides with a file.
+        uw.Scene.to_toml : Writes the variant down.
 
         Examples
         --------
@@ -273,6 +290,8 @@ class Scene(Parameters):
     def to_toml(self) -> str:
         """Return the text of a scene file with the settings that are not left at their defaults; paths are absolute.
 
+        For keeping a scene that was made or changed in Python. Comments of a file that it came from are lost.
+
         Returns
         -------
         str
@@ -282,6 +301,11 @@ class Scene(Parameters):
         ------
         SceneError
             If a setting cannot be written.
+
+        See Also
+        --------
+        uw.load_scene : Reads the text from a file.
+        uw.Scene.with_ : Changes settings.
 
         Examples
         --------
@@ -320,6 +344,8 @@ class Scene(Parameters):
 def load_scene(path: str | Path, overrides: Sequence[str] = ()) -> Scene:
     """Return the scene of a TOML file; relative paths in it start at its folder.
 
+    It reads the text alone: plate, meshes and other files that the scene names are opened when frames are made.
+
     Parameters
     ----------
     path : str or Path
@@ -336,6 +362,12 @@ def load_scene(path: str | Path, overrides: Sequence[str] = ()) -> Scene:
     ------
     SceneError
         With one line for each problem: *file:line key - what is wrong (got ...) - what to do*.
+
+    See Also
+    --------
+    uw.Scene : A scene made in Python.
+    uw.Scene.with_ : Changes settings of a scene that is loaded.
+    uw.load_aerial : Reads the scene of a camera in the air.
 
     Examples
     --------

@@ -35,6 +35,9 @@ class Tiled:
 class Floor:
     """A diffuse floor, level or uneven.
 
+    It sends light up equally in all directions. A relief shades itself from the sun, with a hard edge, but not from the
+    sky.
+
     Parameters
     ----------
     height_m : float
@@ -53,6 +56,11 @@ class Floor:
     ------
     ParameterError
         If a shape or a value is out of its domain.
+
+    See Also
+    --------
+    uw.surface.SeaScene : Takes a floor.
+    uw.floor_from_track : A mesh of a real floor.
 
     Examples
     --------

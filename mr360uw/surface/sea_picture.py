@@ -36,6 +36,9 @@ _AT_ONCE = 1 << 14
 class SurfacePicture(Shown):
     """A picture of the sea; all but the radiance is of the ray through each pixel's centre.
 
+    Masks and distances have hard edges, the radiance is the mean of all rays of a pixel. Light is linear: encode it for
+    a screen.
+
     Parameters
     ----------
     radiance : ndarray
@@ -51,6 +54,11 @@ class SurfacePicture(Shown):
         Masks (H, W) of what is met first.
     camera_in_water : bool
         On which side of the waves the camera is.
+
+    See Also
+    --------
+    uw.surface.picture : Makes one.
+    uw.plot.show : Draws the radiance.
 
     Examples
     --------

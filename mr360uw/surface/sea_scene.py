@@ -39,6 +39,9 @@ _SHALLOWEST_M = 0.01
 class SeaScene:
     """A sea with its sky, floor and water, of which pictures are taken one at a time.
 
+    Solved water, sky and floor are made with the first picture and kept. A picture of a film is the same as one taken
+    by itself.
+
     Parameters
     ----------
     sea : GerstnerSea or SpectralSea
@@ -61,6 +64,12 @@ class SeaScene:
     ------
     ParameterError
         If a floor, a water, a sun or an index cannot be used.
+
+    See Also
+    --------
+    uw.surface.picture : One picture by one call.
+    uw.surface.Floor : A floor with a picture or a relief.
+    uw.aerial : A picture from the air, of a scene file.
 
     Examples
     --------
@@ -97,6 +106,8 @@ class SeaScene:
     def picture(self, view: View, time_s: float = 0.0, *, samples: int = 2) -> SurfacePicture:
         """Return what a camera below or above the sea sees.
 
+        Twice the `samples` take about four times as long, and halve the noise that small waves leave near the horizon.
+
         Parameters
         ----------
         view : View
@@ -115,6 +126,11 @@ class SeaScene:
         ------
         ParameterError
             If an argument is out of range, or the camera below the floor.
+
+        See Also
+        --------
+        uw.surface.SurfacePicture : What is returned.
+        uw.surface.picture : The same by one call.
 
         Examples
         --------
@@ -186,6 +202,9 @@ def picture(
 ) -> SurfacePicture:
     """Return one picture of a sea; for several `SeaScene` keeps what does not change.
 
+    From below it shows Snell's window, from above the floor through the waves and the mirrored sky. Bodies and shafts
+    are not in it.
+
     Parameters
     ----------
     sea : GerstnerSea or SpectralSea
@@ -219,6 +238,12 @@ def picture(
     ------
     ParameterError
         If an argument cannot be used, or the camera is below the floor.
+
+    See Also
+    --------
+    uw.surface.SeaScene : Keeps the water and the sky for a film.
+    uw.aerial : A picture from the air, of a scene file.
+    uw.sample_dive : A clip made by such pictures.
 
     Examples
     --------

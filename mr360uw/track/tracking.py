@@ -55,6 +55,9 @@ def track_camera(
 ) -> CameraTrack:
     """Return the path of the camera of a 360 clip without cuts, solved from its pictures.
 
+    The first camera is the origin and looks towards -z. Without `height_m` or `measure` the scale is a guess: a camera
+    2 m over the floor.
+
     Parameters
     ----------
     video : str or Path
@@ -88,6 +91,12 @@ def track_camera(
         If the clip cannot be read.
     ParameterError
         If it cannot be tracked, or has cuts: see `track_shots`.
+
+    See Also
+    --------
+    uw.CameraTrack : What is returned.
+    uw.depth_of_clip : Finds the distances in the clip with the track.
+    uw.floor_from_track : Makes a mesh of the floor from its points.
 
     Examples
     --------

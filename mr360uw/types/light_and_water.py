@@ -25,6 +25,8 @@ def _exposed(radiance: Floats) -> Floats:
 class Sun(Parts):
     """A dominant light as the camera sees it (below the surface: after refraction).
 
+    A level plane receives `irradiance` times the y of `direction`.
+
     Parameters
     ----------
     direction : ndarray
@@ -39,6 +41,12 @@ class Sun(Parts):
         How far strength and colour are those that a plate shows, 1, and not what others tell of a clipped disc, 0.
     share : float
         Fraction of the light of its spot in the plate that it is; the rest stays in the sky.
+
+    See Also
+    --------
+    uw.ibl.detect_sun : Finds the sun of a plate.
+    uw.caustics.refract_to_water : Turns a direction in air into that in water.
+    uw.types.Lamp : A point or spot light.
 
     Examples
     --------
@@ -85,6 +93,9 @@ Light = Sun | Lamp
 class Environment(Shown):
     """The light that reaches the camera, (32, 64, 3) equirectangular maps in plate radiance.
 
+    A diffuse surface that faces a pixel's direction has the radiance albedo/pi times `irradiance` there. To let the sun
+    cast shadows, take `sun` and `ambient` instead, which add up to it.
+
     Parameters
     ----------
     radiance : ndarray
@@ -104,6 +115,12 @@ class Environment(Shown):
     detail : ndarray or None
         Map (128, 256, 3) that `residual` is the mean of, but for light of the sky that was restored later; None where
         it is not known.
+
+    See Also
+    --------
+    uw.ibl.environment : Makes one from a plate.
+    uw.ibl.irradiance : The integral by itself.
+    uw.plot.show : Draws the radiance.
 
     Examples
     --------
@@ -183,6 +200,8 @@ class BeamSpread(Parts):
 class CausticStack(Shown):
     """Irradiance of the sun's refracted beam on horizontal planes, relative to a flat surface (mean 1).
 
+    It multiplies the sun's direct light, not that of the sky. Between two planes the ratio is their linear mix.
+
     Parameters
     ----------
     ratio : ndarray
@@ -196,6 +215,12 @@ class CausticStack(Shown):
         Unit vector (3,) towards the sun, in the water.
     soft : ndarray or None
         The ratio (D, size, size, 1) of the light that the water has turned by small angles; None: even.
+
+    See Also
+    --------
+    uw.caustics.caustic_stack : Makes one.
+    uw.datasets.of_caustics : Contrast and quantiles by depth.
+    uw.plot.show : Draws up to four planes.
 
     Examples
     --------

@@ -36,6 +36,9 @@ def open_video(
 ) -> VideoReader:
     """Open a plate: a video (mp4, mov, mkv, webm ...), one picture, or a sequence of pictures.
 
+    Frames are decoded as they are asked for, and frame k is the same wherever decoding begins. Light is linear: code
+    values go through the inverse of the file's curve.
+
     Parameters
     ----------
     path : str or Path
@@ -72,6 +75,11 @@ def open_video(
     ------
     VideoError
         If the plate cannot be used.
+
+    See Also
+    --------
+    uw.video.create_video : Begins an output with the plate's properties.
+    uw.video.transcode : Decodes and encodes a plate in one call.
 
     Examples
     --------
@@ -113,6 +121,8 @@ def create_video(
 ) -> VideoWriter:
     """Begin an output with the size, colours, time stamps, sound and metadata of a plate, or a new one.
 
+    A video appears under its name when it is finished, as by the end of a `with` block; an error inside leaves none.
+
     Parameters
     ----------
     path : str or Path
@@ -151,6 +161,12 @@ def create_video(
         If it may not be written.
     VideoError
         If it cannot be made.
+
+    See Also
+    --------
+    uw.open_video : Opens the plate.
+    uw.video.transcode : Decodes and encodes a plate in one call.
+    uw.composite_video : Makes a composite and writes it.
 
     Examples
     --------

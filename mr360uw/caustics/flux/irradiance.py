@@ -63,6 +63,9 @@ def caustic_map(
 ) -> Array:
     """Return the irradiance of the sun's refracted beam on a level plane, over that below a flat sea.
 
+    Where it is 3, the plane gets three times the sunlight that a flat sea lets through; light of the sky is not in it.
+    For bodies that reach over several depths take `caustic_stack`.
+
     Parameters
     ----------
     sea : GerstnerSea or SpectralSea
@@ -95,6 +98,12 @@ def caustic_map(
     ParameterError
         If an argument is outside its domain.
 
+    See Also
+    --------
+    uw.caustics.caustic_stack : Planes at several depths, along the beam.
+    uw.caustics.export_tiles : Sequences of pictures that loop.
+    uw.caustics.GerstnerSea : Makes a sea.
+
     Notes
     -----
     The flux of each cell of the surface goes to its refracted image and is shared over the pixels there by exact
@@ -126,6 +135,8 @@ def caustic_stack(
 ) -> CausticStack:
     """Return the irradiance ratio on several planes, along the beam.
 
+    Maps lie along the refracted beam, so that a mix of two of them moves the pattern over a body as the light does.
+
     Parameters
     ----------
     sea : GerstnerSea or SpectralSea
@@ -152,6 +163,12 @@ def caustic_stack(
     ------
     ParameterError
         If an argument is outside its domain.
+
+    See Also
+    --------
+    uw.caustics.stack_depths : Depths for the planes.
+    uw.caustics.caustic_map : A single plane, on the world's grid.
+    uw.datasets.of_caustics : Statistics of the maps.
 
     Examples
     --------

@@ -179,6 +179,9 @@ class SeaParameters(Parameters):
     def surface(self, x_m: ArrayLike, z_m: ArrayLike, time_s: float) -> Surface:
         """Return the displaced surface of particles that rest at places in the world.
 
+        Waves also shift particles sideways, so a returned position is not straight above the place that was asked for.
+        The result depends on place and time alone.
+
         Parameters
         ----------
         x_m, z_m : array_like
@@ -195,6 +198,12 @@ class SeaParameters(Parameters):
         ------
         ParameterError
             If times or places are not finite.
+
+        See Also
+        --------
+        uw.caustics.caustic_map : The light that the surface focuses.
+        uw.surface.picture : The surface as a camera sees it.
+        uw.plot.show : Draws the heights.
 
         Examples
         --------

@@ -116,10 +116,18 @@ def gerstner(waves: Waves, x_m: Array, z_m: Array, time_s: float) -> SurfaceFiel
 class GerstnerSea(SeaParameters):
     """A sea of Gerstner waves, random ones that follow the wind or explicit ones.
 
+    The default sea of scenes: a few dozen waves, which never fold over. A `SpectralSea` looks less regular.
+
     Raises
     ------
     ParameterError
         If a value is out of its range; the message names it.
+
+    See Also
+    --------
+    uw.caustics.SpectralSea : Random waves of a whole spectrum.
+    uw.caustics.GerstnerSea.from_waves : A sea of known waves.
+    uw.caustics.caustic_map : The light below a sea.
 
     Notes
     -----
@@ -159,6 +167,9 @@ class GerstnerSea(SeaParameters):
     ) -> Self:
         """Return a sea of explicit waves.
 
+        For a sea that is known, as in a wave tank or a test. These waves are all of it: no shorter ones blur its
+        caustics unless `detail_slope` is given.
+
         Parameters
         ----------
         wave_vector : array_like
@@ -183,6 +194,11 @@ class GerstnerSea(SeaParameters):
         ------
         ParameterError
             If a value is out of range, or where sum Q |k| A > 1 and the surface would fold over.
+
+        See Also
+        --------
+        uw.caustics.GerstnerSea : Random waves that follow the wind.
+        uw.caustics.GerstnerSea.surface : Heights and normals.
 
         Notes
         -----

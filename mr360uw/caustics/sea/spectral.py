@@ -51,10 +51,18 @@ half as much a wave fades in half the time."""
 class SpectralSea(SeaParameters):
     """A sea of random waves with the spectrum of a wind sea.
 
+    It has every wave of a lattice, so it looks less regular than a `GerstnerSea`, but it may fold over where it is
+    steep.
+
     Raises
     ------
     ParameterError
         If a value is out of its range; the message names it.
+
+    See Also
+    --------
+    uw.caustics.GerstnerSea : Fewer waves, which never fold over.
+    uw.caustics.caustic_map : The light below a sea.
 
     Notes
     -----

@@ -90,6 +90,9 @@ def load_mesh(
 ) -> Mesh:
     """Return the mesh of a file, all its parts in the world of the file.
 
+    Vertices stay where the file has them, and an animated file is taken as it rests: place and motion belong to the
+    objects of a scene.
+
     Parameters
     ----------
     path : str or Path
@@ -113,6 +116,12 @@ def load_mesh(
     MeshError
         If the file cannot be read, has no triangles, vertices that are not finite or no extent, or names a missing
         texture.
+
+    See Also
+    --------
+    uw.composite.load_object : A mesh with place and motion.
+    uw.composite.Mesh : What is returned.
+    uw.Scene : Names meshes as objects.
 
     Examples
     --------

@@ -244,6 +244,11 @@ def detect_sun(
     ParameterError
         If the array is no plate.
 
+    See Also
+    --------
+    uw.ibl.environment : The whole light, with the strength of a clipped sun.
+    uw.ibl.track_suns : Follows the sun over a clip.
+
     Examples
     --------
     >>> sky = np.full((64, 128, 3), 0.2)

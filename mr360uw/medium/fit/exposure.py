@@ -79,6 +79,12 @@ def fit_gain(medium: Medium, radiance_map: Floats) -> tuple[Array, float]:
     ParameterError
         If the map cannot be used.
 
+    See Also
+    --------
+    uw.medium.Medium.scaled : Takes the gain.
+    uw.ibl.environment : Makes the map.
+    uw.medium.fit_water : Finds the type of water.
+
     Examples
     --------
     >>> medium = uw.medium.Medium(uw.medium.Water.jerlov("IB"), mode="kd", camera_depth_m=4.0)

@@ -137,6 +137,9 @@ def fit_water(
 ) -> WaterFit:
     """Return the nearest Jerlov type of a plate.
 
+    Elevations near the horizon are compared with the solved light of all ten types. A white balance moves colours more
+    than types I to 3C differ: look at `confidence`, and at `named`, which is None below 0.6.
+
     Parameters
     ----------
     radiance_map : array_like
@@ -157,6 +160,12 @@ def fit_water(
     ------
     ParameterError
         If the plate is black about the horizon.
+
+    See Also
+    --------
+    uw.ibl.environment : Makes the map.
+    uw.medium.Water.jerlov : The water of a type.
+    uw.medium.fit_gain : The exposure of a known water.
 
     Examples
     --------

@@ -71,6 +71,9 @@ def single_scattering(
 ) -> Floats:
     """Return the radiance that a view receives of light scattered once by the water.
 
+    Shafts of waves, shadows of bodies and lamps are in it. Light of the sky, and light that is scattered more than
+    once, are not: the water of a picture is brighter.
+
     Parameters
     ----------
     view : View
@@ -108,6 +111,12 @@ def single_scattering(
     ------
     ParameterError
         If a coefficient, a shape or a count is out of its domain.
+
+    See Also
+    --------
+    uw.medium.shaft_deviation : The change of the veil, as composites draw it.
+    uw.medium.LightField.inscatter : All orders of scattering, under a flat sea.
+    uw.types.Lamp : A point or spot light.
 
     Notes
     -----

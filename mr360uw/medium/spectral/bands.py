@@ -80,6 +80,10 @@ def bands(
 ) -> Bands:
     """Return wavelengths and RGB weights that replace the full spectrum.
 
+    A pixel costs the same for any number, so `Medium` takes 61. Fitted ones serve code that pays for each: 8 of them
+    are off by 0.3 % in colour, 8 even ones by 4 %. Common ones ship with the package; others are searched for once, in
+    seconds.
+
     Parameters
     ----------
     n : int
@@ -103,6 +107,11 @@ def bands(
     ------
     ParameterError
         If the rule is not known, the range beyond the sensor, or a channel is missed by all bands.
+
+    See Also
+    --------
+    uw.medium.Medium : Takes number and rule.
+    uw.medium.illuminant : Spectra of illuminants.
 
     Examples
     --------

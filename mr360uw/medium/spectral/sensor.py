@@ -60,6 +60,12 @@ class Sensor(Shown):
     matrix : ndarray
         Matrix (3, 3) from them to linear RGB.
 
+    See Also
+    --------
+    uw.medium.Sensor.camera : Responses of a built-in camera.
+    uw.medium.bands : Wavelengths and weights for a sensor.
+    uw.medium.Medium : The water as a sensor sees it.
+
     Examples
     --------
     >>> uw.medium.Sensor.camera("Insta360 X5")
@@ -82,6 +88,9 @@ class Sensor(Shown):
     def response(self, wavelength_nm: ArrayLike) -> Array:
         """Return the responses of red, green and blue.
 
+        Only its course over the wavelength means something; `bands` multiplies it by the illuminant and balances it to
+        white.
+
         Parameters
         ----------
         wavelength_nm : array_like
@@ -97,6 +106,11 @@ class Sensor(Shown):
         ParameterError
             If a wavelength is beyond the table.
 
+        See Also
+        --------
+        uw.medium.bands : Weights that are balanced.
+        uw.plot.show : Draws the responses.
+
         Examples
         --------
         >>> uw.medium.Sensor.cie1931().response([450.0, 550.0, 650.0]).round(2)
@@ -110,10 +124,18 @@ class Sensor(Shown):
     def cie1931(cls) -> Sensor:
         """Return the CIE 1931 2 degree observer in linear Rec.709; its responses have negative parts.
 
+        For colours as a person sees them. The red of clear water is then outside the gamut, and transmittances are less
+        exact than a camera's.
+
         Returns
         -------
         Sensor
             The observer of CIE 018:2019.
+
+        See Also
+        --------
+        uw.medium.Sensor.camera : Responses of a camera, the default.
+        uw.medium.compress_gamut : Brings negative colours into the gamut.
 
         Examples
         --------
@@ -125,6 +147,9 @@ class Sensor(Shown):
     @classmethod
     def camera(cls, name: str) -> Sensor:
         """Return the raw channels of a built-in camera.
+
+        Plates are filmed by cameras, so the Insta360 X5 is the default of all calls. The channels are red, green and
+        blue as they are, without the maker's colour matrix.
 
         Parameters
         ----------
@@ -140,6 +165,12 @@ class Sensor(Shown):
         ------
         ParameterError
             If no camera, or more than one, has the name.
+
+        See Also
+        --------
+        uw.medium.cameras : Names of the built-in cameras.
+        uw.medium.Sensor.from_csv : Responses of another camera.
+        uw.medium.Sensor.cie1931 : The standard observer.
 
         Examples
         --------
@@ -157,6 +188,8 @@ class Sensor(Shown):
     @classmethod
     def from_arrays(cls, wavelength_nm: ArrayLike, response: ArrayLike, name: str = "sensor") -> Sensor:
         """Return a sensor of responses at wavelengths.
+
+        For a camera that is not built in. Channels need no common scale: each is balanced to white by itself.
 
         Parameters
         ----------
@@ -176,6 +209,11 @@ class Sensor(Shown):
         ------
         ParameterError
             If the shapes do not fit, or values are negative or all zero.
+
+        See Also
+        --------
+        uw.medium.Sensor.from_csv : Reads the responses from a file.
+        uw.medium.Sensor.camera : Built-in cameras.
 
         Examples
         --------
@@ -198,6 +236,8 @@ class Sensor(Shown):
     def from_csv(cls, path: str | Path) -> Sensor:
         r"""Return a sensor of a CSV file with the columns wavelength_nm, R, G, B.
 
+        For a camera that is not built in. Channels need no common scale: each is balanced to white by itself.
+
         Parameters
         ----------
         path : str or Path
@@ -212,6 +252,11 @@ class Sensor(Shown):
         ------
         ParameterError
             If the file cannot be read or a column is missing.
+
+        See Also
+        --------
+        uw.medium.Sensor.from_arrays : Takes arrays.
+        uw.medium.Sensor.camera : Built-in cameras.
 
         Examples
         --------
