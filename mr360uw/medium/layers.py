@@ -22,15 +22,7 @@ from mr360uw.constants import PI, REFRACTIVE_INDEX_SEA
 from mr360uw.errors import ParameterError
 from mr360uw.medium.closed_form import check_ray, ray_in_water
 from mr360uw.medium.ordinates import Modes, Ordinates, nodes
-from mr360uw.medium.phase import (
-    Mixture,
-    Phase,
-    PhaseSeries,
-    check_phase,
-    legendre_polynomials,
-    moments_of_each,
-    spectral_moments,
-)
+from mr360uw.medium.phase import Phase, legendre_polynomials, without_peak
 from mr360uw.medium.ray_field import (
     LambertFloor,
     OfBeam,
@@ -39,11 +31,13 @@ from mr360uw.medium.ray_field import (
     SkyShape,
     SurfaceKind,
     cosine_kernel,
+    floor_at,
+    index_below,
     sky_parts,
 )
 from mr360uw.medium.tables import read_table
 from mr360uw.medium.transfer import STREAMS_PER_HEMISPHERE
-from mr360uw.optics import check_refractive_index, critical_cosine, fresnel_from_below
+from mr360uw.optics import critical_cosine, fresnel_from_below
 from mr360uw.shapes import exactly, numbers
 from mr360uw.threads import one_blas_thread
 
@@ -119,34 +113,16 @@ class LayeredField:
                 f"top_m - must ascend from 0 (got {self.top_m.tolist()!r:.60}) - give the depth where each layer begins"
             )
         self.absorption, self.scattering = _of_layers(len(self.top_m), absorption, scattering)
-        if surface not in ("snell", "none"):
-            raise ParameterError(f"surface - unknown (got {surface!r}) - take 'snell' or 'none'")
-        if surface == "snell":
-            check_refractive_index(refractive_index)
-        count, orders = self.absorption.shape[1], 2 * streams
-        if isinstance(phase, list):
-            phase = moments_of_each(phase, orders + 1)
-        if not isinstance(phase, np.ndarray):
-            check_phase(phase)
-        mixture = phase if isinstance(phase, np.ndarray) else Mixture(phase, np.zeros(count))
-        moments = spectral_moments(mixture, count, orders + 1)
-        self._floor_m = np.inf if floor is None else floor.depth_m
+        count = self.absorption.shape[1]
+        self._index = index_below(surface, refractive_index)
+        self._phase, peak, self._chi = without_peak(phase, count, 2 * streams)
+        self._floor_m, self._albedo = floor_at(floor, count)
         if self._floor_m <= self.top_m[-1] or sky == "floor":
             raise ParameterError(
                 f"floor - must lie below the last layer's top at {self.top_m[-1]:g} m, lit from above (got "
                 f"{self._floor_m:g} m, sky {sky!r:.20}) - move it, or leave layers out"
             )
-        if floor is not None and len(floor.albedo) not in (1, count):
-            raise ParameterError(
-                f"floor - needs one albedo, or one for each of {count} wavelengths (got {len(floor.albedo)}) - "
-                "give as many"
-            )
-        self._albedo = np.broadcast_to(0.0 if floor is None else np.array(floor.albedo), (count,))
-        self._phase = mixture if isinstance(mixture, Mixture) else PhaseSeries(moments)
-        self._peak = peak = moments[:, orders]
         self._faded = self.absorption + self.scattering * (1.0 - peak)
-        self._chi = (moments[:, :orders] - peak[:, None]) / (1.0 - peak[:, None])
-        self._index = refractive_index if surface == "snell" else 1.0
         self._mu, self._weight = nodes(streams, critical_cosine(self._index))
         with one_blas_thread():
             self._solve(sky)

@@ -11,7 +11,6 @@ Mobley et al. 1993; Zhang et al. 2009 for molecules.
 from __future__ import annotations
 
 import functools
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -506,24 +505,6 @@ def backscatter_ratio(phase: Phase) -> float:
     return float(backward)
 
 
-def moments_of_each(phases: Sequence[Phase], count: int) -> Array:
-    """Return the Legendre moments (n, count) of the phase functions of n wavelengths."""
-    for phase in phases:
-        check_phase(phase)
-    return np.stack([phase_moments(phase, count) for phase in phases])
-
-
-def spectral_moments(phase: Mixture | Array, count: int, least: int) -> Array:
-    """Return the Legendre moments (count, l) at so many wavelengths: as many as are given, or the `least`."""
-    if isinstance(phase, Mixture):
-        return np.broadcast_to(phase.moments(least), (count, least))
-    length = phase.shape[-1]
-    moments = np.broadcast_to(exactly("phase", phase, (length,), (count, length)), (count, length))
-    if moments.shape[1] < least or not np.allclose(moments[:, 0], 1.0):
-        raise ParameterError(f"phase - needs {least} Legendre moments from 1 on (got {phase.shape}) - give more")
-    return np.array(moments, np.float64)
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class PhaseSeries:
     """Phase functions of n wavelengths by their Legendre moments (n, l + 1); light of the last is unscattered."""
@@ -539,6 +520,35 @@ class PhaseSeries:
     def parts(self, cosine: Array) -> Array:
         """Return the Legendre polynomials (..., l)."""
         return legendre_polynomials(cosine, self.moments.shape[1] - 1)
+
+
+def without_peak(
+    phase: Phase | list[Phase] | Mixture | Array, count: int, orders: int
+) -> tuple[Mixture | PhaseSeries, Array, Array]:
+    """Return phase functions at so many wavelengths n for a transfer equation of some orders (Wiscombe 1977, delta-M).
+
+    phase: one for all wavelengths, a list of one for each, a mixture, or Legendre moments (n, l) or (l,). Result: the
+    functions themselves, the fraction (n,) of their forward peak, and the Legendre moments (n, orders) of the rest.
+    """
+    if isinstance(phase, list):
+        for one in phase:
+            check_phase(one)
+        phase = np.stack([phase_moments(one, orders + 1) for one in phase])
+    if isinstance(phase, np.ndarray):
+        length = phase.shape[-1]
+        moments = np.broadcast_to(exactly("phase", phase, (length,), (count, length)), (count, length))
+        if length <= orders or not np.allclose(moments[:, 0], 1.0):
+            raise ParameterError(
+                f"phase - needs {orders + 1} Legendre moments from 1 on (got {phase.shape}) - give more"
+            )
+        found: Mixture | PhaseSeries = PhaseSeries(np.array(moments, np.float64))
+    else:
+        if not isinstance(phase, Mixture):
+            check_phase(phase)
+            phase = Mixture(phase, np.zeros(count))
+        found, moments = phase, np.broadcast_to(phase.moments(orders + 1), (count, orders + 1))
+    peak = moments[:, orders]
+    return found, peak, (moments[:, :orders] - peak[:, None]) / (1.0 - peak[:, None])
 
 
 def legendre_polynomials(x: Array, count: int, order: int = 0) -> Array:

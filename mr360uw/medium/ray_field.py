@@ -66,6 +66,26 @@ class LambertFloor:
             raise ParameterError(f"floor - albedo must lie in [0, 1] (got {self.albedo!r:.60}) - correct it")
 
 
+def index_below(surface: SurfaceKind, refractive_index: float) -> float:
+    """Return the refractive index that a surface bounds, 1 for "none"; raise `ParameterError`."""
+    if surface not in ("snell", "none"):
+        raise ParameterError(f"surface - unknown (got {surface!r}) - take 'snell' or 'none'")
+    if not 1.0 <= refractive_index <= 4.0:
+        raise ParameterError(f"refractive_index - must lie in [1, 4] (got {refractive_index}) - sea water has 1.34")
+    return refractive_index if surface == "snell" else 1.0
+
+
+def floor_at(floor: LambertFloor | None, count: int) -> tuple[float, Array]:
+    """Return the depth [m] of a floor, infinite without one, and its albedo (n,) at so many wavelengths."""
+    if floor is None:
+        return np.inf, np.zeros(count)
+    if len(floor.albedo) not in (1, count):
+        raise ParameterError(
+            f"floor - needs one albedo, or one for each of {count} wavelengths (got {len(floor.albedo)}) - give as many"
+        )
+    return floor.depth_m, np.broadcast_to(np.array(floor.albedo), (count,))
+
+
 def sky_parts(sky: Sky) -> tuple[float, float]:
     """Return the y of the direction to the sun in the water, and the fraction of the light that is its beam."""
     if sky in ("uniform", "floor") or isinstance(sky, SkyShape):

@@ -32,15 +32,7 @@ from mr360uw.constants import PI, REFRACTIVE_INDEX_SEA
 from mr360uw.errors import ParameterError
 from mr360uw.medium.closed_form import check_ray, ray_in_water
 from mr360uw.medium.ordinates import Modes, Ordinates, nodes
-from mr360uw.medium.phase import (
-    Mixture,
-    Phase,
-    PhaseSeries,
-    check_phase,
-    legendre_polynomials,
-    moments_of_each,
-    spectral_moments,
-)
+from mr360uw.medium.phase import Mixture, Phase, PhaseSeries, legendre_polynomials, without_peak
 from mr360uw.medium.ray_field import (
     LambertFloor,
     OfBeam,
@@ -49,6 +41,8 @@ from mr360uw.medium.ray_field import (
     SkyShape,
     SurfaceKind,
     cosine_kernel,
+    floor_at,
+    index_below,
     sky_parts,
 )
 from mr360uw.optics import critical_cosine, fresnel_from_below
@@ -156,28 +150,9 @@ class LightField:
                 f"light field - absorption must be above and scattering at least zero "
                 f"(got {np.min(self.absorption):g} and {np.min(self.scattering):g} 1/m) - correct the coefficients"
             )
-        if surface not in ("snell", "none"):
-            raise ParameterError(f"surface - unknown (got {surface!r}) - take 'snell' or 'none'")
-        if not 1.0 <= refractive_index <= 4.0:
-            raise ParameterError(f"refractive_index - must lie in [1, 4] (got {refractive_index}) - sea water has 1.34")
-        self.refractive_index = refractive_index if surface == "snell" else 1.0
-        if floor is not None and len(floor.albedo) not in (1, len(self.absorption)):
-            raise ParameterError(
-                f"floor - needs one albedo, or one for each of {len(self.absorption)} wavelengths "
-                f"(got {len(floor.albedo)}) - give as many"
-            )
-        orders = 2 * streams
-        if isinstance(phase, list):
-            phase = moments_of_each(phase, orders + 1)
-        if not isinstance(phase, np.ndarray | Mixture):
-            check_phase(phase)
-            phase = Mixture(phase, np.zeros(len(self.absorption)))
-        moments = spectral_moments(phase, len(self.absorption), orders + 1)
-        self._peak = peak = moments[:, orders]
-        self._chi = (moments[:, :orders] - peak[:, None]) / (1.0 - peak[:, None])
-        self._phase = phase if isinstance(phase, Mixture) else PhaseSeries(moments)
-        self._floor_m = np.inf if floor is None else floor.depth_m
-        self._albedo = np.broadcast_to(0.0 if floor is None else np.array(floor.albedo), self.absorption.shape)
+        self.refractive_index = index_below(surface, refractive_index)
+        self._phase, self._peak, self._chi = without_peak(phase, len(self.absorption), 2 * streams)
+        self._floor_m, self._albedo = floor_at(floor, len(self.absorption))
         self._mu, self._weight = nodes(streams, critical_cosine(self.refractive_index))
         if sky == "floor" and floor is None:
             raise ParameterError("floor - is the only light of sky 'floor' (got none) - give one")
