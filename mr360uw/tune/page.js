@@ -9,7 +9,8 @@ document.addEventListener("keydown", (event) => {
   else if (control && !typing && key === "z") name = event.shiftKey ? "redo" : "undo";
   else if (control && !typing && key === "y") name = "redo";
   else if (free && !control && !event.altKey)
-    name = { " ": "play", arrowleft: "back", arrowright: "forward", home: "start", end: "end" }[key];
+    name = { " ": "play", arrowleft: "back", arrowright: "forward", home: "start", end: "end",
+      ",": "darker", ".": "brighter" }[key];
   if (!name) return;
   event.preventDefault();
   document.activeElement?.matches("input[type=number]") && document.activeElement.blur(); // its change counts first
