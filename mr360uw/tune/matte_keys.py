@@ -144,7 +144,7 @@ class _Carrier:
         scale = np.arctan2(beside, away) / np.maximum(beside, 1e-12) * self._count / (2.0 * self._radius)
         half = 0.5 * self._count - 0.5
         places = [(half + scale * right).astype(np.float32), (half - scale * up).astype(np.float32)]
-        found = cv2.remap(part, *places, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=0.0)
+        found = cv2.remap(part, places[0], places[1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=0.0)
         whole[rows[:, None], columns % self._shape[1]] = np.rint(255.0 * found)
         return whole
 
@@ -169,9 +169,10 @@ class _Carrier:
         beside = np.sinc(angle / np.pi)
         local = np.stack(np.broadcast_arrays(beside * right, beside * up, np.cos(angle)), axis=-1)
         height, width = self._shape
-        x, y = frame_from_direction(local @ _axes(middle), width, height)
-        places = [(one - 0.5).astype(np.float32) for one in (x, y)]
-        return cv2.remap(matte, *places, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP).astype(np.float64) / 255.0
+        places = frame_from_direction(local @ _axes(middle), width, height)
+        x, y = ((place - 0.5).astype(np.float32) for place in places)
+        found = cv2.remap(matte, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)
+        return found.astype(np.float64) / 255.0
 
 
 def _axes(middle: Floats) -> Floats:
