@@ -1,13 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How quick the tuning page is, in a headless Chromium: python benchmarks/tune.py [section]
+"""How quick the tuning page is, in a headless Chromium: python benchmarks/tune.py [section ...] [key ...]
 
-Sections: start (from the command to a page that can be used), slider (from a move to the new picture, at 1024 x 512),
-scrub (from a step of the play head to the new picture, at 3840 x 1920), pictures (those of docs/tuning.md); default:
-the first three. Browser and server share the machine.
+Sections: start (from the command to a page that can be used), controls (from a move to the new picture, at 1024 x 512:
+a table of all controls that a scene of `mr360uw new` shows first, or of the keys that are named), scrub (from a step of
+the play head to the new picture, at 3840 x 1920), pictures (those of docs/tuning.md); default: the first three. Browser
+and server share the machine.
 """
 
 from __future__ import annotations
 
+import itertools
 import os
 import re
 import statistics
@@ -26,6 +28,12 @@ from tests.tune.browser import FLAGS, chromium
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
 MOVES = 50
+OPTIONS = {
+    "water.type": ['"IB"', '"II"', '"IA"'],
+    "light.sun": ['"detect"', '"none"'],
+    "object.0.face": ["90", '"camera"', "40"],
+}
+"""Values that a control of words is moved between, as it sends them; of others the last two that it offers."""
 TIMEOUT_MS = 120_000
 TIMED = """([selector, act]) => new Promise((done) => {
   const began = performance.now();
@@ -43,7 +51,8 @@ TIMED = """([selector, act]) => new Promise((done) => {
   const late = setTimeout(() => { observer.disconnect(); done(null); }, 20000);
   observer.observe(document.querySelector(".uw-stage"), { childList: true, subtree: true, characterData: true });
   const element = document.querySelector(selector);
-  if (act.key) element.dispatchEvent(new KeyboardEvent("keydown", { key: act.key, bubbles: true }));
+  if (act.flip) element.click();
+  else if (act.key) element.dispatchEvent(new KeyboardEvent("keydown", { key: act.key, bubbles: true }));
   else {
     element.value = act.value;
     for (const name of ["input", "change"]) element.dispatchEvent(new Event(name, { bubbles: true }));
@@ -53,8 +62,8 @@ TIMED = """([selector, act]) => new Promise((done) => {
 
 
 @contextmanager
-def tuned(scene: Path, size: tuple[int, int] = (1280, 800), mode: str = "dark") -> Iterator[tuple[Any, float]]:
-    """Yield the page of a scene once it can be used, and the seconds since the command was started."""
+def tuned(scene: Path, size: tuple[int, int] = (1280, 800), mode: str = "dark") -> Iterator[tuple[Any, float, int]]:
+    """Yield the page of a scene once it can be used, the seconds since the command was started, the server's number."""
     from playwright.sync_api import sync_playwright
 
     with sync_playwright() as playwright:
@@ -70,7 +79,7 @@ def tuned(scene: Path, size: tuple[int, int] = (1280, 800), mode: str = "dark") 
             assert server.stdout is not None
             page.goto(server.stdout.readline().strip())
             page.wait_for_selector(".control")
-            yield page, time.perf_counter() - began
+            yield page, time.perf_counter() - began, server.pid
         finally:
             server.terminate()
             server.wait()
@@ -97,7 +106,7 @@ def start(folder: Path) -> None:
     times, firsts = [], []
     for _ in range(5):
         began = time.perf_counter()
-        with tuned(dive.scene) as (page, seconds):
+        with tuned(dive.scene) as (page, seconds, _):
             times.append(seconds)
             rest(page)
             firsts.append(time.perf_counter() - began)
@@ -106,27 +115,81 @@ def start(folder: Path) -> None:
     )
 
 
-def slider(folder: Path) -> None:
-    """Print the times of slider moves."""
-    dive = sample_dive(folder / "slider", width=1024, frames=24)
-    keys = {"object.0.roughness": "roughness", "sea.wind_speed": "wind_speed", "camera.depth_m": "depth_m"}
-    with tuned(dive.scene) as (page, _):
+def made_scene(folder: Path) -> Path:
+    """Return a scene of the sample dive's clip and mesh as `mr360uw new` writes it."""
+    dive = sample_dive(folder / "controls", width=1024, frames=24)
+    scene = folder / "new.toml"
+    command = [sys.executable, "-m", "mr360uw", "new", str(dive.plate), str(dive.mesh), "-o", str(scene)]
+    subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
+    return scene
+
+
+def acts(page: Any, key: str) -> Iterator[tuple[str, dict[str, Any]]]:
+    """Yield what moves a control, again and again: the selector of its element, and what is done to it."""
+    control = f'[data-key="{key}"]'
+    element = f"{control} .control-body :is(input, select)"  # the first one, of a number its slider
+    kind = page.evaluate("s => document.querySelector(s).type", element)
+    values = OPTIONS.get(key)
+    if kind == "select-one" and values is None:
+        values = page.evaluate("s => [...document.querySelector(s).options].slice(-2).map(o => o.value)", element)
+    start = 0.0 if kind != "number" else float(page.eval_on_selector(element, "e => e.value || 0"))
+    for move in itertools.count():
+        part = (move * 7 % MOVES) / MOVES
+        if kind == "checkbox":
+            yield element, {"flip": True}
+        elif values is not None:
+            yield element, {"value": values[move % len(values)]}
+        else:
+            yield element, {"value": 0.2 + 0.4 * part if kind == "range" else start + part}
+
+
+def controls(folder: Path) -> None:
+    """Print a table of the times of moves of controls, on the clock, and of the server's processor for a move."""
+    with tuned(made_scene(folder)) as (page, seconds, server):
+        print(f"usable {seconds:.1f} s after the command; load of the machine {os.getloadavg()[0]:.1f}")
         rest(page)
-        for key, words in keys.items():
-            page.get_by_label("Search parameters").fill(words)
-            times = []
+        shown = page.evaluate("() => [...document.querySelectorAll('.control')].map(one => one.dataset.key)")
+        named = [name for name in sys.argv[1:] if "." in name]
+        print("| control | draft | 95 % | full | 95 % | processor | |\n| --- | --- | --- | --- | --- | --- | --- |")
+        for key in named or shown:
+            page.get_by_label("Search parameters").fill(key.rpartition(".")[2])
+            page.wait_for_selector(f'[data-key="{key}"]')
+            times, moves, before = [], acts(page, key), processor_s(server)
             for move in range(MOVES + 2):
-                act = {"value": 0.2 + 0.4 * (move * 7 % MOVES) / MOVES}
-                found = page.evaluate(TIMED, [f'[data-key="{key}"] input[type=range]', act])
+                found = page.evaluate(TIMED, list(next(moves)))
+                if move == 1:
+                    before = processor_s(server)
                 if move >= 2 and found is not None:  # the first two meet what is not made yet
                     times.append(found)
-            median_line(f"slider {key}, {len(times)} moves", times, (120.0, 500.0))
+            used = 1e3 * (processor_s(server) - before) / MOVES
+            print(table_row(key, times, used), flush=True)
+
+
+def processor_s(process: int) -> float:
+    """Return the processor time [s] that a process has taken."""
+    fields = Path(f"/proc/{process}/stat").read_text("ascii").rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+def table_row(key: str, times: list[tuple[float, float]], used_ms: float) -> str:
+    """Return a line of the table: medians and 95th percentiles [ms] of drafts and full pictures."""
+    if not times:
+        return f"| `{key}` | | | | | {used_ms:.0f} | no new picture |"
+    cells, missed = [], []
+    for name, column, target in (("draft", 0, 120.0), ("full", 1, 500.0)):
+        ordered = sorted(one[column] for one in times)
+        middle = statistics.median(ordered)
+        cells += [f"{middle:.0f}", f"{ordered[round(0.95 * (len(ordered) - 1))]:.0f}"]
+        missed += [name] if middle > target else []
+    lost = f", {MOVES - len(times)} moves without a picture" if len(times) < MOVES else ""
+    words = "above: " + ", ".join(missed) if missed else ""
+    return f"| `{key}` | {' | '.join(cells)} | {used_ms:.0f} | {words}{lost} |"
 
 
 def scrub(folder: Path) -> None:
     """Print the times of steps of the play head."""
     dive = sample_dive(folder / "scrub", width=3840, frames=8)
-    with tuned(dive.scene) as (page, _):
+    with tuned(dive.scene) as (page, *_):
         rest(page)
         times = []
         for step in range(24):
@@ -140,11 +203,11 @@ def scrub(folder: Path) -> None:
 def pictures(folder: Path) -> None:
     """Make the pictures of docs/tuning.md."""
     dive = sample_dive(folder / "pictures", width=2048, frames=24)
-    with tuned(dive.scene) as (page, _):
+    with tuned(dive.scene) as (page, *_):
         rest(page)
         page.wait_for_timeout(4000)  # thumbnails
         page.screenshot(path=DOCS / "tuning-dark.jpg", type="jpeg", quality=88)
-    with tuned(dive.scene, (1920, 1080), "light") as (page, _):
+    with tuned(dive.scene, (1920, 1080), "light") as (page, *_):
         rest(page)
         page.get_by_label("key Wind speed at this time").click()
         page.locator(".uw-strip").press("End")
@@ -160,12 +223,12 @@ def pictures(folder: Path) -> None:
         page.screenshot(path=DOCS / "tuning-light.jpg", type="jpeg", quality=88)
 
 
-SECTIONS = {"start": start, "slider": slider, "scrub": scrub, "pictures": pictures}
+SECTIONS = {"start": start, "controls": controls, "scrub": scrub, "pictures": pictures}
 
 
 def main() -> None:
     """Run the sections that are asked for."""
-    wanted = [name for name in sys.argv[1:] if re.fullmatch("|".join(SECTIONS), name)] or ["start", "slider", "scrub"]
+    wanted = [name for name in sys.argv[1:] if re.fullmatch("|".join(SECTIONS), name)] or ["start", "controls", "scrub"]
     with tempfile.TemporaryDirectory() as folder:
         for name in wanted:
             SECTIONS[name](Path(folder))

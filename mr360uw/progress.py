@@ -18,7 +18,8 @@ Progress = Callable[[int, int | None], None]
 def terminal_progress(*, lines: bool = False) -> Iterator[Progress]:
     """Yield a `Progress` that draws a bar on standard error, or does nothing if that is not a terminal.
 
-    lines: prints a line "frame 3 of 48" for each frame instead, for programs that read it. SIGINT, SIGTERM and SIGHUP
+    lines: prints a line "frame 3 of 48" for each frame instead, and "phase rendering" where one begins, for programs
+    that read them. SIGINT, SIGTERM and SIGHUP
     end the run at the next frame at the latest. For the main thread.
     """
     with _pending_signals() as raise_pending, _lines() if lines else _bar() as draw:
@@ -94,11 +95,18 @@ def _pending_signals() -> Iterator[Callable[[], None]]:
 
 @contextmanager
 def _lines() -> Iterator[Progress]:
-    def tell(done: int, total: int | None) -> None:
-        sys.stderr.write(f"frame {done} of {total or 'unknown'}\n")
-        sys.stderr.flush()
+    class Lines:
+        def __call__(self, done: int, total: int | None) -> None:
+            self._write(f"frame {done} of {total or 'unknown'}")
 
-    yield tell
+        def phase(self, name: str) -> None:
+            self._write(f"phase {name}")
+
+        def _write(self, line: str) -> None:
+            sys.stderr.write(f"{line}\n")
+            sys.stderr.flush()
+
+    yield Lines()
 
 
 @contextmanager

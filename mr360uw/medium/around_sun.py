@@ -36,6 +36,9 @@ _EVERY = 4
 _DEPTHS = 2.0**0.5
 """Ratio of the depths that are computed. Between them R is interpolated, which even in turbid water is off by 1 %."""
 _TINY = 1e-300
+_ROUGH_AZIMUTHS, _ROUGH_ORDERS = PI * np.linspace(0.0, 1.0, 13) ** 1.5, 4
+"""Azimuths and highest order for drafts, a fifth of the time: R is off by 1 to 3 % rms, typical light at the horizon by
+less than 1 %; in clear water within degrees of the sun by more."""
 
 
 def around_sun(medium: Medium) -> Array | None:
@@ -45,6 +48,8 @@ def around_sun(medium: Medium) -> Array | None:
     model = medium.model_at(medium.bands.wavelength_nm[::_EVERY], "table")
     lobes = medium.bands.lobes[::_EVERY].tobytes()
     assert isinstance(model, FieldModel)
+    if medium.rough:
+        return _roughly(model, lobes, medium.camera_depth_m)
     step = int(np.floor(np.log(medium.camera_depth_m) / np.log(_DEPTHS)))
     above, below = _DEPTHS**step, _DEPTHS ** (step + 1)
     if medium.floor_m is not None:
@@ -65,6 +70,16 @@ def _at_depth(model: FieldModel, lobes: bytes, depth_m: float) -> Array:
         return {"ratio": light / np.maximum(mean, _TINY)[:, None]}
 
     return np.asarray(kept_arrays("around", (depth_m, weights, *model.inputs), ratio)["ratio"])
+
+
+@functools.lru_cache(maxsize=64)
+def _roughly(model: FieldModel, lobes: bytes, depth_m: float) -> Array:
+    from scipy.interpolate import PchipInterpolator
+
+    with one_blas_thread():
+        few = model.up_to_order(_ROUGH_ORDERS).around_sun(depth_m, row_up(ROWS), _ROUGH_AZIMUTHS)
+    light = PchipInterpolator(_ROUGH_AZIMUTHS, few @ np.frombuffer(lobes).reshape(-1, 3), axis=1)(AZIMUTHS)
+    return np.asarray(light / np.maximum(np.einsum("a,rak->rk", _shares(), light), _TINY)[:, None])
 
 
 @functools.cache

@@ -120,7 +120,7 @@ class Medium:
         self.gain: Array = np.ones(3)
         self.floor_m = floor_m if _SPECTRAL.get(mode) == "table" else None
         self.floor_radiance: Array = np.zeros(3)
-        self.shade = 0.0
+        self.shade, self.rough = 0.0, False
         self._radiances: dict[tuple[str, bytes], Array] = {}
         self.illuminant = illuminant
         self.surface: SurfaceKind = surface
@@ -391,6 +391,12 @@ class Medium:
         other.shade = number("shade", shade)
         if not 0.0 <= other.shade <= 1.0:
             raise ParameterError(f"shade - must be from 0 to 1 (got {shade!r}) - correct it")
+        return other
+
+    def for_drafts(self) -> Medium:
+        """Return the same medium, whose light about the sun is computed roughly, see `around_sun`."""
+        other = self._copy()
+        other.rough = True
         return other
 
     def _lit(self, way_m: Array) -> Array:

@@ -130,6 +130,10 @@ class FieldModel:
         """Return the same seen at an azimuth from the sun's, see `LightField.at_azimuth`."""
         return FieldModel(self.field.at_azimuth(azimuth_rad, only), self.part)
 
+    def up_to_order(self, most: int) -> FieldModel:
+        """Return the same with fewer orders of light about the sun, see `LightField.up_to_order`."""
+        return FieldModel(self.field.up_to_order(most), self.part)
+
     def around_sun(self, depth_m: float, up: Array, azimuth_rad: Array) -> Array:
         """Return `inscatter` (r, a, n) of endless rays in directions of y (r,), at azimuths (a,) from the sun's."""
 

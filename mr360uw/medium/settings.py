@@ -138,6 +138,9 @@ class WaterSettings(WaterKindSettings):
         DEFAULT_BANDS, "number of wavelengths; a pixel costs the same for any", low=1, high=1000,
         internal="draw.quality",
     )  # fmt: skip
+    rough: bool = parameter(
+        False, "whether the light about the sun is computed roughly", internal="drafts while a value is being moved"
+    )
     sun_share: float = advanced(
         0.0,
         "fraction of the light below the surface that is the sun's beam; 0 = uniform sky",
@@ -186,6 +189,8 @@ class WaterSettings(WaterKindSettings):
             refractive_index=self.refractive_index,
             floor_m=floor_m,
         ).in_shade(self.shade)
+        if self.rough:
+            medium = medium.for_drafts()
         if self.gain != "auto":
             return medium.scaled(self.gain)
         if radiance_map is None:

@@ -168,6 +168,7 @@ class LightField:
         self._sun_mu = sun_mu
         self._azimuth_rad: float | None = None
         self._only: int | Literal["beam"] | None = None
+        self._most_orders = self._chi.shape[1] - 1
         self._even = self._component(0, beam, of_sky * entering / passed)
         incident = np.ones(len(beam))
         if not self._shining:
@@ -232,7 +233,7 @@ class LightField:
         around: dict[int, _Component] = {}
         if np.any(self._beam > 0.0):
             mean, dark, seen = self._scattered(0, self._even), np.zeros(len(self._mu)), 0
-            for order in range(1, self._chi.shape[1]):
+            for order in range(1, self._most_orders + 1):
                 around[order] = self._component(order, self._beam, dark)
                 if np.any(self._scattered(order, around[order]) > _NEGLIGIBLE * mean):
                     seen = order
@@ -256,6 +257,13 @@ class LightField:
     def azimuth_orders(self) -> tuple[int, ...]:
         """Orders of cos(m azimuth) whose light is not negligible."""
         return tuple(self._around)
+
+    def up_to_order(self, most: int) -> LightField:
+        """Return the same light with fewer `azimuth_orders`, for drafts: none above `most`."""
+        other = copy.copy(self)
+        other.__dict__.pop("_around", None)
+        other._most_orders = min(most, self._most_orders)
+        return other
 
     def at_azimuth(self, azimuth_rad: float, only: int | Literal["beam"] | None = None) -> LightField:
         """Return the same light seen at an azimuth from the sun's, to which radiances and in-scatter then belong.

@@ -42,8 +42,9 @@ it is 1.7 %; the time to solve and tabulate a water goes with their number."""
 def coarse(scene: Scene) -> Scene:
     """Return a scene with the settings of a draft, for frames `COARSE_WIDTH` wide while a value is being moved.
 
-    Edges, soft shadows, caustics and shafts are drawn with fewer samples, and the water is solved at fewer wavelengths.
-    Shafts of waves and bodies alone are left out: at their physical strength a draft would hardly show them.
+    Edges, soft shadows, caustics and shafts are drawn with fewer samples, and the water is solved at fewer wavelengths
+    and orders of light about the sun. Shafts of waves and bodies alone are left out: at their physical strength a draft
+    would hardly show them.
     """
     draw, caustics, water = scene.draw, scene.caustics, scene.water
     fewer = {"samples": min(draw.samples, _SAMPLES), "sun_samples": min(draw.sun_samples, _SUN_SAMPLES)}
@@ -62,7 +63,7 @@ def coarse(scene: Scene) -> Scene:
         "shafts": scene.shafts.model_copy(update=shafts),
         "draw": draw.model_copy(update=fewer),
         "caustics": caustics.model_copy(update=coarser),
-        "water": water.model_copy(update={"bands": min(water.bands, _BANDS)}),
+        "water": water.model_copy(update={"bands": min(water.bands, _BANDS), "rough": True}),
     }
     return scene.model_copy(update=drafts)
 

@@ -89,7 +89,8 @@ def load_surroundings(
     between: waters whose tables those of the scene's water are interpolated from, where it is keyed.
     """
     reads = CachedReads() if reads is None else reads
-    return reads.of(_surroundings, scene.only("camera", "water", "light"), between, floor_depth_m(scene), reads)
+    light = scene.light.model_copy(update={"exposure": 0.0})  # which is the objects' alone
+    return reads.of(_surroundings, scene.only("camera", "water", light=light), between, floor_depth_m(scene), reads)
 
 
 def _surroundings(

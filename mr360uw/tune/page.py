@@ -156,6 +156,7 @@ class TunePage:
             "save": self.save, "undo": self.document.undo, "redo": self.document.redo, "play": self.time.play,
             "back": lambda: session.seek(session.index - 1), "forward": lambda: session.seek(session.index + 1),
             "start": lambda: session.seek(session.range[0]), "end": lambda: session.seek(session.range[1] - 1),
+            "darker": lambda: self.place.trim(-1), "brighter": lambda: self.place.trim(1),
         }  # fmt: skip
         if name in actions:
             self.guarded(actions[name])

@@ -30,14 +30,14 @@ _MESSAGE_LINES = 40
 class CommandRun:
     """One run of a command; `state` is "running" until it ends. changed: called after every change.
 
-    out: what it writes. done, total: frames. seconds_left: None before the first frame. message: what the command
-    printed at its end.
+    out: what it writes. phase: what it is at, as "rendering". done, total: frames of that. seconds_left: None before
+    the first frame. message: what the command printed at its end.
     """
 
     def __init__(self, out: Path, changed: Callable[[], None]) -> None:
         self.out, self._changed = out, changed
         self.state: State = "running"
-        self.done, self.total = 0, 0
+        self.phase, self.done, self.total = "", 0, 0
         self.seconds_left: float | None = None
         self.message = ""
         self._process: asyncio.subprocess.Process | None = None
@@ -55,7 +55,10 @@ class CommandRun:
         async for data in self._process.stdout:
             line = data.decode(errors="replace").rstrip()
             counted = re.fullmatch(r"frame (\d+) of (\d+|unknown)", line)
-            if counted is None:
+            if line.startswith("phase "):
+                self.phase, self.done, self.seconds_left, self._first = line.removeprefix("phase "), 0, None, None
+                self._changed()
+            elif counted is None:
                 said.append(line)
             else:
                 self._count(int(counted[1]), 0 if counted[2] == "unknown" else int(counted[2]))

@@ -203,8 +203,16 @@ class Situation:
         return placing.swim_to(self.camera, point, lamp)
 
     def sun_angles_deg(self, point: Point) -> tuple[float, float]:
-        """Return azimuth and elevation [deg] of a point in the levelled frame, as `light.sun_azimuth_deg` has them."""
+        """Return azimuth and elevation [deg] of a point in the levelled frame, as `light.sun_azimuth_deg` has them.
+
+        Raises `ParameterError` for a point below the horizon.
+        """
         x, y, z = placing.ray(self.camera, point)
+        if y < 0.0:
+            below = np.degrees(np.arcsin(-y))
+            raise ParameterError(
+                f"sun - is below the horizon there (got {below:.1f} deg) - click higher, or level the camera first"
+            )
         return float(np.degrees(np.arctan2(x, -z))), float(np.degrees(np.arcsin(np.clip(y, -1.0, 1.0))))
 
 

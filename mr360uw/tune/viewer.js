@@ -8,6 +8,7 @@ import { Throttle } from "mr360uw-tune/throttle.js";
 import { template } from "mr360uw-tune/viewer_template.js";
 
 const CLICK_PX = 4; // a pointer that moves less is a click
+const STROKE_PX = 3; // between two points of a line that is drawn
 const MOVE_MS = 40; // least time between two events of a drag
 const VIEW_MS = 150; // and between two of a view
 const TURN_DEG = 5; // of an arrow key
@@ -31,11 +32,13 @@ export default {
     expected: Number, // serial of the first picture that shows the settings as they are
     markers: { type: Array, default: () => [] }, // { name, label, kind, longitude, latitude, radius }
     horizon: { type: Array, default: () => [] }, // of points [longitude, latitude]
+    drawn: { type: Array, default: () => [] }, // of [kind, points]
+    drawing: String, // kind of the lines that drags draw; empty: they turn the view
     selected: String, // name of the marker with handles
     look: Boolean,
     compare: { type: String, default: "none" }, // none, wipe, side
   },
-  emits: ["pick", "drag", "view", "select", "mode", "compare", "shown", "failed"],
+  emits: ["pick", "stroke", "drag", "view", "select", "mode", "compare", "shown", "failed"],
   data() {
     return {
       view: startView(this.look),
@@ -48,6 +51,7 @@ export default {
       comparison: this.compare,
       wrong: "",
       dragged: null, // { handle, name, longitude, latitude } while a handle is held
+      stroke: [], // points of the line that is being drawn
       pointed: null, // what is under the pointer
     };
   },
@@ -123,20 +127,12 @@ export default {
         .filter((h) => h.at);
     },
     horizonLines() {
+      return this.wraps ? this.horizon.map((line) => this.pathOf(line)) : [];
+    },
+    drawnLines() {
       if (!this.wraps) return [];
-      return this.horizon.map((line) => {
-        let [text, last] = ["", null];
-        const around = this.pane.width / spanOf(this.seen, this.pane)[0]; // width of a flat panorama
-        for (const [longitude, latitude] of line) {
-          let at = coordinatesOf(this.seen, this.pane, { longitude, latitude });
-          if (at && Math.hypot(at.x, at.y) > FAR_PX) at = null;
-          const seam = at && last && !this.lookNow && Math.round((at.x - last.x) / around) * around;
-          if (seam) text += `L${(at.x - seam).toFixed(1)} ${at.y.toFixed(1)}`; // on to the edge, and again from the other
-          if (at) text += `${seam || !last ? "M" : "L"}${at.x.toFixed(1)} ${at.y.toFixed(1)}`;
-          last = at;
-        }
-        return text;
-      });
+      const drawn = this.stroke.length ? [...this.drawn, [this.drawing, this.stroke]] : this.drawn;
+      return drawn.map(([kind, line]) => ({ kind, path: this.pathOf(line.length > 1 ? line : [...line, ...line]) }));
     },
     where() {
       const p = this.pointed;
@@ -252,6 +248,21 @@ export default {
       return { ...marker, at: inside ? { left: `${at.x}px`, top: `${at.y}px` } : null };
     },
 
+    // A path of SVG through points [longitude, latitude].
+    pathOf(line) {
+      let [text, last] = ["", null];
+      const around = this.pane.width / spanOf(this.seen, this.pane)[0]; // width of a flat panorama
+      for (const [longitude, latitude] of line) {
+        let at = coordinatesOf(this.seen, this.pane, { longitude, latitude });
+        if (at && Math.hypot(at.x, at.y) > FAR_PX) at = null;
+        const seam = at && last && !this.lookNow && Math.round((at.x - last.x) / around) * around;
+        if (seam) text += `L${(at.x - seam).toFixed(1)} ${at.y.toFixed(1)}`; // on to the edge, and again from the other
+        if (at) text += `${seam || !last ? "M" : "L"}${at.x.toFixed(1)} ${at.y.toFixed(1)}`;
+        last = at;
+      }
+      return text;
+    },
+
     // --- views
     viewNow() {
       const { yaw, pitch, fov, u, v, zoom } = this.view;
@@ -327,7 +338,8 @@ export default {
     down(event) {
       if (event.button !== 0) return;
       this.$refs.canvas.setPointerCapture(event.pointerId);
-      this.held = { x: event.clientX, y: event.clientY, view: { ...this.view }, moved: false };
+      const draws = this.drawing && this.wraps && !event.shiftKey;
+      this.held = { x: event.clientX, y: event.clientY, view: { ...this.view }, moved: false, draws };
     },
     moved(event) {
       const at = this.inPane(event);
@@ -335,6 +347,7 @@ export default {
       if (!this.held) return;
       const [dx, dy] = [event.clientX - this.held.x, event.clientY - this.held.y];
       if (!this.held.moved && Math.hypot(dx, dy) < CLICK_PX) return;
+      if (this.held.draws) return this.drawTo(at);
       this.held.moved = true;
       this.view = { ...this.held.view };
       if (this.lookNow) {
@@ -347,9 +360,30 @@ export default {
         this.keepInside();
       }
     },
+    // Goes on with the line that is drawn; where it leaves the panorama, it waits.
+    drawTo(at) {
+      const held = this.held;
+      if (!held.moved) {
+        held.last = this.inPane({ clientX: held.x, clientY: held.y });
+        this.addPoint(held.last);
+      }
+      held.moved = true;
+      if (Math.hypot(at.x - held.last.x, at.y - held.last.y) < STROKE_PX) return;
+      held.last = at;
+      this.addPoint(at);
+    },
+    addPoint({ x, y }) {
+      const found = shownAt(this.seen, this.pane, x, y);
+      if (found?.longitude !== undefined) this.stroke = [...this.stroke, [found.longitude, found.latitude]];
+    },
+    letGo() {
+      this.held = null;
+      this.stroke = [];
+    },
     up(event) {
       const held = this.held;
-      this.held = null;
+      if (this.stroke.length) this.$emit("stroke", { points: this.stroke });
+      this.letGo();
       if (held && !held.moved) {
         const { x, y } = this.inPane(event);
         this.pick(x, y, event);

@@ -46,8 +46,8 @@ class Viewer(Element, component="viewer.js", esm={"mr360uw-tune": "js"}):
         super().__init__()
         self._serial, self._others = 0, 0
         self._props.update(
-            {"picture": None, "other": None, "expected": 0, "markers": [], "horizon": [], "selected": "",
-             "look": False, "compare": "none"}
+            {"picture": None, "other": None, "expected": 0, "markers": [], "horizon": [], "drawn": [], "selected": "",
+             "look": False, "compare": "none", "drawing": ""}
         )  # fmt: skip
         self.classes("w-full h-full")
         # what its own buttons change is what Python has set
@@ -110,6 +110,19 @@ class Viewer(Element, component="viewer.js", esm={"mr360uw-tune": "js"}):
         self._props["horizon"] = [[[p.longitude, p.latitude] for p in line] for line in horizon]
         self.update()
 
+    def set_lines(self, lines: Sequence[tuple[str, Sequence[Point]]]) -> None:
+        """Replace the lines that are drawn in the picture: (kind, points) of each; a single point is a dot.
+
+        kind: its colour: "outline", "inside" or "outside" of something, or "matte", the outline of one that was made.
+        """
+        self._props["drawn"] = [[kind, [[p.longitude, p.latitude] for p in line]] for kind, line in lines]
+        self.update()
+
+    def set_drawing(self, kind: str) -> None:
+        """Let drags draw lines of a kind, as `set_lines` has them, instead of turning the view; "": they turn it."""
+        self._props["drawing"] = kind
+        self.update()
+
     def select(self, name: str | None) -> None:
         """Give the marker of a name its handles; None: no marker."""
         self._props["selected"] = name or ""
@@ -125,6 +138,10 @@ class Viewer(Element, component="viewer.js", esm={"mr360uw-tune": "js"}):
             return None if a.get("longitude") is None else handler(Point(a["longitude"], a["latitude"]))
 
         self.on("pick", told)
+
+    def on_stroke(self, handler: Callable[[list[Point]], Any]) -> None:
+        """Call a handler with the points of each line that a drag has drawn, see `set_drawing`."""
+        self.on("stroke", lambda event: handler([Point(a, b) for a, b in event.args["points"]]))
 
     def on_drag(self, handler: Callable[[Drag], Any]) -> None:
         """Call a handler for each step of a drag of a handle."""

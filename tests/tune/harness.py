@@ -98,7 +98,7 @@ def build() -> None:
     timeline = Timeline(COUNT, RATE)
     NOW.update(viewer=viewer, timeline=timeline)
     viewer.on_select(note("select"))
-    for name in ("pick", "drag", "view"):
+    for name in ("pick", "stroke", "drag", "view"):
         viewer.on(name, lambda event, name=name: note(name)(event.args))
     viewer.on("shown", lambda event: note("shown")(event.args["serial"]))
     viewer.on("failed", lambda event: note("failed")(event.args["reason"]))

@@ -352,24 +352,108 @@ def test_an_object_stands_where_the_picture_is_clicked(page: Page) -> None:
     np.testing.assert_allclose([at_x, at_y], [x, y], atol=1.0)
 
 
-def test_a_matte_is_made_of_clicks_around_something(page: Page) -> None:
-    tab = page.first
-    tab.page.get_by_label("What a click in the picture does").select_option("lasso")
-    tab.page.get_by_role("button", name="Make matte").wait_for()
-    tab.done()
+def place(tab: Tab, u: float, v: float) -> tuple[float, float]:
+    """Return where a place of the picture, given as fractions of it, is on the screen."""
     box = tab.page.locator(".uw-stage canvas").bounding_box()
     assert box is not None
     size = min(box["width"] / WIDTH, box["height"] / HEIGHT)  # screen pixels of one of the picture
+    x, y = box["x"] + 0.5 * box["width"], box["y"] + 0.5 * box["height"]
+    return x + size * WIDTH * (u - 0.5), y + size * HEIGHT * (v - 0.5)
+
+
+def draw(tab: Tab, *places: tuple[float, float]) -> None:
+    """Draw a line with the mouse."""
+    first, *others = (place(tab, *one) for one in places)
+    tab.page.mouse.move(*first)
+    tab.page.mouse.down()
+    for one in others:
+        tab.page.mouse.move(*one, steps=4)
+    tab.page.mouse.up()
+
+
+def matte_of(page: Page) -> str:
+    """Save the scene and return what its only holdout names."""
+    tab = page.first
+    tab.page.locator("h1").click()
+    tab.page.keyboard.press("Control+s")
+    tab.until("() => document.querySelector('.unsaved').textContent === 'saved'")
+    (one,) = load_scene(page.scene).holdouts
+    return one.path.relative_to(page.scene.parent).as_posix()
+
+
+def test_a_matte_is_drawn_at_keys_of_the_clip(page: Page) -> None:
+    """Clicks around the sun in the first frame, strokes over it and beside it in the last one."""
+    tab = page.first
+    tab.page.get_by_label("What a click in the picture does").select_option("lasso")
+    make = tab.page.get_by_role("button", name="Make matte")
+    make.wait_for()
+    tab.done()
     for u, v in ((0.4, 0.05), (0.7, 0.05), (0.7, 0.3), (0.4, 0.3)):  # the sun, and the sky about it
-        x = box["x"] + 0.5 * box["width"] + size * WIDTH * (u - 0.5)
-        tab.page.mouse.click(x, box["y"] + 0.5 * box["height"] + size * HEIGHT * (v - 0.5))
-    tab.page.get_by_role("button", name="Make matte").click()
+        assert not make.is_enabled() or v == 0.3
+        tab.page.mouse.click(*place(tab, u, v))
+    make.click()
     tab.page.locator("button[title='undo: add holdout']").wait_for()
-    assert (page.scene.parent / "matte-1.png").exists()
+    tab.page.locator("path.uw-drawn.uw-matte").first.wait_for(state="attached")
+    assert matte_of(page) == "matte-1/key-0000.png"
+    tab.page.locator(".uw-strip").press("End")
+    tab.until("() => document.querySelector('.uw-time .uw-where').textContent.includes('frame 7')")
+    key = tab.page.get_by_role("button", name="Make key")
+    key.wait_for()
+    for kind, line in (("inside", ((0.5, 0.17), (0.56, 0.17))), ("outside", ((0.35, 0.05), (0.35, 0.4)))):
+        tab.page.get_by_label("What a line is drawn over").select_option(kind)
+        draw(tab, *line)
+        tab.page.locator(f"path.uw-drawn.uw-{kind}").wait_for(state="attached")
+    key.click()
+    tab.page.locator("button[title='undo: set holdout.0.path']").wait_for()
+    tab.page.get_by_text("keys: 0, 7").wait_for()
+    assert matte_of(page) == "matte-1/%04d.png"
+    assert len(list((page.scene.parent / "matte-1").glob("[0-9]*.png"))) == 8
+    tab.page.get_by_role("button", name="Remove key").click()
+    tab.page.get_by_text("keys: 0").wait_for()
+    assert matte_of(page) == "matte-1/key-0000.png"
+    tab.page.locator(".uw-strip").press("Home")
+    tab.page.get_by_label("What a click in the picture does").select_option("")
+    for _ in range(3):
+        tab.page.locator("h1").click()
+        tab.page.keyboard.press("Control+z")
+    tab.page.locator("button[title='undo: add holdout']").wait_for(state="detached")
+
+
+def test_the_camera_is_levelled_by_clicks_on_the_horizon(page: Page) -> None:
+    tab, before = page.first, page.first.picture()
+    tab.page.get_by_label("What a click in the picture does").select_option("level")
+    level = tab.page.get_by_role("button", name="Level camera")
+    level.wait_for()
+    for u, v in ((0.5, 0.5), (0.75, 0.52)):  # to the right lower by 3.6 degrees: it is rolled to the left
+        tab.page.mouse.click(*place(tab, u, v))
+        tab.page.locator(".uw-mark.uw-spot").nth(0 if u == 0.5 else 1).wait_for()
+    level.click()
+    tab.page.locator("button[title='undo: level by the horizon']").wait_for()
+    tab.page.locator("h1").click()
+    tab.page.keyboard.press("Control+s")
+    tab.until("() => document.querySelector('.unsaved').textContent === 'saved'")
+    camera = load_scene(page.scene).camera
+    np.testing.assert_allclose([camera.roll_deg, camera.pitch_deg], [-3.6, 0.0], atol=0.3)  # clicks at whole pixels
     tab.page.get_by_label("What a click in the picture does").select_option("")
     tab.page.locator("h1").click()
     tab.page.keyboard.press("Control+z")
-    tab.page.locator("button[title='undo: add holdout']").wait_for(state="detached")
+    tab.page.locator("button[title='undo: level by the horizon']").wait_for(state="detached")
+    tab.done()
+    assert tab.picture() == before
+
+
+def test_an_object_is_trimmed_by_thirds_of_a_stop(page: Page) -> None:
+    tab = page.first
+    number = tab.control("object.0.exposure").locator("input[type=number]")
+    tab.page.get_by_role("button", name="Brighter").click()
+    tab.page.wait_for_function("e => e.value === '0.333'", arg=number.element_handle())
+    tab.page.locator("h1").click()
+    for key, expected in ((".", "0.667"), (",", "0.333"), (",", "0"), (",", "-0.333")):
+        tab.page.keyboard.press(key)
+        tab.page.wait_for_function("([e, v]) => e.value === v", arg=[number.element_handle(), expected])
+    for _ in range(5):
+        tab.page.keyboard.press("Control+z")
+    tab.page.locator("button[title='undo: set object.0.exposure']").wait_for(state="detached")
 
 
 def test_keys_are_set_edited_and_played(page: Page) -> None:

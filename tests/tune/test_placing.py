@@ -9,6 +9,7 @@ import pytest
 from mr360uw.composite.motion import rotation_matrix
 from mr360uw.composite.shot import Receiver
 from mr360uw.errors import ParameterError
+from mr360uw.ibl.level.tilt import level_matrix, roll_pitch
 from mr360uw.sphere import yaw_matrix
 from mr360uw.tune import placing
 from mr360uw.tune.panels import click_tools as floor
@@ -52,6 +53,26 @@ def test_axes_are_right_up_back() -> None:
     np.testing.assert_allclose(placing.at_distance(LEVEL, Point(np.pi / 2, 0.0), 2.0), (2.0, 0.5, 0.0), atol=EXACT)
     np.testing.assert_allclose(placing.at_distance(LEVEL, Point(0.0, 0.0), 2.0), (0.0, 0.5, -2.0), atol=EXACT)
     np.testing.assert_allclose(placing.at_distance(LEVEL, Point(0.0, np.pi / 2), 2.0), (0.0, 2.5, 0.0), atol=EXACT)
+
+
+@pytest.mark.parametrize("azimuths", [(0.0, 90.0), (-20.0, 40.0, 100.0, 170.0)])
+def test_points_of_the_horizon_give_roll_and_pitch(azimuths: tuple[float, ...]) -> None:
+    level = level_matrix(np.radians(-7.0), np.radians(12.0))  # world from camera
+    clicks = []
+    for azimuth in np.radians(azimuths):
+        d = level.T @ np.array([np.sin(azimuth), 0.0, -np.cos(azimuth)])
+        clicks.append(Point(float(np.arctan2(d[0], -d[2])), float(np.arcsin(d[1]))))
+    found = floor.up_of_horizon(clicks, np.array([0.0, 1.0, 0.0]))
+    np.testing.assert_allclose(found, level[1], atol=EXACT)
+    np.testing.assert_allclose(np.degrees(roll_pitch(found)), (-7.0, 12.0), atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    "points", [POINTS[:1], [Point(0.3, 0.0), Point(0.4, 0.0)], [Point(0.0, 0.0), Point(np.pi, 0.0)]]
+)
+def test_clicks_that_leave_the_horizon_open_are_refused(points: list[Point]) -> None:
+    with pytest.raises(ParameterError, match="two points that are apart"):
+        floor.up_of_horizon(points, np.array([0.0, 1.0, 0.0]))
 
 
 def test_swimming_keeps_the_distance() -> None:

@@ -156,12 +156,19 @@ def command(dive: SampleDive, run: CommandRun) -> list[str]:
 
 def test_a_run_tells_its_progress_and_what_went_wrong(dive: SampleDive, tmp_path: Path) -> None:
     told: list[tuple[int, int, float | None]] = []
-    run = CommandRun(tmp_path / "out.mp4", lambda: told.append((run.done, run.total, run.seconds_left)))
+    phases: list[str] = []
+
+    def note() -> None:
+        told.append((run.done, run.total, run.seconds_left))
+        phases.append(run.phase)
+
+    run = CommandRun(tmp_path / "out.mp4", note)
     asyncio.run(run.run([*command(dive, run), "--scale", "0.25", "--backend", "reference"]))
     assert run.state == "done", run.message
     assert run.out.is_file()
     assert [row[:2] for row in told[-4:-1]] == [(1, 3), (2, 3), (3, 3)]
     assert told[-2][2] == 0.0
+    assert list(dict.fromkeys(phases)) == ["reading the light", "rendering"]
     again = CommandRun(tmp_path / "out.mp4", lambda: None)
     asyncio.run(again.run(command(dive, again)))
     assert again.state == "failed"

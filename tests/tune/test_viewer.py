@@ -158,6 +158,38 @@ def test_clicks_on_the_flat_picture_land_within_a_pixel(shown: Page) -> None:
     assert again["shift"]
 
 
+def test_drags_draw_lines_while_something_is_drawn(shown: Page) -> None:
+    shown.fresh()
+    shown.do("viewer", "set_drawing", kind="inside")
+    box, mouse = shown.canvas(), shown.page.mouse
+    shown.page.wait_for_function("() => document.querySelector('.uw-viewer') !== null")
+    start, end = ((box["x"] + a * box["width"], box["y"] + 0.5 * box["height"]) for a in (0.4, 0.6))
+    shown.forget()
+    mouse.move(*start)
+    mouse.down()
+    mouse.move(*end, steps=8)
+    shown.page.locator("path.uw-drawn.uw-inside").wait_for(state="attached")
+    mouse.up()
+    shown.page.locator("path.uw-drawn").wait_for(state="detached")  # it is Python's to keep
+    (told,) = shown.until("stroke")
+    points = [Point(*one) for one in told["points"]]
+    assert len(points) > 4
+    for point, place in ((points[0], start), (points[-1], end)):
+        np.testing.assert_allclose(flat_place(box, point), place, atol=1.0)
+    assert not shown.told("pick")
+    assert not shown.told("view")  # it stays
+    shown.page.keyboard.down("Shift")
+    shown.drag(start, end)
+    shown.page.keyboard.up("Shift")
+    assert shown.settled()["u"] != 0.5
+    assert len(shown.told("stroke")) == 1
+    shown.do("viewer", "set_drawing", kind="")
+    shown.forget()
+    shown.drag(end, start)
+    shown.until("view")
+    assert not shown.told("stroke")
+
+
 def test_looking_around_turns_the_view_and_clicks_land_within_a_pixel(shown: Page) -> None:
     shown.fresh(look=True)
     box = shown.canvas()

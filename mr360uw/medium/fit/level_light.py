@@ -68,9 +68,9 @@ def irradiance_from_level(medium: Medium, sun_up: float | None, direct: Floats |
         sun_up, sky = sky[1], "uniform"
     of_water = medium.water, medium.sensor, medium.illuminant, medium.surface, medium.refractive_index
     at = medium.camera_depth_m, medium.floor_m
-    of_sky, of_floor = _lights(*of_water, sky, *at)
+    of_sky, of_floor = _lights(*of_water, sky, *at, medium.rough)
     if sun_up is not None and medium.surface != "none":
-        of_sun, _ = _lights(*of_water, ("sun", min(max(round(sun_up / _STEP), 1) * _STEP, 1.0), 1.0), *at)
+        of_sun, _ = _lights(*of_water, ("sun", min(max(round(sun_up / _STEP), 1) * _STEP, 1.0), 1.0), *at, medium.rough)
         of_sky = (1.0 - direct) * of_sky + direct * of_sun
     shown = medium.gain * medium.level_radiance(_LEVEL)[0]
     strength, floor = two_lights(of_sky[:2], of_floor[:2], shown, np.asarray(below, np.float64))
@@ -80,7 +80,7 @@ def irradiance_from_level(medium: Medium, sun_up: float | None, direct: Floats |
 @functools.lru_cache(maxsize=64)
 def _lights(
     water: Water, sensor: Sensor, illuminant: str, surface: SurfaceKind, refractive_index: float, sky: Sky,
-    depth_m: float, floor_m: float | None,
+    depth_m: float, floor_m: float | None, rough: bool,
 ) -> tuple[Array, Array]:  # fmt: skip
     """Return the level light, that below the horizon, and the irradiance of a level plane that faces up (3, 3): of a
     sky, and of a floor of radiance 1. It takes 30 ms to solve.
@@ -89,6 +89,7 @@ def _lights(
         water, sensor, camera_depth_m=depth_m, illuminant=illuminant, surface=surface,
         refractive_index=refractive_index, sky=sky, floor_m=floor_m,
     )  # fmt: skip
+    medium = medium.for_drafts() if rough else medium
     of_sky = medium.light.display(_three(medium.model, depth_m))
     if isinstance(sky, tuple):  # what is typical of the azimuths, as the gain is
         coarse = min(max(round(sky[1] / _COARSE), 1) * _COARSE, 1.0)

@@ -25,10 +25,20 @@ const TEXT = `
 .uw-group button:last-child { border-radius: 0 4px 4px 0; }
 /* its room is kept while it is empty: a bar that grew would move the picture under the pointer */
 .uw-where { margin-left: auto; min-width: 176px; min-height: 1.4em; text-align: right; color: var(--uw-soft); font-variant-numeric: tabular-nums; white-space: nowrap; }
+@media (max-width: 600px) {
+  .uw-viewer .uw-bar { flex-wrap: nowrap; overflow-x: auto; }
+  .uw-viewer .uw-bar > * { flex: none; }
+  .uw-viewer .uw-where { display: none; }
+}
 .uw-stage { position: relative; flex: 1 1 0; min-height: 0; overflow: hidden; background: #16181b; }
 .uw-stage canvas { position: absolute; inset: 0; width: 100%; height: 100%; touch-action: none; cursor: crosshair; }
 .uw-stage canvas:focus-visible { outline-offset: -2px; }
 .uw-stage svg { position: absolute; inset: 0; height: 100%; pointer-events: none; }
+.uw-stage svg .uw-drawn-edge { fill: none; stroke: #000; stroke-opacity: .6; stroke-width: 5; stroke-linecap: round; stroke-linejoin: round; }
+.uw-stage svg .uw-drawn { fill: none; stroke: #f472b6; stroke-width: 3; stroke-linecap: round; stroke-linejoin: round; }
+.uw-stage svg .uw-drawn.uw-inside { stroke: #4ade80; }
+.uw-stage svg .uw-drawn.uw-outside { stroke: #f87171; }
+.uw-stage svg .uw-drawn.uw-matte { stroke: #fff; stroke-width: 2; }
 .uw-between { position: absolute; top: 0; bottom: 0; left: calc(50% - 1px); width: 2px; background: #fff; }
 .uw-stage .uw-chip { position: absolute; bottom: 8px; padding: 2px 8px; border-radius: 4px; pointer-events: none;
   background: rgb(10 14 18 / 0.72); color: #f1f5f9; }

@@ -28,11 +28,13 @@ export const template = `
   <div ref="stage" class="uw-stage">
     <canvas ref="canvas" tabindex="0" role="application"
       :aria-label="(shown.name || 'Picture') + '. Arrow keys turn the view, plus and minus change its size, 0 resets it, Enter picks its middle.'"
-      @pointerdown="down" @pointermove="moved" @pointerup="up" @pointercancel="held = null" @pointerleave="pointed = null"
+      @pointerdown="down" @pointermove="moved" @pointerup="up" @pointercancel="letGo" @pointerleave="pointed = null"
       @keydown="key"></canvas>
     <svg aria-hidden="true" :style="{ width: pane.width + 'px' }">
       <path v-for="(line, k) in horizonLines" :key="k" :d="line" fill="none" stroke="#000" stroke-opacity=".55" stroke-width="3" />
       <path v-for="(line, k) in horizonLines" :key="'w' + k" :d="line" fill="none" stroke="#67e8f9" stroke-width="1.4" stroke-dasharray="7 5" />
+      <path v-for="(one, k) in drawnLines" :key="'d' + k" :d="one.path" class="uw-drawn-edge" />
+      <path v-for="(one, k) in drawnLines" :key="'c' + k" :d="one.path" class="uw-drawn" :class="'uw-' + one.kind" />
     </svg>
     <button v-for="one in placed" :key="one.name" type="button" class="uw-mark"
       :class="['uw-' + one.kind, { 'uw-selected': one.name === selected }]" :style="one.at"

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Bars of tools for clicks in the picture: the height of the sea floor, patches of known colour, outlines of mattes.
+"""Bars of tools for clicks in the picture: the height of the sea floor, patches of known colour, the horizon.
 
 Rays alone leave the scale of a scene open, so that one length has to be known: the camera's height above the floor,
 distances from the camera, or lengths between clicked points. All fits assume a level floor and a levelled camera:
@@ -8,7 +8,6 @@ with an error e [rad] of its level, a height found at a distance D along the gro
 
 from __future__ import annotations
 
-import asyncio
 from collections.abc import Callable, Sequence
 from math import degrees, inf, nan, radians
 from typing import Any
@@ -16,17 +15,16 @@ from typing import Any
 import numpy as np
 from nicegui import ui
 
-from mr360uw.errors import Mr360uwError, ParameterError
-from mr360uw.files import write_whole
-from mr360uw.tune.lasso import free_name, matte_of_outline
+from mr360uw.errors import ParameterError
+from mr360uw.ibl.level.tilt import roll_pitch
 from mr360uw.tune.panels.widgets import Button, Choice, Text
 from mr360uw.tune.placing import Point, ray
 from mr360uw.tune.session import Session
 from mr360uw.tune.situation import Marker
 from mr360uw.types import Floats, View
-from mr360uw.video import VideoFrame
-from mr360uw.video.write.image_writer import picture_codes
 
+_SAME_S = 1e-4
+"""Keys nearer than this [s] are one: far below a frame."""
 FloorFit = tuple[float, float, str]
 """A level floor: its height [m] in the world, as `receiver.height_m`, the root mean square deviation [m] from what was
 given, 0 where nothing is left to compare, and what is assumed, in words."""
@@ -229,59 +227,81 @@ def _metres(text: str) -> float:
     return length_m
 
 
-class LassoTool:
-    """The tool of a tab that makes a matte of what is clicked around, in a bar of its own. failed: tells an error.
-    changed: called when the clicks change.
+_APART = 0.13
+"""Least ratio of the two larger singular values of clicks on the horizon: two clicks are 15 degrees apart, or nearly
+opposite by as much. There an error of a click is four times as large in the level."""
+
+
+def up_of_horizon(clicks: Sequence[Point], up: Floats) -> Floats:
+    """Return the direction (3,) of the world's up in the camera's axes for points that were clicked on the horizon.
+
+    Least squares over the sines of their elevations. up: the present one, of which it is on the side. Raises
+    `ParameterError` where the clicks leave it open.
+    """
+    _, size, axes = np.linalg.svd(np.stack([point.direction for point in clicks]).reshape(-1, 3))
+    if len(clicks) < 2 or size[1] < _APART * size[0]:
+        raise ParameterError(
+            f"horizon - needs two points that are apart (got {len(clicks)}) - click on it ahead and to a side"
+        )
+    found: Floats = axes[2] * (1.0 if axes[2] @ up >= 0.0 else -1.0)
+    return found
+
+
+class LevelTool:
+    """The tool of a tab that levels the camera by the horizon, in a bar of its own. failed: tells an error. changed:
+    called when the clicks change.
     """
 
     def __init__(self, session: Session, failed: Callable[[Exception], None], changed: Callable[[], None]) -> None:
-        self._session, self._failed, self._changed = session, failed, changed
+        self._session, self._document = session, session.document
+        self._failed, self._changed = failed, changed
         self.clicks: list[Point] = []
+        self._camera: View | None = None
         with ui.element("span").classes("floor-tool") as self._root:
             self._count = Text("", classes="status").props("role=status")
-            self._make = Button("Make matte", self._made, title="keep what the outline holds before the objects")
-            Button("Forget outline", lambda: self.begin(shown=True))
+            self._level = Button("Level camera", self._set, title="set the camera's roll and pitch")
+            Button("Forget points", lambda: self.begin(shown=True))
         self._root.set_visibility(False)
 
     def begin(self, *, shown: bool) -> None:
-        """Forget the outline; show the tool or hide it."""
+        """Forget all points; show the tool or hide it."""
         self.clicks = []
         self._told()
         self._root.set_visibility(shown)
         self._changed()
 
-    def add(self, point: Point) -> None:
-        """Take a point of the outline."""
+    def add(self, camera: View, point: Point) -> None:
+        """Take a point of the horizon that was clicked in a camera's picture."""
+        self._camera = camera
         self.clicks.append(point)
         self._told()
         self._changed()
 
     def _told(self) -> None:
-        self._count.text = f"{len(self.clicks)} points" if self.clicks else "click around what stays in front"
-        self._make.enable(len(self.clicks) > 2)
+        self._count.text = f"{len(self.clicks)} points" if self.clicks else "click two or more points of the horizon"
+        self._level.enable(len(self.clicks) > 1)
 
-    async def _made(self) -> None:
-        session, document, outline = self._session, self._session.document, list(self.clicks)
-        scene, index, width = document.scene, session.index, session.clip.width
+    def _set(self) -> None:
+        assert self._camera is not None
         try:
-            job = session.pictures.ask(
-                lambda renderer: _matte_file(renderer.preview.plate(scene, index, width), outline)
-            )
-            data: bytes = await asyncio.wrap_future(job)
-            name = free_name(document.path.parent)
-            write_whole(document.path.with_name(name), data)
-            document.append("holdout", {"path": name})
-        except (Mr360uwError, OSError) as error:
+            roll, pitch = roll_pitch(up_of_horizon(self.clicks, self._camera.world_from_camera[1]))
+            self._document.apply("level by the horizon", self._changes(float(degrees(roll)), float(degrees(pitch))))
+        except (ParameterError, OSError) as error:
             self._failed(error)
             return
-        moves = "" if session.frame_count == 1 else ", the same in every frame"
-        ui.notify(f"{name} keeps it before the objects{moves}.")
+        ui.notify(f"The camera's roll is {degrees(roll):z.1f}, its pitch {degrees(pitch):z.1f} degrees.")
         self.begin(shown=True)
 
-
-def _matte_file(plate: VideoFrame, outline: Sequence[Point]) -> bytes:
-    """Return the matte of an outline in a plate's frame as PNG."""
-    import cv2
-
-    matte = matte_of_outline(picture_codes(plate, deep=False), outline)
-    return bytes(cv2.imencode(".png", matte)[1])
+    def _changes(self, roll_deg: float, pitch_deg: float) -> dict[str, Any]:
+        """Return the keys that level the camera: of this frame where its tilt has keys."""
+        camera = self._document.scene.camera
+        for name in ("track", "gravity"):
+            if getattr(camera, name) is not None:
+                raise ParameterError(
+                    f"camera.{name} - levels the camera already (got {getattr(camera, name)}) - remove it first"
+                )
+        roll, pitch, time_s = round(roll_deg, 2) + 0.0, round(pitch_deg, 2) + 0.0, round(self._session.time_s, 6)
+        if not camera.tilt_keys:
+            return {"camera.roll_deg": roll, "camera.pitch_deg": pitch}
+        others = [list(key) for key in camera.tilt_keys if abs(key[0] - time_s) > _SAME_S]
+        return {"camera.tilt_keys": sorted([*others, [time_s, roll, pitch]])}

@@ -5,17 +5,19 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
-from nicegui import background_tasks
+from nicegui import background_tasks, ui
 
 from mr360uw.composite.object_settings import POLAR
 from mr360uw.errors import ParameterError
 from mr360uw.tune import placing
 from mr360uw.tune.editing import tracks
 from mr360uw.tune.editing.ways import in_words
-from mr360uw.tune.panels.click_tools import PATCH_TOOLS, FloorTool, LassoTool, PatchTool
+from mr360uw.tune.panels.click_tools import PATCH_TOOLS, FloorTool, LevelTool, PatchTool
+from mr360uw.tune.panels.lasso_tool import LassoTool
 from mr360uw.tune.panels.stage import ShownPicture
 from mr360uw.tune.panels.widgets import Button, Choice
 from mr360uw.tune.placing import Point
@@ -28,10 +30,11 @@ _TOOLS = {
     "stand": "Click: stand here",
     "swim": "Click: swim there",
     "sun": "Click: the sun is here",
+    "level": "Click: points on the horizon",
     "floor": "Click: points on the floor",
     "water": "Click: match open water",
     **PATCH_TOOLS,
-    "lasso": "Click: outline of a matte",
+    "lasso": "Draw: a matte",
 }
 _WORDS = {
     "position_m": (*POLAR, "stand_on"),
@@ -42,6 +45,8 @@ _WORDS = {
 """Keys of an object that give way to a position, rotation or size that is set by hand."""
 _TURN_STEP_DEG = 15.0
 """Step of a turn while Shift is held."""
+_MOST_STOPS = 10.0
+"""Greatest exposure of an object, either way, that a scene takes."""
 
 
 class PlaceTools:
@@ -68,10 +73,18 @@ class PlaceTools:
             self._choice = Choice("What a click in the picture does", _TOOLS, "", self._choose)
             self._go = Button("Go to", self._go_to, title="look at the chosen object")
             self._face = Button("Face camera", self._face_camera, title="turn the chosen object's nose to the camera")
+            with ui.element("span").classes("segments").props("role=group aria-label='Exposure of the chosen object'"):
+                self._trims = [
+                    Button(text, partial(self.trim, step), title=f"the chosen object, by a third of a stop ({key})")
+                    for text, step, key in (("Darker", -1, "comma"), ("Brighter", 1, "full stop"))
+                ]
+        with stage.tool_bars:
             self._floor = FloorTool(session, failed, self._mark)
+            self._level = LevelTool(session, failed, self._mark)
             self._patch = PatchTool(session)
             self._lasso = LassoTool(session, failed, self._mark)
         self._viewer.on_pick(self._picked)
+        self._viewer.on_stroke(self._lasso.add)
         self._viewer.on_drag(self._dragged)
         self._viewer.on_select(self._selected)
         self._choose("")
@@ -88,6 +101,7 @@ class PlaceTools:
 
     def refresh(self) -> None:
         """Show where the objects are now; before the first picture this would hold it up."""
+        self._lasso.follow()
         if self._session.picture is None:
             return
         self._asked += 1
@@ -114,15 +128,18 @@ class PlaceTools:
 
     def _mark(self) -> None:
         here = self._situation
-        marks = [] if here is None else list(here.marks)
+        draws = self._tool == "lasso"  # then marks and handles would be in the way
+        marks = [] if here is None or draws else list(here.marks)
         marks += [
-            Marker(f"floor.{k}", p.longitude, p.latitude, "spot", str(k + 1), handles=())
-            for k, p in enumerate(self._floor.clicks + self._lasso.clicks)
+            Marker(f"click.{k}", p.longitude, p.latitude, "spot", str(k + 1), handles=())
+            for k, p in enumerate(self._floor.clicks + self._level.clicks)
         ]
         marks += self._patch.marks() if self._tool in PATCH_TOOLS else []
+        self._viewer.set_lines(self._lasso.drawn() if draws else [])
+        self._viewer.set_drawing(self._lasso.kind if draws else "")
         self._viewer.set_marks(marks, here.edge if here is not None and self._tool in ("stand", "floor") else ())
         self._viewer.select(f"object.{self._number}")
-        for button in (self._face, self._go):
+        for button in (self._face, self._go, *self._trims):
             button.enable(bool(here is not None and here.bodies))
         if here is not None:
             words = {f"object.{k}": here.words(k, level=self._stands(k)) for k in range(len(here.bodies))}
@@ -151,6 +168,17 @@ class PlaceTools:
                 self._document.set(f"{key}.{word}", changes[word])
         return True
 
+    def trim(self, thirds: int) -> None:
+        """Change the exposure of the chosen object by thirds of a stop, to whole thirds."""
+        objects = self._document.scene.objects
+        if not objects:
+            return
+        key = f"object.{min(self._number, len(objects) - 1)}.exposure"
+        now = tracks.values_at(self._document, self._session.time_s).get(key, self._document.get(key) or 0.0)
+        stops = round(round(3.0 * now + thirds) / 3.0, 3)
+        if abs(stops) <= _MOST_STOPS:
+            self._put(key, stops + 0.0)
+
     def _go_to(self) -> None:
         point = None if self._situation is None else self._situation.shown(self._number)
         if point is not None:
@@ -161,6 +189,7 @@ class PlaceTools:
         self._choice.choose(tool)
         self._patch.begin(shown=tool in PATCH_TOOLS)
         self._floor.begin(shown=tool == "floor")
+        self._level.begin(shown=tool == "level")
         self._lasso.begin(shown=tool == "lasso")
 
     async def _picked(self, point: Point) -> None:
@@ -174,11 +203,11 @@ class PlaceTools:
                 self._patch.add(point, self._tool)
                 return
             if self._tool == "lasso":
-                self._lasso.add(point)
+                self._lasso.add([point])
                 return
             here = await self._ask()
-            if self._tool == "floor":
-                self._floor.add(here.camera, point)
+            if self._tool in ("floor", "level"):
+                (self._floor if self._tool == "floor" else self._level).add(here.camera, point)
             elif self._tool == "sun":
                 azimuth, elevation = here.sun_angles_deg(point)
                 given = {

@@ -31,7 +31,8 @@ class RenderDialog:
             self._unsaved = Text("", "p", "muted")
             with ui.element("label").classes("row-field"):
                 Text("Output")
-                self._name = str(self._document.path.with_suffix(".composite.mp4"))
+                still = session.frame_count == 1
+                self._name = str(self._document.path.with_suffix(".composite.png" if still else ".composite.mp4"))
                 out = ui.element("input").props("type=text spellcheck=false")
                 out.props["^value"] = self._name  # at first: what is typed stays while other elements are updated
                 out.on("change", self._named, js_handler="(e) => emit(e.target.value)")
@@ -64,7 +65,8 @@ class RenderDialog:
         run, dirty = self._session.run, self._document.dirty
         running = run is not None and run.state == "running"
         (start, stop), count = self._session.range, self._session.frame_count
-        self._title.text = "Render the whole clip" if stop - start == count else f"Render frames {start} to {stop - 1}"
+        whole = "Render the picture" if count == 1 else "Render the whole clip"
+        self._title.text = whole if stop - start == count else f"Render frames {start} to {stop - 1}"
         self._unsaved.text = "There are unsaved changes." if dirty else "The scene is saved."
         self._save_first.text = "Save and render" if dirty else "Render"
         self._save_first.enable(not running)
@@ -78,7 +80,8 @@ class RenderDialog:
         self._bar.props["value"] = run.done / run.total if run.total else 0.0
         if running:
             left = "" if run.seconds_left is None else f", {_duration(run.seconds_left)} left"
-            self._text.text = f"frame {run.done} of {run.total or '...'}{left}"
+            frames = f": frame {run.done} of {run.total}" if run.total else ""
+            self._text.text = f"{run.phase or 'starting'}{frames}{left}"
         else:
             words = {"done": "Done.", "failed": "It failed.", "cancelled": "Cancelled; what is finished stays."}
             self._text.text = f"{words[run.state]}\n{run.message}"

@@ -17,7 +17,7 @@ _COMPARISONS = {"": "compare with …", "plate": "compare with the plate"}
 
 
 class ShownPicture:
-    """The picture of a tab. failed: tells an error."""
+    """The picture of a tab. failed: tells an error. tools, tool_bars: of the bars above it, to be filled."""
 
     def __init__(self, session: Session, failed: Callable[[Exception], None]) -> None:
         self._session, self._failed = session, failed
@@ -34,6 +34,8 @@ class ShownPicture:
                 )  # fmt: skip
                 self._comparison = Choice("Compare with", _COMPARISONS, "", self._compare)
                 self.tools = ui.element("span").classes("stage-tools")
+            with ui.element("div").classes("stage-bar"):
+                self.tool_bars = ui.element("span").classes("stage-tools")
                 ui.element("span").classes("grow")
                 self._status = Text("", classes="status").props("role=status")
             self._problems = ui.element("div")

@@ -27,7 +27,7 @@ class TimePanel:
         self._chosen, self._drag = "", 0
         self._playing = False
         clip = session.clip
-        self.root = ui.element("footer").classes("page-foot page-keys")
+        self.root = ui.element("footer").classes("page-foot")
         with self.root:
             self._line = Timeline(session.frame_count, float(clip.frame_rate))
             with ui.element("div").classes("foot-bar") as self._bar:
