@@ -151,6 +151,7 @@ def controls(folder: Path) -> None:
         shown = page.evaluate("() => [...document.querySelectorAll('.control')].map(one => one.dataset.key)")
         named = [name for name in sys.argv[1:] if "." in name]
         print("| control | draft | 95 % | full | 95 % | processor | |\n| --- | --- | --- | --- | --- | --- | --- |")
+        snapshot(page, "Keep the present state")
         for key in named or shown:
             page.get_by_label("Search parameters").fill(key.rpartition(".")[2])
             page.wait_for_selector(f'[data-key="{key}"]')
@@ -163,6 +164,15 @@ def controls(folder: Path) -> None:
                     times.append(found)
             used = 1e3 * (processor_s(server) - before) / MOVES
             print(table_row(key, times, used), flush=True)
+            snapshot(page, "Back to snapshot 1")  # each control is moved from the same state
+
+
+def snapshot(page: Any, item: str) -> None:
+    """Choose from the page's menu of snapshots, and wait for the picture."""
+    page.get_by_role("button", name="Snapshots").click()
+    page.get_by_text(item, exact=True).click()
+    page.wait_for_timeout(200)
+    rest(page)
 
 
 def processor_s(process: int) -> float:

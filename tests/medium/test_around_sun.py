@@ -14,6 +14,8 @@ from mr360uw.sphere import directions
 from tests.medium.tolerances import AROUND_ALL_BANDS, GROWTH_AROUND_SUN, HARMONIC
 
 DEPTH = 4.0
+AROUND_ROUGHLY, LEVEL_ROUGHLY = 0.02, 0.001
+"""Relative error of drafts: root mean square over the sphere, and of typical light at the horizon. A code is 1 %."""
 
 
 def lit(sun_up: float = 0.85, water: str = "IB") -> Medium:
@@ -54,6 +56,18 @@ def test_it_changes_steadily_with_the_depth() -> None:
     assert other is not None
     np.testing.assert_allclose(one, step, rtol=1e-4)
     np.testing.assert_allclose(other, step, rtol=1e-4)
+
+
+@pytest.mark.parametrize("water", ["IB", "II", "7C"])
+def test_that_of_drafts_is_about_the_same(water: str) -> None:
+    medium = lit(water=water)
+    exact, rough = around_sun(medium), around_sun(medium.for_drafts())
+    assert exact is not None
+    assert rough is not None
+    assert np.sqrt(np.mean((rough / exact - 1.0) ** 2)) < AROUND_ROUGHLY
+    towards = np.array([0.4, 0.85, -0.3])
+    levels = [typical_level(placed(ratio, towards)) for ratio in (rough, exact)]
+    np.testing.assert_allclose(*levels, rtol=LEVEL_ROUGHLY)
 
 
 @pytest.mark.parametrize("seen", ["all", "half", "none"])

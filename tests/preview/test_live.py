@@ -69,7 +69,7 @@ def test_a_change_leaves_alone_what_does_not_depend_on_it(
     for change, touched in (
         ("output.quality=20", set()), ("draw.grain=0.5", set()),
         ("object.0.base_color=[0.5, 0.2, 0.1]", {"draw_layer"}),
-        ("sea.wind_speed=6", {caustics, "draw_layer"}),
+        ("light.exposure=0.5", {"draw_layer"}), ("sea.wind_speed=6", {caustics, "draw_layer"}),
         ("light.peak=9", {"plate_light", "exposed_water", "draw_layer"}),
     ):  # fmt: skip
         kept.frame(load_scene(small_dive, FEW), 0)
