@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Calls of OpenGL in a frame, bytes that go to the device and come back, and reads that wait for it.
+"""Calls of OpenGL in a frame, bytes that go to the device and come back, waits for it, and a frame's predicted time.
 
     python benchmarks/cost/gl_calls.py [--width W] [--frames N]
 
@@ -7,7 +7,12 @@ For the four scenes of `pipeline.py rate`: medians over frames after the first t
 Counted are calls of moderngl, each of which is one to a few calls of OpenGL. A read returns what was drawn, so it waits
 until the device has drawn it: it is synchronous. A `wait` is a read that comes after a draw which no earlier read has
 waited for; the reads right after it find their pictures done. On a GPU each wait leaves it idle until the processor has
-answered; the aim is two in a frame. Places of the waits are listed with their number a frame.
+answered; the aim is two in a frame. A copy into a buffer on the device waits for nothing. Places of the waits are
+listed with their number a frame.
+
+Predicted is the time of a frame with a device behind a queue, of which nothing is known but that each wait takes 200 us
+and that bytes travel at 10 GB/s: the time that the frame's thread spends outside of moderngl here, and the delays. What
+the device draws, and the driver's own time, are left out: here both are the processor's.
 """
 
 from __future__ import annotations
@@ -16,6 +21,7 @@ import argparse
 import statistics
 import sys
 import tempfile
+import time
 import traceback
 from collections import Counter
 from collections.abc import Callable, Iterator
@@ -32,6 +38,8 @@ from benchmarks.pipeline import measured_scenes
 
 AIM = 2
 """Waits in a frame that a GPU can hide behind other frames."""
+WAIT_S, BYTES_PER_S = 200e-6, 10e9
+"""What the simulated queue takes for a wait [s], and for what travels through it [bytes / s]."""
 _DRAWS = {moderngl.VertexArray: ("render", "transform"), moderngl.Framebuffer: ("clear",)}
 _READS = dict.fromkeys(
     (moderngl.Framebuffer, moderngl.Texture, moderngl.TextureArray, moderngl.Buffer), ("read", "read_into")
@@ -48,23 +56,35 @@ _PASSING_ON = ("gl_calls.py", "targets.py", "context.py")
 
 
 class Calls:
-    """Counts of a frame: `of` calls by kind, bytes `up` and `down`; `waits` by the function that reads."""
+    """Counts of a frame: `of` calls by kind, bytes `up` and `down`; `waits` by the function that reads.
+
+    own_s: processor time [s] of the frame's thread outside of moderngl.
+    """
 
     def __init__(self) -> None:
         self.of: Counter[str] = Counter()
         self.waits: Counter[str] = Counter()
         self.up = self.down = 0
+        self.own_s = 0.0
         self._drawn, self._within = False, 0
+
+    @property
+    def predicted_s(self) -> float:
+        """Time [s] of the frame with a simulated queue."""
+        return self.own_s + WAIT_S * self.waits.total() + (self.up + self.down) / BYTES_PER_S
 
     def counted(self, kind: str, inner: Callable[..., Any]) -> Callable[..., Any]:
         """Return a method of moderngl that is counted; what it calls itself is not."""
 
         def method(*given: Any, **named: Any) -> Any:
             self._within += 1
+            began = time.thread_time()
             try:
                 result = inner(*given, **named)
             finally:
                 self._within -= 1
+                if self._within == 0:
+                    self.own_s -= time.thread_time() - began
             if self._within == 0:
                 self._note(kind, given, named, result)
             return result
@@ -72,6 +92,8 @@ class Calls:
         return method
 
     def _note(self, kind: str, given: tuple[Any, ...], named: dict[str, Any], result: Any) -> None:
+        if kind == "read" and isinstance(given[1] if len(given) > 1 else None, moderngl.Buffer):
+            kind = "copy"
         self.of[kind] += 1
         if kind == "draw":
             self._drawn = True
@@ -125,7 +147,9 @@ def count(subject: Subject, frames: int) -> list[Calls]:
     for _ in range(frames):
         calls.append(Calls())
         with counting(calls):
+            began = time.thread_time()
             subject.frame()
+            calls[-1].own_s += time.thread_time() - began
     return calls
 
 
@@ -135,11 +159,13 @@ def report(what: str, calls: list[Calls]) -> None:
     def median(of: Callable[[Calls], float]) -> float:
         return statistics.median(map(of, calls))
 
-    kinds = ("draw", "read", "write", "make", "other")
+    kinds = ("draw", "read", "copy", "write", "make", "other")
     cells = " ".join(f"{median(lambda c, kind=kind: c.of[kind]):6g}" for kind in kinds)  # type: ignore[misc]
     waits = median(lambda c: c.waits.total())
     sizes = f"{median(lambda c: c.up) / 1024:8.0f} {median(lambda c: c.down) / 1024:8.0f}"
     print(f"{what:28} {cells} {sizes} {waits:6g}  aim {AIM}: {'met' if waits <= AIM else 'not met'}")
+    own_ms, queue_ms = 1e3 * median(lambda c: c.own_s), 1e3 * median(lambda c: c.predicted_s - c.own_s)
+    print(f"{'':28}   predicted {own_ms + queue_ms:.1f} ms: own {own_ms:.1f}, waits and transfers {queue_ms:.1f}")
     places = sum((c.waits for c in calls), Counter[str]())
     for place, number in places.most_common():
         print(f"{'':28}   {number / len(calls):.1f} waits in {place}")
@@ -151,7 +177,7 @@ def main() -> None:
     parser.add_argument("--width", type=int, default=1024)
     parser.add_argument("--frames", type=int, default=5)
     given = parser.parse_args()
-    kinds = " ".join(f"{kind:>6}" for kind in ("draws", "reads", "writes", "makes", "others"))
+    kinds = " ".join(f"{kind:>6}" for kind in ("draws", "reads", "copies", "writes", "makes", "others"))
     print(f"{'scene':28} {kinds} {'KiB up':>8} {'KiB down':>8} {'waits':>6}")
     with tempfile.TemporaryDirectory() as folder:
         for what, scene in measured_scenes(Path(folder), None, given.width, frames=given.frames + 3).items():
