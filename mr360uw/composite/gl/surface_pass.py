@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.cache import Cache, PartOf, Steps
-from mr360uw.composite.gl.blocks import BLOCK, LANE_COLUMNS, Blocks, in_lane_order, lane_rows, make_blocks
+from mr360uw.composite.gl.blocks import BLOCK, LANE_COLUMNS, Blocks, lane_rows, make_blocks, write_lanes
 from mr360uw.composite.gl.facet_pass import FACET_COLUMNS, FacetPass, of_eye
 from mr360uw.composite.gl.fragments import NOTHING, Fragments, joined_fragments
 from mr360uw.composite.gl.targets import Targets, bind, side_by_side
@@ -225,7 +225,9 @@ class SurfacePass:
         self._targets.fill(target, shader, part)
         sent = self._targets.send(target, part)
         yield
-        return np.concatenate([in_lane_order(image)[:count] for image in sent.images()], axis=1)
+        values = np.empty((count, sum(channels)), np.float32)
+        write_lanes(sent.stacked(), values)
+        return values
 
 
 def _turns(shot: Shot, positions: Floats) -> Floats:

@@ -60,6 +60,12 @@ class Pixels:
             np.frombuffer(data, np.float32, int(np.prod(shape)), start).reshape(shape) for start, shape in self._places
         ]
 
+    def stacked(self) -> NDArray[np.float32]:
+        """Return `images` as one array (n, h, w, c), of textures that have equally many channels."""
+        start, shape = self._places[0]
+        every = len(self._places), *shape
+        return np.frombuffer(self._batch.data(), np.float32, int(np.prod(every)), start).reshape(every)
+
 
 class Targets:
     """Compiled programs by name and defines; float targets by name, which only grow."""
