@@ -15,7 +15,7 @@ import functools
 import math
 import weakref
 from collections import Counter
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Generator, Hashable
 from dataclasses import fields, is_dataclass
 from types import MethodType
 from typing import Any, Generic, TypeVar, TypeVarTuple
@@ -26,6 +26,8 @@ from numpy.typing import NDArray
 T = TypeVar("T")
 Inputs = TypeVarTuple("Inputs")
 
+Steps = Generator[None, None, T]
+"""A function that pauses where it would wait, by a `yield`, so that others work meanwhile; at its end it returns."""
 _BY_CONTENT = 1 << 20
 """Bytes of an array up to which it counts by its content: to read a megabyte takes a third of a millisecond."""
 
@@ -125,9 +127,24 @@ class Cache(Neutral):
         else:
             result = function(*inputs)
             self.made[name] += 1
+        return self._keep(plain, key, result, keep)
+
+    def steps(self, function: Callable[[*Inputs], Steps[T]], *inputs: *Inputs, keep: int = 1) -> Steps[T]:
+        """Return the result of a function that pauses, as `of` does; pause where it does, unless the result is kept."""
+        plain, key = _with_own(function, inputs)
+        name = name_of(plain)
+        if key in self._kept.get(plain, {}):
+            result: T = self._kept[plain].pop(key)
+        else:
+            result = yield from function(*inputs)
+            self.made[name] += 1
+        return self._keep(plain, key, result, keep)
+
+    def _keep(self, plain: Callable[..., Any], key: Hashable, result: T, most: int) -> T:
+        """Keep a function's result as its last used one; return it."""
         results = self._kept.setdefault(plain, {})  # only now: the call may have dropped it
         results[key] = result
-        while len(results) > keep * self._room:
+        while len(results) > most * self._room:
             results.pop(next(iter(results)))
         return result
 

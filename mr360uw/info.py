@@ -10,6 +10,7 @@ from mr360uw.reading.extras import EXTRAS, command
 
 _PACKAGES = ("numpy", "scipy", "numba", "av", "opencv-contrib-python-headless", "OpenEXR", "moderngl", "trimesh",
              "embreex", "colour-science", "pydantic")  # fmt: skip
+_NO_CARD = 'none, so output.encoder = "auto" takes those of the processor'
 _ENCODERS = ("libx264", "libx265", "libsvtav1", "prores", "prores_ks", "ffv1")
 
 
@@ -32,7 +33,7 @@ def describe() -> str:
     ffmpeg = ".".join(str(part) for part in av.library_versions["libavcodec"])
     found = [name for name in _ENCODERS if name in av.codecs_available]
     lines.append(f"video     FFmpeg libavcodec {ffmpeg}; encoders {' '.join(found)}")
-    lines.append(f"encoders  of graphics cards that open here: {' '.join(opening_encoders()) or 'none'}")
+    lines.append(f"encoders  of graphics cards that open here: {' '.join(opening_encoders()) or _NO_CARD}")
     lines += [
         f"package   {name} {version}" if version else f"package   {name} is not installed"
         for name, version in package_versions().items()

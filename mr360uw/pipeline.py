@@ -23,7 +23,7 @@ from mr360uw.render.first_pass import ClipAnalysis, measured_range
 from mr360uw.render.loaded import Loaded, load
 from mr360uw.runs.fingerprint import input_fingerprints, work_keys
 from mr360uw.runs.job import Job, OpenJob, RunTimes
-from mr360uw.runs.outputs import Output, forecaster
+from mr360uw.runs.outputs import Output, forecaster, with_encoder
 from mr360uw.runs.run_report import Report
 from mr360uw.runs.stored_analysis import measured_analysis
 from mr360uw.runs.work_folder import Part, WorkFolder, joined_bounds, work_folder
@@ -114,6 +114,7 @@ def composite_video(
     instance("scene", scene, Scene, "load_scene reads one")
     with open_plate(scene) as video:
         span = video.check_range(*frames)
+        scene, taken = with_encoder(scene, video, Path(out))
         output = Output.of(scene, video, out, layers, span, overwrite=overwrite, report=report)
         parts, total = output.parts(), span[1] - span[0]
         loaded = load(scene, video.width, video.height, clip=not video.is_still)
@@ -140,7 +141,7 @@ def composite_video(
         doubts = (*video.doubts, *projection_notes(scene, video, span[0]), *loaded.notes, *doubts, *work.notes)
     made = replace(
         _report(Path(out), total, loaded, renderer, times), seconds=time.perf_counter() - began, kept_frames=kept,
-        notes=(*doubts, *filter(None, [fallback]), *notes), workers=count, inputs=inputs,
+        notes=(*doubts, *filter(None, [fallback, taken]), *notes), workers=count, inputs=inputs,
     )  # fmt: skip
     if output.report is not None:
         made.save(output.report, overwrite=True)  # what is there was looked at before the run

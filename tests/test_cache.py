@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mr360uw.cache import Cache, PartOf, Parts, by_content, name_of
+from mr360uw.cache import Cache, PartOf, Parts, Steps, by_content, name_of
 from mr360uw.render.backends import make_backend
 from mr360uw.render.first_pass import ClipAnalysis
 from mr360uw.render.frame import composite_frame
@@ -45,9 +45,36 @@ def emptying(cache: Cache, letter: str) -> list[str]:
     return [letter]
 
 
+def in_two_steps(letter: str) -> Steps[list[str]]:
+    yield
+    return [letter, letter]
+
+
 class Painter:
     def paint(self, letter: str) -> list[str]:
         return [letter]
+
+
+@pytest.mark.parametrize("kind", [Cache, StageGraph])
+def test_a_result_that_is_kept_needs_no_steps(kind: type[Cache]) -> None:
+    cache = kind()
+
+    def result(letter: str) -> tuple[int, list[str]]:
+        steps, pauses = cache.steps(in_two_steps, letter), 0
+        while True:
+            try:
+                next(steps)
+            except StopIteration as done:
+                return pauses, done.value
+            pauses += 1
+
+    pauses, first = result("a")
+    assert (pauses, first) == (1, ["a", "a"])
+    pauses, again = result("a")
+    assert pauses == 0
+    assert again is first
+    assert result("b") == (1, ["b", "b"])
+    assert cache.made["in_two_steps"] == 2
 
 
 def test_the_last_results_of_a_function_are_kept() -> None:

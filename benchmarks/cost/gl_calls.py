@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Calls of OpenGL in a frame, bytes that go to the device and come back, and reads that wait for it.
+"""Calls of OpenGL in a frame, bytes that go to the device and come back, waits for it, and a frame's predicted time.
 
     python benchmarks/cost/gl_calls.py [--width W] [--frames N]
 
@@ -7,7 +7,13 @@ For the four scenes of `pipeline.py rate`: medians over frames after the first t
 Counted are calls of moderngl, each of which is one to a few calls of OpenGL. A read returns what was drawn, so it waits
 until the device has drawn it: it is synchronous. A `wait` is a read that comes after a draw which no earlier read has
 waited for; the reads right after it find their pictures done. On a GPU each wait leaves it idle until the processor has
-answered; the aim is two in a frame. Places of the waits are listed with their number a frame.
+answered; the aim is two in a frame. A copy into a buffer on the device waits for nothing. Places of the waits are
+listed with their number a frame.
+
+Predicted is the time of a frame with a device behind a queue, of which nothing is known but that a draw is done 200 us
+after it was called, and that bytes travel at 10 GB/s: the time that the frame's thread spends outside of moderngl here,
+and the delays, of a wait what is left of it by then. How long the device draws, and the driver's own time, are left
+out: here both are the processor's.
 """
 
 from __future__ import annotations
@@ -16,6 +22,7 @@ import argparse
 import statistics
 import sys
 import tempfile
+import time
 import traceback
 from collections import Counter
 from collections.abc import Callable, Iterator
@@ -32,6 +39,8 @@ from benchmarks.pipeline import measured_scenes
 
 AIM = 2
 """Waits in a frame that a GPU can hide behind other frames."""
+WAIT_S, BYTES_PER_S = 200e-6, 10e9
+"""How long after its call a draw is done in the simulated queue [s], and how fast bytes travel [bytes / s]."""
 _DRAWS = {moderngl.VertexArray: ("render", "transform"), moderngl.Framebuffer: ("clear",)}
 _READS = dict.fromkeys(
     (moderngl.Framebuffer, moderngl.Texture, moderngl.TextureArray, moderngl.Buffer), ("read", "read_into")
@@ -48,41 +57,61 @@ _PASSING_ON = ("gl_calls.py", "targets.py", "context.py")
 
 
 class Calls:
-    """Counts of a frame: `of` calls by kind, bytes `up` and `down`; `waits` by the function that reads."""
+    """Counts of a frame: `of` calls by kind, bytes `up` and `down`; `waits` by the function that reads.
+
+    queue_s: time [s] that a simulated queue adds to the thread's own.
+    """
 
     def __init__(self) -> None:
         self.of: Counter[str] = Counter()
         self.waits: Counter[str] = Counter()
         self.up = self.down = 0
+        self.queue_s = 0.0
         self._drawn, self._within = False, 0
+        self._began, self._inside_s, self._done_s = time.thread_time(), 0.0, 0.0
+
+    @property
+    def own_s(self) -> float:
+        """Processor time [s] of the frame's thread outside of moderngl, so far."""
+        return time.thread_time() - self._began - self._inside_s
 
     def counted(self, kind: str, inner: Callable[..., Any]) -> Callable[..., Any]:
         """Return a method of moderngl that is counted; what it calls itself is not."""
 
         def method(*given: Any, **named: Any) -> Any:
             self._within += 1
+            began = time.thread_time()
             try:
                 result = inner(*given, **named)
             finally:
                 self._within -= 1
             if self._within == 0:
-                self._note(kind, given, named, result)
+                now_s = self.own_s - (time.thread_time() - began) + self.queue_s
+                self._note(kind, given, named, result, now_s)
+                self._inside_s += time.thread_time() - began
             return result
 
         return method
 
-    def _note(self, kind: str, given: tuple[Any, ...], named: dict[str, Any], result: Any) -> None:
+    def _note(self, kind: str, given: tuple[Any, ...], named: dict[str, Any], result: Any, now_s: float) -> None:
+        """Count a call. now_s: time [s] of the frame with a simulated queue, up to the call."""
+        if kind == "read" and isinstance(given[1] if len(given) > 1 else None, moderngl.Buffer):
+            kind = "copy"
         self.of[kind] += 1
         if kind == "draw":
-            self._drawn = True
+            self._drawn, self._done_s = True, now_s + WAIT_S
         elif kind == "read":
-            self.down += len(result) if isinstance(result, bytes) else memoryview(given[1]).nbytes
+            size = len(result) if isinstance(result, bytes) else memoryview(given[1]).nbytes
+            self.down += size
+            self.queue_s += max(self._done_s - now_s, 0.0) + size / BYTES_PER_S
             if self._drawn:
                 self.waits[_place()] += 1
             self._drawn = False
         elif kind in ("write", "make"):
             values = [*given[1:], named.get("data")]
-            self.up += next((memoryview(v).nbytes for v in values if _is_data(v)), 0)
+            size = next((memoryview(v).nbytes for v in values if _is_data(v)), 0)
+            self.up += size
+            self.queue_s += size / BYTES_PER_S
 
 
 def _is_data(value: Any) -> bool:
@@ -119,27 +148,31 @@ def counting(calls: list[Calls]) -> Iterator[None]:
             setattr(owner, name, inner)
 
 
-def count(subject: Subject, frames: int) -> list[Calls]:
-    """Return the calls of each of some frames."""
+def count(subject: Subject, frames: int) -> tuple[list[Calls], list[float]]:
+    """Return the calls of each of some frames, and the processor time [s] of their thread outside of moderngl."""
     calls: list[Calls] = []
+    own: list[float] = []
     for _ in range(frames):
         calls.append(Calls())
         with counting(calls):
             subject.frame()
-    return calls
+            own.append(calls[-1].own_s)
+    return calls, own
 
 
-def report(what: str, calls: list[Calls]) -> None:
-    """Print medians of the calls of frames, and where they wait."""
+def report(what: str, calls: list[Calls], own: list[float]) -> None:
+    """Print medians of the calls of frames, and where they wait. own: see `count`."""
 
     def median(of: Callable[[Calls], float]) -> float:
         return statistics.median(map(of, calls))
 
-    kinds = ("draw", "read", "write", "make", "other")
+    kinds = ("draw", "read", "copy", "write", "make", "other")
     cells = " ".join(f"{median(lambda c, kind=kind: c.of[kind]):6g}" for kind in kinds)  # type: ignore[misc]
     waits = median(lambda c: c.waits.total())
     sizes = f"{median(lambda c: c.up) / 1024:8.0f} {median(lambda c: c.down) / 1024:8.0f}"
     print(f"{what:28} {cells} {sizes} {waits:6g}  aim {AIM}: {'met' if waits <= AIM else 'not met'}")
+    own_ms, queue_ms = 1e3 * statistics.median(own), 1e3 * median(lambda c: c.queue_s)
+    print(f"{'':28}   predicted {own_ms + queue_ms:.1f} ms: own {own_ms:.1f}, waits and transfers {queue_ms:.1f}")
     places = sum((c.waits for c in calls), Counter[str]())
     for place, number in places.most_common():
         print(f"{'':28}   {number / len(calls):.1f} waits in {place}")
@@ -151,13 +184,13 @@ def main() -> None:
     parser.add_argument("--width", type=int, default=1024)
     parser.add_argument("--frames", type=int, default=5)
     given = parser.parse_args()
-    kinds = " ".join(f"{kind:>6}" for kind in ("draws", "reads", "writes", "makes", "others"))
+    kinds = " ".join(f"{kind:>6}" for kind in ("draws", "reads", "copies", "writes", "makes", "others"))
     print(f"{'scene':28} {kinds} {'KiB up':>8} {'KiB down':>8} {'waits':>6}")
     with tempfile.TemporaryDirectory() as folder:
         for what, scene in measured_scenes(Path(folder), None, given.width, frames=given.frames + 3).items():
             subject = Subject(scene)
             subject.frame()
-            report(what, count(subject, given.frames))
+            report(what, *count(subject, given.frames))
 
 
 if __name__ == "__main__":

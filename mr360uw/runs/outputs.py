@@ -149,6 +149,16 @@ class Output:
         return writer.notes
 
 
+def with_encoder(scene: Scene, video: VideoReader, path: Path) -> tuple[Scene, str]:
+    """Return a scene whose output names the encoder that all parts of a run take, and a line on what "auto" took."""
+    if path.suffix.lower() in PICTURE_SUFFIXES:
+        return scene, ""
+    from mr360uw.video.write.encoder import chosen_encoder
+
+    settings, taken = chosen_encoder(scene.output, video, path)
+    return (scene.model_copy(update={"output": settings}), taken) if taken else (scene, "")
+
+
 def _leading(segments: list[Segment], start: int) -> list[Segment]:
     """Return the segments that follow each other from frame `start` on, the longest where several begin together."""
     longest = {segment.start: segment for segment in sorted(segments, key=lambda segment: segment.stop)}

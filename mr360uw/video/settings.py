@@ -21,12 +21,12 @@ ENCODERS: dict[Codec, str] = {
     "prores": "prores",
 }
 Encoder = Literal[
-    "software", "h264_nvenc", "hevc_nvenc", "av1_nvenc", "h264_qsv", "hevc_qsv", "av1_qsv", "h264_amf", "hevc_amf",
-    "av1_amf", "h264_vaapi", "hevc_vaapi", "av1_vaapi", "h264_videotoolbox", "hevc_videotoolbox",
+    "software", "auto", "h264_nvenc", "hevc_nvenc", "av1_nvenc", "h264_qsv", "hevc_qsv", "av1_qsv", "h264_amf",
+    "hevc_amf", "av1_amf", "h264_vaapi", "hevc_vaapi", "av1_vaapi", "h264_videotoolbox", "hevc_videotoolbox",
 ]  # fmt: skip
 _FAMILIES: dict[str, Codec] = {"h264": "h264", "hevc": "h265", "av1": "av1"}
 HARDWARE: dict[Encoder, Codec] = {
-    name: _FAMILIES[name.partition("_")[0]] for name in get_args(Encoder) if name != "software"
+    name: _FAMILIES[name.partition("_")[0]] for name in get_args(Encoder) if name not in ("software", "auto")
 }
 """FFmpeg's encoders of graphics cards, and what they encode."""
 # SVT-AV1 counts its presets the other way; above 10 it is made for tests of tools.
@@ -47,7 +47,9 @@ class EncodeSettings(Parameters):
         "none", "what the file is for: codec, pixel format, bit rate and key frames as that place recommends, in mp4"
     )
     encoder: Encoder = advanced(
-        "software", "FFmpeg's encoder of a graphics card, which decides the codec; it is tried at the start"
+        "software",
+        "FFmpeg's encoder of a graphics card, which decides the codec; it is tried at the start. auto: the first that "
+        "makes the codec here, or else software; files of different machines differ",
     )
     quality: Literal["lossless"] | Annotated[int, Field(ge=0, le=51)] = parameter(
         17, "constant rate factor, 0 the best, 51 the worst (h264, h265, av1); or lossless (h264, h265; ffv1 always is)"
@@ -81,7 +83,7 @@ class EncodeSettings(Parameters):
             raise ValueError(
                 f"preset - is of software encoders, {self.encoder} has none (got {self.preset!r}) - leave it out"
             )
-        if self.encoder != "software" and self.codec not in ("h264", HARDWARE[self.encoder]):
+        if self.encoder in HARDWARE and self.codec not in ("h264", HARDWARE[self.encoder]):
             raise ValueError(
                 f"encoder {self.encoder} makes {HARDWARE[self.encoder]}, not {self.codec}; leave out codec"
             )

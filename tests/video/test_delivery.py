@@ -16,7 +16,7 @@ from mr360uw.color import ColorSpec
 from mr360uw.errors import ParameterError, VideoError
 from mr360uw.video import open_video, transcode
 from mr360uw.video.clip import Clip
-from mr360uw.video.settings import HARDWARE, EncodeSettings
+from mr360uw.video.settings import ENCODERS, HARDWARE, EncodeSettings
 from mr360uw.video.write import encoder
 from mr360uw.video.write.delivery import delivery_of
 from tests.video.boxes import children
@@ -138,6 +138,41 @@ def test_a_card_s_encoder_is_tried_first(
     assert errors.count("output.encoder - hevc_nvenc does not open on this machine (got: no card for hevc_nvenc)") == 1
     assert 'set output.encoder = "software" and output.codec = "h265", which is libx265' in errors
     assert not (tmp_path / "out.mp4").exists()
+
+
+def test_auto_takes_a_card_that_encodes_and_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(encoder, "refusal", lambda name: "" if name in ("h264_qsv", "hevc_qsv") else "no such card")
+    with open_video(write_clip(tmp_path / "in.mp4", 2)) as plate:
+        for codec, name in (("h264", "h264_qsv"), ("h265", "hevc_qsv")):
+            settings = EncodeSettings(codec=codec, encoder="auto")
+            chosen, said = encoder.chosen_encoder(settings, plate, tmp_path / "out.mp4")
+            assert (chosen.encoder, chosen.encoder_name) == (name, name)
+            assert said == f'output.encoder = "auto" took {name}: the file differs from those of machines without it'
+        chosen, _ = encoder.chosen_encoder(EncodeSettings(target="quest", encoder="auto"), plate, tmp_path / "out.mp4")
+        assert chosen.encoder == "hevc_qsv"
+        wide = EncodeSettings(encoder="auto", pixel_format="yuv410p")
+        chosen, said = encoder.chosen_encoder(wide, plate, tmp_path / "out.mp4")
+        assert chosen.encoder == "software"
+        assert "h264_qsv: it does not take yuv410p" in said
+        named = EncodeSettings(encoder="h264_nvenc")
+        assert encoder.chosen_encoder(named, plate, tmp_path / "out.mp4") == (named, "")
+
+
+@pytest.mark.parametrize("codec", ["h265", "ffv1"])
+def test_auto_without_a_card_is_software_and_the_report_says_so(
+    tmp_path: Path, run: Callable[..., Any], monkeypatch: pytest.MonkeyPatch, codec: str
+) -> None:
+    write_clip(tmp_path / "plate.mp4", 2)
+    (tmp_path / "scene.toml").write_text(
+        f'plate = "plate.mp4"\n[output]\nencoder = "auto"\ncodec = "{codec}"\n', "utf-8"
+    )
+    monkeypatch.setattr(encoder, "refusal", lambda _: "no card")
+    out = tmp_path / "out.mkv"
+    code, said, _ = run("composite", tmp_path / "scene.toml", out, "--backend", "reference")
+    assert code == 0
+    why = " (hevc_nvenc, hevc_qsv, hevc_amf, hevc_vaapi, hevc_videotoolbox: no card)" if codec == "h265" else ""
+    assert f'note: output.encoder = "auto" took {ENCODERS[codec]}: no card encodes {codec} here{why}\n' in said
+    assert transcode(tmp_path / "plate.mp4", tmp_path / "same.mkv", EncodeSettings(codec=codec, encoder="auto")) == 2
 
 
 def test_encoders_are_tried_by_a_picture() -> None:

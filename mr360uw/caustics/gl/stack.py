@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import weakref
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -78,33 +77,18 @@ def plane_steps(depth_m: Floats) -> NDArray[np.float32]:
 
 
 class AtlasScratch:
-    """Memory of one context for the atlases of stacks: an array, and the textures of stacks that are no longer used.
-
-    Getting pages of memory takes the processor ten times as long as writing them.
-    """
+    """Memory for the atlases of stacks: getting pages of it takes the processor ten times as long as writing them."""
 
     def __init__(self) -> None:
-        self._free: list[moderngl.TextureArray] = []
         self._atlas: NDArray[np.float32] | None = None
 
     def filled(self, *stacks: Sequence[Floats]) -> moderngl.TextureArray:
         """Return a texture of the `mip_atlas` of stacks."""
         self._atlas = mip_atlas(*stacks, scratch=self._atlas)
-        count, height, width, channels = self._atlas.shape
-        if self._free:
-            texture = self._free.pop()
-            if (texture.size, texture.components) == ((width, height, count), channels):
-                texture.write(self._atlas, alignment=1)
-                return texture
-            self._free.clear()  # of another size
         return texture_array_from_array(self._atlas)
 
-    def take_back(self, stack: StackTextures) -> None:
-        """Free the texture of a stack as soon as nothing refers to the stack."""
-        weakref.finalize(stack, self._free.append, stack.ratio).atexit = False
 
-
-@dataclass(frozen=True, slots=True, weakref_slot=True)
+@dataclass(frozen=True, slots=True)
 class StackTextures:
     """A `CausticStack` on the device. ratio: its `mip_atlas`. plane_depth: its `plane_steps`."""
 
@@ -123,6 +107,4 @@ def upload(stack: CausticStack, scratch: AtlasScratch | None = None) -> StackTex
     texture = scratch.filled(*stacks)
     # graphics hardware filters with weights of 8 bits: an error of up to 1/512 of the difference of two pixels
     texture.filter = (moderngl.LINEAR, moderngl.LINEAR)
-    held = StackTextures(texture, texture_from_array(plane_steps(stack.depth_m)))
-    scratch.take_back(held)
-    return held
+    return StackTextures(texture, texture_from_array(plane_steps(stack.depth_m)))

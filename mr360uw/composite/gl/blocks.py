@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.jit import exact
-from mr360uw.types import Floats
 
 BLOCK = 4
 LANE_COLUMNS = 256
@@ -111,11 +110,20 @@ def _set_keys(left: Any, top: Any, right: Any, bottom: Any, code: Any, begin: An
                 n += 1
 
 
-def in_lane_order(image: Floats) -> Floats:
-    """Return the texels (h, w, c) of a target as (h w, c) in the order of their numbers (`lane_number`)."""
-    height, width, channels = image.shape
-    blocked = image.reshape(height // BLOCK, BLOCK, width // BLOCK, BLOCK, channels)
-    return blocked.transpose(0, 2, 1, 3, 4).reshape(-1, channels)
+@exact
+def write_lanes(images: Any, values: Any) -> None:
+    """Write the texels of a target's images (n, h, w, c) into values (count, n c), in the order of their numbers.
+
+    The order is `lane_number` of blocks.glsl: block by block.
+    """
+    across, channels = images.shape[2] // BLOCK, images.shape[3]
+    for k in range(len(values)):
+        block, within = k // (BLOCK * BLOCK), k % (BLOCK * BLOCK)
+        row = BLOCK * (block // across) + within // BLOCK
+        column = BLOCK * (block % across) + within % BLOCK
+        for image in range(len(images)):
+            for c in range(channels):
+                values[k, channels * image + c] = images[image, row, column, c]
 
 
 def lane_rows(count: int) -> int:

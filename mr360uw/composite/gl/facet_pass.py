@@ -13,14 +13,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.cache import Cache, version
-from mr360uw.composite.gl.targets import Targets, bind, read_attachment
+from mr360uw.cache import Cache, Steps, version
+from mr360uw.composite.gl.targets import Targets, bind
 from mr360uw.composite.gl.upload import MODES, MeshBuffers, cutting_maps, list_texture, texture_store
 from mr360uw.composite.mesh.mesh import Mesh
 from mr360uw.composite.shot import PlacedObject, Shot
 from mr360uw.composite.tiles import NEAREST
 from mr360uw.errors import MeshError
-from mr360uw.gl.context import gl_context, set_uniforms
+from mr360uw.gl.context import gl_context, largest_texture, roomy_rows, set_uniforms
 from mr360uw.types import Floats, Rectangle
 
 if TYPE_CHECKING:
@@ -62,13 +62,13 @@ class _Rows:
         target = self.target
         if target is not None and target.height >= rows and len(target.color_attachments) >= len(channels):
             return target
-        limit = int(gl_context().info["GL_MAX_TEXTURE_SIZE"])
+        limit = largest_texture()
         if rows > limit:
             raise MeshError(
                 f"objects - too many triangles for this OpenGL (got {rows * FACET_COLUMNS / 1e6:.1f} million) - "
                 f"simplify the meshes to {limit * FACET_COLUMNS / 1e6:.1f} million"
             )
-        rows = min(max(rows, 0 if target is None else 2 * target.height), limit)
+        rows = roomy_rows(max(rows, 0 if target is None else min(2 * target.height, limit)))
         textures = [gl_context().texture((FACET_COLUMNS, rows), c, dtype="f4") for c in channels]
         self.target = gl_context().framebuffer(textures)
         self.rectangles = np.full((rows * FACET_COLUMNS, 4), -1, np.int32)
@@ -77,13 +77,14 @@ class _Rows:
         self.drawn.clear()
         return self.target
 
-    def read(self, first: int, end: int) -> None:
+    def read(self, targets: Targets, first: int, end: int) -> Steps[None]:
         """Read rows [first, end) back from the device."""
         assert self.target is not None
-        part = Rectangle(0, first, FACET_COLUMNS, end - first)
+        sent = targets.send(self.target, Rectangle(0, first, FACET_COLUMNS, end - first), (0, 1 + len(_FACETS)))
+        yield
         rows = slice(first * FACET_COLUMNS, end * FACET_COLUMNS)
-        self.rectangles[rows] = read_attachment(self.target, 0, part).reshape(-1, 4)
-        self.nearest[rows] = read_attachment(self.target, 1 + len(_FACETS), part).reshape(-1)
+        rectangles, nearest = sent.images()
+        self.rectangles[rows], self.nearest[rows] = rectangles.reshape(-1, 4), nearest.reshape(-1)
 
 
 class FacetPass:
@@ -92,7 +93,7 @@ class FacetPass:
     def __init__(self, targets: Targets, buffers: Callable[[Mesh], MeshBuffers], cache: Cache) -> None:
         self._targets, self._buffers, self._cache = targets, buffers, cache
 
-    def draw(self, shot: Shot, objects: Sequence[PlacedObject]) -> ObjectTriangles:
+    def draw(self, shot: Shot, objects: Sequence[PlacedObject]) -> Steps[ObjectTriangles]:
         """Return the triangles of a shot's objects."""
         heights = [-(-len(placed.mesh.positions) // FACET_COLUMNS) for placed in objects]
         row = np.concatenate([[0], np.cumsum(heights)])
@@ -114,7 +115,7 @@ class FacetPass:
                 changed.append(k)
             piece += self._buffers(placed.mesh).pieces
         if changed:
-            rows.read(int(row[changed[0]]), int(row[changed[-1] + 1]))
+            yield from rows.read(self._targets, int(row[changed[0]]), int(row[changed[-1] + 1]))
         used = rows.rectangles[: int(row[-1]) * FACET_COLUMNS]
         numbers = _nearest_first(np.flatnonzero(used[:, 2] >= used[:, 0]), rows.nearest)
         names = (*_FACETS, "nearest", *(_CUTOUTS if masked else ()))

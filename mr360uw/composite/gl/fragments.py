@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 def take_lanes(image: Any, chosen: Any, first: int, values: Any) -> None:
     """Write the texels (h, w, c) of a target into the rows `chosen` (m,) of values (n, first + c...).
 
-    Texel k in the order of numbers (`blocks.in_lane_order`) goes to row chosen[k], from column `first` on.
+    Texel k in the order of numbers (`blocks.write_lanes`) goes to row chosen[k], from column `first` on.
     """
     blocks_across = image.shape[1] // BLOCK
     for k in range(len(chosen)):

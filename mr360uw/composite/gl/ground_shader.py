@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mr360uw.cache import Steps
 from mr360uw.composite.gl.facet_pass import of_eye
 from mr360uw.composite.gl.light_textures import LightTextures
 from mr360uw.composite.gl.targets import Targets, bind
@@ -44,17 +45,18 @@ class GroundShader:
         """See `LightTextures.of_sight`."""
         return self._light.of_sight
 
-    def sun_at(self, places: NDArray[np.float32]) -> NDArray[np.float32]:
+    def sun_at(self, places: NDArray[np.float32]) -> Steps[NDArray[np.float32]]:
         """Return the outputs (n, 4) of coarse.frag for balls (n, 4), position and radius [m]."""
         rows = -(-len(places) // _PLACES_ACROSS)
         listed = np.zeros((rows * _PLACES_ACROSS, 4), np.float32)
         listed[: len(places)] = places
         defines = frozenset(self._light.defines) & {"SUN", "SHADOW", "MEDIUM", "HALO"}
         shader = self._targets.program("coarse", dict.fromkeys(defines, 1))
-        bind(shader, {"places": texture_from_array(listed.reshape(rows, -1, 4)), **self._light.textures})
+        bind(shader, {"places": texture_from_array(listed.reshape(rows, -1, 4), listed=True), **self._light.textures})
         self._light.set(shader)
-        self._targets.draw(shader, "coarse", _PLACES_ACROSS, rows, (4,))
-        (sun,) = self._targets.read("coarse", _PLACES_ACROSS, rows)
+        sent = self._targets.draw(shader, "coarse", _PLACES_ACROSS, rows, (4,))
+        yield
+        (sun,) = sent.images()
         return sun.reshape(-1, 4)[: len(places)]
 
     def pixels(
@@ -66,7 +68,7 @@ class GroundShader:
         halo: NDArray[np.float32],
         wanted: frozenset[str],
         side: int,
-    ) -> list[NDArray[np.float32]]:
+    ) -> Steps[list[NDArray[np.float32]]]:
         """Return the outputs of receiver.frag for blocks, images (n, side, side, k).
 
         halo: (n, 4) visible fraction of the halo at the corners of each block, negative where block corners do not
@@ -76,9 +78,11 @@ class GroundShader:
         shape = None if _on_plane(shot, wanted) else ground.pixels(shot, j, i)
         area = np.tile(WHOLE_PIXEL[2:], (len(j), 1))
         of_blocks = {"blocks": float(BLOCK) * np.stack([i, j], axis=-1), "areas": area, "halos": halo}
-        return self._samples(shot, of_blocks, shape, wanted, side, BLOCK // side)
+        return (yield from self._samples(shot, of_blocks, shape, wanted, side, BLOCK // side))
 
-    def at_gaps(self, shot: Shot, ground: Ground, gaps: Gaps, wanted: frozenset[str]) -> list[NDArray[np.float32]]:
+    def at_gaps(
+        self, shot: Shot, ground: Ground, gaps: Gaps, wanted: frozenset[str]
+    ) -> Steps[list[NDArray[np.float32]]]:
         """Return the outputs (n, k) of receiver.frag in gaps, with shadows averaged over their areas."""
         shape = None
         if not _on_plane(shot, wanted):
@@ -86,7 +90,7 @@ class GroundShader:
             shape = np.append(normal, np.linalg.norm(point, axis=-1)[:, None], axis=1)[:, None, None]
         halo = np.full((len(gaps.place), 4), -1.0)
         of_gaps = {"blocks": gaps.place - 0.5, "areas": gaps.area[:, 2:], "halos": halo}
-        images = self._samples(shot, of_gaps, shape, wanted, 1, 1)
+        images = yield from self._samples(shot, of_gaps, shape, wanted, 1, 1)
         return [image[:, 0, 0] for image in images]
 
     def _samples(
@@ -97,7 +101,7 @@ class GroundShader:
         wanted: frozenset[str],
         side: int,
         spacing: int,
-    ) -> list[NDArray[np.float32]]:
+    ) -> Steps[list[NDArray[np.float32]]]:
         """Return images (n, side, side, k) of blocks of samples `spacing` pixels apart.
 
         of_blocks: their corners (n, 2) in frame coordinates, the matrix (n, 3) of the area of the frame that each
@@ -108,13 +112,13 @@ class GroundShader:
         count = len(of_blocks["blocks"])
         rows = -(-count // _BLOCKS_ACROSS)
         width, height = _BLOCKS_ACROSS * side, rows * side
-        textures = {name: texture_from_array(_atlas(a[:, None, None], rows)) for name, a in of_blocks.items()}
+        atlases = {name: _atlas(values[:, None, None], rows) for name, values in of_blocks.items()}
+        if shape is not None:
+            atlases["shape"] = _atlas(shape, rows)
+        textures = {name: texture_from_array(atlas, listed=True) for name, atlas in atlases.items()}
         textures |= self._light.textures
         defines = (wanted - {"LAMPS"}) | (frozenset(self._light.defines) & {"SUN", "MEDIUM", "HALO", "SOFT"})
-        if shape is None:
-            defines |= {"PLANE"}
-        else:
-            textures["shape"] = texture_from_array(_atlas(shape, rows))
+        defines |= {"PLANE"} if shape is None else set()
         numbers = {"LAMPS": self._light.defines["LAMPS"]} if "LAMPS" in wanted else {}
         shader = self._targets.program("receiver", {**dict.fromkeys(defines, 1), **numbers, **of_eye(shot)})
         bind(shader, textures)
@@ -135,9 +139,10 @@ class GroundShader:
         else:
             channels = (4,) if "CAUSTICS" in wanted else (1,)
         name = f"receiver {len(channels)} {channels[0]}"
-        self._targets.draw(shader, name, width, height, channels)
+        sent = self._targets.draw(shader, name, width, height, channels)
+        yield
         images = []
-        for atlas in self._targets.read(name, width, height):
+        for atlas in sent.images():
             apart = atlas.reshape(-1, side, _BLOCKS_ACROSS, side, atlas.shape[-1]).transpose(0, 2, 1, 3, 4)
             images.append(np.ascontiguousarray(apart).reshape(-1, side, side, atlas.shape[-1])[:count])
         return images
@@ -185,7 +190,7 @@ class SunSight:
     halo: NDArray[np.float32]
 
 
-def sun_sight(shader: GroundShader, shot: Shot, ground: Ground, shaded: NDArray[np.bool_]) -> SunSight:
+def sun_sight(shader: GroundShader, shot: Shot, ground: Ground, shaded: NDArray[np.bool_]) -> Steps[SunSight]:
     """Return what the shaded blocks (R, C) of the ground see of a shot's sun."""
     edge, umbra = np.full(shaded.shape, NO_EDGE, np.int8), np.zeros(shaded.shape, np.bool_)
     halo = np.full((*shaded.shape, 4), -1.0, np.float32)
@@ -197,7 +202,7 @@ def sun_sight(shader: GroundShader, shot: Shot, ground: Ground, shaded: NDArray[
     places = np.zeros((len(cj) + len(mj), 4), np.float32)
     places[: len(cj), :3] = ground.corner_point[cj, ci]
     places[len(cj) :, :3], places[len(cj) :, 3] = ground.middle_point[mj, mi], ground.reach_m[mj, mi]
-    visible = shader.sun_at(places)
+    visible = yield from shader.sun_at(places)
     at_corners = np.zeros((2, shaded.shape[0] + 1, shaded.shape[1] + 1), np.float32)
     at_corners[:, cj, ci] = visible[: len(cj), :2].T
     seen, halo_seen, kept, gap = visible[len(cj) :].T

@@ -10,14 +10,14 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.cache import Cache
+from mr360uw.cache import Cache, Steps
 from mr360uw.composite.ambient.light import ambient_light
 from mr360uw.composite.ambient.solver import AmbientLight
 from mr360uw.composite.aovs import AovFrame, Aovs
 from mr360uw.composite.gl.light_textures import LightTextures
-from mr360uw.composite.gl.object_pass import ObjectPass
+from mr360uw.composite.gl.object_pass import ObjectPass, Surfaces
 from mr360uw.composite.gl.receiver_pass import ReceiverPass
-from mr360uw.composite.gl.targets import Targets
+from mr360uw.composite.gl.targets import Targets, finished, side_by_side
 from mr360uw.composite.gl.upload import MeshBuffers, StillBuffers, upload_mesh, upload_still
 from mr360uw.composite.mesh.mesh import Mesh
 from mr360uw.composite.over import empty_tile, hold_out
@@ -25,7 +25,7 @@ from mr360uw.composite.raycast.geometry import object_rectangles
 from mr360uw.composite.sampling import NO_GAPS
 from mr360uw.composite.shot import Shot
 from mr360uw.composite.tiles import even_tiles
-from mr360uw.gl.context import gl_context
+from mr360uw.gl.context import next_frame
 from mr360uw.threads import one_blas_thread
 from mr360uw.types import Layer
 
@@ -58,7 +58,7 @@ class LayerRenderer:
         return layer, frame.finish(shot, layer)
 
     def _render(self, shot: Shot, frame: AovFrame | None) -> Layer:
-        gl_context().gc()
+        next_frame()
         view = shot.view
         self._poses = max(len({placed.mesh for placed in shot.objects if placed.mesh.rest is not None}), 1)
         object_parts = self._cache.of(object_rectangles, view, shot.objects)
@@ -68,12 +68,15 @@ class LayerRenderer:
         ambient = ambient_light(shot, self._cache)
         self._places = _places(ambient)
         self._light.update(shot)
-        changes = self._receiver.find(shot, reach, ambient)
+        find: list[Steps[Surfaces]] = [self._objects.find(shot)] if object_parts else []
+        *found, changes = finished(side_by_side(*find, self._receiver.find(shot, reach, ambient)))
         parts = object_parts + (changes.rectangles if changes is not None else [])
         tiles = even_tiles(parts, view.width, view.height)
         drawn = [empty_tile(part) for part in tiles]
-        gaps = self._objects.draw(shot, drawn, frame, ambient) if object_parts else NO_GAPS
-        self._receiver.draw(shot, changes, drawn, ambient, gaps)
+        gaps = found[0].gaps if found else NO_GAPS
+        draws = [self._objects.draw(shot, surfaces, drawn, frame, ambient) for surfaces in found]
+        *_, light = finished(side_by_side(*draws, self._receiver.light(shot, changes, ambient, gaps)))
+        self._receiver.lay(shot, light, drawn)
         return Layer(view.height, view.width, tuple(hold_out(shot, tile) for tile in drawn))
 
     def _buffers(self, mesh: Mesh) -> MeshBuffers:

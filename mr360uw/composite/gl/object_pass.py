@@ -8,13 +8,13 @@ Objects that share a mesh are shaded together.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.cache import Cache, PartOf, Same, Scratch
+from mr360uw.cache import Cache, PartOf, Same, Scratch, Steps
 from mr360uw.composite.ambient.lattice_kernel import FEW_CHANNELS, UNTOUCHED
 from mr360uw.composite.ambient.solver import AmbientLight
 from mr360uw.composite.aovs import SUMS, AovFrame
@@ -32,13 +32,13 @@ from mr360uw.composite.gl.fragments import (
 from mr360uw.composite.gl.light_textures import LightTextures
 from mr360uw.composite.gl.sun_groups import sun_groups
 from mr360uw.composite.gl.surface_pass import SurfacePass
-from mr360uw.composite.gl.targets import Targets, bind, read_attachment
+from mr360uw.composite.gl.targets import Pixels, Targets, bind
 from mr360uw.composite.gl.upload import MeshBuffers, joined_texture, list_texture
 from mr360uw.composite.lighting.sun import sun_of
 from mr360uw.composite.mesh.mesh import Mesh
 from mr360uw.composite.sampling import Gaps, filter_width
 from mr360uw.composite.shot import PlacedObject, Shot
-from mr360uw.gl.context import gl_context, set_uniforms
+from mr360uw.gl.context import roomy_rows, set_uniforms, texture_pool
 from mr360uw.types import Floats, Rectangle, Tile
 
 if TYPE_CHECKING:
@@ -46,8 +46,8 @@ if TYPE_CHECKING:
 
 _CHANNELS = ((4, 1), (4,) * 6, (4,) * 4, (2,))
 """Outputs of layer.frag: radiance and distance, both halves of the output variables, what is seen of the sun."""
-_SEEN = 3
-"""Number of the last of them."""
+_BY_FRAGMENT, _SEEN = (0, 1, 2), 3
+"""Numbers of those of every fragment, and of the last."""
 _PARTS = 256
 """Groups of fragments of one mesh in one layer, of which it is kept what they see of the sun."""
 _KEPT = 1 << 21
@@ -57,6 +57,25 @@ _KEPT = 1 << 21
 Bodies = tuple["moderngl.Texture", frozenset[Mesh]]
 """Texture of bodies, four texels each as layer.frag says, then values of ambient light at points; and the meshes that
 have any."""
+_Lit = list[tuple[NDArray[np.int64], Pixels]]
+"""Numbers of fragments, and the outputs of layer.frag for them, on their way."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Surfaces:
+    """The visible surfaces of a shot's objects.
+
+    layers: of fragments, nearest first, opaque ones last. first: number of each object's first triangle.
+    """
+
+    objects: list[PlacedObject]
+    layers: list[Fragments]
+    first: NDArray[np.int64]
+
+    @property
+    def gaps(self) -> Gaps:
+        """The uncovered parts of pixels that opaque surfaces cover partly."""
+        return self.layers[-1].gaps
 
 
 class ObjectPass:
@@ -71,38 +90,51 @@ class ObjectPass:
         self._targets, self._light, self._buffers, self._cache = targets, light, buffers, cache
         self._surfaces, self._scratch = SurfacePass(targets, buffers, cache), Scratch()
 
-    def draw(self, shot: Shot, tiles: Sequence[Tile], frame: AovFrame | None, ambient: AmbientLight | None) -> Gaps:
-        """Composite the objects of a shot behind the contents of tiles.
+    def find(self, shot: Shot) -> Steps[Surfaces]:
+        """Return the visible surfaces of a shot's objects."""
+        objects = list(shot.visible)
+        sampled = PartOf(shot, shot.view, shot.draw.samples, shot.draw.shading)
+        layers, first = yield from self._cache.steps(self._surfaces.find, sampled, objects)
+        if sum(len(layer) for layer in layers) > _KEPT:
+            self._cache.drop(self._surfaces.find)
+            self._cache.drop(_cache_of)
+        return Surfaces(objects, layers, first)
 
-        Returns the uncovered parts of pixels that opaque surfaces cover partly.
+    def draw(
+        self,
+        shot: Shot,
+        surfaces: Surfaces,
+        tiles: Sequence[Tile],
+        frame: AovFrame | None,
+        ambient: AmbientLight | None,
+    ) -> Steps[None]:
+        """Composite the surfaces of a shot behind the contents of tiles.
+
         frame: receives output variables, or None. ambient: solved ambient light among the bodies.
         """
-        objects = list(shot.visible)
-        layers, first = self._find(shot, objects)
+        objects, layers, first = surfaces.objects, surfaces.layers, surfaces.first
         bodies = self._body_list(shot, objects, ambient)
         cache = self._cache.of(_cache_of, Same(layers))
+        drawn: list[tuple[Fragments, NDArray[np.int64], list[_Lit]]] = []
         for number, fragments in enumerate(layers):
             if len(fragments) == 0:
                 continue
             body = np.searchsorted(first, fragments.triangle, side="right") - 1
             listed: PartOf[ListedOf] = PartOf((objects, first, body), fragments)
             parts = cache.of(mesh_fragments, listed, fragments, number, keep=len(layers))
-            lit = (shot, parts, bodies, len(fragments), number < len(layers) - 1, cache)
-            values = self._light_up(*lit, 0)
+            lit = [
+                self._light_up(shot, parts, bodies, number < len(layers) - 1, cache, outputs)
+                for outputs in ((0,) if frame is None else _BY_FRAGMENT)
+            ]
+            drawn.append((fragments, body, lit))
+        if drawn:
+            yield
+        for fragments, body, lit in drawn:
+            values, *halves = (_taken(of_parts, len(fragments)) for of_parts in lit)
             if frame is not None:
                 seen = through(tiles, fragments)[fragments.pixel()] * fragments.weight * values[:, 3]
-                variables = np.concatenate([self._light_up(*lit, half) for half in (1, 2)], axis=1)
-                _add_variables(frame, fragments, seen, variables, body)
+                _add_variables(frame, fragments, seen, np.concatenate(halves, axis=1), body)
             add_behind(tiles, fragments, values)
-        return layers[-1].gaps
-
-    def _find(self, shot: Shot, objects: Sequence[PlacedObject]) -> tuple[list[Fragments], NDArray[np.int64]]:
-        sampled = PartOf(shot, shot.view, shot.draw.samples, shot.draw.shading)
-        layers, first = self._cache.of(self._surfaces.find, sampled, objects)
-        if sum(len(layer) for layer in layers) > _KEPT:
-            self._cache.drop(self._surfaces.find)
-            self._cache.drop(_cache_of)
-        return layers, first
 
     def _body_list(self, shot: Shot, objects: Sequence[PlacedObject], ambient: AmbientLight | None) -> Bodies:
         """Return where bodies are, and the values of ambient light on them."""
@@ -129,13 +161,12 @@ class ObjectPass:
         shot: Shot,
         parts: Sequence[MeshFragments],
         bodies: Bodies,
-        count: int,
         blended: bool,
         cache: Cache,
         outputs: int,
-    ) -> Floats:
-        """Return the outputs of layer.frag (count, channels) for every fragment. outputs: see `_CHANNELS`."""
-        values = np.empty((count, sum(_CHANNELS[outputs])), np.float32)
+    ) -> _Lit:
+        """Return the outputs of layer.frag for every fragment, on their way. outputs: see `_CHANNELS`."""
+        sent = []
         for part in parts:
             extra = {}
             if "SHADOW" in self._light.defines:
@@ -144,12 +175,8 @@ class ObjectPass:
             rows = lane_rows(len(part.chosen))
             target = self._targets.target(f"layer {outputs}", LANE_COLUMNS, rows, _CHANNELS[outputs])
             self._shade(shot, part, bodies, target, {"BLENDED": 1} if blended else {}, extra, outputs)
-            first = 0
-            for k, channels in enumerate(_CHANNELS[outputs]):
-                image = read_attachment(target, k, Rectangle(0, 0, LANE_COLUMNS, rows))
-                take_lanes(image, part.chosen, first, values)
-                first += channels
-        return values
+            sent.append((part.chosen, self._targets.send(target, Rectangle(0, 0, LANE_COLUMNS, rows))))
+        return sent
 
     def _see_sun(self, part: MeshFragments, seen: PartOf[tuple[Shot, Bodies]]) -> moderngl.Texture:
         """Return the visible fractions of the sun's disc and halo of each fragment, as layer.frag reads them."""
@@ -162,11 +189,11 @@ class ObjectPass:
         if len(listed):
             few = replace(part, chosen=np.arange(len(listed)), entries=list_texture(listed, 3))
             self._shade(shot, few, bodies, found, {}, {}, _SEEN)
-        fractions = gl_context().texture((LANE_COLUMNS, rows), 2, dtype="f4")
+        fractions = texture_pool().texture((LANE_COLUMNS, roomy_rows(rows)), 2)
         shader = self._targets.program("spread", {})
         bind(shader, {"groups": list_texture(of, 1), "values": found.color_attachments[0]})
         set_uniforms(shader, count=count)
-        self._targets.fill(gl_context().framebuffer([fractions]), shader, Rectangle(0, 0, LANE_COLUMNS, rows))
+        self._targets.fill(texture_pool().framebuffer(fractions), shader, Rectangle(0, 0, LANE_COLUMNS, rows))
         return fractions
 
     def _shade(
@@ -213,6 +240,20 @@ class ObjectPass:
 def _cache_of(_: Same) -> Cache:
     """Return the cache of what is made of a list of fragments, and goes with it."""
     return Cache()
+
+
+def _taken(lit: _Lit, count: int) -> Floats:
+    """Return the outputs (count, channels) of layer.frag that were on their way."""
+    values = np.empty((count, 0), np.float32)
+    for chosen, sent in lit:
+        images = sent.images()
+        if not values.size:
+            values = np.empty((count, sum(image.shape[2] for image in images)), np.float32)
+        first = 0
+        for image in images:
+            take_lanes(image, chosen, first, values)
+            first += image.shape[2]
+    return values
 
 
 def _add_variables(

@@ -8,16 +8,16 @@ shadow's edge, caustics or an uneven shape are drawn pixel by pixel; only those 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.cache import Cache, PartOf, Same, Scratch
+from mr360uw.cache import Cache, PartOf, Same, Scratch, Steps
 from mr360uw.composite.ambient.solver import AmbientLight
 from mr360uw.composite.gl.ground_shader import NO_EDGE, SHARP, SOFT, GroundShader, SunSight, sun_sight
 from mr360uw.composite.gl.light_textures import LightTextures
-from mr360uw.composite.gl.targets import Targets
+from mr360uw.composite.gl.targets import Targets, side_by_side
 from mr360uw.composite.lighting.lamps import lamps_of
 from mr360uw.composite.lighting.sun import sun_of, widest_half_angle
 from mr360uw.composite.receiver.block_light import (
@@ -49,18 +49,28 @@ Reached = tuple[Ground, NDArray[np.bool_], NDArray[np.bool_], NDArray[np.bool_]]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Changes:
-    """Blocks (R, C) of the ground that a shot changes, the ones that lamps light among them, and light on them.
+    """Blocks of the ground that a shot changes, n of them, by rows and columns (n,).
 
-    of_sight: all that `sight` depends on. corner: of `BlockLight`. rectangles: of the frame, which cover the blocks.
+    rectangles: of the frame, which cover the blocks. corner: of `BlockLight`. of_sight: all that what they see of the
+    sun depends on. edge, halo: (n,), (n, 4) of `SunSight`; where other shapes than planes have an edge it is `SHARP`.
+    rough, lamplit: (n,) whether the ground is uneven or lamps light it; whether lamps do. wavy: (n,) whether caustics
+    show. shadowed: (n,) whether a shadow's edge alone changes a block. few: (m, s, s, 1) the sun's visible fraction at
+    every second pixel of these m; None unless the receiver is a plane.
     """
 
     ground: Ground
-    blocks: NDArray[np.bool_]
-    lamplit: NDArray[np.bool_]
-    of_sight: tuple[object, ...]
-    sight: SunSight
-    corner: NDArray[np.float32]
+    rows: Indices
+    columns: Indices
     rectangles: list[Rectangle]
+    corner: NDArray[np.float32]
+    of_sight: tuple[object, ...]
+    edge: NDArray[np.int8]
+    halo: NDArray[np.float32]
+    rough: NDArray[np.bool_]
+    lamplit: NDArray[np.bool_]
+    wavy: NDArray[np.bool_]
+    shadowed: NDArray[np.bool_]
+    few: NDArray[np.float32] | None = None
 
 
 class ReceiverPass:
@@ -84,7 +94,7 @@ class ReceiverPass:
         masks = _reached(alike, ground, grid) if lamps_of(shot) else self._cache.of(_reached, alike, ground, grid)
         return (ground, *masks) if np.any(masks[0]) else None
 
-    def find(self, shot: Shot, reach: Reached | None, ambient: AmbientLight | None) -> Changes | None:
+    def find(self, shot: Shot, reach: Reached | None, ambient: AmbientLight | None) -> Steps[Changes | None]:
         """Return the blocks that change, by the light at their corners; None where there are none.
 
         ambient: solved ambient light among the bodies.
@@ -97,69 +107,82 @@ class ReceiverPass:
         shaded = shaded & ("SHADOW" in self._shader.of_sun)
         through = None if shot.medium is None else Same(shot.medium.unscattered)
         of_sight = Same(ground), self._shader.of_sight, through, blocks, shaded, shot.receiver
-        sight = self._cache.of(self._sight, PartOf(shot, *of_sight), ground, shaded)
+        sight = yield from self._cache.steps(self._sight, PartOf(shot, *of_sight), ground, shaded)
         corner[(*sight.at, SEEN)] = sight.value
         if "CAUSTICS" not in self._shader.of_sun & _wanted(shot.receiver):
             changed = changed_blocks(shot, ground, blocks, corner, ambient, self._cache)
             blocks = changed | (blocks & (lamplit | (sight.edge != NO_EDGE)))
         rectangles = rectangles_of_cells(blocks, (BLOCK, BLOCK), shot.view)
         set_plate_light(shot, ground, blocks, corner)
-        return Changes(ground, blocks, lamplit, of_sight, sight, corner, rectangles) if rectangles else None
+        if not rectangles:
+            return None
+        j, i = np.nonzero(blocks)
+        edge, lamplit = sight.edge[j, i], lamplit[j, i]
+        if shot.receiver.plane_y is None:
+            edge = np.where(edge == SOFT, SHARP, edge)  # other shapes are given at pixels only
+        rough = ground.rough[j, i] | lamplit
+        wavy = ~sight.umbra[j, i] & ("CAUSTICS" in self._shader.of_sun & _wanted(shot.receiver))
+        shadowed = ~rough & (edge != NO_EDGE) & ~wavy
+        changes = Changes(
+            ground, j, i, rectangles, corner, of_sight, edge, sight.halo[j, i], rough, lamplit, wavy, shadowed
+        )
+        if shot.receiver.plane_y is None or not np.any(shadowed):
+            return changes
+        of_shadowed = ground, (j[shadowed], i[shadowed]), changes.halo[shadowed]
+        few = yield from self._cache.steps(self._few, PartOf(shot, *of_sight), *of_shadowed)
+        return replace(changes, few=few)
 
-    def draw(
-        self, shot: Shot, changes: Changes | None, tiles: Sequence[Tile], ambient: AmbientLight | None, gaps: Gaps
-    ) -> None:
-        """Write ratio and veil of the changed parts into the tiles.
+    def lay(self, shot: Shot, light: BlockLight | None, tiles: Sequence[Tile]) -> None:
+        """Write ratio and veil of the blocks with light on them into the tiles."""
+        if light is None:
+            return
+        for tile in tiles:
+            lay_receiver(light, tile, shot.view.width, shot.view.height, shot.pattern, self._scratch)
+
+    def _sight(self, of_sight: PartOf[Shot], ground: Ground, shaded: NDArray[np.bool_]) -> Steps[SunSight]:
+        return (yield from sun_sight(self._shader, of_sight.whole, ground, shaded))
+
+    def _few(
+        self, of_sight: PartOf[Shot], ground: Ground, blocks: tuple[Indices, Indices], halo: NDArray[np.float32]
+    ) -> Steps[NDArray[np.float32]]:
+        """Return the sun's visible fraction (n, B / 2, B / 2, 1) at every second pixel of blocks."""
+        drawn = self._shader.pixels(of_sight.whole, ground, *blocks, halo, frozenset({"SHADOW"}), BLOCK // 2)
+        return (yield from drawn)[0][..., -1:]
+
+    # --- light on blocks ---------------------------------------------------------------------------------------------
+
+    def light(
+        self, shot: Shot, changes: Changes | None, ambient: AmbientLight | None, gaps: Gaps
+    ) -> Steps[BlockLight | None]:
+        """Return the light on the blocks that change.
 
         ambient: solved ambient light among the bodies. gaps: of pixels that they cover partly.
         """
         if changes is None:
-            return
-        light = self._block_light(shot, changes, ambient, gaps)
-        for tile in tiles:
-            lay_receiver(light, tile, shot.view.width, shot.view.height, shot.pattern, self._scratch)
-
-    def _sight(self, of_sight: PartOf[Shot], ground: Ground, shaded: NDArray[np.bool_]) -> SunSight:
-        return sun_sight(self._shader, of_sight.whole, ground, shaded)
-
-    # --- light on blocks ---------------------------------------------------------------------------------------------
-
-    def _block_light(self, shot: Shot, changes: Changes, ambient: AmbientLight | None, gaps: Gaps) -> BlockLight:
-        receiver, ground, sight, corner = shot.receiver, changes.ground, changes.sight, changes.corner
-        assert receiver is not None
-        j, i = np.nonzero(changes.blocks)
-        lamplit = changes.lamplit[j, i]
-        rough = ground.rough[j, i] | lamplit
-        free = free_images(shot, ground, corner, j, i, ambient, self._cache, gaps)
-        edge, umbra, halo = sight.edge[j, i], sight.umbra[j, i], sight.halo[j, i]
-        of_sun = self._shader.of_sun & _wanted(receiver)
-        wavy = ~umbra & ("CAUSTICS" in of_sun)
-        if receiver.plane_y is None:
-            edge = np.where(edge == SOFT, SHARP, edge)  # other shapes are given at pixels only
+            return None
+        assert shot.receiver is not None
+        j, i, edge = changes.rows, changes.columns, changes.edge
+        free = free_images(shot, changes.ground, changes.corner, j, i, ambient, self._cache, gaps)
+        of_sun = self._shader.of_sun & _wanted(shot.receiver)
+        even, has_edge = ~changes.rough, edge != NO_EDGE
         # kinds of blocks: mask, features to compute, samples along a block
         kinds = (
-            (~rough & (edge == SOFT) & ~wavy, {"SHADOW"}, BLOCK // 2),
-            (~rough & (edge == SHARP) & ~wavy, {"SHADOW"}, BLOCK),
-            (~rough & (edge != NO_EDGE) & wavy, {"SHADOW", "CAUSTICS"}, BLOCK),
-            (~rough & (edge == NO_EDGE) & wavy, {"CAUSTICS"}, BLOCK),
-            (rough & ~lamplit, {"ROUGH", "SHADOW", "CAUSTICS"}, BLOCK),
-            (lamplit, {"ROUGH", "SHADOW", "CAUSTICS", "LAMPS"}, BLOCK),
+            (changes.shadowed & (edge == SOFT), {"SHADOW"}, BLOCK // 2),
+            (changes.shadowed & (edge == SHARP), {"SHADOW"}, BLOCK),
+            (even & has_edge & changes.wavy, {"SHADOW", "CAUSTICS"}, BLOCK),
+            (even & ~has_edge & changes.wavy, {"CAUSTICS"}, BLOCK),
+            (changes.rough & ~changes.lamplit, {"ROUGH", "SHADOW", "CAUSTICS"}, BLOCK),
+            (changes.lamplit, {"ROUGH", "SHADOW", "CAUSTICS", "LAMPS"}, BLOCK),
         )
+        drawn = [
+            (which, frozenset(asked) & {"ROUGH", "LAMPS", *of_sun}, side) for which, asked, side in kinds if which.any()
+        ]
+        images = yield from side_by_side(*(self._of_kind(shot, changes, gaps, *kind) for kind in drawn))
         seen: Gathered = []
         waves: Gathered = []
         shape: Gathered = []
         added: Gathered = []
-        for which, asked, side in kinds:
-            if not np.any(which):
-                continue
-            wanted = frozenset(asked) & {"ROUGH", "LAMPS", *of_sun}
-            blocks = j[which], i[which]
-            if wanted == {"SHADOW"}:
-                of_sight = PartOf(shot, changes.of_sight)
-                falls = self._cache.of(self._shadow, of_sight, ground, gaps, blocks, halo[which], side, keep=2)
-                own: list[NDArray[np.float32]] = []
-            else:
-                falls, *own = self._pixels(shot, ground, gaps, blocks, halo[which], wanted, side)
+        for (which, wanted, _), (falls, *own) in zip(drawn, images, strict=True):
             if "SHADOW" in wanted:
                 seen.append((which, falls[..., -1:]))
             if "CAUSTICS" in wanted:
@@ -169,7 +192,25 @@ class ReceiverPass:
             if "LAMPS" in wanted:
                 added.append((which, own[2][..., :3]))
         own_pixels = (gather_images(len(j), k, of) for k, of in ((1, seen), (3, waves), (7, shape), (3, added)))
-        return BlockLight(j, i, corner, free, *own_pixels)
+        return BlockLight(j, i, changes.corner, free, *own_pixels)
+
+    def _of_kind(
+        self,
+        shot: Shot,
+        changes: Changes,
+        gaps: Gaps,
+        which: NDArray[np.bool_],
+        wanted: frozenset[str],
+        side: int,
+    ) -> Steps[list[NDArray[np.float32]]]:
+        """Return the images of some of the blocks, `which` (n,), as `GroundShader.pixels` does."""
+        blocks, halo = (changes.rows[which], changes.columns[which]), changes.halo[which]
+        if wanted != {"SHADOW"}:
+            return (yield from self._pixels(shot, changes.ground, gaps, blocks, halo, wanted, side))
+        few = None if changes.few is None else changes.few[which[changes.shadowed]]
+        of_sight = PartOf(shot, changes.of_sight)
+        of_blocks = changes.ground, gaps, blocks, halo, side, PartOf(few)
+        return [(yield from self._cache.steps(self._shadow, of_sight, *of_blocks, keep=2))]
 
     def _shadow(
         self,
@@ -179,24 +220,25 @@ class ReceiverPass:
         blocks: tuple[Indices, Indices],
         halo: NDArray[np.float32],
         side: int,
-    ) -> NDArray[np.float32]:
-        """Return the sun's visible fraction (n, B, B, 1) on blocks: at every second pixel, with straight lines between.
+        few_of: PartOf[NDArray[np.float32] | None],
+    ) -> Steps[NDArray[np.float32]]:
+        """Return the sun's visible fraction (n, B, B, 1) on blocks: straight lines between every second pixel.
 
-        side: samples along a block; with `BLOCK` of them, blocks that the lines miss are drawn at every pixel. So is
-        all that is no level plane: other shapes are given at pixels only.
+        side: samples along a block; with `BLOCK` of them, blocks that the lines miss are drawn at every pixel. few_of:
+        those at every second pixel, which follow from the rest; None where the receiver is no level plane, which is
+        drawn at every pixel.
         """
-        wanted, receiver = frozenset({"SHADOW"}), alike.whole.receiver
-        assert receiver is not None
-        if receiver.plane_y is None:
-            return self._pixels(alike.whole, ground, gaps, blocks, halo, wanted, BLOCK)[0][..., -1:]
-        few = self._pixels(alike.whole, ground, gaps, blocks, halo, wanted, BLOCK // 2)[0][..., -1:]
+        wanted, few = frozenset({"SHADOW"}), few_of.whole
+        if few is None:
+            return (yield from self._pixels(alike.whole, ground, gaps, blocks, halo, wanted, BLOCK))[0][..., -1:]
         seen = np.clip(enlarged(few), 0.0, 1.0)
         if side == BLOCK:
             (j, i), sharp = blocks, missed_between(few) > SMOOTH
             sharp[ground.gaps_in(gaps, j, i)[1]] = True
             if np.any(sharp):
                 rest = (j[sharp], i[sharp]), halo[sharp]
-                seen[sharp] = self._pixels(alike.whole, ground, gaps, *rest, wanted, BLOCK)[0][..., -1:]
+                drawn = yield from self._pixels(alike.whole, ground, gaps, *rest, wanted, BLOCK)
+                seen[sharp] = drawn[0][..., -1:]
         return seen
 
     def _pixels(
@@ -208,16 +250,19 @@ class ReceiverPass:
         halo: NDArray[np.float32],
         wanted: frozenset[str],
         side: int,
-    ) -> list[NDArray[np.float32]]:
+    ) -> Steps[list[NDArray[np.float32]]]:
         """Return `GroundShader.pixels`, with the light in the gaps of pixels where those are drawn one by one."""
         j, i = blocks
-        images = self._shader.pixels(shot, ground, j, i, halo, wanted, side)
+        draws = [self._shader.pixels(shot, ground, j, i, halo, wanted, side)]
         some, block = ground.gaps_in(gaps, j, i)
         if len(block) and side == BLOCK:
-            at = block, some.row % BLOCK, some.column % BLOCK
-            for image, values in zip(images, self._shader.at_gaps(shot, ground, some, wanted), strict=True):
-                image[at] = values
-        return images
+            draws.append(self._shader.at_gaps(shot, ground, some, wanted))
+        images, *of_gaps = yield from side_by_side(*draws)
+        at = block, some.row % BLOCK, some.column % BLOCK
+        for values in of_gaps:
+            for image, value in zip(images, values, strict=True):
+                image[at] = value
+        return list(images)
 
 
 def _ground(of_view: PartOf[Shot], shape: ReceiverShape) -> Ground:

@@ -12,10 +12,11 @@ from __future__ import annotations
 import statistics
 import time
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field, fields, is_dataclass, replace
 from typing import Any, TypeVar, TypeVarTuple
 
-from mr360uw.cache import Cache, PartOf, name_of
+from mr360uw.cache import Cache, PartOf, Steps, name_of
 from mr360uw.render.backends import Backend, make_backend
 from mr360uw.render.first_pass import ClipAnalysis
 from mr360uw.render.frame import composite_frame
@@ -60,25 +61,52 @@ class StageGraph(Cache):
 
     def of(self, function: Callable[[*Inputs], T], *inputs: *Inputs, keep: int = 1) -> T:
         """Return the result of a function, as `Cache.of` does."""
-        name, before = name_of(function), self.made.total()
+        before = self.made.total()
+        with self._timed(name_of(function)):
+            result = super().of(function, *inputs, keep=keep)
+        self._note(name_of(function), inputs, result, self.made.total() > before)
+        return result
+
+    def steps(self, function: Callable[[*Inputs], Steps[T]], *inputs: *Inputs, keep: int = 1) -> Steps[T]:
+        """Return the result of a function that pauses, as `Cache.steps` does."""
+        name = name_of(function)
+        before = self.made[name]
+        working = super().steps(function, *inputs, keep=keep)
+        while True:
+            with self._timed(name):
+                try:
+                    next(working)
+                except StopIteration as done:
+                    result: T = done.value
+                    break
+            yield
+        self._note(name, inputs, result, self.made[name] > before)
+        return result
+
+    @contextmanager
+    def _timed(self, name: str) -> Iterator[None]:
+        """Add the processor time until the context ends to a stage's, without that of the stages called in it."""
         self._within.append(0.0)
         began = time.process_time()
-        result = super().of(function, *inputs, keep=keep)
-        took = time.process_time() - began
-        own = took - self._within.pop()
-        if self._within:
-            self._within[-1] += took
+        try:
+            yield
+        finally:
+            took = time.process_time() - began
+            own = took - self._within.pop()
+            if self._within:
+                self._within[-1] += took
+        self.runs.setdefault(name, StageRun()).seconds += own
+
+    def _note(self, name: str, inputs: tuple[object, ...], result: object, ran: bool) -> None:
+        """Note that a stage was asked for, whether it ran, and whose results it took."""
         run = self.runs.setdefault(name, StageRun())
         run.asked += 1
-        ran = self.made.total() > before
         run.ran += ran
-        run.seconds += own
         if ran:  # a result that is there has noted its inputs
             makers = (self._makers.get(id(part)) for part in _parts(inputs, _DEPTH))
             run.inputs |= {maker[0] for maker in makers if maker is not None} - {name}
         for part in (result, *(result if isinstance(result, tuple) else ())):
             self._makers.setdefault(id(part), (name, part))  # holds the part, so that its number is not given again
-        return result
 
     def forget_times(self) -> None:
         """Begin anew to count, and let go of results; which stages took whose results stays known."""

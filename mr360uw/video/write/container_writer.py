@@ -23,7 +23,7 @@ from mr360uw.video.read.probe import create_local
 from mr360uw.video.settings import EncodeSettings
 from mr360uw.video.video_frame import VideoFrame
 from mr360uw.video.write.delivery import resolved
-from mr360uw.video.write.encoder import Encoder, check_encoder
+from mr360uw.video.write.encoder import Encoder, check_encoder, chosen_encoder
 from mr360uw.video.write.other_tracks import CONTAINERS, TrackCopy, check_sound, embed_spatial, other_tracks
 from mr360uw.video.write.segment import Segment, decoding_stamps
 from mr360uw.video.write.writer import VideoWriter
@@ -49,6 +49,7 @@ class ContainerWriter(VideoWriter):
         frames: tuple[int, int] | None = None,
     ) -> None:
         self.path = path
+        settings, taken = chosen_encoder(settings, like, path)
         settings = resolved(settings, like, path)
         self._clip, self._settings, self._rebase, self._overwrite = like, settings, rebase, overwrite
         self._copies: list[TrackCopy] = []
@@ -68,6 +69,7 @@ class ContainerWriter(VideoWriter):
         span = frames or (0, like.frame_count or 0)
         others = other_tracks(like, kind, wanted=settings.data, sound=sound, frames=span)
         self._data, self._timecode, self._chapters, self._spatial, self.notes = others
+        self.notes += (taken,) if taken else ()
         if not self._boxes and self._metadata is not None:
             self.notes += (f"{path.suffix} gets the spherical metadata as a V1 tag, not as Projection elements",)
         with self._errors("begun"):

@@ -62,15 +62,14 @@ def resolved(settings: EncodeSettings, like: Clip, path: Path | None = None) -> 
     """
     delivery = delivery_of(settings, like)
     if delivery is None:
-        own = settings.codec if settings.encoder == "software" else HARDWARE[settings.encoder]
-        return settings.model_copy(update={"codec": own})
+        return settings.model_copy(update={"codec": HARDWARE.get(settings.encoder, settings.codec)})
     codec, pixel_format, _ = delivery
     if path is not None and path.suffix.lower() not in _SUFFIXES:
         raise VideoError(
             f'{path} - output.target = "{settings.target}" is an mp4 (got {path.suffix}) - name it '
             f"{path.stem}.mp4, or leave the target out"
         )
-    if settings.encoder != "software" and HARDWARE[settings.encoder] != codec:
+    if HARDWARE.get(settings.encoder, codec) != codec:
         fits = [name for name, made in HARDWARE.items() if made == codec]
         raise VideoError(
             f'output.encoder - output.target = "{settings.target}" takes {codec} for this plate (got '

@@ -23,7 +23,7 @@ from mr360uw.video.pixels.native import has_stereo_mark, native_frame, plane_vie
 from mr360uw.video.pixels.planes import planes_from_linear
 from mr360uw.video.settings import ENCODERS, HARDWARE, EncodeSettings
 from mr360uw.video.video_frame import VideoFrame, whole_frame
-from mr360uw.video.write.delivery import delivery_of
+from mr360uw.video.write.delivery import delivery_of, resolved
 
 _TRIAL_SIZE = (512, 256)
 """Of the picture that is tried [pixels]; some cards refuse pictures of less than 256 columns."""
@@ -57,7 +57,7 @@ def refusal(name: str) -> str:
 
 def check_encoder(settings: EncodeSettings) -> None:
     """Raise `VideoError` where the settings name an encoder of a graphics card that does not open here."""
-    if settings.encoder == "software":
+    if settings.encoder not in HARDWARE:
         return
     if reason := refusal(settings.encoder):
         codec = HARDWARE[settings.encoder]
@@ -65,6 +65,48 @@ def check_encoder(settings: EncodeSettings) -> None:
             f"output.encoder - {settings.encoder} does not open on this machine (got: {reason}) - check the card and "
             f'its driver, or set output.encoder = "software" and output.codec = "{codec}", which is {ENCODERS[codec]}'
         )
+
+
+def chosen_encoder(settings: EncodeSettings, like: Clip, path: Path) -> tuple[EncodeSettings, str]:
+    """Return settings whose encoder is named, and a line on what was taken for "auto", "" where the settings name one.
+
+    "auto" is the first encoder of a card that encodes a picture here in the codec of the settings and their target, or
+    else FFmpeg's in software. path: of the output.
+    """
+    if settings.encoder != "auto":
+        return settings, ""
+    meant = resolved(settings, like, path)
+    codec, refusals = meant.codec, dict[str, list[str]]()
+    for name in (name for name, made in HARDWARE.items() if made == codec):
+        if not (reason := refusal(name) or _refused_format(name, meant, like)):
+            said = f'output.encoder = "auto" took {name}: the file differs from those of machines without it'
+            return settings.model_copy(update={"encoder": name}), said
+        refusals.setdefault(reason, []).append(name)
+    why = "; ".join(f"{', '.join(names)}: {reason}" for reason, names in refusals.items())
+    said = f'output.encoder = "auto" took {ENCODERS[codec]}: no card encodes {codec} here{why and f" ({why})"}'
+    return settings.model_copy(update={"encoder": "software"}), said
+
+
+def _refused_format(name: str, settings: EncodeSettings, like: Clip) -> str:
+    """Return why an encoder does not take the pictures of a plate; "" where it does."""
+    known = [format_.name for format_ in av.Codec(name, "w").video_formats or ()]
+    return "" if _pixel_format(known, settings, like) else f"it does not take {_wanted_format(settings, like)}"
+
+
+def _wanted_format(settings: EncodeSettings, like: Clip) -> str:
+    return settings.pixel_format or like.pixel_format or "yuv420p"
+
+
+def _pixel_format(known: list[str], settings: EncodeSettings, like: Clip) -> str:
+    """Return the format of the settings, or that of the known ones which is closest to the plate's; "" for neither."""
+    wanted = _wanted_format(settings, like)
+    plain = wanted.replace("yuvj", "yuv")
+    deeper = [name for name in ("yuv420p10le", "yuv422p10le", "yuv444p10le") if name in known]
+    if settings.pixel_format:
+        deeper = []  # what was asked for by name is made, or refused
+    paired = _IN_PAIRS.get(plain, plain)  # the same samples, with Cb and Cr side by side, as cards take them
+    several = (wanted, plain, paired, *(deeper if "10" in wanted or plain not in known else ()))
+    return next((name for name in several if name in known), "")
 
 
 def opening_encoders() -> tuple[str, ...]:
@@ -107,19 +149,13 @@ class Encoder:
         context.color_range = int(ColorRange.JPEG if full_range else ColorRange.MPEG)
 
     def _pixel_format(self, codec: Any) -> str:
-        """Return the format of the settings, or the encoder's that is closest to the plate's."""
-        wanted = self._settings.pixel_format or self._clip.pixel_format or "yuv420p"
+        """Return the format that pictures are encoded in; raise `VideoError` where the codec takes none that fits."""
         known = [format_.name for format_ in codec.video_formats]
-        plain = wanted.replace("yuvj", "yuv")
-        deeper = [name for name in ("yuv420p10le", "yuv422p10le", "yuv444p10le") if name in known]
-        if self._settings.pixel_format:
-            deeper = []  # what was asked for by name is made, or refused
-        paired = _IN_PAIRS.get(plain, plain)  # the same samples, with Cb and Cr side by side, as cards take them
-        for name in (wanted, plain, paired, *(deeper if "10" in wanted or plain not in known else ())):
-            if name in known:
-                return name
+        if found := _pixel_format(known, self._settings, self._clip):
+            return found
         raise VideoError(
-            f"{self._path} - {codec.name} cannot encode this pixel format (got {wanted}) - take one of "
+            f"{self._path} - {codec.name} cannot encode this pixel format (got "
+            f"{_wanted_format(self._settings, self._clip)}) - take one of "
             f"{', '.join(name for name in known if name.startswith('yuv4') or name in _IN_PAIRS.values())}"
         )
 

@@ -1,0 +1,100 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What goes between the processor and the device: pixels on their way back, and what a moving frame waits for."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable
+from typing import Any
+
+import moderngl
+import numpy as np
+import pytest
+
+from mr360uw.cache import Steps
+from mr360uw.composite.gl.layer_renderer import LayerRenderer
+from mr360uw.composite.gl.targets import Targets, finished, side_by_side
+from mr360uw.composite.shot import Receiver, Shot
+from mr360uw.types import Rectangle
+from tests.composite.scenes import box, medium, placed, shot, sphere
+
+pytestmark = pytest.mark.usefixtures("gl")
+
+
+def filled(targets: Targets, name: str, size: tuple[int, int], *values: float) -> moderngl.Framebuffer:
+    target = targets.target(name, *size, (4,) * len(values))
+    target.clear(*values[:1] * 4)
+    for attachment, value in zip(target.color_attachments, values, strict=True):
+        attachment.write(np.full((target.height, target.width, 4), value, np.float32))
+    return target
+
+
+def test_pixels_are_those_of_the_time_they_were_sent() -> None:
+    targets = Targets()
+    sent = []
+    for value in (1.0, 2.0, 3.0):
+        target = filled(targets, "one", (8, 4), value, 10.0 * value)
+        sent.append(targets.send(target, Rectangle(2, 1, 5, 3)))
+    for value, pixels in zip((1.0, 2.0, 3.0), sent, strict=True):
+        first, second = pixels.images()
+        assert first.shape == second.shape == (3, 5, 4)
+        assert np.all(first == value)
+        assert np.all(second == 10.0 * value)
+
+
+def test_more_than_fits_is_read_too() -> None:
+    targets, size = Targets(), (256, 96)
+    sent = [
+        targets.send(filled(targets, "one", size, float(k)), Rectangle(0, 0, *size)) for k in range(9)
+    ]  # 384 KiB each
+    assert [float(pixels.images()[0].max()) for pixels in sent] == list(range(9))
+    assert [float(pixels.images()[0].min()) for pixels in sent] == list(range(9))
+
+
+def test_steps_wait_for_each_other() -> None:
+    order: list[str] = []
+
+    def steps(name: str, pauses: int) -> Steps[str]:
+        for k in range(pauses):
+            order.append(f"{name}{k}")
+            yield
+        return name.upper()
+
+    assert finished(side_by_side(steps("a", 2), steps("b", 0), steps("c", 1))) == ["A", "B", "C"]
+    assert order == ["a0", "c0", "a1"]
+
+
+BALL, CUBE = sphere(), box((0.6, 0.5, 0.4))
+
+
+def moving(k: int) -> Shot:
+    return shot(
+        placed(BALL, (0.4 + 0.01 * k, -0.6, -1.8)), placed(CUBE, (-0.6, -0.9, -1.6), (25, 3 * k, 0)), width=512,
+        medium=medium(), receiver=Receiver(plane_y=-1.2), camera_position=np.array([0.0, 0.002 * k, 0.0]),
+    )  # fmt: skip
+
+
+def test_a_moving_frame_makes_no_texture_and_waits_four_times(monkeypatch: pytest.MonkeyPatch) -> None:
+    calls: Counter[str] = Counter()
+
+    def counted(owner: type, name: str, what: str) -> None:
+        inner: Callable[..., Any] = getattr(owner, name)
+
+        def method(*given: Any, **named: Any) -> Any:
+            calls[what] += 1
+            return inner(*given, **named)
+
+        monkeypatch.setattr(owner, name, method)
+
+    renderer = LayerRenderer()
+    for k in range(6):
+        assert renderer.render(moving(k)).alpha.max() > 0.9
+    for name in ("texture", "texture_array", "framebuffer", "buffer"):
+        counted(moderngl.Context, name, "made")
+    for name in ("read", "read_into"):
+        counted(moderngl.Buffer, name, "read")
+    counted(moderngl.Framebuffer, "read", "read")
+    counted(moderngl.Texture, "read", "read")
+    for k in range(6, 9):
+        renderer.render(moving(k))
+    assert calls == {"read": 3 * 4}
