@@ -49,7 +49,7 @@ ALLOWED: dict[str, set[str]] = {
         "__version__",
         *PHYSICS,
     },
-    "depth": {"track", "video", "composite", "progress", "threads"},
+    "depth": {"track", "video", "composite", "medium", "progress", "threads"},
     "track": {"video", "ibl", "medium", "composite", "progress", "threads"},
     "first_look": {"match", "preview", "render", "scene", "composite", "video", *PHYSICS},
     "tune": {

@@ -90,23 +90,56 @@ def floor(
 
 
 def depth(
-    video: Annotated[Path, typer.Argument(help="360 clip of a camera that moves", show_default=False), Role.READ],
+    video: Annotated[
+        Path, typer.Argument(help="360 clip of a camera that moves, or a stereo plate", show_default=False), Role.READ
+    ],
     out: Annotated[Path, typer.Option("--out", "-o", help="folder for the maps"), Role.FOLDER],
     track: Annotated[
         Path | None, typer.Option(help="track.csv of `mr360uw track`; default: solved here"), Role.READ
     ] = None,
-    width: Annotated[int, typer.Option(help="of the maps, in pixels")] = 1024,
-    eye: EyeOption = None,
+    width: Annotated[int | None, typer.Option(help="of the maps, in pixels; default: 1024, of both eyes 2048")] = None,
+    water: Annotated[
+        bool, typer.Option("--water", help="then tell the water by what is seen from near and far; needs --track")
+    ] = False,
+    eye: Annotated[
+        Literal["left", "right", "both"] | None,
+        typer.Option(help="eye of a stereo plate; both: the distances of both by their disparity, without a track"),
+    ] = None,
+    ipd: Annotated[
+        float | None, typer.Option(help="metres between the eyes, for --eye both; default: 0.064, as camera.ipd_m")
+    ] = None,
     overwrite: OverwriteOption = False,
     progress_lines: Annotated[bool, typer.Option("--progress-lines", help="a line for each frame, no bar")] = False,
 ) -> None:
     """Write distances and confidences of all frames of VIDEO, as numbered EXR files; a stopped run goes on."""
     from mr360uw.depth.clip_depth import depth_of_clip
-    from mr360uw.progress import terminal_progress
+    from mr360uw.depth.clip_eyes import depth_of_eyes
+    from mr360uw.depth.clip_water import water_of_clip
+    from mr360uw.progress import begin_phase, terminal_progress
+    from mr360uw.video.eyes_seen import EYES_APART_M
 
+    if water and track is None:
+        raise ParameterError("--water - needs the camera's path (got none) - give --track, made with --height")
+    if eye == "both" and track is not None:
+        raise ParameterError("--track - is of no use for both eyes (got one) - leave it out, or name one eye")
+    if eye != "both" and ipd is not None:
+        raise ParameterError("--ipd - is for --eye both alone (got it without) - leave it out")
     with terminal_progress(lines=progress_lines) as progress:
-        report = depth_of_clip(video, out, track=track, width=width, eye=eye, overwrite=overwrite, progress=progress)
-    typer.echo(str(report))
+        if eye == "both":
+            apart = EYES_APART_M if ipd is None else ipd
+            report = depth_of_eyes(
+                video, out, width=width or 2048, eyes_apart_m=apart, overwrite=overwrite, progress=progress
+            )
+            typer.echo(str(report))
+            return
+        report = depth_of_clip(
+            video, out, track=track, width=width or 1024, eye=eye, overwrite=overwrite, progress=progress
+        )
+        typer.echo(str(report))
+        if water and track is not None:
+            begin_phase(progress, "reading the water")
+            found = water_of_clip(video, out, track, eye=eye, progress=progress)
+            typer.echo("\n".join([str(found), *(f"--set {change}" for change in found.overrides)]))
 
 
 def _work_of(out: Path) -> Path:

@@ -148,7 +148,7 @@ def depth_of_clip(
                 f"width - must be a multiple of 8 from {LEAST_WIDTH} up (got {width}) - take 1024, or 512 for a draft"
             )
         with made_folder(folder):
-            _check_note(folder, _inputs(Path(video), path, width, eye), overwrite=overwrite)
+            check_note(folder, _inputs(Path(video), path, width, eye), overwrite=overwrite)
             return _written(clip, path, folder, width, progress)
 
 
@@ -223,7 +223,7 @@ def _inputs(video: Path, path: _Path, width: int, eye: str | None) -> str:
     return json.dumps({"method": _METHOD, "clip": files, "poses": poses.hexdigest(), "width": width, "eye": eye}) + "\n"
 
 
-def _check_note(folder: Path, inputs: str, *, overwrite: bool) -> None:
+def check_note(folder: Path, inputs: str, *, overwrite: bool) -> None:
     """Keep the maps of the same inputs; remove those of others if that is allowed, else raise `OutputExistsError`.
 
     Files that no run of this command made, in a folder without its note, are never removed.
@@ -324,3 +324,14 @@ def _with_neighbours(
         for old in [one for one in held if one < min([index, *near])]:
             del held[old]
         yield index, panorama(index), [panorama(one) for one in near]
+
+
+def poses_of(
+    video: str | Path, clip: VideoReader, track: CameraTrack | str | Path, eye: Literal["left", "right"] | None
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]:
+    """Return positions (n, 3), rotations (n, 3, 3) and shots (n,) of a clip's frames, -1 for those without a pose.
+
+    Raises `ParameterError` as `depth_of_clip` does.
+    """
+    path = _poses(str(video), clip, [_motion(one) for one in _tracks(video, track, eye)])
+    return path.position, path.rotation, path.shot

@@ -4,9 +4,10 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mr360uw.depth.sphere_stereo import DepthMap
 from mr360uw.depth.warping import Map
@@ -19,6 +20,8 @@ Kind = Literal["metric", "inverse"]
 NOTE = "depth.json"
 """File in a folder of maps that says what they were made from."""
 
+LEFT, RIGHT = "left", "right"
+"""Parts of a file with the maps of both eyes."""
 CONFIDENCE = "confidence"
 """Channel of a map's confidences, 0 to 1; a map without one is taken to be right everywhere."""
 _SUFFIXES = (".exr", ".png")
@@ -31,9 +34,16 @@ def depth_file(folder: Path, index: int) -> Path:
     return folder / f"depth_{index:05d}.exr"
 
 
-def write_depth(path: Path, found: DepthMap) -> None:
-    """Write a map as EXR: distances [m] in the channel Z, infinite where unknown, and confidences."""
-    write_exr(path, {"": {"Z": found.distance_m, CONFIDENCE: found.confidence.astype(np.float16)}})
+def write_depth(path: Path, found: DepthMap, right: DepthMap | None = None) -> None:
+    """Write a map as EXR: distances [m] in the channel Z, infinite where unknown, and confidences.
+
+    right: of the right eye of a stereo plate, in a part of its own; the other is then the left eye's.
+    """
+    parts = {"": found} if right is None else {LEFT: found, RIGHT: right}
+    channels: dict[str, dict[str, NDArray[Any]]] = {
+        name: {"Z": one.distance_m, CONFIDENCE: one.confidence.astype(np.float16)} for name, one in parts.items()
+    }
+    write_exr(path, channels)
 
 
 class DepthClip:
@@ -56,9 +66,18 @@ class DepthClip:
         for index in range(stop):
             self._file(index)
 
-    def at(self, index: int) -> DepthMap:
-        """Return the map of a frame at its own size, the same object while its file is unchanged."""
-        return self._read.of(_read_map, self._file(index), self._kind, self._scale, self._ours, keep=_APART)
+    @property
+    def of_both_eyes(self) -> bool:
+        """Whether the first map has a part for each eye."""
+        return self._ours and RIGHT in read_exr(self._files[0])
+
+    def at(self, index: int, *, right: bool = False) -> DepthMap:
+        """Return the map of a frame at its own size, the same object while its file is unchanged.
+
+        right: that of the right eye, of files that hold both eyes'.
+        """
+        file = self._file(index)
+        return self._read.of(_read_map, file, self._kind, self._scale, self._ours, right, keep=_APART)
 
     def _file(self, index: int) -> Path:
         """Return the file of a frame."""
@@ -74,11 +93,14 @@ class DepthClip:
         return self._files[index]
 
 
-def _read_map(path: Path, kind: Kind, scale_m: float, ours: bool) -> DepthMap:
-    """Return the map in a file. ours: written by `write_depth`; else kind and scale count."""
+def _read_map(path: Path, kind: Kind, scale_m: float, ours: bool, right: bool) -> DepthMap:
+    """Return the map in a file. ours: written by `write_depth`; else kind and scale count. right: of two eyes."""
     confidence: Map | None = None
     if path.suffix.lower() == ".exr":
-        channels = {name: array for part in read_exr(path).values() for name, array in part.items()}
+        parts = read_exr(path)
+        if ours and RIGHT in parts:
+            parts = {name: part for name, part in parts.items() if (name == RIGHT) == right}
+        channels = {name: array for part in parts.values() for name, array in part.items()}
         confidence = channels.get(CONFIDENCE)
         values = channels["Z"] if "Z" in channels else read_rgb(path)[..., 0]
     else:

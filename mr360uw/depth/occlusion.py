@@ -18,9 +18,15 @@ from mr360uw.depth.depth_files import DepthClip, Kind
 from mr360uw.depth.sphere_stereo import SURE, DepthMap
 from mr360uw.depth.warping import Map, resized
 from mr360uw.jit import fast
+from mr360uw.sphere import frame_from_direction
 from mr360uw.track.key_frames import grey_picture
+from mr360uw.types import Floats
 from mr360uw.video import VideoFrame
 
+_NEAR = np.arange(-1, 2)
+"""Pixels about a direction whose distances are its own."""
+_KEPT = 4
+"""Frames whose distances are kept: two, of both eyes."""
 _CLOSER = 0.25
 """Codes of difference that count as much as one sample of distance."""
 
@@ -61,18 +67,40 @@ def sure_distance(found: DepthMap, picture: Map) -> Map:
 
 
 class PlateDepth:
-    """The distances of a plate, in step with its frames."""
+    """The distances of a plate, in step with its frames. right: whether its frames are those of the right eye."""
 
-    def __init__(self, folder: Path, kind: Kind, scale_m: float) -> None:
-        self._clip, self._kept = DepthClip(folder, kind, scale_m), Cache()
+    def __init__(self, folder: Path, kind: Kind, scale_m: float, right: bool = False) -> None:
+        self._clip, self._right, self._kept = DepthClip(folder, kind, scale_m), right, Cache()
+
+    @property
+    def of_both_eyes(self) -> bool:
+        """Whether there is a map for each eye."""
+        return self._clip.of_both_eyes
 
     def check(self, stop: int) -> None:
         """Raise `VideoError` if a map is missing up to the plate's frame `stop`."""
         self._clip.check(stop)
 
-    def at(self, index: int, plate: VideoFrame) -> Map:
-        """Return the sure distances (H, W) [m] of a frame: the same array for the same picture and map."""
-        return self._kept.of(_of_frame, self._clip.at(index), plate, keep=2)
+    def at(self, index: int, plate: VideoFrame, eye: int = 0) -> Map:
+        """Return the sure distances (H, W) [m] of a frame: the same array for the same picture and map.
+
+        eye: 1 for the right one of two, else 0.
+        """
+        found = self._clip.at(index, right=self._right or eye == 1)
+        return self._kept.of(_of_frame, found, plate, keep=_KEPT)
+
+    def toward(self, index: int, direction: Floats) -> float:
+        """Return the distance [m] of what a frame shows in a direction (3,) in the camera's axes.
+
+        It is the median of the sure pixels of the map about it; infinite where there are none.
+        """
+        found = self._clip.at(index, right=self._right)
+        height, width = found.distance_m.shape
+        x, y = frame_from_direction(direction, width, height)
+        rows = np.clip(int(y) + _NEAR, 0, height - 1)[:, None]
+        columns = (int(x) + _NEAR) % width
+        near = found.distance_m[rows, columns][found.confidence[rows, columns] >= SURE]
+        return float(np.median(near)) if len(near) else float("inf")
 
 
 def _of_frame(found: DepthMap, plate: VideoFrame) -> Map:

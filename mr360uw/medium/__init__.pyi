@@ -2,6 +2,7 @@ from .band_light import compress_gamut
 from .closed_form import multiple_scattering
 from .fit.exposure import exposure_change, fit_gain, picture_change, steady_gain
 from .fit.profile import PlateProfile
+from .fit.water_by_distance import WaterByDistance
 from .fit.waterfit import WaterFit, fit_water
 from .layers import LayeredField
 from .medium import MODES, Medium
@@ -33,6 +34,7 @@ __all__ = [
     "ShaftField",
     "ShaftScene",
     "Water",
+    "WaterByDistance",
     "WaterFit",
     "WaterSettings",
     "bands",

@@ -112,17 +112,21 @@ class Loaded:
 def load_plate_depth(scene: Scene, reads: CachedReads) -> PlateDepth | None:
     """Return the distances of a scene's plate; None where it names none.
 
-    Raises `SceneError` where the scene works on both eyes, for which a map holds the distances of one alone.
+    Raises `SceneError` where the scene works on both eyes and the maps are of one.
     """
     plate = scene.plate
     if plate.depth is None:
         return None
-    if plate.eye == "both":
-        problem = 'plate.depth - is of one eye (got plate.eye = "both") - name one, or use [[holdout]]'
-        raise SceneError("scene", [problem])
     from mr360uw.depth.occlusion import PlateDepth  # whose kernels most scenes have no use for
 
-    return reads.of(PlateDepth, plate.depth, plate.depth_kind, plate.depth_scale)
+    depth = reads.of(PlateDepth, plate.depth, plate.depth_kind, plate.depth_scale, plate.eye == "right")
+    if plate.eye == "both" and not depth.of_both_eyes:
+        problem = (
+            'plate.depth - is of one eye (got plate.eye = "both") - name one, or make maps of both with '
+            "mr360uw depth --eye both"
+        )
+        raise SceneError("scene", [problem])
+    return depth
 
 
 class Loader:

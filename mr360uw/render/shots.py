@@ -113,7 +113,7 @@ def shot_at(
 def seen_by(loaded: Loaded, shot: Shot, eye: Eye, pattern: PlatePattern | None, index: int) -> Shot:
     """Return a shot of frame `index` as one eye sees it, with the receiver and the mattes in its picture."""
     matte, matte_distance = loaded.mattes.at(index, eye.number)
-    depth = None if loaded.plate_depth is None else loaded.plate_depth.at(index, eye.plate)
+    depth = None if loaded.plate_depth is None else loaded.plate_depth.at(index, eye.plate, eye.number)
     if depth is not None:
         matte_distance = depth if matte_distance is None else np.minimum(matte_distance, depth)
     return replace(

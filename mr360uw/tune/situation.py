@@ -6,6 +6,7 @@ Marks stand where objects, lamps and the sun show, and along the edge of the rec
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -139,7 +140,8 @@ class SituatedObject:
 class Situation:
     """A frame's camera, receiver (or None), and objects. edge: lines around the receiver.
 
-    lamps: their positions (3,) in the world; None of those that go with the camera or an object.
+    lamps: their positions (3,) in the world; None of those that go with the camera or an object. plate_m: returns the
+    distance [m] of what the plate shows in a direction (3,) in the camera's axes, infinite where none is sure.
     """
 
     camera: View
@@ -148,9 +150,17 @@ class Situation:
     lamps: tuple[Floats | None, ...]
     marks: tuple[Marker, ...]
     edge: tuple[tuple[Point, ...], ...]
+    plate_m: Callable[[Floats], float] | None = None
 
     def standing(self, number: int, point: Point) -> Floats:
-        """Return the position setting of an object that stands where a point shows the receiver."""
+        """Return the position setting of an object that stands where a point shows the plate, if `plate.depth` is sure
+        of the distance there, else the receiver.
+        """
+        shown_m = np.inf if self.plate_m is None else self.plate_m(point.direction)
+        if np.isfinite(shown_m):
+            one = self.bodies[number]
+            on_it = placing.stand_on_shown(self.camera, point, shown_m, one.hull, one.rotation, one.scale)
+            return self.setting_of(number, on_it)
         if self.receiver is None:
             raise ParameterError("receiver - is not in the scene (got none) - add the sea floor first")
         body = self.bodies[number]
@@ -244,4 +254,6 @@ def situation(preview: LivePreview, scene: Scene, index: int, time_s: float) -> 
     lamps = tuple(
         lamp.at(time_s, view, ()).position if lamp.settings.attach == "world" else None for lamp in loaded.lamps
     )
-    return Situation(view, receiver, tuple(bodies), lamps, tuple(markers(loaded, time_s, index, None)), edge)
+    marks, depth = tuple(markers(loaded, time_s, index, None)), loaded.plate_depth
+    plate_m = None if depth is None else lambda direction: depth.toward(index, direction)
+    return Situation(view, receiver, tuple(bodies), lamps, marks, edge, plate_m)

@@ -13,8 +13,8 @@ from mr360uw.tune.panels.widgets import Button
 from mr360uw.tune.session import CommandRun, Session
 
 _TITLE = (
-    "find how far away everything in the plate is, from the motion of its camera: bodies then go behind what is "
-    "nearer. A frame takes about {:.0f} s, all {} about {:.0f} min; press again to stop, what is found stays"
+    "find how far away everything in the plate is, from the motion of its camera or by its two eyes: bodies then go "
+    "behind what is nearer. A frame takes about {:.0f} s, all {} about {:.0f} min; press again to stop, what is found stays"
 )
 _FRAME_S = 4.0
 """Time [s] of a frame on two cores."""
@@ -35,8 +35,12 @@ class DepthTool:
         if self._run is not None:
             self._run.cancel()
             return
-        scene = self._session.document.scene
-        if scene.camera.track is None:
+        scene, path = self._session.document.scene, self._session.document.path
+        folder = path.with_name(f"{path.stem}.depth")
+        command = ["depth", str(scene.plate.path), "-o", str(folder)]
+        if scene.plate.eye == "both":
+            command += ["--eye", "both", "--ipd", str(scene.camera.ipd_m)]
+        elif scene.camera.track is None:
             self._failed(
                 ParameterError(
                     "camera.track - is not set, so distances have no scale (got none) - run mr360uw track on the plate "
@@ -44,10 +48,9 @@ class DepthTool:
                 )
             )
             return
-        path = self._session.document.path
-        folder = path.with_name(f"{path.stem}.depth")
-        command = ["depth", str(scene.plate.path), "-o", str(folder), "--track", str(scene.camera.track)]
-        command += ["--eye", scene.plate.eye] if scene.plate.eye in ("left", "right") else []
+        else:
+            command += ["--track", str(scene.camera.track)]
+            command += [] if scene.plate.eye is None else ["--eye", scene.plate.eye]
         self._run = CommandRun(folder, self._show)
         background_tasks.create(self._finish(self._run, [*command, "--progress-lines"]), name="depth")
 

@@ -1,0 +1,156 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Distances of every frame of a stereo plate, of both eyes, written as numbered EXR files."""
+
+from __future__ import annotations
+
+import json
+from collections import deque
+from collections.abc import Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from os import cpu_count
+from pathlib import Path
+
+import numpy as np
+
+from mr360uw.depth.clip_depth import LEAST_WIDTH, DepthReport, check_note
+from mr360uw.depth.depth_files import depth_file, write_depth
+from mr360uw.depth.eye_stereo import eye_distances
+from mr360uw.depth.sphere_stereo import SURE
+from mr360uw.depth.warping import Map
+from mr360uw.errors import ParameterError
+from mr360uw.output_gate import check_folder, made_folder
+from mr360uw.progress import Progress, Steps
+from mr360uw.reading.cached_reads import stamp
+from mr360uw.threads import one_blas_thread
+from mr360uw.video import VideoFrame, VideoReader, open_video
+from mr360uw.video.eyes_seen import EYES_APART_M
+from mr360uw.video.read.layout import Layout
+
+_METHOD = "distances of eyes 1"
+"""Names how maps are found; another number where that changes, so that maps of before are not kept."""
+
+
+def depth_of_eyes(
+    video: str | Path,
+    folder: str | Path,
+    *,
+    width: int = 2048,
+    eyes_apart_m: float = EYES_APART_M,
+    layout: Layout | None = None,
+    overwrite: bool = False,
+    progress: Progress | None = None,
+) -> DepthReport:
+    """Write the distances of both eyes of a stereo plate into a folder; return what was done.
+
+    One picture is enough, and the camera may stand: what the eyes see differently tells how far away it is. Each file
+    holds a part for each eye, with the channels of `depth_of_clip`.
+
+    Parameters
+    ----------
+    video : str or Path
+        A stereo plate: a clip or a picture.
+    folder : str or Path
+        Folder of the maps, depth_00000.exr for frame 0 and so on; finished maps of the same plate and width stay.
+    width : int
+        Columns of the maps, at most those of an eye: a multiple of 8. Half as many tell half as far.
+    eyes_apart_m : float
+        Distance [m] of the eyes, to which all distances are proportional: `camera.ipd_m` of the scene.
+    layout : str, optional
+        Arrangement of the eyes in a frame, where the file does not say it.
+    overwrite : bool
+        Replace maps of other inputs.
+    progress : callable, optional
+        Is called with (steps done, all of them).
+
+    Returns
+    -------
+    DepthReport
+        How many maps were written and found, and how much of the sphere they tell.
+
+    Raises
+    ------
+    ParameterError
+        For a width that is too small.
+    VideoError
+        For a plate that is not stereo.
+    OutputExistsError
+        For a folder with maps of other inputs.
+
+    Notes
+    -----
+    Rows of omnidirectional stereo are compared: see `eye_distances`.
+
+    Examples
+    --------
+    >>> try:
+    ...     uw.depth.depth_of_eyes("dive.mp4", "depth")
+    ... except uw.Mr360uwError as error:
+    ...     print("is not stereo" in str(error))
+    True
+    """
+    folder = Path(folder)
+    check_folder(folder)
+    if not 0.0 < eyes_apart_m < 1.0:
+        raise ParameterError(f"eyes_apart_m - must be a distance of eyes (got {eyes_apart_m:g}) - give 0.064")
+    with open_video(video, eye="both", layout=layout) as clip:
+        width = min(width, clip.width)
+        if width < LEAST_WIDTH or width % 8:
+            raise ParameterError(
+                f"width - must be a multiple of 8 from {LEAST_WIDTH} up (got {width}) - take 2048, or 1024 for a draft"
+            )
+        with made_folder(folder):
+            inputs = {"method": _METHOD, "clip": [str(video), stamp(Path(video))], "width": width}
+            note = json.dumps(inputs | {"eyes_apart_m": eyes_apart_m, "layout": layout}) + "\n"
+            check_note(folder, note, overwrite=overwrite)
+            return _written(clip, folder, width, eyes_apart_m, progress)
+
+
+def _written(clip: VideoReader, folder: Path, width: int, apart_m: float, progress: Progress | None) -> DepthReport:
+    """Make the maps that are missing, two frames or more side by side, and return what was done."""
+    count = clip.frame_count
+    if count is None:
+        _, count = clip.check_range()
+    missing = [index for index in range(count) if not depth_file(folder, index).is_file()]
+    steps, covered = Steps(progress, count), []
+    steps.done(count - len(missing))
+    threads = cpu_count() or 1
+    with one_blas_thread(), ThreadPoolExecutor(threads) as pool:
+        running: deque[Future[float]] = deque()
+        for frame in _missing_frames(clip, missing):
+            running.append(pool.submit(_make, folder, frame, width, apart_m))
+            if len(running) > threads:
+                covered.append(running.popleft().result())
+                steps.done(1)
+        for one in running:
+            covered.append(one.result())
+            steps.done(1)
+    coverage = float(np.mean(covered)) if covered else float("nan")
+    return DepthReport(folder, len(missing), count - len(missing), 0, coverage)
+
+
+def _missing_frames(clip: VideoReader, missing: list[int]) -> Iterator[VideoFrame]:
+    """Yield the frames whose maps are missing."""
+    if missing:
+        wanted = frozenset(missing)
+        yield from (frame for frame in clip.frames(missing[0], missing[-1] + 1) if frame.index in wanted)
+
+
+def _make(folder: Path, frame: VideoFrame, width: int, apart_m: float) -> float:
+    """Write the maps of a frame's eyes; return the coverage of both."""
+    assert frame.right is not None
+    left, right = eye_distances(_grey(frame, width), _grey(frame.right, width), apart_m)
+    write_depth(depth_file(folder, frame.index), left, right)
+    return float(np.mean([one.confidence >= SURE for one in (left, right)]))
+
+
+def _grey(frame: VideoFrame, width: int) -> Map:
+    """Return the codes of an eye's luma, or of its green, (width/2, width), in [0, 255]."""
+    import cv2
+
+    if frame.yuv is not None:
+        grey = frame.yuv.y.astype(np.float32) * np.float32(2.0 ** (8 - frame.yuv.spec.bits))
+    else:
+        grey = (255.0 * np.clip(frame.image_linear[..., 1], 0.0, 1.0) ** (1.0 / 2.2)).astype(np.float32)
+    if grey.shape == (width // 2, width):
+        return np.ascontiguousarray(grey)
+    return np.asarray(cv2.resize(grey, (width, width // 2), interpolation=cv2.INTER_AREA), np.float32)

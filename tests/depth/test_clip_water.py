@@ -1,0 +1,134 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Water by what is seen from near and far: of places in solved water, and of the files of a clip."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import mr360uw as uw
+from mr360uw.cli import app
+from mr360uw.color import encode
+from mr360uw.depth.depth_files import NOTE, depth_file, write_depth
+from mr360uw.depth.seen_places import LitFrame, seen_places
+from mr360uw.depth.sphere_stereo import DepthMap
+from mr360uw.errors import ParameterError
+from mr360uw.medium.fit import water_by_distance as by_distance
+from mr360uw.medium.fit.water_by_distance import SeenPlaces, water_by_distance
+from tests.depth import tolerances
+from tests.depth.hazy_scene import HazyScene
+from tests.depth.test_clip_depth import write_track
+from tests.depth.wet_dive import DEPTH_M, WetDive, medium
+
+GAIN = np.array([1.6, 1.1, 0.9])
+WIDTH, FRAMES, SECONDS = 256, 8, 8.0
+DIVE = WetDive(3, "3C", 0.5, width=WIDTH)
+
+
+def places(
+    kind: str, *, farther: float = 2.2, caustics: float = 0.1, count: int = 150
+) -> tuple[SeenPlaces, np.ndarray]:
+    """Return places in a type of water, from distances up to a factor, and the true attenuation and veil (2, 3)."""
+    r = np.random.default_rng(5)
+    lit = medium(kind)  # type: ignore[arg-type]
+    near, frames = r.uniform(1.5, 4.0, (count, 1)), 16
+    distance = near * np.linspace(1.0, farther, frames)
+    up = np.clip(r.uniform(-0.6, 0.2, (count, 1)) + r.normal(0.0, 0.03, distance.shape), -0.8, 0.3)
+    own = r.uniform(0.02, 0.5, (count, 1, 1)) * lit.irradiance(DEPTH_M) / np.pi
+    change = np.exp(caustics * r.standard_normal(distance.shape))[..., None]
+    veil = lit.veil(distance, DEPTH_M, up)
+    light = GAIN * (own * change * lit.transmittance(distance, DEPTH_M, 0.0 * up) + veil)
+    above = np.linspace(0.0, 0.15, 4)
+    ends = np.percentile(distance, (10.0, 90.0))
+    passed = lit.transmittance(ends, DEPTH_M, 0.0)
+    truth = np.array([np.log(passed[0] / passed[1]) / np.ptp(ends), GAIN * lit.veil(1e4, DEPTH_M, 0.0)])
+    seen = np.ones(distance.shape, bool)
+    part = np.arange(count) // 6
+    return SeenPlaces(light, distance, up, seen, part, above, GAIN * lit.radiance(DEPTH_M + 0.0 * above, above)), truth
+
+
+@pytest.fixture(autouse=True)
+def few_draws(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(by_distance, "_DRAWS", 4)
+
+
+@pytest.mark.parametrize("kind", ["II", "5C"])
+def test_attenuation_and_veil_of_a_type(kind: str) -> None:
+    seen, (c, v) = places(kind)
+    found = water_by_distance(seen)
+    assert not found.problem
+    assert np.all(np.abs(found.attenuation / c - 1.0) < tolerances.ATTENUATION)
+    assert np.all(np.abs(found.veil / v - 1.0) < tolerances.VEIL)
+    assert np.all((found.attenuation_low < found.attenuation) & (found.attenuation < found.attenuation_high))
+    sight = uw.medium.visibility.visibility_m(uw.medium.Water.jerlov(kind))  # type: ignore[arg-type]
+    assert abs(found.visibility_m / sight - 1.0) < tolerances.ATTENUATION
+    assert found.overrides[1] == f"water.visibility_m={found.visibility_m:.3g}"
+    assert "green  attenuation" in str(found)
+
+
+def test_a_clip_that_does_not_tell_says_so() -> None:
+    still = water_by_distance(places("1C", farther=1.1)[0])
+    assert "vary enough, by 1.10 at the median" in still.problem
+    assert still.overrides == []
+    assert "does not tell its water" in str(still)
+    wild = water_by_distance(places("IB", farther=1.3, caustics=1.2, count=80)[0])
+    assert "uncertain by more than a factor" in wild.problem
+
+
+@pytest.fixture(scope="module")
+def clip(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A clip of a dive with its maps and its track."""
+    folder = tmp_path_factory.mktemp("water")
+    (folder / "depth").mkdir()
+    (folder / "depth" / NOTE).touch()
+    for k, frame in enumerate(DIVE.frames(SECONDS, FRAMES)):
+        codes = np.round(255.0 * encode(frame.image, "srgb")).astype(np.uint8)
+        cv2.imwrite(str(folder / f"plate_{k:04d}.png"), codes[..., ::-1])
+        write_depth(depth_file(folder / "depth", k), frame.found)
+    write_track(folder / "track.csv", [DIVE.scene.pose(t) for t in np.linspace(0.0, SECONDS, FRAMES)])
+    return folder
+
+
+def test_the_files_of_a_clip_tell_its_water(clip: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("mr360uw.depth.clip_depth.LEAST_WIDTH", WIDTH)
+    monkeypatch.setattr("mr360uw.depth.clip_depth.check_note", lambda *_, **__: None)
+    found: list[by_distance.WaterByDistance] = []
+    monkeypatch.setattr(
+        "mr360uw.depth.clip_water.water_by_distance", lambda seen: found.append(water_by_distance(seen)) or found[-1]
+    )
+    options = ["-o", str(clip / "depth"), "--width", str(WIDTH), "--water"]
+    command = ["depth", str(clip / "plate_%04d.png"), *options]
+    assert "--track" in str(CliRunner().invoke(app, command).exception)
+    done = CliRunner().invoke(app, [*command, "--track", str(clip / "track.csv")])
+    assert done.exit_code == 0, done.output
+    assert f"{FRAMES} kept" in done.output
+    assert str(found[0]) in done.output
+    assert f"--set water.visibility_m={found[0].visibility_m:.3g}" in done.output
+    c = -np.log(medium(DIVE.kind).transmittance(4.0, DEPTH_M, 0.0)) / 4.0
+    assert np.all(np.abs(found[0].attenuation / c - 1.0) < tolerances.ATTENUATION_OF_FEW)
+
+
+def test_a_clip_that_is_too_short_is_refused(clip: Path) -> None:
+    write_track(clip / "short.csv", [DIVE.scene.pose(t) for t in (0.0, 1.0, 2.0)])
+    with pytest.raises(ParameterError, match="too short"):
+        uw.depth.water_of_clip(clip / "plate_%04d.png", clip / "depth", clip / "short.csv")
+
+
+def test_places_are_where_they_are_seen() -> None:
+    """The light of a place is that of its own point, and what is hidden by something nearer is not seen."""
+    frames = []
+    scene = HazyScene(seed=4, caustics=0.0, particles=0, noise=0.0, haze=np.zeros(3))
+    for t in (0.0, 3.0, 6.0):
+        light, distance, _ = scene.see(WIDTH, t, samples=2)
+        found = DepthMap(distance.astype(np.float32), np.isfinite(distance).astype(np.float32))
+        frames.append(LitFrame(light.astype(np.float32), found, *scene.pose(t)))
+    seen = seen_places(frames)
+    both = seen.seen[:, 0] & seen.seen[:, 1]
+    assert both.sum() > 100
+    apart = seen.light[both, 0, 1] / seen.light[both, 1, 1] - 1.0
+    assert np.median(np.abs(apart)) < tolerances.SAME_PLACE
+    assert not seen.seen[:, 1:].all()
