@@ -14,7 +14,8 @@ from mr360uw.tune.session import CommandRun, Session
 
 _TITLE = (
     "find how far away everything in the plate is, from the motion of its camera or by its two eyes: bodies then go "
-    "behind what is nearer. A frame takes about {:.0f} s, all {} about {:.0f} min; press again to stop, what is found stays"
+    "behind what is nearer. A frame takes about {:.0f} s, all {} about {:.0f} min; press again to stop, what is found "
+    "stays"
 )
 _FRAME_S = 4.0
 """Time [s] of a frame on two cores."""
@@ -29,7 +30,7 @@ class DepthTool:
         frames = session.frame_count
         title = _TITLE.format(_FRAME_S, frames, max(frames * _FRAME_S / 60.0, 1.0))
         self._button = Button("Find depth", self._pressed, title=title)
-        self._button.set_visibility(frames > 1)
+        self._button.set_visibility(frames > 1 or session.document.scene.plate.eye == "both")
 
     def _pressed(self) -> None:
         if self._run is not None:
