@@ -405,11 +405,11 @@ def test_a_matte_is_drawn_at_keys_of_the_clip(page: Page) -> None:
         tab.page.locator(f"path.uw-drawn.uw-{kind}").wait_for(state="attached")
     key.click()
     tab.page.locator("button[title='undo: set holdout.0.path']").wait_for()
-    tab.page.get_by_text("keys: 0, 7").wait_for()
+    tab.page.get_by_text("2 drawn · keys: 0, 7", exact=True).wait_for()
     assert matte_of(page) == "matte-1/%04d.png"
     assert len(list((page.scene.parent / "matte-1").glob("[0-9]*.png"))) == 8
     tab.page.get_by_role("button", name="Remove key").click()
-    tab.page.get_by_text("keys: 0").wait_for()
+    tab.page.get_by_text("2 drawn · keys: 0", exact=True).wait_for()
     assert matte_of(page) == "matte-1/key-0000.png"
     tab.page.locator(".uw-strip").press("Home")
     tab.page.get_by_label("What a click in the picture does").select_option("")
