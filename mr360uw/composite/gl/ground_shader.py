@@ -57,7 +57,7 @@ class GroundShader:
         sent = self._targets.draw(shader, "coarse", _PLACES_ACROSS, rows, (4,))
         yield
         (sun,) = sent.images()
-        return sun.reshape(-1, 4)[: len(places)]
+        return sun.reshape(-1, 4)[: len(places)].copy()  # or what else was sent with it would be kept too
 
     def pixels(
         self,
