@@ -9,18 +9,22 @@ both eyes at one latitude, and
 farther to the right by the left eye than by the right one; e: half the distance between the eyes. Rows are compared
 with shifted rows: a sweep at 1024 columns at most, smoothed semi-globally, then steps of fractions of a pixel about
 what was found, windows slanted with it. A distance is sure where both eyes find the same disparity, where the windows
-resemble each other, and where the disparity is so large that its error counts little.
+resemble each other, and where the disparity is so large that its error counts little; but not in even water beside
+something near, whose windows see that.
 """
 
 from __future__ import annotations
+
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.depth.semi_global import smoothed
-from mr360uw.depth.sphere_stereo import DepthMap
+from mr360uw.depth.sphere_stereo import SURE, DepthMap
 from mr360uw.depth.warping import Map, resized, window_mean
 from mr360uw.errors import ParameterError
+from mr360uw.jit import fast
 from mr360uw.video.eyes_seen import EYES_APART_M
 
 _SWEPT = 1024
@@ -40,6 +44,8 @@ _LEAST_CODES = 1.5
 """Deviation [codes] that is added to those of windows: flat ones do not resemble each other."""
 _ALIKE, _SAME_PX, _WIDE_PX = 0.5, 0.6, 3.5
 """Correlation, difference of the eyes' disparities [px], and disparity [px] from which on a distance counts as sure."""
+_EVEN_CODES, _BEHIND_PX = 3.0, 1.5
+"""Deviation [codes] in five pixels below which a picture is even, and disparity [px] by which something is behind."""
 
 
 def eye_distances(left: Map, right: Map, eyes_apart_m: float = EYES_APART_M) -> tuple[DepthMap, DepthMap]:
@@ -96,8 +102,57 @@ def eye_distances(left: Map, right: Map, eyes_apart_m: float = EYES_APART_M) -> 
         ])  # fmt: skip
         with np.errstate(divide="ignore"):
             far = half / np.tan(0.5 * pixel * np.maximum(own, 0.0))
+        _without_rims(left if sign > 0.0 else right, own, sure)
         maps.append(DepthMap(far.astype(np.float32), np.where(np.isfinite(far), sure, 0.0).astype(np.float32)))
     return maps[0], maps[1]
+
+
+def _without_rims(grey: Map, disparity: Map, confidence: Map) -> None:
+    """Set confidences (H, W) to 0 in the rims of what is near.
+
+    The window of a pixel of even water beside something near sees that, and takes its disparity: a rim of half a
+    window. Even pixels are looked at first, then those within two pixels of what was found.
+    """
+    import cv2
+
+    picture = np.ascontiguousarray(grey, np.float32)
+    even = np.sqrt(np.maximum(window_mean(picture * picture, 5) - window_mean(picture, 5) ** 2, 0.0)) < _EVEN_CODES
+    reach = round(0.5 * _FINE_RAD * grey.shape[1] / (2.0 * np.pi)) + 2
+    known = confidence >= np.float32(SURE)
+    _drop_rims(picture, disparity, known, even, even, reach, confidence)
+    left = confidence >= np.float32(SURE)
+    beside = cv2.dilate((known & ~left).astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
+    _drop_rims(picture, disparity, left, even, beside & ~even, reach, confidence)
+
+
+@fast
+def _drop_rims(grey: Any, disparity: Any, known: Any, even: Any, tested: Any, reach: Any, confidence: Any) -> None:
+    """Set the confidence of tested pixels (H, W) that look like what is behind to 0.
+
+    Such a pixel is compared with the mean of what has its disparity and is not even, and of what is farther or unknown,
+    within `reach` pixels.
+    """
+    height, width = grey.shape
+    for j in range(height):
+        for i in range(width):
+            if not (known[j, i] and tested[j, i]):
+                continue
+            near, behind = np.float32(0.0), np.float32(0.0)
+            nears, behinds = 0, 0
+            for b in range(max(j - reach, 0), min(j + reach + 1, height)):
+                for a in range(i - reach, i + reach + 1):
+                    column = a % width
+                    if not known[b, column] or disparity[b, column] < disparity[j, i] - np.float32(_BEHIND_PX):
+                        behind += grey[b, column]
+                        behinds += 1
+                    elif not even[b, column]:
+                        near += grey[b, column]
+                        nears += 1
+            if behinds == 0:
+                continue
+            to_behind = abs(grey[j, i] - behind / np.float32(behinds))
+            if nears == 0 or to_behind < abs(grey[j, i] - near / np.float32(nears)):
+                confidence[j, i] = np.float32(0.0)
 
 
 def _graded(over: Map, scale: float) -> Map:
