@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from mr360uw.composite import read_camera_track
 from mr360uw.composite.motion import Motion
 from mr360uw.depth.depth_files import NOTE, depth_file, write_depth
-from mr360uw.depth.sphere_stereo import SURE, DepthMap, distances
+from mr360uw.depth.sphere_stereo import SURE, DepthMap, Sweep, refined, sweep
 from mr360uw.depth.warping import Panorama
 from mr360uw.errors import OutputExistsError, ParameterError
 from mr360uw.files import write_whole
@@ -32,13 +32,17 @@ from mr360uw.track.camera_track import CameraTrack
 from mr360uw.track.key_frames import grey_picture
 from mr360uw.video import VideoReader, open_video
 
-_METHOD = "distances 1"
+_METHOD = "distances 2"
 """Names how maps are found; another number where that changes, so that maps of before are not kept."""
 SPAN_S = 6.0
 """Time [s] over which the neighbours of a frame are spread, with the frame in the middle where the shot allows. Half:
 shorter baselines, and caustics that resemble each other; double: more of what is seen has left the view."""
 NEIGHBOURS = 32
 """Most neighbours of a frame. Half: under caustics three times as strong a third of the confident pixels is lost."""
+_KEY_S = 0.3
+"""Time [s] between the frames whose distances are found by a sweep, which the frames between them refine."""
+_KEYS = 2
+"""Key frames, the nearest in time, whose distances a frame starts from: what one does not see, the other may."""
 _LEAST_M = 0.01
 """Extent of a path [m] below which a camera is taken to stand."""
 _LEAST_TURN = np.radians(0.5)
@@ -255,13 +259,20 @@ def _written(clip: VideoReader, path: _Path, folder: Path, width: int, progress:
     steps.done(count - len(missing))
     covered: list[float] = []
     threads = os.cpu_count() or 1
+    sweeps: dict[int, Future[Sweep]] = {}
     with one_blas_thread(), ThreadPoolExecutor(threads) as pool:
         running: deque[Future[float]] = deque()
-        for index, reference, neighbours in _with_neighbours(clip, path, missing, width):
-            running.append(pool.submit(_make, folder, index, reference, neighbours, width))
+        for job, reference, neighbours in _with_neighbours(clip, path, missing, width):
+            if job.sweeps and reference is not None:
+                sweeps[job.index] = pool.submit(sweep, reference, neighbours)
+                continue
+            near = [sweeps[key] for key in job.keys]
+            running.append(pool.submit(_make, folder, job.index, reference, neighbours, near, width))
             if len(running) > threads:
                 covered.append(running.popleft().result())
                 steps.done(1)
+            for old in [key for key in sweeps if key < min(job.keys, default=0)]:
+                del sweeps[old]
         for one in running:
             covered.append(one.result())
             steps.done(1)
@@ -269,15 +280,51 @@ def _written(clip: VideoReader, path: _Path, folder: Path, width: int, progress:
     return DepthReport(folder, len(missing), count - len(missing), int(np.count_nonzero(path.shot < 0)), coverage)
 
 
-def _make(folder: Path, index: int, reference: Panorama | None, neighbours: list[Panorama], width: int) -> float:
+def _make(
+    folder: Path,
+    index: int,
+    reference: Panorama | None,
+    neighbours: list[Panorama],
+    sweeps: list[Future[Sweep]],
+    width: int,
+) -> float:
     """Write the map of a frame, one without distances where it has no pose; return its coverage."""
     if reference is None or not neighbours:
         shape = width // 2, width
         found = DepthMap(np.full(shape, np.inf, np.float32), np.zeros(shape, np.float32))
     else:
-        found = distances(reference, neighbours)
+        found = refined(reference, neighbours, [one.result() for one in sweeps])
     write_depth(depth_file(folder, index), found)
     return float(np.mean(found.confidence >= SURE))
+
+
+@dataclass(frozen=True, slots=True)
+class _Job:
+    """A frame to work on. near: its neighbours. sweeps: whether it is swept; else refined, from the sweeps of keys."""
+
+    index: int
+    near: list[int]
+    sweeps: bool = False
+    keys: tuple[int, ...] = ()
+
+
+def _jobs(path: _Path, missing: list[int], rate: float) -> list[_Job]:
+    """Return what is to be done for the missing maps, in order: sweeps of key frames come before they are needed."""
+    span, step = max(round(SPAN_S * rate), 2), max(round(_KEY_S * rate), 1)
+    jobs: list[_Job] = []
+    swept: set[int] = set()
+    for index in missing:
+        near = _chosen(path, index, span).tolist() if path.shot[index] >= 0 else []
+        if not near:
+            jobs.append(_Job(index, []))
+            continue
+        shot = np.flatnonzero(path.shot == path.shot[index])
+        every = shot[::step]
+        keys = tuple(sorted(every[np.argsort(np.abs(every - index), kind="stable")[:_KEYS]].tolist()))
+        jobs += [_Job(key, _chosen(path, key, span).tolist(), sweeps=True) for key in keys if key not in swept]
+        swept.update(keys)
+        jobs.append(_Job(index, near, keys=keys))
+    return jobs
 
 
 def _chosen(path: _Path, index: int, span: int) -> NDArray[np.int64]:
@@ -291,29 +338,29 @@ def _chosen(path: _Path, index: int, span: int) -> NDArray[np.int64]:
 
 def _with_neighbours(
     clip: VideoReader, path: _Path, missing: list[int], width: int
-) -> Iterator[tuple[int, Panorama | None, list[Panorama]]]:
-    """Yield frames in order with their neighbours; pictures within the span of a frame are held, a byte a pixel."""
+) -> Iterator[tuple[_Job, Panorama | None, list[Panorama]]]:
+    """Yield what is to be done in order, with the frame and its neighbours; pictures are held while they are needed."""
     import cv2
 
-    span = max(round(SPAN_S * float(clip.frame_rate)), 2)
-    chosen = {index: _chosen(path, index, span) for index in missing if path.shot[index] >= 0}
-    needed = sorted({frame for index, near in chosen.items() for frame in (index, *near.tolist())})
+    jobs = _jobs(path, missing, float(clip.frame_rate))
+    needed = sorted({frame for job in jobs if job.near for frame in (job.index, *job.near)})
     if not needed:
-        yield from ((index, None, []) for index in missing)
+        yield from ((job, None, []) for job in jobs)
         return
+    first = [min([job.index, *job.near]) for job in jobs]
+    first = np.minimum.accumulate(first[::-1])[::-1].tolist()  # of this and of what follows
     frames, wanted = clip.frames(needed[0], needed[-1] + 1), frozenset(needed)
     held: dict[int, NDArray[np.uint8]] = {}
     read = needed[0]
 
     def panorama(index: int) -> Panorama:
-        return Panorama(held[index].astype(np.float32), path.position[index], path.rotation[index])
+        return Panorama(held[index], path.position[index], path.rotation[index])
 
-    for index in missing:
-        if index not in chosen:
-            yield index, None, []
+    for job, oldest in zip(jobs, first, strict=True):
+        if not job.near:
+            yield job, None, []
             continue
-        near = chosen[index].tolist()
-        last = max([index, *near])
+        last = max([job.index, *job.near])
         for frame in islice(frames, max(last + 1 - read, 0)):
             read = frame.index + 1
             if frame.index in wanted:
@@ -321,9 +368,9 @@ def _with_neighbours(
                 if grey.shape[1] != width:
                     grey = np.asarray(cv2.resize(grey, (width, width // 2), interpolation=cv2.INTER_AREA), np.uint8)
                 held[frame.index] = grey
-        for old in [one for one in held if one < min([index, *near])]:
+        for old in [one for one in held if one < oldest]:
             del held[old]
-        yield index, panorama(index), [panorama(one) for one in near]
+        yield job, panorama(job.index), [panorama(one) for one in job.near]
 
 
 def poses_of(

@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Distances of an equirectangular frame from its neighbours with known poses.
 
-A sweep of trial distances at a quarter of the size (256 columns at least), smoothed semi-globally, finds the surface;
-steps around it at half and full size refine it. There each pixel of a window is warped by its own distance, so that
-windows slant with the surface. The trials are even in the parallax of the largest baseline: nothing depends on the unit
-of the poses.
+A sweep of trial distances at half the size (256 to 512 columns), smoothed semi-globally, finds the surface; steps
+around it at half and full size refine it. There each pixel of a window is warped by its own distance, so that windows
+slant with the surface. Sweeps of frames nearby serve as well as one of the frame itself: they are carried to it by the
+poses, and each pixel takes the distance under which the pictures agree best. The trials are even in the parallax of the
+largest baseline: nothing depends on the unit of the poses.
 """
 
 from __future__ import annotations
@@ -13,41 +14,31 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mr360uw.depth.semi_global import smoothed
-from mr360uw.depth.trust import Evidence, confidence
-from mr360uw.depth.warping import Map, Panorama, Warped, resized
+from mr360uw.depth.trust import confidence, evidence
+from mr360uw.depth.warping import Map, Panorama, Warped, carried, resized
 from mr360uw.errors import ParameterError
 
-_TRIALS = 96
-"""Trial distances of the sweep. Half: steps of two pixels of parallax, which neighbouring trials no longer resolve."""
+_TRIALS = 64
+"""Trial distances of the sweep, a pixel and a half of parallax apart at 512 columns."""
 _WIDEST_RAD = 1.15
 """Largest parallax [rad] over the largest baseline: distances from 0.45 baselines on are found."""
-_SMALL, _LARGE = 0.04, 0.35
-"""Penalties of the smoothing for neighbours one trial, and more, apart. Half: more pixels are off under caustics three
-times as strong; double: rocks lose their edges."""
-_LEAST_WIDTH = 256
-"""Least width of the sweep [px]: in smaller pictures textures are gone."""
-_SWEEP_SIDE = 5
-"""Side of the windows of the sweep [px of its size]."""
-
-
-@dataclass(frozen=True, slots=True)
-class _Level:
-    """A refinement.
-
-    scale: the size is divided by. side: of windows [px]. step: between trials, in pixels of parallax. every: takes
-    every one, or every second neighbour.
-    """
-
-    scale: int
-    side: int
-    step: float
-    every: int
-
-
-_LEVELS = (_Level(2, 7, 0.5, 1), _Level(2, 7, 0.25, 1), _Level(1, 9, 0.4, 2))
+_SMALL, _LARGE = 0.04, 0.7
+"""Penalties of the smoothing for neighbours one trial, and more, apart. Half the large one: a sixth more of a floor is
+lost under caustics three times as strong."""
+_SWEEP_WIDTHS = 256, 512
+"""Least and largest width of the sweep [px]: half that of the picture. In smaller ones textures are gone."""
+_SWEEP_SIDE, _SIDE = 5, 7
+"""Sides of the windows of the sweep, and of the refinements [px]."""
+_STEPS_PX = 0.5, 0.4
+"""Steps of the refinements [px of parallax], at half and at full size."""
+_EVERY = 2
+"""Every second neighbour is used at full size."""
+_EDGE_RADIUS, _EDGE_SIDE, _EDGE = 5, 5, 0.05
+"""Radius [px] about a pixel whose nearest and farthest distances it may take at full size, side of the windows that are
+compared for that, and the penalty of the smoothing where neighbours choose differently. Without this step the edges of
+near things reach as far into what is behind as the windows of the sweep: a quarter of the pixels there are lost."""
 _AROUND = 2
 """Trials on either side of a distance that is refined."""
 _FINE_SMALL, _FINE_LARGE = 0.01, 0.06
@@ -124,6 +115,54 @@ def distances(reference: Panorama, neighbours: Sequence[Panorama]) -> DepthMap:
     >>> round(float(np.median(found.distance_m[found.confidence > 0.5])), 1)
     3.0
     """
+    return refined(reference, neighbours, [sweep(reference, neighbours)])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sweep:
+    """Inverse distances (h, w) [1/m] of a frame before they are refined, and where it was taken."""
+
+    inverse: Map
+    place: Panorama
+
+    def seen_from(self, reference: Panorama, width: int) -> Map:
+        """Return inverse distances (h, w) [1/m] of another frame, of a width."""
+        same = np.array_equal(self.place.position, reference.position)
+        if same and np.array_equal(self.place.rotation, reference.rotation):
+            return _enlarged(self.inverse, width)
+        return carried(self.inverse, self.place, reference, width)
+
+
+def sweep(reference: Panorama, neighbours: Sequence[Panorama]) -> Sweep:
+    """Return the distances of a frame that a sweep over all of them finds."""
+    baseline = _baseline(reference, neighbours)
+    least, most = _SWEEP_WIDTHS
+    width = reference.grey.shape[1]
+    warped = Warped(reference, neighbours, min(max(width // 2, least), most, width))
+    small = resized(reference.grey, warped.width)
+    return Sweep(_swept(warped, baseline), Panorama(small, reference.position, reference.rotation))
+
+
+def refined(reference: Panorama, neighbours: Sequence[Panorama], sweeps: Sequence[Sweep]) -> DepthMap:
+    """Return the distances of a frame from sweeps of it or of frames nearby, with the frame's own neighbours."""
+    baseline = _baseline(reference, neighbours)
+    width = reference.grey.shape[1]
+    warped = Warped(reference, neighbours, max(width // 2, min(width, _SWEEP_WIDTHS[0])))
+    inverse = _best(warped, [one.seen_from(reference, warped.width) for one in sweeps])
+    if warped.width > sweeps[0].inverse.shape[1]:
+        inverse = _at_edges(warped, inverse)
+    inverse = _around(warped, inverse, baseline, _STEPS_PX[0])
+    warped = Warped(reference, neighbours[::_EVERY], width)
+    inverse = _at_edges(warped, _enlarged(inverse, width))
+    inverse = _around(warped, inverse, baseline, _STEPS_PX[1])
+    seen = evidence(reference, neighbours, warped, inverse, baseline)
+    with np.errstate(divide="ignore"):
+        metres = (np.float32(1.0) / inverse).astype(np.float32)
+    return DepthMap(metres, confidence(seen, len(neighbours)))
+
+
+def _baseline(reference: Panorama, neighbours: Sequence[Panorama]) -> float:
+    """Return the largest distance of neighbours from a frame [m]; raise `ParameterError` where they do not fit it."""
     width = reference.grey.shape[1]
     if not neighbours or any(one.grey.shape != reference.grey.shape for one in neighbours):
         raise ParameterError(
@@ -140,38 +179,23 @@ def distances(reference: Panorama, neighbours: Sequence[Panorama]) -> DepthMap:
             f"neighbours - stand where the frame does (got a baseline of {baseline:.1g} m) - give such of a camera "
             "that moves"
         )
-    least = min(width, _LEAST_WIDTH)
-    swept = Warped(reference, neighbours, max(width // 4, least), _SWEEP_SIDE)
-    inverse, evidence = _swept(swept, baseline)
-    cost, warped = evidence.cost, swept
-    for level in _LEVELS:
-        size = max(width // level.scale, least)
-        if (warped.width, warped.side) != (size, level.side):
-            warped = Warped(reference, neighbours[:: level.every], size, level.side)
-        inverse, cost = _refined(warped, _enlarged(inverse, warped.width), baseline, level.step)
-    with np.errstate(divide="ignore"):
-        metres = (np.float32(1.0) / inverse).astype(np.float32)
-    grey = resized(reference.grey, width)
-    sure = confidence(evidence, cost, warped.parallax(inverse), inverse * np.float32(baseline), grey, len(neighbours))
-    return DepthMap(metres, sure)
+    return baseline
 
 
-def _swept(warped: Warped, baseline_m: float) -> tuple[Map, Evidence]:
-    """Return inverse distances (h, w) [1/m] by a sweep, and what it tells of their reliability."""
+def _swept(warped: Warped, baseline_m: float) -> Map:
+    """Return inverse distances (h, w) [1/m] by a sweep."""
     trials = (np.tan(np.linspace(0.0, _WIDEST_RAD, _TRIALS)) / baseline_m).astype(np.float32)
     cost = np.empty((warped.height, warped.width, _TRIALS), np.float32)
     zero = np.zeros(cost.shape[:2], np.float32)
     for k, inverse in enumerate(trials):
-        cost[..., k] = warped.cost(zero + inverse, zero)
-    total = smoothed(cost, _SMALL, _LARGE)
-    step, best = _lowest(total)
+        cost[..., k] = warped.cost(zero + inverse, _SWEEP_SIDE)
+    step = _lowest(smoothed(cost, _SMALL, _LARGE))
     low = np.clip(step.astype(np.int64), 0, _TRIALS - 2)
-    found = (trials[low] + (step - low) * (trials[low + 1] - trials[low])).astype(np.float32)
-    return found, Evidence.of(cost, total, best)
+    return np.asarray(trials[low] + (step - low) * (trials[low + 1] - trials[low]), np.float32)
 
 
-def _refined(warped: Warped, inverse: Map, baseline_m: float, step_px: float) -> tuple[Map, Map]:
-    """Return inverse distances (h, w) [1/m] near given ones, and their costs (h, w)."""
+def _around(warped: Warped, inverse: Map, baseline_m: float, step_px: float) -> Map:
+    """Return inverse distances (h, w) [1/m] near given ones."""
     import cv2
 
     pixel = np.float32(step_px * 2.0 * np.pi / warped.width / baseline_m)
@@ -179,21 +203,39 @@ def _refined(warped: Warped, inverse: Map, baseline_m: float, step_px: float) ->
     offsets = np.arange(-_AROUND, _AROUND + 1)
     cost = np.empty((*inverse.shape, len(offsets)), np.float32)
     for k, offset in enumerate(offsets):
-        cost[..., k] = warped.cost(inverse, (np.float32(offset) * unit).astype(np.float32))
-    step, best = _lowest(smoothed(cost, _FINE_SMALL, _FINE_LARGE))
+        cost[..., k] = warped.cost((inverse + np.float32(offset) * unit).astype(np.float32), _SIDE)
+    step = _lowest(smoothed(cost, _FINE_SMALL, _FINE_LARGE))
     found = np.maximum(inverse + (step - _AROUND) * unit, 0.0).astype(np.float32)
-    least = np.take_along_axis(cost, best[..., None], -1)[..., 0]
-    return np.asarray(cv2.medianBlur(found, 3), np.float32), least
+    return np.asarray(cv2.medianBlur(found, 3), np.float32)
 
 
-def _lowest(cost: Map) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
-    """Return the places (h, w) of the minima of costs (h, w, n), by a parabola between trials, and whole trials."""
+def _at_edges(warped: Warped, inverse: Map) -> Map:
+    """Return inverse distances (h, w), each the given one or the least or largest nearby, whichever agrees best."""
+    import cv2
+
+    radius = _EDGE_RADIUS
+    around = np.ones((2 * radius + 1, 2 * radius + 1), np.uint8)
+    wide = cv2.copyMakeBorder(inverse, 0, 0, radius, radius, cv2.BORDER_WRAP)
+    choice = (cv2.erode(wide, around)[:, radius:-radius], inverse, cv2.dilate(wide, around)[:, radius:-radius])
+    return _best(warped, [np.ascontiguousarray(one, np.float32) for one in choice])
+
+
+def _best(warped: Warped, choice: Sequence[Map]) -> Map:
+    """Return inverse distances (h, w), in each pixel those of the maps (h, w) under which the pictures agree best."""
+    if len(choice) == 1:
+        return choice[0]
+    cost = np.stack([warped.cost(one, _EDGE_SIDE) for one in choice], axis=-1)
+    return np.asarray(np.choose(smoothed(cost, _EDGE, _EDGE).argmin(axis=-1), choice), np.float32)
+
+
+def _lowest(cost: Map) -> Map:
+    """Return the places (h, w) of the minima of costs (h, w, n), by a parabola between trials."""
     count = cost.shape[-1]
     best = np.clip(cost.argmin(axis=-1), 1, count - 2)
     before, at, after = (np.take_along_axis(cost, (best + k)[..., None], -1)[..., 0] for k in (-1, 0, 1))
     bend = before - 2.0 * at + after
     shift = np.where(bend > 1e-6, 0.5 * (before - after) / np.maximum(bend, 1e-6), 0.0)
-    return (best + np.clip(shift, -1.0, 1.0)).astype(np.float32), best
+    return np.asarray(best + np.clip(shift, -1.0, 1.0), np.float32)
 
 
 def _enlarged(values: Map, width: int) -> Map:

@@ -1,99 +1,101 @@
 # SPDX-License-Identifier: Apache-2.0
 """Confidence of distances: the probability that one is within 6 % of the truth, by logistic regression.
 
-Regressed on synthetic dives with particles under caustics as they are and three times as strong
-(`benchmarks/depth.py` measures it on others). What tells most is the correlation of all pairs of pictures at the size
-of the frame: no wrong distance makes the caustics of many instants agree. Where distances vary within a few pixels, and
-where the picture is even, they count for less.
+Regressed on synthetic dives with particles, poles and fish, under caustics as they are and three times as strong;
+`benchmarks/depth.py` measures it on others. No wrong distance makes the caustics of many instants agree, but all pairs
+of pictures also agree on what is behind a fish that passes, which stands still and is hidden in this frame alone. So
+what tells most is that the frame itself agrees with the mean of the others, as much as these agree with each other.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
-from mr360uw.depth.warping import Map, window_mean
+from mr360uw.depth.warping import Map, Panorama, Warped, resized, window_mean
+from mr360uw.types import Floats
 
-_BESIDE = 4
-"""Trials on either side of the best one that belong to the same minimum."""
-_LOW_PARALLAX = np.exp(-3.5)
-"""Parallax [rad] below which distances become uncertain: 1.7 degrees."""
+_SIDES = 7, 11, 21
+"""Sides of windows [px] in which correlations are taken."""
 _LEAST = 1e-3
-"""Least margin, and least parallax [rad], of which a logarithm is taken."""
-_CONTRAST_SIDE, _SPREAD_SIDE = 5, 9
-"""Windows [px] of the contrast of the picture, and of the spread of the distances."""
-_FINE, _COARSE, _MARGIN, _PARALLAX, _LOW, _CONTRAST, _SPREAD, _CONSTANT = (
-    7.11,
-    -6.60,
-    1.12,
-    -1.22,
-    3.10,
-    1.15,
-    -1.01,
-    -3.21,
-)
-"""Coefficients of the correlations in fine and in coarse pictures, and of the logarithms of the margin, of the
-parallax, of how far that is below the low one, of the contrast [codes], and of the spread."""
+"""Least parallax [rad], and inverse distance in baselines, of which a logarithm is taken."""
+_SPREAD_SIDES, _LEVEL_SIDE = (9, 27), 5
+"""Windows [px] of the spread of the distances, and of the brightness."""
+_LEAST_SPREAD, _LEAST_WEIGHT = 0.01, 0.03
+"""Spread of logarithms of distance, and fraction of the neighbours, that are added before a logarithm is taken."""
+_COEFFICIENTS = np.array([1.92, 2.11, -13.75, 2.84, 3.42, 10.74, -0.87, 0.55, -0.47, -0.72, 4.55, -2.46], np.float32)
+"""Of the evidence, in its order."""
+_FILLED, _ERODED = 5, 9
+"""Windows [px] of the largest, and then of the least logit about a pixel. 1 and 1: at the same coverage, three times as
+many pixels of fish are confident of a wrong distance."""
 _MANY, _FEW = 32, 2.0
-"""Neighbours of the dives of the regression, and what one e-th of them takes off the logit: by
-chance the caustics of few instants agree. Without it, half the neighbours leave four of five confident pixels right
-under caustics three times as strong."""
-_HALF = 0.85
+"""Neighbours of the dives of the regression, and what one e-th of them takes off the logit: by chance the caustics of
+few instants agree."""
+_HALF = 0.6
 """Probability that is given the confidence of a half. Higher: less is used, and more of that is right."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Evidence:
-    """What a sweep tells of its distances, each (h, w) at the size of the sweep.
+def evidence(
+    reference: Panorama, neighbours: Sequence[Panorama], warped: Warped, inverse: Map, baseline_m: float
+) -> Floats:
+    """Return what tells whether inverse distances (H, W) [1/m] are right, (12, H, W) float32.
 
-    cost: of the chosen trial. margin: by which the best trial elsewhere costs more, after smoothing.
-    """
-
-    cost: Map
-    margin: Map
-
-    @classmethod
-    def of(cls, cost: Map, total: Map, best: NDArray[np.int64]) -> Evidence:
-        """Return the evidence of costs (h, w, n), of smoothed ones, and of the trials (h, w) that were chosen."""
-        at = best[..., None]
-        elsewhere = np.where(np.abs(np.arange(cost.shape[-1]) - at) > _BESIDE, total, np.float32(np.inf)).min(axis=-1)
-        margin = elsewhere - np.take_along_axis(total, at, -1)[..., 0]
-        return cls(np.take_along_axis(cost, at, -1)[..., 0], margin)
-
-
-def confidence(evidence: Evidence, cost: Map, parallax: Map, inverse: Map, grey: Map, count: int) -> Map:
-    """Return confidences (H, W), 0 to 1, of a frame's distances.
-
-    Parameters
-    ----------
-    evidence : of the sweep.
-    cost : (H, W), of the refined distances.
-    parallax : (H, W) [rad], of the neighbours on average.
-    inverse : (H, W), inverse distances in largest baselines.
-    grey : (H, W), the frame's codes in [0, 255].
-    count : of neighbours.
+    warped: neighbours at the size of the frame. Correlations of all pairs in windows of three sizes; of the frame with
+    the mean of the others, likewise; difference of the frame's brightness from their mean, in deviations of theirs;
+    logarithms of the parallax, of the spread of distances near and about the pixel, and of the fraction of the
+    neighbours that count; and one.
     """
     import cv2
 
-    size = cost.shape[::-1]
-    coarse, margin = (cv2.resize(one, size, interpolation=cv2.INTER_LINEAR) for one in (evidence.cost, evidence.margin))
-    wide = np.log(np.maximum(parallax, _LEAST))
-    mean = window_mean(grey, _CONTRAST_SIDE)
-    contrast = np.sqrt(np.maximum(window_mean(grey * grey, _CONTRAST_SIDE) - mean * mean, 0.0))
-    depth, around = np.log(np.maximum(inverse, _LEAST)), np.ones((_SPREAD_SIDE, _SPREAD_SIDE), np.uint8)
-    spread = cv2.dilate(depth, around) - cv2.erode(depth, around)
-    logit = (
-        _CONSTANT
-        + _FINE * (1.0 - cost)
-        + _COARSE * (1.0 - coarse)
-        + _MARGIN * np.log(np.maximum(margin, _LEAST))
-        + _PARALLAX * wide
-        + _LOW * np.minimum(wide - np.log(_LOW_PARALLAX), 0.0)
-        + _CONTRAST * np.log(contrast + 0.5)
-        + _SPREAD * np.log(spread + 0.01)
-        + _FEW * np.log(min(count / _MANY, 1.0))
-    )
-    shifted = np.clip(logit - np.log(_HALF / (1.0 - _HALF)), -30.0, 30.0)
+    sums = warped.sums(inverse)
+    size = inverse.shape[::-1]
+    small = Warped(reference, neighbours, max(warped.width // 2, min(warped.width, 256)), _brightness)
+    level = small.sums(resized(inverse, small.width))
+    mean = level[0] / np.maximum(level[3], _LEAST)
+    variance = np.maximum(level[2] / np.maximum(level[3], _LEAST) - mean * mean, 0.0)
+    differs = cv2.resize(np.abs(small.own - mean) / np.sqrt(variance + 1.0), size, interpolation=cv2.INTER_LINEAR)
+    depth = np.log(np.maximum(inverse * np.float32(baseline_m), _LEAST)).astype(np.float32)
+    spreads = []
+    for side in _SPREAD_SIDES:
+        around = np.ones((side, side), np.uint8)
+        spreads.append(np.log(cv2.dilate(depth, around) - cv2.erode(depth, around) + _LEAST_SPREAD))
+    return np.stack(
+        [
+            *(1.0 - warped.cost_of(sums, side) for side in _SIDES),
+            *(_agreement(warped.own, sums[0], side) for side in _SIDES),
+            np.minimum(differs, 4.0),
+            np.log(np.maximum(warped.parallax(inverse), _LEAST)),
+            *spreads,
+            np.log(sums[3] / warped.count + _LEAST_WEIGHT),
+            np.ones_like(depth),
+        ]
+    ).astype(np.float32)
+
+
+def _brightness(grey: Map) -> Map:
+    """Return a grey picture (h, w) averaged over windows."""
+    return window_mean(grey, _LEVEL_SIDE)
+
+
+def _agreement(own: Map, others: Map, side: int) -> Map:
+    """Return the correlation (h, w) of a picture with the sum of others within windows."""
+    power = window_mean(own * own, side) * window_mean(others * others, side)
+    return np.asarray(window_mean(own * others, side) / np.sqrt(np.maximum(power, 1e-6)), np.float32)
+
+
+def confidence(seen: Floats, count: int) -> Map:
+    """Return confidences (H, W), 0 to 1, from evidence (12, H, W) and the number of neighbours.
+
+    Pixels that are surrounded by sure ones are so too; then those within some pixels of doubtful ones are doubtful: the
+    rim of a fish, whose windows hold more of what is behind it than of the fish.
+    """
+    import cv2
+
+    logit = np.tensordot(_COEFFICIENTS, seen, 1) + _FEW * np.log(min(count / _MANY, 1.0))
+    reach = _ERODED // 2
+    wide = cv2.copyMakeBorder(logit.astype(np.float32), 0, 0, reach, reach, cv2.BORDER_WRAP)
+    filled = cv2.dilate(wide, np.ones((_FILLED, _FILLED), np.uint8))
+    least = cv2.erode(filled, np.ones((_ERODED, _ERODED), np.uint8))[:, reach:-reach]
+    shifted = np.clip(least - np.log(_HALF / (1.0 - _HALF)), -30.0, 30.0)
     return np.asarray(1.0 / (1.0 + np.exp(-shifted)), np.float32)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A scene with exact distances: floor, walls, rocks, poles and a fish in haze, under moving caustics and particles.
+"""A scene with exact distances: floor, walls, rocks, poles and fish in haze, under moving caustics and particles.
 
 Surfaces are planes, balls and upright cylinders, met in closed form. Their albedo is a solid noise of six octaves. The
 caustics are those of a wave surface (`caustic_map`), laid along the beam of the sun; a strength of 2 or 3 doubles or
@@ -17,6 +17,8 @@ from mr360uw.jit import fast
 from mr360uw.sphere import directions, frame_from_direction, yaw_matrix
 from mr360uw.types import Floats
 
+FISHES, MEETING_S = 4, 3.0
+"""Fish beside the first, and when they are about the camera [s]."""
 FLOOR, WALL, ROCK, POLE, FISH, WATER = range(6)
 _LATTICE, _TILE_M, _MAP = 32, 8.0, 256
 _HAZE = np.array([0.25, 0.10, 0.08])
@@ -46,7 +48,7 @@ def _trace(origin, rays, planes, balls, poles, fish, lattice, light, sun, look, 
     size = light.shape[0]
     for p in range(rays.shape[0]):
         dx, dy, dz = rays[p, 0], rays[p, 1], rays[p, 2]
-        best, what, nx, ny, nz = 1e9, 5, 0.0, 1.0, 0.0
+        best, what, nx, ny, nz, swimmer = 1e9, 5, 0.0, 1.0, 0.0, 0
         for n in range(planes.shape[0]):
             a, b, c, d = planes[n, 0], planes[n, 1], planes[n, 2], planes[n, 3]
             rate = a * dx + b * dy + c * dz
@@ -63,7 +65,7 @@ def _trace(origin, rays, planes, balls, poles, fish, lattice, light, sun, look, 
             if inside > 0.0:
                 t = -half - np.sqrt(inside)
                 if 0.0 < t < best:
-                    best, what = t, 2 if n < balls.shape[0] else 4
+                    best, what, swimmer = t, 2 if n < balls.shape[0] else 4, n - balls.shape[0]
                     nx, ny, nz = (ox + t * dx) / ball[3], (oy + t * dy) / ball[3], (oz + t * dz) / ball[3]
         for n in range(poles.shape[0]):
             ox, oz, r = origin[0] - poles[n, 0], origin[2] - poles[n, 1], poles[n, 2]
@@ -84,7 +86,7 @@ def _trace(origin, rays, planes, balls, poles, fish, lattice, light, sun, look, 
         distance[p] = best
         x, y, z = origin[0] + best * dx, origin[1] + best * dy, origin[2] + best * dz
         if what == 4:  # the texture swims along
-            x, y, z = x - fish[0, 0], y - fish[0, 1], z - fish[0, 2]
+            x, y, z = x - fish[swimmer, 0], y - fish[swimmer, 1], z - fish[swimmer, 2]
         albedo, scale, weight = 0.0, 1.7, 1.0
         for _ in range(6):
             albedo += weight * _noise(lattice, x * scale + 5.3, y * scale + 1.7, z * scale + 8.1)
@@ -151,6 +153,23 @@ class HazyScene:
         put("heading", r.uniform(-0.3, 0.3))
         put("dust", r.uniform(-4.0, 4.0, (self.particles, 3)))
         put("current", np.array([0.05, 0.0, 0.03]))
+        put("shoal", self._shoal(np.random.default_rng([self.seed, 37])))
+
+    def _shoal(self, r: np.random.Generator) -> tuple[Floats, Floats]:
+        """Return centres at time 0 with radii, (n, 4), and velocities (n, 3) of fish that swim evenly.
+
+        The first moves across the camera's path; the others stand about the camera at `MEETING_S`, and move anyhow.
+        """
+        first = np.array([[1.2, 0.1, -2.0, 0.2]])
+        if not self.fish:
+            return first[:0], np.zeros((0, 3))
+        bearing = r.uniform(0.0, 2.0 * np.pi, FISHES)
+        away = np.stack([np.cos(bearing), r.uniform(-0.35, 0.35, FISHES), np.sin(bearing)], axis=1)
+        there = self.pose(MEETING_S)[0] + r.uniform(1.0, 2.5, FISHES)[:, None] * away
+        velocity = r.normal(size=(FISHES, 3)) * [1.0, 0.3, 1.0]
+        velocity *= (r.uniform(0.1, 0.5, FISHES) / np.linalg.norm(velocity, axis=1))[:, None]
+        others = np.column_stack([there - MEETING_S * velocity, r.uniform(0.08, 0.2, FISHES)])
+        return np.concatenate([first, others]), np.concatenate([[[0.35, 0.0, 0.0]], velocity])
 
     def pose(self, time_s: float) -> tuple[Floats, Floats]:
         """Return position and rotation of the camera, which swims ahead, bobs and turns."""
@@ -171,7 +190,8 @@ class HazyScene:
         wide, high = width * samples, width // 2 * samples
         rays = directions(wide, high).reshape(-1, 3)
         image, far, kind = np.empty((len(rays), 3)), np.empty(len(rays)), np.empty(len(rays), np.uint8)
-        shoal = np.array([[1.2 + 0.35 * time_s, 0.1, -2.0, 0.2]]) if self.fish else np.zeros((0, 4))
+        begin, velocity = self.shoal
+        shoal = np.column_stack([begin[:, :3] + time_s * velocity, begin[:, 3]])
         _trace(
             origin, np.ascontiguousarray(rays @ rotation.T), self.planes, self.balls, self.posts, shoal, self.lattice,
             self.light(time_s), self.sun, self.look, self.haze, self.veil, image, far, kind,

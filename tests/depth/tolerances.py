@@ -12,6 +12,8 @@ RIGHT = 0.93
 RIGHT_THRICE = 0.85
 """The same at 512 columns under caustics three times as strong, where windows hold a quarter of the pixels of those that
 the project asks for: .92 at 1024 (docs/depth.md)."""
+FISH = 0.1
+"""Fraction of the pixels of swimming fish that are confident at 512 columns: the project asks for .05 at 1024."""
 COVERED, COVERED_THRICE = 0.7, 0.3
 """Fraction of the pixels in reach that are confident at 512 columns, under caustics as they are and three times as
 strong: .76 and .49 at 1024 (docs/depth.md)."""
