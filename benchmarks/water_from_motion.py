@@ -10,8 +10,8 @@ maps: distances are the true ones, off by 1.5 % over patches of 6 degrees (defau
 `mr360uw.depth.distances`, from 24 neighbours, sure ones alone.
 
 Attenuation: of the transmittance between the distances between which eight of ten places are seen. Veil: of the horizon
-in the exposure of the clip. The last rows are of clips that do not tell: a camera that hardly moves, and a floor alone
-under caustics of three times their strength.
+in the exposure of the clip. The last rows are of clips that are hard: of a camera that hardly moves, and of a floor
+alone under caustics of three times their strength.
 """
 
 from __future__ import annotations
@@ -67,11 +67,11 @@ def main(first: int = 201, last: int = 221, maps: str = "maps") -> None:
             f"{name}: within {100 * most:.0f} % in {shares} % of them (R G B), median {medians} %, "
             f"interval holds {held_by} %"
         )
-    untold(first)
+    hard(first)
 
 
-def untold(seed: int) -> None:
-    """Print what is said of clips that do not tell."""
+def hard(seed: int) -> None:
+    """Print what is said of clips that are hard."""
     still = WetDive(seed, "1C", 1.0, speed_m_s=0.02)
     print("hardly moves:", water_by_distance(seen_places(still.frames(SECONDS, FRAMES))).problem or "TOLD")
     floor = WetDive(seed, "1C", 3.0)
