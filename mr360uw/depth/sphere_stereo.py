@@ -33,8 +33,9 @@ _SWEEP_SIDE, _SIDE = 5, 7
 """Sides of the windows of the sweep, and of the refinements [px]."""
 _STEPS_PX = 0.5, 0.4
 """Steps of the refinements [px of parallax], at half and at full size."""
-_EVERY = 2
-"""Every second neighbour is used at full size."""
+_EVERY, _ALL_WIDTH = 2, 512
+"""Every second neighbour is used at full size; at half size every one up to a width, above it the fewer the wider. Maps
+of 2048 columns are judged at half size, where windows span what they do in those of the regression."""
 _EDGE_RADIUS, _EDGE_SIDE, _EDGE = 5, 5, 0.05
 """Radius [px] about a pixel whose nearest and farthest distances it may take at full size, side of the windows that are
 compared for that, and the penalty of the smoothing where neighbours choose differently. Without this step the edges of
@@ -147,18 +148,22 @@ def refined(reference: Panorama, neighbours: Sequence[Panorama], sweeps: Sequenc
     """Return the distances of a frame from sweeps of it or of frames nearby, with the frame's own neighbours."""
     baseline = _baseline(reference, neighbours)
     width = reference.grey.shape[1]
-    warped = Warped(reference, neighbours, max(width // 2, min(width, _SWEEP_WIDTHS[0])))
-    inverse = _best(warped, [one.seen_from(reference, warped.width) for one in sweeps])
-    if warped.width > sweeps[0].inverse.shape[1]:
+    half = max(width // 2, min(width, _SWEEP_WIDTHS[0]))
+    every = max(half // _ALL_WIDTH, 1)
+    warped = Warped(reference, neighbours[::every], half)
+    inverse = _best(warped, [one.seen_from(reference, half) for one in sweeps])
+    if half > sweeps[0].inverse.shape[1]:
         inverse = _at_edges(warped, inverse)
     inverse = _around(warped, inverse, baseline, _STEPS_PX[0])
-    warped = Warped(reference, neighbours[::_EVERY], width)
-    inverse = _at_edges(warped, _enlarged(inverse, width))
-    inverse = _around(warped, inverse, baseline, _STEPS_PX[1])
-    seen = evidence(reference, neighbours, warped, inverse, baseline)
+    fine = Warped(reference, neighbours[:: _EVERY * every], width)
+    inverse = _at_edges(fine, _enlarged(inverse, width))
+    inverse = _around(fine, inverse, baseline, _STEPS_PX[1])
+    judged = fine if every == 1 else warped
+    at_judged = np.ascontiguousarray(inverse[:: width // judged.width, :: width // judged.width])
+    seen = evidence(reference, neighbours, judged, at_judged, baseline)
     with np.errstate(divide="ignore"):
         metres = (np.float32(1.0) / inverse).astype(np.float32)
-    return DepthMap(metres, confidence(seen, len(neighbours)))
+    return DepthMap(metres, _enlarged(confidence(seen, len(neighbours)), width))
 
 
 def _baseline(reference: Panorama, neighbours: Sequence[Panorama]) -> float:

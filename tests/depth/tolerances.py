@@ -10,13 +10,12 @@ MEDIAN = 0.015
 RIGHT = 0.93
 """Fraction of the confident pixels that are right: what the project asks, at any strength of caustics."""
 RIGHT_THRICE = 0.85
-"""The same at 512 columns under caustics three times as strong, where windows hold a quarter of the pixels of those that
-the project asks for: .92 at 1024 (docs/depth.md)."""
+"""The same at 512 columns under caustics three times as strong, where windows hold a quarter of the pixels."""
 FISH = 0.1
 """Fraction of the pixels of swimming fish that are confident at 512 columns: the project asks for .05 at 1024."""
 COVERED, COVERED_THRICE = 0.7, 0.3
 """Fraction of the pixels in reach that are confident at 512 columns, under caustics as they are and three times as
-strong: .76 and .49 at 1024 (docs/depth.md)."""
+strong; at 1024 more (docs/depth.md)."""
 TINY = 0.06
 """Median relative error in pictures of 128 columns, whose pixels are 2.8 degrees wide."""
 EDGE = 0.03
