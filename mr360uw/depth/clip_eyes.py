@@ -76,9 +76,10 @@ def depth_of_eyes(
     OutputExistsError
         For a folder with maps of other inputs.
 
-    Notes
-    -----
-    Rows of omnidirectional stereo are compared: see `eye_distances`.
+    See Also
+    --------
+    uw.depth.eye_distances : The same for two pictures in memory, and the method.
+    uw.depth_of_clip : Distances from the motion of the camera, for one eye.
 
     Examples
     --------

@@ -61,6 +61,12 @@ def water_of_clip(
     VideoError
         Where maps are missing.
 
+    See Also
+    --------
+    uw.depth_of_clip : Writes the distances.
+    uw.track_camera : Solves the path of the camera.
+    uw.medium.fit_water : The water by the look of one picture.
+
     Notes
     -----
     Light along a ray as by Akkaynak & Treibitz 2018, with the light of each place eliminated: see

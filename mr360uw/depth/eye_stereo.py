@@ -51,6 +51,9 @@ _EVEN_CODES, _BEHIND_PX = 3.0, 1.5
 def eye_distances(left: Map, right: Map, eyes_apart_m: float = EYES_APART_M) -> tuple[DepthMap, DepthMap]:
     """Return the distances along the rays of the left and of the right eye of a stereo panorama.
 
+    Rows are compared, as both eyes of omnidirectional stereo see a point at one latitude. Where one eye alone sees
+    something, or both see the same everywhere, the confidence is 0.
+
     Parameters
     ----------
     left, right : ndarray
@@ -67,6 +70,11 @@ def eye_distances(left: Map, right: Map, eyes_apart_m: float = EYES_APART_M) -> 
     ------
     ParameterError
         If the pictures are no panoramas of one size.
+
+    See Also
+    --------
+    uw.depth.depth_of_eyes : The same for a file, written as numbered EXR files.
+    uw.depth.distances : Distances from several frames with their poses.
 
     Notes
     -----
