@@ -52,7 +52,7 @@ def eye_distances(left: Map, right: Map, eyes_apart_m: float = EYES_APART_M) -> 
     """Return the distances along the rays of the left and of the right eye of a stereo panorama.
 
     Rows are compared, as both eyes of omnidirectional stereo see a point at one latitude. Where one eye alone sees
-    something, or both see the same everywhere, the confidence is 0.
+    something, or rows show nothing that can be told apart, the confidence is below a half.
 
     Parameters
     ----------
