@@ -330,12 +330,12 @@ def test_layers_come_out_as_multi_part_exr_and_recombine(dive: SampleDive, tmp_p
     assert sorted(p.name for p in tmp_path.glob("*.exr")) == ["layers_0000.exr", "layers_0001.exr"]
     parts = read_exr(tmp_path / "layers_0000.exr")
     names = ["rgba", "depth", "N", "P", "id", "diffuse", "glossy", "sun", "lamps", "caustics", "emission",
-             "veil", "shafts", "transmittance", "shadow_ratio", "plate_shafts", "receiver_difference"]  # fmt: skip
+             "veil", "shafts", "snow", "transmittance", "shadow_ratio", "plate_shafts", "receiver_difference"]  # fmt: skip
     assert list(parts) == names
     part = {name: np.asarray(next(iter(parts[name].values())), np.float64) for name in names}
     plate = frames_of(dive.plate)[0].image_linear
     alpha = part["rgba"][..., 3:]
-    total = sum(part[name][..., :3] for name in ("diffuse", "glossy", "sun", "emission", "veil", "shafts"))
+    total = sum(part[name][..., :3] for name in ("diffuse", "glossy", "sun", "emission", "veil", "shafts", "snow"))
     np.testing.assert_allclose(total, part["rgba"][..., :3], atol=HALF_FLOAT)
     composite = part["rgba"][..., :3] + (1.0 - alpha) * (plate + part["receiver_difference"][..., :3])
     expected = codes(uw.render_frame(plate, scene, 0.0, backend).image_linear)
