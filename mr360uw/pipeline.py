@@ -83,7 +83,7 @@ def composite_video(
     mixed : bool
         Let each worker take the renderer that it has, `backend` or the reference.
     report : str or Path, optional
-        File that the report is written to as JSON; that of an earlier run for the same output is replaced.
+        File that the report is written to as JSON; out.mp4.json of an earlier run beside the output is replaced.
 
     Returns
     -------

@@ -19,8 +19,7 @@ def terminal_progress(*, lines: bool = False) -> Iterator[Progress]:
     """Yield a `Progress` that draws a bar on standard error, or does nothing if that is not a terminal.
 
     lines: prints a line "frame 3 of 48" for each frame instead, and "phase rendering" where one begins, for programs
-    that read them. SIGINT, SIGTERM and SIGHUP
-    end the run at the next frame at the latest. For the main thread.
+    that read them. SIGINT, SIGTERM and SIGHUP end the run at the next frame at the latest. For the main thread.
     """
     with _pending_signals() as raise_pending, _lines() if lines else _bar() as draw:
         yield _Terminal(raise_pending, draw)

@@ -28,11 +28,10 @@ class Aovs:
 
     diffuse, glossy: reflected ambient light. sun, lamps: their reflected light; caustics: its change by the waves, of
     either sign. emission. veil: light scattered by the water in front of the objects; shafts: its change by waves,
-    bodies and lamps, of either sign. All these are premultiplied, and attenuated by the water and by the
-    snow before the objects. snow: light of marine snow; behind objects, what they let pass. transmittance: of the
-    water, mean over the objects in a pixel, 1 where there is none. normal: unit in the world, position [m] in the
-    world, means likewise. object_id: (H, W) uint32, 1 for the first visible object, 0 for none; the one with the
-    largest share.
+    bodies and lamps, of either sign. All these are premultiplied, and attenuated by the water and by the snow before
+    the objects. snow: light of marine snow; behind objects, what they let pass. transmittance: of the water, mean over
+    the objects in a pixel, 1 where there is none. normal: unit in the world, position [m] in the world, means likewise.
+    object_id: (H, W) uint32, 1 for the first visible object, 0 for none; the one with the largest share.
     """
 
     diffuse: Floats

@@ -16,12 +16,13 @@ from mr360uw.depth.clip_depth import LEAST_WIDTH, DepthReport, check_note
 from mr360uw.depth.depth_files import depth_file, write_depth
 from mr360uw.depth.eye_stereo import eye_distances
 from mr360uw.depth.sphere_stereo import SURE
-from mr360uw.depth.warping import Map
+from mr360uw.depth.warping import resized
 from mr360uw.errors import ParameterError
 from mr360uw.output_gate import check_folder, made_folder
 from mr360uw.progress import Progress, Steps
 from mr360uw.reading.cached_reads import stamp
 from mr360uw.threads import one_blas_thread
+from mr360uw.track.key_frames import luma_codes
 from mr360uw.video import VideoFrame, VideoReader, open_video
 from mr360uw.video.eyes_seen import EYES_APART_M
 from mr360uw.video.read.layout import Layout
@@ -139,19 +140,7 @@ def _missing_frames(clip: VideoReader, missing: list[int]) -> Iterator[VideoFram
 def _make(folder: Path, frame: VideoFrame, width: int, apart_m: float) -> float:
     """Write the maps of a frame's eyes; return the coverage of both."""
     assert frame.right is not None
-    left, right = eye_distances(_grey(frame, width), _grey(frame.right, width), apart_m)
+    eyes = [resized(luma_codes(eye), width) for eye in (frame, frame.right)]
+    left, right = eye_distances(eyes[0], eyes[1], apart_m)
     write_depth(depth_file(folder, frame.index), left, right)
     return float(np.mean([one.confidence >= SURE for one in (left, right)]))
-
-
-def _grey(frame: VideoFrame, width: int) -> Map:
-    """Return the codes of an eye's luma, or of its green, (width/2, width), in [0, 255]."""
-    import cv2
-
-    if frame.yuv is not None:
-        grey = frame.yuv.y.astype(np.float32) * np.float32(2.0 ** (8 - frame.yuv.spec.bits))
-    else:
-        grey = (255.0 * np.clip(frame.image_linear[..., 1], 0.0, 1.0) ** (1.0 / 2.2)).astype(np.float32)
-    if grey.shape == (width // 2, width):
-        return np.ascontiguousarray(grey)
-    return np.asarray(cv2.resize(grey, (width, width // 2), interpolation=cv2.INTER_AREA), np.float32)

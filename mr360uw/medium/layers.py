@@ -22,7 +22,7 @@ from mr360uw.constants import PI, REFRACTIVE_INDEX_SEA
 from mr360uw.errors import ParameterError
 from mr360uw.medium.closed_form import check_ray, ray_in_water
 from mr360uw.medium.ordinates import Modes, Ordinates, nodes
-from mr360uw.medium.phase import Phase, legendre_polynomials, without_peak
+from mr360uw.medium.phase import Phase, without_peak
 from mr360uw.medium.ray_field import (
     LambertFloor,
     OfBeam,
@@ -30,9 +30,11 @@ from mr360uw.medium.ray_field import (
     Sky,
     SkyShape,
     SurfaceKind,
+    at_surface,
     cosine_kernel,
     floor_at,
     index_below,
+    length_to,
     sky_parts,
 )
 from mr360uw.medium.tables import read_table
@@ -429,7 +431,8 @@ class LayeredField:
         """
         check_ray(distance_m, depth_m, up)
         y, mu = (np.asarray(x, np.float64) for x in (depth_m, up))
-        s, y, mu = np.broadcast_arrays(np.minimum(ray_in_water(distance_m, y, mu), self._to_floor(y, mu)), y, mu)
+        s = np.minimum(ray_in_water(distance_m, y, mu), length_to(self._floor_m, y, mu))
+        s, y, mu = np.broadcast_arrays(s, y, mu)
         ends = np.maximum(y - s * mu, 0.0)
         # light of the forward peak: lost from the ray at a + b, put back by the scattering of what lies behind
         kept, left = (np.exp(-self._along(c, s, y, mu)) for c in (self._faded, self.absorption + self.scattering))
@@ -473,11 +476,12 @@ class LayeredField:
         check_ray(0.0, depth_m, up)
         y, mu = np.broadcast_arrays(np.asarray(depth_m, np.float64), np.asarray(up, np.float64))
         y = np.minimum(y, self._floor_m)
-        s = np.minimum(ray_in_water(np.inf, y, mu), self._to_floor(y, mu))
+        s = np.minimum(ray_in_water(np.inf, y, mu), length_to(self._floor_m, y, mu))
         behind = np.zeros((*s.shape, len(self._beam)))
         rising = mu > 0.0
         if np.any(rising):
-            behind[rising] = self._below_surface(mu[rising])
+            below = self.radiance(0.0, -mu[rising])
+            behind[rising] = at_surface(mu[rising], self._sky, self._shape, self._index, below)
         if np.isfinite(self._floor_m):
             behind[mu < 0.0] = self._albedo / PI * self.irradiance(self._floor_m, 1.0)
         return self._scattered_into(s, y, mu) + np.exp(-self._along(self._faded, s, y, mu)) * behind
@@ -495,10 +499,11 @@ class LayeredField:
         entering = entering * of_sky
         bottom = np.append(self.top_m[1:], self._floor_m)
         self._beam = np.full(self.absorption.shape[1], sun_share / self._sun_mu)
-        free, sun = [], []
+        free, sun, waters = [], [], []
         for layer, (top, end) in enumerate(zip(self.top_m, bottom, strict=True)):
             moments = (2 * np.arange(chi.shape[1]) + 1) * chi * (self._faded[layer] - self.absorption[layer])[:, None]
             water = Ordinates(mu, w, self._faded[layer], moments)
+            waters.append(water)
             fading = water.free()
             down = Modes(fading.rate, np.full(streams, top), fading.down, fading.up)
             free.append(down if np.isinf(end) else down.beside(fading.mirrored(end)))
@@ -538,6 +543,7 @@ class LayeredField:
         incident = 2.0 * PI * np.einsum("i,nij->n", w * mu, modes[0].at(0.0)[0]) + sun_share
         self._beam, self._sky = self._beam / incident, of_sky / incident
         self._modes = [m.times(np.broadcast_to(1.0 / incident[:, None], m.rate.shape)) for m in modes]
+        self._moments = [water.moments(of_layer) for water, of_layer in zip(waters, self._modes, strict=True)]
 
     def _weighted(self, y: Array, normal: Array | None, *, slope: bool) -> Array:
         """Return the irradiance (..., n) of planes of a normal (...), or of spheres for None; or its slope in depth."""
@@ -593,15 +599,11 @@ class LayeredField:
     @functools.cached_property
     def _rays(self) -> list[RayField]:
         """The light along rays in each layer, as if it had no end."""
-        legendre = legendre_polynomials(self._mu, self._chi.shape[1])
-        parity = (-1.0) ** np.arange(self._chi.shape[1])
-        of_degree = self._weight[:, None] * legendre
         factor = 0.5 * (2 * np.arange(self._chi.shape[1]) + 1) * self._chi
         rays = []
-        for layer, (top, modes) in enumerate(zip(self.top_m, self._modes, strict=True)):
-            down, up = (np.einsum("il,nij->nlj", of_degree, light) for light in (modes.down, modes.up))
+        for layer, (top, modes, moments) in enumerate(zip(self.top_m, self._modes, self._moments, strict=True)):
             scattered = self._faded[layer] - self.absorption[layer]
-            source = (factor * scattered[:, None])[..., None] * (down + parity[:, None] * up)
+            source = (factor * scattered[:, None])[..., None] * moments
             beam = self.scattering[layer] * self._beam * self._beam_left(np.array(top))
             of_beam = OfBeam(self._phase.parts, self._phase.shares * beam, self._sun_mu)
             rays.append(
@@ -611,17 +613,6 @@ class LayeredField:
                 )
             )  # fmt: skip
         return rays
-
-    def _below_surface(self, mu: Array) -> Array:
-        """Return the radiance (r, n) just below the surface that travels down: sky, and reflected light."""
-        reflectance = fresnel_from_below(mu, self._index)[:, None]
-        seen = self._sky * self._shape.seen_through(mu, self._index)[:, None]
-        return np.asarray(seen * (1.0 - reflectance) + reflectance * self.radiance(0.0, -mu))
-
-    def _to_floor(self, y: Array, mu: Array) -> Array:
-        """Return the length (...,) [m] of rays down to the floor, infinite for others."""
-        above = np.maximum(self._floor_m - y, 0.0)
-        return np.divide(above, -mu, out=np.full(np.broadcast_shapes(y.shape, mu.shape), np.inf), where=mu < 0.0)
 
     def _layer_of(self, y: Array) -> NDArray[np.intp]:
         return np.asarray(np.searchsorted(self.top_m, y, side="right") - 1)

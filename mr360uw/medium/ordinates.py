@@ -81,6 +81,12 @@ class Ordinates:
         lost = np.eye(len(self._mu)) * self._extinction[:, None, None] / self._mu
         return np.asarray(lost - self._scale[:, None] * scattered * self._scale)
 
+    def moments(self, modes: Modes) -> Array:
+        """Return the moments (n, l, j) of modes: their light over all directions, by degrees of Legendre functions."""
+        of_degree = self._weight[:, None] * self.legendre
+        down, up = (np.einsum("il,nij->nlj", of_degree, light) for light in (modes.down, modes.up))
+        return np.asarray(down + self.parity[:, None] * up)
+
     def free(self) -> Modes:
         """Return the modes of water without sources, as many as nodes, that fade downwards."""
         lower = np.linalg.cholesky(self._q)

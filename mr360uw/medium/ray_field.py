@@ -220,15 +220,12 @@ class RayField:
         """Return the radiance (..., n) just below the surface that travels down, up >= 0: sky, and reflected light."""
         mu = np.asarray(up, np.float64)
         directions, place = np.unique(mu, return_inverse=True)
-        reflectance = fresnel_from_below(directions, self.index)[:, None]
-        shape = self.shape.seen_through(directions, self.index)[:, None]
-        light = self.sky * shape * (1.0 - reflectance) + reflectance * self.radiance(0.0, -directions)
+        light = at_surface(directions, self.sky, self.shape, self.index, self.radiance(0.0, -directions))
         return light[place].reshape(*mu.shape, len(self.sky))
 
     def to_floor(self, y: Array, mu: Array) -> Array:
         """Return the length (...,) [m] of rays down to the floor, infinite for others."""
-        above = np.maximum(self.floor_m - y, 0.0)
-        return np.divide(above, -mu, out=np.full(mu.shape, np.inf), where=mu < 0.0)
+        return length_to(self.floor_m, y, mu)
 
     def _source_modes(self, mu: Array) -> Array:
         """Return the source (..., n, j) of every mode in directions mu, where it has its amount."""
@@ -241,6 +238,20 @@ class RayField:
         if self.of_beam is not None:
             modes[-1][..., -1] += self.of_beam.into(mu, self.azimuth_rad)
         return np.concatenate(modes, axis=-1)
+
+
+def at_surface(mu: Array, sky: Array, shape: SkyShape, index: float, rising: Array) -> Array:
+    """Return the radiance (r, n) just below the surface that travels down from directions mu (r,): sky, and light that
+    rises there (r, n), reflected. sky: (n,) as `RayField` has it.
+    """
+    reflectance = fresnel_from_below(mu, index)[:, None]
+    return np.asarray(sky * shape.seen_through(mu, index)[:, None] * (1.0 - reflectance) + reflectance * rising)
+
+
+def length_to(depth_m: float, y: Array, mu: Array) -> Array:
+    """Return the length (...,) [m] of rays from depths y down to a depth, infinite for rays that do not go down."""
+    above = np.maximum(depth_m - y, 0.0)
+    return np.divide(above, -mu, out=np.full(np.broadcast_shapes(y.shape, mu.shape), np.inf), where=mu < 0.0)
 
 
 def cosine_kernel(mu: ArrayLike, normal_up: ArrayLike) -> Array:

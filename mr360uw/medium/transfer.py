@@ -191,9 +191,7 @@ class LightField:
                 water.free(), water.driven(self._sun_mu, beam), np.broadcast_to(from_above, (len(beam), len(mu))),
                 level * self._albedo, level * self._shining, beam * self._sun_mu,
             )  # fmt: skip
-        of_degree = w[:, None] * water.legendre
-        down, up = (np.einsum("il,nij->nlj", of_degree, light) for light in (modes.down, modes.up))
-        return _Component(modes, down + water.parity[:, None] * up)
+        return _Component(modes, water.moments(modes))
 
     def _bounded(
         self, free: Modes, of_sun: Modes, from_above: Array, albedo: Array, shining: float, level_beam: Array

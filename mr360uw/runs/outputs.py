@@ -25,7 +25,7 @@ class Output:
     """The output of frames [a, b) = `span` of a plate: a video, a still or numbered pictures, and layers beside it.
 
     path: of the video or the still, or the pattern; absolute. layers: pattern of layered EXR files, or None. report:
-    file of the run's report, or None; one of an earlier run for the same output is replaced.
+    file of the run's report, or None; one of an earlier run beside the output is replaced.
     """
 
     path: Path

@@ -110,7 +110,9 @@ def report_beside(out: Path) -> Path:
 
 
 def is_report_of(path: Path, out: Path) -> bool:
-    """Return whether a file is the report of an earlier run that wrote the same output."""
+    """Return whether a file beside an output is the report of an earlier run that wrote it."""
+    if path != report_beside(out):
+        return False
     try:
         told = json.loads(path.read_text("utf-8"))
     except (OSError, ValueError):

@@ -157,16 +157,20 @@ def grey_picture(frame: VideoFrame) -> Grey:
     """Return the luma codes of a frame, (H, W) uint8, at most `WIDTH` wide."""
     import cv2
 
+    grey = luma_codes(frame)
+    if grey.shape[1] <= WIDTH:
+        return grey
+    return np.asarray(cv2.resize(grey, (WIDTH, WIDTH // 2), interpolation=cv2.INTER_AREA))
+
+
+def luma_codes(frame: VideoFrame) -> Grey:
+    """Return the luma codes of a frame, or those of its green, (H, W) uint8."""
     if frame.yuv is not None:
         luma = frame.yuv.y
-        bits = frame.yuv.spec.bits
-        grey = (luma >> max(bits - 8, 0)).astype(np.uint8) if luma.dtype != np.uint8 else luma
+        grey = luma if luma.dtype == np.uint8 else (luma >> max(frame.yuv.spec.bits - 8, 0)).astype(np.uint8)
     else:
-        green = np.clip(frame.image_linear[..., 1], 0.0, 1.0)
-        grey = (255.0 * green ** (1.0 / 2.2) + 0.5).astype(np.uint8)
-    if grey.shape[1] <= WIDTH:
-        return np.ascontiguousarray(grey)
-    return np.asarray(cv2.resize(np.ascontiguousarray(grey), (WIDTH, WIDTH // 2), interpolation=cv2.INTER_AREA))
+        grey = (255.0 * np.clip(frame.image_linear[..., 1], 0.0, 1.0) ** (1.0 / 2.2) + 0.5).astype(np.uint8)
+    return np.ascontiguousarray(grey)
 
 
 class _Motion:

@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 from nicegui import background_tasks, ui
 
-from mr360uw.composite.object_settings import POLAR
+from mr360uw.composite.object_settings import POLAR, ObjectSettings
 from mr360uw.errors import ParameterError
+from mr360uw.parameters import bounds_of
 from mr360uw.tune import placing
 from mr360uw.tune.editing import tracks
 from mr360uw.tune.editing.ways import in_words
@@ -45,8 +46,8 @@ _WORDS = {
 """Keys of an object that give way to a position, rotation or size that is set by hand."""
 _TURN_STEP_DEG = 15.0
 """Step of a turn while Shift is held."""
-_MOST_STOPS = 10.0
-"""Greatest exposure of an object, either way, that a scene takes."""
+_LEAST_STOPS, _MOST_STOPS = bounds_of(ObjectSettings.model_fields["exposure"])
+"""Range of an object's exposure."""
 
 
 class PlaceTools:
@@ -176,7 +177,7 @@ class PlaceTools:
         key = f"object.{min(self._number, len(objects) - 1)}.exposure"
         now = tracks.values_at(self._document, self._session.time_s).get(key, self._document.get(key) or 0.0)
         stops = round(round(3.0 * now + thirds) / 3.0, 3)
-        if abs(stops) <= _MOST_STOPS:
+        if (_LEAST_STOPS or 0.0) <= stops <= (_MOST_STOPS or 0.0):
             self._put(key, stops + 0.0)
 
     def _go_to(self) -> None:
