@@ -9,11 +9,9 @@ MEDIAN = 0.015
 """Median relative error at 512 columns where the confidence is a half or more; .003 at 1024 (docs/depth.md)."""
 RIGHT = 0.93
 """Fraction of the confident pixels that are right, at any strength of caustics; .98 at 1024 (docs/depth.md)."""
-RIGHT_THRICE = 0.85
-"""The same at 512 columns under caustics three times as strong, where windows hold a quarter of the pixels."""
 FISH = 0.1
 """Fraction of the pixels of swimming fish that are confident at 512 columns; .03 at 1024 (docs/depth.md)."""
-COVERED, COVERED_THRICE = 0.7, 0.3
+COVERED, COVERED_THRICE = 0.93, 0.75
 """Fraction of the pixels in reach that are confident at 512 columns, under caustics as they are and three times as
 strong; at 1024 more (docs/depth.md)."""
 TINY = 0.06
