@@ -487,6 +487,9 @@ def test_keys_are_set_edited_and_played(page: Page) -> None:
         assert time.monotonic() < end, "the picture stays as it was"
         tab.page.wait_for_timeout(20)
     tab.page.get_by_role("button", name="Pause").click()
+    tab.page.get_by_role("button", name="Play").wait_for()
+    tab.page.locator(".uw-strip").press("Home")  # whatever frame it was paused at, what follows begins at the first
+    tab.until("() => document.querySelector('.uw-time .uw-where').textContent.includes('frame 0')")
     tab.done()
 
 
