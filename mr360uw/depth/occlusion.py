@@ -8,19 +8,22 @@ would be a rim around what is in front.
 
 from __future__ import annotations
 
+import threading
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from mr360uw.cache import Cache
+from mr360uw.composite.shot import Receiver
 from mr360uw.depth.depth_files import DepthClip, Kind
+from mr360uw.depth.relief import on_relief
 from mr360uw.depth.sphere_stereo import SURE, DepthMap
 from mr360uw.depth.warping import Map, resized
 from mr360uw.jit import fast
 from mr360uw.sphere import frame_from_direction
 from mr360uw.track.key_frames import grey_picture
-from mr360uw.types import Floats
+from mr360uw.types import Floats, View
 from mr360uw.video import VideoFrame
 
 _NEAR = np.arange(-1, 2)
@@ -71,6 +74,7 @@ class PlateDepth:
 
     def __init__(self, folder: Path, kind: Kind, scale_m: float, right: bool = False) -> None:
         self._clip, self._right, self._kept = DepthClip(folder, kind, scale_m), right, Cache()
+        self._one_thread = threading.RLock()
 
     @property
     def of_both_eyes(self) -> bool:
@@ -86,21 +90,33 @@ class PlateDepth:
 
         eye: 1 for the right one of two, else 0.
         """
-        found = self._clip.at(index, right=self._right or eye == 1)
-        return self._kept.of(_of_frame, found, plate, keep=_KEPT)
+        with self._one_thread:
+            return self._kept.of(_of_frame, self._map(index, eye), plate, keep=_KEPT)
+
+    def receiver_at(self, index: int, receiver: Receiver, view: View, eye: int = 0) -> Receiver:
+        """Return a receiver as it is in a frame, with the relief of the plate: the same object while nothing changes.
+
+        view: that of the frame. eye: 1 for the right one of two, else 0. For any thread.
+        """
+        with self._one_thread:
+            return self._kept.of(on_relief, receiver, self._map(index, eye), view, keep=_KEPT)
 
     def toward(self, index: int, direction: Floats) -> float:
         """Return the distance [m] of what a frame shows in a direction (3,) in the camera's axes.
 
         It is the median of the sure pixels of the map about it; infinite where there are none.
         """
-        found = self._clip.at(index, right=self._right)
+        found = self._map(index)
         height, width = found.distance_m.shape
         x, y = frame_from_direction(direction, width, height)
         rows = np.clip(int(y) + _NEAR, 0, height - 1)[:, None]
         columns = (int(x) + _NEAR) % width
         near = found.distance_m[rows, columns][found.confidence[rows, columns] >= SURE]
         return float(np.median(near)) if len(near) else float("inf")
+
+    def _map(self, index: int, eye: int = 0) -> DepthMap:
+        with self._one_thread:
+            return self._clip.at(index, right=self._right or eye == 1)
 
 
 def _of_frame(found: DepthMap, plate: VideoFrame) -> Map:

@@ -31,8 +31,8 @@ _OVERHEAD = np.array([0.0, 1.0, 0.0])
 class CausticDepths:
     """Depth planes of a scene's caustics, and its settings with the map size reduced to what the frame resolves.
 
-    ground: depth range of a mesh receiver that shows caustics, or None. snow_m: distance from the camera up to which
-    particles need planes; 0 beside objects, whose planes particles take.
+    ground: depth range of a receiver that is no plane and shows caustics, or None. snow_m: distance from the camera up
+    to which particles need planes; 0 beside objects, whose planes particles take.
     """
 
     ladder: PlaneLadder
@@ -48,8 +48,13 @@ class CausticDepths:
         receiver: Receiver | None,
         camera: CameraPath,
         frame_height: int,
+        *,
+        relief: bool = False,
     ) -> CausticDepths:
-        """Return the planes and settings of a scene. receiver: None if its shape changes over time."""
+        """Return the planes and settings of a scene. receiver: None if its shape is a map, known in each frame alone.
+
+        relief: whether it has the plate's relief, which is taken to rise from it to the height of the camera.
+        """
         settings, surface = scene.caustics, scene.camera.depth_m
         cameras = _positions(camera)
         nearest = [_nearest(placed, cameras) for placed in objects]
@@ -64,9 +69,14 @@ class CausticDepths:
             nearest.append(0.0)
             if receiver is not None and receiver.plane_y is not None:
                 flat.append(surface - receiver.plane_y)
-                nearest[-1] = float(np.min(np.abs(cameras[:, 1] - receiver.plane_y)))
+                if relief:
+                    ground = (surface - float(cameras[:, 1].max()), surface - receiver.plane_y)
+                else:
+                    nearest[-1] = float(np.min(np.abs(cameras[:, 1] - receiver.plane_y)))
             elif receiver is not None and receiver.mesh is not None:
                 ground = (surface - float(receiver.mesh[..., 1].max()), surface - float(receiver.mesh[..., 1].min()))
+            if ground is not None:
+                ground = min(ground), max(ground)
                 reaches.append(ground)
                 heights.append(ground[1] - ground[0])
         snow_m = scene.snow.range_m if scene.snow.amount > 0.0 and not objects else 0.0

@@ -16,7 +16,7 @@ from mr360uw.cache import Cache
 from mr360uw.composite.aovs import Aovs
 from mr360uw.composite.over import mean_layer, over_tile
 from mr360uw.composite.receiver.pattern import PlatePattern
-from mr360uw.composite.shot import Shot
+from mr360uw.composite.shot import Receiver, Shot
 from mr360uw.errors import RenderError
 from mr360uw.render.backends import Backend
 from mr360uw.render.first_pass import ClipAnalysis
@@ -105,13 +105,15 @@ class MeasuredPlate:
     """What a frame's plate shows.
 
     now: the scene at the frame's time. filed: the plate with its grade. eyes: its pictures without it. light: None
-    where nothing is lit. patterns: the plate's own caustics in each eye's picture, None where there is no shadow.
+    where nothing is lit. receivers: in each eye's picture. patterns: the plate's own caustics there, None where there
+    is no shadow.
     """
 
     now: Loaded
     filed: VideoFrame
     eyes: tuple[Eye, ...]
     light: FrameLight | None
+    receivers: tuple[Receiver | None, ...]
     patterns: tuple[PlatePattern | None, ...]
 
 
@@ -159,16 +161,18 @@ def measure_plate(
     plate = ungraded(now, analysis.grade, filed, cache)
     eyes = eyes_of(now.scene, plate)
     if not loaded.plan.environment.runs:
-        return MeasuredPlate(now, filed, eyes, light, tuple(None for _ in eyes))
+        nothing = tuple(None for _ in eyes)
+        return MeasuredPlate(now, filed, eyes, light, nothing, nothing)
     if light is None:
         light = finite("light", plate.index, plate_light(now, analysis, plate, cache))
-    patterns = []
+    receivers, patterns = [], []
     for eye in eyes:
+        receivers.append(now.receiver_at(plate.index, plate.time_s, eye.number, eye.eye_m))
         background = analysis.background
         if background is not None and eye.eye_m:  # the mean is of the left eye's pictures
             background = Background(None, background.strength)
         patterns.append(plate_pattern(now, background, eye.plate, cache))
-    return MeasuredPlate(now, filed, eyes, light, tuple(patterns))
+    return MeasuredPlate(now, filed, eyes, light, tuple(receivers), tuple(patterns))
 
 
 def draw_frame(
@@ -191,8 +195,10 @@ def draw_frame(
     by_eye: list[list[Drawn]] = [[] for _ in measured.eyes]
     for instant_s, then in moments:
         bare = shot_at(then, light, water, instant_s, index, cache)
-        for eye, pattern, drawn in zip(measured.eyes, measured.patterns, by_eye, strict=True):
-            shot = with_caustics(then, backend, seen_by(then, bare, eye, pattern, index), instant_s, cache)
+        of_eyes = zip(measured.eyes, measured.receivers, measured.patterns, by_eye, strict=True)
+        for eye, receiver, pattern, drawn in of_eyes:
+            seen = seen_by(then, bare, eye, receiver, pattern, index)
+            shot = with_caustics(then, backend, seen, instant_s, cache)
             shafts = shafts_of(then, backend, shot, instant_s, cache)
             layer, found = cache.of(draw_layer, backend, shot, shafts, variables, cache)
             refuse("layer", index, cache.of(not_finite, layer))

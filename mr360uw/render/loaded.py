@@ -22,6 +22,7 @@ from mr360uw.composite import PlacedObject, SceneObject, load_objects
 from mr360uw.composite.objects import on_the_floor, on_the_sea
 from mr360uw.composite.scene_lamps import SceneLamp, load_lamps
 from mr360uw.composite.settings import ReceiverSettings
+from mr360uw.composite.shot import Receiver
 from mr360uw.constants import PI
 from mr360uw.errors import SceneError
 from mr360uw.medium import Medium
@@ -89,6 +90,18 @@ class Loaded:
         """Return the camera's view at a time."""
         position, rotation = self.surroundings.camera.at(time_s)
         return View(self.width, self.height, position, rotation, self.scene.camera.depth_m)
+
+    def receiver_at(self, index: int, time_s: float, eye: int = 0, eye_m: float = 0.0) -> Receiver | None:
+        """Return the receiver in a frame's picture, with the relief that `plate.depth` is sure of; None without one.
+
+        eye: 1 for the right one of two, else 0. eye_m: how far [m] the eye is to the right of the middle.
+        """
+        if self.receiver is None:
+            return None
+        plain = self.receiver.at(index, eye)
+        if self.plate_depth is None or plain.distance_m is not None:  # a distance map of its own
+            return plain
+        return self.plate_depth.receiver_at(index, plain, replace(self.view(time_s), eye_m=eye_m), eye)
 
     @property
     def moves(self) -> bool:
@@ -186,6 +199,7 @@ class Loader:
             receiver = reads.of(_receiver, scene.receiver, *self._size, scene.plate.eye)
             surroundings = load_surroundings(scene, reads, between) if frame is None else frame.surroundings
         medium, camera = surroundings.medium, surroundings.camera
+        plate_depth = load_plate_depth(scene, reads)
         still = receiver if scene.receiver is not None and scene.receiver.kind != "distance" else None
         ground = still.at(0) if still is not None else None
         afloat = (on_the_sea(one, scene.sea, scene.camera.depth_m) for one in loaded)
@@ -207,8 +221,8 @@ class Loader:
             lamps=lamps,
             receiver=receiver,
             mattes=reads.of(Mattes, scene.holdouts, width, height, scene.plate.eye),
-            plate_depth=load_plate_depth(scene, reads),
-            caustic_depths=CausticDepths.of(scene, objects, ground, camera, height),
+            plate_depth=plate_depth,
+            caustic_depths=CausticDepths.of(scene, objects, ground, camera, height, relief=plate_depth is not None),
             plan=plan,
             notes=_notes(scene, objects, camera, height, lamps) if whole is None else whole.notes,
             object_files=tuple(object_files),

@@ -24,6 +24,7 @@ from mr360uw.composite.lighting.lamps import lamps_of
 from mr360uw.composite.lighting.sun import sun_of
 from mr360uw.composite.receiver.pattern import PlatePattern
 from mr360uw.composite.settings import DrawSettings
+from mr360uw.composite.shot import Receiver
 from mr360uw.constants import JUST_BELOW_M
 from mr360uw.errors import ParameterError
 from mr360uw.ibl.lighting import turned
@@ -110,7 +111,9 @@ def shot_at(
     )
 
 
-def seen_by(loaded: Loaded, shot: Shot, eye: Eye, pattern: PlatePattern | None, index: int) -> Shot:
+def seen_by(
+    loaded: Loaded, shot: Shot, eye: Eye, receiver: Receiver | None, pattern: PlatePattern | None, index: int
+) -> Shot:
     """Return a shot of frame `index` as one eye sees it, with the receiver and the mattes in its picture."""
     matte, matte_distance = loaded.mattes.at(index, eye.number)
     depth = None if loaded.plate_depth is None else loaded.plate_depth.at(index, eye.plate, eye.number)
@@ -119,7 +122,7 @@ def seen_by(loaded: Loaded, shot: Shot, eye: Eye, pattern: PlatePattern | None, 
     return replace(
         shot,
         view=replace(shot.view, eye_m=eye.eye_m),
-        receiver=loaded.receiver.at(index, eye.number) if loaded.receiver is not None else None,
+        receiver=receiver,
         holdout=matte,
         holdout_distance_m=matte_distance,
         holdout_soft=depth is not None,

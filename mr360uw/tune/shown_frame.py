@@ -46,8 +46,7 @@ class ShownFrame:
     @property
     def receiver(self) -> Receiver | None:
         """The receiver as it is in this frame, or None."""
-        clip = self.loaded.receiver
-        return None if clip is None else clip.at(self.frame.plate.index)
+        return self.loaded.receiver_at(self.frame.plate.index, self.time_s)
 
     @property
     def sun(self) -> Sun | None:

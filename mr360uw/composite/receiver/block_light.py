@@ -65,7 +65,7 @@ def changed_blocks(
     linear between the corners; only near a body and where the ambient light jumps it may be farther from 1 inside.
     """
     j, i = np.nonzero(blocks)
-    marks = ground.rough[j, i] | _crossed(shot, ground, light, cache)[j, i]
+    marks = ground.broken[j, i] | _crossed(shot, ground, light, cache)[j, i]
     factors = corner[..., FREE.start :]
     mark_changed(j, i, factors, ground.middle_point, ground.reach_m, _balls(shot), np.float32(UNSEEN), marks)
     changed = np.zeros_like(blocks)
@@ -101,17 +101,17 @@ def free_images(
 
     Partly covered pixels take it in their gaps.
     """
-    rough = ground.rough[j, i]
+    broken, rough = ground.broken[j, i], ground.rough[j, i]
     change, near = np.zeros(len(j), np.float32), np.zeros(len(j), np.bool_)
     survey_blocks(j, i, corner[..., FREE], ground.middle_point, ground.reach_m, _balls(shot), change, near)
-    uneven = ~rough & (near | (change > SMOOTH))
+    uneven = ~broken & (near | rough | (change > SMOOTH))
     asked = j[uneven], i[uneven]
     at_middle = _free(shot, light, (ground.middle_point[asked], ground.middle_normal[asked]), cache)
     missed = np.zeros(len(j))
     missed[uneven] = np.abs(at_middle - ground.middle_between(corner[..., FREE], *asked)).max(axis=-1)
     crossed = _crossed(shot, ground, light, cache)
     uneven &= (missed > SMOOTH) | (near & (change > SMOOTH))
-    uneven |= crossed[j, i] & ~rough
+    uneven |= crossed[j, i] & ~broken
     parts: Gathered = []
     if np.any(uneven):
         of = j[uneven], i[uneven]
@@ -121,8 +121,8 @@ def free_images(
         if np.any(sharp):
             free[sharp] = _free(shot, light, _pixel_places(shot, ground, of[0][sharp], of[1][sharp]), cache)
         parts.append((uneven, free))
-    if np.any(rough):
-        parts.append((rough, _free(shot, light, _pixel_places(shot, ground, j[rough], i[rough]), cache)))
+    if np.any(broken):
+        parts.append((broken, _free(shot, light, _pixel_places(shot, ground, j[broken], i[broken]), cache)))
     images = gather_images(len(j), 3, parts)
     own = np.flatnonzero(images.at >= 0)
     some, block = ground.gaps_in(gaps, j[own], i[own])

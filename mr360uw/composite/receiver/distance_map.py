@@ -13,6 +13,7 @@ differences to the two sides of a texel are far apart, there is an edge, and the
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -87,10 +88,7 @@ def touching_planes(distance_m: Floats) -> NDArray[np.float32]:
 
 
 def without_steps(distance_m: Floats, step_m: float) -> Floats:
-    """Return a map that was rounded to steps [m], smoothed, everywhere within half a step of its values.
-
-    Running means of the inverse distance, wide to narrow, each clipped to these bounds, which preserves every edge.
-    """
+    """Return a map that was rounded to steps [m], smoothed, everywhere within half a step of its values."""
     inverse = inverse_distance(distance_m)
     seen = inverse > 0.0
     rows = np.flatnonzero(seen.any(axis=1))
@@ -101,17 +99,33 @@ def without_steps(distance_m: Floats, step_m: float) -> Floats:
     distance = np.where(mask, np.asarray(distance_m, np.float32)[part], 1.0)
     low = weight / (distance + 0.5 * step_m)
     high = weight / np.maximum(distance - 0.5 * step_m, 0.1 * step_m)
-    widths = [2 * round(width_deg / 720.0 * inverse.shape[1]) + 1 for width_deg in SMOOTHING_DEG]
-    shares = {width: np.maximum(_running_mean(weight, width), 1e-9) for width in set(widths)}
-    smooth = inverse
-    for width in widths:
-        smooth = np.clip(_running_mean(smooth, width) / shares[width], low, high)
+    smooth = smoothed(inverse, low, high, SMOOTHING_DEG)
     out = np.array(distance_m)
     out[part] = np.where(mask, 1.0 / np.where(mask, smooth, 1.0), out[part])
     return out
 
 
-def _running_mean(values: NDArray[np.float32], width: int) -> NDArray[np.float32]:
+def smoothed(
+    inverse: NDArray[np.float32], low: Floats, high: Floats, widths_deg: Sequence[float]
+) -> NDArray[np.float32]:
+    """Return inverse distances (h, w) [1/m], 0 where there is no surface, smoothed within bounds low and high (h, w).
+
+    Running means of these widths [degrees], each clipped to the bounds, which preserves every edge.
+    """
+    weight = (inverse > 0.0).astype(np.float32)
+    widths = [width_px(width_deg, inverse.shape[1]) for width_deg in widths_deg]
+    shares = {width: np.maximum(running_mean(weight, width), np.float32(1e-9)) for width in set(widths)}
+    for width in widths:
+        inverse = np.clip(running_mean(inverse, width) / shares[width], low, high)
+    return inverse
+
+
+def width_px(width_deg: float, columns: int) -> int:
+    """Return the odd number of pixels of a panorama with so many columns that is nearest to a width [degrees]."""
+    return 2 * round(width_deg / 720.0 * columns) + 1
+
+
+def running_mean(values: NDArray[np.float32], width: int) -> NDArray[np.float32]:
     """Return the means (h, w) over squares of a panorama, periodic over the seam, edge rows repeated."""
     import cv2
 

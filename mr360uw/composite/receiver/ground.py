@@ -103,7 +103,7 @@ class Ground:
 
     corner_point, corner_normal: (R + 1, C + 1, 3) float32, middle_point, middle_normal: (R, C, 3), from the camera [m];
     corner (j, i) is at frame coordinates (8 i, 8 j). reach_m: (R, C) radius of a ball about the middle that contains
-    the block. rough: (R, C).
+    the block. rough: (R, C). broken: (R, C) rough for other reasons than normals that turn in a block, as on relief.
     """
 
     def __init__(self, shot: Shot, shape: ReceiverShape) -> None:
@@ -114,7 +114,8 @@ class Ground:
         self.corner_point, self.corner_normal = np.zeros((2, *corners, 3), np.float32)
         self.middle_point, self.middle_normal = np.zeros((2, *blocks, 3), np.float32)
         self.reach_m = np.zeros(blocks, np.float32)
-        self.rough = np.full(blocks, _WIDEST_TURN * shot.view.width < BLOCK)
+        self.broken = np.full(blocks, _WIDEST_TURN * shot.view.width < BLOCK)
+        self.rough = self.broken.copy()
         self._loaded_corner, self._loaded_block = np.zeros(corners, np.bool_), np.zeros(blocks, np.bool_)
         self._image_at = np.full(blocks, -1, np.int64)
         self._images = np.zeros((0, BLOCK, BLOCK, 4), np.float32)
@@ -143,7 +144,8 @@ class Ground:
             shot, BLOCK * (i + 0.5), 0.5 * (BLOCK * j + below)
         )
         limit = FADE_FROM * shot.receiver.extent_m if shot.receiver is not None else np.inf
-        measure_blocks(j, i, self.corner_point, self.middle_point, limit, _REACH, self.rough, self.reach_m)
+        measure_blocks(j, i, self.corner_point, self.middle_point, limit, _REACH, self.broken, self.reach_m)
+        self.rough[j, i] |= self.broken[j, i]
         if shot.receiver is None or shot.receiver.plane_y is None:
             self._classify(shot, j, i)
         self._loaded_block |= new
@@ -159,14 +161,15 @@ class Ground:
         return point, np.where(there[..., None], normal, 0.0)
 
     def _classify(self, shot: Shot, j: Indices, i: Indices) -> None:
-        """Set `rough` and `reach_m` of blocks from all their pixels."""
+        """Set `rough`, `broken` and `reach_m` of blocks from all their pixels."""
         pixels = self.pixels(shot, j, i)
         distance, normal = pixels[..., 3], pixels[..., :3]
         interpolated = self.between(self.corner_point, j, i), self.between(self.corner_normal, j, i)
         expected = np.linalg.norm(interpolated[0], axis=-1)
-        uneven = np.abs(distance - expected) > _EVEN_DISTANCE * expected
-        uneven |= np.abs(normal - interpolated[1]).max(axis=-1) > _EVEN_NORMAL
-        self.rough[j, i] |= np.any(uneven, axis=(1, 2))
+        uneven = np.any(np.abs(distance - expected) > _EVEN_DISTANCE * expected, axis=(1, 2))
+        turned = np.abs(normal - interpolated[1]).max(axis=(1, 2, 3)) > _EVEN_NORMAL
+        self.broken[j, i] |= uneven
+        self.rough[j, i] |= uneven | turned
         beyond = np.abs(distance - np.linalg.norm(self.middle_point[j, i], axis=-1)[:, None, None]).max(axis=(1, 2))
         self.reach_m[j, i] = np.maximum(self.reach_m[j, i], _REACH_OF_SHAPE * beyond)
 
