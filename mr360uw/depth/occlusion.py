@@ -17,7 +17,7 @@ import numpy as np
 from mr360uw.cache import Cache
 from mr360uw.composite.shot import Receiver
 from mr360uw.depth.depth_files import DepthClip, Kind
-from mr360uw.depth.relief import on_relief
+from mr360uw.depth.relief import ground_below, on_relief
 from mr360uw.depth.sphere_stereo import SURE, DepthMap
 from mr360uw.depth.warping import Map, resized
 from mr360uw.jit import fast
@@ -100,6 +100,10 @@ class PlateDepth:
         """
         with self._one_thread:
             return self._kept.of(on_relief, receiver, self._map(index, eye), view, keep=_KEPT)
+
+    def ground_below(self, index: int, view: View) -> float | None:
+        """Return how far [m] the ground is below the camera in a frame, None where the map does not tell (`relief`)."""
+        return ground_below(self._map(index), view.world_from_camera[1])
 
     def toward(self, index: int, direction: Floats) -> float:
         """Return the distance [m] of what a frame shows in a direction (3,) in the camera's axes.

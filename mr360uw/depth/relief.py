@@ -14,12 +14,13 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.composite.receiver.distance_map import inverse_distance, smoothed, width_px
+from mr360uw.composite.receiver.distance_map import inverse_distance, running_mean, smoothed, width_px
 from mr360uw.composite.receiver.shape import ReceiverShape
 from mr360uw.composite.shot import Receiver
 from mr360uw.depth.sphere_stereo import SURE, DepthMap
 from mr360uw.depth.warping import Map, resized
-from mr360uw.types import View
+from mr360uw.sphere import directions
+from mr360uw.types import Floats, View
 
 MOST_COLUMNS = 1024
 """Columns to which larger maps are reduced: what is between is smoothed away."""
@@ -31,6 +32,10 @@ are off by 3 to 6 degrees in the median; wider means bend those of rocks, narrow
 _ABOUT_DEG = 7.4
 """Width of the window about a pixel whose sure distances tell whether an unsure one can be right. 5: the middle of a
 passing fish is not covered; 11: twice as much open water beside a wall is taken for wall."""
+_SUPPORT = 0.1
+"""Fraction of the pixels of such a window that must be sure: specks are often wrong."""
+_LEAST_GROUND = 0.05
+"""Fraction of the pixels far below the horizon that tell how far the ground is."""
 _MOSTLY = 0.75
 """Fraction of a pixel of a reduced map that is sure, above which it is."""
 _ALIKE = 0.1
@@ -45,7 +50,8 @@ def on_relief(receiver: Receiver, found: DepthMap, view: View) -> Receiver:
     own, sure = inverse_distance(found.distance_m), (found.confidence >= SURE).astype(np.float32)
     if own.shape[1] > MOST_COLUMNS:
         seen = resized((own > 0.0).astype(np.float32), MOST_COLUMNS)
-        own, sure = resized(own, MOST_COLUMNS) / np.maximum(seen, _MOSTLY), resized(sure, MOST_COLUMNS)
+        own = (resized(own, MOST_COLUMNS) / np.maximum(seen, _MOSTLY)).astype(np.float32)
+        sure = resized(sure, MOST_COLUMNS)
     rows, columns = own.shape
     sees = replace(view, width=columns, height=rows)
     x, y = np.meshgrid(np.arange(columns) + 0.5, np.arange(rows) + 0.5)
@@ -53,6 +59,20 @@ def on_relief(receiver: Receiver, found: DepthMap, view: View) -> Receiver:
     with np.errstate(divide="ignore"):
         shape = np.float32(1.0) / relief(own, sure > _MOSTLY, inverse_distance(elsewhere))
     return replace(receiver, plane_y=None, mesh=None, distance_m=shape)
+
+
+def ground_below(found: DepthMap, up: Floats) -> float | None:
+    """Return how far [m] the ground is below the camera, as the median of what a map is sure of 30 degrees below it.
+
+    up: (3,) in the camera's axes. None where less than a twentieth of that is sure.
+    """
+    rows, columns = found.distance_m.shape
+    down = -directions(columns, rows) @ up
+    under, sure = down > 0.5, found.confidence >= SURE
+    seen = under & sure & np.isfinite(found.distance_m)
+    if np.count_nonzero(seen) < _LEAST_GROUND * np.count_nonzero(under):
+        return None
+    return float(np.median(found.distance_m[seen] * down[seen]))
 
 
 def relief(own: Map, sure: NDArray[np.bool_], elsewhere: Map) -> Map:
@@ -63,7 +83,9 @@ def relief(own: Map, sure: NDArray[np.bool_], elsewhere: Map) -> Map:
     """
     sure = sure & (own > 0.0)
     least, most = (_of_windows(np.where(sure, own, np.float32(nothing)), nothing > 0.0) for nothing in (np.inf, 0.0))
-    used = sure | ((own > (1.0 - _ALIKE) * least) & (own < (1.0 + _ALIKE) * most))
+    about = running_mean(sure.astype(np.float32), width_px(_ABOUT_DEG, own.shape[1]))
+    alike = (about > _SUPPORT) & (own > (1.0 - _ALIKE) * least) & (own < (1.0 + _ALIKE) * most)
+    used = sure | alike
     inverse = np.where(used, own, elsewhere)
     off = np.where(used & ~sure, np.float32(OFF_IN_HOLES), np.float32(OFF))
     return smoothed(inverse, inverse * (1.0 - off), inverse * (1.0 + off), _WIDTHS_DEG)

@@ -224,7 +224,7 @@ class Loader:
             plate_depth=plate_depth,
             caustic_depths=CausticDepths.of(scene, objects, ground, camera, height, relief=plate_depth is not None),
             plan=plan,
-            notes=_notes(scene, objects, camera, height, lamps) if whole is None else whole.notes,
+            notes=_notes(scene, objects, camera, height, lamps, plate_depth) if whole is None else whole.notes,
             object_files=tuple(object_files),
             other_files=tuple(other_files),
             _loader=self,
@@ -275,10 +275,31 @@ def _notes(
     camera: CameraPath,
     height: int,
     lamps: tuple[SceneLamp, ...],
+    plate_depth: PlateDepth | None,
 ) -> tuple[str, ...]:
     found = dict.fromkeys(note for placed in objects for note in placed.notes)
     placed = placement_notes(scene, objects, camera, height)
-    return (*found, *placed, *lamp_notes(scene, lamps, objects, camera), *_snow_notes(scene, height))
+    of_floor = () if plate_depth is None else _floor_notes(scene, camera, plate_depth)
+    return (*found, *placed, *lamp_notes(scene, lamps, objects, camera), *_snow_notes(scene, height), *of_floor)
+
+
+_FLOOR_OFF = 0.15
+"""How far, as a fraction, a level floor may be from what the plate's depth shows below the camera without a word."""
+
+
+def _floor_notes(scene: Scene, camera: CameraPath, depth: PlateDepth) -> tuple[str, ...]:
+    """Return a line where a level floor is far above or below the ground that the first frame's distances show."""
+    receiver = scene.receiver
+    if receiver is None or receiver.kind != "plane":
+        return ()
+    position, rotation = camera.at(0.0)
+    below_m = depth.ground_below(0, View(2, 1, position, rotation, scene.camera.depth_m))
+    if below_m is None or abs(position[1] - receiver.height_m - below_m) < _FLOOR_OFF * below_m:
+        return ()
+    return (
+        f"receiver - is not where plate.depth shows the ground (got {receiver.height_m:.3g} m, and the ground about "
+        f"{position[1] - below_m:.3g} m) - set receiver.height_m, or plate.depth_scale",
+    )
 
 
 _LEAST_LIT = 1e-3

@@ -16,6 +16,7 @@ from mr360uw.composite.shot import Receiver
 from mr360uw.depth.depth_files import NOTE, depth_file, write_depth
 from mr360uw.depth.relief import MOST_COLUMNS, OFF, on_relief
 from mr360uw.depth.sphere_stereo import DepthMap
+from mr360uw.render.loaded import load
 from mr360uw.sphere import directions, unit
 from mr360uw.types import Floats, View
 from tests.depth import tolerances
@@ -158,3 +159,19 @@ def test_a_shadow_falls_on_the_rock(backend: str, tmp_path: Path, whale: Path, r
     assert shaded.sum() > 200
     assert np.abs(relief - truth)[shaded].mean() < tolerances.RELIEF_RATIO
     assert np.abs(level - truth)[shaded].mean() > 4.0 * tolerances.RELIEF_RATIO
+
+
+def test_a_floor_far_from_the_depth_of_the_plate_is_said(tmp_path: Path, whale: Path) -> None:
+    depth = tmp_path / "depth"
+    depth.mkdir()
+    (depth / NOTE).touch()
+    write_depth(depth_file(depth, 0), found(scene_m(WIDTH)[0]))
+    for height_m, said in ((FLOOR_Y, False), (1.1 * FLOOR_Y, False), (0.7 * FLOOR_Y, True), (2.0 * FLOOR_Y, True)):
+        scene = scene_with(
+            tmp_path, whale, plate={"path": str(tmp_path / "plate.png"), "depth": str(depth)}, water={"type": "none"},
+            receiver={"height_m": height_m},
+        )  # fmt: skip
+        notes = [note for note in load(scene, WIDTH, WIDTH // 2).notes if "plate.depth" in note]
+        assert bool(notes) == said
+        if said:
+            assert "receiver.height_m" in notes[0]
