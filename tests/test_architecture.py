@@ -51,7 +51,7 @@ ALLOWED: dict[str, set[str]] = {
     },
     "depth": {"track", "video", "composite", "medium", "progress", "threads"},
     "track": {"video", "ibl", "medium", "composite", "progress", "threads"},
-    "first_look": {"match", "preview", "render", "scene", "composite", "video", *PHYSICS},
+    "first_look": {"depth", "match", "preview", "render", "scene", "composite", "video", *PHYSICS},
     "tune": {
         "match",
         "preview",

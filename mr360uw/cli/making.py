@@ -33,6 +33,9 @@ def new(
     track: Annotated[
         Path | None, typer.Option(help="the camera's path, as `mr360uw track` writes it"), Role.READ
     ] = None,
+    depth: Annotated[
+        Path | None, typer.Option(help="folder of the plate's distances, as `mr360uw depth` writes them"), Role.READ
+    ] = None,
     eye: EyeOption = None,
     backend: BackendOption = "auto",
     overwrite: OverwriteOption = False,
@@ -55,8 +58,8 @@ def new(
         direction = azimuth, elevation
     wish = Wish(direction, "stands" if stand else "swims" if swim else None, size)
     _, lines, commands = make_first_scene(
-        video, mesh, out, wish=wish, track=track, eye=eye, overwrite=overwrite, outside_files=outside_files,
-        backend=backend,
+        video, mesh, out, wish=wish, track=track, depth=depth, eye=eye, overwrite=overwrite,
+        outside_files=outside_files, backend=backend,
     )  # fmt: skip
     typer.echo("\n".join([*lines, *commands]))
 

@@ -72,7 +72,7 @@ def sure_distance(found: DepthMap, picture: Map) -> Map:
 class PlateDepth:
     """The distances of a plate, in step with its frames. right: whether its frames are those of the right eye."""
 
-    def __init__(self, folder: Path, kind: Kind, scale_m: float, right: bool = False) -> None:
+    def __init__(self, folder: Path, kind: Kind = "metric", scale_m: float = 1.0, right: bool = False) -> None:
         self._clip, self._right, self._kept = DepthClip(folder, kind, scale_m), right, Cache()
         self._one_thread = threading.RLock()
 

@@ -20,15 +20,17 @@ from mr360uw.errors import ParameterError, SceneError, VideoError
 from mr360uw.files import whole_file
 from mr360uw.first_look.mesh_look import look_at_mesh
 from mr360uw.first_look.place_in_plate import Wish
-from mr360uw.first_look.plate_look import Eye, look_at_plate
+from mr360uw.first_look.plate_look import Eye, PlateLook, look_at_plate
 from mr360uw.first_look.proposal import propose
 from mr360uw.first_look.proposal_words import brightness_lines, found_lines, scene_lines
 from mr360uw.ibl.sun.words import SunFound
 from mr360uw.output_gate import check_outputs
 from mr360uw.preview.live import COARSE_WIDTH, LivePreview
 from mr360uw.preview.thumbnail import screen_picture
+from mr360uw.render.camera import CameraPath
 from mr360uw.render.loaded import Loaded
-from mr360uw.scene.model import Scene, scene_from_dict
+from mr360uw.scene.model import CameraSettings, PlateSettings, Scene, scene_from_dict
+from mr360uw.types import View
 
 _GREY = 0.18
 """Reflectance of a grey card, and about that of most ground."""
@@ -91,6 +93,7 @@ def make_first_scene(
     *,
     wish: Wish | None = None,
     track: Path | None = None,
+    depth: Path | None = None,
     eye: Eye | None = None,
     overwrite: bool = False,
     outside_files: bool = False,
@@ -100,14 +103,25 @@ def make_first_scene(
 
     Returns the scene, lines on what was found and guessed, and commands that go on from there.
 
-    wish: for its place and size. track: the camera's path, whose floor is taken from the .json beside it. eye: of a
+    wish: for its place and size. track: the camera's path, whose floor is taken from the .json beside it. depth: folder
+    of the plate's distances, which tell the floor and what things stand on. eye: of a
     stereo plate, by default the left one. outside_files: the mesh may name files outside of its folder. Raises the
     files' errors, `OutputExistsError`, `ParameterError` or `SceneError`; nothing is written then.
     """
     path, preview = _targets(video, mesh, track, out, overwrite=overwrite)
     plate = look_at_plate(video, eye)
     seen = look_at_mesh(mesh, outside_files=outside_files)
-    chosen = replace(propose(plate, seen, wish or Wish(), None if track is None else _floor_of(track)), track=track)
+    floor = None if track is None else _floor_of(track)
+    shown_m = None
+    if depth is not None:
+        from mr360uw.depth.occlusion import PlateDepth  # whose kernels most plates have no use for
+
+        distances = PlateDepth(depth, right=plate.eye == "right")
+        camera = _first_view(plate, track)
+        below_m = distances.ground_below(0, camera)
+        floor = floor if below_m is None else (below_m, "by the distances of the plate")
+        shown_m = lambda direction: distances.toward(0, camera.world_from_camera.T @ direction)  # noqa: E731
+    chosen = replace(propose(plate, seen, wish or Wish(), floor, shown_m), track=track, depth=depth)
     text = scene_lines(plate, seen, chosen, path.parent, outside_files=outside_files)
     scene = scene_from_dict(tomllib.loads(text), path.parent)
     with LivePreview(backend) as live:
@@ -143,15 +157,24 @@ def _targets(video: Path, mesh: Path, track: Path | None, out: Path | None, *, o
     if path.suffix.lower() != ".toml":
         raise SceneError(str(path), [f"is no name of a scene file (got {path.suffix!r}) - end it in .toml"])
     preview = path.with_suffix(".preview.png")
-    check_outputs([path, preview], inputs=[video, mesh, *([] if track is None else [track])], overwrite=overwrite)
+    check_outputs([path, preview], inputs=[video, mesh, *filter(None, [track])], overwrite=overwrite)
     for name in (str(video), str(mesh)):
         if any("\ud800" <= c <= "\udfff" for c in name):
             raise SceneError(str(path), [f"cannot name a file whose name is no UTF-8 (got {name!r}) - rename the file"])
     return path, preview
 
 
-def _floor_of(track: Path) -> float | None:
-    """Return the height [m] of the floor of a camera's track, negative; None where it has none."""
+def _first_view(plate: PlateLook, track: Path | None) -> View:
+    """Return the view of a plate's first frame, by the camera's track or by the tilt that the plate shows."""
+    tilt = plate.tilt
+    roll, pitch = (0.0, 0.0) if tilt is None else np.degrees([tilt.roll_rad, tilt.pitch_rad]).tolist()
+    camera = CameraSettings(track=track, roll_deg=roll, pitch_deg=pitch)
+    position, rotation = CameraPath.of(Scene(plate=PlateSettings(path=plate.path), camera=camera)).at(0.0)
+    return View(2, 1, position, rotation)
+
+
+def _floor_of(track: Path) -> tuple[float, str] | None:
+    """Return the height [m] of a camera over the floor of its track, and what told it; None where it has none."""
     table = track.with_suffix(".json")
     if not track.is_file():
         raise ParameterError(f"{track} - no such file - write one with mr360uw track VIDEO -o track.csv")
@@ -159,7 +182,7 @@ def _floor_of(track: Path) -> float | None:
         return None
     try:
         floor = json.loads(table.read_text("utf-8"))["floor"]
-        return None if floor is None else float(floor["height_m"])
+        return None if floor is None else (-float(floor["height_m"]), "of the camera's track")
     except (ValueError, KeyError, TypeError, OverflowError, RecursionError) as error:
         raise ParameterError(f"{table} - is no camera track (got {error!s:.100}) - write it again") from error
 

@@ -8,6 +8,7 @@ water nothing is farther than a third of the visibility: what would fill the vie
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,6 +17,8 @@ from mr360uw.errors import ParameterError
 from mr360uw.first_look.good_places import Sides, free_view, ground_place, shows_ground
 from mr360uw.first_look.mesh_look import Habit, MeshLook
 from mr360uw.first_look.plate_look import PlateLook
+from mr360uw.sphere import direction_from_angles
+from mr360uw.types import Floats
 
 _GUESSED_M: dict[bool, float] = {True: 1.3, False: 1.6}
 """Height of a camera over the ground that is not known: of a diver over a floor, and of a tripod or a head in air."""
@@ -66,7 +69,8 @@ class Place:
 
     distance_m: level, where it stands. elevation_deg: of its middle. smaller: whether it was made smaller than it is,
     to be seen. hangs: whether it would stand, but there is no ground. uneven: cost of its ground, 0 where none is
-    looked for. top_m: height of its top over the camera. face: azimuth [deg] of its front, or "camera".
+    looked for. top_m: height of its top over the camera. face: azimuth [deg] of its front, or "camera". on_shown:
+    whether its foot is on what the plate shows at a known distance, and not on the level floor.
     """
 
     stands: bool
@@ -80,6 +84,7 @@ class Place:
     uneven: float
     top_m: float
     face: float | str
+    on_shown: bool = False
 
 
 def guessed_drop_m(plate: PlateLook, wish: Wish) -> float | None:
@@ -89,11 +94,23 @@ def guessed_drop_m(plate: PlateLook, wish: Wish) -> float | None:
     return _GUESSED_M[wet] if seen or wish.habit == "stands" else None
 
 
-def place_of(plate: PlateLook, mesh: MeshLook, wish: Wish, sight_m: float, drop_m: float | None) -> Place:
+ShownDistance = Callable[[Floats], float]
+"""Distance [m] of what the plate shows in a direction (3,) of the levelled camera, infinite where it is not known."""
+
+
+def place_of(
+    plate: PlateLook,
+    mesh: MeshLook,
+    wish: Wish,
+    sight_m: float,
+    drop_m: float | None,
+    shown_m: ShownDistance | None = None,
+) -> Place:
     """Return the place of a mesh in a plate.
 
     sight_m: the water's visibility, infinite in air. drop_m: height of the camera over the ground, None without one.
-    Raises `ParameterError` where nothing can stand in the direction that is asked for.
+    shown_m: tells distances; what stands is put on what the plate shows in the direction that is asked for. Raises
+    `ParameterError` where nothing can stand in the direction that is asked for.
     """
     habit = wish.habit or (mesh.habit if plate.medium.underwater or mesh.habit == "flies" else "stands")
     whole = wish.size_m or mesh.size_m
@@ -103,7 +120,10 @@ def place_of(plate: PlateLook, mesh: MeshLook, wish: Wish, sight_m: float, drop_
         stands=False, hangs=False, size_m=float(f"{size:.3g}"), smaller=size < whole, azimuth_deg=0.0,
         elevation_deg=0.0, distance_m=0.0, drop_m=drop_m, uneven=0.0, top_m=0.0, face="camera",
     )  # fmt: skip
-    if habit == "stands" and drop_m is not None:
+    shown = math.inf if shown_m is None or wish.at_deg is None else shown_m(_direction(*wish.at_deg))
+    if habit == "stands" and wish.at_deg is not None and math.isfinite(shown):
+        found = _on_shown(mesh, wish.at_deg, start, shown)
+    elif habit == "stands" and drop_m is not None:
         found = _standing(plate, mesh, wish, start, reach, drop_m)
     else:
         found = _off_the_ground(plate, mesh, wish, replace(start, hangs=habit == "stands"), reach)
@@ -138,6 +158,22 @@ def _standing(plate: PlateLook, mesh: MeshLook, wish: Wish, start: Place, reach_
     return replace(
         start, stands=True, azimuth_deg=azimuth, elevation_deg=round(middle, 1),
         distance_m=distance, uneven=cost, top_m=height - drop_m,
+    )  # fmt: skip
+
+
+def _direction(azimuth_deg: float, elevation_deg: float) -> Floats:
+    return direction_from_angles(math.radians(azimuth_deg), math.radians(elevation_deg))
+
+
+def _on_shown(mesh: MeshLook, at_deg: tuple[float, float], start: Place, shown_m: float) -> Place:
+    """Return a place whose foot is where the plate shows something at a known distance, as on a rock."""
+    height = start.size_m * mesh.extent[1]
+    middle = shown_m * _direction(*at_deg) + np.array([0.0, 0.5 * height, 0.0])
+    distance = float(np.linalg.norm(middle))
+    elevation = round(math.degrees(math.asin(middle[1] / distance)), 2)
+    return replace(
+        start, on_shown=True, azimuth_deg=at_deg[0], elevation_deg=elevation, distance_m=distance,
+        top_m=float(middle[1]) + 0.5 * height,
     )  # fmt: skip
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from mr360uw.errors import ParameterError
 from mr360uw.first_look.good_places import FreeView, free_view
 from mr360uw.first_look.mesh_look import MeshLook
-from mr360uw.first_look.place_in_plate import Place, Wish, guessed_drop_m, place_of
+from mr360uw.first_look.place_in_plate import Place, ShownDistance, Wish, guessed_drop_m, place_of
 from mr360uw.first_look.plate_look import PlateLook
 from mr360uw.first_look.sight import Sight, guess_sight
 from mr360uw.first_look.water_or_air import LITTLE_RED
@@ -54,7 +54,7 @@ class WaterGuess:
 class Proposal:
     """A scene as it is proposed. water: None in air. floor_by: what told the floor's height, or "".
 
-    lamp: whether a lamp goes with the camera.
+    lamp: whether a lamp goes with the camera. track, depth: files that were given for it.
     """
 
     place: Place
@@ -63,15 +63,23 @@ class Proposal:
     floor_by: str
     lamp: bool
     track: Path | None = None
+    depth: Path | None = None
 
 
-def propose(plate: PlateLook, mesh: MeshLook, wish: Wish, floor_m: float | None = None) -> Proposal:
-    """Return a scene for a plate and a mesh. floor_m: height of the floor where it is known, negative.
+def propose(
+    plate: PlateLook,
+    mesh: MeshLook,
+    wish: Wish,
+    floor: tuple[float, str] | None = None,
+    shown_m: ShownDistance | None = None,
+) -> Proposal:
+    """Return a scene for a plate and a mesh.
 
-    Raises `ParameterError` where what is wished for cannot be.
+    floor: height of the camera over the floor, and what told it, where it is known. shown_m: see `place_of`. Raises
+    `ParameterError` where what is wished for cannot be.
     """
     wet = plate.medium.underwater
-    drop, floor_by = _ground_below(plate, wish, floor_m)
+    drop, floor_by = _ground_below(plate, wish) if floor is None else floor
     water = None
     if wet:
         view = free_view(plate.image, _OPEN_DEG, underwater=True)
@@ -79,16 +87,14 @@ def propose(plate: PlateLook, mesh: MeshLook, wish: Wish, floor_m: float | None 
         seen = guess_sight(plate.sharp, drop, Water.jerlov(kind), view, _DEPTH_M, known=bool(floor_by))
         water = WaterGuess(kind, confidence, others, seen, view[2])
     sight = math.inf if water is None else water.sight.visibility_m
-    place = place_of(plate, mesh, wish, sight, drop)
+    place = place_of(plate, mesh, wish, sight, drop, shown_m)
     least = _CLEAR_M if plate.medium.half else _DEPTH_M
     depth = max(least, math.ceil(10.0 * (place.top_m + _CLEAR_M)) / 10.0) if wet else CameraSettings().depth_m
     return Proposal(place, water, float(depth), floor_by, plate.dark)
 
 
-def _ground_below(plate: PlateLook, wish: Wish, floor_m: float | None) -> tuple[float | None, str]:
+def _ground_below(plate: PlateLook, wish: Wish) -> tuple[float | None, str]:
     """Return the height of the camera over the ground, None where there is none, and what told it, "" if guessed."""
-    if floor_m is not None:
-        return -floor_m, "of the camera's track"
     if plate.eyes is not None and plate.eyes.floor_m is not None:
         return plate.eyes.floor_m, f"by the disparity of its eyes, if they are {EYES_APART_M:g} m apart"
     return guessed_drop_m(plate, wish), ""

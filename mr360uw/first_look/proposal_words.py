@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from mr360uw.color import encode
+from mr360uw.constants import DEPTH_EYES_S, DEPTH_FRAME_S
 from mr360uw.first_look.good_places import UNEVEN
 from mr360uw.first_look.mesh_look import MeshLook
 from mr360uw.first_look.place_in_plate import Place
@@ -49,7 +50,7 @@ def found_lines(plate: PlateLook, mesh: MeshLook, chosen: Proposal, sun: str) ->
         lines.append(f"level     tilted by its window to the sky (Snell's): roll {roll:.0f}, pitch {pitch:.0f} degrees")
     if chosen.water is not None:
         lines += _water_lines(chosen)
-    lines.append(_floor_line(chosen))
+    lines += [_floor_line(chosen), *_depth_lines(plate, chosen)]
     named = f"a {mesh.kind.word} by its name" if mesh.kind else "unknown by its name"
     lines.append(
         f"mesh      {mesh.path.name}: {named}; {mesh.why_size}: {mesh.size_m:g} m; front {mesh.front}, {mesh.why_front}"
@@ -74,6 +75,18 @@ def _floor_line(chosen: Proposal) -> str:
     return f"floor     (receiver) {place.drop_m:.3g} m below the camera, {how}"
 
 
+def _depth_lines(plate: PlateLook, chosen: Proposal) -> list[str]:
+    """Return what could tell how far away everything is, where that is not given."""
+    if chosen.depth is not None or (chosen.track is None and plate.eyes is None):
+        return []
+    how = f"--track {chosen.track}" if plate.eyes is None else "--eye both"
+    frame_s = DEPTH_FRAME_S if plate.eyes is None else DEPTH_EYES_S
+    return [
+        f"behind    no body goes behind what is nearer: mr360uw depth {plate.path.name} -o depth {how} finds how far "
+        f"away everything is, in about {frame_s:g} s a frame; then --depth depth"
+    ]
+
+
 def _place_lines(place: Place) -> list[str]:
     """Return where the object is, and what is doubtful there."""
     lines = []
@@ -81,7 +94,12 @@ def _place_lines(place: Place) -> list[str]:
         lines.append(
             f"size      made {place.size_m:g} m long, because this water hides what is farther away; size_m sets it"
         )
-    how = "stands on the floor" if place.stands else f"off the floor, {place.elevation_deg:g} degrees over the horizon"
+    how = (
+        "its foot on what the plate shows there"
+        if place.on_shown
+        else f"off the floor, {place.elevation_deg:g} degrees over the horizon"
+    )
+    how = "stands on the floor" if place.stands else how
     ahead = "seen from the side" if place.face != "camera" else "facing the camera"
     lines.append(f"place     {_side(place.azimuth_deg)}, {place.distance_m:g} m away, {how}, {ahead}")
     if place.hangs:
@@ -147,6 +165,9 @@ def scene_lines(plate: PlateLook, mesh: MeshLook, chosen: Proposal, folder: Path
         rows.append((f'eye = "{plate.eye}"', "of the two"))
     if plate.projection != "auto":
         rows.append((f'projection = "{plate.projection}"', "by what its first picture shows"))
+    if chosen.depth is not None:
+        note = "distances: bodies go behind what is nearer, shadows fall on it"
+        rows.append((f"depth = {toml_value(relative_to(chosen.depth, folder))}", note))
     rows += [("", ""), *_camera_rows(plate, chosen, folder), ("", ""), *_water_rows(chosen), ("", "")]
     rows += _object_rows(mesh, chosen, folder, outside_files=outside_files)
     if chosen.place.drop_m is not None and not chosen.place.hangs:
@@ -213,7 +234,8 @@ def _object_rows(mesh: MeshLook, chosen: Proposal, folder: Path, *, outside_file
     if place.stands:
         rows.append(('stand_on = "receiver"', "on the floor"))
     else:
-        rows.append((f"elevation_deg = {place.elevation_deg:g}", "over the horizon"))
+        foot = "of its middle, whose foot is on what the plate shows" if place.on_shown else "over the horizon"
+        rows.append((f"elevation_deg = {place.elevation_deg:g}", foot))
     face = '"camera"' if isinstance(place.face, str) else f"{place.face:g}"
     rows += [
         (f"distance_m = {place.distance_m:g}", "from the camera"),

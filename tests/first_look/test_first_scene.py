@@ -14,9 +14,12 @@ import trimesh
 
 from mr360uw import load_scene
 from mr360uw.color import encode
+from mr360uw.depth.depth_files import NOTE, depth_file, write_depth
+from mr360uw.depth.sphere_stereo import DepthMap
 from mr360uw.render.loaded import load
 from mr360uw.sample import SampleDive
 from mr360uw.scene.model import Scene
+from mr360uw.sphere import directions
 from mr360uw.types import Floats
 from tests.first_look.plates import air, water
 from tests.video.other_projections import dual_fisheye, eac_row, write_tracks
@@ -176,3 +179,38 @@ def test_a_still_straight_from_the_camera_is_refused_with_the_command_that_turns
     assert code == 2
     assert "ffmpeg -i raw.png -vf v360=dfisheye:e:ih_fov=200:iv_fov=200 out.png" in err
     assert not (tmp_path / "raw.toml").exists()
+
+
+def test_distances_tell_the_floor_and_what_a_foot_stands_on(tmp_path: Path, run: Run) -> None:
+    """A wall 3 m ahead over a floor 2 m below: a foot on the wall, 5 degrees over the horizon, which has no ground."""
+    d = directions(256, 128)
+    with np.errstate(divide="ignore"):
+        floor, wall = (
+            np.where(d[..., 1] < 0.0, -2.0 / d[..., 1], np.inf),
+            np.where(d[..., 2] < 0.0, -3.0 / d[..., 2], np.inf),
+        )
+    shown = np.minimum(floor, np.where(d[..., 1] < 0.5, wall, np.inf))
+    known = np.isfinite(shown) & (shown < 20.0)
+    depth = tmp_path / "depth"
+    depth.mkdir()
+    (depth / NOTE).touch()
+    write_depth(depth_file(depth, 0), DepthMap(shown.astype(np.float32), known.astype(np.float32)))
+    plate = picture(tmp_path / "reef.png", water((0.02, 0.15, 0.3)))
+    out = tmp_path / "my.toml"
+    given = ("new", plate, mesh(tmp_path / "anchor.ply", 1.0), "-o", out, "--backend", "reference", "--depth", depth)
+    code, said, err = run(*given, "--at", "0,5", "--stand", "--size", "0.5")
+    assert (code, err) == (0, "")
+    assert "by the distances of the plate" in said
+    assert "its foot on what the plate shows there" in said
+    scene = load_scene(out)
+    assert scene.plate.depth is not None
+    assert scene.receiver is not None
+    assert abs(scene.receiver.height_m / -2.0 - 1.0) < 0.02  # pixels of 1.4 degrees
+    _, points = seen(scene)
+    foot = 3.0 * np.tan(np.radians(5.0))
+    assert abs(points[:, 1].min() - foot) < 0.02 * 3.0
+    middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
+    assert np.hypot(middle[0], middle[2] + 3.0) < 0.02 * 3.0
+    code, _, err = run(*given[:-1], tmp_path / "none", "--overwrite")
+    assert code == 2
+    assert "none" in err

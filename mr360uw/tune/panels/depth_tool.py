@@ -8,6 +8,7 @@ from pathlib import Path
 
 from nicegui import background_tasks, ui
 
+from mr360uw.constants import DEPTH_EYES_S, DEPTH_FRAME_S
 from mr360uw.errors import ParameterError
 from mr360uw.tune.panels.widgets import Button
 from mr360uw.tune.session import CommandRun, Session
@@ -17,8 +18,6 @@ _TITLE = (
     "behind what is nearer. A frame takes about {:.1f} s, all {} about {:.0f} min; press again to stop, what is found "
     "stays"
 )
-_FRAME_S, _EYES_S = 1.4, 7.0
-"""Time [s] on two cores of a frame of 1024 columns, and of both eyes of one of 2048."""
 
 
 class DepthTool:
@@ -29,7 +28,7 @@ class DepthTool:
         self._run: CommandRun | None = None
         frames = session.frame_count
         eyes = session.document.scene.plate.eye == "both"
-        frame_s = _EYES_S if eyes else _FRAME_S
+        frame_s = DEPTH_EYES_S if eyes else DEPTH_FRAME_S
         title = _TITLE.format(frame_s, frames, max(frames * frame_s / 60.0, 1.0))
         self._button = Button("Find depth", self._pressed, title=title)
         self._button.set_visibility(frames > 1 or eyes)
