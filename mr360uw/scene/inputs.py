@@ -20,6 +20,7 @@ def open_plate(scene: Scene) -> VideoReader:
     video = open_video(
         plate.path, transfer=plate.transfer, primaries=plate.primaries, eye=plate.eye, frame_rate=plate.frame_rate,
         damaged=plate.damaged, projection=plate.projection, fisheye_fov_deg=plate.fisheye_fov_deg, layout=plate.layout,
+        decoder=plate.decoder,
     )  # fmt: skip
     mapping = _mapping(plate)
     if mapping is not None:

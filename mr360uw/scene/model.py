@@ -77,6 +77,9 @@ class PlateSettings(Parameters):
         1.0, "size of the frames that are worked on over the plate's, for drafts", above=0.0, high=1.0,
         internal="--scale",
     )  # fmt: skip
+    decoder: Literal["software", "auto"] = advanced(
+        "software", "of a video: FFmpeg, or a graphics card whose first picture is the same; a note says which"
+    )
     damaged: Literal["stop", "hold"] = advanced(
         "stop", "at a frame of a video that cannot be decoded: end the run, or repeat the last good frame"
     )

@@ -14,7 +14,7 @@ from mr360uw.video.clip import Clip, checked_rate
 from mr360uw.video.read.images import ImageReader, picture_files
 from mr360uw.video.read.layout import Eye, Layout
 from mr360uw.video.read.projection import FISHEYE_FOV_DEG, PICTURE_SUFFIXES, Projection, projection_of
-from mr360uw.video.read.reader import Damaged, VideoReader
+from mr360uw.video.read.reader import Damaged, Decoder, VideoReader
 from mr360uw.video.settings import EncodeSettings
 from mr360uw.video.write.image_writer import ImageWriter
 from mr360uw.video.write.writer import VideoWriter
@@ -33,6 +33,7 @@ def open_video(
     projection: Projection = "auto",
     fisheye_fov_deg: float = FISHEYE_FOV_DEG,
     layout: Layout | None = None,
+    decoder: Decoder = "software",
 ) -> VideoReader:
     """Open a plate: a video (mp4, mov, mkv, webm ...), one picture, or a sequence of pictures.
 
@@ -65,6 +66,9 @@ def open_video(
         Angle [deg] across one half of a dual-fisheye frame.
     layout : str, optional
         Arrangement of the eyes in a file without tags; by default as its tags or its shape say.
+    decoder : {"software", "auto"}
+        What decodes a video: FFmpeg in software, or a graphics card if its first picture is the same, bit for bit; a
+        note of the reader says which.
 
     Returns
     -------
@@ -95,14 +99,14 @@ def open_video(
 
         if eye is not None:
             raise VideoError(f"{path} - {kind} has no {eye} eye - leave out the eye")
-        return open_unwrapped(Path(path), kind, fisheye_fov_deg, transfer, primaries, damaged)
+        return open_unwrapped(Path(path), kind, fisheye_fov_deg, transfer, primaries, damaged, decoder)
     files = picture_files(Path(path))
     if files is not None:
         rate = checked_rate(frame_rate, Path(path))
         return ImageReader(Path(path), files, rate, transfer, primaries, eye, equirectangular, depth, layout)
     from mr360uw.video.read.container import ContainerReader
 
-    return ContainerReader(Path(path), transfer, primaries, eye, equirectangular, damaged, layout)
+    return ContainerReader(Path(path), transfer, primaries, eye, equirectangular, damaged, layout, decoder=decoder)
 
 
 def create_video(

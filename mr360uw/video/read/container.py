@@ -24,6 +24,7 @@ from mr360uw.video.clip import not_copied
 from mr360uw.video.metadata.spherical import from_side_data, from_tag, read_spherical
 from mr360uw.video.metadata.tags import ColorTags, color_spec, hdr_from_side_data
 from mr360uw.video.pixels.native import plane_views
+from mr360uw.video.read.card_decoder import decoding_card, in_format
 from mr360uw.video.read.layout import Eye, Layout, output_layout, panorama_crops
 from mr360uw.video.read.picture_order import (
     FrameIndex,
@@ -35,7 +36,7 @@ from mr360uw.video.read.picture_order import (
 )
 from mr360uw.video.read.picture_shape import shape_of_codes
 from mr360uw.video.read.probe import first_picture, open_container
-from mr360uw.video.read.reader import Damaged, Seeker, VideoReader, check_range
+from mr360uw.video.read.reader import Damaged, Decoder, Seeker, VideoReader, check_range
 from mr360uw.video.video_frame import VideoFrame
 
 _SOUND_LONGER_S = 1.0
@@ -55,11 +56,15 @@ class ContainerReader(VideoReader):
         damaged: Damaged = "stop",
         layout: Layout | None = None,
         track: int = 0,
+        decoder: Decoder = "software",
     ) -> None:
         self._damaged, self._track = damaged, track
+        self._card, taken = "", ""
         with open_container(path, track) as (container, stream):
             listed = container_index(stream) if has_full_index(container, stream) else None
             first = first_picture(path, container, stream)
+            if decoder == "auto":
+                self._card, taken = decoding_card(path, track, first)
             self._listed = None if listed is None else listed.begun_at(first.pts)
             context = stream.codec_context
             tags = ColorTags.of(context)
@@ -87,7 +92,7 @@ class ContainerReader(VideoReader):
                 pixel_format=first.format.name,
                 sound=path if container.streams.audio else None,
                 spherical=spherical,
-                notes=tuple(not_copied(s.type, s.index) for s in others),
+                notes=(*(not_copied(s.type, s.index) for s in others), *filter(None, [taken])),
                 words=dict(container.metadata),
                 panorama=equirectangular,
                 hdr=hdr_from_side_data(first.side_data),
@@ -148,7 +153,7 @@ class ContainerReader(VideoReader):
             with super().seeker() as anew:
                 yield anew
             return
-        with open_container(self.path, self._track) as (container, stream):
+        with open_container(self.path, self._track, self._card) as (container, stream):
             yield lambda start: self._read(container, stream, *self.check_range(start), rewound=False)
 
     def entry_before(self, index: int) -> int:
@@ -157,7 +162,7 @@ class ContainerReader(VideoReader):
 
     def _decoded(self, start: int, stop: int) -> Iterator[VideoFrame]:
         """Yield frames of a pass of its own."""
-        with open_container(self.path, self._track) as (container, stream):
+        with open_container(self.path, self._track, self._card) as (container, stream):
             yield from self._read(container, stream, start, stop)
 
     def _read(
@@ -221,6 +226,8 @@ class ContainerReader(VideoReader):
                 yield StoredPicture(last.index + beyond, last.pts + step * beyond, None)
 
     def _frame(self, index: int, pts: int, native: Any, *, lost: bool = False) -> VideoFrame:
+        if self._card:
+            native = in_format(native, self.pixel_format)
         if (native.width, native.height, native.format.name) != (*self._crop.frame_size, self.pixel_format):
             raise VideoError(
                 f"{self.path} - the picture format changes at frame {index} (got {native.width}x{native.height} "

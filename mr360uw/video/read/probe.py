@@ -13,6 +13,7 @@ import av
 import av.codec.codec
 import av.error
 import av.stream
+from av.codec.hwaccel import HWAccel
 
 from mr360uw.errors import VideoError
 from mr360uw.reading.input_files import note_read, read_data
@@ -29,9 +30,13 @@ _LOCAL_VIDEO = {
 _COPY_AGAIN = "copy it again; a recording that was interrupted needs a repair tool"
 
 
-def open_local(path: Path) -> Any:
-    """Return FFmpeg's container of a file; raise `FFmpegError` or `OSError`."""
-    return av.open(f"file:{path}", metadata_errors="replace", options=_LOCAL_VIDEO)
+def open_local(path: Path, card: str = "") -> Any:
+    """Return FFmpeg's container of a file; raise `FFmpegError` or `OSError`.
+
+    card: FFmpeg's name of the kind of device that decodes its pictures, "" for none; `RuntimeError` where it cannot.
+    """
+    device = HWAccel(device_type=card, allow_software_fallback=False) if card else None
+    return av.open(f"file:{path}", metadata_errors="replace", options=_LOCAL_VIDEO, hwaccel=device)
 
 
 def open_packets(path: Path) -> Any:
@@ -76,11 +81,14 @@ def check_file(path: Path) -> None:
 
 
 @contextmanager
-def open_container(path: Path, track: int = 0) -> Iterator[tuple[Any, Any]]:
-    """Open a file for one pass of decoding; yields (container, its video stream number `track`)."""
+def open_container(path: Path, track: int = 0, card: str = "") -> Iterator[tuple[Any, Any]]:
+    """Open a file for one pass of decoding; yields (container, its video stream number `track`).
+
+    card: see `open_local`.
+    """
     check_file(path)
     try:
-        container = open_local(path)
+        container = open_local(path, card)
     except (av.error.FFmpegError, OSError) as error:
         raise VideoError(_why_not(path, error)) from error
     with container:

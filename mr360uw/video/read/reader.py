@@ -19,6 +19,7 @@ from mr360uw.video.clip import Clip
 from mr360uw.video.video_frame import VideoFrame
 
 Damaged = Literal["stop", "hold"]
+Decoder = Literal["software", "auto"]
 """What happens at a frame that cannot be decoded: an error, or the last good frame once more."""
 
 Seeker = Callable[[int], Iterator[VideoFrame]]

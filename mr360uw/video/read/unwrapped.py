@@ -26,7 +26,7 @@ from mr360uw.video.pixels.native import native_frame, plane_views
 from mr360uw.video.read.container import ContainerReader
 from mr360uw.video.read.probe import track_sizes
 from mr360uw.video.read.projection import FFMPEG_NAMES, PICTURE_SUFFIXES, Projection, joined_row, turned_by_ffmpeg
-from mr360uw.video.read.reader import Damaged, Seeker, VideoReader
+from mr360uw.video.read.reader import Damaged, Decoder, Seeker, VideoReader
 from mr360uw.video.video_frame import VideoFrame
 
 
@@ -37,6 +37,7 @@ def open_unwrapped(
     transfer: Transfer | None,
     primaries: Primaries | None,
     damaged: Damaged,
+    decoder: Decoder = "software",
 ) -> VideoReader:
     """Open a video in a projection other than equirectangular; raise `VideoError`.
 
@@ -63,7 +64,8 @@ def open_unwrapped(
             "(_00_ and _10_) their names again, or export it as equirectangular 2:1"
         )
     tracks = [
-        ContainerReader(p, transfer, primaries, equirectangular=False, damaged=damaged, track=k) for p, k in paths
+        ContainerReader(p, transfer, primaries, equirectangular=False, damaged=damaged, track=k, decoder=decoder)
+        for p, k in paths
     ]
     return _UnwrappedReader(tracks, projection, fov_deg)
 
