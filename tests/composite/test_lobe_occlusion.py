@@ -11,6 +11,7 @@ import pytest
 
 from mr360uw.cache import Cache
 from mr360uw.composite.ambient.light import ambient_light
+from mr360uw.composite.ambient.lobe_occlusion import _weigh
 from mr360uw.composite.ambient.sample_points import make_lattice, points_at
 from mr360uw.composite.gl.upload import list_texture
 from mr360uw.composite.lighting.shading import ggx_distribution, resolved_alpha, smith_visibility
@@ -120,3 +121,13 @@ def test_the_shader_widens_lobes_as_python_does(rng: np.random.Generator) -> Non
         roughness=roughness, columns=change[:, 0], rows=change[:, 1],
     )  # fmt: skip
     np.testing.assert_allclose(got, resolved_alpha(roughness, change), rtol=tol.QUADRATURE)
+
+
+def test_light_from_below_the_horizon_weighs_nothing() -> None:
+    """Also where the density's denominator is 0 there: numbers for which it is so exactly."""
+    normal, towards = np.array([0.0, 1.0, 0.0], np.float32), np.array([0.0, 0.75, 0.5], np.float32)
+    ways = np.array([[0.0, 0.0], [-0.5, 0.8], [-0.828125, 0.6]], np.float32)
+    weight = np.full(2, np.nan, np.float32)
+    _weigh(normal, towards, np.float32(0.5), ways, weight)
+    assert weight[0] == 0.0
+    assert 0.0 < weight[1] < np.inf

@@ -73,6 +73,7 @@ def _weigh(normal: Any, towards: Any, alpha: Any, d: Any, weight: Any) -> None:
         light = max(nx * d[0, k] + ny * d[1, k] + nz * d[2, k], np.float32(0.0))
         twice = max(np.float32(2.0) + np.float32(2.0) * (vx * d[0, k] + vy * d[1, k] + vz * d[2, k]), np.float32(1e-6))
         facets = (cosine + light) * (cosine + light) / twice * (squared - one) + one
+        facets = max(facets, np.float32(0.5) * squared)  # below the horizon it may be 0, as the light
         smith = light * masked + cosine * np.sqrt(light * light * (one - squared) + squared)
         weight[k] = light / (facets * facets * smith)
 
