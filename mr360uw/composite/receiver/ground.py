@@ -88,6 +88,8 @@ BLOCK = 8
 _EVEN_DISTANCE = 0.01
 _EVEN_NORMAL = 0.005
 """Interpolation errors of distance (relative) and normal above which a block is rough: below a code value each."""
+_UNBROKEN = 0.05
+"""That error of distance above which a block has an edge. On rubble it is 1 to 4 %."""
 
 _REACH, _REACH_OF_SHAPE = 1.1, 1.5
 """Factors on the distance to the farthest corner, and on the largest step in distance, to bound all of a block."""
@@ -103,7 +105,7 @@ class Ground:
 
     corner_point, corner_normal: (R + 1, C + 1, 3) float32, middle_point, middle_normal: (R, C, 3), from the camera [m];
     corner (j, i) is at frame coordinates (8 i, 8 j). reach_m: (R, C) radius of a ball about the middle that contains
-    the block. rough: (R, C). broken: (R, C) rough for other reasons than normals that turn in a block, as on relief.
+    the block. rough: (R, C). broken: (R, C) rough, and with an edge: light that varies slowly on a surface jumps there.
     """
 
     def __init__(self, shot: Shot, shape: ReceiverShape) -> None:
@@ -166,10 +168,11 @@ class Ground:
         distance, normal = pixels[..., 3], pixels[..., :3]
         interpolated = self.between(self.corner_point, j, i), self.between(self.corner_normal, j, i)
         expected = np.linalg.norm(interpolated[0], axis=-1)
-        uneven = np.any(np.abs(distance - expected) > _EVEN_DISTANCE * expected, axis=(1, 2))
-        turned = np.abs(normal - interpolated[1]).max(axis=(1, 2, 3)) > _EVEN_NORMAL
-        self.broken[j, i] |= uneven
-        self.rough[j, i] |= uneven | turned
+        missed = np.abs(distance - expected)
+        uneven = missed > _EVEN_DISTANCE * expected
+        uneven |= np.abs(normal - interpolated[1]).max(axis=-1) > _EVEN_NORMAL
+        self.rough[j, i] |= np.any(uneven, axis=(1, 2))
+        self.broken[j, i] |= np.any(missed > _UNBROKEN * expected, axis=(1, 2))
         beyond = np.abs(distance - np.linalg.norm(self.middle_point[j, i], axis=-1)[:, None, None]).max(axis=(1, 2))
         self.reach_m[j, i] = np.maximum(self.reach_m[j, i], _REACH_OF_SHAPE * beyond)
 
