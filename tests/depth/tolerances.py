@@ -26,6 +26,6 @@ ATTENUATION_OF_FEW = 0.25
 """The same of eight frames of 256 columns, in which caustics count for three times as much."""
 SAME_PLACE = 0.03
 """Relative difference of the light of one place in two clear pictures of 256 columns, of which it covers few pixels."""
-FLICKER = 0.004
-"""Mean change of alpha from frame to frame in the band around the edge of what is in front, by grain and changing light
-alone: 0.3 codes between a body and a rock that differ by 70. Maps of the size of the plate do not change at all."""
+FLICKER = 2.0 / 70.0
+"""Largest change of alpha from frame to frame in the band around the edge of what is in front, by grain and changing
+light alone: 2 codes between a body and a rock that differ by 70. Maps of the size of the plate do not change at all."""
