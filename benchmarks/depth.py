@@ -1,17 +1,21 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How right distances from motion are: python benchmarks/depth.py [first] [last] [width] [neighbours] [strength]
+"""How right distances from motion are: python benchmarks/depth.py [first last width neighbours strength poses]
 
 Scenes of seeds first to last (not included; default 501 to 505; the regression and the level of confidence were
 chosen on others, below 405) with exact distances and poses: floor, walls, rocks, thin poles and five fish in haze, with
 drifting particles, under caustics as they are and two and three times as strong, or of one strength alone. The first
 row of a table counts pixels within 7.5 baselines and more than 20 degrees off the motion; the rows below it count all
 pixels of a kind. The last column is the fraction of a row's pixels that are confident and not within 6 %.
+
+poses: exact (default), or solved: those that `track_camera` finds in the same pictures, at the true path's scale.
 """
 
 from __future__ import annotations
 
 import sys
+import tempfile
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -19,6 +23,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
+import mr360uw as uw
 from mr360uw.depth import DepthMap, Panorama, distances
 from mr360uw.sphere import directions
 from mr360uw.types import Floats
@@ -33,6 +38,26 @@ def panoramas(scene: HazyScene, width: int, count: int) -> tuple[Panorama, list[
     times = np.linspace(AT_S - SPAN_S, AT_S + SPAN_S, count + 1)
     seen = [Panorama(np.round(scene.grey(width, t, samples=1)), *scene.pose(t)) for t in times]
     return seen.pop(count // 2), seen
+
+
+def solved(reference: Panorama, neighbours: list[Panorama]) -> tuple[Panorama, list[Panorama]]:
+    """Return the same pictures with the poses that tracking finds in them; print how far apart the paths are."""
+    middle = len(neighbours) // 2
+    seen = [*neighbours[:middle], reference, *neighbours[middle:]]
+    with tempfile.TemporaryDirectory() as folder:
+        for k, one in enumerate(seen):
+            cv2.imwrite(f"{folder}/plate_{k:04d}.png", cv2.merge([one.grey.astype(np.uint8)] * 3))
+        track = uw.track_camera(f"{folder}/plate_%04d.png")
+    truth = np.array([one.position for one in seen])
+    turns, _, turned = np.linalg.svd((truth - truth.mean(axis=0)).T @ (track.position - track.position.mean(axis=0)))
+    world = turns @ np.diag([1.0, 1.0, np.linalg.det(turns @ turned)]) @ turned
+    place = (track.position - track.position.mean(axis=0)) @ world.T
+    scale = np.sum(place * (truth - truth.mean(axis=0))) / np.sum(place * place)
+    place = scale * place + truth.mean(axis=0)
+    off = np.sqrt(np.mean(np.sum(np.square(place - truth), axis=1)))
+    print(f"solved path: {100 * off:.1f} cm from the true one, of {np.linalg.norm(truth[-1] - truth[0]):.1f} m")
+    views = [replace(v, position=p, rotation=world @ r) for v, p, r in zip(seen, place, track.rotation, strict=True)]
+    return views.pop(middle), views
 
 
 def in_reach(reference: Panorama, neighbours: list[Panorama], distance: Floats, kind: np.ndarray) -> np.ndarray:
@@ -63,7 +88,9 @@ def rows_of(found: DepthMap, scene: HazyScene, views: tuple[Panorama, list[Panor
     }
 
 
-def main(first: int = 501, last: int = 505, width: int = 1024, count: int = 32, only: int = 0) -> None:
+def main(
+    first: int = 501, last: int = 505, width: int = 1024, count: int = 32, only: int = 0, poses: str = "exact"
+) -> None:
     """Print a table for each strength of the caustics."""
     for strength in (1, 2, 3) if only == 0 else (only,):
         sums: dict[str, list[np.ndarray]] = {}
@@ -71,6 +98,7 @@ def main(first: int = 501, last: int = 505, width: int = 1024, count: int = 32, 
         for seed in range(first, last):
             scene = HazyScene(seed=seed, caustics=float(strength), poles=True, fish=True)
             views = panoramas(scene, width, count)
+            views = solved(*views) if poses == "solved" else views
             start = time.process_time()
             found = distances(*views)
             seconds.append(time.process_time() - start)
@@ -94,4 +122,4 @@ def main(first: int = 501, last: int = 505, width: int = 1024, count: int = 32, 
 
 
 if __name__ == "__main__":
-    main(*(int(argument) for argument in sys.argv[1:]))
+    main(*(int(one) if one.isdigit() else one for one in sys.argv[1:]))  # type: ignore[arg-type]

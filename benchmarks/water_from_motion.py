@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How right the water is that clips tell: python benchmarks/water_from_motion.py [first] [last] [maps|stereo]
+"""How right the water is that clips tell: python benchmarks/water_from_motion.py [first] [last] [maps|stereo|clip]
 
 Dives of seeds first to last (not included; default 201 to 221) in five Jerlov types: floor, walls and rocks
 (`tests/depth/wet_dive.py`) through the solved light of the water, under moving caustics of half to twice their usual
@@ -7,7 +7,8 @@ strength, with drifting particles, sensor noise and codes of 8 bits, at an unkno
 of 512 columns, over ten seconds of a camera that swims 4 m.
 
 maps: distances are the true ones, off by 1.5 % over patches of 6 degrees (default). stereo: those of
-`mr360uw.depth.distances`, from 24 neighbours, sure ones alone.
+`mr360uw.depth.distances`, from 24 neighbours, sure ones alone. clip: all of it as a user has it, a video of five frames
+a second and the camera's path, `depth_of_clip` and `water_of_clip`.
 
 Attenuation: of the transmittance between the distances between which eight of ten places are seen. Veil: of the horizon
 in the exposure of the clip. The last rows are of clips that are hard: of a camera that hardly moves, and of a floor
@@ -17,21 +18,25 @@ alone under caustics of three times their strength.
 from __future__ import annotations
 
 import sys
+import tempfile
 from pathlib import Path
 
+import av
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
+import mr360uw as uw
 from mr360uw.depth.seen_places import seen_places
 from mr360uw.medium.fit.water_by_distance import WaterByDistance, water_by_distance
 from mr360uw.medium.water import JerlovType
 from mr360uw.types import Floats
+from tests.depth.test_clip_depth import write_track
 from tests.depth.wet_dive import WetDive
 
 TYPES: tuple[JerlovType, ...] = ("IB", "II", "1C", "3C", "5C")
 STRENGTHS = (1.0, 0.5, 2.0, 1.0)
-SECONDS, FRAMES = 10.0, 24
+SECONDS, FRAMES, RATE = 10.0, 24, 5
 C_WITHIN, V_WITHIN = 0.15, 0.08
 
 
@@ -42,7 +47,7 @@ def main(first: int = 201, last: int = 221, maps: str = "maps") -> None:
     for seed in range(first, last):
         dive = WetDive(seed, TYPES[seed % 5], STRENGTHS[seed // 5 % 4])
         seen = seen_places(dive.frames(SECONDS, FRAMES, stereo=maps == "stereo"))
-        found = water_by_distance(seen)
+        found = of_clip(dive) if maps == "clip" else water_by_distance(seen)
         if found.problem:
             said += 1
             print(f"{seed} {dive.kind:3s}   {found.problem}", flush=True)
@@ -67,7 +72,26 @@ def main(first: int = 201, last: int = 221, maps: str = "maps") -> None:
             f"{name}: within {100 * most:.0f} % in {shares} % of them (R G B), median {medians} %, "
             f"interval holds {held_by} %"
         )
-    hard(first)
+    if maps != "clip":
+        hard(first)
+
+
+def of_clip(dive: WetDive) -> WaterByDistance:
+    """Return the water of a dive by way of a video, its track and its maps, all of them files."""
+    times = np.arange(0.0, SECONDS, 1.0 / RATE)
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        with av.open(str(folder / "dive.mp4"), "w") as file:
+            stream = file.add_stream("libx264", rate=RATE, options={"crf": "12"})
+            stream.width, stream.height, stream.pix_fmt = dive.width, dive.width // 2, "yuv420p"
+            for t in times:
+                picture = av.VideoFrame.from_ndarray(dive.codes(t)[0].astype(np.uint8), format="rgb24")
+                file.mux(stream.encode(picture))
+            file.mux(stream.encode())
+        write_track(folder / "track.csv", [dive.scene.pose(t) for t in times], RATE)
+        clip, maps, track = folder / "dive.mp4", folder / "depth", folder / "track.csv"
+        print(uw.depth_of_clip(clip, maps, track=track, width=dive.width))
+        return uw.depth.water_of_clip(clip, maps, track)
 
 
 def hard(seed: int) -> None:

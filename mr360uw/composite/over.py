@@ -40,8 +40,7 @@ def hold_out(shot: Shot, tile: Tile) -> Tile:
     plate_kept = kept
     ratio = 1.0 + plate_kept[..., None] * (tile.ratio - 1.0)
     if shot.holdout_distance_m is not None:
-        shown = tile.distance_m < shot.holdout_distance_m[tile.window]
-        kept = kept * (_softened(shown, np.isfinite(tile.distance_m)) if shot.holdout_soft else shown)
+        kept = kept * _not_behind(shot, tile, shot.holdout_distance_m)
     return replace(
         tile,
         radiance=tile.radiance * kept[..., None],
@@ -50,6 +49,15 @@ def hold_out(shot: Shot, tile: Tile) -> Tile:
         ratio=ratio.astype(np.float32),
         shafts=None if tile.shafts is None else tile.shafts * plate_kept[..., None],
     )
+
+
+def _not_behind(shot: Shot, tile: Tile, holdout_distance_m: Floats) -> NDArray[Any]:
+    """Return the fraction (h, w) of a tile's objects that distances (H, W) [m] of the shot do not hide."""
+    shown = tile.distance_m < holdout_distance_m[tile.window]
+    if shot.holdout_beside is not None:
+        beside_m, share = (values[tile.window] for values in shot.holdout_beside)
+        return (np.float32(1.0) - share) * shown + share * (tile.distance_m < beside_m)
+    return _softened(shown, np.isfinite(tile.distance_m)) if shot.holdout_soft else shown
 
 
 def _softened(shown: NDArray[np.bool_], body: NDArray[np.bool_]) -> NDArray[np.float32]:

@@ -97,7 +97,9 @@ class Shot(Parts):
     environment: ambient light, in world axes. lights: sun (at most one) and lamps, in world axes. medium: None without
     water. caustics: of the sun. holdout: (H, W) in [0, 1], the fraction of the plate in front of the objects.
     holdout_distance_m: (H, W) [m]; objects beyond it are hidden. holdout_soft: whether the edges of what it hides are
-    soft, over about a pixel. pattern: the plate's own caustics on the receiver, which shadows remove; None leaves them.
+    soft, over about a pixel. holdout_beside: another such distance (H, W) [m], and the fraction (H, W), 0 to 0.5, of
+    pixels along edges that it holds for. pattern: the plate's own caustics on the receiver, which shadows remove; None
+    leaves them.
     between: two samples in time about this instant, between which the solved ambient light of bodies is interpolated
     where they move little; None solves it for this instant.
     """
@@ -112,6 +114,7 @@ class Shot(Parts):
     holdout: Floats | None = None
     holdout_distance_m: Floats | None = None
     holdout_soft: bool = False
+    holdout_beside: tuple[Floats, Floats] | None = None
     pattern: PlatePattern | None = None
     draw: DrawSettings = field(default_factory=DrawSettings)
     between: BetweenSamples | None = None

@@ -1,26 +1,23 @@
 # SPDX-License-Identifier: Apache-2.0
 """Distances of a plate's frame that bodies are compared with: sure ones alone, at the frame's size.
 
-A map that is smaller than the frame is enlarged along the edges of the picture: every pixel takes the distance of the
-one, of the nine samples about it, that looks most alike. So no distances between two surfaces come into being, which
-would be a rim around what is in front.
+A map of another size is enlarged along the edges of the picture (`enlarging`), which makes these soft.
 """
 
 from __future__ import annotations
 
 import threading
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from mr360uw.cache import Cache
 from mr360uw.composite.shot import Receiver
 from mr360uw.depth.depth_files import DepthClip, Kind
+from mr360uw.depth.enlarging import Surfaces, enlarged
 from mr360uw.depth.relief import ground_below, on_relief
 from mr360uw.depth.sphere_stereo import SURE, DepthMap
-from mr360uw.depth.warping import Map, resized
-from mr360uw.jit import fast
+from mr360uw.depth.warping import Map
 from mr360uw.sphere import frame_from_direction
 from mr360uw.track.key_frames import grey_picture
 from mr360uw.types import Floats, View
@@ -30,43 +27,12 @@ _NEAR = np.arange(-1, 2)
 """Pixels about a direction whose distances are its own."""
 _KEPT = 4
 """Frames whose distances are kept: two, of both eyes."""
-_CLOSER = 0.25
-"""Codes of difference that count as much as one sample of distance."""
 
 
-@fast
-def _likest(values: Any, small: Any, large: Any, out: Any) -> None:
-    """Write values (h, w) at the size of a picture, large (H, W), of which small (h, w) is the mean."""
-    height, width = values.shape
-    rows, columns = large.shape
-    for j in range(rows):
-        y = (j + 0.5) * height / rows - 0.5
-        middle = int(np.rint(y))
-        for i in range(columns):
-            x = (i + 0.5) * width / columns - 0.5
-            centre = int(np.rint(x))
-            least = np.float32(1e9)
-            for b in range(middle - 1, middle + 2):
-                row = min(max(b, 0), height - 1)
-                for a in range(centre - 1, centre + 2):
-                    column = a % width
-                    apart = abs(small[row, column] - large[j, i]) + np.float32(_CLOSER) * (abs(y - b) + abs(x - a))
-                    if apart < least:
-                        least = apart
-                        out[j, i] = values[row, column]
-
-
-def enlarged_along_edges(values: Map, picture: Map) -> Map:
-    """Return values (h, w) at the size of a grey picture (H, W), codes in [0, 255], whose edges they keep to."""
-    out = np.empty(picture.shape, np.float32)
-    _likest(np.ascontiguousarray(values, np.float32), resized(picture, values.shape[1]), picture, out)
-    return out
-
-
-def sure_distance(found: DepthMap, picture: Map) -> Map:
-    """Return distances (H, W) [m] at the size of a grey picture (H, W), infinite where a map is not sure of them."""
+def sure_surfaces(found: DepthMap, picture: Map) -> Surfaces:
+    """Return the surfaces of a map at the size of a grey picture (H, W), infinitely far where a map is not sure."""
     sure = np.where(found.confidence >= SURE, found.distance_m, np.float32(np.inf)).astype(np.float32)
-    return sure if sure.shape == picture.shape else enlarged_along_edges(sure, picture)
+    return Surfaces(sure) if sure.shape == picture.shape else enlarged(sure, picture)
 
 
 class PlateDepth:
@@ -90,6 +56,10 @@ class PlateDepth:
 
         eye: 1 for the right one of two, else 0.
         """
+        return self.surfaces(index, plate, eye).distance_m
+
+    def surfaces(self, index: int, plate: VideoFrame, eye: int = 0) -> Surfaces:
+        """Return what `at` does, with the surfaces beside these in pixels along edges."""
         with self._one_thread:
             return self._kept.of(_of_frame, self._map(index, eye), plate, keep=_KEPT)
 
@@ -123,12 +93,12 @@ class PlateDepth:
             return self._clip.at(index, right=self._right or eye == 1)
 
 
-def _of_frame(found: DepthMap, plate: VideoFrame) -> Map:
-    """Return the sure distances of a frame (H, W) [m]."""
+def _of_frame(found: DepthMap, plate: VideoFrame) -> Surfaces:
+    """Return the sure surfaces of a frame."""
     import cv2
 
     height, width = plate.image_linear.shape[:2] if plate.yuv is None else plate.yuv.y.shape
     grey = grey_picture(plate).astype(np.float32)
     if grey.shape != (height, width):
         grey = np.asarray(cv2.resize(grey, (width, height), interpolation=cv2.INTER_LINEAR), np.float32)
-    return sure_distance(found, grey)
+    return sure_surfaces(found, grey)

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mr360uw.depth.semi_global import smoothed
-from mr360uw.depth.trust import confidence, evidence
+from mr360uw.depth.trust import confidence, evidence, of_rig
 from mr360uw.depth.warping import Map, Panorama, Warped, carried, resized
 from mr360uw.errors import ParameterError
 
@@ -161,9 +161,10 @@ def refined(reference: Panorama, neighbours: Sequence[Panorama], sweeps: Sequenc
     judged = fine if every == 1 else warped
     at_judged = np.ascontiguousarray(inverse[:: width // judged.width, :: width // judged.width])
     seen = evidence(reference, neighbours, judged, at_judged, baseline)
+    sure = np.where(of_rig(judged, at_judged, seen, baseline), np.float32(0.0), confidence(seen, len(neighbours)))
     with np.errstate(divide="ignore"):
         metres = (np.float32(1.0) / inverse).astype(np.float32)
-    return DepthMap(metres, _enlarged(confidence(seen, len(neighbours)), width))
+    return DepthMap(metres, _enlarged(sure, width))
 
 
 def _baseline(reference: Panorama, neighbours: Sequence[Panorama]) -> float:

@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mr360uw.depth.warping import Map, Panorama, Warped, resized, window_mean
 from mr360uw.types import Floats
@@ -29,6 +30,13 @@ _COEFFICIENTS = np.array([1.92, 2.11, -13.75, 2.84, 3.42, 10.74, -0.87, 0.55, -0
 _FILLED, _ERODED = 5, 9
 """Windows [px] of the largest, and then of the least logit about a pixel. 1 and 1: at the same coverage, three times as
 many pixels of fish are confident of a wrong distance."""
+_FAR = 30.0
+"""Baselines beyond which nothing is taken to be seen that stands still."""
+_RIG_ALIKE, _RIG_MORE = 0.25, 0.1
+"""Correlation of pictures as they are from which on a pixel is of the camera's rig, and how much more than warped ones
+it must be, where these are not warped by infinity. .5: a quarter of a mottled disc is missed."""
+_RIG_PX, _RIG_SIDE = 1.0, 9
+"""Least movement [px] of what is far, where a rig can be told from it, and pixels about a rig that are left out too."""
 _MANY, _FEW = 32, 2.0
 """Neighbours of the dives of the regression, and what one e-th of them takes off the logit: by chance the caustics of
 few instants agree."""
@@ -82,6 +90,23 @@ def _agreement(own: Map, others: Map, side: int) -> Map:
     """Return the correlation (h, w) of a picture with the sum of others within windows."""
     power = window_mean(own * own, side) * window_mean(others * others, side)
     return np.asarray(window_mean(own * others, side) / np.sqrt(np.maximum(power, 1e-6)), np.float32)
+
+
+def of_rig(warped: Warped, inverse: Map, seen: Floats, baseline_m: float) -> NDArray[np.bool_]:
+    """Return the pixels (H, W) that move with the camera: a tripod, a hand, a stick.
+
+    Pictures there agree as they are, though what stands still would have moved, however far it is; and warped by the
+    distances that were found, inverse (H, W) [1/m], they agree less, or these are infinite. seen: the evidence.
+    """
+    import cv2
+
+    alike = warped.unwarped(_SIDES[1])
+    found = (inverse * np.float32(baseline_m) > 1.0 / _FAR) & (alike < seen[1] + _RIG_MORE)
+    if not np.any(alike[~found] > _RIG_ALIKE):
+        return np.zeros(alike.shape, bool)
+    moves = warped.shifted(1.0 / (_FAR * baseline_m)) > _RIG_PX * 2.0 * np.pi / warped.width
+    rig = (alike > _RIG_ALIKE) & ~found & moves
+    return np.asarray(cv2.dilate(rig.astype(np.uint8), np.ones((_RIG_SIDE, _RIG_SIDE), np.uint8)) > 0)
 
 
 def confidence(seen: Floats, count: int) -> Map:

@@ -205,6 +205,27 @@ class Warped:
         below = window_mean(squares * (weights * weights - crossed) / weights, side)
         return np.where(below > _LEAST_PAIRS, one - above / np.maximum(below, _LEAST_PAIRS), one).astype(np.float32)
 
+    def unwarped(self, side: int) -> Map:
+        """Return the mean correlation of all pairs (h, w) as they are: near 1 for what moves with the camera.
+
+        side: of the windows [px].
+        """
+        pictures = self._pictures.reshape(self.count, self.height + 1, self.width + 1)[:, :-1, :-1]
+        total, squares = pictures.sum(axis=0), np.einsum("nij,nij->ij", pictures, pictures)
+        count = np.full_like(total, self.count)
+        return np.float32(1.0) - self.cost_of(np.stack([total, squares, squares, count, count]), side)
+
+    def shifted(self, inverse: float) -> Map:
+        """Return how far what is at an inverse distance [1/m] moves in the camera's axes, (h, w) [rad].
+
+        Root mean square over the neighbours.
+        """
+        square = np.zeros((self.height, self.width), np.float32)
+        for turn, shift in zip(self._turns, self._shifts, strict=True):
+            ray = np.tensordot(turn, self._rays - np.float32(inverse) * shift[:, None, None], 1)
+            square += np.sum(np.square(ray / np.linalg.norm(ray, axis=0) - self._rays), axis=0)
+        return np.sqrt(square / np.float32(self.count))
+
     def parallax(self, inverse: Map) -> Map:
         """Return the parallax (h, w) [rad]: root mean square over the neighbours, for inverse distances (h, w)."""
         square = np.zeros_like(inverse)

@@ -115,19 +115,28 @@ def seen_by(
     loaded: Loaded, shot: Shot, eye: Eye, receiver: Receiver | None, pattern: PlatePattern | None, index: int
 ) -> Shot:
     """Return a shot of frame `index` as one eye sees it, with the receiver and the mattes in its picture."""
-    matte, matte_distance = loaded.mattes.at(index, eye.number)
-    depth = None if loaded.plate_depth is None else loaded.plate_depth.at(index, eye.plate, eye.number)
-    if depth is not None:
-        matte_distance = depth if matte_distance is None else np.minimum(matte_distance, depth)
+    matte, distance = loaded.mattes.at(index, eye.number)
+    beside = None
+    if loaded.plate_depth is not None:
+        shown, matte_distance = loaded.plate_depth.surfaces(index, eye.plate, eye.number), distance
+        distance = _nearer(matte_distance, shown.distance_m)
+        if shown.beside_m is not None and shown.share is not None:
+            beside = _nearer(matte_distance, shown.beside_m), shown.share
     return replace(
         shot,
         view=replace(shot.view, eye_m=eye.eye_m),
         receiver=receiver,
         holdout=matte,
-        holdout_distance_m=matte_distance,
-        holdout_soft=depth is not None,
+        holdout_distance_m=distance,
+        holdout_soft=loaded.plate_depth is not None,
+        holdout_beside=beside,
         pattern=pattern,
     )
+
+
+def _nearer(matte_m: Floats | None, shown_m: Floats) -> Floats:
+    """Return the lesser of distances (H, W) [m], the second as it is where there is no matte."""
+    return shown_m if matte_m is None else np.minimum(matte_m, shown_m)
 
 
 def with_caustics(loaded: Loaded, backend: Backend, shot: Shot, time_s: float, cache: Cache) -> Shot:

@@ -72,7 +72,7 @@ def fine_truth(tmp_path: Path, whale: Path, **body: Any) -> Floats:
     return np.asarray(cv2.resize(free, (WIDTH, WIDTH // 2), interpolation=cv2.INTER_AREA))
 
 
-@pytest.mark.parametrize("small", [1, 2])
+@pytest.mark.parametrize("small", [1, 2, 4])
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_alpha_along_the_rock(
     backend: str, small: int, tmp_path: Path, whale: Path, request: pytest.FixtureRequest
@@ -89,7 +89,7 @@ def test_alpha_along_the_rock(
         assert truth.max() > 0.9
         touched = band() & (cv2.dilate(truth, np.ones((9, 9))) > 0.5)
         assert np.abs(found - truth)[touched].mean() < tolerances.EDGE
-        assert np.all(found[np.isfinite(rock(WIDTH)) & ~band()] == 0.0)
+        assert np.all(found[np.isfinite(rock(WIDTH)) & ~band(4 * small + 5)] == 0.0)
 
 
 def test_a_body_that_moves_is_blurred_behind_the_rock(tmp_path: Path, whale: Path) -> None:
@@ -112,12 +112,11 @@ def test_a_body_that_moves_is_blurred_behind_the_rock(tmp_path: Path, whale: Pat
 
 def test_alpha_does_not_flicker_with_grain_and_light(tmp_path: Path, whale: Path) -> None:
     body = BEHIND | {"mesh": str(whale), "position_m": PLACES[1]}
-    for small, most in ((1, 0.0), (2, tolerances.FLICKER)):
+    for small, most in ((1, 0.0), (2, tolerances.FLICKER), (4, tolerances.FLICKER)):
         folder = maps(tmp_path / f"depth{small}", WIDTH // small)
         scene = scene_with(
             tmp_path, whale, plate={"path": str(tmp_path / "plate.png"), "depth": str(folder)}, object=[body],
             water={"type": "none"},
         )  # fmt: skip
         series = [alpha(scene, plate(k), "reference", k) for k in range(FRAMES)]
-        change = np.max([np.abs(a - b)[band()].mean() for a, b in pairwise(series)])
-        assert change <= most
+        assert max(np.abs(a - b)[band()].max() for a, b in pairwise(series)) <= most

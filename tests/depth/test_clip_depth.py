@@ -37,10 +37,10 @@ def clip(tmp_path_factory: pytest.TempPathFactory, scene: HazyScene) -> Path:
     return folder / "plate_%04d.png"
 
 
-def write_track(path: Path, poses: list[tuple[np.ndarray, np.ndarray]]) -> None:
+def write_track(path: Path, poses: list[tuple[np.ndarray, np.ndarray]], rate: float = RATE) -> None:
     rows = ["time_s,x,y,z,qx,qy,qz,qw"]
     for k, (position, rotation) in enumerate(poses):
-        rows.append(",".join(map(str, (k / RATE, *position, *Rotation.from_matrix(rotation).as_quat()))))
+        rows.append(",".join(map(str, (k / rate, *position, *Rotation.from_matrix(rotation).as_quat()))))
     path.write_text("\n".join(rows) + "\n", "utf-8")
 
 

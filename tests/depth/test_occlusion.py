@@ -12,7 +12,8 @@ import pytest
 
 import mr360uw as uw
 from mr360uw.depth.depth_files import NOTE, DepthClip, depth_file, write_depth
-from mr360uw.depth.occlusion import enlarged_along_edges, sure_distance
+from mr360uw.depth.enlarging import enlarged
+from mr360uw.depth.occlusion import sure_surfaces
 from mr360uw.depth.sphere_stereo import DepthMap
 from mr360uw.errors import SceneError, VideoError
 from mr360uw.scene.model import Scene
@@ -68,20 +69,35 @@ def test_a_body_behind_a_wall_is_gone_and_one_in_front_stays(
 
 
 def test_small_maps_keep_to_the_edges_of_the_picture() -> None:
-    """A slanted edge of a near thing, in a map of a quarter of the size: alpha against truth."""
+    """A slanted edge of a near thing, in a map of a quarter of the size: fraction of each pixel against truth."""
     rows, columns = np.mgrid[0:128, 0:256]
     near = columns + 0.4 * rows < 130.0
     near[:, :40] = False
-    picture = cv2.blur(np.where(near, 60.0, 150.0).astype(np.float32), (2, 2))
-    covered = cv2.resize(near.astype(np.float32), (64, 32), interpolation=cv2.INTER_AREA)
-    small = np.where(covered > 0.5, 2.0, 8.0).astype(np.float32)
-    large = enlarged_along_edges(small, picture)
-    assert set(np.unique(large)) == {2.0, 8.0}
-    band = cv2.dilate(near.astype(np.uint8), np.ones((9, 9))) != cv2.erode(near.astype(np.uint8), np.ones((9, 9)))
-    wrong = np.mean((large < 4.0)[band] != near[band])
-    plain = cv2.resize(small, (256, 128), interpolation=cv2.INTER_NEAREST)
-    assert wrong < 0.5 * np.mean((plain < 4.0)[band] != near[band])
+    covered = cv2.blur(near.astype(np.float32), (2, 2))
+    middles = cv2.resize(near.astype(np.float32), (64, 32), interpolation=cv2.INTER_AREA) > 0.5
+    found = enlarged(np.where(middles, 2.0, 8.0).astype(np.float32), 150.0 - 90.0 * covered)
+    assert found.beside_m is not None
+    assert found.share is not None
+    for metres in (found.distance_m, found.beside_m):
+        assert np.all(np.isclose(metres, 2.0) | np.isclose(metres, 8.0))
+    part = np.where(found.distance_m < 4.0, 1.0 - found.share, np.where(found.beside_m < 4.0, found.share, 0.0))
+    wide = np.ones((9, 9), np.uint8)
+    band = cv2.dilate(near.astype(np.uint8), wide) != cv2.erode(near.astype(np.uint8), wide)
+    wrong = np.abs(part - covered)[band].mean()
+    plain = cv2.resize(middles.astype(np.float32), (256, 128), interpolation=cv2.INTER_LINEAR)
+    assert wrong < 0.2 * np.abs(plain - covered)[band].mean()
     assert wrong < tolerances.EDGE
+
+
+def test_small_maps_are_smooth_where_there_is_one_surface() -> None:
+    """A floor that runs away: no steps of the samples, whatever the picture shows."""
+    down = np.radians(np.linspace(20.0, 60.0, 64))[:, None] * np.ones(256)
+    floor = (1.6 / np.sin(down)).astype(np.float32)
+    grain = np.random.default_rng(1).uniform(0.0, 255.0, floor.shape).astype(np.float32)
+    found = enlarged(cv2.resize(floor, (64, 16), interpolation=cv2.INTER_AREA), grain)
+    assert found.share is not None
+    assert not np.any(found.share)
+    assert np.abs(found.distance_m / floor - 1.0)[4:-4].max() < 0.01
 
 
 @pytest.mark.parametrize("kind", ["metric", "inverse"])
@@ -100,7 +116,7 @@ def test_maps_of_other_programs_are_taken(kind: Any, suffix: str, tmp_path: Path
     assert np.all(np.isinf(found.distance_m[5:9, 5:9]))
     seen = np.isfinite(found.distance_m)
     assert np.allclose(found.distance_m[seen], metres[seen], rtol=2e-3)
-    assert np.array_equal(sure_distance(found, np.zeros((64, 128), np.float32)), found.distance_m)
+    assert np.array_equal(sure_surfaces(found, np.zeros((64, 128), np.float32)).distance_m, found.distance_m)
     with pytest.raises(VideoError, match="no map for frame 1"):
         clip.check(2)
 

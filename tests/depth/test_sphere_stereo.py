@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 from __future__ import annotations
 
+import cv2
 import numpy as np
 import pytest
 
@@ -8,11 +9,12 @@ from mr360uw.depth import Panorama, distances
 from mr360uw.depth.semi_global import smoothed
 from mr360uw.depth.warping import Warped, carried, normalised
 from mr360uw.errors import ParameterError
+from mr360uw.sphere import directions
 from mr360uw.types import Floats
 from tests.depth import tolerances
 from tests.depth.hazy_scene import FISH, WATER, HazyScene, relative_error
 
-WIDTH, SMALL, ASIDE, AT_S = 512, 256, 16, 3.0
+WIDTH, SMALL, ASIDE, AT_S, REACH_M = 512, 256, 16, 3.0, 1.2
 
 
 def panoramas(scene: HazyScene, aside: int = ASIDE, width: int = WIDTH) -> tuple[Panorama, list[Panorama]]:
@@ -46,6 +48,26 @@ def test_confident_distances_are_right_and_swimming_fish_get_none() -> None:
 def test_confident_distances_are_right_under_strong_caustics() -> None:
     confidence, error, _ = confident(HazyScene(seed=11, caustics=3.0))
     assert np.mean(error[confidence >= 0.5] < tolerances.WITHIN) > tolerances.RIGHT
+
+
+def test_the_cameras_own_rig_gets_no_confidence() -> None:
+    """A mottled disc and a stick at the nadir, lit anew in every frame, of a camera that does not turn."""
+    scene = HazyScene(seed=302, caustics=1.0)
+    object.__setattr__(scene, "turn", 0.0)
+    rays, r = directions(WIDTH, WIDTH // 2), np.random.default_rng(5)
+    rig = rays[..., 1] < -np.cos(np.radians(22.0))
+    rig |= (np.abs(rays[..., 0]) < 0.04) & (rays[..., 2] < 0.0) & (rays[..., 1] < -0.5)
+    size, cells = (WIDTH, WIDTH // 2), ((16, 25.0), (4, 12.0), (2, 8.0))
+    mottle = 70.0 + sum(a * cv2.resize(r.uniform(-1.0, 1.0, (256 // n, 512 // n)), size) for n, a in cells)
+    bare, views = panoramas(scene, aside=8), []
+    for k, one in enumerate((bare[0], *bare[1])):
+        lit = mottle * (1.0 + 0.1 * np.sin(k)) + np.random.default_rng(k).normal(0.0, 1.5, mottle.shape)
+        views.append(Panorama(np.where(rig, lit, one.grey).astype(np.float32), one.position, one.rotation))
+    sure = distances(views[0], views[1:]).confidence >= 0.5
+    near = cv2.dilate(rig.astype(np.uint8), np.ones((31, 31), np.uint8)) > 0
+    _, truth, kind = scene.see(WIDTH, AT_S)
+    assert np.mean(sure[rig]) < tolerances.RIG
+    assert np.mean(sure[(kind < FISH) & (truth < 7.5 * REACH_M) & ~near]) > tolerances.COVERED_THRICE
 
 
 def test_distances_are_carried_to_another_place_and_what_comes_into_view_is_behind() -> None:

@@ -11,6 +11,8 @@ RIGHT = 0.93
 """Fraction of the confident pixels that are right, at any strength of caustics; .98 at 1024 (docs/depth.md)."""
 FISH = 0.1
 """Fraction of the pixels of swimming fish that are confident at 512 columns; .03 at 1024 (docs/depth.md)."""
+RIG = 0.01
+"""Fraction of the camera's own rig that is confident; a third of it would be, were it not looked for."""
 COVERED, COVERED_THRICE = 0.93, 0.75
 """Fraction of the pixels in reach that are confident at 512 columns, under caustics as they are and three times as
 strong; at 1024 more (docs/depth.md)."""
@@ -26,9 +28,9 @@ ATTENUATION_OF_FEW = 0.25
 """The same of eight frames of 256 columns, in which caustics count for three times as much."""
 SAME_PLACE = 0.03
 """Relative difference of the light of one place in two clear pictures of 256 columns, of which it covers few pixels."""
-FLICKER = 0.004
-"""Mean change of alpha from frame to frame in the band around the edge of what is in front, by grain and changing light
-alone: 0.3 codes between a body and a rock that differ by 70. Maps of the size of the plate do not change at all."""
+FLICKER = 2.0 / 70.0
+"""Largest change of alpha from frame to frame in the band around the edge of what is in front, by grain and changing
+light alone: 2 codes between a body and a rock that differ by 70. Maps of the size of the plate do not change at all."""
 NORMAL_DEG = 5.0
 """Median angle between the normals of a floor or a rock and those of its distances that are off by .25 %, smoothed."""
 RELIEF_RATIO = 0.06
