@@ -67,3 +67,23 @@ def test_an_error_of_the_caller_comes_first() -> None:
     with pytest.raises(KeyError), Behind(lambda _item: None) as behind:
         behind.put(1)
         raise KeyError
+
+
+def test_the_last_call_of_behind_is_on_its_thread_whatever_the_work_raised() -> None:
+    threads: list[threading.Thread] = []
+
+    def work(item: int) -> None:
+        threads.append(threading.current_thread())
+        if item:
+            raise OSError("full")
+
+    for items in ([0], [0, 1]):
+        del threads[:]
+        try:
+            with Behind(work, last=lambda: threads.append(threading.current_thread())) as behind:
+                for item in items:
+                    behind.put(item)
+        except OSError:
+            assert items == [0, 1]
+        assert len(threads) == len(items) + 1
+        assert len(set(threads)) == 1
