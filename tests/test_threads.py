@@ -53,22 +53,6 @@ def test_behind_keeps_order_and_finishes_before_leaving() -> None:
     assert got == list(range(100))
 
 
-def test_behind_raises_what_the_work_raised_and_does_not_hang() -> None:
-    def work(item: int) -> None:
-        if item == 3:
-            raise OSError("full")
-
-    with pytest.raises(OSError, match="full"), Behind(work, depth=1) as behind:
-        for k in range(1000):
-            behind.put(k)
-
-
-def test_an_error_of_the_caller_comes_first() -> None:
-    with pytest.raises(KeyError), Behind(lambda _item: None) as behind:
-        behind.put(1)
-        raise KeyError
-
-
 def test_the_last_call_of_behind_is_on_its_thread_whatever_the_work_raised() -> None:
     threads: list[threading.Thread] = []
 
@@ -87,3 +71,19 @@ def test_the_last_call_of_behind_is_on_its_thread_whatever_the_work_raised() -> 
             assert items == [0, 1]
         assert len(threads) == len(items) + 1
         assert len(set(threads)) == 1
+
+
+def test_behind_raises_what_the_work_raised_and_does_not_hang() -> None:
+    def work(item: int) -> None:
+        if item == 3:
+            raise OSError("full")
+
+    with pytest.raises(OSError, match="full"), Behind(work, depth=1) as behind:
+        for k in range(1000):
+            behind.put(k)
+
+
+def test_an_error_of_the_caller_comes_first() -> None:
+    with pytest.raises(KeyError), Behind(lambda _item: None) as behind:
+        behind.put(1)
+        raise KeyError

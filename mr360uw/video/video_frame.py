@@ -212,6 +212,7 @@ class VideoFrame:
         assert self.yuv is not None
         native, planes = copy_planes(self.yuv, self.native.format.name if self.native is not None else None)
         if blend_planes is not None and blend_planes(self.yuv, planes, layer, self.index, self.wrap):
+            self._lent.clear()
             return replace(self, yuv=_read_only(planes), native=native, clipped=())
         grain = self.grain if amount > 0.0 else NO_GRAIN
         brightest, clipped = self._brightest, []

@@ -73,6 +73,17 @@ def test_codes_agree_in_frames_of_odd_sizes(size: tuple[int, int], rng) -> None:
     check_agree(on_device(plate, layer), plate.over(layer, over_tile))
 
 
+@pytest.mark.parametrize("first_row", [10, 11])
+def test_bands_of_large_tiles_do_not_show(first_row: int, rng, monkeypatch: pytest.MonkeyPatch) -> None:
+    plate, layer = random_plate(rng, SPECS[0]), random_layer(rng)
+    layer = replace(layer, tiles=tuple(replace(tile, row=first_row) for tile in layer.tiles))
+    whole = on_device(plate, layer)
+    monkeypatch.setattr("mr360uw.composite.gl.plate_pass._AT_ONCE", 1000)
+    for a, b in zip(planes_of(on_device(plate, layer)), planes_of(whole), strict=True):
+        np.testing.assert_array_equal(a, b)
+    check_agree(whole, plate.over(layer, over_tile))
+
+
 @pytest.mark.parametrize("spec", [SPECS[0], SPECS[3]], ids=str)
 def test_pixels_that_nothing_touches_keep_every_bit(spec: ColorSpec, rng) -> None:
     plate, layer = random_plate(rng, spec), random_layer(rng)
