@@ -56,6 +56,13 @@ GAMUT_THRESHOLD = 0.9
 GAMUT_POWER = 1.2
 """Where the compression of out-of-gamut colours sets in (distance from the largest channel), and how sharply."""
 
+DITHER_ALONG, DITHER_DOWN, DITHER_CONTRAST = 0.06711056, 0.00583715, 52.9829189
+"""Interleaved gradient noise frac(contrast frac(along x + down y)) of pixels (Jimenez 2014)."""
+DITHER_STEP, DITHER_FRAMES = 5.588238, 64
+"""Columns and rows by which its pattern moves from frame to frame, and frames after which it begins again."""
+DITHER_LEAST = 0.001
+"""Distance of the dither from 0 and from 1, so that rounding errors alone change no code."""
+
 ENVIRONMENT_ROWS = 32
 ENVIRONMENT_COLUMNS = 64
 """Size of the environment maps."""

@@ -85,13 +85,16 @@ def prefetch(items: Iterable[T], depth: int = 4) -> Generator[T]:
 
 
 class Behind(Generic[T]):
-    """Calls `work` on items in order on a separate thread; `put` and leaving the block raise its exceptions."""
+    """Calls `work` on items in order on a separate thread; `put` and leaving the block raise its exceptions.
 
-    def __init__(self, work: Callable[[T], None], depth: int = 4) -> None:
-        self._work = work
+    last: is called on that thread before it ends.
+    """
+
+    def __init__(self, work: Callable[[T], None], depth: int = 4, last: Callable[[], None] = lambda: None) -> None:
+        self._work, self._last = work, last
         self._waiting: queue.Queue[T | _End] = queue.Queue(depth)
         self._error: BaseException | None = None
-        self._thread = threading.Thread(target=self._run, name="behind", daemon=True)
+        self._thread = threading.Thread(target=self._all, name="behind", daemon=True)
 
     def __enter__(self) -> Behind[T]:
         self._thread.start()
@@ -110,6 +113,12 @@ class Behind(Generic[T]):
         if self._error is not None:
             raise self._error
         self._waiting.put(item)
+
+    def _all(self) -> None:
+        try:
+            self._run()
+        finally:
+            self._last()
 
     def _run(self) -> None:
         abandoned = False

@@ -53,6 +53,26 @@ def test_behind_keeps_order_and_finishes_before_leaving() -> None:
     assert got == list(range(100))
 
 
+def test_the_last_call_of_behind_is_on_its_thread_whatever_the_work_raised() -> None:
+    threads: list[threading.Thread] = []
+
+    def work(item: int) -> None:
+        threads.append(threading.current_thread())
+        if item:
+            raise OSError("full")
+
+    for items in ([0], [0, 1]):
+        del threads[:]
+        try:
+            with Behind(work, last=lambda: threads.append(threading.current_thread())) as behind:
+                for item in items:
+                    behind.put(item)
+        except OSError:
+            assert items == [0, 1]
+        assert len(threads) == len(items) + 1
+        assert len(set(threads)) == 1
+
+
 def test_behind_raises_what_the_work_raised_and_does_not_hang() -> None:
     def work(item: int) -> None:
         if item == 3:

@@ -8,7 +8,8 @@ Counted are calls of moderngl, each of which is one to a few calls of OpenGL. A 
 until the device has drawn it: it is synchronous. A `wait` is a read that comes after a draw which no earlier read has
 waited for; the reads right after it find their pictures done. On a GPU each wait leaves it idle until the processor has
 answered; the aim is two in a frame. A copy into a buffer on the device waits for nothing. Places of the waits are
-listed with their number a frame.
+listed with their number a frame. Two more rows are of its blending alone, which has a thread of its own: by the
+processor, and on the device as a graphics card does it.
 
 Predicted is the time of a frame with a device behind a queue, of which nothing is known but that a draw is done 200 us
 after it was called, and that bytes travel at 10 GB/s: the time that the frame's thread spends outside of moderngl here,
@@ -27,6 +28,7 @@ import traceback
 from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -36,6 +38,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from benchmarks.cost.frame_cost import Subject
 from benchmarks.pipeline import measured_scenes
+from mr360uw.render.frame import lay_over
 
 AIM = 2
 """Waits in a frame that a GPU can hide behind other frames."""
@@ -148,14 +151,14 @@ def counting(calls: list[Calls]) -> Iterator[None]:
             setattr(owner, name, inner)
 
 
-def count(subject: Subject, frames: int) -> tuple[list[Calls], list[float]]:
+def count(frame: Callable[[], object], frames: int) -> tuple[list[Calls], list[float]]:
     """Return the calls of each of some frames, and the processor time [s] of their thread outside of moderngl."""
     calls: list[Calls] = []
     own: list[float] = []
     for _ in range(frames):
         calls.append(Calls())
         with counting(calls):
-            subject.frame()
+            frame()
             own.append(calls[-1].own_s)
     return calls, own
 
@@ -190,7 +193,11 @@ def main() -> None:
         for what, scene in measured_scenes(Path(folder), None, given.width, frames=given.frames + 3).items():
             subject = Subject(scene)
             subject.frame()
-            report(what, *count(subject, given.frames))
+            report(what, *count(subject.frame, given.frames))
+            for where, on_device in (("processor", False), ("device", True)):
+                blend = partial(lay_over, subject.last.plate, subject.last.layer, 0.0, on_device)
+                blend()
+                report(f"  blending, {where}", *count(blend, given.frames))
 
 
 if __name__ == "__main__":

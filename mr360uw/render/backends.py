@@ -7,6 +7,7 @@ OpenGL 3.3.
 
 from __future__ import annotations
 
+from contextlib import suppress
 from typing import Literal, Protocol
 
 from mr360uw.cache import Cache
@@ -22,11 +23,13 @@ BackendName = Literal["auto", "gl", "reference"]
 class Backend(Protocol):
     """The stages that a renderer computes: caustics and the layer of objects.
 
-    cache: values kept between frames; may be emptied.
+    blends: whether it is a graphics card, which then also blends the frames of a clip. cache: values kept between
+    frames; may be emptied.
     """
 
     name: str
     device: str
+    blends: bool
     cache: Cache
 
     def caustics(
@@ -50,6 +53,7 @@ class Reference:
 
     name = "reference"
     device = "processor, float64"
+    blends = False
 
     def __init__(self, cache: Cache | None = None) -> None:
         self.cache = Cache() if cache is None else cache
@@ -77,7 +81,10 @@ class Reference:
 
 
 class Gl:
-    """The OpenGL renderer, for the thread that made it. cache: see `Backend`."""
+    """The OpenGL renderer, for the thread that made it. blends, cache: see `Backend`.
+
+    note: a line that says why a graphics card does not blend, or "".
+    """
 
     name = "gl"
 
@@ -85,7 +92,14 @@ class Gl:
         from mr360uw.composite.gl.layer_renderer import LayerRenderer
         from mr360uw.gl.context import gl_device
 
-        self.device = gl_device().renderer
+        device = gl_device()
+        self.device, self.blends, self.note = device.renderer, False, ""
+        if not device.software:  # which takes longer for it than the processor without OpenGL
+            from mr360uw.render.blend_trial import doubt_of_blending
+
+            doubt = doubt_of_blending()
+            self.blends = not doubt
+            self.note = doubt and f"{self.device} blends wrongly, so the processor blends ({doubt})"
         self.cache = Cache() if cache is None else cache
         self._layers = LayerRenderer(self.cache)
 
@@ -109,12 +123,20 @@ class Gl:
         return self._layers.render_aovs(shot) if variables else (self._layers.render(shot), None)
 
 
-def make_backend(name: BackendName | str = "auto", cache: Cache | None = None) -> tuple[Backend, str]:
-    """Return a backend and, if `auto` fell back to the reference, a line with the reason (else "").
+def end_context() -> None:
+    """Release the OpenGL context of this thread, and all that was made in it; for a thread that ends."""
+    from mr360uw.gl.context import gl_context
 
-    Before `auto` takes a graphics card for the first time, one small picture shows whether it draws right. cache: that
-    it is to have; None for an own one. Raises `GlError` if "gl" is asked for and OpenGL is not available,
-    `ParameterError` for an unknown name.
+    with suppress(GlError):  # of a thread that never had one, which would be made and released
+        gl_context().release()
+
+
+def make_backend(name: BackendName | str = "auto", cache: Cache | None = None) -> tuple[Backend, str]:
+    """Return a backend and, where the reference or the processor stands in for it, a line with the reason (else "").
+
+    Before `auto` takes a graphics card for the first time, one small picture shows whether it draws right; before a
+    card blends, by whatever name, another one shows whether it does that right. cache: that it is to have; None for an
+    own one. Raises `GlError` if "gl" is asked for and OpenGL is not available, `ParameterError` for an unknown name.
     """
     if name == "reference":
         return Reference(cache), ""
@@ -131,4 +153,4 @@ def make_backend(name: BackendName | str = "auto", cache: Cache | None = None) -
 
         if doubt := doubt_of_device():
             return Reference(cache), f"{found.device} fails its first trial, so the reference renderer runs ({doubt})"
-    return found, ""
+    return found, found.note

@@ -208,15 +208,20 @@ def draw_frame(
     return DrawnFrame(measured, water, tuple(map(tuple, by_eye)))
 
 
-def blend_frame(loaded: Loaded, analysis: ClipAnalysis, drawn: DrawnFrame, cache: Cache) -> Frame:
-    """Return the composite of what was drawn and the plate, on any thread, beside the next frame."""
+def blend_frame(
+    loaded: Loaded, analysis: ClipAnalysis, drawn: DrawnFrame, cache: Cache, *, on_device: bool = False
+) -> Frame:
+    """Return the composite of what was drawn and the plate, on any thread, beside the next frame.
+
+    on_device: whether the calling thread's OpenGL may make the picture, which then has codes alone (`VideoFrame.over`).
+    """
     measured, frames = drawn.measured, []
     for eye, instants_drawn in zip(measured.eyes, drawn.by_eye, strict=True):
         layers = [layer for _, layer, _ in instants_drawn]
         layer = mean_layer(layers) if layers else Layer(loaded.height, loaded.width, ())
         look = asked_grade(measured.now, analysis.grade, measured.filed, layer, cache)  # of the left eye for both
         layer = cache.of(with_grade, layer, look, eye.plate)
-        picture = cache.of(lay_over, eye.plate, layer, measured.now.scene.draw.grain)
+        picture = cache.of(lay_over, eye.plate, layer, measured.now.scene.draw.grain, on_device)
         frame = Frame(picture, eye.plate, layer, measured.light, drawn.water)
         if instants_drawn:
             shot, _, variables = instants_drawn[-1]
@@ -240,6 +245,13 @@ def draw_layer(
     return layer, found
 
 
-def lay_over(plate: VideoFrame, layer: Layer, grain: float) -> VideoFrame:
-    """Return a plate with a layer over it. grain: of the plate, as a fraction, that bodies are given."""
-    return finite("composite", plate.index, plate.over(layer, over_tile, grain))
+def lay_over(plate: VideoFrame, layer: Layer, grain: float, on_device: bool) -> VideoFrame:
+    """Return a plate with a layer over it. grain: of the plate, as a fraction, that bodies are given. on_device: see
+    `blend_frame`.
+    """
+    blend_planes = None
+    if on_device and layer.tiles:
+        from mr360uw.composite.gl.plate_pass import plate_pass
+
+        blend_planes = plate_pass().over
+    return finite("composite", plate.index, plate.over(layer, over_tile, grain, blend_planes))

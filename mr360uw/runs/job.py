@@ -15,7 +15,7 @@ from mr360uw.composite.aovs import RECIPE, exr_parts, stereo_parts
 from mr360uw.composite.aovs import Part as LayerPart
 from mr360uw.errors import GlError
 from mr360uw.reading.numbered_files import numbered
-from mr360uw.render.backends import Backend, make_backend
+from mr360uw.render.backends import Backend, end_context, make_backend
 from mr360uw.render.frame import DrawnFrame, Frame, MeasuredPlate, blend_frame, draw_frame, measure_plate
 from mr360uw.render.loaded import Loaded, load
 from mr360uw.render.stages.light_stage import LightSamples
@@ -108,6 +108,8 @@ class OpenJob:
         analysis = job.work.analysis()
         assert analysis is not None, "the analysis is stored before a job is opened"
         self._analysis, self._times = analysis, RunTimes()
+        # pictures ask for light, a video for codes alone
+        self._on_device = self.backend.blends and job.out.suffix.lower() not in PICTURE_SUFFIXES
 
     def render(self, start: int, stop: int, done: Callable[[], None] = lambda: None) -> RunTimes:
         """Render frames [start, stop), which are parts of the job; return what it took. done: is called after each.
@@ -117,7 +119,9 @@ class OpenJob:
         """
         self._times = RunTimes()
         drawing, blending, sink = self._cache(), self._cache(), self._sink(start)
-        behind: Behind[DrawnFrame] = Behind(lambda drawn: self._write(drawn, sink, blending))
+        behind: Behind[DrawnFrame] = Behind(
+            lambda drawn: self._write(drawn, sink, blending), last=end_context if self._on_device else lambda: None
+        )
         renderer = f"{self.backend.name} ({self.backend.device})"
         exposure_s, variables = self.loaded.scene.draw.exposure_s(self.video.frame_rate), self.job.layers is not None
         with one_blas_thread(), sink, behind:
@@ -155,7 +159,7 @@ class OpenJob:
     def _write(self, drawn: DrawnFrame, sink: VideoWriter, cache: Cache) -> None:
         """Composite a frame and write it, and before it the file of its layers. cache: results of earlier frames."""
         times, since = self._times, time.perf_counter()
-        frame = blend_frame(self.loaded, self._analysis, drawn, cache)
+        frame = blend_frame(self.loaded, self._analysis, drawn, cache, on_device=self._on_device)
         since = times.add("blend", since)
         times.frames += 1
         times.empty += not frame.layer.tiles

@@ -31,6 +31,7 @@ from mr360uw.color import (
     code_range,
     decode,
     decode_signal,
+    encode_signal,
     rgb_from_ycbcr,
     ycbcr_from_rgb,
 )
@@ -45,6 +46,14 @@ NEAREST_STEPS = 8192
 _NEAREST_TOP = 1.2  # R'G'B' at the end of the table, at which brighter values are held; luma ends at 1.09
 POLYNOMIAL_TOP = np.float32(1.1)
 """R'G'B' up to which `decode_polynomial` is fitted: the headroom of limited range above white. Held constant beyond."""
+ENCODE_STEP_BITS = 16
+"""Bits of a float32 that lie between two samples of the encoding table: the exponent and the first 7 bits of the
+mantissa number the samples, 128 in each octave. One bit more would halve them and make the error four times as large.
+"""
+ENCODE_LOW = (127 - 32) << (23 - ENCODE_STEP_BITS)
+"""Number of the first sample, of light 2^-32, which a power law of 1/2.4 encodes as 1e-4: a tenth of a 10-bit code."""
+ENCODE_STEPS = 38 << (23 - ENCODE_STEP_BITS)
+"""Samples of the table: 38 octaves, up to 2^6, above the brightest light that any curve holds (PQ, 49)."""
 _DEGREE = 6  # of the polynomial: mean error 0.1 %; 5 makes it 1.7 times as large, 7 saves a third
 
 
@@ -78,6 +87,16 @@ def subsampling(image: YuvImage) -> tuple[int, int]:
 def decode_table(spec: ColorSpec) -> NDArray[np.float32]:
     """Return linear light at DECODE_STEPS values of R'G'B' from DECODE_LOW to DECODE_HIGH."""
     return np.asarray(decode_signal(np.linspace(DECODE_LOW, DECODE_HIGH, DECODE_STEPS), spec), np.float32)
+
+
+@lru_cache(maxsize=8)
+def encode_table(spec: ColorSpec) -> NDArray[np.float32]:
+    """Return R'G'B' (2, ENCODE_STEPS + 1) of linear light, and of negative light, at the samples that `ENCODE_LOW` and
+    `ENCODE_STEP_BITS` number.
+    """
+    bits = (np.arange(ENCODE_STEPS + 1, dtype=np.uint32) + np.uint32(ENCODE_LOW)) << np.uint32(ENCODE_STEP_BITS)
+    light = bits.view(np.float32).astype(np.float64)
+    return np.asarray([encode_signal(light, spec), encode_signal(-light, spec)], np.float32)
 
 
 @lru_cache(maxsize=8)

@@ -83,17 +83,21 @@ class Targets:
             self._programs[key] = program(fragment=f"composite/gl/shaders/{name}.frag", defines=defines)
         return self._programs[key]
 
-    def target(self, name: str, width: int, height: int, channels: tuple[int, ...]) -> moderngl.Framebuffer:
+    def target(
+        self, name: str, width: int, height: int, channels: tuple[int, ...], types: tuple[str, ...] = ()
+    ) -> moderngl.Framebuffer:
         """Return a kept target of at least width x height pixels, one texture for each number of channels.
 
-        A target that has to grow is made anew, and its contents are lost.
+        A target that has to grow is made anew, and its contents are lost. types: of the textures' numbers; floats
+        where none are given.
         """
         target = self._targets.get(name)
         if target is None or target.width < width or target.height < height:
             w, h = width, roomy_rows(height)
             if target is not None:
                 w, h = max(w, target.width), max(h, target.height)
-            target = gl_context().framebuffer([gl_context().texture((w, h), c, dtype="f4") for c in channels])
+            of = zip(channels, types or ("f4",) * len(channels), strict=True)
+            target = gl_context().framebuffer([gl_context().texture((w, h), c, dtype=kind) for c, kind in of])
             self._targets[name] = target
         return target
 

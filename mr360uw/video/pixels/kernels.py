@@ -12,17 +12,17 @@ from typing import Any
 
 import numpy as np
 
+from mr360uw.constants import (
+    DITHER_ALONG,
+    DITHER_CONTRAST,
+    DITHER_DOWN,
+    DITHER_FRAMES,
+    DITHER_LEAST,
+    DITHER_STEP,
+)
 from mr360uw.jit import fast, inlined
+from mr360uw.yuv.coefficients import ENCODE_LOW, ENCODE_STEP_BITS, ENCODE_STEPS
 from mr360uw.yuv.decoding import chroma_row, luma_from_code
-
-ENCODE_STEP_BITS = 16
-"""Bits of a float32 that lie between two samples of the encoding table: the exponent and the first 7 bits of the
-mantissa number the samples, 128 in each octave. One bit more would halve them and make the error four times as large.
-"""
-ENCODE_LOW = (127 - 32) << (23 - ENCODE_STEP_BITS)
-"""Number of the first sample, of light 2^-32, which a power law of 1/2.4 encodes as 1e-4: a tenth of a 10-bit code."""
-ENCODE_STEPS = 38 << (23 - ENCODE_STEP_BITS)
-"""Samples of the table: 38 octaves, up to 2^6, above the brightest light that any curve holds (PQ, 49)."""
 
 
 @fast
@@ -54,11 +54,11 @@ def _encode_row(
 
 @inlined
 def _noise(row: int, column: int, frame: int) -> Any:
-    """Return interleaved gradient noise (Jimenez 2014), 0.001 to 0.999: rounding errors alone change no code."""
-    shift = np.float32(5.588238) * np.float32(frame & 63)
-    ramp = np.float32(0.06711056) * (np.float32(column) + shift) + np.float32(0.00583715) * (np.float32(row) + shift)
-    value = np.float32(52.9829189) * (ramp - np.float32(np.int32(ramp)))
-    return np.float32(0.001) + np.float32(0.998) * (value - np.float32(np.int32(value)))
+    """Return interleaved gradient noise, 0.001 to 0.999 (`constants.DITHER_ALONG`)."""
+    shift = np.float32(DITHER_STEP) * np.float32(frame & (DITHER_FRAMES - 1))
+    ramp = np.float32(DITHER_ALONG) * (np.float32(column) + shift) + np.float32(DITHER_DOWN) * (np.float32(row) + shift)
+    value = np.float32(DITHER_CONTRAST) * (ramp - np.float32(np.int32(ramp)))
+    return np.float32(DITHER_LEAST) + np.float32(1.0 - 2.0 * DITHER_LEAST) * (value - np.float32(np.int32(value)))
 
 
 @fast

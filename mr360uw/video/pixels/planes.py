@@ -20,30 +20,14 @@ banding, no random state.
 
 from __future__ import annotations
 
-from functools import lru_cache
-
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.color import ColorSpec, code_range, encode_signal, in_plate_primaries
+from mr360uw.color import code_range, in_plate_primaries
 from mr360uw.types import Floats, Rectangle, Tile, YuvImage
 from mr360uw.video.pixels.grain import NO_GRAIN, Grain, covered_box
-from mr360uw.video.pixels.kernels import (
-    ENCODE_LOW,
-    ENCODE_STEP_BITS,
-    ENCODE_STEPS,
-    find_changes,
-    write_chroma,
-    write_luma,
-)
-from mr360uw.yuv.coefficients import coefficients, subsampling
-
-
-@lru_cache(maxsize=8)
-def _encode_table(spec: ColorSpec) -> NDArray[np.float32]:
-    bits = (np.arange(ENCODE_STEPS + 1, dtype=np.uint32) + np.uint32(ENCODE_LOW)) << np.uint32(ENCODE_STEP_BITS)
-    light = bits.view(np.float32).astype(np.float64)
-    return np.asarray([encode_signal(light, spec), encode_signal(-light, spec)], np.float32)
+from mr360uw.video.pixels.kernels import find_changes, write_chroma, write_luma
+from mr360uw.yuv.coefficients import coefficients, encode_table, subsampling
 
 
 def changed_pixels(tile: Tile) -> NDArray[np.bool_]:
@@ -90,7 +74,7 @@ def lay_over_planes(
         noise, blotches = _noise(grain, rectangle, covered, old, frame_index)
     write_luma(
         old.y, old.u, old.v, new.y, row, column, sx, sy, wrap,
-        k, _encode_table(old.spec), peak, light.view(np.uint32), cover, changed, frame_index,
+        k, encode_table(old.spec), peak, light.view(np.uint32), cover, changed, frame_index,
         noise, strength[0], chroma,
     )  # fmt: skip
     write_chroma(
