@@ -12,6 +12,9 @@ import pytest
 
 from mr360uw.caustics import caustic_stack, refract_to_air
 from mr360uw.color import encode
+from mr360uw.depth.depth_files import NOTE, depth_file, write_depth
+from mr360uw.depth.occlusion import PlateDepth
+from mr360uw.depth.sphere_stereo import DepthMap
 from mr360uw.medium.lookup import veil_lookup
 from mr360uw.medium.small_angles import spread_of
 from mr360uw.render.backends import Reference
@@ -98,14 +101,12 @@ def test_water_alone_is_the_veil_of_a_long_way(shown: ShownFrame) -> None:
         np.testing.assert_allclose(picture[row], np.broadcast_to(np.clip(code, 0, 255), (512, 3)), atol=CODE)
 
 
-def test_distances_of_the_plate_stand_before_the_receiver_s(shown: ShownFrame) -> None:
-    class Depth:
-        def at(self, index: int, plate: VideoFrame) -> np.ndarray:  # noqa: ARG002 - as `PlateDepth` has it
-            metres = np.full(plate.image_linear.shape[:2], np.inf, np.float32)
-            metres[-8:] = 1.3
-            return metres
-
-    loaded = replace(shown.loaded, plate_depth=Depth())  # type: ignore[arg-type]
+def test_distances_of_the_plate_stand_before_the_receiver_s(shown: ShownFrame, tmp_path: Path) -> None:
+    metres = np.full(shown.frame.plate.image_linear.shape[:2], np.inf, np.float32)
+    metres[-8:] = 1.3
+    (tmp_path / NOTE).touch()
+    write_depth(depth_file(tmp_path, shown.frame.plate.index), DepthMap(metres, np.isfinite(metres).astype(np.float32)))
+    loaded = replace(shown.loaded, plate_depth=PlateDepth(tmp_path))
     picture = VIEWS["depth"](replace(shown, loaded=loaded))
     wanted = drawing.false_colour(np.array([np.log(1.3 / 0.5) / np.log(100.0)]))[0]
     np.testing.assert_array_equal(picture[511, 900], wanted)
