@@ -54,6 +54,9 @@ _SMOOTH = 0.03
 """Structure (`medium.fit.open_water`) up to which a direction may be open water."""
 _LEAST_OPEN = 0.004
 """Share of a band's pixels that must be open water."""
+_LARGEST_STEP = 0.35
+"""Difference of the logarithm of light from one band to the next above which one of the two is something else: the
+shade of rocks whose distance is not sure. Open water has .1."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -198,7 +201,11 @@ def _open_water(frames: Sequence[LitFrame]) -> tuple[Array, Array]:
             found.append((np.median(up[inside]), np.median(light[inside][least], axis=0)))
     if not found:
         return np.zeros(0), np.zeros((0, 3))
-    return np.array([one[0] for one in found]), np.array([one[1] for one in found])
+    band_up, band_light = np.array([one[0] for one in found]), np.array([one[1] for one in found])
+    step = np.abs(np.diff(np.log(np.maximum(band_light, _BLACK)), axis=0)).max(axis=1)
+    run = np.concatenate([[0], np.cumsum(step > _LARGEST_STEP)])
+    longest = run == np.bincount(run).argmax()
+    return band_up[longest], band_light[longest]
 
 
 def _far_from_sure(found: DepthMap) -> NDArray[np.bool_]:

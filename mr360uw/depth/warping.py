@@ -40,6 +40,9 @@ _SUMS = 5
 """Sums that the pictures are reduced to: S, P, Q, W, X."""
 _BLOCK = 128
 """Pixels that are warped together."""
+_APART = 256
+"""Numbers between the places of a block and other arrays: vector instructions, which round otherwise than single ones,
+are not taken where what is written lies beside what is read."""
 _LEAST_PAIRS = 1e-3
 """Least variance of all pairs that is divided by."""
 
@@ -109,7 +112,8 @@ def add_warped(pictures: Any, turns: Any, shifts: Any, rays: Any, inverse: Any, 
     right, low = np.float32(width) - np.float32(1e-3), np.float32(height - 1)
     wide, narrower = np.float32(_WIDE_COS), np.float32(1.0 / (_NARROW_COS - _WIDE_COS))
     next_column, next_row = np.uint64(1), np.uint64(width + 1)  # unsigned, which need no check for negative ones
-    place = np.empty(4 * _BLOCK, np.float32)  # weight, index of the pixel, fractions of a column and of a row
+    room = np.empty(4 * _BLOCK + 2 * _APART, np.float32)
+    place = room[_APART:-_APART]  # weight, index of the pixel, fractions of a column and of a row
     total = np.empty(_SUMS * _BLOCK, np.float32)
     for j in range(height):
         for begin in range(0, width, _BLOCK):

@@ -19,6 +19,7 @@ from mr360uw.depth.sphere_stereo import DepthMap
 from mr360uw.errors import ParameterError
 from mr360uw.medium.fit import water_by_distance as by_distance
 from mr360uw.medium.fit.water_by_distance import SeenPlaces, water_by_distance
+from mr360uw.sphere import directions
 from tests.depth import tolerances
 from tests.depth.hazy_scene import HazyScene
 from tests.depth.test_clip_depth import write_track
@@ -132,3 +133,17 @@ def test_places_are_where_they_are_seen() -> None:
     apart = seen.light[both, 0, 1] / seen.light[both, 1, 1] - 1.0
     assert np.median(np.abs(apart)) < tolerances.SAME_PLACE
     assert not seen.seen[:, 1:].all()
+
+
+def test_dark_things_of_unsure_distance_are_no_open_water() -> None:
+    """Even water over a sure floor, and between them a band of shade whose distance is not sure."""
+    up = np.repeat(directions(WIDTH, WIDTH // 2)[..., 1:2], 3, axis=-1)
+    water = np.array([0.02, 0.2, 0.3]) * np.exp(1.4 * up)
+    light = np.where(up < -0.05, np.array([0.5, 0.3, 0.25]) * water, water).astype(np.float32)
+    sure = (up[..., 0] < -0.4).astype(np.float32)
+    far = np.where(sure > 0.0, -1.6 / up[..., 0], 4.0).astype(np.float32)
+    frames = [LitFrame(light, DepthMap(far, sure), np.array([0.3 * k, 0.0, 0.0]), np.eye(3)) for k in range(3)]
+    seen = seen_places(frames)
+    assert len(seen.open_up) > 5
+    assert seen.open_up.min() > -0.05
+    assert np.allclose(seen.open_light, np.array([0.02, 0.2, 0.3]) * np.exp(1.4 * seen.open_up)[:, None], rtol=0.05)

@@ -12,7 +12,7 @@ RIGHT = 0.93
 FISH = 0.1
 """Fraction of the pixels of swimming fish that are confident at 512 columns; .03 at 1024 (docs/depth.md)."""
 RIG = 0.01
-"""Fraction of the camera's own rig that is confident; a third of it would be, were it not looked for."""
+"""Fraction of the camera's own rig that is confident; a tenth of it would be, were it not looked for."""
 COVERED, COVERED_THRICE = 0.93, 0.75
 """Fraction of the pixels in reach that are confident at 512 columns, under caustics as they are and three times as
 strong; at 1024 more (docs/depth.md)."""
