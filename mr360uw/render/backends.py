@@ -14,20 +14,26 @@ from mr360uw.caustics.settings import CausticSettings, Sea
 from mr360uw.composite.aovs import Aovs
 from mr360uw.composite.shot import Shot
 from mr360uw.errors import GlError, ParameterError
+from mr360uw.steps import Pause, Steps
 from mr360uw.types import BeamSpread, CausticStack, Floats, Layer
 
 BackendName = Literal["auto", "gl", "reference"]
+_ON_DEVICE, _ON_PROCESSOR = 5, 2
+"""Frames under way at a time. A frame of bodies that move waits four times for a device, so with four of them and one
+that is put together there is one wait a frame; each takes memory. Where the processor draws, nothing is gained by more
+than having the next frame begun."""
 
 
 class Backend(Protocol):
     """The stages that a renderer computes: caustics and the layer of objects.
 
-    cache: values kept between frames; may be emptied.
+    cache: values kept between frames; may be emptied. in_flight: how many frames are best under way at a time.
     """
 
     name: str
     device: str
     cache: Cache
+    in_flight: int
 
     def caustics(
         self,
@@ -44,12 +50,19 @@ class Backend(Protocol):
     def layer(self, shot: Shot, *, variables: bool = False) -> tuple[Layer, Aovs | None]:
         """Return the layer of a shot, and its output variables if asked for (else None)."""
 
+    def steps(self, shot: Shot, variables: bool) -> Steps[tuple[Layer, Aovs | None]]:
+        """Return what `layer` does, in steps."""
+
+    def answer(self) -> None:
+        """Take from the device what the steps under way wait for."""
+
 
 class Reference:
     """The reference renderer: float64 on the processor. cache: see `Backend`."""
 
     name = "reference"
     device = "processor, float64"
+    in_flight = 0
 
     def __init__(self, cache: Cache | None = None) -> None:
         self.cache = Cache() if cache is None else cache
@@ -75,6 +88,14 @@ class Reference:
 
         return render_aovs(shot, self.cache) if variables else (render_layer(shot, self.cache), None)
 
+    def steps(self, shot: Shot, variables: bool) -> Steps[tuple[Layer, Aovs | None]]:
+        """Return what `layer` does, in one step."""
+        yield Pause.REST
+        return self.layer(shot, variables=variables)
+
+    def answer(self) -> None:
+        """Return at once: there is no device."""
+
 
 class Gl:
     """The OpenGL renderer, for the thread that made it. cache: see `Backend`."""
@@ -85,7 +106,8 @@ class Gl:
         from mr360uw.composite.gl.layer_renderer import LayerRenderer
         from mr360uw.gl.context import gl_device
 
-        self.device = gl_device().renderer
+        device = gl_device()
+        self.device, self.in_flight = device.renderer, _ON_PROCESSOR if device.software else _ON_DEVICE
         self.cache = Cache() if cache is None else cache
         self._layers = LayerRenderer(self.cache)
 
@@ -107,6 +129,14 @@ class Gl:
     def layer(self, shot: Shot, *, variables: bool = False) -> tuple[Layer, Aovs | None]:
         """Return the layer of a shot, and its output variables if asked for, read back from the device."""
         return self._layers.render_aovs(shot) if variables else (self._layers.render(shot), None)
+
+    def steps(self, shot: Shot, variables: bool) -> Steps[tuple[Layer, Aovs | None]]:
+        """Return what `layer` does, in steps: what needs the device is done on the thread that made the renderer."""
+        return self._layers.steps(shot, variables=variables)
+
+    def answer(self) -> None:
+        """Take from the device what the steps under way wait for."""
+        self._layers.answer()
 
 
 def make_backend(name: BackendName | str = "auto", cache: Cache | None = None) -> tuple[Backend, str]:

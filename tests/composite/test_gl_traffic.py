@@ -11,10 +11,10 @@ import moderngl
 import numpy as np
 import pytest
 
-from mr360uw.cache import Steps
 from mr360uw.composite.gl.layer_renderer import LayerRenderer
-from mr360uw.composite.gl.targets import Targets, finished, side_by_side
+from mr360uw.composite.gl.targets import Targets
 from mr360uw.composite.shot import Receiver, Shot
+from mr360uw.steps import Pause, Steps, finished, side_by_side
 from mr360uw.types import Rectangle
 from tests.composite.scenes import box, medium, placed, shot, sphere
 
@@ -51,17 +51,27 @@ def test_more_than_fits_is_read_too() -> None:
     assert [float(pixels.images()[0].min()) for pixels in sent] == list(range(9))
 
 
-def test_steps_wait_for_each_other() -> None:
+def test_steps_side_by_side_ask_before_one_of_them_waits() -> None:
     order: list[str] = []
 
-    def steps(name: str, pauses: int) -> Steps[str]:
-        for k in range(pauses):
+    def steps(name: str, *pauses: Pause) -> Steps[str]:
+        for k, pause in enumerate(pauses):
             order.append(f"{name}{k}")
-            yield
+            yield pause
         return name.upper()
 
-    assert finished(side_by_side(steps("a", 2), steps("b", 0), steps("c", 1))) == ["A", "B", "C"]
-    assert order == ["a0", "c0", "a1"]
+    device, answer, rest = Pause
+    parts = side_by_side(steps("a", device, answer, device, answer), steps("b"), steps("c", answer, rest))
+    results: list[str] = []
+
+    def whole() -> Steps[None]:
+        results.extend((yield from parts))
+
+    seen = list(whole())
+    assert results == ["A", "B", "C"]
+    assert seen == [device, answer, device, answer, rest]
+    assert order == ["a0", "c0", "a1", "a2", "c1", "a3"]
+    assert finished(steps("d", device, rest)) == "D"
 
 
 BALL, CUBE = sphere(), box((0.6, 0.5, 0.4))
