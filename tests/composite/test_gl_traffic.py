@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections import Counter
 from collections.abc import Callable
 from typing import Any
@@ -15,6 +16,7 @@ from mr360uw.composite.gl.layer_renderer import LayerRenderer
 from mr360uw.composite.gl.targets import Targets
 from mr360uw.composite.shot import Receiver, Shot
 from mr360uw.steps import Pause, Steps, finished, side_by_side
+from mr360uw.threads import in_flight
 from mr360uw.types import Rectangle
 from tests.composite.scenes import box, medium, placed, shot, sphere
 
@@ -84,7 +86,8 @@ def moving(k: int) -> Shot:
     )  # fmt: skip
 
 
-def test_a_moving_frame_makes_no_texture_and_waits_four_times(monkeypatch: pytest.MonkeyPatch) -> None:
+def count_calls(monkeypatch: pytest.MonkeyPatch) -> Counter[str]:
+    """Return a count of what is made and of reads that wait, from now on."""
     calls: Counter[str] = Counter()
 
     def counted(owner: type, name: str, what: str) -> None:
@@ -96,15 +99,47 @@ def test_a_moving_frame_makes_no_texture_and_waits_four_times(monkeypatch: pytes
 
         monkeypatch.setattr(owner, name, method)
 
-    renderer = LayerRenderer()
-    for k in range(6):
-        assert renderer.render(moving(k)).alpha.max() > 0.9
     for name in ("texture", "texture_array", "framebuffer", "buffer"):
         counted(moderngl.Context, name, "made")
     for name in ("read", "read_into"):
         counted(moderngl.Buffer, name, "read")
     counted(moderngl.Framebuffer, "read", "read")
     counted(moderngl.Texture, "read", "read")
+    return calls
+
+
+def test_a_moving_frame_makes_no_texture_and_waits_four_times(monkeypatch: pytest.MonkeyPatch) -> None:
+    renderer = LayerRenderer()
+    for k in range(6):
+        assert renderer.render(moving(k)).alpha.max() > 0.9
+    calls = count_calls(monkeypatch)
     for k in range(6, 9):
         renderer.render(moving(k))
     assert calls == {"read": 3 * 4}
+
+
+def test_moving_frames_under_way_together_wait_once_each(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Bits are those of frames that are drawn alone, and other threads make no OpenGL context."""
+    here = threading.current_thread()
+    make: Callable[..., moderngl.Context] = moderngl.create_context
+
+    def made_here(*given: Any, **named: Any) -> moderngl.Context:
+        assert threading.current_thread() is here
+        return make(*given, **named)
+
+    monkeypatch.setattr(moderngl, "create_context", made_here)
+    alone, together = LayerRenderer(), LayerRenderer()
+    flight = in_flight((together.steps(moving(k)) for k in range(14)), together.answer, 5)
+    calls = Counter[str]()
+    for k, (layer, variables) in enumerate(flight):
+        if k == 8:
+            calls = count_calls(monkeypatch)
+        if k == 12:
+            assert calls == {"read": 4}
+        if k in (0, 3, 13):
+            expected = alone.render(moving(k))
+            assert variables is None
+            assert len(layer.tiles) == len(expected.tiles)
+            for one, other in zip(layer.tiles, expected.tiles, strict=True):
+                for name in ("radiance", "alpha", "distance_m", "ratio"):
+                    np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
