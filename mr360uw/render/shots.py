@@ -9,7 +9,7 @@ alone.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -31,6 +31,7 @@ from mr360uw.medium import Medium
 from mr360uw.medium.small_angles import spread_of
 from mr360uw.render.backends import Backend
 from mr360uw.render.loaded import Loaded
+from mr360uw.render.mattes import Mattes
 from mr360uw.render.plate_light import FrameLight
 from mr360uw.scene.model import Scene
 from mr360uw.types import CausticStack, Floats, Layer, Light, MediumTable, Sun, View
@@ -38,6 +39,7 @@ from mr360uw.video import VideoFrame
 
 if TYPE_CHECKING:
     from mr360uw.composite.shafts.shaft_light import ShaftLight
+    from mr360uw.depth.occlusion import PlateDepth
 
 _LOWEST_SUN = 0.05
 """Sine of the sun's elevation in air below which no caustics are computed: the beam is oblique and weak."""
@@ -52,11 +54,13 @@ class Eye:
     """One eye of a frame.
 
     plate: what it shows. eye_m: distance to the right of the middle [m]. number: 1 for the right eye of two, else 0.
+    kept: results that all instants of the frame share.
     """
 
     plate: VideoFrame
     eye_m: float = 0.0
     number: int = 0
+    kept: Cache = field(default_factory=Cache)
 
 
 def eyes_of(scene: Scene, plate: VideoFrame) -> tuple[Eye, ...]:
@@ -112,19 +116,27 @@ def shot_at(
 
 def seen_by(loaded: Loaded, shot: Shot, eye: Eye, pattern: PlatePattern | None, index: int) -> Shot:
     """Return a shot of frame `index` as one eye sees it, with the receiver and the mattes in its picture."""
-    matte, matte_distance = loaded.mattes.at(index, eye.number)
-    depth = None if loaded.plate_depth is None else loaded.plate_depth.at(index, eye.plate, eye.number)
-    if depth is not None:
-        matte_distance = depth if matte_distance is None else np.minimum(matte_distance, depth)
+    matte, matte_distance, soft = eye.kept.of(_mattes, loaded.mattes, loaded.plate_depth, eye.plate, index, eye.number)
     return replace(
         shot,
         view=replace(shot.view, eye_m=eye.eye_m),
         receiver=loaded.receiver.at(index, eye.number) if loaded.receiver is not None else None,
         holdout=matte,
         holdout_distance_m=matte_distance,
-        holdout_soft=depth is not None,
+        holdout_soft=soft,
         pattern=pattern,
     )
+
+
+def _mattes(
+    mattes: Mattes, plate_depth: PlateDepth | None, plate: VideoFrame, index: int, number: int
+) -> tuple[Floats | None, Floats | None, bool]:
+    """Return the mask and the distances that hide bodies in frame `index`, and whether the plate's depth does."""
+    mask, distance = mattes.at(index, number)
+    depth = None if plate_depth is None else plate_depth.at(index, plate, number)
+    if depth is None:
+        return mask, distance, False
+    return mask, depth if distance is None else np.minimum(distance, depth), True
 
 
 def with_caustics(loaded: Loaded, backend: Backend, shot: Shot, time_s: float, cache: Cache) -> Shot:

@@ -6,6 +6,7 @@ from __future__ import annotations
 import platform
 import time
 from collections.abc import Callable, Iterator
+from contextlib import closing
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -28,6 +29,9 @@ from mr360uw.video import VideoFrame, VideoReader, write_exr
 from mr360uw.video.read.projection import PICTURE_SUFFIXES
 from mr360uw.video.write.other_tracks import exr_attributes
 from mr360uw.video.write.writer import VideoWriter
+
+_WAITING = 2
+"""Frames between two stages at most, beside those that are under way in each."""
 
 
 @dataclass
@@ -118,22 +122,25 @@ class OpenJob:
         """
         self._times = RunTimes()
         drawing, blending, sink = self._cache(), self._cache(), self._sink(start)
-        behind: Behind[DrawnFrame] = Behind(lambda drawn: self._write(drawn, sink, blending))
+        behind: Behind[DrawnFrame] = Behind(lambda drawn: self._write(drawn, sink, blending), _WAITING)
         renderer = f"{self.backend.name} ({self.backend.device})"
         exposure_s, variables = self.loaded.scene.draw.exposure_s(self.video.frame_rate), self.job.layers is not None
         with one_blas_thread(), sink, behind:
             steps = (
                 self._timed(draw_frame(self.loaded, self.backend, measured, exposure_s, drawing, variables=variables))
-                for measured in prefetch(self._read(start, stop))
+                for measured in prefetch(self._read(start, stop), _WAITING)
             )
-            for drawn in in_flight(steps, self.backend.answer, self.backend.in_flight):
-                behind.put(drawn)
-                self._times.renderers[renderer] = self._times.renderers.get(renderer, 0) + 1
-                done()
+            with closing(in_flight(steps, self.backend.answer, self.backend.in_flight)) as frames:
+                for drawn, took_s in frames:
+                    self._times.add("render", time.perf_counter() - took_s)
+                    behind.put(drawn)
+                    self._times.renderers[renderer] = self._times.renderers.get(renderer, 0) + 1
+                    done()
         return self._times
 
-    def _timed(self, steps: Steps[DrawnFrame]) -> Steps[DrawnFrame]:
-        """Return the result of steps; note how long they were at work."""
+    @staticmethod
+    def _timed(steps: Steps[DrawnFrame]) -> Steps[tuple[DrawnFrame, float]]:
+        """Return the result of steps, and how long [s] they were at work, on all threads together."""
         took = 0.0
         while True:
             since = time.perf_counter()
@@ -141,8 +148,7 @@ class OpenJob:
                 pause = next(steps)
             except StopIteration as done:
                 drawn: DrawnFrame = done.value
-                self._times.add("render", since - took)
-                return drawn
+                return drawn, took + time.perf_counter() - since
             took += time.perf_counter() - since
             yield pause
 

@@ -129,14 +129,14 @@ def test_moving_frames_under_way_together_wait_once_each(monkeypatch: pytest.Mon
 
     monkeypatch.setattr(moderngl, "create_context", made_here)
     alone, together = LayerRenderer(), LayerRenderer()
-    flight = in_flight((together.steps(moving(k)) for k in range(14)), together.answer, 5)
+    flight = in_flight((together.steps(moving(k)) for k in range(18)), together.answer, 5)
     calls = Counter[str]()
     for k, (layer, variables) in enumerate(flight):
         if k == 8:
             calls = count_calls(monkeypatch)
         if k == 12:
             assert calls == {"read": 4}
-        if k in (0, 3, 13):
+        if k in (0, 3, 17):
             expected = alone.render(moving(k))
             assert variables is None
             assert len(layer.tiles) == len(expected.tiles)
