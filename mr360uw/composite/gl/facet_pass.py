@@ -101,23 +101,26 @@ class FacetPass:
         yield Pause.DEVICE
         heights = [-(-len(placed.mesh.positions) // FACET_COLUMNS) for placed in objects]
         row = np.concatenate([[0], np.cumsum(heights)])
-        masked = tuple(dict.fromkeys(p.mesh.still for p in objects if self._buffers(p.mesh).ranges["MASK"][1]))
+        buffers = [self._buffers(placed.mesh) for placed in objects]
+        masked = tuple(
+            dict.fromkeys(p.mesh.still for p, held in zip(objects, buffers, strict=True) if held.ranges["MASK"][1])
+        )
         cutouts, first_map = self._cache.of(self._make_cutouts, masked)
         rows = self._cache.of(_Rows, shot.view.eye_m, slot, keep=_KEPT)
         target = rows.room(int(row[-1]), bool(masked))
-        piece, changed = 0, []
-        for k, placed in enumerate(objects):
-            now = version((shot.view, int(row[k]), piece, masked, placed))
+        piece, changed, seen = 0, [], version((shot.view, masked))
+        for k, (placed, held) in enumerate(zip(objects, buffers, strict=True)):
+            now = seen, int(row[k]), piece, version(placed)
             if k >= len(rows.drawn) or rows.drawn[k] != now:
                 rows.drawn[k : k + 1] = [now]
                 place = int(row[k]), heights[k], piece, first_map.get(placed.mesh.still, 0)
-                self._draw(shot, placed, target, bool(cutouts), place)
+                self._draw(shot, placed, held, target, bool(cutouts), place)
                 kinds = rows.kinds[int(row[k]) * FACET_COLUMNS :]
                 for kind, mode in enumerate(MODES):
-                    start, count = self._buffers(placed.mesh).ranges[mode]
+                    start, count = held.ranges[mode]
                     kinds[start : start + count] = kind
                 changed.append(k)
-            piece += self._buffers(placed.mesh).pieces
+            piece += held.pieces
         if changed:
             yield from rows.read(self._targets, int(row[changed[0]]), int(row[changed[-1] + 1]))
         used = rows.rectangles[: int(row[-1]) * FACET_COLUMNS]
@@ -132,6 +135,7 @@ class FacetPass:
         self,
         shot: Shot,
         placed: PlacedObject,
+        buffers: MeshBuffers,
         target: moderngl.Framebuffer,
         cut: bool,
         place: tuple[int, int, int, int],
@@ -139,7 +143,7 @@ class FacetPass:
         """Draw an object. cut: whether the shot has masked triangles. place: the object's first row, its rows, and the
         numbers of its first smooth piece and of its first mask map.
         """
-        buffers, (row, rows, piece, first_map) = self._buffers(placed.mesh), place
+        row, rows, piece, first_map = place
         defines: dict[str, int | float] = {"FACET_COLUMNS": FACET_COLUMNS, **of_eye(shot)}
         defines |= {"CUTOUTS": 1} if cut else {}
         defines |= {"NEAREST": NEAREST} if shot.view.eye_m else {}

@@ -133,6 +133,7 @@ class ReceiverPass:
         through = None if shot.medium is None else Same(shot.medium.unscattered)
         of_sight = Same(ground), light.of_sight, through, blocks, reach.shaded, shot.receiver
         sight = yield from self._cache.steps(self._sight, PartOf((shot, light), *of_sight), ground, reach.shaded)
+        yield Pause.ANSWER  # where it is kept, there was no pause
         corner[(*sight.at, SEEN)] = sight.value
         if "CAUSTICS" not in light.of_sun & _wanted(shot.receiver):
             changed = changed_blocks(shot, ground, blocks, corner, reach.ambient, reach.cache)

@@ -161,7 +161,7 @@ def bind(shader: moderngl.Program, textures: Mapping[str, Any]) -> None:
     """Bind the textures that a program uses, each to a unit of its own."""
     unit = 0
     for name, texture in textures.items():
-        if name in shader:
+        if shader.get(name, None) is not None:  # `in` looks at one name after the other
             texture.use(unit)
             set_uniforms(shader, **{name: unit})
             unit += 1
