@@ -47,11 +47,8 @@ class Backend(Protocol):
     ) -> CausticStack:
         """Return the caustics on planes."""
 
-    def layer(self, shot: Shot, *, variables: bool = False) -> tuple[Layer, Aovs | None]:
+    def layer(self, shot: Shot, *, variables: bool = False) -> Steps[tuple[Layer, Aovs | None]]:
         """Return the layer of a shot, and its output variables if asked for (else None)."""
-
-    def steps(self, shot: Shot, variables: bool) -> Steps[tuple[Layer, Aovs | None]]:
-        """Return what `layer` does, in steps."""
 
     def answer(self) -> None:
         """Take from the device what the steps under way wait for."""
@@ -82,16 +79,12 @@ class Reference:
 
         return caustic_stack(sea, sun_in_air, depths_m, time_s, settings, refractive_index, spread)
 
-    def layer(self, shot: Shot, *, variables: bool = False) -> tuple[Layer, Aovs | None]:
-        """Return the layer of `mr360uw.composite.reference`."""
+    def layer(self, shot: Shot, *, variables: bool = False) -> Steps[tuple[Layer, Aovs | None]]:
+        """Return the layer of `mr360uw.composite.reference`, in one step."""
         from mr360uw.composite.reference import render_aovs, render_layer
 
-        return render_aovs(shot, self.cache) if variables else (render_layer(shot, self.cache), None)
-
-    def steps(self, shot: Shot, variables: bool) -> Steps[tuple[Layer, Aovs | None]]:
-        """Return what `layer` does, in one step."""
         yield Pause.REST
-        return self.layer(shot, variables=variables)
+        return render_aovs(shot, self.cache) if variables else (render_layer(shot, self.cache), None)
 
     def answer(self) -> None:
         """Return at once: there is no device."""
@@ -126,12 +119,10 @@ class Gl:
 
         return blurred_stack(sea, sun_in_air, depths_m, time_s, settings, refractive_index, spread)
 
-    def layer(self, shot: Shot, *, variables: bool = False) -> tuple[Layer, Aovs | None]:
-        """Return the layer of a shot, and its output variables if asked for, read back from the device."""
-        return self._layers.render_aovs(shot) if variables else (self._layers.render(shot), None)
-
-    def steps(self, shot: Shot, variables: bool) -> Steps[tuple[Layer, Aovs | None]]:
-        """Return what `layer` does, in steps: what needs the device is done on the thread that made the renderer."""
+    def layer(self, shot: Shot, *, variables: bool = False) -> Steps[tuple[Layer, Aovs | None]]:
+        """Return the layer of a shot, and its output variables if asked for, read back from the device. What needs the
+        device is done on the thread that made the renderer.
+        """
         return self._layers.steps(shot, variables=variables)
 
     def answer(self) -> None:

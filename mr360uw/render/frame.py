@@ -227,7 +227,7 @@ def draw_layer(
     backend: Backend, shot: Shot, shafts: ShaftLight | None, variables: bool, cache: Cache
 ) -> Steps[tuple[Layer, Aovs | None]]:
     """Return the layer of a shot, with its shafts, and its output variables if asked for."""
-    layer, found = yield from backend.steps(shot, variables)
+    layer, found = yield from backend.layer(shot, variables=variables)
     if shafts is not None:
         from mr360uw.composite.shafts.shaft_layer import with_shafts
 
