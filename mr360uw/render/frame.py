@@ -2,7 +2,8 @@
 """Stages of one frame, from the plate to the composite, for videos, stills, library calls and previews alike.
 
 Each stage takes all that it needs. `composite_frame` runs them one after the other; over a clip (`runs.job`) each of
-the three runs on threads of its own, ahead of the next stage; `draw_frame` in steps, of several frames at a time.
+the three runs on threads of its own, ahead of the next stage; on a graphics card `draw_frame` has several frames under
+way at a time.
 """
 
 from __future__ import annotations
