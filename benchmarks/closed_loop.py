@@ -53,6 +53,7 @@ from mr360uw.render.plate_pattern import plate_pattern  # noqa: E402
 from mr360uw.render.shots import shot_at, with_caustics  # noqa: E402
 from mr360uw.sample.recording import record  # noqa: E402
 from mr360uw.scene.model import Scene, scene_from_dict  # noqa: E402
+from mr360uw.steps import finished  # noqa: E402
 from mr360uw.types import (  # noqa: E402
     Environment,
     Floats,
@@ -191,7 +192,7 @@ class Clip:
         backend, cache = make_backend("auto")[0], Cache()
         pattern = plate_pattern(loaded, None, plate)
         bare = shot_at(loaded, light, pattern, table, plate.time_s, index, cache)
-        layer, _ = backend.layer(with_caustics(loaded, backend, bare, plate.time_s, cache))
+        layer, _ = finished(backend.layer(with_caustics(loaded, backend, bare, plate.time_s, cache)))
         return over(plate.image_linear, layer), environment
 
     def _row(self, column: str, pairs: list[tuple[Floats, TruePicture]], environment: Environment) -> Row:

@@ -13,9 +13,10 @@ from __future__ import annotations
 
 import functools
 import math
+import threading
 import weakref
 from collections import Counter
-from collections.abc import Callable, Generator, Hashable
+from collections.abc import Callable, Hashable
 from dataclasses import fields, is_dataclass
 from types import MethodType
 from typing import Any, Generic, TypeVar, TypeVarTuple
@@ -23,11 +24,12 @@ from typing import Any, Generic, TypeVar, TypeVarTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from mr360uw.steps import Steps
+
 T = TypeVar("T")
 Inputs = TypeVarTuple("Inputs")
 
-Steps = Generator[None, None, T]
-"""A function that pauses where it would wait, by a `yield`, so that others work meanwhile; at its end it returns."""
+_MISSING = object()
 _BY_CONTENT = 1 << 20
 """Bytes of an array up to which it counts by its content: to read a megabyte takes a third of a millisecond."""
 
@@ -103,13 +105,16 @@ def _field_names(kind: type[Any]) -> tuple[str, ...]:
 
 
 class Cache(Neutral):
-    """The most recently used results of every function.
+    """The most recently used results of every function, for any number of threads.
 
-    room: factor on how many are kept, for frames of that many kinds which take turns.
+    Threads that ask for the same at the same time may each call the function. room: factor on how many are kept, for
+    frames of that many kinds which take turns. behind: the cache of all frames, of which this is one frame's: what is
+    not here is asked for there, and the last result of each function stays here, whatever other frames ask for.
     """
 
-    def __init__(self, room: int = 1) -> None:
-        self._room = room
+    def __init__(self, room: int = 1, behind: Cache | None = None) -> None:
+        self._room, self._behind = room, behind
+        self._lock = threading.RLock()
         self._kept: dict[Any, dict[Hashable, Any]] = {}
         self.made: Counter[str] = Counter()
         """How often each function was called, by its name (`name_of`)."""
@@ -122,48 +127,64 @@ class Cache(Neutral):
         """
         plain, key = _with_own(function, inputs)
         name = name_of(plain)
-        if key in self._kept.get(plain, {}):
-            result: T = self._kept[plain].pop(key)
-        else:
+        result: Any = self._found(plain, key)
+        if result is _MISSING and self._behind is not None:
+            result = self._behind.of(function, *inputs, keep=keep)
+        elif result is _MISSING:
             result = function(*inputs)
-            self.made[name] += 1
-        return self._keep(plain, key, result, keep)
+            self._count(name)
+        kept: T = self._keep(plain, key, result, keep)
+        return kept
 
     def steps(self, function: Callable[[*Inputs], Steps[T]], *inputs: *Inputs, keep: int = 1) -> Steps[T]:
-        """Return the result of a function that pauses, as `of` does; pause where it does, unless the result is kept."""
+        """Return the result of a function in steps, as `of` does; pause where it does, unless the result is kept."""
         plain, key = _with_own(function, inputs)
         name = name_of(plain)
-        if key in self._kept.get(plain, {}):
-            result: T = self._kept[plain].pop(key)
-        else:
+        result: Any = self._found(plain, key)
+        if result is _MISSING and self._behind is not None:
+            result = yield from self._behind.steps(function, *inputs, keep=keep)
+        elif result is _MISSING:
             result = yield from function(*inputs)
+            self._count(name)
+        kept: T = self._keep(plain, key, result, keep)
+        return kept
+
+    def _found(self, plain: Callable[..., Any], key: Hashable) -> Any:
+        """Return the result that is kept, or `_MISSING`."""
+        with self._lock:
+            return self._kept.get(plain, {}).get(key, _MISSING)
+
+    def _count(self, name: str) -> None:
+        with self._lock:
             self.made[name] += 1
-        return self._keep(plain, key, result, keep)
 
     def _keep(self, plain: Callable[..., Any], key: Hashable, result: T, most: int) -> T:
         """Keep a function's result as its last used one; return it."""
-        results = self._kept.setdefault(plain, {})  # only now: the call may have dropped it
-        results[key] = result
-        while len(results) > most * self._room:
-            results.pop(next(iter(results)))
+        with self._lock:
+            results = self._kept.setdefault(plain, {})  # only now: the call may have dropped it
+            results.pop(key, None)
+            results[key] = result
+            while len(results) > (most * self._room if self._behind is None else 1):
+                results.pop(next(iter(results)))
         return result
 
     def holds(self, function: Callable[..., Any], *inputs: object) -> bool:
         """Return whether the result of a function is there."""
-        plain, key = _with_own(function, inputs)
-        return key in self._kept.get(plain, {})
+        return self._found(*_with_own(function, inputs)) is not _MISSING
 
     def drop(self, function: Callable[..., Any], *inputs: object) -> None:
         """Remove a function's result for some inputs; all its results where none are given."""
         plain, key = _with_own(function, inputs)
-        if inputs:
-            self._kept.get(plain, {}).pop(key, None)
-        else:
-            self._kept.pop(plain, None)
+        with self._lock:
+            if inputs:
+                self._kept.get(plain, {}).pop(key, None)
+            else:
+                self._kept.pop(plain, None)
 
     def clear(self) -> None:
         """Remove all results."""
-        self._kept.clear()
+        with self._lock:
+            self._kept.clear()
 
 
 def _with_own(function: Callable[..., Any], inputs: tuple[Any, ...]) -> tuple[Callable[..., Any], Hashable]:
@@ -191,11 +212,12 @@ class Scratch:
     """Memory for arrays that are made anew in every frame: to take it from the system costs as much as to fill it."""
 
     def __init__(self) -> None:
-        self._flat: dict[str, NDArray[np.float32]] = {}
+        self._of_thread = threading.local()
 
     def floats(self, name: str, *shape: int) -> NDArray[np.float32]:
-        """Return an array of any contents; it is the caller's until the same name is asked for."""
+        """Return an array of any contents; it is the caller's until its thread asks for the same name."""
+        flat: dict[str, NDArray[np.float32]] = vars(self._of_thread)
         size = math.prod(shape)
-        if name not in self._flat or self._flat[name].size < size:
-            self._flat[name] = np.empty(size, np.float32)
-        return self._flat[name][:size].reshape(shape)
+        if name not in flat or flat[name].size < size:
+            flat[name] = np.empty(size, np.float32)
+        return flat[name][:size].reshape(shape)

@@ -16,7 +16,7 @@ import mr360uw
 ROOT = Path(mr360uw.__file__).parent
 GROUND = {
     "files", "output_gate", "reading", "types", "constants", "sphere", "color", "errors", "parameters", "optics",
-    "shapes", "yuv", "cache", "jit", "texels", "plot",
+    "shapes", "yuv", "cache", "steps", "jit", "texels", "plot",
 }  # fmt: skip
 # what a package may import of mr360uw besides the ground floor and itself
 PHYSICS = {"ibl", "caustics", "medium"}
@@ -128,7 +128,19 @@ def test_only_gl_modules_of_a_physics_package_import_opengl(subtests: pytest.Sub
 
 def test_the_ground_floor_stands_on_numpy_alone() -> None:
     stands_on = {"mr360uw", "numpy", "pydantic"}
-    library = {"__future__", "collections", "math", "dataclasses", "typing", "pathlib", "functools", "types", "weakref"}
+    library = {
+        "__future__",
+        "collections",
+        "math",
+        "dataclasses",
+        "typing",
+        "pathlib",
+        "functools",
+        "types",
+        "weakref",
+        "enum",
+        "threading",
+    }
     files = {
         ROOT / "jit" / "__init__.py": {"dis", "hashlib", "llvmlite", "numba", "os", "pickle", "platform", "sys"},
         ROOT / "jit" / "ahead.py": {"hashlib", "importlib", "numba", "os", "subprocess", "sys"},

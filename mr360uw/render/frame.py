@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Stages of one frame, from the plate to the composite, for videos, stills, library calls and previews alike.
 
-Each stage takes all that it needs. `composite_frame` runs them one after the other; over a clip (`runs.job`)
-each of the three runs on a thread of its own, one frame ahead of the next stage.
+Each stage takes all that it needs. `composite_frame` runs them one after the other; over a clip (`runs.job`) each of
+the three runs on threads of its own, ahead of the next stage; on a graphics card `draw_frame` has several frames under
+way at a time.
 """
 
 from __future__ import annotations
@@ -35,6 +36,7 @@ from mr360uw.render.shots import (
     with_surface,
 )
 from mr360uw.render.stages.match_stage import asked_grade, ungraded, with_grade
+from mr360uw.steps import Steps, finished
 from mr360uw.types import CausticStack, Layer, MediumTable
 from mr360uw.video import VideoFrame
 
@@ -149,7 +151,7 @@ def composite_frame(
     """
     cache = Cache(loaded.scene.plate.eyes) if cache is None else cache
     measured = measure_plate(loaded, analysis, plate, cache, light)
-    drawn = draw_frame(loaded, backend, measured, shutter_s, cache, variables=variables)
+    drawn = finished(draw_frame(loaded, backend, measured, shutter_s, cache, variables=variables))
     return blend_frame(loaded, analysis, drawn, cache)
 
 
@@ -183,8 +185,8 @@ def draw_frame(
     cache: Cache,
     *,
     variables: bool = False,
-) -> DrawnFrame:
-    """Return the layers of a frame, on the thread of its backend."""
+) -> Steps[DrawnFrame]:
+    """Return the layers of a frame, in steps: those for the device on the thread of its backend."""
     now, light = measured.now, measured.light
     index, time_s = measured.filed.index, measured.filed.time_s
     if light is None or not loaded.plan.layer.runs:
@@ -200,7 +202,7 @@ def draw_frame(
             seen = seen_by(then, bare, eye, receiver, pattern, index)
             shot = with_caustics(then, backend, seen, instant_s, cache)
             shafts = shafts_of(then, backend, shot, instant_s, cache)
-            layer, found = cache.of(draw_layer, backend, shot, shafts, variables, cache)
+            layer, found = yield from cache.steps(draw_layer, backend, shot, shafts, variables, cache)
             refuse("layer", index, cache.of(not_finite, layer))
             layer, found = with_surface(then, backend, shot, layer, found, instant_s, cache)
             layer, found = with_snow(then, backend, shot, layer, found, instant_s, exposure_s, cache)
@@ -235,9 +237,9 @@ def blend_frame(
 
 def draw_layer(
     backend: Backend, shot: Shot, shafts: ShaftLight | None, variables: bool, cache: Cache
-) -> tuple[Layer, Aovs | None]:
+) -> Steps[tuple[Layer, Aovs | None]]:
     """Return the layer of a shot, with its shafts, and its output variables if asked for."""
-    layer, found = backend.layer(shot, variables=variables)
+    layer, found = yield from backend.layer(shot, variables=variables)
     if shafts is not None:
         from mr360uw.composite.shafts.shaft_layer import with_shafts
 

@@ -9,7 +9,7 @@ alone.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -32,6 +32,7 @@ from mr360uw.medium import Medium
 from mr360uw.medium.small_angles import spread_of
 from mr360uw.render.backends import Backend
 from mr360uw.render.loaded import Loaded
+from mr360uw.render.mattes import Mattes
 from mr360uw.render.plate_light import FrameLight
 from mr360uw.scene.model import Scene
 from mr360uw.types import CausticStack, Floats, Layer, Light, MediumTable, Sun, View
@@ -39,6 +40,7 @@ from mr360uw.video import VideoFrame
 
 if TYPE_CHECKING:
     from mr360uw.composite.shafts.shaft_light import ShaftLight
+    from mr360uw.depth.occlusion import PlateDepth
 
 _LOWEST_SUN = 0.05
 """Sine of the sun's elevation in air below which no caustics are computed: the beam is oblique and weak."""
@@ -53,11 +55,13 @@ class Eye:
     """One eye of a frame.
 
     plate: what it shows. eye_m: distance to the right of the middle [m]. number: 1 for the right eye of two, else 0.
+    kept: results that all instants of the frame share.
     """
 
     plate: VideoFrame
     eye_m: float = 0.0
     number: int = 0
+    kept: Cache = field(default_factory=Cache)
 
 
 def eyes_of(scene: Scene, plate: VideoFrame) -> tuple[Eye, ...]:
@@ -115,23 +119,39 @@ def seen_by(
     loaded: Loaded, shot: Shot, eye: Eye, receiver: Receiver | None, pattern: PlatePattern | None, index: int
 ) -> Shot:
     """Return a shot of frame `index` as one eye sees it, with the receiver and the mattes in its picture."""
-    matte, distance = loaded.mattes.at(index, eye.number)
-    beside = None
-    if loaded.plate_depth is not None:
-        shown, matte_distance = loaded.plate_depth.surfaces(index, eye.plate, eye.number), distance
-        distance = _nearer(matte_distance, shown.distance_m)
-        if shown.beside_m is not None and shown.share is not None:
-            beside = _nearer(matte_distance, shown.beside_m), shown.share
+    matte, distance, soft, beside = eye.kept.of(
+        _mattes, loaded.mattes, loaded.plate_depth, eye.plate, index, eye.number
+    )
     return replace(
         shot,
         view=replace(shot.view, eye_m=eye.eye_m),
         receiver=receiver,
         holdout=matte,
         holdout_distance_m=distance,
-        holdout_soft=loaded.plate_depth is not None,
+        holdout_soft=soft,
         holdout_beside=beside,
         pattern=pattern,
     )
+
+
+Beside = tuple[Floats, Floats]
+"""Of the surfaces beside those in front: distances (H, W) [m], and the fractions (H, W) of pixels that they cover."""
+
+
+def _mattes(
+    mattes: Mattes, plate_depth: PlateDepth | None, plate: VideoFrame, index: int, number: int
+) -> tuple[Floats | None, Floats | None, bool, Beside | None]:
+    """Return the mask and the distances that hide bodies in frame `index`, whether the plate's depth does, and what
+    lies beside.
+    """
+    mask, matte_m = mattes.at(index, number)
+    if plate_depth is None:
+        return mask, matte_m, False, None
+    shown = plate_depth.surfaces(index, plate, number)
+    beside = None
+    if shown.beside_m is not None and shown.share is not None:
+        beside = _nearer(matte_m, shown.beside_m), shown.share
+    return mask, _nearer(matte_m, shown.distance_m), True, beside
 
 
 def _nearer(matte_m: Floats | None, shown_m: Floats) -> Floats:

@@ -6,6 +6,7 @@ from __future__ import annotations
 import platform
 import time
 from collections.abc import Callable, Iterator
+from contextlib import closing
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -22,11 +23,15 @@ from mr360uw.render.stages.light_stage import LightSamples
 from mr360uw.runs.work_folder import Part, PictureSink, SegmentSink, WorkFolder
 from mr360uw.scene.inputs import open_plate
 from mr360uw.scene.model import Scene
-from mr360uw.threads import Behind, one_blas_thread, prefetch
+from mr360uw.steps import Steps
+from mr360uw.threads import Behind, in_flight, one_blas_thread, prefetch
 from mr360uw.video import VideoFrame, VideoReader, write_exr
 from mr360uw.video.read.projection import PICTURE_SUFFIXES
 from mr360uw.video.write.other_tracks import exr_attributes
 from mr360uw.video.write.writer import VideoWriter
+
+_WAITING = 2
+"""Frames between two stages at most, beside those that are under way in each."""
 
 
 @dataclass
@@ -114,28 +119,47 @@ class OpenJob:
     def render(self, start: int, stop: int, done: Callable[[], None] = lambda: None) -> RunTimes:
         """Render frames [start, stop), which are parts of the job; return what it took. done: is called after each.
 
-        Decoder, renderer and encoder each run on a thread, with short queues between them: memory does not grow with
+        Decoder, renderer and encoder each run on threads, with short queues between them: memory does not grow with
         the clip. Each frame depends on what is loaded, the clip's analysis and the plate about it alone.
         """
         self._times = RunTimes()
         drawing, blending, sink = self._cache(), self._cache(), self._sink(start)
         behind: Behind[DrawnFrame] = Behind(
-            lambda drawn: self._write(drawn, sink, blending), last=end_context if self._on_device else lambda: None
+            lambda drawn: self._write(drawn, sink, blending),
+            _WAITING,
+            last=end_context if self._on_device else lambda: None,
         )
         renderer = f"{self.backend.name} ({self.backend.device})"
         exposure_s, variables = self.loaded.scene.draw.exposure_s(self.video.frame_rate), self.job.layers is not None
         with one_blas_thread(), sink, behind:
-            for measured in prefetch(self._read(start, stop)):
-                since = time.perf_counter()
-                drawn = draw_frame(self.loaded, self.backend, measured, exposure_s, drawing, variables=variables)
-                self._times.add("render", since)
-                behind.put(drawn)
-                self._times.renderers[renderer] = self._times.renderers.get(renderer, 0) + 1
-                done()
+            steps = (
+                self._timed(draw_frame(self.loaded, self.backend, measured, exposure_s, drawing, variables=variables))
+                for measured in prefetch(self._read(start, stop), _WAITING)
+            )
+            with closing(in_flight(steps, self.backend.answer, self.backend.in_flight)) as frames:
+                for drawn, took_s in frames:
+                    self._times.add("render", time.perf_counter() - took_s)
+                    behind.put(drawn)
+                    self._times.renderers[renderer] = self._times.renderers.get(renderer, 0) + 1
+                    done()
         return self._times
 
+    @staticmethod
+    def _timed(steps: Steps[DrawnFrame]) -> Steps[tuple[DrawnFrame, float]]:
+        """Return the result of steps, and how long [s] they were at work, on all threads together."""
+        took = 0.0
+        while True:
+            since = time.perf_counter()
+            try:
+                pause = next(steps)
+            except StopIteration as done:
+                drawn: DrawnFrame = done.value
+                return drawn, took + time.perf_counter() - since
+            took += time.perf_counter() - since
+            yield pause
+
     def _cache(self) -> Cache:
-        """Return a cache of one stage of all frames, which is of its thread alone."""
+        """Return a cache of one stage of all frames."""
         return Cache(self.loaded.scene.plate.eyes)
 
     def _read(self, start: int, stop: int) -> Iterator[MeasuredPlate]:

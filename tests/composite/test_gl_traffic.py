@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections import Counter
 from collections.abc import Callable
 from typing import Any
@@ -11,10 +12,11 @@ import moderngl
 import numpy as np
 import pytest
 
-from mr360uw.cache import Steps
 from mr360uw.composite.gl.layer_renderer import LayerRenderer
-from mr360uw.composite.gl.targets import Targets, finished, side_by_side
+from mr360uw.composite.gl.targets import Targets
 from mr360uw.composite.shot import Receiver, Shot
+from mr360uw.steps import Pause, Steps, finished, side_by_side
+from mr360uw.threads import in_flight
 from mr360uw.types import Rectangle
 from tests.composite.scenes import box, medium, placed, shot, sphere
 
@@ -51,17 +53,27 @@ def test_more_than_fits_is_read_too() -> None:
     assert [float(pixels.images()[0].min()) for pixels in sent] == list(range(9))
 
 
-def test_steps_wait_for_each_other() -> None:
+def test_steps_side_by_side_ask_before_one_of_them_waits() -> None:
     order: list[str] = []
 
-    def steps(name: str, pauses: int) -> Steps[str]:
-        for k in range(pauses):
+    def steps(name: str, *pauses: Pause) -> Steps[str]:
+        for k, pause in enumerate(pauses):
             order.append(f"{name}{k}")
-            yield
+            yield pause
         return name.upper()
 
-    assert finished(side_by_side(steps("a", 2), steps("b", 0), steps("c", 1))) == ["A", "B", "C"]
-    assert order == ["a0", "c0", "a1"]
+    device, answer, rest = Pause
+    parts = side_by_side(steps("a", device, answer, device, answer), steps("b"), steps("c", answer, rest))
+    results: list[str] = []
+
+    def whole() -> Steps[None]:
+        results.extend((yield from parts))
+
+    seen = list(whole())
+    assert results == ["A", "B", "C"]
+    assert seen == [device, answer, device, answer, rest]
+    assert order == ["a0", "c0", "a1", "a2", "c1", "a3"]
+    assert finished(steps("d", device, rest)) == "D"
 
 
 BALL, CUBE = sphere(), box((0.6, 0.5, 0.4))
@@ -74,7 +86,8 @@ def moving(k: int) -> Shot:
     )  # fmt: skip
 
 
-def test_a_moving_frame_makes_no_texture_and_waits_four_times(monkeypatch: pytest.MonkeyPatch) -> None:
+def count_calls(monkeypatch: pytest.MonkeyPatch) -> Counter[str]:
+    """Return a count of what is made and of reads that wait, from now on."""
     calls: Counter[str] = Counter()
 
     def counted(owner: type, name: str, what: str) -> None:
@@ -86,15 +99,47 @@ def test_a_moving_frame_makes_no_texture_and_waits_four_times(monkeypatch: pytes
 
         monkeypatch.setattr(owner, name, method)
 
-    renderer = LayerRenderer()
-    for k in range(6):
-        assert renderer.render(moving(k)).alpha.max() > 0.9
     for name in ("texture", "texture_array", "framebuffer", "buffer"):
         counted(moderngl.Context, name, "made")
     for name in ("read", "read_into"):
         counted(moderngl.Buffer, name, "read")
     counted(moderngl.Framebuffer, "read", "read")
     counted(moderngl.Texture, "read", "read")
+    return calls
+
+
+def test_a_moving_frame_makes_no_texture_and_waits_four_times(monkeypatch: pytest.MonkeyPatch) -> None:
+    renderer = LayerRenderer()
+    for k in range(6):
+        assert renderer.render(moving(k)).alpha.max() > 0.9
+    calls = count_calls(monkeypatch)
     for k in range(6, 9):
         renderer.render(moving(k))
     assert calls == {"read": 3 * 4}
+
+
+def test_moving_frames_under_way_together_wait_once_each(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Bits are those of frames that are drawn alone, and other threads make no OpenGL context."""
+    here = threading.current_thread()
+    make: Callable[..., moderngl.Context] = moderngl.create_context
+
+    def made_here(*given: Any, **named: Any) -> moderngl.Context:
+        assert threading.current_thread() is here
+        return make(*given, **named)
+
+    monkeypatch.setattr(moderngl, "create_context", made_here)
+    alone, together = LayerRenderer(), LayerRenderer()
+    flight = in_flight((together.steps(moving(k)) for k in range(18)), together.answer, 5)
+    calls = Counter[str]()
+    for k, (layer, variables) in enumerate(flight):
+        if k == 8:
+            calls = count_calls(monkeypatch)
+        if k == 12:
+            assert calls == {"read": 4}
+        if k in (0, 3, 17):
+            expected = alone.render(moving(k))
+            assert variables is None
+            assert len(layer.tiles) == len(expected.tiles)
+            for one, other in zip(layer.tiles, expected.tiles, strict=True):
+                for name in ("radiance", "alpha", "distance_m", "ratio"):
+                    np.testing.assert_array_equal(getattr(one, name), getattr(other, name))

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.cache import Cache, Steps, version
+from mr360uw.cache import Cache, version
 from mr360uw.composite.gl.targets import Targets, bind
 from mr360uw.composite.gl.upload import MODES, MeshBuffers, cutting_maps, list_texture, texture_store
 from mr360uw.composite.mesh.mesh import Mesh
@@ -21,6 +21,7 @@ from mr360uw.composite.shot import PlacedObject, Shot
 from mr360uw.composite.tiles import NEAREST
 from mr360uw.errors import MeshError
 from mr360uw.gl.context import gl_context, largest_texture, roomy_rows, set_uniforms
+from mr360uw.steps import Pause, Steps
 from mr360uw.types import Floats, Rectangle
 
 if TYPE_CHECKING:
@@ -29,6 +30,8 @@ if TYPE_CHECKING:
 FACET_COLUMNS = 512
 _FACETS = ("facet_a", "facet_b", "facet_c")
 _CUTOUTS = ("cutout_a", "cutout_b", "cutout_c")
+_KEPT = 8
+"""Targets that are kept, of shots under way at a time."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -49,7 +52,7 @@ class ObjectTriangles:
 class _Rows:
     """A target with a texel for each triangle as an eye sees it, its values read back, and the keys of the objects."""
 
-    def __init__(self, _eye_m: float) -> None:
+    def __init__(self, _eye_m: float, _slot: int) -> None:
         self.target: moderngl.Framebuffer | None = None
         self.rectangles = np.zeros((0, 4), np.int32)
         self.kinds = np.zeros(0, np.int8)
@@ -81,7 +84,7 @@ class _Rows:
         """Read rows [first, end) back from the device."""
         assert self.target is not None
         sent = targets.send(self.target, Rectangle(0, first, FACET_COLUMNS, end - first), (0, 1 + len(_FACETS)))
-        yield
+        yield Pause.ANSWER
         rows = slice(first * FACET_COLUMNS, end * FACET_COLUMNS)
         rectangles, nearest = sent.images()
         self.rectangles[rows], self.nearest[rows] = rectangles.reshape(-1, 4), nearest.reshape(-1)
@@ -93,27 +96,31 @@ class FacetPass:
     def __init__(self, targets: Targets, buffers: Callable[[Mesh], MeshBuffers], cache: Cache) -> None:
         self._targets, self._buffers, self._cache = targets, buffers, cache
 
-    def draw(self, shot: Shot, objects: Sequence[PlacedObject]) -> Steps[ObjectTriangles]:
-        """Return the triangles of a shot's objects."""
+    def draw(self, shot: Shot, objects: Sequence[PlacedObject], slot: int) -> Steps[ObjectTriangles]:
+        """Return the triangles of a shot's objects. slot: number of the shot among those under way."""
+        yield Pause.DEVICE
         heights = [-(-len(placed.mesh.positions) // FACET_COLUMNS) for placed in objects]
         row = np.concatenate([[0], np.cumsum(heights)])
-        masked = tuple(dict.fromkeys(p.mesh.still for p in objects if self._buffers(p.mesh).ranges["MASK"][1]))
+        buffers = [self._buffers(placed.mesh) for placed in objects]
+        masked = tuple(
+            dict.fromkeys(p.mesh.still for p, held in zip(objects, buffers, strict=True) if held.ranges["MASK"][1])
+        )
         cutouts, first_map = self._cache.of(self._make_cutouts, masked)
-        rows = self._cache.of(_Rows, shot.view.eye_m)
+        rows = self._cache.of(_Rows, shot.view.eye_m, slot, keep=_KEPT)
         target = rows.room(int(row[-1]), bool(masked))
-        piece, changed = 0, []
-        for k, placed in enumerate(objects):
-            now = version((shot.view, int(row[k]), piece, masked, placed))
+        piece, changed, seen = 0, [], version((shot.view, masked))
+        for k, (placed, held) in enumerate(zip(objects, buffers, strict=True)):
+            now = seen, int(row[k]), piece, version(placed)
             if k >= len(rows.drawn) or rows.drawn[k] != now:
                 rows.drawn[k : k + 1] = [now]
                 place = int(row[k]), heights[k], piece, first_map.get(placed.mesh.still, 0)
-                self._draw(shot, placed, target, bool(cutouts), place)
+                self._draw(shot, placed, held, target, bool(cutouts), place)
                 kinds = rows.kinds[int(row[k]) * FACET_COLUMNS :]
                 for kind, mode in enumerate(MODES):
-                    start, count = self._buffers(placed.mesh).ranges[mode]
+                    start, count = held.ranges[mode]
                     kinds[start : start + count] = kind
                 changed.append(k)
-            piece += self._buffers(placed.mesh).pieces
+            piece += held.pieces
         if changed:
             yield from rows.read(self._targets, int(row[changed[0]]), int(row[changed[-1] + 1]))
         used = rows.rectangles[: int(row[-1]) * FACET_COLUMNS]
@@ -128,6 +135,7 @@ class FacetPass:
         self,
         shot: Shot,
         placed: PlacedObject,
+        buffers: MeshBuffers,
         target: moderngl.Framebuffer,
         cut: bool,
         place: tuple[int, int, int, int],
@@ -135,7 +143,7 @@ class FacetPass:
         """Draw an object. cut: whether the shot has masked triangles. place: the object's first row, its rows, and the
         numbers of its first smooth piece and of its first mask map.
         """
-        buffers, (row, rows, piece, first_map) = self._buffers(placed.mesh), place
+        row, rows, piece, first_map = place
         defines: dict[str, int | float] = {"FACET_COLUMNS": FACET_COLUMNS, **of_eye(shot)}
         defines |= {"CUTOUTS": 1} if cut else {}
         defines |= {"NEAREST": NEAREST} if shot.view.eye_m else {}

@@ -5,22 +5,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.cache import PartOf
 from mr360uw.composite.gl.blocks import BLOCK
-from mr360uw.composite.gl.upload import list_texture
 from mr360uw.composite.mesh.mesh import Mesh
 from mr360uw.composite.sampling import NO_GAPS, Gaps, join_gaps
 from mr360uw.composite.shot import PlacedObject
 from mr360uw.jit import exact
 from mr360uw.types import Floats, Tile
-
-if TYPE_CHECKING:
-    import moderngl
 
 
 @exact
@@ -141,8 +137,7 @@ class MeshFragments:
     """Fragments of one mesh that are shaded together. chosen: (n,) numbers among all.
 
     listed: (n, 9) of each, triangle on the device, place (2), body and area (5) of `Fragments`. pixel: (n,) numbers,
-    those of a pixel in sequence; weight: (n,) of `Fragments`. entries: texture of `listed`. name: of this part of the
-    shot's fragments.
+    those of a pixel in sequence; weight: (n,) of `Fragments`.
     """
 
     mesh: Mesh
@@ -150,12 +145,10 @@ class MeshFragments:
     listed: Floats
     pixel: NDArray[np.int64]
     weight: Floats
-    entries: moderngl.Texture
-    name: str
 
 
-def mesh_fragments(listed_of: PartOf[ListedOf], fragments: Fragments, number: int) -> list[MeshFragments]:
-    """Return the fragments of layer `number` by mesh."""
+def mesh_fragments(listed_of: PartOf[ListedOf], fragments: Fragments) -> list[MeshFragments]:
+    """Return the fragments of a layer by mesh."""
     objects, first, body = listed_of.whole
     triangle, pixel = fragments.triangle - first[body], fragments.pixel()
     listed = np.concatenate([triangle[:, None], fragments.place, body[:, None], fragments.area], axis=1)
@@ -166,8 +159,5 @@ def mesh_fragments(listed_of: PartOf[ListedOf], fragments: Fragments, number: in
         chosen = np.flatnonzero(of_mesh == k)
         for start in range(0, len(chosen), _AT_ONCE):
             part = chosen[start : start + _AT_ONCE]
-            of_part, name = listed[part], f"{number} {k} {start}"
-            parts.append(
-                MeshFragments(mesh, part, of_part, pixel[part], fragments.weight[part], list_texture(of_part, 3), name)
-            )
+            parts.append(MeshFragments(mesh, part, listed[part], pixel[part], fragments.weight[part]))
     return parts

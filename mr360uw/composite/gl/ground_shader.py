@@ -7,14 +7,12 @@ Found from these: what blocks of the receiver see of the sun, and which of them 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.cache import Steps
 from mr360uw.composite.gl.facet_pass import of_eye
-from mr360uw.composite.gl.light_textures import LightTextures
+from mr360uw.composite.gl.light_textures import ShotLight
 from mr360uw.composite.gl.targets import Targets, bind
 from mr360uw.composite.lighting.sun import scattered_share, sun_of, widest_half_angle
 from mr360uw.composite.receiver.block_light import SMOOTH
@@ -23,6 +21,7 @@ from mr360uw.composite.receiver.ratio import FADE_FROM
 from mr360uw.composite.sampling import WHOLE_PIXEL, Gaps
 from mr360uw.composite.shot import Shot
 from mr360uw.gl.context import set_uniforms, texture_from_array
+from mr360uw.steps import Pause, Steps
 from mr360uw.types import Floats
 
 _BLOCKS_ACROSS = 32
@@ -30,38 +29,30 @@ _PLACES_ACROSS = 256
 
 
 class GroundShader:
-    """Runs coarse.frag and receiver.frag with the shot that `light` was last updated to."""
+    """Runs coarse.frag and receiver.frag with the light of a shot."""
 
-    def __init__(self, targets: Targets, light: LightTextures) -> None:
-        self._targets, self._light = targets, light
+    def __init__(self, targets: Targets) -> None:
+        self._targets = targets
 
-    @property
-    def of_sun(self) -> frozenset[str]:
-        """Features of the sun in the shot: SHADOW, CAUSTICS."""
-        return frozenset(self._light.defines) & {"SHADOW", "CAUSTICS"}
-
-    @property
-    def of_sight(self) -> tuple[Any, ...]:
-        """See `LightTextures.of_sight`."""
-        return self._light.of_sight
-
-    def sun_at(self, places: NDArray[np.float32]) -> Steps[NDArray[np.float32]]:
+    def sun_at(self, light: ShotLight, places: NDArray[np.float32]) -> Steps[NDArray[np.float32]]:
         """Return the outputs (n, 4) of coarse.frag for balls (n, 4), position and radius [m]."""
         rows = -(-len(places) // _PLACES_ACROSS)
         listed = np.zeros((rows * _PLACES_ACROSS, 4), np.float32)
         listed[: len(places)] = places
-        defines = frozenset(self._light.defines) & {"SUN", "SHADOW", "MEDIUM", "HALO"}
+        yield Pause.DEVICE
+        defines = frozenset(light.defines) & {"SUN", "SHADOW", "MEDIUM", "HALO"}
         shader = self._targets.program("coarse", dict.fromkeys(defines, 1))
-        bind(shader, {"places": texture_from_array(listed.reshape(rows, -1, 4), listed=True), **self._light.textures})
-        self._light.set(shader)
+        bind(shader, {"places": texture_from_array(listed.reshape(rows, -1, 4), listed=True), **light.textures})
+        light.set(shader)
         sent = self._targets.draw(shader, "coarse", _PLACES_ACROSS, rows, (4,))
-        yield
+        yield Pause.ANSWER
         (sun,) = sent.images()
         return sun.reshape(-1, 4)[: len(places)].copy()  # or what else was sent with it would be kept too
 
     def pixels(
         self,
         shot: Shot,
+        light: ShotLight,
         ground: Ground,
         j: Indices,
         i: Indices,
@@ -78,10 +69,10 @@ class GroundShader:
         shape = None if _on_plane(shot, wanted) else ground.pixels(shot, j, i)
         area = np.tile(WHOLE_PIXEL[2:], (len(j), 1))
         of_blocks = {"blocks": float(BLOCK) * np.stack([i, j], axis=-1), "areas": area, "halos": halo}
-        return (yield from self._samples(shot, of_blocks, shape, wanted, side, BLOCK // side))
+        return (yield from self._samples(shot, light, of_blocks, shape, wanted, side, BLOCK // side))
 
     def at_gaps(
-        self, shot: Shot, ground: Ground, gaps: Gaps, wanted: frozenset[str]
+        self, shot: Shot, light: ShotLight, ground: Ground, gaps: Gaps, wanted: frozenset[str]
     ) -> Steps[list[NDArray[np.float32]]]:
         """Return the outputs (n, k) of receiver.frag in gaps, with shadows averaged over their areas."""
         shape = None
@@ -90,12 +81,13 @@ class GroundShader:
             shape = np.append(normal, np.linalg.norm(point, axis=-1)[:, None], axis=1)[:, None, None]
         halo = np.full((len(gaps.place), 4), -1.0)
         of_gaps = {"blocks": gaps.place - 0.5, "areas": gaps.area[:, 2:], "halos": halo}
-        images = yield from self._samples(shot, of_gaps, shape, wanted, 1, 1)
+        images = yield from self._samples(shot, light, of_gaps, shape, wanted, 1, 1)
         return [image[:, 0, 0] for image in images]
 
     def _samples(
         self,
         shot: Shot,
+        light: ShotLight,
         of_blocks: dict[str, Floats],
         shape: Floats | None,
         wanted: frozenset[str],
@@ -115,14 +107,15 @@ class GroundShader:
         atlases = {name: _atlas(values[:, None, None], rows) for name, values in of_blocks.items()}
         if shape is not None:
             atlases["shape"] = _atlas(shape, rows)
+        yield Pause.DEVICE
         textures = {name: texture_from_array(atlas, listed=True) for name, atlas in atlases.items()}
-        textures |= self._light.textures
-        defines = (wanted - {"LAMPS"}) | (frozenset(self._light.defines) & {"SUN", "MEDIUM", "HALO", "SOFT"})
+        textures |= light.textures
+        defines = (wanted - {"LAMPS"}) | (frozenset(light.defines) & {"SUN", "MEDIUM", "HALO", "SOFT"})
         defines |= {"PLANE"} if shape is None else set()
-        numbers = {"LAMPS": self._light.defines["LAMPS"]} if "LAMPS" in wanted else {}
+        numbers = {"LAMPS": light.defines["LAMPS"]} if "LAMPS" in wanted else {}
         shader = self._targets.program("receiver", {**dict.fromkeys(defines, 1), **numbers, **of_eye(shot)})
         bind(shader, textures)
-        self._light.set(shader)
+        light.set(shader)
         extent = shot.receiver.extent_m
         set_uniforms(
             shader,
@@ -140,7 +133,7 @@ class GroundShader:
             channels = (4,) if "CAUSTICS" in wanted else (1,)
         name = f"receiver {len(channels)} {channels[0]}"
         sent = self._targets.draw(shader, name, width, height, channels)
-        yield
+        yield Pause.ANSWER
         images = []
         for atlas in sent.images():
             apart = atlas.reshape(-1, side, _BLOCKS_ACROSS, side, atlas.shape[-1]).transpose(0, 2, 1, 3, 4)
@@ -190,7 +183,9 @@ class SunSight:
     halo: NDArray[np.float32]
 
 
-def sun_sight(shader: GroundShader, shot: Shot, ground: Ground, shaded: NDArray[np.bool_]) -> Steps[SunSight]:
+def sun_sight(
+    shader: GroundShader, shot: Shot, light: ShotLight, ground: Ground, shaded: NDArray[np.bool_]
+) -> Steps[SunSight]:
     """Return what the shaded blocks (R, C) of the ground see of a shot's sun."""
     edge, umbra = np.full(shaded.shape, NO_EDGE, np.int8), np.zeros(shaded.shape, np.bool_)
     halo = np.full((*shaded.shape, 4), -1.0, np.float32)
@@ -202,7 +197,7 @@ def sun_sight(shader: GroundShader, shot: Shot, ground: Ground, shaded: NDArray[
     places = np.zeros((len(cj) + len(mj), 4), np.float32)
     places[: len(cj), :3] = ground.corner_point[cj, ci]
     places[len(cj) :, :3], places[len(cj) :, 3] = ground.middle_point[mj, mi], ground.reach_m[mj, mi]
-    visible = yield from shader.sun_at(places)
+    visible = yield from shader.sun_at(light, places)
     at_corners = np.zeros((2, shaded.shape[0] + 1, shaded.shape[1] + 1), np.float32)
     at_corners[:, cj, ci] = visible[: len(cj), :2].T
     seen, halo_seen, kept, gap = visible[len(cj) :].T

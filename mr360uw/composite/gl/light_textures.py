@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -39,31 +40,52 @@ _OF_SIGHT = (
 """Uniforms that what is seen of the sun depends on."""
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class ShotLight:
+    """The light of one shot on the device. textures, uniforms, arrays: by their names in shaders. defines: of these."""
+
+    defines: dict[str, int]
+    textures: dict[str, Any]
+    uniforms: dict[str, Any]
+    arrays: dict[str, Floats]
+
+    @property
+    def of_sun(self) -> frozenset[str]:
+        """Features of the sun in the shot: SHADOW, CAUSTICS."""
+        return frozenset(self.defines) & {"SHADOW", "CAUSTICS"}
+
+    @property
+    def of_sight(self) -> tuple[Any, ...]:
+        """All that decides what is seen of the sun from a place: textures and uniforms."""
+        return self.textures["sun_map"], self.textures["casters"], *map(self.uniforms.get, _OF_SIGHT)
+
+    def set(self, shader: moderngl.Program) -> None:
+        """Set the uniforms of the light in a program."""
+        set_uniforms(shader, **self.uniforms)
+        for name, values in self.arrays.items():
+            write_uniform(shader, name, np.asarray(values, np.float32))
+
+
 class LightTextures:
-    """Textures and uniforms of the light; `update` before a frame, `set` before every draw."""
+    """Makes textures and uniforms of the light of shots; unchanged textures come from the cache."""
 
     def __init__(self, cache: Cache, buffers: Callable[[Mesh], MeshBuffers]) -> None:
-        self.textures: dict[str, Any] = {}
-        self.defines: dict[str, int] = {}
         self._cache = cache
-        self._uniforms: dict[str, Any] = {}
-        self._arrays: dict[str, Floats] = {}
         self._atlas, self._caustic_scratch = ShadowAtlas(cache, buffers), AtlasScratch()
 
-    def update(self, shot: Shot) -> None:
-        """Set textures, defines and uniforms to those of a shot; unchanged textures come from the cache."""
+    def of(self, shot: Shot) -> ShotLight:
+        """Return the light of a shot."""
         levels, lamps = min(len(shot.environment.glossy), MAXIMUM_GLOSSY_LEVELS), lamps_of(shot)
-        self.defines = dict.fromkeys(sorted(sun_defines(shot)), 1)
-        self.defines |= {name: 1 for name, there in (("MEDIUM", shot.medium), ("GLOSSY", levels)) if there}
-        self.defines |= {"LAMPS": len(lamps)} if lamps else {}
+        defines = dict.fromkeys(sorted(sun_defines(shot)), 1)
+        defines |= {name: 1 for name, there in (("MEDIUM", shot.medium), ("GLOSSY", levels)) if there}
+        defines |= {"LAMPS": len(lamps)} if lamps else {}
         roughness = np.ones(MAXIMUM_GLOSSY_LEVELS)
         roughness[:levels] = shot.environment.glossy_roughness[:levels]
         finer = int(np.clip(round(_NARROW / shot.view.width), 1, MAXIMUM_SUN_RAYS // MAXIMUM_SUN_SAMPLES))
         count = finer * min(shot.draw.sun_samples, MAXIMUM_SUN_SAMPLES)
         rays = np.zeros((MAXIMUM_SUN_RAYS, 4))
         rays[:count, :2], rays[:count, 2:] = disc_offsets(count), wide_pixel_offsets(count)
-        self._arrays = {"glossy_roughness": roughness, "rays": rays}
-        self._uniforms = {
+        uniforms = {
             "view__position": shot.view.position,
             "view__surface_y_m": shot.view.surface_y_m,
             "outside_index": shot.refractive_index,
@@ -72,42 +94,33 @@ class LightTextures:
             **sun_uniforms(shot),
         }
         # one texture of the ambient irradiance and, in the layers after it, the glossy levels
-        self.textures["ambient"] = self._cache.of(_ambient_texture, shot.environment)
-        self._update_medium(shot)
-        self._update_caustics(shot.caustics)
-        self._update_shadows(shot)
+        textures = {"ambient": self._cache.of(_ambient_texture, shot.environment)}
+        light = ShotLight(defines, textures, uniforms, {"glossy_roughness": roughness, "rays": rays})
+        self._add_medium(shot, light)
+        self._add_caustics(shot.caustics, light)
+        self._add_shadows(shot, light)
+        return light
 
-    @property
-    def of_sight(self) -> tuple[Any, ...]:
-        """All that decides what is seen of the sun from a place: textures and uniforms."""
-        return self.textures["sun_map"], self.textures["casters"], *map(self._uniforms.get, _OF_SIGHT)
-
-    def set(self, shader: moderngl.Program) -> None:
-        """Set the uniforms of the light in a program."""
-        set_uniforms(shader, **self._uniforms)
-        for name, values in self._arrays.items():
-            write_uniform(shader, name, np.asarray(values, np.float32))
-
-    def _update_medium(self, shot: Shot) -> None:
+    def _add_medium(self, shot: Shot, light: ShotLight) -> None:
         medium, lamps = shot.medium, lamps_of(shot)
-        self.textures |= self._cache.of(_medium_textures, medium)
+        light.textures.update(self._cache.of(_medium_textures, medium))
         if medium is None:
             return
-        self._uniforms |= {"medium__camera_depth_m": medium.camera_depth_m, "medium__length_m": medium.length_m}
+        light.uniforms.update({"medium__camera_depth_m": medium.camera_depth_m, "medium__length_m": medium.length_m})
         if lamps:
             of_lamps = (lamp.attenuation for lamp in lamps if lamp.attenuation is not None)
             rows = np.stack([medium.beam, medium.unscattered, *of_lamps])
-            self.textures["beam"] = self._cache.of(texture_from_array, rows, keep=2)
+            light.textures["beam"] = self._cache.of(texture_from_array, rows, keep=2)
 
-    def _update_caustics(self, stack: CausticStack | None) -> None:
+    def _add_caustics(self, stack: CausticStack | None, light: ShotLight) -> None:
         if stack is None:
-            self.textures |= self._cache.of(_no_caustics)
+            light.textures.update(self._cache.of(_no_caustics))
             return
-        self._uniforms |= {"stack__tile_m": stack.tile_m, "stack__sun_direction": stack.sun_direction}
+        light.uniforms.update({"stack__tile_m": stack.tile_m, "stack__sun_direction": stack.sun_direction})
         held = self._cache.of(upload, stack, self._caustic_scratch)
-        self.textures |= {"caustic_ratio": held.ratio, "plane_depth": held.plane_depth}
+        light.textures.update({"caustic_ratio": held.ratio, "plane_depth": held.plane_depth})
 
-    def _update_shadows(self, shot: Shot) -> None:
+    def _add_shadows(self, shot: Shot, light: ShotLight) -> None:
         sun, lamps = sun_of(shot), lamps_of(shot)
         of_sun, of_lamps = sun_frames(shot), lamp_frames(shot)
         frames = [*of_sun, *(frame for group in of_lamps for frame in group)]
@@ -119,13 +132,15 @@ class LightTextures:
         table = shadow_table(shot, of_atlas, frames, slots)
         of_grid, rows = sun_grid(shot, of_atlas, len(table))
         table = np.concatenate([table, rows])
-        self.textures |= {"sun_map": texture, "casters": self._cache.of(texture_from_array, table, keep=2)}
-        self._uniforms |= {
-            "shadows__slot_size": float(size),
-            "shadows__bias_scale": max(_BIASED_SLOT / size, 1.0),
-            "first_lamp": len(of_atlas),
-            **of_grid,
-        }
+        light.textures.update({"sun_map": texture, "casters": self._cache.of(texture_from_array, table, keep=2)})
+        light.uniforms.update(
+            {
+                "shadows__slot_size": float(size),
+                "shadows__bias_scale": max(_BIASED_SLOT / size, 1.0),
+                "first_lamp": len(of_atlas),
+                **of_grid,
+            }
+        )
 
 
 def _ambient_texture(environment: Environment) -> moderngl.TextureArray:

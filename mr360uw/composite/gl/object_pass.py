@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.cache import Cache, PartOf, Same, Scratch, Steps
+from mr360uw.cache import Cache, PartOf, Same, Scratch
 from mr360uw.composite.ambient.lattice_kernel import FEW_CHANNELS, UNTOUCHED
 from mr360uw.composite.ambient.solver import AmbientLight
 from mr360uw.composite.aovs import SUMS, AovFrame
@@ -29,16 +29,17 @@ from mr360uw.composite.gl.fragments import (
     take_lanes,
     through,
 )
-from mr360uw.composite.gl.light_textures import LightTextures
+from mr360uw.composite.gl.light_textures import ShotLight
 from mr360uw.composite.gl.sun_groups import sun_groups
-from mr360uw.composite.gl.surface_pass import SurfacePass
+from mr360uw.composite.gl.surface_pass import Sampled, SurfacePass
 from mr360uw.composite.gl.targets import Pixels, Targets, bind
-from mr360uw.composite.gl.upload import MeshBuffers, joined_texture, list_texture
+from mr360uw.composite.gl.upload import MeshBuffers, device_order, joined_texture, list_texture
 from mr360uw.composite.lighting.sun import sun_of
 from mr360uw.composite.mesh.mesh import Mesh
 from mr360uw.composite.sampling import Gaps, filter_width
 from mr360uw.composite.shot import PlacedObject, Shot
 from mr360uw.gl.context import roomy_rows, set_uniforms, texture_pool
+from mr360uw.steps import Pause, Steps
 from mr360uw.types import Floats, Rectangle, Tile
 
 if TYPE_CHECKING:
@@ -48,6 +49,8 @@ _CHANNELS = ((4, 1), (4,) * 6, (4,) * 4, (2,))
 """Outputs of layer.frag: radiance and distance, both halves of the output variables, what is seen of the sun."""
 _BY_FRAGMENT, _SEEN = (0, 1, 2), 3
 """Numbers of those of every fragment, and of the last."""
+_ORDERS = 64
+"""Meshes of which the order of triangles on the device is kept."""
 _PARTS = 256
 """Groups of fragments of one mesh in one layer, of which it is kept what they see of the sun."""
 _KEPT = 1 << 21
@@ -59,6 +62,8 @@ Bodies = tuple["moderngl.Texture", frozenset[Mesh]]
 have any."""
 _Lit = list[tuple[NDArray[np.int64], Pixels]]
 """Numbers of fragments, and the outputs of layer.frag for them, on their way."""
+_Groups = tuple[NDArray[np.int64], Floats] | None
+"""What `sun_groups` returns; None where what fragments see of the sun is known, or nothing is in its way."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -84,16 +89,14 @@ class ObjectPass:
     buffers: returns the device's copy of a mesh.
     """
 
-    def __init__(
-        self, targets: Targets, light: LightTextures, buffers: Callable[[Mesh], MeshBuffers], cache: Cache
-    ) -> None:
-        self._targets, self._light, self._buffers, self._cache = targets, light, buffers, cache
+    def __init__(self, targets: Targets, buffers: Callable[[Mesh], MeshBuffers], cache: Cache) -> None:
+        self._targets, self._buffers, self._cache = targets, buffers, cache
         self._surfaces, self._scratch = SurfacePass(targets, buffers, cache), Scratch()
 
-    def find(self, shot: Shot) -> Steps[Surfaces]:
-        """Return the visible surfaces of a shot's objects."""
+    def find(self, shot: Shot, slot: int) -> Steps[Surfaces]:
+        """Return the visible surfaces of a shot's objects. slot: number of the shot among those under way."""
         objects = list(shot.visible)
-        sampled = PartOf(shot, shot.view, shot.draw.samples, shot.draw.shading)
+        sampled: PartOf[Sampled] = PartOf((shot, slot), shot.view, shot.draw.samples, shot.draw.shading)
         layers, first = yield from self._cache.steps(self._surfaces.find, sampled, objects)
         if sum(len(layer) for layer in layers) > _KEPT:
             self._cache.drop(self._surfaces.find)
@@ -103,6 +106,7 @@ class ObjectPass:
     def draw(
         self,
         shot: Shot,
+        light: ShotLight,
         surfaces: Surfaces,
         tiles: Sequence[Tile],
         frame: AovFrame | None,
@@ -113,31 +117,39 @@ class ObjectPass:
         frame: receives output variables, or None. ambient: solved ambient light among the bodies.
         """
         objects, layers, first = surfaces.objects, surfaces.layers, surfaces.first
-        bodies = self._body_list(shot, objects, ambient)
+        values, changed = self._body_list(shot, objects, ambient)
         cache = self._cache.of(_cache_of, Same(layers))
-        drawn: list[tuple[Fragments, NDArray[np.int64], list[_Lit]]] = []
+        listed = []
         for number, fragments in enumerate(layers):
             if len(fragments) == 0:
                 continue
             body = np.searchsorted(first, fragments.triangle, side="right") - 1
-            listed: PartOf[ListedOf] = PartOf((objects, first, body), fragments)
-            parts = cache.of(mesh_fragments, listed, fragments, number, keep=len(layers))
+            listed_of: PartOf[ListedOf] = PartOf((objects, first, body), fragments)
+            parts = cache.of(mesh_fragments, listed_of, fragments, keep=len(layers))
+            groups = [self._sun_groups(shot, light, part, cache) for part in parts]
+            listed.append((number, fragments, body, list(zip(parts, groups, strict=True))))
+        yield Pause.DEVICE
+        bodies = joined_texture(values, self._scratch), changed
+        drawn: list[tuple[Fragments, NDArray[np.int64], list[_Lit]]] = []
+        for number, fragments, body, grouped in listed:
             lit = [
-                self._light_up(shot, parts, bodies, number < len(layers) - 1, cache, outputs)
+                self._light_up((shot, light), grouped, bodies, number < len(layers) - 1, cache, outputs)
                 for outputs in ((0,) if frame is None else _BY_FRAGMENT)
             ]
             drawn.append((fragments, body, lit))
         if drawn:
-            yield
+            yield Pause.REST
         for fragments, body, lit in drawn:
-            values, *halves = (_taken(of_parts, len(fragments)) for of_parts in lit)
+            values_of, *halves = (_taken(of_parts, len(fragments)) for of_parts in lit)
             if frame is not None:
-                seen = through(tiles, fragments)[fragments.pixel()] * fragments.weight * values[:, 3]
+                seen = through(tiles, fragments)[fragments.pixel()] * fragments.weight * values_of[:, 3]
                 _add_variables(frame, fragments, seen, np.concatenate(halves, axis=1), body)
-            add_behind(tiles, fragments, values)
+            add_behind(tiles, fragments, values_of)
 
-    def _body_list(self, shot: Shot, objects: Sequence[PlacedObject], ambient: AmbientLight | None) -> Bodies:
-        """Return where bodies are, and the values of ambient light on them."""
+    def _body_list(
+        self, shot: Shot, objects: Sequence[PlacedObject], ambient: AmbientLight | None
+    ) -> tuple[list[NDArray[np.float32]], frozenset[Mesh]]:
+        """Return where bodies are, and the values of ambient light on them, as `Bodies` has them."""
         table = np.zeros((len(objects), 4, 4), np.float32)
         values, texels = [table], 4 * len(objects)
         every = [None] * len(shot.objects) if ambient is None else ambient.values
@@ -154,12 +166,20 @@ class ObjectPass:
             row[3, 1:4] = texels, lattice.points if lattice.two_sided else 0, own.shape[1] // 4
             values.append(own)
             texels += own.size // 4
-        return joined_texture(values, self._scratch), frozenset(changed)
+        return values, frozenset(changed)
+
+    def _sun_groups(self, shot: Shot, light: ShotLight, part: MeshFragments, cache: Cache) -> _Groups:
+        """Return the groups of fragments that see the same of the sun."""
+        sun = sun_of(shot)
+        if sun is None or "SHADOW" not in light.defines or cache.holds(self._see_sun, part, PartOf(0, light.of_sight)):
+            return None
+        order = self._cache.of(device_order, part.mesh.still, keep=_ORDERS)
+        return sun_groups(shot, part, order, sun.direction)
 
     def _light_up(
         self,
-        shot: Shot,
-        parts: Sequence[MeshFragments],
+        lit: tuple[Shot, ShotLight],
+        grouped: Sequence[tuple[MeshFragments, _Groups]],
         bodies: Bodies,
         blended: bool,
         cache: Cache,
@@ -167,28 +187,35 @@ class ObjectPass:
     ) -> _Lit:
         """Return the outputs of layer.frag for every fragment, on their way. outputs: see `_CHANNELS`."""
         sent = []
-        for part in parts:
+        for part, groups in grouped:
             extra = {}
-            if "SHADOW" in self._light.defines:
-                seen = PartOf((shot, bodies), self._light.of_sight)
+            if "SHADOW" in lit[1].defines:
+                seen = PartOf((*lit, bodies, groups), lit[1].of_sight)
                 extra["sun_seen"] = cache.of(self._see_sun, part, seen, keep=_PARTS)
             rows = lane_rows(len(part.chosen))
             target = self._targets.target(f"layer {outputs}", LANE_COLUMNS, rows, _CHANNELS[outputs])
-            self._shade(shot, part, bodies, target, {"BLENDED": 1} if blended else {}, extra, outputs)
+            self._shade(
+                lit,
+                (part, cache.of(_entries, part, keep=_PARTS)),
+                bodies,
+                target,
+                {"BLENDED": 1} if blended else {},
+                extra,
+                outputs,
+            )
             sent.append((part.chosen, self._targets.send(target, Rectangle(0, 0, LANE_COLUMNS, rows))))
         return sent
 
-    def _see_sun(self, part: MeshFragments, seen: PartOf[tuple[Shot, Bodies]]) -> moderngl.Texture:
+    def _see_sun(self, part: MeshFragments, seen: PartOf[tuple[Shot, ShotLight, Bodies, _Groups]]) -> moderngl.Texture:
         """Return the visible fractions of the sun's disc and halo of each fragment, as layer.frag reads them."""
-        shot, bodies = seen.whole
-        sun = sun_of(shot)
-        assert sun is not None
-        of, listed = sun_groups(shot, part, self._buffers(part.mesh).order, sun.direction)
+        shot, light, bodies, groups = seen.whole
+        assert groups is not None
+        of, listed = groups
         count, rows = len(part.chosen), lane_rows(len(part.chosen))
         found = self._targets.target(f"layer {_SEEN}", LANE_COLUMNS, rows, _CHANNELS[_SEEN])
         if len(listed):
-            few = replace(part, chosen=np.arange(len(listed)), entries=list_texture(listed, 3))
-            self._shade(shot, few, bodies, found, {}, {}, _SEEN)
+            few = replace(part, chosen=np.arange(len(listed)))
+            self._shade((shot, light), (few, list_texture(listed, 3)), bodies, found, {}, {}, _SEEN)
         fractions = texture_pool().texture((LANE_COLUMNS, roomy_rows(rows)), 2)
         shader = self._targets.program("spread", {})
         bind(shader, {"groups": list_texture(of, 1), "values": found.color_attachments[0]})
@@ -198,34 +225,35 @@ class ObjectPass:
 
     def _shade(
         self,
-        shot: Shot,
-        part: MeshFragments,
+        lit: tuple[Shot, ShotLight],
+        listed: tuple[MeshFragments, moderngl.Texture],
         bodies: Bodies,
         target: moderngl.Framebuffer,
         defines: dict[str, int],
         textures: dict[str, moderngl.Texture],
         outputs: int,
     ) -> None:
-        """Run layer.frag for a part of the fragments."""
+        """Run layer.frag for a part of the fragments, which a texture lists."""
+        (shot, light), (part, entries) = lit, listed
         mesh, count = part.mesh, len(part.chosen)
         buffers = self._buffers(mesh)
-        defines = defines | of_eye(shot) | {"OUTPUTS": outputs} | _map_defines(mesh) | self._light.defines
+        defines = defines | of_eye(shot) | {"OUTPUTS": outputs} | _map_defines(mesh) | light.defines
         defines |= {"AMONG_BODIES": 1} if mesh in bodies[1] and outputs != _SEEN else {}
         defines |= {"SMOOTH": 1} if mesh.glossy and outputs != _SEEN else {}
         shader = self._targets.program("layer", defines)
         bind(
             shader,
             {
-                "fragments": part.entries,
+                "fragments": entries,
                 "bodies": bodies[0],
                 "triangles": buffers.triangles,
                 "materials": buffers.materials,
                 "store": buffers.store,
                 **textures,
-                **self._light.textures,
+                **light.textures,
             },
         )
-        self._light.set(shader)
+        light.set(shader)
         set_uniforms(
             shader,
             world_from_camera=shot.view.world_from_camera.T,
@@ -240,6 +268,11 @@ class ObjectPass:
 def _cache_of(_: Same) -> Cache:
     """Return the cache of what is made of a list of fragments, and goes with it."""
     return Cache()
+
+
+def _entries(part: MeshFragments) -> moderngl.Texture:
+    """Return the texture of what `MeshFragments` lists."""
+    return list_texture(part.listed, 3)
 
 
 def _taken(lit: _Lit, count: int) -> Floats:

@@ -13,11 +13,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.cache import Cache, PartOf, Same, Scratch, Steps
+from mr360uw.cache import Cache, PartOf, Same, Scratch
 from mr360uw.composite.ambient.solver import AmbientLight
 from mr360uw.composite.gl.ground_shader import NO_EDGE, SHARP, SOFT, GroundShader, SunSight, sun_sight
-from mr360uw.composite.gl.light_textures import LightTextures
-from mr360uw.composite.gl.targets import Targets, side_by_side
+from mr360uw.composite.gl.light_slots import sun_defines
+from mr360uw.composite.gl.light_textures import ShotLight
+from mr360uw.composite.gl.targets import Targets
 from mr360uw.composite.lighting.lamps import lamps_of
 from mr360uw.composite.lighting.sun import sun_of, widest_half_angle
 from mr360uw.composite.receiver.block_light import (
@@ -41,28 +42,43 @@ from mr360uw.composite.receiver.shape import (
 )
 from mr360uw.composite.sampling import Gaps
 from mr360uw.composite.shot import Receiver, Shot
+from mr360uw.steps import Pause, Steps, side_by_side
 from mr360uw.types import Rectangle, Tile
 
-Reached = tuple[Ground, NDArray[np.bool_], NDArray[np.bool_], NDArray[np.bool_]]
-"""The ground, and upper bounds of its blocks (R, C) that a shot changes: at all, by the sun's shadow, by lamps."""
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Reached:
+    """The ground that a shot may change.
+
+    blocks, shaded, lamplit: upper bounds (R, C) of its blocks that change: at all, by the sun's shadow, by lamps.
+    corner: of `BlockLight`, as if the sun were visible everywhere. cache: of the frame, with its ambient light.
+    """
+
+    ground: Ground
+    blocks: NDArray[np.bool_]
+    shaded: NDArray[np.bool_]
+    lamplit: NDArray[np.bool_]
+    ambient: AmbientLight | None
+    corner: NDArray[np.float32]
+    cache: Cache
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Changes:
     """Blocks of the ground that a shot changes, n of them, by rows and columns (n,).
 
-    rectangles: of the frame, which cover the blocks. corner: of `BlockLight`. of_sight: all that what they see of the
-    sun depends on. edge, halo: (n,), (n, 4) of `SunSight`; where other shapes than planes have an edge it is `SHARP`.
+    light: of the shot. rectangles: of the frame, which cover the blocks. of_sight: all that what they see of the sun
+    depends on. edge, halo: (n,), (n, 4) of `SunSight`; where other shapes than planes have an edge it is `SHARP`.
     rough, lamplit: (n,) whether the ground is uneven or lamps light it; whether lamps do. wavy: (n,) whether caustics
     show. shadowed: (n,) whether a shadow's edge alone changes a block. few: (m, s, s, 1) the sun's visible fraction at
     every second pixel of these m; None unless the receiver is a plane.
     """
 
-    ground: Ground
+    reach: Reached
+    light: ShotLight
     rows: Indices
     columns: Indices
     rectangles: list[Rectangle]
-    corner: NDArray[np.float32]
     of_sight: tuple[object, ...]
     edge: NDArray[np.int8]
     halo: NDArray[np.float32]
@@ -73,13 +89,18 @@ class Changes:
     few: NDArray[np.float32] | None = None
 
 
+_Lit = tuple[Shot, ShotLight]
+Masks = tuple[Ground, NDArray[np.bool_], NDArray[np.bool_], NDArray[np.bool_]]
+"""The ground, and the first three of `Reached`."""
+
+
 class ReceiverPass:
     """Draws the receivers of shots; caches the geometry of a receiver while the camera is at rest."""
 
-    def __init__(self, targets: Targets, light: LightTextures, cache: Cache) -> None:
-        self._shader, self._cache, self._scratch = GroundShader(targets, light), cache, Scratch()
+    def __init__(self, targets: Targets, cache: Cache) -> None:
+        self._shader, self._cache, self._scratch = GroundShader(targets), cache, Scratch()
 
-    def reach(self, shot: Shot) -> Reached | None:
+    def masks(self, shot: Shot) -> Masks | None:
         """Return where the receiver may change, by the bodies' boxes; None where it does not."""
         if shot.receiver is None:
             return None
@@ -94,23 +115,28 @@ class ReceiverPass:
         masks = _reached(alike, ground, grid) if lamps_of(shot) else self._cache.of(_reached, alike, ground, grid)
         return (ground, *masks) if np.any(masks[0]) else None
 
-    def find(self, shot: Shot, reach: Reached | None, ambient: AmbientLight | None) -> Steps[Changes | None]:
-        """Return the blocks that change, by the light at their corners; None where there are none.
+    def reached(self, shot: Shot, masks: Masks | None, ambient: AmbientLight | None) -> Reached | None:
+        """Return the ground where it may change, with all that does not need the device. ambient: of the bodies."""
+        if masks is None:
+            return None
+        (ground, blocks, shaded, lamplit), cache = masks, Cache(behind=self._cache)
+        ground.load_blocks(shot, blocks)
+        corner = free_corners(shot, ground, blocks, ambient, cache)
+        shaded = shaded & ("SHADOW" in sun_defines(shot))
+        return Reached(ground, blocks, shaded, lamplit, ambient, corner, cache)
 
-        ambient: solved ambient light among the bodies.
-        """
+    def find(self, shot: Shot, light: ShotLight, reach: Reached | None) -> Steps[Changes | None]:
+        """Return the blocks that change, by the light at their corners; None where there are none."""
         if reach is None or shot.receiver is None:
             return None
-        ground, blocks, shaded, lamplit = reach
-        ground.load_blocks(shot, blocks)
-        corner = free_corners(shot, ground, blocks, ambient, self._cache)
-        shaded = shaded & ("SHADOW" in self._shader.of_sun)
+        ground, blocks, lamplit, corner = reach.ground, reach.blocks, reach.lamplit, reach.corner
         through = None if shot.medium is None else Same(shot.medium.unscattered)
-        of_sight = Same(ground), self._shader.of_sight, through, blocks, shaded, shot.receiver
-        sight = yield from self._cache.steps(self._sight, PartOf(shot, *of_sight), ground, shaded)
+        of_sight = Same(ground), light.of_sight, through, blocks, reach.shaded, shot.receiver
+        sight = yield from self._cache.steps(self._sight, PartOf((shot, light), *of_sight), ground, reach.shaded)
+        yield Pause.ANSWER  # where it is kept, there was no pause
         corner[(*sight.at, SEEN)] = sight.value
-        if "CAUSTICS" not in self._shader.of_sun & _wanted(shot.receiver):
-            changed = changed_blocks(shot, ground, blocks, corner, ambient, self._cache)
+        if "CAUSTICS" not in light.of_sun & _wanted(shot.receiver):
+            changed = changed_blocks(shot, ground, blocks, corner, reach.ambient, reach.cache)
             blocks = changed | (blocks & (lamplit | (sight.edge != NO_EDGE)))
         rectangles = rectangles_of_cells(blocks, (BLOCK, BLOCK), shot.view)
         set_plate_light(shot, ground, blocks, corner)
@@ -121,15 +147,15 @@ class ReceiverPass:
         if shot.receiver.plane_y is None:
             edge = np.where(edge == SOFT, SHARP, edge)  # other shapes are given at pixels only
         rough = ground.rough[j, i] | lamplit
-        wavy = ~sight.umbra[j, i] & ("CAUSTICS" in self._shader.of_sun & _wanted(shot.receiver))
+        wavy = ~sight.umbra[j, i] & ("CAUSTICS" in light.of_sun & _wanted(shot.receiver))
         shadowed = ~rough & (edge != NO_EDGE) & ~wavy
         changes = Changes(
-            ground, j, i, rectangles, corner, of_sight, edge, sight.halo[j, i], rough, lamplit, wavy, shadowed
+            reach, light, j, i, rectangles, of_sight, edge, sight.halo[j, i], rough, lamplit, wavy, shadowed
         )
         if shot.receiver.plane_y is None or not np.any(shadowed):
             return changes
         of_shadowed = ground, (j[shadowed], i[shadowed]), changes.halo[shadowed]
-        few = yield from self._cache.steps(self._few, PartOf(shot, *of_sight), *of_shadowed)
+        few = yield from self._cache.steps(self._few, PartOf((shot, light), *of_sight), *of_shadowed)
         return replace(changes, few=few)
 
     def lay(self, shot: Shot, light: BlockLight | None, tiles: Sequence[Tile]) -> None:
@@ -139,31 +165,25 @@ class ReceiverPass:
         for tile in tiles:
             lay_receiver(light, tile, shot.view.width, shot.view.height, shot.pattern, self._scratch)
 
-    def _sight(self, of_sight: PartOf[Shot], ground: Ground, shaded: NDArray[np.bool_]) -> Steps[SunSight]:
-        return (yield from sun_sight(self._shader, of_sight.whole, ground, shaded))
+    def _sight(self, of_sight: PartOf[_Lit], ground: Ground, shaded: NDArray[np.bool_]) -> Steps[SunSight]:
+        return (yield from sun_sight(self._shader, *of_sight.whole, ground, shaded))
 
     def _few(
-        self, of_sight: PartOf[Shot], ground: Ground, blocks: tuple[Indices, Indices], halo: NDArray[np.float32]
+        self, of_sight: PartOf[_Lit], ground: Ground, blocks: tuple[Indices, Indices], halo: NDArray[np.float32]
     ) -> Steps[NDArray[np.float32]]:
         """Return the sun's visible fraction (n, B / 2, B / 2, 1) at every second pixel of blocks."""
-        drawn = self._shader.pixels(of_sight.whole, ground, *blocks, halo, frozenset({"SHADOW"}), BLOCK // 2)
+        drawn = self._shader.pixels(*of_sight.whole, ground, *blocks, halo, frozenset({"SHADOW"}), BLOCK // 2)
         return (yield from drawn)[0][..., -1:]
 
     # --- light on blocks ---------------------------------------------------------------------------------------------
 
-    def light(
-        self, shot: Shot, changes: Changes | None, ambient: AmbientLight | None, gaps: Gaps
-    ) -> Steps[BlockLight | None]:
-        """Return the light on the blocks that change.
-
-        ambient: solved ambient light among the bodies. gaps: of pixels that they cover partly.
-        """
+    def light(self, shot: Shot, changes: Changes | None, gaps: Gaps) -> Steps[BlockLight | None]:
+        """Return the light on the blocks that change. gaps: of pixels that bodies cover partly."""
         if changes is None:
             return None
         assert shot.receiver is not None
-        j, i, edge = changes.rows, changes.columns, changes.edge
-        free = free_images(shot, changes.ground, changes.corner, j, i, ambient, self._cache, gaps)
-        of_sun = self._shader.of_sun & _wanted(shot.receiver)
+        j, i, edge, reach = changes.rows, changes.columns, changes.edge, changes.reach
+        of_sun = changes.light.of_sun & _wanted(shot.receiver)
         even, has_edge = ~changes.rough, edge != NO_EDGE
         # kinds of blocks: mask, features to compute, samples along a block
         kinds = (
@@ -191,8 +211,10 @@ class ReceiverPass:
                 shape.append((which, np.concatenate([own[0], own[1][..., :3]], axis=-1)))
             if "LAMPS" in wanted:
                 added.append((which, own[2][..., :3]))
+        yield Pause.REST
+        free = free_images(shot, reach.ground, reach.corner, j, i, reach.ambient, reach.cache, gaps)
         own_pixels = (gather_images(len(j), k, of) for k, of in ((1, seen), (3, waves), (7, shape), (3, added)))
-        return BlockLight(j, i, changes.corner, free, *own_pixels)
+        return BlockLight(j, i, reach.corner, free, *own_pixels)
 
     def _of_kind(
         self,
@@ -206,15 +228,17 @@ class ReceiverPass:
         """Return the images of some of the blocks, `which` (n,), as `GroundShader.pixels` does."""
         blocks, halo = (changes.rows[which], changes.columns[which]), changes.halo[which]
         if wanted != {"SHADOW"}:
-            return (yield from self._pixels(shot, changes.ground, gaps, blocks, halo, wanted, side))
+            return (
+                yield from self._pixels((shot, changes.light), changes.reach.ground, gaps, blocks, halo, wanted, side)
+            )
         few = None if changes.few is None else changes.few[which[changes.shadowed]]
-        of_sight = PartOf(shot, changes.of_sight)
-        of_blocks = changes.ground, gaps, blocks, halo, side, PartOf(few)
+        of_sight = PartOf((shot, changes.light), changes.of_sight)
+        of_blocks = changes.reach.ground, gaps, blocks, halo, side, PartOf(few)
         return [(yield from self._cache.steps(self._shadow, of_sight, *of_blocks, keep=2))]
 
     def _shadow(
         self,
-        alike: PartOf[Shot],
+        alike: PartOf[_Lit],
         ground: Ground,
         gaps: Gaps,
         blocks: tuple[Indices, Indices],
@@ -243,7 +267,7 @@ class ReceiverPass:
 
     def _pixels(
         self,
-        shot: Shot,
+        lit: _Lit,
         ground: Ground,
         gaps: Gaps,
         blocks: tuple[Indices, Indices],
@@ -253,10 +277,10 @@ class ReceiverPass:
     ) -> Steps[list[NDArray[np.float32]]]:
         """Return `GroundShader.pixels`, with the light in the gaps of pixels where those are drawn one by one."""
         j, i = blocks
-        draws = [self._shader.pixels(shot, ground, j, i, halo, wanted, side)]
+        draws = [self._shader.pixels(*lit, ground, j, i, halo, wanted, side)]
         some, block = ground.gaps_in(gaps, j, i)
         if len(block) and side == BLOCK:
-            draws.append(self._shader.at_gaps(shot, ground, some, wanted))
+            draws.append(self._shader.at_gaps(*lit, ground, some, wanted))
         images, *of_gaps = yield from side_by_side(*draws)
         at = block, some.row % BLOCK, some.column % BLOCK
         for values in of_gaps:

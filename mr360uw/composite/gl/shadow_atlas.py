@@ -21,7 +21,7 @@ from mr360uw.composite.gl.targets import bind
 from mr360uw.composite.gl.upload import MeshBuffers
 from mr360uw.composite.mesh.mesh import Mesh
 from mr360uw.composite.shot import PlacedObject
-from mr360uw.gl.context import draw_fullscreen, gl_context, program, set_uniforms, texture_from_array
+from mr360uw.gl.context import draw_fullscreen, gl_context, program, set_uniforms, texture_from_array, texture_pool
 from mr360uw.types import Floats
 
 if TYPE_CHECKING:
@@ -151,10 +151,12 @@ class ShadowAtlas:
 
     def _draw(self, drawn_of: PartOf[Sequence[LightFrame]], size: int) -> tuple[moderngl.Texture, list[Floats]]:
         """Return the columns of all slots, and the extents (6,) of each about the start of its frame."""
-        self._cache.drop(self._draw)  # what is drawn now may replace it in the same target
         frames = drawn_of.whole
         columns, rows = min(len(frames), _COLUMNS), -(-len(frames) // _COLUMNS)
-        drawn, atlas = self._cache.of(_targets, columns * size, rows * size)
+        drawn = self._cache.of(_target, columns * size, rows * size)
+        texture = texture_pool().texture((columns * size, rows * size), 4)
+        texture.repeat_x = texture.repeat_y = False
+        atlas = texture_pool().framebuffer(texture)
         drawn.use()
         drawn.viewport = (0, 0, *drawn.size)
         drawn.clear(-1e9, -1e9, 0.0, 0.0)
@@ -169,7 +171,6 @@ class ShadowAtlas:
         set_uniforms(self._columns, slot_size=size, slot_columns=columns)
         atlas.viewport = (0, 0, columns * size, rows * size)
         draw_fullscreen(atlas, self._columns)
-        texture: moderngl.Texture = atlas.color_attachments[0]  # type: ignore[assignment]
         texture.build_mipmaps(0, size.bit_length() - 3)
         texture.filter = (gl_context().LINEAR_MIPMAP_NEAREST, gl_context().LINEAR)
         return texture, extents
@@ -210,12 +211,7 @@ def _nothing() -> tuple[moderngl.Texture, Floats]:
     return texture_from_array(np.zeros((1, 1, 2))), np.zeros((1, ROW_TEXELS, 4))
 
 
-def _targets(width: int, height: int) -> tuple[moderngl.Framebuffer, moderngl.Framebuffer]:
-    """Return framebuffers to draw bodies into, and for the columns: a framebuffer that is collected while it is bound
-    leaves nothing bound, so both are kept.
-    """
-    context = gl_context()
-    atlas = context.texture((width, height), 4, dtype="f4")
-    atlas.repeat_x = atlas.repeat_y = False
-    drawn = context.texture((_SUPERSAMPLING * width, _SUPERSAMPLING * height), 2, dtype="f4")
-    return context.framebuffer([drawn]), context.framebuffer([atlas])
+def _target(width: int, height: int) -> moderngl.Framebuffer:
+    """Return a framebuffer to draw bodies of columns (height, width) into."""
+    drawn = gl_context().texture((_SUPERSAMPLING * width, _SUPERSAMPLING * height), 2, dtype="f4")
+    return gl_context().framebuffer([drawn])

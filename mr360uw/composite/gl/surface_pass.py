@@ -15,11 +15,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.cache import Cache, PartOf, Steps
+from mr360uw.cache import Cache, PartOf
 from mr360uw.composite.gl.blocks import BLOCK, LANE_COLUMNS, Blocks, lane_rows, make_blocks, write_lanes
 from mr360uw.composite.gl.facet_pass import FACET_COLUMNS, FacetPass, of_eye
 from mr360uw.composite.gl.fragments import NOTHING, Fragments, joined_fragments
-from mr360uw.composite.gl.targets import Targets, bind, side_by_side
+from mr360uw.composite.gl.targets import Targets, bind
 from mr360uw.composite.gl.upload import MeshBuffers, list_texture, write_uniform
 from mr360uw.composite.mesh.mesh import Mesh
 from mr360uw.composite.sampling import (
@@ -37,6 +37,7 @@ from mr360uw.composite.sampling import (
 )
 from mr360uw.composite.shot import PlacedObject, Shot
 from mr360uw.gl.context import set_uniforms
+from mr360uw.steps import Pause, Steps, side_by_side
 from mr360uw.types import Floats, Rectangle
 
 _PROBES = np.array(
@@ -52,6 +53,10 @@ _WORD_BITS = 24
 """Bits of a word: as many as single floats hold exactly, six fours; three words hold the most rays of a pixel."""
 _SAMPLES_AT_ONCE = 32
 """Rays of a pixel in one draw call where every sample is kept: eight targets of four."""
+
+
+Sampled = tuple[Shot, int]
+"""A shot, and its number among those under way."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -72,12 +77,13 @@ class SurfacePass:
         self._facets = FacetPass(targets, buffers, cache)
 
     def find(
-        self, sampled: PartOf[Shot], objects: Sequence[PlacedObject]
+        self, sampled: PartOf[Sampled], objects: Sequence[PlacedObject]
     ) -> Steps[tuple[list[Fragments], NDArray[np.int64]]]:
         """Return the layers of fragments, nearest first, opaque ones last; and each object's first triangle."""
-        shot = sampled.whole
-        facets = yield from self._facets.draw(shot, objects)
+        shot, slot = sampled.whole
+        facets = yield from self._facets.draw(shot, objects, slot)
         blocks = make_blocks(facets.rectangles, facets.numbers, facets.kinds, shot.view.width)
+        yield Pause.DEVICE
         textures = facets.textures | {"members": list_texture(blocks.members, 1), "masks": list_texture(blocks.masks)}
         defines = of_eye(shot) | ({"CUTOUTS": 1} if "cutouts" in textures else {})
         blended = blocks.some(blocks.bounds[:, 2] < blocks.bounds[:, 3])
@@ -145,6 +151,7 @@ class SurfacePass:
     ) -> Steps[Fragments]:
         """Return the groups of samples of pixels; number: their indices among the pixels of all blocks."""
         per_block = BLOCK * BLOCK
+        yield Pause.DEVICE
         picked = list_texture(np.stack([number // per_block, number % per_block], axis=-1), 2)
         draw = replace(draw, textures={**draw.textures, "picked": picked})
         words = -(-samples.count // _WORD_BITS)
@@ -224,7 +231,7 @@ class SurfacePass:
         part = Rectangle(0, 0, LANE_COLUMNS, rows)
         self._targets.fill(target, shader, part)
         sent = self._targets.send(target, part)
-        yield
+        yield Pause.ANSWER
         values = np.empty((count, sum(channels)), np.float32)
         write_lanes(sent.stacked(), values)
         return values

@@ -1,28 +1,24 @@
 # SPDX-License-Identifier: Apache-2.0
 """Programs and render targets that the passes of a layer share, kept from frame to frame; pixels on their way back.
 
-Passes are written as steps (`Steps`): one that needs what it has drawn sends it on its way (`Targets.send`), pauses,
-and takes it when it goes on. Passes side by side send all that they have drawn before one of them waits, so that they
-wait together, and once.
+Passes are written as steps (`mr360uw.steps`): one that needs what it has drawn sends it on its way (`Targets.send`),
+pauses, and takes it when it goes on. Passes side by side send all that they have drawn before one of them waits, so
+that they wait together, and once.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.cache import Steps
 from mr360uw.gl.context import gl_context, program, roomy_rows, set_uniforms
 from mr360uw.types import Rectangle
 
 if TYPE_CHECKING:
     import moderngl
-
-
-T = TypeVar("T")
 
 _LEAST_BYTES = 1 << 20
 """Bytes of a buffer for pixels on their way back, at least."""
@@ -75,6 +71,7 @@ class Targets:
         self._triangles: dict[moderngl.Program, moderngl.VertexArray] = {}
         self._targets: dict[str, moderngl.Framebuffer] = {}
         self._batch: _Batch | None = None
+        self._full: list[_Batch] = []
 
     def program(self, name: str, defines: Mapping[str, str | int | float]) -> moderngl.Program:
         """Return the full-screen program of composite/gl/shaders/<name>.frag with defines, compiled once."""
@@ -143,11 +140,19 @@ class Targets:
             batch.used += size
         return Pixels(batch, places)
 
+    def answer(self) -> None:
+        """Take all that was sent from the device; wait for it. Other threads may then take their pixels."""
+        for batch in [*self._full, *([] if self._batch is None or not self._batch.used else [self._batch])]:
+            batch.data()
+        self._full.clear()
+
     def _open_batch(self, size: int) -> _Batch:
         """Return a batch with room for `size` more bytes: the last one, or a new one if that is read or full."""
         last = self._batch
         needed = size if last is None or last.is_read else last.used + size
         if last is None or needed > last.buffer.size:
+            if last is not None and not last.is_read:
+                self._full = [*(full for full in self._full if not full.is_read), last]
             room = 1 << max(2 * needed - 1, _LEAST_BYTES - 1).bit_length()
             self._batch = _Batch(gl_context().buffer(reserve=room))
         elif last.is_read:
@@ -156,37 +161,11 @@ class Targets:
         return self._batch
 
 
-def side_by_side(*parts: Steps[Any]) -> Steps[list[Any]]:
-    """Return the results of several steps; each goes on to its next pause before the first of them goes on from it."""
-    results: list[Any] = [None] * len(parts)
-    working = dict(enumerate(parts))
-    while working:
-        for number, part in list(working.items()):
-            try:
-                next(part)
-            except StopIteration as done:
-                results[number] = done.value
-                del working[number]
-        if working:
-            yield
-    return results
-
-
-def finished(steps: Steps[T]) -> T:
-    """Return the result of steps that nothing runs beside."""
-    while True:
-        try:
-            next(steps)
-        except StopIteration as done:
-            result: T = done.value
-            return result
-
-
 def bind(shader: moderngl.Program, textures: Mapping[str, Any]) -> None:
     """Bind the textures that a program uses, each to a unit of its own."""
     unit = 0
     for name, texture in textures.items():
-        if name in shader:
+        if shader.get(name, None) is not None:  # `in` looks at one name after the other
             texture.use(unit)
             set_uniforms(shader, **{name: unit})
             unit += 1

@@ -36,14 +36,13 @@ class MeshBuffers:
     """A mesh on the device, triangles ordered by alpha mode.
 
     corners: one vec4 a corner, (position, 0). ranges: (first, count) triangles of each mode. pieces: how many smooth
-    pieces it has. order: (T,) of the mesh's triangles on the device. triangles, materials, store: as geometry.glsl and
+    pieces it has. triangles, materials, store: as geometry.glsl and
     texture.glsl say.
     """
 
     corners: moderngl.Buffer
     ranges: dict[AlphaMode, tuple[int, int]]
     pieces: int
-    order: NDArray[np.int64]
     triangles: moderngl.Texture
     materials: moderngl.Texture
     store: moderngl.Texture
@@ -69,9 +68,8 @@ def upload_still(mesh: Mesh, places: NDArray[np.int64] | None = None) -> StillBu
     """Return what the poses of a mesh share on the device. places: (T, 4) its points of ambient light, as `Lattice` has
     them; None without them.
     """
-    mode = np.array([MODES.index(m.alpha_mode) for m in mesh.materials])[mesh.material]
-    order = np.argsort(mode, kind="stable")
-    counts = np.bincount(mode, minlength=3)
+    order = device_order(mesh)
+    counts = np.bincount(_modes(mesh), minlength=3)
     ranges = {name: (int(counts[:k].sum()), int(counts[k])) for k, name in enumerate(MODES)}
     texels = np.zeros((len(order), TRIANGLE_TEXELS, 4), np.float32)
     texels[:, 0:9:3, 3], texels[:, 1:9:3, 3] = mesh.uv[order, :, 0], mesh.uv[order, :, 1]
@@ -92,6 +90,15 @@ def upload_still(mesh: Mesh, places: NDArray[np.int64] | None = None) -> StillBu
     )
 
 
+def device_order(mesh: Mesh) -> NDArray[np.int64]:
+    """Return the triangles (T,) of a mesh in their order on the device, by alpha mode."""
+    return np.argsort(_modes(mesh), kind="stable")
+
+
+def _modes(mesh: Mesh) -> NDArray[np.int64]:
+    return np.array([MODES.index(m.alpha_mode) for m in mesh.materials])[mesh.material]
+
+
 def upload_mesh(mesh: Mesh, places: NDArray[np.int64] | None = None, still: StillBuffers | None = None) -> MeshBuffers:
     """Return a mesh on the device. places: those of `upload_still`. still: of a pose, what it shares with others."""
     still = upload_still(mesh, places) if still is None else still
@@ -107,7 +114,6 @@ def upload_mesh(mesh: Mesh, places: NDArray[np.int64] | None = None, still: Stil
         corners=held,
         ranges=still.ranges,
         pieces=still.pieces,
-        order=still.order,
         triangles=texture_from_array(rows),
         materials=still.materials,
         store=still.store,

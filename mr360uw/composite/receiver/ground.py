@@ -8,6 +8,7 @@ and in small frames, where a block spans a large angle. Rough blocks are evaluat
 
 from __future__ import annotations
 
+import threading
 from typing import Any
 
 import numpy as np
@@ -101,7 +102,7 @@ Indices = NDArray[np.int64]
 
 
 class Ground:
-    """Points and normals of the receiver for one camera pose, on the blocks given to `load_blocks`.
+    """Points and normals of the receiver for one camera pose, on the blocks given to `load_blocks`, on any thread.
 
     corner_point, corner_normal: (R + 1, C + 1, 3) float32, middle_point, middle_normal: (R, C, 3), from the camera [m];
     corner (j, i) is at frame coordinates (8 i, 8 j). reach_m: (R, C) radius of a ball about the middle that contains
@@ -109,7 +110,7 @@ class Ground:
     """
 
     def __init__(self, shot: Shot, shape: ReceiverShape) -> None:
-        self._shape = shape
+        self._shape, self._lock = shape, threading.RLock()
         self._height = shot.view.height
         self.rows, self.columns = -(-shot.view.height // BLOCK), -(-shot.view.width // BLOCK)
         corners, blocks = (self.rows + 1, self.columns + 1), (self.rows, self.columns)
@@ -132,9 +133,13 @@ class Ground:
 
     def load_blocks(self, shot: Shot, blocks: NDArray[np.bool_]) -> None:
         """Compute points and normals of a set of blocks (R, C) and their corners, unless they are loaded already."""
-        new = blocks & ~self._loaded_block
-        if not np.any(new):
-            return
+        with self._lock:
+            new = blocks & ~self._loaded_block
+            if np.any(new):
+                self._load(shot, new)
+
+    def _load(self, shot: Shot, new: NDArray[np.bool_]) -> None:
+        """Compute points and normals of blocks (R, C) that are not loaded."""
         j, i = np.nonzero(self.corners_of(new) & ~self._loaded_corner)
         self.corner_point[j, i], self.corner_normal[j, i] = self.meet(
             shot, BLOCK * i, np.minimum(BLOCK * j, self._height)
@@ -178,6 +183,10 @@ class Ground:
 
     def pixels(self, shot: Shot, j: Indices, i: Indices) -> NDArray[np.float32]:
         """Return (normal, distance) of the pixels of blocks, (n, BLOCK, BLOCK, 4); distance 0 where there is none."""
+        with self._lock:
+            return self._pixels(shot, j, i)
+
+    def _pixels(self, shot: Shot, j: Indices, i: Indices) -> NDArray[np.float32]:
         new = self._image_at[j, i] < 0
         if np.any(new):
             nj, ni = j[new], i[new]

@@ -16,7 +16,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field, fields, is_dataclass, replace
 from typing import Any, TypeVar, TypeVarTuple
 
-from mr360uw.cache import Cache, PartOf, Steps, name_of
+from mr360uw.cache import Cache, PartOf, name_of
 from mr360uw.render.backends import Backend, make_backend
 from mr360uw.render.first_pass import ClipAnalysis
 from mr360uw.render.frame import composite_frame
@@ -24,6 +24,7 @@ from mr360uw.render.loaded import Loaded, load
 from mr360uw.render.plan import Plan
 from mr360uw.scene.inputs import open_plate
 from mr360uw.scene.model import Scene
+from mr360uw.steps import Steps
 from mr360uw.video import VideoFrame
 
 T = TypeVar("T")
@@ -75,11 +76,11 @@ class StageGraph(Cache):
         while True:
             with self._timed(name):
                 try:
-                    next(working)
+                    pause = next(working)
                 except StopIteration as done:
                     result: T = done.value
                     break
-            yield
+            yield pause
         self._note(name, inputs, result, self.made[name] > before)
         return result
 
