@@ -32,6 +32,8 @@ from mr360uw.video.write.writer import VideoWriter
 
 _WAITING = 2
 """Frames between two stages at most, beside those that are under way in each."""
+_UNDER_WAY_PX = 5 * 4096 * 2048
+"""Pixels of the frames that are drawn at a time, at most: a pixel that changes holds some 45 bytes, 2 GB if all do."""
 
 
 @dataclass
@@ -99,6 +101,11 @@ class Job:
         return hash((self.work.path, self.parts))
 
 
+def frames_under_way(best: int, pixels: int) -> int:
+    """Return how many frames of so many pixels are drawn at a time. best: without regard to memory; two always fit."""
+    return min(best, max(_UNDER_WAY_PX // pixels, 2))
+
+
 class OpenJob:
     """A job with its plate, its loaded scene and its renderer, for the thread that opened it."""
 
@@ -136,7 +143,9 @@ class OpenJob:
                 self._timed(draw_frame(self.loaded, self.backend, measured, exposure_s, drawing, variables=variables))
                 for measured in prefetch(self._read(start, stop), _WAITING)
             )
-            with closing(in_flight(steps, self.backend.answer, self.backend.in_flight)) as frames:
+            pixels = self.loaded.width * self.loaded.height * self.loaded.scene.plate.eyes
+            depth = frames_under_way(self.backend.in_flight, pixels)
+            with closing(in_flight(steps, self.backend.answer, depth)) as frames:
                 for drawn, took_s in frames:
                     self._times.add("render", time.perf_counter() - took_s)
                     behind.put(drawn)
