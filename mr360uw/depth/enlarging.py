@@ -38,7 +38,7 @@ _REACH = 10
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Surfaces:
+class PlateSurfaces:
     """One or two surfaces in each pixel of a picture, arrays (H, W) float32.
 
     distance_m: of the surface that covers most of the pixel [m], infinite where it is not known. beside_m: of that
@@ -50,7 +50,7 @@ class Surfaces:
     share: Map | None = None
 
 
-def enlarged(distance_m: Map, picture: Map) -> Surfaces:
+def enlarged(distance_m: Map, picture: Map) -> PlateSurfaces:
     """Return distances (h, w) [m] at the size of a grey picture (H, W), codes in [0, 255], along its edges."""
     with np.errstate(divide="ignore"):
         inverse = np.ascontiguousarray(np.float32(1.0) / distance_m, np.float32)
@@ -60,7 +60,7 @@ def enlarged(distance_m: Map, picture: Map) -> Surfaces:
         _average_along(near, far, share.copy(), normal, share)
         mostly = share >= 0.5
         main, beside = (1.0 / np.where(mostly, *two) for two in ((near, far), (far, near)))
-        return Surfaces(main.astype(np.float32), beside.astype(np.float32), np.minimum(share, 1.0 - share))
+        return PlateSurfaces(main.astype(np.float32), beside.astype(np.float32), np.minimum(share, 1.0 - share))
 
 
 @inlined

@@ -14,10 +14,11 @@ import numpy as np
 from mr360uw.cache import Cache
 from mr360uw.composite.shot import Receiver
 from mr360uw.depth.depth_files import DepthClip, Kind
-from mr360uw.depth.enlarging import Surfaces, enlarged
+from mr360uw.depth.enlarging import PlateSurfaces, enlarged
 from mr360uw.depth.relief import ground_below, on_relief
 from mr360uw.depth.sphere_stereo import SURE, DepthMap
 from mr360uw.depth.warping import Map
+from mr360uw.reading.cached_reads import CachedReads
 from mr360uw.sphere import frame_from_direction
 from mr360uw.track.key_frames import grey_picture
 from mr360uw.types import Floats, View
@@ -29,10 +30,10 @@ _KEPT = 4
 """Frames whose distances are kept: two, of both eyes."""
 
 
-def sure_surfaces(found: DepthMap, picture: Map) -> Surfaces:
+def sure_surfaces(found: DepthMap, picture: Map) -> PlateSurfaces:
     """Return the surfaces of a map at the size of a grey picture (H, W), infinitely far where a map is not sure."""
     sure = np.where(found.confidence >= SURE, found.distance_m, np.float32(np.inf)).astype(np.float32)
-    return Surfaces(sure) if sure.shape == picture.shape else enlarged(sure, picture)
+    return PlateSurfaces(sure) if sure.shape == picture.shape else enlarged(sure, picture)
 
 
 class PlateDepth:
@@ -40,7 +41,7 @@ class PlateDepth:
 
     def __init__(self, folder: Path, kind: Kind = "metric", scale_m: float = 1.0, right: bool = False) -> None:
         self._clip, self._right, self._kept = DepthClip(folder, kind, scale_m), right, Cache()
-        self._one_thread = threading.RLock()
+        self._ground, self._one_thread = CachedReads(), threading.RLock()
 
     @property
     def of_both_eyes(self) -> bool:
@@ -58,10 +59,10 @@ class PlateDepth:
         """
         return self.surfaces(index, plate, eye).distance_m
 
-    def surfaces(self, index: int, plate: VideoFrame, eye: int = 0) -> Surfaces:
+    def surfaces(self, index: int, plate: VideoFrame, eye: int = 0) -> PlateSurfaces:
         """Return what `at` does, with the surfaces beside these in pixels along edges."""
         with self._one_thread:
-            return self._kept.of(_of_frame, self._map(index, eye), plate, keep=_KEPT)
+            return self._kept.of(_of_frame, self.map_at(index, eye), plate, keep=_KEPT)
 
     def receiver_at(self, index: int, receiver: Receiver, view: View, eye: int = 0) -> Receiver:
         """Return a receiver as it is in a frame, with the relief of the plate: the same object while nothing changes.
@@ -69,18 +70,19 @@ class PlateDepth:
         view: that of the frame. eye: 1 for the right one of two, else 0. For any thread.
         """
         with self._one_thread:
-            return self._kept.of(on_relief, receiver, self._map(index, eye), view, keep=_KEPT)
+            return self._kept.of(on_relief, receiver, self.map_at(index, eye), view, keep=_KEPT)
 
     def ground_below(self, index: int, view: View) -> float | None:
         """Return how far [m] the ground is below the camera in a frame, None where the map does not tell (`relief`)."""
-        return ground_below(self._map(index), view.world_from_camera[1])
+        with self._one_thread:
+            return self._ground.of(_ground_below, self, index, np.array(view.world_from_camera[1]))
 
     def toward(self, index: int, direction: Floats) -> float:
         """Return the distance [m] of what a frame shows in a direction (3,) in the camera's axes.
 
         It is the median of the sure pixels of the map about it; infinite where there are none.
         """
-        found = self._map(index)
+        found = self.map_at(index)
         height, width = found.distance_m.shape
         x, y = frame_from_direction(direction, width, height)
         rows = np.clip(int(y) + _NEAR, 0, height - 1)[:, None]
@@ -88,12 +90,17 @@ class PlateDepth:
         near = found.distance_m[rows, columns][found.confidence[rows, columns] >= SURE]
         return float(np.median(near)) if len(near) else float("inf")
 
-    def _map(self, index: int, eye: int = 0) -> DepthMap:
+    def map_at(self, index: int, eye: int = 0) -> DepthMap:
+        """Return the map of a frame at its own size. eye: 1 for the right one of two, else 0."""
         with self._one_thread:
             return self._clip.at(index, right=self._right or eye == 1)
 
 
-def _of_frame(found: DepthMap, plate: VideoFrame) -> Surfaces:
+def _ground_below(depth: PlateDepth, index: int, up: Floats) -> float | None:
+    return ground_below(depth.map_at(index), up)
+
+
+def _of_frame(found: DepthMap, plate: VideoFrame) -> PlateSurfaces:
     """Return the sure surfaces of a frame."""
     import cv2
 

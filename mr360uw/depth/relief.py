@@ -9,7 +9,9 @@ averaged.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,18 +49,38 @@ def on_relief(receiver: Receiver, found: DepthMap, view: View) -> Receiver:
 
     view: that of the frame.
     """
-    own, sure = inverse_distance(found.distance_m), (found.confidence >= SURE).astype(np.float32)
-    if own.shape[1] > MOST_COLUMNS:
-        seen = resized((own > 0.0).astype(np.float32), MOST_COLUMNS)
-        own = (resized(own, MOST_COLUMNS) / np.maximum(seen, _MOSTLY)).astype(np.float32)
+    inverse, sure = inverse_distance(found.distance_m), (found.confidence >= SURE).astype(np.float32)
+    if inverse.shape[1] > MOST_COLUMNS:
+        seen = resized((inverse > 0.0).astype(np.float32), MOST_COLUMNS)
+        inverse = (resized(inverse, MOST_COLUMNS) / np.maximum(seen, _MOSTLY)).astype(np.float32)
         sure = resized(sure, MOST_COLUMNS)
-    rows, columns = own.shape
-    sees = replace(view, width=columns, height=rows)
-    x, y = np.meshgrid(np.arange(columns) + 0.5, np.arange(rows) + 0.5)
+    of_map = (sure > _MOSTLY) & (inverse > 0.0)
+    used = of_map | _between_sure(inverse, of_map)
+    sees = replace(view, width=inverse.shape[1], height=inverse.shape[0])
+    j, i = np.nonzero(~used)
+    x, y = i + 0.5, j + 0.5
     elsewhere, _ = ReceiverShape(receiver, view.position).meet_along(sees, x, y, sees.directions(x, y))
+    inverse[j, i] = inverse_distance(elsewhere)
+    off = np.where(used & ~of_map, np.float32(OFF_IN_HOLES), np.float32(OFF))
     with np.errstate(divide="ignore"):
-        shape = np.float32(1.0) / relief(own, sure > _MOSTLY, inverse_distance(elsewhere))
+        shape = np.float32(1.0) / smoothed(inverse, inverse * (1.0 - off), inverse * (1.0 + off), _WIDTHS_DEG)
     return replace(receiver, plane_y=None, mesh=None, distance_m=shape)
+
+
+def _between_sure(inverse: Map, sure: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return the pixels (h, w) whose inverse distance [1/m] is between the sure ones in a window about them."""
+    import cv2
+
+    side = width_px(_ABOUT_DEG, sure.shape[1])
+    half, window = side // 2, np.ones((side, side), np.uint8)
+
+    def of_windows(extreme: Callable[..., Any], nothing: float) -> Map:
+        wide = cv2.copyMakeBorder(np.where(sure, inverse, np.float32(nothing)), 0, 0, half, half, cv2.BORDER_WRAP)
+        return np.asarray(extreme(wide, window)[:, half : half + sure.shape[1]])
+
+    least, most = of_windows(cv2.erode, np.inf), of_windows(cv2.dilate, 0.0)
+    enough = running_mean(sure.astype(np.float32), side) > _SUPPORT
+    return enough & (inverse > (1.0 - _ALIKE) * least) & (inverse < (1.0 + _ALIKE) * most)
 
 
 def ground_below(found: DepthMap, up: Floats) -> float | None:
@@ -73,29 +95,3 @@ def ground_below(found: DepthMap, up: Floats) -> float | None:
     if np.count_nonzero(seen) < _LEAST_GROUND * np.count_nonzero(under):
         return None
     return float(np.median(found.distance_m[seen] * down[seen]))
-
-
-def relief(own: Map, sure: NDArray[np.bool_], elsewhere: Map) -> Map:
-    """Return the inverse distances (h, w) [1/m] of a receiver, 0 where there is no surface.
-
-    own: (h, w) [1/m] those of the plate. sure: (h, w) where they are right. elsewhere: (h, w) [1/m] those of the
-    surface that stands where the plate's are not used. Both are 0 where there is nothing.
-    """
-    sure = sure & (own > 0.0)
-    least, most = (_of_windows(np.where(sure, own, np.float32(nothing)), nothing > 0.0) for nothing in (np.inf, 0.0))
-    about = running_mean(sure.astype(np.float32), width_px(_ABOUT_DEG, own.shape[1]))
-    alike = (about > _SUPPORT) & (own > (1.0 - _ALIKE) * least) & (own < (1.0 + _ALIKE) * most)
-    used = sure | alike
-    inverse = np.where(used, own, elsewhere)
-    off = np.where(used & ~sure, np.float32(OFF_IN_HOLES), np.float32(OFF))
-    return smoothed(inverse, inverse * (1.0 - off), inverse * (1.0 + off), _WIDTHS_DEG)
-
-
-def _of_windows(values: Map, least: bool) -> Map:
-    """Return the least or the largest value (h, w) of the windows about the pixels; the seam is closed."""
-    import cv2
-
-    side = width_px(_ABOUT_DEG, values.shape[1])
-    half, of_window = side // 2, cv2.erode if least else cv2.dilate
-    wide = cv2.copyMakeBorder(values, 0, 0, half, half, cv2.BORDER_WRAP)
-    return np.asarray(of_window(wide, np.ones((side, side), np.uint8))[:, half : half + values.shape[1]])

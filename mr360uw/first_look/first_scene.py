@@ -19,7 +19,7 @@ from mr360uw.composite.object_settings import ObjectSettings
 from mr360uw.errors import ParameterError, SceneError, VideoError
 from mr360uw.files import whole_file
 from mr360uw.first_look.mesh_look import look_at_mesh
-from mr360uw.first_look.place_in_plate import Wish
+from mr360uw.first_look.place_in_plate import ShownDistance, Wish
 from mr360uw.first_look.plate_look import Eye, PlateLook, look_at_plate
 from mr360uw.first_look.proposal import propose
 from mr360uw.first_look.proposal_words import brightness_lines, found_lines, scene_lines
@@ -30,7 +30,7 @@ from mr360uw.preview.thumbnail import screen_picture
 from mr360uw.render.camera import CameraPath
 from mr360uw.render.loaded import Loaded
 from mr360uw.scene.model import CameraSettings, PlateSettings, Scene, scene_from_dict
-from mr360uw.types import View
+from mr360uw.types import Floats, View
 
 _GREY = 0.18
 """Reflectance of a grey card, and about that of most ground."""
@@ -104,9 +104,9 @@ def make_first_scene(
     Returns the scene, lines on what was found and guessed, and commands that go on from there.
 
     wish: for its place and size. track: the camera's path, whose floor is taken from the .json beside it. depth: folder
-    of the plate's distances, which tell the floor and what things stand on. eye: of a
-    stereo plate, by default the left one. outside_files: the mesh may name files outside of its folder. Raises the
-    files' errors, `OutputExistsError`, `ParameterError` or `SceneError`; nothing is written then.
+    of the plate's distances, which tell the floor and what things stand on. eye: of a stereo plate, by default the left
+    one. outside_files: the mesh may name files outside of its folder. Raises the files' errors, `OutputExistsError`,
+    `ParameterError` or `SceneError`; nothing is written then.
     """
     path, preview = _targets(video, mesh, track, out, overwrite=overwrite)
     plate = look_at_plate(video, eye)
@@ -114,13 +114,8 @@ def make_first_scene(
     floor = None if track is None else _floor_of(track)
     shown_m = None
     if depth is not None:
-        from mr360uw.depth.occlusion import PlateDepth  # whose kernels most plates have no use for
-
-        distances = PlateDepth(depth, right=plate.eye == "right")
-        camera = _first_view(plate, track)
-        below_m = distances.ground_below(0, camera)
+        below_m, shown_m = _shown_by(depth, plate, track)
         floor = floor if below_m is None else (below_m, "by the distances of the plate")
-        shown_m = lambda direction: distances.toward(0, camera.world_from_camera.T @ direction)  # noqa: E731
     chosen = replace(propose(plate, seen, wish or Wish(), floor, shown_m), track=track, depth=depth)
     text = scene_lines(plate, seen, chosen, path.parent, outside_files=outside_files)
     scene = scene_from_dict(tomllib.loads(text), path.parent)
@@ -164,13 +159,22 @@ def _targets(video: Path, mesh: Path, track: Path | None, out: Path | None, *, o
     return path, preview
 
 
-def _first_view(plate: PlateLook, track: Path | None) -> View:
-    """Return the view of a plate's first frame, by the camera's track or by the tilt that the plate shows."""
+def _shown_by(depth: Path, plate: PlateLook, track: Path | None) -> tuple[float | None, ShownDistance]:
+    """Return how far [m] maps of a plate's distances show the ground below the camera, None where they do not, and
+    what tells other distances. The camera is levelled by its track, or by the tilt that the plate shows.
+    """
+    from mr360uw.depth.occlusion import PlateDepth  # whose kernels most plates have no use for
+
     tilt = plate.tilt
     roll, pitch = (0.0, 0.0) if tilt is None else np.degrees([tilt.roll_rad, tilt.pitch_rad]).tolist()
     camera = CameraSettings(track=track, roll_deg=roll, pitch_deg=pitch)
     position, rotation = CameraPath.of(Scene(plate=PlateSettings(path=plate.path), camera=camera)).at(0.0)
-    return View(2, 1, position, rotation)
+    maps = PlateDepth(depth, right=plate.eye == "right")
+
+    def shown_m(direction: Floats) -> float:
+        return maps.toward(0, rotation.T @ direction)
+
+    return maps.ground_below(0, View(2, 1, position, rotation)), shown_m
 
 
 def _floor_of(track: Path) -> tuple[float, str] | None:

@@ -64,19 +64,19 @@ class CausticDepths:
             reaches.append((float(levels.min()), float(levels.max())))
             heights.append(float(np.ptp(levels, axis=1).max()))
         flat: list[float] = []
+        levels_y: list[float] = []
         ground: Span | None = None
         if scene.receiver is not None and scene.receiver.caustics:
             nearest.append(0.0)
             if receiver is not None and receiver.plane_y is not None:
                 flat.append(surface - receiver.plane_y)
-                if relief:
-                    ground = (surface - float(cameras[:, 1].max()), surface - receiver.plane_y)
-                else:
-                    nearest[-1] = float(np.min(np.abs(cameras[:, 1] - receiver.plane_y)))
+                levels_y = [receiver.plane_y]
+                nearest[-1] = 0.0 if relief else float(np.min(np.abs(cameras[:, 1] - receiver.plane_y)))
             elif receiver is not None and receiver.mesh is not None:
-                ground = (surface - float(receiver.mesh[..., 1].max()), surface - float(receiver.mesh[..., 1].min()))
-            if ground is not None:
-                ground = min(ground), max(ground)
+                levels_y = [float(receiver.mesh[..., 1].min()), float(receiver.mesh[..., 1].max())]
+            levels_y += [float(cameras[:, 1].max())] if relief else []
+            if len(levels_y) > 1:
+                ground = surface - max(levels_y), surface - min(levels_y)
                 reaches.append(ground)
                 heights.append(ground[1] - ground[0])
         snow_m = scene.snow.range_m if scene.snow.amount > 0.0 and not objects else 0.0

@@ -64,7 +64,8 @@ class PlateSettings(Parameters):
         None, "arrangement of the eyes, in which the panorama may be squeezed; none: as tagged, or by the frame's shape"
     )
     depth: Path | None = parameter(
-        None, "folder of distance maps, of `mr360uw depth` or made elsewhere: bodies go behind what is nearer"
+        None,
+        "folder of distance maps, of `mr360uw depth` or others: what is nearer hides bodies, and shadows fall on it",
     )
     depth_kind: Literal["metric", "inverse"] = advanced(
         "metric", "of maps made elsewhere: distances, or their inverse as networks give it"

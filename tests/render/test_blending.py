@@ -24,19 +24,9 @@ from mr360uw.scene.model import load_scene
 from mr360uw.types import Layer, YuvImage
 from mr360uw.video import VideoFrame
 from mr360uw.video.pixels.planes import changed_pixels
-from tests.video.clips import SIZE, yuv_image
+from tests.video.clips import SIZE, SPECS, yuv_image
 
 pytestmark = pytest.mark.usefixtures("gl")
-
-SPECS = [
-    ColorSpec(),
-    ColorSpec("bt709", True, "gamma22"),
-    ColorSpec("bt601", False, "bt709"),
-    ColorSpec("bt709", False, "bt1886", 10),
-    ColorSpec("bt709", True, "vlog", 10),
-    ColorSpec("bt2020", False, "hlg", 10),
-    ColorSpec("bt2020", False, "pq", 10),
-]
 
 
 def planes_of(frame: VideoFrame) -> list[np.ndarray]:

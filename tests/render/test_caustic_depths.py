@@ -37,12 +37,20 @@ CAMERA = {"depth_m": 5.0}
 class Moving:
     """A scene's caustic depths, and its shots without light."""
 
-    def __init__(self, folder: Path, mesh: Path, objects: list[dict[str, Any]], height: int = 960, **tables: Any):
+    def __init__(
+        self,
+        folder: Path,
+        mesh: Path,
+        objects: list[dict[str, Any]],
+        height: int = 960,
+        relief: bool = False,
+        **tables: Any,
+    ):
         objects = [{"mesh": str(mesh)} | table for table in objects]
         scene = scene_with(folder, None, object=objects, **{"camera": CAMERA} | tables)
         self.objects = tuple(load_object(settings) for settings in scene.objects)
         receiver = load_receiver(scene.receiver) if scene.receiver is not None else None
-        self.depths = CausticDepths.of(scene, self.objects, receiver, CameraPath.of(scene), height)
+        self.depths = CausticDepths.of(scene, self.objects, receiver, CameraPath.of(scene), height, relief=relief)
 
     def planes(self, time_s: float) -> tuple[Floats, list[tuple[float, float]]]:
         """Return the planes of a time, and the depths that each object takes up."""
@@ -93,6 +101,17 @@ def test_maps_are_as_fine_as_the_nearest_picture_of_the_scene(
     tmp_path: Path, whale: Path, objects: list[dict[str, Any]], height: int, expected: int
 ) -> None:
     assert Moving(tmp_path, whale, objects, height, sea={"detail_slope": 0.0}).depths.settings.size == expected
+
+
+def test_relief_on_a_floor_has_planes_up_to_the_camera(tmp_path: Path, whale: Path) -> None:
+    """Rocks of the plate's depth rise from the floor, no one knows how far."""
+    body, floor = [{"position_m": [0.0, -3.5, -3.0]}], {"height_m": -4.2, "caustics": True}
+    flat, rough = (
+        Moving(tmp_path, whale, body, relief=relief, receiver=floor).planes(0.0)[0] for relief in (False, True)
+    )
+    assert flat[0] > 6.0
+    assert rough[0] <= 5.0 + tol.PLANE_SLACK_M
+    assert rough[-1] >= 9.2 - tol.PLANE_SLACK_M
 
 
 def test_maps_of_a_blurred_sea_are_smaller(tmp_path: Path, whale: Path) -> None:

@@ -16,6 +16,17 @@ from mr360uw.types import YuvImage
 from tests.video.boxes import shift_edit_list
 
 SIZE = (128, 64)
+SPECS = [
+    ColorSpec(),
+    ColorSpec("bt601", False, "bt709"),
+    ColorSpec("bt709", True, "gamma22"),
+    ColorSpec("bt709", False, "bt1886", 10),
+    ColorSpec("bt2020", False, "srgb", 10),
+    ColorSpec("bt2020", False, "hlg", 10),
+    ColorSpec("bt2020", False, "pq", 10),
+    ColorSpec("bt709", True, "vlog", 10),
+]
+"""Kinds of plates: matrices, ranges, curves and depths of 8 and 10 bits."""
 
 
 def moving_planes(index: int, bits: int = 8, subsampling: str = "420", size: tuple[int, int] = SIZE) -> list[Any]:

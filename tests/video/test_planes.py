@@ -16,7 +16,7 @@ from mr360uw.video.pixels.planes import planes_from_linear
 from mr360uw.video.pixels.rgb import noise
 from mr360uw.video.video_frame import VideoFrame
 from mr360uw.yuv.decoding import linear_from_planes
-from tests.video.clips import SIZE, fill, yuv_image
+from tests.video.clips import SIZE, SPECS, fill, yuv_image
 from tests.video.tolerances import (
     VIDEO_CURVE_TABLE,
     VIDEO_DITHER_MEAN,
@@ -26,17 +26,6 @@ from tests.video.tolerances import (
     VIDEO_SWSCALE,
     VIDEO_WIDE_TABLE,
 )
-
-SPECS = [
-    ColorSpec(),
-    ColorSpec("bt601", False, "bt709"),
-    ColorSpec("bt709", True, "gamma22"),
-    ColorSpec("bt709", False, "bt1886", 10),
-    ColorSpec("bt2020", False, "srgb", 10),
-    ColorSpec("bt2020", False, "hlg", 10),
-    ColorSpec("bt2020", False, "pq", 10),
-    ColorSpec("bt709", True, "vlog", 10),
-]
 
 
 def frame_of(image: YuvImage, index: int = 0, wrap: bool = True) -> VideoFrame:

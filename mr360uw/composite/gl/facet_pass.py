@@ -30,8 +30,8 @@ if TYPE_CHECKING:
 FACET_COLUMNS = 512
 _FACETS = ("facet_a", "facet_b", "facet_c")
 _CUTOUTS = ("cutout_a", "cutout_b", "cutout_c")
-_KEPT = 8
-"""Targets that are kept, of shots under way at a time."""
+_KEPT = 16
+"""Targets that are kept, of both eyes of the shots under way at a time."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -36,8 +36,7 @@ class MeshBuffers:
     """A mesh on the device, triangles ordered by alpha mode.
 
     corners: one vec4 a corner, (position, 0). ranges: (first, count) triangles of each mode. pieces: how many smooth
-    pieces it has. triangles, materials, store: as geometry.glsl and
-    texture.glsl say.
+    pieces it has. triangles, materials, store: as geometry.glsl and texture.glsl say.
     """
 
     corners: moderngl.Buffer
