@@ -1,21 +1,39 @@
 # Everything happens in a private environment (.venv); nothing else on the machine is touched.
-PYTHON ?= python3
-VENV := .venv
+# make PYTHON=python3.12 ...   takes that Python instead of the first one that is found
+# make LOCK= ...               takes the newest of every dependency instead of the versions in requirements.lock
+PYTHON ?=
+LOCK ?= requirements.lock
+VENV ?= .venv
 BIN := $(VENV)/bin
+SUPPORTED := >=3.11,<3.14
 
-.PHONY: demo test test-fast lint bench docs wheel clean
+.PHONY: demo test test-fast lint bench docs wheel lock clean
 .DEFAULT_GOAL := demo
 
-$(VENV)/.installed: pyproject.toml
+# $(call install,EXTRAS): the package with its extras, at the versions of the lock
+ifneq ($(shell command -v uv 2>/dev/null),)
+install = uv pip install --quiet --python $(BIN)/python $(LOCK:%=-c %) -e '.$(1)'
+else
+install = $(BIN)/python -m pip install --quiet --disable-pip-version-check $(LOCK:%=-c %) -e '.$(1)'
+endif
+
+$(VENV)/.installed: pyproject.toml $(LOCK)
 	@if command -v uv >/dev/null 2>&1; then \
-		uv venv --quiet --allow-existing --python '>=3.11,<3.14' $(VENV) && \
-		uv pip install --quiet --python $(BIN)/python -e '.[dev]'; \
+		uv venv --quiet --allow-existing --python '$(or $(PYTHON),$(SUPPORTED))' $(VENV); \
 	else \
-		$(PYTHON) -c 'import sys; sys.exit(not (3, 11) <= sys.version_info[:2] < (3, 14))' || \
+		$(or $(PYTHON),python3) -c 'import sys; sys.exit(not (3, 11) <= sys.version_info[:2] < (3, 14))' || \
 			{ echo 'mr360uw needs Python 3.11 to 3.13: make PYTHON=/path/to/python3.12'; exit 1; }; \
-		$(PYTHON) -m venv $(VENV) || { echo 'venv is missing: sudo apt install python3-venv'; exit 1; }; \
-		$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[dev]'; \
+		$(or $(PYTHON),python3) -m venv $(VENV) || { echo 'venv is missing: sudo apt install python3-venv'; exit 1; }; \
 	fi
+	@$(call install,)
+	@touch $@
+
+$(VENV)/.installed-dev: $(VENV)/.installed
+	@$(call install,[dev])
+	@touch $@
+
+$(VENV)/.installed-docs: $(VENV)/.installed
+	@$(call install,[docs])
 	@touch $@
 
 demo: $(VENV)/.installed  ## put a whale into the 360 dive of samples/demo, say where the results are
@@ -29,40 +47,46 @@ demo: $(VENV)/.installed  ## put a whale into the 360 dive of samples/demo, say 
 	@echo 'Next: move the whale with position_m in samples/demo/scene.toml and run make demo again; or put a mesh of your own'
 	@echo 'into a clip of your own: $(BIN)/mr360uw new dive.mp4 whale.glb'
 
-test: $(VENV)/.installed  ## the whole suite, on two workers
+test: $(VENV)/.installed-dev  ## the whole suite, on two workers
 	$(BIN)/python -m pytest -q -n 2 --dist loadfile
 
-test-fast: $(VENV)/.installed  ## physics and a run of each renderer, in forty seconds
+test-fast: $(VENV)/.installed-dev  ## physics and a run of each renderer, in forty seconds
 	$(BIN)/python -m pytest -q -n 2 --dist loadfile tests/agreement tests/caustics/test_caustics.py tests/caustics/test_refraction.py \
 		tests/ibl/test_closure.py tests/ibl/test_integrals.py tests/medium/test_closed_form.py tests/medium/test_water.py \
 		tests/test_color.py tests/test_sphere.py tests/test_jit.py tests/test_architecture.py \
 		tests/test_pipeline.py::test_a_video_goes_in_and_a_video_comes_out
 
-lint: $(VENV)/.installed
+lint: $(VENV)/.installed-dev
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
-bench: $(VENV)/.installed  ## every benchmark; tables on standard output
+bench: $(VENV)/.installed-dev  ## every benchmark; tables on standard output
 	@for program in benchmarks/*.py; do echo "== $$program"; $(BIN)/python $$program; done
 
 docs: $(VENV)/.installed-docs  ## the pages as a site in build/site, with every warning an error
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet
 
-$(VENV)/.installed-docs: $(VENV)/.installed
-	@if command -v uv >/dev/null 2>&1; then uv pip install --quiet --python $(BIN)/python -e '.[docs]'; \
-	else $(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[docs]'; fi
-	@touch $@
-
-wheel: $(VENV)/.installed-docs  ## wheel with compiled kernels and sources in dist, tried in an environment of their own
-	rm -rf dist build/fresh mr360uw/compiled
-	NUMBA_CACHE_DIR=mr360uw/compiled $(BIN)/python -c 'from mr360uw.cli.rendering import compile_first; compile_first()'
+wheel: $(VENV)/.installed-docs  ## wheel with kernels for each Python that is found, and sources, in dist; the wheel is tried on each
+	rm -rf dist mr360uw/compiled build/wheel
+	.ci/pythons | while read -r python; do \
+		try=build/wheel/$$($$python -c 'import sys; print(sys.implementation.cache_tag)') && \
+		$$python -m venv $$try && $$try/bin/python -m pip install --quiet --disable-pip-version-check $(LOCK:%=-c %) . && \
+		NUMBA_CACHE_DIR=mr360uw/compiled $$try/bin/python -c 'from mr360uw.cli.rendering import compile_first; compile_first()' || exit 1; \
+	done
 	$(BIN)/python -m build --sdist --wheel --outdir dist . >/dev/null
 	rm -rf mr360uw/compiled
-	$(PYTHON) -m venv build/fresh
-	build/fresh/bin/python -m pip install --quiet --disable-pip-version-check dist/mr360uw-*.whl
-	cd build/fresh && bin/mr360uw --version && bin/mr360uw sample dive --width 256 --frames 2 --overwrite \
-		&& bin/mr360uw composite dive/scene.toml dive/out.mp4 --overwrite
+	cd build/wheel && for try in */; do \
+		$$try/bin/python -m pip install --quiet --disable-pip-version-check --no-deps --force-reinstall ../../dist/mr360uw-*.whl && \
+		export MR360UW_CACHE=$$PWD/$$try/cache && $$try/bin/mr360uw --version && \
+		$$try/bin/mr360uw sample $$try/dive --width 256 --frames 2 && \
+		$$try/bin/mr360uw composite $$try/dive/scene.toml $$try/dive/out.mp4 && \
+		echo "$$try compiled $$(find $$try/cache/kernels -name '*.nbc' -size +1k | wc -l) kernels that the wheel does not have" || exit 1; \
+	done
+
+lock:  ## the newest versions that go together on each Python, into requirements.lock (needs uv)
+	uv pip compile --quiet --universal --python-version 3.11 --all-extras --no-annotate --upgrade \
+		--custom-compile-command 'make lock' -o requirements.lock pyproject.toml
 
 clean:
 	rm -rf $(VENV) demo build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis

@@ -145,3 +145,20 @@ def test_check_says_what_the_output_lacks(tmp_path: Path, run: Callable[..., Any
     for name, said in (("out.mp4", False), ("out.mkv", True)):
         code, out, _ = run("check", tmp_path / "scene.toml", tmp_path / name)
         assert (code, "the data track 2 is not copied" in out) == (0, said)
+
+
+def test_words_in_another_encoding_are_copied_byte_for_byte(tmp_path: Path) -> None:
+    """As tools write them that know no UTF-8: "Café Riff" in Latin-1."""
+    plain, path, copy = write_clip(tmp_path / "plain.mp4", 3), tmp_path / "named.mp4", tmp_path / "copy.mp4"
+    with av.open(str(plain)) as source, av.open(str(path), "w") as target:
+        made = target.add_stream_from_template(source.streams.video[0])
+        target.metadata["title"] = "Caf_ Riff"
+        for packet in source.demux(source.streams.video[0]):
+            if packet.dts is not None:
+                packet.stream = made
+                target.mux(packet)
+    path.write_bytes(path.read_bytes().replace(b"Caf_ Riff", b"Caf\xe9 Riff"))
+    with open_video(path) as video:
+        assert video.words["title"].encode(errors="surrogateescape") == b"Caf\xe9 Riff"
+    transcode(path, copy)
+    assert b"Caf\xe9 Riff" in copy.read_bytes()

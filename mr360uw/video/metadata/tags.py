@@ -15,10 +15,12 @@ from __future__ import annotations
 
 import re
 import struct
-from collections.abc import Iterable
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+
+from av.sidedata.sidedata import Type
 
 from mr360uw.color import ColorSpec, Matrix, Primaries, Transfer
 from mr360uw.errors import VideoError
@@ -123,16 +125,15 @@ class HdrMetadata:
         return found
 
 
-def hdr_from_side_data(side_data: Iterable[Any]) -> HdrMetadata | None:
-    """Return what the data beside a decoded picture tell; None where they tell nothing."""
-    display, content = None, None
-    for entry in side_data:
-        kind, data = entry.type.name, bytes(entry)
-        if kind == "MASTERING_DISPLAY_METADATA" and len(data) >= _RATIONALS.size:
-            display = _display(data)
-        elif kind == "CONTENT_LIGHT_LEVEL" and len(data) >= _CONTENT.size:
-            content = _CONTENT.unpack_from(data)
-    return None if display is None and content is None else HdrMetadata(display, content)
+def hdr_from_side_data(side_data: Mapping[Type, Any]) -> HdrMetadata | None:
+    """Return the HDR metadata in the side data of a decoded frame; None where there is none."""
+    display = bytes(side_data.get(Type.MASTERING_DISPLAY_METADATA) or b"")
+    light = bytes(side_data.get(Type.CONTENT_LIGHT_LEVEL) or b"")
+    found = HdrMetadata(
+        display=_display(display) if len(display) >= _RATIONALS.size else None,
+        content=_CONTENT.unpack_from(light) if len(light) >= _CONTENT.size else None,
+    )
+    return None if found == HdrMetadata() else found
 
 
 def _display(data: bytes) -> MasteringDisplay | None:

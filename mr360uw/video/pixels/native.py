@@ -49,7 +49,7 @@ def has_stereo_mark(native: Any) -> bool:
 
     x264 takes a new arrangement for a change of settings in mid-stream, after which "lossless" loses a few codes.
     """
-    return any(entry.type == Type.STEREO3D for entry in native.side_data)
+    return native.side_data.get(Type.STEREO3D) is not None
 
 
 def copy_planes(image: YuvImage, name: str | None = None) -> tuple[Any, YuvImage]:

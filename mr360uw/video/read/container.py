@@ -35,7 +35,7 @@ from mr360uw.video.read.picture_order import (
     scanned_index,
 )
 from mr360uw.video.read.picture_shape import shape_of_codes
-from mr360uw.video.read.probe import first_picture, open_container
+from mr360uw.video.read.probe import first_picture, fraction, open_container
 from mr360uw.video.read.reader import Damaged, Decoder, Seeker, VideoReader, check_range
 from mr360uw.video.video_frame import VideoFrame
 
@@ -83,8 +83,8 @@ class ContainerReader(VideoReader):
                 path=path,
                 width=self._crop.width,
                 height=self._crop.height,
-                frame_rate=stream.average_rate or stream.guessed_rate or Fraction(30),
-                time_base=stream.time_base,
+                frame_rate=fraction(stream.average_rate or stream.guessed_rate or Fraction(30)),
+                time_base=fraction(stream.time_base),
                 start_pts=first.pts,
                 spec=spec,
                 tags=tags,

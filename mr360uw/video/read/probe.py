@@ -6,6 +6,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Iterator
 from contextlib import contextmanager
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +28,9 @@ _LOCAL_VIDEO = {
 """Names are names of files, never addresses; playlists and scripts, which name other files, are no videos."""
 
 
+_TAGS: dict[str, Any] = {"metadata_errors": "surrogateescape"} if int(av.__version__.split(".")[0]) < 19 else {}
+"""Tags that are not UTF-8 are read and written as the bytes that they are; PyAV 19 does so unasked."""
+
 _COPY_AGAIN = "copy it again; a recording that was interrupted needs a repair tool"
 
 
@@ -36,7 +40,7 @@ def open_local(path: Path, card: str = "") -> Any:
     card: FFmpeg's name of the kind of device that decodes its pictures, "" for none; `RuntimeError` where it cannot.
     """
     device = HWAccel(device_type=card, allow_software_fallback=False) if card else None
-    return av.open(f"file:{path}", metadata_errors="replace", options=_LOCAL_VIDEO, hwaccel=device)
+    return av.open(f"file:{path}", **_TAGS, options=_LOCAL_VIDEO, hwaccel=device)
 
 
 def open_packets(path: Path) -> Any:
@@ -45,7 +49,7 @@ def open_packets(path: Path) -> Any:
     It opens no decoder of pictures: `open_local` decodes a first picture, which takes 20 ms at 2048 x 1024.
     """
     options = {**_LOCAL_VIDEO, "codec_whitelist": _decoders_without_pictures()}
-    return av.open(f"file:{path}", metadata_errors="replace", options=options)
+    return av.open(f"file:{path}", **_TAGS, options=options)
 
 
 @functools.cache
@@ -64,7 +68,12 @@ def _decodes(name: str) -> str:
 
 def create_local(path: Path, kind: str, options: dict[str, str] | None = None) -> Any:
     """Return FFmpeg's container of a new file of a kind such as "mp4"; raise `FFmpegError` or `OSError`."""
-    return av.open(f"file:{path}", "w", format=kind, options=options or {})
+    return av.open(f"file:{path}", "w", format=kind, options=options or {}, **_TAGS)
+
+
+def fraction(rational: Any) -> Fraction:
+    """Return a rate or a time base of PyAV as a fraction; from PyAV 19 on they are a type of its own."""
+    return Fraction(rational.numerator, rational.denominator)
 
 
 def check_file(path: Path) -> None:

@@ -31,7 +31,7 @@ from mr360uw.errors import VideoError
 from mr360uw.video.clip import Clip, not_copied
 from mr360uw.video.exr import frame_attributes
 from mr360uw.video.metadata.mp4 import Box, parse_boxes, read_moov
-from mr360uw.video.read.probe import open_packets
+from mr360uw.video.read.probe import fraction, open_packets
 from mr360uw.video.read.projection import PICTURE_SUFFIXES
 
 CONTAINERS = {".mp4": "mp4", ".m4v": "mp4", ".mov": "mov", ".mkv": "matroska", ".webm": "webm"}
@@ -104,15 +104,15 @@ class TrackCopy:
         self._packets = (
             packet
             for packet in self._container.demux(streams)
-            if packet.dts is not None and (start_s is None or packet.pts * packet.time_base >= start_s)
+            if packet.dts is not None and (start_s is None or packet.pts * fraction(packet.time_base) >= start_s)
         )
         self._pending = next(self._packets, None)
 
     def advance(self, until_s: Fraction | None) -> None:
         """Copy the packets that begin before `until_s`, or all that are left."""
-        while self._pending is not None and (until_s is None or self._pending.dts * self._pending.time_base < until_s):
+        while self._pending is not None and (until_s is None or self._pending.dts * fraction(self._pending.time_base) < until_s):
             packet, self._pending = self._pending, next(self._packets, None)
-            ticks = round(self._shift_s / packet.time_base)
+            ticks = round(self._shift_s / fraction(packet.time_base))
             packet.pts -= ticks
             packet.dts -= ticks
             packet.stream = self._streams[packet.stream_index]
@@ -193,7 +193,7 @@ def _moved(chapters: list[Any], like: Clip, frames: tuple[int, int]) -> tuple[di
     begin, end = (Fraction(frame) / like.frame_rate for frame in frames)
     found: list[dict[str, Any]] = []
     for chapter in chapters:
-        first, last = (max(begin, min(end, chapter[name] * chapter["time_base"])) for name in ("start", "end"))
+        first, last = (max(begin, min(end, chapter[name] * fraction(chapter["time_base"]))) for name in ("start", "end"))
         if first < last:
             place = {"start": round(1000 * (first - begin)), "end": round(1000 * (last - begin))}
             found.append({**chapter, **place, "id": len(found) + 1, "time_base": Fraction(1, 1000)})
