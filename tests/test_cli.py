@@ -29,6 +29,7 @@ from mr360uw.sample import SampleDive
 from mr360uw.video import write_exr
 from mr360uw.video.metadata.spherical import SphericalMetadata, Stereo, write_spherical
 from tests.first_look.plates import air
+from tests.gate import FIRST_PASS, HANG_S, Gate
 from tests.video.clips import packets, write_clip
 
 Run = Callable[..., tuple[int, str, str]]
@@ -438,21 +439,19 @@ def test_a_run_interrupted_before_anything_is_finished_leaves_nothing(scene: Pat
     def heeding() -> None:
         signal.signal(signal.SIGINT, signal.SIG_DFL)  # a shell has its jobs in the background ignore it
 
-    long = write_clip(scene.parent / "long.mp4", 2000, size=(256, 128), options={"preset": "ultrafast"})
-    out = scene.parent / "out.mp4"
-    arguments = [sys.executable, "-m", "mr360uw", "composite", scene, out, "--backend", "reference"]
+    out, gate = scene.parent / "out.mp4", Gate(scene.parent / "gate", FIRST_PASS)
     running = subprocess.Popen(
-        [*arguments, "--set", f'plate.path="{long}"'],
+        [sys.executable, "-m", "mr360uw", "composite", scene, out, "--backend", "reference"],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
+        env=os.environ | {"PYTHONPATH": gate.path},
         preexec_fn=heeding,  # noqa: PLW1509 - no other thread is at work here
     )
-    while not list(scene.parent.glob("out.mp4.mr360uw/run.json")):
-        assert running.poll() is None, running.communicate()
-        time.sleep(0.01)
+    gate.wait()
+    assert (scene.parent / "out.mp4.mr360uw" / "run.json").is_file()
     running.send_signal(number)
-    _, err = running.communicate(timeout=60)
+    _, err = running.communicate(timeout=HANG_S)
     assert running.returncode == 128 + number
     assert ("interrupted" in err) == (number == signal.SIGINT)
     assert [p.name for p in scene.parent.iterdir() if "out" in p.name] == []
@@ -497,7 +496,10 @@ def test_a_terminal_shows_the_phase_that_runs(monkeypatch: pytest.MonkeyPatch) -
         for name in ("reading the light", "rendering"):
             begin_phase(progress, name)
             progress(3, 9)
-            time.sleep(0.15)  # two pictures of the bar
+            end = time.monotonic() + HANG_S
+            while name not in screen.getvalue():  # the bar is drawn by a thread of its own
+                assert time.monotonic() < end
+                time.sleep(0.01)
     text = screen.getvalue()
     assert text.index("reading the light") < text.index("rendering")
     assert "3/9" in text

@@ -6,7 +6,6 @@ from __future__ import annotations
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -241,16 +240,35 @@ def test_several_frames_into_one_still_are_refused_before_rendering(dive: Sample
     assert list(tmp_path.iterdir()) == []
 
 
+_KILLED = """
+import os, pathlib, signal, sys, time
+import mr360uw as uw
+from mr360uw.scene.model import load_scene
+
+scene, setting, out, work = sys.argv[1:]
+
+class Killing:
+    def phase(self, name):
+        self.name = name
+
+    def __call__(self, done, total):
+        if self.name == "rendering" and done == 6:
+            while len(list(pathlib.Path(work).glob("0*.npz"))) < 2:  # written by another thread
+                time.sleep(0.01)
+            os.kill(os.getpid(), signal.SIGKILL)
+
+uw.composite_video(load_scene(scene, [setting]), out, backend="reference", progress=Killing())
+"""
+"""Renders six frames, waits for two segments, and kills itself."""
+
+
 @pytest.mark.skipif(sys.platform == "win32", reason="kills a process")
 def test_a_killed_run_loses_at_most_one_segment(dive: SampleDive, tmp_path: Path) -> None:
     out, whole = tmp_path / "out.mp4", tmp_path / "whole.mp4"
     arguments = [sys.executable, "-m", "mr360uw", "composite", str(dive.scene)]
     options = ["--backend", "reference", "--set", TWO_FRAMES]
-    running = subprocess.Popen([*arguments, str(out), *options], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    while len(list(work_path(out).glob("0*.npz"))) < 2 and running.poll() is None:
-        time.sleep(0.01)
-    running.send_signal(signal.SIGKILL)
-    running.wait(timeout=60)
+    killed = [sys.executable, "-c", _KILLED, str(dive.scene), TWO_FRAMES, str(out), str(work_path(out))]
+    assert subprocess.run(killed, capture_output=True, check=False).returncode == -signal.SIGKILL
     assert stale_work(tmp_path) == [work_path(out)]
     done = subprocess.run([*arguments, str(out), *options], capture_output=True, text=True, check=True)
     assert "of them were there already" in done.stdout
