@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,7 +13,7 @@ from numpy.typing import NDArray
 from mr360uw.errors import ParameterError
 from mr360uw.files import write_whole
 from mr360uw.output_gate import check_outputs
-from mr360uw.reading.input_files import read_text
+from mr360uw.reading.input_files import read_json
 from mr360uw.threads import one_blas_thread
 from mr360uw.track.camera_track import CameraTrack
 from mr360uw.track.scattered_heights import ScatteredHeights, fit_height_field
@@ -72,11 +71,7 @@ def _read(track: CameraTrack | str | Path) -> tuple[str, Floats, Floats, Floats]
     path = Path(track)
     if path.suffix.lower() == ".csv":
         raise ParameterError(f"{path} - a table of poses has no points - give the .json that is written beside it")
-    text = read_text(path, ParameterError)
-    try:
-        said: Any = json.loads(text)
-    except (ValueError, RecursionError) as error:
-        raise ParameterError(_no_track(path, f"{error!s:.60}")) from None
+    said = read_json(path, ParameterError)
     if not isinstance(said, dict) or not str(said.get("format", "")).startswith("mr360uw camera track"):
         raise ParameterError(_no_track(path, "no such format"))
     camera, point = (_table(path, said, key, 3) for key in ("position_m", "points_m"))

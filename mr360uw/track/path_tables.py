@@ -14,7 +14,6 @@ Frames are numbered by the last digits in the pictures' names.
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -26,6 +25,7 @@ from mr360uw.composite import read_camera_track
 from mr360uw.composite.motion import check_unit_quaternions
 from mr360uw.errors import ParameterError
 from mr360uw.medium.tables import parse_table
+from mr360uw.reading.input_files import json_of
 from mr360uw.sphere import unit
 from mr360uw.track.camera_track import CameraTrack
 from mr360uw.track.world_axes import rotation_to_world
@@ -175,11 +175,11 @@ def is_blender_json(text: str) -> bool:
 def read_blender_json(text: str, where: str) -> SolvedPath:
     """Return the path of the JSON that docs/tracking.md's script writes from Blender; raise `ParameterError`."""
     try:
-        read = json.loads(text)
+        read = json_of(text)
         frames = np.array([float(row["frame"]) for row in read["blender_frames"]])
         matrices = np.array([row["matrix_world"] for row in read["blender_frames"]], np.float64).reshape(-1, 4, 4)
         rate = float(read["fps"])
-    except (ValueError, KeyError, TypeError, OverflowError, RecursionError) as error:
+    except (ValueError, KeyError, TypeError, OverflowError) as error:
         raise ParameterError(f"{where} - is no path from Blender (got: {error}) - export it by the script") from None
     return _of_blender(frames, matrices[:, :3, 3], matrices[:, :3, :3], rate)
 
