@@ -61,8 +61,9 @@ def layer_video(
     if path.suffix.lower() != ".mov":
         raise VideoError(f"{path} - ProRes with alpha is a .mov (got {path.suffix}) - name it {path.stem}.mov")
     check_outputs([path], inputs=[layers], overwrite=overwrite)
-    numbers = range(min(files), max(files) + 1)
-    FRAMES.check(f"{layers} frames", len(numbers), VideoError)
+    first, last = min(files), max(files)
+    FRAMES.check(f"{layers} frames", last - first + 1, VideoError)  # before a range, whose length has 63 bits
+    numbers = range(first, last + 1)
     part = new_file(path)
     try:
         _encode(part, [files.get(number) for number in numbers], alpha, rate, eye)
