@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Literal, Self
 
 import numpy as np
+from pydantic import NonNegativeFloat, NonNegativeInt
 
 from mr360uw.cache import Cache
 from mr360uw.errors import ParameterError
@@ -22,7 +23,7 @@ from mr360uw.render.loaded import Loaded, load
 from mr360uw.render.stages.light_stage import LightSamples
 from mr360uw.scene.inputs import open_plate
 from mr360uw.scene.model import Scene
-from mr360uw.shapes import file_path, instance, real
+from mr360uw.shapes import checked, file_path, instance, real
 from mr360uw.steps import finished
 from mr360uw.threads import one_blas_thread, prefetch
 from mr360uw.types import CausticStack, Environment, Floats, Layer, MediumTable, Sun
@@ -117,6 +118,7 @@ class Compositor:
     (32, 64, 3)
     """
 
+    @checked
     def __init__(self, scene: Scene, *, backend: str = "auto", analysis: ClipAnalysis | None = None) -> None:
         self._scene = instance("scene", scene, Scene, "load_scene reads one")
         self._analysis = analysis
@@ -125,15 +127,16 @@ class Compositor:
         self._kept: Cache | None = Cache(scene.plate.eyes)
         self._one_thread = threading.Lock()
 
+    @checked
     def frame(
         self,
         plate: Floats | VideoFrame,
         time_s: float = 0.0,
         *,
-        index: int = 0,
+        index: NonNegativeInt = 0,
         sun: Sun | Literal["scene"] | None = "scene",
         gain: Floats | None = None,
-        shutter_s: float = 0.0,
+        shutter_s: NonNegativeFloat = 0.0,
     ) -> FrameResult:
         """Return the composite of one plate.
 
@@ -186,6 +189,7 @@ class Compositor:
             frame = composite_frame(loaded, analysis, self._renderer, shown, shutter_s, cache=self._cache())
             return _result(frame)
 
+    @checked
     def frames(
         self, start: int = 0, stop: int | None = None, *, video: VideoReader | None = None
     ) -> Iterator[FrameResult]:
@@ -299,17 +303,18 @@ def _result(frame: Frame) -> FrameResult:
     )
 
 
+@checked
 def render_frame(
     plate: Floats | VideoFrame,
     scene: Scene,
     time_s: float = 0.0,
     backend: str = "auto",
     *,
-    index: int = 0,
+    index: NonNegativeInt = 0,
     sun: Sun | Literal["scene"] | None = "scene",
     gain: Floats | None = None,
     analysis: ClipAnalysis | None = None,
-    shutter_s: float = 0.0,
+    shutter_s: NonNegativeFloat = 0.0,
 ) -> FrameResult:
     """Return the composite of one plate; for more than one a `Compositor` is faster.
 
@@ -366,6 +371,7 @@ def render_frame(
         return compositor.frame(plate, time_s, index=index, sun=sun, gain=gain, shutter_s=shutter_s)
 
 
+@checked
 def analyse_clip(
     video: str | Path,
     scene: Scene,

@@ -7,6 +7,7 @@ for that is one sum over the array. `checked` tests all arguments of a function,
 
 from __future__ import annotations
 
+import builtins
 import functools
 import inspect
 import operator
@@ -115,8 +116,8 @@ def common_shape(may_be_infinite: str = "", **arguments: ArrayLike) -> tuple[int
 def checked(call: Call) -> Call:
     """Return a function, or a class, that raises `ParameterError` for arguments that their type hints do not allow.
 
-    Numbers are finite ones, no truth values; arrays are what `real` takes; names of files are text or a Path. `Annotated`
-    hints with `Ge` and the like, as `pydantic.NonNegativeFloat`, are ranges. Shapes are checked where they are used.
+    Numbers are finite ones, no truth values; arrays are what `real` takes. `Annotated` hints with `Ge` and the like, as
+    `pydantic.NonNegativeFloat`, are ranges. Shapes are checked where they are used.
     """
     if isinstance(call, type):
         call.__init__ = checked(call.__init__)
@@ -125,43 +126,53 @@ def checked(call: Call) -> Call:
 
     @functools.cache
     def hints() -> dict[str, Any]:  # at the first call, when all modules are loaded
-        found = get_type_hints(call, include_extras=True)
+        found = get_type_hints(call, localns=_Known(vars(builtins) | call.__globals__), include_extras=True)
         return {name: found[name] for name in signature.parameters if name in found}
 
     @functools.wraps(call)
     def checking(*arguments: Any, **named: Any) -> Any:
         for name, value in signature.bind(*arguments, **named).arguments.items():
             if name in hints() and not _allows(hints()[name], value):
-                raise ParameterError(
-                    f"{name} - must be {_in_words(hints()[name])} (got {value!r:.40}) - help({call.__qualname__}) says more"
-                )
+                wanted, where = _in_words(hints()[name]), call.__qualname__
+                raise ParameterError(f"{name} - must be {wanted} (got {value!r:.40}) - help({where}) says more")
         return call(*arguments, **named)
 
     return checking  # type: ignore[return-value]
 
 
+class _Known(dict[str, Any]):
+    """Names of a module; one that it imports for type checkers alone stands for any object."""
+
+    def __missing__(self, name: str) -> type:
+        return object
+
+
 def _allows(hint: Any, value: Any) -> bool:
     """Return whether a type hint allows a value."""
     kind, parts = get_origin(hint) or hint, get_args(hint)
+    if kind is Any:
+        return True
     if kind is Annotated:
         return _allows(parts[0], value) and all(_in_range(rule, value) for rule in parts[1:])
     if hint == ArrayLike or kind is np.ndarray:
         return _is_array(value)
     if kind in (Union, types.UnionType):
-        return any(_allows(part, value) for part in parts)
+        return any(_allows(part, value) for part in parts) and not (Path in parts and "\0" in str(value))
     if kind is Literal:
         return any(type(value) is type(part) and value == part for part in parts)
     if kind is tuple:
         return isinstance(value, tuple | list) and _allow_entries(parts, value)
     if kind is Sequence or kind is list:
-        whole = isinstance(value, Sequence | np.ndarray) and not isinstance(value, str | bytes) and np.ndim(value) > 0
-        return whole and all(_allows(parts[0], one) for one in value)
+        listed = value.ndim > 0 if isinstance(value, np.ndarray) else isinstance(value, Sequence)
+        return listed and not isinstance(value, str | bytes) and all(_allows(parts[0], one) for one in value)
     if kind in (float, int, Fraction):
         return _is_number(kind, value)
     if kind is Path:
         return hasattr(value, "__fspath__")
     if kind is Callable:
         return callable(value)
+    if getattr(kind, "_is_protocol", False):
+        return all(hasattr(value, name) for name in vars(kind) if not name.startswith("_"))
     return not isinstance(kind, type) or isinstance(value, kind)
 
 
@@ -191,7 +202,7 @@ def _is_number(kind: type, value: Any) -> bool:
     """Return whether a value is a finite number of a kind (float, int, Fraction), and no truth value."""
     if kind is not float:
         return isinstance(value, int | np.integer | kind) and not isinstance(value, bool)
-    return np.ndim(value) == 0 and _is_array(value) and is_finite(np.asarray(value))
+    return _is_array(value) and np.ndim(value) == 0 and is_finite(np.asarray(value))
 
 
 def _allow_entries(hints: tuple[Any, ...], values: Sequence[Any]) -> bool:
@@ -202,8 +213,8 @@ def _allow_entries(hints: tuple[Any, ...], values: Sequence[Any]) -> bool:
 
 
 _WORDS: dict[Any, str] = {
-    float: "a finite number", int: "a whole number", Fraction: "a fraction", str: "text", Path: "a Path", bool: "a bool",
-    Callable: "a function", types.NoneType: "None",
+    float: "a finite number", int: "a whole number", Fraction: "a fraction", str: "text", Path: "a Path",
+    bool: "True or False", Callable: "a function", types.NoneType: "None",
 }  # fmt: skip
 
 

@@ -27,6 +27,7 @@ from mr360uw.errors import ParameterError
 from mr360uw.ibl.level.tilt import level_matrix, roll_pitch
 from mr360uw.medium.tables import read_table
 from mr360uw.parameters import LATEST_S
+from mr360uw.shapes import checked
 from mr360uw.sphere import yaw_matrix
 from mr360uw.types import Floats
 
@@ -131,6 +132,7 @@ def _pose(settings: ObjectSettings, mesh: Mesh) -> tuple[Floats, Floats, float]:
     return place - scale * rotation @ mesh.center_m if settings.polar else place, rotation, scale
 
 
+@checked
 def read_camera_track(path: str | Path) -> Motion:
     """Return the camera's motion of a CSV file: time [s], x, y, z [m], and the quaternion qx, qy, qz, qw.
 

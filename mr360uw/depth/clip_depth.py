@@ -28,6 +28,7 @@ from mr360uw.output_gate import check_folder, made_folder
 from mr360uw.progress import Progress, Steps
 from mr360uw.reading.cached_reads import stamp
 from mr360uw.reading.input_files import holds_text
+from mr360uw.shapes import checked
 from mr360uw.threads import one_blas_thread
 from mr360uw.track.camera_track import CameraTrack
 from mr360uw.track.key_frames import grey_picture
@@ -82,6 +83,7 @@ class _Path:
     shot: NDArray[np.int64]
 
 
+@checked
 def depth_of_clip(
     video: str | Path,
     folder: str | Path,

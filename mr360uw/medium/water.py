@@ -18,13 +18,14 @@ from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from pydantic import PositiveInt
 
 from mr360uw.constants import MEAN_COSINE_SEA
 from mr360uw.errors import ParameterError
 from mr360uw.medium.phase import Mixture, Phase, backscatter_ratio, check_phase, particles_of_backscatter
 from mr360uw.medium.tables import Spectrum, builtin_spectrum, builtin_table, read_table
 from mr360uw.plot import Figure, Shown
-from mr360uw.shapes import exactly, instance, number, numbers
+from mr360uw.shapes import checked, exactly, instance, number, numbers
 
 Array = NDArray[np.float64]
 
@@ -352,10 +353,12 @@ class Water(Shown):
         a = self.a(wavelength_nm)
         return a + 4.18 * (1.0 - 0.52 * np.exp(-10.8 * a)) * self.backscattering(wavelength_nm)
 
-    def moments(self, wavelength_nm: ArrayLike, count: int) -> Array:
+    @checked
+    def moments(self, wavelength_nm: ArrayLike, count: PositiveInt) -> Array:
         """Return Legendre moments (n, count) of the phase function of molecules and particles together."""
         return self.phases(wavelength_nm).moments(count)
 
+    @checked
     def phases(self, wavelength_nm: ArrayLike, *, wide_angle: bool = False) -> Mixture:
         """Return the phase functions of molecules and particles together at wavelengths (n,).
 
@@ -368,11 +371,13 @@ class Water(Shown):
             share = np.divide(self.molecular(w), b, out=share, where=b > 0.0)
         return Mixture(self.phase, share, wide_angle)
 
+    @checked
     def with_phase(self, phase: Phase) -> Water:
         """Return the same water with another phase function of its particles; molecules scatter as before."""
         return replace(self, phase=phase)
 
     @classmethod
+    @checked
     def jerlov(
         cls,
         water_type: JerlovType,
@@ -456,6 +461,7 @@ class Water(Shown):
         )
 
     @classmethod
+    @checked
     def chlorophyll(cls, mg_m3: float, phase: Phase | None = None) -> Water:
         """Return open-ocean (Case 1) water of a chlorophyll concentration, at 350 to 700 nm.
 
@@ -522,6 +528,7 @@ class Water(Shown):
         )
 
     @classmethod
+    @checked
     def from_arrays(
         cls,
         wavelength_nm: ArrayLike,

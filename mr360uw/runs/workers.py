@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import functools
 import importlib
+import logging
 import multiprocessing
 import os
 import threading
@@ -48,10 +49,10 @@ def _render_in_cluster(address: str, job: Job, done: Callable[[], None]) -> RunT
                 times.merge(found)
                 for _ in range(found.frames):
                     done()
-    except (distributed.comm.CommClosedError, distributed.scheduler.KilledWorker, CancelledError, TimeoutError) as error:
+    except (distributed.comm.CommClosedError, distributed.KilledWorker, CancelledError, TimeoutError) as error:
         raise VideoError(
-            f"--dask - the scheduler or its workers died (got {address!r}: {error!s:.120}) - start them again; the same "
-            "command goes on where it stopped"
+            f"--dask - the scheduler or its workers died (got {address!r}: {error!s:.120}) - start them again; the "
+            "same command goes on where it stopped"
         ) from error
     return times
 
@@ -83,9 +84,12 @@ def _client(address: str) -> Any:
 
 def _distributed() -> Any:
     try:
-        return importlib.import_module("distributed")
+        distributed = importlib.import_module("distributed")
     except ImportError as error:
         raise ParameterError("--dask - Dask is not installed - pip install 'mr360uw[farm]'") from error
+    for name in ("distributed", "distributed.client"):  # what they log is raised too, and told as an error
+        logging.getLogger(name).setLevel(logging.CRITICAL)
+    return distributed
 
 
 Crew = Callable[[Job, Callable[[], None]], RunTimes]

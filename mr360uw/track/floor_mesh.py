@@ -14,6 +14,7 @@ from mr360uw.errors import ParameterError
 from mr360uw.files import write_whole
 from mr360uw.output_gate import check_outputs
 from mr360uw.reading.input_files import read_json
+from mr360uw.shapes import checked
 from mr360uw.threads import one_blas_thread
 from mr360uw.track.camera_track import CameraTrack
 from mr360uw.track.scattered_heights import ScatteredHeights, fit_height_field
@@ -188,6 +189,7 @@ def check_mesh_output(out: str | Path, *, overwrite: bool) -> Path:
     return path
 
 
+@checked
 def floor_from_track(track: CameraTrack | str | Path) -> FloorMesh:
     """Return the floor below the camera of a track (or of the JSON file of one).
 

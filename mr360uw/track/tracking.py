@@ -20,6 +20,7 @@ from mr360uw.output_gate import check_work_folder, make_work_folder, remove_work
 from mr360uw.progress import Progress, Steps
 from mr360uw.reading.cached_reads import stamp
 from mr360uw.reading.input_files import holds_text
+from mr360uw.shapes import checked
 from mr360uw.track.camera_track import CameraTrack
 from mr360uw.track.colmap import load_colmap
 from mr360uw.track.key_frames import KeyFrames, key_frames_of_shot, read_key_frames
@@ -43,6 +44,7 @@ class TrackedShot:
     problem: str = ""
 
 
+@checked
 def track_camera(
     video: str | Path,
     *,

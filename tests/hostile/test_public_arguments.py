@@ -11,20 +11,18 @@ from __future__ import annotations
 import dataclasses
 import importlib
 import inspect
-from collections.abc import Callable, Iterator
-from contextlib import suppress
-from fractions import Fraction
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from pydantic import BaseModel
 
 import mr360uw as uw
-from mr360uw import caustics, ibl, medium, surface
+from mr360uw import ibl, surface
 from mr360uw.caustics import CausticSettings, GerstnerSea
 from mr360uw.errors import Mr360uwError
+from mr360uw.match import WaterPatch
 from mr360uw.medium import LightField, Medium, Sensor, Water
 from mr360uw.types import Sun, View
 
@@ -46,22 +44,34 @@ def public_calls() -> dict[str, Callable[..., Any]]:
         module = importlib.import_module(room)
         for name in getattr(module, "__all__", vars(module)):
             call = getattr(module, name)
-            listed = not name.startswith("_") and (hasattr(module, "__all__") or getattr(call, "__module__", "") == room)
-            if inspect.isfunction(call) and listed:
+            own = hasattr(module, "__all__") or getattr(call, "__module__", "") == room
+            if name.startswith("_") or not own:
+                continue
+            if inspect.isfunction(call):
                 found[name] = call
-            elif inspect.isclass(call) and listed and not issubclass(call, Exception) and not _is_abstract(call):
+            elif inspect.isclass(call) and not issubclass(call, Exception) and not _holds_alone(call):
                 found[name] = call
-                found |= {f"{name}.{of}": getattr(call, of) for of, one in vars(call).items()
-                          if isinstance(one, classmethod) and not of.startswith("_")}
+                found |= {
+                    f"{name}.{of}": getattr(call, of)
+                    for of, one in vars(call).items()
+                    if isinstance(one, classmethod) and not of.startswith("_")
+                }
     for good in OBJECTS:
-        methods = {of: one for kind in type(good).__mro__ if kind.__module__.startswith("mr360uw")
-                   for of, one in vars(kind).items() if inspect.isfunction(one) and not of.startswith("_")}
+        methods = {
+            of: one
+            for kind in type(good).__mro__
+            if kind.__module__.startswith("mr360uw")
+            for of, one in vars(kind).items()
+            if inspect.isfunction(one) and not of.startswith("_")
+        }
         found |= {f"{type(good).__name__}.{of}": getattr(good, of) for of in methods}
     return found
 
 
-def _is_abstract(kind: type) -> bool:
-    return bool(getattr(kind, "_is_protocol", False))
+def _holds_alone(kind: type) -> bool:
+    """Return whether a class is a protocol, or only holds what it is given: a result."""
+    held = issubclass(kind, tuple) or (dataclasses.is_dataclass(kind) and not hasattr(kind, "__post_init__"))
+    return bool(getattr(kind, "_is_protocol", False)) or (held and not hasattr(kind.__init__, "__wrapped__"))
 
 
 UP = np.array([0.0, 1.0, 0.0])
@@ -91,10 +101,11 @@ GOOD: dict[str, Any] = {
     "before": IMAGE, "camera_depth_m": 5.0, "channels": IMAGE, "clip": "nowhere.mp4", "confidence": np.zeros((32, 64)),
     "cos_air": COEFFICIENT, "count": 4, "depth_m": 3.0, "depths_m": [2.0, 3.0], "direction": UP,
     "direction_in_air": UP, "direction_in_water": UP, "distance_m": 2.0, "dome": IMAGE, "environment": ENVIRONMENT,
-    "exposure": np.ones(3), "far_m": 5.0, "field": FIELD, "file": "nowhere.mp4", "fit": lambda frames: [1.0],
-    "floor": (-3.0, 0.3), "folder": "there.txt/folder", "frame_rate": 30.0, "frames": [1.0, 2.0], "gains": np.ones((3, 3)),
+    "exposure": np.ones(3), "far_m": 5.0, "field": FIELD, "file": "nowhere.mp4", "fit": np.mean,
+    "floor": (-3.0, 0.3), "folder": "there.txt/folder", "frame_rate": 30.0, "frames": [1.0, 2.0],
+    "gains": np.ones((3, 3)),
     "height": 8, "height_m": -3.0, "irradiance": np.ones(3), "layers": "nowhere_%d.exr", "left": np.zeros((32, 64)),
-    "like": None, "measurements": [SUN] * 3, "medium": MEDIUM, "mode": "kd", "n_dot_v": 0.5, "name": "D65",
+    "like": None, "measurements": [SUN] * 3, "medium": MEDIUM, "mode": "kd", "amplitude_m": 1e-3, "angle_deg": [0.0, 180.0], "azimuth_deg": 0.0, "azimuth_rad": 0.1, "data": {}, "gain": np.ones(3), "image_linear": IMAGE, "mg_m3": 0.3, "moment": [1.0], "most": 2, "n": 4, "normal_up": 0.3, "one": IMAGE[..., 0], "other": IMAGE[..., 0], "part": None, "parts": IMAGE, "patch": WaterPatch(0.0, 10.0, 20.0), "pattern_m": 1.0, "phase_rad": 0.0, "response": np.full((4, 3), 0.3), "rows": 8, "columns": 16, "slices": 4, "source": "nowhere.mp4", "steepness": 0.5, "tile_m": 8.0, "value": [1.0, 1.0], "water_type": "IB", "wave_vector": np.ones((3, 2)), "width": 64, "index": 0, "y": 0.5, "shot": None, "tile": None, "yuv": None, "metadata": None, "error": None, "n_dot_v": 0.5, "name": "D65",
     "near_m": 2.0, "neighbours": (), "out": "there.txt/out.mp4", "path": "nowhere.csv", "picture": None,
     "plate": IMAGE, "plate_linear": IMAGE, "radiance": IMAGE, "radiance_map": IMAGE, "reference": EYE,
     "refractive_index": 1.34, "result": STACK, "rgb": np.ones(3), "right": np.zeros((32, 64)), "roughness": 0.5,
@@ -107,22 +118,31 @@ GOOD: dict[str, Any] = {
 
 SMALL = CausticSettings(size=16, grid=8)
 OWN: dict[str, dict[str, Any]] = {
-    "caustic_map": {"size": 16, "grid": 8}, "caustic_stack": {"settings": SMALL}, "export_tiles": {"settings": SMALL},
+    "caustic_map": {"size": 16, "grid": 8}, "caustic_stack": {"settings": SMALL},
+    "picture": {"sea": GerstnerSea(wind_speed=0.0), "view": View(4, 2), "samples": 1}, "Dive": {"settings": None},
+    "load_object": {"settings": uw.composite.ObjectSettings(mesh="nowhere.glb")},
+    "load_receiver": {"settings": uw.composite.ReceiverSettings(kind="mesh", path="nowhere.glb")},
+    "ObjectSettings": {"mesh": "nowhere.glb"}, "Water": {"a": WATER.a, "b": WATER.b},
+    "WaterPatch": {"yaw_deg": 0.0, "pitch_deg": 0.0, "size_deg": 9.0},
+    "check_recording": {"width": 64, "frames": 1, "samples": 1}, "transcode": {"target": "there.txt/out.mp4"}, "export_tiles": {"settings": SMALL},
     "render_frame": {"backend": "reference"}, "Compositor": {"backend": "reference"},
 }  # fmt: skip
 """Good arguments of single calls, where those of other calls with the same name differ, or the default takes long."""
-OBJECTS: tuple[Any, ...] = (
-    WATER, Sensor.cie1931(), FIELD, MEDIUM, SEA, STILL, LEVEL_FLOOR, SUNS, STACK, VIEW, medium.bands(4),
-    uw.Compositor(SCENE, backend="reference"),
-)
+OBJECTS: tuple[Any, ...] = (WATER, Sensor.cie1931(), FIELD, STILL, uw.Compositor(SCENE, backend="reference"))
 """Objects whose methods are called."""
 
 
 def good_arguments(name: str, call: Callable[..., Any]) -> dict[str, Any]:
     """Return good values of the arguments that a call needs."""
-    named = [one for one in inspect.signature(call).parameters.values() if one.kind not in (one.VAR_POSITIONAL, one.VAR_KEYWORD)]
     own = OWN.get(name, {})
-    return {one.name: GOOD[one.name] for one in named if one.default is one.empty and one.name not in own} | own
+    needed = [one for one, default in arguments_of(call).items() if default is inspect.Parameter.empty]
+    return {one: GOOD[one] for one in needed if one not in own} | own
+
+
+def arguments_of(call: Callable[..., Any]) -> dict[str, Any]:
+    """Return the named arguments of a call, with their default values."""
+    several = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
+    return {n: one.default for n, one in inspect.signature(call).parameters.items() if one.kind not in several}
 
 
 def consume(call: Callable[..., Any], arguments: dict[str, Any]) -> None:
@@ -131,3 +151,30 @@ def consume(call: Callable[..., Any], arguments: dict[str, Any]) -> None:
     if inspect.isgenerator(result):
         next(result, None)
         result.close()
+
+
+def refused_otherwise(call: Callable[..., Any], arguments: dict[str, Any]) -> str:
+    """Return what is raised instead of an error of the project's own; "" for such an error, or a result."""
+    try:
+        consume(call, arguments)
+    except Mr360uwError as error:
+        return "" if " - " in str(error) else f"{type(error).__name__} without a remedy: {error}"
+    except Exception as error:  # noqa: BLE001 - what is looked for
+        return f"{type(error).__name__}: {error!s:.80}"
+    return ""
+
+
+@pytest.mark.filterwarnings("ignore::RuntimeWarning")
+def test_every_argument_of_every_public_call(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("there.txt").touch()
+    wrong = [
+        f"{name}({argument} = {kind}) - {problem}"
+        for name, call in public_calls().items()
+        for good in [good_arguments(name, call)]
+        for argument in arguments_of(call)
+        for kind, value in WRONG.items()
+        if (problem := refused_otherwise(call, good | {argument: value}))
+    ]
+    assert wrong == []
+    assert [path.name for path in tmp_path.iterdir()] == ["there.txt"]

@@ -20,6 +20,7 @@ from mr360uw.composite.mesh.mesh_file import read_mesh_file
 from mr360uw.composite.mesh.normals import corner_normals, crease_normals, smooth_patches, welded
 from mr360uw.errors import MeshError
 from mr360uw.reading.disk_cache import kept_arrays
+from mr360uw.shapes import checked
 from mr360uw.types import Floats
 
 Unit = Literal["auto", "m", "cm", "mm"]
@@ -85,6 +86,7 @@ class Mesh:
         return any(m.roughness < 0.95 or m.metallic_roughness_map is not None for m in self.materials)
 
 
+@checked
 def load_mesh(
     path: str | Path, unit: Unit = "auto", part: str = "", *, outside: bool = False, smooth_deg: float | None = None
 ) -> Mesh:

@@ -21,6 +21,7 @@ from mr360uw.errors import ParameterError
 from mr360uw.files import write_whole
 from mr360uw.ibl.sun.track import SunTrack
 from mr360uw.reading.input_files import json_of, read_text
+from mr360uw.shapes import checked
 from mr360uw.sphere import direction_from_angles
 
 Array = NDArray[np.float64]
@@ -54,6 +55,7 @@ def track_table(track: SunTrack) -> dict[str, list[float | None]]:
     }
 
 
+@checked
 def save_track(track: SunTrack, path: str | Path) -> None:
     """Write a track to a file whose name ends in .json or .csv."""
     path = Path(path)
@@ -71,6 +73,7 @@ def save_track(track: SunTrack, path: str | Path) -> None:
     write_whole(path, text + "\n" if path.suffix == ".json" else text)
 
 
+@checked
 def load_track(path: str | Path) -> SunTrack:
     """Return a track from a .json or .csv file that `save_track` wrote, edited or not."""
     path = Path(path)

@@ -20,6 +20,7 @@ from mr360uw.reading.input_files import read_data
 from mr360uw.reading.limits import FRAMES, PICTURE
 from mr360uw.reading.numbered_files import is_pattern, matching_files
 from mr360uw.reading.picture_size import picture_size
+from mr360uw.shapes import checked
 from mr360uw.video.read.layout import Eye, Layout, output_layout, panorama_crops
 from mr360uw.video.read.picture_shape import shape_of_codes
 from mr360uw.video.read.projection import PICTURE_SUFFIXES
@@ -51,6 +52,7 @@ def picture_files(path: Path) -> list[Path] | None:
     return files
 
 
+@checked
 def read_picture(path: Path, *, depth: bool = False) -> NDArray[Any]:
     """Return the RGB codes of a picture, (H, W, 3): uint8, uint16, or linear float32 of EXR and HDR files.
 
