@@ -51,6 +51,7 @@ _MOST_RED = 1.0
 """Red over green above which a patch is no water: water absorbs red first."""
 
 
+@checked
 @dataclass(frozen=True, slots=True)
 class WaterPatch:
     """A square of open water. yaw_deg: of its middle, 0 = ahead, + = right; pitch_deg: + = up; size_deg: its side."""

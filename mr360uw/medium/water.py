@@ -76,6 +76,7 @@ _KD_ROUNDING = 1.03
 """Kd may be below a by this factor, the rounding of tables with two or three figures; below that it is an error."""
 
 
+@checked
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Water(Shown):
     """Water with the same optical properties everywhere.
