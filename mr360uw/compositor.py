@@ -14,6 +14,7 @@ import numpy as np
 from pydantic import NonNegativeFloat, NonNegativeInt
 
 from mr360uw.cache import Cache
+from mr360uw.constants import MOST_LIGHT
 from mr360uw.errors import ParameterError
 from mr360uw.progress import Progress
 from mr360uw.render.backends import make_backend
@@ -23,7 +24,7 @@ from mr360uw.render.loaded import Loaded, load
 from mr360uw.render.stages.light_stage import LightSamples
 from mr360uw.scene.inputs import open_plate
 from mr360uw.scene.model import Scene
-from mr360uw.shapes import checked, file_path, instance, real
+from mr360uw.shapes import checked, file_path, instance, is_light, real
 from mr360uw.steps import finished
 from mr360uw.threads import one_blas_thread, prefetch
 from mr360uw.types import CausticStack, Environment, Floats, Layer, MediumTable, Sun
@@ -430,6 +431,9 @@ def _checked(plate: Floats) -> Floats:
         raise ParameterError(
             f"plate - must be an equirectangular image (H, 2 H, 3) of even height (got {plate.shape}) - resize it"
         )
-    if not np.issubdtype(plate.dtype, np.floating) or not np.all(np.isfinite(plate)):
-        raise ParameterError("plate - must be finite floating point light - decode code values with uw.open_video")
+    if not np.issubdtype(plate.dtype, np.floating) or not is_light(plate):
+        raise ParameterError(
+            f"plate - must be floating point light, finite and within {MOST_LIGHT:g} (got {plate.dtype}) - decode code "
+            "values with uw.open_video"
+        )
     return plate

@@ -20,6 +20,7 @@ from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from mr360uw.constants import MOST_LIGHT
 from mr360uw.errors import ParameterError
 
 _NUMBERS = "fiu"
@@ -44,6 +45,11 @@ def is_finite(array: NDArray[Any]) -> bool:
         return True
     with np.errstate(all="ignore"):  # infinities cancel to NaN, and finite ones may overflow
         return bool(np.isfinite(array.sum(dtype=np.float64)) or np.all(np.isfinite(array)))
+
+
+def is_light(array: NDArray[Any]) -> bool:
+    """Return whether all samples are numbers within `MOST_LIGHT`."""
+    return bool(array.size == 0 or (array.max() <= MOST_LIGHT and array.min() >= -MOST_LIGHT))
 
 
 def numbers(name: str, values: ArrayLike, *, infinite: bool = False) -> NDArray[Any]:
@@ -120,7 +126,7 @@ def checked(call: Call) -> Call:
     `pydantic.NonNegativeFloat`, are ranges. Shapes are checked where they are used.
     """
     if isinstance(call, type):
-        call.__init__ = checked(call.__init__)
+        call.__init__ = checked(call.__init__)  # type: ignore[misc]  # of this very class
         return call
     signature = inspect.signature(call)
 

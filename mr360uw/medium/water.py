@@ -72,6 +72,8 @@ def _kd_table(water_type: JerlovType, source: Diffuse) -> Spectrum | None:
 
 _SHOWN_NM = 550.0
 """Wavelength [nm] of the coefficients that a water's line shows: green, where the eye sees best."""
+_DENSEST = 1e4
+"""Largest coefficient [1/m]: light ends within a tenth of a millimetre, where mud has some tens."""
 _KD_ROUNDING = 1.03
 """Kd may be below a by this factor, the rounding of tables with two or three figures; below that it is an error."""
 
@@ -135,11 +137,12 @@ class Water(Shown):
     def __post_init__(self) -> None:
         check_phase(self.phase)
         for label, spectrum, strict in (("absorption", self.a, True), ("scattering", self.b, False)):
-            wrong = spectrum.value <= 0.0 if strict else spectrum.value < 0.0
+            wrong = (spectrum.value <= 0.0 if strict else spectrum.value < 0.0) | (spectrum.value > _DENSEST)
             if np.any(wrong):
                 i = int(np.argmax(wrong))
+                least = "above zero" if strict else "at least zero"
                 raise ParameterError(
-                    f"{self.name} - {label} must be {'above zero' if strict else 'at least zero'} "
+                    f"{self.name} - {label} must be {least} and at most {_DENSEST:g} "
                     f"(got {spectrum.value[i]:g} 1/m at {spectrum.wavelength_nm[i]:g} nm) - correct the table"
                 )
         low = max(self.a.wavelength_nm[0], self.b.wavelength_nm[0])

@@ -113,7 +113,7 @@ GOOD: dict[str, Any] = {
     "source": "nowhere.mp4", "steepness": 0.5, "tile_m": 8.0, "value": [1.0, 1.0], "water_type": "IB",
     "wave_vector": np.ones((3, 2)), "width": 64, "index": 0, "y": 0.5, "shot": None, "tile": None, "yuv": None,
     "metadata": None, "error": None, "n_dot_v": 0.5, "name": "D65",
-    "near_m": 2.0, "neighbours": (), "out": "there.txt/out.mp4", "path": "nowhere.csv", "picture": None,
+    "near_m": 2.0, "neighbours": (), "out": "there.txt/out.mp4", "path": "there.txt/nowhere.csv", "picture": None,
     "plate": IMAGE, "plate_linear": IMAGE, "radiance": IMAGE, "radiance_map": IMAGE, "reference": EYE,
     "refractive_index": 1.34, "result": STACK, "rgb": np.ones(3), "right": np.zeros((32, 64)), "roughness": 0.5,
     "scattering": COEFFICIENT, "scene": SCENE, "sea": SEA, "stack": STACK, "sun": SUN, "sun_direction_in_air": UP,

@@ -153,6 +153,10 @@ def metres_of(file: MeshFile, unit: Unit) -> float:
     return file.unit_m if unit == "auto" else METRES[unit]
 
 
+_FARTHEST = 1e9
+"""Largest coordinate of a vertex, in the units of its file: squares of areas stay finite in single precision."""
+
+
 def make_mesh(
     parts: list[Part], materials: list[Material], *, where: str = "mesh", scale: float = 1.0, suspicious: bool = False
 ) -> Mesh:
@@ -161,11 +165,14 @@ def make_mesh(
     if not parts:
         raise MeshError(f"{where} - has no triangles (got 0) - export the surface as triangles")
     parts, materials, notes = _without_useless_maps(where, parts, materials)
+    wild = sum(int(np.sum(~(np.abs(p.positions[p.faces]) <= _FARTHEST).all(axis=(1, 2)))) for p in parts)
+    if wild:
+        raise MeshError(
+            f"{where} - vertices are not finite, or more than {_FARTHEST:g} units away (got {wild} such triangles) - "
+            "export the mesh again"
+        )
     corners = [_corners(p) for p in parts]
     positions, normals, uv, colors = (np.concatenate(arrays) for arrays in zip(*corners, strict=True))
-    if not np.all(np.isfinite(positions)):
-        bad = int(np.count_nonzero(~np.isfinite(positions).all(axis=(1, 2))))
-        raise MeshError(f"{where} - vertices are not finite (got {bad} such triangles) - export the mesh again")
     positions = positions * scale
     extent = np.ptp(positions.reshape(-1, 3), axis=0)
     if np.max(extent) <= 0.0:

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from mr360uw.errors import ParameterError
 from mr360uw.files import write_whole
 from mr360uw.ibl.sun.track import SunTrack
+from mr360uw.output_gate import check_outputs
 from mr360uw.reading.input_files import json_of, read_text
 from mr360uw.shapes import checked
 from mr360uw.sphere import direction_from_angles
@@ -70,6 +71,7 @@ def save_track(track: SunTrack, path: str | Path) -> None:
         text = out.getvalue()
     else:
         raise ParameterError(f"{path} - not a name for a track (got {path.suffix!r}) - end it in .json or .csv")
+    check_outputs([path], overwrite=True)
     write_whole(path, text + "\n" if path.suffix == ".json" else text)
 
 
