@@ -184,8 +184,9 @@ def _floor_of(track: Path) -> tuple[float, str] | None:
         raise ParameterError(f"{track} - no such file - write one with mr360uw track VIDEO -o track.csv")
     if not table.is_file():
         return None
+    told = read_json(table, ParameterError)
     try:
-        floor = read_json(table, ParameterError)["floor"]
+        floor = told["floor"]
         return None if floor is None else (-float(floor["height_m"]), "of the camera's track")
     except (ValueError, KeyError, TypeError, OverflowError) as error:
         raise ParameterError(f"{table} - is no camera track (got {error!s:.100}) - write it again") from error

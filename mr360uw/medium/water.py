@@ -14,7 +14,7 @@ from __future__ import annotations
 import functools
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal, get_args
+from typing import Literal, cast, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -25,7 +25,7 @@ from mr360uw.errors import ParameterError
 from mr360uw.medium.phase import Mixture, Phase, backscatter_ratio, check_phase, particles_of_backscatter
 from mr360uw.medium.tables import Spectrum, builtin_spectrum, builtin_table, read_table
 from mr360uw.plot import Figure, Shown
-from mr360uw.shapes import checked, exactly, instance, number, numbers
+from mr360uw.shapes import checked, exactly, number, numbers
 
 Array = NDArray[np.float64]
 
@@ -384,7 +384,7 @@ class Water(Shown):
     @checked
     def jerlov(
         cls,
-        water_type: JerlovType,
+        water_type: str,
         inherent: Inherent = "solonenko2015",
         kd: Diffuse | None = None,
         phase: Phase | None = None,
@@ -426,7 +426,7 @@ class Water(Shown):
         >>> uw.medium.Water.jerlov("1C").diffuse_attenuation(550.0).round(3)
         np.float64(0.129)
         """
-        return _jerlov(instance("water", water_type, str, "name a Jerlov type, as IB"), inherent, kd, phase)
+        return _jerlov(cast("JerlovType", water_type), inherent, kd, phase)
 
     @classmethod
     def pure(cls) -> Water:

@@ -121,8 +121,9 @@ def json_of(text: str | bytes) -> Any:
 
 def read_json(path: Path, wrong: type[Mr360uwError]) -> Any:
     """Return the value of a JSON file; raise `wrong` as `read_text` does, and for text that is no JSON."""
+    text = read_text(path, wrong)
     try:
-        return json_of(read_text(path, wrong))
+        return json_of(text)
     except ValueError as error:
         raise wrong(f"{path} - is no JSON (got: {error!s:.120}) - write it again") from None
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from mr360uw.errors import ParameterError
 from mr360uw.files import write_whole
 from mr360uw.output_gate import check_outputs
-from mr360uw.reading.input_files import read_json
+from mr360uw.reading.input_files import json_of, read_text
 from mr360uw.shapes import checked
 from mr360uw.threads import one_blas_thread
 from mr360uw.track.camera_track import CameraTrack
@@ -72,7 +72,11 @@ def _read(track: CameraTrack | str | Path) -> tuple[str, Floats, Floats, Floats]
     path = Path(track)
     if path.suffix.lower() == ".csv":
         raise ParameterError(f"{path} - a table of poses has no points - give the .json that is written beside it")
-    said = read_json(path, ParameterError)
+    text = read_text(path, ParameterError)
+    try:
+        said = json_of(text)
+    except ValueError as error:
+        raise ParameterError(_no_track(path, f"{error!s:.60}")) from None
     if not isinstance(said, dict) or not str(said.get("format", "")).startswith("mr360uw camera track"):
         raise ParameterError(_no_track(path, "no such format"))
     camera, point = (_table(path, said, key, 3) for key in ("position_m", "points_m"))
