@@ -11,8 +11,10 @@ from pathlib import Path
 from typing import Literal, Self
 
 import numpy as np
+from pydantic import NonNegativeFloat, NonNegativeInt
 
 from mr360uw.cache import Cache
+from mr360uw.constants import MOST_LIGHT
 from mr360uw.errors import ParameterError
 from mr360uw.progress import Progress
 from mr360uw.render.backends import make_backend
@@ -22,7 +24,7 @@ from mr360uw.render.loaded import Loaded, load
 from mr360uw.render.stages.light_stage import LightSamples
 from mr360uw.scene.inputs import open_plate
 from mr360uw.scene.model import Scene
-from mr360uw.shapes import file_path, instance, real
+from mr360uw.shapes import checked, file_path, instance, is_light, real
 from mr360uw.steps import finished
 from mr360uw.threads import one_blas_thread, prefetch
 from mr360uw.types import CausticStack, Environment, Floats, Layer, MediumTable, Sun
@@ -117,6 +119,7 @@ class Compositor:
     (32, 64, 3)
     """
 
+    @checked
     def __init__(self, scene: Scene, *, backend: str = "auto", analysis: ClipAnalysis | None = None) -> None:
         self._scene = instance("scene", scene, Scene, "load_scene reads one")
         self._analysis = analysis
@@ -125,15 +128,16 @@ class Compositor:
         self._kept: Cache | None = Cache(scene.plate.eyes)
         self._one_thread = threading.Lock()
 
+    @checked
     def frame(
         self,
         plate: Floats | VideoFrame,
         time_s: float = 0.0,
         *,
-        index: int = 0,
+        index: NonNegativeInt = 0,
         sun: Sun | Literal["scene"] | None = "scene",
         gain: Floats | None = None,
-        shutter_s: float = 0.0,
+        shutter_s: NonNegativeFloat = 0.0,
     ) -> FrameResult:
         """Return the composite of one plate.
 
@@ -186,6 +190,7 @@ class Compositor:
             frame = composite_frame(loaded, analysis, self._renderer, shown, shutter_s, cache=self._cache())
             return _result(frame)
 
+    @checked
     def frames(
         self, start: int = 0, stop: int | None = None, *, video: VideoReader | None = None
     ) -> Iterator[FrameResult]:
@@ -299,17 +304,18 @@ def _result(frame: Frame) -> FrameResult:
     )
 
 
+@checked
 def render_frame(
     plate: Floats | VideoFrame,
     scene: Scene,
     time_s: float = 0.0,
     backend: str = "auto",
     *,
-    index: int = 0,
+    index: NonNegativeInt = 0,
     sun: Sun | Literal["scene"] | None = "scene",
     gain: Floats | None = None,
     analysis: ClipAnalysis | None = None,
-    shutter_s: float = 0.0,
+    shutter_s: NonNegativeFloat = 0.0,
 ) -> FrameResult:
     """Return the composite of one plate; for more than one a `Compositor` is faster.
 
@@ -366,6 +372,7 @@ def render_frame(
         return compositor.frame(plate, time_s, index=index, sun=sun, gain=gain, shutter_s=shutter_s)
 
 
+@checked
 def analyse_clip(
     video: str | Path,
     scene: Scene,
@@ -424,6 +431,9 @@ def _checked(plate: Floats) -> Floats:
         raise ParameterError(
             f"plate - must be an equirectangular image (H, 2 H, 3) of even height (got {plate.shape}) - resize it"
         )
-    if not np.issubdtype(plate.dtype, np.floating) or not np.all(np.isfinite(plate)):
-        raise ParameterError("plate - must be finite floating point light - decode code values with uw.open_video")
+    if not np.issubdtype(plate.dtype, np.floating) or not is_light(plate):
+        raise ParameterError(
+            f"plate - must be floating point light, finite and within {MOST_LIGHT:g} (got {plate.dtype}) - decode code "
+            "values with uw.open_video"
+        )
     return plate

@@ -14,7 +14,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
+from pydantic import NonNegativeInt, PositiveInt
 
 from mr360uw.errors import ParameterError
 from mr360uw.files import write_whole
@@ -25,7 +26,7 @@ from mr360uw.medium.water import Water
 from mr360uw.output_gate import check_outputs
 from mr360uw.reading.extras import command, optional
 from mr360uw.reading.input_files import read_text
-from mr360uw.shapes import file_path, instance, numbers
+from mr360uw.shapes import checked, file_path, instance, numbers
 from mr360uw.types import CausticStack
 
 if TYPE_CHECKING:
@@ -84,6 +85,7 @@ def of_water(water: Water, wavelength_nm: ArrayLike) -> Dataset:
     return _dataset(data, grid, water=water.name, source=water.source)
 
 
+@checked
 def of_medium(medium: Medium, distance_m: ArrayLike, depth_m: ArrayLike, up: ArrayLike) -> Dataset:
     """Return what a camera sees of the water, on the grid of all arguments.
 
@@ -127,7 +129,7 @@ def of_medium(medium: Medium, distance_m: ArrayLike, depth_m: ArrayLike, up: Arr
     """
     instance("medium", medium, Medium, "make one, as by Medium(water)")
     grid: dict[str, Any] = {"distance_m": distance_m, "depth_m": depth_m, "up": up}
-    rays = np.meshgrid(*(np.atleast_1d(numbers(name, one)) for name, one in grid.items()), indexing="ij")
+    rays = np.meshgrid(*(_axis(name, one) for name, one in grid.items()), indexing="ij")
     axes = (*grid, "channel")
     data = {
         "transmittance": (axes, medium.transmittance(*rays), {"long_name": "transmittance of grey", "units": "1"}),
@@ -141,6 +143,7 @@ def of_medium(medium: Medium, distance_m: ArrayLike, depth_m: ArrayLike, up: Arr
     return made.assign_coords(channel=list(_CHANNELS)).assign_attrs(sensor=medium.sensor.name, gain=medium.gain)
 
 
+@checked
 def of_light_field(field: LightField, depth_m: ArrayLike, up: ArrayLike) -> Dataset:
     """Return the light of a solved field on the grid of its arguments, per unit irradiance at the surface.
 
@@ -181,7 +184,7 @@ def of_light_field(field: LightField, depth_m: ArrayLike, up: ArrayLike) -> Data
     """
     instance("field", field, LightField, "make one, as by LightField([0.1], [0.2])")
     grid = {"depth_m": depth_m, "up": up}
-    depth, level = (np.atleast_1d(numbers(name, one)) for name, one in grid.items())
+    depth, level = (_axis(name, one) for name, one in grid.items())
     axes = ("depth_m", "wavelength")
     data = {
         "radiance": (
@@ -243,6 +246,7 @@ def of_caustics(stack: CausticStack) -> Dataset:
     return made.assign_coords(channel=list(_CHANNELS))
 
 
+@checked
 def write_csv(dataset: Dataset, path: str | Path, *, overwrite: bool = False) -> None:
     """Write a dataset as a CSV table, a row for each point of its grid; units and provenance stand in lines with #.
 
@@ -276,7 +280,7 @@ def write_csv(dataset: Dataset, path: str | Path, *, overwrite: bool = False) ->
     ...     [file.readline().strip() for _ in range(2)][1]
     '# water: pure sea water'
     """
-    path = file_path("path", path)
+    path, dataset = file_path("path", path), instance("dataset", dataset, _xarray().Dataset, "of_water makes one")
     check_outputs([path], overwrite=overwrite)
     missing = {name: np.arange(size) for name, size in dataset.sizes.items() if name not in dataset.coords}
     dataset = dataset.assign_coords(missing)
@@ -344,7 +348,10 @@ def read_csv(path: str | Path) -> Dataset:
     return made
 
 
-def spread(fit: Callable[[list[Any]], ArrayLike], frames: Sequence[Any], draws: int = 200, seed: int = 1) -> Dataset:
+@checked
+def spread(
+    fit: Callable[[list[Any]], ArrayLike], frames: Sequence[Any], draws: PositiveInt = 200, seed: NonNegativeInt = 1
+) -> Dataset:
     """Return how far a fit changes with the frames that it is made of, by resampling them.
 
     It is the bootstrap of independent frames: frames of a clip that are seconds apart, not neighbours, are nearly that.
@@ -395,6 +402,14 @@ def spread(fit: Callable[[list[Any]], ArrayLike], frames: Sequence[Any], draws: 
 
 
 _COLUMN = re.compile(r"# (\w+) \[(.*?)\] over (.*?): (.*)$")
+
+
+def _axis(name: str, values: ArrayLike) -> NDArray[Any]:
+    """Return values (n,) along an axis of a grid, of a number or some; raise `ParameterError` for other shapes."""
+    array = np.atleast_1d(numbers(name, values))
+    if array.ndim > 1 or not len(array):
+        raise ParameterError(f"{name} - must be a number or a list of them (got shape {array.shape}) - give one axis")
+    return array
 
 
 def _column(line: str) -> tuple[str, tuple[tuple[str, ...], dict[str, str]]] | None:

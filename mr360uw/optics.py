@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from mr360uw.constants import REFRACTIVE_INDEX_SEA
 from mr360uw.errors import ParameterError
-from mr360uw.shapes import number, numbers
+from mr360uw.shapes import checked, number, numbers
 from mr360uw.sphere import unit
 
 Array = NDArray[np.float64]
@@ -233,6 +233,7 @@ _COSINES = 64
 """Directions over each part of a hemisphere: means are right to 1e-5 at the root-like edge of Snell's window."""
 
 
+@checked
 def sea_water_index(wavelength_nm: ArrayLike, temperature_c: float = 20.0, salinity: float = 35.0) -> Array:
     """Return the refractive index of sea water relative to air.
 

@@ -24,6 +24,8 @@ else:
     ModelMetaclass = type(BaseModel)
 
 FULL_TURN_DEG = 360.0
+LATEST_S = 1e6
+"""Most time [s] from the start of a clip, before and after: eleven days, whose frames doubles still tell apart."""
 _PARAMETERS = "\n\nParameters\n----------\n"
 """Heading of the section that `listed` adds to a docstring, as it stands there without indents."""
 

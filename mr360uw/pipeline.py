@@ -30,11 +30,12 @@ from mr360uw.runs.work_folder import Part, WorkFolder, joined_bounds, work_folde
 from mr360uw.runs.workers import make_crew
 from mr360uw.scene.inputs import open_plate, projection_notes
 from mr360uw.scene.model import Scene
-from mr360uw.shapes import instance
+from mr360uw.shapes import checked, instance
 from mr360uw.video import VideoReader
 from mr360uw.video.read.reader import DecodedOnce
 
 
+@checked
 def composite_video(
     scene: Scene,
     out: str | Path,

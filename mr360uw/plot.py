@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from mr360uw.color import encode
 from mr360uw.errors import ParameterError
 from mr360uw.reading.extras import command, optional
+from mr360uw.shapes import checked
 
 _WIDTH, _HEIGHT, _MARGIN = 360, 180, 34
 """Pixels of a plot in a notebook, and of the margin for its axes' figures."""
@@ -58,6 +59,7 @@ class Shown:
         return f"<div><code>{html.escape(repr(self))}</code><br/>{_svg(self._figure())}</div>"
 
 
+@checked
 def show(result: Shown, axes: Any = None) -> Any:
     """Draw a result with matplotlib.
 
@@ -99,6 +101,8 @@ def show(result: Shown, axes: Any = None) -> Any:
             axes = optional("matplotlib.pyplot").figure().add_subplot()
         except ImportError:
             raise ParameterError(f"plot - needs matplotlib (got none) - {command('plot')}") from None
+    if not hasattr(axes, "set_title"):
+        raise ParameterError(f"axes - are none of matplotlib's (got {type(axes).__name__}) - leave them out")
     figure = result._figure()
     axes.set_title(figure.title)
     if figure.image is not None:

@@ -18,6 +18,7 @@ from mr360uw.errors import ParameterError, VideoError
 from mr360uw.files import whole_file, write_whole
 from mr360uw.output_gate import check_outputs, made_folder
 from mr360uw.reading.limits import FRAMES
+from mr360uw.shapes import checked
 
 Array = NDArray[np.floating[Any]]
 
@@ -34,6 +35,7 @@ _SURFACE_OVERSAMPLING = 2
 """Surface points across a pixel of the map: the spline then resolves the shortest waves of the map."""
 
 
+@checked
 def export_tiles(
     sea: Sea,
     sun_direction_in_air: ArrayLike,

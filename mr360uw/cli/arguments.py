@@ -18,6 +18,7 @@ import typer
 
 from mr360uw.errors import ParameterError
 from mr360uw.output_gate import check_folder, check_outputs
+from mr360uw.reading.input_files import unreadable
 
 if TYPE_CHECKING:
     from mr360uw.preview.still import Perspective
@@ -34,6 +35,8 @@ class Role(Enum):
 def gated(command: Callable[..., None]) -> Callable[..., None]:
     """Return a command that raises `OutputError` before it does anything where an output may not be written.
 
+    Before that `ParameterError` names every input that is a device, a pipe or a socket: to open one may wait for ever.
+
     Commands whose outputs have other names than the given ones, or whose scene names more inputs, check these too.
     """
 
@@ -42,6 +45,7 @@ def gated(command: Callable[..., None]) -> Callable[..., None]:
         named = dict(roles_of(command))
         paths = {role: [Path(values[name]) for name in named if named[name] is role and values[name]] for role in Role}
         writes = not values.get("explain", False)
+        _check_read(paths[Role.READ])
         for folder in paths[Role.FOLDER]:
             check_folder(folder)
         check_outputs(
@@ -50,6 +54,13 @@ def gated(command: Callable[..., None]) -> Callable[..., None]:
         command(**values)
 
     return checked
+
+
+def _check_read(paths: Sequence[Path]) -> None:
+    """Raise `ParameterError` with a line for each path that is there, and neither a file nor a folder."""
+    special = [path for path in paths if path.exists() and not path.is_file() and not path.is_dir()]
+    if special:
+        raise ParameterError("\n".join(f"{path} - {unreadable(path)}" for path in special))
 
 
 def roles_of(command: Callable[..., None]) -> Iterator[tuple[str, Role]]:

@@ -26,6 +26,8 @@ from mr360uw.composite.settings import Interpolation, LampSettings
 from mr360uw.errors import ParameterError
 from mr360uw.ibl.level.tilt import level_matrix, roll_pitch
 from mr360uw.medium.tables import read_table
+from mr360uw.parameters import LATEST_S
+from mr360uw.shapes import checked
 from mr360uw.sphere import yaw_matrix
 from mr360uw.types import Floats
 
@@ -130,6 +132,7 @@ def _pose(settings: ObjectSettings, mesh: Mesh) -> tuple[Floats, Floats, float]:
     return place - scale * rotation @ mesh.center_m if settings.polar else place, rotation, scale
 
 
+@checked
 def read_camera_track(path: str | Path) -> Motion:
     """Return the camera's motion of a CSV file: time [s], x, y, z [m], and the quaternion qx, qy, qz, qw.
 
@@ -147,6 +150,9 @@ def read_camera_track(path: str | Path) -> Motion:
     columns = np.stack([table[name] for name in names], axis=-1)
     if not np.all(np.isfinite(columns)):
         raise ParameterError(f"{path} - has entries that are no numbers - correct the rows")
+    if np.any(late := np.abs(columns[:, 0]) > LATEST_S):
+        got = f"got {columns[late, 0][0]:g} s, at most {LATEST_S:g}"
+        raise ParameterError(f"{path} time_s - is no time of a clip ({got}) - count from the clip's start")
     check_unit_quaternions(columns[:, 4:], str(path))
     times = columns[:, 0]
     if np.any(np.diff(times) <= 0.0):

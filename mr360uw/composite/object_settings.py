@@ -11,7 +11,7 @@ from pydantic import Field, field_validator, model_validator
 
 from mr360uw.composite.settings import CASTS, MOTION, SIZE, TURN, Interpolation, Vector, check_color, check_times
 from mr360uw.ibl.settings import EXPOSURE
-from mr360uw.parameters import Parameters, advanced, parameter
+from mr360uw.parameters import LATEST_S, Parameters, advanced, parameter
 
 Attachment = Literal["world", "camera", "surface"]
 Loop = Literal["repeat", "once", "ping-pong"]
@@ -27,7 +27,7 @@ _AWAY_M = 3.0
 class KeySettings(Parameters):
     """One instant of an object's motion; values that are not set are the object's own."""
 
-    time_s: float = parameter(..., "time of the key from the start of the clip", unit="s")
+    time_s: float = parameter(..., "time of the key from the start of the clip", unit="s", low=-LATEST_S, high=LATEST_S)
     position_m: Vector | None = parameter(None, "position (right, up, back)", unit="m")
     azimuth_deg: float | None = parameter(None, "instead of position_m, as the object's", unit="deg")
     elevation_deg: float | None = parameter(
@@ -93,7 +93,7 @@ class ObjectSettings(Parameters):
         1.0, "clip seconds a second of the video; negative plays backwards", unit="1", low=-1e3, high=1e3,
         fixed="the clip would jump: key start_s, the time within it",
     )  # fmt: skip
-    start_s: float = advanced(0.0, "time within the clip at the video's time 0", unit="s", low=-1e6, high=1e6)
+    start_s: float = advanced(0.0, "time within the clip at the video's time 0", unit="s", low=-LATEST_S, high=LATEST_S)
     casts_shadow: bool = parameter(True, CASTS)
     visible: bool = parameter(True, "whether the camera sees the object; its shadow stays")
     texture: Path | None = parameter(None, "base colour image to use instead of the file's own")

@@ -21,6 +21,7 @@ from mr360uw.composite.shot import PlacedObject, Receiver
 from mr360uw.errors import MeshError, ParameterError
 from mr360uw.reading.cached_reads import CachedReads
 from mr360uw.reading.limits import OBJECTS
+from mr360uw.shapes import checked
 from mr360uw.types import Floats
 
 _AT_REST = {
@@ -109,11 +110,13 @@ class SceneObject:
         return origin - self.motion.at(time_s)[:3, 3] + np.array([0.0, self.afloat[1], 0.0])
 
 
+@checked
 def load_object(settings: ObjectSettings) -> SceneObject:
     """Return an object with its meshes, textures and overrides; raise `MeshError`."""
     return load_objects([settings])[0]
 
 
+@checked
 def load_objects(all_settings: Sequence[ObjectSettings], reads: CachedReads | None = None) -> tuple[SceneObject, ...]:
     """Return objects with their meshes, textures and overrides; raise `MeshError`.
 

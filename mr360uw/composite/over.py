@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from mr360uw.composite.shot import Shot
 from mr360uw.errors import ParameterError
 from mr360uw.jit import exact
+from mr360uw.shapes import checked
 from mr360uw.types import Floats, Layer, Rectangle, Tile
 
 
@@ -92,6 +93,7 @@ def lay_over(plate: Any, radiance: Any, alpha: Any, ratio: Any, veil: Any, shaft
                 image[j, i, c] = radiance[j, i, c] + free * below
 
 
+@checked
 def over_tile(plate_linear: Floats, tile: Tile) -> Floats:
     """Return the composite of the plate's pixels below one tile.
 

@@ -186,7 +186,8 @@ def slab_hull(bounds: Floats, inside: Floats, more: float = 0.0) -> Floats:
     """
     from scipy.spatial import ConvexHull, HalfspaceIntersection
 
-    margin = _SLAB_MARGIN * float(np.max(bounds[:3, 1] - bounds[:3, 0]))
+    extent = float(np.max(bounds[:3, 1] - bounds[:3, 0]))
+    margin = _SLAB_MARGIN * (extent if extent > 0.0 else 1.0)  # an animation may hide a body by the scale 0
     wider = (margin + more) * np.linalg.norm(SLAB_AXES, axis=-1, keepdims=True)
     planes = np.concatenate([
         np.append(SLAB_AXES, -bounds[:, 1:] - wider, axis=1), np.append(-SLAB_AXES, bounds[:, :1] - wider, axis=1)

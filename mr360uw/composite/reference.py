@@ -32,12 +32,14 @@ from mr360uw.composite.sampling import WHOLE_PIXEL, Gaps, find_gaps, join_gaps, 
 from mr360uw.composite.shot import Shot
 from mr360uw.composite.tiles import even_tiles, split
 from mr360uw.rays import RayScene
+from mr360uw.shapes import checked
 from mr360uw.types import Layer, Rectangle, Tile
 
 _RAYS_AT_ONCE = 200_000
 """Rays traced in one batch. It bounds the memory: twice as many take twice as much."""
 
 
+@checked
 def render_layer(shot: Shot, cache: Cache | None = None) -> Layer:
     """Return the layer of a shot, by the reference renderer.
 

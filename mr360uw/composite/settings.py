@@ -12,7 +12,7 @@ from typing import Annotated, Literal
 from pydantic import Field, field_validator, model_validator
 
 from mr360uw.constants import MAXIMUM_SUN_SAMPLES
-from mr360uw.parameters import Parameters, advanced, parameter
+from mr360uw.parameters import LATEST_S, Parameters, advanced, parameter
 
 FARTHEST = 1e9
 """Largest number of a position [m] or a rotation [deg]: beyond it the sums of single-precision numbers overflow."""
@@ -89,7 +89,7 @@ class HoldoutSettings(Parameters):
 class LampKeySettings(Parameters):
     """One instant of a lamp's motion; values that are not set are the lamp's own."""
 
-    time_s: float = parameter(..., "time of the key from the start of the clip", unit="s")
+    time_s: float = parameter(..., "time of the key from the start of the clip", unit="s", low=-LATEST_S, high=LATEST_S)
     position_m: Vector | None = parameter(None, "position (right, up, back)", unit="m")
     rotation_deg: Vector | None = parameter(None, "(yaw, pitch, roll) of the beam", unit="deg")
 

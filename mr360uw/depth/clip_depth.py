@@ -27,6 +27,8 @@ from mr360uw.files import write_whole
 from mr360uw.output_gate import check_folder, made_folder
 from mr360uw.progress import Progress, Steps
 from mr360uw.reading.cached_reads import stamp
+from mr360uw.reading.input_files import holds_text
+from mr360uw.shapes import checked
 from mr360uw.threads import one_blas_thread
 from mr360uw.track.camera_track import CameraTrack
 from mr360uw.track.key_frames import grey_picture
@@ -81,6 +83,7 @@ class _Path:
     shot: NDArray[np.int64]
 
 
+@checked
 def depth_of_clip(
     video: str | Path,
     folder: str | Path,
@@ -233,7 +236,7 @@ def check_note(folder: Path, inputs: str, *, overwrite: bool) -> None:
     Files that no run of this command made, in a folder without its note, are never removed.
     """
     note = folder / NOTE
-    if note.is_file() and note.read_text("utf-8") == inputs:
+    if holds_text(note, inputs):
         return
     there = sorted(folder.glob("depth_*.exr"))
     if there and not note.is_file():

@@ -21,6 +21,7 @@ from mr360uw.errors import ParameterError
 from mr360uw.output_gate import check_folder, made_folder
 from mr360uw.progress import Progress, Steps
 from mr360uw.reading.cached_reads import stamp
+from mr360uw.shapes import checked
 from mr360uw.threads import one_blas_thread
 from mr360uw.track.key_frames import luma_codes
 from mr360uw.video import VideoFrame, VideoReader, open_video
@@ -31,6 +32,7 @@ _METHOD = "distances of eyes 1"
 """Names how maps are found; another number where that changes, so that maps of before are not kept."""
 
 
+@checked
 def depth_of_eyes(
     video: str | Path,
     folder: str | Path,

@@ -14,6 +14,7 @@ from mr360uw.depth.seen_places import LitFrame, seen_places
 from mr360uw.errors import ParameterError
 from mr360uw.medium.fit.water_by_distance import WaterByDistance, water_by_distance
 from mr360uw.progress import Progress, Steps
+from mr360uw.shapes import checked
 from mr360uw.track.camera_track import CameraTrack
 from mr360uw.video import open_video
 
@@ -22,6 +23,7 @@ _FRAMES = 24
 _LEAST_FRAMES = 6
 
 
+@checked
 def water_of_clip(
     video: str | Path,
     folder: str | Path,

@@ -25,6 +25,7 @@ from mr360uw.depth.sphere_stereo import SURE, DepthMap
 from mr360uw.depth.warping import Map, resized, window_mean
 from mr360uw.errors import ParameterError
 from mr360uw.jit import fast
+from mr360uw.shapes import checked
 from mr360uw.video.eyes_seen import EYES_APART_M
 
 _SWEPT = 1024
@@ -48,6 +49,7 @@ _EVEN_CODES, _BEHIND_PX = 3.0, 1.5
 """Deviation [codes] in five pixels below which a picture is even, and disparity [px] by which something is behind."""
 
 
+@checked
 def eye_distances(left: Map, right: Map, eyes_apart_m: float = EYES_APART_M) -> tuple[DepthMap, DepthMap]:
     """Return the distances along the rays of the left and of the right eye of a stereo panorama.
 
@@ -91,8 +93,8 @@ def eye_distances(left: Map, right: Map, eyes_apart_m: float = EYES_APART_M) -> 
     >>> bool(1.5 < np.median(found.distance_m) < 2.5)
     True
     """
-    height, width = left.shape
-    if left.shape != right.shape or width != 2 * height:
+    left, right = np.asarray(left), np.asarray(right)
+    if left.shape != right.shape or left.ndim != 2 or not left.size or left.shape[1] != 2 * left.shape[0]:
         raise ParameterError(
             f"left, right - must be twice as wide as high, and alike (got {left.shape}, {right.shape}) - resize them"
         )
@@ -101,7 +103,7 @@ def eye_distances(left: Map, right: Map, eyes_apart_m: float = EYES_APART_M) -> 
     for own, other, sign in ((left, right, 1.0), (right, left, -1.0)):
         shifts.append(_disparity(np.asarray(own, np.float32), np.asarray(other, np.float32), sign))
     (a, alike_a), (b, alike_b) = shifts
-    pixel = 2.0 * np.pi / width
+    pixel = 2.0 * np.pi / left.shape[1]
     maps = []
     for own, other, alike, sign in ((a, b, alike_a, 1.0), (b, a, alike_b, -1.0)):
         apart = np.abs(own - _shifted(other, own, sign))

@@ -19,6 +19,7 @@ from mr360uw.depth.semi_global import smoothed
 from mr360uw.depth.trust import confidence, evidence, of_rig
 from mr360uw.depth.warping import Map, Panorama, Warped, carried, resized
 from mr360uw.errors import ParameterError
+from mr360uw.shapes import checked
 
 _TRIALS = 64
 """Trial distances of the sweep, a pixel and a half of parallax apart at 512 columns."""
@@ -62,6 +63,7 @@ class DepthMap:
     confidence: Map
 
 
+@checked
 def distances(reference: Panorama, neighbours: Sequence[Panorama]) -> DepthMap:
     """Return the distances of a frame from neighbours with known poses, in the unit of these.
 

@@ -66,7 +66,7 @@ def window_mean(values: Map, side: int) -> Map:
 
     half = side // 2
     padded = cv2.copyMakeBorder(values, 0, 0, half, half, cv2.BORDER_WRAP)
-    mean: Map = cv2.blur(padded, (side, side), borderType=cv2.BORDER_REFLECT_101)[:, half:-half]
+    mean: Map = cv2.blur(padded, (side, side), borderType=cv2.BORDER_REFLECT_101)[:, half : half + values.shape[1]]
     return mean
 
 

@@ -5,7 +5,6 @@ The preview also compares a grey card at the object's place with what is around 
 
 from __future__ import annotations
 
-import json
 import tomllib
 from dataclasses import replace
 from pathlib import Path
@@ -27,6 +26,7 @@ from mr360uw.ibl.sun.words import SunFound
 from mr360uw.output_gate import check_outputs
 from mr360uw.preview.live import COARSE_WIDTH, LivePreview
 from mr360uw.preview.thumbnail import screen_picture
+from mr360uw.reading.input_files import read_json
 from mr360uw.render.camera import CameraPath
 from mr360uw.render.loaded import Loaded
 from mr360uw.scene.model import CameraSettings, PlateSettings, Scene, scene_from_dict
@@ -184,10 +184,11 @@ def _floor_of(track: Path) -> tuple[float, str] | None:
         raise ParameterError(f"{track} - no such file - write one with mr360uw track VIDEO -o track.csv")
     if not table.is_file():
         return None
+    told = read_json(table, ParameterError)
     try:
-        floor = json.loads(table.read_text("utf-8"))["floor"]
+        floor = told["floor"]
         return None if floor is None else (-float(floor["height_m"]), "of the camera's track")
-    except (ValueError, KeyError, TypeError, OverflowError, RecursionError) as error:
+    except (ValueError, KeyError, TypeError, OverflowError) as error:
         raise ParameterError(f"{table} - is no camera track (got {error!s:.100}) - write it again") from error
 
 

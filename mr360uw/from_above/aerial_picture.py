@@ -19,6 +19,7 @@ from mr360uw.from_above.first_surface import floor_radiance, floor_through_waves
 from mr360uw.from_above.scene_parts import sea_scene_of
 from mr360uw.from_above.settings import AerialScene
 from mr360uw.published.aerial_look import thresholded_reflection
+from mr360uw.shapes import checked
 from mr360uw.sphere import yaw_matrix
 from mr360uw.surface import SeaScene, SurfacePicture
 from mr360uw.surface.sea_picture import rendered
@@ -67,6 +68,7 @@ class LoadedAerial:
     bodies: AerialBodies | None = None
 
     @classmethod
+    @checked
     def of(cls, scene: AerialScene) -> LoadedAerial:
         """Return it; raise `ParameterError`, `VideoError` or `MeshError` for files that cannot be used."""
         sea = sea_scene_of(scene)
@@ -153,6 +155,7 @@ class LoadedAerial:
         return part[..., None] * (reflection.gain * sun.irradiance)
 
 
+@checked
 def aerial(scene: AerialScene, *, time_s: float = 0.0, size: tuple[int, int] | None = None) -> AerialPicture:
     """Return a picture of the sea from the air.
 

@@ -30,6 +30,7 @@ from mr360uw.reading.input_files import files_read
 from mr360uw.reading.limits import FRAMES
 from mr360uw.reading.numbered_files import is_pattern, matching_files, numbered
 from mr360uw.scene.model import files_of
+from mr360uw.shapes import checked
 from mr360uw.types import Floats
 from mr360uw.video import VideoFrame, VideoReader, create_video, open_video
 from mr360uw.video.clip import Clip
@@ -103,6 +104,7 @@ class AerialReport:
         return f"wrote {self.out}: {count} in {self.seconds:.1f} s ({self.seconds / self.frames:.2f} s each)"
 
 
+@checked
 def aerial_film(
     scene: AerialScene,
     out: str | Path,
@@ -137,6 +139,7 @@ def aerial_film(
     return AerialReport(path, stop - start, time.perf_counter() - began)
 
 
+@checked
 def picture_parts(picture: AerialPicture) -> dict[str, Part]:
     """Return the parts of an EXR file, float32: beauty, normal (N.X, N.Y, N.Z), floor, reflection, distance (Z), water
     (Z: length in the water), bodies (A: what they cover). See `AerialPicture`.

@@ -21,6 +21,7 @@ from mr360uw.medium.settings import WaterKindSettings
 from mr360uw.parameters import Parameters, parameter
 from mr360uw.scene.handbook import parameters_markdown
 from mr360uw.scene.toml_model import load_model
+from mr360uw.shapes import checked
 from mr360uw.video.settings import EncodeSettings
 
 Vector = tuple[float, float, float]
@@ -235,6 +236,7 @@ class AerialScene(Parameters):
         return self
 
 
+@checked
 def load_aerial(path: str | Path, overrides: Sequence[str] = ()) -> AerialScene:
     r"""Return the scene from above of a TOML file; relative paths in it start at its folder.
 

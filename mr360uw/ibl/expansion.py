@@ -22,7 +22,7 @@ from mr360uw.ibl.reduce import reduce_map, resize_map
 from mr360uw.ibl.settings import LightSettings
 from mr360uw.optics import critical_cosine
 from mr360uw.published.light_methods import enhancement_gain, pointwise_gain
-from mr360uw.shapes import is_finite, real
+from mr360uw.shapes import checked, is_finite, real
 from mr360uw.texels import smoothstep
 from mr360uw.types import Floats
 
@@ -64,6 +64,7 @@ def checked_plate(plate: ArrayLike) -> NDArray[np.float32]:
     return np.maximum(image, 0.0, dtype=np.float32)
 
 
+@checked
 def expand(
     plate_linear: ArrayLike,
     settings: LightSettings | None = None,

@@ -30,7 +30,7 @@ from mr360uw.constants import ENVIRONMENT_ROWS as ROWS
 from mr360uw.errors import ParameterError
 from mr360uw.ibl.settings import MINIMUM_ROUGHNESS
 from mr360uw.published.light_methods import harmonic_irradiance
-from mr360uw.shapes import exactly, number, numbers
+from mr360uw.shapes import checked, exactly, number, numbers
 from mr360uw.sphere import directions, row_solid_angle
 from mr360uw.types import Floats
 
@@ -123,6 +123,7 @@ def _normals() -> NDArray[np.float64]:
     return directions(COLUMNS, ROWS)
 
 
+@checked
 def irradiance(radiance: ArrayLike, method: Literal["exact", "sh9"] = "exact") -> Floats:
     """Return the irradiance of surfaces of any orientation, from a radiance map.
 

@@ -31,13 +31,14 @@ from mr360uw.ibl.sun.detect import (
 )
 from mr360uw.ibl.sun.judge import taken_share
 from mr360uw.ibl.sun.split import Split, with_sun, without_glare
-from mr360uw.shapes import exactly
+from mr360uw.shapes import checked, exactly
 from mr360uw.sphere import directions, unit
 from mr360uw.types import Environment, Floats, Sun
 
 SunChoice = Sun | Literal["detect"] | NDArray[np.floating[Any]] | None
 
 
+@checked
 def environment(
     plate: ArrayLike,
     settings: LightSettings | None = None,

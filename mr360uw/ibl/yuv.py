@@ -27,7 +27,7 @@ from mr360uw.ibl.plate import COARSE_COLUMNS, COARSE_ROWS, LinearPlate, Plate
 from mr360uw.ibl.reduce import reduce_map, reduce_maximum
 from mr360uw.ibl.settings import LightSettings
 from mr360uw.jit import fast, inlined
-from mr360uw.shapes import exactly
+from mr360uw.shapes import checked, exactly
 from mr360uw.sphere import Array, row_solid_angle
 from mr360uw.types import Environment, Floats, YuvImage
 from mr360uw.yuv.coefficients import decode_polynomial, folded_coefficients
@@ -132,6 +132,7 @@ class YuvPlate:
     look_expanded = look
 
 
+@checked
 def environment_from_yuv(
     yuv: YuvImage,
     settings: LightSettings | None = None,

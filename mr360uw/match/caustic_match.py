@@ -16,6 +16,7 @@ from mr360uw.match.pattern_measures import PatternMeasures, bands, pattern_measu
 from mr360uw.match.sea_regression import SEAS, SeaFit, fit_sea, fitted_parameters, measurer
 from mr360uw.progress import Progress
 from mr360uw.scene.model import Scene
+from mr360uw.shapes import checked
 
 Array = NDArray[np.float64]
 
@@ -96,6 +97,7 @@ class CausticMatch:
         return {"floor": floor_pictures(shown), "spectra": spectrum_pictures(shown, self.pixel_m)}
 
 
+@checked
 def spectral_distance(one: PatternMeasures, other: PatternMeasures) -> float:
     """Return the mean absolute difference of the natural logarithms of two spectra over their bands.
 
@@ -104,6 +106,7 @@ def spectral_distance(one: PatternMeasures, other: PatternMeasures) -> float:
     return float(np.mean(np.abs(np.log(np.maximum(one.power, 1e-12) / np.maximum(other.power, 1e-12)))))
 
 
+@checked
 def match_caustics(
     scene: Scene, frames: tuple[int, int] | None = None, progress: Progress | None = None
 ) -> CausticMatch:

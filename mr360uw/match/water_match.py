@@ -26,6 +26,7 @@ from mr360uw.render.camera import CameraPath
 from mr360uw.render.plate_map import level_view
 from mr360uw.scene.inputs import open_plate
 from mr360uw.scene.model import Scene
+from mr360uw.shapes import checked
 from mr360uw.sphere import direction_from_angles, frame_from_direction
 from mr360uw.types import Floats
 from mr360uw.video import VideoFrame
@@ -50,6 +51,7 @@ _MOST_RED = 1.0
 """Red over green above which a patch is no water: water absorbs red first."""
 
 
+@checked
 @dataclass(frozen=True, slots=True)
 class WaterPatch:
     """A square of open water. yaw_deg: of its middle, 0 = ahead, + = right; pitch_deg: + = up; size_deg: its side."""
@@ -128,6 +130,7 @@ class _View:
         return self.veil(medium, np.array([red, green, blue]), changes | {"water.gain": (red, green, blue)})
 
 
+@checked
 def match_water(
     scene: Scene, patch: WaterPatch | Sequence[WaterPatch], frames: int | tuple[int, int] = 0
 ) -> WaterMatch:

@@ -59,12 +59,15 @@ class BandLight:
         return compress_gamut(rgb) if self.bands.signed else rgb
 
     def fading_length_m(self, depth_m: float) -> float:
-        """Return the distance [m] over which the downwelling light about a depth falls to 1/e."""
+        """Return the distance [m] over which the downwelling light about a depth falls to 1/e.
+
+        Where no light is left it is a thousandth of the depth, from above.
+        """
         step = 1e-3 * depth_m
         here, below = np.abs(self.bands.weight).sum(axis=1) @ self.model.irradiance(
             np.array([depth_m, depth_m + step]), 1.0
         ).T  # fmt: skip
-        return float(step / np.log(here / below))
+        return float(step / np.log(here / below)) if below > 0.0 else step
 
     def transmittance_log(self, distance_m: Array, depth_m: Array) -> Array:
         """Return the logarithm (..., 3) of the transmittance of a grey object at a depth over a distance."""

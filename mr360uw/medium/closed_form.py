@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from mr360uw.constants import BRIGHTEST_LOG, INV_4PI, LONGEST_RAY_M
 from mr360uw.errors import ParameterError
 from mr360uw.medium.water import Water
-from mr360uw.shapes import common_shape, exactly, numbers
+from mr360uw.shapes import checked, common_shape, exactly, numbers
 
 Array = NDArray[np.float64]
 
@@ -59,6 +59,7 @@ def closed_form(b: ArrayLike, c: ArrayLike, k: ArrayLike, s: ArrayLike, y: Array
     return np.asarray(b, np.float64) * INV_4PI * path_integral(c, k, s, np.maximum(y, 0.0), mu)
 
 
+@checked
 def multiple_scattering(
     water: Water,
     wavelength_nm: ArrayLike,

@@ -17,6 +17,7 @@ from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from pydantic import PositiveInt
 
 from mr360uw.constants import PI, REFRACTIVE_INDEX_SEA
 from mr360uw.errors import ParameterError
@@ -40,7 +41,7 @@ from mr360uw.medium.ray_field import (
 from mr360uw.medium.tables import read_table
 from mr360uw.medium.transfer import STREAMS_PER_HEMISPHERE
 from mr360uw.optics import critical_cosine, fresnel_from_below
-from mr360uw.shapes import exactly, numbers
+from mr360uw.shapes import checked, exactly, numbers
 from mr360uw.threads import one_blas_thread
 
 Array = NDArray[np.float64]
@@ -97,6 +98,7 @@ class LayeredField:
     [[0.064], [0.271]]
     """
 
+    @checked
     def __init__(
         self,
         top_m: ArrayLike,
@@ -106,7 +108,7 @@ class LayeredField:
         surface: SurfaceKind = "snell",
         sky: Sky = "uniform",
         refractive_index: float = REFRACTIVE_INDEX_SEA,
-        streams: int = STREAMS_PER_HEMISPHERE,
+        streams: PositiveInt = STREAMS_PER_HEMISPHERE,
         floor: LambertFloor | None = None,
     ) -> None:
         self.top_m = numbers("top_m", top_m).astype(np.float64)

@@ -26,7 +26,7 @@ from mr360uw.medium.spectral.sensor import DEFAULT_ILLUMINANT, Sensor, checked_s
 from mr360uw.medium.tabulate import lengths, medium_table
 from mr360uw.medium.visibility import CONTRAST_LENGTHS, visibility_m
 from mr360uw.medium.water import Water
-from mr360uw.shapes import common_shape, exactly, instance, number
+from mr360uw.shapes import checked, common_shape, exactly, instance, number
 from mr360uw.threads import one_blas_thread
 from mr360uw.types import Floats, MediumTable
 
@@ -99,6 +99,7 @@ class Medium:
     array([0.0064, 0.0177, 0.0243])
     """
 
+    @checked
     def __init__(
         self, water: Water, sensor: Sensor | None = None, mode: Mode = "table", camera_depth_m: float = 5.0, *,
         band_count: int = DEFAULT_BANDS, rule: Rule = "rectangle", illuminant: str = DEFAULT_ILLUMINANT,
@@ -142,6 +143,7 @@ class Medium:
             return fitted_formation(solved, self.camera_depth_m, one_attenuation=self.mode == "koschmieder")
         return self.model_at(self.bands.wavelength_nm, _SPECTRAL[self.mode])
 
+    @checked
     def model_at(self, wavelength_nm: ArrayLike, mode: SpectralMode) -> SpectralModel:
         """Return the model of the same light at any wavelengths [nm]."""
         floor = None if self.floor_m is None else LambertFloor(self.floor_m, (0.0,))
@@ -185,6 +187,7 @@ class Medium:
 
     # --- at the wavelengths of the bands ---------------------------------------------------------------------
 
+    @checked
     def spectral_transmittance(self, distance_m: ArrayLike) -> Array:
         """Return the factor (..., n) on an object's radiance at the bands' wavelengths."""
         s = np.asarray(distance_m, np.float64)[..., None]
@@ -324,6 +327,7 @@ class Medium:
         common_shape(depth_m=depth_m, normal_up=normal_up)
         return self.gain * self.bands.rgb(self.model.irradiance(depth_m, normal_up))
 
+    @checked
     def level_radiance(self, up: Array) -> Array:
         """Return the radiance (r, 3) at the camera from directions (r,), without gain, within the gamut.
 
@@ -419,6 +423,7 @@ class Medium:
         other.sky, other.gain, other.floor_radiance = sky, np.ones(3), np.zeros(3)
         return other
 
+    @checked
     def at_depth(self, camera_depth_m: float, unit_table: MediumTable | None = None) -> Medium:
         """Return the same medium for a camera at another depth; its tables keep the length of this one's.
 
@@ -442,6 +447,7 @@ class Medium:
 
     # --- for the tables ----------------------------------------------------------------------------------------
 
+    @checked
     def unit_veil(self, distance_m: ArrayLike, up: ArrayLike) -> Array:
         """Return the veil (..., 3) of rays from the camera, which must end below the surface, without gain.
 
@@ -498,6 +504,7 @@ class Medium:
             np.clip((upwelling - gain * of_sky) / np.maximum(of_floor, _TINY), 0.0, gain * self._most_glow)
         )
 
+    @checked
     def floor_irradiance(self, depth_m: float, normal_up: float = 1.0) -> Array:
         """Return the irradiance (3,) by a floor of radiance 1, on planes whose normal has the y `normal_up`."""
         return np.asarray(self.under("floor").model.irradiance(depth_m, normal_up) @ self.floor_lobes)

@@ -22,6 +22,7 @@ from mr360uw.medium.ray_field import LambertFloor, Sky, SurfaceKind
 from mr360uw.medium.transfer import STREAMS_PER_HEMISPHERE, LightField
 from mr360uw.medium.water import Water
 from mr360uw.optics import critical_cosine
+from mr360uw.shapes import checked
 
 Array = NDArray[np.float64]
 
@@ -226,6 +227,7 @@ CLOSED_FORMS = ("kd", "kd+", "rgb")
 Their tables take two hundredths of a second."""
 
 
+@checked
 def spectral_model(
     water: Water,
     wavelength_nm: ArrayLike,

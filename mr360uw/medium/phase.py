@@ -20,11 +20,12 @@ from numpy.typing import ArrayLike, NDArray
 from mr360uw.constants import INV_4PI, PI
 from mr360uw.errors import ParameterError
 from mr360uw.medium.tables import builtin_table, read_table
-from mr360uw.shapes import exactly, numbers
+from mr360uw.shapes import checked, exactly, numbers
 
 Array = NDArray[np.float64]
 
 
+@checked
 @dataclass(frozen=True, slots=True)
 class PhaseTable:
     """A phase function of one's own, measured or computed: values at angles, or Legendre moments.
@@ -531,6 +532,8 @@ def without_peak(
     functions themselves, the fraction (n,) of their forward peak, and the Legendre moments (n, orders) of the rest.
     """
     if isinstance(phase, list):
+        if len(phase) != count:
+            raise ParameterError(f"phase - needs one for each of {count} wavelengths (got {len(phase)}) - give as many")
         for one in phase:
             check_phase(one)
         phase = np.stack([phase_moments(one, orders + 1) for one in phase])

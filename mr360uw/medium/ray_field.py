@@ -20,6 +20,7 @@ from mr360uw.errors import ParameterError
 from mr360uw.medium.closed_form import check_ray, ray_in_water
 from mr360uw.medium.phase import legendre_polynomials
 from mr360uw.optics import fresnel_from_below
+from mr360uw.shapes import checked
 
 Array = NDArray[np.float64]
 
@@ -52,6 +53,7 @@ and a floor that shines with a radiance of 1 in all directions, which the result
 shape."""
 
 
+@checked
 @dataclass(frozen=True, slots=True)
 class LambertFloor:
     """A level Lambert floor. depth_m: below the surface. albedo: in [0, 1], of n wavelengths, or one for all."""

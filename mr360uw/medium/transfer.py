@@ -27,6 +27,7 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from pydantic import PositiveInt
 
 from mr360uw.constants import PI, REFRACTIVE_INDEX_SEA
 from mr360uw.errors import ParameterError
@@ -46,7 +47,7 @@ from mr360uw.medium.ray_field import (
     sky_parts,
 )
 from mr360uw.optics import critical_cosine, fresnel_from_below
-from mr360uw.shapes import common_shape, numbers
+from mr360uw.shapes import checked, common_shape, numbers
 from mr360uw.threads import one_blas_thread
 
 Array = NDArray[np.float64]
@@ -125,6 +126,7 @@ class LightField:
     array([0.724, 0.164])
     """
 
+    @checked
     def __init__(
         self,
         absorption: ArrayLike,
@@ -133,7 +135,7 @@ class LightField:
         surface: SurfaceKind = "snell",
         sky: Sky = "uniform",
         refractive_index: float = REFRACTIVE_INDEX_SEA,
-        streams: int = STREAMS_PER_HEMISPHERE,
+        streams: PositiveInt = STREAMS_PER_HEMISPHERE,
         floor: LambertFloor | None = None,
     ) -> None:
         if len(common_shape(absorption=absorption, scattering=scattering)) > 1:
@@ -256,6 +258,7 @@ class LightField:
         """Orders of cos(m azimuth) whose light is not negligible."""
         return tuple(self._around)
 
+    @checked
     def up_to_order(self, most: int) -> LightField:
         """Return the same light with fewer `azimuth_orders`, for drafts: none above `most`."""
         other = copy.copy(self)
@@ -263,6 +266,7 @@ class LightField:
         other._most_orders = min(most, self._most_orders)
         return other
 
+    @checked
     def at_azimuth(self, azimuth_rad: float, only: int | Literal["beam"] | None = None) -> LightField:
         """Return the same light seen at an azimuth from the sun's, to which radiances and in-scatter then belong.
 
@@ -291,6 +295,7 @@ class LightField:
         """The light along rays, its forward peak unscattered."""
         return self._rays(self._chi * (1.0 - self._peak[:, None]), self._phase)
 
+    @checked
     def scattered_by(self, part: Mixture) -> RayField:
         """Return the light along rays that a part of the scattering brings into them; the rest is taken as none."""
         return self._rays(part.moments(self._chi.shape[1]), part)

@@ -14,17 +14,18 @@ from __future__ import annotations
 import functools
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal, get_args
+from typing import Literal, cast, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from pydantic import PositiveInt
 
 from mr360uw.constants import MEAN_COSINE_SEA
 from mr360uw.errors import ParameterError
 from mr360uw.medium.phase import Mixture, Phase, backscatter_ratio, check_phase, particles_of_backscatter
 from mr360uw.medium.tables import Spectrum, builtin_spectrum, builtin_table, read_table
 from mr360uw.plot import Figure, Shown
-from mr360uw.shapes import exactly, instance, number, numbers
+from mr360uw.shapes import checked, exactly, number, numbers
 
 Array = NDArray[np.float64]
 
@@ -71,10 +72,13 @@ def _kd_table(water_type: JerlovType, source: Diffuse) -> Spectrum | None:
 
 _SHOWN_NM = 550.0
 """Wavelength [nm] of the coefficients that a water's line shows: green, where the eye sees best."""
+_DENSEST = 1e4
+"""Largest coefficient [1/m]: light ends within a tenth of a millimetre, where mud has some tens."""
 _KD_ROUNDING = 1.03
 """Kd may be below a by this factor, the rounding of tables with two or three figures; below that it is an error."""
 
 
+@checked
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Water(Shown):
     """Water with the same optical properties everywhere.
@@ -133,11 +137,12 @@ class Water(Shown):
     def __post_init__(self) -> None:
         check_phase(self.phase)
         for label, spectrum, strict in (("absorption", self.a, True), ("scattering", self.b, False)):
-            wrong = spectrum.value <= 0.0 if strict else spectrum.value < 0.0
+            wrong = (spectrum.value <= 0.0 if strict else spectrum.value < 0.0) | (spectrum.value > _DENSEST)
             if np.any(wrong):
                 i = int(np.argmax(wrong))
+                least = "above zero" if strict else "at least zero"
                 raise ParameterError(
-                    f"{self.name} - {label} must be {'above zero' if strict else 'at least zero'} "
+                    f"{self.name} - {label} must be {least} and at most {_DENSEST:g} "
                     f"(got {spectrum.value[i]:g} 1/m at {spectrum.wavelength_nm[i]:g} nm) - correct the table"
                 )
         low = max(self.a.wavelength_nm[0], self.b.wavelength_nm[0])
@@ -352,10 +357,12 @@ class Water(Shown):
         a = self.a(wavelength_nm)
         return a + 4.18 * (1.0 - 0.52 * np.exp(-10.8 * a)) * self.backscattering(wavelength_nm)
 
-    def moments(self, wavelength_nm: ArrayLike, count: int) -> Array:
+    @checked
+    def moments(self, wavelength_nm: ArrayLike, count: PositiveInt) -> Array:
         """Return Legendre moments (n, count) of the phase function of molecules and particles together."""
         return self.phases(wavelength_nm).moments(count)
 
+    @checked
     def phases(self, wavelength_nm: ArrayLike, *, wide_angle: bool = False) -> Mixture:
         """Return the phase functions of molecules and particles together at wavelengths (n,).
 
@@ -368,14 +375,16 @@ class Water(Shown):
             share = np.divide(self.molecular(w), b, out=share, where=b > 0.0)
         return Mixture(self.phase, share, wide_angle)
 
+    @checked
     def with_phase(self, phase: Phase) -> Water:
         """Return the same water with another phase function of its particles; molecules scatter as before."""
         return replace(self, phase=phase)
 
     @classmethod
+    @checked
     def jerlov(
         cls,
-        water_type: JerlovType,
+        water_type: str,
         inherent: Inherent = "solonenko2015",
         kd: Diffuse | None = None,
         phase: Phase | None = None,
@@ -417,7 +426,7 @@ class Water(Shown):
         >>> uw.medium.Water.jerlov("1C").diffuse_attenuation(550.0).round(3)
         np.float64(0.129)
         """
-        return _jerlov(instance("water", water_type, str, "name a Jerlov type, as IB"), inherent, kd, phase)
+        return _jerlov(cast("JerlovType", water_type), inherent, kd, phase)
 
     @classmethod
     def pure(cls) -> Water:
@@ -456,6 +465,7 @@ class Water(Shown):
         )
 
     @classmethod
+    @checked
     def chlorophyll(cls, mg_m3: float, phase: Phase | None = None) -> Water:
         """Return open-ocean (Case 1) water of a chlorophyll concentration, at 350 to 700 nm.
 
@@ -522,6 +532,7 @@ class Water(Shown):
         )
 
     @classmethod
+    @checked
     def from_arrays(
         cls,
         wavelength_nm: ArrayLike,

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Files that are read whole, regular ones within a limit, and notes of which were read.
+"""Files that are read whole, regular ones within a limit, as bytes, text or JSON, and notes of which were read.
 
 Files that a mesh file names (buffers, textures, material libraries) lie in the folder of the mesh or below it. A mesh
 from a stranger could otherwise show any file of the machine.
@@ -7,12 +7,14 @@ from a stranger could otherwise show any file of the machine.
 
 from __future__ import annotations
 
+import json
 import os
 import stat
 from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from pathlib import Path
+from typing import Any
 
 from mr360uw.errors import MeshError, Mr360uwError
 from mr360uw.reading.limits import DATA, TEXT, Limit
@@ -107,3 +109,29 @@ def read_text(path: Path, wrong: type[Mr360uwError]) -> str:
         return read_data(path, wrong, TEXT).decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise wrong(f"{path} - is no text in UTF-8 (got: {error!s:.80}) - save it as such") from None
+
+
+def json_of(text: str | bytes) -> Any:
+    """Return the value of a JSON text; raise `ValueError` where it is none, or has more levels than can be read."""
+    try:
+        return json.loads(text)
+    except RecursionError:
+        raise ValueError("lists and tables within others, too deep to read") from None
+
+
+def read_json(path: Path, wrong: type[Mr360uwError]) -> Any:
+    """Return the value of a JSON file; raise `wrong` as `read_text` does, and for text that is no JSON."""
+    text = read_text(path, wrong)
+    try:
+        return json_of(text)
+    except ValueError as error:
+        raise wrong(f"{path} - is no JSON (got: {error!s:.120}) - write it again") from None
+
+
+def holds_text(path: Path, text: str) -> bool:
+    """Return whether a regular file holds exactly this text, and can be read."""
+    data = text.encode()
+    try:
+        return not unreadable(path) and path.stat().st_size == len(data) and path.read_bytes() == data
+    except OSError:
+        return False

@@ -115,6 +115,7 @@ class BackgroundSeries:
 
         height, width = frame.shape
         first, last = (int(part * height) for part in _DETAIL_ROWS)
+        last = max(last, first + 1)
         light = PlatePattern(frame, None, self._height_m, 1.0).light(Rectangle(0, first, width, last - first))
         shown, background = (cv2.transform(one, LUMINANCE[None]) for one in light)
         return float(np.var(shown / np.maximum(background, 1e-3), dtype=np.float64))

@@ -9,8 +9,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from mr360uw.errors import OutputError
 from mr360uw.files import write_whole
 from mr360uw.output_gate import check_outputs
+from mr360uw.reading.input_files import read_json
 from mr360uw.reading.numbered_files import without_number
 from mr360uw.render.plan import Plan
 from mr360uw.runs.fingerprint import InputFile
@@ -114,8 +116,8 @@ def is_report_of(path: Path, out: Path) -> bool:
     if path != report_beside(out):
         return False
     try:
-        told = json.loads(path.read_text("utf-8"))
-    except (OSError, ValueError):
+        told = read_json(path, OutputError)
+    except OutputError:
         return False
     return isinstance(told, dict) and "mr360uw" in told and Path(str(told.get("out", ""))).name == out.name
 

@@ -16,9 +16,10 @@ from typing import Any
 
 from filelock import FileLock, Timeout
 
-from mr360uw.errors import OutputExistsError, VideoError
+from mr360uw.errors import OutputError, OutputExistsError, VideoError
 from mr360uw.files import write_whole
 from mr360uw.output_gate import MARKER, is_work_folder, make_work_folder, remove_work_folder
+from mr360uw.reading.input_files import read_json
 from mr360uw.render.first_pass import ClipAnalysis
 from mr360uw.runs.fingerprint import WorkKeys
 from mr360uw.runs.stored_analysis import load_analysis, save_analysis
@@ -203,8 +204,8 @@ def _has_work(path: Path) -> bool:
 
 def _stored_keys(path: Path) -> dict[str, Any]:
     try:
-        found = json.loads((path / _KEYS).read_text("utf-8"))
-    except (OSError, ValueError):
+        found = read_json(path / _KEYS, OutputError)
+    except OutputError:
         return {}
     return found if isinstance(found, dict) else {}
 

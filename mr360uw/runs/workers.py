@@ -9,11 +9,13 @@ from __future__ import annotations
 
 import functools
 import importlib
+import logging
 import multiprocessing
 import os
 import threading
 from collections import deque
 from collections.abc import Callable, Iterator
+from concurrent.futures import CancelledError
 from contextlib import contextmanager
 from dataclasses import dataclass
 from multiprocessing.connection import Connection, wait
@@ -33,17 +35,25 @@ _RETRIES = 1
 def _render_in_cluster(address: str, job: Job, done: Callable[[], None]) -> RunTimes:
     """Render all parts of a job by the workers of a Dask scheduler at an address such as "tcp://farm:8786".
 
-    done: is called for every frame of a part that is complete.
+    done: is called for every frame of a part that is complete. `VideoError` where the scheduler or its workers die.
     """
-    times = RunTimes()
-    with _client(address) as client:
-        futures = client.map(
-            functools.partial(render_part, job), job.parts, pure=False, retries=_RETRIES, allow_other_workers=False
-        )
-        for _, found in _distributed().as_completed(futures, with_results=True):
-            times.merge(found)
-            for _ in range(found.frames):
-                done()
+    times, distributed = RunTimes(), _distributed()
+    try:
+        with _client(address) as client:
+            futures = client.map(
+                functools.partial(render_part, job), job.parts, pure=False, retries=_RETRIES, allow_other_workers=False
+            )
+            for _, found in distributed.as_completed(futures, with_results=True):
+                if isinstance(found, BaseException):  # a part that is cancelled comes with its error as its result
+                    raise found
+                times.merge(found)
+                for _ in range(found.frames):
+                    done()
+    except (distributed.comm.CommClosedError, distributed.KilledWorker, CancelledError, TimeoutError) as error:
+        raise VideoError(
+            f"--dask - the scheduler or its workers died (got {address!r}: {error!s:.120}) - start them again; the "
+            "same command goes on where it stopped"
+        ) from error
     return times
 
 
@@ -74,9 +84,12 @@ def _client(address: str) -> Any:
 
 def _distributed() -> Any:
     try:
-        return importlib.import_module("distributed")
+        distributed = importlib.import_module("distributed")
     except ImportError as error:
         raise ParameterError("--dask - Dask is not installed - pip install 'mr360uw[farm]'") from error
+    for name in ("distributed", "distributed.client"):  # what they log is raised too, and told as an error
+        logging.getLogger(name).setLevel(logging.CRITICAL)
+    return distributed
 
 
 Crew = Callable[[Job, Callable[[], None]], RunTimes]

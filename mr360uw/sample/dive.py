@@ -22,7 +22,7 @@ from mr360uw.sample.recording import record, with_noise
 from mr360uw.sample.rendered_dive import SENSOR, Dive
 from mr360uw.sample.truth import dive_truth, write_frame_truth
 from mr360uw.sample.whale import write_whale
-from mr360uw.shapes import file_path, instance
+from mr360uw.shapes import checked, file_path, instance
 from mr360uw.threads import one_blas_thread, prefetch
 from mr360uw.types import Floats
 
@@ -42,6 +42,7 @@ class SampleDive:
     truth: Path
 
 
+@checked
 def sample_dive(
     folder: str | Path,
     settings: DiveSettings | None = None,
@@ -144,6 +145,7 @@ def sample_dive(
     return made
 
 
+@checked
 def check_recording(width: int, frames: int, samples: int) -> None:
     """Raise `ParameterError` with a line for each wrong number."""
     wrong = []

@@ -17,6 +17,7 @@ from mr360uw.constants import PI
 from mr360uw.errors import ParameterError
 from mr360uw.medium.water import JerlovType
 from mr360uw.parameters import Parameters, parameter
+from mr360uw.shapes import checked
 from mr360uw.sphere import direction_from_angles, yaw_matrix
 from mr360uw.types import Floats, View
 
@@ -129,6 +130,7 @@ class DiveSettings(Parameters):
         return self
 
     @classmethod
+    @checked
     def of(cls, preset: str | None = None, **options: Any) -> DiveSettings:
         """Return a preset's parameters (the defaults for None) with options that differ; None counts as not given.
 

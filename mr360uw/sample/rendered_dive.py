@@ -28,6 +28,7 @@ from mr360uw.optics import fresnel_from_below, refract_to_water
 from mr360uw.sample.dive_settings import DiveSettings
 from mr360uw.sample.dive_sky import DiveSky, dive_sky
 from mr360uw.sample.sea_bed import BED_TILE_M, sea_bed
+from mr360uw.shapes import checked
 from mr360uw.sphere import directions
 from mr360uw.surface.sea_floor import Floor
 from mr360uw.surface.sea_picture import SurfacePicture
@@ -99,6 +100,7 @@ class Dive:
     a frame on radiance. level_radiance: (3,) of the water at the horizon at the start, after exposure.
     """
 
+    @checked
     def __init__(self, settings: DiveSettings, width: int, height: int, *, samples: int = 1) -> None:
         """Take the size of frames and the number of rays for each pixel and axis."""
         self.settings, self._size, self._samples = settings, (width, height), samples

@@ -16,11 +16,11 @@ from types import UnionType
 from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin
 
 import numpy as np
-from pydantic import BaseModel, ValidationInfo, field_validator
+from pydantic import BaseModel, Field, ValidationInfo, field_validator
 from pydantic.fields import FieldInfo
 
 from mr360uw.errors import ParameterError
-from mr360uw.parameters import FULL_TURN_DEG, Parameters, bounds_of, is_direction, stated
+from mr360uw.parameters import FULL_TURN_DEG, LATEST_S, Parameters, bounds_of, is_direction, stated
 from mr360uw.parameters import parameter as declared  # a field has its name
 from mr360uw.scene.problems import Location, allowed_text
 from mr360uw.scene.removed_keys import removed
@@ -29,13 +29,15 @@ from mr360uw.types import Floats
 
 Value = float | tuple[float, ...]
 """A number, or a vector of numbers."""
+ClipTime = Annotated[float, Field(ge=-LATEST_S, le=LATEST_S)]
+"""A time [s] from the start of a clip."""
 
 
 class KeyedParameter(Parameters):
     """One parameter that changes over time; before the first and after the last key it stays."""
 
     parameter: str = declared(..., "its name, as --set has it: sea.wind_speed, object.0.position_m.1")
-    time_s: tuple[float, ...] = declared(..., "times of the keys from the start of the clip, ascending", unit="s")
+    time_s: tuple[ClipTime, ...] = declared(..., "times of the keys from the start of the clip, ascending", unit="s")
     value: tuple[Value, ...] = declared(
         ..., "its value at each of these times: a number, or a list of numbers for a vector"
     )

@@ -39,7 +39,7 @@ from mr360uw.scene.toml_model import (
     toml_document,
     with_absolute_paths,
 )
-from mr360uw.shapes import file_path
+from mr360uw.shapes import checked, file_path
 from mr360uw.video.read.projection import FISHEYE_FOV_DEG, Projection
 from mr360uw.video.settings import EncodeSettings
 from mr360uw.yuv.ocio_transform import OcioSettings
@@ -231,6 +231,7 @@ class Scene(Parameters):
     _of_quality = model_validator(mode="before")(staticmethod(with_quality))
 
     @classmethod
+    @checked
     def refusal(cls, error: ValidationError) -> SceneError:
         """Return what is wrong with the tables of a scene that is made in Python, in the words of a file's."""
         return SceneError("Scene", problems(error, cls, "Scene", {}))
@@ -345,6 +346,7 @@ class Scene(Parameters):
         return self
 
 
+@checked
 def load_scene(path: str | Path, overrides: Sequence[str] = ()) -> Scene:
     """Return the scene of a TOML file; relative paths in it start at its folder.
 
@@ -381,6 +383,7 @@ def load_scene(path: str | Path, overrides: Sequence[str] = ()) -> Scene:
     return load_model(Scene, file_path("scene", path), overrides, made="mr360uw new VIDEO MESH")
 
 
+@checked
 def scene_from_dict(data: dict[str, Any], folder: Path, where: str = "scene", lines: Lines | None = None) -> Scene:
     """Return the scene of nested dictionaries as a TOML file gives them; raise `SceneError` with every problem."""
     return model_from_dict(Scene, data, folder, where, lines)

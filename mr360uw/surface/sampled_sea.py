@@ -21,6 +21,7 @@ import scipy.fft
 from numpy.typing import ArrayLike, NDArray
 
 from mr360uw.caustics.sea.detail import Detail, detail_slope
+from mr360uw.shapes import checked
 from mr360uw.surface.height_map import HeightMaps, height_maps, heights_at
 from mr360uw.types import Floats, Surface
 
@@ -81,6 +82,7 @@ class SampledSea:
     blur_variance: float
 
     @classmethod
+    @checked
     def of(cls, sea: MovingSea, time_s: float, points: int | None = None) -> SampledSea:
         """Return the splines of a sea at a time [s]. points: across the tile, of `points_across` unless given."""
         n, tile = points_across(sea) if points is None else points, sea.tile_m

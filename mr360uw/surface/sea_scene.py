@@ -19,7 +19,7 @@ from mr360uw.constants import REFRACTIVE_INDEX_SEA
 from mr360uw.errors import ParameterError
 from mr360uw.medium import Medium, Water
 from mr360uw.optics import check_refractive_index
-from mr360uw.shapes import exactly, number
+from mr360uw.shapes import checked, exactly, number
 from mr360uw.sphere import unit
 from mr360uw.surface.sampled_sea import SampledSea, points_across
 from mr360uw.surface.sea_floor import Floor, FloorLight
@@ -79,6 +79,7 @@ class SeaScene:
     (4, 8, 3)
     """
 
+    @checked
     def __init__(
         self,
         sea: Sea,
@@ -187,6 +188,7 @@ def _plane_depths(least_m: float, greatest_m: float) -> list[float]:
     return [float(depth) for depth in np.linspace(top, bottom, count)]
 
 
+@checked
 def picture(
     sea: Sea,
     dome: ArrayLike,

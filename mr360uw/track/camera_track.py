@@ -14,6 +14,7 @@ import numpy as np
 from mr360uw.errors import ParameterError
 from mr360uw.files import write_whole
 from mr360uw.output_gate import check_outputs
+from mr360uw.shapes import checked
 from mr360uw.types import Floats
 
 Kind = Literal["still", "turning", "moving"]
@@ -97,6 +98,7 @@ class CameraTrack:
             "point_error_px": self.point_error_px.round(4).tolist(),
         })  # fmt: skip
 
+    @checked
     def save(self, out: str | Path, *, overwrite: bool = False) -> tuple[Path, Path]:
         """Write the table (.csv) and everything (.json) beside each other; return both paths.
 

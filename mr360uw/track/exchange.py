@@ -29,6 +29,7 @@ from mr360uw.track.path_tables import (
     is_blender_json,
     is_colmap,
     is_table,
+    numbers_of,
     read_blender_json,
     read_colmap,
     read_path_table,
@@ -55,31 +56,21 @@ def read_metashape(text: str, where: str) -> SolvedPath:
         transform = camera.find("transform")
         if transform is not None:
             frames.append(frame_number(camera.get("label", ""), where))
-            matrices.append(_numbers(transform.text, 16, where).reshape(4, 4))
+            matrices.append(numbers_of(transform.text, 16, where).reshape(4, 4))
     poses = np.array(matrices).reshape(-1, 4, 4)
     rotation, position = poses[:, :3, :3] @ FLIPPED, poses[:, :3, 3]
     world = chunk.find("transform")
     up: Floats | None = None
     if world is not None and world.find("rotation") is not None:
-        turn = _numbers(world.findtext("rotation"), 9, where).reshape(3, 3)
-        shift = _numbers(world.findtext("translation"), 3, where)
-        scale = _numbers(world.findtext("scale"), 1, where)[0]
+        turn = numbers_of(world.findtext("rotation"), 9, where).reshape(3, 3)
+        shift = numbers_of(world.findtext("translation"), 3, where)
+        scale = numbers_of(world.findtext("scale"), 1, where)[0]
         position, rotation = scale * position @ turn.T + shift, turn @ rotation
         if np.linalg.norm(shift) > _GEOCENTRIC_M:
             up = unit(shift)
         else:
             position, rotation, up = position @ Y_UP_FROM_Z_UP.T, Y_UP_FROM_Z_UP @ rotation, np.array([0.0, 1.0, 0.0])
     return SolvedPath("Metashape cameras", position, rotation, frame=np.array(frames), up=up)
-
-
-def _numbers(text: str | None, count: int, where: str) -> Floats:
-    try:
-        values = np.array([float(cell) for cell in (text or "").split()])
-    except ValueError:
-        values = np.zeros(0)
-    if len(values) != count or not np.all(np.isfinite(values)):
-        raise ParameterError(f"{where} - a transform needs {count} numbers (got {text!r:.60}) - export it again")
-    return values
 
 
 EXPORTS = (".chan", ".py")

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,7 +13,8 @@ from numpy.typing import NDArray
 from mr360uw.errors import ParameterError
 from mr360uw.files import write_whole
 from mr360uw.output_gate import check_outputs
-from mr360uw.reading.input_files import read_text
+from mr360uw.reading.input_files import json_of, read_text
+from mr360uw.shapes import checked
 from mr360uw.threads import one_blas_thread
 from mr360uw.track.camera_track import CameraTrack
 from mr360uw.track.scattered_heights import ScatteredHeights, fit_height_field
@@ -74,8 +74,8 @@ def _read(track: CameraTrack | str | Path) -> tuple[str, Floats, Floats, Floats]
         raise ParameterError(f"{path} - a table of poses has no points - give the .json that is written beside it")
     text = read_text(path, ParameterError)
     try:
-        said: Any = json.loads(text)
-    except (ValueError, RecursionError) as error:
+        said = json_of(text)
+    except ValueError as error:
         raise ParameterError(_no_track(path, f"{error!s:.60}")) from None
     if not isinstance(said, dict) or not str(said.get("format", "")).startswith("mr360uw camera track"):
         raise ParameterError(_no_track(path, "no such format"))
@@ -193,6 +193,7 @@ def check_mesh_output(out: str | Path, *, overwrite: bool) -> Path:
     return path
 
 
+@checked
 def floor_from_track(track: CameraTrack | str | Path) -> FloorMesh:
     """Return the floor below the camera of a track (or of the JSON file of one).
 

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from mr360uw.errors import ParameterError
 from mr360uw.files import write_whole
 from mr360uw.progress import Steps
+from mr360uw.reading.input_files import read_json
 from mr360uw.sphere import direction_from_frame
 from mr360uw.types import Floats
 from mr360uw.video import VideoFrame, VideoReader
@@ -217,7 +218,7 @@ def read_key_frames(video: VideoReader, folder: Path, steps: Steps) -> Reading:
         raise ParameterError(f"{video.path} - is too short (got {count} frames) - give at least {LEAST_FRAMES}")
     stored = folder / "keys.json"
     if stored.is_file():
-        return Reading(**json.loads(stored.read_text("utf-8")))
+        return Reading(**read_json(stored, ParameterError))
     reading = _read(video, count, folder, steps)
     write_whole(stored, json.dumps(asdict(reading)))
     return reading

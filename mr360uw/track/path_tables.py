@@ -14,7 +14,6 @@ Frames are numbered by the last digits in the pictures' names.
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -26,6 +25,7 @@ from mr360uw.composite import read_camera_track
 from mr360uw.composite.motion import check_unit_quaternions
 from mr360uw.errors import ParameterError
 from mr360uw.medium.tables import parse_table
+from mr360uw.reading.input_files import json_of
 from mr360uw.sphere import unit
 from mr360uw.track.camera_track import CameraTrack
 from mr360uw.track.world_axes import rotation_to_world
@@ -111,7 +111,7 @@ def _times(path: SolvedPath, where: str, frame_rate: float | None) -> tuple[Floa
             )
         if not _LEAST_RATE <= rate <= 1.0 / _LEAST_RATE:
             raise ParameterError(f"--fps - must be more than 0 (got {rate}) - give frames a second")
-        times = (path.frame - path.frame.min()) / rate
+        times = (path.frame - path.frame.min()) / rate if np.all(np.isfinite(path.frame)) else path.frame
     if not np.all(np.isfinite(times)):
         raise ParameterError(f"{where} - has frames or times that are no numbers - correct it")
     order = np.argsort(times, kind="stable")
@@ -137,13 +137,24 @@ def read_colmap(text: str, where: str) -> SolvedPath:
         if line.startswith("#") or not _POSE.match(line):
             continue
         cells = line.split(maxsplit=9)
-        rows.append([float(cell) for cell in cells[1:8]])
+        rows.append(numbers_of(" ".join(cells[1:8]), 7, where))
         frames.append(frame_number(cells[9], where))
     values = np.array(rows).reshape(-1, 7)
     from_world = rotations(values[:, [1, 2, 3, 0]], where)
     to_world = np.swapaxes(from_world, 1, 2)
     position = -np.einsum("nij,nj->ni", to_world, values[:, 4:])
     return SolvedPath("COLMAP images.txt", position, to_world @ FLIPPED, frame=np.array(frames))
+
+
+def numbers_of(text: str | None, count: int, where: str) -> Floats:
+    """Return the finite numbers (count,) between the blanks of a text; raise `ParameterError` for anything else."""
+    try:
+        values = np.array([float(cell) for cell in (text or "").split()])
+    except ValueError:
+        values = np.zeros(0)
+    if len(values) != count or not np.all(np.isfinite(values)):
+        raise ParameterError(f"{where} - a pose needs {count} numbers (got {text!r:.60}) - export it again")
+    return values
 
 
 def frame_number(name: str, where: str) -> float:
@@ -175,11 +186,11 @@ def is_blender_json(text: str) -> bool:
 def read_blender_json(text: str, where: str) -> SolvedPath:
     """Return the path of the JSON that docs/tracking.md's script writes from Blender; raise `ParameterError`."""
     try:
-        read = json.loads(text)
+        read = json_of(text)
         frames = np.array([float(row["frame"]) for row in read["blender_frames"]])
         matrices = np.array([row["matrix_world"] for row in read["blender_frames"]], np.float64).reshape(-1, 4, 4)
         rate = float(read["fps"])
-    except (ValueError, KeyError, TypeError, OverflowError, RecursionError) as error:
+    except (ValueError, KeyError, TypeError, OverflowError) as error:
         raise ParameterError(f"{where} - is no path from Blender (got: {error}) - export it by the script") from None
     return _of_blender(frames, matrices[:, :3, 3], matrices[:, :3, :3], rate)
 

@@ -19,6 +19,8 @@ from mr360uw.files import write_whole
 from mr360uw.output_gate import check_work_folder, make_work_folder, remove_work_folder
 from mr360uw.progress import Progress, Steps
 from mr360uw.reading.cached_reads import stamp
+from mr360uw.reading.input_files import holds_text
+from mr360uw.shapes import checked
 from mr360uw.track.camera_track import CameraTrack
 from mr360uw.track.colmap import load_colmap
 from mr360uw.track.key_frames import KeyFrames, key_frames_of_shot, read_key_frames
@@ -42,6 +44,7 @@ class TrackedShot:
     problem: str = ""
 
 
+@checked
 def track_camera(
     video: str | Path,
     *,
@@ -190,7 +193,7 @@ def _folder(
     of = json.dumps([_KEPT, settings, *(stamp(path) for path in files)])
     note = folder / "input.json"
     make_work_folder(folder)
-    if not (note.is_file() and note.read_text("utf-8") == of):
+    if not holds_text(note, of):
         remove_work_folder(folder)
         make_work_folder(folder)
         write_whole(note, of)

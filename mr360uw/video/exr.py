@@ -22,6 +22,7 @@ from mr360uw.errors import VideoError
 from mr360uw.files import whole_file
 from mr360uw.reading.input_files import unreadable
 from mr360uw.reading.limits import DATA, PICTURE
+from mr360uw.shapes import checked
 from mr360uw.types import Floats
 
 _MAGIC = 20000630
@@ -150,6 +151,7 @@ Part = Mapping[str, NDArray[Any]]
 of another name, as "diffuse", is diffuse.R, diffuse.G, diffuse.B in the file."""
 
 
+@checked
 def read_exr(path: str | Path) -> dict[str, dict[str, NDArray[Any]]]:
     """Return the channels of all parts, {part: {channel: array}}, as they are stored (negative samples too).
 
@@ -173,6 +175,7 @@ def read_exr(path: str | Path) -> dict[str, dict[str, NDArray[Any]]]:
         }
 
 
+@checked
 def read_rgb(path: str | Path, *, depth: bool = False) -> NDArray[np.float32]:
     """Return the colour of an EXR's first part as linear RGB, (H, W, 3) float32, alpha left out.
 
@@ -227,6 +230,7 @@ _MOST_FRAMES = 60
 """Frames a second that a time code counts (SMPTE ST 12-1)."""
 
 
+@checked
 def write_exr(
     path: str | Path,
     parts: Mapping[str, Part] | Floats,

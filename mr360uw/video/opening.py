@@ -9,7 +9,7 @@ from pathlib import Path
 from mr360uw.color import Primaries, Transfer
 from mr360uw.errors import VideoError
 from mr360uw.output_gate import check_outputs
-from mr360uw.shapes import file_path
+from mr360uw.shapes import checked, file_path
 from mr360uw.video.clip import Clip, checked_rate
 from mr360uw.video.read.images import ImageReader, picture_files
 from mr360uw.video.read.layout import Eye, Layout
@@ -20,6 +20,7 @@ from mr360uw.video.write.image_writer import ImageWriter
 from mr360uw.video.write.writer import VideoWriter
 
 
+@checked
 def open_video(
     path: str | Path,
     transfer: Transfer | None = None,
@@ -109,6 +110,7 @@ def open_video(
     return ContainerReader(Path(path), transfer, primaries, eye, equirectangular, damaged, layout, decoder=decoder)
 
 
+@checked
 def create_video(
     path: str | Path,
     like: Clip | None = None,
@@ -209,6 +211,7 @@ def _new_clip(path: Path, width: int, height: int, frame_rate: Fraction | float,
     )
 
 
+@checked
 def transcode(
     source: str | Path,
     target: str | Path,

@@ -38,7 +38,7 @@ from mr360uw.caustics.settings import DIVIDED_AREAS, CausticSettings, Method, Se
 from mr360uw.constants import REFRACTIVE_INDEX_SEA, SUN_HALF_ANGLE_RAD
 from mr360uw.errors import ParameterError
 from mr360uw.optics import check_refractive_index, refract_to_water, sea_water_index
-from mr360uw.shapes import instance, numbers, whole
+from mr360uw.shapes import checked, instance, numbers, whole
 from mr360uw.sphere import unit
 from mr360uw.types import BeamSpread, CausticStack, Surface
 
@@ -50,6 +50,7 @@ DEEPEST_M = 11000.0
 """Greatest depth [m] of a plane: the deepest ocean."""
 
 
+@checked
 def caustic_map(
     sea: Sea,
     sun_direction_in_air: ArrayLike,
@@ -124,6 +125,7 @@ def caustic_map(
     return _scrolled(ratio, sea, time_s) if method == "scrolling" else ratio
 
 
+@checked
 def caustic_stack(
     sea: Sea,
     sun_direction_in_air: ArrayLike,

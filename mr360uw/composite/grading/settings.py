@@ -20,7 +20,7 @@ from mr360uw.composite.grading.colour_grade import (
     ColourGrade,
     Three,
 )
-from mr360uw.parameters import Parameters, advanced, parameter
+from mr360uw.parameters import LATEST_S, Parameters, advanced, parameter
 from mr360uw.sphere import direction_from_angles
 from mr360uw.types import Floats
 
@@ -99,7 +99,7 @@ class PatchSettings(Parameters):
         None, "distance, whose water is reckoned with; none: under about a metre, as if without water", unit="m",
         above=0.0, high=100.0,
     )  # fmt: skip
-    time_s: float = parameter(0.0, "time of the frame that shows it", unit="s", low=0.0, high=1e6)
+    time_s: float = parameter(0.0, "time of the frame that shows it", unit="s", low=0.0, high=LATEST_S)
 
     @model_validator(mode="after")
     def _as_many_numbers_as_colours(self) -> PatchSettings:

@@ -8,7 +8,6 @@ The JSON is not validated first: a missing key or an index out of range raises a
 from __future__ import annotations
 
 import base64
-import json
 import struct
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,7 +19,7 @@ from numpy.typing import NDArray
 
 from mr360uw.errors import MeshError
 from mr360uw.reading.extras import command, installed, optional
-from mr360uw.reading.input_files import neighbour, read_data
+from mr360uw.reading.input_files import json_of, neighbour, read_data
 from mr360uw.reading.limits import DATA
 
 _COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
@@ -175,8 +174,8 @@ def open_gltf(path: Path, *, outside: bool = False) -> Gltf:
     try:
         text, binary = _chunks(path)
         DATA.check(f"{path} JSON", _VALUE_BYTES * text.count(b","), MeshError)
-        tree = dict(json.loads(text))
-    except (TypeError, ValueError, RecursionError, struct.error) as error:
+        tree = dict(json_of(text))
+    except (TypeError, ValueError, struct.error) as error:
         raise MeshError(f"{path} - is not glTF (got: {error!s:.120}) - export it again") from error
     _check_extensions(path, tree)
     for image in tree.get("images", []):

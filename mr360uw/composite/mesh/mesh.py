@@ -20,6 +20,7 @@ from mr360uw.composite.mesh.mesh_file import read_mesh_file
 from mr360uw.composite.mesh.normals import corner_normals, crease_normals, smooth_patches, welded
 from mr360uw.errors import MeshError
 from mr360uw.reading.disk_cache import kept_arrays
+from mr360uw.shapes import checked
 from mr360uw.types import Floats
 
 Unit = Literal["auto", "m", "cm", "mm"]
@@ -85,6 +86,7 @@ class Mesh:
         return any(m.roughness < 0.95 or m.metallic_roughness_map is not None for m in self.materials)
 
 
+@checked
 def load_mesh(
     path: str | Path, unit: Unit = "auto", part: str = "", *, outside: bool = False, smooth_deg: float | None = None
 ) -> Mesh:
@@ -151,6 +153,10 @@ def metres_of(file: MeshFile, unit: Unit) -> float:
     return file.unit_m if unit == "auto" else METRES[unit]
 
 
+_FARTHEST = 1e9
+"""Largest coordinate of a vertex, in the units of its file: squares of areas stay finite in single precision."""
+
+
 def make_mesh(
     parts: list[Part], materials: list[Material], *, where: str = "mesh", scale: float = 1.0, suspicious: bool = False
 ) -> Mesh:
@@ -159,11 +165,14 @@ def make_mesh(
     if not parts:
         raise MeshError(f"{where} - has no triangles (got 0) - export the surface as triangles")
     parts, materials, notes = _without_useless_maps(where, parts, materials)
+    wild = sum(int(np.sum(~(np.abs(p.positions[p.faces]) <= _FARTHEST).all(axis=(1, 2)))) for p in parts)
+    if wild:
+        raise MeshError(
+            f"{where} - vertices are not finite, or more than {_FARTHEST:g} units away (got {wild} such triangles) - "
+            "export the mesh again"
+        )
     corners = [_corners(p) for p in parts]
     positions, normals, uv, colors = (np.concatenate(arrays) for arrays in zip(*corners, strict=True))
-    if not np.all(np.isfinite(positions)):
-        bad = int(np.count_nonzero(~np.isfinite(positions).all(axis=(1, 2))))
-        raise MeshError(f"{where} - vertices are not finite (got {bad} such triangles) - export the mesh again")
     positions = positions * scale
     extent = np.ptp(positions.reshape(-1, 3), axis=0)
     if np.max(extent) <= 0.0:

@@ -9,6 +9,7 @@ tags of files are ignored, as glTF requires.
 from __future__ import annotations
 
 import io
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -81,7 +82,7 @@ def _opened(data: bytes, where: str) -> Iterator[Any]:
     width, height = picture_size(data) or (0, 0)  # before PIL, which has a limit of its own
     TEXTURE.check(where, width * height, MeshError)
     try:
-        with Image.open(io.BytesIO(data)) as image:
+        with warnings.catch_warnings(action="ignore"), Image.open(io.BytesIO(data)) as image:  # damage is an error here
             TEXTURE.check(where, image.width * image.height, MeshError)
             yield image
     except MeshError:

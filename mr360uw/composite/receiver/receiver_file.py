@@ -16,12 +16,14 @@ from mr360uw.errors import MeshError
 from mr360uw.reading.input_files import read_data
 from mr360uw.reading.limits import PICTURE
 from mr360uw.reading.picture_size import picture_size
+from mr360uw.shapes import checked
 from mr360uw.types import Floats
 
 _MOST_HEIGHTS = 256
 """Heights across a map: finer maps are reduced, for its mesh has two triangles a height."""
 
 
+@checked
 def load_receiver(settings: ReceiverSettings) -> Receiver:
     """Return the receiver of a scene's table; for `kind = "distance"` without a shape, to be filled in each frame.
 

@@ -39,6 +39,7 @@ from mr360uw.ibl.sun.glow import find_glow
 from mr360uw.ibl.sun.judge import PlateSurvey, SunCandidate
 from mr360uw.ibl.sun.split import Split, sky_irradiance, split_sun
 from mr360uw.optics import refract_clamped, refract_to_air
+from mr360uw.shapes import checked
 from mr360uw.sphere import unit
 from mr360uw.types import Floats, Sun
 
@@ -212,6 +213,7 @@ def is_disc(blob: Blob | None) -> bool:
     return blob is not None and not blob.clipped and blob.sharp
 
 
+@checked
 def detect_sun(
     plate: ArrayLike,
     underwater: bool = False,

@@ -26,7 +26,7 @@ from mr360uw.color import luminance
 from mr360uw.errors import ParameterError
 from mr360uw.ibl.sun.judge import taken_share
 from mr360uw.ibl.sun.steady import WAVE_PERIOD_S, Camera, smooth, steady_directions, strength_of_period
-from mr360uw.shapes import exactly, numbers
+from mr360uw.shapes import checked, exactly, numbers
 from mr360uw.types import Environment, Floats, Sun
 from mr360uw.types.frames import sample_step
 
@@ -55,6 +55,7 @@ class SunMeasurement:
     thumbnail: Floats | None = None
 
 
+@checked
 def measure_sun(environment: Environment, time_s: float, world_from_camera: Floats | None = None) -> SunMeasurement:
     """Return the measurement of a frame from its environment.
 
@@ -121,6 +122,7 @@ class SunTrack:
         return SunTrack(**arrays, cuts=tuple(cut - first for cut in self.cuts if cut > first))
 
 
+@checked
 def track_suns(
     measurements: Sequence[SunMeasurement | Sun | None],
     times_s: Sequence[float] | None = None,

@@ -20,7 +20,9 @@ from numpy.typing import NDArray
 from mr360uw.errors import ParameterError
 from mr360uw.files import write_whole
 from mr360uw.ibl.sun.track import SunTrack
-from mr360uw.reading.input_files import read_text
+from mr360uw.output_gate import check_outputs
+from mr360uw.reading.input_files import json_of, read_text
+from mr360uw.shapes import checked
 from mr360uw.sphere import direction_from_angles
 
 Array = NDArray[np.float64]
@@ -54,6 +56,7 @@ def track_table(track: SunTrack) -> dict[str, list[float | None]]:
     }
 
 
+@checked
 def save_track(track: SunTrack, path: str | Path) -> None:
     """Write a track to a file whose name ends in .json or .csv."""
     path = Path(path)
@@ -68,9 +71,11 @@ def save_track(track: SunTrack, path: str | Path) -> None:
         text = out.getvalue()
     else:
         raise ParameterError(f"{path} - not a name for a track (got {path.suffix!r}) - end it in .json or .csv")
+    check_outputs([path], overwrite=True)
     write_whole(path, text + "\n" if path.suffix == ".json" else text)
 
 
+@checked
 def load_track(path: str | Path) -> SunTrack:
     """Return a track from a .json or .csv file that `save_track` wrote, edited or not."""
     path = Path(path)
@@ -80,10 +85,10 @@ def load_track(path: str | Path) -> SunTrack:
             rows = list(csv.DictReader(io.StringIO(text)))
             table = {name: [row[name] for row in rows] for name in (rows[0] if rows else COLUMNS)}
         else:
-            table = json.loads(text)["columns"]
+            table = json_of(text)["columns"]
         whole = {"share": [1.0] * len(table["frame"])}  # earlier files have none
         data = {n: np.array([np.nan if v in (None, "") else float(v) for v in (whole | table)[n]]) for n in COLUMNS}
-    except (KeyError, TypeError, ValueError, OverflowError, RecursionError, csv.Error) as error:
+    except (KeyError, TypeError, ValueError, OverflowError, csv.Error) as error:
         raise ParameterError(
             f"{path} - not a readable sun track (got: {error!s:.120}) - write it with save_track"
         ) from error

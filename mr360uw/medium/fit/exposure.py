@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 from mr360uw.color import luminance
 from mr360uw.medium.fit.profile import LEVEL_RAD, PlateProfile
 from mr360uw.medium.medium import Medium
-from mr360uw.shapes import exactly, vectors
+from mr360uw.shapes import checked, exactly, vectors
 from mr360uw.types import Floats
 from mr360uw.types.frames import sample_step
 
@@ -53,6 +53,7 @@ _EASE_S = 1.0
 """Half window [s] of the weighted mean after it; twice as large, the gain takes twice as long to follow."""
 
 
+@checked
 def fit_gain(medium: Medium, radiance_map: Floats) -> tuple[Array, float]:
     """Return the gain that makes the model's level radiance that of the plate, and the residual of the fit.
 

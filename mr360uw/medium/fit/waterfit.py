@@ -24,7 +24,7 @@ from mr360uw.medium.fit.profile import PlateProfile
 from mr360uw.medium.medium import Medium
 from mr360uw.medium.spectral.sensor import Sensor
 from mr360uw.medium.water import JERLOV_TYPES, JerlovType, Water
-from mr360uw.shapes import number
+from mr360uw.shapes import checked, number
 from mr360uw.types import Floats
 
 Array = NDArray[np.float64]
@@ -129,6 +129,7 @@ class WaterFit:
         return "".join(parts) + "</svg>"
 
 
+@checked
 def fit_water(
     radiance_map: Floats,
     camera_depth_m: float,

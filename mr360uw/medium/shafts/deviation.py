@@ -38,6 +38,7 @@ from mr360uw.medium.shafts.beam_pattern import MOST_POINTS
 from mr360uw.medium.shafts.froxels import DEFAULT_GRID, FroxelGrid, shaft_field
 from mr360uw.medium.shafts.ray_segments import radius_at, ray_ends_m, view_directions
 from mr360uw.medium.shafts.shaft_scene import SPREAD_RAD, SUN_SAMPLES, ShaftScene
+from mr360uw.shapes import checked
 from mr360uw.types import CausticStack, Floats, Lamp, Sun, View
 
 Array = NDArray[np.float64]
@@ -46,6 +47,7 @@ STEPS = 512
 """Segments of a ray of the exact march."""
 
 
+@checked
 def shaft_deviation(
     view: View,
     medium: Medium,

@@ -30,6 +30,7 @@ from mr360uw.medium.shafts.lamp_field import lamp_field, lamp_light
 from mr360uw.medium.shafts.ray_segments import fraction_at, radius_at
 from mr360uw.medium.shafts.shaft_scene import ShaftScene
 from mr360uw.medium.shafts.sun_beam import SunBeam
+from mr360uw.shapes import checked
 from mr360uw.sphere import basis, direction_from_frame, frame_from_direction, unit
 
 Array = NDArray[np.float64]
@@ -38,6 +39,7 @@ _TOGETHER = 1 << 13
 """Nodes computed together, which bounds memory."""
 
 
+@checked
 @dataclass(frozen=True, slots=True)
 class FroxelGrid:
     """Size of a grid: rows of the angle from the sun, columns about it, slices of distance."""
@@ -85,6 +87,7 @@ class ShaftField:
         return result
 
 
+@checked
 def shaft_field(
     scene: ShaftScene,
     grid: FroxelGrid = DEFAULT_GRID,

@@ -90,7 +90,7 @@ def ray_ends_m(view: View, directions: Array, surface_y_m: float, bodies: Bodies
         if ends.shape not in ((), (view.height, view.width)) or not np.all(ends >= 0.0):
             raise ParameterError(
                 f"end_m - must be distances >= 0 of shape () or {(view.height, view.width)} "
-                f"(got {ends.shape}, least {np.min(ends):g}) - give metres along the rays"
+                f"(got {ends.shape}, least {np.min(ends, initial=np.inf):g}) - give metres along the rays"
             )
         given = np.broadcast_to(ends, (view.height, view.width)).ravel()
     nearest = np.minimum(given, bodies.first_hit_m(np.asarray(view.position, np.float64), directions))

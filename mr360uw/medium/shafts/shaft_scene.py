@@ -24,7 +24,7 @@ from mr360uw.medium.shafts.beam_pattern import BeamPattern
 from mr360uw.medium.shafts.occluders import Bodies, bodies_of
 from mr360uw.medium.shafts.ray_segments import camera_depth_m, lamp_segments, segment_points
 from mr360uw.medium.shafts.shaft_water import ShaftWater
-from mr360uw.shapes import exactly
+from mr360uw.shapes import checked, exactly
 from mr360uw.sphere import unit
 from mr360uw.types import CausticStack, Lamp, Sun, View
 
@@ -64,6 +64,7 @@ class ShaftScene(Parts):
     length_m: float
 
     @classmethod
+    @checked
     def of(
         cls,
         view: View,

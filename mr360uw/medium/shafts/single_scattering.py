@@ -42,7 +42,7 @@ from mr360uw.medium.phase import Phase, check_phase, phase_function
 from mr360uw.medium.shafts.beam_pattern import MOST_POINTS, BeamPattern
 from mr360uw.medium.shafts.occluders import Bodies, bodies_of
 from mr360uw.medium.shafts.ray_segments import lamp_segments, radius_at, ray_ends_m, segment_points, view_directions
-from mr360uw.shapes import common_shape, exactly, number, numbers
+from mr360uw.shapes import checked, common_shape, exactly, number, numbers
 from mr360uw.sphere import unit
 from mr360uw.types import CausticStack, Floats, Lamp, Sun, View
 
@@ -53,6 +53,7 @@ STEPS = 256
 _MOST_STEPS = 1 << 14
 
 
+@checked
 def single_scattering(
     view: View,
     absorption: ArrayLike,

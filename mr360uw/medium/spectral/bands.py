@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from mr360uw.errors import ParameterError
 from mr360uw.medium.spectral.sensor import DEFAULT_ILLUMINANT, VISIBLE_NM, Sensor, checked_sensor, illuminant
-from mr360uw.shapes import vectors, whole
+from mr360uw.shapes import checked, vectors, whole
 
 Array = NDArray[np.float64]
 
@@ -71,6 +71,7 @@ class Bands:
         return result
 
 
+@checked
 def bands(
     n: int,
     sensor: Sensor | None = None,

@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from mr360uw.errors import ParameterError
 from mr360uw.medium.tables import Spectrum, builtin_cameras, builtin_spectrum, builtin_table, read_table
 from mr360uw.plot import Figure, Shown
-from mr360uw.shapes import instance, numbers, real, vectors
+from mr360uw.shapes import checked, instance, numbers, real, vectors
 from mr360uw.yuv.wide_curves import colour_science
 
 Array = NDArray[np.float64]
@@ -333,6 +333,7 @@ def illuminant(name: str) -> Spectrum:
     return Spectrum(name, np.asarray(distribution.wavelengths), np.asarray(distribution.values))
 
 
+@checked
 def reflectance(albedo_rgb: ArrayLike, wavelength_nm: ArrayLike) -> Array:
     """Return reflectances (..., n) in [0, 1] of linear Rec.709 albedos (..., 3) in [0, 1] at wavelengths (n,) [nm]."""
     w = np.atleast_1d(numbers("wavelength_nm", wavelength_nm))

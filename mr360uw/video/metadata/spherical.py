@@ -19,6 +19,7 @@ from typing import Any, Literal
 from uuid import UUID
 
 from mr360uw.errors import VideoError
+from mr360uw.shapes import checked
 from mr360uw.video.metadata.mp4 import Box, edit_moov, read_moov, sample_entries, video_track
 
 _RDF = "http://www.w3.org/1999/02/22-rdf-syntax-ns#"
@@ -92,6 +93,7 @@ class SphericalMetadata:
     problems: tuple[str, ...] = ()
 
 
+@checked
 def read_spherical(path: str | Path) -> SphericalMetadata | None:
     """Return the spherical metadata in the boxes of an mp4 or mov file, None where there are none."""
     moov = read_moov(Path(path))
@@ -234,6 +236,7 @@ def embed(moov: Box, metadata: SphericalMetadata) -> None:
         entry.children = [box for box in entry.children if box.kind not in (b"st3d", b"sv3d")] + _v2_boxes(metadata)
 
 
+@checked
 def write_spherical(path: str | Path, metadata: SphericalMetadata, front: bool = False) -> None:
     """Mark an mp4 or mov file as a full-sphere panorama, V1 and V2, in place; earlier marks are replaced.
 

@@ -15,11 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.color import ColorSpec, Primaries, Transfer
+from mr360uw.constants import MOST_LIGHT
 from mr360uw.errors import VideoError
 from mr360uw.reading.input_files import read_data
 from mr360uw.reading.limits import FRAMES, PICTURE
 from mr360uw.reading.numbered_files import is_pattern, matching_files
 from mr360uw.reading.picture_size import picture_size
+from mr360uw.shapes import checked, is_light
 from mr360uw.video.read.layout import Eye, Layout, output_layout, panorama_crops
 from mr360uw.video.read.picture_shape import shape_of_codes
 from mr360uw.video.read.projection import PICTURE_SUFFIXES
@@ -51,6 +53,7 @@ def picture_files(path: Path) -> list[Path] | None:
     return files
 
 
+@checked
 def read_picture(path: Path, *, depth: bool = False) -> NDArray[Any]:
     """Return the RGB codes of a picture, (H, W, 3): uint8, uint16, or linear float32 of EXR and HDR files.
 
@@ -157,7 +160,8 @@ class ImageReader(VideoReader):
                 f"{path} - differs from the first picture of the sequence (got {codes.shape[1]}x{codes.shape[0]} "
                 f"{codes.dtype}) - use pictures of one size and depth"
             )
-        if self._wrap and codes.dtype.kind == "f" and not np.isfinite(codes.sum(dtype=np.float64)):
-            raise VideoError(f"{path} - holds samples that are no light (got NaN or infinity) - repair the picture")
+        if self._wrap and codes.dtype.kind == "f" and not is_light(codes):
+            got = f"got NaN, infinity or more than {MOST_LIGHT:g}"
+            raise VideoError(f"{path} - holds samples that are no light ({got}) - repair the picture")
         codes.flags.writeable = False
         return [crop.window(codes) for crop in (self._crop, self._beside) if crop is not None]

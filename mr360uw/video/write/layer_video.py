@@ -24,6 +24,7 @@ from mr360uw.files import new_file, publish
 from mr360uw.output_gate import check_outputs
 from mr360uw.reading.limits import FRAMES
 from mr360uw.reading.numbered_files import is_pattern, matching_files
+from mr360uw.shapes import checked
 from mr360uw.types import Floats
 from mr360uw.video.clip import checked_rate
 from mr360uw.video.exr import read_exr
@@ -38,6 +39,7 @@ _OPTIONS = {"profile": "4444", "alpha_bits": "16"}
 _PEAK = 65535
 
 
+@checked
 def layer_video(
     layers: str | Path,
     path: str | Path,
@@ -61,8 +63,9 @@ def layer_video(
     if path.suffix.lower() != ".mov":
         raise VideoError(f"{path} - ProRes with alpha is a .mov (got {path.suffix}) - name it {path.stem}.mov")
     check_outputs([path], inputs=[layers], overwrite=overwrite)
-    numbers = range(min(files), max(files) + 1)
-    FRAMES.check(f"{layers} frames", len(numbers), VideoError)
+    first, last = min(files), max(files)
+    FRAMES.check(f"{layers} frames", last - first + 1, VideoError)  # before a range, whose length has 63 bits
+    numbers = range(first, last + 1)
     part = new_file(path)
     try:
         _encode(part, [files.get(number) for number in numbers], alpha, rate, eye)
