@@ -108,8 +108,7 @@ class Command:
         """Return the number of frames that are complete in the work folder, and of parts that are not."""
         work = work_path(self.out)
         if self.kind == "png":
-            lists = [file.read_text() for file in work.glob("pictures-*")]
-            return sum(text.count(";") for text in lists), 0
+            return sum(file.read_text().count("\n[") for file in work.glob("written-*")), 0
         tables, data = {p.stem for p in work.glob("0*.npz")}, {p.stem for p in work.glob("0*.packets")}
         return SEGMENT * len(tables), len(data - tables)
 

@@ -120,11 +120,11 @@ def composite_video(
         loaded = load(scene, video.width, video.height, clip=not video.is_still)
         output.check([*loaded.object_files, *loaded.other_files])  # textures and the like, which only meshes name
         _check_lengths(loaded, video, span)
+        output, undrawn = _with_drawn_layers(output, loaded)
         renderer, fallback = make_backend(backend, Cache(scene.plate.eyes))
         (count, crew), inputs = make_crew(workers, cluster, len(parts)), input_fingerprints(loaded)
         keys = work_keys(loaded, inputs, "mixed" if mixed else renderer.name, measured_range(video, *span))
-        with work_folder(output.path, keys, fresh=fresh) as work:
-            output.check_pictures(work)
+        with work_folder(output.path, keys, fresh=fresh, overwrite=overwrite) as work:
             left, times, doubts = output.left(work, parts), RunTimes(), tuple[str, ...]()
             kept = total - sum(stop - start for start, stop in left)
             if left:
@@ -141,11 +141,18 @@ def composite_video(
         doubts = (*video.doubts, *projection_notes(scene, video, span[0]), *loaded.notes, *doubts, *work.notes)
     made = replace(
         _report(Path(out), total, loaded, renderer, times), seconds=time.perf_counter() - began, kept_frames=kept,
-        notes=(*doubts, *filter(None, [fallback, taken]), *notes), workers=count, inputs=inputs,
+        notes=(*doubts, *filter(None, [fallback, taken, undrawn]), *notes), workers=count, inputs=inputs,
     )  # fmt: skip
     if output.report is not None:
         made.save(output.report, overwrite=True)  # what is there was looked at before the run
     return made
+
+
+def _with_drawn_layers(output: Output, loaded: Loaded) -> tuple[Output, str]:
+    """Return an output without layers where nothing is drawn that they could hold, and a note that says so."""
+    if output.layers is None or loaded.plan.layer.runs:
+        return output, ""
+    return replace(output, layers=None), f"{output.layers} - is not written, as nothing is drawn over the plate"
 
 
 def _check_lengths(loaded: Loaded, video: VideoReader, span: Part) -> None:

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.errors import VideoError
-from mr360uw.files import whole_file
+from mr360uw.files import NewFile, whole_file
 from mr360uw.reading.input_files import unreadable
 from mr360uw.reading.limits import DATA, PICTURE
 from mr360uw.types import Floats
@@ -237,7 +237,7 @@ def write_exr(
     origin: tuple[int, int] = (0, 0),
     attributes: Mapping[str, Any] | None = None,
     views: Mapping[str, str] | None = None,
-    folder: Path | None = None,
+    file: NewFile = whole_file,
 ) -> None:
     """Write one or more parts as an OpenEXR file, by a temporary name and a rename.
 
@@ -245,7 +245,7 @@ def write_exr(
     as float. latlong: mark it as a latitude-longitude environment map. full_size: (width, height) of the frame
     that the arrays are a window of, whose top left pixel is `origin` = (column, row); by default the arrays are the
     frame. attributes: more header entries (numbers, strings). views: of parts that show
-    what one eye sees, "left" or "right". folder: of the temporary file; default: that of `path`.
+    what one eye sees, "left" or "right". file: opens the temporary file.
     """
     import OpenEXR
 
@@ -280,7 +280,7 @@ def write_exr(
             own["displayWindow"] = (np.zeros(2, np.int32), np.array(full_size, np.int32) - 1)
         made.append(OpenEXR.Part(own, arrays, name) if name else OpenEXR.Part(own, arrays))
     try:
-        with whole_file(path, folder=folder) as part:
+        with file(path) as part:
             OpenEXR.File(made).write(str(part))
     except (RuntimeError, ValueError, OSError) as error:
         raise VideoError(
