@@ -17,10 +17,11 @@ from typing import Literal
 from mr360uw.cache import Cache
 from mr360uw.info import package_versions
 from mr360uw.progress import Progress, begin_phase
+from mr360uw.reading.cached_reads import CachedReads
 from mr360uw.render.backends import Backend, make_backend
 from mr360uw.render.check import scene_sun_lines
 from mr360uw.render.first_pass import ClipAnalysis, measured_range
-from mr360uw.render.loaded import Loaded, load
+from mr360uw.render.loaded import Loaded, Loader, load_plate_depth
 from mr360uw.runs.fingerprint import input_fingerprints, work_keys
 from mr360uw.runs.job import Job, OpenJob, RunTimes
 from mr360uw.runs.outputs import Output, forecaster, with_encoder
@@ -117,7 +118,9 @@ def composite_video(
         scene, taken = with_encoder(scene, video, Path(out))
         output = Output.of(scene, video, out, layers, span, overwrite=overwrite, report=report)
         parts, total = output.parts(), span[1] - span[0]
-        loaded = load(scene, video.width, video.height, clip=not video.is_still)
+        reads, size = CachedReads(), (video.width, video.height)
+        load_plate_depth(scene, size, reads, (span[1], video.frame_count))
+        loaded = Loader(*size, clip=not video.is_still, reads=reads).load(scene)
         output.check([*loaded.object_files, *loaded.other_files])  # textures and the like, which only meshes name
         _check_lengths(loaded, video, span)
         output, undrawn = _with_drawn_layers(output, loaded)

@@ -80,7 +80,7 @@ class WrittenFiles:
         return self.is_there(path) and self._found(path) == self._known[self._name(path)]
 
     def may_replace(self, path: Path) -> bool:
-        """Return whether a file may be written: none is there, or it is a run's, whole or cut, or all may be replaced."""
+        """Return whether a file may be written: none is there, it is a run's, whole or cut, or any may be replaced."""
         return self._overwrite or not os.path.lexists(path) or self._is_ours(path)
 
     @contextmanager

@@ -149,11 +149,11 @@ def test_the_ground_floor_stands_on_numpy_alone() -> None:
         ROOT / "plot.py": {"base64", "cv2", "html"},
         ROOT / "files.py": {"contextlib", "os", "secrets"},
         ROOT / "written_files.py": {"contextlib", "hashlib", "itertools", "json", "os"},
-        ROOT / "output_gate.py": {"contextlib", "os", "secrets", "shutil"},
+        ROOT / "output_gate.py": {"contextlib", "filelock", "os", "secrets", "shutil"},
         ROOT / "reading" / "numbered_files.py": {"re"},
         ROOT / "reading" / "extras.py": {"importlib"},
         ROOT / "reading" / "disk_cache.py": {"contextlib", "hashlib", "io", "os", "zipfile"},
-        ROOT / "reading" / "input_files.py": {"contextlib", "contextvars", "os", "stat"},
+        ROOT / "reading" / "input_files.py": {"contextlib", "contextvars", "hashlib", "os", "stat"},
         ROOT / "reading" / "limits.py": {"os"},
         ROOT / "reading" / "picture_size.py": {"re", "struct"},
     }

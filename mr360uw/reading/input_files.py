@@ -7,11 +7,13 @@ from a stranger could otherwise show any file of the machine.
 
 from __future__ import annotations
 
+import hashlib
 import os
 import stat
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
+from dataclasses import dataclass
 from pathlib import Path
 
 from mr360uw.errors import MeshError, Mr360uwError
@@ -19,6 +21,22 @@ from mr360uw.reading.limits import DATA, TEXT, Limit
 
 _NOTES: ContextVar[tuple[dict[Path, None], ...]] = ContextVar("files read", default=())
 """The notes that are being taken in this thread, one inside the other."""
+_BLOCK = 1 << 20
+_BLOCKS = 16
+"""Blocks of a large file that are hashed, spread over it evenly: gigabytes are not read."""
+
+
+@dataclass(frozen=True, slots=True)
+class InputFile:
+    """A file that a scene reads. digest: SHA-256 of its size and of its content, of large files of 16 blocks of it.
+
+    changed_ns: of large files the time of the last change of any of their data, which programs cannot set back; else 0.
+    """
+
+    path: Path
+    size: int
+    digest: str
+    changed_ns: int
 
 
 @contextmanager
@@ -107,3 +125,21 @@ def read_text(path: Path, wrong: type[Mr360uwError]) -> str:
         return read_data(path, wrong, TEXT).decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise wrong(f"{path} - is no text in UTF-8 (got: {error!s:.80}) - save it as such") from None
+
+
+def input_file(path: Path) -> InputFile:
+    """Return a file's fingerprint; raise `OSError` where it cannot be read."""
+    about = path.stat()
+    size = about.st_size
+    found = hashlib.sha256(str(size).encode())
+    with path.open("rb") as file:
+        step = max(_BLOCK, (size - _BLOCK) // (_BLOCKS - 1))
+        for start in range(0, size, step):
+            file.seek(start)
+            found.update(file.read(_BLOCK))
+    return InputFile(path, size, found.hexdigest(), about.st_ctime_ns if size > _BLOCKS * _BLOCK else 0)
+
+
+def content_of(paths: Iterable[Path]) -> str:
+    """Return a hash of the content of files in their order, whatever their names and times; raise `OSError`."""
+    return hashlib.sha256("".join(input_file(path).digest for path in paths).encode()).hexdigest()

@@ -10,10 +10,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from mr360uw.errors import OutputExistsError, ParameterError, VideoError
-from mr360uw.output_gate import check_outputs, check_work_folder
+from mr360uw.output_gate import check_outputs, check_work_folder, work_path
 from mr360uw.reading.numbered_files import is_pattern, matching_files, numbered
 from mr360uw.runs.run_report import counted, is_report_of
-from mr360uw.runs.work_folder import Part, WorkFolder, segment_bounds, work_path
+from mr360uw.runs.work_folder import Part, WorkFolder, segment_bounds
 from mr360uw.scene.model import Scene, files_of
 from mr360uw.video import VideoReader, create_video
 from mr360uw.video.read.projection import PICTURE_SUFFIXES

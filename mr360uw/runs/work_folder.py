@@ -14,11 +14,20 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from filelock import FileLock, Timeout
+from filelock import Timeout
 
-from mr360uw.errors import OutputExistsError, VideoError
+from mr360uw.errors import VideoError
 from mr360uw.files import write_whole
-from mr360uw.output_gate import MARKER, is_work_folder, make_work_folder, remove_work_folder
+from mr360uw.output_gate import (
+    LOCK,
+    MARKER,
+    SUFFIX,
+    is_work_folder,
+    locked_work_folder,
+    remove_work_folder,
+    work_lock,
+    work_path,
+)
 from mr360uw.render.first_pass import ClipAnalysis
 from mr360uw.runs.fingerprint import WorkKeys
 from mr360uw.runs.stored_analysis import load_analysis, save_analysis
@@ -78,9 +87,7 @@ class SegmentSink(VideoWriter):
             self._writer.abort()
 
 
-SUFFIX = ".mr360uw"
-"""Ending of the folder's name, after the whole name of the output."""
-_LOCK, _KEYS, _ANALYSIS, _WRITTEN, _EARLIER = "lock", "run.json", "analysis.npz", "written-", "earlier-"
+_KEYS, _ANALYSIS, _WRITTEN, _EARLIER = "run.json", "analysis.npz", "written-", "earlier-"
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,36 +124,15 @@ class WorkFolder:
         )  # fmt: skip
 
 
-def work_path(out: Path) -> Path:
-    """Return the name of an output's work folder."""
-    return out.with_name(out.name + SUFFIX)
-
-
 @contextmanager
 def work_folder(out: Path, keys: WorkKeys, *, fresh: bool = False, overwrite: bool = False) -> Iterator[WorkFolder]:
     """Yield an output's work folder, locked; it is removed at the end, or kept where an exception leaves work to reuse.
 
-    fresh: nothing of an earlier run is used. overwrite: files of others may be replaced. Raises `OutputExistsError` where
+    fresh: nothing of an earlier run is used. overwrite: files of others may be replaced. Raises `OutputExistsError` if
     another run holds it, `OutputError` where the name is that of something else, and `OSError`.
     """
-    path = work_path(out)
-    make_work_folder(path)
-    lock = FileLock(path / _LOCK)
-    try:
-        lock.acquire(timeout=0)
-    except Timeout:
-        raise OutputExistsError(
-            f"{out} - another run is writing it (its work lies in {path.name}) - wait for it, or name another output"
-        ) from None
-    done = False
-    try:
+    with locked_work_folder(work_path(out), out, _has_work) as path:
         yield WorkFolder(path, keys, _continued(path, keys, fresh=fresh), overwrite)
-        done = True
-    finally:
-        keeps = not done and _has_work(path)
-        lock.release()
-        if not keeps:
-            remove_work_folder(path)
 
 
 def _continued(path: Path, keys: WorkKeys, *, fresh: bool) -> tuple[str, ...]:
@@ -159,10 +145,10 @@ def _continued(path: Path, keys: WorkKeys, *, fresh: bool) -> tuple[str, ...]:
         kept = "the first pass is kept" if same_pass else "the first pass too"
         notes.append(f"the scene changed since the run that was stopped: its frames are made again, {kept}")
     for file in path.iterdir():
-        keeps = file.name in (_LOCK, MARKER) or (same_pass if file.name == _ANALYSIS else same_pictures)
+        keeps = file.name in (LOCK, MARKER) or (same_pass if file.name == _ANALYSIS else same_pictures)
         if file.name.startswith(_WRITTEN) and not keeps:
             file.rename(path / f"{_EARLIER}{secrets.token_hex(4)}")
-        elif not (keeps or file.name.startswith(_EARLIER)) or ".part" in file.name:
+        elif not (keeps or file.name.startswith(_EARLIER)):
             file.unlink()
     write_whole(path / _KEYS, json.dumps(asdict(keys), indent=2) + "\n")
     return tuple(notes)
@@ -174,7 +160,7 @@ def _has_work(path: Path) -> bool:
     measured = analysis is not None and any(
         one is not None for one in (analysis.sun, analysis.gain, analysis.background)
     )
-    return measured or bool(stored_segments(path)) or any(path.glob(f"{_WRITTEN}*"))
+    return measured or bool(stored_segments(path)) or any(path.glob(f"{_WRITTEN}*")) or any(path.glob(f"{_EARLIER}*"))
 
 
 def _stored_keys(path: Path) -> dict[str, Any]:
@@ -198,7 +184,7 @@ def remove_stale(where: Path, *, dry_run: bool) -> list[str]:
 
 def stale_notes(where: Path) -> list[str]:
     """Return a line for each folder of finished parts that a stopped run left in a folder."""
-    advice = "the same composite command goes on, mr360uw clean removes them"
+    advice = "the same command goes on, mr360uw clean removes them"
     return [
         f"note      {path} - holds finished parts of a run that was stopped - {advice}" for path in stale_work(where)
     ]
@@ -209,9 +195,8 @@ def stale_work(where: Path) -> list[Path]:
     found = []
     for path in sorted(where.glob(f"*{SUFFIX}")):
         if is_work_folder(path):
-            lock = FileLock(path / _LOCK)
             try:
-                with lock.acquire(timeout=0):
+                with work_lock(path).acquire(timeout=0):
                     found.append(path)
             except Timeout:
                 continue

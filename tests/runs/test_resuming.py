@@ -15,8 +15,9 @@ import pytest
 
 import mr360uw as uw
 from mr360uw.errors import OutputExistsError
+from mr360uw.output_gate import work_path
 from mr360uw.runs import fingerprint
-from mr360uw.runs.work_folder import joined_bounds, segment_bounds, stale_work, work_path
+from mr360uw.runs.work_folder import joined_bounds, segment_bounds, stale_work
 from mr360uw.sample import SampleDive
 from mr360uw.scene import Scene
 from mr360uw.scene.model import load_scene
