@@ -141,7 +141,7 @@ def work_lock(folder: Path) -> FileLock:
 def locked_work_folder(path: Path, out: Path, keeps: Callable[[Path], bool] = lambda _: False) -> Iterator[Path]:
     """Yield an output's work folder, made and locked, without incomplete files; it is removed at the end.
 
-    path: of the work folder. keeps: whether it is kept where an exception ends the run. Raises `OutputExistsError` where
+    path: of the work folder. keeps: whether it is kept where an exception ends the run. Raises `OutputExistsError` if
     another run holds it, `OutputError` where the name is that of something else, and `OSError`.
     """
     make_work_folder(path)

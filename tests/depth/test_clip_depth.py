@@ -141,9 +141,7 @@ def test_a_note_of_others_is_not_replaced(tmp_path: Path, clip: Path, content: s
 
 
 @pytest.mark.usefixtures("small")
-def test_a_run_knows_its_own_maps_by_their_content(
-    tmp_path: Path, clip: Path, scene: HazyScene, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_run_knows_its_own_maps_by_their_content(tmp_path: Path, clip: Path, scene: HazyScene) -> None:
     """Cut maps are made again, and those of others are neither kept as finished, nor replaced, nor removed."""
     track, out = clip.parent / "track.csv", tmp_path / "depth"
     uw.depth_of_clip(clip, out, track=track, width=WIDTH)
