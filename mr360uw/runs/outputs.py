@@ -104,8 +104,8 @@ class Output:
             foreign.append([path for _, path in there if not files.may_replace(path)])
         if any(foreign):
             raise OutputExistsError("\n".join(
-                f"{paths[0]}{f' and {len(paths) - 1} more' * (len(paths) > 1)} - is there already, and not as this run "
-                "wrote it - name another pattern, or give --overwrite" for paths in foreign if paths
+                f"{paths[0]}{f' and {len(paths) - 1} more' * (len(paths) > 1)} - is there already, and no file of this run "
+                "- name another pattern, or give --overwrite" for paths in foreign if paths
             ))  # fmt: skip
         return self._lacking(work, parts, files.has)
 
