@@ -98,15 +98,15 @@ class Output:
 
         A part is complete while its segment and all pictures and layers of its frames are there as they were written.
         """
-        files, foreign = work.files(), []
+        files, wrong = work.files(), []
         for pattern in (self.path, self.layers):
             there = matching_files(pattern) if pattern is not None and is_pattern(pattern) else []
-            foreign.append([path for _, path in there if not files.may_replace(path)])
-        if any(foreign):
-            raise OutputExistsError("\n".join(
-                f"{paths[0]}{f' and {len(paths) - 1} more' * (len(paths) > 1)} - is there already, and no file of this run "
-                "- name another pattern, or give --overwrite" for paths in foreign if paths
-            ))  # fmt: skip
+            foreign = [path for _, path in there if not files.may_replace(path)]
+            more = f" and {len(foreign) - 1} more" * (len(foreign) > 1)
+            again = "no file of this run - name another pattern, or give --overwrite"
+            wrong += [f"{path}{more} - is there already, {again}" for path in foreign[:1]]
+        if wrong:
+            raise OutputExistsError("\n".join(wrong))
         return self._lacking(work, parts, files.has)
 
     def _lacking(self, work: WorkFolder, parts: list[Part], there: Callable[[Path], bool]) -> tuple[Part, ...]:
