@@ -61,6 +61,7 @@ def own_maps(folder: Path, inputs: Mapping[str, Any], count: int, *, overwrite: 
     """
     made, note = {**_MADE_BY, **inputs}, folder / NOTE
     with made_folder(folder), locked_work_folder(work_path(folder / "depth"), folder) as scratch:
+        # Refuse files of others, before anything is removed
         before = inputs_of(folder)
         record = WrittenFiles(note, folder, logs=[note] if before is not None else (), scratch=scratch)
         maps = [depth_file(folder, index) for index in range(count)] if before else sorted(folder.glob("depth_*.exr"))
@@ -71,6 +72,7 @@ def own_maps(folder: Path, inputs: Mapping[str, Any], count: int, *, overwrite: 
                 f"{folder} - holds files that this command did not make, or that were changed since (got "
                 f"{foreign[0].name}{more}) - move them, or name another folder"
             )
+        # Say which of the inputs differ
         if before is not None and before != made and not overwrite:
             changed = ", ".join(
                 sorted(name for name in before.keys() | made.keys() if before.get(name) != made.get(name))
@@ -79,6 +81,7 @@ def own_maps(folder: Path, inputs: Mapping[str, Any], count: int, *, overwrite: 
                 f"{folder} - holds maps of another clip, track or width (got another {changed}) - name another folder, "
                 "or let its maps be removed and made again with --overwrite"
             )
+        # Remove what was written from other inputs, and begin a new record
         if before != made:
             for path in record.others(()):
                 path.unlink()

@@ -42,12 +42,14 @@ def map_series(path: Path) -> MapSeries:
         return _in_order(path, matching_files(path), ())
     if not path.is_dir():
         return MapSeries((path,))
+    # Group numbered pictures by what their names have in common
     files = [one for one in sorted(path.iterdir()) if one.suffix.lower() in _SUFFIXES and one.name[0] != "."]
     series = defaultdict[str, list[tuple[int, Path]]](list)
     others = [one for one in files if _NUMBERED.fullmatch(one.name) is None]
     for one in files:
         if found := _NUMBERED.fullmatch(one.name):
             series[f"{found[1]}%d{found[3]}"].append((int(found[2]), one))
+    # Take the one series, or the one picture of a still; say why none is taken otherwise
     if len(series) == 1:
         return _in_order(path, next(iter(series.values())), others)
     if not series and len(others) == 1:
@@ -104,6 +106,7 @@ def map_header(path: Path) -> MapHeader:
 
 def header_problems(files: Sequence[Path], plate: tuple[int, int]) -> tuple[list[str], list[Path]]:
     """Return why maps do not fit a plate of width x height, a line for each reason, and the maps that have colours."""
+    # Read what each file says of itself
     problems, headers = [], dict[Path, MapHeader]()
     for path in files:
         try:
@@ -112,6 +115,7 @@ def header_problems(files: Sequence[Path], plate: tuple[int, int]) -> tuple[list
             problems.append(str(error))
         except OSError as error:
             problems.append(f"{path} - cannot be read (got {error.strerror}) - check its rights")
+    # Name each kind of misfit once, by its first file
     if cropped := [path for path, header in headers.items() if not header.whole]:
         problems.append(
             f"{_some(cropped)} - holds a part of the frame (its data window is not the display window) - write it whole"
