@@ -32,8 +32,8 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
 import mr360uw as uw  # noqa: E402
+from mr360uw.output_gate import work_path  # noqa: E402
 from mr360uw.reading.numbered_files import matching_files  # noqa: E402
-from mr360uw.runs.work_folder import work_path  # noqa: E402
 from mr360uw.sample import SampleDive, sample_dive  # noqa: E402
 from mr360uw.scene.model import load_scene  # noqa: E402
 from mr360uw.video import EncodeSettings, create_video  # noqa: E402
@@ -108,8 +108,7 @@ class Command:
         """Return the number of frames that are complete in the work folder, and of parts that are not."""
         work = work_path(self.out)
         if self.kind == "png":
-            lists = [file.read_text() for file in work.glob("pictures-*")]
-            return sum(text.count(";") for text in lists), 0
+            return sum(file.read_text().count("\n[") for file in work.glob("written-*")), 0
         tables, data = {p.stem for p in work.glob("0*.npz")}, {p.stem for p in work.glob("0*.packets")}
         return SEGMENT * len(tables), len(data - tables)
 

@@ -5,12 +5,14 @@ from __future__ import annotations
 
 import os
 import secrets
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 
 from mr360uw.errors import OutputExistsError
 
+NewFile = Callable[[Path], AbstractContextManager[Path]]
+"""Opens a context with the name of an empty new file, which is renamed to the given path at its end: `whole_file`."""
 _ANYONE = 0o666
 """Rights of a new file before the user's mask takes some away."""
 
@@ -21,12 +23,12 @@ def is_ours(folder: Path) -> bool:
 
 
 @contextmanager
-def whole_file(path: Path, *, folder: Path | None = None) -> Iterator[Path]:
+def whole_file(path: Path) -> Iterator[Path]:
     """Yield the name of an empty new file; afterwards it is renamed to `path`, or removed if there was an exception.
 
-    folder: of the new file, on the same disk; default: that of `path`. Raises `OSError`.
+    Raises `OSError`.
     """
-    part = new_file(path, folder)
+    part = new_file(path)
     try:
         yield part
         publish(part, path, overwrite=True)

@@ -10,9 +10,11 @@ from __future__ import annotations
 import os
 import secrets
 import shutil
-from collections.abc import Hashable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+
+from filelock import FileLock, Timeout
 
 from mr360uw.errors import OutputError, OutputExistsError
 from mr360uw.files import is_ours, new_file, write_whole
@@ -20,6 +22,10 @@ from mr360uw.reading.numbered_files import files_named, is_pattern, matcher, num
 
 MARKER = "made-by-mr360uw.txt"
 """File that makes a folder one of ours."""
+SUFFIX = ".mr360uw"
+"""Ending of a work folder's name, after the whole name of the output."""
+LOCK = "lock"
+"""File in a work folder that the run locks which uses it."""
 _SIGNATURE = "Finished parts of a run of mr360uw. It removes this folder when it is done.\n"
 
 
@@ -119,6 +125,44 @@ def make_work_folder(folder: Path) -> None:
         check_work_folder(folder)
         if not folder.exists():
             raise
+
+
+def work_path(out: Path) -> Path:
+    """Return the name of an output's work folder."""
+    return out.with_name(out.name + SUFFIX)
+
+
+def work_lock(folder: Path) -> FileLock:
+    """Return the lock of a work folder, which a run holds."""
+    return FileLock(folder / LOCK)
+
+
+@contextmanager
+def locked_work_folder(path: Path, out: Path, keeps: Callable[[Path], bool] = lambda _: False) -> Iterator[Path]:
+    """Yield an output's work folder, made and locked, without incomplete files; it is removed at the end.
+
+    path: of the work folder. keeps: whether it is kept where an exception ends the run. Raises `OutputExistsError` if
+    another run holds it, `OutputError` where the name is that of something else, and `OSError`.
+    """
+    make_work_folder(path)
+    lock = work_lock(path)
+    try:
+        lock.acquire(timeout=0)
+    except Timeout:
+        raise OutputExistsError(
+            f"{out} - another run is writing it (its work lies in {path.name}) - wait for it, or name another output"
+        ) from None
+    done = False
+    try:
+        for part in path.glob(".*.part*"):
+            part.unlink()
+        yield path
+        done = True
+    finally:
+        kept = not done and keeps(path)
+        lock.release()
+        if not kept:
+            remove_work_folder(path)
 
 
 def remove_work_folder(folder: Path) -> None:

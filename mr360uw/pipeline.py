@@ -17,10 +17,11 @@ from typing import Literal
 from mr360uw.cache import Cache
 from mr360uw.info import package_versions
 from mr360uw.progress import Progress, begin_phase
+from mr360uw.reading.cached_reads import CachedReads
 from mr360uw.render.backends import Backend, make_backend
 from mr360uw.render.check import scene_sun_lines
 from mr360uw.render.first_pass import ClipAnalysis, measured_range
-from mr360uw.render.loaded import Loaded, load
+from mr360uw.render.loaded import Loaded, Loader, load_plate_depth
 from mr360uw.runs.fingerprint import input_fingerprints, work_keys
 from mr360uw.runs.job import Job, OpenJob, RunTimes
 from mr360uw.runs.outputs import Output, forecaster, with_encoder
@@ -118,14 +119,16 @@ def composite_video(
         scene, taken = with_encoder(scene, video, Path(out))
         output = Output.of(scene, video, out, layers, span, overwrite=overwrite, report=report)
         parts, total = output.parts(), span[1] - span[0]
-        loaded = load(scene, video.width, video.height, clip=not video.is_still)
+        reads, size = CachedReads(), (video.width, video.height)
+        load_plate_depth(scene, size, reads, (span[1], video.frame_count))
+        loaded = Loader(*size, clip=not video.is_still, reads=reads).load(scene)
         output.check([*loaded.object_files, *loaded.other_files])  # textures and the like, which only meshes name
         _check_lengths(loaded, video, span)
+        output, undrawn = _with_drawn_layers(output, loaded)
         renderer, fallback = make_backend(backend, Cache(scene.plate.eyes))
         (count, crew), inputs = make_crew(workers, cluster, len(parts)), input_fingerprints(loaded)
         keys = work_keys(loaded, inputs, "mixed" if mixed else renderer.name, measured_range(video, *span))
-        with work_folder(output.path, keys, fresh=fresh) as work:
-            output.check_pictures(work)
+        with work_folder(output.path, keys, fresh=fresh, overwrite=overwrite) as work:
             left, times, doubts = output.left(work, parts), RunTimes(), tuple[str, ...]()
             kept = total - sum(stop - start for start, stop in left)
             if left:
@@ -142,11 +145,18 @@ def composite_video(
         doubts = (*video.doubts, *projection_notes(scene, video, span[0]), *loaded.notes, *doubts, *work.notes)
     made = replace(
         _report(Path(out), total, loaded, renderer, times), seconds=time.perf_counter() - began, kept_frames=kept,
-        notes=(*doubts, *filter(None, [fallback, taken]), *notes), workers=count, inputs=inputs,
+        notes=(*doubts, *filter(None, [fallback, taken, undrawn]), *notes), workers=count, inputs=inputs,
     )  # fmt: skip
     if output.report is not None:
         made.save(output.report, overwrite=True)  # what is there was looked at before the run
     return made
+
+
+def _with_drawn_layers(output: Output, loaded: Loaded) -> tuple[Output, str]:
+    """Return an output without layers where nothing is drawn that they could hold, and a note that says so."""
+    if output.layers is None or loaded.plan.layer.runs:
+        return output, ""
+    return replace(output, layers=None), f"{output.layers} - is not written, as nothing is drawn over the plate"
 
 
 def _check_lengths(loaded: Loaded, video: VideoReader, span: Part) -> None:

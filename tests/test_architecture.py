@@ -16,7 +16,7 @@ import mr360uw
 ROOT = Path(mr360uw.__file__).parent
 GROUND = {
     "files", "output_gate", "reading", "types", "constants", "sphere", "color", "errors", "parameters", "optics",
-    "shapes", "yuv", "cache", "steps", "jit", "texels", "plot",
+    "shapes", "yuv", "cache", "steps", "jit", "texels", "plot", "written_files",
 }  # fmt: skip
 # what a package may import of mr360uw besides the ground floor and itself
 PHYSICS = {"ibl", "caustics", "medium"}
@@ -149,11 +149,12 @@ def test_the_ground_floor_stands_on_numpy_alone() -> None:
         ROOT / "shapes.py": {"builtins", "fractions", "inspect", "operator"},
         ROOT / "plot.py": {"base64", "cv2", "html"},
         ROOT / "files.py": {"contextlib", "os", "secrets"},
-        ROOT / "output_gate.py": {"contextlib", "os", "secrets", "shutil"},
+        ROOT / "written_files.py": {"contextlib", "hashlib", "itertools", "json", "os"},
+        ROOT / "output_gate.py": {"contextlib", "filelock", "os", "secrets", "shutil"},
         ROOT / "reading" / "numbered_files.py": {"re"},
         ROOT / "reading" / "extras.py": {"importlib"},
         ROOT / "reading" / "disk_cache.py": {"contextlib", "hashlib", "io", "os", "zipfile"},
-        ROOT / "reading" / "input_files.py": {"contextlib", "contextvars", "json", "os", "stat"},
+        ROOT / "reading" / "input_files.py": {"contextlib", "contextvars", "hashlib", "json", "os", "stat"},
         ROOT / "reading" / "limits.py": {"os"},
         ROOT / "reading" / "picture_size.py": {"re", "struct"},
     }

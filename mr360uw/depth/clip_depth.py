@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import hashlib
-import json
 import os
 from collections import deque
 from collections.abc import Iterator, Sequence
@@ -12,27 +11,27 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.composite import read_camera_track
 from mr360uw.composite.motion import Motion
-from mr360uw.depth.depth_files import NOTE, depth_file, write_depth
+from mr360uw.depth.depth_files import depth_file, own_maps, write_depth
 from mr360uw.depth.sphere_stereo import SURE, DepthMap, Sweep, refined, sweep
 from mr360uw.depth.warping import Panorama
-from mr360uw.errors import OutputExistsError, ParameterError
-from mr360uw.files import write_whole
-from mr360uw.output_gate import check_folder, made_folder
+from mr360uw.errors import ParameterError
+from mr360uw.output_gate import check_folder
 from mr360uw.progress import Progress, Steps
-from mr360uw.reading.cached_reads import stamp
-from mr360uw.reading.input_files import holds_text
+from mr360uw.reading.input_files import content_of
+from mr360uw.reading.numbered_files import files_named
 from mr360uw.shapes import checked
 from mr360uw.threads import one_blas_thread
 from mr360uw.track.camera_track import CameraTrack
 from mr360uw.track.key_frames import grey_picture
 from mr360uw.video import VideoReader, open_video
+from mr360uw.written_files import WrittenFiles
 
 _METHOD = "distances 3"
 """Names how maps are found; another number where that changes, so that maps of before are not kept."""
@@ -113,7 +112,7 @@ def depth_of_clip(
     eye : {"left", "right"}, optional
         Eye of a stereo plate.
     overwrite : bool
-        Replace maps of other inputs.
+        Replace maps that an earlier call made of other inputs; files of others are never replaced.
     progress : callable, optional
         Is called with (steps done, all of them).
 
@@ -127,7 +126,7 @@ def depth_of_clip(
     ParameterError
         For a camera that stands or turns on the spot, a clip that cannot be tracked, and a track of another clip.
     OutputExistsError
-        For a folder with maps of other inputs.
+        For a folder with maps of other inputs, or with files of such names that no call wrote.
 
     See Also
     --------
@@ -154,9 +153,9 @@ def depth_of_clip(
             raise ParameterError(
                 f"width - must be a multiple of 8 from {LEAST_WIDTH} up (got {width}) - take 1024, or 512 for a draft"
             )
-        with made_folder(folder):
-            check_note(folder, _inputs(Path(video), path, width, eye), overwrite=overwrite)
-            return _written(clip, path, folder, width, progress)
+        inputs = _inputs(Path(video), path, width, eye)
+        with own_maps(folder, inputs, len(path.shot), overwrite=overwrite) as maps:
+            return _written(clip, path, folder, maps, width, progress)
 
 
 def _tracks(
@@ -223,41 +222,19 @@ def _poses(where: str, clip: VideoReader, motions: list[Motion]) -> _Path:
     return _Path(position, rotation, shot)
 
 
-def _inputs(video: Path, path: _Path, width: int, eye: str | None) -> str:
-    """Return what maps follow from, as JSON."""
+def _inputs(video: Path, path: _Path, width: int, eye: str | None) -> dict[str, Any]:
+    """Return what maps follow from."""
     poses = hashlib.sha256(b"".join(np.ascontiguousarray(a).tobytes() for a in (path.position, path.rotation)))
-    files = [str(video), stamp(video)]
-    return json.dumps({"method": _METHOD, "clip": files, "poses": poses.hexdigest(), "width": width, "eye": eye}) + "\n"
+    clip = content_of(files_named(video))
+    return {"method": _METHOD, "clip": clip, "track": poses.hexdigest(), "width": width, "eye": eye}
 
 
-def check_note(folder: Path, inputs: str, *, overwrite: bool) -> None:
-    """Keep the maps of the same inputs; remove those of others if that is allowed, else raise `OutputExistsError`.
-
-    Files that no run of this command made, in a folder without its note, are never removed.
-    """
-    note = folder / NOTE
-    if holds_text(note, inputs):
-        return
-    there = sorted(folder.glob("depth_*.exr"))
-    if there and not note.is_file():
-        raise OutputExistsError(
-            f"{folder} - holds files of such names that this command did not make (got {there[0].name}) - name another "
-            "folder"
-        )
-    if there and not overwrite:
-        raise OutputExistsError(
-            f"{folder} - holds maps of another clip, track or width (got {there[0].name}) - name another folder, or "
-            "allow overwriting with --overwrite"
-        )
-    for one in there:
-        one.unlink()
-    write_whole(note, inputs)
-
-
-def _written(clip: VideoReader, path: _Path, folder: Path, width: int, progress: Progress | None) -> DepthReport:
+def _written(
+    clip: VideoReader, path: _Path, folder: Path, maps: WrittenFiles, width: int, progress: Progress | None
+) -> DepthReport:
     """Make the maps that are missing, two frames or more side by side, and return what was done."""
     count = len(path.shot)
-    missing = [index for index in range(count) if not depth_file(folder, index).is_file()]
+    missing = [index for index in range(count) if not maps.has(depth_file(folder, index))]
     steps = Steps(progress, count)
     steps.done(count - len(missing))
     covered: list[float] = []
@@ -270,7 +247,7 @@ def _written(clip: VideoReader, path: _Path, folder: Path, width: int, progress:
                 sweeps[job.index] = pool.submit(sweep, reference, neighbours)
                 continue
             near = [sweeps[key] for key in job.keys]
-            running.append(pool.submit(_make, folder, job.index, reference, neighbours, near, width))
+            running.append(pool.submit(_make, folder, maps, job.index, reference, neighbours, near, width))
             if len(running) > threads:
                 covered.append(running.popleft().result())
                 steps.done(1)
@@ -285,6 +262,7 @@ def _written(clip: VideoReader, path: _Path, folder: Path, width: int, progress:
 
 def _make(
     folder: Path,
+    maps: WrittenFiles,
     index: int,
     reference: Panorama | None,
     neighbours: list[Panorama],
@@ -297,7 +275,7 @@ def _make(
         found = DepthMap(np.full(shape, np.inf, np.float32), np.zeros(shape, np.float32))
     else:
         found = refined(reference, neighbours, [one.result() for one in sweeps])
-    write_depth(depth_file(folder, index), found)
+    write_depth(depth_file(folder, index), found, file=maps.file)
     return float(np.mean(found.confidence >= SURE))
 
 

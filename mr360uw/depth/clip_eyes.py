@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import json
 from collections import deque
 from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -12,21 +11,23 @@ from pathlib import Path
 
 import numpy as np
 
-from mr360uw.depth.clip_depth import LEAST_WIDTH, DepthReport, check_note
-from mr360uw.depth.depth_files import depth_file, write_depth
+from mr360uw.depth.clip_depth import LEAST_WIDTH, DepthReport
+from mr360uw.depth.depth_files import depth_file, own_maps, write_depth
 from mr360uw.depth.eye_stereo import eye_distances
 from mr360uw.depth.sphere_stereo import SURE
 from mr360uw.depth.warping import resized
 from mr360uw.errors import ParameterError
-from mr360uw.output_gate import check_folder, made_folder
+from mr360uw.output_gate import check_folder
 from mr360uw.progress import Progress, Steps
-from mr360uw.reading.cached_reads import stamp
+from mr360uw.reading.input_files import content_of
+from mr360uw.reading.numbered_files import files_named
 from mr360uw.shapes import checked
 from mr360uw.threads import one_blas_thread
 from mr360uw.track.key_frames import luma_codes
 from mr360uw.video import VideoFrame, VideoReader, open_video
 from mr360uw.video.eyes_seen import EYES_APART_M
 from mr360uw.video.read.layout import Layout
+from mr360uw.written_files import WrittenFiles
 
 _METHOD = "distances of eyes 1"
 """Names how maps are found; another number where that changes, so that maps of before are not kept."""
@@ -61,7 +62,7 @@ def depth_of_eyes(
     layout : str, optional
         Arrangement of the eyes in a frame, where the file does not say it.
     overwrite : bool
-        Replace maps of other inputs.
+        Replace maps that an earlier call made of other inputs; files of others are never replaced.
     progress : callable, optional
         Is called with (steps done, all of them).
 
@@ -102,34 +103,36 @@ def depth_of_eyes(
             raise ParameterError(
                 f"width - must be a multiple of 8 from {LEAST_WIDTH} up (got {width}) - take 2048, or 1024 for a draft"
             )
-        with made_folder(folder):
-            inputs = {"method": _METHOD, "clip": [str(video), stamp(Path(video))], "width": width}
-            note = json.dumps(inputs | {"eyes_apart_m": eyes_apart_m, "layout": layout}) + "\n"
-            check_note(folder, note, overwrite=overwrite)
-            return _written(clip, folder, width, eyes_apart_m, progress)
+        count = clip.frame_count
+        if count is None:
+            _, count = clip.check_range()
+        inputs = {"method": _METHOD, "clip": content_of(files_named(Path(video))), "width": width}
+        inputs |= {"eyes_apart_m": eyes_apart_m, "layout": layout}
+        with own_maps(folder, inputs, count, overwrite=overwrite) as maps:
+            missing = [index for index in range(count) if not maps.has(depth_file(folder, index))]
+            steps = Steps(progress, count)
+            steps.done(count - len(missing))
+            coverage = _write(clip, folder, maps, missing, width, eyes_apart_m, steps)
+        return DepthReport(folder, len(missing), count - len(missing), 0, coverage)
 
 
-def _written(clip: VideoReader, folder: Path, width: int, apart_m: float, progress: Progress | None) -> DepthReport:
-    """Make the maps that are missing, two frames or more side by side, and return what was done."""
-    count = clip.frame_count
-    if count is None:
-        _, count = clip.check_range()
-    missing = [index for index in range(count) if not depth_file(folder, index).is_file()]
-    steps, covered = Steps(progress, count), []
-    steps.done(count - len(missing))
+def _write(
+    clip: VideoReader, folder: Path, maps: WrittenFiles, missing: list[int], width: int, apart_m: float, steps: Steps
+) -> float:
+    """Make the maps that are missing, two frames or more side by side; return their mean coverage, NaN for none."""
+    covered: list[float] = []
     threads = cpu_count() or 1
     with one_blas_thread(), ThreadPoolExecutor(threads) as pool:
         running: deque[Future[float]] = deque()
         for frame in _missing_frames(clip, missing):
-            running.append(pool.submit(_make, folder, frame, width, apart_m))
+            running.append(pool.submit(_make, folder, maps, frame, width, apart_m))
             if len(running) > threads:
                 covered.append(running.popleft().result())
                 steps.done(1)
         for one in running:
             covered.append(one.result())
             steps.done(1)
-    coverage = float(np.mean(covered)) if covered else float("nan")
-    return DepthReport(folder, len(missing), count - len(missing), 0, coverage)
+    return float(np.mean(covered)) if covered else float("nan")
 
 
 def _missing_frames(clip: VideoReader, missing: list[int]) -> Iterator[VideoFrame]:
@@ -139,10 +142,10 @@ def _missing_frames(clip: VideoReader, missing: list[int]) -> Iterator[VideoFram
         yield from (frame for frame in clip.frames(missing[0], missing[-1] + 1) if frame.index in wanted)
 
 
-def _make(folder: Path, frame: VideoFrame, width: int, apart_m: float) -> float:
+def _make(folder: Path, maps: WrittenFiles, frame: VideoFrame, width: int, apart_m: float) -> float:
     """Write the maps of a frame's eyes; return the coverage of both."""
     assert frame.right is not None
     eyes = [resized(luma_codes(eye), width) for eye in (frame, frame.right)]
     left, right = eye_distances(eyes[0], eyes[1], apart_m)
-    write_depth(depth_file(folder, frame.index), left, right)
+    write_depth(depth_file(folder, frame.index), left, right, file=maps.file)
     return float(np.mean([one.confidence >= SURE for one in (left, right)]))

@@ -94,7 +94,7 @@ def water_of_clip(
                 f"{video} - is too short to tell its water (got {len(chosen)} frames with a pose) - give a clip of "
                 f"{_LEAST_FRAMES} or more"
             )
-        maps, steps, lit = DepthClip(Path(folder)), Steps(progress, len(chosen)), []
+        maps, steps, lit = DepthClip(Path(folder), size=(clip.width, clip.height)), Steps(progress, len(chosen)), []
         for frame in clip.frames(chosen[0], chosen[-1] + 1):
             if frame.index not in chosen:
                 continue

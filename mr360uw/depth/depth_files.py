@@ -3,28 +3,36 @@
 
 from __future__ import annotations
 
+import json
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mr360uw.depth.map_series import MapSeries, header_problems, map_series
 from mr360uw.depth.sphere_stereo import DepthMap
 from mr360uw.depth.warping import Map
-from mr360uw.errors import VideoError
+from mr360uw.errors import OutputExistsError, VideoError
+from mr360uw.files import NewFile, whole_file, write_whole
+from mr360uw.output_gate import locked_work_folder, made_folder, work_path
 from mr360uw.reading.cached_reads import CachedReads
+from mr360uw.reading.input_files import json_of, note_read, read_text
 from mr360uw.video import read_picture
 from mr360uw.video.exr import read_exr, read_rgb, write_exr
+from mr360uw.written_files import WrittenFiles
 
 Kind = Literal["metric", "inverse"]
 NOTE = "depth.json"
-"""File in a folder of maps that says what they were made from."""
+"""File in a folder of maps that says what they follow from, as JSON, and then has a line for each that was written."""
+_MADE_BY = {"made_by": "mr360uw depth"}
 
 LEFT, RIGHT = "left", "right"
 """Parts of a file with the maps of both eyes."""
 CONFIDENCE = "confidence"
 """Channel of a map's confidences, 0 to 1; a map without one is taken to be right everywhere."""
-_SUFFIXES = (".exr", ".png")
 _APART = 4
 """Maps that are kept: renderers may be some frames apart."""
 
@@ -34,67 +42,171 @@ def depth_file(folder: Path, index: int) -> Path:
     return folder / f"depth_{index:05d}.exr"
 
 
-def write_depth(path: Path, found: DepthMap, right: DepthMap | None = None) -> None:
+def inputs_of(folder: Path) -> dict[str, Any] | None:
+    """Return what the maps in a folder follow from; None where this package did not write its note."""
+    try:
+        found = json_of(read_text(folder / NOTE, VideoError).partition("\n")[0])
+    except (VideoError, ValueError):
+        return None
+    return found if isinstance(found, dict) and found.items() >= _MADE_BY.items() else None
+
+
+@contextmanager
+def own_maps(folder: Path, inputs: Mapping[str, Any], count: int, *, overwrite: bool) -> Iterator[WrittenFiles]:
+    """Yield the record of the maps of `count` frames in a folder, made if missing and locked.
+
+    inputs: what the maps follow from; those of the same stay. overwrite: maps that were written from other inputs are
+    removed. Raises `OutputExistsError` for these without it, and where files of others are in the way of any map: they
+    are never replaced.
+    """
+    made, note = {**_MADE_BY, **inputs}, folder / NOTE
+    with made_folder(folder), locked_work_folder(work_path(folder / "depth"), folder) as scratch:
+        # Refuse files of others, before anything is removed
+        before = inputs_of(folder)
+        record = WrittenFiles(note, folder, logs=[note] if before is not None else (), scratch=scratch)
+        maps = [depth_file(folder, index) for index in range(count)] if before else sorted(folder.glob("depth_*.exr"))
+        foreign = [path for path in [note] * (before is None) + maps if not record.may_replace(path)]
+        if foreign:
+            more = f" and {len(foreign) - 1} more" * (len(foreign) > 1)
+            raise OutputExistsError(
+                f"{folder} - holds files that this command did not make, or that were changed since (got "
+                f"{foreign[0].name}{more}) - move them, or name another folder"
+            )
+        # Say which of the inputs differ
+        if before is not None and before != made and not overwrite:
+            changed = ", ".join(
+                sorted(name for name in before.keys() | made.keys() if before.get(name) != made.get(name))
+            )
+            raise OutputExistsError(
+                f"{folder} - holds maps of another clip, track or width (got another {changed}) - name another folder, "
+                "or let its maps be removed and made again with --overwrite"
+            )
+        # Remove what was written from other inputs, and begin a new record
+        if before != made:
+            for path in record.others(()):
+                path.unlink()
+            write_whole(note, json.dumps(made) + "\n")
+            record = WrittenFiles(note, folder, scratch=scratch)
+        yield record
+
+
+def write_depth(path: Path, found: DepthMap, right: DepthMap | None = None, *, file: NewFile = whole_file) -> None:
     """Write a map as EXR: distances [m] in the channel Z, infinite where unknown, and confidences.
 
-    right: of the right eye of a stereo plate, in a part of its own; the other is then the left eye's.
+    right: of the right eye of a stereo plate, in a part of its own; the other is then the left eye's. file: opens the
+    temporary file.
     """
     parts = {"": found} if right is None else {LEFT: found, RIGHT: right}
     channels: dict[str, dict[str, NDArray[Any]]] = {
         name: {"Z": one.distance_m, CONFIDENCE: one.confidence.astype(np.float16)} for name, one in parts.items()
     }
-    write_exr(path, channels)
+    write_exr(path, channels, file=file)
 
 
 class DepthClip:
-    """Maps of a plate's frames in a folder: those of `mr360uw depth`, or others, the k-th by name for frame k.
+    """Maps of a plate's frames: those of `mr360uw depth` in a folder, or others, the k-th by number for frame k.
 
-    kind: "metric" for distances, "inverse" for their inverse, in files of other programs. scale_m: metres for the value
-    1; of PNG files 1 is white. Raises `VideoError`.
+    path: of the folder, or a pattern. kind: "metric" for distances, "inverse" for their inverse, in files of other
+    programs. scale_m: metres for the value 1; of PNG files 1 is white. size: (width, height) of the plate, whose shape
+    maps have, if not 2:1. Raises `VideoError` with a line for each problem.
     """
 
-    def __init__(self, folder: Path, kind: Kind = "metric", scale_m: float = 1.0) -> None:
-        self._folder, self._kind, self._scale = folder, kind, scale_m
-        self._files = sorted(path for path in folder.iterdir() if path.suffix.lower() in _SUFFIXES)
-        if not self._files:
-            raise VideoError(f"{folder} - holds no maps (got no .exr and no .png) - run mr360uw depth into it")
-        self._ours = (folder / NOTE).is_file()
-        self._read = CachedReads()
+    def __init__(self, path: Path, kind: Kind = "metric", scale_m: float = 1.0, size: tuple[int, int] = (2, 1)) -> None:
+        self._path, self._kind, self._scale = path, kind, scale_m
+        self._read, self._records = CachedReads(), CachedReads()
+        self._ours = path.is_dir() and inputs_of(path) is not None
+        series = MapSeries() if self._ours else map_series(path)
+        coloured: list[Path] = []
+        self._files, self._problems = series.files, list(series.problems)
+        if not self._ours:
+            problems, coloured = header_problems(series.files, size)
+            self._problems += problems
+        self._coloured = coloured
+        self.notes = series.notes + self._other_notes()
+
+    def _other_notes(self) -> tuple[str, ...]:
+        """Return lines on what of the settings or of the folder has no effect."""
+        if self._ours and (self._kind, self._scale) != ("metric", 1.0):
+            return (
+                f"plate.depth_kind, plate.depth_scale - change nothing (got {self._kind}, {self._scale:g}), as "
+                f"{self._path} is of mr360uw depth, in metres - leave them out",
+            )
+        if not self._ours and (self._path / NOTE).exists():
+            return (f"{self._path / NOTE} - is not of mr360uw depth, so that the maps beside it are taken for others'",)
+        return ()
 
     def check(self, stop: int) -> None:
-        """Raise `VideoError` if a map is missing up to the plate's frame `stop`."""
-        for index in range(stop):
-            self._file(index)
+        """Raise `VideoError` if a map is missing or does not fit, up to the plate's frame `stop`."""
+        self._raise([*self._problems, *self._missing(stop)])
+
+    def check_all(self, stop: int, count: int | None) -> None:
+        """Raise what `check` does, of maps that were changed or have colours too, and where they are more than frames.
+
+        count: frames of the plate, None if they are not known. Takes the time to read the files.
+        """
+        problems, held = [*self._problems, *self._missing(stop)], len(self._files)
+        if not self._ours and count is not None and held > count:
+            problems.append(
+                f"{self._path} - holds more maps than the plate has frames (got {held} for {count}) - remove those of "
+                "other frames"
+            )
+        for path in [depth_file(self._path, k) for k in range(stop)] if self._ours else self._coloured:
+            try:
+                if path.is_file():
+                    self._map(path)
+            except VideoError as error:
+                problems.append(str(error))
+        self._raise(problems)
+
+    def _missing(self, stop: int) -> list[str]:
+        """Return a line on the maps that are missing."""
+        if not self._ours:
+            return [] if stop <= len(self._files) or self._problems else [
+                f"{self._path} - has no map for frame {len(self._files)} (got {len(self._files)} files for {stop} "
+                "frames) - add the missing ones"
+            ]  # fmt: skip
+        missing = [path for k in range(stop) if not (path := depth_file(self._path, k)).is_file()]
+        more = f" ({len(missing)} of {stop} maps)"
+        return [f"{one} - is missing{more} - run the same mr360uw depth again, which fills gaps" for one in missing[:1]]
+
+    @staticmethod
+    def _raise(problems: list[str]) -> None:
+        if problems:
+            raise VideoError("\n".join(problems))
 
     @property
     def of_both_eyes(self) -> bool:
         """Whether the first map has a part for each eye."""
-        return self._ours and RIGHT in read_exr(self._files[0])
+        first = next(iter(sorted(self._path.glob("depth_*.exr"))), None) if self._ours else None
+        return first is not None and RIGHT in read_exr(first)
 
     def at(self, index: int, *, right: bool = False) -> DepthMap:
         """Return the map of a frame at its own size, the same object while its file is unchanged.
 
         right: that of the right eye, of files that hold both eyes'.
         """
-        file = self._file(index)
-        return self._read.of(_read_map, file, self._kind, self._scale, self._ours, right, keep=_APART)
+        self._raise([*self._problems, *(self._missing(index + 1) if not self._ours else ())])
+        return self._map(depth_file(self._path, index) if self._ours else self._files[index], right=right)
 
-    def _file(self, index: int) -> Path:
-        """Return the file of a frame."""
-        if self._ours:
-            path = depth_file(self._folder, index)
-            if path not in self._files:
-                raise VideoError(f"{path} - is missing - run the same mr360uw depth again, which fills gaps")
-            return path
-        if index >= len(self._files):
-            raise VideoError(
-                f"{self._folder} - has no map for frame {index} (got {len(self._files)} files) - add the missing ones"
-            )
-        return self._files[index]
+    def _map(self, path: Path, *, right: bool = False) -> DepthMap:
+        """Return the map in a file; raise `VideoError` where one of ours is not as it was written."""
+        if self._ours and not self._records.of(_record, self._path).has(path):
+            what = "is not as mr360uw depth wrote it" if path.is_file() else "is missing"
+            raise VideoError(f"{path} - {what} - run the same mr360uw depth again, which makes it anew")
+        return self._read.of(_read_map, path, self._kind, self._scale, self._ours, right, keep=_APART)
+
+
+def _record(folder: Path) -> WrittenFiles:
+    """Return the record of the maps that were written into a folder."""
+    note_read(folder / NOTE)
+    return WrittenFiles(folder / NOTE, folder, logs=[folder / NOTE])
 
 
 def _read_map(path: Path, kind: Kind, scale_m: float, ours: bool, right: bool) -> DepthMap:
-    """Return the map in a file. ours: written by `write_depth`; else kind and scale count. right: of two eyes."""
+    """Return the map in a file. ours: written by `write_depth`; else kind and scale count. right: of two eyes.
+
+    Raises `VideoError` where there are different values in its channels red, green and blue.
+    """
     confidence: Map | None = None
     if path.suffix.lower() == ".exr":
         parts = read_exr(path)
@@ -102,9 +214,9 @@ def _read_map(path: Path, kind: Kind, scale_m: float, ours: bool, right: bool) -
             parts = {name: part for name, part in parts.items() if (name == RIGHT) == right}
         channels = {name: array for part in parts.values() for name, array in part.items()}
         confidence = channels.get(CONFIDENCE)
-        values = channels["Z"] if "Z" in channels else read_rgb(path)[..., 0]
+        values = channels["Z"] if "Z" in channels else _grey(path, read_rgb(path))
     else:
-        codes = read_picture(path)[..., 1]
+        codes = _grey(path, read_picture(path))
         values = codes / np.float32(np.iinfo(codes.dtype).max)
     metres = np.asarray(values, np.float32)
     if not ours:
@@ -113,3 +225,12 @@ def _read_map(path: Path, kind: Kind, scale_m: float, ours: bool, right: bool) -
     known = np.isfinite(metres) & (metres > 0.0)
     sure = np.ones(metres.shape, np.float32) if confidence is None else np.asarray(confidence, np.float32)
     return DepthMap(np.where(known, metres, np.float32(np.inf)), np.where(known, sure, np.float32(0.0)))
+
+
+def _grey(path: Path, colours: NDArray[Any]) -> NDArray[Any]:
+    """Return the one value of pixels whose channels are the same (H, W, 3); raise `VideoError` where they are not."""
+    if any(not np.array_equal(colours[..., 0], colours[..., k], equal_nan=True) for k in (1, 2)):
+        raise VideoError(
+            f"{path} - is a picture in colours (got three different channels) - give distances, as grey or Z"
+        )
+    return colours[..., 0]

@@ -37,10 +37,17 @@ def sure_surfaces(found: DepthMap, picture: Map) -> PlateSurfaces:
 
 
 class PlateDepth:
-    """The distances of a plate, in step with its frames. right: whether its frames are those of the right eye."""
+    """The distances of a plate, in step with its frames, see `DepthClip`.
 
-    def __init__(self, folder: Path, kind: Kind = "metric", scale_m: float = 1.0, right: bool = False) -> None:
-        self._clip, self._right, self._kept = DepthClip(folder, kind, scale_m), right, Cache()
+    right: whether its frames are those of the right eye. notes: what there is to know about the maps.
+    """
+
+    def __init__(
+        self, path: Path, kind: Kind = "metric", scale_m: float = 1.0, right: bool = False,
+        size: tuple[int, int] = (2, 1),
+    ) -> None:  # fmt: skip
+        self._clip, self._right, self._kept = DepthClip(path, kind, scale_m, size), right, Cache()
+        self.notes = self._clip.notes
         self._ground, self._one_thread = CachedReads(), threading.RLock()
 
     @property
@@ -49,8 +56,13 @@ class PlateDepth:
         return self._clip.of_both_eyes
 
     def check(self, stop: int) -> None:
-        """Raise `VideoError` if a map is missing up to the plate's frame `stop`."""
+        """Raise `VideoError` if a map is missing or does not fit up to the plate's frame `stop`."""
         self._clip.check(stop)
+
+    def check_all(self, stop: int, count: int | None) -> None:
+        """Raise `VideoError` with all that `DepthClip.check_all` finds. count: frames of the plate."""
+        with self._one_thread:
+            self._clip.check_all(stop, count)
 
     def at(self, index: int, plate: VideoFrame, eye: int = 0) -> Map:
         """Return the sure distances (H, W) [m] of a frame: the same array for the same picture and map.

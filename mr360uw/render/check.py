@@ -87,7 +87,7 @@ class _Problems:
         except SceneError as error:
             self.lines |= dict.fromkeys(f"{error.where} {line}" for line in error.problems)
         except Mr360uwError as error:
-            self.lines[str(error)] = None
+            self.lines |= dict.fromkeys(str(error).splitlines())
         return None
 
 
@@ -99,18 +99,11 @@ def _check_other_clips(scene: Scene, video: VideoReader, frames: tuple[int, int 
     for holdout in scene.holdouts:
         found.of(partial(lambda one: Mattes([one], *size, scene.plate.eye).check(stop), holdout))
     if scene.plate.depth is not None:
-        found.of(lambda: _check_depth(scene, stop))
+        found.of(lambda: load_plate_depth(scene, size, CachedReads(), (stop, video.frame_count)))
     if (receiver := scene.receiver) is not None:
         found.of(lambda: ReceiverClip(receiver, *size, scene.plate.eye).check(stop))
     if scene.light.track is not None:
         found.of(lambda: first_pass(surroundings_over_time(scene)(0.0), video, measures=["sun"]))
-
-
-def _check_depth(scene: Scene, stop: int) -> None:
-    """Raise `VideoError` where the plate's depth has no map for one of the frames up to `stop`."""
-    depth = load_plate_depth(scene, CachedReads())
-    if depth is not None:
-        depth.check(stop)
 
 
 def _output(scene: Scene, video: VideoReader, out: Path | None, where: str) -> tuple[str, tuple[str, ...]]:

@@ -122,17 +122,25 @@ class Loaded:
             self.receiver.check(stop)
 
 
-def load_plate_depth(scene: Scene, reads: CachedReads) -> PlateDepth | None:
-    """Return the distances of a scene's plate; None where it names none.
+def load_plate_depth(
+    scene: Scene, size: tuple[int, int], reads: CachedReads, frames: tuple[int, int | None] | None = None
+) -> PlateDepth | None:
+    """Return the distances of a scene's plate of width x height; None where it names none.
 
-    Raises `SceneError` where the scene works on both eyes and the maps are of one.
+    frames: (stop, count) for all that `DepthClip.check_all` finds in the files, before a run.
+
+    Raises `SceneError` where the scene works on both eyes and the maps are of one, `VideoError` where they do not fit.
     """
     plate = scene.plate
     if plate.depth is None:
         return None
     from mr360uw.depth.occlusion import PlateDepth  # whose kernels most scenes have no use for
 
-    depth = reads.of(PlateDepth, plate.depth, plate.depth_kind, plate.depth_scale, plate.eye == "right")
+    depth = reads.of(PlateDepth, plate.depth, plate.depth_kind, plate.depth_scale, plate.eye == "right", size)
+    if frames is None:
+        depth.check(0)
+    else:
+        depth.check_all(*frames)
     if plate.eye == "both" and not depth.of_both_eyes:
         problem = (
             'plate.depth - is of one eye (got plate.eye = "both") - name one, or make maps of both with '
@@ -199,7 +207,7 @@ class Loader:
             receiver = reads.of(_receiver, scene.receiver, *self._size, scene.plate.eye)
             surroundings = load_surroundings(scene, reads, between) if frame is None else frame.surroundings
         medium, camera = surroundings.medium, surroundings.camera
-        plate_depth = load_plate_depth(scene, reads)
+        plate_depth = load_plate_depth(scene, (width, height), reads)
         still = receiver if scene.receiver is not None and scene.receiver.kind != "distance" else None
         ground = still.at(0) if still is not None else None
         afloat = (on_the_sea(one, scene.sea, scene.camera.depth_m) for one in loaded)
@@ -279,8 +287,8 @@ def _notes(
 ) -> tuple[str, ...]:
     found = dict.fromkeys(note for placed in objects for note in placed.notes)
     placed = placement_notes(scene, objects, camera, height)
-    of_floor = () if plate_depth is None else _floor_notes(scene, camera, plate_depth)
-    return (*found, *placed, *lamp_notes(scene, lamps, objects, camera), *_snow_notes(scene, height), *of_floor)
+    of_depth = () if plate_depth is None else (*plate_depth.notes, *_floor_notes(scene, camera, plate_depth))
+    return (*found, *placed, *lamp_notes(scene, lamps, objects, camera), *_snow_notes(scene, height), *of_depth)
 
 
 _FLOOR_OFF = 0.15

@@ -11,31 +11,16 @@ from pathlib import Path
 from typing import Any
 
 from mr360uw.reading.disk_cache import sources_stamp
+from mr360uw.reading.input_files import InputFile, input_file
 from mr360uw.reading.numbered_files import files_named
 from mr360uw.render.loaded import Loaded
 from mr360uw.scene.model import Scene, files_of
 from mr360uw.scene.toml_model import dotted
 
-_BLOCK = 1 << 20
-_BLOCKS = 16
-"""Blocks of a large file that are hashed, spread over it evenly: gigabytes are not read."""
 _FIRST_PASS = ("plate", "camera", "water", "light", "receiver", "sea", "caustics", "match")
 """Tables of a scene that the first pass depends on."""
 _JOINED = ("sound",)
 """Settings of the output that act when segments are joined."""
-
-
-@dataclass(frozen=True, slots=True)
-class InputFile:
-    """A file that a scene reads. digest: SHA-256 of its size and of its content, of large files of 16 blocks of it.
-
-    changed_ns: of large files the time of the last change of any of their data, which programs cannot set back; else 0.
-    """
-
-    path: Path
-    size: int
-    digest: str
-    changed_ns: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,19 +29,6 @@ class WorkKeys:
 
     first_pass: str
     pictures: str
-
-
-def input_file(path: Path) -> InputFile:
-    """Return a file's fingerprint; raise `OSError` where it cannot be read."""
-    stat = path.stat()
-    size = stat.st_size
-    found = hashlib.sha256(str(size).encode())
-    with path.open("rb") as file:
-        step = max(_BLOCK, (size - _BLOCK) // (_BLOCKS - 1))
-        for start in range(0, size, step):
-            file.seek(start)
-            found.update(file.read(_BLOCK))
-    return InputFile(path, size, found.hexdigest(), stat.st_ctime_ns if size > _BLOCKS * _BLOCK else 0)
 
 
 def input_fingerprints(loaded: Loaded) -> tuple[InputFile, ...]:

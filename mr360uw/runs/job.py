@@ -20,15 +20,17 @@ from mr360uw.render.backends import Backend, end_context, make_backend
 from mr360uw.render.frame import DrawnFrame, Frame, MeasuredPlate, blend_frame, draw_frame, measure_plate
 from mr360uw.render.loaded import Loaded, load
 from mr360uw.render.stages.light_stage import LightSamples
-from mr360uw.runs.work_folder import Part, PictureSink, SegmentSink, WorkFolder
+from mr360uw.runs.work_folder import Part, SegmentSink, WorkFolder
 from mr360uw.scene.inputs import open_plate
 from mr360uw.scene.model import Scene
 from mr360uw.steps import Steps
 from mr360uw.threads import Behind, in_flight, one_blas_thread, prefetch
 from mr360uw.video import VideoFrame, VideoReader, write_exr
 from mr360uw.video.read.projection import PICTURE_SUFFIXES
+from mr360uw.video.write.image_writer import ImageWriter
 from mr360uw.video.write.other_tracks import exr_attributes
 from mr360uw.video.write.writer import VideoWriter
+from mr360uw.written_files import WrittenFiles
 
 _WAITING = 2
 """Frames between two stages at most, beside those that are under way in each."""
@@ -130,9 +132,10 @@ class OpenJob:
         the clip. Each frame depends on what is loaded, the clip's analysis and the plate about it alone.
         """
         self._times = RunTimes()
-        drawing, blending, sink = self._cache(), self._cache(), self._sink(start)
+        files = self.job.work.files(start)
+        drawing, blending, sink = self._cache(), self._cache(), self._sink(files)
         behind: Behind[DrawnFrame] = Behind(
-            lambda drawn: self._write(drawn, sink, blending),
+            lambda drawn: self._write(drawn, sink, files, blending),
             _WAITING,
             last=end_context if self._on_device else lambda: None,
         )
@@ -189,7 +192,7 @@ class OpenJob:
             yield plate
             since = time.perf_counter()
 
-    def _write(self, drawn: DrawnFrame, sink: VideoWriter, cache: Cache) -> None:
+    def _write(self, drawn: DrawnFrame, sink: VideoWriter, files: WrittenFiles, cache: Cache) -> None:
         """Composite a frame and write it, and before it the file of its layers. cache: results of earlier frames."""
         times, since = self._times, time.perf_counter()
         frame = blend_frame(self.loaded, self._analysis, drawn, cache, on_device=self._on_device)
@@ -202,19 +205,17 @@ class OpenJob:
         if self.job.layers is not None and frame.variables is not None:
             parts, views = _layers(frame)
             file = numbered(self.job.layers, frame.plate.index)
-            # a folder beside the output is on the disk of layers that are beside it too
-            scratch = self.job.work.path if self.job.layers.parent == self.job.out.parent else None
             told = {"comments": RECIPE, "software": f"mr360uw {__version__}"}
             told |= exr_attributes(self.video, frame.plate.index)
-            write_exr(file, parts, attributes=told, views=views, folder=scratch)
+            write_exr(file, parts, attributes=told, views=views, file=files.file)
             since = times.add("layers", since)
         sink.write(frame.picture)
         times.add("encode", since)
 
-    def _sink(self, start: int) -> VideoWriter:
+    def _sink(self, files: WrittenFiles) -> VideoWriter:
         job = self.job
         if job.out.suffix.lower() in PICTURE_SUFFIXES:
-            return PictureSink(job.work, start, job.out, self.video)
+            return ImageWriter(job.out, self.video, overwrite=True, file=files.file)
         return SegmentSink(job.work, list(job.parts), self.video, job.scene.output)
 
 

@@ -5,15 +5,15 @@ from __future__ import annotations
 
 import shutil
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from mr360uw.errors import OutputExistsError, ParameterError, VideoError
-from mr360uw.output_gate import check_outputs, check_work_folder
+from mr360uw.output_gate import check_outputs, check_work_folder, work_path
 from mr360uw.reading.numbered_files import is_pattern, matching_files, numbered
 from mr360uw.runs.run_report import counted, is_report_of
-from mr360uw.runs.work_folder import Part, WorkFolder, segment_bounds, work_path
+from mr360uw.runs.work_folder import Part, WorkFolder, segment_bounds
 from mr360uw.scene.model import Scene, files_of
 from mr360uw.video import VideoReader, create_video
 from mr360uw.video.read.projection import PICTURE_SUFFIXES
@@ -88,39 +88,53 @@ class Output:
             )
         return segment_bounds(*self.span, 1)
 
-    def check_pictures(self, work: WorkFolder) -> None:
-        """Raise `OutputExistsError` where numbered files of the output or of its layers are there before the run."""
-        for pattern in (self.path, self.layers):
-            there = matching_files(pattern) if pattern is not None and is_pattern(pattern) else []
-            if there and not (work.resumed or self.overwrite):
-                raise OutputExistsError(f"{there[0][1]} - is there already - name another pattern, or give --overwrite")
+    def files(self, index: int) -> list[Path]:
+        """Return the files of a frame: its picture and its layers, as far as the output has them."""
+        pictures = [self.picture(index)] if self.is_pictures else []
+        return pictures + ([] if self.layers is None else [numbered(self.layers, index)])
 
     def left(self, work: WorkFolder, parts: list[Part]) -> tuple[Part, ...]:
-        """Return the parts that are not complete yet."""
-        if self.is_pictures:
-            done = {(k, k + 1) for k in work.pictures() if self.picture(k).exists()}
-        else:
-            done = {(segment.start, segment.stop) for segment in work.segments()}
+        """Return the parts that are not complete yet; raise `OutputExistsError` where files of others are in their way.
+
+        A part is complete while its segment and all pictures and layers of its frames are there as they were written.
+        """
+        files, wrong = work.files(), []
+        for pattern in (self.path, self.layers):
+            there = matching_files(pattern) if pattern is not None and is_pattern(pattern) else []
+            foreign = [path for _, path in there if not files.may_replace(path)]
+            more = f" and {len(foreign) - 1} more" * (len(foreign) > 1)
+            again = "no file of this run - name another pattern, or give --overwrite"
+            wrong += [f"{path}{more} - is there already, {again}" for path in foreign[:1]]
+        if wrong:
+            raise OutputExistsError("\n".join(wrong))
+        return self._lacking(work, parts, files.has)
+
+    def _lacking(self, work: WorkFolder, parts: list[Part], there: Callable[[Path], bool]) -> tuple[Part, ...]:
+        """Return the parts that lack a segment or a file. there: whether a file is."""
+        segments = parts if self.is_pictures else [(one.start, one.stop) for one in work.segments()]
+        done = [part for part in segments if all(there(file) for index in range(*part) for file in self.files(index))]
         return tuple(part for part in parts if part not in done)
 
     def complete(self, work: WorkFolder, parts: list[Part]) -> tuple[str, ...]:
-        """Join the segments of a video under its name; return what the output lacks of the plate, one line each."""
-        if self.is_pictures:
-            return create_video(self.path, self.video, overwrite=True).notes
-        wanted = set(parts)
-        segments = [segment for segment in work.segments() if (segment.start, segment.stop) in wanted]
-        if len(segments) < len(wanted):
+        """Join the segments of a video under its name; return what there is to know about the output, one line each."""
+        files, wanted = work.files(), set(parts)
+        if lacking := self._lacking(work, parts, files.is_there):
             raise VideoError(
-                f"{self.path} - finished parts were damaged before they could be joined (got {len(segments)} of "
-                f"{len(wanted)} whole) - the same command makes the others again"
+                f"{self.path} - finished parts were damaged before they could be joined, or removed (got "
+                f"{len(wanted) - len(lacking)} of {len(wanted)} whole) - the same command makes the others again"
             )
-        return self._join(segments, self.path, work.path, overwrite=self.overwrite)
+        others = files.others(file for index in range(*self.span) for file in self.files(index))
+        left = [f"{len(others)} files of a run that was stopped are no part of this one: {one}" for one in others[:1]]
+        if self.is_pictures:
+            return (*create_video(self.path, self.video, overwrite=True).notes, *left)
+        segments = [segment for segment in work.segments() if (segment.start, segment.stop) in wanted]
+        return (*self._join(segments, self.path, work.path, overwrite=self.overwrite), *left)
 
     def finished_part(self, work: WorkFolder) -> str:
         """Make what is finished of a run that failed playable; return a line on where it is, or "" for nothing."""
         start = self.span[0]
         if self.is_pictures:
-            count = len(work.pictures())
+            count = len(self.written(work)[0])
             return (
                 f"finished: {counted(count)}, as {self.path} - the same command does not make them again"
                 if count
@@ -137,6 +151,15 @@ class Output:
         except VideoError as error:
             return f"finished: {counted(count)}, kept in {work.path} - {again} (they cannot be joined yet: {error})"
         return f"finished: frames {start}:{start + count} ({counted(count)}), playable as {path} - {again}"
+
+    def written(self, work: WorkFolder) -> tuple[list[int], int]:
+        """Return the frames that are complete, and the bytes of them all."""
+        files = work.files()
+        segments = [] if self.is_pictures else work.segments()
+        done = range(*self.span) if self.is_pictures else (k for one in segments for k in range(one.start, one.stop))
+        frames = sorted({index for index in done if all(files.is_there(file) for file in self.files(index))})
+        sizes = [files.size(file) or 0 for index in frames for file in self.files(index)]
+        return frames, sum(sizes) + sum(int(one.packets[:, 3].sum()) for one in segments)
 
     def _join(self, segments: list[Segment], path: Path, folder: Path, *, overwrite: bool) -> tuple[str, ...]:
         from mr360uw.video.write.container_writer import ContainerWriter
@@ -189,15 +212,15 @@ def forecaster(tell: Callable[[str], None], output: Output, work: WorkFolder, le
         seconds = time.perf_counter() - began
         if told or seconds < _MEASURED_S:
             return
-        written, frames = _written(output, work)
-        if frames == 0:
+        frames, written = output.written(work)
+        if not frames:
             return
         told, rate = True, (done - 1) / seconds
         if (left - done) / rate >= _LONG_S:
             total = output.span[1] - output.span[0]
             # segments and the file that they are joined into lie side by side at the end
             copies = 1 if output.is_pictures else 2
-            size = written / frames * total
+            size = written / len(frames) * total
             free = shutil.disk_usage(work.path).free
             tell(forecast_line(left - done, rate, size, copies * size - written, free))
 
@@ -209,25 +232,6 @@ def forecast_line(left: int, rate: float, size: float, needed: float, free: floa
     space = f"needs {_bytes(needed)} more while it is made"
     space += f", and only {_bytes(free)} are free" if needed > free else f" ({_bytes(free)} are free)"
     return f"about {_duration(left / rate)} for {left} frames at {rate:.2g} frames/s; writes {_bytes(size)}, {space}"
-
-
-def _written(output: Output, work: WorkFolder) -> tuple[int, int]:
-    """Return the bytes of the frames that are complete, and their number."""
-    layers = output.layers
-    if output.is_pictures:
-        done = work.pictures()
-        files = [output.picture(index) for index in done]
-    else:
-        segments = work.segments()
-        files = [segment.data for segment in segments]
-        done = {index for segment in segments for index in range(segment.start, segment.stop)}
-    if layers is not None:
-        files += [numbered(layers, index) for index in done]
-    return _total(files), len(done)
-
-
-def _total(files: Iterable[Path]) -> int:
-    return sum(file.stat().st_size for file in files if file.exists())
 
 
 def _bytes(size: float) -> str:

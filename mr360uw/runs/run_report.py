@@ -12,10 +12,9 @@ from typing import Any
 from mr360uw.errors import OutputError
 from mr360uw.files import write_whole
 from mr360uw.output_gate import check_outputs
-from mr360uw.reading.input_files import read_json
+from mr360uw.reading.input_files import InputFile, read_json
 from mr360uw.reading.numbered_files import without_number
 from mr360uw.render.plan import Plan
-from mr360uw.runs.fingerprint import InputFile
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,26 +7,35 @@ from __future__ import annotations
 
 import itertools
 import json
-import re
+import secrets
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from filelock import FileLock, Timeout
+from filelock import Timeout
 
-from mr360uw.errors import OutputError, OutputExistsError, VideoError
+from mr360uw.errors import OutputError, VideoError
 from mr360uw.files import write_whole
-from mr360uw.output_gate import MARKER, is_work_folder, make_work_folder, remove_work_folder
+from mr360uw.output_gate import (
+    LOCK,
+    MARKER,
+    SUFFIX,
+    is_work_folder,
+    locked_work_folder,
+    remove_work_folder,
+    work_lock,
+    work_path,
+)
 from mr360uw.reading.input_files import read_json
 from mr360uw.render.first_pass import ClipAnalysis
 from mr360uw.runs.fingerprint import WorkKeys
 from mr360uw.runs.stored_analysis import load_analysis, save_analysis
 from mr360uw.video import Clip, EncodeSettings, VideoFrame
-from mr360uw.video.write.image_writer import ImageWriter
 from mr360uw.video.write.segment import Segment, SegmentWriter, stored_segments
 from mr360uw.video.write.writer import VideoWriter
+from mr360uw.written_files import WrittenFiles
 
 Part = tuple[int, int]
 """Frames [start, stop) of a clip."""
@@ -79,45 +88,21 @@ class SegmentSink(VideoWriter):
             self._writer.abort()
 
 
-class PictureSink(VideoWriter):
-    """Frames of a range from `start` on as pictures under their own names."""
-
-    def __init__(self, work: WorkFolder, start: int, pattern: Path, like: Clip) -> None:
-        self.path = pattern
-        self._work, self._start = work, start
-        self._writer = ImageWriter(pattern, like, overwrite=True, folder=work.path)
-
-    def write(self, frame: VideoFrame) -> None:
-        """Write the frame's picture."""
-        self._writer.write(frame)
-        self._work.add_picture(frame.index, self._start)
-
-    def finish(self) -> None:
-        """Nothing is left to do: every picture is complete."""
-
-    def abort(self) -> None:
-        """Nothing is left to remove: every picture is complete."""
-
-
-SUFFIX = ".mr360uw"
-"""Ending of the folder's name, after the whole name of the output."""
-_PICTURE = re.compile(r"^(\d+);", re.MULTILINE)
-"""Line of a finished picture: what was cut off by a kill has no end, and the next line begins anew."""
-_LOCK, _KEYS, _ANALYSIS, _PICTURES = "lock", "run.json", "analysis.npz", "pictures"
+_KEYS, _ANALYSIS, _WRITTEN, _EARLIER = "run.json", "analysis.npz", "written-", "earlier-"
 
 
 @dataclass(frozen=True, slots=True)
 class WorkFolder:
     """Work of one run, or of a killed one that it continues.
 
-    keys: what it depends on. notes: what of it was kept or is done again. resumed: whether a run to this output was
-    killed before; then pictures that are there may be its own.
+    keys: what it depends on. notes: what of it was kept or is done again. overwrite: whether files of others may be
+    replaced.
     """
 
     path: Path
     keys: WorkKeys
-    resumed: bool
-    notes: tuple[str, ...]
+    notes: tuple[str, ...] = ()
+    overwrite: bool = False
 
     def analysis(self) -> ClipAnalysis | None:
         """Return the stored analysis of the clip, or None."""
@@ -131,53 +116,28 @@ class WorkFolder:
         """Return the complete segments by their first frame."""
         return stored_segments(self.path)
 
-    def pictures(self) -> set[int]:
-        """Return the indices of the frames whose pictures are complete."""
-        done: set[int] = set()
-        for file in self.path.glob(f"{_PICTURES}-*"):
-            done.update(int(number) for number in _PICTURE.findall(file.read_text("ascii", "replace")))
-        return done
-
-    def add_picture(self, index: int, start: int) -> None:
-        """Note that the pictures of frame `index` are complete; start: first frame of the range, which has a file."""
-        with (self.path / f"{_PICTURES}-{start}").open("a", encoding="ascii") as file:
-            file.write(f"\n{index};")
-
-
-def work_path(out: Path) -> Path:
-    """Return the name of an output's work folder."""
-    return out.with_name(out.name + SUFFIX)
+    def files(self, start: int = 0) -> WrittenFiles:
+        """Return the record of pictures and layers. start: first frame of the range that writes, which has a log."""
+        logs, earlier = (sorted(self.path.glob(f"{kind}*")) for kind in (_WRITTEN, _EARLIER))
+        return WrittenFiles(
+            self.path / f"{_WRITTEN}{start}", self.path.parent, logs=logs, earlier=earlier, scratch=self.path,
+            overwrite=self.overwrite,
+        )  # fmt: skip
 
 
 @contextmanager
-def work_folder(out: Path, keys: WorkKeys, *, fresh: bool = False) -> Iterator[WorkFolder]:
+def work_folder(out: Path, keys: WorkKeys, *, fresh: bool = False, overwrite: bool = False) -> Iterator[WorkFolder]:
     """Yield an output's work folder, locked; it is removed at the end, or kept where an exception leaves work to reuse.
 
-    fresh: nothing of an earlier run is used. Raises `OutputExistsError` where another run holds it, `OutputError` where
-    the name is that of something else, and `OSError`.
+    fresh: nothing of an earlier run is used. overwrite: files of others may be replaced. Raises `OutputExistsError` if
+    another run holds it, `OutputError` where the name is that of something else, and `OSError`.
     """
-    path = work_path(out)
-    make_work_folder(path)
-    lock = FileLock(path / _LOCK)
-    try:
-        lock.acquire(timeout=0)
-    except Timeout:
-        raise OutputExistsError(
-            f"{out} - another run is writing it (its work lies in {path.name}) - wait for it, or name another output"
-        ) from None
-    done = False
-    try:
-        yield WorkFolder(path, keys, *_continued(path, keys, fresh=fresh))
-        done = True
-    finally:
-        keeps = not done and _has_work(path)
-        lock.release()
-        if not keeps:
-            remove_work_folder(path)
+    with locked_work_folder(work_path(out), out, _has_work) as path:
+        yield WorkFolder(path, keys, _continued(path, keys, fresh=fresh), overwrite)
 
 
-def _continued(path: Path, keys: WorkKeys, *, fresh: bool) -> tuple[bool, tuple[str, ...]]:
-    """Remove what does not fit the keys; return whether there was work of an earlier run, and notes about it."""
+def _continued(path: Path, keys: WorkKeys, *, fresh: bool) -> tuple[str, ...]:
+    """Remove what does not fit the keys, but for the names of files that were written; return notes about it."""
     before = _stored_keys(path)
     notes = []
     same_pass = not fresh and before.get("first_pass") == keys.first_pass
@@ -186,20 +146,22 @@ def _continued(path: Path, keys: WorkKeys, *, fresh: bool) -> tuple[bool, tuple[
         kept = "the first pass is kept" if same_pass else "the first pass too"
         notes.append(f"the scene changed since the run that was stopped: its frames are made again, {kept}")
     for file in path.iterdir():
-        keeps = file.name in (_LOCK, MARKER) or (same_pass if file.name == _ANALYSIS else same_pictures)
-        if not keeps or ".part" in file.name:
+        keeps = file.name in (LOCK, MARKER) or (same_pass if file.name == _ANALYSIS else same_pictures)
+        if file.name.startswith(_WRITTEN) and not keeps:
+            file.rename(path / f"{_EARLIER}{secrets.token_hex(4)}")
+        elif not (keeps or file.name.startswith(_EARLIER)):
             file.unlink()
     write_whole(path / _KEYS, json.dumps(asdict(keys), indent=2) + "\n")
-    return bool(before), tuple(notes)
+    return tuple(notes)
 
 
 def _has_work(path: Path) -> bool:
-    """Return whether a folder holds segments, pictures or measured analysis."""
+    """Return whether a folder holds segments, notes of files that were written, or a measured analysis."""
     analysis = load_analysis(path / _ANALYSIS)
     measured = analysis is not None and any(
         one is not None for one in (analysis.sun, analysis.gain, analysis.background)
     )
-    return measured or bool(stored_segments(path)) or any(path.glob(f"{_PICTURES}-*"))
+    return measured or bool(stored_segments(path)) or any(path.glob(f"{_WRITTEN}*")) or any(path.glob(f"{_EARLIER}*"))
 
 
 def _stored_keys(path: Path) -> dict[str, Any]:
@@ -223,7 +185,7 @@ def remove_stale(where: Path, *, dry_run: bool) -> list[str]:
 
 def stale_notes(where: Path) -> list[str]:
     """Return a line for each folder of finished parts that a stopped run left in a folder."""
-    advice = "the same composite command goes on, mr360uw clean removes them"
+    advice = "the same command goes on, mr360uw clean removes them"
     return [
         f"note      {path} - holds finished parts of a run that was stopped - {advice}" for path in stale_work(where)
     ]
@@ -234,9 +196,8 @@ def stale_work(where: Path) -> list[Path]:
     found = []
     for path in sorted(where.glob(f"*{SUFFIX}")):
         if is_work_folder(path):
-            lock = FileLock(path / _LOCK)
             try:
-                with lock.acquire(timeout=0):
+                with work_lock(path).acquire(timeout=0):
                     found.append(path)
             except Timeout:
                 continue

@@ -65,7 +65,7 @@ class PlateSettings(Parameters):
     )
     depth: Path | None = parameter(
         None,
-        "folder of distance maps, of `mr360uw depth` or others: what is nearer hides bodies, and shadows fall on it",
+        "folder of distance maps, or a pattern, of `mr360uw depth` or others: it hides bodies, and shadows fall on it",
     )
     depth_kind: Literal["metric", "inverse"] = advanced(
         "metric", "of maps made elsewhere: distances, or their inverse as networks give it"

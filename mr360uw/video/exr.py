@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.errors import VideoError
-from mr360uw.files import whole_file
+from mr360uw.files import NewFile, whole_file
 from mr360uw.reading.input_files import unreadable
 from mr360uw.reading.limits import DATA, PICTURE
 from mr360uw.shapes import checked
@@ -35,19 +35,23 @@ _ROWS = {0: 1, 1: 1, 2: 1, 3: 16, 4: 32, 5: 16, 6: 32, 7: 32, 8: 32, 9: 256}
 
 
 @dataclass(frozen=True, slots=True)
-class _Part:
-    """Size of a part's data window, and its chunks: their number (0: not known), and whether they are tiles."""
+class ExrPart:
+    """Size of a part's data window and names of its channels.
+
+    chunks: their number (0: not known), tiled: whether they are tiles. whole: whether the data window is the frame.
+    """
 
     width: int
     height: int
-    channels: int
+    channels: tuple[str, ...]
     chunks: int
     tiled: bool
     deep: bool
+    whole: bool
 
 
-def check_exr(path: Path) -> None:
-    """Raise `VideoError` where a file is no EXR, too large, cut short, or holds deep samples."""
+def check_exr(path: Path) -> list[ExrPart]:
+    """Return a file's parts; raise `VideoError` where it is no EXR, too large, cut short, or holds deep samples."""
     if reason := unreadable(path):
         raise VideoError(f"{path} - {reason}")
     try:
@@ -56,21 +60,22 @@ def check_exr(path: Path) -> None:
             _check_sizes(path, parts)
             if not _complete(file, parts, table):
                 raise VideoError(f"{path} - is cut short or damaged (chunks are missing) - copy or write it again")
+            return parts
     except (struct.error, ValueError, KeyError, OSError) as error:
         what = getattr(error, "strerror", None) or "a broken header"
         raise VideoError(f"{path} - is not an EXR file that can be read (got {what}) - write it again") from error
 
 
-def _check_sizes(path: Path, parts: list[_Part]) -> None:
+def _check_sizes(path: Path, parts: list[ExrPart]) -> None:
     for part in parts:
         if part.deep:
             raise VideoError(f"{path} - holds deep samples, several to a pixel - write it flattened")
         PICTURE.check(str(path), part.width * part.height, VideoError)
-    unpacked = sum(part.width * part.height * part.channels for part in parts) * _SAMPLE_BYTES
+    unpacked = sum(part.width * part.height * len(part.channels) for part in parts) * _SAMPLE_BYTES
     DATA.check(str(path), unpacked, VideoError)
 
 
-def _parts(head: bytes) -> tuple[list[_Part], int]:
+def _parts(head: bytes) -> tuple[list[ExrPart], int]:
     """Return the parts of a file, and where the table of their chunks begins."""
     magic, version = struct.unpack_from("<II", head)
     if magic != _MAGIC:
@@ -99,7 +104,7 @@ def _attributes(head: bytes, at: int) -> tuple[dict[bytes, bytes], int]:
     return found, at + 1
 
 
-def _part(attributes: dict[bytes, bytes], version: int) -> _Part:
+def _part(attributes: dict[bytes, bytes], version: int) -> ExrPart:
     left, top, right, bottom = struct.unpack("<4i", attributes[b"dataWindow"])
     width, height = right - left + 1, bottom - top + 1
     if width < 1 or height < 1:
@@ -111,19 +116,21 @@ def _part(attributes: dict[bytes, bytes], version: int) -> _Part:
     if b"chunkCount" in attributes:
         (chunks,) = struct.unpack("<i", attributes[b"chunkCount"])
     deep = kind.startswith(b"deep") or bool(version & _DEEP)
-    return _Part(width, height, _channels(attributes[b"channels"]), chunks, tiled, deep)
+    whole = attributes.get(b"displayWindow", attributes[b"dataWindow"]) == attributes[b"dataWindow"]
+    return ExrPart(width, height, _channels(attributes[b"channels"]), chunks, tiled, deep, whole)
 
 
-def _channels(data: bytes) -> int:
-    """Return the number of channels in a list of them: a name, and 16 bytes about it."""
-    count, at = 0, 0
+def _channels(data: bytes) -> tuple[str, ...]:
+    """Return the names of channels in a list of them: a name, and 16 bytes about it."""
+    names, at = [], 0
     while data[at : at + 1] != b"\0":
-        at = data.index(b"\0", at) + 17
-        count += 1
-    return count
+        end = data.index(b"\0", at)
+        names.append(data[at:end].decode("utf-8", "replace"))
+        at = end + 17
+    return tuple(names)
 
 
-def _complete(file: BinaryIO, parts: list[_Part], table: int) -> bool:
+def _complete(file: BinaryIO, parts: list[ExrPart], table: int) -> bool:
     """Return whether every chunk begins, and the last one ends, within the file; True where they are not counted."""
     count = sum(part.chunks for part in parts)
     if any(part.chunks < 1 for part in parts):
@@ -241,7 +248,7 @@ def write_exr(
     origin: tuple[int, int] = (0, 0),
     attributes: Mapping[str, Any] | None = None,
     views: Mapping[str, str] | None = None,
-    folder: Path | None = None,
+    file: NewFile = whole_file,
 ) -> None:
     """Write one or more parts as an OpenEXR file, by a temporary name and a rename.
 
@@ -249,7 +256,7 @@ def write_exr(
     as float. latlong: mark it as a latitude-longitude environment map. full_size: (width, height) of the frame
     that the arrays are a window of, whose top left pixel is `origin` = (column, row); by default the arrays are the
     frame. attributes: more header entries (numbers, strings). views: of parts that show
-    what one eye sees, "left" or "right". folder: of the temporary file; default: that of `path`.
+    what one eye sees, "left" or "right". file: opens the temporary file.
     """
     import OpenEXR
 
@@ -284,7 +291,7 @@ def write_exr(
             own["displayWindow"] = (np.zeros(2, np.int32), np.array(full_size, np.int32) - 1)
         made.append(OpenEXR.Part(own, arrays, name) if name else OpenEXR.Part(own, arrays))
     try:
-        with whole_file(path, folder=folder) as part:
+        with file(path) as part:
             OpenEXR.File(made).write(str(part))
     except (RuntimeError, ValueError, OSError) as error:
         raise VideoError(

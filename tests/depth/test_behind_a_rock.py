@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 
 import mr360uw as uw
-from mr360uw.depth.depth_files import NOTE, depth_file, write_depth
 from mr360uw.depth.sphere_stereo import DepthMap
 from mr360uw.sphere import directions
 from mr360uw.types import Floats
 from tests.depth import tolerances
+from tests.depth.own_maps import write_own_maps
 from tests.scenes import BACKENDS, scene_with
 
 WIDTH, FINER, FRAMES = 512, 4, 4
@@ -45,11 +45,8 @@ def plate(frame: int) -> Floats:
 
 def maps(folder: Path, width: int) -> Path:
     """Write maps of the rock, those of small ones as the middle of each pixel has it."""
-    folder.mkdir()
-    (folder / NOTE).touch()
-    for k in range(FRAMES):
-        far = rock(width).astype(np.float32)
-        write_depth(depth_file(folder, k), DepthMap(far, np.isfinite(far).astype(np.float32)))
+    far = rock(width).astype(np.float32)
+    write_own_maps(folder, {k: (DepthMap(far, np.isfinite(far).astype(np.float32)),) for k in range(FRAMES)})
     return folder
 
 

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import cv2
@@ -118,3 +119,87 @@ def test_shots_of_a_cut_clip_have_tracks_of_their_own(
     assert "without a pose" in str(report)
     last = next(iter(read_exr(tmp_path / "depth" / f"depth_{FRAMES - 1:05d}.exr").values()))
     assert not np.any(last["confidence"])
+
+
+@pytest.fixture
+def small(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(clip_depth, "LEAST_WIDTH", WIDTH)
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    return {one.name: one.read_bytes() for one in folder.iterdir()}
+
+
+@pytest.mark.usefixtures("small")
+@pytest.mark.parametrize("content", ["{}", "", '{"method": "distances 3"}\n', '["depth"]', "\0"])
+def test_a_note_of_others_is_not_replaced(tmp_path: Path, clip: Path, content: str) -> None:
+    (tmp_path / "depth.json").write_text(content)
+    for overwrite in (False, True):
+        with pytest.raises(OutputExistsError, match=r"did not make.*got depth.json"):
+            uw.depth_of_clip(clip, tmp_path, track=clip.parent / "track.csv", width=WIDTH, overwrite=overwrite)
+    assert contents(tmp_path) == {"depth.json": content.encode()}
+
+
+@pytest.mark.usefixtures("small")
+def test_a_run_knows_its_own_maps_by_their_content(tmp_path: Path, clip: Path, scene: HazyScene) -> None:
+    """Cut maps are made again, and those of others are neither kept as finished, nor replaced, nor removed."""
+    track, out = clip.parent / "track.csv", tmp_path / "depth"
+    uw.depth_of_clip(clip, out, track=track, width=WIDTH)
+    before = contents(out)
+    names = sorted(name for name in before if name.endswith(".exr"))
+    (out / names[1]).write_bytes(b"")
+    (out / names[2]).write_bytes(before[names[2]][:2000])
+    again = uw.depth_of_clip(clip, out, track=track, width=WIDTH)
+    assert (again.written, again.kept) == (2, FRAMES - 2)
+    assert {name: contents(out)[name] for name in names} == {name: before[name] for name in names}
+
+    mine = before[names[4]][:-1] + b"mine"
+    (out / names[3]).write_bytes(mine)
+    for overwrite in (False, True):
+        with pytest.raises(OutputExistsError, match=f"changed since .got {names[3]}"):
+            uw.depth_of_clip(clip, out, track=track, width=WIDTH, overwrite=overwrite)
+    assert (out / names[3]).read_bytes() == mine
+    (out / names[3]).write_bytes(before[names[3]])
+
+    for name in ("depth_99999.exr", "depth_mine.exr", "notes.txt"):
+        (out / name).write_text("mine")
+    other = tmp_path / "other.csv"
+    write_track(other, [(2.0 * place, turn) for place, turn in map(scene.pose, np.arange(FRAMES) * SLOW / RATE)])
+    with pytest.raises(OutputExistsError, match="got another track"):
+        uw.depth_of_clip(clip, out, track=other, width=WIDTH)
+    assert uw.depth_of_clip(clip, out, track=other, width=WIDTH, overwrite=True).written == FRAMES
+    after = contents(out)
+    assert set(after) == {*before, "depth_99999.exr", "depth_mine.exr", "notes.txt"}
+    assert {after[name] for name in set(after) - set(before)} == {b"mine"}
+    assert all(after[name] != before[name] for name in names)
+
+
+@pytest.mark.usefixtures("small")
+def test_a_clip_is_known_by_its_content(tmp_path: Path, clip: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Touched, named by a relative path or a link, or moved, it is the same clip; with one other byte it is not."""
+    for k in range(3):
+        (tmp_path / f"p_{k:04d}.png").write_bytes((clip.parent / f"plate_{k:04d}.png").read_bytes())
+    track, out = clip.parent / "track.csv", tmp_path / "maps"
+    assert uw.depth_of_clip(tmp_path / "p_%04d.png", out, track=track, width=WIDTH).written == 3
+    os.utime(tmp_path / "p_0001.png", (1.0, 1.0))
+    (tmp_path / "link").symlink_to(tmp_path, target_is_directory=True)
+    monkeypatch.chdir(tmp_path)
+    for name in (tmp_path / "p_%04d.png", "p_%04d.png", "p_####.png", "./link/p_%04d.png"):
+        assert uw.depth_of_clip(name, out, track=track, width=WIDTH).kept == 3
+    (tmp_path / "p_0001.png").write_bytes((tmp_path / "p_0000.png").read_bytes())
+    with pytest.raises(OutputExistsError, match="got another clip"):
+        uw.depth_of_clip("p_%04d.png", out, track=track, width=WIDTH)
+
+
+@pytest.mark.usefixtures("small")
+def test_two_runs_into_one_folder_are_refused(tmp_path: Path, clip: Path) -> None:
+    refused: list[str] = []
+
+    def again(done: int, _total: int | None) -> None:
+        if done == 1 and not refused:
+            with pytest.raises(OutputExistsError, match="another run is writing it") as error:
+                uw.depth_of_clip(clip, tmp_path / "maps", track=clip.parent / "track.csv", width=WIDTH)
+            refused.append(str(error.value))
+
+    uw.depth_of_clip(clip, tmp_path / "maps", track=clip.parent / "track.csv", width=WIDTH, progress=again)
+    assert refused

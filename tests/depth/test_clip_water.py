@@ -13,7 +13,6 @@ from typer.testing import CliRunner
 import mr360uw as uw
 from mr360uw.cli import app
 from mr360uw.color import encode
-from mr360uw.depth.depth_files import NOTE, depth_file, write_depth
 from mr360uw.depth.seen_places import LitFrame, seen_places
 from mr360uw.depth.sphere_stereo import DepthMap
 from mr360uw.errors import ParameterError
@@ -22,6 +21,7 @@ from mr360uw.medium.fit.water_by_distance import SeenPlaces, water_by_distance
 from mr360uw.sphere import directions
 from tests.depth import tolerances
 from tests.depth.hazy_scene import HazyScene
+from tests.depth.own_maps import write_own_maps
 from tests.depth.test_clip_depth import write_track
 from tests.depth.wet_dive import DEPTH_M, WetDive, medium
 
@@ -76,27 +76,29 @@ def test_a_clip_that_does_not_tell_says_so() -> None:
     assert "vary enough, by 1.10 at the median" in still.problem
     assert still.overrides == []
     assert "does not tell its water" in str(still)
+    assert not any(word in str(still).lower() for word in ("nan", "type", "jerlov", "attenuation"))
+    assert still.water_type is None
     wild = water_by_distance(places("IB", farther=1.3, caustics=1.2, count=80)[0])
     assert "uncertain by more than a factor" in wild.problem
+    assert "nearest type" not in str(wild)
 
 
 @pytest.fixture(scope="module")
 def clip(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A clip of a dive with its maps and its track."""
     folder = tmp_path_factory.mktemp("water")
-    (folder / "depth").mkdir()
-    (folder / "depth" / NOTE).touch()
-    for k, frame in enumerate(DIVE.frames(SECONDS, FRAMES)):
+    frames = DIVE.frames(SECONDS, FRAMES)
+    for k, frame in enumerate(frames):
         codes = np.round(255.0 * encode(frame.image, "srgb")).astype(np.uint8)
         cv2.imwrite(str(folder / f"plate_{k:04d}.png"), codes[..., ::-1])
-        write_depth(depth_file(folder / "depth", k), frame.found)
+    write_own_maps(folder / "depth", {k: (frame.found,) for k, frame in enumerate(frames)})
     write_track(folder / "track.csv", [DIVE.scene.pose(t) for t in np.linspace(0.0, SECONDS, FRAMES)])
     return folder
 
 
 def test_the_files_of_a_clip_tell_its_water(clip: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("mr360uw.depth.clip_depth.LEAST_WIDTH", WIDTH)
-    monkeypatch.setattr("mr360uw.depth.clip_depth.check_note", lambda *_, **__: None)
+    monkeypatch.setattr("mr360uw.depth.clip_depth._inputs", lambda *_: {"made_from": "a test"})
     found: list[by_distance.WaterByDistance] = []
     monkeypatch.setattr(
         "mr360uw.depth.clip_water.water_by_distance", lambda seen: found.append(water_by_distance(seen)) or found[-1]

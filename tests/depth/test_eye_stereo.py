@@ -13,13 +13,14 @@ from typer.testing import CliRunner
 import mr360uw as uw
 from mr360uw.cli import app
 from mr360uw.depth import clip_eyes
-from mr360uw.depth.depth_files import NOTE, DepthClip, depth_file, write_depth
+from mr360uw.depth.depth_files import DepthClip
 from mr360uw.depth.eye_stereo import eye_distances
 from mr360uw.depth.sphere_stereo import DepthMap
 from mr360uw.errors import ParameterError
 from mr360uw.sphere import directions
 from mr360uw.types.frames import ray_starts
 from tests.depth import tolerances
+from tests.depth.own_maps import write_own_maps
 from tests.depth.test_occlusion import BODY_M, SIZE
 from tests.scenes import scene_with
 from tests.test_stereo import two_eyes
@@ -80,11 +81,9 @@ def test_a_stereo_picture_gets_the_maps_of_both_eyes(tmp_path: Path, monkeypatch
 
 def test_a_body_is_hidden_in_the_eye_that_sees_something_nearer(tmp_path: Path, whale: Path) -> None:
     folder = tmp_path / "depth"
-    folder.mkdir()
-    (folder / NOTE).touch()
     shape = SIZE[::-1]
     near, far = (DepthMap(np.full(shape, m, np.float32), np.ones(shape, np.float32)) for m in (0.5 * BODY_M, 9.0))
-    write_depth(depth_file(folder, 0), near, far)
+    write_own_maps(folder, {0: (near, far)})
     plate = two_eyes(tmp_path / "pair.png", *SIZE)
     scene = scene_with(
         tmp_path, whale, plate={"path": str(plate), "eye": "both", "depth": str(folder)}, water={"type": "none"}

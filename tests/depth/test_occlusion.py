@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import mr360uw as uw
-from mr360uw.depth.depth_files import NOTE, DepthClip, depth_file, write_depth
+from mr360uw.depth.depth_files import DepthClip
 from mr360uw.depth.enlarging import enlarged
 from mr360uw.depth.occlusion import sure_surfaces
 from mr360uw.depth.sphere_stereo import DepthMap
@@ -20,6 +20,7 @@ from mr360uw.scene.model import Scene
 from mr360uw.types import Floats
 from mr360uw.video.exr import write_exr
 from tests.depth import tolerances
+from tests.depth.own_maps import write_own_maps
 from tests.scenes import BACKENDS, gradient_plate, scene_with
 
 SIZE = (128, 64)
@@ -27,11 +28,9 @@ BODY_M = 3.0
 
 
 def maps(folder: Path, distance_m: Floats, confidence: float = 1.0) -> Path:
-    folder.mkdir()
     shape = SIZE[::-1]
     sure = np.full(shape, confidence, np.float32)
-    (folder / NOTE).touch()
-    write_depth(depth_file(folder, 0), DepthMap(np.broadcast_to(distance_m, shape).astype(np.float32), sure))
+    write_own_maps(folder, {0: (DepthMap(np.broadcast_to(distance_m, shape).astype(np.float32), sure),)})
     return folder
 
 

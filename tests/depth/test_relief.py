@@ -13,13 +13,13 @@ import pytest
 import mr360uw as uw
 from mr360uw.composite.receiver.distance_map import touching_planes
 from mr360uw.composite.shot import Receiver
-from mr360uw.depth.depth_files import NOTE, depth_file, write_depth
 from mr360uw.depth.relief import MOST_COLUMNS, OFF, on_relief
 from mr360uw.depth.sphere_stereo import DepthMap
 from mr360uw.render.loaded import load
 from mr360uw.sphere import directions, unit
 from mr360uw.types import Floats, View
 from tests.depth import tolerances
+from tests.depth.own_maps import write_own_maps
 from tests.scenes import BACKENDS, scene_with
 
 WIDTH, FLOOR_Y, FAR_M = 512, -1.5, 12.0
@@ -135,10 +135,8 @@ def test_a_shadow_falls_on_the_rock(backend: str, tmp_path: Path, whale: Path, r
     corners = triangles()
     trimesh.Trimesh(corners.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3), process=False).export(mesh)
     depth = tmp_path / "depth"
-    depth.mkdir()
-    (depth / NOTE).touch()
     noisy = scene_m(2 * WIDTH)[0] * (1.0 + NOISE * np.random.default_rng(2).standard_normal((WIDTH, 2 * WIDTH)))
-    write_depth(depth_file(depth, 0), found(noisy))
+    write_own_maps(depth, {0: (found(noisy),)})
     body = {"mesh": str(whale), "position_m": [0.2, 0.3, -2.5], "size_m": 1.2}
     image = np.full((WIDTH // 2, WIDTH, 3), 0.3, np.float32)
 
@@ -163,9 +161,7 @@ def test_a_shadow_falls_on_the_rock(backend: str, tmp_path: Path, whale: Path, r
 
 def test_a_floor_far_from_the_depth_of_the_plate_is_said(tmp_path: Path, whale: Path) -> None:
     depth = tmp_path / "depth"
-    depth.mkdir()
-    (depth / NOTE).touch()
-    write_depth(depth_file(depth, 0), found(scene_m(WIDTH)[0]))
+    write_own_maps(depth, {0: (found(scene_m(WIDTH)[0]),)})
     for height_m, said in ((FLOOR_Y, False), (1.1 * FLOOR_Y, False), (0.7 * FLOOR_Y, True), (2.0 * FLOOR_Y, True)):
         scene = scene_with(
             tmp_path, whale, plate={"path": str(tmp_path / "plate.png"), "depth": str(depth)}, water={"type": "none"},

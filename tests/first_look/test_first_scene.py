@@ -14,13 +14,13 @@ import trimesh
 
 from mr360uw import load_scene
 from mr360uw.color import encode
-from mr360uw.depth.depth_files import NOTE, depth_file, write_depth
 from mr360uw.depth.sphere_stereo import DepthMap
 from mr360uw.render.loaded import load
 from mr360uw.sample import SampleDive
 from mr360uw.scene.model import Scene
 from mr360uw.sphere import directions
 from mr360uw.types import Floats
+from tests.depth.own_maps import write_own_maps
 from tests.first_look.plates import air, water
 from tests.video.other_projections import dual_fisheye, eac_row, write_tracks
 
@@ -192,9 +192,7 @@ def test_distances_tell_the_floor_and_what_a_foot_stands_on(tmp_path: Path, run:
     shown = np.minimum(floor, np.where(d[..., 1] < 0.5, wall, np.inf))
     known = np.isfinite(shown) & (shown < 20.0)
     depth = tmp_path / "depth"
-    depth.mkdir()
-    (depth / NOTE).touch()
-    write_depth(depth_file(depth, 0), DepthMap(shown.astype(np.float32), known.astype(np.float32)))
+    write_own_maps(depth, {0: (DepthMap(shown.astype(np.float32), known.astype(np.float32)),)})
     plate = picture(tmp_path / "reef.png", water((0.02, 0.15, 0.3)))
     out = tmp_path / "my.toml"
     given = ("new", plate, mesh(tmp_path / "anchor.ply", 1.0), "-o", out, "--backend", "reference", "--depth", depth)

@@ -12,12 +12,13 @@ import pytest
 
 import mr360uw as uw
 from mr360uw.errors import DamagedFrameError, GlError, OutputError, VideoError
+from mr360uw.output_gate import work_path
 from mr360uw.render.backends import Backend, make_backend
 from mr360uw.render.first_pass import ClipAnalysis
 from mr360uw.runs import outputs
 from mr360uw.runs.job import Job, OpenJob
 from mr360uw.runs.outputs import forecast_line
-from mr360uw.runs.work_folder import work_folder, work_path
+from mr360uw.runs.work_folder import work_folder
 from mr360uw.scene import Scene
 from mr360uw.scene.model import scene_from_dict
 from tests.video.clips import write_clip

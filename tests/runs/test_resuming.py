@@ -14,9 +14,9 @@ import pytest
 
 import mr360uw as uw
 from mr360uw.errors import OutputExistsError
+from mr360uw.output_gate import work_path
 from mr360uw.runs import fingerprint
-from mr360uw.runs.fingerprint import WorkKeys
-from mr360uw.runs.work_folder import WorkFolder, joined_bounds, segment_bounds, stale_work, work_path
+from mr360uw.runs.work_folder import joined_bounds, segment_bounds, stale_work
 from mr360uw.sample import SampleDive
 from mr360uw.scene import Scene
 from mr360uw.scene.model import load_scene
@@ -86,6 +86,89 @@ def test_pictures_that_are_complete_are_not_made_again(dive: SampleDive, tmp_pat
     assert len(after) == 8
     assert {name: after[name] for name in before} == before
     assert len(list(tmp_path.glob("layers_*.exr"))) == 8
+
+
+@pytest.mark.parametrize("name", ["out_%02d.png", "out.mp4"])
+def test_a_frame_is_finished_with_its_layers(dive: SampleDive, tmp_path: Path, name: str) -> None:
+    """Another pattern, a layer that was removed and one that was cut: none is missing in the end."""
+    out, first, second = tmp_path / name, tmp_path / "first_%02d.exr", tmp_path / "second_%02d.exr"
+    stopped(scene_of(dive), out, 6, layers=first)
+    made = {path: path.read_bytes() for path in tmp_path.glob("first_*.exr")}
+    assert len(made) >= 2
+    stopped(scene_of(dive), out, 6, layers=second)
+    assert len(list(tmp_path.glob("second_*.exr"))) >= 2
+    (tmp_path / "first_00.exr").unlink()
+    (tmp_path / "first_01.exr").write_bytes(made[tmp_path / "first_01.exr"][:1000])
+    report = uw.composite_video(scene_of(dive), out, backend="reference", layers=first)
+    assert len(list(tmp_path.glob("first_*.exr"))) == 8
+    assert {path: path.read_bytes() for path in made} == made
+    assert any("no part of this one" in note and "second_00.exr" in note for note in report.notes)
+
+
+def test_pictures_that_were_cut_or_removed_are_made_again(dive: SampleDive, tmp_path: Path) -> None:
+    out = tmp_path / "out_%02d.png"
+    stopped(scene_of(dive), out, 6)
+    made = {path: path.read_bytes() for path in sorted(tmp_path.glob("out_*.png"))}
+    one, other, third, *kept = made
+    one.write_bytes(b"")
+    other.write_bytes(made[other][:500])
+    third.unlink()
+    report = uw.composite_video(scene_of(dive), out, backend="reference")
+    assert report.kept_frames == len(kept)
+    assert {path: path.read_bytes() for path in made} == made
+
+
+@pytest.mark.parametrize("name", ["out_01.png", "out_07.png", "layers_00.exr", "layers_07.exr"])
+def test_files_of_others_that_appeared_after_a_stop_are_kept(dive: SampleDive, tmp_path: Path, name: str) -> None:
+    """Under the name of a frame that was finished and of one to come, of pictures and of layers."""
+    out, layers = tmp_path / "out_%02d.png", tmp_path / "layers_%02d.exr"
+    stopped(scene_of(dive), out, 4, layers=layers)
+    (tmp_path / name).write_text("mine")
+    with pytest.raises(OutputExistsError, match=f"{name} - is there already"):
+        uw.composite_video(scene_of(dive), out, backend="reference", layers=layers)
+    assert (tmp_path / name).read_text() == "mine"
+    uw.composite_video(scene_of(dive), out, backend="reference", layers=layers, overwrite=True)
+    assert (tmp_path / name).stat().st_size > 100
+
+
+def test_files_that_appear_or_vanish_during_a_run_are_said(dive: SampleDive, tmp_path: Path) -> None:
+    """One of others is not replaced, and a run that lacks one in the end is none that succeeded."""
+    out, mine = tmp_path / "out_%02d.png", tmp_path / "out_07.png"
+
+    def appear(done: int, _total: int | None) -> None:
+        if done == 1:
+            mine.write_text("mine")
+
+    with pytest.raises(OutputExistsError, match="meanwhile"):
+        uw.composite_video(scene_of(dive), out, backend="reference", progress=appear)
+    assert mine.read_text() == "mine"
+    mine.unlink()
+
+    def vanish(done: int, _total: int | None) -> None:
+        if done == 8:
+            (tmp_path / "out_01.png").unlink(missing_ok=True)
+
+    with pytest.raises(uw.VideoError, match=r"or removed [(]got 7 of 8 whole"):
+        uw.composite_video(scene_of(dive), out, backend="reference", progress=vanish)
+    assert uw.composite_video(scene_of(dive), out, backend="reference").kept_frames == 7
+    assert len(list(tmp_path.glob("out_*.png"))) == 8
+
+
+def test_pictures_of_a_scene_that_changed_are_replaced(dive: SampleDive, tmp_path: Path) -> None:
+    out = tmp_path / "out_%02d.png"
+    stopped(scene_of(dive), out, 6)
+    before = (tmp_path / "out_00.png").read_bytes()
+    changed = scene_of(dive, "object.0.scale=1.5")
+    stopped(changed, out, 3)
+    report = uw.composite_video(changed, out, backend="reference")
+    assert report.kept_frames >= 1
+    assert (tmp_path / "out_00.png").read_bytes() != before
+
+
+def test_layers_that_hold_nothing_are_said_not_to_be_written(dive: SampleDive, tmp_path: Path) -> None:
+    bare = scene_of(dive).model_copy(update={"objects": ()})
+    report = uw.composite_video(bare, tmp_path / "o.mp4", backend="reference", layers=tmp_path / "l_%02d.exr")
+    assert any("is not written, as nothing is drawn" in note for note in report.notes)
 
 
 def test_a_changed_scene_is_made_again_and_keeps_its_first_pass(dive: SampleDive, tmp_path: Path) -> None:
@@ -169,18 +252,6 @@ def test_parts_that_are_damaged_during_the_run_do_not_reach_the_output(dive: Sam
         uw.composite_video(scene_of(dive), out, backend="reference", progress=damage)
     assert not out.exists()
     assert uw.composite_video(scene_of(dive), out, backend="reference").kept_frames == 6
-
-
-def test_a_line_that_a_kill_cut_is_no_finished_picture(tmp_path: Path) -> None:
-    """Of "0;", "1;", "12" the last was to be 123: neither 12 nor what is noted after it is lost or believed."""
-    work = WorkFolder(tmp_path, WorkKeys("", ""), resumed=True, notes=())
-    for index in (0, 1, 123):
-        work.add_picture(index, 0)
-    (notes,) = tmp_path.glob("pictures-*")
-    notes.write_text(notes.read_text()[:-2])
-    assert work.pictures() == {0, 1}
-    work.add_picture(4, 0)
-    assert work.pictures() == {0, 1, 4}
 
 
 def test_after_an_edit_of_the_sources_all_is_made_again(

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 import mr360uw as uw
+from mr360uw.output_gate import work_path
 from mr360uw.runs import workers
 from mr360uw.runs.job import Job, frames_under_way
-from mr360uw.runs.work_folder import work_path
 from mr360uw.sample import SampleDive
 from mr360uw.scene import Scene
 from mr360uw.scene.model import load_scene

@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mr360uw.depth.depth_files import NOTE, depth_file, write_depth
 from mr360uw.depth.sphere_stereo import DepthMap
 from mr360uw.errors import ParameterError
 from mr360uw.preview.live import LivePreview
 from mr360uw.tune import placing
 from mr360uw.tune.placing import Point
 from mr360uw.tune.situation import situation
+from tests.depth.own_maps import write_own_maps
 from tests.scenes import scene_with
 from tests.test_stereo import two_eyes
 
@@ -24,12 +24,10 @@ WITHIN = 0.02
 
 def test_an_object_stands_on_the_rock_that_is_clicked(tmp_path: Path, whale: Path) -> None:
     folder, plate = tmp_path / "depth", two_eyes(tmp_path / "pair.png", 128, 64)
-    folder.mkdir()
-    (folder / NOTE).touch()
     far = np.broadcast_to(np.linspace(2.0, 4.0, 128, dtype=np.float32), (64, 128)).copy()
     sure = np.ones(far.shape, np.float32)
     sure[:, :40] = 0.2
-    write_depth(depth_file(folder, 0), DepthMap(far, sure))
+    write_own_maps(folder, {0: (DepthMap(far, sure),)})
     scene = scene_with(
         tmp_path, whale, plate={"path": str(plate), "eye": "left", "depth": str(folder)}, water={"type": "none"}
     )

@@ -12,7 +12,6 @@ import pytest
 
 from mr360uw.caustics import caustic_stack, refract_to_air
 from mr360uw.color import encode
-from mr360uw.depth.depth_files import NOTE, depth_file, write_depth
 from mr360uw.depth.occlusion import PlateDepth
 from mr360uw.depth.sphere_stereo import DepthMap
 from mr360uw.medium.lookup import veil_lookup
@@ -28,6 +27,7 @@ from mr360uw.tune.situation import markers, receiver_edge
 from mr360uw.tune.views import CHARTS, VIEW_NAMES, VIEWS
 from mr360uw.types import View
 from mr360uw.video import VideoFrame
+from tests.depth.own_maps import write_own_maps
 from tests.scenes import gradient_plate, scene_with
 
 WIDTH, HEIGHT = 64, 32
@@ -104,8 +104,8 @@ def test_water_alone_is_the_veil_of_a_long_way(shown: ShownFrame) -> None:
 def test_distances_of_the_plate_stand_before_the_receiver_s(shown: ShownFrame, tmp_path: Path) -> None:
     metres = np.full(shown.frame.plate.image_linear.shape[:2], np.inf, np.float32)
     metres[-8:] = 1.3
-    (tmp_path / NOTE).touch()
-    write_depth(depth_file(tmp_path, shown.frame.plate.index), DepthMap(metres, np.isfinite(metres).astype(np.float32)))
+    found = DepthMap(metres, np.isfinite(metres).astype(np.float32))
+    write_own_maps(tmp_path, {shown.frame.plate.index: (found,)})
     loaded = replace(shown.loaded, plate_depth=PlateDepth(tmp_path))
     picture = VIEWS["depth"](replace(shown, loaded=loaded))
     wanted = drawing.false_colour(np.array([np.log(1.3 / 0.5) / np.log(100.0)]))[0]

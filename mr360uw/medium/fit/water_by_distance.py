@@ -101,9 +101,9 @@ class WaterByDistance:
 
     attenuation: (3,) [1/m] of the light of things. veil: (3,) linear light of open water along the horizon, in the
     exposure of the clip. low and high: the same, ends of the interval. visibility_m: with its ends
-    `visibility_range_m`. water_type: the nearest of the Jerlov types. places: number that are seen at several
-    distances. distance_range: median ratio of the largest and the least distance of a place. problem: why the clip does
-    not tell the water, "" if it does; values are then not to be used.
+    `visibility_range_m`. water_type: the nearest of the Jerlov types, None for none. places: number that are seen at
+    several distances. distance_range: median ratio of the largest and the least distance of a place. problem: why the
+    water is not identifiable, "" if it is; values are then not to be used.
     """
 
     attenuation: Array
@@ -114,7 +114,7 @@ class WaterByDistance:
     veil_high: Array
     visibility_m: float
     visibility_range_m: tuple[float, float]
-    water_type: JerlovType
+    water_type: JerlovType | None
     places: int
     distance_range: float
     problem: str = ""
@@ -127,7 +127,8 @@ class WaterByDistance:
         return [f'water.type="{self.water_type}"', f"water.visibility_m={self.visibility_m:.3g}"]
 
     def __str__(self) -> str:
-        head = [f"the clip does not tell its water: {self.problem}"] if self.problem else []
+        if self.problem:
+            return f"the clip does not tell its water: {self.problem}"
         rows = [
             f"{name:6s} attenuation {c:.3f} /m ({low:.3f} to {high:.3f}), veil {v:.4f} ({a:.4f} to {b:.4f})"
             for name, c, low, high, v, a, b in zip(
@@ -138,7 +139,7 @@ class WaterByDistance:
         low, high = self.visibility_range_m
         seen = f"{self.places} places at distances that vary by {self.distance_range:.2f}"
         told = f"visibility {self.visibility_m:.1f} m ({low:.1f} to {high:.1f}), nearest type {self.water_type}; {seen}"
-        return "\n".join([*head, *rows, told])
+        return "\n".join([*rows, told])
 
 
 def water_by_distance(seen: SeenPlaces, seed: int = 1) -> WaterByDistance:
@@ -197,7 +198,7 @@ def _untold(places: int, ratio: float) -> WaterByDistance:
         f"places, {LEAST_RANGE:g}) - film the same rocks from near and far"
     )
     nan = float("nan")
-    return WaterByDistance(none, none, none, none, none, none, nan, (nan, nan), "IB", places, ratio, problem)
+    return WaterByDistance(none, none, none, none, none, none, nan, (nan, nan), None, places, ratio, problem)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from mr360uw.color import in_plate_primaries
 from mr360uw.errors import OutputExistsError, VideoError
-from mr360uw.files import whole_file
+from mr360uw.files import NewFile, whole_file
 from mr360uw.reading.numbered_files import is_pattern, matching_files, numbered
 from mr360uw.video.clip import Clip
 from mr360uw.video.exr import write_exr
@@ -32,11 +32,11 @@ class ImageWriter(VideoWriter):
     EXR: linear Rec.709, objects not clipped, with frame number, rate, time code and the `envmap` attribute, in single
     precision for plates of floats, which then keep every bit, else in half. PNG and TIFF: 8 bits, or 16 for plates with
     more. JPEG and PNG are marked as panoramas (XMP), except pictures of two eyes, for which there is no mark.
-    folder: of incomplete pictures, on the same disk; default: that of `path`.
+    file: opens incomplete pictures.
     """
 
-    def __init__(self, path: Path, like: Clip, overwrite: bool, folder: Path | None = None) -> None:
-        self.path, self._clip, self._folder = path, like, folder
+    def __init__(self, path: Path, like: Clip, overwrite: bool, file: NewFile = whole_file) -> None:
+        self.path, self._clip, self._file = path, like, file
         self._many = is_pattern(path)
         self._written = 0
         there = matching_files(path)[:1] if self._many else []
@@ -53,7 +53,7 @@ class ImageWriter(VideoWriter):
             )
         path = numbered(self.path, frame.index) if self._many else self.path
         told = exr_attributes(self._clip, frame.index) if path.suffix.lower() == ".exr" else None
-        write_picture(path, whole_frame(frame, self._clip.stereo), self._folder, told)
+        write_picture(path, whole_frame(frame, self._clip.stereo), self._file, told)
         self._written += 1
 
     def finish(self) -> None:
@@ -66,18 +66,18 @@ class ImageWriter(VideoWriter):
 
 
 def write_picture(
-    path: Path, frame: VideoFrame, folder: Path | None = None, attributes: Mapping[str, Any] | None = None
+    path: Path, frame: VideoFrame, file: NewFile = whole_file, attributes: Mapping[str, Any] | None = None
 ) -> None:
     """Write a frame as a picture, by a temporary name and a rename; the kind follows the suffix.
 
-    folder: of the temporary file; default: that of `path`. attributes: more entries of an EXR file's header.
+    file: opens the temporary file. attributes: more entries of an EXR file's header.
     """
     if path.suffix.lower() == ".exr":
         depth = np.float32 if frame.spec.bits == 32 else np.float16
-        write_exr(path, frame.light.astype(depth, copy=False), latlong=frame.wrap, folder=folder, attributes=attributes)
+        write_exr(path, frame.light.astype(depth, copy=False), latlong=frame.wrap, file=file, attributes=attributes)
         return
     try:
-        with whole_file(path, folder=folder) as part:
+        with file(path) as part:
             part.write_bytes(_encoded(path, frame))
     except OSError as error:
         raise VideoError(

@@ -104,13 +104,15 @@ class TrackCopy:
         self._packets = (
             packet
             for packet in self._container.demux(streams)
-            if packet.dts is not None and (start_s is None or packet.pts * fraction(packet.time_base) >= start_s)
+            if packet.dts is not None and (start_s is None or _start_s(packet.pts, packet) >= start_s)
         )
         self._pending = next(self._packets, None)
 
     def advance(self, until_s: Fraction | None) -> None:
         """Copy the packets that begin before `until_s`, or all that are left."""
-        while self._pending is not None and (until_s is None or self._pending.dts * fraction(self._pending.time_base) < until_s):
+        while self._pending is not None and (
+            until_s is None or self._pending.dts * fraction(self._pending.time_base) < until_s
+        ):
             packet, self._pending = self._pending, next(self._packets, None)
             ticks = round(self._shift_s / fraction(packet.time_base))
             packet.pts -= ticks
@@ -188,12 +190,18 @@ def _kinds(path: Path) -> dict[int, bytes]:
     return found
 
 
+def _start_s(stamp: int, packet: Any) -> Fraction:
+    return stamp * fraction(packet.time_base)
+
+
 def _moved(chapters: list[Any], like: Clip, frames: tuple[int, int]) -> tuple[dict[str, Any], ...]:
     """Return the chapters of a part of a clip, in milliseconds from its first frame."""
     begin, end = (Fraction(frame) / like.frame_rate for frame in frames)
     found: list[dict[str, Any]] = []
     for chapter in chapters:
-        first, last = (max(begin, min(end, chapter[name] * fraction(chapter["time_base"]))) for name in ("start", "end"))
+        first, last = (
+            max(begin, min(end, chapter[name] * fraction(chapter["time_base"]))) for name in ("start", "end")
+        )
         if first < last:
             place = {"start": round(1000 * (first - begin)), "end": round(1000 * (last - begin))}
             found.append({**chapter, **place, "id": len(found) + 1, "time_base": Fraction(1, 1000)})
