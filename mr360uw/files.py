@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import os
 import secrets
+import stat
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -13,11 +14,38 @@ from mr360uw.errors import OutputExistsError
 
 _ANYONE = 0o666
 """Rights of a new file before the user's mask takes some away."""
+_OTHERS_WRITE = stat.S_IWGRP | stat.S_IWOTH
 
 
 def is_ours(folder: Path) -> bool:
     """Return whether a folder belongs to the user who runs this process; on Windows, whose rights differ, always."""
     return not hasattr(os, "geteuid") or folder.stat().st_uid == os.geteuid()
+
+
+def unsafe(path: Path) -> str:
+    """Return why another user could have put or changed what is at a path, as "/x belongs to user 1001"; "" if none.
+
+    As ssh and sudo judge it: the file or folder, every folder above it, and links on the way belong to the user who
+    runs this process or to root, and nobody else may write to them. A folder above may be open to all where its sticky
+    bit keeps others from renaming what is not theirs, as in /tmp. What does not exist yet is judged by what is above
+    it. On Windows, whose rights differ, nothing is judged, and "" is returned.
+    """
+    if not hasattr(os, "geteuid"):
+        return ""
+    trusted, named, real = (0, os.geteuid()), path.absolute(), Path(os.path.realpath(path))
+    for one in dict.fromkeys(part for end in (named, real) for part in (*reversed(end.parents), end)):
+        try:
+            found = one.lstat()
+        except (FileNotFoundError, NotADirectoryError):
+            continue
+        except OSError as error:
+            return f"{one} cannot be looked at ({error.strerror})"
+        if found.st_uid not in trusted:
+            return f"{one} belongs to user {found.st_uid}"
+        above = one not in (named, real) and found.st_mode & stat.S_ISVTX
+        if found.st_mode & _OTHERS_WRITE and not stat.S_ISLNK(found.st_mode) and not above:
+            return f"{one} may be written to by others (mode {stat.S_IMODE(found.st_mode):o})"
+    return ""
 
 
 @contextmanager

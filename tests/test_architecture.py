@@ -147,7 +147,7 @@ def test_the_ground_floor_stands_on_numpy_alone() -> None:
         ROOT / "cache.py": {"types"},
         ROOT / "parameters.py": {"re"},
         ROOT / "plot.py": {"base64", "cv2", "html"},
-        ROOT / "files.py": {"contextlib", "os", "secrets"},
+        ROOT / "files.py": {"contextlib", "os", "secrets", "stat"},
         ROOT / "output_gate.py": {"contextlib", "os", "secrets", "shutil"},
         ROOT / "reading" / "numbered_files.py": {"re"},
         ROOT / "reading" / "extras.py": {"importlib"},
