@@ -7,10 +7,10 @@ import os
 import secrets
 import stat
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from mr360uw.errors import OutputExistsError
+from mr360uw.errors import OutputError, OutputExistsError
 
 _ANYONE = 0o666
 """Rights of a new file before the user's mask takes some away."""
@@ -99,3 +99,26 @@ def write_whole(path: Path, data: str | bytes) -> None:
             part.write_bytes(data.encode() if isinstance(data, str) else data)
         except OSError as error:  # of a full disk, which names no file
             raise OSError(error.errno, error.strerror, str(path)) from error
+
+
+def rewrite(path: Path, text: str) -> None:
+    """Write the text of a user's own file anew, whole or not at all; a link to it stays one.
+
+    A file that is there keeps its rights, and its owner where that may be set. Raises `OutputError` where it is
+    read-only, and `OSError`.
+    """
+    path = Path(os.path.realpath(path))
+    try:
+        before = path.stat()
+    except FileNotFoundError:
+        write_whole(path, text)
+        return
+    rights = stat.S_IMODE(before.st_mode)
+    if not (rights & (stat.S_IWUSR | _OTHERS_WRITE) and os.access(path, os.W_OK)):
+        raise OutputError(f"{path} - is read-only (got mode {rights:o}) - make it writable, then save again")
+    with whole_file(path) as part:
+        part.chmod(stat.S_IRUSR | stat.S_IWUSR)  # nobody reads what only the file's own readers may
+        part.write_text(text, "utf-8", newline="")
+        with suppress(AttributeError, PermissionError):  # on Windows; where only root may give a file away
+            os.chown(part, before.st_uid, before.st_gid)
+        part.chmod(rights)

@@ -32,7 +32,8 @@ class RenderDialog:
             with ui.element("label").classes("row-field"):
                 Text("Output")
                 still = session.frame_count == 1
-                self._name = str(self._document.path.with_suffix(".composite.png" if still else ".composite.mp4"))
+                scene = self._document.path.absolute()  # names that are not absolute are beside it
+                self._name = str(scene.with_suffix(".composite.png" if still else ".composite.mp4"))
                 out = ui.element("input").props("type=text spellcheck=false")
                 out.props["^value"] = self._name  # at first: what is typed stays while other elements are updated
                 out.on("change", self._named, js_handler="(e) => emit(e.target.value)")
