@@ -67,6 +67,7 @@ class PlaceTools:
         self._tool, self._number = "", 0
         self._situation: Situation | None = None
         self._drag: tuple[Situation, str, int] | None = None
+        self._in_turn = asyncio.Lock()
         self._asked = 0
         with stage.tools:
             self._choice = Choice("What a click in the picture does", _TOOLS, "", self._choose)
@@ -223,6 +224,10 @@ class PlaceTools:
             self._failed(error)
 
     async def _dragged(self, drag: Drag) -> None:
+        async with self._in_turn:  # the end of a short drag waits for what its start asks
+            await self._follow(drag)
+
+    async def _follow(self, drag: Drag) -> None:
         try:
             if drag.phase == "start":
                 self._drag = None
