@@ -119,6 +119,7 @@ def rewrite(path: Path, text: str) -> None:
     with whole_file(path) as part:
         part.chmod(stat.S_IRUSR | stat.S_IWUSR)  # nobody reads what only the file's own readers may
         part.write_text(text, "utf-8", newline="")
-        with suppress(AttributeError, PermissionError):  # on Windows; where only root may give a file away
-            os.chown(part, before.st_uid, before.st_gid)
+        for owner in ((-1, before.st_gid), (before.st_uid, -1)):
+            with suppress(AttributeError, PermissionError):  # on Windows; where only root may give a file away
+                os.chown(part, *owner)
         part.chmod(rights)
