@@ -471,6 +471,7 @@ def test_pictures_that_were_not_drawn_here_stay(page: Page) -> None:
     page.scene.write_text(f'{before}\n[[holdout]]\npath = "matte-9/%04d.png"\n', "utf-8")
     tab.page.get_by_label("What a click in the picture does").select_option("lasso")
     tab.page.get_by_label("Which matte is drawn").select_option("matte-9")
+    tab.page.get_by_label("What a line is drawn over").select_option("outline")
     tab.done()
     for u, v in ((0.4, 0.05), (0.7, 0.05), (0.7, 0.3), (0.4, 0.3)):  # around the sun
         tab.page.mouse.click(*place(tab, u, v))
