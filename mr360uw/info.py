@@ -6,6 +6,7 @@ from __future__ import annotations
 import importlib.metadata
 import platform
 
+from mr360uw.reading.disk_cache import cache_folder, cache_notes, kernel_folder
 from mr360uw.reading.extras import EXTRAS, command
 
 _PACKAGES = ("numpy", "scipy", "numba", "av", "opencv-contrib-python-headless", "OpenEXR", "moderngl", "trimesh",
@@ -34,6 +35,9 @@ def describe() -> str:
     found = [name for name in _ENCODERS if name in av.codecs_available]
     lines.append(f"video     FFmpeg libavcodec {ffmpeg}; encoders {' '.join(found)}")
     lines.append(f"encoders  of graphics cards that open here: {' '.join(opening_encoders()) or _NO_CARD}")
+    folder, kernels = cache_folder(), kernel_folder()
+    lines.append(f"cache     {folder or 'none'}; compiled kernels in {kernels or 'none'}")
+    lines += [f"note      {note}" for note in cache_notes()]
     lines += [
         f"package   {name} {version}" if version else f"package   {name} is not installed"
         for name, version in package_versions().items()

@@ -24,7 +24,7 @@ def _own_disk_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     """
     base = tmp_path_factory.getbasetemp()
     shared = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "kept"
-    shared.mkdir(exist_ok=True)
+    shared.mkdir(mode=0o700, exist_ok=True)
     with pytest.MonkeyPatch.context() as patch:
         kernels = kernel_folder()
         if kernels is None or not os.access(next(p for p in (kernels, *kernels.parents) if p.exists()), os.W_OK):

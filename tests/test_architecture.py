@@ -148,7 +148,7 @@ def test_the_ground_floor_stands_on_numpy_alone() -> None:
         ROOT / "parameters.py": {"re"},
         ROOT / "shapes.py": {"builtins", "fractions", "inspect", "operator"},
         ROOT / "plot.py": {"base64", "cv2", "html"},
-        ROOT / "files.py": {"contextlib", "os", "secrets"},
+        ROOT / "files.py": {"contextlib", "os", "secrets", "stat"},
         ROOT / "written_files.py": {"contextlib", "hashlib", "itertools", "json", "os"},
         ROOT / "output_gate.py": {"contextlib", "filelock", "os", "secrets", "shutil"},
         ROOT / "reading" / "numbered_files.py": {"re"},

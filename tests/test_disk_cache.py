@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,17 @@ from mr360uw.composite.mesh.mesh import Mesh, load_mesh
 from mr360uw.medium import Medium, Water
 from mr360uw.medium.small_angles import spread_of
 from mr360uw.reading import disk_cache
-from mr360uw.reading.disk_cache import FOLDER, Arrays, cache_file, cache_folder, keep_arrays, kept_arrays, read_arrays
+from mr360uw.reading.disk_cache import (
+    FOLDER,
+    Arrays,
+    cache_file,
+    cache_folder,
+    cache_notes,
+    keep_arrays,
+    kept_arrays,
+    kernel_folder,
+    read_arrays,
+)
 
 COLUMNS = np.asfortranarray(np.arange(12.0).reshape(3, 4))
 
@@ -190,13 +201,109 @@ def test_spread_and_shape_from_the_disk_are_those_that_were_computed(
         np.testing.assert_array_equal(alone, made)
 
 
-@pytest.mark.skipif(not hasattr(os, "geteuid"), reason="folders have owners on POSIX")
-def test_a_folder_of_another_user_is_not_used(monkeypatch: pytest.MonkeyPatch) -> None:
+needs_owners = pytest.mark.skipif(not hasattr(os, "geteuid"), reason="files have owners on POSIX")
+OTHER = 54321
+"""Number of another user."""
+
+
+def give_away(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Make a file or folder another user's: truly as root, else by being another one."""
+    if os.geteuid() == 0:
+        os.chown(path, OTHER, OTHER)
+    else:
+        monkeypatch.setattr(os, "geteuid", lambda: OTHER)
+
+
+@needs_owners
+def test_a_folder_of_another_user_is_not_used(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     make = Made()
     kept_arrays("test", ("a",), make)
-    other = os.geteuid() + 1
-    monkeypatch.setattr(os, "geteuid", lambda: other)
+    there = sorted((tmp_path / "kept").iterdir())
+    give_away(tmp_path / "kept", monkeypatch)
     assert cache_folder() is None
+    assert kernel_folder() is None or "NUMBA_CACHE_DIR" in os.environ
     for _ in range(2):
         kept_arrays("test", ("a",), make)
     assert make.count == 3
+    assert sorted((tmp_path / "kept").iterdir()) == there
+    (note,) = cache_notes()
+    assert str(tmp_path) in note
+    assert FOLDER in note
+
+
+@needs_owners
+@pytest.mark.parametrize("what", ["file", "folder", "above", "link"])
+def test_what_others_can_change_is_not_read(what: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """A file or a folder on the way that a group or all may write to, and a link into one."""
+    above = tmp_path / "above"
+    above.mkdir(0o755)
+    named = tmp_path / "link" if what == "link" else above / "kept"
+    if what == "link":
+        (above / "kept").mkdir(0o755)
+        named.symlink_to(above / "kept")
+    monkeypatch.setenv(FOLDER, str(named))
+    make = Made()
+    for _ in range(2):
+        kept_arrays("test", ("a",), make)
+    assert make.count == 1
+    path = cache_file("test", ("a",))
+    assert path is not None
+    open_one = {"file": path, "folder": above / "kept"}.get(what, above)
+    open_one.chmod(0o775)
+    kept_arrays("test", ("a",), make)
+    assert make.count == 2
+    # a file in a folder of one's own is made anew and is safe then
+    kept_arrays("test", ("a",), make)
+    assert make.count == (2 if what == "file" else 3)
+    assert (cache_folder() is None) == (what != "file")
+
+
+@needs_owners
+def test_a_folder_open_to_all_may_be_above_where_its_sticky_bit_is_set(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    above = tmp_path / "like-tmp"
+    above.mkdir()
+    above.chmod(0o1777)
+    monkeypatch.setenv(FOLDER, str(above / "kept"))
+    make = Made()
+    for _ in range(2):
+        kept_arrays("test", ("a",), make)
+    assert (make.count, cache_notes()) == (1, [])
+    monkeypatch.setenv(FOLDER, str(above))  # where others can put files under names that are not taken
+    assert cache_folder() is None
+
+
+@needs_owners
+def test_results_are_found_again_whatever_the_mask(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv(FOLDER, str(tmp_path / "above" / "kept"))
+    make, before = Made(), os.umask(0)
+    try:
+        for _ in range(2):
+            kept_arrays("test", ("a",), make)
+    finally:
+        os.umask(before)
+    assert make.count == 1
+
+
+def test_folders_that_the_environment_names_relatively(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """The standard has a relative $XDG_CACHE_HOME ignored; our own variable counts from the current folder."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv(FOLDER, "here")
+    assert cache_folder() == tmp_path / "here"
+    monkeypatch.delenv(FOLDER)
+    monkeypatch.setenv("HOME", str(tmp_path / "home"))
+    monkeypatch.setenv("XDG_CACHE_HOME", "relative")
+    assert cache_folder() == tmp_path / "home" / ".cache" / "mr360uw"
+
+
+def test_a_folder_that_cannot_be_written_to_is_told(
+    run: Callable[..., tuple[int, str, str]], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    (tmp_path / "a file").touch()
+    monkeypatch.setenv(FOLDER, str(tmp_path / "a file"))
+    code, out, _ = run("info")
+    assert code == 0
+    assert f"note      cache - nothing new can be kept in {tmp_path / 'a file'} - " in out
+    monkeypatch.setenv(FOLDER, "")
+    assert "note      cache" not in run("info")[1]

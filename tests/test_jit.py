@@ -4,8 +4,10 @@
 from __future__ import annotations
 
 import errno
+import hashlib
 import importlib.util
 import os
+import pickle
 import shutil
 import subprocess
 import sys
@@ -100,6 +102,38 @@ def test_a_damaged_kernel_is_compiled_anew(folder: Path) -> None:
     assert run(folder) == (7.0, 0)
 
 
+class Attack:
+    """A pickle that makes a file."""
+
+    def __init__(self, mark: Path) -> None:
+        self.mark = mark
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return Path.touch, (self.mark,)
+
+
+@pytest.mark.skipif(not hasattr(os, "geteuid"), reason="files have owners on POSIX")
+@pytest.mark.parametrize("way", ["file", "open file", "folder", "open folder", "open above"])
+def test_a_planted_kernel_is_not_loaded(way: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of another user, or where others could have put it; it is compiled anew."""
+    above = folder / "above"
+    above.mkdir()
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(above / "kept"))
+    assert run(folder) == (7.0, 1)
+    (kept,) = (above / "kept").glob("*whole-*.nbc")
+    planted = pickle.dumps(Attack(folder / "mark"))
+    kept.write_bytes(planted + hashlib.sha256(planted).digest())
+    target = {"above": above, "folder": above / "kept", "file": kept}[way.split()[-1]]
+    if way.startswith("open"):
+        target.chmod(0o777)
+    elif os.geteuid() == 0:
+        os.chown(target, 54321, 54321)
+    else:
+        monkeypatch.setattr(os, "geteuid", lambda: 54321)
+    assert run(folder) == (7.0, 1)
+    assert not (folder / "mark").exists()
+
+
 def test_kernels_listed_for_a_plain_composite_are_there() -> None:
     """Each line of the list is what its kernel and its arguments are written as."""
     lines = ahead.LIST.read_text("utf-8").splitlines()
@@ -122,6 +156,18 @@ def test_kernels_are_compiled_ahead_once(tmp_path: Path, monkeypatch: pytest.Mon
     assert ahead.size(*ahead._read(quick[0])) > 0
     ahead.compile_ahead(lambda done, total: told.append((done, total)))
     assert told == [(1, 1)]
+
+
+def test_nothing_is_compiled_ahead_where_it_cannot_be_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "a file").touch()
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "a file"))
+    monkeypatch.setattr("mr360uw.jit.SHIPPED", tmp_path / "none")
+    quick = [line for line in ahead.LIST.read_text("utf-8").splitlines() if "fragments take_lanes" in line]
+    (tmp_path / "kernels.txt").write_text("\n".join(quick))
+    monkeypatch.setattr(ahead, "LIST", tmp_path / "kernels.txt")
+    told: list[tuple[int, int | None]] = []
+    ahead.compile_ahead(lambda done, total: told.append((done, total)))
+    assert told == []
 
 
 def test_a_run_with_nowhere_to_keep_kernels_compiles_them_as_it_goes(tmp_path: Path) -> None:

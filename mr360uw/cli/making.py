@@ -87,8 +87,13 @@ def tune(
     """Tune a scene by eye in a browser: every parameter, frame by frame."""
     if any(importlib.util.find_spec(name) is None for name in _NEEDED):
         raise Mr360uwError("tune - needs packages that are not installed - pip install mr360uw[tune]")
+    gc.disable()  # modules are no garbage: looking for some takes a tenth of the time to load them
     from mr360uw.tune.editing.document import Document
+    from mr360uw.tune.server import check_options, serve
 
+    gc.freeze()
+    gc.enable()
+    check_options(host, token, backend)
     scene = source
     if mesh is not None:
         from mr360uw.first_look.first_scene import make_first_scene
@@ -96,12 +101,6 @@ def tune(
         scene, lines, _ = make_first_scene(source, mesh, backend=backend)
         typer.echo("\n".join(lines))
     document = Document(scene)
-
-    gc.disable()  # modules are no garbage: looking for some takes a tenth of the time to load them
-    from mr360uw.tune.server import serve
-
-    gc.freeze()
-    gc.enable()
 
     def show(door: Path) -> None:
         if not no_browser:

@@ -190,10 +190,16 @@ def clean(
 
 
 def compile_first() -> None:
-    """Compile the kernels of a plain composite that this machine does not have, on all cores, and count them."""
+    """Compile the kernels of a plain composite that this machine does not have, on all cores, and count them.
+
+    Says first why nothing is kept, where that is not what the user asked for.
+    """
     from mr360uw.jit.ahead import compile_ahead
     from mr360uw.progress import terminal_count
+    from mr360uw.reading.disk_cache import cache_notes
 
+    for note in cache_notes():
+        typer.echo(f"note      {note}", err=True)
     compile_ahead(terminal_count("compiling for this machine, once"))
 
 

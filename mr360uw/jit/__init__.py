@@ -44,7 +44,7 @@ from numba.core.types.containers import BaseNamedTuple, BaseTuple
 from numba.core.types.functions import Dispatcher as DispatcherType
 from numba.extending import _Intrinsic
 
-from mr360uw.reading.disk_cache import keep_bytes, kernel_folder, read_bytes
+from mr360uw.reading.disk_cache import keep_bytes, kernel_folder, read_bytes, read_kept
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -125,11 +125,11 @@ class _Kept(_Cache):  # type: ignore[misc, unused-ignore]
         """Return the kernel for arguments of a type, None where it must be compiled."""
         target_context.refresh()
         name = self._name(sig, target_context.codegen())
-        for folder in (SHIPPED, kernel_folder()) if self._enabled else ():
-            stored = None if folder is None else read_bytes(folder / name)
+        for folder, read in ((SHIPPED, read_bytes), (kernel_folder(), read_kept)) if self._enabled else ():
+            stored = None if folder is None else read(folder / name)
             if stored is not None:
                 try:
-                    return CompileResult._rebuild(target_context, *pickle.loads(stored))  # noqa: S301 - our own files
+                    return CompileResult._rebuild(target_context, *pickle.loads(stored))  # noqa: S301 - nobody else's
                 except ModuleNotFoundError:  # a function that it names has moved, with the same code, to another module
                     return None
         return None

@@ -22,7 +22,7 @@ from numba.core.types.containers import BaseTuple
 from numba.core.types.npytypes import Array
 
 from mr360uw.jit import versions
-from mr360uw.reading.disk_cache import keep_bytes, kernel_folder, sources_stamp
+from mr360uw.reading.disk_cache import is_writable, keep_bytes, kernel_folder, sources_stamp
 
 LIST = Path(__file__).with_name("kernels.txt")
 _WORKERS = 4
@@ -35,7 +35,7 @@ def compile_ahead(tell: Callable[[int, int | None], None]) -> None:
     tell: called with how many are done, and how many there were.
     """
     folder, listed = kernel_folder(), LIST.read_text("utf-8")
-    if folder is None:
+    if folder is None or not is_writable(folder):
         return
     stamp = hashlib.sha256(repr((sources_stamp(), versions(), listed)).encode()).hexdigest()[:32]
     complete = folder / f"complete-{stamp}.nbc"

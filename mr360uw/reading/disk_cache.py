@@ -4,6 +4,10 @@
 That is what the caller names, the sources of this package and the version of NumPy: after an edit or an update all is
 computed again. Files may be removed at any moment. At their end they have the hash of what they hold, by which damaged
 ones are known.
+
+Only files that no other user could have put there are read (`files.unsafe`): compiled kernels are pickles, which run
+code as they are loaded, and a planted table would change a picture. On Windows, where that is not judged, the folder
+below the user's profile is trusted. Kernels that came with the package are as trusted as its sources.
 """
 
 from __future__ import annotations
@@ -21,7 +25,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.files import is_ours, write_whole
+from mr360uw.files import unsafe, whole_file, write_whole
 
 Arrays = Mapping[str, NDArray[Any]]
 
@@ -30,6 +34,8 @@ FOLDER = "MR360UW_CACHE"
 _ROOM = 1 << 30
 """Bytes that all files take at most; those that were used longest ago are removed first."""
 _SOURCES = (".py", ".csv", ".json", ".glsl", ".vert", ".geom", ".frag")
+_OWN_FOLDER, _NOT_OTHERS = 0o700, 0o755
+"""Rights of a folder that is made, and those that the user's mask may leave to a file."""
 _DIGEST = hashlib.sha256().digest_size
 _PACKAGE = Path(__file__).parents[1]
 
@@ -37,20 +43,69 @@ _PACKAGE = Path(__file__).parents[1]
 def cache_folder() -> Path | None:
     """Return where results are kept: $MR360UW_CACHE, or mr360uw below $XDG_CACHE_HOME or ~/.cache.
 
-    None for nowhere: the variable is empty, the user has no home, or the folder is another user's, who could have put
-    results there that are not ours.
+    None for nowhere: the variable is empty, the user has no home, or another user could have put results there.
+    """
+    return _safe(_results_named())
+
+
+def kernel_folder() -> Path | None:
+    """Return where compiled kernels are kept: $NUMBA_CACHE_DIR, or a folder in that of results; None for nowhere."""
+    return _safe(_kernels_named())
+
+
+def is_writable(folder: Path) -> bool:
+    """Return whether files can be kept in a folder, which may be made for them."""
+    there = next(one for one in (folder, *folder.parents) if one.exists())
+    return there.is_dir() and os.access(there, os.W_OK | os.X_OK)
+
+
+def cache_notes() -> list[str]:
+    """Return a line for each reason why folders that are named for results or kernels are not used."""
+    named = [folder for folder in (_results_named(), _kernels_named()) if folder is not None]
+    unwritable = [folder for folder in named if not unsafe(folder) and not is_writable(folder)]
+    lines = [
+        f"cache - {reason}, so nothing is read from there or kept there - take that away (chown, chmod go-w), or name "
+        f"a folder of your own in {FOLDER}"
+        for reason in filter(None, map(unsafe, named))
+    ]
+    lines += [
+        f"cache - nothing new can be kept in {folder} - make it writable, or name another folder in {FOLDER}"
+        for folder in unwritable
+    ]
+    return list(dict.fromkeys(lines))
+
+
+def _results_named() -> Path | None:
+    """Return the folder for results, absolute, whoever it belongs to; None where none is wanted or there is no home.
+
+    A relative $XDG_CACHE_HOME is ignored, as its standard demands.
     """
     named = os.environ.get(FOLDER)
-    if named == "":
-        return None
+    if named is not None:
+        return _absolute(named)
+    base = os.environ.get("XDG_CACHE_HOME", "")
+    folder = _absolute(base if Path(base).is_absolute() else "~/.cache")
+    return None if folder is None else folder / "mr360uw"
+
+
+def _kernels_named() -> Path | None:
+    named = os.environ.get("NUMBA_CACHE_DIR")
+    if named:
+        return _absolute(named)
+    folder = _results_named()
+    return None if folder is None else folder / "kernels"
+
+
+def _absolute(named: str) -> Path | None:
+    """Return a folder that the environment names, from the current one on; None for "" or where there is no home."""
     try:
-        if named is not None:
-            folder = Path(named).expanduser()
-        else:
-            folder = Path(os.environ.get("XDG_CACHE_HOME") or "~/.cache").expanduser() / "mr360uw"
-        return folder if not folder.exists() or is_ours(folder) else None
-    except (RuntimeError, OSError):  # there is no home, as in some containers, or it cannot be entered
+        return Path(named).expanduser().absolute() if named else None
+    except RuntimeError:  # there is no home, as in some containers
         return None
+
+
+def _safe(folder: Path | None) -> Path | None:
+    return None if folder is None or unsafe(folder) else folder
 
 
 def cache_file(kind: str, depends_on: Sequence[object]) -> Path | None:
@@ -79,7 +134,7 @@ def kept_arrays(kind: str, depends_on: Sequence[object], make: Callable[[], Arra
     written, the result is made each time.
     """
     path = cache_file(kind, depends_on)
-    found = None if path is None else read_arrays(path)
+    found = None if path is None else read_kept_arrays(path)
     if found is not None:
         return found
     made = {name: np.asarray(array, order="C") for name, array in make().items()}  # as they are read
@@ -102,18 +157,18 @@ def nothing_kept() -> Iterator[None]:
             os.environ[FOLDER] = before
 
 
-def kernel_folder() -> Path | None:
-    """Return where compiled kernels are kept: $NUMBA_CACHE_DIR, or a folder in that of results; None for nowhere."""
-    named = os.environ.get("NUMBA_CACHE_DIR")
-    if not named:
-        folder = cache_folder()
-        return None if folder is None else folder / "kernels"
-    folder = Path(named).expanduser()
-    return folder if not folder.exists() or is_ours(folder) else None
+def read_kept(path: Path) -> bytes | None:
+    """Return what `keep_bytes` wrote; None where there is no file, it is damaged, or another user could have put it."""
+    return None if unsafe(path) else read_bytes(path)
+
+
+def read_kept_arrays(path: Path) -> Arrays | None:
+    """Return the arrays of a file of `keep_arrays`; None as for `read_kept`."""
+    return _unpacked(read_kept(path))
 
 
 def read_bytes(path: Path) -> bytes | None:
-    """Return what `write_bytes` wrote; None where there is no file, or it is damaged."""
+    """Return the bytes of a file that ends in their SHA-256; None where there is no file, or it is damaged."""
     try:
         stored = path.read_bytes()
         data, mark = stored[:-_DIGEST], stored[-_DIGEST:]
@@ -126,16 +181,17 @@ def read_bytes(path: Path) -> bytes | None:
     return data
 
 
-def write_bytes(path: Path, data: bytes) -> None:
-    """Write bytes, and their SHA-256 after them, to a file that appears whole. Raises `OSError`."""
-    write_whole(path, data + hashlib.sha256(data).digest())
-
-
 def keep_bytes(path: Path, data: bytes) -> None:
-    """Write bytes to a file of the cache; on a disk that is full or read-only, none is there."""
+    """Write bytes, and their SHA-256 after them, to a file of the cache; on a full or read-only disk, none is there.
+
+    Whatever the user's mask is, nobody else may write to it: it would not be read (`read_kept`).
+    """
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        write_bytes(path, data)
+        for folder in reversed([one for one in (path.parent, *path.parent.parents) if not one.exists()]):
+            folder.mkdir(_OWN_FOLDER, exist_ok=True)
+        with whole_file(path) as part:
+            part.chmod(part.stat().st_mode & _NOT_OTHERS)
+            part.write_bytes(_sealed(data))
         if path.stem.endswith("0"):  # names end in a hash: at every sixteenth file or so
             _make_room(path.parent, path.suffix)
     except OSError:
@@ -144,7 +200,10 @@ def keep_bytes(path: Path, data: bytes) -> None:
 
 def read_arrays(path: Path) -> Arrays | None:
     """Return the arrays of a file of `write_arrays`; None where there is none, or it is damaged."""
-    data = read_bytes(path)
+    return _unpacked(read_bytes(path))
+
+
+def _unpacked(data: bytes | None) -> Arrays | None:
     if data is None:
         return None
     try:
@@ -155,13 +214,17 @@ def read_arrays(path: Path) -> Arrays | None:
 
 
 def write_arrays(path: Path, arrays: Arrays) -> None:
-    """Write arrays to a file (NumPy .npz, see `write_bytes`), which appears whole. Raises `OSError`."""
-    write_bytes(path, _packed(arrays))
+    """Write arrays to a file (NumPy .npz, and its SHA-256), which appears whole. Raises `OSError`."""
+    write_whole(path, _sealed(_packed(arrays)))
 
 
 def keep_arrays(path: Path, arrays: Arrays) -> None:
     """Write arrays to a file of the cache; on a disk that is full or read-only, none is there."""
     keep_bytes(path, _packed(arrays))
+
+
+def _sealed(data: bytes) -> bytes:
+    return data + hashlib.sha256(data).digest()
 
 
 def _packed(arrays: Arrays) -> bytes:

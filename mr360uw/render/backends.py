@@ -8,7 +8,7 @@ OpenGL 3.3.
 from __future__ import annotations
 
 from contextlib import suppress
-from typing import Literal, Protocol
+from typing import Literal, Protocol, get_args
 
 from mr360uw.cache import Cache
 from mr360uw.caustics.settings import CausticSettings, Sea
@@ -152,6 +152,13 @@ def end_context() -> None:
         gl_context().release()
 
 
+def check_backend(name: str) -> None:
+    """Raise `ParameterError` for the name of a backend that there is not."""
+    if name not in get_args(BackendName):
+        names = ", ".join(get_args(BackendName))
+        raise ParameterError(f"backend - is not known (got {name!r}) - take one of {names}")
+
+
 def make_backend(name: BackendName | str = "auto", cache: Cache | None = None) -> tuple[Backend, str]:
     """Return a backend and, where the reference or the processor stands in for it, a line with the reason (else "").
 
@@ -159,10 +166,9 @@ def make_backend(name: BackendName | str = "auto", cache: Cache | None = None) -
     card blends, by whatever name, another one shows whether it does that right. cache: that it is to have; None for an
     own one. Raises `GlError` if "gl" is asked for and OpenGL is not available, `ParameterError` for an unknown name.
     """
+    check_backend(name)
     if name == "reference":
         return Reference(cache), ""
-    if name not in ("auto", "gl"):
-        raise ParameterError(f"backend - is not known (got {name!r}) - take auto, gl or reference")
     try:
         found = Gl(cache)
     except GlError as error:

@@ -17,7 +17,7 @@ from mr360uw.ibl import SunTrack
 from mr360uw.medium.fit.open_water_track import OpenWaterTrack
 from mr360uw.progress import Progress
 from mr360uw.reading.cached_reads import stamp
-from mr360uw.reading.disk_cache import cache_file, keep_arrays, read_arrays, write_arrays
+from mr360uw.reading.disk_cache import Arrays, cache_file, keep_arrays, read_arrays, read_kept_arrays, write_arrays
 from mr360uw.reading.numbered_files import files_named
 from mr360uw.render.first_pass import ClipAnalysis, clip_analysis
 from mr360uw.render.loaded import Loaded
@@ -41,7 +41,7 @@ def measured_analysis(
     fresh: measure them anyway. Raises as `clip_analysis`.
     """
     path = _file_of(loaded, video, keys)
-    stored = None if path is None or fresh else load_analysis(path)
+    stored = None if path is None or fresh else _analysis_if_whole(read_kept_arrays(path))
     if stored is not None:
         return stored
     analysis = clip_analysis(loaded, video, progress, frames=frames)
@@ -123,7 +123,10 @@ def save_analysis(analysis: ClipAnalysis, path: Path) -> None:
 
 def load_analysis(path: Path) -> ClipAnalysis | None:
     """Return the analysis of a file, or None where there is none, or it is damaged or lacks some."""
-    arrays = read_arrays(path)
+    return _analysis_if_whole(read_arrays(path))
+
+
+def _analysis_if_whole(arrays: Arrays | None) -> ClipAnalysis | None:
     try:
         return None if arrays is None else analysis_of_arrays(arrays)
     except KeyError:

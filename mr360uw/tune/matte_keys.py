@@ -7,18 +7,23 @@ the pictures of all frames, a sequence as `holdout.path` takes it. One key alone
 Between two keys the middle of the thing moves along a great circle, and its outline changes evenly: signed distances
 [pixels] to the outlines of both keys, positive inside, each about its own middle and upright, are weighted by time.
 That needs no picture, and holds across the seam; things that turn about between two keys need more of them.
+
+Every picture ends in a comment with the hash of the rest: one without it, or changed since, is never replaced.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import hashlib
+import struct
+import zlib
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.errors import ParameterError
+from mr360uw.errors import OutputError, ParameterError
 from mr360uw.files import write_whole
 from mr360uw.reading.numbered_files import matching_files
 from mr360uw.sphere import basis, direction_from_frame, frame_from_direction, row_solid_angle, unit
@@ -34,13 +39,38 @@ _ROOM = 1.1
 _PART_PX = (32, 1024)
 """Least and most pixels across that part; more of them than pixels of the plate show nothing."""
 
+_END, _SEAL = 12, 12 + len(b"mr360uw matte\0") + 64
+"""Bytes of a PNG's last chunk, and of the chunk with its hash."""
+
 Matte = NDArray[np.uint8]
 """(h, w) of the plate's shape, 0 to 255: white is before the objects."""
 
 
 def png(matte: Matte) -> bytes:
-    """Return a matte as PNG."""
-    return bytes(cv2.imencode(".png", matte, (cv2.IMWRITE_PNG_COMPRESSION, 1))[1])
+    """Return a matte as PNG, with the comment by which `check_own` knows it."""
+    return _sealed(bytes(cv2.imencode(".png", matte, (cv2.IMWRITE_PNG_COMPRESSION, 1))[1]))
+
+
+def _sealed(plain: bytes) -> bytes:
+    """Return a PNG with a text chunk of its hash before its last chunk."""
+    text = b"tEXtmr360uw matte\0" + hashlib.sha256(plain).hexdigest().encode()
+    seal = struct.pack(">I", len(text) - 4) + text + struct.pack(">I", zlib.crc32(text))
+    return plain[:-_END] + seal + plain[-_END:]
+
+
+def check_own(files: Iterable[Path]) -> None:
+    """Raise `OutputError` where one of the files is there and is not what was written from `png`, unchanged."""
+    for file in files:
+        data = file.read_bytes() if file.is_file() else b""
+        if file.exists() and data != _sealed(data[: -_END - _SEAL] + data[-_END:]):
+            raise OutputError(
+                f"{file} - is no matte that was drawn here, or was changed since - draw a new matte, or move it away"
+            )
+
+
+def pictures_at_stake(folder: Path, index: int) -> list[Path]:
+    """Return the pictures of a matte's folder that a new key at a frame may replace."""
+    return [key_file(folder, index), *(file for _, file in matching_files(folder / FRAMES))]
 
 
 def key_file(folder: Path, index: int) -> Path:

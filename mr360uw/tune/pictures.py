@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import threading
 import time
+import traceback
 from collections import OrderedDict, deque
 from collections.abc import Callable
 from concurrent.futures import Future
@@ -205,16 +206,16 @@ class Pictures:
                     wanted, self._wanted = self._wanted, None
             try:
                 renderer = renderer or self._make()
-            except Mr360uwError as error:
+                if job is not None:
+                    _run_job(job, renderer)
+                elif wanted is not None:
+                    self._serve(renderer, wanted)
+            # of whatever kind: the page lives on this thread, and the next change may well be drawn
+            except Exception as error:  # noqa: BLE001
                 if job is not None:
                     job[1].set_exception(error)
                 elif wanted is not None:
                     self._publish(self._numbered(_failed(wanted, error)))
-                continue
-            if job is not None:
-                _run_job(job, renderer)
-            elif wanted is not None:
-                self._serve(renderer, wanted)
         for _, future in (*self._urgent, *self._jobs):
             future.cancel()
         if renderer is not None:
@@ -229,9 +230,12 @@ class Pictures:
     def _draft(self, renderer: PageRenderer, wanted: Wanted) -> bool:
         """Make the draft, after one of the nearest keyframe where that comes sooner; return whether it was made."""
         index = renderer.stand_in(wanted)
-        if index != wanted.index and (not self._one(renderer, wanted, draft=True, index=index) or self._wanted):
-            return False
-        return self._one(renderer, wanted, draft=True)
+        if index != wanted.index:
+            self._one(renderer, wanted, draft=True, index=index)
+            if self._wanted:
+                return False
+        self._one(renderer, wanted, draft=True)
+        return True
 
     def _rest(self, renderer: PageRenderer) -> bool:
         """Wait until nothing moves, and do what is urgent; return whether another picture is asked for by then."""
@@ -245,19 +249,14 @@ class Pictures:
                 job = self._urgent.popleft()
             _run_job(job, renderer)
 
-    def _one(self, renderer: PageRenderer, wanted: Wanted, *, draft: bool, index: int | None = None) -> bool:
-        """Make and publish one picture; return whether it could be made. index: of a frame that stands in."""
+    def _one(self, renderer: PageRenderer, wanted: Wanted, *, draft: bool, index: int | None = None) -> None:
+        """Make and publish one picture; raises what `PageRenderer.picture` raises. index: of one that stands in."""
         start, shown = time.perf_counter(), wanted if index is None else replace(wanted, index=index)
-        try:
-            drawn = renderer.picture(shown, wanted.draft_width if draft else wanted.width)
-        except (Mr360uwError, OSError, MemoryError) as error:
-            self._publish(self._numbered(_failed(wanted, error)))
-            return False
+        drawn = renderer.picture(shown, wanted.draft_width if draft else wanted.width)
         seconds = time.perf_counter() - start
         self._full_s = self._full_s if draft else seconds
         made = replace(drawn, wanted=wanted, draft=draft, stand_in=index is not None, seconds=seconds)
         self._publish(self._numbered(made))
-        return True
 
     def _numbered(self, picture: MadePicture) -> MadePicture:
         with self._changed:
@@ -271,7 +270,15 @@ class Pictures:
 
 
 def _failed(wanted: Wanted, error: Exception) -> MadePicture:
+    """Return the words on a picture that could not be made; an error that nobody expected goes to stderr besides."""
     lines = getattr(error, "problems", None) or (str(error) or type(error).__name__,)
+    if not isinstance(error, (Mr360uwError, OSError, MemoryError)):
+        traceback.print_exception(error)
+        kind, what = type(error).__name__, f": {error}" if str(error) else ""
+        lines = (
+            f"picture - drawing it failed (got {kind}{what}) - undo the last change, or make another one; that is a "
+            "fault of mr360uw, and the terminal has the details to report",
+        )
     return MadePicture(wanted, problems=tuple(lines))
 
 

@@ -184,7 +184,7 @@ def yaw_by_drag(yaw_deg: float, center: Point, start: Point, end: Point, step_de
 
 
 def scale_by_drag(scale: float, center: Point, start: Point, end: Point) -> float:
-    """Return the scale of an object after a drag of its edge from one point to another.
+    """Return the scale, or the size, of an object after a drag of its edge from one point to another.
 
     Sizes go with the tangents of the angles from the object's centre.
     """

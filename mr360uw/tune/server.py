@@ -24,6 +24,7 @@ from nicegui import ui
 from mr360uw.errors import ParameterError
 from mr360uw.files import write_whole
 from mr360uw.preview.cached_frames import PlateClip, clip_of
+from mr360uw.render.backends import check_backend
 from mr360uw.threads import one_blas_thread
 from mr360uw.tune.editing.document import Document
 from mr360uw.tune.guard import Guard
@@ -58,11 +59,10 @@ def serve(
     port: None takes `PORT`, or a free one where that is taken. token: that visitors must show; None makes a random one.
     tell: called with the page's address once it answers, and with what becomes of unsaved changes. show: called then
     with a file that leads a browser to that address: only its owner can read it, whereas all users of the machine can
-    read the arguments of a program. Raises `ParameterError` where the address cannot be had or the token is empty, and
+    read the arguments of a program. Raises `ParameterError` where the address cannot be had, as `check_options`, and
     what opening the plate raises.
     """
-    if token == "":
-        raise ParameterError("--token - must not be empty (got '') - leave it out for a random one")
+    check_options(host, token, backend)
     clip = clip_of(document.scene)
     token = secrets.token_urlsafe(24) if token is None else token
     listening = _listen(host, port)
@@ -94,6 +94,24 @@ def serve(
             path = next(name for name in names if not name.exists() and not name.is_symlink())
             write_whole(path, document.text)
             tell(f"changes that were not saved are in {path}")
+
+
+def check_options(host: str, token: str | None, backend: str) -> None:
+    """Raise `ParameterError` with a line for each option that cannot be meant.
+
+    An empty host would be listened on by every address of the machine; an empty token would let everybody in.
+    """
+    wrong = []
+    if host == "":
+        wrong.append("--host - must not be empty (got '') - leave it out for this machine alone, or name an address")
+    if token == "":
+        wrong.append("--token - must not be empty (got '') - leave it out for a random one")
+    try:
+        check_backend(backend)
+    except ParameterError as error:
+        wrong.append(f"--{error}")
+    if wrong:
+        raise ParameterError("\n".join(wrong))
 
 
 def _listen(host: str, port: int | None) -> socket.socket:

@@ -22,6 +22,7 @@ from mr360uw.tune.placing import Point, shown_at
 from mr360uw.types import Floats, View
 
 if TYPE_CHECKING:
+    from mr360uw.composite.object_settings import ObjectSettings
     from mr360uw.composite.shot import Receiver
     from mr360uw.preview.live import LivePreview
     from mr360uw.render.loaded import Loaded
@@ -122,7 +123,8 @@ class SituatedObject:
     """An object as it is in a frame. position, center: (3,) in the world, of its origin and of its bounding box.
 
     rotation: (3, 3). hull: (h, 3, 3) of the mesh. with_camera: whether its settings are in the camera's axes.
-    rotation_deg: (yaw, pitch, roll), as set, or as `face` makes it. lifted: (3,) what the surface adds to its position
+    sizes: what the scene says of its size, by the keys below its table. rotation_deg: (yaw, pitch, roll), as set, or as
+    `face` makes it. lifted: (3,) what the surface adds to its position
     setting.
     """
 
@@ -132,6 +134,7 @@ class SituatedObject:
     scale: float
     hull: Floats
     with_camera: bool
+    sizes: dict[str, float]
     rotation_deg: tuple[float, ...]
     lifted: Floats
 
@@ -245,6 +248,7 @@ def situation(preview: LivePreview, scene: Scene, index: int, time_s: float) -> 
                 placed.scale,
                 placed.mesh.hull,
                 with_camera,
+                _sizes(one.settings),
                 one.settings.rotation_deg if one.settings.face is None else yaw_pitch_roll_deg(turned),
                 one.lifted(origin, time_s),
             )
@@ -257,3 +261,12 @@ def situation(preview: LivePreview, scene: Scene, index: int, time_s: float) -> 
     marks, depth = tuple(markers(loaded, time_s, index, None)), loaded.plate_depth
     plate_m = None if depth is None else lambda direction: depth.toward(index, direction)
     return Situation(view, receiver, tuple(bodies), lamps, marks, edge, plate_m)
+
+
+def _sizes(settings: ObjectSettings) -> dict[str, float]:
+    """Return all numbers that an object's size is proportional to, by their keys below its table."""
+    if settings.size_m is not None:
+        return {"size_m": settings.size_m}
+    keyed = {f"key.{k}.scale": key.scale for k, key in enumerate(settings.key) if key.scale is not None}
+    at_rest = {} if keyed and len(keyed) == len(settings.key) else {"scale": settings.scale}
+    return at_rest | keyed

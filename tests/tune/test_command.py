@@ -95,6 +95,20 @@ def test_an_empty_token_is_refused(
     assert "--token - must not be empty (got '') - leave it out for a random one" in capsys.readouterr().err
 
 
+def test_every_option_that_cannot_be_meant_is_told_before_anything_is_written(
+    dive: SampleDive, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("nicegui", reason="the tuning page needs the extra tune")
+    monkeypatch.setattr("asyncio.run", lambda run: run.close())  # nothing is served
+    plate, mesh = (Path(shutil.copy(file, tmp_path)) for file in (dive.plate, dive.mesh))
+    for source in ([dive.scene], [plate, mesh]):
+        assert run(monkeypatch, *source, "--no-browser", "--port", "0", "--backend", "foo", "--host", "") == 2
+        first, second = capsys.readouterr().err.splitlines()
+        assert "--host - must not be empty (got '')" in first
+        assert "--backend - is not known (got 'foo') - take one of auto, gl, reference" in second
+        assert sorted(tmp_path.iterdir()) == sorted([plate, mesh])
+
+
 def test_the_token_reaches_the_browser_by_a_file_of_the_user_alone(dive: SampleDive, tmp_path: Path) -> None:
     """On loopback too a stranger is refused; the token is not among the arguments of any program."""
     pytest.importorskip("nicegui", reason="the tuning page needs the extra tune")

@@ -5,12 +5,13 @@ from __future__ import annotations
 
 import os
 import re
+import stat
 import tomllib
 from pathlib import Path
 
 import pytest
 
-from mr360uw.errors import OutputExistsError, ParameterError, SceneError
+from mr360uw.errors import OutputError, OutputExistsError, ParameterError, SceneError
 from mr360uw.scene.handbook import scene_text
 from mr360uw.scene.model import load_scene
 from mr360uw.tune.editing.document import Document
@@ -234,6 +235,35 @@ def test_saving_writes_the_text_that_gives_the_same_scene(document: Document) ->
     assert document.path.read_text("utf-8") == document.text
     assert load_scene(document.path) == document.scene
     assert not list(document.path.parent.glob(".*part*"))
+
+
+@pytest.mark.skipif(not hasattr(os, "geteuid"), reason="files have owners on POSIX")
+def test_saving_keeps_rights_owner_and_links(document: Document, tmp_path: Path) -> None:
+    owner = (54321, 54322) if os.geteuid() == 0 else (os.geteuid(), os.getegid())
+    real = document.path.rename(tmp_path / "real.toml")
+    document.path.symlink_to(real)
+    os.chown(real, *owner)
+    real.chmod(0o640)
+    document.set("sea.wind_speed", 7.0)
+    document.save(overwrite=True)
+    assert document.path.is_symlink()
+    assert real.read_text("utf-8") == document.text
+    found = real.stat()
+    assert (stat.S_IMODE(found.st_mode), found.st_uid, found.st_gid) == (0o640, *owner)
+
+
+def test_a_read_only_file_is_not_replaced(document: Document) -> None:
+    before = document.path.read_bytes()
+    document.path.chmod(0o444)
+    document.set("sea.wind_speed", 7.0)
+    with pytest.raises(OutputError, match=r"is read-only \(got mode 444\) - make it writable"):
+        document.save()
+    assert document.path.read_bytes() == before
+    assert document.dirty
+    assert not list(document.path.parent.glob(".*part*"))
+    document.path.chmod(0o644)
+    document.save()
+    assert not document.dirty
 
 
 def test_a_file_changed_outside_is_taken_where_nothing_is_unsaved(document: Document) -> None:

@@ -5,14 +5,15 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
 from mr360uw.composite.settings import HoldoutSettings
-from mr360uw.errors import ParameterError
+from mr360uw.errors import OutputError, ParameterError
 from mr360uw.render.mattes import Mattes
 from mr360uw.sphere import direction_from_angles, directions
-from mr360uw.tune.matte_keys import CarriedMatte, Matte, key_file, named_path, png, write_frames
+from mr360uw.tune.matte_keys import CarriedMatte, Matte, check_own, key_file, named_path, png, write_frames
 from mr360uw.types import Floats
 
 WIDTH, HEIGHT, COUNT = 512, 256, 9
@@ -99,3 +100,18 @@ def test_keys_of_a_matte_that_cannot_be_carried_are_refused(tmp_path: Path) -> N
     key_file(folder, 3).write_bytes(b"no picture")
     with pytest.raises(ParameterError, match="no picture"):
         write_frames(folder, COUNT, 3, lambda done, total: None)  # noqa: ARG005 - the signature of progress
+
+
+def test_only_pictures_that_were_drawn_here_are_replaced(tmp_path: Path) -> None:
+    """A picture of another program, one that was painted over, and anything else of that name is refused."""
+    matte, file = disc(direction_from_angles(0.0, 0.0), 0.2), tmp_path / "key-0003.png"
+    check_own([file])
+    file.write_bytes(png(matte))
+    check_own([file])
+    read = cv2.imread(str(file), cv2.IMREAD_UNCHANGED)
+    np.testing.assert_array_equal(read, matte)
+    assert cv2.imwrite(str(file), read)
+    for data in (file.read_bytes(), png(matte)[:-20], png(matte) + b"0", b""):
+        file.write_bytes(data)
+        with pytest.raises(OutputError, match="no matte that was drawn here"):
+            check_own([tmp_path / "none.png", file])

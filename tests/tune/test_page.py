@@ -19,6 +19,7 @@ import numpy as np
 import pytest
 
 from mr360uw.preview.live import LivePreview
+from mr360uw.preview.thumbnail import encoded
 from mr360uw.sample import SampleDive
 from mr360uw.scene.model import load_scene
 from mr360uw.tune import placing
@@ -110,8 +111,12 @@ def page(dive: SampleDive, tmp_path_factory: pytest.TempPathFactory) -> Iterator
     scene.write_text(dive.scene.read_text("utf-8"), "utf-8")
     ours = {name: value for name, value in os.environ.items() if not name.startswith("PYTEST")}  # NiceGUI looks for it
     ours["MR360UW_TOKEN"] = TOKEN
-    command = [sys.executable, "-m", "mr360uw", "tune", str(scene), "--port", "0", "--no-browser"]
-    server = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env=ours)
+    ours["PYTHONPATH"] = os.pathsep.join(filter(None, sys.path))
+    elsewhere = str(Path(folder.name) / scene.name)  # from another folder than the scene's
+    command = [sys.executable, "-m", "mr360uw", "tune", elsewhere, "--port", "0", "--no-browser"]
+    server = subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env=ours, cwd=folder.parent
+    )
     try:
         assert server.stdout is not None
         address = server.stdout.readline().strip()
@@ -355,6 +360,32 @@ def test_an_object_stands_where_the_picture_is_clicked(page: Page) -> None:
     np.testing.assert_allclose([at_x, at_y], [x, y], atol=1.0)
 
 
+@pytest.mark.parametrize(("word", "size"), [("size_m", 0.402), ("scale", 2.5)])
+def test_a_handle_scales_the_size_as_the_scene_says_it(page: Page, word: str, size: float) -> None:
+    """An arrow key on the handle is a drag that makes an object larger by 2 %."""
+    tab = page.first
+    handle = tab.page.locator(".uw-handle.uw-scale")
+    handle.wait_for()
+    before = handle.bounding_box()
+    assert before is not None
+    control = tab.control(f"object.0.{word}").locator("input[type=number]")
+    control.fill(str(size))
+    control.press("Enter")
+    tab.page.locator(f"button[title='undo: set object.0.{word}']").wait_for()
+    moved = "([e, x]) => Math.abs(e.getBoundingClientRect().x - x) > 2"  # it is where this size ends
+    tab.page.wait_for_function(moved, arg=[handle.element_handle(), before["x"]])
+    handle.press("ArrowRight")
+    tab.page.locator("button[title='undo: scale object.0']").wait_for()
+    save(tab)
+    (body, *_) = load_scene(page.scene).objects
+    assert getattr(body, word) == pytest.approx(1.02 * size, rel=1e-3)  # four digits are kept
+    tab.page.keyboard.press("Control+z")
+    tab.page.locator("button[title='redo: scale object.0']").wait_for()
+    tab.page.keyboard.press("Control+z")
+    tab.page.locator(f"button[title='redo: set object.0.{word}']").wait_for()
+    save(tab)
+
+
 def place(tab: Tab, u: float, v: float) -> tuple[float, float]:
     """Return where a place of the picture, given as fractions of it, is on the screen."""
     box = tab.page.locator(".uw-stage canvas").bounding_box()
@@ -374,12 +405,17 @@ def draw(tab: Tab, *places: tuple[float, float]) -> None:
     tab.page.mouse.up()
 
 
-def matte_of(page: Page) -> str:
-    """Save the scene and return what its only holdout names."""
-    tab = page.first
+def save(tab: Tab) -> None:
+    """Save the scene."""
     tab.page.locator("h1").click()
     tab.page.keyboard.press("Control+s")
     tab.until("() => document.querySelector('.unsaved').textContent === 'saved'")
+
+
+def matte_of(page: Page) -> str:
+    """Save the scene and return what its only holdout names."""
+    tab = page.first
+    save(tab)
     (one,) = load_scene(page.scene).holdouts
     return one.path.relative_to(page.scene.parent).as_posix()
 
@@ -420,6 +456,32 @@ def test_a_matte_is_drawn_at_keys_of_the_clip(page: Page) -> None:
         tab.page.locator("h1").click()
         tab.page.keyboard.press("Control+z")
     tab.page.locator("button[title='undo: add holdout']").wait_for(state="detached")
+
+
+def test_pictures_that_were_not_drawn_here_stay(page: Page) -> None:
+    """A sequence that another program made lies where the page would put its own."""
+    tab, folder = page.first, page.scene.parent / "matte-9"
+    save(tab)
+    folder.mkdir()
+    foreign = encoded(np.full((HEIGHT, WIDTH, 3), 90, np.uint8), ".png")
+    for index in range(8):
+        (folder / f"{index:04d}.png").write_bytes(foreign)
+    (folder / "key-0000.png").write_bytes(foreign)
+    before = page.scene.read_text("utf-8")
+    page.scene.write_text(f'{before}\n[[holdout]]\npath = "matte-9/%04d.png"\n', "utf-8")
+    tab.page.get_by_label("What a click in the picture does").select_option("lasso")
+    tab.page.get_by_label("Which matte is drawn").select_option("matte-9")
+    tab.page.get_by_label("What a line is drawn over").select_option("outline")
+    tab.done()
+    for u, v in ((0.4, 0.05), (0.7, 0.05), (0.7, 0.3), (0.4, 0.3)):  # around the sun
+        tab.page.mouse.click(*place(tab, u, v))
+    tab.page.get_by_role("button", name="Make it again").click()
+    tab.page.get_by_text("is no matte that was drawn here").first.wait_for()
+    assert {file.read_bytes() for file in folder.iterdir()} == {foreign}
+    tab.page.get_by_label("What a click in the picture does").select_option("")
+    page.scene.write_text(before, "utf-8")
+    tab.page.locator("button[title='undo: changed by another program']").wait_for()
+    tab.until("() => !document.querySelector('select[title=\"Which matte is drawn\"]').textContent.includes('matte-9')")
 
 
 def test_the_camera_is_levelled_by_clicks_on_the_horizon(page: Page) -> None:
@@ -642,6 +704,23 @@ def test_the_whole_clip_is_rendered_from_the_page(page: Page) -> None:
     link = tab.page.get_by_role("link", name="Open from_page.mp4").get_attribute("href")
     assert tab.page.request.get(link, headers={"Range": "bytes=0-99"}).status == 206
     tab.page.get_by_role("form", name="Render").get_by_role("button", name="Close").click()
+
+
+def test_the_output_is_beside_the_scene_by_default(page: Page) -> None:
+    """As `mr360uw new` names it, wherever the page was started."""
+    save(page.first)
+    page.first.page.get_by_role("button", name="Render …").click()
+    output = page.first.page.get_by_role("textbox", name="Output")
+    assert output.input_value() == "from_page.mp4", "what was typed is what a run is called"
+    page.first.page.get_by_role("form", name="Render").get_by_role("button", name="Close").click()
+    tab = page.tab()
+    tab.page.get_by_role("button", name="Render …").click()
+    expected = page.scene.with_suffix(".composite.mp4")
+    assert tab.page.get_by_role("textbox", name="Output").input_value() == str(expected)
+    tab.page.get_by_role("button", name="Render", exact=True).click()
+    tab.page.get_by_role("link", name=f"Open {expected.name}").wait_for()
+    assert expected.stat().st_size > 500
+    tab.page.close()
 
 
 def test_nothing_was_asked_of_other_machines(page: Page) -> None:

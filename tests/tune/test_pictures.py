@@ -147,6 +147,36 @@ def test_an_error_is_told_and_the_thread_goes_on(studio: Studio) -> None:
     assert studio.next() == (3, True)
 
 
+def test_an_error_that_nobody_expected_is_told_and_the_next_change_draws(
+    studio: Studio, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of a picture, of the renderer's other work for it; its details are on stderr."""
+    studio.gate.release(9)
+    studio.fails = KeyError("a fault")
+    studio.want(1)
+    (line,) = studio.made.get(timeout=WAIT_S).problems
+    assert "drawing it failed (got KeyError: 'a fault')" in line
+    assert "Traceback" in capsys.readouterr().err
+    studio.fails = None
+    monkeypatch.setattr(studio, "stand_in", lambda _: 1 // 0)
+    studio.want(2)
+    assert "ZeroDivisionError" in studio.made.get(timeout=WAIT_S).problems[0]
+    monkeypatch.undo()
+    studio.want(3, full=False)
+    assert studio.next() == (3, True)
+
+
+def test_a_renderer_that_fails_to_be_made_in_an_unknown_way_is_made_again() -> None:
+    made: queue.Queue[MadePicture] = queue.Queue()
+    thread = Pictures(lambda: 1 // 0, made.put)  # type: ignore[arg-type, return-value]
+    for _ in range(2):
+        thread.want(Wanted(Scene(plate="plate.png"), 1, 0, "composite", 512))
+        assert "ZeroDivisionError" in made.get(timeout=WAIT_S).problems[0]
+        with pytest.raises(ZeroDivisionError):
+            thread.ask(lambda _: None).result(WAIT_S)
+    thread.close()
+
+
 def test_jobs_run_beside_pictures_and_give_their_errors(studio: Studio) -> None:
     assert studio.pictures.ask(lambda renderer: renderer is studio).result(WAIT_S)
     with pytest.raises(ZeroDivisionError):

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -42,3 +43,27 @@ def test_an_object_stands_on_the_rock_that_is_clicked(tmp_path: Path, whale: Pat
         assert (shown.longitude, shown.latitude) == pytest.approx((longitude, -0.35), abs=1e-6)
     with pytest.raises(ParameterError, match="add the sea floor first"):
         here.standing(0, Point(-2.5, -0.35))
+
+
+@pytest.mark.parametrize(
+    ("said", "sizes"),
+    [
+        ({}, {"scale": 1.0}),
+        ({"size_m": 0.402}, {"size_m": 0.402}),
+        ({"scale": 2.0, "key": [{"time_s": 0.0}, {"time_s": 1.0, "scale": 3.0}]}, {"scale": 2.0, "key.1.scale": 3.0}),
+        (
+            {"key": [{"time_s": 0.0, "scale": 0.5}, {"time_s": 1.0, "scale": 3.0}]},
+            {"key.0.scale": 0.5, "key.1.scale": 3.0},
+        ),
+    ],
+)
+def test_sizes_are_what_the_scene_says(
+    tmp_path: Path, whale: Path, said: dict[str, Any], sizes: dict[str, float]
+) -> None:
+    """All numbers that a drag of the scale handle multiplies."""
+    plate = two_eyes(tmp_path / "pair.png", 128, 64)
+    body = {"mesh": str(whale), "position_m": [0.3, -0.4, -3.0], **said}
+    table = {"path": str(plate), "eye": "left"}
+    scene = scene_with(tmp_path, None, plate=table, water={"type": "none"}, object=[body])
+    with LivePreview("reference") as preview:
+        assert situation(preview, scene, 0, 0.0).bodies[0].sizes == sizes

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from mr360uw.errors import OutputExistsError, SceneError
-from mr360uw.files import write_whole
+from mr360uw.files import rewrite
 from mr360uw.reading.cached_reads import stamp
 from mr360uw.scene.model import Scene, scene_from_dict
 from mr360uw.scene.problems import key_lines
@@ -158,14 +158,14 @@ class Document:
         """Write the text to the file, whole or not at all.
 
         Raises `SceneError` where the text gives no scene, `OutputExistsError` where the file was changed meanwhile,
-        unless `overwrite`, and `OSError`.
+        unless `overwrite`, `OutputError` where it is read-only, and `OSError`.
         """
         if self._wrong:
             raise SceneError(str(self.path), self._wrong)
         self.poll()
         if self.outside is not None and not overwrite:
             raise OutputExistsError(f"{self.path} - was changed by another program - take its text, or overwrite it")
-        write_whole(self.path.resolve(), self.text)
+        rewrite(self.path, self.text)
         self._stamp = stamp(self.path)
         self._saved, self.outside, self._file_wrong = self.text, None, ()
         self._tell()

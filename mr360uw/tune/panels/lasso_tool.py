@@ -18,7 +18,15 @@ from mr360uw.files import write_whole
 from mr360uw.reading.cached_reads import stamp
 from mr360uw.reading.numbered_files import is_pattern, numbered
 from mr360uw.tune.lasso import Kind, Line, free_name, is_matte_name, is_whole, matte_of_lines, outlines_of_matte
-from mr360uw.tune.matte_keys import key_file, key_files, named_path, png, write_frames
+from mr360uw.tune.matte_keys import (
+    check_own,
+    key_file,
+    key_files,
+    named_path,
+    pictures_at_stake,
+    png,
+    write_frames,
+)
 from mr360uw.tune.panels.widgets import Button, Choice, Text
 from mr360uw.tune.placing import Point
 from mr360uw.tune.session import Session
@@ -173,6 +181,7 @@ class LassoTool:
             codes: NDArray[Any] = await asyncio.wrap_future(job)
             data = png(await asyncio.to_thread(matte_of_lines, codes, lines))
             name = self._name or free_name(self._folder)
+            await self._check_own(name, index)
             if self._clip:
                 (self._folder / name).mkdir(exist_ok=True)
                 write_whole(key_file(self._folder / name, index), data)
@@ -191,6 +200,7 @@ class LassoTool:
                 raise ParameterError(
                     f"{name} - has one key left (got frame {index}) - remove the matte from the scene instead"
                 )
+            await self._check_own(name, index)
             key_file(self._folder / name, index).unlink(missing_ok=True)
             await self._carry(name, index)
             self._put(name)
@@ -207,6 +217,11 @@ class LassoTool:
         finally:
             self._doing = ""
             self.follow()
+
+    async def _check_own(self, name: str, index: int) -> None:
+        """Raise `OutputError` where a key at a frame would replace or remove a picture that was not drawn here."""
+        files = pictures_at_stake(self._folder / name, index) if self._clip else [self._folder / f"{name}.png"]
+        await asyncio.to_thread(check_own, files)
 
     async def _carry(self, name: str, index: int) -> None:
         """Write the pictures of all frames that a key has changed, and say how far that is."""

@@ -40,10 +40,8 @@ _TOOLS = {
 _WORDS = {
     "position_m": (*POLAR, "stand_on"),
     "rotation_deg": ("face",),
-    "scale": (),
-    "size_m": ("scale",),
 }
-"""Keys of an object that give way to a position, rotation or size that is set by hand."""
+"""Keys of an object that give way to a position or rotation that is set by hand."""
 _TURN_STEP_DEG = 15.0
 """Step of a turn while Shift is held."""
 _LEAST_STOPS, _MOST_STOPS = bounds_of(ObjectSettings.model_fields["exposure"])
@@ -69,6 +67,7 @@ class PlaceTools:
         self._tool, self._number = "", 0
         self._situation: Situation | None = None
         self._drag: tuple[Situation, str, int] | None = None
+        self._in_turn = asyncio.Lock()
         self._asked = 0
         with stage.tools:
             self._choice = Choice("What a click in the picture does", _TOOLS, "", self._choose)
@@ -225,6 +224,10 @@ class PlaceTools:
             self._failed(error)
 
     async def _dragged(self, drag: Drag) -> None:
+        async with self._in_turn:  # the end of a short drag waits for what its start asks
+            await self._follow(drag)
+
+    async def _follow(self, drag: Drag) -> None:
         try:
             if drag.phase == "start":
                 self._drag = None
@@ -261,10 +264,10 @@ class PlaceTools:
             yaw = placing.yaw_by_drag(body.rotation_deg[0], shown, drag.start, point, step)
             self._put_object(number, "rotation_deg", [_short(yaw, 2), *body.rotation_deg[1:]], group)
         elif shown is not None:
-            # of an object with a size, whose mesh is taken as a metre long, the scale is that size
-            word = "scale" if self._document.get(f"object.{number}.size_m") is None else "size_m"
-            scale = placing.scale_by_drag(body.scale, shown, drag.start, point)
-            self._put_object(number, word, float(f"{scale:.4g}"), group)
+            with self._document.together(f"scale object.{number}", group=group):
+                for word, before in body.sizes.items():
+                    size = placing.scale_by_drag(before, shown, drag.start, point)
+                    self._put(f"object.{number}.{word}", before if point == drag.start else float(f"{size:.4g}"), group)
 
     def _face_camera(self) -> None:
         assert self._situation is not None

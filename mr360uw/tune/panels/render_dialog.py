@@ -32,10 +32,11 @@ class RenderDialog:
             with ui.element("label").classes("row-field"):
                 Text("Output")
                 still = session.frame_count == 1
-                self._name = str(self._document.path.with_suffix(".composite.png" if still else ".composite.mp4"))
-                out = ui.element("input").props("type=text spellcheck=false")
-                out.props["^value"] = self._name  # at first: what is typed stays while other elements are updated
-                out.on("change", self._named, js_handler="(e) => emit(e.target.value)")
+                scene = self._document.path.absolute()  # names that are not absolute are beside it
+                self._name = str(scene.with_suffix(".composite.png" if still else ".composite.mp4"))
+                self._out = ui.element("input").props("type=text spellcheck=false")
+                self._out.props["^value"] = self._name  # at first: what is typed stays while others are updated
+                self._out.on("change", self._named, js_handler="(e) => emit(e.target.value)")
             with ui.element("div").classes("row-field"):
                 Choice("Size", _SCALES, "1", lambda scale: setattr(self, "_scale", scale))
                 with ui.element("label"):
@@ -90,7 +91,7 @@ class RenderDialog:
                     Text(f"Open {run.out.name}")
 
     def _named(self, event: Any) -> None:
-        self._name = str(event.args)
+        self._name = self._out.props["^value"] = str(event.args)  # also where the dialog is opened again
 
     def _start(self, *, save: bool) -> None:
         """Start a run on the saved scene, or on a copy beside it that is removed afterwards."""
