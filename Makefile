@@ -78,10 +78,11 @@ wheel: $(VENV)/.installed-docs  ## wheel with kernels for each Python that is fo
 	rm -rf mr360uw/compiled
 	cd build/wheel && for try in */; do \
 		$$try/bin/python -m pip install --quiet --disable-pip-version-check --no-deps --force-reinstall ../../dist/mr360uw-*.whl && \
-		export MR360UW_CACHE=$$PWD/$$try/cache && $$try/bin/mr360uw --version && \
-		$$try/bin/mr360uw sample $$try/dive --width 256 --frames 2 && \
-		$$try/bin/mr360uw composite $$try/dive/scene.toml $$try/dive/out.mp4 && \
-		echo "$$try compiled $$(find $$try/cache/kernels -name '*.nbc' -size +1k | wc -l) kernels that the wheel does not have" || exit 1; \
+		$$try/bin/mr360uw --version && \
+		MR360UW_CACHE=$$try/samples $$try/bin/mr360uw sample $$try/dive --width 256 --frames 2 && \
+		MR360UW_CACHE=$$try/kept $$try/bin/mr360uw composite $$try/dive/scene.toml $$try/dive/out.mp4 && \
+		missing=$$(find $$try/kept/kernels -name '*.nbc' -size +1k | wc -l) && \
+		echo "$$try: the wheel lacks $$missing kernels of a composite" && test $$missing -lt 5 || exit 1; \
 	done
 
 lock:  ## the newest versions that go together on each Python, into requirements.lock (needs uv)
