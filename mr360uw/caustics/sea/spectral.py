@@ -16,13 +16,13 @@ Waves against the wind are left out: there are no standing waves then, and the v
 
 from __future__ import annotations
 
-import functools
 import os
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mr360uw.cache import shared
 from mr360uw.caustics.sea.base import SeaParameters, SurfaceFields
 from mr360uw.caustics.sea.gerstner import Waves
 from mr360uw.caustics.sea.spectrum import (
@@ -190,7 +190,7 @@ def _density_of(sea: SpectralSea) -> Array:
     return np.where(used & (cosine > 0.0), density, 0.0)
 
 
-@functools.lru_cache(maxsize=8)
+@shared(keep=8)
 def _variance_of(sea: SpectralSea) -> Array:
     """Variance [m^2] of the waves of each wave vector, from the spectrum or scaled to the height that is set."""
     kx, kz = sea.lattice
@@ -206,7 +206,7 @@ def _variance_of(sea: SpectralSea) -> Array:
     return variance
 
 
-@functools.lru_cache(maxsize=8)
+@shared(keep=8)
 def _amplitudes_of(sea: SpectralSea) -> tuple[Complex, Array]:
     """Return h0 (n, n) and the angular frequencies (n, n).
 
