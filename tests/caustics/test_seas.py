@@ -180,7 +180,7 @@ def test_short_fetches_have_the_spectrum_of_jonswap():
     np.testing.assert_allclose(jonswap(w, wind_speed, fetch_m), growing, rtol=tol.FLOAT64, atol=1e-200)
 
 
-@pytest.mark.parametrize("wind_speed", [2.0, 4.0])
+@pytest.mark.parametrize("wind_speed", [1.0, 2.0, 4.0])
 def test_both_seas_of_a_wind_cast_like_caustics(wind_speed):
     """Both have about the slopes of Cox & Munk 1954 in the same range of waves."""
     seas = [kind(wind_speed=wind_speed, detail_slope=0.0) for kind in (GerstnerSea, SpectralSea)]
