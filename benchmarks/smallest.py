@@ -62,7 +62,7 @@ STARTS = {
     "mutations": Start(only_loaded="runs the tests once for every fault"),
     "pipeline": Start("rate --runs 1 --width 64 --frames 1"),
     "plates": Start(only_loaded="needs footage and meshes"),
-    "shafts": Start("cookie"),
+    "shafts": Start(only_loaded="every section marches rays for a minute"),
     "slabs": Start("table"),
     "smallest": Start(only_loaded="is this program"),
     "stress": Start("0:1"),

@@ -95,7 +95,7 @@ x^(-0.22) at a fetch x = g F/u^2."""
 PHILLIPS_ALPHA = 8.1e-3
 """Phillips' constant alpha of the equilibrium range of a fully developed sea."""
 _SHARPNESS_ENERGY = 0.287
-"""A peak of sharpness gamma has 1/(1 - 0.287 ln gamma) of the energy of one of gamma 1 (Goda 1985)."""
+"""A peak of sharpness gamma has 1/(1 - 0.287 ln gamma) of the energy of one of gamma 1 (DNV-RP-C205, 3.5.5)."""
 _FULL_FETCH = (_GROWING_PEAK / _PEAK_FREQUENCY) ** 3
 """Fetch g F/u^2 at which the peak has come to that of a fully developed sea: 28 km at 4 m/s."""
 _FULL_ENERGY_FETCH = (
