@@ -18,6 +18,7 @@ import sys
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -244,15 +245,16 @@ def lookup() -> None:
     rng = np.random.default_rng(0)
     for colours, planes in itertools.product((1, 3), (1, 2, 4, 8)):
         ratio = np.broadcast_to(rng.uniform(0.5, 2.0, (planes, 256, 256, colours)), (planes, 256, 256, 3))
-        stack = upload(CausticStack(ratio, stack_depths(2.0, 8.0, planes), 8.0, np.array([0.2, 0.93, -0.3])))
+        light = CausticStack(ratio, stack_depths(2.0, 8.0, planes), 8.0, np.array([0.2, 0.93, -0.3]))
+        stack = upload(light)
         times = {}
         for reads, shader in shaders.items():
             for unit, (name, texture) in enumerate({"ratio": stack.ratio, "plane_depth": stack.plane_depth}.items()):
                 texture.use(unit)
                 set_uniforms(shader, **{name: unit})
-            set_uniforms(shader, stack__tile_m=stack.tile_m, stack__sun_direction=stack.sun_direction)
+            set_uniforms(shader, stack__tile_m=light.tile_m, stack__sun_direction=light.sun_direction)
 
-            def once(shader: object = shader) -> None:
+            def once(shader: Any = shader) -> None:
                 draw_fullscreen(target, shader)
                 context.finish()
 

@@ -50,7 +50,7 @@ from mr360uw.render.first_pass import ClipAnalysis, clip_analysis  # noqa: E402
 from mr360uw.render.loaded import load  # noqa: E402
 from mr360uw.render.plate_light import exposed_water, plate_light  # noqa: E402
 from mr360uw.render.plate_pattern import plate_pattern  # noqa: E402
-from mr360uw.render.shots import shot_at, with_caustics  # noqa: E402
+from mr360uw.render.shots import Eye, seen_by, shot_at, with_caustics  # noqa: E402
 from mr360uw.sample.recording import record  # noqa: E402
 from mr360uw.scene.model import Scene, scene_from_dict  # noqa: E402
 from mr360uw.steps import finished  # noqa: E402
@@ -191,8 +191,9 @@ class Clip:
         table = exposed_water(loaded.surroundings, light, plate.time_s)
         backend, cache = make_backend("auto")[0], Cache()
         pattern = plate_pattern(loaded, None, plate)
-        bare = shot_at(loaded, light, pattern, table, plate.time_s, index, cache)
-        layer, _ = finished(backend.layer(with_caustics(loaded, backend, bare, plate.time_s, cache)))
+        bare = shot_at(loaded, light, table, plate.time_s, index, cache)
+        seen = seen_by(loaded, bare, Eye(plate), loaded.receiver_at(index, plate.time_s), pattern, index)
+        layer, _ = finished(backend.layer(with_caustics(loaded, backend, seen, plate.time_s, cache)))
         return over(plate.image_linear, layer), environment
 
     def _row(self, column: str, pairs: list[tuple[Floats, TruePicture]], environment: Environment) -> Row:

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Objects in a plate: agreement of the renderers, energy, seam and poles, shadows, edges, speed, pictures.
 
-    python benchmarks/composite.py [agreement | furnace | turn | shadow | edges | speed | pictures FOLDER]
+    python benchmarks/composite.py [agreement | furnace | turn | shadow | edges [WIDTH] | speed [WIDTH]]
+    python benchmarks/composite.py pictures FOLDER
 
 `pictures` uses meshes beside the checkout, in shared/data/meshes; `edges` and `speed` the demo's whale and a ball.
 """
@@ -23,6 +24,7 @@ from mr360uw.composite import ObjectSettings, Receiver, SceneObject, Shot, load_
 from mr360uw.composite.gl.layer_renderer import LayerRenderer  # noqa: E402
 from mr360uw.composite.lighting import sun as sun_module  # noqa: E402
 from mr360uw.composite.mesh.material import Material  # noqa: E402
+from mr360uw.composite.motion import rigid, rotation_matrix  # noqa: E402
 from mr360uw.composite.over import over  # noqa: E402
 from mr360uw.sphere import row_solid_angle, yaw_matrix  # noqa: E402
 from mr360uw.types import View  # noqa: E402
@@ -138,9 +140,9 @@ def two_meshes(width: int, shift: float = 0.0, *, receiver: bool = True) -> Shot
     objects = (
         replace(
             at_origin(whale),
-            world_from_object=scenes.rigid((-0.6 + shift, -0.8, -2.6), scenes.rotation_matrix((70, 0, 0)), 0.5),
+            world_from_object=rigid((-0.6 + shift, -0.8, -2.6), rotation_matrix((70, 0, 0)), 0.5),
         ),
-        replace(ball, world_from_object=scenes.rigid((1.6 + shift, -1.15, -4.5), np.eye(3), 1.0)),
+        replace(ball, world_from_object=rigid((1.6 + shift, -1.15, -4.5), np.eye(3), 1.0)),
     )
     view = View(width, width // 2)
     return Shot(view, objects, _LIGHT, (scenes.SUN,), receiver=_FLOOR if receiver else None, medium=_WATER)
@@ -156,9 +158,9 @@ def _load_two() -> list[Any]:
     return _TWO
 
 
-def edges() -> None:
+def edges(width: int = 1024) -> None:
     """Edge pixels against 8 x 8 pixels of a picture eight times as large, each lit by itself."""
-    renderer, width = LayerRenderer(), 1024
+    renderer = LayerRenderer()
     ground = plate(width)
     base = two_meshes(width, receiver=False)
     near = replace(
@@ -191,8 +193,8 @@ def _nearer(matrix: np.ndarray) -> np.ndarray:
     return moved
 
 
-def speed() -> None:
-    """Processor and wall time of a layer at 2048 x 1024; light new in every frame, as in a video."""
+def speed(width: int = 2048) -> None:
+    """Processor and wall time of a layer, 2048 columns by default; light new in every frame, as in a video."""
     renderer = LayerRenderer()
     print(f"{'receiver':8} {'moving':6} {'samples':>7} {'processor ms':>13} {'wall ms':>8} {'covered':>8}  tiles")
     for receiver in (False, True):
@@ -200,8 +202,8 @@ def speed() -> None:
             for samples in (17, 65):
                 spent = []
                 for k in range(12):
-                    scene = two_meshes(2048, 0.01 * k if moving else 0.0, receiver=receiver)
-                    scene = replace(scene, samples=samples, environment=replace(_LIGHT))
+                    scene = two_meshes(width, 0.01 * k if moving else 0.0, receiver=receiver)
+                    scene = changed(scene, samples=samples, environment=replace(_LIGHT))
                     start = time.process_time(), time.perf_counter()
                     layer = renderer.render(scene)
                     spent.append((time.process_time() - start[0], time.perf_counter() - start[1]))
@@ -251,6 +253,7 @@ if __name__ == "__main__":
     if len(sys.argv) > 2 and sys.argv[1] == "pictures":
         pictures(sys.argv[2])
     else:
-        for section in sys.argv[1:] or SECTIONS:
+        widths = [int(word) for word in sys.argv[1:] if word.isdigit()]
+        for section in [word for word in sys.argv[1:] if not word.isdigit()] or SECTIONS:
             print(f"\n{section}: {SECTIONS[section].__doc__}")
-            SECTIONS[section]()
+            SECTIONS[section](*(widths if section in ("edges", "speed") else ()))

@@ -40,6 +40,7 @@ from mr360uw.render.loaded import load  # noqa: E402
 from mr360uw.sample.dive_settings import PRESETS, DiveSettings  # noqa: E402
 from mr360uw.scene.model import Scene, load_scene  # noqa: E402
 from mr360uw.types import Floats  # noqa: E402
+from mr360uw.video import VideoFrame  # noqa: E402
 
 FRAMES, JUDGED = 3, 1
 COLOUR_CODES, CONTRAST, SHARPNESS = 4.0, 0.1, 0.1
@@ -144,7 +145,7 @@ def record(path: Path, pictures: Iterable[Floats], rate_factor: int) -> None:
         container.mux(stream.encode())
 
 
-def codes_of(frame: uw.VideoFrame) -> Floats:
+def codes_of(frame: VideoFrame) -> Floats:
     """Return the R'G'B' (H, W, 3) of a frame."""
     return encode(np.clip(frame.image_linear, 0.0, 1.0), "srgb")
 

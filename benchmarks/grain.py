@@ -24,7 +24,7 @@ from threadpoolctl import threadpool_limits
 
 from mr360uw.color import encode
 from mr360uw.composite.over import empty_tile, over_tile
-from mr360uw.types import Floats, Layer
+from mr360uw.types import Floats, Layer, Rectangle
 from mr360uw.video import VideoFrame, open_video
 
 _FRAMES = 12
@@ -75,7 +75,8 @@ def accuracy(path: Path, rate_factor: int) -> None:
 def cost(frame: VideoFrame, size: tuple[int, int], runs: int) -> None:
     """Print milliseconds of laying an ellipse (width, height) over a frame without and with grain."""
     height, width = frame.shape
-    tile = empty_tile(width // 3, height // 3, size[1], size[0])
+    size = min(size[0], width), min(size[1], height)
+    tile = empty_tile(Rectangle((width - size[0]) // 2, (height - size[1]) // 2, *size))
     y, x = np.mgrid[-1.0 : 1.0 : size[1] * 1j, -1.0 : 1.0 : size[0] * 1j]
     tile.alpha[:] = x**2 + y**2 < 1.0
     tile.radiance[:] = 0.2 * tile.alpha[..., None]

@@ -11,7 +11,6 @@ for some minutes at the first time. `speed` with another checkout of the project
 
 from __future__ import annotations
 
-import importlib.util
 import itertools
 import subprocess
 import sys
@@ -29,6 +28,7 @@ if sys.argv[1:2] == ["measure"]:
     import mr360uw  # noqa: F401  # of that checkout; its modules follow, scenes and tests are those beside this program
 sys.path.insert(0, str(ROOT))
 
+from benchmarks.peers.mitsuba_scene import has_mitsuba  # noqa: E402
 from benchmarks.peers.path_traced import Truth  # noqa: E402
 from benchmarks.peers.path_traced import truth as traced  # noqa: E402
 from benchmarks.peers.scene_files import FINER, KINDS, WHITE, composited, tables, write_files  # noqa: E402
@@ -454,7 +454,5 @@ if __name__ == "__main__":
     else:
         for section in (truth, defaults, contact, furnace, caustics, speed):
             print(f"\n{section.__name__}: {section.__doc__}")
-            if section in (truth, defaults) and importlib.util.find_spec("mitsuba") is None:
-                print("left out: mitsuba is not installed (pip install 'mr360uw[peers]')")
-                continue
-            section()
+            if section not in (truth, defaults) or has_mitsuba():
+                section()

@@ -23,6 +23,7 @@ import numpy as np
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
+from benchmarks.peers.mitsuba_scene import has_mitsuba, mitsuba  # noqa: E402
 from mr360uw.cache import Cache  # noqa: E402
 from mr360uw.caustics import (  # noqa: E402
     CausticSettings,
@@ -110,9 +111,7 @@ def path_traced(
     The sun has unit irradiance just below the surface. depth: most events on a path, 2 for single scattering. seed: the
     same with and without the ball, so that most paths are the same.
     """
-    import mitsuba as mi
-
-    mi.set_variant("scalar_rgb")
+    mi = mitsuba()
     transform = mi.ScalarTransform4f
 
     def grey(value: float) -> dict[str, Any]:
@@ -448,4 +447,5 @@ if __name__ == "__main__":
     else:
         for name in sys.argv[1:] or SECTIONS:
             print(f"\n{name}: {SECTIONS[name].__doc__}")
-            SECTIONS[name]()
+            if name != "truth" or has_mitsuba():
+                SECTIONS[name]()

@@ -22,6 +22,7 @@ import numpy as np
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
+from benchmarks.peers.mitsuba_scene import has_mitsuba, mitsuba  # noqa: E402
 from mr360uw import optics, surface  # noqa: E402
 from mr360uw.caustics import GerstnerSea  # noqa: E402
 from mr360uw.caustics.sea.spectrum import mean_square_slope  # noqa: E402
@@ -177,8 +178,6 @@ def water_mesh(mi: Any, tiles: int, size: int) -> Any:
 
 def traced(view: View, samples: int) -> np.ndarray:
     """Return the path tracer's picture (H, W, 3)."""
-    from benchmarks.peers.mitsuba_scene import mitsuba
-
     mi = mitsuba()
     transform = mi.ScalarTransform4f
     dome = sky(128)
@@ -361,7 +360,8 @@ def main() -> None:
         pictures(*sys.argv[2:])
         return
     for name in sys.argv[1:] or list(SECTIONS):
-        SECTIONS[name]()
+        if name != "mitsuba" or has_mitsuba():
+            SECTIONS[name]()
 
 
 if __name__ == "__main__":

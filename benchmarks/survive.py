@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Runs that are killed, and memory over long runs: python benchmarks/survive.py [crash | memory | calls] [options].
+"""Runs that are killed, and memory over long runs: python benchmarks/survive.py [crash | memory | calls |
+scenes] [options].
 
 crash: `composite` is killed (kill -9) at random times, over three codecs and numbered pictures (--kills in all, 20).
 The same command must then finish; its output must be that of a run that was not killed, packet by packet (encoders are
@@ -7,7 +8,9 @@ deterministic with one thread); every complete part must be used again, and at m
 like temporary ones must stay as they are; a second run to the same output must be refused.
 
 memory: resident memory of a run of --frames frames (10000) of 512 x 256, in MiB; from frame 300 on it must stay within
-5 %. calls: the same over 50 library calls in one process, from the tenth on. All leave with 1 where a figure is missed.
+5 %. calls: the same over 50 library calls in one process, from the tenth on. scenes: --scenes different ones (60), each
+drawn by a `Compositor` of its own in one process; at most 3 MiB a scene from the tenth on. All leave with 1 where a
+figure is missed.
 """
 
 from __future__ import annotations
@@ -24,6 +27,7 @@ import tempfile
 import time
 from dataclasses import dataclass
 from fractions import Fraction
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -50,6 +54,7 @@ KINDS = {
 COARSE = ["draw.samples=1", "draw.sun_samples=1", "draw.ambient_occlusion=false"]
 """How runs go on does not depend on how fine the pictures are."""
 STEADY_FROM, CALLS, CALLS_FROM = 300, 50, 10
+MIB_A_SCENE = 3.0
 TOLERANCE = 0.05
 """Allowed spread of the resident memory, as a fraction of its median."""
 
@@ -253,10 +258,29 @@ def calls(backend: str) -> list[str]:
     return judged(f"resident from call {CALLS_FROM} on, {backend}", seen[CALLS_FROM:])
 
 
+def scenes(count: int, backend: str) -> list[str]:
+    """Draw a frame of each of many scenes that share nothing; return what went wrong."""
+    waters, seen = ("I", "IA", "IB", "II", "III", "1C", "3C", "5C"), []
+    with tempfile.TemporaryDirectory() as name:
+        dive = sample_dive(Path(name) / "dive", width=64, frames=1)
+        plate = np.random.default_rng(1).uniform(0.1, 0.3, (256, 512, 3)).astype(np.float32)
+        for k in range(count):
+            given = [f"camera.depth_m={4.0 + 0.25 * k}", f'water.type="{waters[k % len(waters)]}"', f"sea.seed={k}"]
+            with uw.Compositor(load_scene(dive.scene, given), backend=backend) as compositor:
+                compositor.frame(plate)
+            seen.append(resident_mib())
+    grown = [after - before for before, after in pairwise(seen)]
+    rest = (seen[-1] - seen[CALLS_FROM - 1]) / (count - CALLS_FROM) if count > CALLS_FROM else 0.0
+    line = f"{count} scenes, {backend}: {seen[0]:.0f} to {max(seen):.0f} MiB, {rest:.2f} MiB a scene from the tenth on"
+    print(f"{line} (at most {max(grown, default=0.0):.1f})")
+    return [line] if rest > MIB_A_SCENE else []
+
+
 def main() -> None:
     """Run what is asked for, or all."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("what", nargs="?", choices=["crash", "memory", "calls"])
+    parser.add_argument("what", nargs="?", choices=["crash", "memory", "calls", "scenes"])
+    parser.add_argument("--scenes", type=int, default=60)
     parser.add_argument("--kills", type=int, default=20)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--frames", type=int, default=10_000)
@@ -269,6 +293,8 @@ def main() -> None:
         wrong += memory(given.frames, given.backend)
     if given.what in (None, "calls"):
         wrong += calls(given.backend)
+    if given.what in (None, "scenes"):
+        wrong += scenes(given.scenes, given.backend)
     for line in wrong:
         print(f"MISSED {line}")
     sys.exit(bool(wrong))

@@ -7,6 +7,9 @@ are all that it can depend on, and the cache may be emptied at any moment withou
 The version of an input is what it is equal to: settings and numbers count by value, arrays of up to a megabyte by their
 content, what is assembled anew in every frame (`Parts`) by the versions of its fields, and all else, which is loaded or
 computed once, by identity, as long as it is kept itself. Caches change no result, so they count for nothing.
+
+Functions far below, which have no cache at hand, are `shared`: all scenes of the process find their results, until one
+of the scenes is closed (`drop_shared`).
 """
 
 from __future__ import annotations
@@ -206,6 +209,30 @@ def name_of(function: Callable[..., Any]) -> str:
     if "<" in name:
         raise TypeError(f"{name} - may depend on more than its inputs - write it at the top of a module")
     return name.lstrip("_")
+
+
+_SHARED: list[functools._lru_cache_wrapper[Any]] = []
+"""All functions that are `shared`, listed as their modules are loaded."""
+
+
+def shared(keep: int) -> Callable[[Callable[..., T]], functools._lru_cache_wrapper[T]]:
+    """Return a decorator for a plain function of a scene's settings, whose last `keep` results all scenes share.
+
+    Its inputs are hashable. `functools.cache` is for what does not depend on a scene.
+    """
+
+    def decorated(function: Callable[..., T]) -> functools._lru_cache_wrapper[T]:
+        kept = functools.lru_cache(maxsize=keep)(function)
+        _SHARED.append(kept)
+        return kept
+
+    return decorated
+
+
+def drop_shared() -> None:
+    """Let go of the results of all `shared` functions, on any thread; scenes still open call them anew."""
+    for kept in _SHARED:
+        kept.cache_clear()
 
 
 class Scratch:

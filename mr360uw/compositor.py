@@ -17,7 +17,7 @@ from mr360uw.cache import Cache
 from mr360uw.constants import MOST_LIGHT
 from mr360uw.errors import ParameterError
 from mr360uw.progress import Progress
-from mr360uw.render.backends import make_backend
+from mr360uw.render.backends import close_backend, make_backend
 from mr360uw.render.first_pass import ClipAnalysis, clip_analysis
 from mr360uw.render.frame import Frame, MeasuredPlate, blend_frame, composite_frame, draw_frame, measure_plate
 from mr360uw.render.loaded import Loaded, load
@@ -270,7 +270,7 @@ class Compositor:
         return self._loaded
 
     def close(self) -> None:
-        """Release everything that is cached, after the frame that is being made.
+        """Release everything that is cached, after the frame that is being made: arrays, and objects on the device.
 
         The end of a `with` block does the same. A closed compositor makes no more frames.
 
@@ -284,7 +284,8 @@ class Compositor:
         >>> compositor.close()
         """
         with self._one_thread:
-            self._loaded = self._kept = None
+            self._loaded = self._kept = self._analysis = None
+            close_backend(self._renderer)
 
     def __enter__(self) -> Self:
         return self

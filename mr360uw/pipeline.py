@@ -9,7 +9,7 @@ from __future__ import annotations
 import itertools
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Literal
@@ -18,7 +18,7 @@ from mr360uw.cache import Cache
 from mr360uw.info import package_versions
 from mr360uw.progress import Progress, begin_phase
 from mr360uw.reading.cached_reads import CachedReads
-from mr360uw.render.backends import Backend, make_backend
+from mr360uw.render.backends import Backend, close_backend, make_backend
 from mr360uw.render.check import scene_sun_lines
 from mr360uw.render.first_pass import ClipAnalysis, measured_range
 from mr360uw.render.loaded import Loaded, Loader, load_plate_depth
@@ -114,7 +114,7 @@ def composite_video(
     """
     began = time.perf_counter()
     instance("scene", scene, Scene, "load_scene reads one")
-    with open_plate(scene) as video:
+    with open_plate(scene) as video, ExitStack() as last:
         span = video.check_range(*frames)
         scene, taken = with_encoder(scene, video, Path(out))
         output = Output.of(scene, video, out, layers, span, overwrite=overwrite, report=report)
@@ -126,6 +126,7 @@ def composite_video(
         _check_lengths(loaded, video, span)
         output, undrawn = _with_drawn_layers(output, loaded)
         renderer, fallback = make_backend(backend, Cache(scene.plate.eyes))
+        last.callback(close_backend, renderer)
         (count, crew), inputs = make_crew(workers, cluster, len(parts)), input_fingerprints(loaded)
         keys = work_keys(loaded, inputs, "mixed" if mixed else renderer.name, measured_range(video, *span))
         with work_folder(output.path, keys, fresh=fresh, overwrite=overwrite) as work:

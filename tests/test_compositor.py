@@ -3,16 +3,25 @@
 
 from __future__ import annotations
 
+import functools
+import gc
 import json
 import threading
+import weakref
 from pathlib import Path
 
+import moderngl
 import numpy as np
 import OpenEXR
 import pytest
 
 import mr360uw as uw
 from mr360uw.color import encode
+from mr360uw.composite.mesh.mesh import Mesh
+from mr360uw.gl.context import gl_context
+from mr360uw.medium.medium import Medium
+from mr360uw.medium.models import FieldModel
+from mr360uw.render.loaded import Loaded
 from mr360uw.sample import SampleDive
 from mr360uw.types import Floats
 from tests.tolerances import FRAME_ALONE_CODES, FRAME_ALONE_FRACTION
@@ -73,3 +82,43 @@ def test_any_thread_may_close_it(dive: SampleDive) -> None:
     other.join()
     with pytest.raises(uw.ParameterError, match="compositor - is closed"):
         compositor.frame(np.full((32, 64, 3), 0.2, np.float32))
+
+
+def test_nothing_of_a_closed_compositor_stays(dive: SampleDive, backend: str) -> None:
+    """Nothing waits for the garbage collector either, which counts objects and not their size."""
+    scene, plate = uw.load_scene(dive.scene), np.full((32, 64, 3), 0.2, np.float32)
+    of_scene: tuple[type, ...] = (Loaded, Mesh, Medium, FieldModel)
+    on_device = (moderngl.Buffer, moderngl.Framebuffer, moderngl.Program, moderngl.Texture, moderngl.VertexArray)
+    uw.render_frame(plate, scene, backend=backend)  # what is made once in a process
+    gc.collect()
+    before = [alive(kind) for kind in (*of_scene, *on_device)]
+    gc.disable()
+    try:
+        compositor = uw.Compositor(scene, backend=backend)
+        result = compositor.frame(plate)
+        assert result.medium is not None
+        refs = [weakref.ref(array) for array in (result.image_linear, result.medium.veil)]
+        open_ = [alive(kind) for kind in (*of_scene, *on_device)]
+        assert all(now > then for now, then in zip(open_[:4], before[:4], strict=True))
+        assert limited_results() > 0
+        compositor.close()
+        del result
+        after = [alive(kind) for kind in (*of_scene, *on_device)]
+        assert all(now <= then for now, then in zip(after, before, strict=True)), (before, open_, after)
+        assert [ref() for ref in refs] == [None] * len(refs)
+        assert limited_results() == 0
+        assert backend != "gl" or not gl_context().objects  # of these the device would be freed by the next frame
+    finally:
+        gc.enable()
+
+
+def alive(kind: type) -> int:
+    return sum(isinstance(one, kind) for one in gc.get_objects())
+
+
+def limited_results() -> int:
+    """Return how many results the physics keeps of functions that keep a limited number of them."""
+    rooms = tuple(f"mr360uw.{room}." for room in ("medium", "caustics", "composite"))
+    functions = [one for one in gc.get_objects() if isinstance(one, functools._lru_cache_wrapper)]
+    found = [one.cache_info() for one in functions if one.__module__.startswith(rooms)]
+    return sum(info.currsize for info in found if info.maxsize is not None)

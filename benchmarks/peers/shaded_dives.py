@@ -25,7 +25,7 @@ from mr360uw.render.first_pass import ClipAnalysis
 from mr360uw.render.loaded import Loaded, load
 from mr360uw.render.plate_light import exposed_water, plate_light
 from mr360uw.render.plate_pattern import background_series, plate_pattern
-from mr360uw.render.shots import shot_at
+from mr360uw.render.shots import Eye, seen_by, shot_at
 from mr360uw.sample.dive_settings import DiveSettings
 from mr360uw.sample.rendered_dive import SENSOR, Dive
 from mr360uw.scene.model import scene_from_dict
@@ -133,7 +133,9 @@ class ShadedDive:
         if known:
             light = replace(light, environment=self._light())
         pattern = plate_pattern(self.loaded, analysis.background, frame)
-        return shot_at(self.loaded, light, pattern, water, frame.time_s, frame.index, Cache())
+        bare = shot_at(self.loaded, light, water, frame.time_s, frame.index, Cache())
+        receiver = self.loaded.receiver_at(frame.index, frame.time_s)
+        return seen_by(self.loaded, bare, Eye(frame), receiver, pattern, frame.index)
 
     def _light(self) -> Environment:
         """Return an even sky and a sun with the dive's irradiance at the camera."""

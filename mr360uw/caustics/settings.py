@@ -11,13 +11,13 @@ As both grow with depth alike, the error of a map goes with the ratio
 
 from __future__ import annotations
 
-import functools
 import math
 from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import Discriminator, Tag, field_validator
 
+from mr360uw.cache import shared
 from mr360uw.caustics.sea.gerstner import GerstnerSea
 from mr360uw.caustics.sea.spectral import SpectralSea
 from mr360uw.constants import REFRACTIVE_INDEX_SEA, SUN_HALF_ANGLE_RAD
@@ -50,7 +50,7 @@ def grid_of(settings: CausticSettings, sea: Sea) -> int:
     return cells_across(sea, settings.sun_half_angle_rad) if settings.grid is None else settings.grid
 
 
-@functools.lru_cache(maxsize=32)
+@shared(keep=32)
 def _second_derivative_of_slope(sea: Sea) -> float:
     """Return m [1/m^2] of the surface at time 0."""
     spectrum = np.fft.fft2(sea.grid_fields(_SAMPLES, 0.0).height) / _SAMPLES**2

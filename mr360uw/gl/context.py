@@ -98,6 +98,13 @@ def next_frame() -> None:
     gl_context().gc()
 
 
+def release_unused() -> None:
+    """Release all objects of this thread's context that nothing refers to, and what the pool keeps for later frames."""
+    texture_pool().release_free()
+    gl_context().fbo = None  # type: ignore[assignment]  # the last one drawn into
+    gl_context().gc()
+
+
 def gl_available() -> bool:
     """Return whether a context can be made here."""
     try:
@@ -264,26 +271,25 @@ def expand_source(text: str, name: str, defines: Mapping[str, str | int | float]
     for key, value in sorted((defines or {}).items()):  # in a fixed order, for the drivers' caches
         out.append(f"#define {key} {value if isinstance(value, str) else glsl_number(value)}")
     out += ["#line 1", constants_source()]
-    seen: set[str] = {"constants.glsl"}
-
-    def expand(text: str, name: str) -> None:
-        index = len(files)
-        files.append(name)
-        out.append(f"#line {index * _LINES_PER_FILE + 1}")
-        for number, line in enumerate(text.splitlines(), 1):
-            match = _INCLUDE.match(line)
-            if not match:
-                out.append(line)
-                continue
-            wanted = match.group(1)
-            candidates = [wanted, str(Path(name).parent / wanted)]
-            found = next((c for c in candidates if c in seen or (_ROOT / c).is_file()), None)
-            if found is None:
-                raise GlError(f'{name}:{number} - cannot find include (got "{wanted}") - give a path below mr360uw/')
-            if found not in seen:
-                seen.add(found)
-                expand((_ROOT / found).read_text("utf-8"), found)
-            out.append(f"#line {index * _LINES_PER_FILE + number + 1}")
-
-    expand(text, name)
+    _expand(text, name, files, out)
     return Source("\n".join(out) + "\n", tuple(files))
+
+
+def _expand(text: str, name: str, files: list[str], out: list[str]) -> None:
+    """Append a file's name to `files` and its lines to `out`, with those files included that are not there yet."""
+    index = len(files)
+    files.append(name)
+    out.append(f"#line {index * _LINES_PER_FILE + 1}")
+    for number, line in enumerate(text.splitlines(), 1):
+        match = _INCLUDE.match(line)
+        if not match:
+            out.append(line)
+            continue
+        wanted = match.group(1)
+        candidates = [wanted, str(Path(name).parent / wanted)]
+        found = next((c for c in candidates if c in files or (_ROOT / c).is_file()), None)
+        if found is None:
+            raise GlError(f'{name}:{number} - cannot find include (got "{wanted}") - give a path below mr360uw/')
+        if found not in files:
+            _expand((_ROOT / found).read_text("utf-8"), found, files, out)
+        out.append(f"#line {index * _LINES_PER_FILE + number + 1}")

@@ -76,11 +76,19 @@ class TexturePool:
     def next_frame(self) -> None:
         """Take back what is no longer referred to, and let go of what nobody has asked for in the last frames."""
         self._frame += 1
+        self._take_back(_IDLE_FRAMES)
+
+    def release_free(self) -> None:
+        """Take back what is no longer referred to, and let go of all that is not lent."""
+        self._take_back(-1)
+
+    def _take_back(self, idle: int) -> None:
+        """Take back what is no longer referred to, and let go of what has been free for more than `idle` frames."""
         while self._back:
             key, own = self._back.popleft()
             self._free.setdefault(key, []).append((self._frame, own))
         for key, free in list(self._free.items()):
-            while free and free[0][0] < self._frame - _IDLE_FRAMES:
+            while free and free[0][0] < self._frame - idle:
                 _, own = free.pop(0)
                 self._own.remove(own)
                 self._framebuffers.pop(own, None)

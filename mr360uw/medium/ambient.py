@@ -14,11 +14,10 @@ above and from below. x is the floor's radiance in the plate's light. Every part
 
 from __future__ import annotations
 
-import functools
-
 import numpy as np
 from numpy.typing import NDArray
 
+from mr360uw.cache import shared
 from mr360uw.constants import PI
 from mr360uw.medium.medium import Medium
 from mr360uw.medium.models import SpectralModel
@@ -84,7 +83,7 @@ def _on_normals(medium: Medium, sky: Sky, sun_up: float | None, depth_m: Array) 
     return np.asarray(light @ (medium.floor_lobes if sky == "floor" else medium.bands.lobes))
 
 
-@functools.lru_cache(maxsize=32)
+@shared(keep=32)
 def _solved(model: SpectralModel, sun_up: float | None, depths: bytes) -> Array:
     """Return the same at the model's wavelengths, (N, D, n)."""
     depth, normal = np.frombuffer(depths), normal_nodes()[:, None]

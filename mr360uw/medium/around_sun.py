@@ -16,6 +16,7 @@ import functools
 import numpy as np
 from numpy.typing import NDArray
 
+from mr360uw.cache import shared
 from mr360uw.constants import PI
 from mr360uw.medium.fit.level import MIDDLE
 from mr360uw.medium.fit.open_water import COLUMNS, ROWS
@@ -59,7 +60,7 @@ def around_sun(medium: Medium) -> Array | None:
     return upper + share * (lower - upper)
 
 
-@functools.lru_cache(maxsize=64)
+@shared(keep=64)
 def _at_depth(model: FieldModel, lobes: bytes, depth_m: float) -> Array:
     weights = np.frombuffer(lobes).reshape(-1, 3)
 
@@ -72,7 +73,7 @@ def _at_depth(model: FieldModel, lobes: bytes, depth_m: float) -> Array:
     return np.asarray(kept_arrays("around", (depth_m, weights, *model.inputs), ratio)["ratio"])
 
 
-@functools.lru_cache(maxsize=64)
+@shared(keep=64)
 def _roughly(model: FieldModel, lobes: bytes, depth_m: float) -> Array:
     from scipy.interpolate import PchipInterpolator
 

@@ -7,7 +7,6 @@ downwelling irradiance just below the surface.
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal, Protocol
@@ -15,6 +14,7 @@ from typing import Literal, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from mr360uw.cache import shared
 from mr360uw.constants import INV_4PI, REFRACTIVE_INDEX_SEA
 from mr360uw.medium.closed_form import path_integral, ray_in_water
 from mr360uw.medium.phase import Mixture
@@ -249,7 +249,7 @@ def spectral_model(
     return KdModel(a + b, kd, b, factor)
 
 
-@functools.lru_cache(maxsize=48)
+@shared(keep=48)
 def _field_model(
     water: Water,
     wavelength_nm: tuple[float, ...],

@@ -17,6 +17,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from mr360uw.cache import shared
 from mr360uw.constants import INV_4PI, PI
 from mr360uw.errors import ParameterError
 from mr360uw.medium.tables import builtin_table, read_table
@@ -238,7 +239,7 @@ def _tabulated(theta: Array, table: PhaseTable) -> Array:
     return np.asarray(np.exp(np.interp(x, log_angle, log_p) + slope * np.minimum(x - log_angle[0], 0.0)))
 
 
-@functools.lru_cache(maxsize=64)
+@shared(keep=64)
 def _table_norm(table: PhaseTable) -> float:
     theta, weight = _angle_quadrature()
     return float(2.0 * PI * np.sum(weight * _tabulated(theta, table)))
@@ -286,7 +287,7 @@ def fournier_forand(theta: ArrayLike, index: float, slope: float) -> Array:
     return INV_4PI * (first / ((1.0 - d) ** 2 * dn) + second)
 
 
-@functools.lru_cache(maxsize=64)
+@shared(keep=64)
 def particles_of_backscatter(ratio: float) -> Phase:
     """Return the Fournier-Forand phase function whose bb/b is `ratio`, 0.002 to 0.05.
 
@@ -370,7 +371,7 @@ def phase_function(phase: Phase, theta: ArrayLike) -> Array:
     return fournier_forand(angle, phase[1], phase[2])  # type: ignore[misc, arg-type]
 
 
-@functools.lru_cache(maxsize=64)
+@shared(keep=64)
 def phase_moments(phase: Phase, count: int) -> Array:
     """Return the Legendre moments chi_0 ... (count,) of a phase function, chi_0 = 1."""
     check_phase(phase)
@@ -391,7 +392,7 @@ def phase_moments(phase: Phase, count: int) -> Array:
     return moments
 
 
-@functools.lru_cache(maxsize=64)
+@shared(keep=64)
 def wide_angle_moments(phase: Phase, count: int) -> Array:
     """Return the Legendre moments (count,) of a phase function whose forward peak is cut off level; chi_0 < 1.
 
@@ -429,14 +430,14 @@ def forward_peak(phase: Phase) -> tuple[Array, Array]:
     return theta[peak > 0.0], peak[peak > 0.0] / peak.sum()
 
 
-@functools.lru_cache(maxsize=64)
+@shared(keep=64)
 def _integral(phase: Phase) -> float:
     """Return the integral of a phase function over the sphere, 1 but for the rounding of published numbers."""
     theta, weight = _angle_quadrature()
     return float(2.0 * PI * np.sum(weight * phase_function(phase, theta)))
 
 
-@functools.lru_cache(maxsize=64)
+@shared(keep=64)
 def _level_of_peak(phase: Phase) -> tuple[Array, float]:
     """Return a phase function at the quadrature's angles and the value that its peak is cut off at; infinity: none."""
     share = max(mean_cosine(phase), 0.0) ** 4
@@ -491,7 +492,7 @@ def mean_cosine(phase: Phase) -> float:
     return float(phase_moments(phase, 2)[1])
 
 
-@functools.lru_cache(maxsize=64)
+@shared(keep=64)
 def backscatter_ratio(phase: Phase) -> float:
     """Return bb/b, the fraction of scattered light that turns by more than 90 degrees."""
     check_phase(phase)

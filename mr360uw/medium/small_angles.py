@@ -13,11 +13,10 @@ and stays sharp. The rest, (M - exp(-tau))/(1 - exp(-tau)), is a sum of Gaussian
 
 from __future__ import annotations
 
-import functools
-
 import numpy as np
 from numpy.typing import NDArray
 
+from mr360uw.cache import shared
 from mr360uw.constants import PI
 from mr360uw.medium.medium import Medium
 from mr360uw.medium.phase import Phase, forward_peak
@@ -58,7 +57,7 @@ def _mean_transform(phase: Phase, x: Array) -> Array:
     return np.asarray(np.interp(along, np.append(0.0, places), np.append(1.0, values)) @ share)
 
 
-@functools.lru_cache(maxsize=16)
+@shared(keep=16)
 def _weights(phase: Phase) -> Array:
     """Return the weights (len(_DEPTHS), len(_ANGLES_RAD)) of the turned light's Gaussians, each row of sum 1."""
     return np.asarray(kept_arrays("spread", (phase,), lambda: {"weights": _fitted_weights(phase)})["weights"])
@@ -87,7 +86,7 @@ def spread_of(medium: Medium) -> BeamSpread | None:
     return beam_spread(medium.water.phase, scattering) if scattering > 0.0 else None
 
 
-@functools.lru_cache(maxsize=16)
+@shared(keep=16)
 def beam_spread(phase: Phase, scattering: float) -> BeamSpread:
     """Return the spread of the beam, one object for equal arguments.
 

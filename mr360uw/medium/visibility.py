@@ -16,6 +16,7 @@ import functools
 import numpy as np
 from numpy.typing import NDArray
 
+from mr360uw.cache import shared
 from mr360uw.errors import ParameterError
 from mr360uw.medium.phase import Phase, wide_angle_moments
 from mr360uw.medium.tables import Spectrum
@@ -40,7 +41,7 @@ def visibility_m(water: Water) -> float:
     return CONTRAST_LENGTHS / (float(water.absorption(SIGHT_NM)) + molecular + by_particles)
 
 
-@functools.lru_cache(maxsize=64)
+@shared(keep=64)
 def water_of_visibility(sight_m: float) -> Water:
     """Return the water between two neighbouring Jerlov types whose visibility is `sight_m` [m], 0.5 to 90.
 
@@ -58,7 +59,7 @@ def water_of_visibility(sight_m: float) -> Water:
     return _between(clear, murky, low)
 
 
-@functools.lru_cache(maxsize=64)
+@shared(keep=64)
 def water_seen_as_far(water: Water, sight_m: float) -> Water:
     """Return a water with another visibility [m], 0.5 to 90: with less of all that is in it, or with more particles.
 

@@ -11,7 +11,6 @@ to III are open ocean, clear to turbid, 1C to 9C coastal.
 
 from __future__ import annotations
 
-import functools
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal, cast, get_args
@@ -20,6 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import PositiveInt
 
+from mr360uw.cache import shared
 from mr360uw.constants import MEAN_COSINE_SEA
 from mr360uw.errors import ParameterError
 from mr360uw.medium.phase import Mixture, Phase, backscatter_ratio, check_phase, particles_of_backscatter
@@ -645,7 +645,7 @@ class Water(Shown):
 _COLUMN = {"wavelength": "wavelength_nm", "wl_nm": "wavelength_nm", "a": "absorption", "b": "scattering"}
 
 
-@functools.lru_cache(maxsize=64)
+@shared(keep=64)
 def _jerlov(water_type: JerlovType, inherent: Inherent, kd: Diffuse | None, phase: Phase | None) -> Water:
     # one object for each type, so that the field solved for it is found again
     if inherent not in get_args(Inherent):

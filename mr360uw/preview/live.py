@@ -17,7 +17,7 @@ from mr360uw.cache import Cache, Same
 from mr360uw.preview.cached_frames import KeptFrames, PlateClip
 from mr360uw.progress import Progress
 from mr360uw.reading.cached_reads import CachedReads, stamp
-from mr360uw.render.backends import make_backend
+from mr360uw.render.backends import close_backend, make_backend
 from mr360uw.render.first_pass import ClipAnalysis, clip_analysis
 from mr360uw.render.frame import Frame, composite_frame
 from mr360uw.render.loaded import Loaded, Loader
@@ -188,6 +188,7 @@ class LivePreview:
         """Let go of everything that is kept, and of open files."""
         self.plates.close()
         self._reads.cache.clear()
+        close_backend(self.backend)
 
     def __enter__(self) -> Self:
         return self

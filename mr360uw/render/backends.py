@@ -7,16 +7,20 @@ OpenGL 3.3.
 
 from __future__ import annotations
 
+import threading
 from contextlib import suppress
-from typing import Literal, Protocol, get_args
+from typing import TYPE_CHECKING, Literal, Protocol, get_args
 
-from mr360uw.cache import Cache
+from mr360uw.cache import Cache, drop_shared
 from mr360uw.caustics.settings import CausticSettings, Sea
 from mr360uw.composite.aovs import Aovs
 from mr360uw.composite.shot import Shot
 from mr360uw.errors import GlError, ParameterError
 from mr360uw.steps import Pause, Steps
 from mr360uw.types import BeamSpread, CausticStack, Floats, Layer
+
+if TYPE_CHECKING:
+    from mr360uw.composite.gl.layer_renderer import LayerRenderer
 
 BackendName = Literal["auto", "gl", "reference"]
 _ON_DEVICE, _ON_PROCESSOR = 5, 0
@@ -56,6 +60,9 @@ class Backend(Protocol):
     def answer(self) -> None:
         """Take from the device what the steps under way wait for."""
 
+    def release(self) -> None:
+        """Let go of all that is kept between frames, here and on the device; a later frame makes it anew."""
+
 
 class Reference:
     """The reference renderer: float64 on the processor. cache: see `Backend`."""
@@ -93,6 +100,10 @@ class Reference:
     def answer(self) -> None:
         """Return at once: there is no device."""
 
+    def release(self) -> None:
+        """Empty the cache."""
+        self.cache.clear()
+
 
 class Gl:
     """The OpenGL renderer, for the thread that made it. blends, cache: see `Backend`.
@@ -116,7 +127,8 @@ class Gl:
             self.note = doubt and f"{self.device} blends wrongly, so the processor blends ({doubt})"
         self.in_flight = _ON_PROCESSOR if device.software else _ON_DEVICE
         self.cache = Cache() if cache is None else cache
-        self._layers = LayerRenderer(self.cache)
+        self._layers: LayerRenderer | None = LayerRenderer(self.cache)
+        self._thread = threading.get_ident()
 
     def caustics(
         self,
@@ -137,11 +149,34 @@ class Gl:
         """Return the layer of a shot, and its output variables if asked for, read back from the device. What needs the
         device is done on the thread that made the renderer.
         """
+        if self._layers is None:  # released
+            from mr360uw.composite.gl.layer_renderer import LayerRenderer
+
+            self._layers = LayerRenderer(self.cache)
         return self._layers.steps(shot, variables=variables)
 
     def answer(self) -> None:
         """Take from the device what the steps under way wait for."""
-        self._layers.answer()
+        if self._layers is not None:
+            self._layers.answer()
+
+    def release(self) -> None:
+        """Let go of all that is kept between frames, here and on the device; a later frame makes it anew.
+
+        Asked for on another thread, it is the next frame on the renderer's thread that releases what is on the device.
+        """
+        from mr360uw.gl.context import release_unused
+
+        self.cache.clear()
+        self._layers = None
+        if threading.get_ident() == self._thread:
+            release_unused()
+
+
+def close_backend(backend: Backend) -> None:
+    """Let go of all that a backend and the scenes of this process keep; scenes still open make it anew."""
+    backend.release()
+    drop_shared()
 
 
 def end_context() -> None:

@@ -3,12 +3,12 @@
 
 from __future__ import annotations
 
-import functools
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from mr360uw.cache import shared
 from mr360uw.constants import ENVIRONMENT_COLUMNS, ENVIRONMENT_ROWS
 from mr360uw.ibl.level.tilt import is_level, level_matrix, roll_pitch, upward
 from mr360uw.ibl.plate import COARSE_COLUMNS, COARSE_ROWS, coarse_directions, remap
@@ -64,7 +64,7 @@ def _reach(height: int) -> float:
     return float(max(BAND_RAD, np.pi / height))
 
 
-@functools.lru_cache(maxsize=2)
+@shared(keep=2)
 def _places(width: int, height: int, up: bytes) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Return the columns and rows (2 `_SAMPLES[0]`, n) of the pixels about the horizon. up: of `upward`, float64."""
     rows, columns = _SAMPLES

@@ -8,7 +8,6 @@ and files cannot, nor can fields that are declared `fixed` (see `parameters.para
 from __future__ import annotations
 
 import difflib
-import functools
 import itertools
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -19,6 +18,7 @@ import numpy as np
 from pydantic import BaseModel, Field, ValidationInfo, field_validator
 from pydantic.fields import FieldInfo
 
+from mr360uw.cache import shared
 from mr360uw.errors import ParameterError
 from mr360uw.parameters import FULL_TURN_DEG, LATEST_S, Parameters, bounds_of, is_direction, stated
 from mr360uw.parameters import parameter as declared  # a field has its name
@@ -82,7 +82,7 @@ class KeyedParameter(Parameters):
         return tuple(found.tolist()) if np.ndim(found) else float(found)
 
 
-@functools.lru_cache(maxsize=256)
+@shared(keep=256)
 def _curve(key: KeyedParameter, turns: bool) -> Any:
     """Return the interpolator of a parameter over time: straight, or a monotone cubic (Fritsch & Carlson 1980)."""
     from scipy.interpolate import PchipInterpolator, make_interp_spline

@@ -13,7 +13,6 @@ mean slope there plus a slope of its own, weighted by what the ray sees of it: (
 
 from __future__ import annotations
 
-import functools
 import math
 import os
 from concurrent.futures import ThreadPoolExecutor
@@ -23,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import irfft2, rfft2
 
+from mr360uw.cache import shared
 from mr360uw.caustics import caustic_map
 from mr360uw.caustics.flux.sun_disc import gaussian_transform
 from mr360uw.caustics.settings import Sea
@@ -149,7 +149,7 @@ def _slopes(sampled: SampledSea) -> NDArray[np.float32]:
     return np.stack([height, by_x, by_z], axis=-1)[::every, ::every].astype(np.float32)
 
 
-@functools.lru_cache(maxsize=8)
+@shared(keep=8)
 def _rays(count: int, slope_variance: float) -> Array:
     """Return the rays (count, 7) of `gather_row`, the same for every pixel.
 

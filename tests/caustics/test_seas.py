@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from pydantic import TypeAdapter
 
-from mr360uw.caustics import GerstnerSea, SpectralSea
+from mr360uw.caustics import GerstnerSea, SpectralSea, caustic_map
 from mr360uw.caustics.sea.base import surface_jacobian
 from mr360uw.caustics.sea.detail import detail_slope, make_detail
 from mr360uw.caustics.sea.gerstner import GerstnerWave
@@ -142,6 +142,70 @@ def test_spectra():
     for frequency in (0.5, 2.0, 30.0):
         spread = cosine_spread(angle, np.full(angle.shape, frequency), 10.0, 100e3)
         assert np.trapezoid(spread, angle) == pytest.approx(1.0, abs=tol.SPREAD_INTEGRAL)
+
+
+def height(spectrum, wind_speed, fetch_m, **knobs):
+    sea = SpectralSea(spectrum=spectrum, wind_speed=wind_speed, fetch_m=fetch_m, **knobs)
+    return sea.spectrum_height_m
+
+
+@pytest.mark.parametrize("wind_speed", [1.0, 4.0, 10.0])
+def test_a_sea_grows_no_further_than_full_development(wind_speed):
+    """Pierson & Moskowitz 1964: S = 8.1e-3 g^2 w^-5 exp(-1.25 (w_p/w)^4), w_p = 0.855 g/u, of variance 8.1e-3 g^2/(5
+    w_p^4). A tenth of the fetch of full development has JONSWAP's own variance.
+    """
+    w = np.linspace(0.02, 60.0, 200_001) * GRAVITY_M_S2 / wind_speed
+    peak = 0.855 * GRAVITY_M_S2 / wind_speed
+    developed = 8.1e-3 * GRAVITY_M_S2**2 * w**-5 * np.exp(-1.25 * (peak / w) ** 4)
+    of_full = 4.0 * np.sqrt(8.1e-3 / 5.0) * GRAVITY_M_S2 / peak**2
+    fetch = (22.0 / 0.855) ** 3 * wind_speed**2 / GRAVITY_M_S2
+    for times in (1.0, 3.0, 100.0):
+        assert peak_frequency(wind_speed, times * fetch) == pytest.approx(peak, rel=tol.FLOAT64)
+        np.testing.assert_allclose(jonswap(w, wind_speed, times * fetch), developed, rtol=tol.FLOAT64, atol=1e-200)
+        for spectrum in ("jonswap", "tma"):
+            assert height(spectrum, wind_speed, times * fetch) == pytest.approx(of_full, rel=tol.SPECTRUM_VARIANCE)
+    x = np.geomspace(1e-3, 1.0, 60) * fetch
+    heights = np.array([height("jonswap", wind_speed, one) for one in x])
+    assert np.all(np.diff(heights) > -tol.GROWING_HEIGHT * of_full)
+    assert heights.max() <= of_full * (1.0 + tol.GROWING_HEIGHT)
+
+
+def test_short_fetches_have_the_spectrum_of_jonswap():
+    wind_speed, fetch_m = 10.0, 20e3
+    w = np.linspace(0.2, 20.0, 2001)
+    peak = 22.0 * (GRAVITY_M_S2**2 / (wind_speed * fetch_m)) ** (1.0 / 3.0)
+    alpha = 0.076 * (wind_speed**2 / (fetch_m * GRAVITY_M_S2)) ** 0.22
+    r = np.exp(-((w / peak - 1.0) ** 2) / (2.0 * np.where(w <= peak, 0.07, 0.09) ** 2))
+    growing = alpha * GRAVITY_M_S2**2 * w**-5 * np.exp(-1.25 * (peak / w) ** 4) * 3.3**r
+    np.testing.assert_allclose(jonswap(w, wind_speed, fetch_m), growing, rtol=tol.FLOAT64, atol=1e-200)
+
+
+@pytest.mark.parametrize("wind_speed", [1.0, 2.0, 4.0])
+def test_both_seas_of_a_wind_cast_like_caustics(wind_speed):
+    """Both have about the slopes of Cox & Munk 1954 in the same range of waves."""
+    seas = [kind(wind_speed=wind_speed, detail_slope=0.0) for kind in (GerstnerSea, SpectralSea)]
+    slopes = [sea.own_mean_square_slope for sea in seas]
+    assert 1.0 / tol.LIKE_SEAS < slopes[1] / slopes[0] < tol.LIKE_SEAS
+    sun, depth_m = np.array([0.3, 0.95, 0.1]) / np.linalg.norm([0.3, 0.95, 0.1]), 1.0
+    contrast = [caustic_map(sea, sun, depth_m, 0.0, size=128, grid=128).std() for sea in seas]
+    assert 1.0 / tol.LIKE_SEAS < contrast[1] / contrast[0] < tol.LIKE_SEAS
+
+
+def test_a_spectral_sea_says_what_waves_it_has():
+    sea = SpectralSea(wind_speed=4.0, resolution=256, tile_m=120.0, shortest_wavelength_m=1.0)
+    assert sea.significant_height_m == pytest.approx(sea.spectrum_height_m * np.sqrt(sea.held_variance), rel=1e-12)
+    assert 0.8 < sea.held_variance < 1.0
+    small = SpectralSea(wind_speed=12.0, tile_m=4.0)
+    assert small.held_variance < 0.01
+    assert small.peak_wavelength_m == pytest.approx(
+        2.0 * np.pi * GRAVITY_M_S2 / peak_frequency(12.0, 100e3) ** 2, rel=1e-3
+    )
+    assert f"held_variance={small.held_variance:.3g}" in repr(small)
+    assert f"peak_period_s={small.peak_period_s:.3g}" in repr(small)
+    assert SpectralSea(wind_speed=0.0).spectrum_height_m == 0.0
+    phillips = SpectralSea(spectrum="phillips", wind_speed=2.0, tile_m=30.0, resolution=512, shortest_wavelength_m=0.12)
+    assert phillips.held_variance == pytest.approx(1.0, abs=tol.PHILLIPS_HELD)
+    assert "inf" in repr(SpectralSea(wind_speed=0.0))
 
 
 def test_alignment_of_the_phillips_spectrum():

@@ -89,3 +89,14 @@ SUMMED_OVER_COVERED = 0.015
 folds frequencies beyond the map's onto lower ones, which makes 0.007 there, and a quarter of it at four pixels."""
 SUMMED_PIXEL = 0.04
 """The greatest difference of one pixel of these maps, over their mean."""
+SPECTRUM_VARIANCE = 2e-3
+"""Height of a whole spectrum against its closed form: waves shorter than a hundredth of the peak's period are left out,
+and those of the shortest have surface tension and, in TMA's factor, a bottom 1000 m deep."""
+GROWING_HEIGHT = 0.01
+"""Height while a sea grows fully developed, over that: energy of a peak by its sharpness is a fit within a per cent."""
+LIKE_SEAS = 1.6
+"""Ratio of the slope variance or the caustics' contrast of two kinds of sea of one wind. Slopes of Gerstner waves are even
+over log k, those of a spectrum lie about its peak or fall into the part that the tile holds; a sea of the energy that an
+endless fetch once had was four times as steep and more."""
+PHILLIPS_HELD = 0.03
+"""Variance of a spectrum that a lattice holds: sums for integrals, and waves longer or shorter than those."""

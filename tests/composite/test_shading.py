@@ -8,6 +8,7 @@ from mr360uw.composite.gl.upload import list_texture, upload_mesh
 from mr360uw.composite.lighting.shading import (
     dielectric_f0,
     ggx_distribution,
+    highlight,
     lobe_axis,
     reflectance,
     smith_visibility,
@@ -30,6 +31,37 @@ def test_facets_cover_the_plane_once() -> None:
     for alpha in (0.05, 0.3, 1.0):
         total = 2.0 * np.pi * np.mean(ggx_distribution(cosine, np.float64(alpha)) * cosine)
         np.testing.assert_allclose(total, 1.0, rtol=tol.QUADRATURE)
+
+
+@pytest.mark.parametrize("half_angle", [0.00465, 0.03, 0.1])
+@pytest.mark.parametrize("alpha", [0.04, 0.16, 0.4])
+def test_the_disc_of_a_light_widens_its_highlight(alpha: float, half_angle: float) -> None:
+    """A highlight is the mean of those of all points of the light's disc, which is integrated here ring by ring."""
+    edge = half_angle * np.linspace(0.0, 1.0, 201) ** 2  # dense about the middle, where the lobe may be narrow
+    ring = np.repeat(-np.diff(np.cos(edge)) / (1.0 - np.cos(half_angle)) / 64, 64)
+    polar, turn = np.repeat(0.5 * (edge[1:] + edge[:-1]), 64)[:, None], np.tile(2.0 * np.pi * np.arange(64) / 64, 200)
+    for incidence in np.radians([0.0, 30.0, 55.0]):
+        view = np.array([np.sin(incidence), 0.0, np.cos(incidence)])
+        across, along, mirror = basis(view * [-1.0, 1.0, 1.0])
+        found, expected = [], []
+        for off in np.array([0.0, 0.5, 1.0, 2.0]) * 2.0 * np.hypot(alpha, 0.5 * half_angle):
+            for direction in (across, -across, along):
+                middle = unit(mirror + off * direction)
+                u, v, _ = basis(middle)
+                disc = np.sin(polar) * (np.cos(turn)[:, None] * u + np.sin(turn)[:, None] * v) + np.cos(polar) * middle
+                if middle[2] > np.sin(2.0 * half_angle):
+                    found.append(lit_by(alpha, view, middle[None], half_angle)[0])
+                    expected.append(ring @ lit_by(alpha, view, disc, 0.0))
+        assert found[0] == pytest.approx(expected[0], rel=tol.DISC_PEAK)
+        assert np.sqrt(np.mean(np.subtract(found, expected) ** 2)) < tol.DISC_LOBE * expected[0]
+
+
+def lit_by(alpha: float, view: np.ndarray, light: np.ndarray, half_angle: float) -> np.ndarray:
+    """Return the highlight (n,) of a surface about +z that reflects light (n, 3) perfectly."""
+    half = unit(light + view)
+    n_dot_v, one = np.full(len(light), view[2]), np.ones((len(light), 3))
+    given = np.full(len(light), alpha), n_dot_v, light[:, 2], half[:, 2], half @ view
+    return highlight(one, *given, half_angle)[:, 0]
 
 
 def coat_lobe(roughness: float, view: np.ndarray, count: int = 200) -> tuple[np.ndarray, np.ndarray]:

@@ -192,3 +192,6 @@ CROWD_SHADOWS, CROWD_SHADOWS_RMS = 0.03, 0.1
 INTERPOLATED_MOTION = 0.02
 """Root mean square of light between two samples against that solved there, for a box on the ground that turns by 5
 degrees: at a point here and there three or four of 512 directions, each .0078 of the light, pass an edge between."""
+DISC_PEAK, DISC_LOBE = 0.03, 0.12
+"""Highlights of a light's disc against quadrature, over their peak: at the mirror direction, where an ellipse of half
+vectors is taken for a disc of its area, and rms over the lobe: that of a disc wider than the lobe has a flatter top."""

@@ -10,7 +10,6 @@ fold of coverage. Other planes are those of `caustic_stack`.
 
 from __future__ import annotations
 
-import functools
 import math
 from dataclasses import dataclass
 from typing import Any
@@ -18,6 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mr360uw.cache import shared
 from mr360uw.caustics.flux.irradiance import SurfaceLight, beam_slope, caustic_stack, check_arguments, pass_indices
 from mr360uw.caustics.flux.sun_disc import (
     detail_footprint,
@@ -167,7 +167,7 @@ def _softened(spectra: Spectrum, factors: list[NDArray[np.float32]]) -> NDArray[
     return np.maximum(maps, 0.0, out=maps)[..., None]
 
 
-@functools.lru_cache(maxsize=64)
+@shared(keep=64)
 def _soft_factor(
     spread: BeamSpread, sun_in_water: tuple[float, ...], depth_m: float, size: int, tile_m: float
 ) -> NDArray[np.float32]:
@@ -176,13 +176,13 @@ def _soft_factor(
     return soft_transform(blurs, size, tile_m).astype(np.float32)
 
 
-@functools.lru_cache(maxsize=64)
+@shared(keep=64)
 def _blur_m(sun: tuple[float, ...], refractive_index: float, slope: float, depth_m: float) -> float:
     """Return the least standard deviation [m] of the blur of a plane by short waves."""
     return float(np.linalg.norm(detail_footprint(np.array(sun), refractive_index, slope, depth_m), -2))
 
 
-@functools.lru_cache(maxsize=64)
+@shared(keep=64)
 def _blur_of_points(
     sun: tuple[float, ...], refractive_index: float, slope: float, half_angle_rad: float, depth_m: float, size: int,
     tile_m: float,

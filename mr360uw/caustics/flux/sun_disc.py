@@ -23,12 +23,12 @@ stays: light that has turned is counted in the beam already, as the rest of it (
 
 from __future__ import annotations
 
-import functools
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mr360uw.cache import shared
 from mr360uw.optics import refract_to_water
 from mr360uw.types import BeamSpread
 
@@ -73,7 +73,7 @@ def soft_transform(blurs: list[tuple[float, Array]], size: int, tile_m: float) -
     return _kept_transform(tuple((weight, tuple(matrix.ravel().tolist())) for weight, matrix in blurs), size, tile_m)
 
 
-@functools.lru_cache(maxsize=32)
+@shared(keep=32)
 def _kept_transform(blurs: tuple[tuple[float, tuple[float, ...]], ...], size: int, tile_m: float) -> Array:
     """Return the real Fourier transform (size, size/2 + 1) of a sum of `gaussians`."""
     x, z = np.fft.rfftfreq(size, tile_m / size), np.fft.fftfreq(size, tile_m / size)[:, None]
@@ -120,7 +120,7 @@ def gaussian_steps(matrix_m: Array, size: int, tile_m: float) -> tuple[float, ..
     return tuple(np.round(matrix_m * (size / tile_m) / _STEP).ravel().tolist())
 
 
-@functools.lru_cache(maxsize=32)
+@shared(keep=32)
 def transform_of_steps(steps: tuple[float, ...], size: int) -> Array:
     """Return the factor (size, size/2 + 1) of a Gaussian's matrix in steps."""
     matrix = np.reshape(steps, (2, 2)) * _STEP
@@ -189,7 +189,7 @@ def blur(image: Array, footprint_m: Array, tile_m: float, transform: Array | Non
     return cv2.filter2D(wide, -1, turned)[reach:-reach, reach:-reach]
 
 
-@functools.lru_cache(maxsize=32)
+@shared(keep=32)
 def _kept_kernel(steps: tuple[float, ...], size: int) -> NDArray[np.float64]:
     """Return the kernel (2 r + 1, 2 r + 1) of a footprint in steps as far as it reaches about its middle."""
     kernel = disc_kernel(np.reshape(steps, (2, 2)) * KERNEL_STEP, size)
@@ -198,7 +198,7 @@ def _kept_kernel(steps: tuple[float, ...], size: int) -> NDArray[np.float64]:
     return kernel[np.ix_(near, near)]
 
 
-@functools.lru_cache(maxsize=32)
+@shared(keep=32)
 def disc_transform(steps: tuple[float, ...], size: int) -> NDArray[np.complex128]:
     """Return the real Fourier transform (size, size/2 + 1) of the kernel of a footprint in steps, 1 at the mean."""
     from scipy.fft import rfft2

@@ -12,7 +12,6 @@ its form holds for one wave only).
 
 from __future__ import annotations
 
-import functools
 import math
 from typing import Literal, NamedTuple, Self
 
@@ -20,6 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import model_validator
 
+from mr360uw.cache import shared
 from mr360uw.caustics.sea.detail import Detail, detail_slope, make_detail
 from mr360uw.caustics.sea.spectrum import mean_square_slope
 from mr360uw.parameters import FULL_TURN_DEG, Parameters, advanced, parameter
@@ -239,7 +239,7 @@ def _travel(azimuth_deg: float) -> Array:
     return np.array([math.sin(azimuth), -math.cos(azimuth)])
 
 
-@functools.lru_cache(maxsize=32)
+@shared(keep=32)
 def _mean_square_slope_of(sea: SeaParameters) -> float:
     f = sea.grid_fields(_SLOPE_GRID, 0.0)
     slope = surface_normal(f)

@@ -8,12 +8,12 @@ in a tile and the scroll in a loop are whole numbers, so tile and loop close exa
 
 from __future__ import annotations
 
-import functools
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mr360uw.cache import shared
 from mr360uw.texels import between_four, texels_around
 
 Array = NDArray[np.float64]
@@ -42,7 +42,7 @@ class Detail:
     tile_m: float
 
 
-@functools.lru_cache(maxsize=8)
+@shared(keep=8)
 def _slope_map(rms: float, seed: int) -> Array:
     """Return slopes of random waves about `_WAVES_ACROSS` in a repeat, each map carrying half of the variance."""
     n = DETAIL_SIZE

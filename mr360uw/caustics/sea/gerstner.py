@@ -23,7 +23,6 @@ every wave has the variance of the present wind at its place in the spectrum: it
 
 from __future__ import annotations
 
-import functools
 import math
 from dataclasses import dataclass
 from typing import Literal, Self
@@ -32,6 +31,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import field_validator, model_validator
 
+from mr360uw.cache import shared
 from mr360uw.caustics.sea.base import WAVES_STAY, SeaParameters, SurfaceFields
 from mr360uw.caustics.sea.spectrum import (
     angular_frequency,
@@ -340,7 +340,7 @@ def share_of_directions(angle: Array, present: float, turn: float, spread: float
     return np.asarray(now / drawn)
 
 
-@functools.lru_cache(maxsize=8)
+@shared(keep=8)
 def _grid_phases_of(sea: GerstnerSea, size: int) -> tuple[Array, Complex]:
     """Return exp(i k_x x) of the waves at the grid's columns, as (2 n, size) of real and imaginary parts for a product
     with real and imaginary parts, and exp(i k_z z) at its rows (size, n)."""
@@ -349,7 +349,7 @@ def _grid_phases_of(sea: GerstnerSea, size: int) -> tuple[Array, Complex]:
     return np.ascontiguousarray(np.concatenate([along_x.real, -along_x.imag], axis=1).T), along_z
 
 
-@functools.lru_cache(maxsize=32)
+@shared(keep=32)
 def _waves_of(sea: GerstnerSea) -> Waves:
     # kept outside of the frozen model, whose copies would carry it along
     return sea._make_waves()

@@ -9,6 +9,7 @@ the highest frequency, which have no partner, stay empty.
 
     phillips   alpha/2 exp(-1/(k L)^2)/k^4, L = U^2/g, spread ~ cos^p         Phillips 1958; Tessendorf 2001 eq. 40
     jonswap    alpha g^2 w^-5 exp(-1.25 (wp/w)^4) gamma^r, cos^2s spread      Hasselmann et al. 1973, 1980
+               up to a fully developed sea                                    Pierson & Moskowitz 1964
     tma        jonswap times the depth factor        Bouws et al. 1985; Thompson & Vincent 1983
 
 Waves against the wind are left out: there are no standing waves then, and the variance is the same at all times.
@@ -16,22 +17,26 @@ Waves against the wind are left out: there are no standing waves then, and the v
 
 from __future__ import annotations
 
-import functools
+import math
 import os
+from collections.abc import Iterator
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mr360uw.cache import shared
 from mr360uw.caustics.sea.base import SeaParameters, SurfaceFields
 from mr360uw.caustics.sea.gerstner import Waves
 from mr360uw.caustics.sea.spectrum import (
+    PHILLIPS_ALPHA,
     angular_frequency,
     cosine_power_share,
     cosine_spread,
     group_speed,
     jonswap,
     looping_frequency,
+    peak_frequency,
     tma_factor,
 )
 from mr360uw.constants import GRAVITY_M_S2
@@ -40,8 +45,6 @@ from mr360uw.parameters import advanced, listed, parameter
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
-_PHILLIPS_ALPHA = 8.1e-3
-"""Phillips' constant of the equilibrium range; the variance of the waves is proportional to it."""
 _FADING = 0.5
 """Cosine of the angle to a wind that turns below which waves fade, to nothing across it: over its last 30 degrees. With
 half as much a wave fades in half the time."""
@@ -67,7 +70,9 @@ class SpectralSea(SeaParameters):
     Notes
     -----
     h(k, t) = h0(k) exp(-i omega t) + conj h0(-k) exp(i omega t), summed by a fast Fourier transform (Tessendorf 2001).
-    The spectra are those of Phillips 1958, Hasselmann et al. 1973 (JONSWAP) and Bouws et al. 1985 (TMA).
+    The spectra are those of Phillips 1958, Hasselmann et al. 1973 (JONSWAP) and Bouws et al. 1985 (TMA). The latter two
+    grow with the fetch up to a fully developed sea (Pierson & Moskowitz 1964). A tile holds no waves longer than
+    itself: `held_variance` is the fraction of the spectrum's variance that it has. Longer waves have little slope.
 
     Examples
     --------
@@ -83,7 +88,10 @@ class SpectralSea(SeaParameters):
         None, "four standard deviations of the tile's heights; none: of the spectrum's waves that fit into it",
         unit="m", low=0.0, high=40.0,
     )  # fmt: skip
-    fetch_m: float = parameter(100e3, "distance the wind has blown over", unit="m", low=10.0, high=1e7)
+    fetch_m: float = parameter(
+        100e3, "distance the wind has blown over; waves grow with it until they are fully developed", unit="m",
+        low=10.0, high=1e7,
+    )  # fmt: skip
     alignment: float = advanced(
         2.0, "for spectrum phillips: exponent of the cosine to the wind; 0: none, 20: along the wind alone", unit="1",
         low=0.0, high=64.0,
@@ -100,6 +108,42 @@ class SpectralSea(SeaParameters):
     def significant_height_m(self) -> float:
         """Four standard deviations [m] of the height."""
         return 4.0 * float(np.sqrt(_variance_of(self).sum()))
+
+    @property
+    def peak_period_s(self) -> float:
+        """Period [s] of the spectrum's peak, whether the tile holds such waves or not; infinite without wind."""
+        frequency = _peak_of(self)
+        return 2.0 * math.pi / frequency if frequency > 0.0 else math.inf
+
+    @property
+    def peak_wavelength_m(self) -> float:
+        """Wavelength [m] of the spectrum's peak, on water of this depth."""
+        k = np.geomspace(1e-6, 1e4, 1 << 13)
+        frequency = _peak_of(self)
+        return 2.0 * math.pi / float(np.interp(frequency, angular_frequency(k, self.water_depth_m), k))
+
+    @property
+    def spectrum_height_m(self) -> float:
+        """Significant height [m] of the whole spectrum, of which the tile holds `held_variance`."""
+        return 4.0 * math.sqrt(_whole_variance_of(self))
+
+    @property
+    def held_variance(self) -> float:
+        """Fraction of the spectrum's variance in waves that fit into the tile and are not too short for it."""
+        whole = _whole_variance_of(self)
+        return min(float(_spectrum_variance_of(self).sum()) / whole, 1.0) if whole > 0.0 else 1.0
+
+    def __repr_args__(self) -> Iterator[tuple[str | None, object]]:
+        """Yield what the sea's representation lists: its parameters, and the heights and lengths that they make."""
+        yield from super().__repr_args__()
+        for name in (
+            "significant_height_m",
+            "spectrum_height_m",
+            "held_variance",
+            "peak_period_s",
+            "peak_wavelength_m",
+        ):
+            yield name, float(f"{getattr(self, name):.3g}")
 
     def spectra(self, time_s: float) -> Complex:
         """Return the spectra (8, n, n) of the fields of `SurfaceFields`: field = Re sum c(k) exp(i k.(x, z))."""
@@ -176,12 +220,10 @@ def _density_of(sea: SpectralSea) -> Array:
     if sea.spectrum == "phillips":
         length = wind_speed**2 / GRAVITY_M_S2
         spread = np.maximum(cosine, 0.0) ** sea.alignment * cosine_power_share(sea.alignment)
-        density = 0.5 * _PHILLIPS_ALPHA * np.exp(-1.0 / (k * length) ** 2) / k**4 * spread
+        density = 0.5 * PHILLIPS_ALPHA * np.exp(-1.0 / (k * length) ** 2) / k**4 * spread
     else:
         frequency = angular_frequency(k, sea.water_depth_m)
-        density = jonswap(frequency, wind_speed, sea.fetch_m)
-        if sea.spectrum == "tma":
-            density = density * tma_factor(frequency, sea.water_depth_m)
+        density = _frequency_density_of(sea, frequency)
         spread = cosine_spread(np.arccos(np.clip(cosine, -1.0, 1.0)), frequency, wind_speed, sea.fetch_m)
         density = density * spread * group_speed(k, sea.water_depth_m) / k
     if sea.waves_of_wind_deg is not None:
@@ -190,23 +232,56 @@ def _density_of(sea: SpectralSea) -> Array:
     return np.where(used & (cosine > 0.0), density, 0.0)
 
 
-@functools.lru_cache(maxsize=8)
+def _frequency_density_of(sea: SpectralSea, frequency: Array) -> Array:
+    """Return S(omega) [m^2 s] of a sea with wind, of spectrum jonswap or tma."""
+    density = jonswap(frequency, sea.wind_speed, sea.fetch_m)
+    return density * tma_factor(frequency, sea.water_depth_m) if sea.spectrum == "tma" else density
+
+
+def _peak_of(sea: SpectralSea) -> float:
+    """Return the angular frequency [rad/s] of a spectrum's peak, 0 without wind.
+
+    Phillips' is w^-5 exp(-(g/(U w))^4) in deep water, which is greatest where (g/(U w))^4 = 5/4.
+    """
+    if sea.wind_speed == 0.0:
+        return 0.0
+    if sea.spectrum == "phillips":
+        return GRAVITY_M_S2 / sea.wind_speed * 0.8**0.25
+    return peak_frequency(sea.wind_speed, sea.fetch_m)
+
+
+def _whole_variance_of(sea: SpectralSea) -> float:
+    """Return the variance [m^2] of a whole spectrum, waves of all lengths: in closed form, or over log w."""
+    if sea.wind_speed == 0.0:
+        return 0.0
+    if sea.spectrum == "phillips":
+        return 0.25 * PHILLIPS_ALPHA * (sea.wind_speed**2 / GRAVITY_M_S2) ** 2
+    frequency = _peak_of(sea) * np.geomspace(0.2, 100.0, 4001)
+    return float(np.trapezoid(frequency * _frequency_density_of(sea, frequency), np.log(frequency)))
+
+
+@shared(keep=8)
 def _variance_of(sea: SpectralSea) -> Array:
     """Variance [m^2] of the waves of each wave vector, from the spectrum or scaled to the height that is set."""
-    kx, kz = sea.lattice
-    variance = _density_of(sea) * (2.0 * np.pi / sea.tile_m) ** 2
-    highest = np.arange(sea.resolution) == sea.resolution // 2
-    shortest = sea.shortest_wavelength_m or sea.tile_m / 40.0
-    longest_kept = max(2.0 * np.pi / shortest, 2.0 * np.pi / sea.tile_m)
-    out = (np.hypot(kx, kz) > longest_kept * (1.0 + 1e-9)) | highest | highest[:, None]
-    variance = np.where(out, 0.0, variance)
+    variance = _spectrum_variance_of(sea)
     total = float(variance.sum())
     if sea.significant_wave_height_m is not None and total > 0.0:
         variance = variance * ((sea.significant_wave_height_m / 4.0) ** 2 / total)
     return variance
 
 
-@functools.lru_cache(maxsize=8)
+def _spectrum_variance_of(sea: SpectralSea) -> Array:
+    """Return the variance [m^2] that the spectrum gives the waves of each wave vector."""
+    kx, kz = sea.lattice
+    variance = _density_of(sea) * (2.0 * np.pi / sea.tile_m) ** 2
+    highest = np.arange(sea.resolution) == sea.resolution // 2
+    shortest = sea.shortest_wavelength_m or sea.tile_m / 40.0
+    longest_kept = max(2.0 * np.pi / shortest, 2.0 * np.pi / sea.tile_m)
+    out = (np.hypot(kx, kz) > longest_kept * (1.0 + 1e-9)) | highest | highest[:, None]
+    return np.where(out, 0.0, variance)
+
+
+@shared(keep=8)
 def _amplitudes_of(sea: SpectralSea) -> tuple[Complex, Array]:
     """Return h0 (n, n) and the angular frequencies (n, n).
 

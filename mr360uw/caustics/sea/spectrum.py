@@ -89,21 +89,48 @@ def lattice_vector(wave_vector: ArrayLike, tile_m: float) -> Array:
 
 _PEAK_ENHANCEMENT = 3.3
 """Mean sharpness gamma of the peaks of the JONSWAP measurements; 1: a fully developed sea, as Pierson & Moskowitz's."""
+_GROWING_PEAK, _GROWING_ALPHA = 22.0, 0.076
+"""Peak frequency and constant alpha of a growing sea (Hasselmann et al. 1973): u w_p/g = 22 x^(-1/3), alpha = 0.076
+x^(-0.22) at a fetch x = g F/u^2."""
+PHILLIPS_ALPHA = 8.1e-3
+"""Phillips' constant alpha of the equilibrium range of a fully developed sea."""
+_SHARPNESS_ENERGY = 0.287
+"""A peak of sharpness gamma has 1/(1 - 0.287 ln gamma) of the energy of one of gamma 1 (DNV-RP-C205, 3.5.5)."""
+_FULL_FETCH = (_GROWING_PEAK / _PEAK_FREQUENCY) ** 3
+"""Fetch g F/u^2 at which the peak has come to that of a fully developed sea: 28 km at 4 m/s."""
+_FULL_ENERGY_FETCH = (
+    PHILLIPS_ALPHA * (1.0 - _SHARPNESS_ENERGY * math.log(_PEAK_ENHANCEMENT)) / _GROWING_ALPHA
+    * (_GROWING_PEAK / _PEAK_FREQUENCY) ** 4
+) ** (1.0 / (4.0 / 3.0 - 0.22))  # fmt: skip
+"""Fetch at which a growing sea has the energy of a fully developed one: 18 km at 4 m/s."""
 
 
 def peak_frequency(wind_speed: float, fetch_m: float) -> float:
-    """Return the angular frequency [rad/s] of the peak of a fetch-limited sea (Hasselmann et al. 1973)."""
-    return 22.0 * (GRAVITY_M_S2**2 / (wind_speed * fetch_m)) ** (1.0 / 3.0)
+    """Return the angular frequency [rad/s] of the peak of a wind sea (Hasselmann et al. 1973).
+
+    It falls with the fetch, down to that of a fully developed sea (Pierson & Moskowitz 1964).
+    """
+    fetch = min(GRAVITY_M_S2 * fetch_m / wind_speed**2, _FULL_FETCH)
+    return _GROWING_PEAK * GRAVITY_M_S2 / wind_speed * fetch ** (-1.0 / 3.0)
 
 
 def jonswap(frequency: Array, wind_speed: float, fetch_m: float) -> Array:
-    """Return S(omega) [m^2 s] of a fetch-limited sea."""
-    alpha = 0.076 * (wind_speed**2 / (fetch_m * GRAVITY_M_S2)) ** 0.22
-    peak = peak_frequency(wind_speed, fetch_m)
+    """Return S(omega) [m^2 s] of a wind sea that grows with the fetch until it is fully developed.
+
+    Up to the fetch where a growing sea (Hasselmann et al. 1973) has the energy of a fully developed one, it is that
+    sea. From there on the energy stays; the peak moves on to Pierson & Moskowitz's and loses its sharpness, and then
+    the spectrum is theirs. It changes continuously with wind and fetch.
+    """
+    fetch = min(GRAVITY_M_S2 * fetch_m / wind_speed**2, _FULL_FETCH)
+    growing = math.log(_FULL_FETCH / max(fetch, _FULL_ENERGY_FETCH)) / math.log(_FULL_FETCH / _FULL_ENERGY_FETCH)
+    sharpness = _PEAK_ENHANCEMENT**growing
+    peak, developed = peak_frequency(wind_speed, fetch_m), _PEAK_FREQUENCY * GRAVITY_M_S2 / wind_speed
+    of_full_energy = PHILLIPS_ALPHA * (peak / developed) ** 4 * (1.0 - _SHARPNESS_ENERGY * math.log(sharpness))
+    alpha = min(_GROWING_ALPHA * fetch**-0.22, of_full_energy)
     width = np.where(frequency <= peak, 0.07, 0.09)
     r = np.exp(-((frequency - peak) ** 2) / (2.0 * width**2 * peak**2))
     tail = np.exp(-1.25 * np.minimum((peak / frequency) ** 4, 500.0))
-    return alpha * GRAVITY_M_S2**2 * frequency**-5.0 * tail * _PEAK_ENHANCEMENT**r
+    return alpha * GRAVITY_M_S2**2 * frequency**-5.0 * tail * sharpness**r
 
 
 def tma_factor(frequency: Array, water_depth_m: float) -> Array:

@@ -41,12 +41,10 @@ class LayerRenderer:
 
     def __init__(self, cache: Cache | None = None) -> None:
         self._cache = Cache() if cache is None else cache
-        self._under_way: dict[object, int] = {}
         self._slots: set[int] = set()
-        self._places: dict[Mesh, NDArray[np.int64]] = {}
-        self._light = LightTextures(self._cache, self._buffers)
-        self._targets = Targets()
-        self._objects = ObjectPass(self._targets, self._buffers, self._cache)
+        self._meshes, self._targets = _DeviceMeshes(self._cache), Targets()
+        self._light = LightTextures(self._cache, self._meshes.buffers)
+        self._objects = ObjectPass(self._targets, self._meshes.buffers, self._cache)
         self._receiver = ReceiverPass(self._targets, self._cache)
 
     def render(self, shot: Shot) -> Layer:
@@ -68,7 +66,7 @@ class LayerRenderer:
         try:
             layer = yield from self._layer(shot, frame, own)
         finally:
-            self._under_way.pop(own, None)
+            self._meshes.under_way.pop(own, None)
         return layer, None if frame is None else frame.finish(shot, layer)
 
     def answer(self) -> None:
@@ -85,8 +83,8 @@ class LayerRenderer:
         reach = self._receiver.reached(shot, masks, ambient)
         yield Pause.DEVICE
         next_frame()
-        self._under_way[own] = len({placed.mesh for placed in shot.objects if placed.mesh.rest is not None})
-        self._add_places(ambient)
+        self._meshes.under_way[own] = len({placed.mesh for placed in shot.objects if placed.mesh.rest is not None})
+        self._meshes.add_places(ambient)
         light = self._light.of(shot)
         slot = next(k for k in itertools.count() if k not in self._slots)
         self._slots.add(slot)
@@ -104,7 +102,16 @@ class LayerRenderer:
         self._receiver.lay(shot, on_blocks, drawn)
         return Layer(view.height, view.width, tuple(hold_out(shot, tile) for tile in drawn))
 
-    def _add_places(self, ambient: AmbientLight | None) -> None:
+
+class _DeviceMeshes:
+    """The device's copies of meshes. under_way: how many meshes in a pose each shot under way has."""
+
+    def __init__(self, cache: Cache) -> None:
+        self._cache = cache
+        self.under_way: dict[object, int] = {}
+        self._places: dict[Mesh, NDArray[np.int64]] = {}
+
+    def add_places(self, ambient: AmbientLight | None) -> None:
         """Note the points of ambient light of meshes at rest whose values are to be read."""
         if ambient is None:
             return
@@ -115,12 +122,13 @@ class LayerRenderer:
         while len(self._places) > max(_KEPT_MESHES, len(ambient.values)):
             del self._places[next(iter(self._places))]
 
-    def _buffers(self, mesh: Mesh) -> MeshBuffers:
+    def buffers(self, mesh: Mesh) -> MeshBuffers:
+        """Return the device's copy of a mesh."""
         still, places = mesh.still, self._places.get(mesh.still)
         if mesh.rest is None:
             return self._cache.of(upload_mesh, mesh, places, keep=_KEPT_MESHES)
         shared = self._cache.of(upload_still, still, places, keep=_KEPT_MESHES)
-        return self._cache.of(_posed, mesh, shared, keep=max(sum(self._under_way.values()), 1))
+        return self._cache.of(_posed, mesh, shared, keep=max(sum(self.under_way.values()), 1))
 
 
 def _posed(mesh: Mesh, still: StillBuffers) -> MeshBuffers:

@@ -21,12 +21,12 @@ change L and reach the file through g: they are as strong as in the graded pictu
 from __future__ import annotations
 
 from dataclasses import astuple, dataclass, replace
-from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mr360uw.cache import shared
 from mr360uw.color import ColorSpec, decode_signal, encode_signal, in_plate_primaries, in_rec709, ycbcr_from_rgb
 from mr360uw.types import Floats
 
@@ -170,7 +170,7 @@ class ColourGrade:
 NO_GRADE = ColourGrade()
 
 
-@lru_cache(maxsize=8)
+@shared(keep=8)
 def _tables(grade: ColourGrade, spec: ColorSpec, laid_on: bool) -> GradeTables:
     """Return the tables of a grade in one direction, of codes that are read by `spec`."""
     from mr360uw.composite.grading.grade_tables import table_codes, table_light

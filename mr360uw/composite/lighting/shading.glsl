@@ -1,5 +1,6 @@
 // twin: shading.py
 const float MINIMUM_ALPHA = 0.002;
+const float LEAST_COSINE = 0.001;
 const float PIXEL_POINT = 0.28867513;  // 1/sqrt(12)
 
 float ggx_distribution(float n_dot_h, float alpha) {
@@ -37,7 +38,8 @@ float resolved_alpha(float roughness, vec3 columns, vec3 rows) {
 }
 
 vec3 highlight(vec3 f0, float alpha, float n_dot_v, float n_dot_l, float n_dot_h, float v_dot_h, float half_angle) {
-    float wide = min(max(alpha, MINIMUM_ALPHA) + 0.5 * half_angle, 1.0);
+    float spread = 0.5 * half_angle * inversesqrt(max(v_dot_h, LEAST_COSINE));  // derived in shading.py
+    float wide = min(length(vec2(max(alpha, MINIMUM_ALPHA), spread)), 1.0);
     float lobe = ggx_distribution(n_dot_h, wide) * smith_visibility(n_dot_v, n_dot_l, wide) * n_dot_l;
     float grazing = pow(clamp(1.0 - v_dot_h, 0.0, 1.0), 5.0);
     return lobe * (f0 + (grazing_reflectance(f0) - f0) * grazing);

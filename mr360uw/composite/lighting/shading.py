@@ -22,6 +22,8 @@ from mr360uw.types import Floats
 
 MINIMUM_ALPHA = 0.002
 """Least width of a lobe: narrower ones are not resolved in single precision."""
+LEAST_COSINE = 0.001
+"""Least cosine between view and half vector that a light's disc is spread by, where it grazes."""
 PIXEL_POINT = 0.28867513
 """1/sqrt(12)."""
 PIXEL_POINTS = PIXEL_POINT * np.array([[-1.0, -1.0], [1.0, -1.0], [-1.0, 1.0], [1.0, 1.0]])
@@ -94,9 +96,16 @@ def highlight(
 ) -> Floats:
     """Return the radiance (..., 3) of a light's specular reflection for an irradiance of 1 perpendicular to its beam.
 
-    The disc of the light widens the lobe by half its angular radius (Karis 2013, sphere lights).
+    half_angle: angular radius [rad] of the light. Over its disc, half vectors fill an ellipse of half axes
+    r = half_angle/2 and r/c, c = v.h. Near its peak GGX is alpha^2/(pi (alpha^2 + t^2)^2) at an angle t of the half
+    vector, and its mean over a disc of the ellipse's area, s^2 = r^2/c,
+
+        1/(pi s^2) int_0^s alpha^2/(pi (alpha^2 + t^2)^2) 2 pi t dt = 1/(pi (alpha^2 + s^2)),
+
+    is the peak of a lobe of width sqrt(alpha^2 + s^2), which stands for the mean at all angles.
     """
-    wide = np.minimum(np.maximum(alpha, MINIMUM_ALPHA) + 0.5 * np.asarray(half_angle), 1.0)
+    spread = 0.5 * np.asarray(half_angle) / np.sqrt(np.maximum(v_dot_h, LEAST_COSINE))
+    wide = np.minimum(np.hypot(np.maximum(alpha, MINIMUM_ALPHA), spread), 1.0)
     lobe = ggx_distribution(n_dot_h, wide) * smith_visibility(n_dot_v, n_dot_l, wide) * n_dot_l
     grazing = np.power(np.clip(1.0 - v_dot_h, 0.0, 1.0), 5.0)[..., None]
     return lobe[..., None] * (f0 + (grazing_reflectance(f0) - f0) * grazing)

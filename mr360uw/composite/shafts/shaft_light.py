@@ -12,14 +12,13 @@ too thin to be seen: what it adds falls with the length of the ray within it, as
 
 from __future__ import annotations
 
-import functools
 from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mr360uw.cache import Cache, Parts
+from mr360uw.cache import Cache, Parts, shared
 from mr360uw.color import encode
 from mr360uw.composite.lighting.blockers import casting_bodies
 from mr360uw.composite.lighting.sun import spread_rad, sun_in, sun_of, sun_up
@@ -245,7 +244,7 @@ def _beam_before(shot: Shot, light: ShaftLight, rays: Floats, end_m: Floats) -> 
     return np.asarray(np.asarray(sun.irradiance, np.float64) * beam)
 
 
-@functools.lru_cache(maxsize=4)
+@shared(keep=4)
 def _unit_beam(medium: Medium, ways: bytes, depth_m: float, up: float) -> Floats:
     """Return `unoccluded` (n, 3) of a medium. ways: of float64 (3, n), cosine to the sun, height and end of the rays.
 

@@ -15,7 +15,7 @@ import functools
 
 import numpy as np
 
-from mr360uw.cache import Cache
+from mr360uw.cache import Cache, shared
 from mr360uw.composite.lighting.blockers import casting_bodies
 from mr360uw.composite.lighting.lamps import LampSource, lamps_of
 from mr360uw.composite.lighting.sun import SunSource, sun_of
@@ -100,7 +100,7 @@ def particle_phase(phase: SnowPhase, cosine: Floats) -> Floats:
     return phase_function(phase, theta)
 
 
-@functools.lru_cache(maxsize=4)
+@shared(keep=4)
 def _weights(phase: SnowPhase, rows: int, columns: int) -> Floats:
     """Return the fraction (m, rows columns) of a particle's light that comes from each pixel; rows of sum 1.
 

@@ -18,13 +18,13 @@ Bodies before the sky, far darker than it, stay.
 
 from __future__ import annotations
 
-import functools
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mr360uw.cache import shared
 from mr360uw.color import luminance
 from mr360uw.ibl.level.tilt import LEVEL, elevation_sine
 from mr360uw.ibl.plate import (
@@ -240,7 +240,7 @@ def without_glare(split: Split, plate: Plate, amount: float = 1.0) -> Split:
     return Split(residual, replace(split.sun, irradiance=taken))
 
 
-@functools.lru_cache(maxsize=4)
+@shared(keep=4)
 def _rings(up: tuple[float, ...]) -> tuple[NDArray[np.bool_], Floats, NDArray[Any]]:
     """Return of the coarse map's pixels (128, 256): whether they are above the horizon, elevation [rad], and ring."""
     sine = elevation_sine(coarse_directions(), np.array(up))

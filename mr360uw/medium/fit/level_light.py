@@ -14,11 +14,10 @@ instead of 0.75 makes 5 %.
 
 from __future__ import annotations
 
-import functools
-
 import numpy as np
 from numpy.typing import NDArray
 
+from mr360uw.cache import shared
 from mr360uw.medium.ambient import two_lights
 from mr360uw.medium.around_sun import around_sun, placed, typical_level
 from mr360uw.medium.medium import Medium
@@ -77,7 +76,7 @@ def irradiance_from_level(medium: Medium, sun_up: float | None, direct: Floats |
     return np.asarray(strength * of_sky[2] + floor * of_floor[2])
 
 
-@functools.lru_cache(maxsize=64)
+@shared(keep=64)
 def _lights(
     water: Water, sensor: Sensor, illuminant: str, surface: SurfaceKind, refractive_index: float, sky: Sky,
     depth_m: float, floor_m: float | None, rough: bool,

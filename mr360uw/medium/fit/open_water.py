@@ -23,7 +23,6 @@ only decides where nothing is known, for 0.
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -31,6 +30,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from mr360uw.cache import shared
 from mr360uw.color import luminance
 from mr360uw.medium.fit.profile import row_up, upwelling
 from mr360uw.medium.medium import Medium
@@ -246,7 +246,7 @@ def filled(values: Array, weight: Array) -> Array:
     return np.asarray(solve.solve(known[:, None] * values.reshape(-1, channels)).reshape(values.shape))
 
 
-@functools.lru_cache(maxsize=2)
+@shared(keep=2)
 def _sphere(height: int, width: int) -> tuple[Array, Any]:
     """Return the areas (n,) of pixels, of 1 at the equator, and the sparse matrix (n, n) of l^2 |grad u|^2."""
     from scipy.sparse import coo_matrix
