@@ -62,7 +62,7 @@ lint: $(VENV)/.installed-dev
 	$(BIN)/mypy
 
 bench: $(VENV)/.installed-dev  ## every benchmark; tables on standard output
-	@for program in benchmarks/*.py; do echo "== $$program"; $(BIN)/python $$program; done
+	@for program in $(filter-out benchmarks/smallest.py,$(wildcard benchmarks/*.py)); do echo "== $$program"; $(BIN)/python $$program; done
 
 docs: $(VENV)/.installed-docs  ## the pages as a site in build/site, with every warning an error
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet
