@@ -288,9 +288,9 @@ def _holdout(rng: Random, files: Files, eye: str | None) -> Table:
 
 
 def _snow(rng: Random) -> Table:
-    low, high = sorted(_log(rng, 0.05, 50.0) for _ in range(2))
+    low, high = sorted(_log(rng, 0.3, 50.0) for _ in range(2))  # smaller ones are millions
     return table(SnowSettings, rng) | {
-        "amount": _log(rng, 0.1, 30.0), "range_m": _log(rng, 0.2, 5.0), "sizes_mm": [low, min(1.2 * high, 50.0)],
+        "amount": _log(rng, 0.1, 10.0), "range_m": _log(rng, 0.2, 4.0), "sizes_mm": [low, min(1.2 * high, 50.0)],
         "current_m_s": _vector(rng, 0.5),
     }  # fmt: skip
 

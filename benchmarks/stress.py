@@ -48,7 +48,7 @@ DARKEST = -1e-6
 """Least light that counts as none: rounding of single precision at a radiance of ten."""
 MOST_GB = 3.0
 MOST_REFUSED = 0.05
-SEEDS_AT_ONCE = 25
+SEEDS_AT_ONCE = 12
 """Scenes that a process makes before the next takes over: what one leaves behind does not add up."""
 LONGEST_S = 300.0
 """Time of a scene after which its process is ended."""
