@@ -6,8 +6,9 @@ video's is. Findings, each printed as it is found:
 
     refused     with the message: the scene was meant to be legal
     not finite  a NaN or an infinity in the picture
-    negative    light below -1e-6 where the plate itself has none, before it is encoded (layer over plate)
-    codes       the same in the picture as it is read back, of plates whose codes hold every light (no subsampling)
+    negative    light below -1e-6 of the plate's brightest, or of 1, where the plate itself has none, in the layer over
+                the plate; in the plate's primaries, in which colours of a wide gamut are positive
+    codes       the same in the picture, with its grain, as it is read back from its codes
     failed      any exception that is none of the toolkit's own, or a process that died or took too long
     memory      peak memory of the process above 3 GB during the scene
 
@@ -36,6 +37,7 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
 from benchmarks.random_scenes import RandomScene, random_scene  # noqa: E402
+from mr360uw.color import in_plate_primaries  # noqa: E402
 from mr360uw.composite.over import over  # noqa: E402
 from mr360uw.errors import Mr360uwError, RenderError, SceneError  # noqa: E402
 from mr360uw.render.backends import Backend, make_backend  # noqa: E402
@@ -45,7 +47,7 @@ from mr360uw.render.loaded import load  # noqa: E402
 from mr360uw.scene.inputs import open_plate  # noqa: E402
 
 DARKEST = -1e-6
-"""Least light that counts as none: rounding of single precision at a radiance of ten."""
+"""Least light that counts as none, for a plate whose brightest light is 1: rounding of single precision."""
 MOST_GB = 3.0
 MOST_REFUSED = 0.05
 SEEDS_AT_ONCE = 12
@@ -70,13 +72,15 @@ def problems_of(frame: Frame) -> Iterator[tuple[str, str]]:
     if found := not_finite((frame.layer,)):
         yield "not finite", found
         return
-    plate, picture = frame.plate.image_linear, frame.picture.light
-    if not np.all(np.isfinite(picture)):
+    filed, spec = frame.plate.graded_by(None), frame.plate.spec
+    if not np.all(np.isfinite(frame.picture.light)):
         yield "not finite", "picture"
-    light = over(plate, frame.layer)
-    for kind, found in (("negative", light), ("codes", picture)):
-        below = found - np.minimum(plate, 0.0)
-        if below.min() < DARKEST and (kind == "negative" or frame.plate.yuv is None):
+    light = over(frame.plate.image_linear, frame.layer)
+    pairs = {"negative": (light, frame.plate.image_linear), "codes": (frame.picture.light, filed.image_linear)}
+    for kind, (shown, plate) in pairs.items():
+        found = in_plate_primaries(shown, spec)
+        below = found - np.minimum(in_plate_primaries(plate, spec), 0.0)
+        if below.min() < DARKEST * max(1.0, float(np.abs(plate).max())):
             row, column, _ = np.unravel_index(int(np.argmin(below)), below.shape)
             least = [f"{part:.3g}" for part in found[row, column]]
             yield kind, f"{np.sum(below < DARKEST)} values, least {', '.join(least)} at row {row}, column {column}"
