@@ -143,6 +143,7 @@ def steady_gain(gains: ArrayLike, exposure: ArrayLike, picture: ArrayLike, frame
     and is multiplied with the exposure again. Flashes of one or two frames are left out of the exposure.
     """
     gain = vectors("gains", gains).astype(np.float64)
+    picture = np.where(np.isposinf(picture), np.finfo(np.float64).max, picture)  # a cut from or to black
     change, moved = (
         exactly(name, values, (len(gain),)).astype(np.float64)
         for name, values in (("exposure", exposure), ("picture", picture))

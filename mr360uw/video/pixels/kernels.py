@@ -163,9 +163,7 @@ def write_luma(
             light = light_bits[r, part, n]
             _encode_row(codes[part], cb[part], cr[part], light, alpha[r, part], k, n, table, steps[n, part])
         if grainy:
-            _grain_row(
-                codes[part], cb[part], cr[part], alpha[r, part], grain[r, part], strength, k, steps[:, part]
-            )
+            _grain_row(codes[part], cb[part], cr[part], alpha[r, part], grain[r, part], strength, k, steps[:, part])
         red, green, blue = k[1] * k[10], k[1] * k[11], k[1] * k[12]
         for c in range(first, after):
             step = red * steps[0, c] + green * steps[1, c] + blue * steps[2, c]
