@@ -43,6 +43,8 @@ DRAWN = 0.35
 """Probability that a parameter is drawn; the others keep their defaults."""
 AT_AN_END = 0.1
 """Probability that a number is one of the ends of its range."""
+SWAY_M = 0.5
+"""Height [m] that a camera's track sways by."""
 LIMITS: dict[str, tuple[float, float]] = {
     "samples": (1, 17), "sun_samples": (1, 8), "motion_samples": (1, 3), "planes": (1, 4), "bands": (1, 32),
     "resolution": (16, 128), "slices": (4, 12), "wave_count": (1, 48), "grid": (4, 96), "tile_m": (0.2, 60.0),
@@ -83,9 +85,10 @@ def random_scene(seed: int, folder: Path) -> RandomScene:
     wet = rng.random() < 0.9
     depth_m = _log(rng, 0.05, 200.0) if rng.random() < 0.3 else _log(rng, 0.5, 30.0)
     eye = rng.choice(["left", "right", "both"]) if rng.random() < 0.15 else None
+    camera, sinks_m = _camera(rng, files, depth_m)
     data: Table = {
         "plate": files.plate(eye),
-        "camera": _camera(rng, files, depth_m),
+        "camera": camera,
         "water": _water(rng, files) if wet else {"type": "none"},
         "light": _light(rng),
         "sea": _sea(rng),
@@ -93,7 +96,7 @@ def random_scene(seed: int, folder: Path) -> RandomScene:
         "shafts": table(ShaftSettings, rng) | {"resolution": 64, "slices": 8},
         "draw": {"samples": 5} | table(DrawSettings, rng),
     }  # fmt: skip
-    receiver = _receiver(rng, files, eye)
+    receiver = _receiver(rng, files, eye, sinks_m)
     if receiver is not None:
         data["receiver"] = receiver
     objects = [_object(rng, files, depth_m, receiver, eye) for _ in range(int(rng.integers(1, 4)))]
@@ -176,18 +179,20 @@ def _vector(rng: Random, reach: float) -> list[float]:
 # --- tables of a scene -----------------------------------------------------------------------------------------------
 
 
-def _camera(rng: Random, files: Files, depth_m: float) -> Table:
+def _camera(rng: Random, files: Files, depth_m: float) -> tuple[Table, float]:
+    """Return the camera, and how far [m] it sinks from its start."""
     found: Table = {"depth_m": depth_m}
-    kind = rng.integers(8)
+    kind, sinks_m = rng.integers(8), 0.0
     if kind == 0:
-        found["depth_keys"] = [[0.0, depth_m], [0.02, min(depth_m * float(rng.uniform(0.5, 2.0)), 200.0)]]
+        deepest_m = min(depth_m * float(rng.uniform(0.5, 2.0)), 200.0)
+        found["depth_keys"], sinks_m = [[0.0, depth_m], [0.02, deepest_m]], max(deepest_m - depth_m, 0.0)
     elif kind == 1:
-        found["track"] = files.track(depth_m)
+        found["track"], sinks_m = files.track(depth_m), SWAY_M
     elif kind == 2:
         found |= {"roll_deg": float(rng.uniform(-30, 30)), "pitch_deg": float(rng.uniform(-30, 30))}
     elif kind == 3:
         found["tilt_keys"] = [[0.0, *_vector(rng, 20.0)[:2]], [0.05, *_vector(rng, 20.0)[:2]]]
-    return found | {k: v for k, v in table(CameraSettings, rng).items() if k == "ipd_m"}
+    return found | {k: v for k, v in table(CameraSettings, rng).items() if k == "ipd_m"}, sinks_m
 
 
 def _water(rng: Random, files: Files) -> Table:
@@ -260,13 +265,13 @@ def _object(rng: Random, files: Files, depth_m: float, receiver: Table | None, e
     return found
 
 
-def _receiver(rng: Random, files: Files, eye: str | None) -> Table | None:
+def _receiver(rng: Random, files: Files, eye: str | None, sinks_m: float) -> Table | None:
     kind = rng.choice(["none", "plane", "plane", "mesh", "height_map", "distance"])
     if kind == "none":
         return None
     found = table(ReceiverSettings, rng) | {"kind": str(kind)}
     if kind == "plane":
-        found["height_m"] = -_log(rng, 0.1, 20.0)
+        found["height_m"] = -(sinks_m + _log(rng, 0.1, 20.0))
     elif kind == "mesh":
         found |= {"path": files.ground(), "position_m": [0.0, -_log(rng, 1.0, 6.0), 0.0]}
     elif kind == "height_map":
@@ -306,8 +311,8 @@ def _match(rng: Random) -> Table:
 
 _KEYED: dict[str, tuple[str, float, float]] = {
     "sea.wind_speed": ("sea", 0.0, 15.0), "light.exposure": ("light", -2.0, 2.0), "water.shade": ("water", 0.0, 1.0),
-    "shafts.strength": ("shafts", 0.0, 2.0), "draw.grain": ("draw", 0.0, 2.0), "object.0.exposure": ("object", -2.0, 2.0),
-    "water.sun_share": ("water", 0.0, 1.0), "object.0.roughness": ("object", 0.0, 1.0),
+    "shafts.strength": ("shafts", 0.0, 2.0), "draw.grain": ("draw", 0.0, 2.0), "water.sun_share": ("water", 0.0, 1.0),
+    "object.0.exposure": ("object", -2.0, 2.0), "object.0.roughness": ("object", 0.0, 1.0),
 }  # fmt: skip
 """Parameters that are keyed, with the range of their values."""
 
@@ -376,7 +381,11 @@ class Files:
         path, rng = self._folder / f"track-{rng_name(self._rng)}.csv", self._rng
         rows = ["time_s,x,y,z,qx,qy,qz,qw"]
         for time in (0.0, 0.1, 1.0):
-            x, y, z = 0.3 * rng.uniform(-1, 1), min(0.5, 0.5 * depth_m) * rng.uniform(-1, 1), 0.3 * rng.uniform(-1, 1)
+            x, y, z = (
+                0.3 * rng.uniform(-1, 1),
+                min(SWAY_M, 0.5 * depth_m) * rng.uniform(-1, 1),
+                0.3 * rng.uniform(-1, 1),
+            )
             turn = rng.normal(size=4) * [0.1, 0.3, 0.1, 0.0] + [0.0, 0.0, 0.0, 1.0]
             rows.append(",".join(f"{v:.9f}" for v in (time, x, y, z, *(turn / np.linalg.norm(turn)))))
         path.write_text("\n".join(rows) + "\n")

@@ -7,8 +7,8 @@ video's is. Findings, each printed as it is found:
     refused     with the message: the scene was meant to be legal
     not finite  a NaN or an infinity in the picture
     negative    light below -1e-6 of the plate's brightest, or of 1, where the plate itself has none, in the layer over
-                the plate; in the plate's primaries, in which colours of a wide gamut are positive
-    codes       the same in the picture, with its grain, as it is read back from its codes
+                a plate of Rec.709 (a wide gamut's own colours are negative there)
+    codes       the same in the picture, with its grain, as it is read back from its codes, in the plate's primaries
     failed      any exception that is none of the toolkit's own, or a process that died or took too long
     memory      peak memory of the process above 3 GB during the scene
 
@@ -80,7 +80,8 @@ def problems_of(frame: Frame) -> Iterator[tuple[str, str]]:
     for kind, (shown, plate) in pairs.items():
         found = in_plate_primaries(shown, spec)
         below = found - np.minimum(in_plate_primaries(plate, spec), 0.0)
-        if below.min() < DARKEST * max(1.0, float(np.abs(plate).max())):
+        wide = kind == "negative" and spec.gamut != "bt709"
+        if below.min() < DARKEST * max(1.0, float(np.abs(plate).max())) and not wide:
             row, column, _ = np.unravel_index(int(np.argmin(below)), below.shape)
             least = [f"{part:.3g}" for part in found[row, column]]
             yield kind, f"{np.sum(below < DARKEST)} values, least {', '.join(least)} at row {row}, column {column}"

@@ -19,13 +19,13 @@ Array = NDArray[np.float64]
 
 
 _PANELS = 0.5, 0.75
-"""Least and greatest split of two panels, indices of 1.15 to 1.51: half of all nodes in a narrow panel leave too few for
-the other, and light in water of an index of 1.01 was off by as much as there is."""
+"""Least and greatest split of two panels, indices of 1.15 to 1.51: half of all nodes in a narrow panel leave too few
+for the other, and light in water of an index of 1.01 was off by as much as there is."""
 
 
 @functools.cache
 def nodes(streams: int, split: float) -> tuple[Array, Array]:
-    """Gauss-Legendre nodes and weights on (0, 1), in two panels that meet at `split`, or one where that is far from the middle."""
+    """Gauss-Legendre nodes and weights on (0, 1), in two panels that meet at `split`, or in one (`_PANELS`)."""
     edges = [0.0, split, 1.0] if _PANELS[0] < split < _PANELS[1] else [0.0, 1.0]
     x, w = np.polynomial.legendre.leggauss(streams // (len(edges) - 1))
     half = 0.5 * np.diff(edges)[:, None]

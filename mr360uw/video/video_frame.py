@@ -49,8 +49,8 @@ class VideoFrame:
     wrap: the left and right edges meet (a full panorama). damage: whether the decoder guessed a part of the picture
     ("concealed"), or the frame could not be decoded and is the last good one ("held"). right: of a stereo plate whose
     left eye this is, the right one at the same instant. clipped: of a composite, the light (h, w, 3) of tiles in which
-    some is brighter than the codes can say. plate: of a composite of planes, what it was laid over. grade: of the codes, None for none: light is read without it and written
-    with it; a composite holds its codes alone.
+    some is brighter than the codes can say. plate: of a composite of planes, what it was laid over. grade: of the
+    codes, None for none: light is read without it and written with it; a composite holds its codes alone.
     """
 
     index: int

@@ -104,7 +104,7 @@ def test_a_body_over_the_seam_is_as_one_in_the_middle(grade: PlateGrade) -> None
 
 @pytest.mark.parametrize("ratio", [1.0, 0.1])
 def test_a_mask_takes_no_more_light_than_shines_through(ratio: float) -> None:
-    """A black body, sharpened, before a bright plate in shadow: neither its layer nor the composite has negative light."""
+    """A black body, sharpened, before a bright plate in shadow: layer and composite have no negative light."""
     layer = disc(32)
     layer = replace(
         layer,

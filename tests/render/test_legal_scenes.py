@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Legal scenes at the edges of their parameters render; those that cannot are refused by name before the first frame."""
+"""Legal scenes at the ends of their ranges render; those that cannot are refused by name before the first frame."""
 
 from __future__ import annotations
 
