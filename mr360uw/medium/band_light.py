@@ -60,6 +60,7 @@ class BandLight:
 
     def fading_length_m(self, depth_m: float) -> float:
         """Return the distance [m] over which the downwelling light about a depth falls to 1/e."""
+        depth_m = min(depth_m, self.deepest_m)
         step = 1e-3 * depth_m
         here, below = np.abs(self.bands.weight).sum(axis=1) @ self.model.irradiance(
             np.array([depth_m, depth_m + step]), 1.0

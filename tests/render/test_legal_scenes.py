@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import mr360uw as uw
+from mr360uw.caustics.flux.irradiance import pass_indices
 from mr360uw.errors import ParameterError
 from mr360uw.medium.fit.exposure import picture_change, steady_gain
 from mr360uw.medium.phase import PhaseTable
@@ -31,6 +32,14 @@ def test_waters_at_the_ends_of_their_ranges_render(tmp_path: Path, whale: Path, 
     assert image.min() >= 0.0
 
 
+@pytest.mark.parametrize("mode", ["kd", "rgb", "table", "plate"])
+def test_water_too_deep_and_murky_for_any_light_is_dark(mode: str) -> None:
+    water = uw.medium.Water.from_arrays([400.0, 700.0], [1.0, 1.0], [40.0, 40.0], diffuse_attenuation=[36.0, 36.0])
+    table = uw.medium.Medium(water, mode=mode, camera_depth_m=33.0, band_count=3).unit_table
+    assert np.all(np.isfinite(table.veil))
+    assert table.veil.max() < 1e-30
+
+
 def steep_table(slope: float, first_deg: float) -> PhaseTable:
     angle = np.geomspace(first_deg, 180.0, 50)
     return PhaseTable.from_angles(angle, angle**slope)
@@ -44,6 +53,13 @@ def test_steep_phase_functions_are_solved_at_any_index(phase: Any, index: float,
     added = field.inscatter(3.0, 5.0, np.linspace(-1.0, 1.0, 9))
     assert np.all(np.isfinite(added))
     assert added.min() >= 0.0
+
+
+def test_colours_of_a_surface_that_hardly_bends_light_are_bent_as_little() -> None:
+    """Dispersion goes with the index less 1: at 1.000001 red is not bent the other way."""
+    red, green, blue = pass_indices(3, 1.000001)
+    assert 1.0 < red < green < blue
+    assert green == pytest.approx(1.000001, abs=1e-12)
 
 
 def test_a_surface_that_hardly_bends_light_is_as_none() -> None:
