@@ -40,6 +40,12 @@ def test_water_too_deep_and_murky_for_any_light_is_dark(mode: str) -> None:
     assert table.veil.max() < 1e-30
 
 
+def test_backward_scattering_is_finite_however_long_the_way() -> None:
+    water = uw.medium.Water.from_arrays([400.0, 700.0], [0.03, 0.5], [30.0, 17.0], phase=("hg", -0.946))
+    table = uw.medium.Medium(water, mode="table", camera_depth_m=19.9, band_count=3).unit_table
+    assert np.all(np.isfinite(table.veil))
+
+
 def steep_table(slope: float, first_deg: float) -> PhaseTable:
     angle = np.geomspace(first_deg, 180.0, 50)
     return PhaseTable.from_angles(angle, angle**slope)
