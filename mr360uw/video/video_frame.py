@@ -155,7 +155,13 @@ class VideoFrame:
     def _blended(self, rectangle: Rectangle, tile: Tile, blend: Blend) -> Floats:
         """Return the composite of one tile (h, w, 3) as the codes show it."""
         linear = blend(self._returned(rectangle), tile)
-        return linear if self.grade is None else self.grade.lay_on(linear, self.spec)
+        if self.grade is None:
+            return linear
+        graded = self.grade.lay_on(linear, self.spec)
+        if self.rgb is None or self.rgb.dtype.kind != "f":
+            return graded
+        # Saturation takes no more from a channel than it has, as codes do by their range
+        return np.maximum(graded, np.minimum(self.graded_by(None).linear(rectangle), 0.0))
 
     @cached_property
     def _lent(self) -> dict[Rectangle, NDArray[np.float32]]:
