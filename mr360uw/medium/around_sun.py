@@ -32,8 +32,9 @@ Array = NDArray[np.float64]
 
 AZIMUTHS = PI * np.linspace(0.0, 1.0, 25) ** 1.5
 """Azimuths from the sun's [rad] that the ratio is computed at: dense about the sun."""
-_EVERY = 4
-"""One wavelength in so many is taken: the ratio changes slowly over them."""
+_EVERY, _FEWEST = 4, 4
+"""One wavelength in so many is taken, as the ratio changes slowly over them, but no fewer than these where there are as
+many: a channel that none of them reaches would have no light."""
 _DEPTHS = 2.0**0.5
 """Ratio of the depths that are computed. Between them R is interpolated, which even in turbid water is off by 1 %."""
 _TINY = 1e-300
@@ -46,8 +47,9 @@ def around_sun(medium: Medium) -> Array | None:
     """Return the ratio R (ROWS, len(AZIMUTHS), 3) at a medium's camera; None where its light has no sun."""
     if not isinstance(medium.model, FieldModel) or not isinstance(medium.sky, tuple):
         return None
-    model = medium.model_at(medium.bands.wavelength_nm[::_EVERY], "table")
-    lobes = medium.bands.lobes[::_EVERY].tobytes()
+    every = min(_EVERY, max(len(medium.bands.wavelength_nm) // _FEWEST, 1))
+    model = medium.model_at(medium.bands.wavelength_nm[::every], "table")
+    lobes = medium.bands.lobes[::every].tobytes()
     assert isinstance(model, FieldModel)
     if medium.rough:
         return _roughly(model, lobes, medium.camera_depth_m)
@@ -67,8 +69,7 @@ def _at_depth(model: FieldModel, lobes: bytes, depth_m: float) -> Array:
     def ratio() -> dict[str, Array]:
         with one_blas_thread():
             light = model.around_sun(depth_m, row_up(ROWS), AZIMUTHS) @ weights
-        mean = np.einsum("a,rak->rk", _shares(), light)
-        return {"ratio": light / np.maximum(mean, _TINY)[:, None]}
+        return {"ratio": _over_mean(light)}
 
     return np.asarray(kept_arrays("around", (depth_m, weights, *model.inputs), ratio)["ratio"])
 
@@ -80,7 +81,13 @@ def _roughly(model: FieldModel, lobes: bytes, depth_m: float) -> Array:
     with one_blas_thread():
         few = model.up_to_order(_ROUGH_ORDERS).around_sun(depth_m, row_up(ROWS), _ROUGH_AZIMUTHS)
     light = PchipInterpolator(_ROUGH_AZIMUTHS, few @ np.frombuffer(lobes).reshape(-1, 3), axis=1)(AZIMUTHS)
-    return np.asarray(light / np.maximum(np.einsum("a,rak->rk", _shares(), light), _TINY)[:, None])
+    return _over_mean(light)
+
+
+def _over_mean(light: Array) -> Array:
+    """Return light (r, a, 3) over its mean over the azimuths; 1 in a channel without light."""
+    mean = np.einsum("a,rak->rk", _shares(), light)[:, None]
+    return np.divide(light, mean, out=np.ones(light.shape), where=mean > _TINY)
 
 
 @functools.cache

@@ -63,6 +63,7 @@ class BandLight:
 
         Where no light is left it is a thousandth of the depth, from above.
         """
+        depth_m = min(depth_m, self.deepest_m)
         step = 1e-3 * depth_m
         here, below = np.abs(self.bands.weight).sum(axis=1) @ self.model.irradiance(
             np.array([depth_m, depth_m + step]), 1.0

@@ -36,11 +36,14 @@ class MediumAtDepths:
         place = float(np.log(depth_m) / np.log(_RATIO))
         step = int(np.floor(place))
         upper, lower = self._node(step), self._node(step + 1)
-        share = (depth_m - upper.camera_depth_m) / (lower.camera_depth_m - upper.camera_depth_m)
+        apart_m = lower.camera_depth_m - upper.camera_depth_m
+        share = (depth_m - upper.camera_depth_m) / apart_m if apart_m > 0.0 else 0.0
         return self._medium.at_depth(depth_m, replace(mixed_table(upper, lower, share), camera_depth_m=depth_m))
 
     def _made(self, step: int) -> MediumTable:
-        return self._medium.at_depth(_RATIO**step).unit_table
+        floor_m = self._medium.floor_m  # below which there is no water
+        depth_m = _RATIO**step
+        return self._medium.at_depth(depth_m if floor_m is None else min(depth_m, floor_m)).unit_table
 
 
 class MixedMedium:

@@ -187,12 +187,15 @@ class FieldModel:
         above, end_m = np.minimum(s, to_floor), np.maximum(y - s * mu, 0.0)
         end_m = np.where(s >= to_floor, own.floor_m, np.where(end_m < _AT_SURFACE * y, 0.0, end_m))
         end = own.radiance(end_m, mu)
-        lost = np.exp(-slower * above[:, None])
-        result = own.inscatter(above, y, mu) - lost * -np.expm1((slower - own.extinction) * above[:, None]) * end
+        lost, gap = np.exp(-slower * above[:, None]), own.extinction - slower
+        # exp(-slower S) - exp(-own S), by the larger of the two: backward scattering makes `wide` the faster one
+        larger = np.exp(-np.minimum(slower, own.extinction) * above[:, None])
+        apart = larger * np.sign(gap) * -np.expm1(-np.abs(gap) * above[:, None])
+        result = own.inscatter(above, y, mu) - apart * end
         below = s > above
         if np.any(below):  # goes on as it is at the floor, see `RayField.inscatter`
             mu, deeper = mu[below], (s - above)[below][:, None]
-            gained = own.scattered(own.floor_m, mu) - (own.extinction - slower) * own.floor
+            gained = own.scattered(own.floor_m, mu) - gap * own.floor
             result[below] += lost[below] * gained * -np.expm1(-slower * deeper) / slower
         return result
 

@@ -65,7 +65,7 @@ class CameraPath:
         else:
             keys = np.array(camera.depth_keys) if camera.depth_keys else None
             path = cls(camera.depth_m, tilt=level_track(scene), depth_keys=keys)
-        depths = path._depths()
+        depths = path.depths
         if scene.water.type != "none" and depths.min() < _SHALLOWEST_M:
             raise ParameterError(
                 f"camera - leaves the water (got depth {depths.min():.2f} m) - correct its depth, keys or track, or "
@@ -76,7 +76,7 @@ class CameraPath:
     @property
     def sinks(self) -> bool:
         """Whether the depth of the camera changes."""
-        return bool(np.ptp(self._depths()) > 0.0)
+        return bool(np.ptp(self.depths) > 0.0)
 
     @property
     def moves(self) -> bool:
@@ -94,7 +94,7 @@ class CameraPath:
     @property
     def highest_m(self) -> float:
         """Largest height [m] of the camera in the world."""
-        return float(self.depth_m - self._depths().min())
+        return float(self.depth_m - self.depths.min())
 
     def at(self, time_s: float) -> tuple[Floats, Floats]:
         """Return the position (3,) [m] in the world and the rotation world_from_camera (3, 3) at `time_s`."""
@@ -123,14 +123,22 @@ class CameraPath:
         """Return the depth [m] of the camera below the mean surface at `time_s`."""
         return self.depth_m - float(self.at(time_s)[0][1])
 
-    def _depths(self) -> Floats:
+    @property
+    def instants(self) -> Floats:
+        """Times [s] of the keys of its height; time 0 without."""
+        if self.track is not None:
+            return self.track.time_s
+        return np.zeros(1) if self.depth_keys is None else self.depth_keys[:, 0]
+
+    @property
+    def depths(self) -> Floats:
         """Return the depths [m] of all keys. Interpolation is monotone between them, so they bound all depths."""
         if self.track is not None:
             return self.depth_m - self.track.position[:, 1]
         return np.array([self.depth_m]) if self.depth_keys is None else self.depth_keys[:, 1]
 
     def _keyed_depth(self, time_s: float) -> float:
-        depths = self._depths()
+        depths = self.depths
         if self.depth_keys is None or len(depths) == 1:
             return float(depths[0])
         from scipy.interpolate import PchipInterpolator

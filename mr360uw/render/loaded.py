@@ -24,7 +24,7 @@ from mr360uw.composite.scene_lamps import SceneLamp, load_lamps
 from mr360uw.composite.settings import ReceiverSettings
 from mr360uw.composite.shot import Receiver
 from mr360uw.constants import PI
-from mr360uw.errors import SceneError
+from mr360uw.errors import ParameterError, SceneError
 from mr360uw.medium import Medium
 from mr360uw.reading.cached_reads import CachedReads
 from mr360uw.reading.input_files import files_read
@@ -32,7 +32,7 @@ from mr360uw.render.camera import CameraPath
 from mr360uw.render.caustic_depths import CausticDepths
 from mr360uw.render.mattes import Mattes, ReceiverClip
 from mr360uw.render.plan import ObjectFacts, Plan, joined_plan, make_plan
-from mr360uw.render.surroundings import Surroundings, load_surroundings
+from mr360uw.render.surroundings import Surroundings, camera_path, floor_depth_m, load_surroundings
 from mr360uw.scene.key_problems import key_times
 from mr360uw.scene.key_targets import KeyedParameter
 from mr360uw.scene.keyed_water import WaterBetween, scene_at, water_between
@@ -166,6 +166,7 @@ class Loader:
     def load(self, scene: Scene) -> Loaded:
         """Return a scene loaded; raise `SceneError`, `MeshError`, `VideoError` or `ParameterError`."""
         with self._one_thread:
+            check_above_floor(scene, self.reads)
             first = self._load(scene_at(scene, 0.0), water_between(scene, 0.0), scene.keys)
             if not scene.keys:
                 return first
@@ -260,6 +261,29 @@ class Loader:
         shallowest_m = camera.depth_m - camera.highest_m
         share = functools.partial(_beam_share, medium, shallowest_m)
         return make_plan(scene, facts, medium.unit_table, share, clip=self._clip)
+
+
+def check_above_floor(scene: Scene, reads: CachedReads) -> None:
+    """Raise `ParameterError` where the camera is below a level floor at a key of either."""
+    receiver = scene.receiver
+    if receiver is None or receiver.kind != "plane":
+        return
+    camera = camera_path(scene, reads)
+    times, depths = camera.instants, camera.depths
+    floors = np.array([floor_depth_m(scene) or np.inf])
+    if any(dotted(key.parameter)[0] == "receiver" for key in scene.keys):
+        times = np.union1d(times, key_times(scene.keys))
+        depths = np.array([camera.depth_at(float(time_s)) for time_s in times])
+        floors = np.array([floor_depth_m(scene_at(scene, float(time_s))) or np.inf for time_s in times])
+    below = np.flatnonzero(depths >= floors)
+    if len(below):
+        at, floor_m = below[0], np.broadcast_to(floors, depths.shape)[below[0]]
+        raise ParameterError(
+            f"camera.{'depth_keys' if scene.camera.track is None else 'track'} - goes below the floor at {times[at]:g} "
+            f"s (got {depths[at]:.2f} m deep, and the floor at {floor_m:.2f} m by receiver.height_m) - set "
+            f"receiver.height_m below {scene.camera.depth_m - depths.max():.2f}, or where the floor slopes take a "
+            "receiver of kind mesh or distance, or correct the depths"
+        )
 
 
 def _receiver(settings: ReceiverSettings | None, width: int, height: int, eye: Eye | None) -> ReceiverClip | None:
@@ -421,10 +445,7 @@ def _times(placed: SceneObject, camera: CameraPath) -> Floats:
     """Return the times [s] at which the object or the camera has a key, thinned out where there are many, and some of
     the clip that the object plays.
     """
-    known = [np.zeros(1), placed.instants]
-    known += [] if camera.track is None else [camera.track.time_s]
-    known += [] if camera.depth_keys is None else [camera.depth_keys[:, 0]]
-    times = np.unique(np.concatenate(known))
+    times = np.unique(np.concatenate([np.zeros(1), placed.instants, camera.instants]))
     return times[np.unique(np.linspace(0, len(times) - 1, _INSTANTS).round().astype(int))]
 
 

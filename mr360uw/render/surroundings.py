@@ -96,8 +96,7 @@ def load_surroundings(
 def _surroundings(
     scene: Scene, between: WaterBetween | None, floor_m: float | None, reads: CachedReads
 ) -> Surroundings:
-    dry = WaterSettings(type="none")
-    camera = reads.of(CameraPath.of, scene.only("camera", water=dry if scene.water.type == "none" else WaterSettings()))
+    camera = camera_path(scene, reads)
     plain, gain = without_gain(scene.water), scene.water.gain
     medium, depths = (
         _medium(plain, camera, floor_m, reads) if between is None else _mixed(plain, between, camera, floor_m, reads)
@@ -106,6 +105,12 @@ def _surroundings(
     light = LightReader(scene, medium.unit_table if medium is not None else None, camera)
     ground_y = None if floor_m is None else scene.camera.depth_m - floor_m
     return Surroundings(scene.light, scene.water, camera, medium, light, ground_y, depths)
+
+
+def camera_path(scene: Scene, reads: CachedReads) -> CameraPath:
+    """Return the path of a scene's camera. Raises `ParameterError` or `VideoError`."""
+    dry = WaterSettings(type="none")
+    return reads.of(CameraPath.of, scene.only("camera", water=dry if scene.water.type == "none" else WaterSettings()))
 
 
 def floor_depth_m(scene: Scene) -> float | None:

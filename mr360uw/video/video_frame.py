@@ -49,8 +49,8 @@ class VideoFrame:
     wrap: the left and right edges meet (a full panorama). damage: whether the decoder guessed a part of the picture
     ("concealed"), or the frame could not be decoded and is the last good one ("held"). right: of a stereo plate whose
     left eye this is, the right one at the same instant. clipped: of a composite, the light (h, w, 3) of tiles in which
-    some is brighter than the codes can say. grade: of the codes, None for none: light is read without it and written
-    with it; a composite holds its codes alone.
+    some is brighter than the codes can say. plate: of a composite of planes, what it was laid over. grade: of the
+    codes, None for none: light is read without it and written with it; a composite holds its codes alone.
     """
 
     index: int
@@ -66,6 +66,7 @@ class VideoFrame:
     damage: Literal["none", "concealed", "held"] = "none"
     right: VideoFrame | None = None
     clipped: tuple[tuple[Rectangle, NDArray[np.float32]], ...] = ()
+    plate: VideoFrame | None = None
     grade: Grade | None = None
 
     @classmethod
@@ -109,10 +110,19 @@ class VideoFrame:
 
     @property
     def light(self) -> NDArray[np.float32]:
-        """The picture as linear Rec.709 (H, W, 3), with what a composite has above the brightest code."""
-        if not self.clipped:
+        """The picture as linear Rec.709 (H, W, 3), with what a composite has above the brightest code.
+
+        Codes of a composite outside of the plate's gamut, as where a dark edge shares its chroma with what is beside
+        it, are those that a screen shows: there is no negative light but the plate's own.
+        """
+        if not self.clipped and self.plate is None:
             return self.image_linear
         image = self.image_linear.copy()
+        if self.plate is not None:
+            shown, own = (in_plate_primaries(one, self.spec) for one in (image, self.plate.image_linear))
+            least = np.minimum(own, 0.0)
+            darker = np.any(shown < least, axis=-1)
+            image[darker] = in_rec709(np.maximum(shown[darker], least[darker]), self.spec)
         for rectangle, linear in self.clipped:
             column, row, width, height = rectangle
             part = image[row : row + height, column : column + width]
@@ -145,7 +155,13 @@ class VideoFrame:
     def _blended(self, rectangle: Rectangle, tile: Tile, blend: Blend) -> Floats:
         """Return the composite of one tile (h, w, 3) as the codes show it."""
         linear = blend(self._returned(rectangle), tile)
-        return linear if self.grade is None else self.grade.lay_on(linear, self.spec)
+        if self.grade is None:
+            return linear
+        graded = self.grade.lay_on(linear, self.spec)
+        if self.rgb is None or self.rgb.dtype.kind != "f":
+            return graded
+        # Saturation takes no more from a channel than it has, as codes do by their range
+        return np.maximum(graded, np.minimum(self.graded_by(None).linear(rectangle), 0.0))
 
     @cached_property
     def _lent(self) -> dict[Rectangle, NDArray[np.float32]]:
@@ -213,7 +229,7 @@ class VideoFrame:
         native, planes = copy_planes(self.yuv, self.native.format.name if self.native is not None else None)
         if blend_planes is not None and blend_planes(self.yuv, planes, layer, self.index, self.wrap):
             self._lent.clear()
-            return replace(self, yuv=_read_only(planes), native=native, clipped=())
+            return replace(self, yuv=_read_only(planes), native=native, clipped=(), plate=self)
         grain = self.grain if amount > 0.0 else NO_GRAIN
         brightest, clipped = self._brightest, []
         for tile in layer.tiles:
@@ -226,7 +242,9 @@ class VideoFrame:
                 lay_over_planes(
                     self.yuv, planes, rectangle, linear, tile.alpha, changed, self.index, self.wrap, grain, amount
                 )
-        return replace(self, yuv=_read_only(planes), native=native, clipped=tuple(clipped), grade=None)
+        return replace(
+            self, yuv=_read_only(planes), native=native, clipped=tuple(clipped), plate=self.graded_by(None), grade=None
+        )
 
     def _over_codes(self, layer: Layer, blend: Blend, amount: float) -> VideoFrame:
         from mr360uw.video.pixels.grain import add_grain
@@ -277,10 +295,13 @@ def whole_frame(frame: VideoFrame, stereo: Stereo) -> VideoFrame:
     down, across = (frame.shape[0], 0) if axis == 0 else (0, frame.shape[1])
     beside = tuple((r._replace(row=r.row + down, column=r.column + across), light) for r, light in right.clipped)
     clipped = frame.clipped + beside
+    plate = None
+    if frame.plate is not None or right.plate is not None:
+        plate = whole_frame(replace(frame.plate or frame, right=right.plate or right), stereo)
     if frame.yuv is None or right.yuv is None:
         assert frame.rgb is not None
         assert right.rgb is not None
         return replace(frame, rgb=joined(frame.rgb, right.rgb), native=None, wrap=False, right=None, clipped=clipped)
     a, b = frame.yuv, right.yuv
     planes = YuvImage(joined(a.y, b.y), joined(a.u, b.u), joined(a.v, b.v), a.spec)
-    return replace(frame, yuv=planes, native=None, wrap=False, right=None, clipped=clipped)
+    return replace(frame, yuv=planes, native=None, wrap=False, right=None, clipped=clipped, plate=plate)

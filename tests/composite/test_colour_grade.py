@@ -202,3 +202,15 @@ def test_settings_say_what_is_wrong() -> None:
     assert given_black.open_keys == ()  # without a patch nothing is looked for
     patched = MatchSettings(black=0.1, gamma=0.9, patch=(PatchSettings.model_validate(place),))
     assert patched.open_keys == ("white", "contrast", "saturation")
+
+
+def test_strong_saturation_takes_no_more_light_than_there_is() -> None:
+    """Over a floating point plate, which has no range of codes: red and green, four times as saturated."""
+    light = np.full((8, 16, 3), 0.4, np.float32)
+    part = Rectangle(2, 2, 4, 4)
+    radiance = np.zeros((4, 4, 3), np.float32) + np.float32([0.9, 0.3, 0.1])
+    tile = replace(empty_tile(part), radiance=radiance, alpha=np.ones((4, 4), np.float32))
+    plate = VideoFrame.of_linear(light).graded_by(ColourGrade(saturation=4.0))
+    shown = plate.over(Layer(8, 16, (tile,)), over_tile).light
+    assert shown.min() >= 0.0
+    assert shown.max() > 0.9

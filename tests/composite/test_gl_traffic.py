@@ -44,6 +44,14 @@ def test_pixels_are_those_of_the_time_they_were_sent() -> None:
         assert np.all(second == 10.0 * value)
 
 
+def test_a_target_has_the_channels_that_are_asked_for() -> None:
+    """Scenes drawn one after the other ask for other outputs; those of the last one must not be read as these."""
+    targets = Targets()
+    one, four = (targets.target("same name", 8, 4, (channels,)) for channels in (1, 4))
+    assert [texture.components for target in (one, four) for texture in target.color_attachments] == [1, 4]
+    assert targets.target("same name", 8, 4, (1,)) is one
+
+
 def test_more_than_fits_is_read_too() -> None:
     targets, size = Targets(), (256, 96)
     sent = [

@@ -102,6 +102,20 @@ def test_a_body_over_the_seam_is_as_one_in_the_middle(grade: PlateGrade) -> None
         )
 
 
+@pytest.mark.parametrize("ratio", [1.0, 0.1])
+def test_a_mask_takes_no_more_light_than_shines_through(ratio: float) -> None:
+    """A black body, sharpened, before a bright plate in shadow: layer and composite have no negative light."""
+    layer = disc(32)
+    layer = replace(
+        layer,
+        tiles=tuple(replace(t, radiance=0.0 * t.radiance, ratio=np.full_like(t.ratio, ratio)) for t in layer.tiles),
+    )
+    matched = matched_layer(layer, PlateGrade(softness_px=1.0, sharpening=3.0), plate)
+    assert min(float(tile.radiance.min()) for tile in matched.tiles) >= 0.0
+    assert max(float(tile.alpha.max()) for tile in matched.tiles) <= 1.0
+    assert over(plate(Rectangle(0, 0, 64, 32)), matched).min() >= 0.0
+
+
 def test_a_mask_overshoots_as_that_of_the_whole_picture() -> None:
     layer, grade = disc(32), PlateGrade(softness_px=1.0, sharpening=0.6)
     layer = replace(layer, tiles=tuple(replace(t, ratio=np.ones_like(t.ratio)) for t in layer.tiles))

@@ -274,3 +274,19 @@ def test_the_generator_is_white_and_even() -> None:
     power = np.abs(np.fft.fft2(noise)) ** 2 / noise.size
     blocks = power[1:, 1:][:504, :504].reshape(8, 63, 8, 63).mean((1, 3))
     np.testing.assert_allclose(blocks, 1.0, atol=tol.GRAIN_SPECTRUM)
+
+
+@pytest.mark.parametrize("light", [0.0, 0.004])
+def test_grain_takes_no_more_light_than_there_is(light: float, rng: np.random.Generator) -> None:
+    """A dark body under strong grain, luma and chroma, stays in the gamut, and shows no negative light at all."""
+    image = noisy(rng, 6.0, 8.0)
+    tile = grey_tile(np.ones((128, 128)), 300, 90, luma=0.0)
+    tile = replace(tile, radiance=np.full_like(tile.radiance, light) * np.float32([0.1, 1.0, 1.0]))
+    dark, bright = (
+        frame_of(image).over(Layer(512, 1024, (one,)), blend, 4.0)
+        for one in (tile, grey_tile(np.ones((128, 128)), 300, 90))
+    )
+    inner = slice(94, 214), slice(304, 424)
+    assert bright.image_linear[inner].std() > 0.05
+    assert dark.image_linear[inner].min() > tol.GRAIN_BELOW_BLACK
+    assert dark.light.min() >= min(float(frame_of(image).image_linear.min()), 0.0) - tol.FLOAT32

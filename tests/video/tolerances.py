@@ -57,3 +57,6 @@ VIDEO_OCIO = 5e-3
 in and by Bradford out, which differ by 0.4 % in blue."""
 VIDEO_PRORES_CODES = 4e-3
 """Flat areas of ProRes 4444 in 10 bits: a code of luma and of chroma, 1/876 and 1/896 times up to 1.86, and its quantiser."""
+GRAIN_BELOW_BLACK = -0.02
+"""Light of dark codes under grain of 24 to 32 codes: luma of each pixel beside chroma that is interpolated between
+samples whose grain the darkest pixel of each bounds. Without the bound, -0.5."""

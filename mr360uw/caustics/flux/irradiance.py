@@ -212,12 +212,12 @@ def beam_slope(sun_in_water: Array) -> Array:
 def pass_indices(chromatic: Literal[1, 3], refractive_index: float) -> tuple[float, ...]:
     """Return the refractive index of each pass: that at 550 nm, or those of red, green and blue.
 
-    Sea water's dispersion (Quan & Fry 1995 at 20 degC and 35 psu) is added to the index at 550 nm.
+    The index less 1 varies over wavelength as sea water's does (Quan & Fry 1995 at 20 degC and 35 psu).
     """
     if chromatic == 1:
         return (refractive_index,)
-    green = float(sea_water_index(WAVELENGTHS_NM[1]))
-    return tuple(refractive_index + float(sea_water_index(w)) - green for w in WAVELENGTHS_NM)
+    over_air = sea_water_index(WAVELENGTHS_NM) - 1.0
+    return tuple((1.0 + (refractive_index - 1.0) * over_air / over_air[1]).tolist())
 
 
 def check_arguments(

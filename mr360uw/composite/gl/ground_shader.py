@@ -131,8 +131,7 @@ class GroundShader:
             channels: tuple[int, ...] = (4,) * (4 if "LAMPS" in wanted else 3)
         else:
             channels = (4,) if "CAUSTICS" in wanted else (1,)
-        name = f"receiver {len(channels)} {channels[0]}"
-        sent = self._targets.draw(shader, name, width, height, channels)
+        sent = self._targets.draw(shader, "receiver", width, height, channels)
         yield Pause.ANSWER
         images = []
         for atlas in sent.images():

@@ -227,7 +227,7 @@ class SurfacePass:
         if cells is not None:
             write_uniform(shader, "cells", np.resize(cells, (4 * fours, 2)).astype(np.float32))
         rows = lane_rows(count)
-        target = self._targets.target(f"visible {len(channels)}", LANE_COLUMNS, rows, channels)
+        target = self._targets.target("visible", LANE_COLUMNS, rows, channels)
         part = Rectangle(0, 0, LANE_COLUMNS, rows)
         self._targets.fill(target, shader, part)
         sent = self._targets.send(target, part)

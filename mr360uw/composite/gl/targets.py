@@ -64,12 +64,12 @@ class Pixels:
 
 
 class Targets:
-    """Compiled programs by name and defines; float targets by name, which only grow."""
+    """Compiled programs by name and defines; float targets by name and channels, which only grow."""
 
     def __init__(self) -> None:
         self._programs: dict[str, moderngl.Program] = {}
         self._triangles: dict[moderngl.Program, moderngl.VertexArray] = {}
-        self._targets: dict[str, moderngl.Framebuffer] = {}
+        self._targets: dict[tuple[str, tuple[int, ...]], moderngl.Framebuffer] = {}
         self._batch: _Batch | None = None
         self._full: list[_Batch] = []
 
@@ -88,14 +88,14 @@ class Targets:
         A target that has to grow is made anew, and its contents are lost. types: of the textures' numbers; floats
         where none are given.
         """
-        target = self._targets.get(name)
+        target = self._targets.get((name, channels))
         if target is None or target.width < width or target.height < height:
             w, h = width, roomy_rows(height)
             if target is not None:
                 w, h = max(w, target.width), max(h, target.height)
             of = zip(channels, types or ("f4",) * len(channels), strict=True)
             target = gl_context().framebuffer([gl_context().texture((w, h), c, dtype=kind) for c, kind in of])
-            self._targets[name] = target
+            self._targets[name, channels] = target
         return target
 
     def fill(self, target: moderngl.Framebuffer, shader: moderngl.Program, part: Rectangle) -> None:

@@ -18,10 +18,11 @@ unsharp mask of amount 1 was found as 0.6 to 1.8, and sharp caustics pass for on
 Bodies are blurred and sharpened by premultiplied radiance and coverage:
 
     blur      C' = G C, a' = G a                       G: Gaussian, over the panorama's seam
-    mask      C" = C' + k (C' - U C') + (a' - a) P     a = a' + k (a' - U a'), U: Gaussian of the mask
+    mask      C" = C' + k (C' - U C') + (a' - a) B     a = a' + k (a' - U a'), U: Gaussian of the mask
 
-C" over a' is the masked composite where the plate P is smooth beside the body; only pixels of coverage change. Shadows,
-caustics and shafts change the plate itself, which has its look already; they stay as they are.
+C" over a' is the masked composite where the background B, the plate with shadows, caustics and shafts, is smooth beside
+the body; only pixels of coverage change. The background has its look already and stays as it is. A layer's light is
+not negative: where the mask makes a dark edge darker than what shines through, its coverage grows instead.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ from dataclasses import replace
 import numpy as np
 
 from mr360uw.composite.grading.settings import PlateGrade, ceil_px
-from mr360uw.composite.over import merge, tile_of
+from mr360uw.composite.over import merge, over_tile, tile_of
 from mr360uw.types import Floats, Layer, Rectangle, Tile
 
 Plate = Callable[[Rectangle], Floats]
@@ -68,9 +69,14 @@ def _matched(layer: Layer, part: Rectangle, grade: PlateGrade, plate: Plate) -> 
     radiance = np.where(alpha[..., None] > 0.0, inner[..., :3], 0.0)
     if grade.sharpening > 0.0:
         masked = (soft + grade.sharpening * (soft - _blurred(soft, grade.sharpening_px)))[inside]
-        shown = masked[..., :3] + (alpha - masked[..., 3])[..., None] * plate(part)
-        least = -(1.0 - alpha)[..., None] * plate(part)  # no light is negative
-        radiance = np.where(alpha[..., None] > 0.0, np.maximum(shown, least), radiance)
+        clear = replace(tile, radiance=np.zeros_like(tile.radiance), alpha=np.zeros_like(tile.alpha))
+        background = np.maximum(over_tile(plate(part), clear), 0.0)
+        shown = masked[..., :3] + (1.0 - masked[..., 3])[..., None] * background
+        shown = np.maximum(np.where(alpha[..., None] > 0.0, shown, background), 0.0)
+        kept = np.divide(shown, background, out=np.ones(shown.shape, shown.dtype), where=background > 0.0)
+        alpha = np.where(alpha > 0.0, np.maximum(alpha, 1.0 - kept.min(axis=-1)), 0.0).astype(np.float32)
+        through = (1.0 - alpha)[..., None] * background
+        radiance = np.where(alpha[..., None] > 0.0, np.maximum(shown - through, 0.0), 0.0)
     return replace(tile, radiance=radiance.astype(np.float32), alpha=alpha)
 
 

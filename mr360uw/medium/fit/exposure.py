@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 from mr360uw.color import luminance
 from mr360uw.medium.fit.profile import LEVEL_RAD, PlateProfile
 from mr360uw.medium.medium import Medium
-from mr360uw.shapes import checked, exactly, vectors
+from mr360uw.shapes import checked, exactly, numbers, vectors
 from mr360uw.types import Floats
 from mr360uw.types.frames import sample_step
 
@@ -144,6 +144,7 @@ def steady_gain(gains: ArrayLike, exposure: ArrayLike, picture: ArrayLike, frame
     and is multiplied with the exposure again. Flashes of one or two frames are left out of the exposure.
     """
     gain = vectors("gains", gains).astype(np.float64)
+    picture = np.minimum(numbers("picture", picture, infinite=True), np.finfo(np.float64).max)  # cuts from black
     change, moved = (
         exactly(name, values, (len(gain),)).astype(np.float64)
         for name, values in (("exposure", exposure), ("picture", picture))

@@ -98,15 +98,31 @@ def _strength(luma: Any, strength: Any) -> Any:
 
 
 @fast
-def _grain_row(codes: Any, alpha: Any, grain: Any, strength: Any, k: Any, steps: Any) -> None:
-    """Add a row's luma grain to the steps of R', G', B' (3, w): grey has no chroma, and the luma weights sum to 1."""
+def _grain_row(codes: Any, cb: Any, cr: Any, alpha: Any, grain: Any, strength: Any, k: Any, steps: Any) -> None:
+    """Add a row's luma grain to the steps of R', G', B' (3, w): grey has no chroma, and the luma weights sum to 1.
+
+    It takes from a channel no more than that has, as the noise of a sensor does.
+    """
     for c in range(codes.size):
         if alpha[c] > np.float32(0.0):
             old = (np.float32(codes[c]) - k[0]) / k[1]
             luma = old + k[10] * steps[0, c] + k[11] * steps[1, c] + k[12] * steps[2, c]
             step = alpha[c] * grain[c] * _strength(luma, strength)
             for n in range(3):
-                steps[n, c] += step
+                before = old + k[4 + 2 * n] * cb[c] + k[5 + 2 * n] * cr[c]
+                steps[n, c] = max(steps[n, c] + step, min(steps[n, c], -before))
+
+
+@inlined
+def _grain_left(luma: Any, cb: Any, cr: Any, cb_grain: Any, cr_grain: Any, k: Any) -> Any:
+    """Return the fraction of a chroma sample's grain that leaves R', G' and B' of its darkest pixel at least 0."""
+    left = np.float32(1.0)
+    for n in range(3):
+        value = luma + k[4 + 2 * n] * cb + k[5 + 2 * n] * cr
+        change = k[4 + 2 * n] * cb_grain + k[5 + 2 * n] * cr_grain
+        if value + left * change < np.float32(0.0) and change < np.float32(0.0):
+            left = max(value, np.float32(0.0)) / -change
+    return left
 
 
 @inlined
@@ -147,7 +163,7 @@ def write_luma(
             light = light_bits[r, part, n]
             _encode_row(codes[part], cb[part], cr[part], light, alpha[r, part], k, n, table, steps[n, part])
         if grainy:
-            _grain_row(codes[part], alpha[r, part], grain[r, part], strength, k, steps[:, part])
+            _grain_row(codes[part], cb[part], cr[part], alpha[r, part], grain[r, part], strength, k, steps[:, part])
         red, green, blue = k[1] * k[10], k[1] * k[11], k[1] * k[12]
         for c in range(first, after):
             step = red * steps[0, c] + green * steps[1, c] + blue * steps[2, c]
@@ -202,8 +218,14 @@ def write_chroma(
             if grainy and cover > np.float32(0.0):
                 luma = (np.float32(y_out[j << sy, i << sx]) - k[0]) / k[1]
                 m, n = j - (row >> sy), i - (column >> sx)
-                cb += cover * scale * grain[0, m, n] * _strength(luma, strength[0]) * k[3]
-                cr += cover * scale * grain[1, m, n] * _strength(luma, strength[1]) * k[3]
+                cb_grain = cover * scale * grain[0, m, n] * _strength(luma, strength[0])
+                cr_grain = cover * scale * grain[1, m, n] * _strength(luma, strength[1])
+                for down in range(min(1 + sy, y_out.shape[0] - (j << sy))):
+                    for right in range(min(1 + sx, y_out.shape[1] - (i << sx))):
+                        luma = min(luma, (np.float32(y_out[(j << sy) + down, (i << sx) + right]) - k[0]) / k[1])
+                left = _grain_left(luma, (cb - k[2]) / k[3], (cr - k[2]) / k[3], cb_grain, cr_grain, k)
+                cb += left * cb_grain * k[3]
+                cr += left * cr_grain * k[3]
             # Other corners of the noise than luma's, so that the three do not round up together.
             u_out[j, i] = _quantise(cb, _noise(j + 17, i + 59, frame), peak)
             v_out[j, i] = _quantise(cr, _noise(j + 101, i + 31, frame), peak)
