@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from mr360uw import cli
+from mr360uw.cache import drop_shared
 from mr360uw.reading.disk_cache import FOLDER, kernel_folder
 
 
@@ -32,6 +33,13 @@ def _own_disk_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
         patch.setenv("NUMBA_CACHE_DIR", str(kernels))
         patch.setenv(FOLDER, str(shared))
         yield
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _nothing_shared_by_files() -> Iterator[None]:
+    """What scenes of a file share is let go at its end, as a compositor does when it is closed."""
+    yield
+    drop_shared()
 
 
 @pytest.fixture
