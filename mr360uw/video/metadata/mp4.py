@@ -15,6 +15,7 @@ from mr360uw.errors import VideoError
 
 _CONTAINERS = {b"moov", b"trak", b"mdia", b"minf", b"stbl", b"sv3d", b"proj"}
 _SAMPLE_ENTRY_HEAD = 78  # bytes of a VisualSampleEntry before its child boxes
+_TAGS = (b"udta", b"meta")
 _DEEPEST = 32
 """Most boxes within each other; a file of a camera has ten."""
 _COPY_BYTES = 1 << 23
@@ -156,6 +157,29 @@ def _read_moov(file: BinaryIO, extent: _Extent) -> Box | None:
     file.seek(offset)
     boxes, _ = _split(file.read(size))
     return boxes[0] if boxes and boxes[0].children else None
+
+
+def carry_tags(moov: Box, source: Box) -> None:
+    """Put the tags of a file ('udta' and 'meta' of its movie) into another one's index, byte for byte.
+
+    Cameras and phones keep there what no muxer has names for. Chapters ('chpl') stay those of the file that is written.
+    """
+    tags = [Box(box.kind, box.payload) for box in source.children if box.kind in _TAGS]
+    if not tags:
+        return
+    chapters = [
+        box for own in moov.children if own.kind == b"udta" for box in _split(own.payload)[0] if _is_chapters(box)
+    ]
+    for own in tags:
+        if own.kind == b"udta":
+            own.children, own.payload = [box for box in _split(own.payload)[0] if not _is_chapters(box)] + chapters, b""
+            chapters = []
+    tags += [Box(b"udta", children=chapters)] if chapters else []
+    moov.children = [box for box in moov.children if box.kind not in _TAGS] + tags
+
+
+def _is_chapters(box: Box) -> bool:
+    return box.kind == b"chpl"
 
 
 def edit_moov(path: Path, edit: Callable[[Box], None], front: bool = False) -> None:
