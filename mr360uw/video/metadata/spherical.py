@@ -96,6 +96,11 @@ class SphericalMetadata:
     source: str = ""
     problems: tuple[str, ...] = ()
 
+    @property
+    def is_half(self) -> bool:
+        """Whether the bounds are those of the half of the sphere in front (VR180)."""
+        return all(abs(one - half) < 0.01 for one, half in zip(self.bounds, (0.0, 0.0, 0.25, 0.25), strict=True))
+
 
 @checked
 def read_spherical(path: str | Path) -> SphericalMetadata | None:

@@ -75,7 +75,7 @@ def codec_note(wished: Codec, settings: EncodeSettings, like: Clip) -> str:
         )
     if settings.codec == "h265" and wished == "auto":
         return (
-            f"output.codec - h265 is taken, as the plate is {wanted}: players do not decode H.264 of more than 8 bits - "
+            f"output.codec - h265 is taken, as players do not decode H.264 of more than 8 bits (got {wanted}) - "
             'set output.pixel_format = "yuv420p" for h264 of 8'
         )
     return ""

@@ -140,8 +140,8 @@ def other_tracks(like: Clip, kind: str, *, wanted: bool, sound: Path | None, fra
     """Return what an output of a kind ("mp4", "mov", "matroska") keeps of the other parts of a plate's file.
 
     These are the numbers of the tracks of data and of subtitles that are copied; the time code of the first frame that
-    is written, or ""; the chapters as PyAV has them, moved with the pictures; the marks of the audio tracks; and the plate's notes,
-    without those on tracks that are kept, with those on what is lost.
+    is written, or ""; the chapters as PyAV has them, moved with the pictures; the marks of the audio tracks; and the
+    plate's notes, without those on tracks that are kept, with those on what is lost.
 
     wanted: whether data, time code and chapters are asked for. sound: the file of the sound that is copied, or None.
     frames: (start, stop) of the frames that are written.
