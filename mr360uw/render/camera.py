@@ -25,6 +25,11 @@ _SAYS_LEVEL = ("track", "gravity", "tilt_keys", "roll_deg", "pitch_deg")
 """Settings of a camera that say how it is held, and are taken in place of the pose of the plate's file."""
 
 
+def is_tilted(pitch_deg: float, roll_deg: float) -> bool:
+    """Return whether the pose that a file states tilts its panorama."""
+    return max(abs(pitch_deg), abs(roll_deg)) > _NO_TILT_DEG
+
+
 def level_track(scene: Scene) -> LevelTrack | None:
     """Return the tilt of a plate over time; None if it is level.
 
@@ -46,7 +51,7 @@ def level_track(scene: Scene) -> LevelTrack | None:
         keys = [(0.0, np.radians(camera.roll_deg), np.radians(camera.pitch_deg))]
     if not any(name in camera.model_fields_set for name in _SAYS_LEVEL):
         _, pitch, roll = pose_of_plate(scene.plate)
-        keys = [(0.0, np.radians(roll), np.radians(pitch))] * (max(abs(pitch), abs(roll)) > _NO_TILT_DEG)
+        keys = [(0.0, np.radians(roll), np.radians(pitch))] * is_tilted(pitch, roll)
     return keyed_level(keys) if keys else None
 
 
@@ -55,7 +60,7 @@ def pose_notes(scene: Scene) -> tuple[str, ...]:
     _, pitch, roll = pose_of_plate(scene.plate)
     said = [name for name in _SAYS_LEVEL if name in scene.camera.model_fields_set]
     own = (scene.camera.pitch_deg, scene.camera.roll_deg)
-    if max(abs(pitch), abs(roll)) <= _NO_TILT_DEG or np.allclose(own, (pitch, roll), atol=_NO_TILT_DEG):
+    if not is_tilted(pitch, roll) or np.allclose(own, (pitch, roll), atol=_NO_TILT_DEG):
         return ()
     pose = f"{scene.plate.path} - its file states a pose of pitch {pitch:g} and roll {roll:g} degrees"
     if said:
