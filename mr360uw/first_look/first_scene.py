@@ -108,8 +108,9 @@ def make_first_scene(
 
     wish: for its place and size. track: the camera's path, whose floor is taken from the .json beside it. depth: folder
     of the plate's distances, which tell the floor and what things stand on. eye: of a stereo plate, by default the left
-    one. underwater: whether the plate is, None to tell it by the picture. outside_files: the mesh may name files outside
-    of its folder. Raises the files' errors, `OutputExistsError`, `ParameterError` or `SceneError`; nothing is written then.
+    one. underwater: whether the plate is, None to tell it by the picture. outside_files: the mesh may name files
+    outside of its folder. Raises the files' errors, `OutputExistsError`, `ParameterError` or `SceneError`; nothing is
+    written then.
     """
     path, preview = _targets(video, mesh, track, out, overwrite=overwrite)
     plate = look_at_plate(video, eye, underwater=underwater)

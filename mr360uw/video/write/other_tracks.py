@@ -159,7 +159,7 @@ def other_tracks(like: Clip, kind: str, *, wanted: bool, sound: Path | None, fra
         texts = [s.index for s in container.streams if s.type == "subtitle" and _holds(kind, s)]
         pictures = [s.index for s in container.streams if s.disposition & av.stream.Disposition.attached_pic]
         lines = {s.index: not_copied(like.path, s.type, s.index, s.metadata) for s in container.streams}
-        found = {s.index: s.metadata["timecode"] for s in container.streams if "timecode" in s.metadata}
+        found = {s.index: text for s in container.streams if (text := _timecode_of(s))}
         chapters = _moved(container.chapters(), like, frames)
     kinds = _kinds(like.path)
     anew = {index for index, number, _ in data if kinds.get(number) in _MADE_ANEW}
@@ -225,7 +225,12 @@ def timecode_of(path: Path) -> str:
 @functools.lru_cache(maxsize=8)
 def _timecode(path: Path, written_ns: int) -> str:  # noqa: ARG001 - another file under the same name has another
     with open_packets(path) as container:
-        return next((s.metadata["timecode"] for s in container.streams if "timecode" in s.metadata), "")
+        return next(filter(None, map(_timecode_of, container.streams)), "")
+
+
+def _timecode_of(stream: Any) -> str:
+    """Return the time code of a track, "" without one; Matroska has its name in capitals."""
+    return next((text for name, text in stream.metadata.items() if name.lower() == "timecode"), "")
 
 
 def exr_attributes(like: Clip, index: int) -> dict[str, Any]:
