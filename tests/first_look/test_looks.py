@@ -71,7 +71,7 @@ def dusk() -> Floats:
 def test_no_answer_is_sure_and_what_hides_red_makes_it_unsure() -> None:
     found = [water_or_air(image) for image in (sky_lit_dive(), air(), white_balanced(sky_lit_dive()), dusk())]
     assert [one.underwater for one in found] == [True, False, False, True]  # by red alone: the last two are wrong
-    assert 0.5 < min(one.confidence for one in found[:2])
+    assert min(one.confidence for one in found[:2]) > 0.5
     assert max(one.confidence for one in found[:2]) <= 0.9
     assert max(one.confidence for one in found[2:]) < 0.5
 

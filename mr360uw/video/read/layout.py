@@ -88,7 +88,7 @@ def panorama_crops(
             'plate.layout = "top-bottom" or "left-right" how its eyes lie'
         )
     if stereo != "mono" and not said and (shape := look()) in ONE_PICTURE:
-        raise VideoError(f"{path} - {way_out(shape, path)}")
+        raise VideoError(f"{path} - {way_out(shape, path)}; if it is two eyes, say with plate.layout how they lie")
     if stereo != "mono" and eye is None:
         raise VideoError(
             f"{path} - is {stereo} stereo (got {width}x{height}), and its eyes are not chosen - take "

@@ -111,7 +111,8 @@ def picture_shape(luma: NDArray[Any], white: float = 255.0) -> Shape:
         return twice
     ends_differ, no_pole = seam_step(small) > [_SEAM, _SEAM_CODES], pole_spread(small) > [_POLE, _POLE_CODES]
     if not (np.all(ends_differ) and np.all(no_pole)):
-        return "half" if np.all(ends_differ) and 0.9 < aspect < 1.1 else "panorama"
+        alone = 0.9 < aspect < 1.1 and _alike(*np.split(small, 2, axis=0)) < _ALIKE  # no eye above another one
+        return "half" if np.all(ends_differ) and alone else "panorama"
     if (columns, rows) in DOUBLED_STRIP:
         return "EAC track"
     return "EAC" if 1.4 < aspect < 2.1 and _has_halves(luma) else "flat"
