@@ -158,7 +158,7 @@ def test_one_lens_is_said_by_what_the_file_has(tmp_path, run) -> None:
     paired, alone = write_tracks(tmp_path / "clip.mp4", both), write_tracks(tmp_path / "alone.mp4", both[:1])
     camera = write_tracks(tmp_path / "CAM_1.OSV", both)
     for eye in (None, "left"):
-        with pytest.raises(VideoError, match='circle of one lens, of two: set plate.projection = "dual_fisheye"'):
+        with pytest.raises(VideoError, match=r'circle of one lens, of two: set plate.projection = "dual_fisheye"'):
             open_video(paired, eye=eye)
         with pytest.raises(VideoError, match=r"circle of one lens: give the camera's own file with both \(.insv, .osv"):
             open_video(alone, eye=eye)

@@ -100,6 +100,7 @@ def picture_shape(luma: NDArray[Any], white: float = 255.0) -> Shape:
     rows, columns = luma.shape
     small = _reduced(luma, white)
     aspect = columns / rows
+    # Circles on black, which nothing else has
     if 1.9 < aspect < 2.1 and _are_circles(small):
         insides = [half[_INSIDE, _INSIDE] for half in np.split(small, 2, axis=1)]
         return "alike circles" if _alike(*insides) > _ALIKE else "dual fisheye"
@@ -107,8 +108,10 @@ def picture_shape(luma: NDArray[Any], white: float = 255.0) -> Shape:
         return "circles"
     if 0.95 < aspect < 1.05 and _is_circle(cv2.resize(small, (_ROWS, _ROWS), interpolation=cv2.INTER_AREA)):
         return "fisheye"
+    # Two pictures that show the same
     if 1.4 < aspect < 2.1 and (twice := _twice(small)) is not None:
         return twice
+    # One picture: whether it closes around, and has poles
     ends_differ, no_pole = seam_step(small) > [_SEAM, _SEAM_CODES], pole_spread(small) > [_POLE, _POLE_CODES]
     if not (np.all(ends_differ) and np.all(no_pole)):
         alone = 0.9 < aspect < 1.1 and _alike(*np.split(small, 2, axis=0)) < _ALIKE  # no eye above another one
