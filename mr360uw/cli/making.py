@@ -30,6 +30,8 @@ def new(
     stand: Annotated[bool, typer.Option("--stand", help="on the ground, whatever its name says")] = False,
     swim: Annotated[bool, typer.Option("--swim", help="off the ground, whatever its name says")] = False,
     size: Annotated[float | None, typer.Option(help="of its longest side, in metres")] = None,
+    water: Annotated[bool, typer.Option("--water", help="VIDEO is under water, whatever it looks like")] = False,
+    air: Annotated[bool, typer.Option("--air", help="VIDEO is in air, whatever it looks like")] = False,
     track: Annotated[
         Path | None, typer.Option(help="the camera's path, as `mr360uw track` writes it"), Role.READ
     ] = None,
@@ -47,6 +49,8 @@ def new(
 
     if stand and swim:
         raise ParameterError("--stand, --swim - exclude each other (got both) - give one of them")
+    if water and air:
+        raise ParameterError("--water, --air - exclude each other (got both) - give one of them")
     direction = None
     if at is not None:
         try:
@@ -58,8 +62,8 @@ def new(
         direction = azimuth, elevation
     wish = Wish(direction, "stands" if stand else "swims" if swim else None, size)
     _, lines, commands = make_first_scene(
-        video, mesh, out, wish=wish, track=track, depth=depth, eye=eye, overwrite=overwrite,
-        outside_files=outside_files, backend=backend,
+        video, mesh, out, wish=wish, track=track, depth=depth, eye=eye, underwater=water if water or air else None,
+        overwrite=overwrite, outside_files=outside_files, backend=backend,
     )  # fmt: skip
     typer.echo("\n".join([*lines, *commands]))
 

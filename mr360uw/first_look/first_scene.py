@@ -28,7 +28,9 @@ from mr360uw.preview.live import COARSE_WIDTH, LivePreview
 from mr360uw.preview.thumbnail import screen_picture
 from mr360uw.reading.input_files import read_json
 from mr360uw.render.camera import CameraPath
+from mr360uw.render.check import possible_outputs
 from mr360uw.render.loaded import Loaded
+from mr360uw.scene.inputs import open_plate
 from mr360uw.scene.model import CameraSettings, PlateSettings, Scene, scene_from_dict
 from mr360uw.types import Floats, View
 
@@ -95,6 +97,7 @@ def make_first_scene(
     track: Path | None = None,
     depth: Path | None = None,
     eye: Eye | None = None,
+    underwater: bool | None = None,
     overwrite: bool = False,
     outside_files: bool = False,
     backend: str = "auto",
@@ -105,11 +108,12 @@ def make_first_scene(
 
     wish: for its place and size. track: the camera's path, whose floor is taken from the .json beside it. depth: folder
     of the plate's distances, which tell the floor and what things stand on. eye: of a stereo plate, by default the left
-    one. outside_files: the mesh may name files outside of its folder. Raises the files' errors, `OutputExistsError`,
-    `ParameterError` or `SceneError`; nothing is written then.
+    one. underwater: whether the plate is, None to tell it by the picture. outside_files: the mesh may name files
+    outside of its folder. Raises the files' errors, `OutputExistsError`, `ParameterError` or `SceneError`; nothing is
+    written then.
     """
     path, preview = _targets(video, mesh, track, out, overwrite=overwrite)
-    plate = look_at_plate(video, eye)
+    plate = look_at_plate(video, eye, underwater=underwater)
     seen = look_at_mesh(mesh, outside_files=outside_files)
     floor = None if track is None else _floor_of(track)
     shown_m = None
@@ -132,7 +136,7 @@ def make_first_scene(
     lines = [
         *found_lines(plate, seen, chosen, sun.words),
         *brightness_lines(stops),
-        *(f"note      {note}" for note in (*filter(None, [plate.doubt]), *loaded.notes)),
+        *(f"note      {note}" for note in (*_of_file(scene, path), *plate.notes, *loaded.notes)),
     ]
     lines += [f"wrote     {path}", f"          {preview}: look at it first"]
     view = f"{chosen.place.azimuth_deg:g},{chosen.place.elevation_deg:g},75"
@@ -165,8 +169,7 @@ def _shown_by(depth: Path, plate: PlateLook, track: Path | None) -> tuple[float 
     """
     from mr360uw.depth.occlusion import PlateDepth  # whose kernels most plates have no use for
 
-    tilt = plate.tilt
-    roll, pitch = (0.0, 0.0) if tilt is None else np.degrees([tilt.roll_rad, tilt.pitch_rad]).tolist()
+    roll, pitch = (0.0, 0.0) if plate.tilt is None else (plate.tilt.roll_deg, plate.tilt.pitch_deg)
     camera = CameraSettings(track=track, roll_deg=roll, pitch_deg=pitch)
     position, rotation = CameraPath.of(Scene(plate=PlateSettings(path=plate.path), camera=camera)).at(0.0)
     maps = PlateDepth(depth, right=plate.eye == "right")
@@ -190,6 +193,15 @@ def _floor_of(track: Path) -> tuple[float, str] | None:
         return None if floor is None else (-float(floor["height_m"]), "of the camera's track")
     except (ValueError, KeyError, TypeError, OverflowError) as error:
         raise ParameterError(f"{table} - is no camera track (got {error!s:.100}) - write it again") from error
+
+
+def _of_file(scene: Scene, path: Path) -> tuple[str, ...]:
+    """Return notes on what the plate's file holds that an output of a scene will lack. path: of the scene."""
+    with open_plate(scene) as video:
+        try:
+            return possible_outputs(scene, video, None, str(path))[1]
+        except VideoError:  # no container holds its size, as of a still: pictures do
+            return video.notes
 
 
 def _sun(loaded: Loaded, live: LivePreview) -> SunFound:

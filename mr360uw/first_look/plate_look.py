@@ -13,16 +13,17 @@ from mr360uw.color import luminance
 from mr360uw.errors import VideoError
 from mr360uw.first_look.water_or_air import WaterOrAir, ground_texture, light_at, water_or_air
 from mr360uw.ibl import environment
-from mr360uw.ibl.level.horizon import HorizonEstimate, clip_horizon, estimate_horizon
+from mr360uw.ibl.level.horizon import clip_horizon, estimate_horizon
 from mr360uw.ibl.level.tilt import level_matrix
 from mr360uw.ibl.plate import remap
-from mr360uw.scene.inputs import eyes_of_plate, shape_of_frame
+from mr360uw.render.camera import is_tilted
+from mr360uw.scene.inputs import eyes_of_plate, pose_of_plate, projection_notes, shape_of_frame
 from mr360uw.scene.model import PlateSettings, Scene
 from mr360uw.sphere import directions, frame_from_direction
 from mr360uw.types import Floats
 from mr360uw.video import VideoReader, open_video
 from mr360uw.video.eyes_seen import EyesSeen
-from mr360uw.video.read.picture_shape import SHOWN_PROJECTIONS, way_out
+from mr360uw.video.read.picture_shape import ONE_PICTURE, SHOWN_PROJECTIONS, shown_projection, way_out
 from mr360uw.video.read.projection import PICTURE_SUFFIXES, Projection, projection_of
 
 Eye = Literal["left", "right"]
@@ -54,9 +55,12 @@ def _projection_shown(path: Path) -> Projection:
             shape = "panorama" if video.spherical is not None else shape_of_frame(video)
     except VideoError:
         return "auto"  # the plate is opened again, and says why it cannot be read
-    if shape in SHOWN_PROJECTIONS and path.suffix.lower() in PICTURE_SUFFIXES:
+    shown = shown_projection(shape, path)
+    if (shown is None and shape in ONE_PICTURE) or (
+        shape in SHOWN_PROJECTIONS and path.suffix.lower() in PICTURE_SUFFIXES
+    ):
         raise VideoError(f"{path} - {way_out(shape, path)}")
-    return SHOWN_PROJECTIONS.get(shape, "auto")
+    return shown or "auto"
 
 
 def _is_stereo(path: Path) -> bool:
@@ -81,6 +85,15 @@ _FLOOR_LIGHT = 0.9
 """Light from below over that at the horizon from which a smooth floor is likely; open water gets darker downwards."""
 
 
+@dataclass(frozen=True, slots=True)
+class Tilt:
+    """Roll and pitch [deg] of a camera, and what told them."""
+
+    roll_deg: float
+    pitch_deg: float
+    by: str
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class PlateLook:
     """What was found in a plate. image: (512, 1024, 3) linear light, levelled, the median of a few frames; sharp: the
@@ -88,7 +101,8 @@ class PlateLook:
 
     still: one picture. size: (width, height) [pixels]. eye: that was looked at, None of mono. projection: "auto" unless
     the plate shows another one. tilt: of the camera, None where it cannot be told or is level. floor: whether something
-    is seen below. eyes: what the two of a stereo plate show, None of mono; doubt: about their arrangement, or "".
+    is seen below. eyes: what the two of a stereo plate show, None of mono; notes: doubts about their arrangement and
+    about the plate's projection, one line each.
     """
 
     path: Path
@@ -100,30 +114,39 @@ class PlateLook:
     projection: Projection
     medium: WaterOrAir
     dark: bool
-    tilt: HorizonEstimate | None
+    tilt: Tilt | None
     floor: bool
     eyes: EyesSeen | None = None
-    doubt: str = ""
+    notes: tuple[str, ...] = ()
 
 
-def look_at_plate(path: Path, eye: Eye | None = None) -> PlateLook:
-    """Return what a plate shows; raise `VideoError` where it is no panorama, or cannot be read."""
+def look_at_plate(path: Path, eye: Eye | None = None, *, underwater: bool | None = None) -> PlateLook:
+    """Return what a plate shows; raise `VideoError` where it is no panorama, or cannot be read.
+
+    underwater: whether it is, as the user says; None tells it by the picture.
+    """
     eye, projection = _reading_of(path, eye)
     with open_video(path, eye=eye, projection=projection) as video:
         count = 1 if video.is_still else video.frame_count or 1
         chosen = sorted(set(np.linspace(0, count - 1, _FRAMES).astype(int).tolist()))
         frames = [_small(video, index) for index in chosen]
         still, size = video.is_still, (video.width, video.height)
-    image = np.median(frames, axis=0)
-    medium = water_or_air(image)
-    tilt = _tilt(frames) if medium.underwater else None
+        scene = Scene(plate=PlateSettings(path=path, eye=eye, projection=projection))
+        notes = projection_notes(scene, video)
+    # The file's pose says how the camera was held; without one, the window to the sky may
+    image, tilt = np.median(frames, axis=0), _posed(scene.plate)
     if tilt is not None:
+        image, frames = _levelled(image, tilt), [_levelled(frame, tilt) for frame in frames]
+    medium = water_or_air(image)
+    medium = medium if underwater is None else medium.decided(underwater=underwater)
+    if tilt is None and medium.underwater and (tilt := _tilt(frames)) is not None:
         image, frames[0] = _levelled(image, tilt), _levelled(frames[0], tilt)
     upper = luminance(image[: ROWS // 2])
     dark = float(np.quantile(upper, 0.9)) < _DARK
-    eyes, doubt = eyes_of_plate(Scene(plate=PlateSettings(path=path, eye=eye)))
+    eyes, doubt = eyes_of_plate(scene)
+    notes += (doubt,) if doubt else ()
     floor = _has_floor(image, medium.underwater)
-    return PlateLook(path, image, frames[0], still, size, eye, projection, medium, dark, tilt, floor, eyes, doubt)
+    return PlateLook(path, image, frames[0], still, size, eye, projection, medium, dark, tilt, floor, eyes, notes)
 
 
 def _small(video: VideoReader, index: int) -> Floats:
@@ -135,18 +158,24 @@ def _small(video: VideoReader, index: int) -> Floats:
     return np.asarray(cv2.resize(light, (COLUMNS, ROWS), interpolation=way))
 
 
-def _tilt(frames: list[Floats]) -> HorizonEstimate | None:
+def _posed(plate: PlateSettings) -> Tilt | None:
+    """Return the tilt that a plate's file states, None where it is level."""
+    _, pitch, roll = pose_of_plate(plate)
+    return Tilt(roll, pitch, "the pose that its file states") if is_tilted(pitch, roll) else None
+
+
+def _tilt(frames: list[Floats]) -> Tilt | None:
     """Return the tilt of a camera under water that most frames agree on; None where it is small or cannot be told."""
     found = [estimate_horizon(environment(image, underwater=True).residual) for image in frames]
     clip = clip_horizon(found)
     if clip is None or np.hypot(clip.roll_rad, clip.pitch_rad) < _LEAST_TILT_RAD:
         return None
-    best = max(found, key=lambda one: one.explained)
-    return HorizonEstimate(clip.roll_rad, clip.pitch_rad, best.explained, best.contrast)
+    roll, pitch = np.degrees([clip.roll_rad, clip.pitch_rad]).tolist()
+    return Tilt(roll, pitch, "its window to the sky (Snell's)")
 
 
-def _levelled(image: Floats, tilt: HorizonEstimate) -> Floats:
-    seen = directions(COLUMNS, ROWS) @ level_matrix(tilt.roll_rad, tilt.pitch_rad)
+def _levelled(image: Floats, tilt: Tilt) -> Floats:
+    seen = directions(COLUMNS, ROWS) @ level_matrix(*np.radians([tilt.roll_deg, tilt.pitch_deg]).tolist())
     return remap(np.asarray(image, np.float32), *frame_from_direction(seen, COLUMNS, ROWS))
 
 

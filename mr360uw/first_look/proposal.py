@@ -7,8 +7,6 @@ import math
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
 from mr360uw.errors import ParameterError
 from mr360uw.first_look.good_places import FreeView, free_view
 from mr360uw.first_look.mesh_look import MeshLook
@@ -104,8 +102,7 @@ def _nearest_type(plate: PlateLook, view: FreeView) -> tuple[JerlovType, float, 
     """Return the nearest type, its confidence, 0 where none has the plate's colour, and the others that are likely."""
     camera = CameraSettings(depth_m=_DEPTH_M)
     if plate.tilt is not None:
-        roll, pitch = (float(np.degrees(angle)) for angle in (plate.tilt.roll_rad, plate.tilt.pitch_rad))
-        camera = camera.model_copy(update={"roll_deg": roll, "pitch_deg": pitch})
+        camera = camera.model_copy(update={"roll_deg": plate.tilt.roll_deg, "pitch_deg": plate.tilt.pitch_deg})
     settings = PlateSettings(path=plate.path, eye=plate.eye, projection=plate.projection)
     scene = Scene(plate=settings, camera=camera)
     unknown: JerlovType = _MURKY if plate.medium.red_far > LITTLE_RED else _WATER

@@ -39,6 +39,10 @@ def found_lines(plate: PlateLook, mesh: MeshLook, chosen: Proposal, sun: str) ->
     if plate.projection == "dual_fisheye":
         lines.append(f"lenses    {FISHEYE_FOV_DEG:g} degrees each, guessed: plate.fisheye_fov_deg sets it")
     lines.append(where_line(plate.medium))
+    if not plate.medium.said and plate.medium.confidence < _SURE:
+        lines.append(
+            "unsure    white balance, dusk and lamps hide it: --water or --air decides, and water.type in the scene"
+        )
     if plate.medium.half:
         lines.append(
             "half      half under and half over water: taken as under water, the camera at its surface; no body is "
@@ -46,8 +50,8 @@ def found_lines(plate: PlateLook, mesh: MeshLook, chosen: Proposal, sun: str) ->
         )
     lines.append(f"light     {'dark' if plate.dark else 'day'}; {sun}")
     if plate.tilt is not None:
-        roll, pitch = np.degrees([plate.tilt.roll_rad, plate.tilt.pitch_rad])
-        lines.append(f"level     tilted by its window to the sky (Snell's): roll {roll:.0f}, pitch {pitch:.0f} degrees")
+        tilt = plate.tilt
+        lines.append(f"level     tilted, by {tilt.by}: roll {tilt.roll_deg:.0f}, pitch {tilt.pitch_deg:.0f} degrees")
     if chosen.water is not None:
         lines += _water_lines(chosen)
     lines += [_floor_line(chosen), *_depth_lines(plate, chosen)]
@@ -60,9 +64,13 @@ def found_lines(plate: PlateLook, mesh: MeshLook, chosen: Proposal, sun: str) ->
 
 def where_line(medium: WaterOrAir) -> str:
     """Return whether a plate is under water or in air, and how that is told."""
-    guess = "" if medium.confidence >= _SURE else "perhaps "
     where, so = ("under water", "") if medium.underwater else ("in air", "; nothing is done about water")
     red = f"red is {medium.red_far:.2f} of green or blue in the distance"
+    if medium.said:
+        other = f", though it looks {'in air' if medium.underwater else 'under water'}"
+        but = f"{other} (confidence {medium.confidence:.2f})" if medium.contradicted else ""
+        return f"where     {where}, as you say{but}: {red}{so}"
+    guess = "" if medium.confidence >= _SURE else "perhaps "
     return f"where     {guess}{where}: {red}{so} (confidence {medium.confidence:.2f})"
 
 
@@ -198,8 +206,8 @@ def _camera_rows(plate: PlateLook, chosen: Proposal, folder: Path) -> list[tuple
     if chosen.track is not None:
         rows.append((f"track = {toml_value(relative_to(chosen.track, folder))}", ""))
     elif plate.tilt is not None:
-        roll, pitch = np.degrees([plate.tilt.roll_rad, plate.tilt.pitch_rad])
-        rows += [(f"roll_deg = {roll:.1f}", "of the plate, by its window to the sky"), (f"pitch_deg = {pitch:.1f}", "")]
+        tilt = plate.tilt
+        rows += [(f"roll_deg = {tilt.roll_deg:.1f}", f"by {tilt.by}"), (f"pitch_deg = {tilt.pitch_deg:.1f}", "")]
     return rows
 
 

@@ -9,13 +9,23 @@ In air the distance may be blue, but the ground nearby has red. A strobe gives t
 a very low q tells. Murky coastal water keeps some red, but hides the ground: nothing is seen below, and light falls off
 from high above the horizon to far below. In air there is always a ground.
 
+How sure that is, a second measure says that no white balance changes: how much the ratio rises from the horizon to the
+zenith. Light from above comes a shorter way through the water and has more red, while a sky is bluer overhead:
+
+    rise = log(median above 50 degrees / median over |elevation| < 8 degrees)
+
+Dives whose white balance put the red back, and dusk, whose light has little, get a low confidence by it. One picture is
+never sure. Of 29 plates, each as it is and with a grey-world white balance, and 12 of them in the colours of dusk and
+of night, 52 have a confidence from 0.5 on, of which 48 are right (the others are a chart and a studio in the colours of
+dusk), and 30 a lower one, of which 8 are right.
+
 Structure of the ground is taken between 3 and 12 degrees and along rows: grain is finer, and what open water does, it
 does in all directions alike.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -75,21 +85,36 @@ Real skies have 0.4 to 1.5 there, and water at most 0.39; murky water below, 0.3
 _SKY_DEG, _SEA_DEG = (3.0, 12.0), (-12.0, -3.0)
 _SURE = 0.35
 """Distance of the logarithm of a measure from its limit at which the answer is sure."""
+_TOP_SINE = float(np.sin(np.radians(50.0)))
+_RISE = 0.25
+"""Rise at which it speaks for water, and fall for air, as clearly as it can. Dives have 0.25 to 1.3, skies less than 0,
+rooms up to 0.11; one dive of 8 has a fall."""
+_ALONE, _AGREED = 0.55, 0.9
+"""Confidence of an answer about which the rise says nothing, and of one that it supports; one that it contradicts has
+as much less as this has more."""
 _DARK = 0.004
 """Linear light below which a pixel has no colour: one code of 8 bits."""
 
 
 @dataclass(frozen=True, slots=True)
 class WaterOrAir:
-    """Whether a plate is under water. confidence: 0 to 1. red_far: q of the module's text.
+    """Whether a plate is under water. confidence: of that, 0 to 0.9. red_far: q of the module's text.
 
-    half: whether it is so below the horizon only, and in air above.
+    half: whether it is so below the horizon only, and in air above. said: whether it is not by the picture, but as the
+    user says; confidence is then that of the picture, which shows the contrary where `contradicted`.
     """
 
     underwater: bool
     confidence: float
     red_far: float
     half: bool = False
+    said: bool = False
+    contradicted: bool = False
+
+    def decided(self, *, underwater: bool) -> WaterOrAir:
+        """Return what a user says of a plate that shows this."""
+        half = self.half and underwater
+        return replace(self, underwater=underwater, half=half, said=True, contradicted=underwater != self.underwater)
 
 
 def red_ratio(image: Floats) -> Floats:
@@ -121,7 +146,11 @@ def water_or_air(image: Floats) -> WaterOrAir:
     ]
     margin = float(max(margins))
     half = margin > 0.0 and _half_in_air(ratio, weight, up)
-    return WaterOrAir(margin > 0.0, min(abs(margin) / _SURE, 1.0), far, half)
+    top, level = (_quantile(ratio, weight, lit & there, 0.5) for there in (up > _TOP_SINE, np.abs(up) < _BAND_SINE))
+    rise = np.nan_to_num(np.log(max(top, 1e-6) / max(level, 1e-6)))
+    support = float(np.clip(rise / _RISE, -1.0, 1.0)) * (1.0 if margin > 0.0 else -1.0)
+    confidence = min(abs(margin) / _SURE, 1.0) * (_ALONE + (_AGREED - _ALONE) * support)
+    return WaterOrAir(margin > 0.0, confidence, far, half)
 
 
 def _half_in_air(ratio: Floats, weight: Floats, up: Floats) -> bool:

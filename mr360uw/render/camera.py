@@ -13,16 +13,28 @@ from mr360uw.composite.motion import Motion
 from mr360uw.errors import ParameterError
 from mr360uw.ibl.level.tilt import LevelTrack, keyed_level, level_from_gpmf
 from mr360uw.ibl.sun.steady import Camera
-from mr360uw.scene.inputs import open_plate
+from mr360uw.scene.inputs import open_plate, pose_of_plate
 from mr360uw.scene.model import Scene
 from mr360uw.types import Floats
 
 _SHALLOWEST_M = 0.01
 """Least depth [m] of a camera in water."""
+_NO_TILT_DEG = 0.05
+"""Pitch and roll of a file's pose [deg] below which it is level: a third of a pixel of 2048 columns."""
+_SAYS_LEVEL = ("track", "gravity", "tilt_keys", "roll_deg", "pitch_deg")
+"""Settings of a camera that say how it is held, and are taken in place of the pose of the plate's file."""
+
+
+def is_tilted(pitch_deg: float, roll_deg: float) -> bool:
+    """Return whether the pose that a file states tilts its panorama."""
+    return max(abs(pitch_deg), abs(roll_deg)) > _NO_TILT_DEG
 
 
 def level_track(scene: Scene) -> LevelTrack | None:
-    """Return the tilt of a plate over time, from a GoPro's gravity, keys or fixed angles; None if it is level."""
+    """Return the tilt of a plate over time; None if it is level.
+
+    It is told by a GoPro's gravity, by keys, by fixed angles, or by the pose that the plate's file states.
+    """
     camera = scene.camera
     if camera.gravity is not None:
         from mr360uw.video.read.probe import gpmf_payloads
@@ -37,7 +49,25 @@ def level_track(scene: Scene) -> LevelTrack | None:
     keys = [(t, np.radians(roll), np.radians(pitch)) for t, roll, pitch in camera.tilt_keys]
     if not keys and (camera.roll_deg, camera.pitch_deg) != (0.0, 0.0):
         keys = [(0.0, np.radians(camera.roll_deg), np.radians(camera.pitch_deg))]
+    if not any(name in camera.model_fields_set for name in _SAYS_LEVEL):
+        _, pitch, roll = pose_of_plate(scene.plate)
+        keys = [(0.0, np.radians(roll), np.radians(pitch))] * is_tilted(pitch, roll)
     return keyed_level(keys) if keys else None
+
+
+def pose_notes(scene: Scene) -> tuple[str, ...]:
+    """Return a note on the pose that a plate's file states, where it tilts the panorama: whether it is used."""
+    _, pitch, roll = pose_of_plate(scene.plate)
+    said = [name for name in _SAYS_LEVEL if name in scene.camera.model_fields_set]
+    own = (scene.camera.pitch_deg, scene.camera.roll_deg)
+    if not is_tilted(pitch, roll) or np.allclose(own, (pitch, roll), atol=_NO_TILT_DEG):
+        return ()
+    pose = f"{scene.plate.path} - its file states a pose of pitch {pitch:g} and roll {roll:g} degrees"
+    if said:
+        return (f"{pose}, which is not used: camera.{said[0]} says how the camera is held - leave it out to use it",)
+    return (
+        f"{pose}: the camera is held so - set camera.pitch_deg and camera.roll_deg where the picture shows another",
+    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)

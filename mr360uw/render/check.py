@@ -67,7 +67,7 @@ def check_scene(
     output = None
     if video is not None:
         _check_other_clips(scene, video, frames, found)
-        output = found.of(lambda: _output(scene, video, None if out is None else Path(out), where))
+        output = found.of(lambda: possible_outputs(scene, video, None if out is None else Path(out), where))
     if video is None or loaded is None or renderer is None or output is None or found.lines:
         raise SceneError(where, list(found.lines))
     kinds, notes = output
@@ -106,7 +106,7 @@ def _check_other_clips(scene: Scene, video: VideoReader, frames: tuple[int, int 
         found.of(lambda: first_pass(surroundings_over_time(scene)(0.0), video, measures=["sun"]))
 
 
-def _output(scene: Scene, video: VideoReader, out: Path | None, where: str) -> tuple[str, tuple[str, ...]]:
+def possible_outputs(scene: Scene, video: VideoReader, out: Path | None, where: str) -> tuple[str, tuple[str, ...]]:
     """Return a description of the output, or of the possible ones, and what the first lacks of the plate.
 
     Raises `VideoError` if none can be opened. Outputs are tried in a temporary folder: beside real files nothing is

@@ -28,7 +28,7 @@ from mr360uw.errors import ParameterError, SceneError
 from mr360uw.medium import Medium
 from mr360uw.reading.cached_reads import CachedReads
 from mr360uw.reading.input_files import files_read
-from mr360uw.render.camera import CameraPath
+from mr360uw.render.camera import CameraPath, pose_notes
 from mr360uw.render.caustic_depths import CausticDepths
 from mr360uw.render.mattes import Mattes, ReceiverClip
 from mr360uw.render.plan import ObjectFacts, Plan, joined_plan, make_plan
@@ -312,7 +312,8 @@ def _notes(
     found = dict.fromkeys(note for placed in objects for note in placed.notes)
     placed = placement_notes(scene, objects, camera, height)
     of_depth = () if plate_depth is None else (*plate_depth.notes, *_floor_notes(scene, camera, plate_depth))
-    return (*found, *placed, *lamp_notes(scene, lamps, objects, camera), *_snow_notes(scene, height), *of_depth)
+    lamps_said, snow = lamp_notes(scene, lamps, objects, camera), _snow_notes(scene, height)
+    return (*found, *pose_notes(scene), *placed, *lamps_said, *snow, *of_depth)
 
 
 _FLOOR_OFF = 0.15

@@ -8,7 +8,7 @@ from mr360uw.scene.model import PlateSettings, Scene
 from mr360uw.video import VideoReader, open_video
 from mr360uw.video.eyes_seen import EyesSeen, eyes_seen
 from mr360uw.video.read.picture_shape import Shape, shape_of_codes, way_out
-from mr360uw.video.read.projection import projection_of
+from mr360uw.video.read.projection import PICTURE_SUFFIXES, projection_of
 from mr360uw.video.read.reader import scaled
 from mr360uw.yuv.cube_lut import CubeLut, clipped_greys
 from mr360uw.yuv.ocio_transform import ocio_mapping
@@ -27,6 +27,16 @@ def open_plate(scene: Scene) -> VideoReader:
         video.spec = video.spec.mapped(mapping)
         video.notes += _clipping(plate, mapping)
     return scaled(video, plate.scale)
+
+
+def pose_of_plate(plate: PlateSettings) -> tuple[float, float, float]:
+    """Return yaw, pitch and roll [deg] that a plate's file states for its panorama; zeros without."""
+    other = projection_of(plate.path, plate.projection) != "equirectangular"
+    if other or not plate.path.is_file() or plate.path.suffix.lower() in PICTURE_SUFFIXES:
+        return 0.0, 0.0, 0.0
+    from mr360uw.video.read.container import stated_pose
+
+    return stated_pose(plate.path)
 
 
 def _clipping(plate: PlateSettings, mapping: PlateMapping) -> tuple[str, ...]:

@@ -85,7 +85,8 @@ class PlateSettings(Parameters):
         "stop", "at a frame of a video that cannot be decoded: end the run, or repeat the last good frame"
     )
     projection: Projection = parameter(
-        "auto", "of the file's pictures, which are turned to equirectangular; auto: .insv dual_fisheye, .360 eac"
+        "auto",
+        "of the file's pictures, which are turned to equirectangular; auto: .insv and .osv dual_fisheye, .360 eac",
     )
     fisheye_fov_deg: float = advanced(
         FISHEYE_FOV_DEG, "angle across one half of a dual-fisheye frame; most cameras: 190 to 205", unit="deg",

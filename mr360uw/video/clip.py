@@ -16,9 +16,20 @@ from mr360uw.video.metadata.tags import BT709_TAGS, ColorTags, HdrMetadata
 _FASTEST = 1000  # frames per second, as in a scene
 
 
-def not_copied(kind: str, index: int) -> str:
-    """Return the note on a track of a plate that no output holds, unless its container can."""
-    return f"the {kind} track {index} is not copied"
+_KEEPING = {
+    "data": "write .mp4 or .mov, which hold what FFmpeg has a name for, with output.data",
+    "subtitle": "write a container like the plate's own, with output.data, or add it to the output by a muxer",
+    "video": "one track of pictures is worked on: copy another one into a file of its own to work on that",
+}
+"""How tracks of each kind are had in an output."""
+
+
+def not_copied(path: Path, kind: str, index: int, tags: Mapping[str, str]) -> str:
+    """Return the note on a track of a plate that no output holds, unless its container can. tags: of the track."""
+    language = tags.get("language", "und").replace("und", "")
+    named = ", ".join(filter(None, [language, (tags.get("title") or tags.get("handler_name") or "").strip()]))
+    about = f" ({named})" if named else ""
+    return f"{path} - its {kind} track {index}{about} is not copied - {_KEEPING.get(kind, 'add it by a muxer')}"
 
 
 def checked_rate(frame_rate: Fraction | float, path: Path) -> Fraction:
@@ -39,9 +50,10 @@ class Clip:
     spec: how the codes are read. tags: the file's colour tags. codec_name, pixel_format: FFmpeg's names; pixel_format
     is "" for pictures. sound: the file whose sound belongs to the clip, if any. spherical: metadata found, or None.
     is_still: one picture, that `frames` repeats as often as asked. notes: parts of the file that are not copied, one
-    line each. words: text tags of the container, such as title and date. panorama: whether outputs are marked as full
-    spheres. hdr: metadata of high dynamic range, where the file has some. stereo: arrangement of both eyes in outputs,
-    whose frames have a right one; "mono" if they have not.
+    line each. words: text tags of the container, such as title and date. track_words: language, title and handler's
+    name of the track of pictures. pixel_aspect: width of a pixel over its height as the file says, 0 where it does not.
+    panorama: whether outputs are marked as full spheres. hdr: metadata of high dynamic range, where the file has some.
+    stereo: arrangement of both eyes in outputs, whose frames have a right one; "mono" if they have not.
     """
 
     path: Path
@@ -59,6 +71,8 @@ class Clip:
     is_still: bool = False
     notes: tuple[str, ...] = ()
     words: Mapping[str, str] = field(default_factory=dict)
+    track_words: Mapping[str, str] = field(default_factory=dict)
+    pixel_aspect: Fraction = Fraction(0)
     panorama: bool = True
     hdr: HdrMetadata | None = None
     stereo: Stereo = "mono"

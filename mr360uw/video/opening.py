@@ -61,8 +61,8 @@ def open_video(
     damaged : {"stop", "hold"}
         Raise at a frame of a video that cannot be decoded, or repeat the last one that could.
     projection : {"auto", "equirectangular", "dual_fisheye", "eac"}
-        Projection of the file's pictures, whose frames are turned to equirectangular; "auto": .insv is dual fisheye,
-        .360 is EAC, all else equirectangular.
+        Projection of the file's pictures, whose frames are turned to equirectangular; "auto": .insv and .osv are dual
+        fisheye, .360 is EAC, all else equirectangular.
     fisheye_fov_deg : float
         Angle [deg] across one half of a dual-fisheye frame.
     layout : str, optional

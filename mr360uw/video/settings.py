@@ -10,7 +10,7 @@ from pydantic import Field, model_validator
 
 from mr360uw.parameters import Parameters, advanced, parameter
 
-Codec = Literal["h264", "h265", "av1", "ffv1", "prores"]
+Codec = Literal["auto", "h264", "h265", "av1", "ffv1", "prores"]
 Preset = Literal["ultrafast", "superfast", "veryfast", "faster", "fast", "medium", "slow", "slower", "veryslow"]
 
 ENCODERS: dict[Codec, str] = {
@@ -42,7 +42,9 @@ _PARAMETERS: dict[Codec, str] = {"h264": "x264-params", "h265": "x265-params", "
 class EncodeSettings(Parameters):
     """Codec, quality and layout of a video output; unset values follow the plate."""
 
-    codec: Codec = parameter("h264", "codec of the pictures")
+    codec: Codec = parameter(
+        "auto", "codec of the pictures; auto: h264 of 8 bits, h265 of more, which players decode where no H.264 is"
+    )
     target: Literal["none", "youtube-360", "quest"] = parameter(
         "none", "what the file is for: codec, pixel format, bit rate and key frames as that place recommends, in mp4"
     )
@@ -83,7 +85,7 @@ class EncodeSettings(Parameters):
             raise ValueError(
                 f"preset - is of software encoders, {self.encoder} has none (got {self.preset!r}) - leave it out"
             )
-        if self.encoder in HARDWARE and self.codec not in ("h264", HARDWARE[self.encoder]):
+        if self.encoder in HARDWARE and self.codec not in ("auto", HARDWARE[self.encoder]):
             raise ValueError(
                 f"encoder {self.encoder} makes {HARDWARE[self.encoder]}, not {self.codec}; leave out codec"
             )
@@ -91,7 +93,7 @@ class EncodeSettings(Parameters):
 
     @property
     def encoder_name(self) -> str:
-        """FFmpeg's name of the encoder."""
+        """FFmpeg's name of the encoder, of a codec that is resolved."""
         return ENCODERS[self.codec] if self.encoder == "software" else self.encoder
 
     def encoder_options(

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import cv2
@@ -24,6 +25,8 @@ from mr360uw.sphere import directions
 from mr360uw.types import Floats
 from tests.first_look.plates import SIZE, air, water
 
+Run = Callable[..., tuple[int, str, str]]
+
 
 @pytest.mark.parametrize(
     ("image", "underwater"),
@@ -44,6 +47,59 @@ from tests.first_look.plates import SIZE, air, water
 )
 def test_water_has_no_red_in_the_distance(image: Floats, underwater: bool) -> None:
     assert water_or_air(image).underwater == underwater
+
+
+def white_balanced(image: Floats) -> Floats:
+    """Return a picture whose mean is grey, as cameras and programs balance it."""
+    means = image.mean(axis=(0, 1))
+    return (image * means.mean() / means).astype(np.float32)
+
+
+def sky_lit_dive() -> Floats:
+    """Return open water whose light has more red where it came a shorter way from above, over a rough floor."""
+    y = directions(SIZE[1], SIZE[0])[..., 1:2]
+    sea = np.exp(1.2 * y) * np.array((0.05, 0.16, 0.2)) * np.where(y > 0.0, np.exp(y * np.array((1.2, 0.2, 0.0))), 1.0)
+    rough = np.random.default_rng(2).uniform(0.7, 1.3, (*SIZE, 1))
+    return np.where(y < -0.1, rough * np.array((0.06, 0.16, 0.2)), sea).astype(np.float32)
+
+
+def dusk() -> Floats:
+    """Return a plate in air in blue light: less red than in water, least of it overhead."""
+    return (air() * np.array((0.06, 0.15, 0.3))).astype(np.float32)
+
+
+def test_no_answer_is_sure_and_what_hides_red_makes_it_unsure() -> None:
+    found = [water_or_air(image) for image in (sky_lit_dive(), air(), white_balanced(sky_lit_dive()), dusk())]
+    assert [one.underwater for one in found] == [True, False, False, True]  # by red alone: the last two are wrong
+    assert min(one.confidence for one in found[:2]) > 0.5
+    assert max(one.confidence for one in found[:2]) <= 0.9
+    assert max(one.confidence for one in found[2:]) < 0.5
+
+
+def test_the_user_decides_about_water(tmp_path: Path, run: Run) -> None:
+    plate, thing = tmp_path / "plate.png", tmp_path / "thing.ply"
+    code = encode(np.clip(white_balanced(sky_lit_dive()), 0.0, 1.0), "srgb")
+    assert cv2.imwrite(str(plate), np.round(255.0 * code).astype(np.uint8)[..., ::-1])
+    trimesh.creation.box((0.3, 0.3, 0.3)).export(thing)
+
+    def said(*options: str) -> tuple[str, str]:
+        status, out, err = run("new", plate, thing, "--backend", "reference", "--overwrite", *options)
+        assert (status, err) == (0, "")
+        return out, (tmp_path / "plate.toml").read_text("utf-8")
+
+    text, scene = said()
+    assert "perhaps in air" in text
+    assert text.count("--water or --air decides") == 1
+    assert 'type = "none"' in scene
+    text, scene = said("--water")
+    assert "where     under water, as you say, though it looks in air" in text
+    assert "--water or --air" not in text
+    assert 'type = "none"' not in scene
+    text, scene = said("--air")
+    assert "where     in air, as you say:" in text
+    assert 'type = "none"' in scene
+    status, _, err = run("new", plate, thing, "--water", "--air")
+    assert (status, "exclude each other" in err) == (2, True)
 
 
 def test_a_strobe_on_the_ground_does_not_make_it_air() -> None:

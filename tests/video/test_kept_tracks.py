@@ -98,7 +98,7 @@ def test_matroska_keeps_the_chapters_and_says_what_it_does_not(tmp_path: Path) -
     transcode(source, target)
     assert told(target)[1] == [(0.0, 1.2, "reef"), (1.2, 2.0, "wreck")]
     with open_video(source) as video, create_video(tmp_path / "b.mkv", video) as out:
-        assert any(note == "the data track 2 is not copied" for note in out.notes)
+        assert sum("data track 2 (GoPro MET) is not copied" in note for note in out.notes) == 1
         out.write(next(iter(video.frames())))
     transcode(source, tmp_path / "without.mp4", EncodeSettings(data=False))
     assert data_packets(tmp_path / "without.mp4") == []
@@ -144,7 +144,7 @@ def test_check_says_what_the_output_lacks(tmp_path: Path, run: Callable[..., Any
     (tmp_path / "scene.toml").write_text('plate = "camera.mp4"\n', "utf-8")
     for name, said in (("out.mp4", False), ("out.mkv", True)):
         code, out, _ = run("check", tmp_path / "scene.toml", tmp_path / name)
-        assert (code, "the data track 2 is not copied" in out) == (0, said)
+        assert (code, "data track 2 (GoPro MET) is not copied" in out) == (0, said)
 
 
 def test_words_in_another_encoding_are_copied_byte_for_byte(tmp_path: Path) -> None:

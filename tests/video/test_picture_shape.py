@@ -1,11 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
+import trimesh
 
 from mr360uw.errors import VideoError
 from mr360uw.video import open_video
@@ -57,7 +59,40 @@ def eac() -> np.ndarray:
     return np.concatenate([eac_row(SIZE // 2, row)[0] for row in (0, 1)])
 
 
+def other_eye(picture: np.ndarray) -> np.ndarray:
+    """Return a picture seen from beside: lower rows lie farther to the left."""
+    rows, columns = picture.shape
+    return np.stack([np.roll(row, -round(0.02 * columns * k / rows)) for k, row in enumerate(picture)])
+
+
+def half_panorama() -> np.ndarray:
+    return panorama()[:, SIZE // 2 : 3 * SIZE // 2]
+
+
+def vr180(*, faded: bool = False) -> np.ndarray:
+    """Both eyes of the half of the sphere in front; faded: to black at their edges, as stitchers do."""
+    one = half_panorama()
+    edge = np.minimum(np.arange(SIZE), np.arange(SIZE)[::-1])
+    light = np.minimum(1.0, edge / 8.0) if faded else 1.0
+    return np.concatenate([one * light, other_eye(one) * light], axis=1)
+
+
+def both_eyes(*, beside: bool) -> np.ndarray:
+    """Two full panoramas squeezed into a frame of 2:1."""
+    eyes = [panorama(), other_eye(panorama())]
+    size = (SIZE, SIZE) if beside else (2 * SIZE, SIZE // 2)
+    return np.concatenate([cv2.resize(eye, size, interpolation=cv2.INTER_AREA) for eye in eyes], axis=int(beside))
+
+
+def in_a_wider_frame() -> np.ndarray:
+    """Both circles at the top of a frame of 16:9, as the first dual lenses wrote them."""
+    return np.pad(dual_fisheye(SIZE, 200.0)[0], ((0, SIZE // 8), (0, 0)), constant_values=16.0)
+
+
 PICTURES: list[tuple[Shape, object]] = [
+    ("halves", vr180), ("halves", lambda: vr180(faded=True)), ("half", half_panorama),
+    ("side by side", lambda: both_eyes(beside=True)), ("one above the other", lambda: both_eyes(beside=False)),
+    ("alike circles", lambda: np.tile(one_circle(), 2)), ("circles", in_a_wider_frame),
     ("panorama", panorama), ("panorama", black_caps), ("panorama", uneven_lenses), ("panorama", logo_at_nadir),
     ("panorama", lambda: np.full((64, 128), 16.0)), ("panorama", lambda: 0.1 * panorama()),
     ("dual fisheye", lambda: dual_fisheye(SIZE, 200.0)[0]), ("fisheye", one_circle), ("EAC", eac),
@@ -87,6 +122,54 @@ def test_plates_of_another_size_are_refused_with_the_way_out(tmp_path, picture, 
     cv2.imwrite(str(path), picture())
     with pytest.raises(VideoError, match=message):
         open_video(path)
+
+
+@pytest.mark.parametrize(
+    ("picture", "message"),
+    [
+        (vr180, r"VR180.*crop=iw/2:ih:0:0,pad=2\*iw:ih:iw/2:0 plate_360.png"),
+        (lambda: both_eyes(beside=True), 'plate.layout = "left-right" and plate.eye'),
+        (lambda: both_eyes(beside=False), 'plate.layout = "top-bottom" and plate.eye'),
+    ],
+)
+def test_check_and_new_say_that_a_frame_of_two_to_one_is_two_pictures(tmp_path, run, picture, message) -> None:
+    cv2.imwrite(str(tmp_path / "plate.png"), picture())
+    trimesh.creation.box((0.4, 0.4, 0.4)).export(tmp_path / "thing.ply")
+    (tmp_path / "scene.toml").write_text('[plate]\npath = "plate.png"\n[water]\ntype = "none"\n')
+    code, out, _ = run("check", tmp_path / "scene.toml")
+    assert (code, len(re.findall(message, out))) == (0, 1)
+    code, out, _ = run("new", tmp_path / "plate.png", tmp_path / "thing.ply", "--backend", "reference")
+    assert (code, len(re.findall(message, out))) == (0, 1)
+    layout = "plate.layout = " in message
+    options = ("--set", "plate.layout=" + message.split('"')[1], "--set", "plate.eye=left") if layout else ()
+    code, out, _ = run("check", tmp_path / "scene.toml", *(options or ("--set", 'plate.projection="equirectangular"')))
+    assert (code, re.findall(message, out)) == (0, [])
+
+
+def lenses(*, ahead: bool) -> list[np.ndarray]:
+    look, inside = fisheye(SIZE, 200.0, ahead=ahead)
+    luma = np.where(inside, textured(look), 16.0)
+    return [luma, *(np.full((SIZE // 2, SIZE // 2), 128.0) for _ in range(2))]
+
+
+def test_one_lens_is_said_by_what_the_file_has(tmp_path, run) -> None:
+    """Two tracks of a lens each are joined; one alone is no eye of a stereo pair, whatever is asked for."""
+    both = [[lenses(ahead=False)], [lenses(ahead=True)]]
+    paired, alone = write_tracks(tmp_path / "clip.mp4", both), write_tracks(tmp_path / "alone.mp4", both[:1])
+    camera = write_tracks(tmp_path / "CAM_1.OSV", both)
+    for eye in (None, "left"):
+        with pytest.raises(VideoError, match=r'circle of one lens, of two: set plate.projection = "dual_fisheye"'):
+            open_video(paired, eye=eye)
+        with pytest.raises(VideoError, match=r"circle of one lens: give the camera's own file with both \(.insv, .osv"):
+            open_video(alone, eye=eye)
+    with open_video(camera) as video:
+        assert (video.width, video.height) == (2 * SIZE, SIZE)
+        assert not any("not copied" in note for note in video.notes)
+    trimesh.creation.box((0.4, 0.4, 0.4)).export(tmp_path / "thing.ply")
+    code, out, _ = run("new", paired, tmp_path / "thing.ply", "--backend", "reference")
+    assert (code, "from dual_fisheye" in out) == (0, True)
+    code, _, err = run("new", alone, tmp_path / "thing.ply", "--backend", "reference")
+    assert (code, "circle of one lens" in err) == (2, True)
 
 
 def test_a_clip_of_cube_faces_is_refused_with_the_setting(tmp_path) -> None:

@@ -15,6 +15,7 @@ from mr360uw.errors import VideoError
 
 _CONTAINERS = {b"moov", b"trak", b"mdia", b"minf", b"stbl", b"sv3d", b"proj"}
 _SAMPLE_ENTRY_HEAD = 78  # bytes of a VisualSampleEntry before its child boxes
+_TAGS, _CHAPTERS = (b"udta", b"meta"), b"chpl"
 _DEEPEST = 32
 """Most boxes within each other; a file of a camera has ten."""
 _COPY_BYTES = 1 << 23
@@ -156,6 +157,30 @@ def _read_moov(file: BinaryIO, extent: _Extent) -> Box | None:
     file.seek(offset)
     boxes, _ = _split(file.read(size))
     return boxes[0] if boxes and boxes[0].children else None
+
+
+def carry_tags(moov: Box, source: Box) -> None:
+    """Put the tags of a file ('udta' and 'meta' of its movie) into another one's index, byte for byte.
+
+    Cameras and phones keep there what no muxer has names for. Chapters ('chpl') stay those of the file that is written.
+    """
+    tags = [box for box in source.children if box.kind in _TAGS]
+    if not tags:
+        return
+    own = [
+        box for old in moov.children if old.kind == b"udta" for box in _split(old.payload)[0] if box.kind == _CHAPTERS
+    ]
+    if own and all(box.kind != b"udta" for box in tags):
+        tags.append(Box(b"udta"))
+    moov.children = [box for box in moov.children if box.kind not in _TAGS] + [_with_chapters(box, own) for box in tags]
+
+
+def _with_chapters(tags: Box, chapters: list[Box]) -> Box:
+    """Return tags with other chapters; as they are where they are no boxes, which QuickTime may end with four zeros."""
+    boxes, rest = _split(tags.payload)
+    if tags.kind != b"udta" or rest not in (b"", bytes(4)):
+        return tags
+    return Box(tags.kind, children=[box for box in boxes if box.kind != _CHAPTERS] + chapters)
 
 
 def edit_moov(path: Path, edit: Callable[[Box], None], front: bool = False) -> None:

@@ -69,6 +69,7 @@ V1_TAG = "SPHERICAL-VIDEO"
 """Name of the tag that holds V1 XML in Matroska and WebM."""
 _V1_UUID = UUID("ffcc8263-f855-4a93-8814-587a02521fdd").bytes
 _GSPHERICAL = "http://ns.google.com/videos/1.0/spherical/"
+_FIRST_VIEW = ("InitialViewHeadingDegrees", "InitialViewPitchDegrees", "InitialViewRollDegrees")
 _SOFTWARE = "mr360uw"
 _STEREO_V2: tuple[Stereo, ...] = ("mono", "top-bottom", "left-right", "custom", "right-left")
 _STEREO_FFMPEG: dict[int, Stereo] = {0: "mono", 1: "left-right", 2: "top-bottom"}
@@ -80,17 +81,25 @@ _PROJECTION_V2 = {b"equi": "equirectangular", b"cbmp": "cubemap", b"mshp": "mesh
 class SphericalMetadata:
     """Projection, stereo layout and bounds of a panorama, as stated in a file.
 
-    projection: "equirectangular", "cubemap", "mesh" ... stereo: arrangement of the eyes. pose_deg: yaw, pitch, roll.
-    bounds: fractions cut off at the top, bottom, left and right; zeros for the full sphere. source: where it was
-    found ("V1", "V2", "V1+V2", "side data"). problems: contradictions in the file, one line each.
+    projection: "equirectangular", "cubemap", "mesh" ... stereo: arrangement of the eyes. pose_deg: yaw, pitch, roll
+    by which players rotate the sphere (V2): a pitch lifts its centre, a roll turns it clockwise. view_deg: heading,
+    pitch, roll of what a viewer sees first (V1), which rotates nothing. bounds: fractions cut off at the top, bottom,
+    left and right; zeros for the full sphere. source: where it was found ("V1", "V2", "V1+V2", "side data"). problems:
+    contradictions in the file, one line each.
     """
 
     projection: str = "equirectangular"
     stereo: Stereo = "mono"
     pose_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    view_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
     bounds: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
     source: str = ""
     problems: tuple[str, ...] = ()
+
+    @property
+    def is_half(self) -> bool:
+        """Whether the bounds are those of the half of the sphere in front (VR180)."""
+        return all(abs(one - half) < 0.01 for one, half in zip(self.bounds, (0.0, 0.0, 0.25, 0.25), strict=True))
 
 
 @checked
@@ -109,7 +118,7 @@ def read_spherical(path: str | Path) -> SphericalMetadata | None:
         for name in ("projection", "stereo", "bounds")
         if getattr(v1, name) != getattr(v2, name)
     ]
-    return replace(v2, source="V1+V2", problems=(*v1.problems, *v2.problems, *problems))
+    return replace(v2, view_deg=v1.view_deg, source="V1+V2", problems=(*v1.problems, *v2.problems, *problems))
 
 
 def _is_v1(box: Box) -> bool:
@@ -143,11 +152,7 @@ def from_xml(data: bytes) -> SphericalMetadata:
     return SphericalMetadata(
         projection=said.get("ProjectionType", "equirectangular"),
         stereo=stereo if stereo in _STEREO_V2 else "custom",
-        pose_deg=(
-            number("InitialViewHeadingDegrees"),
-            number("InitialViewPitchDegrees"),
-            number("InitialViewRollDegrees"),
-        ),
+        view_deg=(number(_FIRST_VIEW[0]), number(_FIRST_VIEW[1]), number(_FIRST_VIEW[2])),
         bounds=bounds,
         source="V1",
     )
@@ -204,8 +209,8 @@ def v1_xml(metadata: SphericalMetadata) -> str:
         "ProjectionType": "equirectangular",
         "StereoMode": metadata.stereo,
     }
-    names = ("InitialViewHeadingDegrees", "InitialViewPitchDegrees", "InitialViewRollDegrees")
-    elements |= {name: str(round(angle)) for name, angle in zip(names, metadata.pose_deg, strict=True) if round(angle)}
+    view = zip(_FIRST_VIEW, metadata.view_deg, strict=True)
+    elements |= {name: str(round(angle)) for name, angle in view if round(angle)}
     body = "".join(f"<GSpherical:{name}>{text}</GSpherical:{name}>" for name, text in elements.items())
     return (
         f'<?xml version="1.0"?><rdf:SphericalVideo xmlns:rdf="{_RDF}" xmlns:GSpherical="{_GSPHERICAL}">'

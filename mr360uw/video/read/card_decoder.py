@@ -14,7 +14,7 @@ from mr360uw.errors import VideoError
 from mr360uw.video.read.probe import first_picture, open_container
 
 
-def decoding_card(path: Path, track: int, first: Any) -> tuple[str, str]:
+def decoding_card(path: Path, track: int | None, first: Any) -> tuple[str, str]:
     """Return the kind of card that decodes a video here, "" where none does, and a line on what was taken and why.
 
     first: the file's first picture, decoded in software.
@@ -29,7 +29,7 @@ def decoding_card(path: Path, track: int, first: Any) -> tuple[str, str]:
     return "", f'plate.decoder = "auto" took software: no card decodes {path.name} here{why}'
 
 
-def _refusal(path: Path, track: int, card: str, first: Any) -> str:
+def _refusal(path: Path, track: int | None, card: str, first: Any) -> str:
     """Return why a card's pictures are not taken; "" where they are."""
     try:
         with open_container(path, track, card) as (container, stream):

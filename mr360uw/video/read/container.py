@@ -7,7 +7,7 @@ length of the clip. Decoding runs on all cores, outside Python's lock.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
 from fractions import Fraction
@@ -21,7 +21,7 @@ from mr360uw.color import Primaries, Transfer
 from mr360uw.errors import DamagedFrameError, VideoError
 from mr360uw.types import YuvImage
 from mr360uw.video.clip import not_copied
-from mr360uw.video.metadata.spherical import from_side_data, from_tag, read_spherical
+from mr360uw.video.metadata.spherical import SphericalMetadata, from_side_data, from_tag, read_spherical
 from mr360uw.video.metadata.tags import ColorTags, color_spec, hdr_from_side_data
 from mr360uw.video.pixels.native import plane_views
 from mr360uw.video.read.card_decoder import decoding_card, in_format
@@ -43,6 +43,9 @@ _SOUND_LONGER_S = 1.0
 """Time [s] by which the sound of a complete file may be longer than its pictures; twice as large, shorter cuts pass."""
 
 
+_OF_TRACK = ("language", "title", "handler_name")
+
+
 class ContainerReader(VideoReader):
     """A video file as a plate; made by `open_video`. Pictures are turned by 180 degrees where the file says so."""
 
@@ -55,7 +58,7 @@ class ContainerReader(VideoReader):
         equirectangular: bool = True,
         damaged: Damaged = "stop",
         layout: Layout | None = None,
-        track: int = 0,
+        track: int | None = None,
         decoder: Decoder = "software",
     ) -> None:
         self._damaged, self._track = damaged, track
@@ -68,7 +71,7 @@ class ContainerReader(VideoReader):
             self._listed = None if listed is None else listed.begun_at(first.pts)
             context = stream.codec_context
             tags = ColorTags.of(context)
-            spherical = read_spherical(path) or from_side_data(first.side_data) or from_tag(stream)
+            spherical = read_spherical(path) or _spherical_of(stream, first)
             self._rotation = int(first.rotation) % 360
             spec = color_spec(path, first.format.name, tags, first.height, transfer, primaries)
             self._crop, self._beside, stereo = panorama_crops(
@@ -78,7 +81,11 @@ class ContainerReader(VideoReader):
             self._announced_s = None if container.duration is None else float(container.duration / av.time_base)
             self._reorder = int(context.reorder_depth)
             self._wrap = equirectangular
-            others = [s for s in container.streams if s.type not in ("video", "audio")]
+            beside = () if track is None else ("video",)  # that were asked for one by one
+            others = [s for s in container.streams if s.type not in ("audio", *beside) and s.index != stream.index]
+            lost = (not_copied(path, s.type, s.index, s.metadata) for s in others)
+            odd = () if spherical is None else (f"{path} - {problem}" for problem in spherical.problems)
+            aspect = stream.sample_aspect_ratio
             super().__init__(
                 path=path,
                 width=self._crop.width,
@@ -92,8 +99,10 @@ class ContainerReader(VideoReader):
                 pixel_format=first.format.name,
                 sound=path if container.streams.audio else None,
                 spherical=spherical,
-                notes=(*(not_copied(s.type, s.index) for s in others), *filter(None, [taken])),
-                words=dict(container.metadata),
+                notes=(*lost, *odd, *filter(None, [taken])),
+                words=_words(container.metadata),
+                track_words={name: text for name, text in stream.metadata.items() if name in _OF_TRACK},
+                pixel_aspect=Fraction(0) if aspect is None else fraction(aspect),
                 panorama=equirectangular,
                 hdr=hdr_from_side_data(first.side_data),
                 stereo=output_layout(stereo) if self._beside is not None else "mono",
@@ -253,6 +262,26 @@ class ContainerReader(VideoReader):
             damage="held" if lost else "concealed" if native.is_corrupt else "none",
         )
         return frame if beside is None else replace(frame, right=replace(frame, yuv=beside))
+
+
+def _words(tags: Mapping[str, str]) -> dict[str, str]:
+    """Return the text tags of a container. FFmpeg 8.1 joins the time of the movie's header and that of a key."""
+    return {name: text.partition(";")[0] if name == "creation_time" else text for name, text in tags.items()}
+
+
+def _spherical_of(stream: Any, first: Any) -> SphericalMetadata | None:
+    """Return the spherical metadata of a container other than MP4 by its stream and first picture; None without."""
+    told, tag = from_side_data(first.side_data), from_tag(stream)
+    return tag if told is None else told if tag is None else replace(told, view_deg=tag.view_deg)
+
+
+def stated_pose(path: Path) -> tuple[float, float, float]:
+    """Return yaw, pitch and roll [deg] of the panorama in a video, as its metadata state them; zeros without."""
+    found = read_spherical(path)
+    if found is None and path.suffix.lower() in (".mkv", ".webm"):
+        with open_container(path) as (container, stream):
+            found = _spherical_of(stream, first_picture(path, container, stream))
+    return SphericalMetadata().pose_deg if found is None else found.pose_deg
 
 
 def _turned(image: YuvImage, rotation: int) -> YuvImage:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from mr360uw.errors import VideoError
 from mr360uw.types import YuvImage
 from mr360uw.video.metadata.spherical import SphericalMetadata, Stereo
-from mr360uw.video.read.picture_shape import Shape, way_out
+from mr360uw.video.read.picture_shape import ONE_PICTURE, Shape, padded, way_out
 
 Eye = Literal["left", "right", "both"]
 Layout = Literal["mono", "top-bottom", "bottom-top", "left-right", "right-left"]
@@ -81,20 +81,20 @@ def panorama_crops(
     if spherical is not None and equirectangular:
         _check_projection(path, spherical)
     stereo = layout or _stereo(width, height, spherical)
+    said = layout is not None or spherical is not None
     if stereo == "mono" and eye is not None:
         raise VideoError(
             f'{path} - is not stereo (got {width}x{height}), so it has no "{eye}" eye - leave out the eye, or say with '
             'plate.layout = "top-bottom" or "left-right" how its eyes lie'
         )
+    if stereo != "mono" and not said and (shape := look()) in ONE_PICTURE:
+        raise VideoError(f"{path} - {way_out(shape, path)}; if it is two eyes, say with plate.layout how they lie")
     if stereo != "mono" and eye is None:
-        if spherical is None and look() == "fisheye":
-            raise VideoError(f"{path} - {way_out('fisheye', path)}")
         raise VideoError(
             f"{path} - is {stereo} stereo (got {width}x{height}), and its eyes are not chosen - take "
             'plate.eye = "left", "right" or "both" in a scene, --eye left on the command line, eye="left" in Python'
         )
     crop = whole if stereo == "mono" else _eye_crop(path, width, height, stereo, "right" if eye == "right" else "left")
-    said = layout is not None or spherical is not None
     if equirectangular and crop.width != 2 * crop.height and not (said and _may_be_squeezed(crop)):
         what = f"the picture is not a 360 degree panorama of 2:1 (got {crop.width}x{crop.height})"
         out = way_out(look(), path) or "export it as equirectangular 2:1, or tag it as the full sphere"
@@ -139,11 +139,15 @@ def _eye_crop(path: Path, width: int, height: int, stereo: Stereo, eye: Literal[
 def _check_projection(path: Path, spherical: SphericalMetadata) -> None:
     if spherical.projection != "equirectangular":
         raise VideoError(
-            f"{path} - projection not supported (got {spherical.projection}) - export the clip as "
-            "equirectangular, or turn it with FFmpeg's filter v360"
+            f"{path} - projection not supported (got {spherical.projection}) - "
+            + (
+                padded(path, spherical.stereo)
+                if spherical.projection in ("half equirectangular", "mesh")
+                else "export the clip as equirectangular, or turn it with FFmpeg's filter v360"
+            )
         )
     if any(spherical.bounds):
         raise VideoError(
-            f"{path} - is only part of the sphere (cropped by {spherical.bounds} at top, bottom, left, right) - export "
-            "the full sphere"
+            f"{path} - is only part of the sphere (cropped by {spherical.bounds} at top, bottom, left, right) - "
+            + (padded(path, spherical.stereo) if spherical.is_half else "export the full sphere")
         )

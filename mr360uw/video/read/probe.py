@@ -90,10 +90,10 @@ def check_file(path: Path) -> None:
 
 
 @contextmanager
-def open_container(path: Path, track: int = 0, card: str = "") -> Iterator[tuple[Any, Any]]:
+def open_container(path: Path, track: int | None = None, card: str = "") -> Iterator[tuple[Any, Any]]:
     """Open a file for one pass of decoding; yields (container, its video stream number `track`).
 
-    card: see `open_local`.
+    track: None is the file's default one, or else its first. card: see `open_local`.
     """
     check_file(path)
     try:
@@ -107,7 +107,7 @@ def open_container(path: Path, track: int = 0, card: str = "") -> Iterator[tuple
         if not streams:
             kinds = ", ".join(sorted({s.type for s in container.streams})) or "nothing"
             raise VideoError(f"{path} - has no video stream (got {kinds}) - name a video file")
-        stream = streams[track]
+        stream = min(streams, key=_is_no_default) if track is None else streams[track]
         PICTURE.check(str(path), stream.width * stream.height, VideoError)
         stream.thread_type = "AUTO"
         yield container, stream
@@ -117,6 +117,11 @@ def track_sizes(path: Path) -> list[tuple[int, int]]:
     """Return the width and height of each video stream of a file; VideoError where there is none."""
     with open_container(path) as (container, _):
         return [(s.width, s.height) for s in _video_streams(container)]
+
+
+def _is_no_default(stream: Any) -> bool:
+    """Return whether a file does not mark a stream as the one of its kind that is shown."""
+    return not stream.disposition & av.stream.Disposition.default
 
 
 def _video_streams(container: Any) -> list[Any]:

@@ -27,12 +27,18 @@ FISHEYE_FOV_DEG = 200.0
 Given too small, what is near the seam is seen twice; too large, it is missing."""
 FFMPEG_NAMES = {"dual_fisheye": "dfisheye", "eac": "eac"}
 """Names of projections in FFmpeg's filter v360."""
-_BY_SUFFIX: dict[str, Projection] = {".insv": "dual_fisheye", ".360": "eac"}
+_BY_SUFFIX: dict[str, Projection] = {".insv": "dual_fisheye", ".osv": "dual_fisheye", ".360": "eac"}
 
 
 def projection_of(path: Path, projection: Projection) -> Projection:
     """Return the projection of a plate, with "auto" replaced by that of the file's ending."""
     return _BY_SUFFIX.get(path.suffix.lower(), "equirectangular") if projection == "auto" else projection
+
+
+def second_lens(path: Path) -> Path | None:
+    """Return the file of the other lens of a camera that writes one for each, if it is there."""
+    other = path.with_name(path.name.replace("_00_", "_10_", 1))
+    return other if other != path and other.exists() else None
 
 
 def turned_by_ffmpeg(path: Path, projection: Projection) -> str:

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import fields, replace
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +26,14 @@ from mr360uw.video.clip import Clip
 from mr360uw.video.pixels.native import native_frame, plane_views
 from mr360uw.video.read.container import ContainerReader
 from mr360uw.video.read.probe import track_sizes
-from mr360uw.video.read.projection import FFMPEG_NAMES, PICTURE_SUFFIXES, Projection, joined_row, turned_by_ffmpeg
+from mr360uw.video.read.projection import (
+    FFMPEG_NAMES,
+    PICTURE_SUFFIXES,
+    Projection,
+    joined_row,
+    second_lens,
+    turned_by_ffmpeg,
+)
 from mr360uw.video.read.reader import Damaged, Decoder, Seeker, VideoReader
 from mr360uw.video.video_frame import VideoFrame
 
@@ -53,7 +61,7 @@ def open_unwrapped(
     paths = [(path, 0)]
     if len(sizes) > 1 and sizes[1] == sizes[0]:
         paths.append((path, 1))
-    elif projection == "dual_fisheye" and width == height and (other := _second_lens(path)) is not None:
+    elif projection == "dual_fisheye" and width == height and (other := second_lens(path)) is not None:
         paths.append((other, 0))
     if projection == "eac":
         _check_eac(path, width, height, len(paths))
@@ -68,12 +76,6 @@ def open_unwrapped(
         for p, k in paths
     ]
     return _UnwrappedReader(tracks, projection, fov_deg)
-
-
-def _second_lens(path: Path) -> Path | None:
-    """Return the file of the other lens of a camera that writes one for each, if it is there."""
-    other = path.with_name(path.name.replace("_00_", "_10_", 1))
-    return other if other != path and other.exists() else None
 
 
 def _check_eac(path: Path, width: int, height: int, tracks: int) -> None:
@@ -96,7 +98,9 @@ class _UnwrappedReader(VideoReader):
         note = f"{first.path} - {projection} is turned to equirectangular by FFmpeg's v360"
         note += f", {fov_deg:g} degrees across a circle" if projection == "dual_fisheye" else ""
         note += "; the camera maker's program stitches better, above all what is near"
-        changed = {"width": 2 * height, "height": height, "spherical": None, "panorama": True}
+        changed = {
+            "width": 2 * height, "height": height, "spherical": None, "panorama": True, "pixel_aspect": Fraction(0),
+        }  # fmt: skip
         super().__init__(**(kept | changed | {"notes": (*first.notes, note)}))
         self._tracks, self._projection, self._fov_deg = tracks, projection, fov_deg
 

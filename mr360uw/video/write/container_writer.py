@@ -13,20 +13,35 @@ from typing import Any
 import av
 import av.error
 import numpy as np
+from av.stream import Disposition
 
 from mr360uw.errors import VideoError
 from mr360uw.files import new_file, publish
 from mr360uw.video.clip import Clip
-from mr360uw.video.metadata.mp4 import Box, edit_moov
+from mr360uw.video.metadata.mp4 import Box, carry_tags, edit_moov, read_moov
 from mr360uw.video.metadata.spherical import V1_TAG, SphericalMetadata, embed, v1_xml
 from mr360uw.video.read.probe import create_local
 from mr360uw.video.settings import EncodeSettings
 from mr360uw.video.video_frame import VideoFrame
-from mr360uw.video.write.delivery import resolved
+from mr360uw.video.write.delivery import codec_note, resolved
 from mr360uw.video.write.encoder import Encoder, check_encoder, chosen_encoder
 from mr360uw.video.write.other_tracks import CONTAINERS, TrackCopy, check_sound, embed_spatial, other_tracks
 from mr360uw.video.write.segment import Segment, decoding_stamps
 from mr360uw.video.write.writer import VideoWriter
+
+_OWN_WORDS = frozenset({"major_brand", "minor_version", "compatible_brands", "encoder"})
+"""Tags of the container's format, of which each file has its own."""
+_USUAL_WORDS = _OWN_WORDS | {
+    "creation_time",
+    "title",
+    "artist",
+    "comment",
+    "date",
+    "copyright",
+    "description",
+    "location",
+}
+"""Tags that FFmpeg writes into every kind of MP4 and QuickTime file unasked."""
 
 
 class ContainerWriter(VideoWriter):
@@ -49,6 +64,7 @@ class ContainerWriter(VideoWriter):
         frames: tuple[int, int] | None = None,
     ) -> None:
         self.path = path
+        wished = settings.codec
         settings, taken = chosen_encoder(settings, like, path)
         settings = resolved(settings, like, path)
         self._clip, self._settings, self._rebase, self._overwrite = like, settings, rebase, overwrite
@@ -69,9 +85,11 @@ class ContainerWriter(VideoWriter):
         span = frames or (0, like.frame_count or 0)
         others = other_tracks(like, kind, wanted=settings.data, sound=sound, frames=span)
         self._data, self._timecode, self._chapters, self._spatial, self.notes = others
-        self.notes += (taken,) if taken else ()
+        self.notes += tuple(filter(None, [taken, codec_note(wished, settings, like)]))
         if not self._boxes and self._metadata is not None:
-            self.notes += (f"{path.suffix} gets the spherical metadata as a V1 tag, not as Projection elements",)
+            posed = " its pose is not kept: write .mp4 or .mov" if any(self._metadata.pose_deg) else ""
+            said = f"{path.suffix} gets the spherical metadata as a V1 tag, not as Projection elements"
+            self.notes += (f"{said};{posed}" if posed else said,)
         with self._errors("begun"):
             self._part = new_file(path, folder)
         try:
@@ -88,9 +106,14 @@ class ContainerWriter(VideoWriter):
         like, settings = self._clip, self._settings
         scale = str(like.time_base.denominator)
         options = {"movie_timescale": scale, "video_track_timescale": scale} if self._boxes else {}
+        tagged = like.pixel_format and like.path.is_file()
+        self._tagged = read_moov(like.path) if self._boxes and tagged else None
+        if self._boxes and self._tagged is None and like.words.keys() - _USUAL_WORDS:
+            options["movflags"] = "use_metadata_tags"  # all of them as keys of QuickTime
         self._container = create_local(self._part, kind, options)
-        own = {"major_brand", "minor_version", "compatible_brands", "encoder"}  # tags of the container's format
-        self._container.metadata.update({key: value for key, value in like.words.items() if key not in own})
+        self._container.metadata.update(
+            {key: text for key, text in like.words.items() if key.lower() not in _OWN_WORDS}
+        )
         try:
             stream = self._container.add_stream(settings.encoder_name, rate=like.frame_rate)
         except ValueError as error:
@@ -103,6 +126,8 @@ class ContainerWriter(VideoWriter):
             stream.codec_context.codec_tag = "hvc1"
         if not self._boxes and self._metadata is not None:
             stream.metadata[V1_TAG] = v1_xml(self._metadata)
+        stream.metadata.update(like.track_words)
+        stream.disposition = Disposition.default
         stream.time_base = like.time_base
         self._stream = stream
         if sound is not None:
@@ -183,10 +208,12 @@ class ContainerWriter(VideoWriter):
             publish(self._part, self.path, overwrite=self._overwrite)
 
     def _mark(self) -> None:
-        """Mark a panorama and spatial audio, and put the index in front."""
-        sphere, spatial = self._metadata, self._spatial
+        """Mark a panorama and spatial audio, copy the tags of the plate's file, and put the index in front."""
+        sphere, spatial, tagged = self._metadata, self._spatial, self._tagged
 
         def edit(moov: Box) -> None:
+            if tagged is not None:
+                carry_tags(moov, tagged)
             embed_spatial(moov, spatial)
             if sphere is not None:
                 embed(moov, sphere)

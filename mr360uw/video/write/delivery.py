@@ -55,6 +55,32 @@ def delivery_of(settings: EncodeSettings, like: Clip) -> tuple[Codec, str, dict[
     return codec, "yuv420p10le" if ten else "yuv420p", options
 
 
+def plain_format(settings: EncodeSettings, like: Clip) -> str:
+    """Return FFmpeg's name of the pixel format that an output is wanted in; those of more than 8 bits end in "le"."""
+    return settings.pixel_format or like.pixel_format or "yuv420p"
+
+
+def codec_note(wished: Codec, settings: EncodeSettings, like: Clip) -> str:
+    """Return a note on the codec of pictures with more than 8 bits, "" of others.
+
+    wished: as the user named it. settings: resolved.
+    """
+    wanted = plain_format(settings, like)
+    if settings.target != "none" or not wanted.endswith("le"):
+        return ""
+    if settings.codec == "h264":
+        return (
+            f"output.codec - is H.264 of {wanted}, which browsers, phones and headsets do not decode - take h265, or "
+            'output.pixel_format = "yuv420p"'
+        )
+    if settings.codec == "h265" and wished == "auto":
+        return (
+            f"output.codec - h265 is taken, as players do not decode H.264 of more than 8 bits (got {wanted}) - "
+            'set output.pixel_format = "yuv420p" for h264 of 8'
+        )
+    return ""
+
+
 def resolved(settings: EncodeSettings, like: Clip, path: Path | None = None) -> EncodeSettings:
     """Return settings with the codec and the pixel format that their target and their encoder mean.
 
@@ -62,7 +88,9 @@ def resolved(settings: EncodeSettings, like: Clip, path: Path | None = None) -> 
     """
     delivery = delivery_of(settings, like)
     if delivery is None:
-        return settings.model_copy(update={"codec": HARDWARE.get(settings.encoder, settings.codec)})
+        deep = plain_format(settings, like).endswith("le")
+        own = ("h265" if deep else "h264") if settings.codec == "auto" else settings.codec
+        return settings.model_copy(update={"codec": HARDWARE.get(settings.encoder, own)})
     codec, pixel_format, _ = delivery
     if path is not None and path.suffix.lower() not in _SUFFIXES:
         raise VideoError(

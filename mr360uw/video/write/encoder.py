@@ -23,7 +23,7 @@ from mr360uw.video.pixels.native import has_stereo_mark, native_frame, plane_vie
 from mr360uw.video.pixels.planes import planes_from_linear
 from mr360uw.video.settings import ENCODERS, HARDWARE, EncodeSettings
 from mr360uw.video.video_frame import VideoFrame, whole_frame
-from mr360uw.video.write.delivery import delivery_of, resolved
+from mr360uw.video.write.delivery import delivery_of, plain_format, resolved
 
 _TRIAL_SIZE = (512, 256)
 """Of the picture that is tried [pixels]; some cards refuse pictures of less than 256 columns."""
@@ -90,16 +90,12 @@ def chosen_encoder(settings: EncodeSettings, like: Clip, path: Path) -> tuple[En
 def _refused_format(name: str, settings: EncodeSettings, like: Clip) -> str:
     """Return why an encoder does not take the pictures of a plate; "" where it does."""
     known = [format_.name for format_ in av.Codec(name, "w").video_formats or ()]
-    return "" if _pixel_format(known, settings, like) else f"it does not take {_wanted_format(settings, like)}"
-
-
-def _wanted_format(settings: EncodeSettings, like: Clip) -> str:
-    return settings.pixel_format or like.pixel_format or "yuv420p"
+    return "" if _pixel_format(known, settings, like) else f"it does not take {plain_format(settings, like)}"
 
 
 def _pixel_format(known: list[str], settings: EncodeSettings, like: Clip) -> str:
     """Return the format of the settings, or that of the known ones which is closest to the plate's; "" for neither."""
-    wanted = _wanted_format(settings, like)
+    wanted = plain_format(settings, like)
     plain = wanted.replace("yuvj", "yuv")
     deeper = [name for name in ("yuv420p10le", "yuv422p10le", "yuv444p10le") if name in known]
     if settings.pixel_format:
@@ -136,6 +132,8 @@ class Encoder:
         context.width, context.height = like.frame_size
         context.pix_fmt = self._pixel_format(context.codec)
         self._check_size(*like.frame_size)
+        if like.pixel_aspect:
+            context.sample_aspect_ratio = like.pixel_aspect
         context.time_base = like.time_base
         context.framerate = like.frame_rate
         context.thread_type = "AUTO"
@@ -155,7 +153,7 @@ class Encoder:
             return found
         raise VideoError(
             f"{self._path} - {codec.name} cannot encode this pixel format (got "
-            f"{_wanted_format(self._settings, self._clip)}) - take one of "
+            f"{plain_format(self._settings, self._clip)}) - take one of "
             f"{', '.join(name for name in known if name.startswith('yuv4') or name in _IN_PAIRS.values())}"
         )
 

@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Sound, data tracks, time code and chapters of a plate's file: which of them an output can keep, and copies of them.
+"""Sound, data, subtitles, time code and chapters of a plate's file: which an output can keep, and copies of them.
 
 Sound and data are copied packet by packet, without decoding them.
 
 MP4 and QuickTime keep tracks of data (GoPro's GPMF) packet by packet, the time code (tmcd) and the chapters; Matroska
-keeps the chapters. Each track that is lost has a note.
+keeps the time code as a tag, and the chapters. Subtitles are kept in containers that hold their kind. Each track that
+is lost has a note.
 
 Spatial audio has marks of how the channels of a track are ambisonics: SA3D says the order and how channels are sorted,
 SAND that two more are head-locked stereo (Google, "Spatial Audio RFC"). Players take a track of four channels for
@@ -26,6 +27,7 @@ from typing import Any
 
 import av
 import av.error
+import av.stream
 
 from mr360uw.errors import VideoError
 from mr360uw.video.clip import Clip, not_copied
@@ -91,6 +93,7 @@ class TrackCopy:
         for stream in streams.audio if tracks is None else [streams[index] for index in tracks]:
             self._streams[stream.index] = target.add_stream_from_template(stream)
             self._streams[stream.index].metadata.update(stream.metadata)
+            self._streams[stream.index].disposition = stream.disposition
         self._packets: Iterator[Any] = iter(())
         self._pending: Any = None
         self._shift_s = Fraction(0)
@@ -136,9 +139,9 @@ OtherTracks = tuple[tuple[int, ...], str, tuple[dict[str, Any], ...], tuple[byte
 def other_tracks(like: Clip, kind: str, *, wanted: bool, sound: Path | None, frames: tuple[int, int]) -> OtherTracks:
     """Return what an output of a kind ("mp4", "mov", "matroska") keeps of the other parts of a plate's file.
 
-    These are the numbers of the tracks of data that are copied; the time code of the first frame that is written, or
-    ""; the chapters as PyAV has them, moved with the pictures; the marks of the audio tracks; and the plate's notes,
-    without those on tracks that are kept, with those on what is lost.
+    These are the numbers of the tracks of data and of subtitles that are copied; the time code of the first frame that
+    is written, or ""; the chapters as PyAV has them, moved with the pictures; the marks of the audio tracks; and the
+    plate's notes, without those on tracks that are kept, with those on what is lost.
 
     wanted: whether data, time code and chapters are asked for. sound: the file of the sound that is copied, or None.
     frames: (start, stop) of the frames that are written.
@@ -153,14 +156,18 @@ def other_tracks(like: Clip, kind: str, *, wanted: bool, sound: Path | None, fra
         return (), "", (), spatial, tuple(notes)
     with open_packets(like.path) as container:
         data = [(s.index, s.id, boxes and _holds(kind, s)) for s in container.streams if s.type == "data"]
-        found = {s.index: s.metadata["timecode"] for s in container.streams if "timecode" in s.metadata}
+        texts = [s.index for s in container.streams if s.type == "subtitle" and _holds(kind, s)]
+        pictures = [s.index for s in container.streams if s.disposition & av.stream.Disposition.attached_pic]
+        lines = {s.index: not_copied(like.path, s.type, s.index, s.metadata) for s in container.streams}
+        found = {s.index: text for s in container.streams if (text := _timecode_of(s))}
         chapters = _moved(container.chapters(), like, frames)
     kinds = _kinds(like.path)
     anew = {index for index, number, _ in data if kinds.get(number) in _MADE_ANEW}
-    timecode = next(iter(found.values()), "") if boxes else ""
-    copied = tuple(index for index, _, held in data if held and index not in anew)
+    timecode = next(iter(found.values()), "")
+    copied = (*(index for index, _, held in data if held and index not in anew), *texts)
     kept = {*copied, *(i for i in anew if (timecode if i in found else chapters))}
-    gone = {not_copied("data", index) for index in kept}
+    covers = kinds and boxes  # pictures of an album's kind are among the tags, which are copied
+    gone = {lines[index] for index in (*kept, *(pictures if covers else ()))}
     notes = [note for note in notes if note not in gone]
     start = later_timecode(timecode, frames[0], like.frame_rate)
     return copied, start, chapters, spatial, tuple(notes)
@@ -218,7 +225,12 @@ def timecode_of(path: Path) -> str:
 @functools.lru_cache(maxsize=8)
 def _timecode(path: Path, written_ns: int) -> str:  # noqa: ARG001 - another file under the same name has another
     with open_packets(path) as container:
-        return next((s.metadata["timecode"] for s in container.streams if "timecode" in s.metadata), "")
+        return next(filter(None, map(_timecode_of, container.streams)), "")
+
+
+def _timecode_of(stream: Any) -> str:
+    """Return the time code of a track, "" without one; Matroska has its name in capitals."""
+    return next((text for name, text in stream.metadata.items() if name.lower() == "timecode"), "")
 
 
 def exr_attributes(like: Clip, index: int) -> dict[str, Any]:
