@@ -8,7 +8,7 @@ import importlib.util
 import threading
 import webbrowser
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, cast, get_args
 
 import typer
 
@@ -30,6 +30,7 @@ def new(
     stand: Annotated[bool, typer.Option("--stand", help="on the ground, whatever its name says")] = False,
     swim: Annotated[bool, typer.Option("--swim", help="off the ground, whatever its name says")] = False,
     size: Annotated[float | None, typer.Option(help="of its longest side, in metres")] = None,
+    up: Annotated[str, typer.Option(help="axis of MESH that is up: auto, y, z, x, -y, -z or -x")] = "auto",
     track: Annotated[
         Path | None, typer.Option(help="the camera's path, as `mr360uw track` writes it"), Role.READ
     ] = None,
@@ -42,11 +43,14 @@ def new(
     outside_files: Annotated[bool, typer.Option("--outside-files", help="MESH may name files elsewhere")] = False,
 ) -> None:
     """Look at VIDEO and MESH, and write a scene that puts one into the other, with a preview; say what was guessed."""
+    from mr360uw.composite.mesh.up_axis import Up
     from mr360uw.first_look.first_scene import make_first_scene
     from mr360uw.first_look.place_in_plate import Wish
 
     if stand and swim:
         raise ParameterError("--stand, --swim - exclude each other (got both) - give one of them")
+    if up not in get_args(Up):
+        raise ParameterError(f"--up - is no axis (got {up!r}) - give one of {', '.join(get_args(Up))}")
     direction = None
     if at is not None:
         try:
@@ -58,7 +62,7 @@ def new(
         direction = azimuth, elevation
     wish = Wish(direction, "stands" if stand else "swims" if swim else None, size)
     _, lines, commands = make_first_scene(
-        video, mesh, out, wish=wish, track=track, depth=depth, eye=eye, overwrite=overwrite,
+        video, mesh, out, wish=wish, track=track, depth=depth, eye=eye, up=cast("Up", up), overwrite=overwrite,
         outside_files=outside_files, backend=backend,
     )  # fmt: skip
     typer.echo("\n".join([*lines, *commands]))
