@@ -95,10 +95,10 @@ def _size(kind: Kind | None, units: float, *, cad: bool) -> tuple[float, str]:
 def _front(mesh: Mesh, kind: Kind | None) -> tuple[Front, str, bool]:
     """Return the front, the reason, and whether the body is longer than wide."""
     points = surface_points(mesh.positions) - mesh.center_m
-    asymmetry = {axis: asymmetry(points, axis) for axis in (0, 2)}
+    unlike = {axis: asymmetry(points, axis) for axis in (0, 2)}
     length = {axis: float(mesh.extent_m[axis]) for axis in (0, 2)}
-    lateral = min(asymmetry, key=lambda axis: asymmetry[axis])
-    if asymmetry[lateral] < _CLEARLY * asymmetry[2 - lateral]:
+    lateral = min(unlike, key=lambda axis: unlike[axis])
+    if unlike[lateral] < _CLEARLY * unlike[2 - lateral]:
         axis, why = 2 - lateral, "by its symmetry"
     else:
         axis, why = (0 if length[0] > 1.05 * length[2] else 2), "by its length"

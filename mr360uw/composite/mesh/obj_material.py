@@ -171,8 +171,8 @@ class Libraries:
         word = "d" if "d" in entry else "tr"
         value = entry.get(word, "1" if word == "d" else "0").split()[-1]
         opacity = _number({word: value}, word, 1.0) if word == "d" else 1.0 - _number({word: value}, word, 0.0)
-        if opacity <= 0.0:
-            self._notes[f"{library} - has a material that is not seen at all ({word} {value}) - it is opaque"] = None
+        if word == "d" and opacity <= 0.0:  # Tr 1 is how old exporters write what is opaque
+            self._notes[f"{library} - has a material that is wholly clear (d {value}) - it is drawn opaque"] = None
         mask = self._other(found, "map_d")
         if 0.0 < opacity < 1.0:
             material = replace(material, base_color=(*material.base_color[:3], opacity), alpha_mode="BLEND")

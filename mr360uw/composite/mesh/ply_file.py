@@ -72,6 +72,11 @@ class _Source:
         """Return the length of a value: 1 in text, else in bytes."""
         return np.dtype(kind).itemsize if self.order else 1
 
+    @property
+    def length(self) -> int:
+        """Where the file ends."""
+        return len(self.data) if self.order else len(self.numbers)
+
     def take(self, places: NDArray[np.int64], kind: str) -> NDArray[Any]:
         """Return the values (n,) at places (n,)."""
         if not self.order:
@@ -90,7 +95,7 @@ class _Source:
         rows = np.arange(count)
         at = [place + length * rows for place in places]
         many = [np.full(count, size) for size in sizes]
-        alike = start + length * count <= max(len(self.data), len(self.numbers)) and all(
+        alike = start + length * count <= self.length and all(
             np.all(self.take(place - self.width(one.size_type), one.size_type) == size)
             for one, place, size in zip(properties, at, sizes, strict=True)
             if one.size_type
@@ -162,12 +167,12 @@ def _elements(path: Path, lines: list[list[str]], body: bytes) -> Iterator[tuple
             declared[-1][2].append(_Property(line[2], _TYPES[line[1]]))
     numbers = np.zeros(0) if order else np.array(body.split(), np.float64)
     source = _Source(numbers, np.frombuffer(body, np.uint8), order)
-    start, whole = 0, len(source.data) if order else len(numbers)
+    start = 0
     for name, count, properties in declared:
         if name == "face":
             TRIANGLES.check(str(path), count, MeshError)
         least = sum(source.width(one.size_type or one.type) for one in properties)
-        if count < 0 or count * least > whole - start:
+        if count < 0 or count * least > source.length - start:
             raise ValueError(f"fewer than the {count} rows of {name} that its header promises")
         found, start = source.element(start, count, properties)
         yield name, found

@@ -46,10 +46,10 @@ _TALL = 1.5
 _POINTS = 3000
 """Points on the surface that are looked at: the symmetry differs by a tenth with another choice of them."""
 _ALONE = 0.3
-"""Ratio of asymmetries below which a mesh is symmetric about an axis and not about another. A box with a mast off its
-middle has 0.1; a body without symmetry 0.6 to 1."""
-_FLAT, _BARE = 0.5, 0.1
-"""Areas of a flat base over the footprint from which there is one and below which there is none."""
+"""Ratio of asymmetries below which a mesh is symmetric about one axis and not about another, and of the larger one to that
+of a symmetric body from which it counts. Bodies without symmetry have ratios of 0.6 to 1."""
+_FLAT, _BARE = 0.5, 0.005
+"""Areas of a flat base over the footprint from which there is one and below which there is none, not even thin legs."""
 _THIN = 0.25
 """Height over width below which a thing lies flat: a spanner is as symmetric about its vertical axis as a ship on
 its side is about the horizontal one."""
@@ -79,38 +79,46 @@ def _z_by_shape(positions: Floats, extent: Floats, kind: Kind | None, *, cad: bo
     """Return what in the shape of triangles (T, 3, 3) tells that z is up, not y; "" where nothing does."""
     stands = kind is None or kind.habit == "stands"
     if kind is not None and kind.word in _UPRIGHT_KINDS and extent[2] > _TALL * max(extent[0], extent[1]):
-        return f"a {kind.word} is tall"
-    points = surface_points(positions)
-    points -= 0.5 * (positions.min(axis=(0, 1)) + positions.max(axis=(0, 1)))
-    x, y, z = (asymmetry(points, axis) for axis in range(3))
-    if y < _ALONE * min(x, z) and extent[1] > _THIN * extent[2]:
+        return f"by its name, {kind.word}, it is tall"
+    middle = 0.5 * (positions.min(axis=(0, 1)) + positions.max(axis=(0, 1)))
+    points = surface_points(positions) - middle
+    # Asymmetries above that of a symmetric body, which is due to its few points
+    least = _apart(points, surface_points(positions, seed=1) - middle)
+    x, y, z = (asymmetry(points, axis) - least for axis in range(3))
+    if y < _ALONE * min(x, z) > _ALONE * least and extent[1] > _THIN * extent[2]:
         return "it is mirror-symmetric about y alone"
     lowest = positions.min(axis=(0, 1))
     foot = np.abs(lowest) < _AT_FOOT * np.max(extent)
     smallest = extent[2] <= min(extent[0], extent[1])
     if not stands or (smallest and not cad and kind is None) or (foot[1] and not foot[2]):
         return ""
-    if _base(positions, extent, 2) > _FLAT and _base(positions, extent, 1) < _BARE:
+    if max(x, y) < _ALONE * z > _ALONE * least and extent[2] < np.max(extent):
+        return "it is mirror-symmetric about x and y, and not about z"
+    if cad and foot[2] and not foot[1]:
+        return "it stands on z = 0"
+    bottom, top = _flat_ends(positions, extent, 2)
+    if bottom - top > _FLAT and _flat_ends(positions, extent, 1)[0] < _BARE:
         return "its base is flat there"
     return ""
 
 
-def _base(positions: Floats, extent: Floats, axis: int) -> float:
-    """Return the area of a flat lower end along an axis less that of a flat upper end, over the box's."""
+def _flat_ends(positions: Floats, extent: Floats, axis: int) -> tuple[float, float]:
+    """Return the areas of the flat lower and upper end along an axis, over that of the box."""
     across = np.cross(positions[:, 1] - positions[:, 0], positions[:, 2] - positions[:, 0])[:, axis]
     area = 0.5 * np.abs(across)
     along = positions[..., axis]
     low, high = along.min(), along.max()
     slack = 1e-3 * extent[axis]
-    ends = [float(area[np.all(np.abs(along - end) < slack, axis=1)].sum()) for end in (low, high)]
-    return (ends[0] - ends[1]) * float(extent[axis] / np.prod(extent))
+    box = float(np.prod(extent) / extent[axis])
+    lower, upper = (float(area[np.all(np.abs(along - end) < slack, axis=1)].sum()) / box for end in (low, high))
+    return lower, upper
 
 
-def surface_points(positions: Floats) -> Floats:
+def surface_points(positions: Floats, seed: int = 0) -> Floats:
     """Return points (n, 3) spread evenly over the area of triangles (T, 3, 3), the same for the same triangles."""
     a, b, c = (positions[:, k] for k in range(3))
     area = np.linalg.norm(np.cross(b - a, c - a), axis=-1)
-    rng = np.random.default_rng(0)
+    rng = np.random.default_rng(seed)
     chosen = rng.choice(len(area), _POINTS, p=area / area.sum())
     u, v = rng.random((2, _POINTS, 1))
     fold = u + v > 1.0
@@ -120,8 +128,13 @@ def surface_points(positions: Floats) -> Floats:
 
 def asymmetry(points: Floats, axis: int) -> float:
     """Return the mean distance from points (n, 3), mirrored along an axis, to the nearest points."""
-    from scipy.spatial import cKDTree
-
     mirrored = points.copy()
     mirrored[:, axis] *= -1.0
-    return float(np.mean(cKDTree(points).query(mirrored)[0]))
+    return _apart(points, mirrored)
+
+
+def _apart(points: Floats, others: Floats) -> float:
+    """Return the mean distance from other points (n, 3) to the nearest points."""
+    from scipy.spatial import cKDTree
+
+    return float(np.mean(cKDTree(points).query(others)[0]))
