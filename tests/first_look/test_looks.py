@@ -108,6 +108,19 @@ def test_the_size_is_one_that_a_thing_can_have(tmp_path: Path, name: str, units:
     assert look_at_mesh(path).size_m == pytest.approx(size_m)
 
 
+def test_machines_are_in_millimetres_before_centimetres_and_stand(tmp_path: Path) -> None:
+    hull, tower = trimesh.creation.box((15000, 3000, 2000)), trimesh.creation.box((2000, 2000, 4000))
+    tower.apply_translation((-4000, 0, 2000))
+    ship = trimesh.util.concatenate([hull, tower])
+    for suffix in ("stl", "obj", "ply"):
+        ship.export(tmp_path / f"ship.{suffix}")
+        look = look_at_mesh(tmp_path / f"ship.{suffix}")
+        assert (look.size_m, look.up) == (15.0, "z")
+        assert look.extent[1] == pytest.approx(5000 / 15000)
+        kept = look_at_mesh(tmp_path / f"ship.{suffix}", up="y")
+        assert (kept.up, kept.extent[1]) == ("y", pytest.approx(3000 / 15000))
+
+
 @pytest.mark.parametrize("turned", [0, 1, 2, 3])
 def test_the_front_is_the_thick_end_of_a_long_body(tmp_path: Path, turned: int) -> None:
     fish = trimesh.creation.cone(0.25, 1.0, sections=24)  # along +z, thick at z = 0: its tail is +z

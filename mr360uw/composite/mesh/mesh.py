@@ -189,9 +189,9 @@ def object_from_file(path: Path, file: MeshFile, unit: Unit, up: Up) -> tuple[Fl
     return place, tuple(notes)
 
 
-_FAR = 1000.0
-"""Distance from the origin, over the size, from which coordinates are those of a map. Nearer ones keep four digits of a
-size in single precision: a tenth of a pixel of a body that fills a frame of 1000 rows."""
+_FAR = 300.0
+"""Distance from the origin, over the size, from which coordinates are those of a map. Where a ball is at 250 times its
+size, single precision changes its picture by 1 code, at 1000 times by 2."""
 _FARTHEST = 1e9
 """Largest coordinate of a vertex: squares of areas stay finite in single precision."""
 

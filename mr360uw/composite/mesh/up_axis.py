@@ -46,8 +46,8 @@ _TALL = 1.5
 _POINTS = 3000
 """Points on the surface that are looked at: the symmetry differs by a tenth with another choice of them."""
 _ALONE = 0.3
-"""Ratio of asymmetries below which a mesh is symmetric about one axis and not about another, and of the larger one to that
-of a symmetric body from which it counts. Bodies without symmetry have ratios of 0.6 to 1."""
+"""Ratio of asymmetries below which a mesh is symmetric about one axis and not about another; the larger one is at least
+that of a symmetric body. Bodies without symmetry have ratios of 0.6 to 1."""
 _FLAT, _BARE = 0.5, 0.005
 """Areas of a flat base over the footprint from which there is one and below which there is none, not even thin legs."""
 _THIN = 0.25
