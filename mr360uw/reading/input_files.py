@@ -7,7 +7,6 @@ from a stranger could otherwise show any file of the machine.
 
 from __future__ import annotations
 
-import codecs
 import hashlib
 import json
 import os
@@ -119,7 +118,7 @@ def _folded(name: str) -> str:
 
 def text_of(data: bytes) -> str:
     """Return text as exporters encode it: UTF-8 or UTF-16, with or without a mark, or else Windows-1252."""
-    if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+    if data.startswith((b"\xff\xfe", b"\xfe\xff")):
         return data.decode("utf-16", "replace")
     try:
         return data.decode("utf-8-sig")

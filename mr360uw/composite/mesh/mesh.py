@@ -170,12 +170,14 @@ def object_from_file(path: Path, file: MeshFile, unit: Unit, up: Up) -> tuple[Fl
     A unit is as long as the file says, unless the user says another; the up axis is turned to y. A file in coordinates
     of a map is moved so that its middle is the origin: single precision would have no digits left for its shape.
     """
+    # Find the up axis, and say so where the file did not
     axis, why = (up, "") if up != "auto" else up_axis(path, file)
     notes = []
     if up == "auto" and axis != "y":
         notes.append(f'{path} - has {axis} up ({why}) - it is turned so that it stands; up = "y" keeps it as it is')
     elif up == "auto" and not why and file.cad:
         notes.append(f'{path} - its format does not say which axis is up - y is taken; up = "z" stands it up')
+    # Turn and scale; then move the middle of a far file to the origin, in double precision
     place = np.eye(4)
     place[:3, :3] = (file.unit_m if unit == "auto" else METRES[unit]) * UPRIGHT[axis]
     points = [part.positions[part.faces].reshape(-1, 3) for part in file.parts if len(part.faces)]

@@ -65,6 +65,7 @@ def _read_stl(path: Path) -> MeshFile:
     """Return the triangles of an STL, with the colours that some programs keep in those of binary files."""
     import trimesh
 
+    # Let trimesh read it; its log is silent, its errors are raised
     head = read_data(path, MeshError)[:_STL_HEAD]
     parts: list[Part] = []
     materials = [Material(double_sided=True), Material(base_color=(1.0, 1.0, 1.0, 1.0), double_sided=True)]
@@ -78,6 +79,7 @@ def _read_stl(path: Path) -> MeshFile:
         raise MeshError(f"{path} - cannot be read as a mesh (got: {error!s:.200}) - export it again") from error
     finally:
         log.setLevel(level)
+    # Give every triangle corners of its own, with its colour
     for name, geometry in scene.geometry.items():
         triangles += len(geometry.faces)
         TRIANGLES.check(str(path), triangles, MeshError)

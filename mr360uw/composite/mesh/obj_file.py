@@ -58,6 +58,7 @@ def read_obj(path: Path, *, outside: bool = False) -> MeshFile:
 def _sorted(text: str) -> _Lines:
     """Return the lines of a text by what they give."""
     found, look = _Lines(), ""
+    # Compare the frequent words first; comments end lines of numbers, but may be part of a name
     rows = {"v": found.vertices, "vt": found.uvs, "vn": found.normals}
     for line in text.splitlines():
         word, *values = line.split(None, 1) or [""]
@@ -93,11 +94,12 @@ def _absolute(corner: str, sizes: tuple[int, int, int]) -> str:
 
 def _contents(path: Path, text: str, lines: _Lines, *, outside: bool) -> MeshFile:
     """Return the parts of the lines, one for each material."""
+    # Make tables of the numbers, each corner with its own
     TRIANGLES.check(str(path), len(lines.corners) - 2 * len(lines.counts), MeshError)
     vertices, colors = _vertices(lines.vertices)
     uvs, normals = _table(lines.uvs, 2), _table(lines.normals, 3)
     corners = _corners(lines.corners)
-    # Keep the order of the materials and the polygons of each together
+    # Make a part of the polygons of each material, in the order of their first use
     libraries = Libraries(path, lines.libraries, outside=outside)
     names = list(dict.fromkeys(lines.looks))
     look = np.array([names.index(name) for name in lines.looks] if len(names) > 1 else [0] * len(lines.looks), np.int64)

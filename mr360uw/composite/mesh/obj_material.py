@@ -167,6 +167,7 @@ class Libraries:
 
     def _covering(self, material: Material, found: _Entry, base: _Map | None) -> Material:
         """Return a material with the opacity of its entry: `d`, else 1 - `Tr`, cut out by `map_d`."""
+        # Read the opacity of the whole material
         library, entry = found
         word = "d" if "d" in entry else "tr"
         value = entry.get(word, "1" if word == "d" else "0").split()[-1]
@@ -180,6 +181,7 @@ class Libraries:
             if base is not None and np.any(base.pixels[..., 3:] < np.iinfo(base.pixels.dtype).max):
                 self._notes[f"{base.file} - is clear in places, and no map_d says so - it is drawn opaque"] = None
             return material
+        # Put the mask into the alpha of the colours
         pixels = np.full((*mask.pixels.shape[:2], 3), 255, np.uint8) if base is None else _eight_bits(base.pixels)
         alpha = _alpha(_eight_bits(mask.pixels), pixels.shape[:2])
         cut = make_texture(np.dstack([pixels[..., :3], alpha]), srgb=True, wrap=(mask.wrap, mask.wrap))

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Reads PLY: polygons with colours, normals and texture coordinates under the names that programs give them.
 
-The format (Turk 1994) has elements of rows of numbers and lists; which names mean what is left to its writers.
+A file has elements of rows of numbers and lists; which names mean what is left to its writers.
 """
 
 from __future__ import annotations
@@ -101,6 +101,7 @@ class _Source:
             if one.size_type
         )
         end = start + length * count
+        # Else find every row where the one before it ends
         if not alike:
             table, end = np.empty((count, 2, len(properties)), np.int64), start
             for row in range(count):
@@ -154,6 +155,7 @@ def read_ply(path: Path, *, outside: bool = False) -> MeshFile:
 
 def _elements(path: Path, lines: list[list[str]], body: bytes) -> Iterator[tuple[str, _Element]]:
     """Yield the elements of a file by their names."""
+    # Read the header: elements in the order of their rows, each with its properties
     declared: list[tuple[str, int, list[_Property]]] = []
     order = ""
     for line in lines:
@@ -165,6 +167,7 @@ def _elements(path: Path, lines: list[list[str]], body: bytes) -> Iterator[tuple
             declared[-1][2].append(_Property(line[4], _TYPES[line[3]], _TYPES[line[2]]))
         elif line[:1] == ["property"]:
             declared[-1][2].append(_Property(line[2], _TYPES[line[1]]))
+    # Read the rows; none that is promised may be missing
     numbers = np.zeros(0) if order else np.array(body.split(), np.float64)
     source = _Source(numbers, np.frombuffer(body, np.uint8), order)
     start = 0
@@ -187,6 +190,7 @@ def _contents(path: Path, elements: dict[str, _Element], head: str, *, outside: 
         raise MeshError(f"{path} - has points without faces (got no vertex_indices) - make a surface of them first")
     polygons = _polygons(path, points, corners)
     TRIANGLES.check(str(path), len(polygons.faces), MeshError)
+    # Bring everything to the corners of the polygons
     notes: list[str] = []
     colors, uv = _colors(path, polygons, vertex, face, notes), _uv(polygons, vertex, face)
     normals = _columns(vertex, ("nx", "ny", "nz"))
@@ -207,6 +211,7 @@ def _contents(path: Path, elements: dict[str, _Element], head: str, *, outside: 
         )
         for number in range(len(materials))
     ]  # fmt: skip
+    # Say what is left over
     if colors is None and not images:
         shades = [
             name for name, one in vertex.items() if _SHADES.search(name) and one.flat.size and np.ptp(one.flat) > 0.0

@@ -77,6 +77,7 @@ def up_axis(path: Path, file: MeshFile) -> tuple[Up, str]:
 
 def _z_by_shape(positions: Floats, extent: Floats, kind: Kind | None, *, cad: bool) -> str:
     """Return what in the shape of triangles (T, 3, 3) tells that z is up, not y; "" where nothing does."""
+    # Tall things first: their names tell more than their symmetry
     stands = kind is None or kind.habit == "stands"
     if kind is not None and kind.word in _UPRIGHT_KINDS and extent[2] > _TALL * max(extent[0], extent[1]):
         return f"by its name, {kind.word}, it is tall"
@@ -87,6 +88,7 @@ def _z_by_shape(positions: Floats, extent: Floats, kind: Kind | None, *, cad: bo
     x, y, z = (asymmetry(points, axis) - least for axis in range(3))
     if y < _ALONE * min(x, z) > _ALONE * least and extent[1] > _THIN * extent[2]:
         return "it is mirror-symmetric about y alone"
+    # Of things that stand, look for the end on which they do
     lowest = positions.min(axis=(0, 1))
     foot = np.abs(lowest) < _AT_FOOT * np.max(extent)
     smallest = extent[2] <= min(extent[0], extent[1])
