@@ -154,7 +154,15 @@ def test_the_ground_floor_stands_on_numpy_alone() -> None:
         ROOT / "reading" / "numbered_files.py": {"re"},
         ROOT / "reading" / "extras.py": {"importlib"},
         ROOT / "reading" / "disk_cache.py": {"contextlib", "hashlib", "io", "os", "zipfile"},
-        ROOT / "reading" / "input_files.py": {"contextlib", "contextvars", "hashlib", "json", "os", "stat"},
+        ROOT / "reading" / "input_files.py": {
+            "contextlib",
+            "contextvars",
+            "hashlib",
+            "json",
+            "os",
+            "stat",
+            "unicodedata",
+        },
         ROOT / "reading" / "limits.py": {"os"},
         ROOT / "reading" / "picture_size.py": {"re", "struct"},
     }

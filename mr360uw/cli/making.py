@@ -8,7 +8,7 @@ import importlib.util
 import threading
 import webbrowser
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, cast, get_args
 
 import typer
 
@@ -32,6 +32,7 @@ def new(
     size: Annotated[float | None, typer.Option(help="of its longest side, in metres")] = None,
     water: Annotated[bool, typer.Option("--water", help="VIDEO is under water, whatever it looks like")] = False,
     air: Annotated[bool, typer.Option("--air", help="VIDEO is in air, whatever it looks like")] = False,
+    up: Annotated[str, typer.Option(help="axis of MESH that is up: auto, y, z, x, -y, -z or -x")] = "auto",
     track: Annotated[
         Path | None, typer.Option(help="the camera's path, as `mr360uw track` writes it"), Role.READ
     ] = None,
@@ -44,6 +45,7 @@ def new(
     outside_files: Annotated[bool, typer.Option("--outside-files", help="MESH may name files elsewhere")] = False,
 ) -> None:
     """Look at VIDEO and MESH, and write a scene that puts one into the other, with a preview; say what was guessed."""
+    from mr360uw.composite.mesh.up_axis import Up
     from mr360uw.first_look.first_scene import make_first_scene
     from mr360uw.first_look.place_in_plate import Wish
 
@@ -51,6 +53,8 @@ def new(
         raise ParameterError("--stand, --swim - exclude each other (got both) - give one of them")
     if water and air:
         raise ParameterError("--water, --air - exclude each other (got both) - give one of them")
+    if up not in get_args(Up):
+        raise ParameterError(f"--up - is no axis (got {up!r}) - give one of {', '.join(get_args(Up))}")
     direction = None
     if at is not None:
         try:
@@ -62,8 +66,8 @@ def new(
         direction = azimuth, elevation
     wish = Wish(direction, "stands" if stand else "swims" if swim else None, size)
     _, lines, commands = make_first_scene(
-        video, mesh, out, wish=wish, track=track, depth=depth, eye=eye, underwater=water if water or air else None,
-        overwrite=overwrite, outside_files=outside_files, backend=backend,
+        video, mesh, out, wish=wish, track=track, depth=depth, eye=eye, up=cast("Up", up),
+        underwater=water if water or air else None, overwrite=overwrite, outside_files=outside_files, backend=backend,
     )  # fmt: skip
     typer.echo("\n".join([*lines, *commands]))
 

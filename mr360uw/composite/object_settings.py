@@ -9,6 +9,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, field_validator, model_validator
 
+from mr360uw.composite.mesh.up_axis import Up
 from mr360uw.composite.settings import CASTS, MOTION, SIZE, TURN, Interpolation, Vector, check_color, check_times
 from mr360uw.ibl.settings import EXPOSURE
 from mr360uw.parameters import LATEST_S, Parameters, advanced, parameter
@@ -72,7 +73,11 @@ class ObjectSettings(Parameters):
         None, "turns its front to the camera (where that is at time 0), or to an azimuth in degrees; rotation_deg is "
         "then from there", unit="deg",
     )  # fmt: skip
-    front: Front = advanced("+z", "side of the mesh that is its front, for face; glTF has +z")
+    up: Up = parameter(
+        "auto", "axis of the mesh that points up; auto: as glTF, USD or the file's comments say, of other STL, OBJ and "
+        "PLY as the shape shows, else y"
+    )  # fmt: skip
+    front: Front = advanced("+z", "side of the mesh, turned y up, that is its front, for face; glTF has +z")
     size_m: float | None = parameter(
         None, "length of its longest side, whatever the unit of the file, instead of scale", unit="m",
         above=0.0, high=1e6,

@@ -152,9 +152,10 @@ def _scene_object(settings: ObjectSettings, several: int, reads: CachedReads) ->
 def _rigs(look: ObjectSettings, several: int, reads: CachedReads) -> tuple[Rig, ...]:
     """Return the meshes of an object, one a file, with the materials that its settings ask for."""
     unit: Unit = "auto" if look.size_m is None else "m"  # of any unit: no note on an odd size
-    rigs = [
-        reads.of(load_rig, path, unit, look.outside_files, look.smooth_deg, keep=_RIGS) for path in _paths(look.mesh)
-    ]
+    first, *others = _paths(look.mesh)
+    asked = unit, look.outside_files, look.smooth_deg, look.up
+    rigs = [reads.of(load_rig, first, *asked, keep=_RIGS)]
+    rigs += [reads.of(load_rig, path, *asked, rigs[0].place, keep=_RIGS) for path in others]
     base = reads.of(read_texture, look.texture, keep=several) if look.texture else None
     return tuple(replace(rig, mesh=_overridden(rig.mesh, look, base)) for rig in rigs)
 

@@ -16,11 +16,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mr360uw.composite.affine import placed
 from mr360uw.composite.mesh.material import MeshFile, Rigging
-from mr360uw.composite.mesh.mesh import Mesh, Unit, mesh_of_file, metres_of, proper_triangles
+from mr360uw.composite.mesh.mesh import Mesh, Unit, mesh_of_file, object_from_file, proper_triangles
 from mr360uw.composite.mesh.mesh_file import read_mesh_file
 from mr360uw.composite.mesh.normals import corner_normals
 from mr360uw.composite.mesh.skin import Animation
+from mr360uw.composite.mesh.up_axis import Up
 from mr360uw.composite.object_settings import Loop, ObjectSettings
 from mr360uw.errors import MeshError
 from mr360uw.types import Floats
@@ -31,13 +33,13 @@ class Rig:
     """A mesh at rest and what moves it; the last few poses are kept, so that objects in step share their meshes.
 
     rigging: None where nothing moves; else its bodies are those of the mesh. faces: for each body (t, 3), the vertices
-    of its triangles in the mesh's order. scale: metres for a unit of the file.
+    of its triangles in the mesh's order. place: transform (4, 4) from the file's coordinates to the mesh's [m].
     """
 
     mesh: Mesh
+    place: Floats
     rigging: Rigging | None = None
     faces: tuple[NDArray[np.int64], ...] = ()
-    scale: float = 1.0
 
     @functools.cached_property
     def at(self) -> Callable[[Animation, float], Mesh]:
@@ -57,23 +59,34 @@ class Rig:
 
 
 def load_rig(
-    path: Path, unit: Unit = "auto", outside: bool = False, smooth_deg: float | None = None, part: str = ""
+    path: Path,
+    unit: Unit = "auto",
+    outside: bool = False,
+    smooth_deg: float | None = None,
+    up: Up = "auto",
+    place: Floats | None = None,
+    part: str = "",
 ) -> Rig:
-    """Return the mesh of a file and what moves it; arguments and errors are those of `load_mesh`."""
+    """Return the mesh of a file and what moves it; arguments and errors are those of `load_mesh`.
+
+    place: where the file's coordinates are in the object's, of a sequence whose first file told it.
+    """
     file = read_mesh_file(path, outside=outside, smooth_deg=smooth_deg)
-    return _rig(file, mesh_of_file(path, file, unit, part), metres_of(file, unit), part)
+    place, notes = object_from_file(path, file, unit, up) if place is None else (place, ())
+    mesh = mesh_of_file(path, file, place, unit, part)
+    return _rig(file, replace(mesh, notes=mesh.notes + notes), place, part)
 
 
-def _rig(file: MeshFile, mesh: Mesh, scale: float, part: str) -> Rig:
+def _rig(file: MeshFile, mesh: Mesh, place: Floats, part: str) -> Rig:
     if file.rigging is None:
-        return Rig(mesh)
+        return Rig(mesh, place)
     pairs = zip(file.parts, file.rigging.bodies, strict=True)
     kept = [(p, body) for p, body in pairs if part in p.name and len(p.faces)]
-    corners = np.concatenate([p.positions[p.faces] for p, _ in kept]) * scale
+    corners = np.concatenate([placed(place, p.positions, None, p.faces)[0][p.faces] for p, _ in kept])
     proper = np.split(proper_triangles(corners), np.cumsum([len(p.faces) for p, _ in kept])[:-1])
     faces = tuple(p.faces[keep] for (p, _), keep in zip(kept, proper, strict=True))
     rigging = replace(file.rigging, bodies=tuple(body for _, body in kept))
-    return Rig(mesh, rigging, faces, scale)
+    return Rig(mesh, place, rigging, faces)
 
 
 def surfaces(rig: Rig, clip: Animation, time_s: float) -> list[tuple[Floats, Floats | None]]:
@@ -83,8 +96,7 @@ def surfaces(rig: Rig, clip: Animation, time_s: float) -> list[tuple[Floats, Flo
     """
     assert rig.rigging is not None
     state = rig.rigging.skeleton.at(clip, time_s)
-    found = [body.at(state) for body in rig.rigging.bodies]
-    return [(positions * rig.scale, normals) for positions, normals, _ in found]
+    return [placed(rig.place, *body.at(state))[:2] for body in rig.rigging.bodies]
 
 
 def pose(rig: Rig, clip: Animation, time_s: float) -> Mesh:

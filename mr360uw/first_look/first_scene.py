@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.color import luminance
+from mr360uw.composite.mesh.up_axis import Up
 from mr360uw.composite.object_settings import ObjectSettings
 from mr360uw.errors import ParameterError, SceneError, VideoError
 from mr360uw.files import whole_file
@@ -98,6 +99,7 @@ def make_first_scene(
     depth: Path | None = None,
     eye: Eye | None = None,
     underwater: bool | None = None,
+    up: Up = "auto",
     overwrite: bool = False,
     outside_files: bool = False,
     backend: str = "auto",
@@ -108,13 +110,13 @@ def make_first_scene(
 
     wish: for its place and size. track: the camera's path, whose floor is taken from the .json beside it. depth: folder
     of the plate's distances, which tell the floor and what things stand on. eye: of a stereo plate, by default the left
-    one. underwater: whether the plate is, None to tell it by the picture. outside_files: the mesh may name files
-    outside of its folder. Raises the files' errors, `OutputExistsError`, `ParameterError` or `SceneError`; nothing is
-    written then.
+    one. underwater: whether the plate is, None to tell it by the picture. up: the mesh's axis that is up, where that is
+    known. outside_files: the mesh may name files outside of its folder. Raises the files' errors, `OutputExistsError`,
+    `ParameterError` or `SceneError`; nothing is written then.
     """
     path, preview = _targets(video, mesh, track, out, overwrite=overwrite)
     plate = look_at_plate(video, eye, underwater=underwater)
-    seen = look_at_mesh(mesh, outside_files=outside_files)
+    seen = look_at_mesh(mesh, up=up, outside_files=outside_files)
     floor = None if track is None else _floor_of(track)
     shown_m = None
     if depth is not None:

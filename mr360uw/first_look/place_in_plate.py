@@ -13,9 +13,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from mr360uw.composite.mesh.kinds import Habit
 from mr360uw.errors import ParameterError
 from mr360uw.first_look.good_places import Sides, free_view, ground_place, shows_ground
-from mr360uw.first_look.mesh_look import Habit, MeshLook
+from mr360uw.first_look.mesh_look import MeshLook
 from mr360uw.first_look.plate_look import PlateLook
 from mr360uw.sphere import direction_from_angles
 from mr360uw.types import Floats

@@ -59,6 +59,9 @@ def found_lines(plate: PlateLook, mesh: MeshLook, chosen: Proposal, sun: str) ->
     lines.append(
         f"mesh      {mesh.path.name}: {named}; {mesh.why_size}: {mesh.size_m:g} m; front {mesh.front}, {mesh.why_front}"
     )
+    if mesh.up != "auto":
+        other = "y" if mesh.up == "z" else "z"
+        lines.append(f"up        {mesh.up}, {mesh.why_up}; --up {other} if it lies on its side")
     return lines + _place_lines(chosen.place)
 
 
@@ -247,6 +250,7 @@ def _object_rows(mesh: MeshLook, chosen: Proposal, folder: Path, *, outside_file
     face = '"camera"' if isinstance(place.face, str) else f"{place.face:g}"
     rows += [
         (f"distance_m = {place.distance_m:g}", "from the camera"),
+        *([(f'up = "{mesh.up}"', f"axis of the mesh that is up: {mesh.why_up}")] if mesh.up != "auto" else []),
         (f'front = "{mesh.front}"', f"of the mesh: {mesh.why_front}"),
         (f"face = {face}", 'azimuth its front points to, or "camera"'),
     ]

@@ -11,6 +11,7 @@ import hashlib
 import json
 import os
 import stat
+import unicodedata
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -62,32 +63,67 @@ def note_read(path: Path) -> None:
         found[path] = None
 
 
-def neighbour(path: Path, name: str, what: str, *, outside: bool, shown: str = "") -> Path:
-    """Return the file that a mesh file calls `name`.
+_FOLDERS = ("textures", "texture", "tex", "maps", "images", "materials")
+"""Folders beside a mesh, in any case, in which files that it names elsewhere are looked for."""
+
+
+def neighbour(path: Path, name: str, what: str, *, outside: bool, shown: str = "", exact: bool = False) -> Path:
+    """Return the file that a mesh file calls `name`, or where that is not there, the file of its bare name beside it.
 
     path: of the mesh file; what: kind of the file, for messages; shown: the name as the mesh file has it. outside: it
-    may lie outside of the mesh file's folder. Raises `MeshError` for other places, and for what is no regular file.
+    may lie outside of the mesh file's folder. exact: under its own name only, as others will open it. Raises
+    `MeshError` for other places, and for what is no regular file.
     """
-    file, shown = path.parent / name, shown or name
+    shown, home = shown or name, (path.parent.resolve(), path.resolve().parent)
+
+    def allowed(file: Path) -> bool:
+        return outside or any(file.resolve().is_relative_to(folder) for folder in home)
+
     try:
-        found = file.resolve()
-        there = file.exists()
+        named = path.parent / name.replace("\\", "/")
+        inside, there = allowed(named), named.exists()
+        found = named if inside and there else None
+        if found is None and not exact:
+            found = next((file for file in beside(path, name) if file.exists() and allowed(file)), None)
     except (OSError, ValueError, RuntimeError):  # a name too long, with a zero character, or a circle of links
         raise MeshError(f"{path} - names a {what} by a name that no file has (got {shown!r:.80}) - rename it") from None
-    if (
-        not outside
-        and not found.is_relative_to(path.parent.resolve())
-        and not found.is_relative_to(path.resolve().parent)
-    ):
+    if found is None and not inside:
         raise MeshError(
             f"{path} - names a {what} outside of its folder (got {shown!r:.80}) - put it beside the mesh, or if you "
             "trust the mesh set outside_files = true for the object"
         )
-    if not there:
-        raise MeshError(f"{path} - a {what} is missing (got {shown!r:.80}) - put it beside the mesh")
-    if reason := unreadable(file):
+    if found is None:
+        raise MeshError(f"{path} - a {what} is missing (got {shown!r:.80}; {LOOKED_FOR}) - put it beside the mesh")
+    if reason := unreadable(found):
         raise MeshError(f"{path} - names a {what} that {reason} (got {shown!r:.80})")
-    return file
+    return found
+
+
+LOOKED_FOR = f"looked for there, and by its bare name beside the mesh and in {', '.join(_FOLDERS)}"
+
+
+def beside(path: Path, name: str) -> list[Path]:
+    """Return the files of a name, without its folders and in any case, in a mesh file's folder and in `_FOLDERS`."""
+    wanted = _folded(name.replace("\\", "/").rpartition("/")[2])
+    entries = sorted(path.parent.iterdir()) if wanted else []
+    for folder in [entry for entry in entries if entry.name.lower() in _FOLDERS and entry.is_dir()]:
+        entries += sorted(folder.iterdir())
+    return [entry for entry in entries if _folded(entry.name) == wanted]
+
+
+def _folded(name: str) -> str:
+    """Return a file's name as systems compare them that neither tell cases nor ways to write an accent apart."""
+    return unicodedata.normalize("NFC", name).casefold()
+
+
+def text_of(data: bytes) -> str:
+    """Return text as exporters encode it: UTF-8 or UTF-16, with or without a mark, or else Windows-1252."""
+    if data.startswith((b"\xff\xfe", b"\xfe\xff")):
+        return data.decode("utf-16", "replace")
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        return data.decode("cp1252", "replace")
 
 
 def unreadable(path: Path) -> str:

@@ -14,6 +14,7 @@ import trimesh
 
 from mr360uw import load_scene
 from mr360uw.color import encode
+from mr360uw.composite import load_object
 from mr360uw.depth.sphere_stereo import DepthMap
 from mr360uw.render.loaded import load
 from mr360uw.sample import SampleDive
@@ -110,6 +111,16 @@ def test_a_large_thing_is_not_put_where_the_water_hides_it(tmp_path: Path, run: 
     assert (scene.objects[0].distance_m or np.inf) <= 0.36 * (scene.water.visibility_m or 0.0)
     assert scene.water.gain == "auto"
     assert seen(scene)[0] < 60.0  # 45 for its longest side at its middle; one end is nearer
+
+
+def test_the_up_axis_is_as_asked_for_and_said(tmp_path: Path, run: Run) -> None:
+    plate = picture(tmp_path / "plate.png", air())
+    trimesh.creation.box((1.0, 2.0, 3.0)).export(tmp_path / "thing.obj")
+    out = run("new", plate, tmp_path / "thing.obj", "-o", tmp_path / "a.toml", "--up", "z")
+    assert "up        z, asked for" in str(out)
+    scene = load_scene(tmp_path / "a.toml")
+    assert scene.objects[0].up == "z"
+    np.testing.assert_allclose(load_object(scene.objects[0]).meshes[0].extent_m, [1.0, 3.0, 2.0], rtol=1e-6)
 
 
 def test_the_floor_is_that_of_a_camera_track(tmp_path: Path, run: Run) -> None:

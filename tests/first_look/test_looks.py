@@ -12,9 +12,10 @@ import pytest
 import trimesh
 
 from mr360uw.color import encode
+from mr360uw.composite.mesh.kinds import kind_of
 from mr360uw.composite.object_settings import Front
 from mr360uw.first_look.good_places import free_view
-from mr360uw.first_look.mesh_look import kind_of, look_at_mesh
+from mr360uw.first_look.mesh_look import look_at_mesh
 from mr360uw.first_look.plate_look import look_at_plate
 from mr360uw.first_look.sight import Sight, guess_sight
 from mr360uw.first_look.water_or_air import water_or_air
@@ -161,6 +162,19 @@ def test_the_size_is_one_that_a_thing_can_have(tmp_path: Path, name: str, units:
     path = tmp_path / f"{name}.ply"
     trimesh.creation.box((0.2 * units, 0.3 * units, units)).export(path)
     assert look_at_mesh(path).size_m == pytest.approx(size_m)
+
+
+def test_machines_are_in_millimetres_before_centimetres_and_stand(tmp_path: Path) -> None:
+    hull, tower = trimesh.creation.box((15000, 3000, 2000)), trimesh.creation.box((2000, 2000, 4000))
+    tower.apply_translation((-4000, 0, 2000))
+    ship = trimesh.util.concatenate([hull, tower])
+    for suffix in ("stl", "obj", "ply"):
+        ship.export(tmp_path / f"ship.{suffix}")
+        look = look_at_mesh(tmp_path / f"ship.{suffix}")
+        assert (look.size_m, look.up) == (15.0, "z")
+        assert look.extent[1] == pytest.approx(5000 / 15000)
+        kept = look_at_mesh(tmp_path / f"ship.{suffix}", up="y")
+        assert (kept.up, kept.extent[1]) == ("y", pytest.approx(3000 / 15000))
 
 
 @pytest.mark.parametrize("turned", [0, 1, 2, 3])

@@ -78,6 +78,7 @@ ARGUMENTS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "no mesh": (("new", "plate.png", "none.glb", "-o", "new.toml"), ("none.glb",)),
     "mesh for video": (("new", "mesh.glb", "plate.png", "-o", "new.toml"), ("mesh.glb",)),
     "new over the old": (("new", "plate.png", "mesh.glb", "-o", "scene.toml"), ("--overwrite",)),
+    "new of an axis that is none": (("new", "plate.png", "mesh.glb", "-o", "new.toml", "--up", "w"), ("--up", "-z")),
     "new of another kind": (("new", "plate.png", "mesh.glb", "-o", "new.json"), (".toml",)),
     "new nowhere": (("new", "plate.png", "mesh.glb", "-o", "no/where.toml"), ("folder is missing",)),
     "third eye": (("new", "plate.png", "mesh.glb", "-o", "new.toml", "--eye", "third"), ("third",)),

@@ -15,9 +15,11 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from mr360uw.composite.affine import placed
 from mr360uw.composite.mesh.material import Material, MeshFile, Part
 from mr360uw.composite.mesh.mesh_file import read_mesh_file
 from mr360uw.composite.mesh.normals import corner_normals, crease_normals, smooth_patches, welded
+from mr360uw.composite.mesh.up_axis import UPRIGHT, Up, up_axis
 from mr360uw.errors import MeshError
 from mr360uw.reading.disk_cache import kept_arrays
 from mr360uw.shapes import checked
@@ -88,12 +90,18 @@ class Mesh:
 
 @checked
 def load_mesh(
-    path: str | Path, unit: Unit = "auto", part: str = "", *, outside: bool = False, smooth_deg: float | None = None
+    path: str | Path,
+    unit: Unit = "auto",
+    part: str = "",
+    *,
+    up: Up = "auto",
+    outside: bool = False,
+    smooth_deg: float | None = None,
 ) -> Mesh:
     """Return the mesh of a file, all its parts in the world of the file.
 
-    Vertices stay where the file has them, and an animated file is taken as it rests: place and motion belong to the
-    objects of a scene.
+    Vertices stay where the file has them, but that they are turned y up, and moved to the origin from map coordinates.
+    An animated file is taken as it rests: place and motion belong to the objects of a scene.
 
     Parameters
     ----------
@@ -103,6 +111,8 @@ def load_mesh(
         Unit of the file; "auto" takes what the file says, or metres, and notes sizes that look wrong.
     part : str
         Keep the parts whose name contains it.
+    up : str
+        Axis of the file that points up: y, z, x, -y, -z or -x; "auto": as its format, its comments or its shape tells.
     outside : bool
         Buffers and textures may lie outside of the file's folder.
     smooth_deg : float, optional
@@ -133,34 +143,63 @@ def load_mesh(
     file = read_mesh_file(Path(path), outside=outside, smooth_deg=smooth_deg)
     moves = "is animated - here it is drawn as it rests in the file"
     notes = (f"{path} - {moves}",) if file.rigging is not None else ()
-    mesh = mesh_of_file(Path(path), file, unit, part)
-    return replace(mesh, notes=mesh.notes + notes)
+    place, said = object_from_file(Path(path), file, unit, up)
+    mesh = mesh_of_file(Path(path), file, place, unit, part)
+    return replace(mesh, notes=mesh.notes + said + notes)
 
 
-def mesh_of_file(path: Path, file: MeshFile, unit: Unit = "auto", part: str = "") -> Mesh:
-    """Return the mesh at rest of what a file holds, as `load_mesh` does."""
+def mesh_of_file(path: Path, file: MeshFile, place: Floats, unit: Unit = "auto", part: str = "") -> Mesh:
+    """Return the mesh at rest of what a file holds, as `load_mesh` does. place: that of `object_from_file`."""
     named = [p for p in file.parts if part in p.name]
     if part and not named:
         names = ", ".join(sorted({p.name for p in file.parts}))
         raise MeshError(f"{path} - no part of that name (got {part!r}) - there are: {names}")
-    scale = metres_of(file, unit)
-    mesh = make_mesh(named, list(file.materials), where=str(path), scale=scale, suspicious=unit == "auto")
-    return replace(mesh, notes=file.notes + mesh.notes)
+    parts = []
+    for one in named:
+        with np.errstate(invalid="ignore", over="ignore"):  # such vertices are refused next
+            positions, normals, faces = placed(place, one.positions, one.normals, one.faces)
+        parts.append(replace(one, positions=positions, normals=normals, faces=faces))
+    mesh = make_mesh(parts, list(file.materials), where=str(path))
+    odd = _size_notes(str(path), mesh.extent_m, cad=file.cad) if unit == "auto" else ()
+    return replace(mesh, notes=file.notes + mesh.notes + odd)
 
 
-def metres_of(file: MeshFile, unit: Unit) -> float:
-    """Return the length of one unit of a file [m]: as the file says, unless the user says another."""
-    return file.unit_m if unit == "auto" else METRES[unit]
+def object_from_file(path: Path, file: MeshFile, unit: Unit, up: Up) -> tuple[Floats, tuple[str, ...]]:
+    """Return the transform (4, 4) from a file's coordinates to the object's [m], and notes.
+
+    A unit is as long as the file says, unless the user says another; the up axis is turned to y. A file in coordinates
+    of a map is moved so that its middle is the origin: single precision would have no digits left for its shape.
+    """
+    # Find the up axis, and say so where the file did not
+    axis, why = (up, "") if up != "auto" else up_axis(path, file)
+    notes = []
+    if up == "auto" and axis != "y":
+        notes.append(f'{path} - has {axis} up ({why}) - it is turned so that it stands; up = "y" keeps it as it is')
+    elif up == "auto" and not why and file.cad:
+        notes.append(f'{path} - its format does not say which axis is up - y is taken; up = "z" stands it up')
+    # Turn and scale; then move the middle of a far file to the origin, in double precision
+    place = np.eye(4)
+    place[:3, :3] = (file.unit_m if unit == "auto" else METRES[unit]) * UPRIGHT[axis]
+    points = [part.positions[part.faces].reshape(-1, 3) for part in file.parts if len(part.faces)]
+    low, high = (np.stack([edge(p, axis=0) for p in points] or [np.zeros(3)]) for edge in (np.min, np.max))
+    low, high = low.min(axis=0), high.max(axis=0)
+    middle, size = 0.5 * (low + high), float(np.max(high - low))
+    if np.all(np.abs(middle) <= _FARTHEST) and np.max(np.abs(middle)) > _FAR * size > 0.0:
+        place[:3, 3] = -place[:3, :3] @ middle
+        where = ", ".join(f"{value:.9g}" for value in middle)
+        notes.append(f"{path} - lies far from its origin, at {where} - it is moved: position_m places its middle")
+    return place, tuple(notes)
 
 
+_FAR = 300.0
+"""Distance from the origin, over the size, from which coordinates are those of a map. Single precision changes the
+picture of a ball that is 350 times its size away by 1 code."""
 _FARTHEST = 1e9
-"""Largest coordinate of a vertex, in the units of its file: squares of areas stay finite in single precision."""
+"""Largest coordinate of a vertex: squares of areas stay finite in single precision."""
 
 
-def make_mesh(
-    parts: list[Part], materials: list[Material], *, where: str = "mesh", scale: float = 1.0, suspicious: bool = False
-) -> Mesh:
-    """Return the mesh of indexed parts; `scale` metres a unit. Raises `MeshError` as `load_mesh` does."""
+def make_mesh(parts: list[Part], materials: list[Material], *, where: str = "mesh") -> Mesh:
+    """Return the mesh of indexed parts [m]. Raises `MeshError` as `load_mesh` does."""
     parts = [p for p in parts if len(p.faces)]
     if not parts:
         raise MeshError(f"{where} - has no triangles (got 0) - export the surface as triangles")
@@ -168,12 +207,11 @@ def make_mesh(
     wild = sum(int(np.sum(~(np.abs(p.positions[p.faces]) <= _FARTHEST).all(axis=(1, 2)))) for p in parts)
     if wild:
         raise MeshError(
-            f"{where} - vertices are not finite, or more than {_FARTHEST:g} units away (got {wild} such triangles) - "
+            f"{where} - vertices are not finite, or more than {_FARTHEST:g} m away (got {wild} such triangles) - "
             "export the mesh again"
         )
     corners = [_corners(p) for p in parts]
     positions, normals, uv, colors = (np.concatenate(arrays) for arrays in zip(*corners, strict=True))
-    positions = positions * scale
     extent = np.ptp(positions.reshape(-1, 3), axis=0)
     if np.max(extent) <= 0.0:
         raise MeshError(f"{where} - has no extent (got all vertices in one place) - export it without compression")
@@ -195,7 +233,7 @@ def make_mesh(
         patch=patch,
         materials=tuple(materials),
         hull=hull,
-        notes=notes + (_size_notes(where, extent) if suspicious else ()),
+        notes=notes,
     )
 
 
@@ -240,10 +278,10 @@ def proper_triangles(positions: Floats) -> NDArray[np.bool_]:
     return np.asarray(area > 1e-14 * np.max(extent) ** 2)
 
 
-def _size_notes(where: str, extent: Floats) -> tuple[str, ...]:
+def _size_notes(where: str, extent: Floats, *, cad: bool) -> tuple[str, ...]:
     longest = float(np.max(extent))
     if longest > _LARGE_M:
-        guess: Unit = "cm" if longest < 100.0 * _LARGE_M else "mm"
+        guess: Unit = "mm" if cad or longest >= 100.0 * _LARGE_M else "cm"
     elif longest < _SMALL_M:
         return (f"{where} - is only {1000 * longest:.3g} mm large - a scale for the object may be missing",)
     else:

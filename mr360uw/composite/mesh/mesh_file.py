@@ -1,28 +1,30 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Reads mesh files: glTF by `gltf_scene`, USD by `usd_scene`, other formats through trimesh."""
+"""Reads mesh files: each format by its own module, STL through trimesh."""
 
 from __future__ import annotations
 
 import logging
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.cache import Same
-from mr360uw.composite.affine import placed
-from mr360uw.composite.mesh.material import Material, MeshFile, ObjNeighbours, Part, obj_notes, simple_material
+from mr360uw.color import decode
+from mr360uw.composite.mesh.material import Material, MeshFile, Part
 from mr360uw.composite.mesh.normals import crease_normals
+from mr360uw.composite.mesh.obj_file import read_obj
+from mr360uw.composite.mesh.ply_file import read_ply
 from mr360uw.composite.mesh.skin import smoothed_body
 from mr360uw.composite.mesh.usd.usd_stage import USD_SUFFIXES
 from mr360uw.errors import MeshError
-from mr360uw.reading.input_files import unreadable
+from mr360uw.reading.input_files import read_data, text_of, unreadable
 from mr360uw.reading.limits import DATA, TRIANGLES
 from mr360uw.types import Floats
 
 FORMATS = (".glb", ".gltf", ".obj", ".ply", ".stl", *USD_SUFFIXES)
+_STL_HEAD = 80
+"""Bytes of the header of a binary STL; text names itself in the first of them."""
 _IMPORTERS = {".fbx": "import_scene.fbx", ".abc": "wm.alembic_import", ".blend": ""}
 """Formats that Blender reads and this does not: Blender's operator, none for its own files."""
 
@@ -54,26 +56,59 @@ def _read(path: Path, *, outside: bool) -> MeshFile:
         from mr360uw.composite.mesh.usd.usd_scene import read_usd
 
         return read_usd(path, outside=outside)
-    notes = obj_notes(path, outside=outside) if suffix == ".obj" else ()
-    scene = _load_scene(path, ObjNeighbours(path, outside=outside) if suffix == ".obj" else None)
+    if suffix == ".obj":
+        return read_obj(path, outside=outside)
+    return read_ply(path, outside=outside) if suffix == ".ply" else _read_stl(path)
+
+
+def _read_stl(path: Path) -> MeshFile:
+    """Return the triangles of an STL, with the colours that some programs keep in those of binary files."""
+    import trimesh
+
+    # Let trimesh read it; its log is silent, its errors are raised
+    head = read_data(path, MeshError)[:_STL_HEAD]
     parts: list[Part] = []
-    materials: list[Material] = []
-    indices: dict[Same, int] = {}
+    materials = [Material(double_sided=True), Material(base_color=(1.0, 1.0, 1.0, 1.0), double_sided=True)]
     triangles = 0
-    for node in scene.graph.nodes_geometry:
-        transform, name = scene.graph[node]
-        geometry = scene.geometry[name]
-        if not hasattr(geometry, "faces"):
-            notes += (f"{path} - has points or lines - they are not drawn",)
-            continue
+    log = logging.getLogger("trimesh")
+    level = log.level
+    log.setLevel(logging.CRITICAL)
+    try:
+        scene = trimesh.load_scene(path, process=False)
+    except Exception as error:  # trimesh does not catch the exceptions of its parsers
+        raise MeshError(f"{path} - cannot be read as a mesh (got: {error!s:.200}) - export it again") from error
+    finally:
+        log.setLevel(level)
+    # Give every triangle corners of its own, with its colour
+    for name, geometry in scene.geometry.items():
         triangles += len(geometry.faces)
         TRIANGLES.check(str(path), triangles, MeshError)
-        source = getattr(geometry.visual, "material", None)
-        index = indices.setdefault(Same(source), len(materials))
-        if index == len(materials):
-            materials.append(Material(double_sided=True) if source is None else simple_material(source, path))
-        parts.append(_part(path, str(name), geometry, np.asarray(transform), index))
-    return MeshFile(tuple(parts), tuple(materials), notes)
+        positions, faces = np.asarray(geometry.vertices, np.float64), np.asarray(geometry.faces, np.int64)
+        colors = _stl_colors(geometry.face_attributes.get("stl"), head)
+        separate = np.arange(faces.size).reshape(-1, 3)
+        white = int(colors is not None)
+        parts.append(Part(str(name), positions[faces].reshape(-1, 3), separate, colors=colors, material=white))
+    return MeshFile(tuple(parts), tuple(materials), head=text_of(head), cad=True)
+
+
+def _stl_colors(words: NDArray[np.uint16] | None, head: bytes) -> Floats | None:
+    """Return the linear colours (V, 4) of the corners of triangles by their 16 bits, or None where they have none.
+
+    Five bits each of blue, green and red, from the lowest, where the highest bit is set (VisCAM, SolidView); with
+    `COLOR=` in the header the order is red, green, blue and the highest bit is set where the header's colour is meant
+    (Materialise Magics).
+    """
+    if words is None or not np.any(words):
+        return None
+    magics = head.find(b"COLOR=")
+    shifts = (0, 5, 10) if magics >= 0 else (10, 5, 0)
+    own = (words >> 15 == 0) if magics >= 0 else (words >> 15 == 1)
+    codes = np.stack([(words >> shift & 31) / 31.0 for shift in shifts], axis=-1)
+    common = np.frombuffer(head[magics + 6 : magics + 9], np.uint8) / 255.0 if magics >= 0 else np.full(3, 0.735)
+    if not np.any(own) and magics < 0:
+        return None
+    rgb = decode(np.where(own[:, None], codes, common), "srgb")
+    return np.repeat(np.append(rgb, np.ones((len(rgb), 1)), axis=1), 3, axis=0)
 
 
 def _conversion(path: Path) -> str:
@@ -85,54 +120,6 @@ def _conversion(path: Path) -> str:
         steps.insert(0, "bpy.ops.wm.read_homefile(use_empty=True)")
     steps.append(f"bpy.ops.export_scene.gltf(filepath={str(path.with_suffix('.glb'))!r})")
     return f'blender -b{opened} --python-expr "import bpy; {"; ".join(steps)}"'
-
-
-def _load_scene(path: Path, neighbours: ObjNeighbours | None) -> Any:
-    """Return a scene of trimesh, whose log is silent: its errors are raised as `MeshError`."""
-    import trimesh
-
-    log = logging.getLogger("trimesh")
-    level = log.level
-    log.setLevel(logging.CRITICAL)
-    try:
-        return trimesh.load_scene(path, process=False, resolver=neighbours)
-    except Exception as error:  # trimesh does not catch the exceptions of its parsers
-        raise MeshError(f"{path} - cannot be read as a mesh (got: {error!s:.200}) - export it again") from error
-    finally:
-        log.setLevel(level)
-
-
-def _part(path: Path, name: str, geometry: Any, transform: Floats, material: int) -> Part:
-    positions: Floats = np.asarray(geometry.vertices, np.float64)
-    normals: Floats | None = None
-    if "vertex_normals" in geometry._cache.cache:  # normals of the file; the attribute would compute missing ones
-        own = np.asarray(geometry.vertex_normals, np.float64)
-        normals = own if own.shape == positions.shape and np.any(own) else None
-    faces = np.asarray(geometry.faces, np.int64)
-    if faces.size and not 0 <= int(faces.min()) <= int(faces.max()) < len(positions):
-        wrong = int(faces.min()) if faces.min() < 0 else int(faces.max())
-        raise MeshError(
-            f"{path} - has a face of a vertex that is not there (got {wrong} of {len(positions)}, the first is 0)"
-            " - export it again"
-        )
-    positions, normals, faces = placed(transform, positions, normals, faces)
-    uv = getattr(geometry.visual, "uv", None)
-    if uv is not None:
-        uv = np.asarray(uv, np.float64) * [1.0, -1.0] + [0.0, 1.0]
-    return Part(name, positions, faces, normals, uv, _colors(geometry), material)
-
-
-def _colors(geometry: Any) -> Floats | None:
-    """Return linear vertex colours (V, 4): those of PLY and OBJ are 8-bit codes."""
-    from mr360uw.color import decode
-
-    if getattr(geometry.visual, "kind", None) != "vertex":
-        return None
-    colors = np.ones((len(geometry.vertices), 4))
-    codes = np.asarray(geometry.visual.vertex_colors)
-    colors[:, : codes.shape[1]] = codes / 255.0
-    colors[:, :3] = decode(colors[:, :3], "srgb")
-    return colors
 
 
 def smoothed(file: MeshFile, angle_deg: float) -> MeshFile:

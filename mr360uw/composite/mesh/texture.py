@@ -40,12 +40,6 @@ def read_texture(path: Path) -> Texture:
     return make_texture(decode_image(read_data(path, MeshError), str(path)), srgb=True)
 
 
-def check_image(data: bytes, where: str) -> None:
-    """Raise `MeshError` where an image file cannot be opened or has too many pixels; it is not decoded."""
-    with _opened(data, where):
-        return
-
-
 def decode_image(data: bytes, where: str) -> Pixels:
     """Return the code values (h, w, 3 or 4) of a PNG, JPEG, WebP ... file, uint8, or uint16 where it has 16 bits.
 
@@ -55,14 +49,6 @@ def decode_image(data: bytes, where: str) -> Pixels:
         if data.startswith(_PNG) and data[_PNG_DEPTH] == 16:
             return _sixteen_bits(data)
         return pixels(image)
-
-
-def decoded(image: Any, where: str) -> NDArray[np.uint8]:
-    """Return an image that PIL has opened as (h, w, 3 or 4) uint8; raise `MeshError` where it is damaged."""
-    try:
-        return pixels(image)
-    except _BROKEN as error:
-        raise _unreadable(where, error) from error
 
 
 def _unreadable(where: str, error: Exception) -> MeshError:

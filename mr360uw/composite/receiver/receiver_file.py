@@ -38,7 +38,7 @@ def load_receiver(settings: ReceiverSettings) -> Receiver:
         raise MeshError(f"receiver - kind {settings.kind!r} needs a file (got no path) - set receiver.path")
     if settings.kind == "mesh":
         transform = rigid(settings.position_m, rotation_matrix(settings.rotation_deg), settings.scale)
-        placed = PlacedObject(load_mesh(settings.path, outside=settings.outside_files), transform)
+        placed = PlacedObject(load_mesh(settings.path, up="y", outside=settings.outside_files), transform)
         return replace(plain, mesh=placed.to_world(placed.mesh.positions))
     if settings.kind == "height_map":
         return replace(plain, mesh=height_map_triangles(_grey(settings.path), settings))

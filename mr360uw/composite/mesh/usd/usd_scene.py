@@ -18,17 +18,16 @@ from numpy.typing import NDArray
 from mr360uw.composite.affine import placed
 from mr360uw.composite.mesh.gltf import BROKEN
 from mr360uw.composite.mesh.material import MappedMaterial, MeshFile, Part
+from mr360uw.composite.mesh.polygons import Polygons, polygons_of
 from mr360uw.composite.mesh.texture import decode_image
-from mr360uw.composite.mesh.usd.usd_geometry import Polygons, UsdWalk, polygons_of
+from mr360uw.composite.mesh.up_axis import UPRIGHT
+from mr360uw.composite.mesh.usd.usd_geometry import UsdWalk
 from mr360uw.composite.mesh.usd.usd_material import UNBOUND, UsdMaterialReader
 from mr360uw.composite.mesh.usd.usd_network import PLAIN
 from mr360uw.composite.mesh.usd.usd_stage import asset_bytes, open_stage
 from mr360uw.errors import MeshError
 from mr360uw.reading.limits import TRIANGLES
 from mr360uw.types import Floats
-
-_Z_UP = np.array([[1.0, 0, 0, 0], [0, 0, 1.0, 0], [0, -1.0, 0, 0], [0, 0, 0, 1.0]])
-"""From axes with z up to axes with y up: x stays, y goes away from the viewer."""
 
 
 def read_usd(path: Path, *, outside: bool = False) -> MeshFile:
@@ -66,7 +65,8 @@ class _StageReader:
     def read(self) -> MeshFile:
         from pxr import UsdGeom
 
-        upright = _Z_UP if UsdGeom.GetStageUpAxis(self.stage) == UsdGeom.Tokens.z else np.eye(4)
+        upright = np.eye(4)
+        upright[:3, :3] = UPRIGHT["z" if UsdGeom.GetStageUpAxis(self.stage) == UsdGeom.Tokens.z else "y"]
         walk = UsdWalk(self.stage, self.time, self._note)
         parts = [part for prim, places in walk.meshes([upright]) for part in self._parts(prim, places)]
         metres = float(UsdGeom.GetStageMetersPerUnit(self.stage))

@@ -130,7 +130,7 @@ def _layers(path: Path, *, outside: bool) -> list[Any]:
             place = Sdf.Layer.SplitIdentifier(layer.ComputeAbsolutePath(asset))[0]
             packaged = Ar.IsPackageRelativePath(place)
             file = Ar.SplitPackageRelativePathOuter(place)[0] if packaged else place
-            _check_file(neighbour(path, file, "layer", outside=outside, shown=asset))
+            _check_file(neighbour(path, file, "layer", outside=outside, shown=asset, exact=True))
             pending.append(place)
     note_read(path)
     return list(found.values())
@@ -152,7 +152,8 @@ def asset_bytes(path: Path, asset: Any, *, outside: bool = False) -> bytes:
     place = str(asset.resolvedPath)
     if not Ar.IsPackageRelativePath(place):
         return read_data(neighbour(path, place or asset.path, "texture", outside=outside, shown=asset.path), MeshError)
-    neighbour(path, Ar.SplitPackageRelativePathOuter(place)[0], "texture", outside=outside, shown=asset.path)
+    package = Ar.SplitPackageRelativePathOuter(place)[0]
+    neighbour(path, package, "texture", outside=outside, shown=asset.path, exact=True)
     opened = Ar.GetResolver().OpenAsset(Ar.ResolvedPath(place))
     if opened is None:
         raise MeshError(f"{path} - a texture is missing (got {asset.path!r}) - export it again")

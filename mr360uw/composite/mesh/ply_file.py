@@ -1,0 +1,287 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Reads PLY: polygons with colours, normals and texture coordinates under the names that programs give them.
+
+A file has elements of rows of numbers and lists; which names mean what is left to its writers.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mr360uw.color import decode
+from mr360uw.composite.mesh.material import Material, MeshFile, Part
+from mr360uw.composite.mesh.polygons import Polygons, polygons_of
+from mr360uw.composite.mesh.texture import Texture, decode_image, make_texture
+from mr360uw.errors import MeshError
+from mr360uw.reading.input_files import neighbour, read_data, text_of
+from mr360uw.reading.limits import TRIANGLES
+from mr360uw.types import Floats
+
+_TYPES = {
+    "char": "i1", "int8": "i1", "uchar": "u1", "uint8": "u1", "short": "i2", "int16": "i2", "ushort": "u2",
+    "uint16": "u2", "int": "i4", "int32": "i4", "uint": "u4", "uint32": "u4", "int64": "i8", "uint64": "u8",
+    "half": "f2", "float16": "f2", "float": "f4", "float32": "f4", "double": "f8", "float64": "f8",
+}  # fmt: skip
+_CORNERS = ("vertex_indices", "vertex_index")
+_COLORS = (("red", "green", "blue"), ("diffuse_red", "diffuse_green", "diffuse_blue"), ("r", "g", "b"))
+_UVS = (("texture_u", "texture_v"), ("u", "v"), ("s", "t"), ("texcoord_u", "texcoord_v"), ("tu", "tv"))
+_TEXTURE = re.compile(r"\s*comment\s+TextureFile\s+\S", re.IGNORECASE)
+_HEAD = 1_000_000
+"""Bytes within which a header ends."""
+_SHADES = re.compile(r"quality|intensity|reflectance|scalar|label|class", re.IGNORECASE)
+"""Names of values by which programs colour meshes that have no colours."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Property:
+    """Values of an element. type, size_type: of a value, and of the length of a list, "" of a plain number."""
+
+    name: str
+    type: str
+    size_type: str = ""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Values:
+    """Values of a property, row after row. sizes: (n,) of its lists, 1 for plain numbers. type: as in the header."""
+
+    flat: NDArray[Any]
+    sizes: NDArray[np.int64]
+    type: str
+
+
+_Element = dict[str, _Values]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Source:
+    """The rows of a file: numbers of text, else bytes in an order, "<" or ">"."""
+
+    numbers: Floats
+    data: NDArray[np.uint8]
+    order: str
+
+    def width(self, kind: str) -> int:
+        """Return the length of a value: 1 in text, else in bytes."""
+        return np.dtype(kind).itemsize if self.order else 1
+
+    @property
+    def length(self) -> int:
+        """Where the file ends."""
+        return len(self.data) if self.order else len(self.numbers)
+
+    def take(self, places: NDArray[np.int64], kind: str) -> NDArray[Any]:
+        """Return the values (n,) at places (n,)."""
+        if not self.order:
+            return self.numbers[places]
+        each = self.data[places[:, None] + np.arange(self.width(kind))]
+        return each.view(self.order + kind).reshape(len(places))
+
+    def element(self, start: int, count: int, properties: list[_Property]) -> tuple[_Element, int]:
+        """Return an element whose rows begin at a place, and where they end.
+
+        Rows are as long as the first one where all their lists are; else they are passed one by one.
+        """
+        sizes, places, length = (
+            self._row(start, properties) if count else ([1] * len(properties), [0] * len(properties), 0)
+        )
+        rows = np.arange(count)
+        at = [place + length * rows for place in places]
+        many = [np.full(count, size) for size in sizes]
+        alike = start + length * count <= self.length and all(
+            np.all(self.take(place - self.width(one.size_type), one.size_type) == size)
+            for one, place, size in zip(properties, at, sizes, strict=True)
+            if one.size_type
+        )
+        end = start + length * count
+        # Else find every row where the one before it ends
+        if not alike:
+            table, end = np.empty((count, 2, len(properties)), np.int64), start
+            for row in range(count):
+                table[row, 0], table[row, 1], length = self._row(end, properties)
+                end += length
+            many, at = list(table[:, 0].T), list(table[:, 1].T)
+        found = {one.name: self._values(one, *both) for one, *both in zip(properties, at, many, strict=True)}
+        return found, end
+
+    def _row(self, start: int, properties: list[_Property]) -> tuple[list[int], list[int], int]:
+        """Return how many values each property has in a row, where they begin, and the row's length."""
+        sizes, places, place = [], [], start
+        for one in properties:
+            size = 1
+            if one.size_type:
+                size = self._size(place, one.size_type)
+                place += self.width(one.size_type)
+                if size < 0:
+                    raise ValueError(f"a list of {size} values")
+            sizes.append(size)
+            places.append(place)
+            place += size * self.width(one.type)
+        return sizes, places, place - start
+
+    def _size(self, place: int, kind: str) -> int:
+        """Return the length of a list."""
+        if not self.order:
+            return int(self.numbers[place])
+        written = self.data[place : place + self.width(kind)].tobytes()
+        return int.from_bytes(written, "little" if self.order == "<" else "big", signed=kind[0] == "i")
+
+    def _values(self, one: _Property, places: NDArray[np.int64], sizes: NDArray[np.int64]) -> _Values:
+        within = np.arange(sizes.sum()) - np.repeat(np.cumsum(sizes) - sizes, sizes)
+        return _Values(self.take(np.repeat(places, sizes) + within * self.width(one.type), one.type), sizes, one.type)
+
+
+def read_ply(path: Path, *, outside: bool = False) -> MeshFile:
+    """Return the contents of a PLY; raise `MeshError`. outside: its texture may lie outside of its folder."""
+    data = read_data(path, MeshError)
+    head = re.match(rb"ply\s.*?\bend_header[^\S\n]*\r?\n?", data[:_HEAD], re.DOTALL | re.IGNORECASE)
+    if head is None:
+        raise MeshError(f"{path} - cannot be read as a mesh (got no header of a PLY) - export it again")
+    try:
+        text = text_of(head[0])
+        elements = dict(_elements(path, [line.split() for line in text.splitlines()], data[head.end() :]))
+        return _contents(path, elements, text, outside=outside)
+    except (ValueError, IndexError, KeyError, OverflowError, TypeError, StopIteration) as error:
+        what = f"{type(error).__name__}: {error!s:.160}"
+        raise MeshError(f"{path} - cannot be read as a mesh (got: {what}) - export it again") from error
+
+
+def _elements(path: Path, lines: list[list[str]], body: bytes) -> Iterator[tuple[str, _Element]]:
+    """Yield the elements of a file by their names."""
+    # Read the header: elements in the order of their rows, each with its properties
+    declared: list[tuple[str, int, list[_Property]]] = []
+    order = ""
+    for line in lines:
+        if line[:1] == ["format"]:
+            order = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}[line[1].lower()]
+        elif line[:1] == ["element"]:
+            declared.append((line[1], int(line[2]), []))
+        elif line[:2] == ["property", "list"]:
+            declared[-1][2].append(_Property(line[4], _TYPES[line[3]], _TYPES[line[2]]))
+        elif line[:1] == ["property"]:
+            declared[-1][2].append(_Property(line[2], _TYPES[line[1]]))
+    # Read the rows; none that is promised may be missing
+    numbers = np.zeros(0) if order else np.array(body.split(), np.float64)
+    source = _Source(numbers, np.frombuffer(body, np.uint8), order)
+    start = 0
+    for name, count, properties in declared:
+        if name == "face":
+            TRIANGLES.check(str(path), count, MeshError)
+        least = sum(source.width(one.size_type or one.type) for one in properties)
+        if count < 0 or count * least > source.length - start:
+            raise ValueError(f"fewer than the {count} rows of {name} that its header promises")
+        found, start = source.element(start, count, properties)
+        yield name, found
+
+
+def _contents(path: Path, elements: dict[str, _Element], head: str, *, outside: bool) -> MeshFile:
+    """Return the polygons of a file, a part for each of its textures."""
+    vertex, face = elements["vertex"], elements.get("face", {})
+    points = _columns(vertex, ("x", "y", "z"))
+    corners = next((face[name] for name in _CORNERS if name in face), None)
+    if points is None or corners is None:
+        raise MeshError(f"{path} - has points without faces (got no vertex_indices) - make a surface of them first")
+    polygons = _polygons(path, points, corners)
+    TRIANGLES.check(str(path), len(polygons.faces), MeshError)
+    # Bring everything to the corners of the polygons
+    notes: list[str] = []
+    colors, uv = _colors(path, polygons, vertex, face, notes), _uv(polygons, vertex, face)
+    normals = _columns(vertex, ("nx", "ny", "nz"))
+    # Read the textures; several are told apart by a number of each face
+    named = [line.split(None, 2)[2].strip("\"' ") for line in head.splitlines() if _TEXTURE.match(line)]
+    files = [neighbour(path, name, "texture", outside=outside) for name in named]
+    images = [make_texture(decode_image(read_data(file, MeshError), str(file)), srgb=True) for file in files]
+    look = np.zeros(len(polygons.counts), np.int64)
+    if "texnumber" in face and len(images) > 1:
+        look = np.clip(face["texnumber"].flat.astype(np.int64), 0, len(images) - 1)
+    maps: list[Texture | None] = [*images] or [None]
+    color = (1.0, 1.0, 1.0, 1.0) if images or colors is not None else Material().base_color
+    materials = [Material(base_color=color, base_map=image, double_sided=True) for image in maps]
+    parts = [
+        Part(
+            path.name, points[polygons.corners], polygons.faces[look[polygons.polygon] == number],
+            None if normals is None else normals[polygons.corners], uv, colors, number,
+        )
+        for number in range(len(materials))
+    ]  # fmt: skip
+    # Say what is left over
+    if colors is None and not images:
+        shades = [
+            name for name, one in vertex.items() if _SHADES.search(name) and one.flat.size and np.ptp(one.flat) > 0.0
+        ]
+        notes += [
+            f"{path} - has {name} of its vertices - it colours nothing; export colours instead" for name in shades
+        ]
+    others = [
+        name
+        for name, one in elements.items()
+        if name not in ("vertex", "face") and any(v.flat.size for v in one.values())
+    ]
+    notes += [f"{path} - has elements {name!r:.40} - they are not drawn; export triangles" for name in others]
+    return MeshFile(tuple(parts), tuple(materials), tuple(notes), head=head)
+
+
+def _polygons(path: Path, points: Floats, corners: _Values) -> Polygons:
+    """Return the polygons; raise `MeshError` where one is of a vertex that is not there."""
+    place = corners.flat.astype(np.int64)
+    wrong = place[(place < 0) | (place >= len(points))]
+    if len(wrong):
+        raise MeshError(
+            f"{path} - has a face of a vertex that is not there (got {wrong[0]} of {len(points)}, the first is 0)"
+            " - export it again"
+        )
+    return polygons_of(points, corners.sizes, place, left_handed=False)
+
+
+def _columns(element: _Element, names: tuple[str, ...]) -> Floats | None:
+    """Return the numbers (n, ...) of properties; None where one is not there."""
+    if not all(name in element for name in names):
+        return None
+    return np.stack([element[name].flat.astype(np.float64) for name in names], axis=-1)
+
+
+def _uv(polygons: Polygons, vertex: _Element, face: _Element) -> Floats | None:
+    """Return texture coordinates (C, 2) of corners, right and down from the image's top left, or None."""
+    uv = next((found for names in _UVS if (found := _columns(vertex, names)) is not None), None)
+    if uv is not None:
+        uv = uv[polygons.corners]
+    elif "texcoord" in face and np.all(face["texcoord"].sizes == 2 * polygons.counts):
+        uv = face["texcoord"].flat.astype(np.float64).reshape(-1, 2)
+    return None if uv is None else uv * [1.0, -1.0] + [0.0, 1.0]
+
+
+def _colors(path: Path, polygons: Polygons, vertex: _Element, face: _Element, notes: list[str]) -> Floats | None:
+    """Return the linear colours (C, 4) of corners: those of vertices, unless only those of faces differ; or None."""
+    found: list[Floats] = []
+    for element, kind in ((vertex, "vertex"), (face, "uniform")):
+        codes = next((c for names in _COLORS if (c := _codes(element, names)) is not None), None)
+        if codes is not None and len(codes):
+            found.append(polygons.at_corners(codes, kind, "colours"))
+        if "alpha" in element and np.ptp(element["alpha"].flat) > 0:
+            notes.append(f"{path} - has colours that are clear in places (alpha) - they are opaque; glTF can be clear")
+    if not found:
+        return None
+    flat = len(found) == 2 and not np.ptp(found[0], axis=0).any()
+    if len(found) == 2:
+        drawn = "faces" if flat else "vertices"
+        notes.append(f"{path} - has colours of vertices and of faces - those of {drawn} are drawn; remove the others")
+    chosen = found[-1] if flat else found[0]
+    return np.append(decode(np.clip(chosen, 0.0, 1.0), "srgb"), np.ones((len(chosen), 1)), axis=1)
+
+
+def _codes(element: _Element, names: tuple[str, ...]) -> Floats | None:
+    """Return colours (n, 3) in [0, 1] of properties of whole numbers, or of others up to 1 or 255; None without any."""
+    codes = _columns(element, names)
+    if codes is None or not codes.size:
+        return None
+    kind = element[names[0]].type
+    if kind in ("u1", "u2"):
+        return codes / np.iinfo(kind).max
+    return codes / 255.0 if np.max(codes) > 1.0 else codes
