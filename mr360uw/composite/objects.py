@@ -189,10 +189,10 @@ def _overridden(mesh: Mesh, settings: ObjectSettings, base: Texture | None) -> M
         if base is not None:
             changed = replace(changed, base_map=base, base_color=(1.0, 1.0, 1.0, material.base_color[3]))
         materials.append(_factors(changed, settings))
-    tinted = all(m.base_map is None for m in materials)
-    if not tinted and np.any(mesh.colors != 1.0):
-        notes.append(f"{settings.mesh} - vertex colours are left out beside a texture - remove that to see them")
-    colors = mesh.colors if tinted else np.ones_like(mesh.colors)
+    colors = mesh.colors
+    if base is not None and np.any(colors[..., :3] != 1.0):
+        notes.append(f"{settings.mesh} - vertex colours are left out beside the texture - remove that to see them")
+        colors = np.concatenate([np.ones_like(colors[..., :3]), colors[..., 3:]], axis=-1)
     return replace(mesh, materials=tuple(materials), colors=colors, notes=tuple(notes))
 
 

@@ -178,11 +178,9 @@ class _SceneReader:
             if "material" not in entry and primitive.colors is None:
                 self._note("has parts without material and colours - they are white, matt and drawn on both sides")
             material = self._material(entry.get("material"))
-            coordinates = self.materials[material].coordinates
-            uv = primitive.columns.get(coordinates.name)
-            uv = None if uv is None else coordinates.of(uv.astype(np.float64))
-            title = name or f"mesh {node['mesh']}"
-            yield Part(title, positions, faces, normals, uv, primitive.colors, material, flat=True), body
+            uv, *more_uv = [primitive.coordinates(of) for of in self.materials[material].coordinates]
+            title, more = name or f"mesh {node['mesh']}", tuple(more_uv)
+            yield Part(title, positions, faces, normals, uv, primitive.colors, material, True, more), body
 
     def _body(self, number: int, mesh: dict[str, Any], entry: dict[str, Any], primitive: Primitive) -> UnplacedSurface:
         node, vertices = self.nodes[number], len(primitive.positions)
