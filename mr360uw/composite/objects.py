@@ -12,7 +12,7 @@ import numpy as np
 
 from mr360uw.caustics.settings import Sea
 from mr360uw.composite.mesh.material import Material
-from mr360uw.composite.mesh.mesh import Mesh, Unit
+from mr360uw.composite.mesh.mesh import Mesh, Unit, opaque_where_sure
 from mr360uw.composite.mesh.texture import Texture, read_texture
 from mr360uw.composite.motion import Motion, floating, object_motion, rigid
 from mr360uw.composite.object_settings import ObjectSettings
@@ -193,7 +193,7 @@ def _overridden(mesh: Mesh, settings: ObjectSettings, base: Texture | None) -> M
     if base is not None and np.any(colors[..., :3] != 1.0):
         notes.append(f"{settings.mesh} - vertex colours are left out beside the texture - remove that to see them")
         colors = np.concatenate([np.ones_like(colors[..., :3]), colors[..., 3:]], axis=-1)
-    return replace(mesh, materials=tuple(materials), colors=colors, notes=tuple(notes))
+    return opaque_where_sure(replace(mesh, materials=tuple(materials), colors=colors, notes=tuple(notes)))
 
 
 def _factors(material: Material, settings: ObjectSettings) -> Material:

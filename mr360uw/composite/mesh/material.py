@@ -115,8 +115,8 @@ class Part:
     """Triangles `faces` (T, 3) over vertices (V, 3), in the world of the file.
 
     normals: (V, 3) of any length. flat: shading of a part without normals: flat (as glTF requires) or smooth between
-    creases. uv: (V, 2) right and down from the image's top left, or None. more_uv: those of the material's further `sets`.
-    colors: (V, 4) linear. material: an index.
+    creases. uv: (V, 2) right and down from the image's top left, or None. more_uv: those of the material's further
+    `sets`. colors: (V, 4) linear. material: an index.
     """
 
     name: str

@@ -4,17 +4,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mr360uw.cache import Same
 from mr360uw.composite.lighting.shadow import footprint, pixel_steps
 from mr360uw.composite.mesh.material import Material
+from mr360uw.composite.mesh.mesh import Mesh
 from mr360uw.composite.mesh.texture import Texture, texture_lookup
 from mr360uw.composite.shot import PlacedObject, Shot
 from mr360uw.composite.tiles import seen_rectangles
-from mr360uw.rays import barycentric
+from mr360uw.rays import RayScene, barycentric
 from mr360uw.types import Floats, Rectangle, View
 
 LARGEST_CHANGE = 1.0
@@ -26,7 +29,8 @@ plane."""
 class Geometry:
     """Triangles of several objects, one array each (T, ...); positions from the camera, axes of the world.
 
-    more_uv: (T, 3, m, 2), m the most of any object. object, material, patch: indices, unique in the whole shot; `material` is an index into `materials`.
+    more_uv: (T, 3, m, 2), m the most of any object. object, material, patch: indices, unique in the whole shot;
+    `material` is an index into `materials`.
     """
 
     positions: Floats
@@ -38,6 +42,11 @@ class Geometry:
     material: NDArray[np.int64]
     patch: NDArray[np.int64]
     materials: tuple[Material, ...]
+
+    def some(self, triangles: NDArray[np.int64]) -> Geometry:
+        """Return some of the triangles, with all materials."""
+        arrays = {field.name: getattr(self, field.name) for field in fields(self) if field.name != "materials"}
+        return Geometry(**{name: array[triangles] for name, array in arrays.items()}, materials=self.materials)
 
 
 def gather(objects: Sequence[PlacedObject], camera_position: Floats) -> Geometry:
@@ -70,7 +79,7 @@ def gather(objects: Sequence[PlacedObject], camera_position: Floats) -> Geometry
 
 
 def occluding(objects: Sequence[PlacedObject], camera_position: Floats) -> Floats:
-    """Return the opaque triangles (T, 3, 3) that cast shadows, from the camera; blended ones cast none."""
+    """Return the opaque triangles (T, 3, 3) that cast shadows, from the camera."""
     shading = [placed for placed in objects if placed.casts_shadow]
     opaque = [np.array([m.alpha_mode == "OPAQUE" for m in placed.mesh.materials]) for placed in shading]
     solid = [placed.mesh.positions[o[placed.mesh.material]] for placed, o in zip(shading, opaque, strict=True)]
@@ -134,6 +143,82 @@ def base_color(geometry: Geometry, triangle: NDArray[np.int64], weights: Floats,
         if material.base_map is not None:
             color[of] *= _lookup(material.base_map, uv[of], level_scale[of])
     return color
+
+
+def opacity(geometry: Geometry, triangle: NDArray[np.int64], weights: Floats) -> Floats:
+    """Return the fraction (n,) of light that triangles block at barycentric weights (n, 3): all where a material is
+    OPAQUE or its mask closed, alpha where it is BLEND. Maps are read at their finest level: a ray has no width.
+    """
+    blocked, materials = np.ones(len(triangle)), geometry.material[triangle]
+    partial = np.flatnonzero(np.array([m.alpha_mode != "OPAQUE" for m in geometry.materials], np.bool_)[materials])
+    alpha = base_color(geometry, triangle[partial], weights[partial], np.zeros((len(partial), 2, 2)))[:, 3]
+    least = np.array([m.alpha_cutoff if m.alpha_mode == "MASK" else np.nan for m in geometry.materials])
+    cutoff = least[materials[partial]]
+    blocked[partial] = np.where(np.isnan(cutoff), np.clip(alpha, 0.0, 1.0), alpha >= cutoff)
+    return blocked
+
+
+def opacity_key(mesh: Mesh) -> tuple[object, ...]:
+    """Return what decides `opacity` on a mesh's triangles, as a part of a cache's key."""
+    modes = tuple(m.alpha_mode for m in mesh.materials)
+    if set(modes) <= {"OPAQUE"}:
+        return modes
+    alphas = tuple((m.alpha_cutoff, m.base_color[3], Same(m.base_map)) for m in mesh.materials)
+    return modes, alphas, Same(mesh.uv), Same(mesh.colors)
+
+
+class Surfaces(NamedTuple):
+    """Surfaces that rays meet, (m,) each: number of the ray and of the triangle; start: (m, 3) from where the ray meets
+    it first, gone: the distance to there from its own start; part: fraction of the ray's light that is blocked.
+    """
+
+    ray: NDArray[np.int64]
+    triangle: NDArray[np.int64]
+    start: Floats
+    gone: Floats
+    part: Floats
+
+
+_MOST_SURFACES, _DARK = 64, 1e-4
+"""Surfaces that a ray meets at most, and the fraction of its light below which it is not followed further."""
+
+
+def surfaces_along(
+    geometry: Geometry,
+    scene: RayScene,
+    origins: Floats,
+    directions: Floats,
+    least: float,
+    reach_m: Floats | float = np.inf,
+) -> Surfaces:
+    """Return what rays (n, 3) meet of the triangles of a geometry, which `scene` has in the same order: the first, and
+    those behind surfaces that let light through. least: length of the shortest step behind one. reach_m: (n,), or a
+    number, how far they go.
+    """
+    ray, left = np.arange(len(origins)), np.ones(len(origins))
+    start, gone = np.asarray(origins, np.float64), np.zeros(len(origins))
+    reach, opaque = np.broadcast_to(reach_m, len(origins)), all(m.alpha_mode == "OPAQUE" for m in geometry.materials)
+    found = [Surfaces(ray[:0], ray[:0], start[:0], gone[:0], left[:0])]
+    for _ in range(_MOST_SURFACES):
+        triangle = scene.first_hit(start, directions[ray])
+        hit = np.flatnonzero(triangle >= 0)
+        ray, start, triangle = ray[hit], start[hit], triangle[hit]
+        if opaque and np.all(np.isinf(reach)):
+            found.append(Surfaces(ray, triangle, start, gone[ray], left[ray]))
+            break
+        weights, distance = barycentric(geometry.positions[triangle] - start[:, None], directions[ray])
+        near = np.flatnonzero(gone[ray] + distance < reach[ray])
+        ray, start, triangle, distance = ray[near], start[near], triangle[near], distance[near]
+        part = left[ray] * opacity(geometry, triangle, weights[near])
+        found.append(Surfaces(ray, triangle, start, gone[ray], part))
+        left[ray] -= part
+        onwards = np.maximum(distance, 0.0) * (1.0 + 4e-6) + least
+        gone[ray] += onwards
+        on = np.flatnonzero(left[ray] > _DARK)
+        ray, start = ray[on], start[on] + onwards[on, None] * directions[ray[on]]
+        if len(ray) == 0:
+            break
+    return Surfaces(*(np.concatenate(column) for column in zip(*found, strict=True)))
 
 
 def _lookup(texture: Texture, uv: Floats, change: Floats) -> Floats:
