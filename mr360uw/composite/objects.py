@@ -142,10 +142,11 @@ def _scene_object(settings: ObjectSettings, several: int, reads: CachedReads) ->
     """Return an object. several: textures and looks that are kept."""
     sized = {} if settings.size_m is None else {"size_m": 1.0}
     rigs = reads.of(_rigs, settings.model_copy(update=_AT_REST | sized), several, reads, keep=several)
-    meshes = tuple(rig.mesh for rig in rigs)
     played, notes = playback(settings, rigs[0], sequence=len(rigs) > 1)
+    meshes = tuple(rig.resting for rig in rigs)
     if played is not None:
-        meshes = (replace(meshes[0], hull=played.bounds, notes=meshes[0].notes + notes),)
+        rest = rigs[0].mesh
+        meshes = (replace(rest, hull=played.bounds, notes=rest.notes + notes),)
     return SceneObject(settings, meshes, object_motion(settings, rigs[0].mesh), played)
 
 

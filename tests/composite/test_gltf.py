@@ -410,3 +410,29 @@ def test_a_damaged_file_is_read_or_refused(tmp_path: Path, value: object) -> Non
         entry[last] = value
         with contextlib.suppress(MeshError):
             load_mesh(file.write(tmp_path / "damaged.glb"))
+
+
+def test_what_is_not_drawn_is_said_once_with_what_is_drawn_instead(tmp_path: Path) -> None:
+    file = GltfFile(
+        extensionsUsed=["KHR_materials_clearcoat", "KHR_materials_transmission", "KHR_materials_variants", "ACME_fur"],
+        scenes=[{"nodes": [0, 1, 2]}, {"name": "inside", "nodes": [0]}],
+        cameras=[{"type": "perspective", "perspective": {"yfov": 1.0, "znear": 0.1}}],
+        nodes=[{"mesh": 0}, {"camera": 0}, {"camera": 0}],
+        scene=1,
+        materials=[{}],
+    )
+    file.mesh(file.square(material=0))
+    inside = load_mesh(file.write(tmp_path / "inside.glb"))
+    for words in (
+        "clear coat) is not drawn - what is below",
+        "alphaMode BLEND",
+        "variants of materials",
+        "ACME_fur is",
+    ):
+        assert said(inside, words)
+    assert said(inside, "2 scenes - 'inside' is drawn")
+    assert not any("camera" in note for note in inside.notes)
+    file.tree["scene"] = 0
+    outside = load_mesh(file.write(tmp_path / "outside.glb"))
+    assert said(outside, "2 scenes - 0 is drawn")
+    assert sum("camera" in note for note in outside.notes) == 1

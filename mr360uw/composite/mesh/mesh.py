@@ -140,18 +140,17 @@ def load_mesh(
 
 
 def opaque_where_sure(mesh: Mesh) -> Mesh:
-    """Return a mesh whose materials are OPAQUE where their alpha closes them everywhere: exporters name BLEND also
-    where nothing is clear, and opaque surfaces are cheaper.
+    """Return a mesh whose BLEND materials are OPAQUE where their alpha is 1 everywhere: exporters name BLEND also where
+    nothing is clear, and opaque surfaces are cheaper.
     """
 
     def sure(number: int, material: Material) -> bool:
-        least = 1.0 if material.alpha_mode == "BLEND" else material.alpha_cutoff
         of_map = 1.0 if material.base_map is None else float(material.base_map.levels[0][..., 3].min())
         of_vertices = mesh.colors[mesh.material == number, :, 3].min(initial=np.inf)
-        return material.base_color[3] * of_map * of_vertices >= least
+        return material.base_color[3] * of_map * of_vertices >= 1.0
 
     materials = tuple(
-        replace(m, alpha_mode="OPAQUE") if m.alpha_mode != "OPAQUE" and sure(k, m) else m
+        replace(m, alpha_mode="OPAQUE") if m.alpha_mode == "BLEND" and sure(k, m) else m
         for k, m in enumerate(mesh.materials)
     )
     return replace(mesh, materials=materials)
