@@ -431,7 +431,7 @@ def test_a_damaged_animation_is_played_or_refused(tmp_path: Path, value: object)
 
 @pytest.mark.parametrize("joint", [1, 2])
 def test_what_has_no_size_at_rest_grows(tmp_path: Path, backend: str, joint: int) -> None:
-    """A joint of scale 0 at rest, the second or that of all: half of the tube, or all of it, shows at the clip's end."""
+    """A joint of scale 0 at rest, the second or that of all: half of the tube, or all of it, shows in the end."""
     file = tube()
     whole = file.write(tmp_path / "whole.glb")
     file.tree["nodes"][joint]["scale"] = [0.0, 0.0, 0.0]
