@@ -260,7 +260,6 @@ class ObjectPass:
             world_from_camera=shot.view.world_from_camera.T,
             frame_size=(shot.view.width, shot.view.height),
             count=count,
-            triangle_count=len(mesh.positions),
             eye_m=shot.view.eye_m,
             filter_width=filter_width(shot.draw.samples, shot.draw.shading),
         )
@@ -311,4 +310,4 @@ def _map_defines(mesh: Mesh) -> dict[str, int]:
     """Return a define for every kind of map that some material of a mesh has, and its further texture coordinates."""
     further = mesh.more_uv.shape[2]
     kinds = {kind.upper(): 1 for kind in MAPS if any(getattr(m, kind) is not None for m in mesh.materials)}
-    return kinds | ({"MORE_UV": further} if further else {})
+    return kinds | ({"MORE_UV": 1} if further else {})

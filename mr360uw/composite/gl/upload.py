@@ -28,6 +28,8 @@ _NO_MAP = (-1.0, 0.0, 0.0, 0.0)
 MapEntry = tuple[float, float, float, float]
 """(address / 64, width, height, wrap) of a map in its store."""
 TRIANGLE_TEXELS = 11
+ADDRESS_BITS = 12
+"""Bits of the lower half of an address: single floats hold both halves exactly. Twin: geometry.glsl."""
 SETS = 8
 """Sets of texture coordinates that a material may have: more than it has maps. Twin: geometry.glsl."""
 MODES: tuple[AlphaMode, ...] = ("OPAQUE", "MASK", "BLEND")
@@ -78,6 +80,8 @@ def upload_still(mesh: Mesh, places: NDArray[np.int64] | None = None) -> StillBu
     texels[:, 9, 0], texels[:, 9, 1] = mesh.material[order], mesh.patch[order]
     further = np.zeros((len(order), mesh.more_uv.shape[2], 3, 4), np.float32)
     further[..., :2] = np.swapaxes(mesh.more_uv[order], 1, 2)
+    address = TRIANGLE_TEXELS * len(order) + 3 * mesh.more_uv.shape[2] * np.arange(len(order))
+    texels[:, 9, 2], texels[:, 9, 3] = np.divmod(address, 1 << ADDRESS_BITS)
     if places is not None:
         texels[:, 10] = places[order]
     store, entries = texture_store((texture for m in mesh.materials for texture in m.maps), slice(0, 4))

@@ -1,6 +1,7 @@
 // Surface at the intersection of a ray and a triangle: point, normals, material. Held to composite/raycast/geometry.py.
-// A triangle is eleven texels of `triangles`: for each corner (position, u), (normal, v), colour; then (material, patch);
-// then its points of ambient light (ambient/lattice.py). Further sets of texture coordinates follow all triangles.
+// A triangle is eleven texels of `triangles`: for each corner (position, u), (normal, v), colour; then (material, patch,
+// two halves of the address of its further sets of texture coordinates);
+// then its points of ambient light (ambient/lattice.py). Those sets follow all triangles.
 // A material is nine texels of `materials`, which upload.py writes.
 // Maps are switched at compile time, because software drivers execute both sides of every branch.
 #include "composite/gl/shaders/rays.glsl"
@@ -81,15 +82,15 @@ MapPlace map_place(Facet facet, mat3x2 corners, vec3 weights, vec3 next_column, 
 }
 
 #if defined(MORE_UV)
-const int SETS = 8;  // twin: upload.py
-uniform int triangle_count;
+const int SETS = 8, ADDRESS_BITS = 12;  // twin: upload.py
 
 // place on the map `slot` of a material, the first of which are metallic and roughness; digits: those of its sets
 MapPlace place_of(sampler2D triangles, int first, float digits, int slot, MapPlace base, Facet facet, vec3 weights,
                   vec3 next_column, vec3 next_row) {
     int set = (int(digits) >> (3 * slot)) & (SETS - 1);
     if (set == 0) return base;
-    int at = triangle_count * TRIANGLE_TEXELS + 3 * (first / TRIANGLE_TEXELS * MORE_UV + set - 1);
+    vec2 address = listed(triangles, first + 9).zw;
+    int at = (int(address.x) << ADDRESS_BITS) + int(address.y) + 3 * (set - 1);
     mat3x2 corners = mat3x2(listed(triangles, at).xy, listed(triangles, at + 1).xy, listed(triangles, at + 2).xy);
     return map_place(facet, corners, weights, next_column, next_row);
 }
