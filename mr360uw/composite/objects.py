@@ -12,7 +12,7 @@ import numpy as np
 
 from mr360uw.caustics.settings import Sea
 from mr360uw.composite.mesh.material import Material
-from mr360uw.composite.mesh.mesh import Mesh, Unit
+from mr360uw.composite.mesh.mesh import Mesh, Unit, opaque_where_sure
 from mr360uw.composite.mesh.texture import Texture, read_texture
 from mr360uw.composite.motion import Motion, floating, object_motion, rigid
 from mr360uw.composite.object_settings import ObjectSettings
@@ -142,10 +142,11 @@ def _scene_object(settings: ObjectSettings, several: int, reads: CachedReads) ->
     """Return an object. several: textures and looks that are kept."""
     sized = {} if settings.size_m is None else {"size_m": 1.0}
     rigs = reads.of(_rigs, settings.model_copy(update=_AT_REST | sized), several, reads, keep=several)
-    meshes = tuple(rig.mesh for rig in rigs)
     played, notes = playback(settings, rigs[0], sequence=len(rigs) > 1)
+    meshes = tuple(rig.resting for rig in rigs)
     if played is not None:
-        meshes = (replace(meshes[0], hull=played.bounds, notes=meshes[0].notes + notes),)
+        rest = rigs[0].mesh
+        meshes = (replace(rest, hull=played.bounds, notes=rest.notes + notes),)
     return SceneObject(settings, meshes, object_motion(settings, rigs[0].mesh), played)
 
 
@@ -190,11 +191,11 @@ def _overridden(mesh: Mesh, settings: ObjectSettings, base: Texture | None) -> M
         if base is not None:
             changed = replace(changed, base_map=base, base_color=(1.0, 1.0, 1.0, material.base_color[3]))
         materials.append(_factors(changed, settings))
-    tinted = all(m.base_map is None for m in materials)
-    if not tinted and np.any(mesh.colors != 1.0):
-        notes.append(f"{settings.mesh} - vertex colours are left out beside a texture - remove that to see them")
-    colors = mesh.colors if tinted else np.ones_like(mesh.colors)
-    return replace(mesh, materials=tuple(materials), colors=colors, notes=tuple(notes))
+    colors = mesh.colors
+    if base is not None and np.any(colors[..., :3] != 1.0):
+        notes.append(f"{settings.mesh} - vertex colours are left out beside the texture - remove that to see them")
+        colors = np.concatenate([np.ones_like(colors[..., :3]), colors[..., 3:]], axis=-1)
+    return opaque_where_sure(replace(mesh, materials=tuple(materials), colors=colors, notes=tuple(notes)))
 
 
 def _factors(material: Material, settings: ObjectSettings) -> Material:

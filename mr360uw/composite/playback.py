@@ -32,6 +32,8 @@ from mr360uw.types import Floats
 class Rig:
     """A mesh at rest and what moves it; the last few poses are kept, so that objects in step share their meshes.
 
+    mesh: at rest, but with scales of 0 as 1, because what is hidden at rest may show later.
+
     rigging: None where nothing moves; else its bodies are those of the mesh. faces: for each body (t, 3), the vertices
     of its triangles in the mesh's order. place: transform (4, 4) from the file's coordinates to the mesh's [m].
     """
@@ -40,6 +42,12 @@ class Rig:
     place: Floats
     rigging: Rigging | None = None
     faces: tuple[NDArray[np.int64], ...] = ()
+
+    @property
+    def resting(self) -> Mesh:
+        """The mesh as it rests in the file, with what scales of 0 hide."""
+        folded = self.rigging is not None and self.rigging.skeleton.folded
+        return self.at(Animation("", ()), 0.0) if folded else self.mesh
 
     @functools.cached_property
     def at(self) -> Callable[[Animation, float], Mesh]:
@@ -71,10 +79,21 @@ def load_rig(
 
     place: where the file's coordinates are in the object's, of a sequence whose first file told it.
     """
-    file = read_mesh_file(path, outside=outside, smooth_deg=smooth_deg)
+    file = _unfolded(read_mesh_file(path, outside=outside, smooth_deg=smooth_deg))
     place, notes = object_from_file(path, file, unit, up) if place is None else (place, ())
     mesh = mesh_of_file(path, file, place, unit, part)
     return _rig(file, replace(mesh, notes=mesh.notes + notes), place, part)
+
+
+def _unfolded(file: MeshFile) -> MeshFile:
+    """Return a file with its parts as if no node had a scale of 0 at rest."""
+    if file.rigging is None or not file.rigging.skeleton.folded:
+        return file
+    pose_, parts = file.rigging.skeleton.unfolded(), []
+    for part, body in zip(file.parts, file.rigging.bodies, strict=True):
+        positions, normals, faces = body.at(pose_)
+        parts.append(replace(part, positions=positions, normals=normals, faces=faces))
+    return replace(file, parts=tuple(parts))
 
 
 def _rig(file: MeshFile, mesh: Mesh, place: Floats, part: str) -> Rig:

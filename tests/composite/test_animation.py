@@ -12,13 +12,17 @@ import numpy as np
 import pytest
 
 from mr360uw.composite.mesh.mesh import Mesh
+from mr360uw.composite.motion import rigid
 from mr360uw.composite.object_settings import ObjectSettings
 from mr360uw.composite.objects import SceneObject, load_object, load_objects
 from mr360uw.composite.playback import looped
+from mr360uw.composite.shot import PlacedObject
 from mr360uw.errors import MeshError
 from tests.composite import tolerances as tol
 from tests.composite.gltf_files import GltfFile, one_square, swimming, tube, turned
+from tests.composite.scenes import shot
 from tests.composite.test_gltf import every_place
+from tests.composite.test_materials import draw
 
 EYE = np.zeros(3), np.eye(3)
 
@@ -423,3 +427,26 @@ def test_a_damaged_animation_is_played_or_refused(tmp_path: Path, value: object)
         entry[last] = value
         with contextlib.suppress(MeshError):
             mesh_at(loaded(file, tmp_path), 0.1)
+
+
+@pytest.mark.parametrize("joint", [1, 2])
+def test_what_has_no_size_at_rest_grows(tmp_path: Path, backend: str, joint: int) -> None:
+    """A joint of scale 0 at rest, the second or that of all: half of the tube, or all of it, shows in the end."""
+    file = tube()
+    whole = file.write(tmp_path / "whole.glb")
+    file.tree["nodes"][joint]["scale"] = [0.0, 0.0, 0.0]
+    file.clip((joint, "scale", [0.0, 1.0, 2.0], [[0, 0, 0], [1, 1, 1], [1, 1, 1]]))
+    grows = load_object(ObjectSettings(mesh=file.write(tmp_path / "grows.glb")))
+
+    def covered(at: PlacedObject) -> float:
+        away = PlacedObject(at.mesh, rigid((-1.0, 0.0, -2.0), np.eye(3), 1.0))
+        layer, _ = draw(backend, shot(away, width=64, sun=None))
+        assert np.all(np.isfinite(layer.radiance))
+        return float(layer.alpha.sum())
+
+    full = covered(PlacedObject(load_object(ObjectSettings(mesh=whole)).meshes[0], np.eye(4)))
+    first, last = (covered(grows.at(t, 0, np.zeros(3), np.eye(3))) for t in (0.0, 1.5))
+    assert last == pytest.approx(full, rel=1e-3)
+    assert first < 0.6 * full
+    unmoved = load_object(ObjectSettings(mesh=tmp_path / "grows.glb", animation=""))
+    assert covered(unmoved.at(0.0, 0, np.zeros(3), np.eye(3))) == pytest.approx(first, abs=0.05)

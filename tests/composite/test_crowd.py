@@ -68,7 +68,7 @@ def seen_past(bodies: Bodies, rays: Floats, edge: Floats) -> Floats:
     maps, seen = shadows.halo, np.empty((len(rays), edge.shape[1] - 1))
     visible_parts(
         np.zeros(3), rays, edge[:, :-1], edge[:, 1:], bodies.centre, bodies.radius, shadows.frame, shadows.apart,
-        maps.frame, maps.top, maps.spread, HALO_TAPS, seen,
+        maps.frame, maps.top, maps.spread, bodies.passed, HALO_TAPS, seen,
     )  # fmt: skip
     return seen
 
@@ -81,7 +81,7 @@ def test_no_shadow_in_the_water_is_lost_among_many(rng: np.random.Generator, mon
     monkeypatch.setattr(body_shadows, "_WHOLE", 1e9)
     together = seen_past(bodies, rays, edge)
     alone = np.array([
-        seen_past(Bodies((body,), bodies.centre[k : k + 1], bodies.radius[k : k + 1]), rays, edge)
+        seen_past(Bodies((body,), *(of[k : k + 1] for of in (bodies.centre, bodies.radius, bodies.passed))), rays, edge)
         for k, body in enumerate(bodies.occluders)
     ])  # fmt: skip
     single = np.count_nonzero(alone < 1.0, axis=0) <= 1

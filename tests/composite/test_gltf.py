@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 
@@ -111,8 +112,10 @@ def test_a_second_set_of_coordinates(tmp_path: Path) -> None:
     file.mesh(square)
     mesh = load_mesh(file.write(tmp_path / "two.glb"))
     np.testing.assert_allclose(mesh.uv, np.broadcast_to([0.25, 0.5], mesh.uv.shape))
-    assert mesh.materials[0].occlusion_map is None
-    assert said(mesh, "occlusion map has texture coordinates of its own")
+    (read,) = mesh.materials
+    assert read.mapped == (("base_map", 0), ("occlusion_map", 1))  # each has its own
+    np.testing.assert_allclose(mesh.more_uv[..., 0, :], mesh.positions[..., :2] * [1, -1] + [0, 1], atol=tol.FLOAT32)
+    assert mesh.notes == ()
 
 
 def test_factors_and_material_extensions(tmp_path: Path) -> None:
@@ -177,17 +180,21 @@ def test_quantised_attributes(tmp_path: Path) -> None:
     assert np.array_equal(loaded.meshes[0].colors, mesh.colors)
 
 
-def test_vertex_colours_beside_a_texture_are_noted(tmp_path: Path) -> None:
+def test_vertex_colours_multiply_the_texture_of_the_file_but_not_that_of_the_scene(tmp_path: Path) -> None:
     file = GltfFile()
     reference = {"index": file.texture(GREY)}
     square = file.square(material=0)
     square["attributes"]["COLOR_0"] = file.accessor([[0.5, 1.0, 1.0]] * 4)
     file.tree["materials"] = [{"pbrMetallicRoughness": {"baseColorTexture": reference}}]
     file.mesh(square)
-    path = file.write(tmp_path / "c.glb")
-    mesh = load_object(ObjectSettings(mesh=path)).meshes[0]
-    assert said(mesh, "vertex colours")
-    assert mesh.colors[0, 0].tolist() == [1.0, 1.0, 1.0, 1.0]
+    path, image = file.write(tmp_path / "c.glb"), tmp_path / "c.png"
+    own = load_object(ObjectSettings(mesh=path)).meshes[0]
+    assert own.colors[0, 0].tolist() == [0.5, 1.0, 1.0, 1.0]
+    assert own.notes == ()
+    cv2.imwrite(str(image), GREY)
+    other = load_object(ObjectSettings(mesh=path, texture=image)).meshes[0]
+    assert other.colors[0, 0].tolist() == [1.0, 1.0, 1.0, 1.0]
+    assert said(other, "vertex colours")
 
 
 @pytest.mark.parametrize("channels", [1, 3, 4])
@@ -403,3 +410,29 @@ def test_a_damaged_file_is_read_or_refused(tmp_path: Path, value: object) -> Non
         entry[last] = value
         with contextlib.suppress(MeshError):
             load_mesh(file.write(tmp_path / "damaged.glb"))
+
+
+def test_what_is_not_drawn_is_said_once_with_what_is_drawn_instead(tmp_path: Path) -> None:
+    file = GltfFile(
+        extensionsUsed=["KHR_materials_clearcoat", "KHR_materials_transmission", "KHR_materials_variants", "ACME_fur"],
+        scenes=[{"nodes": [0, 1, 2]}, {"name": "inside", "nodes": [0]}],
+        cameras=[{"type": "perspective", "perspective": {"yfov": 1.0, "znear": 0.1}}],
+        nodes=[{"mesh": 0}, {"camera": 0}, {"camera": 0}],
+        scene=1,
+        materials=[{}],
+    )
+    file.mesh(file.square(material=0))
+    inside = load_mesh(file.write(tmp_path / "inside.glb"))
+    for words in (
+        "clear coat) is not drawn - what is below",
+        "alphaMode BLEND",
+        "variants of materials",
+        "ACME_fur is",
+    ):
+        assert said(inside, words)
+    assert said(inside, "2 scenes - 'inside' is drawn")
+    assert not any("camera" in note for note in inside.notes)
+    file.tree["scene"] = 0
+    outside = load_mesh(file.write(tmp_path / "outside.glb"))
+    assert said(outside, "2 scenes - 0 is drawn")
+    assert sum("camera" in note for note in outside.notes) == 1

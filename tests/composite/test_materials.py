@@ -131,6 +131,49 @@ def test_occlusion_darkens_ambient_light_alone(backend: str) -> None:
         np.testing.assert_allclose(after, factor * before, rtol=tol.HALF_FLOAT)
 
 
+_HALVES = {
+    "baseColorTexture": ((90, 200, 40), (250, 60, 160)),
+    "metallicRoughnessTexture": ((255, 40, 0), (255, 200, 230)),
+    "normalTexture": ((128, 128, 255), (180, 90, 230)),
+    "occlusionTexture": ((255, 0, 0), (80, 0, 0)),
+    "emissiveTexture": ((0, 0, 0), (200, 120, 90)),
+}
+"""Colours of the left and of the right half of every map."""
+
+
+def test_every_map_has_coordinates_of_its_own(tmp_path: Path, backend: str) -> None:
+    """Each map shows its right half alone, by a set or a transform that no other has: as if it were of one colour."""
+    pictures = []
+    for halves in (False, True):
+        file = GltfFile(extensionsUsed=["KHR_texture_transform"])
+        square, references = file.square(material=0), {}
+        corners = np.array([[0, 1], [1, 1], [1, 0], [0, 0]], float)
+        for number, (name, (left, right)) in enumerate(_HALVES.items()):
+            image = np.full((8, 64, 3), right, np.uint8)
+            place: dict[str, Any] = {}
+            if halves and number % 2:  # a set
+                image[:, :32] = left
+                square["attributes"][f"TEXCOORD_{number}"] = file.accessor(
+                    corners * [0.2, 1] + [0.6 + 0.02 * number, 0]
+                )
+                place = {"texCoord": number}
+            elif halves:  # a transform
+                image[:, :32] = left
+                moved = {"offset": [0.6 + 0.02 * number, 0.0], "scale": [0.2, 1.0]}
+                place = {"extensions": {"KHR_texture_transform": moved}}
+            references[name] = {"index": file.texture(image), **place}
+        names = ("baseColorTexture", "metallicRoughnessTexture")
+        pbr = {name: references.pop(name) for name in names}
+        file.tree["materials"] = [{"pbrMetallicRoughness": pbr, "emissiveFactor": [1, 1, 1], **references}]
+        file.mesh(square)
+        scene = in_front(file.write(tmp_path / "maps.glb"))
+        pictures.append(draw(backend, replace(scene, lights=(Sun(unit([0.2, 0.5, 1.0]), np.ones(3), 0.01, 1.0),)))[1])
+    baked, own = pictures
+    for name in ("diffuse", "glossy", "sun", "emission", "normal"):
+        np.testing.assert_allclose(getattr(own, name), getattr(baked, name), atol=tol.HALF_FLOAT)
+    assert baked.emission[MIDDLE][0] > 0.1
+
+
 def test_vertex_colours_blend(tmp_path: Path, backend: str) -> None:
     """A square of vertex colour (.8, .4, .2, .25), matt, in even light: alpha is .25, the rest multiplies."""
     file = GltfFile()

@@ -214,7 +214,8 @@ def test_meshes_as_they_are_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     assert mesh.materials[0].normal_map is not None
     np.testing.assert_allclose(load_mesh(tmp_path / "fish.glb", "cm").extent_m.max(), 0.402, rtol=tol.FLOAT32)
 
-    truck = GltfFile(materials=[{"alphaMode": mode} for mode in ("OPAQUE", "MASK", "BLEND")])
+    half = {"baseColorFactor": [1.0, 1.0, 1.0, 0.5]}
+    truck = GltfFile(materials=[{"alphaMode": m, "pbrMetallicRoughness": half} for m in ("OPAQUE", "MASK", "BLEND")])
     truck.mesh(truck.square(material=0), truck.square(material=1))
     truck.mesh(truck.square(material=2))
     truck.tree["nodes"] = [{"mesh": 0}, {"mesh": 1, "translation": [1, 0, 0]}, {"mesh": 1, "translation": [3, 0, 0]}]

@@ -103,7 +103,7 @@ class Occluders(Parts):
         return plans
 
     @cached_property
-    def _packed(self) -> tuple[Any, Any, Any, Any, Any, Any, Any]:
+    def _packed(self) -> tuple[Any, Any, Any, Any, Any, Any, Any, Any]:
         """Arrays of the fields for `_block`; each field once, with the number (m,) of that of each body."""
         number = {id(field): k for k, field in enumerate({id(field): field for field in self.fields}.values())}
         fields = list({id(field): field for field in self.fields}.values())
@@ -115,7 +115,7 @@ class Occluders(Parts):
         frame, heights, filled, cells = (
             np.array([getattr(field, name) for field in fields]) for name in ("frame", "heights", "filled", "cells")
         )
-        return of, frame, heights, filled, outlines, corners, cells
+        return of, frame, heights, filled, np.array([field.opacity for field in fields]), outlines, corners, cells
 
 
 @inlined
@@ -213,8 +213,8 @@ def _add(normal: Any, begins: Any, blocked: Any, m: Any, before: Any, piece: Any
 
 @fast
 def _block(
-    point: Any, normal: Any, origin: Any, of: Any, frame: Any, heights: Any, filled: Any, outline: Any, corners: Any,
-    cells: Any, weights: Any, share: Any,
+    point: Any, normal: Any, origin: Any, of: Any, frame: Any, heights: Any, filled: Any, opacity: Any, outline: Any,
+    corners: Any, cells: Any, weights: Any, share: Any,
 ) -> None:  # fmt: skip
     """Add the weights (n, NODES) and set the shares (m, n) of bodies at places (n, 3); the fields are those of `of`."""
     begins, blocked = np.zeros((len(origin) + 1, 3)), np.zeros((len(origin) + 1, AZIMUTHS, 5))
@@ -242,4 +242,6 @@ def _block(
                 a, b, _, _ = place_beside(x, y, z, frame[f], heights[f, 1])
                 edges = outline[f, : corners[f]]
                 as_rectangle(a, b, y, frame[f], edges, heights[f], filled[f], begins[slot], blocked[slot])
+            if opacity[f] < 1.0:
+                blocked[slot, :, 4] *= opacity[f]
             share[m, k] = _add(normal[k], begins, blocked, slot, slot, piece, weights[k])

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from mr360uw.composite.ambient.directions import COUNT, SOLID_ANGLE, directions
 from mr360uw.composite.ambient.height_field import HeightField
-from mr360uw.composite.ambient.mesh_transfer import OwnView, Transfer, met_samples
+from mr360uw.composite.ambient.mesh_transfer import OwnView, Transfer
 from mr360uw.composite.shot import PlacedObject
 from mr360uw.types import Floats
 
@@ -147,12 +147,10 @@ class Body:
         number, direction = np.nonzero((off < mesh.radius_m**2) & (along > -mesh.radius_m))
         lifted = nodes + np.array([0.0, _LIFT * mesh.radius_m, 0.0])
         origin, rays = (lifted @ self.rotation + mesh.center_m)[number], (d @ self.rotation)[direction]
-        triangle = transfer.scene.first_hit(origin, rays)
-        hit = np.flatnonzero(triangle >= 0)
-        met, _, _ = met_samples(transfer, origin[hit], rays[hit], triangle[hit])
-        weight = (SOLID_ANGLE * d[direction[hit], 1]).astype(np.float32)
+        met = transfer.blocking.met(transfer.lattice, origin, rays)
+        weight = (SOLID_ANGLE * d[direction[met.ray], 1]).astype(np.float32) * met.part
         down = np.zeros((len(nodes), len(transfer.coarse.sample)), np.float32)
-        np.add.at(down, (number[hit], transfer.coarse.of[met]), weight)
+        np.add.at(down, (number[met.ray], transfer.coarse.of[met.sample]), weight)
         grid = down.reshape(NODES, NODES, -1)
         return _spread_from(grid, grid.sum(axis=-1, keepdims=True)).reshape(NODES**2, -1)
 

@@ -108,14 +108,14 @@ class Layout:
             between_nodes(np.clip(place, 0.0, NODES - 1.0), np.ascontiguousarray(values, np.float64), out)
         return out
 
-    def shaded(self, points: Sequence[Floats], direction: Floats) -> list[NDArray[np.bool_]]:
-        """Return for groups of points (n, 3) of the world whether a body that casts shadows lies from each towards a
-        direction (3,).
+    def lit(self, points: Sequence[Floats], direction: Floats) -> list[Floats]:
+        """Return for groups of points (n, 3) of the world the fraction of the light from a direction (3,) that bodies
+        which cast shadows leave.
         """
-        shaded = [np.zeros(len(group), np.bool_) for group in points]
+        lit: list[Floats] = [np.ones(len(group)) for group in points]
         casting, some = [b for b in self.bodies if b.placed.casts_shadow], [k for k, of in enumerate(points) if len(of)]
         if not some or not casting:
-            return shaded
+            return lit
         low, high = (np.array([at(points[k], axis=0) for k in some]) for at in (np.min, np.max))
         reach = 0.5 * np.linalg.norm(high - low, axis=-1)[:, None] + np.array([b.radius for b in casting])
         way = np.array([b.center for b in casting]) - 0.5 * (low + high)[:, None]
@@ -129,8 +129,8 @@ class Layout:
             near = np.flatnonzero((off < body.radius**2) & (along > -body.radius))
             if len(near):
                 ray = np.broadcast_to(direction @ body.rotation, (len(near), 3))
-                shaded[group][near] |= body.transfer.scene.occluded(body.inside(points[group][near]), ray)
-        return shaded
+                lit[group][near] *= body.transfer.blocking.passed(body.inside(points[group][near]), ray)
+        return lit
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -217,7 +217,7 @@ def _body(placed: PlacedObject, ground_y: float | None, seen_by_ground: bool, ca
     transfer = cache.of(bare.painted, mesh, keep=keep)
     own = cache.of(bare.own_view, shadow, keep=keep)
     field, height_m = None, None
-    if seen_by_ground and shadow and len(transfer.solid):
+    if seen_by_ground and shadow and transfer.opacity > 0.0:
         field = cache.of(make_height_field, bare, linear, keep=keep)
     rotation, center = rounded(linear / placed.scale), placed.to_world(mesh.center_m)
     if ground_y is not None:

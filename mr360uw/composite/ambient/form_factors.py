@@ -19,7 +19,7 @@ from mr360uw.composite.affine import scale_of
 from mr360uw.composite.ambient.body import BITS, NODES, Body
 from mr360uw.composite.ambient.directions import COUNT, directions
 from mr360uw.composite.ambient.lattice_kernel import product
-from mr360uw.composite.ambient.mesh_transfer import Transfer, met_samples
+from mr360uw.composite.ambient.mesh_transfer import Transfer
 from mr360uw.jit import exact
 from mr360uw.texels import smoothstep
 from mr360uw.types import Floats
@@ -124,12 +124,10 @@ class Neighbour:
         sample, direction = found[:, :used]
         back = np.linalg.inv(self.linear).T
         origin, rays = ((place - self.shift) @ back)[sample], (directions() @ back)[direction]
-        triangle = self.transfer.scene.first_hit(origin, rays)
-        hit = np.flatnonzero(triangle >= 0)
-        met, distance, _ = met_samples(self.transfer, origin[hit], rays[hit], triangle[hit])
-        coarse_sample = (self.transfer.coarse.of[met] + self.begin).astype(np.int32)
-        share = np.full(len(hit), self.share, np.float32)
-        return sample[hit], direction[hit], coarse_sample, distance.astype(np.float32), share
+        met = self.transfer.blocking.met(self.transfer.lattice, origin, rays)
+        coarse_sample = (self.transfer.coarse.of[met.sample] + self.begin).astype(np.int32)
+        share = np.float32(self.share) * met.part
+        return sample[met.ray], direction[met.ray], coarse_sample, met.distance.astype(np.float32), share
 
     def _directions_near(self, transfer: Transfer) -> NDArray[np.int64]:
         """Return the directions that lead from some place of a mesh into the ball around the body."""
@@ -207,7 +205,7 @@ def _view(seen: PartOf[tuple[Body, list[Neighbour]]], begin: int, total: int) ->
         close[:] = 1.0  # every sample has a lobe of its own
     near_sample = np.flatnonzero(close)
     at_coarse, _ = _form_factors(body, near, sample, body.own.direct, total)
-    cosine = np.where(body.own.open[near_sample], transfer.cosine[near_sample], np.float32(0.0))
+    cosine = body.own.left[near_sample]
     at_near, node = _form_factors(body, near, near_sample, cosine, total)
     lost = (body.own.plain - body.own.direct + at_coarse.lost).sum(axis=1, keepdims=True)
     lost -= at_coarse.ground.sum(axis=1, keepdims=True)
@@ -298,22 +296,22 @@ def _met_by(
 ) -> Met:
     """Return what all samples of a body meet: others and the ground as in their form factors, then the body itself.
 
-    cosine: (S, COUNT) irradiance that directions add which the body leaves open. node: (S, COUNT) of the ground, -1 for
-    none. begin: where the body's coarse samples begin among all.
+    cosine: (S, COUNT) irradiance that directions add which the body leaves open, at least in part. node: (S, COUNT) of
+    the ground, -1 for none. begin: where the body's coarse samples begin among all.
     """
-    others = np.repeat(np.arange(len(cosine)), np.diff(factors.samples.indptr))
+    whole, others = body.transfer.cosine, np.repeat(np.arange(len(cosine)), np.diff(factors.samples.indptr))
     parts: list[tuple[Any, ...]] = [
-        (others, factors.way, factors.samples.indices + 1, factors.samples.data / cosine[others, factors.way])
+        (others, factors.way, factors.samples.indices + 1, factors.samples.data / whole[others, factors.way])
     ]
     if node is not None:
         sample, way = np.nonzero((node >= 0) & (cosine > 0.0))
         taken = np.bincount(others * COUNT + factors.way, factors.samples.data, cosine.size).reshape(cosine.shape)
-        left = 1.0 - taken[sample, way] / cosine[sample, way]
+        left = (cosine[sample, way] - taken[sample, way]) / whole[sample, way]
         some = left > 0.0
         parts.append((sample[some], way[some], -node[sample, way][some] - 1, left[some]))
     if body.own.lost is not None:
         sample, way, hit = body.transfer.own
-        parts.append((sample, way, body.transfer.coarse.of[hit] + begin + 1, np.ones(len(hit))))
+        parts.append((sample, way, body.transfer.coarse.of[hit] + begin + 1, body.transfer.own_part))
     sample, way, target, part = (np.concatenate(column) for column in zip(*parts, strict=True))
     order = np.argsort(sample, kind="stable")
     first = np.searchsorted(sample[order], np.arange(len(cosine) + 1))

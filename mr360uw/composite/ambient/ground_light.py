@@ -60,7 +60,7 @@ class Sunlight:
             return np.zeros((sum(map(len, place)), 3))
         towards = self._sun.direction
         cosine = [b.transfer.lattice.normal[b.transfer.coarse.sample] @ (towards @ b.rotation) for b in bodies]
-        lit = 1.0 - np.concatenate(self._cache.of(_coarse_shaded, self._layout, self._towards, keep=_KEPT))
+        lit = np.concatenate(self._cache.of(_coarse_lit, self._layout, self._towards, keep=_KEPT))
         return self._beam(np.concatenate(place)) * (np.maximum(np.concatenate(cosine), 0.0) * lit)[:, None]
 
     def at_nodes(self) -> tuple[Floats, Floats]:
@@ -71,8 +71,7 @@ class Sunlight:
         if self._sun is None:
             return np.zeros((len(node), 3)), np.zeros(len(node))
         beam = self._beam(node) * max(float(self._sun.direction[1]), 0.0)
-        shaded = self._cache.of(_nodes_shaded, self._layout, self._towards, keep=_KEPT)
-        return beam, np.concatenate(shaded).astype(np.float64)
+        return beam, 1.0 - np.concatenate(self._cache.of(_nodes_lit, self._layout, self._towards, keep=_KEPT))
 
     def _beam(self, points: Floats) -> Floats:
         """Return the sun's irradiance (n, 3) across its beam."""
@@ -96,12 +95,12 @@ def _coarse(layout: Layout) -> list[Floats]:
     return [placed.to_world(position) for placed, position in parts]
 
 
-def _coarse_shaded(layout: Layout, towards: Floats) -> list[NDArray[np.bool_]]:
-    return layout.shaded(_coarse(layout), towards)
+def _coarse_lit(layout: Layout, towards: Floats) -> list[Floats]:
+    return layout.lit(_coarse(layout), towards)
 
 
-def _nodes_shaded(layout: Layout, towards: Floats) -> list[NDArray[np.bool_]]:
-    return layout.shaded(layout.nodes, towards)
+def _nodes_lit(layout: Layout, towards: Floats) -> list[Floats]:
+    return layout.lit(layout.nodes, towards)
 
 
 class GroundLight:

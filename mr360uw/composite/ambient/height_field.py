@@ -37,7 +37,7 @@ class HeightField:
     cells: (CELLS + 2, CELLS + 2, 3), first index along the first side, with a border around: the fraction of the cell
     within the outline that the body covers, and the lower and the upper height of its surface; off the body those of
     the nearest cell. heights: (2,) least and greatest. filled: (2,) part of the rectangle around the body that it
-    fills, seen along each side.
+    fills, seen along each side. opacity: fraction of light that it blocks where it is met, a mean.
     """
 
     frame: Floats
@@ -45,11 +45,12 @@ class HeightField:
     cells: Floats
     heights: Floats
     filled: Floats
+    opacity: float
 
 
 def make_height_field(transfer: Transfer, linear: Floats) -> HeightField:
     """Return the field of a mesh turned and scaled by `linear` (3, 3)."""
-    points = transfer.scene.triangles @ linear.T
+    points = transfer.blocking.scene.triangles @ linear.T
     frame, outline = _frame(_hull(points.reshape(-1, 3)[:, [0, 2]]))
     low, high = points[..., 1].min(), points[..., 1].max()
     fine = CELLS * _FINE
@@ -70,7 +71,7 @@ def make_height_field(transfer: Transfer, linear: Floats) -> HeightField:
     least = max(_STANDS_OUT * (high - low), _OF_A_CELL * 2.0 * min(frame[4:]) / CELLS)
     cells = _with_thin_parts(_samples(points, frame), cover, lower, upper, least)
     heights = np.array([cells[..., 1].min(), cells[..., 2].max()])
-    return HeightField(frame, outline, cells, heights, _filled(cells, heights))
+    return HeightField(frame, outline, cells, heights, _filled(cells, heights), transfer.opacity)
 
 
 def _hull(plan: Floats) -> Floats:

@@ -75,11 +75,10 @@ def find_three(places: Any, weights: Any, points: Any, shares: Any) -> None:
 
 @exact
 def find_nearest_points(
-    triangles: Any, met: Any, origin: Any, direction: Any, places: Any, numbers: Any,
-    point: Any, distance: Any, behind: Any,
+    triangles: Any, met: Any, origin: Any, direction: Any, places: Any, point: Any, distance: Any, behind: Any,
 ) -> None:  # fmt: skip
     """Set the nearest point and the distance of rays (n,) that meet triangles of a scene (T, 3, 3), and if they meet
-    the back. met: (n,) triangles in the scene; numbers: (T,) those in `places`.
+    the back. met: (n,) numbers of the triangles.
     """
     a, b, c = origin[0].copy(), origin[0].copy(), origin[0].copy()
     for n in range(len(met)):
@@ -93,7 +92,7 @@ def find_nearest_points(
         behind[n] = total > 0.0
         total = total if abs(total) >= 1e-300 else 1e-300
         distance[n] = triple(a, b, c) / total
-        first, second, third, x, y, z = _three(places[numbers[met[n]]], u / total, v / total, w / total)
+        first, second, third, x, y, z = _three(places[met[n]], u / total, v / total, w / total)
         point[n] = first if x >= y and x >= z else second if y >= z else third
 
 

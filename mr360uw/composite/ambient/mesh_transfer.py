@@ -7,7 +7,7 @@ after the lights are known).
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +19,7 @@ from mr360uw.composite.ambient.sample_points import CoarseSamples, Lattice, choo
 from mr360uw.composite.lighting.shading import dielectric_f0, reflectance
 from mr360uw.composite.mesh.material import Material
 from mr360uw.composite.mesh.mesh import Mesh
-from mr360uw.composite.raycast.geometry import base_color, gather
+from mr360uw.composite.raycast.geometry import Geometry, base_color, gather, opacity_key, surfaces_along
 from mr360uw.composite.shot import PlacedObject
 from mr360uw.ibl.splitsum import split_sum
 from mr360uw.rays import RayScene
@@ -39,17 +39,70 @@ _BURIED = 0.5
 """A sample that sees backs of surfaces in more than this part of its directions lies inside a part of the mesh."""
 
 
+class Met(NamedTuple):
+    """Where rays meet a mesh, (m,) each: number of the ray, the sample nearest to the place, the distance, whether the
+    back is met, and the fraction of the ray's light that is blocked there.
+    """
+
+    ray: NDArray[np.int64]
+    sample: NDArray[np.int64]
+    distance: Floats
+    behind: NDArray[np.bool_]
+    part: NDArray[np.float32]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Blocking:
+    """The triangles of a mesh for rays of ambient light, in its own axes."""
+
+    mesh: Mesh
+    scene: RayScene
+
+    @property
+    def opaque(self) -> bool:
+        """Whether they let nothing through."""
+        return all(m.alpha_mode == "OPAQUE" for m in self.mesh.materials)
+
+    @property
+    def _geometry(self) -> Geometry:
+        return gather([PlacedObject(self.mesh, np.eye(4))], np.zeros(3))
+
+    def passed(self, origins: Floats, directions: Floats) -> Floats:
+        """Return the fraction (n,) of the light of rays (n, 3) that the mesh leaves."""
+        if self.opaque:
+            return np.asarray(~self.scene.occluded(origins, directions), np.float64)
+        met = surfaces_along(self._geometry, self.scene, origins, directions, 1e-6 * self.mesh.radius_m)
+        return np.maximum(1.0 - np.bincount(met.ray, met.part, len(origins)), 0.0)
+
+    def met(self, lattice: Lattice, origins: Floats, directions: Floats) -> Met:
+        """Return where rays (n, 3) meet the mesh: their first triangles, and those behind what lets light through."""
+        met = surfaces_along(self._geometry, self.scene, origins, directions, 1e-6 * self.mesh.radius_m)
+        sample, distance, behind = _nearest_sample(lattice, self.scene, met.start, directions[met.ray], met.triangle)
+        return Met(met.ray, sample, met.gone + distance, behind, met.part.astype(np.float32))
+
+
+def _nearest_sample(
+    lattice: Lattice, scene: RayScene, origin: Floats, direction: Floats, triangle: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], Floats, NDArray[np.bool_]]:
+    """Return the nearest sample (n,) to where rays meet triangles, the distance, and which meet the back (n,)."""
+    count = len(triangle)
+    point, distance, behind = np.empty(count, np.int64), np.empty(count), np.empty(count, np.bool_)
+    if count:
+        find_nearest_points(scene.triangles, triangle, origin, direction, lattice.places, point, distance, behind)
+    return lattice.nearest_sample[point + (lattice.points * behind if lattice.two_sided else 0)], distance, behind
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class OwnView:
     """What a mesh does to its own light. lost: (S, COUNT) float32, irradiance [sr] that its own surface keeps off in
-    each direction, None if nothing; samples: (S, C) sparse, what its coarse samples add instead; open: (S, COUNT)
-    directions that are left. plain, direct: (C, COUNT) irradiance that each direction adds at the coarse samples, were
-    nothing in the way, and with the mesh itself.
+    each direction, None if nothing; samples: (S, C) sparse, what its coarse samples add instead; left: (S, COUNT)
+    float32, irradiance [sr] that each direction still adds. plain, direct: (C, COUNT) irradiance that each direction
+    adds at the coarse samples, were nothing in the way, and with the mesh itself.
     """
 
     lost: NDArray[np.float32] | None
     samples: Any
-    open: NDArray[np.bool_]
+    left: NDArray[np.float32]
     plain: NDArray[np.float32]
     direct: NDArray[np.float32]
 
@@ -60,25 +113,27 @@ class Transfer:
 
     cosine: (S, COUNT) float32, irradiance [sr] that each direction's radiance adds to a sample; whole: (S,) its sum.
     coarse: the samples that exchange light with other bodies. own: (3, m) numbers of the samples and directions that
-    the mesh blocks itself, and of the samples that are seen instead. base, emission: (S, 3) mean colour and emission
-    [plate radiance]; metallic, roughness, index: (S,). scene, solid: its opaque triangles for rays, and their numbers.
-    area_m2: (3,) of its silhouettes along the axes; sides: (6, C) part of each coarse sample in the mean of what is
-    seen from +x, -x, +y, -y, +z and -z. tree: places of the samples. Meshes of one `shape_of` share the lattice, which
-    stands for all that their shape alone decides.
+    the mesh blocks itself, and of the samples that are seen instead; own_part: (m,) float32, fraction of the direction
+    that is blocked. base, emission: (S, 3) mean colour and emission [plate radiance]; metallic, roughness, index: (S,).
+    blocking: its triangles for rays. opacity: fraction of light that it blocks where it is met, a mean. area_m2: (3,)
+    of its silhouettes along the axes; sides: (6, C) part of each coarse sample in the mean of what is seen from +x, -x,
+    +y, -y, +z and -z. tree: places of the samples. Meshes of one `shape_of` share the lattice, which stands for all
+    that their shape alone decides.
     """
 
     lattice: Lattice
     coarse: CoarseSamples
     cosine: NDArray[np.float32]
     own: NDArray[np.int64]
+    own_part: NDArray[np.float32]
     base: Floats
     emission: Floats
     metallic: Floats
     roughness: Floats
     index: Floats
     whole: Floats
-    scene: RayScene
-    solid: NDArray[np.int64]
+    blocking: Blocking
+    opacity: float
     mesh: Mesh
     area_m2: Floats
     sides: NDArray[np.float32]
@@ -96,16 +151,15 @@ class Transfer:
         from scipy.sparse import csr_matrix
 
         sample, direction, hit = self.own
-        open_ = self.cosine > 0.0
         plain = self.cosine[self.coarse.sample]
         shape = (len(self.cosine), len(self.coarse.sample))
         if not shadow or len(sample) == 0:
-            return OwnView(None, csr_matrix(np.zeros(shape, np.float32)), open_, plain, plain)
-        open_[sample, direction] = False
-        weight = self.cosine[sample, direction]
+            return OwnView(None, csr_matrix(np.zeros(shape, np.float32)), self.cosine, plain, plain)
+        weight = self.cosine[sample, direction] * self.own_part
         samples = csr_matrix((weight, (sample, self.coarse.of[hit])), shape=shape)
-        lost = np.where(open_, np.float32(0.0), self.cosine)
-        return OwnView(lost, samples, open_, plain, plain - lost[self.coarse.sample])
+        lost = np.zeros_like(self.cosine)
+        np.add.at(lost, (sample, direction), weight)
+        return OwnView(lost, samples, self.cosine - lost, plain, plain - lost[self.coarse.sample])
 
     def reflected(self, medium_index: float) -> Floats:
         """Return the fraction (S, 3) of ambient light that samples send back, the coat's part taken as diffuse.
@@ -121,9 +175,10 @@ class Transfer:
 
 
 def shape_of(mesh: Mesh) -> PartOf[Mesh]:
-    """Return a mesh's shape: its arrays, and which of its materials are opaque and seen from both sides."""
-    sides = tuple((material.alpha_mode == "OPAQUE", material.double_sided) for material in mesh.materials)
-    return PartOf(mesh, Same(mesh.positions), Same(mesh.normals), Same(mesh.material), Same(mesh.hull), sides)
+    """Return a mesh's shape: its arrays, what light it lets through, and which materials are seen from both sides."""
+    sides = tuple(material.double_sided for material in mesh.materials)
+    arrays = Same(mesh.positions), Same(mesh.normals), Same(mesh.material), Same(mesh.hull)
+    return PartOf(mesh, *arrays, sides, opacity_key(mesh))
 
 
 def shape_transfer(shape: PartOf[Mesh]) -> Transfer:
@@ -135,27 +190,40 @@ def make_transfer(mesh: Mesh) -> Transfer:
     """Return the transfer of a mesh; its samples are chosen and its rays are shot once, and kept on the disk."""
     from scipy.spatial import cKDTree
 
-    solid = np.flatnonzero(np.array([m.alpha_mode == "OPAQUE" for m in mesh.materials])[mesh.material])
-    scene = RayScene(mesh.positions[solid])
-    depends_on = mesh.positions, mesh.normals, mesh.hull, solid, any(m.double_sided for m in mesh.materials)
-    found = kept_arrays("ambient", depends_on, lambda: _samples(mesh, scene, solid))
+    blocking = Blocking(mesh, RayScene(mesh.positions))
+    depends_on = mesh.positions, mesh.normals, mesh.hull, any(m.double_sided for m in mesh.materials)
+    clear = () if blocking.opaque else (mesh.material, mesh.uv, mesh.colors, *_alphas(mesh))
+    found = kept_arrays("ambient", (*depends_on, *clear), lambda: _samples(blocking))
     lattice, coarse = _from_arrays(Lattice, found), _from_arrays(CoarseSamples, found)
     cosine = _cosines(lattice)
     base, emission, metallic, roughness, index = _colors(mesh, lattice)
     return Transfer(
-        lattice, coarse, cosine, found["own"].astype(np.int64), base, emission, metallic, roughness, index,
-        cosine.sum(axis=1), scene, solid, mesh, found["area_m2"], found["sides"], cKDTree(lattice.position),
+        lattice, coarse, cosine, found["own"].astype(np.int64), found["own_part"], base, emission, metallic, roughness,
+        index, cosine.sum(axis=1), blocking, float(found["opacity"]), mesh, found["area_m2"], found["sides"],
+        cKDTree(lattice.position),
     )  # fmt: skip
 
 
-def _samples(mesh: Mesh, scene: RayScene, solid: NDArray[np.int64]) -> dict[str, NDArray[Any]]:
-    """Return the arrays of lattice and coarse samples, and own, area_m2 and sides of `Transfer`, by their names."""
+def _alphas(mesh: Mesh) -> list[object]:
+    """Return what materials say of `opacity`."""
+    factors = [(m.alpha_mode, m.alpha_cutoff, m.base_color[3]) for m in mesh.materials]
+    return [str(factors), *(m.base_map.levels[0] for m in mesh.materials if m.base_map is not None)]
+
+
+def _samples(blocking: Blocking) -> dict[str, NDArray[Any]]:
+    """Return the arrays of lattice and coarse samples, and own, own_part, opacity, area_m2 and sides of `Transfer`, by
+    their names.
+    """
+    mesh = blocking.mesh
     lattice = make_lattice(mesh)
     cosine = _cosines(lattice)
-    lattice, own, seen = _without_buried_samples(lattice, cosine, *_blocked_by_itself(lattice, cosine, scene, solid))
+    lattice, own, own_part, seen = _without_buried_samples(
+        lattice, cosine, *_blocked_by_itself(lattice, cosine, blocking)
+    )
     coarse = choose_coarse(lattice, float(np.max(mesh.extent_m)), seen)
-    area, sides = _sides(mesh, lattice, coarse, scene, solid)
-    return {**_arrays_of(lattice), **_arrays_of(coarse), "own": _small(own), "area_m2": area, "sides": sides}
+    area, sides, opacity = _sides(blocking, lattice, coarse)
+    found = {"own": _small(own), "own_part": own_part, "area_m2": area, "sides": sides, "opacity": np.array(opacity)}
+    return {**_arrays_of(lattice), **_arrays_of(coarse), **found}
 
 
 def _arrays_of(samples: Lattice | CoarseSamples) -> dict[str, NDArray[Any]]:
@@ -193,10 +261,9 @@ def _from_arrays(kind: type[Samples], arrays: Arrays) -> Samples:
     return kind(**values)
 
 
-def _sides(
-    mesh: Mesh, lattice: Lattice, coarse: CoarseSamples, scene: RayScene, solid: NDArray[np.int64]
-) -> tuple[Floats, NDArray[np.float32]]:
-    """Return area_m2 and sides of `Transfer`: the silhouettes of a mesh from six sides."""
+def _sides(blocking: Blocking, lattice: Lattice, coarse: CoarseSamples) -> tuple[Floats, NDArray[np.float32], float]:
+    """Return area_m2, sides and opacity of `Transfer`: the silhouettes of a mesh from six sides."""
+    mesh, blocked, rays_that_meet = blocking.mesh, 0.0, 0
     line = ((np.arange(_ACROSS) + 0.5) / _ACROSS * 2.0 - 1.0) * mesh.radius_m
     u, v = (g.ravel() for g in np.meshgrid(line, line, indexing="ij"))
     area, seen = np.zeros(3), np.zeros((6, len(coarse.sample)), np.float32)
@@ -205,12 +272,12 @@ def _sides(
         origin, rays = np.zeros((2, len(u), 3))
         origin[:, axis], origin[:, (axis + 1) % 3], origin[:, (axis + 2) % 3] = 2.0 * towards * mesh.radius_m, u, v
         origin, rays[:, axis] = origin + mesh.center_m, -towards
-        triangle = scene.first_hit(origin, rays)
-        hit = np.flatnonzero(triangle >= 0)
-        met, _, _ = _met(lattice, scene, solid, origin[hit], rays[hit], triangle[hit])
-        np.add.at(seen[side], coarse.of[met], np.float32(1.0 / max(len(hit), 1)))
-        area[axis] = len(hit) / len(u) * (2.0 * mesh.radius_m) ** 2
-    return area, seen
+        met = blocking.met(lattice, origin, rays)
+        total = float(met.part.sum())
+        np.add.at(seen[side], coarse.of[met.sample], met.part * np.float32(1.0 / max(total, 1e-9)))
+        area[axis] = total / len(u) * (2.0 * mesh.radius_m) ** 2
+        blocked, rays_that_meet = blocked + total, rays_that_meet + len(np.unique(met.ray))
+    return area, seen, blocked / max(rays_that_meet, 1)
 
 
 def _cosines(lattice: Lattice) -> NDArray[np.float32]:
@@ -226,64 +293,38 @@ def _without_buried_samples(
     sample: NDArray[np.int64],
     direction: NDArray[np.int64],
     hit: NDArray[np.int64],
-    behind: NDArray[np.int64],
-) -> tuple[Lattice, NDArray[np.int64], NDArray[np.bool_]]:
-    """Return lattice and own pairs in which samples inside another part of the mesh, which see its surface from behind,
-    take the values of those about them: what is interpolated from them is seen. Last, which samples (S,) are not
-    inside.
+    behind: NDArray[np.bool_],
+    part: NDArray[np.float32],
+) -> tuple[Lattice, NDArray[np.int64], NDArray[np.float32], NDArray[np.bool_]]:
+    """Return lattice, own pairs and their parts in which samples inside another part of the mesh, which see its surface
+    from behind, take the values of those about them: what is interpolated from them is seen. Last, which samples (S,)
+    are not inside.
     """
     count = len(cosine)
-    inside = np.bincount(sample, behind, count)
+    inside = np.bincount(sample, behind * part, count)
     buried = inside > _BURIED * np.count_nonzero(cosine, axis=1)
     if lattice.two_sided or not np.any(buried) or np.all(buried):
-        return lattice, np.stack([sample, direction, hit]), np.ones(count, np.bool_)
+        return lattice, np.stack([sample, direction, hit]), part, np.ones(count, np.bool_)
     stand_in, mixed = stand_ins(lattice, buried)
     kept = ~buried[sample]
     lattice = replace(
         lattice, nearest_sample=stand_in[lattice.nearest_sample], from_samples=lattice.from_samples @ mixed
     )
-    return lattice, np.stack([sample[kept], direction[kept], stand_in[hit[kept]]]), ~buried
+    return lattice, np.stack([sample[kept], direction[kept], stand_in[hit[kept]]]), part[kept], ~buried
 
 
-def _blocked_by_itself(
-    lattice: Lattice, cosine: NDArray[np.float32], scene: RayScene, solid: NDArray[np.int64]
-) -> tuple[NDArray[np.int64], ...]:
+def _blocked_by_itself(lattice: Lattice, cosine: NDArray[np.float32], blocking: Blocking) -> tuple[NDArray[Any], ...]:
+    """Return sample, direction, the sample that is seen instead, whether its back is, and the part of the direction, of
+    all rays that meet the mesh itself.
+    """
     d = directions()
     sample, direction = np.nonzero(cosine > 0.0)
-    found = [np.zeros((4, 0), np.int64)]
+    found: list[tuple[NDArray[Any], ...]] = []
     for start in range(0, len(sample), _RAYS_AT_ONCE):
         s, k = sample[start : start + _RAYS_AT_ONCE], direction[start : start + _RAYS_AT_ONCE]
-        triangle = scene.first_hit(lattice.position[s], d[k])
-        hit = np.flatnonzero(triangle >= 0)
-        s, k, triangle = s[hit], k[hit], triangle[hit]
-        met, _, behind = _met(lattice, scene, solid, lattice.position[s], d[k], triangle)
-        found.append(np.stack([s, k, met, behind]))
-    return tuple(np.concatenate(found, axis=1))
-
-
-def met_samples(
-    transfer: Transfer, origin: Floats, direction: Floats, triangle: NDArray[np.int64]
-) -> tuple[NDArray[np.int64], Floats, NDArray[np.bool_]]:
-    """Return the nearest sample (n,) to where rays meet opaque triangles, the distance, and which meet the back
-    (n,)."""
-    return _met(transfer.lattice, transfer.scene, transfer.solid, origin, direction, triangle)
-
-
-def _met(
-    lattice: Lattice,
-    scene: RayScene,
-    solid: NDArray[np.int64],
-    origin: Floats,
-    direction: Floats,
-    triangle: NDArray[np.int64],
-) -> tuple[NDArray[np.int64], Floats, NDArray[np.bool_]]:
-    count = len(triangle)
-    point, distance, behind = np.empty(count, np.int64), np.empty(count), np.empty(count, np.bool_)
-    if count:
-        find_nearest_points(
-            scene.triangles, triangle, origin, direction, lattice.places, solid, point, distance, behind
-        )
-    return lattice.nearest_sample[point + (lattice.points * behind if lattice.two_sided else 0)], distance, behind
+        met = blocking.met(lattice, lattice.position[s], d[k])
+        found.append((s[met.ray], k[met.ray], met.sample, met.behind, met.part))
+    return tuple(np.concatenate(column) for column in zip(*found, strict=True))
 
 
 def _colors(mesh: Mesh, lattice: Lattice) -> tuple[Floats, ...]:

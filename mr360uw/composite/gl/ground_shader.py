@@ -40,7 +40,7 @@ class GroundShader:
         listed = np.zeros((rows * _PLACES_ACROSS, 4), np.float32)
         listed[: len(places)] = places
         yield Pause.DEVICE
-        defines = frozenset(light.defines) & {"SUN", "SHADOW", "MEDIUM", "HALO"}
+        defines = frozenset(light.defines) & {"SUN", "SHADOW", "MEDIUM", "HALO", "TRANSLUCENT"}
         shader = self._targets.program("coarse", dict.fromkeys(defines, 1))
         bind(shader, {"places": texture_from_array(listed.reshape(rows, -1, 4), listed=True), **light.textures})
         light.set(shader)
@@ -110,7 +110,7 @@ class GroundShader:
         yield Pause.DEVICE
         textures = {name: texture_from_array(atlas, listed=True) for name, atlas in atlases.items()}
         textures |= light.textures
-        defines = (wanted - {"LAMPS"}) | (frozenset(light.defines) & {"SUN", "MEDIUM", "HALO", "SOFT"})
+        defines = (wanted - {"LAMPS"}) | (frozenset(light.defines) & {"SUN", "MEDIUM", "HALO", "SOFT", "TRANSLUCENT"})
         defines |= {"PLANE"} if shape is None else set()
         numbers = {"LAMPS": light.defines["LAMPS"]} if "LAMPS" in wanted else {}
         shader = self._targets.program("receiver", {**dict.fromkeys(defines, 1), **numbers, **of_eye(shot)})

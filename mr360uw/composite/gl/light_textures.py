@@ -12,7 +12,7 @@ import numpy as np
 from mr360uw.cache import Cache
 from mr360uw.caustics.gl.stack import AtlasScratch, upload
 from mr360uw.composite.gl.light_slots import lamp_frames, shadow_table, sun_defines, sun_frames, sun_grid, sun_uniforms
-from mr360uw.composite.gl.shadow_atlas import ShadowAtlas, slot_size
+from mr360uw.composite.gl.shadow_atlas import ShadowAtlas, slot_size, translucent
 from mr360uw.composite.gl.upload import MeshBuffers, write_uniform
 from mr360uw.composite.lighting.lamps import lamps_of
 from mr360uw.composite.lighting.shadow import wide_pixel_offsets
@@ -128,6 +128,7 @@ class LightTextures:
         narrowest = min([*radii, *([] if sun is None else [sun.half_angle_rad])], default=0.0)
         size = slot_size(len(frames), _pixels_across(shot), narrowest)
         texture, of_atlas = self._atlas.of(frames, size)
+        light.defines.update({"TRANSLUCENT": 1} if translucent(frames) else {})
         slots = np.cumsum([len(of_sun), *(len(group) for group in of_lamps)]).tolist()
         table = shadow_table(shot, of_atlas, frames, slots)
         of_grid, rows = sun_grid(shot, of_atlas, len(table))

@@ -35,6 +35,7 @@ from mr360uw.composite.gl.surface_pass import Sampled, SurfacePass
 from mr360uw.composite.gl.targets import Pixels, Targets, bind
 from mr360uw.composite.gl.upload import MeshBuffers, device_order, joined_texture, list_texture
 from mr360uw.composite.lighting.sun import sun_of
+from mr360uw.composite.mesh.material import MAPS
 from mr360uw.composite.mesh.mesh import Mesh
 from mr360uw.composite.sampling import Gaps, filter_width
 from mr360uw.composite.shot import PlacedObject, Shot
@@ -306,6 +307,7 @@ def _add_variables(
 
 
 def _map_defines(mesh: Mesh) -> dict[str, int]:
-    """Return a define for every kind of map that some material of a mesh has."""
-    kinds = ("base_map", "metallic_roughness_map", "normal_map", "occlusion_map", "emission_map")
-    return {kind.upper(): 1 for kind in kinds if any(getattr(m, kind) is not None for m in mesh.materials)}
+    """Return a define for every kind of map that some material of a mesh has, and its further texture coordinates."""
+    further = mesh.more_uv.shape[2]
+    kinds = {kind.upper(): 1 for kind in MAPS if any(getattr(m, kind) is not None for m in mesh.materials)}
+    return kinds | ({"MORE_UV": 1} if further else {})

@@ -8,7 +8,6 @@ heights above the lowest point of its bodies, about their middle: bodies that mo
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -19,6 +18,7 @@ from mr360uw.cache import Cache, PartOf
 from mr360uw.composite.ambient.body import rounded
 from mr360uw.composite.gl.targets import bind
 from mr360uw.composite.gl.upload import MeshBuffers
+from mr360uw.composite.mesh.material import AlphaMode
 from mr360uw.composite.mesh.mesh import Mesh
 from mr360uw.composite.shot import PlacedObject
 from mr360uw.gl.context import draw_fullscreen, gl_context, program, set_uniforms, texture_from_array, texture_pool
@@ -131,13 +131,7 @@ class ShadowAtlas:
 
     def __init__(self, cache: Cache, buffers: Callable[[Mesh], MeshBuffers]) -> None:
         self._cache, self._buffers = cache, buffers
-        path = "composite/gl/shaders/atlas/shadow_atlas"
-        self._bodies = {}
-        for masked, projected in itertools.product((False, True), repeat=2):
-            defines = {name: 1 for name, there in (("MASKED", masked), ("PROJECTED", projected)) if there}
-            shader = program(vertex=f"{path}.vert", fragment=f"{path}.frag", defines=defines)
-            self._bodies[masked, projected] = shader
-        self._columns = program(fragment="composite/gl/shaders/atlas/shadow_columns.frag")
+        self._shaders: dict[tuple[object, ...], moderngl.Program] = {}
 
     def of(self, frames: Sequence[LightFrame], size: int) -> tuple[moderngl.Texture, Floats]:
         """Return the atlas of frames in slots of `size` texels, and its table (slots, ROW_TEXELS, 4), whose first two
@@ -149,6 +143,12 @@ class ShadowAtlas:
         extents = [frame.placed(of_frame) for frame, of_frame in zip(frames, drawn, strict=True)]
         return texture, _table(extents, size)
 
+    def _shader(self, make: Callable[..., moderngl.Program], *switches: object) -> moderngl.Program:
+        """Return a shader, compiled when it is first used."""
+        if (make, *switches) not in self._shaders:
+            self._shaders[make, *switches] = make(*switches)
+        return self._shaders[make, *switches]
+
     def _draw(self, drawn_of: PartOf[Sequence[LightFrame]], size: int) -> tuple[moderngl.Texture, list[Floats]]:
         """Return the columns of all slots, and the extents (6,) of each about the start of its frame."""
         frames = drawn_of.whole
@@ -157,43 +157,59 @@ class ShadowAtlas:
         texture = texture_pool().texture((columns * size, rows * size), 4)
         texture.repeat_x = texture.repeat_y = False
         atlas = texture_pool().framebuffer(texture)
-        drawn.use()
-        drawn.viewport = (0, 0, *drawn.size)
-        drawn.clear(-1e9, -1e9, 0.0, 0.0)
+        clear = self._cache.of(_target, columns * size, rows * size, True) if translucent(frames) else None
+        drawn.clear(-1e9, -1e9, 0.0, 0.0, viewport=(0, 0, *drawn.size))
         side, extents = _SUPERSAMPLING * size, [frame.extents() for frame in frames]
         for number, (frame, of_frame) in enumerate(zip(frames, extents, strict=True)):
             column, row = number % _COLUMNS, number // _COLUMNS
-            drawn.viewport = (column * side, row * side, side, side)
-            self._draw_frame(drawn, frame, (*of_frame[:2], *(1.0 / of_frame[2:4])))
+            slot, viewport = (*of_frame[:2], *(1.0 / of_frame[2:4])), (column * side, row * side, side, side)
+            self._draw_frame(drawn, frame, viewport, slot)
+            if clear is not None:
+                clear.clear(1.0, 1.0, 1.0, 1.0, viewport=viewport)
+                self._draw_frame(clear, frame, viewport, slot, passed=True)
         entries = texture_from_array(_table(extents, size))
         gl_context().disable(gl_context().DEPTH_TEST | gl_context().BLEND)
-        bind(self._columns, {"drawn": drawn.color_attachments[0], "casters": entries})
-        set_uniforms(self._columns, slot_size=size, slot_columns=columns)
+        shader = self._shader(_column_shader, clear is not None)
+        passed = {} if clear is None else {"passed": clear.color_attachments[0]}
+        bind(shader, {"drawn": drawn.color_attachments[0], "casters": entries, **passed})
+        set_uniforms(shader, slot_size=size, slot_columns=columns)
         atlas.viewport = (0, 0, columns * size, rows * size)
-        draw_fullscreen(atlas, self._columns)
+        draw_fullscreen(atlas, shader)
         texture.build_mipmaps(0, size.bit_length() - 3)
         texture.filter = (gl_context().LINEAR_MIPMAP_NEAREST, gl_context().LINEAR)
         return texture, extents
 
-    def _draw_frame(self, target: moderngl.Framebuffer, frame: LightFrame, slot: tuple[float, ...]) -> None:
-        """Draw bodies into the viewport: the largest of (top, -bottom) along the light."""
+    def _draw_frame(
+        self,
+        target: moderngl.Framebuffer,
+        frame: LightFrame,
+        viewport: tuple[int, int, int, int],
+        slot: tuple[float, ...],
+        *,
+        passed: bool = False,
+    ) -> None:
+        """Draw bodies into the viewport: the largest of (top, -bottom) along the light, or what light they let through,
+        the product over their surfaces.
+        """
         context = gl_context()
+        target.use()
+        target.viewport = viewport
+        source, equation = (context.ZERO, context.FUNC_ADD) if passed else (context.ONE, context.MAX)
         for placed in frame.bodies:
             mesh = self._buffers(placed.mesh)
             light_from_object = np.concatenate([frame.matrix(placed), [[0.0, 0.0, 0.0, 1.0]]])
-            for masked in (False, True):
-                first, count = mesh.ranges["MASK" if masked else "OPAQUE"]
+            for mode, (first, count) in mesh.ranges.items():
                 if count == 0:
                     continue
-                shader = self._bodies[masked, frame.origin is not None]
+                shader = self._shader(_body_shader, mode, frame.origin is not None, passed)
                 bind(shader, {"triangles": mesh.triangles, "materials": mesh.materials, "store": mesh.store})
                 set_uniforms(shader, light_from_object=light_from_object.T, slot=slot)
                 if frame.origin is not None:
                     set_uniforms(shader, middle=frame.middle_m, nearest=frame.nearest_m)
                 vertex_array = context.vertex_array(shader, [(mesh.corners, "3f 4x", "corner")])
                 with context.scope(target, context.BLEND):
-                    context.blend_func = (context.ONE, context.ONE)
-                    context.blend_equation = context.MAX  # type: ignore[assignment]
+                    context.blend_func = (source, context.SRC_COLOR if passed else context.ONE)
+                    context.blend_equation = equation  # type: ignore[assignment]
                     vertex_array.render(context.TRIANGLES, vertices=3 * count, first=3 * first)
                     context.blend_equation = context.FUNC_ADD  # type: ignore[assignment]
 
@@ -211,7 +227,28 @@ def _nothing() -> tuple[moderngl.Texture, Floats]:
     return texture_from_array(np.zeros((1, 1, 2))), np.zeros((1, ROW_TEXELS, 4))
 
 
-def _target(width: int, height: int) -> moderngl.Framebuffer:
-    """Return a framebuffer to draw bodies of columns (height, width) into."""
-    drawn = gl_context().texture((_SUPERSAMPLING * width, _SUPERSAMPLING * height), 2, dtype="f4")
+def translucent(frames: Sequence[LightFrame]) -> bool:
+    """Return whether bodies of frames let light through by their alpha."""
+    return any(m.alpha_mode == "BLEND" for frame in frames for body in frame.bodies for m in body.mesh.materials)
+
+
+def _body_shader(mode: AlphaMode, projected: bool, passed: bool) -> moderngl.Program:
+    """Return the shader that draws triangles of an alpha mode. passed: what they let through, else their heights."""
+    path = "composite/gl/shaders/atlas/shadow_atlas"
+    switches = {"READS_ALPHA": mode != "OPAQUE", "MASKED": mode == "MASK", "PROJECTED": projected, "PASSED": passed}
+    defines = {name: 1 for name, there in switches.items() if there}
+    return program(vertex=f"{path}.vert", fragment=f"{path}.frag", defines=defines)
+
+
+def _column_shader(clear: bool) -> moderngl.Program:
+    """Return the shader that makes columns of what was drawn. clear: bodies let light through."""
+    return program(
+        fragment="composite/gl/shaders/atlas/shadow_columns.frag", defines={"TRANSLUCENT": 1} if clear else {}
+    )
+
+
+def _target(width: int, height: int, passed: bool = False) -> moderngl.Framebuffer:
+    """Return a framebuffer to draw heights of bodies of columns (height, width) into, or what these let through."""
+    size = (_SUPERSAMPLING * width, _SUPERSAMPLING * height)
+    drawn = gl_context().texture(size, 1 if passed else 2, dtype="f4")
     return gl_context().framebuffer([drawn])

@@ -28,6 +28,10 @@ _NO_MAP = (-1.0, 0.0, 0.0, 0.0)
 MapEntry = tuple[float, float, float, float]
 """(address / 64, width, height, wrap) of a map in its store."""
 TRIANGLE_TEXELS = 11
+ADDRESS_BITS = 12
+"""Bits of the lower half of an address: single floats hold both halves exactly. Twin: geometry.glsl."""
+SETS = 8
+"""Sets of texture coordinates that a material may have: more than it has maps. Twin: geometry.glsl."""
 MODES: tuple[AlphaMode, ...] = ("OPAQUE", "MASK", "BLEND")
 
 
@@ -74,6 +78,10 @@ def upload_still(mesh: Mesh, places: NDArray[np.int64] | None = None) -> StillBu
     texels[:, 0:9:3, 3], texels[:, 1:9:3, 3] = mesh.uv[order, :, 0], mesh.uv[order, :, 1]
     texels[:, 2:9:3] = mesh.colors[order]
     texels[:, 9, 0], texels[:, 9, 1] = mesh.material[order], mesh.patch[order]
+    further = np.zeros((len(order), mesh.more_uv.shape[2], 3, 4), np.float32)
+    further[..., :2] = np.swapaxes(mesh.more_uv[order], 1, 2)
+    address = TRIANGLE_TEXELS * len(order) + 3 * mesh.more_uv.shape[2] * np.arange(len(order))
+    texels[:, 9, 2], texels[:, 9, 3] = np.divmod(address, 1 << ADDRESS_BITS)
     if places is not None:
         texels[:, 10] = places[order]
     store, entries = texture_store((texture for m in mesh.materials for texture in m.maps), slice(0, 4))
@@ -81,7 +89,7 @@ def upload_still(mesh: Mesh, places: NDArray[np.int64] | None = None) -> StillBu
     materials = np.stack([_material_texels(m, entries, cut_maps) for m in mesh.materials])
     return StillBuffers(
         order=order,
-        texels=_in_rows(texels, 4),
+        texels=_in_rows(np.concatenate([texels.ravel(), further.ravel()]), 4),
         ranges=ranges,
         pieces=int(mesh.patch.max()) + 1,
         materials=list_texture(materials),
@@ -190,13 +198,20 @@ def _material_texels(m: Material, entries: dict[Texture, MapEntry], cut_maps: Se
         [
             m.base_color,
             (m.metallic, m.roughness, m.normal_scale, m.occlusion_strength),
-            (*m.emission, 0.0),
+            (*m.emission, float(_packed(m.sets))),
             (m.alpha_cutoff, float(m.double_sided), m.refractive_index, cut_map),
             *(_NO_MAP if texture is None else entries[texture] for texture in maps),
             (*m.trim, 0.0),
         ],
         np.float32,
     )
+
+
+def _packed(sets: Sequence[int]) -> int:
+    """Return the numbers of texture coordinates of the maps but the first as digits of base `SETS`, as geometry.glsl
+    reads them.
+    """
+    return sum(number * SETS**place for place, number in enumerate(sets[1:]))
 
 
 def write_uniform(shader: moderngl.Program, name: str, values: NDArray[Any]) -> None:

@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Bodies that cast shadows: shadow rays of the reference renderer, through alpha masks too, and bodies in the water."""
+"""Bodies that cast shadows: what they leave of the light along rays of the reference renderer, and bodies in the water.
+
+A surface of alpha a lets 1 - a of the light through, n of them the product (glTF 2.0, section 3.9.4); a mask all or
+nothing. In the water a body's clear triangles let the same fraction through everywhere, the mean over the body.
+"""
 
 from __future__ import annotations
 
@@ -10,98 +14,111 @@ from numpy.typing import NDArray
 
 from mr360uw.cache import Cache, PartOf, Same
 from mr360uw.composite.mesh.mesh import Mesh
-from mr360uw.composite.raycast.geometry import base_color, gather, occluding
+from mr360uw.composite.raycast.geometry import gather, occluding, opacity_key, surfaces_along
 from mr360uw.composite.shot import PlacedObject, Shot
 from mr360uw.medium.shafts.occluders import Bodies
-from mr360uw.rays import PlacedScene, RayScene, barycentric
+from mr360uw.rays import PlacedScene, RayScene
 from mr360uw.types import Floats
 
 
 def casting_bodies(shot: Shot, cache: Cache) -> Bodies:
-    """Return the opaque parts of a shot's objects that cast shadows, in the world. cache: holds them."""
+    """Return the bodies of a shot's objects that cast shadows, in the world. cache: holds them."""
     return cache.of(_in_world, shot.casters, cache)
 
 
 def _in_world(casters: tuple[PlacedObject, ...], cache: Cache) -> Bodies:
-    scenes = [cache.of(_opaque, _opaque_part(placed.mesh), keep=2 * len(casters)) for placed in casters]
-    solid = [(scene, placed) for scene, placed in zip(scenes, casters, strict=True) if len(scene.triangles)]
+    keep = 2 * len(casters)
+    found: list[tuple[RayScene, PlacedObject, float]] = []
+    for placed in casters:
+        solid, clear = cache.of(_scenes, _shape(placed.mesh), keep=keep)
+        found.append((solid, placed, 0.0))
+        if len(clear.triangles):
+            found.append((clear, placed, cache.of(_mean_passed, _shape(placed.mesh.still), keep=keep)))
+    found = [(scene, placed, passed) for scene, placed, passed in found if len(scene.triangles) and passed < 1.0]
     return Bodies(
-        tuple(PlacedScene(scene, placed.world_from_object) for scene, placed in solid),
-        np.array([placed.to_world(placed.mesh.center_m) for _, placed in solid]).reshape(-1, 3),
-        np.array([placed.mesh.radius_m * placed.scale for _, placed in solid]),
+        tuple(PlacedScene(scene, placed.world_from_object) for scene, placed, _ in found),
+        np.array([placed.to_world(placed.mesh.center_m) for _, placed, _ in found]).reshape(-1, 3),
+        np.array([placed.mesh.radius_m * placed.scale for _, placed, _ in found]),
+        np.array([passed for *_, passed in found]),
     )
 
 
-def _opaque_part(mesh: Mesh) -> PartOf[Mesh]:
-    return PartOf(mesh, Same(mesh.positions), Same(mesh.material), tuple(m.alpha_mode for m in mesh.materials))
+def _shape(mesh: Mesh) -> PartOf[Mesh]:
+    return PartOf(mesh, Same(mesh.positions), Same(mesh.material), opacity_key(mesh))
 
 
-def _opaque(part: PartOf[Mesh]) -> RayScene:
-    mesh = part.whole
-    return RayScene(mesh.positions[np.array([m.alpha_mode == "OPAQUE" for m in mesh.materials])[mesh.material]])
+def _scenes(shape: PartOf[Mesh]) -> tuple[RayScene, RayScene]:
+    """Return the opaque triangles of a mesh and the others."""
+    mesh = shape.whole
+    opaque = np.array([m.alpha_mode == "OPAQUE" for m in mesh.materials])[mesh.material]
+    return RayScene(mesh.positions[opaque]), RayScene(mesh.positions[~opaque])
 
 
-_MAXIMUM_HITS = 64
-"""Masked triangles that one ray passes at most; it counts as free after that."""
+_ACROSS = 48
+"""Parallel rays along each side of the square around a mesh that find what its clear triangles let through."""
 
 
-class MaskedScene:
-    """Masked triangles of bodies that cast shadows. Masks are read at their finest level: a ray has no width."""
+def _mean_passed(shape: PartOf[Mesh]) -> float:
+    """Return the mean fraction of light that a mesh's clear triangles let through, of rays along its axes that meet
+    them.
+    """
+    mesh = shape.whole
+    clear = ClearScene([PlacedObject(mesh, np.eye(4))], np.zeros(3))
+    line = ((np.arange(_ACROSS) + 0.5) / _ACROSS * 2.0 - 1.0) * mesh.radius_m
+    u, v = (g.ravel() for g in np.meshgrid(line, line))
+    origin = np.concatenate([np.roll(np.stack([u, v, 0 * u - 2.0 * mesh.radius_m], -1), k, -1) for k in range(3)])
+    rays = np.repeat([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], len(u), axis=0)
+    passed, met = clear.passed(origin + mesh.center_m, rays, np.inf)
+    return float(passed[met].mean()) if np.any(met) else 1.0
+
+
+_SHORTEST_M = 1e-6
+"""Shortest step [m] behind a surface that lets light through."""
+
+
+class ClearScene:
+    """Triangles of bodies that cast shadows and let light through: those of MASK and BLEND materials."""
 
     def __init__(self, objects: Sequence[PlacedObject], camera_position: Floats) -> None:
-        masked = [
-            placed
-            for placed in objects
-            if placed.casts_shadow and any(m.alpha_mode == "MASK" for m in placed.mesh.materials)
-        ]
-        self._geometry = gather(masked, camera_position)
-        of_mask = np.array([m.alpha_mode == "MASK" for m in self._geometry.materials], np.bool_)
-        self._cutoff = np.array([m.alpha_cutoff for m in self._geometry.materials])
-        self._triangle = np.flatnonzero(of_mask[self._geometry.material])
-        self._scene = RayScene(self._geometry.positions[self._triangle])
+        partial = [p for p in objects if p.casts_shadow and any(m.alpha_mode != "OPAQUE" for m in p.mesh.materials)]
+        every = gather(partial, camera_position)
+        clear = np.array([m.alpha_mode != "OPAQUE" for m in every.materials], np.bool_)
+        self._geometry = every.some(np.flatnonzero(clear[every.material]))
+        self._scene = RayScene(self._geometry.positions)
 
     @property
     def there(self) -> bool:
         """Whether there are any such triangles."""
-        return len(self._triangle) > 0
+        return len(self._scene.triangles) > 0
 
-    def occluded(self, origins: Floats, directions: Floats, reach_m: Floats | float = np.inf) -> NDArray[np.bool_]:
-        """Return whether each ray (n,) hits a triangle where its mask is closed, within `reach_m` [m]."""
-        blocked = np.zeros(len(origins), np.bool_)
-        if not self.there:
-            return blocked
-        active, start, geometry = np.arange(len(origins)), np.array(origins, np.float64), self._geometry
-        left = np.array(np.broadcast_to(reach_m, len(origins)), np.float64)
-        for _ in range(_MAXIMUM_HITS):
-            met = self._scene.first_hit(start[active], directions[active])
-            active, triangle = active[met >= 0], self._triangle[met[met >= 0]]
-            if len(active) == 0:
-                break
-            rays = directions[active]
-            weights, distance = barycentric(geometry.positions[triangle] - start[active, None], rays)
-            alpha = base_color(geometry, triangle, weights, np.zeros((len(active), 2, 2)))[:, 3]
-            within = distance < left[active]
-            closed = within & (alpha >= self._cutoff[geometry.material[triangle]])
-            blocked[active[closed]] = True
-            onwards = np.maximum(distance, 0.0) * (1.0 + 4e-6) + 1e-6
-            start[active] += onwards[:, None] * rays
-            left[active] -= onwards
-            active = active[within & ~closed]
-        return blocked
+    def passed(self, origins: Floats, directions: Floats, reach_m: Floats | float) -> tuple[Floats, NDArray[np.bool_]]:
+        """Return the fraction (n,) of the light of rays that they leave within `reach_m` [m], and which rays (n,) meet
+        any.
+        """
+        met = surfaces_along(self._geometry, self._scene, origins, directions, _SHORTEST_M, reach_m)
+        passed = np.maximum(1.0 - np.bincount(met.ray, met.part, len(origins)), 0.0)
+        return passed, np.bincount(met.ray, minlength=len(origins)) > 0
 
 
 class Blockers:
-    """The triangles of a shot that cast shadows: opaque ones, and masked ones where their mask is closed."""
+    """The triangles of a shot that cast shadows."""
 
     def __init__(self, shot: Shot) -> None:
         self._opaque = RayScene(occluding(shot.objects, shot.view.position))
-        self._masked = MaskedScene(shot.objects, shot.view.position)
+        self._clear = ClearScene(shot.objects, shot.view.position)
 
     @property
     def there(self) -> bool:
         """Whether there is any such triangle."""
-        return len(self._opaque.triangles) > 0 or self._masked.there
+        return len(self._opaque.triangles) > 0 or self._clear.there
 
-    def block(self, start: Floats, directions: Floats, reach_m: Floats | float = np.inf) -> NDArray[np.bool_]:
-        """Return whether each ray (n,) is blocked within `reach_m` [m] of its start, (n, 3) from the camera."""
-        return self._opaque.occluded(start, directions, reach_m) | self._masked.occluded(start, directions, reach_m)
+    def passed(self, start: Floats, directions: Floats, reach_m: Floats | float = np.inf) -> Floats:
+        """Return the fraction (n,) of the light of rays that is left within `reach_m` [m] of their start, (n, 3) from
+        the camera.
+        """
+        passed: Floats = np.asarray(~self._opaque.occluded(start, directions, reach_m), np.float64)
+        if self._clear.there:
+            free = np.flatnonzero(passed)
+            reach = np.broadcast_to(reach_m, len(start))[free]
+            passed[free] = self._clear.passed(start[free], directions[free], reach)[0]
+        return passed

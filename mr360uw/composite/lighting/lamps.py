@@ -73,12 +73,12 @@ class LampSource:
         axes = _axes(self._place - start)
         blockers, place, least = self._blockers, self._place, nearest_m(self._lamp)
 
-        def blocked(k: NDArray[np.int64], begin: Floats, of: NDArray[np.int64]) -> NDArray[np.bool_]:
+        def passed(k: NDArray[np.int64], begin: Floats, of: NDArray[np.int64]) -> Floats:
             to = place - begin + np.einsum("rp,rpk->rk", offsets[k], axes[of])
             length = np.linalg.norm(to, axis=-1)
-            return blockers.block(begin, to / np.maximum(length, 1e-9)[:, None], np.maximum(length - least, 0.0))
+            return blockers.passed(begin, to / np.maximum(length, 1e-9)[:, None], np.maximum(length - least, 0.0))
 
-        return visible_fraction(blocked, start, sides, count)
+        return visible_fraction(passed, start, sides, count)
 
 
 def _axes(away: Floats) -> Floats:

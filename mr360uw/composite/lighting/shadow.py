@@ -112,61 +112,61 @@ def _strided(count: int, stride: float) -> NDArray[np.int64]:
     return np.arange(count) * step % count
 
 
-Blocked = Callable[[NDArray[np.int64], Floats, NDArray[np.int64]], NDArray[np.bool_]]
-"""Whether rays (m,) in directions of given numbers from starts (m, 3), moved points of indices (m,), are blocked."""
+Passed = Callable[[NDArray[np.int64], Floats, NDArray[np.int64]], Floats]
+"""Fraction (m,) of the light that is left of rays in directions of given numbers from starts (m, 3), moved points of
+indices (m,)."""
 _RAYS_AT_ONCE = 1 << 16
 """Rays traced together, which bounds memory."""
 
 
-def visible_fraction(blocked: Blocked, start: Floats, sides: Floats | None, count: int) -> Floats:
-    """Return the fraction (n,) of rays in `count` directions that are free, each from its own place of the footprint.
+def visible_fraction(passed: Passed, start: Floats, sides: Floats | None, count: int) -> Floats:
+    """Return the fraction (n,) of the light of rays in `count` directions that is left, each from its own place of the
+    footprint.
 
     start: (n, 3) middles, sides: (n, 2, 3) of the footprints; None for points. At the edge of a shadow,
     every direction is taken from `_ROUNDS` places.
     """
     every, directions, places = np.arange(len(start)), np.arange(count), pixel_offsets(count)
     if sides is None:
-        return _free(blocked, start, np.zeros((len(start), 2, 3)), directions, places, every) / count
-    seen = _free(blocked, start, sides, directions, places, every)
+        return _free(passed, start, np.zeros((len(start), 2, 3)), directions, places, every) / count
+    seen = _free(passed, start, sides, directions, places, every)
     partly = (seen > 0) & (seen < count)
-    fine = np.flatnonzero(partly | _reaches_edge(blocked, start, sides, seen, count))
+    fine = np.flatnonzero(partly | _reaches_edge(passed, start, sides, seen, count))
     turns = np.arange(1, _ROUNDS)[:, None, None] * _TURN_OF_PLACES
     more = (np.remainder(places + 0.5 + turns, 1.0) - 0.5).reshape(-1, 2)
     fraction = seen / count
-    again = _free(blocked, start, sides, np.tile(directions, _ROUNDS - 1), more, fine)
+    again = _free(passed, start, sides, np.tile(directions, _ROUNDS - 1), more, fine)
     fraction[fine] = (seen[fine] + again) / (_ROUNDS * count)
     return np.asarray(fraction)
 
 
 def _free(
-    blocked: Blocked,
+    passed: Passed,
     start: Floats,
     sides: Floats,
     directions: NDArray[np.int64],
     places: Floats,
     chosen: NDArray[np.int64],
-) -> NDArray[np.int64]:
-    """Return how many (m,) of the rays from chosen points (m,) are free, which start at places (r, 2) in [-0.5, 0.5]^2
-    of their footprints in directions of given numbers (r,).
+) -> Floats:
+    """Return how many (m,) of the rays from chosen points (m,) are free, each by the fraction of its light that is
+    left, which start at places (r, 2) in [-0.5, 0.5]^2 of their footprints in directions of given numbers (r,).
     """
-    seen = np.zeros(len(chosen), np.int64)
+    seen = np.zeros(len(chosen))
     begin, across, at_once = start[chosen], sides[chosen], max(_RAYS_AT_ONCE // max(len(chosen), 1), 1)
     for first in range(0, len(places), at_once):
         some, number = places[first : first + at_once], directions[first : first + at_once]
         begins = begin + np.einsum("rp,mpk->rmk", some, across)
-        free = ~blocked(np.repeat(number, len(chosen)), begins.reshape(-1, 3), np.tile(chosen, len(some)))
+        free = passed(np.repeat(number, len(chosen)), begins.reshape(-1, 3), np.tile(chosen, len(some)))
         seen += free.reshape(len(some), -1).sum(axis=0)
     return seen
 
 
-def _reaches_edge(
-    blocked: Blocked, start: Floats, sides: Floats, seen: NDArray[np.int64], count: int
-) -> NDArray[np.bool_]:
+def _reaches_edge(passed: Passed, start: Floats, sides: Floats, seen: Floats, count: int) -> NDArray[np.bool_]:
     """Return where (n,) all rays were free, or all blocked, but one from a corner of the footprint is not."""
     other = np.zeros(len(start), np.bool_)
     same = np.flatnonzero((seen == 0) | (seen == count))
     outermost = count - 1 - np.arange(4) * max(count // 13, 1)
     corners = np.repeat([(-0.5, -0.5), (0.5, -0.5), (-0.5, 0.5), (0.5, 0.5)], len(outermost), axis=0)
-    free = _free(blocked, start, sides, np.tile(outermost, 4), corners, same)
+    free = _free(passed, start, sides, np.tile(outermost, 4), corners, same)
     other[same] = free != np.where(seen[same] > 0, len(corners), 0)
     return other

@@ -149,4 +149,4 @@ class SunSource:
         assert blockers is not None
         count = REFERENCE_SUN_FACTOR * self._shot.draw.sun_samples
         directions = disc_directions(self._sun.direction, half_angle_rad, count)
-        return visible_fraction(lambda k, begin, _: blockers.block(begin, directions[k]), start, sides, count)
+        return visible_fraction(lambda k, begin, _: blockers.passed(begin, directions[k]), start, sides, count)

@@ -48,8 +48,29 @@ FOLLOWED = frozenset(
     }
 )
 """Extensions that are read; others get a note, or an error if the file requires them."""
-_SILENT = frozenset({"KHR_xmp", "KHR_xmp_json_ld", "KHR_materials_variants", "KHR_animation_pointer"})
+_SILENT = frozenset({"KHR_xmp", "KHR_xmp_json_ld", "KHR_animation_pointer"})
 """Extensions without effect on a picture at rest."""
+_THIN = "its surfaces are opaque; give its material alphaMode BLEND and an alpha to see through it"
+_INSTEAD = {
+    "EXT_mesh_gpu_instancing": ("repeated meshes", "each is drawn once; export them as nodes"),
+    "EXT_texture_avif": ("textures in AVIF", "those in PNG or JPEG are drawn"),
+    "KHR_lights_punctual": ("lights", "the scene's light is; add [[lamp]] tables to it"),
+    "KHR_materials_anisotropy": ("brushed highlights", "they are round"),
+    "KHR_materials_clearcoat": ("a clear coat", "what is below it is drawn; lower its roughness to make it gloss"),
+    "KHR_materials_diffuse_transmission": ("light scattered through", _THIN),
+    "KHR_materials_dispersion": ("colours of refraction", _THIN),
+    "KHR_materials_iridescence": ("thin films", "it reflects without their colours"),
+    "KHR_materials_sheen": ("the sheen of cloth", "it is drawn without"),
+    "KHR_materials_specular": ("a strength and colour of reflection", "it reflects as its index of refraction says"),
+    "KHR_materials_transmission": ("light through surfaces", _THIN),
+    "KHR_materials_variants": ("variants of materials", "the first look is; export the one you want as that"),
+    "KHR_materials_volume": ("colour within a body", _THIN),
+    "KHR_node_visibility": ("nodes that are hidden", "they are drawn; export without them"),
+    "KHR_texture_basisu": ("textures in KTX2", "those in PNG or JPEG are drawn"),
+    "MSFT_lod": ("coarser versions", "the finest is drawn"),
+    "MSFT_texture_dds": ("textures in DDS", "those in PNG or JPEG are drawn"),
+}
+"""What extensions that are not read are for, and what is drawn instead."""
 _MESHOPT = ("EXT_meshopt_compression", "KHR_meshopt_compression")
 _DRACO = "KHR_draco_mesh_compression"
 _PACKED = {_DRACO: ("Draco", "DracoPy"), **dict.fromkeys(_MESHOPT, ("meshopt", "meshopt"))}
@@ -230,7 +251,8 @@ def _check_extensions(path: Path, tree: dict[str, Any]) -> None:
 
 def extension_notes(gltf: Gltf) -> list[str]:
     """Return a note for every extension that is used and not read."""
-    return [
-        f"{gltf.path} - the extension {name} is not drawn - it looks as without"
-        for name in sorted(set(gltf.tree.get("extensionsUsed", [])) - FOLLOWED - _SILENT)
-    ]
+    notes = []
+    for name in sorted(set(gltf.tree.get("extensionsUsed", [])) - FOLLOWED - _SILENT):
+        what, instead = _INSTEAD.get(name, ("", "it looks as without"))
+        notes.append(f"{gltf.path} - the extension {name}{what and f' ({what})'} is not drawn - {instead}")
+    return notes

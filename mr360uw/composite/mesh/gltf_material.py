@@ -7,7 +7,7 @@ import math
 from typing import Any
 
 from mr360uw.composite.mesh.gltf import Gltf
-from mr360uw.composite.mesh.material import MapCoordinates, MappedMaterial, Material
+from mr360uw.composite.mesh.material import MAPS, MapCoordinates, MappedMaterial, Material
 from mr360uw.composite.mesh.texture import Pixels, Texture, Wrap, decode_image, make_texture
 from mr360uw.errors import MeshError
 
@@ -15,7 +15,7 @@ _WRAPS: dict[int, Wrap] = {10497: "repeat", 33071: "clamp", 33648: "mirror"}
 
 
 _PLAIN = MapCoordinates("TEXCOORD_0")
-BARE = MappedMaterial(Material(base_color=(1.0, 1.0, 1.0, 1.0), roughness=1.0, double_sided=True), _PLAIN)
+BARE = MappedMaterial(Material(base_color=(1.0, 1.0, 1.0, 1.0), roughness=1.0, double_sided=True), (_PLAIN,))
 """Default material: glTF's white, but not metallic, and drawn on both sides."""
 
 
@@ -47,7 +47,7 @@ class MaterialReader:
             "occlusion_map": entry.get("occlusionTexture"),
             "emission_map": entry.get("emissiveTexture") if any(entry.get("emissiveFactor", ())) else None,
         }
-        maps, coordinates = self._maps(name, {slot: r for slot, r in references.items() if r is not None})
+        maps, coordinates = self._maps({slot: r for slot, r in references.items() if r is not None})
         strength = float(extensions.get("KHR_materials_emissive_strength", {}).get("emissiveStrength", 1.0))
         red, green, blue = (strength * float(c) for c in entry.get("emissiveFactor", (0.0, 0.0, 0.0)))
         r, g, b, a = (float(c) for c in pbr.get("baseColorFactor", (1.0, 1.0, 1.0, 1.0)))
@@ -71,9 +71,9 @@ class MaterialReader:
         self._check(material, coordinates)
         return MappedMaterial(material, coordinates)
 
-    def _check(self, material: Material, coordinates: MapCoordinates) -> None:
+    def _check(self, material: Material, coordinates: tuple[MapCoordinates, ...]) -> None:
         """Raise `MeshError` where a factor is not finite, or one of light or reflection is negative."""
-        placed = (*coordinates.offset, *coordinates.scale, coordinates.rotation_rad)
+        placed = [n for one in coordinates for n in (*one.offset, *one.scale, one.rotation_rad)]
         if bad := [*material.wrong_factors, *(factor for factor in placed if not math.isfinite(factor))]:
             raise MeshError(
                 f"{self.gltf.path} - material {material.name!r} has a factor that is negative or not finite (got "
@@ -90,22 +90,15 @@ class MaterialReader:
             "roughnessFactor": 1.0 - float(entry.get("glossinessFactor", 1.0)),
         }
 
-    def _maps(self, name: str, references: dict[str, dict[str, Any]]) -> tuple[dict[str, Any], MapCoordinates]:
-        """Return the maps by slot and their coordinates: those of the first; maps with others are left out."""
-        shared: MapCoordinates | None = None
-        maps: dict[str, Any] = {}
-        for slot, reference in references.items():
-            own = _coordinates(reference)
-            if shared is None:
-                shared = own
-            if own != shared:
-                self._note(
-                    f"material {name!r}: its {slot.replace('_', ' ')} has texture coordinates of its own, which is not "
-                    "drawn - bake it to those of the other maps"
-                )
-                continue
-            maps[slot] = self._texture(reference["index"], srgb=slot in ("base_map", "emission_map"))
-        return maps, shared or _PLAIN
+    def _maps(self, references: dict[str, dict[str, Any]]) -> tuple[dict[str, Any], tuple[MapCoordinates, ...]]:
+        """Return the maps by slot, with the `sets` of their texture coordinates, and these, each once."""
+        own = {slot: _coordinates(reference) for slot, reference in references.items()}
+        each = tuple(dict.fromkeys(own.values())) or (_PLAIN,)
+        maps: dict[str, Any] = {
+            slot: self._texture(reference["index"], srgb=slot in ("base_map", "emission_map"))
+            for slot, reference in references.items()
+        }
+        return maps | {"sets": tuple(each.index(own[slot]) if slot in own else 0 for slot in MAPS)}, each
 
     def _texture(self, number: int, *, srgb: bool) -> Texture:
         entry = self.gltf.entry("textures", number)

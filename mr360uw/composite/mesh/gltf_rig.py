@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from mr360uw.composite.affine import composed
 from mr360uw.composite.mesh.gltf import Gltf, dequantised
+from mr360uw.composite.mesh.material import MapCoordinates
 from mr360uw.composite.mesh.skin import MorphTarget, Skeleton, Skin
 from mr360uw.errors import MeshError
 from mr360uw.types import Floats
@@ -28,6 +29,11 @@ class Primitive:
     normals: Floats | None
     faces: NDArray[np.int64]
     columns: Columns
+
+    def coordinates(self, of: MapCoordinates) -> Floats | None:
+        """Return texture coordinates (V, 2), None where the primitive has none of that name."""
+        column = self.columns.get(of.name)
+        return None if column is None else of.of(column.astype(np.float64))
 
     @property
     def colors(self) -> Floats | None:

@@ -149,12 +149,22 @@ class _SceneReader:
     def read(self) -> MeshFile:
         found = [pair for number in self.place for pair in self._parts(number)]
         parts, bodies = tuple(part for part, _ in found), tuple(body for _, body in found)
+        self._note_what_is_left()
         notes = (*extension_notes(self.gltf), *self.reader.notes, *self.notes)
         # a clip without a name has its number
         clips = enumerate(self.gltf.listed("animations"))
         names = tuple(str(entry.get("name") or number) for number, entry in clips)
         rigging = Rigging(self.skeleton, bodies, names, ClipReader(self.gltf, self.place, names)) if names else None
         return MeshFile(parts, tuple(m.material for m in self.materials), notes, rigging)
+
+    def _note_what_is_left(self) -> None:
+        """Note other scenes of the file, and cameras."""
+        scenes, drawn = self.gltf.listed("scenes"), self.gltf.tree.get("scene", 0)
+        if len(scenes) > 1:
+            name = scenes[drawn].get("name", drawn)
+            self._note(f"has {len(scenes)} scenes - {name!r} is drawn, its default - export another as the default")
+        if any("camera" in self.nodes[number] for number in self.place):
+            self._note("has a camera - it is not used - the camera of the scene is")
 
     def _parts(self, number: int) -> Iterator[tuple[Part, UnplacedSurface]]:
         """Yield what a node shows, at rest and as it moves."""
@@ -178,11 +188,9 @@ class _SceneReader:
             if "material" not in entry and primitive.colors is None:
                 self._note("has parts without material and colours - they are white, matt and drawn on both sides")
             material = self._material(entry.get("material"))
-            coordinates = self.materials[material].coordinates
-            uv = primitive.columns.get(coordinates.name)
-            uv = None if uv is None else coordinates.of(uv.astype(np.float64))
-            title = name or f"mesh {node['mesh']}"
-            yield Part(title, positions, faces, normals, uv, primitive.colors, material, flat=True), body
+            uv, *more_uv = [primitive.coordinates(of) for of in self.materials[material].coordinates]
+            title, more = name or f"mesh {node['mesh']}", tuple(more_uv)
+            yield Part(title, positions, faces, normals, uv, primitive.colors, material, True, more), body
 
     def _body(self, number: int, mesh: dict[str, Any], entry: dict[str, Any], primitive: Primitive) -> UnplacedSurface:
         node, vertices = self.nodes[number], len(primitive.positions)

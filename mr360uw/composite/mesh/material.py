@@ -33,10 +33,10 @@ class MapCoordinates:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MappedMaterial:
-    """A material of a file, the coordinates that all its maps share, and the name of its vertex colours or ""."""
+    """A material of a file, the coordinates of each of its `sets`, and the name of its vertex colours or ""."""
 
     material: Material
-    coordinates: MapCoordinates
+    coordinates: tuple[MapCoordinates, ...]
     colors: str = ""
 
 
@@ -45,7 +45,8 @@ class Part:
     """Triangles `faces` (T, 3) over vertices (V, 3), in the world of the file.
 
     normals: (V, 3) of any length. flat: shading of a part without normals: flat (as glTF requires) or smooth between
-    creases. uv: (V, 2) right and down from the image's top left. colors: (V, 4) linear. material: an index.
+    creases. uv: (V, 2) right and down from the image's top left, or None. more_uv: those of the material's further
+    `sets`. colors: (V, 4) linear. material: an index.
     """
 
     name: str
@@ -56,6 +57,12 @@ class Part:
     colors: Floats | None = None
     material: int = 0
     flat: bool = False
+    more_uv: tuple[Floats | None, ...] = ()
+
+    def missing_sets(self, material: Material) -> frozenset[int]:
+        """Return the numbers of texture coordinates that maps of a material need and the part has not."""
+        there = self.uv, *self.more_uv
+        return frozenset(n for _, n in material.mapped if n >= len(there) or there[n] is None)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -89,7 +96,7 @@ class MeshFile:
 
 
 AlphaMode = Literal["OPAQUE", "MASK", "BLEND"]
-_MAPS = ("base_map", "metallic_roughness_map", "normal_map", "occlusion_map", "emission_map")
+MAPS = ("base_map", "metallic_roughness_map", "normal_map", "occlusion_map", "emission_map")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -100,7 +107,8 @@ class Material:
     green and the metallic in its blue channel, `occlusion_map` in its red; `normal_map` is in tangent space,
     (x, y, z) = 2 rgb - 1.
     refractive_index: relative to vacuum; below water its ratio to that of water applies. trim: factors on light that
-    reaches the camera; other surfaces receive it untrimmed.
+    reaches the camera; other surfaces receive it untrimmed. sets: number of the texture coordinates of each map, in the
+    order of the maps below; the base map has the first.
     """
 
     name: str = ""
@@ -120,11 +128,17 @@ class Material:
     normal_map: Texture | None = None
     occlusion_map: Texture | None = None
     emission_map: Texture | None = None
+    sets: tuple[int, int, int, int, int] = (0, 0, 0, 0, 0)
+
+    @property
+    def mapped(self) -> tuple[tuple[str, int], ...]:
+        """Names of the maps that are set, and the number of the texture coordinates of each."""
+        return tuple((name, n) for name, n in zip(MAPS, self.sets, strict=True) if getattr(self, name) is not None)
 
     @property
     def maps(self) -> tuple[Texture, ...]:
         """The maps that are set."""
-        return tuple(texture for texture in (getattr(self, name) for name in _MAPS) if texture is not None)
+        return tuple(getattr(self, name) for name, _ in self.mapped)
 
     @property
     def wrong_factors(self) -> list[float]:
@@ -134,7 +148,7 @@ class Material:
         bad = [factor for factor in (*lit, *others) if not math.isfinite(factor)]
         return bad + [factor for factor in lit if factor < 0.0]
 
-    def without_maps(self) -> Material:
-        """Return the material without maps."""
-        none: dict[str, Any] = dict.fromkeys(_MAPS)
+    def without_maps(self, sets: frozenset[int]) -> Material:
+        """Return the material without the maps that have these texture coordinates."""
+        none: dict[str, Any] = {name: None for name, n in self.mapped if n in sets}
         return replace(self, **none)

@@ -43,7 +43,8 @@ _SMALL_M = 0.02
 class Mesh:
     """Triangles in the object's own axes [m]; arrays are (T, ...) by triangle and (T, 3, ...) by corner.
 
-    positions, normals: (T, 3, 3), normals unit, outwards. uv: (T, 3, 2), right and down from the image's top left.
+    positions, normals: (T, 3, 3), normals unit, outwards. uv: (T, 3, 2), right and down from the image's top left;
+    more_uv: (T, 3, m, 2) those of further `Material.sets`.
     colors: (T, 3, 4) linear factor on the base colour. material: (T,) index into `materials`. patch: (T,) number of
     the smooth piece of a triangle. hull: (h, 3, 3) triangles of the convex hull. notes: what looked odd, for the user.
     rest: of a pose of a mesh that moves, the mesh at rest; both have the same triangles in the same order, and the same
@@ -53,6 +54,7 @@ class Mesh:
     positions: Floats
     normals: Floats
     uv: Floats
+    more_uv: Floats
     colors: Floats
     material: NDArray[np.int32]
     patch: NDArray[np.int32]
@@ -145,7 +147,24 @@ def load_mesh(
     notes = (f"{path} - {moves}",) if file.rigging is not None else ()
     place, said = object_from_file(Path(path), file, unit, up)
     mesh = mesh_of_file(Path(path), file, place, unit, part)
-    return replace(mesh, notes=mesh.notes + said + notes)
+    return opaque_where_sure(replace(mesh, notes=mesh.notes + said + notes))
+
+
+def opaque_where_sure(mesh: Mesh) -> Mesh:
+    """Return a mesh whose BLEND materials are OPAQUE where their alpha is 1 everywhere: exporters name BLEND also where
+    nothing is clear, and opaque surfaces are cheaper.
+    """
+
+    def sure(number: int, material: Material) -> bool:
+        of_map = 1.0 if material.base_map is None else float(material.base_map.levels[0][..., 3].min())
+        of_vertices = mesh.colors[mesh.material == number, :, 3].min(initial=np.inf)
+        return material.base_color[3] * of_map * of_vertices >= 1.0
+
+    materials = tuple(
+        replace(m, alpha_mode="OPAQUE") if m.alpha_mode == "BLEND" and sure(k, m) else m
+        for k, m in enumerate(mesh.materials)
+    )
+    return replace(mesh, materials=materials)
 
 
 def mesh_of_file(path: Path, file: MeshFile, place: Floats, unit: Unit = "auto", part: str = "") -> Mesh:
@@ -210,8 +229,9 @@ def make_mesh(parts: list[Part], materials: list[Material], *, where: str = "mes
             f"{where} - vertices are not finite, or more than {_FARTHEST:g} m away (got {wild} such triangles) - "
             "export the mesh again"
         )
-    corners = [_corners(p) for p in parts]
-    positions, normals, uv, colors = (np.concatenate(arrays) for arrays in zip(*corners, strict=True))
+    further = max(len(p.more_uv) for p in parts)
+    corners = [_corners(p, further) for p in parts]
+    positions, normals, uv, more_uv, colors = (np.concatenate(arrays) for arrays in zip(*corners, strict=True))
     extent = np.ptp(positions.reshape(-1, 3), axis=0)
     if np.max(extent) <= 0.0:
         raise MeshError(f"{where} - has no extent (got all vertices in one place) - export it without compression")
@@ -221,13 +241,14 @@ def make_mesh(parts: list[Part], materials: list[Material], *, where: str = "mes
     material = np.concatenate([np.full(len(p.faces), p.material, np.int32) for p in parts])
     piece = np.concatenate([np.full(len(p.faces), k, np.int32) for k, p in enumerate(parts)])
     if not np.all(keep):
-        positions, normals, uv, colors = positions[keep], normals[keep], uv[keep], colors[keep]
-        material, piece = material[keep], piece[keep]
+        positions, normals, uv, more_uv = positions[keep], normals[keep], uv[keep], more_uv[keep]
+        colors, material, piece = colors[keep], material[keep], piece[keep]
     patch, hull = _patches_and_hull(positions, normals, piece)
     return Mesh(
         positions=positions,
         normals=normals,
         uv=uv,
+        more_uv=more_uv,
         colors=colors,
         material=material,
         patch=patch,
@@ -289,8 +310,8 @@ def _size_notes(where: str, extent: Floats, *, cad: bool) -> tuple[str, ...]:
     return (f"{where} - is {longest:.3g} m long - in {guess}? then set size_m, or scale = {METRES[guess]:g}",)
 
 
-def _corners(part: Part) -> tuple[Floats, Floats, Floats, Floats]:
-    """Return positions, normals, uv, colours of the corners of one part."""
+def _corners(part: Part, further: int) -> tuple[Floats, ...]:
+    """Return positions, normals, uv, `further` more uv and colours of the corners of one part."""
     faces = part.faces
     positions: Floats = np.asarray(part.positions, np.float64)[faces]
     normals: Floats
@@ -300,26 +321,30 @@ def _corners(part: Part) -> tuple[Floats, Floats, Floats, Floats]:
         normals = corner_normals(positions, None, faces) if part.flat else crease_normals(positions)
     else:
         normals = corner_normals(positions, np.asarray(part.normals, np.float64), faces)
-    uv = np.zeros((*faces.shape, 2)) if part.uv is None else np.asarray(part.uv, np.float64)[faces]
+    uv = np.zeros((*faces.shape, 1 + further, 2))
+    for number, of_set in enumerate((part.uv, *part.more_uv)):
+        if of_set is not None:
+            uv[..., number, :] = np.asarray(of_set, np.float64)[faces]
+    uv = np.where(np.isfinite(uv), uv, 0.0)
     colors = np.ones((*faces.shape, 4)) if part.colors is None else np.asarray(part.colors, np.float64)[faces]
-    return positions, normals, np.where(np.isfinite(uv), uv, 0.0), np.where(np.isfinite(colors), colors, 1.0)
+    return positions, normals, uv[..., 0, :], uv[..., 1:, :], np.where(np.isfinite(colors), colors, 1.0)
 
 
 def _without_useless_maps(
     where: str, parts: list[Part], materials: list[Material]
 ) -> tuple[list[Part], list[Material], tuple[str, ...]]:
     """Return parts, materials and notes, with maps removed from parts without texture coordinates."""
-    materials, bare, notes = list(materials), {}, []
+    materials, notes = list(materials), []
+    bare: dict[tuple[int, frozenset[int]], int] = {}
     changed = []
     for part in parts:
-        if part.uv is None and materials and materials[part.material].maps:
+        if materials and (missing := part.missing_sets(materials[part.material])):
             notes.append(f"{where} - part {part.name!r} has maps but no texture coordinates - it is drawn without them")
-            if part.material not in bare:
-                bare[part.material] = len(materials)
-                materials.append(materials[part.material].without_maps())
-            changed.append(replace(part, material=bare[part.material]))
-        else:
-            if part.uv is not None and not np.all(np.isfinite(part.uv)):
-                notes.append(f"{where} - part {part.name!r} has texture coordinates that are no numbers - unwrap it")
-            changed.append(part)
+            if (part.material, missing) not in bare:
+                bare[part.material, missing] = len(materials)
+                materials.append(materials[part.material].without_maps(missing))
+            part = replace(part, material=bare[part.material, missing])  # noqa: PLW2901
+        if not all(np.all(np.isfinite(uv)) for uv in (part.uv, *part.more_uv) if uv is not None):
+            notes.append(f"{where} - part {part.name!r} has texture coordinates that are no numbers - unwrap it")
+        changed.append(part)
     return changed, materials, tuple(dict.fromkeys(notes))

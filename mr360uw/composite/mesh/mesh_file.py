@@ -154,7 +154,7 @@ def _smoothed_part(part: Part, cosine: float) -> Part:
 def _of_corners(part: Part, faces: NDArray[np.int64]) -> Part:
     """Return a part with a vertex for every corner of its faces (T, 3), as these are ordered."""
     order = faces.ravel()
-    uv = None if part.uv is None else part.uv[order]
+    uv, *more_uv = [None if uv is None else uv[order] for uv in (part.uv, *part.more_uv)]
     colors = None if part.colors is None else part.colors[order]
     separate = np.arange(len(order)).reshape(-1, 3)
-    return replace(part, positions=part.positions[order], faces=separate, uv=uv, colors=colors)
+    return replace(part, positions=part.positions[order], faces=separate, uv=uv, more_uv=tuple(more_uv), colors=colors)

@@ -114,7 +114,7 @@ def _contents(path: Path, text: str, lines: _Lines, *, outside: bool) -> MeshFil
         tint = None if colors is None else colors[place]
         mapped = libraries.material(name, tinted=tint is not None)
         uv = _values(uvs, image)
-        uv = None if uv is None else mapped.coordinates.of(uv) * [1.0, -1.0] + [0.0, 1.0]
+        uv = None if uv is None else mapped.coordinates[0].of(uv) * [1.0, -1.0] + [0.0, 1.0]
         polygons = polygons_of(vertices, counts[look == number], place, left_handed=False)
         called = title if len(names) == 1 else bare_name(name) or title
         parts.append(Part(called, vertices[place], polygons.faces, _values(normals, normal), uv, tint, number))

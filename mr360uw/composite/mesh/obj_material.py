@@ -142,7 +142,7 @@ class Libraries:
         if found is None:
             if self._entries and bare_name(name):
                 self._notes[f"{self.path} - its material {bare_name(name)!r:.80} is in no library - it is grey"] = None
-            return MappedMaterial(Material(base_color=_WHITE if tinted else _GREY, double_sided=True), _PLAIN)
+            return MappedMaterial(Material(base_color=_WHITE if tinted else _GREY, double_sided=True), (_PLAIN,))
         library, entry = found
         for word in _NOT_DRAWN:
             if word in entry:
@@ -163,7 +163,7 @@ class Libraries:
             emission_map=None if glow is None else self._texture(glow, srgb=True),
         )
         material = self._metallic(self._covering(material, found, base), found)
-        return MappedMaterial(material, _PLAIN if base is None else base.coordinates)
+        return MappedMaterial(material, (_PLAIN if base is None else base.coordinates,))
 
     def _covering(self, material: Material, found: _Entry, base: _Map | None) -> Material:
         """Return a material with the opacity of its entry: `d`, else 1 - `Tr`, cut out by `map_d`."""

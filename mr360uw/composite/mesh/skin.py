@@ -118,6 +118,18 @@ class Skeleton:
         """Return the pose that the file's nodes have."""
         return self._world(self.local), {}
 
+    @property
+    def folded(self) -> bool:
+        """Whether a node has a scale of 0 at rest: what hangs on it is a plane, a line or a point."""
+        return bool(np.any(self.scale == 0.0))
+
+    def unfolded(self) -> Pose:
+        """Return the pose at rest with scales of 0 taken as 1."""
+        local, flat = self.local.copy(), np.any(self.scale == 0.0, axis=1)
+        scale = np.where(self.scale == 0.0, 1.0, self.scale)
+        local[flat] = composed(self.translation[flat], self.rotation[flat], scale[flat])
+        return self._world(local), {}
+
     def at(self, clip: Animation, time_s: float) -> Pose:
         """Return the pose at a time [s] of a clip, counted from the clip's own zero."""
         columns = {"translation": self.translation.copy(), "rotation": self.rotation.copy(), "scale": self.scale.copy()}

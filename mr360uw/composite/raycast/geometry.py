@@ -4,17 +4,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mr360uw.cache import Same
 from mr360uw.composite.lighting.shadow import footprint, pixel_steps
 from mr360uw.composite.mesh.material import Material
+from mr360uw.composite.mesh.mesh import Mesh
 from mr360uw.composite.mesh.texture import Texture, texture_lookup
 from mr360uw.composite.shot import PlacedObject, Shot
 from mr360uw.composite.tiles import seen_rectangles
-from mr360uw.rays import barycentric
+from mr360uw.rays import RayScene, barycentric
 from mr360uw.types import Floats, Rectangle, View
 
 LARGEST_CHANGE = 1.0
@@ -26,24 +29,32 @@ plane."""
 class Geometry:
     """Triangles of several objects, one array each (T, ...); positions from the camera, axes of the world.
 
-    object, material, patch: indices, unique in the whole shot; `material` is an index into `materials`.
+    more_uv: (T, 3, m, 2), m the most of any object. object, material, patch: indices, unique in the whole shot;
+    `material` is an index into `materials`.
     """
 
     positions: Floats
     normals: Floats
     uv: Floats
+    more_uv: Floats
     colors: Floats
     object: NDArray[np.int64]
     material: NDArray[np.int64]
     patch: NDArray[np.int64]
     materials: tuple[Material, ...]
 
+    def some(self, triangles: NDArray[np.int64]) -> Geometry:
+        """Return some of the triangles, with all materials."""
+        arrays = {field.name: getattr(self, field.name) for field in fields(self) if field.name != "materials"}
+        return Geometry(**{name: array[triangles] for name, array in arrays.items()}, materials=self.materials)
+
 
 def gather(objects: Sequence[PlacedObject], camera_position: Floats) -> Geometry:
     """Return the triangles of objects in world axes, from the camera."""
+    further = max((placed.mesh.more_uv.shape[2] for placed in objects), default=0)
     empty = {
         "positions": np.zeros((0, 3, 3)), "normals": np.zeros((0, 3, 3)), "uv": np.zeros((0, 3, 2)),
-        "colors": np.zeros((0, 3, 4)),
+        "more_uv": np.zeros((0, 3, further, 2)), "colors": np.zeros((0, 3, 4)),
     }  # fmt: skip
     columns: dict[str, list[Floats]] = {name: [value] for name, value in empty.items()}
     numbers: dict[str, list[NDArray[np.int64]]] = {name: [] for name in ("object", "material", "patch")}
@@ -55,6 +66,7 @@ def gather(objects: Sequence[PlacedObject], camera_position: Floats) -> Geometry
         columns["positions"].append(placed.triangles - camera_position)
         columns["normals"].append(mesh.normals @ linear.T / placed.scale)
         columns["uv"].append(mesh.uv)
+        columns["more_uv"].append(np.pad(mesh.more_uv, ((0, 0), (0, 0), (0, further - mesh.more_uv.shape[2]), (0, 0))))
         columns["colors"].append(mesh.colors)
         numbers["object"].append(np.full(len(mesh.positions), index, np.int64))
         numbers["material"].append(mesh.material.astype(np.int64) + len(materials))
@@ -67,7 +79,7 @@ def gather(objects: Sequence[PlacedObject], camera_position: Floats) -> Geometry
 
 
 def occluding(objects: Sequence[PlacedObject], camera_position: Floats) -> Floats:
-    """Return the opaque triangles (T, 3, 3) that cast shadows, from the camera; blended ones cast none."""
+    """Return the opaque triangles (T, 3, 3) that cast shadows, from the camera."""
     shading = [placed for placed in objects if placed.casts_shadow]
     opaque = [np.array([m.alpha_mode == "OPAQUE" for m in placed.mesh.materials]) for placed in shading]
     solid = [placed.mesh.positions[o[placed.mesh.material]] for placed, o in zip(shading, opaque, strict=True)]
@@ -133,6 +145,82 @@ def base_color(geometry: Geometry, triangle: NDArray[np.int64], weights: Floats,
     return color
 
 
+def opacity(geometry: Geometry, triangle: NDArray[np.int64], weights: Floats) -> Floats:
+    """Return the fraction (n,) of light that triangles block at barycentric weights (n, 3): all where a material is
+    OPAQUE or its mask closed, alpha where it is BLEND. Maps are read at their finest level: a ray has no width.
+    """
+    blocked, materials = np.ones(len(triangle)), geometry.material[triangle]
+    partial = np.flatnonzero(np.array([m.alpha_mode != "OPAQUE" for m in geometry.materials], np.bool_)[materials])
+    alpha = base_color(geometry, triangle[partial], weights[partial], np.zeros((len(partial), 2, 2)))[:, 3]
+    least = np.array([m.alpha_cutoff if m.alpha_mode == "MASK" else np.nan for m in geometry.materials])
+    cutoff = least[materials[partial]]
+    blocked[partial] = np.where(np.isnan(cutoff), np.clip(alpha, 0.0, 1.0), alpha >= cutoff)
+    return blocked
+
+
+def opacity_key(mesh: Mesh) -> tuple[object, ...]:
+    """Return what decides `opacity` on a mesh's triangles, as a part of a cache's key."""
+    modes = tuple(m.alpha_mode for m in mesh.materials)
+    if set(modes) <= {"OPAQUE"}:
+        return modes
+    alphas = tuple((m.alpha_cutoff, m.base_color[3], Same(m.base_map)) for m in mesh.materials)
+    return modes, alphas, Same(mesh.uv), Same(mesh.colors)
+
+
+class Surfaces(NamedTuple):
+    """Surfaces that rays meet, (m,) each: number of the ray and of the triangle; start: (m, 3) from where the ray meets
+    it first, gone: the distance to there from its own start; part: fraction of the ray's light that is blocked.
+    """
+
+    ray: NDArray[np.int64]
+    triangle: NDArray[np.int64]
+    start: Floats
+    gone: Floats
+    part: Floats
+
+
+_MOST_SURFACES, _DARK = 64, 1e-4
+"""Surfaces that a ray meets at most, and the fraction of its light below which it is not followed further."""
+
+
+def surfaces_along(
+    geometry: Geometry,
+    scene: RayScene,
+    origins: Floats,
+    directions: Floats,
+    least: float,
+    reach_m: Floats | float = np.inf,
+) -> Surfaces:
+    """Return what rays (n, 3) meet of the triangles of a geometry, which `scene` has in the same order: the first, and
+    those behind surfaces that let light through. least: length of the shortest step behind one. reach_m: (n,), or a
+    number, how far they go.
+    """
+    ray, left = np.arange(len(origins)), np.ones(len(origins))
+    start, gone = np.asarray(origins, np.float64), np.zeros(len(origins))
+    reach, opaque = np.broadcast_to(reach_m, len(origins)), all(m.alpha_mode == "OPAQUE" for m in geometry.materials)
+    found = [Surfaces(ray[:0], ray[:0], start[:0], gone[:0], left[:0])]
+    for _ in range(_MOST_SURFACES):
+        triangle = scene.first_hit(start, directions[ray])
+        hit = np.flatnonzero(triangle >= 0)
+        ray, start, triangle = ray[hit], start[hit], triangle[hit]
+        if opaque and np.all(np.isinf(reach)):
+            found.append(Surfaces(ray, triangle, start, gone[ray], left[ray]))
+            break
+        weights, distance = barycentric(geometry.positions[triangle] - start[:, None], directions[ray])
+        near = np.flatnonzero(gone[ray] + distance < reach[ray])
+        ray, start, triangle, distance = ray[near], start[near], triangle[near], distance[near]
+        part = left[ray] * opacity(geometry, triangle, weights[near])
+        found.append(Surfaces(ray, triangle, start, gone[ray], part))
+        left[ray] -= part
+        onwards = np.maximum(distance, 0.0) * (1.0 + 4e-6) + least
+        gone[ray] += onwards
+        on = np.flatnonzero(left[ray] > _DARK)
+        ray, start = ray[on], start[on] + onwards[on, None] * directions[ray[on]]
+        if len(ray) == 0:
+            break
+    return Surfaces(*(np.concatenate(column) for column in zip(*found, strict=True)))
+
+
 def _lookup(texture: Texture, uv: Floats, change: Floats) -> Floats:
     return texture_lookup(texture, uv, change[:, 0], change[:, 1])
 
@@ -190,11 +278,10 @@ def surface_along(
     origin: (3,) or (n, 3) of the rays, from the camera [m]. neighbours: (n, 2, 3) directions `pixel` pixels to the
     right and below, of a frame of `height` rows, a number or (n,). area: as of `surface`.
     """
-    corners, uv_corners = geometry.positions[triangle] - np.reshape(origin, (-1, 1, 3)), geometry.uv[triangle]
+    corners = geometry.positions[triangle] - np.reshape(origin, (-1, 1, 3))
     weights, distance = barycentric(corners, direction)
-    change = uv_change(corners, uv_corners, weights, neighbours)
-    color = base_color(geometry, triangle, weights, change)
-    uv = np.einsum("nc,nck->nk", weights, uv_corners)
+    places = [_MapPlace.of(corners, uv, weights, neighbours) for uv in _coordinates(geometry, triangle)]
+    color = base_color(geometry, triangle, weights, places[0].change)
     e1, e2 = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     flat = np.cross(e1, e2)
     flat /= np.linalg.norm(flat, axis=-1, keepdims=True)
@@ -203,13 +290,13 @@ def surface_along(
     normal = np.einsum("nc,nck->nk", weights, geometry.normals[triangle])
     normal /= np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-12)
     turning = normal_change(corners, geometry.normals[triangle], normal, neighbours)
-    metallic, roughness, occlusion, index, emission = _material_values(geometry, triangle, uv, change)
+    metallic, roughness, occlusion, index, emission = _material_values(geometry, triangle, places)
     for number, material in enumerate(geometry.materials):
         if material.normal_map is not None:
-            of = np.flatnonzero(geometry.material[triangle] == number)
-            bump = 2.0 * _lookup(material.normal_map, uv[of], change[of])[:, :3] - 1.0
+            of, place = np.flatnonzero(geometry.material[triangle] == number), places[material.sets[2]]
+            bump = 2.0 * place.texel(material.normal_map, of)[:, :3] - 1.0
             bump[:, :2] *= material.normal_scale
-            normal[of] = bumped(normal[of], e1[of], e2[of], uv_corners[of], bump)
+            normal[of] = bumped(normal[of], e1[of], e2[of], place.corners[of], bump)
     area_middle, area_sides = footprint(origin + point, pixel_steps(point, flat, neighbours, pixel), area)
     return Hits(
         triangle=triangle,
@@ -236,21 +323,50 @@ def surface_along(
     )
 
 
-def _material_values(geometry: Geometry, triangle: NDArray[np.int64], uv: Floats, change: Floats) -> tuple[Floats, ...]:
-    """Return metallic, roughness, occlusion and refractive index, each (n,), and emission (n, 3) at places (n, 2)."""
+@dataclass(frozen=True, slots=True, eq=False)
+class _MapPlace:
+    """Where n pixels lie on a map. corners: (n, 3, 2) of their triangles, uv: (n, 2), change: as `uv_change`."""
+
+    corners: Floats
+    uv: Floats
+    change: Floats
+
+    @staticmethod
+    def of(triangles: Floats, corners: Floats, weights: Floats, neighbours: Floats) -> _MapPlace:
+        """Return the places of hits at barycentric weights (n, 3)."""
+        uv = np.einsum("nc,nck->nk", weights, corners)
+        return _MapPlace(corners, uv, uv_change(triangles, corners, weights, neighbours))
+
+    def texel(self, texture: Texture, some: NDArray[np.int64]) -> Floats:
+        """Return the values (m, 4) of a map at some of the pixels."""
+        return _lookup(texture, self.uv[some], self.change[some])
+
+
+def _coordinates(geometry: Geometry, triangle: NDArray[np.int64]) -> list[Floats]:
+    """Return the texture coordinates (n, 3, 2) of triangles, of every set of `Material.sets`."""
+    return [geometry.uv[triangle], *np.moveaxis(geometry.more_uv[triangle], 2, 0)]
+
+
+def _material_values(
+    geometry: Geometry, triangle: NDArray[np.int64], places: Sequence[_MapPlace]
+) -> tuple[Floats, ...]:
+    """Return metallic, roughness, occlusion and refractive index, each (n,), and emission (n, 3). places: of each set
+    of texture coordinates.
+    """
     (metallic, roughness, occlusion, index), emission = np.empty((4, len(triangle))), np.empty((len(triangle), 3))
     for number, material in enumerate(geometry.materials):
         of = np.flatnonzero(geometry.material[triangle] == number)
+        _, on_metallic_roughness, _, on_occlusion, on_emission = (places[n] for n in material.sets)
         metallic[of], roughness[of], occlusion[of] = material.metallic, material.roughness, 1.0
         index[of], emission[of] = material.refractive_index, material.emission
         if material.metallic_roughness_map is not None:
-            texel = _lookup(material.metallic_roughness_map, uv[of], change[of])
+            texel = on_metallic_roughness.texel(material.metallic_roughness_map, of)
             metallic[of], roughness[of] = metallic[of] * texel[:, 2], roughness[of] * texel[:, 1]
         if material.occlusion_map is not None:
-            texel = _lookup(material.occlusion_map, uv[of], change[of])
+            texel = on_occlusion.texel(material.occlusion_map, of)
             occlusion[of] = 1.0 + material.occlusion_strength * (texel[:, 0] - 1.0)
         if material.emission_map is not None:
-            emission[of] *= _lookup(material.emission_map, uv[of], change[of])[:, :3]
+            emission[of] *= on_emission.texel(material.emission_map, of)[:, :3]
     return metallic, roughness, occlusion, index, emission
 
 

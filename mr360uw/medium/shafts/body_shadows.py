@@ -127,13 +127,13 @@ def _drawn(
 @exact
 def visible_parts(
     origin: Any, directions: Any, start: Any, end: Any, centre: Any, radius: Any, axes: Any, apart: Any, frame: Any,
-    top: Any, spread: Any, taps: Any, seen: Any,
+    top: Any, spread: Any, passed: Any, taps: Any, seen: Any,
 ) -> None:  # fmt: skip
     """Write the visible fraction of a disc of light, a mean over each segment of rays, to `seen` (n, count).
 
     directions: (n, 3). start, end: (n, count) [m] of their segments. centre, radius: (k, 3), (k,) bounding spheres of
-    bodies. axes, apart: `frame` and `apart` of `Shadows`. frame to spread: of `ShadowMaps`. taps: points of a segment
-    that are tested, with the directions in turn.
+    bodies. axes, apart: `frame` and `apart` of `Shadows`. frame to spread: of `ShadowMaps`. passed: (k,) of `Bodies`.
+    taps: points of a segment that are tested, with the directions in turn.
     """
     size, last, count = top.shape[2], apart.shape[1] - 1, seen.shape[1]
     every, few, near = np.arange(len(radius)), np.empty(len(radius), np.int64), np.empty(len(radius), np.int64)
@@ -158,7 +158,7 @@ def visible_parts(
             met_here = _bodies_met(
                 origin, directions[n], start[n, k], end[n, k], centre, wide, axes, spread, of_group, near
             )
-            blocked, close = 0, 0
+            blocked, close = 0.0, 0
             for number in range(met_here):
                 body = near[number]
                 x = origin[0] + middle * d0 - centre[body, 0]
@@ -178,6 +178,7 @@ def visible_parts(
                     close += 1
             for tap in range(taps if close else 0):
                 m = tap % len(frame)
+                left = 1.0
                 s = start[n, k] + (tap * GOLDEN + 0.5) % 1.0 * length
                 for number in range(close):
                     body = near[number]
@@ -190,8 +191,10 @@ def visible_parts(
                     j = math.floor((x * f[1, 0] + y * f[1, 1] + z * f[1, 2]) * scale + 0.5 * size)
                     below = x * f[2, 0] + y * f[2, 1] + z * f[2, 2]
                     if 0 <= i < size and 0 <= j < size and below < top[body, m, j, i]:
-                        blocked += 1
-                        break
+                        left *= passed[body]
+                        if left == 0.0:
+                            break
+                blocked += 1.0 - left
             seen[n, k] = 1.0 - blocked / taps
 
 

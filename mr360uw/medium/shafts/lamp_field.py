@@ -34,8 +34,10 @@ class LampField(NamedTuple):
     """What rays need of one lamp.
 
     position: (3,). frame: (3, 3) rows (u, v, axis). cos_core, cos_edge: of its cone. nearest_m: of `nearest_m`. hit:
-    (size, size) distance [m] of the nearest body, (0, 0) without. over_path: (paths, 2, 3) of `ShaftScene.path_light`.
-    turned: (angles, 2) phase functions. length_m: of the scene's tables.
+    (size, size) distance [m] of the nearest opaque body, (0, 0) without bodies. clear: (size, size, 2) distance [m] of
+    the nearest one that lets light through, and the fraction that all of them do; (0, 0, 2) without such bodies.
+    over_path: (paths, 2, 3) of `ShaftScene.path_light`. turned: (angles, 2) phase functions. length_m: of the scene's
+    tables.
     """
 
     position: Array
@@ -44,6 +46,7 @@ class LampField(NamedTuple):
     cos_edge: float
     nearest_m: float
     hit: NDArray[np.float32]
+    clear: NDArray[np.float32]
     over_path: Array
     turned: Array
     length_m: float
@@ -53,11 +56,13 @@ def lamp_field(scene: ShaftScene, lamp: Lamp) -> LampField:
     """Return the field of a lamp in a scene."""
     frame = basis(lamp.axis)
     shaded = lamp.casts_shadow and bool(scene.bodies.occluders)
-    hit = _hits(lamp, frame, scene.bodies) if shaded else np.zeros((0, 0), np.float32)
+    hit, clear = np.zeros((0, 0), np.float32), np.zeros((0, 0, 2), np.float32)
+    if shaded:
+        hit, clear = _hits(lamp, frame, scene.bodies)
     turned = scene.water.turned(np.cos(np.linspace(0.0, np.pi, _COSINES)))
     return LampField(
         np.asarray(lamp.position, np.float64), frame, float(lamp.cos_core), float(lamp.cos_edge), nearest_m(lamp), hit,
-        np.exp(scene.path_light(lamp)), turned, scene.length_m,
+        clear, np.exp(scene.path_light(lamp)), turned, scene.length_m,
     )  # fmt: skip
 
 
@@ -76,7 +81,8 @@ def _widest(cos_edge: float) -> float:
     return math.acos(max(cos_edge, -1.0))
 
 
-def _hits(lamp: Lamp, frame: Array, bodies: Bodies) -> NDArray[np.float32]:
+def _hits(lamp: Lamp, frame: Array, bodies: Bodies) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Return `hit` and `clear` of `LampField`."""
     at = _widest(lamp.cos_edge) * (2.0 * (np.arange(MAP_PIXELS) + 0.5) / MAP_PIXELS - 1.0)
     u, v = np.meshgrid(at, at)
     angle = np.hypot(u, v)
@@ -88,25 +94,29 @@ def _hits(lamp: Lamp, frame: Array, bodies: Bodies) -> NDArray[np.float32]:
     least = nearest_m(lamp)
     hit = np.full((MAP_PIXELS, MAP_PIXELS), np.inf, np.float32)
     hit[inside] = least + bodies.first_hit_m(start + least * towards, towards)
-    return hit
+    clear = np.zeros((0, 0, 2), np.float32)
+    if np.any(bodies.passed > 0.0):
+        clear = np.full((MAP_PIXELS, MAP_PIXELS, 2), (np.inf, 1.0), np.float32)
+        nearest, passed = bodies.first_clear_m(start + least * towards, towards)
+        clear[inside] = np.stack([least + nearest, passed], axis=-1)
+    return hit, clear
 
 
 @inlined
-def _nearest(hit: Any, frame: Any, widest: Any, axial: Any, x: Any, y: Any, z: Any) -> Any:
-    """Return the distance of the nearest body towards a point that sees the lamp along (x, y, z)."""
-    size = len(hit)
+def _pixel(size: Any, frame: Any, widest: Any, axial: Any, x: Any, y: Any, z: Any) -> Any:
+    """Return the row and column of a map, `size` wide, that show a point which sees the lamp along (x, y, z)."""
     u = -(x * frame[0, 0] + y * frame[0, 1] + z * frame[0, 2])
     v = -(x * frame[1, 0] + y * frame[1, 1] + z * frame[1, 2])
     scale = math.acos(min(max(axial, -1.0), 1.0)) / max(math.sqrt(u * u + v * v), 1e-12) / widest
     i = min(max(int((u * scale + 1.0) * 0.5 * size), 0), size - 1)
     j = min(max(int((v * scale + 1.0) * 0.5 * size), 0), size - 1)
-    return hit[j, i]
+    return j, i
 
 
 @exact
 def _add_lamp(lamp: LampField, origin: Any, rays: Any, edge: Any, within: Any, light: Any) -> None:
     """See `ray_segments.lamp_segments` for the segments, one point each, and `spot_factor` for the cone."""
-    place, frame, cos_core, cos_edge, least, hit, over_path, turned, length_m = lamp
+    place, frame, cos_core, cos_edge, least, hit, clear, over_path, turned, length_m = lamp
     x0, y0, z0 = place[0] - origin[0], place[1] - origin[1], place[2] - origin[2]
     distance2 = x0 * x0 + y0 * y0 + z0 * z0
     widest = math.acos(max(cos_edge, -1.0))
@@ -133,8 +143,12 @@ def _add_lamp(lamp: LampField, origin: Any, rays: Any, edge: Any, within: Any, l
                     if t <= 0.0:
                         continue
                     spot = t * t * (3.0 - 2.0 * t)
-                if len(hit) and r > least and _nearest(hit, frame, widest, axial, x, y, z) < r:
-                    continue
+                if len(hit) and r > least:
+                    row, column = _pixel(len(hit), frame, widest, axial, x, y, z)
+                    if hit[row, column] < r:
+                        continue
+                    if len(clear) and clear[row, column, 0] < r:
+                        spot *= clear[row, column, 1]
                 amount = spot / (r * r) * width * (1.0 + tangent * tangent) * (last - first) / count
                 p = (1.0 - length_m / (r + s + length_m)) * paths
                 i = min(int(p), paths - 1)

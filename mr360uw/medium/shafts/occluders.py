@@ -47,16 +47,32 @@ class Occluder(Protocol):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Bodies:
-    """Bodies with the spheres around them. centre: (k, 3), radius: (k,) [m]; infinite where it is not known."""
+    """Bodies with the spheres around them. centre: (k, 3), radius: (k,) [m]; infinite where it is not known.
+
+    passed: (k,) fraction of light that each lets through; rays of the camera end at those of none.
+    """
 
     occluders: tuple[Occluder, ...]
     centre: Array
     radius: Array
+    passed: Array
+
+    def first_clear_m(self, origin: Array, directions: Array) -> tuple[Array, Array]:
+        """Return the distance (n,) [m] of the nearest body that lets light through along rays (n, 3), infinity for
+        none, and the fraction (n,) that all of them let through together.
+        """
+        nearest, passed = np.full(len(directions), np.inf), np.ones(len(directions))
+        for number in np.flatnonzero(self.passed > 0.0).tolist():
+            distance = self.occluders[number].distance(origin, directions)
+            nearest = np.minimum(nearest, distance)
+            passed[np.isfinite(distance)] *= self.passed[number]
+        return nearest, passed
 
     def first_hit_m(self, origin: Array, directions: Array) -> Array:
-        """Return the distance (n,) [m] of the nearest body along rays (n, 3) from one point, infinity for none."""
+        """Return the distance (n,) [m] of the nearest opaque body along rays (n, 3) from one point, else infinity."""
         nearest = np.full(len(directions), np.inf)
-        for body, centre, radius in zip(self.occluders, self.centre, _ROUND * self.radius, strict=True):
+        for number in np.flatnonzero(self.passed == 0.0).tolist():
+            body, centre, radius = self.occluders[number], self.centre[number], _ROUND * self.radius[number]
             to = np.broadcast_to(centre - origin, directions.shape)
             along, away = np.einsum("nk,nk->n", to, directions), np.einsum("nk,nk->n", to, to)
             outside = away - radius**2
@@ -66,36 +82,38 @@ class Bodies:
         return nearest
 
     def inside_m(self, origin: Array, directions: Array) -> tuple[Array, Array]:
-        """Return the distances (n,) [m] between which rays (n, 3) from one point are inside their first body."""
+        """Return the distances (n,) [m] between which rays (n, 3) from one point are inside their first opaque body."""
         enter = self.first_hit_m(origin, directions)
         leave = np.full(len(directions), np.inf)
         met = np.flatnonzero(np.isfinite(enter))
         start = origin + (enter[met, None] + _BEYOND_M) * directions[met]
-        for body in self.occluders:
+        for body in (b for b, passed in zip(self.occluders, self.passed, strict=True) if passed == 0.0):
             leave[met] = np.minimum(leave[met], enter[met] + _BEYOND_M + body.distance(start, directions[met]))
         return enter, leave
 
     def visible(self, point: Array, directions: Array, along: Array | None = None) -> Array:
-        """Return the fraction (n,) of k directions (k, 3) about one axis that are free from points (n, 3).
+        """Return the fraction (n,) of the light of k directions (k, 3) about one axis that is left at points (n, 3).
 
         along: (n, 3) [m] of straight segments about the points, over which the fraction is averaged: each direction is
         tested from its own place.
         """
         places = np.remainder(np.arange(len(directions)) * GOLDEN + 0.5, 1.0) - 0.5
-        blocked = np.zeros((len(directions), len(point)), np.bool_)
+        left = np.ones((len(directions), len(point)))
         axis = directions.mean(axis=0)
         axis = axis / np.linalg.norm(axis)
         cosine = float(np.min(directions @ axis))
-        for body, centre, radius in zip(self.occluders, self.centre, self.radius, strict=True):
+        bodies = zip(self.occluders, self.centre, self.radius, self.passed, strict=True)
+        for body, centre, radius, passed in bodies:
             wide = float(radius) + (0.0 if along is None else 0.5 * np.linalg.norm(along, axis=-1))
             near = np.flatnonzero(_meets_cone(centre - point, axis, min(cosine, 1.0), wide))
             for k, direction in enumerate(directions):
                 start = point[near] if along is None else point[near] + places[k] * along[near]
-                blocked[k, near] |= body.occluded(start, np.broadcast_to(direction, (len(near), 3)))
-        return np.asarray(1.0 - blocked.mean(axis=0))
+                shaded = body.occluded(start, np.broadcast_to(direction, (len(near), 3)))
+                left[k, near[shaded]] *= passed
+        return np.asarray(left.mean(axis=0))
 
     def visible_from(self, point: Array, place: Array, least_m: float) -> Array:
-        """Return 1 where a place (3,) is seen from points (n, 3) and 0 elsewhere, (n,).
+        """Return the fraction (n,) of light from a place (3,) that is left at points (n, 3).
 
         least_m: distance [m] from the place within which nothing takes its light away.
         """
@@ -103,8 +121,8 @@ class Bodies:
         length = np.linalg.norm(away, axis=-1)
         towards = away / np.maximum(length, 1e-9)[:, None]
         seen = np.ones(len(point))
-        for body in self.occluders:
-            seen[body.occluded(point, towards, np.maximum(length - least_m, 0.0))] = 0.0
+        for body, passed in zip(self.occluders, self.passed, strict=True):
+            seen[body.occluded(point, towards, np.maximum(length - least_m, 0.0))] *= passed
         return seen
 
 
@@ -149,4 +167,4 @@ def bodies_of(bodies: Sequence[Any] | Bodies) -> Bodies:
             occluders.append(RayScene(corners))
             centres.append(centre[None])
             radii.append(float(np.linalg.norm(points - centre, axis=-1).max()))
-    return Bodies(tuple(occluders), np.concatenate(centres), np.array(radii))
+    return Bodies(tuple(occluders), np.concatenate(centres), np.array(radii), np.zeros(len(radii)))

@@ -82,7 +82,7 @@ class SunBeam:
         for k, (maps, taps) in enumerate(((of.disc, DISC_TAPS), (of.halo, HALO_TAPS))):
             visible_parts(
                 self.scene.origin, rays, start, end, bodies.centre, bodies.radius, of.frame, of.apart, maps.frame,
-                maps.top, maps.spread, taps, seen[:, :, k],
+                maps.top, maps.spread, bodies.passed, taps, seen[:, :, k],
             )  # fmt: skip
         return seen
 

@@ -1,6 +1,7 @@
 // Surface at the intersection of a ray and a triangle: point, normals, material. Held to composite/raycast/geometry.py.
-// A triangle is eleven texels of `triangles`: for each corner (position, u), (normal, v), colour; then (material, patch);
-// then its points of ambient light (ambient/lattice.py).
+// A triangle is eleven texels of `triangles`: for each corner (position, u), (normal, v), colour; then (material, patch,
+// two halves of the address of its further sets of texture coordinates);
+// then its points of ambient light (ambient/lattice.py). Those sets follow all triangles.
 // A material is nine texels of `materials`, which upload.py writes.
 // Maps are switched at compile time, because software drivers execute both sides of every branch.
 #include "composite/gl/shaders/rays.glsl"
@@ -57,6 +58,13 @@ mat3x2 fetch_uv(sampler2D triangles, int first) {
                   listed(triangles, first + 6).w, listed(triangles, first + 7).w);
 }
 
+// where a pixel lies on a map: texture coordinates of the triangle's corners and of the pixel, and the changes of the
+// latter over half a pixel
+struct MapPlace {
+    mat3x2 corners;
+    vec2 uv, du, dv;
+};
+
 vec2 uv_change(Facet facet, mat3x2 uv, vec2 here, vec3 neighbour) {
     return clamp(uv * barycentric(facet, neighbour).xyz - here, -1e3, 1e3);
 }
@@ -67,6 +75,28 @@ vec3 normal_change(Facet facet, mat3 normals, vec3 normal, vec3 neighbour) {
     vec3 change = 2.0 * (beside / max(length(beside), 1e-12) - normal);
     return change * min(1.0, LARGEST_CHANGE / max(length(change), 1e-12));
 }
+
+MapPlace map_place(Facet facet, mat3x2 corners, vec3 weights, vec3 next_column, vec3 next_row) {
+    vec2 uv = corners * weights;
+    return MapPlace(corners, uv, uv_change(facet, corners, uv, next_column), uv_change(facet, corners, uv, next_row));
+}
+
+#if defined(MORE_UV)
+const int SETS = 8, ADDRESS_BITS = 12;  // twin: upload.py
+
+// place on the map `slot` of a material, the first of which are metallic and roughness; digits: those of its sets
+MapPlace place_of(sampler2D triangles, int first, float digits, int slot, MapPlace base, Facet facet, vec3 weights,
+                  vec3 next_column, vec3 next_row) {
+    int set = (int(digits) >> (3 * slot)) & (SETS - 1);
+    if (set == 0) return base;
+    vec2 address = listed(triangles, first + 9).zw;
+    int at = (int(address.x) << ADDRESS_BITS) + int(address.y) + 3 * (set - 1);
+    mat3x2 corners = mat3x2(listed(triangles, at).xy, listed(triangles, at + 1).xy, listed(triangles, at + 2).xy);
+    return map_place(facet, corners, weights, next_column, next_row);
+}
+#else
+#define place_of(triangles, first, digits, slot, base, facet, weights, next_column, next_row) (base)
+#endif
 
 vec4 base_color(sampler2D triangles, sampler2D materials, sampler2D store, Triangle triangle, vec3 weights,
                 vec2 uv, vec2 du, vec2 dv) {
@@ -98,11 +128,9 @@ Surface surface(sampler2D triangles, sampler2D materials, sampler2D store, mat4 
                 vec3 direction, vec3 next_column, vec3 next_row, float pixel_rad) {
     Facet facet = make_facet(triangle.a, triangle.b, triangle.c);
     vec4 hit = barycentric(facet, direction);
-    mat3x2 uv_corners = fetch_uv(triangles, triangle.first);
-    vec2 uv = uv_corners * hit.xyz;
-    vec2 du = uv_change(facet, uv_corners, uv, next_column), dv = uv_change(facet, uv_corners, uv, next_row);
+    MapPlace base = map_place(facet, fetch_uv(triangles, triangle.first), hit.xyz, next_column, next_row), at;
     Surface s;
-    s.base = base_color(triangles, materials, store, triangle, hit.xyz, uv, du, dv);
+    s.base = base_color(triangles, materials, store, triangle, hit.xyz, base.uv, base.du, base.dv);
     s.distance_m = hit.w;
     s.direction = direction;
     s.point = hit.w * direction;
@@ -122,7 +150,8 @@ Surface surface(sampler2D triangles, sampler2D materials, sampler2D store, mat4 
     vec4 factors = listed(materials, row + 1);
     s.metallic = factors.x;
     s.roughness = factors.y;
-    s.emission = listed(materials, row + 2).rgb;
+    vec4 glow = listed(materials, row + 2);
+    s.emission = glow.rgb;
     s.refractive_index = listed(materials, row + 3).z;
     s.trim = listed(materials, row + 9).rgb;
     s.occlusion = 1.0;
@@ -130,25 +159,33 @@ Surface surface(sampler2D triangles, sampler2D materials, sampler2D store, mat4 
 #if defined(METALLIC_ROUGHNESS_MAP)
     map = listed(materials, row + 5);
     if (map.x >= 0.0) {
-        vec4 texel = texture_lookup(store, map, uv, du, dv);
+        at = place_of(triangles, triangle.first, glow.w, 0, base, facet, hit.xyz, next_column, next_row);
+        vec4 texel = texture_lookup(store, map, at.uv, at.du, at.dv);
         s.metallic *= texel.b;
         s.roughness *= texel.g;
     }
 #endif
 #if defined(OCCLUSION_MAP)
     map = listed(materials, row + 7);
-    if (map.x >= 0.0) s.occlusion += factors.w * (texture_lookup(store, map, uv, du, dv).r - 1.0);
+    if (map.x >= 0.0) {
+        at = place_of(triangles, triangle.first, glow.w, 2, base, facet, hit.xyz, next_column, next_row);
+        s.occlusion += factors.w * (texture_lookup(store, map, at.uv, at.du, at.dv).r - 1.0);
+    }
 #endif
 #if defined(EMISSION_MAP)
     map = listed(materials, row + 8);
-    if (map.x >= 0.0) s.emission *= texture_lookup(store, map, uv, du, dv).rgb;
+    if (map.x >= 0.0) {
+        at = place_of(triangles, triangle.first, glow.w, 3, base, facet, hit.xyz, next_column, next_row);
+        s.emission *= texture_lookup(store, map, at.uv, at.du, at.dv).rgb;
+    }
 #endif
 #if defined(NORMAL_MAP)
     map = listed(materials, row + 6);
     if (map.x >= 0.0) {
-        vec3 bump = 2.0 * texture_lookup(store, map, uv, du, dv).rgb - 1.0;
+        at = place_of(triangles, triangle.first, glow.w, 1, base, facet, hit.xyz, next_column, next_row);
+        vec3 bump = 2.0 * texture_lookup(store, map, at.uv, at.du, at.dv).rgb - 1.0;
         bump.xy *= factors.z;
-        normal = bumped(normal, e1, e2, uv_corners, bump);
+        normal = bumped(normal, e1, e2, at.corners, bump);
     }
 #endif
     s.normal = normal * side;

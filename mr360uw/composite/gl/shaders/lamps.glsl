@@ -92,9 +92,9 @@ float lamp_visibility(Lamp lamp, Shadows shadows, sampler2D sun_map, sampler2D c
             int lowest = left & -left, slot = lamp.first_slot + int(log2(float(lowest)) + 0.5);
             vec3 p = in_slot(casters, slot, area.middle + sides * rays[k].zw, middle);
             float spread = lamp.radius / middle;
-            most = max(most, sun_blocked(sun_map, fetch_caster(casters, slot), shadows.slot_size, p,
-                                         places.y * spread * rays[k].xy, grain * p.z / middle,
-                                         spread * ray_widening(count)));
+            most = both_block(most, sun_blocked(sun_map, fetch_caster(casters, slot), shadows.slot_size, p,
+                                                places.y * spread * rays[k].xy, grain * p.z / middle,
+                                                spread * ray_widening(count)));
             left &= ~lowest;
         }
         blocked += most;

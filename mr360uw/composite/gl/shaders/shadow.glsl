@@ -1,7 +1,9 @@
 // Visible fraction of a directed light behind bodies, traced through filtered columns; the reference casts rays
 // instead. Held to composite/lighting/sun.py and composite/lighting/lamps.py.
 // `sun_map` holds for every body (or group of bodies) a square slot of columns along the light: (filled fraction, top,
-// bottom), the last two times the first, in metres above the lowest point. Its mip levels are means of 2x2, 4x4, ...
+// bottom, opacity), the last three times the first, heights in metres above the lowest point. Its mip levels are means
+// of 2x2, 4x4, ... TRANSLUCENT: some bodies let light through, each column the product over its surfaces. A ray that
+// starts within a column passes half of these.
 // Loops test at their end, because software drivers execute a body once more to leave.
 const float RAMP = 1.33;      // texels over which a filtered column rises from empty to filled at a straight edge
 const float RAY_WIDTH = 1.2;  // width of a ray over that of the part of footprint and disc that it represents
@@ -35,25 +37,31 @@ float power_below(float x) {
     return uintBitsToFloat(floatBitsToUint(x) & 0x7f800000u);
 }
 
-// (filled fraction, top, bottom), the last two times the first, at a place of a slot in [0, 1]^2, from the level whose
-// texels are `texels` of the finest wide; clamped to the slot
-vec3 sun_texel(sampler2D sun_map, Caster caster, float slot_size, float texels, vec2 place) {
+// (filled fraction, top, bottom, opacity), the last three times the first, at a place of a slot in [0, 1]^2, from the
+// level whose texels are `texels` of the finest wide; clamped to the slot
+vec4 sun_texel(sampler2D sun_map, Caster caster, float slot_size, float texels, vec2 place) {
     vec2 inside = clamp(place * slot_size, 0.5 * texels, slot_size - 0.5 * texels);
-    return textureLod(sun_map, (caster.slot + inside) / vec2(textureSize(sun_map, 0)), log2(texels)).xyz;
+    return textureLod(sun_map, (caster.slot + inside) / vec2(textureSize(sun_map, 0)), log2(texels));
 }
 
-// (filled fraction, top, bottom) at a place across the light, a mean over `width` metres; edges are that wide, too
-vec3 sun_column(sampler2D sun_map, Caster caster, float slot_size, vec2 at, float width) {
+// (blocked fraction, top, bottom) at a place across the light, a mean over `width` metres; edges are that wide, too.
+// begin: height at which the ray starts
+vec3 sun_column(sampler2D sun_map, Caster caster, float slot_size, vec2 at, float width, float begin) {
     float texel = 2.0 * max(caster.half_size.x, caster.half_size.y) / slot_size;
     float wanted = max(width / (RAMP * texel), SHARPEST);
     float texels = clamp(power_below(wanted * sqrt(2.0)), 1.0, slot_size / SMALLEST);
     vec2 place = (at - caster.center) / caster.half_size * 0.5 + 0.5;
-    vec3 column = sun_texel(sun_map, caster, slot_size, texels, place);
+    vec4 column = sun_texel(sun_map, caster, slot_size, texels, place);
     vec2 ends = column.yz / max(column.x, 1e-6) + caster.reach.x;
     // a partly filled column is taken as thinner, in proportion to the filled fraction
     float middle = 0.5 * (ends.x + ends.y), half_height = 0.5 * (ends.x - ends.y) * column.x;
     float filled = clamp((column.x - 0.5) * max(1.0 / wanted, 1.0) + 0.5, 0.0, 1.0);
     bool there = column.x > 0.0 && place == clamp(place, 0.0, 1.0);
+#if defined(TRANSLUCENT)
+    float passed = clamp(1.0 - column.w / max(column.x, 1e-6), 0.0, 1.0);
+    bool within = begin < ends.x - 0.01 * texel && begin > ends.y - 0.01 * texel;
+    filled *= 1.0 - (within ? sqrt(passed) : passed);
+#endif
     return vec3(there ? filled : 0.0, middle + half_height, middle - half_height);
 }
 
@@ -75,17 +83,26 @@ float sun_blocked(sampler2D sun_map, Caster caster, float slot_size, vec3 p, vec
     float texel = 2.0 * max(caster.half_size.x, caster.half_size.y) / slot_size;
     vec2 range = max(caster.reach - p.z, 0.0);
     float across = max(length(slope), 1e-6), blocked = 0.0, h = range.x;
-    vec3 here = sun_column(sun_map, caster, slot_size, p.xy + slope * h, grain + widening * h);
+    vec3 here = sun_column(sun_map, caster, slot_size, p.xy + slope * h, grain + widening * h, p.z);
     int k = 1;
     do {
         float next = k < MAXIMUM_STEPS ? min(h + max(grain + widening * h, 0.5 * texel) / across, range.y) : range.y;
-        vec3 there = sun_column(sun_map, caster, slot_size, p.xy + slope * next, grain + widening * next);
+        vec3 there = sun_column(sun_map, caster, slot_size, p.xy + slope * next, grain + widening * next, p.z);
         blocked = max(blocked, blocked_between(here, there, p.z + h, p.z + next, 0.01 * texel));
         here = there;
         h = next;
         ++k;
     } while (h < range.y && blocked < 1.0);
     return blocked;
+}
+
+// blocked fraction of a ray that bodies block by one fraction and another: the larger, where both are opaque
+float both_block(float one, float other) {
+#if defined(TRANSLUCENT)
+    return one + other - one * other;
+#else
+    return max(one, other);
+#endif
 }
 
 // radius of a ball about the middle of a footprint that contains it
@@ -138,12 +155,16 @@ int bodies_between(sampler2D sun_map, sampler2D casters, int listed, float slot_
         float texels = max(2.0 * power_below(max(wide / min(caster.half_size.x, caster.half_size.y), 0.5)), 1.0);
         bool known = texels * SMALLEST <= slot_size;
         vec2 place = (p.xy - caster.center) / caster.half_size * 0.5 + 0.5;
-        float filled = sun_texel(sun_map, caster, slot_size, min(texels, slot_size / SMALLEST), place).x;
-        if (lowest != 0 && (filled > 0.0 || !known)) {
+        vec4 column = sun_texel(sun_map, caster, slot_size, min(texels, slot_size / SMALLEST), place);
+        float full = column.x;
+#if defined(TRANSLUCENT)
+        full = column.w;
+#endif
+        if (lowest != 0 && (column.x > 0.0 || !known)) {
             between |= lowest;
             float below = caster.reach.x - p.z - radius;
             gap = min(gap, max(below, 0.0));
-            umbra = umbra || (known && below >= 0.0 && filled > 0.9999 && place == clamp(place, 0.0, 1.0));
+            umbra = umbra || (known && below >= 0.0 && full > 0.9999 && place == clamp(place, 0.0, 1.0));
         }
         near &= ~lowest;
     } while (near != 0);
@@ -174,7 +195,7 @@ float sun_visibility(sampler2D sun_map, sampler2D casters, int listed, float slo
             int lowest = left & -left;
             Caster caster = fetch_caster(casters, lowest_slot(left));
             float one = sun_blocked(sun_map, caster, slot_size, start, slope, grain, widening);
-            if (lowest != 0 && k < count) most = max(most, one);
+            if (lowest != 0 && k < count) most = both_block(most, one);
             left &= ~lowest;
         } while (left != 0 && most < 1.0);
         blocked += most;

@@ -39,7 +39,7 @@ class UsdMaterialReader:
         shader = bound.ComputeSurfaceSource()[0]
         if not shader or str(shader.GetIdAttr().Get()) != "UsdPreviewSurface":
             self.note(f"material {name!r} has no UsdPreviewSurface - it is grey - export one beside it")
-            return MappedMaterial(replace(UNBOUND, name=name), PLAIN)
+            return MappedMaterial(replace(UNBOUND, name=name), (PLAIN,))
         return _Surface(self, shader, name).read()
 
     def pixels(self, source: Sampled) -> Pixels:
@@ -98,7 +98,7 @@ class _Surface:
         )
         if bad := material.wrong_factors:
             raise ValueError(f"a factor of material {self.name!r} that is negative or not finite: {bad[0]:g}")
-        return MappedMaterial(material, self.coordinates or PLAIN, color if isinstance(color, str) else "")
+        return MappedMaterial(material, (self.coordinates or PLAIN,), color if isinstance(color, str) else "")
 
     def _fed(self, name: str, *default: float) -> Fed:
         """Return what an input is fed from; a texture with coordinates of its own is left out, with a note."""

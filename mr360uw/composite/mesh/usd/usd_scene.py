@@ -82,9 +82,10 @@ class _StageReader:
         name = str(prim.GetPath()).lstrip("/")
         for number, chosen in self._materials(prim, polygons):
             look = self.materials[number]
-            uv = self._primvar(prim, polygons, look.coordinates.name, 2)
+            coordinates = look.coordinates[0]
+            uv = self._primvar(prim, polygons, coordinates.name, 2)
             # from right and up from the bottom left to right and down from the top left
-            uv = None if uv is None else look.coordinates.of(uv) * [1.0, -1.0] + [0.0, 1.0]
+            uv = None if uv is None else coordinates.of(uv) * [1.0, -1.0] + [0.0, 1.0]
             colors = self._colors(prim, polygons, look)
             for place in places:
                 positions, normals, turned = placed(place, corners, own, polygons.faces[chosen])
@@ -164,8 +165,8 @@ class _StageReader:
     def _unbound(self, color: str) -> MappedMaterial:
         if not color:
             self._note("has parts without material and colours - they are grey")
-            return MappedMaterial(UNBOUND, PLAIN)
-        return MappedMaterial(replace(UNBOUND, base_color=(1.0, 1.0, 1.0, 1.0)), PLAIN, color)
+            return MappedMaterial(UNBOUND, (PLAIN,))
+        return MappedMaterial(replace(UNBOUND, base_color=(1.0, 1.0, 1.0, 1.0)), (PLAIN,), color)
 
 
 def _note(path: Path, notes: dict[str, None], text: str) -> None:

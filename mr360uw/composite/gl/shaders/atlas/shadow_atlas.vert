@@ -8,7 +8,7 @@ uniform float middle, nearest;
 uniform vec4 slot;
 in vec4 corner;
 out float along;
-#if defined(MASKED)
+#if defined(READS_ALPHA)
 uniform sampler2D triangles;
 out vec2 uv;
 out float vertex_alpha;
@@ -24,7 +24,7 @@ void main() {
     gl_Position = vec4((place.xy - slot.xy) * slot.zw, 0.0, 1.0);
 #endif
     along = place.z;
-#if defined(MASKED)
+#if defined(READS_ALPHA)
     int first = gl_VertexID / 3 * TRIANGLE_TEXELS, texel = first + 3 * (gl_VertexID - gl_VertexID / 3 * 3);
     uv = vec2(listed(triangles, texel).w, listed(triangles, texel + 1).w);
     vertex_alpha = listed(triangles, texel + 2).a;
