@@ -44,8 +44,9 @@ class Grey:
 class GreyClip:
     """A still, sequence or video with one grey picture for each frame of the plate; a still serves all frames.
 
-    depth: take the channel Z of EXR pictures if there is one; else alpha counts where it is not opaque. both: pictures hold both eyes of a stereo plate, whose
-    frames have width x height each: the left one above the right, or at its left. Raises `VideoError`.
+    depth: take the channel Z of EXR pictures if there is one; else alpha counts where it is not opaque. both: pictures
+    hold both eyes of a stereo plate, whose frames have width x height each: the left one above the right, or at its
+    left. Raises `VideoError`.
     """
 
     def __init__(self, path: Path, width: int, height: int, *, depth: bool = False, both: bool = False) -> None:

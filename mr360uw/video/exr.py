@@ -247,6 +247,7 @@ def read_frame(path: Path, wanted: Wanted = "colour") -> ExrFrame:
     with _opened(path) as file:
         # Take Z or the best layer of colours, of the first part that has it
         layers = [one for number, part in enumerate(file.parts) for one in _layers(number, part, wanted)]
+        layers = [one for one in layers if one.distances] or layers
         if not layers:
             names = sorted({name for part in parts for name in part.channels})
             raise VideoError(f"{path} - has no colour channels R, G, B (got {', '.join(names)}) - write them")
@@ -270,11 +271,12 @@ _RGBA_NAMES = (("R", "G", "B", "A"), ("r", "g", "b", "a"), ("red", "green", "blu
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Layer:
-    """A layer of a part by its full name. channels: arrays of its parts, which `array` joins."""
+    """A layer of a part by its full name. channels: arrays, which `array` joins. distances: whether it is channel Z."""
 
     part: int
     name: str
     channels: tuple[NDArray[Any], ...]
+    distances: bool = False
     luma_chroma: bool = False
 
     @property
@@ -294,8 +296,9 @@ class _Layer:
 def _layers(number: int, part: Any, wanted: Wanted) -> Iterator[_Layer]:
     """Yield the layers of a part that hold what is wanted."""
     pixels = {name: channel.pixels for name, channel in part.channels.items()}
-    if wanted == "depth" and "Z" in pixels:
-        yield _Layer(number, "", (pixels["Z"],))
+    for base in [name[:-1] for name in pixels if name.rpartition(".")[2] == "Z" and wanted == "depth"]:
+        if base + "X" not in pixels:  # else it is one of a vector, such as a normal
+            yield _Layer(number, base.rstrip("."), (pixels[base + "Z"],), distances=True)
     # A part's name counts where the file has several: Nuke and Blender write a part for each layer
     prefix = part.name() if number else ""
     joined = {name: array for name, array in pixels.items() if array.ndim == 3 and array.shape[-1] > 2}
@@ -378,13 +381,13 @@ def _frame_notes(path: Path, part: ExrPart, header: Mapping[str, Any], taken: st
     if others or taken:
         shown = ", ".join(name or "R, G, B" for name in others[:8]) + " ..." * (len(others) > 8)
         yield (
-            f"{path} - is read by its layer {taken or 'R, G, B'}, others are not used (got {shown or 'none'}) - to have "
-            "another one read, write it alone"
+            f"{path} - is read by its layer {taken or 'R, G, B'}, others are not used (got {shown or 'none'}) - to "
+            "have another one read, write it alone"
         )
     if abs(float(header.get("pixelAspectRatio", 1.0)) - 1.0) > _SQUARE:
         yield (
-            f"{path} - says that its pixels are not square (got {header['pixelAspectRatio']:g}), which is not used: the "
-            "frame is the whole sphere - write square pixels if it is not"
+            f"{path} - says that its pixels are not square (got {header['pixelAspectRatio']:g}), which is not used: "
+            "the frame is the whole sphere - write square pixels if it is not"
         )
     if part.levels:
         yield f"{path} - holds smaller copies of itself (mip levels) - the full size is read, outputs have it alone"

@@ -114,32 +114,34 @@ def _profile(matrix: Array, curves: Sequence[Curve], xy: tuple[float, ...] = ())
     return FileProfile(tuple(map(tuple, matrix.tolist())), (red, green, blue), xy)
 
 
-def linear_profile(matrix: Array) -> FileProfile:
-    """Return the map of linear values by a (3, 3) matrix to linear Rec.709."""
-    return _profile(matrix, [Curve()] * 3)
+def linear_profile(matrix: Array, gain: Array) -> FileProfile:
+    """Return the map of linear values by a (3, 3) matrix to linear Rec.709; gain (3,): by which they are too weak."""
+    if not np.all(np.isfinite(gain) & (gain > 0.0)):
+        raise ValueError("an exposure of 0 or less")
+    return _profile(matrix * gain, [Curve()] * 3)
 
 
-def chromatic_profile(
-    xy: Sequence[float], curve: Curve | None = None, gain: Sequence[float] = (1.0, 1.0, 1.0)
-) -> FileProfile | None:
+def chromatic_profile(xy: Sequence[float], curve: Curve | None = None, gain: Array | None = None) -> FileProfile | None:
     """Return the map of chromaticities, x and y of red, green, blue and white; None where it changes nothing.
 
-    curve: of the values, by default they are linear. gain: of linear values, by which light is stronger than they say.
-    Raises `ValueError` where no light has such primaries.
+    curve: of the values, by default they are linear. gain: (3,) see `linear_profile`. Raises `ValueError` where no
+    light has such primaries.
     """
-    known = np.asarray(xy, np.float64)
-    plain = bool(np.all(np.abs(known - REC709_XY) < _SAME_XY))
-    if plain and curve is None and tuple(gain) == (1.0, 1.0, 1.0):
+    known, stronger = np.asarray(xy, np.float64), gain is not None and bool(np.any(gain != 1.0))
+    plain = known.shape == (8,) and bool(np.all(np.abs(known - REC709_XY) < _SAME_XY))
+    if plain and curve is None and not stronger:
         return None
     try:
-        matrix = np.eye(3) if plain else rec709_from_chromaticities(known.reshape(4, 2))
-        usable = np.all(np.isfinite(np.linalg.inv(matrix))) and np.all(np.isfinite(matrix))
-    except (np.linalg.LinAlgError, FloatingPointError, ZeroDivisionError):
+        with np.errstate(all="ignore"):
+            matrix = np.eye(3) if plain else rec709_from_chromaticities(known.reshape(4, 2))
+            usable = bool(np.all(np.isfinite(np.linalg.inv(matrix))))
+    except (np.linalg.LinAlgError, ValueError):
         usable = False
     if not usable:
         raise ValueError("primaries that no light has")
-    stated = tuple(map(float, known)) if curve is None and tuple(gain) == (1.0, 1.0, 1.0) else ()
-    return _profile(matrix * np.asarray(gain), [curve or Curve()] * 3, stated)
+    if stronger and gain is not None:
+        return linear_profile(matrix, gain)
+    return _profile(matrix, [curve or Curve()] * 3, tuple(known.tolist()) if curve is None else ())
 
 
 def icc_profile(data: bytes) -> PlateMapping | None:

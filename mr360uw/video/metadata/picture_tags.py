@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Metadata of pictures: colour profile, EXIF, XMP with the mark of a panorama, header entries of EXR and HDR files.
 
-They are read once from a file's bytes, travel with the frame, and are put into the bytes of an encoded picture. The mark
-of a panorama is Google's "Photo Sphere XMP Metadata".
+They are read from a file's bytes, travel with the frame, and are put into the bytes of an encoded picture. The mark of
+a panorama is Google's "Photo Sphere XMP Metadata".
 """
 
 from __future__ import annotations
@@ -41,9 +41,9 @@ HOLDING: dict[str, frozenset[str]] = {
 class PictureTags:
     """Metadata of a picture as its file has them.
 
-    kind: the file's ending. size: (width, height) of the picture in the file. full_size, origin: of the panorama that it
-    is a part of, and its (column, row) there. icc, exif, xmp: bytes; EXIF without orientation, which is applied.
-    png_colour: chunks of a PNG that say its colours. header: entries of an EXR file. lines: of the header of an HDR file.
+    kind: the file's ending. size: (width, height) of the picture in the file. full_size, origin: of the panorama that
+    it is a part of, and its (column, row) there. icc, exif, xmp: bytes; EXIF without orientation, which is applied.
+    png_colour: chunks of a PNG that say its colours. header: entries of an EXR file. lines: of an HDR file's header.
     """
 
     kind: str
@@ -297,6 +297,8 @@ def _directory(data: bytes) -> Any:
     file = io.BytesIO(data)
     file.seek(directory.next)
     directory.load(file)
+    for tag in list(directory):
+        directory[tag]  # entries are decoded, and written again, once they were asked for
     return directory
 
 

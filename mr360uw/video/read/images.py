@@ -221,8 +221,8 @@ def _placed(path: Path, tags: PictureTags, pano: Mapping[str, str]) -> _Placed |
     Pictures that were resized after they were marked are placed in proportion. Raises `VideoError` for a mark that
     cannot be.
     """
-    names = ("FullPanoWidthPixels", "FullPanoHeightPixels", "CroppedAreaImageWidthPixels", "CroppedAreaImageHeightPixels",
-             "CroppedAreaLeftPixels", "CroppedAreaTopPixels")  # fmt: skip
+    of_full, of_part = ("FullPanoWidthPixels", "FullPanoHeightPixels"), ("ImageWidthPixels", "ImageHeightPixels")
+    names = (*of_full, *(f"CroppedArea{name}" for name in (*of_part, "LeftPixels", "TopPixels")))
     try:
         full_width, full_height, width, height, left, top = (float(pano[name]) for name in names)
         scale = tags.size[0] / width
@@ -234,8 +234,8 @@ def _placed(path: Path, tags: PictureTags, pano: Mapping[str, str]) -> _Placed |
     right, bottom = at[0] + tags.size[0], at[1] + tags.size[1]
     if min(at) < 0 or right > size[0] or bottom > size[1] or size[0] != 2 * size[1]:
         raise VideoError(
-            f"{path} - is marked as a part of a panorama that cannot be (got {width:g}x{height:g} at {left:g},{top:g} of "
-            f"{full_width:g}x{full_height:g}) - correct its GPano tags, or remove them"
+            f"{path} - is marked as a part of a panorama that cannot be (got {width:g}x{height:g} at {left:g},{top:g} "
+            f"of {full_width:g}x{full_height:g}) - correct its GPano tags, or remove them"
         )
     PICTURE.check(str(path), size[0] * size[1], VideoError)
     return _Placed(size, at)
@@ -256,20 +256,21 @@ def _pano_notes(path: Path, pano: Mapping[str, str], placed: _Placed | None) -> 
     """Yield lines on what of a panorama's mark is not used."""
     if placed is not None:
         yield (
-            f"{path} - is a part of a panorama of {placed.full_size[0]}x{placed.full_size[1]} (its GPano tags), whose rest is "
-            "black: no light comes from there - pictures are written cropped as it is; fill the rest to have it lit whole"
+            f"{path} - is a part of a panorama of {placed.full_size[0]}x{placed.full_size[1]} (its GPano tags), whose "
+            "rest is black: no light comes from there - pictures are written cropped as it is; fill the rest to have "
+            "it lit whole"
         )
     angles = {name: _number(pano.get(f"Pose{name}Degrees", "")) for name in ("Pitch", "Roll", "Heading")}
     if angles["Pitch"] or angles["Roll"]:
         yield (
-            f"{path} - says that its camera was tilted (GPano pitch {angles['Pitch']:g}, roll {angles['Roll']:g}), which is "
-            f"not used - if the picture is not level, set camera.pitch_deg = {angles['Pitch']:g} and camera.roll_deg = "
-            f"{angles['Roll']:g}"
+            f"{path} - says that its camera was tilted (GPano pitch {angles['Pitch']:g}, roll {angles['Roll']:g}), "
+            f"which is not used - if the picture is not level, set camera.pitch_deg = {angles['Pitch']:g} and "
+            f"camera.roll_deg = {angles['Roll']:g}"
         )
     if angles["Heading"]:
         yield (
-            f"{path} - says that its middle looks {angles['Heading']:g} degrees from north (GPano), which is not used - "
-            "take it off compass directions where you set them, as light.sun_azimuth_deg"
+            f"{path} - says that its middle looks {angles['Heading']:g} degrees from north (GPano), which is not used "
+            "- take it off compass directions where you set them, as light.sun_azimuth_deg"
         )
 
 

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Reads one picture file: its codes, how they are light, its metadata, and what of it is not used.
 
-OpenCV decodes most kinds, Pillow TGA, FFmpeg DPX, OpenEXR its own. Radiance HDR is decoded by OpenCV after its header is
-read here: exposure, primaries and orientation (Ward, "The RADIANCE Picture File Format").
+OpenCV decodes most kinds, Pillow TGA, FFmpeg DPX, OpenEXR its own. Radiance HDR is decoded by OpenCV after its header
+is read here: exposure, primaries and orientation (Ward, "The RADIANCE Picture File Format").
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ class PictureFile:
 
 @checked
 def read_picture(path: Path, *, depth: bool = False) -> NDArray[Any]:
-    """Return the RGB codes of a picture, (H, W, 3): uint8, uint16, or float32 of EXR, HDR and floating point TIFF files.
+    """Return the RGB codes of a picture, (H, W, 3): uint8, uint16, or float32 of EXR, HDR and TIFF files of floats.
 
     They are as stored, upright. depth: EXR files are read by their channel Z where they have one.
     """
@@ -84,9 +84,9 @@ def _explained(data: bytes, suffix: str) -> str:
             f"is camera raw ({suffix}), which has to be developed first - save it as a 16-bit TIFF or an EXR from the "
             "camera maker's program, darktable or Lightroom"
         )
-    if data[4:8] == b"ftyp" and data[8:12] in (b"heic", b"heix", b"hevc", b"heim", b"heis", b"mif1", b"msf1"):
-        if b"avif" not in data[8:64]:
-            return "is HEIC, which is not read - save it as JPEG, PNG or AVIF, as by heif-convert IN.heic OUT.png"
+    brands = data[8:64] if data[4:8] == b"ftyp" else b""
+    if b"avif" not in brands and brands[:4] in (b"heic", b"heix", b"hevc", b"heim", b"heis", b"mif1", b"msf1"):
+        return "is HEIC, which is not read - save it as JPEG, PNG or AVIF, as by heif-convert IN.heic OUT.png"
     return ""
 
 
@@ -180,7 +180,7 @@ def _coloured(path: Path, found: PictureFile) -> PictureFile:
     chunks = dict(found.tags.png_colour)
     try:
         if b"cICP" in chunks:
-            return _by_code_points(path, found, chunks[b"cICP"])
+            return _by_code_points(found, chunks[b"cICP"])
         if found.tags.icc:
             return replace(found, mapping=icc_profile(found.tags.icc))
         if b"sRGB" not in chunks and (b"gAMA" in chunks or b"cHRM" in chunks):
@@ -194,7 +194,8 @@ def _coloured(path: Path, found: PictureFile) -> PictureFile:
 
 _P3 = (0.680, 0.320, 0.265, 0.690, 0.150, 0.060)
 _XY: dict[int, tuple[float, ...]] = {
-    1: REC709_XY, 5: REC709_XY, 6: REC709_XY, 7: REC709_XY, 9: (0.708, 0.292, 0.170, 0.797, 0.131, 0.046, 0.3127, 0.329),
+    1: REC709_XY, 5: REC709_XY, 6: REC709_XY, 7: REC709_XY,
+    9: (0.708, 0.292, 0.170, 0.797, 0.131, 0.046, 0.3127, 0.329),
     11: (*_P3, 0.314, 0.351), 12: (*_P3, 0.3127, 0.329),
 }  # fmt: skip
 """Chromaticities by their numbers in ITU-T H.273; those of standard definition are all but Rec.709's."""
@@ -205,7 +206,7 @@ _CURVES: dict[int, Curve] = {
 _WIDE_CURVES: dict[int, Transfer] = {16: "pq", 18: "hlg"}
 
 
-def _by_code_points(path: Path, found: PictureFile, chunk: bytes) -> PictureFile:
+def _by_code_points(found: PictureFile, chunk: bytes) -> PictureFile:
     """Return a picture with the colours of a PNG's cICP chunk."""
     primaries, curve = chunk[0], chunk[1]
     if curve in _WIDE_CURVES and primaries in (1, 9):
@@ -247,7 +248,7 @@ def _radiance(path: Path, data: bytes, *, notes: bool) -> PictureFile:
     PICTURE.check(str(path), size[0] * size[1], VideoError)
     # OpenCV decodes rows from the top alone, and no XYZ: it gets the samples under a plain header
     lines = [line for line in data[: found.start()].split(b"\n")[1:] if line]
-    entries = [hit.groups() for hit in map(_RADIANCE_LINE.match, lines) if hit]
+    entries = [(hit[1], hit[2]) for hit in map(_RADIANCE_LINE.match, lines) if hit]
     head = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y %b +X %b\n" % (found[3], found[6])
     try:
         codes = cv2.imdecode(np.frombuffer(head + data[found.end() :], np.uint8), cv2.IMREAD_UNCHANGED)
@@ -268,21 +269,24 @@ def _radiance(path: Path, data: bytes, *, notes: bool) -> PictureFile:
     return PictureFile(codes, tags, "linear", None, mapping, said if notes else ())
 
 
-def _radiance_map(path: Path, entries: list[tuple[bytes, ...]]) -> tuple[tuple[str, ...], PlateMapping | None]:
+def _radiance_map(path: Path, entries: list[tuple[bytes, bytes]]) -> tuple[tuple[str, ...], PlateMapping | None]:
     """Return lines on a Radiance header and the map that it says."""
+    said = dict(entries)
+    mapping: PlateMapping | None
     try:
+        # A factor of 0, which no light survives, is refused below
         exposure = math.prod(float(value) for name, value in entries if name == b"EXPOSURE")
-        corrections = [[float(v) for v in value.split()] for name, value in entries if name == b"COLORCORR"]
-        gain = np.prod([np.full(3, exposure), *corrections], axis=0)
-        if gain.shape != (3,) or not (np.all(np.isfinite(gain)) and np.all(gain > 0.0)):
-            raise ValueError("an exposure of 0 or less")
-        said = dict(entries)
+        gain = np.full(3, exposure)
+        for _, value in (one for one in entries if one[0] == b"COLORCORR"):
+            gain = gain * [float(v) for v in value.split()]
         aspect = float(said.get(b"PIXASPECT", b"1"))
+        xy = tuple(float(v) for v in said[b"PRIMARIES"].split()) if b"PRIMARIES" in said else REC709_XY
+        with np.errstate(divide="ignore"):
+            gain = 1.0 / gain
         if said.get(b"FORMAT") == b"32-bit_rle_xyze":
-            mapping = linear_profile(rec709_from_xyz(np.ones(3)) / gain)
+            mapping = linear_profile(rec709_from_xyz(np.ones(3)), gain)
         else:
-            xy = tuple(float(v) for v in said[b"PRIMARIES"].split()) if b"PRIMARIES" in said else REC709_XY
-            mapping = chromatic_profile(xy, gain=tuple((1.0 / gain).tolist()))
+            mapping = chromatic_profile(xy, gain=gain)
     except ValueError as error:
         raise VideoError(f"{path} - has a header that cannot be used (got {error}) - write it again") from error
     notes = []
@@ -320,7 +324,7 @@ def _dpx(path: Path, data: bytes) -> PictureFile:
         raise _unusable(path)
     codes = _rgb_of(frames[0], bits)
     tags = PictureTags(".dpx", (width, height), (width, height))
-    log = f"{path} - holds log densities of film (its header's curve {curve}), read as sRGB - name plate.lut or plate.ocio"
+    log = f"{path} - holds log densities of film (curve {curve}), read as sRGB - name plate.lut or plate.ocio"
     return PictureFile(codes, tags, notes=(log,) if curve in _DPX_LOG else ())
 
 
