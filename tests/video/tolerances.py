@@ -57,3 +57,13 @@ VIDEO_OCIO = 5e-3
 in and by Bradford out, which differ by 0.4 % in blue."""
 VIDEO_PRORES_CODES = 4e-3
 """Flat areas of ProRes 4444 in 10 bits: a code of luma and of chroma, 1/876 and 1/896 times up to 1.86, and its quantiser."""
+PROFILE = 2e-4
+"""Light of a profile: its numbers are rounded to 1/65536, published matrices to 1e-4 of white."""
+JPEG_CODES = 2.0
+"""Half of all codes after a JPEG of quality 95 of smooth colours."""
+LOSSY = 0.03
+"""Fraction of white: formats that lose, at their best quality."""
+RGBE = 4e-3
+"""Mantissas of 8 bits that share an exponent: 1/256 of the brightest channel."""
+HALF = 2e-3
+"""Relative: numbers of 11 bits in products and differences of three channels; degrees in single precision."""

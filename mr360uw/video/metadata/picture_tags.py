@@ -8,11 +8,13 @@ a panorama is Google's "Photo Sphere XMP Metadata".
 from __future__ import annotations
 
 import io
+import math
 import re
 import struct
 import zlib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from numbers import Real
 from typing import Any
 
 import numpy as np
@@ -28,6 +30,7 @@ _PNG_COLOUR = (b"cICP", b"gAMA", b"cHRM", b"sRGB", b"mDCV", b"cLLI")
 _SEGMENT = 65533
 """Most bytes of a JPEG segment after its length."""
 _XMP_TAG, _ICC_TAG, _EXIF_TAG, _GPS_TAG, _ORIENTATION = 700, 34675, 34665, 34853, 274
+_STRIPS, _TIFF_HEAD = 273, 8
 _ABOUT = (270, 271, 272, 305, 306, 315, 33432)
 """Tags of TIFF that say what a picture is and who made it: those that are carried to other kinds of files."""
 HOLDING: dict[str, frozenset[str]] = {
@@ -153,6 +156,10 @@ def read_tags(data: bytes, suffix: str, size: tuple[int, int]) -> tuple[PictureT
     except (struct.error, ValueError, TypeError, KeyError, IndexError, SyntaxError, OSError, zlib.error):
         return PictureTags(suffix, size, size), 1
     turned, exif = _upright(parts.get("exif", b""))
+    try:
+        _exif_parts(exif)
+    except (struct.error, ValueError, TypeError, KeyError, IndexError, SyntaxError, OSError):
+        exif = b""
     colour = tuple(chunk for chunk in _png_chunks(data) if chunk[0] in _PNG_COLOUR)
     own = parts.get("icc", b""), exif, parts.get("xmp", b"")
     return PictureTags(suffix, size, size, (0, 0), *own, colour), turned
@@ -263,7 +270,7 @@ def _upright(exif: bytes) -> tuple[int, bytes]:
     """Return the orientation in EXIF, 1 where it has none, and the same EXIF with orientation 1."""
     order = {b"II*\0": "<", b"MM\0*": ">"}.get(exif[:4])
     if order is None:
-        return 1, exif
+        return 1, b""
     try:
         (at,) = struct.unpack_from(f"{order}I", exif, 4)
         (count,) = struct.unpack_from(f"{order}H", exif, at)
@@ -351,51 +358,59 @@ def _jpeg_segments(icc: bytes, exif: bytes, xmp_bytes: bytes) -> Iterator[bytes]
 
 
 def _with_tiff_tags(picture: bytes, icc: bytes, exif: bytes, xmp_bytes: bytes) -> bytes:
-    """Return a TIFF file whose directory is written anew at its end, with more tags."""
-    from PIL import Image
-
-    directory = _directory(picture)
-    about = Image.Exif()
-    about.load(_JPEG_EXIF + exif)
+    """Return a TIFF file whose directory is written anew before its pixels, with more tags."""
+    directory, (about, *inner) = _directory(picture), _exif_parts(exif)
     for tag in _ABOUT:
         if tag in about:
             directory[tag] = about[tag]
-    for tag in (_EXIF_TAG, _GPS_TAG):
-        if inner := about.get_ifd(tag):
+    for tag, entries in zip((_EXIF_TAG, _GPS_TAG), inner, strict=True):
+        if entries:
             directory.tagtype[tag] = 4
-            directory[tag] = dict(inner)
+            directory[tag] = entries
     for tag, content in ((_XMP_TAG, xmp_bytes), (_ICC_TAG, icc)):
         if content:
             directory.tagtype[tag] = 1 if tag == _XMP_TAG else 7
             directory[tag] = content
-    at = len(picture) + len(picture) % 2
+    # Pillow counts the places of strips from the end of the directory that it writes
+    strips = directory[_STRIPS]
+    directory[_STRIPS] = tuple(at - _TIFF_HEAD for at in (strips if isinstance(strips, tuple) else (strips,)))
     order = "<" if picture.startswith(b"II") else ">"
-    head = picture[:4] + struct.pack(f"{order}I", at) + picture[8:]
-    return head.ljust(at, b"\0") + directory.tobytes(at)
+    head = picture[:4] + struct.pack(f"{order}I", _TIFF_HEAD)
+    return head + directory.tobytes(_TIFF_HEAD) + picture[_TIFF_HEAD:]
 
 
 def exr_entries(exif: bytes) -> dict[str, Any]:
     """Return the header entries of an EXR file that say what EXIF says: camera, date, exposure, place."""
-    from PIL import ExifTags, Image
+    from PIL.ExifTags import Base
+
+    said, taken, place = _exif_parts(exif)
+    found: dict[str, Any] = {
+        "cameraMake": said.get(271), "cameraModel": said.get(272), "comments": said.get(270), "owner": said.get(33432),
+        "capDate": taken.get(Base.DateTimeOriginal, said.get(306)), "lensModel": taken.get(Base.LensModel),
+        "expTime": taken.get(Base.ExposureTime), "aperture": taken.get(Base.FNumber),
+        "isoSpeed": taken.get(Base.ISOSpeedRatings), "altitude": place.get(6),
+        "latitude": _degrees(place, 1, "S"), "longitude": _degrees(place, 3, "W"),
+    }  # fmt: skip
+    texts = {name: value.strip("\0 ") for name, value in found.items() if isinstance(value, str)}
+    numbers = {name: float(value) for name, value in found.items() if isinstance(value, Real)}
+    return {name: value for name, value in texts.items() if value} | {
+        name: value for name, value in numbers.items() if math.isfinite(value)
+    }
+
+
+def _exif_parts(exif: bytes) -> tuple[Mapping[int, Any], Mapping[int, Any], Mapping[int, Any]]:
+    """Return the tags of EXIF's three directories: of the picture, of the exposure, of the place."""
+    from PIL import Image
 
     said = Image.Exif()
     said.load(_JPEG_EXIF + exif)
-    taken, place = said.get_ifd(_EXIF_TAG), said.get_ifd(_GPS_TAG)
-    found: dict[str, Any] = {
-        "cameraMake": said.get(271), "cameraModel": said.get(272), "comments": said.get(270), "owner": said.get(33432),
-        "capDate": taken.get(ExifTags.Base.DateTimeOriginal, said.get(306)),
-        "expTime": taken.get(ExifTags.Base.ExposureTime), "aperture": taken.get(ExifTags.Base.FNumber),
-        "isoSpeed": taken.get(ExifTags.Base.ISOSpeedRatings), "lensModel": taken.get(ExifTags.Base.LensModel),
-        "latitude": _degrees(place, 1, b"S"), "longitude": _degrees(place, 3, b"W"), "altitude": place.get(6),
-    }  # fmt: skip
-    kept = {name: value for name, value in found.items() if value not in (None, "", 0)}
-    return {name: value.strip("\0 ") if isinstance(value, str) else float(value) for name, value in kept.items()}
+    return dict(said), dict(said.get_ifd(_EXIF_TAG)), dict(said.get_ifd(_GPS_TAG))
 
 
-def _degrees(place: Mapping[int, Any], tag: int, negative: bytes) -> float | None:
+def _degrees(place: Mapping[int, Any], tag: int, negative: str) -> float | None:
     """Return an angle of GPS [deg] from its letter, `tag`, and its degrees, minutes and seconds, the tag after it."""
     parts = place.get(tag + 1)
-    if parts is None or len(parts) != 3:
+    if not isinstance(parts, tuple) or len(parts) != 3 or not all(isinstance(part, Real) for part in parts):
         return None
     angle = sum(float(part) / 60.0**k for k, part in enumerate(parts))
-    return -angle if str(place.get(tag, "")).startswith(negative.decode()) else angle
+    return -angle if str(place.get(tag, "")).startswith(negative) else angle
