@@ -258,9 +258,8 @@ def read_frame(path: Path, wanted: Wanted = "colour") -> ExrFrame:
         xy = tuple(map(float, header.get("chromaticities", ())))
         kept = {name: value for name, value in header.items() if _is_carried(name, value)}
         others = [name for name in _names(file.parts) if name != taken.name]
-    return ExrFrame(
-        array, xy if len(xy) == 8 else (), kept, tuple(_frame_notes(path, part, header, taken.name, others))
-    )
+    notes = tuple(_frame_notes(path, part, header, taken.name, others)) if wanted == "colour" else ()
+    return ExrFrame(array, xy if len(xy) == 8 else (), kept, notes)
 
 
 _BEST = ("", "combined", "rgba", "rgb", "beauty", "c", "color", "colour", "main", "default", "composite", "final")
@@ -317,8 +316,10 @@ def _layers(number: int, part: Any, wanted: Wanted) -> Iterator[_Layer]:
         yield _Layer(number, prefix, (pixels["Y"], pixels["RY"], pixels["BY"]), luma_chroma=True)
     elif "Y" in pixels:
         yield _Layer(number, prefix, (pixels["Y"],))
-    elif wanted == "matte" and not joined and "A" in pixels:
-        yield _Layer(number, prefix, (pixels["A"],))
+    elif wanted == "matte" and not joined:
+        alphas = [name for name in pixels if name.rpartition(".")[2] in ("A", "a", "alpha")]
+        for name in alphas or list(pixels)[: len(pixels) == 1]:
+            yield _Layer(number, ".".join(filter(None, [prefix, name.rpartition(".")[0]])), (pixels[name],))
 
 
 def _names(parts: list[Any]) -> list[str]:
@@ -367,12 +368,8 @@ def _frame_notes(path: Path, part: ExrPart, header: Mapping[str, Any], taken: st
     """Yield lines on what of a frame's file is not used."""
     (width, height), (left, top, right, bottom) = part.frame_size, part.data
     if (left, top, right, bottom) != part.display:
-        inside = (
-            left >= part.display[0]
-            and top >= part.display[1]
-            and right <= part.display[2]
-            and bottom <= part.display[3]
-        )
+        low, high = np.array(part.display[:2]), np.array(part.display[2:])
+        inside = bool(np.all([left, top] >= low) and np.all([right, bottom] <= high))
         what = "the rest of the frame is black" if inside else "what lies outside of the frame is cut off"
         yield (
             f"{path} - its data window is not its display window (got {part.width}x{part.height} at {left},{top} for "

@@ -7,6 +7,7 @@ Those of tables are sampled by littlecms. Tags: ICC.1:2022, sections 9 and 10.
 
 from __future__ import annotations
 
+import functools
 import hashlib
 import io
 import struct
@@ -144,6 +145,7 @@ def chromatic_profile(xy: Sequence[float], curve: Curve | None = None, gain: Arr
     return _profile(matrix, [curve or Curve()] * 3, tuple(known.tolist()) if curve is None else ())
 
 
+@functools.lru_cache(maxsize=4)
 def icc_profile(data: bytes) -> PlateMapping | None:
     """Return the map of an ICC profile of RGB or grey pictures; None for that of sRGB, to a quarter of an 8-bit code.
 

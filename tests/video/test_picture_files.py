@@ -497,14 +497,24 @@ def test_numbers_of_a_sequence_are_kept(tmp_path: Path) -> None:
         assert any("is one of a sequence" in note and "plate.####.png" in note for note in video.notes)
 
 
+def by_ffmpeg(codec: str, layout: str, codes: NDArray[np.uint16]) -> bytes:
+    """Return a picture of a codec of FFmpeg with planes of green, blue and red."""
+    import av
+
+    context = av.CodecContext.create(codec, "w")
+    context.height, context.width = codes.shape[:2]
+    context.pix_fmt, context.time_base = layout, Fraction(1)
+    frame = av.VideoFrame(context.width, context.height, layout)
+    for plane, channel in zip(frame.planes, (1, 2, 0), strict=True):
+        rows = np.zeros((plane.height, plane.line_size // 2), np.uint16)
+        rows[:, : plane.width] = codes[..., channel]
+        plane.update(rows.tobytes())
+    return b"".join(bytes(packet) for packet in [*context.encode(frame), *context.encode(None)])
+
+
 def encoded(kind: str, codes: NDArray[np.uint8]) -> bytes:
     if kind == ".dpx":
-        import av
-
-        context = av.CodecContext.create("dpx", "w")
-        context.width, context.height, context.pix_fmt, context.time_base = 64, 32, "gbrp10le", Fraction(1)
-        frame = av.VideoFrame.from_ndarray(codes, format="rgb24").reformat(format="gbrp10le")
-        return b"".join(bytes(packet) for packet in [*context.encode(frame), *context.encode(None)])
+        return by_ffmpeg("dpx", "gbrp10le", np.rint(codes * (1023 / 255)).astype(np.uint16))
     if kind in (".tga", ".avif"):
         out = io.BytesIO()
         Image.fromarray(codes).save(
@@ -525,6 +535,22 @@ def test_more_kinds_are_read(kind: str, tmp_path: Path) -> None:
     assert np.abs(got / scale - codes / 255.0).max() < (tol.LOSSY if kind in (".avif", ".jp2") else 2.0 / 255.0)
     with uw.open_video(tmp_path / f"p_%04d{kind}") as video:
         assert video.frame_count == 2
+
+
+@pytest.mark.parametrize(
+    ("kind", "layout", "bits"), [(".jp2", "gbrp12le", 12), (".dpx", "gbrp12le", 12), (".avif", "", 10)]
+)
+def test_ten_and_twelve_bits_are_whole(kind: str, layout: str, bits: int, tmp_path: Path) -> None:
+    """White is full scale, whatever the number of bits."""
+    white = np.full((128, 256, 3), (1 << bits) - 1, np.uint16)
+    if layout:
+        data = by_ffmpeg({".jp2": "jpeg2000", ".dpx": "dpx"}[kind], layout, white)
+    else:
+        data = cv2.imencode(kind, white, [cv2.IMWRITE_AVIF_DEPTH, bits, cv2.IMWRITE_AVIF_QUALITY, 100])[1].tobytes()
+    (tmp_path / f"p{kind}").write_bytes(data)
+    got = read_picture(tmp_path / f"p{kind}")
+    assert got.dtype == np.uint16
+    assert got.min() >= 65535 * (1 - 2**-9)
 
 
 def test_kinds_that_are_not_read_are_explained(tmp_path: Path) -> None:

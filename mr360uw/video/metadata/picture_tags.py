@@ -31,6 +31,8 @@ _SEGMENT = 65533
 """Most bytes of a JPEG segment after its length."""
 _XMP_TAG, _ICC_TAG, _EXIF_TAG, _GPS_TAG, _ORIENTATION = 700, 34675, 34665, 34853, 274
 _STRIPS, _TIFF_HEAD = 273, 8
+_BROKEN = (struct.error, zlib.error, ValueError, TypeError, KeyError, IndexError, SyntaxError, OSError)
+"""What Pillow and `struct` raise at metadata that are cut or damaged."""
 _ABOUT = (270, 271, 272, 305, 306, 315, 33432)
 """Tags of TIFF that say what a picture is and who made it: those that are carried to other kinds of files."""
 HOLDING: dict[str, frozenset[str]] = {
@@ -65,6 +67,17 @@ class PictureTags:
         """The mark of a panorama, by the names of its fields."""
         return pano_fields(self.xmp)
 
+    @property
+    def pose_deg(self) -> tuple[float, float, float]:
+        """Heading, pitch and roll of the camera by the mark, zeros where it has none.
+
+        Pitch is + where the centre looks up, roll where the right side is down.
+        """
+        heading, pitch, roll = (
+            _number(self.pano.get(f"Pose{name}Degrees", "")) for name in ("Heading", "Pitch", "Roll")
+        )
+        return heading, pitch, roll
+
     def lost_in(self, suffix: str) -> tuple[str, ...]:
         """Return lines on what a picture with an ending, ".png" for example, does not hold."""
         held = HOLDING.get(suffix, frozenset())
@@ -77,6 +90,14 @@ class PictureTags:
     @property
     def _is_only_a_mark(self) -> bool:
         return b"GPano" in self.xmp and not re.search(rb"<(?!GPano:|x:|rdf:|\?|/)\w+:", self.xmp)
+
+
+def _number(text: str) -> float:
+    try:
+        found = float(text)
+    except ValueError:
+        return 0.0
+    return found if math.isfinite(found) else 0.0
 
 
 def pano_fields(xmp_bytes: bytes) -> dict[str, str]:
@@ -153,12 +174,12 @@ def read_tags(data: bytes, suffix: str, size: tuple[int, int]) -> tuple[PictureT
         if data[:4] in (b"II*\0", b"MM\0*"):
             return _tiff_tags(data, suffix, size)
         parts = _parts(data)
-    except (struct.error, ValueError, TypeError, KeyError, IndexError, SyntaxError, OSError, zlib.error):
+    except _BROKEN:
         return PictureTags(suffix, size, size), 1
     turned, exif = _upright(parts.get("exif", b""))
     try:
         _exif_parts(exif)
-    except (struct.error, ValueError, TypeError, KeyError, IndexError, SyntaxError, OSError):
+    except _BROKEN:
         exif = b""
     colour = tuple(chunk for chunk in _png_chunks(data) if chunk[0] in _PNG_COLOUR)
     own = parts.get("icc", b""), exif, parts.get("xmp", b"")

@@ -103,12 +103,12 @@ class ImageReader(VideoReader):
     ) -> None:
         files = named.files
         picture = picture_file(files[0], wanted, notes=wanted == "colour")
-        self._files, self._wrap, self._wanted = files, equirectangular, wanted
+        self._files, self._wrap, self._wanted, self._mapping = files, equirectangular, wanted, picture.mapping
         notes = [*picture.notes, *(_one_of_many(path) if path == files[0] else ())]
         # A part of a panorama is placed in the whole, by the mark of the first picture
         pano = picture.tags.pano if equirectangular and layout is None else {}
         self._placed, projection = _placed(path, picture.tags, pano), pano.get("ProjectionType", "equirectangular")
-        notes += _pano_notes(path, pano, self._placed)
+        notes += _pano_notes(path, picture.tags, self._placed) if pano else ()
         marked = None if projection == "equirectangular" else SphericalMetadata(projection, source="XMP")
         whole = _in_panorama(picture.codes, self._placed)
         self._crop, self._beside, stereo = panorama_crops(
@@ -179,6 +179,11 @@ class ImageReader(VideoReader):
             raise VideoError(
                 f"{path} - differs from the first picture of the sequence (got {codes.shape[1]}x{codes.shape[0]} "
                 f"{codes.dtype}) - use pictures of one size and depth"
+            )
+        if self._wanted == "colour" and picture.mapping != self._mapping:
+            raise VideoError(
+                f"{path} - has other colours than the first picture of the sequence (its profile or its primaries) - "
+                "use pictures of one kind"
             )
         if self._wrap and codes.dtype.kind == "f" and not is_light(codes):
             got = f"got NaN, infinity or more than {MOST_LIGHT:g}"
@@ -252,7 +257,7 @@ def _in_panorama(codes: NDArray[Any], placed: _Placed | None) -> NDArray[Any]:
     return out
 
 
-def _pano_notes(path: Path, pano: Mapping[str, str], placed: _Placed | None) -> Iterator[str]:
+def _pano_notes(path: Path, tags: PictureTags, placed: _Placed | None) -> Iterator[str]:
     """Yield lines on what of a panorama's mark is not used."""
     if placed is not None:
         yield (
@@ -260,26 +265,17 @@ def _pano_notes(path: Path, pano: Mapping[str, str], placed: _Placed | None) -> 
             "rest is black: no light comes from there - pictures are written cropped as it is; fill the rest to have "
             "it lit whole"
         )
-    angles = {name: _number(pano.get(f"Pose{name}Degrees", "")) for name in ("Pitch", "Roll", "Heading")}
-    if angles["Pitch"] or angles["Roll"]:
+    heading, pitch, roll = tags.pose_deg
+    if pitch or roll:
         yield (
-            f"{path} - says that its camera was tilted (GPano pitch {angles['Pitch']:g}, roll {angles['Roll']:g}), "
-            f"which is not used - if the picture is not level, set camera.pitch_deg = {angles['Pitch']:g} and "
-            f"camera.roll_deg = {angles['Roll']:g}"
+            f"{path} - says that its camera was tilted (GPano pitch {pitch:g}, roll {roll:g}), which is not used - if "
+            f"the picture is not level, set camera.pitch_deg = {pitch:g} and camera.roll_deg = {roll:g}"
         )
-    if angles["Heading"]:
+    if heading:
         yield (
-            f"{path} - says that its middle looks {angles['Heading']:g} degrees from north (GPano), which is not used "
-            "- take it off compass directions where you set them, as light.sun_azimuth_deg"
+            f"{path} - says that its middle looks {heading:g} degrees from north (GPano), which is not used - take it "
+            "off compass directions where you set them, as light.sun_azimuth_deg"
         )
-
-
-def _number(text: str) -> float:
-    try:
-        found = float(text)
-    except ValueError:
-        return 0.0
-    return found if np.isfinite(found) else 0.0
 
 
 def _opaque(codes: NDArray[Any]) -> bool:

@@ -26,7 +26,7 @@ from mr360uw.reading.picture_size import HDR_SIZE, picture_size
 from mr360uw.shapes import checked
 from mr360uw.video.exr import Wanted, read_frame
 from mr360uw.video.metadata.picture_tags import PictureTags, read_tags, unused_parts
-from mr360uw.video.read.projection import RAW_SUFFIXES
+from mr360uw.video.read.projection import RAW_SUFFIXES, UNREAD_SUFFIXES
 from mr360uw.yuv.file_profile import REC709_XY, SRGB, Curve, chromatic_profile, icc_name, icc_profile, linear_profile
 
 
@@ -84,6 +84,8 @@ def _explained(data: bytes, suffix: str) -> str:
             f"is camera raw ({suffix}), which has to be developed first - save it as a 16-bit TIFF or an EXR from the "
             "camera maker's program, darktable or Lightroom"
         )
+    if suffix in UNREAD_SUFFIXES or data[:4] in (b"II+\0", b"MM\0+"):
+        return f"is a picture of a kind that is not read ({suffix}) - save it as PNG, TIFF or EXR"
     brands = data[8:64] if data[4:8] == b"ftyp" else b""
     if b"avif" not in brands and brands[:4] in (b"heic", b"heix", b"hevc", b"heim", b"heis", b"mif1", b"msf1"):
         return "is HEIC, which is not read - save it as JPEG, PNG or AVIF, as by heif-convert IN.heic OUT.png"
@@ -147,9 +149,31 @@ def _decoded(path: Path, data: bytes, *, matte: bool) -> NDArray[Any]:
         raise VideoError(
             f"{path} - samples of this kind are not supported (got {codes.dtype}) - save it with 8 or 16 bits"
         )
+    codes = _to_full_scale(codes, _stored_bits(data))
     if codes.ndim == 2:
         codes = np.repeat(codes[..., None], 3, axis=-1)
     return np.ascontiguousarray(np.concatenate([codes[..., 2::-1], codes[..., 3:]], axis=-1))
+
+
+def _stored_bits(data: bytes) -> int:
+    """Return the bits of a sample of AVIF and JPEG 2000 files, which OpenCV leaves in 16 as they are; else 16."""
+    if (at := data.find(b"av1C", 0, _HEAD_BYTES)) > 0 and len(data) > at + 6:
+        flags = data[at + 6]  # AV1 Codec ISO Media File Format Binding, 2.3.3: high_bitdepth, twelve_bit
+        return 12 if flags & 0x60 == 0x60 else 10 if flags & 0x40 else 8
+    if (at := data.find(b"\xff\x4f\xff\x51", 0, _HEAD_BYTES)) >= 0 and len(data) > at + 42:
+        return (data[at + 42] & 0x7F) + 1  # ISO/IEC 15444-1, A.5.1: depth of the first component, less one
+    return 16
+
+
+_HEAD_BYTES = 1 << 16
+
+
+def _to_full_scale(codes: NDArray[Any], bits: int) -> NDArray[Any]:
+    """Return 16-bit codes whose full scale is 65535, of codes of fewer bits; all others as they are."""
+    if codes.dtype != np.uint16 or not 8 < bits < 16:
+        return codes
+    top = (1 << bits) - 1
+    return ((codes.astype(np.uint32) * 65535 + top // 2) // top).astype(np.uint16)
 
 
 def _decoded_by_pillow(path: Path, data: bytes) -> NDArray[Any]:
@@ -339,6 +363,5 @@ def _rgb_of(frame: Any, bits: int) -> NDArray[Any]:
         .reshape(plane.height, -1)[:, : plane.width]
         for plane in frame.planes
     ]  # fmt: skip
-    green, blue, red = (plane.astype(np.uint32) for plane in planes[:3])
-    top = (1 << bits) - 1
-    return ((np.stack([red, green, blue], axis=-1) * 65535 + top // 2) // top).astype(np.uint16)
+    green, blue, red = planes[:3]
+    return _to_full_scale(np.stack([red, green, blue], axis=-1).astype(np.uint16), bits)

@@ -19,8 +19,9 @@ FLOAT_SUFFIXES = (".exr", ".hdr")
 WRITTEN_SUFFIXES = INTEGER_SUFFIXES + FLOAT_SUFFIXES
 RAW_SUFFIXES = (".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".rw2", ".orf", ".gpr")
 _READ_SUFFIXES = (".insp", ".dpx", ".tga", ".jp2", ".j2k", ".avif", ".jpe", ".jfif", ".dib", ".heic", ".heif")
-PICTURE_SUFFIXES = WRITTEN_SUFFIXES + _READ_SUFFIXES + RAW_SUFFIXES
-"""Endings of pictures: those that are read and written, that are read alone, and of camera raw, which is explained."""
+UNREAD_SUFFIXES = (".psd", ".psb", ".xcf", ".jxl", ".gif")
+PICTURE_SUFFIXES = WRITTEN_SUFFIXES + _READ_SUFFIXES + RAW_SUFFIXES + UNREAD_SUFFIXES
+"""Endings of pictures: those that are read and written, that are read alone, and two groups that are not read."""
 
 
 Projection = Literal["auto", "equirectangular", "dual_fisheye", "eac"]
