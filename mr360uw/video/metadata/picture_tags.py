@@ -81,8 +81,9 @@ class PictureTags:
     def lost_in(self, suffix: str) -> tuple[str, ...]:
         """Return lines on what a picture with an ending, ".png" for example, does not hold."""
         held = HOLDING.get(suffix, frozenset())
-        what = {"exif": ("EXIF", self.exif), "xmp": ("XMP", self.xmp and not self._is_only_a_mark)}
-        lost = [name for key, (name, there) in what.items() if there and key not in held]
+        what = {"exif": ("EXIF", self.exif), "xmp": ("XMP", b"" if self._is_only_a_mark else self.xmp)}
+        most = _SEGMENT - len(_JPEG_XMP) if suffix in (".jpg", ".jpeg") else math.inf
+        lost = [name for key, (name, there) in what.items() if there and (key not in held or len(there) > most)]
         lost += ["header entries"] * (suffix != ".exr" and bool(self.header))
         kept = "an .exr keeps them" if lost == ["header entries"] else "a .jpg, .png, .tif or .webp keeps them"
         return (f"{suffix} does not hold the plate's {' and '.join(lost)} - {kept}",) if lost else ()
@@ -268,13 +269,20 @@ def unused_parts(data: bytes) -> tuple[str, ...]:
             raise ValueError("is CMYK, the colours of a printer - save it as RGB")
         further = any(body.startswith(b"MPF\0") for _, body in bodies)
     elif data[:4] in (b"II*\0", b"MM\0*"):
-        further = bool(_directory(data).next)
+        further = _has_more_pages(data)
     else:
         kinds = dict(_riff_chunks(data) if data[:4] == b"RIFF" else _png_chunks(data))
         further = bool({b"acTL", b"ANIM"} & set(kinds))
     alpha = "has transparency, which is left out - flatten it if that is wrong"
     more = "holds further pictures (frames, pages, a gain map or a preview) - the first is read, outputs have it alone"
     return (*[alpha] * _has_alpha(data), *[more] * further)
+
+
+def _has_more_pages(tiff: bytes) -> bool:
+    try:
+        return bool(_directory(tiff).next)
+    except _BROKEN:
+        return False
 
 
 def _has_alpha(data: bytes) -> bool:

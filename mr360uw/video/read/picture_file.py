@@ -110,11 +110,11 @@ def _plain(path: Path, data: bytes, wanted: Wanted, *, notes: bool) -> PictureFi
         raise _unusable(path)
     PICTURE.check(str(path), size[0] * size[1], VideoError)
     tags, turned = read_tags(data, path.suffix.lower(), size)
+    codes = _decoded(path, data, matte=wanted == "matte")
     try:
         unused = unused_parts(data) if notes else ()
     except ValueError as error:
         raise VideoError(f"{path} - {error}") from error
-    codes = _decoded(path, data, matte=wanted == "matte")
     if turned > 1:
         codes = _upright(codes, turned)
         upright = (codes.shape[1], codes.shape[0])
