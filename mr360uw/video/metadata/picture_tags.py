@@ -48,7 +48,8 @@ class PictureTags:
 
     kind: the file's ending. size: (width, height) of the picture in the file. full_size, origin: of the panorama that
     it is a part of, and its (column, row) there. icc, exif, xmp: bytes; EXIF without orientation, which is applied.
-    png_colour: chunks of a PNG that say its colours. header: entries of an EXR file. lines: of an HDR file's header.
+    png_colour: chunks of a PNG that say its colours, or what says the same in AVIF. header: entries of an EXR file.
+    lines: of an HDR file's header.
     """
 
     kind: str
@@ -183,6 +184,7 @@ def read_tags(data: bytes, suffix: str, size: tuple[int, int]) -> tuple[PictureT
     except _BROKEN:
         exif = b""
     colour = tuple(chunk for chunk in _png_chunks(data) if chunk[0] in _PNG_COLOUR)
+    colour = colour if colour or parts.get("icc") else _avif_colour(data)
     own = parts.get("icc", b""), exif, parts.get("xmp", b"")
     return PictureTags(suffix, size, size, (0, 0), *own, colour), turned
 
@@ -213,6 +215,16 @@ def _parts(data: bytes) -> dict[str, bytes]:
     with Image.open(io.BytesIO(data)) as picture:
         found = {name: picture.info.get(key) or b"" for name, key in (("icc", "icc_profile"), ("xmp", "xmp"))}
         return found | {"exif": (picture.info.get("exif") or b"").removeprefix(_JPEG_EXIF)}
+
+
+def _avif_colour(data: bytes) -> tuple[tuple[bytes, bytes], ...]:
+    """Return the code points of an AVIF file (its box colr of kind nclx) as the chunk of a PNG that says the same."""
+    at = data.find(b"colrnclx", 0, 1 << 16) if data[4:8] == b"ftyp" else -1
+    if at < 0 or len(data) < at + 12:
+        return ()
+    primaries, curve = struct.unpack_from(">HH", data, at + 8)
+    known = 2 not in (primaries, curve) and max(primaries, curve) < 256  # 2: not specified
+    return ((b"cICP", bytes([primaries, curve, 0, 1])),) if known else ()
 
 
 def _after(bodies: list[bytes], head: bytes) -> bytes:

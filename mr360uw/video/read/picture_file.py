@@ -120,7 +120,8 @@ def _plain(path: Path, data: bytes, wanted: Wanted, *, notes: bool) -> PictureFi
         upright = (codes.shape[1], codes.shape[0])
         tags = replace(tags, size=upright, full_size=upright)
     found = PictureFile(codes, tags, notes=tuple(f"{path} - {one}" for one in unused))
-    return found if codes.dtype.kind == "f" or wanted != "colour" else _coloured(path, found)
+    unstated = codes.dtype.kind == "f" and not tags.icc
+    return found if unstated or wanted != "colour" else _coloured(path, found)
 
 
 def _size_by_pillow(data: bytes) -> tuple[int, int] | None:
@@ -324,7 +325,7 @@ def _radiance_map(path: Path, entries: list[tuple[bytes, bytes]]) -> tuple[tuple
     return tuple(notes), mapping
 
 
-_DPX_LOG = (1, 3)
+_DPX_LOG, _DPX_LINEAR = (1, 3), 2
 _DPX_DESCRIPTOR = 800  # of the first element (SMPTE ST 268-1): descriptor, transfer, colorimetry, bits
 
 
@@ -349,7 +350,8 @@ def _dpx(path: Path, data: bytes) -> PictureFile:
     codes = _rgb_of(frames[0], bits)
     tags = PictureTags(".dpx", (width, height), (width, height))
     log = f"{path} - holds log densities of film (curve {curve}), read as sRGB - name plate.lut or plate.ocio"
-    return PictureFile(codes, tags, notes=(log,) if curve in _DPX_LOG else ())
+    linear: Transfer | None = "linear" if curve == _DPX_LINEAR else None
+    return PictureFile(codes, tags, linear, notes=(log,) if curve in _DPX_LOG else ())
 
 
 def _rgb_of(frame: Any, bits: int) -> NDArray[Any]:
