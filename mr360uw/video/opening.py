@@ -138,7 +138,7 @@ def create_video(
     ----------
     path : str or Path
         A video .mp4, .mov, .mkv or .webm; or a picture or a pattern of pictures ("out_%04d.png", "out_####.exr"),
-        numbered by the frame's index.
+        numbered as the plate's files are, or else by the frame's index.
     like : Clip, optional
         The plate; without one, width, height, frame_rate and sound say what is made, in BT.709, 4:2:0, 8 bits.
     settings : EncodeSettings, optional
