@@ -311,7 +311,7 @@ def test_primaries_of_an_exr_are_converted_and_kept(tmp_path: Path) -> None:
     matrix = rec709_from_chromaticities(np.reshape(ACESCG, (4, 2)))
     np.testing.assert_allclose(frame.image_linear, values @ matrix.T, atol=tol.PROFILE)
     np.testing.assert_allclose(matrix @ np.ones(3), 1.0, atol=1e-12)
-    # ACES' own matrix from AP1 to linear Rec.709 (aces-dev, ACEScsc; CAT02 there, Bradford here: hundredths)
+    # The usual matrix from ACEScg to linear Rec.709, its white adapted by Bradford
     published = [(1.70505, -0.62179, -0.08326), (-0.13026, 1.14080, -0.01055), (-0.02400, -0.12897, 1.15297)]
     np.testing.assert_allclose(matrix, published, atol=1e-4)
     uw.video.transcode(tmp_path / "plate.exr", tmp_path / "out.exr")

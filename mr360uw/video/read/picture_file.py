@@ -125,7 +125,7 @@ def _plain(path: Path, data: bytes, wanted: Wanted, *, notes: bool) -> PictureFi
 
 
 def _size_by_pillow(data: bytes) -> tuple[int, int] | None:
-    """Return the size of a TGA, JPEG 2000 or AVIF file, None where it is none of these."""
+    """Return the size of a TGA, JP2 or AVIF file, None where it is none of these."""
     from PIL import Image
 
     try:
@@ -157,7 +157,7 @@ def _decoded(path: Path, data: bytes, *, matte: bool) -> NDArray[Any]:
 
 
 def _stored_bits(data: bytes) -> int:
-    """Return the bits of a sample of AVIF and JPEG 2000 files, which OpenCV leaves in 16 as they are; else 16."""
+    """Return the bits of a sample of AVIF and JP2 files, which OpenCV leaves in 16 as they are; else 16."""
     if (at := data.find(b"av1C", 0, _HEAD_BYTES)) > 0 and len(data) > at + 6:
         flags = data[at + 6]  # AV1 Codec ISO Media File Format Binding, 2.3.3: high_bitdepth, twelve_bit
         return 12 if flags & 0x60 == 0x60 else 10 if flags & 0x40 else 8
