@@ -34,12 +34,19 @@ class PlateMapping(Protocol):
     """A map between a plate's R'G'B' values and light that a curve and primaries cannot say: a lookup table, or OCIO.
 
     Implementations compare and hash by what the map does. on_file_codes: values are codes over full scale; otherwise
-    0 is black and 1 is white of the plate's range. Both methods take and return (..., 3) floats, of any shape before.
+    0 is black and 1 is white of the plate's range. is_wide: light may be above white, as of a log recording. A map that
+    is not wide is one that a picture file itself names, by a profile or its primaries: outputs that cannot name it hold
+    Rec.709. Both methods take and return (..., 3) floats, of any shape before.
     """
 
     @property
     def on_file_codes(self) -> bool:
         """Whether values are codes over full scale, rather than signals from black to white."""
+        ...
+
+    @property
+    def is_wide(self) -> bool:
+        """Whether light may be above white."""
         ...
 
     def to_light(self, values: NDArray[Any]) -> NDArray[Any]:
@@ -109,7 +116,7 @@ class ColorSpec:
     @property
     def picture_transfer(self) -> Transfer:
         """The curve of pictures of the plate with integer codes: its own, sRGB for linear plates."""
-        return "srgb" if self.transfer == "linear" and self.mapping is None else self.transfer
+        return "srgb" if self.transfer == "linear" and not self.is_wide else self.transfer
 
     @property
     def gamut(self) -> Primaries:
@@ -119,7 +126,7 @@ class ColorSpec:
     @property
     def is_wide(self) -> bool:
         """Whether light may be above white."""
-        return self.transfer in WIDE_TRANSFERS or self.mapping is not None
+        return self.transfer in WIDE_TRANSFERS or (self.mapping is not None and self.mapping.is_wide)
 
 
 def luminance(linear: ArrayLike) -> NDArray[np.floating]:
@@ -223,11 +230,31 @@ def ycbcr_from_rgb(matrix: Matrix) -> NDArray[np.float64]:
     return np.linalg.inv(rgb_from_ycbcr(matrix)).astype(np.float64)
 
 
-def _xyz_from_rgb(primaries: NDArray[np.float64]) -> NDArray[np.float64]:
+# Cone responses of XYZ (Bradford; ICC.1:2022, annex E), in which white is adapted.
+_CONES = np.array([(0.8951, 0.2664, -0.1614), (-0.7502, 1.7135, 0.0367), (0.0389, -0.0685, 1.0296)])
+
+
+def _xyz_from_rgb(primaries: NDArray[np.float64], white: NDArray[np.float64] = _WHITE) -> NDArray[np.float64]:
     """Return the (3, 3) matrix from linear RGB of `primaries` (3, 2) to XYZ, white at Y = 1 (SMPTE RP 177-1993)."""
     columns = np.stack([primaries[:, 0], primaries[:, 1], 1.0 - primaries.sum(axis=1)]) / primaries[:, 1]
-    white = np.array([_WHITE[0], _WHITE[1], 1.0 - _WHITE.sum()]) / _WHITE[1]
-    return np.asarray(columns * np.linalg.solve(columns, white), np.float64)
+    whitest = np.array([white[0], white[1], 1.0 - white.sum()]) / white[1]
+    return np.asarray(columns * np.linalg.solve(columns, whitest), np.float64)
+
+
+def rec709_from_xyz(white: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the (3, 3) matrix from XYZ whose white is `white` (3,) to linear Rec.709; that white becomes (1, 1, 1)."""
+    own = _xyz_from_rgb(_REC709_PRIMARIES)
+    cones = (_CONES @ own.sum(axis=1)) / (_CONES @ white)
+    return np.linalg.solve(own, np.linalg.solve(_CONES, cones[:, None] * _CONES)).astype(np.float64)
+
+
+def rec709_from_chromaticities(xy: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the (3, 3) matrix to linear Rec.709 from light whose red, green, blue and white have (x, y), (4, 2).
+
+    White becomes (1, 1, 1). Raises `LinAlgError` where the primaries lie on a line.
+    """
+    own = _xyz_from_rgb(xy[:3], xy[3])
+    return np.asarray(rec709_from_xyz(own.sum(axis=1)) @ own, np.float64)
 
 
 def rec709_from_plate(primaries: Primaries) -> NDArray[np.float64]:

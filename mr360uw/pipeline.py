@@ -65,7 +65,7 @@ def composite_video(
     out : str or Path
         A video, or a pattern of pictures (out_%04d.png, .exr), or a still.
     frames : tuple of int
-        Frames [a, b); None for b takes all.
+        Frames [a, b) by the numbers of a sequence's files, or from 0 of other clips; (0, None) takes all.
     backend : {"auto", "gl", "reference"}
         The renderer.
     overwrite : bool
@@ -115,7 +115,7 @@ def composite_video(
     began = time.perf_counter()
     instance("scene", scene, Scene, "load_scene reads one")
     with open_plate(scene) as video, ExitStack() as last:
-        span = video.check_range(*frames)
+        span = video.numbered_range(*frames)
         scene, taken = with_encoder(scene, video, Path(out))
         output = Output.of(scene, video, out, layers, span, overwrite=overwrite, report=report)
         parts, total = output.parts(), span[1] - span[0]

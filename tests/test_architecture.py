@@ -169,6 +169,7 @@ def test_the_ground_floor_stands_on_numpy_alone() -> None:
     yuv = {
         ROOT / "yuv" / "wide_curves.py": {"colour", "warnings"},
         ROOT / "yuv" / "cube_file.py": {"hashlib", "itertools"},
+        ROOT / "yuv" / "file_profile.py": {"PIL", "hashlib", "io", "struct"},
         ROOT / "yuv" / "ocio_transform.py": {"PyOpenColorIO"},
     }
     for name in GROUND:

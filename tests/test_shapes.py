@@ -39,6 +39,11 @@ RETURNS: Returns = {
         lambda b: (*b, 3),
     ),
     "rec709_from_plate": (lambda _: color.rec709_from_plate("bt2020"), lambda _: (3, 3)),
+    "rec709_from_xyz": (lambda _: color.rec709_from_xyz(np.ones(3)), lambda _: (3, 3)),
+    "rec709_from_chromaticities": (
+        lambda _: color.rec709_from_chromaticities(np.array([(0.7, 0.3), (0.2, 0.7), (0.1, 0.1), (0.3, 0.3)])),
+        lambda _: (3, 3),
+    ),
 }
 REFUSED: Refused = {
     "direction_from_frame": lambda: sphere.direction_from_frame(filled(4), filled(3), 64, 32),

@@ -110,7 +110,7 @@ def match(
         check_outputs([picture], inputs=files_of(loaded), overwrite=overwrite)
     if frames is not None:
         with open_plate(loaded) as video:
-            span = video.check_range(*frame_range(frames))
+            span = video.numbered_range(*frame_range(frames))
     with terminal_progress() as progress:
         lines = _caustic_lines(loaded, span, picture, progress) if water is None else _water_lines(loaded, water, span)
     typer.echo("\n".join(lines))

@@ -78,7 +78,7 @@ def write_onto_plate(
 ) -> int:
     """Write a plate with bodies and return the number of frames; see `aerial_film`."""
     with open_aerial_plate(scene) as plate:
-        start, stop = plate.check_range(*frames)
+        start, stop = plate.numbered_range(*frames)
         with create_video(path, plate, scene.output, overwrite=overwrite) as writer:
             for frame in frames_with_bodies(scene, plate, start, stop):
                 writer.write(frame)

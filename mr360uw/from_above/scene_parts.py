@@ -23,7 +23,7 @@ from mr360uw.sphere import direction_from_angles, directions, row_solid_angle
 from mr360uw.surface import Floor, SeaScene
 from mr360uw.surface.sky import CLEAR, OVERCAST, standard_sky
 from mr360uw.types import Sun
-from mr360uw.video.read.images import read_picture
+from mr360uw.video.read.picture_file import read_picture
 
 Array = NDArray[np.float64]
 

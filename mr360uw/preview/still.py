@@ -117,13 +117,13 @@ def still_of(
 ) -> VideoFrame:
     """Return one composited frame of a scene's plate, the left eye's with the right one of two, or a view into it.
 
-    frame: its number, 0 by default; or time_s, for the frame that is shown then. The sun and the veil are measured in
-    this frame alone; a composite of the clip takes them from all of it, so that its light may differ a little. Raises
-    what `composite_video` raises.
+    frame: its number, as a sequence's files are numbered; or time_s, for the frame that is shown then. The sun and the
+    veil are measured in this frame alone; a composite of the clip takes them from all of it, so that its light may
+    differ a little. Raises what `composite_video` raises.
     """
     if frame is not None and time_s is not None:
         raise ParameterError("frame, time_s - say the same thing (got both) - give one of them")
-    index = frame or 0
+    index = 0 if not frame else live.plates.reader(scene).numbered_range(frame, frame + 1)[0]
     if time_s is not None and not 0.0 <= time_s <= _LATEST_S:
         raise ParameterError(f"time_s - is no time of a clip (got {time_s:g}) - give seconds from its start, 0 or more")
     if time_s is not None:

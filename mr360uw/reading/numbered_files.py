@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Names of numbered files: patterns such as out_%04d.png or out_####.png."""
+"""Names of numbered files: patterns such as out_%04d.png, out_####.png or out_@@@@.png."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ import re
 from collections.abc import Iterator
 from pathlib import Path
 
-_NUMBER = re.compile(r"%(0(\d+))?d|(#+)")
+_NUMBER = re.compile(r"%(0(\d+))?d|(#+|@@+)")
 
 
 def is_pattern(path: Path) -> bool:
-    """Return whether a name is the pattern of a sequence, with %04d or #### in it."""
+    """Return whether a name is the pattern of a sequence, with %04d, #### or @@@@ in it."""
     return _NUMBER.search(path.name) is not None
 
 

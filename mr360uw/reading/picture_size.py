@@ -7,7 +7,8 @@ import re
 import struct
 
 _PNG = b"\x89PNG\r\n\x1a\n"
-_HDR_SIZE = re.compile(rb"\n[-+]Y +(\d{1,9}) +[-+]X +(\d{1,9})[\r\n]")
+HDR_SIZE = re.compile(rb"\n([-+])([XY]) +(\d{1,9}) +([-+])([XY]) +(\d{1,9})[\r\n]")
+"""The line on the size of a Radiance HDR file: sign, axis and number of its rows, and of the samples in one."""
 _HDR_HEAD_BYTES = 65536
 _FRAME_HEADERS = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
 _ALONE = frozenset({0x01, *range(0xD0, 0xD9)})
@@ -31,8 +32,11 @@ def picture_size(data: bytes) -> tuple[int, int] | None:
             return _webp(data)
     except struct.error:
         return None
-    found = _HDR_SIZE.search(data, 0, _HDR_HEAD_BYTES) if data.startswith(b"#?") else None
-    return (int(found[2]), int(found[1])) if found else None
+    found = HDR_SIZE.search(data, 0, _HDR_HEAD_BYTES) if data.startswith(b"#?") else None
+    if found is None or found[2] == found[5]:
+        return None
+    rows, samples = int(found[3]), int(found[6])
+    return (samples, rows) if found[2] == b"Y" else (rows, samples)
 
 
 def _jpeg(data: bytes) -> tuple[int, int] | None:

@@ -94,7 +94,7 @@ class _Problems:
 def _check_other_clips(scene: Scene, video: VideoReader, frames: tuple[int, int | None], found: _Problems) -> None:
     """Check the inputs that run in step with the plate: mattes, distance maps, the track of its sun."""
     size = (video.width, video.height)
-    span = found.of(lambda: video.check_range(*frames))
+    span = found.of(lambda: video.numbered_range(*frames))
     stop = 1 if span is None else span[1]
     for holdout in scene.holdouts:
         found.of(partial(lambda one: Mattes([one], *size, scene.plate.eye).check(stop), holdout))

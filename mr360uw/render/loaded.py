@@ -221,6 +221,7 @@ class Loader:
             )
             raise SceneError("scene", [problem])
         lamps = reads.of(load_lamps, scene.lamps, medium, scene.light.white_cd_m2)
+        mattes = reads.of(Mattes, scene.holdouts, width, height, scene.plate.eye)
         return Loaded(
             scene=scene,
             width=width,
@@ -229,11 +230,15 @@ class Loader:
             objects=objects,
             lamps=lamps,
             receiver=receiver,
-            mattes=reads.of(Mattes, scene.holdouts, width, height, scene.plate.eye),
+            mattes=mattes,
             plate_depth=plate_depth,
             caustic_depths=CausticDepths.of(scene, objects, ground, camera, height, relief=plate_depth is not None),
             plan=plan,
-            notes=_notes(scene, objects, camera, height, lamps, plate_depth) if whole is None else whole.notes,
+            notes=(
+                (*_notes(scene, objects, camera, height, lamps, plate_depth), *mattes.notes)
+                if whole is None
+                else whole.notes
+            ),
             object_files=tuple(object_files),
             other_files=tuple(other_files),
             _loader=self,

@@ -44,12 +44,15 @@ class Grey:
 class GreyClip:
     """A still, sequence or video with one grey picture for each frame of the plate; a still serves all frames.
 
-    depth: take the channel Z of EXR pictures if there is one. both: pictures hold both eyes of a stereo plate, whose
-    frames have width x height each: the left one above the right, or at its left. Raises `VideoError`.
+    depth: take the channel Z of EXR pictures if there is one; else alpha counts where it is not opaque. both: pictures
+    hold both eyes of a stereo plate, whose frames have width x height each: the left one above the right, or at its
+    left. Raises `VideoError`.
     """
 
     def __init__(self, path: Path, width: int, height: int, *, depth: bool = False, both: bool = False) -> None:
-        self._reader: VideoReader = open_video(path, transfer="linear", equirectangular=False, depth=depth)
+        self._reader: VideoReader = open_video(
+            path, transfer="linear", equirectangular=False, depth=depth, matte=not depth
+        )
         self._frames: Iterator[VideoFrame] | None = None
         self._last = -1
         self._kept, self._one_thread = Cache(), threading.Lock()
@@ -61,6 +64,11 @@ class GreyClip:
                 f"{path} - has not the plate's shape (got {shape[0]}x{shape[1]} for {eyes}{width}x{height}) - render "
                 "it from the same frames"
             )
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Lines on what the files hold that is not used."""
+        return self._reader.notes
 
     def check(self, stop: int) -> None:
         """Raise `VideoError` if the clip ends before the plate's frame `stop`."""
@@ -121,6 +129,16 @@ class Mattes:
             for one in holdouts
         ]
 
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Lines on what mattes hold that is not used, and on masks that hide nothing or nearly all in frame 0."""
+        found: dict[str, None] = {}
+        for settings, clip in self._clips:
+            found |= dict.fromkeys(clip.notes)
+            if settings.kind == "mask":
+                found |= dict.fromkeys(_doubts(settings, clip.at(0)))
+        return tuple(found)
+
     def check(self, stop: int) -> None:
         """Raise `VideoError` where a matte ends before the plate's frame `stop`."""
         for _, clip in self._clips:
@@ -137,6 +155,21 @@ class Mattes:
             matte = self._kept.of(_matte_of, settings, self._size, clip.at(index, eye), keep=2 * len(self._clips))
             found[settings.kind].append(matte)
         return self._kept.of(_largest, found["mask"], keep=2), self._kept.of(_smallest, found["distance"], keep=2)
+
+
+_LEAST_HIDDEN, _MOST_HIDDEN = 1.0 / 255.0, 0.9
+"""Largest weight of a mask that hides nothing, and mean weight of one that hides nearly all: one that is inverted."""
+
+
+def _doubts(settings: HoldoutSettings, grey: Grey) -> Iterator[str]:
+    """Yield a line where a mask hides nothing, or nearly all that is drawn."""
+    weight = 1.0 - grey.values if settings.invert else grey.values
+    turn = "remove invert" if settings.invert else "set invert = true for the holdout"
+    if float(weight.max()) < _LEAST_HIDDEN:
+        yield f"{settings.path} - hides nothing in frame 0 (it is black all over) - {turn} if it is inverted"
+    elif float(weight.mean()) > _MOST_HIDDEN:
+        share = f"{100.0 * float(weight.mean()):.0f} %"
+        yield f"{settings.path} - hides {share} of frame 0, and what is drawn there - {turn} if it is inverted"
 
 
 def _largest(mattes: Sequence[Floats]) -> Floats | None:

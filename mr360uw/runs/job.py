@@ -204,7 +204,7 @@ class OpenJob:
         times.sunless += frame.light is not None and frame.light.environment.sun is None
         if self.job.layers is not None and frame.variables is not None:
             parts, views = _layers(frame)
-            file = numbered(self.job.layers, frame.plate.index)
+            file = numbered(self.job.layers, frame.plate.index + self.video.first_number)
             told = {"comments": RECIPE, "software": f"mr360uw {__version__}"}
             told |= exr_attributes(self.video, frame.plate.index)
             write_exr(file, parts, attributes=told, views=views, file=files.file)

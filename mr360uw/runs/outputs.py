@@ -71,7 +71,7 @@ class Output:
 
     def picture(self, index: int) -> Path:
         """Return the file of a frame's picture."""
-        return numbered(self.path, index) if is_pattern(self.path) else self.path
+        return numbered(self.path, index + self.video.first_number) if is_pattern(self.path) else self.path
 
     def parts(self) -> list[Part]:
         """Return the parts that are complete on their own; raise `VideoError` if the output cannot be made."""
@@ -91,7 +91,8 @@ class Output:
     def files(self, index: int) -> list[Path]:
         """Return the files of a frame: its picture and its layers, as far as the output has them."""
         pictures = [self.picture(index)] if self.is_pictures else []
-        return pictures + ([] if self.layers is None else [numbered(self.layers, index)])
+        number = index + self.video.first_number
+        return pictures + ([] if self.layers is None else [numbered(self.layers, number)])
 
     def left(self, work: WorkFolder, parts: list[Part]) -> tuple[Part, ...]:
         """Return the parts that are not complete yet; raise `OutputExistsError` where files of others are in their way.

@@ -4,9 +4,13 @@
 from __future__ import annotations
 
 from mr360uw.color import PlateMapping
+from mr360uw.errors import VideoError
+from mr360uw.reading.input_files import read_data
+from mr360uw.reading.numbered_files import files_named
 from mr360uw.scene.model import PlateSettings, Scene
 from mr360uw.video import VideoReader, open_video
 from mr360uw.video.eyes_seen import EyesSeen, eyes_seen
+from mr360uw.video.metadata.picture_tags import HOLDING, read_tags
 from mr360uw.video.read.picture_shape import Shape, shape_of_codes, way_out
 from mr360uw.video.read.projection import PICTURE_SUFFIXES, projection_of
 from mr360uw.video.read.reader import scaled
@@ -31,12 +35,17 @@ def open_plate(scene: Scene) -> VideoReader:
 
 def pose_of_plate(plate: PlateSettings) -> tuple[float, float, float]:
     """Return yaw, pitch and roll [deg] that a plate's file states for its panorama; zeros without."""
-    other = projection_of(plate.path, plate.projection) != "equirectangular"
-    if other or not plate.path.is_file() or plate.path.suffix.lower() in PICTURE_SUFFIXES:
+    file = next(files_named(plate.path), plate.path)
+    if projection_of(plate.path, plate.projection) != "equirectangular" or not file.is_file():
+        return 0.0, 0.0, 0.0
+    suffix = file.suffix.lower()
+    if "xmp" in HOLDING.get(suffix, ()):
+        return read_tags(read_data(file, VideoError), suffix, (1, 1))[0].pose_deg
+    if suffix in PICTURE_SUFFIXES:
         return 0.0, 0.0, 0.0
     from mr360uw.video.read.container import stated_pose
 
-    return stated_pose(plate.path)
+    return stated_pose(file)
 
 
 def _clipping(plate: PlateSettings, mapping: PlateMapping) -> tuple[str, ...]:

@@ -2,7 +2,7 @@ from .clip import Clip
 from .exr import read_exr, read_rgb, write_exr
 from .metadata.spherical import SphericalMetadata, read_spherical, write_spherical
 from .opening import create_video, open_video, transcode
-from .read.images import read_picture
+from .read.picture_file import read_picture
 from .read.reader import VideoReader
 from .settings import EncodeSettings
 from .video_frame import VideoFrame

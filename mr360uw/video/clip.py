@@ -10,6 +10,7 @@ from pathlib import Path
 
 from mr360uw.color import ColorSpec
 from mr360uw.errors import VideoError
+from mr360uw.video.metadata.picture_tags import PictureTags
 from mr360uw.video.metadata.spherical import SphericalMetadata, Stereo
 from mr360uw.video.metadata.tags import BT709_TAGS, ColorTags, HdrMetadata
 
@@ -54,6 +55,8 @@ class Clip:
     name of the track of pictures. pixel_aspect: width of a pixel over its height as the file says, 0 where it does not.
     panorama: whether outputs are marked as full spheres. hdr: metadata of high dynamic range, where the file has some.
     stereo: arrangement of both eyes in outputs, whose frames have a right one; "mono" if they have not.
+    first_number: of frame 0 in the names of a sequence's files, 0 of all else. picture_tags: metadata of the first
+    picture of stills and sequences.
     """
 
     path: Path
@@ -76,6 +79,8 @@ class Clip:
     panorama: bool = True
     hdr: HdrMetadata | None = None
     stereo: Stereo = "mono"
+    first_number: int = 0
+    picture_tags: PictureTags | None = None
 
     @property
     def frame_size(self) -> tuple[int, int]:

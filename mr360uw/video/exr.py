@@ -9,7 +9,8 @@ file: the technical introduction and the file layout of openexr.com.
 from __future__ import annotations
 
 import struct
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
@@ -18,12 +19,14 @@ from typing import Any, BinaryIO, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from mr360uw.color import LUMINANCE
 from mr360uw.errors import VideoError
 from mr360uw.files import NewFile, whole_file
 from mr360uw.reading.input_files import unreadable
 from mr360uw.reading.limits import DATA, PICTURE
 from mr360uw.shapes import checked
 from mr360uw.types import Floats
+from mr360uw.yuv.file_profile import REC709_XY
 
 _MAGIC = 20000630
 _TILED, _DEEP, _MULTIPART = 0x200, 0x800, 0x1000
@@ -36,18 +39,39 @@ _ROWS = {0: 1, 1: 1, 2: 1, 3: 16, 4: 32, 5: 16, 6: 32, 7: 32, 8: 32, 9: 256}
 
 @dataclass(frozen=True, slots=True)
 class ExrPart:
-    """Size of a part's data window and names of its channels.
+    """A part's windows and the names of its channels.
 
-    chunks: their number (0: not known), tiled: whether they are tiles. whole: whether the data window is the frame.
+    data, display: (left, top, right, bottom) of the pixels that are there and of the frame, the last ones included.
+    chunks: their number (0: not known), tiled: whether they are tiles. levels: whether smaller copies follow.
     """
 
-    width: int
-    height: int
+    data: tuple[int, int, int, int]
+    display: tuple[int, int, int, int]
     channels: tuple[str, ...]
     chunks: int
     tiled: bool
+    levels: bool
     deep: bool
-    whole: bool
+
+    @property
+    def width(self) -> int:
+        """Columns of the data window."""
+        return self.data[2] - self.data[0] + 1
+
+    @property
+    def height(self) -> int:
+        """Rows of the data window."""
+        return self.data[3] - self.data[1] + 1
+
+    @property
+    def frame_size(self) -> tuple[int, int]:
+        """Width and height of the display window."""
+        return self.display[2] - self.display[0] + 1, self.display[3] - self.display[1] + 1
+
+    @property
+    def whole(self) -> bool:
+        """Whether the data window is the frame."""
+        return self.data == self.display
 
 
 def check_exr(path: Path) -> list[ExrPart]:
@@ -71,6 +95,7 @@ def _check_sizes(path: Path, parts: list[ExrPart]) -> None:
         if part.deep:
             raise VideoError(f"{path} - holds deep samples, several to a pixel - write it flattened")
         PICTURE.check(str(path), part.width * part.height, VideoError)
+        PICTURE.check(str(path), part.frame_size[0] * part.frame_size[1], VideoError)
     unpacked = sum(part.width * part.height * len(part.channels) for part in parts) * _SAMPLE_BYTES
     DATA.check(str(path), unpacked, VideoError)
 
@@ -105,19 +130,21 @@ def _attributes(head: bytes, at: int) -> tuple[dict[bytes, bytes], int]:
 
 
 def _part(attributes: dict[bytes, bytes], version: int) -> ExrPart:
-    left, top, right, bottom = struct.unpack("<4i", attributes[b"dataWindow"])
-    width, height = right - left + 1, bottom - top + 1
-    if width < 1 or height < 1:
+    data, display = (
+        struct.unpack("<4i", attributes.get(name, attributes[b"dataWindow"]))
+        for name in (b"dataWindow", b"displayWindow")
+    )
+    if any(right < left or bottom < top for left, top, right, bottom in (data, display)):
         raise ValueError("an empty picture")
     kind = attributes.get(b"type", b"").rstrip(b"\0")
     tiled = kind == b"tiledimage" or (not kind and bool(version & _TILED))
     rows = _ROWS.get(attributes[b"compression"][0], 0) if not tiled else 0
-    chunks = -(-height // rows) if rows else 0
+    chunks = -(-(data[3] - data[1] + 1) // rows) if rows else 0
     if b"chunkCount" in attributes:
         (chunks,) = struct.unpack("<i", attributes[b"chunkCount"])
     deep = kind.startswith(b"deep") or bool(version & _DEEP)
-    whole = attributes.get(b"displayWindow", attributes[b"dataWindow"]) == attributes[b"dataWindow"]
-    return ExrPart(width, height, _channels(attributes[b"channels"]), chunks, tiled, deep, whole)
+    levels = bool(attributes.get(b"tiles", bytes(9))[-1] & 0xF)
+    return ExrPart(data, display, _channels(attributes[b"channels"]), chunks, tiled, levels, deep)
 
 
 def _channels(data: bytes) -> tuple[str, ...]:
@@ -150,8 +177,6 @@ def _complete(file: BinaryIO, parts: list[ExrPart], table: int) -> bool:
     return 0 <= size <= end - file.tell()
 
 
-REC709 = (0.64, 0.33, 0.3, 0.6, 0.15, 0.06, 0.3127, 0.329)
-"""x, y of red, green, blue and white (ITU-R BT.709-6): the primaries of all linear light here."""
 Compression = Literal["none", "zips", "zip", "piz", "dwaa", "dwab"]
 Part = Mapping[str, NDArray[Any]]
 """Channels by name, float16, float32 or uint32: "RGB" or "RGBA" (H, W, 3 or 4), "Z" or "N.X" (H, W); an array (H, W, 3)
@@ -165,10 +190,20 @@ def read_exr(path: str | Path) -> dict[str, dict[str, NDArray[Any]]]:
     A part without a name is called by its number. Channels R, G, B, (A) of a layer come as one array (H, W, 3 or 4)
     called "RGB" or "RGBA", or by the layer's name. Raises `VideoError`.
     """
-    import OpenEXR
-
     path = Path(path)
     check_exr(path)
+    with _opened(path) as file:
+        return {
+            part.name() or str(number): {name: channel.pixels for name, channel in part.channels.items()}
+            for number, part in enumerate(file.parts)
+        }
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[Any]:
+    """Yield OpenEXR's file of a path that was checked; `VideoError` where it is damaged."""
+    import OpenEXR
+
     try:
         file = OpenEXR.File(str(path))
     except (RuntimeError, ValueError, TypeError, IndexError, OSError) as error:
@@ -176,29 +211,200 @@ def read_exr(path: str | Path) -> dict[str, dict[str, NDArray[Any]]]:
     with file:
         if not file.parts or not all(part.channels for part in file.parts):
             raise VideoError(f"{path} - is damaged (its pixels cannot be read) - copy or write it again")
-        return {
-            part.name() or str(number): {name: channel.pixels for name, channel in part.channels.items()}
-            for number, part in enumerate(file.parts)
-        }
+        yield file
 
 
 @checked
 def read_rgb(path: str | Path, *, depth: bool = False) -> NDArray[np.float32]:
-    """Return the colour of an EXR's first part as linear RGB, (H, W, 3) float32, alpha left out.
+    """Return the colour of an EXR's frame as it is stored, (H, W, 3) float32, alpha left out.
 
     depth: rather the channel Z of any part, three times, where there is one.
     """
-    parts = read_exr(path)
-    found = next((channels["Z"] for channels in parts.values() if "Z" in channels), None) if depth else None
-    if found is not None:
-        return np.repeat(np.asarray(found, np.float32)[..., None], 3, axis=-1)
-    channels = next(iter(parts.values()))
-    for name in ("RGBA", "RGB"):
-        if name in channels:
-            return np.ascontiguousarray(channels[name][..., :3], np.float32)
-    if "Y" in channels:
-        return np.repeat(np.asarray(channels["Y"], np.float32)[..., None], 3, axis=-1)
-    raise VideoError(f"{path} - has no colour channels R, G, B (got {', '.join(sorted(channels))}) - write them")
+    return np.ascontiguousarray(read_frame(Path(path), "depth" if depth else "colour").channels[..., :3])
+
+
+Wanted = Literal["colour", "depth", "matte"]
+"""What of a picture is read: its colours, its distances where it has some (channel Z), or colours and alpha alike."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ExrFrame:
+    """The frame of an EXR file: its display window, black where there is no pixel.
+
+    channels: (H, W, 3) or, of mattes with alpha, (H, W, 4) float32 as stored. xy: chromaticities, empty where the file
+    states none. header: entries that outputs keep. notes: what is there and is not used, one line each.
+    """
+
+    channels: NDArray[np.float32]
+    xy: tuple[float, ...]
+    header: Mapping[str, Any]
+    notes: tuple[str, ...]
+
+
+def read_frame(path: Path, wanted: Wanted = "colour") -> ExrFrame:
+    """Return an EXR's frame; raise `VideoError` where it has no such channels."""
+    parts = check_exr(path)
+    with _opened(path) as file:
+        # Take Z or the best layer of colours, of the first part that has it
+        layers = [one for number, part in enumerate(file.parts) for one in _layers(number, part, wanted)]
+        layers = [one for one in layers if one.distances] or layers
+        if not layers:
+            names = sorted({name for part in parts for name in part.channels})
+            raise VideoError(f"{path} - has no colour channels R, G, B (got {', '.join(names)}) - write them")
+        taken = min(layers, key=lambda one: one.rank)
+        part, header = parts[taken.part], file.parts[taken.part].header
+        # Place the data window in the display window
+        array = _in_frame(taken.array(), part)
+        xy = tuple(map(float, header.get("chromaticities", ())))
+        kept = {name: value for name, value in header.items() if _is_carried(name, value)}
+        others = [name for name in _names(file.parts) if name != taken.name]
+    notes = tuple(_frame_notes(path, part, header, taken.name, others)) if wanted == "colour" else ()
+    return ExrFrame(array, xy if len(xy) == 8 else (), kept, notes)
+
+
+_BEST = ("", "combined", "rgba", "rgb", "beauty", "c", "color", "colour", "main", "default", "composite", "final")
+"""Names of the layer of the picture itself in files of several, the most likely first: of the file, Blender, Nuke,
+Arnold and others."""
+_RGBA_NAMES = (("R", "G", "B", "A"), ("r", "g", "b", "a"), ("red", "green", "blue", "alpha"))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Layer:
+    """A layer of a part by its full name. channels: arrays, which `array` joins. distances: whether it is channel Z."""
+
+    part: int
+    name: str
+    channels: tuple[NDArray[Any], ...]
+    distances: bool = False
+    luma_chroma: bool = False
+
+    @property
+    def rank(self) -> int:
+        last = self.name.lower().rpartition(".")[2]
+        return _BEST.index(last) if last in _BEST else len(_BEST)
+
+    def array(self) -> NDArray[np.float32]:
+        """Return the channels as (h, w, 3 or 4)."""
+        if self.luma_chroma:
+            return _rgb_of_luma_chroma(*self.channels)
+        planes = [np.asarray(one, np.float32) for one in self.channels]
+        joined = planes[0] if planes[0].ndim == 3 else np.stack(planes, axis=-1)
+        return joined if joined.shape[-1] > 2 else np.repeat(joined[..., :1], 3, axis=-1)
+
+
+def _layers(number: int, part: Any, wanted: Wanted) -> Iterator[_Layer]:
+    """Yield the layers of a part that hold what is wanted."""
+    pixels = {name: channel.pixels for name, channel in part.channels.items()}
+    for base in [name[:-1] for name in pixels if name.rpartition(".")[2] == "Z" and wanted == "depth"]:
+        if base + "X" not in pixels:  # else it is one of a vector, such as a normal
+            yield _Layer(number, base.rstrip("."), (pixels[base + "Z"],), distances=True)
+    # A part's name counts where the file has several: Nuke and Blender write a part for each layer
+    prefix = part.name() if number else ""
+    joined = {name: array for name, array in pixels.items() if array.ndim == 3 and array.shape[-1] > 2}
+    for name, array in joined.items():
+        own = "" if name in ("RGB", "RGBA") else name
+        has_alpha = wanted == "matte" or array.shape[-1] == 3
+        yield _Layer(number, ".".join(filter(None, [prefix, own])), (array if has_alpha else array[..., :3],))
+    for base in dict.fromkeys(name.rpartition(".")[0] for name in pixels if name not in joined):
+        dot = f"{base}." if base else ""
+        for names in _RGBA_NAMES:
+            found = tuple(pixels[dot + one] for one in names if dot + one in pixels)
+            if len(found) > 2:
+                kept = found if wanted == "matte" else found[:3]
+                yield _Layer(number, ".".join(filter(None, [prefix, base])), kept)
+    if "Y" in pixels and {"RY", "BY"} <= set(pixels):
+        yield _Layer(number, prefix, (pixels["Y"], pixels["RY"], pixels["BY"]), luma_chroma=True)
+    elif "Y" in pixels:
+        yield _Layer(number, prefix, (pixels["Y"],))
+    elif wanted == "matte" and not joined:
+        alphas = [name for name in pixels if name.rpartition(".")[2] in ("A", "a", "alpha")]
+        for name in alphas or list(pixels)[: len(pixels) == 1]:
+            yield _Layer(number, ".".join(filter(None, [prefix, name.rpartition(".")[0]])), (pixels[name],))
+
+
+def _names(parts: list[Any]) -> list[str]:
+    """Return the full names of all layers, of colours and others, "" for channels without a layer, each once."""
+    found = []
+    for number, part in enumerate(parts):
+        for name, channel in part.channels.items():
+            own = name if channel.pixels.ndim == 3 else name.rpartition(".")[0]
+            own = "" if own in ("RGB", "RGBA") else own
+            found.append(".".join(filter(None, [part.name() if number else "", own])))
+    return list(dict.fromkeys(found))
+
+
+def _rgb_of_luma_chroma(luma: NDArray[Any], red: NDArray[Any], blue: NDArray[Any]) -> NDArray[np.float32]:
+    """Return RGB (h, w, 3) of luminance and the differences (R - Y) / Y and (B - Y) / Y, which have a sample for
+    every second pixel (OpenEXR, "Luminance/Chroma Images").
+    """
+    import cv2
+
+    y = np.asarray(luma, np.float32)
+    shares = (
+        cv2.resize(np.asarray(one, np.float32), y.shape[::-1], interpolation=cv2.INTER_LINEAR) for one in (red, blue)
+    )
+    r, b = (y * (1.0 + share) for share in shares)
+    weights = LUMINANCE.astype(np.float32)
+    return np.stack([r, (y - weights[0] * r - weights[2] * b) / weights[1], b], axis=-1)
+
+
+def _in_frame(array: NDArray[np.float32], part: ExrPart) -> NDArray[np.float32]:
+    """Return the display window (H, W, c) of a data window (h, w, c), black where it has no pixel."""
+    if part.whole:
+        return np.ascontiguousarray(array)
+    width, height = part.frame_size
+    out = np.zeros((height, width, array.shape[-1]), np.float32)
+    left, top = part.data[0] - part.display[0], part.data[1] - part.display[1]
+    rows, columns = (
+        slice(max(top, 0), max(min(top + part.height, height), 0)),
+        slice(max(left, 0), max(min(left + part.width, width), 0)),
+    )
+    inside = array[max(-top, 0) :, max(-left, 0) :][: rows.stop - rows.start, : columns.stop - columns.start]
+    out[rows, columns][: inside.shape[0], : inside.shape[1]] = inside
+    return out
+
+
+def _frame_notes(path: Path, part: ExrPart, header: Mapping[str, Any], taken: str, others: list[str]) -> Iterator[str]:
+    """Yield lines on what of a frame's file is not used."""
+    (width, height), (left, top, right, bottom) = part.frame_size, part.data
+    if (left, top, right, bottom) != part.display:
+        low, high = np.array(part.display[:2]), np.array(part.display[2:])
+        inside = bool(np.all([left, top] >= low) and np.all([right, bottom] <= high))
+        what = "the rest of the frame is black" if inside else "what lies outside of the frame is cut off"
+        yield (
+            f"{path} - its data window is not its display window (got {part.width}x{part.height} at {left},{top} for "
+            f"{width}x{height}): {what} - write it with both the same if that is wrong"
+        )
+    if others or taken:
+        shown = ", ".join(name or "R, G, B" for name in others[:8]) + " ..." * (len(others) > 8)
+        yield (
+            f"{path} - is read by its layer {taken or 'R, G, B'}, others are not used (got {shown or 'none'}) - to "
+            "have another one read, write it alone"
+        )
+    if abs(float(header.get("pixelAspectRatio", 1.0)) - 1.0) > _SQUARE:
+        yield (
+            f"{path} - says that its pixels are not square (got {header['pixelAspectRatio']:g}), which is not used: "
+            "the frame is the whole sphere - write square pixels if it is not"
+        )
+    if part.levels:
+        yield f"{path} - holds smaller copies of itself (mip levels) - the full size is read, outputs have it alone"
+
+
+_SQUARE = 1e-3
+_STRUCTURE = frozenset({
+    "channels", "chromaticities", "chunkCount", "compression", "dataWindow", "displayWindow", "envmap", "lineOrder",
+    "maxSamplesPerPixel", "multiView", "name", "preview", "tiles", "type", "version", "view", "BlenderMultiChannel",
+    "textureformat",
+})  # fmt: skip
+"""Header entries that say how a file is stored, or of which layers it is."""
+
+
+def _is_carried(name: str, value: Any) -> bool:
+    """Return whether outputs keep a header entry: what it says of the picture, not how it is stored."""
+    import OpenEXR
+
+    known = (str, int, float, Fraction, tuple, np.ndarray, OpenEXR.TimeCode, OpenEXR.KeyCode, OpenEXR.Rational)
+    return name not in _STRUCTURE and not name.startswith(("cryptomatte", "oiio:")) and isinstance(value, known)
 
 
 def _checked(where: str, values: Any) -> NDArray[Any]:
@@ -272,7 +478,7 @@ def write_exr(
     header: dict[str, Any] = {
         "compression": getattr(OpenEXR, f"{kind}_COMPRESSION"),
         "type": OpenEXR.scanlineimage,
-        "chromaticities": REC709,
+        "chromaticities": REC709_XY,
         **(attributes or {}),
     }
     if latlong:

@@ -11,6 +11,7 @@ from mr360uw.errors import VideoError
 from mr360uw.output_gate import check_outputs
 from mr360uw.shapes import checked, file_path
 from mr360uw.video.clip import Clip, checked_rate
+from mr360uw.video.exr import Wanted
 from mr360uw.video.read.images import ImageReader, picture_files
 from mr360uw.video.read.layout import Eye, Layout
 from mr360uw.video.read.projection import FISHEYE_FOV_DEG, PICTURE_SUFFIXES, Projection, projection_of
@@ -30,6 +31,7 @@ def open_video(
     frame_rate: Fraction | float = 30,
     equirectangular: bool = True,
     depth: bool = False,
+    matte: bool = False,
     damaged: Damaged = "stop",
     projection: Projection = "auto",
     fisheye_fov_deg: float = FISHEYE_FOV_DEG,
@@ -58,6 +60,8 @@ def open_video(
         Refuse what is not a panorama, of 2:1 or tagged as one.
     depth : bool
         Read EXR pictures by their channel Z if they have one.
+    matte : bool
+        Read pictures by their alpha if it is not opaque, in all three channels.
     damaged : {"stop", "hold"}
         Raise at a frame of a video that cannot be decoded, or repeat the last one that could.
     projection : {"auto", "equirectangular", "dual_fisheye", "eac"}
@@ -104,7 +108,8 @@ def open_video(
     files = picture_files(Path(path))
     if files is not None:
         rate = checked_rate(frame_rate, Path(path))
-        return ImageReader(Path(path), files, rate, transfer, primaries, eye, equirectangular, depth, layout)
+        wanted: Wanted = "depth" if depth else "matte" if matte else "colour"
+        return ImageReader(Path(path), files, rate, transfer, primaries, eye, equirectangular, wanted, layout)
     from mr360uw.video.read.container import ContainerReader
 
     return ContainerReader(Path(path), transfer, primaries, eye, equirectangular, damaged, layout, decoder=decoder)
@@ -133,7 +138,7 @@ def create_video(
     ----------
     path : str or Path
         A video .mp4, .mov, .mkv or .webm; or a picture or a pattern of pictures ("out_%04d.png", "out_####.exr"),
-        numbered by the frame's index.
+        numbered as the plate's files are, or else by the frame's index.
     like : Clip, optional
         The plate; without one, width, height, frame_rate and sound say what is made, in BT.709, 4:2:0, 8 bits.
     settings : EncodeSettings, optional

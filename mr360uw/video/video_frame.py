@@ -18,6 +18,7 @@ from mr360uw.types import Floats, Layer, Rectangle, Tile, YuvImage
 from mr360uw.video.metadata.spherical import Stereo
 
 if TYPE_CHECKING:
+    from mr360uw.video.metadata.picture_tags import PictureTags
     from mr360uw.video.pixels.grain import Grain
 
 Blend = Callable[[Floats, Tile], Floats]
@@ -50,7 +51,8 @@ class VideoFrame:
     ("concealed"), or the frame could not be decoded and is the last good one ("held"). right: of a stereo plate whose
     left eye this is, the right one at the same instant. clipped: of a composite, the light (h, w, 3) of tiles in which
     some is brighter than the codes can say. plate: of a composite of planes, what it was laid over. grade: of the
-    codes, None for none: light is read without it and written with it; a composite holds its codes alone.
+    codes, None for none: light is read without it and written with it; a composite holds its codes alone. picture_tags:
+    metadata of the picture that it was read from.
     """
 
     index: int
@@ -68,6 +70,7 @@ class VideoFrame:
     clipped: tuple[tuple[Rectangle, NDArray[np.float32]], ...] = ()
     plate: VideoFrame | None = None
     grade: Grade | None = None
+    picture_tags: PictureTags | None = None
 
     @classmethod
     def of_linear(cls, image_linear: NDArray[np.float32], index: int = 0, time_s: float = 0.0) -> VideoFrame:

@@ -82,13 +82,14 @@ class CubeLut:
     """The mapping of a table to light; see `color.ColorSpec`.
 
     stages: applied one after the other. to: space of the last one's output. digest: of the file's bytes.
-    on_file_codes: whether the input is codes over full scale.
+    on_file_codes: whether the input is codes over full scale. is_wide: see `color.PlateMapping`.
     """
 
     stages: tuple[LutTable, ...] = field(compare=False)
     digest: str
     to: DisplayTransfer
     on_file_codes: bool
+    is_wide: bool = True
 
     def to_light(self, values: NDArray[Any]) -> Array:
         """Return the linear Rec.709 light (..., 3) of values (..., 3)."""

@@ -60,6 +60,11 @@ class OcioMapping:
     identity: str
     on_file_codes: bool
 
+    @property
+    def is_wide(self) -> bool:
+        """Whether light may be above white: colour spaces do not say, so that it may."""
+        return True
+
     def to_light(self, values: NDArray[Any]) -> NDArray[Any]:
         """Return the linear Rec.709 light (..., 3) of values (..., 3)."""
         return self._through(values, self.source, self.working)

@@ -60,3 +60,13 @@ VIDEO_PRORES_CODES = 4e-3
 GRAIN_BELOW_BLACK = -0.02
 """Light of dark codes under grain of 24 to 32 codes: luma of each pixel beside chroma that is interpolated between
 samples whose grain the darkest pixel of each bounds. Without the bound, -0.5."""
+PROFILE = 2e-4
+"""Light of a profile: its numbers are rounded to 1/65536, published matrices to 1e-4 of white."""
+JPEG_CODES = 2.0
+"""Half of all codes after a JPEG of quality 95 of smooth colours."""
+LOSSY = 0.03
+"""Fraction of white: formats that lose, at their best quality."""
+RGBE = 4e-3
+"""Mantissas of 8 bits that share an exponent: 1/256 of the brightest channel."""
+HALF = 2e-3
+"""Relative: numbers of 11 bits in products and differences of three channels; degrees in single precision."""

@@ -5,14 +5,13 @@ V1: XML in a 'uuid' box of the video track (Google, "Spherical Video RFC"); V2: 
 entry (Google, "Spherical Video V2 RFC"). Files are written with both, because some players read only V1; where they
 differ on reading, V2 is taken and the difference is noted in `problems`. Other containers are read through FFmpeg.
 
-A JPEG or PNG is marked as a panorama by XMP of Google's "Photo Sphere XMP Metadata" in the bytes of the picture.
+Pictures are marked by XMP, see `picture_tags`.
 """
 
 from __future__ import annotations
 
 import struct
 import xml.etree.ElementTree as ET
-import zlib
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
@@ -23,46 +22,6 @@ from mr360uw.shapes import checked
 from mr360uw.video.metadata.mp4 import Box, edit_moov, read_moov, sample_entries, video_track
 
 _RDF = "http://www.w3.org/1999/02/22-rdf-syntax-ns#"
-_GPANO = "http://ns.google.com/photos/1.0/panorama/"
-_JPEG_START = b"\xff\xd8"
-_JPEG_XMP = b"http://ns.adobe.com/xap/1.0/\0"
-_PNG_START = b"\x89PNG\r\n\x1a\n"
-_PNG_XMP = b"XML:com.adobe.xmp\0\0\0\0\0"  # keyword, not compressed, no language
-_PNG_HEADER_END = 33  # signature and the IHDR chunk
-
-
-def xmp(width: int, height: int) -> bytes:
-    """Return the XMP of a full equirectangular panorama."""
-    values = {
-        "ProjectionType": "equirectangular",
-        "UsePanoramaViewer": "True",
-        "FullPanoWidthPixels": width,
-        "FullPanoHeightPixels": height,
-        "CroppedAreaImageWidthPixels": width,
-        "CroppedAreaImageHeightPixels": height,
-        "CroppedAreaLeftPixels": 0,
-        "CroppedAreaTopPixels": 0,
-    }
-    attributes = " ".join(f'GPano:{name}="{value}"' for name, value in values.items())
-    return (
-        '<x:xmpmeta xmlns:x="adobe:ns:meta/">'
-        f'<rdf:RDF xmlns:rdf="{_RDF}"><rdf:Description rdf:about="" xmlns:GPano="{_GPANO}" {attributes}/></rdf:RDF>'
-        "</x:xmpmeta>"
-    ).encode()
-
-
-def marked(picture: bytes, width: int, height: int) -> bytes:
-    """Return the bytes of a JPEG or PNG with the mark of a full panorama; other kinds come back unchanged."""
-    if picture.startswith(_JPEG_START):
-        body = _JPEG_XMP + xmp(width, height)
-        return _JPEG_START + b"\xff\xe1" + struct.pack(">H", len(body) + 2) + body + picture[2:]
-    if picture.startswith(_PNG_START):
-        body = b"iTXt" + _PNG_XMP + xmp(width, height)
-        chunk = struct.pack(">I", len(body) - 4) + body + struct.pack(">I", zlib.crc32(body))
-        return picture[:_PNG_HEADER_END] + chunk + picture[_PNG_HEADER_END:]
-    return picture
-
-
 Stereo = Literal["mono", "top-bottom", "bottom-top", "left-right", "right-left", "custom"]
 
 V1_TAG = "SPHERICAL-VIDEO"

@@ -16,7 +16,12 @@ from numpy.typing import NDArray
 
 INTEGER_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp")
 FLOAT_SUFFIXES = (".exr", ".hdr")
-PICTURE_SUFFIXES = INTEGER_SUFFIXES + FLOAT_SUFFIXES
+WRITTEN_SUFFIXES = INTEGER_SUFFIXES + FLOAT_SUFFIXES
+RAW_SUFFIXES = (".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".rw2", ".orf", ".gpr")
+_READ_SUFFIXES = (".insp", ".dpx", ".tga", ".jp2", ".j2k", ".avif", ".jpe", ".jfif", ".dib", ".heic", ".heif")
+UNREAD_SUFFIXES = (".psd", ".psb", ".xcf", ".jxl", ".gif")
+PICTURE_SUFFIXES = WRITTEN_SUFFIXES + _READ_SUFFIXES + RAW_SUFFIXES + UNREAD_SUFFIXES
+"""Endings of pictures: those that are read and written, that are read alone, and two groups that are not read."""
 
 
 Projection = Literal["auto", "equirectangular", "dual_fisheye", "eac"]
@@ -27,7 +32,9 @@ FISHEYE_FOV_DEG = 200.0
 Given too small, what is near the seam is seen twice; too large, it is missing."""
 FFMPEG_NAMES = {"dual_fisheye": "dfisheye", "eac": "eac"}
 """Names of projections in FFmpeg's filter v360."""
-_BY_SUFFIX: dict[str, Projection] = {".insv": "dual_fisheye", ".osv": "dual_fisheye", ".360": "eac"}
+_BY_SUFFIX: dict[str, Projection] = {
+    ".insv": "dual_fisheye", ".insp": "dual_fisheye", ".osv": "dual_fisheye", ".360": "eac"
+}  # fmt: skip
 
 
 def projection_of(path: Path, projection: Projection) -> Projection:

@@ -43,6 +43,22 @@ class VideoReader(Clip, ABC):
     def check_range(self, start: int = 0, stop: int | None = None) -> tuple[int, int]:
         """Return (start, stop) with stop filled in; VideoError where the plate does not hold all of these frames."""
 
+    def numbered_range(self, start: int = 0, stop: int | None = None) -> tuple[int, int]:
+        """Return the frames (start, stop) whose numbers [start, stop) are those in the names of a sequence's files.
+
+        Start 0 is the first frame, stop None the end. Clips without such numbers count from 0: as `check_range`.
+        """
+        first, count = self.first_number, self.frame_count
+        if not first or count is None:
+            return self.check_range(start, stop)
+        begin, end = start or first, first + count if stop is None else stop
+        if not first <= begin < end <= first + count:
+            raise VideoError(
+                f"{self.path} - frames outside the sequence (got {start}:{'' if stop is None else stop}, its files are "
+                f"numbered {first} to {first + count - 1}) - take a range within {first}:{first + count}"
+            )
+        return self.check_range(begin - first, end - first)
+
     def file_of(self, index: int) -> Path:  # noqa: ARG002 - sequences have one for each frame
         """Return the file that holds a frame."""
         return self.path

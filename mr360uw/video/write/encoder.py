@@ -229,10 +229,11 @@ def _without_real_time_priority() -> None:
 
 
 def _native_of_picture(frame: VideoFrame, pixel_format: str) -> Any:
-    """An RGB frame in BT.709, limited range; linear light by the sRGB curve."""
+    """An RGB frame in BT.709, limited range; linear light, and that of a picture's profile, by the sRGB curve."""
     height, width = frame.shape
     native = av.VideoFrame(width, height, pixel_format)
     spec = color_spec(Path(), pixel_format, BT709_TAGS, height, frame.spec.picture_transfer)
-    spec = spec if frame.spec.mapping is None else spec.mapped(frame.spec.mapping)
+    mapping = frame.spec.mapping
+    spec = spec.mapped(mapping) if mapping is not None and mapping.is_wide else spec
     planes_from_linear(frame.image_linear, plane_views(native, spec), frame.wrap)
     return native

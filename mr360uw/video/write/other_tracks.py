@@ -235,7 +235,8 @@ def _timecode_of(stream: Any) -> str:
 
 def exr_attributes(like: Clip, index: int) -> dict[str, Any]:
     """Return the entries of an EXR header that say which frame of a clip it is, by the clip's own time code."""
-    return frame_attributes(index, like.frame_rate, later_timecode(timecode_of(like.path), index, like.frame_rate))
+    number, rate = index + like.first_number, like.frame_rate
+    return frame_attributes(number, rate, later_timecode(timecode_of(like.path), index, rate))
 
 
 def later_timecode(timecode: str, frames: int, rate: Fraction) -> str:
