@@ -19,7 +19,6 @@ from numpy.typing import ArrayLike, NDArray
 from mr360uw.color import encode
 from mr360uw.errors import ParameterError
 from mr360uw.reading.extras import command, optional
-from mr360uw.shapes import checked
 
 _WIDTH, _HEIGHT, _MARGIN = 360, 180, 34
 """Pixels of a plot in a notebook, and of the margin for its axes' figures."""
@@ -59,7 +58,6 @@ class Shown:
         return f"<div><code>{html.escape(repr(self))}</code><br/>{_svg(self._figure())}</div>"
 
 
-@checked
 def show(result: Shown, axes: Any = None) -> Any:
     """Draw a result with matplotlib.
 

@@ -139,7 +139,7 @@ def checked(call: Call) -> Call:
     def checking(*arguments: Any, **named: Any) -> Any:
         for name, value in signature.bind(*arguments, **named).arguments.items():
             if name in hints() and not _allows(hints()[name], value):
-                wanted, where = _in_words(hints()[name]), call.__qualname__
+                wanted, where = _in_words(hints()[name]), call.__qualname__.removesuffix(".__init__")
                 raise ParameterError(f"{name} - must be {wanted} (got {value!r:.40}) - help({where}) says more")
         return call(*arguments, **named)
 

@@ -133,7 +133,7 @@ def test_a_profile_converges_with_its_layers(tmp_path: Path) -> None:
         ({"absorption": [0.1]}, "absorption - must have the shape"),
         ({"absorption": [0.1, 0.0]}, "layers - absorption"),
         ({"scattering": [0.1, -1.0]}, "layers - absorption"),
-        ({"surface": "rough"}, "surface - unknown"),
+        ({"surface": "rough"}, "surface - must be 'snell' or 'none'"),
         ({"refractive_index": 9.0}, "refractive_index"),
         ({"floor": LambertFloor(1.0, (0.3,))}, "floor - must lie below"),
         ({"floor": LambertFloor(9.0, (0.3, 0.2))}, "floor - needs one albedo"),

@@ -95,11 +95,11 @@ def test_poses_take_little_of_the_device(tmp_path: Path) -> None:
     held = []
     for scene in scenes:
         renderer.render(scene)
-        held.append(renderer._buffers(scene.objects[0].mesh))
+        held.append(renderer._meshes.buffers(scene.objects[0].mesh))
     assert held[0].store is held[1].store is held[2].store
     assert held[0].triangles is not held[1].triangles
-    assert renderer._buffers(scenes[2].objects[0].mesh) is held[2]
-    assert renderer._buffers(scenes[0].objects[0].mesh) is not held[0]
+    assert renderer._meshes.buffers(scenes[2].objects[0].mesh) is held[2]
+    assert renderer._meshes.buffers(scenes[0].objects[0].mesh) is not held[0]
 
 
 def scene_of(folder: Path, file: GltfFile, **tables: Any) -> uw.Scene:

@@ -90,7 +90,7 @@ class SpectralSea(SeaParameters):
     )  # fmt: skip
     fetch_m: float = parameter(
         100e3, "distance the wind has blown over; waves grow with it until they are fully developed", unit="m",
-        low=10.0, high=1e7,
+        low=1.0, high=1e8,
     )  # fmt: skip
     alignment: float = advanced(
         2.0, "for spectrum phillips: exponent of the cosine to the wind; 0: none, 20: along the wind alone", unit="1",
