@@ -122,13 +122,12 @@ def _tangents(skin: Skin, chart: Chart, coordinates: Floats) -> Floats:
     """Return tangents (R, C, 4) of a chart: along it, and the sign of the bitangent, which is up on the texture."""
     positions, normals = skin.positions[chart.vertex], skin.normals[chart.vertex]
     along = np.gradient(positions, axis=1)
-    # A row that has shrunk to a pole has no direction around: up is taken from the rows before it
     along = along - normals * np.sum(along * normals, axis=-1, keepdims=True)
     return np.concatenate([_unit(along), np.full((*along.shape[:2], 1), -1.0)], axis=-1)
 
 
 def _unit(vectors: Floats) -> Floats:
-    return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
+    return vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-12)
 
 
 def _joints_and_weights(skin: Skin) -> dict[str, NDArray[Any]]:

@@ -65,7 +65,7 @@ class Chart:
 
 @dataclass(frozen=True, eq=False)
 class Skin:
-    """A closed surface. positions: (V, 3); charts: the body's, then those of the fins."""
+    """A closed surface. positions: (V, 3), with some that no triangle uses; charts: the body's, then those of fins."""
 
     positions: Floats
     charts: tuple[Chart, ...]
@@ -139,9 +139,9 @@ _PROFILE = np.array([
     (0.850, 0.039, -0.014, 0.0215, 0.012, 1.30),
     (0.910, 0.029, -0.006, 0.0160, 0.011, 1.20),
     (0.960, 0.019, 0.001, 0.0130, 0.010, 1.05),
-    (1.000, 0.013, 0.007, 0.0110, 0.010, 1.00),
+    (1.000, 0.012, 0.008, 0.0110, 0.010, 1.00),
 ])  # fmt: skip
-_END = 0.985
+_END = 0.965
 """Where the rounding of the tail's end begins."""
 _LIP = np.array([(0.0, 0.000), (0.03, 0.003), (0.08, 0.006), (0.14, 0.007), (0.175, 0.002), (0.205, -0.014),
                  (0.235, -0.040), (0.26, -0.055)])  # fmt: skip
@@ -193,7 +193,7 @@ def body_surface(s: Floats, angle: Floats) -> Floats:
     y = y + upper * 0.0045 * _bump(x, 0.0, 0.010) * ramp(0.02, 0.06, s) * ramp(0.19, 0.15, s)
     y = y + upper * 0.0110 * _bump(s, 0.188, 0.016) * _bump(x, 0.0, 0.018)
     y = y - upper * 0.0040 * _bump(s, 0.225, 0.018) * _bump(x, 0.0, 0.030)
-    y = y + upper * 0.0080 * _bump(s, 0.600, 0.045) * _bump(x, 0.0, 0.025)
+    y = y + upper * 0.0090 * _bump(s, 0.605, 0.050) * _bump(x, 0.0, 0.025)
     # Let the lids stand out
     away = np.hypot(s - EYE[0], y - EYE[1])
     x = x + np.sign(cosine) * 0.0040 * np.exp(-((away / 0.0110) ** 2))
@@ -268,8 +268,8 @@ def _pectoral(side: float, t: Floats) -> Blade:
 def _fluke(side: float, t: Floats) -> Blade:
     """Return the left (side 1) or right (-1) half of the flukes: swept, S-shaped and serrated behind."""
     knots = [0.0, 0.1, 0.3, 0.5, 0.7, 0.9, 1.0]
-    leading = _curve(t, knots, [0.897, 0.904, 0.923, 0.949, 0.980, 1.017, 1.042])
-    trailing = _curve(t, knots, [0.990, 1.014, 1.027, 1.027, 1.025, 1.036, 1.048])
+    leading = _curve(t, knots, [0.893, 0.899, 0.916, 0.943, 0.977, 1.017, 1.043])
+    trailing = _curve(t, [0.0, 0.04, *knots[1:]], [0.990, 1.014, 1.028, 1.035, 1.032, 1.029, 1.039, 1.050])
     teeth = 0.0020 * np.sin(56.0 * t) + 0.0014 * np.sin(87.0 * t + 1.0 + side)
     trailing = trailing + teeth * ramp(0.05, 0.2, t) * ramp(1.0, 0.9, t)
     x, y = side * (0.008 + 0.158 * t), 0.010 + 0.004 * t * t
@@ -284,8 +284,8 @@ def _fluke(side: float, t: Floats) -> Blade:
 def _dorsal(t: Floats) -> Blade:
     """Return the dorsal fin: low, hooked, on a hump."""
     (_, front, _), (_, rear, _) = (body_surface(np.array(s), np.array(0.5 * np.pi)) for s in (0.606, 0.684))
-    leading, trailing = (_curve(t, [0.0, 0.5, 1.0], s) for s in ([0.602, 0.640, 0.678], [0.684, 0.676, 0.686]))
-    tip, zero = rear + 0.046, np.zeros_like(t)
+    leading, trailing = (_curve(t, [0.0, 0.5, 1.0], s) for s in ([0.598, 0.640, 0.678], [0.684, 0.677, 0.685]))
+    tip, zero = rear + 0.038, np.zeros_like(t)
     return Blade(
         np.stack([zero, front + (tip - front) * t, 0.5 - leading], axis=-1),
         np.stack([zero, rear + (tip - rear) * t, 0.5 - trailing], axis=-1),
@@ -300,7 +300,7 @@ def _curve(t: Floats, knots: list[float], values: list[float]) -> Floats:
     return np.asarray(PchipInterpolator(knots, values)(t))
 
 
-_FILLET = {"dorsal fin": 0.7}
+_FILLET = {"dorsal fin": 0.7, "left fluke": 0.1, "right fluke": 0.1}
 """Fraction of a fin's length over which the rim of its root becomes its section, where it is not 0.16."""
 
 
@@ -361,13 +361,7 @@ class _Builder:
         around = np.linspace(0.0, 1.0, len(self.angle) + 1)
         charts = [Chart("body", self.body, self.drawn, along / along[-1], around, place), *self.fins]
         skin = Skin(np.concatenate(self.positions), tuple(charts))
-        used, number = np.unique(skin.faces, return_inverse=True)
-        faces = number.reshape(-1, 3)
-        rims = np.searchsorted(used, np.concatenate(self.rims))
-        renumber = np.zeros(len(skin.positions), np.int64)
-        renumber[used] = np.arange(len(used))
-        charts = [replace(chart, vertex=renumber[chart.vertex]) for chart in charts]
-        return Skin(_relaxed(skin.positions[used], faces, rims), tuple(charts))
+        return replace(skin, positions=_relaxed(skin, np.concatenate(self.rims)))
 
 
 def _sections(blade: Blade, count: int) -> Floats:
@@ -382,23 +376,26 @@ def _sections(blade: Blade, count: int) -> Floats:
 
 
 def neighbour_means(faces: NDArray[np.int64], count: int) -> csr_matrix:
-    """Return the matrix (count, count) that gives every vertex the mean of its neighbours."""
+    """Return the matrix (count, count) that gives a vertex the mean of its neighbours, or itself where it has none."""
     from scipy.sparse import csr_matrix, diags_array
 
     edges = np.concatenate([faces[:, [k, (k + 1) % 3]] for k in range(3)])
     links = csr_matrix((np.ones(len(edges)), (edges[:, 0], edges[:, 1])), shape=(count, count))
-    links = links.maximum(links.T)
-    return csr_matrix(diags_array(1.0 / np.asarray(links.sum(axis=1)).ravel()) @ links)
+    links.data[:] = 1.0
+    total = np.asarray(links.sum(axis=1)).ravel()
+    return csr_matrix(diags_array(1.0 / np.maximum(total, 1.0)) @ links + diags_array((total == 0.0) * 1.0))
 
 
-def _relaxed(positions: Floats, faces: NDArray[np.int64], rims: NDArray[np.int64]) -> Floats:
+_RELAXED = 0.028
+"""Distance from the rim of a fin's root up to which the skin is smoothed."""
+
+
+def _relaxed(skin: Skin, rims: NDArray[np.int64]) -> Floats:
     """Return vertices (V, 3) moved towards the mean of their neighbours near rims, so that fins grow out smoothly."""
-    means = neighbour_means(faces, len(positions))
-    near = np.zeros(len(positions))
-    near[rims] = 1.0
-    for _ in range(4):
-        near = np.maximum(near, 0.75 * np.maximum.reduceat(near[means.indices], means.indptr[:-1]))
-    for _ in range(10):
-        positions = positions + 0.5 * near[:, None] * (means @ positions - positions)
-    return positions
+    from scipy.spatial import cKDTree
 
+    positions, means = skin.positions, neighbour_means(skin.faces, len(skin.positions))
+    near = ramp(_RELAXED, 0.0, cKDTree(positions[rims]).query(positions)[0])[:, None]
+    for _ in range(12):
+        positions = positions + 0.5 * near * (means @ positions - positions)
+    return positions

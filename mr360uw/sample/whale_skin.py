@@ -46,8 +46,8 @@ def painted(skin: Skin, size: int, seed: int) -> dict[str, bytes]:
         "normals": np.tile(np.array([0.0, 0.0, 1.0], np.float32), (size, size, 1)),
     }
     grain = _grain(size, seed)
-    for number, chart in enumerate(skin.charts):
-        texels = _texels(skin, chart, size, np.random.default_rng((seed, number)), grain)
+    for chart in skin.charts:
+        texels = _texels(skin, chart, size, seed, grain)
         coat = (_body_coat if chart.name == "body" else _fin_coat)(texels)
         maps["colour"][texels.window] = np.clip(coat.colour, 0.0, 1.0)
         maps["roughness"][texels.window] = np.clip(coat.roughness, 0.04, 1.0)
@@ -79,7 +79,7 @@ class _Texels:
 
     chart; window: rows and columns of the maps; points: (h, w, 3) of the surface; place, around: (w,) s or fraction of
     a fin's length, (h,) fraction of the way around; step: (2, h, w) body lengths a texel, to the right and down.
-    noise: Gaussian grain of standard deviation 1, fine and coarse (h, w); rng: of the chart's own marks.
+    grain: speckles, mottles and streaks (h, w) of standard deviation 1; seed: of all marks.
     """
 
     chart: Chart
@@ -89,27 +89,36 @@ class _Texels:
     around: Floats
     step: Floats
     grain: tuple[NDArray[np.float32], ...]
-    rng: np.random.Generator
+    seed: int
 
-    def cloud(self, *scales: tuple[float, float]) -> NDArray[np.float32]:
-        """Return smooth noise (h, w) in space: a sum over (wavelength in body lengths, amplitude)."""
+    @property
+    def rng(self) -> np.random.Generator:
+        """Random numbers of the chart's own marks."""
+        return np.random.default_rng([self.seed, *self.chart.name.encode()])
+
+    def cloud(self, stream: int, *scales: tuple[float, float]) -> NDArray[np.float32]:
+        """Return smooth noise (h, w) in space: a sum over (wavelength in body lengths, amplitude).
+
+        It is the same on both sides of a seam; another stream is other noise.
+        """
         import cv2
         from scipy.ndimage import map_coordinates as at
 
-        # Noise varies slowly over texels: every fourth is enough
-        coarse = self.points[::4, ::4]
-        total = np.zeros(coarse.shape[:2])
-        lattice_rng = np.random.default_rng(7)
+        # Noise varies slowly over texels: one value for four by four is enough
+        width, height = self.points.shape[1::-1]
+        coarse = cv2.resize(self.points, (width // 4, height // 4), interpolation=cv2.INTER_AREA)
+        total = np.zeros(coarse.shape[:2], np.float32)
+        rng = np.random.default_rng([self.seed, stream])
         for wavelength, amplitude in scales:
-            lattice = lattice_rng.standard_normal((32, 32, 32))
-            where = np.moveaxis(coarse, -1, 0) * (2.0 / wavelength) + 16.0 * lattice_rng.random((3, 1, 1))
-            total += 1.7 * amplitude * at(lattice, where, order=3, mode="grid-wrap", prefilter=False)
-        size = self.points.shape[1::-1]
-        return np.asarray(cv2.resize(total.astype(np.float32), size, interpolation=cv2.INTER_CUBIC))
+            lattice = rng.standard_normal((32, 32, 32), dtype=np.float32)
+            where = np.moveaxis(coarse, -1, 0) * (2.0 / wavelength) + 16.0 * rng.random((3, 1, 1))
+            # a cubic spline of independent values has a standard deviation of 1 / 1.7 on average
+            total += 1.7 * amplitude * at(lattice, where, np.float32, order=3, mode="grid-wrap", prefilter=False)
+        return np.asarray(cv2.resize(total, (width, height), interpolation=cv2.INTER_CUBIC))
 
 
 def _texels(
-    skin: Skin, chart: Chart, size: int, rng: np.random.Generator, grain: tuple[NDArray[np.float32], ...]
+    skin: Skin, chart: Chart, size: int, seed: int, grain: tuple[NDArray[np.float32], ...]
 ) -> _Texels:
     left, top, right, bottom = (round(size * edge) for edge in _ATLAS[chart.name])
     window = np.s_[top:bottom, left:right]
@@ -124,9 +133,9 @@ def _texels(
     for axis, knots, where in ((1, coordinates[0, :, 0], row), (0, coordinates[:, 0, 1], row)):
         rate = np.linalg.norm(np.gradient(skin.positions[chart.vertex], knots, axis=axis), axis=-1) / size
         steps.append(_between(_between(rate.astype(np.float32), where), column, axis=1))
-    step = np.maximum(np.stack(steps), 2e-4 * 512 / size)
-    place = np.asarray(_between(chart.place, column))
-    return _Texels(chart, window, points, place, row / (len(chart.around) - 1), step, tuple(g[window] for g in grain), rng)
+    step = np.maximum(np.stack(steps), np.float32(0.1 / size))
+    place, around = _between(chart.place.astype(np.float32), column), (row / (len(chart.around) - 1)).astype(np.float32)
+    return _Texels(chart, window, points, place, around, step, tuple(one[window] for one in grain), seed)
 
 
 def _between(values: NDArray[Any], where: Floats, axis: int = 0) -> NDArray[Any]:
@@ -156,12 +165,14 @@ def _normals(height: NDArray[np.float32], texels: _Texels) -> NDArray[np.float32
 
 # ------------------------------------------------------------------------------------------------------------- the coat
 
-_BACK = np.array([0.150, 0.178, 0.205])
-_BELLY = np.array([0.79, 0.79, 0.765])
-_BLOTCH = np.array([0.33, 0.355, 0.375])
-_SCAR = np.array([0.62, 0.64, 0.64])
-_CREASE = np.array([0.055, 0.060, 0.070])
+_BACK = np.array([0.150, 0.178, 0.205], np.float32)
+_BELLY = np.array([0.77, 0.77, 0.745], np.float32)
+_BLOTCH = np.array([0.33, 0.355, 0.375], np.float32)
+_SCAR = np.array([0.62, 0.64, 0.64], np.float32)
+_CREASE = np.array([0.055, 0.060, 0.070], np.float32)
+_IRIS, _PUPIL = np.array([0.10, 0.075, 0.06], np.float32), np.array([0.012, 0.012, 0.016], np.float32)
 """Colours, sRGB codes over 255."""
+_Window = tuple[slice, slice]
 
 
 @dataclass(slots=True, eq=False)
@@ -172,20 +183,28 @@ class _Coat:
     roughness: Floats
     height: Floats
 
-    def tint(self, color: Floats, weight: Floats, window: tuple[slice, slice] = np.s_[:, :]) -> None:
-        """Mix a colour into a window by weights from 0 to 1."""
-        self.colour[window] += weight[..., None] * (color - self.colour[window])
+    def part(self, window: _Window) -> _Coat:
+        """Return the coat of a window, which paints on this one."""
+        return _Coat(self.colour[window], self.roughness[window], self.height[window])
+
+    def tint(self, color: Floats, weight: Floats) -> None:
+        """Mix in a colour by weights (h, w) from 0 to 1."""
+        self.colour += weight[..., None] * (color - self.colour)
 
 
-def _skin_coat(texels: _Texels, pale: Floats) -> _Coat:
-    """Return dark skin where `pale` is 0 and white skin with grey blotches where it is 1."""
+def _skin_coat(texels: _Texels, paleness: Floats) -> _Coat:
+    """Return skin that is dark where `paleness` is well below 0, white with grey blotches where it is well above."""
     speckle, mottle, streak = texels.grain
-    shade = texels.cloud((0.35, 0.6), (0.13, 0.5), (0.05, 0.35))
-    light = 1.0 + 0.16 * shade + 0.035 * mottle + 0.04 * streak + 0.02 * speckle
-    coat = _Coat(_BACK * light[..., None], 0.42 + 0.03 * shade + 0.015 * mottle, 0.00003 * mottle + 0.00002 * streak)
-    white = _BELLY * (1.0 + 0.05 * shade + 0.012 * mottle + 0.012 * streak)[..., None]
-    blotch = ramp(0.9, 1.7, texels.cloud((0.10, 0.9), (0.035, 0.6), (0.014, 0.35)) + 0.12 * mottle)
-    white += 0.75 * blotch[..., None] * (_BLOTCH - white)
+    # The border is ragged down to flecks
+    ragged = texels.cloud(1, (0.22, 0.17), (0.08, 0.12), (0.03, 0.08), (0.013, 0.05))
+    pale = ramp(-0.09, 0.13, paleness + ragged + 0.028 * mottle + 0.012 * speckle)
+    # Dark skin is clouded and dappled; white skin has grey blotches of soft borders
+    shade = texels.cloud(2, (0.35, 0.6), (0.13, 0.5), (0.05, 0.4), (0.020, 0.35))
+    light = 1.0 + 0.15 * shade + 0.05 * mottle + 0.012 * streak + 0.025 * speckle
+    coat = _Coat(_BACK * light[..., None], 0.48 + 0.03 * shade + 0.015 * mottle, 0.00003 * mottle + 0.00001 * streak)
+    white = _BELLY * (1.0 + 0.05 * shade + 0.015 * mottle + 0.006 * streak)[..., None]
+    blotch = texels.cloud(3, (0.10, 0.9), (0.035, 0.7), (0.014, 0.45)) + 0.2 * mottle
+    white += (0.65 * ramp(0.8, 2.3, blotch))[..., None] * (_BLOTCH * light[..., None] - white)
     coat.colour += pale[..., None] * (white - coat.colour)
     coat.roughness += 0.05 * pale
     return coat
@@ -194,7 +213,7 @@ def _skin_coat(texels: _Texels, pale: Floats) -> _Coat:
 def _height_on_body(s: Floats, y: Floats) -> Floats:
     """Return how high points are on the body's side at s: -1 the belly, 0 the widest, 1 the back."""
     table = np.linspace(0.0, 1.0, 513)
-    top, bottom, widest = (np.interp(s, table, profile(table, column)) for column in (1, 2, 4))
+    top, bottom, widest = (np.interp(s, table, profile(table, column)).astype(np.float32) for column in (1, 2, 4))
     above = np.maximum(y - widest, 0.0) / (top - widest)
     return np.asarray(np.clip(above + np.minimum(y - widest, 0.0) / (widest - bottom), -1.2, 1.2))
 
@@ -204,120 +223,115 @@ _BORDER = np.array([(0.0, -0.25), (0.1, -0.45), (0.25, -0.42), (0.35, -0.35), (0
 """(s, height on the body) of the border between the dark back and the pale belly."""
 
 
-def _pale_body(texels: _Texels, s: Floats, height: Floats) -> Floats:
-    border = np.interp(s, _BORDER[:, 0], _BORDER[:, 1])
-    ragged = texels.cloud((0.22, 0.20), (0.08, 0.13), (0.03, 0.08), (0.012, 0.04)) + 0.015 * texels.grain[1]
-    return ramp(-0.06, 0.10, border - height + ragged)
+def _body_paleness(s: Floats, y: Floats) -> Floats:
+    return np.interp(s, _BORDER[:, 0], _BORDER[:, 1]).astype(np.float32) - _height_on_body(s, y)
 
 
 def _body_coat(texels: _Texels) -> _Coat:
     """Return the body's coat."""
-    s = texels.place[None, :]
-    x, y = texels.points[..., 0], texels.points[..., 1]
-    height = _height_on_body(s, y)
-    coat = _skin_coat(texels, _pale_body(texels, s, height))
+    s, points = texels.place[None, :], texels.points
+    coat = _skin_coat(texels, _body_paleness(s, points[..., 1]))
     _pleats(coat, texels)
-    _mouth(coat, s, y)
-    _blowholes(coat, s, x, height)
-    _eyes(coat, s, y)
-    _scars(coat, texels, 70)
-    _tubercles(coat, texels)
-    _barnacles(coat, texels, _barnacle_places(texels))
+    # Only the head has mouth, blowholes and eyes
+    head = np.s_[:, : int(np.searchsorted(texels.place, 0.26))]
+    x, y, _ = np.moveaxis(points[head], -1, 0)
+    for paint in (_mouth, _blowholes, _eyes):
+        paint(coat.part(head), s[head], x, y)
+    rng = texels.rng
+    _scars(coat, texels, 70, rng)
+    _tubercles(coat, texels, rng)
+    _barnacles(coat, texels, _barnacle_places(texels, rng), rng)
     return coat
 
 
 def _fin_coat(texels: _Texels) -> _Coat:
-    """Return the coat of a fin: that of the body at its root; pale below, with ragged borders."""
+    """Return the coat of a fin: at its root that of the body, dark above and pale below."""
     chart, points = texels.chart, texels.points
-    pale = _pale_body(texels, 0.5 - points[..., 2], _height_on_body(0.5 - points[..., 2], points[..., 1]))
-    if chart.name != "dorsal fin":
-        # Rows begin at the trailing edge and go around by the lower side of the left fin, the upper side of the right one
-        side = 1.0 if chart.name.startswith("left") else -1.0
-        below = side * np.sin(2.0 * np.pi * texels.around)[:, None] * np.ones_like(pale)
-        ragged = texels.cloud((0.12, 0.30), (0.05, 0.25), (0.02, 0.15), (0.009, 0.08)) + 0.03 * texels.grain[1]
-        edge = np.abs(np.cos(2.0 * np.pi * texels.around))[:, None] ** 12
-        t = texels.place[None, :]
-        # White reaches over the leading edge of pectorals; flukes are dark along all their edges
-        reach = (0.25 * edge + 0.25 * t) if "pectoral" in chart.name else (-0.55 * edge - 0.35 * ramp(0.5, 1.0, t))
-        own = ramp(0.05, 0.35, below - 0.15 + reach + ragged)
-        pale = pale + ramp(0.03, 0.22, t) * (own - pale)
-    coat = _skin_coat(texels, pale)
-    if chart.name != "dorsal fin":
-        _scars(coat, texels, 12)
-        _barnacles(coat, texels, _edge_places(texels))
+    paleness = _body_paleness(0.5 - points[..., 2], points[..., 1])
+    if chart.name == "dorsal fin":
+        return _skin_coat(texels, paleness)
+    # Rows begin at the trailing edge, and go around by the lower side of a left fin, by the upper one of a right fin
+    turn, t = 2.0 * np.pi * texels.around[:, None], texels.place[None, :]
+    below = np.sin(turn) * (1.0 if chart.name.startswith("left") else -1.0)
+    # White reaches over the leading edge of pectorals; flukes are dark along all their edges
+    edge = np.cos(turn) ** 12
+    reach = 0.25 * edge + 0.25 * t if "pectoral" in chart.name else -0.55 * edge - 0.35 * ramp(0.5, 1.0, t)
+    paleness = paleness + ramp(0.0, 0.2, t) * (0.6 * (below - 0.3 + reach) - paleness)
+    coat, rng = _skin_coat(texels, paleness), texels.rng
+    _scars(coat, texels, 12, rng)
+    _barnacles(coat, texels, _edge_places(texels, rng), rng)
     return coat
 
 
 def _pleats(coat: _Coat, texels: _Texels) -> None:
     """Cut the throat pleats: grooves from the chin to the navel, each of its own length."""
-    degrees = 360.0 * texels.around[:, None] - 180.0  # 0 at the back
-    away = 180.0 - np.abs(degrees)  # from the middle of the belly
-    number = away / _PLEAT_DEG
-    which = np.floor(number).astype(np.int64)
-    random = np.random.default_rng(3).random((2, 64))
-    begins, ends = 0.012 + 0.03 * random[0], 0.56 - 0.05 * random[1]
-    s = texels.place[None, :]
+    window = np.s_[:, : int(np.searchsorted(texels.place, 0.6))]
+    s, coat = texels.place[None, window[1]], coat.part(window)
+    # Angle from the middle of the belly, and the number of grooves up to there, which waver a little
+    away = 360.0 * np.minimum(texels.around, 1.0 - texels.around)[:, None]
+    number = np.maximum(away / _PLEAT_DEG + 0.10 * texels.cloud(4, (0.2, 1.0), (0.06, 0.5))[window] * ramp(0.0, 9.0, away), 0.0)
+    which = number.astype(np.int32)
     # Grooves are longest in the middle, and stop below the mouth and the pectorals
-    end = ends[which] - 0.25 * (away / _PLEATED_DEG) ** 3
-    depth = ramp(0.0, 0.02, s - begins[which]) * ramp(0.0, 0.05, end - s) * ramp(_PLEATED_DEG, _PLEATED_DEG - 4.0, away)
-    depth = depth * ramp(0.004, 0.012, -above_lips(np.minimum(s, 0.2), texels.points[..., 1]))
-    across = np.abs(number - which - 0.5) * 2.0  # 0 in the middle of a ridge, 1 in the groove
-    groove = across**6
-    coat.height -= 0.0022 * depth * groove
-    coat.colour *= 1.0 - 0.62 * (depth * groove**1.5)[..., None]
-    coat.roughness += 0.15 * depth * groove
+    random = np.random.default_rng([texels.seed, 5]).random((2, 64), dtype=np.float32)
+    begin, end = 0.012 + 0.03 * random[0][which], (0.56 - 0.05 * random[1])[which] - 0.22 * (away / _PLEATED_DEG) ** 3
+    depth = ramp(0.0, 0.02, s - begin) * ramp(0.0, 0.05, end - s) * ramp(_PLEATED_DEG, _PLEATED_DEG - 4.0, away)
+    depth = depth * ramp(0.004, 0.012, -above_lips(np.minimum(s, 0.2), texels.points[window][..., 1]))
+    # 0 in the middle of a ridge, 1 in the groove
+    groove = depth * (2.0 * np.abs(number - which - 0.5)) ** 6
+    coat.height -= 0.0022 * groove
+    coat.colour *= 1.0 - 0.6 * (groove**1.5)[..., None]
+    coat.roughness += 0.15 * groove
 
 
 _PLEAT_DEG, _PLEATED_DEG = 5.2, 78.0
 """Angle about the body between grooves, and from the middle of the belly to the last one."""
 
 
-def _mouth(coat: _Coat, s: Floats, y: Floats) -> None:
+def _mouth(coat: _Coat, s: Floats, _: Floats, y: Floats) -> None:
+    """Cut the line between the lips, which are worn pale along it."""
     over = above_lips(s, y)
     there = ramp(0.245, 0.230, s)
-    coat.height -= 0.0022 * there * np.exp(-((over / 0.0015) ** 2))
+    coat.height -= 0.0022 * there * ramp(0.0, 0.02, s) * np.exp(-((over / 0.0015) ** 2))
     coat.tint(_CREASE, 0.85 * there * np.exp(-((over / 0.0012) ** 2)))
-    # Lips are worn: lighter above and below the line
     coat.tint(_SCAR, 0.10 * there * np.exp(-(((np.abs(over) - 0.004) / 0.002) ** 2)))
 
 
-def _blowholes(coat: _Coat, s: Floats, x: Floats, height: Floats) -> None:
+def _blowholes(coat: _Coat, s: Floats, x: Floats, y: Floats) -> None:
     """Cut two slits that part towards the rear, behind their guard."""
     along = np.clip((s - 0.193) / 0.019, 0.0, 1.0)
     away = np.hypot(np.abs(x) - 0.0030 - 0.0050 * along, s - 0.193 - 0.019 * along)
-    slit = np.exp(-((away / 0.0017) ** 2)) * (height > 0.5)
-    coat.height -= 0.0030 * slit
-    coat.height += 0.0012 * np.exp(-(((away - 0.0040) / 0.0022) ** 2)) * (height > 0.5)
-    coat.tint(_CREASE * 0.6, slit)
+    there = ramp(0.0, 0.02, y)
+    slit = there * np.exp(-((away / 0.0017) ** 2))
+    coat.height += there * 0.0012 * np.exp(-(((away - 0.0040) / 0.0022) ** 2)) - 0.0030 * slit
+    coat.tint(0.6 * _CREASE, slit)
 
 
-def _eyes(coat: _Coat, s: Floats, y: Floats) -> None:
-    """Paint eyes: a dark, wet ball in an almond between lids, and the folds around."""
-    right, up = (s - EYE[0]) / 0.0062, (y - EYE[1]) / 0.0036
-    # Almond of two arcs; 1 on its rim
-    rim = np.abs(up) + 0.8 * right**2 + 0.2 * np.abs(right)
+def _eyes(coat: _Coat, s: Floats, _: Floats, y: Floats) -> None:
+    """Paint eyes: a dark, wet ball in an almond between lids, and a fold above."""
+    right, up = (s - EYE[0]) / 0.0056, (y - EYE[1]) / 0.0030
+    # Distance from the middle that is 1 on the rim of the almond
+    rim = np.sqrt(up**2 + 0.2 * right**2) + 0.8 * right**2 / (1.0 + right**2)
     inside = ramp(1.08, 0.92, rim)
-    lids = np.exp(-(((rim - 1.55) / 0.42) ** 2))
-    fold = np.exp(-(((rim - 3.0) / 0.5) ** 2)) * ramp(-0.4, 0.8, up)
-    coat.height += 0.0011 * lids - 0.0008 * fold - 0.0006 * np.exp(-(((rim - 1.02) / 0.15) ** 2))
-    coat.tint(_BLOTCH, 0.40 * lids)
-    coat.tint(_CREASE, 0.5 * fold)
-    coat.tint(np.array([0.10, 0.075, 0.06]), inside)
-    ball = np.hypot((s - EYE[0]) / 0.0026, (y - EYE[1]) / 0.0026)
-    coat.tint(np.array([0.012, 0.012, 0.016]), inside * ramp(1.05, 0.85, ball))
-    coat.height += 0.0010 * inside * np.maximum(1.0 - 0.5 * ball**2, 0.0)
-    coat.roughness += inside * (0.08 - coat.roughness)
+    lids, fold = np.exp(-(((rim - 1.5) / 0.35) ** 2)), np.exp(-(((rim - 2.7) / 0.45) ** 2)) * ramp(0.2, 1.4, up)
+    coat.height += 0.0009 * lids - 0.0004 * fold - 0.0005 * np.exp(-(((rim - 1.02) / 0.15) ** 2))
+    coat.tint(_BLOTCH, 0.35 * lids)
+    coat.tint(_CREASE, 0.35 * fold)
+    coat.tint(_IRIS, inside)
+    ball = np.hypot(s - EYE[0], y - EYE[1]) / 0.0022
+    coat.tint(_PUPIL, inside * ramp(1.05, 0.85, ball))
+    coat.height += 0.0008 * inside * np.maximum(1.0 - 0.5 * ball**2, 0.0)
+    coat.roughness += inside * (0.1 - coat.roughness)
 
 
 # ------------------------------------------------------------------------------------------------------------ the marks
 
 
-def _scars(coat: _Coat, texels: _Texels, count: int) -> None:
+def _scars(coat: _Coat, texels: _Texels, count: int, rng: np.random.Generator) -> None:
     """Scratch the skin: single scars, and rows of parallel ones as teeth leave them."""
     import cv2
 
-    rng, (h, w) = texels.rng, texels.points.shape[:2]
-    mask = np.zeros((h, w), np.float32)
+    h, w = texels.points.shape[:2]
+    mask = np.zeros((h, w), np.uint8)
     for _ in range(count):
         row, column = rng.random(2) * (h, w)
         j, i = int(row), int(column)
@@ -328,10 +342,8 @@ def _scars(coat: _Coat, texels: _Texels, count: int) -> None:
             right = length * (t * np.cos(angle) - bend * t**2 * np.sin(angle)) - 0.005 * tooth * np.sin(angle)
             down = length * (t * np.sin(angle) + bend * t**2 * np.cos(angle)) + 0.005 * tooth * np.cos(angle)
             line = np.stack([column + right / texels.step[0, j, i], row + down / texels.step[1, j, i]], axis=-1)
-            layer = np.zeros_like(mask)
-            cv2.polylines(layer, [np.round(16.0 * line).astype(np.int32)], False, weight, 1, cv2.LINE_AA, 4)
-            mask = np.maximum(mask, layer)
-    mask = cv2.GaussianBlur(mask, (0, 0), 0.8)
+            cv2.polylines(mask, [np.round(16.0 * line).astype(np.int32)], False, round(255 * weight), 1, cv2.LINE_AA, 4)
+    mask = cv2.GaussianBlur(mask, (0, 0), 0.8).astype(np.float32) / 255.0
     coat.tint(_SCAR, 0.75 * mask)
     coat.height -= 0.0003 * mask
 
@@ -362,9 +374,8 @@ def _at(texels: _Texels, s: float, degrees: float) -> tuple[float, float]:
     return float(row), float(np.interp(s, texels.place, np.arange(len(texels.place)) + 0.5))
 
 
-def _tubercles(coat: _Coat, texels: _Texels) -> None:
+def _tubercles(coat: _Coat, texels: _Texels, rng: np.random.Generator) -> None:
     """Raise the tubercles of the head: three rows on the rostrum, one along each lip of the lower jaw."""
-    rng = texels.rng
     places = [(s, 0.0) for s in np.linspace(0.030, 0.165, 7)]
     for side in (-1.0, 1.0):
         places += [(s, side * (66.0 - 40.0 * s)) for s in np.linspace(0.018, 0.175, 11)]
@@ -375,13 +386,14 @@ def _tubercles(coat: _Coat, texels: _Texels) -> None:
         row, column = _at(texels, s + rng.normal(0.0, 0.002), degrees + rng.normal(0.0, 2.5))
         window, away = _around_spot(texels, _Spot(row, column, rng.uniform(0.0042, 0.0062)), 1.0)
         dome = np.maximum(1.0 - away**2, 0.0) ** 2
-        coat.height[window] += rng.uniform(0.0022, 0.0032) * dome
-        coat.tint(_SCAR, 0.16 * dome, window)
+        there = coat.part(window)
+        there.height += rng.uniform(0.0022, 0.0032) * dome
+        there.tint(_SCAR, 0.16 * dome)
 
 
-def _barnacle_places(texels: _Texels) -> list[_Spot]:
+def _barnacle_places(texels: _Texels, rng: np.random.Generator) -> list[_Spot]:
     """Return spots of barnacles on the body: on the chin and lips, few elsewhere."""
-    rng, spots = texels.rng, []
+    spots = []
     for s, degrees, spread, count in (
         (0.02, 150.0, 14.0, 16), (0.02, -148.0, 14.0, 14), (0.07, 118.0, 8.0, 6), (0.09, -118.0, 8.0, 7),
         (0.25, 130.0, 20.0, 5), (0.5, 175.0, 20.0, 6), (0.62, 0.0, 12.0, 4),
@@ -392,24 +404,24 @@ def _barnacle_places(texels: _Texels) -> list[_Spot]:
     return spots
 
 
-def _edge_places(texels: _Texels) -> list[_Spot]:
+def _edge_places(texels: _Texels, rng: np.random.Generator) -> list[_Spot]:
     """Return spots of barnacles along the leading edge of a fin, and near its tip."""
-    rng, (h, w) = texels.rng, texels.points.shape[:2]
+    h, w = texels.points.shape[:2]
     spots = []
     for _ in range(26):
         row = h * (0.5 + rng.normal(0.0, 0.025))
-        spots.append(_Spot(row, w * rng.uniform(0.12, 0.97), rng.uniform(0.0014, 0.0028)))
+        spots.append(_Spot(row, w * rng.uniform(0.12, 0.9), rng.uniform(0.0014, 0.0028)))
     return spots
 
 
-def _barnacles(coat: _Coat, texels: _Texels, spots: list[_Spot]) -> None:
+def _barnacles(coat: _Coat, texels: _Texels, spots: list[_Spot], rng: np.random.Generator) -> None:
     """Set barnacles, some of which have fallen off and left a pale ring."""
     for spot in spots:
-        gone = texels.rng.random() < 0.45
+        gone = rng.random() < 0.45
         window, away = _around_spot(texels, spot, 1.4)
-        ring = np.exp(-(((away - 0.72) / 0.26) ** 2))
-        coat.tint(_SCAR, (0.55 if gone else 0.8) * ring, window)
+        there, ring = coat.part(window), np.exp(-(((away - 0.72) / 0.26) ** 2))
+        there.tint(_SCAR, (0.55 if gone else 0.8) * ring)
         if not gone:
-            coat.tint(_CREASE, np.exp(-((away / 0.32) ** 2)), window)
-            coat.height[window] += 0.0013 * ring
-            coat.roughness[window] += 0.4 * ramp(1.1, 0.8, away)
+            there.tint(_CREASE, np.exp(-((away / 0.32) ** 2)))
+            there.height += 0.0013 * ring
+            there.roughness += 0.4 * ramp(1.1, 0.8, away)
