@@ -218,7 +218,7 @@ def main() -> None:
     np.seterr(all="ignore")
     with tempfile.TemporaryDirectory() as folder:
         mesh = Path(folder) / "whale.glb"
-        write_whale(mesh)
+        write_whale(mesh, 4.0, detail="low")
         for seed in range(first, last):
             if seed in done:
                 continue

@@ -254,8 +254,11 @@ def _fin_coat(texels: _Texels) -> _Coat:
     turn, t = 2.0 * np.pi * texels.around[:, None], texels.place[None, :]
     below = np.sin(turn) * (1.0 if chart.name.startswith("left") else -1.0)
     # White reaches over the leading edge of pectorals; flukes are dark along all their edges
-    edge = np.cos(turn) ** 12
-    reach = 0.25 * edge + 0.25 * t if "pectoral" in chart.name else -0.55 * edge - 0.35 * ramp(0.5, 1.0, t)
+    rear, front = np.maximum(np.cos(turn), 0.0) ** 12, np.maximum(-np.cos(turn), 0.0) ** 12
+    if "pectoral" in chart.name:
+        reach = 0.25 * front - 0.30 * rear + 0.25 * t
+    else:
+        reach = -0.55 * (front + rear) - 0.35 * ramp(0.5, 1.0, t)
     paleness = paleness + ramp(0.0, 0.2, t) * (0.6 * (below - 0.3 + reach) - paleness)
     coat, rng = _skin_coat(texels, paleness), texels.rng
     _scars(coat, texels, 12, rng)
@@ -335,12 +338,14 @@ def _scars(coat: _Coat, texels: _Texels, count: int, rng: np.random.Generator) -
     for _ in range(count):
         row, column = rng.random(2) * (h, w)
         j, i = int(row), int(column)
-        length, angle = rng.uniform(0.006, 0.05), rng.normal(0.0, 0.7)
-        bend, teeth, weight = rng.normal(0.0, 0.25), rng.choice([1, 1, 1, 4]), rng.uniform(0.25, 1.0)
+        length, angle = 0.006 + 0.05 * rng.random() ** 2, rng.normal(0.0, 0.7)
+        bend, weight, teeth = rng.normal(0.0, 0.3), rng.uniform(0.2, 0.9), 1
+        if rng.random() < 0.2:
+            length, teeth = length + 0.012, int(rng.integers(3, 6))
         t = np.linspace(-0.5, 0.5, 9)
         for tooth in range(teeth):
-            right = length * (t * np.cos(angle) - bend * t**2 * np.sin(angle)) - 0.005 * tooth * np.sin(angle)
-            down = length * (t * np.sin(angle) + bend * t**2 * np.cos(angle)) + 0.005 * tooth * np.cos(angle)
+            right = length * (t * np.cos(angle) - bend * t**2 * np.sin(angle)) - 0.0026 * tooth * np.sin(angle)
+            down = length * (t * np.sin(angle) + bend * t**2 * np.cos(angle)) + 0.0026 * tooth * np.cos(angle)
             line = np.stack([column + right / texels.step[0, j, i], row + down / texels.step[1, j, i]], axis=-1)
             cv2.polylines(mask, [np.round(16.0 * line).astype(np.int32)], False, round(255 * weight), 1, cv2.LINE_AA, 4)
     mask = cv2.GaussianBlur(mask, (0, 0), 0.8).astype(np.float32) / 255.0
