@@ -188,7 +188,9 @@ def dive_scene(dive: Dive) -> dict[str, object]:
         "water": water,
         **light,
         "sea": settings.sea.model_dump(exclude_unset=True),
-        "object": [{"mesh": "whale.glb", "position_m": [0.4, -0.6, -3.6], "face": -60.0, "rotation_deg": [0.0, 4.0, 0.0]}],
+        "object": [
+            {"mesh": "whale.glb", "position_m": [0.4, -0.6, -3.6], "face": -60.0, "rotation_deg": [0.0, 4.0, 0.0]}
+        ],
         "receiver": {"height_m": settings.depth_m - settings.floor_depth_m},
     }
 

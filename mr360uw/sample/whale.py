@@ -104,7 +104,6 @@ def _grids(skin: Skin) -> tuple[NDArray[np.int64], NDArray[np.int64], Floats, Fl
     """Return, of all charts' used vertices, the numbers in the skin, triangles, texture coordinates and tangents."""
     numbers, faces, uv, tangents, count = [], [], [], [], 0
     for chart in skin.charts:
-        coordinates = map_coordinates(chart)
         own = chart.vertex.ravel()
         corners = triangles(chart.drawn)
         # Cells that meet in a pole have but one triangle
@@ -112,13 +111,13 @@ def _grids(skin: Skin) -> tuple[NDArray[np.int64], NDArray[np.int64], Floats, Fl
         used, renumbered = np.unique(corners, return_inverse=True)
         numbers.append(own[used])
         faces.append(renumbered.reshape(-1, 3) + count)
-        uv.append(coordinates.reshape(-1, 2)[used])
-        tangents.append(_tangents(skin, chart, coordinates).reshape(-1, 4)[used])
+        uv.append(map_coordinates(chart).reshape(-1, 2)[used])
+        tangents.append(_tangents(skin, chart).reshape(-1, 4)[used])
         count += len(used)
     return np.concatenate(numbers), np.concatenate(faces), np.concatenate(uv), np.concatenate(tangents)
 
 
-def _tangents(skin: Skin, chart: Chart, coordinates: Floats) -> Floats:
+def _tangents(skin: Skin, chart: Chart) -> Floats:
     """Return tangents (R, C, 4) of a chart: along it, and the sign of the bitangent, which is up on the texture."""
     positions, normals = skin.positions[chart.vertex], skin.normals[chart.vertex]
     along = np.gradient(positions, axis=1)

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """The closed skin of a humpback whale: a lofted body out of which pectorals, flukes and dorsal fin are extruded.
 
-All lengths are in body lengths, from the snout (s = 0) to the notch of the flukes (s = 1): z = 1/2 - s, so that the front
-is +z; +y is up and +x the animal's left. The body is a grid of sections; a fin takes the place of a rectangle of its
-cells and continues the rim of that rectangle, so that the skin has neither cracks nor intersections, and every fin has
-a chart of its own on the texture.
+All lengths are in body lengths, from the snout (s = 0) to the notch of the flukes (s = 1): z = 1/2 - s, so that the
+front is +z; +y is up and +x the animal's left. The body is a grid of sections. A fin takes the place of a rectangle of
+its cells and continues the rim of that rectangle, so that the skin has neither cracks nor intersections, and every fin
+has a chart of its own on the texture.
 """
 
 from __future__ import annotations
@@ -111,7 +111,9 @@ def humpback(detail: Detail) -> Skin:
     # Roots of fins: (first s, last s, angle of the middle), and what grows there
     half = size.thick // 2
     for side, name in ((1.0, "left"), (-1.0, "right")):
-        builder.extrude(f"{name} pectoral", (0.285, 0.365), _turned(-0.45, side), half, partial(_pectoral, side), size.pectoral)
+        builder.extrude(
+            f"{name} pectoral", (0.285, 0.365), _turned(-0.45, side), half, partial(_pectoral, side), size.pectoral
+        )
     for side, name in ((1.0, "left"), (-1.0, "right")):
         builder.extrude(f"{name} fluke", (0.905, 0.988), _turned(0.0, side), half, partial(_fluke, side), size.fluke)
     builder.extrude("dorsal fin", (0.605, 0.685), 0.5 * np.pi, half, _dorsal, size.dorsal)
@@ -163,7 +165,7 @@ def above_lips(s: ArrayLike, y: ArrayLike) -> Floats:
     from scipy.interpolate import PchipInterpolator
 
     line, s = PchipInterpolator(_LIP[:, 0], _LIP[:, 1]), np.clip(s, 0.0, _LIP[-1, 0])
-    return np.asarray((y - line(s)) / np.hypot(1.0, line.derivative()(s)))
+    return np.asarray((np.asarray(y) - line(s)) / np.hypot(1.0, line.derivative()(s)))
 
 
 def ramp(low: float, high: float, x: ArrayLike) -> Floats:
@@ -203,7 +205,8 @@ def body_surface(s: Floats, angle: Floats) -> Floats:
 def _stations(count: int) -> Floats:
     """Return s of sections, close together on the head and at the flukes."""
     dense = np.array([(0.0, 9.0), (0.004, 6.0), (0.02, 2.5), (0.06, 1.5), (0.25, 1.3), (0.4, 0.95), (0.55, 0.7),
-                      (0.6, 0.9), (0.7, 0.9), (0.75, 0.7), (0.88, 0.8), (0.92, 1.2), (0.98, 1.6), (1.0, 6.0)])  # fmt: skip
+                      (0.6, 0.9), (0.7, 0.9), (0.75, 0.7), (0.88, 0.8), (0.92, 1.2), (0.98, 1.6),
+                      (1.0, 6.0)])  # fmt: skip
     fine = np.linspace(0.0, 1.0, 4001)
     total = np.cumsum(np.interp(fine, dense[:, 0], dense[:, 1]))
     # the poles themselves are the chart's first and last columns
@@ -220,8 +223,8 @@ def _turned(angle: float, side: float) -> float:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Blade:
-    """A fin, at k fractions of its length. leading, trailing: edges (k, 3); up: (k, 3) across it, to the next row of the
-    body's grid; thickness: (k,) of the section.
+    """A fin, at k fractions of its length. leading, trailing: edges (k, 3); up: unit vectors (k, 3) across it, towards
+    higher rows of the body's grid; thickness: (k,) of the sections.
     """
 
     leading: Floats
@@ -235,7 +238,7 @@ Fin = Callable[[Floats], Blade]
 _TUBERCLES = np.array([(0.10, 0.0095), (0.19, 0.0060), (0.28, 0.0060), (0.37, 0.0090), (0.46, 0.0062), (0.55, 0.0058),
                        (0.635, 0.0052), (0.715, 0.0048), (0.79, 0.0042), (0.86, 0.0038)])  # fmt: skip
 """Place along a pectoral and height of the ten tubercles of its leading edge, of which the first and fourth are the
-largest (Fish and Battle 1995)."""
+largest. Sections are 0.2 to 0.28 of their chord thick (Fish & Battle 1995)."""
 
 
 def _pectoral(side: float, t: Floats) -> Blade:
@@ -261,7 +264,7 @@ def _pectoral(side: float, t: Floats) -> Blade:
         span - back * (0.40 * chord + knobs)[:, None],
         span + back * (0.60 * chord + waves)[:, None],
         side * up,
-        _curve(t, [0.0, 0.2, 0.6, 0.9, 1.0], [0.018, 0.016, 0.011, 0.006, 0.002]),
+        _curve(t, [0.0, 0.2, 0.6, 0.9, 1.0], [0.018, 0.017, 0.0145, 0.0075, 0.002]),
     )
 
 
@@ -365,7 +368,7 @@ class _Builder:
 
 
 def _sections(blade: Blade, count: int) -> Floats:
-    """Return rings (k, count, 3) around a fin, from the trailing edge by the lower side to the leading edge and back."""
+    """Return rings (k, count, 3) of a fin, from the trailing edge by the lower side to the leading edge and back."""
     angle = 2.0 * np.pi * np.arange(count) / count
     chord = 0.5 * (1.0 + np.cos(angle))
     # Half thickness of the NACA four-digit sections, closed behind

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Markings of the whale: maps of colour, roughness and normals, painted over the charts of its skin.
 
-What has a place on the animal (the border of the pale belly, pleats, mouth, eyes) is a function of points of the surface
-and is therefore the same on both sides of a seam. Heights of pleats, tubercles and folds are in body lengths and become
+What has a place on the animal (the border of the pale belly, mouth, eyes) is a function of points of the surface, and
+is therefore the same on both sides of a seam. Heights of pleats, tubercles and folds are in body lengths and become
 the map of normals.
 """
 
@@ -117,9 +117,7 @@ class _Texels:
         return np.asarray(cv2.resize(total, (width, height), interpolation=cv2.INTER_CUBIC))
 
 
-def _texels(
-    skin: Skin, chart: Chart, size: int, seed: int, grain: tuple[NDArray[np.float32], ...]
-) -> _Texels:
+def _texels(skin: Skin, chart: Chart, size: int, seed: int, grain: tuple[NDArray[np.float32], ...]) -> _Texels:
     left, top, right, bottom = (round(size * edge) for edge in _ATLAS[chart.name])
     window = np.s_[top:bottom, left:right]
     # Where the centres of texels are between the rows and columns of the chart; the margin repeats its edge
@@ -152,7 +150,9 @@ def _grain(size: int, seed: int) -> tuple[NDArray[np.float32], ...]:
 
     white = np.random.default_rng(seed).standard_normal((size, size), dtype=np.float32)
     scale = size / 2048.0
-    blurred = (cv2.GaussianBlur(white, (0, 0), x * scale, sigmaY=y * scale) for x, y in ((1.0, 1.0), (3.5, 3.5), (16.0, 1.2)))
+    blurred = (
+        cv2.GaussianBlur(white, (0, 0), x * scale, sigmaY=y * scale) for x, y in ((1.0, 1.0), (3.5, 3.5), (16.0, 1.2))
+    )
     return tuple(grain / grain.std() for grain in blurred)
 
 
@@ -272,7 +272,9 @@ def _pleats(coat: _Coat, texels: _Texels) -> None:
     s, coat = texels.place[None, window[1]], coat.part(window)
     # Angle from the middle of the belly, and the number of grooves up to there, which waver a little
     away = 360.0 * np.minimum(texels.around, 1.0 - texels.around)[:, None]
-    number = np.maximum(away / _PLEAT_DEG + 0.10 * texels.cloud(4, (0.2, 1.0), (0.06, 0.5))[window] * ramp(0.0, 9.0, away), 0.0)
+    number = np.maximum(
+        away / _PLEAT_DEG + 0.10 * texels.cloud(4, (0.2, 1.0), (0.06, 0.5))[window] * ramp(0.0, 9.0, away), 0.0
+    )
     which = number.astype(np.int32)
     # Grooves are longest in the middle, and stop below the mouth and the pectorals
     random = np.random.default_rng([texels.seed, 5]).random((2, 64), dtype=np.float32)

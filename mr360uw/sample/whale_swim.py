@@ -6,9 +6,9 @@ A wave runs down the body. The midline is at the height
     h(s, t) = A(s) cos(2 pi (t / T - (s - s0) / W))
 
 above its height at rest, all lengths in body lengths: T the period, W the wavelength, A(s) growing from the chest s0 to
-the flukes, which rise and fall by about a fifth of the length from peak to peak, as those of swimming whales do (Fish
-1998). A joint of the spine turns by the change of the slope dh/ds from one segment to the next, so that the flukes pitch
-as they beat.
+the flukes, which rise and fall by about a fifth of the length from peak to peak, as those of swimming cetaceans do
+(Fish 1998). A joint of the spine turns by the change of the slope dh/ds from one segment to the next, so that the
+flukes pitch as they beat.
 """
 
 from __future__ import annotations
