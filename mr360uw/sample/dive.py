@@ -33,8 +33,8 @@ TRUTH_FOLDER = "truth"
 _CALF_M = 4.0
 """Length of the whale: a newborn humpback, which is near enough over sand to catch the caustics whole."""
 _FINE = 512
-"""Pixels across a frame from which on the whale is made in full detail: below it a texel of the coarse one is seen as
-less than a pixel."""
+"""Pixels across a frame from which on the whale is fine and swims: in smaller frames, for quick tries, a coarse, rigid
+one looks the same."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,7 +142,8 @@ def sample_dive(
     with made_folder(folder / TRUTH_FOLDER):
         with one_blas_thread():
             record(made.plate, images(), frame_rate, settings.seed, settings.transfer, settings.bits)
-        write_whale(made.mesh, _CALF_M, detail="high" if width >= _FINE else "low", seed=settings.seed)
+        fine = width >= _FINE
+        write_whale(made.mesh, _CALF_M, detail="high" if fine else "low", seed=settings.seed, swims=fine)
         if settings.moves:
             write_whole(folder / TRACK, _track(settings, times))
         write_whole(made.truth, json.dumps(dive_truth(dive, times), indent=1) + "\n")

@@ -30,7 +30,7 @@ def write_whale(
 ) -> None:
     """Write a humpback whale as binary glTF: metres, front +z, up +y, its middle at the origin.
 
-    One closed skin with maps of colour, roughness and normals, a skeleton, and a stroke of swimming that repeats.
+    One closed skin, a skeleton, and a stroke of swimming that repeats.
 
     Parameters
     ----------
@@ -39,7 +39,8 @@ def write_whale(
     length_m : float
         Length from the snout to the notch of the flukes; adults are 11 to 16 m, newborn calves 4 m long.
     detail : str
-        "high": 24 thousand triangles, maps of 2048 x 2048; "low": 2 thousand, 256 x 256.
+        "high": 24 thousand triangles, maps of colour, roughness and normals of 2048 x 2048; "low": 2 thousand, matt, a
+        map of colour of 256 x 256.
     seed : int
         Seed of its markings.
     swims : bool
@@ -48,18 +49,20 @@ def write_whale(
     skin = humpback(detail)
     file = _Glb()
     columns, faces = _vertices(skin, length_m)
+    if detail == "low":
+        del columns["TANGENT"]  # are of use to a map of normals alone
     if swims:
         columns |= _joints_and_weights(skin)
     attributes = {name: file.accessor(values, _VERTICES) for name, values in columns.items()}
     primitive = {"attributes": attributes, "indices": file.accessor(faces.ravel(), _INDICES), "material": 0}
     maps = painted(skin, _TEXTURE[detail], seed)
-    images = [file.image(name, data) for name, data in maps.items()]
+    images = [file.image(name, data) for name, data in maps.items() if detail == "high" or name == "colour"]
     tree: dict[str, Any] = {
         "scene": 0,
         "scenes": [{"name": "whale", "nodes": [0]}],
         "nodes": [{"name": _NAME, "mesh": 0, "extras": _extras(length_m)}],
         "meshes": [{"name": _NAME, "primitives": [primitive]}],
-        "materials": [_MATERIAL],
+        "materials": [_GLOSSY if detail == "high" else _MATT],
         "images": images,
         "samplers": [{"magFilter": 9729, "minFilter": 9987, "wrapS": 33071, "wrapT": 33071}],
         "textures": [{"sampler": 0, "source": k} for k in range(len(images))],
@@ -70,13 +73,11 @@ def write_whale(
 
 
 _NAME = "humpback whale"
-_MATERIAL = {
+_COLOURED: dict[str, Any] = {"baseColorTexture": {"index": 0}, "metallicFactor": 0.0}
+_MATT = {"name": "whale skin", "pbrMetallicRoughness": _COLOURED}
+_GLOSSY = {
     "name": "whale skin",
-    "pbrMetallicRoughness": {
-        "baseColorTexture": {"index": 0},
-        "metallicRoughnessTexture": {"index": 1},
-        "metallicFactor": 0.0,
-    },
+    "pbrMetallicRoughness": _COLOURED | {"metallicRoughnessTexture": {"index": 1}},
     "normalTexture": {"index": 2},
 }
 

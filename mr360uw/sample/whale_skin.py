@@ -201,7 +201,8 @@ def _skin_coat(texels: _Texels, paleness: Floats) -> _Coat:
     # Dark skin is clouded and dappled; white skin has grey blotches of soft borders
     shade = texels.cloud(2, (0.35, 0.6), (0.13, 0.5), (0.05, 0.4), (0.020, 0.35))
     light = 1.0 + 0.15 * shade + 0.05 * mottle + 0.012 * streak + 0.025 * speckle
-    coat = _Coat(_BACK * light[..., None], 0.48 + 0.03 * shade + 0.015 * mottle, 0.00003 * mottle + 0.00001 * streak)
+    relief = texels.step.min(axis=0) * (0.10 * mottle + 0.03 * streak)
+    coat = _Coat(_BACK * light[..., None], 0.48 + 0.03 * shade + 0.015 * mottle, relief)
     white = _BELLY * (1.0 + 0.05 * shade + 0.015 * mottle + 0.006 * streak)[..., None]
     blotch = texels.cloud(3, (0.10, 0.9), (0.035, 0.7), (0.014, 0.45)) + 0.2 * mottle
     white += (0.65 * ramp(0.8, 2.3, blotch))[..., None] * (_BLOTCH * light[..., None] - white)
@@ -342,7 +343,7 @@ def _scars(coat: _Coat, texels: _Texels, count: int, rng: np.random.Generator) -
         j, i = int(row), int(column)
         length, angle = 0.006 + 0.05 * rng.random() ** 2, rng.normal(0.0, 0.7)
         bend, weight, teeth = rng.normal(0.0, 0.3), rng.uniform(0.2, 0.9), 1
-        if rng.random() < 0.2:
+        if rng.random() < 0.12:
             length, teeth = length + 0.012, int(rng.integers(3, 6))
         t = np.linspace(-0.5, 0.5, 9)
         for tooth in range(teeth):
