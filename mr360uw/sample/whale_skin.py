@@ -165,9 +165,9 @@ def _normals(height: NDArray[np.float32], texels: _Texels) -> NDArray[np.float32
 
 # ------------------------------------------------------------------------------------------------------------- the coat
 
-_BACK = np.array([0.150, 0.178, 0.205], np.float32)
-_BELLY = np.array([0.77, 0.77, 0.745], np.float32)
-_BLOTCH = np.array([0.33, 0.355, 0.375], np.float32)
+_BACK = np.array([0.225, 0.252, 0.278], np.float32)
+_BELLY = np.array([0.80, 0.80, 0.775], np.float32)
+_BLOTCH = np.array([0.36, 0.385, 0.405], np.float32)
 _SCAR = np.array([0.62, 0.64, 0.64], np.float32)
 _CREASE = np.array([0.055, 0.060, 0.070], np.float32)
 _IRIS, _PUPIL = np.array([0.10, 0.075, 0.06], np.float32), np.array([0.012, 0.012, 0.016], np.float32)
@@ -219,7 +219,7 @@ def _height_on_body(s: Floats, y: Floats) -> Floats:
     return np.asarray(np.clip(above + np.minimum(y - widest, 0.0) / (widest - bottom), -1.2, 1.2))
 
 
-_BORDER = np.array([(0.0, -0.25), (0.1, -0.45), (0.25, -0.42), (0.35, -0.35), (0.5, -0.55), (0.65, -0.82), (0.8, -0.95),
+_BORDER = np.array([(0.0, -0.25), (0.1, -0.40), (0.25, -0.35), (0.35, -0.25), (0.5, -0.45), (0.65, -0.75), (0.8, -0.95),
                     (0.9, -0.6), (1.0, -0.4)])  # fmt: skip
 """(s, height on the body) of the border between the dark back and the pale belly."""
 

@@ -146,7 +146,7 @@ def test_the_back_is_dark_and_the_belly_pale(fine: Path) -> None:
     albedo = picture[(v * height).astype(int), (u * width).astype(int), 1]
     trunk = np.abs(middle[:, 2]) < 0.3 * LENGTH_M
     back, belly = albedo[trunk & (up > 0.7)], albedo[trunk & (up < -0.9)]
-    assert np.median(belly) > 8.0 * np.median(back)
+    assert np.median(belly) > 6.0 * np.median(back)
     assert np.percentile(back, 99) < np.percentile(belly, 50)
 
 
