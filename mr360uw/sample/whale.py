@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.files import write_whole
-from mr360uw.sample.whale_shape import Chart, Detail, Skin, humpback, triangles
+from mr360uw.sample.whale_shape import Chart, Detail, WhaleSkin, humpback, triangles
 from mr360uw.sample.whale_skin import map_coordinates, painted
 from mr360uw.sample.whale_swim import JOINTS, influences, stroke
 from mr360uw.types import Floats
@@ -89,7 +89,7 @@ def _extras(length_m: float) -> dict[str, Any]:
 # --------------------------------------------------------------------------------------------------------- the vertices
 
 
-def _vertices(skin: Skin, length_m: float) -> tuple[dict[str, NDArray[Any]], NDArray[np.uint16]]:
+def _vertices(skin: WhaleSkin, length_m: float) -> tuple[dict[str, NDArray[Any]], NDArray[np.uint16]]:
     """Return the attributes of the charts' vertices and the triangles (T, 3) of their numbers."""
     numbers, faces, uv, tangents = _grids(skin)
     columns = {
@@ -101,7 +101,7 @@ def _vertices(skin: Skin, length_m: float) -> tuple[dict[str, NDArray[Any]], NDA
     return columns, faces.astype(np.uint16)
 
 
-def _grids(skin: Skin) -> tuple[NDArray[np.int64], NDArray[np.int64], Floats, Floats]:
+def _grids(skin: WhaleSkin) -> tuple[NDArray[np.int64], NDArray[np.int64], Floats, Floats]:
     """Return, of all charts' used vertices, the numbers in the skin, triangles, texture coordinates and tangents."""
     numbers, faces, uv, tangents, count = [], [], [], [], 0
     for chart in skin.charts:
@@ -118,7 +118,7 @@ def _grids(skin: Skin) -> tuple[NDArray[np.int64], NDArray[np.int64], Floats, Fl
     return np.concatenate(numbers), np.concatenate(faces), np.concatenate(uv), np.concatenate(tangents)
 
 
-def _tangents(skin: Skin, chart: Chart) -> Floats:
+def _tangents(skin: WhaleSkin, chart: Chart) -> Floats:
     """Return tangents (R, C, 4) of a chart: along it, and the sign of the bitangent, which is up on the texture."""
     positions, normals = skin.positions[chart.vertex], skin.normals[chart.vertex]
     along = np.gradient(positions, axis=1)
@@ -130,7 +130,7 @@ def _unit(vectors: Floats) -> Floats:
     return vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-12)
 
 
-def _joints_and_weights(skin: Skin) -> dict[str, NDArray[Any]]:
+def _joints_and_weights(skin: WhaleSkin) -> dict[str, NDArray[Any]]:
     """Return the four joints and weights of each vertex; weights are 16-bit codes that sum to 1 exactly."""
     numbers = _grids(skin)[0]
     weights = influences(skin)

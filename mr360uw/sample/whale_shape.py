@@ -64,7 +64,7 @@ class Chart:
 
 
 @dataclass(frozen=True, eq=False)
-class Skin:
+class WhaleSkin:
     """A closed surface. positions: (V, 3), with some that no triangle uses; charts: the body's, then those of fins."""
 
     positions: Floats
@@ -101,7 +101,7 @@ def vertex_normals(positions: Floats, faces: NDArray[np.int64]) -> Floats:
     return total / np.maximum(np.linalg.norm(total, axis=-1, keepdims=True), 1e-30)
 
 
-def humpback(detail: Detail) -> Skin:
+def humpback(detail: Detail) -> WhaleSkin:
     """Return the skin of a humpback whale at rest, one body length long."""
     size = RESOLUTIONS[detail]
     s = _stations(size.rings)
@@ -355,7 +355,7 @@ class _Builder:
         self.fins.append(Chart(name, table, drawn, place / place[-1], around, np.minimum(place, 1.0)))
         self.rims.append(rim)
 
-    def skin(self) -> Skin:
+    def skin(self) -> WhaleSkin:
         """Return the closed skin, smooth where fins begin."""
         place = np.concatenate([[0.0], self.s, [1.0]])
         # The head has more of the texture than its length
@@ -363,7 +363,7 @@ class _Builder:
         along = np.concatenate([[0.0], np.cumsum(weight * (np.diff(place) + 0.0005))])
         around = np.linspace(0.0, 1.0, len(self.angle) + 1)
         charts = [Chart("body", self.body, self.drawn, along / along[-1], around, place), *self.fins]
-        skin = Skin(np.concatenate(self.positions), tuple(charts))
+        skin = WhaleSkin(np.concatenate(self.positions), tuple(charts))
         return replace(skin, positions=_relaxed(skin, np.concatenate(self.rims)))
 
 
@@ -393,7 +393,7 @@ _RELAXED = 0.028
 """Distance from the rim of a fin's root up to which the skin is smoothed."""
 
 
-def _relaxed(skin: Skin, rims: NDArray[np.int64]) -> Floats:
+def _relaxed(skin: WhaleSkin, rims: NDArray[np.int64]) -> Floats:
     """Return vertices (V, 3) moved towards the mean of their neighbours near rims, so that fins grow out smoothly."""
     from scipy.spatial import cKDTree
 

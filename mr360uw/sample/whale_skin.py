@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.sample.whale_shape import EYE, Chart, Skin, above_lips, profile, ramp
+from mr360uw.sample.whale_shape import EYE, Chart, WhaleSkin, above_lips, profile, ramp
 from mr360uw.types import Floats
 
 _ATLAS = {
@@ -38,7 +38,7 @@ def map_coordinates(chart: Chart) -> Floats:
     return np.stack(np.meshgrid(u, v), axis=-1)
 
 
-def painted(skin: Skin, size: int, seed: int) -> dict[str, bytes]:
+def painted(skin: WhaleSkin, size: int, seed: int) -> dict[str, bytes]:
     """Return the maps as JPEG, `size` pixels wide and high: colour, roughness (in its green), normals."""
     maps = {
         "colour": np.full((size, size, 3), _BACK, np.float32),
@@ -117,7 +117,7 @@ class _Texels:
         return np.asarray(cv2.resize(total, (width, height), interpolation=cv2.INTER_CUBIC))
 
 
-def _texels(skin: Skin, chart: Chart, size: int, seed: int, grain: tuple[NDArray[np.float32], ...]) -> _Texels:
+def _texels(skin: WhaleSkin, chart: Chart, size: int, seed: int, grain: tuple[NDArray[np.float32], ...]) -> _Texels:
     left, top, right, bottom = (round(size * edge) for edge in _ATLAS[chart.name])
     window = np.s_[top:bottom, left:right]
     # Where the centres of texels are between the rows and columns of the chart; the margin repeats its edge

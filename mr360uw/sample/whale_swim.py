@@ -17,7 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mr360uw.sample.whale_shape import Skin, neighbour_means, ramp
+from mr360uw.sample.whale_shape import WhaleSkin, neighbour_means, ramp
 from mr360uw.types import Floats
 
 PERIOD_S = 4.0
@@ -63,7 +63,7 @@ JOINTS = _joints()
 _NUMBER = {joint.name: number for number, joint in enumerate(JOINTS)}
 
 
-def influences(skin: Skin) -> Floats:
+def influences(skin: WhaleSkin) -> Floats:
     """Return weights (V, J) with which vertices follow the joints: at most four of a vertex, which sum to 1."""
     weights = np.zeros((len(skin.positions), len(JOINTS)))
     # Along the body each segment takes over from the one before it, smoothly about the joint between them

@@ -6,6 +6,7 @@ from __future__ import annotations
 import io
 import json
 import struct
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,6 @@ import trimesh
 from PIL import Image
 from scipy.signal import find_peaks
 
-from mr360uw.composite.mesh.mesh import load_mesh
 from mr360uw.composite.mesh.mesh_file import read_mesh_file
 from mr360uw.first_look.mesh_look import look_at_mesh
 from mr360uw.sample.whale import write_whale
@@ -45,15 +45,20 @@ def opened(path: Path) -> tuple[dict[str, Any], bytes]:
     return json.loads(data[20 : 20 + length]), data[28 + length :]
 
 
+read = cache(read_mesh_file)
+
+
+@cache
 def closed(path: Path) -> trimesh.Trimesh:
     """Return the skin at rest, vertices at seams of the maps joined."""
-    corners = load_mesh(path).positions.reshape(-1, 3)
+    (part,) = read(path).parts
+    corners = part.positions[part.faces].reshape(-1, 3)
     return trimesh.Trimesh(corners, np.arange(len(corners)).reshape(-1, 3), process=True)
 
 
 def poses(path: Path, times_s: Floats) -> Floats:
     """Return the vertices (k, V, 3) at times of the clip."""
-    file = read_mesh_file(path)
+    file = read(path)
     assert file.rigging is not None
     clip = file.rigging.read_clip(0)
     (body,) = file.rigging.bodies
@@ -128,7 +133,7 @@ def test_the_file_is_small_and_its_maps_are_fine(fine: Path) -> None:
     views = [tree["bufferViews"][image["bufferView"]] for image in tree["images"]]
     pictures = [data[v["byteOffset"] : v["byteOffset"] + v["byteLength"]] for v in views]
     assert [Image.open(io.BytesIO(picture)).size for picture in pictures] == [(2048, 2048)] * 3
-    (material,) = read_mesh_file(fine).materials
+    (material,) = read(fine).materials
     assert material.base_map is not None
     assert material.metallic_roughness_map is not None
     assert material.normal_map is not None
@@ -136,12 +141,14 @@ def test_the_file_is_small_and_its_maps_are_fine(fine: Path) -> None:
 
 
 def test_the_back_is_dark_and_the_belly_pale(fine: Path) -> None:
-    mesh = load_mesh(fine)
-    (material,) = mesh.materials
+    (part,), (material,) = read(fine).parts, read(fine).materials
     assert material.base_map is not None
+    assert part.normals is not None
+    assert part.uv is not None
     picture = material.base_map.levels[0]
-    middle, up = mesh.positions.mean(axis=1), mesh.normals.mean(axis=1)[:, 1]
-    u, v = np.moveaxis(mesh.uv.mean(axis=1), -1, 0)
+    middle, outwards = (column[part.faces].mean(axis=1) for column in (part.positions, part.normals))
+    up = outwards[:, 1] / np.linalg.norm(outwards, axis=-1)
+    u, v = np.moveaxis(part.uv[part.faces].mean(axis=1), -1, 0)
     height, width = picture.shape[:2]
     albedo = picture[(v * height).astype(int), (u * width).astype(int), 1]
     trunk = np.abs(middle[:, 2]) < 0.3 * LENGTH_M
@@ -165,12 +172,12 @@ def test_weights_sum_to_one_and_change_smoothly(detail: str, request: pytest.Fix
     assert np.all(codes.sum(axis=1) == 65535)
     assert 10 <= len(tree["skins"][0]["joints"]) <= 16
     assert joints.max() < len(tree["skins"][0]["joints"])
-    assert read_mesh_file(path).notes == ()  # nothing that the reader had to mend
+    assert read(path).notes == ()  # nothing that the reader had to mend
     # Along no edge does a joint take over more than a quarter; edges of the coarse skin are three times as long
     weights = np.zeros((len(codes), len(tree["skins"][0]["joints"])))
     for k in range(4):
         weights[np.arange(len(codes)), joints[:, k]] += codes[:, k] / 65535.0
-    file = read_mesh_file(path)
+    file = read(path)
     faces = file.parts[0].faces
     step = np.abs(weights[faces] - weights[np.roll(faces, 1, axis=1)]).max()
     assert step < (0.25 if detail == "fine" else 0.6)
@@ -181,9 +188,7 @@ def test_the_stroke_repeats_and_beats_the_flukes(coarse: Path) -> None:
     times = np.linspace(0.0, period_s, 17)
     moved = poses(coarse, times) / LENGTH_M
     np.testing.assert_allclose(moved[-1], moved[0], atol=1e-7)
-    rest = load_mesh(coarse).positions.reshape(-1, 3)[:, 2]
-    s = 0.5 - read_mesh_file(coarse).parts[0].positions[:, 2] / LENGTH_M
-    assert rest.max() == pytest.approx(0.5 * LENGTH_M, rel=1e-3)
+    s = 0.5 - read(coarse).parts[0].positions[:, 2] / LENGTH_M
     heights = moved[:, :, 1]
     swing = np.ptp(heights, axis=0)
     # Flukes rise and fall by about a fifth of the length (Fish 1998); the head is nearly still
@@ -196,7 +201,7 @@ def test_the_stroke_repeats_and_beats_the_flukes(coarse: Path) -> None:
 
 
 def test_the_skin_neither_tears_nor_folds_while_it_swims(coarse: Path) -> None:
-    faces = read_mesh_file(coarse).parts[0].faces
+    faces = read(coarse).parts[0].faces
     rest = closed(coarse).volume
     for points in poses(coarse, np.array([0.0, 1.0, 2.0, 3.0])):
         body = trimesh.Trimesh(points, faces, process=True)
@@ -214,6 +219,6 @@ def test_a_whale_depends_on_its_seed_alone(tmp_path: Path, coarse: Path) -> None
 
 def test_a_rigid_whale_has_no_clip(tmp_path: Path) -> None:
     write_whale(tmp_path / "rigid.glb", 2.0, detail="low", swims=False)
-    file = read_mesh_file(tmp_path / "rigid.glb")
+    file = read(tmp_path / "rigid.glb")
     assert file.rigging is None
     assert np.ptp(file.parts[0].positions[:, 2]) == pytest.approx(2.0, rel=0.06)
