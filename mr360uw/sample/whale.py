@@ -46,6 +46,7 @@ def write_whale(
     swims : bool
         Whether it has a skeleton and swims; else it is rigid.
     """
+    # Vertices of the charts, and the joints that they follow
     skin = humpback(detail)
     file = _Glb()
     columns, faces = _vertices(skin, length_m)
@@ -55,8 +56,10 @@ def write_whale(
         columns |= _joints_and_weights(skin)
     attributes = {name: file.accessor(values, _VERTICES) for name, values in columns.items()}
     primitive = {"attributes": attributes, "indices": file.accessor(faces.ravel(), _INDICES), "material": 0}
+    # Maps and material
     maps = painted(skin, _TEXTURE[detail], seed)
     images = [file.image(name, data) for name, data in maps.items() if detail == "high" or name == "colour"]
+    # The scene: the mesh, and beside it the skeleton that moves it
     tree: dict[str, Any] = {
         "scene": 0,
         "scenes": [{"name": "whale", "nodes": [0]}],

@@ -128,9 +128,9 @@ def _texels(skin: WhaleSkin, chart: Chart, size: int, seed: int, grain: tuple[ND
     points = _between(_between(skin.positions[chart.vertex].astype(np.float32), row), column, axis=1)
     # Lengths of texels, from the grid: those of an edge that has shrunk to a pole are those nearby
     steps = []
-    for axis, knots, where in ((1, coordinates[0, :, 0], row), (0, coordinates[:, 0, 1], row)):
+    for axis, knots in ((1, coordinates[0, :, 0]), (0, coordinates[:, 0, 1])):
         rate = np.linalg.norm(np.gradient(skin.positions[chart.vertex], knots, axis=axis), axis=-1) / size
-        steps.append(_between(_between(rate.astype(np.float32), where), column, axis=1))
+        steps.append(_between(_between(rate.astype(np.float32), row), column, axis=1))
     step = np.maximum(np.stack(steps), np.float32(0.1 / size))
     place, around = _between(chart.place.astype(np.float32), column), (row / (len(chart.around) - 1)).astype(np.float32)
     return _Texels(chart, window, points, place, around, step, tuple(one[window] for one in grain), seed)
@@ -339,18 +339,21 @@ def _scars(coat: _Coat, texels: _Texels, count: int, rng: np.random.Generator) -
     h, w = texels.points.shape[:2]
     mask = np.zeros((h, w), np.uint8)
     for _ in range(count):
+        # Choose place, length, direction and bend; one in eight is a row of scars
         row, column = rng.random(2) * (h, w)
         j, i = int(row), int(column)
         length, angle = 0.006 + 0.05 * rng.random() ** 2, rng.normal(0.0, 0.7)
         bend, weight, teeth = rng.normal(0.0, 0.3), rng.uniform(0.2, 0.9), 1
         if rng.random() < 0.12:
             length, teeth = length + 0.012, int(rng.integers(3, 6))
+        # Draw parabolas beside one another, in body lengths and then in texels there
         t = np.linspace(-0.5, 0.5, 9)
         for tooth in range(teeth):
             right = length * (t * np.cos(angle) - bend * t**2 * np.sin(angle)) - 0.0026 * tooth * np.sin(angle)
             down = length * (t * np.sin(angle) + bend * t**2 * np.cos(angle)) + 0.0026 * tooth * np.cos(angle)
             line = np.stack([column + right / texels.step[0, j, i], row + down / texels.step[1, j, i]], axis=-1)
             cv2.polylines(mask, [np.round(16.0 * line).astype(np.int32)], False, round(255 * weight), 1, cv2.LINE_AA, 4)
+    # Pale them and sink them into the skin
     mask = cv2.GaussianBlur(mask, (0, 0), 0.8).astype(np.float32) / 255.0
     coat.tint(_SCAR, 0.75 * mask)
     coat.height -= 0.0003 * mask
