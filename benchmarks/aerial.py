@@ -84,7 +84,7 @@ VIEWS: dict[str, dict[str, Any]] = {
     },
     "a whale under the waves": {
         "sea": CALM, "floor": {"depth_m": 4.0}, "camera": {"position_m": (0.0, 8.0, 0.0), "pitch_deg": -60.0},
-        "object": [{"mesh": "whale.glb", "position_m": (0.0, -1.5, -4.5), "rotation_deg": (60.0, 0.0, 0.0)}],
+        "object": [{"mesh": "whale.glb", "position_m": (0.0, -1.5, -4.5), "face": 60.0}],
     },
     "wind 5 m/s, from 60 m": {
         "sea": {"wind_speed": 5.0, "tile_m": 100.0, "resolution": 512, "shortest_wavelength_m": 0.6},
@@ -106,7 +106,7 @@ def pictures(folder: Path, width: int = 448) -> None:
 
     from mr360uw.sample.whale import write_whale
 
-    write_whale(folder / "whale.glb")
+    write_whale(folder / "whale.glb", 4.0)
     written = []
     for number, (name, tables) in enumerate(VIEWS.items()):
         camera = tables.get("camera", {}) | {"width": width, "height": width * 9 // 16}

@@ -33,9 +33,12 @@ from mr360uw.types import Floats  # noqa: E402
 from mr360uw.video import transcode  # noqa: E402
 
 _OBJECTS: list[dict[str, Any]] = [
-    {"mesh": "whale.glb", "position_m": [0.4, -0.6, -4.2], "rotation_deg": [-60.0, 4.0, 0.0]},
-    {"mesh": "whale.glb", "scale": 0.4, "position_m": [-1.6, -1.6, -3.2], "rotation_deg": [70.0, -5.0, 0.0]},
-]
+    {"mesh": "whale.glb", "animation": "", "position_m": [0.4, -0.6, -4.2], "rotation_deg": [120.0, -4.0, 0.0]},
+    {
+        "mesh": "whale.glb", "animation": "", "scale": 0.4, "position_m": [-1.6, -1.6, -3.2],
+        "rotation_deg": [-110.0, 5.0, 0.0],
+    },
+]  # fmt: skip
 
 
 _DEPTH_M = 4.0

@@ -349,7 +349,7 @@ class Files:
         import trimesh
 
         makers: dict[str, Callable[[Path], object]] = {
-            "whale.glb": write_whale, "box.obj": trimesh.creation.box().export,
+            "whale.glb": lambda path: write_whale(path, 4.0, detail="low"), "box.obj": trimesh.creation.box().export,
             "ball.ply": trimesh.creation.icosphere(subdivisions=2).export, "tube.glb": lambda path: tube().write(path),
         }  # fmt: skip
         name = str(self._rng.choice(list(makers)))

@@ -32,6 +32,8 @@ from mr360uw.types import Floats
 class Rig:
     """A mesh at rest and what moves it; the last few poses are kept, so that objects in step share their meshes.
 
+    Its caches hold a copy of it, not itself: a reference circle would keep all poses until the garbage collector runs.
+
     mesh: at rest, but with scales of 0 as 1, because what is hidden at rest may show later.
 
     rigging: None where nothing moves; else its bodies are those of the mesh. faces: for each body (t, 3), the vertices
@@ -52,7 +54,7 @@ class Rig:
     @functools.cached_property
     def at(self) -> Callable[[Animation, float], Mesh]:
         """Function that returns the mesh at a time of a clip [s], counted from the clip's own zero."""
-        return functools.lru_cache(_KEPT_POSES)(functools.partial(pose, self))
+        return functools.lru_cache(_KEPT_POSES)(functools.partial(pose, replace(self)))
 
     @functools.cached_property
     def clip(self) -> Callable[[int], Animation]:
@@ -63,7 +65,7 @@ class Rig:
     @functools.cached_property
     def bounds(self) -> Callable[[Animation], Floats]:
         """Function that returns `clip_bounds`."""
-        return functools.cache(functools.partial(clip_bounds, self))
+        return functools.cache(functools.partial(clip_bounds, replace(self)))
 
 
 def load_rig(

@@ -30,6 +30,11 @@ TRACK = "camera.csv"
 """Name of the file with the camera's motion, beside the scene, where the camera moves."""
 TRUTH_FOLDER = "truth"
 """Name of the folder with the frames' distances and masks."""
+_CALF_M = 4.0
+"""Length of the whale: a newborn humpback, which is near enough over sand to catch the caustics whole."""
+_FINE = 512
+"""Pixels across a frame from which on the whale is fine and swims: in smaller frames, for quick tries, a coarse, rigid
+one looks the same."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,7 +142,8 @@ def sample_dive(
     with made_folder(folder / TRUTH_FOLDER):
         with one_blas_thread():
             record(made.plate, images(), frame_rate, settings.seed, settings.transfer, settings.bits)
-        write_whale(made.mesh)
+        fine = width >= _FINE
+        write_whale(made.mesh, _CALF_M, detail="high" if fine else "low", seed=settings.seed, swims=fine)
         if settings.moves:
             write_whole(folder / TRACK, _track(settings, times))
         write_whole(made.truth, json.dumps(dive_truth(dive, times), indent=1) + "\n")
@@ -183,7 +189,9 @@ def dive_scene(dive: Dive) -> dict[str, object]:
         "water": water,
         **light,
         "sea": settings.sea.model_dump(exclude_unset=True),
-        "object": [{"mesh": "whale.glb", "position_m": [0.4, -0.6, -3.6], "rotation_deg": [-60.0, 4.0, 0.0]}],
+        "object": [
+            {"mesh": "whale.glb", "position_m": [0.4, -0.6, -3.6], "face": -60.0, "rotation_deg": [0.0, 4.0, 0.0]}
+        ],
         "receiver": {"height_m": settings.depth_m - settings.floor_depth_m},
     }
 

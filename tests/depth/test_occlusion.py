@@ -41,7 +41,8 @@ def alpha_of(scene: Scene, backend: str) -> Floats:
 def scene_of(tmp_path: Path, whale: Path, depth: Path | None, **more: Any) -> Scene:
     plate = {"path": str(tmp_path / "plate.png")} | ({} if depth is None else {"depth": str(depth)}) | more
     (tmp_path / "plate.png").touch()
-    return scene_with(tmp_path, whale, plate=plate, water={"type": "none"})
+    across = {"mesh": str(whale), "position_m": [0.0, 0.0, -BODY_M], "face": 90.0}
+    return scene_with(tmp_path, whale, plate=plate, water={"type": "none"}, object=[across])
 
 
 @pytest.mark.parametrize("backend", BACKENDS)

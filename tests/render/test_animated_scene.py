@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import gc
+import weakref
 from pathlib import Path
 from typing import Any
 
@@ -186,3 +188,17 @@ def test_parts_move_alone(tmp_path: Path) -> None:
     assert rig.rigging is not None
     assert [len(faces) for faces in rig.faces] == [2]
     assert len(rig.mesh.positions) == 2
+
+
+def test_poses_go_with_their_rig_and_wait_for_no_garbage_collector(tmp_path: Path) -> None:
+    gc.disable()
+    try:
+        rig = load_rig(swimming(5, 4, 3).write(tmp_path / "fish.glb"))
+        clip = rig.clip(0)
+        refs = [weakref.ref(mesh) for mesh in (rig.mesh, rig.at(clip, 0.3))]
+        assert rig.bounds(clip).shape[1:] == (3, 3)
+        assert rig.at(clip, 0.3) is refs[1]()  # kept while the rig is there
+        del rig
+        assert [ref() for ref in refs] == [None, None]
+    finally:
+        gc.enable()
