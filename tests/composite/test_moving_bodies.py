@@ -100,9 +100,7 @@ def test_rays_find_the_point_with_the_largest_share(rng: np.random.Generator) ->
     origin = rng.uniform(-3.0, 3.0, (200, 3))
     ray = (place - origin) / np.linalg.norm(place - origin, axis=-1, keepdims=True)
     point, distance, behind = np.empty(200, np.int64), np.empty(200), np.empty(200, np.bool_)
-    find_nearest_points(
-        scene.triangles, met, origin, ray, lattice.places, np.arange(len(mesh.positions)), point, distance, behind
-    )
+    find_nearest_points(scene.triangles, met, origin, ray, lattice.places, point, distance, behind)
     weights, want = barycentric(scene.triangles[met] - origin[:, None], ray)
     points, shares = points_at(lattice.places[met], weights)
     np.testing.assert_array_equal(point, points[np.arange(200), shares.argmax(axis=1)])
