@@ -82,7 +82,7 @@ wheel: $(VENV)/.installed-docs  ## wheel with kernels for each Python that is fo
 		MR360UW_CACHE=$$try/samples $$try/bin/mr360uw sample $$try/dive --width 256 --frames 2 && \
 		MR360UW_CACHE=$$try/kept $$try/bin/mr360uw composite $$try/dive/scene.toml $$try/dive/out.mp4 && \
 		missing=$$(find $$try/kept/kernels -name '*.nbc' -size +1k | wc -l) && \
-		echo "$$try: the wheel lacks $$missing kernels of a composite" && test $$missing -lt 5 || exit 1; \
+		echo "$$try: the wheel lacks $$missing kernels of a composite" && test $$missing -lt 10 || exit 1; \
 	done
 
 lock:  ## the newest versions that go together on each Python, into requirements.lock (needs uv)
