@@ -122,7 +122,7 @@ def test_layers_that_are_numbered_far_apart(digits: int, bench: Bench) -> None:
 
 @pytest.mark.parametrize(
     ("name", "says"),
-    [("bright.exr", "no light"), ("far.obj", "more than 1e+09 units"), ("dense.csv", "at most 10000")],
+    [("bright.exr", "no light"), ("far.obj", "more than 1e+09 m"), ("dense.csv", "at most 10000")],
 )
 def test_numbers_that_no_picture_mesh_or_water_has(name: str, says: str, bench: Bench) -> None:
     if name.endswith("exr"):

@@ -380,6 +380,7 @@ def test_the_play_head_is_dragged_and_moved_by_keys(shown: Page) -> None:
     shown.page.click("[aria-label='Play']")
     shown.until("seek", lambda told: told[0]["scrubbing"] and 130 <= told[0]["frame"] < COUNT - 10)
     shown.page.click("[aria-label='Pause']")
+    shown.until("play", lambda told: told == [False])
     assert shown.told("play") == [[True], [False]]
     assert not shown.until("seek", lambda told: not told[0]["scrubbing"])[0]["scrubbing"]
 

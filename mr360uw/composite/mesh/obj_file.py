@@ -152,11 +152,12 @@ def _table(rows: list[list[str]], width: int) -> Floats:
 def _corners(written: list[str]) -> NDArray[np.int64]:
     """Return the numbers (C, 3) of vertex, texture coordinates and normal of corners, from 0; -1: none."""
     slashes = {corner.count("/") for corner in written}
-    if len(slashes) <= 1:
+    if len(slashes) == 1:
         text = " ".join(written).replace("//", "/0/").replace("/ ", "/0 ").replace("/", " ")
         numbers = np.array(text.split(), np.int64).reshape(len(written), -1)
     else:
-        numbers = np.array([[int(n or 0) for n in (*corner.split("/"), "", "")[:3]] for corner in written], np.int64)
+        rows = [[int(n or 0) for n in (*corner.split("/"), "", "")[:3]] for corner in written]
+        numbers = np.array(rows, np.int64).reshape(-1, 3)
     result = np.full((len(written), 3), -1, np.int64)
     result[:, : numbers.shape[1]] = numbers[:, :3] - 1
     return result
