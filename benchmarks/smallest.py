@@ -49,7 +49,7 @@ STARTS = {
     "eye_depth": Start("111 112 128"),
     "first_look": Start(only_loaded="needs footage and meshes"),
     "first_minute": Start(only_loaded="clones and installs the project"),
-    "graded": Start("--width 128 --only none"),
+    "graded": Start(only_loaded="leaves with 1 where a goal is missed, as small pictures do"),
     "grain": Start("--width 128 --runs 1"),
     "grounded": Start(only_loaded="solves light on bodies, twenty seconds for the shortest section"),
     "growth": Start("bands --quick --rounds 2"),
