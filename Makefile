@@ -69,7 +69,7 @@ docs: $(VENV)/.installed-docs  ## the pages as a site in build/site, with every 
 
 wheel: $(VENV)/.installed-docs  ## wheel with kernels for each Python that is found, and sources, in dist; the wheel is tried on each
 	rm -rf dist mr360uw/compiled build/wheel
-	.ci/pythons | while read -r python; do \
+	for python in $$(.ci/pythons); do \
 		try=build/wheel/$$($$python -c 'import sys; print(sys.implementation.cache_tag)') && \
 		$$python -m venv $$try && $$try/bin/python -m pip install --quiet --disable-pip-version-check $(LOCK:%=-c %) . && \
 		NUMBA_CACHE_DIR=mr360uw/compiled $$try/bin/python -c 'from mr360uw.cli.rendering import compile_first; compile_first()' || exit 1; \
