@@ -34,7 +34,7 @@ _NODES = 18
 
 
 @dataclass(frozen=True, slots=True)
-class Curve:
+class ToneCurve:
     """A curve from values to light, odd about zero: a table over [0, 1], or, without one, (a x + b)^g + e from x = d on
     and c x + f below.
     """
@@ -72,7 +72,7 @@ class Curve:
         return np.copysign(np.maximum(values, 0.0), light)
 
 
-SRGB = Curve(2.4, 1.0 / 1.055, 0.055 / 1.055, 1.0 / 12.92, 0.04045)
+SRGB = ToneCurve(2.4, 1.0 / 1.055, 0.055 / 1.055, 1.0 / 12.92, 0.04045)
 """The curve of IEC 61966-2-1."""
 
 
@@ -85,7 +85,7 @@ class FileProfile:
     """
 
     matrix: tuple[tuple[float, ...], ...]
-    curves: tuple[Curve, Curve, Curve]
+    curves: tuple[ToneCurve, ToneCurve, ToneCurve]
     xy: tuple[float, ...] = ()
 
     @property
@@ -110,7 +110,7 @@ class FileProfile:
         return np.stack([curve.to_values(own[..., k]) for k, curve in enumerate(self.curves)], axis=-1)
 
 
-def _profile(matrix: Array, curves: Sequence[Curve], xy: tuple[float, ...] = ()) -> FileProfile:
+def _profile(matrix: Array, curves: Sequence[ToneCurve], xy: tuple[float, ...] = ()) -> FileProfile:
     red, green, blue = curves
     return FileProfile(tuple(map(tuple, matrix.tolist())), (red, green, blue), xy)
 
@@ -119,10 +119,12 @@ def linear_profile(matrix: Array, gain: Array) -> FileProfile:
     """Return the map of linear values by a (3, 3) matrix to linear Rec.709; gain (3,): by which they are too weak."""
     if not np.all(np.isfinite(gain) & (gain > 0.0)):
         raise ValueError("an exposure of 0 or less")
-    return _profile(matrix * gain, [Curve()] * 3)
+    return _profile(matrix * gain, [ToneCurve()] * 3)
 
 
-def chromatic_profile(xy: Sequence[float], curve: Curve | None = None, gain: Array | None = None) -> FileProfile | None:
+def chromatic_profile(
+    xy: Sequence[float], curve: ToneCurve | None = None, gain: Array | None = None
+) -> FileProfile | None:
     """Return the map of chromaticities, x and y of red, green, blue and white; None where it changes nothing.
 
     curve: of the values, by default they are linear. gain: (3,) see `linear_profile`. Raises `ValueError` where no
@@ -142,7 +144,7 @@ def chromatic_profile(xy: Sequence[float], curve: Curve | None = None, gain: Arr
         raise ValueError("primaries that no light has")
     if stronger and gain is not None:
         return linear_profile(matrix, gain)
-    return _profile(matrix, [curve or Curve()] * 3, tuple(known.tolist()) if curve is None else ())
+    return _profile(matrix, [curve or ToneCurve()] * 3, tuple(known.tolist()) if curve is None else ())
 
 
 @functools.lru_cache(maxsize=4)
@@ -204,16 +206,16 @@ def _matrix_and_curves(data: bytes) -> FileProfile | None:
     return _profile(rec709_from_xyz(xyz.sum(axis=1)) @ xyz, curves)
 
 
-def _curve(tag: bytes) -> Curve:
+def _curve(tag: bytes) -> ToneCurve:
     """Return the curve of a tag of kind curv or para (ICC.1:2022, 10.6 and 10.18)."""
     if tag.startswith(b"curv"):
         (count,) = struct.unpack_from(">I", tag, 8)
         if count < 2:
-            return Curve(struct.unpack_from(">H", tag, 12)[0] / 256.0 if count else 1.0)
+            return ToneCurve(struct.unpack_from(">H", tag, 12)[0] / 256.0 if count else 1.0)
         table = np.frombuffer(tag, ">u2", count, 12) if len(tag) >= 12 + 2 * count else np.zeros(0)
         if not len(table) or table[0] == table[-1]:
             raise ValueError("a broken profile")
-        return Curve(table=tuple((table / 65535.0).tolist()))
+        return ToneCurve(table=tuple((table / 65535.0).tolist()))
     (kind,) = struct.unpack_from(">H", tag, 8)
     if not tag.startswith(b"para") or kind > 4:
         raise ValueError("a curve of a kind that is not known")
@@ -222,10 +224,10 @@ def _curve(tag: bytes) -> Curve:
     if g <= 0.0 or (kind and a == 0.0):
         raise ValueError("a broken profile")
     if kind == 0:
-        return Curve(g)
+        return ToneCurve(g)
     if kind < 3:
-        return Curve(g, a, b, 0.0, -b / a, c if kind == 2 else 0.0, c if kind == 2 else 0.0)
-    return Curve(g, a, b, c, d, e, f)
+        return ToneCurve(g, a, b, 0.0, -b / a, c if kind == 2 else 0.0, c if kind == 2 else 0.0)
+    return ToneCurve(g, a, b, c, d, e, f)
 
 
 def _sampled(data: bytes) -> CubeLut:

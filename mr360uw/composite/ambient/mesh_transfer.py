@@ -39,7 +39,7 @@ _BURIED = 0.5
 """A sample that sees backs of surfaces in more than this part of its directions lies inside a part of the mesh."""
 
 
-class Met(NamedTuple):
+class MetSamples(NamedTuple):
     """Where rays meet a mesh, (m,) each: number of the ray, the sample nearest to the place, the distance, whether the
     back is met, and the fraction of the ray's light that is blocked there.
     """
@@ -74,11 +74,11 @@ class Blocking:
         met = surfaces_along(self._geometry, self.scene, origins, directions, 1e-6 * self.mesh.radius_m)
         return np.maximum(1.0 - np.bincount(met.ray, met.part, len(origins)), 0.0)
 
-    def met(self, lattice: Lattice, origins: Floats, directions: Floats) -> Met:
+    def met(self, lattice: Lattice, origins: Floats, directions: Floats) -> MetSamples:
         """Return where rays (n, 3) meet the mesh: their first triangles, and those behind what lets light through."""
         met = surfaces_along(self._geometry, self.scene, origins, directions, 1e-6 * self.mesh.radius_m)
         sample, distance, behind = _nearest_sample(lattice, self.scene, met.start, directions[met.ray], met.triangle)
-        return Met(met.ray, sample, met.gone + distance, behind, met.part.astype(np.float32))
+        return MetSamples(met.ray, sample, met.gone + distance, behind, met.part.astype(np.float32))
 
 
 def _nearest_sample(

@@ -167,7 +167,7 @@ def opacity_key(mesh: Mesh) -> tuple[object, ...]:
     return modes, alphas, Same(mesh.uv), Same(mesh.colors)
 
 
-class Surfaces(NamedTuple):
+class MetSurfaces(NamedTuple):
     """Surfaces that rays meet, (m,) each: number of the ray and of the triangle; start: (m, 3) from where the ray meets
     it first, gone: the distance to there from its own start; part: fraction of the ray's light that is blocked.
     """
@@ -190,7 +190,7 @@ def surfaces_along(
     directions: Floats,
     least: float,
     reach_m: Floats | float = np.inf,
-) -> Surfaces:
+) -> MetSurfaces:
     """Return what rays (n, 3) meet of the triangles of a geometry, which `scene` has in the same order: the first, and
     those behind surfaces that let light through. least: length of the shortest step behind one. reach_m: (n,), or a
     number, how far they go.
@@ -198,19 +198,19 @@ def surfaces_along(
     ray, left = np.arange(len(origins)), np.ones(len(origins))
     start, gone = np.asarray(origins, np.float64), np.zeros(len(origins))
     reach, opaque = np.broadcast_to(reach_m, len(origins)), all(m.alpha_mode == "OPAQUE" for m in geometry.materials)
-    found = [Surfaces(ray[:0], ray[:0], start[:0], gone[:0], left[:0])]
+    found = [MetSurfaces(ray[:0], ray[:0], start[:0], gone[:0], left[:0])]
     for _ in range(_MOST_SURFACES):
         triangle = scene.first_hit(start, directions[ray])
         hit = np.flatnonzero(triangle >= 0)
         ray, start, triangle = ray[hit], start[hit], triangle[hit]
         if opaque and np.all(np.isinf(reach)):
-            found.append(Surfaces(ray, triangle, start, gone[ray], left[ray]))
+            found.append(MetSurfaces(ray, triangle, start, gone[ray], left[ray]))
             break
         weights, distance = barycentric(geometry.positions[triangle] - start[:, None], directions[ray])
         near = np.flatnonzero(gone[ray] + distance < reach[ray])
         ray, start, triangle, distance = ray[near], start[near], triangle[near], distance[near]
         part = left[ray] * opacity(geometry, triangle, weights[near])
-        found.append(Surfaces(ray, triangle, start, gone[ray], part))
+        found.append(MetSurfaces(ray, triangle, start, gone[ray], part))
         left[ray] -= part
         onwards = np.maximum(distance, 0.0) * (1.0 + 4e-6) + least
         gone[ray] += onwards
@@ -218,7 +218,7 @@ def surfaces_along(
         ray, start = ray[on], start[on] + onwards[on, None] * directions[ray[on]]
         if len(ray) == 0:
             break
-    return Surfaces(*(np.concatenate(column) for column in zip(*found, strict=True)))
+    return MetSurfaces(*(np.concatenate(column) for column in zip(*found, strict=True)))
 
 
 def _lookup(texture: Texture, uv: Floats, change: Floats) -> Floats:

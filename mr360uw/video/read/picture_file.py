@@ -27,7 +27,15 @@ from mr360uw.shapes import checked
 from mr360uw.video.exr import Wanted, read_frame
 from mr360uw.video.metadata.picture_tags import PictureTags, read_tags, unused_parts
 from mr360uw.video.read.projection import RAW_SUFFIXES, UNREAD_SUFFIXES
-from mr360uw.yuv.file_profile import REC709_XY, SRGB, Curve, chromatic_profile, icc_name, icc_profile, linear_profile
+from mr360uw.yuv.file_profile import (
+    REC709_XY,
+    SRGB,
+    ToneCurve,
+    chromatic_profile,
+    icc_name,
+    icc_profile,
+    linear_profile,
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -224,8 +232,8 @@ _XY: dict[int, tuple[float, ...]] = {
     11: (*_P3, 0.314, 0.351), 12: (*_P3, 0.3127, 0.329),
 }  # fmt: skip
 """Chromaticities by their numbers in ITU-T H.273; those of standard definition are all but Rec.709's."""
-_CURVES: dict[int, Curve] = {
-    1: SRGB, 6: SRGB, 13: SRGB, 14: SRGB, 15: SRGB, 4: Curve(2.2), 5: Curve(2.8), 8: Curve(),
+_CURVES: dict[int, ToneCurve] = {
+    1: SRGB, 6: SRGB, 13: SRGB, 14: SRGB, 15: SRGB, 4: ToneCurve(2.2), 5: ToneCurve(2.8), 8: ToneCurve(),
 }  # fmt: skip
 """Curves by their numbers there; as for videos, pictures made for a display are read by the display's."""
 _WIDE_CURVES: dict[int, Transfer] = {16: "pq", 18: "hlg"}
@@ -251,7 +259,7 @@ def _by_chromaticities(chunks: dict[bytes, bytes]) -> PlateMapping | None:
     gamma = struct.unpack(">I", chunks[b"gAMA"])[0] / 1e5 if b"gAMA" in chunks else 1.0 / 2.2
     if gamma <= 0.0:
         raise ValueError("a gamma of 0")
-    curve = SRGB if abs(gamma - 1.0 / 2.2) < _LIKE_SRGB else Curve(1.0 / gamma)
+    curve = SRGB if abs(gamma - 1.0 / 2.2) < _LIKE_SRGB else ToneCurve(1.0 / gamma)
     stated = struct.unpack(">8I", chunks[b"cHRM"]) if b"cHRM" in chunks else ()
     xy = tuple(one / 1e5 for one in (*stated[2:], *stated[:2])) or REC709_XY
     if curve is SRGB and np.allclose(xy, REC709_XY, atol=1e-3):
