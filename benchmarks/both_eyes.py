@@ -27,7 +27,6 @@ from mr360uw.composite.settings import DrawSettings
 from mr360uw.composite.shot import Receiver
 from mr360uw.render.backends import make_backend
 from mr360uw.sphere import direction_from_angles
-from mr360uw.steps import finished
 from mr360uw.types import Environment, Sun, View
 
 HALF_M, RADIUS_M, DISTANCE_M = 0.032, 0.25, 2.0
@@ -68,7 +67,7 @@ def seen_from(shot: Shot, **view: Any) -> Shot:
 def codes(shot: Shot, backend: Any) -> np.ndarray:
     """Return the composite over an even plate, in code values."""
     plate = np.full((shot.view.height, shot.view.width, 3), 0.4, np.float32)
-    return 255.0 * encode(np.clip(over(plate, finished(backend.layer(shot))[0]), 0.0, 1.0), "srgb")
+    return 255.0 * encode(np.clip(over(plate, backend.layer(shot)[0]), 0.0, 1.0), "srgb")
 
 
 def disparity(backend: Any) -> float:
@@ -76,7 +75,7 @@ def disparity(backend: Any) -> float:
     shot = scene(WIDTH, PlacedObject(ball(96, RADIUS_M), rigid((0.0, 0.0, -DISTANCE_M), np.eye(3))), floor=False)
     middle = []
     for eye_m in (-HALF_M, HALF_M):
-        alpha = finished(backend.layer(seen_from(shot, eye_m=eye_m)))[0].alpha[WIDTH // 4]
+        alpha = backend.layer(seen_from(shot, eye_m=eye_m))[0].alpha[WIDTH // 4]
         middle.append(float(np.sum(alpha * (np.arange(WIDTH) + 0.5)) / np.sum(alpha)))
     expected = np.arcsin((HALF_M + RADIUS_M) / DISTANCE_M) + np.arcsin((HALF_M - RADIUS_M) / DISTANCE_M)
     return abs(middle[0] - middle[1] - float(expected) * WIDTH / (2 * np.pi))
@@ -106,7 +105,7 @@ def seconds(backend: Any, eyes: tuple[float, ...], *, moving: bool) -> float:
         shot = scene(WIDTH, PlacedObject(body, place))
         began = time.process_time()
         for eye_m in eyes:
-            finished(backend.layer(seen_from(shot, eye_m=eye_m)))
+            backend.layer(seen_from(shot, eye_m=eye_m))
         spent.append(time.process_time() - began)
     return statistics.median(spent[2:])
 

@@ -53,7 +53,6 @@ from mr360uw.render.plate_pattern import plate_pattern  # noqa: E402
 from mr360uw.render.shots import Eye, seen_by, shot_at, with_caustics  # noqa: E402
 from mr360uw.sample.recording import record  # noqa: E402
 from mr360uw.scene.model import Scene, scene_from_dict  # noqa: E402
-from mr360uw.steps import finished  # noqa: E402
 from mr360uw.types import (  # noqa: E402
     Environment,
     Floats,
@@ -193,7 +192,7 @@ class Clip:
         pattern = plate_pattern(loaded, None, plate)
         bare = shot_at(loaded, light, table, plate.time_s, index, cache)
         seen = seen_by(loaded, bare, Eye(plate), loaded.receiver_at(index, plate.time_s), pattern, index)
-        layer, _ = finished(backend.layer(with_caustics(loaded, backend, seen, plate.time_s, cache)))
+        layer, _ = backend.layer(with_caustics(loaded, backend, seen, plate.time_s, cache))
         return over(plate.image_linear, layer), environment
 
     def _row(self, column: str, pairs: list[tuple[Floats, TruePicture]], environment: Environment) -> Row:

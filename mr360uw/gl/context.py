@@ -29,9 +29,6 @@ from mr360uw.errors import GlError
 if TYPE_CHECKING:
     import moderngl
 
-    from mr360uw.gl.texture_pool import TexturePool
-
-
 T = TypeVar("T")
 
 _FULLSCREEN = """
@@ -84,23 +81,8 @@ def gl_context() -> moderngl.Context:
     return context
 
 
-@per_thread
-def texture_pool() -> TexturePool:
-    """Return the pool of this thread's context."""
-    from mr360uw.gl.texture_pool import TexturePool
-
-    return TexturePool(gl_context())
-
-
-def next_frame() -> None:
-    """Release what the program has no use for any more, and take back what the pool has lent; between two frames."""
-    texture_pool().next_frame()
-    gl_context().gc()
-
-
 def release_unused() -> None:
-    """Release all objects of this thread's context that nothing refers to, and what the pool keeps for later frames."""
-    texture_pool().release_free()
+    """Release all objects of this thread's context that nothing refers to; between two frames."""
     gl_context().fbo = None  # type: ignore[assignment]  # the last one drawn into
     gl_context().gc()
 
@@ -169,17 +151,21 @@ def set_uniforms(program: moderngl.Program, **values: Any) -> None:
             uniform.value = tuple(np.asarray(value).ravel().tolist()) if np.ndim(value) else value
 
 
-def texture_from_array(array: ArrayLike, dtype: str = "f4", *, listed: bool = False) -> moderngl.Texture:
-    """Return a texture of an image (H, W), (H, W, C), of the pool; row 0 is texel row 0.
+def float_texture(width: int, height: int, channels: int, dtype: str = "f4") -> moderngl.Texture:
+    """Return a texture of any contents, unfiltered."""
+    import moderngl
 
-    listed: for images of which a shader reads numbered texels: further rows of any contents may follow, so that images
-    whose height varies from frame to frame have few sizes.
-    """
+    texture = gl_context().texture((width, height), channels, dtype=dtype)
+    texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
+    return texture
+
+
+def texture_from_array(array: ArrayLike, dtype: str = "f4") -> moderngl.Texture:
+    """Return an unfiltered texture of an image (H, W), (H, W, C); row 0 is texel row 0."""
     image = np.ascontiguousarray(array, dtype={"f4": np.float32, "f2": np.float16, "f1": np.uint8}[dtype])
     (height, width), channels = image.shape[:2], image.shape[2] if image.ndim == 3 else 1
-    rows = roomy_rows(height) if listed else height
-    texture = texture_pool().texture((width, rows), channels, dtype)
-    texture.write(image, viewport=(0, 0, width, height), alignment=1)
+    texture = float_texture(width, height, channels, dtype)
+    texture.write(image, alignment=1)
     return texture
 
 
@@ -189,18 +175,14 @@ def largest_texture() -> int:
     return int(gl_context().info["GL_MAX_TEXTURE_SIZE"])
 
 
-def roomy_rows(count: int) -> int:
-    """Return the rows of a texture for `count` rows and some more, so that few sizes occur."""
-    from mr360uw.gl.texture_pool import roomy
-
-    return roomy(count, largest_texture())
-
-
 def texture_array_from_array(array: ArrayLike) -> moderngl.TextureArray:
-    """Return a float texture array of images (N, H, W, C), of the pool."""
+    """Return an unfiltered float texture array of images (N, H, W, C)."""
+    import moderngl
+
     images = np.ascontiguousarray(array, dtype=np.float32)
     count, height, width, channels = images.shape
-    texture = texture_pool().texture_array((width, height, count), channels)
+    texture = gl_context().texture_array((width, height, count), channels, dtype="f4")
+    texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
     texture.write(images, alignment=1)
     return texture
 

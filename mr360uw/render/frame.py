@@ -2,8 +2,7 @@
 """Stages of one frame, from the plate to the composite, for videos, stills, library calls and previews alike.
 
 Each stage takes all that it needs. `composite_frame` runs them one after the other; over a clip (`runs.job`) each of
-the three runs on threads of its own, ahead of the next stage; on a graphics card `draw_frame` has several frames under
-way at a time.
+the three runs on a thread of its own, ahead of the next stage.
 """
 
 from __future__ import annotations
@@ -36,7 +35,6 @@ from mr360uw.render.shots import (
     with_surface,
 )
 from mr360uw.render.stages.match_stage import asked_grade, ungraded, with_grade
-from mr360uw.steps import Steps, finished
 from mr360uw.types import CausticStack, Layer, MediumTable
 from mr360uw.video import VideoFrame
 
@@ -151,7 +149,7 @@ def composite_frame(
     """
     cache = Cache(loaded.scene.plate.eyes) if cache is None else cache
     measured = measure_plate(loaded, analysis, plate, cache, light)
-    drawn = finished(draw_frame(loaded, backend, measured, shutter_s, cache, variables=variables))
+    drawn = draw_frame(loaded, backend, measured, shutter_s, cache, variables=variables)
     return blend_frame(loaded, analysis, drawn, cache)
 
 
@@ -185,8 +183,8 @@ def draw_frame(
     cache: Cache,
     *,
     variables: bool = False,
-) -> Steps[DrawnFrame]:
-    """Return the layers of a frame, in steps: those for the device on the thread of its backend."""
+) -> DrawnFrame:
+    """Return the layers of a frame, on the thread of its backend."""
     now, light = measured.now, measured.light
     index, time_s = measured.filed.index, measured.filed.time_s
     if light is None or not loaded.plan.layer.runs:
@@ -202,7 +200,7 @@ def draw_frame(
             seen = seen_by(then, bare, eye, receiver, pattern, index)
             shot = with_caustics(then, backend, seen, instant_s, cache)
             shafts = shafts_of(then, backend, shot, instant_s, cache)
-            layer, found = yield from cache.steps(draw_layer, backend, shot, shafts, variables, cache)
+            layer, found = cache.of(draw_layer, backend, shot, shafts, variables, cache)
             refuse("layer", index, cache.of(not_finite, layer))
             layer, found = with_surface(then, backend, shot, layer, found, instant_s, cache)
             layer, found = with_snow(then, backend, shot, layer, found, instant_s, exposure_s, cache)
@@ -210,20 +208,15 @@ def draw_frame(
     return DrawnFrame(measured, water, tuple(map(tuple, by_eye)))
 
 
-def blend_frame(
-    loaded: Loaded, analysis: ClipAnalysis, drawn: DrawnFrame, cache: Cache, *, on_device: bool = False
-) -> Frame:
-    """Return the composite of what was drawn and the plate, on any thread, beside the next frame.
-
-    on_device: whether the calling thread's OpenGL may make the picture, which then has codes alone (`VideoFrame.over`).
-    """
+def blend_frame(loaded: Loaded, analysis: ClipAnalysis, drawn: DrawnFrame, cache: Cache) -> Frame:
+    """Return the composite of what was drawn and the plate, on any thread, beside the next frame."""
     measured, frames = drawn.measured, []
     for eye, instants_drawn in zip(measured.eyes, drawn.by_eye, strict=True):
         layers = [layer for _, layer, _ in instants_drawn]
         layer = mean_layer(layers) if layers else Layer(loaded.height, loaded.width, ())
         look = asked_grade(measured.now, analysis.grade, measured.filed, layer, cache)  # of the left eye for both
         layer = cache.of(with_grade, layer, look, eye.plate)
-        picture = cache.of(lay_over, eye.plate, layer, measured.now.scene.draw.grain, on_device)
+        picture = cache.of(lay_over, eye.plate, layer, measured.now.scene.draw.grain)
         frame = Frame(picture, eye.plate, layer, measured.light, drawn.water)
         if instants_drawn:
             shot, _, variables = instants_drawn[-1]
@@ -237,9 +230,9 @@ def blend_frame(
 
 def draw_layer(
     backend: Backend, shot: Shot, shafts: ShaftLight | None, variables: bool, cache: Cache
-) -> Steps[tuple[Layer, Aovs | None]]:
+) -> tuple[Layer, Aovs | None]:
     """Return the layer of a shot, with its shafts, and its output variables if asked for."""
-    layer, found = yield from backend.layer(shot, variables=variables)
+    layer, found = backend.layer(shot, variables=variables)
     if shafts is not None:
         from mr360uw.composite.shafts.shaft_layer import with_shafts
 
@@ -247,13 +240,6 @@ def draw_layer(
     return layer, found
 
 
-def lay_over(plate: VideoFrame, layer: Layer, grain: float, on_device: bool) -> VideoFrame:
-    """Return a plate with a layer over it. grain: of the plate, as a fraction, that bodies are given. on_device: see
-    `blend_frame`.
-    """
-    blend_planes = None
-    if on_device and layer.tiles:
-        from mr360uw.composite.gl.plate_pass import plate_pass
-
-        blend_planes = plate_pass().over
-    return finite("composite", plate.index, plate.over(layer, over_tile, grain, blend_planes))
+def lay_over(plate: VideoFrame, layer: Layer, grain: float) -> VideoFrame:
+    """Return a plate with a layer over it. grain: of the plate, as a fraction, that bodies are given."""
+    return finite("composite", plate.index, plate.over(layer, over_tile, grain))

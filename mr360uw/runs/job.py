@@ -16,15 +16,14 @@ from mr360uw.composite.aovs import RECIPE, exr_parts, stereo_parts
 from mr360uw.composite.aovs import Part as LayerPart
 from mr360uw.errors import GlError
 from mr360uw.reading.numbered_files import numbered
-from mr360uw.render.backends import Backend, end_context, make_backend
+from mr360uw.render.backends import Backend, make_backend
 from mr360uw.render.frame import DrawnFrame, Frame, MeasuredPlate, blend_frame, draw_frame, measure_plate
 from mr360uw.render.loaded import Loaded, load
 from mr360uw.render.stages.light_stage import LightSamples
 from mr360uw.runs.work_folder import Part, SegmentSink, WorkFolder
 from mr360uw.scene.inputs import open_plate
 from mr360uw.scene.model import Scene
-from mr360uw.steps import Steps
-from mr360uw.threads import Behind, in_flight, one_blas_thread, prefetch
+from mr360uw.threads import Behind, one_blas_thread, prefetch
 from mr360uw.video import VideoFrame, VideoReader, write_exr
 from mr360uw.video.read.projection import PICTURE_SUFFIXES
 from mr360uw.video.write.image_writer import ImageWriter
@@ -33,9 +32,7 @@ from mr360uw.video.write.writer import VideoWriter
 from mr360uw.written_files import WrittenFiles
 
 _WAITING = 2
-"""Frames between two stages at most, beside those that are under way in each."""
-_UNDER_WAY_PX = 5 * 4096 * 2048
-"""Pixels of the frames that are drawn at a time, at most: a pixel that changes holds some 45 bytes, 2 GB if all do."""
+"""Frames between two stages at most, beside the one in each."""
 
 
 @dataclass
@@ -103,11 +100,6 @@ class Job:
         return hash((self.work.path, self.parts))
 
 
-def frames_under_way(best: int, pixels: int) -> int:
-    """Return how many frames of so many pixels are drawn at a time. best: without regard to memory; two always fit."""
-    return min(best, max(_UNDER_WAY_PX // pixels, 2))
-
-
 class OpenJob:
     """A job with its plate, its loaded scene and its renderer, for the thread that opened it."""
 
@@ -122,8 +114,6 @@ class OpenJob:
         analysis = job.work.analysis()
         assert analysis is not None, "the analysis is stored before a job is opened"
         self._analysis, self._times = analysis, RunTimes()
-        # pictures ask for light, a video for codes alone
-        self._on_device = self.backend.blends and job.out.suffix.lower() not in PICTURE_SUFFIXES
 
     def render(self, start: int, stop: int, done: Callable[[], None] = lambda: None) -> RunTimes:
         """Render frames [start, stop), which are parts of the job; return what it took. done: is called after each.
@@ -134,41 +124,18 @@ class OpenJob:
         self._times = RunTimes()
         files = self.job.work.files(start)
         drawing, blending, sink = self._cache(), self._cache(), self._sink(files)
-        behind: Behind[DrawnFrame] = Behind(
-            lambda drawn: self._write(drawn, sink, files, blending),
-            _WAITING,
-            last=end_context if self._on_device else lambda: None,
-        )
+        behind: Behind[DrawnFrame] = Behind(lambda drawn: self._write(drawn, sink, files, blending), _WAITING)
         renderer = f"{self.backend.name} ({self.backend.device})"
         exposure_s, variables = self.loaded.scene.draw.exposure_s(self.video.frame_rate), self.job.layers is not None
-        with one_blas_thread(), sink, behind:
-            steps = (
-                self._timed(draw_frame(self.loaded, self.backend, measured, exposure_s, drawing, variables=variables))
-                for measured in prefetch(self._read(start, stop), _WAITING)
-            )
-            pixels = self.loaded.width * self.loaded.height * self.loaded.scene.plate.eyes
-            depth = frames_under_way(self.backend.in_flight, pixels)
-            with closing(in_flight(steps, self.backend.answer, depth)) as frames:
-                for drawn, took_s in frames:
-                    self._times.add("render", time.perf_counter() - took_s)
-                    behind.put(drawn)
-                    self._times.renderers[renderer] = self._times.renderers.get(renderer, 0) + 1
-                    done()
+        with one_blas_thread(), sink, behind, closing(prefetch(self._read(start, stop), _WAITING)) as plates:
+            for measured in plates:
+                since = time.perf_counter()
+                drawn = draw_frame(self.loaded, self.backend, measured, exposure_s, drawing, variables=variables)
+                self._times.add("render", since)
+                behind.put(drawn)
+                self._times.renderers[renderer] = self._times.renderers.get(renderer, 0) + 1
+                done()
         return self._times
-
-    @staticmethod
-    def _timed(steps: Steps[DrawnFrame]) -> Steps[tuple[DrawnFrame, float]]:
-        """Return the result of steps, and how long [s] they were at work, on all threads together."""
-        took = 0.0
-        while True:
-            since = time.perf_counter()
-            try:
-                pause = next(steps)
-            except StopIteration as done:
-                drawn: DrawnFrame = done.value
-                return drawn, took + time.perf_counter() - since
-            took += time.perf_counter() - since
-            yield pause
 
     def _cache(self) -> Cache:
         """Return a cache of one stage of all frames."""
@@ -195,7 +162,7 @@ class OpenJob:
     def _write(self, drawn: DrawnFrame, sink: VideoWriter, files: WrittenFiles, cache: Cache) -> None:
         """Composite a frame and write it, and before it the file of its layers. cache: results of earlier frames."""
         times, since = self._times, time.perf_counter()
-        frame = blend_frame(self.loaded, self._analysis, drawn, cache, on_device=self._on_device)
+        frame = blend_frame(self.loaded, self._analysis, drawn, cache)
         since = times.add("blend", since)
         times.frames += 1
         times.empty += not frame.layer.tiles

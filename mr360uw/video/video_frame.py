@@ -24,10 +24,6 @@ if TYPE_CHECKING:
 Blend = Callable[[Floats, Tile], Floats]
 """(plate_linear (h, w, 3), tile) -> composite (h, w, 3), both linear Rec.709."""
 
-BlendPlanes = Callable[[YuvImage, YuvImage, Layer, int, bool], bool]
-"""(planes, planes that hold a copy, layer, frame's index, wrap) -> whether it wrote the composite of all tiles into the
-copy, as `VideoFrame.over` does without grain; if not, that is as it was."""
-
 
 class Grade(Protocol):
     """Colour of a grade, between light and the light that graded codes show; all (..., 3) linear Rec.709, float32."""
@@ -192,16 +188,13 @@ class VideoFrame:
         assert self.rgb is not None
         return grain_of_rgb(self.rgb, self.spec.transfer, self.wrap)
 
-    def over(
-        self, layer: Layer, blend: Blend, grain: float = 0.0, blend_planes: BlendPlanes | None = None
-    ) -> VideoFrame:
+    def over(self, layer: Layer, blend: Blend, grain: float = 0.0) -> VideoFrame:
         """Return the composite of the layer's tiles over the frame.
 
         blend: the compositing formula of one tile. grain: amount of the plate's grain that is added where the layer
         covers it, 0 none, 1 as much as the plate has. The frame itself is left alone; where the layer has no tile, and
         at every pixel without coverage, radiance and change of the plate's light, the codes stay what they were.
-        Light above 1 is clipped to the top code (EXR plates keep it). blend_planes: a device that composites planes
-        without grade and grain; such a composite has codes alone, none of the `clipped` light.
+        Light above 1 is clipped to the top code (EXR plates keep it).
         """
         if not layer.tiles:
             return self.graded_by(None)
@@ -220,19 +213,15 @@ class VideoFrame:
         grain = grain if any(np.any(tile.alpha > 0.0) for tile in layer.tiles) else 0.0
         if self.yuv is None:
             return self._over_codes(layer, blend, grain)
-        plain = self.grade is None and grain == 0.0
-        return self._over_planes(layer, blend, grain, blend_planes if plain else None)
+        return self._over_planes(layer, blend, grain)
 
-    def _over_planes(self, layer: Layer, blend: Blend, amount: float, blend_planes: BlendPlanes | None) -> VideoFrame:
+    def _over_planes(self, layer: Layer, blend: Blend, amount: float) -> VideoFrame:
         from mr360uw.video.pixels.grain import NO_GRAIN
         from mr360uw.video.pixels.native import copy_planes
         from mr360uw.video.pixels.planes import changed_pixels, lay_over_planes
 
         assert self.yuv is not None
         native, planes = copy_planes(self.yuv, self.native.format.name if self.native is not None else None)
-        if blend_planes is not None and blend_planes(self.yuv, planes, layer, self.index, self.wrap):
-            self._lent.clear()
-            return replace(self, yuv=_read_only(planes), native=native, clipped=(), plate=self)
         grain = self.grain if amount > 0.0 else NO_GRAIN
         brightest, clipped = self._brightest, []
         for tile in layer.tiles:

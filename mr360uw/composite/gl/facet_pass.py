@@ -20,8 +20,7 @@ from mr360uw.composite.mesh.mesh import Mesh
 from mr360uw.composite.shot import PlacedObject, Shot
 from mr360uw.composite.tiles import NEAREST
 from mr360uw.errors import MeshError
-from mr360uw.gl.context import gl_context, largest_texture, roomy_rows, set_uniforms
-from mr360uw.steps import Pause, Steps
+from mr360uw.gl.context import gl_context, largest_texture, set_uniforms
 from mr360uw.types import Floats, Rectangle
 
 if TYPE_CHECKING:
@@ -30,8 +29,8 @@ if TYPE_CHECKING:
 FACET_COLUMNS = 512
 _FACETS = ("facet_a", "facet_b", "facet_c")
 _CUTOUTS = ("cutout_a", "cutout_b", "cutout_c")
-_KEPT = 16
-"""Targets that are kept, of both eyes of the shots under way at a time."""
+_EYES = 2
+"""Targets that are kept."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -52,7 +51,7 @@ class ObjectTriangles:
 class _Rows:
     """A target with a texel for each triangle as an eye sees it, its values read back, and the keys of the objects."""
 
-    def __init__(self, _eye_m: float, _slot: int) -> None:
+    def __init__(self, _eye_m: float) -> None:
         self.target: moderngl.Framebuffer | None = None
         self.rectangles = np.zeros((0, 4), np.int32)
         self.kinds = np.zeros(0, np.int8)
@@ -71,7 +70,7 @@ class _Rows:
                 f"objects - too many triangles for this OpenGL (got {rows * FACET_COLUMNS / 1e6:.1f} million) - "
                 f"simplify the meshes to {limit * FACET_COLUMNS / 1e6:.1f} million"
             )
-        rows = roomy_rows(max(rows, 0 if target is None else min(2 * target.height, limit)))
+        rows = max(rows, 0 if target is None else min(2 * target.height, limit))
         textures = [gl_context().texture((FACET_COLUMNS, rows), c, dtype="f4") for c in channels]
         self.target = gl_context().framebuffer(textures)
         self.rectangles = np.full((rows * FACET_COLUMNS, 4), -1, np.int32)
@@ -80,13 +79,12 @@ class _Rows:
         self.drawn.clear()
         return self.target
 
-    def read(self, targets: Targets, first: int, end: int) -> Steps[None]:
+    def read(self, targets: Targets, first: int, end: int) -> None:
         """Read rows [first, end) back from the device."""
         assert self.target is not None
-        sent = targets.send(self.target, Rectangle(0, first, FACET_COLUMNS, end - first), (0, 1 + len(_FACETS)))
-        yield Pause.ANSWER
+        part = Rectangle(0, first, FACET_COLUMNS, end - first)
+        rectangles, nearest = (targets.read(self.target, part, k) for k in (0, 1 + len(_FACETS)))
         rows = slice(first * FACET_COLUMNS, end * FACET_COLUMNS)
-        rectangles, nearest = sent.images()
         self.rectangles[rows], self.nearest[rows] = rectangles.reshape(-1, 4), nearest.reshape(-1)
 
 
@@ -96,9 +94,8 @@ class FacetPass:
     def __init__(self, targets: Targets, buffers: Callable[[Mesh], MeshBuffers], cache: Cache) -> None:
         self._targets, self._buffers, self._cache = targets, buffers, cache
 
-    def draw(self, shot: Shot, objects: Sequence[PlacedObject], slot: int) -> Steps[ObjectTriangles]:
-        """Return the triangles of a shot's objects. slot: number of the shot among those under way."""
-        yield Pause.DEVICE
+    def draw(self, shot: Shot, objects: Sequence[PlacedObject]) -> ObjectTriangles:
+        """Return the triangles of a shot's objects."""
         heights = [-(-len(placed.mesh.positions) // FACET_COLUMNS) for placed in objects]
         row = np.concatenate([[0], np.cumsum(heights)])
         buffers = [self._buffers(placed.mesh) for placed in objects]
@@ -106,7 +103,7 @@ class FacetPass:
             dict.fromkeys(p.mesh.still for p, held in zip(objects, buffers, strict=True) if held.ranges["MASK"][1])
         )
         cutouts, first_map = self._cache.of(self._make_cutouts, masked)
-        rows = self._cache.of(_Rows, shot.view.eye_m, slot, keep=_KEPT)
+        rows = self._cache.of(_Rows, shot.view.eye_m, keep=_EYES)
         target = rows.room(int(row[-1]), bool(masked))
         piece, changed, seen = 0, [], version((shot.view, masked))
         for k, (placed, held) in enumerate(zip(objects, buffers, strict=True)):
@@ -122,7 +119,7 @@ class FacetPass:
                 changed.append(k)
             piece += held.pieces
         if changed:
-            yield from rows.read(self._targets, int(row[changed[0]]), int(row[changed[-1] + 1]))
+            rows.read(self._targets, int(row[changed[0]]), int(row[changed[-1] + 1]))
         used = rows.rectangles[: int(row[-1]) * FACET_COLUMNS]
         numbers = _nearest_first(np.flatnonzero(used[:, 2] >= used[:, 0]), rows.nearest)
         names = (*_FACETS, "nearest", *(_CUTOUTS if masked else ()))

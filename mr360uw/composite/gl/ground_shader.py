@@ -21,7 +21,6 @@ from mr360uw.composite.receiver.ratio import FADE_FROM
 from mr360uw.composite.sampling import WHOLE_PIXEL, Gaps
 from mr360uw.composite.shot import Shot
 from mr360uw.gl.context import set_uniforms, texture_from_array
-from mr360uw.steps import Pause, Steps
 from mr360uw.types import Floats
 
 _BLOCKS_ACROSS = 32
@@ -34,20 +33,17 @@ class GroundShader:
     def __init__(self, targets: Targets) -> None:
         self._targets = targets
 
-    def sun_at(self, light: ShotLight, places: NDArray[np.float32]) -> Steps[NDArray[np.float32]]:
+    def sun_at(self, light: ShotLight, places: NDArray[np.float32]) -> NDArray[np.float32]:
         """Return the outputs (n, 4) of coarse.frag for balls (n, 4), position and radius [m]."""
         rows = -(-len(places) // _PLACES_ACROSS)
         listed = np.zeros((rows * _PLACES_ACROSS, 4), np.float32)
         listed[: len(places)] = places
-        yield Pause.DEVICE
         defines = frozenset(light.defines) & {"SUN", "SHADOW", "MEDIUM", "HALO", "TRANSLUCENT"}
         shader = self._targets.program("coarse", dict.fromkeys(defines, 1))
-        bind(shader, {"places": texture_from_array(listed.reshape(rows, -1, 4), listed=True), **light.textures})
+        bind(shader, {"places": texture_from_array(listed.reshape(rows, -1, 4)), **light.textures})
         light.set(shader)
-        sent = self._targets.draw(shader, "coarse", _PLACES_ACROSS, rows, (4,))
-        yield Pause.ANSWER
-        (sun,) = sent.images()
-        return sun.reshape(-1, 4)[: len(places)].copy()  # or what else was sent with it would be kept too
+        (sun,) = self._targets.draw(shader, "coarse", _PLACES_ACROSS, rows, (4,))
+        return sun.reshape(-1, 4)[: len(places)]
 
     def pixels(
         self,
@@ -59,7 +55,7 @@ class GroundShader:
         halo: NDArray[np.float32],
         wanted: frozenset[str],
         side: int,
-    ) -> Steps[list[NDArray[np.float32]]]:
+    ) -> list[NDArray[np.float32]]:
         """Return the outputs of receiver.frag for blocks, images (n, side, side, k).
 
         halo: (n, 4) visible fraction of the halo at the corners of each block, negative where block corners do not
@@ -69,11 +65,11 @@ class GroundShader:
         shape = None if _on_plane(shot, wanted) else ground.pixels(shot, j, i)
         area = np.tile(WHOLE_PIXEL[2:], (len(j), 1))
         of_blocks = {"blocks": float(BLOCK) * np.stack([i, j], axis=-1), "areas": area, "halos": halo}
-        return (yield from self._samples(shot, light, of_blocks, shape, wanted, side, BLOCK // side))
+        return self._samples(shot, light, of_blocks, shape, wanted, side, BLOCK // side)
 
     def at_gaps(
         self, shot: Shot, light: ShotLight, ground: Ground, gaps: Gaps, wanted: frozenset[str]
-    ) -> Steps[list[NDArray[np.float32]]]:
+    ) -> list[NDArray[np.float32]]:
         """Return the outputs (n, k) of receiver.frag in gaps, with shadows averaged over their areas."""
         shape = None
         if not _on_plane(shot, wanted):
@@ -81,7 +77,7 @@ class GroundShader:
             shape = np.append(normal, np.linalg.norm(point, axis=-1)[:, None], axis=1)[:, None, None]
         halo = np.full((len(gaps.place), 4), -1.0)
         of_gaps = {"blocks": gaps.place - 0.5, "areas": gaps.area[:, 2:], "halos": halo}
-        images = yield from self._samples(shot, light, of_gaps, shape, wanted, 1, 1)
+        images = self._samples(shot, light, of_gaps, shape, wanted, 1, 1)
         return [image[:, 0, 0] for image in images]
 
     def _samples(
@@ -93,7 +89,7 @@ class GroundShader:
         wanted: frozenset[str],
         side: int,
         spacing: int,
-    ) -> Steps[list[NDArray[np.float32]]]:
+    ) -> list[NDArray[np.float32]]:
         """Return images (n, side, side, k) of blocks of samples `spacing` pixels apart.
 
         of_blocks: their corners (n, 2) in frame coordinates, the matrix (n, 3) of the area of the frame that each
@@ -107,8 +103,7 @@ class GroundShader:
         atlases = {name: _atlas(values[:, None, None], rows) for name, values in of_blocks.items()}
         if shape is not None:
             atlases["shape"] = _atlas(shape, rows)
-        yield Pause.DEVICE
-        textures = {name: texture_from_array(atlas, listed=True) for name, atlas in atlases.items()}
+        textures = {name: texture_from_array(atlas) for name, atlas in atlases.items()}
         textures |= light.textures
         defines = (wanted - {"LAMPS"}) | (frozenset(light.defines) & {"SUN", "MEDIUM", "HALO", "SOFT", "TRANSLUCENT"})
         defines |= {"PLANE"} if shape is None else set()
@@ -131,10 +126,8 @@ class GroundShader:
             channels: tuple[int, ...] = (4,) * (4 if "LAMPS" in wanted else 3)
         else:
             channels = (4,) if "CAUSTICS" in wanted else (1,)
-        sent = self._targets.draw(shader, "receiver", width, height, channels)
-        yield Pause.ANSWER
         images = []
-        for atlas in sent.images():
+        for atlas in self._targets.draw(shader, "receiver", width, height, channels):
             apart = atlas.reshape(-1, side, _BLOCKS_ACROSS, side, atlas.shape[-1]).transpose(0, 2, 1, 3, 4)
             images.append(np.ascontiguousarray(apart).reshape(-1, side, side, atlas.shape[-1])[:count])
         return images
@@ -184,7 +177,7 @@ class SunSight:
 
 def sun_sight(
     shader: GroundShader, shot: Shot, light: ShotLight, ground: Ground, shaded: NDArray[np.bool_]
-) -> Steps[SunSight]:
+) -> SunSight:
     """Return what the shaded blocks (R, C) of the ground see of a shot's sun."""
     edge, umbra = np.full(shaded.shape, NO_EDGE, np.int8), np.zeros(shaded.shape, np.bool_)
     halo = np.full((*shaded.shape, 4), -1.0, np.float32)
@@ -196,7 +189,7 @@ def sun_sight(
     places = np.zeros((len(cj) + len(mj), 4), np.float32)
     places[: len(cj), :3] = ground.corner_point[cj, ci]
     places[len(cj) :, :3], places[len(cj) :, 3] = ground.middle_point[mj, mi], ground.reach_m[mj, mi]
-    visible = yield from shader.sun_at(light, places)
+    visible = shader.sun_at(light, places)
     at_corners = np.zeros((2, shaded.shape[0] + 1, shaded.shape[1] + 1), np.float32)
     at_corners[:, cj, ci] = visible[: len(cj), :2].T
     seen, halo_seen, kept, gap = visible[len(cj) :].T

@@ -7,8 +7,6 @@ the samples of objects at rest and the geometry of the receiver from frame to fr
 
 from __future__ import annotations
 
-import itertools
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -17,7 +15,7 @@ from mr360uw.composite.ambient.light import ambient_light
 from mr360uw.composite.ambient.solver import AmbientLight
 from mr360uw.composite.aovs import AovFrame, Aovs
 from mr360uw.composite.gl.light_textures import LightTextures
-from mr360uw.composite.gl.object_pass import ObjectPass, Surfaces
+from mr360uw.composite.gl.object_pass import ObjectPass
 from mr360uw.composite.gl.receiver_pass import ReceiverPass
 from mr360uw.composite.gl.targets import Targets
 from mr360uw.composite.gl.upload import MeshBuffers, StillBuffers, upload_mesh, upload_still
@@ -27,13 +25,12 @@ from mr360uw.composite.raycast.geometry import object_rectangles
 from mr360uw.composite.sampling import NO_GAPS
 from mr360uw.composite.shot import Shot
 from mr360uw.composite.tiles import even_tiles
-from mr360uw.gl.context import next_frame
-from mr360uw.steps import Pause, Steps, finished, side_by_side
+from mr360uw.gl.context import gl_context
 from mr360uw.threads import one_blas_thread
 from mr360uw.types import Layer
 
 _KEPT_MESHES = 64
-"""Meshes on the device. Poses are kept as many as the shots under way have: the next shot has others."""
+"""Meshes on the device. Poses are kept as many as the shot has: the next one has others."""
 
 
 class LayerRenderer:
@@ -41,7 +38,6 @@ class LayerRenderer:
 
     def __init__(self, cache: Cache | None = None) -> None:
         self._cache = Cache() if cache is None else cache
-        self._slots: set[int] = set()
         self._meshes, self._targets = _DeviceMeshes(self._cache), Targets()
         self._light = LightTextures(self._cache, self._meshes.buffers)
         self._objects = ObjectPass(self._targets, self._meshes.buffers, self._cache)
@@ -49,31 +45,22 @@ class LayerRenderer:
 
     def render(self, shot: Shot) -> Layer:
         """Return the layer of a shot, as `reference.render_layer` does."""
-        with one_blas_thread():
-            return finished(self.steps(shot))[0]
+        return self.layer(shot)[0]
 
     def render_aovs(self, shot: Shot) -> tuple[Layer, Aovs]:
         """Return the layer of a shot and its output variables, as `reference.render_aovs` does."""
-        with one_blas_thread():
-            layer, variables = finished(self.steps(shot, variables=True))
+        layer, variables = self.layer(shot, variables=True)
         assert variables is not None
         return layer, variables
 
-    def steps(self, shot: Shot, *, variables: bool = False) -> Steps[tuple[Layer, Aovs | None]]:
+    def layer(self, shot: Shot, *, variables: bool = False) -> tuple[Layer, Aovs | None]:
         """Return the layer of a shot, and its output variables if asked for."""
-        own = object()
         frame = AovFrame(shot) if variables else None
-        try:
-            layer = yield from self._layer(shot, frame, own)
-        finally:
-            self._meshes.under_way.pop(own, None)
+        with one_blas_thread():
+            layer = self._layer(shot, frame)
         return layer, None if frame is None else frame.finish(shot, layer)
 
-    def answer(self) -> None:
-        """Take from the device all that shots under way wait for."""
-        self._targets.answer()
-
-    def _layer(self, shot: Shot, frame: AovFrame | None, own: object) -> Steps[Layer]:
+    def _layer(self, shot: Shot, frame: AovFrame | None) -> Layer:
         view = shot.view
         object_parts = self._cache.of(object_rectangles, view, shot.objects)
         masks = self._receiver.masks(shot)
@@ -81,34 +68,28 @@ class LayerRenderer:
             return Layer(view.height, view.width, ())
         ambient = ambient_light(shot, self._cache)
         reach = self._receiver.reached(shot, masks, ambient)
-        yield Pause.DEVICE
-        next_frame()
-        self._meshes.under_way[own] = len({placed.mesh for placed in shot.objects if placed.mesh.rest is not None})
+        gl_context().gc()  # releases what nothing refers to any more
+        self._meshes.poses = len({placed.mesh for placed in shot.objects if placed.mesh.rest is not None})
         self._meshes.add_places(ambient)
         light = self._light.of(shot)
-        slot = next(k for k in itertools.count() if k not in self._slots)
-        self._slots.add(slot)
-        try:
-            find: list[Steps[Surfaces]] = [self._objects.find(shot, slot)] if object_parts else []
-            *found, changes = yield from side_by_side(*find, self._receiver.find(shot, light, reach))
-        finally:
-            self._slots.discard(slot)
+        surfaces = self._objects.find(shot) if object_parts else None
+        changes = self._receiver.find(shot, light, reach)
         parts = object_parts + (changes.rectangles if changes is not None else [])
         tiles = even_tiles(parts, view.width, view.height)
         drawn = [empty_tile(part) for part in tiles]
-        gaps = found[0].gaps if found else NO_GAPS
-        draws = [self._objects.draw(shot, light, surfaces, drawn, frame, ambient) for surfaces in found]
-        *_, on_blocks = yield from side_by_side(*draws, self._receiver.light(shot, changes, gaps))
+        if surfaces is not None:
+            self._objects.draw(shot, light, surfaces, drawn, frame, ambient)
+        on_blocks = self._receiver.light(shot, changes, NO_GAPS if surfaces is None else surfaces.gaps)
         self._receiver.lay(shot, on_blocks, drawn)
         return Layer(view.height, view.width, tuple(hold_out(shot, tile) for tile in drawn))
 
 
 class _DeviceMeshes:
-    """The device's copies of meshes. under_way: how many meshes in a pose each shot under way has."""
+    """The device's copies of meshes. poses: how many meshes in a pose the shot has."""
 
     def __init__(self, cache: Cache) -> None:
         self._cache = cache
-        self.under_way: dict[object, int] = {}
+        self.poses = 0
         self._places: dict[Mesh, NDArray[np.int64]] = {}
 
     def add_places(self, ambient: AmbientLight | None) -> None:
@@ -128,7 +109,7 @@ class _DeviceMeshes:
         if mesh.rest is None:
             return self._cache.of(upload_mesh, mesh, places, keep=_KEPT_MESHES)
         shared = self._cache.of(upload_still, still, places, keep=_KEPT_MESHES)
-        return self._cache.of(_posed, mesh, shared, keep=max(sum(self.under_way.values()), 1))
+        return self._cache.of(_posed, mesh, shared, keep=max(self.poses, 1))
 
 
 def _posed(mesh: Mesh, still: StillBuffers) -> MeshBuffers:

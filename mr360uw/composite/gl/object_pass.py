@@ -31,16 +31,15 @@ from mr360uw.composite.gl.fragments import (
 )
 from mr360uw.composite.gl.light_textures import ShotLight
 from mr360uw.composite.gl.sun_groups import sun_groups
-from mr360uw.composite.gl.surface_pass import Sampled, SurfacePass
-from mr360uw.composite.gl.targets import Pixels, Targets, bind
+from mr360uw.composite.gl.surface_pass import SurfacePass
+from mr360uw.composite.gl.targets import Targets, bind
 from mr360uw.composite.gl.upload import MeshBuffers, device_order, joined_texture, list_texture
 from mr360uw.composite.lighting.sun import sun_of
 from mr360uw.composite.mesh.material import MAPS
 from mr360uw.composite.mesh.mesh import Mesh
 from mr360uw.composite.sampling import Gaps, filter_width
 from mr360uw.composite.shot import PlacedObject, Shot
-from mr360uw.gl.context import roomy_rows, set_uniforms, texture_pool
-from mr360uw.steps import Pause, Steps
+from mr360uw.gl.context import float_texture, gl_context, set_uniforms
 from mr360uw.types import Floats, Rectangle, Tile
 
 if TYPE_CHECKING:
@@ -61,8 +60,6 @@ _KEPT = 1 << 21
 Bodies = tuple["moderngl.Texture", frozenset[Mesh]]
 """Texture of bodies, four texels each as layer.frag says, then values of ambient light at points; and the meshes that
 have any."""
-_Lit = list[tuple[NDArray[np.int64], Pixels]]
-"""Numbers of fragments, and the outputs of layer.frag for them, on their way."""
 _Groups = tuple[NDArray[np.int64], Floats] | None
 """What `sun_groups` returns; None where what fragments see of the sun is known, or nothing is in its way."""
 
@@ -94,11 +91,11 @@ class ObjectPass:
         self._targets, self._buffers, self._cache = targets, buffers, cache
         self._surfaces, self._scratch = SurfacePass(targets, buffers, cache), Scratch()
 
-    def find(self, shot: Shot, slot: int) -> Steps[Surfaces]:
-        """Return the visible surfaces of a shot's objects. slot: number of the shot among those under way."""
+    def find(self, shot: Shot) -> Surfaces:
+        """Return the visible surfaces of a shot's objects."""
         objects = list(shot.visible)
-        sampled: PartOf[Sampled] = PartOf((shot, slot), shot.view, shot.draw.samples, shot.draw.shading)
-        layers, first = yield from self._cache.steps(self._surfaces.find, sampled, objects)
+        sampled = PartOf(shot, shot.view, shot.draw.samples, shot.draw.shading)
+        layers, first = self._cache.of(self._surfaces.find, sampled, objects)
         if sum(len(layer) for layer in layers) > _KEPT:
             self._cache.drop(self._surfaces.find)
             self._cache.drop(_cache_of)
@@ -112,7 +109,7 @@ class ObjectPass:
         tiles: Sequence[Tile],
         frame: AovFrame | None,
         ambient: AmbientLight | None,
-    ) -> Steps[None]:
+    ) -> None:
         """Composite the surfaces of a shot behind the contents of tiles.
 
         frame: receives output variables, or None. ambient: solved ambient light among the bodies.
@@ -120,28 +117,18 @@ class ObjectPass:
         objects, layers, first = surfaces.objects, surfaces.layers, surfaces.first
         values, changed = self._body_list(shot, objects, ambient)
         cache = self._cache.of(_cache_of, Same(layers))
-        listed = []
+        bodies = joined_texture(values, self._scratch), changed
         for number, fragments in enumerate(layers):
             if len(fragments) == 0:
                 continue
             body = np.searchsorted(first, fragments.triangle, side="right") - 1
             listed_of: PartOf[ListedOf] = PartOf((objects, first, body), fragments)
             parts = cache.of(mesh_fragments, listed_of, fragments, keep=len(layers))
-            groups = [self._sun_groups(shot, light, part, cache) for part in parts]
-            listed.append((number, fragments, body, list(zip(parts, groups, strict=True))))
-        yield Pause.DEVICE
-        bodies = joined_texture(values, self._scratch), changed
-        drawn: list[tuple[Fragments, NDArray[np.int64], list[_Lit]]] = []
-        for number, fragments, body, grouped in listed:
-            lit = [
-                self._light_up((shot, light), grouped, bodies, number < len(layers) - 1, cache, outputs)
+            blended = number < len(layers) - 1
+            values_of, *halves = (
+                self._light_up((shot, light), parts, len(fragments), bodies, blended, cache, outputs)
                 for outputs in ((0,) if frame is None else _BY_FRAGMENT)
-            ]
-            drawn.append((fragments, body, lit))
-        if drawn:
-            yield Pause.REST
-        for fragments, body, lit in drawn:
-            values_of, *halves = (_taken(of_parts, len(fragments)) for of_parts in lit)
+            )
             if frame is not None:
                 seen = through(tiles, fragments)[fragments.pixel()] * fragments.weight * values_of[:, 3]
                 _add_variables(frame, fragments, seen, np.concatenate(halves, axis=1), body)
@@ -180,16 +167,18 @@ class ObjectPass:
     def _light_up(
         self,
         lit: tuple[Shot, ShotLight],
-        grouped: Sequence[tuple[MeshFragments, _Groups]],
+        parts: Sequence[MeshFragments],
+        count: int,
         bodies: Bodies,
         blended: bool,
         cache: Cache,
         outputs: int,
-    ) -> _Lit:
-        """Return the outputs of layer.frag for every fragment, on their way. outputs: see `_CHANNELS`."""
-        sent = []
-        for part, groups in grouped:
+    ) -> Floats:
+        """Return the outputs (count, channels) of layer.frag for `count` fragments. outputs: see `_CHANNELS`."""
+        values = np.empty((count, sum(_CHANNELS[outputs])), np.float32)
+        for part in parts:
             extra = {}
+            groups = self._sun_groups(*lit, part, cache)
             if "SHADOW" in lit[1].defines:
                 seen = PartOf((*lit, bodies, groups), lit[1].of_sight)
                 extra["sun_seen"] = cache.of(self._see_sun, part, seen, keep=_PARTS)
@@ -204,8 +193,12 @@ class ObjectPass:
                 extra,
                 outputs,
             )
-            sent.append((part.chosen, self._targets.send(target, Rectangle(0, 0, LANE_COLUMNS, rows))))
-        return sent
+            first = 0
+            for k, channels in enumerate(_CHANNELS[outputs]):
+                image = self._targets.read(target, Rectangle(0, 0, LANE_COLUMNS, rows), k)
+                take_lanes(image, part.chosen, first, values)
+                first += channels
+        return values
 
     def _see_sun(self, part: MeshFragments, seen: PartOf[tuple[Shot, ShotLight, Bodies, _Groups]]) -> moderngl.Texture:
         """Return the visible fractions of the sun's disc and halo of each fragment, as layer.frag reads them."""
@@ -217,11 +210,11 @@ class ObjectPass:
         if len(listed):
             few = replace(part, chosen=np.arange(len(listed)))
             self._shade((shot, light), (few, list_texture(listed, 3)), bodies, found, {}, {}, _SEEN)
-        fractions = texture_pool().texture((LANE_COLUMNS, roomy_rows(rows)), 2)
+        fractions = float_texture(LANE_COLUMNS, rows, 2)
         shader = self._targets.program("spread", {})
         bind(shader, {"groups": list_texture(of, 1), "values": found.color_attachments[0]})
         set_uniforms(shader, count=count)
-        self._targets.fill(texture_pool().framebuffer(fractions), shader, Rectangle(0, 0, LANE_COLUMNS, rows))
+        self._targets.fill(gl_context().framebuffer([fractions]), shader, Rectangle(0, 0, LANE_COLUMNS, rows))
         return fractions
 
     def _shade(
@@ -274,20 +267,6 @@ def _cache_of(_: Same) -> Cache:
 def _entries(part: MeshFragments) -> moderngl.Texture:
     """Return the texture of what `MeshFragments` lists."""
     return list_texture(part.listed, 3)
-
-
-def _taken(lit: _Lit, count: int) -> Floats:
-    """Return the outputs (count, channels) of layer.frag that were on their way."""
-    values = np.empty((count, 0), np.float32)
-    for chosen, sent in lit:
-        images = sent.images()
-        if not values.size:
-            values = np.empty((count, sum(image.shape[2] for image in images)), np.float32)
-        first = 0
-        for image in images:
-            take_lanes(image, chosen, first, values)
-            first += image.shape[2]
-    return values
 
 
 def _add_variables(

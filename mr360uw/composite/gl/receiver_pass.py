@@ -42,7 +42,6 @@ from mr360uw.composite.receiver.shape import (
 )
 from mr360uw.composite.sampling import Gaps
 from mr360uw.composite.shot import Receiver, Shot
-from mr360uw.steps import Pause, Steps, side_by_side
 from mr360uw.types import Rectangle, Tile
 
 
@@ -51,7 +50,7 @@ class Reached:
     """The ground that a shot may change.
 
     blocks, shaded, lamplit: upper bounds (R, C) of its blocks that change: at all, by the sun's shadow, by lamps.
-    corner: of `BlockLight`, as if the sun were visible everywhere. cache: of the frame, with its ambient light.
+    corner: of `BlockLight`, as if the sun were visible everywhere.
     """
 
     ground: Ground
@@ -60,7 +59,6 @@ class Reached:
     lamplit: NDArray[np.bool_]
     ambient: AmbientLight | None
     corner: NDArray[np.float32]
-    cache: Cache
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -119,24 +117,23 @@ class ReceiverPass:
         """Return the ground where it may change, with all that does not need the device. ambient: of the bodies."""
         if masks is None:
             return None
-        (ground, blocks, shaded, lamplit), cache = masks, Cache(behind=self._cache)
+        ground, blocks, shaded, lamplit = masks
         ground.load_blocks(shot, blocks)
-        corner = free_corners(shot, ground, blocks, ambient, cache)
+        corner = free_corners(shot, ground, blocks, ambient, self._cache)
         shaded = shaded & ("SHADOW" in sun_defines(shot))
-        return Reached(ground, blocks, shaded, lamplit, ambient, corner, cache)
+        return Reached(ground, blocks, shaded, lamplit, ambient, corner)
 
-    def find(self, shot: Shot, light: ShotLight, reach: Reached | None) -> Steps[Changes | None]:
+    def find(self, shot: Shot, light: ShotLight, reach: Reached | None) -> Changes | None:
         """Return the blocks that change, by the light at their corners; None where there are none."""
         if reach is None or shot.receiver is None:
             return None
         ground, blocks, lamplit, corner = reach.ground, reach.blocks, reach.lamplit, reach.corner
         through = None if shot.medium is None else Same(shot.medium.unscattered)
         of_sight = Same(ground), light.of_sight, through, blocks, reach.shaded, shot.receiver
-        sight = yield from self._cache.steps(self._sight, PartOf((shot, light), *of_sight), ground, reach.shaded)
-        yield Pause.ANSWER  # where it is kept, there was no pause
+        sight = self._cache.of(self._sight, PartOf((shot, light), *of_sight), ground, reach.shaded)
         corner[(*sight.at, SEEN)] = sight.value
         if "CAUSTICS" not in light.of_sun & _wanted(shot.receiver):
-            changed = changed_blocks(shot, ground, blocks, corner, reach.ambient, reach.cache)
+            changed = changed_blocks(shot, ground, blocks, corner, reach.ambient, self._cache)
             blocks = changed | (blocks & (lamplit | (sight.edge != NO_EDGE)))
         rectangles = rectangles_of_cells(blocks, (BLOCK, BLOCK), shot.view)
         set_plate_light(shot, ground, blocks, corner)
@@ -155,7 +152,7 @@ class ReceiverPass:
         if shot.receiver.plane_y is None or not np.any(shadowed):
             return changes
         of_shadowed = ground, (j[shadowed], i[shadowed]), changes.halo[shadowed]
-        few = yield from self._cache.steps(self._few, PartOf((shot, light), *of_sight), *of_shadowed)
+        few = self._cache.of(self._few, PartOf((shot, light), *of_sight), *of_shadowed)
         return replace(changes, few=few)
 
     def lay(self, shot: Shot, light: BlockLight | None, tiles: Sequence[Tile]) -> None:
@@ -165,19 +162,19 @@ class ReceiverPass:
         for tile in tiles:
             lay_receiver(light, tile, shot.view.width, shot.view.height, shot.pattern, self._scratch)
 
-    def _sight(self, of_sight: PartOf[_Lit], ground: Ground, shaded: NDArray[np.bool_]) -> Steps[SunSight]:
-        return (yield from sun_sight(self._shader, *of_sight.whole, ground, shaded))
+    def _sight(self, of_sight: PartOf[_Lit], ground: Ground, shaded: NDArray[np.bool_]) -> SunSight:
+        return sun_sight(self._shader, *of_sight.whole, ground, shaded)
 
     def _few(
         self, of_sight: PartOf[_Lit], ground: Ground, blocks: tuple[Indices, Indices], halo: NDArray[np.float32]
-    ) -> Steps[NDArray[np.float32]]:
+    ) -> NDArray[np.float32]:
         """Return the sun's visible fraction (n, B / 2, B / 2, 1) at every second pixel of blocks."""
         drawn = self._shader.pixels(*of_sight.whole, ground, *blocks, halo, frozenset({"SHADOW"}), BLOCK // 2)
-        return (yield from drawn)[0][..., -1:]
+        return drawn[0][..., -1:]
 
     # --- light on blocks ---------------------------------------------------------------------------------------------
 
-    def light(self, shot: Shot, changes: Changes | None, gaps: Gaps) -> Steps[BlockLight | None]:
+    def light(self, shot: Shot, changes: Changes | None, gaps: Gaps) -> BlockLight | None:
         """Return the light on the blocks that change. gaps: of pixels that bodies cover partly."""
         if changes is None:
             return None
@@ -197,7 +194,7 @@ class ReceiverPass:
         drawn = [
             (which, frozenset(asked) & {"ROUGH", "LAMPS", *of_sun}, side) for which, asked, side in kinds if which.any()
         ]
-        images = yield from side_by_side(*(self._of_kind(shot, changes, gaps, *kind) for kind in drawn))
+        images = [self._of_kind(shot, changes, gaps, *kind) for kind in drawn]
         seen: Gathered = []
         waves: Gathered = []
         shape: Gathered = []
@@ -211,8 +208,7 @@ class ReceiverPass:
                 shape.append((which, np.concatenate([own[0], own[1][..., :3]], axis=-1)))
             if "LAMPS" in wanted:
                 added.append((which, own[2][..., :3]))
-        yield Pause.REST
-        free = free_images(shot, reach.ground, reach.corner, j, i, reach.ambient, reach.cache, gaps)
+        free = free_images(shot, reach.ground, reach.corner, j, i, reach.ambient, self._cache, gaps)
         own_pixels = (gather_images(len(j), k, of) for k, of in ((1, seen), (3, waves), (7, shape), (3, added)))
         return BlockLight(j, i, reach.corner, free, *own_pixels)
 
@@ -224,17 +220,15 @@ class ReceiverPass:
         which: NDArray[np.bool_],
         wanted: frozenset[str],
         side: int,
-    ) -> Steps[list[NDArray[np.float32]]]:
+    ) -> list[NDArray[np.float32]]:
         """Return the images of some of the blocks, `which` (n,), as `GroundShader.pixels` does."""
         blocks, halo = (changes.rows[which], changes.columns[which]), changes.halo[which]
         if wanted != {"SHADOW"}:
-            return (
-                yield from self._pixels((shot, changes.light), changes.reach.ground, gaps, blocks, halo, wanted, side)
-            )
+            return self._pixels((shot, changes.light), changes.reach.ground, gaps, blocks, halo, wanted, side)
         few = None if changes.few is None else changes.few[which[changes.shadowed]]
         of_sight = PartOf((shot, changes.light), changes.of_sight)
         of_blocks = changes.reach.ground, gaps, blocks, halo, side, PartOf(few)
-        return [(yield from self._cache.steps(self._shadow, of_sight, *of_blocks, keep=2))]
+        return [self._cache.of(self._shadow, of_sight, *of_blocks, keep=2)]
 
     def _shadow(
         self,
@@ -245,7 +239,7 @@ class ReceiverPass:
         halo: NDArray[np.float32],
         side: int,
         few_of: PartOf[NDArray[np.float32] | None],
-    ) -> Steps[NDArray[np.float32]]:
+    ) -> NDArray[np.float32]:
         """Return the sun's visible fraction (n, B, B, 1) on blocks: straight lines between every second pixel.
 
         side: samples along a block; with `BLOCK` of them, blocks that the lines miss are drawn at every pixel. few_of:
@@ -254,14 +248,14 @@ class ReceiverPass:
         """
         wanted, few = frozenset({"SHADOW"}), few_of.whole
         if few is None:
-            return (yield from self._pixels(alike.whole, ground, gaps, blocks, halo, wanted, BLOCK))[0][..., -1:]
+            return self._pixels(alike.whole, ground, gaps, blocks, halo, wanted, BLOCK)[0][..., -1:]
         seen = np.clip(enlarged(few), 0.0, 1.0)
         if side == BLOCK:
             (j, i), sharp = blocks, missed_between(few) > SMOOTH
             sharp[ground.gaps_in(gaps, j, i)[1]] = True
             if np.any(sharp):
                 rest = (j[sharp], i[sharp]), halo[sharp]
-                drawn = yield from self._pixels(alike.whole, ground, gaps, *rest, wanted, BLOCK)
+                drawn = self._pixels(alike.whole, ground, gaps, *rest, wanted, BLOCK)
                 seen[sharp] = drawn[0][..., -1:]
         return seen
 
@@ -274,19 +268,16 @@ class ReceiverPass:
         halo: NDArray[np.float32],
         wanted: frozenset[str],
         side: int,
-    ) -> Steps[list[NDArray[np.float32]]]:
+    ) -> list[NDArray[np.float32]]:
         """Return `GroundShader.pixels`, with the light in the gaps of pixels where those are drawn one by one."""
         j, i = blocks
-        draws = [self._shader.pixels(*lit, ground, j, i, halo, wanted, side)]
+        images = self._shader.pixels(*lit, ground, j, i, halo, wanted, side)
         some, block = ground.gaps_in(gaps, j, i)
         if len(block) and side == BLOCK:
-            draws.append(self._shader.at_gaps(*lit, ground, some, wanted))
-        images, *of_gaps = yield from side_by_side(*draws)
-        at = block, some.row % BLOCK, some.column % BLOCK
-        for values in of_gaps:
-            for image, value in zip(images, values, strict=True):
-                image[at] = value
-        return list(images)
+            of_gaps = self._shader.at_gaps(*lit, ground, some, wanted)
+            for image, value in zip(images, of_gaps, strict=True):
+                image[block, some.row % BLOCK, some.column % BLOCK] = value
+        return images
 
 
 def _ground(of_view: PartOf[Shot], shape: ReceiverShape) -> Ground:

@@ -99,11 +99,8 @@ def _difference(got: Floats, expected: Floats) -> str:
     )
 
 
-def report(trials: Sequence[Trial], others: Sequence[Trial] = ()) -> str:
-    """Return several lines: limits of the device, one for each trial, and what they say together.
-
-    others: trials of which it says nothing, since something stands in where they are wrong.
-    """
+def report(trials: Sequence[Trial]) -> str:
+    """Return several lines: limits of the device, one for each trial, and what they say together."""
     info = gl_context().info
     limits = ", ".join(f"{name.removeprefix('GL_MAX_').lower()} {info[name]}" for name in _LIMITS if name in info)
     wrong = [trial for trial in trials if trial.problem]
@@ -112,7 +109,7 @@ def report(trials: Sequence[Trial], others: Sequence[Trial] = ()) -> str:
         if wrong
         else f"all {len(trials)} pictures agree with the reference renderer"
     )
-    return "\n".join([f"limits    {limits}", *map(str, [*trials, *others]), f"verdict   {verdict}"])
+    return "\n".join([f"limits    {limits}", *map(str, trials), f"verdict   {verdict}"])
 
 
 def doubt_of_device() -> str:

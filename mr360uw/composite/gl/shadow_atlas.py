@@ -21,7 +21,7 @@ from mr360uw.composite.gl.upload import MeshBuffers
 from mr360uw.composite.mesh.material import AlphaMode
 from mr360uw.composite.mesh.mesh import Mesh
 from mr360uw.composite.shot import PlacedObject
-from mr360uw.gl.context import draw_fullscreen, gl_context, program, set_uniforms, texture_from_array, texture_pool
+from mr360uw.gl.context import draw_fullscreen, float_texture, gl_context, program, set_uniforms, texture_from_array
 from mr360uw.types import Floats
 
 if TYPE_CHECKING:
@@ -154,9 +154,9 @@ class ShadowAtlas:
         frames = drawn_of.whole
         columns, rows = min(len(frames), _COLUMNS), -(-len(frames) // _COLUMNS)
         drawn = self._cache.of(_target, columns * size, rows * size)
-        texture = texture_pool().texture((columns * size, rows * size), 4)
+        texture = float_texture(columns * size, rows * size, 4)
         texture.repeat_x = texture.repeat_y = False
-        atlas = texture_pool().framebuffer(texture)
+        atlas = gl_context().framebuffer([texture])
         clear = self._cache.of(_target, columns * size, rows * size, True) if translucent(frames) else None
         drawn.clear(-1e9, -1e9, 0.0, 0.0, viewport=(0, 0, *drawn.size))
         side, extents = _SUPERSAMPLING * size, [frame.extents() for frame in frames]

@@ -37,7 +37,6 @@ from mr360uw.composite.sampling import (
 )
 from mr360uw.composite.shot import PlacedObject, Shot
 from mr360uw.gl.context import set_uniforms
-from mr360uw.steps import Pause, Steps, side_by_side
 from mr360uw.types import Floats, Rectangle
 
 _PROBES = np.array(
@@ -47,16 +46,10 @@ _PROBES = np.array(
 surface, the pixel is interior and is shaded from one sample."""
 _BLOCKS_AT_ONCE = 8192
 """Blocks in one draw call: bounds the size of targets."""
-_CHUNKS_AT_ONCE = 8
-"""Draw calls that are waited for together: bounds what is on its way back, 16 MB each where all pixels are edges."""
 _WORD_BITS = 24
 """Bits of a word: as many as single floats hold exactly, six fours; three words hold the most rays of a pixel."""
 _SAMPLES_AT_ONCE = 32
 """Rays of a pixel in one draw call where every sample is kept: eight targets of four."""
-
-
-Sampled = tuple[Shot, int]
-"""A shot, and its number among those under way."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -76,31 +69,25 @@ class SurfacePass:
         self._targets = targets
         self._facets = FacetPass(targets, buffers, cache)
 
-    def find(
-        self, sampled: PartOf[Sampled], objects: Sequence[PlacedObject]
-    ) -> Steps[tuple[list[Fragments], NDArray[np.int64]]]:
+    def find(self, sampled: PartOf[Shot], objects: Sequence[PlacedObject]) -> tuple[list[Fragments], NDArray[np.int64]]:
         """Return the layers of fragments, nearest first, opaque ones last; and each object's first triangle."""
-        shot, slot = sampled.whole
-        facets = yield from self._facets.draw(shot, objects, slot)
+        shot = sampled.whole
+        facets = self._facets.draw(shot, objects)
         blocks = make_blocks(facets.rectangles, facets.numbers, facets.kinds, shot.view.width)
-        yield Pause.DEVICE
         textures = facets.textures | {"members": list_texture(blocks.members, 1), "masks": list_texture(blocks.masks)}
         defines = of_eye(shot) | ({"CUTOUTS": 1} if "cutouts" in textures else {})
         blended = blocks.some(blocks.bounds[:, 2] < blocks.bounds[:, 3])
         opaque = blocks.some(blocks.bounds[:, 0] < blocks.bounds[:, 2])
-        layers, last = yield from side_by_side(
-            self._blended(shot, blended, textures, defines | {"BLENDED": 1}),
-            self._layer(shot, opaque, textures, defines),
-        )
-        return [*layers, last], facets.first
+        layers = self._blended(shot, blended, textures, defines | {"BLENDED": 1})
+        return [*layers, self._layer(shot, opaque, textures, defines)], facets.first
 
     def _blended(
         self, shot: Shot, blocks: Blocks, textures: Mapping[str, Any], defines: Mapping[str, int]
-    ) -> Steps[list[Fragments]]:
+    ) -> list[Fragments]:
         """Return the layers of blended fragments in blocks, nearest first."""
         layers: list[Fragments] = []
         while len(layers) < BLEND_LAYERS:
-            found = yield from self._layer(shot, blocks, textures, defines, len(layers))
+            found = self._layer(shot, blocks, textures, defines, len(layers))
             if len(found) == 0:
                 break
             layers.append(found)
@@ -108,38 +95,34 @@ class SurfacePass:
 
     def _layer(
         self, shot: Shot, blocks: Blocks, textures: Mapping[str, Any], defines: Mapping[str, int], layer: int = 0
-    ) -> Steps[Fragments]:
+    ) -> Fragments:
         """Return the opaque fragments in blocks, or with the define BLENDED a layer of blended ones in front."""
-        parts, chunks = [NOTHING], range(0, len(blocks.corner), _BLOCKS_AT_ONCE)
-        for first in range(0, len(chunks), _CHUNKS_AT_ONCE):
-            draws = []
-            for start in chunks[first : first + _CHUNKS_AT_ONCE]:
-                chunk = blocks.some(np.s_[start : start + _BLOCKS_AT_ONCE])
-                lists = list_texture(np.concatenate([chunk.corner, chunk.bounds[:, :2]], axis=1))
-                more = list_texture(chunk.bounds[:, 2:], 2)
-                draw = _Draw(shot, {**textures, "lists": lists, "more_lists": more}, defines, layer)
-                draws.append(self._surfaces(draw, chunk))
-            for found in (yield from side_by_side(*draws)):
-                parts += found
+        parts = [NOTHING]
+        for start in range(0, len(blocks.corner), _BLOCKS_AT_ONCE):
+            chunk = blocks.some(np.s_[start : start + _BLOCKS_AT_ONCE])
+            lists = list_texture(np.concatenate([chunk.corner, chunk.bounds[:, :2]], axis=1))
+            more = list_texture(chunk.bounds[:, 2:], 2)
+            draw = _Draw(shot, {**textures, "lists": lists, "more_lists": more}, defines, layer)
+            parts += self._surfaces(draw, chunk)
         return joined_fragments(parts)
 
-    def _surfaces(self, draw: _Draw, blocks: Blocks) -> Steps[list[Fragments]]:
+    def _surfaces(self, draw: _Draw, blocks: Blocks) -> list[Fragments]:
         """Return the fragments of the pixels of blocks, in disjoint sets."""
         shot = draw.shot
         samples = pattern(shot.draw.samples)
         row, column = blocks.pixels()
         inside = (row < shot.view.height) & (column < shot.view.width)
         if shot.draw.shading == "sample":
-            return [(yield from self._by_sample(draw, samples, row, column, inside))]
+            return [self._by_sample(draw, samples, row, column, inside)]
         number, found = np.flatnonzero(inside), []
         if samples.count > len(_PROBES) and "BLENDED" not in draw.defines:
-            shown = (yield from self._rays(draw, _PROBES, {"WHOLE": 1}, len(row), (1,)))[:, 0]
+            shown = self._rays(draw, _PROBES, {"WHOLE": 1}, len(row), (1,))[:, 0]
             whole, number = number[shown[number] > 0.0], number[shown[number] < 0.0]
             center = np.stack([column[whole], row[whole]], axis=-1) + 0.5
             triangle = shown[whole].astype(np.int64) - 1
             area, weight = np.tile(WHOLE_PIXEL, (len(whole), 1)), np.ones(len(whole))
             found = [Fragments(row[whole], column[whole], np.arange(len(whole)), triangle, center, area, weight)]
-        return [*found, (yield from self._grouped(draw, samples, row[number], column[number], number))]
+        return [*found, self._grouped(draw, samples, row[number], column[number], number)]
 
     def _grouped(
         self,
@@ -148,16 +131,15 @@ class SurfacePass:
         row: NDArray[np.int64],
         column: NDArray[np.int64],
         number: NDArray[np.int64],
-    ) -> Steps[Fragments]:
+    ) -> Fragments:
         """Return the groups of samples of pixels; number: their indices among the pixels of all blocks."""
         per_block = BLOCK * BLOCK
-        yield Pause.DEVICE
         picked = list_texture(np.stack([number // per_block, number % per_block], axis=-1), 2)
         draw = replace(draw, textures={**draw.textures, "picked": picked})
         words = -(-samples.count // _WORD_BITS)
         channels = (4,) * (GROUPS * (1 + words) // 4)
         defines = {"PICKED": 1, "WORDS": words, "WORD_BITS": _WORD_BITS}
-        shown = yield from self._rays(draw, samples.positions, defines, len(row), channels, samples.cells)
+        shown = self._rays(draw, samples.positions, defines, len(row), channels, samples.cells)
         shown = shown.reshape(len(row), GROUPS, 1 + words)
         groups = np.count_nonzero(shown[..., 0])
         there = np.flatnonzero(shown[..., 0].any(axis=1))
@@ -178,7 +160,7 @@ class SurfacePass:
         row: NDArray[np.int64],
         column: NDArray[np.int64],
         inside: NDArray[np.bool_],
-    ) -> Steps[Fragments]:
+    ) -> Fragments:
         """Return every sample as a fragment of its own."""
         rays, counts = [], []
         for start in range(0, samples.count, _SAMPLES_AT_ONCE):
@@ -186,8 +168,7 @@ class SurfacePass:
             counts.append(len(positions))
             channels = (4,) * -(-len(positions) // 4)
             rays.append(self._rays(draw, positions, {"BY_SAMPLE": 1}, len(row), channels))
-        found = yield from side_by_side(*rays)
-        shown = [of_rays[:, :count] for of_rays, count in zip(found, counts, strict=True)]
+        shown = [of_rays[:, :count] for of_rays, count in zip(rays, counts, strict=True)]
         triangle = np.concatenate(shown, axis=1) * inside[:, None]
         pixel, rank = np.nonzero(triangle)
         there, first = np.unique(pixel, return_index=True)
@@ -206,7 +187,7 @@ class SurfacePass:
         count: int,
         channels: tuple[int, ...],
         cells: NDArray[np.int64] | None = None,
-    ) -> Steps[Floats]:
+    ) -> Floats:
         """Return the outputs (count, channels) of visible.frag for `count` pixels with rays at positions (r, 2)."""
         if count == 0:
             return np.zeros((0, sum(channels)), np.float32)
@@ -230,10 +211,9 @@ class SurfacePass:
         target = self._targets.target("visible", LANE_COLUMNS, rows, channels)
         part = Rectangle(0, 0, LANE_COLUMNS, rows)
         self._targets.fill(target, shader, part)
-        sent = self._targets.send(target, part)
-        yield Pause.ANSWER
+        images = np.stack([self._targets.read(target, part, k) for k in range(len(channels))])
         values = np.empty((count, sum(channels)), np.float32)
-        write_lanes(sent.stacked(), values)
+        write_lanes(images, values)
         return values
 
 

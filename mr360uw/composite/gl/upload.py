@@ -15,7 +15,7 @@ from mr360uw.composite.mesh.material import AlphaMode, Material
 from mr360uw.composite.mesh.mesh import Mesh
 from mr360uw.composite.mesh.texture import WRAPS, Texture
 from mr360uw.errors import MeshError
-from mr360uw.gl.context import largest_texture, texture_from_array, texture_pool
+from mr360uw.gl.context import gl_context, largest_texture, texture_from_array
 from mr360uw.types import Floats
 
 if TYPE_CHECKING:
@@ -115,8 +115,7 @@ def upload_mesh(mesh: Mesh, places: NDArray[np.int64] | None = None, still: Stil
     rows = still.texels.copy()
     texels = rows.reshape(-1, 4)[: TRIANGLE_TEXELS * len(positions)].reshape(-1, TRIANGLE_TEXELS, 4)
     texels[:, 0:9:3, :3], texels[:, 1:9:3, :3] = positions, normals
-    held = texture_pool().buffer(corners.nbytes)
-    held.write(corners)
+    held = gl_context().buffer(corners)
     return MeshBuffers(
         corners=held,
         ranges=still.ranges,
@@ -129,7 +128,7 @@ def upload_mesh(mesh: Mesh, places: NDArray[np.int64] | None = None, still: Stil
 
 def list_texture(values: NDArray[Any], channels: int = 4) -> moderngl.Texture:
     """Return a texture of the values (..., channels), in order, in rows of 2048 texels."""
-    return texture_from_array(_in_rows(values, channels), listed=True)
+    return texture_from_array(_in_rows(values, channels))
 
 
 def joined_texture(parts: Sequence[NDArray[np.float32]], scratch: Scratch) -> moderngl.Texture:
@@ -141,7 +140,7 @@ def joined_texture(parts: Sequence[NDArray[np.float32]], scratch: Scratch) -> mo
     for part, start in zip(parts, begin[:-1], strict=True):
         flat[start : start + part.size] = part.reshape(-1)
     flat[begin[-1] :] = 0.0
-    return texture_from_array(texels, listed=True)
+    return texture_from_array(texels)
 
 
 def _in_rows(values: NDArray[Any], channels: int) -> NDArray[np.float32]:

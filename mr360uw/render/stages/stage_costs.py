@@ -24,7 +24,6 @@ from mr360uw.render.loaded import Loaded, load
 from mr360uw.render.plan import Plan
 from mr360uw.scene.inputs import open_plate
 from mr360uw.scene.model import Scene
-from mr360uw.steps import Steps
 from mr360uw.video import VideoFrame
 
 T = TypeVar("T")
@@ -66,22 +65,6 @@ class StageGraph(Cache):
         with self._timed(name_of(function)):
             result = super().of(function, *inputs, keep=keep)
         self._note(name_of(function), inputs, result, self.made.total() > before)
-        return result
-
-    def steps(self, function: Callable[[*Inputs], Steps[T]], *inputs: *Inputs, keep: int = 1) -> Steps[T]:
-        """Return the result of a function that pauses, as `Cache.steps` does."""
-        name = name_of(function)
-        before = self.made[name]
-        working = super().steps(function, *inputs, keep=keep)
-        while True:
-            with self._timed(name):
-                try:
-                    pause = next(working)
-                except StopIteration as done:
-                    result: T = done.value
-                    break
-            yield pause
-        self._note(name, inputs, result, self.made[name] > before)
         return result
 
     @contextmanager
