@@ -289,6 +289,19 @@ def in_plate_primaries(linear: NDArray[np.floating], spec: ColorSpec) -> NDArray
     return np.asarray(linear @ np.linalg.inv(rec709_from_plate(spec.gamut)).T, linear.dtype)
 
 
+_LEAST_CHANGE = 0.001
+"""Least relative change of light that counts where codes are finer, or floats."""
+
+
+def unseen_change(spec: ColorSpec) -> float:
+    """Return the relative change of light that moves no code of a plate by more than half a step, 0.001 at least."""
+    signal = np.linspace(0.05, 1.0, 96)
+    light = np.asarray(decode_signal(signal, spec))
+    growth = np.gradient(np.log(np.maximum(light, 1e-9)), signal)
+    _, span, _, _ = code_range(spec)
+    return max(float(0.5 / span * growth.min()), _LEAST_CHANGE)
+
+
 def code_range(spec: ColorSpec) -> tuple[float, float, float, float]:
     """Return (luma offset, luma span, chroma offset, chroma span) in code values of `spec.bits`.
 

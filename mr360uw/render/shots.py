@@ -17,6 +17,7 @@ import numpy as np
 from mr360uw.cache import Cache
 from mr360uw.caustics import refract_to_air
 from mr360uw.caustics.settings import CausticSettings
+from mr360uw.color import unseen_change
 from mr360uw.composite import Shot
 from mr360uw.composite.aovs import Aovs
 from mr360uw.composite.at_surface.surface_layer import object_presence
@@ -131,6 +132,7 @@ def seen_by(
         holdout_soft=soft,
         holdout_beside=beside,
         pattern=pattern,
+        unseen=unseen_change(eye.plate.spec),
     )
 
 

@@ -17,7 +17,6 @@ from mr360uw.composite.lighting.shadow import pixel_footprint
 from mr360uw.composite.mesh.material import Material
 from mr360uw.composite.mesh.texture import make_texture
 from mr360uw.composite.over import over, tile_of
-from mr360uw.composite.receiver import block_light
 from mr360uw.composite.receiver.ratio import receiver_ratio
 from mr360uw.composite.receiver.shape import ReceiverShape
 from mr360uw.composite.reference import render_layer
@@ -248,7 +247,7 @@ def test_the_receiver_fades_out_at_its_end(renderer: LayerRenderer, sea: Environ
 
 @pytest.mark.parametrize("waves", [False, True])
 def test_blocks_that_are_left_out_change_less_than_the_bound(
-    renderer: LayerRenderer, sea: Environment, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch, waves: bool
+    renderer: LayerRenderer, sea: Environment, rng: np.random.Generator, waves: bool
 ) -> None:
     """And nothing else changes; caustics reach every block, so that none is left out."""
     scene = shot(
@@ -256,8 +255,7 @@ def test_blocks_that_are_left_out_change_less_than_the_bound(
         caustics=caustics(rng) if waves else None, receiver=Receiver(plane_y=-1.2, caustics=waves),
     )  # fmt: skip
     fast, window = renderer.render(scene), Rectangle(0, 0, 512, 256)
-    monkeypatch.setattr(block_light, "UNSEEN", 0.0)
-    slow = LayerRenderer().render(scene)
+    slow = LayerRenderer().render(replace(scene, unseen=0.0))
     got, expected = tile_of(fast, window), tile_of(slow, window)
     left_out = np.all(got.ratio == 1.0, axis=-1) & np.any(expected.ratio != 1.0, axis=-1)
     assert np.any(left_out) != waves

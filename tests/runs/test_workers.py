@@ -13,7 +13,7 @@ import pytest
 import mr360uw as uw
 from mr360uw.output_gate import work_path
 from mr360uw.runs import workers
-from mr360uw.runs.job import Job, frames_under_way
+from mr360uw.runs.job import Job
 from mr360uw.sample import SampleDive
 from mr360uw.scene import Scene
 from mr360uw.scene.model import load_scene
@@ -117,9 +117,3 @@ def test_a_scheduler_that_does_not_answer_is_an_error(scene: Scene, tmp_path: Pa
     with pytest.raises(uw.ParameterError, match="scheduler"):
         uw.composite_video(scene, tmp_path / "out.mkv", cluster="tcp://127.0.0.1:9")
     assert list(tmp_path.iterdir()) == []
-
-
-def test_large_frames_are_drawn_fewer_at_a_time() -> None:
-    wanted = {(3840, 1920): 5, (5760, 2880): 2, (7680, 3840): 2, (16384, 8192): 2}
-    assert {size: frames_under_way(5, size[0] * size[1]) for size in wanted} == wanted
-    assert frames_under_way(0, 3840 * 1920) == 0  # one after the other

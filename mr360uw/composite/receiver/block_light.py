@@ -29,9 +29,6 @@ from mr360uw.types import Floats
 
 _PAST_THE_LAST = 5.0 / 32.0
 """Error of a straight line a quarter step past its samples, in second differences: (1/4)(5/4)/2; between them 1/8."""
-UNSEEN = 0.001
-"""Change of the receiver's light, as a fraction, below which a block is left out: at white half a code value of 10-bit
-video and a ninth of one of 8 bits, less where it is darker. Twice as large, a tenth fewer blocks are drawn."""
 SMOOTH = 0.004
 """Largest interpolation error at the middle of a block, in linear light: less than a code value. Twice as large, blocks
 show in smooth shadows."""
@@ -59,7 +56,7 @@ def changed_blocks(
     light: AmbientLight | None,
     cache: Cache,
 ) -> NDArray[np.bool_]:
-    """Return those of some blocks (R, C) in which bodies may change the receiver by more than `UNSEEN`.
+    """Return those of some blocks (R, C) in which bodies may change the receiver by more than `Shot.unseen`.
 
     Ambient and direct light have weights that add up to 1 (see ratio.py and pattern.py), and each factor on them is
     linear between the corners; only near a body and where the ambient light jumps it may be farther from 1 inside.
@@ -67,7 +64,7 @@ def changed_blocks(
     j, i = np.nonzero(blocks)
     marks = ground.broken[j, i] | _crossed(shot, ground, light, cache)[j, i]
     factors = corner[..., FREE.start :]
-    mark_changed(j, i, factors, ground.middle_point, ground.reach_m, _balls(shot), np.float32(UNSEEN), marks)
+    mark_changed(j, i, factors, ground.middle_point, ground.reach_m, _balls(shot), np.float32(shot.unseen), marks)
     changed = np.zeros_like(blocks)
     changed[j[marks], i[marks]] = True
     return changed

@@ -172,8 +172,9 @@ int bodies_between(sampler2D sun_map, sampler2D casters, int listed, float slot_
 }
 
 // visible fraction of the sun's disc, a mean over a footprint about p, in the map's axes (two across, one along);
-// undefined unless `wanted`, and free where a whole block of pixels does not want it. listed: bits of the bodies that may
-// occlude it. middle: slope of the disc's centre.
+// undefined unless `wanted`, and free where a whole block of pixels does not want it. Where a third of the rays agree that
+// all of it is seen, or none, the others are not asked. listed: bits of the bodies that may occlude it. middle: slope of
+// the disc's centre.
 // rays: slope over a unit disc, and place in [-0.5, 0.5]^2 of the footprint, of which each `every`-th is taken. spread:
 // tangent of the disc's radius
 float sun_visibility(sampler2D sun_map, sampler2D casters, int listed, float slot_size, vec3 p, mat2x3 sides,
@@ -185,10 +186,12 @@ float sun_visibility(sampler2D sun_map, sampler2D casters, int listed, float slo
     int between = bodies_between(sun_map, casters, listed, slot_size, p, footprint_radius(sides),
                                  spread + length(middle), gap, umbra);
     int k = !wanted || between == 0 || umbra ? count : 0;
+    int few = count < FEWEST_SUN_RAYS ? count : count / 3;
+    bool agreed = false;
     do {
-        int left = between;
+        int left = between, number = 3 * k % count + (count % 3 == 0 ? 3 * k / count : 0);  // every third first
         float most = 0.0;
-        vec4 ray = rays[every * min(k, count - 1)];
+        vec4 ray = rays[every * min(number, count - 1)];
         vec3 start = p + sides * (places.x * ray.zw);
         vec2 slope = middle + places.y * spread * ray.xy;
         do {
@@ -200,6 +203,7 @@ float sun_visibility(sampler2D sun_map, sampler2D casters, int listed, float slo
         } while (left != 0 && most < 1.0);
         blocked += most;
         ++k;
-    } while (k < count);
-    return umbra ? 0.0 : 1.0 - blocked / float(count);
+        agreed = k == few && (blocked <= 0.0 || blocked >= float(few));
+    } while (k < count && !agreed);
+    return umbra ? 0.0 : 1.0 - blocked / float(agreed ? few : count);
 }
