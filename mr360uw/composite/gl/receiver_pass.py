@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.cache import Cache, PartOf, Same, Scratch
+from mr360uw.cache import Cache, PartOf, Same
 from mr360uw.composite.ambient.solver import AmbientLight
 from mr360uw.composite.gl.ground_shader import NO_EDGE, SHARP, SOFT, GroundShader, SunSight, sun_sight
 from mr360uw.composite.gl.light_slots import sun_defines
@@ -96,7 +96,7 @@ class ReceiverPass:
     """Draws the receivers of shots; caches the geometry of a receiver while the camera is at rest."""
 
     def __init__(self, targets: Targets, cache: Cache) -> None:
-        self._shader, self._cache, self._scratch = GroundShader(targets), cache, Scratch()
+        self._shader, self._cache = GroundShader(targets), cache
 
     def masks(self, shot: Shot) -> Masks | None:
         """Return where the receiver may change, by the bodies' boxes; None where it does not."""
@@ -157,10 +157,8 @@ class ReceiverPass:
 
     def lay(self, shot: Shot, light: BlockLight | None, tiles: Sequence[Tile]) -> None:
         """Write ratio and veil of the blocks with light on them into the tiles."""
-        if light is None:
-            return
-        for tile in tiles:
-            lay_receiver(light, tile, shot.view.width, shot.view.height, shot.pattern, self._scratch)
+        if light is not None:
+            lay_receiver(light, tiles, shot.view.width, shot.view.height, shot.pattern)
 
     def _sight(self, of_sight: PartOf[_Lit], ground: Ground, shaded: NDArray[np.bool_]) -> SunSight:
         return sun_sight(self._shader, *of_sight.whole, ground, shaded)

@@ -7,31 +7,27 @@ with `calm` the plate in the mean light of its waves, c the plate's own caustic 
 the mean light, V the visible fraction of the sun. In the umbra the plate becomes calm times its ambient light: no
 filament runs on through it. Where nothing blocks the sun the ratio is 1 and the plate is left as it is.
 
-Gaussian blurs of parts of the plate's frame take reduced pictures that all parts share where they are wide. The time
-grows with the pixels of the parts, and once with those of the rows that wide blurs reach.
+The blur that takes caustics for detail grows towards the camera, row by row. It is made at a few widths, of pictures
+that are reduced as the blur is wide, and mixed between two of them where a pixel asks for it.
 """
 
 from __future__ import annotations
 
-import functools
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.cache import Scratch
-from mr360uw.jit import exact
+from mr360uw.jit import exact, fast, inlined
 from mr360uw.types import Floats, Rectangle
 
 _FINE_SIGMA = 2.0
 """Standard deviation [px] that wide blurs are left with on a reduced picture."""
 _COARSEST = 32
 """Largest reduction."""
-_BAND = 256
-"""Rows of the frame that are read and reduced together, a multiple of `_COARSEST`."""
 _RADIUS = 4.0
-"""Radius of OpenCV's Gaussian of floats, in standard deviations."""
+"""Reach of a Gaussian, in standard deviations."""
 
 
 class Picture(Protocol):
@@ -48,78 +44,21 @@ class Picture(Protocol):
         """Return the same, read-only, of a part that is read again when the frame is composited."""
 
 
-class PlateBlur:
-    """Blurs of one frame, a panorama closed over the seam. The values do not depend on how it is cut into parts."""
+class Blurs(NamedTuple):
+    """Blurs of a part of a frame at some widths, and which of them its rows take.
 
-    def __init__(self, picture: Picture) -> None:
-        self._picture = picture
-        self._bands: dict[tuple[int, int], Floats] = {}
+    value: (n,) of all blurred pictures, one after the other. table: (levels, 5) of each: where it begins in `value`,
+    its first row and column, its columns, and the pixels of the frame along one of its own. row: the first row of the
+    frame. level: (h,) fractional number of the blur that a row takes.
+    """
 
-    def of(self, part: Rectangle, sigma: float) -> Floats:
-        """Return a part (h, w, 3), float32, under a Gaussian of a standard deviation [px]."""
-        image, row, column = self.around(part, sigma, Scratch())
-        return image[row : row + part.height, column : column + part.width]
+    value: NDArray[np.float32]
+    table: NDArray[np.int64]
+    row: int
+    level: NDArray[np.float32]
 
-    def around(self, part: Rectangle, sigma: float, scratch: Scratch) -> tuple[Floats, int, int]:
-        """Return a picture that holds what `of` returns, contiguous, and the row and column where that begins.
 
-        scratch: has the picture, until it is used again.
-        """
-        import cv2
-
-        height, width = self._picture.shape
-        factor = min(1 << max(int(np.log2(sigma / _FINE_SIGMA)), 0), _COARSEST)
-        reach = int(_RADIUS * sigma) + factor
-        # cells of `factor` pixels within the blur's reach, and those that the part is interpolated between
-        rows, across = -(-height // factor), -(-width // factor)
-        top, bottom = max((part.row - reach) // factor, 0), min(-(-(part.row + part.height + reach) // factor), rows)
-        left, right = (part.column - reach) // factor, -(-(part.column + part.width + reach) // factor)
-        beside = 1 if factor > 1 else 0
-        first, last = max(part.row // factor - beside, 0), min(-(-(part.row + part.height) // factor) + beside, rows)
-        begin, end = part.column // factor - beside, -(-(part.column + part.width) // factor) + beside
-        cells = self._cells(factor, top, bottom, np.arange(left, right) % across)
-        small = cv2.GaussianBlur(
-            cells, (0, 0), sigma / factor, scratch.floats("blurred", *cells.shape), borderType=cv2.BORDER_REPLICATE
-        )
-        if factor == 1:
-            return small, first - top, begin - left
-        small = small[first - top : last - top, begin - left : end - left]
-        size = factor * (end - begin), factor * (last - first)
-        large = cv2.resize(small, size, scratch.floats("enlarged", *size[::-1], 3), interpolation=cv2.INTER_LINEAR)
-        return large, part.row - factor * first, part.column - factor * begin
-
-    def _cells(self, factor: int, top: int, bottom: int, columns: NDArray[np.integer]) -> Floats:
-        """Return rows from `top` to before `bottom`, and columns (n,), of the frame reduced by a factor."""
-        if factor == 1:
-            whole = Rectangle(0, top, self._picture.shape[1], bottom - top)
-            if columns[-1] - columns[0] == len(columns) - 1:
-                whole, columns = whole._replace(column=int(columns[0]), width=len(columns)), columns - columns[0]
-            return np.asarray(self._picture.linear(whole), np.float32)[:, columns]
-        deep = _BAND // factor
-        bands = [self._band(factor, number) for number in range(top // deep, -(-bottom // deep))]
-        start = top // deep * deep
-        return np.concatenate([band[:, columns] for band in bands])[top - start : bottom - start]
-
-    def _band(self, factor: int, number: int) -> Floats:
-        """Return the rows from `_BAND` number on, reduced by a factor of two or more."""
-        import cv2
-
-        if (factor, number) not in self._bands:
-            height, width = self._picture.shape
-            if factor == 2:
-                row = _BAND * number
-                part = Rectangle(0, row, width, min(_BAND, height - row))
-                finer = np.asarray(self._picture.linear(part), np.float32)
-            else:
-                finer = self._band(factor // 2, number)
-            odd_row, odd_column = finer.shape[0] % 2, finer.shape[1] % 2
-            if odd_row:
-                finer = cv2.copyMakeBorder(finer, 0, 1, 0, 0, cv2.BORDER_REPLICATE)
-            if odd_column:
-                finer = cv2.copyMakeBorder(finer, 0, 0, 0, 1, cv2.BORDER_WRAP)
-            size = finer.shape[1] // 2, finer.shape[0] // 2
-            self._bands[factor, number] = np.asarray(cv2.resize(finer, size, interpolation=cv2.INTER_AREA))
-        return self._bands[factor, number]
+NO_BLURS = Blurs(np.zeros(0, np.float32), np.zeros((0, 5), np.int64), 0, np.zeros(0, np.float32))
 
 
 LEAST_LIGHT = 1e-3
@@ -152,42 +91,101 @@ class PlatePattern:
     height_m: float
     strength: float
 
-    @functools.cached_property
-    def blur(self) -> PlateBlur:
-        """Blurs of the frame, whose parts share reduced pictures."""
-        return PlateBlur(self.picture)
-
-    def light(self, part: Rectangle, scratch: Scratch | None = None) -> tuple[Floats, Floats]:
-        """Return the frame and its calm state over a part of it, each (h, w, 3) float32.
-
-        scratch: may have the calm state, until it is used again; None takes new memory.
-        """
+    def light(self, part: Rectangle) -> tuple[Floats, Floats]:
+        """Return the frame and its calm state over a part of it, each (h, w, 3) float32."""
         shown = np.asarray(self.picture.lent(part), np.float32)
         if self.mean is not None:
-            rows, columns = slice(part.row, part.row + part.height), slice(part.column, part.column + part.width)
-            return shown, _widened(self.mean[rows, columns])
-        calm = self._smooth(part, Scratch() if scratch is None else scratch)
-        _draw_from(shown.reshape(-1), np.float32(self.strength), calm.reshape(-1))
+            return shown, self.mean_of(part)
+        calm = np.empty_like(shown)
+        _read(self.blurs(part), part.row, part.column, shown, np.float32(self.strength), calm)
         return shown, calm
 
-    def _smooth(self, part: Rectangle, scratch: Scratch) -> NDArray[np.float32]:
-        """Return a part blurred by `_SIGMA_M` on level ground, row by row."""
+    def mean_of(self, part: Rectangle) -> NDArray[np.float32]:
+        """Return a part (h, w, 3) of the mean of the clip; none of it where there is none."""
+        if self.mean is None:
+            return np.zeros((0, 0, 3), np.float32)
+        return _widened(self.mean[part.row : part.row + part.height, part.column : part.column + part.width])
+
+    def blurs(self, part: Rectangle) -> Blurs:
+        """Return the blurs by `_SIGMA_M` on level ground that a part of the frame is mixed from, none with a mean."""
+        if self.mean is not None:
+            return NO_BLURS
         height, width = self.picture.shape
         latitude = np.pi * ((np.arange(part.height) + part.row + 0.5) / height - 0.5)
         distance = self.height_m / np.maximum(np.sin(latitude), _FLATTEST)
         sigma = np.clip(_SIGMA_M / distance * height / np.pi, 1.0, width / 16)
         level = np.log(sigma) / np.log(_STEP)
         low, high = int(np.floor(level.min())), int(np.floor(level.max())) + 1
-        smooth, begun = scratch.floats("smooth", part.height, part.width, 3), np.zeros(part.height, np.bool_)
+        pyramid, values, table, size = _Pyramid(self.picture, part, _STEP**high), [], [], 0
         for number in range(low, high + 1):
-            weight = np.maximum(1.0 - np.abs(level - number), 0.0).astype(np.float32)
-            rows = np.flatnonzero(weight)
-            if len(rows) == 0:
-                continue
-            own = slice(rows[0], rows[-1] + 1)
-            band = part._replace(row=part.row + int(rows[0]), height=int(rows[-1] - rows[0]) + 1)
-            _add_rows(*self.blur.around(band, _STEP**number, scratch), weight[own], begun[own], smooth[own])
-        return smooth
+            rows = np.flatnonzero(np.abs(level - number) < 1.0)
+            blurred, origin, factor = pyramid.blurred(_STEP**number, rows + part.row)
+            values.append(blurred.reshape(-1))
+            table.append((size, *origin, blurred.shape[1], factor))
+            size += blurred.size
+        level = (level - low).astype(np.float32)
+        return Blurs(np.concatenate(values), np.array(table, np.int64).reshape(-1, 5), part.row, level)
+
+
+class _Pyramid:
+    """Reduced pictures about a part of a frame, a panorama closed over the seam, for blurs up to a width [px]."""
+
+    def __init__(self, picture: Picture, part: Rectangle, widest: float) -> None:
+        reach = int(_RADIUS * widest) + _COARSEST
+        self._picture, self._height = picture, picture.shape[0]
+        self._top = max(part.row - reach, 0) // _COARSEST * _COARSEST
+        self._bottom = min(-(-(part.row + part.height + reach) // _COARSEST) * _COARSEST, self._height)
+        self._left = (part.column - reach) // _COARSEST * _COARSEST
+        self._right = -(-(part.column + part.width + reach) // _COARSEST) * _COARSEST
+        self._reduced: dict[int, NDArray[np.float32]] = {}
+
+    def blurred(self, sigma: float, rows: NDArray[np.int64]) -> tuple[NDArray[np.float32], tuple[int, int], int]:
+        """Return rows of the part under a Gaussian of a standard deviation [px], on a picture that is reduced by a
+        factor; the row and column of that picture where it begins, and the factor.
+        """
+        import cv2
+
+        factor = min(1 << max(int(np.log2(sigma / _FINE_SIGMA)), 0), _COARSEST)
+        if len(rows) == 0:
+            return np.zeros((0, 0, 3), np.float32), (0, 0), factor
+        reach = int(_RADIUS * sigma) + factor
+        first, last = int(rows[0]) - reach, int(rows[-1]) + 1 + reach
+        if factor == 1:
+            top, cells = max(first, 0), self._linear(max(first, 0), min(last, self._height))
+        else:
+            whole, begin = self._by(factor), self._top // factor
+            top = max(first // factor, begin)
+            cells = whole[top - begin : -(-last // factor) - begin]
+        blurred = cv2.GaussianBlur(cells, (0, 0), sigma / factor, borderType=cv2.BORDER_REPLICATE)
+        return np.asarray(blurred), (top, self._left // factor), factor
+
+    def _by(self, factor: int) -> NDArray[np.float32]:
+        """Return the picture reduced by a factor of two or more."""
+        import cv2
+
+        if factor not in self._reduced:
+            finer = self._linear(self._top, self._bottom) if factor == 2 else self._by(factor // 2)
+            even = cv2.copyMakeBorder(finer, 0, len(finer) % 2, 0, 0, cv2.BORDER_REPLICATE) if len(finer) % 2 else finer
+            size = even.shape[1] // 2, even.shape[0] // 2
+            self._reduced[factor] = np.asarray(cv2.resize(even, size, interpolation=cv2.INTER_AREA))
+        return self._reduced[factor]
+
+    def _linear(self, top: int, bottom: int) -> NDArray[np.float32]:
+        """Return the picture's rows [top, bottom)."""
+        spans = _spans(self._left, self._right, self._picture.shape[1])
+        parts = [self._picture.linear(Rectangle(left, top, right - left, bottom - top)) for left, right in spans]
+        return np.asarray(parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1), np.float32)
+
+
+def _spans(left: int, right: int, width: int) -> list[tuple[int, int]]:
+    """Return the columns [left, right), which may go over the seam, as spans of a frame of a width."""
+    spans = []
+    while left < right:
+        begin = left % width
+        end = min(begin + right - left, width)
+        spans.append((begin, end))
+        left += end - begin
+    return spans
 
 
 def direct_pattern(shown: Floats, calm: Floats, veil: Floats, share: Floats) -> Floats:
@@ -197,29 +195,49 @@ def direct_pattern(shown: Floats, calm: Floats, veil: Floats, share: Floats) -> 
     return np.maximum(r, share + LEAST_DIRECT * (1.0 - share))
 
 
-@exact
-def _add_rows(image: Any, row: int, column: int, weight: Any, begun: Any, smooth: Any) -> None:
-    """Add rows of an image, from a row and a column on, times weights (h,), to those of `smooth` (h, w, 3); rows that
-    are not `begun` (h,) are set.
+@inlined
+def calm_line(blurs: Any, row: int, column: int, out: Any) -> None:
+    """Write a line (3, n) of a frame from (row, column) on, mixed from its `Blurs`, bilinearly between their pixels."""
+    value, table, first_row, level = blurs
+    number = int(level[row - first_row])
+    mixed = level[row - first_row] - np.float32(number)
+    for k in range(2):
+        weight = mixed if k else np.float32(1.0) - mixed
+        if k and weight == np.float32(0.0):
+            continue
+        begin, top, left, columns, factor = table[number + k]
+        y = (np.float32(row) + np.float32(0.5)) / np.float32(factor) - np.float32(0.5) - np.float32(top)
+        y = max(y, np.float32(0.0))
+        j = int(y)
+        down = y - np.float32(j)
+        upper = value[begin + 3 * columns * j : begin + 3 * columns * (j + 1)]
+        # at the last row of the frame there is no lower one, and it has no weight
+        below = min(begin + 3 * columns * (j + 1), len(value) - 3 * columns)
+        lower = value[below : below + 3 * columns]
+        step = np.float32(1.0) / np.float32(factor)
+        start = (np.float32(column) + np.float32(0.5)) * step - np.float32(0.5) - np.float32(left)
+        for i in range(out.shape[1]):
+            x = start + np.float32(i) * step
+            n = int(x)
+            right = x - np.float32(n)
+            for c in range(3):
+                one = upper[3 * n + c] + down * (lower[3 * n + c] - upper[3 * n + c])
+                two = upper[3 * n + 3 + c] + down * (lower[3 * n + 3 + c] - upper[3 * n + 3 + c])
+                between = weight * (one + right * (two - one))
+                out[c, i] = between + out[c, i] if k else between
+
+
+@fast
+def _read(blurs: Any, row: int, column: int, shown: Any, strength: Any, calm: Any) -> None:
+    """Write the calm state (h, w, 3) of a part that begins at (row, column): drawn from what is shown towards the blurs
+    by a strength.
     """
-    across = 3 * smooth.shape[1]
-    for r in range(len(weight)):
-        line = image[row + r].reshape(-1)[3 * column : 3 * column + across]
-        out, by = smooth[r].reshape(-1), weight[r]
-        if begun[r]:
-            for i in range(across):
-                out[i] += by * line[i]
-        else:
-            for i in range(across):
-                out[i] = by * line[i]
-        begun[r] = True
-
-
-@exact
-def _draw_from(shown: Any, strength: Any, calm: Any) -> None:
-    """Set `calm` (n,) to values (n,) that are drawn towards it by a strength."""
-    for i in range(len(calm)):
-        calm[i] = shown[i] + strength * (calm[i] - shown[i])
+    line = np.empty((3, calm.shape[1]), np.float32)
+    for j in range(len(calm)):
+        calm_line(blurs, row + j, column, line)
+        for i in range(calm.shape[1]):
+            for c in range(3):
+                calm[j, i, c] = shown[j, i, c] + strength * (line[c, i] - shown[j, i, c])
 
 
 def _widened(image: Floats) -> NDArray[np.float32]:

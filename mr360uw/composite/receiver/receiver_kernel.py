@@ -9,17 +9,17 @@ of a block, or taken from an image of the block's pixels if there is one.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.cache import Scratch
 from mr360uw.composite.receiver.ground import BLOCK
-from mr360uw.composite.receiver.pattern import LEAST_DIRECT, LEAST_LIGHT, PlatePattern
+from mr360uw.composite.receiver.pattern import LEAST_DIRECT, LEAST_LIGHT, NO_BLURS, PlatePattern, calm_line
 from mr360uw.jit import fast, inlined
-from mr360uw.types import Tile
+from mr360uw.types import Rectangle, Tile
 
 SHARE, VEIL, FREE, SEEN = slice(0, 3), slice(3, 6), slice(6, 9), 9
 CORNER_CHANNELS = 10
@@ -74,34 +74,44 @@ class BlockLight:
 
 
 def lay_receiver(
-    light: BlockLight, tile: Tile, width: int, height: int, pattern: PlatePattern | None, room: Scratch
+    light: BlockLight, tiles: Sequence[Tile], width: int, height: int, pattern: PlatePattern | None
 ) -> None:
-    """Write ratio and veil of the blocks into a tile of a width x height frame; where nothing changes it is left.
+    """Write ratio and veil of the blocks into tiles of a width x height frame; where nothing changes they are left.
 
-    pattern: the plate's own caustics, which go with the sun's light (see pattern.py). room: for pictures of it.
+    pattern: the plate's own caustics, which go with the sun's light (see pattern.py).
     """
+    if not tiles:
+        return
     none = np.zeros((0, 0, 3), np.float32)
-    shown, calm = (none, none) if pattern is None else pattern.light(tile.rectangle, room)
     images = [
         part for own in (light.free, light.seen, light.waves, light.shape, light.added) for part in (own.at, own.image)
     ]
-    _lay(
-        (light.row, light.column, light.corner), tuple(images), (width, height, tile.row, tile.column),
-        (np.ascontiguousarray(shown), np.ascontiguousarray(calm)), (tile.ratio, tile.veil),
-    )  # fmt: skip
+    blurs = NO_BLURS if pattern is None else pattern.blurs(_hull(tiles))
+    strength = np.float32(0.0 if pattern is None else pattern.strength)
+    for tile in tiles:
+        part = tile.rectangle
+        shown, mean = (none, none) if pattern is None else (pattern.picture.lent(part), pattern.mean_of(part))
+        plate = np.ascontiguousarray(shown, np.float32), mean, tuple(blurs), strength
+        _lay(
+            (light.row, light.column, light.corner), tuple(images), (width, height, tile.row, tile.column), plate,
+            (tile.ratio, tile.veil),
+        )  # fmt: skip
+
+
+def _hull(tiles: Sequence[Tile]) -> Rectangle:
+    """Return the smallest rectangle around tiles."""
+    column, row = min(t.column for t in tiles), min(t.row for t in tiles)
+    right, bottom = (max(t.column + t.alpha.shape[1] for t in tiles), max(t.row + t.alpha.shape[0] for t in tiles))
+    return Rectangle(column, row, right - column, bottom - row)
 
 
 @inlined
-def _inverse_pattern(shown: Any, calm: Any, inside: Any, plate: Any, line: Any, count: int, inverse: Any) -> None:
+def _inverse_pattern(plate: Any, line: Any, count: int, inverse: Any) -> None:
     """Write one over what `pattern.direct_pattern` returns into `inverse` (3, n), with one division for a value.
 
-    shown, calm: (m, 3) of the pixels `inside`, a slice of `count` ones. plate: (2, 3, n) room.
+    plate: (2, 3, n) its light and its calm state.
     """
     one, dark, direct = np.float32(1.0), np.float32(LEAST_LIGHT), np.float32(LEAST_DIRECT)
-    for k in range(3):
-        now, mean = plate[0, k, inside], plate[1, k, inside]
-        for i in range(len(now)):
-            now[i], mean[i] = shown[i, k], calm[i, k]
     for k in range(3):
         share, veil, now, mean, out = line[k], line[3 + k], plate[0, k], plate[1, k], inverse[k]
         for i in range(count):
@@ -175,11 +185,12 @@ def _lay(blocks: Any, images: Any, frame: Any, plate: Any, tile: Any) -> None:
     """Write ratio and veil of the blocks into a tile, see `lay_receiver`.
 
     blocks: row, column and corner of `BlockLight`. images: `at` and `image` of its images, one after the other. frame:
-    width and height, and row and column of the tile. plate: its light and its calm light. tile: ratio and veil.
+    width and height, and row and column of the tile. plate: its light, its mean or none, and the blurs and the strength
+    by which it is drawn towards them without one. tile: ratio and veil.
     """
     row, column, corner = blocks
     free_at, free, seen_at, seen, waves_at, waves, shape_at, shape, added_at, added = images
-    (width, height, first_row, first_column), (shown, calm), (ratio, veil) = frame, plate, tile
+    (width, height, first_row, first_column), (shown, mean, blurs, strength), (ratio, veil) = frame, plate, tile
     # one row of some blocks, by blocks and by pixels
     room = _AT_ONCE * BLOCK
     line, weight = np.empty((10, _AT_ONCE, BLOCK), np.float32), np.empty((_AT_ONCE, BLOCK), np.float32)
@@ -222,9 +233,17 @@ def _lay(blocks: Any, images: Any, frame: Any, plate: Any, tile: Any) -> None:
                 rows = line, weight, waves_row, added_row
                 _take_images(rows, b, j, numbers, (free, seen, waves, shape, added))
             if len(shown):
-                _inverse_pattern(
-                    shown[r, across_row], calm[r, across_row], inside, flat_plate, flat_line, blocks * BLOCK, inverse
-                )
+                now, calm = flat_plate[0, :, inside], flat_plate[1, :, inside]
+                if len(mean) == 0:
+                    calm_line(blurs, y, x0, calm)
+                for i in range(x1 - x0):
+                    for k in range(3):
+                        now[k, i] = shown[r, x0 - first_column + i, k]
+                        if len(mean):
+                            calm[k, i] = mean[r, x0 - first_column + i, k]
+                        else:
+                            calm[k, i] = now[k, i] + strength * (calm[k, i] - now[k, i])
+                _inverse_pattern(flat_plate, flat_line, blocks * BLOCK, inverse)
             for k in range(3):
                 share, fall, sun, free_row = flat_line[k], flat_waves[k], flat_line[9], flat_line[6 + k]
                 more, per_light, out = flat_added[k], inverse[k], change[k]
