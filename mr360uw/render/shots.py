@@ -20,7 +20,7 @@ from mr360uw.caustics.settings import CausticSettings
 from mr360uw.color import unseen_change
 from mr360uw.composite import Shot
 from mr360uw.composite.aovs import Aovs
-from mr360uw.composite.at_surface.surface_layer import object_presence
+from mr360uw.composite.at_surface.settings import object_presence
 from mr360uw.composite.lighting.lamps import lamps_of
 from mr360uw.composite.lighting.sun import sun_of
 from mr360uw.composite.receiver.pattern import PlatePattern

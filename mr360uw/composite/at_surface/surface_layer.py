@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from mr360uw.cache import Cache, PartOf
 from mr360uw.composite.ambient.light import ambient_light
 from mr360uw.composite.at_surface.image_reach import balls_around, find_reach, in_reach
-from mr360uw.composite.at_surface.settings import WITHIN_M, SurfaceSettings
+from mr360uw.composite.at_surface.settings import SurfaceSettings, object_presence, tops
 from mr360uw.composite.at_surface.surface_images import RayBodies, surface_images
 from mr360uw.composite.at_surface.surface_rays import TURNS, SurfaceSamples, first_surfaces, sample_surface, see_surface
 from mr360uw.composite.at_surface.water_sides import WaterSides, camera_in_water, in_air
@@ -34,20 +34,6 @@ from mr360uw.composite.tiles import even_tiles, rectangles_of_mask
 from mr360uw.rays import RayScene
 from mr360uw.surface.sampled_sea import MovingSea, SampledSea
 from mr360uw.types import Floats, Layer, MediumTable, Rectangle, Tile
-
-
-def object_presence(shot: Shot, settings: SurfaceSettings) -> Floats:
-    """Return for each visible object of a shot the fraction (n,) in which the surface shows it, by its top's depth."""
-    depth = shot.view.surface_y_m - tops(shot)
-    if settings.objects == "all":
-        return np.ones(len(depth))
-    return np.clip(4.0 * (1.0 - depth / WITHIN_M), 0.0, 1.0)
-
-
-def tops(shot: Shot) -> Floats:
-    """Return the height (n,) [m] in the world of the highest point of each visible object."""
-    return np.array([o.to_world(o.mesh.hull.reshape(-1, 3))[:, 1].max() for o in shot.visible])
-
 
 Indices = NDArray[np.int64]
 Mask = NDArray[np.bool_]
