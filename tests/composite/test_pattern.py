@@ -9,11 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mr360uw.cache import Scratch
 from mr360uw.composite import render_layer
 from mr360uw.composite.lighting.lamps import light_sources
 from mr360uw.composite.over import over
-from mr360uw.composite.receiver.pattern import PlateBlur, PlatePattern
+from mr360uw.composite.receiver.pattern import PlatePattern
 from mr360uw.composite.receiver.ratio import ambient_share
 from mr360uw.composite.shot import Receiver, Shot
 from mr360uw.medium.lookup import veil_lookup
@@ -113,15 +112,6 @@ def test_without_a_mean_detail_of_the_size_of_caustics_goes() -> None:
     np.testing.assert_allclose(half, 0.5 * (background + plate[90:110, 40:100]), atol=tol.FLOAT32)
 
 
-def test_memory_that_is_used_again_changes_no_value(rng: np.random.Generator) -> None:
-    """Parts of other sizes, near the horizon and far below it, that were drawn into the same memory before."""
-    plate, room = rng.uniform(0.1, 0.9, (128, 256, 3)).astype(np.float32), Scratch()
-    for part in (Rectangle(40, 70, 60, 58), Rectangle(200, 64, 56, 12), Rectangle(0, 90, 24, 20)):
-        background, again = (PlatePattern(Still(plate), None, 1.5, 0.7).light(part, of)[1] for of in (None, room))
-        assert np.array_equal(background, again)
-        again[:] = np.nan
-
-
 def test_a_mean_is_the_calm_state_whatever_the_strength(rng: np.random.Generator) -> None:
     """The strength is a guess of what smoothing takes; a clip's mean has lost its caustics already."""
     shown, mean = rng.uniform(0.1, 0.9, (2, 32, 64, 3)).astype(np.float32)
@@ -156,25 +146,31 @@ def test_a_camera_that_stands_is_told_from_one_that_moves(rng: np.random.Generat
     assert not stands(waves)
 
 
-@pytest.mark.parametrize("sigma", [1.0, 4.0, 16.0])
-def test_blurs_do_not_depend_on_how_a_frame_is_cut(sigma: float) -> None:
-    image = np.random.default_rng(5).uniform(0.0, 1.0, (64, 128, 3)).astype(np.float32)
-    whole = PlateBlur(Still(image)).of(Rectangle(0, 0, 128, 64), sigma)
-    for part in (Rectangle(0, 10, 30, 20), Rectangle(71, 33, 57, 31)):
-        window = slice(part.row, part.row + part.height), slice(part.column, part.column + part.width)
+def test_the_calm_state_does_not_depend_on_how_a_frame_is_cut(rng: np.random.Generator) -> None:
+    plate = rng.uniform(0.1, 0.9, (128, 256, 3)).astype(np.float32)
+    pattern = PlatePattern(Still(plate), None, 1.5, 0.7)
+    _, whole = pattern.light(Rectangle(0, 64, 256, 64))
+    for part in (Rectangle(40, 70, 60, 58), Rectangle(200, 64, 56, 12), Rectangle(0, 90, 24, 20)):
+        window = slice(part.row - 64, part.row - 64 + part.height), slice(part.column, part.column + part.width)
         # the same sums in the same order: rounding of OpenCV's blocks only
-        np.testing.assert_allclose(PlateBlur(Still(image)).of(part, sigma), whole[window], atol=1e-6)
+        np.testing.assert_allclose(pattern.light(part)[1], whole[window], atol=1e-6)
 
 
-@pytest.mark.parametrize("sigma", [1.0, 4.0, 16.0])
-def test_a_wave_is_blurred_by_the_transform_of_a_gaussian(sigma: float) -> None:
-    period = 8.0 * sigma
-    wave = np.cos(2.0 * np.pi * (np.arange(128) + 0.5) / period)
-    image = np.broadcast_to(wave[None, :, None], (64, 128, 3)).astype(np.float32)
-    blurred = PlateBlur(Still(image)).of(Rectangle(0, 0, 128, 64), sigma)
-    expected = np.exp(-2.0 * (np.pi * sigma / period) ** 2) * image
+@pytest.mark.parametrize("height_m", [1.5, 6.0])
+def test_a_wave_is_blurred_by_the_transform_of_a_gaussian(height_m: float) -> None:
+    """Of 0.3 m on the ground: of each row by its distance, mixed between widths that differ by a factor of two."""
+    rows, columns, period = 128, 256, 64.0
+    wave = np.cos(2.0 * np.pi * (np.arange(columns) + 0.5) / period)
+    image = np.broadcast_to(wave[None, :, None], (rows, columns, 3)).astype(np.float32)
+    part = Rectangle(0, 80, columns, 48)
+    _, calm = PlatePattern(Still(image), None, height_m, 1.0).light(part)
+    down = np.pi * ((np.arange(80, 128) + 0.5) / rows - 0.5)
+    level = np.log2(np.clip(0.3 * np.sin(down) / height_m * rows / np.pi, 1.0, columns / 16))
+    low = np.floor(level)
+    left = [np.exp(-2.0 * (np.pi * 2.0**number / period) ** 2) for number in (low, low + 1.0)]
+    expected = (left[0] + (level - low) * (left[1] - left[0]))[:, None, None] * image[80:]
     # means over cells of up to sigma/2 and lines between them take up to (pi/16)^2 (1/6 + 1/3) = 2 % of the wave
-    np.testing.assert_allclose(blurred, expected, atol=0.02)
+    np.testing.assert_allclose(calm, expected, atol=0.02)
 
 
 def test_the_mean_of_a_clip_is_widened_exactly() -> None:

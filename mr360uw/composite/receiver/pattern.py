@@ -47,9 +47,9 @@ class Picture(Protocol):
 class Blurs(NamedTuple):
     """Blurs of a part of a frame at some widths, and which of them its rows take.
 
-    value: (n,) of all blurred pictures, one after the other. table: (levels, 5) of each: where it begins in `value`,
-    its first row and column, its columns, and the pixels of the frame along one of its own. row: the first row of the
-    frame. level: (h,) fractional number of the blur that a row takes.
+    value: (n,) of all blurred pictures, one after the other. table: (levels, 6) of each: where it begins in `value`,
+    its first row and column, its rows and columns, and the pixels of the frame along one of its own. row: the first
+    row of the frame. level: (h,) fractional number of the blur that a row takes.
     """
 
     value: NDArray[np.float32]
@@ -58,7 +58,7 @@ class Blurs(NamedTuple):
     level: NDArray[np.float32]
 
 
-NO_BLURS = Blurs(np.zeros(0, np.float32), np.zeros((0, 5), np.int64), 0, np.zeros(0, np.float32))
+NO_BLURS = Blurs(np.zeros(0, np.float32), np.zeros((0, 6), np.int64), 0, np.zeros(0, np.float32))
 
 
 LEAST_LIGHT = 1e-3
@@ -121,10 +121,10 @@ class PlatePattern:
             rows = np.flatnonzero(np.abs(level - number) < 1.0)
             blurred, origin, factor = pyramid.blurred(_STEP**number, rows + part.row)
             values.append(blurred.reshape(-1))
-            table.append((size, *origin, blurred.shape[1], factor))
+            table.append((size, *origin, *blurred.shape[:2], factor))
             size += blurred.size
         level = (level - low).astype(np.float32)
-        return Blurs(np.concatenate(values), np.array(table, np.int64).reshape(-1, 5), part.row, level)
+        return Blurs(np.concatenate(values), np.array(table, np.int64).reshape(-1, 6), part.row, level)
 
 
 class _Pyramid:
@@ -205,15 +205,13 @@ def calm_line(blurs: Any, row: int, column: int, out: Any) -> None:
         weight = mixed if k else np.float32(1.0) - mixed
         if k and weight == np.float32(0.0):
             continue
-        begin, top, left, columns, factor = table[number + k]
+        begin, top, left, rows, columns, factor = table[number + k]
         y = (np.float32(row) + np.float32(0.5)) / np.float32(factor) - np.float32(0.5) - np.float32(top)
         y = max(y, np.float32(0.0))
         j = int(y)
         down = y - np.float32(j)
-        upper = value[begin + 3 * columns * j : begin + 3 * columns * (j + 1)]
-        # at the last row of the frame there is no lower one, and it has no weight
-        below = min(begin + 3 * columns * (j + 1), len(value) - 3 * columns)
-        lower = value[below : below + 3 * columns]
+        across, under = 3 * columns, min(j + 1, rows - 1)  # the last row of the frame has none below it
+        upper, lower = value[begin + across * j : begin + across * (j + 1)], value[begin + across * under :]
         step = np.float32(1.0) / np.float32(factor)
         start = (np.float32(column) + np.float32(0.5)) * step - np.float32(0.5) - np.float32(left)
         for i in range(out.shape[1]):

@@ -172,7 +172,7 @@ int bodies_between(sampler2D sun_map, sampler2D casters, int listed, float slot_
 }
 
 // visible fraction of the sun's disc, a mean over a footprint about p, in the map's axes (two across, one along);
-// undefined unless `wanted`, and free where a whole block of pixels does not want it. Where a third of the rays agree that
+// undefined unless `wanted`, and free where a whole block of pixels does not want it. Where half of the rays agree that
 // all of it is seen, or none, the others are not asked. listed: bits of the bodies that may occlude it. middle: slope of
 // the disc's centre.
 // rays: slope over a unit disc, and place in [-0.5, 0.5]^2 of the footprint, of which each `every`-th is taken. spread:
@@ -186,10 +186,11 @@ float sun_visibility(sampler2D sun_map, sampler2D casters, int listed, float slo
     int between = bodies_between(sun_map, casters, listed, slot_size, p, footprint_radius(sides),
                                  spread + length(middle), gap, umbra);
     int k = !wanted || between == 0 || umbra ? count : 0;
-    int few = count < FEWEST_SUN_RAYS ? count : count / 3;
+    int few = count < FEWEST_SUN_RAYS ? count : count / 2;
     bool agreed = false;
     do {
-        int left = between, number = 3 * k % count + (count % 3 == 0 ? 3 * k / count : 0);  // every third first
+        // one of every two first, in turn the one and the other, as rays beside each other lie in other columns
+        int left = between, one_of = k % few, number = k < 2 * few && few < count ? 2 * one_of + (one_of + k / few) % 2 : k;
         float most = 0.0;
         vec4 ray = rays[every * min(number, count - 1)];
         vec3 start = p + sides * (places.x * ray.zw);
