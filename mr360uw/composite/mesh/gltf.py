@@ -210,7 +210,7 @@ def open_gltf(path: Path, *, outside: bool = False) -> Gltf:
 def _chunks(path: Path) -> tuple[bytes, bytes]:
     """Return the JSON and the binary of a file (section 4.4)."""
     data = read_data(path, MeshError)
-    if path.suffix.lower() != ".glb":
+    if data.lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"{"):  # whatever the file's ending says
         return data, b""
     magic, version, _ = struct.unpack_from("<4sII", data)
     length, kind = struct.unpack_from("<II", data, 12)
