@@ -17,7 +17,6 @@ from dataclasses import dataclass, field
 from numbers import Real
 from typing import Any
 
-
 _RDF = "http://www.w3.org/1999/02/22-rdf-syntax-ns#"
 _GPANO = "http://ns.google.com/photos/1.0/panorama/"
 _JPEG_START = b"\xff\xd8"
@@ -253,7 +252,11 @@ def _own_parts(data: bytes) -> Iterator[tuple[int | bytes, bytes]]:
             yield kind, body
 
 
-_RAW_PROFILES = {b"Raw profile type xmp\0": "xmp", b"Raw profile type exif\0": "exif", b"Raw profile type APP1\0": "exif"}
+_RAW_PROFILES = {
+    b"Raw profile type xmp\0": "xmp",
+    b"Raw profile type exif\0": "exif",
+    b"Raw profile type APP1\0": "exif",
+}
 """Keywords of texts in which ImageMagick keeps metadata, as hexadecimal digits."""
 
 
@@ -368,7 +371,9 @@ def tiff_form(data: bytes) -> TiffForm:
     """Return how a TIFF is stored; that of a plain one where its directory is broken."""
     try:
         directory = _directory(data)
-        first = {tag: value[0] if isinstance(value, tuple) else value for tag, value in directory.items() if value != ()}
+        first = {
+            tag: value[0] if isinstance(value, tuple) else value for tag, value in directory.items() if value != ()
+        }
     except _BROKEN:
         return TiffForm()
     samples = int(first.get(277, 1))

@@ -191,8 +191,10 @@ def _decoded(path: Path, data: bytes, *, matte: bool) -> NDArray[Any]:
     import cv2
 
     form = tiff_form(data) if data[:4] in TIFF_STARTS else None
-    if form is not None and form.bits == 8 and (
-        form.samples == 4 or form.planar or form.compression not in _TIFF_COMPRESSIONS
+    if (
+        form is not None
+        and form.bits == 8
+        and (form.samples == 4 or form.planar or form.compression not in _TIFF_COMPRESSIONS)
     ):
         return _rgb_order(_decoded_by_pillow(path, data))  # OpenCV multiplies alpha in, and mixes planes up
     flags = cv2.IMREAD_UNCHANGED if matte else cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION
@@ -278,8 +280,8 @@ def _coloured(path: Path, found: PictureFile) -> PictureFile:
             return replace(found, mapping=_by_chromaticities(chunks))
         if not chunks and is_not_srgb(found.tags.exif):
             note = (
-                f"{path} - says in its EXIF that its colours are not sRGB, and has no profile: it is read as sRGB - give "
-                "it its profile, that of Adobe RGB as a rule"
+                f"{path} - says in its EXIF that its colours are not sRGB, and has no profile: it is read as sRGB - "
+                "give it its profile, that of Adobe RGB as a rule"
             )
             return replace(found, notes=(*found.notes, note))
     except (ValueError, struct.error) as error:
@@ -410,6 +412,9 @@ def _radiance_map(path: Path, entries: list[tuple[bytes, bytes]]) -> tuple[tuple
             f"{path} - was stored with an exposure of {exposure:g}, which is taken off again: its light is that over "
             f"{exposure:g} - set light.exposure, or remove EXPOSURE from its header, if it is too dark or too bright"
         )
+    if said.get(b"GAMMA", b"1").split()[:1] not in ([b"1"], [b"1.0"]):
+        what = said[b"GAMMA"].decode("latin-1")
+        notes.append(f"{path} - names a gamma (got {what:.20}), which is not used: its light is linear - write it so")
     if aspect != 1.0:
         notes.append(f"{path} - says that its pixels are not square (got {aspect:g}), which is not used - resample it")
     return tuple(notes), mapping
