@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from mr360uw.color import LUMINANCE
 from mr360uw.errors import VideoError
 from mr360uw.files import NewFile, whole_file
-from mr360uw.reading.input_files import unreadable
+from mr360uw.reading.input_files import unreadable, wrapped
 from mr360uw.reading.limits import DATA, PICTURE
 from mr360uw.shapes import checked
 from mr360uw.types import Floats
@@ -80,7 +80,10 @@ def check_exr(path: Path) -> list[ExrPart]:
         raise VideoError(f"{path} - {reason}")
     try:
         with path.open("rb") as file:
-            parts, table = _parts(file.read(_HEAD_BYTES))
+            head = file.read(_HEAD_BYTES)
+            if why := wrapped(head):
+                raise VideoError(f"{path} - {why}")
+            parts, table = _parts(head)
             _check_sizes(path, parts)
             if not _complete(file, parts, table):
                 raise VideoError(f"{path} - is cut short or damaged (chunks are missing) - copy or write it again")
