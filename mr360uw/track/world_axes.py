@@ -156,7 +156,8 @@ def world_of(
 
     position (n, 3), rotation (n, 3, 3), time_s (n,): cameras, the first at the shot's start. points (m, 3). gravity_up
     (n, 3): up in each camera's axes, of the clip's metadata, if there is; by: of which of these. window (3,): up by
-    Snell's window. Up is gravity's, or else the frames' own on average; where the window is more than three degrees off, the window's; else,
+    Snell's window. Up is gravity's, or else the frames' own on average; where the window is more than three degrees
+    off, the window's; else,
     of clips that roll and pitch, the normal of a floor that is nearly level for the frames. measure: of the scale;
     without one it is a guess.
     """

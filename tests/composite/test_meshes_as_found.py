@@ -186,6 +186,21 @@ def test_gltf_is_known_by_its_content(tmp_path: Path, suffix: str, *, text: bool
     assert any("map of emission and the factor 0" in note for note in notes)
 
 
+def test_lights_and_looks_that_a_file_requires_are_said(tmp_path: Path) -> None:
+    """Blender requires the lights that it exports. Shapes and textures that are not read stay an error."""
+    picture(tmp_path / "a.png")
+    for name, says in (("KHR_lights_punctual", "lamp"), ("KHR_materials_clearcoat", "clear coat")):
+        glb(
+            tmp_path / "a.glb",
+            {"extensionsUsed": [name], "extensionsRequired": [name]},
+            [(tmp_path / "a.png").read_bytes()],
+        )
+        assert any(says in note for note in load_mesh(tmp_path / "a.glb").notes)
+    glb(tmp_path / "a.glb", {"extensionsUsed": ["X_new"], "extensionsRequired": ["X_new"]})
+    with pytest.raises(MeshError, match="requires the extension X_new"):
+        load_mesh(tmp_path / "a.glb")
+
+
 def test_colours_that_darken_little_are_not_said() -> None:
     """Occlusion in the colours of vertices is usual."""
     uv, colors = TRIANGLE[:, :2], np.full((3, 4), 0.7)

@@ -290,6 +290,21 @@ def test_cubes_are_answered_with_their_filter(tmp_path: Path) -> None:
         uw.open_video(tmp_path / "cube.png")
 
 
+def test_names_of_sequences(tmp_path: Path) -> None:
+    """Houdini's pattern; a number that is there twice; widths as of two sequences in one folder."""
+    for name in ("a.1001.png", "a.1002.png", "b_1.png", "b_01.png", "c_0009.png", "c_010.png", "d_9.png", "d_10.png"):
+        cv2.imwrite(str(tmp_path / name), codes())
+    with uw.open_video(tmp_path / "a.$F4.png") as video, uw.video.create_video(tmp_path / "out.$F6.png", video) as out:
+        assert (video.frame_count, video.first_number, video.notes) == (2, 1001, ())
+        for frame in video.frames():
+            out.write(frame)
+    assert sorted(file.name for file in tmp_path.glob("out*")) == ["out.001001.png", "out.001002.png"]
+    with pytest.raises(VideoError, match=r"number 1 twice \(got b_01.png and b_1.png\)"):
+        uw.open_video(tmp_path / "b_%d.png")
+    assert "several widths of its numbers (as c_0009.png and c_010.png)" in notes_of(tmp_path / "c_%04d.png")
+    assert notes_of(tmp_path / "d_%d.png") == ""
+
+
 def clip(path: Path, size: tuple[int, int] = (128, 64), aspect: int = 1, **options: str) -> Path:
     """Write two grey frames of H.264."""
     with av.open(str(path), "w") as container:
