@@ -147,7 +147,7 @@ def track_shots(
         if whole and reading.cuts:
             cuts = ", ".join(map(str, reading.cuts))
             raise ParameterError(f"{video} - is cut (got new shots at frames {cuts}) - give one shot, or track_shots")
-        stated = _stated_up(clip, np.array(reading.times_s))
+        stated = stated_up(clip, np.array(reading.times_s))
         shots = []
         for start, stop in reading.shots:
             where = f"{video}" if len(reading.shots) == 1 else f"{video} frames {start}:{stop}"
@@ -216,7 +216,7 @@ def _read_mask(path: Path, clip: VideoReader) -> NDArray[np.bool_]:
     return np.asarray(light < half)
 
 
-def _stated_up(clip: VideoReader, time_s: Floats) -> tuple[Floats, str] | None:
+def stated_up(clip: VideoReader, time_s: Floats) -> tuple[Floats, str] | None:
     """Return up in the camera's axes (n, 3) that a clip states, and where: by its GoPro's gravity, or else by the pose
     of the panorama. None where it states neither.
     """

@@ -436,8 +436,8 @@ def _frame_notes(
 _SQUARE = 1e-3
 _STRUCTURE = frozenset({
     "channels", "chromaticities", "chunkCount", "compression", "dataWindow", "displayWindow", "envmap", "lineOrder",
-    "maxSamplesPerPixel", "multiView", "name", "preview", "tiles", "type", "version", "view", "BlenderMultiChannel",
-    "textureformat",
+    "maxSamplesPerPixel", "multiView", "name", "preview", "screenWindowCenter", "screenWindowWidth", "textureformat",
+    "tiles", "type", "version", "view", "BlenderMultiChannel",
 })  # fmt: skip
 """Header entries that say how a file is stored, or of which layers it is."""
 
@@ -447,7 +447,8 @@ def _is_carried(name: str, value: Any) -> bool:
     import OpenEXR
 
     known = (str, int, float, Fraction, tuple, np.ndarray, OpenEXR.TimeCode, OpenEXR.KeyCode, OpenEXR.Rational)
-    return name not in _STRUCTURE and not name.startswith(("cryptomatte", "oiio:")) and isinstance(value, known)
+    usual = name in _STRUCTURE or (name == "pixelAspectRatio" and value == 1.0)
+    return not usual and not name.startswith(("cryptomatte", "oiio:")) and isinstance(value, known)
 
 
 def _checked(where: str, values: Any) -> NDArray[Any]:
