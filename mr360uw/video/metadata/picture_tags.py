@@ -217,7 +217,10 @@ def _parts(data: bytes) -> dict[str, bytes]:
     if data.startswith(_JPEG_START):
         bodies = [body for _, body in _jpeg_bodies(data)]
         parts = sorted(body for body in bodies if body.startswith(_JPEG_ICC))
-        found = {name: _after(bodies, head) for name, head in (("exif", _JPEG_EXIF), ("xmp", _JPEG_XMP))}
+        found = {
+            name: next((body[len(head) :] for body in bodies if body.startswith(head)), b"")
+            for name, head in (("exif", _JPEG_EXIF), ("xmp", _JPEG_XMP))
+        }
         return found | {"icc": b"".join(body[len(_JPEG_ICC) + 2 :] for body in parts)}
     if data.startswith(_PNG_START):
         chunks = dict(reversed(list(_png_chunks(data))))
@@ -281,10 +284,6 @@ def _avif_colour(data: bytes) -> tuple[tuple[bytes, bytes], ...]:
     primaries, curve = struct.unpack_from(">HH", data, at + 8)
     known = 2 not in (primaries, curve) and max(primaries, curve) < 256  # 2: not specified
     return ((b"cICP", bytes([primaries, curve, 0, 1])),) if known else ()
-
-
-def _after(bodies: list[bytes], head: bytes) -> bytes:
-    return next((body[len(head) :] for body in bodies if body.startswith(head)), b"")
 
 
 def _jpeg_bodies(data: bytes) -> Iterator[tuple[int, bytes]]:
@@ -443,15 +442,13 @@ def _tiff_tags(data: bytes, suffix: str, size: tuple[int, int]) -> tuple[Picture
         if tag in directory and (inner := file.get_ifd(tag)):
             exif[tag] = dict(inner)
     icc, own_xmp = (bytes(directory.get(tag, b"")) for tag in (_ICC_TAG, _XMP_TAG))
-    own = tuple((tag, bytes(directory[tag])) for tag in (_TIFF_IPTC, _TIFF_PHOTOSHOP) if _is_bytes(directory.get(tag)))
+    own = tuple(
+        (tag, bytes(directory[tag])) for tag in (_TIFF_IPTC, _TIFF_PHOTOSHOP) if isinstance(directory.get(tag), bytes)
+    )
     turned = int(directory.get(_ORIENTATION, 1))
     written = exif.tobytes().removeprefix(_JPEG_EXIF) if len(exif) else b""
     tags = PictureTags(suffix, size, size, (0, 0), icc, written, own_xmp, own=own)
     return tags, turned if 1 <= turned <= 8 else 1
-
-
-def _is_bytes(value: Any) -> bool:
-    return isinstance(value, bytes)
 
 
 def with_tags(
@@ -539,14 +536,7 @@ def exr_entries(exif: bytes) -> dict[str, Any]:
 
 def is_not_srgb(exif: bytes) -> bool:
     """Return whether EXIF says that colours are not sRGB: cameras say so instead of a profile of Adobe RGB."""
-    from PIL import Image
-
-    try:
-        said = Image.Exif()
-        said.load(_JPEG_EXIF + exif)
-        return said.get_ifd(_EXIF_TAG).get(_COLOUR_SPACE) == _UNCALIBRATED
-    except _BROKEN:
-        return False
+    return bool(exif) and _exif_parts(exif)[1].get(_COLOUR_SPACE) == _UNCALIBRATED
 
 
 _COLOUR_SPACE, _UNCALIBRATED = 40961, 65535
