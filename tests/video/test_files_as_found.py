@@ -174,8 +174,11 @@ def tiff(path: Path, pixels: NDArray[Any], **how: Any) -> Path:
     return path
 
 
-def test_tiffs_of_eight_bits_are_read_however_they_are_stored(tmp_path: Path) -> None:
-    """Plane after plane, and with alpha that is not multiplied in."""
+def test_tiffs_are_read_however_they_are_stored(tmp_path: Path) -> None:
+    """Plane after plane, and with alpha that is not multiplied in, of floats too."""
+    floats = np.dstack([light(), np.full(light().shape[:2], 0.5, np.float32)])
+    assert np.array_equal(read_picture(tiff(tmp_path / "floats.tif", floats)), light())
+    assert "has transparency" in notes_of(tmp_path / "floats.tif")
     clear = np.dstack([codes(), np.full(codes().shape[:2], 100, np.uint8)])
     assert np.array_equal(read_picture(tiff(tmp_path / "planes.tif", codes(), planes=True)), codes())
     assert np.array_equal(read_picture(tiff(tmp_path / "clear.tif", clear)), codes())
@@ -185,7 +188,8 @@ def test_tiffs_of_eight_bits_are_read_however_they_are_stored(tmp_path: Path) ->
 @pytest.mark.parametrize(
     ("name", "says"),
     [("planes", "planar"), ("half", "floats of 16 bits"), ("double", "floats of 64 bits"), ("cmyk", "CMYK"),
-     ("lab", r"L\*a\*b\*"), ("five", "5 channels"), ("raw", "camera raw"), ("zip", "number 50000"), ("big", "BigTIFF")],
+     ("lab", r"L\*a\*b\*"), ("five", "5 channels of 8 bits"), ("raw", "camera raw"), ("zip", "number 50000"),
+     ("big", "BigTIFF")],
 )  # fmt: skip
 def test_tiffs_that_are_not_read_say_what_they_are(tmp_path: Path, name: str, says: str) -> None:
     path, deep = tmp_path / "a.tif", codes().astype(np.uint16) * 257

@@ -128,8 +128,8 @@ def _unread_tiff(form: TiffForm) -> str:
     samples = {1: "whole numbers", 2: "signed numbers", 3: "floats"}.get(form.sample_format, "numbers of another kind")
     if (form.sample_format, form.bits) not in ((1, 1), (1, 2), (1, 4), (1, 8), (1, 16), (3, 32)):
         return f"holds {samples} of {form.bits} bits, which are not read - save it with 8 or 16 bits, or 32-bit floats"
-    if form.samples > 4:
-        return f"has {form.samples} channels - save it as RGB"
+    if form.samples > 4 or (form.samples == 2 and form.bits != 8):
+        return f"has {form.samples} channels of {form.bits} bits - save it as RGB"
     if form.planar and form.bits != 8:
         return "stores its channels one after the other (planar), which is read of 8 bits only - save it interleaved"
     if form.compression not in _TIFF_COMPRESSIONS and form.bits != 8:
@@ -160,7 +160,8 @@ def _plain(path: Path, data: bytes, wanted: Wanted, *, notes: bool) -> PictureFi
     PICTURE.check(str(path), size[0] * size[1], VideoError)
     tags, turned = read_tags(data, path.suffix.lower(), size)
     codes = _decoded(path, data, matte=wanted == "matte" or notes)
-    clear = codes.shape[-1] == 4 and codes.dtype.kind == "u" and bool(codes[..., 3].min() < np.iinfo(codes.dtype).max)
+    whole = np.iinfo(codes.dtype).max if codes.dtype.kind == "u" else 1.0
+    clear = codes.shape[-1] == 4 and bool(codes[..., 3].min() < whole)
     codes = codes if wanted == "matte" else np.ascontiguousarray(codes[..., :3])
     try:
         unused = unused_parts(data, clear=clear) if notes else ()
@@ -194,9 +195,10 @@ def _decoded(path: Path, data: bytes, *, matte: bool) -> NDArray[Any]:
     if (
         form is not None
         and form.bits == 8
-        and (form.samples == 4 or form.planar or form.compression not in _TIFF_COMPRESSIONS)
+        and (form.samples in (2, 4) or form.planar or form.compression not in _TIFF_COMPRESSIONS)
     ):
         return _rgb_order(_decoded_by_pillow(path, data))  # OpenCV multiplies alpha in, and mixes planes up
+    matte = matte or (form is not None and form.samples == 4)  # it does not leave the alpha of floats out
     flags = cv2.IMREAD_UNCHANGED if matte else cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION
     codes = _by_opencv(path, data, flags)
     if codes is None:
