@@ -16,7 +16,7 @@ zenith. Light from above comes a shorter way through the water and has more red,
 
 Dives whose white balance put the red back, and dusk, whose light has little, get a low confidence by it. Below 0.5 the
 rise decides instead of the red: under water where it rises and light falls from above, in air where it falls, but for
-plates with next to no red. One picture is never sure.
+plates with next to no red and those half under water. One picture is never sure.
 
 Measured on 28 plates, each as it is and with a grey-world white balance, and those in air also in the colours of dusk
 and of night: 96 pictures. The limits of the rise were chosen on every second plate, where 47 of 48 pictures are right,
@@ -160,11 +160,12 @@ def water_or_air(image: Floats) -> WaterOrAir:
     confidence = min(abs(margin) / _SURE, 1.0) * (_ALONE + (_AGREED - _ALONE) * support)
     # Where both contradict each other, light from above and its red tell more than the red in the distance
     wet = margin > 0.0
+    half = wet and _half_in_air(ratio, weight, up)
     if confidence < SURE and wet:
-        wet = rise > -_RISES or far < _HARDLY_RED
+        wet = rise > -_RISES or far < _HARDLY_RED or half  # there is a sky above half water
     elif confidence < SURE:
         wet = rise > _RISES and light_at(image, 35.0, 45.0) > light_at(image, -5.0, 5.0)
-    return WaterOrAir(wet, confidence, far, wet and margin > 0.0 and _half_in_air(ratio, weight, up))
+    return WaterOrAir(wet, confidence, far, half)
 
 
 def _half_in_air(ratio: Floats, weight: Floats, up: Floats) -> bool:
