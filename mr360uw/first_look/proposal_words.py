@@ -16,13 +16,11 @@ from mr360uw.first_look.place_in_plate import Place
 from mr360uw.first_look.plate_look import PlateLook
 from mr360uw.first_look.proposal import Proposal
 from mr360uw.first_look.sight import Sight
-from mr360uw.first_look.water_or_air import WaterOrAir
+from mr360uw.first_look.water_or_air import SURE, WaterOrAir
 from mr360uw.medium.fit.waterfit import CONFIDENT
 from mr360uw.scene.toml_model import toml_value
 from mr360uw.video.read.projection import FISHEYE_FOV_DEG
 
-_SURE = 0.5
-"""Confidence from which water or air is not called a guess."""
 _WIDTH = 34
 """Column at which comments of a scene start."""
 
@@ -39,9 +37,9 @@ def found_lines(plate: PlateLook, mesh: MeshLook, chosen: Proposal, sun: str) ->
     if plate.projection == "dual_fisheye":
         lines.append(f"lenses    {FISHEYE_FOV_DEG:g} degrees each, guessed: plate.fisheye_fov_deg sets it")
     lines.append(where_line(plate.medium))
-    if not plate.medium.said and plate.medium.confidence < _SURE:
+    if not plate.medium.said and plate.medium.confidence < SURE:
         lines.append(
-            "unsure    white balance, dusk and lamps hide it: --water or --air decides, and water.type in the scene"
+            "unsure    white balance, dusk and lamps hide which: say it by --water or --air, or set water.type"
         )
     if plate.medium.half:
         lines.append(
@@ -73,7 +71,7 @@ def where_line(medium: WaterOrAir) -> str:
         other = f", though it looks {'in air' if medium.underwater else 'under water'}"
         but = f"{other} (confidence {medium.confidence:.2f})" if medium.contradicted else ""
         return f"where     {where}, as you say{but}: {red}{so}"
-    guess = "" if medium.confidence >= _SURE else "perhaps "
+    guess = "" if medium.confidence >= SURE else "a guess: "
     return f"where     {guess}{where}: {red}{so} (confidence {medium.confidence:.2f})"
 
 

@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.color import decode
 from mr360uw.constants import CLEAR_SKY_B, CLEAR_SKY_G, CLEAR_SKY_R, PI
 from mr360uw.from_above.settings import AerialFloorSettings, AerialScene, AerialWaterSettings
 from mr360uw.medium import Medium, Water
@@ -23,6 +22,7 @@ from mr360uw.sphere import direction_from_angles, directions, row_solid_angle
 from mr360uw.surface import Floor, SeaScene
 from mr360uw.surface.sky import CLEAR, OVERCAST, standard_sky
 from mr360uw.types import Sun
+from mr360uw.video.opening import open_video
 from mr360uw.video.read.picture_file import read_picture
 
 Array = NDArray[np.float64]
@@ -65,14 +65,17 @@ def _map(path: Path, turn_deg: float) -> Array:
     """Return the radiance (h, 2 h, 3) of a picture of the sky, turned to the right."""
     import cv2
 
-    codes = read_picture(path)
-    light = codes.astype(np.float64)
-    if codes.dtype.kind != "f":
-        light = np.asarray(decode(light / np.iinfo(codes.dtype).max, "srgb"), np.float64)
-    rows = min(max(codes.shape[0] // 2 * 2, 2), _MOST_ROWS)
+    light = _light(path)
+    rows = min(max(light.shape[0] // 2 * 2, 2), _MOST_ROWS)
     light = np.asarray(cv2.resize(light, (2 * rows, rows), interpolation=cv2.INTER_AREA), np.float64)
     light = np.maximum(np.nan_to_num(light, posinf=0.0, neginf=0.0), 0.0)
     return np.roll(light, round(turn_deg / 360.0 * 2 * rows), axis=1)
+
+
+def _light(path: Path) -> Array:
+    """Return the linear Rec.709 light (h, w, 3) of a picture, by its profile or its primaries where it states any."""
+    with open_video(path, equirectangular=False) as picture:
+        return np.asarray(next(picture.frames(1)).image_linear, np.float64)
 
 
 def _scaled(dome: Array, irradiance: float | None) -> Array:
@@ -110,9 +113,7 @@ def floor_of(floor: AerialFloorSettings, water: AerialWaterSettings) -> Floor:
         image = sand / sand.mean(axis=(0, 1)) * albedo
     elif floor.ground == "picture":
         assert floor.picture is not None
-        codes = read_picture(floor.picture)
-        light = codes if codes.dtype.kind == "f" else decode(codes / np.iinfo(codes.dtype).max, "srgb")
-        image = _square(np.asarray(light, np.float64)) * albedo
+        image = _square(_light(floor.picture)) * albedo
     image = np.clip(image, 0.0, 1.0)
     if water.mode == "blended":
         per_m, color = blend_of(water)

@@ -144,17 +144,40 @@ def unreadable(path: Path) -> str:
     return ""
 
 
+_WRAPPED = {
+    b"version https://git-lfs": "is a pointer of Git LFS, not the file itself - fetch that by git lfs pull",
+    b"PK\3\4": "is a ZIP archive - unpack it, and name the file in it",
+    b"\x1f\x8b": "is compressed by gzip - unpack it",
+    b"7z\xbc\xaf\x27\x1c": "is a 7z archive - unpack it, and name the file in it",
+    b"Rar!": "is a RAR archive - unpack it, and name the file in it",
+    b"<!doctype html": "is a web page, which a failed download leaves - download the file again",
+    b"<html": "is a web page, which a failed download leaves - download the file again",
+}
+"""First bytes, in small letters, of what stands in for a file, and what to do."""
+
+
+def wrapped(head: bytes) -> str:
+    """Return why a file that begins so is not what its name says, *what is wrong - what to do*; "" for others."""
+    start = head[:32].lstrip()
+    return next((why for mark, why in _WRAPPED.items() if start.startswith(mark) or start.lower().startswith(mark)), "")
+
+
 def read_data(path: Path, wrong: type[Mr360uwError], limit: Limit = DATA) -> bytes:
-    """Return the bytes of a file; raise `wrong` where it cannot be read, is no regular file, or is over the limit."""
+    """Return the bytes of a file; raise `wrong` where it cannot be read, is no regular file, is over the limit, or is
+    an archive, a web page or a pointer in place of the file.
+    """
     if reason := unreadable(path):
         raise wrong(f"{path} - {reason}")
     try:
         note_read(path)
         with path.open("rb") as file:
             limit.check(str(path), os.fstat(file.fileno()).st_size, wrong)
-            return file.read(limit.value())
+            data = file.read(limit.value())
     except OSError as error:
         raise wrong(f"{path} - cannot be read (got: {error.strerror or error}) - check its rights") from error
+    if why := wrapped(data):
+        raise wrong(f"{path} - {why}")
+    return data
 
 
 def read_text(path: Path, wrong: type[Mr360uwError]) -> str:

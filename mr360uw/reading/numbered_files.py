@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Names of numbered files: patterns such as out_%04d.png, out_####.png or out_@@@@.png."""
+"""Names of numbered files: patterns such as out_%04d.png, out_####.png, out_@@@@.png or Houdini's out_$F4.png."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ import re
 from collections.abc import Iterator
 from pathlib import Path
 
-_NUMBER = re.compile(r"%(0(\d+))?d|(#+|@@+)")
+_NUMBER = re.compile(r"%(?:0(\d+))?d|(#+|@@+)|\$F(\d*)")
 
 
 def is_pattern(path: Path) -> bool:
-    """Return whether a name is the pattern of a sequence, with %04d, #### or @@@@ in it."""
+    """Return whether a name is the pattern of a sequence, with %04d, ####, @@@@ or $F4 in it."""
     return _NUMBER.search(path.name) is not None
 
 
@@ -27,7 +27,7 @@ def numbered(path: Path, number: int) -> Path:
     """Return the file of a pattern with this number."""
     found = _NUMBER.search(path.name)
     assert found is not None
-    digits = int(found[2] or 0) if found[1] or not found[3] else len(found[3])
+    digits = len(found[2]) if found[2] else int(found[1] or found[3] or 0)
     return path.with_name(path.name[: found.start()] + f"{number:0{digits}d}" + path.name[found.end() :])
 
 

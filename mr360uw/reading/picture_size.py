@@ -7,7 +7,7 @@ import re
 import struct
 
 _PNG = b"\x89PNG\r\n\x1a\n"
-HDR_SIZE = re.compile(rb"\n([-+])([XY]) +(\d{1,9}) +([-+])([XY]) +(\d{1,9})[\r\n]")
+HDR_SIZE = re.compile(rb"\n([-+])([XY]) +(\d{1,9}) +([-+])([XY]) +(\d{1,9})(?:\r\n|[\r\n])")
 """The line on the size of a Radiance HDR file: sign, axis and number of its rows, and of the samples in one."""
 _HDR_HEAD_BYTES = 65536
 _FRAME_HEADERS = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}

@@ -10,7 +10,7 @@ from mr360uw.reading.numbered_files import files_named
 from mr360uw.scene.model import PlateSettings, Scene
 from mr360uw.video import VideoReader, open_video
 from mr360uw.video.eyes_seen import EyesSeen, eyes_seen
-from mr360uw.video.metadata.picture_tags import HOLDING, read_tags
+from mr360uw.video.metadata.picture_tags import read_tags
 from mr360uw.video.read.picture_shape import Shape, shape_of_codes, way_out
 from mr360uw.video.read.projection import PICTURE_SUFFIXES, projection_of
 from mr360uw.video.read.reader import scaled
@@ -39,10 +39,8 @@ def pose_of_plate(plate: PlateSettings) -> tuple[float, float, float]:
     if projection_of(plate.path, plate.projection) != "equirectangular" or not file.is_file():
         return 0.0, 0.0, 0.0
     suffix = file.suffix.lower()
-    if "xmp" in HOLDING.get(suffix, ()):
-        return read_tags(read_data(file, VideoError), suffix, (1, 1))[0].pose_deg
     if suffix in PICTURE_SUFFIXES:
-        return 0.0, 0.0, 0.0
+        return read_tags(read_data(file, VideoError), suffix, (1, 1))[0].pose_deg
     from mr360uw.video.read.container import stated_pose
 
     return stated_pose(file)

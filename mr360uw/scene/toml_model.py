@@ -162,10 +162,17 @@ def model_from_dict(
     return made
 
 
+def _from_folder(folder: Path, path: Path) -> Path:
+    """Return a path that starts at a folder, without "..": messages name files as people do."""
+    while not path.is_absolute() and path.parts[:1] == ("..",):
+        folder, path = folder.resolve().parent, Path(*path.parts[1:])
+    return path if path.is_absolute() else folder / path
+
+
 def with_absolute_paths(value: Any, folder: Path) -> Any:
     """Return a model, or a value of one, whose relative paths start at a folder."""
     if isinstance(value, Path):
-        return value if value.is_absolute() else folder / value
+        return _from_folder(folder, value)
     if isinstance(value, tuple):
         moved = tuple(with_absolute_paths(item, folder) for item in value)
         return value if all(new is old for new, old in zip(moved, value, strict=True)) else moved

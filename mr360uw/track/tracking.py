@@ -147,7 +147,7 @@ def track_shots(
         if whole and reading.cuts:
             cuts = ", ".join(map(str, reading.cuts))
             raise ParameterError(f"{video} - is cut (got new shots at frames {cuts}) - give one shot, or track_shots")
-        gravity = _gravity_up(Path(video), float(clip.frame_rate), np.array(reading.times_s))
+        stated = stated_up(clip, np.array(reading.times_s))
         shots = []
         for start, stop in reading.shots:
             where = f"{video}" if len(reading.shots) == 1 else f"{video} frames {start}:{stop}"
@@ -155,7 +155,7 @@ def track_shots(
                 keys = key_frames_of_shot(reading, folder / "keys", start, stop, where)
                 own = folder / f"shot{start:08d}"
                 own.mkdir(exist_ok=True)
-                level = None if gravity is None else gravity[start:stop]
+                level = None if stated is None else (stated[0][start:stop], stated[1])
                 shots.append(
                     TrackedShot(
                         start, stop, _solved(where, clip, keys, (left_out, mask_only), own, steps, level, measure)
@@ -170,13 +170,14 @@ def track_shots(
 
 def _solved(
     where: str, clip: VideoReader, keys: KeyFrames, masking: tuple[NDArray[np.bool_] | None, bool], folder: Path,
-    steps: Steps, gravity: Floats | None, measure: Measure,
+    steps: Steps, stated: tuple[Floats, str] | None, measure: Measure,
 ) -> CameraTrack:  # fmt: skip
     """Return the track of a shot."""
     poses = solve_key_frames(where, keys, masking[0], folder, steps, mask_only=masking[1])
     frames = solve_between(clip, keys, poses, steps)
-    window = window_up(poses.paths, poses.rotation) if gravity is None else None
-    world = world_of(*frames[:2], poses.points, gravity, window, measure, keys.time_s)
+    window = window_up(poses.paths, poses.rotation) if stated is None else None
+    gravity, by = stated or (None, "")
+    world = world_of(*frames[:2], poses.points, gravity, window, measure, keys.time_s, by)
     return _in_world(keys, poses, frames, world)
 
 
@@ -215,16 +216,20 @@ def _read_mask(path: Path, clip: VideoReader) -> NDArray[np.bool_]:
     return np.asarray(light < half)
 
 
-def _gravity_up(video: Path, frame_rate: float, time_s: Floats) -> Floats | None:
-    """Return up in the camera's axes (n, 3) of a GoPro's gravity, or None where the clip has no such track."""
-    from mr360uw.ibl.level.tilt import level_from_gpmf
+def stated_up(clip: VideoReader, time_s: Floats) -> tuple[Floats, str] | None:
+    """Return up in the camera's axes (n, 3) that a clip states, and where: by its GoPro's gravity, or else by the pose
+    of the panorama. None where it states neither.
+    """
+    from mr360uw.ibl.level.tilt import level_from_gpmf, level_matrix
     from mr360uw.video.read.probe import gpmf_payloads
 
     try:
-        level = level_from_gpmf(gpmf_payloads(video), frame_rate)
+        level = level_from_gpmf(gpmf_payloads(clip.path), float(clip.frame_rate))
     except (VideoError, ParameterError):  # clips of other cameras have none
-        return None
-    return np.stack([level.at(float(t))[1] for t in time_s])
+        _, pitch, roll = np.radians(clip.pose_deg).tolist()
+        up = level_matrix(roll, pitch)[1]
+        return (np.tile(up, (len(time_s), 1)), "the pose that its file states") if roll or pitch else None
+    return np.stack([level.at(float(t))[1] for t in time_s]), "the clip's gravity"
 
 
 def _in_world(

@@ -150,19 +150,21 @@ def world_of(
     window: Floats | None = None,
     measure: Measure | None = None,
     time_s: Floats | None = None,
+    by: str = "the clip's gravity",
 ) -> World:
     """Return where a solved scene is in the world.
 
     position (n, 3), rotation (n, 3, 3), time_s (n,): cameras, the first at the shot's start. points (m, 3). gravity_up
-    (n, 3): up in each camera's axes, of the clip's metadata, if there is. window (3,): up by Snell's window. Up is
-    gravity's, or else the frames' own on average; where the window is more than three degrees off, the window's; else,
+    (n, 3): up in each camera's axes, of the clip's metadata, if there is; by: of which of these. window (3,): up by
+    Snell's window. Up is gravity's, or else the frames' own on average; where the window is more than three degrees
+    off, the window's; else,
     of clips that roll and pitch, the normal of a floor that is nearly level for the frames. measure: of the scale;
     without one it is a guess.
     """
     measure = Measure() if measure is None else measure
     own = rotation[:, :, 1] if gravity_up is None else np.einsum("nij,nj->ni", rotation, gravity_up)
     up: Floats = unit(np.mean(own, axis=0))
-    words = "the frames' own up on average" if gravity_up is None else "the clip's gravity"
+    words = "the frames' own up on average" if gravity_up is None else by
     plane = fit_floor(points, position[0], up) if len(points) else None
     rolls = float(np.sqrt(np.mean(np.sum(np.square(own - up), axis=1)))) > _LEVELLED
     if gravity_up is None and window is not None and _angle(window, up) > _WINDOW_OFF:

@@ -83,6 +83,12 @@ class Clip:
     picture_tags: PictureTags | None = None
 
     @property
+    def pose_deg(self) -> tuple[float, float, float]:
+        """Yaw, pitch and roll [deg] of the panorama that the file states; zeros without."""
+        said = self.spherical or self.picture_tags
+        return (0.0, 0.0, 0.0) if said is None else said.pose_deg
+
+    @property
     def frame_size(self) -> tuple[int, int]:
         """Width and height [pixels] of the whole picture, of both eyes where there are two."""
         if self.stereo == "mono":

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from mr360uw.color import LUMINANCE
 from mr360uw.errors import VideoError
 from mr360uw.files import NewFile, whole_file
-from mr360uw.reading.input_files import unreadable
+from mr360uw.reading.input_files import unreadable, wrapped
 from mr360uw.reading.limits import DATA, PICTURE
 from mr360uw.shapes import checked
 from mr360uw.types import Floats
@@ -80,7 +80,10 @@ def check_exr(path: Path) -> list[ExrPart]:
         raise VideoError(f"{path} - {reason}")
     try:
         with path.open("rb") as file:
-            parts, table = _parts(file.read(_HEAD_BYTES))
+            head = file.read(_HEAD_BYTES)
+            if why := wrapped(head):
+                raise VideoError(f"{path} - {why}")
+            parts, table = _parts(head)
             _check_sizes(path, parts)
             if not _complete(file, parts, table):
                 raise VideoError(f"{path} - is cut short or damaged (chunks are missing) - copy or write it again")
@@ -255,11 +258,43 @@ def read_frame(path: Path, wanted: Wanted = "colour") -> ExrFrame:
         part, header = parts[taken.part], file.parts[taken.part].header
         # Place the data window in the display window
         array = _in_frame(taken.array(), part)
-        xy = tuple(map(float, header.get("chromaticities", ())))
+        xy = tuple(map(float, header.get("chromaticities", _XY_BY_NAME.get(_named_colours(header), ()))))
         kept = {name: value for name, value in header.items() if _is_carried(name, value)}
         others = [name for name in _names(file.parts) if name != taken.name]
-    notes = tuple(_frame_notes(path, part, header, taken.name, others)) if wanted == "colour" else ()
+        # A closed file has no header any more
+        alphas = [a for name, a in _alphas(file.parts[taken.part]) if name.rpartition(".")[0] in (taken.name, "")]
+        clear = any(bool((alpha < _OPAQUE).any()) for alpha in alphas)
+        notes = tuple(_frame_notes(path, part, header, taken.name, others, clear=clear)) if wanted == "colour" else ()
     return ExrFrame(array, xy if len(xy) == 8 else (), kept, notes)
+
+
+_XY_BY_NAME: dict[str, tuple[float, ...]] = {
+    "ap0": (0.7347, 0.2653, 0.0, 1.0, 0.0001, -0.077, 0.32168, 0.33767),
+    "ap1": (0.713, 0.293, 0.165, 0.83, 0.128, 0.044, 0.32168, 0.33767),
+    "rec2020": (0.708, 0.292, 0.17, 0.797, 0.131, 0.046, 0.3127, 0.329),
+    "p3d65": (0.68, 0.32, 0.265, 0.69, 0.15, 0.06, 0.3127, 0.329),
+    "rec709": REC709_XY,
+}
+"""Chromaticities by the names of spaces of linear light (Color Interop Forum), for headers that state no numbers."""
+_OPAQUE = 0.999
+
+
+def _named_colours(header: Mapping[str, Any]) -> str:
+    """Return the space that a header names instead of chromaticities, "" for none."""
+    if header.get("acesImageContainerFlag") == 1:
+        return "ap0"
+    said = str(header.get("colorInteropID", header.get("oiio:ColorSpace", ""))).lower()
+    said = {"acescg": "ap1", "aces2065-1": "ap0", "linear": "rec709", "scene_linear": ""}.get(said, said)
+    return said.removeprefix("lin_").removesuffix("_scene").removesuffix("_display")
+
+
+def _alphas(part: Any) -> Iterator[tuple[str, NDArray[Any]]]:
+    """Yield the alpha channels of a part, with the names of these or of the colours that they are joined to."""
+    for name, channel in part.channels.items():
+        if channel.pixels.ndim == 3 and channel.pixels.shape[-1] == 4:
+            yield f"{name.removesuffix('RGBA').rstrip('.')}.A", channel.pixels[..., 3]
+        elif name.rpartition(".")[2].lower() in ("a", "alpha"):
+            yield name, channel.pixels
 
 
 _BEST = ("", "combined", "rgba", "rgb", "beauty", "c", "color", "colour", "main", "default", "composite", "final")
@@ -312,9 +347,10 @@ def _layers(number: int, part: Any, wanted: Wanted) -> Iterator[_Layer]:
             if len(found) > 2:
                 kept = found if wanted == "matte" else found[:3]
                 yield _Layer(number, ".".join(filter(None, [prefix, base])), kept)
+    vector = "X" in pixels  # X, Y, Z are no luminance
     if "Y" in pixels and {"RY", "BY"} <= set(pixels):
         yield _Layer(number, prefix, (pixels["Y"], pixels["RY"], pixels["BY"]), luma_chroma=True)
-    elif "Y" in pixels:
+    elif "Y" in pixels and not vector:
         yield _Layer(number, prefix, (pixels["Y"],))
     elif wanted == "matte" and not joined:
         alphas = [name for name in pixels if name.rpartition(".")[2] in ("A", "a", "alpha")]
@@ -364,8 +400,15 @@ def _in_frame(array: NDArray[np.float32], part: ExrPart) -> NDArray[np.float32]:
     return out
 
 
-def _frame_notes(path: Path, part: ExrPart, header: Mapping[str, Any], taken: str, others: list[str]) -> Iterator[str]:
-    """Yield lines on what of a frame's file is not used."""
+def _frame_notes(
+    path: Path, part: ExrPart, header: Mapping[str, Any], taken: str, others: list[str], *, clear: bool
+) -> Iterator[str]:
+    """Yield lines on what of a frame's file is not used. clear: whether it has alpha that is not opaque."""
+    if clear:
+        yield f"{path} - has transparency, which is left out - flatten it if that is wrong"
+    space = _named_colours(header)
+    if space and "chromaticities" not in header and space not in _XY_BY_NAME:
+        yield f"{path} - names a space that is not known (got {space!r:.40}), read as Rec.709 - write chromaticities"
     (width, height), (left, top, right, bottom) = part.frame_size, part.data
     if (left, top, right, bottom) != part.display:
         low, high = np.array(part.display[:2]), np.array(part.display[2:])
@@ -393,8 +436,8 @@ def _frame_notes(path: Path, part: ExrPart, header: Mapping[str, Any], taken: st
 _SQUARE = 1e-3
 _STRUCTURE = frozenset({
     "channels", "chromaticities", "chunkCount", "compression", "dataWindow", "displayWindow", "envmap", "lineOrder",
-    "maxSamplesPerPixel", "multiView", "name", "preview", "tiles", "type", "version", "view", "BlenderMultiChannel",
-    "textureformat",
+    "maxSamplesPerPixel", "multiView", "name", "preview", "screenWindowCenter", "screenWindowWidth", "textureformat",
+    "tiles", "type", "version", "view", "BlenderMultiChannel",
 })  # fmt: skip
 """Header entries that say how a file is stored, or of which layers it is."""
 
@@ -404,7 +447,8 @@ def _is_carried(name: str, value: Any) -> bool:
     import OpenEXR
 
     known = (str, int, float, Fraction, tuple, np.ndarray, OpenEXR.TimeCode, OpenEXR.KeyCode, OpenEXR.Rational)
-    return name not in _STRUCTURE and not name.startswith(("cryptomatte", "oiio:")) and isinstance(value, known)
+    usual = name in _STRUCTURE or (name == "pixelAspectRatio" and value == 1.0)
+    return not usual and not name.startswith(("cryptomatte", "oiio:")) and isinstance(value, known)
 
 
 def _checked(where: str, values: Any) -> NDArray[Any]:

@@ -2,14 +2,12 @@
 """The map between a picture's values and light that its file names: an ICC profile, or chromaticities and a curve.
 
 Profiles of a matrix and curves are evaluated from their tags, in floats, so that pictures of 16 bits keep all of them.
-Those of tables are sampled by littlecms. Tags: ICC.1:2022, sections 9 and 10.
+Those of tables: `profile_tables`. Tags: ICC.1:2022, sections 9 and 10.
 """
 
 from __future__ import annotations
 
 import functools
-import hashlib
-import io
 import struct
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -19,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.color import PlateMapping, encode, rec709_from_chromaticities, rec709_from_xyz
-from mr360uw.yuv.cube_lut import CubeLut, LutTable
+from mr360uw.yuv.profile_tables import TableProfile, table_profile
 
 Array = NDArray[np.float64]
 
@@ -29,8 +27,6 @@ _SAME_XY = 1e-3
 """Difference of chromaticities that are written with three digits or more, below which they are the same."""
 _SAME_CODE = 1e-3
 """Difference of values of 0 to 1, a quarter of an 8-bit code, below which a profile is that of sRGB."""
-_NODES = 18
-"""Samples of a profile's tables along each channel: codes 0, 15 ... 255, which 8 bits hold exactly."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -154,11 +150,11 @@ def icc_profile(data: bytes) -> PlateMapping | None:
     Raises `ValueError` with the reason where it cannot be read.
     """
     try:
-        found = _matrix_and_curves(data)
+        found = _matrix_and_curves(data) or table_profile(data, _tags(data), lambda tag: _curve(tag).to_light)
     except (struct.error, IndexError, np.linalg.LinAlgError, UnicodeDecodeError) as error:
         raise ValueError("a broken profile") from error
-    if found is None:
-        return _sampled(data)
+    if isinstance(found, TableProfile):
+        return found
     steps = np.linspace(0.0, 1.0, 5)
     values = np.stack(np.meshgrid(steps, steps, steps), axis=-1)
     greys = np.repeat(np.linspace(0.0, 1.0, 256)[:, None], 3, axis=1)
@@ -228,22 +224,3 @@ def _curve(tag: bytes) -> ToneCurve:
     if kind < 3:
         return ToneCurve(g, a, b, 0.0, -b / a, c if kind == 2 else 0.0, c if kind == 2 else 0.0)
     return ToneCurve(g, a, b, c, d, e, f)
-
-
-def _sampled(data: bytes) -> CubeLut:
-    """Return the map of a profile's tables, sampled by littlecms to sRGB of 8 bits."""
-    from PIL import Image, ImageCms
-
-    steps = np.linspace(0, 255, _NODES).round().astype(np.uint8)
-    codes = np.stack(np.meshgrid(steps, steps, steps, indexing="ij"), axis=-1).reshape(1, -1, 3)
-    try:
-        own, srgb = ImageCms.ImageCmsProfile(io.BytesIO(data)), ImageCms.createProfile("sRGB")
-        shown = ImageCms.profileToProfile(
-            Image.fromarray(codes), own, srgb, renderingIntent=ImageCms.Intent.RELATIVE_COLORIMETRIC, outputMode="RGB"
-        )
-    except (ImageCms.PyCMSError, OSError, ValueError, TypeError) as error:
-        raise ValueError("tables that littlecms does not read") from error
-    table = (np.asarray(shown, np.float64) / 255.0).reshape(_NODES, _NODES, _NODES, 3)
-    return CubeLut(
-        (LutTable(table, np.zeros(3), np.ones(3)),), hashlib.sha256(data).hexdigest(), "srgb", False, is_wide=False
-    )

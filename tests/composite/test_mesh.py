@@ -60,7 +60,7 @@ def test_what_cannot_be_used_says_why(tmp_path: Path, monkeypatch: pytest.Monkey
     with pytest.raises(MeshError, match="no such file"):
         load_mesh(tmp_path / "absent.glb")
     with pytest.raises(MeshError, match="not a mesh format"):
-        load_mesh(tmp_path / "mesh.step")
+        load_mesh(tmp_path / "mesh.thing")
     for name, says in (("a.fbx", "bpy.ops.import_scene.fbx"), ("a.abc", "alembic_import"), ("a.blend", "-b .*a.blend")):
         with pytest.raises(MeshError, match=rf"which is not read - convert it with Blender: blender .*{says}.*a\.glb"):
             load_mesh(tmp_path / name)

@@ -209,7 +209,9 @@ def test_more_than_eight_bits_are_written_as_players_decode_them(
 def test_the_half_of_the_sphere_is_refused_with_the_way_to_a_plate(tmp_path: Path) -> None:
     """VR180 as cameras tag it: bounds of a quarter at the left and the right, an eye each."""
     path = mark_posed(write_clip(tmp_path / "in.mp4", 2), stereo=2, half=True)
-    with pytest.raises(VideoError, match=r"only part of the sphere.*crop=iw/2:ih:0:0,pad=2\*iw:ih:iw/2:0 in_360.mp4"):
+    with pytest.raises(
+        VideoError, match=r"is VR180 by its tags, an eye each.*crop=iw/2:ih:0:0,pad=2\*iw:ih:iw/2:0 in_360.mp4"
+    ):
         open_video(path, eye="left")
 
 

@@ -71,6 +71,8 @@ _INSTEAD = {
     "MSFT_texture_dds": ("textures in DDS", "those in PNG or JPEG are drawn"),
 }
 """What extensions that are not read are for, and what is drawn instead."""
+_LOOKS = frozenset(n for n in _INSTEAD if n.startswith("KHR_materials_")) | {"KHR_lights_punctual", "MSFT_lod"}
+"""Those without which the shape is whole: files that require them, as Blender's with lights, are drawn with a note."""
 _MESHOPT = ("EXT_meshopt_compression", "KHR_meshopt_compression")
 _DRACO = "KHR_draco_mesh_compression"
 _PACKED = {_DRACO: ("Draco", "DracoPy"), **dict.fromkeys(_MESHOPT, ("meshopt", "meshopt"))}
@@ -210,7 +212,7 @@ def open_gltf(path: Path, *, outside: bool = False) -> Gltf:
 def _chunks(path: Path) -> tuple[bytes, bytes]:
     """Return the JSON and the binary of a file (section 4.4)."""
     data = read_data(path, MeshError)
-    if path.suffix.lower() != ".glb":
+    if data.lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"{"):  # whatever the file's ending says
         return data, b""
     magic, version, _ = struct.unpack_from("<4sII", data)
     length, kind = struct.unpack_from("<II", data, 12)
@@ -245,7 +247,7 @@ def _check_extensions(path: Path, tree: dict[str, Any]) -> None:
                 f"{path} - is compressed with {called}, which needs the package {module} - {command('gltf')}, or "
                 "export it without compression"
             )
-    for name in sorted(set(tree.get("extensionsRequired", [])) - FOLLOWED - _SILENT):
+    for name in sorted(set(tree.get("extensionsRequired", [])) - FOLLOWED - _SILENT - _LOOKS):
         raise MeshError(f"{path} - {_HINTS.get(name, f'requires the extension {name}')} - export it without")
 
 

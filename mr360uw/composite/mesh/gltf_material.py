@@ -40,6 +40,10 @@ class MaterialReader:
         if "KHR_materials_unlit" in extensions:
             metallic = float(pbr.get("metallicFactor", 0.0))
             self._note(f"material {name!r} is unlit (KHR_materials_unlit) - the scene lights its colours")
+        if "emissiveTexture" in entry and not any(entry.get("emissiveFactor", ())):
+            self._note(
+                f"material {name!r} has a map of emission and the factor 0 - it does not glow; export the factor"
+            )
         references = {
             "base_map": pbr.get("baseColorTexture"),
             "metallic_roughness_map": pbr.get("metallicRoughnessTexture"),

@@ -185,6 +185,8 @@ class _SceneReader:
             TRIANGLES.check(str(self.gltf.path), self.triangles, MeshError)
             body = self._body(number, mesh, entry, primitive)
             positions, normals, faces = body.at(self.rest)
+            if "COLOR_1" in primitive.columns:
+                self._note("has a second set of vertex colours (COLOR_1) - the first alone is drawn")
             if "material" not in entry and primitive.colors is None:
                 self._note("has parts without material and colours - they are white, matt and drawn on both sides")
             material = self._material(entry.get("material"))

@@ -15,6 +15,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from mr360uw.color import luminance
 from mr360uw.composite.affine import placed
 from mr360uw.composite.mesh.material import Material, MeshFile, Part
 from mr360uw.composite.mesh.mesh_file import read_mesh_file
@@ -244,6 +245,9 @@ def make_mesh(parts: list[Part], materials: list[Material], *, where: str = "mes
         positions, normals, uv, more_uv = positions[keep], normals[keep], uv[keep], more_uv[keep]
         colors, material, piece = colors[keep], material[keep], piece[keep]
     patch, hull = _patches_and_hull(positions, normals, piece)
+    notes += _darkening_notes(
+        where, colors, np.isin(material, [k for k, m in enumerate(materials) if m.base_map is not None])
+    )
     return Mesh(
         positions=positions,
         normals=normals,
@@ -297,6 +301,22 @@ def proper_triangles(positions: Floats) -> NDArray[np.bool_]:
     extent = np.ptp(positions.reshape(-1, 3), axis=0)
     area = 0.5 * np.linalg.norm(np.cross(positions[:, 1] - positions[:, 0], positions[:, 2] - positions[:, 0]), axis=-1)
     return np.asarray(area > 1e-14 * np.max(extent) ** 2)
+
+
+def _darkening_notes(where: str, colors: Floats, mapped: NDArray[np.bool_]) -> tuple[str, ...]:
+    """Return a line where the colours (T, 3, 4) of corners make triangles with a base map much darker."""
+    left = float(luminance(colors[mapped][..., :3]).mean()) if np.any(mapped) else 1.0
+    if left > _DARKENED:
+        return ()
+    return (
+        f"{where} - has vertex colours that darken its texture to {left:.2g} of it - if that is wrong, export it "
+        "without them, or set the object's texture in the scene, beside which they are left out",
+    )
+
+
+_DARKENED = 0.5
+"""Mean luminance of vertex colours, which multiply a base map, below which that is said. Occlusion that is baked into
+them leaves 0.6 to 0.9."""
 
 
 def _size_notes(where: str, extent: Floats, *, cad: bool) -> tuple[str, ...]:

@@ -1,32 +1,46 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Reads mesh files: each format by its own module, STL through trimesh."""
+"""Reads mesh files: each format by its own module."""
 
 from __future__ import annotations
 
-import logging
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.color import decode
-from mr360uw.composite.mesh.material import Material, MeshFile, Part
+from mr360uw.composite.mesh.material import MeshFile, Part
 from mr360uw.composite.mesh.normals import crease_normals
 from mr360uw.composite.mesh.obj_file import read_obj
 from mr360uw.composite.mesh.ply_file import read_ply
 from mr360uw.composite.mesh.skin import smoothed_body
+from mr360uw.composite.mesh.stl_file import read_stl
 from mr360uw.composite.mesh.usd.usd_stage import USD_SUFFIXES
 from mr360uw.errors import MeshError
-from mr360uw.reading.input_files import read_data, text_of, unreadable
-from mr360uw.reading.limits import DATA, TRIANGLES
-from mr360uw.types import Floats
+from mr360uw.reading.input_files import unreadable
+from mr360uw.reading.limits import DATA
 
 FORMATS = (".glb", ".gltf", ".obj", ".ply", ".stl", *USD_SUFFIXES)
-_STL_HEAD = 80
-"""Bytes of the header of a binary STL; text names itself in the first of them."""
-_IMPORTERS = {".fbx": "import_scene.fbx", ".abc": "wm.alembic_import", ".blend": ""}
+_IMPORTERS = {
+    ".fbx": "import_scene.fbx", ".abc": "wm.alembic_import", ".dae": "wm.collada_import", ".blend": "",
+}  # fmt: skip
 """Formats that Blender reads and this does not: Blender's operator, none for its own files."""
+_GAUSSIANS = "is points or splats, which have no surface - make a mesh of them first"
+_OF_CAD = "is of a CAD program - export glTF, OBJ or STL there, or in FreeCAD"
+_OF_MODELLER = "is of a modelling program - export glTF or OBJ there"
+_OTHERS = {
+    **dict.fromkeys((".splat", ".spz", ".ksplat", ".las", ".laz", ".e57", ".pts", ".ptx", ".xyz", ".pcd"), _GAUSSIANS),
+    **dict.fromkeys((".step", ".stp", ".iges", ".igs", ".ifc", ".sldprt", ".dwg", ".dxf", ".f3d", ".3dm"), _OF_CAD),
+    **dict.fromkeys(
+        (".max", ".ma", ".mb", ".c4d", ".lwo", ".skp", ".3ds", ".hip", ".ztl", ".x3d", ".wrl"), _OF_MODELLER
+    ),
+    **dict.fromkeys((".3mf", ".amf", ".off"), "is read by MeshLab - open it there and export glTF, OBJ or PLY"),
+    **dict.fromkeys((".zip", ".7z", ".rar", ".gz"), "is an archive - unpack it, and name the mesh in it"),
+    ".vrm": "is glTF under another name - call it .glb",
+    ".mtl": "is the material library of an OBJ - name the .obj",
+    ".bin": "is the buffer of a glTF - name the .gltf",
+}
+"""Formats that are not read, and what to do."""
 
 
 def read_mesh_file(path: Path, *, outside: bool = False, smooth_deg: float | None = None) -> MeshFile:
@@ -43,6 +57,8 @@ def _read(path: Path, *, outside: bool) -> MeshFile:
     suffix = path.suffix.lower()
     if suffix in _IMPORTERS:
         raise MeshError(f"{path} - is {suffix}, which is not read - convert it with Blender: {_conversion(path)}")
+    if suffix in _OTHERS:
+        raise MeshError(f"{path} - {_OTHERS[suffix]}")
     if suffix not in FORMATS:
         raise MeshError(f"{path} - not a mesh format that is read (got {suffix!r}) - give {', '.join(FORMATS)}")
     if reason := unreadable(path):
@@ -58,57 +74,7 @@ def _read(path: Path, *, outside: bool) -> MeshFile:
         return read_usd(path, outside=outside)
     if suffix == ".obj":
         return read_obj(path, outside=outside)
-    return read_ply(path, outside=outside) if suffix == ".ply" else _read_stl(path)
-
-
-def _read_stl(path: Path) -> MeshFile:
-    """Return the triangles of an STL, with the colours that some programs keep in those of binary files."""
-    import trimesh
-
-    # Let trimesh read it; its log is silent, its errors are raised
-    head = read_data(path, MeshError)[:_STL_HEAD]
-    parts: list[Part] = []
-    materials = [Material(double_sided=True), Material(base_color=(1.0, 1.0, 1.0, 1.0), double_sided=True)]
-    triangles = 0
-    log = logging.getLogger("trimesh")
-    level = log.level
-    log.setLevel(logging.CRITICAL)
-    try:
-        scene = trimesh.load_scene(path, process=False)
-    except Exception as error:  # trimesh does not catch the exceptions of its parsers
-        raise MeshError(f"{path} - cannot be read as a mesh (got: {error!s:.200}) - export it again") from error
-    finally:
-        log.setLevel(level)
-    # Give every triangle corners of its own, with its colour
-    for name, geometry in scene.geometry.items():
-        triangles += len(geometry.faces)
-        TRIANGLES.check(str(path), triangles, MeshError)
-        positions, faces = np.asarray(geometry.vertices, np.float64), np.asarray(geometry.faces, np.int64)
-        colors = _stl_colors(geometry.face_attributes.get("stl"), head)
-        separate = np.arange(faces.size).reshape(-1, 3)
-        white = int(colors is not None)
-        parts.append(Part(str(name), positions[faces].reshape(-1, 3), separate, colors=colors, material=white))
-    return MeshFile(tuple(parts), tuple(materials), head=text_of(head), cad=True)
-
-
-def _stl_colors(words: NDArray[np.uint16] | None, head: bytes) -> Floats | None:
-    """Return the linear colours (V, 4) of the corners of triangles by their 16 bits, or None where they have none.
-
-    Five bits each of blue, green and red, from the lowest, where the highest bit is set (VisCAM, SolidView); with
-    `COLOR=` in the header the order is red, green, blue and the highest bit is set where the header's colour is meant
-    (Materialise Magics).
-    """
-    if words is None or not np.any(words):
-        return None
-    magics = head.find(b"COLOR=")
-    shifts = (0, 5, 10) if magics >= 0 else (10, 5, 0)
-    own = (words >> 15 == 0) if magics >= 0 else (words >> 15 == 1)
-    codes = np.stack([(words >> shift & 31) / 31.0 for shift in shifts], axis=-1)
-    common = np.frombuffer(head[magics + 6 : magics + 9], np.uint8) / 255.0 if magics >= 0 else np.full(3, 0.735)
-    if not np.any(own) and magics < 0:
-        return None
-    rgb = decode(np.where(own[:, None], codes, common), "srgb")
-    return np.repeat(np.append(rgb, np.ones((len(rgb), 1)), axis=1), 3, axis=0)
+    return read_ply(path, outside=outside) if suffix == ".ply" else read_stl(path)
 
 
 def _conversion(path: Path) -> str:

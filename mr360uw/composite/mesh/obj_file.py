@@ -19,8 +19,9 @@ from mr360uw.reading.input_files import read_data, text_of
 from mr360uw.reading.limits import TRIANGLES
 from mr360uw.types import Floats
 
-_NOT_DRAWN = {"p": "points or lines", "l": "points or lines", "curv": "curves or free-form surfaces",
-              "curv2": "curves or free-form surfaces", "surf": "curves or free-form surfaces"}  # fmt: skip
+_CURVES, _LOOKS = "curves or free-form surfaces", "textures by name (usemap) instead of materials"
+_NOT_DRAWN = {"p": "points or lines", "l": "points or lines", "curv": _CURVES, "curv2": _CURVES, "surf": _CURVES,
+              "usemap": _LOOKS, "maplib": _LOOKS, "call": "other files in it (call)"}  # fmt: skip
 _PAINT = "#MRGB"
 """Comments in which ZBrush keeps the colours of vertices."""
 _HEAD = 60

@@ -12,6 +12,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from urllib.parse import unquote
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,9 +24,14 @@ from mr360uw.errors import MeshError
 from mr360uw.reading.input_files import LOOKED_FOR, beside, neighbour, read_data, text_of
 from mr360uw.reading.limits import TEXT
 
-_NOT_DRAWN = (
-    "map_ks", "map_ns", "map_tr", "map_refl", "refl", "disp", "map_disp", "decal", "map_ps", "map_pc", "map_pcr",
-)  # fmt: skip
+_DRAWN = frozenset({
+    "ka", "kd", "ke", "d", "tr", "pr", "pm", "map_ka", "map_kd", "map_ke", "map_d", "map_pr", "map_pm", "norm", "bump",
+    "map_bump", "illum", "sharpness",
+})  # fmt: skip
+"""Words that are read, and two that say how other programs shade."""
+_CHANGE_NOTHING = {"ks": (0.0,), "ns": (0.0,), "ni": (1.0, 1.45, 1.5), "tf": (1.0,), "ps": (0.0,), "pc": (0.0,),
+                   "pcr": (0.0,), "aniso": (0.0,), "anisor": (0.0,)}  # fmt: skip
+"""Values of words that are not read with which a material looks as without them."""
 _PLAIN = MapCoordinates("uv")
 _WHITE, _GREY = (1.0, 1.0, 1.0, 1.0), (0.5, 0.5, 0.5, 1.0)
 _Entry = tuple[Path, dict[str, str]]
@@ -36,6 +42,7 @@ _OPTION = re.compile(
     re.IGNORECASE,
 )
 """An option before the name of a map's file."""
+_TILES = re.compile(r"<(udim|uvtile)>|_mapid_|%\(UDIM\)d", re.IGNORECASE)
 _UNIT = {"s": [1.0, 1.0, 1.0], "o": [0.0, 0.0, 0.0], "t": [0.0, 0.0, 0.0], "mm": [0.0, 1.0]}
 """Values of options that change nothing."""
 _LIBRARY = re.compile(r'"[^"]+"|\S.*?\.mtl(?=\s|$)', re.IGNORECASE)
@@ -51,7 +58,7 @@ def bare_name(name: str) -> str:
 def _names(written: str) -> list[str]:
     """Return what a name in a file may be: all that is written, or that without a comment; without quotes."""
     bare = re.split(r"\s+#", written, maxsplit=1)[0]
-    return list(dict.fromkeys(name.strip().strip("\"'") for name in (written, bare)))
+    return list(dict.fromkeys(name.strip().strip("\"'") for name in (written, bare, unquote(bare))))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -86,6 +93,7 @@ class Libraries:
     def __init__(self, path: Path, named: Sequence[str], *, outside: bool) -> None:
         self.path, self._outside = path, outside
         self._notes: dict[str, None] = {}
+        self._left: dict[Path, dict[str, None]] = {}
         self._entries: dict[str, _Entry] = {}
         self._pixels: dict[Path, Pixels] = {}
         self._textures: dict[tuple[Path, bool, Wrap], Texture] = {}
@@ -95,7 +103,8 @@ class Libraries:
     @property
     def notes(self) -> tuple[str, ...]:
         """Each note once."""
-        return tuple(self._notes)
+        left = (self._not_drawn(library, ", ".join(words)) for library, words in self._left.items())
+        return (*self._notes, *left)
 
     def _files(self, line: str) -> list[Path]:
         """Return the files of a line `mtllib`: one whose name may have spaces, or several."""
@@ -144,14 +153,14 @@ class Libraries:
                 self._notes[f"{self.path} - its material {bare_name(name)!r:.80} is in no library - it is grey"] = None
             return MappedMaterial(Material(base_color=_WHITE if tinted else _GREY, double_sided=True), (_PLAIN,))
         library, entry = found
-        for word in _NOT_DRAWN:
-            if word in entry:
-                self._not_drawn(library, word)
+        for word in entry:
+            if word not in _DRAWN and not _changes_nothing(word, entry):
+                self._left.setdefault(library, {})[word] = None
         # The file of the colour is needed; a material without another map looks nearly as it should
         word = "map_kd" if "map_kd" in entry else "map_ka"
         base = self._map(library, word, entry[word]) if word in entry else None
-        color = _WHITE if base is not None or tinted else (*_color(entry, "kd", _GREY[:3]), 1.0)
-        normal, glow, emission = self._normal(found), self._other(found, "map_ke"), _color(entry, "ke", (0.0, 0.0, 0.0))
+        color = _WHITE if base is not None or tinted else (*self._color(found, "kd", _GREY[:3]), 1.0)
+        normal, glow, emission = self._normal(found), self._other(found, "map_ke"), self._color(found, "ke", (0.0,) * 3)
         material = Material(
             bare_name(name),
             color,
@@ -172,8 +181,10 @@ class Libraries:
         word = "d" if "d" in entry else "tr"
         value = entry.get(word, "1" if word == "d" else "0").split()[-1]
         opacity = _number({word: value}, word, 1.0) if word == "d" else 1.0 - _number({word: value}, word, 0.0)
-        if word == "d" and opacity <= 0.0:  # Tr 1 is how old exporters write what is opaque
-            self._notes[f"{library} - has a material that is wholly clear (d {value}) - it is drawn opaque"] = None
+        if opacity <= 0.0 or (opacity >= 1.0 and "d" in entry and _number(entry, "tr", 0.0) > 0.0):
+            # Old exporters write what is opaque as Tr 1
+            what = " and ".join(f"{one} {entry[one]}" for one in ("d", "tr") if one in entry)
+            self._notes[f"{library} - has a material that may be clear ({what}) - it is drawn opaque; set d"] = None
         mask = self._other(found, "map_d")
         if 0.0 < opacity < 1.0:
             material = replace(material, base_color=(*material.base_color[:3], opacity), alpha_mode="BLEND")
@@ -214,8 +225,26 @@ class Libraries:
             if one is not None and (word == "norm" or _has_normals(one.pixels)):
                 return one
             if one is not None:
-                self._not_drawn(found[0], word)
+                self._left.setdefault(found[0], {})[word] = None
         return None
+
+    def _color(self, found: _Entry, word: str, default: tuple[float, ...]) -> tuple[float, float, float]:
+        """Return the linear colour of a word, of one number grey. Emission above 1 is its colour times the largest."""
+        library, entry = found
+        try:
+            codes = np.array([float(value) for value in entry.get(word, "").split()[:3]])
+        except ValueError:
+            codes = np.zeros(0)
+        if len(codes) not in (1, 3) or not np.all(np.isfinite(codes)):
+            if word in entry:
+                self._notes[f"{library} - {word} is no colour (got {entry[word]!r:.40}) - write three numbers"] = None
+            return default[0], default[1], default[2]
+        largest = max(float(codes.max()), 1.0)
+        if largest > 1.0 and word == "kd":
+            self._notes[f"{library} - Kd has numbers above 1 (got {entry[word]!r:.40}) - they are over 255"] = None
+            codes, largest = codes / 255.0, 1.0
+        r, g, b = (largest * decode(np.clip(codes / largest, 0.0, 1.0), "srgb") * np.ones(3)).tolist()
+        return r, g, b
 
     def _other(self, found: _Entry, word: str) -> _Map | None:
         """Return a map that the picture can do without; None where there is none, or with a note none of use."""
@@ -238,8 +267,13 @@ class Libraries:
             written = written[option.end() :]
         for name in ("t", "mm"):
             if numbers.get(name, _UNIT[name]) != _UNIT[name][: len(numbers.get(name, _UNIT[name]))]:
-                self._not_drawn(library, f"-{name} of {word}")
+                self._left.setdefault(library, {})[f"-{name} of {word}"] = None
         names = _names(written)
+        if _TILES.search(written):
+            raise MeshError(
+                f"{library} - {word} is a set of tiles (UDIM; got {written!r:.60}), which are not read - bake them "
+                "into one picture, with texture coordinates from 0 to 1"
+            )
         file = neighbour(self.path, self._there(names) or names[0], "texture", outside=self._outside)
         if file not in self._pixels:
             self._pixels[file] = decode_image(read_data(file, MeshError), str(file))
@@ -251,8 +285,11 @@ class Libraries:
             self._textures[key] = make_texture(one.pixels, srgb=srgb, wrap=(one.wrap, one.wrap))
         return self._textures[key]
 
-    def _not_drawn(self, library: Path, what: str) -> None:
-        self._notes[f"{library} - {what} is not drawn - give the object textures in the scene, or export glTF"] = None
+    @staticmethod
+    def _not_drawn(library: Path, what: str) -> str:
+        return (
+            f"{library} - has {what}, not drawn - set the object's roughness and textures in the scene, or export glTF"
+        )
 
 
 def _key(name: str) -> str:
@@ -269,17 +306,14 @@ def _number(entry: dict[str, str], word: str, default: float) -> float:
     return value if math.isfinite(value) else default
 
 
-def _color(entry: dict[str, str], word: str, default: tuple[float, ...]) -> tuple[float, float, float]:
-    """Return the linear colour of a word; of one number it is grey."""
+def _changes_nothing(word: str, entry: dict[str, str]) -> bool:
+    """Return whether a material looks as without a word that is not read."""
+    plain = _CHANGE_NOTHING.get(word, ())
+    glossy = word != "ns" or not _changes_nothing("ks", {"ks": "0", **entry})
     try:
-        codes = [float(value) for value in entry[word].split()[:3]]
-    except (KeyError, ValueError):
-        codes = []
-    codes = codes * 3 if len(codes) == 1 else codes
-    if len(codes) != 3 or not all(math.isfinite(code) for code in codes):
-        return default[0], default[1], default[2]
-    r, g, b = decode(np.clip(codes, 0.0, 1.0), "srgb").tolist()
-    return r, g, b
+        return not glossy or (bool(plain) and all(float(value) in plain for value in entry[word].split()))
+    except ValueError:
+        return False
 
 
 def _eight_bits(image: Pixels) -> NDArray[np.uint8]:

@@ -32,10 +32,10 @@ _TYPES = {
 _CORNERS = ("vertex_indices", "vertex_index")
 _COLORS = (("red", "green", "blue"), ("diffuse_red", "diffuse_green", "diffuse_blue"), ("r", "g", "b"))
 _UVS = (("texture_u", "texture_v"), ("u", "v"), ("s", "t"), ("texcoord_u", "texcoord_v"), ("tu", "tv"))
-_TEXTURE = re.compile(r"\s*comment\s+TextureFile\s+\S", re.IGNORECASE)
+_TEXTURE = re.compile(r"\s*comment\s+texture_?file:?\s+\S", re.IGNORECASE)
 _HEAD = 1_000_000
 """Bytes within which a header ends."""
-_SHADES = re.compile(r"quality|intensity|reflectance|scalar|label|class", re.IGNORECASE)
+_SHADES = re.compile(r"quality|intensity|reflectance|scalar|label|class|gr[ae]y|luminance|material_index")
 """Names of values by which programs colour meshes that have no colours."""
 
 
@@ -148,7 +148,9 @@ def read_ply(path: Path, *, outside: bool = False) -> MeshFile:
         text = text_of(head[0])
         elements = dict(_elements(path, [line.split() for line in text.splitlines()], data[head.end() :]))
         return _contents(path, elements, text, outside=outside)
-    except (ValueError, IndexError, KeyError, OverflowError, TypeError, StopIteration) as error:
+    except IndexError as error:
+        raise MeshError(f"{path} - is cut short: it ends before its last row - copy or export it again") from error
+    except (ValueError, KeyError, OverflowError, TypeError, StopIteration) as error:
         what = f"{type(error).__name__}: {error!s:.160}"
         raise MeshError(f"{path} - cannot be read as a mesh (got: {what}) - export it again") from error
 
@@ -164,9 +166,9 @@ def _elements(path: Path, lines: list[list[str]], body: bytes) -> Iterator[tuple
         elif line[:1] == ["element"]:
             declared.append((line[1], int(line[2]), []))
         elif line[:2] == ["property", "list"]:
-            declared[-1][2].append(_Property(line[4], _TYPES[line[3]], _TYPES[line[2]]))
+            declared[-1][2].append(_Property(line[4].lower(), _TYPES[line[3]], _TYPES[line[2]]))
         elif line[:1] == ["property"]:
-            declared[-1][2].append(_Property(line[2], _TYPES[line[1]]))
+            declared[-1][2].append(_Property(line[2].lower(), _TYPES[line[1]]))
     # Read the rows; none that is promised may be missing
     numbers = np.zeros(0) if order else np.array(body.split(), np.float64)
     source = _Source(numbers, np.frombuffer(body, np.uint8), order)
@@ -186,8 +188,13 @@ def _contents(path: Path, elements: dict[str, _Element], head: str, *, outside: 
     vertex, face = elements["vertex"], elements.get("face", {})
     points = _columns(vertex, ("x", "y", "z"))
     corners = next((face[name] for name in _CORNERS if name in face), None)
+    if corners is None and (strips := elements.get("tristrips")):
+        corners = _of_strips(next(iter(strips.values())))
     if points is None or corners is None:
-        raise MeshError(f"{path} - has points without faces (got no vertex_indices) - make a surface of them first")
+        what, out = "points without faces (got no vertex_indices)", "make a surface of them first"
+        if {"f_dc_0", "packed_position"} & set(vertex):
+            what, out = "Gaussian splats, which have no surface", "export a mesh from the program that made them"
+        raise MeshError(f"{path} - has {what} - {out}")
     polygons = _polygons(path, points, corners)
     TRIANGLES.check(str(path), len(polygons.faces), MeshError)
     # Bring everything to the corners of the polygons
@@ -212,6 +219,8 @@ def _contents(path: Path, elements: dict[str, _Element], head: str, *, outside: 
         for number in range(len(materials))
     ]  # fmt: skip
     # Say what is left over
+    if uv is not None and not images:
+        notes.append(f"{path} - has texture coordinates and names no texture - set the object's texture in the scene")
     if colors is None and not images:
         shades = [
             name for name, one in vertex.items() if _SHADES.search(name) and one.flat.size and np.ptp(one.flat) > 0.0
@@ -219,13 +228,22 @@ def _contents(path: Path, elements: dict[str, _Element], head: str, *, outside: 
         notes += [
             f"{path} - has {name} of its vertices - it colours nothing; export colours instead" for name in shades
         ]
-    others = [
-        name
-        for name, one in elements.items()
-        if name not in ("vertex", "face") and any(v.flat.size for v in one.values())
-    ]
-    notes += [f"{path} - has elements {name!r:.40} - they are not drawn; export triangles" for name in others]
+    drawn = ("vertex", "face" if "face" in elements else "tristrips")
+    others = [name for name, one in elements.items() if name not in drawn and any(v.flat.size for v in one.values())]
+    notes += [f"{path} - has elements {name!r:.40} - they are not used; export coloured triangles" for name in others]
     return MeshFile(tuple(parts), tuple(materials), tuple(notes), head=head)
+
+
+def _of_strips(strips: _Values) -> _Values:
+    """Return the triangles of strips, which end at -1; every second one of a strip runs the other way."""
+    ends = np.cumsum(strips.sizes)[:-1]
+    runs = [run for strip in np.split(strips.flat, ends) for run in np.split(strip, np.flatnonzero(strip < 0))]
+    runs = [run[run >= 0] for run in runs]
+    found = [np.stack([run[:-2], run[1:-1], run[2:]], axis=1) for run in runs if len(run) > 2]
+    for triangles in found:
+        triangles[1::2] = triangles[1::2, ::-1]
+    flat = np.concatenate(found).ravel() if found else np.zeros(0, np.int64)
+    return _Values(flat, np.full(len(flat) // 3, 3), strips.type)
 
 
 def _polygons(path: Path, points: Floats, corners: _Values) -> Polygons:
@@ -264,7 +282,10 @@ def _colors(path: Path, polygons: Polygons, vertex: _Element, face: _Element, no
         codes = next((c for names in _COLORS if (c := _codes(element, names)) is not None), None)
         if codes is not None and len(codes):
             found.append(polygons.at_corners(codes, kind, "colours"))
-        if "alpha" in element and np.ptp(element["alpha"].flat) > 0:
+        alpha = next(
+            (a for name in ("alpha", "diffuse_alpha", "a") if (a := _codes(element, (name,))) is not None), None
+        )
+        if codes is not None and alpha is not None and alpha.min() < 1.0:
             notes.append(f"{path} - has colours that are clear in places (alpha) - they are opaque; glTF can be clear")
     if not found:
         return None
@@ -277,7 +298,7 @@ def _colors(path: Path, polygons: Polygons, vertex: _Element, face: _Element, no
 
 
 def _codes(element: _Element, names: tuple[str, ...]) -> Floats | None:
-    """Return colours (n, 3) in [0, 1] of properties of whole numbers, or of others up to 1 or 255; None without any."""
+    """Return colours (n, ...) in [0, 1] of properties of whole numbers, or of others up to 1 or 255; else None."""
     codes = _columns(element, names)
     if codes is None or not codes.size:
         return None

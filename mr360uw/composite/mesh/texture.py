@@ -52,7 +52,7 @@ def decode_image(data: bytes, where: str) -> Pixels:
 
 
 def _unreadable(where: str, error: Exception) -> MeshError:
-    what = str(error) or type(error).__name__
+    what = "no kind of picture that is known" if "identify" in str(error) else str(error) or type(error).__name__
     return MeshError(f"{where} - a texture cannot be read (got: {what:.120}) - give a PNG or JPEG")
 
 

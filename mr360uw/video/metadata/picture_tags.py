@@ -12,16 +12,15 @@ import math
 import re
 import struct
 import zlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from numbers import Real
 from typing import Any
 
-import numpy as np
-
 _RDF = "http://www.w3.org/1999/02/22-rdf-syntax-ns#"
 _GPANO = "http://ns.google.com/photos/1.0/panorama/"
 _JPEG_START = b"\xff\xd8"
+_JPEG_MORE_XMP = b"http://ns.adobe.com/xmp/extension/\0"
 _JPEG_XMP, _JPEG_EXIF, _JPEG_ICC = b"http://ns.adobe.com/xap/1.0/\0", b"Exif\0\0", b"ICC_PROFILE\0"
 _PNG_START = b"\x89PNG\r\n\x1a\n"
 _PNG_XMP = b"XML:com.adobe.xmp\0\0\0\0\0"  # keyword, not compressed, no language
@@ -49,7 +48,8 @@ class PictureTags:
     kind: the file's ending. size: (width, height) of the picture in the file. full_size, origin: of the panorama that
     it is a part of, and its (column, row) there. icc, exif, xmp: bytes; EXIF without orientation, which is applied.
     png_colour: chunks of a PNG that say its colours, or what says the same in AVIF. header: entries of an EXR file.
-    lines: of an HDR file's header.
+    lines: of an HDR file's header. own: (kind, content) of texts, IPTC and XMP beyond 64 kB as JPEG, PNG or TIFF files
+    alone hold them: the number of a JPEG's segment or a TIFF's tag, or the name of a PNG's chunk.
     """
 
     kind: str
@@ -62,11 +62,12 @@ class PictureTags:
     png_colour: tuple[tuple[bytes, bytes], ...] = ()
     header: Mapping[str, Any] = field(default_factory=dict)
     lines: tuple[bytes, ...] = ()
+    own: tuple[tuple[int | bytes, bytes], ...] = ()
 
     @property
     def pano(self) -> dict[str, str]:
         """The mark of a panorama, by the names of its fields."""
-        return pano_fields(self.xmp)
+        return pano_fields(self.xmp) or pano_fields(extended_xmp(self.own))
 
     @property
     def pose_deg(self) -> tuple[float, float, float]:
@@ -85,13 +86,35 @@ class PictureTags:
         what = {"exif": ("EXIF", self.exif), "xmp": ("XMP", b"" if self._is_only_a_mark else self.xmp)}
         most = _SEGMENT - len(_JPEG_XMP) if suffix in (".jpg", ".jpeg") else math.inf
         lost = [name for key, (name, there) in what.items() if there and (key not in held or len(there) > most)]
+        lost += dict.fromkeys(_OWN_NAMES.get(kind, "texts") for kind, _ in self.own if not _goes_into(suffix, kind))
         lost += ["header entries"] * (suffix != ".exr" and bool(self.header))
         kept = "an .exr keeps them" if lost == ["header entries"] else "a .jpg, .png, .tif or .webp keeps them"
+        kept = f"a {self.kind} keeps them" if self.own and not {"EXIF", "XMP"} & set(lost) else kept
         return (f"{suffix} does not hold the plate's {' and '.join(lost)} - {kept}",) if lost else ()
 
     @property
     def _is_only_a_mark(self) -> bool:
         return b"GPano" in self.xmp and not re.search(rb"<(?!GPano:|x:|rdf:|\?|/)\w+:", self.xmp)
+
+
+_COMMENT, _APP1, _APP13, _TIFF_IPTC, _TIFF_PHOTOSHOP = 0xFE, 0xE1, 0xED, 33723, 34377
+_OWN_NAMES: dict[int | bytes, str] = {
+    _COMMENT: "comment", _APP1: "extended XMP", _APP13: "IPTC", _TIFF_IPTC: "IPTC", _TIFF_PHOTOSHOP: "IPTC",
+}  # fmt: skip
+_PNG_TEXTS = (b"tEXt", b"zTXt", b"iTXt")
+
+
+def _goes_into(suffix: str, kind: int | bytes) -> bool:
+    """Return whether files with an ending hold a part of `PictureTags.own` of a kind."""
+    kinds = (".png",) if isinstance(kind, bytes) else (".tif", ".tiff") if kind > 0xFF else (".jpg", ".jpeg")
+    return suffix in kinds
+
+
+def extended_xmp(own: Sequence[tuple[int | bytes, bytes]]) -> bytes:
+    """Return the XMP that a JPEG's segments hold beyond the first 64 kB (XMP specification, part 3, 1.1.3.1)."""
+    heads = len(_JPEG_MORE_XMP) + 32  # the digest; then the whole length, and where a part begins
+    parts = [body[heads + 4 :] for kind, body in own if kind == _APP1]
+    return b"".join(part[4:] for part in sorted(parts, key=lambda part: part[:4]))
 
 
 def _number(text: str) -> float:
@@ -173,7 +196,7 @@ def read_tags(data: bytes, suffix: str, size: tuple[int, int]) -> tuple[PictureT
     size: (width, height) of the picture in the file, before it is turned. Metadata that are broken are left out.
     """
     try:
-        if data[:4] in (b"II*\0", b"MM\0*"):
+        if data[:4] in TIFF_STARTS:
             return _tiff_tags(data, suffix, size)
         parts = _parts(data)
     except _BROKEN:
@@ -185,8 +208,8 @@ def read_tags(data: bytes, suffix: str, size: tuple[int, int]) -> tuple[PictureT
         exif = b""
     colour = tuple(chunk for chunk in _png_chunks(data) if chunk[0] in _PNG_COLOUR)
     colour = colour if colour or parts.get("icc") else _avif_colour(data)
-    own = parts.get("icc", b""), exif, parts.get("xmp", b"")
-    return PictureTags(suffix, size, size, (0, 0), *own, colour), turned
+    known = parts.get("icc", b""), exif, parts.get("xmp", b"")
+    return PictureTags(suffix, size, size, (0, 0), *known, colour, own=tuple(_own_parts(data))), turned
 
 
 def _parts(data: bytes) -> dict[str, bytes]:
@@ -194,7 +217,10 @@ def _parts(data: bytes) -> dict[str, bytes]:
     if data.startswith(_JPEG_START):
         bodies = [body for _, body in _jpeg_bodies(data)]
         parts = sorted(body for body in bodies if body.startswith(_JPEG_ICC))
-        found = {name: _after(bodies, head) for name, head in (("exif", _JPEG_EXIF), ("xmp", _JPEG_XMP))}
+        found = {
+            name: next((body[len(head) :] for body in bodies if body.startswith(head)), b"")
+            for name, head in (("exif", _JPEG_EXIF), ("xmp", _JPEG_XMP))
+        }
         return found | {"icc": b"".join(body[len(_JPEG_ICC) + 2 :] for body in parts)}
     if data.startswith(_PNG_START):
         chunks = dict(reversed(list(_png_chunks(data))))
@@ -203,6 +229,7 @@ def _parts(data: bytes) -> dict[str, bytes]:
         ]
         profile = chunks.get(b"iCCP", b"").partition(b"\0")[2][1:]
         found = {"exif": chunks.get(b"eXIf", b"").removeprefix(_JPEG_EXIF), "xmp": _text(texts[0]) if texts else b""}
+        found |= {name: old for name, old in _raw_profiles(data).items() if not found[name]}
         return found | {"icc": _inflated(profile) if profile else b""}
     if data[:4] == b"RIFF":
         names = {b"ICCP": "icc", b"EXIF": "exif", b"XMP ": "xmp"}
@@ -217,6 +244,38 @@ def _parts(data: bytes) -> dict[str, bytes]:
         return found | {"exif": (picture.info.get("exif") or b"").removeprefix(_JPEG_EXIF)}
 
 
+def _own_parts(data: bytes) -> Iterator[tuple[int | bytes, bytes]]:
+    """Yield the comments, texts, IPTC and extended XMP of a JPEG or PNG; what has become EXIF or XMP is no text."""
+    if data.startswith(_JPEG_START):
+        for marker, body in _jpeg_bodies(data):
+            if marker in (_COMMENT, _APP13) or (marker == _APP1 and body.startswith(_JPEG_MORE_XMP)):
+                yield marker, body
+    for kind, body in _png_chunks(data):
+        if kind in _PNG_TEXTS and not body.startswith((b"XML:com.adobe.xmp\0", *_RAW_PROFILES)):
+            yield kind, body
+
+
+_RAW_PROFILES = {
+    b"Raw profile type xmp\0": "xmp",
+    b"Raw profile type exif\0": "exif",
+    b"Raw profile type APP1\0": "exif",
+}
+"""Keywords of texts in which ImageMagick keeps metadata, as hexadecimal digits."""
+
+
+def _raw_profiles(data: bytes) -> dict[str, bytes]:
+    """Return the EXIF and XMP that the texts of a PNG hold."""
+    found = {}
+    for kind, body in _png_chunks(data):
+        name = next((name for head, name in _RAW_PROFILES.items() if body.startswith(head)), None)
+        if name is not None and kind in (b"tEXt", b"zTXt"):
+            text = body.partition(b"\0")[2]
+            words = (_inflated(text[1:]) if kind == b"zTXt" else text).split(None, 2)
+            content = bytes.fromhex(words[2].decode("ascii"))
+            found["xmp" if content.startswith(_JPEG_XMP) else name] = content.removeprefix(_JPEG_XMP)
+    return {name: content.removeprefix(_JPEG_EXIF) for name, content in found.items()}
+
+
 def _avif_colour(data: bytes) -> tuple[tuple[bytes, bytes], ...]:
     """Return the code points of an AVIF file (its box colr of kind nclx) as the chunk of a PNG that says the same."""
     at = data.find(b"colrnclx", 0, 1 << 16) if data[4:8] == b"ftyp" else -1
@@ -225,10 +284,6 @@ def _avif_colour(data: bytes) -> tuple[tuple[bytes, bytes], ...]:
     primaries, curve = struct.unpack_from(">HH", data, at + 8)
     known = 2 not in (primaries, curve) and max(primaries, curve) < 256  # 2: not specified
     return ((b"cICP", bytes([primaries, curve, 0, 1])),) if known else ()
-
-
-def _after(bodies: list[bytes], head: bytes) -> bytes:
-    return next((body[len(head) :] for body in bodies if body.startswith(head)), b"")
 
 
 def _jpeg_bodies(data: bytes) -> Iterator[tuple[int, bytes]]:
@@ -269,42 +324,67 @@ def _riff_chunks(data: bytes) -> Iterator[tuple[bytes, bytes]]:
         at += 8 + size + size % 2
 
 
-def unused_parts(data: bytes) -> tuple[str, ...]:
+def unused_parts(data: bytes, *, clear: bool) -> tuple[str, ...]:
     """Return what of a picture's file is not used, one line each: alpha that is not opaque, further pictures.
 
-    Raises `ValueError` where its colours are those of a printer.
+    clear: whether it has such alpha. Raises `ValueError` where its colours are those of a printer.
     """
-    kinds: dict[bytes, bytes] = {}
+    inside = False
     if data.startswith(_JPEG_START):
         bodies = list(_jpeg_bodies(data))
         if any(marker in _FRAMES and len(body) > 5 and body[5] == _INKS for marker, body in bodies):
             raise ValueError("is CMYK, the colours of a printer - save it as RGB")
         further = any(body.startswith(b"MPF\0") for _, body in bodies)
-    elif data[:4] in (b"II*\0", b"MM\0*"):
-        further = _has_more_pages(data)
+        inside = any(_INSIDE_XMP.search(body) for marker, body in bodies if marker == _APP1)
+    elif data[:4] in TIFF_STARTS:
+        further = tiff_form(data).more
     else:
         kinds = dict(_riff_chunks(data) if data[:4] == b"RIFF" else _png_chunks(data))
-        further = bool({b"acTL", b"ANIM"} & set(kinds))
+        further, clear = bool({b"acTL", b"ANIM"} & set(kinds)), clear or b"tRNS" in kinds
     alpha = "has transparency, which is left out - flatten it if that is wrong"
     more = "holds further pictures (frames, pages, a gain map or a preview) - the first is read, outputs have it alone"
-    return (*[alpha] * _has_alpha(data), *[more] * further)
+    eye = "holds a right eye, depth or sound in its XMP (VR180 photo, Cardboard) - the left eye's picture alone is read"
+    return (*[alpha] * clear, *[more] * further, *[eye] * inside)
 
 
-def _has_more_pages(tiff: bytes) -> bool:
+_INSIDE_XMP = re.compile(rb"\bG(?:Image|Depth|Audio):(?:Data|Mime)\b")
+
+
+TIFF_STARTS = (b"II*\0", b"MM\0*")
+
+
+@dataclass(frozen=True, slots=True)
+class TiffForm:
+    """How a TIFF's first picture is stored, by the numbers of TIFF 6.0. bits: of a sample. more: further pictures."""
+
+    photometric: int = 2
+    bits: int = 8
+    samples: int = 3
+    sample_format: int = 1
+    compression: int = 1
+    planar: bool = False
+    more: bool = False
+
+
+def tiff_form(data: bytes) -> TiffForm:
+    """Return how a TIFF is stored; that of a plain one where its directory is broken."""
     try:
-        return bool(_directory(tiff).next)
+        directory = _directory(data)
+        first = {
+            tag: value[0] if isinstance(value, tuple) else value for tag, value in directory.items() if value != ()
+        }
     except _BROKEN:
-        return False
+        return TiffForm()
+    samples = int(first.get(277, 1))
+    return TiffForm(
+        int(first.get(262, 2)), int(first.get(258, 1)), samples, int(first.get(339, 1)), int(first.get(259, 1)),
+        samples > 1 and first.get(284) == 2, bool(directory.next) or 330 in first,
+    )  # fmt: skip
 
 
-def _has_alpha(data: bytes) -> bool:
-    """Return whether a picture has alpha that is not opaque all over."""
-    import cv2
-
-    codes = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
-    if codes is None or codes.ndim != 3 or codes.shape[-1] < 4 or codes.dtype.kind != "u":
-        return False
-    return bool(codes[..., 3].min() < np.iinfo(codes.dtype).max)
+def jpeg_bits(data: bytes) -> int:
+    """Return the bits of a sample of a JPEG, 8 where it does not say."""
+    return next((body[0] for marker, body in _jpeg_bodies(data) if marker in _FRAMES and body), 8)
 
 
 def _upright(exif: bytes) -> tuple[int, bytes]:
@@ -362,24 +442,35 @@ def _tiff_tags(data: bytes, suffix: str, size: tuple[int, int]) -> tuple[Picture
         if tag in directory and (inner := file.get_ifd(tag)):
             exif[tag] = dict(inner)
     icc, own_xmp = (bytes(directory.get(tag, b"")) for tag in (_ICC_TAG, _XMP_TAG))
+    own = tuple(
+        (tag, bytes(directory[tag])) for tag in (_TIFF_IPTC, _TIFF_PHOTOSHOP) if isinstance(directory.get(tag), bytes)
+    )
     turned = int(directory.get(_ORIENTATION, 1))
     written = exif.tobytes().removeprefix(_JPEG_EXIF) if len(exif) else b""
-    return PictureTags(suffix, size, size, (0, 0), icc, written, own_xmp), turned if 1 <= turned <= 8 else 1
+    tags = PictureTags(suffix, size, size, (0, 0), icc, written, own_xmp, own=own)
+    return tags, turned if 1 <= turned <= 8 else 1
 
 
-def with_tags(picture: bytes, icc: bytes, exif: bytes, xmp_bytes: bytes, png_colour: Any = ()) -> bytes:
+def with_tags(
+    picture: bytes, suffix: str, icc: bytes, exif: bytes, xmp_bytes: bytes, png_colour: Any = (), own: Any = ()
+) -> bytes:
     """Return the bytes of a JPEG, PNG or TIFF with metadata in them; other kinds come back unchanged.
 
-    png_colour: (kind, content) of chunks that a PNG gets instead of a profile.
+    suffix: the file's ending. png_colour: (kind, content) of chunks that a PNG gets instead of a profile. own: parts of
+    a plate, see `PictureTags`; those of the same kind of file are taken.
     """
+    own = [one for one in own if _goes_into(suffix, one[0])]
     if picture.startswith(_JPEG_START):
-        return _JPEG_START + b"".join(_jpeg_segments(icc, exif, xmp_bytes)) + picture[2:]
+        if b"HasExtendedXMP" not in xmp_bytes:  # what names them is not there
+            own = [one for one in own if one[0] != _APP1]
+        segments = b"".join((*_jpeg_segments(icc, exif, xmp_bytes), *(_segment(*one) for one in own)))
+        return _JPEG_START + segments + picture[2:]
     if picture.startswith(_PNG_START):
         chunks = [*png_colour] or [(b"iCCP", b"ICC profile\0\0" + zlib.compress(icc))] * bool(icc)
-        chunks += [(b"eXIf", exif)] * bool(exif) + [(b"iTXt", _PNG_XMP + xmp_bytes)] * bool(xmp_bytes)
+        chunks += [(b"eXIf", exif)] * bool(exif) + [(b"iTXt", _PNG_XMP + xmp_bytes)] * bool(xmp_bytes) + own
         return picture[:_PNG_HEADER_END] + b"".join(_chunk(*one) for one in chunks) + picture[_PNG_HEADER_END:]
-    if picture[:4] in (b"II*\0", b"MM\0*") and (icc or exif or xmp_bytes):
-        return _with_tiff_tags(picture, icc, exif, xmp_bytes)
+    if picture[:4] in TIFF_STARTS and (icc or exif or xmp_bytes or own):
+        return _with_tiff_tags(picture, exif, {_XMP_TAG: xmp_bytes, _ICC_TAG: icc, **dict(own)})
     return picture
 
 
@@ -395,10 +486,14 @@ def _jpeg_segments(icc: bytes, exif: bytes, xmp_bytes: bytes) -> Iterator[bytes]
     bodies += [(0xE2, _JPEG_ICC + bytes([k + 1, len(parts)]) + part) for k, part in enumerate(parts)]
     for marker, body in bodies:
         if len(body) <= _SEGMENT:
-            yield struct.pack(">BBH", 0xFF, marker, len(body) + 2) + body
+            yield _segment(marker, body)
 
 
-def _with_tiff_tags(picture: bytes, icc: bytes, exif: bytes, xmp_bytes: bytes) -> bytes:
+def _segment(marker: int, body: bytes) -> bytes:
+    return struct.pack(">BBH", 0xFF, marker, len(body) + 2) + body
+
+
+def _with_tiff_tags(picture: bytes, exif: bytes, more: Mapping[int, bytes]) -> bytes:
     """Return a TIFF file whose directory is written anew before its pixels, with more tags."""
     directory, (about, *inner) = _directory(picture), _exif_parts(exif)
     for tag in _ABOUT:
@@ -408,9 +503,9 @@ def _with_tiff_tags(picture: bytes, icc: bytes, exif: bytes, xmp_bytes: bytes) -
         if entries:
             directory.tagtype[tag] = 4
             directory[tag] = entries
-    for tag, content in ((_XMP_TAG, xmp_bytes), (_ICC_TAG, icc)):
+    for tag, content in more.items():
         if content:
-            directory.tagtype[tag] = 1 if tag == _XMP_TAG else 7
+            directory.tagtype[tag] = 7 if tag == _ICC_TAG else 1
             directory[tag] = content
     # Pillow counts the places of strips from the end of the directory that it writes
     strips = directory[_STRIPS]
@@ -437,6 +532,14 @@ def exr_entries(exif: bytes) -> dict[str, Any]:
     return {name: value for name, value in texts.items() if value} | {
         name: value for name, value in numbers.items() if math.isfinite(value)
     }
+
+
+def is_not_srgb(exif: bytes) -> bool:
+    """Return whether EXIF says that colours are not sRGB: cameras say so instead of a profile of Adobe RGB."""
+    return bool(exif) and _exif_parts(exif)[1].get(_COLOUR_SPACE) == _UNCALIBRATED
+
+
+_COLOUR_SPACE, _UNCALIBRATED = 40961, 65535
 
 
 def _exif_parts(exif: bytes) -> tuple[Mapping[int, Any], Mapping[int, Any], Mapping[int, Any]]:

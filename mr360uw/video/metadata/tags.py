@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import re
 import struct
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -93,6 +93,26 @@ def color_spec(
     full_range = bool(found[1]) or tags.color_range == _FULL_RANGE
     curve: Transfer = transfer or _HDR_CURVES.get(tags.color_trc, "srgb")
     return ColorSpec(matrix, full_range, curve, int(found[3] or 8), primaries)
+
+
+_SILENT_CURVES = frozenset({0, 1, 2, 3, 4, 5, 6, 7, 11, 12, 13, 14, 15, *_HDR_CURVES})
+"""Curves by their numbers in H.273: none, those of displays and cameras, read by the display's, and wide ones."""
+_OTHER_PRIMARIES = {10: "XYZ", 11: "DCI P3", 12: "Display P3", 22: "EBU 3213"}
+"""Primaries by their numbers there that no matrix implies. Those of standard definition nearly are Rec.709's."""
+
+
+def color_notes(path: Path, tags: ColorTags, transfer: Transfer | None, primaries: Primaries | None) -> Iterator[str]:
+    """Yield lines on colour tags of a clip that are not followed. transfer, primaries: named by the user."""
+    if transfer is None and tags.color_trc not in _SILENT_CURVES:
+        what = {8: "linear", 9: "logarithmic", 10: "logarithmic"}.get(tags.color_trc, f"number {tags.color_trc}")
+        yield f"{path} - is tagged with a curve that is not used (got {what}), read as sRGB - set plate.transfer"
+    if primaries is None and tags.color_primaries in _OTHER_PRIMARIES:
+        yield (
+            f"{path} - is tagged with primaries that are not used (got {_OTHER_PRIMARIES[tags.color_primaries]}), read "
+            "as those of its matrix: colours are a little pale - convert it to BT.709 or BT.2020, or give plate.lut"
+        )
+    elif primaries is None and tags.color_primaries == 9 and tags.colorspace not in (2, 9, 10):
+        yield f'{path} - is tagged with BT.2020 primaries and another matrix - set plate.primaries = "bt2020"'
 
 
 _RATIONALS = struct.Struct("<20i2i")  # AVMasteringDisplayMetadata: ten fractions, two flags

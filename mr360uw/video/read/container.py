@@ -7,6 +7,7 @@ length of the clip. Decoding runs on all cores, outside Python's lock.
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
@@ -16,16 +17,17 @@ from pathlib import Path
 from typing import Any
 
 import av
+from av.sidedata.sidedata import Type
 
 from mr360uw.color import Primaries, Transfer
 from mr360uw.errors import DamagedFrameError, VideoError
 from mr360uw.types import YuvImage
 from mr360uw.video.clip import not_copied
 from mr360uw.video.metadata.spherical import SphericalMetadata, from_side_data, from_tag, read_spherical
-from mr360uw.video.metadata.tags import ColorTags, color_spec, hdr_from_side_data
+from mr360uw.video.metadata.tags import ColorTags, color_notes, color_spec, hdr_from_side_data
 from mr360uw.video.pixels.native import plane_views
 from mr360uw.video.read.card_decoder import decoding_card, in_format
-from mr360uw.video.read.layout import Eye, Layout, output_layout, panorama_crops
+from mr360uw.video.read.layout import Crop, Eye, Layout, output_layout, panorama_crops
 from mr360uw.video.read.picture_order import (
     FrameIndex,
     StoredPicture,
@@ -43,6 +45,38 @@ _SOUND_LONGER_S = 1.0
 """Time [s] by which the sound of a complete file may be longer than its pictures; twice as large, shorter cuts pass."""
 
 
+def _turn_of(path: Path, first: Any) -> int:
+    """Return the degrees by which a file asks its pictures to be turned; `VideoError` where it mirrors them."""
+    matrix = first.side_data.get(Type.DISPLAYMATRIX)
+    a, b, _, c, d = struct.unpack_from("=5i", bytes(matrix)) if matrix is not None else (1, 0, 0, 0, 1)
+    if a * d < b * c:
+        raise VideoError(
+            f"{path} - asks to be shown as in a mirror (its display matrix) - turn its pictures before, as by ffmpeg "
+            f"-i {path.name} -c:a copy {path.stem}_turned{path.suffix}"
+        )
+    return int(first.rotation) % 360
+
+
+def _unused(path: Path, stream: Any, first: Any, crop: Crop) -> Iterator[str]:
+    """Yield lines on what a track of pictures says and is not used."""
+    aspect = float(stream.sample_aspect_ratio or 1)
+    if abs(aspect - 1.0) > _SQUARE and crop.width == 2 * crop.height:
+        yield (
+            f"{path} - says that its pixels are not square (got {aspect:.4g}), which is not used: the frame is the "
+            "whole sphere - set the pixel aspect to 1 if it is, else export 2:1"
+        )
+    if stream.metadata.get("alpha_mode") == "1":
+        yield f"{path} - has transparency (alpha_mode), which is left out - flatten it if that is wrong"
+    if first.interlaced_frame:
+        yield (
+            f"{path} - is interlaced, and read as it is stored: what moves has combs - deinterlace it before, as by "
+            f"ffmpeg -i {path.name} -vf bwdif {path.stem}_frames{path.suffix}"
+        )
+    if path.suffix.lower() == ".lrv":
+        yield f"{path} - is the small preview that a camera writes beside a clip - name the clip for its full size"
+
+
+_SQUARE = 1e-3
 _OF_TRACK = ("language", "title", "handler_name")
 
 
@@ -72,11 +106,11 @@ class ContainerReader(VideoReader):
             context = stream.codec_context
             tags = ColorTags.of(context)
             spherical = read_spherical(path) or _spherical_of(stream, first)
-            self._rotation = int(first.rotation) % 360
+            self._rotation = _turn_of(path, first)
             spec = color_spec(path, first.format.name, tags, first.height, transfer, primaries)
             self._crop, self._beside, stereo = panorama_crops(
                 path, (first.width, first.height), spherical, eye, self._rotation, equirectangular, layout,
-                lambda: shape_of_codes(plane_views(first, spec), spec.bits),
+                lambda: shape_of_codes(plane_views(first, spec), spec.bits), float(stream.sample_aspect_ratio or 1),
             )  # fmt: skip
             self._announced_s = None if container.duration is None else float(container.duration / av.time_base)
             self._reorder = int(context.reorder_depth)
@@ -99,7 +133,13 @@ class ContainerReader(VideoReader):
                 pixel_format=first.format.name,
                 sound=path if container.streams.audio else None,
                 spherical=spherical,
-                notes=(*lost, *odd, *filter(None, [taken])),
+                notes=(
+                    *lost,
+                    *odd,
+                    *_unused(path, stream, first, self._crop),
+                    *color_notes(path, tags, transfer, primaries),
+                    *filter(None, [taken]),
+                ),
                 words=_words(container.metadata),
                 track_words={name: text for name, text in stream.metadata.items() if name in _OF_TRACK},
                 pixel_aspect=Fraction(0) if aspect is None else fraction(aspect),

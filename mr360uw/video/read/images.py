@@ -19,7 +19,7 @@ from mr360uw.color import ColorSpec, Primaries, Transfer
 from mr360uw.constants import MOST_LIGHT
 from mr360uw.errors import VideoError
 from mr360uw.reading.limits import FRAMES, PICTURE
-from mr360uw.reading.numbered_files import is_pattern, matching_files
+from mr360uw.reading.numbered_files import is_pattern, matcher, matching_files
 from mr360uw.shapes import is_light
 from mr360uw.video.exr import Wanted
 from mr360uw.video.metadata.picture_tags import PictureTags
@@ -34,10 +34,13 @@ from mr360uw.video.video_frame import VideoFrame
 
 @dataclass(frozen=True, slots=True)
 class PictureFiles:
-    """The pictures that a name stands for. first: number of the first one in its name, 0 of pictures without."""
+    """The pictures that a name stands for. first: number of the first one in its name, 0 of pictures without. notes: on
+    their names, one line each.
+    """
 
     files: tuple[Path, ...]
     first: int = 0
+    notes: tuple[str, ...] = ()
 
 
 def picture_files(path: Path) -> PictureFiles | None:
@@ -47,23 +50,44 @@ def picture_files(path: Path) -> PictureFiles | None:
     if path.exists():
         return PictureFiles((path,))
     first = 0
+    notes: tuple[str, ...] = ()
     if is_pattern(path):
         hits = matching_files(path)
-        for (number, _), (following, _) in pairwise(hits):
+        for (number, one), (following, other) in pairwise(hits):
+            if following == number:
+                raise VideoError(
+                    f"{path} - has number {number} twice (got {one.name} and {other.name}) - move one of them away"
+                )
             if following != number + 1:
                 raise VideoError(
                     f"{path} - picture {number + 1} of the sequence is missing (got {number}, then {following}) - "
                     "render it, or name the parts one by one"
                 )
         files = [file for _, file in hits]
-        first = hits[0][0] if hits else 0
+        first, notes = (hits[0][0], _widths(path, files)) if hits else (0, ())
     elif set(path.name) & set("*?["):
         files = sorted(path.parent.glob(path.name))
     else:
         return PictureFiles((path,))
     if not files:
         raise VideoError(f"{path} - no picture has such a name - check the path and the number of digits")
-    return PictureFiles(tuple(files), first)
+    return PictureFiles(tuple(files), first, notes)
+
+
+def _widths(path: Path, files: list[Path]) -> tuple[str, ...]:
+    """Return a line where numbers of a sequence are written in several widths, as of two sequences in a folder."""
+    name = matcher(path)
+    written = [found[1] for file in files if (found := name.fullmatch(file.name))]
+    padded = [number for number in written if len(number) > len(str(int(number)))]
+    odd = next(
+        (file for file, number in zip(files, written, strict=True) if padded and len(number) < len(padded[0])), None
+    )
+    if odd is None:
+        return ()
+    return (
+        f"{path} - is written in several widths of its numbers (as {files[0].name} and {odd.name}), and read as one "
+        "sequence by them - move what does not belong to it away",
+    )
 
 
 def _one_of_many(path: Path) -> tuple[str, ...]:
@@ -104,7 +128,7 @@ class ImageReader(VideoReader):
         files = named.files
         picture = picture_file(files[0], wanted, notes=wanted == "colour")
         self._files, self._wrap, self._wanted, self._mapping = files, equirectangular, wanted, picture.mapping
-        notes = [*picture.notes, *(_one_of_many(path) if path == files[0] else ())]
+        notes = [*named.notes, *picture.notes, *(_one_of_many(path) if path == files[0] else ())]
         # A part of a panorama is placed in the whole, by the mark of the first picture
         pano = picture.tags.pano if equirectangular and layout is None else {}
         self._placed, projection = _placed(path, picture.tags, pano), pano.get("ProjectionType", "equirectangular")

@@ -24,6 +24,11 @@ _WIDEST = 5.0
 """Largest ratio of width to height of a squeezed panorama: 32:9 is usual (two eyes, one above the other, in 16:9)."""
 
 
+_CUBES = {"c3x2": (3, 2), "c6x1": (6, 1), "c1x6": (1, 6)}
+"""Arrangements of the six faces of a cube by FFmpeg's names, and their width to height."""
+_CUBE = "; if it is the six faces of a cube, turn it by ffmpeg -i {} -vf v360={}:e OUT"
+
+
 @dataclass(frozen=True, slots=True)
 class Crop:
     """A rectangle of a frame of `frame_size` (width, height)."""
@@ -60,6 +65,7 @@ def panorama_crops(
     equirectangular: bool = True,
     layout: Layout | None = None,
     look: Callable[[], Shape] = lambda: "panorama",
+    pixel_aspect: float = 1.0,
 ) -> tuple[Crop, Crop | None, Stereo]:
     """Return the part of a frame that is one full equirectangular panorama, that of the right eye beside it where
     `eye` is "both", and the arrangement of the eyes. Raises `VideoError`.
@@ -67,7 +73,8 @@ def panorama_crops(
     size: (width, height) of the frame. layout: arrangement of the eyes; None takes it from the metadata or, without
     any, from the frame's shape: 1:1 is top-bottom, 4:1 is left-right. Panoramas are 2:1 unless the layout or the
     metadata say that the frame is one: then their pixels may be wider or higher. equirectangular False accepts a mono
-    frame of any shape. look: says what the picture shows, where its size does not fit.
+    frame of any shape. look: says what the picture shows, where its size does not fit. pixel_aspect: width of a pixel
+    over its height; frames that players show as 2:1 by it are one panorama, whatever their size.
     """
     if rotation not in (0, 180) or (rotation and eye == "both"):
         raise VideoError(
@@ -81,6 +88,8 @@ def panorama_crops(
     if spherical is not None and equirectangular:
         _check_projection(path, spherical)
     stereo = layout or _stereo(width, height, spherical)
+    if layout is None and spherical is None and _is_squeezed(width, height, pixel_aspect):
+        layout = stereo = "mono"
     said = layout is not None or spherical is not None
     if stereo == "mono" and eye is not None:
         raise VideoError(
@@ -89,6 +98,8 @@ def panorama_crops(
         )
     if stereo != "mono" and not said and (shape := look()) in ONE_PICTURE:
         raise VideoError(f"{path} - {way_out(shape, path)}; if it is two eyes, say with plate.layout how they lie")
+    if stereo == "custom":
+        raise VideoError(f"{path} - its stereo layout is not known (got {stereo}) - export one eye as mono")
     if stereo != "mono" and eye is None:
         raise VideoError(
             f"{path} - is {stereo} stereo (got {width}x{height}), and its eyes are not chosen - take "
@@ -98,6 +109,10 @@ def panorama_crops(
     if equirectangular and crop.width != 2 * crop.height and not (said and _may_be_squeezed(crop)):
         what = f"the picture is not a 360 degree panorama of 2:1 (got {crop.width}x{crop.height})"
         out = way_out(look(), path) or "export it as equirectangular 2:1, or tag it as the full sphere"
+        out += next(
+            (_CUBE.format(path.name, name) for name, ratio in _CUBES.items() if width * ratio[1] == height * ratio[0]),
+            "",
+        )
         raise VideoError(f"{path} - {what} - {out}")
     return crop, _eye_crop(path, width, height, stereo, "right") if eye == "both" else None, stereo
 
@@ -114,6 +129,15 @@ def _may_be_squeezed(crop: Crop) -> bool:
     return crop.width <= _WIDEST * crop.height and crop.height <= crop.width and crop.width % 2 == crop.height % 2 == 0
 
 
+def _is_squeezed(width: int, height: int, pixel_aspect: float) -> bool:
+    """Return whether a frame is not 2:1, but is shown so by the shape of its pixels."""
+    return width != 2 * height and abs(pixel_aspect * width / height - 2.0) < _SQUEEZED
+
+
+_SQUEEZED = 0.02
+"""Difference from 2:1 of a frame's shown shape that rounding of its pixel aspect makes."""
+
+
 def _stereo(width: int, height: int, spherical: SphericalMetadata | None) -> Stereo:
     if spherical is not None and spherical.stereo != "mono":
         return spherical.stereo
@@ -124,16 +148,14 @@ def _stereo(width: int, height: int, spherical: SphericalMetadata | None) -> Ste
 
 def _eye_crop(path: Path, width: int, height: int, stereo: Stereo, eye: Literal["left", "right"]) -> Crop:
     across, down = (1, 2) if LEFT_FIRST.get(stereo, stereo) == "top-bottom" else (2, 1)
-    if stereo != "custom" and (width % (2 * across) or height % (2 * down)):
+    if width % (2 * across) or height % (2 * down):
         raise VideoError(
             f"{path} - cannot be divided into two eyes, {stereo} (got {width}x{height}) - export it with a "
             f"{'height' if down == 2 else 'width'} that is a multiple of 4 and the other side even"
         )
-    if stereo not in ("mono", "custom"):
-        first = (eye == "left") == (stereo not in LEFT_FIRST)
-        column, row = (0, height // 2) if down == 2 else (width // 2, 0)
-        return Crop(0 if first else column, 0 if first else row, width // across, height // down, (width, height))
-    raise VideoError(f"{path} - its stereo layout is not known (got {stereo}) - export one eye as mono")
+    first = (eye == "left") == (stereo not in LEFT_FIRST)
+    column, row = (0, height // 2) if down == 2 else (width // 2, 0)
+    return Crop(0 if first else column, 0 if first else row, width // across, height // down, (width, height))
 
 
 def _check_projection(path: Path, spherical: SphericalMetadata) -> None:
@@ -146,8 +168,14 @@ def _check_projection(path: Path, spherical: SphericalMetadata) -> None:
                 else "export the clip as equirectangular, or turn it with FFmpeg's filter v360"
             )
         )
-    if any(spherical.bounds):
+    if spherical.is_half:
+        eyes = "an eye each of " if spherical.stereo != "mono" else ""
         raise VideoError(
-            f"{path} - is only part of the sphere (cropped by {spherical.bounds} at top, bottom, left, right) - "
-            + (padded(path, spherical.stereo) if spherical.is_half else "export the full sphere")
+            f"{path} - is VR180 by its tags, {eyes}the half of the sphere in front - {padded(path, spherical.stereo)}"
+        )
+    if any(spherical.bounds):
+        cut = ", ".join(f"{100 * part:.3g} %" for part in spherical.bounds)
+        raise VideoError(
+            f"{path} - is only part of the sphere (cropped by {cut} at top, bottom, left, right) - "
+            "export the full sphere"
         )

@@ -25,7 +25,16 @@ from mr360uw.reading.limits import PICTURE
 from mr360uw.reading.picture_size import HDR_SIZE, picture_size
 from mr360uw.shapes import checked
 from mr360uw.video.exr import Wanted, read_frame
-from mr360uw.video.metadata.picture_tags import PictureTags, read_tags, unused_parts
+from mr360uw.video.metadata.picture_tags import (
+    TIFF_STARTS,
+    PictureTags,
+    TiffForm,
+    is_not_srgb,
+    jpeg_bits,
+    read_tags,
+    tiff_form,
+    unused_parts,
+)
 from mr360uw.video.read.projection import RAW_SUFFIXES, UNREAD_SUFFIXES
 from mr360uw.yuv.file_profile import (
     REC709_XY,
@@ -92,12 +101,44 @@ def _explained(data: bytes, suffix: str) -> str:
             f"is camera raw ({suffix}), which has to be developed first - save it as a 16-bit TIFF or an EXR from the "
             "camera maker's program, darktable or Lightroom"
         )
-    if suffix in UNREAD_SUFFIXES or data[:4] in (b"II+\0", b"MM\0+"):
+    if data[:4] in (b"II+\0", b"MM\0+"):
+        return "is a BigTIFF, which is not read - save it as plain TIFF, PNG or EXR"
+    if suffix in UNREAD_SUFFIXES or data.startswith(_JPEG_XL):
         return f"is a picture of a kind that is not read ({suffix}) - save it as PNG, TIFF or EXR"
+    if data[:4] in TIFF_STARTS:
+        return _unread_tiff(tiff_form(data))
+    if data.startswith(b"\xff\xd8") and (bits := jpeg_bits(data)) != 8:
+        return f"is a JPEG of {bits} bits, which is not read - save it as 16-bit PNG or TIFF"
     brands = data[8:64] if data[4:8] == b"ftyp" else b""
     if b"avif" not in brands and brands[:4] in (b"heic", b"heix", b"hevc", b"heim", b"heis", b"mif1", b"msf1"):
         return "is HEIC, which is not read - save it as JPEG, PNG or AVIF, as by heif-convert IN.heic OUT.png"
     return ""
+
+
+_JPEG_XL = (b"\xff\x0a", b"\0\0\0\x0cJXL ")
+
+
+def _unread_tiff(form: TiffForm) -> str:
+    """Return why a TIFF is not read, and what to do, else ""."""
+    colours = {5: "CMYK, the colours of a printer", **dict.fromkeys((8, 9, 10), "L*a*b*")}.get(form.photometric, "")
+    if colours:
+        return f"is {colours} - save it as RGB"
+    if form.photometric in (32803, 34892):
+        return "is camera raw, which has to be developed first - save it as a 16-bit TIFF or an EXR"
+    samples = {1: "whole numbers", 2: "signed numbers", 3: "floats"}.get(form.sample_format, "numbers of another kind")
+    if (form.sample_format, form.bits) not in ((1, 1), (1, 2), (1, 4), (1, 8), (1, 16), (3, 32)):
+        return f"holds {samples} of {form.bits} bits, which are not read - save it with 8 or 16 bits, or 32-bit floats"
+    if form.samples > 4 or (form.samples == 2 and form.bits != 8):
+        return f"has {form.samples} channels of {form.bits} bits - save it as RGB"
+    if form.planar and form.bits != 8:
+        return "stores its channels one after the other (planar), which is read of 8 bits only - save it interleaved"
+    if form.compression not in _TIFF_COMPRESSIONS and form.bits != 8:
+        return f"is compressed in a way that is not read (got number {form.compression}) - save it with LZW or ZIP"
+    return ""
+
+
+_TIFF_COMPRESSIONS = frozenset({1, 2, 3, 4, 5, 6, 7, 8, 32773, 32946})
+"""Numbers of the compressions that OpenCV undoes: none, fax, LZW, JPEG, ZIP, PackBits."""
 
 
 def _exr(path: Path, wanted: Wanted) -> PictureFile:
@@ -118,9 +159,12 @@ def _plain(path: Path, data: bytes, wanted: Wanted, *, notes: bool) -> PictureFi
         raise _unusable(path)
     PICTURE.check(str(path), size[0] * size[1], VideoError)
     tags, turned = read_tags(data, path.suffix.lower(), size)
-    codes = _decoded(path, data, matte=wanted == "matte")
+    codes = _decoded(path, data, matte=wanted == "matte" or notes)
+    whole = np.iinfo(codes.dtype).max if codes.dtype.kind == "u" else 1.0
+    clear = codes.shape[-1] == 4 and bool(codes[..., 3].min() < whole)
+    codes = codes if wanted == "matte" else np.ascontiguousarray(codes[..., :3])
     try:
-        unused = unused_parts(data) if notes else ()
+        unused = unused_parts(data, clear=clear) if notes else ()
     except ValueError as error:
         raise VideoError(f"{path} - {error}") from error
     if turned > 1:
@@ -147,11 +191,16 @@ def _decoded(path: Path, data: bytes, *, matte: bool) -> NDArray[Any]:
     """Return the codes (H, W, 3) of a picture as it lies in its file; of mattes with alpha (H, W, 4)."""
     import cv2
 
+    form = tiff_form(data) if data[:4] in TIFF_STARTS else None
+    if (
+        form is not None
+        and form.bits == 8
+        and (form.samples in (2, 4) or form.planar or form.compression not in _TIFF_COMPRESSIONS)
+    ):
+        return _rgb_order(_decoded_by_pillow(path, data))  # OpenCV multiplies alpha in, and mixes planes up
+    matte = matte or (form is not None and form.samples == 4)  # it does not leave the alpha of floats out
     flags = cv2.IMREAD_UNCHANGED if matte else cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION
-    try:
-        codes = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
-    except cv2.error as error:
-        raise _unusable(path) from error
+    codes = _by_opencv(path, data, flags)
     if codes is None:
         codes = _decoded_by_pillow(path, data)
     if codes.dtype not in (np.uint8, np.uint16, np.float32):
@@ -159,8 +208,11 @@ def _decoded(path: Path, data: bytes, *, matte: bool) -> NDArray[Any]:
             f"{path} - samples of this kind are not supported (got {codes.dtype}) - save it with 8 or 16 bits"
         )
     codes = _to_full_scale(codes, _stored_bits(data))
-    if codes.ndim == 2:
-        codes = np.repeat(codes[..., None], 3, axis=-1)
+    return _rgb_order(codes if codes.ndim == 3 else np.repeat(codes[..., None], 3, axis=-1))
+
+
+def _rgb_order(codes: NDArray[Any]) -> NDArray[Any]:
+    """Return channels in OpenCV's order as RGB(A)."""
     return np.ascontiguousarray(np.concatenate([codes[..., 2::-1], codes[..., 3:]], axis=-1))
 
 
@@ -177,6 +229,16 @@ def _stored_bits(data: bytes) -> int:
 _HEAD_BYTES = 1 << 16
 
 
+def _by_opencv(path: Path, data: bytes, flags: int) -> NDArray[Any] | None:
+    """Return the codes of a picture by OpenCV, None where it reads none; raise `VideoError` where it is broken."""
+    import cv2
+
+    try:
+        return cv2.imdecode(np.frombuffer(data, np.uint8), flags)
+    except cv2.error as error:
+        raise _unusable(path) from error
+
+
 def _to_full_scale(codes: NDArray[Any], bits: int) -> NDArray[Any]:
     """Return 16-bit codes whose full scale is 65535, of codes of fewer bits; all others as they are."""
     if codes.dtype != np.uint16 or not 8 < bits < 16:
@@ -186,11 +248,11 @@ def _to_full_scale(codes: NDArray[Any], bits: int) -> NDArray[Any]:
 
 
 def _decoded_by_pillow(path: Path, data: bytes) -> NDArray[Any]:
-    """Return the codes of a TGA file, in OpenCV's order of channels."""
+    """Return the codes of a TGA file or a TIFF of 8 bits, in OpenCV's order of channels."""
     from PIL import Image
 
     try:
-        with Image.open(io.BytesIO(data), formats=("TGA",)) as picture:
+        with Image.open(io.BytesIO(data), formats=("TGA", "TIFF")) as picture:
             rgba = np.asarray(picture.convert("RGBA" if "A" in picture.mode else "RGB"))
     except (OSError, SyntaxError, ValueError, IndexError, struct.error, Image.DecompressionBombError) as error:
         raise _unusable(path) from error
@@ -213,11 +275,17 @@ def _coloured(path: Path, found: PictureFile) -> PictureFile:
     chunks = dict(found.tags.png_colour)
     try:
         if b"cICP" in chunks:
-            return _by_code_points(found, chunks[b"cICP"])
+            return _by_code_points(path, found, chunks[b"cICP"])
         if found.tags.icc:
             return replace(found, mapping=icc_profile(found.tags.icc))
         if b"sRGB" not in chunks and (b"gAMA" in chunks or b"cHRM" in chunks):
             return replace(found, mapping=_by_chromaticities(chunks))
+        if not chunks and is_not_srgb(found.tags.exif):
+            note = (
+                f"{path} - says in its EXIF that its colours are not sRGB, and has no profile: it is read as sRGB - "
+                "give it its profile, that of Adobe RGB as a rule"
+            )
+            return replace(found, notes=(*found.notes, note))
     except (ValueError, struct.error) as error:
         name = f"its profile {icc_name(found.tags.icc)!r}" if found.tags.icc else "its colours"
         note = f"{path} - {name} cannot be used (got {error}), it is read as sRGB - convert it to sRGB before"
@@ -239,7 +307,7 @@ _CURVES: dict[int, ToneCurve] = {
 _WIDE_CURVES: dict[int, Transfer] = {16: "pq", 18: "hlg"}
 
 
-def _by_code_points(found: PictureFile, chunk: bytes) -> PictureFile:
+def _by_code_points(path: Path, found: PictureFile, chunk: bytes) -> PictureFile:
     """Return a picture with the colours of a PNG's cICP chunk."""
     primaries, curve = chunk[0], chunk[1]
     if curve in _WIDE_CURVES and primaries in (1, 9):
@@ -247,6 +315,9 @@ def _by_code_points(found: PictureFile, chunk: bytes) -> PictureFile:
     if primaries not in _XY or curve not in _CURVES:
         raise ValueError(f"primaries {primaries} and curve {curve} of cICP")
     plain = _CURVES[curve] is SRGB and _XY[primaries] is REC709_XY
+    if chunk[3:4] == b"\0":
+        note = "says that its codes have video range (cICP), which is not used: 16 is grey - convert it to full range"
+        found = replace(found, notes=(*found.notes, f"{path} - {note}"))
     return found if plain else replace(found, mapping=chromatic_profile(_XY[primaries], _CURVES[curve]))
 
 
@@ -280,13 +351,11 @@ def _radiance(path: Path, data: bytes, *, notes: bool) -> PictureFile:
         raise _unusable(path)
     PICTURE.check(str(path), size[0] * size[1], VideoError)
     # OpenCV decodes rows from the top alone, and no XYZ: it gets the samples under a plain header
-    lines = [line for line in data[: found.start()].split(b"\n")[1:] if line]
+    lines = [line for line in data[: found.start()].split(b"\n")[1:] if line.strip()]
     entries = [(hit[1], hit[2]) for hit in map(_RADIANCE_LINE.match, lines) if hit]
     head = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y %b +X %b\n" % (found[3], found[6])
-    try:
-        codes = cv2.imdecode(np.frombuffer(head + data[found.end() :], np.uint8), cv2.IMREAD_UNCHANGED)
-    except cv2.error as error:
-        raise _unusable(path) from error
+    rows = _without_old_runs(data[found.end() :], int(found[3]) * int(found[6]))
+    codes = _by_opencv(path, head + rows, cv2.IMREAD_UNCHANGED)
     if codes is None:
         raise _unusable(path)
     codes = codes[..., ::-1]
@@ -302,6 +371,23 @@ def _radiance(path: Path, data: bytes, *, notes: bool) -> PictureFile:
     return PictureFile(codes, tags, "linear", None, mapping, said if notes else ())
 
 
+def _without_old_runs(rows: bytes, count: int) -> bytes:
+    """Return the pixels of a Radiance file without the runs of its first versions; rows of other kinds as they are.
+
+    A pixel (1, 1, 1, n) repeats the one before it n times, one that follows such a one n << 8 times, and so on.
+    """
+    pixels = np.frombuffer(rows, np.uint8, len(rows) // 4 * 4).reshape(-1, 4)
+    if len(pixels) >= count or rows[:2] == b"\2\2":
+        return rows
+    runs = np.all(pixels[:, :3] == 1, axis=1)
+    index = np.arange(len(pixels))
+    since = index - np.maximum.accumulate(np.where(runs, 0, index))  # pixels since the last one that is no run
+    times = np.where(runs, pixels[:, 3].astype(np.int64) << 8 * np.clip(since - 1, 0, 3), 1)
+    if times.sum() != count or runs[0]:
+        return rows
+    return pixels[np.repeat(index - since, times)].tobytes()
+
+
 def _radiance_map(path: Path, entries: list[tuple[bytes, bytes]]) -> tuple[tuple[str, ...], PlateMapping | None]:
     """Return lines on a Radiance header and the map that it says."""
     said = dict(entries)
@@ -313,7 +399,8 @@ def _radiance_map(path: Path, entries: list[tuple[bytes, bytes]]) -> tuple[tuple
         for _, value in (one for one in entries if one[0] == b"COLORCORR"):
             gain = gain * [float(v) for v in value.split()]
         aspect = float(said.get(b"PIXASPECT", b"1"))
-        xy = tuple(float(v) for v in said[b"PRIMARIES"].split()) if b"PRIMARIES" in said else REC709_XY
+        xy = tuple(float(v) for v in said.get(b"PRIMARIES", b"").split())
+        xy = xy if any(xy) else REC709_XY  # Photoshop writes zeros
         with np.errstate(divide="ignore"):
             gain = 1.0 / gain
         if said.get(b"FORMAT") == b"32-bit_rle_xyze":
@@ -328,6 +415,9 @@ def _radiance_map(path: Path, entries: list[tuple[bytes, bytes]]) -> tuple[tuple
             f"{path} - was stored with an exposure of {exposure:g}, which is taken off again: its light is that over "
             f"{exposure:g} - set light.exposure, or remove EXPOSURE from its header, if it is too dark or too bright"
         )
+    if said.get(b"GAMMA", b"1").split()[:1] not in ([b"1"], [b"1.0"]):
+        what = said[b"GAMMA"].decode("latin-1")
+        notes.append(f"{path} - names a gamma (got {what:.20}), which is not used: its light is linear - write it so")
     if aspect != 1.0:
         notes.append(f"{path} - says that its pixels are not square (got {aspect:g}), which is not used - resample it")
     return tuple(notes), mapping

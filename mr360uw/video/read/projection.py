@@ -17,9 +17,14 @@ from numpy.typing import NDArray
 INTEGER_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp")
 FLOAT_SUFFIXES = (".exr", ".hdr")
 WRITTEN_SUFFIXES = INTEGER_SUFFIXES + FLOAT_SUFFIXES
-RAW_SUFFIXES = (".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".rw2", ".orf", ".gpr")
-_READ_SUFFIXES = (".insp", ".dpx", ".tga", ".jp2", ".j2k", ".avif", ".jpe", ".jfif", ".dib", ".heic", ".heif")
-UNREAD_SUFFIXES = (".psd", ".psb", ".xcf", ".jxl", ".gif")
+RAW_SUFFIXES = (".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".rw2", ".orf", ".gpr", ".nrw", ".pef", ".srw",
+                ".rwl", ".x3f", ".3fr", ".iiq", ".fff", ".erf", ".kdc", ".dcr", ".mrw", ".sr2")  # fmt: skip
+_READ_SUFFIXES = (".insp", ".dpx", ".tga", ".jp2", ".j2k", ".avif", ".jpe", ".jfif", ".dib", ".heic", ".heif",
+                  ".pic", ".rgbe", ".xyze")  # fmt: skip
+UNREAD_SUFFIXES = (
+    ".psd", ".psb", ".xcf", ".kra", ".jxl", ".gif", ".ppm", ".pgm", ".pnm", ".pfm", ".qoi", ".jxr", ".hdp", ".wdp",
+    ".dds", ".ktx", ".ktx2", ".sgi", ".pcx", ".ico", ".svg", ".pdf", ".eps", ".ai", ".thm", ".afphoto",
+)  # fmt: skip
 PICTURE_SUFFIXES = WRITTEN_SUFFIXES + _READ_SUFFIXES + RAW_SUFFIXES + UNREAD_SUFFIXES
 """Endings of pictures: those that are read and written, that are read alone, and two groups that are not read."""
 

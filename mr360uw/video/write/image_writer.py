@@ -128,7 +128,7 @@ def _encoded(path: Path, frame: VideoFrame) -> bytes:
         raise VideoError(f"{path} - this kind of picture cannot be written - take .png, .jpg or .exr")
     if suffix == ".hdr":
         return _radiance(data, tags.lines if tags is not None and tags.kind == suffix else (), size)
-    return with_tags(data, icc, exif, mark, chunks)
+    return with_tags(data, suffix, icc, exif, mark, chunks, () if tags is None else tags.own)
 
 
 def _by_opencv(path: Path, pixels: NDArray[Any]) -> tuple[bool, bytes]:

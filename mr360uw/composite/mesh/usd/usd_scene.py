@@ -69,6 +69,11 @@ class _StageReader:
         upright[:3, :3] = UPRIGHT["z" if UsdGeom.GetStageUpAxis(self.stage) == UsdGeom.Tokens.z else "y"]
         walk = UsdWalk(self.stage, self.time, self._note)
         parts = [part for prim, places in walk.meshes([upright]) for part in self._parts(prim, places)]
+        kinds = {str(prim.GetTypeName()) for prim in self.stage.Traverse()}
+        if any(kind.endswith("Light") for kind in kinds):
+            self._note("has lights - the scene's light is drawn; add [[lamp]] tables to it")
+        if "Camera" in kinds:
+            self._note("has a camera - it is not used - the camera of the scene is")
         metres = float(UsdGeom.GetStageMetersPerUnit(self.stage))
         if not 0.0 < metres < np.inf:
             raise ValueError(f"a unit of {metres:g} m")
