@@ -76,12 +76,19 @@ void main() {
 #if defined(GAMUT)
     below = rec709_from_plate * below;
 #endif
+    vec3 before = below;
+    float least = 1.0;
     for (int c = 0; c < 3; ++c) {
+        if (before[c] < 0.0) continue;
         if (factor[c] != 1.0) {
-            float before = min(haze[c], below[c]);
-            below[c] = before + (below[c] - before) * factor[c];
+            float clipped = min(haze[c], before[c]);
+            below[c] = clipped + (before[c] - clipped) * factor[c];
         }
-        if (lit) below[c] = max(below[c] + added[c], min(below[c], 0.0));
+        if (lit) below[c] = max(below[c] + added[c], 0.0);
+        if (below[c] < least * before[c]) least = below[c] / before[c];
+    }
+    for (int c = 0; c < 3; ++c) {
+        if (before[c] < 0.0) below[c] = least * before[c] + max(added[c], 0.0);
     }
     float clear = 1.0 - body.a;
     vec3 light = body.rgb + clear * below;
