@@ -7,7 +7,7 @@ video's is. Findings, each printed as it is found:
     refused     with the message: the scene was meant to be legal
     not finite  a NaN or an infinity in the picture
     negative    light below -1e-6 of the plate's brightest, or of 1, where the plate itself has none, in the layer over
-                a plate of Rec.709 (a wide gamut's own colours are negative there)
+                the plate: in Rec.709, where a wider gamut's own colours are negative, and in the plate's primaries
     codes       the same in the picture, with its grain, as it is read back from its codes, in the plate's primaries
     failed      any exception that is none of the toolkit's own, or a process that died or took too long
     memory      peak memory of the process above 3 GB during the scene
@@ -76,13 +76,15 @@ def problems_of(frame: Frame) -> Iterator[tuple[str, str]]:
     filed, spec = frame.plate.graded_by(None), frame.plate.spec
     if not np.all(np.isfinite(frame.picture.light)):
         yield "not finite", "picture"
-    light = over(frame.plate.image_linear, frame.layer)
-    pairs = {"negative": (light, frame.plate.image_linear), "codes": (frame.picture.light, filed.image_linear)}
-    for kind, (shown, plate) in pairs.items():
-        found = in_plate_primaries(shown, spec)
-        below = found - np.minimum(in_plate_primaries(plate, spec), 0.0)
-        wide = kind == "negative" and spec.gamut != "bt709"
-        if below.min() < DARKEST * max(1.0, float(np.abs(plate).max())) and not wide:
+    plate, own = frame.plate.image_linear, filed.image_linear
+    light, shown = over(plate, frame.layer), frame.picture.light
+    for kind, found, before in (
+        ("negative", light, plate),
+        ("negative", in_plate_primaries(light, spec), in_plate_primaries(plate, spec)),
+        ("codes", in_plate_primaries(shown, spec), in_plate_primaries(own, spec)),
+    ):
+        below = found - np.minimum(before, 0.0)
+        if below.min() < DARKEST * max(1.0, float(np.abs(before).max())):
             row, column, _ = np.unravel_index(int(np.argmin(below)), below.shape)
             least = [f"{part:.3g}" for part in found[row, column]]
             yield kind, f"{np.sum(below < DARKEST)} values, least {', '.join(least)} at row {row}, column {column}"

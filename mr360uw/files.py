@@ -1,22 +1,40 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Files that appear whole or not at all."""
+"""Files that appear whole or not at all, and the record of those that a run writes.
+
+By the record, which holds names and hashes of the content, a run that goes on knows its files. One counts as there when
+it is what was written, and as cut when it is the beginning of that; half of a cut file or more is compared. A cut one
+is written again. Anything else under such a name is somebody's, and is not replaced unless that is allowed.
+"""
 
 from __future__ import annotations
 
+import hashlib
+import json
 import os
 import secrets
 import stat
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import AbstractContextManager, contextmanager, suppress
+from itertools import chain
 from pathlib import Path
 
 from mr360uw.errors import OutputError, OutputExistsError
+from mr360uw.reading.input_files import json_of
 
 NewFile = Callable[[Path], AbstractContextManager[Path]]
 """Opens a context with the name of an empty new file, which is renamed to the given path at its end: `whole_file`."""
 _ANYONE = 0o666
 """Rights of a new file before the user's mask takes some away."""
 _OTHERS_WRITE = stat.S_IWGRP | stat.S_IWOTH
+_DIGITS = 32
+"""Hexadecimal digits of a hash that are kept: 128 bits."""
+Marks = dict[str, str]
+"""Hashes of the first 1, 2, 4, ... bytes of a file and of all, by the number of bytes; of an empty file none."""
+
+
+def real_path(path: Path) -> Path:
+    """Return where links lead; those that lead round in a circle, where `Path.resolve` raises, stay as they are."""
+    return Path(os.path.realpath(path))
 
 
 def is_ours(folder: Path) -> bool:
@@ -34,7 +52,7 @@ def unsafe(path: Path) -> str:
     """
     if not hasattr(os, "geteuid"):
         return ""
-    trusted, named, real = (0, os.geteuid()), path.absolute(), Path(os.path.realpath(path))
+    trusted, named, real = (0, os.geteuid()), path.absolute(), real_path(path)
     for one in dict.fromkeys(part for end in (named, real) for part in (*reversed(end.parents), end)):
         try:
             found = one.lstat()
@@ -109,7 +127,7 @@ def rewrite(path: Path, text: str) -> None:
     A file that is there keeps its rights, and its owner where that may be set. Raises `OutputError` where it is
     read-only, and `OSError`.
     """
-    path = Path(os.path.realpath(path))
+    path = real_path(path)
     try:
         before = path.stat()
     except FileNotFoundError:
@@ -125,3 +143,134 @@ def rewrite(path: Path, text: str) -> None:
             with suppress(AttributeError, PermissionError):  # on Windows; where only root may give a file away
                 os.chown(part, *owner)
         part.chmod(rights)
+
+
+def marks_of(path: Path) -> Marks:
+    """Return the marks of a file; raise `OSError`."""
+    found, size, marks = hashlib.sha256(), 0, Marks()
+    with path.open("rb") as file:
+        while data := file.read(max(size, 1)):
+            found.update(data)
+            size += len(data)
+            marks[str(size)] = found.hexdigest()[:_DIGITS]
+    return marks
+
+
+class WrittenFiles:
+    """Files that were written, and those that are being written; for all threads of a process.
+
+    log: gets a line for each file. base: folder to which names are relative, so that all may be moved together. logs:
+    the lines that are known, of this run and of earlier ones with the same result. earlier: lines of runs with another
+    result, whose files may be replaced. scratch: folder of files that are not complete yet, on the disk of `base`; None
+    for beside each. overwrite: whether files of others may be replaced.
+    """
+
+    def __init__(
+        self, log: Path, base: Path, *, logs: Iterable[Path] = (), earlier: Iterable[Path] = (),
+        scratch: Path | None = None, overwrite: bool = False,
+    ) -> None:  # fmt: skip
+        self._log, self._base, self._scratch, self._overwrite = log, real_path(base), scratch, overwrite
+        self._known, self._ours = dict[str, Marks](), dict[str, list[Marks]]()
+        self._read: dict[tuple[object, ...], Marks] = {}
+        for name, marks in chain.from_iterable(map(_lines, logs)):
+            self._add(name, marks)
+        for name, marks in chain.from_iterable(map(_lines, earlier)):
+            self._ours.setdefault(name, []).append(marks)
+
+    def others(self, paths: Iterable[Path]) -> list[Path]:
+        """Return the files of this run and of earlier ones that are there as written or cut, but for those named."""
+        named = {self._name(path) for path in paths}
+        files = [self._base / name for name in self._ours if name not in named]
+        return sorted(file for file in files if self._is_of_a_run(file))
+
+    def size(self, path: Path) -> int | None:
+        """Return the bytes that were written to a file; None where it was not."""
+        marks = self._known.get(self._name(path))
+        return None if marks is None else _size(marks)
+
+    def is_there(self, path: Path) -> bool:
+        """Return whether a file that was written is there at its full length."""
+        try:
+            return path.stat().st_size == self.size(path)
+        except OSError:
+            return False
+
+    def has(self, path: Path) -> bool:
+        """Return whether a file is there as it was written."""
+        return self.is_there(path) and self._found(path) == self._known[self._name(path)]
+
+    def may_replace(self, path: Path) -> bool:
+        """Return whether a file may be written: none is there, it is a run's, whole or cut, or any may be replaced."""
+        return self._overwrite or not os.path.lexists(path) or self._is_of_a_run(path)
+
+    @contextmanager
+    def file(self, path: Path) -> Iterator[Path]:
+        """Yield the name of an empty new file; afterwards it is noted and renamed to `path`.
+
+        Raises `OutputExistsError` where a file of others is there by then, and `OSError`.
+        """
+        part = new_file(path, self._scratch if real_path(path.parent) == self._base else None)
+        try:
+            yield part
+            self._note(path, part)
+            replaces = self._overwrite or (os.path.lexists(path) and self._is_of_a_run(path))
+            publish(part, path, overwrite=replaces)
+        finally:
+            part.unlink(missing_ok=True)
+
+    def _note(self, path: Path, part: Path) -> None:
+        """Note what is about to appear under a name: a kill between both leaves a line of a file that is not there."""
+        name, marks = self._name(path), marks_of(part)
+        with part.open("rb") as file:
+            os.fsync(file.fileno())  # after a power cut no empty file stands under the name
+        with self._log.open("a", encoding="utf-8") as log:
+            log.write(f"\n{json.dumps([name, marks])}\n")
+        self._add(name, marks)
+
+    def _add(self, name: str, marks: Marks) -> None:
+        self._known[name] = marks
+        self._ours.setdefault(name, []).append(marks)
+
+    def _is_of_a_run(self, path: Path) -> bool:
+        """Return whether a file that is there was written, now or before: all of it or the beginning."""
+        found = self._found(path)
+        return found is not None and any(_begins(found, marks) for marks in self._ours.get(self._name(path), ()))
+
+    def _found(self, path: Path) -> Marks | None:
+        """Return the marks of a file, read once while it stays as it is; None where it cannot be read."""
+        try:
+            stat = path.stat()
+            key = (path, stat.st_ino, stat.st_size, stat.st_mtime_ns, stat.st_ctime_ns)
+            if key not in self._read:
+                self._read[key] = marks_of(path)
+            return self._read[key]
+        except OSError:
+            return None
+
+    def _name(self, path: Path) -> str:
+        real = real_path(path.parent) / path.name
+        return real.relative_to(self._base).as_posix() if real.is_relative_to(self._base) else str(real)
+
+
+def _size(marks: Marks) -> int:
+    return max(map(int, marks), default=0)
+
+
+def _begins(found: Marks, marks: Marks) -> bool:
+    """Return whether a file is the beginning of another one, or all of it, as far as lengths that both have tell."""
+    return _size(found) <= _size(marks) and all(marks.get(size, mark) == mark for size, mark in found.items())
+
+
+def _lines(log: Path) -> Iterator[tuple[str, Marks]]:
+    """Yield what a log notes; a line that a kill cut is no note, and the next one begins anew."""
+    for line in log.read_text("utf-8", "replace").splitlines() if log.is_file() else ():
+        try:
+            found = json_of(line)
+        except ValueError:
+            continue
+        if isinstance(found, list) and len(found) == 2 and isinstance(found[0], str) and _are_marks(found[1]):
+            yield found[0], found[1]
+
+
+def _are_marks(found: object) -> bool:
+    return isinstance(found, dict) and all(size.isdecimal() and isinstance(one, str) for size, one in found.items())

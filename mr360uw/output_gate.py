@@ -17,7 +17,7 @@ from pathlib import Path
 from filelock import FileLock, Timeout
 
 from mr360uw.errors import OutputError, OutputExistsError
-from mr360uw.files import is_ours, new_file, write_whole
+from mr360uw.files import is_ours, new_file, real_path, write_whole
 from mr360uw.reading.numbered_files import files_named, is_pattern, matcher, numbered
 
 MARKER = "made-by-mr360uw.txt"
@@ -89,7 +89,7 @@ def check_work_folder(folder: Path, keeps: Iterable[Path] = ()) -> None:
     keeps: files that may not lie in it, as it is removed in the end.
     """
     files = (file for path in keeps for file in files_named(path))
-    inside = next((file for file in files if _real(folder) in _real(file).parents), None)
+    inside = next((file for file in files if real_path(folder) in real_path(file).parents), None)
     if inside is not None:
         raise OutputError(f"{inside} - lies in a folder that the run removes (got {folder}) - move it elsewhere")
     if folder.is_symlink():
@@ -171,23 +171,18 @@ def remove_work_folder(folder: Path) -> None:
         shutil.rmtree(folder)
 
 
-def _real(path: Path) -> Path:
-    """Return where links lead; those that lead round in a circle, where `Path.resolve` raises, stay as they are."""
-    return Path(os.path.realpath(path))
-
-
 def _identities(file: Path) -> list[Hashable]:
     """Return what two names of one file have in common: their resolved path, or the numbers of a hard link."""
     try:
         found = file.stat()
     except (OSError, ValueError):  # there is no such file yet, or links lead round in a circle
-        return [_real(file.parent) / file.name]
-    return [_real(file), (found.st_dev, found.st_ino)]
+        return [real_path(file.parent) / file.name]
+    return [real_path(file), (found.st_dev, found.st_ino)]
 
 
 def _same_pattern(one: Path, other: Path) -> bool:
     """Return whether two outputs, one of them a pattern at least, may have a file in common that is not there yet."""
-    if _real(one.parent) != _real(other.parent):
+    if real_path(one.parent) != real_path(other.parent):
         return False
     names = [numbered(path, 0).name if is_pattern(path) else path.name for path in (one, other)]
     pairs = zip((one, other), reversed(names), strict=True)

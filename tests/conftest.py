@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 from __future__ import annotations
 
+import ctypes
 import os
 import re
 import sys
@@ -15,6 +16,13 @@ import pytest
 from mr360uw import cli
 from mr360uw.cache import drop_shared
 from mr360uw.reading.disk_cache import FOLDER, kernel_folder
+
+_M_MMAP_THRESHOLD, _M_ARENA_MAX = -3, -8
+if sys.platform == "linux" and hasattr(_C := ctypes.CDLL(None), "mallopt"):
+    # Arrays go back to the system when they are freed. The C library would keep them, for each thread its own, and a
+    # worker would come to hold twice what it uses.
+    _C.mallopt(_M_MMAP_THRESHOLD, 1 << 20)
+    _C.mallopt(_M_ARENA_MAX, 2)
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -16,7 +16,7 @@ import mr360uw
 ROOT = Path(mr360uw.__file__).parent
 GROUND = {
     "files", "output_gate", "reading", "types", "constants", "sphere", "color", "errors", "parameters", "optics",
-    "shapes", "yuv", "cache", "steps", "jit", "texels", "plot", "written_files",
+    "shapes", "yuv", "cache", "steps", "jit", "texels", "plot",
 }  # fmt: skip
 # what a package may import of mr360uw besides the ground floor and itself
 PHYSICS = {"ibl", "caustics", "medium"}
@@ -148,8 +148,7 @@ def test_the_ground_floor_stands_on_numpy_alone() -> None:
         ROOT / "parameters.py": {"re"},
         ROOT / "shapes.py": {"builtins", "fractions", "inspect", "operator"},
         ROOT / "plot.py": {"base64", "cv2", "html"},
-        ROOT / "files.py": {"contextlib", "os", "secrets", "stat"},
-        ROOT / "written_files.py": {"contextlib", "hashlib", "itertools", "json", "os"},
+        ROOT / "files.py": {"contextlib", "hashlib", "itertools", "json", "os", "secrets", "stat"},
         ROOT / "output_gate.py": {"contextlib", "filelock", "os", "secrets", "shutil"},
         ROOT / "reading" / "numbered_files.py": {"re"},
         ROOT / "reading" / "extras.py": {"importlib"},

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.sparse import csr_matrix
 
 from mr360uw.composite.ambient.mesh_transfer import make_transfer
 from mr360uw.composite.mesh.mesh import Mesh, load_mesh
@@ -184,12 +185,15 @@ def test_spread_and_shape_from_the_disk_are_those_that_were_computed(
         assert found is not None
         return found.weight
 
+    def stored(matrix: csr_matrix) -> tuple[np.ndarray, ...]:
+        return matrix.data, matrix.indices, matrix.indptr, np.array(matrix.shape)
+
     def arrays(mesh: Mesh) -> list[np.ndarray]:
         transfer = make_transfer(mesh)
         lattice, coarse, own = transfer.lattice, transfer.coarse, transfer.own
         return [
             mesh.hull, mesh.patch, lattice.places, lattice.position, lattice.normal, lattice.triangle, lattice.weights,
-            lattice.nearest_sample, lattice.from_samples.toarray(), coarse.sample, coarse.spread.toarray(), coarse.of,
+            lattice.nearest_sample, *stored(lattice.from_samples), coarse.sample, *stored(coarse.spread), coarse.of,
             *own, np.array([lattice.points, lattice.two_sided, coarse.spacing_m]),
         ]  # fmt: skip
 

@@ -10,6 +10,10 @@ Shafts are the change of the smooth veil by bodies and waves, of either sign; th
 
 Alpha is premultiplied (Porter & Duff 1984). A veil brighter than the plate is clipped to it, so that haze is never
 darkened and no pixel turns negative. Holdout mattes keep parts of the plate in front of the objects.
+
+A plate of a wider gamut than Rec.709 has channels below zero. They are multiplied by s, the least factor of the
+channels above zero, 1 at most: the background is then s plate plus light that is nowhere negative, and a colour that
+the plate's primaries can show stays one.
 """
 
 from __future__ import annotations
@@ -82,14 +86,24 @@ def lay_over(plate: Any, radiance: Any, alpha: Any, ratio: Any, veil: Any, shaft
     zero, none = one - one, shafts.shape[0] == 0
     for j in range(alpha.shape[0]):
         for i in range(alpha.shape[1]):
-            free = one - alpha[j, i]
+            free, least = one - alpha[j, i], one
             for c in range(3):
                 below = plate[j, i, c]
-                if ratio[j, i, c] != one:
-                    haze = min(veil[j, i, c], below)
-                    below = haze + (below - haze) * ratio[j, i, c]
-                if not none:
-                    below = max(below + shafts[j, i, c], min(below, zero))
+                if below >= zero:
+                    if ratio[j, i, c] != one:
+                        haze = min(veil[j, i, c], below)
+                        below = haze + (below - haze) * ratio[j, i, c]
+                    if not none:
+                        below = max(below + shafts[j, i, c], zero)
+                    if below < least * plate[j, i, c]:
+                        least = below / plate[j, i, c]
+                image[j, i, c] = below
+            for c in range(3):
+                below = image[j, i, c]
+                if below < zero:
+                    below *= least
+                    if not none:
+                        below += max(shafts[j, i, c], zero)
                 image[j, i, c] = radiance[j, i, c] + free * below
 
 

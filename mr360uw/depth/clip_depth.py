@@ -22,6 +22,7 @@ from mr360uw.depth.depth_files import depth_file, own_maps, write_depth
 from mr360uw.depth.sphere_stereo import SURE, DepthMap, Sweep, refined, sweep
 from mr360uw.depth.warping import Panorama
 from mr360uw.errors import ParameterError
+from mr360uw.files import WrittenFiles
 from mr360uw.output_gate import check_folder
 from mr360uw.progress import Progress, Steps
 from mr360uw.reading.input_files import content_of
@@ -31,7 +32,6 @@ from mr360uw.threads import one_blas_thread
 from mr360uw.track.camera_track import CameraTrack
 from mr360uw.track.key_frames import grey_picture
 from mr360uw.video import VideoReader, open_video
-from mr360uw.written_files import WrittenFiles
 
 _METHOD = "distances 3"
 """Names how maps are found; another number where that changes, so that maps of before are not kept."""

@@ -17,6 +17,7 @@ from mr360uw.depth.eye_stereo import eye_distances
 from mr360uw.depth.sphere_stereo import SURE
 from mr360uw.depth.warping import resized
 from mr360uw.errors import ParameterError
+from mr360uw.files import WrittenFiles
 from mr360uw.output_gate import check_folder
 from mr360uw.progress import Progress, Steps
 from mr360uw.reading.input_files import content_of
@@ -27,7 +28,6 @@ from mr360uw.track.key_frames import luma_codes
 from mr360uw.video import VideoFrame, VideoReader, open_video
 from mr360uw.video.eyes_seen import EYES_APART_M
 from mr360uw.video.read.layout import Layout
-from mr360uw.written_files import WrittenFiles
 
 _METHOD = "distances of eyes 1"
 """Names how maps are found; another number where that changes, so that maps of before are not kept."""

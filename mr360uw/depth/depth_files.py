@@ -16,13 +16,12 @@ from mr360uw.depth.map_series import MapSeries, header_problems, map_series
 from mr360uw.depth.sphere_stereo import DepthMap
 from mr360uw.depth.warping import Map
 from mr360uw.errors import OutputExistsError, VideoError
-from mr360uw.files import NewFile, whole_file, write_whole
+from mr360uw.files import NewFile, WrittenFiles, whole_file, write_whole
 from mr360uw.output_gate import locked_work_folder, made_folder, work_path
 from mr360uw.reading.cached_reads import CachedReads
 from mr360uw.reading.input_files import json_of, note_read, read_text
 from mr360uw.video import read_picture
 from mr360uw.video.exr import read_exr, read_rgb, write_exr
-from mr360uw.written_files import WrittenFiles
 
 Kind = Literal["metric", "inverse"]
 NOTE = "depth.json"

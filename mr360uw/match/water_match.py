@@ -62,7 +62,7 @@ class WaterPatch:
 
     def __post_init__(self) -> None:
         half = 0.5 * self.size_deg
-        if not (math.isfinite(self.yaw_deg) and 0.5 <= self.size_deg <= 90.0 and abs(self.pitch_deg) + half < 89.0):
+        if not (0.5 <= self.size_deg <= 90.0 and abs(self.pitch_deg) + half < 89.0):
             got = f"{self.yaw_deg:g},{self.pitch_deg:g},{self.size_deg:g}"
             raise ParameterError(f"water - is no patch (got {got}) - give yaw,pitch,size in degrees, size 0.5 to 90")
 

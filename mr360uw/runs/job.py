@@ -15,6 +15,7 @@ from mr360uw.cache import Cache
 from mr360uw.composite.aovs import RECIPE, exr_parts, stereo_parts
 from mr360uw.composite.aovs import Part as LayerPart
 from mr360uw.errors import GlError
+from mr360uw.files import WrittenFiles
 from mr360uw.reading.numbered_files import numbered
 from mr360uw.render.backends import Backend, make_backend
 from mr360uw.render.frame import DrawnFrame, Frame, MeasuredPlate, blend_frame, draw_frame, measure_plate
@@ -29,7 +30,6 @@ from mr360uw.video.read.projection import PICTURE_SUFFIXES
 from mr360uw.video.write.image_writer import ImageWriter
 from mr360uw.video.write.other_tracks import exr_attributes
 from mr360uw.video.write.writer import VideoWriter
-from mr360uw.written_files import WrittenFiles
 
 _WAITING = 2
 """Frames between two stages at most, beside the one in each."""

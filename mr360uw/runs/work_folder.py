@@ -17,7 +17,7 @@ from typing import Any
 from filelock import Timeout
 
 from mr360uw.errors import OutputError, VideoError
-from mr360uw.files import write_whole
+from mr360uw.files import WrittenFiles, write_whole
 from mr360uw.output_gate import (
     LOCK,
     MARKER,
@@ -35,7 +35,6 @@ from mr360uw.runs.stored_analysis import load_analysis, save_analysis
 from mr360uw.video import Clip, EncodeSettings, VideoFrame
 from mr360uw.video.write.segment import Segment, SegmentWriter, stored_segments
 from mr360uw.video.write.writer import VideoWriter
-from mr360uw.written_files import WrittenFiles
 
 Part = tuple[int, int]
 """Frames [start, stop) of a clip."""

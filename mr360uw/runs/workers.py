@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Processes that render parts of a clip: on this machine, each with its share of the cores, or on a Dask cluster.
 
-A worker that dies has its part given to another one; a part that kills two is an error. Workers of a cluster all see
-the scene's files and the output's folder.
+A worker that dies has its part given to another one; a part that kills two is an error, on a cluster one that kills
+more than its scheduler allows. Workers of a cluster all see the scene's files and the output's folder.
 """
 
 from __future__ import annotations
@@ -28,8 +28,10 @@ from mr360uw.runs.work_folder import Part
 
 _SCHEMES = ("tcp", "tls", "ws", "wss")
 """Kinds of connections to a scheduler."""
-_RETRIES = 1
-"""Workers that may die over a part, beside the first."""
+_LOOK_S = 10.0
+"""Seconds without a result after which a scheduler is asked for its workers."""
+_NO_WORKER_S = 60.0
+"""Seconds that a scheduler without any worker is waited for: a worker that died is replaced in a few."""
 
 
 def _render_in_cluster(address: str, job: Job, done: Callable[[], None]) -> RunTimes:
@@ -40,15 +42,19 @@ def _render_in_cluster(address: str, job: Job, done: Callable[[], None]) -> RunT
     times, distributed = RunTimes(), _distributed()
     try:
         with _client(address) as client:
-            futures = client.map(
-                functools.partial(render_part, job), job.parts, pure=False, retries=_RETRIES, allow_other_workers=False
-            )
-            for _, found in distributed.as_completed(futures, with_results=True):
-                if isinstance(found, BaseException):  # a part that is cancelled comes with its error as its result
-                    raise found
-                times.merge(found)
-                for _ in range(found.frames):
-                    done()
+            waiting = client.map(functools.partial(render_part, job), job.parts, pure=False)
+            while waiting:
+                try:
+                    finished, waiting = distributed.wait(waiting, _LOOK_S, return_when="FIRST_COMPLETED")
+                except TimeoutError:
+                    if not client.scheduler_info(n_workers=-1)["workers"]:
+                        client.wait_for_workers(1, timeout=_NO_WORKER_S)
+                    continue
+                for future in finished:
+                    found = future.result()
+                    times.merge(found)
+                    for _ in range(found.frames):
+                        done()
     except (distributed.comm.CommClosedError, distributed.KilledWorker, CancelledError, TimeoutError) as error:
         raise VideoError(
             f"--dask - the scheduler or its workers died (got {address!r}: {error!s:.120}) - start them again; the "

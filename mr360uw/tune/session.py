@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import asyncio
 import re
-import signal
 import sys
 import time
 from collections import deque
@@ -68,13 +67,13 @@ class CommandRun:
         self._changed()
 
     def cancel(self) -> None:
-        """End the run as Ctrl+C does: its finished parts stay, the next run to the same output goes on from them."""
+        """End the run: its finished parts stay, the next run to the same output goes on from them.
+
+        Not as Ctrl+C does, which a page that was started in the background ignores, and its runs with it.
+        """
         if self._process is not None and self._process.returncode is None:
             self._cancelled = True
-            if sys.platform == "win32":
-                self._process.terminate()
-            else:
-                self._process.send_signal(signal.SIGINT)
+            self._process.terminate()
 
     def _count(self, done: int, total: int) -> None:
         now = time.monotonic()

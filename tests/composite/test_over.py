@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from mr360uw.color import ColorSpec, in_plate_primaries, in_rec709
 from mr360uw.composite.over import empty_tile, hold_out, mean_layer, merge, over, over_tile
 from mr360uw.errors import ParameterError
 from mr360uw.types import Layer, Rectangle, Tile
@@ -87,6 +88,33 @@ def test_shafts_are_added_to_the_plate_and_never_make_it_negative(rng: np.random
     assert over_tile(here, dark).max() == 0.0
     none = replace(tile, shafts=np.zeros_like(shafts))
     assert np.array_equal(over_tile(here, none), over_tile(here, tile))
+
+
+HDR = [ColorSpec("bt2020", False, name, 10) for name in ("hlg", "pq")]
+
+
+@pytest.mark.parametrize("spec", HDR, ids=str)
+@pytest.mark.parametrize("with_shafts", [False, True])
+def test_light_is_negative_only_where_the_plate_is(
+    spec: ColorSpec, with_shafts: bool, rng: np.random.Generator
+) -> None:
+    """In Rec.709, where saturated colours of BT.2020 are negative; and in BT.2020, where a plate's codes may be."""
+    own = rng.uniform(-0.02, 1.0, (60, 80, 3)).astype(np.float32) ** 3
+    plate = in_rec709(own, spec)
+    assert np.mean(plate < 0.0) > 0.1
+    shafts = rng.uniform(-0.2, 0.2, own.shape).astype(np.float32) if with_shafts else None
+    tile = replace(random_tile(rng, *own.shape[:2]), shafts=shafts)
+    image = over_tile(plate, tile)
+    for found, before in ((image, plate), (in_plate_primaries(image, spec), in_plate_primaries(plate, spec))):
+        assert np.all(found >= np.minimum(before, 0.0) - tol.FLOAT32)
+
+
+def test_a_saturated_colour_in_shadow_keeps_its_hue() -> None:
+    """Cyan of BT.2020, whose red is negative in Rec.709: a quarter of its light is a quarter of each channel."""
+    plate = np.broadcast_to(in_rec709(np.float32([0.0, 0.6, 0.5]), HDR[0]), (6, 8, 3)).copy()
+    assert plate.min() < -0.1
+    tile = replace(empty_tile(Rectangle(4, 2, 8, 6)), ratio=np.full((6, 8, 3), 0.25, np.float32))
+    np.testing.assert_allclose(over_tile(plate, tile), 0.25 * plate, rtol=tol.FLOAT32)
 
 
 def test_shafts_pass_blur_and_mattes(rng: np.random.Generator) -> None:

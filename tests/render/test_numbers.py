@@ -11,11 +11,13 @@ import numpy as np
 import pytest
 
 import mr360uw as uw
-from mr360uw.composite.over import empty_tile
+from mr360uw.color import ColorSpec, Transfer, in_plate_primaries
+from mr360uw.composite.over import empty_tile, over, over_tile
 from mr360uw.errors import RenderError
 from mr360uw.medium import Medium, Water, fit_gain
 from mr360uw.medium.depths import MediumAtDepths
 from mr360uw.medium.lookup import veil_lookup
+from mr360uw.render.blend_trial import random_plate
 from mr360uw.render.frame import finite
 from mr360uw.types import Layer, Rectangle, Tile
 from tests.medium.tolerances import TABLE_SHALLOW
@@ -70,6 +72,27 @@ def test_grain_makes_no_light_negative(tmp_path: Path, whale: Path, seed: int) -
         object=[{"mesh": str(whale), "position_m": [0.0, 0.0, -2.5]}],
     )  # fmt: skip
     assert np.min(uw.render_frame(plate, scene, backend="reference", index=seed).image_linear) >= 0.0
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+@pytest.mark.parametrize("transfer", ["pq", "hlg"])
+def test_an_hdr_frame_has_no_negative_light_but_its_own(
+    tmp_path: Path, whale: Path, backend: str, transfer: Transfer
+) -> None:
+    """Random codes of BT.2020, outside Rec.709 and below black too, under a body and its shadow."""
+    spec = ColorSpec("bt2020", False, transfer, 10)
+    plate = random_plate(np.random.default_rng(3), spec, (128, 64))
+    scene = scene_with(
+        tmp_path, None, water={"type": "IB"}, receiver={"height_m": -2.0},
+        object=[{"mesh": str(whale), "position_m": [0.0, -0.5, -2.5]}],
+    )  # fmt: skip
+    layer, own = uw.render_frame(plate.image_linear, scene, backend=backend).layer, plate.image_linear
+    light, shown = over(own, layer), plate.over(layer, over_tile).light
+    assert np.mean(own < 0.0) > 0.1
+    assert not np.array_equal(light, own)
+    as_plate = [in_plate_primaries(one, spec) for one in (light, shown, own)]
+    for found, before in ((light, own), *((one, as_plate[-1]) for one in as_plate[:2])):
+        assert np.min(found - np.minimum(before, 0.0)) >= -1e-6 * np.abs(before).max()
 
 
 def test_the_stage_is_named() -> None:

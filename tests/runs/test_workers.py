@@ -4,6 +4,9 @@
 from __future__ import annotations
 
 import multiprocessing
+import signal
+import subprocess
+import sys
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -17,6 +20,7 @@ from mr360uw.runs.job import Job
 from mr360uw.sample import SampleDive
 from mr360uw.scene import Scene
 from mr360uw.scene.model import load_scene
+from tests.gate import HANG_S
 
 LOSSLESS = ["output.segment_s=0.08", "output.codec=ffv1"]
 KEYS = """keys=[
@@ -110,6 +114,46 @@ def test_a_cluster_makes_the_same_frames(scene: Scene, alone: list[np.ndarray], 
         report = uw.composite_video(scene, out, backend="reference", cluster=cluster.scheduler_address)
     assert report.workers == 2
     np.testing.assert_array_equal(pictures(out), alone)
+
+
+def let_the_workers_die(address: str) -> None:
+    """Have the workers of a cluster killed by the first part that they are given, as by too little memory."""
+
+    def die_at_parts() -> None:
+        import os
+        import signal
+
+        from mr360uw.runs import workers
+
+        workers.render_part = lambda _job, _part: os.kill(os.getpid(), signal.SIGKILL)
+
+    distributed = pytest.importorskip("distributed", reason="needs mr360uw[farm]")
+    with distributed.Client(address) as client:
+        client.wait_for_workers(1)
+        client.run(die_at_parts)
+
+
+@pytest.mark.parametrize("started_again", [True, False])
+def test_a_cluster_whose_workers_die_ends_the_run(
+    scene: Scene, started_again: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """At once where the scheduler gives a part up; where no worker is left, after a time in which none came."""
+    distributed = pytest.importorskip("distributed", reason="needs mr360uw[farm]")
+    import dask
+
+    monkeypatch.setattr(workers, "_LOOK_S", 0.1)
+    monkeypatch.setattr(workers, "_NO_WORKER_S", HANG_S if started_again else 0.1)
+    with (
+        dask.config.set({"distributed.scheduler.allowed-failures": 0 if started_again else 3}),
+        distributed.LocalCluster(n_workers=int(started_again), threads_per_worker=1, dashboard_address=None) as cluster,
+    ):
+        address = cluster.scheduler_address
+        command = [sys.executable, "-m", "distributed.cli.dask_worker", address, "--no-nanny", "--no-dashboard"]
+        worker = None if started_again else subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.DEVNULL)
+        let_the_workers_die(address)
+        with pytest.raises(uw.VideoError, match="--dask - the scheduler or its workers died"):
+            uw.composite_video(scene, tmp_path / "out.mkv", backend="reference", cluster=address)
+        assert worker is None or worker.wait(HANG_S) == -signal.SIGKILL
 
 
 def test_a_scheduler_that_does_not_answer_is_an_error(scene: Scene, tmp_path: Path) -> None:

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import asyncio
+import signal
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from pathlib import Path
@@ -177,8 +178,21 @@ def test_a_run_tells_its_progress_and_what_went_wrong(dive: SampleDive, tmp_path
 
 
 def test_a_run_that_is_cancelled_says_so(dive: SampleDive, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("PYTHONPATH", Gate(tmp_path / "gate", FIRST_FRAME).path)
-    run = CommandRun(tmp_path / "out.mp4", lambda: run.cancel() if run.state == "running" else None)
-    asyncio.run(run.run([*command(dive, run), "--backend", "reference"]))
+    """Also where interrupts are ignored, as by what a shell starts in the background."""
+    gate = Gate(tmp_path / "gate", FIRST_FRAME)
+    monkeypatch.setenv("PYTHONPATH", gate.path)
+    run = CommandRun(tmp_path / "out.mp4", lambda: None)
+
+    async def cancelled_at_the_gate() -> None:
+        rendering = asyncio.create_task(run.run([*command(dive, run), "--backend", "reference"]))
+        await asyncio.to_thread(gate.wait)
+        run.cancel()
+        await rendering
+
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        asyncio.run(cancelled_at_the_gate())
+    finally:
+        signal.signal(signal.SIGINT, before)
     assert run.state == "cancelled"
     assert not run.out.exists()
