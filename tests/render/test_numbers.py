@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
@@ -17,9 +18,9 @@ from mr360uw.errors import RenderError
 from mr360uw.medium import Medium, Water, fit_gain
 from mr360uw.medium.depths import MediumAtDepths
 from mr360uw.medium.lookup import veil_lookup
-from mr360uw.render.blend_trial import random_plate
 from mr360uw.render.frame import finite
-from mr360uw.types import Layer, Rectangle, Tile
+from mr360uw.types import Layer, Rectangle, Tile, YuvImage
+from mr360uw.video import VideoFrame
 from tests.medium.tolerances import TABLE_SHALLOW
 from tests.scenes import scene_with
 
@@ -81,7 +82,9 @@ def test_an_hdr_frame_has_no_negative_light_but_its_own(
 ) -> None:
     """Random codes of BT.2020, outside Rec.709 and below black too, under a body and its shadow."""
     spec = ColorSpec("bt2020", False, transfer, 10)
-    plate = random_plate(np.random.default_rng(3), spec, (128, 64))
+    rng = np.random.default_rng(3)
+    y, u, v = (rng.integers(0, 1 << spec.bits, shape, np.uint16) for shape in ((64, 128), (32, 64), (32, 64)))
+    plate = VideoFrame(5, 5, Fraction(1, 25), 0.2, 1, spec, yuv=YuvImage(y, u, v, spec))
     scene = scene_with(
         tmp_path, None, water={"type": "IB"}, receiver={"height_m": -2.0},
         object=[{"mesh": str(whale), "position_m": [0.0, -0.5, -2.5]}],
