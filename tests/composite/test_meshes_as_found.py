@@ -26,7 +26,7 @@ CUBE = [TRIANGLE + np.array([k, 0, k]) for k in range(4)]
     ("library", "says"),
     [
         ("Kd 1 0 0\nPs 0.5\nPc 0.2\naniso 0.4\nmap_ORM a.png", "has ps, pc, aniso, map_orm, not drawn"),
-        ("Ks 1 1 1\nNs 250\nTf 0.2 0.5 0.9", "has ks, ns, tf, not drawn"),
+        ("Ks 1 1 1\nNs 250\nTf 0.2 0.5 0.9", "has ks, tf, not drawn"),
         ("Kd xyz 0.3 0.2 0.1", "kd is no colour"),
         ("Kd 255 128 0", "numbers above 1"),
         ("Kd 1 0 0\nd 1\nTr 1", "may be clear (d 1 and tr 1)"),
@@ -41,6 +41,15 @@ def test_words_that_change_nothing_are_not_said(tmp_path: Path) -> None:
     """Every exporter writes these."""
     plain = "newmtl m\nNs 250\nKa 1 1 1\nKd 0.8 0.8 0.8\nKs 0 0 0\nKe 0 0 0\nNi 1.45\nd 1\nillum 2\nTf 1 1 1\n"
     assert obj(tmp_path, plain).notes == ()
+
+
+def test_phong_s_exponent_is_a_roughness(tmp_path: Path) -> None:
+    """Of the GGX lobe whose peak is as wide, where there is a highlight and no roughness; the default otherwise."""
+    found = [
+        obj(tmp_path, f"newmtl m\n{library}\n").materials[0].roughness
+        for library in ("Ks 0.5 0.5 0.5\nNs 198", "Ks 0.5 0.5 0.5\nNs 198\nPr 0.4", "Ns 198", "Ks 1 1 1\nNs 0")
+    ]
+    np.testing.assert_allclose(found, [0.1**0.5, 0.4, 0.7, 1.0])
 
 
 def test_colours_above_one(tmp_path: Path) -> None:

@@ -26,12 +26,14 @@ from mr360uw.reading.limits import TEXT
 
 _DRAWN = frozenset({
     "ka", "kd", "ke", "d", "tr", "pr", "pm", "map_ka", "map_kd", "map_ke", "map_d", "map_pr", "map_pm", "norm", "bump",
-    "map_bump", "illum", "sharpness",
+    "map_bump", "illum", "sharpness", "ns",
 })  # fmt: skip
 """Words that are read, and two that say how other programs shade."""
-_CHANGE_NOTHING = {"ks": (0.0,), "ns": (0.0,), "ni": (1.0, 1.45, 1.5), "tf": (1.0,), "ps": (0.0,), "pc": (0.0,),
+_CHANGE_NOTHING = {"ks": (0.0, 0.5), "ni": (1.0, 1.45, 1.5), "tf": (1.0,), "ps": (0.0,), "pc": (0.0,),
                    "pcr": (0.0,), "aniso": (0.0,), "anisor": (0.0,)}  # fmt: skip
-"""Values of words that are not read with which a material looks as without them."""
+"""Values of words that are not read with which a material looks as without them; exporters write a `Ks` of 0.5 for a
+dielectric.
+"""
 _PLAIN = MapCoordinates("uv")
 _WHITE, _GREY = (1.0, 1.0, 1.0, 1.0), (0.5, 0.5, 0.5, 1.0)
 _Entry = tuple[Path, dict[str, str]]
@@ -199,10 +201,14 @@ class Libraries:
         return replace(material, base_map=cut, alpha_mode="BLEND" if material.alpha_mode == "BLEND" else "MASK")
 
     def _metallic(self, material: Material, found: _Entry) -> Material:
-        """Return a material with the roughness and the metallic of its entry: `Pr` and `Pm`, or their maps."""
+        """Return a material with the roughness and the metallic of its entry: `Pr` and `Pm`, or their maps.
+
+        Without `Pr`, a highlight (`Ks`) has the roughness of Phong's exponent `Ns`: alpha^2 = 2/(Ns + 2) (Walter et al.
+        2007, section 5.1), and alpha is the roughness squared (glTF 2.0, B.3.3).
+        """
         entry = found[1]
         rough, metal = self._other(found, "map_pr"), self._other(found, "map_pm")
-        roughness = 1.0 if rough is not None else _number(entry, "pr", material.roughness)
+        roughness = 1.0 if rough is not None else _number(entry, "pr", _of_phong(entry, material.roughness))
         metallic = 1.0 if metal is not None else _number(entry, "pm", 0.0)
         material = replace(material, roughness=min(max(roughness, 0.0), 1.0), metallic=min(max(metallic, 0.0), 1.0))
         maps = [one for one in (rough, metal) if one is not None]
@@ -306,12 +312,17 @@ def _number(entry: dict[str, str], word: str, default: float) -> float:
     return value if math.isfinite(value) else default
 
 
+def _of_phong(entry: dict[str, str], default: float) -> float:
+    """Return the roughness of a Phong exponent; the default without a highlight."""
+    exponent = _number(entry, "ns", -1.0)
+    return (2.0 / (exponent + 2.0)) ** 0.25 if exponent >= 0.0 and _number(entry, "ks", 0.0) > 0.0 else default
+
+
 def _changes_nothing(word: str, entry: dict[str, str]) -> bool:
     """Return whether a material looks as without a word that is not read."""
     plain = _CHANGE_NOTHING.get(word, ())
-    glossy = word != "ns" or not _changes_nothing("ks", {"ks": "0", **entry})
     try:
-        return not glossy or (bool(plain) and all(float(value) in plain for value in entry[word].split()))
+        return bool(plain) and all(float(value) in plain for value in entry[word].split())
     except ValueError:
         return False
 
