@@ -313,7 +313,9 @@ def _radiance_map(path: Path, entries: list[tuple[bytes, bytes]]) -> tuple[tuple
         for _, value in (one for one in entries if one[0] == b"COLORCORR"):
             gain = gain * [float(v) for v in value.split()]
         aspect = float(said.get(b"PIXASPECT", b"1"))
-        xy = tuple(float(v) for v in said[b"PRIMARIES"].split()) if b"PRIMARIES" in said else REC709_XY
+        # Photoshop writes zeros for primaries that it does not know
+        xy = tuple(float(v) for v in said.get(b"PRIMARIES", b"").split())
+        xy = xy if any(xy) else REC709_XY
         with np.errstate(divide="ignore"):
             gain = 1.0 / gain
         if said.get(b"FORMAT") == b"32-bit_rle_xyze":
