@@ -244,7 +244,10 @@ def ambient(folder: Path) -> Image.Image:
     def seen(*sets: str) -> Floats:
         return look(_composite(folder / "scene.toml", *sets), view)
 
-    alone, bare_floor = seen("draw.ambient_occlusion=false", "receiver.occlusion=false"), seen("receiver.occlusion=false")
+    alone, bare_floor = (
+        seen("draw.ambient_occlusion=false", "receiver.occlusion=false"),
+        seen("receiver.occlusion=false"),
+    )
     whole = seen()
     sent = np.abs(whole - seen("object.0.base_color=[0.0,0.0,0.0]"))
     return sheet([picture(one) for one in (alone, bare_floor, whole, 0.5 + 0.5 * (whole - alone), 4.0 * sent)], 5)
@@ -359,7 +362,9 @@ def save(name: str, made: Image.Image | list[Image.Image]) -> None:
         first.save(data, Image.registered_extensions()[Path(name).suffix], quality=quality, **moves)
         if len(data.getvalue()) < LARGEST_BYTES:
             (DOCS / name).write_bytes(data.getvalue())
-            print(f"docs/{name}: {first.width} x {first.height}, {len(data.getvalue()) / 1e3:.0f} kB, quality {quality}")
+            print(
+                f"docs/{name}: {first.width} x {first.height}, {len(data.getvalue()) / 1e3:.0f} kB, quality {quality}"
+            )
             return
     raise SystemExit(f"{name} - is too large at any quality (got {len(data.getvalue())} bytes) - show less")
 
