@@ -86,10 +86,10 @@ type = "none"
 height_m = -1.7
 [[object]]
 mesh = "whale.glb"
-azimuth_deg = -96.0
-elevation_deg = -8.0
-distance_m = 3.8
-face = -10.0
+azimuth_deg = -80.0
+elevation_deg = -9.0
+distance_m = 3.0
+face = 0.0
 """
 
 
@@ -121,7 +121,7 @@ def presets(_: Path) -> Image.Image:
 
 
 _TORCH = (
-    'lamp=[{kind="spot", position_m=[0.8, 0.4, -0.5], rotation_deg=[25, -12, 0], lumen=9000, cone_deg=24}]',
+    "lamp=[{position_m=[0.8, 0.4, -0.5], rotation_deg=[25, -12, 0], lumen=9000, cone_deg=24}]",
     "light.white_cd_m2=200",
 )
 
@@ -233,22 +233,19 @@ base_color = [0.75, 0.75, 0.75]
 
 def ambient(folder: Path) -> Image.Image:
     """Return two bodies alone, then together, then with the floor, what that changes, and what the crate sends."""
-    sky = np.ones((512, 1024, 3), np.float32)
-    sky[256:] = 0.35
+    sky = np.ones((1024, 2048, 3), np.float32)
+    sky[512:] = 0.35
     uw.video.write_exr(folder / "plate.exr", sky)
     trimesh.creation.box((0.8, 0.8, 0.8)).export(folder / "crate.ply")
     trimesh.creation.icosphere(4, 0.35).export(folder / "ball.ply")
     (folder / "scene.toml").write_text(_AMBIENT, "utf-8")
-    view = Perspective(yaw_deg=0.0, pitch_deg=-27.0, fov_deg=50.0, width=400, height=300)
+    view = Perspective(yaw_deg=0.0, pitch_deg=-22.0, fov_deg=50.0, width=400, height=300)
 
     def seen(*sets: str) -> Floats:
         return look(_composite(folder / "scene.toml", *sets), view)
 
-    alone, bare_floor = (
-        seen("draw.ambient_occlusion=false", "receiver.occlusion=false"),
-        seen("receiver.occlusion=false"),
-    )
-    whole = seen()
+    alone = seen("draw.ambient_occlusion=false", "receiver.occlusion=false")
+    bare_floor, whole = seen("receiver.occlusion=false"), seen()
     sent = np.abs(whole - seen("object.0.base_color=[0.0,0.0,0.0]"))
     return sheet([picture(one) for one in (alone, bare_floor, whole, 0.5 + 0.5 * (whole - alone), 4.0 * sent)], 5)
 
@@ -362,9 +359,8 @@ def save(name: str, made: Image.Image | list[Image.Image]) -> None:
         first.save(data, Image.registered_extensions()[Path(name).suffix], quality=quality, **moves)
         if len(data.getvalue()) < LARGEST_BYTES:
             (DOCS / name).write_bytes(data.getvalue())
-            print(
-                f"docs/{name}: {first.width} x {first.height}, {len(data.getvalue()) / 1e3:.0f} kB, quality {quality}"
-            )
+            size = f"{first.width} x {first.height}, {len(data.getvalue()) / 1e3:.0f} kB, quality {quality}"
+            print(f"docs/{name}: {size}", flush=True)
             return
     raise SystemExit(f"{name} - is too large at any quality (got {len(data.getvalue())} bytes) - show less")
 
