@@ -86,10 +86,10 @@ type = "none"
 height_m = -1.7
 [[object]]
 mesh = "whale.glb"
-azimuth_deg = -80.0
-elevation_deg = -9.0
-distance_m = 3.0
-face = 0.0
+azimuth_deg = -30.0
+elevation_deg = -10.0
+distance_m = 2.9
+face = -120.0
 """
 
 
@@ -128,9 +128,10 @@ _TORCH = (
 
 def shafts(folder: Path) -> Image.Image:
     """Return a dive with shafts of its waves three times as strong as they are, and with the beam of a torch."""
-    scene = sample_dive(folder, DiveSettings(depth_m=6.0, floor_m=9.5, water="II"), width=2048, frames=2).scene
+    scene = sample_dive(folder, DiveSettings(depth_m=6.0, floor_m=9.5, water="II", stops=1.0), width=3072, frames=2).scene
     sides = [_composite(scene, *sets, frame=1) for sets in (("shafts.on_plate=true", "shafts.strength=3"), _TORCH)]
-    return sheet([picture(side[130:830, 540:1340]) for side in sides], 2)
+    view = Perspective(yaw_deg=18.0, pitch_deg=10.0, fov_deg=95.0, width=800, height=600)
+    return sheet([picture(look(side, view)) for side in sides], 2)
 
 
 _FLOATING = """
@@ -138,20 +139,21 @@ _FLOATING = """
 objects = "auto"
 [[object]]
 mesh = "ball.ply"
-position_m = [-1.6, 2.5, -4.5]
-base_color = [0.9, 0.75, 0.1]
+position_m = [-2.0, 3.0, -6.5]
+base_color = [0.95, 0.7, 0.05]
 [[object]]
 mesh = "boat.ply"
-position_m = [1.6, 3.85, -5.0]
+attach = "surface"
+position_m = [1.3, 0.15, -3.9]
 rotation_deg = [25.0, 0.0, 0.0]
-base_color = [0.75, 0.3, 0.2]
+base_color = [0.85, 0.3, 0.15]
 """
 
 
 def at_the_surface(folder: Path) -> Image.Image:
     """Return a ball below and a boat across the surface of a dive, without their images in it and with them."""
-    dive = sample_dive(folder, DiveSettings(depth_m=4.0, wind_m_s=4.0), width=4096, frames=1)
-    trimesh.creation.icosphere(4, 0.35).export(folder / "ball.ply")
+    dive = sample_dive(folder, DiveSettings(depth_m=4.0, wind_m_s=3.0, stops=1.0), width=4096, frames=1)
+    trimesh.creation.icosphere(4, 0.45).export(folder / "ball.ply")
     trimesh.creation.box((1.2, 0.7, 2.4)).export(folder / "boat.ply")
     head = dive.scene.read_text("utf-8").split("[[object]]")[0]
     dive.scene.write_text(head + _FLOATING, "utf-8")
