@@ -128,7 +128,9 @@ _TORCH = (
 
 def shafts(folder: Path) -> Image.Image:
     """Return a dive with shafts of its waves three times as strong as they are, and with the beam of a torch."""
-    scene = sample_dive(folder, DiveSettings(depth_m=6.0, floor_m=9.5, water="II", stops=1.0), width=3072, frames=2).scene
+    scene = sample_dive(
+        folder, DiveSettings(depth_m=6.0, floor_m=9.5, water="II", stops=1.0), width=3072, frames=2
+    ).scene
     sides = [_composite(scene, *sets, frame=1) for sets in (("shafts.on_plate=true", "shafts.strength=3"), _TORCH)]
     view = Perspective(yaw_deg=18.0, pitch_deg=10.0, fov_deg=95.0, width=800, height=600)
     return sheet([picture(look(side, view)) for side in sides], 2)
@@ -157,7 +159,7 @@ def at_the_surface(folder: Path) -> Image.Image:
     trimesh.creation.box((1.2, 0.7, 2.4)).export(folder / "boat.ply")
     head = dive.scene.read_text("utf-8").split("[[object]]")[0]
     dive.scene.write_text(head + _FLOATING, "utf-8")
-    view = Perspective(yaw_deg=0.0, pitch_deg=32.0, fov_deg=75.0, width=800, height=500)
+    view = Perspective(yaw_deg=0.0, pitch_deg=36.0, fov_deg=75.0, width=800, height=500)
     sides = [look(_composite(dive.scene, f'surface.objects="{objects}"'), view) for objects in ("none", "auto")]
     return sheet([picture(side) for side in sides], 2)
 
@@ -166,7 +168,7 @@ def surface(_: Path) -> Image.Image:
     """Return the same sea from 1.5 m below and from 3 m above it."""
     settings = DiveSettings(depth_m=1.5, floor_m=6.0, wind_m_s=5.0, sun_elevation_deg=50.0, sun_azimuth_deg=20.0)
     rows = []
-    for lift_m, stops in ((0.0, 0.0), (4.5, -1.0)):
+    for lift_m, stops in ((0.0, 0.5), (4.5, 1.0)):
         dive = Dive(settings, WIDTH, WIDTH // 2)
         view = settings.view(WIDTH, WIDTH // 2, 0.0)
         view = replace(view, position=view.position + np.array([0.0, lift_m, 0.0]))
