@@ -46,29 +46,30 @@ LARGEST_BYTES = 400_000
 """Most that a page should make a reader load for one picture."""
 _QUALITIES = (90, 85, 80, 75, 70, 60, 50, 40, 30)
 _GAP = 6
+_WIPE = 0.7
+"""Where the demo's whale ends and its plate begins, as a fraction of the width: before its flukes."""
 
 
 # --- the demo ------------------------------------------------------------------------------------------------------
 
 
 def demo(folder: Path) -> Image.Image:
-    """Return the demo's first frame, four thousand pixels around: the plate left of a line, the composite right."""
+    """Return the demo's first frame, four thousand pixels around: the composite left of a line, the plate right."""
     dive = sample_dive(folder, DiveSettings.of(**DIVE), width=4096, frames=1)
     dive.scene.write_bytes((DEMO / "scene.toml").read_bytes())
     view = replace(VIEW, width=WIDTH, height=700)
-    plate = look(_first_frame(dive.plate), view)
-    wiped = look(_composite(dive.scene), view)
-    line = int(0.38 * WIDTH)
-    wiped[:, :line] = plate[:, :line]
+    wiped, plate = look(_composite(dive.scene), view), look(_first_frame(dive.plate), view)
+    line = int(_WIPE * WIDTH)
+    wiped[:, line:] = plate[:, line:]
     wiped[:, line - 2 : line + 2] = 1.0
-    return _named(picture(wiped), {(24, 20): "the plate: your video", (line + 24, 20): "the composite"})
+    return _named(picture(wiped), {(24, 20): "with a whale", (line + 24, 20): "as it was filmed"})
 
 
 def loop(folder: Path) -> list[Image.Image]:
     """Return the demo as a loop at half its speed; its end fades into its start."""
     uw.composite_video(uw.load_scene(DEMO / "scene.toml"), folder / "loop.mp4")
     with uw.open_video(folder / "loop.mp4") as video:
-        frames = [look(frame.image_linear, replace(VIEW, width=640, height=320)) for frame in video.frames()]
+        frames = [look(frame.image_linear, replace(VIEW, width=960, height=480)) for frame in video.frames()]
     fade = len(frames) // 4
     weights = (np.arange(fade) + 1.0) / (fade + 1.0)
     ends = [(1.0 - w) * a + w * b for w, a, b in zip(weights, frames[-fade:], frames[:fade], strict=True)]
