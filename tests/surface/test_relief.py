@@ -27,7 +27,7 @@ DOWN = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
 
 
 def relief_of(floor: Floor, y: float = 0.0) -> Relief:
-    return Relief(floor.tile_m, y, floor.lowest_m - 1e-6, floor.highest_m, floor.steepest, floor.relief)
+    return Relief(floor.tile_m, y, floor.lowest_m - 1e-6, floor.highest_m, floor.steepest, floor.relief, floor.cells)
 
 
 @pytest.mark.parametrize("slope", [-0.7, -1.0, -4.0])

@@ -28,7 +28,8 @@ _LIFT = 1e-6
 class Relief(NamedTuple):
     """An uneven floor. tile_m: after which it repeats. y: of the height 0 over the mean surface. low, high: least and
     greatest height; both 0 for a level floor. steepest: bound of its slope. heights: (size, size) [m] at the centres of
-    pixels over a tile, read bilinearly; column = +x, row = +z.
+    pixels over a tile, read bilinearly; column = +x, row = +z. cells: (k, k, 2) greatest height and bound of the slope in
+    squares of the tile.
     """
 
     tile_m: float
@@ -37,6 +38,7 @@ class Relief(NamedTuple):
     high: float
     steepest: float
     heights: Any
+    cells: Any
 
 
 @borrowing
@@ -63,7 +65,7 @@ def relief_distance(r: Relief, origin: Vector, direction: Vector, reach: float) 
         return math.inf
     elif dy > 0.0:
         end = min(end, (r.high - oy) / dy)
-    speed = max(abs(dy) + r.steepest * math.hypot(dx, dz), 1e-12)
+    across, side = math.hypot(dx, dz), r.tile_m / r.cells.shape[0]
     least = _LEAST_STEP * r.tile_m / e.shape[0]
     before, over_before = t, -1.0
     for _ in range(_MOST_STEPS):
@@ -80,8 +82,24 @@ def relief_distance(r: Relief, origin: Vector, direction: Vector, reach: float) 
         if t >= end:
             break
         before, over_before = t, over
-        t = min(t + max(abs(over) / speed, least), end)
+        # Step to where the ray leaves the cell if it stays above its top, else no further than its slopes allow
+        u, v = (ox + t * dx) / side, (oz + t * dz) / side
+        out = min(_to_edge(u, dx), _to_edge(v, dz)) * side
+        cell = r.cells[int(math.floor(v)) % len(r.cells), int(math.floor(u)) % len(r.cells)]
+        y, step = oy + t * dy, out + least
+        if min(y, y + out * dy) <= cell[0]:
+            step = min(step, max(abs(over) / max(abs(dy) + cell[1] * across, 1e-12), least))
+        t = min(t + step, end)
     return math.inf
+
+
+@borrowing
+def _to_edge(u: float, speed: float) -> float:
+    """Return the time after which a place u leaves the interval between whole numbers that it is in."""
+    if speed == 0.0:
+        return math.inf
+    part = u - math.floor(u)
+    return (1.0 - part) / speed if speed > 0.0 else part / -speed
 
 
 @borrowing
