@@ -9,6 +9,7 @@ python docs/pictures.py [NAME ...]    # all of them without a name, a quarter of
 from __future__ import annotations
 
 import io
+import shutil
 import sys
 import tempfile
 from collections.abc import Callable, Mapping
@@ -37,7 +38,7 @@ from mr360uw.sample.recording import with_noise  # noqa: E402
 from mr360uw.sample.whale import write_whale  # noqa: E402
 from mr360uw.sphere import direction_from_angles  # noqa: E402
 from mr360uw.types import Floats  # noqa: E402
-from samples.demo.pictures import DIVE, VIEW  # noqa: E402
+from samples.demo.pictures import VIEW  # noqa: E402
 
 DOCS = ROOT / "docs"
 DEMO = ROOT / "samples" / "demo"
@@ -50,13 +51,24 @@ _WIPE = 0.7
 """Where the demo's whale ends and its plate begins, as a fraction of the width: before its flukes."""
 
 
+DIVE = {
+    "depth_m": 3.0, "floor_m": 7.0, "wind_m_s": 4.0, "sun_azimuth_deg": -125.0, "sun_elevation_deg": 52.0, "seed": 41,
+    "solid": True, "sand_albedo": 0.48, "rocks": 0.03, "grass": 0.03, "stops": 2.5,
+}  # fmt: skip
+"""That of the demo's clip, see samples/demo/README.md."""
+_EMPTY = ("shafts.on_plate=true", "snow.amount=1", "object.0.visible=false", "object.0.casts_shadow=false")
+"""Changes of the demo's scene that draw what is in the water of its plate."""
+
+
 # --- the demo ------------------------------------------------------------------------------------------------------
 
 
 def demo(folder: Path) -> Image.Image:
     """Return the demo's first frame, four thousand pixels around: the composite left of a line, the plate right."""
-    dive = sample_dive(folder, DiveSettings.of(**DIVE), width=4096, frames=1)
+    dive = sample_dive(folder, DiveSettings.of(**DIVE), width=4096, frames=1, samples=2)
     dive.scene.write_bytes((DEMO / "scene.toml").read_bytes())
+    uw.composite_video(uw.load_scene(dive.scene, _EMPTY), folder / "plate.mp4")
+    (folder / "plate.mp4").replace(dive.plate)
     view = replace(VIEW, width=WIDTH, height=700)
     wiped, plate = look(_composite(dive.scene), view), look(_first_frame(dive.plate), view)
     line = int(_WIPE * WIDTH)
@@ -303,7 +315,7 @@ def tuning(folder: Path) -> Image.Image:
     """Return the tuning page in a browser, with keys and the plate behind a divider."""
     from benchmarks.tune import rest, tuned
 
-    scene = sample_dive(folder, DiveSettings.of(**DIVE), width=2048, frames=24).scene
+    scene = Path(shutil.copytree(DEMO, folder / "demo")) / "scene.toml"
     with tuned(scene, (WIDTH, 900), "light") as (page, *_):
         rest(page)
         page.get_by_label("key Wind speed at this time").click()

@@ -29,7 +29,7 @@ DIVE = {
     "rocks": 0.01, "grass": 0.01, "stops": 1.5,
 }  # fmt: skip
 """That of the folder's clip, see README.md."""
-VIEW = Perspective(yaw_deg=-2.0, pitch_deg=-19.0, fov_deg=95.0, width=960, height=540)
+VIEW = Perspective(yaw_deg=-2.0, pitch_deg=-8.0, fov_deg=100.0, width=800, height=450)
 SMALL = replace(VIEW, width=480, height=270)
 
 
