@@ -81,7 +81,7 @@ def loop(folder: Path) -> list[Image.Image]:
     """Return the demo as a loop at half its speed; its end fades into its start."""
     uw.composite_video(uw.load_scene(DEMO / "scene.toml"), folder / "loop.mp4")
     with uw.open_video(folder / "loop.mp4") as video:
-        frames = [look(frame.image_linear, replace(VIEW, width=960, height=480)) for frame in video.frames()]
+        frames = [look(frame.image_linear, replace(VIEW, width=800, height=400)) for frame in video.frames()]
     fade = len(frames) // 4
     weights = (np.arange(fade) + 1.0) / (fade + 1.0)
     ends = [(1.0 - w) * a + w * b for w, a, b in zip(weights, frames[-fade:], frames[:fade], strict=True)]
