@@ -25,11 +25,14 @@ from mr360uw.types import Floats
 HERE = Path(__file__).resolve().parent
 DOCS = HERE.parents[1] / "docs"
 DIVE = {
-    "depth_m": 2.5, "floor_m": 5.5, "sun_azimuth_deg": -85.0, "sun_elevation_deg": 52.0, "sand_albedo": 0.45,
-    "rocks": 0.01, "grass": 0.01, "stops": 1.5,
+    "depth_m": 3.0, "floor_m": 7.0, "wind_m_s": 4.0, "sun_azimuth_deg": -125.0, "sun_elevation_deg": 52.0, "seed": 41,
+    "solid": True, "sand_albedo": 0.48, "rocks": 0.03, "grass": 0.03, "stops": 2.5,
 }  # fmt: skip
 """That of the folder's clip, see README.md."""
-VIEW = Perspective(yaw_deg=-2.0, pitch_deg=-19.0, fov_deg=95.0, width=960, height=540)
+EMPTY = ["shafts.on_plate=true", "snow.amount=1", "object.0.visible=false", "object.0.casts_shadow=false"]
+"""Changes of the scene that draw what is in the water of the plate."""
+VIEW = Perspective(yaw_deg=-2.0, pitch_deg=-8.0, fov_deg=100.0, width=800, height=450)
+"""Has about as many pixels to a degree as the clip."""
 SMALL = replace(VIEW, width=480, height=270)
 
 
@@ -56,9 +59,8 @@ def readme() -> None:
         dive = DiveSettings.of(**DIVE)
         wide = sample_dive(folder, dive, width=3 * 1024, frames=1, overwrite=True)
         wide.scene.write_bytes((HERE / "scene.toml").read_bytes())
-        empty = ["shafts.on_plate=true", "object.0.visible=false", "object.0.casts_shadow=false"]
-        uw.composite_video(uw.load_scene(wide.scene, empty), folder / "shafts.mp4")
-        shutil.copy(folder / "shafts.mp4", wide.plate)
+        uw.composite_video(uw.load_scene(wide.scene, EMPTY), folder / "plate.mp4")
+        shutil.copy(folder / "plate.mp4", wide.plate)
         uw.composite_video(uw.load_scene(wide.scene), folder / "wide.mp4")
         pair = [frames(path, VIEW, 1)[0] for path in (wide.plate, folder / "wide.mp4")]
         Image.fromarray(np.concatenate(pair, axis=1)).save(DOCS / "demo.jpg", quality=88)
