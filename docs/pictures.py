@@ -27,7 +27,6 @@ sys.path.insert(0, str(ROOT))
 
 import mr360uw as uw  # noqa: E402
 from mr360uw.caustics import GerstnerSea, caustic_map  # noqa: E402
-from mr360uw.color import encode  # noqa: E402
 from mr360uw.from_above import AerialScene, aerial_film  # noqa: E402
 from mr360uw.medium import JERLOV_TYPES, Medium, Sensor, Water  # noqa: E402
 from mr360uw.preview.live import LivePreview  # noqa: E402
@@ -38,7 +37,7 @@ from mr360uw.sample.recording import with_noise  # noqa: E402
 from mr360uw.sample.whale import write_whale  # noqa: E402
 from mr360uw.sphere import direction_from_angles  # noqa: E402
 from mr360uw.types import Floats  # noqa: E402
-from samples.demo.pictures import VIEW  # noqa: E402
+from samples.demo.pictures import VIEW, WIPE, first_view, picture, wiped  # noqa: E402
 
 DOCS = ROOT / "docs"
 DEMO = ROOT / "samples" / "demo"
@@ -47,8 +46,6 @@ LARGEST_BYTES = 400_000
 """Most that a page should make a reader load for one picture."""
 _QUALITIES = (90, 85, 80, 75, 70, 60, 50, 40, 30)
 _GAP = 6
-_WIPE = 0.7
-"""Where the demo's whale ends and its plate begins, as a fraction of the width: before its flukes."""
 
 
 DIVE = {
@@ -70,11 +67,8 @@ def demo(folder: Path) -> Image.Image:
     uw.composite_video(uw.load_scene(dive.scene, _EMPTY), folder / "plate.mp4")
     (folder / "plate.mp4").replace(dive.plate)
     view = replace(VIEW, width=WIDTH, height=700)
-    wiped, plate = look(_composite(dive.scene), view), look(_first_frame(dive.plate), view)
-    line = int(_WIPE * WIDTH)
-    wiped[:, line:] = plate[:, line:]
-    wiped[:, line - 2 : line + 2] = 1.0
-    return _named(picture(wiped), {(24, 20): "with a whale", (line + 24, 20): "as it was filmed"})
+    both = wiped(look(_composite(dive.scene), view), first_view(dive.plate, view))
+    return _named(picture(both), {(24, 20): "with a whale", (int(WIPE * WIDTH) + 24, 20): "as it was filmed"}, 40)
 
 
 def loop(folder: Path) -> list[Image.Image]:
@@ -352,11 +346,6 @@ PICTURES: Mapping[str, Callable[[Path], Image.Image | list[Image.Image]]] = {
 # --- light to files ------------------------------------------------------------------------------------------------
 
 
-def picture(light: Floats) -> Image.Image:
-    """Return linear light (H, W, 3), 1 = white, as a picture."""
-    return Image.fromarray(np.round(255.0 * encode(np.clip(light, 0.0, 1.0), "srgb")).astype(np.uint8))
-
-
 def sheet(tiles: list[Image.Image], columns: int, gap: int = _GAP) -> Image.Image:
     """Return tiles of one size in rows, with gaps between them, at least `WIDTH` across."""
     width, height = tiles[0].size
@@ -380,11 +369,6 @@ def save(name: str, made: Image.Image | list[Image.Image]) -> None:
             print(f"docs/{name}: {size}", flush=True)
             return
     raise SystemExit(f"{name} - is too large at any quality (got {len(data.getvalue())} bytes) - show less")
-
-
-def _first_frame(path: Path) -> Floats:
-    with uw.open_video(path) as video:
-        return next(video.frames()).image_linear
 
 
 def _composite(scene: Path, *sets: str, frame: int = 0) -> Floats:
