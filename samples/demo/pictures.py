@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The demo as an ordinary camera sees it: python samples/demo/pictures.py COMPOSITE FOLDER writes still.png and wipe.png."""
+"""The demo as an ordinary camera sees it: python samples/demo/pictures.py COMPOSITE FOLDER.
+
+Writes still.png, the composite, and wipe.png, the same with the plate right of a line.
+"""
 
 from __future__ import annotations
 
