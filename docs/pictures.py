@@ -9,7 +9,6 @@ python docs/pictures.py [NAME ...]    # all of them without a name, a quarter of
 from __future__ import annotations
 
 import io
-import shutil
 import sys
 import tempfile
 from collections.abc import Callable, Mapping
@@ -309,7 +308,8 @@ def tuning(folder: Path) -> Image.Image:
     """Return the tuning page in a browser, with keys and the plate behind a divider."""
     from benchmarks.tune import rest, tuned
 
-    scene = Path(shutil.copytree(DEMO, folder / "demo")) / "scene.toml"
+    settings = DiveSettings(depth_m=2.5, floor_m=5.5, sun_azimuth_deg=-85.0, sand_albedo=0.45, rocks=0.01, stops=1.5)
+    scene = sample_dive(folder, settings, width=2048, frames=24).scene
     with tuned(scene, (WIDTH, 900), "light") as (page, *_):
         rest(page)
         page.get_by_label("key Wind speed at this time").click()
