@@ -52,7 +52,9 @@ DIVE = {
     "solid": True, "sand_albedo": 0.48, "rocks": 0.03, "grass": 0.03, "stops": 2.5,
 }  # fmt: skip
 """That of the demo's clip, see samples/demo/README.md."""
-_EMPTY = ("shafts.on_plate=true", "snow.amount=1", "object.0.visible=false", "object.0.casts_shadow=false")
+_EMPTY = (
+    "shafts.mode=auto", "shafts.on_plate=true", "snow.amount=1", "object.0.visible=false", "object.0.casts_shadow=false",
+)  # fmt: skip
 """Changes of the demo's scene that draw what is in the water of its plate."""
 
 
@@ -66,7 +68,9 @@ def demo(folder: Path) -> Image.Image:
     uw.composite_video(uw.load_scene(dive.scene, _EMPTY), folder / "plate.mp4")
     (folder / "plate.mp4").replace(dive.plate)
     view = replace(VIEW, width=WIDTH, height=700)
-    both = wiped(look(_composite(dive.scene), view), first_view(dive.plate, view))
+    both = wiped(
+        look(_composite(dive.scene, "draw.samples=65", "draw.sun_samples=24"), view), first_view(dive.plate, view)
+    )
     return _named(picture(both), {(24, 20): "with a whale", (int(WIPE * WIDTH) + 24, 20): "as it was filmed"}, 40)
 
 
