@@ -53,7 +53,8 @@ DIVE = {
 }  # fmt: skip
 """That of the demo's clip, see samples/demo/README.md."""
 _EMPTY = (
-    "shafts.mode=auto", "shafts.on_plate=true", "snow.amount=1", "object.0.visible=false", "object.0.casts_shadow=false",
+    "shafts.mode=auto", "shafts.on_plate=true", "snow.amount=1", "object.0.visible=false",
+    "object.0.casts_shadow=false",
 )  # fmt: skip
 """Changes of the demo's scene that draw what is in the water of its plate."""
 
