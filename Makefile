@@ -39,11 +39,11 @@ $(VENV)/.installed-docs: $(VENV)/.installed
 demo: $(VENV)/.installed  ## put a whale into the 360 dive of samples/demo, say where the results are
 	@mkdir -p demo
 	$(BIN)/mr360uw composite samples/demo/scene.toml demo/composite.mp4 --overwrite
-	$(BIN)/python samples/demo/pictures.py look demo/composite.mp4 demo
+	$(BIN)/python samples/demo/pictures.py demo/composite.mp4 demo
 	@echo
 	@echo 'demo/composite.mp4  the 360 video: open it in VLC and drag'
 	@echo 'demo/still.png      a frame as an ordinary camera sees it'
-	@echo 'demo/wipe.png       left the plate, right the composite'
+	@echo 'demo/wipe.png       left the composite, right the plate'
 	@echo 'Next: move the whale with position_m in samples/demo/scene.toml and run make demo again; or put a mesh of your own'
 	@echo 'into a clip of your own: $(BIN)/mr360uw new dive.mp4 whale.glb'
 

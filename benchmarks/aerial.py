@@ -2,7 +2,7 @@
 """Cost of pictures from above: python benchmarks/aerial.py [section ...], all without any.
 
 fft: spectral seas of 256 to 2048 wave vectors across: first amplitudes, fields of a frame, splines, light on the floor.
-picture: a frame of 640 x 360 of the default scene, alone and within a film. pictures FOLDER: those of docs/aerial.md.
+picture: a frame of 640 x 360 of the default scene, alone and within a film.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from typing import Any
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
-from mr360uw.from_above import AerialScene, LoadedAerial, aerial_film  # noqa: E402
+from mr360uw.from_above import AerialScene, LoadedAerial  # noqa: E402
 from mr360uw.surface import SampledSea  # noqa: E402
 from mr360uw.surface.sampled_sea import points_across  # noqa: E402
 
@@ -70,59 +70,6 @@ def picture() -> None:
     timed("next frames", lambda k: loaded[0].picture(0.1 * (k + 1), (640, 360)))
 
 
-CALM: dict[str, Any] = {"tile_m": 12.0, "shortest_wavelength_m": 0.14, "wind_speed": 2.0, "detail_slope": 0.03}
-VIEWS: dict[str, dict[str, Any]] = {
-    "calm, sun high": {"sea": CALM, "floor": {"depth_m": 2.5}, "camera": {"position_m": (0.0, 5.0, 0.0)}},
-    "wind 8 m/s, sun low ahead": {
-        "sea": {"wind_speed": 8.0, "tile_m": 60.0, "resolution": 512, "shortest_wavelength_m": 0.6},
-        "sun": {"elevation_deg": 25.0, "azimuth_deg": 10.0}, "floor": {"depth_m": 6.0},
-        "camera": {"position_m": (0.0, 20.0, 0.0), "pitch_deg": -25.0, "exposure": 0.7},
-    },
-    "straight down, parallel": {
-        "sea": CALM, "floor": {"depth_m": 2.0},
-        "camera": {"projection": "orthographic", "pitch_deg": -90.0, "width_m": 12.0},
-    },
-    "a whale under the waves": {
-        "sea": CALM, "floor": {"depth_m": 4.0}, "camera": {"position_m": (0.0, 8.0, 0.0), "pitch_deg": -60.0},
-        "object": [{"mesh": "whale.glb", "position_m": (0.0, -1.5, -4.5), "face": 60.0}],
-    },
-    "wind 5 m/s, from 60 m": {
-        "sea": {"wind_speed": 5.0, "tile_m": 100.0, "resolution": 512, "shortest_wavelength_m": 0.6},
-        "floor": {"depth_m": 5.0, "tile_m": 24.0}, "sun": {"elevation_deg": 45.0},
-        "camera": {"position_m": (0.0, 60.0, 0.0), "pitch_deg": -70.0},
-    },
-    "published look": {
-        "sea": CALM, "floor": {"depth_m": 2.5}, "camera": {"position_m": (0.0, 5.0, 0.0)},
-        "water": {"mode": "blended"}, "reflection": {"sun": "thresholded"},
-        "sun": {"azimuth_deg": 0.0, "elevation_deg": 50.0},
-    },
-}  # fmt: skip
-
-
-def pictures(folder: Path, width: int = 448) -> None:
-    """Write the pictures of the page, one file each, and all of them as one."""
-    import cv2
-    import numpy as np
-
-    from mr360uw.sample.whale import write_whale
-
-    write_whale(folder / "whale.glb", 4.0)
-    written = []
-    for number, (name, tables) in enumerate(VIEWS.items()):
-        camera = tables.get("camera", {}) | {"width": width, "height": width * 9 // 16}
-        bodies = [one | {"mesh": folder / one["mesh"]} for one in tables.get("object", [])]
-        scene = scene_of(**(tables | {"camera": camera, "object": bodies, "film": {"samples": 3}}))
-        written.append(folder / f"aerial-{number}.png")
-        print(f"{name}: {aerial_film(scene, written[-1], overwrite=True)}")
-    cells = [cv2.imread(str(path)) for path in written]
-    rows = [np.hstack(cells[first : first + 2]) for first in range(0, len(cells), 2)]
-    cv2.imwrite(str(folder / "aerial.jpg"), np.vstack(rows), [cv2.IMWRITE_JPEG_QUALITY, 85])
-
-
 if __name__ == "__main__":
-    asked = sys.argv[1:]
-    if asked[:1] == ["pictures"]:
-        pictures(Path(asked[1]), *map(int, asked[2:]))
-    else:
-        for section in asked or ["fft", "picture"]:
-            {"fft": fft, "picture": picture}[section]()
+    for section in sys.argv[1:] or ["fft", "picture"]:
+        {"fft": fft, "picture": picture}[section]()

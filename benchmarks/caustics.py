@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Caustics: accuracy, energy, time and pictures.
+"""Caustics: accuracy, energy and time.
 
     python benchmarks/caustics.py [SECTION ...]
 
 Sections: truth, energy, pareto, surface, stack, footprint, sizes, grids, short_waves, shadows, planes, speed, lookup,
-sheet, animation, stress; without one, all of them. `truth` needs the folder of reference values beside the checkout;
+animation, stress; without one, all of them. `truth` needs the folder of reference values beside the checkout;
 elsewhere the finest grid of the exact method stands in. Times are medians after a warm-up: processor time of all
 threads where OpenGL is a processor, which other work on the machine disturbs little, else time on the wall.
 """
@@ -45,7 +45,6 @@ from mr360uw.types import CausticStack
 
 ROOT = Path(__file__).resolve().parents[1]
 TRUTH = Path(__file__).resolve().parents[2] / "shared" / "truth" / "caustics_truth.npz"
-DOCS = ROOT / "docs"
 METHODS = ("exact", "ratio", "fan", "jacobian")
 ZENITH = np.array([0.0, 1.0, 0.0])
 
@@ -139,7 +138,7 @@ def energy() -> None:
 
 
 def pareto() -> None:
-    """Table and plot of error over time; energy is the mean."""
+    """Table of error over time; energy is the mean."""
     rows = []
     everything = cases()
     for method in METHODS:
@@ -160,7 +159,6 @@ def pareto() -> None:
     for name in everything:
         front = _front([(r[5], r[3][name], f"{r[0]} {r[1]}/{r[2]}") for r in rows if r[1] == 512])
         print(f"front of {name} (map 512): " + ", ".join(label for _, _, label in front))
-    _plot_pareto(rows, list(everything))
 
 
 def _front(points: list[tuple[float, float, str]]) -> list[tuple[float, float, str]]:
@@ -169,34 +167,6 @@ def _front(points: list[tuple[float, float, str]]) -> list[tuple[float, float, s
         if not best or point[1] < best[-1][1]:
             best.append(point)
     return best
-
-
-def _plot_pareto(rows: list[tuple], names: list[str]) -> None:
-    import matplotlib as mpl
-
-    mpl.use("Agg")
-    import matplotlib.pyplot as plt
-    from matplotlib.ticker import NullFormatter
-
-    figure, axes = plt.subplots(1, len(names), figsize=(4.2 * len(names), 4.2), sharex=True)
-    for axis, name in zip(axes, names, strict=True):
-        for method in METHODS:
-            points = [(r[5], r[3][name], r[2]) for r in rows if r[0] == method and r[1] == 512]
-            axis.plot(
-                [p[0] for p in points], [p[1] for p in points], "o-", label=method, lw=2.5 if method == "exact" else 1
-            )
-            for x, y, grid in points:
-                axis.annotate(str(grid), (x, y), fontsize=7, xytext=(3, 3), textcoords="offset points")
-        axis.set(xscale="log", yscale="log", title=name, xlabel="ms")
-        axis.grid(alpha=0.3, which="both")
-        axis.xaxis.set_minor_formatter(NullFormatter())
-    axes[0].set_ylabel("RMSE / standard deviation")
-    axes[-1].legend()
-    figure.suptitle("Caustic map 512 x 512, numbers: grid", fontsize=10)
-    figure.tight_layout()
-    DOCS.mkdir(exist_ok=True)
-    figure.savefig(DOCS / "caustics-pareto.png", dpi=110)
-    print(f"wrote {DOCS / 'caustics-pareto.png'}")
 
 
 def _stack_ms(sea: GerstnerSea, sun: np.ndarray, depth: float, size: int, grid: int, method: str) -> float:
@@ -455,29 +425,6 @@ def planes() -> None:
     print(f"largest rmse/std from frame to frame {max(steps):.1e}; planes {min(counts)} to {max(counts)}")
 
 
-def sheet() -> None:
-    """Calm to rough, 1 to 20 m, sun 0 to 60 degrees from the zenith: docs/caustics-sheet.png."""
-    import matplotlib as mpl
-
-    mpl.use("Agg")
-    import matplotlib.pyplot as plt
-
-    winds, depths, zeniths = (1.5, 4.0, 10.0), (1.0, 3.0, 8.0, 20.0), (0.0, 30.0, 60.0)
-    figure, axes = plt.subplots(len(winds) * len(zeniths), len(depths), figsize=(10.5, 24.0))
-    for i, wind in enumerate(winds):
-        for j, zenith in enumerate(zeniths):
-            for k, depth in enumerate(depths):
-                ratio = caustic_map(GerstnerSea(wind_speed=wind), sun_at(zenith), depth, 0.0, 256, 256)
-                axis = axes[i * len(zeniths) + j, k]
-                axis.imshow((np.clip(ratio, 0.0, 4.0) / 4.0) ** (1 / 2.2), cmap="gray", vmin=0.0, vmax=1.0)
-                axis.set_title(f"{wind:g} m/s, {depth:g} m, sun {zenith:g}°, std {ratio.std():.2f}", fontsize=7)
-                axis.axis("off")
-    figure.tight_layout()
-    DOCS.mkdir(exist_ok=True)
-    figure.savefig(DOCS / "caustics-sheet.png", dpi=80)
-    print(f"wrote {DOCS / 'caustics-sheet.png'}")
-
-
 def animation() -> None:
     """A loop of the default sea: the change from frame to frame, and that of a frame by itself."""
     sea, frames, loop = GerstnerSea(loop_s=4.0), 96, 4.0
@@ -528,7 +475,6 @@ _ALL = (
     planes,
     speed,
     lookup,
-    sheet,
     animation,
     stress,
 )

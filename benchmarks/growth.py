@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """How the processor time of a frame grows with the size of a scene, and which of it should not grow at all.
 
-    python benchmarks/growth.py [CURVE ...] [--quick] [--plot FILE] [--rounds N]
+    python benchmarks/growth.py [CURVE ...] [--quick] [--rounds N]
 
 Curves: objects, triangles, touched, width, bands, frames; without names, all of them. --quick: fewer and smaller
-points. --plot: also draw them, as PNG or SVG.
+points.
 
 A frame is one of a sample dive with a ball that moves, so that nothing of its layer is kept from the last frame; it is
 decoded before and not encoded. Its parts: `light` measured in the plate, `water` (its table for the frame), `caustics`,
@@ -25,9 +25,6 @@ import tempfile
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
-
-import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
@@ -146,37 +143,6 @@ def frames(dives: Dives, *, quick: bool) -> dict[int, tuple[float, float]]:
     return found
 
 
-def draw(path: Path, found: dict[str, tuple[Sequence[float], dict[str, Sequence[float]]]]) -> None:
-    """Draw curves by name: the points, and the values [ms] of every part; both axes in powers of ten."""
-    import matplotlib as mpl
-
-    mpl.use("Agg")
-    import matplotlib.pyplot as plt
-
-    columns = min(len(found), 3)
-    rows = math.ceil(len(found) / columns)
-    figure, panels = plt.subplots(rows, columns, figsize=(4.6 * columns, 3.4 * rows), squeeze=False)
-    for panel in panels.flat[len(found) :]:
-        panel.axis("off")
-    units = {curve.name: curve.unit for curve in CURVES}
-    for panel, (name, (points, lines)) in zip(panels.flat, found.items(), strict=False):
-        for part, values in lines.items():
-            heavy = {"color": "black", "linewidth": 2.2} if part in ("frame", "ms a frame") else {}
-            panel.plot(points, np.maximum(values, 0.01), marker="o", markersize=3.5, label=part, **heavy)
-        panel.set(xscale="log", yscale="log", xlabel=units.get(name, name), title=name)
-        panel.set_xticks(points, [f"{point:g}" for point in points], minor=False)
-        panel.tick_params(axis="x", which="minor", bottom=False, labelbottom=False)
-        panel.grid(alpha=0.25)
-        if name == "frames":
-            panel.set(ylim=(10.0, 2000.0), ylabel="ms, MiB")
-        panel.legend(fontsize=7, ncols=2)
-    for panel in panels[:, 0]:
-        panel.set_ylabel("CPU time of a frame [ms]")
-    figure.tight_layout()
-    figure.savefig(path, dpi=110)
-    print(f"wrote {path}")
-
-
 def main() -> None:
     """Measure the curves named on the command line, or all."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -184,27 +150,16 @@ def main() -> None:
     parser.add_argument("curves", nargs="*", choices=[*names, []], metavar="CURVE")
     parser.add_argument("--quick", action="store_true")
     parser.add_argument("--rounds", type=int)
-    parser.add_argument("--plot", type=Path)
     given = parser.parse_args()
     rounds = given.rounds or (5 if given.quick else 15)
-    found: dict[str, Any] = {}
     with tempfile.TemporaryDirectory() as folder:
         dives = Dives(Path(folder))
         for curve in _chosen(given.curves):
             print(f"== {curve.name}", flush=True)
-            costs = measure(curve, dives, quick=given.quick, rounds=rounds)
-            parts = {name: [cost.ms[name] for cost in costs] for name in (*PARTS, "frame")}
-            found[curve.name] = (curve.quick if given.quick else curve.points), parts
+            measure(curve, dives, quick=given.quick, rounds=rounds)
         if not given.curves or "frames" in given.curves:
             print("== frames", flush=True)
-            costs_of = frames(dives, quick=given.quick)
-            lines = {
-                "ms a frame": [ms for ms, _ in costs_of.values()],
-                "peak MiB": [mib for _, mib in costs_of.values()],
-            }
-            found["frames"] = tuple(costs_of), lines
-    if given.plot is not None:
-        draw(given.plot, found)
+            frames(dives, quick=given.quick)
 
 
 def _chosen(names: Iterable[str]) -> list[Curve]:

@@ -3,9 +3,9 @@
 
 closed-form, field, pictures: against reference values and path-traced pictures of the folder `shared` beside the
 checkout. models: the published formulas against exact transfer over all cameras. bands: error of n wavelengths by three
-rules. objects: coloured objects seen through effective transmittances. cost, tables: time and error of lookups. sheet:
-ten waters by seven depths. gain, names: gain of the veil and type of the water, read
-from synthetic dives. store-bands: makes mr360uw/medium/data/fitted_bands.json (minutes). Plots go to docs/.
+rules. objects: coloured objects seen through effective transmittances. cost, tables: time and error of lookups. gain,
+names: gain of the veil and type of the water, read from synthetic dives. store-bands: makes
+mr360uw/medium/data/fitted_bands.json (minutes).
 """
 
 from __future__ import annotations
@@ -42,7 +42,6 @@ from mr360uw.medium.lookup import transmittance_lookup, veil_lookup  # noqa: E40
 from tests.medium.picture import Scene, relative_rms, render  # noqa: E402
 
 SHARED = Path(__file__).resolve().parents[2] / "shared"
-DOCS = ROOT / "docs"
 DEPTHS = (1.0, 2.0, 5.0, 10.0, 15.0, 20.0)
 STREAMS = 64
 """Directions a hemisphere of the exact field, four times as many as the renderers solve."""
@@ -166,7 +165,6 @@ def _hsv_cone(rgb: np.ndarray) -> np.ndarray:
 
 def section_models() -> None:
     """The veil of endless rays below Snell's window, all cameras and waters, against 64-stream transfer."""
-    plt = _plotting()
     up = np.linspace(-1.0, 0.6, 33)
     w = bands(61).wavelength_nm
     sensors = [bands(61, Sensor.camera(name)).weight for name in cameras()]
@@ -199,14 +197,6 @@ def section_models() -> None:
             print(f"{name:5s}  " + "".join(f"{table[kind][i].mean():9.3f}" for kind in kinds))
         print("all    " + "".join(f"{table[kind].mean():9.3f}" for kind in kinds))
     print("after the best exposure of each picture: " + "  ".join(f"{k} {np.mean(v):.3f}" for k, v in exposed.items()))
-    figure, axes = plt.subplots(1, 2, figsize=(11, 4), constrained_layout=True)
-    for axis, title, table in ((axes[0], "relative RMSE of the veil", relative), (axes[1], "HSV distance", hsv)):
-        for kind, mark in zip(kinds, "sov^", strict=True):
-            axis.semilogy(DEPTHS, table[kind].mean(axis=0), f"{mark}-", label=kind)
-        axis.set(xlabel="depth of the camera [m]", ylabel=title, title=f"{title}: ten Jerlov types, 52 cameras")
-        axis.grid(alpha=0.3)
-        axis.legend()
-    figure.savefig(DOCS / "medium-models.png", dpi=110)
 
 
 def _veils(w: np.ndarray) -> np.ndarray:
@@ -220,18 +210,15 @@ def _veils(w: np.ndarray) -> np.ndarray:
 
 def section_bands() -> None:
     """Colour error of n wavelengths by three rules."""
-    plt = _plotting()
     fine = bands(600).wavelength_nm
     exact_spectra = _veils(fine)
     counts = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64)
-    figure, axes = plt.subplots(1, 2, figsize=(11, 4), constrained_layout=True)
-    for axis, sensor in zip(axes, (Sensor.cie1931(), Sensor.camera("Insta360 X5")), strict=True):
+    for sensor in (Sensor.cie1931(), Sensor.camera("Insta360 X5")):
         exact = exact_spectra @ bands(600, sensor).weight
         print(
             f"{sensor.name}: colour error of n bands, mean / 95 % in per cent\n   n "
             + "".join(f"{r:>18s}" for r in RULES)
         )
-        curves: dict[str, list[float]] = {rule: [] for rule in RULES}
         for n in counts:
             cells = []
             for rule in RULES:
@@ -242,16 +229,8 @@ def section_bands() -> None:
                 error = np.linalg.norm(_veils(few.wavelength_nm) @ few.weight - exact, axis=1) / np.linalg.norm(
                     exact, axis=1
                 )
-                curves[rule].append(float(error.mean()))
                 cells.append(f"{100 * error.mean():10.2f} /{100 * np.quantile(error, 0.95):6.2f}")
             print(f"{n:4d} " + "".join(cells))
-        for rule in RULES:
-            x = [n for n in counts if rule != "fitted" or 2 <= n <= 24]
-            axis.loglog(x, curves[rule], "o-", label=rule)
-        axis.set(xlabel="bands", ylabel="mean relative error", title=f"{sensor.name}: veils in 19 waters, 1 to 20 m")
-        axis.grid(alpha=0.3, which="both")
-        axis.legend()
-    figure.savefig(DOCS / "medium-bands.png", dpi=110)
     errors = []
     for name in cameras():
         sensor = Sensor.camera(name)
@@ -404,53 +383,6 @@ def section_tables() -> None:
                 )
 
 
-def _plotting():  # type: ignore[no-untyped-def]
-    import matplotlib as mpl
-
-    mpl.use("Agg")
-    import matplotlib.pyplot as plt
-
-    return plt
-
-
-def section_sheet() -> None:
-    """Ten waters at seven depths: a level view with grey balls at 2, 4 and 8 m."""
-    plt = _plotting()
-    depths = (1.0, 2.0, 4.0, 7.0, 10.0, 15.0, 20.0)
-    height, width = 96, 144
-    row, column = np.mgrid[0:height, 0:width]
-    x, y = 1.2 * (2.0 * (column + 0.5) / width - 1.0), 0.8 * (1.0 - 2.0 * (row + 0.5) / height)
-    d = np.stack([x, y, -np.ones_like(x)], axis=-1)
-    d /= np.linalg.norm(d, axis=-1, keepdims=True)
-    up = d[..., 1]
-    balls = [(-0.55, 2.0, 0.5), (0.0, 4.0, 0.9), (0.5, 8.0, 1.6)]
-    figure, axes = plt.subplots(len(JERLOV_TYPES), len(depths), figsize=(14, 13.5), constrained_layout=True)
-    for i, name in enumerate(JERLOV_TYPES):
-        for j, depth in enumerate(depths):
-            medium = Medium(Water.jerlov(name), Sensor.cie1931(), "table", depth)
-            picture = medium.model.radiance(depth, up)
-            for azimuth, distance, radius in balls:
-                axis = np.array([np.sin(azimuth), 0.0, -np.cos(azimuth)])
-                cosine = d @ axis
-                inside = cosine > np.sqrt(1.0 - (radius / distance) ** 2)
-                b = distance * cosine[inside]
-                s = b - np.sqrt(np.maximum(b**2 - distance**2 + radius**2, 0.0))
-                normal = (s[:, None] * d[inside] - distance * axis) / radius
-                below = np.maximum(depth - s * up[inside], 0.0)
-                light = 0.3 / np.pi * medium.model.irradiance(below, normal[:, 1]) * medium.spectral_transmittance(s)
-                picture[inside] = light + medium.model.inscatter(s, depth, up[inside])
-            linear = medium.light.display(picture)
-            level = np.percentile(linear.max(axis=-1), 80)
-            axes[i, j].imshow(np.clip(encode(0.7 * linear / level, "srgb"), 0, 1))
-            axes[i, j].set(xticks=[], yticks=[])
-            if i == 0:
-                axes[i, j].set_title(f"{depth:g} m")
-            if j == 0:
-                axes[i, j].set_ylabel(name, rotation=0, labelpad=14)
-    figure.savefig(DOCS / "medium-sheet.png", dpi=80)
-    print(f"wrote {DOCS / 'medium-sheet.png'}")
-
-
 def section_gain() -> None:
     """Gain of the veil read from dives over sand, through 8-bit video, over that of the dive's own water.
 
@@ -547,7 +479,6 @@ SECTIONS: dict[str, Callable[[], None]] = {
     "objects": section_objects,
     "cost": section_cost,
     "tables": section_tables,
-    "sheet": section_sheet,
     "gain": section_gain,
     "names": section_names,
     "store-bands": section_store_bands,

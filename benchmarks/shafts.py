@@ -1,11 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How right and how fast light shafts are: python benchmarks/shafts.py [section ...], all but `pictures` without any.
+"""How right and how fast light shafts are: python benchmarks/shafts.py [section ...], all of them without any.
 
 truth: contrast of a ball's shadow in the water against a path tracer of single scattering, and what the choice of phase
 function and attenuation is worth against one of all scattering. grid: froxels against rays of 4096 segments in six
-scenes, over size and time; draws docs/shafts-pareto.png. bands: three averaged bands against all wavelengths. cookie:
-two scrolling maps instead of waves. cost: of a frame's layer without and with them. pictures FOLDER: equirectangular
-pictures of shafts, amplified, and docs/shafts.jpg.
+scenes, over size and time. bands: three averaged bands against all wavelengths. cookie:
+two scrolling maps instead of waves. cost: of a frame's layer without and with them.
 """
 
 from __future__ import annotations
@@ -32,8 +31,7 @@ from mr360uw.caustics import (  # noqa: E402
     refract_to_air,
     stack_depths,
 )
-from mr360uw.color import encode  # noqa: E402
-from mr360uw.medium import FroxelGrid, Medium, ShaftScene, Water, shaft_deviation, shaft_field  # noqa: E402
+from mr360uw.medium import FroxelGrid, Medium, ShaftScene, Water, shaft_field  # noqa: E402
 from mr360uw.medium.closed_form import exponential_integral  # noqa: E402
 from mr360uw.medium.phase import wide_angle_function, wide_angle_moments  # noqa: E402
 from mr360uw.medium.shafts.deviation import march  # noqa: E402
@@ -41,12 +39,11 @@ from mr360uw.medium.shafts.froxels import DEFAULT_GRID  # noqa: E402
 from mr360uw.medium.shafts.ray_segments import ray_ends_m, view_directions  # noqa: E402
 from mr360uw.medium.shafts.shaft_water import ShaftWater  # noqa: E402
 from mr360uw.medium.small_angles import spread_of  # noqa: E402
-from mr360uw.preview.live import LivePreview  # noqa: E402
 from mr360uw.render.backends import make_backend  # noqa: E402
 from mr360uw.render.first_pass import clip_analysis  # noqa: E402
 from mr360uw.render.frame import draw_frame, measure_plate  # noqa: E402
 from mr360uw.render.loaded import load  # noqa: E402
-from mr360uw.sample import DiveSettings, sample_dive  # noqa: E402
+from mr360uw.sample import sample_dive  # noqa: E402
 from mr360uw.scene.inputs import open_plate  # noqa: E402
 from mr360uw.scene.model import Scene, load_scene  # noqa: E402
 from mr360uw.sphere import direction_from_angles, unit  # noqa: E402
@@ -278,28 +275,12 @@ def section_grid() -> None:
             cells += f"{100.0 * error:12.2f} % {spent:5.1f} s"
         print(f"{name:32}{cells}", flush=True)
     print(f"target: 3 % at the default grid {DEFAULT_GRID}")
-    _plot(errors)
 
 
 def ray_ends(scene: ShaftScene, directions: np.ndarray) -> np.ndarray:
     """Return the lengths of rays up to the surface or the first body."""
     hits = scene.bodies.first_hit_m(scene.origin, directions)
     return np.minimum(hits, np.where(directions[:, 1] > 0.0, scene.depth_m / np.maximum(directions[:, 1], 1e-9), 1e9))
-
-
-def _plot(errors: dict[str, list[tuple[float, float]]]) -> None:
-    import matplotlib as mpl
-
-    mpl.use("Agg")
-    import matplotlib.pyplot as plt
-
-    figure, axes = plt.subplots(figsize=(6.4, 4.4), layout="constrained")
-    for name, found in errors.items():
-        axes.loglog(*np.array(found).T, "o-", label=name, markersize=4)
-    axes.axhline(0.03, color="grey", linewidth=0.8, linestyle="--")
-    axes.set(xlabel="processor time of the grid [s]", ylabel="RMSE over the rms of the deviation")
-    axes.legend(fontsize=7)
-    figure.savefig(ROOT / "docs" / "shafts-pareto.png", dpi=110)
 
 
 # --- bands ---------------------------------------------------------------------------------------------------------
@@ -392,45 +373,6 @@ def layer_ms(scene: Scene) -> float:
 # --- pictures ------------------------------------------------------------------------------------------------------
 
 
-def pictures(folder: str) -> None:
-    """Write grey pictures brightened and darkened by the shafts of a ball and of waves."""
-    import cv2
-
-    view = View(1024, 512, surface_y_m=DEPTH_M)
-    for elevation in (75.0, 50.0):
-        sun, medium = sun_at(elevation), water("IB")
-        for name, bodies, wavy in (("ball", (BALL,), False), ("waves", (), True)):
-            caustics = waves(sun, medium) if wavy else None
-            image = shaft_deviation(view, medium, sun, bodies, caustics)
-            scale = np.percentile(np.abs(image), 99.5)
-            shown = encode(np.clip(0.2 + 0.2 * image / scale, 0.0, 1.0), "srgb")
-            path = Path(folder) / f"{name}-{elevation:.0f}.png"
-            cv2.imwrite(str(path), np.round(255.0 * shown[..., ::-1]).astype(np.uint8))
-            print(path, "99.5 % of |D|:", scale)
-
-
-_TORCH = (
-    'lamp=[{kind="spot", position_m=[0.8, 0.4, -0.5], rotation_deg=[25, -12, 0], lumen=9000, cone_deg=24}]',
-    "light.white_cd_m2=200",
-)
-
-
-def dive_picture(file: str) -> None:
-    """Write a dive's frame with shafts over the plate, three times as strong as they are, and with a torch."""
-    import cv2
-
-    with tempfile.TemporaryDirectory() as folder, LivePreview("gl") as preview:
-        path = sample_dive(
-            Path(folder) / "dive", DiveSettings(depth_m=6.0, floor_m=9.5, water="II"), width=1600, frames=2
-        ).scene
-        frames = []
-        for sets in (("shafts.on_plate=true", "shafts.strength=3"), _TORCH):
-            light = preview.frame(load_scene(path, sets), 1).picture.image_linear[100:660, 420:1180]
-            frames.append(encode(np.clip(light, 0.0, 1.0), "srgb"))
-        both = np.round(255.0 * np.hstack(frames)[..., ::-1]).astype(np.uint8)
-        cv2.imwrite(file, both, [cv2.IMWRITE_JPEG_QUALITY, 88])
-
-
 SECTIONS: dict[str, Callable[[], None]] = {
     "truth": section_truth,
     "grid": section_grid,
@@ -440,11 +382,7 @@ SECTIONS: dict[str, Callable[[], None]] = {
 }
 
 if __name__ == "__main__":
-    if sys.argv[1:2] == ["pictures"]:
-        pictures(sys.argv[2])
-        dive_picture(str(ROOT / "docs" / "shafts.jpg"))
-    else:
-        for name in sys.argv[1:] or SECTIONS:
-            print(f"\n{name}: {SECTIONS[name].__doc__}")
-            if name != "truth" or has_mitsuba():
-                SECTIONS[name]()
+    for name in sys.argv[1:] or SECTIONS:
+        print(f"\n{name}: {SECTIONS[name].__doc__}")
+        if name != "truth" or has_mitsuba():
+            SECTIONS[name]()

@@ -6,7 +6,6 @@ mitsuba: a Gerstner sea under a sky without a sun from below and from above, aga
 surface (needs mitsuba). glitter: slope statistics of the rendered glitter against Cox & Munk 1954. sky: the pattern of
 an even sky on the floor against exact rays, and its time.
 footprint: few pixels against many. stress: cameras at the surface, waves that bare the floor, low suns, night, calm.
-pictures FOLDER: docs/surface.jpg.
 """
 
 from __future__ import annotations
@@ -330,24 +329,6 @@ def stress() -> None:
         print(f"mean {light.mean():.3g}, {side}, {took:.1f} s")
 
 
-def pictures(folder: str = "pictures") -> None:
-    """Below and above the same sea, encoded side by side."""
-    import cv2
-
-    from mr360uw.color import encode
-
-    dome = sky(64)
-    sea, sun, water = GerstnerSea(wind_speed=5.0), sun_at(50.0, 20.0, 8.0), Water.jerlov("IB")
-    rows = []
-    for y in (-1.5, 3.0):
-        view = View(768, 384, np.array([0.0, y, 0.0]), surface_y_m=0.0)
-        seen = surface.picture(sea, dome, (-6.0, 0.35), view, water, sun=sun, samples=3)
-        rows.append(encode(np.clip(0.22 * seen.radiance, 0.0, 1.0), "srgb"))
-    Path(folder).mkdir(parents=True, exist_ok=True)
-    picture = (255.0 * np.concatenate(rows)).astype(np.uint8)
-    cv2.imwrite(str(Path(folder) / "surface.jpg"), picture[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, 88])
-
-
 SECTIONS: dict[str, Callable[[], None]] = {
     "flat": flat, "mitsuba": path_tracer, "glitter": glitter, "sky": sky_on_floor, "footprint": footprint,
     "stress": stress,
@@ -356,9 +337,6 @@ SECTIONS: dict[str, Callable[[], None]] = {
 
 def main() -> None:
     """Run the sections that are named."""
-    if sys.argv[1:2] == ["pictures"]:
-        pictures(*sys.argv[2:])
-        return
     for name in sys.argv[1:] or list(SECTIONS):
         if name != "mitsuba" or has_mitsuba():
             SECTIONS[name]()

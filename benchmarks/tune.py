@@ -3,7 +3,7 @@
 
 Sections: start (from the command to a page that can be used), controls (from a move to the new picture, at 1024 x 512:
 a table of all controls that a scene of `mr360uw new` shows first, or of the keys that are named), scrub (from a step of
-the play head to the new picture, at 3840 x 1920), pictures (those of docs/tuning.md); default: the first three. Browser
+the play head to the new picture, at 3840 x 1920). Browser
 and server share the machine.
 """
 
@@ -26,7 +26,6 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from mr360uw.sample import sample_dive
 from tests.tune.browser import FLAGS, chromium
 
-DOCS = Path(__file__).resolve().parents[1] / "docs"
 MOVES = 50
 OPTIONS = {
     "water.type": ['"IB"', '"II"', '"IA"'],
@@ -210,35 +209,12 @@ def scrub(folder: Path) -> None:
         median_line(f"scrubbing, {len(times)} steps", times, (250.0, 1000.0))
 
 
-def pictures(folder: Path) -> None:
-    """Make the pictures of docs/tuning.md."""
-    dive = sample_dive(folder / "pictures", width=2048, frames=24)
-    with tuned(dive.scene) as (page, *_):
-        rest(page)
-        page.wait_for_timeout(4000)  # thumbnails
-        page.screenshot(path=DOCS / "tuning-dark.jpg", type="jpeg", quality=88)
-    with tuned(dive.scene, (1920, 1080), "light") as (page, *_):
-        rest(page)
-        page.get_by_label("key Wind speed at this time").click()
-        page.locator(".uw-strip").press("End")
-        page.get_by_label("Wind speed", exact=True).fill("9")
-        page.get_by_label("Wind speed", exact=True).press("Enter")
-        page.locator(".uw-key").nth(1).wait_for()
-        page.get_by_label("Width of the full picture").select_option("2048")
-        page.get_by_label("Compare with", exact=True).select_option("plate")
-        page.locator(".segments").get_by_role("button", name="All").click()
-        page.locator("summary", has_text="Sea surface").click()
-        rest(page)
-        page.wait_for_timeout(4000)
-        page.screenshot(path=DOCS / "tuning-light.jpg", type="jpeg", quality=88)
-
-
-SECTIONS = {"start": start, "controls": controls, "scrub": scrub, "pictures": pictures}
+SECTIONS = {"start": start, "controls": controls, "scrub": scrub}
 
 
 def main() -> None:
     """Run the sections that are asked for."""
-    wanted = [name for name in sys.argv[1:] if re.fullmatch("|".join(SECTIONS), name)] or ["start", "controls", "scrub"]
+    wanted = [name for name in sys.argv[1:] if re.fullmatch("|".join(SECTIONS), name)] or list(SECTIONS)
     with tempfile.TemporaryDirectory() as folder:
         for name in wanted:
             SECTIONS[name](Path(folder))

@@ -5,17 +5,21 @@ from __future__ import annotations
 
 import inspect
 import re
+import runpy
 import shlex
+import shutil
+import tomllib
 from pathlib import Path
 
 import click
 import pytest
 import typer
+from PIL import Image
 
 import mr360uw
 from mr360uw.from_above.settings import aerial_handbook
 from mr360uw.render.frame import blend_frame, composite_frame, draw_frame, measure_plate
-from mr360uw.sample import DiveSettings
+from mr360uw.sample import DiveSettings, SampleDive
 from mr360uw.scene.handbook import parameters_markdown, table_of
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -58,6 +62,40 @@ def test_links_and_pictures_of_the_pages_exist() -> None:
     for page in [ROOT / "README.md", *(ROOT / "docs").glob("*.md"), ROOT / "samples" / "README.md"]:
         for target in re.findall(r"\]\(([^)#:]+)\)", page.read_text("utf-8")):
             assert (page.parent / target).exists(), f"{page.name}: {target}"
+
+
+def test_pictures_of_the_pages_are_made_by_their_program_and_are_small() -> None:
+    """Each has its entry in docs/pictures.py, which makes no others; a reader loads less than 400 kB for one."""
+    shown = set()
+    for page in [ROOT / "README.md", *(ROOT / "docs").glob("*.md")]:
+        shown |= {Path(target).name for target in re.findall(r"!\[[^]]*\]\(([^)]+)\)", page.read_text("utf-8"))}
+    program = runpy.run_path(str(ROOT / "docs" / "pictures.py"))
+    kept = {path.name for kind in ("png", "jpg", "webp", "gif") for path in (ROOT / "docs").glob(f"*.{kind}")}
+    assert shown == set(program["PICTURES"]) == kept
+    for name in shown:
+        assert (ROOT / "docs" / name).stat().st_size < program["LARGEST_BYTES"] == 400_000, name
+        with Image.open(ROOT / "docs" / name) as picture:
+            assert getattr(picture, "is_animated", False) or picture.width >= 1600, name
+
+
+def test_extras_are_named_in_one_way() -> None:
+    """In quotes, which every shell needs or bears: of what is installed, or of a clone."""
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]["optional-dependencies"]
+    pages = [ROOT / "README.md", *(ROOT / "docs").glob("*.md"), *(ROOT / "docs").glob("notebooks/*.ipynb")]
+    for page in [*pages, *Path(mr360uw.__file__).parent.rglob("*.py"), *(ROOT / "benchmarks").rglob("*.py")]:
+        for quote, names, end in re.findall(r"(\S?)(?:mr360uw|\.)\[([a-z,]+)\](.?)", page.read_text("utf-8")):
+            if set(names.split(",")) <= set(extras):
+                assert quote == end == "'", f"{page.name}: [{names}]"
+
+
+def test_the_scene_of_the_readme_runs(dive: SampleDive, tmp_path: Path) -> None:
+    text = re.findall(r"^```toml\n(.*?)^```$", (ROOT / "README.md").read_text("utf-8"), re.M | re.S)[0]
+    assert text.count("\n") == 5
+    for file in (dive.plate, dive.mesh):
+        shutil.copy(file, tmp_path)
+    (tmp_path / "dive.toml").write_text(text, "utf-8")
+    scene = mr360uw.load_scene(tmp_path / "dive.toml")
+    assert mr360uw.composite_video(scene, tmp_path / "out.mp4", frames=(0, 1)).frames == 1
 
 
 def test_the_frame_in_the_design_is_the_frame() -> None:

@@ -14,6 +14,7 @@ import typer
 
 from mr360uw.cli.arguments import BackendOption, EyeOption, OverwriteOption, Role
 from mr360uw.errors import Mr360uwError, ParameterError
+from mr360uw.reading.extras import command
 
 _NEEDED = ("nicegui", "tomlkit")
 
@@ -94,7 +95,7 @@ def tune(
 ) -> None:
     """Tune a scene by eye in a browser: every parameter, frame by frame."""
     if any(importlib.util.find_spec(name) is None for name in _NEEDED):
-        raise Mr360uwError("tune - needs packages that are not installed - pip install mr360uw[tune]")
+        raise Mr360uwError(f"tune - needs packages that are not installed - {command('tune')}")
     gc.disable()  # modules are no garbage: looking for some takes a tenth of the time to load them
     from mr360uw.tune.editing.document import Document
     from mr360uw.tune.server import check_options, serve

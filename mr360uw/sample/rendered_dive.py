@@ -3,8 +3,8 @@
 
 Units: the irradiance just below a level surface, see `dive_sky`. Frames are times the exposure: 1 is white.
 
-The floor that rays meet is level; its relief acts on its albedo by the factor of its light over that on level ground:
-tilt, cast shadows and the visible fraction of the sky. It shades but has no outline.
+Unless it is solid, the floor that rays meet is level; its relief acts on its albedo by the factor of its light over that
+on level ground: tilt, cast shadows and the visible fraction of the sky. It shades but has no outline.
 
     factor = b lit max(n.s, 0)/s_y + (1 - b) mean_a cos^2 e_a
 
@@ -17,7 +17,7 @@ from __future__ import annotations
 import functools
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from mr360uw.caustics.settings import CausticSettings
 from mr360uw.constants import PI, REFRACTIVE_INDEX_SEA
@@ -107,11 +107,11 @@ class Dive:
         self.sky: DiveSky = dive_sky(settings)
         medium = Medium(Water.jerlov(settings.water), named_sensor(SENSOR))
         height_m, albedo = sea_bed(settings)
-        if np.ptp(height_m) > 0.0:
+        if np.ptp(height_m) > 0.0 and not settings.solid:
             level = self._scene(albedo, medium).light_in_water(settings.floor_depth_m)
             shade = relief_shade(height_m, BED_TILE_M, self.sun_in_water, _beam_share(level, settings))
             albedo = np.clip(albedo * shade, 0.0, 1.0)
-        self.scene = self._scene(albedo, medium)
+        self.scene = self._scene(albedo, medium, height_m if settings.solid else 0.0)
         water = self.water.seen_from(settings.depth_m)
         level_light = water.along(np.array([_FAR_M]), np.zeros(1), True)[1][0]
         self.exposure = 2.0**settings.stops * min(
@@ -173,9 +173,10 @@ class Dive:
         footprint = distance * view.pixel_rad / np.sqrt(-direction[:, 1])
         return place[:, 0], place[:, 2], footprint, distance, direction[:, 1]
 
-    def _scene(self, albedo: Floats, medium: Medium) -> SeaScene:
-        """Return the sea over the level floor of an albedo (size, size, 3)."""
-        floor = Floor(self.settings.depth_m - self.settings.floor_depth_m, albedo, BED_TILE_M)
+    def _scene(self, albedo: Floats, medium: Medium, relief_m: ArrayLike = 0.0) -> SeaScene:
+        """Return the sea over a floor of an albedo (size, size, 3) and heights (size, size) [m]; 0: level."""
+        height_m = self.settings.depth_m - self.settings.floor_depth_m
+        floor = Floor(height_m, albedo, BED_TILE_M, relief=relief_m)
         return SeaScene(self.settings.sea, self.sky.dome, floor, medium, sun=self.sky.sun, caustics=_CAUSTICS)
 
     def _overhead(self, water: WaterLight) -> Floats:

@@ -14,14 +14,21 @@ BED_TILE_M = 12.0
 """Side [m] of the square after which the floor repeats."""
 _SIZE = 1024
 """Pixels across that square, 12 mm each: finer than a frame 1024 pixels wide shows on the floor."""
-_RIPPLES, _RIPPLE_M = 44, 0.018
-"""Crests across the tile, 0.27 m apart, and their amplitude [m]: steepness 0.13, as of ripples of waves on sand."""
+_RIPPLES, _RIPPLE_M = 36, 0.026
+"""Crests across the tile, 0.33 m apart, and their amplitude [m]: steepness 0.16, as of ripples of waves on sand."""
 _DUNE_M = 0.05
 """Standard deviation [m] of the sand's slow undulations."""
 _SAND_COLOR, _ROCK, _GRASS = np.array([1.06, 1.0, 0.86]), np.array([0.15, 0.125, 0.10]), np.array([0.035, 0.05, 0.025])
 """Albedo of sand over that in green; mean albedo of rock under algae, and of sea grass."""
-_ROCK_HEIGHT_M, _GRASS_HEIGHT_M = 0.55, 0.22
-"""Height [m] of the largest rocks, and of grass."""
+_BOULDER_M, _GROUPS, _TO_A_GROUP = 0.9, 70, 7
+"""Radius [m] of large boulders, groups of them in a tile that they cover, and boulders in each."""
+_REACH_M = 2.0
+"""Distance [m] within which a boulder counts."""
+_FLATNESS, _FOOT_M, _ROCK_EDGE = 0.75, 0.12, 0.06
+"""Height of boulders over that of spheres; rounding [m] of their feet, which bounds their slope; width of their edge in
+R^2 - r^2 [m2]: 3 cm of a boulder of 1 m."""
+_GRASS_HEIGHT_M = 0.16
+"""Mean height [m] of grass."""
 
 
 def sea_bed(settings: DiveSettings) -> tuple[Floats, Floats]:
@@ -43,7 +50,7 @@ class _Noise:
     """Periodic random fields of mean 0 and deviation 1, in the order in which they are asked for."""
 
     def __init__(self, seed: int, kind: int) -> None:
-        self._rng = np.random.default_rng((seed, kind, 0x5A4D))
+        self.rng = np.random.default_rng((seed, kind, 0x5A4D))
         along = np.fft.rfftfreq(_SIZE, 1.0 / _SIZE)
         self._radius = np.hypot(np.fft.fftfreq(_SIZE, 1.0 / _SIZE)[:, None], along)
 
@@ -51,7 +58,7 @@ class _Noise:
         """Return a field (size, size) whose amplitudes fall with a power of the frequency, and fast beyond `cutoff`
         periods to the tile.
         """
-        spectrum = np.fft.rfft2(self._rng.standard_normal((_SIZE, _SIZE)))
+        spectrum = np.fft.rfft2(self.rng.standard_normal((_SIZE, _SIZE)))
         shape = np.exp(-((self._radius / cutoff) ** 2)) / np.maximum(self._radius, 1.0) ** exponent
         field = np.fft.irfft2(spectrum * shape, (_SIZE, _SIZE))
         return np.asarray((field - field.mean()) / field.std())
@@ -70,15 +77,45 @@ def _sand(noise: _Noise, albedo: float, contrast: float) -> tuple[Floats, Floats
 
 
 def _rocks(noise: _Noise, fraction: float) -> tuple[Floats, Floats, Floats]:
-    """Return cover (size, size), height (size, size) [m] and albedo (..., 3) of rocks under growth of some colours."""
+    """Return cover (size, size), height (size, size) [m] and albedo (..., 3) of boulders under growth of some colours."""
     if fraction <= 0.0:
         return np.zeros((1, 1)), np.zeros((1, 1)), np.zeros((1, 1, 3))
-    cover = _cover(noise.smooth(1.2, 9.0) + 0.35 * noise.smooth(1.0, 40.0), fraction, 0.25)
-    lumps = 0.55 + 0.25 * noise.smooth(0.6, 30.0) + 0.1 * noise.smooth(0.8, 120.0)
+    over = _boulders(noise, fraction)
+    cover = _step(over / _ROCK_EDGE + 0.5)
+    rough = 1.0 + 0.10 * noise.smooth(0.8, 60.0) + 0.05 * noise.smooth(0.4, 200.0)
+    height = _FLATNESS * (np.sqrt(np.maximum(over, 0.0) + _FOOT_M**2) - _FOOT_M) * rough
+    # Growth by patches of colours, darker in the clefts
     red, blue = noise.smooth(0.8, 40.0), noise.smooth(0.8, 40.0)
     tint = 1.0 + 0.12 * np.stack([red, -0.5 * (red + blue), blue], axis=-1)
-    crust = np.exp(0.35 * noise.smooth(0.8, 60.0))[..., None] * tint
-    return cover, _ROCK_HEIGHT_M * np.maximum(cover**0.6 * lumps, 0.0), _ROCK * crust
+    crust = np.exp(0.35 * noise.smooth(0.8, 60.0) + 0.3 * noise.smooth(0.3, 250.0))[..., None] * tint
+    return cover, np.maximum(height, 0.0), _ROCK * crust
+
+
+def _boulders(noise: _Noise, fraction: float) -> Floats:
+    """Return the largest R^2 - r^2 (size, size) [m2] of boulders of radius R that cover a fraction of the tile, r:
+    distance to the centre of one, along axes that are warped.
+    """
+    step, rng = BED_TILE_M / _SIZE, noise.rng
+    warp_x, warp_z = (0.22 * noise.smooth(1.8, 30.0) + 0.035 * noise.smooth(0.8, 60.0) for _ in range(2))
+    nearest, boulders = np.full((_SIZE, _SIZE), np.inf), []
+    for center in rng.uniform(0.0, BED_TILE_M, (1 + round(_GROUPS * fraction), 2)):
+        largest = _BOULDER_M * rng.uniform(0.6, 1.0)
+        for k in range(_TO_A_GROUP):
+            radius = largest * rng.uniform(0.15, 0.6) if k else largest
+            x, z = center + (rng.normal(0.0, 1.1 * largest, 2) if k else 0.0)
+            # Squared distances of the pixels about it, which may lie over the edge of the tile
+            columns, rows = (np.arange(int((c - _REACH_M) / step), int((c + _REACH_M) / step)) for c in (x, z))
+            here = np.ix_(rows % _SIZE, columns % _SIZE)
+            aside, along = columns * step - x + warp_x[here], rows[:, None] * step - z + warp_z[here]
+            stretch = rng.uniform(0.6, 1.6)
+            squared = stretch * aside**2 + along**2 / stretch
+            nearest[here] = np.minimum(nearest[here], squared / radius**2)
+            boulders.append((here, radius, squared))
+    # Let all of them grow until they cover the fraction
+    growth, over = np.quantile(nearest, fraction), np.full((_SIZE, _SIZE), -np.inf)
+    for here, radius, squared in boulders:
+        over[here] = np.maximum(over[here], growth * radius**2 - squared)
+    return over
 
 
 def _grass(noise: _Noise, fraction: float) -> tuple[Floats, Floats, Floats]:
@@ -86,12 +123,14 @@ def _grass(noise: _Noise, fraction: float) -> tuple[Floats, Floats, Floats]:
     if fraction <= 0.0:
         return np.zeros((1, 1)), np.zeros((1, 1)), np.zeros((1, 1, 3))
     blades = noise.smooth(0.0, 250.0)
-    cover = _cover(noise.smooth(1.4, 7.0) + 0.2 * noise.smooth(0.5, 90.0), fraction, 0.4)
-    return cover, _GRASS_HEIGHT_M * (0.7 + 0.3 * blades), _GRASS * np.exp(0.45 * blades)[..., None]
+    field = noise.smooth(1.4, 7.0) + 0.2 * noise.smooth(0.5, 90.0)
+    over = field - np.quantile(field, 1.0 - fraction)
+    cover = _step(over / 0.4 + 0.5)
+    tufts = _GRASS_HEIGHT_M * (0.85 + 0.25 * noise.smooth(0.6, 60.0) + 0.08 * blades)
+    return cover, np.maximum(tufts, 0.0) * _step(over), _GRASS * np.exp(0.45 * blades)[..., None]
 
 
-def _cover(field: Floats, fraction: float, soft: float) -> Floats:
-    """Return 0 to 1 over a field's highest places, so that they cover a fraction of it. soft: width of their edges."""
-    threshold = np.quantile(field, 1.0 - fraction)
-    edge = np.clip((field - threshold) / soft + 0.5, 0.0, 1.0)
+def _step(field: Floats) -> Floats:
+    """Return a smooth step (size, size) from 0 at 0 to 1 at 1."""
+    edge = np.clip(field, 0.0, 1.0)
     return np.asarray(edge * edge * (3.0 - 2.0 * edge))

@@ -17,6 +17,9 @@ from mr360uw.types import Floats
 
 Array = NDArray[np.float64]
 
+_CELL = 16
+"""Pixels along each side of the squares of a relief whose height is bounded. With 8 and 32 rays take as long."""
+
 
 class Tiled:
     """A picture (size, size, C) that repeats every tile_m [m], column = +x, row = +z; pixel (0, 0) spans [0,
@@ -105,9 +108,9 @@ class Floor:
         self.relief: Array = np.zeros((1, 1)) if level else np.ascontiguousarray(heights)
         self.tile_m = 1.0 if level else _metres("tile_m", tile_m)
         self.lowest_m, self.highest_m = float(self.relief.min()), float(self.relief.max())
-        steps = [np.abs(self.relief - np.roll(self.relief, 1, axis)).max() for axis in (0, 1)]
-        self.steepest = float(np.hypot(*steps)) * len(self.relief) / self.tile_m
-        """Bound of the slope: a bilinear surface is steepest along the edges of its cells."""
+        self.cells = _cells(self.relief, self.tile_m)
+        """(k, k, 2) greatest height and bound of the slope in squares of the tile."""
+        self.steepest = float(self.cells[..., 1].max())
 
     def height_at(self, x_m: float, z_m: float) -> float:
         """Return the y [m] in the world of the floor at a place in the world."""
@@ -116,6 +119,21 @@ class Floor:
     def albedo(self, x_m: Array, z_m: Array, footprint_m: Array) -> Array:
         """Return the albedo (n, 3) at places (n,) in the world, averaged over footprints (n,) [m]."""
         return self.image.at(x_m, z_m, footprint_m)
+
+
+def _cells(relief: Array, tile_m: float) -> Array:
+    """Return `Floor.cells`. A bilinear surface is highest in its nodes, and steepest along the edges between them."""
+    size = len(relief)
+    edges = np.linspace(0.0, size, max(size // _CELL, 1) + 1)
+    # The nodes about each interval of pixels, whose centres are at i + .5
+    spans = [np.arange(int(a - 0.5) - 1, int(b + 0.5) + 1) % size for a, b in zip(edges, edges[1:], strict=False)]
+
+    def most(values: Array) -> Array:
+        rows = np.stack([values[span].max(axis=0) for span in spans])
+        return np.stack([rows[:, span].max(axis=1) for span in spans], axis=1)
+
+    by_z, by_x = (most(np.abs(np.roll(relief, -1, axis) - relief)) for axis in (0, 1))
+    return np.stack([most(relief), np.hypot(by_x, by_z) * size / tile_m], axis=-1)
 
 
 def _metres(name: str, length: float | None) -> float:

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from mr360uw.errors import Mr360uwError
 from mr360uw.progress import Steps
+from mr360uw.reading.extras import command
 from mr360uw.sphere import direction_from_frame
 from mr360uw.track.bearings import MINIMUM_MATCHES, Matches
 from mr360uw.types import Floats
@@ -92,7 +93,7 @@ def load_colmap() -> Any:
     try:
         import pycolmap
     except ImportError as error:
-        raise Mr360uwError("track - needs pycolmap, which is not installed - pip install mr360uw[track]") from error
+        raise Mr360uwError(f"track - needs pycolmap, which is not installed - {command('track')}") from error
     return pycolmap
 
 

@@ -19,6 +19,7 @@ from pydantic import field_validator
 from mr360uw.color import Levels
 from mr360uw.errors import ParameterError, VideoError
 from mr360uw.parameters import Parameters, advanced
+from mr360uw.reading.extras import command
 from mr360uw.reading.input_files import unreadable
 from mr360uw.reading.limits import DATA
 
@@ -179,7 +180,5 @@ def _library() -> Any:
     try:
         import PyOpenColorIO
     except ImportError as error:
-        raise ParameterError(
-            "plate.ocio - needs OpenColorIO, which is not installed - pip install 'mr360uw[ocio]'"
-        ) from error
+        raise ParameterError(f"plate.ocio - needs OpenColorIO, which is not installed - {command('ocio')}") from error
     return PyOpenColorIO

@@ -26,6 +26,7 @@ from mr360uw.sample.dive_settings import PRESETS, DiveSettings
 from mr360uw.sample.dive_sky import dive_sky
 from mr360uw.sample.recording import with_noise
 from mr360uw.sample.rendered_dive import SENSOR, Dive, relief_shade
+from mr360uw.sample.sea_bed import sea_bed
 from mr360uw.scene.model import load_scene
 from mr360uw.sphere import direction_from_angles, directions, row_solid_angle
 from mr360uw.video import open_video, write_exr
@@ -200,6 +201,27 @@ def test_relief_shades_and_keeps_level_ground() -> None:
     assert shade[31] < 0.7 * 0.3 + 0.3  # in its shadow, towards -x
     assert shade[42] > shade[31]
     np.testing.assert_allclose(shade[16], 1.0, atol=0.1)
+
+
+def test_rocks_of_a_solid_floor_stand_out_of_it() -> None:
+    """Where a level floor is met elsewhere, rays meet rocks before it; sand, nearly level, is as bright on average."""
+    options: dict[str, Any] = {"sky": "overcast", "rocks": 0.2, "grass": 0.0, "floor_m": 6.0}
+    solid, shaded = (Dive(DiveSettings(**options, solid=kind), 128, 64).picture(0.0) for kind in (True, False))
+    below = np.broadcast_to(directions(128, 64)[..., 1] < -0.2, shaded.floor.shape)
+    rise = (shaded.distance_m - solid.distance_m)[below] / shaded.distance_m[below]
+    np.testing.assert_allclose(shaded.distance_m[below] * -directions(128, 64)[..., 1][below], 2.0)
+    assert 0.2 < rise.max() < 0.8  # a boulder, between floor and camera
+    assert 0.05 < np.mean(rise > 0.05) < 0.45  # a fifth of the floor, seen from aside
+    bright = np.median(luminance(solid.radiance[below])) / np.median(luminance(shaded.radiance[below]))
+    assert bright == pytest.approx(1.0, abs=0.1)
+
+
+@pytest.mark.parametrize("fraction", [0.02, 0.3])
+def test_boulders_cover_the_fraction_that_is_asked_for(fraction: float) -> None:
+    bare, rocky = (sea_bed(DiveSettings(rocks=rocks, grass=0.0)) for rocks in (0.0, fraction))
+    covered = np.abs(rocky[1] - bare[1]).max(axis=-1) > 0.05
+    assert covered.mean() == pytest.approx(fraction, rel=0.1)  # of edges that are soft
+    assert np.mean(rocky[0][covered]) > np.mean(rocky[0][~covered]) + 0.1
 
 
 def test_noise_is_that_of_photons_and_reading() -> None:

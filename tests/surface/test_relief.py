@@ -27,7 +27,7 @@ DOWN = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
 
 
 def relief_of(floor: Floor, y: float = 0.0) -> Relief:
-    return Relief(floor.tile_m, y, floor.lowest_m - 1e-6, floor.highest_m, floor.steepest, floor.relief)
+    return Relief(floor.tile_m, y, floor.lowest_m - 1e-6, floor.highest_m, floor.steepest, floor.relief, floor.cells)
 
 
 @pytest.mark.parametrize("slope", [-0.7, -1.0, -4.0])
@@ -40,6 +40,20 @@ def test_rays_meet_the_sides_of_a_ridge(slope: float) -> None:
     x = x if x >= 6.25 else 5.0 - 3.0 / slope
     assert 5.0 + found * towards[0] == pytest.approx(x, abs=tol.ON_SURFACE_M)
     assert relief_distance(relief_of(floor), (5.0, 3.0, 5.0), (0.6, 0.8, 0.0), 1e3) == np.inf
+
+
+@pytest.mark.parametrize("size", [33, 64])
+def test_rays_meet_the_first_of_many_rocks(size: int, rng: np.random.Generator) -> None:
+    """No place before the hit is below the floor, which the hit is on; rays from steep to nearly level, along axes too."""
+    floor = Floor(0.0, relief=np.maximum(rng.normal(-0.4, 0.5, (size, size)), 0.0), tile_m=TILE)
+    relief, eye = relief_of(floor), np.array([3.0, 2.5, 1.0])
+    for azimuth, slope in zip(np.linspace(0.0, 2.0 * np.pi, 33), np.tile([-0.03, -0.2, -2.0], 11), strict=True):
+        towards = unit([np.cos(azimuth), slope, np.sin(azimuth)])
+        found = relief_distance(relief, tuple(eye), tuple(towards), 1e3)
+        path = eye + np.append(np.arange(0.0, found - 1e-3, 0.02), found)[:, None] * towards
+        over = np.array([y - floor.height_at(x, z) for x, y, z in path])
+        assert over[-1] == pytest.approx(0.0, abs=tol.ON_SURFACE_M)
+        assert np.all(over[:-1] > 0.0)
 
 
 @pytest.mark.parametrize("tangent", [3.0, 5.0])

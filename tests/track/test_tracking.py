@@ -140,5 +140,5 @@ def test_other_mistakes(tmp_path: Path) -> None:
 
 def test_without_pycolmap_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(__import__("sys").modules, "pycolmap", None)
-    with pytest.raises(Mr360uwError, match=r"pip install mr360uw\[track\]"):
+    with pytest.raises(Mr360uwError, match=r"pip install 'mr360uw\[track\]'"):
         uw.track_camera("dive.mp4")

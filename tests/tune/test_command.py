@@ -51,7 +51,7 @@ def test_without_its_packages_it_says_what_to_install(
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None if name == "nicegui" else found(name))
     assert run(monkeypatch, tmp_path / "scene.toml") == 2
     lines = capsys.readouterr().err.splitlines()
-    assert lines == ["error: tune - needs packages that are not installed - pip install mr360uw[tune]"]
+    assert lines == ["error: tune - needs packages that are not installed - pip install 'mr360uw[tune]'"]
 
 
 def test_a_video_and_a_mesh_become_a_scene(

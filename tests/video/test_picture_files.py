@@ -430,6 +430,15 @@ def test_radiance_pictures_are_read_by_their_header_and_keep_it(size: bytes, tmp
     np.testing.assert_array_equal(read_picture(tmp_path / "out.hdr"), read_picture(tmp_path / "plate.hdr"))
 
 
+def test_radiance_pictures_of_photoshop_name_no_primaries(tmp_path: Path) -> None:
+    """It writes zeros for what it does not know, as in maps of Poly Haven: they count as Rec. 709."""
+    data = cv2.imencode(".hdr", np.ascontiguousarray(light()[..., ::-1]))[1].tobytes()
+    zeros = b"#?RADIANCE\nGAMMA=1\nPRIMARIES=0 0 0 0 0 0 0 0\n"
+    (tmp_path / "plate.hdr").write_bytes(data.replace(b"#?RADIANCE\n", zeros, 1))
+    with uw.open_video(tmp_path / "plate.hdr") as video:
+        np.testing.assert_allclose(next(video.frames()).image_linear, light(), atol=tol.RGBE)
+
+
 def test_radiance_pictures_in_xyz(tmp_path: Path) -> None:
     data = cv2.imencode(".hdr", np.full((32, 64, 3), 0.5, np.float32))[1].tobytes()
     (tmp_path / "plate.hdr").write_bytes(data.replace(b"rle_rgbe", b"rle_xyze"))

@@ -19,8 +19,8 @@ _LEAST_STEP = 0.05
 """Least step of a ray over the distance of pixels: it may pass through ridges that are thinner."""
 _MOST_STEPS = 4000
 """Steps after which a ray counts as free."""
-_HALVINGS = 40
-"""Bisections of a step: the hit is right to 1e-11 m."""
+_ROOT_STEPS, _ROOT_M = 40, 1e-11
+"""Most steps to the hit within the last step of the ray, and the height [m] over the floor at which it is found."""
 _LIFT = 1e-6
 """Height over the floor, over the distance of pixels, that rays towards the sun and down to the floor start at."""
 
@@ -28,7 +28,8 @@ _LIFT = 1e-6
 class Relief(NamedTuple):
     """An uneven floor. tile_m: after which it repeats. y: of the height 0 over the mean surface. low, high: least and
     greatest height; both 0 for a level floor. steepest: bound of its slope. heights: (size, size) [m] at the centres of
-    pixels over a tile, read bilinearly; column = +x, row = +z.
+    pixels over a tile, read bilinearly; column = +x, row = +z. cells: (k, k, 2) greatest height and bound of the slope in
+    squares of the tile.
     """
 
     tile_m: float
@@ -37,6 +38,7 @@ class Relief(NamedTuple):
     high: float
     steepest: float
     heights: Any
+    cells: Any
 
 
 @borrowing
@@ -63,25 +65,55 @@ def relief_distance(r: Relief, origin: Vector, direction: Vector, reach: float) 
         return math.inf
     elif dy > 0.0:
         end = min(end, (r.high - oy) / dy)
-    speed = max(abs(dy) + r.steepest * math.hypot(dx, dz), 1e-12)
+    across, side = math.hypot(dx, dz), r.tile_m / r.cells.shape[0]
     least = _LEAST_STEP * r.tile_m / e.shape[0]
     before, over_before = t, -1.0
     for _ in range(_MOST_STEPS):
         over = oy + t * dy - relief_height(e, r.tile_m, ox + t * dx, oz + t * dz)
         if over <= 0.0 and (over_before > 0.0 or t >= end):
-            low, high = before, t
-            for _ in range(_HALVINGS):
-                t = 0.5 * (low + high)
-                if oy + t * dy - relief_height(e, r.tile_m, ox + t * dx, oz + t * dz) > 0.0:
-                    low = t
-                else:
-                    high = t
-            return high
+            return _root(r, origin, direction, (before, over_before), (t, over))
         if t >= end:
             break
         before, over_before = t, over
-        t = min(t + max(abs(over) / speed, least), end)
+        # Step to where the ray leaves the cell if it stays above its top, else no further than its slopes allow
+        u, v = (ox + t * dx) / side, (oz + t * dz) / side
+        out = min(_to_edge(u, dx), _to_edge(v, dz)) * side
+        cell = r.cells[int(math.floor(v)) % len(r.cells), int(math.floor(u)) % len(r.cells)]
+        y, step = oy + t * dy, out + least
+        if min(y, y + out * dy) <= cell[0]:
+            step = min(step, max(abs(over) / max(abs(dy) + cell[1] * across, 1e-12), least))
+        t = min(t + step, end)
     return math.inf
+
+
+@borrowing
+def _root(
+    r: Relief, origin: Vector, direction: Vector, above: tuple[float, float], below: tuple[float, float]
+) -> float:
+    """Return the distance at which a ray goes through the floor between two distances, each given with its height over
+    the floor: the false position with halved ends (Illinois), or bisection where the ray began below the floor.
+    """
+    (low, f), (high, g), last = above, below, 0
+    for _ in range(_ROOT_STEPS):
+        t = low + (high - low) * (f / (f - g) if f > 0.0 > g else 0.5)
+        y = origin[1] - r.y + t * direction[1]
+        over = y - relief_height(r.heights, r.tile_m, origin[0] + t * direction[0], origin[2] + t * direction[2])
+        if abs(over) <= _ROOT_M:
+            return t
+        if over > 0.0:
+            low, f, g, last = t, over, 0.5 * g if last > 0 else g, 1
+        else:
+            high, g, f, last = t, over, 0.5 * f if last < 0 else f, -1
+    return high
+
+
+@borrowing
+def _to_edge(u: float, speed: float) -> float:
+    """Return the time after which a place u leaves the interval between whole numbers that it is in."""
+    if speed == 0.0:
+        return math.inf
+    part = u - math.floor(u)
+    return (1.0 - part) / speed if speed > 0.0 else part / -speed
 
 
 @borrowing
