@@ -29,7 +29,9 @@ DIVE = {
     "solid": True, "sand_albedo": 0.48, "rocks": 0.03, "grass": 0.03, "stops": 2.5,
 }  # fmt: skip
 """That of the folder's clip, see README.md."""
-EMPTY = ["shafts.on_plate=true", "snow.amount=1", "object.0.visible=false", "object.0.casts_shadow=false"]
+EMPTY = [
+    "shafts.mode=auto", "shafts.on_plate=true", "snow.amount=1", "object.0.visible=false", "object.0.casts_shadow=false",
+]  # fmt: skip
 """Changes of the scene that draw what is in the water of the plate."""
 VIEW = Perspective(yaw_deg=-2.0, pitch_deg=-8.0, fov_deg=100.0, width=800, height=450)
 """Has about as many pixels to a degree as the clip."""
