@@ -30,10 +30,11 @@ DIVE = {
 }  # fmt: skip
 """That of the folder's clip, see README.md."""
 EMPTY = [
-    "shafts.mode=auto", "shafts.on_plate=true", "snow.amount=1", "object.0.visible=false", "object.0.casts_shadow=false",
+    "shafts.mode=auto", "shafts.on_plate=true", "snow.amount=1",
+    "object.0.visible=false", "object.0.casts_shadow=false",
 ]  # fmt: skip
 """Changes of the scene that draw what is in the water of the plate."""
-VIEW = Perspective(yaw_deg=-2.0, pitch_deg=-8.0, fov_deg=100.0, width=800, height=450)
+VIEW = Perspective(yaw_deg=-2.0, pitch_deg=-10.0, fov_deg=100.0, width=800, height=450)
 """Has about as many pixels to a degree as the clip."""
 SMALL = replace(VIEW, width=480, height=270)
 
