@@ -96,8 +96,8 @@ class DiveSettings(Parameters):
         1.0, "factor on the heights of sand, rocks and grass; 0: level", unit="1", low=0.0, high=2.0
     )
     solid: bool = parameter(
-        False, "rays meet the relief, so that rocks have outlines: a frame takes several times as long; else it shades a "
-        "level floor",
+        False, "rays meet the relief, so that rocks have outlines: a frame takes several times as long; else it shades "
+        "a level floor",
     )  # fmt: skip
     sand_albedo: float = parameter(
         0.34, "albedo of the sand in green: 0.1 volcanic, 0.5 white", unit="1", low=0.01, high=0.8

@@ -3,8 +3,8 @@
 
 Units: the irradiance just below a level surface, see `dive_sky`. Frames are times the exposure: 1 is white.
 
-Unless it is solid, the floor that rays meet is level; its relief acts on its albedo by the factor of its light over that
-on level ground: tilt, cast shadows and the visible fraction of the sky. It shades but has no outline.
+Unless it is solid, the floor that rays meet is level; its relief acts on its albedo by the factor of its light over
+that on level ground: tilt, cast shadows and the visible fraction of the sky. It shades but has no outline.
 
     factor = b lit max(n.s, 0)/s_y + (1 - b) mean_a cos^2 e_a
 

@@ -77,7 +77,7 @@ def _sand(noise: _Noise, albedo: float, contrast: float) -> tuple[Floats, Floats
 
 
 def _rocks(noise: _Noise, fraction: float) -> tuple[Floats, Floats, Floats]:
-    """Return cover (size, size), height (size, size) [m] and albedo (..., 3) of boulders under growth of some colours."""
+    """Return cover (size, size), height (size, size) [m] and albedo (..., 3) of boulders under growth, in colours."""
     if fraction <= 0.0:
         return np.zeros((1, 1)), np.zeros((1, 1)), np.zeros((1, 1, 3))
     over = _boulders(noise, fraction)

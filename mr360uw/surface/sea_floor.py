@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -126,7 +127,7 @@ def _cells(relief: Array, tile_m: float) -> Array:
     size = len(relief)
     edges = np.linspace(0.0, size, max(size // _CELL, 1) + 1)
     # The nodes about each interval of pixels, whose centres are at i + .5
-    spans = [np.arange(int(a - 0.5) - 1, int(b + 0.5) + 1) % size for a, b in zip(edges, edges[1:], strict=False)]
+    spans = [np.arange(int(a - 0.5) - 1, int(b + 0.5) + 1) % size for a, b in pairwise(edges)]
 
     def most(values: Array) -> Array:
         rows = np.stack([values[span].max(axis=0) for span in spans])

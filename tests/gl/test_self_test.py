@@ -88,4 +88,4 @@ def test_the_report_is_written_and_the_exit_code_tells(
     assert code == 1
     text = (tmp_path / "card.txt").read_text("utf-8")
     assert text.strip() == out.strip()
-    assert np.all([f"trial     {name}" in text for name in ("materials", "alpha", "holdout", "blending")])
+    assert np.all([f"trial     {name}" in text for name in ("materials", "alpha", "holdout")])

@@ -44,7 +44,7 @@ def test_rays_meet_the_sides_of_a_ridge(slope: float) -> None:
 
 @pytest.mark.parametrize("size", [33, 64])
 def test_rays_meet_the_first_of_many_rocks(size: int, rng: np.random.Generator) -> None:
-    """No place before the hit is below the floor, which the hit is on; rays from steep to nearly level, along axes too."""
+    """No place before the hit is below the floor, which the hit is on; rays steep to nearly level, also along axes."""
     floor = Floor(0.0, relief=np.maximum(rng.normal(-0.4, 0.5, (size, size)), 0.0), tile_m=TILE)
     relief, eye = relief_of(floor), np.array([3.0, 2.5, 1.0])
     for azimuth, slope in zip(np.linspace(0.0, 2.0 * np.pi, 33), np.tile([-0.03, -0.2, -2.0], 11), strict=True):

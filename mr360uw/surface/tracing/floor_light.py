@@ -28,8 +28,8 @@ _LIFT = 1e-6
 class Relief(NamedTuple):
     """An uneven floor. tile_m: after which it repeats. y: of the height 0 over the mean surface. low, high: least and
     greatest height; both 0 for a level floor. steepest: bound of its slope. heights: (size, size) [m] at the centres of
-    pixels over a tile, read bilinearly; column = +x, row = +z. cells: (k, k, 2) greatest height and bound of the slope in
-    squares of the tile.
+    pixels over a tile, read bilinearly; column = +x, row = +z. cells: (k, k, 2) greatest height and bound of the slope
+    in squares of the tile.
     """
 
     tile_m: float
@@ -78,7 +78,7 @@ def relief_distance(r: Relief, origin: Vector, direction: Vector, reach: float) 
         # Step to where the ray leaves the cell if it stays above its top, else no further than its slopes allow
         u, v = (ox + t * dx) / side, (oz + t * dz) / side
         out = min(_to_edge(u, dx), _to_edge(v, dz)) * side
-        cell = r.cells[int(math.floor(v)) % len(r.cells), int(math.floor(u)) % len(r.cells)]
+        cell = r.cells[math.floor(v) % len(r.cells), math.floor(u) % len(r.cells)]
         y, step = oy + t * dy, out + least
         if min(y, y + out * dy) <= cell[0]:
             step = min(step, max(abs(over) / max(abs(dy) + cell[1] * across, 1e-12), least))

@@ -87,7 +87,8 @@ def _ground(stage: RayStage) -> LitFloor:
         air = tuple(stage.sun.direction.tolist())
     below = _BELOW * (floor.highest_m - floor.lowest_m)
     relief = Relief(
-        floor.tile_m, stage.floor_y_m, floor.lowest_m - below, floor.highest_m, floor.steepest, floor.relief, floor.cells
+        floor.tile_m, stage.floor_y_m, floor.lowest_m - below, floor.highest_m, floor.steepest, floor.relief,
+        floor.cells,
     )  # fmt: skip
     sky, sun = tuple((dry - dry_sun).tolist()), tuple(dry_sun.tolist())
     return LitFloor(relief, floor.image.tile_m, sea.tile_m, sky, sun, wet, air, texels, table, rows, even)
