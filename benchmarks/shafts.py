@@ -41,7 +41,7 @@ from mr360uw.medium.shafts.shaft_water import ShaftWater  # noqa: E402
 from mr360uw.medium.small_angles import spread_of  # noqa: E402
 from mr360uw.render.backends import make_backend  # noqa: E402
 from mr360uw.render.first_pass import clip_analysis  # noqa: E402
-from mr360uw.render.frame import draw_frame, measure_plate  # noqa: E402
+from mr360uw.render.frame import draw_frame, frame_shots, measure_plate  # noqa: E402
 from mr360uw.render.loaded import load  # noqa: E402
 from mr360uw.sample import sample_dive  # noqa: E402
 from mr360uw.scene.inputs import open_plate  # noqa: E402
@@ -365,7 +365,7 @@ def layer_ms(scene: Scene) -> float:
         for frame in video.frames(0, _FRAMES):
             measured = measure_plate(loaded, analysis, frame, cache)
             start = time.process_time()
-            draw_frame(loaded, backend, measured, 0.0, cache)
+            draw_frame(backend, frame_shots(loaded, backend, measured, 0.0, cache), cache)
             spent.append(1e3 * (time.process_time() - start))
     return float(np.median(spent[2:]))
 

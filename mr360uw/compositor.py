@@ -19,7 +19,7 @@ from mr360uw.errors import ParameterError
 from mr360uw.progress import Progress
 from mr360uw.render.backends import close_backend, make_backend
 from mr360uw.render.first_pass import ClipAnalysis, clip_analysis
-from mr360uw.render.frame import Frame, MeasuredPlate, blend_frame, composite_frame, draw_frame, measure_plate
+from mr360uw.render.frame import Frame, FrameShots, blend_frame, composite_frame, draw_frame, frame_shots, measure_plate
 from mr360uw.render.loaded import Loaded, load
 from mr360uw.render.stages.light_stage import LightSamples
 from mr360uw.scene.inputs import open_plate
@@ -239,21 +239,21 @@ class Compositor:
         with self._one_thread:
             loaded = self._loaded_for(video.height, video.width, clip=not video.is_still)
             analysis = clip_analysis(loaded, video) if self._analysis is None else self._analysis
-        exposure_s = self._scene.draw.exposure_s(video.frame_rate)
-        with closing(prefetch(self._measured(loaded, analysis, video, start, stop))) as plates:
-            for plate in plates:
+        with closing(prefetch(self._measured(loaded, analysis, video, start, stop))) as frames:
+            for shots in frames:
                 with self._one_thread, one_blas_thread():
-                    drawn = draw_frame(loaded, self._renderer, plate, exposure_s, self._cache())
+                    drawn = draw_frame(self._renderer, shots, self._cache())
                     result = _result(blend_frame(loaded, analysis, drawn, self._cache()))
                 yield result
 
     def _measured(
         self, loaded: Loaded, analysis: ClipAnalysis, video: VideoReader, start: int, stop: int
-    ) -> Iterator[MeasuredPlate]:
-        """Yield frames of a clip, decoded and with their light measured, on any thread."""
-        cache = Cache(self._scene.plate.eyes)
+    ) -> Iterator[FrameShots]:
+        """Yield what is to be drawn for the frames of a clip, decoded and with their light measured, on any thread."""
+        cache, exposure_s = Cache(self._scene.plate.eyes), self._scene.draw.exposure_s(video.frame_rate)
         for plate, light in LightSamples(loaded, analysis, video, video.frames).frames(start, stop):
-            yield measure_plate(loaded, analysis, plate, cache, light)
+            measured = measure_plate(loaded, analysis, plate, cache, light)
+            yield frame_shots(loaded, self._renderer, measured, exposure_s, cache)
 
     def _cache(self) -> Cache:
         """Return what is kept from frame to frame."""

@@ -2,7 +2,8 @@
 """Stages of one frame, from the plate to the composite, for videos, stills, library calls and previews alike.
 
 Each stage takes all that it needs. `composite_frame` runs them one after the other; over a clip (`runs.job`) each of
-the three runs on a thread of its own, ahead of the next stage.
+the three runs on a thread of its own, ahead of the next stage: what measures a plate and says what is to be drawn, what
+draws, and what blends and writes.
 """
 
 from __future__ import annotations
@@ -40,7 +41,6 @@ from mr360uw.video import VideoFrame
 
 if TYPE_CHECKING:
     from mr360uw.composite.shafts.shaft_light import ShaftLight
-
 
 T = TypeVar("T")
 
@@ -117,6 +117,29 @@ class MeasuredPlate:
     patterns: tuple[PlatePattern | None, ...]
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Instant:
+    """What an eye sees at one instant of a frame's exposure: the shot, and its shafts, None where there are none.
+
+    time_s: of the instant [s]. now: the scene then. exposure_s: that it stands for.
+    """
+
+    time_s: float
+    now: Loaded
+    shot: Shot
+    shafts: ShaftLight | None
+    exposure_s: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FrameShots:
+    """What is to be drawn for a frame. water: None without any. by_eye: for each eye the instants of the exposure."""
+
+    measured: MeasuredPlate
+    water: MediumTable | None
+    by_eye: tuple[tuple[Instant, ...], ...]
+
+
 Drawn = tuple[Shot, Layer, Aovs | None]
 """What an eye sees of one instant: the shot, its layer and, if asked for, the layer's output variables."""
 
@@ -149,7 +172,8 @@ def composite_frame(
     """
     cache = Cache(loaded.scene.plate.eyes) if cache is None else cache
     measured = measure_plate(loaded, analysis, plate, cache, light)
-    drawn = draw_frame(loaded, backend, measured, shutter_s, cache, variables=variables)
+    shots = frame_shots(loaded, backend, measured, shutter_s, cache)
+    drawn = draw_frame(backend, shots, cache, variables=variables)
     return blend_frame(loaded, analysis, drawn, cache)
 
 
@@ -175,37 +199,42 @@ def measure_plate(
     return MeasuredPlate(now, filed, eyes, light, tuple(receivers), tuple(patterns))
 
 
-def draw_frame(
-    loaded: Loaded,
-    backend: Backend,
-    measured: MeasuredPlate,
-    shutter_s: float,
-    cache: Cache,
-    *,
-    variables: bool = False,
-) -> DrawnFrame:
-    """Return the layers of a frame, on the thread of its backend."""
+def frame_shots(
+    loaded: Loaded, backend: Backend, measured: MeasuredPlate, shutter_s: float, cache: Cache
+) -> FrameShots:
+    """Return what is to be drawn for a frame, with its water, caustics and shafts, on any thread."""
     now, light = measured.now, measured.light
     index, time_s = measured.filed.index, measured.filed.time_s
     if light is None or not loaded.plan.layer.runs:
-        return DrawnFrame(measured, None, tuple(() for _ in measured.eyes))
+        return FrameShots(measured, None, tuple(() for _ in measured.eyes))
     water = finite("water", index, cache.of(exposed_water, now.surroundings, light, time_s))
     moments = instants(loaded, now, time_s, shutter_s)
-    exposure_s = shutter_s / len(moments)
-    by_eye: list[list[Drawn]] = [[] for _ in measured.eyes]
+    by_eye: list[list[Instant]] = [[] for _ in measured.eyes]
     for instant_s, then in moments:
         bare = shot_at(then, light, water, instant_s, index, cache)
         of_eyes = zip(measured.eyes, measured.receivers, measured.patterns, by_eye, strict=True)
-        for eye, receiver, pattern, drawn in of_eyes:
-            seen = seen_by(then, bare, eye, receiver, pattern, index)
-            shot = with_caustics(then, backend, seen, instant_s, cache)
+        for eye, receiver, pattern, seen in of_eyes:
+            shot = seen_by(then, bare, eye, receiver, pattern, index)
+            shot = with_caustics(then, backend, shot, instant_s, cache)
             shafts = shafts_of(then, backend, shot, instant_s, cache)
-            layer, found = cache.of(draw_layer, backend, shot, shafts, variables, cache)
+            seen.append(Instant(instant_s, then, shot, shafts, shutter_s / len(moments)))
+    return FrameShots(measured, water, tuple(map(tuple, by_eye)))
+
+
+def draw_frame(backend: Backend, shots: FrameShots, cache: Cache, *, variables: bool = False) -> DrawnFrame:
+    """Return the layers of a frame, on the thread of its backend."""
+    index = shots.measured.filed.index
+    by_eye = []
+    for instants_seen in shots.by_eye:
+        drawn = []
+        for at in instants_seen:
+            layer, found = cache.of(draw_layer, backend, at.shot, at.shafts, variables, cache)
             refuse("layer", index, cache.of(not_finite, layer))
-            layer, found = with_surface(then, backend, shot, layer, found, instant_s, cache)
-            layer, found = with_snow(then, backend, shot, layer, found, instant_s, exposure_s, cache)
-            drawn.append((shot, layer, found))
-    return DrawnFrame(measured, water, tuple(map(tuple, by_eye)))
+            layer, found = with_surface(at.now, backend, at.shot, layer, found, at.time_s, cache)
+            layer, found = with_snow(at.now, backend, at.shot, layer, found, at.time_s, at.exposure_s, cache)
+            drawn.append((at.shot, layer, found))
+        by_eye.append(tuple(drawn))
+    return DrawnFrame(shots.measured, shots.water, tuple(by_eye))
 
 
 def blend_frame(loaded: Loaded, analysis: ClipAnalysis, drawn: DrawnFrame, cache: Cache) -> Frame:

@@ -18,7 +18,7 @@ from mr360uw.errors import GlError
 from mr360uw.files import WrittenFiles
 from mr360uw.reading.numbered_files import numbered
 from mr360uw.render.backends import Backend, make_backend
-from mr360uw.render.frame import DrawnFrame, Frame, MeasuredPlate, blend_frame, draw_frame, measure_plate
+from mr360uw.render.frame import DrawnFrame, Frame, FrameShots, blend_frame, draw_frame, frame_shots, measure_plate
 from mr360uw.render.loaded import Loaded, load
 from mr360uw.render.stages.light_stage import LightSamples
 from mr360uw.runs.work_folder import Part, SegmentSink, WorkFolder
@@ -126,11 +126,11 @@ class OpenJob:
         drawing, blending, sink = self._cache(), self._cache(), self._sink(files)
         behind: Behind[DrawnFrame] = Behind(lambda drawn: self._write(drawn, sink, files, blending), _WAITING)
         renderer = f"{self.backend.name} ({self.backend.device})"
-        exposure_s, variables = self.loaded.scene.draw.exposure_s(self.video.frame_rate), self.job.layers is not None
-        with one_blas_thread(), sink, behind, closing(prefetch(self._read(start, stop), _WAITING)) as plates:
-            for measured in plates:
+        variables = self.job.layers is not None
+        with one_blas_thread(), sink, behind, closing(prefetch(self._read(start, stop), _WAITING)) as frames:
+            for shots in frames:
                 since = time.perf_counter()
-                drawn = draw_frame(self.loaded, self.backend, measured, exposure_s, drawing, variables=variables)
+                drawn = draw_frame(self.backend, shots, drawing, variables=variables)
                 self._times.add("render", since)
                 behind.put(drawn)
                 self._times.renderers[renderer] = self._times.renderers.get(renderer, 0) + 1
@@ -141,15 +141,20 @@ class OpenJob:
         """Return a cache of one stage of all frames."""
         return Cache(self.loaded.scene.plate.eyes)
 
-    def _read(self, start: int, stop: int) -> Iterator[MeasuredPlate]:
-        """Yield frames, decoded and with their light measured."""
-        times, measuring = self._times, self._cache()
+    def _read(self, start: int, stop: int) -> Iterator[FrameShots]:
+        """Yield frames, decoded, with their light measured, and what is to be drawn for them."""
+        times, measuring, exposure_s = (
+            self._times,
+            self._cache(),
+            self.loaded.scene.draw.exposure_s(self.video.frame_rate),
+        )
         samples = LightSamples(self.loaded, self._analysis, self.video, self._decoded)
         since, decoding_s = time.perf_counter(), times.seconds.get("decode", 0.0)
         for plate, light in samples.frames(start, stop):
             measured = measure_plate(self.loaded, self._analysis, plate, measuring, light)
+            shots = frame_shots(self.loaded, self.backend, measured, exposure_s, measuring)
             times.add("light", since + times.seconds["decode"] - decoding_s)
-            yield measured
+            yield shots
             since, decoding_s = time.perf_counter(), times.seconds["decode"]
 
     def _decoded(self, start: int, stop: int) -> Iterator[VideoFrame]:
