@@ -11,8 +11,10 @@ import io
 import math
 import re
 import struct
+import warnings
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from numbers import Real
 from typing import Any
@@ -424,10 +426,16 @@ def _directory(data: bytes) -> Any:
     directory = ImageFileDirectory_v2(data[:8])
     file = io.BytesIO(data)
     file.seek(directory.next)
-    directory.load(file)
-    for tag in list(directory):
-        directory[tag]  # entries are decoded, and written again, once they were asked for
+    with quietly():
+        directory.load(file)
+        for tag in list(directory):
+            directory[tag]  # entries are decoded, and written again, once they were asked for
     return directory
+
+
+def quietly() -> AbstractContextManager[None]:
+    """Return a context in which Pillow warns of nothing: damage that matters is an error."""
+    return warnings.catch_warnings(action="ignore")
 
 
 def _tiff_tags(data: bytes, suffix: str, size: tuple[int, int]) -> tuple[PictureTags, int]:

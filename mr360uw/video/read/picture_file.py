@@ -31,6 +31,7 @@ from mr360uw.video.metadata.picture_tags import (
     TiffForm,
     is_not_srgb,
     jpeg_bits,
+    quietly,
     read_tags,
     tiff_form,
     unused_parts,
@@ -181,7 +182,7 @@ def _size_by_pillow(data: bytes) -> tuple[int, int] | None:
     from PIL import Image
 
     try:
-        with Image.open(io.BytesIO(data), formats=("TGA", "JPEG2000", "AVIF")) as picture:
+        with quietly(), Image.open(io.BytesIO(data), formats=("TGA", "JPEG2000", "AVIF")) as picture:
             return picture.size
     except (OSError, SyntaxError, ValueError, struct.error, Image.DecompressionBombError):
         return None
@@ -252,7 +253,7 @@ def _decoded_by_pillow(path: Path, data: bytes) -> NDArray[Any]:
     from PIL import Image
 
     try:
-        with Image.open(io.BytesIO(data), formats=("TGA", "TIFF")) as picture:
+        with quietly(), Image.open(io.BytesIO(data), formats=("TGA", "TIFF")) as picture:
             rgba = np.asarray(picture.convert("RGBA" if "A" in picture.mode else "RGB"))
     except (OSError, SyntaxError, ValueError, IndexError, struct.error, Image.DecompressionBombError) as error:
         raise _unusable(path) from error
