@@ -289,17 +289,19 @@ def in_plate_primaries(linear: NDArray[np.floating], spec: ColorSpec) -> NDArray
     return np.asarray(linear @ np.linalg.inv(rec709_from_plate(spec.gamut)).T, linear.dtype)
 
 
-_LEAST_CHANGE = 0.001
-"""Least relative change of light that counts where codes are finer, or floats."""
+LEAST_CHANGE = 0.001
+"""Relative change of light that no picture shows, whatever its codes: half a code of 10 bits at white."""
+_SIGNALS = np.linspace(0.05, 1.0, 96)
+"""Signals at which curves are compared: below them a code is a larger part of the light than at white."""
 
 
 def unseen_change(spec: ColorSpec) -> float:
-    """Return the relative change of light that moves no code of a plate by more than half a step, 0.001 at least."""
-    signal = np.linspace(0.05, 1.0, 96)
-    light = np.asarray(decode_signal(signal, spec))
-    growth = np.gradient(np.log(np.maximum(light, 1e-9)), signal)
+    """Return the relative change of light that moves no code of a plate by more than half a step, `LEAST_CHANGE` at
+    least.
+    """
+    growth = np.gradient(np.log(np.maximum(decode_signal(_SIGNALS, spec), 1e-9)), _SIGNALS)
     _, span, _, _ = code_range(spec)
-    return max(float(0.5 / span * growth.min()), _LEAST_CHANGE)
+    return max(float(0.5 / span * growth.min()), LEAST_CHANGE)
 
 
 def code_range(spec: ColorSpec) -> tuple[float, float, float, float]:

@@ -86,6 +86,7 @@ def lay_over(plate: Any, radiance: Any, alpha: Any, ratio: Any, veil: Any, shaft
     zero, none = one - one, shafts.shape[0] == 0
     for j in range(alpha.shape[0]):
         for i in range(alpha.shape[1]):
+            # Change the channels with light; note by what factor the one that loses most is multiplied
             free, least = one - alpha[j, i], one
             for c in range(3):
                 below = plate[j, i, c]
@@ -98,6 +99,7 @@ def lay_over(plate: Any, radiance: Any, alpha: Any, ratio: Any, veil: Any, shaft
                     if below < least * plate[j, i, c]:
                         least = below / plate[j, i, c]
                 image[j, i, c] = below
+            # Multiply those below zero by it, and lay the body over all
             for c in range(3):
                 below = image[j, i, c]
                 if below < zero:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from mr360uw.cache import Parts
+from mr360uw.color import LEAST_CHANGE
 from mr360uw.composite.affine import scale_of
 from mr360uw.composite.mesh.mesh import Mesh
 from mr360uw.composite.receiver.pattern import PlatePattern
@@ -118,7 +119,7 @@ class Shot(Parts):
     holdout_beside: tuple[Floats, Floats] | None = None
     pattern: PlatePattern | None = None
     draw: DrawSettings = field(default_factory=DrawSettings)
-    unseen: float = 0.001
+    unseen: float = LEAST_CHANGE
     between: BetweenSamples | None = None
 
     @property

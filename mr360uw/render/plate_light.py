@@ -38,11 +38,13 @@ def exposed_water(surroundings: Surroundings, light: FrameLight, time_s: float) 
     medium = surroundings.medium_at(time_s)
     if medium is None:
         return None
+    # Between two samples: what they have, with what this plate itself shows of its open water
     if light.between is not None:
         before, after = light.between.before.medium, light.between.after.medium
         if before is not None and after is not None and min(before.camera_depth_m, after.camera_depth_m) > 0.0:
             table = table_between(before, after, light.between.share)
             return table if light.plate_ratio is None else replace(table, plate_ratio=light.plate_ratio)
+    # Ambient light by what the plate shows from above and below
     up, environment = surroundings.camera.at(time_s)[1][1], light.environment
     sun = environment.sun
     upwards = environment_lookup(environment.ambient, -up)
@@ -53,6 +55,7 @@ def exposed_water(surroundings: Surroundings, light: FrameLight, time_s: float) 
         sun=np.zeros(3) if sun is None else sun.irradiance,
         sun_up=1.0 if sun is None else max(float(sun.direction @ up), MINIMUM_SUN_UP),
     )
+    # The veil as strong as the plate's, over the floor that it was fitted with
     if light.gain is not None:
         medium = medium.scaled(light.gain if light.plate_ratio is None else visible_gain(medium, light.gain))
     if light.plate_ratio is not None:  # which was found over this floor

@@ -143,11 +143,8 @@ class OpenJob:
 
     def _read(self, start: int, stop: int) -> Iterator[FrameShots]:
         """Yield frames, decoded, with their light measured, and what is to be drawn for them."""
-        times, measuring, exposure_s = (
-            self._times,
-            self._cache(),
-            self.loaded.scene.draw.exposure_s(self.video.frame_rate),
-        )
+        times, measuring = self._times, self._cache()
+        exposure_s = self.loaded.scene.draw.exposure_s(self.video.frame_rate)
         samples = LightSamples(self.loaded, self._analysis, self.video, self._decoded)
         since, decoding_s = time.perf_counter(), times.seconds.get("decode", 0.0)
         for plate, light in samples.frames(start, stop):

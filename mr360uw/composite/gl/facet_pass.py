@@ -30,7 +30,7 @@ FACET_COLUMNS = 512
 _FACETS = ("facet_a", "facet_b", "facet_c")
 _CUTOUTS = ("cutout_a", "cutout_b", "cutout_c")
 _EYES = 2
-"""Targets that are kept."""
+"""Targets that are kept, one of each eye."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -110,12 +110,14 @@ class PlatePattern:
         """Return the blurs by `_SIGMA_M` on level ground that a part of the frame is mixed from, none with a mean."""
         if self.mean is not None:
             return NO_BLURS
+        # How wide the blur of each row is, as a fractional number of the widths that are made
         height, width = self.picture.shape
         latitude = np.pi * ((np.arange(part.height) + part.row + 0.5) / height - 0.5)
         distance = self.height_m / np.maximum(np.sin(latitude), _FLATTEST)
         sigma = np.clip(_SIGMA_M / distance * height / np.pi, 1.0, width / 16)
         level = np.log(sigma) / np.log(_STEP)
         low, high = int(np.floor(level.min())), int(np.floor(level.max())) + 1
+        # Blur by each width the rows that are mixed from it
         pyramid, values, table, size = _Pyramid(self.picture, part, _STEP**high), [], [], 0
         for number in range(low, high + 1):
             rows = np.flatnonzero(np.abs(level - number) < 1.0)
@@ -205,6 +207,7 @@ def calm_line(blurs: Any, row: int, column: int, out: Any) -> None:
         weight = mixed if k else np.float32(1.0) - mixed
         if k and weight == np.float32(0.0):
             continue
+        # The two lines of the blurred picture that the line lies between
         begin, top, left, rows, columns, factor = table[number + k]
         y = (np.float32(row) + np.float32(0.5)) / np.float32(factor) - np.float32(0.5) - np.float32(top)
         y = max(y, np.float32(0.0))
@@ -212,6 +215,7 @@ def calm_line(blurs: Any, row: int, column: int, out: Any) -> None:
         down = y - np.float32(j)
         across, under = 3 * columns, min(j + 1, rows - 1)  # the last row of the frame has none below it
         upper, lower = value[begin + across * j : begin + across * (j + 1)], value[begin + across * under :]
+        # Along them, bilinearly
         step = np.float32(1.0) / np.float32(factor)
         start = (np.float32(column) + np.float32(0.5)) * step - np.float32(0.5) - np.float32(left)
         for i in range(out.shape[1]):
@@ -225,17 +229,21 @@ def calm_line(blurs: Any, row: int, column: int, out: Any) -> None:
                 out[c, i] = between + out[c, i] if k else between
 
 
+@inlined
+def drawn_towards(shown: Any, strength: Any, blurred: Any) -> Any:
+    """Return the calm state of light that is shown, drawn towards its blur by a strength."""
+    return shown + strength * (blurred - shown)
+
+
 @fast
 def _read(blurs: Any, row: int, column: int, shown: Any, strength: Any, calm: Any) -> None:
-    """Write the calm state (h, w, 3) of a part that begins at (row, column): drawn from what is shown towards the blurs
-    by a strength.
-    """
+    """Write the calm state (h, w, 3) of a part that begins at (row, column) and is shown, (h, w, 3)."""
     line = np.empty((3, calm.shape[1]), np.float32)
     for j in range(len(calm)):
         calm_line(blurs, row + j, column, line)
         for i in range(calm.shape[1]):
             for c in range(3):
-                calm[j, i, c] = shown[j, i, c] + strength * (line[c, i] - shown[j, i, c])
+                calm[j, i, c] = drawn_towards(shown[j, i, c], strength, line[c, i])
 
 
 def _widened(image: Floats) -> NDArray[np.float32]:

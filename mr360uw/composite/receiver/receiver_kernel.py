@@ -17,7 +17,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.composite.receiver.ground import BLOCK
-from mr360uw.composite.receiver.pattern import LEAST_DIRECT, LEAST_LIGHT, NO_BLURS, PlatePattern, calm_line
+from mr360uw.composite.receiver.pattern import (
+    LEAST_DIRECT,
+    LEAST_LIGHT,
+    NO_BLURS,
+    PlatePattern,
+    calm_line,
+    drawn_towards,
+)
 from mr360uw.jit import fast, inlined
 from mr360uw.types import Rectangle, Tile
 
@@ -80,13 +87,11 @@ def lay_receiver(
 
     pattern: the plate's own caustics, which go with the sun's light (see pattern.py).
     """
-    if not tiles:
-        return
     none = np.zeros((0, 0, 3), np.float32)
     images = [
         part for own in (light.free, light.seen, light.waves, light.shape, light.added) for part in (own.at, own.image)
     ]
-    blurs = NO_BLURS if pattern is None else pattern.blurs(_hull(tiles))
+    blurs = NO_BLURS if pattern is None else pattern.blurs(_hull(light, width, height))
     strength = np.float32(0.0 if pattern is None else pattern.strength)
     for tile in tiles:
         part = tile.rectangle
@@ -98,11 +103,25 @@ def lay_receiver(
         )  # fmt: skip
 
 
-def _hull(tiles: Sequence[Tile]) -> Rectangle:
-    """Return the smallest rectangle around tiles."""
-    column, row = min(t.column for t in tiles), min(t.row for t in tiles)
-    right, bottom = (max(t.column + t.alpha.shape[1] for t in tiles), max(t.row + t.alpha.shape[0] for t in tiles))
-    return Rectangle(column, row, right - column, bottom - row)
+def _hull(light: BlockLight, width: int, height: int) -> Rectangle:
+    """Return the smallest rectangle of a width x height frame around the blocks."""
+    column, row = BLOCK * int(light.column.min()), BLOCK * int(light.row.min())
+    right, bottom = BLOCK * int(light.column.max() + 1), BLOCK * int(light.row.max() + 1)
+    return Rectangle(column, row, min(right, width) - column, min(bottom, height) - row)
+
+
+@inlined
+def _plate_line(plate: Any, at: Any, now: Any, calm: Any) -> None:
+    """Write the light that the plate shows on a line (3, n), and its calm state. plate: see `_lay`. at: row and column
+    in the frame, and in the tile.
+    """
+    (shown, mean, blurs, strength), (y, x, r, first) = plate, at
+    if len(mean) == 0:
+        calm_line(blurs, y, x, calm)
+    for i in range(now.shape[1]):
+        for k in range(3):
+            now[k, i] = shown[r, first + i, k]
+            calm[k, i] = mean[r, first + i, k] if len(mean) else drawn_towards(now[k, i], strength, calm[k, i])
 
 
 @inlined
@@ -190,7 +209,7 @@ def _lay(blocks: Any, images: Any, frame: Any, plate: Any, tile: Any) -> None:
     """
     row, column, corner = blocks
     free_at, free, seen_at, seen, waves_at, waves, shape_at, shape, added_at, added = images
-    (width, height, first_row, first_column), (shown, mean, blurs, strength), (ratio, veil) = frame, plate, tile
+    (width, height, first_row, first_column), (ratio, veil) = frame, tile
     # one row of some blocks, by blocks and by pixels
     room = _AT_ONCE * BLOCK
     line, weight = np.empty((10, _AT_ONCE, BLOCK), np.float32), np.empty((_AT_ONCE, BLOCK), np.float32)
@@ -232,17 +251,9 @@ def _lay(blocks: Any, images: Any, frame: Any, plate: Any, tile: Any) -> None:
                 numbers = free_at[n], seen_at[n], waves_at[n], shape_at[n], added_at[n]
                 rows = line, weight, waves_row, added_row
                 _take_images(rows, b, j, numbers, (free, seen, waves, shape, added))
-            if len(shown):
-                now, calm = flat_plate[0, :, inside], flat_plate[1, :, inside]
-                if len(mean) == 0:
-                    calm_line(blurs, y, x0, calm)
-                for i in range(x1 - x0):
-                    for k in range(3):
-                        now[k, i] = shown[r, x0 - first_column + i, k]
-                        if len(mean):
-                            calm[k, i] = mean[r, x0 - first_column + i, k]
-                        else:
-                            calm[k, i] = now[k, i] + strength * (calm[k, i] - now[k, i])
+            if len(plate[0]):
+                at = y, x0, r, x0 - first_column
+                _plate_line(plate, at, flat_plate[0, :, inside], flat_plate[1, :, inside])
                 _inverse_pattern(flat_plate, flat_line, blocks * BLOCK, inverse)
             for k in range(3):
                 share, fall, sun, free_row = flat_line[k], flat_waves[k], flat_line[9], flat_line[6 + k]

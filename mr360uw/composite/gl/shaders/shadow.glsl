@@ -173,8 +173,9 @@ int bodies_between(sampler2D sun_map, sampler2D casters, int listed, float slot_
 
 // visible fraction of the sun's disc, a mean over a footprint about p, in the map's axes (two across, one along);
 // undefined unless `wanted`, and free where a whole block of pixels does not want it. Where half of the rays agree that
-// all of it is seen, or none, the others are not asked. listed: bits of the bodies that may occlude it. middle: slope of
-// the disc's centre.
+// all of it is seen, or none, the others are not asked: one of every two, the first and the second in turn, as rays that
+// follow each other lie in other columns of the footprint. listed: bits of the bodies that may occlude the disc. middle:
+// slope of its centre.
 // rays: slope over a unit disc, and place in [-0.5, 0.5]^2 of the footprint, of which each `every`-th is taken. spread:
 // tangent of the disc's radius
 float sun_visibility(sampler2D sun_map, sampler2D casters, int listed, float slot_size, vec3 p, mat2x3 sides,
@@ -189,8 +190,8 @@ float sun_visibility(sampler2D sun_map, sampler2D casters, int listed, float slo
     int few = count < FEWEST_SUN_RAYS ? count : count / 2;
     bool agreed = false;
     do {
-        // one of every two first, in turn the one and the other, as rays beside each other lie in other columns
-        int left = between, one_of = k % few, number = k < 2 * few && few < count ? 2 * one_of + (one_of + k / few) % 2 : k;
+        int left = between, pair = k % few, second = (pair + k / few) % 2;
+        int number = k < 2 * few && few < count ? 2 * pair + second : k;
         float most = 0.0;
         vec4 ray = rays[every * min(number, count - 1)];
         vec3 start = p + sides * (places.x * ray.zw);
