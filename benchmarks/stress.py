@@ -53,7 +53,7 @@ MOST_GB = 3.0
 MOST_REFUSED = 0.05
 SEEDS_AT_ONCE = 12
 """Scenes that a process makes before the next takes over: what one leaves behind does not add up."""
-LONGEST_S = 300.0
+LONGEST_S = 900.0
 """Time of a scene after which its process is ended."""
 
 

@@ -86,30 +86,33 @@ class SampledSea:
     def of(cls, sea: MovingSea, time_s: float, points: int | None = None) -> SampledSea:
         """Return the splines of a sea at a time [s]. points: across the tile, of `points_across` unless given."""
         n, tile = points_across(sea) if points is None else points, sea.tile_m
+        # what rays ask of the whole surface; the fields of slopes and strain, most of the memory, are let go of then
         fields = sea.grid_fields(n, time_s)
+        strain = np.hypot(fields.slope_x, fields.slope_z)
+        strain /= np.maximum((1.0 + fields.strain_xx) * (1.0 + fields.strain_zz) - fields.strain_xz**2, _LEAST_ACROSS)
+        steepest, lowest, highest = float(strain.max()), float(fields.height.min()), float(fields.height.max())
         spectra = [_transformed(getattr(fields, name)) / n**2 for name in ("height", "shift_x", "shift_z")]
-        levels = 1 + math.ceil(math.log2(n)) + 1
+        del fields, strain
+        # level after level: coefficients of what its Gaussian leaves, covariance of the slopes that it takes
+        sigmas = [0.0, *(tile / n * 2.0**level for level in range(1 + math.ceil(math.log2(n))))]
+        sizes = [min(n, max(2 * n >> max(level - 1, 0), 4)) for level in range(len(sigmas))]
+        start = np.cumsum([0, *(size * size for size in sizes)])
+        coefficients = np.empty((start[-1], 3))
         k, kx = (2.0 * np.pi / tile * f(n, 1.0 / n) for f in (np.fft.fftfreq, np.fft.rfftfreq))
         slope = np.abs(spectra[0]) ** 2
         slope[:, 1:-1] *= 2.0  # waves and their conjugates, of which the spectrum has one
-        parts, sizes, lost = [], [], []
-        for level in range(levels):
-            sigma = 0.0 if level == 0 else tile / n * 2.0 ** (level - 1)
+        lost = []
+        for sigma, size, first in zip(sigmas, sizes, start[:-1], strict=True):
             both = np.exp(-0.5 * (sigma * k[:, None]) ** 2) * np.exp(-0.5 * (sigma * kx) ** 2)
             gone = slope * (1.0 - both**2)
             by_x, by_z = gone.sum(axis=0), gone.sum(axis=1)
             lost.append([by_x @ kx**2, k @ gone @ kx, by_z @ k**2])
-            size = min(n, max(2 * n >> max(level - 1, 0), 4))
-            parts.append(np.stack([_coefficients(s * both, size) for s in spectra], axis=-1).reshape(-1, 3))
-            sizes.append(size)
-        strain = np.hypot(fields.slope_x, fields.slope_z)
-        across = (1.0 + fields.strain_xx) * (1.0 + fields.strain_zz) - fields.strain_xz**2
-        steepest = float(np.max(strain / np.maximum(across, _LEAST_ACROSS)))
-        margin = 0.02 * float(np.ptp(fields.height)) + 1e-9
+            for part, spectrum in enumerate(spectra):
+                coefficients[first : first + size * size, part] = _coefficients(spectrum * both, size).ravel()
+        margin = 0.02 * (highest - lowest) + 1e-9
         return cls(
-            np.concatenate(parts), np.cumsum([0, *(s * s for s in sizes[:-1])]), np.array(sizes), tile, tile / n,
-            np.array(lost), float(fields.height.min()) - margin, float(fields.height.max()) + margin,
-            min(1.1 * steepest + 1e-6, _STEEPEST), sea.detail(time_s), 0.5 * sea.blur_slope**2,
+            coefficients, start[:-1], np.array(sizes), tile, tile / n, np.array(lost), lowest - margin,
+            highest + margin, min(1.1 * steepest + 1e-6, _STEEPEST), sea.detail(time_s), 0.5 * sea.blur_slope**2,
         )  # fmt: skip
 
     def heights(self, x_m: ArrayLike, z_m: ArrayLike) -> Array:
