@@ -31,9 +31,11 @@ def direction_from_frame(x: ArrayLike, y: ArrayLike, width: int, height: int) ->
     common_shape(x=x, y=y)
     longitude = 2.0 * np.pi * (np.asarray(x, np.float64) / width - 0.5)
     latitude = np.pi * (0.5 - np.asarray(y, np.float64) / height)
-    longitude, latitude = np.broadcast_arrays(longitude, latitude)
     cos_latitude = np.cos(latitude)
-    return np.stack([cos_latitude * np.sin(longitude), np.sin(latitude), -cos_latitude * np.cos(longitude)], axis=-1)
+    out = np.empty((*np.broadcast_shapes(longitude.shape, latitude.shape), 3))
+    out[..., 0], out[..., 1], out[..., 2] = np.sin(longitude), np.sin(latitude), -np.cos(longitude)
+    out[..., ::2] *= cos_latitude[..., None]
+    return out
 
 
 def frame_from_direction(direction: ArrayLike, width: int, height: int) -> tuple[Array, Array]:

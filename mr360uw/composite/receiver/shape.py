@@ -143,19 +143,19 @@ def coarse_grid(shot: Shot, shape: ReceiverShape) -> CoarseGrid:
     width, height = shot.view.width, shot.view.height
     cell = max(width // _COLUMNS, 1), max(width // (4 * _COLUMNS), 1)
     columns, rows = -(-width // cell[0]), -(-height // cell[1])
-    x, y = np.meshgrid((np.arange(columns) + 0.5) * cell[0], np.minimum((np.arange(rows) + 0.5) * cell[1], height))
+    x, y = (np.arange(columns) + 0.5) * cell[0], np.minimum((np.arange(rows) + 0.5) * cell[1], height)[:, None]
     direction = shot.view.directions(x, y)
-    distance, normal = shape.meet_along(shot.view, x, y, direction)
-    seen = np.isfinite(distance)
+    distance, normal = shape.meet_along(shot.view, *np.broadcast_arrays(x, y), direction)
+    # of the cells that show the receiver, those that water does not hide
+    index = np.flatnonzero(np.isfinite(distance))
+    distance, normal, direction = distance.flat[index], normal.reshape(-1, 3)[index], direction.reshape(-1, 3)[index]
     if shot.medium is not None:
-        through = transmittance_lookup(shot.medium, np.where(seen, distance, 0.0), direction[..., 1])
-        seen &= through.max(axis=-1) > NEGLIGIBLE
-    distance, normal, direction = distance[seen], normal[seen], direction[seen]
+        near = transmittance_lookup(shot.medium, distance, direction[:, 1]).max(axis=-1) > NEGLIGIBLE
+        index, distance, normal, direction = index[near], distance[near], normal[near], direction[near]
     cosine = np.maximum(np.abs(np.sum(direction * normal, -1)), 0.02)
     along, across = cell[1] * np.pi / (2 * height), cell[0] * np.pi / width
     reach = distance * np.hypot(along / cosine, across)
-    index = np.flatnonzero(seen)
-    return CoarseGrid(cell, seen.shape, index, shot.view.points(direction, distance), normal, reach)
+    return CoarseGrid(cell, (rows, columns), index, shot.view.points(direction, distance), normal, reach)
 
 
 def touched_cells(shot: Shot, grid: CoarseGrid) -> tuple[NDArray[np.bool_], NDArray[np.bool_], NDArray[np.bool_]]:
