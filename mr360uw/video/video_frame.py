@@ -148,6 +148,26 @@ class VideoFrame:
         codes = self.rgb[row : row + height, column : column + width]
         return self._ungraded(in_rec709(linear_from_codes(codes, self.spec.transfer), self.spec))
 
+    def halved(self, rectangle: Rectangle) -> NDArray[np.float32]:
+        """Return `linear` of a part of even place and size at half its columns and rows, (h/2, w/2, 3), for blurs.
+
+        Planes are averaged as codes, which is off by half the light's curvature over the codes times their variance
+        within a pixel: by 1e-3 of the light where they vary by 3 of 255.
+        """
+        import cv2
+
+        from mr360uw.yuv.coefficients import subsampling
+        from mr360uw.yuv.decoding import linear_from_planes
+
+        column, row, width, height = rectangle
+        size = width // 2, height // 2
+        if self.yuv is None or subsampling(self.yuv) != (1, 1):
+            return np.asarray(cv2.resize(self.linear(rectangle), size, interpolation=cv2.INTER_AREA), np.float32)
+        luma = cv2.resize(self.yuv.y[row : row + height, column : column + width], size, interpolation=cv2.INTER_AREA)
+        half = slice(row // 2, row // 2 + size[1]), slice(column // 2, column // 2 + size[0])
+        reduced = YuvImage(np.asarray(luma), self.yuv.u[half].copy(), self.yuv.v[half].copy(), self.spec)
+        return self._ungraded(linear_from_planes(reduced, wrap=False))
+
     def _ungraded(self, linear: NDArray[np.float32]) -> NDArray[np.float32]:
         return linear if self.grade is None else self.grade.take_off(linear, self.spec)
 

@@ -6,6 +6,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 
@@ -39,6 +40,10 @@ class Still:
     def linear(self, rectangle: Rectangle) -> Floats:
         rows = slice(rectangle.row, rectangle.row + rectangle.height)
         return self.image[rows, rectangle.column : rectangle.column + rectangle.width]
+
+    def halved(self, rectangle: Rectangle) -> Floats:
+        size = rectangle.width // 2, rectangle.height // 2
+        return np.asarray(cv2.resize(self.linear(rectangle), size, interpolation=cv2.INTER_AREA))
 
     def lent(self, rectangle: Rectangle) -> Floats:
         return self.linear(rectangle)

@@ -281,3 +281,19 @@ def test_a_lent_part_is_read_once() -> None:
     assert not lent.flags.writeable
     np.testing.assert_array_equal(lent, frame.linear(part))
     assert frame.image_linear.flags.writeable
+
+
+@pytest.mark.parametrize("columns", [32, 24])
+def test_a_halved_part_is_the_mean_of_its_pixels(columns: int) -> None:
+    """As light to a thousandth, where the codes of four pixels hardly differ; chroma lies where the pixels' does."""
+    height, width = 64, 128
+    x, y = (np.arange(width) + 0.5) / width, ((np.arange(height) + 0.5) / height)[:, None]
+    wave = 0.5 + 0.3 * np.sin(2.0 * np.pi * x) * np.cos(np.pi * y)
+    light = np.stack([wave, 0.7 * wave + 0.1, 0.6 - 0.4 * wave], axis=-1)
+    image = YuvImage(*(np.zeros((height >> k, width >> k), np.uint8) for k in (0, 1, 1)), ColorSpec())
+    planes_from_linear(light.astype(np.float32), image)
+    frame = frame_of(image)
+    part = Rectangle(16, 8, columns, 20)
+    whole = frame.linear(part)
+    mean = 0.25 * (whole[::2, ::2] + whole[1::2, ::2] + whole[::2, 1::2] + whole[1::2, 1::2])
+    np.testing.assert_allclose(frame.halved(part), mean, atol=0.012)  # a code of luma, two of chroma, by rounding

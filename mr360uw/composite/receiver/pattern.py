@@ -13,6 +13,7 @@ that are reduced as the blur is wide, and mixed between two of them where a pixe
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol
 
@@ -39,6 +40,9 @@ class Picture(Protocol):
 
     def linear(self, rectangle: Rectangle) -> Floats:
         """Return a part of it as linear light (h, w, 3)."""
+
+    def halved(self, rectangle: Rectangle) -> Floats:
+        """Return a part of even place and size at half its columns and rows, (h/2, w/2, 3)."""
 
     def lent(self, rectangle: Rectangle) -> Floats:
         """Return the same, read-only, of a part that is read again when the frame is composited."""
@@ -153,7 +157,7 @@ class _Pyramid:
         reach = int(_RADIUS * sigma) + factor
         first, last = int(rows[0]) - reach, int(rows[-1]) + 1 + reach
         if factor == 1:
-            top, cells = max(first, 0), self._linear(max(first, 0), min(last, self._height))
+            top, cells = max(first, 0), self._joined(self._picture.linear, max(first, 0), min(last, self._height))
         else:
             whole, begin = self._by(factor), self._top // factor
             top = max(first // factor, begin)
@@ -166,16 +170,20 @@ class _Pyramid:
         import cv2
 
         if factor not in self._reduced:
-            finer = self._linear(self._top, self._bottom) if factor == 2 else self._by(factor // 2)
+            height, width = self._picture.shape
+            if factor == 2 and height % 2 == width % 2 == 0:
+                self._reduced[factor] = self._joined(self._picture.halved, self._top, self._bottom)
+                return self._reduced[factor]
+            finer = self._by(factor // 2) if factor > 2 else self._joined(self._picture.linear, self._top, self._bottom)
             even = cv2.copyMakeBorder(finer, 0, len(finer) % 2, 0, 0, cv2.BORDER_REPLICATE) if len(finer) % 2 else finer
             size = even.shape[1] // 2, even.shape[0] // 2
             self._reduced[factor] = np.asarray(cv2.resize(even, size, interpolation=cv2.INTER_AREA))
         return self._reduced[factor]
 
-    def _linear(self, top: int, bottom: int) -> NDArray[np.float32]:
-        """Return the picture's rows [top, bottom)."""
+    def _joined(self, read: Callable[[Rectangle], Floats], top: int, bottom: int) -> NDArray[np.float32]:
+        """Return the picture's rows [top, bottom) as `read` returns parts of them, over the seam."""
         spans = _spans(self._left, self._right, self._picture.shape[1])
-        parts = [self._picture.linear(Rectangle(left, top, right - left, bottom - top)) for left, right in spans]
+        parts = [read(Rectangle(left, top, right - left, bottom - top)) for left, right in spans]
         return np.asarray(parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1), np.float32)
 
 
