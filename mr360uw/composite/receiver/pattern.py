@@ -215,7 +215,7 @@ def calm_line(blurs: Any, row: int, column: int, out: Any) -> None:
         weight = mixed if k else np.float32(1.0) - mixed
         if k and weight == np.float32(0.0):
             continue
-        # The two lines of the blurred picture that the line lies between
+        # The line of the blurred picture there, between two of its own
         begin, top, left, rows, columns, factor = table[number + k]
         y = (np.float32(row) + np.float32(0.5)) / np.float32(factor) - np.float32(0.5) - np.float32(top)
         y = max(y, np.float32(0.0))
@@ -223,17 +223,21 @@ def calm_line(blurs: Any, row: int, column: int, out: Any) -> None:
         down = y - np.float32(j)
         across, under = 3 * columns, min(j + 1, rows - 1)  # the last row of the frame has none below it
         upper, lower = value[begin + across * j : begin + across * (j + 1)], value[begin + across * under :]
-        # Along them, bilinearly
         step = np.float32(1.0) / np.float32(factor)
         start = (np.float32(column) + np.float32(0.5)) * step - np.float32(0.5) - np.float32(left)
+        first, after = int(start), int(start + np.float32(out.shape[1] - 1) * step) + 2
+        own = np.empty(3 * (after - first), np.float32)
+        for i in range(own.size):
+            above, below = upper[3 * first + i], lower[3 * first + i]
+            own[i] = weight * (above + down * (below - above))
+        # Along it, between its pixels
         for i in range(out.shape[1]):
             x = start + np.float32(i) * step
             n = int(x)
             right = x - np.float32(n)
+            n = 3 * (n - first)
             for c in range(3):
-                one = upper[3 * n + c] + down * (lower[3 * n + c] - upper[3 * n + c])
-                two = upper[3 * n + 3 + c] + down * (lower[3 * n + 3 + c] - upper[3 * n + 3 + c])
-                between = weight * (one + right * (two - one))
+                between = own[n + c] + right * (own[n + 3 + c] - own[n + c])
                 out[c, i] = between + out[c, i] if k else between
 
 
