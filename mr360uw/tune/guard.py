@@ -81,10 +81,10 @@ class Guard:
             )
         elif any(not _same_place(origin, hosts[0]) for origin in origins):
             await _refuse(scope, receive, send, "requests of other pages are not answered")
-        elif self._shows_token(headers, hosts[0]):
-            await self._app(scope, receive, _with_headers(send))
         elif scope["type"] == "http" and scope["path"] == "/" and self._is_token(_query(scope).get("token", "")):
             await _answer(send, 303, b"", self._welcome(scope, hosts[0]))
+        elif self._shows_token(headers, hosts[0]):
+            await self._app(scope, receive, _with_headers(send))
         else:
             await _refuse(scope, receive, send, "a token is needed: open the address that was printed at the start")
 

@@ -38,6 +38,7 @@ ENVIRONMENT = os.environ | {
 PROGRAM = [sys.executable, "-m", "mr360uw"]
 WAITING = """
 import os, signal, sys
+signal.signal(signal.SIGINT, signal.default_int_handler)  # as in a terminal; a shell's background jobs ignore it
 class Finder:
     def find_spec(self, name, path=None, target=None):
         if name == {name!r}:
