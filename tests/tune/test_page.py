@@ -725,9 +725,9 @@ def test_the_whole_clip_is_rendered_from_the_page(page: Page) -> None:
     tab.page.get_by_role("button", name="Render …").click()
     tab.page.get_by_role("textbox", name="Output").fill("from_page.mp4")
     tab.page.get_by_role("button", name="Render", exact=True).click()
+    link = tab.page.get_by_role("link", name="Open from_page.mp4").get_attribute("href")
     tab.until("() => /^Done/.test(document.querySelector('.run-text').textContent)")
     assert (page.scene.parent / "from_page.mp4").stat().st_size > 1000
-    link = tab.page.get_by_role("link", name="Open from_page.mp4").get_attribute("href")
     assert tab.page.request.get(link, headers={"Range": "bytes=0-99"}).status == 206
     tab.page.get_by_role("form", name="Render").get_by_role("button", name="Close").click()
 
