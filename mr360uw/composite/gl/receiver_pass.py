@@ -104,12 +104,12 @@ class ReceiverPass:
             return None
         shape = kept_shape(shot.receiver, shot.view.position, self._cache)
         ground = self._cache.of(_ground, PartOf(shot, shot.view), shape)
-        # the grid depends on the water's attenuation alone, which does not change when the veil is scaled to the plate
-        through = None if shot.medium is None else Same(shot.medium.attenuation)
-        grid = self._cache.of(_grid, PartOf(shot, shot.view, through), shape)
+        grid = self._cache.of(_grid, PartOf(shot, shot.view), shape)
         sun = sun_of(shot)
         of_light = None if sun is None else sun.direction, widest_half_angle(shot), shot.caustics is None
-        alike = PartOf(shot, shot.receiver, shot.casters, *of_light)
+        # of the water its attenuation alone counts, which does not change when the veil is scaled to the plate
+        through = None if shot.medium is None else Same(shot.medium.attenuation)
+        alike = PartOf(shot, shot.receiver, shot.casters, *of_light, through)
         masks = _reached(alike, ground, grid) if lamps_of(shot) else self._cache.of(_reached, alike, ground, grid)
         return (ground, *masks) if np.any(masks[0]) else None
 

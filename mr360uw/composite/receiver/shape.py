@@ -72,7 +72,6 @@ class ReceiverShape:
 
     def meet(self, shot: Shot, x: Floats, y: Floats) -> tuple[Floats, Floats]:
         """Return (distance (...), infinite where there is no receiver; normal (..., 3) towards the camera)."""
-        x, y = np.broadcast_arrays(x, y)
         return self.meet_along(shot.view, x, y, shot.view.directions(x, y))
 
     def meet_along(self, view: View, x: Floats, y: Floats, direction: Floats) -> tuple[Floats, Floats]:
@@ -122,7 +121,7 @@ class ReceiverShape:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CoarseGrid:
-    """The receiver at the middles of n cells of the frame in which it is visible.
+    """The receiver at the middles of n cells of the frame where it is.
 
     cell: (columns, rows) of pixels; shape: (rows, columns) of cells; index: (n,) of the cells, flat. point, normal:
     (n, 3). reach_m: (n,) half the extent of a cell on the receiver.
@@ -143,13 +142,10 @@ def coarse_grid(shot: Shot, shape: ReceiverShape) -> CoarseGrid:
     width, height = shot.view.width, shot.view.height
     cell = max(width // _COLUMNS, 1), max(width // (4 * _COLUMNS), 1)
     columns, rows = -(-width // cell[0]), -(-height // cell[1])
-    x, y = np.meshgrid((np.arange(columns) + 0.5) * cell[0], np.minimum((np.arange(rows) + 0.5) * cell[1], height))
+    x, y = (np.arange(columns) + 0.5) * cell[0], np.minimum((np.arange(rows) + 0.5) * cell[1], height)[:, None]
     direction = shot.view.directions(x, y)
     distance, normal = shape.meet_along(shot.view, x, y, direction)
     seen = np.isfinite(distance)
-    if shot.medium is not None:
-        through = transmittance_lookup(shot.medium, np.where(seen, distance, 0.0), direction[..., 1])
-        seen &= through.max(axis=-1) > NEGLIGIBLE
     distance, normal, direction = distance[seen], normal[seen], direction[seen]
     cosine = np.maximum(np.abs(np.sum(direction * normal, -1)), 0.02)
     along, across = cell[1] * np.pi / (2 * height), cell[0] * np.pi / width
@@ -159,8 +155,8 @@ def coarse_grid(shot: Shot, shape: ReceiverShape) -> CoarseGrid:
 
 
 def touched_cells(shot: Shot, grid: CoarseGrid) -> tuple[NDArray[np.bool_], NDArray[np.bool_], NDArray[np.bool_]]:
-    """Return masks (n,) of the cells of the receiver that may change: by anything, by the sun's shadow, and by the
-    light of lamps.
+    """Return masks (n,) of the cells of the receiver whose change may be seen through the water: by anything, by the
+    sun's shadow, and by the light of lamps.
     """
     receiver, sun = shot.receiver, sun_of(shot)
     assert receiver is not None
@@ -180,7 +176,15 @@ def touched_cells(shot: Shot, grid: CoarseGrid) -> tuple[NDArray[np.bool_], NDAr
     if receiver.caustics and shot.caustics is not None and sun is not None:
         marks[:] = True
     by_lamps = _lit_cells(shot, grid)
-    return marks | by_lamps, by_shadow, by_lamps
+    marks |= by_lamps
+    if shot.medium is not None:
+        # Look up the water before the far ones alone: the others are seen where it is densest
+        clearest = float(shot.medium.attenuation.min(axis=-1).max())
+        distance = np.linalg.norm(grid.point, axis=-1)
+        far = np.flatnonzero(marks & (distance * clearest >= -np.log(NEGLIGIBLE)))
+        up = grid.point[far, 1] / distance[far]
+        marks[far] = transmittance_lookup(shot.medium, distance[far], up).max(axis=-1) > NEGLIGIBLE
+    return marks, by_shadow & marks, by_lamps & marks
 
 
 def _lit_cells(shot: Shot, grid: CoarseGrid) -> NDArray[np.bool_]:
