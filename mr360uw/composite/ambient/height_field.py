@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.composite.ambient.mesh_transfer import Transfer
+from mr360uw.jit import exact
 from mr360uw.rays import raise_to_triangles
 from mr360uw.types import Floats
 
@@ -50,9 +52,9 @@ class HeightField:
 
 def make_height_field(transfer: Transfer, linear: Floats) -> HeightField:
     """Return the field of a mesh turned and scaled by `linear` (3, 3)."""
-    points = transfer.blocking.scene.triangles @ linear.T
-    frame, outline = _frame(_hull(points.reshape(-1, 3)[:, [0, 2]]))
-    low, high = points[..., 1].min(), points[..., 1].max()
+    points, corners = transfer.blocking.scene.triangles @ linear.T, transfer.corners @ linear.T
+    frame, outline = _frame(_hull(corners[:, [0, 2]]))
+    low, high = corners[:, 1].min(), corners[:, 1].max()
     fine = CELLS * _FINE
     along = (np.arange(fine) + 0.5) / fine * 2.0 - 1.0
     a, b = (g.ravel() for g in np.meshgrid(along * frame[4], along * frame[5], indexing="ij"))
@@ -69,7 +71,7 @@ def make_height_field(transfer: Transfer, linear: Floats) -> HeightField:
     cover, lower, upper = (np.pad(a, 1) for a in (count / np.maximum(within, 1), lower, upper))
     cover = np.where(np.pad(within, 1) == 0, np.nan, cover)
     least = max(_STANDS_OUT * (high - low), _OF_A_CELL * 2.0 * min(frame[4:]) / CELLS)
-    cells = _with_thin_parts(_samples(points, frame), cover, lower, upper, least)
+    cells = _with_thin_parts(_in_cells(corners, frame), transfer.edges, cover, lower, upper, least)
     heights = np.array([cells[..., 1].min(), cells[..., 2].max()])
     return HeightField(frame, outline, cells, heights, _filled(cells, heights), transfer.opacity)
 
@@ -137,48 +139,57 @@ def _heights(points: Floats, frame: Floats, count: int, up: float) -> Floats:
     return top.ravel()
 
 
-def _samples(points: Floats, frame: Floats) -> tuple[Floats, Floats]:
-    """Return places (n, 2) in cells, with the border's, and heights (n,) at least twice a cell along all edges."""
-    edges = np.concatenate([points[:, [0, 1]], points[:, [1, 2]], points[:, [2, 0]]])
-    local = edges[..., [0, 2]] - frame[:2]
+def _in_cells(corners: Floats, frame: Floats) -> Floats:
+    """Return places in cells, with the border's, and heights of corners, (n, 3)."""
+    local = corners[:, [0, 2]] - frame[:2]
     place = np.stack([local @ frame[2:4], local @ [-frame[3], frame[2]]], axis=-1) / frame[4:]
-    place = np.clip((place + 1.0) * 0.5 * CELLS + 0.5, 0.5, CELLS + 0.499)
-    count = np.ceil(2.0 * np.abs(place[:, 1] - place[:, 0]).max(axis=-1)).astype(np.int64) + 1
-    of = np.repeat(np.arange(len(count)), count)
-    t = (np.arange(len(of)) - np.repeat(np.cumsum(count) - count, count)) / np.maximum(count - 1, 1)[of]
-    height = edges[of, 0, 1] + t * (edges[of, 1, 1] - edges[of, 0, 1])
-    return place[of, 0] + t[:, None] * (place[of, 1] - place[of, 0]), height
+    return np.append(np.clip((place + 1.0) * 0.5 * CELLS + 0.5, 0.5, CELLS + 0.499), corners[:, 1:2], axis=1)
 
 
 def _with_thin_parts(
-    samples: tuple[Floats, Floats], cover: Floats, lower: Floats, upper: Floats, least_m: float
+    corners: Floats, edges: NDArray[np.int64], cover: Floats, lower: Floats, upper: Floats, least_m: float
 ) -> Floats:
     """Return cells with what vertical rays miss, upright sheets and parts narrower than their distance: edges that
     stand out of the heights around by `least_m`. cover: as in `HeightField`, not a number beyond the outline.
     """
     from scipy.ndimage import maximum_filter, minimum_filter
 
-    place, height = samples
+    # Find the edges that stand out of the heights of the nine cells around
     known = np.nan_to_num(cover) > 0.0
     top = maximum_filter(np.where(known, upper, -np.inf), 3, mode="constant", cval=-np.inf)
     bottom = minimum_filter(np.where(known, lower, np.inf), 3, mode="constant", cval=np.inf)
-    i, j = np.floor(place + 0.5).astype(np.int64).T
-    out = (height > top[i, j] + least_m) | (height < bottom[i, j] - least_m)
+    low, high = np.full(cover.shape, np.inf), np.full(cover.shape, -np.inf)
+    _raise_to_edges(corners, edges, top + least_m, bottom - least_m, cover, low, high)
     lower, upper = _spread_out(known, lower, upper)
-    if np.any(out):
-        cover[i[out], j[out]] = 1.0
-        low, high = np.full(cover.shape, np.inf), np.full(cover.shape, -np.inf)
-        corner, height = np.floor(place[out]).astype(np.int64), height[out]
-        for step in ((0, 0), (0, 1), (1, 0), (1, 1)):  # all between which heights at an edge are interpolated
-            np.minimum.at(low, tuple((corner + step).T), height)
-            np.maximum.at(high, tuple((corner + step).T), height)
+    # Widen the heights to them; where nothing else is, they are all there is
+    thin = np.isfinite(low)
+    if np.any(thin):
         alone = ~np.isfinite(bottom)
         lower = np.where(alone, low, np.minimum(lower, low))
         upper = np.where(alone, high, np.maximum(upper, high))
-        known |= np.isfinite(low)
-        lower, upper = _spread_out(known, lower, upper)
+        lower, upper = _spread_out(known | thin, lower, upper)
     (cover,) = _spread_out(np.isfinite(cover), cover)
     return np.stack([cover, lower, upper], axis=-1)
+
+
+@exact
+def _raise_to_edges(corners: Any, edges: Any, top: Any, bottom: Any, cover: Any, low: Any, high: Any) -> None:
+    """Set the cover of cells in which edges are above `top` or below `bottom` to 1, and widen the heights to them of
+    all cells between which heights there are interpolated. Edges are followed in steps of half a cell.
+    """
+    for e in range(len(edges)):
+        a, b = corners[edges[e, 0]], corners[edges[e, 1]]
+        steps = max(math.ceil(2.0 * max(abs(b[0] - a[0]), abs(b[1] - a[1]))), 1)
+        for k in range(steps + 1):
+            t = k / steps
+            x, y, height = a[0] + t * (b[0] - a[0]), a[1] + t * (b[1] - a[1]), a[2] + t * (b[2] - a[2])
+            i, j = int(x + 0.5), int(y + 0.5)
+            if bottom[i, j] <= height <= top[i, j]:
+                continue
+            cover[i, j] = 1.0
+            for corner in range(4):
+                m, n = int(x) + corner // 2, int(y) + corner % 2
+                low[m, n], high[m, n] = min(low[m, n], height), max(high[m, n], height)
 
 
 def _filled(cells: Floats, heights: Floats) -> Floats:
