@@ -154,9 +154,10 @@ def _cut(piece: Any, low: Any, high: Any, begins: Any, blocked: Any, before: Any
 
 
 @inlined
-def _above_horizon(normal: Any, azimuth: Any, low: Any, high: Any) -> Any:
-    """Return the part of an interval of elevations above the horizon of a place with a normal (3,)."""
-    level = normal[0] * np.cos(azimuth) + normal[2] * np.sin(azimuth)
+def _above_horizon(normal: Any, level: Any, low: Any, high: Any) -> Any:
+    """Return the part of an interval of elevations above the horizon of a place with a normal (3,); level: what that
+    has along the azimuth.
+    """
     if normal[1] > 1e-9:
         low = max(low, np.arctan(-level / normal[1]))
     elif normal[1] < -1e-9:
@@ -194,11 +195,11 @@ def _add(normal: Any, begins: Any, blocked: Any, m: Any, before: Any, piece: Any
     for number in range(2 * int(begins[m, 2])):
         q, part = number // 2, 2 * (number & 1)
         low, high, filled = blocked[m, q, part], blocked[m, q, part + 1], blocked[m, q, 4]
-        azimuth = first + (q + 0.5) * step
-        low, high = _above_horizon(normal, azimuth, low, high)
         if filled <= 0.0 or high <= low:
             continue
+        azimuth = first + (q + 0.5) * step
         level = normal[0] * np.cos(azimuth) + normal[2] * np.sin(azimuth)
+        low, high = _above_horizon(normal, level, low, high)
         for p in range(_cut(piece, low, high, begins, blocked, before, azimuth)):
             a, b = piece[p, 0], piece[p, 1]
             if b > a:

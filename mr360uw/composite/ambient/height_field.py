@@ -79,7 +79,7 @@ def make_height_field(transfer: Transfer, linear: Floats) -> HeightField:
 def _hull(plan: Floats) -> Floats:
     """Return corners (E, 2) of the convex hull of points (n, 2): the outermost in `_SUPPORTS` directions, in turn."""
     angle = (np.arange(_SUPPORTS) + 0.5) / _SUPPORTS * 2.0 * np.pi
-    most = np.array([np.argmax(plan @ d) for d in np.stack([np.cos(angle), np.sin(angle)], axis=-1)])
+    most = np.argmax(np.stack([np.cos(angle), np.sin(angle)], axis=-1) @ plan.T, axis=1)
     corners = plan[most]
     size = np.ptp(corners, axis=0).max()
     for _ in range(2):  # without corners that coincide, then without those amid an edge
