@@ -107,8 +107,7 @@ def free_images(
     missed = np.zeros(len(j))
     missed[uneven] = np.abs(at_middle - ground.middle_between(corner[..., FREE], *asked)).max(axis=-1)
     crossed = _crossed(shot, ground, light, cache)
-    uneven &= (missed > SMOOTH) | (near & (change > SMOOTH))
-    uneven |= crossed[j, i] & ~broken
+    uneven = ((missed > SMOOTH) | crossed[j, i]) & ~broken
     parts: Gathered = []
     if np.any(uneven):
         of = j[uneven], i[uneven]
