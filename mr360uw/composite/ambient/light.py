@@ -29,6 +29,10 @@ _MOST_MOVED, _MOST_TURNED = 0.125, 0.125
 interpolated. Of bodies that pass through each other so fast, four of a million values of 8 bits are then off by more
 than one code, by 3 at most; twice as fast a hundred of them, by 15 at most."""
 
+_PART_OF_HEIGHT = 0.25
+"""Most that a body may move to the first one between two samples in time, over its height above level ground, for what
+it blocks there to be interpolated."""
+
 
 def ambient_layout(shot: Shot, cache: Cache) -> Layout:
     """Return where the bodies of a shot are over its ground."""
@@ -154,16 +158,63 @@ def free_between(shot: Shot, light: AmbientLight | None, point: Floats, normal: 
     Where the light jumps between samples, at the outline of a body that stands on the ground, it is that of each place.
     cache: keeps the samples and what bodies block there.
     """
-    around = _quadtree(shot, light, cache)
-    if light is None or around is None:
+    if light is None or not _level(shot, light):
         return free_of_bodies(shot, light, point, normal, cache)
-    tree, origin = around
-    values = cache.of(_at_samples, light, tree, origin)
-    place = point.reshape(-1, 3)
-    free, jump = tree.between(values, place + (shot.view.position - origin), 1.0)
+    place, origin = point.reshape(-1, 3), _origin(shot, light)
+    free, jump = np.zeros(place.shape), np.zeros(len(place), np.bool_)
+    for solved, share in _samples(shot, light):
+        tree = _quadtree(shot, light, solved, cache)
+        values = cache.of(_at_samples, solved, tree, _origin(shot, solved), keep=2)
+        found, jumps = tree.between(values, place + (shot.view.position - origin), 1.0)
+        free, jump = free + share * found, jump | jumps
     if np.any(jump):
         free[jump] = free_of_bodies(shot, light, place[jump], normal.reshape(-1, 3)[jump], cache)
     return np.asarray(np.maximum(free, 0.0)).reshape(point.shape)  # parabolas between steep samples dip below
+
+
+def jumps_of_light(shot: Shot, light: AmbientLight | None, cache: Cache) -> Floats:
+    """Return places (n, 3) of level ground, from the camera, a pixel apart at most, all along the lines at which the
+    ambient light that bodies leave jumps.
+    """
+    if light is None or not _level(shot, light):
+        return np.zeros((0, 3))
+    jumps = [_quadtree(shot, light, solved, cache).jumps() for solved, _ in _samples(shot, light)]
+    return np.concatenate(jumps) + (_origin(shot, light) - shot.view.position)
+
+
+def _level(shot: Shot, light: AmbientLight) -> bool:
+    """Return whether the ground is level, and sees a body."""
+    receiver = shot.receiver
+    level = receiver is not None and receiver.occlusion and receiver.plane_y is not None
+    return level and len(light.layout.ground_bodies) > 0
+
+
+def _origin(shot: Shot, light: AmbientLight) -> Floats:
+    """Return the place (3,) in the world of level ground below the first body that it sees."""
+    assert shot.receiver is not None
+    assert shot.receiver.plane_y is not None
+    return light.layout.below(shot.receiver.plane_y)
+
+
+def _samples(shot: Shot, light: AmbientLight) -> tuple[tuple[AmbientLight, float], ...]:
+    """Return the solutions between which light on level ground is interpolated as seen from `_origin`, with their
+    weights: the light itself where bodies stand, or move by much of their height above the ground, to each other.
+
+    What bodies block varies along the ground as slowly as they are high above it. A straight line between two places a
+    quarter of that apart then misses 1/8 (1/4)^2 of it, less than a hundredth.
+    """
+    if not light.samples:
+        return ((light, 1.0),)
+    before, after = ([one.layout.bodies[k] for k in light.layout.ground_bodies] for one, _ in light.samples)
+    first, last = (_origin(shot, one) for one, _ in light.samples)
+    for a, b in zip(before, after, strict=True):
+        assert a.field is not None
+        moved = np.linalg.norm((b.origin - last) - (a.origin - first)) + a.radius * np.linalg.norm(
+            b.rotation - a.rotation, 2
+        )
+        if moved > _PART_OF_HEIGHT * (a.field.heights[0] + a.origin[1] - first[1]):
+            return ((light, 1.0),)
+    return tuple((one, share) for one, share in light.samples if share > 0.0)
 
 
 def _at_samples(light: AmbientLight, tree: Quadtree, origin: Floats) -> Floats:
@@ -171,27 +222,14 @@ def _at_samples(light: AmbientLight, tree: Quadtree, origin: Floats) -> Floats:
     return tree.joined(light.free(tree.blocked, tree.place + origin))
 
 
-def jumps_of_light(shot: Shot, light: AmbientLight | None, cache: Cache) -> Floats:
-    """Return places (n, 3) of level ground, from the camera, a pixel apart at most, all along the lines at which the
-    ambient light that bodies leave jumps.
+def _quadtree(shot: Shot, light: AmbientLight, solved: AmbientLight, cache: Cache) -> Quadtree:
+    """Return the quadtree of a shot's level ground for the bodies of one of its `_samples`, from `_origin` of these.
+    Kept while bodies stand still to each other.
     """
-    around = _quadtree(shot, light, cache)
-    if around is None:
-        return np.zeros((0, 3))
-    tree, origin = around
-    return tree.jumps() + (origin - shot.view.position)
-
-
-def _quadtree(shot: Shot, light: AmbientLight | None, cache: Cache) -> tuple[Quadtree, Floats] | None:
-    """Return the quadtree of a shot's level ground, and the place (3,) of its origin in the world; None where bodies
-    block nothing, or the ground is not level. Kept while bodies stand still to each other.
-    """
-    receiver = shot.receiver
-    if light is None or receiver is None or not receiver.occlusion or receiver.plane_y is None:
-        return None
-    origin, width, extent_m = light.layout.below(receiver.plane_y), shot.view.width, receiver.extent_m
-    occluders, camera = light.layout.occluders_from(origin), camera_place(shot.view.position - origin)
-    return cache.of(make_quadtree, occluders, camera, 2.0 * np.pi / width, extent_m), origin
+    assert shot.receiver is not None
+    occluders = solved.layout.occluders_from(_origin(shot, solved))
+    camera, pixel_rad = camera_place(shot.view.position - _origin(shot, light)), 2.0 * np.pi / shot.view.width
+    return cache.of(make_quadtree, occluders, camera, pixel_rad, shot.receiver.extent_m, keep=2)
 
 
 def ambient_at(shot: Shot, light: AmbientLight | None, hits: Hits) -> Floats:

@@ -52,7 +52,8 @@ class AmbientLight:
 
     values: for each object those of its points (lattice_kernel.py), float32, or None where nothing is in its way.
     table: of the environment (sky_table.py), empty without a receiver. sent: for each body that the ground sees the
-    mean radiance (NODES, NODES, 3) of what it hides, at the nodes below it. ambient: (H, W, 3).
+    mean radiance (NODES, NODES, 3) of what it hides, at the nodes below it. ambient: (H, W, 3). samples: the solutions
+    that it is interpolated between, with their weights; none where it is solved itself.
     """
 
     layout: Layout
@@ -60,6 +61,7 @@ class AmbientLight:
     table: Floats
     sent: tuple[Floats, ...]
     ambient: Floats
+    samples: tuple[tuple[AmbientLight, float], ...] = ()
 
     def free(self, blocked: BlockedLight, points: Floats) -> Floats:
         """Return the fraction (n, 3) of the ambient light that is left on the ground at places (n, 3) of the world,
@@ -86,7 +88,7 @@ def interpolated(layout: Layout, before: AmbientLight, after: AmbientLight, shar
     )
     sent = tuple(mixed(a, b) for a, b in zip(before.sent, after.sent, strict=True))
     table, ambient = mixed(before.table, after.table), mixed(before.ambient, after.ambient)
-    return AmbientLight(layout, values, table, sent, ambient)
+    return AmbientLight(layout, values, table, sent, ambient, ((before, 1.0 - share), (after, share)))
 
 
 def _alike(*values: NDArray[np.float32] | None) -> list[NDArray[np.float32]]:
