@@ -14,8 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from mr360uw.cache import Cache
 from mr360uw.composite.ambient.directions import COUNT, SOLID_ANGLE, directions
-from mr360uw.composite.ambient.height_field import HeightField
+from mr360uw.composite.ambient.height_field import HeightField, make_height_field
 from mr360uw.composite.ambient.mesh_transfer import OwnView, Transfer
 from mr360uw.composite.shot import PlacedObject
 from mr360uw.types import Floats
@@ -38,19 +39,27 @@ _FEW = 0.002
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Body:
-    """A placed mesh. own: what it does to its own light. rotation: (3, 3) its axes to the world's, rounded. field: what
-    the ground sees of it; None if nothing. height_m: of its middle above the ground, in the mesh's metres and rounded;
-    None without ground. center (3,), radius: of a ball around it at rest, in the world [m].
+    """A placed mesh. own: what it does to its own light. rotation: (3, 3) its axes to the world's, rounded. shades:
+    whether it blocks light of the ground. height_m: of its middle above the ground, in the mesh's metres and rounded;
+    None without ground. center (3,), radius: of a ball around it at rest, in the world [m]. cache: keeps its field, as
+    many as `keep`.
     """
 
     placed: PlacedObject
     transfer: Transfer
     own: OwnView
     rotation: Floats
-    field: HeightField | None
+    shades: bool
     height_m: float | None
     center: Floats
     radius: float
+    cache: Cache
+    keep: int
+
+    @property
+    def field(self) -> HeightField:
+        """What the ground sees of the body; found when it is asked for."""
+        return self.cache.of(make_height_field, self.transfer, self.placed.world_from_object[:3, :3], keep=self.keep)
 
     @property
     def origin(self) -> Floats:
@@ -66,7 +75,7 @@ class Body:
     def on_ground(self) -> bool:
         """Whether body and ground see each other: the ground is so near that its shade matters to the body."""
         radius = self.transfer.mesh.radius_m
-        if self.field is None or self.height_m is None:
+        if not self.shades or self.height_m is None:
             return False
         return -radius < self.height_m < (1.0 + _NEAR_GROUND) * radius
 

@@ -19,7 +19,6 @@ from mr360uw.composite.ambient.blocked_light import BlockedLight, Occluders
 from mr360uw.composite.ambient.body import COARSE_NODES, NODES, Body, rounded
 from mr360uw.composite.ambient.far_bodies import FarBodies, far_bodies, near_shares
 from mr360uw.composite.ambient.form_factors import BodyView, body_views
-from mr360uw.composite.ambient.height_field import make_height_field
 from mr360uw.composite.ambient.mesh_transfer import shape_of, shape_transfer
 from mr360uw.composite.shot import PlacedObject
 from mr360uw.jit import fast
@@ -64,24 +63,28 @@ _KEPT = 64
 class Layout:
     """Bodies of a shot where they are, and what the ground sees of them.
 
-    nodes: places (n, 3) of each body's nodes in the world, none where it does not see the ground. occluders: bodies
-    that the ground sees.
+    nodes: places (n, 3) of each body's nodes in the world, none where it does not see the ground.
     """
 
     bodies: tuple[Body, ...]
     nodes: tuple[Floats, ...]
-    occluders: Occluders
 
     @property
     def ground_bodies(self) -> tuple[int, ...]:
         """Numbers of the bodies that the ground sees."""
-        return tuple(k for k, body in enumerate(self.bodies) if body.field is not None)
+        return tuple(k for k, body in enumerate(self.bodies) if body.shades)
+
+    @property
+    def occluders(self) -> Occluders:
+        """Bodies that the ground sees."""
+        bodies = [self.bodies[k] for k in self.ground_bodies]
+        return Occluders(tuple(body.field for body in bodies), np.array([b.origin for b in bodies]).reshape(-1, 3))
 
     def occluders_from(self, point: Floats) -> Occluders:
         """Return the bodies that the ground sees with their places from a point (3,): the same where all move along."""
         bodies = [self.bodies[k] for k in self.ground_bodies]
         origin = [rounded(body.origin - point, body.radius) for body in bodies]
-        return Occluders(self.occluders.fields, np.array(origin).reshape(-1, 3))
+        return Occluders(tuple(body.field for body in bodies), np.array(origin).reshape(-1, 3))
 
     def below(self, ground_y: float) -> Floats:
         """Return the point (3,) of level ground below the first body that it sees."""
@@ -183,10 +186,7 @@ def make_layout(
     """Return the layout of objects. ground_y: height of the ground below each, or None. cache: keeps what is found."""
     keep = max(_KEPT, 2 * len(objects))
     bodies = tuple(_body(placed, y, seen_by_ground, cache, keep) for placed, y in zip(objects, ground_y, strict=True))
-    seen = [body for body in bodies if body.field is not None]
-    fields = tuple(body.field for body in seen if body.field is not None)
-    occluders = Occluders(fields, np.array([body.origin for body in seen]).reshape(-1, 3))
-    return Layout(bodies, tuple(_nodes(body, NODES) + body.origin for body in bodies), occluders)
+    return Layout(bodies, tuple(_nodes(body, NODES) + body.origin for body in bodies))
 
 
 def make_exchange(layout: Layout, cache: Cache) -> Exchange:
@@ -216,10 +216,9 @@ def _body(placed: PlacedObject, ground_y: float | None, seen_by_ground: bool, ca
     bare = cache.of(shape_transfer, shape_of(mesh), keep=keep)
     transfer = cache.of(bare.painted, mesh, keep=keep)
     own = cache.of(bare.own_view, shadow, keep=keep)
-    field, height_m = None, None
-    if seen_by_ground and shadow and transfer.opacity > 0.0:
-        field = cache.of(make_height_field, bare, linear, keep=keep)
-    rotation, center = rounded(linear / placed.scale), placed.to_world(mesh.center_m)
+    rotation, center, height_m = rounded(linear / placed.scale), placed.to_world(mesh.center_m), None
     if ground_y is not None:
         height_m = float(rounded((center[1] - ground_y) / placed.scale, mesh.radius_m))
-    return Body(placed, transfer, own, rotation, field, height_m, center, mesh.radius_m * placed.scale)
+    shades = seen_by_ground and shadow and transfer.opacity > 0.0
+    radius = mesh.radius_m * placed.scale
+    return Body(placed, transfer, own, rotation, shades, height_m, center, radius, cache, keep)

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -152,84 +152,85 @@ def free_of_bodies(shot: Shot, light: AmbientLight | None, point: Floats, normal
     return free.reshape(point.shape)
 
 
-def free_between(shot: Shot, light: AmbientLight | None, point: Floats, normal: Floats, cache: Cache) -> Floats:
-    """Return what `free_of_bodies` does; on level ground interpolated between samples, within `quadtree.TOLERANCE`.
+@dataclass(frozen=True, slots=True, eq=False)
+class GroundField:
+    """Ambient light that the bodies of a shot leave on its receiver.
 
-    Where the light jumps between samples, at the outline of a body that stands on the ground, it is that of each place.
-    cache: keeps the samples and what bodies block there.
+    origin: (3,) in the world of level ground below the first body. patches: quadtrees of that ground, from there, each
+    with the values of its samples and its weight; none where the receiver is not level or bodies block nothing, where
+    light is that of each place. cache: keeps what bodies block there.
     """
-    if light is None or not _level(shot, light):
-        return free_of_bodies(shot, light, point, normal, cache)
-    place, origin = point.reshape(-1, 3), _origin(shot, light)
-    free, jump = np.zeros(place.shape), np.zeros(len(place), np.bool_)
-    for solved, share in _samples(shot, light):
-        tree = _quadtree(shot, light, solved, cache)
-        values = cache.of(_at_samples, solved, tree, _origin(shot, solved), keep=2)
-        found, jumps = tree.between(values, place + (shot.view.position - origin), 1.0)
-        free, jump = free + share * found, jump | jumps
-    if np.any(jump):
-        free[jump] = free_of_bodies(shot, light, place[jump], normal.reshape(-1, 3)[jump], cache)
-    return np.asarray(np.maximum(free, 0.0)).reshape(point.shape)  # parabolas between steep samples dip below
+
+    shot: Shot
+    light: AmbientLight | None
+    cache: Cache
+    origin: Floats
+    patches: tuple[tuple[Quadtree, Floats, float], ...]
+
+    def at(self, point: Floats, normal: Floats) -> Floats:
+        """Return what `free_of_bodies` does; of patches within `quadtree.TOLERANCE`.
+
+        Where the light jumps between samples, at the outline of a body that stands on the ground, it is that of each
+        place.
+        """
+        if not self.patches:
+            return free_of_bodies(self.shot, self.light, point, normal, self.cache)
+        place = point.reshape(-1, 3)
+        free, jump = np.zeros(place.shape), np.zeros(len(place), np.bool_)
+        for tree, values, share in self.patches:
+            found, jumps = tree.between(values, place + (self.shot.view.position - self.origin), 1.0)
+            free, jump = free + share * found, jump | jumps
+        if np.any(jump):
+            each = place[jump], normal.reshape(-1, 3)[jump]
+            free[jump] = free_of_bodies(self.shot, self.light, *each, self.cache)
+        return np.asarray(np.maximum(free, 0.0)).reshape(point.shape)  # parabolas between steep samples dip below
+
+    def jumps(self) -> Floats:
+        """Return places (n, 3) of level ground, from the camera, a few pixels apart at most, all along the lines at
+        which the light jumps.
+        """
+        places = [tree.jumps() for tree, _, _ in self.patches]
+        return np.concatenate([np.zeros((0, 3)), *places]) + (self.origin - self.shot.view.position)
 
 
-def jumps_of_light(shot: Shot, light: AmbientLight | None, cache: Cache) -> Floats:
-    """Return places (n, 3) of level ground, from the camera, a pixel apart at most, all along the lines at which the
-    ambient light that bodies leave jumps.
-    """
-    if light is None or not _level(shot, light):
-        return np.zeros((0, 3))
-    jumps = [_quadtree(shot, light, solved, cache).jumps() for solved, _ in _samples(shot, light)]
-    return np.concatenate(jumps) + (_origin(shot, light) - shot.view.position)
-
-
-def _level(shot: Shot, light: AmbientLight) -> bool:
-    """Return whether the ground is level, and sees a body."""
+def ground_field(shot: Shot, light: AmbientLight | None, cache: Cache) -> GroundField:
+    """Return the ambient light on a shot's receiver. cache: keeps quadtrees while bodies stand still to each other."""
     receiver = shot.receiver
-    level = receiver is not None and receiver.occlusion and receiver.plane_y is not None
-    return level and len(light.layout.ground_bodies) > 0
+    if light is None or receiver is None or receiver.plane_y is None or not light.layout.ground_bodies:
+        return GroundField(shot, light, cache, np.zeros(3), ())
+    origin, patches = light.layout.below(receiver.plane_y), []
+    camera, pixel_rad = camera_place(shot.view.position - origin), 2.0 * np.pi / shot.view.width
+    for solved, share in _samples(light, receiver.plane_y):
+        below = solved.layout.below(receiver.plane_y)
+        occluders = solved.layout.occluders_from(below)
+        tree = cache.of(make_quadtree, occluders, camera, pixel_rad, receiver.extent_m, keep=2)
+        patches.append((tree, cache.of(_at_samples, solved, tree, below, keep=2), share))
+    return GroundField(shot, light, cache, origin, tuple(patches))
 
 
-def _origin(shot: Shot, light: AmbientLight) -> Floats:
-    """Return the place (3,) in the world of level ground below the first body that it sees."""
-    assert shot.receiver is not None
-    assert shot.receiver.plane_y is not None
-    return light.layout.below(shot.receiver.plane_y)
-
-
-def _samples(shot: Shot, light: AmbientLight) -> tuple[tuple[AmbientLight, float], ...]:
-    """Return the solutions between which light on level ground is interpolated as seen from `_origin`, with their
-    weights: the light itself where bodies stand, or move by much of their height above the ground, to each other.
+def _samples(light: AmbientLight, ground_y: float) -> list[tuple[AmbientLight, float]]:
+    """Return the solutions between which light on level ground is interpolated, as seen from below the first body, with
+    their weights: the light itself where it is solved, or bodies move by much of their height above the ground.
 
     What bodies block varies along the ground as slowly as they are high above it. A straight line between two places a
     quarter of that apart then misses 1/8 (1/4)^2 of it, less than a hundredth.
     """
     if not light.samples:
-        return ((light, 1.0),)
-    before, after = ([one.layout.bodies[k] for k in light.layout.ground_bodies] for one, _ in light.samples)
-    first, last = (_origin(shot, one) for one, _ in light.samples)
-    for a, b in zip(before, after, strict=True):
-        assert a.field is not None
-        moved = np.linalg.norm((b.origin - last) - (a.origin - first)) + a.radius * np.linalg.norm(
-            b.rotation - a.rotation, 2
-        )
-        if moved > _PART_OF_HEIGHT * (a.field.heights[0] + a.origin[1] - first[1]):
-            return ((light, 1.0),)
-    return tuple((one, share) for one, share in light.samples if share > 0.0)
+        return [(light, 1.0)]
+    (before, _), (after, _) = light.samples
+    first, last = before.layout.below(ground_y), after.layout.below(ground_y)
+    for k in before.layout.ground_bodies:
+        a, b = before.layout.bodies[k], after.layout.bodies[k]
+        turned_m = a.radius * np.linalg.norm(b.rotation - a.rotation, 2)
+        moved_m = np.linalg.norm((b.origin - last) - (a.origin - first)) + turned_m
+        if moved_m > _PART_OF_HEIGHT * (a.field.heights[0] + a.origin[1] - ground_y):
+            return [(light, 1.0)]
+    return [(solved, share) for solved, share in light.samples if share > 0.0]
 
 
 def _at_samples(light: AmbientLight, tree: Quadtree, origin: Floats) -> Floats:
     """Return the light at the samples of a quadtree whose origin (3,) is given."""
     return tree.joined(light.free(tree.blocked, tree.place + origin))
-
-
-def _quadtree(shot: Shot, light: AmbientLight, solved: AmbientLight, cache: Cache) -> Quadtree:
-    """Return the quadtree of a shot's level ground for the bodies of one of its `_samples`, from `_origin` of these.
-    Kept while bodies stand still to each other.
-    """
-    assert shot.receiver is not None
-    occluders = solved.layout.occluders_from(_origin(shot, solved))
-    camera, pixel_rad = camera_place(shot.view.position - _origin(shot, light)), 2.0 * np.pi / shot.view.width
-    return cache.of(make_quadtree, occluders, camera, pixel_rad, shot.receiver.extent_m, keep=2)
 
 
 def ambient_at(shot: Shot, light: AmbientLight | None, hits: Hits) -> Floats:

@@ -2,10 +2,11 @@
 """Level ground around bodies in nested squares, fine where the light that they block changes fast.
 
 A square's samples, 3 x 3, are predicted from those of the square that it is a quarter of. The error of a biquadratic
-falls with the third power of its size, so a square is off by an eighth of what its prediction misses. Where a square meets a larger one, its samples on their common side that the larger one lacks take
-the larger one's value, so values are continuous. Squares at the end of refinement, across a jump, are bilinear. What is
-sampled and how fine does not depend on the light: it is kept while bodies stand still, and while they move together
-along the ground by less than the camera's place is rounded to.
+falls with the third power of its size, so a square is off by an eighth of what its prediction misses. Where a square
+meets a larger one, its samples on their common side that the larger one lacks take the larger one's value, so values
+are continuous. Squares at the end of refinement, across a jump, are bilinear. What is sampled and how fine does not
+depend on the light: it is kept while bodies stand still, and while they move together along the ground by less than the
+camera's place is rounded to.
 """
 
 from __future__ import annotations
@@ -28,8 +29,8 @@ NOTHING, SMOOTH_PATCH, JUMP_PATCH = 0, 1, 2
 TOLERANCE = 0.004
 """Fraction of the light, a code value, above which what a body may block asks for squares no larger than it."""
 _MISSED = 0.024
-"""Most that a prediction may miss: squares within it are off by an eighth of that, were light to change evenly, and by a
-code value as it does. With 0.016 there are twice as many; what is off by most, at thin parts of bodies, stays as it is.
+"""Most that a prediction may miss: squares within it are off by an eighth of that where light changes evenly, and by a
+code value as it does. With 0.016 there are twice as many; the largest error, at thin parts of bodies, stays as it is.
 """
 _ROOTS = 4
 """Squares along the longer side of the ground around all bodies, before they are quartered."""
@@ -41,7 +42,7 @@ _DEEPEST = 16
 """Most times that a square is quartered."""
 _STEP, _APART = 0.1, 4.0
 """Steps of the blocked fraction below the first are not followed to samples nearer than so many pixels: scans make such
-steps where rays begin to meet a thin part of a body, a fifth of those at the outline of a body that stands on the ground.
+steps where rays begin to meet a thin part of a body. At the outline of one that stands on the ground they are .5.
 """
 _FINEST = 1.0
 """Least distance of samples, in pixels across the frame: light that jumps between such is that of each place."""
@@ -116,15 +117,16 @@ def make_quadtree(bodies: Occluders, camera: Floats, pixel_rad: float, extent_m:
     low = (first + _ASIDE) * root_m
     square = np.stack(np.meshgrid(*map(np.arange, roots), indexing="ij"), axis=-1).reshape(-1, 2)
     samples = _Samples(bodies, 1.0 if camera[1] >= 0.0 else -1.0, low, root_m)
-    predicted, levels, count = np.full((len(square), 9, len(glow_table().T)), np.inf), [], len(square)
+    predicted, count = np.full((len(square), 9, len(glow_table().T)), np.inf), len(square)
+    levels: list[tuple[NDArray[Any], ...]] = []
     for depth in range(_DEEPEST + 1):
         # Sample those that the camera may see and of whose light bodies block some
         size = root_m / 2**depth
         bound, coarsest, seen_m = np.zeros((3, len(square)))
         survey(low + square * size, size, plans, camera, TOLERANCE, bound, coarsest, seen_m)
         there = np.flatnonzero((bound > UNNOTICED) & (seen_m <= extent_m + np.abs(camera[1])))
-        sample, kind = np.full((len(square), 9), -1, np.int32), np.full(len(square), NOTHING, np.int8)
-        sample[there], value = samples.at(square[there], depth)
+        numbers, kind = np.full((len(square), 9), -1, np.int32), np.full(len(square), NOTHING, np.int8)
+        numbers[there], value = samples.at(square[there], depth)
         missed = np.abs(value - predicted[there]).max(axis=(1, 2), initial=0.0)
         spacing_px = 0.25 * size / (pixel_rad * seen_m[there])  # of its quarters
         jump = missed > np.where(spacing_px < _APART, _STEP, _MISSED)
@@ -133,7 +135,7 @@ def make_quadtree(bodies: Occluders, camera: Floats, pixel_rad: float, extent_m:
         split = (jump | (size > coarsest[there])) & (spacing_px >= _FINEST) & (depth < _DEEPEST)
         child = np.full(len(square), -1, np.int32)
         child[there[split]] = count + 4 * np.arange(np.count_nonzero(split))
-        levels.append((sample, kind, child))
+        levels.append((numbers, kind, child))
         square = (2 * square[there[split], None] + [[0, 0], [0, 1], [1, 0], [1, 1]]).reshape(-1, 2)
         predicted = (_QUARTERS @ value[split]).reshape(len(square), *value.shape[1:])
         count += len(square)

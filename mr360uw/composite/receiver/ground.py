@@ -143,14 +143,14 @@ class Ground:
         receiver, corners = shot.receiver, self.corners_of(new)
         level = receiver is not None and receiver.plane_y is not None
         # Of a plane, all places in the rectangle around the blocks cost less than it takes to pick them
-        places = [_around(mask) if level else np.nonzero(mask) for mask in (corners & ~self._loaded_corner, new)]
-        (j, i), (middle_j, middle_i) = (np.ogrid[at] if level else at for at in places)
-        below = np.minimum(BLOCK * (middle_j + 1), self._height)
-        self.corner_point[places[0]], self.corner_normal[places[0]] = self.meet(
+        corner, j, i = _places(corners if level else corners & ~self._loaded_corner, around=level)
+        self.corner_point[corner], self.corner_normal[corner] = self.meet(
             shot, BLOCK * i, np.minimum(BLOCK * j, self._height)
         )
-        self.middle_point[places[1]], self.middle_normal[places[1]] = self.meet(
-            shot, BLOCK * (middle_i + 0.5), 0.5 * (BLOCK * middle_j + below)
+        middle, j, i = _places(new, around=level)
+        below = np.minimum(BLOCK * (j + 1), self._height)
+        self.middle_point[middle], self.middle_normal[middle] = self.meet(
+            shot, BLOCK * (i + 0.5), 0.5 * (BLOCK * j + below)
         )
         # Find which of them their corners represent, and how far they reach
         j, i = np.nonzero(new)
@@ -231,7 +231,13 @@ class Ground:
         return np.asarray(self.four(corner, j, i).mean(axis=1))
 
 
-def _around(mask: NDArray[np.bool_]) -> tuple[slice, ...]:
-    """Return the smallest rectangle around the set places of a mask (h, w), as an index; one place may be set."""
-    ends = [np.flatnonzero(mask.any(axis=axis))[[0, -1]].tolist() for axis in (1, 0)]
-    return tuple(slice(first, last + 1) for first, last in ends)
+def _places(mask: NDArray[np.bool_], *, around: bool) -> tuple[Any, Indices, Indices]:
+    """Return an index of the set places of a mask (h, w), and their rows and columns; around: of all places in the
+    smallest rectangle about them. At least one is set.
+    """
+    if not around:
+        j, i = np.nonzero(mask)
+        return (j, i), j, i
+    (top, bottom), (left, right) = (np.flatnonzero(mask.any(axis=axis))[[0, -1]] for axis in (1, 0))
+    rows, columns = np.arange(top, bottom + 1), np.arange(left, right + 1)
+    return (slice(top, bottom + 1), slice(left, right + 1)), rows[:, None], columns
