@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from mr360uw.cache import Cache
-from mr360uw.composite.ambient.horizon_scan import most_blocked
+from mr360uw.composite.ambient.height_field import most_blocked
 from mr360uw.composite.ambient.light import ambient_light, free_of_bodies, ground_field
 from mr360uw.composite.ambient.quadtree import SMOOTH_PATCH, camera_place, make_quadtree
 from mr360uw.composite.shot import Receiver, Shot

@@ -9,10 +9,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mr360uw.cache import Cache, PartOf
-from mr360uw.composite.ambient.body_layout import Layout, make_exchange, make_layout
-from mr360uw.composite.ambient.lattice_kernel import UNTOUCHED, whole_values
+from mr360uw.composite.ambient.bodies import Layout, make_layout
+from mr360uw.composite.ambient.form_factors import make_exchange
 from mr360uw.composite.ambient.quadtree import Quadtree, camera_place, make_quadtree
-from mr360uw.composite.ambient.sample_points import points_at
+from mr360uw.composite.ambient.sample_points import UNTOUCHED, points_at, whole_values
 from mr360uw.composite.ambient.solver import AmbientLight, Solver, interpolated
 from mr360uw.composite.raycast.geometry import Hits
 from mr360uw.composite.receiver.shape import ReceiverShape, kept_shape

@@ -17,9 +17,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.composite.ambient.blocked_light import UNNOTICED, BlockedLight, Occluders, joined, shown
-from mr360uw.composite.ambient.horizon_scan import most_blocked
-from mr360uw.composite.ambient.sky_table import glow_table
+from mr360uw.composite.ambient.blocked_light import UNNOTICED, BlockedLight, Occluders, glow_table, joined, shown
+from mr360uw.composite.ambient.height_field import most_blocked
 from mr360uw.jit import fast, inlined
 from mr360uw.types import Floats
 
@@ -115,7 +114,7 @@ def make_quadtree(bodies: Occluders, camera: Floats, pixel_rad: float, extent_m:
     first = np.floor(low / root_m - _ASIDE)
     roots = (np.floor(high / root_m - _ASIDE) + 1.0 - first).astype(np.int64)
     low = (first + _ASIDE) * root_m
-    square = np.stack(np.meshgrid(*map(np.arange, roots), indexing="ij"), axis=-1).reshape(-1, 2)
+    square: NDArray[Any] = np.stack(np.meshgrid(*map(np.arange, roots), indexing="ij"), axis=-1).reshape(-1, 2)
     samples = _Samples(bodies, 1.0 if camera[1] >= 0.0 else -1.0, low, root_m)
     predicted, count = np.full((len(square), 9, len(glow_table().T)), np.inf), len(square)
     levels: list[tuple[NDArray[Any], ...]] = []
