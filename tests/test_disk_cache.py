@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from scipy.sparse import csr_matrix
 
-from mr360uw.composite.ambient.transfer import make_transfer
+from mr360uw.composite.ambient.mesh_transfer import make_transfer
 from mr360uw.composite.mesh.mesh import Mesh, load_mesh
 from mr360uw.medium import Medium, Water
 from mr360uw.medium.small_angles import spread_of

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from mr360uw.cache import Cache
 from mr360uw.composite.ambient.blocked_light import BlockedLight, Occluders
 from mr360uw.composite.ambient.height_field import HeightField, make_height_field
-from mr360uw.composite.ambient.transfer import (
+from mr360uw.composite.ambient.mesh_transfer import (
     COUNT,
     SOLID_ANGLE,
     OwnView,

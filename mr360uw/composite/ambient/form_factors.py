@@ -9,7 +9,7 @@ Far bodies: what each hides and sends, as its six silhouettes tell it, seen from
 
     A'_k = (1 - c_k) A_k + sum_j f_kj B_j        c_k = 1 - prod_j (1 - w_kj)        f_kj = w_kj c_k/sum_j w_kj
 
-with k the directions (transfer.py), A the environment, B_j the mean radiance that body j sends to the middle,
+with k the directions (mesh_transfer.py), A the environment, B_j the mean radiance that body j sends to the middle,
 and w_kj the fraction of the direction's solid angle that it fills: its own is spread over those about its middle.
 """
 
@@ -27,8 +27,8 @@ from mr360uw.cache import Cache, PartOf
 from mr360uw.composite.affine import scale_of
 from mr360uw.composite.ambient.blocked_light import BlockedLight
 from mr360uw.composite.ambient.bodies import BITS, COARSE_NODES, NODES, Body, Layout
+from mr360uw.composite.ambient.mesh_transfer import COUNT, SOLID_ANGLE, Transfer, directions
 from mr360uw.composite.ambient.sample_points import product
-from mr360uw.composite.ambient.transfer import COUNT, SOLID_ANGLE, Transfer, directions
 from mr360uw.jit import exact
 from mr360uw.texels import smoothstep
 from mr360uw.types import Floats

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.composite.ambient.transfer import Transfer
+from mr360uw.composite.ambient.mesh_transfer import Transfer
 from mr360uw.jit import exact, inlined
 from mr360uw.rays import raise_to_triangles
 from mr360uw.types import Floats

@@ -158,7 +158,8 @@ class GroundField:
 
     origin: (3,) in the world of level ground below the first body. patches: quadtrees of that ground, from there, each
     with the values of its samples and its weight; none where the receiver is not level or bodies block nothing, where
-    light is that of each place. cache: keeps what bodies block there.
+    light is that of each place. gap_m: height above it of the lowest body: light hardly changes over a part of that.
+    cache: keeps what bodies block there.
     """
 
     shot: Shot
@@ -166,6 +167,7 @@ class GroundField:
     cache: Cache
     origin: Floats
     patches: tuple[tuple[Quadtree, Floats, float], ...]
+    gap_m: float
 
     def at(self, point: Floats, normal: Floats) -> Floats:
         """Return what `free_of_bodies` does; of patches within `quadtree.TOLERANCE`.
@@ -197,15 +199,16 @@ def ground_field(shot: Shot, light: AmbientLight | None, cache: Cache) -> Ground
     """Return the ambient light on a shot's receiver. cache: keeps quadtrees while bodies stand still to each other."""
     receiver = shot.receiver
     if light is None or receiver is None or receiver.plane_y is None or not light.layout.ground_bodies:
-        return GroundField(shot, light, cache, np.zeros(3), ())
+        return GroundField(shot, light, cache, np.zeros(3), (), 0.0)
     origin, patches = light.layout.below(receiver.plane_y), []
-    camera, pixel_rad = camera_place(shot.view.position - origin), 2.0 * np.pi / shot.view.width
+    camera, pixel_rad, gap_m = camera_place(shot.view.position - origin), 2.0 * np.pi / shot.view.width, np.inf
     for solved, share in _samples(light, receiver.plane_y):
         below = solved.layout.below(receiver.plane_y)
         occluders = solved.layout.occluders_from(below)
         tree = cache.of(make_quadtree, occluders, camera, pixel_rad, receiver.extent_m, keep=2)
+        gap_m = min(gap_m, *(_height(solved, k, receiver.plane_y) for k in solved.layout.ground_bodies))
         patches.append((tree, cache.of(_at_samples, solved, tree, below, keep=2), share))
-    return GroundField(shot, light, cache, origin, tuple(patches))
+    return GroundField(shot, light, cache, origin, tuple(patches), gap_m)
 
 
 def _samples(light: AmbientLight, ground_y: float) -> list[tuple[AmbientLight, float]]:
@@ -223,9 +226,15 @@ def _samples(light: AmbientLight, ground_y: float) -> list[tuple[AmbientLight, f
         a, b = before.layout.bodies[k], after.layout.bodies[k]
         turned_m = a.radius * np.linalg.norm(b.rotation - a.rotation, 2)
         moved_m = np.linalg.norm((b.origin - last) - (a.origin - first)) + turned_m
-        if moved_m > _PART_OF_HEIGHT * (a.field.heights[0] + a.origin[1] - ground_y):
+        if moved_m > _PART_OF_HEIGHT * _height(before, k, ground_y):
             return [(light, 1.0)]
     return [(solved, share) for solved, share in light.samples if share > 0.0]
+
+
+def _height(light: AmbientLight, number: int, ground_y: float) -> float:
+    """Return the height [m] of the lower end of a body above level ground, 0 at least."""
+    body = light.layout.bodies[number]
+    return max(float(body.field.heights[0] + body.origin[1]) - ground_y, 0.0)
 
 
 def _at_samples(light: AmbientLight, tree: Quadtree, origin: Floats) -> Floats:

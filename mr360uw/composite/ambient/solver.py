@@ -27,7 +27,7 @@ Glossy reflection loses what other bodies and shaded ground fill of the lobe of 
     kept = 1 - sum_m p w_k L_k/sum_k w_k L_k        instead = sum_m p w_k B_m/sum_k w_k
     w    = D(n.h) V(n.v, n.l) n.l
 
-with k the directions (transfer.py), m those that meet a coarse sample, a node of the ground or ground farther
+with k the directions (mesh_transfer.py), m those that meet a coarse sample, a node of the ground or ground farther
 off, p the part of the direction that they fill, L the environment at the camera, B the radiance that coarse samples and
 ground send, D and V those of `shading.py`. The prefiltered environment times kept plus instead is the reflected light:
 white bodies in white light stay white, and nothing changes where nothing is met.
@@ -46,8 +46,8 @@ from mr360uw.cache import Cache
 from mr360uw.composite.ambient.blocked_light import BlockedLight, fraction_left, sky_table
 from mr360uw.composite.ambient.bodies import COARSE_NODES, NODES, Body, Layout, from_coarse
 from mr360uw.composite.ambient.form_factors import Exchange, FormFactors, Met
+from mr360uw.composite.ambient.mesh_transfer import Transfer, blurred, directions, seen_by_camera
 from mr360uw.composite.ambient.sample_points import CHANNELS, FEW_CHANNELS, UNTOUCHED, product
-from mr360uw.composite.ambient.transfer import Transfer, blurred, directions, seen_by_camera
 from mr360uw.composite.lighting.sun import sun_of, sun_up
 from mr360uw.composite.shot import Shot
 from mr360uw.ibl.lookup import environment_lookup

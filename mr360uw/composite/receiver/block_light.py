@@ -27,6 +27,8 @@ from mr360uw.types import Floats
 
 _PAST_THE_LAST = 5.0 / 32.0
 """Error of a straight line a quarter step past its samples, in second differences: (1/4)(5/4)/2; between them 1/8."""
+_PART_OF_GAP = 0.25
+"""Reach of a block over the height of a body above the ground, below which corners and middle miss nothing."""
 SMOOTH = 0.004
 """Largest interpolation error at the middle of a block, in linear light: less than a code value. Twice as large, blocks
 show in smooth shadows."""
@@ -95,13 +97,14 @@ def free_images(
     broken, rough = ground.broken[j, i], ground.rough[j, i]
     change, near = np.zeros(len(j), np.float32), np.zeros(len(j), np.bool_)
     survey_blocks(j, i, corner[..., FREE], ground.middle_point, ground.reach_m, _balls(shot), change, near)
+    near &= ground.reach_m[j, i] > _PART_OF_GAP * field.gap_m
     uneven = ~broken & (near | rough | (change > SMOOTH))
     asked = j[uneven], i[uneven]
     at_middle = _free(field, ground.middle_point[asked], ground.middle_normal[asked])
     missed = np.zeros(len(j))
     missed[uneven] = np.abs(at_middle - ground.middle_between(corner[..., FREE], *asked)).max(axis=-1)
     crossed = _crossed(ground, field)
-    uneven = ((missed > SMOOTH) | crossed[j, i]) & ~broken
+    uneven = ((missed > SMOOTH) | (near & (change > SMOOTH)) | crossed[j, i]) & ~broken
     parts: Gathered = []
     if np.any(uneven):
         of = j[uneven], i[uneven]
