@@ -12,7 +12,7 @@ from mr360uw.cache import Cache
 from mr360uw.composite.ambient.height_field import most_blocked
 from mr360uw.composite.ambient.light import ambient_light, free_of_bodies, ground_field
 from mr360uw.composite.ambient.quadtree import SMOOTH_PATCH, camera_place, make_quadtree
-from mr360uw.composite.shot import Receiver, Shot
+from mr360uw.composite.shot import BetweenSamples, LightSample, Receiver, Shot
 from mr360uw.types import Floats
 from tests.composite import tolerances as tol
 from tests.composite.scenes import box, changed, environment, placed, shot, sphere
@@ -99,6 +99,27 @@ def test_bodies_that_move_together_have_the_light_that_they_have_with_nothing_ke
     expected = ground_field(moved, ambient_light(moved, Cache()), Cache()).at(point, normal)
     found = ground_field(moved, ambient_light(moved, cache), cache).at(point, normal)
     np.testing.assert_array_equal(found, expected)
+
+
+def test_between_samples_in_time_bodies_high_above_the_ground_block_what_they_do_then(rng: np.random.Generator) -> None:
+    """Two that move, one to the other and upwards, and turn: each place's light is that of the time itself."""
+    cache, (point, normal) = Cache(), places(rng, 4000)
+
+    def at(share: float) -> Shot:
+        swimming = placed(box((0.3, 0.2, 0.9)), (0.05 * share, -0.5 + 0.02 * share, -1.8), (4.0 * share, 0, 0))
+        bodies = swimming, placed(sphere(radius=0.2), (-0.6, -0.7, -1.5 + 0.02 * share))
+        return shot(*bodies, width=1024, environment=environment(), receiver=Receiver(plane_y=FLOOR_Y_M))
+
+    then = at(0.4)
+    samples = [LightSample(s.objects, s.environment, s.lights, s.medium, s.view.position) for s in (at(0.0), at(1.0))]
+    between = replace(then, between=BetweenSamples(samples[0], samples[1], 0.4))
+    field = ground_field(between, ambient_light(between, cache), cache)
+    assert len(field.patches) == 2
+    want = free_of_bodies(then, ambient_light(then, Cache()), point, normal, Cache())
+    wrong = np.abs(field.at(point, normal) - want).max(axis=-1)
+    assert want.min() < 0.9
+    assert np.sqrt(np.mean(wrong**2)) < tol.BETWEEN_SAMPLES
+    assert np.mean(wrong > 4.0 * tol.BETWEEN_SAMPLES) < tol.AT_OUTLINES
 
 
 @pytest.mark.parametrize("height", [0.002, 0.3, 2.0])

@@ -11,7 +11,6 @@ from __future__ import annotations
 import functools
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,7 +28,6 @@ from mr360uw.composite.ambient.mesh_transfer import (
     shape_transfer,
 )
 from mr360uw.composite.shot import PlacedObject
-from mr360uw.jit import fast
 from mr360uw.types import Floats
 
 BITS = 20
@@ -207,36 +205,6 @@ def rounded(values: Floats, unit: float = 1.0) -> Floats:
     return np.rint(np.asarray(values) / step) * step + 0.0
 
 
-@fast
-def between_nodes(place: Any, values: Any, out: Any) -> None:
-    """Set `out` (n, c) to values (k, k, c) of a grid of nodes at places (n, 2), 0 to k - 1.
-
-    A cubic spline through the nodes whose slopes there are half the differences of their neighbours: light has no bends
-    along lines of nodes. It is cut to the range of the four nodes around.
-    """
-    last = values.shape[0] - 1
-    weight, index = np.zeros((2, 4)), np.zeros((2, 4), np.int64)
-    for n in range(len(place)):
-        for axis in range(2):
-            i = min(int(place[n, axis]), last - 1)
-            t = place[n, axis] - i
-            weight[axis, 0] = 0.5 * t * (t * (2.0 - t) - 1.0)
-            weight[axis, 1] = 0.5 * (t * t * (3.0 * t - 5.0) + 2.0)
-            weight[axis, 2] = 0.5 * t * (t * (4.0 - 3.0 * t) + 1.0)
-            weight[axis, 3] = 0.5 * t * t * (t - 1.0)
-            for k in range(4):
-                index[axis, k] = min(max(i + k - 1, 0), last)
-        for c in range(out.shape[1]):
-            total, least, most = 0.0, 1e30, -1e30
-            for k in range(4):
-                for m in range(4):
-                    value = values[index[0, k], index[1, m], c]
-                    total += weight[0, k] * weight[1, m] * value
-                    if 0 < k < 3 and 0 < m < 3:
-                        least, most = min(least, value), max(most, value)
-            out[n, c] = min(max(total, least), most)
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Layout:
     """Bodies of a shot where they are, and what the ground sees of them.
@@ -281,12 +249,17 @@ class Layout:
         return total
 
     def at_nodes(self, number: int, values: Floats, points: Floats) -> Floats:
-        """Return values (NODES, NODES, c) at a body's nodes at places (n, 3): cubic, those of the edge beyond."""
+        """Return values (NODES, NODES, c) at a body's nodes at places (n, 3): a cubic spline within their range, as
+        light has no bends along lines of nodes; those of the edge beyond.
+        """
+        from scipy.ndimage import map_coordinates
+
         out = np.zeros((len(points), values.shape[-1]))
         if len(self.nodes[number]):
-            low, high = self.nodes[number][[0, -1]]
-            place = (points - low)[:, [0, 2]] / (high - low)[[0, 2]] * (NODES - 1)
-            between_nodes(np.clip(place, 0.0, NODES - 1.0), np.ascontiguousarray(values, np.float64), out)
+            low, high = self.nodes[number][[0, -1]][:, [0, 2]]
+            place = ((points[:, [0, 2]] - low) / (high - low) * (NODES - 1)).clip(0.0, NODES - 1.0).T
+            for c, of in enumerate(np.moveaxis(np.asarray(values, np.float64), -1, 0)):
+                out[:, c] = map_coordinates(of, place, mode="nearest").clip(of.min(), of.max())
         return out
 
     def lit(self, points: Sequence[Floats], direction: Floats) -> list[Floats]:

@@ -69,23 +69,27 @@ class HeightField:
 def make_height_field(transfer: Transfer, linear: Floats) -> HeightField:
     """Return the field of a mesh turned and scaled by `linear` (3, 3)."""
     points, corners = transfer.blocking.scene.triangles @ linear.T, transfer.corners @ linear.T
+    # Find the smallest rectangle around the plan, and the heights over it in several places of each cell
     frame, outline = _frame(_hull(corners[:, [0, 2]]))
     low, high = corners[:, 1].min(), corners[:, 1].max()
     fine = CELLS * _FINE
     along = (np.arange(fine) + 0.5) / fine * 2.0 - 1.0
     a, b = (g.ravel() for g in np.meshgrid(along * frame[4], along * frame[5], indexing="ij"))
     down, up = _heights(points, frame, fine, 1.0), -_heights(points, frame, fine, -1.0)
+    # Average them over each cell
     shape = (CELLS, _FINE, CELLS, _FINE)
     hit = np.isfinite(down) & np.isfinite(up)
     count = hit.reshape(shape).sum(axis=(1, 3))
     lower, upper = (np.where(hit, h, 0.0).reshape(shape).sum(axis=(1, 3)) / np.maximum(count, 1) for h in (up, down))
-    # cells on the outline have the heights of the outline itself, where a round body is as thin as it ends
+    # Cells on the outline have the heights of the outline itself, where a round body is as thin as it ends
     rim = (count > 0) & (count < _FINE**2)
     lower = np.where(rim, np.where(hit, up, -np.inf).reshape(shape).max(axis=(1, 3)), lower)
     upper = np.where(rim, np.where(hit, down, np.inf).reshape(shape).min(axis=(1, 3)), upper)
+    # Find the covered fraction of each cell within the outline
     within = (hit | _within(outline, a, b)).reshape(shape).sum(axis=(1, 3))
     cover, lower, upper = (np.pad(a, 1) for a in (count / np.maximum(within, 1), lower, upper))
     cover = np.where(np.pad(within, 1) == 0, np.nan, cover)
+    # Add the parts that lie between these places
     least = max(_STANDS_OUT * (high - low), _OF_A_CELL * 2.0 * min(frame[4:]) / CELLS)
     cells = _with_thin_parts(_in_cells(corners, frame), transfer.edges, cover, lower, upper, least)
     heights = np.array([cells[..., 1].min(), cells[..., 2].max()])

@@ -94,6 +94,7 @@ def free_images(
 
     Partly covered pixels take it in their gaps.
     """
+    # Find the blocks whose light at the middle is not that between their corners, or may jump
     broken, rough = ground.broken[j, i], ground.rough[j, i]
     change, near = np.zeros(len(j), np.float32), np.zeros(len(j), np.bool_)
     survey_blocks(j, i, corner[..., FREE], ground.middle_point, ground.reach_m, _balls(shot), change, near)
@@ -105,6 +106,7 @@ def free_images(
     missed[uneven] = np.abs(at_middle - ground.middle_between(corner[..., FREE], *asked)).max(axis=-1)
     crossed = _crossed(ground, field)
     uneven = ((missed > SMOOTH) | (near & (change > SMOOTH)) | crossed[j, i]) & ~broken
+    # Take it at every second pixel of these; where that misses it, and at edges of the ground, at each
     parts: Gathered = []
     if np.any(uneven):
         of = j[uneven], i[uneven]
@@ -116,6 +118,7 @@ def free_images(
         parts.append((uneven, free))
     if np.any(broken):
         parts.append((broken, _free(field, *_pixel_places(shot, ground, j[broken], i[broken]))))
+    # Partly covered pixels take it in their gaps
     images = gather_images(len(j), 3, parts)
     own = np.flatnonzero(images.at >= 0)
     some, block = ground.gaps_in(gaps, j[own], i[own])

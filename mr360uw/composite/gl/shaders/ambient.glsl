@@ -1,5 +1,5 @@
-// Values of ambient light at a place of a body, three texels of a list for each point, or one: the ratio of all light. Twin:
-// composite/ambient/sample_points.py.
+// Values of ambient light at a place of a body, three texels of a list for each point, or one: the ratio of all light.
+// Held to composite/ambient/sample_points.py.
 struct Among {
     vec3 ratio;  // of irradiance
     vec3 kept;  // ratio of glossy light
