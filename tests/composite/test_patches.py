@@ -104,10 +104,11 @@ def test_bodies_that_move_together_have_the_light_that_they_have_with_nothing_ke
 def test_between_samples_in_time_bodies_high_above_the_ground_block_what_they_do_then(rng: np.random.Generator) -> None:
     """Two that move, one to the other and upwards, and turn: each place's light is that of the time itself."""
     cache, (point, normal) = Cache(), places(rng, 4000)
+    long, ball = box((0.3, 0.2, 0.9)), sphere(radius=0.2)
 
     def at(share: float) -> Shot:
-        swimming = placed(box((0.3, 0.2, 0.9)), (0.05 * share, -0.5 + 0.02 * share, -1.8), (4.0 * share, 0, 0))
-        bodies = swimming, placed(sphere(radius=0.2), (-0.6, -0.7, -1.5 + 0.02 * share))
+        swimming = placed(long, (0.05 * share, -0.5 + 0.02 * share, -1.8), (4.0 * share, 0, 0))
+        bodies = swimming, placed(ball, (-0.6, -0.7, -1.5 + 0.02 * share))
         return shot(*bodies, width=1024, environment=environment(), receiver=Receiver(plane_y=FLOOR_Y_M))
 
     then = at(0.4)
