@@ -28,14 +28,15 @@ _TURN = np.pi * (3.0 - np.sqrt(5.0))
 
 def direction_from_frame(x: ArrayLike, y: ArrayLike, width: int, height: int) -> Array:
     """Return the unit directions (..., 3) seen at continuous frame coordinates, pixel centres at i + .5."""
-    common_shape(x=x, y=y)
+    direction = np.empty((*common_shape(x=x, y=y), 3))
     longitude = 2.0 * np.pi * (np.asarray(x, np.float64) / width - 0.5)
     latitude = np.pi * (0.5 - np.asarray(y, np.float64) / height)
+    # a row and a column of coordinates take as many sines, not those of every place
     cos_latitude = np.cos(latitude)
-    out = np.empty((*np.broadcast_shapes(longitude.shape, latitude.shape), 3))
-    out[..., 0], out[..., 1], out[..., 2] = np.sin(longitude), np.sin(latitude), -np.cos(longitude)
-    out[..., ::2] *= cos_latitude[..., None]
-    return out
+    np.multiply(cos_latitude, np.sin(longitude), out=direction[..., 0])
+    direction[..., 1] = np.sin(latitude)
+    np.multiply(-cos_latitude, np.cos(longitude), out=direction[..., 2])
+    return direction
 
 
 def frame_from_direction(direction: ArrayLike, width: int, height: int) -> tuple[Array, Array]:

@@ -10,10 +10,9 @@ import numpy as np
 import pytest
 
 from mr360uw.cache import Cache
-from mr360uw.composite.ambient.body_layout import Layout
-from mr360uw.composite.ambient.directions import COUNT, SOLID_ANGLE, directions
+from mr360uw.composite.ambient.bodies import Layout
 from mr360uw.composite.ambient.light import ambient_light, free_of_bodies
-from mr360uw.composite.ambient.mesh_transfer import make_transfer
+from mr360uw.composite.ambient.mesh_transfer import COUNT, SOLID_ANGLE, directions, make_transfer
 from mr360uw.composite.ambient.sample_points import make_lattice, points_at
 from mr360uw.composite.ambient.solver import AmbientLight
 from mr360uw.composite.gl.layer_renderer import LayerRenderer

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from mr360uw.cache import Cache
-from mr360uw.composite.ambient.horizon_scan import most_blocked
-from mr360uw.composite.ambient.light import ambient_light, free_between, free_of_bodies
+from mr360uw.composite.ambient.height_field import most_blocked
+from mr360uw.composite.ambient.light import ambient_light, free_of_bodies, ground_field
 from mr360uw.composite.ambient.quadtree import SMOOTH_PATCH, camera_place, make_quadtree
-from mr360uw.composite.shot import Receiver, Shot
+from mr360uw.composite.shot import BetweenSamples, LightSample, Receiver, Shot
 from mr360uw.types import Floats
 from tests.composite import tolerances as tol
 from tests.composite.scenes import box, changed, environment, placed, shot, sphere
@@ -42,7 +42,7 @@ def test_values_between_samples_are_those_of_every_place(scene: Shot, rng: np.ra
     cache, (point, normal) = Cache(), places(rng, 8000)
     light = ambient_light(scene, cache)
     each = free_of_bodies(scene, light, point, normal, cache)
-    wrong = np.abs(free_between(scene, light, point, normal, cache) - each).max(axis=-1)
+    wrong = np.abs(ground_field(scene, light, cache).at(point, normal) - each).max(axis=-1)
     assert np.abs(1.0 - each).max() > 0.5
     assert np.sqrt(np.mean(wrong**2)) < tol.BETWEEN_SAMPLES
     assert np.mean(wrong > 4.0 * tol.BETWEEN_SAMPLES) < tol.AT_OUTLINES
@@ -55,7 +55,7 @@ def test_ground_beyond_its_extent_keeps_all_of_its_light(rng: np.random.Generato
         receiver=Receiver(plane_y=FLOOR_Y_M, extent_m=2.0),
     )  # fmt: skip
     cache, (point, normal) = Cache(), places(rng, 100)
-    np.testing.assert_array_equal(free_between(far, ambient_light(far, cache), point, normal, cache), 1.0)
+    np.testing.assert_array_equal(ground_field(far, ambient_light(far, cache), cache).at(point, normal), 1.0)
 
 
 def test_patches_of_different_size_meet_without_a_step(scene: Shot, rng: np.random.Generator) -> None:
@@ -80,25 +80,47 @@ def test_patches_of_different_size_meet_without_a_step(scene: Shot, rng: np.rand
 
 def test_new_light_on_what_is_kept_gives_what_it_gives_with_nothing_kept(scene: Shot, rng: np.random.Generator) -> None:
     cache, (point, normal) = Cache(), places(rng, 200)
-    free_between(scene, ambient_light(scene, cache), point, normal, cache)
+    ground_field(scene, ambient_light(scene, cache), cache).at(point, normal)
     new = changed(scene, environment=environment(0.3))
-    expected = free_between(new, ambient_light(new, Cache()), point, normal, Cache())
-    np.testing.assert_array_equal(free_between(new, ambient_light(new, cache), point, normal, cache), expected)
+    expected = ground_field(new, ambient_light(new, Cache()), Cache()).at(point, normal)
+    np.testing.assert_array_equal(ground_field(new, ambient_light(new, cache), cache).at(point, normal), expected)
 
 
 def test_bodies_that_move_together_have_the_light_that_they_have_with_nothing_kept(
     scene: Shot, rng: np.random.Generator
 ) -> None:
     cache, (point, normal) = Cache(), places(rng, 200)
-    free_between(scene, ambient_light(scene, cache), point, normal, cache)
+    ground_field(scene, ambient_light(scene, cache), cache).at(point, normal)
     step = np.eye(4)
     step[[0, 2], 3] = 0.013, 0.021
     moved = changed(
         scene, objects=tuple(replace(o, world_from_object=step @ o.world_from_object) for o in scene.objects)
     )
-    expected = free_between(moved, ambient_light(moved, Cache()), point, normal, Cache())
-    found = free_between(moved, ambient_light(moved, cache), point, normal, cache)
+    expected = ground_field(moved, ambient_light(moved, Cache()), Cache()).at(point, normal)
+    found = ground_field(moved, ambient_light(moved, cache), cache).at(point, normal)
     np.testing.assert_array_equal(found, expected)
+
+
+def test_between_samples_in_time_bodies_high_above_the_ground_block_what_they_do_then(rng: np.random.Generator) -> None:
+    """Two that move, one to the other and upwards, and turn: each place's light is that of the time itself."""
+    cache, (point, normal) = Cache(), places(rng, 4000)
+    long, ball = box((0.3, 0.2, 0.9)), sphere(radius=0.2)
+
+    def at(share: float) -> Shot:
+        swimming = placed(long, (0.05 * share, -0.5 + 0.02 * share, -1.8), (4.0 * share, 0, 0))
+        bodies = swimming, placed(ball, (-0.6, -0.7, -1.5 + 0.02 * share))
+        return shot(*bodies, width=1024, environment=environment(), receiver=Receiver(plane_y=FLOOR_Y_M))
+
+    then = at(0.4)
+    samples = [LightSample(s.objects, s.environment, s.lights, s.medium, s.view.position) for s in (at(0.0), at(1.0))]
+    between = replace(then, between=BetweenSamples(samples[0], samples[1], 0.4))
+    field = ground_field(between, ambient_light(between, cache), cache)
+    assert len(field.patches) == 2
+    want = free_of_bodies(then, ambient_light(then, Cache()), point, normal, Cache())
+    wrong = np.abs(field.at(point, normal) - want).max(axis=-1)
+    assert want.min() < 0.9
+    assert np.sqrt(np.mean(wrong**2)) < tol.BETWEEN_SAMPLES
+    assert np.mean(wrong > 4.0 * tol.BETWEEN_SAMPLES) < tol.AT_OUTLINES
 
 
 @pytest.mark.parametrize("height", [0.002, 0.3, 2.0])

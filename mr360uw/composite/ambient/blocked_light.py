@@ -3,13 +3,17 @@
 
     E_blocked = sum_a da sum_c n_c (P(a, hi) - P(a, lo))_c = sum_(c, node) n_c w_node P_(node, c)
 
-with P that of sky_table.py, lo and hi the intervals of elevation that a horizon scan finds, cut at the place's own
-horizon, n its normal, and w interpolation between nodes. Where bodies stand behind each other, a later one adds what
-the earlier ones leave of its interval.
+    P(a, e) = int_{-pi/2}^e L(a, e') d(a, e') cos e' de'
+
+with P the light of the environment integrated over elevation, at the nodes of a table, d the unit direction at azimuth
+a and elevation e, L the radiance, lo and hi the intervals of elevation that a horizon scan finds (height_field.py), cut
+at the place's own horizon, n its normal, and w interpolation between nodes. Where bodies stand behind each other, a
+later one adds what the earlier ones leave of its interval.
 """
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -19,19 +23,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.cache import Parts
-from mr360uw.composite.ambient.height_field import HeightField
-from mr360uw.composite.ambient.horizon_scan import AZIMUTHS, as_rectangle, place_beside, scan
-from mr360uw.composite.ambient.sky_table import COLUMNS, NODES, ROWS
+from mr360uw.composite.ambient.height_field import AZIMUTHS, HeightField, as_rectangle, place_beside, scan
 from mr360uw.constants import BRIGHTEST, DARK
+from mr360uw.ibl.lookup import lookup_matrix
 from mr360uw.jit import fast, inlined
 from mr360uw.texels import smoothstep
-from mr360uw.types import Floats
+from mr360uw.types import Environment, Floats
 
 UNNOTICED, NOTICED = 0.012, 0.036
 """A body that blocks less than the first fraction of the ambient light leaves it: a code value of 8 bits over metres;
 from the second on it shows whole."""
 _PIECES = 8
 _MOST_CORNERS = 64
+ROWS, COLUMNS = 32, 24
+"""Azimuths and steps of elevation of the table."""
+NODES = ROWS * (COLUMNS + 1)
+_FINER = 2
+"""Cells along each side of one of the table over which light is summed: pixels of the map."""
+_GLOW, _GLOW_POWER, _GLOW_SIDE = 2.0, 8, np.sqrt(0.5)
+"""Glow of `glow_table` over the rest of its sky, power of the cosine to its middle (half as bright at 23 degrees), and
+its middle at half height: about the glow around a sun in clear air."""
 
 
 def shown(blocked: Floats) -> Floats:
@@ -154,9 +165,10 @@ def _cut(piece: Any, low: Any, high: Any, begins: Any, blocked: Any, before: Any
 
 
 @inlined
-def _above_horizon(normal: Any, azimuth: Any, low: Any, high: Any) -> Any:
-    """Return the part of an interval of elevations above the horizon of a place with a normal (3,)."""
-    level = normal[0] * np.cos(azimuth) + normal[2] * np.sin(azimuth)
+def _above_horizon(normal: Any, level: Any, low: Any, high: Any) -> Any:
+    """Return the part of an interval of elevations above the horizon of a place with a normal (3,); level: what that
+    has along the azimuth.
+    """
     if normal[1] > 1e-9:
         low = max(low, np.arctan(-level / normal[1]))
     elif normal[1] < -1e-9:
@@ -194,11 +206,11 @@ def _add(normal: Any, begins: Any, blocked: Any, m: Any, before: Any, piece: Any
     for number in range(2 * int(begins[m, 2])):
         q, part = number // 2, 2 * (number & 1)
         low, high, filled = blocked[m, q, part], blocked[m, q, part + 1], blocked[m, q, 4]
-        azimuth = first + (q + 0.5) * step
-        low, high = _above_horizon(normal, azimuth, low, high)
         if filled <= 0.0 or high <= low:
             continue
+        azimuth = first + (q + 0.5) * step
         level = normal[0] * np.cos(azimuth) + normal[2] * np.sin(azimuth)
+        low, high = _above_horizon(normal, level, low, high)
         for p in range(_cut(piece, low, high, begins, blocked, before, azimuth)):
             a, b = piece[p, 0], piece[p, 1]
             if b > a:
@@ -245,3 +257,52 @@ def _block(
             if opacity[f] < 1.0:
                 blocked[slot, :, 4] *= opacity[f]
             share[m, k] = _add(normal[k], begins, blocked, slot, slot, piece, weights[k])
+
+
+def sky_table(environment: Environment) -> Floats:
+    """Return P (NODES, 3, 3), component and channel, of the environment without its sun."""
+    map_ = environment.residual
+    light = _lookup(map_.shape) @ map_.reshape(-1, 3)
+    return _table_of(np.asarray(light).reshape(_FINER * ROWS, _FINER * COLUMNS, 3))
+
+
+@functools.cache
+def glow_table() -> Floats:
+    """Return the upward component of P (NODES, 5) of uniform light and of four skies that glow on one side.
+
+    Each has an irradiance of pi on level ground. What bodies block of them bends where it does in other smooth light.
+    """
+    d, _ = _directions()
+    light = np.ones((*d.shape[:2], 5))
+    for k, (x, z) in enumerate(((1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0))):
+        towards = np.maximum(d @ [x * _GLOW_SIDE, _GLOW_SIDE, z * _GLOW_SIDE], 0.0)
+        light[..., k + 1] += _GLOW * towards**_GLOW_POWER
+    table = _table_of(light)[:, 1].reshape(ROWS, COLUMNS + 1, 5)
+    whole = (table[:, -1] - table[:, COLUMNS // 2]).sum(axis=0) * (2.0 * np.pi / ROWS)
+    return np.asarray(table * (np.pi / whole)).reshape(NODES, 5)
+
+
+def _table_of(light: Floats) -> Floats:
+    """Return P (NODES, 3, k) of radiances (_FINER ROWS, _FINER COLUMNS, k)."""
+    cells = _directions()[1][..., None] * light[:, :, None, :]
+    rows = cells.reshape(ROWS, _FINER, *cells.shape[1:]).mean(axis=1)
+    table = np.zeros((ROWS, COLUMNS + 1, 3, light.shape[-1]))
+    table[:, 1:] = np.cumsum(rows, axis=1)[:, _FINER - 1 :: _FINER]
+    return table.reshape(NODES, 3, -1)
+
+
+@functools.cache
+def _lookup(shape: tuple[int, ...]) -> Any:
+    """Return the lookup of the cells in maps of a shape (H, W, 3)."""
+    return lookup_matrix(shape, _directions()[0].reshape(-1, 3))
+
+
+@functools.cache
+def _directions() -> tuple[Floats, Floats]:
+    """Return the middles of the cells, and the same times their solid angle over a row."""
+    rows, columns = _FINER * ROWS, _FINER * COLUMNS
+    azimuth = (np.arange(rows) + 0.5) * 2.0 * np.pi / rows
+    elevation = ((np.arange(columns) + 0.5) / columns - 0.5) * np.pi
+    e, a = np.meshgrid(elevation, azimuth)
+    d = np.stack([np.cos(e) * np.cos(a), np.sin(e), np.cos(e) * np.sin(a)], axis=-1)
+    return d, d * (np.cos(e) * np.pi / columns)[..., None]

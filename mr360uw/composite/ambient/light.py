@@ -4,15 +4,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from mr360uw.cache import Cache, PartOf
-from mr360uw.composite.ambient.body_layout import Layout, make_exchange, make_layout
-from mr360uw.composite.ambient.lattice_kernel import UNTOUCHED, whole_values
+from mr360uw.composite.ambient.bodies import Layout, make_layout
+from mr360uw.composite.ambient.form_factors import make_exchange
 from mr360uw.composite.ambient.quadtree import Quadtree, camera_place, make_quadtree
-from mr360uw.composite.ambient.sample_points import points_at
+from mr360uw.composite.ambient.sample_points import UNTOUCHED, points_at, whole_values
 from mr360uw.composite.ambient.solver import AmbientLight, Solver, interpolated
 from mr360uw.composite.raycast.geometry import Hits
 from mr360uw.composite.receiver.shape import ReceiverShape, kept_shape
@@ -28,6 +28,10 @@ _MOST_MOVED, _MOST_TURNED = 0.125, 0.125
 """Most that a body may move, over its radius, and turn [rad] between two samples in time for its light to be
 interpolated. Of bodies that pass through each other so fast, four of a million values of 8 bits are then off by more
 than one code, by 3 at most; twice as fast a hundred of them, by 15 at most."""
+
+_PART_OF_HEIGHT = 0.25
+"""Most that a body may move to the first one between two samples in time, over its height above level ground, for what
+it blocks there to be interpolated."""
 
 
 def ambient_layout(shot: Shot, cache: Cache) -> Layout:
@@ -148,50 +152,94 @@ def free_of_bodies(shot: Shot, light: AmbientLight | None, point: Floats, normal
     return free.reshape(point.shape)
 
 
-def free_between(shot: Shot, light: AmbientLight | None, point: Floats, normal: Floats, cache: Cache) -> Floats:
-    """Return what `free_of_bodies` does; on level ground interpolated between samples, within `quadtree.TOLERANCE`.
+@dataclass(frozen=True, slots=True, eq=False)
+class GroundField:
+    """Ambient light that the bodies of a shot leave on its receiver.
 
-    Where the light jumps between samples, at the outline of a body that stands on the ground, it is that of each place.
-    cache: keeps the samples and what bodies block there.
+    origin: (3,) in the world of level ground below the first body. patches: quadtrees of that ground, from there, each
+    with the values of its samples and its weight; none where the receiver is not level or bodies block nothing, where
+    light is that of each place. gap_m: height above it of the lowest body: light hardly changes over a part of that.
+    cache: keeps what bodies block there.
     """
-    around = _quadtree(shot, light, cache)
-    if light is None or around is None:
-        return free_of_bodies(shot, light, point, normal, cache)
-    tree, origin = around
-    values = cache.of(_at_samples, light, tree, origin)
-    place = point.reshape(-1, 3)
-    free, jump = tree.between(values, place + (shot.view.position - origin), 1.0)
-    if np.any(jump):
-        free[jump] = free_of_bodies(shot, light, place[jump], normal.reshape(-1, 3)[jump], cache)
-    return np.asarray(np.maximum(free, 0.0)).reshape(point.shape)  # parabolas between steep samples dip below
+
+    shot: Shot
+    light: AmbientLight | None
+    cache: Cache
+    origin: Floats
+    patches: tuple[tuple[Quadtree, Floats, float], ...]
+    gap_m: float
+
+    def at(self, point: Floats, normal: Floats) -> Floats:
+        """Return what `free_of_bodies` does; of patches within `quadtree.TOLERANCE`.
+
+        Where the light jumps between samples, at the outline of a body that stands on the ground, it is that of each
+        place.
+        """
+        if not self.patches:
+            return free_of_bodies(self.shot, self.light, point, normal, self.cache)
+        place = point.reshape(-1, 3)
+        free, jump = np.zeros(place.shape), np.zeros(len(place), np.bool_)
+        for tree, values, share in self.patches:
+            found, jumps = tree.between(values, place + (self.shot.view.position - self.origin), 1.0)
+            free, jump = free + share * found, jump | jumps
+        if np.any(jump):
+            each = place[jump], normal.reshape(-1, 3)[jump]
+            free[jump] = free_of_bodies(self.shot, self.light, *each, self.cache)
+        return np.asarray(np.maximum(free, 0.0)).reshape(point.shape)  # parabolas between steep samples dip below
+
+    def jumps(self) -> Floats:
+        """Return places (n, 3) of level ground, from the camera, a few pixels apart at most, all along the lines at
+        which the light jumps.
+        """
+        places = [tree.jumps() for tree, _, _ in self.patches]
+        return np.concatenate([np.zeros((0, 3)), *places]) + (self.origin - self.shot.view.position)
+
+
+def ground_field(shot: Shot, light: AmbientLight | None, cache: Cache) -> GroundField:
+    """Return the ambient light on a shot's receiver. cache: keeps quadtrees while bodies stand still to each other."""
+    receiver = shot.receiver
+    if light is None or receiver is None or receiver.plane_y is None or not light.layout.ground_bodies:
+        return GroundField(shot, light, cache, np.zeros(3), (), 0.0)
+    origin, patches = light.layout.below(receiver.plane_y), []
+    camera, pixel_rad, gap_m = camera_place(shot.view.position - origin), 2.0 * np.pi / shot.view.width, np.inf
+    for solved, share in _samples(light, receiver.plane_y):
+        below = solved.layout.below(receiver.plane_y)
+        occluders = solved.layout.occluders_from(below)
+        tree = cache.of(make_quadtree, occluders, camera, pixel_rad, receiver.extent_m, keep=2)
+        gap_m = min(gap_m, *(_height(solved, k, receiver.plane_y) for k in solved.layout.ground_bodies))
+        patches.append((tree, cache.of(_at_samples, solved, tree, below, keep=2), share))
+    return GroundField(shot, light, cache, origin, tuple(patches), gap_m)
+
+
+def _samples(light: AmbientLight, ground_y: float) -> list[tuple[AmbientLight, float]]:
+    """Return the solutions between which light on level ground is interpolated, as seen from below the first body, with
+    their weights: the light itself where it is solved, or bodies move by much of their height above the ground.
+
+    What bodies block varies along the ground as slowly as they are high above it. A straight line between two places a
+    quarter of that apart then misses 1/8 (1/4)^2 of it, less than a hundredth.
+    """
+    if not light.samples:
+        return [(light, 1.0)]
+    (before, _), (after, _) = light.samples
+    first, last = before.layout.below(ground_y), after.layout.below(ground_y)
+    for k in before.layout.ground_bodies:
+        a, b = before.layout.bodies[k], after.layout.bodies[k]
+        turned_m = a.radius * np.linalg.norm(b.rotation - a.rotation, 2)
+        moved_m = np.linalg.norm((b.origin - last) - (a.origin - first)) + turned_m
+        if moved_m > _PART_OF_HEIGHT * _height(before, k, ground_y):
+            return [(light, 1.0)]
+    return [(solved, share) for solved, share in light.samples if share > 0.0]
+
+
+def _height(light: AmbientLight, number: int, ground_y: float) -> float:
+    """Return the height [m] of the lower end of a body above level ground, 0 at least."""
+    body = light.layout.bodies[number]
+    return max(float(body.field.heights[0] + body.origin[1]) - ground_y, 0.0)
 
 
 def _at_samples(light: AmbientLight, tree: Quadtree, origin: Floats) -> Floats:
     """Return the light at the samples of a quadtree whose origin (3,) is given."""
     return tree.joined(light.free(tree.blocked, tree.place + origin))
-
-
-def jumps_of_light(shot: Shot, light: AmbientLight | None, cache: Cache) -> Floats:
-    """Return places (n, 3) of level ground, from the camera, a pixel apart at most, all along the lines at which the
-    ambient light that bodies leave jumps.
-    """
-    around = _quadtree(shot, light, cache)
-    if around is None:
-        return np.zeros((0, 3))
-    tree, origin = around
-    return tree.jumps() + (origin - shot.view.position)
-
-
-def _quadtree(shot: Shot, light: AmbientLight | None, cache: Cache) -> tuple[Quadtree, Floats] | None:
-    """Return the quadtree of a shot's level ground, and the place (3,) of its origin in the world; None where bodies
-    block nothing, or the ground is not level. Kept while bodies stand still to each other.
-    """
-    receiver = shot.receiver
-    if light is None or receiver is None or not receiver.occlusion or receiver.plane_y is None:
-        return None
-    origin, width, extent_m = light.layout.below(receiver.plane_y), shot.view.width, receiver.extent_m
-    occluders, camera = light.layout.occluders_from(origin), camera_place(shot.view.position - origin)
-    return cache.of(make_quadtree, occluders, camera, 2.0 * np.pi / width, extent_m), origin
 
 
 def ambient_at(shot: Shot, light: AmbientLight | None, hits: Hits) -> Floats:

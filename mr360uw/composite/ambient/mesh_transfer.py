@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Precomputed ambient transfer of a mesh: which directions its own surface blocks at its samples, and by which sample
-(after Sloan et al. 2002; here as a sparse list instead of spherical harmonics, so that bounces are solved
-after the lights are known).
+"""Precomputed ambient transfer of a mesh: which of a set of fixed directions its own surface blocks at its samples, and
+by which sample (after Sloan et al. 2002; here as a sparse list instead of spherical harmonics, so that bounces are
+solved after the lights are known).
 """
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass, fields, replace
 from typing import Any, NamedTuple, TypeVar
 
@@ -13,21 +14,33 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.cache import PartOf, Same
-from mr360uw.composite.ambient.directions import SOLID_ANGLE, directions
-from mr360uw.composite.ambient.lattice_kernel import find_nearest_points
-from mr360uw.composite.ambient.sample_points import CoarseSamples, Lattice, choose_coarse, make_lattice, stand_ins
+from mr360uw.composite.ambient.sample_points import (
+    CoarseSamples,
+    Lattice,
+    choose_coarse,
+    find_nearest_points,
+    make_lattice,
+    stand_ins,
+)
 from mr360uw.composite.lighting.shading import dielectric_f0, reflectance
 from mr360uw.composite.mesh.material import Material
 from mr360uw.composite.mesh.mesh import Mesh
+from mr360uw.composite.mesh.normals import welded
 from mr360uw.composite.raycast.geometry import Geometry, base_color, gather, opacity_key, surfaces_along
 from mr360uw.composite.shot import PlacedObject
 from mr360uw.ibl.splitsum import split_sum
 from mr360uw.rays import RayScene
 from mr360uw.reading.disk_cache import Arrays, kept_arrays
-from mr360uw.types import Floats
+from mr360uw.sphere import unit
+from mr360uw.types import Environment, Floats
 
-Samples = TypeVar("Samples", Lattice, CoarseSamples)
-
+COUNT = 512
+"""Directions over the whole sphere. One of those above a surface carries at most 0.8 % of its irradiance, about one
+8-bit code value; twice as many double the set-up time."""
+SOLID_ANGLE = 4.0 * np.pi / COUNT
+"""Solid angle [sr] that each direction stands for."""
+_BESIDE_SKY = 0.1
+"""Sine of the depression below which no pixel of `blurred` holds light of a sky above a level horizon."""
 _SPARSE = ("data", "indices", "indptr")
 """Arrays of a sparse matrix."""
 _RAYS_AT_ONCE = 200_000
@@ -37,6 +50,37 @@ _ACROSS = 32
 """Rays along each side of the square around a mesh that find a silhouette: those of balls are then within 1 %."""
 _BURIED = 0.5
 """A sample that sees backs of surfaces in more than this part of its directions lies inside a part of the mesh."""
+
+
+@functools.cache
+def directions() -> Floats:
+    """Return unit directions (COUNT, 3) that cover the sphere evenly: a spherical Fibonacci lattice (Keinert 2015)."""
+    k = np.arange(COUNT) + 0.5
+    height, angle = 1.0 - 2.0 * k / COUNT, k * np.pi * (3.0 - np.sqrt(5.0))
+    level = np.sqrt(1.0 - height * height)
+    return np.stack([level * np.cos(angle), height, level * np.sin(angle)], axis=-1)
+
+
+def blurred(environment: Environment) -> Floats:
+    """Return the environment without its sun, (H/2, W/2, 3): its pixels are about as wide as a direction's share."""
+    map_ = np.asarray(environment.residual, np.float64)
+    rows, columns = map_.shape[0] // 2, map_.shape[1] // 2
+    return map_[: 2 * rows, : 2 * columns].reshape(rows, 2, columns, 2, 3).mean(axis=(1, 3))
+
+
+def seen_by_camera(away: Floats, direction: Floats) -> Floats:
+    """Return unit directions (n, 3) in which a camera sees the places of level ground that others see.
+
+    away: (n, 3) of the places from the camera; direction: (n, 3) in which the others see them, down. Of ground far off,
+    which the camera sees beside its sky in one pixel of the environment, that nearer by is taken.
+    """
+    from_camera, down = unit(away), unit(direction)[:, 1:2]
+    highest = np.minimum(from_camera[:, 1:2], np.maximum(down, -_BESIDE_SKY))
+    level = from_camera[:, [0, 2]] * np.sqrt((1.0 - highest**2) / np.maximum(1.0 - from_camera[:, 1:2] ** 2, 1e-12))
+    return np.stack([level[:, 0], highest[:, 0], level[:, 1]], axis=-1)
+
+
+Samples = TypeVar("Samples", Lattice, CoarseSamples)
 
 
 class MetSamples(NamedTuple):
@@ -53,30 +97,29 @@ class MetSamples(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Blocking:
-    """The triangles of a mesh for rays of ambient light, in its own axes."""
+    """The triangles of a mesh for rays of ambient light, in its own axes. geometry: of these, for what they let
+    through.
+    """
 
     mesh: Mesh
     scene: RayScene
+    geometry: Geometry
 
     @property
     def opaque(self) -> bool:
         """Whether they let nothing through."""
         return all(m.alpha_mode == "OPAQUE" for m in self.mesh.materials)
 
-    @property
-    def _geometry(self) -> Geometry:
-        return gather([PlacedObject(self.mesh, np.eye(4))], np.zeros(3))
-
     def passed(self, origins: Floats, directions: Floats) -> Floats:
         """Return the fraction (n,) of the light of rays (n, 3) that the mesh leaves."""
         if self.opaque:
             return np.asarray(~self.scene.occluded(origins, directions), np.float64)
-        met = surfaces_along(self._geometry, self.scene, origins, directions, 1e-6 * self.mesh.radius_m)
+        met = surfaces_along(self.geometry, self.scene, origins, directions, 1e-6 * self.mesh.radius_m)
         return np.maximum(1.0 - np.bincount(met.ray, met.part, len(origins)), 0.0)
 
     def met(self, lattice: Lattice, origins: Floats, directions: Floats) -> MetSamples:
         """Return where rays (n, 3) meet the mesh: their first triangles, and those behind what lets light through."""
-        met = surfaces_along(self._geometry, self.scene, origins, directions, 1e-6 * self.mesh.radius_m)
+        met = surfaces_along(self.geometry, self.scene, origins, directions, 1e-6 * self.mesh.radius_m)
         sample, distance, behind = _nearest_sample(lattice, self.scene, met.start, directions[met.ray], met.triangle)
         return MetSamples(met.ray, sample, met.gone + distance, behind, met.part.astype(np.float32))
 
@@ -117,7 +160,8 @@ class Transfer:
     that is blocked. base, emission: (S, 3) mean colour and emission [plate radiance]; metallic, roughness, index: (S,).
     blocking: its triangles for rays. opacity: fraction of light that it blocks where it is met, a mean. area_m2: (3,)
     of its silhouettes along the axes; sides: (6, C) part of each coarse sample in the mean of what is seen from +x, -x,
-    +y, -y, +z and -z. tree: places of the samples. Meshes of one `shape_of` share the lattice, which stands for all
+    +y, -y, +z and -z. tree: places of the samples. corners: (n, 3) distinct ones of the triangles; edges: (E, 2)
+    numbers of the corners at the ends of each edge. Meshes of one `shape_of` share the lattice, which stands for all
     that their shape alone decides.
     """
 
@@ -138,6 +182,8 @@ class Transfer:
     area_m2: Floats
     sides: NDArray[np.float32]
     tree: Any
+    corners: Floats
+    edges: NDArray[np.int64]
 
     def painted(self, mesh: Mesh) -> Transfer:
         """Return the transfer of a mesh of the same `shape_of`."""
@@ -190,7 +236,7 @@ def make_transfer(mesh: Mesh) -> Transfer:
     """Return the transfer of a mesh; its samples are chosen and its rays are shot once, and kept on the disk."""
     from scipy.spatial import cKDTree
 
-    blocking = Blocking(mesh, RayScene(mesh.positions))
+    blocking = Blocking(mesh, RayScene(mesh.positions), _geometry(mesh))
     depends_on = mesh.positions, mesh.normals, mesh.hull, any(m.double_sided for m in mesh.materials)
     clear = () if blocking.opaque else (mesh.material, mesh.uv, mesh.colors, *_alphas(mesh))
     found = kept_arrays("ambient", (*depends_on, *clear), lambda: _samples(blocking))
@@ -200,7 +246,7 @@ def make_transfer(mesh: Mesh) -> Transfer:
     return Transfer(
         lattice, coarse, cosine, found["own"].astype(np.int64), found["own_part"], base, emission, metallic, roughness,
         index, cosine.sum(axis=1), blocking, float(found["opacity"]), mesh, found["area_m2"], found["sides"],
-        cKDTree(lattice.position),
+        cKDTree(lattice.position), mesh.positions.reshape(-1, 3)[found["corners"]], found["edges"].astype(np.int64),
     )  # fmt: skip
 
 
@@ -211,8 +257,8 @@ def _alphas(mesh: Mesh) -> list[object]:
 
 
 def _samples(blocking: Blocking) -> dict[str, NDArray[Any]]:
-    """Return the arrays of lattice and coarse samples, and own, own_part, opacity, area_m2 and sides of `Transfer`, by
-    their names.
+    """Return the arrays of lattice and coarse samples, and own, own_part, opacity, area_m2, sides and edges of
+    `Transfer`, by their names; corners: (n,) numbers of the distinct ones among all.
     """
     mesh = blocking.mesh
     lattice = make_lattice(mesh)
@@ -223,6 +269,11 @@ def _samples(blocking: Blocking) -> dict[str, NDArray[Any]]:
     coarse = choose_coarse(lattice, float(np.max(mesh.extent_m)), seen)
     area, sides, opacity = _sides(blocking, lattice, coarse)
     found = {"own": _small(own), "own_part": own_part, "area_m2": area, "sides": sides, "opacity": np.array(opacity)}
+    corner = welded(mesh.positions).ravel()
+    ends = np.sort(np.stack([corner, np.roll(corner.reshape(-1, 3), -1, axis=1).ravel()], axis=-1), axis=1)
+    count = int(corner.max()) + 1
+    edges = np.stack(np.divmod(np.unique(ends[:, 0] * count + ends[:, 1]), count), axis=-1)
+    found |= {"corners": _small(np.unique(corner, return_index=True)[1]), "edges": _small(edges)}
     return {**_arrays_of(lattice), **_arrays_of(coarse), **found}
 
 
@@ -331,7 +382,7 @@ def _colors(mesh: Mesh, lattice: Lattice) -> tuple[Floats, ...]:
     """Return base colour (S, 3), emission (S, 3), metallic (S,), roughness (S,) and index (S,) at samples, maps
     averaged about them.
     """
-    geometry = gather([PlacedObject(mesh, np.eye(4))], np.zeros(3))
+    geometry = _geometry(mesh)
     uv = mesh.uv[lattice.triangle]
     steps = lattice.places[lattice.triangle, 3].astype(np.float64)[:, None]
     change = np.stack([uv[:, 1] - uv[:, 0], uv[:, 2] - uv[:, 0]], axis=1) / steps[..., None]
@@ -343,6 +394,11 @@ def _colors(mesh: Mesh, lattice: Lattice) -> tuple[Floats, ...]:
         if m.emission_map is not None:
             emission[of == number] *= m.emission_map.levels[-1].reshape(-1, 4)[0, :3]
     return np.clip(base[:, :3], 0.0, 1.0), emission, *factors[of, 3:].T
+
+
+def _geometry(mesh: Mesh) -> Geometry:
+    """Return the triangles of a mesh in its own axes."""
+    return gather([PlacedObject(mesh, np.eye(4))], np.zeros(3))
 
 
 def _mean_factors(material: Material) -> tuple[float, float]:

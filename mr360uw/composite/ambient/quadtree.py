@@ -2,11 +2,11 @@
 """Level ground around bodies in nested squares, fine where the light that they block changes fast.
 
 A square's samples, 3 x 3, are predicted from those of the square that it is a quarter of. The error of a biquadratic
-falls with the third power of its size, so where a prediction misses by up to eight times the tolerance the square
-itself is within it. Where a square meets a larger one, its samples on their common side that the larger one lacks take
-the larger one's value, so values are continuous. Squares at the end of refinement, across a jump, are bilinear. What is
-sampled and how fine does not depend on the light: it is kept while bodies stand still, and while they move together
-along the ground by less than the camera's place is rounded to.
+falls with the third power of its size, so a square is off by an eighth of what its prediction misses. Where a square
+meets a larger one, its samples on their common side that the larger one lacks take the larger one's value, so values
+are continuous. Squares at the end of refinement, across a jump, are bilinear. What is sampled and how fine does not
+depend on the light: it is kept while bodies stand still, and while they move together along the ground by less than the
+camera's place is rounded to.
 """
 
 from __future__ import annotations
@@ -17,9 +17,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.composite.ambient.blocked_light import UNNOTICED, BlockedLight, Occluders, joined, shown
-from mr360uw.composite.ambient.horizon_scan import most_blocked
-from mr360uw.composite.ambient.sky_table import glow_table
+from mr360uw.composite.ambient.blocked_light import UNNOTICED, BlockedLight, Occluders, glow_table, joined, shown
+from mr360uw.composite.ambient.height_field import most_blocked
 from mr360uw.jit import fast, inlined
 from mr360uw.types import Floats
 
@@ -27,9 +26,11 @@ NOTHING, SMOOTH_PATCH, JUMP_PATCH = 0, 1, 2
 """Kinds of cells: where no light is blocked, biquadratic, and bilinear between samples."""
 
 TOLERANCE = 0.004
-"""Largest error of the blocked fraction between samples: a code value. With half of it there are a third more."""
-_PREDICTED = 4.0
-"""Most that a prediction may miss, over the tolerance: half of what it falls by, as light changes unevenly."""
+"""Fraction of the light, a code value, above which what a body may block asks for squares no larger than it."""
+_MISSED = 0.024
+"""Most that a prediction may miss: squares within it are off by an eighth of that where light changes evenly, and by a
+code value as it does. With 0.016 there are twice as many; the largest error, at thin parts of bodies, stays as it is.
+"""
 _ROOTS = 4
 """Squares along the longer side of the ground around all bodies, before they are quartered."""
 _ASIDE = np.array([1.0 / 3.0, 1.0 / 5.0])
@@ -38,18 +39,18 @@ at the corner of a box that hangs above the ground rises by .002 outwards.
 """
 _DEEPEST = 16
 """Most times that a square is quartered."""
-_FINEST = 0.5
-"""Least distance of samples, in pixels across the frame."""
-_FAINT, _FAINT_APART, _FAINT_RAD = 0.03, 4.0, 0.0131
-"""Steps of the blocked fraction below the first number, half of which is a code value where ambient light is half of
-all, are not followed to samples nearer than so many pixels, nor nearer than 0.75 degrees where pixels are wider. Sweeps
-make such steps where rays begin to meet a thin part of a body: squares along them were four fifths of all.
+_STEP, _APART = 0.03, 4.0
+"""Steps of the blocked fraction below the first are not followed to samples nearer than so many pixels: scans make such
+steps where rays begin to meet a thin part of a body. With 0.1, light is off by as much beside bodies just above ground.
 """
+_FINEST = 0.5
+"""Least distance of samples, in pixels across the frame: light that jumps between such is that of each place."""
 _CAMERA_STEP, _LOWEST_M = 0.25, 1e-3
 """Part of its height above the ground to which the camera's place is rounded, and the least height [m]."""
 _AT = 0.25 * np.arange(3) + 0.5 * np.arange(2)[:, None]
-_QUARTERS = np.stack([(1.0 - _AT) * (1.0 - 2.0 * _AT), 4.0 * _AT * (1.0 - _AT), _AT * (2.0 * _AT - 1.0)], axis=-1)
-"""Weights (2, 3, 3) of a side's three samples at those of its halves."""
+_ALONG = np.stack([(1.0 - _AT) * (1.0 - 2.0 * _AT), 4.0 * _AT * (1.0 - _AT), _AT * (2.0 * _AT - 1.0)], axis=-1)
+_QUARTERS = np.einsum("aiu,bjv->abijuv", _ALONG, _ALONG).reshape(36, 9)
+"""Weights of a square's samples at those of its quarters, one after the other."""
 _LARGEST = 1.6
 """Largest side of a square over its distance to a body: twice as large, squares pass over what bodies block."""
 
@@ -104,7 +105,43 @@ def make_quadtree(bodies: Occluders, camera: Floats, pixel_rad: float, extent_m:
 
     camera: (3,) of `camera_place`. pixel_rad: width of its pixels, which samples are not much finer than.
     """
-    return _Builder(bodies, camera, pixel_rad, extent_m).build()
+    # Lay the largest squares over all ground of which bodies may block enough
+    plans = bodies.plans()
+    wide = np.hypot(plans[:, 4], plans[:, 5])
+    reach = (wide + np.cbrt(wide * plans[:, 7] ** 2 * len(plans) / (2.0 * UNNOTICED)))[:, None]
+    low, high = (plans[:, :2] - reach).min(axis=0), (plans[:, :2] + reach).max(axis=0)
+    root_m = 2.0 ** np.ceil(np.log2(max(float((high - low).max()), 1e-6) / _ROOTS))
+    first = np.floor(low / root_m - _ASIDE)
+    roots = (np.floor(high / root_m - _ASIDE) + 1.0 - first).astype(np.int64)
+    low = (first + _ASIDE) * root_m
+    square: NDArray[Any] = np.stack(np.meshgrid(*map(np.arange, roots), indexing="ij"), axis=-1).reshape(-1, 2)
+    samples = _Samples(bodies, 1.0 if camera[1] >= 0.0 else -1.0, low, root_m)
+    predicted, count = np.full((len(square), 9, len(glow_table().T)), np.inf), len(square)
+    levels: list[tuple[NDArray[Any], ...]] = []
+    for depth in range(_DEEPEST + 1):
+        # Sample those that the camera may see and of whose light bodies block some
+        size = root_m / 2**depth
+        bound, coarsest, seen_m = np.zeros((3, len(square)))
+        survey(low + square * size, size, plans, camera, TOLERANCE, bound, coarsest, seen_m)
+        there = np.flatnonzero((bound > UNNOTICED) & (seen_m <= extent_m + np.abs(camera[1])))
+        numbers, kind = np.full((len(square), 9), -1, np.int32), np.full(len(square), NOTHING, np.int8)
+        numbers[there], value = samples.at(square[there], depth)
+        missed = np.abs(value - predicted[there]).max(axis=(1, 2), initial=0.0)
+        spacing_px = 0.25 * size / (pixel_rad * seen_m[there])  # of its quarters
+        jump = missed > np.where(spacing_px < _APART, _STEP, _MISSED)
+        kind[there] = np.where(jump, JUMP_PATCH, SMOOTH_PATCH)
+        # Quarter those that were not foreseen, and those that are large for what is near
+        split = (jump | (size > coarsest[there])) & (spacing_px >= _FINEST) & (depth < _DEEPEST)
+        child = np.full(len(square), -1, np.int32)
+        child[there[split]] = count + 4 * np.arange(np.count_nonzero(split))
+        levels.append((numbers, kind, child))
+        square = (2 * square[there[split], None] + [[0, 0], [0, 1], [1, 0], [1, 1]]).reshape(-1, 2)
+        predicted = (_QUARTERS @ value[split]).reshape(len(square), *value.shape[1:])
+        count += len(square)
+        if len(square) == 0:
+            break
+    sample, kind, child = (np.concatenate(column) for column in zip(*levels, strict=True))
+    return _joinable(low, root_m, roots, child, kind, sample, samples)
 
 
 def camera_place(camera: Floats) -> Floats:
@@ -115,96 +152,56 @@ def camera_place(camera: Floats) -> Floats:
     return np.asarray(np.round(camera / step) * step + 0.0)
 
 
-class _Builder:
-    """Quarters squares, one depth after the other."""
+class _Samples:
+    """Places at which it is found what bodies block: each once, whichever squares share it. up: 1, or -1 for ground
+    that is seen from below.
+    """
 
-    def __init__(self, bodies: Occluders, camera: Floats, pixel_rad: float, extent_m: float) -> None:
-        self._bodies, self._normal = bodies, np.array([0.0, 1.0 if camera[1] >= 0.0 else -1.0, 0.0])
-        self._camera, self._pixel_rad, self._extent_m = camera, pixel_rad, extent_m
-        self._plans = plans = bodies.plans()
-        wide = np.hypot(plans[:, 4], plans[:, 5])
-        reach = (wide + np.cbrt(wide * plans[:, 7] ** 2 * len(plans) / (2.0 * UNNOTICED)))[:, None]
-        low, high = ((plans[:, :2] + way * reach) for way in (-1.0, 1.0))
-        low, high = low.min(axis=0), high.max(axis=0)
-        self._root_m = 2.0 ** np.ceil(np.log2(max(float((high - low).max()), 1e-6) / _ROOTS))
-        first = np.floor(low / self._root_m - _ASIDE)
-        self._roots = (np.floor(high / self._root_m - _ASIDE) + 1.0 - first).astype(np.int64)
-        self._low = (first + _ASIDE) * self._root_m
+    def __init__(self, bodies: Occluders, up: float, low: Floats, root_m: float) -> None:
+        self._bodies, self._low, self._finest_m = bodies, low, root_m / 2 ** (_DEEPEST + 1)
+        self._up, self._glow = up, (glow_table() * up).astype(np.float32)
         self._keys, self._number = np.zeros(0, np.int64), np.zeros(0, np.int64)
-        self._place, self._value = np.zeros((0, 3)), np.zeros((0, glow_table().shape[1]))
-        self._parts: list[BlockedLight] = []
+        self.place, self._value = np.zeros((0, 3)), np.zeros((0, self._glow.shape[1]))
+        none = bodies.blocked(self.place, self.place)  # light of the bodies may nowhere be noticed
+        self.parts = [none]
 
-    def build(self) -> Quadtree:
-        """Return the patches."""
-        square = np.stack(np.meshgrid(*(np.arange(n) for n in self._roots), indexing="ij"), axis=-1).reshape(-1, 2)
-        predicted = np.full((len(square), 9, self._value.shape[1]), np.inf)
-        levels, count = [], len(square)
-        for depth in range(_DEEPEST + 1):
-            sample, kind, split, square, predicted = self._one_depth(square, predicted, depth)
-            child = np.full(len(kind), -1, np.int32)
-            child[split] = count + 4 * np.arange(len(split))
-            levels.append((sample, kind, child))
-            count += len(square)
-            if len(square) == 0:
-                break
-        sample, kind, child = (np.concatenate(column) for column in zip(*levels, strict=True))
-        hanging, leaf, at = self._hanging(child, kind)
-        none = self._bodies.blocked(np.zeros((0, 3)), np.zeros((0, 3)))  # light of the bodies may nowhere be noticed
-        blocked = joined([none, *self._parts])
-        squares = self._low, self._root_m, self._roots, child, kind, sample, self._place
-        return Quadtree(*squares, blocked, hanging, leaf, at)
-
-    def _one_depth(self, square: NDArray[np.int64], predicted: Floats, depth: int) -> tuple[NDArray[Any], ...]:
-        """Return of the squares (n, 2) of one depth samples, kinds and the numbers of those to be quartered; and the
-        quarters with what is predicted (m, 9, k) at their samples.
-        """
-        size = self._root_m / 2**depth
-        bound, coarsest, seen_m = np.zeros((3, len(square)))
-        survey(self._low + square * size, size, self._plans, self._camera, TOLERANCE, bound, coarsest, seen_m)
-        there = np.flatnonzero((bound > UNNOTICED) & (seen_m <= self._extent_m + np.abs(self._camera[1])))
-        sample, kind = np.full((len(square), 9), -1, np.int32), np.full(len(square), NOTHING, np.int8)
-        sample[there] = self._sampled(square[there], depth)
-        value = self._value[sample[there]]
-        missed = np.abs(value - predicted[there]).max(axis=(1, 2), initial=0.0)
-        few = 0.25 * size < min(_FAINT_APART * self._pixel_rad, _FAINT_RAD) * seen_m[there]
-        jump = missed > np.where(few, _FAINT, _PREDICTED * TOLERANCE)
-        kind[there] = np.where(jump, JUMP_PATCH, SMOOTH_PATCH)
-        wanted = (jump | (size > coarsest[there])) & (0.25 * size >= _FINEST * self._pixel_rad * seen_m[there])
-        split = there[wanted & (depth < _DEEPEST)]
-        quarters = (2 * square[split][:, None] + [[0, 0], [0, 1], [1, 0], [1, 1]]).reshape(-1, 2)
-        corners = value[wanted & (depth < _DEEPEST)].reshape(-1, 3, 3, value.shape[-1])
-        of_quarters = np.einsum("aiu,bjv,nuvk->nabijk", _QUARTERS, _QUARTERS, corners, optimize=True)
-        return sample, kind, split, quarters, of_quarters.reshape(len(quarters), 9, value.shape[-1])
-
-    def _sampled(self, square: NDArray[np.int64], depth: int) -> NDArray[np.int64]:
-        """Return the numbers (n, 9) of the samples of squares; sweeps what bodies block at new ones."""
-        nine = 2 * square[:, None] + np.stack(np.divmod(np.arange(9), 3), axis=-1)
-        nine <<= _DEEPEST - depth
+    def at(self, square: NDArray[np.int64], depth: int) -> tuple[NDArray[np.int64], Floats]:
+        """Return the numbers (n, 9) of the samples of squares (n, 2) of one depth, and their values (n, 9, k)."""
+        # Number the places by the finest squares, and find those that are new
+        nine = (2 * square[:, None] + np.stack(np.divmod(np.arange(9), 3), axis=-1)) << (_DEEPEST - depth)
         key = (nine[..., 0] << 32) + nine[..., 1]
-        asked, first = np.unique(key, return_index=True)
-        new = ~np.isin(asked, self._keys, assume_unique=True)
-        if np.any(new):
-            place = np.zeros((np.count_nonzero(new), 3))
-            place[:, [0, 2]] = self._low + nine.reshape(-1, 2)[first[new]] * (self._root_m / 2 ** (_DEEPEST + 1))
-            found = self._bodies.blocked(place, np.tile(self._normal, (len(place), 1)))
-            blocked = found.weights @ (glow_table() * self._normal[1]).astype(np.float32)
-            value = shown(found.share.sum(axis=0))[:, None] * blocked / np.pi
-            numbers = np.concatenate([self._number, len(self._place) + np.arange(len(place))])
-            self._keys = np.concatenate([self._keys, asked[new]])
-            order = np.argsort(self._keys)
-            self._keys, self._number = self._keys[order], numbers[order]
-            self._place, self._value = np.concatenate([self._place, place]), np.concatenate([self._value, value])
-            self._parts.append(found)
-        return self._number[np.searchsorted(self._keys, key)]
+        asked = np.unique(key)
+        new = asked[~np.isin(asked, self._keys, assume_unique=True)]
+        if len(new):
+            # Scan what bodies block there, and what that is of five skies
+            place = np.zeros((len(new), 3))
+            place[:, [0, 2]] = self._low + self._finest_m * np.stack([new >> 32, new & 0xFFFFFFFF], axis=-1)
+            found = self._bodies.blocked(place, np.tile([0.0, self._up, 0.0], (len(new), 1)))
+            value = shown(found.share.sum(axis=0))[:, None] * (found.weights @ self._glow) / np.pi
+            # Keep the keys in order, so that they are found again
+            keys = np.concatenate([self._keys, new])
+            numbers = np.concatenate([self._number, len(self.place) + np.arange(len(new))])
+            order = np.argsort(keys, kind="stable")
+            self._keys, self._number = keys[order], numbers[order]
+            self.place, self._value = np.concatenate([self.place, place]), np.concatenate([self._value, value])
+            self.parts.append(found)
+        number = self._number[np.searchsorted(self._keys, key)]
+        return number, self._value[number]
 
-    def _hanging(self, child: NDArray[np.int32], kind: NDArray[np.int8]) -> tuple[NDArray[Any], ...]:
-        """Return the samples on the sides of larger patches, those patches, and the places in them."""
-        leaf, at = np.zeros((len(self._place), 2), np.int64), np.zeros((len(self._place), 2))
-        place = (self._place[:, [0, 2]] - self._low) / self._root_m
-        find_hanging(place, self._roots, child, kind, 0.25 / 2 ** (_DEEPEST + 1), leaf, at)
-        hanging = np.flatnonzero(leaf[:, 0] >= 0)
-        hanging = hanging[np.argsort(leaf[hanging, 1], kind="stable")]
-        return hanging, leaf[hanging, 0], at[hanging]
+
+def _joinable(
+    low: Floats, root_m: float, roots: NDArray[np.int64], child: NDArray[np.int32], kind: NDArray[np.int8],
+    sample: NDArray[np.int32], samples: _Samples,
+) -> Quadtree:  # fmt: skip
+    """Return the patches with the samples on the sides of larger ones, those patches, and the places in them."""
+    leaf, at = np.zeros((len(samples.place), 2), np.int64), np.zeros((len(samples.place), 2))
+    find_hanging((samples.place[:, [0, 2]] - low) / root_m, roots, child, kind, 0.25 / 2 ** (_DEEPEST + 1), leaf, at)
+    hanging = np.flatnonzero(leaf[:, 0] >= 0)
+    hanging = hanging[np.argsort(leaf[hanging, 1], kind="stable")]
+    blocked = joined(samples.parts)
+    return Quadtree(
+        low, root_m, roots, child, kind, sample, samples.place, blocked, hanging, leaf[hanging, 0], at[hanging]
+    )
 
 
 @inlined

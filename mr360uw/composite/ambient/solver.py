@@ -7,6 +7,30 @@ with i, j samples, c the solid angle times cosine of a direction, V its visibili
 it: the ground is at a distance and so not where the camera sees it. g are the nodes of the ground nearby, G what they
 send, rho the reflectance, S the sun's irradiance and e the emission. Jacobi steps from E as if each sample lay in a
 hollow of uniform light: that of a furnace stays what it is in every step, also in a closed white box.
+
+All light is over the ambient light's fall with depth. The light of the ground changes at the nodes below bodies by
+
+    r - 1 = -(F L + S v)/(E + S)
+
+with L the ambient light that bodies block at coarse nodes less what they send there, F the interpolation from these, E
+the ambient irradiance, S the sun's and v the fraction of it that bodies block. A node sends r G, and G is as bright
+from all sides:
+
+    G = w P + (1 - w) L        w = T^20
+
+with P what the camera sees in its place, T the transmittance of the water before it, and L the environment in the
+direction of who looks at it. Under water the camera sees more haze than ground there: no water is the limit of thin
+water, and half of G is P at a loss of 3.5 %.
+
+Glossy reflection loses what other bodies and shaded ground fill of the lobe of a sample towards the camera:
+
+    kept = 1 - sum_m p w_k L_k/sum_k w_k L_k        instead = sum_m p w_k B_m/sum_k w_k
+    w    = D(n.h) V(n.v, n.l) n.l
+
+with k the directions (mesh_transfer.py), m those that meet a coarse sample, a node of the ground or ground farther
+off, p the part of the direction that they fill, L the environment at the camera, B the radiance that coarse samples and
+ground send, D and V those of `shading.py`. The prefiltered environment times kept plus instead is the reflected light:
+white bodies in white light stay white, and nothing changes where nothing is met.
 """
 
 from __future__ import annotations
@@ -19,18 +43,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.cache import Cache
-from mr360uw.composite.ambient.blocked_light import BlockedLight, fraction_left
-from mr360uw.composite.ambient.body import Body
-from mr360uw.composite.ambient.body_layout import Exchange, Layout
-from mr360uw.composite.ambient.directions import blurred, directions
-from mr360uw.composite.ambient.form_factors import FormFactors
-from mr360uw.composite.ambient.ground_light import GroundLight, Sunlight, ground_radiance
-from mr360uw.composite.ambient.lattice_kernel import CHANNELS, FEW_CHANNELS, UNTOUCHED, product
-from mr360uw.composite.ambient.lobe_occlusion import reflected_among
-from mr360uw.composite.ambient.mesh_transfer import Transfer
-from mr360uw.composite.ambient.sky_table import sky_table
+from mr360uw.composite.ambient.blocked_light import BlockedLight, fraction_left, sky_table
+from mr360uw.composite.ambient.bodies import COARSE_NODES, NODES, Body, Layout, from_coarse
+from mr360uw.composite.ambient.form_factors import Exchange, FormFactors, Met
+from mr360uw.composite.ambient.mesh_transfer import Transfer, blurred, directions, seen_by_camera
+from mr360uw.composite.ambient.sample_points import CHANNELS, FEW_CHANNELS, UNTOUCHED, product
+from mr360uw.composite.lighting.sun import sun_of, sun_up
 from mr360uw.composite.shot import Shot
 from mr360uw.ibl.lookup import environment_lookup
+from mr360uw.jit import fast
+from mr360uw.medium.lookup import ambient_ratio, beam_ratio, transmittance_lookup
 from mr360uw.types import Floats
 
 BOUNCES = 8
@@ -44,15 +66,27 @@ _BRIGHTEST = 16.0
 """Most that neighbours multiply the ambient light of a place by."""
 _NO_TABLE = np.zeros((0, 3, 3))
 """Table of the environment of shots without a receiver, which is what it is for."""
+_UP = np.array([[0.0, 1.0, 0.0]])
+_THIN_POWER = 20.0
+_STEPS = 64.0
+"""The sun's direction in shadow rays of this module is rounded to such parts of one: kept while its track trembles."""
+_KEPT = 4
+"""Directions of the sun for which shadows are kept while bodies stand still."""
+LEAST_ALPHA = 0.1
+"""Least width of a lobe. Its core is then as wide as the directions lie apart, 9 degrees: reflections of bodies in
+smoother surfaces are blurred as much. Twice as wide, a ball of roughness .35 on the ground is off by a third more.
+"""
+_LEAST_COSINE = 1e-3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AmbientLight:
     """Solved ambient light of a shot.
 
-    values: for each object those of its points (lattice_kernel.py), float32, or None where nothing is in its way.
-    table: of the environment (sky_table.py), empty without a receiver. sent: for each body that the ground sees the
-    mean radiance (NODES, NODES, 3) of what it hides, at the nodes below it. ambient: (H, W, 3).
+    values: for each object those of its points (sample_points.py), float32, or None where nothing is in its way.
+    table: of the environment (`sky_table`), empty without a receiver. sent: for each body that the ground sees the
+    mean radiance (NODES, NODES, 3) of what it hides, at the nodes below it. ambient: (H, W, 3). samples: the solutions
+    that it is interpolated between, with their weights; none where it is solved itself.
     """
 
     layout: Layout
@@ -60,6 +94,7 @@ class AmbientLight:
     table: Floats
     sent: tuple[Floats, ...]
     ambient: Floats
+    samples: tuple[tuple[AmbientLight, float], ...] = ()
 
     def free(self, blocked: BlockedLight, points: Floats) -> Floats:
         """Return the fraction (n, 3) of the ambient light that is left on the ground at places (n, 3) of the world,
@@ -86,7 +121,7 @@ def interpolated(layout: Layout, before: AmbientLight, after: AmbientLight, shar
     )
     sent = tuple(mixed(a, b) for a, b in zip(before.sent, after.sent, strict=True))
     table, ambient = mixed(before.table, after.table), mixed(before.ambient, after.ambient)
-    return AmbientLight(layout, values, table, sent, ambient)
+    return AmbientLight(layout, values, table, sent, ambient, ((before, 1.0 - share), (after, share)))
 
 
 def _alike(*values: NDArray[np.float32] | None) -> list[NDArray[np.float32]]:
@@ -205,7 +240,7 @@ class Solver:
     def _values(
         self, number: int, own_light: tuple[Floats, ...], sent: Floats, nodes: Floats
     ) -> NDArray[np.float32] | None:
-        """Return the values of a body's points (lattice_kernel.py), None where nothing is in its way. own_light: of
+        """Return the values of a body's points (sample_points.py), None where nothing is in its way. own_light: of
         `_everywhere`. sent, nodes: radiance of all coarse samples, and of the nodes.
         """
         body, view = self._bodies[number], self._exchange.views[number]
@@ -272,3 +307,211 @@ def _at_coarse(transfer: Transfer, refractive_index: float) -> tuple[Floats, Flo
     """Return the reflectance (C, 3) and the emission (C, 3) of a mesh at its coarse samples."""
     coarse = transfer.coarse
     return coarse.mean(transfer.reflected(refractive_index)), coarse.mean(transfer.emission)
+
+
+class Sunlight:
+    """Irradiance of one shot's sun; its shadow rays are kept in `cache`."""
+
+    def __init__(self, shot: Shot, layout: Layout, cache: Cache) -> None:
+        self._shot, self._layout, self._cache = shot, layout, cache
+        self._sun = sun_of(shot)
+
+    def ambient(self, points: Floats) -> Floats:
+        """Return the ambient light (n, 3) at the depth of points (n, 3) of the world over that at the camera."""
+        shot = self._shot
+        if shot.medium is None:
+            return np.ones((len(points), 3))
+        return ambient_ratio(shot.medium, shot.view.surface_y_m - points[:, 1])
+
+    def at_coarse(self) -> Floats:
+        """Return the irradiance (all, 3) on the coarse samples of all bodies."""
+        bodies = self._layout.bodies
+        place = _coarse(self._layout)
+        if self._sun is None:
+            return np.zeros((sum(map(len, place)), 3))
+        towards = self._sun.direction
+        cosine = [b.transfer.lattice.normal[b.transfer.coarse.sample] @ (towards @ b.rotation) for b in bodies]
+        lit = np.concatenate(self._cache.of(_coarse_lit, self._layout, self._towards, keep=_KEPT))
+        return self._beam(np.concatenate(place)) * (np.maximum(np.concatenate(cosine), 0.0) * lit)[:, None]
+
+    def at_nodes(self) -> tuple[Floats, Floats]:
+        """Return the irradiance on the nodes of all bodies without bodies (n, 3), and what part (n,) of it bodies
+        block.
+        """
+        node = np.concatenate(self._layout.nodes)
+        if self._sun is None:
+            return np.zeros((len(node), 3)), np.zeros(len(node))
+        beam = self._beam(node) * max(float(self._sun.direction[1]), 0.0)
+        return beam, 1.0 - np.concatenate(self._cache.of(_nodes_lit, self._layout, self._towards, keep=_KEPT))
+
+    def _beam(self, points: Floats) -> Floats:
+        """Return the sun's irradiance (n, 3) across its beam."""
+        shot, sun = self._shot, self._sun
+        assert sun is not None
+        beam = np.broadcast_to(sun.irradiance, (len(points), 3))
+        if shot.medium is not None:
+            beam = beam * beam_ratio(shot.medium, shot.view.surface_y_m - points[:, 1], sun_up(sun))
+        return np.asarray(beam / np.maximum(self.ambient(points), 1e-9))
+
+    @property
+    def _towards(self) -> Floats:
+        assert self._sun is not None
+        towards = np.round(_STEPS * np.asarray(self._sun.direction))
+        return np.asarray(towards / np.linalg.norm(towards))
+
+
+def _coarse(layout: Layout) -> list[Floats]:
+    """Return the places (C, 3) of the coarse samples of each body in the world."""
+    parts = [(body.placed, body.transfer.lattice.position[body.transfer.coarse.sample]) for body in layout.bodies]
+    return [placed.to_world(position) for placed, position in parts]
+
+
+def _coarse_lit(layout: Layout, towards: Floats) -> list[Floats]:
+    return layout.lit(_coarse(layout), towards)
+
+
+def _nodes_lit(layout: Layout, towards: Floats) -> list[Floats]:
+    return layout.lit(layout.nodes, towards)
+
+
+class GroundLight:
+    """Light of one shot at the nodes of bodies; what does not depend on what bodies send is found once.
+
+    table: of the shot's environment (`sky_table`).
+    """
+
+    def __init__(self, shot: Shot, exchange: Exchange, table: Floats, sunlight: Sunlight) -> None:
+        self._exchange, layout = exchange, exchange.layout
+        self._numbers = [k for k, node in enumerate(layout.nodes) if len(node)]
+        self._empty = np.zeros((0, 3), np.float32)
+        if not self._numbers:
+            return
+        self._lost, light = exchange.blocked.irradiance(table), shot.environment
+        map_ = light.residual if light.detail is None else light.detail
+        beam, shaded = sunlight.at_nodes()
+        whole = np.maximum(environment_lookup(shot.environment.ambient, _UP), 1e-9)
+        self._whole, self._shade = whole + beam, beam * shaded[:, None]
+        nodes = np.concatenate([layout.nodes[k] for k in self._numbers])
+        behind = np.concatenate([layout.nodes[k] - layout.bodies[k].center for k in self._numbers])
+        self._plain = ground_radiance(shot, map_, nodes, behind)
+
+    def _taken(self, sent: NDArray[np.float32]) -> Floats:
+        """Return 1 - r (all nodes, 3), at most 1. sent: (all coarse samples, 3) radiance that they send."""
+        exchange = self._exchange
+        bounced = exchange.layout.bounced(exchange.blocked, exchange.coarse, exchange.sent_down(sent))
+        lost = self._lost - bounced
+        at_nodes = (from_coarse() @ lost.reshape(-1, COARSE_NODES**2, 3)).reshape(-1, 3)
+        return np.minimum((at_nodes + self._shade) / self._whole, 1.0)
+
+    def radiance(self, sent: NDArray[np.float32] | None) -> list[NDArray[np.float32]]:
+        """Return the radiance (NODES^2, 3) that the nodes of each body send, none of bodies that do not see the ground.
+
+        sent: (all coarse samples, 3) radiance that they send; None: as the ground is without bodies.
+        """
+        if not self._numbers:
+            return [self._empty] * len(self._exchange.layout.bodies)
+        left = 1.0 if sent is None else 1.0 - self._taken(sent)
+        return self._of_bodies((self._plain * left).astype(np.float32))
+
+    def _of_bodies(self, values: NDArray[np.float32]) -> list[NDArray[np.float32]]:
+        found, step = [self._empty] * len(self._exchange.layout.bodies), NODES**2
+        for number, k in enumerate(self._numbers):
+            found[k] = values[number * step : (number + 1) * step]
+        return found
+
+
+def ground_radiance(shot: Shot, map_: Floats, place: Floats, towards: Floats) -> Floats:
+    """Return the radiance G (n, 3) of places (n, 3) of level ground without bodies, see the module's text.
+
+    map_: (H, W, 3) of the environment. towards: (n, 3) directions in which the places are looked at, down.
+    """
+    away = place - shot.view.position
+    way = seen_by_camera(away, towards)
+    shown = environment_lookup(map_, way)
+    if shot.medium is None:
+        return shown
+    through = transmittance_lookup(shot.medium, np.linalg.norm(away, axis=-1), way[:, 1])
+    behind = environment_lookup(map_, towards)
+    return np.asarray(behind + through**_THIN_POWER * (shown - behind))
+
+
+def reflected_among(
+    body: Body, met: Met, camera: Floats, radiance: Floats, around: Floats, sent: Floats, ground: Floats
+) -> Floats:
+    """Return (S, 6) for the samples of a body: the ratio of the environment's glossy light that is kept, and the
+    radiance that is seen instead.
+
+    camera: (3,) place in the world. radiance, around: (COUNT, 3) of the environment in the body's directions, as the
+    camera and as the body sees it. sent: (all coarse samples, 3) radiance of what is met; ground: (NODES^2, 3) of the
+    nodes.
+    """
+    lattice = body.transfer.lattice
+    towards = (camera - body.placed.to_world(lattice.position)) @ body.rotation
+    towards /= np.maximum(np.linalg.norm(towards, axis=-1, keepdims=True), 1e-9)
+    alpha = np.maximum(body.transfer.roughness**2, LEAST_ALPHA)
+    out = np.zeros((len(towards), 6))
+    out[:, :3] = 1.0
+    normal, ways = np.ascontiguousarray(lattice.normal, np.float32), np.ascontiguousarray(directions().T, np.float32)
+    towards, alpha = towards.astype(np.float32), alpha.astype(np.float32)
+    light, at_body = (np.ascontiguousarray(a.T, np.float32) for a in (radiance, around))
+    _reflect(
+        normal, towards, alpha, ways, light, at_body, np.flatnonzero(np.any(light != at_body, axis=0)),
+        met.begin, met.direction, met.target, met.part, sent, ground, out,
+    )  # fmt: skip
+    return out
+
+
+@fast
+def _weigh(normal: Any, towards: Any, alpha: Any, d: Any, weight: Any) -> None:
+    """Set the weights (COUNT,) of directions (3, COUNT) in a lobe."""
+    nx, ny, nz = normal[0], normal[1], normal[2]
+    vx, vy, vz = towards[0], towards[1], towards[2]
+    cosine = nx * vx + ny * vy + nz * vz
+    if cosine < np.float32(_LEAST_COSINE):  # behind its own horizon: as seen along the surface
+        lift = np.float32(_LEAST_COSINE) - cosine
+        vx, vy, vz = vx + lift * nx, vy + lift * ny, vz + lift * nz
+        scale = np.float32(1.0) / max(np.sqrt(vx * vx + vy * vy + vz * vz), np.float32(1e-6))
+        vx, vy, vz = vx * scale, vy * scale, vz * scale
+        cosine = np.float32(_LEAST_COSINE)
+    one, squared = np.float32(1.0), alpha * alpha
+    masked = np.sqrt(cosine * cosine * (one - squared) + squared)
+    for k in range(len(weight)):
+        light = max(nx * d[0, k] + ny * d[1, k] + nz * d[2, k], np.float32(0.0))
+        twice = max(np.float32(2.0) + np.float32(2.0) * (vx * d[0, k] + vy * d[1, k] + vz * d[2, k]), np.float32(1e-6))
+        facets = (cosine + light) * (cosine + light) / twice * (squared - one) + one
+        facets = max(facets, np.float32(0.5) * squared)  # below the horizon it may be 0, as the light
+        smith = light * masked + cosine * np.sqrt(light * light * (one - squared) + squared)
+        weight[k] = light / (facets * facets * smith)
+
+
+@fast
+def _reflect(
+    normal: Any, towards: Any, alpha: Any, d: Any, radiance: Any, around: Any, moved: Any,
+    first: Any, direction: Any, target: Any, part: Any, sent: Any, ground: Any, out: Any,
+) -> None:  # fmt: skip
+    weight, far = np.empty(d.shape[1], np.float32), np.zeros(d.shape[1], np.bool_)
+    far[moved] = True
+    for s in range(len(normal)):
+        if first[s] == first[s + 1] and len(moved) == 0:
+            continue
+        _weigh(normal[s], towards[s], alpha[s], d, weight)
+        whole = np.float32(1e-12)
+        for k in range(len(weight)):
+            whole += weight[k]
+        for c in range(3):
+            seen, lost, instead = np.float32(1e-12), np.float32(0.0), np.float32(0.0)
+            for k in range(len(weight)):
+                seen += weight[k] * radiance[c, k]
+            for k in moved:
+                lost += weight[k] * radiance[c, k]
+                instead += weight[k] * around[c, k]
+            for p in range(first[s], first[s + 1]):
+                k, number = direction[p], target[p]
+                filled = part[p] * weight[k]
+                if far[k]:
+                    instead -= filled * around[c, k]
+                else:
+                    lost += filled * radiance[c, k]
+                instead += filled * (sent[number - 1, c] if number > 0 else ground[-number - 1, c])
+            out[s, c] = max(np.float32(1.0) - lost / seen, np.float32(0.0))
+            out[s, 3 + c] = max(instead, np.float32(0.0)) / whole

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.cache import Cache, PartOf, Same
+from mr360uw.composite.ambient.light import GroundField, ground_field
 from mr360uw.composite.ambient.solver import AmbientLight
 from mr360uw.composite.gl.ground_shader import NO_EDGE, SHARP, SOFT, GroundShader, SunSight, sun_sight
 from mr360uw.composite.gl.light_slots import sun_defines
@@ -50,14 +51,14 @@ class Reached:
     """The ground that a shot may change.
 
     blocks, shaded, lamplit: upper bounds (R, C) of its blocks that change: at all, by the sun's shadow, by lamps.
-    corner: of `BlockLight`, as if the sun were visible everywhere.
+    ambient: what bodies leave of its light. corner: of `BlockLight`, as if the sun were visible everywhere.
     """
 
     ground: Ground
     blocks: NDArray[np.bool_]
     shaded: NDArray[np.bool_]
     lamplit: NDArray[np.bool_]
-    ambient: AmbientLight | None
+    ambient: GroundField
     corner: NDArray[np.float32]
 
 
@@ -104,12 +105,12 @@ class ReceiverPass:
             return None
         shape = kept_shape(shot.receiver, shot.view.position, self._cache)
         ground = self._cache.of(_ground, PartOf(shot, shot.view), shape)
-        # the grid depends on the water's attenuation alone, which does not change when the veil is scaled to the plate
-        through = None if shot.medium is None else Same(shot.medium.attenuation)
-        grid = self._cache.of(_grid, PartOf(shot, shot.view, through), shape)
+        grid = self._cache.of(_grid, PartOf(shot, shot.view), shape)
         sun = sun_of(shot)
         of_light = None if sun is None else sun.direction, widest_half_angle(shot), shot.caustics is None
-        alike = PartOf(shot, shot.receiver, shot.casters, *of_light)
+        # of the water its attenuation alone counts, which does not change when the veil is scaled to the plate
+        through = None if shot.medium is None else Same(shot.medium.attenuation)
+        alike = PartOf(shot, shot.receiver, shot.casters, *of_light, through)
         masks = _reached(alike, ground, grid) if lamps_of(shot) else self._cache.of(_reached, alike, ground, grid)
         return (ground, *masks) if np.any(masks[0]) else None
 
@@ -119,9 +120,10 @@ class ReceiverPass:
             return None
         ground, blocks, shaded, lamplit = masks
         ground.load_blocks(shot, blocks)
-        corner = free_corners(shot, ground, blocks, ambient, self._cache)
+        field = ground_field(shot, ambient, self._cache)
+        corner = free_corners(ground, blocks, field)
         shaded = shaded & ("SHADOW" in sun_defines(shot))
-        return Reached(ground, blocks, shaded, lamplit, ambient, corner)
+        return Reached(ground, blocks, shaded, lamplit, field, corner)
 
     def find(self, shot: Shot, light: ShotLight, reach: Reached | None) -> Changes | None:
         """Return the blocks that change, by the light at their corners; None where there are none."""
@@ -133,7 +135,7 @@ class ReceiverPass:
         sight = self._cache.of(self._sight, PartOf((shot, light), *of_sight), ground, reach.shaded)
         corner[(*sight.at, SEEN)] = sight.value
         if "CAUSTICS" not in light.of_sun & _wanted(shot.receiver):
-            changed = changed_blocks(shot, ground, blocks, corner, reach.ambient, self._cache)
+            changed = changed_blocks(shot, ground, blocks, corner, reach.ambient)
             blocks = changed | (blocks & (lamplit | (sight.edge != NO_EDGE)))
         rectangles = rectangles_of_cells(blocks, (BLOCK, BLOCK), shot.view)
         set_plate_light(shot, ground, blocks, corner)
@@ -206,7 +208,7 @@ class ReceiverPass:
                 shape.append((which, np.concatenate([own[0], own[1][..., :3]], axis=-1)))
             if "LAMPS" in wanted:
                 added.append((which, own[2][..., :3]))
-        free = free_images(shot, reach.ground, reach.corner, j, i, reach.ambient, self._cache, gaps)
+        free = free_images(shot, reach.ground, reach.corner, j, i, reach.ambient, gaps)
         own_pixels = (gather_images(len(j), k, of) for k, of in ((1, seen), (3, waves), (7, shape), (3, added)))
         return BlockLight(j, i, reach.corner, free, *own_pixels)
 

@@ -6,9 +6,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.cache import Cache
-from mr360uw.composite.ambient.light import free_between, jumps_of_light
-from mr360uw.composite.ambient.solver import AmbientLight
+from mr360uw.composite.ambient.light import GroundField
 from mr360uw.composite.lighting.lamps import light_sources
 from mr360uw.composite.lighting.surfaces import veil_ahead
 from mr360uw.composite.receiver.ground import BLOCK, Ground, Indices, mark_changed, survey_blocks
@@ -29,21 +27,21 @@ from mr360uw.types import Floats
 
 _PAST_THE_LAST = 5.0 / 32.0
 """Error of a straight line a quarter step past its samples, in second differences: (1/4)(5/4)/2; between them 1/8."""
+_PART_OF_GAP = 0.25
+"""Reach of a block over the height of a body above the ground, below which corners and middle miss nothing."""
 SMOOTH = 0.004
 """Largest interpolation error at the middle of a block, in linear light: less than a code value. Twice as large, blocks
 show in smooth shadows."""
 
 
-def free_corners(
-    shot: Shot, ground: Ground, blocks: NDArray[np.bool_], light: AmbientLight | None, cache: Cache
-) -> NDArray[np.float32]:
+def free_corners(ground: Ground, blocks: NDArray[np.bool_], field: GroundField) -> NDArray[np.float32]:
     """Return corner light (R + 1, C + 1, 10) for receiver_kernel.py with the ambient light that bodies leave at the
     corners of blocks, and the sun fully visible; `set_plate_light` fills in the other channels.
     """
     corner = np.zeros((ground.rows + 1, ground.columns + 1, CORNER_CHANNELS), np.float32)
     j, i = np.nonzero(ground.corners_of(blocks))
     point, normal = (a[j, i].astype(np.float64) for a in (ground.corner_point, ground.corner_normal))
-    corner[j, i, FREE] = free_between(shot, light, point, normal, cache)
+    corner[j, i, FREE] = field.at(point, normal)
     corner[j, i, SEEN] = 1.0
     return corner
 
@@ -53,8 +51,7 @@ def changed_blocks(
     ground: Ground,
     blocks: NDArray[np.bool_],
     corner: NDArray[np.float32],
-    light: AmbientLight | None,
-    cache: Cache,
+    field: GroundField,
 ) -> NDArray[np.bool_]:
     """Return those of some blocks (R, C) in which bodies may change the receiver by more than `Shot.unseen`.
 
@@ -62,7 +59,7 @@ def changed_blocks(
     linear between the corners; only near a body and where the ambient light jumps it may be farther from 1 inside.
     """
     j, i = np.nonzero(blocks)
-    marks = ground.broken[j, i] | _crossed(shot, ground, light, cache)[j, i]
+    marks = ground.broken[j, i] | _crossed(ground, field)[j, i]
     factors = corner[..., FREE.start :]
     mark_changed(j, i, factors, ground.middle_point, ground.reach_m, _balls(shot), np.float32(shot.unseen), marks)
     changed = np.zeros_like(blocks)
@@ -90,43 +87,44 @@ def free_images(
     corner: Floats,
     j: Indices,
     i: Indices,
-    light: AmbientLight | None,
-    cache: Cache,
+    field: GroundField,
     gaps: Gaps,
 ) -> PixelImages:
     """Return the unblocked ambient fraction per pixel, for blocks where interpolation from corners is not accurate.
 
     Partly covered pixels take it in their gaps.
     """
+    # Find the blocks whose light at the middle is not that between their corners, or may jump
     broken, rough = ground.broken[j, i], ground.rough[j, i]
     change, near = np.zeros(len(j), np.float32), np.zeros(len(j), np.bool_)
     survey_blocks(j, i, corner[..., FREE], ground.middle_point, ground.reach_m, _balls(shot), change, near)
+    near &= ground.reach_m[j, i] > _PART_OF_GAP * field.gap_m
     uneven = ~broken & (near | rough | (change > SMOOTH))
     asked = j[uneven], i[uneven]
-    at_middle = _free(shot, light, (ground.middle_point[asked], ground.middle_normal[asked]), cache)
+    at_middle = _free(field, ground.middle_point[asked], ground.middle_normal[asked])
     missed = np.zeros(len(j))
     missed[uneven] = np.abs(at_middle - ground.middle_between(corner[..., FREE], *asked)).max(axis=-1)
-    crossed = _crossed(shot, ground, light, cache)
-    uneven &= (missed > SMOOTH) | (near & (change > SMOOTH))
-    uneven |= crossed[j, i] & ~broken
+    crossed = _crossed(ground, field)
+    uneven = ((missed > SMOOTH) | (near & (change > SMOOTH)) | crossed[j, i]) & ~broken
+    # Take it at every second pixel of these; where that misses it, and at edges of the ground, at each
     parts: Gathered = []
     if np.any(uneven):
         of = j[uneven], i[uneven]
-        quarters = _free(shot, light, _quarter_places(shot, ground, *of), cache)
+        quarters = _free(field, *_quarter_places(shot, ground, *of))
         free = np.maximum(enlarged(quarters), 0.0)  # past the outer samples lines go on
         sharp = crossed[of] | (missed_between(quarters) > SMOOTH)
         if np.any(sharp):
-            free[sharp] = _free(shot, light, _pixel_places(shot, ground, of[0][sharp], of[1][sharp]), cache)
+            free[sharp] = _free(field, *_pixel_places(shot, ground, of[0][sharp], of[1][sharp]))
         parts.append((uneven, free))
     if np.any(broken):
-        parts.append((broken, _free(shot, light, _pixel_places(shot, ground, j[broken], i[broken]), cache)))
+        parts.append((broken, _free(field, *_pixel_places(shot, ground, j[broken], i[broken]))))
+    # Partly covered pixels take it in their gaps
     images = gather_images(len(j), 3, parts)
     own = np.flatnonzero(images.at >= 0)
     some, block = ground.gaps_in(gaps, j[own], i[own])
     if len(block):
-        places = ground.meet(shot, *some.place.T)
         at = images.at[own][block], some.row % BLOCK, some.column % BLOCK
-        images.image[at] = _free(shot, light, places, cache)
+        images.image[at] = _free(field, *ground.meet(shot, *some.place.T))
     return images
 
 
@@ -139,13 +137,13 @@ def _balls(shot: Shot) -> Floats:
     return np.array(balls, np.float64).reshape(-1, 4)
 
 
-def _crossed(shot: Shot, ground: Ground, light: AmbientLight | None, cache: Cache) -> NDArray[np.bool_]:
+def _crossed(ground: Ground, field: GroundField) -> NDArray[np.bool_]:
     """Return the mask (R, C) of blocks within which the ambient light that bodies leave jumps, or a pixel beside."""
     crossed = np.zeros((ground.rows, ground.columns), np.bool_)
-    place = jumps_of_light(shot, light, cache)
+    view, place = field.shot.view, field.jumps()
     if len(place):
-        width, height = shot.view.width, shot.view.height
-        x, y = shot.view.places(place)
+        width, height = view.width, view.height
+        x, y = view.places(place)
         wide = np.minimum(1.0 / np.maximum(np.sin(np.pi * y / height), 1.0 / BLOCK), BLOCK)  # near a pole [pixels]
         for down in (-1.0, 1.0):
             for right in (-1.0, 0.0, 1.0):
@@ -169,10 +167,9 @@ def missed_between(images: NDArray[np.float32]) -> NDArray[np.float32]:
     return np.asarray(_PAST_THE_LAST * np.maximum(*bends), np.float32)
 
 
-def _free(shot: Shot, light: AmbientLight | None, places: tuple[Floats, Floats], cache: Cache) -> NDArray[np.float32]:
+def _free(field: GroundField, point: Floats, normal: Floats) -> NDArray[np.float32]:
     """Return the fraction (..., 3) of the ambient light that bodies leave at points and normals (..., 3)."""
-    point, normal = (np.asarray(a, np.float64) for a in places)
-    return free_between(shot, light, point, normal, cache).astype(np.float32)
+    return field.at(np.asarray(point, np.float64), np.asarray(normal, np.float64)).astype(np.float32)
 
 
 def enlarged(images: NDArray[np.float32]) -> NDArray[np.float32]:

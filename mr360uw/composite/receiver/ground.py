@@ -140,27 +140,31 @@ class Ground:
 
     def _load(self, shot: Shot, new: NDArray[np.bool_]) -> None:
         """Compute points and normals of blocks (R, C) that are not loaded."""
-        j, i = np.nonzero(self.corners_of(new) & ~self._loaded_corner)
-        self.corner_point[j, i], self.corner_normal[j, i] = self.meet(
+        receiver, corners = shot.receiver, self.corners_of(new)
+        level = receiver is not None and receiver.plane_y is not None
+        # Of a plane, all places in the rectangle around the blocks cost less than it takes to pick them
+        corner, j, i = _places(corners if level else corners & ~self._loaded_corner, around=level)
+        self.corner_point[corner], self.corner_normal[corner] = self.meet(
             shot, BLOCK * i, np.minimum(BLOCK * j, self._height)
         )
-        self._loaded_corner[j, i] = True
-        j, i = np.nonzero(new)
+        middle, j, i = _places(new, around=level)
         below = np.minimum(BLOCK * (j + 1), self._height)
-        self.middle_point[j, i], self.middle_normal[j, i] = self.meet(
+        self.middle_point[middle], self.middle_normal[middle] = self.meet(
             shot, BLOCK * (i + 0.5), 0.5 * (BLOCK * j + below)
         )
-        limit = FADE_FROM * shot.receiver.extent_m if shot.receiver is not None else np.inf
+        # Find which of them their corners represent, and how far they reach
+        j, i = np.nonzero(new)
+        limit = FADE_FROM * receiver.extent_m if receiver is not None else np.inf
         measure_blocks(j, i, self.corner_point, self.middle_point, limit, _REACH, self.broken, self.reach_m)
         self.rough[j, i] |= self.broken[j, i]
-        if shot.receiver is None or shot.receiver.plane_y is None:
+        if not level:
             self._classify(shot, j, i)
+        self._loaded_corner |= corners
         self._loaded_block |= new
 
     def meet(self, shot: Shot, x: ArrayLike, y: ArrayLike) -> tuple[Floats, Floats]:
         """Return points and normals (..., 3) of the receiver at frame coordinates, zero where there is no receiver."""
         x, y = np.asarray(x, np.float64), np.asarray(y, np.float64)
-        x, y = np.broadcast_arrays(x, y)
         direction = shot.view.directions(x, y)
         distance, normal = self._shape.meet_along(shot.view, x, y, direction)
         there = np.isfinite(distance)
@@ -225,3 +229,15 @@ class Ground:
     def middle_between(self, corner: Floats, j: Indices, i: Indices) -> Floats:
         """Return corner values (R + 1, C + 1) interpolated to the middles of blocks, (n,)."""
         return np.asarray(self.four(corner, j, i).mean(axis=1))
+
+
+def _places(mask: NDArray[np.bool_], *, around: bool) -> tuple[Any, Indices, Indices]:
+    """Return an index of the set places of a mask (h, w), and their rows and columns; around: of all places in the
+    smallest rectangle about them. At least one is set.
+    """
+    if not around:
+        j, i = np.nonzero(mask)
+        return (j, i), j, i
+    (top, bottom), (left, right) = (np.flatnonzero(mask.any(axis=axis))[[0, -1]] for axis in (1, 0))
+    rows, columns = np.arange(top, bottom + 1), np.arange(left, right + 1)
+    return (slice(top, bottom + 1), slice(left, right + 1)), rows[:, None], columns

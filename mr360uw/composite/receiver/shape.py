@@ -72,7 +72,6 @@ class ReceiverShape:
 
     def meet(self, shot: Shot, x: Floats, y: Floats) -> tuple[Floats, Floats]:
         """Return (distance (...), infinite where there is no receiver; normal (..., 3) towards the camera)."""
-        x, y = np.broadcast_arrays(x, y)
         return self.meet_along(shot.view, x, y, shot.view.directions(x, y))
 
     def meet_along(self, view: View, x: Floats, y: Floats, direction: Floats) -> tuple[Floats, Floats]:
@@ -122,7 +121,7 @@ class ReceiverShape:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CoarseGrid:
-    """The receiver at the middles of n cells of the frame in which it is visible.
+    """The receiver at the middles of n cells of the frame where it is.
 
     cell: (columns, rows) of pixels; shape: (rows, columns) of cells; index: (n,) of the cells, flat. point, normal:
     (n, 3). reach_m: (n,) half the extent of a cell on the receiver.
@@ -145,22 +144,19 @@ def coarse_grid(shot: Shot, shape: ReceiverShape) -> CoarseGrid:
     columns, rows = -(-width // cell[0]), -(-height // cell[1])
     x, y = (np.arange(columns) + 0.5) * cell[0], np.minimum((np.arange(rows) + 0.5) * cell[1], height)[:, None]
     direction = shot.view.directions(x, y)
-    distance, normal = shape.meet_along(shot.view, *np.broadcast_arrays(x, y), direction)
-    # of the cells that show the receiver, those that water does not hide
-    index = np.flatnonzero(np.isfinite(distance))
-    distance, normal, direction = distance.flat[index], normal.reshape(-1, 3)[index], direction.reshape(-1, 3)[index]
-    if shot.medium is not None:
-        near = transmittance_lookup(shot.medium, distance, direction[:, 1]).max(axis=-1) > NEGLIGIBLE
-        index, distance, normal, direction = index[near], distance[near], normal[near], direction[near]
+    distance, normal = shape.meet_along(shot.view, x, y, direction)
+    seen = np.isfinite(distance)
+    distance, normal, direction = distance[seen], normal[seen], direction[seen]
     cosine = np.maximum(np.abs(np.sum(direction * normal, -1)), 0.02)
     along, across = cell[1] * np.pi / (2 * height), cell[0] * np.pi / width
     reach = distance * np.hypot(along / cosine, across)
-    return CoarseGrid(cell, (rows, columns), index, shot.view.points(direction, distance), normal, reach)
+    index = np.flatnonzero(seen)
+    return CoarseGrid(cell, seen.shape, index, shot.view.points(direction, distance), normal, reach)
 
 
 def touched_cells(shot: Shot, grid: CoarseGrid) -> tuple[NDArray[np.bool_], NDArray[np.bool_], NDArray[np.bool_]]:
-    """Return masks (n,) of the cells of the receiver that may change: by anything, by the sun's shadow, and by the
-    light of lamps.
+    """Return masks (n,) of the cells of the receiver whose change may be seen through the water: by anything, by the
+    sun's shadow, and by the light of lamps.
     """
     receiver, sun = shot.receiver, sun_of(shot)
     assert receiver is not None
@@ -180,7 +176,15 @@ def touched_cells(shot: Shot, grid: CoarseGrid) -> tuple[NDArray[np.bool_], NDAr
     if receiver.caustics and shot.caustics is not None and sun is not None:
         marks[:] = True
     by_lamps = _lit_cells(shot, grid)
-    return marks | by_lamps, by_shadow, by_lamps
+    marks |= by_lamps
+    if shot.medium is not None:
+        # Look up the water before the far ones alone: the others are seen where it is densest
+        clearest = float(shot.medium.attenuation.min(axis=-1).max())
+        distance = np.linalg.norm(grid.point, axis=-1)
+        far = np.flatnonzero(marks & (distance * clearest >= -np.log(NEGLIGIBLE)))
+        up = grid.point[far, 1] / distance[far]
+        marks[far] = transmittance_lookup(shot.medium, distance[far], up).max(axis=-1) > NEGLIGIBLE
+    return marks, by_shadow & marks, by_lamps & marks
 
 
 def _lit_cells(shot: Shot, grid: CoarseGrid) -> NDArray[np.bool_]:
