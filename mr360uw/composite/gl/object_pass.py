@@ -18,7 +18,7 @@ from mr360uw.cache import Cache, PartOf, Same, Scratch
 from mr360uw.composite.ambient.lattice_kernel import FEW_CHANNELS, UNTOUCHED
 from mr360uw.composite.ambient.solver import AmbientLight
 from mr360uw.composite.aovs import SUMS, AovFrame
-from mr360uw.composite.gl.blocks import LANE_COLUMNS, lane_rows
+from mr360uw.composite.gl.blocks import LANE_COLUMNS, lane_rows, write_lanes
 from mr360uw.composite.gl.facet_pass import camera_centred, of_eye
 from mr360uw.composite.gl.fragments import (
     Fragments,
@@ -30,7 +30,7 @@ from mr360uw.composite.gl.fragments import (
     through,
 )
 from mr360uw.composite.gl.light_textures import ShotLight
-from mr360uw.composite.gl.sun_groups import sun_groups
+from mr360uw.composite.gl.sun_groups import SunGroups, sun_groups
 from mr360uw.composite.gl.surface_pass import SurfacePass
 from mr360uw.composite.gl.targets import Targets, bind
 from mr360uw.composite.gl.upload import MeshBuffers, device_order, joined_texture, list_texture
@@ -39,7 +39,7 @@ from mr360uw.composite.mesh.material import MAPS
 from mr360uw.composite.mesh.mesh import Mesh
 from mr360uw.composite.sampling import Gaps, filter_width
 from mr360uw.composite.shot import PlacedObject, Shot
-from mr360uw.gl.context import float_texture, gl_context, set_uniforms
+from mr360uw.gl.context import set_uniforms
 from mr360uw.types import Floats, Rectangle, Tile
 
 if TYPE_CHECKING:
@@ -60,8 +60,8 @@ _KEPT = 1 << 21
 Bodies = tuple["moderngl.Texture", frozenset[Mesh]]
 """Texture of bodies, four texels each as layer.frag says, then values of ambient light at points; and the meshes that
 have any."""
-_Groups = tuple[NDArray[np.int64], Floats] | None
-"""What `sun_groups` returns; None where what fragments see of the sun is known, or nothing is in its way."""
+_Groups = SunGroups | None
+"""None where what fragments see of the sun is known, or nothing is in its way."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -204,18 +204,26 @@ class ObjectPass:
         """Return the visible fractions of the sun's disc and halo of each fragment, as layer.frag reads them."""
         shot, light, bodies, groups = seen.whole
         assert groups is not None
-        of, listed = groups
-        count, rows = len(part.chosen), lane_rows(len(part.chosen))
-        found = self._targets.target(f"layer {_SEEN}", LANE_COLUMNS, rows, _CHANNELS[_SEEN])
+        of_groups = np.zeros((len(groups.listed), sum(_CHANNELS[_SEEN])), np.float32)
+        for asked in (lambda: groups.first, lambda: groups.fill_between(of_groups)):
+            which = np.flatnonzero(asked())
+            of_groups[which] = self._cast_rays((shot, light), part, groups.listed[which], bodies)
+        fractions = np.ones((len(groups.of), of_groups.shape[1]), np.float32)
+        there = groups.of >= 0
+        fractions[there] = of_groups[groups.of[there]]
+        return list_texture(fractions, 2)
+
+    def _cast_rays(
+        self, lit: tuple[Shot, ShotLight], part: MeshFragments, listed: Floats, bodies: Bodies
+    ) -> NDArray[np.float32]:
+        """Return the visible fractions (m, 2) of the sun's disc and halo of listed fragments (m, 9) of a mesh."""
+        values = np.empty((len(listed), sum(_CHANNELS[_SEEN])), np.float32)
         if len(listed):
-            few = replace(part, chosen=np.arange(len(listed)))
-            self._shade((shot, light), (few, list_texture(listed, 3)), bodies, found, {}, {}, _SEEN)
-        fractions = float_texture(LANE_COLUMNS, rows, 2)
-        shader = self._targets.program("spread", {})
-        bind(shader, {"groups": list_texture(of, 1), "values": found.color_attachments[0]})
-        set_uniforms(shader, count=count)
-        self._targets.fill(gl_context().framebuffer([fractions]), shader, Rectangle(0, 0, LANE_COLUMNS, rows))
-        return fractions
+            few, rows = replace(part, chosen=np.arange(len(listed))), lane_rows(len(listed))
+            found = self._targets.target(f"layer {_SEEN}", LANE_COLUMNS, rows, _CHANNELS[_SEEN])
+            self._shade(lit, (few, list_texture(listed, 3)), bodies, found, {}, {}, _SEEN)
+            write_lanes(self._targets.read(found, Rectangle(0, 0, LANE_COLUMNS, rows))[None], values)
+        return values
 
     def _shade(
         self,

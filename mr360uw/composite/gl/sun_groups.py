@@ -3,10 +3,14 @@
 
 Where several small triangles meet in a pixel, each is a fragment of a few samples. Shadow rays are cast once for all of
 them: from the fragment with most samples, over the area of the group. Fragments that face away from the sun get none.
+
+Most of a body sees all of the sun, or nothing of it. So rays are cast from every second pixel along rows and columns
+first; a pixel between others of the same surface that all see the whole sun, or none, sees the same.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -25,15 +29,45 @@ _BEND = 0.7
 """Least cosine between the normals of fragments that follow each other in a group."""
 
 
-def sun_groups(
-    shot: Shot, part: MeshFragments, order: NDArray[np.int64], sun: Floats
-) -> tuple[NDArray[np.int64], Floats]:
-    """Return the group (n,) of each fragment of one mesh, and of each of m groups what `MeshFragments` lists (m, 9).
+_NEAR = 0.01
+"""Largest difference in distance, relative, of a pixel from those beside it whose sight of the sun it shares."""
 
-    Fragments that face away from the sun have the group -1.
 
-    order: (T,) of the mesh's triangles on the device. sun: (3,) direction in the
-    world.
+@dataclass(frozen=True, slots=True, eq=False)
+class SunGroups:
+    """Groups of fragments of one mesh that see the same of the sun, m of them.
+
+    of: (n,) group of each fragment, -1 for those that face away from the sun. listed: (m, 9) of each group what
+    `MeshFragments` lists. surface: (m, 4) its unit normal and distance. first: (m,) whether rays are cast from it
+    before `fill_between`.
+    """
+
+    of: NDArray[np.int64]
+    listed: Floats
+    surface: Floats
+    first: NDArray[np.bool_]
+
+    def fill_between(self, seen: NDArray[np.float32]) -> NDArray[np.bool_]:
+        """Set what groups see of the sun (m, k) that lie between others that see all or nothing, and return the groups
+        (m,) from which rays are still to be cast.
+        """
+        column, row = np.floor(self.listed[:, 1:3]).astype(np.int64).T
+        left = ~self.first
+        if not np.any(left):
+            return left
+        row, column = row - row.min() // 2 * 2, column - column.min() // 2 * 2
+        table = np.full((row.max() // 2 + 2, column.max() // 2 + 2), -1, np.int64)
+        known = np.flatnonzero(self.first)
+        known = known[(row[known] | column[known]) & 1 == 0]
+        table[row[known] // 2, column[known] // 2] = known
+        _between(row, column, self.listed[:, 3], self.surface, table, seen, left)
+        return left
+
+
+def sun_groups(shot: Shot, part: MeshFragments, order: NDArray[np.int64], sun: Floats) -> SunGroups:
+    """Return the groups of the fragments of one mesh.
+
+    order: (T,) of the mesh's triangles on the device. sun: (3,) direction in the world.
     """
     view, objects = shot.view, shot.visible
     linear = np.array([placed.world_from_object[:3, :3] / placed.scale for placed in objects])
@@ -48,9 +82,40 @@ def sun_groups(
     of, chosen = np.full(len(part.listed), -1, np.int64), np.zeros(len(part.listed), np.int64)
     area = np.zeros((len(part.listed), 5))
     count = _group(part.listed, part.pixel, part.weight, surface, apart, of, chosen, area)
-    listed = part.listed[chosen[:count]]
+    chosen = chosen[:count]
+    listed, pixel = part.listed[chosen], part.pixel[chosen]
     listed[:, 4:] = area[:count]
-    return of, listed
+    # a pixel with several groups has an edge of the body: all of its groups are asked
+    beside = np.diff(pixel, prepend=-1, append=-1) != 0
+    even = np.all(np.floor(listed[:, 1:3]) % 2.0 == 0.0, axis=1)
+    return SunGroups(of, listed, surface[chosen, :4], even | ~(beside[:-1] & beside[1:]))
+
+
+@exact
+def _between(row: Any, column: Any, body: Any, surface: Any, table: Any, seen: Any, left: Any) -> None:
+    """Set `seen` (m, k) of the groups that are left, (m,), where all beside them see the same, 1 or 0, and are of the
+    same surface; those are left no more.
+
+    table: of every second row and column, the group of its pixel, -1 for none.
+    """
+    for n in range(len(left)):
+        if not left[n]:
+            continue
+        r, c, alike, found = row[n], column[n], True, 0
+        for k in range(4):
+            found = table[(r + k // 2) // 2, (c + k % 2) // 2] if alike else found
+            alike = alike and found >= 0 and body[found] == body[n]
+            if not alike:
+                continue
+            cosine = 0.0
+            for axis in range(3):
+                cosine += surface[found, axis] * surface[n, axis]
+            alike = cosine >= _BEND and abs(surface[found, 3] - surface[n, 3]) <= _NEAR * surface[n, 3]
+            for j in range(seen.shape[1]):
+                value = seen[found, j]
+                alike = alike and (value == 0.0 or value == 1.0) and (k == 0 or value == seen[n, j])
+                seen[n, j] = value
+        left[n] = not alike
 
 
 @exact

@@ -9,13 +9,6 @@ int lane_number(ivec2 at) {
     return (((at.y >> 2) * (LANE_COLUMNS >> 2) + (at.x >> 2)) << 4) + ((at.y & 3) << 2) + (at.x & 3);
 }
 
-// texel of a numbered item of a target
-ivec2 lane_place(int number) {
-    int block = number >> 4;
-    ivec2 at = ivec2(block & ((LANE_COLUMNS >> 2) - 1), block / (LANE_COLUMNS >> 2));
-    return 4 * at + ivec2(number & 3, (number >> 2) & 3);
-}
-
 // texel of an entry of a list in rows of 2048: shifts, because software drivers divide integers one lane at a time
 ivec2 list_place(int index) {
     return ivec2(index & 2047, index >> 11);
