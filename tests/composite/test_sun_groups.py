@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mr360uw.composite.gl.light_slots import CELLS, HALF_BITS, make_caster_grid
-from mr360uw.composite.gl.sun_groups import SunGroups, sun_groups
+from mr360uw.composite.gl.fragments import SunGroups, sun_groups
+from mr360uw.composite.gl.light_textures import CELLS, HALF_BITS, make_caster_grid
 from mr360uw.composite.sampling import frame_areas, pattern
 from mr360uw.types import Floats
 from tests.composite.scenes import placed, quad, shot

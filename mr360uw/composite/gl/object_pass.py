@@ -7,7 +7,7 @@ Objects that share a mesh are shaded together.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -18,21 +18,20 @@ from mr360uw.cache import Cache, PartOf, Same, Scratch
 from mr360uw.composite.ambient.lattice_kernel import FEW_CHANNELS, UNTOUCHED
 from mr360uw.composite.ambient.solver import AmbientLight
 from mr360uw.composite.aovs import SUMS, AovFrame
-from mr360uw.composite.gl.blocks import LANE_COLUMNS, lane_rows, write_lanes
-from mr360uw.composite.gl.facet_pass import camera_centred, of_eye
 from mr360uw.composite.gl.fragments import (
     Fragments,
     ListedOf,
     MeshFragments,
+    SunGroups,
     add_behind,
     mesh_fragments,
-    take_lanes,
+    sun_groups,
     through,
 )
 from mr360uw.composite.gl.light_textures import ShotLight
-from mr360uw.composite.gl.sun_groups import SunGroups, sun_groups
 from mr360uw.composite.gl.surface_pass import SurfacePass
 from mr360uw.composite.gl.targets import Targets, bind
+from mr360uw.composite.gl.triangles import camera_centred, of_eye
 from mr360uw.composite.gl.upload import MeshBuffers, device_order, joined_texture, list_texture
 from mr360uw.composite.lighting.sun import sun_of
 from mr360uw.composite.mesh.material import MAPS
@@ -40,7 +39,7 @@ from mr360uw.composite.mesh.mesh import Mesh
 from mr360uw.composite.sampling import Gaps, filter_width
 from mr360uw.composite.shot import PlacedObject, Shot
 from mr360uw.gl.context import set_uniforms
-from mr360uw.types import Floats, Rectangle, Tile
+from mr360uw.types import Floats, Tile
 
 if TYPE_CHECKING:
     import moderngl
@@ -182,22 +181,8 @@ class ObjectPass:
             if "SHADOW" in lit[1].defines:
                 seen = PartOf((*lit, bodies, groups), lit[1].of_sight)
                 extra["sun_seen"] = cache.of(self._see_sun, part, seen, keep=_PARTS)
-            rows = lane_rows(len(part.chosen))
-            target = self._targets.target(f"layer {outputs}", LANE_COLUMNS, rows, _CHANNELS[outputs])
-            self._shade(
-                lit,
-                (part, cache.of(_entries, part, keep=_PARTS)),
-                bodies,
-                target,
-                {"BLENDED": 1} if blended else {},
-                extra,
-                outputs,
-            )
-            first = 0
-            for k, channels in enumerate(_CHANNELS[outputs]):
-                image = self._targets.read(target, Rectangle(0, 0, LANE_COLUMNS, rows), k)
-                take_lanes(image, part.chosen, first, values)
-                first += channels
+            entries = cache.of(_entries, part, keep=_PARTS)
+            values[part.chosen] = self._shade(lit, part, entries, bodies, outputs, blended=blended, textures=extra)
         return values
 
     def _see_sun(self, part: MeshFragments, seen: PartOf[tuple[Shot, ShotLight, Bodies, _Groups]]) -> moderngl.Texture:
@@ -217,29 +202,27 @@ class ObjectPass:
         self, lit: tuple[Shot, ShotLight], part: MeshFragments, listed: Floats, bodies: Bodies
     ) -> NDArray[np.float32]:
         """Return the visible fractions (m, 2) of the sun's disc and halo of listed fragments (m, 9) of a mesh."""
-        values = np.empty((len(listed), sum(_CHANNELS[_SEEN])), np.float32)
-        if len(listed):
-            few, rows = replace(part, chosen=np.arange(len(listed))), lane_rows(len(listed))
-            found = self._targets.target(f"layer {_SEEN}", LANE_COLUMNS, rows, _CHANNELS[_SEEN])
-            self._shade(lit, (few, list_texture(listed, 3)), bodies, found, {}, {}, _SEEN)
-            write_lanes(self._targets.read(found, Rectangle(0, 0, LANE_COLUMNS, rows))[None], values)
-        return values
+        if len(listed) == 0:
+            return np.zeros((0, sum(_CHANNELS[_SEEN])), np.float32)
+        few = replace(part, chosen=np.arange(len(listed)))
+        return self._shade(lit, few, list_texture(listed, 3), bodies, _SEEN)
 
     def _shade(
         self,
         lit: tuple[Shot, ShotLight],
-        listed: tuple[MeshFragments, moderngl.Texture],
+        part: MeshFragments,
+        entries: moderngl.Texture,
         bodies: Bodies,
-        target: moderngl.Framebuffer,
-        defines: dict[str, int],
-        textures: dict[str, moderngl.Texture],
         outputs: int,
-    ) -> None:
-        """Run layer.frag for a part of the fragments, which a texture lists."""
-        (shot, light), (part, entries) = lit, listed
-        mesh, count = part.mesh, len(part.chosen)
+        *,
+        blended: bool = False,
+        textures: Mapping[str, moderngl.Texture] | None = None,
+    ) -> NDArray[np.float32]:
+        """Return the outputs (n, channels) of layer.frag for a part of the fragments, which a texture lists."""
+        (shot, light), mesh, count = lit, part.mesh, len(part.chosen)
         buffers = self._buffers(mesh)
-        defines = defines | of_eye(shot) | {"OUTPUTS": outputs} | _map_defines(mesh) | light.defines
+        defines = of_eye(shot) | {"OUTPUTS": outputs} | _map_defines(mesh) | light.defines
+        defines |= {"BLENDED": 1} if blended else {}
         defines |= {"AMONG_BODIES": 1} if mesh in bodies[1] and outputs != _SEEN else {}
         defines |= {"SMOOTH": 1} if mesh.glossy and outputs != _SEEN else {}
         shader = self._targets.program("layer", defines)
@@ -251,7 +234,7 @@ class ObjectPass:
                 "triangles": buffers.triangles,
                 "materials": buffers.materials,
                 "store": buffers.store,
-                **textures,
+                **(textures or {}),
                 **light.textures,
             },
         )
@@ -264,7 +247,7 @@ class ObjectPass:
             eye_m=shot.view.eye_m,
             filter_width=filter_width(shot.draw.samples, shot.draw.shading),
         )
-        self._targets.fill(target, shader, Rectangle(0, 0, LANE_COLUMNS, lane_rows(count)))
+        return self._targets.items(shader, f"layer {outputs}", count, _CHANNELS[outputs])
 
 
 def _cache_of(_: Same) -> Cache:

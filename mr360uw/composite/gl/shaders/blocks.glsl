@@ -1,6 +1,6 @@
 // Numbering of lists and of pixels in blocks of 4 x 4, and the members of a list that may cover a pixel. Targets hold
 // numbered items in blocks of 4 x 4 texels, because software drivers draw such blocks at once. Held to
-// composite/gl/blocks.py.
+// composite/gl/triangles.py.
 const int LANE_COLUMNS = 256;
 const int MASKS_AT_ONCE = 6;
 const int MEMBERS_AT_ONCE = 4 * MASKS_AT_ONCE;
