@@ -190,9 +190,10 @@ class ObjectPass:
         shot, light, bodies, groups = seen.whole
         assert groups is not None
         of_groups = np.zeros((len(groups.listed), sum(_CHANNELS[_SEEN])), np.float32)
-        for asked in (lambda: groups.first, lambda: groups.fill_between(of_groups)):
-            which = np.flatnonzero(asked())
-            of_groups[which] = self._cast_rays((shot, light), part, groups.listed[which], bodies)
+        which = groups.first
+        of_groups[which] = self._cast_rays((shot, light), part, groups.listed[which], bodies)
+        which = groups.fill_between(of_groups)
+        of_groups[which] = self._cast_rays((shot, light), part, groups.listed[which], bodies)
         fractions = np.ones((len(groups.of), of_groups.shape[1]), np.float32)
         there = groups.of >= 0
         fractions[there] = of_groups[groups.of[there]]

@@ -17,9 +17,8 @@ from numpy.typing import NDArray
 
 from mr360uw.cache import Cache, PartOf
 from mr360uw.composite.gl.fragments import NOTHING, Fragments, joined_fragments
-from mr360uw.composite.gl.targets import Targets, bind
+from mr360uw.composite.gl.targets import BLOCK, Targets, bind
 from mr360uw.composite.gl.triangles import (
-    BLOCK,
     FACET_COLUMNS,
     Blocks,
     FacetPass,
