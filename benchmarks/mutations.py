@@ -31,7 +31,7 @@ FAULTS: tuple[tuple[str, str, str, str], ...] = (
     ("sphere.py", "-cos_latitude * np.cos(longitude)]", "cos_latitude * np.cos(longitude)]", "test_sphere.py"),
     ("sphere.py", "edge[:-1] - edge[1:]", "edge[1:] - edge[:-1]", "test_sphere.py"),
     ("sphere.py", "+ 4.0 * np.square(spread_rad)", "+ 2.0 * np.square(spread_rad)",
-     "composite/test_sun_groups.py test_sphere.py composite/test_gl.py"),
+     "composite/test_fragments.py test_sphere.py composite/test_gl.py"),
     ("color.py", "((a + 0.055) / 1.055) ** 2.4", "((a + 0.055) / 1.055) ** 2.2", "test_color.py"),
     ("color.py", "a <= 0.04045 / 12.92", "a <= 0.04045", "test_color.py"),
     ("medium/closed_form.py", "q = (c - k * mu) * s", "q = (c + k * mu) * s", ""),

@@ -87,7 +87,7 @@ def nearest_to_mean(
     among: (n, s) samples that may be taken, the members if not given.
     """
     found = np.zeros(len(member), np.int64)
-    find_nearest(samples.cells.astype(np.float64), member, member if among is None else among, found)
+    find_nearest(np.ascontiguousarray(samples.cells.T, np.int64), member, member if among is None else among, found)
     return found
 
 
@@ -157,25 +157,25 @@ Mask = NDArray[np.bool_]
 
 
 @exact
-def find_nearest(cells: Array, member: Mask, among: Mask, found: NDArray[np.int64]) -> None:
+def find_nearest(cells: NDArray[np.int64], member: Mask, among: Mask, found: NDArray[np.int64]) -> None:
     """Write the index (n,) of the sample of `among` (n, s) nearest to the mean of members (n, s).
 
-    cells: (s, 2) whole numbers, so that ties are exact; the first of equals is taken.
+    cells: (2, s), s below 256. In whole numbers ties are exact, and several samples are added at once; the first of
+    equals is taken.
     """
+    x, y = cells[0], cells[1]
     for n in range(len(member)):
-        count, sum_x, sum_y = 0.0, 0.0, 0.0
-        for k in range(len(cells)):
-            if member[n, k]:
-                count += 1.0
-                sum_x += cells[k, 0]
-                sum_y += cells[k, 1]
-        least, found[n] = math.inf, 0
-        for k in range(len(cells)):
-            if among[n, k]:
-                x, y = cells[k, 0], cells[k, 1]
-                value = count * (x * x + y * y) - 2.0 * (sum_x * x + sum_y * y)
-                if value < least:
-                    least, found[n] = value, k
+        count, sum_x, sum_y = np.int64(0), np.int64(0), np.int64(0)
+        for k in range(len(x)):
+            inside = np.int64(member[n, k])
+            count += inside
+            sum_x += inside * x[k]
+            sum_y += inside * y[k]
+        least = np.int64(1 << 62)
+        for k in range(len(x)):
+            value = count * (x[k] * x[k] + y[k] * y[k]) - 2 * (sum_x * x[k] + sum_y * y[k])
+            least = min(least, value * 256 + k if among[n, k] else np.int64(1 << 62))
+        found[n] = least & 255
 
 
 @exact

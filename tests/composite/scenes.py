@@ -6,7 +6,7 @@ from __future__ import annotations
 from dataclasses import fields, replace
 from typing import Any
 
-from mr360uw.composite.gl.trial_shots import (
+from mr360uw.composite.gl.self_test import (
     SUN,
     box,
     caustics,

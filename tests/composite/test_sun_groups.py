@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mr360uw.composite.gl.light_slots import CELLS, HALF_BITS, make_caster_grid
-from mr360uw.composite.gl.sun_groups import sun_groups
+from mr360uw.composite.gl.fragments import SunGroups, sun_groups
+from mr360uw.composite.gl.light_textures import CELLS, HALF_BITS, make_caster_grid
 from mr360uw.composite.sampling import frame_areas, pattern
 from mr360uw.types import Floats
 from tests.composite.scenes import placed, quad, shot
@@ -42,7 +42,7 @@ def test_the_grid_lists_every_body_that_may_occlude_the_sun(
     assert bodies == 1 or found[inside].sum() < 0.4 * inside.sum() * bodies  # a few, where twenty would be tested
 
 
-def groups_of(members: list[Any], depths: list[float], sun: Floats, **more: Any) -> tuple[np.ndarray, Floats]:
+def groups_of(members: list[Any], depths: list[float], sun: Floats, **more: Any) -> SunGroups:
     """Return the groups of fragments of the frame's middle pixel, on walls at some depths that face the camera."""
     objects = [placed(quad(size=20.0), (0.0, 0.0, -depth)) for depth in depths]
     scene, samples = shot(*objects, **more), pattern(65)
@@ -65,20 +65,40 @@ def test_fragments_of_one_wall_look_for_the_sun_over_the_area_of_all() -> None:
     members.append(~(members[0] | members[1]))
     towards_camera = np.array([0.0, 0.0, 1.0])
     together = groups_of(members, [4.0], towards_camera)
-    assert together[0].tolist() == [0, 0, 0]
+    assert together.of.tolist() == [0, 0, 0]
     chosen = int(np.argmax([np.mean(member) for member in members]))
-    middle = together[1][0, 1:3] + together[1][0, 4:6]
+    middle = together.listed[0, 1:3] + together.listed[0, 4:6]
     np.testing.assert_allclose(middle % 1.0, 0.5, atol=1e-9)  # the mean of all samples is the pixel's middle
     whole = frame_areas(pattern(65), np.ones((1, 65), np.bool_), np.zeros(1, np.int64))[0, 2:]
-    np.testing.assert_allclose(together[1][0, 6:], whole, atol=1e-9)
+    np.testing.assert_allclose(together.listed[0, 6:], whole, atol=1e-9)
     alone = groups_of(members, [4.0], towards_camera, shading="sample")
-    assert alone[0].tolist() == [0, 1, 2]
-    np.testing.assert_allclose(alone[1][chosen, 4:], groups_of([members[chosen]], [4.0], towards_camera)[1][0, 4:])
+    assert alone.of.tolist() == [0, 1, 2]
+    np.testing.assert_allclose(
+        alone.listed[chosen, 4:], groups_of([members[chosen]], [4.0], towards_camera).listed[0, 4:]
+    )
 
 
 def test_fragments_apart_or_turned_away_look_for_themselves_or_not_at_all() -> None:
     position = pattern(65).positions
     members = [position[:, 0] < 0.5, position[:, 0] >= 0.5]
     behind = np.array([0.0, 0.0, -1.0])
-    assert groups_of(members, [4.0, 5.0], -behind)[0].tolist() == [0, 1]
-    assert groups_of(members, [4.0, 5.0], behind)[0].tolist() == [-1, -1]
+    assert groups_of(members, [4.0, 5.0], -behind).of.tolist() == [0, 1]
+    assert groups_of(members, [4.0, 5.0], behind).of.tolist() == [-1, -1]
+
+
+def test_pixels_between_others_in_full_sun_cast_no_rays_and_those_at_a_shadow_do() -> None:
+    wall = placed(quad(size=20.0), (0.0, 0.0, -4.0))
+    scene = shot(wall, width=512)
+    row, column = (a.ravel() for a in np.mgrid[120:136, 250:266])
+    rows = np.zeros((len(row), 9))
+    rows[:, 1], rows[:, 2], rows[:, 6], rows[:, 8] = column + 0.5, row + 0.5, 1.0, 1.0
+    part: Any = SimpleNamespace(mesh=wall.mesh, listed=rows, pixel=np.arange(len(rows)), weight=np.ones(len(rows)))
+    groups = sun_groups(scene, part, np.arange(len(wall.mesh.positions)), np.array([0.0, 0.0, 1.0]))
+    assert np.array_equal(groups.first, (row % 2 == 0) & (column % 2 == 0))
+    truth = np.repeat(np.where(column < 256, 1.0, np.where(column == 256, 0.4, 0.0))[:, None], 2, axis=1)
+    seen = np.where(groups.first[:, None], truth, -1.0).astype(np.float32)
+    left = groups.fill_between(seen)
+    at_shadow = np.abs(column - 256) == 1
+    outermost = (row == 135) | (column == 265)  # with pixels on one side only
+    assert np.array_equal(left, ~groups.first & (at_shadow | (column == 256) | outermost))
+    np.testing.assert_array_equal(seen[~left], truth.astype(np.float32)[~left])

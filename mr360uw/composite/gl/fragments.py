@@ -1,5 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Fragments: shaded pieces of surface in pixels, and their compositing into the tiles of a layer."""
+"""Fragments: shaded pieces of surface in pixels, their compositing into the tiles of a layer, and groups of them.
+
+Where several small triangles meet in a pixel, each is a fragment of a few samples. Groups are neighbours on a body's
+surface in one pixel, which share what they see of the sun. Shadow rays are cast once for all of them: from the fragment
+with most samples, over the area of the group. Fragments that face away from the sun get none.
+
+Most of a body sees all of the sun, or nothing of it. So rays are cast from every second pixel along rows and columns
+first; a pixel between others of the same surface that all see the whole sun, or none, sees the same.
+"""
 
 from __future__ import annotations
 
@@ -11,27 +19,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.cache import PartOf
-from mr360uw.composite.gl.blocks import BLOCK
 from mr360uw.composite.mesh.mesh import Mesh
 from mr360uw.composite.sampling import NO_GAPS, Gaps, join_gaps
-from mr360uw.composite.shot import PlacedObject
+from mr360uw.composite.shot import PlacedObject, Shot
 from mr360uw.jit import exact
 from mr360uw.types import Floats, Tile
-
-
-@exact
-def take_lanes(image: Any, chosen: Any, first: int, values: Any) -> None:
-    """Write the texels (h, w, c) of a target into the rows `chosen` (m,) of values (n, first + c...).
-
-    Texel k in the order of numbers (`blocks.write_lanes`) goes to row chosen[k], from column `first` on.
-    """
-    blocks_across = image.shape[1] // BLOCK
-    for k in range(len(chosen)):
-        block, within = k // (BLOCK * BLOCK), k % (BLOCK * BLOCK)
-        row = BLOCK * (block // blocks_across) + within // BLOCK
-        column = BLOCK * (block % blocks_across) + within % BLOCK
-        for c in range(image.shape[2]):
-            values[chosen[k], first + c] = image[row, column, c]
 
 
 @exact
@@ -161,3 +153,176 @@ def mesh_fragments(listed_of: PartOf[ListedOf], fragments: Fragments) -> list[Me
             part = chosen[start : start + _AT_ONCE]
             parts.append(MeshFragments(mesh, part, listed[part], pixel[part], fragments.weight[part]))
     return parts
+
+
+_APART = 0.4
+"""Fragments of a group follow each other within this distance along the ray, in widths of a pixel. Chosen so that
+99.99 % of the values that a layer changes stay within a code of those without groups, for two bodies and for twenty.
+Twice as much casts a quarter fewer rays, and 99.986 % stay; half as much casts a fifth more."""
+_BEND = 0.7
+"""Least cosine between the normals of fragments that follow each other in a group."""
+
+
+_NEAR = 0.01
+"""Largest difference in distance, relative, of a pixel from those beside it whose sight of the sun it shares."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SunGroups:
+    """Groups of fragments of one mesh that see the same of the sun, m of them.
+
+    of: (n,) group of each fragment, -1 for those that face away from the sun. listed: (m, 9) of each group what
+    `MeshFragments` lists. surface: (m, 4) its unit normal and distance. first: (m,) whether rays are cast from it
+    before `fill_between`.
+    """
+
+    of: NDArray[np.int64]
+    listed: Floats
+    surface: Floats
+    first: NDArray[np.bool_]
+
+    def fill_between(self, seen: NDArray[np.float32]) -> NDArray[np.bool_]:
+        """Set what groups see of the sun (m, k) that lie between others that see all or nothing, and return the groups
+        (m,) from which rays are still to be cast.
+        """
+        column, row = np.floor(self.listed[:, 1:3]).astype(np.int64).T
+        left = ~self.first
+        if not np.any(left):
+            return left
+        row, column = row - row.min() // 2 * 2, column - column.min() // 2 * 2
+        table = np.full((row.max() // 2 + 2, column.max() // 2 + 2), -1, np.int64)
+        known = np.flatnonzero(self.first)
+        known = known[(row[known] | column[known]) & 1 == 0]
+        table[row[known] // 2, column[known] // 2] = known
+        _between(row, column, self.listed[:, 3], self.surface, table, seen, left)
+        return left
+
+
+def sun_groups(shot: Shot, part: MeshFragments, order: NDArray[np.int64], sun: Floats) -> SunGroups:
+    """Return the groups of the fragments of one mesh.
+
+    order: (T,) of the mesh's triangles on the device. sun: (3,) direction in the world.
+    """
+    view, objects = shot.view, shot.visible
+    linear = np.array([placed.world_from_object[:3, :3] / placed.scale for placed in objects])
+    eye = np.array([(view.position - placed.world_from_object[:3, 3]) / placed.scale for placed in objects])
+    eye, sunward = (np.einsum("bk,bkj->bj", a, linear) for a in (eye, np.broadcast_to(sun, eye.shape)))
+    turn = np.einsum("bkj,kl->bjl", linear, view.world_from_camera)
+    beside = np.array([view.eye_m / placed.scale for placed in objects])
+    surface = np.empty((len(part.listed), 5))
+    bodies = eye, sunward, turn, beside
+    _meet(part.listed, part.mesh.positions, order, bodies, (view.width, view.height), surface)
+    apart = _APART * np.pi / view.height if shot.draw.shading != "sample" else -1.0
+    of, chosen = np.full(len(part.listed), -1, np.int64), np.zeros(len(part.listed), np.int64)
+    area = np.zeros((len(part.listed), 5))
+    count = _group(part.listed, part.pixel, part.weight, surface, apart, of, chosen, area)
+    chosen = chosen[:count]
+    listed, pixel = part.listed[chosen], part.pixel[chosen]
+    listed[:, 4:] = area[:count]
+    # a pixel with several groups has an edge of the body: all of its groups are asked
+    beside = np.diff(pixel, prepend=-1, append=-1) != 0
+    even = np.all(np.floor(listed[:, 1:3]) % 2.0 == 0.0, axis=1)
+    return SunGroups(of, listed, surface[chosen, :4], even | ~(beside[:-1] & beside[1:]))
+
+
+@exact
+def _between(row: Any, column: Any, body: Any, surface: Any, table: Any, seen: Any, left: Any) -> None:
+    """Set `seen` (m, k) of the groups that are left, (m,), where all beside them see the same, 1 or 0, and are of the
+    same surface; those are left no more.
+
+    table: of every second row and column, the group of its pixel, -1 for none.
+    """
+    for n in range(len(left)):
+        if not left[n]:
+            continue
+        r, c, alike, found = row[n], column[n], True, 0
+        for k in range(4):
+            found = table[(r + k // 2) // 2, (c + k % 2) // 2] if alike else found
+            alike = alike and found >= 0 and body[found] == body[n]
+            if not alike:
+                continue
+            cosine = 0.0
+            for axis in range(3):
+                cosine += surface[found, axis] * surface[n, axis]
+            alike = cosine >= _BEND and abs(surface[found, 3] - surface[n, 3]) <= _NEAR * surface[n, 3]
+            for j in range(seen.shape[1]):
+                value = seen[found, j]
+                alike = alike and (value == 0.0 or value == 1.0) and (k == 0 or value == seen[n, j])
+                seen[n, j] = value
+        left[n] = not alike
+
+
+@exact
+def _meet(listed: Any, corners: Any, order: Any, bodies: Any, size: Any, surface: Any) -> None:
+    """Set `surface` (n, 5) of fragments (n, 9): unit normal, distance along the ray, and whether it faces the sun.
+
+    bodies: (b, 3) the camera and (b, 3) the sun's direction in the axes of bodies, (b, 3, 3) the camera's axes to
+    theirs, and (b,) the place of a stereo eye to the right of the camera, in the metres of the mesh. size: width and
+    height of the frame.
+    """
+    (eye, sun, turn, beside), (width, height) = bodies, size
+    for n in range(len(listed)):
+        t, b = order[int(listed[n, 0])], int(listed[n, 3])
+        lon, lat = 2.0 * np.pi * (listed[n, 1] / width - 0.5), np.pi * (0.5 - listed[n, 2] / height)
+        dx, dy, dz = np.cos(lat) * np.sin(lon), np.sin(lat), -np.cos(lat) * np.cos(lon)
+        normal = surface[n, :3]
+        for k in range(3):
+            i, j = (k + 1) % 3, (k + 2) % 3
+            normal[k] = (corners[t, 1, i] - corners[t, 0, i]) * (corners[t, 2, j] - corners[t, 0, j])
+            normal[k] -= (corners[t, 1, j] - corners[t, 0, j]) * (corners[t, 2, i] - corners[t, 0, i])
+        length = max(np.sqrt(normal[0] ** 2 + normal[1] ** 2 + normal[2] ** 2), 1e-300)
+        above, along, lit = 0.0, 0.0, 0.0
+        for k in range(3):
+            normal[k] /= length
+            start = eye[b, k] + beside[b] * (turn[b, k, 2] * dx - turn[b, k, 0] * dz)
+            above += normal[k] * (start - corners[t, 0, k])
+            along += normal[k] * (turn[b, k, 0] * dx + turn[b, k, 1] * dy + turn[b, k, 2] * dz)
+            lit += normal[k] * sun[b, k]
+        surface[n, 3] = -above / along if along != 0.0 else 0.0
+        surface[n, 4] = 1.0 if (lit > 0.0) == (above > 0.0) else 0.0
+
+
+@exact
+def _follows(listed: Any, pixel: Any, surface: Any, apart: Any, before: Any, n: Any) -> Any:
+    """Return whether a fragment belongs to the group of the one before it."""
+    if pixel[n] != pixel[before] or listed[n, 3] != listed[before, 3]:
+        return False
+    cosine = 0.0
+    for k in range(3):
+        cosine += surface[n, k] * surface[before, k]
+    return cosine >= _BEND and abs(surface[n, 3] - surface[before, 3]) <= apart * surface[before, 3]
+
+
+@exact
+def _group(listed: Any, pixel: Any, weight: Any, surface: Any, apart: Any, of: Any, chosen: Any, area: Any) -> Any:
+    """Set the group (n,) of each fragment, and of each group the fragment with most samples (m,) and the area (m, 5) of
+    all, as `sampling.frame_areas`; return their number m.
+    """
+    count, before = 0, -1
+    moments = np.zeros((len(listed), 6))  # of groups: weight, mean, and second moments about the place of `origin`
+    origin = np.zeros((len(listed), 2))
+    most = np.zeros(len(listed))
+    for n in range(len(listed)):
+        if surface[n, 4] == 0.0:
+            continue
+        if before < 0 or not _follows(listed, pixel, surface, apart, before, n):
+            origin[count, 0], origin[count, 1] = listed[n, 1], listed[n, 2]
+            count += 1
+        k, w = count - 1, weight[n]
+        x, y = listed[n, 1] + listed[n, 4] - origin[k, 0], listed[n, 2] + listed[n, 5] - origin[k, 1]
+        a, b, c = listed[n, 6], listed[n, 7], listed[n, 8]
+        parts = (1.0, x, y, x * x + (a * a + b * b) / 12.0, x * y + (a + c) * b / 12.0, y * y + (b * b + c * c) / 12.0)
+        for m in range(6):
+            moments[k, m] += w * parts[m]
+        if w > most[k]:
+            most[k], chosen[k] = w, n
+        of[n], before = k, n
+    for k in range(count):
+        x, y = moments[k, 1] / moments[k, 0], moments[k, 2] / moments[k, 0]
+        xx, xy = moments[k, 3] / moments[k, 0] - x * x, moments[k, 4] / moments[k, 0] - x * y
+        yy = moments[k, 5] / moments[k, 0] - y * y
+        root = np.sqrt(max(xx * yy - xy * xy, 0.0))
+        scale = np.sqrt(12.0 / max(xx + yy + 2.0 * root, 1e-18))
+        area[k, 0], area[k, 1] = origin[k, 0] + x - listed[chosen[k], 1], origin[k, 1] + y - listed[chosen[k], 2]
+        area[k, 2], area[k, 3], area[k, 4] = (xx + root) * scale, xy * scale, (yy + root) * scale
+    return count

@@ -7,7 +7,7 @@ Objects that share a mesh are shaded together.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -18,29 +18,28 @@ from mr360uw.cache import Cache, PartOf, Same, Scratch
 from mr360uw.composite.ambient.sample_points import FEW_CHANNELS, UNTOUCHED
 from mr360uw.composite.ambient.solver import AmbientLight
 from mr360uw.composite.aovs import SUMS, AovFrame
-from mr360uw.composite.gl.blocks import LANE_COLUMNS, lane_rows
-from mr360uw.composite.gl.facet_pass import camera_centred, of_eye
 from mr360uw.composite.gl.fragments import (
     Fragments,
     ListedOf,
     MeshFragments,
+    SunGroups,
     add_behind,
     mesh_fragments,
-    take_lanes,
+    sun_groups,
     through,
 )
 from mr360uw.composite.gl.light_textures import ShotLight
-from mr360uw.composite.gl.sun_groups import sun_groups
 from mr360uw.composite.gl.surface_pass import SurfacePass
 from mr360uw.composite.gl.targets import Targets, bind
+from mr360uw.composite.gl.triangles import camera_centred, of_eye
 from mr360uw.composite.gl.upload import MeshBuffers, device_order, joined_texture, list_texture
 from mr360uw.composite.lighting.sun import sun_of
 from mr360uw.composite.mesh.material import MAPS
 from mr360uw.composite.mesh.mesh import Mesh
 from mr360uw.composite.sampling import Gaps, filter_width
 from mr360uw.composite.shot import PlacedObject, Shot
-from mr360uw.gl.context import float_texture, gl_context, set_uniforms
-from mr360uw.types import Floats, Rectangle, Tile
+from mr360uw.gl.context import set_uniforms
+from mr360uw.types import Floats, Tile
 
 if TYPE_CHECKING:
     import moderngl
@@ -60,8 +59,8 @@ _KEPT = 1 << 21
 Bodies = tuple["moderngl.Texture", frozenset[Mesh]]
 """Texture of bodies, four texels each as layer.frag says, then values of ambient light at points; and the meshes that
 have any."""
-_Groups = tuple[NDArray[np.int64], Floats] | None
-"""What `sun_groups` returns; None where what fragments see of the sun is known, or nothing is in its way."""
+_Groups = SunGroups | None
+"""None where what fragments see of the sun is known, or nothing is in its way."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -182,56 +181,49 @@ class ObjectPass:
             if "SHADOW" in lit[1].defines:
                 seen = PartOf((*lit, bodies, groups), lit[1].of_sight)
                 extra["sun_seen"] = cache.of(self._see_sun, part, seen, keep=_PARTS)
-            rows = lane_rows(len(part.chosen))
-            target = self._targets.target(f"layer {outputs}", LANE_COLUMNS, rows, _CHANNELS[outputs])
-            self._shade(
-                lit,
-                (part, cache.of(_entries, part, keep=_PARTS)),
-                bodies,
-                target,
-                {"BLENDED": 1} if blended else {},
-                extra,
-                outputs,
-            )
-            first = 0
-            for k, channels in enumerate(_CHANNELS[outputs]):
-                image = self._targets.read(target, Rectangle(0, 0, LANE_COLUMNS, rows), k)
-                take_lanes(image, part.chosen, first, values)
-                first += channels
+            entries = cache.of(_entries, part, keep=_PARTS)
+            values[part.chosen] = self._shade(lit, part, entries, bodies, outputs, blended=blended, textures=extra)
         return values
 
     def _see_sun(self, part: MeshFragments, seen: PartOf[tuple[Shot, ShotLight, Bodies, _Groups]]) -> moderngl.Texture:
         """Return the visible fractions of the sun's disc and halo of each fragment, as layer.frag reads them."""
         shot, light, bodies, groups = seen.whole
         assert groups is not None
-        of, listed = groups
-        count, rows = len(part.chosen), lane_rows(len(part.chosen))
-        found = self._targets.target(f"layer {_SEEN}", LANE_COLUMNS, rows, _CHANNELS[_SEEN])
-        if len(listed):
-            few = replace(part, chosen=np.arange(len(listed)))
-            self._shade((shot, light), (few, list_texture(listed, 3)), bodies, found, {}, {}, _SEEN)
-        fractions = float_texture(LANE_COLUMNS, rows, 2)
-        shader = self._targets.program("spread", {})
-        bind(shader, {"groups": list_texture(of, 1), "values": found.color_attachments[0]})
-        set_uniforms(shader, count=count)
-        self._targets.fill(gl_context().framebuffer([fractions]), shader, Rectangle(0, 0, LANE_COLUMNS, rows))
-        return fractions
+        of_groups = np.zeros((len(groups.listed), sum(_CHANNELS[_SEEN])), np.float32)
+        which = groups.first
+        of_groups[which] = self._cast_rays((shot, light), part, groups.listed[which], bodies)
+        which = groups.fill_between(of_groups)
+        of_groups[which] = self._cast_rays((shot, light), part, groups.listed[which], bodies)
+        fractions = np.ones((len(groups.of), of_groups.shape[1]), np.float32)
+        there = groups.of >= 0
+        fractions[there] = of_groups[groups.of[there]]
+        return list_texture(fractions, 2)
+
+    def _cast_rays(
+        self, lit: tuple[Shot, ShotLight], part: MeshFragments, listed: Floats, bodies: Bodies
+    ) -> NDArray[np.float32]:
+        """Return the visible fractions (m, 2) of the sun's disc and halo of listed fragments (m, 9) of a mesh."""
+        if len(listed) == 0:
+            return np.zeros((0, sum(_CHANNELS[_SEEN])), np.float32)
+        few = replace(part, chosen=np.arange(len(listed)))
+        return self._shade(lit, few, list_texture(listed, 3), bodies, _SEEN)
 
     def _shade(
         self,
         lit: tuple[Shot, ShotLight],
-        listed: tuple[MeshFragments, moderngl.Texture],
+        part: MeshFragments,
+        entries: moderngl.Texture,
         bodies: Bodies,
-        target: moderngl.Framebuffer,
-        defines: dict[str, int],
-        textures: dict[str, moderngl.Texture],
         outputs: int,
-    ) -> None:
-        """Run layer.frag for a part of the fragments, which a texture lists."""
-        (shot, light), (part, entries) = lit, listed
-        mesh, count = part.mesh, len(part.chosen)
+        *,
+        blended: bool = False,
+        textures: Mapping[str, moderngl.Texture] | None = None,
+    ) -> NDArray[np.float32]:
+        """Return the outputs (n, channels) of layer.frag for a part of the fragments, which a texture lists."""
+        (shot, light), mesh, count = lit, part.mesh, len(part.chosen)
         buffers = self._buffers(mesh)
-        defines = defines | of_eye(shot) | {"OUTPUTS": outputs} | _map_defines(mesh) | light.defines
+        defines = of_eye(shot) | {"OUTPUTS": outputs} | _map_defines(mesh) | light.defines
+        defines |= {"BLENDED": 1} if blended else {}
         defines |= {"AMONG_BODIES": 1} if mesh in bodies[1] and outputs != _SEEN else {}
         defines |= {"SMOOTH": 1} if mesh.glossy and outputs != _SEEN else {}
         shader = self._targets.program("layer", defines)
@@ -243,7 +235,7 @@ class ObjectPass:
                 "triangles": buffers.triangles,
                 "materials": buffers.materials,
                 "store": buffers.store,
-                **textures,
+                **(textures or {}),
                 **light.textures,
             },
         )
@@ -256,7 +248,7 @@ class ObjectPass:
             eye_m=shot.view.eye_m,
             filter_width=filter_width(shot.draw.samples, shot.draw.shading),
         )
-        self._targets.fill(target, shader, Rectangle(0, 0, LANE_COLUMNS, lane_rows(count)))
+        return self._targets.items(shader, f"layer {outputs}", count, _CHANNELS[outputs])
 
 
 def _cache_of(_: Same) -> Cache:

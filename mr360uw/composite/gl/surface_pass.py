@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Visible surfaces of pixels on OpenGL 3.3.
 
-Triangles are listed by blocks of pixels (blocks.py), and rays are intersected with the triangles of their block
+Triangles are listed by blocks of pixels (triangles.py), and rays are intersected with the triangles of their block
 (visible.frag). If eight classification rays hit one smooth piece and no other triangle reaches into the pixel, it is
 interior and becomes one fragment. Other pixels get all rays of the pattern, grouped as in raycast/pixel_samples.py.
 """
@@ -16,10 +16,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.cache import Cache, PartOf
-from mr360uw.composite.gl.blocks import BLOCK, LANE_COLUMNS, Blocks, lane_rows, make_blocks, write_lanes
-from mr360uw.composite.gl.facet_pass import FACET_COLUMNS, FacetPass, of_eye
 from mr360uw.composite.gl.fragments import NOTHING, Fragments, joined_fragments
-from mr360uw.composite.gl.targets import Targets, bind
+from mr360uw.composite.gl.targets import BLOCK, Targets, bind
+from mr360uw.composite.gl.triangles import (
+    FACET_COLUMNS,
+    Blocks,
+    FacetPass,
+    make_blocks,
+    of_eye,
+)
 from mr360uw.composite.gl.upload import MeshBuffers, list_texture, write_uniform
 from mr360uw.composite.mesh.mesh import Mesh
 from mr360uw.composite.sampling import (
@@ -37,7 +42,7 @@ from mr360uw.composite.sampling import (
 )
 from mr360uw.composite.shot import PlacedObject, Shot
 from mr360uw.gl.context import set_uniforms
-from mr360uw.types import Floats, Rectangle
+from mr360uw.types import Floats
 
 _PROBES = np.array(
     [(0.5, 0.5), (0.5, 0.17), (0.79, 0.67), (0.21, 0.67), (0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (1.0, 1.0)]
@@ -207,14 +212,7 @@ class SurfacePass:
         write_uniform(shader, "beside", _turns(shot, positions[0] + steps))
         if cells is not None:
             write_uniform(shader, "cells", np.resize(cells, (4 * fours, 2)).astype(np.float32))
-        rows = lane_rows(count)
-        target = self._targets.target("visible", LANE_COLUMNS, rows, channels)
-        part = Rectangle(0, 0, LANE_COLUMNS, rows)
-        self._targets.fill(target, shader, part)
-        images = np.stack([self._targets.read(target, part, k) for k in range(len(channels))])
-        values = np.empty((count, sum(channels)), np.float32)
-        write_lanes(images, values)
-        return values
+        return self._targets.items(shader, "visible", count, channels)
 
 
 def _turns(shot: Shot, positions: Floats) -> Floats:

@@ -10,10 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.gl.context import gl_context, program, set_uniforms
+from mr360uw.jit import exact
 from mr360uw.types import Rectangle
 
 if TYPE_CHECKING:
     import moderngl
+
+BLOCK = 4
+"""Pixels along a block. Targets hold numbered items block by block. Twin: blocks.glsl."""
+_LANE_COLUMNS = 256
+"""Width [texels] of targets that hold numbered items."""
 
 
 class Targets:
@@ -74,6 +80,19 @@ class Targets:
         target.scissor = None  # type: ignore[assignment]
         return [self.read(target, part, k) for k in range(len(channels))]
 
+    def items(self, shader: moderngl.Program, name: str, count: int, channels: tuple[int, ...]) -> NDArray[np.float32]:
+        """Run a full-screen program on `count` numbered items, as blocks.glsl numbers the texels of a kept target.
+
+        Returns the values (count, k) of all its textures, side by side.
+        """
+        part = Rectangle(0, 0, _LANE_COLUMNS, BLOCK * -(-count // (BLOCK * _LANE_COLUMNS)))
+        target = self.target(name, part.width, part.height, channels)
+        self.fill(target, shader, part)
+        values = np.empty((count, sum(channels)), np.float32)
+        for k, first in enumerate(np.cumsum([0, *channels[:-1]])):
+            write_lanes(self.read(target, part, k), int(first), values)
+        return values
+
     @staticmethod
     def read(target: moderngl.Framebuffer, part: Rectangle, attachment: int = 0) -> NDArray[np.float32]:
         """Return a part of a texture of a target (h, w, c); wait until it is drawn."""
@@ -92,3 +111,17 @@ def bind(shader: moderngl.Program, textures: Mapping[str, Any]) -> None:
             texture.use(unit)
             set_uniforms(shader, **{name: unit})
             unit += 1
+
+
+@exact
+def write_lanes(image: Any, first: int, values: Any) -> None:
+    """Write the texels of a target's image (h, w, c) into values (n, first + c...), from column `first` on, in the
+    order of their numbers: block by block.
+    """
+    across = image.shape[1] // BLOCK
+    for k in range(len(values)):
+        block, within = k // (BLOCK * BLOCK), k % (BLOCK * BLOCK)
+        row = BLOCK * (block // across) + within // BLOCK
+        column = BLOCK * (block % across) + within % BLOCK
+        for c in range(image.shape[2]):
+            values[k, first + c] = image[row, column, c]

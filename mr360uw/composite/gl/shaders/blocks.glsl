@@ -1,19 +1,12 @@
 // Numbering of lists and of pixels in blocks of 4 x 4, and the members of a list that may cover a pixel. Targets hold
 // numbered items in blocks of 4 x 4 texels, because software drivers draw such blocks at once. Held to
-// composite/gl/blocks.py.
+// composite/gl/triangles.py.
 const int LANE_COLUMNS = 256;
 const int MASKS_AT_ONCE = 6;
 const int MEMBERS_AT_ONCE = 4 * MASKS_AT_ONCE;
 
 int lane_number(ivec2 at) {
     return (((at.y >> 2) * (LANE_COLUMNS >> 2) + (at.x >> 2)) << 4) + ((at.y & 3) << 2) + (at.x & 3);
-}
-
-// texel of a numbered item of a target
-ivec2 lane_place(int number) {
-    int block = number >> 4;
-    ivec2 at = ivec2(block & ((LANE_COLUMNS >> 2) - 1), block / (LANE_COLUMNS >> 2));
-    return 4 * at + ivec2(number & 3, (number >> 2) & 3);
 }
 
 // texel of an entry of a list in rows of 2048: shifts, because software drivers divide integers one lane at a time

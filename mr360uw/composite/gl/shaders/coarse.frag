@@ -16,14 +16,14 @@ void main() {
     float gap, halo = 1.0;
     bool umbra;
     int listed = bodies_listed(sun, casters, p, place.w);
-    int between = bodies_between(sun_map, casters, listed, shadows.slot_size, p, place.w,
-                                 tan(sun.halo_angle) + length(sun.slope), gap, umbra);
+    int between = bodies_between(sun_map, casters, listed, shadows.slot_size, p, place.w, sun.slope,
+                                 tan(sun.halo_angle), gap, umbra);
     float kept = between == 0 ? 0.0 : umbra ? 3.0 : 2.0;
 #if defined(HALO)
     float disc_gap;
     bool disc_umbra;
     int of_disc = bodies_between(sun_map, casters, listed, shadows.slot_size, p, place.w,
-                                 tan(sun.half_angle) + length(sun.slope), disc_gap, disc_umbra);
+                                 sun.slope, tan(sun.half_angle), disc_gap, disc_umbra);
     if (kept == 2.0 && (of_disc == 0 || disc_umbra)) kept = 1.0;
     halo = disc_seen(sun, shadows, sun_map, casters, rays, p, POINT, sun.halo_angle, 1, true);
 #endif

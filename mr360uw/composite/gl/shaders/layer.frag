@@ -68,7 +68,7 @@ vec2 sun_seen_from(Surface s, Footprint area, float bias_m) {
     return seen;
 }
 #else
-Parts light_surface(Surface s, Among among, Footprint area, float bias_m) {
+Parts light_surface(Surface s, Among among, Footprint area, float bias_m, int number) {
     Coat coat = make_coat(s, outside_index);
     vec3 axis = lobe_axis(s.normal, coat.view, coat.n_dot_v, s.roughness);
     vec3 scale = ambient_factor(view, medium, diffuse, s.point, s.normal.y);
@@ -79,7 +79,7 @@ Parts light_surface(Surface s, Among among, Footprint area, float bias_m) {
     bool faces = faces_sun(s);
     float free = 1.0;
 #if defined(SHADOW)
-    vec2 seen = texelFetch(sun_seen, ivec2(gl_FragCoord.xy), 0).rg;
+    vec2 seen = texelFetch(sun_seen, list_place(number), 0).rg;
     free = mix(seen.x, seen.y, scattered_at(sun, view, medium, beam, area.middle));
 #endif
     vec3 waves = waves_at(sun, view, medium, beam, stack, caustic_ratio, plane_depth, s.point, s.footprint_m);
@@ -137,7 +137,7 @@ void main() {
     int first_value = int(numbers.y) + (s.behind ? int(numbers.w) * int(numbers.z) : 0);
     among = among_bodies(bodies, first_value, int(numbers.w), listed(triangles, triangle.first + 10), s.weights);
 #endif
-    Parts p = light_surface(s, among, area, numbers.x);
+    Parts p = light_surface(s, among, area, numbers.x, min(number, count - 1));
     vec3 through = vec3(1.0), haze = vec3(0.0);
 #if defined(MEDIUM)
     through = transmittance_lookup(medium, attenuation, s.distance_m, s.direction.y);

@@ -132,29 +132,39 @@ int lowest_slot(int bits) {
     return bits == 0 ? 0 : int(log2(float(bits & -bits)) + 0.5);
 }
 
-// those of the bodies `listed` (bits) that may occlude part of the light's disc from part of a ball about p. gap:
-// distance [m] to the nearest of them. umbra: whether one of them occludes all of the disc from all of the ball
+// the disc of which a ball of `radius` metres about p sees all parts of a body: middle across the light, and radius;
+// negative above the body
+vec3 disc_across(Caster caster, vec3 p, float radius, vec2 middle, float spread) {
+    float high = caster.reach.y - p.z + radius, low = max(caster.reach.x - p.z - radius, 0.0);
+    float wide = radius + spread * high + 0.5 * length(middle) * (high - low);
+    return vec3(p.xy + 0.5 * (low + high) * middle, high > 0.0 ? wide : -1.0);
+}
+
+// those of the bodies `listed` (bits) that may occlude part of the light's disc from part of a ball about p. middle:
+// slope of the disc's centre, spread: tangent of its radius. gap: distance [m] to the nearest of them. umbra: whether
+// one of them occludes all of the disc from all of the ball
 int bodies_between(sampler2D sun_map, sampler2D casters, int listed, float slot_size, vec3 p, float radius,
-                   float spread, out float gap, out bool umbra) {
+                   vec2 middle, float spread, out float gap, out bool umbra) {
     int near = 0, between = 0;
     gap = 1e9;
     umbra = false;
     do {
         int lowest = listed & -listed;
         Caster caster = fetch_caster(casters, lowest_slot(listed));
-        float above = caster.reach.y - p.z + radius;
-        vec2 across = abs(p.xy - caster.center) - caster.half_size;
-        if (above > 0.0 && max(across.x, across.y) <= radius + spread * above) near |= lowest;
+        vec3 disc = disc_across(caster, p, radius, middle, spread);
+        vec2 across = abs(disc.xy - caster.center) - caster.half_size;
+        if (disc.z >= 0.0 && max(across.x, across.y) <= disc.z) near |= lowest;
         listed &= ~lowest;
     } while (listed != 0);
     // a filtered column is empty, or full, only if everything within a texel of that level is
     do {
         int lowest = near & -near;
         Caster caster = fetch_caster(casters, lowest_slot(near));
-        float wide = (radius + spread * (caster.reach.y - p.z + radius)) * slot_size;
-        float texels = max(2.0 * power_below(max(wide / min(caster.half_size.x, caster.half_size.y), 0.5)), 1.0);
+        vec3 disc = disc_across(caster, p, radius, middle, spread);
+        float wide = disc.z * slot_size / min(caster.half_size.x, caster.half_size.y);
+        float texels = max(2.0 * power_below(max(wide, 0.5)), 1.0);
         bool known = texels * SMALLEST <= slot_size;
-        vec2 place = (p.xy - caster.center) / caster.half_size * 0.5 + 0.5;
+        vec2 place = (disc.xy - caster.center) / caster.half_size * 0.5 + 0.5;
         vec4 column = sun_texel(sun_map, caster, slot_size, min(texels, slot_size / SMALLEST), place);
         float full = column.x;
 #if defined(TRANSLUCENT)
@@ -184,8 +194,8 @@ float sun_visibility(sampler2D sun_map, sampler2D casters, int listed, float slo
     vec2 places = ray_places(count);
     float grain = ray_grain(count) * sqrt(abs(determinant(mat2(sides[0].xy, sides[1].xy))));
     bool umbra;
-    int between = bodies_between(sun_map, casters, listed, slot_size, p, footprint_radius(sides),
-                                 spread + length(middle), gap, umbra);
+    int between = bodies_between(sun_map, casters, listed, slot_size, p, footprint_radius(sides), middle,
+                                 spread, gap, umbra);
     int k = !wanted || between == 0 || umbra ? count : 0;
     int few = count < FEWEST_SUN_RAYS ? count : count / 2;
     bool agreed = false;

@@ -7,7 +7,7 @@
 
 // axes: rows (across, across, along) in the world's axes, the last one near the sun's direction. slope: that direction
 // in these axes, across over along. up: sine of the sun's elevation. half_angle, halo_angle: radii of disc, halo [rad].
-// grid_*: of light_slots.py, whose table begins in the row grid_row of `casters`
+// grid_*: of light_textures.py, whose table begins in the row grid_row of `casters`
 struct Sun {
     vec3 irradiance;
     vec3 direction;
@@ -25,7 +25,7 @@ struct Sun {
     int grid_row;
 };
 
-const int HALF_BITS = 15;  // twin: light_slots.py
+const int HALF_BITS = 15;  // twin: light_textures.py
 
 vec3 beam_at(Sun sun, View view, MediumTable medium, sampler2D beam, vec3 point) {
 #if !defined(SUN)
@@ -76,7 +76,7 @@ vec3 in_sun_axes(Sun sun, View view, vec3 point) {
 }
 
 // bits of the bodies that may occlude part of the sun from part of a ball about p, in the sun's axes, and of some that
-// do not; held to composite/gl/light_slots.py
+// do not; held to composite/gl/light_textures.py
 int bodies_listed(Sun sun, sampler2D casters, vec3 p, float radius) {
     vec3 cell = clamp(floor((p - sun.grid_low) * sun.grid_scale), vec3(0.0), sun.grid_last);
     int number = int(dot(cell, sun.grid_steps));
