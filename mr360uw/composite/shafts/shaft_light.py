@@ -22,7 +22,7 @@ from mr360uw.cache import Cache, Parts, shared
 from mr360uw.color import encode
 from mr360uw.composite.lighting.blockers import casting_bodies
 from mr360uw.composite.lighting.sun import spread_rad, sun_in, sun_of, sun_up
-from mr360uw.composite.lighting.surfaces import veil_ahead, water_ahead
+from mr360uw.composite.lighting.surfaces import veil_ahead
 from mr360uw.composite.shot import Shot
 from mr360uw.medium.medium import Medium
 from mr360uw.medium.shafts.froxels import FroxelGrid, shaft_field
@@ -203,9 +203,7 @@ def waves_show(shot: Shot, light: ShaftLight) -> bool:
     distance = np.maximum(np.linalg.norm(to, axis=-1), 1e-9)
     rays, end = to / distance[:, None], np.minimum(distance, settings.range_m)
     beam = _beam_before(shot, light, rays, end)
-    _, veil = water_ahead(shot, end, rays)
-    change = settings.strength * _WAVES * beam
-    return bool(np.max(code_change(veil, change)) >= settings.least_codes)
+    return _shows(shot, light, rays, end, _WAVES * beam)
 
 
 def bodies_show(shot: Shot, light: ShaftLight) -> bool:
@@ -227,10 +225,15 @@ def bodies_show(shot: Shot, light: ShaftLight) -> bool:
     rays = to / distance[:, None]
     sine = np.sqrt(np.maximum(1.0 - (rays @ towards) ** 2, 1e-6))
     half = np.minimum(0.5 * np.repeat(wide, len(_SHADOW_M)) / sine, 0.5 * _LONGEST_M)
-    ends = np.clip(np.stack([distance - half, distance + half]), 0.0, settings.range_m)
-    near, far = (_beam_before(shot, light, rays, end) for end in ends)
-    _, veil = water_ahead(shot, np.full(len(rays), settings.range_m), rays)
-    return bool(np.max(code_change(veil, settings.strength * (near - far))) >= settings.least_codes)
+    ends = np.clip(np.concatenate([distance - half, distance + half]), 0.0, settings.range_m)
+    near, far = np.split(_beam_before(shot, light, np.tile(rays, (2, 1)), ends), 2)
+    return _shows(shot, light, rays, np.full(len(rays), settings.range_m), near - far)
+
+
+def _shows(shot: Shot, light: ShaftLight, rays: Floats, end_m: Floats, change: Floats) -> bool:
+    """Return whether a change (n, 3) of light before the veil of rays (n, 3) of lengths (n,) changes a code enough."""
+    veil = np.zeros((len(rays), 3)) if shot.medium is None else veil_ahead(shot.medium, end_m, rays)
+    return bool(np.max(code_change(veil, light.settings.strength * change)) >= light.settings.least_codes)
 
 
 def _beam_before(shot: Shot, light: ShaftLight, rays: Floats, end_m: Floats) -> Floats:
