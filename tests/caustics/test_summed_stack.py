@@ -108,12 +108,13 @@ def test_planes_are_nearer_to_those_of_a_finer_surface_than_by_coverage(chromati
     [
         (SEAS["ripples"], {}, SUN),
         (BREEZE, {"method": "ratio"}, SUN),
-        (GerstnerSea(detail_slope=0.0), {"sun_half_angle_rad": 0.0}, SUN),
+        (BREEZE, {"grid": 8}, SUN),
+        (GerstnerSea(detail_slope=0.0), {"grid": None, "sun_half_angle_rad": 0.0}, SUN),
         (BREEZE, {}, direction_from_angles(0.7, np.radians(4.0))),
     ],
 )
 def test_what_points_do_not_represent_is_drawn_by_coverage(sea, changes, sun):
-    """Ripples, other methods, no blur, waves in the shadow of others."""
+    """Ripples, other methods, cells too coarse for the sea, no blur, waves in the shadow of others."""
     s = CausticSettings(**{"size": 64, "grid": 32, **changes})
     arguments = sea, sun, np.array([6.0]), 0.5, s, 1.34, None
     expected = caustic_stack(*arguments).ratio

@@ -11,7 +11,8 @@ rays along x, and so along z, s the place in the cell. Its mean over the cell is
 that the mean place of a cell's light is right to fourth order. Grids of three quarters of the cells have then a quarter
 to a half of the error of coverage (`deposit`) with all of them.
 
-Waves in the shadow of others, ripples and the published methods are left to `caustic_stack`.
+Waves in the shadow of others, ripples, published methods and given grids too coarse for the sea are left to
+`caustic_stack`.
 """
 
 from __future__ import annotations
@@ -38,7 +39,7 @@ from mr360uw.caustics.flux.sun_disc import (
     soft_transform,
     transform_of_steps,
 )
-from mr360uw.caustics.settings import CausticSettings, Sea, grid_of
+from mr360uw.caustics.settings import CausticSettings, Sea, cells_across, grid_of
 from mr360uw.jit import exact
 from mr360uw.optics import refract_to_water
 from mr360uw.types import BeamSpread, CausticStack
@@ -150,8 +151,11 @@ def _cells_of(
     """Return the refracted cells of a sea; None where their light cannot be summed from points."""
     if settings.method != "exact" or sea.detail(time_s) is not None:
         return None
-    grid = grid_of(settings, sea)
-    cells = math.ceil(_CELLS * grid) if settings.grid is None else grid
+    # Cells that are given and too coarse for the sea are drawn as they are, as the reference draws them
+    enough = math.ceil(_CELLS * cells_across(sea, settings.sun_half_angle_rad))
+    cells = enough if settings.grid is None else settings.grid
+    if cells < enough:
+        return None
     rays, flux = np.empty((8, cells + 1, cells + 1)), np.empty((cells, cells))
     vertex_rays(tuple(sea.grid_fields(cells, time_s)), sea.tile_m, sun, refractive_index, travel, rays)
     if cell_flux(rays, sun, flux) <= 0.0:
