@@ -32,9 +32,9 @@ from mr360uw.caustics import (
     stack_depths,
 )
 from mr360uw.caustics.depth_ladder import PlaneLadder
-from mr360uw.caustics.flux.blurred_stack import blurred_stack
 from mr360uw.caustics.flux.irradiance import cell_flux
 from mr360uw.caustics.flux.refracted_rays import lit_corners, refracted_rays
+from mr360uw.caustics.flux.summed_stack import summed_stack
 from mr360uw.caustics.gl.stack import upload
 from mr360uw.caustics.settings import grid_of
 from mr360uw.constants import REFRACTIVE_INDEX_SEA
@@ -175,7 +175,7 @@ def _stack_ms(sea: GerstnerSea, sun: np.ndarray, depth: float, size: int, grid: 
 
 
 def _make(sea: GerstnerSea, sun: np.ndarray, depths: Sequence[float], s: CausticSettings) -> None:
-    stack = blurred_stack(sea, sun, np.asarray(depths), 0.0, s, REFRACTIVE_INDEX_SEA, None)
+    stack = summed_stack(sea, sun, np.asarray(depths), 0.0, s, REFRACTIVE_INDEX_SEA, None)
     mip_levels(stack.ratio[..., :1])
 
 

@@ -16,12 +16,12 @@ from mr360uw.caustics import CausticSettings, GerstnerSea, caustic_stack, refrac
 from mr360uw.caustics.depth_ladder import PlaneLadder
 from mr360uw.composite.objects import load_objects
 from mr360uw.composite.raycast.geometry import occluding
-from mr360uw.composite.shafts.shaft_light import grid_of
+from mr360uw.composite.shafts import grid_of
 from mr360uw.constants import REFRACTIVE_INDEX_SEA
 from mr360uw.medium import Medium, ShaftScene, Water, shaft_field
 from mr360uw.medium.lookup import veil_lookup
-from mr360uw.medium.shafts.deviation import march
 from mr360uw.medium.shafts.settings import ShaftSettings
+from mr360uw.medium.shafts.shaft_field import march
 from mr360uw.medium.small_angles import spread_of
 from mr360uw.sphere import unit
 from mr360uw.types import CausticStack, Floats, Sun, View

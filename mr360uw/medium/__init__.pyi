@@ -10,8 +10,7 @@ from .models import spectral_model
 from .phase import PhaseTable
 from .ray_field import LambertFloor
 from .settings import WaterSettings
-from .shafts.deviation import shaft_deviation
-from .shafts.froxels import FroxelGrid, ShaftField, shaft_field
+from .shafts.shaft_field import FroxelGrid, ShaftField, shaft_deviation, shaft_field
 from .shafts.shaft_scene import ShaftScene
 from .shafts.single_scattering import single_scattering
 from .spectral.bands import Bands, bands

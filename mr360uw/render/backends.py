@@ -111,10 +111,10 @@ class Gl:
         refractive_index: float,
         spread: BeamSpread | None,
     ) -> CausticStack:
-        """Return the caustics of `blurred_stack`."""
-        from mr360uw.caustics.flux.blurred_stack import blurred_stack
+        """Return the caustics of `summed_stack`."""
+        from mr360uw.caustics.flux.summed_stack import summed_stack
 
-        return blurred_stack(sea, sun_in_air, depths_m, time_s, settings, refractive_index, spread)
+        return summed_stack(sea, sun_in_air, depths_m, time_s, settings, refractive_index, spread)
 
     def layer(self, shot: Shot, *, variables: bool = False) -> tuple[Layer, Aovs | None]:
         """Return the layer of a shot, and its output variables if asked for, read back from the device."""

@@ -40,7 +40,7 @@ from mr360uw.types import CausticStack, Layer, MediumTable
 from mr360uw.video import VideoFrame
 
 if TYPE_CHECKING:
-    from mr360uw.composite.shafts.shaft_light import ShaftLight
+    from mr360uw.composite.shafts import ShaftLight
 
 T = TypeVar("T")
 
@@ -263,7 +263,7 @@ def draw_layer(
     """Return the layer of a shot, with its shafts, and its output variables if asked for."""
     layer, found = backend.layer(shot, variables=variables)
     if shafts is not None:
-        from mr360uw.composite.shafts.shaft_layer import with_shafts
+        from mr360uw.composite.shafts import with_shafts
 
         layer, found = with_shafts(shot, shafts, layer, found, cache)
     return layer, found

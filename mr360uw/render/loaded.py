@@ -301,7 +301,7 @@ def load(scene: Scene, width: int, height: int, *, clip: bool = True) -> Loaded:
 
 
 def _beam_share(medium: Medium, depth_m: float) -> float:
-    from mr360uw.medium.shafts.shaft_water import beam_share
+    from mr360uw.medium.shafts.shaft_scene import beam_share
 
     return beam_share(medium, depth_m)
 

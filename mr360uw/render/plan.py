@@ -234,7 +234,7 @@ def make_plan(
 ) -> Plan:
     """Return the plan of a scene. medium: None where the plate has no water. clip: the plate is more than one frame.
 
-    share: gives the fraction of the veil that is the beam scattered once (`shaft_water.beam_share`); None: all of it.
+    share: gives the fraction of the veil that is the beam scattered once (`shaft_scene.beam_share`); None: all of it.
     """
     snow = snow_stage(scene, medium)
     visible, light = bool(objects) or snow.runs, scene.light

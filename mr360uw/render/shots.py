@@ -40,7 +40,7 @@ from mr360uw.types import CausticStack, Floats, Layer, Light, MediumTable, Sun, 
 from mr360uw.video import VideoFrame
 
 if TYPE_CHECKING:
-    from mr360uw.composite.shafts.shaft_light import ShaftLight
+    from mr360uw.composite.shafts import ShaftLight
     from mr360uw.depth.occlusion import PlateDepth
 
 _LOWEST_SUN = 0.05
@@ -185,7 +185,7 @@ def shafts_of(loaded: Loaded, backend: Backend, shot: Shot, time_s: float, cache
     medium = loaded.surroundings.medium_at(time_s)
     if medium is None:
         return None
-    from mr360uw.composite.shafts.shaft_light import ShaftLight, bodies_show, waves_show
+    from mr360uw.composite.shafts import ShaftLight, bodies_show, waves_show
 
     still = ShaftLight(settings, medium)
     sun_in_air, depths = _caustic_sun(loaded, shot), loaded.caustic_depths

@@ -84,11 +84,10 @@ SIXTEEN_BIT = 1e-4
 """Codes of 16 bits, rounded, over the range that a PNG holds."""
 SUMMED_POINTS = 2e-5
 """Sums of points in single precision: places in 128 pixels are rounded to 1e-5 of one."""
-SUMMED_OVER_COVERED = 0.015
-"""RMSE over standard deviation of planes summed from points against coverage, blurred by two pixels and more: coverage
-folds frequencies beyond the map's onto lower ones, which makes 0.007 there, and a quarter of it at four pixels."""
-SUMMED_PIXEL = 0.04
-"""The greatest difference of one pixel of these maps, over their mean."""
+SUMMED_SHEET = 2e-3
+"""Even light of points a third of a pixel apart: bilinear shares leave (sinc 3)^2 of their lattice, 0 but for rounding."""
+FOURTH_ORDER = 0.05
+"""Error of a cell's mean place over that of straight lines, 32 cells a wave: (k cell)^2 = 0.04 times a number below 1."""
 SPECTRUM_VARIANCE = 2e-3
 """Height of a whole spectrum against its closed form: waves shorter than a hundredth of the peak's period are left out,
 and those of the shortest have surface tension and, in TMA's factor, a bottom 1000 m deep."""

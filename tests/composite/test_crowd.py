@@ -18,9 +18,9 @@ from mr360uw.composite.over import over
 from mr360uw.composite.reference import render_layer
 from mr360uw.composite.shot import PlacedObject, Receiver, Shot
 from mr360uw.medium.shafts import body_shadows
-from mr360uw.medium.shafts.beam_pattern import BeamPattern
 from mr360uw.medium.shafts.body_shadows import HALO_TAPS, shadows_of, visible_parts
 from mr360uw.medium.shafts.occluders import Bodies
+from mr360uw.medium.shafts.shaft_scene import BeamPattern
 from mr360uw.sphere import unit
 from mr360uw.types import Floats, Sun
 from tests.composite import tolerances as tol
@@ -65,11 +65,8 @@ def seen_past(bodies: Bodies, rays: Floats, edge: Floats) -> Floats:
     """Return the visible fraction of the halo in segments of rays from the world's origin."""
     shadows = shadows_of(BeamPattern(SUN, bodies, None, 5.0, 4, 0.1), Cache())
     assert shadows is not None
-    maps, seen = shadows.halo, np.empty((len(rays), edge.shape[1] - 1))
-    visible_parts(
-        np.zeros(3), rays, edge[:, :-1], edge[:, 1:], bodies.centre, bodies.radius, shadows.frame, shadows.apart,
-        maps.frame, maps.top, maps.spread, bodies.passed, HALO_TAPS, seen,
-    )  # fmt: skip
+    seen = np.empty((len(rays), edge.shape[1] - 1))
+    visible_parts((np.zeros(3), rays), edge[:, :-1], edge[:, 1:], shadows.outlines, shadows.halo, HALO_TAPS, seen)
     return seen
 
 

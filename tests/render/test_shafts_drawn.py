@@ -15,14 +15,13 @@ import pytest
 import mr360uw as uw
 from mr360uw.cache import Cache
 from mr360uw.composite.over import over
-from mr360uw.composite.shafts.shaft_layer import with_shafts
-from mr360uw.composite.shafts.shaft_light import ShaftLight, code_change, grid_of, shaft_pixels
+from mr360uw.composite.shafts import ShaftLight, code_change, grid_of, shaft_pixels, with_shafts
 from mr360uw.composite.shot import Shot
 from mr360uw.constants import SUN_HALF_ANGLE_RAD
 from mr360uw.medium import Medium, Water
-from mr360uw.medium.shafts.froxels import DEFAULT_GRID, shaft_field
 from mr360uw.medium.shafts.settings import ShaftSettings
-from mr360uw.medium.shafts.shaft_water import beam_share, unoccluded
+from mr360uw.medium.shafts.shaft_field import DEFAULT_GRID, shaft_field
+from mr360uw.medium.shafts.shaft_scene import beam_share, unoccluded
 from mr360uw.render.loaded import load
 from mr360uw.sphere import directions, unit
 from mr360uw.types import CausticStack, Floats, Lamp, Layer, Sun

@@ -3,8 +3,10 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import moderngl
 import numpy as np
@@ -77,15 +79,28 @@ def plane_steps(depth_m: Floats) -> NDArray[np.float32]:
 
 
 class AtlasScratch:
-    """Memory for the atlases of stacks: getting pages of it takes the processor ten times as long as writing them."""
+    """Memory for the atlases of stacks, and textures that nobody holds any more, to be written over: getting pages of
+    either takes the processor ten times as long as writing them.
+    """
 
     def __init__(self) -> None:
         self._atlas: NDArray[np.float32] | None = None
+        # An object that is held here alone stands first: textures with as few references are free
+        self._textures: list[Any] = [object()]
 
     def filled(self, *stacks: Sequence[Floats]) -> moderngl.TextureArray:
         """Return a texture of the `mip_atlas` of stacks."""
         self._atlas = mip_atlas(*stacks, scratch=self._atlas)
-        return texture_array_from_array(self._atlas)
+        layers, height, width, channels = self._atlas.shape
+        held = [sys.getrefcount(texture) for texture in self._textures]
+        for texture, count in zip(self._textures[1:], held[1:], strict=True):
+            if count == held[0] and (*texture.size, texture.components) == (width, height, layers, channels):
+                texture.write(self._atlas, alignment=1)
+                return texture
+        unheld = {number for number, count in enumerate(held) if number > 0 and count == held[0]}
+        self._textures = [texture for number, texture in enumerate(self._textures) if number not in unheld]
+        self._textures.append(texture_array_from_array(self._atlas))
+        return self._textures[-1]
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 
 from mr360uw.cache import Cache, PartOf, Same
 from mr360uw.jit import exact
-from mr360uw.medium.shafts.beam_pattern import BeamPattern
 from mr360uw.medium.shafts.occluders import GOLDEN, Bodies, Occluder
+from mr360uw.medium.shafts.shaft_scene import BeamPattern
 from mr360uw.rays import PlacedScene, RayScene, raise_to_triangles
 from mr360uw.sphere import basis, unit
 from mr360uw.types import Floats
@@ -39,36 +39,49 @@ DISC_TAPS, HALO_TAPS = 16, 32
 """Points of a segment at which disc and halo are tested, one direction each, in turn."""
 
 
-class ShadowMaps:
-    """Maps of k bodies with bounding spheres in n directions of a disc about an axis (3,).
+class ShadowMaps(NamedTuple):
+    """Maps of k bodies with bounding spheres in n directions of a disc about an axis.
 
-    frame: (n, 3, 3) rows (u, v, direction). top: (k, n, size, size) float32 [m]. spread: tangent of the widest angle
-    between a direction and the middle of the disc.
+    frame: (n, 3, 3) rows (u, v, direction). top: (k, n, size, size) [m]. spread: tangent of the widest angle between a
+    direction and the axis.
     """
 
-    def __init__(self, bodies: Bodies, axis: Array, directions: Array, size: int, cache: Cache) -> None:
-        """cache: keeps the maps of bodies that move without turning."""
-        self.frame: Array = np.array([basis(d) for d in directions])
+    frame: Array
+    top: NDArray[np.float32]
+    spread: float
+
+    @classmethod
+    def of(cls, bodies: Bodies, axis: Array, directions: Array, size: int, cache: Cache) -> ShadowMaps:
+        """Return the maps in directions (n, 3). cache: keeps those of bodies that move without turning."""
+        frame = np.array([basis(d) for d in directions])
         spheres = zip(bodies.occluders, bodies.centre, bodies.radius, strict=True)
         keep = 4 * len(bodies.radius)
-        top = [_tops(body, centre, radius, self.frame, size, cache, keep) for body, centre, radius in spheres]
-        self.top = np.array(top)
+        top = [_tops(body, centre, radius, frame, size, cache, keep) for body, centre, radius in spheres]
         cosine = min(float(np.min(directions @ axis)), 1.0)
-        self.spread = math.sqrt(1.0 - cosine * cosine) / cosine
+        return cls(frame, np.array(top), math.sqrt(1.0 - cosine * cosine) / cosine)
+
+
+class Outlines(NamedTuple):
+    """Bodies as the sun sees them. centre, radius: (k, 3), (k,) [m] spheres around them. passed: (k,) of `Bodies`.
+
+    axes: (3, 3) rows (u, v, towards the sun). apart: (k, size, size) distance [m] of a place across the sun's direction
+    from the nearest that a body covers.
+    """
+
+    centre: Array
+    radius: Array
+    passed: Array
+    axes: Array
+    apart: NDArray[np.float32]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Shadows:
-    """Maps of k bodies for the sun's disc and for its halo, and their outlines as the sun sees them.
-
-    frame: (3, 3) rows (u, v, towards the sun). apart: (k, size, size) distance [m] of a place across the sun's
-    direction from the nearest that a body covers.
-    """
+    """Maps of bodies for the sun's disc and for its halo, and their outlines."""
 
     disc: ShadowMaps
     halo: ShadowMaps
-    frame: Array
-    apart: NDArray[np.float32]
+    outlines: Outlines
 
 
 def shadows_of(pattern: BeamPattern, cache: Cache) -> Shadows | None:
@@ -84,13 +97,14 @@ def _shadows(bodies: Bodies, towards: Array, disc: Array | None, halo: Array, ca
     """Return the shadows of bodies. disc, halo: directions (n, 3) over those; without disc its middle (3,) alone."""
     fewer = min(math.sqrt(_WHOLE / len(bodies.occluders)), 1.0)
     of_disc, of_halo = round(DISC_PIXELS * fewer), round(HALO_PIXELS * fewer)
-    middle = ShadowMaps(bodies, towards, towards[None], of_disc, cache)
-    wide = middle if disc is None else ShadowMaps(bodies, towards, disc, of_disc, cache)
+    middle = ShadowMaps.of(bodies, towards, towards[None], of_disc, cache)
+    wide = middle if disc is None else ShadowMaps.of(bodies, towards, disc, of_disc, cache)
     covered = np.isfinite(middle.top[:, 0])
     pixel = 2.0 * bodies.radius / covered.shape[1]
     apart = [cv2.distanceTransform((~mask).astype(np.uint8), cv2.DIST_L2, 5) for mask in covered]
     metres = (np.array(apart) * pixel[:, None, None]).astype(np.float32)
-    return Shadows(wide, ShadowMaps(bodies, towards, halo, of_halo, cache), middle.frame[0], metres)
+    outlines = Outlines(bodies.centre, bodies.radius, bodies.passed, middle.frame[0], metres)
+    return Shadows(wide, ShadowMaps.of(bodies, towards, halo, of_halo, cache), outlines)
 
 
 def _tops(
@@ -125,16 +139,15 @@ def _drawn(
 
 
 @exact
-def visible_parts(
-    origin: Any, directions: Any, start: Any, end: Any, centre: Any, radius: Any, axes: Any, apart: Any, frame: Any,
-    top: Any, spread: Any, passed: Any, taps: Any, seen: Any,
-) -> None:  # fmt: skip
+def visible_parts(rays: Any, start: Any, end: Any, outlines: Any, maps: Any, taps: Any, seen: Any) -> None:
     """Write the visible fraction of a disc of light, a mean over each segment of rays, to `seen` (n, count).
 
-    directions: (n, 3). start, end: (n, count) [m] of their segments. centre, radius: (k, 3), (k,) bounding spheres of
-    bodies. axes, apart: `frame` and `apart` of `Shadows`. frame to spread: of `ShadowMaps`. passed: (k,) of `Bodies`.
-    taps: points of a segment that are tested, with the directions in turn.
+    rays: their origin (3,) and directions (n, 3). start, end: (n, count) [m] of their segments. outlines, maps:
+    `Outlines`, `ShadowMaps`. taps: points of a segment that are tested, with the directions in turn.
     """
+    origin, directions = rays
+    centre, radius, passed, axes, apart = outlines
+    frame, top, spread = maps
     size, last, count = top.shape[2], apart.shape[1] - 1, seen.shape[1]
     every, few, near = np.arange(len(radius)), np.empty(len(radius), np.int64), np.empty(len(radius), np.int64)
     some, wide = np.empty(len(radius), np.int64), radius * (1.0 + spread + 4.0 / (last + 1))

@@ -23,7 +23,7 @@ ray in full shadow is dark to rounding.
 A lamp at distance r has E = I spot(angle) exp(-c r)/r^2. Its segments are even in the angle under which the lamp sees
 the ray (Kulla & Fajardo 2012), which takes the inverse square out of the sum.
 
-Only light that has not been scattered before counts as the beam here; for what to add to a veil see `deviation`.
+Only light that has not been scattered before counts as the beam here; for what to add to a veil see `shaft_field`.
 """
 
 from __future__ import annotations
@@ -39,9 +39,9 @@ from mr360uw.constants import MINIMUM_SUN_UP
 from mr360uw.errors import ParameterError
 from mr360uw.medium.closed_form import exponential_integral
 from mr360uw.medium.phase import Phase, check_phase, phase_function
-from mr360uw.medium.shafts.beam_pattern import MOST_POINTS, BeamPattern
 from mr360uw.medium.shafts.occluders import Bodies, bodies_of
 from mr360uw.medium.shafts.ray_segments import lamp_segments, radius_at, ray_ends_m, segment_points, view_directions
+from mr360uw.medium.shafts.shaft_scene import MOST_POINTS, BeamPattern
 from mr360uw.shapes import checked, common_shape, exactly, number, numbers
 from mr360uw.sphere import unit
 from mr360uw.types import CausticStack, Floats, Lamp, Sun, View

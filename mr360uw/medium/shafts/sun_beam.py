@@ -1,27 +1,36 @@
 # SPDX-License-Identifier: Apache-2.0
 """Deviation of the sun's beam in segments of many rays: what `ShaftScene.segments` returns, by tables and maps.
 
-Rays of one column share a plane through the sun and with it the running sums of `pattern_lines`. A segment takes the
+Rays of one column share a plane through the sun and with it the running sums of the caustics. A segment takes the
 mean of the caustics over its part of the line, at the depth of its middle, and the exact integral of its smooth light
 (Hillaire 2015, eq. of slices). The loops are compiled.
+
+Caustics along straight lines of the beam's footprint: running sums, so that the mean over any part costs two reads.
+
+A camera ray meets beams whose places on the mean surface lie on a straight line, and all rays in one plane through the
+sun share that line: at a distance s and an angle alpha from the sun a ray is r = s sin(alpha) along it. One set of
+running sums over r, one for each plane of a `CausticStack`, thus serves every ray of that plane ("epipolar" slices of
+Engelhardt & Dachsbacher 2010; the sums are those of Crow 1984 in one dimension).
+
+Steps of r are as wide as a pixel of the maps, and as wide as the distance to the next line where that is more. The maps
+are read at the mip level of a step.
 """
 
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.cache import Cache, PartOf
 from mr360uw.jit import fast, inlined
-from mr360uw.medium.shafts.beam_pattern import BeamPattern
 from mr360uw.medium.shafts.body_shadows import DISC_TAPS, HALO_TAPS, shadows_of, visible_parts
-from mr360uw.medium.shafts.pattern_lines import PatternMaps, fill_line, line_steps
 from mr360uw.medium.shafts.ray_segments import radius_at
-from mr360uw.medium.shafts.shaft_scene import ShaftScene
+from mr360uw.medium.shafts.shaft_scene import BeamPattern, ShaftScene
 from mr360uw.sphere import unit
+from mr360uw.types import CausticStack
 
 Array = NDArray[np.float64]
 
@@ -41,7 +50,7 @@ class SunBeam:
     def __init__(self, scene: ShaftScene, pattern: BeamPattern, count: int, cache: Cache) -> None:
         self.scene, self.pattern = scene, pattern
         self.weights = cache.of(_weights, PartOf(scene, scene.water, scene.depth_m, scene.sun_up), count, keep=4)
-        self.shadows, self.maps = shadows_of(pattern, cache), PatternMaps(pattern.caustics)
+        self.shadows, self.maps = shadows_of(pattern, cache), pattern_maps(pattern.caustics)
 
     def add(
         self, rays: Array, rate: Array, reach: Array, column: NDArray[np.int64], widening_rad: float, light: Array
@@ -58,13 +67,11 @@ class SunBeam:
         across = across / np.maximum(np.linalg.norm(across, axis=1), 1e-12)[:, None]
         course = across[:, [0, 2]] - across[:, 1:2] * maps.lean
         place = origin[[0, 2]] + maps.lean * self.scene.depth_m
-        beam = np.zeros_like(light)
-        add_beam(
-            np.append(first, len(rays)), np.ascontiguousarray(rays[:, 1]), sine, rate, reach,
-            self.scene.water.turned(cosine), self.weights, self._seen(rays, rate, reach, light.shape[1]),
-            self.scene.depth_m, maps.values, maps.start, maps.size, maps.depth_m, maps.tile_m, place, course,
-            widening_rad, beam,
-        )  # fmt: skip
+        turned = self.scene.water.turned(cosine)
+        of_rays = _Rays(np.ascontiguousarray(rays[:, 1]), sine, rate, reach, turned)
+        columns = _Columns(np.append(first, len(rays)), course, place, widening_rad)
+        seen, beam = self._seen(rays, rate, reach, light.shape[1]), np.zeros_like(light)
+        add_beam(of_rays, columns, maps, self.weights, seen, self.scene.depth_m, beam)
         light += beam * self.pattern.sun.irradiance
 
     def _seen(self, rays: Array, rate: Array, reach: Array, count: int) -> Array:
@@ -78,12 +85,9 @@ class SunBeam:
         if self.shadows is None:
             return self._seen_by_rays(rays, start, end)
         seen = np.empty((len(rays), count, 2))
-        of, bodies = self.shadows, self.pattern.bodies
+        of = self.shadows
         for k, (maps, taps) in enumerate(((of.disc, DISC_TAPS), (of.halo, HALO_TAPS))):
-            visible_parts(
-                self.scene.origin, rays, start, end, bodies.centre, bodies.radius, of.frame, of.apart, maps.frame,
-                maps.top, maps.spread, bodies.passed, taps, seen[:, :, k],
-            )  # fmt: skip
+            visible_parts((self.scene.origin, rays), start, end, of.outlines, maps, taps, seen[:, :, k])
         return seen
 
     def _seen_by_rays(self, rays: Array, start: Array, end: Array) -> Array:
@@ -122,97 +126,105 @@ def node_edges(rate: Any, reach: Any, count: Any, edge: Any) -> None:
         edge[k] = reach * t if abs(x) < 1e-6 else -reach * math.log1p(t * math.expm1(-x)) / x
 
 
-@fast
-def add_beam(
-    starts: Any, up: Any, sine: Any, rate: Any, reach: Any, turned: Any, weights: Any, seen: Any, depth_m: Any,
-    values: Any, level_start: Any, size: Any, planes: Any, tile_m: Any, place: Any, course: Any, widening: Any,
-    light: Any,
-) -> None:  # fmt: skip
-    """Add the deviation of each segment to `light` (n, count, 3) for rays sorted by column.
-
-    starts: (columns + 1,) first ray of each column. up, sine: (n,) height of rays, and sine of their angle from the
-    sun. rate, reach: (n,) of `ShaftScene.layout`. turned: (n, 2) phase functions. weights: (m, count, 12) of
-    `SunBeam`. seen: (n, count, 2) visible fractions of disc and halo, or (0, 0, 2). depth_m: of the camera.
-    values to tile_m: `PatternMaps`, planes (0,) without caustics. place: (2,) of the camera on the mean surface [m].
-    course: (columns, 2) its change per metre of a line. widening: angle between columns.
+class _Rays(NamedTuple):
+    """Rays sorted by column. up, sine: (n,) their height, and the sine of their angle from the sun. rate, reach: (n,)
+    of `ShaftScene.layout`. turned: (n, 2) phase functions.
     """
-    count = light.shape[1]
+
+    up: Array
+    sine: Array
+    rate: Array
+    reach: Array
+    turned: Array
+
+
+class _Columns(NamedTuple):
+    """Planes through the sun. starts: (columns + 1,) first ray of each. place: (2,) of the camera on the mean surface
+    [m]. course: (columns, 2) its change per metre of a column's line. widening: angle between columns [rad].
+    """
+
+    starts: NDArray[np.int64]
+    course: Array
+    place: Array
+    widening: float
+
+
+@fast
+def add_beam(rays: Any, columns: Any, maps: Any, weights: Any, seen: Any, depth_m: Any, light: Any) -> None:
+    """Add the deviation of each segment to `light` (n, count, 3) for `_Rays` of `_Columns`.
+
+    maps: `PatternMaps`, of no planes without caustics. weights: (m, count, 12) of `SunBeam`. seen: (n, count, 2)
+    visible fractions of disc and halo, or (0, 0, 2). depth_m: of the camera.
+    """
+    count, planes = light.shape[1], maps.depth_m
     ratio = np.zeros((count, 4))
-    scale = size / tile_m
     sums = np.empty((len(planes), 1, 4))
     used = np.empty((len(planes), 2), np.int64)
-    for column in range(len(starts) - 1):
-        first, end = starts[column], starts[column + 1]
-        if len(planes):
-            step = tile_m / size / math.hypot(course[column, 0], course[column, 1])
-            line = line_steps(step, widening, _line_end(sine[first:end], rate[first:end], reach[first:end], count))
-            if sums.shape[1] < len(line):
-                sums = np.empty((len(planes), len(line), 4))
-            _find_used(up[first:end], sine[first:end], rate[first:end], reach[first:end], count, depth_m, planes, line,
-                       step, widening, used)  # fmt: skip
-            fill_line(
-                values, level_start, size, used, place[0] * scale, place[1] * scale, course[column, 0] * scale,
-                course[column, 1] * scale, line, sums,
-            )  # fmt: skip
+    for column in range(len(columns.starts) - 1):
+        first, end = columns.starts[column], columns.starts[column + 1]
+        if len(planes) == 0:
             for n in range(first, end):
-                _find_ratio(up[n], sine[n], rate[n], reach[n], depth_m, planes, line, step, widening, sums, ratio)
-                _add_node(up[n], turned[n], weights, seen, n, ratio, light[n])
-        else:
-            for n in range(first, end):
-                _add_node(up[n], turned[n], weights, seen, n, ratio, light[n])
+                _add_node(rays.up[n], rays.turned[n], weights, seen, n, ratio, light[n])
+            continue
+        # Sum the caustics along the line that the column's rays share, as far as they read it
+        course = columns.course[column]
+        step = maps.tile_m / maps.size / math.hypot(course[0], course[1])
+        edge = line_steps(step, columns.widening, _line_end(rays, first, end, count))
+        line = (edge, step, columns.widening)
+        if sums.shape[1] < len(edge):
+            sums = np.empty((len(planes), len(edge), 4))
+        _find_used(rays, first, end, count, depth_m, planes, line, used)
+        fill_line(maps, used, columns.place, course, edge, sums)
+        for n in range(first, end):
+            _find_ratio(rays, n, depth_m, planes, line, sums, ratio)
+            _add_node(rays.up[n], rays.turned[n], weights, seen, n, ratio, light[n])
 
 
 @fast
-def _line_end(sine: Any, rate: Any, reach: Any, count: Any) -> Any:
+def _line_end(rays: Any, first: Any, end: Any, count: Any) -> Any:
     """Return how far along a line [m] rays need it: over a part at least of the last segment, mostly far and faint."""
     edge = np.empty(count + 1)
     farthest = 0.0
-    for n in range(len(sine)):
-        node_edges(rate[n], reach[n], count, edge)
-        farthest = max(farthest, min(edge[count], _LAST * edge[count - 1]) * sine[n])
+    for n in range(first, end):
+        node_edges(rays.rate[n], rays.reach[n], count, edge)
+        farthest = max(farthest, min(edge[count], _LAST * edge[count - 1]) * rays.sine[n])
     return farthest
 
 
 @fast
-def _find_used(
-    up: Any, sine: Any, rate: Any, reach: Any, count: Any, depth_m: Any, planes: Any, line: Any, step: Any,
-    widening: Any, used: Any,
-) -> None:  # fmt: skip
+def _find_used(rays: Any, first: Any, end: Any, count: Any, depth_m: Any, planes: Any, line: Any, used: Any) -> None:
     """Write the first and last step of a line that rays read of each plane to `used` (planes, 2)."""
     edge = np.empty(count + 1)
     for plane in range(len(planes)):
-        used[plane, 0], used[plane, 1] = len(line), -1
-    for n in range(len(up)):
-        node_edges(rate[n], reach[n], count, edge)
+        used[plane, 0], used[plane, 1] = len(line[0]), -1
+    for n in range(first, end):
+        node_edges(rays.rate[n], rays.reach[n], count, edge)
         i0 = 0
         for k in range(count):
-            i1, _ = _position(edge[k + 1] * sine[n], line, step, widening)
-            plane, between = _plane(planes, depth_m - 0.5 * (edge[k] + edge[k + 1]) * up[n])
+            i1, _ = _position(edge[k + 1] * rays.sine[n], line)
+            plane, between = _plane(planes, depth_m - 0.5 * (edge[k] + edge[k + 1]) * rays.up[n])
             for p in range(plane, plane + 2 if between > 0.0 else plane + 1):
                 used[p, 0], used[p, 1] = min(used[p, 0], i0), max(used[p, 1], i1)
             i0 = i1
 
 
 @fast
-def _find_ratio(
-    up: Any, sine: Any, rate: Any, reach: Any, depth_m: Any, planes: Any, line: Any, step: Any, widening: Any,
-    sums: Any, ratio: Any,
-) -> None:  # fmt: skip
-    """Write the caustics' deviation from 1 to `ratio` (count, 4): sharp red, green, blue and soft."""
+def _find_ratio(rays: Any, n: Any, depth_m: Any, planes: Any, line: Any, sums: Any, ratio: Any) -> None:
+    """Write the caustics' deviation from 1 on ray n to `ratio` (count, 4): sharp red, green, blue and soft."""
     count = len(ratio)
     edge = np.empty(count + 1)
-    node_edges(rate, reach, count, edge)
+    node_edges(rays.rate[n], rays.reach[n], count, edge)
     i0, f0 = 0, 0.0
     for k in range(count):
-        i1, f1 = _position(edge[k + 1] * sine, line, step, widening)
-        middle = max(depth_m - 0.5 * (edge[k] + edge[k + 1]) * up, 0.0)
+        i1, f1 = _position(edge[k + 1] * rays.sine[n], line)
+        middle = max(depth_m - 0.5 * (edge[k] + edge[k + 1]) * rays.up[n], 0.0)
         plane, between = _plane(planes, middle)
         # waves have not focused anything at the surface: contrast grows from there to the first plane
         focused = min(middle / planes[0], 1.0)
         ratio[k] = 0.0
-        _add_mean(sums[plane], line, i0, f0, i1, f1, (1.0 - between) * focused, ratio[k])
+        _add_mean(sums[plane], line[0], i0, f0, i1, f1, (1.0 - between) * focused, ratio[k])
         if between > 0.0:
-            _add_mean(sums[plane + 1], line, i0, f0, i1, f1, between * focused, ratio[k])
+            _add_mean(sums[plane + 1], line[0], i0, f0, i1, f1, between * focused, ratio[k])
         i0, f0 = i1, f1
 
 
@@ -255,15 +267,16 @@ def _plane(planes: Any, depth: Any) -> Any:
 
 
 @inlined
-def _position(r: Any, line: Any, step: Any, widening: Any) -> Any:
-    """Return the step of a line that r lies in, and where in it as a fraction."""
-    last = len(line) - 2
+def _position(r: Any, line: Any) -> Any:
+    """Return the step that r lies in, and where in it as a fraction. line: its edges, first step [m] and widening."""
+    edge, step, widening = line
+    last = len(edge) - 2
     even = min(math.ceil(1.0 / widening), last + 1)
     i = int(r / step)
     if i >= even:
-        i = even + int(math.log(r / line[even]) / math.log1p(widening))
+        i = even + int(math.log(r / edge[even]) / math.log1p(widening))
     i = min(max(i, 0), last)
-    return i, min(max((r - line[i]) / (line[i + 1] - line[i]), 0.0), 1.0)
+    return i, min(max((r - edge[i]) / (edge[i + 1] - edge[i]), 0.0), 1.0)
 
 
 @inlined
@@ -280,3 +293,122 @@ def _add_mean(sums: Any, line: Any, i0: Any, f0: Any, i1: Any, f1: Any, weight: 
         before = sums[i0, j] + f0 * (sums[i0 + 1, j] - sums[i0, j])
         behind = sums[i1, j] + f1 * (sums[i1 + 1, j] - sums[i1, j])
         ratio[j] += scale * (behind - before)
+
+
+_HALF_WAY = math.sqrt(6.0)
+"""Width of a step [pixels] at which the next level is as near: sqrt(3) sqrt(2), see `caustic_lookup` for the first."""
+
+
+class PatternMaps(NamedTuple):
+    """Mip levels of a `CausticStack` in one array, down to the first of odd size, as deviations from 1.
+
+    values: (pixels of all levels, 4) float32, level after level, each (planes, rows, columns); sharp red, green, blue,
+    and soft. start: (levels,) first pixel of each. size: of the finest. depth_m: (planes,). tile_m: side of a map.
+    lean: (2,) x and z of the sun's direction over its y, which places points on the mean surface.
+    """
+
+    values: NDArray[np.float32]
+    start: NDArray[np.int64]
+    size: int
+    depth_m: Array
+    tile_m: float
+    lean: Array
+
+
+def pattern_maps(stack: CausticStack | None) -> PatternMaps:
+    """Return the maps of a stack, None for no planes."""
+    if stack is None:
+        return PatternMaps(np.zeros((1, 4), np.float32), np.zeros(1, np.int64), 1, np.zeros(0), 1.0, np.zeros(2))
+    planes, size = stack.ratio.shape[:2]
+    halvings = (size & -size).bit_length()
+    start = np.concatenate([[0], np.cumsum([planes * (size >> k) ** 2 for k in range(halvings)])])
+    values = np.zeros((start[-1], 4), np.float32)
+    soft = np.ones((1, 1, 1, 1)) if stack.soft is None else stack.soft
+    _fill_levels(stack.ratio, soft, start[:-1], values)
+    x, y, z = stack.sun_direction
+    depth_m = np.asarray(stack.depth_m, np.float64)
+    return PatternMaps(values, start[:-1], size, depth_m, float(stack.tile_m), np.array([x, z]) / y)
+
+
+@fast
+def _fill_levels(sharp: Any, soft: Any, start: Any, values: Any) -> None:
+    """Write maps (planes, size, size, 3) and (planes, size, size, 1), or (1, 1, 1, 1), with all their halves."""
+    planes, size = sharp.shape[:2]
+    step = 1 if soft.shape[1] == size else 0
+    for plane in range(planes):
+        for j in range(size):
+            for i in range(size):
+                p = (plane * size + j) * size + i
+                for c in range(3):
+                    values[p, c] = sharp[plane, j, i, c] - 1.0
+                values[p, 3] = soft[plane * step, j * step, i * step, 0] - 1.0
+    for level in range(1, len(start)):
+        fine = size >> (level - 1)
+        for row in range(planes * (fine // 2)):
+            plane, j = row // (fine // 2), row % (fine // 2)
+            above = start[level - 1] + (plane * fine + 2 * j) * fine
+            for i in range(fine // 2):
+                p, q = above + 2 * i, above + fine + 2 * i
+                for c in range(4):
+                    total = values[p, c] + values[p + 1, c] + values[q, c] + values[q + 1, c]
+                    values[start[level] + row * (fine // 2) + i, c] = 0.25 * total
+
+
+@fast
+def line_steps(pixel_m: Any, widening: Any, reach_m: Any) -> Any:
+    """Return the edges (n + 1,) [m] of the steps of a line: `pixel_m` wide, or `widening` times the distance."""
+    even = max(math.ceil(min(reach_m / pixel_m, 1.0 / widening)), 1)
+    wide = max(math.ceil(math.log(max(reach_m / (even * pixel_m), 1.0)) / math.log1p(widening)), 0)
+    edge = np.empty(even + wide + 1)
+    for i in range(even + 1):
+        edge[i] = i * pixel_m
+    for i in range(wide):
+        edge[even + 1 + i] = edge[even] * math.exp((i + 1) * math.log1p(widening))
+    return edge
+
+
+@fast
+def fill_line(maps: Any, used: Any, place: Any, course: Any, edge: Any, sums: Any) -> None:
+    """Write running sums of the maps along a line to `sums` (planes, n + 1, 4), each plane from its first step used on.
+
+    used: (planes, 2) first and last step. place, course: (2,) where the line starts [m], and its change per metre of r.
+    edge: (n + 1,) of `line_steps`.
+    """
+    values, start, size = maps.values, maps.start, maps.size
+    scale, most = size / maps.tile_m, len(start) - 1
+    u, v, du, dv = place[0] * scale, place[1] * scale, course[0] * scale, course[1] * scale
+    speed = math.hypot(du, dv)
+    for plane in range(len(used)):
+        if used[plane, 1] >= 0:
+            sums[plane, used[plane, 0]] = 0.0
+        level, widest = 0, _HALF_WAY / speed
+        for n in range(used[plane, 0], used[plane, 1] + 1):
+            width = edge[n + 1] - edge[n]
+            r = 0.5 * (edge[n] + edge[n + 1])
+            while width > widest and level < most:
+                level, widest = level + 1, 2.0 * widest
+            x, y = (u + r * du) / (1 << level), (v + r * dv) / (1 << level)
+            a0, a1, a2, a3 = _bilinear(values, start[level], size >> level, plane, x, y)
+            sums[plane, n + 1, 0] = sums[plane, n, 0] + a0 * width
+            sums[plane, n + 1, 1] = sums[plane, n, 1] + a1 * width
+            sums[plane, n + 1, 2] = sums[plane, n, 2] + a2 * width
+            sums[plane, n + 1, 3] = sums[plane, n, 3] + a3 * width
+
+
+@inlined
+def _bilinear(values: Any, start: Any, size: Any, plane: Any, x: Any, y: Any) -> Any:
+    """Return the four values of a level of a plane, periodic and bilinear, at pixels (x, y) of that level."""
+    x -= 0.5
+    y -= 0.5
+    i, j = math.floor(x), math.floor(y)
+    fx, fy = x - i, y - j
+    i0, j0, i1, j1 = i % size, j % size, (i + 1) % size, (j + 1) % size
+    top, low = start + (plane * size + j0) * size, start + (plane * size + j1) * size
+    w00, w10, w01, w11 = (1.0 - fx) * (1.0 - fy), fx * (1.0 - fy), (1.0 - fx) * fy, fx * fy
+    p, q, s, t = top + i0, top + i1, low + i0, low + i1
+    return (
+        values[p, 0] * w00 + values[q, 0] * w10 + values[s, 0] * w01 + values[t, 0] * w11,
+        values[p, 1] * w00 + values[q, 1] * w10 + values[s, 1] * w01 + values[t, 1] * w11,
+        values[p, 2] * w00 + values[q, 2] * w10 + values[s, 2] * w01 + values[t, 2] * w11,
+        values[p, 3] * w00 + values[q, 3] * w10 + values[s, 3] * w01 + values[t, 3] * w11,
+    )
