@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 from mr360uw.constants import REFRACTIVE_INDEX_SEA
 from mr360uw.errors import ParameterError
 from mr360uw.shapes import checked, number, numbers
-from mr360uw.sphere import unit
+from mr360uw.sphere import gauss_legendre, unit
 
 Array = NDArray[np.float64]
 
@@ -220,7 +220,7 @@ def diffuse_reflectance_from_below(refractive_index: float, optical_depth: Array
     optical_depth: (...,) of the water that the light crosses to the surface and again from it, at normal incidence.
     """
     edge = critical_cosine(refractive_index)
-    x, w = np.polynomial.legendre.leggauss(_COSINES)
+    x, w = gauss_legendre(_COSINES)
     total = np.zeros(np.shape(optical_depth))
     for low, high in ((0.0, edge), (edge, 1.0)):  # smooth on either side of the edge of Snell's window
         c, share = 0.5 * (low + high) + 0.5 * (high - low) * x, (high - low) * w

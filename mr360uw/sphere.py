@@ -12,6 +12,8 @@ so the centre of the frame looks along -z and a quarter turn to the right is +x.
 
 from __future__ import annotations
 
+import functools
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -114,3 +116,15 @@ def disc_directions(axis: ArrayLike, half_angle_rad: float, count: int) -> Array
 def effective_half_angle(half_angle_rad: ArrayLike, spread_rad: ArrayLike) -> Array:
     """Return the radius (...,) [rad] of the disc with the second moment of the sun's disc and the water's spread."""
     return np.asarray(np.sqrt(np.square(half_angle_rad) + 4.0 * np.square(spread_rad)))
+
+
+@functools.cache
+def gauss_legendre(count: int) -> tuple[Array, Array]:
+    """Return the Gauss-Legendre nodes (count,) on (-1, 1) and their weights, shared by all callers: not to be written.
+
+    They are eigenvalues, which take longer to find than most integrals over them.
+    """
+    nodes, weights = np.polynomial.legendre.leggauss(count)
+    for values in (nodes, weights):
+        values.flags.writeable = False
+    return nodes, weights

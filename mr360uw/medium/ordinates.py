@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from mr360uw.constants import PI
 from mr360uw.medium.phase import legendre_polynomials
+from mr360uw.sphere import gauss_legendre
 
 Array = NDArray[np.float64]
 
@@ -27,7 +28,7 @@ for the other, and light in water of an index of 1.01 was off by as much as ther
 def nodes(streams: int, split: float) -> tuple[Array, Array]:
     """Gauss-Legendre nodes and weights on (0, 1), in two panels that meet at `split`, or in one (`_PANELS`)."""
     edges = [0.0, split, 1.0] if _PANELS[0] < split < _PANELS[1] else [0.0, 1.0]
-    x, w = np.polynomial.legendre.leggauss(streams // (len(edges) - 1))
+    x, w = gauss_legendre(streams // (len(edges) - 1))
     half = 0.5 * np.diff(edges)[:, None]
     middle = 0.5 * (np.array(edges[1:]) + np.array(edges[:-1]))[:, None]
     return (middle + half * x).ravel(), (half * w).ravel()

@@ -22,6 +22,7 @@ from mr360uw.constants import INV_4PI, PI
 from mr360uw.errors import ParameterError
 from mr360uw.medium.tables import builtin_table, read_table
 from mr360uw.shapes import checked, exactly, numbers
+from mr360uw.sphere import gauss_legendre
 
 Array = NDArray[np.float64]
 
@@ -330,7 +331,7 @@ def _petzold_norm() -> float:
 def _angle_quadrature() -> tuple[Array, Array]:
     """Nodes theta and weights sin(theta) dtheta on (0, pi): Gauss-Legendre in panels that refine towards 0."""
     edges = np.concatenate([[0.0], np.geomspace(1e-8, 0.02, 60), np.geomspace(0.02, PI, 141)[1:]])
-    x, w = np.polynomial.legendre.leggauss(8)
+    x, w = gauss_legendre(8)
     half = 0.5 * np.diff(edges)[:, None]
     theta = 0.5 * (edges[:-1] + edges[1:])[:, None] + half * x
     return theta.ravel(), (half * w * np.sin(theta)).ravel()
@@ -498,7 +499,7 @@ def backscatter_ratio(phase: Phase) -> float:
     check_phase(phase)
     if phase == "isotropic":
         return 0.5
-    x, w = np.polynomial.legendre.leggauss(64)
+    x, w = gauss_legendre(64)
     cosine = 0.5 * (x - 1.0)
     backward = PI * np.sum(w * phase_function(phase, np.arccos(cosine)))
     if isinstance(phase, tuple) and phase[0] == "fournier-forand":

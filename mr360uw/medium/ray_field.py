@@ -21,6 +21,7 @@ from mr360uw.medium.closed_form import check_ray, ray_in_water
 from mr360uw.medium.phase import legendre_polynomials
 from mr360uw.optics import fresnel_from_below
 from mr360uw.shapes import checked
+from mr360uw.sphere import gauss_legendre
 
 Array = NDArray[np.float64]
 
@@ -127,7 +128,7 @@ class OfBeam:
 
         if azimuth_rad is not None:
             return np.asarray(turned(azimuth_rad) @ self.amount)
-        x, weight = np.polynomial.legendre.leggauss(_AZIMUTHS)
+        x, weight = gauss_legendre(_AZIMUTHS)
         x, weight = 0.5 * (x + 1.0), 0.5 * weight
         # nodes are dense about the sun
         return np.asarray(np.einsum("a,...ak->...k", 2.0 * x * weight, turned(PI * x**2)) @ self.amount)

@@ -21,6 +21,7 @@ from mr360uw.constants import PI
 from mr360uw.medium.medium import Medium
 from mr360uw.medium.phase import Phase, forward_peak
 from mr360uw.reading.disk_cache import kept_arrays
+from mr360uw.sphere import gauss_legendre
 from mr360uw.types import BeamSpread
 
 Array = NDArray[np.float64]
@@ -47,7 +48,7 @@ def _mean_transform(phase: Phase, x: Array) -> Array:
     from scipy.special import j0
 
     theta, weight = forward_peak(phase)
-    node, share = np.polynomial.legendre.leggauss(_STEPS)
+    node, share = gauss_legendre(_STEPS)
     # light that turns near the plane is hardly moved: nodes are dense there
     u, share = (0.5 * (node + 1.0)) ** 2, 0.5 * share * (node + 1.0)
     along = np.asarray(x, np.float64)[:, None] * u

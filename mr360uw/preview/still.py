@@ -4,104 +4,22 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-
-import numpy as np
-from numpy.typing import ArrayLike
 
 from mr360uw.color import in_plate_primaries
 from mr360uw.errors import ParameterError
 from mr360uw.output_gate import check_outputs
 from mr360uw.preview.live import LivePreview
+from mr360uw.preview.perspective import Perspective, look
 from mr360uw.reading.input_files import files_read
 from mr360uw.scene.inputs import open_plate
 from mr360uw.scene.model import Scene, files_of
-from mr360uw.sphere import frame_from_direction, yaw_matrix
-from mr360uw.types import Floats
 from mr360uw.video import VideoFrame
 from mr360uw.video.pixels.rgb import codes_from_linear
 from mr360uw.video.read.projection import PICTURE_SUFFIXES
 from mr360uw.video.video_frame import whole_frame
 from mr360uw.video.write.image_writer import write_picture
-
-_MARGIN = 4
-"""Pixels that are repeated around the panorama, for the cubic filter and the step over its seam."""
-
-
-@dataclass(frozen=True, slots=True)
-class Perspective:
-    """Direction and field of view of a picture without distortion.
-
-    yaw_deg: of its centre, 0 = ahead, + = right. pitch_deg: + = up. fov_deg: from its left to its right edge.
-    """
-
-    yaw_deg: float = 0.0
-    pitch_deg: float = 0.0
-    fov_deg: float = 75.0
-    width: int = 1280
-    height: int = 720
-
-    def __post_init__(self) -> None:
-        for name, low, high, unit in (
-            ("yaw_deg", -360.0, 360.0, "deg"),
-            ("pitch_deg", -90.0, 90.0, "deg"),
-            ("fov_deg", 1.0, 150.0, "deg"),
-            ("width", 16, 16384, "pixels"),
-            ("height", 16, 16384, "pixels"),
-        ):
-            value = getattr(self, name)
-            if not low <= value <= high:
-                raise ParameterError(f"view.{name} - must be in [{low:g}, {high:g}] {unit} (got {value}) - change it")
-
-    def directions(self) -> Floats:
-        """Return the unit direction of every pixel's centre, (height, width, 3)."""
-        return self.direction_at(np.arange(self.width) + 0.5, (np.arange(self.height) + 0.5)[:, None])
-
-    def direction_at(self, x: ArrayLike, y: ArrayLike) -> Floats:
-        """Return the unit directions (..., 3) seen at continuous coordinates, pixel centres at i + .5."""
-        across = self._reach * (np.asarray(x, np.float64) / (0.5 * self.width) - 1.0)
-        up = self._reach * (self.height - 2.0 * np.asarray(y, np.float64)) / self.width
-        ray = np.stack(np.broadcast_arrays(across, up, -1.0), axis=-1)
-        ray /= np.linalg.norm(ray, axis=-1, keepdims=True)
-        return np.asarray(ray @ self._rotation.T)
-
-    @property
-    def _reach(self) -> float:
-        """Tangent of half the field of view."""
-        return float(np.tan(0.5 * np.radians(self.fov_deg)))
-
-    @property
-    def _rotation(self) -> Floats:
-        """Rotation (3, 3) from the view's axes to the panorama's: pitch, then yaw."""
-        c, s = np.cos(np.radians(self.pitch_deg)), np.sin(np.radians(self.pitch_deg))
-        return yaw_matrix(np.radians(self.yaw_deg)) @ np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])
-
-
-def look(panorama: Floats, view: Perspective) -> Floats:
-    """Return the view (height, width, 3) float32 of a panorama (H, 2 H, 3) of linear light.
-
-    Cubic interpolation; where the view is coarser than the panorama, the panorama is reduced first. Values are not
-    less than 0.
-    """
-    import cv2
-
-    pixel = 2.0 * np.tan(0.5 * np.radians(view.fov_deg)) / view.width  # at the centre, where it is largest
-    factor = min(1.0, (np.pi / panorama.shape[0]) / pixel)
-    image = np.asarray(panorama, np.float32)
-    if factor < 1.0:
-        rows = max(8, round(factor * panorama.shape[0]))
-        image = np.asarray(cv2.resize(image, (2 * rows, rows), interpolation=cv2.INTER_AREA))
-    height, width = image.shape[:2]
-    x, y = frame_from_direction(view.directions(), width, height)
-    # beyond a pole a panorama goes on half a turn away
-    over = np.roll(image, width // 2, axis=1)
-    tall = np.concatenate([over[:_MARGIN][::-1], image, over[-_MARGIN:][::-1]])
-    around = cv2.copyMakeBorder(tall, 0, 0, _MARGIN, _MARGIN, cv2.BORDER_WRAP)
-    where = ((x + _MARGIN - 0.5).astype(np.float32), (y + _MARGIN - 0.5).astype(np.float32))
-    seen = cv2.remap(around, *where, cv2.INTER_CUBIC)
-    return np.maximum(seen, np.float32(0.0))
-
 
 _LATEST_S = 1e6
 """Largest time within a clip [s]: eleven days."""

@@ -2,7 +2,7 @@
 """The viewer: an element of the tuning page that shows a picture, flat or around the viewer, and takes clicks on it.
 
 Angles are longitude and latitude [rad] in the camera's axes (`mr360uw.sphere`), but for the look-around view, which is
-given as `preview.still.Perspective` has it, in degrees. The browser's side is viewer.js.
+given as `preview.perspective.Perspective` has it, in degrees. The browser's side is viewer.js.
 """
 
 from __future__ import annotations
