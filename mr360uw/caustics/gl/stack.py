@@ -3,10 +3,9 @@
 
 from __future__ import annotations
 
-import sys
+import weakref
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import moderngl
 import numpy as np
@@ -78,37 +77,39 @@ def plane_steps(depth_m: Floats) -> NDArray[np.float32]:
     return steps[None].astype(np.float32)
 
 
-class AtlasScratch:
-    """Memory for the atlases of stacks, and textures that nobody holds any more, to be written over: getting pages of
-    either takes the processor ten times as long as writing them.
-    """
-
-    def __init__(self) -> None:
-        self._atlas: NDArray[np.float32] | None = None
-        # An object that is held here alone stands first: textures with as few references are free
-        self._textures: list[Any] = [object()]
-
-    def filled(self, *stacks: Sequence[Floats]) -> moderngl.TextureArray:
-        """Return a texture of the `mip_atlas` of stacks."""
-        self._atlas = mip_atlas(*stacks, scratch=self._atlas)
-        layers, height, width, channels = self._atlas.shape
-        held = [sys.getrefcount(texture) for texture in self._textures]
-        for texture, count in zip(self._textures[1:], held[1:], strict=True):
-            if count == held[0] and (*texture.size, texture.components) == (width, height, layers, channels):
-                texture.write(self._atlas, alignment=1)
-                return texture
-        unheld = {number for number, count in enumerate(held) if number > 0 and count == held[0]}
-        self._textures = [texture for number, texture in enumerate(self._textures) if number not in unheld]
-        self._textures.append(texture_array_from_array(self._atlas))
-        return self._textures[-1]
-
-
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, weakref_slot=True, eq=False)
 class StackTextures:
     """A `CausticStack` on the device. ratio: its `mip_atlas`. plane_depth: its `plane_steps`."""
 
     ratio: moderngl.TextureArray
     plane_depth: moderngl.Texture
+
+
+class AtlasScratch:
+    """Memory for the atlases of stacks, and textures of stacks that nobody holds any more, to be written over: getting
+    pages of either takes the processor ten times as long as writing them.
+    """
+
+    def __init__(self) -> None:
+        self._atlas: NDArray[np.float32] | None = None
+        self._lent: list[tuple[weakref.ref[StackTextures], moderngl.TextureArray]] = []
+
+    def filled(self, *stacks: Sequence[Floats]) -> moderngl.TextureArray:
+        """Return a texture of the `mip_atlas` of stacks."""
+        self._atlas = mip_atlas(*stacks, scratch=self._atlas)
+        free = [texture for holder, texture in self._lent if holder() is None]
+        self._lent = [(holder, texture) for holder, texture in self._lent if holder() is not None]
+        layers, height, width, channels = self._atlas.shape
+        for texture in free:
+            if (*texture.size, texture.components) == (width, height, layers, channels):
+                texture.write(self._atlas, alignment=1)
+                return texture
+        return texture_array_from_array(self._atlas)
+
+    def lend(self, textures: StackTextures) -> StackTextures:
+        """Return textures whose atlas is written over when they are held no more."""
+        self._lent.append((weakref.ref(textures), textures.ratio))
+        return textures
 
 
 def upload(stack: CausticStack, scratch: AtlasScratch | None = None) -> StackTextures:
@@ -122,4 +123,4 @@ def upload(stack: CausticStack, scratch: AtlasScratch | None = None) -> StackTex
     texture = scratch.filled(*stacks)
     # graphics hardware filters with weights of 8 bits: an error of up to 1/512 of the difference of two pixels
     texture.filter = (moderngl.LINEAR, moderngl.LINEAR)
-    return StackTextures(texture, texture_from_array(plane_steps(stack.depth_m)))
+    return scratch.lend(StackTextures(texture, texture_from_array(plane_steps(stack.depth_m))))

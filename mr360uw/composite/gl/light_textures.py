@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.cache import Cache
-from mr360uw.caustics.gl.stack import AtlasScratch, upload
+from mr360uw.caustics.gl.stack import AtlasScratch, StackTextures, upload
 from mr360uw.composite.gl.shadow_atlas import ROW_TEXELS, LightFrame, ShadowAtlas, slot_size, translucent
 from mr360uw.composite.gl.upload import MeshBuffers, write_uniform
 from mr360uw.composite.lighting.lamps import lamps_of
@@ -48,12 +48,15 @@ _OF_SIGHT = (
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ShotLight:
-    """The light of one shot on the device. textures, uniforms, arrays: by their names in shaders. defines: of these."""
+    """The light of one shot on the device. textures, uniforms, arrays: by their names in shaders. defines: of these.
+    caustics: of the shot, held as long as their textures are in use.
+    """
 
     defines: dict[str, int]
     textures: dict[str, Any]
     uniforms: dict[str, Any]
     arrays: dict[str, Floats]
+    caustics: StackTextures | None = None
 
     @property
     def of_sun(self) -> frozenset[str]:
@@ -101,7 +104,8 @@ class LightTextures:
         }
         # one texture of the ambient irradiance and, in the layers after it, the glossy levels
         textures = {"ambient": self._cache.of(_ambient_texture, shot.environment)}
-        light = ShotLight(defines, textures, uniforms, {"glossy_roughness": roughness, "rays": rays})
+        caustics = None if shot.caustics is None else self._cache.of(upload, shot.caustics, self._caustic_scratch)
+        light = ShotLight(defines, textures, uniforms, {"glossy_roughness": roughness, "rays": rays}, caustics)
         self._add_medium(shot, light)
         self._add_caustics(shot.caustics, light)
         self._add_shadows(shot, light)
@@ -119,11 +123,11 @@ class LightTextures:
             light.textures["beam"] = self._cache.of(texture_from_array, rows, keep=2)
 
     def _add_caustics(self, stack: CausticStack | None, light: ShotLight) -> None:
-        if stack is None:
+        if stack is None or light.caustics is None:
             light.textures.update(self._cache.of(_no_caustics))
             return
         light.uniforms.update({"stack__tile_m": stack.tile_m, "stack__sun_direction": stack.sun_direction})
-        held = self._cache.of(upload, stack, self._caustic_scratch)
+        held = light.caustics
         light.textures.update({"caustic_ratio": held.ratio, "plane_depth": held.plane_depth})
 
     def _add_shadows(self, shot: Shot, light: ShotLight) -> None:
