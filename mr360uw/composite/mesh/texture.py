@@ -130,15 +130,23 @@ def make_texture(
     """
     import cv2
 
+    # Level 0, in halves by the table of all codes: as many conversions as there are codes
     whole = np.iinfo(image.dtype).max
     codes = np.arange(whole + 1) / whole
     table = (decode(codes, "srgb") if srgb else codes).astype(np.float32)
-    rgba = np.ones((*image.shape[:2], 4), np.float32)
-    rgba[..., :3] = table[image[..., :3]]
+    rgba, halves = np.ones((*image.shape[:2], 4), np.float32), np.ones((*image.shape[:2], 4), np.float16)
+    colours = np.ascontiguousarray(image[..., :3])
+    if whole == np.iinfo(np.uint8).max:
+        rgba[..., :3] = cv2.LUT(colours, table)
+        halves[..., :3] = cv2.LUT(colours, table.astype(np.float16).view(np.int16)).view(np.float16)
+    else:
+        rgba[..., :3] = table[colours]
+        halves[..., :3] = rgba[..., :3]
     if image.shape[2] == 4:
         rgba[..., 3] = image[..., 3] / np.float32(whole)
+        halves[..., 3] = rgba[..., 3]
     levels = [rgba]
-    alpha_varies = bool(rgba[..., 3].min() < 1.0)
+    alpha_varies = bool(image.shape[2] == 4 and rgba[..., 3].min() < 1.0)
     while max(levels[-1].shape[:2]) > 1:
         height, width = (max(n // 2, 1) for n in levels[-1].shape[:2])
         if not alpha_varies:
@@ -149,7 +157,7 @@ def make_texture(
         small = cv2.resize(weighted, (width, height), interpolation=cv2.INTER_AREA)
         small[..., :3] /= np.maximum(small[..., 3:], 1e-4)
         levels.append(small)
-    return Texture(tuple(level.astype(np.float16) for level in levels), wrap)
+    return Texture((halves, *(level.astype(np.float16) for level in levels[1:])), wrap)
 
 
 def wrapped(index: NDArray[np.int64], size: int, wrap: Wrap) -> NDArray[np.int64]:
