@@ -98,6 +98,10 @@ class BandLight:
         return float(depth[light > _LEAST_LIGHT][-1])
 
 
+_WHOLE = 1.0 - 1e-4
+"""Most part of the far veil that a level ray of one fading length has in the formation model."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class FormationModel(OneLight):
     """The image formation model I = J exp(-beta_D z) + B (1 - exp(-beta_B z)), one constant per channel.
@@ -129,6 +133,8 @@ def fitted_formation(solved: BandLight, camera_depth_m: float, *, one_attenuatio
     direct = -solved.transmittance_log(np.array(s), np.array(depth)) / s
     far = solved.display(solved.model.inscatter(np.array(1e4 * s), depth, np.array(0.0)))
     near = solved.display(solved.model.inscatter(np.array(s), depth, np.array(0.0)))
-    backscatter = direct if one_attenuation else -np.log1p(-near / far) / s
+    # a channel whose veil is brighter near by than far away, as of blue in yellow water, is whole at that distance
+    share = np.clip(near / np.maximum(far, _LEAST_LIGHT), 0.0, _WHOLE)
+    backscatter = direct if one_attenuation else -np.log1p(-share) / s
     log = solved.ambient_log(np.array([depth, 0.0]))
     return FormationModel(direct, (log[1] - log[0]) / depth, backscatter, far)

@@ -15,7 +15,7 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mr360uw.constants import REFRACTIVE_INDEX_SEA
+from mr360uw.constants import BRIGHTEST_LOG, REFRACTIVE_INDEX_SEA
 from mr360uw.errors import ParameterError
 from mr360uw.medium.band_light import BandLight, FormationModel, fitted_formation
 from mr360uw.medium.closed_form import check_ray, ray_in_water
@@ -170,7 +170,7 @@ class Medium:
             veil = veil + table.glow * np.minimum(self.floor_radiance, self.gain * self._most_glow)
         if self.shade:
             veil = veil * self._lit(lengths(veil.shape[1], table.length_m))
-        return replace(table, veil=veil.astype(np.float32))
+        return replace(table, veil=np.minimum(veil, np.exp(BRIGHTEST_LOG)).astype(np.float32))
 
     @functools.cached_property
     def unit_table(self) -> MediumTable:

@@ -40,6 +40,26 @@ def test_water_too_deep_and_murky_for_any_light_is_dark(mode: str) -> None:
     assert table.veil.max() < 1e-30
 
 
+@pytest.mark.parametrize("mode", ["kd", "rgb"])
+def test_such_water_over_a_bright_plate_is_finite(mode: str) -> None:
+    """The gain that gives its darkness the plate's light makes what is above it brighter than numbers go."""
+    water = uw.medium.Water.from_arrays([400.0, 700.0], [2.0, 2.0], [0.1, 0.1], diffuse_attenuation=[3.2, 3.2])
+    medium = uw.medium.Medium(water, mode=mode, camera_depth_m=145.0, band_count=3)
+    gain, _ = uw.medium.fit_gain(medium, np.full((32, 64, 3), 0.5))
+    veil = medium.scaled(gain).table.veil
+    assert np.all(np.isfinite(veil))
+    assert veil.max() > 1.0
+
+
+def test_a_veil_that_is_brighter_near_by_is_finite() -> None:
+    """Blue of yellow water for the CIE observer, in the model of image formation with two attenuations."""
+    sensor = uw.medium.Sensor.cie1931()
+    medium = uw.medium.Medium(
+        uw.medium.Water.jerlov("7C"), sensor, mode="akkaynak-treibitz", camera_depth_m=3.2, refractive_index=1.577
+    )
+    assert np.all(np.isfinite(medium.table.veil))
+
+
 def test_backward_scattering_is_finite_however_long_the_way() -> None:
     water = uw.medium.Water.from_arrays([400.0, 700.0], [0.03, 0.5], [30.0, 17.0], phase=("hg", -0.946))
     table = uw.medium.Medium(water, mode="table", camera_depth_m=19.9, band_count=3).unit_table
