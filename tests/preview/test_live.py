@@ -60,23 +60,22 @@ def same(one: VideoFrame, other: VideoFrame) -> bool:
 # --- what is run -------------------------------------------------------------------------------------------------
 
 
-def test_a_change_leaves_alone_what_does_not_depend_on_it(
-    kept: LivePreview, small_dive: Path, subtests: pytest.Subtests
-) -> None:
+def test_a_change_leaves_alone_what_does_not_depend_on_it(small_dive: Path, subtests: pytest.Subtests) -> None:
     """What is slow of a frame: a control is followed at once where it is not made again."""
-    caustics = f"{type(kept.backend).__name__}.caustics"
-    slow = {"solved", "plate_light", "exposed_water", "PlatePattern", caustics, "draw_layer"}
-    for change, touched in (
-        ("output.quality=20", set()), ("draw.grain=0.5", set()),
-        ("object.0.base_color=[0.5, 0.2, 0.1]", {"draw_layer"}),
-        ("light.exposure=0.5", {"draw_layer"}), ("sea.wind_speed=6", {caustics, "draw_layer"}),
-        ("light.peak=9", {"plate_light", "exposed_water", "draw_layer"}),
-    ):  # fmt: skip
-        kept.frame(load_scene(small_dive, FEW), 0)
-        before = kept.made.copy()
-        kept.frame(load_scene(small_dive, (*FEW, change)), 0)
-        with subtests.test(change):
-            assert slow & set(kept.made - before) == touched
+    with LivePreview("reference") as kept:
+        caustics = f"{type(kept.backend).__name__}.caustics"
+        slow = {"solved", "plate_light", "exposed_water", "PlatePattern", caustics, "draw_layer"}
+        for change, touched in (
+            ("output.quality=20", set()), ("draw.grain=0.5", set()),
+            ("object.0.base_color=[0.5, 0.2, 0.1]", {"draw_layer"}),
+            ("light.exposure=0.5", {"draw_layer"}), ("sea.wind_speed=6", {caustics, "draw_layer"}),
+            ("light.peak=9", {"plate_light", "exposed_water", "draw_layer"}),
+        ):  # fmt: skip
+            kept.frame(load_scene(small_dive, FEW), 0)
+            before = kept.made.copy()
+            kept.frame(load_scene(small_dive, (*FEW, change)), 0)
+            with subtests.test(change):
+                assert slow & set(kept.made - before) == touched
 
 
 # --- that it is right ----------------------------------------------------------------------------------------------

@@ -9,6 +9,7 @@ under it: the same pose gives the same result to the last bit wherever in a clip
 from __future__ import annotations
 
 import functools
+import weakref
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -53,7 +54,7 @@ class Body:
     """A placed mesh. own: what it does to its own light. rotation: (3, 3) its axes to the world's, rounded. shades:
     whether it blocks light of the ground. height_m: of its middle above the ground, in the mesh's metres and rounded;
     None without ground. center (3,), radius: of a ball around it at rest, in the world [m]. cache: keeps its field, as
-    many as `keep`.
+    many as `keep`; it keeps the body too, which does not hold it.
     """
 
     placed: PlacedObject
@@ -64,13 +65,15 @@ class Body:
     height_m: float | None
     center: Floats
     radius: float
-    cache: Cache
+    cache: weakref.ref[Cache]
     keep: int
 
     @property
     def field(self) -> HeightField:
         """What the ground sees of the body; found when it is asked for."""
-        return self.cache.of(make_height_field, self.transfer, self.placed.world_from_object[:3, :3], keep=self.keep)
+        inputs = self.transfer, self.placed.world_from_object[:3, :3]
+        cache = self.cache()
+        return make_height_field(*inputs) if cache is None else cache.of(make_height_field, *inputs, keep=self.keep)
 
     @property
     def origin(self) -> Floats:
@@ -307,4 +310,4 @@ def _body(placed: PlacedObject, ground_y: float | None, seen_by_ground: bool, ca
         height_m = float(rounded((center[1] - ground_y) / placed.scale, mesh.radius_m))
     shades = seen_by_ground and shadow and transfer.opacity > 0.0
     radius = mesh.radius_m * placed.scale
-    return Body(placed, transfer, own, rotation, shades, height_m, center, radius, cache, keep)
+    return Body(placed, transfer, own, rotation, shades, height_m, center, radius, weakref.ref(cache), keep)
