@@ -11,9 +11,6 @@ Light before the plate has no edges but those of shadows in the water, which the
 of pixels and read bilinearly between their middles. Without waves it goes with the sun's strength, and stands still as
 long as sun, bodies and camera do.
 
-What the shafts of a shot depend on beside the shot itself, their scenes before and behind its objects, and where
-they show in a picture of 8 bits.
-
 The plate has the shafts of its own waves already: over it only what bodies take away and lamps add is drawn, unless
 `on_plate` asks for all.
 

@@ -1,19 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Shafts on a spherical grid about the camera whose pole is the sun: angle from it, angle about it, distance.
-
-All structure of shafts runs towards the sun. Rays at one angle about it lie in a plane with it and meet the same beams,
-and what bodies shade ends along such planes; with the angle from it light changes slowly. Only nodes that the pixels
-asked for read are computed (`sun_beam`), each with its distances divided into slices of equal transmittance of the
-clearest wavelength, up to the surface or to where no light is left. The table holds the light from the camera to every
-slice. The light of lamps is added on the same nodes; without sun the pole is up.
-
-A pixel reads the sixteen nodes around it (cubic convolution, Keys 1981), periodic about the pole and continued over it,
-up to its own end: an object, the ground or the surface. Nodes do not stop at bodies. Their light up to a pixel's
-distance is what the pixel's ray sees, so the edges of bodies do not leak and need no search for nodes of like depth.
-Rays of different height reach the surface at different distances: a pixel reads its nodes at that fraction of their
-light at which its own ray ends (`ray_segments.fraction_at`), so that all end at the surface together.
-
-Deviation of the light in the water from the smooth veil: shafts under waves and behind bodies, light of lamps.
+"""Deviation of the light in the water from the smooth veil: shafts under waves and behind bodies, light of lamps.
 
 The veil holds the light that an open, flat sea would scatter towards the camera, the first scattering of the sun's beam
 included. Bodies and waves change that part. Only the change is added, so nothing counts twice:
@@ -36,6 +22,20 @@ docs/medium.md has what the choice amounts to. Shafts are not blurred on their w
 
 Lamps do not light the plate: all of their scattered light is added, with the same p' and c'. For the modes that are
 closed forms the phase function is isotropic and c' = c, as in their veil.
+
+D is held on a spherical grid about the camera whose pole is the sun: angle from it, angle about it, distance.
+
+All structure of shafts runs towards the sun. Rays at one angle about it lie in a plane with it and meet the same beams,
+and what bodies shade ends along such planes; with the angle from it light changes slowly. Only nodes that the pixels
+asked for read are computed (`sun_beam`), each with its distances divided into slices of equal transmittance of the
+clearest wavelength, up to the surface or to where no light is left. The table holds the light from the camera to every
+slice. The light of lamps is added on the same nodes; without sun the pole is up.
+
+A pixel reads the sixteen nodes around it (cubic convolution, Keys 1981), periodic about the pole and continued over it,
+up to its own end: an object, the ground or the surface. Nodes do not stop at bodies. Their light up to a pixel's
+distance is what the pixel's ray sees, so the edges of bodies do not leak and need no search for nodes of like depth.
+Rays of different height reach the surface at different distances: a pixel reads its nodes at that fraction of their
+light at which its own ray ends (`ray_segments.fraction_at`), so that all end at the surface together.
 """
 
 from __future__ import annotations

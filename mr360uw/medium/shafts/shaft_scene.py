@@ -4,8 +4,6 @@
 A segment takes its visibility and caustics from one point and the exact integral of everything that is smooth along it
 (Hillaire 2015): no light is lost in thick segments, and a ray in full shadow loses exactly the beam's part of the veil.
 
-Water as shafts see it: coefficients by wavelength, and their sums in RGB along rays.
-
 Geometry is marched once. Wavelengths enter through sums that depend on the height v_y of the view direction and on the
 distance alone, so that a point in the water costs the same for 3 wavelengths or 61. With the conventions of
 `shaft_field`, for a segment of a ray, channel k, and the two kinds j of scattering (molecules, particles):
@@ -18,7 +16,7 @@ whose sum is 1: the sun's irradiance is known there in RGB, not by wavelength. T
 
 `beam_share` is the fraction of the veil that shafts can change.
 
-What waves and bodies leave of the sun's beam at points in the water, over an open, flat sea.
+Waves and bodies leave of the sun's beam at points in the water, over an open, flat sea:
 
 Light that has not turned:                    sharp = C V         C caustic ratio, V visible fraction of the sun's disc
 Light that has turned by small angles:        soft = B V_halo     B blurred caustic ratio (1 without), V_halo visible

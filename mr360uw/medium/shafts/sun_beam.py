@@ -5,7 +5,7 @@ Rays of one column share a plane through the sun and with it the running sums of
 mean of the caustics over its part of the line, at the depth of its middle, and the exact integral of its smooth light
 (Hillaire 2015, eq. of slices). The loops are compiled.
 
-Caustics along straight lines of the beam's footprint: running sums, so that the mean over any part costs two reads.
+Along straight lines of the beam's footprint caustics are running sums, so that the mean over any part costs two reads.
 
 A camera ray meets beams whose places on the mean surface lie on a straight line, and all rays in one plane through the
 sun share that line: at a distance s and an angle alpha from the sun a ray is r = s sin(alpha) along it. One set of
