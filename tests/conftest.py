@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 import ctypes
+import gc
 import os
 import re
 import sys
@@ -18,7 +19,8 @@ from mr360uw.cache import drop_shared
 from mr360uw.reading.disk_cache import FOLDER, kernel_folder
 
 _M_MMAP_THRESHOLD, _M_ARENA_MAX = -3, -8
-if sys.platform == "linux" and hasattr(_C := ctypes.CDLL(None), "mallopt"):
+_C = ctypes.CDLL(None) if sys.platform == "linux" else None
+if hasattr(_C, "mallopt"):
     # Arrays go back to the system when they are freed. The C library would keep them, for each thread its own, and a
     # worker would come to hold twice what it uses.
     _C.mallopt(_M_MMAP_THRESHOLD, 1 << 20)
@@ -45,9 +47,12 @@ def _own_disk_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
 
 @pytest.fixture(scope="module", autouse=True)
 def _nothing_shared_by_files() -> Iterator[None]:
-    """What scenes of a file share is let go at its end, as a compositor does when it is closed."""
+    """What scenes of a file share is let go at its end, as a compositor does when it is closed; freed memory too."""
     yield
     drop_shared()
+    gc.collect()
+    if hasattr(_C, "malloc_trim"):
+        _C.malloc_trim(0)
 
 
 @pytest.fixture
