@@ -228,7 +228,7 @@ def add_to(found: Any, value: Any, within: tuple[int, ...] = ()) -> None:
 def _globals(code: CodeType) -> set[str]:
     """Return the names that a function's code looks up in its module, also in the functions within it.
 
-    As `dis` finds them, in a fiftieth of its time: all kernels are asked at every start.
+    Those that `dis` shows; it makes an object of every instruction, and all kernels are asked at every start.
     """
     names: set[str] = set().union(*(_globals(part) for part in code.co_consts if isinstance(part, CodeType)))
     extended = 0

@@ -11,7 +11,7 @@ from mr360uw.caustics import CausticSettings, GerstnerSea, caustic_stack
 from mr360uw.caustics.flux import irradiance
 from mr360uw.caustics.flux.refracted_rays import refracted_rays
 from mr360uw.caustics.flux.summed_stack import cell_corners, cell_flux, sum_cells, summed_stack, vertex_rays
-from mr360uw.caustics.gl.stack import mip_atlas
+from mr360uw.caustics.gl.stack import AtlasScratch, mip_atlas, upload
 from mr360uw.caustics.settings import grid_of
 from mr360uw.optics import refract_to_water
 from mr360uw.sphere import direction_from_angles
@@ -119,6 +119,21 @@ def test_what_points_do_not_represent_is_drawn_by_coverage(sea, changes, sun):
     arguments = sea, sun, np.array([6.0]), 0.5, s, 1.34, None
     expected = caustic_stack(*arguments).ratio
     np.testing.assert_allclose(summed_stack(*arguments).ratio, expected, rtol=tol.FLOAT32_TWIN, atol=0.0)
+
+
+@pytest.mark.usefixtures("gl")
+def test_a_texture_is_written_over_once_nobody_holds_it():
+    stacks = [caustic_stack(BREEZE, SUN, np.array([2.0, 4.0]), t, CausticSettings(size=32, grid=32)) for t in (0.0, 1.0)]
+    scratch = AtlasScratch()
+    first = upload(stacks[0], scratch)
+    second, pixels = upload(stacks[1], scratch), first.ratio.read()
+    assert second.ratio is not first.ratio
+    assert first.ratio.read() == pixels != second.ratio.read()
+    free = first.ratio
+    del first
+    third = upload(stacks[1], scratch)
+    assert third.ratio is free
+    assert free.read() == second.ratio.read()
 
 
 def test_stacks_follow_each_other_in_an_atlas(rng):

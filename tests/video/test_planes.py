@@ -285,7 +285,7 @@ def test_a_lent_part_is_read_once() -> None:
 
 @pytest.mark.parametrize("columns", [32, 24])
 def test_a_halved_part_is_the_mean_of_its_pixels(columns: int) -> None:
-    """As light to a thousandth, where the codes of four pixels hardly differ; chroma lies where the pixels' does."""
+    """As light, but for the rounding of the mean code; chroma lies where the pixels' does."""
     height, width = 64, 128
     x, y = (np.arange(width) + 0.5) / width, ((np.arange(height) + 0.5) / height)[:, None]
     wave = 0.5 + 0.3 * np.sin(2.0 * np.pi * x) * np.cos(np.pi * y)

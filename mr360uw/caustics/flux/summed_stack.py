@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Caustics for the OpenGL renderer: the stack of `caustic_stack` in single precision, in a fifth of its time.
+"""Caustics for the OpenGL renderer: the stack of `caustic_stack` in single precision, in half its time or less.
 
 Each cell of the refracted surface is replaced by n x n points of equal flux on an even lattice, n chosen so that points
 lie closer than a map's pixel or the blur of its plane resolves. Points are shared bilinearly by four pixels, and the
