@@ -123,7 +123,8 @@ def test_what_points_do_not_represent_is_drawn_by_coverage(sea, changes, sun):
 
 @pytest.mark.usefixtures("gl")
 def test_a_texture_is_written_over_once_nobody_holds_it():
-    stacks = [caustic_stack(BREEZE, SUN, np.array([2.0, 4.0]), t, CausticSettings(size=32, grid=32)) for t in (0.0, 1.0)]
+    depths, settings = np.array([2.0, 4.0]), CausticSettings(size=32, grid=32)
+    stacks = [caustic_stack(BREEZE, SUN, depths, time_s, settings) for time_s in (0.0, 1.0)]
     scratch = AtlasScratch()
     first = upload(stacks[0], scratch)
     second, pixels = upload(stacks[1], scratch), first.ratio.read()
