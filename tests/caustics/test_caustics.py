@@ -72,6 +72,12 @@ def test_energy_of_any_sea(seed, folding, count, zenith_deg, azimuth, depth, til
     assert ratio.mean() == pytest.approx(1.0, abs=tol.CAUSTICS_MEAN_REFERENCE)
 
 
+def test_waves_lower_than_numbers_go_are_none():
+    """Edges of cells then cross the side of a pixel by less than the square root of the least number."""
+    sea = lattice_sea(np.random.default_rng(0), 1, 2.2e-311, 2.0)
+    np.testing.assert_allclose(caustic_map(sea, ZENITH, 0.0, 0.0, 32, 16), 1.0, atol=tol.CAUSTICS_MEAN_REFERENCE)
+
+
 @pytest.mark.parametrize("name", ["calm", "choppy"])
 def test_photons(name):
     expected = reference_arrays("photons.npz")[name].astype(float)

@@ -25,6 +25,9 @@ from mr360uw.jit import exact
 
 Array = NDArray[np.floating[Any]]
 
+_UPRIGHT = 1e-150
+"""Width [pixel] of an edge up to which it is upright: where it crosses a pixel's side its slope may overflow."""
+
 
 @exact
 def add_edge(change: Array, start: Array, ax: float, ay: float, bx: float, by: float, light: float) -> None:
@@ -58,7 +61,7 @@ def add_edge(change: Array, start: Array, ax: float, ay: float, bx: float, by: f
             column -= tile * size
             start[row] -= height * tile
         before = 0.0
-        if right > pixel + 1.0:
+        if right > pixel + 1.0 and right - left > _UPRIGHT:
             slope = height / (right - left)
             while right > pixel + 1.0:
                 # the part of the pixel right of an edge that enters it, or enters and leaves it
