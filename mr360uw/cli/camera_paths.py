@@ -12,7 +12,7 @@ from mr360uw.cli.arguments import EyeOption, OverwriteOption, Role
 from mr360uw.errors import ParameterError
 
 if TYPE_CHECKING:
-    from mr360uw.track.scale import Measure
+    from mr360uw.track.world_axes import Measure
 
 
 def track(
@@ -52,7 +52,7 @@ def track(
     """
     from mr360uw.output_gate import check_work_folder
     from mr360uw.track.camera_track import track_files
-    from mr360uw.track.scale import Measure, parse_length
+    from mr360uw.track.world_axes import Measure, parse_length
 
     if solved is not None:
         if any(given is not None for given in (height, length, depth_log, mask)):
@@ -81,7 +81,7 @@ def floor(
 ) -> None:
     """Make a mesh of the floor from the points of TRACK, for receiver.path of a scene; say how good it is."""
     from mr360uw.track.floor_mesh import check_mesh_output, floor_from_track
-    from mr360uw.track.track_report import floor_lines
+    from mr360uw.track.tracking import floor_lines
 
     check_mesh_output(out, overwrite=overwrite)
     found = floor_from_track(track)
@@ -150,9 +150,8 @@ def _work_of(out: Path) -> Path:
 def _convert(solved: Path, video: Path | None, out: Path, fps: float | None, scale: float, *, overwrite: bool) -> None:
     """Write the path in another program's file as a track, or for another program."""
     from mr360uw.track.camera_track import track_files
-    from mr360uw.track.exchange import EXPORTS, export, read_solved_path
-    from mr360uw.track.path_tables import track_of
-    from mr360uw.track.track_report import report_lines
+    from mr360uw.track.path_files import EXPORTS, export, read_solved_path, track_of
+    from mr360uw.track.tracking import report_lines
     from mr360uw.video import open_video
 
     if video is not None:
@@ -183,8 +182,7 @@ def _solve(
     from mr360uw.output_gate import remove_work_folder
     from mr360uw.progress import terminal_progress
     from mr360uw.track.camera_track import shot_path, track_files
-    from mr360uw.track.track_report import report_lines
-    from mr360uw.track.tracking import track_shots
+    from mr360uw.track.tracking import report_lines, track_shots
 
     keep = _work_of(out)
     try:

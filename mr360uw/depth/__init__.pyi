@@ -1,7 +1,6 @@
 from .clip_depth import DepthReport, depth_of_clip
-from .clip_eyes import depth_of_eyes
+from .clip_eyes import depth_of_eyes, eye_distances
 from .clip_water import water_of_clip
-from .eye_stereo import eye_distances
 from .sphere_stereo import DepthMap, distances
 from .warping import Panorama
 

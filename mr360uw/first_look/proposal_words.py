@@ -10,13 +10,10 @@ import numpy as np
 
 from mr360uw.color import encode
 from mr360uw.constants import DEPTH_EYES_S, DEPTH_FRAME_S
-from mr360uw.first_look.good_places import UNEVEN
 from mr360uw.first_look.mesh_look import MeshLook
-from mr360uw.first_look.place_in_plate import Place
-from mr360uw.first_look.plate_look import PlateLook
-from mr360uw.first_look.proposal import Proposal
-from mr360uw.first_look.sight import Sight
-from mr360uw.first_look.water_or_air import SURE, WaterOrAir
+from mr360uw.first_look.place_in_plate import UNEVEN, Place
+from mr360uw.first_look.plate_look import SURE, PlateLook, WaterOrAir
+from mr360uw.first_look.proposal import Proposal, Sight
 from mr360uw.medium.fit.waterfit import CONFIDENT
 from mr360uw.scene.toml_model import toml_value
 from mr360uw.video.read.projection import FISHEYE_FOV_DEG

@@ -4,19 +4,19 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.caustics.settings import Sea
-from mr360uw.match.floor_series import FloorSeries, NoMatchError, floor_series
-from mr360uw.match.modelled_floor import ModelledFloor
+from mr360uw.match.floor_series import FloorSeries, ModelledFloor, NoMatchError, floor_series
 from mr360uw.match.pattern_measures import PatternMeasures, bands, pattern_measures, relative_light
-from mr360uw.match.sea_regression import SEAS, SeaFit, fit_sea, fitted_parameters, measurer
 from mr360uw.progress import Progress
 from mr360uw.scene.model import Scene
 from mr360uw.shapes import checked
+from mr360uw.types import Floats
 
 Array = NDArray[np.float64]
 
@@ -210,3 +210,186 @@ def _sentence(match: CausticMatch, fit: SeaFit, sea: Sea) -> str:
     if fit.misfit > _STRANGE:
         text += " The pattern is unlike that of any sea tried: check the depths, the floor's height and its motion."
     return text
+
+
+# Parameters of a sea from the features of its caustics, by regression over seas that are made for the purpose.
+#
+#     ln p = mean + w.(features - their mean)/their standard deviation        w: ridge regression over N made seas
+#
+# The made seas have random waves of their own, and differ in what a plate does not tell: how much of the light is the
+# sun's beam, and how much a codec took of the pattern. What depends on these, or on chance, gets little weight. A first
+# round covers the whole range of every parameter, a second one the neighbourhood of what the first finds. The error of
+# each made sea when it is left out of its own regression, times `_STRAY`, is the uncertainty of the result.
+#
+# The features are the spectrum of a pattern of caustics, its speeds, and the shape of its light. Waves that focus
+# beyond their focal depth saturate: the variance no longer grows with the wind, and log spectra alone tell wind and
+# dominant wave to about 27 and 36 % (one standard deviation, 8 m of floor for 2 s). How the light is distributed about
+# its mean, and how steep its edges are, at several widths, tells both to about 10 %.
+
+_WIDTHS = (0.21, 0.42, 0.85)
+"""Standard deviations of the blurs, over the shortest wavelength that is seen."""
+_RANKS = (0.05, 0.25, 0.5, 0.75, 0.95, 0.99)
+_TINY = 1e-12
+
+
+def pattern_features(relative: Floats, measures: PatternMeasures, pixel_m: float, finest_m: float) -> Array:
+    """Return the features (f,) of a pattern C (T, n, n). finest_m: shortest wavelength that is seen."""
+    found = [*np.log(measures.power + _TINY), *np.log(measures.frequency_rad_s + _TINY), np.hypot(*measures.direction)]
+    for width in _WIDTHS:
+        found += _shape(_blurred(relative, width * finest_m / pixel_m), measures.direction)
+    return np.array(found)
+
+
+def _shape(c: Floats, direction: Array) -> list[float]:
+    """Return the distribution of a pattern's light, and how fast it changes over place and time."""
+    spread = max(float(c.std()), _TINY)
+    c = c / np.float32(spread)
+    x, z, t = np.diff(c, axis=2)[:, :-1], np.diff(c, axis=1)[:, :, :-1], np.diff(c, axis=0)
+    tensor = np.array([[np.mean(x * x), np.mean(x * z)], [np.mean(x * z), np.mean(z * z)]])
+    along = direction / max(float(np.hypot(*direction)), _TINY)
+    part = float(along @ tensor @ along) / max(float(np.trace(tensor)), _TINY)
+    cube = c * c * c
+    moments = [float(np.mean(cube)), np.log(float(np.mean(cube * c)) + _TINY)]
+    change = [0.5 * np.log(float(np.trace(tensor)) + _TINY), np.log(float(t.std()) + _TINY)]
+    return [np.log(spread), *moments, *np.quantile(c, _RANKS), *change, part]
+
+
+def _blurred(relative: Floats, sigma: float) -> NDArray[np.float32]:
+    import cv2
+
+    c = relative.astype(np.float32)
+    return np.array([cv2.GaussianBlur(one, (0, 0), sigma) for one in c])
+
+
+SEAS = (36, 108)
+"""Seas of the first and of the second round. With half as many the errors of the wind are a quarter larger."""
+_REACH, _LEAST_REACH = 2.0, 0.5
+"""Half width of the second round in standard deviations of the first, and at least in the logarithm."""
+_STRAY = np.array([1.3, 1.0])
+"""Errors of wind and wave in dives read back from video over those of made seas, at most: of the wind 0.2 to 1.4 in
+four dives."""
+_RIDGE = 3.0
+"""Weight of the ridge, in seas. Between 1 and 10 errors differ by a tenth."""
+_FARTHEST = 3.0
+"""Standard deviations at which a plate's feature is cut off: farther out the regression holds no longer."""
+_FIRST_SEED = 1000
+_PLASTIC = 1.32471795724474602596
+"""Root of x^3 = x + 1, whose powers make an even sequence of pairs."""
+
+
+def fitted_parameters(sea: Sea) -> list[tuple[str, float, float, str, str]]:
+    """Return what is fitted of a sea: wind, and its dominant wave or, of a spectrum, the fetch that sets it.
+
+    For each the name, the range (low, high), the words for it, and the unit.
+    """
+    wind = ("wind_speed", 0.8, 12.0, "a wind of", "m/s")
+    if sea.model == "spectral":
+        return [wind, ("fetch_m", 300.0, 1e6, "a fetch of", "m")]
+    shortest = sea.shortest_wavelength_m or sea.tile_m / 40.0
+    least = min(2.5 * shortest, 0.5 * sea.tile_m)
+    return [wind, ("dominant_wavelength_m", least, sea.tile_m, "a dominant wave of", "m")]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SeaFit:
+    """A fitted sea.
+
+    value: (2,) of `fitted_parameters`. sigma: (2,) standard deviation of their logarithms. told: (2,) fraction of the
+    variance of the first round that is gone: near 0 the pattern does not tell the parameter. direction_deg: azimuth of
+    the wind. misfit: rms deviation of the plate's features from those of such seas, 1 = as one of them.
+    """
+
+    value: Array
+    sigma: Array
+    told: Array
+    direction_deg: float
+    misfit: float
+
+
+Measure = Callable[[Floats], tuple[PatternMeasures, Array]]
+"""Light (T, n, n) -> measures and features."""
+
+
+def measurer(pixel_m: float, step_s: float, edges_m: Array) -> Measure:
+    """Return the function that measures floors of one kind."""
+
+    def measure(light: Floats) -> tuple[PatternMeasures, Array]:
+        relative = relative_light(light)
+        found = pattern_measures(relative, pixel_m, step_s, edges_m)
+        return found, pattern_features(relative, found, pixel_m, float(edges_m[0]))
+
+    return measure
+
+
+def fit_sea(
+    sea: Sea,
+    floor: ModelledFloor,
+    measure: Measure,
+    plate: PatternMeasures,
+    features: Array,
+    doubt: float = 0.0,
+    made: Callable[[int], object] = lambda _: None,
+) -> SeaFit:
+    """Return the sea of a plate's pattern with the features (f,).
+
+    doubt: standard deviation of the logarithm of the beam's fraction of the light. made: counts the seas made so
+    far.
+    """
+    names, lows, highs, *_ = zip(*fitted_parameters(sea), strict=True)
+    low, high = np.log([lows, highs])
+    azimuth = plate.azimuth_deg
+
+    def made_seas(azimuth_deg: float, low: Array, high: Array, count: int, before: int) -> _Made:
+        random = np.random.default_rng([before, count])
+        place = (0.5 + np.arange(1, count + 1)[:, None] * np.array([1.0 / _PLASTIC, 1.0 / _PLASTIC**2])) % 1.0
+        parameters = low + place * (high - low)
+        rows, turns = [], []
+        for k in range(count):
+            values = dict(zip(names, np.exp(parameters[k]).tolist(), strict=True))
+            one = sea.model_copy(
+                update={**values, "wind_direction_deg": azimuth_deg, "seed": _FIRST_SEED + before + k, "loop_s": None}
+            )
+            beam, codec = float(np.exp(doubt * random.standard_normal())), random.random()
+            found, of_sea = measure(floor.as_coded(beam, codec).light(one))
+            rows.append(of_sea)
+            turns.append(np.exp(1j * np.radians(found.azimuth_deg - azimuth_deg)))
+            made(before + k + 1)
+        return parameters, np.array(rows), float(np.degrees(np.angle(np.mean(turns))))
+
+    first = made_seas(azimuth, low, high, SEAS[0], 0)
+    middle, rough, _ = _regressed(first, features)
+    azimuth -= first[2]
+    reach = np.maximum(_LEAST_REACH, _REACH * rough)
+    near_low, near_high = np.maximum(low, middle - reach), np.minimum(high, middle + reach)
+    near_low, near_high = np.minimum(near_low, high - 0.2), np.maximum(near_high, low + 0.2)
+    second = made_seas(azimuth, near_low, near_high, SEAS[1], SEAS[0])
+    value, sigma, misfit = _regressed(second, features)
+    value = np.clip(value, low, high)
+    sigma = sigma * _STRAY
+    told = 1.0 - (sigma / first[0].std(axis=0)) ** 2
+    return SeaFit(np.exp(value), sigma, told, (plate.azimuth_deg - second[2]) % 360.0, misfit)
+
+
+_Made = tuple[Array, Array, float]
+"""Logarithms of parameters (N, 2), features (N, f), and the mean turn [deg] of their travel against the wind."""
+
+
+def _regressed(made: _Made, features: Array) -> tuple[Array, Array, float]:
+    """Return the logarithms (2,) of the parameters of features (f,), their standard deviations, and the misfit."""
+    parameters, seen, _ = made
+    mean, spread = seen.mean(axis=0), seen.std(axis=0) + 1e-9
+    x = (seen - mean) / spread
+    y = parameters - parameters.mean(axis=0)
+    gram = x @ x.T
+    smoother = gram @ np.linalg.inv(gram + _RIDGE * np.eye(len(x)))
+    # each sea left out of its own regression; the mean takes one part in N
+    left = (y - smoother @ y) / (1.0 - np.diag(smoother) - 1.0 / len(x))[:, None]
+    at = np.clip((features - mean) / spread, -_FARTHEST, _FARTHEST)
+    value = at @ x.T @ np.linalg.solve(gram + _RIDGE * np.eye(len(x)), y)
+    # what features of such seas are, and how far they stray
+    terms = np.column_stack([np.ones(len(y)), y, y**2, y[:, :1] * y[:, 1:]])
+    expected, *_ = np.linalg.lstsq(terms, x, rcond=None)
+    stray = np.maximum((x - terms @ expected).std(axis=0), 0.05)
+    here = np.concatenate([[1.0], value, value**2, value[:1] * value[1:]])
+    misfit = float(np.sqrt(np.mean((((features - mean) / spread - here @ expected) / stray) ** 2)))
+    return parameters.mean(axis=0) + value, left.std(axis=0), misfit

@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 import mr360uw as uw
 from mr360uw.cli import app
 from mr360uw.color import encode
-from mr360uw.depth.seen_places import LitFrame, seen_places
+from mr360uw.depth.clip_water import LitFrame, seen_places
 from mr360uw.depth.sphere_stereo import DepthMap
 from mr360uw.errors import ParameterError
 from mr360uw.medium.fit import water_by_distance as by_distance

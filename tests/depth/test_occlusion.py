@@ -12,8 +12,7 @@ import pytest
 
 import mr360uw as uw
 from mr360uw.depth.depth_files import DepthClip
-from mr360uw.depth.enlarging import enlarged
-from mr360uw.depth.occlusion import sure_surfaces
+from mr360uw.depth.occlusion import enlarged, sure_surfaces
 from mr360uw.depth.sphere_stereo import DepthMap
 from mr360uw.errors import SceneError, VideoError
 from mr360uw.scene.model import Scene

@@ -13,7 +13,7 @@ import pytest
 import mr360uw as uw
 from mr360uw.composite.receiver.distance_map import touching_planes
 from mr360uw.composite.shot import Receiver
-from mr360uw.depth.relief import MOST_COLUMNS, OFF, on_relief
+from mr360uw.depth.occlusion import MOST_COLUMNS, OFF, on_relief
 from mr360uw.depth.sphere_stereo import DepthMap
 from mr360uw.render.loaded import load
 from mr360uw.sphere import directions, unit

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mr360uw.depth import Panorama, distances
-from mr360uw.depth.semi_global import smoothed
+from mr360uw.depth.sphere_stereo import smoothed
 from mr360uw.depth.warping import Warped, carried, normalised
 from mr360uw.errors import ParameterError
 from mr360uw.sphere import directions

@@ -11,7 +11,7 @@ from scipy.interpolate import RegularGridInterpolator
 
 from mr360uw.color import decode, encode
 from mr360uw.depth import DepthMap, Panorama, distances
-from mr360uw.depth.seen_places import LitFrame
+from mr360uw.depth.clip_water import LitFrame
 from mr360uw.medium import Medium, Water
 from mr360uw.medium.fit.water_by_distance import SeenPlaces
 from mr360uw.medium.water import JerlovType

@@ -15,7 +15,7 @@ import mr360uw as uw
 from mr360uw.caustics import caustic_map
 from mr360uw.errors import ParameterError
 from mr360uw.from_above import AerialScene, LoadedAerial
-from mr360uw.from_above.scene_parts import blend_of
+from mr360uw.from_above.aerial_picture import blend_of
 from mr360uw.optics import fresnel, reflect, refract_to_water
 from mr360uw.published.aerial_look import blended_albedo, thresholded_reflection
 from mr360uw.sphere import direction_from_angles, directions, unit

@@ -15,10 +15,8 @@ from mr360uw.caustics import GerstnerSea, SpectralSea
 from mr360uw.cli.tools import match
 from mr360uw.constants import GRAVITY_M_S2
 from mr360uw.errors import ParameterError
-from mr360uw.match import CausticMatch, match_caustics, spectral_distance
-from mr360uw.match import sea_regression as regression
-from mr360uw.match.floor_series import FloorGrid, FloorView
-from mr360uw.match.modelled_floor import ModelledFloor
+from mr360uw.match import CausticMatch, caustic_match, match_caustics, spectral_distance
+from mr360uw.match.floor_series import FloorGrid, FloorView, ModelledFloor
 from mr360uw.match.pattern_measures import bands, pattern_measures, relative_light
 from mr360uw.preview.thumbnail import encoded
 from mr360uw.scene import load_scene
@@ -124,14 +122,14 @@ def floor(depth_m: float = 5.0) -> ModelledFloor:
 
 def test_a_made_sea_is_found_again(monkeypatch: pytest.MonkeyPatch) -> None:
     """Few seas, so wide bounds: the regression's own error is several times that of 116."""
-    monkeypatch.setattr(regression, "SEAS", (12, 14))
+    monkeypatch.setattr(caustic_match, "SEAS", (12, 14))
     sea = GerstnerSea(tile_m=8.0, detail_slope=0.02, shortest_wavelength_m=0.5)
     truth = sea.model_copy(
         update={"wind_speed": 2.0, "dominant_wavelength_m": 3.0, "wind_direction_deg": 120.0, "seed": 7}
     )
-    measure = regression.measurer(0.125, 1.0 / 6.0, bands(6.0, 0.4))
+    measure = caustic_match.measurer(0.125, 1.0 / 6.0, bands(6.0, 0.4))
     plate, features = measure(floor().light(truth))
-    fit = regression.fit_sea(sea, floor(), measure, plate, features)
+    fit = caustic_match.fit_sea(sea, floor(), measure, plate, features)
     assert abs(np.log(fit.value[1] / 3.0)) < 0.5
     assert abs(np.log(fit.value[0] / 2.0)) < 0.8
     assert abs((fit.direction_deg - 120.0 + 180.0) % 360.0 - 180.0) < 30.0
@@ -139,8 +137,11 @@ def test_a_made_sea_is_found_again(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_what_is_fitted_of_a_sea() -> None:
-    assert [name for name, *_ in regression.fitted_parameters(GerstnerSea())] == ["wind_speed", "dominant_wavelength_m"]
-    assert [name for name, *_ in regression.fitted_parameters(SpectralSea())] == ["wind_speed", "fetch_m"]
+    assert [name for name, *_ in caustic_match.fitted_parameters(GerstnerSea())] == [
+        "wind_speed",
+        "dominant_wavelength_m",
+    ]
+    assert [name for name, *_ in caustic_match.fitted_parameters(SpectralSea())] == ["wind_speed", "fetch_m"]
 
 
 def test_more_wind_makes_a_larger_distance_and_pictures_show_it() -> None:

@@ -8,7 +8,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from mr360uw.sphere import unit
-from mr360uw.track.bearings import average_rotations, classify, robust_rotation, wahba
+from mr360uw.track.colmap import average_rotations, classify, robust_rotation, wahba
 
 PIXEL = 2.0 * np.pi / 1280
 FRAMES = 5

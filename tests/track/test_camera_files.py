@@ -14,8 +14,7 @@ from mr360uw.composite import read_camera_track
 from mr360uw.errors import ParameterError
 from mr360uw.sphere import yaw_matrix
 from mr360uw.track.camera_track import CameraTrack
-from mr360uw.track.exchange import blender_script, nuke_chan, read_solved_path
-from mr360uw.track.path_tables import track_of
+from mr360uw.track.path_files import blender_script, nuke_chan, read_solved_path, track_of
 
 HALF = np.sqrt(0.5)
 ROOT = f"{HALF:.9f}"

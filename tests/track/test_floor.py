@@ -13,7 +13,7 @@ import mr360uw as uw
 from mr360uw.composite.receiver.receiver_file import load_receiver
 from mr360uw.composite.settings import ReceiverSettings
 from mr360uw.errors import OutputExistsError, ParameterError
-from mr360uw.track.scattered_heights import fit_height_field
+from mr360uw.track.floor_mesh import fit_height_field
 from mr360uw.types import Floats
 
 HEIGHT_M = 2.0

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from mr360uw.sphere import unit
 from mr360uw.track.colmap import without_riding
 from mr360uw.track.key_frames import find_picture_cuts, thumbnail
-from mr360uw.track.structure import WIDTH, Solution, held_out_errors, triangulate
+from mr360uw.track.key_poses import WIDTH, Solution, held_out_errors, triangulate
 
 PIXEL = 2.0 * np.pi / 1280
 FRAMES = 5

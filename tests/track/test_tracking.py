@@ -21,7 +21,7 @@ from mr360uw.sample.recording import record
 from mr360uw.track.camera_track import CameraTrack, FittedFloor
 from mr360uw.track.colmap import pairs_to_match
 from mr360uw.track.key_frames import fixed_pixels
-from mr360uw.track.track_report import report_lines, verdict
+from mr360uw.track.tracking import report_lines, verdict
 
 
 def made(residual_px: float = 0.3, interpolated: int = 0) -> CameraTrack:

@@ -17,9 +17,8 @@ from nicegui import app, ui
 
 from mr360uw.preview.thumbnail import encoded
 from mr360uw.tune.placing import Point
-from mr360uw.tune.situation import Marker
+from mr360uw.tune.situation import Marker, Viewer
 from mr360uw.tune.timeline import Timeline
-from mr360uw.tune.viewer import Viewer
 
 COUNT, RATE = 300, 30.0
 WIDTH = 512

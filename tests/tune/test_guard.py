@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from mr360uw.tune.guard import Guard, is_loopback
+from mr360uw.tune.server import Guard, is_loopback
 
 Message = MutableMapping[str, Any]
 

@@ -13,7 +13,7 @@ from mr360uw.composite.settings import HoldoutSettings
 from mr360uw.errors import OutputError, ParameterError
 from mr360uw.render.mattes import Mattes
 from mr360uw.sphere import direction_from_angles, directions
-from mr360uw.tune.matte_keys import CarriedMatte, Matte, check_own, key_file, named_path, png, write_frames
+from mr360uw.tune.lasso import CarriedMatte, Matte, check_own, key_file, named_path, png, write_frames
 from mr360uw.types import Floats
 
 WIDTH, HEIGHT, COUNT = 512, 256, 9

@@ -20,9 +20,8 @@ from mr360uw.render.backends import Reference
 from mr360uw.render.first_pass import ClipAnalysis
 from mr360uw.render.frame import composite_frame
 from mr360uw.render.loaded import load
-from mr360uw.tune import drawing
 from mr360uw.tune.placing import Point, pixel_of_point, shown_at
-from mr360uw.tune.shown_frame import ShownFrame
+from mr360uw.tune.shown_frame import DARK, LIGHT, ShownFrame, false_colour, round_length, text_width, write
 from mr360uw.tune.situation import markers, receiver_edge
 from mr360uw.tune.views import CHARTS, VIEW_NAMES, VIEWS
 from mr360uw.types import View
@@ -108,7 +107,7 @@ def test_distances_of_the_plate_stand_before_the_receiver_s(shown: ShownFrame, t
     write_own_maps(tmp_path, {shown.frame.plate.index: (found,)})
     loaded = replace(shown.loaded, plate_depth=PlateDepth(tmp_path))
     picture = VIEWS["depth"](replace(shown, loaded=loaded))
-    wanted = drawing.false_colour(np.array([np.log(1.3 / 0.5) / np.log(100.0)]))[0]
+    wanted = false_colour(np.array([np.log(1.3 / 0.5) / np.log(100.0)]))[0]
     np.testing.assert_array_equal(picture[511, 900], wanted)
     np.testing.assert_array_equal(picture[256], VIEWS["depth"](shown)[256])
 
@@ -116,7 +115,7 @@ def test_distances_of_the_plate_stand_before_the_receiver_s(shown: ShownFrame, t
 def test_distances_have_the_colours_of_the_legend(shown: ShownFrame) -> None:
     picture = VIEWS["depth"](shown)
     down = -View(1024, 512).directions(512.5, 500.5)[1]  # straight below nothing is in the way
-    wanted = drawing.false_colour(np.array([np.log(2.5 / down / 0.5) / np.log(100.0)]))[0]
+    wanted = false_colour(np.array([np.log(2.5 / down / 0.5) / np.log(100.0)]))[0]
     np.testing.assert_array_equal(picture[500, 512], wanted)
     beyond = round(512 * (0.5 + np.arcsin(2.5 / 12.0) / np.pi)) - 2  # where the receiver's extent ends
     assert not picture[beyond, 900].any()
@@ -163,19 +162,19 @@ def test_views_say_why_there_is_nothing(tmp_path: Path) -> None:
     for name in ("caustics", "water"):
         words = VIEWS[name](bare)
         assert words.shape[2] == 3
-        assert 0.0 < np.mean(np.any(words != drawing.DARK.back, axis=-1)) < 0.1
+        assert 0.0 < np.mean(np.any(words != DARK.back, axis=-1)) < 0.1
     assert bare.frame.layer.tiles == ()
     assert np.all(VIEWS["difference"](bare) == 128)
 
 
 def test_charts_suit_light_and_dark_pages(shown: ShownFrame) -> None:
     """Contrast of text to ground at least 4.5 : 1, of the rest at least 3 : 1 (WCAG 2.2, 1.4.3 and 1.4.11)."""
-    for palette in (drawing.DARK, drawing.LIGHT):
+    for palette in (DARK, LIGHT):
         for color in (palette.text, palette.soft, palette.strong, palette.warm, *palette.series):
             assert contrast(color, palette.back) > 4.5, color
     plan = VIEWS["plan"](replace(shown, dark=False))
-    assert tuple(plan[450, 5]) == drawing.LIGHT.back
-    for color in (drawing.LIGHT.series[0], drawing.LIGHT.strong, drawing.LIGHT.warm):
+    assert tuple(plan[450, 5]) == LIGHT.back
+    for color in (LIGHT.series[0], LIGHT.strong, LIGHT.warm):
         assert np.any(np.all(plan == color, axis=-1))
 
 
@@ -205,14 +204,14 @@ def test_the_edge_of_a_mesh_is_its_highest_direction(shown: ShownFrame) -> None:
 
 
 def test_round_lengths() -> None:
-    assert [drawing.round_length(v) for v in (0.19, 0.2, 0.99, 1.0, 4.9, 730.0)] == [0.1, 0.2, 0.5, 1.0, 2.0, 500.0]
+    assert [round_length(v) for v in (0.19, 0.2, 0.99, 1.0, 4.9, 730.0)] == [0.1, 0.2, 0.5, 1.0, 2.0, 500.0]
 
 
 def test_words_are_drawn_where_they_are_put() -> None:
     image = np.zeros((40, 200, 3), np.uint8)
-    drawing.write(image, "abc", (100, 30), (255, 255, 255))
+    write(image, "abc", (100, 30), (255, 255, 255))
     rows, columns = np.nonzero(image[..., 0])
     assert 98 <= columns.min() <= 104
-    assert columns.max() <= 100 + drawing.text_width("abc") + 1
+    assert columns.max() <= 100 + text_width("abc") + 1
     assert rows.max() <= 31
     assert cv2.countNonZero(image[..., 0]) > 20

@@ -23,7 +23,7 @@ from PIL.TiffImagePlugin import ImageFileDirectory_v2
 import mr360uw as uw
 from mr360uw.color import decode
 from mr360uw.errors import VideoError
-from mr360uw.from_above.scene_parts import floor_of
+from mr360uw.from_above.aerial_picture import floor_of
 from mr360uw.from_above.settings import AerialFloorSettings, AerialWaterSettings
 from mr360uw.scene.inputs import pose_of_plate
 from mr360uw.scene.model import PlateSettings

@@ -17,12 +17,18 @@ from mr360uw.errors import Mr360uwError, ParameterError
 from mr360uw.files import write_whole
 from mr360uw.reading.cached_reads import stamp
 from mr360uw.reading.numbered_files import is_pattern, numbered
-from mr360uw.tune.lasso import Kind, Line, free_name, is_matte_name, is_whole, matte_of_lines, outlines_of_matte
-from mr360uw.tune.matte_keys import (
+from mr360uw.tune.lasso import (
+    Kind,
+    Line,
     check_own,
+    free_name,
+    is_matte_name,
+    is_whole,
     key_file,
     key_files,
+    matte_of_lines,
     named_path,
+    outlines_of_matte,
     pictures_at_stake,
     png,
     write_frames,

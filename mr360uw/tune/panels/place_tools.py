@@ -16,15 +16,14 @@ from mr360uw.errors import ParameterError
 from mr360uw.parameters import bounds_of
 from mr360uw.tune import placing
 from mr360uw.tune.editing import tracks
-from mr360uw.tune.editing.ways import in_words
+from mr360uw.tune.editing.tracks import in_words
 from mr360uw.tune.panels.click_tools import PATCH_TOOLS, FloorTool, LevelTool, PatchTool
 from mr360uw.tune.panels.lasso_tool import LassoTool
 from mr360uw.tune.panels.stage import ShownPicture
 from mr360uw.tune.panels.widgets import Button, Choice
 from mr360uw.tune.placing import Point
 from mr360uw.tune.session import Session
-from mr360uw.tune.situation import Marker, Situation, situation
-from mr360uw.tune.viewer import Drag
+from mr360uw.tune.situation import Drag, Marker, Situation, situation
 
 _TOOLS = {
     "": "Click: nothing",

@@ -10,7 +10,7 @@ from nicegui import background_tasks, ui
 
 from mr360uw.tune.panels.widgets import Choice, Text
 from mr360uw.tune.session import Session
-from mr360uw.tune.viewer import SNAPSHOT, Compare, Viewer
+from mr360uw.tune.situation import SNAPSHOT, Compare, Viewer
 
 _WIDTHS = (512, 1024, 2048, 4096, 8192)
 _COMPARISONS = {"": "compare with …", "plate": "compare with the plate"}
