@@ -57,11 +57,13 @@ def test_turning_the_map_about_the_vertical_turns_the_irradiance(rng: np.random.
 
 def brute(image: np.ndarray, kernel, normals: np.ndarray, *, mean: bool) -> np.ndarray:
     height, width = image.shape[:2]
-    weight = kernel(normals @ directions(width, height).reshape(-1, 3).T) * np.repeat(
-        row_solid_angle(width, height), width
-    )
-    total = weight @ image.reshape(-1, 3).astype(np.float64)
-    return total / weight.sum(axis=1, keepdims=True) if mean else total
+    towards, light = directions(width, height).reshape(-1, 3), image.reshape(-1, 3).astype(np.float64)
+    area = np.repeat(row_solid_angle(width, height), width)
+    found = []
+    for normal in normals:  # all at once would take a gigabyte
+        weight = kernel(towards @ normal) * area
+        found.append(weight @ light / (weight.sum() if mean else 1.0))
+    return np.array(found)
 
 
 @pytest.mark.parametrize("towards", [[0.3, 0.8, -0.5], [0.0, 1.0, 0.0], [0.0, 0.2, 1.0]])
