@@ -27,7 +27,7 @@ from scipy.spatial.transform import Rotation
 
 import mr360uw as uw
 from mr360uw.composite.motion import rotation_matrix
-from mr360uw.sample.recording import record
+from mr360uw.sample.dive import record
 from mr360uw.sphere import directions
 
 WIDTH, FRAMES, RATE = 1280, 48, Fraction(24)

@@ -51,7 +51,7 @@ from mr360uw.render.loaded import load  # noqa: E402
 from mr360uw.render.plate_light import exposed_water, plate_light  # noqa: E402
 from mr360uw.render.plate_pattern import plate_pattern  # noqa: E402
 from mr360uw.render.shots import Eye, seen_by, shot_at, with_caustics  # noqa: E402
-from mr360uw.sample.recording import record  # noqa: E402
+from mr360uw.sample.dive import record  # noqa: E402
 from mr360uw.scene.model import Scene, scene_from_dict  # noqa: E402
 from mr360uw.types import (  # noqa: E402
     Environment,

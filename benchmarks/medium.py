@@ -394,7 +394,7 @@ def section_gain() -> None:
     from mr360uw.medium.fit.level import fit_level
     from mr360uw.render.plate_map import level_view
     from mr360uw.sample import Dive, DiveSettings
-    from mr360uw.sample.recording import record
+    from mr360uw.sample.dive import record
     from mr360uw.video import open_video
 
     half_code = np.abs(rgb_from_ycbcr("bt709")) @ (0.5 / np.array([219.0, 224.0, 224.0]))

@@ -30,7 +30,7 @@ from mr360uw.sphere import direction_from_angles, directions, unit  # noqa: E402
 from mr360uw.surface.intersection import first_hits  # noqa: E402
 from mr360uw.surface.sampled_sea import SampledSea  # noqa: E402
 from mr360uw.surface.sky import Dome  # noqa: E402
-from mr360uw.surface.sky_pattern import sky_pattern  # noqa: E402
+from mr360uw.surface.water_light import sky_pattern  # noqa: E402
 from mr360uw.types import Sun, View  # noqa: E402
 
 N = 1.34

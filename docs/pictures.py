@@ -31,8 +31,8 @@ from mr360uw.medium import JERLOV_TYPES, Medium, Sensor, Water  # noqa: E402
 from mr360uw.preview.live import LivePreview  # noqa: E402
 from mr360uw.preview.perspective import Perspective, look  # noqa: E402
 from mr360uw.sample import Dive, DiveSettings, sample_dive  # noqa: E402
+from mr360uw.sample.dive import with_noise  # noqa: E402
 from mr360uw.sample.dive_settings import PRESETS  # noqa: E402
-from mr360uw.sample.recording import with_noise  # noqa: E402
 from mr360uw.sample.whale import write_whale  # noqa: E402
 from mr360uw.sphere import direction_from_angles  # noqa: E402
 from mr360uw.types import Floats  # noqa: E402

@@ -5,7 +5,7 @@ from .errors import GlError, MeshError, Mr360uwError, OutputExistsError, Paramet
 from .from_above import AerialScene, aerial, load_aerial
 from .pipeline import composite_video
 from .render.first_pass import ClipAnalysis
-from .runs.run_report import Report
+from .runs.outputs import Report
 from .sample import sample_dive
 from .scene import Scene, load_scene
 from .track.camera_track import CameraTrack

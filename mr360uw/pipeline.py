@@ -22,11 +22,9 @@ from mr360uw.render.backends import Backend, close_backend, make_backend
 from mr360uw.render.check import scene_sun_lines
 from mr360uw.render.first_pass import ClipAnalysis, measured_range
 from mr360uw.render.loaded import Loaded, Loader, load_plate_depth
-from mr360uw.runs.fingerprint import input_fingerprints, work_keys
 from mr360uw.runs.job import Job, OpenJob, RunTimes
-from mr360uw.runs.outputs import Output, forecaster, with_encoder
-from mr360uw.runs.run_report import Report
-from mr360uw.runs.stored_analysis import measured_analysis
+from mr360uw.runs.outputs import Output, Report, forecaster, with_encoder
+from mr360uw.runs.stored_analysis import input_fingerprints, measured_analysis, work_keys
 from mr360uw.runs.work_folder import Part, WorkFolder, joined_bounds, work_folder
 from mr360uw.runs.workers import make_crew
 from mr360uw.scene.inputs import open_plate, projection_notes

@@ -223,8 +223,7 @@ def bench(
     overwrite: OverwriteOption = False,
 ) -> None:
     """Measure what settings cost (processor time) and bring (error), stage by stage, on a sample dive."""
-    from mr360uw.bench.bench_report import check_kinds, chosen_stages, compare, read_report, run_bench
-    from mr360uw.bench.pareto_page import bench_page
+    from mr360uw.bench.bench_report import bench_page, check_kinds, chosen_stages, compare, read_report, run_bench
     from mr360uw.files import write_whole
     from mr360uw.progress import terminal_progress
 

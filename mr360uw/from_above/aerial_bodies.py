@@ -50,8 +50,8 @@ from mr360uw.rays import RayScene
 from mr360uw.sphere import directions, disc_directions
 from mr360uw.surface import SeaScene, SurfacePicture
 from mr360uw.surface.intersection import sigma_at
+from mr360uw.surface.tracing.facet_draws import glitter
 from mr360uw.surface.tracing.stage_arrays import RayStage, disc_of
-from mr360uw.surface.tracing.sun_in_waves import glitter
 from mr360uw.types import CausticStack, Environment, Floats, Layer, MediumTable, Rectangle, Sun, View
 
 Array = NDArray[np.float64]

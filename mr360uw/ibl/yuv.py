@@ -30,8 +30,7 @@ from mr360uw.jit import fast, inlined
 from mr360uw.shapes import checked, exactly
 from mr360uw.sphere import Array, row_solid_angle
 from mr360uw.types import Environment, Floats, YuvImage
-from mr360uw.yuv.coefficients import decode_polynomial, folded_coefficients
-from mr360uw.yuv.decoding import polynomial_light
+from mr360uw.yuv.decoding import decode_polynomial, folded_coefficients, polynomial_light
 
 _ZERO = np.float32(0.0)
 

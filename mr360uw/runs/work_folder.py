@@ -30,11 +30,9 @@ from mr360uw.output_gate import (
 )
 from mr360uw.reading.input_files import read_json
 from mr360uw.render.first_pass import ClipAnalysis
-from mr360uw.runs.fingerprint import WorkKeys
-from mr360uw.runs.stored_analysis import load_analysis, save_analysis
+from mr360uw.runs.stored_analysis import WorkKeys, load_analysis, save_analysis
 from mr360uw.video import Clip, EncodeSettings, VideoFrame
-from mr360uw.video.write.segment import Segment, SegmentWriter, stored_segments
-from mr360uw.video.write.writer import VideoWriter
+from mr360uw.video.write.writer import Segment, SegmentWriter, VideoWriter, stored_segments
 
 Part = tuple[int, int]
 """Frames [start, stop) of a clip."""

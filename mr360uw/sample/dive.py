@@ -4,25 +4,27 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
+from mr360uw.color import Transfer, encode, luminance, ycbcr_from_rgb
 from mr360uw.errors import ParameterError
-from mr360uw.files import write_whole
+from mr360uw.files import whole_file, write_whole
+from mr360uw.medium import Water
 from mr360uw.output_gate import check_folder, check_outputs, made_folder
 from mr360uw.progress import Progress
 from mr360uw.reading.limits import FRAMES, PICTURE
 from mr360uw.sample.dive_settings import DiveSettings
-from mr360uw.sample.recording import record, with_noise
 from mr360uw.sample.rendered_dive import SENSOR, Dive
-from mr360uw.sample.truth import dive_truth, write_frame_truth
+from mr360uw.sample.sea_bed import BED_TILE_M
 from mr360uw.sample.whale import write_whale
 from mr360uw.shapes import checked, file_path, instance
+from mr360uw.surface.sea_picture import SurfacePicture
 from mr360uw.threads import one_blas_thread, prefetch
 from mr360uw.types import Floats
 
@@ -206,3 +208,205 @@ def _track(settings: DiveSettings, times_s: list[float]) -> str:
         numbers = (time_s, *position, *Rotation.from_matrix(rotation).as_quat())
         rows.append(",".join(repr(float(number)) for number in numbers))
     return "\n".join(rows) + "\n"
+
+
+# Recording synthetic pictures and a tone as a 360 camera would: H.264, BT.709, AAC, spherical metadata.
+#
+# The sensor's noise is that of counted photons and of reading them out, on linear light before its curve.
+
+_FULL_WELL = 6000.0
+"""Electrons of a pixel that is white, of a small camera in good light. Half as many: noise is 1.4 times as strong."""
+_READ = 3.0
+"""Standard deviation of reading a pixel out, in electrons."""
+
+
+def with_noise(image: Floats, strength: float, seed: int, index: int) -> Floats:
+    """Return a linear image (H, W, 3) as a sensor counts it; `strength` is a factor on the variance.
+
+    The variance of a value v is (v/N + (r/N)^2) strength: N electrons are white, r those of reading out. Normal
+    deviates stand for counts. Seed and index decide them.
+    """
+    if strength <= 0.0:
+        return image
+    rng = np.random.default_rng((seed, index, 0x4E01))
+    variance = strength * (np.maximum(image, 0.0) / _FULL_WELL + (_READ / _FULL_WELL) ** 2)
+    return np.asarray(image + np.sqrt(variance, dtype=np.float32) * rng.standard_normal(image.shape, np.float32))
+
+
+_SOUND_RATE_HZ = 48_000
+_TONE_HZ = 110.0
+_BT709 = 1
+"""FFmpeg's number of BT.709 among matrices, primaries and transfer curves."""
+_FORMATS = {8: "yuv420p", 10: "yuv420p10le"}
+_LIMITED = 1
+"""FFmpeg's number of limited range (16 to 235)."""
+
+
+def record(
+    path: Path, images: Iterable[Floats], frame_rate: Fraction, seed: int, transfer: Transfer = "srgb",
+    bits: Literal[8, 10] = 8,
+) -> int:  # fmt: skip
+    """Write linear images (H, W, 3) as an MP4 with a tone of the same length; return how many there were.
+
+    Values above 1 clip, as in a camera. transfer, bits: of the codes. The file appears when it is complete.
+    """
+    from mr360uw.video import SphericalMetadata, write_spherical
+    from mr360uw.video.read.probe import create_local
+
+    count = 0
+    with whole_file(path) as partial:
+        with create_local(partial, "mp4") as container:
+            sound = container.add_stream("aac", rate=_SOUND_RATE_HZ)
+            sound.layout = "mono"
+            video = container.add_stream("libx264", rate=frame_rate, options={"crf": "14", "preset": "veryfast"})
+            video.pix_fmt = _FORMATS[bits]
+            context = video.codec_context
+            context.colorspace = context.color_primaries = context.color_trc = _BT709
+            context.color_range = _LIMITED
+            for image in images:
+                if count == 0:
+                    video.height, video.width = image.shape[:2]
+                container.mux(video.encode(_picture(image, transfer, bits, (seed, count))))
+                count += 1
+            container.mux(video.encode(None))
+            samples = int(_SOUND_RATE_HZ * count / frame_rate)
+            for start in range(0, samples, 1024):
+                container.mux(sound.encode(_tone(start, min(start + 1024, samples))))
+            container.mux(sound.encode(None))
+        write_spherical(partial, SphericalMetadata())
+    return count
+
+
+def _picture(image: Floats, transfer: Transfer, bits: Literal[8, 10], seed: tuple[int, int]) -> object:
+    """Return a frame of planes, 4:2:0, limited range, each with a dither of its own.
+
+    Dither goes onto Y', Cb and Cr, not onto RGB: in deep blue water a step of Cr is a tenth of the red.
+    """
+    import av
+
+    code = encode(np.clip(image, 0.0, 1.0), transfer).astype(np.float32)
+    luma, blue, red = np.moveaxis(code @ ycbcr_from_rgb("bt709").T.astype(np.float32), -1, 0)
+    rng = np.random.default_rng(seed)
+    frame = av.VideoFrame(code.shape[1], code.shape[0], _FORMATS[bits])
+    step, kind = 2 ** (bits - 8), np.uint8 if bits == 8 else np.uint16
+    for plane, values in zip(
+        frame.planes, (16.0 + 219.0 * luma, *(128.0 + 224.0 * _halved(c) for c in (blue, red))), strict=True
+    ):
+        codes = np.clip(np.floor(step * values + rng.random(values.shape, np.float32)), step, 255 * step - 1)
+        rows = np.zeros((plane.height, plane.line_size // np.dtype(kind).itemsize), kind)
+        rows[:, : plane.width] = codes
+        plane.update(rows.tobytes())
+    return frame
+
+
+def _halved(chroma: Floats) -> Floats:
+    """Return half the rows and columns of a panorama's chroma, sited left: weights 1, 2, 1 across, 1, 1 down."""
+    across = 0.25 * np.roll(chroma, 1, axis=1) + 0.5 * chroma + 0.25 * np.roll(chroma, -1, axis=1)
+    return 0.5 * (across[0::2, 0::2] + across[1::2, 0::2])
+
+
+def _tone(start: int, stop: int) -> object:
+    """Return samples [start, stop) of a low tone that swells every two seconds."""
+    import av
+
+    t = np.arange(start, stop) / _SOUND_RATE_HZ
+    swell = 0.2 * (0.6 + 0.4 * np.sin(np.pi * t))
+    wave = (swell * np.sin(2.0 * np.pi * _TONE_HZ * t)).astype(np.float32)
+    frame = av.AudioFrame.from_ndarray(wave[None], format="fltp", layout="mono")
+    frame.sample_rate, frame.pts, frame.time_base = _SOUND_RATE_HZ, start, Fraction(1, _SOUND_RATE_HZ)
+    return frame
+
+
+# The truth of a synthetic dive: its light, water, waves and camera as JSON, its distances and masks as pictures.
+
+_BANDS_NM = np.arange(400.0, 701.0, 25.0)
+
+
+def dive_truth(dive: Dive, times_s: list[float]) -> dict[str, Any]:
+    """Return the fields of `truth.json`, as docs/sample.md lists them. Light is relative to that just below a level
+    surface, angles are in degrees, vectors are in the world.
+    """
+    settings = dive.settings
+    wet, waves = Water.jerlov(settings.water), settings.sea.waves
+    up = None if dive.sun_in_air is None else (dive.sun_in_air, dive.sun_in_water)
+    return {
+        "sun_direction_in_air": _listed(None if up is None else up[0]),
+        "sun_direction_in_water": _listed(None if up is None else up[1]),
+        "sun_half_angle_rad": None if dive.sky.sun is None else dive.sky.sun.half_angle_rad,
+        "sun_irradiance_in_air": _listed(None if dive.sky.sun is None else dive.sky.sun.irradiance),
+        "sun_share_of_surface_irradiance": dive.sky.sun_share,
+        "irradiance": {
+            "just_below_surface": _shares(dive.sky.sky_below, dive.sky.sun_below),
+            "camera": _shares(*_level(dive, settings.depth_m)),
+            "floor": _listed(dive.floor_irradiance),
+        },
+        "camera_depth_m": settings.depth_m,
+        "camera_speed_m_s": settings.speed_m_s,
+        "floor_depth_m": settings.floor_depth_m,
+        "floor_tile_m": BED_TILE_M,
+        "floor_mean_albedo": _listed(dive.scene.floor.mean_albedo),
+        "level_radiance_linear": _listed(dive.level_radiance),
+        "exposure": dive.exposure,
+        "sensor": SENSOR,
+        "water": settings.water,
+        "water_properties": {
+            "wavelength_nm": _BANDS_NM.tolist(),
+            "absorption_per_m": _listed(wet.absorption(_BANDS_NM)),
+            "scattering_per_m": _listed(wet.scattering(_BANDS_NM)),
+        },
+        "sea": settings.sea.model_dump(mode="json"),
+        "waves": {
+            "wave_vector_rad_per_m": _listed(waves.wave_vector),
+            "amplitude_m": _listed(waves.amplitude_m),
+            "steepness": _listed(waves.steepness),
+            "phase_rad": _listed(waves.phase_rad),
+            "angular_frequency_rad_per_s": _listed(waves.angular_frequency),
+        },
+        "settings": settings.model_dump(mode="json"),
+        "frames": [_frame(dive, k, time_s) for k, time_s in enumerate(times_s)],
+    }
+
+
+def write_frame_truth(path: Path, dive: Dive, seen: SurfacePicture) -> None:
+    """Write distances, masks and normals of a frame's pixel centres as arrays of an .npz file.
+
+    distance_m: (H, W) to surface or floor. in_water_m: (H, W). surface, floor: (H, W) masks. normal: (H, W, 3) of the
+    surface. radiance: (H, W, 3), exposed, not clipped, float16.
+    """
+    from mr360uw.files import whole_file
+
+    with whole_file(path) as partial, partial.open("wb") as file:
+        np.savez_compressed(
+            file, distance_m=seen.distance_m.astype(np.float32), in_water_m=seen.in_water_m.astype(np.float32),
+            surface=seen.surface, floor=seen.floor, normal=seen.normal.astype(np.float16),
+            radiance=np.minimum(dive.exposure * seen.radiance, 6e4).astype(np.float16),
+        )  # fmt: skip
+
+
+def _frame(dive: Dive, index: int, time_s: float) -> dict[str, Any]:
+    """Return what is known of one frame; the horizon is the direction up, in the camera's axes."""
+    position, rotation = dive.settings.camera_at(time_s)
+    sun = dive.sun_in_water
+    return {
+        "index": index,
+        "time_s": time_s,
+        "position_m": _listed(position),
+        "world_from_camera": _listed(rotation),
+        "up_in_camera": _listed(rotation[1]),
+        "sun_in_camera": _listed(None if sun is None else sun @ rotation),
+        "depth_m": dive.settings.depth_m - float(position[1]),
+    }
+
+
+def _level(dive: Dive, depth_m: float) -> tuple[Floats, Floats]:
+    """Return the irradiance (3,) of a level plane at a depth: ambient, and by the beam."""
+    ambient, beam = dive.irradiance(depth_m)
+    return ambient, beam * dive.water.sun_up
+
+
+def _shares(sky: Floats, sun: Floats) -> dict[str, Any]:
+    return {"sky": _listed(sky), "sun": _listed(sun), "luminance": float(luminance(sky + sun))}
+
+
+def _listed(values: Floats | None) -> Any:
+    return None if values is None else np.asarray(values, np.float64).tolist()

@@ -17,9 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.jit import borrowing, exact
-from mr360uw.surface.height_map import Displacement, displacement, read_height, read_shift, rest_position
-from mr360uw.surface.sampled_sea import SampledSea
-from mr360uw.surface.tracing.ray_optics import Ray, Vector
+from mr360uw.surface.sampled_sea import Displacement, SampledSea, displacement, read_height, read_shift, rest_position
+from mr360uw.surface.tracing.table_reads import Ray, Vector
 
 Array = NDArray[np.float64]
 

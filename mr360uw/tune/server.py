@@ -27,7 +27,7 @@ from nicegui import ui
 
 from mr360uw.errors import ParameterError
 from mr360uw.files import write_whole
-from mr360uw.preview.cached_frames import PlateClip, clip_of
+from mr360uw.preview.live import PlateClip, clip_of
 from mr360uw.render.backends import check_backend
 from mr360uw.threads import one_blas_thread
 from mr360uw.tune.editing.document import Document

@@ -13,8 +13,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from mr360uw.errors import Mr360uwError, ParameterError
-from mr360uw.preview.cached_frames import PlateClip
-from mr360uw.preview.live import LivePreview
+from mr360uw.preview.live import LivePreview, PlateClip
 from mr360uw.progress import Progress
 from mr360uw.scene.model import Scene
 from mr360uw.tune.editing.document import Document, observed

@@ -141,7 +141,7 @@ class VideoFrame:
             from mr360uw.yuv.decoding import linear_from_planes
 
             return self._ungraded(linear_from_planes(self.yuv, rectangle, self.wrap))
-        from mr360uw.video.pixels.rgb import linear_from_codes
+        from mr360uw.video.pixels.planes import linear_from_codes
 
         assert self.rgb is not None
         column, row, width, height = rectangle
@@ -156,8 +156,7 @@ class VideoFrame:
         """
         import cv2
 
-        from mr360uw.yuv.coefficients import subsampling
-        from mr360uw.yuv.decoding import linear_from_planes
+        from mr360uw.yuv.decoding import linear_from_planes, subsampling
 
         column, row, width, height = rectangle
         size = width // 2, height // 2
@@ -201,7 +200,7 @@ class VideoFrame:
     @cached_property
     def grain(self) -> Grain:
         """The grain of the picture."""
-        from mr360uw.video.pixels.grain_measure import grain_of_planes, grain_of_rgb
+        from mr360uw.video.pixels.grain import grain_of_planes, grain_of_rgb
 
         if self.yuv is not None:
             return grain_of_planes(self.yuv, self.wrap)
@@ -237,8 +236,7 @@ class VideoFrame:
 
     def _over_planes(self, layer: Layer, blend: Blend, amount: float) -> VideoFrame:
         from mr360uw.video.pixels.grain import NO_GRAIN
-        from mr360uw.video.pixels.native import copy_planes
-        from mr360uw.video.pixels.planes import changed_pixels, lay_over_planes
+        from mr360uw.video.pixels.planes import changed_pixels, copy_planes, lay_over_planes
 
         assert self.yuv is not None
         native, planes = copy_planes(self.yuv, self.native.format.name if self.native is not None else None)
@@ -260,8 +258,7 @@ class VideoFrame:
 
     def _over_codes(self, layer: Layer, blend: Blend, amount: float) -> VideoFrame:
         from mr360uw.video.pixels.grain import add_grain
-        from mr360uw.video.pixels.planes import changed_pixels
-        from mr360uw.video.pixels.rgb import lay_over_codes
+        from mr360uw.video.pixels.planes import changed_pixels, lay_over_codes
 
         assert self.rgb is not None
         codes = self.rgb.copy()

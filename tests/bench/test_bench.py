@@ -17,8 +17,7 @@ import numpy as np
 import pytest
 
 from mr360uw.bench import bench_report
-from mr360uw.bench.bench_report import BenchReport, Machine, StageResult, compare, read_report
-from mr360uw.bench.dive_stages import frames_against
+from mr360uw.bench.bench_report import BenchReport, Machine, StageResult, bench_page, compare, pareto_plot, read_report
 from mr360uw.bench.measuring import (
     MeasuredStage,
     Measurement,
@@ -32,8 +31,7 @@ from mr360uw.bench.measuring import (
     relative_rms,
     timed,
 )
-from mr360uw.bench.pareto_page import bench_page, pareto_plot
-from mr360uw.bench.stages import all_stages
+from mr360uw.bench.stages import all_stages, frames_against
 from mr360uw.errors import ParameterError
 from mr360uw.render.backends import Reference
 from mr360uw.sample import SampleDive

@@ -118,7 +118,7 @@ def test_a_wrong_mask_leaves_no_work(bench: Bench) -> None:
     pytest.importorskip("pycolmap", reason="tracking needs the extra track")
     from fractions import Fraction
 
-    from mr360uw.sample.recording import record
+    from mr360uw.sample.dive import record
 
     record(bench.folder / "clip.mp4", iter(np.zeros((4, 64, 128, 3))), Fraction(24), seed=1)
     cv2.imwrite(str(bench.folder / "mask.png"), np.zeros((8, 16), np.uint8))

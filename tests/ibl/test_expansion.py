@@ -15,7 +15,7 @@ from mr360uw.ibl.settings import LightSettings
 from mr360uw.ibl.yuv import block_size, lit_frame, plate_of_yuv
 from mr360uw.sphere import directions, unit
 from mr360uw.types import YuvImage
-from mr360uw.yuv.coefficients import decode_polynomial
+from mr360uw.yuv.decoding import decode_polynomial
 from tests.ibl.plates import angle_deg, clipped, planes, sky
 from tests.ibl.tolerances import ENERGY_FLOAT32, FLOAT64, SUN_HDR_DEG, YUV_MEAN
 

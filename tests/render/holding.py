@@ -24,9 +24,8 @@ from mr360uw.render.backends import make_backend
 from mr360uw.render.first_pass import first_pass
 from mr360uw.render.frame import composite_frame
 from mr360uw.render.loaded import load
-from mr360uw.sample.dive import dive_scene
+from mr360uw.sample.dive import dive_scene, record
 from mr360uw.sample.dive_settings import DiveSettings
-from mr360uw.sample.recording import record
 from mr360uw.sample.rendered_dive import Dive
 from mr360uw.scene import scene_from_dict
 from mr360uw.sphere import directions, row_solid_angle

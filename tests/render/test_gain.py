@@ -24,7 +24,7 @@ from mr360uw.medium.water import JerlovType
 from mr360uw.render.first_pass import ClipAnalysis, first_pass
 from mr360uw.render.plate_map import level_view
 from mr360uw.render.surroundings import load_surroundings
-from mr360uw.sample.recording import record
+from mr360uw.sample.dive import record
 from mr360uw.sample.rendered_dive import SENSOR, Dive
 from mr360uw.scene.inputs import open_plate
 from mr360uw.scene.model import Scene

@@ -17,8 +17,7 @@ from mr360uw.medium.lookup import ambient_ratio
 from mr360uw.medium.models import spectral_model
 from mr360uw.medium.ray_field import LambertFloor, cosine_kernel
 from mr360uw.render.surroundings import load_surroundings
-from mr360uw.sample.dive import dive_scene
-from mr360uw.sample.recording import record
+from mr360uw.sample.dive import dive_scene, record
 from mr360uw.sample.rendered_dive import Dive
 from mr360uw.scene import scene_from_dict
 from mr360uw.video import open_video

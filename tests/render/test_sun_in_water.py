@@ -12,8 +12,8 @@ import pytest
 from mr360uw.color import luminance
 from mr360uw.ibl.lookup import environment_lookup
 from mr360uw.render.surroundings import load_surroundings
+from mr360uw.sample.dive import record
 from mr360uw.sample.dive_settings import DiveSettings
-from mr360uw.sample.recording import record
 from mr360uw.sample.rendered_dive import Dive
 from mr360uw.sphere import direction_from_angles
 from mr360uw.types import Environment, Floats

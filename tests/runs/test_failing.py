@@ -202,7 +202,7 @@ def test_layers_under_the_output_s_names_are_refused(whole: Path, tmp_path: Path
 def test_odd_names_of_the_sample_dive_s_clip(tmp_path: Path, name: str) -> None:
     from fractions import Fraction
 
-    from mr360uw.sample.recording import record
+    from mr360uw.sample.dive import record
 
     (tmp_path / name).mkdir()
     path = tmp_path / name / "dive.mp4"
@@ -225,7 +225,7 @@ def test_a_worker_without_the_renderer_of_the_others_ends_the_run(
     monkeypatch.setattr("mr360uw.runs.job.make_backend", without_gl)
     scene = bare(whole)
     out.parent.mkdir(exist_ok=True)
-    from mr360uw.runs.fingerprint import WorkKeys
+    from mr360uw.runs.stored_analysis import WorkKeys
 
     with work_folder(out, WorkKeys("", "")) as work:
         work.keep_analysis(ClipAnalysis())

@@ -15,12 +15,12 @@ import pytest
 import mr360uw as uw
 from mr360uw.errors import OutputExistsError
 from mr360uw.output_gate import work_path
-from mr360uw.runs import fingerprint
+from mr360uw.runs import stored_analysis
 from mr360uw.runs.work_folder import joined_bounds, segment_bounds, stale_work
 from mr360uw.sample import SampleDive
 from mr360uw.scene import Scene
 from mr360uw.scene.model import load_scene
-from mr360uw.video.write.segment import decoding_stamps
+from mr360uw.video.write.writer import decoding_stamps
 
 TWO_FRAMES = "output.segment_s=0.08"
 """Segments of two frames at the 24 frames a second of the sample dive: eight frames make four."""
@@ -259,7 +259,7 @@ def test_after_an_edit_of_the_sources_all_is_made_again(
 ) -> None:
     out = tmp_path / "out.mp4"
     stopped(scene_of(dive), out, 6)
-    monkeypatch.setattr(fingerprint, "sources_stamp", lambda: "edited")
+    monkeypatch.setattr(stored_analysis, "sources_stamp", lambda: "edited")
     report = uw.composite_video(scene_of(dive), out, backend="reference")
     assert report.kept_frames == 0
     assert "first pass" in report.stage_s

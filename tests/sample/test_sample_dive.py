@@ -22,10 +22,9 @@ from mr360uw.medium.spectral.sensor import named_sensor
 from mr360uw.medium.water import JerlovType
 from mr360uw.optics import fresnel_from_below, refract_to_water
 from mr360uw.sample import sample_dive
+from mr360uw.sample.dive import with_noise
 from mr360uw.sample.dive_settings import PRESETS, DiveSettings
-from mr360uw.sample.dive_sky import dive_sky
-from mr360uw.sample.recording import with_noise
-from mr360uw.sample.rendered_dive import SENSOR, Dive, relief_shade
+from mr360uw.sample.rendered_dive import SENSOR, Dive, dive_sky, relief_shade
 from mr360uw.sample.sea_bed import sea_bed
 from mr360uw.scene.model import load_scene
 from mr360uw.sphere import direction_from_angles, directions, row_solid_angle

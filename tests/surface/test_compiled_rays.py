@@ -13,10 +13,9 @@ from mr360uw.medium import Medium, Water
 from mr360uw.medium.lookup import transmittance_lookup, veil_lookup
 from mr360uw.sphere import unit
 from mr360uw.surface.sky import Dome
-from mr360uw.surface.tracing import ray_optics
-from mr360uw.surface.tracing.facet_draws import drawn, facets_of, next_key
+from mr360uw.surface.tracing import table_reads
+from mr360uw.surface.tracing.facet_draws import drawn, facets_of, next_key, sunlight
 from mr360uw.surface.tracing.stage_arrays import disc_of
-from mr360uw.surface.tracing.sun_in_waves import sunlight
 from mr360uw.surface.tracing.table_reads import (
     WaterTable,
     level_for,
@@ -38,13 +37,13 @@ def test_fresnel_refraction_and_reflection(rng: np.random.Generator) -> None:
     normal, travel = unit(rng.standard_normal((COUNT, 3))), unit(rng.standard_normal((COUNT, 3)))
     travel *= -np.sign(np.sum(travel * normal, axis=-1, keepdims=True))
     for m in (1.34, 1.0 / 1.34):
-        found = [ray_optics.reflectance(-float(d @ n), m)[0] for d, n in zip(travel, normal, strict=True)]
+        found = [table_reads.reflectance(-float(d @ n), m)[0] for d, n in zip(travel, normal, strict=True)]
         np.testing.assert_allclose(found, optics.fresnel(-np.sum(travel * normal, axis=-1), m), atol=tol.FLOAT64)
-        found = [ray_optics.bent(*d, *n, 1.0 / m) for d, n in zip(travel, normal, strict=True)]
+        found = [table_reads.bent(*d, *n, 1.0 / m) for d, n in zip(travel, normal, strict=True)]
         np.testing.assert_allclose(
             found, unit(optics.refract_clamped(travel, normal, 1.0 / m)), atol=10.0 * tol.FLOAT64
         )
-    found = [ray_optics.mirrored(*d, *n) for d, n in zip(travel, normal, strict=True)]
+    found = [table_reads.mirrored(*d, *n) for d, n in zip(travel, normal, strict=True)]
     np.testing.assert_allclose(found, optics.reflect(travel, normal), atol=10.0 * tol.FLOAT64)
 
 

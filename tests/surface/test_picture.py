@@ -19,9 +19,8 @@ from mr360uw.sphere import direction_from_angles, directions, row_solid_angle, u
 from mr360uw.surface.intersection import first_hits
 from mr360uw.surface.sampled_sea import SampledSea
 from mr360uw.surface.sky import Dome
-from mr360uw.surface.sky_pattern import sky_pattern
 from mr360uw.surface.tracing.facet_draws import next_key
-from mr360uw.surface.water_light import WaterLight, sun_pattern
+from mr360uw.surface.water_light import WaterLight, sky_pattern, sun_pattern
 from mr360uw.types import Sun, View
 from tests.surface import tolerances as tol
 

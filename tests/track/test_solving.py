@@ -12,7 +12,7 @@ import pytest
 
 import mr360uw as uw
 from mr360uw.errors import OutputError, ParameterError
-from mr360uw.sample.recording import record
+from mr360uw.sample.dive import record
 from mr360uw.sphere import directions, yaw_matrix
 from mr360uw.track.tracking import track_shots
 from mr360uw.track.world_axes import Measure

@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 import mr360uw as uw
 from mr360uw.composite import read_camera_track
 from mr360uw.errors import Mr360uwError, OutputExistsError, ParameterError
-from mr360uw.sample.recording import record
+from mr360uw.sample.dive import record
 from mr360uw.track.camera_track import CameraTrack, FittedFloor
 from mr360uw.track.colmap import pairs_to_match
 from mr360uw.track.key_frames import fixed_pixels

@@ -18,7 +18,7 @@ from mr360uw.video import open_video, transcode
 from mr360uw.video.clip import Clip
 from mr360uw.video.settings import ENCODERS, HARDWARE, EncodeSettings
 from mr360uw.video.write import encoder
-from mr360uw.video.write.delivery import delivery_of
+from mr360uw.video.write.encoder import delivery_of
 from tests.video.boxes import children
 from tests.video.clips import write_clip
 

@@ -12,8 +12,7 @@ import math
 from typing import Any, NamedTuple
 
 from mr360uw.jit import borrowing
-from mr360uw.surface.tracing.ray_optics import Vector
-from mr360uw.surface.tracing.table_reads import add, between, level_for, periodic, times
+from mr360uw.surface.tracing.table_reads import Vector, add, between, level_for, periodic, times
 
 _LEAST_STEP = 0.05
 """Least step of a ray over the distance of pixels: it may pass through ridges that are thinner."""

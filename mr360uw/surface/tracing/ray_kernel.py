@@ -13,11 +13,22 @@ from typing import Any, NamedTuple
 
 from mr360uw.jit import borrowing
 from mr360uw.surface.intersection import NOWHERE, Hit, SeaWaves, first_hit
-from mr360uw.surface.tracing.facet_draws import drawn, facets_of, next_key
+from mr360uw.surface.tracing.facet_draws import Disc, drawn, facets_of, next_key, sun_seen, sunlight
 from mr360uw.surface.tracing.floor_light import LitFloor, floor_radiance, relief_distance
-from mr360uw.surface.tracing.ray_optics import Ray, Vector, bent, mirrored, reflectance
-from mr360uw.surface.tracing.sun_in_waves import Disc, sun_seen, sunlight
-from mr360uw.surface.tracing.table_reads import WaterTable, add, panorama, sky_radiance, times, transmittance, veil
+from mr360uw.surface.tracing.table_reads import (
+    Ray,
+    Vector,
+    WaterTable,
+    add,
+    bent,
+    mirrored,
+    panorama,
+    reflectance,
+    sky_radiance,
+    times,
+    transmittance,
+    veil,
+)
 
 _GONE = 1e-6
 """Share of the ripples' slopes below which they are not looked up."""

@@ -18,9 +18,9 @@ from mr360uw.surface.intersection import waves_of
 from mr360uw.surface.sampled_sea import SampledSea
 from mr360uw.surface.sea_floor import Floor, FloorLight
 from mr360uw.surface.sky import Dome
+from mr360uw.surface.tracing.facet_draws import Disc
 from mr360uw.surface.tracing.floor_light import LitFloor, Relief
 from mr360uw.surface.tracing.ray_kernel import Murk, RayWorld, Ripples
-from mr360uw.surface.tracing.sun_in_waves import Disc
 from mr360uw.surface.tracing.table_reads import WaterTable, packed
 from mr360uw.surface.water_light import WaterLight
 from mr360uw.types import Sun

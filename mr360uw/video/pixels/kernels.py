@@ -21,8 +21,7 @@ from mr360uw.constants import (
     DITHER_STEP,
 )
 from mr360uw.jit import fast, inlined
-from mr360uw.yuv.coefficients import ENCODE_LOW, ENCODE_STEP_BITS, ENCODE_STEPS
-from mr360uw.yuv.decoding import chroma_row, luma_from_code
+from mr360uw.yuv.decoding import ENCODE_LOW, ENCODE_STEP_BITS, ENCODE_STEPS, chroma_row, luma_from_code
 
 
 @fast

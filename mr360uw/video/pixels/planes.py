@@ -20,14 +20,19 @@ banding, no random state.
 
 from __future__ import annotations
 
+from functools import lru_cache
+from typing import Any
+
+import av
 import numpy as np
+from av.sidedata.sidedata import Type
 from numpy.typing import NDArray
 
-from mr360uw.color import code_range, in_plate_primaries
+from mr360uw.color import ColorSpec, Transfer, code_range, decode, encode, in_plate_primaries
 from mr360uw.types import Floats, Rectangle, Tile, YuvImage
 from mr360uw.video.pixels.grain import NO_GRAIN, Grain, covered_box
 from mr360uw.video.pixels.kernels import find_changes, write_chroma, write_luma
-from mr360uw.yuv.coefficients import coefficients, encode_table, subsampling
+from mr360uw.yuv.decoding import coefficients, encode_table, subsampling
 
 
 def changed_pixels(tile: Tile) -> NDArray[np.bool_]:
@@ -119,3 +124,108 @@ def planes_from_linear(linear: Floats, planes: YuvImage, wrap: bool = True) -> N
     everything = np.ones(planes.y.shape, np.float32)
     whole = Rectangle(0, 0, *planes.y.shape[::-1])
     lay_over_planes(black, planes, whole, linear, everything, everything > 0, 0, wrap)
+
+
+# Converts between the code values of RGB pictures (PNG, JPEG, EXR) and linear light.
+
+
+def peak_code(codes: NDArray[Any]) -> float:
+    """Return the code value of full scale: 255, 65535, or 1 of floating point pictures."""
+    return float(np.iinfo(codes.dtype).max) if codes.dtype.kind == "u" else 1.0
+
+
+@lru_cache(maxsize=8)
+def _decode_table(peak: int, transfer: Transfer) -> NDArray[np.float32]:
+    return np.asarray(decode(np.arange(peak + 1) / peak, transfer), np.float32)
+
+
+def linear_from_codes(codes: NDArray[Any], transfer: Transfer) -> NDArray[np.float32]:
+    """Return the linear light of code values (..., 3), float32."""
+    if codes.dtype.kind == "u":
+        return _decode_table(int(peak_code(codes)), transfer)[codes]
+    return decode(np.asarray(codes, np.float32), transfer).astype(np.float32)
+
+
+def noise(rows: int, columns: int, row: int, column: int, frame_index: int) -> NDArray[np.float32]:
+    """Return the dither of a rectangle (rows, columns), in (0, 1); see `planes`."""
+    from mr360uw.video.pixels.kernels import write_noise
+
+    dither = np.empty((rows, columns), np.float32)
+    write_noise(row, column, frame_index, dither)
+    return dither
+
+
+def codes_from_linear(linear: Floats, transfer: Transfer, dtype: Any, frame_index: int) -> NDArray[Any]:
+    """Return dithered code values of linear light (H, W, 3), clipped to full scale; dtype uint8 or uint16."""
+    peak = float(np.iinfo(dtype).max)
+    dither = noise(linear.shape[0], linear.shape[1], 0, 0, frame_index)[..., None]
+    return np.clip(np.floor(encode(linear, transfer) * peak + dither), 0.0, peak).astype(dtype)
+
+
+def lay_over_codes(
+    codes: NDArray[Any],
+    linear: Floats,
+    changed: NDArray[np.bool_],
+    transfer: Transfer,
+    rectangle: Rectangle,
+    frame_index: int,
+) -> None:
+    """Write linear light (h, w, 3) into a rectangle of code values, in place, where `changed`.
+
+    Integer codes are clipped to full scale and dithered; floating point pictures take the new light as it is.
+    """
+    if codes.dtype.kind == "f":
+        codes[changed] = encode(linear[changed], transfer)
+        return
+    peak = peak_code(codes)
+    column, row, width, height = rectangle
+    dither = noise(height, width, row, column, frame_index)[changed][:, None]
+    new = encode(np.asarray(linear[changed], np.float64), transfer) * peak
+    codes[changed] = np.clip(np.floor(new + dither), 0.0, peak).astype(codes.dtype)
+
+
+# Converts between PyAV frames and planes.
+
+
+def plane_views(native: Any, spec: ColorSpec) -> YuvImage:
+    """Return the planes of a PyAV frame as arrays that share its memory and keep it alive."""
+    dtype = np.dtype(np.uint8 if spec.bits <= 8 else np.uint16)
+    y, u, v = (_view(plane, dtype) for plane in native.planes)
+    return YuvImage(y, u, v, spec)
+
+
+def _view(plane: Any, dtype: np.dtype[Any]) -> NDArray[Any]:
+    rows = np.frombuffer(plane, dtype).reshape(plane.height, plane.line_size // dtype.itemsize)
+    return rows[:, : plane.width]
+
+
+def pixel_format(image: YuvImage) -> str:
+    """Return FFmpeg's name of the planes' layout; full range of 8 bits has a name of its own."""
+    (height, width), (rows, columns) = image.y.shape, image.u.shape
+    kind = "444" if columns == width else "422" if rows == height else "420"
+    if image.spec.bits == 8:
+        return f"yuv{'j' if image.spec.full_range else ''}{kind}p"
+    return f"yuv{kind}p{image.spec.bits}le"
+
+
+def native_frame(image: YuvImage, name: str | None = None) -> Any:
+    """Return a new PyAV frame with a copy of the planes, optionally under another name of the same layout."""
+    height, width = image.y.shape
+    native = av.VideoFrame(width, height, name or pixel_format(image))
+    for plane, source in zip(native.planes, (image.y, image.u, image.v), strict=True):
+        np.copyto(_view(plane, source.dtype), source)
+    return native
+
+
+def has_stereo_mark(native: Any) -> bool:
+    """Return whether a decoded frame has a mark of how its eyes are arranged.
+
+    x264 takes a new arrangement for a change of settings in mid-stream, after which "lossless" loses a few codes.
+    """
+    return native.side_data.get(Type.STEREO3D) is not None
+
+
+def copy_planes(image: YuvImage, name: str | None = None) -> tuple[Any, YuvImage]:
+    """Return a new PyAV frame with a copy of the planes (see `native_frame`), and writable views of it."""
+    native = native_frame(image, name)
+    return native, plane_views(native, image.spec)

@@ -25,7 +25,7 @@ from mr360uw.types import YuvImage
 from mr360uw.video.clip import not_copied
 from mr360uw.video.metadata.spherical import SphericalMetadata, from_side_data, from_tag, read_spherical
 from mr360uw.video.metadata.tags import ColorTags, color_notes, color_spec, hdr_from_side_data
-from mr360uw.video.pixels.native import plane_views
+from mr360uw.video.pixels.planes import plane_views
 from mr360uw.video.read.card_decoder import decoding_card, in_format
 from mr360uw.video.read.layout import Crop, Eye, Layout, output_layout, panorama_crops
 from mr360uw.video.read.picture_order import (

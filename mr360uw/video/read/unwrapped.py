@@ -23,7 +23,7 @@ from mr360uw.color import Primaries, Transfer
 from mr360uw.errors import VideoError
 from mr360uw.types import YuvImage
 from mr360uw.video.clip import Clip
-from mr360uw.video.pixels.native import native_frame, plane_views
+from mr360uw.video.pixels.planes import native_frame, plane_views
 from mr360uw.video.read.container import ContainerReader
 from mr360uw.video.read.probe import track_sizes
 from mr360uw.video.read.projection import (

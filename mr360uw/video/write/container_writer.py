@@ -23,11 +23,9 @@ from mr360uw.video.metadata.spherical import V1_TAG, SphericalMetadata, embed, v
 from mr360uw.video.read.probe import create_local
 from mr360uw.video.settings import EncodeSettings
 from mr360uw.video.video_frame import VideoFrame
-from mr360uw.video.write.delivery import codec_note, resolved
-from mr360uw.video.write.encoder import Encoder, check_encoder, chosen_encoder
+from mr360uw.video.write.encoder import Encoder, check_encoder, chosen_encoder, codec_note, resolved
 from mr360uw.video.write.other_tracks import CONTAINERS, TrackCopy, check_sound, embed_spatial, other_tracks
-from mr360uw.video.write.segment import Segment, decoding_stamps
-from mr360uw.video.write.writer import VideoWriter
+from mr360uw.video.write.writer import Segment, VideoWriter, decoding_stamps
 
 _OWN_WORDS = frozenset({"major_brand", "minor_version", "compatible_brands", "encoder"})
 """Tags of the container's format, of which each file has its own."""

@@ -19,7 +19,7 @@ from mr360uw.reading.picture_size import HDR_SIZE
 from mr360uw.video.clip import Clip
 from mr360uw.video.exr import write_exr
 from mr360uw.video.metadata.picture_tags import HOLDING, exr_entries, with_tags, xmp_of
-from mr360uw.video.pixels.rgb import codes_from_linear
+from mr360uw.video.pixels.planes import codes_from_linear
 from mr360uw.video.read.projection import FLOAT_SUFFIXES, WRITTEN_SUFFIXES
 from mr360uw.video.video_frame import VideoFrame, whole_frame
 from mr360uw.video.write.other_tracks import exr_attributes
