@@ -139,7 +139,7 @@ def composite_video(
                 begin_phase(progress, "rendering")
                 done = _counted(progress, tell and forecaster(tell, output, work, total - kept), kept, total)
                 job = Job(scene, output.path, work, "auto" if mixed else renderer.name, output.layers, left)
-                opened = OpenJob(job, seen if seen.are_all else video, loaded, renderer)
+                opened = OpenJob(job, seen if seen.are_all else video, loaded, renderer, analysis)
                 with _noting_what_is_finished(output, work):
                     times.merge(_alone(opened, done) if crew is None else crew(job, done))
             notes = output.complete(work, parts)

@@ -38,6 +38,7 @@ from numba.core import config, sigutils
 from numba.core.caching import _Cache
 from numba.core.compiler import CompileResult
 from numba.core.dispatcher import Dispatcher
+from numba.core.runtime import rtsys
 from numba.core.serialize import dumps
 from numba.core.types.abstract import Type
 from numba.core.types.containers import BaseNamedTuple, BaseTuple
@@ -123,7 +124,7 @@ class _Kept(_Cache):  # type: ignore[misc, unused-ignore]
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """Return the kernel for arguments of a type, None where it must be compiled."""
-        target_context.refresh()
+        rtsys.initialize(target_context)  # all that a compiled kernel needs; the compiler loads what compiling takes
         name = self._name(sig, target_context.codegen())
         for folder, read in ((SHIPPED, read_bytes), (kernel_folder(), read_kept)) if self._enabled else ():
             stored = None if folder is None else read(folder / name)

@@ -143,12 +143,13 @@ def clip_analysis(
     wanted = {"sun": plan.track_sun.runs, "gain": gain, "open_water": gain and loaded.scene.water.fits_ratio}
     measures = [name for name, runs in wanted.items() if runs]
     keyed = loaded.surroundings_at if loaded.scene.keys else None
-    grade = clip_grade(loaded, video)
-    colour = clip_colour(loaded, grade)
+    # A colour that the patches tell is needed before; for all else, frames may have been read by then
+    grade = clip_grade(loaded, video) if loaded.scene.match.open_keys else None
     analysis = first_pass(
-        loaded.surroundings, video, progress, measures, background=background, frames=frames, keyed=keyed, grade=colour
-    )
-    return replace(analysis, grade=grade)
+        loaded.surroundings, video, progress, measures, background=background, frames=frames, keyed=keyed,
+        grade=clip_colour(loaded, grade),
+    )  # fmt: skip
+    return replace(analysis, grade=grade or clip_grade(loaded, video))
 
 
 def first_pass(

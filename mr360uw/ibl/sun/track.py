@@ -28,7 +28,7 @@ from mr360uw.ibl.sun.judge import taken_share
 from mr360uw.ibl.sun.steady import WAVE_PERIOD_S, Camera, smooth, steady_directions, strength_of_period
 from mr360uw.shapes import checked, exactly, numbers
 from mr360uw.types import Environment, Floats, Sun
-from mr360uw.types.frames import sample_step
+from mr360uw.types.frames import SUN_SAMPLES_HZ, sample_step
 
 Array = NDArray[np.float64]
 
@@ -248,18 +248,22 @@ class SunSeries(Generic[Frame]):
     """Measurements of successive frames. measure: measures one."""
 
     def __init__(self, measure: Callable[[Frame], SunMeasurement], frame_rate: float) -> None:
-        self._measure, self._step = measure, sample_step(frame_rate)
+        self._measure, self._step = measure, sample_step(frame_rate, SUN_SAMPLES_HZ)
         self._found: list[SunMeasurement] = []
         self._waiting: list[tuple[Frame, float]] = []
 
     def add(self, frame: Frame, index: int, time_s: float) -> None:
         """Add the next frame, of an index in the clip, shown at a time [s].
 
-        Which frames are measured depends on the index alone, but that the first is.
+        Which frames are measured depends on the index alone, but that the first and the last are.
         """
         if self._found and index % self._step:
             self._waiting.append((frame, time_s))
-            return
+        else:
+            self._sample(frame)
+
+    def _sample(self, frame: Frame) -> None:
+        """Measure a frame, and those that wait where the picture has changed; else these are between two measured."""
         here = self._measure(frame)
         if self._waiting:
             change = np.abs(np.asarray(here.thumbnail) - np.asarray(self._found[-1].thumbnail))
@@ -272,7 +276,8 @@ class SunSeries(Generic[Frame]):
 
     def every(self) -> list[SunMeasurement]:
         """Return one measurement for each frame; those on the way between two have no sun of their own."""
-        self._measure_waiting()
+        if self._waiting:
+            self._sample(self._waiting.pop()[0])
         return self._found
 
     def _measure_waiting(self) -> None:

@@ -171,11 +171,9 @@ def _steady_shot(gain: Array, change: Array, frame_rate: float) -> Array:
 
 def _running_median(values: Array, half: int) -> Array:
     """Return medians of values (n, k) over `half` frames on either side; near an end that of the last whole window."""
-    from scipy.ndimage import median_filter
-
     half = min(half, (len(values) - 1) // 2)
-    whole = np.clip(np.arange(len(values)), half, len(values) - 1 - half)
-    return np.asarray(median_filter(values, (2 * half + 1, 1))[whole])
+    whole = np.clip(np.arange(len(values)) - half, 0, len(values) - 1 - 2 * half)
+    return np.asarray(np.median(np.lib.stride_tricks.sliding_window_view(values, 2 * half + 1, axis=0), axis=-1)[whole])
 
 
 Frame = TypeVar("Frame")
@@ -203,10 +201,14 @@ class GainSeries(Generic[Frame]):
         """Residual of each frame, after `steady`."""
 
     def add(self, frame: Frame, index: int) -> None:
-        """Add the next frame, of an index in the clip; that alone says which frames are measured, after the first."""
+        """Add the next frame, of an index in the clip; that alone says which are measured, but the first and last."""
         if self._last is not None and index % self._step:
             self._waiting.append(frame)
-            return
+        else:
+            self._sample(frame)
+
+    def _sample(self, frame: Frame) -> None:
+        """Measure a frame, and those that wait where exposure or picture changed; else these are between two."""
         here = self._measure(frame)
         if self._waiting and self._last is not None:
             last, count = self._last, len(self._waiting) + 1
@@ -224,7 +226,8 @@ class GainSeries(Generic[Frame]):
 
     def steady(self) -> Floats:
         """Return the smoothed gain (N, 3) of every frame; see `steady_gain`."""
-        self._measure_waiting()
+        if self._waiting:
+            self._sample(self._waiting.pop())
         exposure, picture = zip(*self._changes, strict=True)
         return steady_gain(self._gains, exposure, picture, self._rate)
 

@@ -160,8 +160,11 @@ def _why_not(path: Path, error: Exception) -> str:
 
 
 def first_picture(path: Path, container: Any, stream: Any) -> Any:
-    """Return the first frame of a file that has just been opened; VideoError where there is none."""
-    reason = "no picture"
+    """Return the first frame of a file that has just been opened; VideoError where there is none.
+
+    Decoded by one thread: others would decode the frames after it, for nothing.
+    """
+    reason, stream.thread_type = "no picture", "NONE"
     try:
         for frame in container.decode(stream):
             if frame.pts is not None:
