@@ -159,14 +159,39 @@ def _why_not(path: Path, error: Exception) -> str:
     return f"{path} - is not a video that FFmpeg can read (got {reason}) - name an mp4, mov, mkv or webm file"
 
 
+_AHEAD = 18
+"""Packets among which that of the first picture is: as many as H.264 and HEVC may reorder, and it."""
+
+
+def _decoded_first(stream: Any, packets: list[Any], container: Any) -> Iterator[Any]:
+    """Yield the pictures of the first packets of a stream, and of those that follow in its container."""
+    stamps = [packet.pts for packet in packets]
+    if None not in stamps[:-1] and len(stamps) > 1 and min(stamps[:-1]) == stamps[0]:
+        yield from packets[0].decode()
+        yield from stream.codec_context.decode(None)
+        stream.codec_context.flush_buffers()
+    for packet in packets:
+        yield from packet.decode()
+    if len(packets) == _AHEAD:
+        yield from container.decode(stream)
+
+
 def first_picture(path: Path, container: Any, stream: Any) -> Any:
     """Return the first frame of a file that has just been opened; VideoError where there is none.
 
-    Decoded by one thread: others would decode the frames after it, for nothing.
+    Decoded alone where no packet that follows is shown before it: a decoder holds frames back until it has others.
     """
-    reason, stream.thread_type = "no picture", "NONE"
+    reason, stream.thread_type = "no picture", "NONE"  # other threads would decode what follows, for nothing
+    packets: list[Any] = []
     try:
-        for frame in container.decode(stream):
+        for packet in container.demux(stream):
+            packets.append(packet)
+            if len(packets) == _AHEAD:
+                break
+    except av.error.FFmpegError as error:
+        reason = error.strerror or str(error)
+    try:
+        for frame in _decoded_first(stream, packets, container):
             if frame.pts is not None:
                 return frame
             raise VideoError(f"{path} - the pictures have no time stamps - remux the clip to mp4 or mkv first")
