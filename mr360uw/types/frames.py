@@ -258,9 +258,9 @@ class Layer:
 
 
 LIGHT_SAMPLES_HZ, SUN_SAMPLES_HZ = 8.0, 4.0
-"""Samples in a second of the light and the veil's gain, which are interpolated between them, and of a clip's sun, one
-direction for seconds: waves of 2 s, the shortest that move it much, are sampled 8 times. Twice as large, measuring takes
-twice as long."""
+"""Samples in a second: of the light and the veil's gain, interpolated between them, and of a clip's sun, one direction
+for seconds: waves of 2 s, the shortest that move it much, are sampled 8 times. Twice as large, measuring takes twice as
+long."""
 
 
 def sample_step(frame_rate: float, samples_hz: float = LIGHT_SAMPLES_HZ) -> int:

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -163,10 +163,20 @@ _AHEAD = 18
 """Packets among which that of the first picture is: as many as H.264 and HEVC may reorder, and it."""
 
 
-def _decoded_first(stream: Any, packets: list[Any], container: Any) -> Iterator[Any]:
-    """Yield the pictures of the first packets of a stream, and of those that follow in its container."""
+def _decoded_first(container: Any, stream: Any) -> Iterator[Any]:
+    """Yield the pictures of a stream from its first on, which is decoded alone if no packet after it is shown before.
+
+    A decoder would hold it back until it has others, and further threads would decode what follows, for nothing.
+    """
+    stream.thread_type = "NONE"
+    packets: list[Any] = []
+    with suppress(av.error.FFmpegError):  # what is there may do
+        for packet in container.demux(stream):
+            packets.append(packet)
+            if len(packets) == _AHEAD:
+                break
     stamps = [packet.pts for packet in packets]
-    if None not in stamps[:-1] and len(stamps) > 1 and min(stamps[:-1]) == stamps[0]:
+    if len(stamps) == _AHEAD and None not in stamps and min(stamps) == stamps[0]:
         yield from packets[0].decode()
         yield from stream.codec_context.decode(None)
         stream.codec_context.flush_buffers()
@@ -176,22 +186,14 @@ def _decoded_first(stream: Any, packets: list[Any], container: Any) -> Iterator[
         yield from container.decode(stream)
 
 
-def first_picture(path: Path, container: Any, stream: Any) -> Any:
+def first_picture(path: Path, container: Any, stream: Any, *, alone: bool = True) -> Any:
     """Return the first frame of a file that has just been opened; VideoError where there is none.
 
-    Decoded alone where no packet that follows is shown before it: a decoder holds frames back until it has others.
+    alone: whether no other frame is decoded, where none must be.
     """
-    reason, stream.thread_type = "no picture", "NONE"  # other threads would decode what follows, for nothing
-    packets: list[Any] = []
+    reason = "no picture"
     try:
-        for packet in container.demux(stream):
-            packets.append(packet)
-            if len(packets) == _AHEAD:
-                break
-    except av.error.FFmpegError as error:
-        reason = error.strerror or str(error)
-    try:
-        for frame in _decoded_first(stream, packets, container):
+        for frame in _decoded_first(container, stream) if alone else container.decode(stream):
             if frame.pts is not None:
                 return frame
             raise VideoError(f"{path} - the pictures have no time stamps - remux the clip to mp4 or mkv first")
