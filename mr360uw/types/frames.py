@@ -257,12 +257,11 @@ class Layer:
         return self._full("shafts", 0.0, 3)
 
 
-LIGHT_SAMPLES_HZ, SUN_SAMPLES_HZ = 8.0, 4.0
-"""Samples in a second: of the light and the veil's gain, interpolated between them, and of a clip's sun, one direction
-for seconds: waves of 2 s, the shortest that move it much, are sampled 8 times. Twice as large, measuring takes twice as
-long."""
+LIGHT_SAMPLES_HZ = 8.0
+"""Samples in a second. Waves of 2 s, the shortest that move the sun much, are sampled 16 times; the gain of the veil is
+smoothed over two to four seconds afterwards. Twice as large, measuring takes twice as long."""
 
 
-def sample_step(frame_rate: float, samples_hz: float = LIGHT_SAMPLES_HZ) -> int:
+def sample_step(frame_rate: float) -> int:
     """Return the number of frames from one sample to the next, 1 or more; frames whose index it divides are samples."""
-    return max(round(frame_rate / samples_hz), 1)
+    return max(round(frame_rate / LIGHT_SAMPLES_HZ), 1)

@@ -41,7 +41,7 @@ from mr360uw.reading.input_files import json_of, read_text
 from mr360uw.shapes import checked, exactly, numbers
 from mr360uw.sphere import direction_from_angles
 from mr360uw.types import Environment, Floats, Sun
-from mr360uw.types.frames import SUN_SAMPLES_HZ, sample_step
+from mr360uw.types.frames import sample_step
 
 Array = NDArray[np.float64]
 
@@ -261,22 +261,18 @@ class SunSeries(Generic[Frame]):
     """Measurements of successive frames. measure: measures one."""
 
     def __init__(self, measure: Callable[[Frame], SunMeasurement], frame_rate: float) -> None:
-        self._measure, self._step = measure, sample_step(frame_rate, SUN_SAMPLES_HZ)
+        self._measure, self._step = measure, sample_step(frame_rate)
         self._found: list[SunMeasurement] = []
         self._waiting: list[tuple[Frame, float]] = []
 
     def add(self, frame: Frame, index: int, time_s: float) -> None:
         """Add the next frame, of an index in the clip, shown at a time [s].
 
-        Which frames are measured depends on the index alone, but that the first and the last are.
+        Which frames are measured depends on the index alone, but that the first is.
         """
         if self._found and index % self._step:
             self._waiting.append((frame, time_s))
-        else:
-            self._sample(frame)
-
-    def _sample(self, frame: Frame) -> None:
-        """Measure a frame, and those that wait where the picture has changed; else these are between two measured."""
+            return
         here = self._measure(frame)
         if self._waiting:
             change = np.abs(np.asarray(here.thumbnail) - np.asarray(self._found[-1].thumbnail))
@@ -289,8 +285,7 @@ class SunSeries(Generic[Frame]):
 
     def every(self) -> list[SunMeasurement]:
         """Return one measurement for each frame; those on the way between two have no sun of their own."""
-        if self._waiting:
-            self._sample(self._waiting.pop()[0])
+        self._measure_waiting()
         return self._found
 
     def _measure_waiting(self) -> None:

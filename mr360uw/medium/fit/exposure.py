@@ -201,14 +201,10 @@ class GainSeries(Generic[Frame]):
         """Residual of each frame, after `steady`."""
 
     def add(self, frame: Frame, index: int) -> None:
-        """Add the next frame, of an index in the clip; that alone says which are measured, but the first and last."""
+        """Add the next frame, of an index in the clip; that alone says which frames are measured, after the first."""
         if self._last is not None and index % self._step:
             self._waiting.append(frame)
-        else:
-            self._sample(frame)
-
-    def _sample(self, frame: Frame) -> None:
-        """Measure a frame, and those that wait where exposure or picture changed; else these are between two."""
+            return
         here = self._measure(frame)
         if self._waiting and self._last is not None:
             last, count = self._last, len(self._waiting) + 1
@@ -226,8 +222,7 @@ class GainSeries(Generic[Frame]):
 
     def steady(self) -> Floats:
         """Return the smoothed gain (N, 3) of every frame; see `steady_gain`."""
-        if self._waiting:
-            self._sample(self._waiting.pop())
+        self._measure_waiting()
         exposure, picture = zip(*self._changes, strict=True)
         return steady_gain(self._gains, exposure, picture, self._rate)
 
