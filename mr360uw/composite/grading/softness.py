@@ -145,7 +145,7 @@ _FLOORS = 8.0
 
 
 def detail_spectrum(frames: Sequence[Floats]) -> tuple[Floats, Floats, float]:
-    """Return the spectrum of the detail of pictures of luma (H, W), in 8-bit code values, equirectangular.
+    """Return the spectrum of the detail of pictures of luma (H, W) on any scale, equirectangular.
 
     Frequencies (n,) [cycles/px] at which it exceeds the noise, its mean power (n,) there, and detail over noise.
     """
@@ -165,7 +165,7 @@ def detail_spectrum(frames: Sequence[Floats]) -> tuple[Floats, Floats, float]:
 
 
 def point_spread(frames: Sequence[Floats]) -> PlateGrade:
-    """Return the blur of pictures of luma (H, W), in 8-bit code values; none where it is not evident."""
+    """Return the blur of pictures of luma (H, W), on any scale; none where it is not evident."""
     frequency, power, detail = detail_spectrum(frames)
     floor = power.min(initial=np.inf)
     above = power > _FLOORS * floor  # less an encoder's noise in the detail itself
