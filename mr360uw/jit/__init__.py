@@ -38,7 +38,7 @@ from numba.core import config, sigutils
 from numba.core.caching import _Cache
 from numba.core.compiler import CompileResult
 from numba.core.dispatcher import Dispatcher
-from numba.core.runtime import rtsys
+from numba.core.runtime.nrt import rtsys
 from numba.core.serialize import dumps
 from numba.core.types.abstract import Type
 from numba.core.types.containers import BaseNamedTuple, BaseTuple
@@ -124,7 +124,8 @@ class _Kept(_Cache):  # type: ignore[misc, unused-ignore]
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """Return the kernel for arguments of a type, None where it must be compiled."""
-        rtsys.initialize(target_context)  # all that a compiled kernel needs; the compiler loads what compiling takes
+        # Memory for what kernels make; the tables of the compiler are read where one must be compiled
+        rtsys.initialize(target_context)
         name = self._name(sig, target_context.codegen())
         for folder, read in ((SHIPPED, read_bytes), (kernel_folder(), read_kept)) if self._enabled else ():
             stored = None if folder is None else read(folder / name)
