@@ -12,8 +12,10 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mr360uw.cache import Cache
 from mr360uw.color import decode_signal, encode, ycbcr_from_rgb
@@ -166,7 +168,7 @@ def _intact(video: VideoReader, places: list[int]) -> Iterator[VideoFrame]:
             continue
 
 
-def _luma(frame: VideoFrame) -> Floats:
+def _luma(frame: VideoFrame) -> NDArray[Any]:
     """Return the luma (H, W) of a frame as its codes have it, that of sRGB where it has none of its own."""
     if frame.yuv is not None:
         return frame.yuv.y
