@@ -264,7 +264,10 @@ Fitted = TypeVar("Fitted")
 
 
 def resampled(fit: Callable[[list[Frame]], Fitted], frames: Sequence[Frame], draws: int, seed: int) -> list[Fitted]:
-    """Return what a fit gives of so many draws of as many frames, with replacement; `ParameterError` without frames."""
+    """Return what a fit gives of so many draws of as many frames, with replacement: the bootstrap (Efron 1979).
+
+    Raises `ParameterError` without frames.
+    """
     whole("draws", draws, 2, 1_000_000)
     if not len(frames):
         raise ParameterError("frames - must hold one or more (got none) - give the frames of a clip")
