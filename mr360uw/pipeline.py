@@ -127,21 +127,21 @@ def composite_video(
         last.callback(close_backend, renderer)
         (count, crew), inputs = make_crew(workers, cluster, len(parts)), input_fingerprints(loaded)
         keys = work_keys(loaded, inputs, "mixed" if mixed else renderer.name, measured_range(video, *span))
+        seen = DecodedOnce(video, measured_range(video, *span) if crew is None else (0, 0))
         with work_folder(output.path, keys, fresh=fresh, overwrite=overwrite) as work:
             left, times, doubts = output.left(work, parts), RunTimes(), tuple[str, ...]()
             kept = total - sum(stop - start for start, stop in left)
             if left:
-                seen = DecodedOnce(video, measured_range(video, *span) if crew is None else (0, 0))
                 analysis = _find_analysis(loaded, seen, span, work, times, progress, tell, fresh=fresh)
                 doubts = analysis.notes
                 begin_phase(progress, "rendering")
                 done = _counted(progress, tell and forecaster(tell, output, work, total - kept), kept, total)
                 job = Job(scene, output.path, work, "auto" if mixed else renderer.name, output.layers, left)
-                opened = OpenJob(job, seen if seen.are_all else video, loaded, renderer)
+                opened = OpenJob(job, seen if seen.are_all else video, loaded, renderer, analysis)
                 with _noting_what_is_finished(output, work):
                     times.merge(_alone(opened, done) if crew is None else crew(job, done))
             notes = output.complete(work, parts)
-        doubts = (*video.doubts, *projection_notes(scene, video, span[0]), *loaded.notes, *doubts, *work.notes)
+        doubts = (*video.doubts, *projection_notes(scene, seen, span[0]), *loaded.notes, *doubts, *work.notes)
     made = replace(
         _report(Path(out), total, loaded, renderer, times), seconds=time.perf_counter() - began, kept_frames=kept,
         notes=(*doubts, *filter(None, [fallback, taken, undrawn]), *notes), workers=count, inputs=inputs,

@@ -22,7 +22,7 @@ import numpy as np
 import pytest
 
 from mr360uw.ibl import track_suns
-from mr360uw.ibl.sun.trackfile import save_track
+from mr360uw.ibl.sun.track import save_track
 from mr360uw.progress import begin_phase, terminal_progress
 from mr360uw.reading.extras import EXTRAS
 from mr360uw.sample import SampleDive

@@ -178,3 +178,15 @@ def test_a_run_with_nowhere_to_keep_kernels_compiles_them_as_it_goes(tmp_path: P
         check=True,
     )  # fmt: skip
     assert done.stdout == ""
+
+
+def test_a_kept_kernel_is_loaded_without_what_the_compiler_needs(tmp_path: Path) -> None:
+    """The compiler's own functions of NumPy and SciPy take a quarter of a second to load."""
+    (tmp_path / "twice.py").write_text(
+        "import sys\nfrom mr360uw.jit import exact\n@exact\ndef twice(x):\n    return 2.0 * x\n"
+        "print(twice(1.5), 'numba.np.linalg' in sys.modules)\n"
+    )
+    kept = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "kept")}
+    command = [sys.executable, "-c", "import twice"]
+    said = [subprocess.check_output(command, cwd=tmp_path, env=kept, text=True).split() for _ in range(2)]
+    assert said == [["3.0", "True"], ["3.0", "False"]]

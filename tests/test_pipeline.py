@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from fractions import Fraction
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ import mr360uw as uw
 from mr360uw.sample import SampleDive
 from mr360uw.scene.model import load_scene
 from mr360uw.video import read_spherical
+from mr360uw.video.read import container
 from tests.gpmf import payloads, tilted_up
 from tests.scenes import gradient_plate, scene_with, yawed
 from tests.tolerances import (
@@ -68,6 +70,22 @@ def test_a_video_goes_in_and_a_video_comes_out(dive: SampleDive, tmp_path: Path,
     # something was put in, and not everywhere
     changed = np.abs(made[3].image_linear - plate[3].image_linear).max(axis=-1) > 0.02
     assert 0.005 < changed.mean() < 0.3
+
+
+def test_a_short_clip_is_opened_for_its_metadata_and_decoded_once(
+    dive: SampleDive, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whatever is measured in it: the sun, the gain, its softness, and whether it is a panorama at all."""
+    opened: list[Path] = []
+    plain = container.open_container
+
+    def counted(path: Path, *given: Any) -> Any:
+        opened.append(path)
+        return plain(path, *given)
+
+    monkeypatch.setattr(container, "open_container", counted)
+    uw.composite_video(load_scene(dive.scene), tmp_path / "out.mp4", backend="reference", fresh=True)
+    assert opened == [dive.plate, dive.plate]
 
 
 def test_without_an_object_a_lossless_output_is_the_plate(dive: SampleDive, tmp_path: Path) -> None:

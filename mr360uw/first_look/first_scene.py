@@ -23,7 +23,7 @@ from mr360uw.first_look.place_in_plate import ShownDistance, Wish
 from mr360uw.first_look.plate_look import Eye, PlateLook, look_at_plate
 from mr360uw.first_look.proposal import propose
 from mr360uw.first_look.proposal_words import brightness_lines, found_lines, scene_lines
-from mr360uw.ibl.sun.words import SunFound
+from mr360uw.ibl.sun.detect import SunFound
 from mr360uw.output_gate import check_outputs
 from mr360uw.preview.live import COARSE_WIDTH, LivePreview
 from mr360uw.preview.thumbnail import screen_picture

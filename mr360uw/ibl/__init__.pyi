@@ -4,8 +4,7 @@ from .lighting import environment
 from .settings import LightSettings
 from .splitsum import split_sum
 from .sun.detect import detect_sun
-from .sun.track import SunMeasurement, SunTrack, measure_sun, track_suns
-from .sun.trackfile import load_track, save_track
+from .sun.track import SunMeasurement, SunTrack, load_track, measure_sun, save_track, track_suns
 from .yuv import environment_from_yuv
 
 __all__ = [

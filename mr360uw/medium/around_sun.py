@@ -86,17 +86,29 @@ def _roughly(model: FieldModel, lobes: bytes, depth_m: float) -> Array:
 
 def _over_mean(light: Array) -> Array:
     """Return light (r, a, 3) over its mean over the azimuths; 1 in a channel without light."""
-    mean = np.einsum("a,rak->rk", _shares(), light)[:, None]
+    gap, (_, bent) = np.diff(AZIMUTHS), _spline()
+    weight = 0.5 * (np.append(gap, 0.0) + np.append(0.0, gap))  # of each node in the mean of straight lines between
+    cubes = np.append(gap**3, 0.0) + np.append(0.0, gap**3)
+    share = (weight - cubes @ bent / 24.0) / PI
+    mean = np.einsum("a,rak->rk", share, light)[:, None]
     return np.divide(light, mean, out=np.ones(light.shape), where=mean > _TINY)
 
 
 @functools.cache
-def _shares() -> Array:
-    """Return the weight (a,) of each azimuth in a mean over the circle."""
-    from scipy.interpolate import CubicSpline
+def _spline() -> tuple[Array, Array]:
+    """Return the gaps (a - 1,) between `AZIMUTHS` and the matrix (a, a) that gives a cubic spline's second derivatives.
 
-    splines = CubicSpline(AZIMUTHS, np.eye(len(AZIMUTHS)), bc_type="clamped")
-    return np.asarray(splines.integrate(0.0, PI) / PI)
+    With y at the nodes, h the gaps, y" is continuous and linear between nodes, and y' is 0 at both ends, where the sun
+    and its opposite are:
+
+        h_(k-1) y"_(k-1) + 2 (h_(k-1) + h_k) y"_k + h_k y"_(k+1) = 6 ((y_(k+1) - y_k)/h_k - (y_k - y_(k-1))/h_(k-1))
+    """
+    gap = np.diff(AZIMUTHS)
+    slope = np.diff(np.eye(len(AZIMUTHS)), axis=0) / gap[:, None]
+    left, right = np.append(0.0, gap), np.append(gap, 0.0)
+    bend = np.diag(2.0 * (left + right)) + np.diag(gap, 1) + np.diag(gap, -1)
+    ends = np.zeros((1, len(AZIMUTHS)))
+    return gap, np.linalg.solve(bend, 6.0 * np.diff(np.vstack([ends, slope, ends]), axis=0))
 
 
 def placed(ratio: Array, sun: Floats) -> Array:
@@ -104,13 +116,19 @@ def placed(ratio: Array, sun: Floats) -> Array:
 
     sun: (3,) direction towards it in the map's axes.
     """
-    from scipy.interpolate import CubicSpline
-
     level = directions(COLUMNS, 2)[0][:, [0, 2]]
     across = np.array([sun[0], sun[2]]) / max(float(np.hypot(sun[0], sun[2])), 1e-12)
     cosine = level @ across / np.linalg.norm(level, axis=1)
-    splines = CubicSpline(AZIMUTHS, ratio, axis=1, bc_type="clamped")
-    return np.maximum(splines(np.arccos(np.clip(cosine, -1.0, 1.0))), 0.0)
+    # Weights (COLUMNS, a) of the nodes in the cubic spline at each column's azimuth from the sun
+    gap, bent = _spline()
+    azimuth = np.arccos(np.clip(cosine, -1.0, 1.0))
+    before = np.clip(np.searchsorted(AZIMUTHS, azimuth, side="right") - 1, 0, len(gap) - 1)
+    h, b = gap[before], (azimuth - AZIMUTHS[before]) / gap[before]
+    a, nodes = 1.0 - b, np.eye(len(AZIMUTHS))
+    weight = a[:, None] * nodes[before] + b[:, None] * nodes[before + 1]
+    for part, node in ((a, before), (b, before + 1)):
+        weight += ((part**3 - part) * h * h / 6.0)[:, None] * bent[node]
+    return np.maximum(np.einsum("ca,rak->rck", weight, ratio), 0.0)
 
 
 def typical_level(around: Array) -> Array:

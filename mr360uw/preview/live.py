@@ -82,11 +82,12 @@ def _of_ground(loaded: Loaded) -> Hashable:
     return loaded.plan.pattern.runs, loaded.scene.receiver, waves_of(loaded.scene)
 
 
-def _reduced(background: Background, width: int, height: int) -> Background:
+def _reduced(background: Background, width: int) -> Background:
     import cv2
 
-    if background.mean is None or background.mean.shape[:2] == (height, width):
+    if background.mean is None or background.mean.shape[1] == width:
         return background
+    height = round(len(background.mean) * width / background.mean.shape[1])
     small: Any = cv2.resize(background.mean.astype(np.float32), (width, height), interpolation=cv2.INTER_AREA)
     return replace(background, mean=small.astype(np.float16))
 
@@ -169,7 +170,7 @@ class LivePreview:
         background = self._last.background
         if background is None or _of_ground(loaded) not in self._ground_keys:
             return replace(self._last, background=None)
-        reduced = self._reads.cache.of(_reduced, background, loaded.width, loaded.height)
+        reduced = self._reads.cache.of(_reduced, background, loaded.width)
         return replace(self._last, background=reduced)
 
     def loaded(self, scene: Scene, width: int | None = None) -> Loaded:

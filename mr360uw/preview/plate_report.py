@@ -50,7 +50,7 @@ def analyse_video(
     `VideoError`, `SceneError`, `ParameterError` or `OutputExistsError`.
     """
     from mr360uw.ibl.report import ReportFrame, light_report
-    from mr360uw.ibl.sun.trackfile import save_track
+    from mr360uw.ibl.sun.track import save_track
 
     source = Path(source)
     scene = load_scene(source) if source.suffix == ".toml" else Scene(plate=PlateSettings(path=source, eye=eye))

@@ -13,7 +13,7 @@ from typing import TypeVar
 from mr360uw.composite import load_object
 from mr360uw.errors import DamagedFrameError, Mr360uwError, SceneError, VideoError
 from mr360uw.ibl import SunTrack
-from mr360uw.ibl.sun.words import tracked_in_words
+from mr360uw.ibl.sun.detect import tracked_in_words
 from mr360uw.output_gate import check_outputs
 from mr360uw.reading.cached_reads import CachedReads
 from mr360uw.render.backends import Backend, make_backend

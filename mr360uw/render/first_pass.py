@@ -20,8 +20,7 @@ from mr360uw.ibl.sun.track import SunSeries
 from mr360uw.medium import Medium
 from mr360uw.medium.fit.exposure import GainSeries, MeasuredGain
 from mr360uw.medium.fit.level import DOUBTFUL, fit_level
-from mr360uw.medium.fit.open_water import OpenWater
-from mr360uw.medium.fit.open_water_track import OpenWaterLooks, OpenWaterTrack
+from mr360uw.medium.fit.open_water import OpenWater, OpenWaterLooks, OpenWaterTrack
 from mr360uw.plot import Figure, Shown
 from mr360uw.progress import Progress
 from mr360uw.render.lights import may_be_clipped, restored
@@ -31,7 +30,7 @@ from mr360uw.render.plate_pattern import FRAMES, Background, BackgroundSeries, b
 from mr360uw.render.stages.match_stage import clip_colour, clip_grade
 from mr360uw.render.surroundings import Surroundings
 from mr360uw.threads import one_blas_thread, prefetch
-from mr360uw.types import Floats, Sun
+from mr360uw.types import Environment, Floats, Sun
 from mr360uw.video import VideoFrame, VideoReader
 from mr360uw.video.video_frame import Grade
 
@@ -143,12 +142,13 @@ def clip_analysis(
     wanted = {"sun": plan.track_sun.runs, "gain": gain, "open_water": gain and loaded.scene.water.fits_ratio}
     measures = [name for name, runs in wanted.items() if runs]
     keyed = loaded.surroundings_at if loaded.scene.keys else None
-    grade = clip_grade(loaded, video)
-    colour = clip_colour(loaded, grade)
+    # A colour that the patches tell is needed before; for all else, frames may have been read by then
+    grade = clip_grade(loaded, video) if loaded.scene.match.open_keys else None
     analysis = first_pass(
-        loaded.surroundings, video, progress, measures, background=background, frames=frames, keyed=keyed, grade=colour
-    )
-    return replace(analysis, grade=grade)
+        loaded.surroundings, video, progress, measures, background=background, frames=frames, keyed=keyed,
+        grade=clip_colour(loaded, grade),
+    )  # fmt: skip
+    return replace(analysis, grade=grade or clip_grade(loaded, video))
 
 
 def first_pass(
@@ -205,7 +205,7 @@ class _Pass:
     ) -> None:
         self._camera, self._now = surroundings.camera, keyed or (lambda _: surroundings)
         self._video, self._measures, self._background, self._grade = video, measures, background, grade
-        self._level = lru_cache(maxsize=1)(self._fit)
+        self._level, self._light = lru_cache(maxsize=1)(self._fit), lru_cache(maxsize=1)(self._read)
 
     def over(self, begin: int, end: int | None, progress: Progress | None) -> ClipAnalysis:
         """Return the analysis of frames [begin, end)."""
@@ -243,15 +243,14 @@ class _Pass:
 
     def open_water(self, frame: VideoFrame) -> OpenWater:
         """Return the open water of a frame whose gain is fitted."""
-        now = self._now(frame.time_s)
-        sun = now.light.of(frame.pixels, time_s=frame.time_s).sun
+        now, sun = self._now(frame.time_s), self._light(frame).sun
         return now.open_water(frame, self._water(frame), self._level(frame).gain, sun)
 
     def sun(self, frame: VideoFrame) -> SunMeasurement:
         """Return the sun of a frame, with the light that its water lets be known."""
         now = self._now(frame.time_s)
         world_from_camera = self._camera.at(frame.time_s)[1]
-        light = now.light.of(frame.pixels, time_s=frame.time_s)
+        light = self._light(frame)
         if now.medium is not None and may_be_clipped(frame.pixels, now.settings):
             medium, known = now.medium_at(frame.time_s), True  # whose tables the frames are drawn with
             assert medium is not None
@@ -261,6 +260,10 @@ class _Pass:
             if known:
                 light = restored(light, medium, world_from_camera[1], keep_sun=False)
         return measure_sun(light, frame.time_s, world_from_camera)
+
+    def _read(self, frame: VideoFrame) -> Environment:
+        """Return the light of a frame as the plate shows it."""
+        return self._now(frame.time_s).light.of(frame.pixels, time_s=frame.time_s)
 
     def _fit(self, frame: VideoFrame) -> MeasuredGain:
         medium, up = self._water(frame), self._camera.at(frame.time_s)[1][1]

@@ -36,8 +36,7 @@ from mr360uw.ibl.lighting import sunlit
 from mr360uw.ibl.lookup import environment_lookup
 from mr360uw.ibl.plate import LinearPlate, Plate
 from mr360uw.ibl.sun.closure import CLEAR_SKY, CLEAR_SKY_DIRECT, beam_below, direct_share
-from mr360uw.ibl.sun.detect import DISPLAY_WHITE
-from mr360uw.ibl.sun.words import SunFound, sun_found
+from mr360uw.ibl.sun.detect import DISPLAY_WHITE, SunFound, sun_found
 from mr360uw.ibl.yuv import plate_of_yuv
 from mr360uw.medium import Medium
 from mr360uw.medium.fit.level_light import irradiance_from_level, light_below_horizon

@@ -33,8 +33,7 @@ from mr360uw.render.caustic_depths import CausticDepths
 from mr360uw.render.mattes import Mattes, ReceiverClip
 from mr360uw.render.plan import ObjectFacts, Plan, joined_plan, make_plan
 from mr360uw.render.surroundings import Surroundings, camera_path, floor_depth_m, load_surroundings
-from mr360uw.scene.key_problems import key_times
-from mr360uw.scene.key_targets import KeyedParameter
+from mr360uw.scene.key_targets import KeyedParameter, key_times
 from mr360uw.scene.keyed_water import WaterBetween, scene_at, water_between
 from mr360uw.scene.model import Scene
 from mr360uw.scene.toml_model import dotted

@@ -52,8 +52,9 @@ _DETAIL_ROWS = (0.6, 0.9)
 class Background:
     """The ground of a clip in the mean light of its waves.
 
-    mean: (H, W, 3) float16 of the plate, or None where the camera moves or there is one picture. strength: fraction of
-    the variance of the ground's detail that is caustics, for smoothing instead.
+    mean: (rows, W, 3) float16 of the plate's last rows, those that can show the ground; None where the camera moves or
+    there is one picture. strength: fraction of the variance of the ground's detail that is caustics, for smoothing
+    instead; 1 where no picture is smoothed.
     """
 
     mean: Floats | None
@@ -64,11 +65,11 @@ class BackgroundSeries:
     """Collects the first frames of a clip, or of a range.
 
     height_m: of the camera above the ground. contrast: standard deviation over mean of the light on the ground that the
-    scene's sea makes.
+    scene's sea makes. sky: fraction of a frame's rows, from the top, that cannot show the ground.
     """
 
-    def __init__(self, height_m: float, contrast: float) -> None:
-        self._height_m, self._contrast = height_m, contrast
+    def __init__(self, height_m: float, contrast: float, sky: float = 0.0) -> None:
+        self._height_m, self._contrast, self._sky = height_m, contrast, sky
         self.clear()
 
     def clear(self) -> None:
@@ -77,7 +78,7 @@ class BackgroundSeries:
         self._sum: NDArray[np.float32] | None = None
         self._held: list[VideoFrame] = []
         self._small: list[Floats] = []
-        self._variance: list[float] = []
+        self._measured: list[VideoFrame] = []
 
     def add(self, frame: VideoFrame) -> None:
         """Take a frame in, where it is one of those that count."""
@@ -86,14 +87,15 @@ class BackgroundSeries:
         place = frame.index - self._first
         if place >= FRAMES or place % _EVERY:
             return
-        if len(self._variance) < _MEASURED:
-            self._variance.append(self._detail(frame))
+        if len(self._measured) < _MEASURED:
+            self._measured.append(replace(frame))  # without what was worked out from its codes
         if len(self._small) >= _LEAST_FRAMES and self._sum is None:
             return  # the camera moves, and no mean is of use
         self._small.append(_without_its_blur(frame))
-        self._held.append(replace(frame))  # without what was worked out from its codes
+        self._held.append(replace(frame))
         if len(self._small) == _LEAST_FRAMES and stands(self._small):
-            self._sum = np.zeros((*frame.shape, 3), np.float32)
+            height, width = frame.shape
+            self._sum = np.zeros((height - int(self._sky * height), width, 3), np.float32)
         if self._sum is not None:
             for held in self._held:
                 _add_light(held, self._sum)
@@ -102,12 +104,15 @@ class BackgroundSeries:
 
     def result(self) -> Background:
         """Return what the frames show; without any, that nothing is caustics."""
-        if not self._variance:
+        if not self._measured:
             return Background(None, 0.0)
-        strength = min(1.0, self._contrast**2 / max(float(np.mean(self._variance)), 1e-9))
-        if self._sum is None or not stands(self._small):
-            return Background(None, strength)
-        return Background((self._sum / np.float32(len(self._small))).astype(np.float16), strength)
+        mean, strength = None, 1.0
+        if self._sum is not None and stands(self._small):
+            mean = (self._sum / np.float32(len(self._small))).astype(np.float16)
+        if mean is None or self._measured[0].right is not None:  # the mean is of the left eye's pictures
+            variance = float(np.mean([self._detail(frame) for frame in self._measured]))
+            strength = min(1.0, self._contrast**2 / max(variance, 1e-9))
+        return Background(mean, strength)
 
     def _detail(self, frame: VideoFrame) -> float:
         """Return the variance of the ground's detail over its smooth light."""
@@ -132,11 +137,12 @@ def _without_its_blur(frame: VideoFrame) -> Floats:
 
 
 def _add_light(frame: VideoFrame, total: NDArray[np.float32]) -> None:
-    """Add the linear light of a frame to a sum (H, W, 3), some rows at a time, which stay in the processor's cache."""
+    """Add the linear light of a frame's last rows to a sum (rows, W, 3), some at a time, which stay in the cache."""
     height, width = frame.shape
-    for row in range(0, height, _ROWS):
+    first = height - len(total)
+    for row in range(first, height, _ROWS):
         part = Rectangle(0, row, width, min(_ROWS, height - row))
-        total[row : row + part.height] += frame.linear(part)
+        total[row - first : row - first + part.height] += frame.linear(part)
 
 
 def stands(pictures: list[Floats]) -> bool:
@@ -172,7 +178,11 @@ def background_series(loaded: Loaded) -> BackgroundSeries | None:
     """Return what collects a clip's ground without caustics; None where the plan leaves its caustics alone."""
     if not loaded.plan.pattern.runs or loaded.receiver is None:
         return None
-    return BackgroundSeries(*_on_ground(loaded, loaded.receiver, Cache()))
+    # A level camera sees a level floor, which lies below it, in the lower half of its frames
+    camera, settings = loaded.surroundings.camera, loaded.scene.receiver
+    level = camera.track is None and camera.tilt is None and loaded.plate_depth is None
+    sky = 0.5 if level and settings is not None and settings.kind == "plane" else 0.0
+    return BackgroundSeries(*_on_ground(loaded, loaded.receiver, Cache()), sky)
 
 
 def _on_ground(loaded: Loaded, receiver: ReceiverClip, cache: Cache) -> tuple[float, float]:

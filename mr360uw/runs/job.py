@@ -18,6 +18,7 @@ from mr360uw.errors import GlError
 from mr360uw.files import WrittenFiles
 from mr360uw.reading.numbered_files import numbered
 from mr360uw.render.backends import Backend, make_backend
+from mr360uw.render.first_pass import ClipAnalysis
 from mr360uw.render.frame import DrawnFrame, Frame, FrameShots, blend_frame, draw_frame, frame_shots, measure_plate
 from mr360uw.render.loaded import Loaded, load
 from mr360uw.render.stages.light_stage import LightSamples
@@ -104,14 +105,19 @@ class OpenJob:
     """A job with its plate, its loaded scene and its renderer, for the thread that opened it."""
 
     def __init__(
-        self, job: Job, video: VideoReader | None = None, loaded: Loaded | None = None, backend: Backend | None = None
+        self,
+        job: Job,
+        video: VideoReader | None = None,
+        loaded: Loaded | None = None,
+        backend: Backend | None = None,
+        analysis: ClipAnalysis | None = None,
     ) -> None:
         self.job = job
         self.video = open_plate(job.scene) if video is None else video
         size = self.video.width, self.video.height
         self.loaded = load(job.scene, *size, clip=not self.video.is_still) if loaded is None else loaded
         self.backend = _backend_of_worker(job.backend, job.scene.plate.eyes) if backend is None else backend
-        analysis = job.work.analysis()
+        analysis = job.work.analysis() if analysis is None else analysis
         assert analysis is not None, "the analysis is stored before a job is opened"
         self._analysis, self._times = analysis, RunTimes()
 

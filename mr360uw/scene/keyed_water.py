@@ -20,8 +20,7 @@ from pydantic.fields import FieldInfo
 from mr360uw.medium.models import CLOSED_FORMS
 from mr360uw.medium.settings import WaterSettings
 from mr360uw.parameters import bounds_of, stated
-from mr360uw.scene.key_problems import key_times
-from mr360uw.scene.key_targets import KeyedParameter, Target, target_of, with_values
+from mr360uw.scene.key_targets import KeyedParameter, Target, key_times, target_of, with_values
 from mr360uw.scene.model import Scene
 
 _SHOWN = 6

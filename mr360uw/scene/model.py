@@ -8,7 +8,7 @@ files, and reports every problem of a file at once.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
@@ -22,15 +22,14 @@ from mr360uw.composite.grading.settings import MatchSettings
 from mr360uw.composite.object_settings import ObjectSettings
 from mr360uw.composite.settings import DrawSettings, HoldoutSettings, LampSettings, ReceiverSettings
 from mr360uw.composite.snow.settings import SnowSettings
+from mr360uw.constants import MAXIMUM_SUN_SAMPLES
 from mr360uw.errors import SceneError
 from mr360uw.ibl.settings import LightSettings
 from mr360uw.medium.settings import WaterSettings
 from mr360uw.medium.shafts.settings import ShaftSettings
 from mr360uw.parameters import Parameters, advanced, listed, parameter
-from mr360uw.scene.key_problems import check_keys
-from mr360uw.scene.key_targets import KeyedParameter
+from mr360uw.scene.key_targets import KeyedParameter, check_keys
 from mr360uw.scene.problems import Lines, problems
-from mr360uw.scene.quality import with_quality
 from mr360uw.scene.toml_model import (
     load_model,
     model_from_dict,
@@ -43,6 +42,43 @@ from mr360uw.shapes import checked, file_path
 from mr360uw.video.read.projection import FISHEYE_FOV_DEG, Projection
 from mr360uw.video.settings import EncodeSettings
 from mr360uw.yuv.ocio_transform import OcioSettings
+
+QUALITIES: Mapping[str, Mapping[str, Mapping[str, object]]] = {
+    "draft": {
+        "water": {"bands": 21},
+        "caustics": {"size": 256, "planes": 2},
+        "shafts": {"resolution": 512, "slices": 16},
+        "draw": {"samples": 13, "sun_samples": 8},
+    },
+    "final": {},
+    "reference": {
+        "water": {"bands": 121},
+        "caustics": {"size": 1024, "grid": 512, "planes": 8},
+        "shafts": {"resolution": 2048, "slices": 128},
+        "draw": {"shading": "sample", "sun_samples": MAXIMUM_SUN_SAMPLES},
+    },
+}
+"""Values of each `draw.quality`, by table and key. "final" is the defaults of the tables. `mr360uw bench` measures what
+each value costs and how far it is from the reference."""
+
+
+def with_quality(data: Any) -> Any:
+    """Return the tables of a scene with the values of its `draw.quality` where they have none of their own.
+
+    data: as `Scene` is made of, tables or models by name; a value that is set is kept, the default of its key included.
+    What is no such table, or of no known quality, is returned as it is, for the models to report.
+    """
+    draw = data.get("draw") if isinstance(data, dict) else None
+    quality = draw.get("quality") if isinstance(draw, dict) else getattr(draw, "quality", None)
+    tables = QUALITIES.get(quality, {}) if isinstance(quality, str) else {}
+    filled = {name: _filled(data.get(name, {}), values) for name, values in tables.items()}
+    return {**data, **filled} if filled else data
+
+
+def _filled(table: Any, values: Mapping[str, object]) -> Any:
+    if isinstance(table, BaseModel):
+        return table.model_copy(update={key: v for key, v in values.items() if key not in table.model_fields_set})
+    return {**values, **table} if isinstance(table, dict) else table
 
 
 class PlateSettings(Parameters):

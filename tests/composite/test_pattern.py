@@ -141,6 +141,27 @@ def test_the_calm_ground_is_the_mean_of_the_frames_where_the_camera_stands(rng: 
             np.testing.assert_allclose(found.mean, np.mean(shown, axis=0), rtol=tol.HALF_FLOAT)
 
 
+def test_rows_that_cannot_show_the_ground_are_not_summed(rng: np.random.Generator) -> None:
+    """What is left is the same mean; a part that begins above it has none there."""
+    shown = rng.uniform(0.2, 0.6, (1, 64, 128, 3)) * rng.uniform(0.8, 1.2, (9, 64, 128, 1))
+    means = []
+    for sky in (0.0, 0.5):
+        series = BackgroundSeries(1.5, 0.1, sky)
+        for k, image in enumerate(shown.astype(np.float32)):
+            series.add(VideoFrame.of_linear(image, 4 * k))
+        means.append(series.result().mean)
+    whole, lower = means
+    assert whole is not None
+    assert lower is not None
+    assert np.array_equal(lower, whole[32:])
+    one, other = (PlatePattern(Still(shown[0]), mean, 1.5, 1.0) for mean in (whole, lower))
+    for part in (Rectangle(8, 40, 24, 8), Rectangle(8, 28, 24, 12), Rectangle(8, 10, 24, 12)):
+        above = max(32 - part.row, 0)
+        expected = one.mean_of(part)
+        expected[:above] = 0.0
+        assert np.array_equal(other.mean_of(part), expected)
+
+
 def test_a_camera_that_stands_is_told_from_one_that_moves(rng: np.random.Generator) -> None:
     ground = rng.normal(size=(64, 256))
     waves = [rng.normal(size=(64, 256)) for _ in range(12)]

@@ -11,9 +11,8 @@ import pytest
 import mr360uw.ibl as ibl
 from mr360uw.ibl.plate import LinearPlate
 from mr360uw.ibl.settings import LightSettings
-from mr360uw.ibl.sun.detect import find_disc
-from mr360uw.ibl.sun.glow import find_glow
-from mr360uw.ibl.sun.words import sun_found
+from mr360uw.ibl.sun.detect import find_disc, sun_found
+from mr360uw.ibl.sun.judge import find_glow
 from mr360uw.sphere import direction_from_angles, directions, row_solid_angle, unit
 from tests.ibl.panoramas import texture
 from tests.ibl.plates import angle_deg, clipped

@@ -5,9 +5,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.interpolate import CubicSpline
 
 from mr360uw.medium import Medium, Water
-from mr360uw.medium.around_sun import around_sun, placed, typical_level
+from mr360uw.medium.around_sun import AZIMUTHS, _over_mean, around_sun, placed, typical_level
 from mr360uw.medium.fit.open_water import COLUMNS, ROWS, OpenWater
 from mr360uw.medium.fit.profile import row_up
 from mr360uw.sphere import directions
@@ -20,6 +21,17 @@ AROUND_ROUGHLY, LEVEL_ROUGHLY = 0.02, 0.001
 
 def lit(sun_up: float = 0.85, water: str = "IB") -> Medium:
     return Medium(Water.jerlov(water), sky=("sun", sun_up, 0.75), camera_depth_m=DEPTH)
+
+
+def test_between_azimuths_the_ratio_is_a_cubic_spline(rng: np.random.Generator) -> None:
+    """That of SciPy, level towards the sun and away from it, and its mean over the circle is that of the spline."""
+    values = rng.uniform(0.5, 2.0, (ROWS, len(AZIMUTHS), 3))
+    level = directions(COLUMNS, 2)[0]
+    azimuth = np.arccos(level[:, 0] / np.hypot(level[:, 0], level[:, 2]))
+    splines = CubicSpline(AZIMUTHS, values, axis=1, bc_type="clamped")
+    np.testing.assert_allclose(placed(values, np.array([1.0, 0.5, 0.0])), splines(azimuth), rtol=1e-12)
+    mean = splines.integrate(0.0, np.pi)[:, None] / np.pi
+    np.testing.assert_allclose(_over_mean(values), values / mean, rtol=1e-12)
 
 
 def test_the_map_is_the_solved_light_about_the_sun() -> None:

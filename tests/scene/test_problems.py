@@ -13,8 +13,7 @@ from pydantic import Field, ValidationError
 from mr360uw.errors import SceneError
 from mr360uw.parameters import Parameters, parameter
 from mr360uw.scene.model import load_scene, scene_from_dict
-from mr360uw.scene.problems import key_lines, problems
-from mr360uw.scene.removed_keys import REMOVED
+from mr360uw.scene.problems import REMOVED, key_lines, problems
 
 
 class Calm(Parameters):

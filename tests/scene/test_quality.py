@@ -11,8 +11,7 @@ import pytest
 from mr360uw.composite.settings import DrawSettings, Quality
 from mr360uw.errors import SceneError
 from mr360uw.render.loaded import load
-from mr360uw.scene.model import Scene, load_scene, scene_from_dict
-from mr360uw.scene.quality import QUALITIES, with_quality
+from mr360uw.scene.model import QUALITIES, Scene, load_scene, scene_from_dict, with_quality
 
 TABLES = ("water", "caustics", "shafts", "draw")
 

@@ -29,8 +29,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mr360uw.composite.grading.settings import PlateGrade, ceil_px
 from mr360uw.composite.over import merge, over_tile, tile_of
@@ -144,8 +146,8 @@ _FLOORS = 8.0
 """The same over the least power of the detail, which is not known to be noise: an eighth of it is an error of 12 %."""
 
 
-def detail_spectrum(frames: Sequence[Floats]) -> tuple[Floats, Floats, float]:
-    """Return the spectrum of the detail of pictures of luma (H, W), in 8-bit code values, equirectangular.
+def detail_spectrum(frames: Sequence[NDArray[Any]]) -> tuple[Floats, Floats, float]:
+    """Return the spectrum of the detail of pictures of luma (H, W) on any scale, equirectangular.
 
     Frequencies (n,) [cycles/px] at which it exceeds the noise, its mean power (n,) there, and detail over noise.
     """
@@ -164,8 +166,8 @@ def detail_spectrum(frames: Sequence[Floats]) -> tuple[Floats, Floats, float]:
     return frequency[used], (power - noise)[used], float(energy[order[-len(top) :]].mean() / np.median(noise))
 
 
-def point_spread(frames: Sequence[Floats]) -> PlateGrade:
-    """Return the blur of pictures of luma (H, W), in 8-bit code values; none where it is not evident."""
+def point_spread(frames: Sequence[NDArray[Any]]) -> PlateGrade:
+    """Return the blur of pictures of luma (H, W), on any scale; none where it is not evident."""
     frequency, power, detail = detail_spectrum(frames)
     floor = power.min(initial=np.inf)
     above = power > _FLOORS * floor  # less an encoder's noise in the detail itself
@@ -180,7 +182,7 @@ def point_spread(frames: Sequence[Floats]) -> PlateGrade:
     return PlateGrade()
 
 
-def _rings(luma: Floats) -> Floats:
+def _rings(luma: NDArray[Any]) -> Floats:
     """Return the power (n, BLOCK/2 - 1) of a picture's blocks at 1, 2 ... cycles per block, over all directions."""
     rows, columns = luma.shape
     first, last = int(LATITUDES * rows), rows - int(LATITUDES * rows) - BLOCK

@@ -85,7 +85,8 @@ _FLATTEST = 0.02
 class PlatePattern:
     """A plate's frame and how it would look in the mean light of its waves.
 
-    mean: (H, W, 3) of the clip where the camera stands, or None: then detail of the size of caustics is smoothed.
+    mean: (rows, W, 3) of the clip's last rows, which show the ground, where the camera stands; 0 is taken above them.
+    None: then detail of the size of caustics is smoothed.
     height_m: of the camera above the ground, for that size. strength: fraction of that detail that is caustics, 0 to 1;
     a mean is the calm state as it is.
     """
@@ -108,7 +109,10 @@ class PlatePattern:
         """Return a part (h, w, 3) of the mean of the clip; none of it where there is none."""
         if self.mean is None:
             return np.zeros((0, 0, 3), np.float32)
-        return _widened(self.mean[part.row : part.row + part.height, part.column : part.column + part.width])
+        first = part.row - self.picture.shape[0] + len(self.mean)
+        columns = slice(part.column, part.column + part.width)
+        found = _widened(self.mean[max(first, 0) : max(first + part.height, 0), columns])
+        return found if first >= 0 else np.pad(found, ((part.height - len(found), 0), (0, 0), (0, 0)))
 
     def blurs(self, part: Rectangle) -> Blurs:
         """Return the blurs by `_SIGMA_M` on level ground that a part of the frame is mixed from, none with a mean."""

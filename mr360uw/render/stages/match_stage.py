@@ -12,11 +12,13 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mr360uw.cache import Cache
-from mr360uw.color import code_range, decode_signal, encode, ycbcr_from_rgb
+from mr360uw.color import decode_signal, encode, ycbcr_from_rgb
 from mr360uw.composite.grading.colour_grade import ColourGrade, Three, code_of, graded_spec, luma_weights_of
 from mr360uw.composite.grading.patch_solve import PatchWater
 from mr360uw.composite.grading.settings import MatchSettings, PatchSettings, PlateGrade
@@ -166,12 +168,11 @@ def _intact(video: VideoReader, places: list[int]) -> Iterator[VideoFrame]:
             continue
 
 
-def _luma(frame: VideoFrame) -> Floats:
-    """Return the luma (H, W) of a frame in 8-bit code values, sRGB where it has none of its own."""
+def _luma(frame: VideoFrame) -> NDArray[Any]:
+    """Return the luma (H, W) of a frame as its codes have it, that of sRGB where it has none of its own."""
     if frame.yuv is not None:
-        offset, span, _, _ = code_range(frame.yuv.spec)
-        return (frame.yuv.y.astype(np.float32) - np.float32(offset)) * np.float32(255.0 / span)
-    weights = 255.0 * ycbcr_from_rgb("bt709")[0]
+        return frame.yuv.y
+    weights = ycbcr_from_rgb("bt709")[0]
     return np.asarray(encode(frame.image_linear, "srgb") @ weights, np.float32)
 
 

@@ -33,7 +33,7 @@ def _refusal(path: Path, track: int | None, card: str, first: Any) -> str:
     """Return why a card's pictures are not taken; "" where they are."""
     try:
         with open_container(path, track, card) as (container, stream):
-            seen = in_format(first_picture(path, container, stream), first.format.name)
+            seen = in_format(first_picture(path, container, stream, alone=False), first.format.name)
         return "" if _same(seen, first) else "its first picture differs"
     except (VideoError, av.error.FFmpegError, RuntimeError, ValueError) as error:
         return str(getattr(error.__cause__, "strerror", None) or error)

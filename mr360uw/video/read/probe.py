@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -159,11 +159,41 @@ def _why_not(path: Path, error: Exception) -> str:
     return f"{path} - is not a video that FFmpeg can read (got {reason}) - name an mp4, mov, mkv or webm file"
 
 
-def first_picture(path: Path, container: Any, stream: Any) -> Any:
-    """Return the first frame of a file that has just been opened; VideoError where there is none."""
+_AHEAD = 18
+"""Packets among which that of the first picture is: as many as H.264 and HEVC may reorder, and it."""
+
+
+def _decoded_first(container: Any, stream: Any) -> Iterator[Any]:
+    """Yield the pictures of a stream from its first on, which is decoded alone if no packet after it is shown before.
+
+    A decoder would hold it back until it has others, and further threads would decode what follows, for nothing.
+    """
+    stream.thread_type = "NONE"
+    packets: list[Any] = []
+    with suppress(av.error.FFmpegError):  # what is there may do
+        for packet in container.demux(stream):
+            packets.append(packet)
+            if len(packets) == _AHEAD:
+                break
+    stamps = [packet.pts for packet in packets]
+    if len(stamps) == _AHEAD and None not in stamps and min(stamps) == stamps[0]:
+        yield from packets[0].decode()
+        yield from stream.codec_context.decode(None)
+        stream.codec_context.flush_buffers()
+    for packet in packets:
+        yield from packet.decode()
+    if len(packets) == _AHEAD:
+        yield from container.decode(stream)
+
+
+def first_picture(path: Path, container: Any, stream: Any, *, alone: bool = True) -> Any:
+    """Return the first frame of a file that has just been opened; VideoError where there is none.
+
+    alone: whether no other frame is decoded, where none must be.
+    """
     reason = "no picture"
     try:
-        for frame in container.decode(stream):
+        for frame in _decoded_first(container, stream) if alone else container.decode(stream):
             if frame.pts is not None:
                 return frame
             raise VideoError(f"{path} - the pictures have no time stamps - remux the clip to mp4 or mkv first")
