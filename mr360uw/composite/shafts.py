@@ -38,7 +38,7 @@ from mr360uw.composite.receiver.shape import plate_distance
 from mr360uw.composite.shot import Shot
 from mr360uw.composite.tiles import even_tiles, rectangles_of_mask
 from mr360uw.medium.medium import Medium
-from mr360uw.medium.shafts.settings import LEAST_NODES, ShaftSettings
+from mr360uw.medium.settings import LEAST_NODES, ShaftSettings
 from mr360uw.medium.shafts.shaft_field import FroxelGrid, shaft_field
 from mr360uw.medium.shafts.shaft_scene import ShaftScene, ShaftWater, unoccluded
 from mr360uw.sphere import unit

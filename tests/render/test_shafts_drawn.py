@@ -19,7 +19,7 @@ from mr360uw.composite.shafts import ShaftLight, code_change, grid_of, shaft_pix
 from mr360uw.composite.shot import Shot
 from mr360uw.constants import SUN_HALF_ANGLE_RAD
 from mr360uw.medium import Medium, Water
-from mr360uw.medium.shafts.settings import ShaftSettings
+from mr360uw.medium.settings import ShaftSettings
 from mr360uw.medium.shafts.shaft_field import DEFAULT_GRID, shaft_field
 from mr360uw.medium.shafts.shaft_scene import beam_share, unoccluded
 from mr360uw.render.loaded import load
