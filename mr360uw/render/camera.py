@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import functools
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -70,7 +72,7 @@ def pose_notes(scene: Scene) -> tuple[str, ...]:
     )
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class CameraPath:
     """Camera over time in the world, whose origin is `depth_m` below the mean surface.
 
@@ -131,7 +133,10 @@ class CameraPath:
         if self.track is not None:
             pose = self.track.at(time_s)
             return pose[:3, 3], pose[:3, :3]
-        position = np.array([0.0, self.depth_m - self._keyed_depth(time_s), 0.0])
+        depth_m = self.depths[0]
+        if self._depth_over_time is not None:  # constant before the first key and after the last
+            depth_m = self._depth_over_time(np.clip(time_s, self.instants[0], self.instants[-1]))
+        position = np.array([0.0, self.depth_m - float(depth_m), 0.0])
         return position, np.eye(3) if self.tilt is None else self.tilt.at(time_s)
 
     def check_times(self, first_s: float, last_s: float, frame_rate: float) -> None:
@@ -153,26 +158,26 @@ class CameraPath:
         """Return the depth [m] of the camera below the mean surface at `time_s`."""
         return self.depth_m - float(self.at(time_s)[0][1])
 
-    @property
+    @functools.cached_property
     def instants(self) -> Floats:
         """Times [s] of the keys of its height; time 0 without."""
         if self.track is not None:
             return self.track.time_s
         return np.zeros(1) if self.depth_keys is None else self.depth_keys[:, 0]
 
-    @property
+    @functools.cached_property
     def depths(self) -> Floats:
         """Return the depths [m] of all keys. Interpolation is monotone between them, so they bound all depths."""
         if self.track is not None:
             return self.depth_m - self.track.position[:, 1]
         return np.array([self.depth_m]) if self.depth_keys is None else self.depth_keys[:, 1]
 
-    def _keyed_depth(self, time_s: float) -> float:
-        depths = self.depths
-        if self.depth_keys is None or len(depths) == 1:
-            return float(depths[0])
+    @functools.cached_property
+    def _depth_over_time(self) -> Callable[[float], Any] | None:
+        """Depth [m] between keys; None where there is only one."""
+        if self.depth_keys is None or len(self.depth_keys) == 1:
+            return None
         from scipy.interpolate import PchipInterpolator
 
-        times = self.depth_keys[:, 0]
-        depth: Any = PchipInterpolator(times, depths)(np.clip(time_s, times[0], times[-1]))
-        return float(depth)
+        depth: Callable[[float], Any] = PchipInterpolator(*self.depth_keys.T)
+        return depth

@@ -35,15 +35,15 @@ def exposed_water(surroundings: Surroundings, light: FrameLight, time_s: float) 
     Between two samples in time below water it is between theirs, but for the plate's own open water. Solving it anew
     takes 30 ms where the camera sinks or rises.
     """
-    medium = surroundings.medium_at(time_s)
-    if medium is None:
-        return None
     # Between two samples: what they have, with what this plate itself shows of its open water
     if light.between is not None:
         before, after = light.between.before.medium, light.between.after.medium
         if before is not None and after is not None and min(before.camera_depth_m, after.camera_depth_m) > 0.0:
             table = table_between(before, after, light.between.share)
             return table if light.plate_ratio is None else replace(table, plate_ratio=light.plate_ratio)
+    medium = surroundings.medium_at(time_s)
+    if medium is None:
+        return None
     # Ambient light by what the plate shows from above and below
     up, environment = surroundings.camera.at(time_s)[1][1], light.environment
     sun = environment.sun

@@ -15,6 +15,7 @@ standard deviation, more than the interpolation between planes does.
 
 from __future__ import annotations
 
+import functools
 import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -184,7 +185,7 @@ def caustic_stack(
     sun = check_arguments(sun_direction_in_air, depths_m, s.size, grid, refractive_index, s.sun_half_angle_rad)
     depths = np.asarray(depths_m, np.float64)
     sun_in_water = refract_to_water(sun, refractive_index)
-    travel = beam_slope(sun_in_water)
+    travel = -sun_in_water[[0, 2]] / sun_in_water[1]
     surface = sea.grid_surface(grid, 0.0 if s.method == "scrolling" else time_s)
     indices = pass_indices(s.chromatic, refractive_index)
     maps = np.zeros((len(depths), s.size, s.size, len(indices)))
@@ -204,11 +205,7 @@ def caustic_stack(
     return CausticStack(np.broadcast_to(maps, (*maps.shape[:3], 3)), depths, sea.tile_m, sun_in_water, soft)
 
 
-def beam_slope(sun_in_water: Array) -> Array:
-    """Return the horizontal travel (2,) over (x, z) of the beam for each metre of depth."""
-    return -sun_in_water[[0, 2]] / sun_in_water[1]
-
-
+@functools.cache
 def pass_indices(chromatic: Literal[1, 3], refractive_index: float) -> tuple[float, ...]:
     """Return the refractive index of each pass: that at 550 nm, or those of red, green and blue.
 

@@ -292,8 +292,6 @@ MAP_PIXELS = 768
 """Pixels across a lamp's map: .05 degrees each in a torch of 20 degrees, .5 degrees in a lamp without a cone."""
 STEP_RAD = 0.02
 """Angle seen from a lamp over which its light on a ray is taken from one point; a slice of a ray has one at least."""
-_COSINES = 2049
-"""Angles at which phase functions are tabulated, uniform in the angle."""
 
 
 class LampField(NamedTuple):
@@ -302,7 +300,7 @@ class LampField(NamedTuple):
     position: (3,). frame: (3, 3) rows (u, v, axis). cos_core, cos_edge: of its cone. nearest_m: of `nearest_m`. hit:
     (size, size) distance [m] of the nearest opaque body, (0, 0) without bodies. clear: (size, size, 2) distance [m] of
     the nearest one that lets light through, and the fraction that all of them do; (0, 0, 2) without such bodies.
-    over_path: (paths, 2, 3) of `ShaftScene.path_light`. turned: (angles, 2) phase functions. length_m: of the scene's
+    over_path: (paths, 2, 3) of `ShaftScene.path_light`. turned: `table` of `ShaftWater`. length_m: of the scene's
     tables.
     """
 
@@ -325,10 +323,9 @@ def lamp_field(scene: ShaftScene, lamp: Lamp) -> LampField:
     hit, clear = np.zeros((0, 0), np.float32), np.zeros((0, 0, 2), np.float32)
     if shaded:
         hit, clear = _hits(lamp, frame, scene.bodies)
-    turned = scene.water.turned(np.cos(np.linspace(0.0, np.pi, _COSINES)))
     return LampField(
         np.asarray(lamp.position, np.float64), frame, float(lamp.cos_core), float(lamp.cos_edge), nearest_m(lamp), hit,
-        clear, np.exp(scene.path_light(lamp)), turned, scene.length_m,
+        clear, np.exp(scene.path_light(lamp)), scene.water.table, scene.length_m,
     )  # fmt: skip
 
 

@@ -27,11 +27,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.cache import Parts
+from mr360uw.cache import Parts, shared
 from mr360uw.color import luminance
-from mr360uw.constants import MINIMUM_SUN_UP
+from mr360uw.constants import LONGEST_RAY_M, MINIMUM_SUN_UP
 from mr360uw.errors import ParameterError
-from mr360uw.medium.closed_form import exponential_integral, ray_in_water
+from mr360uw.medium.closed_form import exponential_integral
 from mr360uw.medium.lookup import beam_fraction, linear, table_coordinate
 from mr360uw.medium.medium import Medium
 from mr360uw.medium.models import CLOSED_FORMS
@@ -101,7 +101,7 @@ class ShaftScene(Parts):
             exactly("sun.irradiance", sun.irradiance, (3,))
             pattern = BeamPattern(sun, solid, caustics, view.surface_y_m, sun_samples, spread_rad)
         return cls(
-            ShaftWater.of(medium), np.asarray(view.position, np.float64), camera_depth_m(view, view.surface_y_m), solid,
+            shaft_water(medium), np.asarray(view.position, np.float64), camera_depth_m(view, view.surface_y_m), solid,
             None if pattern is None or pattern.even else pattern,
             tuple(lamp for lamp in lamps if np.any(lamp.intensity > 0.0)), medium.length_m,
         )  # fmt: skip
@@ -211,37 +211,31 @@ class ShaftScene(Parts):
         return np.asarray(log + np.clip(coloured, -40.0, 40.0)[:, None])
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class ShaftWater(Parts):
-    """Coefficients of n wavelengths.
+_ANGLES = 2049
+"""Angles at which phase functions are tabulated, uniform from 0 to pi."""
 
-    extinction: c' (n,), attenuation: c (n,) [1/m], see `shaft_field`. molecules, particles: (n,) scattering [1/m] of
-    each. phase: of the particles. wide: whether small angles are cut off it. weight: (n, 3), columns of sum 1.
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ShaftWater:
+    """Coefficients of n wavelengths; one object for all frames of a medium (`shaft_water`).
+
+    extinction: c' (n,), attenuation: c (n,) [1/m], see `shaft_field`. scattering: (n, 2) [1/m] of molecules and of
+    particles. phase: of the particles. wide: whether small angles are cut off it. weight: (n, 3), columns of sum 1.
+    table: (angles, 2) of `turned` at even angles from 0 to pi.
     """
 
     extinction: Array
     attenuation: Array
-    molecules: Array
-    particles: Array
+    scattering: Array
     phase: Phase
     wide: bool
     weight: Array
-
-    @classmethod
-    def of(cls, medium: Medium) -> ShaftWater:
-        """Return the water of a medium, as its veil scatters."""
-        nm, water = medium.bands.wavelength_nm, medium.water
-        b = np.asarray(water.scattering(nm), np.float64)
-        molecules = np.zeros(len(nm)) if water.molecular is None else np.asarray(water.molecular(nm), np.float64)
-        model, weight = medium.model, medium.bands.lobes
-        if medium.mode in CLOSED_FORMS:
-            return cls(model.extinction, model.attenuation, np.zeros(len(nm)), b, "isotropic", False, weight)
-        return cls(model.extinction, model.attenuation, molecules, b - molecules, water.phase, True, weight)
+    table: Array
 
     @property
     def scatters(self) -> bool:
         """Whether it scatters at all."""
-        return bool(np.any(self.molecules > 0.0) or np.any(self.particles > 0.0))
+        return bool(np.any(self.scattering > 0.0))
 
     def turned(self, cosine: Array) -> Array:
         """Return the phase functions (..., 2) [1/sr] of molecules and particles; the second has its peak cut off."""
@@ -256,26 +250,41 @@ class ShaftWater(Parts):
         """
         sun_up = max(sun_up, MINIMUM_SUN_UP)
         path = camera_depth_m / sun_up
-        mixed = self._mixed(self._spectrum(path))
+        # Spectrum (n, 3) of the beam at the camera, columns of sum 1, and what of it is scattered (n, 6)
+        log = np.log(np.maximum(self.weight, 1e-300)) - self.extinction[:, None] * path
+        light = np.exp(log - log.max(axis=0))
+        scattered = self._scattered(light / light.sum(axis=0))
+        # Integrals of the smooth light over each segment, of all of the beam and of that which has not turned
         start, end, steeper = edge_m[:, :-1, None], edge_m[:, 1:, None], (up / sun_up)[:, None, None]
-        whole = exponential_integral(self.extinction * (1.0 - steeper), start, end) @ mixed
+        whole = exponential_integral(self.extinction * (1.0 - steeper), start, end) @ scattered
         unturned = np.exp(-(self.attenuation - self.extinction) * path)
-        sharp = exponential_integral(self.extinction - self.attenuation * steeper, start, end) * unturned @ mixed
+        sharp = exponential_integral(self.extinction - self.attenuation * steeper, start, end) * unturned @ scattered
         shape = (*edge_m[:, 1:].shape, 2, 3)
-        return whole.reshape(shape), np.minimum(sharp.reshape(shape), whole.reshape(shape))
+        return whole.reshape(shape), np.minimum(sharp, whole).reshape(shape)
 
     def over_path(self, path_m: Array) -> Array:
         """Return sums (..., 2, 3) of w b exp(-c' path) for white light over paths (...,) [m]."""
-        return (np.exp(-self.extinction * path_m[..., None]) @ self._mixed(self.weight)).reshape(*path_m.shape, 2, 3)
+        light = np.exp(-self.extinction * path_m[..., None]) @ self._scattered(self.weight)
+        return light.reshape(*path_m.shape, 2, 3)
 
-    def _spectrum(self, path_m: float) -> Array:
-        """Return the weights (n, 3) of the beam after a path, columns of sum 1."""
-        log = np.log(np.maximum(self.weight, 1e-300)) - self.extinction[:, None] * path_m
-        light = np.exp(log - log.max(axis=0))
-        return np.asarray(light / light.sum(axis=0))
+    def _scattered(self, weight: Array) -> Array:
+        """Return what molecules and particles scatter (n, 6) of weights (n, 3)."""
+        return (self.scattering[:, :, None] * weight[:, None]).reshape(len(weight), 6)
 
-    def _mixed(self, weight: Array) -> Array:
-        return np.concatenate([self.molecules[:, None] * weight, self.particles[:, None] * weight], axis=1)
+
+@shared(keep=4)
+def shaft_water(medium: Medium) -> ShaftWater:
+    """Return the water of a medium, as its veil scatters."""
+    nm, water, model = medium.bands.wavelength_nm, medium.water, medium.model
+    b, molecules = np.asarray(water.scattering(nm), np.float64), np.zeros(len(nm))
+    wide = medium.mode not in CLOSED_FORMS
+    if wide and water.molecular is not None:
+        molecules = np.asarray(water.molecular(nm), np.float64)
+    found = ShaftWater(
+        model.extinction, model.attenuation, np.stack([molecules, b - molecules], axis=-1),
+        water.phase if wide else "isotropic", wide, medium.bands.lobes, np.zeros((0, 2)),
+    )  # fmt: skip
+    return replace(found, table=found.turned(np.cos(np.linspace(0.0, np.pi, _ANGLES))))
 
 
 _DIRECT = 0.75
@@ -293,24 +302,30 @@ def beam_share(medium: Medium, depth_m: float) -> float:
     It is the contrast of a shaft in full shadow that fills the view of a camera at depth_m [m], and falls with depth.
     Zero in water that does not scatter.
     """
-    water = ShaftWater.of(medium)
+    water = shaft_water(medium)
     if not water.scatters:
         return 0.0
     level = np.zeros(1)
     beam = _DIRECT / _SUN_UP * beam_fraction(medium.unit_table, depth_m, _SUN_UP)
-    lit = float(luminance(beam * unoccluded(water, level, level, np.array([np.inf]), depth_m, _SUN_UP)[0]))
+    lit = float(
+        luminance(beam * unoccluded(water, level, level, level, np.array([LONGEST_RAY_M]), depth_m, _SUN_UP)[0])
+    )
     veil = float(luminance(medium.light.display(medium.model.radiance(depth_m, level))[0]))
     return lit / max(veil, lit, _DARKEST)
 
 
 def unoccluded(
-    water: ShaftWater, cosine: Array, up: Array, end_m: Array, camera_depth_m: float, sun_up: float
+    water: ShaftWater, cosine: Array, up: Array, start_m: Array, end_m: Array, camera_depth_m: float, sun_up: float
 ) -> Floats:
-    """Return the beam's light scattered once (n, 3) over rays up to end_m (n,), per unit irradiance at the camera.
+    """Return the beam's light scattered once (n, 3) between two distances (n,) of rays, per unit irradiance at the
+    camera.
 
     The smooth part of `single_scattering`, over an open, flat sea, with the water's wide angles. cosine: (n,) of the
-    angle by which light turns. up: (n,) height of the rays' directions.
+    angle by which light turns. up: (n,) height of the rays' directions. start_m, end_m: within the water.
     """
-    edge = np.stack([np.zeros(len(up)), ray_in_water(end_m, camera_depth_m, up)], axis=-1)
-    whole, _ = water.beam_segments(up, edge, camera_depth_m, sun_up)
-    return np.asarray(np.einsum("nj,njk->nk", water.turned(cosine), whole[:, 0]))
+    place = np.arccos(np.clip(cosine, -1.0, 1.0)) * ((_ANGLES - 1) / np.pi)
+    first = np.minimum(place.astype(np.int64), _ANGLES - 2)
+    lower = water.table[first]
+    turned = lower + (water.table[first + 1] - lower) * (place - first)[:, None]
+    whole, _ = water.beam_segments(up, np.stack([start_m, end_m], axis=-1), camera_depth_m, sun_up)
+    return np.asarray(np.einsum("nj,njk->nk", turned, whole[:, 0]))
