@@ -373,24 +373,27 @@ def shafts_show(shot: Shot, settings: ShaftSettings, medium: Medium) -> tuple[bo
     if sun is None or least == 0.0:
         return least == 0.0 or settings.on_plate, least == 0.0
     # Rays to the objects' middles, then to places in the shadows of those that cast them
-    eye, towards, objects = shot.view.position, sun.direction, shot.objects
-    middle = np.array([placed.to_world(placed.mesh.center_m) for placed in objects]).reshape(-1, 3) - eye
-    wide = np.array([np.mean(np.sort(placed.mesh.extent_m)[:2]) * placed.scale for placed in objects])
-    seen = np.array([placed.visible for placed in objects], np.bool_)
-    casts = np.array([placed.casts_shadow for placed in objects], np.bool_)
-    behind = (middle[casts, None] - _SHADOW_M[:, None] * towards).reshape(-1, 3)
-    to, waves = np.concatenate([middle[seen], behind]), int(seen.sum())
+    eye, towards = shot.view.position, sun.direction
+    seen, behind, wide = [np.zeros((0, 3))], [np.zeros((0, 3))], [np.zeros(0)]
+    for placed in shot.objects:
+        middle = (placed.to_world(placed.mesh.center_m) - eye)[None]
+        if placed.visible:
+            seen.append(middle)
+        if placed.casts_shadow:
+            behind.append(middle - _SHADOW_M[:, None] * towards)
+            wide.append(np.full(len(_SHADOW_M), np.mean(np.sort(placed.mesh.extent_m)[:2]) * placed.scale))
+    to, waves = np.concatenate([*seen, *behind]), len(seen) - 1
     distance = np.maximum(np.linalg.norm(to, axis=-1), 1e-9)
     rays = to / distance[:, None]
     # What is at stake: a fraction of the light before an object, all of that within a shadow
     cosine, up = rays @ towards, rays[:, 1]
     sine = np.sqrt(np.maximum(1.0 - cosine[waves:] ** 2, 1e-6))
-    half = np.minimum(0.5 * np.repeat(wide[casts], len(_SHADOW_M)) / sine, 0.5 * _LONGEST_M)
+    half = np.minimum(0.5 * np.concatenate(wide) / sine, 0.5 * _LONGEST_M)
     start = np.concatenate([np.zeros(waves), distance[waves:] - half])
     end = np.concatenate([distance[:waves], distance[waves:] + half])
     depth_m = max(shot.view.surface_y_m - float(eye[1]), 0.0)
     out = np.divide(depth_m, up, out=np.full(len(up), settings.range_m), where=up > 0.0)
-    start, end = (np.clip(edge, 0.0, np.minimum(out, settings.range_m)) for edge in (start, end))
+    start, end = np.clip([start, end], 0.0, np.minimum(out, settings.range_m))
     change = sun.irradiance * unoccluded(shaft_water(medium), cosine, up, start, end, depth_m, sun_up(sun))
     change[:waves] *= _WAVES
     change[waves:] *= -1.0

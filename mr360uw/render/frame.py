@@ -205,7 +205,7 @@ def draw_frame(backend: Backend, shots: FrameShots, cache: Cache, *, variables: 
         drawn = []
         for at in instants:
             layer, found = cache.of(draw_layer, backend, at.shot, at.shafts, variables, cache)
-            refuse("layer", index, cache.of(not_finite, layer))
+            finite("layer", index, layer, cache)
             if at.now.plan.surface.runs:
                 layer, found = with_surface(at, backend, layer, found, cache)
             if at.now.plan.snow.runs:
@@ -402,19 +402,18 @@ def lay_over(plate: VideoFrame, layer: Layer, grain: float) -> VideoFrame:
     return finite("composite", plate.index, plate.over(layer, over_tile, grain))
 
 
-def finite(stage: str, index: int, result: T) -> T:
-    """Return a stage's result; raise `RenderError` if `not_finite` finds anything in it."""
-    refuse(stage, index, not_finite(result))
-    return result
+def finite(stage: str, index: int, result: T, cache: Cache | None = None) -> T:
+    """Return a stage's result of a frame; raise `RenderError` if `not_finite` finds anything in it.
 
-
-def refuse(stage: str, index: int, found: str) -> None:
-    """Raise `RenderError` for the result of a frame in which `not_finite` found something."""
+    cache: knows of results that were looked at before.
+    """
+    found = not_finite(result) if cache is None else cache.of(not_finite, result)
     if found:
         raise RenderError(
             f"frame {index} - the {stage} has numbers that are not finite (got {found}) - please report it with the "
             "scene file"
         )
+    return result
 
 
 def not_finite(result: object, name: str = "it") -> str:
@@ -431,7 +430,10 @@ def not_finite(result: object, name: str = "it") -> str:
         if np.isfinite(total) or np.all(np.isfinite(result)):
             return ""
         return f"{np.sum(~np.isfinite(result))} of {result.size} in {name}"
-    parts = ((name, part) for part in result) if isinstance(result, tuple) else ()
+    parts = [(name, part) for part in result] if isinstance(result, tuple) else []
     if is_dataclass(result):
-        parts = ((one.name, getattr(result, one.name)) for one in fields(result))
-    return next(filter(None, [not_finite(part, of) for of, part in parts]), "")
+        parts = [(one.name, getattr(result, one.name)) for one in fields(result)]
+    for of, part in parts:
+        if (isinstance(part, np.ndarray | tuple) or is_dataclass(part)) and (found := not_finite(part, of)):
+            return found
+    return ""

@@ -43,7 +43,9 @@ def mip_atlas(*stacks: Sequence[Floats], scratch: NDArray[np.float32] | None = N
     than to fill.
     """
     count, size = stacks[0][0].shape[:2]
-    planes, colours = layer_planes(count), sum(levels[0].shape[3] for levels in stacks)
+    planes, colours = layer_planes(count), 0
+    for levels in stacks:
+        colours += levels[0].shape[3]
     shape = (len(planes) * colours, 2 * size + 2 * len(stacks[0]), size + 2, planes.shape[1])
     atlas, first = (scratch if scratch is not None and scratch.shape == shape else np.zeros(shape, np.float32)), 0
     for levels in stacks:
