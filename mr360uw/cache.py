@@ -91,7 +91,8 @@ def version(item: Any) -> Hashable:
     if isinstance(item, PartOf):
         return PartOf, item.version
     if isinstance(item, Parts):
-        return type(item), *map(version, _fields_of(type(item))(item))
+        kind: Any = type(item)
+        return kind, *map(version, _fields_of(kind)(item))
     try:
         hash(item)
     except TypeError:  # a dataclass that would compare arrays

@@ -9,10 +9,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from mr360uw.render.backends import Backend, make_backend
+from mr360uw.render.check import StageGraph
 from mr360uw.render.first_pass import clip_analysis
 from mr360uw.render.frame import Frame, composite_frame
 from mr360uw.render.loaded import load
-from mr360uw.render.stages.stage_costs import StageGraph
 from mr360uw.scene.inputs import open_plate
 from mr360uw.scene.model import Scene
 from mr360uw.video import VideoFrame

@@ -35,8 +35,8 @@ def environment_lookup(map_: Floats, direction: ArrayLike) -> Floats:
     Beyond the centre of the first or last row the neighbour is the same row half a turn away, as over a pole.
     """
     i, j, fx, fy = _between(map_.shape, direction)
-    texels = environment_texel(map_, np.stack([i, i + 1, i, i + 1]), np.stack([j, j, j + 1, j + 1]))
-    return np.asarray(between_four(*texels, fx, fy))
+    a, b, c, d = environment_texel(map_, np.stack([i, i + 1, i, i + 1]), np.stack([j, j, j + 1, j + 1]))
+    return np.asarray(between_four(a, b, c, d, fx, fy))
 
 
 def lookup_matrix(shape: tuple[int, ...], direction: ArrayLike) -> Any:

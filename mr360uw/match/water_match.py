@@ -22,8 +22,8 @@ from mr360uw.medium.fit.resampling import resampled
 from mr360uw.medium.fit.waterfit import CONFIDENT, WaterComparison, compare_waters
 from mr360uw.medium.medium import Mode
 from mr360uw.medium.water import JERLOV_TYPES
-from mr360uw.render.camera import CameraPath
 from mr360uw.render.plate_map import level_view
+from mr360uw.render.surroundings import CameraPath
 from mr360uw.scene.inputs import open_plate
 from mr360uw.scene.model import Scene
 from mr360uw.shapes import checked

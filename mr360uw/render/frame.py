@@ -151,8 +151,8 @@ def composite_frame(
     """Return a frame, a function of what is loaded, the clip's analysis and the plate's frame alone.
 
     shutter_s: exposure time [s], for motion blur. variables: whether the layer's output variables are asked for.
-    light: between light samples of a clip (`stages.light_stage`); None measures it in this frame. cache: results of the
-    same backend's frames: a stage runs unless its result is there.
+    light: between samples of a clip (`plate_light.LightSamples`); None measures it in this frame. cache: results of
+    the same backend's frames: a stage runs unless its result is there.
     """
     cache = Cache(loaded.scene.plate.eyes) if cache is None else cache
     measured = measure_plate(loaded, analysis, plate, cache, light)
