@@ -453,8 +453,8 @@ def section_names() -> None:
 
 def section_store_bands() -> None:
     """Search the bands that ship with the package."""
-    from mr360uw.medium.spectral.fitted import search
-    from mr360uw.medium.spectral.fitted import storage_key as key_of
+    from mr360uw.medium.spectral.bands import search
+    from mr360uw.medium.spectral.bands import storage_key as key_of
 
     stored = {}
     sensors = [Sensor.cie1931(), *map(Sensor.camera, cameras())]

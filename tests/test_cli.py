@@ -122,7 +122,7 @@ def test_explain_measures_the_stages_of_a_frame(scene: Path, run: Run) -> None:
     took_ms = float(re.search(r"first frame, \d+x\d+: (\d+\.\d) ms of processor time", head)[1])
     spent = {row.split()[0]: float(row.split()[1]) for row in rows if " ms " in row}
     assert 0.0 < spent["draw_layer"] <= sum(spent.values()) <= 1.01 * took_ms
-    assert "plate_light" in next(row for row in rows if row.split()[0] == "draw_layer")  # which it follows
+    assert "turned" in next(row for row in rows if row.split()[0] == "draw_layer")  # the light, which it follows
     assert not (scene.parent / "out.mp4").exists()
     code, _, err = run("composite", scene, "out.mp4", "--measure")
     assert code == 2

@@ -20,7 +20,7 @@ import numpy as np
 import scipy.fft
 from numpy.typing import ArrayLike, NDArray
 
-from mr360uw.caustics.sea.detail import Detail, detail_slope
+from mr360uw.caustics.sea.base import Detail, detail_slope
 from mr360uw.shapes import checked
 from mr360uw.surface.height_map import HeightMaps, height_maps, heights_at
 from mr360uw.types import Floats, Surface

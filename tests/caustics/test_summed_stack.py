@@ -9,7 +9,7 @@ import pytest
 from mr360uw.caustic_lookup import mip_levels
 from mr360uw.caustics import CausticSettings, GerstnerSea, caustic_stack
 from mr360uw.caustics.flux import irradiance
-from mr360uw.caustics.flux.refracted_rays import refracted_rays
+from mr360uw.caustics.flux.irradiance import refracted_rays
 from mr360uw.caustics.flux.summed_stack import cell_corners, cell_flux, sum_cells, summed_stack, vertex_rays
 from mr360uw.caustics.gl.stack import AtlasScratch, mip_atlas, upload
 from mr360uw.caustics.settings import grid_of

@@ -26,8 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.cache import shared
-from mr360uw.caustics.flux.irradiance import SurfaceLight, caustic_stack, pass_indices
-from mr360uw.caustics.flux.refracted_rays import STEEPEST_RAY
+from mr360uw.caustics.flux.irradiance import STEEPEST_RAY, SurfaceLight, caustic_stack, pass_indices
 from mr360uw.caustics.flux.sun_disc import (
     detail_footprint,
     disc_transform,
