@@ -35,7 +35,7 @@ A pixel reads the sixteen nodes around it (cubic convolution, Keys 1981), period
 up to its own end: an object, the ground or the surface. Nodes do not stop at bodies. Their light up to a pixel's
 distance is what the pixel's ray sees, so the edges of bodies do not leak and need no search for nodes of like depth.
 Rays of different height reach the surface at different distances: a pixel reads its nodes at that fraction of their
-light at which its own ray ends (`ray_segments.fraction_at`), so that all end at the surface together.
+light at which its own ray ends (`single_scattering.fraction_at`), so that all end at the surface together.
 
 
 The light of a lamp, what `ShaftScene.lamp_light` returns, is summed by tables and one map of shadows. The map holds,
@@ -378,7 +378,7 @@ def _pixel(size: Any, frame: Any, widest: Any, axial: Any, x: Any, y: Any, z: An
 
 @exact
 def _add_lamp(lamp: LampField, origin: Any, rays: Any, edge: Any, within: Any, light: Any) -> None:
-    """See `ray_segments.lamp_segments` for the segments, one point each, and `spot_factor` for the cone."""
+    """See `single_scattering.lamp_segments` for the segments, one point each, and `spot_factor` for the cone."""
     place, frame, cos_core, cos_edge, least, hit, clear, over_path, turned, length_m = lamp
     x0, y0, z0 = place[0] - origin[0], place[1] - origin[1], place[2] - origin[2]
     distance2 = x0 * x0 + y0 * y0 + z0 * z0

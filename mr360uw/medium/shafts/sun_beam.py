@@ -131,7 +131,7 @@ SHORTEST_M = 1e-6
 
 @inlined
 def node_edges(rate: Any, reach: Any, count: Any, edge: Any) -> None:
-    """Write the edges (count + 1,) [m] of a ray's segments: `ray_segments.radius_at`."""
+    """Write the edges (count + 1,) [m] of a ray's segments: `single_scattering.radius_at`."""
     x = rate * reach
     for k in range(count + 1):
         t = k / count
