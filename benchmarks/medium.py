@@ -391,7 +391,7 @@ def section_gain() -> None:
     from fractions import Fraction
     from tempfile import TemporaryDirectory
 
-    from mr360uw.medium.fit.level import fit_level
+    from mr360uw.medium.fit.profile import fit_level
     from mr360uw.render.plate_map import level_view
     from mr360uw.sample import Dive, DiveSettings
     from mr360uw.sample.recording import record

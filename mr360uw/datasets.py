@@ -19,7 +19,7 @@ from pydantic import NonNegativeInt, PositiveInt
 
 from mr360uw.errors import ParameterError
 from mr360uw.files import write_whole
-from mr360uw.medium.fit.resampling import resampled
+from mr360uw.medium.fit.waterfit import resampled
 from mr360uw.medium.medium import Medium
 from mr360uw.medium.transfer import LightField
 from mr360uw.medium.water import Water

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from mr360uw.color import encode, luminance
 from mr360uw.medium import Medium
-from mr360uw.medium.fit.level import fit_level
+from mr360uw.medium.fit.profile import fit_level
 from mr360uw.medium.lookup import veil_lookup
 from mr360uw.optics import refract_to_air
 from mr360uw.progress import Progress

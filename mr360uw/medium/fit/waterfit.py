@@ -5,11 +5,13 @@ A plate shows how the water's radiance changes with direction, not with depth, s
 directly. Instead the solved light field of every Jerlov type at the camera's depth is compared with the plate's profile
 about the horizon. The exposure is free; a white balance is allowed at a cost in likelihood. Kd is that of the type that
 is found.
+
+How far a fit changes with the frames that it is made of is told by the bootstrap (Efron 1979).
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
 from typing import Generic, TypeVar
@@ -24,7 +26,7 @@ from mr360uw.medium.fit.profile import PlateProfile
 from mr360uw.medium.medium import Medium
 from mr360uw.medium.spectral.sensor import Sensor
 from mr360uw.medium.water import JERLOV_TYPES, JerlovType, Water
-from mr360uw.shapes import checked, number
+from mr360uw.shapes import checked, number, whole
 from mr360uw.types import Floats
 
 Array = NDArray[np.float64]
@@ -257,3 +259,16 @@ def _compare(difference: Array) -> tuple[float, Array, float]:
     left = difference - exposure - balance
     misfit = share * np.sum(left**2) + np.sum(balance**2) / _BALANCE_SIGMA**2
     return float(misfit), exposure + balance, float(np.sqrt(np.mean(left**2)))
+
+
+Frame = TypeVar("Frame")
+Fitted = TypeVar("Fitted")
+
+
+def resampled(fit: Callable[[list[Frame]], Fitted], frames: Sequence[Frame], draws: int, seed: int) -> list[Fitted]:
+    """Return what a fit gives of so many draws of as many frames, with replacement; `ParameterError` without frames."""
+    whole("draws", draws, 2, 1_000_000)
+    if not len(frames):
+        raise ParameterError("frames - must hold one or more (got none) - give the frames of a clip")
+    drawn = np.random.default_rng([seed, 0xB007]).integers(0, len(frames), (draws, len(frames)))
+    return [fit([frames[k] for k in row]) for row in drawn]
