@@ -32,8 +32,7 @@ from mr360uw.caustics import (
     stack_depths,
 )
 from mr360uw.caustics.depth_ladder import PlaneLadder
-from mr360uw.caustics.flux.irradiance import cell_flux
-from mr360uw.caustics.flux.refracted_rays import lit_corners, refracted_rays
+from mr360uw.caustics.flux.irradiance import cell_flux, lit_corners, refracted_rays
 from mr360uw.caustics.flux.summed_stack import summed_stack
 from mr360uw.caustics.gl.stack import upload
 from mr360uw.caustics.settings import grid_of

@@ -33,6 +33,7 @@ import numpy as np
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
+
 import mr360uw as uw  # noqa: E402
 from benchmarks.closed.bodies import write_body  # noqa: E402
 from benchmarks.closed.dives import Dive  # noqa: E402
@@ -47,10 +48,9 @@ from mr360uw.ibl.lookup import environment_lookup  # noqa: E402
 from mr360uw.ibl.plate import COARSE_COLUMNS  # noqa: E402
 from mr360uw.render.backends import make_backend  # noqa: E402
 from mr360uw.render.first_pass import ClipAnalysis, clip_analysis  # noqa: E402
+from mr360uw.render.frame import frame_shots, measure_plate  # noqa: E402
 from mr360uw.render.loaded import load  # noqa: E402
-from mr360uw.render.plate_light import exposed_water, plate_light  # noqa: E402
-from mr360uw.render.plate_pattern import plate_pattern  # noqa: E402
-from mr360uw.render.shots import Eye, seen_by, shot_at, with_caustics  # noqa: E402
+from mr360uw.render.plate_light import plate_light  # noqa: E402
 from mr360uw.sample.dive import record  # noqa: E402
 from mr360uw.scene.model import Scene, scene_from_dict  # noqa: E402
 from mr360uw.types import (  # noqa: E402
@@ -187,12 +187,9 @@ class Clip:
         )
         loaded = load(scene, self.stage.width, self.stage.width // 2, clip=False)
         light = replace(plate_light(loaded, ClipAnalysis(), plate), environment=environment)
-        table = exposed_water(loaded.surroundings, light, plate.time_s)
         backend, cache = make_backend("auto")[0], Cache()
-        pattern = plate_pattern(loaded, None, plate)
-        bare = shot_at(loaded, light, table, plate.time_s, index, cache)
-        seen = seen_by(loaded, bare, Eye(plate), loaded.receiver_at(index, plate.time_s), pattern, index)
-        layer, _ = backend.layer(with_caustics(loaded, backend, seen, plate.time_s, cache))
+        measured = measure_plate(loaded, ClipAnalysis(), plate, cache, light)
+        layer, _ = backend.layer(frame_shots(loaded, backend, measured, 0.0, cache).by_eye[0][0].shot)
         return over(plate.image_linear, layer), environment
 
     def _row(self, column: str, pairs: list[tuple[Floats, TruePicture]], environment: Environment) -> Row:

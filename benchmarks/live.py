@@ -56,7 +56,7 @@ SHOWN = (
     "PlatePattern",
     "solved",
     "exposed_water",
-    "Gl.caustics",
+    "summed_stack",
     "draw_layer",
     "lay_over",
 )

@@ -51,7 +51,7 @@ FAULTS: tuple[tuple[str, str, str, str], ...] = (
     ("caustics/sea/gerstner.py", "self.phase_rad - self.angular_frequency * time_s",
      "self.phase_rad + self.angular_frequency * time_s", ""),
     ("caustics/sea/gerstner.py", "sideways = self.steepness * amplitude", "sideways = amplitude", ""),
-    ("caustics/flux/refracted_rays.py", "refract_clamped(-sun_in_air, normal, 1.0 / refractive_index)",
+    ("caustics/flux/irradiance.py", "refract_clamped(-sun_in_air, normal, 1.0 / refractive_index)",
      "refract_clamped(-sun_in_air, normal, refractive_index)", ""),
     ("composite/shot.py", "float(np.max(self.mesh.extent_m)) * self.scale", "float(np.max(self.mesh.extent_m))",
      "composite/test_scale.py"),

@@ -29,7 +29,7 @@ from mr360uw.composite.settings import DrawSettings, HoldoutSettings, LampSettin
 from mr360uw.composite.snow.settings import SnowSettings
 from mr360uw.ibl import LightSettings
 from mr360uw.medium import WaterSettings
-from mr360uw.medium.shafts.settings import ShaftSettings
+from mr360uw.medium.settings import ShaftSettings
 from mr360uw.medium.spectral.sensor import cameras
 from mr360uw.parameters import bounds_of
 from mr360uw.sample.whale import write_whale

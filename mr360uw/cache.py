@@ -16,10 +16,11 @@ from __future__ import annotations
 
 import functools
 import math
+import operator
 import threading
 import weakref
 from collections import Counter
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Hashable, Iterable
 from dataclasses import fields, is_dataclass
 from types import MethodType
 from typing import Any, Generic, TypeVar, TypeVarTuple
@@ -91,7 +92,7 @@ def version(item: Any) -> Hashable:
         return PartOf, item.version
     if isinstance(item, Parts):
         kind: Any = type(item)
-        return kind, *(version(getattr(item, name)) for name in _field_names(kind))
+        return kind, *map(version, _fields_of(kind)(item))
     try:
         hash(item)
     except TypeError:  # a dataclass that would compare arrays
@@ -101,8 +102,10 @@ def version(item: Any) -> Hashable:
 
 
 @functools.cache
-def _field_names(kind: type[Any]) -> tuple[str, ...]:
-    return tuple(field.name for field in fields(kind))
+def _fields_of(kind: Any) -> Callable[[Any], Iterable[Any]]:
+    """Return the function that gives the values of an object's fields."""
+    names = [field.name for field in fields(kind)]
+    return operator.attrgetter(*names) if len(names) > 1 else lambda item: [getattr(item, name) for name in names]
 
 
 class Cache(Neutral):
@@ -126,13 +129,14 @@ class Cache(Neutral):
         depend on more than its inputs.
         """
         plain, key = _with_own(function, inputs)
-        name = name_of(plain)
-        result: Any = self._found(plain, key)
-        made = result is _MISSING
-        if made:
-            result = function(*inputs)
         with self._lock:
-            self.made[name] += made
+            result: Any = self._kept.get(plain, {}).get(key, _MISSING)
+        if result is _MISSING:
+            name = name_of(plain)
+            result = function(*inputs)
+            with self._lock:
+                self.made[name] += 1
+        with self._lock:
             results = self._kept.setdefault(plain, {})  # only now: the call may have dropped it
             results.pop(key, None)
             results[key] = result
@@ -141,14 +145,11 @@ class Cache(Neutral):
         kept: T = result
         return kept
 
-    def _found(self, plain: Callable[..., Any], key: Hashable) -> Any:
-        """Return the result that is kept, or `_MISSING`."""
-        with self._lock:
-            return self._kept.get(plain, {}).get(key, _MISSING)
-
     def holds(self, function: Callable[..., Any], *inputs: object) -> bool:
         """Return whether the result of a function is there."""
-        return self._found(*_with_own(function, inputs)) is not _MISSING
+        plain, key = _with_own(function, inputs)
+        with self._lock:
+            return key in self._kept.get(plain, {})
 
     def drop(self, function: Callable[..., Any], *inputs: object) -> None:
         """Remove a function's result for some inputs; all its results where none are given."""

@@ -8,6 +8,7 @@ between code values in [0, 1] and linear light; names say `_encoded` or `_linear
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass, replace
 from typing import Any, Literal, Protocol, get_args
 
@@ -295,6 +296,7 @@ _SIGNALS = np.linspace(0.05, 1.0, 96)
 """Signals at which curves are compared: below them a code is a larger part of the light than at white."""
 
 
+@functools.cache
 def unseen_change(spec: ColorSpec) -> float:
     """Return the relative change of light that moves no code of a plate by more than half a step, `LEAST_CHANGE` at
     least.

@@ -21,7 +21,7 @@ from mr360uw.render.backends import close_backend, make_backend
 from mr360uw.render.first_pass import ClipAnalysis, clip_analysis
 from mr360uw.render.frame import Frame, FrameShots, blend_frame, composite_frame, draw_frame, frame_shots, measure_plate
 from mr360uw.render.loaded import Loaded, load
-from mr360uw.render.stages.light_stage import LightSamples
+from mr360uw.render.plate_light import LightSamples
 from mr360uw.scene.inputs import open_plate
 from mr360uw.scene.model import Scene
 from mr360uw.shapes import checked, file_path, instance, is_light, real

@@ -60,8 +60,12 @@ def refract_to_air(direction_in_water: ArrayLike, refractive_index: float = REFR
     >>> uw.caustics.refract_to_air([0.6, 0.8, 0.0]).round(3)
     array([0.804, 0.595, 0.   ])
     """
-    d = _towards_light(direction_in_water, refractive_index)
-    horizontal = refractive_index * d[..., [0, 2]]
+    return into_air(_towards_light(direction_in_water, refractive_index), refractive_index)
+
+
+def into_air(towards: NDArray[np.floating[Any]], refractive_index: float) -> Array:
+    """Return `refract_to_air` of unit directions (..., 3) above the horizon, unchecked."""
+    horizontal = refractive_index * towards[..., [0, 2]]
     sine = np.linalg.norm(horizontal, axis=-1, keepdims=True)
     horizontal = horizontal / np.maximum(sine, 1.0)
     up = np.sqrt(np.maximum(1.0 - np.sum(horizontal**2, axis=-1), 0.0)) * (sine[..., 0] < 1.0)
@@ -102,8 +106,12 @@ def refract_to_water(direction_in_air: ArrayLike, refractive_index: float = REFR
     >>> uw.caustics.refract_to_water([1.0, 0.0, 0.0]).round(3)
     array([0.746, 0.666, 0.   ])
     """
-    d = _towards_light(direction_in_air, refractive_index)
-    horizontal = d[..., [0, 2]] / refractive_index
+    return into_water(_towards_light(direction_in_air, refractive_index), refractive_index)
+
+
+def into_water(towards: NDArray[np.floating[Any]], refractive_index: float) -> Array:
+    """Return `refract_to_water` of unit directions (..., 3) above the horizon, unchecked."""
+    horizontal = towards[..., [0, 2]] / refractive_index
     up = np.sqrt(1.0 - np.sum(horizontal**2, axis=-1))
     return np.stack([horizontal[..., 0], up, horizontal[..., 1]], axis=-1)
 

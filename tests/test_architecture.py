@@ -144,7 +144,7 @@ def test_the_ground_floor_stands_on_numpy_alone() -> None:
     files = {
         ROOT / "jit" / "__init__.py": {"dis", "hashlib", "llvmlite", "numba", "os", "pickle", "platform", "sys"},
         ROOT / "jit" / "ahead.py": {"hashlib", "importlib", "numba", "os", "subprocess", "sys"},
-        ROOT / "cache.py": {"types"},
+        ROOT / "cache.py": {"operator", "types"},
         ROOT / "parameters.py": {"re"},
         ROOT / "shapes.py": {"builtins", "fractions", "inspect", "operator"},
         ROOT / "plot.py": {"base64", "cv2", "html"},

@@ -114,24 +114,19 @@ def test_an_analysis_of_a_plate_in_air_knows_no_water(tmp_path: Path, run: Run) 
         assert "Snell" not in out + page
 
 
-def test_explain_measures_what_skips_save(scene: Path, run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
-    from mr360uw.render.stages import stage_costs
-
-    monkeypatch.setattr(stage_costs, "_RUNS", 1)
+def test_explain_measures_the_stages_of_a_frame(scene: Path, run: Run) -> None:
     dry = ("--set", 'water.type="none"', "--set", "plate.scale=0.25", "--backend", "reference")
     code, out, _ = run("composite", scene, "out.mp4", "--explain", "--measure", *dry)
     assert code == 0
-    head, *rows = out[out.index("skips ") :].splitlines()
-    assert re.search(r"first frame, \d+x\d+: \d+\.\d ms of processor time as planned; median of 1 pairs", head)
-    saved = {row.split()[0]: row.split(maxsplit=1)[1] for row in rows}
-    assert float(re.fullmatch(r"saves (\d+\.\d) ms \(geometry.*\)", saved["kept"])[1]) > 1.0  # trees, ambient light
-    assert saved["caustics"] == "not measured: it has nothing to work on (needs a sun and water)"
-    assert saved["glossy"].startswith("saves ")
-    assert "sun" not in saved  # it runs
+    head, *rows = out[out.index("costs ") :].splitlines()
+    took_ms = float(re.search(r"first frame, \d+x\d+: (\d+\.\d) ms of processor time", head)[1])
+    spent = {row.split()[0]: float(row.split()[1]) for row in rows if " ms " in row}
+    assert 0.0 < spent["draw_layer"] <= sum(spent.values()) <= 1.01 * took_ms
+    assert "turned" in next(row for row in rows if row.split()[0] == "draw_layer")  # the light, which it follows
     assert not (scene.parent / "out.mp4").exists()
     code, _, err = run("composite", scene, "out.mp4", "--measure")
     assert code == 2
-    assert "--measure - times the skips that --explain lists (got it alone) - give both" in err
+    assert "--measure - times the stages that --explain lists (got it alone) - give both" in err
 
 
 def test_the_schema_has_units_and_help(run: Run) -> None:

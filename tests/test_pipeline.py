@@ -325,7 +325,7 @@ def test_a_camera_that_sinks_sees_the_water_of_its_depth(whale: Path, tmp_path: 
 
 
 def test_a_gopro_clip_levels_the_plate(whale: Path, tmp_path: Path) -> None:
-    from mr360uw.render.camera import level_track
+    from mr360uw.render.surroundings import level_track
 
     roll, pitch = 0.3 * np.sin(0.2 * np.arange(30)), 0.2 * np.cos(0.3 * np.arange(30))
     clip = write_clip(tmp_path / "camera.mp4", 30, camera_data=payloads(tilted_up(roll, pitch), (25, 5)))

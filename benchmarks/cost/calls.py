@@ -24,7 +24,7 @@ from mr360uw.render.backends import make_backend
 from mr360uw.render.first_pass import clip_analysis
 from mr360uw.render.frame import composite_frame
 from mr360uw.render.loaded import load
-from mr360uw.render.stages.light_stage import LightSamples
+from mr360uw.render.plate_light import LightSamples
 from mr360uw.scene.inputs import open_plate
 from mr360uw.scene.model import Scene
 

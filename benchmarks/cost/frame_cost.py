@@ -9,10 +9,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from mr360uw.render.backends import Backend, make_backend
+from mr360uw.render.check import StageGraph
 from mr360uw.render.first_pass import clip_analysis
 from mr360uw.render.frame import Frame, composite_frame
 from mr360uw.render.loaded import load
-from mr360uw.render.stages.stage_costs import StageGraph
 from mr360uw.scene.inputs import open_plate
 from mr360uw.scene.model import Scene
 from mr360uw.video import VideoFrame
@@ -20,8 +20,8 @@ from mr360uw.video import VideoFrame
 PARTS = ("light", "water", "caustics", "layer", "blend")
 """Parts of a frame's time, as `StageGraph` notes them; what is left of the frame is in `layer`."""
 _OF_STAGE = {
-    "plate_light": "light", "PlatePattern": "light", "exposed_water": "water", "Gl.caustics": "caustics",
-    "Reference.caustics": "caustics", "lay_over": "blend",
+    "plate_light": "light", "PlatePattern": "light", "exposed_water": "water", "summed_stack": "caustics",
+    "caustic_stack": "caustics", "lay_over": "blend",
 }  # fmt: skip
 """Part of a frame by the name of its stage."""
 _LONGEST_S = 90.0

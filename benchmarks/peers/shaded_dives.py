@@ -21,11 +21,11 @@ from mr360uw.color import ColorSpec, encode, luminance
 from mr360uw.composite import Shot
 from mr360uw.ibl.lighting import assemble
 from mr360uw.ibl.plate import COARSE_COLUMNS, COARSE_ROWS
+from mr360uw.render.backends import Reference
 from mr360uw.render.first_pass import ClipAnalysis
+from mr360uw.render.frame import frame_shots, measure_plate
 from mr360uw.render.loaded import Loaded, load
-from mr360uw.render.plate_light import exposed_water, plate_light
-from mr360uw.render.plate_pattern import background_series, plate_pattern
-from mr360uw.render.shots import Eye, seen_by, shot_at
+from mr360uw.render.plate_pattern import background_series
 from mr360uw.sample.dive_settings import DiveSettings
 from mr360uw.sample.rendered_dive import SENSOR, Dive
 from mr360uw.scene.model import scene_from_dict
@@ -128,14 +128,14 @@ class ShadedDive:
 
     def shot(self, frame: VideoFrame, analysis: ClipAnalysis, *, known: bool) -> Shot:
         """Return the shot of a frame; known: lit by the dive's own ambient light and sun, not as measured in it."""
-        light = plate_light(self.loaded, analysis, frame)
-        water = exposed_water(self.loaded.surroundings, light, frame.time_s)
+        cache, reference = Cache(), Reference()
+        measured = measure_plate(self.loaded, analysis, frame, cache)
+        shots = frame_shots(self.loaded, reference, measured, 0.0, cache)
         if known:
-            light = replace(light, environment=self._light())
-        pattern = plate_pattern(self.loaded, analysis.background, frame)
-        bare = shot_at(self.loaded, light, water, frame.time_s, frame.index, Cache())
-        receiver = self.loaded.receiver_at(frame.index, frame.time_s)
-        return seen_by(self.loaded, bare, Eye(frame), receiver, pattern, frame.index)
+            light = replace(measured.light, environment=self._light())
+            known_shots = frame_shots(self.loaded, reference, replace(measured, light=light), 0.0, cache)
+            return replace(known_shots.by_eye[0][0].shot, medium=shots.water)
+        return shots.by_eye[0][0].shot
 
     def _light(self) -> Environment:
         """Return an even sky and a sun with the dive's irradiance at the camera."""

@@ -10,11 +10,11 @@ plane to plane over their width. The sun's disc widens them with depth: the inte
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from mr360uw.errors import ParameterError
 from mr360uw.shapes import number
@@ -35,12 +35,12 @@ Span = tuple[float, float]
 """Least and greatest depth [m] of an object."""
 
 
-def _rung(depth_m: float) -> float:
-    return (math.sqrt(max(depth_m, 0.0) + _NEAR_M) - math.sqrt(_NEAR_M)) / _STEP
+def _rung(depth_m: ArrayLike) -> NDArray[np.float64]:
+    return np.asarray((np.sqrt(np.maximum(depth_m, 0.0) + _NEAR_M) - math.sqrt(_NEAR_M)) / _STEP)
 
 
-def _depth(rung: float) -> float:
-    return (math.sqrt(_NEAR_M) + _STEP * max(rung, 0.0)) ** 2 - _NEAR_M
+def _depth(rung: ArrayLike) -> NDArray[np.float64]:
+    return np.asarray((math.sqrt(_NEAR_M) + _STEP * np.maximum(rung, 0.0)) ** 2 - _NEAR_M)
 
 
 def stack_depths(near_m: float, far_m: float, count: int) -> NDArray[np.float64]:
@@ -79,10 +79,10 @@ def stack_depths(near_m: float, far_m: float, count: int) -> NDArray[np.float64]
         raise ParameterError(
             f"stack - needs 0 < near <= far and a plane (got {near_m}, {far_m}, {count}) - correct the depths"
         )
-    first, last = _rung(near_m), _rung(far_m)
+    ends = _rung([near_m, far_m])
     if count == 1 or near_m == far_m:
-        return np.array([_depth(0.5 * (first + last))])
-    depths = np.array([_depth(rung) for rung in np.linspace(first, last, count)])
+        return _depth([ends.mean()])
+    depths = _depth(np.linspace(ends[0], ends[1], count))
     depths[0], depths[-1] = near_m, far_m
     return depths
 
@@ -116,28 +116,26 @@ class PlaneLadder:
         if not reaches:
             return cls(fixed_m=fixed)
         free = max(most - len(fixed), 2)
-        first, last = _rung(min(r[0] for r in reaches)), _rung(max(r[1] for r in reaches))
+        first, last = _rung([min(r[0] for r in reaches), max(r[1] for r in reaches)]).tolist()
         if last - first <= free - 1:
             return cls(first, max(last - first, 1e-3) / max(math.ceil(last - first), 1), fixed)
-        tall = [
-            _rung(max(least, 0.0) + height) - _rung(least)
-            for (least, _), height in zip(reaches, heights_m, strict=True)
-        ]
+        least = np.maximum([reach[0] for reach in reaches], 0.0)
+        tall = (_rung(least + heights_m) - _rung(least)).tolist()
         step = 1.0
         while min(sum(math.ceil(t / step) + 2 for t in tall), math.ceil((last - first) / step) + 1) > free:
             step *= 1.05
         return cls(first, step, fixed)
 
-    def around(self, spans: Iterable[Span]) -> NDArray[np.float64]:
+    def around(self, spans: Sequence[Span]) -> NDArray[np.float64]:
         """Return the ascending depths of the planes that enclose what spans the given depths now."""
         if self.only_m is not None:
             return np.array([self.only_m])
         numbers: set[int] = set()
-        for span in spans:
-            least, greatest = ((_rung(depth) - self.first) / self.step for depth in span)
+        rungs = (_rung(np.reshape(spans, (-1, 2))) - self.first) / self.step
+        for least, greatest in rungs.tolist():
             above = math.floor(least + _SAME)
             numbers.update(range(above, max(math.ceil(greatest - _SAME), above) + 1))
-        return np.array(sorted({_depth(self.first + n * self.step) for n in numbers} | set(self.fixed_m)))
+        return np.union1d(_depth(self.first + np.array(list(numbers), np.float64) * self.step), self.fixed_m)
 
 
 def map_size(most: int, tile_m: float, nearest_footprint_m: float, sun_radius_m: float, blur_m: float = 0.0) -> int:

@@ -51,27 +51,25 @@ def composite(
     ] = None,
     no_report: Annotated[bool, typer.Option("--no-report", help="write no report")] = False,
     explain: Annotated[bool, typer.Option("--explain", help="print what will run and why, and stop")] = False,
-    measure: Annotated[bool, typer.Option("--measure", help="with --explain: also time what each skip saves")] = False,
+    measure: Annotated[bool, typer.Option("--measure", help="with --explain: also time the stages of a frame")] = False,
     progress_lines: Annotated[bool, typer.Option("--progress-lines", help="a line for each frame, no bar")] = False,
 ) -> None:
     """Put the objects of SCENE into its plate and write OUT; goes on where a run that was stopped ended."""
     from mr360uw.pipeline import composite_video
     from mr360uw.progress import terminal_progress
-    from mr360uw.render.check import explain_plan
+    from mr360uw.render.check import explain_costs, explain_plan
     from mr360uw.runs.outputs import report_beside
     from mr360uw.scene.model import at_scale, load_scene
 
     if report_file is not None and no_report:
         raise ParameterError("--no-report - contradicts --report (got both) - give one of them")
     if measure and not explain:
-        raise ParameterError("--measure - times the skips that --explain lists (got it alone) - give both")
+        raise ParameterError("--measure - times the stages that --explain lists (got it alone) - give both")
     loaded = at_scale(load_scene(scene, overrides or ()), scale)
     if explain:
         typer.echo(explain_plan(loaded, backend))
         if measure:
-            from mr360uw.render.stages.stage_costs import explain_skips
-
-            typer.echo(explain_skips(loaded, backend))
+            typer.echo(explain_costs(loaded, backend))
         typer.echo(f"nothing was written to {out}: --explain says what would run")
         return
     report_file = None if no_report else report_file or report_beside(out)

@@ -79,7 +79,7 @@ class Motion:
         t = float(np.clip(time_s, self.time_s[0], self.time_s[-1]))
         position, log_scale, turn = self._curves
         k = max(int(np.searchsorted(self.time_s, t)), 1)
-        turns, grows = (np.any(of_keys[k] != of_keys[k - 1]) for of_keys in (self.rotation, self.scale))
+        turns, grows = np.any(self.rotation[k] != self.rotation[k - 1]), self.scale[k] != self.scale[k - 1]
         rotation = turn(t).as_matrix() if turns else self.rotation[k]
         return rigid(position(t), rotation, float(np.exp(log_scale(t)) if grows else self.scale[k]))
 

@@ -27,7 +27,7 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mr360uw.cache import Cache, PartOf, Parts, by_content, shared
+from mr360uw.cache import Cache, PartOf, Parts, by_content
 from mr360uw.color import encode
 from mr360uw.composite.aovs import Aovs
 from mr360uw.composite.lighting.blockers import casting_bodies
@@ -38,10 +38,9 @@ from mr360uw.composite.receiver.shape import plate_distance
 from mr360uw.composite.shot import Shot
 from mr360uw.composite.tiles import even_tiles, rectangles_of_mask
 from mr360uw.medium.medium import Medium
-from mr360uw.medium.shafts.settings import LEAST_NODES, ShaftSettings
+from mr360uw.medium.settings import LEAST_NODES, ShaftSettings
 from mr360uw.medium.shafts.shaft_field import FroxelGrid, shaft_field
-from mr360uw.medium.shafts.shaft_scene import ShaftScene, ShaftWater, unoccluded
-from mr360uw.sphere import unit
+from mr360uw.medium.shafts.shaft_scene import ShaftScene, shaft_water, unoccluded
 from mr360uw.types import CausticStack, Floats, Lamp, Layer, MediumTable, Rectangle, Tile, View
 
 Array = NDArray[np.float64]
@@ -362,69 +361,45 @@ def code_change(level: Floats, change: Floats) -> Floats:
     )
 
 
-def waves_show(shot: Shot, light: ShaftLight) -> bool:
-    """Return whether waves may change the light before a shot's objects by `ShaftSettings.least_codes`.
+def shafts_show(shot: Shot, settings: ShaftSettings, medium: Medium) -> tuple[bool, bool]:
+    """Return whether waves may change the light before a shot's objects by `ShaftSettings.least_codes`, and whether
+    bodies' shadows in the water may.
 
-    Each object is taken as black, as a change shows most on its veil alone, and at its middle.
+    For waves each object is taken as black, as a change shows most on its veil alone, and at its middle. A shadow is
+    taken as a cylinder as wide as the mean of the body's two shorter extents, before the veil. Of a whale at six places
+    in three waters the true change is 0.1 to 1.5 times as large where it is below 2 codes.
     """
-    sun, settings = sun_of(shot), light.settings
-    if settings.least_codes == 0.0 or settings.on_plate:
-        return True
-    if sun is None or not shot.visible:
-        return False
-    to = np.array([placed.to_world(placed.mesh.center_m) for placed in shot.visible]) - shot.view.position
-    distance = np.maximum(np.linalg.norm(to, axis=-1), 1e-9)
-    rays, end = to / distance[:, None], np.minimum(distance, settings.range_m)
-    beam = _beam_before(shot, light, rays, end)
-    return _shows(shot, light, rays, end, _WAVES * beam)
-
-
-def bodies_show(shot: Shot, light: ShaftLight) -> bool:
-    """Return whether a body's shadow in the water may change a code by `ShaftSettings.least_codes`.
-
-    The shadow is taken as a cylinder as wide as the mean of the body's two shorter extents, before the veil. Of a whale
-    at six places in three waters the true change is 0.1 to 1.5 times as large where it is below 2 codes.
-    """
-    sun, settings = sun_of(shot), light.settings
-    if settings.least_codes == 0.0:
-        return True
-    if sun is None or not shot.casters:
-        return False
-    towards = unit(sun.direction)
-    middle = np.array([placed.to_world(placed.mesh.center_m) for placed in shot.casters]) - shot.view.position
-    wide = np.array([np.mean(np.sort(placed.mesh.extent_m)[:2]) * placed.scale for placed in shot.casters])
-    to = (middle[:, None] - _SHADOW_M[:, None] * towards).reshape(-1, 3)
+    sun, least = sun_of(shot), settings.least_codes
+    if sun is None or least == 0.0:
+        return least == 0.0 or settings.on_plate, least == 0.0
+    # Rays to the objects' middles, then to places in the shadows of those that cast them
+    eye, towards = shot.view.position, sun.direction
+    seen, behind, wide = [np.zeros((0, 3))], [np.zeros((0, 3))], [np.zeros(0)]
+    for placed in shot.objects:
+        middle = (placed.to_world(placed.mesh.center_m) - eye)[None]
+        if placed.visible:
+            seen.append(middle)
+        if placed.casts_shadow:
+            behind.append(middle - _SHADOW_M[:, None] * towards)
+            wide.append(np.full(len(_SHADOW_M), np.mean(np.sort(placed.mesh.extent_m)[:2]) * placed.scale))
+    to, waves = np.concatenate([*seen, *behind]), len(seen) - 1
     distance = np.maximum(np.linalg.norm(to, axis=-1), 1e-9)
     rays = to / distance[:, None]
-    sine = np.sqrt(np.maximum(1.0 - (rays @ towards) ** 2, 1e-6))
-    half = np.minimum(0.5 * np.repeat(wide, len(_SHADOW_M)) / sine, 0.5 * _LONGEST_M)
-    ends = np.clip(np.concatenate([distance - half, distance + half]), 0.0, settings.range_m)
-    near, far = np.split(_beam_before(shot, light, np.tile(rays, (2, 1)), ends), 2)
-    return _shows(shot, light, rays, np.full(len(rays), settings.range_m), near - far)
-
-
-def _shows(shot: Shot, light: ShaftLight, rays: Floats, end_m: Floats, change: Floats) -> bool:
-    """Return whether a change (n, 3) of light before the veil of rays (n, 3) of lengths (n,) changes a code enough."""
-    veil = np.zeros((len(rays), 3)) if shot.medium is None else veil_ahead(shot.medium, end_m, rays)
-    return bool(np.max(code_change(veil, light.settings.strength * change)) >= light.settings.least_codes)
-
-
-def _beam_before(shot: Shot, light: ShaftLight, rays: Floats, end_m: Floats) -> Floats:
-    """Return the beam's light scattered once (n, 3) on rays (n, 3) from the camera up to ends (n,) [m]."""
-    sun = sun_of(shot)
-    assert sun is not None
-    depth_m = float(shot.view.depth_of(np.zeros(3)))
-    end_m = np.minimum(end_m, np.where(rays[:, 1] > 0.0, depth_m / np.maximum(rays[:, 1], 1e-9), np.inf))
-    ways = np.stack([rays @ unit(sun.direction), rays[:, 1], end_m]).astype(np.float64)
-    beam = _unit_beam(light.medium, ways.tobytes(), depth_m, sun_up(sun))
-    return np.asarray(np.asarray(sun.irradiance, np.float64) * beam)
-
-
-@shared(keep=4)
-def _unit_beam(medium: Medium, ways: bytes, depth_m: float, up: float) -> Floats:
-    """Return `unoccluded` (n, 3) of a medium. ways: of float64 (3, n), cosine to the sun, height and end of the rays.
-
-    Kept, as cameras and bodies mostly stand still while the strength of the sun changes.
-    """
-    cosine, height, end_m = np.frombuffer(ways).reshape(3, -1)
-    return unoccluded(ShaftWater.of(medium), cosine, height, end_m, depth_m, up)
+    # What is at stake: a fraction of the light before an object, all of that within a shadow
+    cosine, up = rays @ towards, rays[:, 1]
+    sine = np.sqrt(np.maximum(1.0 - cosine[waves:] ** 2, 1e-6))
+    half = np.minimum(0.5 * np.concatenate(wide) / sine, 0.5 * _LONGEST_M)
+    start = np.concatenate([np.zeros(waves), distance[waves:] - half])
+    end = np.concatenate([distance[:waves], distance[waves:] + half])
+    depth_m = max(shot.view.surface_y_m - float(eye[1]), 0.0)
+    out = np.divide(depth_m, up, out=np.full(len(up), settings.range_m), where=up > 0.0)
+    start, end = np.clip([start, end], 0.0, np.minimum(out, settings.range_m))
+    change = sun.irradiance * unoccluded(shaft_water(medium), cosine, up, start, end, depth_m, sun_up(sun))
+    change[:waves] *= _WAVES
+    change[waves:] *= -1.0
+    # How far it changes a code of the veil
+    shown = np.minimum(distance, settings.range_m)
+    shown[waves:] = settings.range_m
+    veil = np.zeros((len(rays), 3)) if shot.medium is None else veil_ahead(shot.medium, shown, rays)
+    changes = code_change(veil, settings.strength * change) >= least
+    return settings.on_plate or bool(np.any(changes[:waves])), bool(np.any(changes[waves:]))

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import operator
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -125,12 +126,12 @@ class Shot(Parts):
     @property
     def visible(self) -> tuple[PlacedObject, ...]:
         """The objects that the camera sees."""
-        return tuple(placed for placed in self.objects if placed.visible)
+        return tuple(filter(operator.attrgetter("visible"), self.objects))
 
     @property
     def casters(self) -> tuple[PlacedObject, ...]:
         """The objects that cast shadows."""
-        return tuple(placed for placed in self.objects if placed.casts_shadow)
+        return tuple(filter(operator.attrgetter("casts_shadow"), self.objects))
 
     @property
     def refractive_index(self) -> float:

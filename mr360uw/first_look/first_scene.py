@@ -28,9 +28,9 @@ from mr360uw.output_gate import check_outputs
 from mr360uw.preview.live import COARSE_WIDTH, LivePreview
 from mr360uw.preview.thumbnail import screen_picture
 from mr360uw.reading.input_files import read_json
-from mr360uw.render.camera import CameraPath
 from mr360uw.render.check import possible_outputs
 from mr360uw.render.loaded import Loaded
+from mr360uw.render.surroundings import CameraPath
 from mr360uw.scene.inputs import open_plate
 from mr360uw.scene.model import CameraSettings, PlateSettings, Scene, scene_from_dict
 from mr360uw.types import Floats, View

@@ -24,9 +24,9 @@ from mr360uw.from_above.aerial_bodies import (
 )
 from mr360uw.from_above.settings import AerialFloorSettings, AerialScene, AerialWaterSettings
 from mr360uw.medium import Medium, Water
-from mr360uw.medium.band_light import FormationModel
 from mr360uw.medium.medium import RGB_NM, Mode
 from mr360uw.medium.spectral.sensor import named_sensor
+from mr360uw.medium.tabulate import FormationModel
 from mr360uw.published.aerial_look import blended_albedo, thresholded_reflection
 from mr360uw.sample.dive_settings import DiveSettings
 from mr360uw.sample.sea_bed import sea_bed

@@ -35,7 +35,7 @@ def environment_lookup(map_: Floats, direction: ArrayLike) -> Floats:
     Beyond the centre of the first or last row the neighbour is the same row half a turn away, as over a pole.
     """
     i, j, fx, fy = _between(map_.shape, direction)
-    a, b, c, d = (environment_texel(map_, i + right, j + down) for down in (0, 1) for right in (0, 1))
+    a, b, c, d = environment_texel(map_, np.stack([i, i + 1, i, i + 1]), np.stack([j, j, j + 1, j + 1]))
     return np.asarray(between_four(a, b, c, d, fx, fy))
 
 
@@ -48,10 +48,10 @@ def lookup_matrix(shape: tuple[int, ...], direction: ArrayLike) -> Any:
     height, width = shape[:2]
     i, j, fx, fy = _between(shape, direction)
     number = np.arange(height * width, dtype=np.float64).reshape(height, width)
-    texels = [environment_texel(number, i + right, j + down) for down in (0, 1) for right in (0, 1)]
+    texels = environment_texel(number, np.stack([i, i + 1, i, i + 1]), np.stack([j, j, j + 1, j + 1]))
     weights = [across * along for along in (1.0 - fy, fy) for across in (1.0 - fx, fx)]
     rows = np.repeat(np.arange(len(i)), 4)
-    columns = np.stack(texels, axis=-1).ravel().astype(np.int64)
+    columns = np.moveaxis(texels, 0, -1).ravel().astype(np.int64)
     values: Any = np.concatenate(weights, axis=-1).ravel()
     return csr_matrix((values, (rows, columns)), shape=(len(i), height * width))
 

@@ -1,4 +1,3 @@
-from .band_light import compress_gamut
 from .closed_form import multiple_scattering
 from .fit.exposure import exposure_change, fit_gain, picture_change, steady_gain
 from .fit.profile import PlateProfile
@@ -15,6 +14,7 @@ from .shafts.shaft_scene import ShaftScene
 from .shafts.single_scattering import single_scattering
 from .spectral.bands import Bands, bands
 from .spectral.sensor import Sensor, cameras, illuminant, reflectance
+from .tabulate import compress_gamut
 from .transfer import LightField
 from .water import JERLOV_TYPES, Water
 

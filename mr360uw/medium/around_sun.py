@@ -18,9 +18,8 @@ from numpy.typing import NDArray
 
 from mr360uw.cache import shared
 from mr360uw.constants import PI
-from mr360uw.medium.fit.level import MIDDLE
 from mr360uw.medium.fit.open_water import COLUMNS, ROWS
-from mr360uw.medium.fit.profile import row_up, typical
+from mr360uw.medium.fit.profile import MIDDLE, row_up, typical
 from mr360uw.medium.medium import Medium
 from mr360uw.medium.models import FieldModel
 from mr360uw.reading.disk_cache import kept_arrays

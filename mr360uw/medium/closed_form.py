@@ -48,9 +48,9 @@ def exponential_integral(rate: ArrayLike, start: ArrayLike, end: ArrayLike) -> A
 
     The integrand is bounded by exp(`BRIGHTEST_LOG`).
     """
-    rate, start, end = (np.asarray(x, np.float64) for x in (rate, start, end))
-    brightest = np.minimum(-np.minimum(rate * start, rate * end), BRIGHTEST_LOG)
-    return (end - start) * np.exp(brightest) * mean_transmittance(np.abs(rate * (end - start)))
+    length = np.subtract(end, start, dtype=np.float64)
+    brightest = np.minimum(-np.minimum(np.multiply(rate, start), np.multiply(rate, end)), BRIGHTEST_LOG)
+    return length * np.exp(brightest) * mean_transmittance(np.abs(rate * length))
 
 
 def closed_form(b: ArrayLike, c: ArrayLike, k: ArrayLike, s: ArrayLike, y: ArrayLike, mu: ArrayLike) -> Array:

@@ -75,6 +75,7 @@ def _fitted_weights(phase: Phase) -> Array:
     return np.asarray(rows / rows.sum(axis=1, keepdims=True))
 
 
+@shared(keep=4)
 def spread_of(medium: Medium) -> BeamSpread | None:
     """Return the spread of the sun's beam in a medium at `SPREAD_NM`.
 

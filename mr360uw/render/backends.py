@@ -8,6 +8,7 @@ OpenGL 3.3.
 from __future__ import annotations
 
 import threading
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Literal, Protocol, get_args
 
 from mr360uw.cache import Cache, drop_shared
@@ -21,6 +22,9 @@ if TYPE_CHECKING:
     from mr360uw.composite.gl.layer_renderer import LayerRenderer
 
 BackendName = Literal["auto", "gl", "reference"]
+CausticsOf = Callable[[Sea, Floats, Floats, float, CausticSettings, float, BeamSpread | None], CausticStack]
+"""Caustics of a sea under the direction of a sun in air (3,), on planes at depths (n,) [m], at a time [s]; with the
+refractive index of the water, and the spread of the beam that it turns by small angles."""
 
 
 class Backend(Protocol):
@@ -33,17 +37,9 @@ class Backend(Protocol):
     device: str
     cache: Cache
 
-    def caustics(
-        self,
-        sea: Sea,
-        sun_in_air: Floats,
-        depths_m: Floats,
-        time_s: float,
-        settings: CausticSettings,
-        refractive_index: float,
-        spread: BeamSpread | None,
-    ) -> CausticStack:
-        """Return the caustics on planes."""
+    @property
+    def caustics(self) -> CausticsOf:
+        """The function that returns the caustics on planes."""
 
     def layer(self, shot: Shot, *, variables: bool = False) -> tuple[Layer, Aovs | None]:
         """Return the layer of a shot, and its output variables if asked for (else None)."""
@@ -61,20 +57,12 @@ class Reference:
     def __init__(self, cache: Cache | None = None) -> None:
         self.cache = Cache() if cache is None else cache
 
-    def caustics(
-        self,
-        sea: Sea,
-        sun_in_air: Floats,
-        depths_m: Floats,
-        time_s: float,
-        settings: CausticSettings,
-        refractive_index: float,
-        spread: BeamSpread | None,
-    ) -> CausticStack:
-        """Return the caustics of `mr360uw.caustics.caustic_stack`."""
+    @property
+    def caustics(self) -> CausticsOf:
+        """`mr360uw.caustics.caustic_stack`."""
         from mr360uw.caustics import caustic_stack
 
-        return caustic_stack(sea, sun_in_air, depths_m, time_s, settings, refractive_index, spread)
+        return caustic_stack
 
     def layer(self, shot: Shot, *, variables: bool = False) -> tuple[Layer, Aovs | None]:
         """Return the layer of `mr360uw.composite.reference`."""
@@ -101,20 +89,12 @@ class Gl:
         self._layers: LayerRenderer | None = LayerRenderer(self.cache)
         self._thread = threading.get_ident()
 
-    def caustics(
-        self,
-        sea: Sea,
-        sun_in_air: Floats,
-        depths_m: Floats,
-        time_s: float,
-        settings: CausticSettings,
-        refractive_index: float,
-        spread: BeamSpread | None,
-    ) -> CausticStack:
-        """Return the caustics of `summed_stack`."""
+    @property
+    def caustics(self) -> CausticsOf:
+        """`summed_stack`."""
         from mr360uw.caustics.flux.summed_stack import summed_stack
 
-        return summed_stack(sea, sun_in_air, depths_m, time_s, settings, refractive_index, spread)
+        return summed_stack
 
     def layer(self, shot: Shot, *, variables: bool = False) -> tuple[Layer, Aovs | None]:
         """Return the layer of a shot, and its output variables if asked for, read back from the device."""

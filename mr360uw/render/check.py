@@ -1,15 +1,21 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Dry run of a scene: its plan, and every problem that would stop a run, without rendering a frame."""
+"""Dry run of a scene: its plan, and every problem that would stop a run, without rendering a frame; and what the
+stages of one frame cost.
+"""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field, fields, is_dataclass
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TypeVar
+from typing import Any, TypeVar, TypeVarTuple
 
+from mr360uw.cache import Cache, PartOf, name_of
 from mr360uw.composite import load_object
 from mr360uw.errors import DamagedFrameError, Mr360uwError, SceneError, VideoError
 from mr360uw.ibl import SunTrack
@@ -18,6 +24,7 @@ from mr360uw.output_gate import check_outputs
 from mr360uw.reading.cached_reads import CachedReads
 from mr360uw.render.backends import Backend, make_backend
 from mr360uw.render.first_pass import ClipAnalysis, first_pass
+from mr360uw.render.frame import composite_frame
 from mr360uw.render.lights import LightReader
 from mr360uw.render.loaded import Loaded, load, load_plate_depth
 from mr360uw.render.mattes import Mattes, ReceiverClip
@@ -183,3 +190,121 @@ def sun_lines(light: LightReader, frame: VideoFrame, analysis: ClipAnalysis) -> 
     if isinstance(analysis.sun, SunTrack):
         lines.append(f"light     clip: {tracked_in_words(analysis.sun.at(frame.index - analysis.first))}")
     return lines
+
+
+Inputs = TypeVarTuple("Inputs")
+
+_DEPTH = 3
+"""Levels of fields in which an input is looked for results of other stages: a body's mesh is in its place in a shot."""
+_SHOWN_MS = 0.05
+"""Processor time [ms] below which a stage is left out of the table, for nobody would miss it."""
+
+
+@dataclass
+class StageRun:
+    """A stage: how often it was asked for and how often it ran, its processor time [s] without that of the stages that
+    it called, and the stages whose results it took.
+    """
+
+    asked: int = 0
+    ran: int = 0
+    seconds: float = 0.0
+    inputs: set[str] = field(default_factory=set)
+
+
+class StageGraph(Cache):
+    """A cache that notes the graph of the functions whose results it holds. runs: by name, in the order of their ends.
+
+    Caches of other parts of the program may note into the same graph. graph: that they note into; None for an own one.
+    """
+
+    def __init__(self, room: int = 1, graph: StageGraph | None = None) -> None:
+        super().__init__(room)
+        self.runs: dict[str, StageRun] = {} if graph is None else graph.runs
+        self._within: list[float] = [] if graph is None else graph._within
+        self._makers: dict[int, tuple[str, object]] = {} if graph is None else graph._makers
+
+    def of(self, function: Callable[[*Inputs], T], *inputs: *Inputs, keep: int = 1) -> T:
+        """Return the result of a function, as `Cache.of` does."""
+        before = self.made.total()
+        with self._timed(name_of(function)):
+            result = super().of(function, *inputs, keep=keep)
+        self._note(name_of(function), inputs, result, self.made.total() > before)
+        return result
+
+    @contextmanager
+    def _timed(self, name: str) -> Iterator[None]:
+        """Add the processor time until the context ends to a stage's, without that of the stages called in it."""
+        self._within.append(0.0)
+        began = time.process_time()
+        try:
+            yield
+        finally:
+            took = time.process_time() - began
+            own = took - self._within.pop()
+            if self._within:
+                self._within[-1] += took
+        self.runs.setdefault(name, StageRun()).seconds += own
+
+    def _note(self, name: str, inputs: tuple[object, ...], result: object, ran: bool) -> None:
+        """Note that a stage was asked for, whether it ran, and whose results it took."""
+        run = self.runs.setdefault(name, StageRun())
+        run.asked += 1
+        run.ran += ran
+        if ran:  # a result that is there has noted its inputs
+            makers = (self._makers.get(id(part)) for part in _parts(inputs, _DEPTH))
+            run.inputs |= {maker[0] for maker in makers if maker is not None} - {name}
+        for part in (result, *(result if isinstance(result, tuple) else ())):
+            self._makers.setdefault(id(part), (name, part))  # holds the part, so that its number is not given again
+
+    def forget_times(self) -> None:
+        """Begin anew to count, and let go of results; which stages took whose results stays known."""
+        self._makers.clear()
+        for run in self.runs.values():
+            run.asked = run.ran = 0
+            run.seconds = 0.0
+
+    def __str__(self) -> str:
+        shown = {name: run for name, run in self.runs.items() if 1e3 * run.seconds >= _SHOWN_MS}
+        width = max(map(len, shown), default=0)
+        return "\n".join(
+            f"  {name:<{width}}  {1e3 * run.seconds:8.1f} ms  {run.ran} of {run.asked}  {', '.join(sorted(run.inputs))}"
+            for name, run in shown.items()
+        )
+
+
+def _parts(item: Any, depth: int) -> Iterator[object]:
+    """Yield an input and its fields, down to a depth."""
+    if item is None or isinstance(item, int | float | str):
+        return
+    yield item
+    if depth == 0:
+        return
+    if isinstance(item, PartOf):
+        yield from _parts(item.whole, depth)
+    elif isinstance(item, tuple | list):
+        for part in item:
+            yield from _parts(part, depth)
+    elif is_dataclass(item):
+        for one in fields(item):
+            yield from _parts(getattr(item, one.name, None), depth - 1)
+
+
+def explain_costs(scene: Scene, backend: str = "auto") -> str:
+    """Return, as text, the graph of the stages of the plate's first frame with the processor time of each: of a first
+    frame whose kernels are compiled.
+    """
+    with open_plate(scene) as video:
+        loaded = load(scene, video.width, video.height, clip=not video.is_still)
+        plate = next(iter(video.frames(0, 1)))
+    graph = StageGraph()
+    renderer, _ = make_backend(backend, StageGraph(graph=graph))
+    composite_frame(loaded, ClipAnalysis(), renderer, plate, 0.0, cache=graph)
+    graph.forget_times()
+    for cache in (graph, renderer.cache):
+        cache.clear()
+    began = time.process_time()
+    composite_frame(loaded, ClipAnalysis(), renderer, plate, 0.0, cache=graph)
+    took_ms, size = 1e3 * (time.process_time() - began), f"{loaded.width}x{loaded.height}"
+    head = f"costs     first frame, {size}: {took_ms:.1f} ms of processor time; stage, time, runs, and whom it follows"
+    return f"{head}\n{graph}"

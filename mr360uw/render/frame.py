@@ -4,81 +4,56 @@
 Each stage takes all that it needs. `composite_frame` runs them one after the other; over a clip (`runs.job`) each of
 the three runs on a thread of its own, ahead of the next stage: what measures a plate and says what is to be drawn, what
 draws, and what blends and writes.
+
+What both eyes of a stereo plate see is found once: light, sun, gain and water in the left eye's picture, so that no
+difference between the pictures makes their objects differ; caustics, shafts, shadow maps and ambient light do not
+depend on the eye. The plate's own caustics are smoothed in each eye's picture alike: a clip's mean is kept of the left
+eye alone.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, is_dataclass, replace
-from typing import TYPE_CHECKING, TypeVar
+from dataclasses import dataclass, field, fields, is_dataclass, replace
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
 from mr360uw.cache import Cache
+from mr360uw.caustics.settings import CausticSettings
+from mr360uw.color import unseen_change
 from mr360uw.composite.aovs import Aovs
+from mr360uw.composite.at_surface.settings import object_presence
+from mr360uw.composite.lighting.lamps import lamps_of
+from mr360uw.composite.lighting.sun import sun_of
 from mr360uw.composite.over import mean_layer, over_tile
-from mr360uw.composite.receiver.pattern import PlatePattern
-from mr360uw.composite.shot import Receiver, Shot
-from mr360uw.errors import RenderError
+from mr360uw.composite.settings import DrawSettings
+from mr360uw.composite.shot import Shot
+from mr360uw.constants import JUST_BELOW_M
+from mr360uw.errors import ParameterError, RenderError
+from mr360uw.ibl.lighting import turned
+from mr360uw.medium import Medium
+from mr360uw.medium.small_angles import spread_of
+from mr360uw.optics import into_air
 from mr360uw.render.backends import Backend
 from mr360uw.render.first_pass import ClipAnalysis
 from mr360uw.render.loaded import Loaded
 from mr360uw.render.plate_light import FrameLight, exposed_water, plate_light
 from mr360uw.render.plate_pattern import Background, plate_pattern
-from mr360uw.render.shots import (
-    Eye,
-    eyes_of,
-    instants,
-    seen_by,
-    shafts_of,
-    shot_at,
-    with_caustics,
-    with_snow,
-    with_surface,
-)
 from mr360uw.render.stages.match_stage import asked_grade, ungraded, with_grade
-from mr360uw.types import CausticStack, Layer, MediumTable
+from mr360uw.types import CausticStack, Floats, Layer, MediumTable, Sun
 from mr360uw.video import VideoFrame
 
 if TYPE_CHECKING:
     from mr360uw.composite.shafts import ShaftLight
+    from mr360uw.depth.occlusion import PlateSurfaces
 
 T = TypeVar("T")
-
-
-def finite(stage: str, index: int, result: T) -> T:
-    """Return a stage's result; raise `RenderError` if `not_finite` finds anything in it."""
-    refuse(stage, index, not_finite(result))
-    return result
-
-
-def refuse(stage: str, index: int, found: str) -> None:
-    """Raise `RenderError` for the result of a frame in which `not_finite` found something."""
-    if found:
-        raise RenderError(
-            f"frame {index} - the {stage} has numbers that are not finite (got {found}) - please report it with the "
-            "scene file"
-        )
-
-
-def not_finite(result: object) -> str:
-    """Return where an array of floats in a result has a NaN or an infinity; "" where none has. Distances may.
-
-    result: a dataclass or a tuple, which may hold others. Sums are tested first: 13 ms for a layer that covers all of
-    3840 x 1920.
-    """
-    if isinstance(result, tuple):
-        return next(filter(None, map(not_finite, result)), "")
-    for field in fields(result) if is_dataclass(result) else ():
-        values = getattr(result, field.name)
-        if (is_dataclass(values) or isinstance(values, tuple)) and (inner := not_finite(values)):
-            return inner
-        if not isinstance(values, np.ndarray) or values.dtype.kind != "f" or field.name == "distance_m":
-            continue
-        with np.errstate(all="ignore"):
-            total = values.sum()
-        if not np.isfinite(total) and not np.all(np.isfinite(values)):
-            return f"{np.sum(~np.isfinite(values))} of {values.size} in {field.name}"
-    return ""
+_LOWEST_SUN = 0.05
+"""Sine of the sun's elevation in air below which no caustics are computed: the beam is oblique and weak."""
+_DEEPER = 3.0
+"""How far below the camera waves are followed for the whole plate, in lengths over which daylight falls to 1/e."""
+_NOT_OF_LAYERS = {name: DrawSettings.model_fields[name].default for name in ("grain", "motion_samples", "shutter")}
+"""Settings of drawing that the layer of one instant does not depend on."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -101,20 +76,30 @@ class Frame:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Eye:
+    """One eye of a frame.
+
+    plate: what it shows. eye_m: distance to the right of the middle [m]. shown: fields of its shots: receiver, the
+    plate's own caustics there, and mattes in its picture.
+    """
+
+    plate: VideoFrame
+    eye_m: float
+    shown: dict[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class MeasuredPlate:
     """What a frame's plate shows.
 
     now: the scene at the frame's time. filed: the plate with its grade. eyes: its pictures without it. light: None
-    where nothing is lit. receivers: in each eye's picture. patterns: the plate's own caustics there, None where there
-    is no shadow.
+    where nothing is lit.
     """
 
     now: Loaded
     filed: VideoFrame
     eyes: tuple[Eye, ...]
     light: FrameLight | None
-    receivers: tuple[Receiver | None, ...]
-    patterns: tuple[PlatePattern | None, ...]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -148,8 +133,7 @@ Drawn = tuple[Shot, Layer, Aovs | None]
 class DrawnFrame:
     """What is drawn for a frame. by_eye: for each eye what it sees of every instant of the exposure."""
 
-    measured: MeasuredPlate
-    water: MediumTable | None
+    shots: FrameShots
     by_eye: tuple[tuple[Drawn, ...], ...]
 
 
@@ -167,8 +151,8 @@ def composite_frame(
     """Return a frame, a function of what is loaded, the clip's analysis and the plate's frame alone.
 
     shutter_s: exposure time [s], for motion blur. variables: whether the layer's output variables are asked for.
-    light: between light samples of a clip (`stages.light_stage`); None measures it in this frame. cache: results of the
-    same backend's frames: a stage runs unless its result is there.
+    light: between samples of a clip (`plate_light.LightSamples`); None measures it in this frame. cache: results of
+    the same backend's frames: a stage runs unless its result is there.
     """
     cache = Cache(loaded.scene.plate.eyes) if cache is None else cache
     measured = measure_plate(loaded, analysis, plate, cache, light)
@@ -180,23 +164,14 @@ def composite_frame(
 def measure_plate(
     loaded: Loaded, analysis: ClipAnalysis, filed: VideoFrame, cache: Cache, light: FrameLight | None = None
 ) -> MeasuredPlate:
-    """Return the light and the pattern of a plate's frame, on any thread."""
+    """Return the light of a plate's frame and what its eyes show, on any thread."""
     now = loaded.at(filed.time_s)
     plate = ungraded(now, analysis.grade, filed, cache)
-    eyes = eyes_of(now.scene, plate)
-    if not loaded.plan.environment.runs:
-        nothing = tuple(None for _ in eyes)
-        return MeasuredPlate(now, filed, eyes, light, nothing, nothing)
-    if light is None:
-        light = finite("light", plate.index, plate_light(now, analysis, plate, cache))
-    receivers, patterns = [], []
-    for eye in eyes:
-        receivers.append(now.receiver_at(plate.index, plate.time_s, eye.number, eye.eye_m))
-        background = analysis.background
-        if background is not None and eye.eye_m:  # the mean is of the left eye's pictures
-            background = Background(None, background.strength)
-        patterns.append(plate_pattern(now, background, eye.plate, cache))
-    return MeasuredPlate(now, filed, eyes, light, tuple(receivers), tuple(patterns))
+    if loaded.plan.environment.runs:
+        if light is None:
+            light = plate_light(now, analysis, plate, cache)
+        finite("light", plate.index, (light.environment, light.gain, light.plate_ratio))
+    return MeasuredPlate(now, filed, eyes_of(now, analysis.background, plate, cache), light)
 
 
 def frame_shots(
@@ -208,16 +183,17 @@ def frame_shots(
     if light is None or not loaded.plan.layer.runs:
         return FrameShots(measured, None, tuple(() for _ in measured.eyes))
     water = finite("water", index, cache.of(exposed_water, now.surroundings, light, time_s))
-    moments = instants(loaded, now, time_s, shutter_s)
+    # Instants over which the frame is averaged for motion blur, one without it; light and water hold for all of them
+    steps = now.scene.draw.motion_samples if shutter_s > 0.0 and loaded.moves else 1
+    times = time_s + ((np.arange(steps) + 0.5) / steps - 0.5) * shutter_s
     by_eye: list[list[Instant]] = [[] for _ in measured.eyes]
-    for instant_s, then in moments:
-        bare = shot_at(then, light, water, instant_s, index, cache)
-        of_eyes = zip(measured.eyes, measured.receivers, measured.patterns, by_eye, strict=True)
-        for eye, receiver, pattern, seen in of_eyes:
-            shot = seen_by(then, bare, eye, receiver, pattern, index)
-            shot = with_caustics(then, backend, shot, instant_s, cache)
-            shafts = shafts_of(then, backend, shot, instant_s, cache)
-            seen.append(Instant(instant_s, then, shot, shafts, shutter_s / len(moments)))
+    for instant_s in times.tolist():
+        then = now if steps == 1 else loaded.at(instant_s, now)
+        shot = shot_at(then, backend, light, water, instant_s, index, cache)
+        shafts = shafts_of(then, backend, shot, instant_s, cache)
+        for eye, seen in zip(measured.eyes, by_eye, strict=True):
+            of_eye = replace(shot, view=replace(shot.view, eye_m=eye.eye_m), **eye.shown)
+            seen.append(Instant(instant_s, then, of_eye, shafts, shutter_s / steps))
     return FrameShots(measured, water, tuple(map(tuple, by_eye)))
 
 
@@ -225,36 +201,141 @@ def draw_frame(backend: Backend, shots: FrameShots, cache: Cache, *, variables: 
     """Return the layers of a frame, on the thread of its backend."""
     index = shots.measured.filed.index
     by_eye = []
-    for instants_seen in shots.by_eye:
+    for instants in shots.by_eye:
         drawn = []
-        for at in instants_seen:
+        for at in instants:
             layer, found = cache.of(draw_layer, backend, at.shot, at.shafts, variables, cache)
-            refuse("layer", index, cache.of(not_finite, layer))
-            layer, found = with_surface(at.now, backend, at.shot, layer, found, at.time_s, cache)
-            layer, found = with_snow(at.now, backend, at.shot, layer, found, at.time_s, at.exposure_s, cache)
+            finite("layer", index, layer, cache)
+            if at.now.plan.surface.runs:
+                layer, found = with_surface(at, backend, layer, found, cache)
+            if at.now.plan.snow.runs:
+                layer, found = with_snow(at, backend, layer, found, cache)
             drawn.append((at.shot, layer, found))
         by_eye.append(tuple(drawn))
-    return DrawnFrame(shots.measured, shots.water, tuple(by_eye))
+    return DrawnFrame(shots, tuple(by_eye))
 
 
 def blend_frame(loaded: Loaded, analysis: ClipAnalysis, drawn: DrawnFrame, cache: Cache) -> Frame:
     """Return the composite of what was drawn and the plate, on any thread, beside the next frame."""
-    measured, frames = drawn.measured, []
-    for eye, instants_drawn in zip(measured.eyes, drawn.by_eye, strict=True):
-        layers = [layer for _, layer, _ in instants_drawn]
-        layer = mean_layer(layers) if layers else Layer(loaded.height, loaded.width, ())
+    measured, frames = drawn.shots.measured, []
+    for eye, instants in zip(measured.eyes, drawn.by_eye, strict=True):
+        layer = mean_layer([layer for _, layer, _ in instants]) if instants else Layer(loaded.height, loaded.width, ())
         look = asked_grade(measured.now, analysis.grade, measured.filed, layer, cache)  # of the left eye for both
         layer = cache.of(with_grade, layer, look, eye.plate)
         picture = cache.of(lay_over, eye.plate, layer, measured.now.scene.draw.grain)
-        frame = Frame(picture, eye.plate, layer, measured.light, drawn.water)
-        if instants_drawn:
-            shot, _, variables = instants_drawn[-1]
-            frame = replace(frame, caustics=shot.caustics, variables=variables)
-        frames.append(frame)
+        shot, _, variables = instants[-1] if instants else (None, None, None)
+        caustics = None if shot is None else shot.caustics
+        frames.append(Frame(picture, eye.plate, layer, measured.light, drawn.shots.water, caustics, variables))
     if len(frames) == 1:
         return frames[0]
     left, right = frames
     return replace(left, picture=replace(left.picture, right=right.picture), right=right)
+
+
+def eyes_of(now: Loaded, background: Background | None, plate: VideoFrame, cache: Cache) -> tuple[Eye, ...]:
+    """Return the eyes of a plate's frame: itself, or left and right where the scene works on both.
+
+    background: of the clip. cache: holds what does not change from frame to frame. Raises `ParameterError` where the
+    scene works on both eyes and the frame is one panorama.
+    """
+    pictures = [(plate, 0.0)]
+    if now.scene.plate.eye == "both":
+        if plate.right is None:
+            raise ParameterError(
+                'plate.eye - is "both", but the frame has one eye - take frames that open_video(..., eye="both") '
+                "reads, or leave out plate.eye"
+            )
+        half_m = 0.5 * now.scene.camera.ipd_m
+        pictures = [(plate, -half_m), (plate.right, half_m)]
+    if not now.plan.layer.runs:
+        return tuple(Eye(*picture) for picture in pictures)
+    eyes = []
+    for number, (picture, eye_m) in enumerate(pictures):
+        if background is not None and eye_m:  # the mean is of the left eye's pictures
+            background = Background(None, background.strength)
+        shown: dict[str, Any] = {
+            "receiver": now.receiver_at(plate.index, plate.time_s, number, eye_m),
+            "pattern": plate_pattern(now, background, picture, cache),
+            "unseen": unseen_change(picture.spec),
+        }
+        shown["holdout"], shown["holdout_distance_m"] = now.mattes.at(plate.index, number)
+        if now.plate_depth is not None:
+            _hide_behind(shown, now.plate_depth.surfaces(plate.index, picture, number))
+        eyes.append(Eye(picture, eye_m, shown))
+    return tuple(eyes)
+
+
+def _hide_behind(shown: dict[str, Any], of_plate: PlateSurfaces) -> None:
+    """Add what the plate's own depth hides to the mattes of an eye, with what lies beside the edges of it."""
+    matte_m, metres, beside_m = shown["holdout_distance_m"], of_plate.distance_m, of_plate.beside_m
+    shown["holdout_distance_m"] = metres if matte_m is None else np.minimum(matte_m, metres)
+    shown["holdout_soft"] = True
+    if beside_m is not None and of_plate.share is not None:
+        beside_m = beside_m if matte_m is None else np.minimum(matte_m, beside_m)
+        shown["holdout_beside"] = beside_m, of_plate.share
+
+
+def shot_at(
+    loaded: Loaded, backend: Backend, light: FrameLight, water: MediumTable | None, time_s: float, index: int,
+    cache: Cache,
+) -> Shot:  # fmt: skip
+    """Return the shot of an instant of frame `index`, without what is of one eye (`Eye.shown`).
+
+    cache: holds the light in the world's axes, and caustics of the same backend.
+    """
+    # Place the camera, its light, the objects and the lamps
+    view = loaded.view(time_s)
+    environment = cache.of(turned, light.environment, view.world_from_camera)
+    objects = tuple([o.at(time_s, index, view.position, view.world_from_camera) for o in loaded.objects])
+    sun: tuple[Sun, ...] = () if environment.sun is None else (environment.sun,)
+    shot = Shot(
+        view=view, objects=objects, environment=environment, medium=water, between=light.between,
+        lights=(*sun, *[lamp.at(time_s, view, objects) for lamp in loaded.lamps]),
+        draw=loaded.scene.draw.model_copy(update=_NOT_OF_LAYERS),
+    )  # fmt: skip
+    # Cast the caustics of a sun that is high enough, on planes around the objects' depths
+    if not sun or not loaded.plan.caustics.runs:
+        return shot
+    depths = loaded.caustic_depths
+    return replace(shot, caustics=_caustics(loaded, backend, shot, depths.settings, depths.planes(shot), time_s, cache))
+
+
+def shafts_of(loaded: Loaded, backend: Backend, shot: Shot, time_s: float, cache: Cache) -> ShaftLight | None:
+    """Return what the shafts of a shot depend on beside it; None where none show, or the camera is not below.
+
+    cache: holds caustics of the same backend.
+    """
+    medium, settings = loaded.surroundings.medium, loaded.scene.shafts
+    camera_m = shot.view.surface_y_m - float(shot.view.position[1])
+    if not loaded.plan.shafts.runs or medium is None or camera_m < 0.0:
+        return None
+    from mr360uw.composite.shafts import ShaftLight, shafts_show
+
+    waves, bodies = shafts_show(shot, settings, medium)
+    if shot.caustics is None or not waves:
+        return ShaftLight(settings, medium) if bodies or lamps_of(shot) else None
+    depths = loaded.caustic_depths
+    deepest_m = camera_m + min(settings.range_m, _DEEPER * medium.length_m) if settings.on_plate else 0.0
+    planes = depths.water_planes(shot, deepest_m)
+    return ShaftLight(settings, medium, _caustics(loaded, backend, shot, depths.of_water, planes, time_s, cache))
+
+
+def _caustics(
+    loaded: Loaded, backend: Backend, shot: Shot, settings: CausticSettings, depths_m: Floats, time_s: float,
+    cache: Cache,
+) -> CausticStack | None:  # fmt: skip
+    """Return a backend's caustics of a shot's sun, for its bodies or for the water; None where it makes none.
+
+    depths_m: (n,) of their planes.
+    """
+    sun, medium, sea = sun_of(shot), loaded.surroundings.medium, loaded.scene.sea
+    if sun is None or medium is None:
+        return None
+    index = loaded.scene.water.refractive_index
+    in_air = into_air(sun.direction, index)
+    if in_air[1] < _LOWEST_SUN:
+        return None
+    return cache.of(backend.caustics, sea, in_air, depths_m, time_s, settings, index, spread_of(medium), keep=2)
 
 
 def draw_layer(
@@ -269,6 +350,90 @@ def draw_layer(
     return layer, found
 
 
+def with_snow(
+    at: Instant, backend: Backend, layer: Layer, variables: Aovs | None, cache: Cache
+) -> tuple[Layer, Aovs | None]:
+    """Return the layer of an instant and its variables with its snow, drawn out over its exposure.
+
+    cache: holds layers of the same backend; a layer stands for all that its shot depends on.
+    """
+    from mr360uw.composite.snow.draw import Snow, with_particles
+    from mr360uw.composite.snow.size_spectrum import particle_scattering
+
+    medium, scene, half = at.now.surroundings.medium, at.now.scene, 0.5 * at.exposure_s
+    assert medium is not None, "the plan has no snow without water"
+    views = [replace(at.now.view(at_s), eye_m=at.shot.view.eye_m) for at_s in (at.time_s - half, at.time_s + half)]
+    snow = Snow(scene.snow, particle_scattering(medium.water), scene.sea, at.time_s, at.exposure_s, *views)
+    return cache.of(with_particles, snow, at.shot, layer, variables, backend.cache)
+
+
+def with_surface(
+    at: Instant, backend: Backend, layer: Layer, variables: Aovs | None, cache: Cache
+) -> tuple[Layer, Aovs | None]:
+    """Return the layer of an instant and its variables with the moving surface; as they are where no object is near it.
+
+    Images of bodies in the surface are in the layer alone, the cut through bodies is in both. cache: holds layers of
+    the same backend; a layer stands for all that its shot depends on.
+    """
+    settings, shot, around = at.now.scene.surface, at.shot, at.now.surroundings
+    below = shot.view.position[1] < shot.view.surface_y_m
+    if shot.medium is None or not below or not np.any(object_presence(shot, settings) > 0.0):
+        return layer, variables
+    from mr360uw.composite.at_surface.surface_layer import with_bodies
+    from mr360uw.composite.at_surface.water_sides import table_at_surface
+
+    # The frame's water, for rays that start at the surface
+    medium, still = around.medium_at(at.time_s), around.medium
+    assert medium is not None
+    assert still is not None
+    of_surface = cache.of(_unit_table_below_surface, still)
+    table = cache.of(table_at_surface, shot.medium, medium.unit_table, of_surface)
+    layer, before = cache.of(with_bodies, shot, at.now.scene.sea, at.time_s, table, settings, layer, backend.cache)
+    return layer, variables if variables is None or before is None else variables.cut(before)
+
+
+def _unit_table_below_surface(medium: Medium) -> MediumTable:
+    """Return the table without gain of a water for rays from just below its surface."""
+    return medium.at_depth(JUST_BELOW_M).unit_table
+
+
 def lay_over(plate: VideoFrame, layer: Layer, grain: float) -> VideoFrame:
     """Return a plate with a layer over it. grain: of the plate, as a fraction, that bodies are given."""
     return finite("composite", plate.index, plate.over(layer, over_tile, grain))
+
+
+def finite(stage: str, index: int, result: T, cache: Cache | None = None) -> T:
+    """Return a stage's result of a frame; raise `RenderError` if `not_finite` finds anything in it.
+
+    cache: knows of results that were looked at before.
+    """
+    found = not_finite(result) if cache is None else cache.of(not_finite, result)
+    if found:
+        raise RenderError(
+            f"frame {index} - the {stage} has numbers that are not finite (got {found}) - please report it with the "
+            "scene file"
+        )
+    return result
+
+
+def not_finite(result: object, name: str = "it") -> str:
+    """Return where an array of floats in a result has a NaN or an infinity; "" where none has. Distances may.
+
+    result: an array, or a dataclass or tuple of such. Sums are tested first: 13 ms for a layer that covers all of
+    3840 x 1920.
+    """
+    if isinstance(result, np.ndarray):
+        if result.dtype.kind != "f" or name == "distance_m":
+            return ""
+        with np.errstate(all="ignore"):
+            total = result.sum()
+        if np.isfinite(total) or np.all(np.isfinite(result)):
+            return ""
+        return f"{np.sum(~np.isfinite(result))} of {result.size} in {name}"
+    parts = [(name, part) for part in result] if isinstance(result, tuple) else []
+    if is_dataclass(result):
+        parts = [(one.name, getattr(result, one.name)) for one in fields(result)]
+    for of, part in parts:
+        if (isinstance(part, np.ndarray | tuple) or is_dataclass(part)) and (found := not_finite(part, of)):
+            return found
+    return ""

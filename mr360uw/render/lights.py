@@ -21,6 +21,7 @@ B: horizontal irradiance from below; r: the greatest albedo of ground.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any, Literal
 
@@ -41,7 +42,6 @@ from mr360uw.ibl.yuv import plate_of_yuv
 from mr360uw.medium import Medium
 from mr360uw.medium.fit.level_light import irradiance_from_level, light_below_horizon
 from mr360uw.medium.lookup import ambient_ratio, beam_fraction, beam_ratio
-from mr360uw.render.camera import CameraPath
 from mr360uw.scene.model import Scene
 from mr360uw.sphere import directions
 from mr360uw.types import Environment, Floats, MediumTable, Sun, YuvImage
@@ -82,13 +82,16 @@ def _clearness(table: MediumTable) -> float:
 
 
 class LightReader:
-    """Measures the light of frames by a scene's `[light]` settings. table: of its water, or None.
+    """Measures the light of frames by a scene's `[light]` settings. table: of its water, or None. camera_at: position
+    and rotation of the camera at a time.
 
     Suns of the scene and of a track are in world axes; `of` returns its result in camera axes.
     """
 
-    def __init__(self, scene: Scene, table: MediumTable | None, camera: CameraPath) -> None:
-        self._underwater, self._camera, self._table = table is not None, camera, table
+    def __init__(
+        self, scene: Scene, table: MediumTable | None, camera_at: Callable[[float], tuple[Floats, Floats]]
+    ) -> None:
+        self._underwater, self._camera_at, self._table = table is not None, camera_at, table
         self._share = scene.water.sun_share
         self._refractive_index = scene.water.refractive_index
         self._clearness = None if table is None else _clearness(table)
@@ -178,7 +181,7 @@ class LightReader:
 
     def world_from_camera(self, time_s: float) -> Floats:
         """Return the rotation (3, 3) of the camera at `time_s`."""
-        return self._camera.at(time_s)[1]
+        return self._camera_at(time_s)[1]
 
     def sun(self, plate: Floats | YuvImage, time_s: float) -> Sun | None:
         """Return the sun of a plate's frame in world axes; None if there is none."""

@@ -28,11 +28,17 @@ from mr360uw.errors import ParameterError, SceneError
 from mr360uw.medium import Medium
 from mr360uw.reading.cached_reads import CachedReads
 from mr360uw.reading.input_files import files_read
-from mr360uw.render.camera import CameraPath, pose_notes
 from mr360uw.render.caustic_depths import CausticDepths
 from mr360uw.render.mattes import Mattes, ReceiverClip
 from mr360uw.render.plan import ObjectFacts, Plan, joined_plan, make_plan
-from mr360uw.render.surroundings import Surroundings, camera_path, floor_depth_m, load_surroundings
+from mr360uw.render.surroundings import (
+    CameraPath,
+    Surroundings,
+    camera_path,
+    floor_depth_m,
+    load_surroundings,
+    pose_notes,
+)
 from mr360uw.scene.key_targets import KeyedParameter, key_times
 from mr360uw.scene.keyed_water import WaterBetween, scene_at, water_between
 from mr360uw.scene.model import Scene

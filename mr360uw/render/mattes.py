@@ -150,6 +150,8 @@ class Mattes:
         eye: 1 for the right one of two. Several masks combine to their maximum, several distances to their minimum: the
         same arrays while the pictures are unchanged.
         """
+        if not self._clips:
+            return None, None
         found: dict[str, list[Floats]] = {"mask": [], "distance": []}
         for settings, clip in self._clips:
             matte = self._kept.of(_matte_of, settings, self._size, clip.at(index, eye), keep=2 * len(self._clips))

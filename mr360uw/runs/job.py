@@ -21,7 +21,7 @@ from mr360uw.render.backends import Backend, make_backend
 from mr360uw.render.first_pass import ClipAnalysis
 from mr360uw.render.frame import DrawnFrame, Frame, FrameShots, blend_frame, draw_frame, frame_shots, measure_plate
 from mr360uw.render.loaded import Loaded, load
-from mr360uw.render.stages.light_stage import LightSamples
+from mr360uw.render.plate_light import LightSamples
 from mr360uw.runs.work_folder import Part, SegmentSink, WorkFolder
 from mr360uw.scene.inputs import open_plate
 from mr360uw.scene.model import Scene

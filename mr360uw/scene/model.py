@@ -25,8 +25,7 @@ from mr360uw.composite.snow.settings import SnowSettings
 from mr360uw.constants import MAXIMUM_SUN_SAMPLES
 from mr360uw.errors import SceneError
 from mr360uw.ibl.settings import LightSettings
-from mr360uw.medium.settings import WaterSettings
-from mr360uw.medium.shafts.settings import ShaftSettings
+from mr360uw.medium.settings import ShaftSettings, WaterSettings
 from mr360uw.parameters import Parameters, advanced, listed, parameter
 from mr360uw.scene.key_targets import KeyedParameter, check_keys
 from mr360uw.scene.problems import Lines, problems

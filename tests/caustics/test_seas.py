@@ -6,8 +6,7 @@ import pytest
 from pydantic import TypeAdapter
 
 from mr360uw.caustics import GerstnerSea, SpectralSea, caustic_map
-from mr360uw.caustics.sea.base import surface_jacobian
-from mr360uw.caustics.sea.detail import detail_slope, make_detail
+from mr360uw.caustics.sea.base import detail_slope, make_detail, surface_jacobian
 from mr360uw.caustics.sea.gerstner import GerstnerWave
 from mr360uw.caustics.sea.spectrum import (
     angular_frequency,

@@ -9,7 +9,7 @@ import pytest
 from mr360uw.caustic_lookup import mip_levels
 from mr360uw.caustics import CausticSettings, GerstnerSea, caustic_stack
 from mr360uw.caustics.flux import irradiance
-from mr360uw.caustics.flux.refracted_rays import refracted_rays
+from mr360uw.caustics.flux.irradiance import refracted_rays
 from mr360uw.caustics.flux.summed_stack import cell_corners, cell_flux, sum_cells, summed_stack, vertex_rays
 from mr360uw.caustics.gl.stack import AtlasScratch, mip_atlas, upload
 from mr360uw.caustics.settings import grid_of
@@ -26,7 +26,8 @@ BREEZE = GerstnerSea(wind_speed=8.0)
 
 def rays_and_flux(sea, cells):
     rays, flux = np.empty((8, cells + 1, cells + 1)), np.empty((cells, cells))
-    travel = irradiance.beam_slope(refract_to_water(SUN, 1.34))
+    towards = refract_to_water(SUN, 1.34)
+    travel = -towards[[0, 2]] / towards[1]
     vertex_rays(tuple(sea.grid_fields(cells, 0.5)), sea.tile_m, SUN, 1.34, travel, rays)
     return rays, flux, travel, cell_flux(rays, SUN, flux)
 

@@ -17,10 +17,10 @@ from mr360uw.composite.mesh.material import Material
 from mr360uw.composite.over import over
 from mr360uw.composite.reference import render_layer
 from mr360uw.composite.shot import PlacedObject, Receiver, Shot
-from mr360uw.medium.shafts import body_shadows
-from mr360uw.medium.shafts.body_shadows import HALO_TAPS, shadows_of, visible_parts
-from mr360uw.medium.shafts.occluders import Bodies
-from mr360uw.medium.shafts.shaft_scene import BeamPattern
+from mr360uw.medium.shafts import occluders
+from mr360uw.medium.shafts.occluders import HALO_TAPS, Bodies, visible_parts
+from mr360uw.medium.shafts.single_scattering import BeamPattern
+from mr360uw.medium.shafts.sun_beam import shadows_of
 from mr360uw.sphere import unit
 from mr360uw.types import Floats, Sun
 from tests.composite import tolerances as tol
@@ -75,7 +75,7 @@ def test_no_shadow_in_the_water_is_lost_among_many(rng: np.random.Generator, mon
     bodies = casting_bodies(shot(*crowd(40, rng)), Cache())
     rays = unit(rng.normal(size=(500, 3)))
     edge = np.broadcast_to(np.geomspace(0.2, 20.0, 25), (len(rays), 25)).copy()
-    monkeypatch.setattr(body_shadows, "_WHOLE", 1e9)
+    monkeypatch.setattr(occluders, "_WHOLE", 1e9)
     together = seen_past(bodies, rays, edge)
     alone = np.array([
         seen_past(Bodies((body,), *(of[k : k + 1] for of in (bodies.centre, bodies.radius, bodies.passed))), rays, edge)
@@ -94,7 +94,7 @@ def test_smaller_maps_of_many_bodies_show_the_same_shadows(
     rays = unit(rng.normal(size=(2000, 3)))
     edge = np.broadcast_to(np.geomspace(0.2, 20.0, 25), (len(rays), 25)).copy()
     small = seen_past(bodies, rays, edge)
-    monkeypatch.setattr(body_shadows, "_WHOLE", 1e9)
+    monkeypatch.setattr(occluders, "_WHOLE", 1e9)
     whole = seen_past(bodies, rays, edge)
     taken = 1.0 - whole.mean()
     assert abs(small.mean() - whole.mean()) < tol.CROWD_SHADOWS * taken

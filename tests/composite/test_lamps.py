@@ -17,13 +17,12 @@ from mr360uw.composite.lighting.blockers import Blockers
 from mr360uw.composite.lighting.lamps import light_sources
 from mr360uw.composite.mesh.material import Material
 from mr360uw.composite.over import over
-from mr360uw.composite.scene_lamps import load_lamps
+from mr360uw.composite.scene_lamps import black_body, lamp_attenuation, lamp_color, load_lamps
 from mr360uw.composite.settings import LampSettings
 from mr360uw.composite.shot import Receiver, Shot
 from mr360uw.constants import BRIGHTEST
 from mr360uw.errors import SceneError
 from mr360uw.medium import Medium, Water
-from mr360uw.medium.emitters import black_body, lamp_attenuation, lamp_color
 from mr360uw.medium.lookup import linear, table_coordinate
 from mr360uw.medium.spectral.sensor import illuminant
 from mr360uw.sphere import directions, unit

@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 import pytest
 
+from mr360uw.cache import name_of
 from mr360uw.errors import MeshError, Mr360uwError, VideoError
 from mr360uw.preview.live import LivePreview
 from mr360uw.preview.thumbnail import screen_codes, screen_picture
@@ -63,7 +64,7 @@ def same(one: VideoFrame, other: VideoFrame) -> bool:
 def test_a_change_leaves_alone_what_does_not_depend_on_it(small_dive: Path, subtests: pytest.Subtests) -> None:
     """What is slow of a frame: a control is followed at once where it is not made again."""
     with LivePreview("reference") as kept:
-        caustics = f"{type(kept.backend).__name__}.caustics"
+        caustics = name_of(kept.backend.caustics)
         slow = {"solved", "plate_light", "exposed_water", "PlatePattern", caustics, "draw_layer"}
         for change, touched in (
             ("output.quality=20", set()), ("draw.grain=0.5", set()),

@@ -11,9 +11,8 @@ import pytest
 
 from mr360uw.composite.grading.settings import PlateGrade
 from mr360uw.errors import DamagedFrameError
-from mr360uw.render.camera import CameraPath
 from mr360uw.render.first_pass import ClipAnalysis, first_pass, measured_range
-from mr360uw.render.surroundings import load_surroundings
+from mr360uw.render.surroundings import CameraPath, load_surroundings
 from mr360uw.runs.stored_analysis import load_analysis, save_analysis
 from mr360uw.scene.inputs import open_plate
 from mr360uw.scene.model import Scene

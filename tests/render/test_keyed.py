@@ -12,8 +12,8 @@ import pytest
 
 from mr360uw.color import encode
 from mr360uw.errors import SceneError
+from mr360uw.pipeline import export_caustics
 from mr360uw.render.backends import Backend, make_backend
-from mr360uw.render.caustic_tiles import export_caustics
 from mr360uw.render.first_pass import ClipAnalysis
 from mr360uw.render.frame import Frame, composite_frame
 from mr360uw.render.loaded import Loaded, load

@@ -19,7 +19,8 @@ from mr360uw.composite.shafts import ShaftLight, code_change, grid_of, shaft_pix
 from mr360uw.composite.shot import Shot
 from mr360uw.constants import SUN_HALF_ANGLE_RAD
 from mr360uw.medium import Medium, Water
-from mr360uw.medium.shafts.settings import ShaftSettings
+from mr360uw.medium.closed_form import ray_in_water
+from mr360uw.medium.settings import ShaftSettings
 from mr360uw.medium.shafts.shaft_field import DEFAULT_GRID, shaft_field
 from mr360uw.medium.shafts.shaft_scene import beam_share, unoccluded
 from mr360uw.render.loaded import load
@@ -151,7 +152,13 @@ def test_over_the_places_of_a_wave_nothing_is_added() -> None:
         scene, _ = light.scenes(taken(medium), Cache())
         total += shaft_field(scene, grid_of(light.settings, SIZE, scene), rays).radiance(rays, np.full(len(rays), 50.0))
         beam = HIGH.irradiance * unoccluded(
-            scene.water, rays @ HIGH.direction, rays[:, 1], np.full(len(rays), 50.0), scene.depth_m, scene.sun_up
+            scene.water,
+            rays @ HIGH.direction,
+            rays[:, 1],
+            np.zeros(len(rays)),
+            ray_in_water(50.0, scene.depth_m, rays[:, 1]),
+            scene.depth_m,
+            scene.sun_up,
         )
     assert beam is not None
     assert np.abs(total / 6).mean() < 0.01 * beam.mean()

@@ -8,7 +8,7 @@ import pytest
 
 from mr360uw.composite.motion import Motion
 from mr360uw.errors import ParameterError
-from mr360uw.render.camera import CameraPath
+from mr360uw.render.surroundings import CameraPath
 
 
 def path(rows: int) -> CameraPath:

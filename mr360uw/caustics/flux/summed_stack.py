@@ -26,8 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.cache import shared
-from mr360uw.caustics.flux.irradiance import SurfaceLight, beam_slope, caustic_stack, check_arguments, pass_indices
-from mr360uw.caustics.flux.refracted_rays import STEEPEST_RAY
+from mr360uw.caustics.flux.irradiance import STEEPEST_RAY, SurfaceLight, caustic_stack, pass_indices
 from mr360uw.caustics.flux.sun_disc import (
     detail_footprint,
     disc_transform,
@@ -41,7 +40,7 @@ from mr360uw.caustics.flux.sun_disc import (
 )
 from mr360uw.caustics.settings import CausticSettings, Sea, cells_across, grid_of
 from mr360uw.jit import exact
-from mr360uw.optics import refract_to_water
+from mr360uw.optics import into_water
 from mr360uw.types import BeamSpread, CausticStack
 
 Array = NDArray[np.floating[Any]]
@@ -77,39 +76,64 @@ def summed_stack(
     refractive_index: float,
     spread: BeamSpread | None,
 ) -> CausticStack:
-    """Return the stack of `irradiance.caustic_stack` in single precision. Raises `ParameterError`."""
-    size, half_angle = settings.size, settings.sun_half_angle_rad
-    check_arguments(sun_in_air, depths_m, size, grid_of(settings, sea), refractive_index, half_angle)
-    sun_in_water = refract_to_water(sun_in_air, refractive_index)
-    indices = pass_indices(settings.chromatic, refractive_index)
-    lights = [_cells_of(sea, sun_in_air, time_s, settings, index, beam_slope(sun_in_water)) for index in indices]
-    if any(light is None for light in lights):
+    """Return the stack of `irradiance.caustic_stack` in single precision.
+
+    sun_in_air: unit direction (3,) above the horizon. depths_m: (D,), ascending.
+    """
+    sun_in_water = into_water(sun_in_air, refractive_index)
+    travel, indices = -sun_in_water[[0, 2]] / sun_in_water[1], pass_indices(settings.chromatic, refractive_index)
+    cells, blur_slope = _cells_of(sea, settings)
+    lights: list[_Cells] = []
+    for index in indices if cells else ():
+        # Refract the surface's cells; waves that are turned away from the sun are left to coverage
+        rays, flux = np.empty((8, cells + 1, cells + 1)), np.empty((cells, cells))
+        vertex_rays(tuple(sea.grid_fields(cells, time_s)), sea.tile_m, sun_in_air, index, travel, rays)
+        if cell_flux(rays, sun_in_air, flux) <= 0.0:
+            break
+        corners = np.empty((4, *rays.shape[1:]), np.float32)
+        edge, share = cell_corners(rays, corners), (flux / flux.sum()).astype(np.float32)
+        lights.append(_Cells(sea, blur_slope, sun_in_air, time_s, settings, index, travel, corners, share, edge))
+    if len(lights) < len(indices):
         return caustic_stack(sea, sun_in_air, depths_m, time_s, settings, refractive_index, spread)
 
     # Draw every plane, and that of the middle colour also as the light that has turned
+    size, middle = settings.size, len(indices) // 2
     maps = np.empty((len(indices), len(depths_m), size, size), np.float32)
-    turned = spread if spread is not None and is_soft(spread, depths_m[-1], sun_in_water) else None
+    turned = spread if is_soft(spread, depths_m[-1], sun_in_water) else None
     soft = None if turned is None else np.empty((*maps.shape[1:], 1), np.float32)
     for number, light in enumerate(lights):
-        assert light is not None
         for plane, depth_m in enumerate(depths_m.tolist()):
             spectrum = light.draw(depth_m, maps[number, plane])
-            if soft is not None and turned is not None and number == len(indices) // 2:
+            if soft is not None and turned is not None and number == middle:
                 spectrum *= _soft_factor(turned, tuple(sun_in_water.tolist()), depth_m, size, sea.tile_m)
                 _inverse(spectrum, soft[plane, ..., 0])
     ratio = np.moveaxis(maps, 0, -1)
     return CausticStack(np.broadcast_to(ratio, (*ratio.shape[:3], 3)), depths_m, sea.tile_m, sun_in_water, soft)
 
 
+@shared(keep=8)
+def _cells_of(sea: Sea, settings: CausticSettings) -> tuple[int, float]:
+    """Return the cells across the tile, 0 where a sea's light cannot be summed from points; and its `blur_slope`.
+
+    Cells that are given and too coarse for the sea are drawn as they are, as the reference draws them.
+    """
+    enough = math.ceil(_CELLS * cells_across(sea, settings.sun_half_angle_rad))
+    cells = enough if settings.grid is None else settings.grid
+    summed = settings.method == "exact" and sea.detail(0.0) is None and cells >= enough
+    return cells if summed else 0, sea.blur_slope
+
+
 @dataclass(frozen=True, eq=False)
 class _Cells:
     """Refracted cells of a sea's surface under the sun (3,), for one refractive index.
 
-    travel: (2,) of the beam [m] for each metre of depth. corners: (4, N + 1, N + 1) of `cell_corners`. flux: (N, N),
-    sum 1. edge: coefficients of 1, d and d^2 of the edges' mean square length [m^2] on the plane at depth d.
+    blur_slope: of the sea. travel: (2,) of the beam [m] for each metre of depth. corners: (4, N + 1, N + 1) of
+    `cell_corners`. flux: (N, N), sum 1. edge: coefficients of 1, d and d^2 of the edges' mean square length [m^2] on
+    the plane at depth d.
     """
 
     sea: Sea
+    blur_slope: float
     sun: Array
     time_s: float
     settings: CausticSettings
@@ -125,7 +149,7 @@ class _Cells:
 
         size, tile_m, half_angle = len(out), self.sea.tile_m, self.settings.sun_half_angle_rad
         towards = tuple(self.sun.tolist())
-        blur, factor = _blur_of(towards, self.refractive_index, self.sea.blur_slope, half_angle, depth_m, size, tile_m)
+        blur, factor = _blur_of(towards, self.refractive_index, self.blur_slope, half_angle, depth_m, size, tile_m)
         spacing = _SPACING_SHARP if blur < _SHARP else max(_SPACING, _SPACING_OF_BLUR * blur)
         edge_m2 = self.edge[0] + depth_m * (self.edge[1] + depth_m * self.edge[2])
         spectrum: NDArray[np.complex64]
@@ -143,27 +167,6 @@ class _Cells:
     def _covered(self) -> SurfaceLight:
         surface = self.sea.grid_surface(grid_of(self.settings, self.sea), self.time_s)
         return SurfaceLight(self.sea, surface, self.sun, self.refractive_index)
-
-
-def _cells_of(
-    sea: Sea, sun: Array, time_s: float, settings: CausticSettings, refractive_index: float, travel: Array
-) -> _Cells | None:
-    """Return the refracted cells of a sea; None where their light cannot be summed from points."""
-    if settings.method != "exact" or sea.detail(time_s) is not None:
-        return None
-    # Cells that are given and too coarse for the sea are drawn as they are, as the reference draws them
-    enough = math.ceil(_CELLS * cells_across(sea, settings.sun_half_angle_rad))
-    cells = enough if settings.grid is None else settings.grid
-    if cells < enough:
-        return None
-    rays, flux = np.empty((8, cells + 1, cells + 1)), np.empty((cells, cells))
-    vertex_rays(tuple(sea.grid_fields(cells, time_s)), sea.tile_m, sun, refractive_index, travel, rays)
-    if cell_flux(rays, sun, flux) <= 0.0:
-        return None
-    corners = np.empty((4, *rays.shape[1:]), np.float32)
-    edge = cell_corners(rays, corners)
-    share = (flux / flux.sum()).astype(np.float32)
-    return _Cells(sea, sun, time_s, settings, refractive_index, travel, corners, share, edge)
 
 
 def _inverse(spectrum: NDArray[np.complex64], out: Floats32) -> None:

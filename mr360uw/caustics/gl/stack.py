@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import functools
 import weakref
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -23,6 +24,7 @@ Two neighbouring planes then always share a texel.
 """
 
 
+@functools.cache
 def layer_planes(count: int) -> NDArray[np.int64]:
     """Return the planes (layers, 1, 2 or 4) in the channels of each layer of `count` planes; the last is repeated."""
     first = np.arange(0, max(count - 1, 1), _NEW_PLANES)
@@ -41,16 +43,17 @@ def mip_atlas(*stacks: Sequence[Floats], scratch: NDArray[np.float32] | None = N
     than to fill.
     """
     count, size = stacks[0][0].shape[:2]
-    planes = layer_planes(count)
-    colours = [levels[0].shape[3] for levels in stacks]
-    shape = (len(planes) * sum(colours), 2 * size + 2 * len(stacks[0]), size + 2, planes.shape[1])
+    planes, colours = layer_planes(count), 0
+    for levels in stacks:
+        colours += levels[0].shape[3]
+    shape = (len(planes) * colours, 2 * size + 2 * len(stacks[0]), size + 2, planes.shape[1])
     atlas, first = (scratch if scratch is not None and scratch.shape == shape else np.zeros(shape, np.float32)), 0
-    for levels, of_stack in zip(stacks, colours, strict=True):
-        top = 0
+    for levels in stacks:
+        top, layers = 0, len(planes) * levels[0].shape[3]
         for level in levels:
-            write_level(level, planes, atlas[first : first + len(planes) * of_stack], top)
+            write_level(level, planes, atlas[first : first + layers], top)
             top += level.shape[1] + 2
-        first += len(planes) * of_stack
+        first += layers
     return atlas
 
 
@@ -70,16 +73,11 @@ def write_level(level: Floats, planes: NDArray[np.int64], atlas: NDArray[np.floa
                     out[0, k], out[side + 1, k] = out[side, k], out[1, k]
 
 
-def plane_steps(depth_m: Floats) -> NDArray[np.float32]:
-    """Return (1, steps, 2) of each interval between planes: its depth, and one over its width (0 for one plane)."""
-    width = np.diff(depth_m)
-    steps = np.stack([depth_m[:-1], 1.0 / width], axis=-1) if len(width) else np.array([[depth_m[0], 0.0]])
-    return steps[None].astype(np.float32)
-
-
 @dataclass(frozen=True, slots=True, weakref_slot=True, eq=False)
 class StackTextures:
-    """A `CausticStack` on the device. ratio: its `mip_atlas`. plane_depth: its `plane_steps`."""
+    """A `CausticStack` on the device. ratio: its `mip_atlas`. plane_depth: (1, steps, 2) of each interval between its
+    planes: its depth, and one over its width (0 for one plane).
+    """
 
     ratio: moderngl.TextureArray
     plane_depth: moderngl.Texture
@@ -91,36 +89,38 @@ class AtlasScratch:
     """
 
     def __init__(self) -> None:
-        self._atlas: NDArray[np.float32] | None = None
-        self._lent: list[tuple[weakref.ref[StackTextures], moderngl.TextureArray]] = []
-
-    def filled(self, *stacks: Sequence[Floats]) -> moderngl.TextureArray:
-        """Return a texture of the `mip_atlas` of stacks."""
-        self._atlas = mip_atlas(*stacks, scratch=self._atlas)
-        free = [texture for holder, texture in self._lent if holder() is None]
-        self._lent = [(holder, texture) for holder, texture in self._lent if holder() is not None]
-        layers, height, width, channels = self._atlas.shape
-        for texture in free:
-            if (*texture.size, texture.components) == (width, height, layers, channels):
-                texture.write(self._atlas, alignment=1)
-                return texture
-        return texture_array_from_array(self._atlas)
-
-    def lend(self, textures: StackTextures) -> StackTextures:
-        """Return textures whose atlas is written over when they are held no more."""
-        self._lent.append((weakref.ref(textures), textures.ratio))
-        return textures
+        self.atlas: NDArray[np.float32] | None = None
+        self.lent: list[tuple[weakref.ref[StackTextures], moderngl.TextureArray]] = []
 
 
 def upload(stack: CausticStack, scratch: AtlasScratch | None = None) -> StackTextures:
     """Return a stack's textures, with its mip levels. scratch: None takes new memory."""
+    # One colour for all three where they are the same, and the light that has turned
     ratio = np.asarray(stack.ratio, np.float32)
     grey = ratio.strides[3] == 0 or bool(np.all(ratio[..., :1] == ratio[..., 1:]))
     stacks = [mip_levels(ratio[..., :1] if grey else ratio)]
     if stack.soft is not None:
         stacks.append(mip_levels(np.asarray(stack.soft, np.float32)))
     scratch = AtlasScratch() if scratch is None else scratch
-    texture = scratch.filled(*stacks)
+    scratch.atlas = mip_atlas(*stacks, scratch=scratch.atlas)
+    # Into a texture of the same size that nobody holds any more, or a new one
+    layers, height, width, channels = scratch.atlas.shape
+    lent, texture = scratch.lent, None
+    scratch.lent = []
+    for holder, free in lent:
+        if holder() is not None:
+            scratch.lent.append((holder, free))
+        elif texture is None and (*free.size, free.components) == (width, height, layers, channels):
+            texture = free
+    if texture is None:
+        texture = texture_array_from_array(scratch.atlas)
+    else:
+        texture.write(scratch.atlas, alignment=1)
     # graphics hardware filters with weights of 8 bits: an error of up to 1/512 of the difference of two pixels
     texture.filter = (moderngl.LINEAR, moderngl.LINEAR)
-    return scratch.lend(StackTextures(texture, texture_from_array(plane_steps(stack.depth_m))))
+    depth = np.asarray(stack.depth_m, np.float64)
+    inverse = 1.0 / np.diff(depth) if len(depth) > 1 else np.zeros(1)
+    steps = np.stack([depth[: len(inverse)], inverse], axis=-1)[None].astype(np.float32)
+    textures = StackTextures(texture, texture_from_array(steps))
+    scratch.lent.append((weakref.ref(textures), texture))
+    return textures

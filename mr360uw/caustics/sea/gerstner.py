@@ -307,7 +307,7 @@ class GerstnerSea(SeaParameters):
         point.
         """
         columns, along_z = _grid_phases_of(self, size)
-        rows = self.waves.coefficients(time_s).T[:, None] * along_z
+        rows = _waves_of(self).coefficients(time_s).T[:, None] * along_z
         fields = np.concatenate([rows.real, rows.imag], axis=-1).reshape(-1, len(columns)) @ columns
         return SurfaceFields(*fields.reshape(-1, size, size))
 

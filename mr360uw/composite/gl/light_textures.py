@@ -25,7 +25,7 @@ from mr360uw.composite.mesh.mesh import Mesh
 from mr360uw.composite.shot import PlacedObject, Shot
 from mr360uw.constants import MAXIMUM_GLOSSY_LEVELS, MAXIMUM_SUN_RAYS, MAXIMUM_SUN_SAMPLES
 from mr360uw.gl.context import set_uniforms, texture_array_from_array, texture_from_array
-from mr360uw.medium.shafts.ray_segments import nearest_m
+from mr360uw.medium.shafts.single_scattering import nearest_m
 from mr360uw.sphere import basis, disc_offsets
 from mr360uw.types import CausticStack, Environment, Floats, Lamp, MediumTable, Sun
 

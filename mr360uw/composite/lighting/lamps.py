@@ -19,7 +19,7 @@ from mr360uw.composite.lighting.shadow import visible_fraction
 from mr360uw.composite.lighting.sun import REFERENCE_SUN_FACTOR, Arrival, LightSource, SunSource, sun_of
 from mr360uw.composite.shot import Shot
 from mr360uw.medium.lookup import linear, optical_length, table_coordinate
-from mr360uw.medium.shafts.ray_segments import nearest_m, spot_factor
+from mr360uw.medium.shafts.single_scattering import nearest_m, spot_factor
 from mr360uw.sphere import basis, disc_offsets
 from mr360uw.types import Floats, Lamp
 

@@ -66,7 +66,10 @@ def sun_of(shot: Shot) -> Sun | None:
 
 def sun_in(lights: Sequence[Light]) -> Sun | None:
     """Return the sun among lights; None where there is none above the horizon."""
-    return next((light for light in lights if isinstance(light, Sun) and light.direction[1] > 0.0), None)
+    for light in lights:
+        if isinstance(light, Sun) and light.direction[1] > 0.0:
+            return light
+    return None
 
 
 def sun_up(sun: Sun) -> float:

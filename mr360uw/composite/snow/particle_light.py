@@ -26,7 +26,7 @@ from mr360uw.constants import PI
 from mr360uw.ibl.lookup import environment_lookup
 from mr360uw.medium.lookup import ambient_ratio, linear
 from mr360uw.medium.phase import phase_function
-from mr360uw.medium.shafts.ray_segments import nearest_m
+from mr360uw.medium.shafts.single_scattering import nearest_m
 from mr360uw.sphere import directions, disc_directions, row_solid_angle
 from mr360uw.types import Floats
 

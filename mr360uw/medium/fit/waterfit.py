@@ -5,6 +5,8 @@ A plate shows how the water's radiance changes with direction, not with depth, s
 directly. Instead the solved light field of every Jerlov type at the camera's depth is compared with the plate's profile
 about the horizon. The exposure is free; a white balance is allowed at a cost in likelihood. Kd is that of the type that
 is found.
+
+How far a fit changes with the frames that it is made of is told by the bootstrap (Efron 1979).
 """
 
 from __future__ import annotations

@@ -15,12 +15,6 @@ p is the beam's path to the camera, and w_ki = weight_ki exp(-c'_i p)/sum_i(...)
 whose sum is 1: the sun's irradiance is known there in RGB, not by wavelength. The weights are `Bands.lobes`.
 
 `beam_share` is the fraction of the veil that shafts can change.
-
-Waves and bodies leave of the sun's beam at points in the water, over an open, flat sea:
-
-Light that has not turned:                    sharp = C V         C caustic ratio, V visible fraction of the sun's disc
-Light that has turned by small angles:        soft = B V_halo     B blurred caustic ratio (1 without), V_halo visible
-                                                                  fraction of the wider disc that this light comes from
 """
 
 from __future__ import annotations
@@ -33,20 +27,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.cache import Parts
-from mr360uw.caustic_lookup import caustic_lookup, mip_levels
+from mr360uw.cache import Parts, shared
 from mr360uw.color import luminance
-from mr360uw.constants import MINIMUM_SUN_UP
+from mr360uw.constants import LONGEST_RAY_M, MINIMUM_SUN_UP
 from mr360uw.errors import ParameterError
-from mr360uw.medium.closed_form import exponential_integral, ray_in_water
+from mr360uw.medium.closed_form import exponential_integral
 from mr360uw.medium.lookup import beam_fraction, linear, table_coordinate
 from mr360uw.medium.medium import Medium
 from mr360uw.medium.models import CLOSED_FORMS
 from mr360uw.medium.phase import Phase, phase_function, wide_angle_function
 from mr360uw.medium.shafts.occluders import Bodies, bodies_of
-from mr360uw.medium.shafts.ray_segments import camera_depth_m, lamp_segments, segment_points
+from mr360uw.medium.shafts.single_scattering import BeamPattern, camera_depth_m, lamp_segments, segment_points
 from mr360uw.shapes import checked, exactly
-from mr360uw.sphere import disc_directions, effective_half_angle, unit
+from mr360uw.sphere import unit
 from mr360uw.types import CausticStack, Floats, Lamp, Sun, View
 
 Array = NDArray[np.float64]
@@ -108,7 +101,7 @@ class ShaftScene(Parts):
             exactly("sun.irradiance", sun.irradiance, (3,))
             pattern = BeamPattern(sun, solid, caustics, view.surface_y_m, sun_samples, spread_rad)
         return cls(
-            ShaftWater.of(medium), np.asarray(view.position, np.float64), camera_depth_m(view, view.surface_y_m), solid,
+            shaft_water(medium), np.asarray(view.position, np.float64), camera_depth_m(view, view.surface_y_m), solid,
             None if pattern is None or pattern.even else pattern,
             tuple(lamp for lamp in lamps if np.any(lamp.intensity > 0.0)), medium.length_m,
         )  # fmt: skip
@@ -218,37 +211,31 @@ class ShaftScene(Parts):
         return np.asarray(log + np.clip(coloured, -40.0, 40.0)[:, None])
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class ShaftWater(Parts):
-    """Coefficients of n wavelengths.
+_ANGLES = 2049
+"""Angles at which phase functions are tabulated, uniform from 0 to pi."""
 
-    extinction: c' (n,), attenuation: c (n,) [1/m], see `shaft_field`. molecules, particles: (n,) scattering [1/m] of
-    each. phase: of the particles. wide: whether small angles are cut off it. weight: (n, 3), columns of sum 1.
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ShaftWater:
+    """Coefficients of n wavelengths; one object for all frames of a medium (`shaft_water`).
+
+    extinction: c' (n,), attenuation: c (n,) [1/m], see `shaft_field`. scattering: (n, 2) [1/m] of molecules and of
+    particles. phase: of the particles. wide: whether small angles are cut off it. weight: (n, 3), columns of sum 1.
+    table: (angles, 2) of `turned` at even angles from 0 to pi.
     """
 
     extinction: Array
     attenuation: Array
-    molecules: Array
-    particles: Array
+    scattering: Array
     phase: Phase
     wide: bool
     weight: Array
-
-    @classmethod
-    def of(cls, medium: Medium) -> ShaftWater:
-        """Return the water of a medium, as its veil scatters."""
-        nm, water = medium.bands.wavelength_nm, medium.water
-        b = np.asarray(water.scattering(nm), np.float64)
-        molecules = np.zeros(len(nm)) if water.molecular is None else np.asarray(water.molecular(nm), np.float64)
-        model, weight = medium.model, medium.bands.lobes
-        if medium.mode in CLOSED_FORMS:
-            return cls(model.extinction, model.attenuation, np.zeros(len(nm)), b, "isotropic", False, weight)
-        return cls(model.extinction, model.attenuation, molecules, b - molecules, water.phase, True, weight)
+    table: Array
 
     @property
     def scatters(self) -> bool:
         """Whether it scatters at all."""
-        return bool(np.any(self.molecules > 0.0) or np.any(self.particles > 0.0))
+        return bool(np.any(self.scattering > 0.0))
 
     def turned(self, cosine: Array) -> Array:
         """Return the phase functions (..., 2) [1/sr] of molecules and particles; the second has its peak cut off."""
@@ -263,26 +250,41 @@ class ShaftWater(Parts):
         """
         sun_up = max(sun_up, MINIMUM_SUN_UP)
         path = camera_depth_m / sun_up
-        mixed = self._mixed(self._spectrum(path))
+        # Spectrum (n, 3) of the beam at the camera, columns of sum 1, and what of it is scattered (n, 6)
+        log = np.log(np.maximum(self.weight, 1e-300)) - self.extinction[:, None] * path
+        light = np.exp(log - log.max(axis=0))
+        scattered = self._scattered(light / light.sum(axis=0))
+        # Integrals of the smooth light over each segment, of all of the beam and of that which has not turned
         start, end, steeper = edge_m[:, :-1, None], edge_m[:, 1:, None], (up / sun_up)[:, None, None]
-        whole = exponential_integral(self.extinction * (1.0 - steeper), start, end) @ mixed
+        whole = exponential_integral(self.extinction * (1.0 - steeper), start, end) @ scattered
         unturned = np.exp(-(self.attenuation - self.extinction) * path)
-        sharp = exponential_integral(self.extinction - self.attenuation * steeper, start, end) * unturned @ mixed
+        sharp = exponential_integral(self.extinction - self.attenuation * steeper, start, end) * unturned @ scattered
         shape = (*edge_m[:, 1:].shape, 2, 3)
-        return whole.reshape(shape), np.minimum(sharp.reshape(shape), whole.reshape(shape))
+        return whole.reshape(shape), np.minimum(sharp, whole).reshape(shape)
 
     def over_path(self, path_m: Array) -> Array:
         """Return sums (..., 2, 3) of w b exp(-c' path) for white light over paths (...,) [m]."""
-        return (np.exp(-self.extinction * path_m[..., None]) @ self._mixed(self.weight)).reshape(*path_m.shape, 2, 3)
+        light = np.exp(-self.extinction * path_m[..., None]) @ self._scattered(self.weight)
+        return light.reshape(*path_m.shape, 2, 3)
 
-    def _spectrum(self, path_m: float) -> Array:
-        """Return the weights (n, 3) of the beam after a path, columns of sum 1."""
-        log = np.log(np.maximum(self.weight, 1e-300)) - self.extinction[:, None] * path_m
-        light = np.exp(log - log.max(axis=0))
-        return np.asarray(light / light.sum(axis=0))
+    def _scattered(self, weight: Array) -> Array:
+        """Return what molecules and particles scatter (n, 6) of weights (n, 3)."""
+        return (self.scattering[:, :, None] * weight[:, None]).reshape(len(weight), 6)
 
-    def _mixed(self, weight: Array) -> Array:
-        return np.concatenate([self.molecules[:, None] * weight, self.particles[:, None] * weight], axis=1)
+
+@shared(keep=4)
+def shaft_water(medium: Medium) -> ShaftWater:
+    """Return the water of a medium, as its veil scatters."""
+    nm, water, model = medium.bands.wavelength_nm, medium.water, medium.model
+    b, molecules = np.asarray(water.scattering(nm), np.float64), np.zeros(len(nm))
+    wide = medium.mode not in CLOSED_FORMS
+    if wide and water.molecular is not None:
+        molecules = np.asarray(water.molecular(nm), np.float64)
+    found = ShaftWater(
+        model.extinction, model.attenuation, np.stack([molecules, b - molecules], axis=-1),
+        water.phase if wide else "isotropic", wide, medium.bands.lobes, np.zeros((0, 2)),
+    )  # fmt: skip
+    return replace(found, table=found.turned(np.cos(np.linspace(0.0, np.pi, _ANGLES))))
 
 
 _DIRECT = 0.75
@@ -300,98 +302,30 @@ def beam_share(medium: Medium, depth_m: float) -> float:
     It is the contrast of a shaft in full shadow that fills the view of a camera at depth_m [m], and falls with depth.
     Zero in water that does not scatter.
     """
-    water = ShaftWater.of(medium)
+    water = shaft_water(medium)
     if not water.scatters:
         return 0.0
     level = np.zeros(1)
     beam = _DIRECT / _SUN_UP * beam_fraction(medium.unit_table, depth_m, _SUN_UP)
-    lit = float(luminance(beam * unoccluded(water, level, level, np.array([np.inf]), depth_m, _SUN_UP)[0]))
+    lit = float(
+        luminance(beam * unoccluded(water, level, level, level, np.array([LONGEST_RAY_M]), depth_m, _SUN_UP)[0])
+    )
     veil = float(luminance(medium.light.display(medium.model.radiance(depth_m, level))[0]))
     return lit / max(veil, lit, _DARKEST)
 
 
 def unoccluded(
-    water: ShaftWater, cosine: Array, up: Array, end_m: Array, camera_depth_m: float, sun_up: float
+    water: ShaftWater, cosine: Array, up: Array, start_m: Array, end_m: Array, camera_depth_m: float, sun_up: float
 ) -> Floats:
-    """Return the beam's light scattered once (n, 3) over rays up to end_m (n,), per unit irradiance at the camera.
+    """Return the beam's light scattered once (n, 3) between two distances (n,) of rays, per unit irradiance at the
+    camera.
 
     The smooth part of `single_scattering`, over an open, flat sea, with the water's wide angles. cosine: (n,) of the
-    angle by which light turns. up: (n,) height of the rays' directions.
+    angle by which light turns. up: (n,) height of the rays' directions. start_m, end_m: within the water.
     """
-    edge = np.stack([np.zeros(len(up)), ray_in_water(end_m, camera_depth_m, up)], axis=-1)
-    whole, _ = water.beam_segments(up, edge, camera_depth_m, sun_up)
-    return np.asarray(np.einsum("nj,njk->nk", water.turned(cosine), whole[:, 0]))
-
-
-MOST_POINTS = 1 << 18
-"""Points looked up together, which bounds memory at some tens of megabytes."""
-
-
-@dataclass(frozen=True, eq=False)
-class BeamPattern(Parts):
-    """Bodies and waves between the sun and points in the world.
-
-    surface_y_m: height of the mean water surface. samples: directions over the sun's disc. spread_rad: standard
-    deviation of the directions of light that has turned by small angles; eight times as many directions sample it.
-    """
-
-    sun: Sun
-    bodies: Bodies
-    caustics: CausticStack | None
-    surface_y_m: float
-    samples: int
-    spread_rad: float = 0.0
-
-    def __post_init__(self) -> None:
-        if self.caustics is not None and not isinstance(self.caustics, CausticStack):
-            raise ParameterError(
-                f"caustics - not a stack (got {type(self.caustics).__name__}) - give what uw.caustics.caustic_stack "
-                "returns, or None"
-            )
-
-    @property
-    def even(self) -> bool:
-        """Whether nothing takes light away or moves it."""
-        return not self.bodies.occluders and self.caustics is None
-
-    def sharp(self, point: Array, along: Array, footprint_m: Floats | float = 0.0) -> Array:
-        """Return C V (n, 3) at points (n, 3) in the world.
-
-        V is a mean over the segments `along` (n, 3) [m] about the points, C over footprints (n,) [m].
-        """
-        return self._ratio(self._levels, point, footprint_m) * self._seen(point, self.disc, along)[:, None]
-
-    def soft(self, point: Array, along: Array, footprint_m: Floats | float = 0.0) -> Array:
-        """Return B V_halo (n, 3) at points (n, 3) in the world; arguments as for `sharp`."""
-        return self._ratio(self._soft_levels, point, footprint_m) * self._seen(point, self.halo, along)[:, None]
-
-    def _ratio(self, levels: list[Floats], point: Array, footprint_m: Floats | float) -> Array:
-        if self.caustics is None or not levels:
-            return np.ones((len(point), 3))
-        depth = np.maximum(self.surface_y_m - point[:, 1], 0.0)
-        ratio = caustic_lookup(self.caustics, levels, point[:, 0], depth, point[:, 2], footprint_m)
-        # waves have not focused anything at the surface: contrast grows from there to the first plane
-        focused = np.minimum(depth / self.caustics.depth_m[0], 1.0)[:, None]
-        return 1.0 + (ratio - 1.0) * focused
-
-    def _seen(self, point: Array, directions: Array, along: Array) -> Array:
-        return self.bodies.visible(point, directions, along) if self.bodies.occluders else np.ones(len(point))
-
-    @functools.cached_property
-    def _levels(self) -> list[Floats]:
-        return [] if self.caustics is None else mip_levels(self.caustics.ratio)
-
-    @functools.cached_property
-    def _soft_levels(self) -> list[Floats]:
-        return [] if self.caustics is None or self.caustics.soft is None else mip_levels(self.caustics.soft)
-
-    @functools.cached_property
-    def disc(self) -> Array:
-        """Directions (samples, 3) over the sun's disc."""
-        return disc_directions(unit(self.sun.direction), self.sun.half_angle_rad, self.samples)
-
-    @functools.cached_property
-    def halo(self) -> Array:
-        """Directions (8 samples, 3) that light which has turned by small angles comes from."""
-        wide = float(effective_half_angle(self.sun.half_angle_rad, self.spread_rad))
-        return disc_directions(unit(self.sun.direction), wide, 8 * self.samples)
+    place = np.arccos(np.clip(cosine, -1.0, 1.0)) * ((_ANGLES - 1) / np.pi)
+    first = np.minimum(place.astype(np.int64), _ANGLES - 2)
+    lower = water.table[first]
+    turned = lower + (water.table[first + 1] - lower) * (place - first)[:, None]
+    whole, _ = water.beam_segments(up, np.stack([start_m, end_m], axis=-1), camera_depth_m, sun_up)
+    return np.asarray(np.einsum("nj,njk->nk", turned, whole[:, 0]))

@@ -26,9 +26,9 @@ from numpy.typing import NDArray
 
 from mr360uw.cache import Cache, PartOf
 from mr360uw.jit import fast, inlined
-from mr360uw.medium.shafts.body_shadows import DISC_TAPS, HALO_TAPS, shadows_of, visible_parts
-from mr360uw.medium.shafts.ray_segments import radius_at
-from mr360uw.medium.shafts.shaft_scene import BeamPattern, ShaftScene
+from mr360uw.medium.shafts.occluders import DISC_TAPS, HALO_TAPS, Shadows, shadows_in, visible_parts
+from mr360uw.medium.shafts.shaft_scene import ShaftScene
+from mr360uw.medium.shafts.single_scattering import BeamPattern, radius_at
 from mr360uw.sphere import unit
 from mr360uw.types import CausticStack
 
@@ -36,6 +36,9 @@ Array = NDArray[np.float64]
 
 _HEIGHTS = 257
 """Heights of rays at which the light of segments is tabulated."""
+_SMALL_RAD = 0.01
+"""Radius of a disc up to which one direction stands for it: 10 m behind a body its shadow's edge is then 20 cm wide at
+most, less than half a segment."""
 _PARTS = 4
 """Parts of a segment that are tested by rays, for bodies without bounds."""
 
@@ -102,6 +105,15 @@ class SunBeam:
         return result
 
 
+def shadows_of(pattern: BeamPattern, cache: Cache) -> Shadows | None:
+    """Return the shadows of a beam's bodies, None without bodies or where one has no bounds. cache: holds them."""
+    bodies, towards = pattern.bodies, unit(pattern.sun.direction)
+    if not bodies.occluders or not np.all(np.isfinite(bodies.radius)):
+        return None
+    wide = pattern.sun.half_angle_rad > _SMALL_RAD
+    return cache.of(shadows_in, bodies, towards, pattern.disc if wide else None, pattern.halo, cache)
+
+
 def _weights(of_water: PartOf[ShaftScene], count: int) -> NDArray[np.float32]:
     scene = of_water.whole
     up = np.linspace(-1.0, 1.0, _HEIGHTS)
@@ -119,7 +131,7 @@ SHORTEST_M = 1e-6
 
 @inlined
 def node_edges(rate: Any, reach: Any, count: Any, edge: Any) -> None:
-    """Write the edges (count + 1,) [m] of a ray's segments: `ray_segments.radius_at`."""
+    """Write the edges (count + 1,) [m] of a ray's segments: `single_scattering.radius_at`."""
     x = rate * reach
     for k in range(count + 1):
         t = k / count

@@ -73,7 +73,7 @@ def tilted(ripples: Ripples, normal: Vector, x: float, z: float, sigma_m: float)
     """Return a normal with the ripples' slopes at a rest position, and the slope variance along each axis of ripples
     that are smaller than a footprint.
 
-    Twin of the sum of slopes: caustics/sea/detail.py.
+    Twin of the sum of slopes: caustics/sea/base.py.
     """
     if ripples.variance <= 0.0:
         return normal, 0.0
