@@ -12,7 +12,7 @@ SUPPORTED := >=3.11,<3.14
 
 # $(call install,EXTRAS): the package with its extras, at the versions of the lock
 ifneq ($(shell command -v uv 2>/dev/null),)
-install = uv pip install --quiet --python $(BIN)/python $(LOCK:%=-c %) -e '.$(1)'
+install = uv pip install --quiet --compile-bytecode --python $(BIN)/python $(LOCK:%=-c %) -e '.$(1)'
 else
 install = $(BIN)/python -m pip install --quiet --disable-pip-version-check $(LOCK:%=-c %) -e '.$(1)'
 endif
@@ -26,6 +26,7 @@ $(VENV)/.installed: pyproject.toml $(LOCK)
 		$(or $(PYTHON),python3) -m venv $(VENV) || { echo 'venv is missing: sudo apt install python3-venv'; exit 1; }; \
 	fi
 	@$(call install,)
+	@$(BIN)/python -m compileall -q mr360uw  # as installers do for wheels: else every start compiles it where none is kept
 	@touch $@
 
 $(VENV)/.installed-dev: $(VENV)/.installed
