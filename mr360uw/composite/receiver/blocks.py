@@ -18,9 +18,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mr360uw.cache import Cache, PartOf, Same
+from mr360uw.cache import Cache, Neutral, PartOf, Same
 from mr360uw.composite.ambient.blocked_light import UNNOTICED
-from mr360uw.composite.ambient.light import GroundField, ground_field
+from mr360uw.composite.ambient.light import GroundField, ambient_light, ground_field
 from mr360uw.composite.ambient.solver import AmbientLight
 from mr360uw.composite.lighting.lamps import lamps_of, light_sources
 from mr360uw.composite.lighting.sun import sun_of, widest_half_angle
@@ -459,13 +459,27 @@ class Reach:
     corner: NDArray[np.float32]
 
 
-def reach_of(shot: Shot, touched: Touched | None, ambient: AmbientLight | None, cache: Cache) -> Reach | None:
-    """Return the receiver that a shot may change, on any thread. ambient: of the bodies. cache: of `ground_field`."""
-    if touched is None:
-        return None
-    ground = touched.ground
+@dataclass(frozen=True, slots=True, eq=False)
+class Prepared(Neutral):
+    """What of a shot does not need the device, and follows from the shot.
+
+    ambient: light of its bodies. reach: the receiver that it may change. None where there is none.
+    """
+
+    ambient: AmbientLight | None
+    reach: Reach | None
+
+
+def prepare(shot: Shot, cache: Cache) -> Prepared:
+    """Return what of a shot does not need the device, on any thread. cache: keeps what does not change."""
+    touched, ambient = touched_ground(shot, cache), ambient_light(shot, cache)
+    return Prepared(ambient, None if touched is None else _reach(shot, touched, ambient, cache))
+
+
+def _reach(shot: Shot, touched: Touched, ambient: AmbientLight | None, cache: Cache) -> Reach:
+    """Return the receiver that a shot may change, with the ambient light that bodies leave at its corners."""
+    ground, field = touched.ground, ground_field(shot, ambient, cache)
     ground.load_blocks(shot, touched.blocks)
-    field = ground_field(shot, ambient, cache)
     corner = np.zeros((ground.rows + 1, ground.columns + 1, CORNER_CHANNELS), np.float32)
     j, i = np.nonzero(ground.corners_of(touched.blocks))
     corner[j, i, FREE] = field.at(*_places(ground, j, i))
@@ -509,7 +523,7 @@ def set_plate_light(shot: Shot, reach: Reach, blocks: Blocks) -> None:
 
 
 def free_images(shot: Shot, reach: Reach, j: Indices, i: Indices, gaps: Gaps) -> PixelImages:
-    """Return the unblocked ambient fraction per pixel, for blocks (n,) where interpolation from corners is not accurate.
+    """Return the unblocked ambient fraction per pixel, of those of blocks (n,) that their corners do not represent.
 
     Partly covered pixels take it in their gaps.
     """

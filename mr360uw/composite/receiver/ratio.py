@@ -131,7 +131,7 @@ def receiver_ratio(
     return 1.0 + weight[:, None] * (ratio - 1.0)
 
 
-# --- over blocks of pixels ---------------------------------------------------------------------------------------------
+# --- over blocks of pixels -------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -160,9 +160,9 @@ def gather_images(count: int, channels: int, parts: Gathered) -> PixelImages:
 class BlockLight:
     """Light on blocks of the receiver.
 
-    blocks: (R, C) which they are, n of them, row by row. corner: (R + 1, C + 1, 10) float32, channels SHARE, VEIL, FREE, SEEN. Images of
-    pixels, used instead of corners: free (k = 3), seen (1), waves (3), shape (7: share, weight, veil), added (3; 0 if
-    there is none).
+    blocks: (R, C) which they are, n of them, row by row. corner: (R + 1, C + 1, 10) float32, channels SHARE, VEIL,
+    FREE, SEEN. Images of pixels, used instead of corners: free (k = 3), seen (1), waves (3), shape (7: share, weight,
+    veil), added (3; 0 if there is none).
     """
 
     blocks: NDArray[np.bool_]
@@ -297,9 +297,9 @@ def _even(corner: Any, q: int, z: int) -> bool:
 def _lay(blocks: Any, images: Any, frame: Any, plate: Any, tile: Any) -> None:
     """Write ratio and veil of the blocks into a tile, see `lay_receiver`.
 
-    blocks: rows and columns, and corner of `BlockLight`. images: `at` and `image` of its images, one after the other. frame:
-    width and height, and row and column of the tile. plate: its light, its mean or none, and the blurs and the strength
-    by which it is drawn towards them without one. tile: ratio and veil.
+    blocks: rows and columns, and corner of `BlockLight`. images: `at` and `image` of its images, one after the other.
+    frame: width and height, and row and column of the tile. plate: its light, its mean or none, and the blurs and the
+    strength by which it is drawn towards them without one. tile: ratio and veil.
     """
     row, column, corner = blocks
     free_at, free, seen_at, seen, waves_at, waves, shape_at, shape, added_at, added = images
