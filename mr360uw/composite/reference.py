@@ -15,8 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.cache import Cache
-from mr360uw.composite.ambient.light import ambient_at, ambient_light, free_of_bodies
-from mr360uw.composite.ambient.solver import AmbientLight
+from mr360uw.composite.ambient.solver import AmbientLight, ambient_at, ambient_light, free_of_bodies
 from mr360uw.composite.aovs import AovFrame, Aovs
 from mr360uw.composite.lighting.blockers import Blockers
 from mr360uw.composite.lighting.lamps import light_sources

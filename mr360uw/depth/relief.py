@@ -16,8 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.composite.receiver.shape import inverse_distance, running_mean, smoothed, width_px
-from mr360uw.composite.receiver.shape import ReceiverShape
+from mr360uw.composite.receiver.shape import ReceiverShape, inverse_distance, running_mean, smoothed, width_px
 from mr360uw.composite.shot import Receiver
 from mr360uw.depth.sphere_stereo import SURE, DepthMap
 from mr360uw.depth.warping import Map, resized

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from mr360uw.cache import Cache
-from mr360uw.composite.ambient.light import ambient_light, free_of_bodies
+from mr360uw.composite.ambient.solver import ambient_light, free_of_bodies
 from mr360uw.composite.gl.layer_renderer import LayerRenderer
 from mr360uw.composite.lighting.blockers import Blockers
 from mr360uw.composite.lighting.lamps import light_sources

@@ -20,8 +20,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from mr360uw.cache import Cache, Neutral, PartOf, Same
 from mr360uw.composite.ambient.blocked_light import UNNOTICED
-from mr360uw.composite.ambient.light import GroundField, ambient_light, ground_field
-from mr360uw.composite.ambient.solver import AmbientLight
+from mr360uw.composite.ambient.ground_light import GroundField, ground_field
+from mr360uw.composite.ambient.solver import AmbientLight, ambient_light
 from mr360uw.composite.lighting.lamps import lamps_of, light_sources
 from mr360uw.composite.lighting.sun import sun_of, widest_half_angle
 from mr360uw.composite.lighting.surfaces import veil_ahead

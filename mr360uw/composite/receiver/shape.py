@@ -93,7 +93,7 @@ class ReceiverShape:
         start = view.starts(direction)
         if self.level_m is not None:
             with np.errstate(divide="ignore", over="ignore"):
-                distance = (self.level_m - start[..., 1]) / direction[..., 1]
+                distance: Floats = (self.level_m - start[..., 1]) / direction[..., 1]
             distance = np.where((distance > 0.0) & np.isfinite(distance), distance, np.inf)
             normal = np.zeros_like(direction)
             normal[..., 1] = -np.sign(self.level_m) if self.level_m else 1.0
