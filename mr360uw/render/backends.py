@@ -89,7 +89,11 @@ class Reference:
         """Return nothing: every pixel is found by itself."""
 
     def layer(
-        self, shot: Shot, prepared: Prepared | None = None, *, variables: bool = False  # noqa: ARG002 - as of `Gl`
+        self,
+        shot: Shot,
+        prepared: Prepared | None = None,
+        *,
+        variables: bool = False,  # noqa: ARG002 - as of `Gl`
     ) -> tuple[Layer, Aovs | None]:
         """Return the layer of `mr360uw.composite.reference`."""
         from mr360uw.composite.reference import render_aovs, render_layer

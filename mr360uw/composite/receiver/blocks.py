@@ -46,6 +46,7 @@ from mr360uw.composite.tiles import rectangles_of_mask
 from mr360uw.jit import exact, fast
 from mr360uw.medium.lookup import transmittance_lookup
 from mr360uw.sphere import basis
+from mr360uw.threads import one_blas_thread
 from mr360uw.types import Floats, Rectangle, View
 
 RECTANGLE_COST_PX = 16384
@@ -472,8 +473,9 @@ class Prepared(Neutral):
 
 def prepare(shot: Shot, cache: Cache) -> Prepared:
     """Return what of a shot does not need the device, on any thread. cache: keeps what does not change."""
-    touched, ambient = touched_ground(shot, cache), ambient_light(shot, cache)
-    return Prepared(ambient, None if touched is None else _reach(shot, touched, ambient, cache))
+    with one_blas_thread():
+        touched, ambient = touched_ground(shot, cache), ambient_light(shot, cache)
+        return Prepared(ambient, None if touched is None else _reach(shot, touched, ambient, cache))
 
 
 def _reach(shot: Shot, touched: Touched, ambient: AmbientLight | None, cache: Cache) -> Reach:
