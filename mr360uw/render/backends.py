@@ -91,9 +91,9 @@ class Reference:
     def layer(
         self,
         shot: Shot,
-        prepared: Prepared | None = None,
+        prepared: Prepared | None = None,  # noqa: ARG002 - as `Backend` has it
         *,
-        variables: bool = False,  # noqa: ARG002 - as of `Gl`
+        variables: bool = False,
     ) -> tuple[Layer, Aovs | None]:
         """Return the layer of `mr360uw.composite.reference`."""
         from mr360uw.composite.reference import render_aovs, render_layer
