@@ -24,8 +24,8 @@ from mr360uw.composite.receiver.blocks import (
     SMOOTH,
     Blocks,
     Ground,
+    GroundReach,
     Indices,
-    Reach,
     Touched,
     changed_blocks,
     enlarged,
@@ -82,7 +82,7 @@ class ReceiverPass:
     def __init__(self, targets: Targets, cache: Cache) -> None:
         self._targets, self._cache = targets, cache
 
-    def light(self, shot: Shot, light: ShotLight, reach: Reach | None, gaps: Gaps) -> BlockLight | None:
+    def light(self, shot: Shot, light: ShotLight, reach: GroundReach | None, gaps: Gaps) -> BlockLight | None:
         """Return the light on the blocks that change; None where none do. gaps: of pixels that bodies cover partly."""
         if reach is None or shot.receiver is None:
             return None

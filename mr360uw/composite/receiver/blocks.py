@@ -75,7 +75,7 @@ _LAMP_STEP = 2
 _PAST_THE_LAST = 5.0 / 32.0
 """Error of a straight line a quarter step past its samples, in second differences: (1/4)(5/4)/2; between them 1/8."""
 _PART_OF_GAP = 0.25
-"""Reach of a block over the height of a body above the ground, below which corners and middle miss nothing."""
+"""GroundReach of a block over the height of a body above the ground, below which corners and middle miss nothing."""
 
 Indices = NDArray[np.int64]
 Blocks = NDArray[np.bool_]
@@ -448,7 +448,7 @@ def rectangles_of_blocks(blocks: Blocks, view: View) -> list[Rectangle]:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Reach:
+class GroundReach:
     """The receiver that a shot may change, with all of its light that does not need the device.
 
     touched: see there. ambient: what bodies leave of its light. corner: (R + 1, C + 1, 10) of `BlockLight`, as if the
@@ -468,7 +468,7 @@ class Prepared(Neutral):
     """
 
     ambient: AmbientLight | None
-    reach: Reach | None
+    reach: GroundReach | None
 
 
 def prepare(shot: Shot, cache: Cache) -> Prepared:
@@ -478,7 +478,7 @@ def prepare(shot: Shot, cache: Cache) -> Prepared:
         return Prepared(ambient, None if touched is None else _reach(shot, touched, ambient, cache))
 
 
-def _reach(shot: Shot, touched: Touched, ambient: AmbientLight | None, cache: Cache) -> Reach:
+def _reach(shot: Shot, touched: Touched, ambient: AmbientLight | None, cache: Cache) -> GroundReach:
     """Return the receiver that a shot may change, with the ambient light that bodies leave at its corners."""
     ground, field = touched.ground, ground_field(shot, ambient, cache)
     ground.load_blocks(shot, touched.blocks)
@@ -486,7 +486,7 @@ def _reach(shot: Shot, touched: Touched, ambient: AmbientLight | None, cache: Ca
     j, i = np.nonzero(ground.corners_of(touched.blocks))
     corner[j, i, FREE] = field.at(*_places(ground, j, i))
     corner[j, i, SEEN] = 1.0
-    return Reach(touched, field, corner)
+    return GroundReach(touched, field, corner)
 
 
 def _places(ground: Ground, j: Indices, i: Indices) -> tuple[Floats, Floats]:
@@ -494,7 +494,7 @@ def _places(ground: Ground, j: Indices, i: Indices) -> tuple[Floats, Floats]:
     return ground.corner_point[j, i].astype(np.float64), ground.corner_normal[j, i].astype(np.float64)
 
 
-def changed_blocks(shot: Shot, reach: Reach, blocks: Blocks) -> Blocks:
+def changed_blocks(shot: Shot, reach: GroundReach, blocks: Blocks) -> Blocks:
     """Return those of some blocks (R, C) in which bodies may change the receiver by more than `Shot.unseen`.
 
     Ambient and direct light have weights that add up to 1 (see ratio.py and pattern.py), and each factor on them is
@@ -509,7 +509,7 @@ def changed_blocks(shot: Shot, reach: Reach, blocks: Blocks) -> Blocks:
     return changed
 
 
-def set_plate_light(shot: Shot, reach: Reach, blocks: Blocks) -> None:
+def set_plate_light(shot: Shot, reach: GroundReach, blocks: Blocks) -> None:
     """Set the ambient share and the veil of the plate at the corners of blocks (R, C)."""
     ground, corner = reach.touched.ground, reach.corner
     j, i = np.nonzero(ground.corners_of(blocks))
@@ -524,7 +524,7 @@ def set_plate_light(shot: Shot, reach: Reach, blocks: Blocks) -> None:
         corner[j, i, VEIL] = veil_ahead(shot.medium, distance, point / np.maximum(distance, 1e-9)[:, None])
 
 
-def free_images(shot: Shot, reach: Reach, j: Indices, i: Indices, gaps: Gaps) -> PixelImages:
+def free_images(shot: Shot, reach: GroundReach, j: Indices, i: Indices, gaps: Gaps) -> PixelImages:
     """Return the unblocked ambient fraction per pixel, of those of blocks (n,) that their corners do not represent.
 
     Partly covered pixels take it in their gaps.
