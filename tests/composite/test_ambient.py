@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from mr360uw.composite.ambient.exchange import Layout
 
 from mr360uw.cache import Cache
+from mr360uw.composite.ambient.form_factors import Layout
 from mr360uw.composite.ambient.mesh_transfer import (
     COUNT,
     SOLID_ANGLE,

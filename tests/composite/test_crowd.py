@@ -10,8 +10,8 @@ import pytest
 
 from mr360uw.cache import Cache
 from mr360uw.color import encode
-from mr360uw.composite.ambient import exchange
-from mr360uw.composite.ambient.exchange import Body
+from mr360uw.composite.ambient import form_factors
+from mr360uw.composite.ambient.form_factors import Body
 from mr360uw.composite.lighting.blockers import casting_bodies
 from mr360uw.composite.mesh.material import Material
 from mr360uw.composite.over import over
@@ -50,7 +50,7 @@ def test_far_bodies_are_what_rays_between_all_pairs_find(
 ) -> None:
     scene = shot(*crowd(20, rng), environment=environment(0.3), sun=SUN, receiver=Receiver(plane_y=-1.5))
     found = codes(scene)
-    monkeypatch.setattr(exchange, "near_shares", _all_near)
+    monkeypatch.setattr(form_factors, "near_shares", _all_near)
     change = np.abs(found - codes(scene)).max(axis=-1)
     assert np.mean(change <= 1.0) >= tol.CROWD_WITHIN_ONE_CODE
     assert change.max() <= tol.CROWD_CODES

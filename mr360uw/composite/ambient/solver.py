@@ -44,7 +44,7 @@ from numpy.typing import NDArray
 
 from mr360uw.cache import Cache, PartOf
 from mr360uw.composite.ambient.blocked_light import BlockedLight, fraction_left, sky_table
-from mr360uw.composite.ambient.exchange import (
+from mr360uw.composite.ambient.form_factors import (
     COARSE_NODES,
     NODES,
     Body,
