@@ -11,6 +11,7 @@ camera's place is rounded to.
 
 from __future__ import annotations
 
+import weakref
 from dataclasses import dataclass
 from typing import Any
 
@@ -335,12 +336,12 @@ class GroundField:
     origin: (3,) in the world of level ground below the first body. patches: quadtrees of that ground, from there, each
     with the values of its samples and its weight; none where the receiver is not level or bodies block nothing, where
     light is that of each place. gap_m: height above it of the lowest body: light hardly changes over a part of that.
-    cache: keeps what bodies block there.
+    cache: keeps what bodies block there; it may keep the field too, which does not hold it.
     """
 
     shot: Shot
     light: AmbientLight | None
-    cache: Cache
+    cache: weakref.ref[Cache]
     origin: Floats
     patches: tuple[tuple[Quadtree, Floats, float], ...]
     gap_m: float
@@ -352,7 +353,7 @@ class GroundField:
         place.
         """
         if not self.patches:
-            return free_of_bodies(self.shot, self.light, point, normal, self.cache)
+            return free_of_bodies(self.shot, self.light, point, normal, self.cache() or Cache())
         place = point.reshape(-1, 3)
         free, jump = np.zeros(place.shape), np.zeros(len(place), np.bool_)
         for tree, values, share in self.patches:
@@ -360,7 +361,7 @@ class GroundField:
             free, jump = free + share * found, jump | jumps
         if np.any(jump):
             each = place[jump], normal.reshape(-1, 3)[jump]
-            free[jump] = free_of_bodies(self.shot, self.light, *each, self.cache)
+            free[jump] = free_of_bodies(self.shot, self.light, *each, self.cache() or Cache())
         return np.asarray(np.maximum(free, 0.0)).reshape(point.shape)  # parabolas between steep samples dip below
 
     def jumps(self) -> Floats:
@@ -375,7 +376,7 @@ def ground_field(shot: Shot, light: AmbientLight | None, cache: Cache) -> Ground
     """Return the ambient light on a shot's receiver. cache: keeps quadtrees while bodies stand still to each other."""
     receiver = shot.receiver
     if light is None or receiver is None or receiver.plane_y is None or not light.layout.ground_bodies:
-        return GroundField(shot, light, cache, np.zeros(3), (), 0.0)
+        return GroundField(shot, light, weakref.ref(cache), np.zeros(3), (), 0.0)
     origin, patches = light.layout.below(receiver.plane_y), []
     camera, pixel_rad, gap_m = camera_place(shot.view.position - origin), 2.0 * np.pi / shot.view.width, np.inf
     for solved, share in _samples(light, receiver.plane_y):
@@ -384,7 +385,7 @@ def ground_field(shot: Shot, light: AmbientLight | None, cache: Cache) -> Ground
         tree = cache.of(make_quadtree, occluders, camera, pixel_rad, receiver.extent_m, keep=2)
         gap_m = min(gap_m, *(_height(solved, k, receiver.plane_y) for k in solved.layout.ground_bodies))
         patches.append((tree, cache.of(_at_samples, solved, tree, below, keep=2), share))
-    return GroundField(shot, light, cache, origin, tuple(patches), gap_m)
+    return GroundField(shot, light, weakref.ref(cache), origin, tuple(patches), gap_m)
 
 
 def _samples(light: AmbientLight, ground_y: float) -> list[tuple[AmbientLight, float]]:
