@@ -3,7 +3,7 @@ from .motion import Motion, read_camera_track
 from .object_settings import ObjectSettings
 from .objects import SceneObject, load_object, load_objects
 from .over import over_tile
-from .receiver.receiver_file import load_receiver
+from .receiver.shape import load_receiver
 from .reference import render_layer
 from .settings import DrawSettings, HoldoutSettings, ReceiverSettings
 from .shot import PlacedObject, Receiver, Shot

@@ -15,8 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.cache import Cache
-from mr360uw.composite.ambient.light import ambient_at, ambient_light, free_of_bodies
-from mr360uw.composite.ambient.solver import AmbientLight
+from mr360uw.composite.ambient.solver import AmbientLight, ambient_at, ambient_light, free_of_bodies
 from mr360uw.composite.aovs import AovFrame, Aovs
 from mr360uw.composite.lighting.blockers import Blockers
 from mr360uw.composite.lighting.lamps import light_sources
@@ -26,8 +25,9 @@ from mr360uw.composite.lighting.surfaces import surface_radiance, water_ahead
 from mr360uw.composite.over import empty_tile, hold_out
 from mr360uw.composite.raycast.geometry import Geometry, gather, object_rectangles
 from mr360uw.composite.raycast.pixel_samples import group_samples, trace_samples
+from mr360uw.composite.receiver.blocks import rectangles_of_blocks, touched_ground
 from mr360uw.composite.receiver.ratio import receiver_ratio
-from mr360uw.composite.receiver.shape import ReceiverShape, coarse_grid, receiver_rectangles
+from mr360uw.composite.receiver.shape import ReceiverShape
 from mr360uw.composite.sampling import WHOLE_PIXEL, Gaps, find_gaps, join_gaps, pattern
 from mr360uw.composite.shot import Shot
 from mr360uw.composite.tiles import even_tiles, split
@@ -85,9 +85,9 @@ def _render(shot: Shot, frame: AovFrame | None, cache: Cache) -> Layer:
     shape = ReceiverShape(shot.receiver, shot.view.position) if shot.receiver is not None else None
     object_parts = object_rectangles(shot.view, shot.objects)
     receiver_parts: list[Rectangle] = []
-    if shape is not None:
-        grid = coarse_grid(shot, shape)
-        receiver_parts = receiver_rectangles(shot, grid)
+    touched = touched_ground(shot, cache)
+    if touched is not None:
+        receiver_parts = rectangles_of_blocks(touched.blocks, shot.view)
     tiles = even_tiles(object_parts + receiver_parts, shot.view.width, shot.view.height)
     if not tiles:
         return Layer(shot.view.height, shot.view.width, ())

@@ -20,6 +20,7 @@ from mr360uw.types import BeamSpread, CausticStack, Floats, Layer
 
 if TYPE_CHECKING:
     from mr360uw.composite.gl.layer_renderer import LayerRenderer
+    from mr360uw.composite.receiver.blocks import Prepared
 
 BackendName = Literal["auto", "gl", "reference"]
 CausticsOf = Callable[[Sea, Floats, Floats, float, CausticSettings, float, BeamSpread | None], CausticStack]
@@ -41,8 +42,16 @@ class Backend(Protocol):
     def caustics(self) -> CausticsOf:
         """The function that returns the caustics on planes."""
 
-    def layer(self, shot: Shot, *, variables: bool = False) -> tuple[Layer, Aovs | None]:
-        """Return the layer of a shot, and its output variables if asked for (else None)."""
+    def prepare(self, shot: Shot, cache: Cache) -> Prepared | None:
+        """Return what of a shot's layer can be found on any thread, None for nothing. cache: of that thread."""
+
+    def layer(
+        self, shot: Shot, prepared: Prepared | None = None, *, variables: bool = False
+    ) -> tuple[Layer, Aovs | None]:
+        """Return the layer of a shot, and its output variables if asked for (else None).
+
+        prepared: of `prepare`; None finds it here.
+        """
 
     def release(self) -> None:
         """Let go of all that is kept between frames, here and on the device; a later frame makes it anew."""
@@ -64,7 +73,16 @@ class Reference:
 
         return caustic_stack
 
-    def layer(self, shot: Shot, *, variables: bool = False) -> tuple[Layer, Aovs | None]:
+    def prepare(self, shot: Shot, cache: Cache) -> None:
+        """Return nothing: every pixel is found by itself."""
+
+    def layer(
+        self,
+        shot: Shot,
+        prepared: Prepared | None = None,  # noqa: ARG002 - as `Backend` has it
+        *,
+        variables: bool = False,
+    ) -> tuple[Layer, Aovs | None]:
         """Return the layer of `mr360uw.composite.reference`."""
         from mr360uw.composite.reference import render_aovs, render_layer
 
@@ -96,13 +114,21 @@ class Gl:
 
         return summed_stack
 
-    def layer(self, shot: Shot, *, variables: bool = False) -> tuple[Layer, Aovs | None]:
+    def prepare(self, shot: Shot, cache: Cache) -> Prepared | None:
+        """Return the ambient light of a shot's bodies, and the receiver that they may change."""
+        from mr360uw.composite.receiver.blocks import prepare
+
+        return prepare(shot, cache)
+
+    def layer(
+        self, shot: Shot, prepared: Prepared | None = None, *, variables: bool = False
+    ) -> tuple[Layer, Aovs | None]:
         """Return the layer of a shot, and its output variables if asked for, read back from the device."""
         if self._layers is None:  # released
             from mr360uw.composite.gl.layer_renderer import LayerRenderer
 
             self._layers = LayerRenderer(self.cache)
-        return self._layers.layer(shot, variables=variables)
+        return self._layers.layer(shot, prepared, variables=variables)
 
     def release(self) -> None:
         """Let go of all that is kept between frames, here and on the device; a later frame makes it anew.

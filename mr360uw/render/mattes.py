@@ -11,8 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from mr360uw.cache import Cache
-from mr360uw.composite.receiver.distance_map import without_steps
-from mr360uw.composite.receiver.receiver_file import load_receiver, map_range
+from mr360uw.composite.receiver.shape import load_receiver, map_range, without_steps
 from mr360uw.composite.settings import HoldoutSettings, ReceiverSettings
 from mr360uw.composite.shot import Receiver
 from mr360uw.errors import VideoError

@@ -10,11 +10,16 @@ import numpy as np
 import pytest
 
 from mr360uw.cache import Cache
-from mr360uw.composite.ambient.bodies import Layout
-from mr360uw.composite.ambient.light import ambient_light, free_of_bodies
-from mr360uw.composite.ambient.mesh_transfer import COUNT, SOLID_ANGLE, directions, make_transfer
-from mr360uw.composite.ambient.sample_points import make_lattice, points_at
-from mr360uw.composite.ambient.solver import AmbientLight
+from mr360uw.composite.ambient.form_factors import Layout
+from mr360uw.composite.ambient.mesh_transfer import (
+    COUNT,
+    SOLID_ANGLE,
+    directions,
+    make_lattice,
+    make_transfer,
+    points_at,
+)
+from mr360uw.composite.ambient.solver import AmbientLight, ambient_light, free_of_bodies
 from mr360uw.composite.gl.layer_renderer import LayerRenderer
 from mr360uw.composite.lighting.shading import ggx_distribution, lobe_axis, smith_visibility
 from mr360uw.composite.mesh.material import Material, Part

@@ -11,9 +11,8 @@ import pytest
 import scipy.sparse
 
 from mr360uw.cache import Cache
-from mr360uw.composite.ambient.light import ambient_light, free_of_bodies
-from mr360uw.composite.ambient.mesh_transfer import make_transfer
-from mr360uw.composite.ambient.sample_points import product
+from mr360uw.composite.ambient.mesh_transfer import make_transfer, product
+from mr360uw.composite.ambient.solver import ambient_light, free_of_bodies
 from mr360uw.composite.mesh.material import Material
 from mr360uw.composite.shot import BetweenSamples, LightSample, PlacedObject, Receiver, Shot
 from mr360uw.types import Floats

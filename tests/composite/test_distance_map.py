@@ -10,8 +10,7 @@ import pytest
 
 from mr360uw.composite.gl.layer_renderer import LayerRenderer
 from mr360uw.composite.over import over
-from mr360uw.composite.receiver.distance_map import touching_planes, without_steps
-from mr360uw.composite.receiver.shape import ReceiverShape
+from mr360uw.composite.receiver.shape import ReceiverShape, touching_planes, without_steps
 from mr360uw.composite.reference import render_layer
 from mr360uw.composite.shot import Receiver
 from mr360uw.sphere import directions, unit

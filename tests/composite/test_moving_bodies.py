@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from mr360uw.cache import version
-from mr360uw.composite.ambient.sample_points import find_nearest_points, make_lattice, points_at
+from mr360uw.composite.ambient.mesh_transfer import find_nearest_points, make_lattice, points_at
 from mr360uw.composite.gl.shadow_atlas import LightFrame
 from mr360uw.composite.motion import object_motion
 from mr360uw.composite.object_settings import KeySettings, ObjectSettings

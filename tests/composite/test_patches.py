@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from mr360uw.cache import Cache
-from mr360uw.composite.ambient.height_field import most_blocked
-from mr360uw.composite.ambient.light import ambient_light, free_of_bodies, ground_field
-from mr360uw.composite.ambient.quadtree import SMOOTH_PATCH, camera_place, make_quadtree
+from mr360uw.composite.ambient.blocked_light import most_blocked
+from mr360uw.composite.ambient.ground_light import SMOOTH_PATCH, camera_place, ground_field, make_quadtree
+from mr360uw.composite.ambient.solver import ambient_light, free_of_bodies
 from mr360uw.composite.shot import BetweenSamples, LightSample, Receiver, Shot
 from mr360uw.types import Floats
 from tests.composite import tolerances as tol

@@ -3,21 +3,24 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from mr360uw.cache import Cache
-from mr360uw.composite.ambient.light import ambient_light, free_of_bodies
+from mr360uw.composite.ambient.solver import ambient_light, free_of_bodies
 from mr360uw.composite.gl.layer_renderer import LayerRenderer
 from mr360uw.composite.lighting.blockers import Blockers
 from mr360uw.composite.lighting.lamps import light_sources
 from mr360uw.composite.lighting.shadow import pixel_footprint
 from mr360uw.composite.mesh.material import Material
 from mr360uw.composite.mesh.texture import make_texture
+from mr360uw.composite.motion import rotation_matrix
 from mr360uw.composite.over import over, tile_of
-from mr360uw.composite.receiver.ratio import receiver_ratio
+from mr360uw.composite.receiver.blocks import Ground, prepare
+from mr360uw.composite.receiver.ratio import BLOCK, receiver_ratio
 from mr360uw.composite.receiver.shape import ReceiverShape
 from mr360uw.composite.reference import render_layer
 from mr360uw.composite.shot import Receiver, Shot
@@ -96,6 +99,37 @@ def assert_agrees(got: Floats, expected: Floats) -> None:
     assert np.mean(wrong <= tol.RENDERERS_CODES) >= tol.RENDERERS_FRACTION
     assert wrong.max() <= tol.BLOCK_CODES
     assert wrong.sum() <= tol.BLOCK_ERROR * change.sum()
+
+
+@pytest.mark.parametrize("eye_m", [0.0, 0.2])
+def test_level_ground_is_met_where_rays_meet_it(eye_m: float) -> None:
+    """At the corners and the middles of blocks of a turned camera's frame, which ends within a block."""
+    still = shot(width=500, receiver=Receiver(plane_y=-1.2, extent_m=8.0))
+    turned = rotation_matrix((30.0, 10.0, -5.0))
+    view = replace(still.view, world_from_camera=turned, position=np.array([0.3, 0.4, -0.1]), eye_m=eye_m)
+    scene = replace(still, view=view)
+    assert scene.receiver is not None
+    shape = ReceiverShape(scene.receiver, view.position)
+    ground = Ground(scene, shape)
+    ground.load_blocks(scene, np.ones((ground.rows, ground.columns), np.bool_))
+    edges = [np.minimum(BLOCK * np.arange(n + 1), size) for n, size in ((63, 504), (32, 250))]
+    middles = BLOCK * (np.arange(63) + 0.5), 0.5 * (edges[1][:-1] + edges[1][1:])
+    for (x, y), got in ((edges, ground.corner_point), (middles, ground.middle_point)):
+        want, _ = ground.meet(scene, *np.meshgrid(x, y))
+        assert 0.2 < np.mean(np.any(want != 0.0, axis=-1)) < 0.8
+        np.testing.assert_allclose(got, want, atol=1e-5)
+
+
+def test_what_is_prepared_on_another_thread_gives_the_same_layer(renderer: LayerRenderer, sea: Environment) -> None:
+    bodies = placed(sphere(), (0.4, -0.6, -1.8)), placed(box((0.6, 0.5, 0.4)), (-0.6, -0.95, -1.6), (25, 0, 0))
+    scene = shot(*bodies, width=512, environment=sea, medium=medium(), receiver=Receiver(plane_y=-1.2))
+    with ThreadPoolExecutor(1) as other:
+        prepared = other.submit(prepare, scene, Cache()).result()
+    got, want = LayerRenderer().layer(scene, prepared)[0], renderer.render(scene)
+    assert prepared.reach is not None
+    assert len(got.tiles) == len(want.tiles)
+    np.testing.assert_array_equal(got.ratio, want.ratio)
+    np.testing.assert_array_equal(got.radiance, want.radiance)
 
 
 @pytest.mark.parametrize("waves", [False, True])

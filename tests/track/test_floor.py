@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import mr360uw as uw
-from mr360uw.composite.receiver.receiver_file import load_receiver
+from mr360uw.composite.receiver.shape import load_receiver
 from mr360uw.composite.settings import ReceiverSettings
 from mr360uw.errors import OutputExistsError, ParameterError
 from mr360uw.track.floor_mesh import fit_height_field

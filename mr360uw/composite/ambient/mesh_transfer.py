@@ -2,6 +2,16 @@
 """Precomputed ambient transfer of a mesh: which of a set of fixed directions its own surface blocks at its samples, and
 by which sample (after Sloan et al. 2002; here as a sparse list instead of spherical harmonics, so that bounces are
 solved after the lights are known).
+
+*Points* are what shading reads: the vertices, and on triangles that are large for the mesh a barycentric lattice.
+*Samples* are where rays start: the points with those of equal place and normal joined, or of dense meshes a sample of
+them, from which a point takes a weighted mean. A lattice of n steps lists its points by rows: place (i, j), with i
+steps towards the second corner and j towards the third, has the number i (2 n + 3 - i)/2 + j.
+
+*Coarse samples* are those of the samples at which a mesh sees other bodies and the ground, and exchanges light with
+them. Light that comes from other bodies changes slowly over a surface, so a few hundred samples, chosen one after the
+other as the farthest from those before (Gonzalez 1985), stand for all; the others interpolate between them by moving
+least squares (Levin 1998).
 """
 
 from __future__ import annotations
@@ -14,14 +24,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.cache import PartOf, Same
-from mr360uw.composite.ambient.sample_points import (
-    CoarseSamples,
-    Lattice,
-    choose_coarse,
-    find_nearest_points,
-    make_lattice,
-    stand_ins,
-)
 from mr360uw.composite.lighting.shading import dielectric_f0, reflectance
 from mr360uw.composite.mesh.material import Material
 from mr360uw.composite.mesh.mesh import Mesh
@@ -29,10 +31,399 @@ from mr360uw.composite.mesh.normals import welded
 from mr360uw.composite.raycast.geometry import Geometry, base_color, gather, opacity_key, surfaces_along
 from mr360uw.composite.shot import PlacedObject
 from mr360uw.ibl.splitsum import split_sum
-from mr360uw.rays import RayScene
+from mr360uw.jit import exact, inlined
+from mr360uw.rays import RayScene, triple
 from mr360uw.reading.disk_cache import Arrays, kept_arrays
 from mr360uw.sphere import unit
 from mr360uw.types import Environment, Floats
+
+_STEPS_ACROSS = 24.0
+"""A lattice edge is at most this part (1/n) of the mesh's longest side, unless that makes more samples than wanted."""
+_WANTED_SAMPLES = 3000
+"""Samples that a mesh gets at most, about: each costs 256 rays once and 2 kB."""
+_LONGEST = 1.3
+"""The longest edge of a lattice's triangles may be this many spacings: halves of squares have legs of one."""
+_MOST_STEPS = 64
+_INSET = 0.1
+"""Samples move towards the middle of their triangles by this part of the way: rays from an edge do not start within the
+wall that meets it there."""
+_LIFT = 3e-4
+"""Distance of samples off their surface as a part of the longest side."""
+_NEAREST, _STAND_INS = 8, 4
+_SPACING = 0.09
+"""Every sample has a coarse sample nearer than this part of the longest side, a sixth of a ball's radius, unless that
+makes more coarse samples than `_MOST`."""
+_MOST = 600
+_TURN = 4.0
+"""A normal that turns by one radian counts as so many spacings of distance."""
+_NEIGHBOURS = 8
+_SHARP = 0.2
+"""Part of the distance between neighbours within which a sample takes the value of a coarse sample itself."""
+_STRAIGHT = 1e-4
+"""Weight of the slope's penalty: coarse samples in a row do not fix the slope across it."""
+CHANNELS = 12
+"""Values of a point: ratio of irradiance (3), 0; ratio of glossy light that is kept (3), 0; radiance that is reflected
+besides (3), 0."""
+FEW_CHANNELS = 4
+"""Values of a point that reflects nothing besides and keeps the same ratio of all light: that ratio (3), 0."""
+UNTOUCHED = (1.0, 1.0, 1.0, 0.0, 1.0, 1.0, 1.0, *[0.0] * (CHANNELS - 7))
+"""Values where nothing is in the way."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Lattice:
+    """Points and samples of a mesh, in its own axes [m].
+
+    places: (T, 4) for every triangle three points and 1, or the first point of its lattice, two zeros and the number of
+    steps. points: their number on the front; as many again follow for the back where `two_sided`. position, normal:
+    (S, 3) of the samples. triangle: (S,) one that holds it, weights:
+    (S, 3) where. nearest_sample: (K,) the sample nearest to each point. from_samples: (K, S) sparse, rows of sum 1.
+    """
+
+    places: NDArray[np.int64]
+    points: int
+    two_sided: bool
+    position: Floats
+    normal: Floats
+    triangle: NDArray[np.int64]
+    weights: Floats
+    nearest_sample: NDArray[np.int64]
+    from_samples: Any
+
+
+def make_lattice(mesh: Mesh) -> Lattice:
+    """Return the points and samples of a mesh."""
+    corners = mesh.positions
+    extent = float(np.max(mesh.extent_m))
+    area = 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=-1)
+    two_sided = any(m.double_sided for m in mesh.materials) and _is_open(corners)
+    sides = 2 if two_sided else 1
+    even = float(np.sqrt(area.sum() * sides / _WANTED_SAMPLES))
+    spacing = max(extent / _STEPS_ACROSS, even)
+    edge = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=-1).max(axis=1)
+    steps = np.clip(np.ceil(edge / (_LONGEST * spacing)), 1, _MOST_STEPS).astype(np.int64)
+    triangle, weights, first = _spread(steps)
+    position, normal = (np.einsum("nc,nck->nk", weights, a[triangle]) for a in (corners, mesh.normals))
+    normal /= np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-12)
+    joined = _joined(position, normal, extent)
+    count = int(joined.max()) + 1
+    one = np.empty(count, np.int64)
+    one[joined[::-1]] = np.arange(len(joined))[::-1]
+    inwards = _inwards(corners[triangle].mean(axis=1) - position, joined, normal[one], spacing)
+    kept, mixed = np.arange(count), None
+    if count * sides > 1.6 * _WANTED_SAMPLES:
+        kept, mixed = _sampled(position[one], normal[one], even)
+    places, sample_of = _numbered(steps, first, joined)
+    from_samples = _selection(sample_of, count) if mixed is None else mixed[sample_of]
+    facing, at = normal[one][kept], (position[one] + inwards)[kept]
+    turned = [facing, -facing][:sides]
+    nearest = np.asarray(from_samples.argmax(axis=1)).ravel()
+    return Lattice(
+        places=places,
+        points=len(sample_of),
+        two_sided=two_sided,
+        position=np.concatenate([at + _LIFT * extent * n for n in turned]),
+        normal=np.concatenate(turned),
+        triangle=np.tile(triangle[one][kept], sides),
+        weights=np.tile(weights[one][kept], (sides, 1)),
+        nearest_sample=np.concatenate([nearest + k * len(kept) for k in range(sides)]),
+        from_samples=_block_diagonal([from_samples] * sides),
+    )
+
+
+def _spread(steps: NDArray[np.int64]) -> tuple[NDArray[np.int64], Floats, NDArray[np.int64]]:
+    """Return triangle (m,) and weights (m, 3) of all lattice points, and the first point (T,) of each triangle."""
+    triangles, weights = [np.zeros(0, np.int64)], [np.zeros((0, 3))]
+    first, begun = np.zeros(len(steps), np.int64), 0
+    for n in np.unique(steps)[::-1].tolist():  # triangles without a lattice come last
+        of = np.flatnonzero(steps == n)
+        i, j = np.nonzero(np.add.outer(np.arange(n + 1), np.arange(n + 1)) <= n)
+        triangles.append(np.repeat(of, len(i)))
+        weights.append(np.tile(np.stack([n - i - j, i, j], axis=-1) / n, (len(of), 1)))
+        first[of] = begun + len(i) * np.arange(len(of))
+        begun += len(i) * len(of)
+    return np.concatenate(triangles), np.concatenate(weights), first
+
+
+def _numbered(
+    steps: NDArray[np.int64], first: NDArray[np.int64], joined: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the places (T, 4) of triangles and the joined point (K,) that each point is.
+
+    Those of lattices are their own; the corners of the other triangles share the joined points.
+    """
+    plain = steps == 1
+    own = int(first[plain].min()) if np.any(plain) else len(joined)
+    corner, of_corner = np.unique(joined[own:], return_inverse=True)
+    places = np.stack([first, np.zeros_like(first), np.zeros_like(first), steps], axis=-1)
+    # the points of one step stand in the order (0, 0), (0, 1), (1, 0): first, third, second corner
+    for column, point in enumerate((0, 2, 1)):
+        places[plain, column] = own + of_corner[first[plain] + point - own]
+    return places, np.concatenate([joined[:own], corner])
+
+
+def _inwards(towards: Floats, joined: NDArray[np.int64], normal: Floats, spacing: float) -> Floats:
+    """Return how far (c, 3) joined points move along their surface towards the middle of the triangles about them."""
+    count = len(normal)
+    shift: Floats = np.stack([np.bincount(joined, towards[:, k], count) for k in range(3)], axis=-1)
+    shift = np.asarray(shift) / np.bincount(joined, minlength=count)[:, None]
+    shift -= normal * np.sum(normal * shift, axis=-1, keepdims=True)
+    return _INSET * shift * np.minimum(1.0, spacing / np.maximum(np.linalg.norm(shift, axis=-1, keepdims=True), 1e-12))
+
+
+def _joined(position: Floats, normal: Floats, extent: float) -> NDArray[np.int64]:
+    """Return numbers (m,) of points, the same for those of one place and normal."""
+    place = np.round(position / (1e-5 * extent)).astype(np.int64)
+    facing = np.round(normal / 0.05).astype(np.int64)
+    key = np.concatenate([place, facing], axis=1)
+    return np.asarray(np.unique(_hashed(key), return_inverse=True)[1])
+
+
+def _hashed(key: NDArray[np.int64]) -> NDArray[np.uint64]:
+    """Return one integer (m,) for each row of integers."""
+    mixed = np.zeros(len(key), np.uint64)
+    for column in key.T.astype(np.uint64):
+        mixed = (mixed ^ column) * np.uint64(0x9E3779B97F4A7C15)
+        mixed ^= mixed >> np.uint64(29)
+    return mixed
+
+
+def _sampled(position: Floats, normal: Floats, spacing: float) -> tuple[NDArray[np.int64], Any]:
+    """Return which points (s,) of a dense mesh stand for all, and how all take means of them (c, s), sparse."""
+    from scipy.sparse import csr_matrix
+    from scipy.spatial import cKDTree
+
+    cell = np.floor(position / spacing).astype(np.int64)
+    label = np.unique(_hashed(np.concatenate([cell, np.round(normal).astype(np.int64)], axis=1)), return_inverse=True)[
+        1
+    ]
+    count = np.bincount(label)
+    middle = np.stack([np.bincount(label, position[:, k]) for k in range(3)], axis=-1) / count[:, None]
+    off = np.sum((position - middle[label]) ** 2, axis=-1)
+    order = np.lexsort((off, label))
+    kept = order[np.flatnonzero(np.diff(label[order], prepend=-1))]
+    near = min(_NEAREST, len(kept))
+    feature = np.append(position, spacing * normal, axis=1)
+    distance, at = (np.reshape(a, (-1, near)) for a in cKDTree(feature[kept]).query(feature, near))
+    weight = np.exp(-((distance / spacing) ** 2)) + 1e-9 * (np.arange(near) == 0)
+    weight /= weight.sum(axis=1, keepdims=True)
+    rows = np.repeat(np.arange(len(position)), near)
+    return kept, csr_matrix((weight.ravel(), (rows, at.ravel())), shape=(len(position), len(kept)))
+
+
+def stand_ins(lattice: Lattice, without: NDArray[np.bool_]) -> tuple[NDArray[np.int64], Any]:
+    """Return for samples (S,), of which some have no light of their own, the nearest that has, and their means (S,
+    S)."""
+    from scipy.sparse import csr_matrix
+    from scipy.spatial import cKDTree
+
+    good, bad = np.flatnonzero(~without), np.flatnonzero(without)
+    size = float(np.ptp(lattice.position, axis=0).max())
+    feature = np.append(lattice.position, size * lattice.normal, axis=1)
+    near = min(_STAND_INS, len(good))
+    distance, at = (np.reshape(a, (-1, near)) for a in cKDTree(feature[good]).query(feature[bad], near))
+    weight = 1.0 / (distance**4 + (1e-3 * size) ** 4)
+    weight /= weight.sum(axis=1, keepdims=True)
+    rows = np.concatenate([good, np.repeat(bad, near)])
+    columns = np.concatenate([good, good[at].ravel()])
+    count = len(without)
+    nearest = np.arange(count)
+    nearest[bad] = good[at[:, 0]]
+    values = np.concatenate([np.ones(len(good)), weight.ravel()])
+    return nearest, csr_matrix((values, (rows, columns)), shape=(count, count))
+
+
+def _selection(column: NDArray[np.int64], count: int) -> Any:
+    from scipy.sparse import csr_matrix
+
+    return csr_matrix((np.ones(len(column)), column, np.arange(len(column) + 1)), shape=(len(column), count))
+
+
+def _block_diagonal(parts: list[Any]) -> Any:
+    from scipy.sparse import block_diag
+
+    return block_diag(parts, format="csr") if len(parts) > 1 else parts[0]
+
+
+def _is_open(corners: Floats) -> bool:
+    """Return whether more than a hundredth of the edges of triangles (T, 3, 3) belong to one triangle alone."""
+    vertex = welded(corners).reshape(-1, 3)
+    ends = np.stack([vertex, np.roll(vertex, -1, axis=1)], axis=-1).reshape(-1, 2)
+    key = ends.min(axis=1) * (int(vertex.max()) + 1) + ends.max(axis=1)
+    return bool(np.mean(np.unique(key, return_counts=True)[1] == 1) > 0.01)
+
+
+def points_at(places: NDArray[np.int64], weights: Floats) -> tuple[NDArray[np.int64], Floats]:
+    """Return three points (n, 3) and their shares (n, 3) at weights (n, 3) in triangles with places (n, 4)."""
+    points, shares = np.empty((len(places), 3), np.int64), np.empty((len(places), 3))
+    find_three(places, np.asarray(weights, np.float64), points, shares)
+    return points, shares
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CoarseSamples:
+    """Coarse samples of a mesh with S samples.
+
+    sample: (C,) their numbers among the samples. spread: (S, C) sparse float32, rows of sum 1: interpolation to all
+    samples. of: (S,) the coarse sample nearest to each sample. spacing_m: largest distance of a sample to one, in the
+    mesh's metres.
+    """
+
+    sample: NDArray[np.int64]
+    spread: Any
+    of: NDArray[np.int64]
+    spacing_m: float
+
+    def mean(self, values: Floats) -> Floats:
+        """Return means (C, n) of values (S, n) over the samples that are nearest to each coarse sample."""
+        count = np.bincount(self.of, minlength=len(self.sample))
+        total = np.stack([np.bincount(self.of, column, len(self.sample)) for column in values.T], axis=-1)
+        return np.asarray(total / count[:, None])
+
+
+def choose_coarse(lattice: Lattice, size_m: float, seen: NDArray[np.bool_]) -> CoarseSamples:
+    """Return the coarse samples of a lattice on a mesh of a longest side `size_m`, among the samples that are `seen`
+    (S,)."""
+    from scipy.sparse import csr_matrix
+    from scipy.spatial import cKDTree
+
+    spacing = _SPACING * size_m
+    feature = np.append(lattice.position, _TURN * spacing * lattice.normal, axis=1)
+    candidates = np.flatnonzero(seen)
+    chosen, spacing = _farthest(feature[candidates].astype(np.float32), spacing)
+    sample = np.sort(candidates[chosen])
+    near = min(_NEIGHBOURS, len(sample))
+    distance, at = (np.reshape(a, (-1, near)) for a in cKDTree(feature[sample]).query(feature, near))
+    weight = _least_squares(lattice, sample[at], distance)
+    rows = np.repeat(np.arange(len(feature)), near)
+    spread = csr_matrix((weight.ravel().astype(np.float32), (rows, at.ravel())), shape=(len(feature), len(sample)))
+    return CoarseSamples(sample, spread, at[:, 0].astype(np.int64), spacing)
+
+
+def _farthest(feature: NDArray[np.float32], spacing: float) -> tuple[NDArray[np.int64], float]:
+    """Return numbers of points (n, 6), each the farthest from those before, and how far all are from one at most."""
+    chosen = [0]
+    squared = np.sum((feature - feature[0]) ** 2, axis=-1)
+    while len(chosen) < min(_MOST, len(feature)):
+        farthest = int(np.argmax(squared))
+        if squared[farthest] <= spacing * spacing:
+            break
+        chosen.append(farthest)
+        np.minimum(squared, np.sum((feature - feature[farthest]) ** 2, axis=-1), out=squared)
+    return np.array(chosen, np.int64), max(float(np.sqrt(squared.max())), spacing)
+
+
+def _least_squares(lattice: Lattice, neighbours: NDArray[np.int64], distance: Floats) -> Floats:
+    """Return weights (S, n) of neighbours at distances (S, n): those of a plane fitted along the surface."""
+    normal = lattice.normal
+    aside = np.eye(3)[np.argmin(np.abs(normal), axis=1)]
+    u = np.cross(normal, aside)
+    u /= np.linalg.norm(u, axis=-1, keepdims=True)
+    v = np.cross(normal, u)
+    reach = np.maximum(distance[:, -1:], 1e-12)
+    off = (lattice.position[neighbours] - lattice.position[:, None]) / reach[..., None]
+    terms = np.stack([np.ones_like(distance), np.sum(off * u[:, None], -1), np.sum(off * v[:, None], -1)], axis=-1)
+    relative = distance / reach
+    near = np.maximum(1.0 - relative, 1e-3) ** 2 / (relative**2 + _SHARP**2) ** 2
+    moments = np.einsum("sn,sni,snj->sij", near, terms, terms)
+    moments[:, [1, 2], [1, 2]] += _STRAIGHT * near.sum(axis=1)[:, None]
+    first = np.linalg.solve(moments, np.broadcast_to(np.eye(3)[:, :1], (len(near), 3, 1)))[..., 0]
+    return np.asarray(near * np.einsum("sni,si->sn", terms, first))
+
+
+def whole_values(values: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return the values (K, CHANNELS) of points that are given with those or with `FEW_CHANNELS`."""
+    if values.shape[1] == CHANNELS:
+        return values
+    whole = np.zeros((len(values), CHANNELS), np.float32)
+    whole[:, :FEW_CHANNELS] = whole[:, FEW_CHANNELS : 2 * FEW_CHANNELS] = values
+    return whole
+
+
+@inlined
+def _row(steps: Any, i: Any) -> Any:
+    return i * (2 * steps + 3 - i) // 2
+
+
+@inlined
+def _three(place: Any, w0: Any, w1: Any, w2: Any) -> Any:
+    """Return three points and their shares at barycentric weights of a triangle with a place (4,).
+
+    Twin: ambient.glsl.
+    """
+    steps = place[3]
+    w0, w1, w2 = max(w0, 0.0), max(w1, 0.0), max(w2, 0.0)
+    total = max(w0 + w1 + w2, 1e-12)
+    x, y = w1 / total * steps, w2 / total * steps
+    i = min(int(x), steps - 1)
+    j = min(int(y), steps - 1 - i)
+    u, v = x - i, y - j
+    upper = u + v > 1.0 and i + j < steps - 1
+    row, below = _row(steps, i), _row(steps, i + 1)
+    first, second, third = (
+        place[0] + (below + j + 1 if upper else row + j),
+        place[0] + below + j,
+        place[0] + row + j + 1,
+    )
+    if steps == 1:
+        first, second, third = place[0], place[1], place[2]
+    rest = u + v - 1.0 if upper else 1.0 - u - v
+    return first, second, third, rest, 1.0 - v if upper else u, 1.0 - u if upper else v
+
+
+@exact
+def find_three(places: Any, weights: Any, points: Any, shares: Any) -> None:
+    """Set points (n, 3) and shares (n, 3) at barycentric weights (n, 3) of triangles with places (n, 4)."""
+    for n in range(len(places)):
+        a, b, c, u, v, w = _three(places[n], weights[n, 0], weights[n, 1], weights[n, 2])
+        points[n, 0], points[n, 1], points[n, 2] = a, b, c
+        shares[n, 0], shares[n, 1], shares[n, 2] = u, v, w
+
+
+@exact
+def find_nearest_points(
+    triangles: Any, met: Any, origin: Any, direction: Any, places: Any, point: Any, distance: Any, behind: Any,
+) -> None:  # fmt: skip
+    """Set the nearest point and the distance of rays (n,) that meet triangles of a scene (T, 3, 3), and if they meet
+    the back. met: (n,) numbers of the triangles.
+    """
+    a, b, c = origin[0].copy(), origin[0].copy(), origin[0].copy()
+    for n in range(len(met)):
+        d = direction[n]
+        for k in range(3):
+            a[k] = triangles[met[n], 0, k] - origin[n, k]
+            b[k] = triangles[met[n], 1, k] - origin[n, k]
+            c[k] = triangles[met[n], 2, k] - origin[n, k]
+        u, v, w = triple(d, b, c), triple(d, c, a), triple(d, a, b)
+        total = u + v + w  # the normal times the ray, too
+        behind[n] = total > 0.0
+        total = total if abs(total) >= 1e-300 else 1e-300
+        distance[n] = triple(a, b, c) / total
+        first, second, third, x, y, z = _three(places[met[n]], u / total, v / total, w / total)
+        point[n] = first if x >= y and x >= z else second if y >= z else third
+
+
+def product(matrix: Any, values: Floats) -> Floats:
+    """Return the product (r, 3 k) of a `csr_matrix` (r, n) and values (n, 3 k), in the type of both; it is the same as
+    that of `matrix @ values`.
+    """
+    out = np.empty((matrix.shape[0], values.shape[1]), np.result_type(matrix.dtype, values.dtype))
+    _sum_rows(matrix.indptr, matrix.indices, matrix.data, values, out, out.dtype.type(0.0))
+    return out
+
+
+@exact
+def _sum_rows(begin: Any, column: Any, weight: Any, values: Any, out: Any, zero: Any) -> None:
+    for row in range(len(out)):
+        for c in range(0, out.shape[1], 3):
+            first, second, third = zero, zero, zero
+            for k in range(begin[row], begin[row + 1]):
+                n, w = column[k], weight[k]
+                first += w * values[n, c]
+                second += w * values[n, c + 1]
+                third += w * values[n, c + 2]
+            out[row, c], out[row, c + 1], out[row, c + 2] = first, second, third
+
 
 COUNT = 512
 """Directions over the whole sphere. One of those above a surface carries at most 0.8 % of its irradiance, about one

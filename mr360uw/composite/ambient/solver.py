@@ -36,23 +36,46 @@ white bodies in white light stay white, and nothing changes where nothing is met
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.cache import Cache
+from mr360uw.cache import Cache, PartOf
 from mr360uw.composite.ambient.blocked_light import BlockedLight, fraction_left, sky_table
-from mr360uw.composite.ambient.bodies import COARSE_NODES, NODES, Body, Layout, from_coarse
-from mr360uw.composite.ambient.form_factors import Exchange, FormFactors, Met
-from mr360uw.composite.ambient.mesh_transfer import Transfer, blurred, directions, seen_by_camera
-from mr360uw.composite.ambient.sample_points import CHANNELS, FEW_CHANNELS, UNTOUCHED, product
+from mr360uw.composite.ambient.form_factors import (
+    COARSE_NODES,
+    NODES,
+    Body,
+    Exchange,
+    FormFactors,
+    Layout,
+    Met,
+    from_coarse,
+    make_exchange,
+    make_layout,
+)
+from mr360uw.composite.ambient.mesh_transfer import (
+    CHANNELS,
+    FEW_CHANNELS,
+    UNTOUCHED,
+    Transfer,
+    blurred,
+    directions,
+    points_at,
+    product,
+    seen_by_camera,
+    whole_values,
+)
 from mr360uw.composite.lighting.sun import sun_of, sun_up
-from mr360uw.composite.shot import Shot
+from mr360uw.composite.raycast.geometry import Hits
+from mr360uw.composite.receiver.shape import ReceiverShape, kept_shape
+from mr360uw.composite.shot import BetweenSamples, LightSample, PlacedObject, Shot
 from mr360uw.ibl.lookup import environment_lookup
 from mr360uw.jit import fast
 from mr360uw.medium.lookup import ambient_ratio, beam_ratio, transmittance_lookup
+from mr360uw.rays import RayScene, barycentric
 from mr360uw.types import Floats
 
 BOUNCES = 8
@@ -83,7 +106,7 @@ _LEAST_COSINE = 1e-3
 class AmbientLight:
     """Solved ambient light of a shot.
 
-    values: for each object those of its points (sample_points.py), float32, or None where nothing is in its way.
+    values: for each object those of its points (mesh_transfer.py), float32, or None where nothing is in its way.
     table: of the environment (`sky_table`), empty without a receiver. sent: for each body that the ground sees the
     mean radiance (NODES, NODES, 3) of what it hides, at the nodes below it. ambient: (H, W, 3). samples: the solutions
     that it is interpolated between, with their weights; none where it is solved itself.
@@ -240,7 +263,7 @@ class Solver:
     def _values(
         self, number: int, own_light: tuple[Floats, ...], sent: Floats, nodes: Floats
     ) -> NDArray[np.float32] | None:
-        """Return the values of a body's points (sample_points.py), None where nothing is in its way. own_light: of
+        """Return the values of a body's points (mesh_transfer.py), None where nothing is in its way. own_light: of
         `_everywhere`. sent, nodes: radiance of all coarse samples, and of the nodes.
         """
         body, view = self._bodies[number], self._exchange.views[number]
@@ -515,3 +538,150 @@ def _reflect(
                 instead += filled * (sent[number - 1, c] if number > 0 else ground[-number - 1, c])
             out[s, c] = max(np.float32(1.0) - lost / seen, np.float32(0.0))
             out[s, 3 + c] = max(instead, np.float32(0.0)) / whole
+
+
+_PLACES_AT_ONCE, _KEPT_PLACES = 1 << 13, 8
+"""Places of the ground that are looked at together, 3 kB each, and how many such sets are kept."""
+_KEPT_SAMPLES = 3
+"""Instants of which it is kept how bodies lie and what their light is: two samples in time, and one between them."""
+_MOST_MOVED, _MOST_TURNED = 0.125, 0.125
+"""Most that a body may move, over its radius, and turn [rad] between two samples in time for its light to be
+interpolated. Of bodies that pass through each other so fast, four of a million values of 8 bits are then off by more
+than one code, by 3 at most; twice as fast a hundred of them, by 15 at most."""
+
+
+def ambient_layout(shot: Shot, cache: Cache) -> Layout:
+    """Return where the bodies of a shot are over its ground."""
+    on_ground, objects = _on_ground(shot), _bodies(shot)
+    heights = _ground_heights(shot, objects, cache)
+    return cache.of(make_layout, objects, heights, on_ground, cache, keep=_KEPT_SAMPLES)
+
+
+def _on_ground(shot: Shot) -> bool:
+    return shot.receiver is not None and shot.receiver.occlusion
+
+
+def _bodies(shot: Shot) -> tuple[PlacedObject, ...]:
+    """Return the objects that have a part in ambient light: all, or those alone that shade the ground."""
+    return shot.objects if shot.draw.ambient_occlusion else tuple(o for o in shot.casters if _on_ground(shot))
+
+
+def _ground_heights(shot: Shot, objects: Sequence[PlacedObject], cache: Cache) -> list[float | None]:
+    """Return the height [m] of the ground below each object in the world, None where there is none.
+
+    Of a mesh straight below the body's middle; of a distance map where the camera sees the middle of its underside.
+    """
+    receiver = shot.receiver
+    if receiver is None or not receiver.occlusion:
+        return [None] * len(objects)
+    if receiver.plane_y is not None:
+        return [receiver.plane_y] * len(objects)
+    mesh = receiver.mesh
+    if mesh is not None:
+        scene = cache.of(RayScene, mesh)
+        return [_below(scene, placed) for placed in objects]
+    shape = kept_shape(receiver, shot.view.position, cache)
+    return [_seen(shot, shape, placed) for placed in objects]
+
+
+def _below(scene: RayScene, placed: PlacedObject) -> float | None:
+    start, down = placed.to_world(placed.mesh.center_m)[None], np.array([[0.0, -1.0, 0.0]])
+    triangle = scene.first_hit(start, down)
+    if triangle[0] < 0:
+        return None
+    _, distance = barycentric(scene.triangles[triangle] - start[:, None], down)
+    return float(start[0, 1] - distance[0])
+
+
+def _seen(shot: Shot, shape: ReceiverShape, placed: PlacedObject) -> float | None:
+    points = placed.to_world(placed.mesh.hull.reshape(-1, 3))
+    middle = placed.to_world(placed.mesh.center_m)
+    middle[1] = points[:, 1].min()
+    ray = middle - shot.view.position
+    x, y = shot.view.places(ray[None])
+    distance, _ = shape.meet(shot, x, y)
+    if not np.isfinite(distance[0]):
+        return None
+    return float(shot.view.position[1] + shot.view.points(shot.view.directions(x, y), distance)[0, 1])
+
+
+def ambient_light(shot: Shot, cache: Cache) -> AmbientLight | None:
+    """Return the solved ambient light of a shot; None where bodies have no part in it."""
+    if not _bodies(shot):
+        return None
+    between = shot.between
+    if between is None or not _slow(between):
+        return _solved(PartOf(shot), cache)
+    before = _at_sample(shot, between.before, cache)
+    after = before if between.share == 0.0 else _at_sample(shot, between.after, cache)
+    if before is None or after is None:
+        return _solved(PartOf(shot), cache)
+    return interpolated(ambient_layout(shot, cache), before, after, between.share)
+
+
+def _slow(between: BetweenSamples) -> bool:
+    """Return whether bodies are the same at two samples in time, and each moves and turns little between them."""
+    before, after = between.before.objects, between.after.objects
+    return len(before) == len(after) and all(
+        a.mesh.still is b.mesh.still and a.visible == b.visible and a.casts_shadow == b.casts_shadow and _near(a, b)
+        for a, b in zip(before, after, strict=True)
+    )
+
+
+def _near(one: PlacedObject, other: PlacedObject) -> bool:
+    """Return whether two places of a body are near each other."""
+    middle, scale = one.mesh.still.center_m, one.scale
+    moved = np.linalg.norm(other.to_world(middle) - one.to_world(middle)) / (one.mesh.still.radius_m * scale)
+    turned = np.linalg.norm(other.world_from_object[:3, :3] - one.world_from_object[:3, :3], 2) / scale
+    return bool(moved <= _MOST_MOVED and turned <= _MOST_TURNED)
+
+
+def _at_sample(shot: Shot, sample: LightSample, cache: Cache) -> AmbientLight | None:
+    """Return the light of a shot's bodies as it is at a sample in time; kept in `cache`."""
+    view = replace(shot.view, position=sample.position, eye_m=0.0)
+    then = replace(
+        shot, view=view, objects=sample.objects, environment=sample.environment, lights=sample.lights,
+        medium=sample.medium, between=None,
+    )  # fmt: skip
+    of_light = PartOf(then, sample, shot.receiver, shot.draw.ambient_occlusion, view.surface_y_m)
+    return cache.of(_solved, of_light, cache, keep=_KEPT_SAMPLES)
+
+
+def _solved(shot: PartOf[Shot], cache: Cache) -> AmbientLight | None:
+    """Return the light of a shot, solved for it alone; None where nothing is in the way of any."""
+    exchange = cache.of(make_exchange, ambient_layout(shot.whole, cache), cache, keep=_KEPT_SAMPLES)
+    return None if exchange.nothing else Solver(shot.whole, exchange, cache).solve()
+
+
+def free_of_bodies(shot: Shot, light: AmbientLight | None, point: Floats, normal: Floats, cache: Cache) -> Floats:
+    """Return the fraction (..., 3) of the ambient light that bodies leave at places (..., 3) of the receiver, from the
+    camera, with what they send there. cache: keeps what they block of the last few sets of places.
+    """
+    free = np.ones((point.size // 3, 3))
+    if light is None or shot.receiver is None or not shot.receiver.occlusion:
+        return free.reshape(point.shape)
+    places, normals = point.reshape(-1, 3) + shot.view.position, normal.reshape(-1, 3)
+    for start in range(0, len(places), _PLACES_AT_ONCE):
+        part = slice(start, start + _PLACES_AT_ONCE)
+        blocked = cache.of(light.layout.occluders.blocked, places[part], normals[part], keep=_KEPT_PLACES)
+        free[part] = light.free(blocked, places[part])
+    return free.reshape(point.shape)
+
+
+def ambient_at(shot: Shot, light: AmbientLight | None, hits: Hits) -> Floats:
+    """Return the values (n, CHANNELS) of ambient light at hits, whose objects are numbered among the visible ones."""
+    values = np.tile(UNTOUCHED, (len(hits.triangle), 1))
+    if light is None:
+        return values
+    visible = [k for k, placed in enumerate(shot.objects) if placed.visible]
+    first = np.cumsum([0, *(len(shot.objects[k].mesh.positions) for k in visible)])
+    for number, k in enumerate(visible):
+        known, of = light.values[k], np.flatnonzero(hits.object == number)
+        if known is None or len(of) == 0:
+            continue
+        lattice = light.layout.bodies[k].transfer.lattice
+        points, shares = points_at(lattice.places[hits.triangle[of] - first[number]], hits.weights[of])
+        if lattice.two_sided:
+            points = points + lattice.points * hits.behind[of, None]
+        values[of] = np.einsum("nk,nkc->nc", shares, whole_values(known)[points].astype(np.float64))
+    return values

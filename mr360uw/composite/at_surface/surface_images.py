@@ -23,8 +23,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.composite.ambient.light import ambient_at
-from mr360uw.composite.ambient.solver import AmbientLight
+from mr360uw.composite.ambient.solver import AmbientLight, ambient_at
 from mr360uw.composite.at_surface.settings import FAINTEST
 from mr360uw.composite.at_surface.surface_rays import SeenSurface, SurfaceSamples, first_surfaces, surfaces_met
 from mr360uw.composite.at_surface.water_sides import WaterSides

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.cache import Cache, PartOf
-from mr360uw.composite.ambient.light import ambient_light
+from mr360uw.composite.ambient.solver import ambient_light
 from mr360uw.composite.at_surface.image_reach import balls_around, find_reach, in_reach
 from mr360uw.composite.at_surface.settings import SurfaceSettings, object_presence, tops
 from mr360uw.composite.at_surface.surface_images import RayBodies, surface_images

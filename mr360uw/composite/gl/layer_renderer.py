@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.cache import Cache
-from mr360uw.composite.ambient.light import ambient_light
 from mr360uw.composite.ambient.solver import AmbientLight
 from mr360uw.composite.aovs import AovFrame, Aovs
 from mr360uw.composite.gl.light_textures import LightTextures
@@ -22,6 +21,8 @@ from mr360uw.composite.gl.upload import MeshBuffers, StillBuffers, upload_mesh, 
 from mr360uw.composite.mesh.mesh import Mesh
 from mr360uw.composite.over import empty_tile, hold_out
 from mr360uw.composite.raycast.geometry import object_rectangles
+from mr360uw.composite.receiver.blocks import Prepared, prepare, rectangles_of_blocks
+from mr360uw.composite.receiver.ratio import lay_receiver
 from mr360uw.composite.sampling import NO_GAPS
 from mr360uw.composite.shot import Shot
 from mr360uw.composite.tiles import even_tiles
@@ -53,34 +54,33 @@ class LayerRenderer:
         assert variables is not None
         return layer, variables
 
-    def layer(self, shot: Shot, *, variables: bool = False) -> tuple[Layer, Aovs | None]:
-        """Return the layer of a shot, and its output variables if asked for."""
+    def layer(
+        self, shot: Shot, prepared: Prepared | None = None, *, variables: bool = False
+    ) -> tuple[Layer, Aovs | None]:
+        """Return the layer of a shot, and its output variables if asked for. prepared: what was found before of it."""
         frame = AovFrame(shot) if variables else None
         with one_blas_thread():
-            layer = self._layer(shot, frame)
+            layer = self._layer(shot, prepare(shot, self._cache) if prepared is None else prepared, frame)
         return layer, None if frame is None else frame.finish(shot, layer)
 
-    def _layer(self, shot: Shot, frame: AovFrame | None) -> Layer:
-        view = shot.view
+    def _layer(self, shot: Shot, prepared: Prepared, frame: AovFrame | None) -> Layer:
+        view, ambient = shot.view, prepared.ambient
         object_parts = self._cache.of(object_rectangles, view, shot.objects)
-        masks = self._receiver.masks(shot)
-        if not object_parts and masks is None:
+        if not object_parts and prepared.reach is None:
             return Layer(view.height, view.width, ())
-        ambient = ambient_light(shot, self._cache)
-        reach = self._receiver.reached(shot, masks, ambient)
         gl_context().gc()  # releases what nothing refers to any more
         self._meshes.poses = len({placed.mesh for placed in shot.objects if placed.mesh.rest is not None})
         self._meshes.add_places(ambient)
         light = self._light.of(shot)
         surfaces = self._objects.find(shot) if object_parts else None
-        changes = self._receiver.find(shot, light, reach)
-        parts = object_parts + (changes.rectangles if changes is not None else [])
+        on_blocks = self._receiver.light(shot, light, prepared.reach, NO_GAPS if surfaces is None else surfaces.gaps)
+        parts = object_parts + ([] if on_blocks is None else rectangles_of_blocks(on_blocks.blocks, view))
         tiles = even_tiles(parts, view.width, view.height)
         drawn = [empty_tile(part) for part in tiles]
         if surfaces is not None:
             self._objects.draw(shot, light, surfaces, drawn, frame, ambient)
-        on_blocks = self._receiver.light(shot, changes, NO_GAPS if surfaces is None else surfaces.gaps)
-        self._receiver.lay(shot, on_blocks, drawn)
+        if on_blocks is not None:
+            lay_receiver(on_blocks, drawn, view.width, view.height, shot.pattern)
         return Layer(view.height, view.width, tuple(hold_out(shot, tile) for tile in drawn))
 
 

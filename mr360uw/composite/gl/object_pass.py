@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.cache import Cache, PartOf, Same, Scratch
-from mr360uw.composite.ambient.sample_points import FEW_CHANNELS, UNTOUCHED
+from mr360uw.composite.ambient.mesh_transfer import FEW_CHANNELS, UNTOUCHED
 from mr360uw.composite.ambient.solver import AmbientLight
 from mr360uw.composite.aovs import SUMS, AovFrame
 from mr360uw.composite.gl.fragments import (

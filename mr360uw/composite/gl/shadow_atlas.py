@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mr360uw.cache import Cache, PartOf
-from mr360uw.composite.ambient.bodies import rounded
+from mr360uw.composite.ambient.form_factors import rounded
 from mr360uw.composite.gl.targets import bind
 from mr360uw.composite.gl.upload import MeshBuffers
 from mr360uw.composite.mesh.material import AlphaMode

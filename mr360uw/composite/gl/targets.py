@@ -64,22 +64,6 @@ class Targets:
         gl_context().disable(gl_context().DEPTH_TEST | gl_context().BLEND)
         self._triangles[shader].render(vertices=3)
 
-    def draw(
-        self, shader: moderngl.Program, name: str, width: int, height: int, channels: tuple[int, ...]
-    ) -> list[NDArray[np.float32]]:
-        """Run a full-screen program on width x height pixels of a kept target; discarded pixels are zero.
-
-        Returns the image (height, width, c) of each of its textures.
-        """
-        target = self.target(name, width, height, channels)
-        part = Rectangle(0, 0, width, height)
-        target.use()
-        target.clear(viewport=part)
-        target.scissor = part
-        self.fill(target, shader, part)
-        target.scissor = None  # type: ignore[assignment]
-        return [self.read(target, part, k) for k in range(len(channels))]
-
     def items(self, shader: moderngl.Program, name: str, count: int, channels: tuple[int, ...]) -> NDArray[np.float32]:
         """Run a full-screen program on `count` numbered items, as blocks.glsl numbers the texels of a kept target.
 

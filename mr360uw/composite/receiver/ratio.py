@@ -6,24 +6,54 @@
 with share the ambient fraction of the plate's irradiance, free the fraction of it that bodies leave, with what they
 send there themselves, seen the visible fraction of the plate's direct light, waves the caustic factor on it, added the
 irradiance of lamps over that of the plate, and w the weight that fades out towards the receiver's end.
+
+Over blocks of pixels it is written into tiles in one compiled pass, with r of pattern.py, which is 1 without a pattern:
+
+    ratio = 1 + w (sun + (share (free - sun) + added)/r - 1)        sun = seen waves
+
+Each quantity is interpolated between the corners of a block, or taken from an image of the block's pixels if there is
+one.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mr360uw.composite.lighting.sun import LightSource
 from mr360uw.composite.lighting.surfaces import ambient_irradiance
-from mr360uw.composite.receiver.pattern import direct_pattern
+from mr360uw.composite.receiver.pattern import (
+    LEAST_DIRECT,
+    LEAST_LIGHT,
+    NO_BLURS,
+    PlatePattern,
+    calm_line,
+    direct_pattern,
+    drawn_towards,
+)
 from mr360uw.composite.shot import Shot
 from mr360uw.constants import BRIGHTEST, DARK
+from mr360uw.jit import fast, inlined
 from mr360uw.texels import smoothstep
-from mr360uw.types import Floats
+from mr360uw.types import Floats, Rectangle, Tile
 
 FADE_FROM = 0.8
 """Fraction of its extent from which the receiver fades out, so that shadow and waves end without a line."""
+BLOCK = 8
+"""Pixels along a block."""
+SHARE, VEIL, FREE, SEEN = slice(0, 3), slice(3, 6), slice(6, 9), 9
+CORNER_CHANNELS = 10
+_CHANGED = 1e-4
+"""Least change of the plate, as a fraction, that is written."""
+_AT_ONCE = 32
+"""Most blocks beside each other that are computed together: compilers vectorise loops that are longer than a block.
+Half as many or twice as many take as long."""
+_MIDDLE = ((np.arange(BLOCK) + 0.5) / BLOCK).astype(np.float32)
+"""Where the pixels of a block lie, along it."""
 
 
 def ambient_share(shot: Shot, sources: Sequence[LightSource], point: Floats, normal: Floats) -> Floats:
@@ -99,3 +129,231 @@ def receiver_ratio(
     ratio = (ratio + added_light(shot, sources, point, normal, sides)) / r
     weight = 1.0 - smoothstep(distance_m / receiver.extent_m, FADE_FROM, 1.0)
     return 1.0 + weight[:, None] * (ratio - 1.0)
+
+
+# --- over blocks of pixels -------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PixelImages:
+    """Images of some blocks, (m, B, B, k) float32. at: (n,) for each block the number of its image, or -1."""
+
+    at: NDArray[np.int32]
+    image: NDArray[np.float32]
+
+
+Gathered = list[tuple[NDArray[np.bool_], NDArray[np.float32]]]
+"""Pairs of a mask (n,) of m blocks and their images (m, B, B, k)."""
+
+
+def gather_images(count: int, channels: int, parts: Gathered) -> PixelImages:
+    """Return the images of `count` blocks from parts, each block in one part at most."""
+    at, first = np.full(count, -1, np.int32), 0
+    for which, images in parts:
+        at[which] = first + np.arange(len(images))
+        first += len(images)
+    none = np.zeros((0, BLOCK, BLOCK, channels), np.float32)
+    return PixelImages(at, np.concatenate([none, *(images for _, images in parts)]))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BlockLight:
+    """Light on blocks of the receiver.
+
+    blocks: (R, C) which they are, n of them, row by row. corner: (R + 1, C + 1, 10) float32, channels SHARE, VEIL,
+    FREE, SEEN. Images of pixels, used instead of corners: free (k = 3), seen (1), waves (3), shape (7: share, weight,
+    veil), added (3; 0 if there is none).
+    """
+
+    blocks: NDArray[np.bool_]
+    corner: NDArray[np.float32]
+    free: PixelImages
+    seen: PixelImages
+    waves: PixelImages
+    shape: PixelImages
+    added: PixelImages
+
+
+def lay_receiver(
+    light: BlockLight, tiles: Sequence[Tile], width: int, height: int, pattern: PlatePattern | None
+) -> None:
+    """Write ratio and veil of the blocks into tiles of a width x height frame; where nothing changes they are left.
+
+    pattern: the plate's own caustics, which go with the sun's light (see pattern.py).
+    """
+    none = np.zeros((0, 0, 3), np.float32)
+    images = [
+        part for own in (light.free, light.seen, light.waves, light.shape, light.added) for part in (own.at, own.image)
+    ]
+    row, column = np.nonzero(light.blocks)
+    blurs = NO_BLURS if pattern is None else pattern.blurs(_hull(row, column, width, height))
+    strength = np.float32(0.0 if pattern is None else pattern.strength)
+    for tile in tiles:
+        part = tile.rectangle
+        shown, mean = (none, none) if pattern is None else (pattern.picture.lent(part), pattern.mean_of(part))
+        plate = np.ascontiguousarray(shown, np.float32), mean, tuple(blurs), strength
+        _lay(
+            (row, column, light.corner), tuple(images), (width, height, tile.row, tile.column), plate,
+            (tile.ratio, tile.veil),
+        )  # fmt: skip
+
+
+def _hull(row: NDArray[np.int64], column: NDArray[np.int64], width: int, height: int) -> Rectangle:
+    """Return the smallest rectangle of a width x height frame around blocks (n,)."""
+    left, top, right, bottom = (BLOCK * int(a) for a in (column.min(), row.min(), column.max() + 1, row.max() + 1))
+    return Rectangle(left, top, min(right, width) - left, min(bottom, height) - top)
+
+
+@inlined
+def _plate_line(plate: Any, at: Any, now: Any, calm: Any) -> None:
+    """Write the light that the plate shows on a line (3, n), and its calm state. plate: see `_lay`. at: row and column
+    in the frame, and in the tile.
+    """
+    (shown, mean, blurs, strength), (y, x, r, first) = plate, at
+    if len(mean) == 0:
+        calm_line(blurs, y, x, calm)
+    for i in range(now.shape[1]):
+        for k in range(3):
+            now[k, i] = shown[r, first + i, k]
+            calm[k, i] = mean[r, first + i, k] if len(mean) else drawn_towards(now[k, i], strength, calm[k, i])
+
+
+@inlined
+def _inverse_pattern(plate: Any, line: Any, count: int, inverse: Any) -> None:
+    """Write one over what `pattern.direct_pattern` returns into `inverse` (3, n), with one division for a value.
+
+    plate: (2, 3, n) its light and its calm state.
+    """
+    one, dark, direct = np.float32(1.0), np.float32(LEAST_LIGHT), np.float32(LEAST_DIRECT)
+    for k in range(3):
+        share, veil, now, mean, out = line[k], line[3 + k], plate[0, k], plate[1, k], inverse[k]
+        for i in range(count):
+            light, base, least = now[i] - veil[i], mean[i] - veil[i], share[i] + direct * (one - share[i])
+            lit = light > least * base
+            part, whole = base if lit else one, light if lit else least
+            out[i] = part / whole if base > dark else one
+
+
+@inlined
+def _between(corner: Any, q: int, z: int, down: Any, line: Any, b: int) -> None:
+    """Set a row of block b of `line` (10, n, BLOCK) to what lies between the corners of block (q, z).
+
+    down: how far the row lies from the upper corners to the lower ones.
+    """
+    for k in range(10):
+        start = corner[q, z, k] + down * (corner[q + 1, z, k] - corner[q, z, k])
+        step = corner[q, z + 1, k] + down * (corner[q + 1, z + 1, k] - corner[q, z + 1, k]) - start
+        for i in range(BLOCK):
+            line[k, b, i] = start + _MIDDLE[i] * step
+
+
+@inlined
+def _write(change: Any, haze: Any, ratio: Any, veil: Any) -> None:
+    """Write ratio and veil (n, 3) of the pixels whose relative change (3, n) is large enough. haze: (3, n)."""
+    one, least = np.float32(1.0), np.float32(_CHANGED)
+    for i in range(len(ratio)):
+        if max(abs(change[0, i]), abs(change[1, i]), abs(change[2, i])) > least:
+            for k in range(3):
+                ratio[i, k], veil[i, k] = one + change[k, i], haze[k, i]
+
+
+@inlined
+def _take_images(rows: Any, b: int, j: int, numbers: Any, images: Any) -> None:
+    """Set a row of block b to row j of its images, of those whose number is not negative.
+
+    rows: channels of `BlockLight.corner`, weight of the change, waves and added light. numbers, images: of free, seen,
+    waves, shape and added.
+    """
+    (line, weight, waves_row, added_row), (f, s, w, g, p), (free, seen, waves, shape, added) = rows, numbers, images
+    for i in range(BLOCK):
+        if g >= 0:
+            weight[b, i] = shape[g, j, i, 3]
+            for k in range(3):
+                line[k, b, i], line[3 + k, b, i] = shape[g, j, i, k], shape[g, j, i, 4 + k]
+        if f >= 0:
+            for k in range(3):
+                line[6 + k, b, i] = free[f, j, i, k]
+        if s >= 0:
+            line[9, b, i] = seen[s, j, i, 0]
+        if w >= 0:
+            for k in range(3):
+                waves_row[k, b, i] = waves[w, j, i, k]
+        if p >= 0:
+            for k in range(3):
+                added_row[k, b, i] = added[p, j, i, k]
+
+
+@inlined
+def _even(corner: Any, q: int, z: int) -> bool:
+    """Return whether nothing changes at the corners of block (q, z)."""
+    one, most = np.float32(1.0), np.float32(0.0)
+    for k in range(6, 10):
+        most = max(most, abs(corner[q, z, k] - one), abs(corner[q, z + 1, k] - one),
+                   abs(corner[q + 1, z, k] - one), abs(corner[q + 1, z + 1, k] - one))  # fmt: skip
+    return bool(most < np.float32(0.5 * _CHANGED))
+
+
+@fast
+def _lay(blocks: Any, images: Any, frame: Any, plate: Any, tile: Any) -> None:
+    """Write ratio and veil of the blocks into a tile, see `lay_receiver`.
+
+    blocks: rows and columns, and corner of `BlockLight`. images: `at` and `image` of its images, one after the other.
+    frame: width and height, and row and column of the tile. plate: its light, its mean or none, and the blurs and the
+    strength by which it is drawn towards them without one. tile: ratio and veil.
+    """
+    row, column, corner = blocks
+    free_at, free, seen_at, seen, waves_at, waves, shape_at, shape, added_at, added = images
+    (width, height, first_row, first_column), (ratio, veil) = frame, tile
+    # one row of some blocks, by blocks and by pixels
+    room = _AT_ONCE * BLOCK
+    line, weight = np.empty((10, _AT_ONCE, BLOCK), np.float32), np.empty((_AT_ONCE, BLOCK), np.float32)
+    waves_row, added_row = np.empty((3, _AT_ONCE, BLOCK), np.float32), np.empty((3, _AT_ONCE, BLOCK), np.float32)
+    flat_line, flat_weight = line.reshape(10, room), weight.reshape(room)
+    flat_waves, flat_added = waves_row.reshape(3, room), added_row.reshape(3, room)
+    flat_plate, inverse = np.ones((2, 3, room), np.float32), np.ones((3, room), np.float32)
+    change = np.empty((3, room), np.float32)
+    one, half, zero = np.float32(1.0), np.float32(0.5), np.float32(0.0)
+    begin, end = 0, 0
+    while end < len(row):
+        begin, q, z = end, row[end], column[end]
+        # blocks beside each other that change
+        while end < len(row) and end - begin < _AT_ONCE and row[end] == q and column[end] == z + end - begin:
+            pixels = free_at[end] >= 0 or seen_at[end] >= 0 or waves_at[end] >= 0 or shape_at[end] >= 0
+            if not pixels and _even(corner, q, column[end]):
+                break
+            end += 1
+        if end == begin:
+            end += 1
+            continue
+        top, left = q * BLOCK, z * BLOCK
+        y0, y1 = max(top, first_row), min(top + BLOCK, height, first_row + ratio.shape[0])
+        x0, x1 = max(left, first_column), min(left + (end - begin) * BLOCK, width, first_column + ratio.shape[1])
+        if y0 >= y1 or x0 >= x1:
+            continue
+        across_row, inside = slice(x0 - first_column, x1 - first_column), slice(x0 - left, x1 - left)
+        blocks = end - begin
+        for i in range(blocks * BLOCK):
+            flat_weight[i] = one
+            for k in range(3):
+                flat_waves[k, i], flat_added[k, i] = one, zero
+        down = one / np.float32(min(BLOCK, height - top))
+        for y in range(y0, y1):
+            j, v, r = y - top, (np.float32(y - top) + half) * down, y - first_row
+            for b in range(blocks):
+                n = begin + b
+                _between(corner, q, z + b, v, line, b)
+                numbers = free_at[n], seen_at[n], waves_at[n], shape_at[n], added_at[n]
+                rows = line, weight, waves_row, added_row
+                _take_images(rows, b, j, numbers, (free, seen, waves, shape, added))
+            if len(plate[0]):
+                at = y, x0, r, x0 - first_column
+                _plate_line(plate, at, flat_plate[0, :, inside], flat_plate[1, :, inside])
+                _inverse_pattern(flat_plate, flat_line, blocks * BLOCK, inverse)
+            for k in range(3):
+                share, fall, sun, free_row = flat_line[k], flat_waves[k], flat_line[9], flat_line[6 + k]
+                more, per_light, out = flat_added[k], inverse[k], change[k]
+                for i in range(blocks * BLOCK):
+                    lit = sun[i] * fall[i]
+                    left_over = share[i] * (free_row[i] - lit) + more[i]
+                    out[i] = flat_weight[i] * (lit + left_over * per_light[i] - one)
+            _write(change[:, inside], flat_line[3:6, inside], ratio[r, across_row], veil[r, across_row])

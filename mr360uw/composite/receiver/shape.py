@@ -1,30 +1,55 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Receiver geometry along camera rays, and the parts of the frame in which objects change the receiver.
+"""Shapes of the receiver: read from files, met by camera rays, and as distance maps.
 
-Changed parts are found on a coarse grid. A cell is marked if a body's shadow, widened by the sun's disc and by the
-cell, can fall on it, or if the body blocks about `UNNOTICED` of its ambient light.
+A distance map is an equirectangular map (h, w) of distances [m] along the rays of a camera; 0, inf and NaN: none.
+
+On a plane n.x = c the inverse distance is linear in the direction d, so it is what is differentiated and interpolated:
+
+    1/r = g.d        g = n/c        the normal towards the camera is -g/|g|
+    u = 1/r          g = u d + (du/dlon / cos lat) e_lon + (du/dlat) e_lat        at any direction d
+
+Each texel represents the tangent plane of the surface there. Differences over 2 sin of the step, not the step, are
+exact on planes; along a row they span more texels towards the poles, where columns lie close together. If the
+differences to the two sides of a texel are far apart, there is an edge, and the smaller difference alone counts.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.cache import Cache
-from mr360uw.composite.ambient.blocked_light import UNNOTICED
-from mr360uw.composite.lighting.lamps import lamps_of, light_sources
-from mr360uw.composite.lighting.sun import sun_of, widest_half_angle
-from mr360uw.composite.receiver.ratio import added_light
+from mr360uw.composite.mesh.mesh import load_mesh
+from mr360uw.composite.motion import rigid, rotation_matrix
+from mr360uw.composite.settings import ReceiverSettings
 from mr360uw.composite.shot import PlacedObject, Receiver, Shot
-from mr360uw.composite.tiles import rectangles_of_mask
-from mr360uw.jit import fast
-from mr360uw.medium.lookup import transmittance_lookup
+from mr360uw.errors import MeshError
+from mr360uw.jit import exact
 from mr360uw.rays import RayScene, barycentric
-from mr360uw.sphere import basis
-from mr360uw.types import Floats, Rectangle, View
+from mr360uw.reading.input_files import read_data
+from mr360uw.reading.limits import PICTURE
+from mr360uw.reading.picture_size import picture_size
+from mr360uw.shapes import checked
+from mr360uw.types import Floats, View
+
+EDGE_ON = 0.003
+"""Cosine between ray and normal below which a distance map's surface is taken to stand edge-on."""
+_MOST_HEIGHTS = 256
+"""Heights across a map: finer maps are reduced, for its mesh has two triangles a height."""
+JUMP = 4.0
+"""Ratio of the differences to the two sides of a texel above which the larger one is an edge ..."""
+LEAST_JUMP = 0.04
+"""... if it is at least this fraction of the inverse distance."""
+WIDEST = 16
+"""A difference along a row spans at most 1/16 of a turn to each side."""
+SMOOTHING_DEG = (21.0, 10.5, 10.5, 5.2, 5.2, 5.2, 2.6, 2.6, 2.6, 1.05, 1.05, 1.05)
+"""Widths [degrees] of the running means that smooth the steps of a rounded map. More narrow and fewer wide ones leave
+terraces; two boxes a pass, or a Gaussian, mix more across edges."""
 
 
 def kept_shape(receiver: Receiver, camera_position: Floats, cache: Cache) -> ReceiverShape:
@@ -47,28 +72,17 @@ def plate_distance(shot: Shot, x: Floats, y: Floats, direction: Floats, cache: C
     return np.asarray(nearest, np.float64)
 
 
-RECTANGLE_COST_PX = 16384
-"""Fixed cost of one rectangle, in pixels that take as long. Twice as large: fewer rectangles, more untouched pixels."""
-NEGLIGIBLE = 0.004
-"""Change of linear light that is ignored: half a code value of an 8-bit video at white."""
-EDGE_ON = 0.003
-"""Cosine between ray and normal below which a distance map's surface is taken to stand edge-on."""
-_COLUMNS = 128
-"""Cells across the frame."""
-
-
 class ReceiverShape:
-    """Intersection of camera rays with a receiver."""
+    """Intersection of camera rays with a receiver.
+
+    level_m: height [m] of a horizontal plane above the camera, None of other shapes. extent_m: of `Receiver`.
+    """
 
     def __init__(self, receiver: Receiver, camera_position: Floats) -> None:
-        self._receiver = receiver
-        self._camera = camera_position
         self._scene = RayScene(receiver.mesh - camera_position) if receiver.mesh is not None else None
-        self._planes = None
-        if receiver.distance_m is not None:
-            from mr360uw.composite.receiver.distance_map import touching_planes
-
-            self._planes = touching_planes(receiver.distance_m)
+        self._planes = None if receiver.distance_m is None else touching_planes(receiver.distance_m)
+        self.level_m = None if receiver.plane_y is None else float(receiver.plane_y - camera_position[1])
+        self.extent_m = receiver.extent_m
 
     def meet(self, shot: Shot, x: Floats, y: Floats) -> tuple[Floats, Floats]:
         """Return (distance (...), infinite where there is no receiver; normal (..., 3) towards the camera)."""
@@ -76,20 +90,18 @@ class ReceiverShape:
 
     def meet_along(self, view: View, x: Floats, y: Floats, direction: Floats) -> tuple[Floats, Floats]:
         """Return what `meet` does; direction: (..., 3) those of the view at frame coordinates x, y (...)."""
-        receiver = self._receiver
         start = view.starts(direction)
-        if receiver.plane_y is not None:
-            height = receiver.plane_y - self._camera[1]
+        if self.level_m is not None:
             with np.errstate(divide="ignore", over="ignore"):
-                distance = (height - start[..., 1]) / direction[..., 1]
+                distance: Floats = (self.level_m - start[..., 1]) / direction[..., 1]
             distance = np.where((distance > 0.0) & np.isfinite(distance), distance, np.inf)
             normal = np.zeros_like(direction)
-            normal[..., 1] = -np.sign(height) if height else 1.0
+            normal[..., 1] = -np.sign(self.level_m) if self.level_m else 1.0
         elif self._scene is not None:
             distance, normal = self._meet_mesh(start, direction)
         else:
             distance, normal = self._meet_map(view, x, y, direction)
-        return np.where(distance <= receiver.extent_m, distance, np.inf), normal
+        return np.where(distance <= self.extent_m, distance, np.inf), normal
 
     def _meet_mesh(self, start: Floats, direction: Floats) -> tuple[Floats, Floats]:
         assert self._scene is not None
@@ -119,163 +131,167 @@ class ReceiverShape:
         return np.where(seen, 1.0 / np.where(seen, inverse, 1.0), np.inf), normal
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class CoarseGrid:
-    """The receiver at the middles of n cells of the frame where it is.
+@checked
+def load_receiver(settings: ReceiverSettings) -> Receiver:
+    """Return the receiver of a scene's table; for `kind = "distance"` without a shape, to be filled in each frame.
 
-    cell: (columns, rows) of pixels; shape: (rows, columns) of cells; index: (n,) of the cells, flat. point, normal:
-    (n, 3). reach_m: (n,) half the extent of a cell on the receiver.
+    Raises `MeshError`.
     """
+    plain = Receiver(
+        shadow=settings.shadow, occlusion=settings.occlusion, caustics=settings.caustics, extent_m=settings.extent_m
+    )
+    if settings.kind == "plane":
+        return replace(plain, plane_y=settings.height_m)
+    if settings.path is None:
+        raise MeshError(f"receiver - kind {settings.kind!r} needs a file (got no path) - set receiver.path")
+    if settings.kind == "mesh":
+        transform = rigid(settings.position_m, rotation_matrix(settings.rotation_deg), settings.scale)
+        placed = PlacedObject(load_mesh(settings.path, up="y", outside=settings.outside_files), transform)
+        return replace(plain, mesh=placed.to_world(placed.mesh.positions))
+    if settings.kind == "height_map":
+        return replace(plain, mesh=height_map_triangles(_grey(settings.path), settings))
+    return plain
 
-    cell: tuple[int, int]
-    shape: tuple[int, int]
-    index: NDArray[np.int64]
-    point: Floats
-    normal: Floats
-    reach_m: Floats
+
+def map_range(grey: Floats, range_m: tuple[float, float]) -> Floats:
+    """Return the metres of grey values in [0, 1]."""
+    return range_m[0] + (range_m[1] - range_m[0]) * np.asarray(grey, np.float64)
 
 
-def coarse_grid(shot: Shot, shape: ReceiverShape) -> CoarseGrid:
-    """Return the receiver on cells of 1/128 of the frame's width and a quarter of that in height, because towards the
-    horizon a cell reaches far along the ground.
+def height_map_triangles(grey: Floats, settings: ReceiverSettings) -> Floats:
+    """Return the triangles (T, 3, 3) of a height map (h, w) in [0, 1]: right = +x, down = +z, about `position_m`."""
+    import cv2
+
+    rows, columns = (min(n, _MOST_HEIGHTS) for n in grey.shape)
+    height = map_range(cv2.resize(np.float32(grey), (columns, rows), interpolation=cv2.INTER_AREA), settings.range_m)
+    x = (np.linspace(0.0, 1.0, columns) - 0.5) * settings.size_m[0] + settings.position_m[0]
+    z = (np.linspace(0.0, 1.0, rows) - 0.5) * settings.size_m[1] + settings.position_m[2]
+    x, z = np.meshgrid(x, z)
+    points = np.stack([x, height + settings.position_m[1], z], axis=-1)
+    a, b, c, d = points[:-1, :-1], points[:-1, 1:], points[1:, 1:], points[1:, :-1]
+    return np.concatenate([np.stack([a, d, c], axis=2), np.stack([a, c, b], axis=2)]).reshape(-1, 3, 3)
+
+
+def _grey(path: Path) -> Floats:
+    """Return an image as one channel in [0, 1]; float images (TIFF) keep their values."""
+    import cv2
+
+    unusable = f"{path} - cannot be read as an image, or it is cut short - give a PNG or TIFF of one channel"
+    data = read_data(path, MeshError)
+    size = picture_size(data)
+    if size is None:
+        raise MeshError(unusable)
+    PICTURE.check(str(path), size[0] * size[1], MeshError)
+    try:
+        image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+    except cv2.error as error:
+        raise MeshError(unusable) from error
+    if image is None:
+        raise MeshError(unusable)
+    image = image if image.ndim == 2 else image[..., 0]
+    whole = float(np.iinfo(image.dtype).max) if np.issubdtype(image.dtype, np.integer) else 1.0
+    heights = np.asarray(image, np.float64) / whole
+    if not np.all(np.isfinite(heights)):
+        raise MeshError(f"{path} - has heights that are not finite (got NaN or infinity) - fill its holes")
+    return heights
+
+
+def inverse_distance(distance_m: Floats) -> NDArray[np.float32]:
+    """Return 1/distance [1/m] of a map, 0 where it holds no surface."""
+    distance = np.asarray(distance_m, np.float32)
+    seen = np.isfinite(distance) & (distance > 0.0)
+    return np.where(seen, 1.0 / np.where(seen, distance, 1.0), 0.0).astype(np.float32)
+
+
+@exact
+def _difference(before: Any, here: Any, after: Any) -> Any:
+    """Return the change from one texel to the next: the mean of both sides, or that of the side without an edge."""
+    if before <= 0.0 and after <= 0.0:
+        return 0.0
+    if before <= 0.0:
+        return after - here
+    if after <= 0.0:
+        return here - before
+    left, right = here - before, after - here
+    small, large = min(abs(left), abs(right)), max(abs(left), abs(right))
+    if large <= max(JUMP * small, LEAST_JUMP * here):
+        return 0.5 * (left + right)
+    return left if abs(left) < abs(right) else right
+
+
+@exact
+def _touching(inverse: NDArray[np.float32], out: NDArray[np.float32]) -> None:
+    rows, columns = inverse.shape
+    longitude = 2.0 * np.pi * ((np.arange(columns) + 0.5) / columns - 0.5)
+    right, ahead = np.sin(longitude), np.cos(longitude)
+    for j in range(rows):
+        latitude = np.pi * (0.5 - (j + 0.5) / rows)
+        c, s = np.cos(latitude), np.sin(latitude)
+        wide = min(max(int(0.5 / c + 0.5), 1), max(columns // WIDEST, 1))
+        across, down = 1.0 / (np.sin(wide * 2.0 * np.pi / columns) * c), 1.0 / np.sin(np.pi / rows)
+        for i in range(columns):
+            u = inverse[j, i]
+            if u > 0.0:
+                east = across * _difference(inverse[j, (i - wide) % columns], u, inverse[j, (i + wide) % columns])
+                below = inverse[j + 1, i] if j + 1 < rows else np.float32(0.0)
+                above = inverse[j - 1, i] if j > 0 else np.float32(0.0)
+                north = down * _difference(below, u, above)
+                forward = u * c - north * s
+                out[j, i, 0] = forward * right[i] + east * ahead[i]
+                out[j, i, 1] = u * s + north * c
+                out[j, i, 2] = east * right[i] - forward * ahead[i]
+
+
+def touching_planes(distance_m: Floats) -> NDArray[np.float32]:
+    """Return g [1/m] of a map, (h, w, 3) in the camera's axes, 0 where it holds no surface."""
+    inverse = inverse_distance(distance_m)
+    planes = np.zeros((*inverse.shape, 3), np.float32)
+    _touching(inverse, planes)
+    return planes
+
+
+def without_steps(distance_m: Floats, step_m: float) -> Floats:
+    """Return a map that was rounded to steps [m], smoothed, everywhere within half a step of its values."""
+    inverse = inverse_distance(distance_m)
+    seen = inverse > 0.0
+    rows = np.flatnonzero(seen.any(axis=1))
+    if len(rows) == 0:
+        return distance_m
+    part = slice(rows[0], rows[-1] + 1)
+    inverse, mask, weight = inverse[part], seen[part], seen[part].astype(np.float32)
+    distance = np.where(mask, np.asarray(distance_m, np.float32)[part], 1.0)
+    low = weight / (distance + 0.5 * step_m)
+    high = weight / np.maximum(distance - 0.5 * step_m, 0.1 * step_m)
+    smooth = smoothed(inverse, low, high, SMOOTHING_DEG)
+    out = np.array(distance_m)
+    out[part] = np.where(mask, 1.0 / np.where(mask, smooth, 1.0), out[part])
+    return out
+
+
+def smoothed(
+    inverse: NDArray[np.float32], low: Floats, high: Floats, widths_deg: Sequence[float]
+) -> NDArray[np.float32]:
+    """Return inverse distances (h, w) [1/m], 0 where there is no surface, smoothed within bounds low and high (h, w).
+
+    Running means of these widths [degrees], each clipped to the bounds, which preserves every edge.
     """
-    width, height = shot.view.width, shot.view.height
-    cell = max(width // _COLUMNS, 1), max(width // (4 * _COLUMNS), 1)
-    columns, rows = -(-width // cell[0]), -(-height // cell[1])
-    x, y = (np.arange(columns) + 0.5) * cell[0], np.minimum((np.arange(rows) + 0.5) * cell[1], height)[:, None]
-    direction = shot.view.directions(x, y)
-    distance, normal = shape.meet_along(shot.view, x, y, direction)
-    seen = np.isfinite(distance)
-    distance, normal, direction = distance[seen], normal[seen], direction[seen]
-    cosine = np.maximum(np.abs(np.sum(direction * normal, -1)), 0.02)
-    along, across = cell[1] * np.pi / (2 * height), cell[0] * np.pi / width
-    reach = distance * np.hypot(along / cosine, across)
-    index = np.flatnonzero(seen)
-    return CoarseGrid(cell, seen.shape, index, shot.view.points(direction, distance), normal, reach)
+    weight = (inverse > 0.0).astype(np.float32)
+    widths = [width_px(width_deg, inverse.shape[1]) for width_deg in widths_deg]
+    shares = {width: np.maximum(running_mean(weight, width), np.float32(1e-9)) for width in set(widths)}
+    for width in widths:
+        inverse = np.clip(running_mean(inverse, width) / shares[width], low, high)
+    return inverse
 
 
-def touched_cells(shot: Shot, grid: CoarseGrid) -> tuple[NDArray[np.bool_], NDArray[np.bool_], NDArray[np.bool_]]:
-    """Return masks (n,) of the cells of the receiver whose change may be seen through the water: by anything, by the
-    sun's shadow, and by the light of lamps.
-    """
-    receiver, sun = shot.receiver, sun_of(shot)
-    assert receiver is not None
-    casters = shot.casters
-    marks = np.zeros(len(grid.index), np.bool_)
-    boxes = [_box(placed, basis(sun.direction if sun else (0.0, 1.0, 0.0)), shot.view.position) for placed in casters]
-    if receiver.shadow and sun is not None:
-        spread = float(np.tan(widest_half_angle(shot)))
-        for axes, low, high, _ in boxes:
-            mark_shaded(grid.point, grid.reach_m, axes, low, high, spread, marks)
-    by_shadow = marks.copy()
-    if receiver.occlusion:
-        for axes, low, high, radius in boxes:
-            center, half = 0.5 * (low + high) @ axes, 0.5 * (high - low)
-            box = center, radius, np.ascontiguousarray(axes), half
-            mark_occluded(grid.point, grid.normal, grid.reach_m, box, UNNOTICED, marks)
-    if receiver.caustics and shot.caustics is not None and sun is not None:
-        marks[:] = True
-    by_lamps = _lit_cells(shot, grid)
-    marks |= by_lamps
-    if shot.medium is not None:
-        # Look up the water before the far ones alone: the others are seen where it is densest
-        clearest = float(shot.medium.attenuation.min(axis=-1).max())
-        distance = np.linalg.norm(grid.point, axis=-1)
-        far = np.flatnonzero(marks & (distance * clearest >= -np.log(NEGLIGIBLE)))
-        up = grid.point[far, 1] / distance[far]
-        marks[far] = transmittance_lookup(shot.medium, distance[far], up).max(axis=-1) > NEGLIGIBLE
-    return marks, by_shadow & marks, by_lamps & marks
+def width_px(width_deg: float, columns: int) -> int:
+    """Return the odd number of pixels of a panorama with so many columns that is nearest to a width [degrees]."""
+    return 2 * round(width_deg / 720.0 * columns) + 1
 
 
-def _lit_cells(shot: Shot, grid: CoarseGrid) -> NDArray[np.bool_]:
-    """Return the mask (n,) of cells that lamps light at their middle, and of the cells around those."""
-    if not lamps_of(shot):
-        return np.zeros(len(grid.index), np.bool_)
-    lit = added_light(shot, light_sources(shot), grid.point, grid.normal, shadows=False).max(axis=-1) > NEGLIGIBLE
-    if not np.any(lit):
-        return lit
-    mask = np.zeros(grid.shape, np.bool_)
-    mask.flat[grid.index[lit]] = True
-    mask |= np.roll(mask, 1, axis=1) | np.roll(mask, -1, axis=1)
-    mask[1:] |= mask[:-1].copy()
-    mask[:-1] |= mask[1:].copy()
-    return np.asarray(mask.flat[grid.index])
+def running_mean(values: NDArray[np.float32], width: int) -> NDArray[np.float32]:
+    """Return the means (h, w) over squares of a panorama, periodic over the seam, edge rows repeated."""
+    import cv2
 
-
-def _box(placed: PlacedObject, axes: Floats, camera_position: Floats) -> tuple[Floats, Floats, Floats, float]:
-    """Return the axes (3, 3) of a box about a body, one a row, its bounds (3,) along them, and the radius of a ball
-    about its middle that contains the body. Its third axis is that of `axes`, its first is along the greatest extent
-    across it.
-    """
-    linear, offset = placed.world_from_object[:3, :3], placed.world_from_object[:3, 3] - camera_position
-    corners = linear @ placed.mesh.hull.reshape(-1, 3).T + offset[:, None]
-    across = axes[:2] @ (corners - corners.mean(axis=1, keepdims=True))
-    turned = np.concatenate([np.linalg.eigh(across @ across.T)[1].T[::-1] @ axes[:2], axes[2:]])
-    along = turned @ corners
-    low, high = along.min(axis=1), along.max(axis=1)
-    center = 0.5 * (low + high)
-    radius = float(np.sqrt(np.max(np.sum((along - center[:, None]) ** 2, axis=0))))
-    return turned, low, high, radius
-
-
-def receiver_rectangles(shot: Shot, grid: CoarseGrid) -> list[Rectangle]:
-    """Return rectangles of the frame that cover the cells that may change."""
-    mask = np.zeros(grid.shape, np.bool_)
-    mask.flat[grid.index[touched_cells(shot, grid)[0]]] = True
-    return rectangles_of_cells(mask, grid.cell, shot.view)
-
-
-def rectangles_of_cells(mask: NDArray[np.bool_], cell: tuple[int, int], view: View) -> list[Rectangle]:
-    """Return rectangles of the frame that cover the set cells (rows, columns) of `cell` pixels, (columns, rows)."""
-    width, height = cell
-    return [
-        Rectangle(c * width, r * height, min(columns * width, view.width), min(rows * height, view.height - r * height))
-        for c, r, columns, rows in rectangles_of_mask(mask, RECTANGLE_COST_PX // (width * height))
-    ]
-
-
-@fast
-def mark_shaded(point: Any, reach_m: Any, axes: Any, low: Any, high: Any, spread: Any, marks: Any) -> None:
-    """Set the marks (n,) of places between which and the sun a body's box may be.
-
-    axes: (3, 3), one a row, the last towards the sun. low, high: (3,) of the box along them. spread: tangent of the
-    sun's radius. reach_m: (n,) of the receiver around each place, which stands for it.
-    """
-    for i in range(len(marks)):
-        p, reach = point[i], reach_m[i]
-        above = high[2] - (p[0] * axes[2, 0] + p[1] * axes[2, 1] + p[2] * axes[2, 2]) + reach
-        wide = reach + spread * max(above, 0.0)
-        u = p[0] * axes[0, 0] + p[1] * axes[0, 1] + p[2] * axes[0, 2]
-        v = p[0] * axes[1, 0] + p[1] * axes[1, 1] + p[2] * axes[1, 2]
-        beside = max(low[0] - u, u - high[0], low[1] - v, v - high[1])
-        if above > 0.0 and beside <= wide:
-            marks[i] = True
-
-
-@fast
-def mark_occluded(point: Any, normal: Any, reach_m: Any, box: Any, least: Any, marks: Any) -> None:
-    """Set the marks (n,) of places that a body touches, or of whose ambient light it may block at least this part.
-
-    box: centre and radius of a ball around the body, axes (3, 3) and half size (3,) of a box around it. reach_m: (n,)
-    of the receiver around each place, which stands for it. Of the box, what faces a place bounds what the body blocks
-    there.
-    """
-    center, radius, axes, half = box
-    for i in range(len(marks)):
-        if marks[i]:
-            continue
-        p, n = point[i], normal[i]
-        x, y, z = center[0] - p[0], center[1] - p[1], center[2] - p[2]
-        near = radius + reach_m[i]
-        squared = x * x + y * y + z * z
-        if squared < near * near:
-            marks[i] = True
-            continue
-        away = np.sqrt(squared)
-        face = 0.0
-        for c in range(3):
-            d = abs(x * axes[c, 0] + y * axes[c, 1] + z * axes[c, 2]) / away
-            face += d * 4.0 * half[(c + 1) % 3] * half[(c + 2) % 3]
-        rising = max(x * n[0] + y * n[1] + z * n[2] + near, 0.0) / (away - reach_m[i])
-        distance = away - reach_m[i]
-        marks[i] = face * min(rising, 1.0) > least * np.pi * distance * distance
+    pad = width // 2
+    wide = cv2.copyMakeBorder(values, 0, 0, pad, pad, cv2.BORDER_WRAP)
+    return np.asarray(cv2.blur(wide, (width, width), borderType=cv2.BORDER_REPLICATE)[:, pad : pad + values.shape[1]])

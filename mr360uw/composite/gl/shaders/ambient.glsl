@@ -1,5 +1,5 @@
 // Values of ambient light at a place of a body, three texels of a list for each point, or one: the ratio of all light.
-// Held to composite/ambient/sample_points.py.
+// Held to composite/ambient/mesh_transfer.py.
 struct Among {
     vec3 ratio;  // of irradiance
     vec3 kept;  // ratio of glossy light
@@ -10,7 +10,7 @@ int point_row(int steps, int i) {
     return i * (2 * steps + 3 - i) >> 1;
 }
 
-// three points and their weights; twin: sample_points.py
+// three points and their weights; twin: mesh_transfer.py
 ivec3 points_at(vec4 places, vec3 weights, out vec3 shares) {
     int steps = int(places.w);
     weights = max(weights, 0.0);

@@ -1,7 +1,9 @@
 // Sun visibility at listed places, each with a ball around it: visible fraction of the disc and of the halo at the
 // place; which of them bodies may occlude within the ball (0 neither, 1 the halo, 2 part of the disc, 3 all of both);
 // distance to the nearest such body [m]. Held to composite/lighting/sun.py.
+#include "composite/gl/shaders/blocks.glsl"
 #include "composite/gl/shaders/sun.glsl"
+uniform int count;
 uniform sampler2D places, beam, sun_map, casters;
 uniform vec4 rays[MAXIMUM_SUN_RAYS];
 uniform View view;
@@ -11,7 +13,7 @@ uniform MediumTable medium;
 out vec4 seen;
 
 void main() {
-    vec4 place = texelFetch(places, ivec2(gl_FragCoord.xy), 0);
+    vec4 place = texelFetch(places, list_place(min(lane_number(ivec2(gl_FragCoord.xy)), count - 1)), 0);
     vec3 p = in_sun_axes(sun, view, place.xyz);
     float gap, halo = 1.0;
     bool umbra;

@@ -1,16 +1,18 @@
-// Light on the receiver in listed blocks of side x side samples, `spacing` pixels apart: sun visibility, caustics and, on
-// request, ambient fraction, veil and light of lamps. Held to composite/receiver/ratio.py.
+// Light on the receiver at listed samples, side x side of a block one after the other, `spacing` pixels apart: sun
+// visibility, caustics and, on request, ambient fraction, veil and light of lamps. Held to composite/receiver/ratio.py.
+#include "composite/gl/shaders/blocks.glsl"
 #include "composite/gl/shaders/lamps.glsl"
 #include "composite/gl/shaders/sun.glsl"
 #if defined(EYE)
 #include "composite/gl/shaders/eyes.glsl"
 uniform float eye_m;
 #endif
-uniform sampler2D blocks, areas, halos, shape, diffuse, beam, veil, attenuation, sun_map, casters, plane_depth;
+uniform sampler2D blocks, shape, diffuse, beam, veil, attenuation, sun_map, casters, plane_depth;
 uniform sampler2DArray ambient, caustic_ratio, plate_ratio;
 uniform mat3 world_from_camera;
 uniform vec2 frame_size;
-uniform int side;
+uniform int count;
+uniform int side_bits;  // log2 of side
 uniform float spacing;
 uniform float plane_height;
 uniform vec2 fade;  // distances from which, and at which, the receiver fades out
@@ -35,8 +37,12 @@ layout(location = 3) out vec4 added;  // light of lamps over the plate's own
 #endif
 
 void main() {
-    ivec2 p = ivec2(gl_FragCoord.xy), block = p / side;
-    vec2 place = texelFetch(blocks, block, 0).xy + (vec2(p - block * side) + 0.5) * spacing;
+    // a block: frame coordinates and two numbers of its area; the third; visible fraction of the halo at its corners
+    int number = min(lane_number(ivec2(gl_FragCoord.xy)), count - 1), side = 1 << side_bits;
+    int first = 3 * (number >> (2 * side_bits));
+    vec4 block = texelFetch(blocks, list_place(first), 0);
+    vec2 within = vec2(number & (side - 1), (number >> side_bits) & (side - 1)) + 0.5;
+    vec2 place = block.xy + within * spacing;
     vec3 direction = world_from_camera * direction_from_frame(place, frame_size);
     vec3 start = vec3(0.0);
 #if defined(EYE)
@@ -45,7 +51,7 @@ void main() {
 #if defined(PLANE)
     float distance_m = (plane_height - start.y) / direction.y;
 #else
-    vec4 ground = texelFetch(shape, p, 0);
+    vec4 ground = texelFetch(shape, list_place(number), 0);
     float distance_m = ground.w;
 #endif
     vec3 seen_from = distance_m * direction, point = start + seen_from;
@@ -58,14 +64,15 @@ void main() {
     vec3 right = world_from_camera * direction_from_frame(place + vec2(1.0, 0.0), frame_size);
     vec3 below = world_from_camera * direction_from_frame(place + vec2(0.0, 1.0), frame_size);
     mat2x3 steps = mat2x3(pixel_step(seen_from, normal, right, 1.0), pixel_step(seen_from, normal, below, 1.0));
-    Footprint area = footprint_of(point, steps, vec2(0.0), texelFetch(areas, block, 0).xyz);
+    vec3 matrix = vec3(block.zw, texelFetch(blocks, list_place(first + 1), 0).x);
+    Footprint area = footprint_of(point, steps, vec2(0.0), matrix);
 #endif
     float seen = 1.0;
 #if defined(SHADOW)
     float halo = -1.0;
 #if defined(HALO)
-    vec4 corners = texelFetch(halos, block, 0);  // at the block's corners; negative: found for each pixel
-    vec2 at = (vec2(p - block * side) + 0.5) / float(side), ends = mix(corners.xz, corners.yw, at.x);
+    vec4 corners = texelFetch(blocks, list_place(first + 2), 0);  // negative: found for each sample
+    vec2 at = within / float(side), ends = mix(corners.xz, corners.yw, at.x);
     if (corners.x >= 0.0) halo = mix(ends.x, ends.y, at.y);
 #endif
     seen = visibility(sun, shadows, view, medium, beam, sun_map, casters, rays, area, halo, 1, true);

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Level ground around bodies in nested squares, fine where the light that they block changes fast.
+"""Ambient light on the receiver; on level ground in nested squares around bodies, fine where it changes fast.
 
 A square's samples, 3 x 3, are predicted from those of the square that it is a quarter of. The error of a biquadratic
 falls with the third power of its size, so a square is off by an eighth of what its prediction misses. Where a square
@@ -11,14 +11,25 @@ camera's place is rounded to.
 
 from __future__ import annotations
 
+import weakref
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.composite.ambient.blocked_light import UNNOTICED, BlockedLight, Occluders, glow_table, joined, shown
-from mr360uw.composite.ambient.height_field import most_blocked
+from mr360uw.cache import Cache
+from mr360uw.composite.ambient.blocked_light import (
+    UNNOTICED,
+    BlockedLight,
+    Occluders,
+    glow_table,
+    joined,
+    most_blocked,
+    shown,
+)
+from mr360uw.composite.ambient.solver import AmbientLight, free_of_bodies
+from mr360uw.composite.shot import Shot
 from mr360uw.jit import fast, inlined
 from mr360uw.types import Floats
 
@@ -311,3 +322,98 @@ def survey(low: Any, size: Any, bodies: Any, camera: Any, least: Any, bound: Any
             if share > least:
                 wanted = min(wanted, max(_LARGEST * np.sqrt(beside + b[6] * b[6]), 0.5 * min(b[4], b[5])))
         bound[n], coarsest[n] = total, wanted
+
+
+_PART_OF_HEIGHT = 0.25
+"""Most that a body may move to the first one between two samples in time, over its height above level ground, for what
+it blocks there to be interpolated."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GroundField:
+    """Ambient light that the bodies of a shot leave on its receiver.
+
+    origin: (3,) in the world of level ground below the first body. patches: quadtrees of that ground, from there, each
+    with the values of its samples and its weight; none where the receiver is not level or bodies block nothing, where
+    light is that of each place. gap_m: height above it of the lowest body: light hardly changes over a part of that.
+    cache: keeps what bodies block there; it may keep the field too, which does not hold it.
+    """
+
+    shot: Shot
+    light: AmbientLight | None
+    cache: weakref.ref[Cache]
+    origin: Floats
+    patches: tuple[tuple[Quadtree, Floats, float], ...]
+    gap_m: float
+
+    def at(self, point: Floats, normal: Floats) -> Floats:
+        """Return what `free_of_bodies` does; of patches within `quadtree.TOLERANCE`.
+
+        Where the light jumps between samples, at the outline of a body that stands on the ground, it is that of each
+        place.
+        """
+        if not self.patches:
+            return free_of_bodies(self.shot, self.light, point, normal, self.cache() or Cache())
+        place = point.reshape(-1, 3)
+        free, jump = np.zeros(place.shape), np.zeros(len(place), np.bool_)
+        for tree, values, share in self.patches:
+            found, jumps = tree.between(values, place + (self.shot.view.position - self.origin), 1.0)
+            free, jump = free + share * found, jump | jumps
+        if np.any(jump):
+            each = place[jump], normal.reshape(-1, 3)[jump]
+            free[jump] = free_of_bodies(self.shot, self.light, *each, self.cache() or Cache())
+        return np.asarray(np.maximum(free, 0.0)).reshape(point.shape)  # parabolas between steep samples dip below
+
+    def jumps(self) -> Floats:
+        """Return places (n, 3) of level ground, from the camera, a few pixels apart at most, all along the lines at
+        which the light jumps.
+        """
+        places = [tree.jumps() for tree, _, _ in self.patches]
+        return np.concatenate([np.zeros((0, 3)), *places]) + (self.origin - self.shot.view.position)
+
+
+def ground_field(shot: Shot, light: AmbientLight | None, cache: Cache) -> GroundField:
+    """Return the ambient light on a shot's receiver. cache: keeps quadtrees while bodies stand still to each other."""
+    receiver = shot.receiver
+    if light is None or receiver is None or receiver.plane_y is None or not light.layout.ground_bodies:
+        return GroundField(shot, light, weakref.ref(cache), np.zeros(3), (), 0.0)
+    origin, patches = light.layout.below(receiver.plane_y), []
+    camera, pixel_rad, gap_m = camera_place(shot.view.position - origin), 2.0 * np.pi / shot.view.width, np.inf
+    for solved, share in _samples(light, receiver.plane_y):
+        below = solved.layout.below(receiver.plane_y)
+        occluders = solved.layout.occluders_from(below)
+        tree = cache.of(make_quadtree, occluders, camera, pixel_rad, receiver.extent_m, keep=2)
+        gap_m = min(gap_m, *(_height(solved, k, receiver.plane_y) for k in solved.layout.ground_bodies))
+        patches.append((tree, cache.of(_at_samples, solved, tree, below, keep=2), share))
+    return GroundField(shot, light, weakref.ref(cache), origin, tuple(patches), gap_m)
+
+
+def _samples(light: AmbientLight, ground_y: float) -> list[tuple[AmbientLight, float]]:
+    """Return the solutions between which light on level ground is interpolated, as seen from below the first body, with
+    their weights: the light itself where it is solved, or bodies move by much of their height above the ground.
+
+    What bodies block varies along the ground as slowly as they are high above it. A straight line between two places a
+    quarter of that apart then misses 1/8 (1/4)^2 of it, less than a hundredth.
+    """
+    if not light.samples:
+        return [(light, 1.0)]
+    (before, _), (after, _) = light.samples
+    first, last = before.layout.below(ground_y), after.layout.below(ground_y)
+    for k in before.layout.ground_bodies:
+        a, b = before.layout.bodies[k], after.layout.bodies[k]
+        turned_m = a.radius * np.linalg.norm(b.rotation - a.rotation, 2)
+        moved_m = np.linalg.norm((b.origin - last) - (a.origin - first)) + turned_m
+        if moved_m > _PART_OF_HEIGHT * _height(before, k, ground_y):
+            return [(light, 1.0)]
+    return [(solved, share) for solved, share in light.samples if share > 0.0]
+
+
+def _height(light: AmbientLight, number: int, ground_y: float) -> float:
+    """Return the height [m] of the lower end of a body above level ground, 0 at least."""
+    body = light.layout.bodies[number]
+    return max(float(body.field.heights[0] + body.origin[1]) - ground_y, 0.0)
+
+
+def _at_samples(light: AmbientLight, tree: Quadtree, origin: Floats) -> Floats:
+    """Return the light at the samples of a quadtree whose origin (3,) is given."""
+    return tree.joined(light.free(tree.blocked, tree.place + origin))
