@@ -51,11 +51,12 @@ _GAUSSIAN = {1: (1, 0), 5: (2, 1), 13: (3, 2), 17: (4, 1), 29: (5, 2), 41: (5, 4
 @dataclass(frozen=True, slots=True)
 class Pattern:
     """The samples of a pixel. cells: (n, 2) of the grid that belong to pixel (0, 0), the nearest to its centre first.
-    positions: (n, 2) in that pixel, in [0, 1)^2.
+    positions: (n, 2) in that pixel, in [0, 1)^2. step: (x, y) in the frame [pixels] of a step to the next cell.
     """
 
     cells: NDArray[np.int64]
     positions: Floats
+    step: tuple[float, float]
 
     @property
     def count(self) -> int:
@@ -76,7 +77,7 @@ def pattern(samples: int) -> Pattern:
     inside = np.all((positions >= 0.0) & (positions < 1.0), axis=-1)
     cells, positions = cells[inside], positions[inside]
     order = np.lexsort((cells[:, 1], cells[:, 0], np.round(np.sum((positions - 0.5) ** 2, axis=-1), 9)))
-    return Pattern(cells[order], positions[order])
+    return Pattern(cells[order], positions[order], (a / (a * a + b * b), -b / (a * a + b * b)))
 
 
 def nearest_to_mean(

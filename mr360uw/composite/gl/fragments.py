@@ -11,7 +11,7 @@ first; a pixel between others of the same surface that all see the whole sun, or
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,8 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.cache import PartOf
+from mr360uw.composite.gl.visible_surfaces import Fragments
 from mr360uw.composite.mesh.mesh import Mesh
-from mr360uw.composite.sampling import NO_GAPS, Gaps, join_gaps
 from mr360uw.composite.shot import PlacedObject, Shot
 from mr360uw.jit import exact
 from mr360uw.types import Floats, Tile
@@ -56,51 +56,6 @@ def sum_behind(pieces: Any, values: Any, corner: Any, tile: Any) -> None:
         distance[r, c] = nearest
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Fragments:
-    """n pieces of surface in p pixels, the pieces of a pixel in sequence.
-
-    row, column: (p,) of the pixels, each once. first: (p,) index of the first piece of each. triangle: (n,) numbers.
-    place: (n, 2) frame coordinates at which each piece is shaded. area: (n, 5) of the frame that it represents
-    (`sampling.frame_areas`). weight: (n,) fraction of the pixel's samples. gaps: of the pixels covered partly.
-    """
-
-    row: NDArray[np.int64]
-    column: NDArray[np.int64]
-    first: NDArray[np.int64]
-    triangle: NDArray[np.int64]
-    place: Floats
-    area: Floats
-    weight: Floats
-    gaps: Gaps = NO_GAPS
-
-    def __len__(self) -> int:
-        return len(self.triangle)
-
-    def pixel(self) -> NDArray[np.int64]:
-        """Return the pixel (n,) of each piece."""
-        return np.repeat(np.arange(len(self.row)), np.diff(np.append(self.first, len(self))))
-
-    def sums(self, values: Floats) -> Floats:
-        """Return the sums (p, c) of values (n, c) over the pieces of each pixel."""
-        return np.add.reduceat(values, self.first, axis=0) if len(self) else values[:0]
-
-
-_NONE = np.zeros(0, np.int64)
-NOTHING = Fragments(_NONE, _NONE, _NONE, _NONE, np.zeros((0, 2)), np.zeros((0, 5)), np.zeros(0))
-
-
-def joined_fragments(parts: Sequence[Fragments]) -> Fragments:
-    """Return the fragments of several disjoint sets of pixels as one."""
-    shift = np.cumsum([0, *(len(part) for part in parts)])
-    joined = {
-        name: np.concatenate([getattr(part, name) for part in parts])
-        for name in ("row", "column", "triangle", "place", "area", "weight")
-    }
-    first = np.concatenate([part.first + start for part, start in zip(parts, shift[:-1], strict=True)])
-    return Fragments(first=first, gaps=join_gaps([part.gaps for part in parts]), **joined)
-
-
 def through(tiles: Sequence[Tile], fragments: Fragments) -> Floats:
     """Return the transparency (p,) = 1 - alpha of tiles at the pixels of fragments."""
     free = np.ones(len(fragments.row), np.float32)
@@ -120,38 +75,41 @@ def add_behind(tiles: Sequence[Tile], fragments: Fragments, values: Floats) -> N
 
 
 _AT_ONCE = 1 << 19
-ListedOf = tuple[Sequence[PlacedObject], NDArray[np.int64], NDArray[Any]]
-"""Objects, the number of each one's first triangle, and the body (n,) of each fragment."""
+_LayerOf = tuple[Sequence[PlacedObject], NDArray[np.int64], Fragments, Callable[[Mesh], NDArray[np.int64]]]
+"""Objects, the number of each one's first triangle, a layer, and a function that returns the places (T,) of a mesh's triangles on the device."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MeshFragments:
     """Fragments of one mesh that are shaded together. chosen: (n,) numbers among all.
 
-    listed: (n, 9) of each, triangle on the device, place (2), body and area (5) of `Fragments`. pixel: (n,) numbers,
-    those of a pixel in sequence; weight: (n,) of `Fragments`.
+    listed: (n, 9) of each, triangle on the device, place (2), body and area (5) of `Fragments`. triangle: (n,) numbers
+    of triangles among all. pixel: (n,) numbers, those of a pixel in sequence; weight: (n,) of `Fragments`.
     """
 
     mesh: Mesh
     chosen: NDArray[np.int64]
     listed: Floats
+    triangle: NDArray[np.int64]
     pixel: NDArray[np.int64]
     weight: Floats
 
 
-def mesh_fragments(listed_of: PartOf[ListedOf], fragments: Fragments) -> list[MeshFragments]:
-    """Return the fragments of a layer by mesh."""
-    objects, first, body = listed_of.whole
-    triangle, pixel = fragments.triangle - first[body], fragments.pixel()
+def mesh_fragments(layer: PartOf[_LayerOf], body: NDArray[np.int64]) -> list[MeshFragments]:
+    """Return the fragments of a layer by mesh. body: (n,) of each."""
+    objects, first, fragments, places = layer.whole
+    pixel, triangle = fragments.pixel(), fragments.triangle - first[body]
     listed = np.concatenate([triangle[:, None], fragments.place, body[:, None], fragments.area], axis=1)
     meshes = list(dict.fromkeys(placed.mesh for placed in objects))
     of_mesh = np.array([meshes.index(placed.mesh) for placed in objects])[body]
     parts = []
     for k, mesh in enumerate(meshes):
         chosen = np.flatnonzero(of_mesh == k)
+        listed[chosen, 0] = places(mesh)[triangle[chosen]]
         for start in range(0, len(chosen), _AT_ONCE):
             part = chosen[start : start + _AT_ONCE]
-            parts.append(MeshFragments(mesh, part, listed[part], pixel[part], fragments.weight[part]))
+            numbers = fragments.triangle[part]
+            parts.append(MeshFragments(mesh, part, listed[part], numbers, pixel[part], fragments.weight[part]))
     return parts
 
 
@@ -198,20 +156,12 @@ class SunGroups:
         return left
 
 
-def sun_groups(shot: Shot, part: MeshFragments, order: NDArray[np.int64], sun: Floats) -> SunGroups:
-    """Return the groups of the fragments of one mesh.
-
-    order: (T,) of the mesh's triangles on the device. sun: (3,) direction in the world.
-    """
-    view, objects = shot.view, shot.visible
-    linear = np.array([placed.world_from_object[:3, :3] / placed.scale for placed in objects])
-    eye = np.array([(view.position - placed.world_from_object[:3, 3]) / placed.scale for placed in objects])
-    eye, sunward = (np.einsum("bk,bkj->bj", a, linear) for a in (eye, np.broadcast_to(sun, eye.shape)))
-    turn = np.einsum("bkj,kl->bjl", linear, view.world_from_camera)
-    beside = np.array([view.eye_m / placed.scale for placed in objects])
+def sun_groups(shot: Shot, part: MeshFragments, facets: NDArray[np.float32], sun: Floats) -> SunGroups:
+    """Return the groups of the fragments of one mesh. facets: of `Surfaces`. sun: (3,) direction in the world."""
+    view = shot.view
     surface = np.empty((len(part.listed), 5))
-    bodies = eye, sunward, turn, beside
-    _meet(part.listed, part.mesh.positions, order, bodies, (view.width, view.height), surface)
+    sunward, size = view.world_from_camera.T @ sun, (float(view.width), float(view.height))
+    _meet(part.listed, facets, part.triangle, sunward, float(view.eye_m), size, surface)
     apart = _APART * np.pi / view.height if shot.draw.shading != "sample" else -1.0
     of, chosen = np.full(len(part.listed), -1, np.int64), np.zeros(len(part.listed), np.int64)
     area = np.zeros((len(part.listed), 5))
@@ -253,33 +203,25 @@ def _between(row: Any, column: Any, body: Any, surface: Any, table: Any, seen: A
 
 
 @exact
-def _meet(listed: Any, corners: Any, order: Any, bodies: Any, size: Any, surface: Any) -> None:
+def _meet(listed: Any, facets: Any, triangle: Any, sun: Any, eye: Any, size: Any, surface: Any) -> None:
     """Set `surface` (n, 5) of fragments (n, 9): unit normal, distance along the ray, and whether it faces the sun.
 
-    bodies: (b, 3) the camera and (b, 3) the sun's direction in the axes of bodies, (b, 3, 3) the camera's axes to
-    theirs, and (b,) the place of a stereo eye to the right of the camera, in the metres of the mesh. size: width and
-    height of the frame.
+    facets, triangle: the planes of fragments. sun: (3,) its direction in the camera's axes. eye: [m] to the right of
+    the middle of a stereo camera. size: width and height of the frame.
     """
-    (eye, sun, turn, beside), (width, height) = bodies, size
+    width, height = size
     for n in range(len(listed)):
-        t, b = order[int(listed[n, 0])], int(listed[n, 3])
+        t = triangle[n]
         lon, lat = 2.0 * np.pi * (listed[n, 1] / width - 0.5), np.pi * (0.5 - listed[n, 2] / height)
         dx, dy, dz = np.cos(lat) * np.sin(lon), np.sin(lat), -np.cos(lat) * np.cos(lon)
-        normal = surface[n, :3]
-        for k in range(3):
-            i, j = (k + 1) % 3, (k + 2) % 3
-            normal[k] = (corners[t, 1, i] - corners[t, 0, i]) * (corners[t, 2, j] - corners[t, 0, j])
-            normal[k] -= (corners[t, 1, j] - corners[t, 0, j]) * (corners[t, 2, i] - corners[t, 0, i])
-        length = max(np.sqrt(normal[0] ** 2 + normal[1] ** 2 + normal[2] ** 2), 1e-300)
-        above, along, lit = 0.0, 0.0, 0.0
-        for k in range(3):
-            normal[k] /= length
-            start = eye[b, k] + beside[b] * (turn[b, k, 2] * dx - turn[b, k, 0] * dz)
-            above += normal[k] * (start - corners[t, 0, k])
-            along += normal[k] * (turn[b, k, 0] * dx + turn[b, k, 1] * dy + turn[b, k, 2] * dz)
-            lit += normal[k] * sun[b, k]
-        surface[n, 3] = -above / along if along != 0.0 else 0.0
-        surface[n, 4] = 1.0 if (lit > 0.0) == (above > 0.0) else 0.0
+        x = np.float64(facets[t, 0]) + facets[t, 3] + facets[t, 6]
+        y = np.float64(facets[t, 1]) + facets[t, 4] + facets[t, 7]
+        z = np.float64(facets[t, 2]) + facets[t, 5] + facets[t, 8]
+        long, along = np.sqrt(x * x + y * y + z * z), x * dx + y * dy + z * dz
+        surface[n, 0], surface[n, 1], surface[n, 2] = x / long, y / long, z / long
+        surface[n, 3] = (1.0 - eye * (z * dx - x * dz)) / along if along != 0.0 else 0.0
+        # the plane is where the product is 1: the camera's side is that where it is less
+        surface[n, 4] = 1.0 if x * sun[0] + y * sun[1] + z * sun[2] < 0.0 else 0.0
 
 
 @exact

@@ -79,7 +79,7 @@ class LayerRenderer:
         drawn = [empty_tile(part) for part in tiles]
         if surfaces is not None:
             self._objects.draw(shot, light, surfaces, drawn, frame, ambient)
-        on_blocks = self._receiver.light(shot, changes, NO_GAPS if surfaces is None else surfaces.gaps)
+        on_blocks = self._receiver.light(shot, changes, surfaces.layers[-1].gaps if surfaces is not None and surfaces.layers else NO_GAPS)
         self._receiver.lay(shot, on_blocks, drawn)
         return Layer(view.height, view.width, tuple(hold_out(shot, tile) for tile in drawn))
 

@@ -19,8 +19,6 @@ from mr360uw.composite.ambient.sample_points import FEW_CHANNELS, UNTOUCHED
 from mr360uw.composite.ambient.solver import AmbientLight
 from mr360uw.composite.aovs import SUMS, AovFrame
 from mr360uw.composite.gl.fragments import (
-    Fragments,
-    ListedOf,
     MeshFragments,
     SunGroups,
     add_behind,
@@ -29,14 +27,13 @@ from mr360uw.composite.gl.fragments import (
     through,
 )
 from mr360uw.composite.gl.light_textures import ShotLight
-from mr360uw.composite.gl.surface_pass import SurfacePass
 from mr360uw.composite.gl.targets import Targets, bind
-from mr360uw.composite.gl.triangles import camera_centred, of_eye
-from mr360uw.composite.gl.upload import MeshBuffers, device_order, joined_texture, list_texture
+from mr360uw.composite.gl.visible_surfaces import Fragments, Surfaces, find_surfaces
+from mr360uw.composite.gl.upload import MeshBuffers, device_order, joined_texture, list_texture, of_eye
 from mr360uw.composite.lighting.sun import sun_of
 from mr360uw.composite.mesh.material import MAPS
 from mr360uw.composite.mesh.mesh import Mesh
-from mr360uw.composite.sampling import Gaps, filter_width
+from mr360uw.composite.sampling import filter_width
 from mr360uw.composite.shot import PlacedObject, Shot
 from mr360uw.gl.context import set_uniforms
 from mr360uw.types import Floats, Tile
@@ -59,25 +56,9 @@ _KEPT = 1 << 21
 Bodies = tuple["moderngl.Texture", frozenset[Mesh]]
 """Texture of bodies, four texels each as layer.frag says, then values of ambient light at points; and the meshes that
 have any."""
+_Lit = tuple[Shot, ShotLight, Surfaces]
 _Groups = SunGroups | None
 """None where what fragments see of the sun is known, or nothing is in its way."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Surfaces:
-    """The visible surfaces of a shot's objects.
-
-    layers: of fragments, nearest first, opaque ones last. first: number of each object's first triangle.
-    """
-
-    objects: list[PlacedObject]
-    layers: list[Fragments]
-    first: NDArray[np.int64]
-
-    @property
-    def gaps(self) -> Gaps:
-        """The uncovered parts of pixels that opaque surfaces cover partly."""
-        return self.layers[-1].gaps
 
 
 class ObjectPass:
@@ -87,18 +68,16 @@ class ObjectPass:
     """
 
     def __init__(self, targets: Targets, buffers: Callable[[Mesh], MeshBuffers], cache: Cache) -> None:
-        self._targets, self._buffers, self._cache = targets, buffers, cache
-        self._surfaces, self._scratch = SurfacePass(targets, buffers, cache), Scratch()
+        self._targets, self._buffers, self._cache, self._scratch = targets, buffers, cache, Scratch()
 
     def find(self, shot: Shot) -> Surfaces:
         """Return the visible surfaces of a shot's objects."""
-        objects = list(shot.visible)
         sampled = PartOf(shot, shot.view, shot.draw.samples, shot.draw.shading)
-        layers, first = self._cache.of(self._surfaces.find, sampled, objects)
-        if sum(len(layer) for layer in layers) > _KEPT:
-            self._cache.drop(self._surfaces.find)
+        surfaces = self._cache.of(find_surfaces, sampled, list(shot.visible), self._cache)
+        if sum(len(layer) for layer in surfaces.layers) > _KEPT:
+            self._cache.drop(find_surfaces)
             self._cache.drop(_cache_of)
-        return Surfaces(objects, layers, first)
+        return surfaces
 
     def draw(
         self,
@@ -113,19 +92,18 @@ class ObjectPass:
 
         frame: receives output variables, or None. ambient: solved ambient light among the bodies.
         """
-        objects, layers, first = surfaces.objects, surfaces.layers, surfaces.first
+        objects, layers, first = list(shot.visible), surfaces.layers, surfaces.first
         values, changed = self._body_list(shot, objects, ambient)
-        cache = self._cache.of(_cache_of, Same(layers))
+        cache = self._cache.of(_cache_of, Same(surfaces))
         bodies = joined_texture(values, self._scratch), changed
         for number, fragments in enumerate(layers):
             if len(fragments) == 0:
                 continue
             body = np.searchsorted(first, fragments.triangle, side="right") - 1
-            listed_of: PartOf[ListedOf] = PartOf((objects, first, body), fragments)
-            parts = cache.of(mesh_fragments, listed_of, fragments, keep=len(layers))
+            parts = cache.of(mesh_fragments, PartOf((objects, first, fragments, self._places), Same(fragments)), body, keep=len(layers))
             blended = number < len(layers) - 1
             values_of, *halves = (
-                self._light_up((shot, light), parts, len(fragments), bodies, blended, cache, outputs)
+                self._light_up((shot, light, surfaces), parts, len(fragments), bodies, blended, cache, outputs)
                 for outputs in ((0,) if frame is None else _BY_FRAGMENT)
             )
             if frame is not None:
@@ -143,7 +121,8 @@ class ObjectPass:
         of_visible = [v for v, placed in zip(every, shot.objects, strict=True) if placed.visible]
         changed = {placed.mesh for placed, known in zip(objects, of_visible, strict=True) if known is not None}
         for row, placed, known in zip(table, objects, of_visible, strict=True):
-            row[:3], row[3, 0] = camera_centred(placed, shot)[:3], placed.bias_m
+            row[:3], row[3, 0] = placed.world_from_object[:3], placed.bias_m
+            row[:3, 3] -= shot.view.position
             if placed.mesh not in changed:
                 continue
             assert ambient is not None
@@ -155,17 +134,21 @@ class ObjectPass:
             texels += own.size // 4
         return values, frozenset(changed)
 
-    def _sun_groups(self, shot: Shot, light: ShotLight, part: MeshFragments, cache: Cache) -> _Groups:
+    def _places(self, mesh: Mesh) -> NDArray[np.int64]:
+        """Return the places (T,) of a mesh's triangles on the device."""
+        return self._cache.of(_device_places, mesh.still, keep=_ORDERS)
+
+    def _sun_groups(self, lit: _Lit, part: MeshFragments, cache: Cache) -> _Groups:
         """Return the groups of fragments that see the same of the sun."""
+        shot, light, surfaces = lit
         sun = sun_of(shot)
         if sun is None or "SHADOW" not in light.defines or cache.holds(self._see_sun, part, PartOf(0, light.of_sight)):
             return None
-        order = self._cache.of(device_order, part.mesh.still, keep=_ORDERS)
-        return sun_groups(shot, part, order, sun.direction)
+        return sun_groups(shot, part, surfaces.facets, sun.direction)
 
     def _light_up(
         self,
-        lit: tuple[Shot, ShotLight],
+        lit: _Lit,
         parts: Sequence[MeshFragments],
         count: int,
         bodies: Bodies,
@@ -177,7 +160,7 @@ class ObjectPass:
         values = np.empty((count, sum(_CHANNELS[outputs])), np.float32)
         for part in parts:
             extra = {}
-            groups = self._sun_groups(*lit, part, cache)
+            groups = self._sun_groups(lit, part, cache)
             if "SHADOW" in lit[1].defines:
                 seen = PartOf((*lit, bodies, groups), lit[1].of_sight)
                 extra["sun_seen"] = cache.of(self._see_sun, part, seen, keep=_PARTS)
@@ -185,22 +168,23 @@ class ObjectPass:
             values[part.chosen] = self._shade(lit, part, entries, bodies, outputs, blended=blended, textures=extra)
         return values
 
-    def _see_sun(self, part: MeshFragments, seen: PartOf[tuple[Shot, ShotLight, Bodies, _Groups]]) -> moderngl.Texture:
+    def _see_sun(self, part: MeshFragments, seen: PartOf[tuple[*_Lit, Bodies, _Groups]]) -> moderngl.Texture:
         """Return the visible fractions of the sun's disc and halo of each fragment, as layer.frag reads them."""
-        shot, light, bodies, groups = seen.whole
+        *_, bodies, groups = seen.whole
+        lit = seen.whole[:3]
         assert groups is not None
         of_groups = np.zeros((len(groups.listed), sum(_CHANNELS[_SEEN])), np.float32)
         which = groups.first
-        of_groups[which] = self._cast_rays((shot, light), part, groups.listed[which], bodies)
+        of_groups[which] = self._cast_rays(lit, part, groups.listed[which], bodies)
         which = groups.fill_between(of_groups)
-        of_groups[which] = self._cast_rays((shot, light), part, groups.listed[which], bodies)
+        of_groups[which] = self._cast_rays(lit, part, groups.listed[which], bodies)
         fractions = np.ones((len(groups.of), of_groups.shape[1]), np.float32)
         there = groups.of >= 0
         fractions[there] = of_groups[groups.of[there]]
         return list_texture(fractions, 2)
 
     def _cast_rays(
-        self, lit: tuple[Shot, ShotLight], part: MeshFragments, listed: Floats, bodies: Bodies
+        self, lit: _Lit, part: MeshFragments, listed: Floats, bodies: Bodies
     ) -> NDArray[np.float32]:
         """Return the visible fractions (m, 2) of the sun's disc and halo of listed fragments (m, 9) of a mesh."""
         if len(listed) == 0:
@@ -210,7 +194,7 @@ class ObjectPass:
 
     def _shade(
         self,
-        lit: tuple[Shot, ShotLight],
+        lit: _Lit,
         part: MeshFragments,
         entries: moderngl.Texture,
         bodies: Bodies,
@@ -220,7 +204,7 @@ class ObjectPass:
         textures: Mapping[str, moderngl.Texture] | None = None,
     ) -> NDArray[np.float32]:
         """Return the outputs (n, channels) of layer.frag for a part of the fragments, which a texture lists."""
-        (shot, light), mesh, count = lit, part.mesh, len(part.chosen)
+        (shot, light, _), mesh, count = lit, part.mesh, len(part.chosen)
         buffers = self._buffers(mesh)
         defines = of_eye(shot) | {"OUTPUTS": outputs} | _map_defines(mesh) | light.defines
         defines |= {"BLENDED": 1} if blended else {}
@@ -249,6 +233,10 @@ class ObjectPass:
             filter_width=filter_width(shot.draw.samples, shot.draw.shading),
         )
         return self._targets.items(shader, f"layer {outputs}", count, _CHANNELS[outputs])
+
+
+def _device_places(mesh: Mesh) -> NDArray[np.int64]:
+    return np.argsort(device_order(mesh))
 
 
 def _cache_of(_: Same) -> Cache:

@@ -14,6 +14,7 @@ from mr360uw.cache import Scratch
 from mr360uw.composite.mesh.material import AlphaMode, Material
 from mr360uw.composite.mesh.mesh import Mesh
 from mr360uw.composite.mesh.texture import WRAPS, Texture
+from mr360uw.composite.shot import Shot
 from mr360uw.errors import MeshError
 from mr360uw.gl.context import gl_context, largest_texture, texture_from_array
 from mr360uw.types import Floats
@@ -211,6 +212,11 @@ def _packed(sets: Sequence[int]) -> int:
     reads them.
     """
     return sum(number * SETS**place for place, number in enumerate(sets[1:]))
+
+
+def of_eye(shot: Shot) -> dict[str, int]:
+    """Return the define of shaders whose rays start on the viewing circle (eyes.glsl); none for a single camera."""
+    return {"EYE": 1} if shot.view.eye_m else {}
 
 
 def write_uniform(shader: moderngl.Program, name: str, values: NDArray[Any]) -> None:
