@@ -204,37 +204,6 @@ def write_areas(positions: Array, member: Mask, nearest: NDArray[np.int64], area
 
 
 @exact
-def read_groups(
-    shown: NDArray[np.float32], word_bits: int, pixel: NDArray[np.int64], number: NDArray[np.int64], member: Mask,
-    weight: Array, first: NDArray[np.int64], covered: Mask,
-) -> None:  # fmt: skip
-    """Write the groups (m,) of pixels (n, groups, 1 + words), a number plus 1, or 0 for none, and words of `word_bits`
-    bits each: their pixel, number, members (m, s) and share of the samples; and of the p pixels that have any the first
-    group (p,) and the covered samples (p, s).
-    """
-    found, there, samples = 0, 0, member.shape[1]
-    for n in range(len(shown)):
-        begun = found
-        for group in range(shown.shape[1]):
-            if shown[n, group, 0] == 0.0:
-                continue
-            pixel[found], number[found], count = n, np.int64(shown[n, group, 0]) - 1, 0
-            for word in range(shown.shape[2] - 1):
-                bits = np.int64(shown[n, group, 1 + word])
-                for k in range(word * word_bits, min((word + 1) * word_bits, samples)):
-                    inside = bits & 1 == 1
-                    bits >>= 1
-                    member[found, k] = inside
-                    count += inside
-                    covered[there, k] = inside or (found > begun and covered[there, k])
-            weight[found] = count / samples
-            found += 1
-        if found > begun:
-            first[there] = begun
-            there += 1
-
-
-@exact
 def find_clear(free: Mask, near: Mask, clear: Mask) -> None:
     """Write which of the free samples (n, s) have the fewest others around them that are not, `near` (s, s)."""
     samples = free.shape[1]

@@ -30,7 +30,7 @@ from mr360uw.composite.at_surface.surface_layer import cut_at_surface
 from mr360uw.composite.at_surface.water_sides import WaterSides
 from mr360uw.composite.objects import SceneObject
 from mr360uw.composite.over import empty_tile
-from mr360uw.composite.raycast.geometry import gather
+from mr360uw.composite.raycast import gather
 from mr360uw.composite.reference import render_layer
 from mr360uw.composite.shot import PlacedObject, Shot
 from mr360uw.constants import PI

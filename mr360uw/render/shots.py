@@ -21,8 +21,7 @@ from mr360uw.color import unseen_change
 from mr360uw.composite import Shot
 from mr360uw.composite.aovs import Aovs
 from mr360uw.composite.at_surface.settings import object_presence
-from mr360uw.composite.lighting.lamps import lamps_of
-from mr360uw.composite.lighting.sun import sun_of
+from mr360uw.composite.lighting.light_sources import lamps_of, sun_of
 from mr360uw.composite.receiver.pattern import PlatePattern
 from mr360uw.composite.settings import DrawSettings
 from mr360uw.composite.shot import Receiver

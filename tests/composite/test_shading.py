@@ -4,7 +4,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mr360uw.composite.gl.upload import list_texture, upload_mesh
+from mr360uw.composite.gl.device import list_texture, upload_mesh
 from mr360uw.composite.lighting.shading import (
     dielectric_f0,
     ggx_distribution,

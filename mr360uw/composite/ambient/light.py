@@ -14,7 +14,7 @@ from mr360uw.composite.ambient.form_factors import make_exchange
 from mr360uw.composite.ambient.quadtree import Quadtree, camera_place, make_quadtree
 from mr360uw.composite.ambient.sample_points import UNTOUCHED, points_at, whole_values
 from mr360uw.composite.ambient.solver import AmbientLight, Solver, interpolated
-from mr360uw.composite.raycast.geometry import Hits
+from mr360uw.composite.raycast import Hits
 from mr360uw.composite.receiver.shape import ReceiverShape, kept_shape
 from mr360uw.composite.shot import BetweenSamples, LightSample, PlacedObject, Shot
 from mr360uw.rays import RayScene, barycentric

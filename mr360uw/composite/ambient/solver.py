@@ -48,7 +48,7 @@ from mr360uw.composite.ambient.bodies import COARSE_NODES, NODES, Body, Layout, 
 from mr360uw.composite.ambient.form_factors import Exchange, FormFactors, Met
 from mr360uw.composite.ambient.mesh_transfer import Transfer, blurred, directions, seen_by_camera
 from mr360uw.composite.ambient.sample_points import CHANNELS, FEW_CHANNELS, UNTOUCHED, product
-from mr360uw.composite.lighting.sun import sun_of, sun_up
+from mr360uw.composite.lighting.light_sources import sun_of, sun_up
 from mr360uw.composite.shot import Shot
 from mr360uw.ibl.lookup import environment_lookup
 from mr360uw.jit import fast

@@ -28,9 +28,9 @@ from mr360uw.composite.ambient.solver import AmbientLight
 from mr360uw.composite.at_surface.settings import FAINTEST
 from mr360uw.composite.at_surface.surface_rays import SeenSurface, SurfaceSamples, first_surfaces, surfaces_met
 from mr360uw.composite.at_surface.water_sides import WaterSides
-from mr360uw.composite.lighting.sun import LightSource
-from mr360uw.composite.lighting.surfaces import surface_radiance
-from mr360uw.composite.raycast.geometry import Geometry, Hits
+from mr360uw.composite.lighting.light_sources import LightSource
+from mr360uw.composite.lighting.shading import surface_radiance
+from mr360uw.composite.raycast import Geometry, Hits
 from mr360uw.composite.shot import Shot
 from mr360uw.ibl.lookup import environment_lookup
 from mr360uw.optics import fresnel

@@ -23,10 +23,10 @@ from mr360uw.composite.at_surface.settings import SurfaceSettings, object_presen
 from mr360uw.composite.at_surface.surface_images import RayBodies, surface_images
 from mr360uw.composite.at_surface.surface_rays import TURNS, SurfaceSamples, first_surfaces, sample_surface, see_surface
 from mr360uw.composite.at_surface.water_sides import WaterSides, camera_in_water, in_air
-from mr360uw.composite.lighting.blockers import Blockers
-from mr360uw.composite.lighting.lamps import light_sources
+from mr360uw.composite.lighting.light_sources import light_sources
+from mr360uw.composite.lighting.shadow import Blockers
 from mr360uw.composite.over import empty_tile, hold_out
-from mr360uw.composite.raycast.geometry import Geometry, gather
+from mr360uw.composite.raycast import Geometry, gather
 from mr360uw.composite.sampling import pattern
 from mr360uw.composite.shot import PlacedObject, Shot
 from mr360uw.composite.snow.splat import rest_of

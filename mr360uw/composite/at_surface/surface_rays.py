@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtri
 
 from mr360uw.composite.at_surface.water_sides import WaterSides
-from mr360uw.composite.raycast.geometry import Geometry, Hits, base_color, surface_along
-from mr360uw.composite.raycast.pixel_samples import MAXIMUM_HITS
+from mr360uw.composite.raycast import MAXIMUM_HITS, Geometry, Hits, base_color, surface_along
 from mr360uw.composite.sampling import PIXEL_FILTER, WHOLE_PIXEL, Pattern
 from mr360uw.constants import PI
 from mr360uw.optics import reflect, refract_clamped

@@ -14,14 +14,13 @@ from mr360uw.cache import Cache
 from mr360uw.composite.ambient.light import ambient_light
 from mr360uw.composite.ambient.solver import AmbientLight
 from mr360uw.composite.aovs import AovFrame, Aovs
+from mr360uw.composite.gl.device import MeshBuffers, StillBuffers, Targets, upload_mesh, upload_still
 from mr360uw.composite.gl.light_textures import LightTextures
 from mr360uw.composite.gl.object_pass import ObjectPass
 from mr360uw.composite.gl.receiver_pass import ReceiverPass
-from mr360uw.composite.gl.targets import Targets
-from mr360uw.composite.gl.upload import MeshBuffers, StillBuffers, upload_mesh, upload_still
 from mr360uw.composite.mesh.mesh import Mesh
 from mr360uw.composite.over import empty_tile, hold_out
-from mr360uw.composite.raycast.geometry import object_rectangles
+from mr360uw.composite.raycast import object_rectangles
 from mr360uw.composite.sampling import NO_GAPS
 from mr360uw.composite.shot import Shot
 from mr360uw.composite.tiles import even_tiles
@@ -79,7 +78,8 @@ class LayerRenderer:
         drawn = [empty_tile(part) for part in tiles]
         if surfaces is not None:
             self._objects.draw(shot, light, surfaces, drawn, frame, ambient)
-        on_blocks = self._receiver.light(shot, changes, surfaces.layers[-1].gaps if surfaces is not None and surfaces.layers else NO_GAPS)
+        gaps = surfaces.layers[-1].gaps if surfaces is not None and surfaces.layers else NO_GAPS
+        on_blocks = self._receiver.light(shot, changes, gaps)
         self._receiver.lay(shot, on_blocks, drawn)
         return Layer(view.height, view.width, tuple(hold_out(shot, tile) for tile in drawn))
 

@@ -16,11 +16,9 @@ from numpy.typing import NDArray
 from mr360uw.cache import Cache, PartOf, Same
 from mr360uw.composite.ambient.light import GroundField, ground_field
 from mr360uw.composite.ambient.solver import AmbientLight
+from mr360uw.composite.gl.device import Targets, bind, of_eye
 from mr360uw.composite.gl.light_textures import ShotLight, sun_defines
-from mr360uw.composite.gl.targets import Targets, bind
-from mr360uw.composite.gl.upload import of_eye
-from mr360uw.composite.lighting.lamps import lamps_of
-from mr360uw.composite.lighting.sun import scattered_share, sun_of, widest_half_angle
+from mr360uw.composite.lighting.light_sources import lamps_of, scattered_share, sun_of, widest_half_angle
 from mr360uw.composite.receiver.block_light import (
     SMOOTH,
     changed_blocks,

@@ -16,8 +16,7 @@ import numpy as np
 
 from mr360uw.cache import Cache, PartOf
 from mr360uw.composite.ambient.bodies import rounded
-from mr360uw.composite.gl.targets import bind
-from mr360uw.composite.gl.upload import MeshBuffers
+from mr360uw.composite.gl.device import MeshBuffers, bind
 from mr360uw.composite.mesh.material import AlphaMode
 from mr360uw.composite.mesh.mesh import Mesh
 from mr360uw.composite.shot import PlacedObject

@@ -1,12 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Visible surfaces of a shot's pixels, as fragments that are shaded once each.
 
-Every triangle has three vectors in the camera's axes: a ray d meets it where its products with them are not negative;
-their sum is one over the distance. Triangles are listed, nearest first, by the blocks of 4 x 4 pixels that they may
-cover. Rays through the corners and centres of a block's pixels find those that one smooth piece fills: one fragment
-each. In the others all samples are traced, and those of a smooth piece near one plane form a fragment, as in
-raycast/pixel_samples.py. The loops are compiled, on the processor: a driver in software takes three times as long for
-the same, and the lists have to come from the processor in any case.
+Triangles are listed, nearest first, by the blocks of 4 x 4 pixels that they may cover (triangles.py). Rays through the
+corners and centres of a block's pixels find those that one smooth piece fills: one fragment each. In the others all
+samples are traced, and those of a smooth piece near one plane form a fragment, as in reference.py. The loops are
+compiled, on the processor: a driver in software takes three times as long for the same, and the lists have to come from
+the processor in any case.
 """
 
 from __future__ import annotations
@@ -19,8 +18,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.cache import Cache, PartOf
-from mr360uw.composite.mesh.mesh import Mesh
-from mr360uw.composite.mesh.texture import WRAPS, Texture, alpha_at
+from mr360uw.composite.gl.triangles import (
+    BLENDED,
+    BLOCK,
+    MASKED,
+    MeshLooks,
+    make_blocks,
+    mesh_looks,
+    seen_triangles,
+)
+from mr360uw.composite.mesh.texture import WRAPS, alpha_at
 from mr360uw.composite.sampling import (
     BLEND_LAYERS,
     GROUPS,
@@ -33,14 +40,9 @@ from mr360uw.composite.sampling import (
     pattern,
 )
 from mr360uw.composite.shot import PlacedObject, Shot
-from mr360uw.composite.tiles import NEAREST
 from mr360uw.jit import exact, fast, inlined
 from mr360uw.types import Floats, View
 
-BLOCK = 4
-"""Pixels along a block."""
-_OPAQUE, _MASKED, _BLENDED = 0, 1, 2
-_MODES = ("OPAQUE", "MASK", "BLEND")
 _KEPT = 64
 """Objects and meshes of which the triangles are kept between frames."""
 
@@ -88,44 +90,16 @@ class Surfaces:
     facets: NDArray[np.float32]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Triangles:
-    """Triangles (T,) of one object, as a camera sees them.
-
-    facets: (T, 10). nearest: (T,) at least one over their distance. rectangle: (T, 4) of the pixels that they may
-    cover, first and last column and row; the last row is before the first where they face away. Columns may run beyond
-    the frame, around the seam.
-    """
-
-    facets: NDArray[np.float32]
-    nearest: NDArray[np.float32]
-    rectangle: NDArray[np.int32]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Looks:
-    """What is the same in all poses of a mesh. kind: (T,) index of the alpha mode. two_sided: (T,). pieces: how many.
-
-    cut: (T,) row of `cuts`, -1 for triangles without a mask. cuts: (m, 11) texture coordinates and alphas of the
-    corners, cutoff, and index of the map, -1 for none. maps: those.
-    """
-
-    kind: NDArray[np.int8]
-    two_sided: NDArray[np.bool_]
-    pieces: int
-    cut: NDArray[np.int32]
-    cuts: NDArray[np.float64]
-    maps: tuple[Texture, ...]
-
-
 def find_surfaces(sampled: PartOf[Shot], objects: list[PlacedObject], cache: Cache) -> Surfaces:
     """Return the visible surfaces of objects. cache: what is kept of meshes and objects."""
     shot, keep = sampled.whole, max(_KEPT, len(objects))
     view = shot.view
     # Gather the triangles of all objects, numbered one after the other
-    looks = [cache.of(_looks, placed.mesh.still, keep=keep) for placed in objects]
+    looks = [cache.of(mesh_looks, placed.mesh.still, keep=keep) for placed in objects]
     of_view = PartOf(view, view)
-    seen = [cache.of(_seen, placed, of_view, look, keep=keep) for placed, look in zip(objects, looks, strict=True)]
+    seen = [
+        cache.of(seen_triangles, placed, of_view, look, keep=keep) for placed, look in zip(objects, looks, strict=True)
+    ]
     first = np.cumsum([0, *(len(one.nearest) for one in seen)])
     facets = np.concatenate([np.zeros((0, 10), np.float32), *(one.facets for one in seen)])
     if len(facets) == 0:
@@ -138,7 +112,7 @@ def find_surfaces(sampled: PartOf[Shot], objects: list[PlacedObject], cache: Cac
     )
     scene = facets, nearest, kind, piece, *_cutouts(looks, first)
     # List them by block, nearest first, and see which pixels they fill
-    corner, bounds, members, masks = _blocks(rectangle, nearest, view)
+    corner, bounds, members, masks = make_blocks(rectangle, nearest, view)
     tables, eye = _ray_tables(view), np.float32(view.eye_m)
     slack = np.float32(PLANE_TOLERANCE * PIXEL_FILTER * np.pi / view.height)
     shown, reach = np.empty((len(corner), BLOCK * BLOCK), np.int32), np.zeros(len(members), np.uint16)
@@ -147,8 +121,9 @@ def find_surfaces(sampled: PartOf[Shot], objects: list[PlacedObject], cache: Cac
     _classify(corner, bounds, members, masks, scene, tables, eye, slack, step, by_sample, shown, reach)
     # Trace the samples of the others; blended surfaces layer by layer, wherever they reach
     lists, optics = (corner, bounds, members, reach), (eye, slack, step, by_sample)
-    layers, blended = [], np.zeros(0, np.int64)
-    if np.any(kind == _BLENDED):
+    layers: list[Fragments] = []
+    blended = np.zeros(0, np.int64)
+    if np.any(kind == BLENDED):
         clear = np.zeros((len(corner), BLOCK * BLOCK), np.bool_)
         _mark(bounds, members, reach, kind, clear)
         blended = np.flatnonzero(clear)
@@ -163,45 +138,8 @@ def find_surfaces(sampled: PartOf[Shot], objects: list[PlacedObject], cache: Cac
     return Surfaces(layers, first[:-1], facets)
 
 
-def _looks(mesh: Mesh) -> _Looks:
-    """Return what all poses of a mesh share."""
-    modes = np.array([_MODES.index(m.alpha_mode) for m in mesh.materials], np.int8)
-    two_sided = np.array([m.double_sided for m in mesh.materials])
-    kind, masked = modes[mesh.material], np.flatnonzero(modes[mesh.material] == _MASKED)
-    cut = np.full(len(kind), -1, np.int32)
-    cut[masked] = np.arange(len(masked))
-    maps = tuple(
-        dict.fromkeys(m.base_map for m in mesh.materials if m.alpha_mode == "MASK" and m.base_map is not None)
-    )
-    number = np.array([-1 if m.base_map not in maps else maps.index(m.base_map) for m in mesh.materials])
-    factor = np.array([m.base_color[3] for m in mesh.materials])
-    cutoff, material = np.array([m.alpha_cutoff for m in mesh.materials]), mesh.material[masked]
-    cuts = np.column_stack(
-        [
-            mesh.uv[masked].reshape(-1, 6), factor[material, None] * mesh.colors[masked, :, 3],
-            cutoff[material], number[material],
-        ]
-    )  # fmt: skip
-    return _Looks(kind, two_sided[mesh.material], int(mesh.patch.max(initial=-1)) + 1, cut, cuts, maps)
-
-
-def _seen(placed: PlacedObject, of_view: PartOf[View], looks: _Looks) -> _Triangles:
-    """Return the triangles of an object as the camera of a view sees them."""
-    view, positions = of_view.whole, placed.mesh.positions
-    count = len(positions)
-    matrix = np.empty((3, 4))
-    matrix[:, :3] = view.world_from_camera.T @ placed.world_from_object[:3, :3]
-    matrix[:, 3] = view.world_from_camera.T @ (placed.world_from_object[:3, 3] - view.position)
-    facets, nearest = np.zeros((count, 10), np.float32), np.zeros(count, np.float32)
-    rectangle = np.empty((count, 4), np.int32)
-    size = float(view.width), float(view.height)
-    _project(np.asarray(positions, np.float64), matrix, looks.two_sided, size, float(view.eye_m), facets, nearest,
-             rectangle)  # fmt: skip
-    return _Triangles(facets, nearest, rectangle)
-
-
-def _cutouts(looks: Sequence[_Looks], first: NDArray[np.int64]) -> tuple[Any, ...]:
-    """Return the tables of masks that kernels read: rows of `cuts` by triangle, those, alphas of all levels of all maps,
+def _cutouts(looks: Sequence[MeshLooks], first: NDArray[np.int64]) -> tuple[Any, ...]:
+    """Return the tables of masks that kernels read: rows of `cuts` by triangle, those, alphas of all levels of maps,
     and the place of each map among them: address, width, height, wrap along both.
     """
     start = np.cumsum([0, *(len(look.cuts) for look in looks)])
@@ -232,23 +170,6 @@ def _ray_tables(view: View) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     return longitude, latitude
 
 
-def _blocks(rectangle: NDArray[np.int32], nearest: NDArray[np.float32], view: View) -> tuple[Any, ...]:
-    """Return the n blocks that triangles may cover: column and row (n, 2) of their first pixel, bounds (n + 1,) of
-    their lists, and the lists (m,): triangles, nearest first, and a bit for each pixel that they may cover.
-    """
-    numbers = np.flatnonzero(rectangle[:, 3] >= rectangle[:, 1])
-    numbers = numbers[np.argsort(-nearest[numbers], kind="stable")]
-    across, down = -(-view.width // BLOCK), -(-view.height // BLOCK)
-    place = np.zeros(across * down + 1, np.int32)
-    _count_blocks(rectangle, numbers, view.width, across, place)
-    there = np.flatnonzero(place[1:])
-    np.cumsum(place, out=place)
-    bounds = np.append(place[there], place[-1]).astype(np.int64)
-    members, masks = np.empty(place[-1], np.int32), np.empty(place[-1], np.uint16)
-    _fill_blocks(rectangle, numbers, view.width, across, place, members, masks)
-    return BLOCK * np.stack([there % across, there // across], axis=-1), bounds, members, masks
-
-
 def _whole(corner: NDArray[np.int64], shown: NDArray[np.int32], at: NDArray[np.int64]) -> Fragments:
     """Return the fragments of pixels that one smooth piece fills. at: (p,) 16 times their block, and place in it."""
     block, within = at // (BLOCK * BLOCK), at % (BLOCK * BLOCK)
@@ -271,7 +192,10 @@ def _traced(
     angles = samples.positions[padded] * (2.0 * np.pi / view.width, -np.pi / view.height)
     turns = np.stack([np.cos(angles), np.sin(angles)], axis=0).astype(np.float32).transpose(2, 0, 1)
     positions, (x, y) = samples.positions[padded].T.astype(np.float32), samples.cells[padded].T
-    cells, real = np.stack([x, y, x * x, x * y, y * y]).astype(np.float32), (np.arange(len(x)) < count).astype(np.float32)
+    cells, real = (
+        np.stack([x, y, x * x, x * y, y * y]).astype(np.float32),
+        (np.arange(len(x)) < count).astype(np.float32),
+    )
     # Room for as many fragments as there may be: memory that is not written is not taken
     capacity = len(at) * most
     pixels, first = np.empty((2, len(at)), np.int64), np.empty(len(at), np.int64)
@@ -285,8 +209,11 @@ def _traced(
     row, column = pixels[:, :there]
     partly = np.flatnonzero(filled[:there] < count)
     gaps = find_gaps(samples, row[partly], column[partly], covered[partly])
-    kept = (values[:total].copy() for values in (triangle, place, area, weight))
-    return Fragments(row.copy(), column.copy(), first[:there].copy(), *kept, gaps)
+    n = slice(0, total)
+    return Fragments(
+        row.copy(), column.copy(), first[:there].copy(), triangle[n].copy(), place[n].copy(), area[n].copy(),
+        weight[n].copy(), gaps,
+    )  # fmt: skip
 
 
 def _joined(one: Fragments, other: Fragments) -> Fragments:
@@ -296,165 +223,6 @@ def _joined(one: Fragments, other: Fragments) -> Fragments:
         for name in ("row", "column", "triangle", "place", "area", "weight")
     }
     return Fragments(first=np.concatenate([one.first, other.first + len(one)]), gaps=other.gaps, **pairs)
-
-
-# --- triangles in the frame ------------------------------------------------------------------------------------------
-
-_MARGIN = 0.02
-"""Pixels added around the rectangle of a triangle, for rounding in single precision."""
-_LEAST_M = 1e-5
-"""Least distance [m] between an eye's viewpoints and the plane of a triangle, in which rays cannot be intersected."""
-
-
-_LARGEST = 1e30
-"""Largest square [1/m^2] of one over the distance to a triangle's plane: slivers seen edge-on are left out."""
-
-
-@exact
-def _project(
-    positions: Any, matrix: Any, two_sided: Any, size: Any, eye: Any, facets: Any, nearest: Any, rectangle: Any
-) -> None:
-    """Set the arrays of `_Triangles`. positions: (T, 3, 3) of a mesh, matrix: (3, 4) from its axes to the camera's.
-    eye: [m] to the right of the middle of a stereo camera, 0 for one camera.
-    """
-    width, height = size
-    p = np.empty((3, 3))
-    for t in range(len(positions)):
-        rectangle[t, 0], rectangle[t, 1], rectangle[t, 2], rectangle[t, 3] = 0, 0, -1, -1
-        for k in range(3):
-            for j in range(3):
-                p[k, j] = matrix[j, 3]
-                for i in range(3):
-                    p[k, j] += matrix[j, i] * positions[t, k, i]
-        # Leave out what faces away; an eye sees around a triangle that the middle sees edge-on
-        nx, ny, nz = _cross(p[1, 0] - p[0, 0], p[1, 1] - p[0, 1], p[1, 2] - p[0, 2],
-                            p[2, 0] - p[0, 0], p[2, 1] - p[0, 1], p[2, 2] - p[0, 2])  # fmt: skip
-        long = np.sqrt(nx * nx + ny * ny + nz * nz)
-        volume = nx * p[0, 0] + ny * p[0, 1] + nz * p[0, 2]
-        if eye != 0.0 and long > 0.0 and abs(volume) < _LEAST_M * long:
-            shift = (-_LEAST_M if volume < 0.0 else _LEAST_M) / long
-            for k in range(3):
-                p[k, 0] += shift * nx
-                p[k, 1] += shift * ny
-                p[k, 2] += shift * nz
-            volume = nx * p[0, 0] + ny * p[0, 1] + nz * p[0, 2]
-        if volume == 0.0 or not (volume < abs(eye) * long or two_sided[t]):
-            continue
-        # Three vectors for the intersection with rays, and the least distance
-        plane_x = plane_y = plane_z = 0.0
-        edge, corner = 0.0, 1e300
-        for k in range(3):
-            i, j = (k + 1) % 3, (k + 2) % 3
-            x, y, z = _cross(p[i, 0], p[i, 1], p[i, 2], p[j, 0] - p[i, 0], p[j, 1] - p[i, 1], p[j, 2] - p[i, 2])
-            x, y, z = x / volume, y / volume, z / volume
-            facets[t, 3 * k], facets[t, 3 * k + 1], facets[t, 3 * k + 2] = x, y, z
-            plane_x, plane_y, plane_z = plane_x + x, plane_y + y, plane_z + z
-            edge = max(edge, (p[i, 0] - p[j, 0]) ** 2 + (p[i, 1] - p[j, 1]) ** 2 + (p[i, 2] - p[j, 2]) ** 2)
-            corner = min(corner, p[k, 0] ** 2 + p[k, 1] ** 2 + p[k, 2] ** 2)
-        facets[t, 9] = 0.0 if two_sided[t] else (1.0 if volume > 0.0 else -1.0)
-        if not plane_x * plane_x + plane_y * plane_y + plane_z * plane_z < _LARGEST:
-            continue
-        # No point is farther from its nearest corner than the circumradius of the longest edge
-        away = 1.0 / np.sqrt(plane_x * plane_x + plane_y * plane_y + plane_z * plane_z)
-        near = 1.0 / (max(away, np.sqrt(corner) - 0.578 * np.sqrt(edge)) * (1.0 - 1e-5))
-        left, top, right, bottom = _rectangle(p, volume, width, height)
-        if eye != 0.0:
-            ratio = abs(eye) * near
-            if ratio > 1.0 / NEAREST:
-                left, top, right, bottom = 0.0, 0.0, width, height
-            else:
-                beside, over = width * np.arcsin(ratio) / (2.0 * np.pi), height * ratio * ratio / np.pi
-                left, right = left - (beside if eye > 0.0 else 0.0), right + (0.0 if eye > 0.0 else beside)
-                top, bottom = top - over, bottom + over
-            near /= np.sqrt(max(1.0 - ratio * ratio, 1e-6))
-        nearest[t] = near
-        left, right = np.floor(left - _MARGIN), np.floor(right + _MARGIN)
-        if right - left >= width:
-            left, right = 0.0, width - 1.0
-        turn = width * np.floor(left / width)
-        rectangle[t, 0], rectangle[t, 2] = left - turn, right - turn
-        rectangle[t, 1] = min(max(np.floor(top - _MARGIN), 0.0), height - 1.0)
-        rectangle[t, 3] = min(max(np.floor(bottom + _MARGIN), 0.0), height - 1.0)
-
-
-@inlined
-def _cross(ax: Any, ay: Any, az: Any, bx: Any, by: Any, bz: Any) -> Any:
-    return ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
-
-
-@exact
-def _rectangle(p: Any, volume: Any, width: Any, height: Any) -> Any:
-    """Return (left, top, right, bottom) of a triangle (3, 3) in frame coordinates, exact, as tiles.py has it of bodies.
-
-    volume: of the triangle's corners, a.(b x c).
-    """
-    south, north, over, under, turn, low, high, before = 1.0, -1.0, True, True, 0.0, 0.0, 0.0, 0.0
-    for k in range(3):
-        n = (k + 1) % 3
-        sine = p[k, 1] / max(np.sqrt(p[k, 0] ** 2 + p[k, 1] ** 2 + p[k, 2] ** 2), 1e-300)
-        south, north = min(south, sine), max(north, sine)
-        # The great circle of an edge is highest at `highest`, which counts where it lies between the corners
-        x, y, z = _cross(p[k, 0], p[k, 1], p[k, 2], p[n, 0], p[n, 1], p[n, 2])
-        after, ahead = p[k, 0] * z - p[k, 2] * x, p[n, 2] * x - p[n, 0] * z
-        highest = np.sqrt(max(1.0 - y * y / max(x * x + y * y + z * z, 1e-300), 0.0))
-        if after > 0.0 and ahead > 0.0:
-            north = max(north, highest)
-        if after < 0.0 and ahead < 0.0:
-            south = min(south, -highest)
-        over, under = over and y >= 0.0, under and y <= 0.0
-        # Longitudes, each as near to the one before as possible
-        longitude = np.arctan2(p[k, 0], -p[k, 2])
-        if k > 0:
-            turn += 2.0 * np.pi * np.floor((before - longitude - turn) / (2.0 * np.pi) + 0.5)
-        before = longitude + turn
-        low, high = (before, before) if k == 0 else (min(low, before), max(high, before))
-    pole = 0.0
-    if over or under:  # the pole's ray is on one side of all edges
-        pole = volume * (
-            (p[1, 2] - p[0, 2]) * (p[2, 0] - p[0, 0]) - (p[1, 0] - p[0, 0]) * (p[2, 2] - p[0, 2])
-        )
-    top = 0.0 if pole > 0.0 else height * (0.5 - np.arcsin(min(max(north, -1.0), 1.0)) / np.pi)
-    bottom = height if pole < 0.0 else height * (0.5 - np.arcsin(min(max(south, -1.0), 1.0)) / np.pi)
-    if pole != 0.0:
-        return 0.0, top, width, bottom
-    return width * (low / (2.0 * np.pi) + 0.5), top, width * (high / (2.0 * np.pi) + 0.5), bottom
-
-
-@exact
-def _count_blocks(rectangle: Any, numbers: Any, width: Any, across: Any, count: Any) -> None:
-    """Add to count (blocks + 1,) the triangles of the block before, of those of some numbers (t,)."""
-    for t in numbers:
-        for part in range(2 if rectangle[t, 2] >= width else 1):
-            first, last = _span(rectangle[t, 0], rectangle[t, 2], width, part)
-            for r in range(rectangle[t, 1] // BLOCK, rectangle[t, 3] // BLOCK + 1):
-                for c in range(first // BLOCK, last // BLOCK + 1):
-                    count[r * across + c + 1] += 1
-
-
-@inlined
-def _span(first: Any, last: Any, width: Any, part: Any) -> Any:
-    """Return the first and the last column of a part of a rectangle: before the seam, or behind it."""
-    return (0 if part else first), (last - width if part else min(last, width - 1))
-
-
-@exact
-def _fill_blocks(rectangle: Any, numbers: Any, width: Any, across: Any, place: Any, members: Any, masks: Any) -> None:
-    """Write triangles, and the bits of the pixels that they may cover, into the lists of the blocks, from place
-    (blocks,) on, which moves along.
-    """
-    for t in numbers:
-        for part in range(2 if rectangle[t, 2] >= width else 1):
-            first, last = _span(rectangle[t, 0], rectangle[t, 2], width, part)
-            for r in range(rectangle[t, 1] // BLOCK, rectangle[t, 3] // BLOCK + 1):
-                top, bottom = max(rectangle[t, 1] - BLOCK * r, 0), min(rectangle[t, 3] - BLOCK * r, BLOCK - 1)
-                for c in range(first // BLOCK, last // BLOCK + 1):
-                    left, right = max(first - BLOCK * c, 0), min(last - BLOCK * c, BLOCK - 1)
-                    bits = 0
-                    for row in range(top, bottom + 1):
-                        bits |= ((2 << right) - (1 << left)) << (BLOCK * row)
-                    n = place[r * across + c]
-                    members[n], masks[n] = t, bits
-                    place[r * across + c] = n + 1
 
 
 # --- pixels that one smooth piece fills ------------------------------------------------------------------------------
@@ -501,7 +269,7 @@ def _keep_nearest(met: Any, number: Any, best: Any, who: Any) -> None:
     """Note a triangle's number in a list as the hit of the rays (n,) for which it is the nearest."""
     zero = np.float32(0.0)
     for i in range(met.shape[1]):
-        value = met[0, i] + met[1, i] + met[2, i] if min(met[0, i], min(met[1, i], met[2, i])) >= zero else zero
+        value = met[0, i] + met[1, i] + met[2, i] if min(met[0, i], met[1, i], met[2, i]) >= zero else zero
         before = best[i]
         who[i] = number if value > before else who[i]
         best[i] = max(value, before)
@@ -536,13 +304,16 @@ def _alpha(cuts: Any, alphas: Any, places: Any, weights: Any, change: Any) -> An
 
 
 @exact
-def _uv_change(cuts: Any, facet: Any, eye: Any, ray: Any, near: Any, change: Any) -> None:
-    """Set the change (2, 2) of (u, v) of a masked triangle to rays beside one, by columns and rows.
-
-    ray: (3, 3) room for the ray and those beside it, near: (2, 3, 3) room for products.
+def _set_uv_change(cuts: Any, facet: Any, eye: Any, x: Any, y: Any, step: Any, size: Any, change: Any) -> None:
+    """Set the change (2, 2) of (u, v) of a masked triangle from a place in the frame to those `step` pixels to the
+    right and below. size: width and height of the frame.
     """
+    ray, near, here = np.empty((3, 3), np.float32), np.empty((3, 3), np.float32), np.zeros(2)
+    for n in range(3):
+        lon = 2.0 * np.pi * ((x + (step if n == 1 else 0.0)) / size[0] - 0.5)
+        lat = np.pi * (0.5 - (y + (step if n == 2 else 0.0)) / size[1])
+        ray[0, n], ray[1, n], ray[2, n] = np.cos(lat) * np.sin(lon), np.sin(lat), -np.cos(lat) * np.cos(lon)
     _meet(ray, facet, eye, near)
-    here = np.zeros(2)
     for n in range(3):
         total = near[0, n] + near[1, n] + near[2, n]
         total = total if abs(total) > 1e-30 else np.float32(1e-30)
@@ -554,6 +325,19 @@ def _uv_change(cuts: Any, facet: Any, eye: Any, ray: Any, near: Any, change: Any
                 here[j] = value
             else:
                 change[n - 1, j] = min(max(value - here[j], -1e3), 1e3)
+
+
+@exact
+def _close_masked(met: Any, best: Any, cuts: Any, alphas: Any, places: Any, change: Any, least: Any) -> None:
+    """Make the rays (n,) miss a masked triangle whose alpha is below `least` where it would be their nearest hit."""
+    weights = np.empty(3)
+    for i in range(len(best)):
+        inside = min(met[0, i], met[1, i], met[2, i]) >= 0.0
+        if inside and met[0, i] + met[1, i] + met[2, i] > best[i]:
+            for k in range(3):
+                weights[k] = met[k, i]
+            if _alpha(cuts, alphas, places, weights, change) < least:
+                met[0, i] = np.float32(-1.0)
 
 
 @fast
@@ -574,7 +358,8 @@ def _classify(
     rays, met = np.zeros((3, _PROBES), np.float32), np.zeros((3, _PROBES), np.float32)
     near = np.zeros((most, _PROBES), np.float32)
     best, who = np.zeros(_PROBES, np.float32), np.zeros(_PROBES, np.float32)
-    zero, bit = np.float32(0.0), np.zeros(BLOCK * _WIDE, np.float32)
+    zero, bit, change = np.float32(0.0), np.zeros(BLOCK * _WIDE, np.float32), np.zeros((2, 2))
+    size = longitude.shape[2] - 2 * BLOCK, latitude.shape[2] - 2 * BLOCK
     for p in range(BLOCK * BLOCK):
         bit[_WIDE * (p // BLOCK) + p % BLOCK] = np.float32(1 << p)
     for b in range(len(corner)):
@@ -598,21 +383,23 @@ def _classify(
             t, k = members[m], m - bounds[b]
             number = np.float32(k)
             _meet(rays, facets[t], eye, met)
-            if kind[t] == _OPAQUE:
-                _keep_nearest(met, number, best, who)
-            elif kind[t] == _MASKED:
-                _mask_probes(corner[b], facets[t], cuts[cut[t]], alphas, places, tables, eye, step, met, number, best,
-                             who)  # fmt: skip
             for i in range(_CORNERS):
                 near[k, i] = max(met[0, i] + met[1, i] + met[2, i], zero)
             bits = zero
             for i in range(BLOCK * _WIDE):
-                u = max(max(met[0, i], met[0, i + 1]), max(met[0, i + _WIDE], met[0, i + _WIDE + 1]))
-                v = max(max(met[1, i], met[1, i + 1]), max(met[1, i + _WIDE], met[1, i + _WIDE + 1]))
-                w = max(max(met[2, i], met[2, i + 1]), max(met[2, i + _WIDE], met[2, i + _WIDE + 1]))
-                bits += bit[i] if min(u, min(v, w)) >= zero else zero
+                u = max(met[0, i], met[0, i + 1], met[0, i + _WIDE], met[0, i + _WIDE + 1])
+                v = max(met[1, i], met[1, i + 1], met[1, i + _WIDE], met[1, i + _WIDE + 1])
+                w = max(met[2, i], met[2, i + 1], met[2, i + _WIDE], met[2, i + _WIDE + 1])
+                bits += bit[i] if min(u, v, w) >= zero else zero
             reach[m] = int(bits) & masks[m]
-            touched |= int(reach[m]) if kind[t] != _BLENDED else 0
+            if kind[t] == BLENDED:
+                continue
+            touched |= int(reach[m])
+            if kind[t] == MASKED:  # solid for all samples around: well above its cutoff
+                own, middle = cuts[cut[t]], BLOCK // 2
+                _set_uv_change(own, facets[t], eye, corner[b, 0] + middle, corner[b, 1] + middle, step, size, change)
+                _close_masked(met, best, own, alphas, places, change, 0.5 * (1.0 + own[9]))
+            _keep_nearest(met, number, best, who)
         # A pixel is filled if its corners show the plane of its centre, and nothing else reaches in before it
         for p in range(BLOCK * BLOCK):
             shown[b, p] = -((touched >> p) & 1)
@@ -625,9 +412,11 @@ def _classify(
             room = _tolerance(facets[t], slack, depth)
             for j in range(4):
                 at = i + j % 2 + _WIDE * (j // 2)
-                if best[at] == zero or piece[members[bounds[b] + int(who[at])]] != piece[t]:
-                    whole = False
-                elif _off(facets[t], rays[0, at], rays[1, at], rays[2, at], eye, best[at]) > room * best[at]:
+                if (
+                    best[at] == zero
+                    or piece[members[bounds[b] + int(who[at])]] != piece[t]
+                    or _off(facets[t], rays[0, at], rays[1, at], rays[2, at], eye, best[at]) > room * best[at]
+                ):
                     whole = False
             if not whole:
                 continue
@@ -635,7 +424,7 @@ def _classify(
             a0, a1, a2, a3 = near[k, i], near[k, i + 1], near[k, i + _WIDE], near[k, i + _WIDE + 1]
             for m in range(bounds[b], bounds[b + 1]):
                 j = m - bounds[b]
-                if (reach[m] >> p) & 1 == 0 or j == k or kind[members[m]] == _BLENDED:
+                if (reach[m] >> p) & 1 == 0 or j == k or kind[members[m]] == BLENDED:
                     continue
                 factor = thinner if piece[members[m]] == piece[t] else np.float32(1.0)
                 if (near[j, i] * factor > a0 or near[j, i + 1] * factor > a1 or near[j, i + _WIDE] * factor > a2
@@ -647,34 +436,11 @@ def _classify(
 
 
 @exact
-def _mask_probes(
-    corner: Any, facet: Any, cuts: Any, alphas: Any, places: Any, tables: Any, eye: Any, step: Any, met: Any,
-    number: Any, best: Any, who: Any,
-) -> None:  # fmt: skip
-    """Note a masked triangle as the hit of the rays of a block for which it is solid: well above its cutoff."""
-    longitude, latitude = tables
-    ray, near, change, weights = np.empty((3, 3), np.float32), np.empty((3, 3), np.float32), np.zeros((2, 2)), np.empty(3)
-    for n in range(3):
-        column, row = corner[0] + BLOCK // 2 + (step if n == 1 else 0.0), corner[1] + BLOCK // 2 + (step if n == 2 else 0.0)
-        width, height = longitude.shape[2] - 2 * BLOCK, latitude.shape[2] - 2 * BLOCK
-        lon, lat = 2.0 * np.pi * (column / width - 0.5), np.pi * (0.5 - row / height)
-        ray[0, n], ray[1, n], ray[2, n] = np.cos(lat) * np.sin(lon), np.sin(lat), -np.cos(lat) * np.cos(lon)
-    _uv_change(cuts, facet, eye, ray, near, change)
-    for i in range(len(best)):
-        value = met[0, i] + met[1, i] + met[2, i]
-        if min(met[0, i], met[1, i], met[2, i]) >= 0.0 and value > best[i] and i % _WIDE <= BLOCK:
-            for k in range(3):
-                weights[k] = met[k, i]
-            if _alpha(cuts, alphas, places, weights, change) >= 0.5 * (1.0 + cuts[9]):
-                best[i], who[i] = value, number
-
-
-@exact
 def _mark(bounds: Any, members: Any, reach: Any, kind: Any, clear: Any) -> None:
     """Mark the pixels (n, 16) of blocks that blended surfaces reach into."""
     for b in range(len(bounds) - 1):
         for m in range(bounds[b], bounds[b + 1]):
-            if kind[members[m]] == _BLENDED:
+            if kind[members[m]] == BLENDED:
                 for p in range(BLOCK * BLOCK):
                     clear[b, p] |= (reach[m] >> p) & 1 == 1
 
@@ -690,35 +456,44 @@ def _trace(
     fragments.
 
     pattern_: (cosine, sine) of the angles of longitude and latitude of samples from a pixel's corner, (2, 2, s), their
-    cells with products (5, s), positions (2, s), and 1 for the `count` of them that are no copies; axes of `_set_area`. layer: number of the blended
-    surface from the front, -1 for the nearest of the others. out: arrays of `Fragments`, then covered samples of each
-    pixel (p,), (p, count).
+    cells with products (5, s), positions (2, s), and 1 for the `count` of them that are no copies, s a multiple of 8;
+    axes of `_set_area`. layer: number of the blended surface from the front, -1 for the nearest of the others. out:
+    arrays of `Fragments`, then the number of covered samples of each pixel (p,), and which (p, count).
     """
     corner, bounds, members, reach = lists
     facets, nearest, kind, piece, cut, cuts, alphas, places = scene
-    (longitude, latitude), (turns, cells, positions, real, axes), (eye, slack, step, by_sample) = tables, pattern_, optics
+    (longitude, latitude), (turns, cells, positions, real, axes), (eye, slack, step, by_sample) = (
+        tables,
+        pattern_,
+        optics,
+    )
     pixels, first, triangle, place, area, weight, filled, covered = out
     n, zero, big = turns.shape[2], np.float32(0.0), np.float32(1e30)
     rays, met = np.empty((3, n), np.float32), np.empty((3, n), np.float32)
     # Arrays of their own: rows of one would have to be taken for overlapping
-    best, wall, limit, who = np.empty(n, np.float32), np.empty(n, np.float32), np.empty(n, np.float32), np.empty(n, np.float32)
+    best, wall, limit, who = (
+        np.empty(n, np.float32),
+        np.empty(n, np.float32),
+        np.empty(n, np.float32),
+        np.empty(n, np.float32),
+    )
     part, free, mine = np.empty(n, np.float32), np.empty(n, np.float32), np.empty(n, np.float32)
     most, block = 1, -1
     for b in range(len(bounds) - 1):
         most = max(most, bounds[b + 1] - bounds[b])
     pieces, numbers = np.empty(most, np.float32), np.arange(n).astype(np.float32)
-    change, weights, room3, near3 = np.zeros((2, 2)), np.empty(3), np.empty((3, 3), np.float32), np.empty((3, 3), np.float32)
-    cos_step, sin_step = np.empty(2, np.float32), np.empty(2, np.float32)
-    width, height = longitude.shape[2] - 2 * BLOCK, latitude.shape[2] - 2 * BLOCK
-    for j in range(2):
-        angle = step * (2.0 * np.pi / width if j == 0 else -np.pi / height)
-        cos_step[j], sin_step[j] = np.cos(angle), np.sin(angle)
+    change, size = np.zeros((2, 2)), (longitude.shape[2] - 2 * BLOCK, latitude.shape[2] - 2 * BLOCK)
     there = found = 0
     for e in range(len(at)):
         b, p = at[e] // (BLOCK * BLOCK), at[e] % (BLOCK * BLOCK)
         column, row = corner[b, 0] + p % BLOCK, corner[b, 1] + p // BLOCK
         # Aim a ray at every sample
-        lon_c, lon_s, lat_c, lat_s = longitude[0, 0, column], longitude[1, 0, column], latitude[0, 0, row], latitude[1, 0, row]
+        lon_c, lon_s, lat_c, lat_s = (
+            longitude[0, 0, column],
+            longitude[1, 0, column],
+            latitude[0, 0, row],
+            latitude[1, 0, row],
+        )
         for i in range(n):
             x, y = lon_c * turns[0, 0, i] - lon_s * turns[0, 1, i], lon_s * turns[0, 0, i] + lon_c * turns[0, 1, i]
             c, s = lat_c * turns[1, 0, i] - lat_s * turns[1, 1, i], lat_s * turns[1, 0, i] + lat_c * turns[1, 1, i]
@@ -733,29 +508,13 @@ def _trace(
                 best[i] = wall[i] if turn > 0 else zero
             for m in range(bounds[b], bounds[b + 1]):
                 t = members[m]
-                if (reach[m] >> p) & 1 == 0 or (kind[t] == _BLENDED) != (turn > 0):
+                if (reach[m] >> p) & 1 == 0 or (kind[t] == BLENDED) != (turn > 0):
                     continue
                 _meet(rays, facets[t], eye, met)
-                if kind[t] == _MASKED:
-                    # Close the triangle to the rays that its mask lets through
-                    for k in range(3):
-                        i = 1 if k == 1 else 0
-                        j = 1 if k == 2 else 0
-                        c, s = turns[0, 0, 0] * lon_c - turns[0, 1, 0] * lon_s, turns[0, 0, 0] * lon_s + turns[0, 1, 0] * lon_c
-                        u, v = turns[1, 0, 0] * lat_c - turns[1, 1, 0] * lat_s, turns[1, 0, 0] * lat_s + turns[1, 1, 0] * lat_c
-                        if i:
-                            c, s = c * cos_step[0] - s * sin_step[0], s * cos_step[0] + c * sin_step[0]
-                        if j:
-                            u, v = u * cos_step[1] - v * sin_step[1], v * cos_step[1] + u * sin_step[1]
-                        room3[0, k], room3[1, k], room3[2, k] = u * s, v, -u * c
-                    _uv_change(cuts[cut[t]], facets[t], eye, room3, near3, change)
-                    for i in range(n):
-                        value = met[0, i] + met[1, i] + met[2, i]
-                        if min(met[0, i], met[1, i], met[2, i]) >= zero and value > best[i]:
-                            for k in range(3):
-                                weights[k] = met[k, i]
-                            if _alpha(cuts[cut[t]], alphas, places, weights, change) < cuts[cut[t], 9]:
-                                met[0, i] = np.float32(-1.0)
+                if kind[t] == MASKED:
+                    own_cuts, x, y = cuts[cut[t]], column + positions[0, 0], row + positions[1, 0]
+                    _set_uv_change(own_cuts, facets[t], eye, x, y, step, size, change)
+                    _close_masked(met, best, own_cuts, alphas, places, change, own_cuts[9])
                 if turn > 0:
                     for i in range(n):
                         met[0, i] = met[0, i] if met[0, i] + met[1, i] + met[2, i] <= limit[i] else np.float32(-1.0)
@@ -827,12 +586,15 @@ def _trace(
                 # are the sample's: single floats hold them exactly
                 least = big
                 for i in range(n):
-                    value = total * (cells[2, i] + cells[4, i]) - np.float32(2.0) * (sum_x * cells[0, i] + sum_y * cells[1, i])
+                    value = total * (cells[2, i] + cells[4, i]) - np.float32(2.0) * (
+                        sum_x * cells[0, i] + sum_y * cells[1, i]
+                    )
                     least = min(least, np.float32(128.0) * value + numbers[i] if mine[i] > zero else big)
                 rank = int(least) & 127
                 t = members[bounds[b] + int(who[rank])]
                 weight[found] = total / count
-                _set_area(np.float64(total), sum_x, sum_y, xx, xy, yy, axes, cells[0, rank], cells[1, rank], area[found])
+                sums = np.float64(total), np.float64(sum_x), np.float64(sum_y), xx, xy, yy
+                _set_area(sums, axes, cells[0, rank], cells[1, rank], area[found])
             triangle[found] = t
             place[found, 0], place[found, 1] = column + positions[0, rank], row + positions[1, rank]
             found += 1
@@ -841,13 +603,11 @@ def _trace(
 
 
 @exact
-def _set_area(
-    total: Any, x: Any, y: Any, xx: Any, xy: Any, yy: Any, axes: Any, at_x: Any, at_y: Any, area: Any
-) -> None:
-    """Set the area (5,) of `sampling.frame_areas` of samples with these sums of powers of their cells.
-
-    axes: `Pattern.step`. at_x, at_y: cell of the sample that stands for all.
+def _set_area(sums: Any, axes: Any, at_x: Any, at_y: Any, area: Any) -> None:
+    """Set the area (5,) of `sampling.frame_areas` of samples with these sums of powers of their cells, 1, x, y, xx, xy
+    and yy. axes: `Pattern.step`. at_x, at_y: cell of the sample that stands for all.
     """
+    total, x, y, xx, xy, yy = sums
     a, b = axes
     x, y = x / total, y / total
     xx, xy, yy = xx / total - x * x, xy / total - x * y, yy / total - y * y

@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.composite.ambient.light import GroundField
-from mr360uw.composite.lighting.lamps import light_sources
-from mr360uw.composite.lighting.surfaces import veil_ahead
+from mr360uw.composite.lighting.light_sources import light_sources
+from mr360uw.composite.lighting.shading import veil_ahead
 from mr360uw.composite.receiver.ground import BLOCK, Ground, Indices, mark_changed, survey_blocks
 from mr360uw.composite.receiver.ratio import ambient_share
 from mr360uw.composite.receiver.receiver_kernel import (

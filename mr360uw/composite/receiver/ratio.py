@@ -14,8 +14,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from mr360uw.composite.lighting.sun import LightSource
-from mr360uw.composite.lighting.surfaces import ambient_irradiance
+from mr360uw.composite.lighting.light_sources import LightSource
+from mr360uw.composite.lighting.shading import ambient_irradiance
 from mr360uw.composite.receiver.pattern import direct_pattern
 from mr360uw.composite.shot import Shot
 from mr360uw.constants import BRIGHTEST, DARK

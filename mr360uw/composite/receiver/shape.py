@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 
 from mr360uw.cache import Cache
 from mr360uw.composite.ambient.blocked_light import UNNOTICED
-from mr360uw.composite.lighting.lamps import lamps_of, light_sources
-from mr360uw.composite.lighting.sun import sun_of, widest_half_angle
+from mr360uw.composite.lighting.light_sources import lamps_of, light_sources, sun_of, widest_half_angle
 from mr360uw.composite.receiver.ratio import added_light
 from mr360uw.composite.shot import PlacedObject, Receiver, Shot
 from mr360uw.composite.tiles import rectangles_of_mask

@@ -16,10 +16,9 @@ import functools
 import numpy as np
 
 from mr360uw.cache import Cache, shared
-from mr360uw.composite.lighting.blockers import casting_bodies
-from mr360uw.composite.lighting.lamps import LampSource, lamps_of
-from mr360uw.composite.lighting.sun import SunSource, sun_of
-from mr360uw.composite.lighting.surfaces import water_ahead
+from mr360uw.composite.lighting.light_sources import LampSource, SunSource, lamps_of, sun_of
+from mr360uw.composite.lighting.shading import water_ahead
+from mr360uw.composite.lighting.shadow import casting_bodies
 from mr360uw.composite.shot import Shot
 from mr360uw.composite.snow.settings import SnowPhase
 from mr360uw.constants import PI

@@ -1,6 +1,5 @@
 // Radiance of fragments at the camera: each is a place on a triangle of a body, seen through the water.
-// Held to composite/lighting/surfaces.py.
-#include "composite/gl/shaders/blocks.glsl"
+// Held to composite/lighting/shading.py.
 #include "composite/gl/shaders/lamps.glsl"
 #include "composite/gl/shaders/sun.glsl"
 #if defined(EYE)
@@ -40,6 +39,13 @@ layout(location = 1) out float distance_m;
 
 // step through the halo's directions on bodies: 2 takes half of them; the error is below the variation of their shading
 const int HALO_EVERY = 2;
+
+// number of an item: targets hold them in blocks of 4 x 4 texels, because software drivers draw such blocks at once
+const int LANE_COLUMNS = 256;  // twin: device.py
+
+int lane_number(ivec2 at) {
+    return (((at.y >> 2) * (LANE_COLUMNS >> 2) + (at.x >> 2)) << 4) + ((at.y & 3) << 2) + (at.x & 3);
+}
 
 vec3 world_direction(vec2 place) {
     return world_from_camera * direction_from_frame(place, frame_size);

@@ -1,4 +1,5 @@
-// Levels of the shadow atlas (shadow.glsl): means of `side` x `side` texels of a part of a texture.
+// Levels of the shadow atlas: means of `side` x `side` texels of a part of a texture. Held to
+// composite/lighting/shadow.py.
 uniform sampler2D source;
 uniform int side;  // 1 or 2
 uniform ivec2 corner;  // of the target's part
