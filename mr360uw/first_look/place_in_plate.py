@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mr360uw.composite.mesh.kinds import Habit
+from mr360uw.composite.mesh.up_axis import Habit
 from mr360uw.errors import ParameterError
 from mr360uw.first_look.good_places import Sides, free_view, ground_place, shows_ground
 from mr360uw.first_look.mesh_look import MeshLook

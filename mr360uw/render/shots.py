@@ -238,7 +238,7 @@ def with_snow(
     if not loaded.plan.snow.runs or medium is None:
         return layer, variables
     from mr360uw.composite.snow.draw import Snow, with_particles
-    from mr360uw.composite.snow.size_spectrum import particle_scattering
+    from mr360uw.composite.snow.particles import particle_scattering
 
     half, settings, sea = 0.5 * exposure_s, loaded.scene.snow, loaded.scene.sea
     opens, closes = (_view_at(loaded, shot.view, at_s) for at_s in (time_s - half, time_s + half))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Meshes as textures and buffers, in the layouts that geometry.glsl and texture.glsl read."""
+"""What passes keep on the device: meshes as geometry.glsl and texture.glsl read them, programs, render targets."""
 
 from __future__ import annotations
 

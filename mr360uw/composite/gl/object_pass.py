@@ -3,6 +3,13 @@
 
 Fragments are shaded as a list, one texel each (layer.frag), so pixels with few do not wait for pixels with many.
 Objects that share a mesh are shaded together.
+
+Where several small triangles meet in a pixel, each is a fragment of a few samples. Groups are neighbours on a body's
+surface in one pixel, which share what they see of the sun. Shadow rays are cast once for all of them: from the fragment
+with most samples, over the area of the group. Fragments that face away from the sun get none.
+
+Most of a body sees all of the sun, or nothing of it. So rays are cast from every second pixel along rows and columns
+first; a pixel between others of the same surface that all see the whole sun, or none, sees the same.
 """
 
 from __future__ import annotations
@@ -87,13 +94,14 @@ class ObjectPass:
         values, changed = self._body_list(shot, objects, ambient)
         cache = self._cache.of(_cache_of, Same(surfaces))
         bodies = joined_texture(values, self._scratch), changed
+        places = {placed.mesh: self._cache.of(_device_places, placed.mesh.still, keep=_ORDERS) for placed in objects}
         for number, fragments in enumerate(layers):
             if len(fragments) == 0:
                 continue
             body = np.asarray(np.searchsorted(first, fragments.triangle, side="right") - 1, np.int64)
             parts = cache.of(
                 mesh_fragments,
-                PartOf((objects, first, fragments, self._places), Same(fragments)),
+                PartOf((objects, first, fragments, places), Same(fragments)),
                 body,
                 keep=len(layers),
             )
@@ -129,10 +137,6 @@ class ObjectPass:
             values.append(own)
             texels += own.size // 4
         return values, frozenset(changed)
-
-    def _places(self, mesh: Mesh) -> NDArray[np.int64]:
-        """Return the places (T,) of a mesh's triangles on the device."""
-        return self._cache.of(_device_places, mesh.still, keep=_ORDERS)
 
     def _sun_groups(self, lit: _Lit, part: MeshFragments, cache: Cache) -> SunGroups | None:
         """Return the groups of fragments that see the same of the sun; None where that is known or nothing hides it."""
@@ -230,6 +234,7 @@ class ObjectPass:
 
 
 def _device_places(mesh: Mesh) -> NDArray[np.int64]:
+    """Return the places (T,) of a mesh's triangles on the device."""
     return np.argsort(device_order(mesh))
 
 
@@ -315,9 +320,8 @@ def add_behind(tiles: Sequence[Tile], fragments: Fragments, values: Floats) -> N
 
 
 _AT_ONCE = 1 << 19
-LayerOf = tuple[tuple[PlacedObject, ...], NDArray[np.int64], Fragments, Callable[[Mesh], NDArray[np.int64]]]
-"""Objects, the number of each one's first triangle, a layer, and a function that returns the places (T,) of a mesh's
-triangles on the device."""
+LayerOf = tuple[tuple[PlacedObject, ...], NDArray[np.int64], Fragments, dict[Mesh, NDArray[np.int64]]]
+"""Objects, the number of each one's first triangle, a layer, and the places (T,) of meshes' triangles on the device."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -346,7 +350,7 @@ def mesh_fragments(layer: PartOf[LayerOf], body: NDArray[np.int64]) -> list[Mesh
     parts = []
     for k, mesh in enumerate(meshes):
         chosen = np.flatnonzero(of_mesh == k)
-        listed[chosen, 0] = places(mesh)[triangle[chosen]]
+        listed[chosen, 0] = places[mesh][triangle[chosen]]
         for start in range(0, len(chosen), _AT_ONCE):
             part = chosen[start : start + _AT_ONCE]
             numbers = fragments.triangle[part]

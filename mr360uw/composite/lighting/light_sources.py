@@ -1,11 +1,22 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Interface of directed lights, and the sun: its beam through the water, caustic factor, visibility behind bodies.
+"""Directed lights of a shot: the sun, its beam through the water with caustics, and lamps; visibility behind bodies.
+
+The sun:
 
     E = irradiance beam_ratio(d) (s(d) C + (1 - s(d)) B) V        V = s(d) V_disc + (1 - s(d)) V_halo
 
 with d the depth, C the caustic ratio, B that of the light that has turned by small angles (1 where it is not computed),
 s the unscattered fraction of the beam, V_disc the visible fraction of the sun's
 disc and V_halo that of the wider disc from which forward-scattered light comes. On the device: sun.glsl.
+
+Lamps: inverse square, attenuated by the water there and back.
+
+    E = I spot(angle) T(r + S)/(r^2 T_object(S)) V
+
+with I the intensity, r the distance from the lamp, S that from the camera, T the transmittance of the water for the
+lamp's own spectrum over the whole path, and T_object the transmittance that shading applies to everything on the way to
+the camera. Attenuation depends on the light already lost, so the way there and the way back are taken as one path. V is
+the visible fraction of the luminous ball. On the device: lamps.glsl.
 """
 
 from __future__ import annotations

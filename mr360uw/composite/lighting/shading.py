@@ -1,5 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Radiance of surfaces towards the camera, from ambient light and all light sources (reference renderer).
+"""Radiance of surfaces towards the camera: metallic-roughness, a split-sum environment, and directed lights.
+
+    symbol          here            unit     meaning
+    alpha           alpha           1        width of the GGX lobe, roughness^2
+    F0              f0              1        reflectance at normal incidence, (..., 3)
+    A, B            split           1        integrals of the split sum: reflectance = F0 A + B
+
+GGX distribution (Walter et al. 2007 eq. 33), Smith visibility with correlated heights (Heitz 2014), Schlick's Fresnel
+term, split sum (Karis 2013), its energy for several bounces (Fdez-Aguera 2019). The diffuse part gets the light that
+the coat does not reflect, so a white body in white light is white. Below water the Fresnel term is that of the surface
+against water, an eighth of that in air. Twin: shading.glsl.
+
+`surface_radiance` of the reference renderer sums them up:
 
     ambient  E = ambient(N) ambient_ratio(d, N) R        L = T L_surface + veil
 
