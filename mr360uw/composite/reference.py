@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Reference renderer: the layer of a frame by ray casting in double precision, which the gl renderer is held to.
 
-Every pixel sends the rays of its pattern; each group of its samples is shaded once.
-Transparent surfaces form at most `BLEND_LAYERS` layers in front of the opaque one, nearest first, and the layers of a
-pixel are composited by `over`.
+Every pixel sends the rays of its pattern; each group of its samples is shaded once. Transparent surfaces form at most
+`BLEND_LAYERS` layers in front of the opaque one, nearest first, and the layers of a pixel are composited by `over`.
 
 A group holds the samples of one pixel that hit the same smooth piece of surface near the plane of the first of them. It
 is shaded once, at the sample nearest to its mean; `shading = "sample"` makes every sample a group of its own.

@@ -134,8 +134,9 @@ def find_gaps(samples: Pattern, row: NDArray[np.int64], column: NDArray[np.int64
     partly = np.flatnonzero(covered.any(axis=1) & ~covered.all(axis=1))
     row, column, free = row[partly], column[partly], ~covered[partly]
     apart = np.sum((samples.positions[:, None] - samples.positions) ** 2, axis=-1)
-    clear = np.zeros_like(free)
-    find_clear(free, apart <= _CLEAR**2, clear)
+    around = (~free).astype(np.float32) @ (apart <= _CLEAR**2).astype(np.float32)  # covered ones around each
+    around[~free] = np.inf
+    clear = around == around.min(axis=1, keepdims=True)
     nearest = nearest_to_mean(samples, free, clear)
     area = _PART_OF_GAP * frame_areas(samples, free, nearest)
     area[:, :2] = 0.0
@@ -201,21 +202,3 @@ def write_areas(positions: Array, member: Mask, nearest: NDArray[np.int64], area
         scale = math.sqrt(12.0 / (xx + yy + 2.0 * root))
         areas[n, 0], areas[n, 1] = mean_x - positions[nearest[n], 0], mean_y - positions[nearest[n], 1]
         areas[n, 2], areas[n, 3], areas[n, 4] = (xx + root) * scale, xy * scale, (yy + root) * scale
-
-
-@exact
-def find_clear(free: Mask, near: Mask, clear: Mask) -> None:
-    """Write which of the free samples (n, s) have the fewest others around them that are not, `near` (s, s)."""
-    samples = free.shape[1]
-    around = np.empty(samples, np.int64)
-    for n in range(len(free)):
-        least = samples + 1
-        for k in range(samples):
-            around[k] = samples + 1
-            if free[n, k]:
-                around[k] = 0
-                for other in range(samples):
-                    around[k] += near[k, other] and not free[n, other]
-                least = min(least, around[k])
-        for k in range(samples):
-            clear[n, k] = free[n, k] and around[k] == least

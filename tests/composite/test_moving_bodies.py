@@ -13,7 +13,6 @@ from mr360uw.composite.ambient.sample_points import find_nearest_points, make_la
 from mr360uw.composite.gl.shadow_atlas import LightFrame
 from mr360uw.composite.motion import object_motion
 from mr360uw.composite.object_settings import KeySettings, ObjectSettings
-from mr360uw.composite.sampling import find_clear
 from mr360uw.composite.shot import PlacedObject
 from mr360uw.rays import RayScene, barycentric
 from mr360uw.sphere import basis
@@ -59,15 +58,6 @@ def test_between_equal_keys_turn_and_scale_are_theirs_to_the_last_bit() -> None:
     assert all(np.array_equal(one, linear[0]) for one in linear)
     assert not np.array_equal(motion.at(2.5)[:3, :3], linear[0])
     assert np.array_equal(motion.at(3.5), motion.at(3.0))
-
-
-def test_clear_samples_have_the_fewest_covered_ones_around_them(rng: np.random.Generator) -> None:
-    free, apart = rng.uniform(size=(40, 13)) < 0.6, rng.uniform(size=(13, 13)) < 0.3
-    near = apart | apart.T
-    clear = np.empty_like(free)
-    find_clear(free, near, clear)
-    around = np.where(free, ~free @ near.astype(np.float64), np.inf)
-    np.testing.assert_array_equal(clear, free & (around == around.min(axis=1, keepdims=True)))
 
 
 def test_rays_find_the_point_with_the_largest_share(rng: np.random.Generator) -> None:

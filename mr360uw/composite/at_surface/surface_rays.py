@@ -5,9 +5,9 @@ The surface is smooth at the size of a pixel's footprint, by which it is filtere
 tangent plane, with a normal that changes linearly. Waves smaller than the footprint are facets (`surface.slopes`),
 drawn from a fixed set of slopes. Rays that the surface sends on end at the first solid surface of a body.
 
-Pixels in which the moving surface can show a body are found on a coarse grid of rays. One ray a cell meets the surface, filtered to the size of the cell. A body is in reach where the mirrored or refracted
-ray comes within a ball around a part of it, widened by `_DEVIATIONS` standard deviations of what the waves that the
-filter took turn such rays by.
+Pixels in which the moving surface can show a body are found on a coarse grid of rays. One ray a cell meets the surface,
+filtered to the size of the cell. A body is in reach where the mirrored or refracted ray comes within a ball around a
+part of it, widened by `_DEVIATIONS` standard deviations of what the waves that the filter took turn such rays by.
 """
 
 from __future__ import annotations

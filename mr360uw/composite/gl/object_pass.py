@@ -344,7 +344,8 @@ def mesh_fragments(layer: PartOf[LayerOf], body: NDArray[np.int64]) -> list[Mesh
     """Return the fragments of a layer by mesh. body: (n,) of each."""
     objects, first, fragments, places = layer.whole
     pixel, triangle = fragments.pixel(), fragments.triangle - first[body]
-    listed = np.concatenate([triangle[:, None], fragments.place, body[:, None], fragments.area], axis=1)
+    listed = np.empty((len(fragments), 9), np.float32)
+    listed[:, 1:3], listed[:, 3], listed[:, 4:] = fragments.place, body, fragments.area
     meshes = list(dict.fromkeys(placed.mesh for placed in objects))
     of_mesh = np.array([meshes.index(placed.mesh) for placed in objects])[body]
     parts = []

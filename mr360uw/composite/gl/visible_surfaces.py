@@ -37,6 +37,7 @@ from mr360uw.composite.sampling import (
     WHOLE_PIXEL,
     Gaps,
     find_gaps,
+    join_gaps,
     pattern,
 )
 from mr360uw.composite.shot import PlacedObject, Shot
@@ -75,6 +76,12 @@ class Fragments:
     def sums(self, values: Floats) -> Floats:
         """Return the sums (p, c) of values (n, c) over the pieces of each pixel."""
         return np.add.reduceat(values, self.first, axis=0) if len(self) else values[:0]
+
+
+_NONE = np.zeros(0, np.int64)
+_NOTHING = Fragments(_NONE, _NONE, _NONE, _NONE, np.zeros((0, 2)), np.zeros((0, 5)), np.zeros(0))
+_FRAGMENTS_AT_ONCE = 1 << 22
+"""Fragments that there is room for at once: bounds the memory."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -134,7 +141,7 @@ def find_surfaces(sampled: PartOf[Shot], objects: list[PlacedObject], cache: Cac
         layers.append(found)
     whole, rest = np.flatnonzero(shown.reshape(-1) > 0), np.flatnonzero(shown.reshape(-1) < 0)
     traced = _traced(view, shot.draw.samples, rest, lists, scene, optics, -1)
-    layers.append(_joined(_whole(corner, shown, whole), traced))
+    layers.append(_joined([_whole(corner, shown, whole), traced]))
     return Surfaces(layers, first[:-1], facets)
 
 
@@ -180,49 +187,52 @@ def _whole(corner: NDArray[np.int64], shown: NDArray[np.int32], at: NDArray[np.i
 
 
 def _traced(
-    view: View, count: int, at: NDArray[np.int64], lists: tuple[Any, ...], scene: Any, optics: Any, layer: int
+    view: View, count: int, at: NDArray[np.int64], lists: Any, scene: Any, optics: Any, layer: int
 ) -> Fragments:
     """Return the fragments of pixels of which all samples are traced. at: as of `_whole`. layer: of blended surfaces,
     -1 for the others.
     """
-    samples, by_sample = pattern(count), optics[-1]
-    most = count if by_sample else GROUPS
+    samples, most = pattern(count), count if optics[-1] else GROUPS
     # Pad the samples with copies of the last one, to whole vectors of eight
     padded = np.minimum(np.arange(-(-count // 8) * 8), count - 1)
     angles = samples.positions[padded] * (2.0 * np.pi / view.width, -np.pi / view.height)
     turns = np.stack([np.cos(angles), np.sin(angles)], axis=0).astype(np.float32).transpose(2, 0, 1)
     positions, (x, y) = samples.positions[padded].T.astype(np.float32), samples.cells[padded].T
-    cells, real = (
-        np.stack([x, y, x * x, x * y, y * y]).astype(np.float32),
-        (np.arange(len(x)) < count).astype(np.float32),
-    )
-    # Room for as many fragments as there may be: memory that is not written is not taken
-    capacity = len(at) * most
-    pixels, first = np.empty((2, len(at)), np.int64), np.empty(len(at), np.int64)
-    triangle, place = np.empty(capacity, np.int64), np.empty((capacity, 2))
-    area, weight = np.empty((capacity, 5)), np.empty(capacity)
-    filled, covered = np.empty(len(at), np.int64), np.empty((len(at), count), np.bool_)
-    there, total = _trace(
-        at, lists, scene, _ray_tables(view), (turns, cells, positions, real, samples.step), optics, count, layer,
-        (pixels, first, triangle, place, area, weight, filled, covered),
-    )  # fmt: skip
-    row, column = pixels[:, :there]
-    partly = np.flatnonzero(filled[:there] < count)
-    gaps = find_gaps(samples, row[partly], column[partly], covered[partly])
-    n = slice(0, total)
-    return Fragments(
-        row.copy(), column.copy(), first[:there].copy(), triangle[n].copy(), place[n].copy(), area[n].copy(),
-        weight[n].copy(), gaps,
-    )  # fmt: skip
+    cells = np.stack([x, y, x * x, x * y, y * y]).astype(np.float32)
+    real, tables, parts = (np.arange(len(x)) < count).astype(np.float32), _ray_tables(view), []
+    for start in range(0, len(at), _FRAGMENTS_AT_ONCE // most):
+        # Room for as many fragments as there may be: memory that is not written is not taken
+        some = at[start : start + _FRAGMENTS_AT_ONCE // most]
+        capacity = len(some) * most
+        pixels, first = np.empty((2, len(some)), np.int64), np.empty(len(some), np.int64)
+        triangle, place = np.empty(capacity, np.int64), np.empty((capacity, 2))
+        area, weight = np.empty((capacity, 5)), np.empty(capacity)
+        filled, covered = np.empty(len(some), np.int64), np.empty((len(some), count), np.bool_)
+        there, total = _trace(
+            some, lists, scene, tables, (turns, cells, positions, real, samples.step), optics, count, layer,
+            (pixels, first, triangle, place, area, weight, filled, covered),
+        )  # fmt: skip
+        row, column = pixels[:, :there].copy()
+        partly = np.flatnonzero(filled[:there] < count)
+        gaps = find_gaps(samples, row[partly], column[partly], covered[partly])
+        n = slice(0, total)
+        of_pieces = triangle[n].copy(), place[n].copy(), area[n].copy(), weight[n].copy()
+        parts.append(Fragments(row, column, first[:there].copy(), *of_pieces, gaps))
+    return _joined(parts)
 
 
-def _joined(one: Fragments, other: Fragments) -> Fragments:
-    """Return the fragments of two disjoint sets of pixels, of which the first has no gaps."""
-    pairs = {
-        name: np.concatenate([getattr(one, name), getattr(other, name)])
+def _joined(parts: Sequence[Fragments]) -> Fragments:
+    """Return the fragments of disjoint sets of pixels."""
+    if len(parts) == 1:
+        return parts[0]
+    parts = [_NOTHING, *parts]
+    start = np.cumsum([0, *(len(part) for part in parts)])
+    joined = {
+        name: np.concatenate([getattr(part, name) for part in parts])
         for name in ("row", "column", "triangle", "place", "area", "weight")
     }
-    return Fragments(first=np.concatenate([one.first, other.first + len(one)]), gaps=other.gaps, **pairs)
+    first = np.concatenate([part.first + begin for part, begin in zip(parts, start[:-1], strict=True)])
+    return Fragments(first=first, gaps=join_gaps([part.gaps for part in parts]), **joined)
 
 
 # --- pixels that one smooth piece fills ------------------------------------------------------------------------------

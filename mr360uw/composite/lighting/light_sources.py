@@ -6,8 +6,8 @@ The sun:
     E = irradiance beam_ratio(d) (s(d) C + (1 - s(d)) B) V        V = s(d) V_disc + (1 - s(d)) V_halo
 
 with d the depth, C the caustic ratio, B that of the light that has turned by small angles (1 where it is not computed),
-s the unscattered fraction of the beam, V_disc the visible fraction of the sun's
-disc and V_halo that of the wider disc from which forward-scattered light comes. On the device: sun.glsl.
+s the unscattered fraction of the beam, V_disc the visible fraction of the sun's disc and V_halo that of the wider disc
+from which forward-scattered light comes. On the device: sun.glsl.
 
 Lamps: inverse square, attenuated by the water there and back.
 
