@@ -407,7 +407,7 @@ def sun_groups(shot: Shot, part: MeshFragments, facets: NDArray[np.float32], sun
     view = shot.view
     surface = np.empty((len(part.listed), 5))
     sunward, size = view.world_from_camera.T @ sun, (float(view.width), float(view.height))
-    _meet(part.listed, facets, part.triangle, sunward, float(view.eye_m), size, surface)
+    _meet(part.listed, facets, part.triangle, sunward, float(view.eye_m), *size, surface)
     apart = _APART * np.pi / view.height if shot.draw.shading != "sample" else -1.0
     of, chosen = np.full(len(part.listed), -1, np.int64), np.zeros(len(part.listed), np.int64)
     area = np.zeros((len(part.listed), 5))
@@ -449,13 +449,12 @@ def _between(row: Any, column: Any, body: Any, surface: Any, table: Any, seen: A
 
 
 @exact
-def _meet(listed: Any, facets: Any, triangle: Any, sun: Any, eye: Any, size: Any, surface: Any) -> None:
+def _meet(listed: Any, facets: Any, triangle: Any, sun: Any, eye: Any, width: Any, height: Any, surface: Any) -> None:
     """Set `surface` (n, 5) of fragments (n, 9): unit normal, distance along the ray, and whether it faces the sun.
 
     facets, triangle: the planes of fragments. sun: (3,) its direction in the camera's axes. eye: [m] to the right of
-    the middle of a stereo camera. size: width and height of the frame.
+    the middle of a stereo camera. width, height: of the frame.
     """
-    width, height = size
     for n in range(len(listed)):
         t = triangle[n]
         lon, lat = 2.0 * np.pi * (listed[n, 1] / width - 0.5), np.pi * (0.5 - listed[n, 2] / height)

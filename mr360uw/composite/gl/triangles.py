@@ -90,7 +90,7 @@ def seen_triangles(placed: PlacedObject, of_view: PartOf[View], looks: MeshLooks
     facets, nearest = np.zeros((count, 10), np.float32), np.zeros(count, np.float32)
     rectangle = np.empty((count, 4), np.int32)
     size = float(view.width), float(view.height)
-    _project(np.asarray(positions, np.float64), matrix, looks.two_sided, size, float(view.eye_m), facets, nearest,
+    _project(np.asarray(positions, np.float64), matrix, looks.two_sided, *size, float(view.eye_m), facets, nearest,
              rectangle)  # fmt: skip
     return SeenTriangles(facets, nearest, rectangle)
 
@@ -124,12 +124,12 @@ _LARGEST = 1e30
 
 @exact
 def _project(
-    positions: Any, matrix: Any, two_sided: Any, size: Any, eye: Any, facets: Any, nearest: Any, rectangle: Any
-) -> None:
+    positions: Any, matrix: Any, two_sided: Any, width: Any, height: Any, eye: Any, facets: Any, nearest: Any,
+    rectangle: Any,
+) -> None:  # fmt: skip
     """Set the arrays of `SeenTriangles`. positions: (T, 3, 3) of a mesh, matrix: (3, 4) from its axes to the camera's.
     eye: [m] to the right of the middle of a stereo camera, 0 for one camera.
     """
-    width, height = size
     p = np.empty((3, 3))
     for t in range(len(positions)):
         rectangle[t, 0], rectangle[t, 1], rectangle[t, 2], rectangle[t, 3] = 0, 0, -1, -1

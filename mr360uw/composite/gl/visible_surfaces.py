@@ -117,15 +117,16 @@ def find_surfaces(sampled: PartOf[Shot], objects: list[PlacedObject], cache: Cac
     piece = np.concatenate(
         [placed.mesh.patch + start for placed, start in zip(objects, pieces.tolist(), strict=False)], dtype=np.int32
     )
-    scene = facets, nearest, kind, piece, *_cutouts(looks, first)
+    scene: Any = (facets, nearest, kind, piece, *_cutouts(looks, first))
     # List them by block, nearest first, and see which pixels they fill
     corner, bounds, members, masks = make_blocks(rectangle, nearest, view)
-    tables, eye = _ray_tables(view), np.float32(view.eye_m)
+    tables: Any = _ray_tables(view)
+    eye = np.float32(view.eye_m)
     slack = np.float32(PLANE_TOLERANCE * PIXEL_FILTER * np.pi / view.height)
     shown, reach = np.empty((len(corner), BLOCK * BLOCK), np.int32), np.zeros(len(members), np.uint16)
     step = np.float32(shot.draw.samples**-0.5)
     by_sample = shot.draw.shading == "sample"
-    _classify(corner, bounds, members, masks, scene, tables, eye, slack, step, by_sample, shown, reach)
+    _classify(corner, bounds, members, masks, *scene, *tables, eye, slack, step, by_sample, shown, reach)
     # Trace the samples of the others; blended surfaces layer by layer, wherever they reach
     lists, optics = (corner, bounds, members, reach), (eye, slack, step, by_sample)
     layers: list[Fragments] = []
@@ -199,7 +200,8 @@ def _traced(
     turns = np.stack([np.cos(angles), np.sin(angles)], axis=0).astype(np.float32).transpose(2, 0, 1)
     positions, (x, y) = samples.positions[padded].T.astype(np.float32), samples.cells[padded].T
     cells = np.stack([x, y, x * x, x * y, y * y]).astype(np.float32)
-    real, tables, parts = (np.arange(len(x)) < count).astype(np.float32), _ray_tables(view), []
+    real, parts = (np.arange(len(x)) < count).astype(np.float32), []
+    tables: Any = _ray_tables(view)
     for start in range(0, len(at), _FRAGMENTS_AT_ONCE // most):
         # Room for as many fragments as there may be: memory that is not written is not taken
         some = at[start : start + _FRAGMENTS_AT_ONCE // most]
@@ -209,8 +211,8 @@ def _traced(
         area, weight = np.empty((capacity, 5)), np.empty(capacity)
         filled, covered = np.empty(len(some), np.int64), np.empty((len(some), count), np.bool_)
         there, total = _trace(
-            some, lists, scene, tables, (turns, cells, positions, real, samples.step), optics, count, layer,
-            (pixels, first, triangle, place, area, weight, filled, covered),
+            some, *lists, *scene, *tables, turns, cells, positions, real, np.array(samples.step), *optics, count, layer,
+            pixels, first, triangle, place, area, weight, filled, covered,
         )  # fmt: skip
         row, column = pixels[:, :there].copy()
         partly = np.flatnonzero(filled[:there] < count)
@@ -352,16 +354,15 @@ def _close_masked(met: Any, best: Any, cuts: Any, alphas: Any, places: Any, chan
 
 @fast
 def _classify(
-    corner: Any, bounds: Any, members: Any, masks: Any, scene: Any, tables: Any, eye: Any, slack: Any, step: Any,
-    by_sample: Any, shown: Any, reach: Any,
+    corner: Any, bounds: Any, members: Any, masks: Any, facets: Any, _: Any, kind: Any, piece: Any, cut: Any, cuts: Any,
+    alphas: Any, places: Any, longitude: Any, latitude: Any, eye: Any, slack: Any, step: Any, by_sample: Any,
+    shown: Any, reach: Any,
 ) -> None:  # fmt: skip
     """Set what the pixels of blocks show, (n, 16): the number of a triangle + 1 where its smooth piece fills the pixel,
     0 where nothing reaches into it, -1 otherwise; and the bits of the pixels that each member of a list reaches into.
 
     step: distance [pixels] of samples. by_sample: none is filled.
     """
-    facets, _, kind, piece, cut, cuts, alphas, places = scene
-    longitude, latitude = tables
     most = 0
     for b in range(len(corner)):
         most = max(most, bounds[b + 1] - bounds[b])
@@ -460,24 +461,20 @@ def _mark(bounds: Any, members: Any, reach: Any, kind: Any, clear: Any) -> None:
 
 @fast
 def _trace(
-    at: Any, lists: Any, scene: Any, tables: Any, pattern_: Any, optics: Any, count: Any, layer: Any, out: Any
-) -> Any:
+    at: Any, corner: Any, bounds: Any, members: Any, reach: Any, facets: Any, nearest: Any, kind: Any, piece: Any,
+    cut: Any, cuts: Any, alphas: Any, places: Any, longitude: Any, latitude: Any, turns: Any, cells: Any,
+    positions: Any, real: Any, axes: Any, eye: Any, slack: Any, step: Any, by_sample: Any, count: Any, layer: Any,
+    pixels: Any, first: Any, triangle: Any, place: Any, area: Any, weight: Any, filled: Any, covered: Any,
+) -> Any:  # fmt: skip
     """Write the fragments of pixels at (p,), as of `_whole`, and return the number of pixels that have any and of
     fragments.
 
-    pattern_: (cosine, sine) of the angles of longitude and latitude of samples from a pixel's corner, (2, 2, s), their
-    cells with products (5, s), positions (2, s), and 1 for the `count` of them that are no copies, s a multiple of 8;
-    axes of `_set_area`. layer: number of the blended surface from the front, -1 for the nearest of the others. out:
-    arrays of `Fragments`, then the number of covered samples of each pixel (p,), and which (p, count).
+    turns: (cosine, sine) of the angles of longitude and latitude of samples from a pixel's corner, (2, 2, s), s a
+    multiple of 8. cells: (5, s) with their products, positions: (2, s), real: 1 for the `count` of them that are no
+    copies. axes: of `_set_area`. layer: number of the blended surface from the front, -1 for the nearest of the others.
+    pixels ...: arrays of `Fragments`. filled, covered: (p,) number of covered samples, and (p, count) which, where that
+    is not all.
     """
-    corner, bounds, members, reach = lists
-    facets, nearest, kind, piece, cut, cuts, alphas, places = scene
-    (longitude, latitude), (turns, cells, positions, real, axes), (eye, slack, step, by_sample) = (
-        tables,
-        pattern_,
-        optics,
-    )
-    pixels, first, triangle, place, area, weight, filled, covered = out
     n, zero, big = turns.shape[2], np.float32(0.0), np.float32(1e30)
     rays, met = np.empty((3, n), np.float32), np.empty((3, n), np.float32)
     # Arrays of their own: rows of one would have to be taken for overlapping
