@@ -126,7 +126,8 @@ def find_surfaces(sampled: PartOf[Shot], objects: list[PlacedObject], cache: Cac
     shown, reach = np.empty((len(corner), BLOCK * BLOCK), np.int32), np.zeros(len(members), np.uint16)
     step = np.float32(shot.draw.samples**-0.5)
     by_sample = shot.draw.shading == "sample"
-    _classify(corner, bounds, members, masks, *scene, *tables, eye, slack, step, by_sample, shown, reach)
+    inputs: list[Any] = [corner, bounds, members, masks, *scene, *tables, eye, slack, step, by_sample]
+    _classify(*inputs, shown, reach)
     # Trace the samples of the others; blended surfaces layer by layer, wherever they reach
     lists, optics = (corner, bounds, members, reach), (eye, slack, step, by_sample)
     layers: list[Fragments] = []
@@ -210,10 +211,9 @@ def _traced(
         triangle, place = np.empty(capacity, np.int64), np.empty((capacity, 2))
         area, weight = np.empty((capacity, 5)), np.empty(capacity)
         filled, covered = np.empty(len(some), np.int64), np.empty((len(some), count), np.bool_)
-        there, total = _trace(
-            some, *lists, *scene, *tables, turns, cells, positions, real, np.array(samples.step), *optics, count, layer,
-            pixels, first, triangle, place, area, weight, filled, covered,
-        )  # fmt: skip
+        pattern_ = turns, cells, positions, real, np.array(samples.step)
+        inputs: list[Any] = [some, *lists, *scene, *tables, *pattern_, *optics, count, layer]
+        there, total = _trace(*inputs, pixels, first, triangle, place, area, weight, filled, covered)
         row, column = pixels[:, :there].copy()
         partly = np.flatnonzero(filled[:there] < count)
         gaps = find_gaps(samples, row[partly], column[partly], covered[partly])
