@@ -126,8 +126,8 @@ def find_surfaces(sampled: PartOf[Shot], objects: list[PlacedObject], cache: Cac
     shown, reach = np.empty((len(corner), BLOCK * BLOCK), np.int32), np.zeros(len(members), np.uint16)
     step = np.float32(shot.draw.samples**-0.5)
     by_sample = shot.draw.shading == "sample"
-    inputs: list[Any] = [corner, bounds, members, masks, *scene, *tables, eye, slack, step, by_sample]
-    _classify(*inputs, shown, reach)
+    inputs: list[Any] = [corner, bounds, members, masks, *scene, *tables, eye, slack, step, by_sample, shown, reach]
+    _classify(*inputs)
     # Trace the samples of the others; blended surfaces layer by layer, wherever they reach
     lists, optics = (corner, bounds, members, reach), (eye, slack, step, by_sample)
     layers: list[Fragments] = []
@@ -213,7 +213,8 @@ def _traced(
         filled, covered = np.empty(len(some), np.int64), np.empty((len(some), count), np.bool_)
         pattern_ = turns, cells, positions, real, np.array(samples.step)
         inputs: list[Any] = [some, *lists, *scene, *tables, *pattern_, *optics, count, layer]
-        there, total = _trace(*inputs, pixels, first, triangle, place, area, weight, filled, covered)
+        outputs = pixels, first, triangle, place, area, weight, filled, covered
+        there, total = _trace(*[*inputs, *outputs])
         row, column = pixels[:, :there].copy()
         partly = np.flatnonzero(filled[:there] < count)
         gaps = find_gaps(samples, row[partly], column[partly], covered[partly])
