@@ -103,7 +103,7 @@ def barycentric(triangles: Floats, directions: Floats) -> tuple[Floats, Floats]:
     """Return barycentric weights (n, 3) and distances (n,) at which rays from the origin hit the planes of triangles.
 
     By triple products: the ray d is the sum of a, b, c weighted by d.(b x c), d.(c x a), d.(a x b).
-    On the device: gl/shaders/rays.glsl.
+    On the device: gl/shaders/geometry.glsl.
     """
     weights, distance = np.empty((len(triangles), 3)), np.empty(len(triangles))
     _intersect(np.asarray(triangles, np.float64), np.asarray(directions, np.float64), weights, distance)

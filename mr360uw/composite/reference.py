@@ -1,14 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """Reference renderer: the layer of a frame by ray casting in double precision, which the gl renderer is held to.
 
-Every pixel sends the rays of its pattern; each group of its samples (`raycast.pixel_samples`) is shaded once.
-Transparent surfaces form at most `BLEND_LAYERS` layers in front of the opaque one, nearest first, and the layers of a
-pixel are composited by `over`.
+Every pixel sends the rays of its pattern; each group of its samples is shaded once. Transparent surfaces form at most
+`BLEND_LAYERS` layers in front of the opaque one, nearest first, and the layers of a pixel are composited by `over`.
+
+A group holds the samples of one pixel that hit the same smooth piece of surface near the plane of the first of them. It
+is shaded once, at the sample nearest to its mean; `shading = "sample"` makes every sample a group of its own.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -17,23 +19,44 @@ from numpy.typing import NDArray
 from mr360uw.cache import Cache
 from mr360uw.composite.ambient.solver import AmbientLight, ambient_at, ambient_light, free_of_bodies
 from mr360uw.composite.aovs import AovFrame, Aovs
-from mr360uw.composite.lighting.blockers import Blockers
-from mr360uw.composite.lighting.lamps import light_sources
-from mr360uw.composite.lighting.shadow import pixel_footprint
-from mr360uw.composite.lighting.sun import LightSource
-from mr360uw.composite.lighting.surfaces import surface_radiance, water_ahead
+from mr360uw.composite.lighting.light_sources import LightSource, light_sources
+from mr360uw.composite.lighting.shading import surface_radiance, water_ahead
+from mr360uw.composite.lighting.shadow import Blockers
 from mr360uw.composite.over import empty_tile, hold_out
-from mr360uw.composite.raycast.geometry import Geometry, gather, object_rectangles
-from mr360uw.composite.raycast.pixel_samples import group_samples, trace_samples
+from mr360uw.composite.raycast import (
+    MAXIMUM_HITS,
+    Geometry,
+    Hits,
+    base_color,
+    gather,
+    object_rectangles,
+    pixel_footprint,
+    surface,
+    uv_change,
+)
 from mr360uw.composite.receiver.blocks import rectangles_of_blocks, touched_ground
 from mr360uw.composite.receiver.ratio import receiver_ratio
 from mr360uw.composite.receiver.shape import ReceiverShape
-from mr360uw.composite.sampling import WHOLE_PIXEL, Gaps, find_gaps, join_gaps, pattern
+from mr360uw.composite.sampling import (
+    BLEND_LAYERS,
+    GROUPS,
+    PIXEL_FILTER,
+    PLANE_TOLERANCE,
+    WHOLE_PIXEL,
+    Gaps,
+    Pattern,
+    filter_width,
+    find_gaps,
+    frame_areas,
+    join_gaps,
+    nearest_to_mean,
+    pattern,
+)
 from mr360uw.composite.shot import Shot
 from mr360uw.composite.tiles import even_tiles, split
-from mr360uw.rays import RayScene
+from mr360uw.rays import RayScene, barycentric
 from mr360uw.shapes import checked
-from mr360uw.types import Layer, Rectangle, Tile
+from mr360uw.types import Floats, Layer, Rectangle, Tile
 
 _RAYS_AT_ONCE = 200_000
 """Rays traced in one batch. It bounds the memory: twice as many take twice as much."""
@@ -209,3 +232,133 @@ def draw_receiver(
     changed = np.any(np.abs(ratio - 1.0) > 1e-4, axis=-1)
     tile.ratio[rows[changed], columns[changed]] = ratio[changed]
     tile.veil[rows[changed], columns[changed]] = veil[changed]
+
+
+def trace_samples(
+    shot: Shot, geometry: Geometry, scene: RayScene, samples: Pattern, x: NDArray[np.int64], y: NDArray[np.int64]
+) -> list[tuple[NDArray[np.int64], Floats]]:
+    """Return layers (triangle (n, s), distance (n, s) [m]) hit by the samples of pixels; triangle -1 for no hit.
+
+    x, y: (n,) columns and rows of the pixels. Layers of blended surfaces come first, the nearest first; the last layer
+    holds the opaque surfaces, even if there are none. Rays pass through masked-out texels and back faces of one-sided
+    materials.
+    """
+    count, n = len(x), samples.count
+    fx = (x[:, None] + samples.positions[None, :, 0]).ravel()
+    fy = (y[:, None] + samples.positions[None, :, 1]).ravel()
+    direction = shot.view.directions(fx, fy)
+    from_middle = shot.view.starts(direction)
+    layers = [np.full(count * n, -1, np.int64) for _ in range(BLEND_LAYERS + 1)]
+    distances = [np.full(count * n, np.inf) for _ in range(BLEND_LAYERS + 1)]
+    filled = np.zeros(count * n, np.int64)
+    mode = np.array([m.alpha_mode for m in geometry.materials] or ["OPAQUE"])
+    two_sided = np.array([m.double_sided for m in geometry.materials] or [True])
+    cutoff = np.array([m.alpha_cutoff for m in geometry.materials] or [0.5])
+    active, start = np.arange(count * n), np.zeros(count * n)
+    pixel = n**-0.5
+    for _ in range(MAXIMUM_HITS):
+        if len(active) == 0:
+            break
+        rays, origin = direction[active], from_middle[active]
+        triangle = scene.first_hit(origin + start[active, None] * rays, rays)
+        hit = triangle >= 0
+        active, triangle, rays, origin = active[hit], triangle[hit], rays[hit], origin[hit]
+        if len(active) == 0:
+            break
+        corners = geometry.positions[triangle] - origin[:, None]
+        weights, distance = barycentric(corners, rays)
+        start[active] = np.maximum(distance, start[active]) * (1.0 + 4e-6) + 1e-7
+        material = geometry.material[triangle]
+        flat = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        solid = two_sided[material] | (np.sum(flat * rays, -1) < 0.0)
+        masked = np.flatnonzero(solid & (mode[material] == "MASK"))
+        if len(masked):
+            at = active[masked]
+            around = np.stack(
+                [shot.view.directions(fx[at] + pixel, fy[at]), shot.view.directions(fx[at], fy[at] + pixel)], axis=1
+            )
+            change = uv_change(corners[masked], geometry.uv[triangle[masked]], weights[masked], around)
+            alpha = base_color(geometry, triangle[masked], weights[masked], change)[:, 3]
+            solid[masked] = alpha >= cutoff[material[masked]]
+        blended = solid & (mode[material] == "BLEND")
+        for k in range(BLEND_LAYERS):
+            to = blended & (filled[active] == k)
+            layers[k][active[to]], distances[k][active[to]] = triangle[to], distance[to]
+        filled[active[blended]] += 1
+        opaque = solid & ~blended
+        layers[-1][active[opaque]], distances[-1][active[opaque]] = triangle[opaque], distance[opaque]
+        active = active[~opaque]
+    found = [(t.reshape(count, n), d.reshape(count, n)) for t, d in zip(layers, distances, strict=True)]
+    return [layer for layer in found[:-1] if np.any(layer[0] >= 0)] + found[-1:]
+
+
+def group_samples(
+    shot: Shot,
+    geometry: Geometry,
+    samples: Pattern,
+    x: NDArray[np.int64],
+    y: NDArray[np.int64],
+    triangle: NDArray[np.int64],
+    distance: Floats,
+) -> Iterator[tuple[NDArray[np.int64], Floats, Hits]]:
+    """Yield (pixels (n,), fraction of their samples (n,), surface at the representative sample) until none is left.
+
+    A group starts at the ungrouped sample nearest to the pixel's centre. The last of `GROUPS` takes all that are left.
+    The representative is the sample nearest to the mean position of its group.
+    """
+    left = triangle >= 0
+    width = filter_width(samples.count, shot.draw.shading)
+    rounds = samples.count if shot.draw.shading == "sample" else GROUPS
+    for number in range(rounds):
+        pixel = np.flatnonzero(left.any(axis=1))
+        if len(pixel) == 0:
+            return
+        chosen = np.argmax(left[pixel], axis=1)
+        member = np.zeros((len(pixel), samples.count), bool)
+        if shot.draw.shading == "pixel":
+            member = left[pixel] & (
+                _near_plane(shot, geometry, samples, x[pixel], y[pixel], triangle[pixel], distance[pixel], chosen)
+                if number < rounds - 1
+                else True
+            )
+        member[np.arange(len(pixel)), chosen] = True
+        left[pixel] &= ~member
+        middle = nearest_to_mean(samples, member)
+        at = samples.positions[middle]
+        yield (
+            pixel,
+            member.mean(axis=1),
+            surface(
+                shot,
+                geometry,
+                triangle[pixel, middle],
+                x[pixel] + at[:, 0],
+                y[pixel] + at[:, 1],
+                frame_areas(samples, member, middle),
+                width,
+            ),
+        )
+
+
+def _near_plane(
+    shot: Shot,
+    geometry: Geometry,
+    samples: Pattern,
+    x: NDArray[np.int64],
+    y: NDArray[np.int64],
+    triangle: NDArray[np.int64],
+    distance: Floats,
+    chosen: NDArray[np.int64],
+) -> NDArray[np.bool_]:
+    """Return the mask (n, s) of samples that hit the chosen sample's smooth piece, near its triangle's plane."""
+    rows = np.arange(len(chosen))
+    first = triangle[rows, chosen]
+    corners = geometry.positions[first]
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
+    seen = np.where(triangle >= 0, distance, 0.0)
+    fx, fy = x[:, None] + samples.positions[:, 0], y[:, None] + samples.positions[:, 1]
+    off = np.einsum("nsk,nk->ns", shot.view.points(shot.view.directions(fx, fy), seen) - corners[:, :1], normal)
+    tolerance = PLANE_TOLERANCE * PIXEL_FILTER * np.pi / shot.view.height * distance[rows, chosen]
+    same = geometry.patch[triangle] == geometry.patch[first][:, None]
+    return same & (np.abs(off) <= tolerance[:, None])

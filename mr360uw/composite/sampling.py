@@ -51,11 +51,12 @@ _GAUSSIAN = {1: (1, 0), 5: (2, 1), 13: (3, 2), 17: (4, 1), 29: (5, 2), 41: (5, 4
 @dataclass(frozen=True, slots=True)
 class Pattern:
     """The samples of a pixel. cells: (n, 2) of the grid that belong to pixel (0, 0), the nearest to its centre first.
-    positions: (n, 2) in that pixel, in [0, 1)^2.
+    positions: (n, 2) in that pixel, in [0, 1)^2. step: (x, y) in the frame [pixels] of a step to the next cell.
     """
 
     cells: NDArray[np.int64]
     positions: Floats
+    step: tuple[float, float]
 
     @property
     def count(self) -> int:
@@ -76,7 +77,7 @@ def pattern(samples: int) -> Pattern:
     inside = np.all((positions >= 0.0) & (positions < 1.0), axis=-1)
     cells, positions = cells[inside], positions[inside]
     order = np.lexsort((cells[:, 1], cells[:, 0], np.round(np.sum((positions - 0.5) ** 2, axis=-1), 9)))
-    return Pattern(cells[order], positions[order])
+    return Pattern(cells[order], positions[order], (a / (a * a + b * b), -b / (a * a + b * b)))
 
 
 def nearest_to_mean(
@@ -133,8 +134,9 @@ def find_gaps(samples: Pattern, row: NDArray[np.int64], column: NDArray[np.int64
     partly = np.flatnonzero(covered.any(axis=1) & ~covered.all(axis=1))
     row, column, free = row[partly], column[partly], ~covered[partly]
     apart = np.sum((samples.positions[:, None] - samples.positions) ** 2, axis=-1)
-    clear = np.zeros_like(free)
-    find_clear(free, apart <= _CLEAR**2, clear)
+    around = (~free).astype(np.float32) @ (apart <= _CLEAR**2).astype(np.float32)  # covered ones around each
+    around[~free] = np.inf
+    clear = around == around.min(axis=1, keepdims=True)
     nearest = nearest_to_mean(samples, free, clear)
     area = _PART_OF_GAP * frame_areas(samples, free, nearest)
     area[:, :2] = 0.0
@@ -200,52 +202,3 @@ def write_areas(positions: Array, member: Mask, nearest: NDArray[np.int64], area
         scale = math.sqrt(12.0 / (xx + yy + 2.0 * root))
         areas[n, 0], areas[n, 1] = mean_x - positions[nearest[n], 0], mean_y - positions[nearest[n], 1]
         areas[n, 2], areas[n, 3], areas[n, 4] = (xx + root) * scale, xy * scale, (yy + root) * scale
-
-
-@exact
-def read_groups(
-    shown: NDArray[np.float32], word_bits: int, pixel: NDArray[np.int64], number: NDArray[np.int64], member: Mask,
-    weight: Array, first: NDArray[np.int64], covered: Mask,
-) -> None:  # fmt: skip
-    """Write the groups (m,) of pixels (n, groups, 1 + words), a number plus 1, or 0 for none, and words of `word_bits`
-    bits each: their pixel, number, members (m, s) and share of the samples; and of the p pixels that have any the first
-    group (p,) and the covered samples (p, s).
-    """
-    found, there, samples = 0, 0, member.shape[1]
-    for n in range(len(shown)):
-        begun = found
-        for group in range(shown.shape[1]):
-            if shown[n, group, 0] == 0.0:
-                continue
-            pixel[found], number[found], count = n, np.int64(shown[n, group, 0]) - 1, 0
-            for word in range(shown.shape[2] - 1):
-                bits = np.int64(shown[n, group, 1 + word])
-                for k in range(word * word_bits, min((word + 1) * word_bits, samples)):
-                    inside = bits & 1 == 1
-                    bits >>= 1
-                    member[found, k] = inside
-                    count += inside
-                    covered[there, k] = inside or (found > begun and covered[there, k])
-            weight[found] = count / samples
-            found += 1
-        if found > begun:
-            first[there] = begun
-            there += 1
-
-
-@exact
-def find_clear(free: Mask, near: Mask, clear: Mask) -> None:
-    """Write which of the free samples (n, s) have the fewest others around them that are not, `near` (s, s)."""
-    samples = free.shape[1]
-    around = np.empty(samples, np.int64)
-    for n in range(len(free)):
-        least = samples + 1
-        for k in range(samples):
-            around[k] = samples + 1
-            if free[n, k]:
-                around[k] = 0
-                for other in range(samples):
-                    around[k] += near[k, other] and not free[n, other]
-                least = min(least, around[k])
-        for k in range(samples):
-            clear[n, k] = free[n, k] and around[k] == least

@@ -30,9 +30,9 @@ from numpy.typing import ArrayLike, NDArray
 from mr360uw.cache import Cache, PartOf, Parts, by_content
 from mr360uw.color import encode
 from mr360uw.composite.aovs import Aovs
-from mr360uw.composite.lighting.blockers import casting_bodies
-from mr360uw.composite.lighting.sun import spread_rad, sun_in, sun_of, sun_up
-from mr360uw.composite.lighting.surfaces import veil_ahead
+from mr360uw.composite.lighting.light_sources import spread_rad, sun_in, sun_of, sun_up
+from mr360uw.composite.lighting.shading import veil_ahead
+from mr360uw.composite.lighting.shadow import casting_bodies
 from mr360uw.composite.over import tile_of
 from mr360uw.composite.receiver.shape import plate_distance
 from mr360uw.composite.shot import Shot

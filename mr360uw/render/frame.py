@@ -24,8 +24,7 @@ from mr360uw.caustics.settings import CausticSettings
 from mr360uw.color import unseen_change
 from mr360uw.composite.aovs import Aovs
 from mr360uw.composite.at_surface.settings import object_presence
-from mr360uw.composite.lighting.lamps import lamps_of
-from mr360uw.composite.lighting.sun import sun_of
+from mr360uw.composite.lighting.light_sources import lamps_of, sun_of
 from mr360uw.composite.over import mean_layer, over_tile
 from mr360uw.composite.settings import DrawSettings
 from mr360uw.composite.shot import Shot
@@ -360,7 +359,7 @@ def with_snow(
     cache: holds layers of the same backend; a layer stands for all that its shot depends on.
     """
     from mr360uw.composite.snow.draw import Snow, with_particles
-    from mr360uw.composite.snow.size_spectrum import particle_scattering
+    from mr360uw.composite.snow.particles import particle_scattering
 
     medium, scene, half = at.now.surroundings.medium, at.now.scene, 0.5 * at.exposure_s
     assert medium is not None, "the plan has no snow without water"

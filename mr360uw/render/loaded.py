@@ -405,7 +405,7 @@ def _snow_notes(scene: Scene, height: int) -> tuple[str, ...]:
     water = scene.water.water() if scene.snow.amount > 0.0 else None
     if water is None:
         return ()
-    from mr360uw.composite.snow.size_spectrum import note_on
+    from mr360uw.composite.snow.particles import note_on
 
     return tuple(filter(None, [note_on(scene.snow, water, height)]))
 

@@ -20,8 +20,7 @@ from mr360uw.color import DisplayTransfer, Levels, Primaries, Transfer
 from mr360uw.composite.at_surface.settings import SurfaceSettings
 from mr360uw.composite.grading.settings import MatchSettings
 from mr360uw.composite.object_settings import ObjectSettings
-from mr360uw.composite.settings import DrawSettings, HoldoutSettings, LampSettings, ReceiverSettings
-from mr360uw.composite.snow.settings import SnowSettings
+from mr360uw.composite.settings import DrawSettings, HoldoutSettings, LampSettings, ReceiverSettings, SnowSettings
 from mr360uw.constants import MAXIMUM_SUN_SAMPLES
 from mr360uw.errors import SceneError
 from mr360uw.ibl.settings import LightSettings

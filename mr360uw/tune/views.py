@@ -14,7 +14,7 @@ import numpy as np
 
 from mr360uw.caustics import refract_to_air
 from mr360uw.color import encode
-from mr360uw.composite.lighting.surfaces import veil_ahead
+from mr360uw.composite.lighting.shading import veil_ahead
 from mr360uw.composite.receiver.shape import ReceiverShape
 from mr360uw.ibl.report import marked
 from mr360uw.medium.small_angles import spread_of

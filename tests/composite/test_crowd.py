@@ -12,7 +12,7 @@ from mr360uw.cache import Cache
 from mr360uw.color import encode
 from mr360uw.composite.ambient import form_factors
 from mr360uw.composite.ambient.form_factors import Body
-from mr360uw.composite.lighting.blockers import casting_bodies
+from mr360uw.composite.lighting.shadow import casting_bodies
 from mr360uw.composite.mesh.material import Material
 from mr360uw.composite.over import over
 from mr360uw.composite.reference import render_layer

@@ -13,8 +13,8 @@ import pytest
 
 from mr360uw.color import luminance
 from mr360uw.composite import render_layer
-from mr360uw.composite.lighting.blockers import Blockers
-from mr360uw.composite.lighting.lamps import light_sources
+from mr360uw.composite.lighting.light_sources import light_sources
+from mr360uw.composite.lighting.shadow import Blockers
 from mr360uw.composite.mesh.material import Material
 from mr360uw.composite.over import over
 from mr360uw.composite.scene_lamps import black_body, lamp_attenuation, lamp_color, load_lamps

@@ -12,7 +12,7 @@ import pytest
 from mr360uw.cache import Cache
 from mr360uw.composite.ambient.mesh_transfer import make_lattice, points_at
 from mr360uw.composite.ambient.solver import _weigh, ambient_light
-from mr360uw.composite.gl.upload import list_texture
+from mr360uw.composite.gl.device import list_texture
 from mr360uw.composite.lighting.shading import ggx_distribution, resolved_alpha, smith_visibility
 from mr360uw.composite.mesh.material import Material
 from mr360uw.composite.reference import render_aovs

@@ -13,7 +13,6 @@ from mr360uw.composite.ambient.mesh_transfer import find_nearest_points, make_la
 from mr360uw.composite.gl.shadow_atlas import LightFrame
 from mr360uw.composite.motion import object_motion
 from mr360uw.composite.object_settings import KeySettings, ObjectSettings
-from mr360uw.composite.sampling import find_clear, read_groups
 from mr360uw.composite.shot import PlacedObject
 from mr360uw.rays import RayScene, barycentric
 from mr360uw.sphere import basis
@@ -59,36 +58,6 @@ def test_between_equal_keys_turn_and_scale_are_theirs_to_the_last_bit() -> None:
     assert all(np.array_equal(one, linear[0]) for one in linear)
     assert not np.array_equal(motion.at(2.5)[:3, :3], linear[0])
     assert np.array_equal(motion.at(3.5), motion.at(3.0))
-
-
-def test_groups_are_read_as_they_are_packed(rng: np.random.Generator) -> None:
-    samples, bits, words = 41, 22, 2
-    member = rng.uniform(size=(30, 8, samples)) < 0.3
-    number = rng.integers(1, 1 << 20, (30, 8)) * (rng.uniform(size=(30, 8)) < 0.4)
-    padded = np.pad(member, ((0, 0), (0, 0), (0, words * bits - samples))).reshape(30, 8, words, bits)
-    shown = np.concatenate([number[..., None], padded @ (1 << np.arange(bits))], axis=-1).astype(np.float32)
-    there = np.flatnonzero(number.any(axis=1))
-    groups = np.count_nonzero(number)
-    pixel, triangle, first = np.empty(groups, np.int64), np.empty(groups, np.int64), np.empty(len(there), np.int64)
-    found, covered = np.empty((groups, samples), np.bool_), np.empty((len(there), samples), np.bool_)
-    weight = np.empty(groups)
-    read_groups(shown, bits, pixel, triangle, found, weight, first, covered)
-    want_pixel, group = np.nonzero(number)
-    np.testing.assert_array_equal(pixel, want_pixel)
-    np.testing.assert_array_equal(triangle, number[want_pixel, group] - 1)
-    np.testing.assert_array_equal(found, member[want_pixel, group])
-    np.testing.assert_allclose(weight, found.mean(axis=1))
-    np.testing.assert_array_equal(pixel[first], there)
-    np.testing.assert_array_equal(covered, (member & (number > 0)[..., None]).any(axis=1)[there])
-
-
-def test_clear_samples_have_the_fewest_covered_ones_around_them(rng: np.random.Generator) -> None:
-    free, apart = rng.uniform(size=(40, 13)) < 0.6, rng.uniform(size=(13, 13)) < 0.3
-    near = apart | apart.T
-    clear = np.empty_like(free)
-    find_clear(free, near, clear)
-    around = np.where(free, ~free @ near.astype(np.float64), np.inf)
-    np.testing.assert_array_equal(clear, free & (around == around.min(axis=1, keepdims=True)))
 
 
 def test_rays_find_the_point_with_the_largest_share(rng: np.random.Generator) -> None:

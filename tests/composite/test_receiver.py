@@ -12,13 +12,13 @@ import pytest
 from mr360uw.cache import Cache
 from mr360uw.composite.ambient.solver import ambient_light, free_of_bodies
 from mr360uw.composite.gl.layer_renderer import LayerRenderer
-from mr360uw.composite.lighting.blockers import Blockers
-from mr360uw.composite.lighting.lamps import light_sources
-from mr360uw.composite.lighting.shadow import pixel_footprint
+from mr360uw.composite.lighting.light_sources import light_sources
+from mr360uw.composite.lighting.shadow import Blockers
 from mr360uw.composite.mesh.material import Material
 from mr360uw.composite.mesh.texture import make_texture
 from mr360uw.composite.motion import rotation_matrix
 from mr360uw.composite.over import over, tile_of
+from mr360uw.composite.raycast import pixel_footprint
 from mr360uw.composite.receiver.blocks import Ground, prepare
 from mr360uw.composite.receiver.ratio import BLOCK, receiver_ratio
 from mr360uw.composite.receiver.shape import ReceiverShape

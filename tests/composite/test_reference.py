@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from mr360uw.composite.aovs import exr_parts, receiver_difference
-from mr360uw.composite.lighting.lamps import light_sources
+from mr360uw.composite.lighting.light_sources import light_sources
 from mr360uw.composite.mesh.material import Material
 from mr360uw.composite.over import over
-from mr360uw.composite.raycast.geometry import occluding
+from mr360uw.composite.raycast import occluding
 from mr360uw.composite.reference import render_aovs, render_layer
 from mr360uw.composite.shot import Receiver, Shot
 from mr360uw.rays import RayScene

@@ -4,12 +4,18 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from mr360uw.cache import Cache, PartOf
+from mr360uw.composite.gl.visible_surfaces import find_surfaces
+from mr360uw.composite.mesh.material import Material, Part
+from mr360uw.composite.mesh.mesh import make_mesh
 from mr360uw.composite.sampling import pattern
+from mr360uw.composite.shot import PlacedObject
 from mr360uw.composite.tiles import even_tiles, rectangle_of_mask, rectangles_of_bodies
 from mr360uw.errors import ParameterError
 from mr360uw.rays import barycentric
-from mr360uw.sphere import directions, frame_from_direction, unit
+from mr360uw.sphere import directions, unit
 from tests.composite import tolerances as tol
+from tests.composite.scenes import shot
 from tests.glsl import glsl_call
 
 COUNTS = (1, 5, 13, 17, 29, 41, 65)
@@ -103,25 +109,45 @@ def test_tiles_leave_out_what_is_far_apart() -> None:
 
 
 @pytest.mark.usefixtures("gl")
-def test_rays_and_rectangles_on_the_device_are_the_references(rng: np.random.Generator) -> None:
+def test_rays_on_the_device_are_the_references(rng: np.random.Generator) -> None:
     count = 2000
     corners = (rng.normal(size=(count, 3, 3)) + 3.0 * unit(rng.normal(size=(count, 1, 3)))).astype(np.float32)
     towards = unit(np.einsum("nc,nck->nk", rng.dirichlet([1, 1, 1], count), corners)).astype(np.float32)
     a, b, c = (corners[:, k] for k in range(3))
     weights, distance = barycentric(corners.astype(float), towards.astype(float))
     got = glsl_call(
-        "composite/gl/shaders/rays.glsl", "barycentric(make_facet(a, b, c), d)", 4, a=a, b=b, c=c, d=towards
+        "composite/gl/shaders/geometry.glsl", "barycentric(make_facet(a, b, c), d)", 4, a=a, b=b, c=c, d=towards
     )
     volume = np.abs(np.sum(a * np.cross(b, c), -1))
     fair = volume > np.quantile(volume, 0.05)  # slivers seen edge-on lose digits
     np.testing.assert_allclose(got[fair, :3], weights[fair], atol=tol.FLOAT32_LOOKUP)
     np.testing.assert_allclose(got[fair, 3], distance[fair], rtol=tol.FLOAT32_LOOKUP)
-    size = np.array([512.0, 256.0])
-    got = glsl_call(
-        "composite/gl/shaders/tiles.glsl", "rectangle_of_triangle(a, b, c, vec2(512.0, 256.0))", 4, a=a, b=b, c=c
-    )
-    x, y = frame_from_direction(towards, *size)
-    turn = np.floor((got[:, 2] - x) / size[0]) * size[0]
-    over_pole = got[:, 2] - got[:, 0] >= size[0]
-    assert np.all((y > got[:, 1] - tol.EDGE_PIXELS) & (y < got[:, 3] + tol.EDGE_PIXELS))
-    assert np.all((x + turn > got[:, 0] - tol.EDGE_PIXELS) | over_pole)
+
+
+def test_fragments_hold_the_samples_that_rays_find_over_seam_and_poles(rng: np.random.Generator) -> None:
+    width, samples, poles, pieces = 64, pattern(17), 0, 0
+    for _ in range(40):
+        corners = rng.normal(size=(3, 3, 3)) + 1.5 * unit(rng.normal(size=(3, 1, 3)))
+        part = Part("", corners.reshape(-1, 3), np.arange(9).reshape(3, 3))
+        mesh = make_mesh([part], [Material(double_sided=True)])
+        scene = shot(PlacedObject(mesh, np.eye(4)), width=width, samples=samples.count)
+        view = scene.view
+        row, column = (a.ravel() for a in np.mgrid[0 : view.height, 0:width])
+        # the nearest triangle along the rays of all samples, one by one
+        x, y = column[:, None] + samples.positions[:, 0], row[:, None] + samples.positions[:, 1]
+        rays = view.directions(x.ravel(), y.ravel())
+        nearest, depth = np.full(len(rays), -1), np.full(len(rays), np.inf)
+        for number, triangle in enumerate(mesh.positions - view.position):
+            weights, distance = barycentric(np.broadcast_to(triangle, (len(rays), 3, 3)), rays)
+            hit = np.all(weights >= 0.0, axis=-1) & (distance > 0.0) & (distance < depth)
+            nearest[hit], depth[hit] = number, distance[hit]
+        covered = (nearest >= 0).reshape(-1, samples.count).mean(axis=1).reshape(view.height, width)
+        surfaces = find_surfaces(PartOf(scene), list(scene.visible), Cache())
+        got = np.zeros((view.height, width))
+        for layer in surfaces.layers:
+            got[layer.row, layer.column] += layer.sums(layer.weight[:, None])[:, 0]
+            pieces += len(layer)
+        assert np.mean(np.abs(got - covered) > 0.5 / samples.count) <= tol.SAMPLES_AT_EDGES
+        poles += bool(covered[0].all() or covered[-1].all())
+    assert poles > 2
+    assert pieces > 1000

@@ -4,7 +4,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mr360uw.composite.gl.upload import list_texture, upload_mesh
+from mr360uw.composite.gl.device import list_texture, upload_mesh
 from mr360uw.composite.lighting.shading import (
     dielectric_f0,
     ggx_distribution,
@@ -14,7 +14,15 @@ from mr360uw.composite.lighting.shading import (
     smith_visibility,
 )
 from mr360uw.composite.mesh.material import Material
-from mr360uw.composite.mesh.texture import Texture, make_texture, texture_lookup, texture_taps, trilinear
+from mr360uw.composite.mesh.texture import (
+    WRAPS,
+    Texture,
+    alpha_at,
+    make_texture,
+    texture_lookup,
+    texture_taps,
+    trilinear,
+)
 from mr360uw.composite.reference import render_aovs
 from mr360uw.constants import REFRACTIVE_INDEX_SEA
 from mr360uw.ibl.lighting import environment as sky_light
@@ -192,6 +200,18 @@ def test_thin_lines_at_a_grazing_angle_are_as_dark_at_every_pixel() -> None:
     read = texture_lookup(texture, uv, np.tile([8.0 / 256, 0.0], (29, 1)), np.tile([0.0, 1.0 / 256], (29, 1)))[:, 0]
     inside = np.abs(uv[:, 0] * 256 - 128.5) < 6.0
     np.testing.assert_allclose(1.0 - read[inside], 1.0 / 16, atol=0.03)  # 8 lookups, each with a tent of 2 texels
+
+
+def test_alpha_that_is_compiled_is_the_textures(rng: np.random.Generator) -> None:
+    image = rng.integers(0, 256, (16, 40, 4), dtype=np.uint8)
+    uv, change = rng.uniform(-2, 3, (COUNT, 2)), rng.uniform(-0.2, 0.2, (COUNT, 2, 2))
+    for wrap in (("repeat", "clamp"), ("mirror", "repeat")):
+        texture = make_texture(image, srgb=True, wrap=wrap)
+        alphas = np.concatenate([[0.0], *(level[..., 3].ravel() for level in texture.levels)]).astype(np.float32)
+        place = np.array([1, *texture.size, *(WRAPS.index(one) for one in wrap)])
+        got = [alpha_at(alphas, place, *at, beside) for at, beside in zip(uv, change, strict=True)]
+        expected = texture_lookup(texture, uv, change[:, 0], change[:, 1])[:, 3]
+        np.testing.assert_allclose(got, expected, atol=tol.HALF_FLOAT)
 
 
 @pytest.mark.usefixtures("gl")

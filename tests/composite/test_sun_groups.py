@@ -9,8 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mr360uw.composite.gl.fragments import SunGroups, sun_groups
+from mr360uw.cache import Cache, PartOf
 from mr360uw.composite.gl.light_textures import CELLS, HALF_BITS, make_caster_grid
+from mr360uw.composite.gl.object_pass import SunGroups, sun_groups
+from mr360uw.composite.gl.visible_surfaces import find_surfaces
 from mr360uw.composite.sampling import frame_areas, pattern
 from mr360uw.types import Floats
 from tests.composite.scenes import placed, quad, shot
@@ -53,10 +55,12 @@ def groups_of(members: list[Any], depths: list[float], sun: Floats, **more: Any)
         [np.zeros(len(members)), corner + samples.positions[nearest], np.arange(len(members)) % len(depths), area]
     )
     weight = np.array([np.mean(member) for member in members])
+    surfaces = find_surfaces(PartOf(scene), objects, Cache())
     part: Any = SimpleNamespace(
-        mesh=objects[0].mesh, listed=rows, pixel=np.zeros(len(members), np.int64), weight=weight
-    )
-    return sun_groups(scene, part, np.arange(len(objects[0].mesh.positions)), sun)
+        listed=rows, triangle=surfaces.first[rows[:, 3].astype(int)], pixel=np.zeros(len(members), np.int64),
+        weight=weight,
+    )  # fmt: skip
+    return sun_groups(scene, part, surfaces.facets, sun)
 
 
 def test_fragments_of_one_wall_look_for_the_sun_over_the_area_of_all() -> None:
@@ -92,8 +96,9 @@ def test_pixels_between_others_in_full_sun_cast_no_rays_and_those_at_a_shadow_do
     row, column = (a.ravel() for a in np.mgrid[120:136, 250:266])
     rows = np.zeros((len(row), 9))
     rows[:, 1], rows[:, 2], rows[:, 6], rows[:, 8] = column + 0.5, row + 0.5, 1.0, 1.0
-    part: Any = SimpleNamespace(mesh=wall.mesh, listed=rows, pixel=np.arange(len(rows)), weight=np.ones(len(rows)))
-    groups = sun_groups(scene, part, np.arange(len(wall.mesh.positions)), np.array([0.0, 0.0, 1.0]))
+    facets, triangle = find_surfaces(PartOf(scene), [wall], Cache()).facets, np.zeros(len(rows), np.int64)
+    part: Any = SimpleNamespace(listed=rows, triangle=triangle, pixel=np.arange(len(rows)), weight=np.ones(len(rows)))
+    groups = sun_groups(scene, part, facets, np.array([0.0, 0.0, 1.0]))
     assert np.array_equal(groups.first, (row % 2 == 0) & (column % 2 == 0))
     truth = np.repeat(np.where(column < 256, 1.0, np.where(column == 256, 0.4, 0.0))[:, None], 2, axis=1)
     seen = np.where(groups.first[:, None], truth, -1.0).astype(np.float32)

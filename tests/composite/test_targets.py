@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import pytest
 
-from mr360uw.composite.gl.targets import Targets
+from mr360uw.composite.gl.device import Targets
 
 pytestmark = pytest.mark.usefixtures("gl")
 

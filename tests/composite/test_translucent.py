@@ -13,7 +13,7 @@ import pytest
 from mr360uw.cache import Cache
 from mr360uw.composite import load_mesh
 from mr360uw.composite.gl.layer_renderer import LayerRenderer
-from mr360uw.composite.lighting.blockers import casting_bodies
+from mr360uw.composite.lighting.shadow import casting_bodies
 from mr360uw.composite.mesh.material import Material, Part
 from mr360uw.composite.mesh.mesh import Mesh, make_mesh
 from mr360uw.composite.mesh.texture import make_texture

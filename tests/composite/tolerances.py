@@ -22,8 +22,6 @@ POLYGON_AREA = 0.01
 """A sphere of 32 rows of flat facets lies inside the round one."""
 RECTANGLE_PIXELS = 4
 """A rectangle is one pixel wider than the triangle on every side, which itself may miss pixel centres."""
-EDGE_PIXELS = 0.02
-"""A place in a frame of 512 columns in single precision, and the arc functions near a pole."""
 FURNACE = 0.005
 """A white body in white light vanishes to within half a per cent."""
 FLUSH_CARD = 0.02
@@ -195,3 +193,6 @@ degrees: at a point here and there three or four of 512 directions, each .0078 o
 DISC_PEAK, DISC_LOBE = 0.03, 0.12
 """Highlights of a light's disc against quadrature, over their peak: at the mirror direction, where an ellipse of half
 vectors is taken for a disc of its area, and rms over the lobe: that of a disc wider than the lobe has a flatter top."""
+
+SAMPLES_AT_EDGES = 1e-3
+"""Pixels of which a sample lies so near to an edge that single precision sees it on its other side."""

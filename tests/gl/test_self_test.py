@@ -58,11 +58,11 @@ def test_a_wrong_picture_is_told() -> None:
 
 def test_a_shader_that_does_not_compile_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     def render(self: LayerRenderer, shot: Shot) -> Layer:  # noqa: ARG001 - arguments of what it stands for
-        raise GlError("shader - does not compile - visible.frag:277")
+        raise GlError("shader - does not compile - layer.frag:77")
 
     monkeypatch.setattr(LayerRenderer, "render", render)
     (trial,) = self_test.run_trials(("zenith",))
-    assert "visible.frag:277" in trial.problem
+    assert "layer.frag:77" in trial.problem
 
 
 @pytest.mark.usefixtures("card", "dark")

@@ -68,8 +68,8 @@ from mr360uw.composite.ambient.mesh_transfer import (
     seen_by_camera,
     whole_values,
 )
-from mr360uw.composite.lighting.sun import sun_of, sun_up
-from mr360uw.composite.raycast.geometry import Hits
+from mr360uw.composite.lighting.light_sources import sun_of, sun_up
+from mr360uw.composite.raycast import Hits
 from mr360uw.composite.receiver.shape import ReceiverShape, kept_shape
 from mr360uw.composite.shot import BetweenSamples, LightSample, PlacedObject, Shot
 from mr360uw.ibl.lookup import environment_lookup

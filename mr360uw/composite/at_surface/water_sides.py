@@ -19,8 +19,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mr360uw.composite.lighting.sun import sun_of, sun_up
-from mr360uw.composite.lighting.surfaces import veil_ahead, water_ahead
+from mr360uw.composite.lighting.light_sources import sun_of, sun_up
+from mr360uw.composite.lighting.shading import veil_ahead, water_ahead
 from mr360uw.composite.shot import Shot
 from mr360uw.ibl.lighting import assemble
 from mr360uw.ibl.lookup import environment_lookup

@@ -13,14 +13,13 @@ from numpy.typing import NDArray
 from mr360uw.cache import Cache
 from mr360uw.composite.ambient.solver import AmbientLight
 from mr360uw.composite.aovs import AovFrame, Aovs
+from mr360uw.composite.gl.device import MeshBuffers, StillBuffers, Targets, upload_mesh, upload_still
 from mr360uw.composite.gl.light_textures import LightTextures
 from mr360uw.composite.gl.object_pass import ObjectPass
 from mr360uw.composite.gl.receiver_pass import ReceiverPass
-from mr360uw.composite.gl.targets import Targets
-from mr360uw.composite.gl.upload import MeshBuffers, StillBuffers, upload_mesh, upload_still
 from mr360uw.composite.mesh.mesh import Mesh
 from mr360uw.composite.over import empty_tile, hold_out
-from mr360uw.composite.raycast.geometry import object_rectangles
+from mr360uw.composite.raycast import object_rectangles
 from mr360uw.composite.receiver.blocks import Prepared, prepare, rectangles_of_blocks
 from mr360uw.composite.receiver.ratio import lay_receiver
 from mr360uw.composite.sampling import NO_GAPS
@@ -73,7 +72,8 @@ class LayerRenderer:
         self._meshes.add_places(ambient)
         light = self._light.of(shot)
         surfaces = self._objects.find(shot) if object_parts else None
-        on_blocks = self._receiver.light(shot, light, prepared.reach, NO_GAPS if surfaces is None else surfaces.gaps)
+        gaps = surfaces.layers[-1].gaps if surfaces is not None and surfaces.layers else NO_GAPS
+        on_blocks = self._receiver.light(shot, light, prepared.reach, gaps)
         parts = object_parts + ([] if on_blocks is None else rectangles_of_blocks(on_blocks.blocks, view))
         tiles = even_tiles(parts, view.width, view.height)
         drawn = [empty_tile(part) for part in tiles]

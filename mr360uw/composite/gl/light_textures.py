@@ -16,11 +16,10 @@ from numpy.typing import NDArray
 
 from mr360uw.cache import Cache
 from mr360uw.caustics.gl.stack import AtlasScratch, StackTextures, upload
+from mr360uw.composite.gl.device import MeshBuffers, write_uniform
 from mr360uw.composite.gl.shadow_atlas import ROW_TEXELS, LightFrame, ShadowAtlas, slot_size, translucent
-from mr360uw.composite.gl.upload import MeshBuffers, write_uniform
-from mr360uw.composite.lighting.lamps import lamps_of
+from mr360uw.composite.lighting.light_sources import lamps_of, sun_of, sun_up, widest_half_angle
 from mr360uw.composite.lighting.shadow import wide_pixel_offsets
-from mr360uw.composite.lighting.sun import sun_of, sun_up, widest_half_angle
 from mr360uw.composite.mesh.mesh import Mesh
 from mr360uw.composite.shot import PlacedObject, Shot
 from mr360uw.constants import MAXIMUM_GLOSSY_LEVELS, MAXIMUM_SUN_RAYS, MAXIMUM_SUN_SAMPLES

@@ -15,11 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.cache import Cache, PartOf, Same
+from mr360uw.composite.gl.device import Targets, bind, list_texture, of_eye
 from mr360uw.composite.gl.light_textures import ShotLight, sun_defines
-from mr360uw.composite.gl.targets import Targets, bind
-from mr360uw.composite.gl.triangles import of_eye
-from mr360uw.composite.gl.upload import list_texture
-from mr360uw.composite.lighting.sun import scattered_share, sun_of, widest_half_angle
+from mr360uw.composite.lighting.light_sources import scattered_share, sun_of, widest_half_angle
 from mr360uw.composite.receiver.blocks import (
     SMOOTH,
     Blocks,

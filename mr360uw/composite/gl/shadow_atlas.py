@@ -16,8 +16,7 @@ import numpy as np
 
 from mr360uw.cache import Cache, PartOf
 from mr360uw.composite.ambient.form_factors import rounded
-from mr360uw.composite.gl.targets import bind
-from mr360uw.composite.gl.upload import MeshBuffers
+from mr360uw.composite.gl.device import MeshBuffers, bind
 from mr360uw.composite.mesh.material import AlphaMode
 from mr360uw.composite.mesh.mesh import Mesh
 from mr360uw.composite.shot import PlacedObject
@@ -42,6 +41,8 @@ _MOST_TEXELS = 1 << 21
 """Texels of all slots together: bounds the memory."""
 _SUPERSAMPLING = 2
 """Texels drawn along each side of a column."""
+_LEVELS = 16
+"""Levels of which the target is kept."""
 _COLUMNS = 8
 """Slots in a row of the atlas."""
 _MARGIN = 1.02
@@ -154,8 +155,9 @@ class ShadowAtlas:
         frames = drawn_of.whole
         columns, rows = min(len(frames), _COLUMNS), -(-len(frames) // _COLUMNS)
         drawn = self._cache.of(_target, columns * size, rows * size)
-        texture = float_texture(columns * size, rows * size, 4)
+        texture = float_texture(columns * size * 3 // 2, rows * size, 4)
         texture.repeat_x = texture.repeat_y = False
+        texture.filter = (gl_context().LINEAR, gl_context().LINEAR)
         atlas = gl_context().framebuffer([texture])
         clear = self._cache.of(_target, columns * size, rows * size, True) if translucent(frames) else None
         drawn.clear(-1e9, -1e9, 0.0, 0.0, viewport=(0, 0, *drawn.size))
@@ -175,9 +177,21 @@ class ShadowAtlas:
         set_uniforms(shader, slot_size=size, slot_columns=columns)
         atlas.viewport = (0, 0, columns * size, rows * size)
         draw_fullscreen(atlas, shader)
-        texture.build_mipmaps(0, size.bit_length() - 3)
-        texture.filter = (gl_context().LINEAR_MIPMAP_NEAREST, gl_context().LINEAR)
+        self._add_levels(atlas, columns * size, rows * size, size)
         return texture, extents
+
+    def _add_levels(self, atlas: moderngl.Framebuffer, width: int, height: int, size: int) -> None:
+        """Draw the means of 2 x 2, 4 x 4, ... columns (height, width) beside them, down to 4 texels across a slot."""
+        shader, source = self._shader(_level_shader), atlas
+        for level in range(1, size.bit_length() - 2):
+            part = width >> level, height >> level
+            halved = self._cache.of(_level, *part, keep=_LEVELS)
+            for target, side, corner in ((halved, 2, (0, 0)), (atlas, 1, (width, height - 2 * part[1]))):
+                bind(shader, {"source": source.color_attachments[0]})
+                set_uniforms(shader, side=side, corner=corner)
+                target.viewport = (*corner, *part)
+                draw_fullscreen(target, shader)
+                source = halved
 
     def _draw_frame(
         self,
@@ -245,6 +259,14 @@ def _column_shader(clear: bool) -> moderngl.Program:
     return program(
         fragment="composite/gl/shaders/atlas/shadow_columns.frag", defines={"TRANSLUCENT": 1} if clear else {}
     )
+
+
+def _level_shader() -> moderngl.Program:
+    return program(fragment="composite/gl/shaders/atlas/shadow_levels.frag")
+
+
+def _level(width: int, height: int) -> moderngl.Framebuffer:
+    return gl_context().framebuffer([float_texture(width, height, 4)])
 
 
 def _target(width: int, height: int, passed: bool = False) -> moderngl.Framebuffer:

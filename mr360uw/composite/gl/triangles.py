@@ -1,289 +1,267 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Triangles of a shot on OpenGL in camera axes: their vectors for ray intersection, and lists of those that may cover
-each block of 4 x 4 pixels.
+"""Triangles of objects as a camera sees them, and lists of those that may cover each block of 4 x 4 pixels.
 
-All visible objects share one numbering of triangles. The rows of an object are redrawn only if it or the camera moved.
-A block lists the triangles whose rectangles of the frame overlap it, with a mask of the overlapped pixels; blocks
-without triangles are left out. A rectangle may cross the seam or run around the whole frame, so neither the seam nor
-the poles are special. The device reads the lists with blocks.glsl.
+Every triangle has three vectors in the camera's axes, its facet: a ray d meets it where its products with them are not
+negative; their sum is one over the distance. A rectangle of pixels that holds what is seen of it is exact: longitudes
+are those of corners, latitudes those of the arcs of great circles between them (composite/tiles.py has it of bodies).
+It may cross the seam or run around the whole frame, so neither the seam nor the poles are special.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.cache import Cache, version
-from mr360uw.composite.gl.targets import BLOCK, Targets, bind
-from mr360uw.composite.gl.upload import MODES, MeshBuffers, cutting_maps, list_texture, texture_store
+from mr360uw.cache import PartOf
 from mr360uw.composite.mesh.mesh import Mesh
-from mr360uw.composite.shot import PlacedObject, Shot
+from mr360uw.composite.mesh.texture import Texture
+from mr360uw.composite.shot import PlacedObject
 from mr360uw.composite.tiles import NEAREST
-from mr360uw.errors import MeshError
-from mr360uw.gl.context import gl_context, largest_texture, set_uniforms
-from mr360uw.jit import exact
-from mr360uw.types import Floats, Rectangle
+from mr360uw.jit import exact, inlined
+from mr360uw.types import View
 
-if TYPE_CHECKING:
-    import moderngl
-
-
-FACET_COLUMNS = 512
-_FACETS = ("facet_a", "facet_b", "facet_c")
-_CUTOUTS = ("cutout_a", "cutout_b", "cutout_c")
-_EYES = 2
-"""Targets that are kept, one of each eye."""
+BLOCK = 4
+"""Pixels along a block."""
+OPAQUE, MASKED, BLENDED = 0, 1, 2
+"""Kinds of triangles, by the alpha mode of their material."""
+_MODES = ("OPAQUE", "MASK", "BLEND")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ObjectTriangles:
-    """Triangles of objects. textures: inputs of visible.frag by name. first: number of each object's first triangle.
+class SeenTriangles:
+    """Triangles (T,) of one object, as a camera sees them.
 
-    numbers: (T,) of the triangles that face the camera, nearest first. kinds: (T,) indices of their alpha modes in
-    `MODES`. rectangles: (T, 4) of the pixels that they may cover, as `make_blocks` takes them.
+    facets: (T, 10). nearest: (T,) at least one over their distance. rectangle: (T, 4) of the pixels that they may
+    cover, first and last column and row; the last row is before the first where they face away. Columns may run beyond
+    the frame, around the seam.
     """
 
-    textures: dict[str, moderngl.Texture]
-    first: NDArray[np.int64]
-    numbers: NDArray[np.int64]
-    kinds: NDArray[np.int8]
-    rectangles: NDArray[np.int32]
-
-
-class _Rows:
-    """A target with a texel for each triangle as an eye sees it, its values read back, and the keys of the objects."""
-
-    def __init__(self, _eye_m: float) -> None:
-        self.target: moderngl.Framebuffer | None = None
-        self.rectangles = np.zeros((0, 4), np.int32)
-        self.kinds = np.zeros(0, np.int8)
-        self.nearest = np.zeros(0, np.float32)
-        self.drawn: list[object] = []
-
-    def room(self, rows: int, masked: bool) -> moderngl.Framebuffer:
-        """Return the target, made anew if it has too few rows or no attachments for masked triangles."""
-        channels = (4,) * (1 + len(_FACETS)) + (1,) + (4,) * (len(_CUTOUTS) if masked else 0)
-        target = self.target
-        if target is not None and target.height >= rows and len(target.color_attachments) >= len(channels):
-            return target
-        limit = largest_texture()
-        if rows > limit:
-            raise MeshError(
-                f"objects - too many triangles for this OpenGL (got {rows * FACET_COLUMNS / 1e6:.1f} million) - "
-                f"simplify the meshes to {limit * FACET_COLUMNS / 1e6:.1f} million"
-            )
-        rows = max(rows, 0 if target is None else min(2 * target.height, limit))
-        textures = [gl_context().texture((FACET_COLUMNS, rows), c, dtype="f4") for c in channels]
-        self.target = gl_context().framebuffer(textures)
-        self.rectangles = np.full((rows * FACET_COLUMNS, 4), -1, np.int32)
-        self.kinds = np.zeros(rows * FACET_COLUMNS, np.int8)
-        self.nearest = np.zeros(rows * FACET_COLUMNS, np.float32)
-        self.drawn.clear()
-        return self.target
-
-    def read(self, targets: Targets, first: int, end: int) -> None:
-        """Read rows [first, end) back from the device."""
-        assert self.target is not None
-        part = Rectangle(0, first, FACET_COLUMNS, end - first)
-        rectangles, nearest = (targets.read(self.target, part, k) for k in (0, 1 + len(_FACETS)))
-        rows = slice(first * FACET_COLUMNS, end * FACET_COLUMNS)
-        self.rectangles[rows], self.nearest[rows] = rectangles.reshape(-1, 4), nearest.reshape(-1)
-
-
-class FacetPass:
-    """Draws triangles into one texel each. buffers: returns the device's copy of a mesh."""
-
-    def __init__(self, targets: Targets, buffers: Callable[[Mesh], MeshBuffers], cache: Cache) -> None:
-        self._targets, self._buffers, self._cache = targets, buffers, cache
-
-    def draw(self, shot: Shot, objects: Sequence[PlacedObject]) -> ObjectTriangles:
-        """Return the triangles of a shot's objects."""
-        heights = [-(-len(placed.mesh.positions) // FACET_COLUMNS) for placed in objects]
-        row = np.concatenate([[0], np.cumsum(heights)])
-        buffers = [self._buffers(placed.mesh) for placed in objects]
-        masked = tuple(
-            dict.fromkeys(p.mesh.still for p, held in zip(objects, buffers, strict=True) if held.ranges["MASK"][1])
-        )
-        cutouts, first_map = self._cache.of(self._make_cutouts, masked)
-        rows = self._cache.of(_Rows, shot.view.eye_m, keep=_EYES)
-        target = rows.room(int(row[-1]), bool(masked))
-        piece, changed, seen = 0, [], version((shot.view, masked))
-        for k, (placed, held) in enumerate(zip(objects, buffers, strict=True)):
-            now = seen, int(row[k]), piece, version(placed)
-            if k >= len(rows.drawn) or rows.drawn[k] != now:
-                rows.drawn[k : k + 1] = [now]
-                place = int(row[k]), heights[k], piece, first_map.get(placed.mesh.still, 0)
-                self._draw(shot, placed, held, target, bool(cutouts), place)
-                kinds = rows.kinds[int(row[k]) * FACET_COLUMNS :]
-                for kind, mode in enumerate(MODES):
-                    start, count = held.ranges[mode]
-                    kinds[start : start + count] = kind
-                changed.append(k)
-            piece += held.pieces
-        if changed:
-            rows.read(self._targets, int(row[changed[0]]), int(row[changed[-1] + 1]))
-        used = rows.rectangles[: int(row[-1]) * FACET_COLUMNS]
-        numbers = _nearest_first(np.flatnonzero(used[:, 2] >= used[:, 0]), rows.nearest)
-        names = (*_FACETS, "nearest", *(_CUTOUTS if masked else ()))
-        textures: dict[str, Any] = dict(zip(names, target.color_attachments[1:], strict=False))
-        return ObjectTriangles(
-            textures | cutouts, row[:-1] * FACET_COLUMNS, numbers, rows.kinds[numbers], used[numbers]
-        )
-
-    def _draw(
-        self,
-        shot: Shot,
-        placed: PlacedObject,
-        buffers: MeshBuffers,
-        target: moderngl.Framebuffer,
-        cut: bool,
-        place: tuple[int, int, int, int],
-    ) -> None:
-        """Draw an object. cut: whether the shot has masked triangles. place: the object's first row, its rows, and the
-        numbers of its first smooth piece and of its first mask map.
-        """
-        row, rows, piece, first_map = place
-        defines: dict[str, int | float] = {"FACET_COLUMNS": FACET_COLUMNS, **of_eye(shot)}
-        defines |= {"CUTOUTS": 1} if cut else {}
-        defines |= {"NEAREST": NEAREST} if shot.view.eye_m else {}
-        shader = self._targets.program("facets", defines)
-        bind(shader, {"triangles": buffers.triangles, "materials": buffers.materials})
-        camera_from_world = np.eye(4)
-        camera_from_world[:3, :3] = shot.view.world_from_camera.T
-        set_uniforms(
-            shader,
-            camera_from_object=(camera_from_world @ camera_centred(placed, shot)).T,
-            frame_size=(shot.view.width, shot.view.height),
-            count=len(placed.mesh.positions),
-            first_row=row,
-            eye_m=shot.view.eye_m,
-            first_piece=float(piece),
-            first_map=float(first_map),
-        )
-        self._targets.fill(target, shader, Rectangle(0, row, FACET_COLUMNS, rows))
-
-    def _make_cutouts(self, meshes: tuple[Mesh, ...]) -> tuple[dict[str, moderngl.Texture], dict[Mesh, int]]:
-        """Return textures of the alpha of mask maps and of their entries, and the index of each mesh's first map."""
-        maps = [texture for mesh in meshes for texture in cutting_maps(mesh)]
-        if not maps:
-            return {}, {}
-        first = np.cumsum([0, *(len(cutting_maps(mesh)) for mesh in meshes)])
-        store, entries = texture_store(maps, slice(3, 4))
-        table = np.array([entries[texture] for texture in maps])
-        textures = {"cutouts": store, "cutout_maps": list_texture(table)}
-        return textures, dict(zip(meshes, first[:-1].tolist(), strict=True))
-
-
-def of_eye(shot: Shot) -> dict[str, int]:
-    """Return the define of shaders whose rays start on the viewing circle (eyes.glsl); none for a single camera."""
-    return {"EYE": 1} if shot.view.eye_m else {}
-
-
-def _nearest_first(numbers: NDArray[np.int64], nearest: NDArray[np.float32]) -> NDArray[np.int64]:
-    """Return numbers of triangles sorted by nearness (one over the distance), nearest first."""
-    # positive floats sort like their bits, and one array of integers sorts faster than two
-    key = ~nearest[numbers].view(np.uint32).astype(np.uint64) << np.uint64(32) | numbers.astype(np.uint64)
-    key.sort()
-    return (key & np.uint64(0xFFFFFFFF)).astype(np.int64)
-
-
-def camera_centred(placed: PlacedObject, shot: Shot) -> Floats:
-    """Return the transform (4, 4) from an object to world axes with the camera at the origin."""
-    matrix = placed.world_from_object.copy()
-    matrix[:3, 3] -= shot.view.position
-    return matrix
-
-
-KINDS = 3
-"""Kinds of triangles: opaque, masked, blended, in this order in every list."""
-
-# sort key: (block, kind, position of the triangle, mask) in the bits of one integer, the first highest
-_MASK_BITS, _PLACE_BITS, _KIND_BITS = 16, 23, 2
-_KIND_AT = _MASK_BITS + _PLACE_BITS
-_BLOCK_AT = _KIND_AT + _KIND_BITS
-MOST_TRIANGLES = 1 << _PLACE_BITS
-_ROW_STARTS = np.array([0x0000, 0x0001, 0x0011, 0x0111, 0x1111], np.int32)
-"""The first bit of each of the first k rows of a block."""
+    facets: NDArray[np.float32]
+    nearest: NDArray[np.float32]
+    rectangle: NDArray[np.int32]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Blocks:
-    """n blocks of pixels and their lists, row by row.
+class MeshLooks:
+    """What is the same in all poses of a mesh. kind: (T,) index of the alpha mode. two_sided: (T,). pieces: how many.
 
-    corner: (n, 2) column and row of the first pixel. bounds: (n, 4) indices into `members`: begin and end of a block's
-    opaque triangles, end of the masked and end of the blended ones that follow. members: (m,) numbers of triangles, in
-    their given order within each kind. masks: (m,) a bit for each pixel of the block that the triangle may cover, row
-    by row.
+    cut: (T,) row of `cuts`, -1 for triangles without a mask. cuts: (m, 11) texture coordinates and alphas of the
+    corners, cutoff, and index of the map, -1 for none. maps: those.
     """
 
-    corner: NDArray[np.int64]
-    bounds: NDArray[np.int64]
-    members: NDArray[np.integer]
-    masks: NDArray[np.int32]
-
-    def some(self, which: slice | NDArray[np.bool_]) -> Blocks:
-        """Return some of the blocks, with the same members."""
-        return replace(self, corner=self.corner[which], bounds=self.bounds[which])
-
-    def pixels(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Return rows and columns (16 n,) of all pixels, block by block; some may lie beyond the frame."""
-        at = np.arange(BLOCK * BLOCK)
-        return (self.corner[:, 1:] + at // BLOCK).ravel(), (self.corner[:, :1] + at % BLOCK).ravel()
+    kind: NDArray[np.int8]
+    two_sided: NDArray[np.bool_]
+    pieces: int
+    cut: NDArray[np.int32]
+    cuts: NDArray[np.float64]
+    maps: tuple[Texture, ...]
 
 
-def make_blocks(
-    rectangles: NDArray[np.integer], numbers: NDArray[np.integer], kinds: NDArray[np.integer], width: int
-) -> Blocks:
-    """Return the blocks that triangles may cover.
+def mesh_looks(mesh: Mesh) -> MeshLooks:
+    """Return what all poses of a mesh share."""
+    modes = np.array([_MODES.index(m.alpha_mode) for m in mesh.materials], np.int8)
+    two_sided = np.array([m.double_sided for m in mesh.materials])
+    kind, masked = modes[mesh.material], np.flatnonzero(modes[mesh.material] == MASKED)
+    cut = np.full(len(kind), -1, np.int32)
+    cut[masked] = np.arange(len(masked))
+    maps = tuple(dict.fromkeys(m.base_map for m in mesh.materials if m.alpha_mode == "MASK" and m.base_map is not None))
+    number = np.array([-1 if m.base_map not in maps else maps.index(m.base_map) for m in mesh.materials])
+    factor = np.array([m.base_color[3] for m in mesh.materials])
+    cutoff, material = np.array([m.alpha_cutoff for m in mesh.materials]), mesh.material[masked]
+    cuts = np.column_stack(
+        [
+            mesh.uv[masked].reshape(-1, 6), factor[material, None] * mesh.colors[masked, :, 3],
+            cutoff[material], number[material],
+        ]
+    )  # fmt: skip
+    return MeshLooks(kind, two_sided[mesh.material], int(mesh.patch.max(initial=-1)) + 1, cut, cuts, maps)
 
-    rectangles: (T, 4) first column, first row, last column, last row of pixels; columns start inside the frame and may
-    run beyond it, around the seam. numbers, kinds: (T,), T up to `MOST_TRIANGLES`.
+
+def seen_triangles(placed: PlacedObject, of_view: PartOf[View], looks: MeshLooks) -> SeenTriangles:
+    """Return the triangles of an object as the camera of a view sees them."""
+    view, positions = of_view.whole, placed.mesh.positions
+    count = len(positions)
+    matrix = np.empty((3, 4))
+    matrix[:, :3] = view.world_from_camera.T @ placed.world_from_object[:3, :3]
+    matrix[:, 3] = view.world_from_camera.T @ (placed.world_from_object[:3, 3] - view.position)
+    facets, nearest = np.zeros((count, 10), np.float32), np.zeros(count, np.float32)
+    rectangle = np.empty((count, 4), np.int32)
+    size = float(view.width), float(view.height)
+    _project(np.asarray(positions, np.float64), matrix, looks.two_sided, *size, float(view.eye_m), facets, nearest,
+             rectangle)  # fmt: skip
+    return SeenTriangles(facets, nearest, rectangle)
+
+
+def make_blocks(rectangle: NDArray[np.int32], nearest: NDArray[np.float32], view: View) -> tuple[Any, ...]:
+    """Return the n blocks that triangles may cover: column and row (n, 2) of their first pixel, bounds (n + 1,) of
+    their lists, and the lists (m,): triangles, nearest first, and a bit for each pixel that they may cover.
     """
-    across = -(-width // BLOCK)
-    left, top, right, bottom = np.ascontiguousarray(rectangles.T, np.int32)
-    places = np.arange(len(left))
-    over = np.flatnonzero(right >= width)
-    if len(over):  # rectangles across the seam continue at column 0
-        top, bottom, places, kinds = (np.concatenate([a, a[over]]) for a in (top, bottom, places, kinds))
-        left = np.concatenate([left, np.zeros(len(over), np.int32)])
-        right = np.concatenate([np.minimum(right, width - 1), right[over] - width])
-    meetings = (right // BLOCK - left // BLOCK + 1) * (bottom // BLOCK - top // BLOCK + 1)
-    begin = np.cumsum(meetings, dtype=np.int64) - meetings
-    key = np.empty(int(meetings.sum(dtype=np.int64)), np.uint64)
-    code = (kinds.astype(np.uint64) << np.uint64(_KIND_AT)) | (places.astype(np.uint64) << np.uint64(_MASK_BITS))
-    _set_keys(left, top, right, bottom, code, begin, across, key)
-    key.sort()
-    block = (key >> np.uint64(_BLOCK_AT)).astype(np.int64)
-    first = np.flatnonzero(np.diff(block, prepend=-1))
-    there = block[first]
-    bounds = np.empty((len(first), 1 + KINDS), np.int64)
-    bounds[:, 0], bounds[:, KINDS] = first, np.append(first[1:], len(key))
-    for kind in range(1, KINDS):
-        least = (there << _KIND_BITS | kind).astype(np.uint64) << np.uint64(_KIND_AT)
-        bounds[:, kind] = np.searchsorted(key, least) if kinds.any() else bounds[:, KINDS]
-    return Blocks(
-        corner=BLOCK * np.stack([there % across, there // across], axis=-1),
-        bounds=bounds,
-        members=numbers[((key >> np.uint64(_MASK_BITS)) & np.uint64(MOST_TRIANGLES - 1)).astype(np.int64)],
-        masks=(key & np.uint64((1 << _MASK_BITS) - 1)).astype(np.int32),
-    )
+    numbers = np.flatnonzero(rectangle[:, 3] >= rectangle[:, 1])
+    numbers = numbers[np.argsort(-nearest[numbers], kind="stable")]
+    across, down = -(-view.width // BLOCK), -(-view.height // BLOCK)
+    place = np.zeros(across * down + 1, np.int32)
+    _count_blocks(rectangle, numbers, view.width, across, place)
+    there = np.flatnonzero(place[1:])
+    np.cumsum(place, out=place)
+    bounds = np.append(place[there], place[-1]).astype(np.int64)
+    members, masks = np.empty(place[-1], np.int32), np.empty(place[-1], np.uint16)
+    _fill_blocks(rectangle, numbers, view.width, across, place, members, masks)
+    return BLOCK * np.stack([there % across, there // across], axis=-1), bounds, members, masks
+
+
+_MARGIN = 0.02
+"""Pixels added around the rectangle of a triangle, for rounding in single precision."""
+_LEAST_M = 1e-5
+"""Least distance [m] between an eye's viewpoints and the plane of a triangle, in which rays cannot be intersected."""
+
+
+_LARGEST = 1e30
+"""Largest square [1/m^2] of one over the distance to a triangle's plane: slivers seen edge-on are left out."""
 
 
 @exact
-def _set_keys(left: Any, top: Any, right: Any, bottom: Any, code: Any, begin: Any, across: Any, key: Any) -> None:
-    """Set the sort keys of all blocks that rectangles (T,) overlap, those of the t-th from begin[t] on.
-
-    code: (T,) what the key has besides the block and the mask of its pixels. across: blocks in a row of the frame.
+def _project(
+    positions: Any, matrix: Any, two_sided: Any, width: Any, height: Any, eye: Any, facets: Any, nearest: Any,
+    rectangle: Any,
+) -> None:  # fmt: skip
+    """Set the arrays of `SeenTriangles`. positions: (T, 3, 3) of a mesh, matrix: (3, 4) from its axes to the camera's.
+    eye: [m] to the right of the middle of a stereo camera, 0 for one camera.
     """
-    for t in range(len(left)):
-        n = begin[t]
-        for r in range(top[t] // BLOCK, bottom[t] // BLOCK + 1):
-            rows = _ROW_STARTS[min(bottom[t] - BLOCK * r, BLOCK - 1) + 1] - _ROW_STARTS[max(top[t] - BLOCK * r, 0)]
-            for c in range(left[t] // BLOCK, right[t] // BLOCK + 1):
-                in_a_row = (2 << min(right[t] - BLOCK * c, BLOCK - 1)) - (1 << max(left[t] - BLOCK * c, 0))
-                key[n] = (np.uint64(r * across + c) << np.uint64(_BLOCK_AT)) | code[t] | np.uint64(in_a_row * rows)
-                n += 1
+    p = np.empty((3, 3))
+    for t in range(len(positions)):
+        rectangle[t, 0], rectangle[t, 1], rectangle[t, 2], rectangle[t, 3] = 0, 0, -1, -1
+        for k in range(3):
+            for j in range(3):
+                p[k, j] = matrix[j, 3]
+                for i in range(3):
+                    p[k, j] += matrix[j, i] * positions[t, k, i]
+        # Leave out what faces away; an eye sees around a triangle that the middle sees edge-on
+        nx, ny, nz = _cross(p[1, 0] - p[0, 0], p[1, 1] - p[0, 1], p[1, 2] - p[0, 2],
+                            p[2, 0] - p[0, 0], p[2, 1] - p[0, 1], p[2, 2] - p[0, 2])  # fmt: skip
+        long = np.sqrt(nx * nx + ny * ny + nz * nz)
+        volume = nx * p[0, 0] + ny * p[0, 1] + nz * p[0, 2]
+        if eye != 0.0 and long > 0.0 and abs(volume) < _LEAST_M * long:
+            shift = (-_LEAST_M if volume < 0.0 else _LEAST_M) / long
+            for k in range(3):
+                p[k, 0] += shift * nx
+                p[k, 1] += shift * ny
+                p[k, 2] += shift * nz
+            volume = nx * p[0, 0] + ny * p[0, 1] + nz * p[0, 2]
+        if volume == 0.0 or not (volume < abs(eye) * long or two_sided[t]):
+            continue
+        # Three vectors for the intersection with rays, and the least distance
+        plane_x = plane_y = plane_z = 0.0
+        edge, corner = 0.0, 1e300
+        for k in range(3):
+            i, j = (k + 1) % 3, (k + 2) % 3
+            x, y, z = _cross(p[i, 0], p[i, 1], p[i, 2], p[j, 0] - p[i, 0], p[j, 1] - p[i, 1], p[j, 2] - p[i, 2])
+            x, y, z = x / volume, y / volume, z / volume
+            facets[t, 3 * k], facets[t, 3 * k + 1], facets[t, 3 * k + 2] = x, y, z
+            plane_x, plane_y, plane_z = plane_x + x, plane_y + y, plane_z + z
+            edge = max(edge, (p[i, 0] - p[j, 0]) ** 2 + (p[i, 1] - p[j, 1]) ** 2 + (p[i, 2] - p[j, 2]) ** 2)
+            corner = min(corner, p[k, 0] ** 2 + p[k, 1] ** 2 + p[k, 2] ** 2)
+        facets[t, 9] = 0.0 if two_sided[t] else (1.0 if volume > 0.0 else -1.0)
+        if not plane_x * plane_x + plane_y * plane_y + plane_z * plane_z < _LARGEST:
+            continue
+        # No point is farther from its nearest corner than the circumradius of the longest edge
+        away = 1.0 / np.sqrt(plane_x * plane_x + plane_y * plane_y + plane_z * plane_z)
+        near = 1.0 / (max(away, np.sqrt(corner) - 0.578 * np.sqrt(edge)) * (1.0 - 1e-5))
+        left, top, right, bottom = _rectangle(p, volume, width, height)
+        if eye != 0.0:
+            ratio = abs(eye) * near
+            if ratio > 1.0 / NEAREST:
+                left, top, right, bottom = 0.0, 0.0, width, height
+            else:
+                beside, over = width * np.arcsin(ratio) / (2.0 * np.pi), height * ratio * ratio / np.pi
+                left, right = left - (beside if eye > 0.0 else 0.0), right + (0.0 if eye > 0.0 else beside)
+                top, bottom = top - over, bottom + over
+            near /= np.sqrt(max(1.0 - ratio * ratio, 1e-6))
+        nearest[t] = near
+        left, right = np.floor(left - _MARGIN), np.floor(right + _MARGIN)
+        if right - left >= width:
+            left, right = 0.0, width - 1.0
+        turn = width * np.floor(left / width)
+        rectangle[t, 0], rectangle[t, 2] = left - turn, right - turn
+        rectangle[t, 1] = min(max(np.floor(top - _MARGIN), 0.0), height - 1.0)
+        rectangle[t, 3] = min(max(np.floor(bottom + _MARGIN), 0.0), height - 1.0)
+
+
+@inlined
+def _cross(ax: Any, ay: Any, az: Any, bx: Any, by: Any, bz: Any) -> Any:
+    return ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+
+
+@exact
+def _rectangle(p: Any, volume: Any, width: Any, height: Any) -> Any:
+    """Return (left, top, right, bottom) of a triangle (3, 3) in frame coordinates.
+
+    volume: of the triangle's corners, a.(b x c).
+    """
+    south, north, over, under, turn, low, high, before = 1.0, -1.0, True, True, 0.0, 0.0, 0.0, 0.0
+    for k in range(3):
+        n = (k + 1) % 3
+        sine = p[k, 1] / max(np.sqrt(p[k, 0] ** 2 + p[k, 1] ** 2 + p[k, 2] ** 2), 1e-300)
+        south, north = min(south, sine), max(north, sine)
+        # The great circle of an edge is highest at `highest`, which counts where it lies between the corners
+        x, y, z = _cross(p[k, 0], p[k, 1], p[k, 2], p[n, 0], p[n, 1], p[n, 2])
+        after, ahead = p[k, 0] * z - p[k, 2] * x, p[n, 2] * x - p[n, 0] * z
+        highest = np.sqrt(max(1.0 - y * y / max(x * x + y * y + z * z, 1e-300), 0.0))
+        if after > 0.0 and ahead > 0.0:
+            north = max(north, highest)
+        if after < 0.0 and ahead < 0.0:
+            south = min(south, -highest)
+        over, under = over and y >= 0.0, under and y <= 0.0
+        # Longitudes, each as near to the one before as possible
+        longitude = np.arctan2(p[k, 0], -p[k, 2])
+        if k > 0:
+            turn += 2.0 * np.pi * np.floor((before - longitude - turn) / (2.0 * np.pi) + 0.5)
+        before = longitude + turn
+        low, high = (before, before) if k == 0 else (min(low, before), max(high, before))
+    pole = 0.0
+    if over or under:  # the pole's ray is on one side of all edges
+        pole = volume * ((p[1, 2] - p[0, 2]) * (p[2, 0] - p[0, 0]) - (p[1, 0] - p[0, 0]) * (p[2, 2] - p[0, 2]))
+    top = 0.0 if pole > 0.0 else height * (0.5 - np.arcsin(min(max(north, -1.0), 1.0)) / np.pi)
+    bottom = height if pole < 0.0 else height * (0.5 - np.arcsin(min(max(south, -1.0), 1.0)) / np.pi)
+    if pole != 0.0:
+        return 0.0, top, width, bottom
+    return width * (low / (2.0 * np.pi) + 0.5), top, width * (high / (2.0 * np.pi) + 0.5), bottom
+
+
+@exact
+def _count_blocks(rectangle: Any, numbers: Any, width: Any, across: Any, count: Any) -> None:
+    """Add to count (blocks + 1,) the triangles of the block before, of those of some numbers (t,)."""
+    for t in numbers:
+        for part in range(2 if rectangle[t, 2] >= width else 1):
+            first, last = _span(rectangle[t, 0], rectangle[t, 2], width, part)
+            for r in range(rectangle[t, 1] // BLOCK, rectangle[t, 3] // BLOCK + 1):
+                for c in range(first // BLOCK, last // BLOCK + 1):
+                    count[r * across + c + 1] += 1
+
+
+@inlined
+def _span(first: Any, last: Any, width: Any, part: Any) -> Any:
+    """Return the first and the last column of a part of a rectangle: before the seam, or behind it."""
+    return (0 if part else first), (last - width if part else min(last, width - 1))
+
+
+@exact
+def _fill_blocks(rectangle: Any, numbers: Any, width: Any, across: Any, place: Any, members: Any, masks: Any) -> None:
+    """Write triangles, and the bits of the pixels that they may cover, into the lists of the blocks, from place
+    (blocks,) on, which moves along.
+    """
+    for t in numbers:
+        for part in range(2 if rectangle[t, 2] >= width else 1):
+            first, last = _span(rectangle[t, 0], rectangle[t, 2], width, part)
+            for r in range(rectangle[t, 1] // BLOCK, rectangle[t, 3] // BLOCK + 1):
+                top, bottom = max(rectangle[t, 1] - BLOCK * r, 0), min(rectangle[t, 3] - BLOCK * r, BLOCK - 1)
+                for c in range(first // BLOCK, last // BLOCK + 1):
+                    left, right = max(first - BLOCK * c, 0), min(last - BLOCK * c, BLOCK - 1)
+                    bits = 0
+                    for row in range(top, bottom + 1):
+                        bits |= ((2 << right) - (1 << left)) << (BLOCK * row)
+                    n = place[r * across + c]
+                    members[n], masks[n] = t, bits
+                    place[r * across + c] = n + 1

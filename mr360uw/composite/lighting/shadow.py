@@ -1,74 +1,30 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Directions over a light's disc and footprints of pixels, for the fraction of the disc that bodies leave visible.
+"""Fraction of a light's disc that bodies leave visible, along rays of the reference renderer, and bodies in the water.
 
-Visibility is the mean over directions that fill the disc, each from a place of its own in the footprint.
-Light that the water has scattered forwards comes from a wider disc: a Gaussian spread of standard deviation sigma is
-taken as a disc of the same second moment (`sphere.effective_half_angle`). The device traces the same rays through
-filtered columns (gl/shaders/shadow.glsl).
+Visibility is the mean over directions that fill the disc, each from a place of its own in the footprint. Light that the
+water has scattered forwards comes from a wider disc: a Gaussian spread of standard deviation sigma is taken as a disc
+of the same second moment (`sphere.effective_half_angle`). The device traces the same rays through filtered columns
+(gl/shaders/shadow.glsl).
 
-A footprint is the area of a surface that a pixel shows. A shadow's edge may be narrower than a pixel. Its mean over the
-pixel is the mean over rays that start from the whole footprint, a parallelogram in the plane of the surface. Its sides
-come from the derivatives of the visible point P by the frame coordinates, taken as differences over a step s:
-
-    side_k = dP/dx m_xk + dP/dy m_yk        dP/dx = (P(x + s, y) - P(x, y))/s
-
-with m the symmetric matrix (2, 2) of an area in the frame (see sampling.py); the unit matrix is a whole pixel. On the
-device: footprint.glsl.
+A surface of alpha a lets 1 - a of the light through, n of them the product (glTF 2.0, section 3.9.4); a mask all or
+nothing. In the water a body's clear triangles let the same fraction through everywhere, the mean over the body.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.constants import LONGEST_FOOTPRINT
-from mr360uw.types import Floats, View
-
-
-def pixel_steps(point: Floats, normal: Floats, neighbours: Floats, step: float) -> Floats:
-    """Return the derivatives (n, 2, 3) [m] of points (n, 3) on planes by the frame's columns and rows.
-
-    neighbours: (n, 2, 3) directions that lie `step` pixels to the right and below. On slanted planes a derivative is at
-    most `LONGEST_FOOTPRINT` times as long as across the ray; beyond the plane's horizon it is the one across the ray.
-    """
-    distance = np.linalg.norm(point, axis=-1)[:, None, None]
-    cosine, height = (np.einsum("nk,n...k->n...", normal, a) for a in (neighbours, point))
-    along = height[:, None] / np.where(np.abs(cosine) > 1e-6, cosine, np.inf)
-    flat = neighbours * distance - point[:, None]
-    slanted = neighbours * along[..., None] - point[:, None]
-    longest = LONGEST_FOOTPRINT * np.linalg.norm(flat, axis=-1)
-    shorter = np.minimum(longest / np.maximum(np.linalg.norm(slanted, axis=-1), 1e-30), 1.0)
-    steps = np.where(along[..., None] > 0.0, slanted * shorter[..., None], flat)
-    return np.asarray(steps / step)
-
-
-def pixel_footprint(
-    view: View, x: Floats, y: Floats, point: Floats, normal: Floats, area: Floats | None = None
-) -> Floats:
-    """Return the sides (n, 2, 3) [m] of the footprints of areas (n, 5) of the frame about frame coordinates (n,), whole
-    pixels if not given.
-
-    point, normal: (n, 3) of the surface seen there.
-    """
-    neighbours = np.stack([view.directions(x + 1.0, y), view.directions(x, y + 1.0)], axis=1)
-    seen = point - view.starts(view.directions(x, y)) if view.eye_m else point
-    steps = pixel_steps(seen, normal, neighbours, 1.0)
-    return steps if area is None else footprint(point, steps, area)[1]
-
-
-def footprint(point: Floats, steps: Floats, area: Floats) -> tuple[Floats, Floats]:
-    """Return the middles (n, 3) and the sides (n, 2, 3) [m] of the parallelograms that areas (n, 5) of the frame
-    (`sampling.frame_areas`) have about points (n, 3), from the camera in the world's axes.
-
-    steps: (n, 2, 3) of `pixel_steps`.
-    """
-    x, y = steps[:, 0], steps[:, 1]
-    ox, oy, xx, xy, yy = area.T[..., None]
-    return point + ox * x + oy * y, np.stack([xx * x + xy * y, xy * x + yy * y], axis=1)
-
+from mr360uw.cache import Cache, PartOf, Same
+from mr360uw.composite.mesh.mesh import Mesh
+from mr360uw.composite.raycast import gather, occluding, opacity_key, surfaces_along
+from mr360uw.composite.shot import PlacedObject, Shot
+from mr360uw.medium.shafts.occluders import Bodies
+from mr360uw.rays import PlacedScene, RayScene
+from mr360uw.types import Floats
 
 _GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
 _STRIDE = 0.24
@@ -170,3 +126,106 @@ def _reaches_edge(passed: Passed, start: Floats, sides: Floats, seen: Floats, co
     free = _free(passed, start, sides, np.tile(outermost, 4), corners, same)
     other[same] = free != np.where(seen[same] > 0, len(corners), 0)
     return other
+
+
+def casting_bodies(shot: Shot, cache: Cache) -> Bodies:
+    """Return the bodies of a shot's objects that cast shadows, in the world. cache: holds them."""
+    return cache.of(_in_world, shot.casters, cache)
+
+
+def _in_world(casters: tuple[PlacedObject, ...], cache: Cache) -> Bodies:
+    keep = 2 * len(casters)
+    found: list[tuple[RayScene, PlacedObject, float]] = []
+    for placed in casters:
+        solid, clear = cache.of(_scenes, _shape(placed.mesh), keep=keep)
+        found.append((solid, placed, 0.0))
+        if len(clear.triangles):
+            found.append((clear, placed, cache.of(_mean_passed, _shape(placed.mesh.still), keep=keep)))
+    found = [(scene, placed, passed) for scene, placed, passed in found if len(scene.triangles) and passed < 1.0]
+    return Bodies(
+        tuple(PlacedScene(scene, placed.world_from_object) for scene, placed, _ in found),
+        np.array([placed.to_world(placed.mesh.center_m) for _, placed, _ in found]).reshape(-1, 3),
+        np.array([placed.mesh.radius_m * placed.scale for _, placed, _ in found]),
+        np.array([passed for *_, passed in found]),
+    )
+
+
+def _shape(mesh: Mesh) -> PartOf[Mesh]:
+    return PartOf(mesh, Same(mesh.positions), Same(mesh.material), opacity_key(mesh))
+
+
+def _scenes(shape: PartOf[Mesh]) -> tuple[RayScene, RayScene]:
+    """Return the opaque triangles of a mesh and the others."""
+    mesh = shape.whole
+    opaque = np.array([m.alpha_mode == "OPAQUE" for m in mesh.materials])[mesh.material]
+    return RayScene(mesh.positions[opaque]), RayScene(mesh.positions[~opaque])
+
+
+_ACROSS = 48
+"""Parallel rays along each side of the square around a mesh that find what its clear triangles let through."""
+
+
+def _mean_passed(shape: PartOf[Mesh]) -> float:
+    """Return the mean fraction of light that a mesh's clear triangles let through, of rays along its axes that meet
+    them.
+    """
+    mesh = shape.whole
+    clear = ClearScene([PlacedObject(mesh, np.eye(4))], np.zeros(3))
+    line = ((np.arange(_ACROSS) + 0.5) / _ACROSS * 2.0 - 1.0) * mesh.radius_m
+    u, v = (g.ravel() for g in np.meshgrid(line, line))
+    origin = np.concatenate([np.roll(np.stack([u, v, 0 * u - 2.0 * mesh.radius_m], -1), k, -1) for k in range(3)])
+    rays = np.repeat([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], len(u), axis=0)
+    passed, met = clear.passed(origin + mesh.center_m, rays, np.inf)
+    return float(passed[met].mean()) if np.any(met) else 1.0
+
+
+_SHORTEST_M = 1e-6
+"""Shortest step [m] behind a surface that lets light through."""
+
+
+class ClearScene:
+    """Triangles of bodies that cast shadows and let light through: those of MASK and BLEND materials."""
+
+    def __init__(self, objects: Sequence[PlacedObject], camera_position: Floats) -> None:
+        partial = [p for p in objects if p.casts_shadow and any(m.alpha_mode != "OPAQUE" for m in p.mesh.materials)]
+        every = gather(partial, camera_position)
+        clear = np.array([m.alpha_mode != "OPAQUE" for m in every.materials], np.bool_)
+        self._geometry = every.some(np.flatnonzero(clear[every.material]))
+        self._scene = RayScene(self._geometry.positions)
+
+    @property
+    def there(self) -> bool:
+        """Whether there are any such triangles."""
+        return len(self._scene.triangles) > 0
+
+    def passed(self, origins: Floats, directions: Floats, reach_m: Floats | float) -> tuple[Floats, NDArray[np.bool_]]:
+        """Return the fraction (n,) of the light of rays that they leave within `reach_m` [m], and which rays (n,) meet
+        any.
+        """
+        met = surfaces_along(self._geometry, self._scene, origins, directions, _SHORTEST_M, reach_m)
+        passed = np.maximum(1.0 - np.bincount(met.ray, met.part, len(origins)), 0.0)
+        return passed, np.bincount(met.ray, minlength=len(origins)) > 0
+
+
+class Blockers:
+    """The triangles of a shot that cast shadows."""
+
+    def __init__(self, shot: Shot) -> None:
+        self._opaque = RayScene(occluding(shot.objects, shot.view.position))
+        self._clear = ClearScene(shot.objects, shot.view.position)
+
+    @property
+    def there(self) -> bool:
+        """Whether there is any such triangle."""
+        return len(self._opaque.triangles) > 0 or self._clear.there
+
+    def passed(self, start: Floats, directions: Floats, reach_m: Floats | float = np.inf) -> Floats:
+        """Return the fraction (n,) of the light of rays that is left within `reach_m` [m] of their start, (n, 3) from
+        the camera.
+        """
+        passed: Floats = np.asarray(~self._opaque.occluded(start, directions, reach_m), np.float64)
+        if self._clear.there:
+            free = np.flatnonzero(passed)
+            reach = np.broadcast_to(reach_m, len(start))[free]
+            passed[free] = self._clear.passed(start[free], directions[free], reach)[0]
+        return passed

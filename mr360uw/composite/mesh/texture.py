@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from mr360uw.color import decode
 from mr360uw.errors import MeshError
+from mr360uw.jit import exact
 from mr360uw.reading.input_files import read_data
 from mr360uw.reading.limits import TEXTURE
 from mr360uw.reading.picture_size import picture_size
@@ -226,3 +227,51 @@ def trilinear(texture: Texture, uv: ArrayLike, level: ArrayLike) -> Floats:
         if np.any(used):
             result[used] += weight[used][:, None] * bilinear_level(texture, k, uv[used])
     return result
+
+
+@exact
+def alpha_at(alphas: Any, place: Any, u: Any, v: Any, change: Any) -> Any:
+    """Return the alpha at texture coordinates of a map as `texture_lookup` does, compiled for a place at a time.
+
+    alphas: of all levels of all maps, one after the other. place: (5,) where the map begins, its width and height, and
+    numbers in `WRAPS` along both. change: (2, 2) of (u, v) over half a pixel along its columns and rows.
+    """
+    first, width, height = place[0], place[1], place[2]
+    ax, ay, bx, by = change[0, 0] * width, change[0, 1] * height, change[1, 0] * width, change[1, 1] * height
+    p, q, r = ax * ax + ay * ay, ax * bx + ay * by, bx * bx + by * by
+    # Half axes of the ellipse that a pixel is on the map: the shorter one sets the level
+    longer = np.sqrt(0.5 * (p + r) + np.hypot(0.5 * (p - r), q))
+    shorter = abs(ax * by - ay * bx) / max(longer, 1e-30)
+    extent = max(shorter, 2.0 * longer / (LARGEST_COUNT + 1.0), 1.0)
+    level = min(np.log2(extent), np.floor(np.log2(max(width, height)) + 1e-4))
+    beyond = max(longer - extent, 0.0)
+    count = min(1 + int(np.ceil(2.0 * beyond / extent - 1e-4)), LARGEST_COUNT)
+    angle, over = 0.5 * np.arctan2(2.0 * q, p - r), beyond / max(longer, 1e-30)
+    offset_u = over * (np.cos(angle) * change[0, 0] + np.sin(angle) * change[1, 0])
+    offset_v = over * (np.cos(angle) * change[0, 1] + np.sin(angle) * change[1, 1])
+    for _ in range(int(level)):
+        first, width, height = first + width * height, max(width // 2, 1), max(height // 2, 1)
+    # Along the longer one, on both levels
+    total, fraction = 0.0, level - np.floor(level)
+    for finer in range(2 if fraction > 0.0 else 1):
+        for k in range(count):
+            along = (2.0 * k - (count - 1.0)) / max(count - 1.0, 1.0)
+            x, y = (u + along * offset_u) * width - 0.5, (v + along * offset_v) * height - 0.5
+            i, j = int(np.floor(x)), int(np.floor(y))
+            fx, fy, value = x - i, y - j, 0.0
+            for corner in range(4):
+                column, row = _wrapped(i + corner % 2, width, place[3]), _wrapped(j + corner // 2, height, place[4])
+                share = (fx if corner % 2 else 1.0 - fx) * (fy if corner // 2 else 1.0 - fy)
+                value += share * alphas[first + width * row + column]
+            total += (1.0 - fraction if finer == 0 else fraction) * value
+        first, width, height = first + width * height, max(width // 2, 1), max(height // 2, 1)
+    return total / count
+
+
+@exact
+def _wrapped(index: Any, size: Any, wrap: Any) -> Any:
+    """Return a texel's index within [0, size), by the number of a way in `WRAPS`."""
+    if wrap == 1:
+        return min(max(index, 0), size - 1)
+    within = index % (2 * size if wrap == 2 else size)
+    return min(within, 2 * size - 1 - within)

@@ -22,9 +22,8 @@ from mr360uw.cache import Cache, Neutral, PartOf, Same
 from mr360uw.composite.ambient.blocked_light import UNNOTICED
 from mr360uw.composite.ambient.ground_light import GroundField, ground_field
 from mr360uw.composite.ambient.solver import AmbientLight, ambient_light
-from mr360uw.composite.lighting.lamps import lamps_of, light_sources
-from mr360uw.composite.lighting.sun import sun_of, widest_half_angle
-from mr360uw.composite.lighting.surfaces import veil_ahead
+from mr360uw.composite.lighting.light_sources import lamps_of, light_sources, sun_of, widest_half_angle
+from mr360uw.composite.lighting.shading import veil_ahead
 from mr360uw.composite.receiver.ratio import (
     BLOCK,
     CORNER_CHANNELS,

@@ -24,8 +24,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.composite.lighting.sun import LightSource
-from mr360uw.composite.lighting.surfaces import ambient_irradiance
+from mr360uw.composite.lighting.light_sources import LightSource
+from mr360uw.composite.lighting.shading import ambient_irradiance
 from mr360uw.composite.receiver.pattern import (
     LEAST_DIRECT,
     LEAST_LIGHT,

@@ -1,7 +1,6 @@
 // Sun visibility at listed places, each with a ball around it: visible fraction of the disc and of the halo at the
 // place; which of them bodies may occlude within the ball (0 neither, 1 the halo, 2 part of the disc, 3 all of both);
-// distance to the nearest such body [m]. Held to composite/lighting/sun.py.
-#include "composite/gl/shaders/blocks.glsl"
+// distance to the nearest such body [m]. Held to composite/lighting/light_sources.py.
 #include "composite/gl/shaders/sun.glsl"
 uniform int count;
 uniform sampler2D places, beam, sun_map, casters;

@@ -1,10 +1,10 @@
-// Surface at the intersection of a ray and a triangle: point, normals, material. Held to composite/raycast/geometry.py.
+// Surface at the intersection of a ray and a triangle: point, normals, material. Held to composite/raycast.py
+// and rays.py.
 // A triangle is eleven texels of `triangles`: for each corner (position, u), (normal, v), colour; then (material, patch,
 // two halves of the address of its further sets of texture coordinates);
 // then its points of ambient light (ambient/lattice.py). Those sets follow all triangles.
-// A material is nine texels of `materials`, which upload.py writes.
+// A material is nine texels of `materials`, which device.py writes.
 // Maps are switched at compile time, because software drivers execute both sides of every branch.
-#include "composite/gl/shaders/rays.glsl"
 #include "composite/gl/shaders/texture.glsl"
 
 const int TRIANGLE_TEXELS = 11;
@@ -36,11 +36,44 @@ struct Surface {
     vec3 normal_change[2];  // over a pixel, along columns and rows; of glossy meshes
 };
 
+// A facet is three vectors of a triangle: a ray d meets it if d.a, d.b, d.c are not negative. Their sum is one over the
+// distance, and divided by it they are the barycentric weights of the corners.
+struct Facet {
+    vec3 a;
+    vec3 b;
+    vec3 c;
+};
+
+Facet make_facet(vec3 a, vec3 b, vec3 c) {
+    vec3 bc = cross(b, c - b);
+    float volume = dot(a, bc);
+    return Facet(bc / volume, cross(c, a - c) / volume, cross(a, b - a) / volume);
+}
+
+// (weights of the corners, distance)
+vec4 barycentric(Facet facet, vec3 direction) {
+    vec3 weights = vec3(dot(direction, facet.a), dot(direction, facet.b), dot(direction, facet.c));
+    float total = weights.x + weights.y + weights.z;
+    if (abs(total) < 1e-30) total = 1e-30;
+    return vec4(weights, 1.0) / total;
+}
+
 const float LARGEST_CHANGE = 0.5;
 
-// an entry of a list in rows of 2048 texels: shifts, because software drivers divide integers one lane at a time
+// number of an item: targets hold them in blocks of 4 x 4 texels, because software drivers draw such blocks at once
+const int LANE_COLUMNS = 256;  // twin: device.py
+
+int lane_number(ivec2 at) {
+    return (((at.y >> 2) * (LANE_COLUMNS >> 2) + (at.x >> 2)) << 4) + ((at.y & 3) << 2) + (at.x & 3);
+}
+
+// texel of an entry of a list in rows of 2048: shifts, because software drivers divide integers one lane at a time
+ivec2 list_place(int index) {
+    return ivec2(index & 2047, index >> 11);
+}
+
 vec4 listed(sampler2D list, int index) {
-    return texelFetch(list, ivec2(index & 2047, index >> 11), 0);
+    return texelFetch(list, list_place(index), 0);
 }
 
 // a triangle with its corners from the camera in the world's axes; `placed` transforms the object's axes to those
@@ -82,7 +115,7 @@ MapPlace map_place(Facet facet, mat3x2 corners, vec3 weights, vec3 next_column, 
 }
 
 #if defined(MORE_UV)
-const int SETS = 8, ADDRESS_BITS = 12;  // twin: upload.py
+const int SETS = 8, ADDRESS_BITS = 12;  // twin: device.py
 
 // place on the map `slot` of a material, the first of which are metallic and roughness; digits: those of its sets
 MapPlace place_of(sampler2D triangles, int first, float digits, int slot, MapPlace base, Facet facet, vec3 weights,

@@ -1,5 +1,5 @@
 // Light of lamps at a place: inverse square, cone, water on the way there and back, and visibility behind bodies.
-// Held to composite/lighting/lamps.py.
+// Held to composite/lighting/light_sources.py.
 // `casters` has a row for every slot of the shadow atlas and, below those, one for each lamp. A slot of a lamp shows
 // bodies through the projective map (x, y, z) -> (x m/z, y m/z, m^2/z), z the distance along its axis and m its middle
 // distance. Lines through the lamp become parallel, straight lines stay straight, and lengths at the middle distance

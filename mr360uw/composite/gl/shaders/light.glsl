@@ -1,4 +1,4 @@
-// Light reflected by a surface: ambient light, and light from one direction. Held to composite/lighting/surfaces.py.
+// Light reflected by a surface: ambient light, and light from one direction. Held to composite/lighting/shading.py.
 // Features of a shot (MEDIUM, SUN, CAUSTICS, LAMPS, GLOSSY) are switched at compile time, because software drivers
 // execute both sides of every branch.
 #include "composite/gl/shaders/geometry.glsl"

@@ -1,6 +1,5 @@
 // Light on the receiver at listed samples, side x side of a block one after the other, `spacing` pixels apart: sun
 // visibility, caustics and, on request, ambient fraction, veil and light of lamps. Held to composite/receiver/ratio.py.
-#include "composite/gl/shaders/blocks.glsl"
 #include "composite/gl/shaders/lamps.glsl"
 #include "composite/gl/shaders/sun.glsl"
 #if defined(EYE)

@@ -1,8 +1,8 @@
 // Visible fraction of a directed light behind bodies, traced through filtered columns; the reference casts rays
-// instead. Held to composite/lighting/sun.py and composite/lighting/lamps.py.
+// instead. Held to composite/lighting/light_sources.py and composite/lighting/light_sources.py.
 // `sun_map` holds for every body (or group of bodies) a square slot of columns along the light: (filled fraction, top,
-// bottom, opacity), the last three times the first, heights in metres above the lowest point. Its mip levels are means
-// of 2x2, 4x4, ... TRANSLUCENT: some bodies let light through, each column the product over its surfaces. A ray that
+// bottom, opacity), the last three times the first, heights in metres above the lowest point, and means of 2x2, 4x4, ...
+// of them. TRANSLUCENT: some bodies let light through, each column the product over its surfaces. A ray that
 // starts within a column passes half of these.
 // Loops test at their end, because software drivers execute a body once more to leave.
 const float RAMP = 1.33;      // texels over which a filtered column rises from empty to filled at a straight edge
@@ -41,7 +41,10 @@ float power_below(float x) {
 // level whose texels are `texels` of the finest wide; clamped to the slot
 vec4 sun_texel(sampler2D sun_map, Caster caster, float slot_size, float texels, vec2 place) {
     vec2 inside = clamp(place * slot_size, 0.5 * texels, slot_size - 0.5 * texels);
-    return textureLod(sun_map, (caster.slot + inside) / vec2(textureSize(sun_map, 0)), log2(texels));
+    // levels lie beside the columns, each below the one before: software drivers are slow where each place has its own
+    vec2 size = vec2(textureSize(sun_map, 0));
+    vec2 corner = texels > 1.0 ? vec2(size.x / 1.5, size.y - 2.0 * size.y / texels) : vec2(0.0);
+    return textureLod(sun_map, (corner + (caster.slot + inside) / texels) / size, 0.0);
 }
 
 // (blocked fraction, top, bottom) at a place across the light, a mean over `width` metres; edges are that wide, too.

@@ -1,5 +1,5 @@
 // Light of the sun at a place: attenuated beam, caustic factor, and visibility behind bodies.
-// Held to composite/lighting/sun.py.
+// Held to composite/lighting/light_sources.py.
 #include "composite/gl/shaders/footprint.glsl"
 #include "composite/gl/shaders/light.glsl"
 #include "composite/gl/shaders/shadow.glsl"

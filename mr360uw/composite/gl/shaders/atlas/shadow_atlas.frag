@@ -1,6 +1,6 @@
 // (top, -bottom) of a body along the light in one texel, for MAX blending; masked and clear texels are left out.
 // PASSED: the fraction of light that a surface lets through instead, for blending by products.
-// Held to composite/lighting/blockers.py.
+// Held to composite/lighting/shadow.py.
 #include "composite/gl/shaders/geometry.glsl"
 #if defined(READS_ALPHA)
 uniform sampler2D materials, store;

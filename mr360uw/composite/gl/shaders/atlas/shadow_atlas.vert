@@ -1,5 +1,5 @@
 // Projection of a body's corners into its slot of the shadow atlas; lamps use the projective map of lamps.glsl.
-// Held to composite/lighting/blockers.py.
+// Held to composite/lighting/shadow.py.
 #include "composite/gl/shaders/geometry.glsl"
 uniform mat4 light_from_object;
 #if defined(PROJECTED)

@@ -1,5 +1,5 @@
 // Columns of the shadow atlas as shadow.glsl reads them: means of 2 x 2 texels of shadow_atlas.frag.
-// Held to composite/lighting/blockers.py.
+// Held to composite/lighting/shadow.py.
 uniform sampler2D drawn, passed, casters;
 uniform int slot_size;
 uniform int slot_columns;

@@ -1,5 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Camera-centred triangles of a shot, and the surface at the intersection of a ray: normals and material."""
+"""Camera-centred triangles of a shot, and the surface at the intersection of a ray: normals, material, footprint.
+
+A footprint is the area of a surface that a pixel shows. A shadow's edge may be narrower than a pixel. Its mean over the
+pixel is the mean over rays that start from the whole footprint, a parallelogram in the plane of the surface. Its sides
+come from the derivatives of the visible point P by the frame coordinates, taken as differences over a step s:
+
+    side_k = dP/dx m_xk + dP/dy m_yk        dP/dx = (P(x + s, y) - P(x, y))/s
+
+with m the symmetric matrix (2, 2) of an area in the frame (see sampling.py); the unit matrix is a whole pixel. On the
+device: footprint.glsl.
+"""
 
 from __future__ import annotations
 
@@ -11,15 +21,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.cache import Same
-from mr360uw.composite.lighting.shadow import footprint, pixel_steps
 from mr360uw.composite.mesh.material import Material
 from mr360uw.composite.mesh.mesh import Mesh
 from mr360uw.composite.mesh.texture import Texture, texture_lookup
 from mr360uw.composite.shot import PlacedObject, Shot
 from mr360uw.composite.tiles import seen_rectangles
+from mr360uw.constants import LONGEST_FOOTPRINT
 from mr360uw.rays import RayScene, barycentric
 from mr360uw.types import Floats, Rectangle, View
 
+MAXIMUM_HITS = 64
+"""Surfaces that one ray passes through at most; what lies behind that many is not drawn."""
 LARGEST_CHANGE = 1.0
 """Most that a normal is taken to change over a pixel: at a silhouette the next pixel does not show the triangle's
 plane."""
@@ -387,3 +399,45 @@ def bumped(normal: Floats, e1: Floats, e2: Floats, uv: Floats, bump: Floats) -> 
     turned = bump[:, :1] * tangent + bump[:, 1:2] * up + bump[:, 2:] * normal
     length = np.linalg.norm(turned, axis=-1, keepdims=True)
     return np.where(length > 1e-6, turned / np.maximum(length, 1e-6), normal)
+
+
+def pixel_steps(point: Floats, normal: Floats, neighbours: Floats, step: float) -> Floats:
+    """Return the derivatives (n, 2, 3) [m] of points (n, 3) on planes by the frame's columns and rows.
+
+    neighbours: (n, 2, 3) directions that lie `step` pixels to the right and below. On slanted planes a derivative is at
+    most `LONGEST_FOOTPRINT` times as long as across the ray; beyond the plane's horizon it is the one across the ray.
+    """
+    distance = np.linalg.norm(point, axis=-1)[:, None, None]
+    cosine, height = (np.einsum("nk,n...k->n...", normal, a) for a in (neighbours, point))
+    along = height[:, None] / np.where(np.abs(cosine) > 1e-6, cosine, np.inf)
+    flat = neighbours * distance - point[:, None]
+    slanted = neighbours * along[..., None] - point[:, None]
+    longest = LONGEST_FOOTPRINT * np.linalg.norm(flat, axis=-1)
+    shorter = np.minimum(longest / np.maximum(np.linalg.norm(slanted, axis=-1), 1e-30), 1.0)
+    steps = np.where(along[..., None] > 0.0, slanted * shorter[..., None], flat)
+    return np.asarray(steps / step)
+
+
+def pixel_footprint(
+    view: View, x: Floats, y: Floats, point: Floats, normal: Floats, area: Floats | None = None
+) -> Floats:
+    """Return the sides (n, 2, 3) [m] of the footprints of areas (n, 5) of the frame about frame coordinates (n,), whole
+    pixels if not given.
+
+    point, normal: (n, 3) of the surface seen there.
+    """
+    neighbours = np.stack([view.directions(x + 1.0, y), view.directions(x, y + 1.0)], axis=1)
+    seen = point - view.starts(view.directions(x, y)) if view.eye_m else point
+    steps = pixel_steps(seen, normal, neighbours, 1.0)
+    return steps if area is None else footprint(point, steps, area)[1]
+
+
+def footprint(point: Floats, steps: Floats, area: Floats) -> tuple[Floats, Floats]:
+    """Return the middles (n, 3) and the sides (n, 2, 3) [m] of the parallelograms that areas (n, 5) of the frame
+    (`sampling.frame_areas`) have about points (n, 3), from the camera in the world's axes.
+
+    steps: (n, 2, 3) of `pixel_steps`.
+    """
+    x, y = steps[:, 0], steps[:, 1]
+    ox, oy, xx, xy, yy = area.T[..., None]
+    return point + ox * x + oy * y, np.stack([xx * x + xy * y, xy * x + yy * y], axis=1)

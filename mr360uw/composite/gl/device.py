@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Meshes as textures and buffers, in the layouts that geometry.glsl and texture.glsl read."""
+"""What passes keep on the device: meshes as geometry.glsl and texture.glsl read them, programs, render targets."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -14,12 +14,15 @@ from mr360uw.cache import Scratch
 from mr360uw.composite.mesh.material import AlphaMode, Material
 from mr360uw.composite.mesh.mesh import Mesh
 from mr360uw.composite.mesh.texture import WRAPS, Texture
+from mr360uw.composite.shot import Shot
 from mr360uw.errors import MeshError
-from mr360uw.gl.context import gl_context, largest_texture, texture_from_array
-from mr360uw.types import Floats
+from mr360uw.gl.context import gl_context, largest_texture, program, set_uniforms, texture_from_array
+from mr360uw.jit import exact
+from mr360uw.types import Floats, Rectangle
 
 if TYPE_CHECKING:
     import moderngl
+
 
 _LIST_COLUMNS = 2048
 _STORE_COLUMNS = 4096
@@ -84,9 +87,8 @@ def upload_still(mesh: Mesh, places: NDArray[np.int64] | None = None) -> StillBu
     texels[:, 9, 2], texels[:, 9, 3] = np.divmod(address, 1 << ADDRESS_BITS)
     if places is not None:
         texels[:, 10] = places[order]
-    store, entries = texture_store((texture for m in mesh.materials for texture in m.maps), slice(0, 4))
-    cut_maps = cutting_maps(mesh)
-    materials = np.stack([_material_texels(m, entries, cut_maps) for m in mesh.materials])
+    store, entries = texture_store(texture for m in mesh.materials for texture in m.maps)
+    materials = np.stack([_material_texels(m, entries) for m in mesh.materials])
     return StillBuffers(
         order=order,
         texels=_in_rows(np.concatenate([texels.ravel(), further.ravel()]), 4),
@@ -153,24 +155,24 @@ def _in_rows(values: NDArray[Any], channels: int) -> NDArray[np.float32]:
     return padded.reshape(rows, _LIST_COLUMNS, channels)
 
 
-def texture_store(textures: Iterable[Texture], channels: slice) -> tuple[moderngl.Texture, dict[Texture, MapEntry]]:
-    """Return chosen channels of all levels of textures in one texture, and each one's entry for texture.glsl.
+def texture_store(textures: Iterable[Texture]) -> tuple[moderngl.Texture, dict[Texture, MapEntry]]:
+    """Return all levels of textures in one texture, and each one's entry for texture.glsl.
 
     Raises `MeshError` if it is larger than OpenGL allows.
     """
     pieces: list[Any] = []
     entries: dict[Texture, MapEntry] = {}
-    total, width = 0, len(range(4)[channels])
+    total = 0
     for texture in textures:
         if texture in entries:
             continue
         wrap = WRAPS.index(texture.wrap[0]) + 3 * WRAPS.index(texture.wrap[1])
         columns, rows = texture.size
         entries[texture] = float(total // _STORE_ALIGNMENT), float(columns), float(rows), float(wrap)
-        pieces += [level[..., channels].reshape(-1, width) for level in texture.levels]
+        pieces += [level.reshape(-1, 4) for level in texture.levels]
         size = sum(level.shape[0] * level.shape[1] for level in texture.levels)
         pad = -size % _STORE_ALIGNMENT
-        pieces.append(np.zeros((pad, width), np.float16))
+        pieces.append(np.zeros((pad, 4), np.float16))
         total += size + pad
     rows = max(-(-total // _STORE_COLUMNS), 1)
     limit = largest_texture()
@@ -179,26 +181,18 @@ def texture_store(textures: Iterable[Texture], channels: slice) -> tuple[moderng
             f"textures - are too large for this OpenGL (got {total / 1e6:.0f} million texels of one mesh) - "
             f"scale them down to {limit * _STORE_COLUMNS / 1e6:.0f} million"
         )
-    pieces.append(np.zeros((rows * _STORE_COLUMNS - total, width), np.float16))
-    return texture_from_array(np.concatenate(pieces).reshape(rows, _STORE_COLUMNS, width), "f2"), entries
+    pieces.append(np.zeros((rows * _STORE_COLUMNS - total, 4), np.float16))
+    return texture_from_array(np.concatenate(pieces).reshape(rows, _STORE_COLUMNS, 4), "f2"), entries
 
 
-def cutting_maps(mesh: Mesh) -> tuple[Texture, ...]:
-    """Return the maps whose alpha cuts triangles out, as the materials on the device number them."""
-    maps = (m.base_map for m in mesh.materials if m.alpha_mode == "MASK" and m.base_map is not None)
-    return tuple(dict.fromkeys(maps))
-
-
-def _material_texels(m: Material, entries: dict[Texture, MapEntry], cut_maps: Sequence[Texture]) -> Floats:
-    cut = m.alpha_mode == "MASK" and m.base_map is not None
+def _material_texels(m: Material, entries: dict[Texture, MapEntry]) -> Floats:
     maps = (m.base_map, m.metallic_roughness_map, m.normal_map, m.occlusion_map, m.emission_map)
-    cut_map = float(cut_maps.index(m.base_map)) if cut else -1.0
     return np.array(
         [
             m.base_color,
             (m.metallic, m.roughness, m.normal_scale, m.occlusion_strength),
             (*m.emission, float(_packed(m.sets))),
-            (m.alpha_cutoff, float(m.double_sided), m.refractive_index, cut_map),
+            (m.alpha_cutoff, float(m.double_sided), m.refractive_index, 0.0),
             *(_NO_MAP if texture is None else entries[texture] for texture in maps),
             (*m.trim, 0.0),
         ],
@@ -213,6 +207,11 @@ def _packed(sets: Sequence[int]) -> int:
     return sum(number * SETS**place for place, number in enumerate(sets[1:]))
 
 
+def of_eye(shot: Shot) -> dict[str, int]:
+    """Return the define of shaders whose rays start on the viewing circle (eyes.glsl); none for a single camera."""
+    return {"EYE": 1} if shot.view.eye_m else {}
+
+
 def write_uniform(shader: moderngl.Program, name: str, values: NDArray[Any]) -> None:
     """Set an array of numbers or vectors, float32 or int32; elements that the compiler removed are ignored."""
     import moderngl
@@ -220,3 +219,114 @@ def write_uniform(shader: moderngl.Program, name: str, values: NDArray[Any]) -> 
     uniform = shader.get(name, None)
     if isinstance(uniform, moderngl.Uniform):
         uniform.write(np.ascontiguousarray(values[: uniform.array_length]).tobytes())
+
+
+BLOCK = 4
+"""Pixels along a block. Targets hold numbered items block by block. Twin: layer.frag."""
+_LANE_COLUMNS = 256
+"""Width [texels] of targets that hold numbered items."""
+
+
+class Targets:
+    """Compiled programs by name and defines; float targets by name and channels, which only grow."""
+
+    def __init__(self) -> None:
+        self._programs: dict[str, moderngl.Program] = {}
+        self._triangles: dict[moderngl.Program, moderngl.VertexArray] = {}
+        self._targets: dict[tuple[str, tuple[int, ...]], moderngl.Framebuffer] = {}
+
+    def program(self, name: str, defines: Mapping[str, str | int | float]) -> moderngl.Program:
+        """Return the full-screen program of composite/gl/shaders/<name>.frag with defines, compiled once."""
+        key = f"{name} {sorted(defines.items())}"
+        if key not in self._programs:
+            self._programs[key] = program(fragment=f"composite/gl/shaders/{name}.frag", defines=defines)
+        return self._programs[key]
+
+    def target(
+        self, name: str, width: int, height: int, channels: tuple[int, ...], types: tuple[str, ...] = ()
+    ) -> moderngl.Framebuffer:
+        """Return a kept target of at least width x height pixels, one texture for each number of channels.
+
+        A target that has to grow is made anew, and its contents are lost. types: of the textures' numbers; floats
+        where none are given.
+        """
+        target = self._targets.get((name, channels))
+        if target is None or target.width < width or target.height < height:
+            w, h = width, height
+            if target is not None:
+                w, h = max(w, target.width), max(h, target.height)
+            of = zip(channels, types or ("f4",) * len(channels), strict=True)
+            target = gl_context().framebuffer([gl_context().texture((w, h), c, dtype=kind) for c, kind in of])
+            self._targets[name, channels] = target
+        return target
+
+    def fill(self, target: moderngl.Framebuffer, shader: moderngl.Program, part: Rectangle) -> None:
+        """Run a full-screen program on a part of a target; discarded pixels keep their values."""
+        if shader not in self._triangles:
+            self._triangles[shader] = gl_context().vertex_array(shader, [])
+        target.use()
+        target.viewport = part
+        gl_context().disable(gl_context().DEPTH_TEST | gl_context().BLEND)
+        self._triangles[shader].render(vertices=3)
+
+    def draw(
+        self, shader: moderngl.Program, name: str, width: int, height: int, channels: tuple[int, ...]
+    ) -> list[NDArray[np.float32]]:
+        """Run a full-screen program on width x height pixels of a kept target; discarded pixels are zero.
+
+        Returns the image (height, width, c) of each of its textures.
+        """
+        target = self.target(name, width, height, channels)
+        part = Rectangle(0, 0, width, height)
+        target.use()
+        target.clear(viewport=part)
+        target.scissor = part
+        self.fill(target, shader, part)
+        target.scissor = None  # type: ignore[assignment]
+        return [self.read(target, part, k) for k in range(len(channels))]
+
+    def items(self, shader: moderngl.Program, name: str, count: int, channels: tuple[int, ...]) -> NDArray[np.float32]:
+        """Run a full-screen program on `count` numbered items, as layer.frag numbers the texels of a kept target.
+
+        Returns the values (count, k) of all its textures, side by side.
+        """
+        part = Rectangle(0, 0, _LANE_COLUMNS, BLOCK * -(-count // (BLOCK * _LANE_COLUMNS)))
+        target = self.target(name, part.width, part.height, channels)
+        self.fill(target, shader, part)
+        values = np.empty((count, sum(channels)), np.float32)
+        for k, first in enumerate(np.cumsum([0, *channels[:-1]])):
+            write_lanes(self.read(target, part, k), int(first), values)
+        return values
+
+    @staticmethod
+    def read(target: moderngl.Framebuffer, part: Rectangle, attachment: int = 0) -> NDArray[np.float32]:
+        """Return a part of a texture of a target (h, w, c); wait until it is drawn."""
+        textures: Sequence[Any] = target.color_attachments
+        channels = textures[attachment].components
+        image = np.empty((part.height, part.width, channels), np.float32)
+        target.read_into(image, part, channels, attachment=attachment, dtype="f4", alignment=1)
+        return image
+
+
+def bind(shader: moderngl.Program, textures: Mapping[str, Any]) -> None:
+    """Bind the textures that a program uses, each to a unit of its own."""
+    unit = 0
+    for name, texture in textures.items():
+        if shader.get(name, None) is not None:  # `in` looks at one name after the other
+            texture.use(unit)
+            set_uniforms(shader, **{name: unit})
+            unit += 1
+
+
+@exact
+def write_lanes(image: Any, first: int, values: Any) -> None:
+    """Write the texels of a target's image (h, w, c) into values (n, first + c...), from column `first` on, in the
+    order of their numbers: block by block.
+    """
+    across = image.shape[1] // BLOCK
+    for k in range(len(values)):
+        block, within = k // (BLOCK * BLOCK), k % (BLOCK * BLOCK)
+        row = BLOCK * (block // across) + within // BLOCK
+        column = BLOCK * (block % across) + within % BLOCK
+        for c in range(image.shape[2]):
+            values[k, first + c] = image[row, column, c]
