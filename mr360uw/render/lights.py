@@ -231,9 +231,6 @@ def restored(light: Environment, medium: Medium, up: Floats, *, keep_sun: bool) 
         beam_part = beam_below(of_sun, in_air)
         direct = np.asarray(beam_part / (beam_part + (1.0 - of_sun) * CLEAR_SKY))
     shown = np.maximum(environment_lookup(light.ambient, up), 1e-12)
-    whole = irradiance_from_level(medium, sun_up, direct, light_below_horizon(light.residual, up))
-    beam = np.zeros(3) if light.sun is None else light.sun.irradiance * max(float(light.sun.direction @ up), 0.0)
-    wanted = whole - beam if keep_sun else shown * whole / (shown + beam)
     above = (directions(*light.residual.shape[1::-1]) @ up > 0.0)[..., None]
     white = np.clip((light.residual - _FROM) / (_TO - _FROM), 0.0, 1.0) * light.residual * above
     of_white = cosine_filter(1)(white)
@@ -246,6 +243,9 @@ def restored(light: Environment, medium: Medium, up: Floats, *, keep_sun: bool) 
     told = np.maximum(by_share, by_sun) * (1.0 - _clearness(medium.unit_table))
     if not np.any(told > 0.0):
         return light
+    whole = irradiance_from_level(medium, sun_up, direct, light_below_horizon(light.residual, up))
+    beam = np.zeros(3) if light.sun is None else light.sun.irradiance * max(float(light.sun.direction @ up), 0.0)
+    wanted = whole - beam if keep_sun else shown * whole / (shown + beam)
     growth = told * (np.clip(wanted / shown, 1.0, _MOST) - 1.0)
     # what is missing lies in clipped pixels, or else in the whole sky about a clipped sun
     sky = light.residual * above
