@@ -13,7 +13,7 @@ from mr360uw.constants import ENVIRONMENT_COLUMNS, ENVIRONMENT_ROWS, REFRACTIVE_
 from mr360uw.errors import ParameterError
 from mr360uw.ibl.expansion import checked_plate
 from mr360uw.ibl.filters import cosine_beam, cosine_filter, glossy_levels
-from mr360uw.ibl.level.tilt import level_matrix, roll_pitch, upward
+from mr360uw.ibl.horizon import level_matrix, roll_pitch, upward
 from mr360uw.ibl.lookup import environment_lookup
 from mr360uw.ibl.plate import COARSE_COLUMNS, COARSE_ROWS, COARSE_SCALE, LinearPlate, Plate
 from mr360uw.ibl.reduce import reduce_map

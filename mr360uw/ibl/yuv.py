@@ -21,7 +21,7 @@ from mr360uw.color import code_range, decode
 from mr360uw.constants import REFRACTIVE_INDEX_SEA
 from mr360uw.errors import ParameterError
 from mr360uw.ibl.expansion import UNEXPANDED
-from mr360uw.ibl.level.tilt import LEVEL, upward
+from mr360uw.ibl.horizon import LEVEL, upward
 from mr360uw.ibl.lighting import SunChoice, light_of
 from mr360uw.ibl.plate import COARSE_COLUMNS, COARSE_ROWS, LinearPlate, Plate
 from mr360uw.ibl.reduce import reduce_map, reduce_maximum

@@ -95,7 +95,7 @@ def _sections_of_water(
 
     declared_up: (3,) the world's up in the camera's axes, from the scene.
     """
-    from mr360uw.ibl.level.horizon import estimate_horizon
+    from mr360uw.ibl.horizon import estimate_horizon
     from mr360uw.ibl.report import level_section
     from mr360uw.medium.fit.waterfit import fit_water
     from mr360uw.medium.spectral.sensor import named_sensor

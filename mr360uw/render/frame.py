@@ -23,10 +23,9 @@ from mr360uw.cache import Cache
 from mr360uw.caustics.settings import CausticSettings
 from mr360uw.color import unseen_change
 from mr360uw.composite.aovs import Aovs
-from mr360uw.composite.at_surface.settings import object_presence
 from mr360uw.composite.lighting.light_sources import lamps_of, sun_of
 from mr360uw.composite.over import mean_layer, over_tile
-from mr360uw.composite.settings import DrawSettings
+from mr360uw.composite.settings import DrawSettings, object_presence
 from mr360uw.composite.shot import Shot
 from mr360uw.constants import JUST_BELOW_M
 from mr360uw.errors import ParameterError, RenderError
@@ -37,9 +36,9 @@ from mr360uw.optics import into_air
 from mr360uw.render.backends import Backend
 from mr360uw.render.first_pass import ClipAnalysis
 from mr360uw.render.loaded import Loaded
+from mr360uw.render.match_stage import asked_grade, ungraded, with_grade
 from mr360uw.render.plate_light import FrameLight, exposed_water, plate_light
 from mr360uw.render.plate_pattern import Background, plate_pattern
-from mr360uw.render.stages.match_stage import asked_grade, ungraded, with_grade
 from mr360uw.types import CausticStack, Floats, Layer, MediumTable, Sun, Tile
 from mr360uw.video import VideoFrame
 

@@ -35,8 +35,8 @@ from mr360uw.medium.fit.profile import DOUBTFUL, fit_level, row_up
 from mr360uw.render.first_pass import ClipAnalysis
 from mr360uw.render.lights import lit_as_its_ground, may_be_clipped, restored
 from mr360uw.render.loaded import Loaded
+from mr360uw.render.match_stage import ungraded
 from mr360uw.render.plate_map import level_view
-from mr360uw.render.stages.match_stage import ungraded
 from mr360uw.render.surroundings import Surroundings
 from mr360uw.scene.keyed_water import scene_at
 from mr360uw.sphere import directions, row_solid_angle

@@ -10,7 +10,7 @@ import pytest
 
 import mr360uw.ibl as ibl
 from mr360uw.errors import ParameterError
-from mr360uw.ibl.level.tilt import frame_sines, level_matrix, upward
+from mr360uw.ibl.horizon import frame_sines, level_matrix, upward
 from mr360uw.ibl.lighting import assemble, light_between, turned
 from mr360uw.ibl.plate import remap
 from mr360uw.ibl.reduce import reduce_map

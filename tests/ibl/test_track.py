@@ -12,7 +12,7 @@ import pytest
 
 import mr360uw.ibl as ibl
 from mr360uw.errors import ParameterError
-from mr360uw.ibl.level.tilt import keyed_level, level_from_gpmf, level_matrix, roll_pitch, streams
+from mr360uw.ibl.horizon import keyed_level, level_from_gpmf, level_matrix, roll_pitch, streams
 from mr360uw.ibl.report import ReportFrame, light_report
 from mr360uw.ibl.sun.solar import parse_time, refraction, sun_angles
 from mr360uw.ibl.sun.steady import smooth

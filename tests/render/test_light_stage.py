@@ -15,8 +15,8 @@ from mr360uw.cache import Cache
 from mr360uw.errors import DamagedFrameError
 from mr360uw.render.first_pass import ClipAnalysis
 from mr360uw.render.loaded import load
+from mr360uw.render.match_stage import ungraded
 from mr360uw.render.plate_light import FrameLight, LightSamples, plate_light
-from mr360uw.render.stages.match_stage import ungraded
 from mr360uw.scene.inputs import open_plate
 from mr360uw.scene.model import Scene
 from mr360uw.types import Floats

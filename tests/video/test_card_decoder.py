@@ -17,7 +17,7 @@ import pytest
 
 from mr360uw import open_video
 from mr360uw.errors import VideoError
-from mr360uw.video.read import card_decoder, container
+from mr360uw.video.read import container
 from tests.video.clips import write_clip
 
 FRAMES = 5
@@ -34,8 +34,8 @@ def cards(monkeypatch: pytest.MonkeyPatch) -> dict[str, Callable[[Any], Any]]:
         with opened(path, track) as (inside, stream):
             yield (_Decoding(inside, known[card]) if card else inside), stream
 
-    monkeypatch.setattr(card_decoder, "hwdevices_available", lambda: list(known))
-    for module in (card_decoder, container):
+    monkeypatch.setattr(container, "hwdevices_available", lambda: list(known))
+    for module in (container,):
         monkeypatch.setattr(module, "open_container", pretended)
     return known
 

@@ -31,7 +31,7 @@ from numpy.typing import ArrayLike
 
 from mr360uw.constants import REFRACTIVE_INDEX_SEA, SUN_HALF_ANGLE_RAD
 from mr360uw.ibl.expansion import checked_plate, snell_elevation
-from mr360uw.ibl.level.tilt import level_matrix, roll_pitch, upward
+from mr360uw.ibl.horizon import level_matrix, roll_pitch, upward
 from mr360uw.ibl.plate import LinearPlate, Plate, coarse_directions, coarse_solid_angle, patch_directions, plate_sines
 from mr360uw.ibl.sun.blob import CLIPPED, Blob, brightness, examine
 from mr360uw.ibl.sun.closure import ground_ratio

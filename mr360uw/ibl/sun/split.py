@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from mr360uw.cache import shared
 from mr360uw.color import luminance
-from mr360uw.ibl.level.tilt import LEVEL, elevation_sine
+from mr360uw.ibl.horizon import LEVEL, elevation_sine
 from mr360uw.ibl.plate import (
     COARSE_COLUMNS,
     COARSE_ROWS,

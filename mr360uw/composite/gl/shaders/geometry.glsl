@@ -2,7 +2,7 @@
 // and rays.py.
 // A triangle is eleven texels of `triangles`: for each corner (position, u), (normal, v), colour; then (material, patch,
 // two halves of the address of its further sets of texture coordinates);
-// then its points of ambient light (ambient/lattice.py). Those sets follow all triangles.
+// then its points of ambient light (ambient/mesh_transfer.py). Those sets follow all triangles.
 // A material is nine texels of `materials`, which device.py writes.
 // Maps are switched at compile time, because software drivers execute both sides of every branch.
 #include "composite/gl/shaders/texture.glsl"
