@@ -18,7 +18,7 @@ from filelock import FileLock, Timeout
 
 from mr360uw.errors import OutputError, OutputExistsError
 from mr360uw.files import is_ours, new_file, real_path, write_whole
-from mr360uw.reading.input_files import files_named, is_pattern, matcher, numbered
+from mr360uw.reading.numbered_files import files_named, is_pattern, matcher, numbered
 
 MARKER = "made-by-mr360uw.txt"
 """File that makes a folder one of ours."""

@@ -144,7 +144,7 @@ def test_kernels_listed_for_a_plain_composite_are_there() -> None:
 
 def test_kernels_are_compiled_ahead_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """By processes of their own, which are counted; a second run finds them."""
-    quick = [line for line in ahead.LIST.read_text("utf-8").splitlines() if "targets write_lanes" in line]
+    quick = [line for line in ahead.LIST.read_text("utf-8").splitlines() if "device write_lanes" in line]
     assert quick
     (tmp_path / "kernels.txt").write_text("\n".join(quick))
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "kept"))
@@ -162,7 +162,7 @@ def test_nothing_is_compiled_ahead_where_it_cannot_be_kept(tmp_path: Path, monke
     (tmp_path / "a file").touch()
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "a file"))
     monkeypatch.setattr("mr360uw.jit.SHIPPED", tmp_path / "none")
-    quick = [line for line in ahead.LIST.read_text("utf-8").splitlines() if "targets write_lanes" in line]
+    quick = [line for line in ahead.LIST.read_text("utf-8").splitlines() if "device write_lanes" in line]
     (tmp_path / "kernels.txt").write_text("\n".join(quick))
     monkeypatch.setattr(ahead, "LIST", tmp_path / "kernels.txt")
     told: list[tuple[int, int | None]] = []

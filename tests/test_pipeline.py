@@ -280,7 +280,7 @@ def test_a_trimmed_clip_keeps_sound_times_and_every_untouched_bit(whale: Path, t
 def test_a_tilted_plate_is_levelled_like_a_camera_that_turned(whale: Path, tmp_path: Path) -> None:
     from scipy.spatial.transform import Rotation
 
-    from mr360uw.ibl.horizon import level_matrix
+    from mr360uw.ibl.tilt import level_matrix
 
     q = Rotation.from_matrix(level_matrix(np.radians(12.0), np.radians(-7.0))).as_quat()
     (tmp_path / "tilt.csv").write_text("time_s,x,y,z,qx,qy,qz,qw\n0,0,0,0," + ",".join(map(str, q)) + "\n")

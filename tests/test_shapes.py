@@ -61,7 +61,7 @@ def test_every_public_function_is_here() -> None:
         for name, item in inspect.getmembers(module, inspect.isfunction)
         if not name.startswith("_") and item.__module__ == module.__name__
     }
-    assert public - called(RETURNS) == {"code_range", "unseen_change"}
+    assert public - called(RETURNS) == {"code_range"}
 
 
 def test_what_comes_out(subtests: pytest.Subtests) -> None:

@@ -17,7 +17,7 @@ from mr360uw.constants import REFRACTIVE_INDEX_SEA
 from mr360uw.errors import ParameterError, VideoError
 from mr360uw.files import whole_file, write_whole
 from mr360uw.output_gate import check_outputs, made_folder
-from mr360uw.reading.input_files import FRAMES
+from mr360uw.reading.limits import FRAMES
 from mr360uw.shapes import checked
 
 Array = NDArray[np.floating[Any]]

@@ -7,18 +7,12 @@ import itertools
 from collections.abc import Sequence
 from fractions import Fraction
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Literal
 
-import numpy as np
 from pydantic import Field, field_validator, model_validator
 
 from mr360uw.constants import MAXIMUM_SUN_SAMPLES
 from mr360uw.parameters import LATEST_S, Parameters, advanced, parameter
-from mr360uw.types import Floats
-
-if TYPE_CHECKING:
-    from mr360uw.composite.shot import Shot
-
 
 FARTHEST = 1e9
 """Largest number of a position [m] or a rotation [deg]: beyond it the sums of single-precision numbers overflow."""
@@ -209,32 +203,3 @@ class SnowSettings(Parameters):
         if self.sizes_mm[1] <= self.sizes_mm[0]:
             raise ValueError(f"sizes_mm - must ascend (got {list(self.sizes_mm)}) - sort them")
         return self
-
-
-# The `[surface]` table of a scene, and which bodies it shows in the surface.
-
-WITHIN_M = 3.0
-"""Greatest depth of an object's top at which "auto" shows it in the surface; images fade in over its last quarter."""
-FAINTEST = 1e-3
-"""Transmittance of the whole way, in its clearest channel, below which a body is not seen in the surface."""
-
-
-class SurfaceSettings(Parameters):
-    """Objects at the water's surface: mirrored in it, seen through it, cut by it."""
-
-    objects: Literal["auto", "all", "none"] = parameter(
-        "auto", "objects that the surface mirrors and cuts; auto: those that come near it"
-    )
-
-
-def object_presence(shot: Shot, settings: SurfaceSettings) -> Floats:
-    """Return for each visible object of a shot the fraction (n,) in which the surface shows it, by its top's depth."""
-    depth = shot.view.surface_y_m - tops(shot)
-    if settings.objects == "all":
-        return np.ones(len(depth))
-    return np.clip(4.0 * (1.0 - depth / WITHIN_M), 0.0, 1.0)
-
-
-def tops(shot: Shot) -> Floats:
-    """Return the height (n,) [m] in the world of the highest point of each visible object."""
-    return np.array([o.to_world(o.mesh.hull.reshape(-1, 3))[:, 1].max() for o in shot.visible])

@@ -22,7 +22,8 @@ from mr360uw.files import WrittenFiles
 from mr360uw.jit import fast
 from mr360uw.output_gate import check_folder
 from mr360uw.progress import Progress, Steps
-from mr360uw.reading.input_files import content_of, files_named
+from mr360uw.reading.input_files import content_of
+from mr360uw.reading.numbered_files import files_named
 from mr360uw.shapes import checked
 from mr360uw.threads import one_blas_thread
 from mr360uw.track.key_frames import luma_codes

@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 from mr360uw.color import luminance
 from mr360uw.errors import VideoError
 from mr360uw.ibl import environment
-from mr360uw.ibl.horizon import clip_horizon, estimate_horizon, level_matrix
+from mr360uw.ibl.horizon import clip_horizon, estimate_horizon
 from mr360uw.ibl.plate import remap
+from mr360uw.ibl.tilt import level_matrix
 from mr360uw.render.surroundings import is_tilted
 from mr360uw.scene.inputs import eyes_of_plate, pose_of_plate, projection_notes, shape_of_frame
 from mr360uw.scene.model import PlateSettings, Scene

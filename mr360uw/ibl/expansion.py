@@ -17,9 +17,9 @@ from numpy.typing import ArrayLike, NDArray
 from mr360uw.color import DISPLAY_CURVE, encode
 from mr360uw.constants import REFRACTIVE_INDEX_SEA
 from mr360uw.errors import ParameterError
-from mr360uw.ibl.horizon import frame_sines, upward
 from mr360uw.ibl.reduce import reduce_map, resize_map
 from mr360uw.ibl.settings import LightSettings
+from mr360uw.ibl.tilt import frame_sines, upward
 from mr360uw.optics import critical_cosine
 from mr360uw.published.light_methods import enhancement_gain, pointwise_gain
 from mr360uw.shapes import checked, is_finite, real

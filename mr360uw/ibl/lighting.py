@@ -13,7 +13,6 @@ from mr360uw.constants import ENVIRONMENT_COLUMNS, ENVIRONMENT_ROWS, REFRACTIVE_
 from mr360uw.errors import ParameterError
 from mr360uw.ibl.expansion import checked_plate
 from mr360uw.ibl.filters import cosine_beam, cosine_filter, glossy_levels
-from mr360uw.ibl.horizon import level_matrix, roll_pitch, upward
 from mr360uw.ibl.lookup import environment_lookup
 from mr360uw.ibl.plate import COARSE_COLUMNS, COARSE_ROWS, COARSE_SCALE, LinearPlate, Plate
 from mr360uw.ibl.reduce import reduce_map
@@ -31,6 +30,7 @@ from mr360uw.ibl.sun.detect import (
 )
 from mr360uw.ibl.sun.judge import taken_share
 from mr360uw.ibl.sun.split import Split, with_sun, without_glare
+from mr360uw.ibl.tilt import level_matrix, roll_pitch, upward
 from mr360uw.shapes import checked, exactly
 from mr360uw.sphere import directions, unit
 from mr360uw.types import Environment, Floats, Sun

@@ -18,9 +18,9 @@ from numpy.typing import ArrayLike, NDArray
 from mr360uw.color import LUMINANCE
 from mr360uw.constants import ENVIRONMENT_COLUMNS, ENVIRONMENT_ROWS, REFRACTIVE_INDEX_SEA
 from mr360uw.ibl.expansion import expand
-from mr360uw.ibl.horizon import LEVEL, elevation_sine
 from mr360uw.ibl.reduce import reduce_map, reduce_maximum
 from mr360uw.ibl.settings import LightSettings
+from mr360uw.ibl.tilt import LEVEL, elevation_sine
 from mr360uw.sphere import Array, directions, frame_from_direction, row_solid_angle, unit
 from mr360uw.types import Floats
 

@@ -10,75 +10,20 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-import re
 import stat
 import unicodedata
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeVar, TypeVarTuple
+from typing import Any
 
-from mr360uw.cache import Cache, Neutral
-from mr360uw.errors import MeshError, Mr360uwError, ParameterError
+from mr360uw.errors import MeshError, Mr360uwError
+from mr360uw.reading.limits import DATA, TEXT, Limit
 
 _NOTES: ContextVar[tuple[dict[Path, None], ...]] = ContextVar("files read", default=())
 """The notes that are being taken in this thread, one inside the other."""
-# Limits on the size of what input files hold, checked before it is decoded: a small file may ask for any memory.
-#
-# Every limit is an environment variable, in millions; the message that refuses a file names it.
-
-_MILLION = 1_000_000
-
-
-@dataclass(frozen=True, slots=True)
-class Limit:
-    """A limit. variable: environment variable that sets it; default: in millions of `unit`; covers: for the manual."""
-
-    variable: str
-    default: float
-    unit: str
-    covers: str
-
-    def value(self) -> int:
-        """Return the limit in units; raise `ParameterError` where the variable holds no positive number."""
-        text = os.environ.get(self.variable, "").strip()
-        if not text:
-            return round(self.default * _MILLION)
-        try:
-            value = round(float(text) * _MILLION)
-        except (ValueError, OverflowError):
-            value = 0
-        if value < 1:
-            raise ParameterError(
-                f"{self.variable} - is no limit (got {text!r:.40}) - set millions of {self.unit}, or unset it"
-            )
-        return value
-
-    def check(self, where: str, amount: int, wrong: type[Mr360uwError]) -> None:
-        """Raise `wrong` where an amount, in units, is larger; where: what holds it, with the name of its file."""
-        if amount > (most := self.value()):
-            raise wrong(
-                f"{where} - is too large (got {amount / _MILLION:.6g} million {self.unit}, at most "
-                f"{most / _MILLION:.6g}) - make it smaller, or set {self.variable} to allow more"
-            )
-
-
-PICTURE = Limit("MR360UW_MAX_PICTURE", 150, "pixels", "a picture or a frame of a video: 16384 x 8192 fit")
-TEXTURE = Limit("MR360UW_MAX_TEXTURE", 70, "pixels", "a texture: 8192 x 8192 fit")
-DATA = Limit("MR360UW_MAX_DATA", 1000, "bytes", "a mesh file, one of its arrays, or an EXR picture, unpacked")
-TRIANGLES = Limit("MR360UW_MAX_TRIANGLES", 10, "triangles", "a mesh file, each repetition counted")
-TEXT = Limit("MR360UW_MAX_TEXT", 10, "bytes", "a scene, a table, a track or a material library")
-FRAMES = Limit("MR360UW_MAX_FRAMES", 1, "frames", "frames made of a still: nine hours at 30 a second")
-OBJECTS = Limit("MR360UW_MAX_OBJECTS", 0.001, "objects", "the objects of a scene")
-PRIMS = Limit("MR360UW_MAX_PRIMS", 1, "prims", "a USD stage, each reference to a prim counted")
-PARTICLES = Limit("MR360UW_MAX_PARTICLES", 10, "particles", "marine snow about the camera in one frame")
-LIMITS = (PICTURE, TEXTURE, DATA, TRIANGLES, TEXT, FRAMES, OBJECTS, PRIMS, PARTICLES)
-
-
-# What is read, and how.
-
 _BLOCK = 1 << 20
 _BLOCKS = 16
 """Blocks of a large file that are hashed, spread over it evenly: gigabytes are not read."""
@@ -285,108 +230,3 @@ def input_file(path: Path) -> InputFile:
 def content_of(paths: Iterable[Path]) -> str:
     """Return a hash of the content of files in their order, whatever their names and times; raise `OSError`."""
     return hashlib.sha256("".join(input_file(path).digest for path in paths).encode()).hexdigest()
-
-
-# Values made from files, kept while the files stay as they were.
-
-T = TypeVar("T")
-Inputs = TypeVarTuple("Inputs")
-Stamp = tuple[int, int] | None
-"""Time of the last change [ns] and length [bytes] of a file; None where it cannot be read."""
-
-
-class CachedReads(Neutral):
-    """Results of functions by their inputs and by the files that they read, which are watched themselves.
-
-    A result is made anew where a file that it was read from has changed. As if it had been read again, its files are
-    noted (`files_read`). cache: counts what was made. room: of that cache.
-    """
-
-    def __init__(self, room: int = 1) -> None:
-        self.cache = Cache(room)
-
-    def of(self, function: Callable[[*Inputs], T], *inputs: *Inputs, keep: int = 1) -> T:
-        """Return the result of a function, as `Cache.of` does; call it too where its result is outdated."""
-        reading: Any = _Reading(function)
-        result, files = self.cache.of(reading, *inputs, keep=keep)
-        if any(stamp(path) != before for path, before in files.items()):
-            self.cache.drop(reading, *inputs)
-            result, files = self.cache.of(reading, *inputs, keep=keep)
-        for path in files:
-            note_read(path)
-        return result
-
-
-@dataclass(frozen=True, slots=True)
-class _Reading:
-    """A function that tells beside its result which files it read, and what they were."""
-
-    function: Callable[..., Any]
-
-    def __call__(self, *inputs: Any) -> tuple[Any, dict[Path, Stamp]]:
-        with files_read() as files:
-            result = self.function(*inputs)
-        return result, {path: stamp(path) for path in files}
-
-
-def stamp(path: Path) -> Stamp:
-    """Return what changes when a file does."""
-    try:
-        found = path.stat()
-    except OSError:
-        return None
-    return found.st_mtime_ns, found.st_size
-
-
-# Names of numbered files: patterns such as out_%04d.png, out_####.png, out_@@@@.png or Houdini's out_$F4.png.
-
-_NUMBER = re.compile(r"%(?:0(\d+))?d|(#+|@@+)|\$F(\d*)")
-
-
-def is_pattern(path: Path) -> bool:
-    """Return whether a name is the pattern of a sequence, with %04d, ####, @@@@ or $F4 in it."""
-    return _NUMBER.search(path.name) is not None
-
-
-def without_number(path: Path) -> Path:
-    """Return a name without the number of a pattern and what parts it from the rest: out.exr for out_%04d.exr."""
-    found = _NUMBER.search(path.name)
-    if found is None:
-        return path
-    return path.with_name((path.name[: found.start()].rstrip("_-. ") or "frames") + path.name[found.end() :])
-
-
-def numbered(path: Path, number: int) -> Path:
-    """Return the file of a pattern with this number."""
-    found = _NUMBER.search(path.name)
-    assert found is not None
-    digits = len(found[2]) if found[2] else int(found[1] or found[3] or 0)
-    return path.with_name(path.name[: found.start()] + f"{number:0{digits}d}" + path.name[found.end() :])
-
-
-def matching_files(path: Path) -> list[tuple[int, Path]]:
-    """Return the existing files of a pattern with their numbers, ascending."""
-    name = matcher(path)
-    folder = path.parent.iterdir() if path.parent.is_dir() else ()
-    hits = ((name.fullmatch(file.name), file) for file in folder)
-    return sorted((int(hit[1]), file) for hit, file in hits if hit)
-
-
-def matcher(path: Path) -> re.Pattern[str]:
-    """Return an expression for the names of a pattern's files; its first group is their number."""
-    found = _NUMBER.search(path.name)
-    assert found is not None
-    before, after = re.escape(path.name[: found.start()]), re.escape(path.name[found.end() :])
-    return re.compile(f"{before}(\\d+){after}")
-
-
-def files_named(path: Path) -> Iterator[Path]:
-    """Yield the files that a path, a folder, a numbered pattern or a wildcard stands for."""
-    if is_pattern(path):
-        yield from (file for _, file in matching_files(path))
-    elif "*" in path.name:
-        yield from path.parent.glob(path.name)
-    elif path.is_dir():
-        yield from sorted(file for file in path.iterdir() if file.is_file())
-    else:
-        yield path

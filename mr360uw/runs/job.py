@@ -16,7 +16,7 @@ from mr360uw.composite.aovs import RECIPE, exr_parts, stereo_parts
 from mr360uw.composite.aovs import Part as LayerPart
 from mr360uw.errors import GlError
 from mr360uw.files import WrittenFiles
-from mr360uw.reading.input_files import numbered
+from mr360uw.reading.numbered_files import numbered
 from mr360uw.render.backends import Backend, make_backend
 from mr360uw.render.first_pass import ClipAnalysis
 from mr360uw.render.frame import DrawnFrame, Frame, FrameShots, blend_frame, draw_frame, frame_shots, measure_plate

@@ -5,7 +5,8 @@ from __future__ import annotations
 
 from mr360uw.color import PlateMapping
 from mr360uw.errors import VideoError
-from mr360uw.reading.input_files import files_named, read_data
+from mr360uw.reading.input_files import read_data
+from mr360uw.reading.numbered_files import files_named
 from mr360uw.scene.model import PlateSettings, Scene
 from mr360uw.video import VideoReader, open_video
 from mr360uw.video.eyes_seen import EyesSeen, eyes_seen

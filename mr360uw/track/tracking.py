@@ -18,7 +18,8 @@ from mr360uw.errors import ParameterError, VideoError
 from mr360uw.files import write_whole
 from mr360uw.output_gate import check_work_folder, make_work_folder, remove_work_folder
 from mr360uw.progress import Progress, Steps
-from mr360uw.reading.input_files import holds_text, stamp
+from mr360uw.reading.cached_reads import stamp
+from mr360uw.reading.input_files import holds_text
 from mr360uw.shapes import checked
 from mr360uw.track.camera_track import CameraTrack
 from mr360uw.track.colmap import load_colmap
@@ -219,7 +220,7 @@ def stated_up(clip: VideoReader, time_s: Floats) -> tuple[Floats, str] | None:
     """Return up in the camera's axes (n, 3) that a clip states, and where: by its GoPro's gravity, or else by the pose
     of the panorama. None where it states neither.
     """
-    from mr360uw.ibl.horizon import level_from_gpmf, level_matrix
+    from mr360uw.ibl.tilt import level_from_gpmf, level_matrix
     from mr360uw.video.read.probe import gpmf_payloads
 
     try:

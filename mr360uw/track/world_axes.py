@@ -13,7 +13,8 @@ from pathlib import Path
 import numpy as np
 
 from mr360uw.errors import ParameterError
-from mr360uw.ibl.horizon import estimate_horizon, level_matrix
+from mr360uw.ibl.horizon import estimate_horizon
+from mr360uw.ibl.tilt import level_matrix
 from mr360uw.medium.tables import read_table
 from mr360uw.sphere import unit
 from mr360uw.track.camera_track import FittedFloor

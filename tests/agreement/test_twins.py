@@ -22,7 +22,7 @@ from mr360uw import sphere
 from mr360uw.caustic_lookup import caustic_lookup, mip_levels, soft_caustic_lookup
 from mr360uw.composite.lighting import shading
 from mr360uw.ibl import lookup as ibl_lookup
-from mr360uw.ibl.lookup import split_sum
+from mr360uw.ibl.splitsum import split_sum
 from mr360uw.medium import lookup as medium
 from mr360uw.sphere import unit
 from mr360uw.types import CausticStack, MediumTable

@@ -10,11 +10,11 @@ import pytest
 
 import mr360uw.ibl as ibl
 from mr360uw.errors import ParameterError
-from mr360uw.ibl.horizon import frame_sines, level_matrix, upward
 from mr360uw.ibl.lighting import assemble, light_between, turned
 from mr360uw.ibl.plate import remap
 from mr360uw.ibl.reduce import reduce_map
 from mr360uw.ibl.settings import LightSettings
+from mr360uw.ibl.tilt import frame_sines, level_matrix, upward
 from mr360uw.render.plate_map import plate_map
 from mr360uw.render.surroundings import load_surroundings
 from mr360uw.sample import Dive, DiveSettings

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 import mr360uw as uw
-from mr360uw.ibl.horizon import level_matrix
+from mr360uw.ibl.tilt import level_matrix
 from mr360uw.track.tracking import stated_up
 from mr360uw.track.world_axes import world_of
 from tests.video.clips import write_clip

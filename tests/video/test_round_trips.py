@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from mr360uw.errors import VideoError
-from mr360uw.ibl.horizon import level_matrix
+from mr360uw.ibl.tilt import level_matrix
 from mr360uw.render.surroundings import CameraPath, pose_notes
 from mr360uw.scene.model import scene_from_dict
 from mr360uw.video import create_video, open_video, read_spherical, transcode

@@ -30,7 +30,7 @@ from mr360uw.composite.mesh.mesh import Mesh
 from mr360uw.composite.mesh.normals import welded
 from mr360uw.composite.raycast import Geometry, base_color, gather, opacity_key, surfaces_along
 from mr360uw.composite.shot import PlacedObject
-from mr360uw.ibl.lookup import split_sum
+from mr360uw.ibl.splitsum import split_sum
 from mr360uw.jit import exact, inlined
 from mr360uw.rays import RayScene, triple
 from mr360uw.reading.disk_cache import Arrays, kept_arrays

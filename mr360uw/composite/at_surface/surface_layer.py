@@ -33,6 +33,7 @@ from numpy.typing import NDArray
 
 from mr360uw.cache import Cache, PartOf
 from mr360uw.composite.ambient.solver import AmbientLight, ambient_at, ambient_light
+from mr360uw.composite.at_surface.settings import FAINTEST, SurfaceSettings, object_presence, tops
 from mr360uw.composite.at_surface.surface_rays import (
     TURNS,
     SeenSurface,
@@ -52,7 +53,6 @@ from mr360uw.composite.lighting.shadow import Blockers
 from mr360uw.composite.over import empty_tile, hold_out
 from mr360uw.composite.raycast import Geometry, Hits, gather
 from mr360uw.composite.sampling import pattern
-from mr360uw.composite.settings import FAINTEST, SurfaceSettings, object_presence, tops
 from mr360uw.composite.shot import PlacedObject, Shot
 from mr360uw.composite.snow.splat import rest_of
 from mr360uw.composite.tiles import even_tiles, rectangles_of_mask

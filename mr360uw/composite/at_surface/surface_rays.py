@@ -18,10 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
+from mr360uw.composite.at_surface.settings import FAINTEST
 from mr360uw.composite.at_surface.water_sides import WaterSides
 from mr360uw.composite.raycast import MAXIMUM_HITS, Geometry, Hits, base_color, surface_along
 from mr360uw.composite.sampling import PIXEL_FILTER, WHOLE_PIXEL, Pattern
-from mr360uw.composite.settings import FAINTEST
 from mr360uw.composite.shot import PlacedObject
 from mr360uw.constants import PI
 from mr360uw.medium.lookup import transmittance_lookup

@@ -15,8 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.ibl.horizon import elevation_sine
 from mr360uw.ibl.plate import Plate, patch_directions, patch_step
+from mr360uw.ibl.tilt import elevation_sine
 from mr360uw.sphere import unit
 from mr360uw.types import Floats
 

@@ -30,9 +30,9 @@ import numpy as np
 
 from mr360uw.color import luminance
 from mr360uw.constants import CLEAR_SKY_B, CLEAR_SKY_G, CLEAR_SKY_R, REFRACTIVE_INDEX_SEA
-from mr360uw.ibl.horizon import elevation_sine
 from mr360uw.ibl.plate import Plate, coarse_directions, coarse_solid_angle, plate_sines
 from mr360uw.ibl.sun.split import Split, sky_irradiance
+from mr360uw.ibl.tilt import elevation_sine
 from mr360uw.optics import fresnel_transmittance
 from mr360uw.types import Floats
 

@@ -31,12 +31,12 @@ from numpy.typing import ArrayLike
 
 from mr360uw.constants import REFRACTIVE_INDEX_SEA, SUN_HALF_ANGLE_RAD
 from mr360uw.ibl.expansion import checked_plate, snell_elevation
-from mr360uw.ibl.horizon import level_matrix, roll_pitch, upward
 from mr360uw.ibl.plate import LinearPlate, Plate, coarse_directions, coarse_solid_angle, patch_directions, plate_sines
 from mr360uw.ibl.sun.blob import CLIPPED, Blob, brightness, examine
 from mr360uw.ibl.sun.closure import ground_ratio
 from mr360uw.ibl.sun.judge import PlateSurvey, SunCandidate, find_glow, taken_share
 from mr360uw.ibl.sun.split import Split, sky_irradiance, split_sun
+from mr360uw.ibl.tilt import level_matrix, roll_pitch, upward
 from mr360uw.optics import refract_clamped, refract_to_air
 from mr360uw.shapes import checked
 from mr360uw.sphere import unit

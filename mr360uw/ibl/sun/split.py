@@ -26,7 +26,6 @@ from numpy.typing import NDArray
 
 from mr360uw.cache import shared
 from mr360uw.color import luminance
-from mr360uw.ibl.horizon import LEVEL, elevation_sine
 from mr360uw.ibl.plate import (
     COARSE_COLUMNS,
     COARSE_ROWS,
@@ -36,6 +35,7 @@ from mr360uw.ibl.plate import (
     patch_directions,
     patch_step,
 )
+from mr360uw.ibl.tilt import LEVEL, elevation_sine
 from mr360uw.sphere import Array, frame_from_direction, row_solid_angle, unit
 from mr360uw.types import Floats, Sun
 
