@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
@@ -10,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from mr360uw.cache import drop_shared
 from mr360uw.ibl.lookup import environment_lookup
 from mr360uw.medium import Medium, Water
 from mr360uw.medium.ambient import ambient_parts
@@ -26,6 +28,13 @@ from tests.render.holding import given_sun, held
 from tests.tolerances import COLOUR_OF_FLOOR, HELD, HELD_DARK, WATER_ADDS_UP
 
 SUN_UP = 0.8
+
+
+@pytest.fixture(autouse=True)
+def _a_dive_at_a_time() -> Iterator[None]:
+    """What is kept of a dive takes a hundred megabytes, and no other test of this file asks for it."""
+    yield
+    drop_shared()
 
 
 @pytest.mark.parametrize(
