@@ -16,6 +16,7 @@ import pytest
 
 from mr360uw import cli
 from mr360uw.cache import drop_shared
+from mr360uw.gl.context import gl_available, release_unused
 from mr360uw.reading.disk_cache import FOLDER, kernel_folder
 
 _M_MMAP_THRESHOLD, _M_ARENA_MAX = -3, -8
@@ -52,6 +53,8 @@ def _nothing_shared_by_files() -> Iterator[None]:
     drop_shared()
     gc.unfreeze()  # what `mr360uw tune` put aside in this process is collected again, and counted by tests
     gc.collect()
+    if gl_available():
+        release_unused()
     if hasattr(_C, "malloc_trim"):
         _C.malloc_trim(0)
 
