@@ -26,7 +26,7 @@ $(VENV)/.installed: pyproject.toml $(LOCK)
 		$(or $(PYTHON),python3) -m venv $(VENV) || { echo 'venv is missing: sudo apt install python3-venv'; exit 1; }; \
 	fi
 	@$(call install,)
-	@$(BIN)/python -m compileall -q mr360uw  # as installers do for wheels: else every start compiles it where none is kept
+	@$(BIN)/python -m compileall -q mr360uw  # as installers do for wheels: where Python may not write, every start would compile the sources
 	@touch $@
 
 $(VENV)/.installed-dev: $(VENV)/.installed

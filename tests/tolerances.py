@@ -39,7 +39,7 @@ FLOAT32 = 2e-6
 MAP_RATIO = 0.003
 """Ratio on a distance map of a plane, coarser than the frame, against the plane: one-sided differences at the horizon."""
 BETWEEN_SWEEPS = 0.005
-"""Ambient light on level ground between the samples of the device: `quadtree.TOLERANCE`, a code value at most."""
+"""Ambient light on level ground between the samples of the device: `ground_light.TOLERANCE`, a code value at most."""
 FRAME_ALONE_CODES, FRAME_ALONE_FRACTION = 2.0, 0.99
 """A frame as linear light against the same in a video: light from decoded planes and the dither of the codes; at the
 edges of objects the video's chroma is a mean of four pixels."""

@@ -15,12 +15,13 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.errors import ParameterError
-from mr360uw.jit import exact
+from mr360uw.jit import exact, inlined
 from mr360uw.types import Floats
 
 PLANE_TOLERANCE = 0.5
@@ -180,6 +181,18 @@ def find_nearest(cells: NDArray[np.int64], member: Mask, among: Mask, found: NDA
         found[n] = least & 255
 
 
+@inlined
+def root_of_moments(xx: Any, xy: Any, yy: Any, own: Any) -> Any:
+    """Return xx, xy and yy of the symmetric root of 12 C, C the second moments of an area. own: least root of their
+    determinant, that of one sample.
+
+    The root of M is (M + |M|^(1/2) 1) / (tr M + 2 |M|^(1/2))^(1/2) (Cayley and Hamilton's theorem for 2 x 2).
+    """
+    root = math.sqrt(max(xx * yy - xy * xy, own * own))
+    scale = math.sqrt(12.0 / (xx + yy + 2.0 * root))
+    return (xx + root) * scale, xy * scale, (yy + root) * scale
+
+
 @exact
 def write_areas(positions: Array, member: Mask, nearest: NDArray[np.int64], areas: Array) -> None:
     """Write `sampling.frame_areas` (n, 5) of members (n, s) at positions (s, 2)."""
@@ -198,7 +211,5 @@ def write_areas(positions: Array, member: Mask, nearest: NDArray[np.int64], area
         mean_x, mean_y = sum_x / count, sum_y / count
         xx, yy = sum_xx / count - mean_x * mean_x + own, sum_yy / count - mean_y * mean_y + own
         xy = sum_xy / count - mean_x * mean_y
-        root = math.sqrt(max(xx * yy - xy * xy, own * own))
-        scale = math.sqrt(12.0 / (xx + yy + 2.0 * root))
         areas[n, 0], areas[n, 1] = mean_x - positions[nearest[n], 0], mean_y - positions[nearest[n], 1]
-        areas[n, 2], areas[n, 3], areas[n, 4] = (xx + root) * scale, xy * scale, (yy + root) * scale
+        areas[n, 2], areas[n, 3], areas[n, 4] = root_of_moments(xx, xy, yy, own)

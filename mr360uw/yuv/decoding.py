@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Linear light of decoded planes, of a rectangle of the frame or in directions, and its compiled functions.
 
-These are serial, outside Python's lock; see `coefficients` for the equations. k: `coefficients.coefficients`; folded:
-`coefficients.folded_coefficients`. sx, sy: log2 of the chroma subsampling. wrap: left and right edges meet. Chroma of
+These are serial, outside Python's lock; the equations stand below. k: `coefficients`; folded:
+`folded_coefficients`. sx, sy: log2 of the chroma subsampling. wrap: left and right edges meet. Chroma of
 4:2:0 and 4:2:2 is sited at the even columns, between the rows of a pair (the default of H.264 and HEVC), and
 interpolated linearly.
 """
@@ -46,21 +46,21 @@ def luma_from_code(code: Any, offset: Any, scale: Any) -> Any:
 
 @inlined
 def polynomial_light(x: Any, slope: Any, c1: Any, c2: Any, c3: Any, c4: Any, c5: Any, c6: Any) -> Any:
-    """Return the linear light of R', G' or B' by `coefficients.decode_polynomial`; negative values count as 0."""
+    """Return the linear light of R', G' or B' by `decode_polynomial`; negative values count as 0."""
     x = min(max(x, _ZERO), POLYNOMIAL_TOP)
     return x * max(c1 + x * (c2 + x * (c3 + x * (c4 + x * (c5 + x * c6)))), slope)
 
 
 @inlined
 def _table_place(x: Any) -> Any:
-    """Return the fractional index of R', G' or B' less DECODE_LOW in `coefficients.decode_table`, held at its ends."""
+    """Return the fractional index of R', G' or B' less DECODE_LOW in `decode_table`, held at its ends."""
     scale = np.float32((DECODE_STEPS - 1) / (DECODE_HIGH - DECODE_LOW))
     return min(max(x * scale, _ZERO), np.float32(DECODE_STEPS - 1.01))
 
 
 @inlined
 def _table_light(table: Any, place: Any) -> Any:
-    """Return `coefficients.decode_table` at a fractional index, linearly interpolated."""
+    """Return `decode_table` at a fractional index, linearly interpolated."""
     i = np.uint32(place)
     low = table[i]
     return low + (place - np.float32(i)) * (table[i + np.uint32(1)] - low)
@@ -68,7 +68,7 @@ def _table_light(table: Any, place: Any) -> Any:
 
 @inlined
 def _nearest_light(table: Any, x: Any, steps: Any, last: Any) -> Any:
-    """Return `coefficients.nearest_table` at R', G' or B' = x; negative values count as 0."""
+    """Return `nearest_table` at R', G' or B' = x; negative values count as 0."""
     return table[int(min(max(x * steps + 0.5, 0.0), last))]
 
 
@@ -103,7 +103,7 @@ def chroma_row(
 def read_rectangle(
     y: Any, u: Any, v: Any, row: int, column: int, sx: int, sy: int, wrap: bool, k: Any, table: Any, out: Any
 ) -> None:
-    """Write the linear light of a rectangle of the planes into `out` (h, w, 3); table: `coefficients.decode_table`.
+    """Write the linear light of a rectangle of the planes into `out` (h, w, 3); table: `decode_table`.
 
     Places in the table are found a row at a time, by vector instructions, before they are looked up.
     """

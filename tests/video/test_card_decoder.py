@@ -35,8 +35,7 @@ def cards(monkeypatch: pytest.MonkeyPatch) -> dict[str, Callable[[Any], Any]]:
             yield (_Decoding(inside, known[card]) if card else inside), stream
 
     monkeypatch.setattr(container, "hwdevices_available", lambda: list(known))
-    for module in (container,):
-        monkeypatch.setattr(module, "open_container", pretended)
+    monkeypatch.setattr(container, "open_container", pretended)
     return known
 
 

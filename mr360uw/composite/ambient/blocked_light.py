@@ -553,7 +553,7 @@ class Occluders(Parts):
         return BlockedLight(normal, weights, share)
 
     def plans(self) -> Floats:
-        """Return what `quadtree.survey` takes of the bodies, (m, 8)."""
+        """Return what `ground_light.survey` takes of the bodies, (m, 8)."""
         plans = np.zeros((len(self.fields), 8))
         for plan, field, origin in zip(plans, self.fields, self.origin, strict=True):
             plan[:6] = field.frame

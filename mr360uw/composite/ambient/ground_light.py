@@ -347,7 +347,7 @@ class GroundField:
     gap_m: float
 
     def at(self, point: Floats, normal: Floats) -> Floats:
-        """Return what `free_of_bodies` does; of patches within `quadtree.TOLERANCE`.
+        """Return what `free_of_bodies` does; of patches within `TOLERANCE`.
 
         Where the light jumps between samples, at the outline of a body that stands on the ground, it is that of each
         place.

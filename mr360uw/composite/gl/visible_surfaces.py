@@ -39,6 +39,7 @@ from mr360uw.composite.sampling import (
     find_gaps,
     join_gaps,
     pattern,
+    root_of_moments,
 )
 from mr360uw.composite.shot import PlacedObject, Shot
 from mr360uw.jit import exact, fast, inlined
@@ -130,6 +131,7 @@ def find_surfaces(sampled: PartOf[Shot], objects: list[PlacedObject], cache: Cac
     _classify(*inputs)
     # Trace the samples of the others; blended surfaces layer by layer, wherever they reach
     lists, optics = (corner, bounds, members, reach), (eye, slack, step, by_sample)
+    scene = *scene, *tables
     layers: list[Fragments] = []
     blended = np.zeros(0, np.int64)
     if np.any(kind == BLENDED):
@@ -202,7 +204,6 @@ def _traced(
     positions, (x, y) = samples.positions[padded].T.astype(np.float32), samples.cells[padded].T
     cells = np.stack([x, y, x * x, x * y, y * y]).astype(np.float32)
     real, parts = (np.arange(len(x)) < count).astype(np.float32), []
-    tables: Any = _ray_tables(view)
     for start in range(0, len(at), _FRAGMENTS_AT_ONCE // most):
         # Room for as many fragments as there may be: memory that is not written is not taken
         some = at[start : start + _FRAGMENTS_AT_ONCE // most]
@@ -212,7 +213,7 @@ def _traced(
         area, weight = np.empty((capacity, 5)), np.empty(capacity)
         filled, covered = np.empty(len(some), np.int64), np.empty((len(some), count), np.bool_)
         pattern_ = turns, cells, positions, real, np.array(samples.step)
-        inputs: list[Any] = [some, *lists, *scene, *tables, *pattern_, *optics, count, layer]
+        inputs: list[Any] = [some, *lists, *scene, *pattern_, *optics, count, layer]
         outputs = pixels, first, triangle, place, area, weight, filled, covered
         there, total = _trace(*[*inputs, *outputs])
         row, column = pixels[:, :there].copy()
@@ -624,8 +625,6 @@ def _set_area(sums: Any, axes: Any, at_x: Any, at_y: Any, area: Any) -> None:
     frame_xx = a * a * xx - 2.0 * a * b * xy + b * b * yy + own
     frame_yy = b * b * xx + 2.0 * a * b * xy + a * a * yy + own
     frame_xy = a * b * (xx - yy) + (a * a - b * b) * xy
-    root = np.sqrt(max(frame_xx * frame_yy - frame_xy * frame_xy, own * own))
-    scale = np.sqrt(12.0 / (frame_xx + frame_yy + 2.0 * root))
     x, y = x - at_x, y - at_y
     area[0], area[1] = a * x - b * y, b * x + a * y
-    area[2], area[3], area[4] = (frame_xx + root) * scale, frame_xy * scale, (frame_yy + root) * scale
+    area[2], area[3], area[4] = root_of_moments(frame_xx, frame_xy, frame_yy, own)

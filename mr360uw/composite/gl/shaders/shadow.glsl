@@ -1,5 +1,5 @@
 // Visible fraction of a directed light behind bodies, traced through filtered columns; the reference casts rays
-// instead. Held to composite/lighting/light_sources.py and composite/lighting/light_sources.py.
+// instead. Held to composite/lighting/light_sources.py.
 // `sun_map` holds for every body (or group of bodies) a square slot of columns along the light: (filled fraction, top,
 // bottom, opacity), the last three times the first, heights in metres above the lowest point, and means of 2x2, 4x4, ...
 // of them. TRANSLUCENT: some bodies let light through, each column the product over its surfaces. A ray that
