@@ -22,7 +22,7 @@ sys.path.insert(0, str(ROOT))
 
 from mr360uw.composite import ObjectSettings, Receiver, SceneObject, Shot, load_object, render_layer  # noqa: E402
 from mr360uw.composite.gl.layer_renderer import LayerRenderer  # noqa: E402
-from mr360uw.composite.lighting import sun as sun_module  # noqa: E402
+from mr360uw.composite.lighting import light_sources  # noqa: E402
 from mr360uw.composite.mesh.material import Material  # noqa: E402
 from mr360uw.composite.motion import rigid, rotation_matrix  # noqa: E402
 from mr360uw.composite.over import over  # noqa: E402
@@ -118,7 +118,7 @@ def shadow() -> None:
         "box on floor": placed(scenes.box((0.6, 0.5, 0.4)), (0.0, -0.95, -1.2), (30, 0, 0)),
         "sheet": placed(scenes.quad(size=0.8), (0.0, -0.2, -1.2), (0, -70, 0)),
     }
-    sun_module.REFERENCE_SUN_FACTOR = 1
+    light_sources.REFERENCE_SUN_FACTOR = 1
     print(f"{'disc rad':>8} {'body':14} {'pixels':>7} {'gl RMSE':>9} {'rays RMSE':>10}   (target 0.03)")
     for half in (0.00465, 0.03, 0.1):
         for name, body in bodies.items():

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import ast
+import importlib
 import re
 import subprocess
 import sys
@@ -109,6 +110,17 @@ def test_packages_import_only_what_they_may(subtests: pytest.Subtests) -> None:
             for path in (ROOT / package).rglob("*.py"):
                 used = {name.split(".")[1] for name in imports(path) if name.startswith("mr360uw.")}
                 assert used <= allowed, f"{path.relative_to(ROOT)} imports {used - allowed}"
+
+
+def test_benchmarks_import_what_is_there(subtests: pytest.Subtests) -> None:
+    for path in (ROOT.parent / "benchmarks").rglob("*.py"):
+        with subtests.test(path.name):
+            for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+                if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("mr360uw"):
+                    module = importlib.import_module(str(node.module))
+                    for alias in node.names:
+                        if not hasattr(module, alias.name):
+                            importlib.import_module(f"{module.__name__}.{alias.name}")
 
 
 def test_no_module_name_stands_twice() -> None:
