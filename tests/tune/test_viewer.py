@@ -87,6 +87,15 @@ class Page:
         png = np.frombuffer(self.page.screenshot(clip=clip), np.uint8)
         return cv2.imdecode(png, cv2.IMREAD_COLOR)[0, 0, ::-1]
 
+    def shows(self, x: float, y: float, told: Any) -> None:
+        """Wait until the screen shows at a place what the picture has at (u, v)."""
+        for _ in range(200):
+            seen = self.pixel(x, y) / 255.0
+            if np.allclose(seen[1:], [told["u"], told["v"]], rtol=0.0, atol=CODES / 255.0):
+                return
+            self.page.wait_for_timeout(20)
+        raise AssertionError(f"({x}, {y}) shows {seen}, not u {told['u']}, v {told['v']}")
+
     def red(self, x: float, y: float, wanted: int) -> None:
         """Wait until a pixel of the canvas, at fractions of it, has a red, exactly."""
         box = self.canvas()
@@ -143,8 +152,7 @@ def test_clicks_on_the_flat_picture_land_within_a_pixel(shown: Page) -> None:
         (told,) = shown.until("pick")
         point = Point(told["longitude"], told["latitude"])
         np.testing.assert_allclose(flat_place(box, point), place, atol=1.0)
-        seen = shown.pixel(*place).astype(float)
-        np.testing.assert_allclose(seen[1:] / 255.0, [told["u"], told["v"]], atol=CODES / 255.0)
+        shown.shows(*place, told)
     # enlarged by the wheel about the pointer, it still shows the same there
     for _ in range(2):
         shown.page.mouse.wheel(0, -600)
@@ -212,8 +220,7 @@ def test_looking_around_turns_the_view_and_clicks_land_within_a_pixel(shown: Pag
         (told,) = shown.until("pick")
         beside = np.linalg.norm(Point(told["longitude"], told["latitude"]).direction - look.direction_at(x, y))
         assert beside < 2.0 * np.tan(np.radians(0.5 * look.fov_deg)) / look.width  # a pixel in the middle, the widest
-        seen = shown.pixel(box["x"] + x, box["y"] + y).astype(float)
-        np.testing.assert_allclose(seen[1:] / 255.0, [told["u"], told["v"]], atol=CODES / 255.0)
+        shown.shows(box["x"] + x, box["y"] + y, told)
     # the view stays when the picture changes, and returns on 0
     shown.do("viewer", "show", url="/picture/90.png")
     shown.red(0.5, 0.5, 90)
