@@ -12,7 +12,7 @@ from mr360uw.cli.arguments import EyeOption, OverwriteOption, Role
 from mr360uw.errors import ParameterError
 
 if TYPE_CHECKING:
-    from mr360uw.track.world_axes import Measure
+    from mr360uw.track.camera_track import Measure
 
 
 def track(
@@ -51,8 +51,7 @@ def track(
     With --from, convert the path that another program has solved.
     """
     from mr360uw.output_gate import check_work_folder
-    from mr360uw.track.camera_track import track_files
-    from mr360uw.track.world_axes import Measure, parse_length
+    from mr360uw.track.camera_track import Measure, parse_length, track_files
 
     if solved is not None:
         if any(given is not None for given in (height, length, depth_log, mask)):

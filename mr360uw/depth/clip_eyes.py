@@ -155,7 +155,7 @@ def _make(folder: Path, maps: WrittenFiles, frame: VideoFrame, width: int, apart
 
 # Distances of both eyes of a stereo panorama, from its disparity alone.
 #
-# The rays of an eye start on the viewing circle (`types/frames.py`): a point at the distance t along its ray is seen by
+# The rays of an eye start on the viewing circle (`types.py`): a point at the distance t along its ray is seen by
 # both eyes at one latitude, and
 #
 #     2 atan(e/t)

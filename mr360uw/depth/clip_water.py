@@ -21,7 +21,7 @@ from mr360uw.progress import Progress, Steps
 from mr360uw.shapes import checked
 from mr360uw.sphere import directions, frame_from_direction
 from mr360uw.track.camera_track import CameraTrack
-from mr360uw.types import Floats
+from mr360uw.types import Array, Floats
 from mr360uw.video import open_video
 
 _FRAMES = 24
@@ -119,7 +119,6 @@ def water_of_clip(
 # A place is a window of pixels of one frame whose distances are sure and lie on a plane. Its points are looked up in
 # all other frames; a place counts in a frame that shows it as far away as it is, not what is in front of it.
 
-Array = NDArray[np.float64]
 
 _SIDE_RAD = 0.08
 """Width of a window [rad]: 13 pixels of 1024. Half: pixels of its edges count as much as those inside; double: few

@@ -20,7 +20,7 @@ from mr360uw.errors import ParameterError
 from mr360uw.first_look.mesh_look import MeshLook
 from mr360uw.first_look.plate_look import PlateLook, red_ratio
 from mr360uw.sphere import direction_from_angles, frame_from_direction
-from mr360uw.types import Floats
+from mr360uw.types import Array, Floats
 
 _GUESSED_M: dict[bool, float] = {True: 1.3, False: 1.6}
 """Height of a camera over the ground that is not known: of a diver over a floor, and of a tripod or a head in air."""
@@ -279,8 +279,6 @@ def free_view(image: Floats, elevation_deg: tuple[float, float], *, underwater: 
     near_elevation = float(np.clip(near_elevation, low, high))
     return near_azimuth, near_elevation, (color[0], color[1], color[2])
 
-
-Array = NDArray[np.float64]
 
 _REACH, _CELL = 7.5, 0.05
 """Half the side of the layout and its cell, in camera heights."""

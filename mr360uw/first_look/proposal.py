@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mr360uw.errors import ParameterError
 from mr360uw.first_look.mesh_look import MeshLook
@@ -19,7 +18,7 @@ from mr360uw.medium import Medium, Water
 from mr360uw.medium.visibility import CONTRAST_LENGTHS, LEAST_M, MOST_M, visibility_m, water_seen_as_far
 from mr360uw.medium.water import JerlovType
 from mr360uw.scene.model import CameraSettings, PlateSettings, Scene
-from mr360uw.types import Floats
+from mr360uw.types import Array, Floats
 from mr360uw.video.eyes_seen import EYES_APART_M
 
 _DEPTH_M = 6.0
@@ -129,7 +128,6 @@ def _nearest_type(plate: PlateLook, view: FreeView) -> tuple[JerlovType, float, 
 # it well. Where they are darker than the clearest water allows, the water before them is in the shade
 # (`Medium.in_shade`). h: height of the camera over the floor, e: angle below the horizon.
 
-Array = NDArray[np.float64]
 
 _STEEPEST_DEG, _FLATTEST_DEG, _ROWS = 55.0, 5.0, 16
 """Angles below the horizon between which the floor is looked at: flatter, a pixel averages over too much of it."""

@@ -52,9 +52,7 @@ from mr360uw.surface import SeaScene, SurfacePicture
 from mr360uw.surface.intersection import sigma_at
 from mr360uw.surface.tracing.facet_draws import glitter
 from mr360uw.surface.tracing.stage_arrays import RayStage, disc_of
-from mr360uw.types import CausticStack, Environment, Floats, Layer, MediumTable, Rectangle, Sun, View
-
-Array = NDArray[np.float64]
+from mr360uw.types import Array, CausticStack, Environment, Floats, Layer, MediumTable, Rectangle, Sun, View
 
 
 def light_below(sea: SeaScene, floor_depth_m: float) -> Array:

@@ -27,7 +27,7 @@ from mr360uw.medium import Medium, Water
 from mr360uw.medium.medium import RGB_NM, Mode
 from mr360uw.medium.spectral.sensor import named_sensor
 from mr360uw.medium.tabulate import FormationModel
-from mr360uw.published.aerial_look import blended_albedo, thresholded_reflection
+from mr360uw.published import blended_albedo, thresholded_reflection
 from mr360uw.sample.dive_settings import DiveSettings
 from mr360uw.sample.sea_bed import sea_bed
 from mr360uw.shapes import checked
@@ -36,11 +36,9 @@ from mr360uw.surface import Floor, SeaScene, SurfacePicture
 from mr360uw.surface.sea_picture import rendered
 from mr360uw.surface.sky import CLEAR, OVERCAST, standard_sky
 from mr360uw.surface.tracing.stage_arrays import RayStage
-from mr360uw.types import Floats, Layer, Sun, View
+from mr360uw.types import Array, Floats, Layer, Sun, View
 from mr360uw.video.opening import open_video
 from mr360uw.video.read.picture_file import read_picture
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -16,7 +16,6 @@ from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mr360uw.color import ColorSpec
 from mr360uw.composite.over import over_tile
@@ -26,18 +25,15 @@ from mr360uw.from_above.aerial_picture import AerialPicture, LoadedAerial
 from mr360uw.from_above.settings import AerialScene
 from mr360uw.output_gate import check_outputs
 from mr360uw.progress import Progress
-from mr360uw.reading.input_files import files_read
-from mr360uw.reading.limits import FRAMES
+from mr360uw.reading.input_files import FRAMES, files_read
 from mr360uw.reading.numbered_files import is_pattern, matching_files, numbered
 from mr360uw.scene.model import files_of
 from mr360uw.shapes import checked
-from mr360uw.types import Floats
+from mr360uw.types import Array, Floats
 from mr360uw.video import VideoFrame, VideoReader, create_video, open_video
 from mr360uw.video.clip import Clip
 from mr360uw.video.exr import Part, write_exr
 from mr360uw.video.read.projection import PICTURE_SUFFIXES
-
-Array = NDArray[np.float64]
 
 _MATCH_COLUMNS = 96
 """Columns of the picture of the scene's sea that is compared with the plate: medians are the same with twice as many

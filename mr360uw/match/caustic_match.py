@@ -16,9 +16,7 @@ from mr360uw.match.pattern_measures import PatternMeasures, bands, pattern_measu
 from mr360uw.progress import Progress
 from mr360uw.scene.model import Scene
 from mr360uw.shapes import checked
-from mr360uw.types import Floats
-
-Array = NDArray[np.float64]
+from mr360uw.types import Array, Floats
 
 _LEAST_CONTRAST = 0.03
 """Standard deviation over mean of the floor's light below which nothing is fitted: codecs and drifting particles."""

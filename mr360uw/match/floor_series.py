@@ -34,9 +34,7 @@ from mr360uw.render.surroundings import load_surroundings
 from mr360uw.scene.inputs import open_plate
 from mr360uw.scene.model import Scene, at_scale
 from mr360uw.sphere import direction_from_frame, frame_from_direction
-from mr360uw.types import BeamSpread, Floats, MediumTable
-
-Array = NDArray[np.float64]
+from mr360uw.types import Array, BeamSpread, Floats, MediumTable
 
 _FINER = 2
 """Points across a pixel of the region, whose mean it is: the plate's pixels below the camera are finer."""

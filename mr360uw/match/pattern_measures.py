@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from mr360uw.constants import GRAVITY_M_S2
 from mr360uw.errors import ParameterError
-from mr360uw.types import Floats
+from mr360uw.types import Array, Floats
 
 Codes = NDArray[np.uint8]
 
@@ -75,8 +75,6 @@ def _side_by_side(parts: Sequence[Floats], labels: Sequence[str]) -> Codes:
         cv2.putText(sheet, label, at, cv2.FONT_HERSHEY_SIMPLEX, 0.5, (235, 235, 235), 1, cv2.LINE_AA)
     return sheet
 
-
-Array = NDArray[np.float64]
 
 BANDS_PER_OCTAVE = 2
 """Bands of wavelength in an octave. Twice as many, each holds half the waves and varies more by chance."""

@@ -12,7 +12,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mr360uw.color import encode
 from mr360uw.errors import ParameterError
@@ -27,10 +26,8 @@ from mr360uw.scene.inputs import open_plate
 from mr360uw.scene.model import Scene
 from mr360uw.shapes import checked
 from mr360uw.sphere import direction_from_angles, frame_from_direction
-from mr360uw.types import Floats
+from mr360uw.types import Array, Floats
 from mr360uw.video import VideoFrame
-
-Array = NDArray[np.float64]
 
 VISIBILITIES_M = (1.3, 1.8, 2.5, 3.5, 5.0, 7.0, 10.0, 14.0, 20.0, 28.0, 40.0, 56.0, 80.0)
 """Visibilities [m] that are tried where the scene gives one: steps of a factor of 1.4, less than types differ by."""

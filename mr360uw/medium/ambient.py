@@ -15,7 +15,6 @@ above and from below. x is the floor's radiance in the plate's light. Every part
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mr360uw.cache import shared
 from mr360uw.constants import PI
@@ -27,9 +26,7 @@ from mr360uw.medium.spectral.sensor import Sensor
 from mr360uw.medium.tabulate import NORMALS, depth_nodes, diffuse_table, normal_nodes
 from mr360uw.medium.water import Water
 from mr360uw.sphere import directions, row_solid_angle
-from mr360uw.types import Floats
-
-Array = NDArray[np.float64]
+from mr360uw.types import Array, Floats
 
 _STEP = 0.01
 """Interval of the sine of the sun's elevation in the water at which fields are solved: 0.3 % of the light."""

@@ -14,7 +14,6 @@ from __future__ import annotations
 import functools
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mr360uw.cache import shared
 from mr360uw.constants import PI
@@ -25,9 +24,7 @@ from mr360uw.medium.models import FieldModel
 from mr360uw.reading.disk_cache import kept_arrays
 from mr360uw.sphere import directions
 from mr360uw.threads import one_blas_thread
-from mr360uw.types import Floats
-
-Array = NDArray[np.float64]
+from mr360uw.types import Array, Floats
 
 AZIMUTHS = PI * np.linspace(0.0, 1.0, 25) ** 1.5
 """Azimuths from the sun's [rad] that the ratio is computed at: dense about the sun."""

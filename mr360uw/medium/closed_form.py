@@ -12,14 +12,13 @@ written so that nothing overflows, whatever the sign of c - K mu, and so that c 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from mr360uw.constants import BRIGHTEST_LOG, INV_4PI, LONGEST_RAY_M
 from mr360uw.errors import ParameterError
 from mr360uw.medium.water import Water
 from mr360uw.shapes import checked, common_shape, exactly, numbers
-
-Array = NDArray[np.float64]
+from mr360uw.types import Array
 
 
 def ray_in_water(distance: ArrayLike, depth: ArrayLike, up: ArrayLike) -> Array:

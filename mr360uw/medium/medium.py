@@ -13,7 +13,7 @@ from dataclasses import replace
 from typing import Literal, get_args
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from mr360uw.constants import BRIGHTEST_LOG, REFRACTIVE_INDEX_SEA
 from mr360uw.errors import ParameterError
@@ -27,9 +27,7 @@ from mr360uw.medium.visibility import CONTRAST_LENGTHS, visibility_m
 from mr360uw.medium.water import Water
 from mr360uw.shapes import checked, common_shape, exactly, instance, number
 from mr360uw.threads import one_blas_thread
-from mr360uw.types import Floats, MediumTable
-
-Array = NDArray[np.float64]
+from mr360uw.types import Array, Floats, MediumTable
 
 Mode = Literal["kd", "kd+", "table", "plate", "rgb", "koschmieder", "akkaynak-treibitz"]
 MODES: tuple[Mode, ...] = get_args(Mode)

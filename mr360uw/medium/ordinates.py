@@ -15,9 +15,7 @@ from numpy.typing import NDArray
 from mr360uw.constants import PI
 from mr360uw.medium.phase import legendre_polynomials
 from mr360uw.sphere import gauss_legendre
-
-Array = NDArray[np.float64]
-
+from mr360uw.types import Array
 
 _PANELS = 0.5, 0.75
 """Least and greatest split of two panels, indices of 1.15 to 1.51: half of all nodes in a narrow panel leave too few

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from mr360uw.cache import shared
 from mr360uw.constants import INV_4PI, PI
@@ -23,8 +23,7 @@ from mr360uw.errors import ParameterError
 from mr360uw.medium.tables import builtin_table, read_table
 from mr360uw.shapes import checked, exactly, numbers
 from mr360uw.sphere import gauss_legendre
-
-Array = NDArray[np.float64]
+from mr360uw.types import Array
 
 
 @checked

@@ -22,8 +22,7 @@ from mr360uw.medium.phase import legendre_polynomials
 from mr360uw.optics import fresnel_from_below
 from mr360uw.shapes import checked
 from mr360uw.sphere import gauss_legendre
-
-Array = NDArray[np.float64]
+from mr360uw.types import Array
 
 SurfaceKind = Literal["snell", "none"]
 """A flat surface with Fresnel's reflection, or none: no change of refractive index."""

@@ -14,7 +14,6 @@ and stays sharp. The rest, (M - exp(-tau))/(1 - exp(-tau)), is a sum of Gaussian
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mr360uw.cache import shared
 from mr360uw.constants import PI
@@ -22,9 +21,7 @@ from mr360uw.medium.medium import Medium
 from mr360uw.medium.phase import Phase, forward_peak
 from mr360uw.reading.disk_cache import kept_arrays
 from mr360uw.sphere import gauss_legendre
-from mr360uw.types import BeamSpread
-
-Array = NDArray[np.float64]
+from mr360uw.types import Array, BeamSpread
 
 SPREAD_NM = 550.0
 """Wavelength [nm] whose small-angle scattering shapes the pattern of light that has turned; others differ little."""

@@ -11,13 +11,12 @@ from importlib import resources
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from mr360uw.errors import ParameterError
 from mr360uw.reading.input_files import read_text
 from mr360uw.shapes import file_path, numbers
-
-Array = NDArray[np.float64]
+from mr360uw.types import Array
 
 
 @dataclass(frozen=True, slots=True, eq=False)

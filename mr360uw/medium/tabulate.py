@@ -20,7 +20,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from mr360uw.color import luminance
 from mr360uw.constants import GAMUT_POWER, GAMUT_THRESHOLD
@@ -29,9 +29,8 @@ from mr360uw.medium.models import FieldModel, OneLight, SpectralModel
 from mr360uw.medium.spectral.bands import Bands
 from mr360uw.reading.disk_cache import kept_arrays
 from mr360uw.shapes import vectors
-from mr360uw.types import MediumTable
+from mr360uw.types import Array, MediumTable
 
-Array = NDArray[np.float64]
 UnitVeil = Callable[[Array, Array], Array]
 
 VEIL_SIZE = (129, 40)

@@ -26,7 +26,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydantic import PositiveInt
 
 from mr360uw.constants import PI, REFRACTIVE_INDEX_SEA
@@ -49,8 +49,7 @@ from mr360uw.medium.ray_field import (
 from mr360uw.optics import critical_cosine, fresnel_from_below
 from mr360uw.shapes import checked, common_shape, numbers
 from mr360uw.threads import one_blas_thread
-
-Array = NDArray[np.float64]
+from mr360uw.types import Array
 
 STREAMS_PER_HEMISPHERE = 32
 """Directions per hemisphere: irradiances are right to 2e-4. Twice as many take eight times as long to solve."""

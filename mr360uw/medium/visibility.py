@@ -14,15 +14,12 @@ from __future__ import annotations
 import functools
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mr360uw.cache import shared
 from mr360uw.errors import ParameterError
 from mr360uw.medium.phase import Phase, wide_angle_moments
 from mr360uw.medium.tables import Spectrum
 from mr360uw.medium.water import JerlovType, Water, molecular_part
-
-Array = NDArray[np.float64]
 
 CONTRAST_LENGTHS = 4.8
 """Attenuation lengths of contrast at which a black target is lost."""

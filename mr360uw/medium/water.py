@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Literal, cast, get_args
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydantic import PositiveInt
 
 from mr360uw.cache import shared
@@ -26,8 +26,7 @@ from mr360uw.medium.phase import Mixture, Phase, backscatter_ratio, check_phase,
 from mr360uw.medium.tables import Spectrum, builtin_spectrum, builtin_table, read_table
 from mr360uw.plot import Figure, Shown
 from mr360uw.shapes import checked, exactly, number, numbers
-
-Array = NDArray[np.float64]
+from mr360uw.types import Array
 
 JerlovType = Literal["I", "IA", "IB", "II", "III", "1C", "3C", "5C", "7C", "9C"]
 JERLOV_TYPES: tuple[JerlovType, ...] = get_args(JerlovType)

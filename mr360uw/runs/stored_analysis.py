@@ -19,7 +19,6 @@ from mr360uw.composite.grading.settings import PlateGrade
 from mr360uw.ibl import SunTrack
 from mr360uw.medium.fit.open_water import OpenWaterTrack
 from mr360uw.progress import Progress
-from mr360uw.reading.cached_reads import stamp
 from mr360uw.reading.disk_cache import (
     Arrays,
     cache_file,
@@ -29,7 +28,7 @@ from mr360uw.reading.disk_cache import (
     sources_stamp,
     write_arrays,
 )
-from mr360uw.reading.input_files import InputFile, input_file
+from mr360uw.reading.input_files import InputFile, input_file, stamp
 from mr360uw.reading.numbered_files import files_named
 from mr360uw.render.first_pass import ClipAnalysis, clip_analysis
 from mr360uw.render.loaded import Loaded

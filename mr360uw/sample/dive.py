@@ -18,7 +18,7 @@ from mr360uw.files import whole_file, write_whole
 from mr360uw.medium import Water
 from mr360uw.output_gate import check_folder, check_outputs, made_folder
 from mr360uw.progress import Progress
-from mr360uw.reading.limits import FRAMES, PICTURE
+from mr360uw.reading.input_files import FRAMES, PICTURE
 from mr360uw.sample.dive_settings import DiveSettings
 from mr360uw.sample.rendered_dive import SENSOR, Dive
 from mr360uw.sample.sea_bed import BED_TILE_M

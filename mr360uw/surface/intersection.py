@@ -14,13 +14,11 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mr360uw.jit import borrowing, exact
 from mr360uw.surface.sampled_sea import Displacement, SampledSea, displacement, read_height, read_shift, rest_position
 from mr360uw.surface.tracing.table_reads import Ray, Vector
-
-Array = NDArray[np.float64]
+from mr360uw.types import Array
 
 PIXEL_SIGMA = 1.0 / math.sqrt(12.0)
 """Standard deviation of a pixel of width 1."""

@@ -25,9 +25,7 @@ from mr360uw.caustics.sea.base import Detail, detail_slope
 from mr360uw.jit import borrowing, exact, inlined
 from mr360uw.shapes import checked
 from mr360uw.texels import between_four, periodic_four
-from mr360uw.types import Floats, Surface
-
-Array = NDArray[np.float64]
+from mr360uw.types import Array, Floats, Surface
 
 _SAMPLES = 12
 """Points to the shortest wave: cubic splines are then off by 2e-4 of its height. Twice as many: 1e-5, four times the

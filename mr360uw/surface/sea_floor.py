@@ -7,16 +7,14 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from mr360uw.caustic_lookup import mip_level, mip_levels, periodic_trilinear
 from mr360uw.constants import PI
 from mr360uw.errors import ParameterError
 from mr360uw.shapes import number, numbers
 from mr360uw.surface.tracing.floor_light import relief_height
-from mr360uw.types import Floats
-
-Array = NDArray[np.float64]
+from mr360uw.types import Array, Floats
 
 _CELL = 16
 """Pixels along each side of the squares of a relief whose height is bounded. With 8 and 32 rays take as long."""

@@ -36,7 +36,7 @@ from mr360uw.surface.tracing.ray_kernel import OFF_M, STACK, RayWorld, followed,
 from mr360uw.surface.tracing.stage_arrays import RayStage, ray_world
 from mr360uw.surface.tracing.table_reads import Ray, Vector, add, bent
 from mr360uw.surface.water_light import WaterLight
-from mr360uw.types import Sun, View
+from mr360uw.types import Array, Sun, View
 
 # A sea with its sky, floor and water, of which pictures are taken at any times and from any places.
 #
@@ -282,8 +282,6 @@ def _checked(sun: Sun | None) -> Sun | None:
     direction = unit(exactly("sun.direction", sun.direction, (3,)))
     return Sun(direction, irradiance, float(sun.half_angle_rad), sun.confidence)
 
-
-Array = NDArray[np.float64]
 
 _AT_ONCE = 1 << 14
 """Rays that are traced on one thread at a time."""

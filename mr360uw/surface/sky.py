@@ -23,7 +23,7 @@ from mr360uw.medium.ray_field import SkyShape
 from mr360uw.optics import fresnel_transmittance
 from mr360uw.shapes import numbers
 from mr360uw.sphere import directions, row_solid_angle
-from mr360uw.types import Floats, Sun
+from mr360uw.types import Array, Floats, Sun
 
 Shape = tuple[float, float, float, float, float]
 """The numbers a to e of a sky."""
@@ -47,8 +47,6 @@ def standard_sky(shape: Shape, sun: Floats) -> NDArray[np.float64]:
     indicatrix = 1.0 + c * (np.exp(d * np.arccos(cosine)) - math.exp(d * 0.5 * PI)) + e * cosine**2
     return np.asarray(gradation * indicatrix)
 
-
-Array = NDArray[np.float64]
 
 _RINGS, _IN_RING = (5.0, 20.0, 35.0, 50.0, 65.0, 80.0, 90.0), (16, 12, 12, 8, 6, 1)
 """Edges [deg] of elevation of the patches that the sky is divided into, from the horizon up, and patches of a ring. The

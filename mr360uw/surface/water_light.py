@@ -41,9 +41,7 @@ from mr360uw.surface.sea_floor import FloorLight, Tiled
 from mr360uw.surface.sky import Dome, sun_below
 from mr360uw.surface.tracing.facet_draws import normal_quantile
 from mr360uw.surface.tracing.table_reads import Vector, add, bent, packed, reflectance, sky_radiance
-from mr360uw.types import CausticStack, Floats, MediumTable, Sun
-
-Array = NDArray[np.float64]
+from mr360uw.types import Array, CausticStack, Floats, MediumTable, Sun
 
 _LEAST = 1e-300
 

@@ -16,8 +16,7 @@ from mr360uw.output_gate import check_outputs
 from mr360uw.reading.input_files import json_of, read_text
 from mr360uw.shapes import checked
 from mr360uw.threads import one_blas_thread
-from mr360uw.track.camera_track import CameraTrack
-from mr360uw.track.world_axes import fit_floor
+from mr360uw.track.camera_track import CameraTrack, fit_floor
 from mr360uw.types import Floats
 
 _DEPRESSION = np.sin(np.radians(12.0))

@@ -25,8 +25,7 @@ from mr360uw.medium.tables import parse_table
 from mr360uw.output_gate import check_outputs
 from mr360uw.reading.input_files import json_of, read_text
 from mr360uw.sphere import unit
-from mr360uw.track.camera_track import CameraTrack
-from mr360uw.track.world_axes import rotation_to_world
+from mr360uw.track.camera_track import CameraTrack, rotation_to_world
 from mr360uw.types import Floats
 
 _GEOCENTRIC_M = 1e6

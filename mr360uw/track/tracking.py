@@ -18,15 +18,13 @@ from mr360uw.errors import ParameterError, VideoError
 from mr360uw.files import write_whole
 from mr360uw.output_gate import check_work_folder, make_work_folder, remove_work_folder
 from mr360uw.progress import Progress, Steps
-from mr360uw.reading.cached_reads import stamp
-from mr360uw.reading.input_files import holds_text
+from mr360uw.reading.input_files import holds_text, stamp
 from mr360uw.shapes import checked
-from mr360uw.track.camera_track import CameraTrack
+from mr360uw.track.camera_track import CameraTrack, Measure, World, window_up, world_of
 from mr360uw.track.colmap import load_colmap
 from mr360uw.track.floor_mesh import FloorMesh
 from mr360uw.track.key_frames import KeyFrames, key_frames_of_shot, read_key_frames
 from mr360uw.track.key_poses import BETWEEN, WIDTH, KeyPoses, solve_between, solve_key_frames
-from mr360uw.track.world_axes import Measure, World, window_up, world_of
 from mr360uw.types import Floats
 from mr360uw.video import VideoReader, open_video
 

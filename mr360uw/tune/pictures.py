@@ -288,5 +288,5 @@ def _run_job(job: tuple[Callable[[Any], Any], Future[Any]], renderer: PageRender
         return
     try:
         future.set_result(work(renderer))
-    except Exception as error:  # noqa: BLE001 - whoever asked gets it
+    except Exception as error:  # noqa: BLE001 - raised again by the process that waits
         future.set_exception(error)

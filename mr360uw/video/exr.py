@@ -22,8 +22,7 @@ from numpy.typing import NDArray
 from mr360uw.color import LUMINANCE
 from mr360uw.errors import VideoError
 from mr360uw.files import NewFile, whole_file
-from mr360uw.reading.input_files import unreadable, wrapped
-from mr360uw.reading.limits import DATA, PICTURE
+from mr360uw.reading.input_files import DATA, PICTURE, unreadable, wrapped
 from mr360uw.shapes import checked
 from mr360uw.types import Floats
 from mr360uw.yuv.file_profile import REC709_XY

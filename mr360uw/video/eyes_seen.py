@@ -8,7 +8,7 @@ are swapped. An offset that is the same everywhere (convergence) tells nothing. 
     (2 e/h) tan(angle below the horizon) + offset
 
 2 e: distance of the eyes, h: height of the camera (viewing circle of one radius; sin instead of tan where the circle
-shrinks towards the poles, see types/frames.py).
+shrinks towards the poles, see types.py).
 """
 
 from __future__ import annotations
@@ -20,10 +20,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.color import luminance
-from mr360uw.types import Floats
+from mr360uw.types import Array, Floats
 from mr360uw.video.read.layout import LEFT_FIRST
 
-Array = NDArray[np.float64]
 Order = Literal["right", "swapped", "unclear"]
 
 _COLUMNS, _ROWS = 2048, 1024

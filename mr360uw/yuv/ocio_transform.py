@@ -20,8 +20,7 @@ from mr360uw.color import Levels
 from mr360uw.errors import ParameterError, VideoError
 from mr360uw.parameters import Parameters, advanced
 from mr360uw.reading.extras import command
-from mr360uw.reading.input_files import unreadable
-from mr360uw.reading.limits import DATA
+from mr360uw.reading.input_files import DATA, unreadable
 
 _BUILT_IN = "ocio://"
 _GRID = 17

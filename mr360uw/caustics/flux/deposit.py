@@ -16,21 +16,17 @@ tile lies right of the row's beginning n times, which `start` accounts for.
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
 
 from mr360uw.jit import exact
-
-Array = NDArray[np.floating[Any]]
+from mr360uw.types import Floats
 
 _UPRIGHT = 1e-150
 """Width [pixel] of an edge up to which it is upright: where it crosses a pixel's side its slope may overflow."""
 
 
 @exact
-def add_edge(change: Array, start: Array, ax: float, ay: float, bx: float, by: float, light: float) -> None:
+def add_edge(change: Floats, start: Floats, ax: float, ay: float, bx: float, by: float, light: float) -> None:
     """Add the intensity `light` [1/pixel^2] right of the edge from a to b [pixel], positive where it runs down (+y).
 
     change: (size, size + 1) difference of each pixel to the one left of it; the last column belongs to the next tile
@@ -82,7 +78,7 @@ def add_edge(change: Array, start: Array, ax: float, ay: float, bx: float, by: f
         row = row + 1 if row + 1 < size else 0
 
 
-def running_sum(change: Array, start: Array) -> Array:
+def running_sum(change: Floats, start: Floats) -> Floats:
     """Return the flux (size, size) of all added edges; negative values, which are roundings, become 0."""
     light = np.concatenate([start[:, None], change[:, :-1]], axis=1).cumsum(axis=1)
     return np.maximum(light[:, 1:], 0.0)
@@ -141,7 +137,7 @@ def intensities(corners: Cell, flux_b: float, flux_d: float) -> tuple[float, flo
     return 2.0 * flux_b / b, 2.0 * flux_d / d
 
 
-def deposit_exact(hit: Array, flux: Array, size: int) -> Array:
+def deposit_exact(hit: Floats, flux: Floats, size: int) -> Floats:
     """Return each cell's flux shared over pixels by the area it covers of them; the sum is that of the flux.
 
     The light of a cell as wide as the whole map is spread evenly.
@@ -153,7 +149,7 @@ def deposit_exact(hit: Array, flux: Array, size: int) -> Array:
 
 
 @exact
-def _add_cells(hit: Array, flux: Array, change: Array, start: Array, light: Array) -> float:
+def _add_cells(hit: Floats, flux: Floats, change: Floats, start: Floats, light: Floats) -> float:
     """Add the edges of all cells, see `add_edge`; return the flux of cells as wide as the map.
 
     light: (N + 1, N + 1, 2) zeros, room for that of each cell's triangles behind a row and a column without cells.

@@ -34,10 +34,10 @@ import math
 import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any, Literal, get_args
+from typing import Literal, get_args
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from mr360uw.caustics.flux.sun_disc import (
     blur,
@@ -62,9 +62,7 @@ from mr360uw.optics import (
 )
 from mr360uw.shapes import checked, instance, numbers, whole
 from mr360uw.sphere import unit
-from mr360uw.types import BeamSpread, CausticStack, Surface
-
-Array = NDArray[np.floating[Any]]
+from mr360uw.types import BeamSpread, CausticStack, Floats, Surface
 
 WAVELENGTHS_NM = (610.0, 550.0, 465.0)
 """Wavelengths [nm] at which the refractive index of red, green and blue is taken: the primaries' dominant ones."""
@@ -83,7 +81,7 @@ def caustic_map(
     refractive_index: float = REFRACTIVE_INDEX_SEA,
     sun_half_angle_rad: float = SUN_HALF_ANGLE_RAD,
     method: Method = "exact",
-) -> Array:
+) -> Floats:
     """Return the irradiance of the sun's refracted beam on a level plane, over that below a flat sea.
 
     Where it is 3, the plane gets three times the sunlight that a flat sea lets through; light of the sky is not in it.
@@ -151,7 +149,7 @@ def caustic_map(
 def caustic_stack(
     sea: Sea,
     sun_direction_in_air: ArrayLike,
-    depths_m: Sequence[float] | Array,
+    depths_m: Sequence[float] | Floats,
     time_s: float,
     settings: CausticSettings | None = None,
     refractive_index: float = REFRACTIVE_INDEX_SEA,
@@ -240,12 +238,12 @@ def pass_indices(chromatic: Literal[1, 3], refractive_index: float) -> tuple[flo
 
 def check_arguments(
     sun_direction_in_air: ArrayLike,
-    depths_m: Sequence[float] | Array,
+    depths_m: Sequence[float] | Floats,
     size: int,
     grid: int,
     refractive_index: float,
     sun_half_angle_rad: float,
-) -> Array:
+) -> Floats:
     """Return the unit direction towards the sun; raise `ParameterError` for what cannot be computed."""
     sun = unit(sun_direction_in_air)
     if sun.shape != (3,) or sun[1] <= 0.0:
@@ -266,7 +264,7 @@ def check_arguments(
     return sun
 
 
-def cell_flux(surface: Surface, transmittance: Array, sun: Array, tile_m: float) -> Array:
+def cell_flux(surface: Surface, transmittance: Floats, sun: Floats, tile_m: float) -> Floats:
     """Return the flux (N, N, 2) [m^2] into each cell's two triangles, per unit irradiance across the beam.
 
     transmittance: (N, N) of the surface at its points.
@@ -287,7 +285,7 @@ def cell_flux(surface: Surface, transmittance: Array, sun: Array, tile_m: float)
     return flux * np.stack([la + lb + lc, la + lc + ld], axis=-1) / 3.0
 
 
-def wrapped(values: Array, period: float, columns: tuple[int, int]) -> Array:
+def wrapped(values: Floats, period: float, columns: tuple[int, int]) -> Floats:
     """Return values (N, N, k) of a periodic grid with one more row and column, one period on in `columns` (x, z)."""
     out = np.pad(values, ((0, 1), (0, 1), (0, 0)), mode="wrap")
     out[:, -1, columns[0]] += period
@@ -300,13 +298,13 @@ class SurfaceLight:
     `refracted_rays`, and the flux (N, N, 2) of its cells.
     """
 
-    def __init__(self, sea: Sea, surface: Surface, sun: Array, refractive_index: float) -> None:
+    def __init__(self, sea: Sea, surface: Surface, sun: Floats, refractive_index: float) -> None:
         self.origin, self.slope, transmittance = refracted_rays(surface, sun, refractive_index)
         self.flux = cell_flux(surface, transmittance, sun, sea.tile_m)
         self.sun, self.refractive_index = sun, refractive_index
         self.tile_m, self.blur_slope = sea.tile_m, sea.blur_slope
 
-    def on_plane(self, depth_m: float, size: int, half_angle_rad: float, method: Method, travel: Array) -> Array:
+    def on_plane(self, depth_m: float, size: int, half_angle_rad: float, method: Method, travel: Floats) -> Floats:
         """Return the ratio (size, size) on a plane. travel: (2,) shift of the map [m] per metre of depth, taken off."""
         deposit = _deposit_of(method)
         on_plane = self.origin + self.slope * depth_m - travel * depth_m
@@ -317,17 +315,17 @@ class SurfaceLight:
         return blur(ratio, disc, self.tile_m, gaussian_transform(detail, size, self.tile_m))
 
 
-def _scrolled(ratio: Array, sea: Sea, time_s: float) -> Array:
+def _scrolled(ratio: Floats, sea: Sea, time_s: float) -> Floats:
     """Return the map at a time of the method that scrolls it."""
-    from mr360uw.published.divided_areas import scroll
+    from mr360uw.published import scroll
 
     return scroll(ratio, sea.tile_m, sea.loop_s, time_s)
 
 
-def _deposit_of(method: Method) -> Callable[[Array, Array, int], Array]:
+def _deposit_of(method: Method) -> Callable[[Floats, Floats, int], Floats]:
     """Return the function of (hit, flux, size) that makes a method's map; compiled kernels load at first use."""
     if method in DIVIDED_AREAS:
-        from mr360uw.published.divided_areas import DEPOSITS
+        from mr360uw.published import DEPOSITS
 
         return DEPOSITS[method]
     if method not in get_args(Method):
@@ -341,7 +339,7 @@ IN_SHADOW = 1e-6
 """Lit fraction of a point in shadow: a coarse grid that a low sun does not see at all gets its map without shadows."""
 
 
-def lit_corners(surface: Surface, sun: Array, tile_m: float) -> Array:
+def lit_corners(surface: Surface, sun: Floats, tile_m: float) -> Floats:
     """Return 1 for each point (N, N) of a grid surface that the sun sees, else `IN_SHADOW`. sun: unit, upwards."""
     size = len(surface.position)
     cell = tile_m / size
@@ -356,7 +354,7 @@ def lit_corners(surface: Surface, sun: Array, tile_m: float) -> Array:
     return _lit(fields / cell, float(sun[0]) / flat, float(sun[2]) / flat, float(sun[1]) / flat, steps)
 
 
-def shadow_steps(range_m: float, sun: Array, tile_m: float, size: int) -> int:
+def shadow_steps(range_m: float, sun: Floats, tile_m: float, size: int) -> int:
     """Return the cells that the longest shadow reaches, at most those of a tile. range_m: of the surface's heights."""
     flat = math.hypot(float(sun[0]), float(sun[2]))
     reach = range_m * flat / float(sun[1]) * size / tile_m
@@ -364,7 +362,7 @@ def shadow_steps(range_m: float, sun: Array, tile_m: float, size: int) -> int:
 
 
 @exact
-def _read(fields: Array, channel: int, x: float, z: float) -> float:
+def _read(fields: Floats, channel: int, x: float, z: float) -> float:
     n = fields.shape[0]
     i, j = math.floor(x), math.floor(z)
     fx, fz = x - i, z - j
@@ -377,7 +375,7 @@ def _read(fields: Array, channel: int, x: float, z: float) -> float:
 
 
 @exact
-def _lit(fields: Array, along_x: float, along_z: float, rise: float, steps: int) -> Array:
+def _lit(fields: Floats, along_x: float, along_z: float, rise: float, steps: int) -> Floats:
     """Return the lit points. fields: (N, N, 3) shift x, shift z, height in cells. along: towards the sun. rise: tan."""
     n = fields.shape[0]
     lit = np.ones((n, n))
@@ -406,13 +404,13 @@ Only facets tilted by more than 39 degrees can reach it. Twice as large, their l
 """
 
 
-def ray_slope(normal: Array, sun_in_air: Array, refractive_index: float) -> Array:
+def ray_slope(normal: Floats, sun_in_air: Floats, refractive_index: float) -> Floats:
     """Return the horizontal travel (..., 2) of refracted sunlight for each metre of depth."""
     t = refract_clamped(-sun_in_air, normal, 1.0 / refractive_index)
     return t[..., [0, 2]] / np.maximum(-t[..., 1:2], STEEPEST_RAY)
 
 
-def refracted_rays(surface: Surface, sun_in_air: Array, refractive_index: float) -> tuple[Array, Array, Array]:
+def refracted_rays(surface: Surface, sun_in_air: Floats, refractive_index: float) -> tuple[Floats, Floats, Floats]:
     """Return the rays that enter at each point of a surface.
 
     Where they cross the mean surface (..., 2) over (x, z), their slope (..., 2) in metres per metre of depth, and the
@@ -423,7 +421,7 @@ def refracted_rays(surface: Surface, sun_in_air: Array, refractive_index: float)
     return origin, slope, fresnel_transmittance(surface.normal @ sun_in_air, refractive_index)
 
 
-def facet_flux(a: Array, b: Array, c: Array, transmittance: Array, sun_in_air: Array) -> Array:
+def facet_flux(a: Floats, b: Floats, c: Floats, transmittance: Floats, sun_in_air: Floats) -> Floats:
     """Return the flux (...,) into the water through triangles (..., 3), per unit irradiance across the beam.
 
     transmittance: of the triangle. The corners run so that (b - a) x (c - a) points up; facets turned away get nothing.

@@ -20,7 +20,6 @@ from __future__ import annotations
 import functools
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,9 +40,8 @@ from mr360uw.caustics.flux.sun_disc import (
 from mr360uw.caustics.settings import CausticSettings, Sea, cells_across, grid_of
 from mr360uw.jit import exact
 from mr360uw.optics import into_water
-from mr360uw.types import BeamSpread, CausticStack
+from mr360uw.types import BeamSpread, CausticStack, Floats
 
-Array = NDArray[np.floating[Any]]
 Floats32 = NDArray[np.float32]
 
 _LEAST_BLUR = 0.2
@@ -69,8 +67,8 @@ _AT_ONCE = 256
 
 def summed_stack(
     sea: Sea,
-    sun_in_air: Array,
-    depths_m: Array,
+    sun_in_air: Floats,
+    depths_m: Floats,
     time_s: float,
     settings: CausticSettings,
     refractive_index: float,
@@ -134,11 +132,11 @@ class _Cells:
 
     sea: Sea
     blur_slope: float
-    sun: Array
+    sun: Floats
     time_s: float
     settings: CausticSettings
     refractive_index: float
-    travel: Array
+    travel: Floats
     corners: Floats32
     flux: Floats32
     edge: tuple[float, float, float]
@@ -209,7 +207,7 @@ def _soft_factor(
 
 @exact
 def vertex_rays(
-    fields: tuple[Array, ...], tile_m: float, sun: Array, refractive_index: float, travel: Array, out: Array
+    fields: tuple[Floats, ...], tile_m: float, sun: Floats, refractive_index: float, travel: Floats, out: Floats
 ) -> None:
     """Write the rays at the points of a grid of one tile from its `SurfaceFields`, (N, N) each.
 
@@ -249,7 +247,7 @@ def vertex_rays(
 
 
 @exact
-def cell_flux(rays: Array, sun: Array, out: Array) -> float:
+def cell_flux(rays: Floats, sun: Floats, out: Floats) -> float:
     """Write the flux (N, N) [m^2] into the cells, per unit irradiance across the beam, as `irradiance.cell_flux`.
 
     rays: of `vertex_rays`. Returns the least flux of a triangle: where it is 0, one is turned away from the sun.
@@ -274,7 +272,7 @@ def cell_flux(rays: Array, sun: Array, out: Array) -> float:
 
 
 @exact
-def cell_corners(rays: Array, out: Floats32) -> tuple[float, float, float]:
+def cell_corners(rays: Floats, out: Floats32) -> tuple[float, float, float]:
     """Write where rays cross the mean surface and their slopes, (4, N + 1, N + 1): x, z [m] and their rates, moved so
     that bilinear interpolation has the right mean over a cell. Returns `edge` of `_Cells`.
     """

@@ -23,16 +23,12 @@ stays: light that has turned is counted in the beam already, as the rest of it (
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.cache import shared
 from mr360uw.optics import refract_to_water
-from mr360uw.types import BeamSpread
-
-Array = NDArray[np.floating[Any]]
+from mr360uw.types import BeamSpread, Floats
 
 _LEAST_TURNED = 0.02
 """Fraction of the beam that has turned at the deepest plane below which its pattern is not computed."""
@@ -40,12 +36,12 @@ LEAST_WEIGHT = 1e-3
 """Weight of a Gaussian below which it is left out."""
 
 
-def is_soft(spread: BeamSpread | None, deepest_m: float, sun_in_water: Array) -> bool:
+def is_soft(spread: BeamSpread | None, deepest_m: float, sun_in_water: Floats) -> bool:
     """Return whether enough light has turned at a depth for its pattern to matter."""
     return spread is not None and 1.0 - spread.unturned(deepest_m / float(sun_in_water[1])) >= _LEAST_TURNED
 
 
-def gaussians(spread: BeamSpread, depth_m: float, sun_in_water: Array, pixel_m: float) -> list[tuple[float, Array]]:
+def gaussians(spread: BeamSpread, depth_m: float, sun_in_water: Floats, pixel_m: float) -> list[tuple[float, Floats]]:
     """Return the weights, sum 1, and (2, 2) matrices [m] over (x, z) of the Gaussians on a level plane at a depth.
 
     Those narrower than `LEAST_PIXELS` pixels of a map have the matrix 0.
@@ -60,7 +56,7 @@ def gaussians(spread: BeamSpread, depth_m: float, sun_in_water: Array, pixel_m: 
     return [(weight, angle * across * (angle * wide >= least_m)) for weight, angle in found if weight > 0.0]
 
 
-def soft_light(ratio: Array, blurs: list[tuple[float, Array]], tile_m: float) -> Array:
+def soft_light(ratio: Floats, blurs: list[tuple[float, Floats]], tile_m: float) -> Floats:
     """Return a periodic map (size, size) convolved with a sum of `gaussians`, in float64; the mean stays."""
     from scipy.fft import irfft2, rfft2
 
@@ -68,13 +64,13 @@ def soft_light(ratio: Array, blurs: list[tuple[float, Array]], tile_m: float) ->
     return np.maximum(irfft2(rfft2(ratio) * factor, s=ratio.shape), 0.0)
 
 
-def soft_transform(blurs: list[tuple[float, Array]], size: int, tile_m: float) -> Array:
+def soft_transform(blurs: list[tuple[float, Floats]], size: int, tile_m: float) -> Floats:
     """Return the factor (size, size/2 + 1) of a sum of `gaussians` on a map's real Fourier transform."""
     return _kept_transform(tuple((weight, tuple(matrix.ravel().tolist())) for weight, matrix in blurs), size, tile_m)
 
 
 @shared(keep=32)
-def _kept_transform(blurs: tuple[tuple[float, tuple[float, ...]], ...], size: int, tile_m: float) -> Array:
+def _kept_transform(blurs: tuple[tuple[float, tuple[float, ...]], ...], size: int, tile_m: float) -> Floats:
     """Return the real Fourier transform (size, size/2 + 1) of a sum of `gaussians`."""
     x, z = np.fft.rfftfreq(size, tile_m / size), np.fft.fftfreq(size, tile_m / size)[:, None]
     factor = np.zeros((size, size // 2 + 1))
@@ -96,7 +92,7 @@ _REACH = 5.0
 """Half width of sampled Gaussians in standard deviations."""
 
 
-def detail_footprint(sun_in_air: Array, refractive_index: float, rms_slope: float, depth_m: float) -> Array:
+def detail_footprint(sun_in_air: Floats, refractive_index: float, rms_slope: float, depth_m: float) -> Floats:
     """Return the symmetric (2, 2) matrix A [m] over (x, z) whose A A^T is the blur's covariance on the plane."""
     water = refract_to_water(sun_in_air, refractive_index)
     across = water[[0, 2]] / water[1]
@@ -104,7 +100,7 @@ def detail_footprint(sun_in_air: Array, refractive_index: float, rms_slope: floa
     return depth_m * rms_slope / np.sqrt(2.0) * bend * (np.eye(2) + np.outer(across, across))
 
 
-def gaussian_transform(matrix_m: Array, size: int, tile_m: float) -> Array | None:
+def gaussian_transform(matrix_m: Floats, size: int, tile_m: float) -> Floats | None:
     """Return the factor (size, size/2 + 1) on a map's real Fourier transform, 1 at its mean; None below `LEAST_PIXELS`.
 
     matrix_m: (2, 2) A of `detail_footprint`.
@@ -115,13 +111,13 @@ def gaussian_transform(matrix_m: Array, size: int, tile_m: float) -> Array | Non
     return transform_of_steps(steps, size)
 
 
-def gaussian_steps(matrix_m: Array, size: int, tile_m: float) -> tuple[float, ...]:
+def gaussian_steps(matrix_m: Floats, size: int, tile_m: float) -> tuple[float, ...]:
     """Return a (2, 2) matrix [m] as its elements in the steps [pixel] that Gaussians are rounded to."""
     return tuple(np.round(matrix_m * (size / tile_m) / _STEP).ravel().tolist())
 
 
 @shared(keep=32)
-def transform_of_steps(steps: tuple[float, ...], size: int) -> Array:
+def transform_of_steps(steps: tuple[float, ...], size: int) -> Floats:
     """Return the factor (size, size/2 + 1) of a Gaussian's matrix in steps."""
     matrix = np.reshape(steps, (2, 2)) * _STEP
     if np.linalg.norm(matrix, -2) < _SAMPLED_BELOW:
@@ -131,7 +127,7 @@ def transform_of_steps(steps: tuple[float, ...], size: int) -> Array:
     return np.exp(-2.0 * np.pi**2 * (along[0] ** 2 + along[1] ** 2))
 
 
-def _sampled(covariance: Array, size: int) -> Array:
+def _sampled(covariance: Floats, size: int) -> Floats:
     """Return a Gaussian (size, size) of a covariance [pixel^2] about pixel (0, 0), sum 1, periodic."""
     reach = min(int(np.ceil(_REACH * np.sqrt(np.trace(covariance)))), (size - 1) // 2)
     at = np.arange(-reach, reach + 1)
@@ -148,7 +144,7 @@ _WIDEST_DIRECT = 11
 """Width [pixel] of a kernel up to which a direct sum is quicker than two Fourier transforms, as measured."""
 
 
-def footprint(sun_in_air: Array, refractive_index: float, half_angle_rad: float, depth_m: float) -> Array:
+def footprint(sun_in_air: Floats, refractive_index: float, half_angle_rad: float, depth_m: float) -> Floats:
     """Return the (2, 2) matrix that maps the unit disc to the sun's image on the plane, in metres over (x, z)."""
     water = refract_to_water(sun_in_air, refractive_index)
     horizontal = sun_in_air[[0, 2]]
@@ -159,12 +155,12 @@ def footprint(sun_in_air: Array, refractive_index: float, half_angle_rad: float,
     return scale * np.stack([along * sun_in_air[1] / water[1] ** 2, across], axis=1)
 
 
-def kernel_steps(footprint_m: Array, size: int, tile_m: float) -> tuple[float, ...]:
+def kernel_steps(footprint_m: Floats, size: int, tile_m: float) -> tuple[float, ...]:
     """Return a (2, 2) footprint [m] as its elements in multiples of `KERNEL_STEP`, of a map (size, size)."""
     return tuple(np.round(footprint_m * (size / tile_m) / KERNEL_STEP).ravel().tolist())
 
 
-def blur(image: Array, footprint_m: Array, tile_m: float, transform: Array | None = None) -> Array:
+def blur(image: Floats, footprint_m: Floats, tile_m: float, transform: Floats | None = None) -> Floats:
     """Return a periodic image (size, size) convolved with the disc's footprint; the mean stays.
 
     transform: (size, size/2 + 1) real Fourier transform of one more kernel, or None.
@@ -211,7 +207,7 @@ def disc_transform(steps: tuple[float, ...], size: int) -> NDArray[np.complex128
     return transform
 
 
-def disc_kernel(footprint_pixel: Array, size: int) -> NDArray[np.float64]:
+def disc_kernel(footprint_pixel: Floats, size: int) -> NDArray[np.float64]:
     """Return the periodic kernel (size, size), sum 1, of the disc mapped by a (2, 2) matrix, in pixels."""
     (xa, xb), (za, zb) = footprint_pixel
     points = _disc_points(float(abs(xa * zb - xb * za))) @ footprint_pixel.T
@@ -231,7 +227,7 @@ def _disc_points(area_over_pi: float) -> NDArray[np.float64]:
     return np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=1)
 
 
-def _drawn_in(points: Array) -> tuple[NDArray[np.int64], Array]:
+def _drawn_in(points: Floats) -> tuple[NDArray[np.int64], Floats]:
     """Return the pixel (n, k) of each point's splat and its fractional part, with points scaled towards the middle.
 
     Sharing a point between the pixels around it widens the kernel by the variance part (1 - part). Points are scaled

@@ -22,7 +22,7 @@ from dataclasses import dataclass
 from typing import Literal, NamedTuple, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydantic import model_validator
 
 from mr360uw.cache import shared
@@ -30,9 +30,7 @@ from mr360uw.caustics.sea.spectrum import mean_square_slope
 from mr360uw.parameters import FULL_TURN_DEG, Parameters, advanced, parameter
 from mr360uw.shapes import common_shape, number
 from mr360uw.texels import between_four, texels_around
-from mr360uw.types import Floats, Surface
-
-Array = NDArray[np.float64]
+from mr360uw.types import Array, Floats, Surface
 
 _POINTS_AT_ONCE = 1 << 13
 """Points evaluated together: with a hundred waves their phases take 13 MB."""

@@ -43,8 +43,8 @@ from mr360uw.caustics.sea.spectrum import (
 from mr360uw.errors import ParameterError
 from mr360uw.parameters import Parameters, advanced, listed, parameter
 from mr360uw.shapes import exactly, numbers
+from mr360uw.types import Array
 
-Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 _MOST_TURN = 3.0

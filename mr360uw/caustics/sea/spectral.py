@@ -23,11 +23,10 @@ from collections.abc import Iterator
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mr360uw.cache import shared
 from mr360uw.caustics.sea.base import SeaParameters, SurfaceFields
-from mr360uw.caustics.sea.gerstner import Waves
+from mr360uw.caustics.sea.gerstner import Complex, Waves
 from mr360uw.caustics.sea.spectrum import (
     PHILLIPS_ALPHA,
     angular_frequency,
@@ -41,9 +40,7 @@ from mr360uw.caustics.sea.spectrum import (
 )
 from mr360uw.constants import GRAVITY_M_S2
 from mr360uw.parameters import advanced, listed, parameter
-
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
+from mr360uw.types import Array
 
 _FADING = 0.5
 """Cosine of the angle to a wind that turns below which waves fade, to nothing across it: over its last 30 degrees. With

@@ -10,9 +10,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from mr360uw.constants import GRAVITY_M_S2, SURFACE_TENSION_OVER_DENSITY
+from mr360uw.types import Array
 
 _PEAK_FREQUENCY = 0.855
 """Peak angular frequency of a fully developed sea times wind speed over gravity (Pierson & Moskowitz 1964)."""
@@ -44,9 +45,6 @@ def band_slope_variance(wind_speed: float, from_wavenumber: float, to_wavenumber
     peak = 2.0 * math.pi / peak_wavelength(wind_speed)
     whole = math.log(max(_SHORTEST_RIPPLE / min(peak, from_wavenumber), math.e))
     return mean_square_slope(wind_speed) * min(math.log(max(to_wavenumber / from_wavenumber, math.e)) / whole, 1.0)
-
-
-Array = NDArray[np.float64]
 
 
 def angular_frequency(wavenumber: ArrayLike, water_depth_m: float) -> Array:

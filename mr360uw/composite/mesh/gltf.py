@@ -19,8 +19,7 @@ from numpy.typing import NDArray
 
 from mr360uw.errors import MeshError
 from mr360uw.reading.extras import command, installed, optional
-from mr360uw.reading.input_files import json_of, neighbour, read_data
-from mr360uw.reading.limits import DATA
+from mr360uw.reading.input_files import DATA, json_of, neighbour, read_data
 
 _COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}

@@ -58,7 +58,7 @@ from mr360uw.constants import PI
 from mr360uw.errors import ParameterError
 from mr360uw.jit import exact
 from mr360uw.medium.water import Water
-from mr360uw.reading.limits import PARTICLES
+from mr360uw.reading.input_files import PARTICLES
 from mr360uw.types import Floats
 
 _CELL_M = 0.25

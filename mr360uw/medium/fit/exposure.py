@@ -23,10 +23,7 @@ from mr360uw.color import luminance
 from mr360uw.medium.fit.profile import LEVEL_RAD, PlateProfile
 from mr360uw.medium.medium import Medium
 from mr360uw.shapes import checked, exactly, numbers, vectors
-from mr360uw.types import Floats
-from mr360uw.types.frames import sample_step
-
-Array = NDArray[np.float64]
+from mr360uw.types import Array, Floats, sample_step
 
 _TINY = 1e-300
 """Least radiance that is divided by: far below the light of any depth."""

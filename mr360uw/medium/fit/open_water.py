@@ -39,9 +39,7 @@ from mr360uw.color import luminance
 from mr360uw.medium.fit.profile import row_up, upwelling
 from mr360uw.medium.medium import Medium
 from mr360uw.texels import smoothstep
-from mr360uw.types import Floats
-
-Array = NDArray[np.float64]
+from mr360uw.types import Array, Floats
 
 COLUMNS, ROWS = 256, 128
 """Size of the map: 1.4 degrees. Between its pixels the water about a sun is off by a tenth of a code."""

@@ -15,7 +15,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from mr360uw.color import luminance
 from mr360uw.constants import PI
@@ -23,9 +23,7 @@ from mr360uw.errors import ParameterError
 from mr360uw.medium.medium import Medium
 from mr360uw.shapes import exactly, numbers, real, vectors
 from mr360uw.texels import smoothstep
-from mr360uw.types import Floats
-
-Array = NDArray[np.float64]
+from mr360uw.types import Array, Floats
 
 _TINY = 1e-30
 _OPEN, _CLOSED = 0.3, 0.7

@@ -28,8 +28,7 @@ from numpy.typing import NDArray
 from mr360uw.medium.medium import Medium
 from mr360uw.medium.visibility import LEAST_M, MOST_M, visibility_m
 from mr360uw.medium.water import JERLOV_TYPES, JerlovType, Water
-
-Array = NDArray[np.float64]
+from mr360uw.types import Array
 
 _FASTER, _FASTER_SPREAD = 0.55, 0.12
 """k, and its standard deviation, over the solved fields of Jerlov types IB to 7C at 5 m."""

@@ -17,7 +17,6 @@ from html import escape
 from typing import Generic, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mr360uw.color import encode
 from mr360uw.constants import REFRACTIVE_INDEX_SEA
@@ -27,9 +26,8 @@ from mr360uw.medium.medium import Medium
 from mr360uw.medium.spectral.sensor import Sensor
 from mr360uw.medium.water import JERLOV_TYPES, JerlovType, Water
 from mr360uw.shapes import checked, number, whole
-from mr360uw.types import Floats
+from mr360uw.types import Array, Floats
 
-Array = NDArray[np.float64]
 Name = TypeVar("Name", bound=str)
 
 _REACH_RAD = np.radians(30.0)

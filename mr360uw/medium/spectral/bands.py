@@ -22,7 +22,6 @@ from importlib import resources
 from typing import Any, Literal, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mr360uw.errors import ParameterError
 from mr360uw.medium.closed_form import closed_form
@@ -30,8 +29,7 @@ from mr360uw.medium.spectral.sensor import DEFAULT_ILLUMINANT, VISIBLE_NM, Senso
 from mr360uw.medium.water import JERLOV_TYPES, Water
 from mr360uw.reading.disk_cache import kept_arrays
 from mr360uw.shapes import checked, vectors, whole
-
-Array = NDArray[np.float64]
+from mr360uw.types import Array
 
 Rule = Literal["rectangle", "integrated", "fitted"]
 

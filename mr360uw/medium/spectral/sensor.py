@@ -15,15 +15,14 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from mr360uw.errors import ParameterError
 from mr360uw.medium.tables import Spectrum, builtin_cameras, builtin_spectrum, builtin_table, read_table
 from mr360uw.plot import Figure, Shown
 from mr360uw.shapes import checked, instance, numbers, real, vectors
+from mr360uw.types import Array
 from mr360uw.yuv.wide_curves import colour_science
-
-Array = NDArray[np.float64]
 
 REC709_FROM_XYZ = np.array(
     [

@@ -20,12 +20,10 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mr360uw.jit import exact
 from mr360uw.surface.tracing.table_reads import Vector, bent, mirrored, reflectance
-
-Array = NDArray[np.float64]
+from mr360uw.types import Array
 
 SHARP = 0.05
 """Spread of slopes over the width of the sun's image in them below which the sun's edge is drawn."""

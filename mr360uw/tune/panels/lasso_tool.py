@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from mr360uw.errors import Mr360uwError, ParameterError
 from mr360uw.files import write_whole
-from mr360uw.reading.cached_reads import stamp
+from mr360uw.reading.input_files import stamp
 from mr360uw.reading.numbered_files import is_pattern, numbered
 from mr360uw.tune.lasso import (
     Kind,

@@ -20,9 +20,7 @@ from numpy.typing import NDArray
 
 from mr360uw.color import PlateMapping, Primaries, Transfer, rec709_from_xyz
 from mr360uw.errors import VideoError
-from mr360uw.reading.input_files import read_data
-from mr360uw.reading.limits import PICTURE
-from mr360uw.reading.picture_size import HDR_SIZE, picture_size
+from mr360uw.reading.input_files import HDR_SIZE, PICTURE, picture_size, read_data
 from mr360uw.shapes import checked
 from mr360uw.video.exr import Wanted, read_frame
 from mr360uw.video.metadata.picture_tags import (

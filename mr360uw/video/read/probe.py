@@ -17,8 +17,7 @@ import av.stream
 from av.codec.hwaccel import HWAccel
 
 from mr360uw.errors import VideoError
-from mr360uw.reading.input_files import note_read, read_data, wrapped
-from mr360uw.reading.limits import PICTURE
+from mr360uw.reading.input_files import PICTURE, note_read, read_data, wrapped
 from mr360uw.video.metadata.mp4 import cut_short
 
 _LOCAL_VIDEO = {

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from mr360uw.color import ColorSpec, in_plate_primaries
 from mr360uw.errors import OutputExistsError, VideoError
 from mr360uw.files import NewFile, whole_file
+from mr360uw.reading.input_files import HDR_SIZE
 from mr360uw.reading.numbered_files import is_pattern, matching_files, numbered
-from mr360uw.reading.picture_size import HDR_SIZE
 from mr360uw.video.clip import Clip
 from mr360uw.video.exr import write_exr
 from mr360uw.video.metadata.picture_tags import HOLDING, exr_entries, with_tags, xmp_of

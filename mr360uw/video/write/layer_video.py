@@ -22,7 +22,7 @@ from mr360uw.color import encode
 from mr360uw.errors import VideoError
 from mr360uw.files import new_file, publish
 from mr360uw.output_gate import check_outputs
-from mr360uw.reading.limits import FRAMES
+from mr360uw.reading.input_files import FRAMES
 from mr360uw.reading.numbered_files import is_pattern, matching_files
 from mr360uw.shapes import checked
 from mr360uw.types import Floats

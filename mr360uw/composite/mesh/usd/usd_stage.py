@@ -15,8 +15,7 @@ from typing import Any
 
 from mr360uw.errors import MeshError
 from mr360uw.reading.extras import command, installed
-from mr360uw.reading.input_files import neighbour, note_read, read_data
-from mr360uw.reading.limits import DATA, PRIMS
+from mr360uw.reading.input_files import DATA, PRIMS, neighbour, note_read, read_data
 
 _DEEPEST = 200
 """Prims within prims, by nesting and reference, that are followed; more count as without end."""
