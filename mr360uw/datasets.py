@@ -19,10 +19,10 @@ from pydantic import NonNegativeInt, PositiveInt
 
 from mr360uw.errors import ParameterError
 from mr360uw.files import write_whole
-from mr360uw.medium.fit.waterfit import resampled
 from mr360uw.medium.medium import Medium
 from mr360uw.medium.transfer import LightField
 from mr360uw.medium.water import Water
+from mr360uw.medium.waterfit import resampled
 from mr360uw.output_gate import check_outputs
 from mr360uw.reading.extras import command, optional
 from mr360uw.reading.input_files import read_text

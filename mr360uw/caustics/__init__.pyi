@@ -1,6 +1,7 @@
 from .depth_ladder import stack_depths
 from .export import export_tiles
-from .flux.irradiance import caustic_map, caustic_stack
+from .gerstner import GerstnerSea
+from .irradiance import caustic_map, caustic_stack
 from .refraction import (
     fresnel_reflectance,
     fresnel_transmittance,
@@ -8,9 +9,8 @@ from .refraction import (
     refract_to_water,
     sea_water_index,
 )
-from .sea.gerstner import GerstnerSea
-from .sea.spectral import SpectralSea
 from .settings import CausticSettings
+from .spectral import SpectralSea
 
 __all__ = [
     "CausticSettings",

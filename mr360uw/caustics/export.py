@@ -11,7 +11,7 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from mr360uw.caustics.flux.irradiance import caustic_map, check_arguments, pass_indices
+from mr360uw.caustics.irradiance import caustic_map, check_arguments, pass_indices
 from mr360uw.caustics.settings import CausticSettings, Sea, grid_of
 from mr360uw.constants import REFRACTIVE_INDEX_SEA
 from mr360uw.errors import ParameterError, VideoError

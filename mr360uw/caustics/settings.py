@@ -18,8 +18,8 @@ import numpy as np
 from pydantic import Discriminator, Tag, field_validator
 
 from mr360uw.cache import shared
-from mr360uw.caustics.sea.gerstner import GerstnerSea
-from mr360uw.caustics.sea.spectral import SpectralSea
+from mr360uw.caustics.gerstner import GerstnerSea
+from mr360uw.caustics.spectral import SpectralSea
 from mr360uw.constants import REFRACTIVE_INDEX_SEA, SUN_HALF_ANGLE_RAD
 from mr360uw.parameters import Parameters, advanced, listed, parameter
 

@@ -15,8 +15,8 @@ from mr360uw.depth.clip_depth import poses_of
 from mr360uw.depth.depth_files import DepthClip
 from mr360uw.depth.sphere_stereo import SURE, DepthMap
 from mr360uw.errors import ParameterError
-from mr360uw.medium.fit.open_water import structure
-from mr360uw.medium.fit.water_by_distance import SeenPlaces, WaterByDistance, water_by_distance
+from mr360uw.medium.open_water import structure
+from mr360uw.medium.water_by_distance import SeenPlaces, WaterByDistance, water_by_distance
 from mr360uw.progress import Progress, Steps
 from mr360uw.shapes import checked
 from mr360uw.sphere import directions, frame_from_direction
@@ -78,7 +78,7 @@ def water_of_clip(
     Notes
     -----
     Light along a ray as by Akkaynak & Treibitz 2018, with the light of each place eliminated: see
-    `medium/fit/water_by_distance.py`. The exposure must be the same in all frames.
+    `medium/water_by_distance.py`. The exposure must be the same in all frames.
 
     Examples
     --------

@@ -14,7 +14,7 @@ from mr360uw.first_look.mesh_look import MeshLook
 from mr360uw.first_look.place_in_plate import UNEVEN, Place
 from mr360uw.first_look.plate_look import SURE, PlateLook, WaterOrAir
 from mr360uw.first_look.proposal import Proposal, Sight
-from mr360uw.medium.fit.waterfit import CONFIDENT
+from mr360uw.medium.waterfit import CONFIDENT
 from mr360uw.scene.toml_model import toml_value
 from mr360uw.video.read.projection import FISHEYE_FOV_DEG
 

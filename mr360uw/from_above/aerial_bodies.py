@@ -49,9 +49,9 @@ from mr360uw.optics import (
 from mr360uw.rays import RayScene
 from mr360uw.sphere import directions, disc_directions
 from mr360uw.surface import SeaScene, SurfacePicture
+from mr360uw.surface.facet_draws import glitter
 from mr360uw.surface.intersection import sigma_at
-from mr360uw.surface.tracing.facet_draws import glitter
-from mr360uw.surface.tracing.stage_arrays import RayStage, disc_of
+from mr360uw.surface.ray_kernel import RayStage, disc_of
 from mr360uw.types import Array, CausticStack, Environment, Floats, Layer, MediumTable, Rectangle, Sun, View
 
 

@@ -24,18 +24,18 @@ from mr360uw.from_above.aerial_bodies import (
 )
 from mr360uw.from_above.settings import AerialFloorSettings, AerialScene, AerialWaterSettings
 from mr360uw.medium import Medium, Water
+from mr360uw.medium.lookup import FormationModel
 from mr360uw.medium.medium import RGB_NM, Mode
-from mr360uw.medium.spectral.sensor import named_sensor
-from mr360uw.medium.tabulate import FormationModel
+from mr360uw.medium.sensor import named_sensor
 from mr360uw.published import blended_albedo, thresholded_reflection
 from mr360uw.sample.dive_settings import DiveSettings
 from mr360uw.sample.sea_bed import sea_bed
 from mr360uw.shapes import checked
 from mr360uw.sphere import direction_from_angles, directions, row_solid_angle, yaw_matrix
 from mr360uw.surface import Floor, SeaScene, SurfacePicture
+from mr360uw.surface.ray_kernel import RayStage
 from mr360uw.surface.sea_picture import rendered
 from mr360uw.surface.sky import CLEAR, OVERCAST, standard_sky
-from mr360uw.surface.tracing.stage_arrays import RayStage
 from mr360uw.types import Array, Floats, Layer, Sun, View
 from mr360uw.video.opening import open_video
 from mr360uw.video.read.picture_file import read_picture

@@ -58,8 +58,8 @@ def _compiled(lines: list[str]) -> Iterator[int]:
     answers, answer = os.pipe()
     command = [sys.executable, "-m", "mr360uw.jit.ahead"]
     workers = [
-        subprocess.Popen(command, stdin=subprocess.PIPE, stdout=answer, stderr=subprocess.DEVNULL)
-        for _ in range(count)  # noqa: S603 - our own
+        subprocess.Popen(command, stdin=subprocess.PIPE, stdout=answer, stderr=subprocess.DEVNULL)  # noqa: S603 - our own
+        for _ in range(count)
     ]
     os.close(answer)
     try:

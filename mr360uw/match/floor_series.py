@@ -24,8 +24,8 @@ from mr360uw.color import encode, luminance
 from mr360uw.constants import REFRACTIVE_INDEX_SEA
 from mr360uw.ibl.sun.closure import CLEAR_SKY, CLEAR_SKY_DIRECT
 from mr360uw.medium import Medium
-from mr360uw.medium.fit.profile import fit_level
 from mr360uw.medium.lookup import ambient_ratio, beam_fraction, unscattered_share, veil_lookup
+from mr360uw.medium.open_water import fit_level
 from mr360uw.medium.small_angles import spread_of
 from mr360uw.optics import refract_to_air, refract_to_water
 from mr360uw.progress import Progress

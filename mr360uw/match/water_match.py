@@ -16,10 +16,10 @@ import numpy as np
 from mr360uw.color import encode
 from mr360uw.errors import ParameterError
 from mr360uw.medium import Medium, WaterSettings
-from mr360uw.medium.fit.profile import DOUBTFUL, LevelView, fit_level
-from mr360uw.medium.fit.waterfit import CONFIDENT, WaterComparison, compare_waters, resampled
 from mr360uw.medium.medium import Mode
+from mr360uw.medium.open_water import DOUBTFUL, LevelView, fit_level
 from mr360uw.medium.water import JERLOV_TYPES
+from mr360uw.medium.waterfit import CONFIDENT, WaterComparison, compare_waters, resampled
 from mr360uw.render.plate_map import level_view
 from mr360uw.render.surroundings import CameraPath
 from mr360uw.scene.inputs import open_plate

@@ -22,11 +22,12 @@ from pydantic import PositiveInt
 from mr360uw.constants import PI, REFRACTIVE_INDEX_SEA
 from mr360uw.errors import ParameterError
 from mr360uw.medium.closed_form import check_ray, ray_in_water
-from mr360uw.medium.ordinates import Modes, Ordinates, nodes
 from mr360uw.medium.phase import Phase, without_peak
 from mr360uw.medium.ray_field import (
     LambertFloor,
+    Modes,
     OfBeam,
+    Ordinates,
     RayField,
     Sky,
     SkyShape,
@@ -36,6 +37,7 @@ from mr360uw.medium.ray_field import (
     floor_at,
     index_below,
     length_to,
+    nodes,
     sky_parts,
 )
 from mr360uw.medium.tables import read_table

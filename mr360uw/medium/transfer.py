@@ -32,11 +32,12 @@ from pydantic import PositiveInt
 from mr360uw.constants import PI, REFRACTIVE_INDEX_SEA
 from mr360uw.errors import ParameterError
 from mr360uw.medium.closed_form import check_ray, ray_in_water
-from mr360uw.medium.ordinates import Modes, Ordinates, nodes
 from mr360uw.medium.phase import Mixture, Phase, PhaseSeries, legendre_polynomials, without_peak
 from mr360uw.medium.ray_field import (
     LambertFloor,
+    Modes,
     OfBeam,
+    Ordinates,
     RayField,
     Sky,
     SkyShape,
@@ -44,6 +45,7 @@ from mr360uw.medium.ray_field import (
     cosine_kernel,
     floor_at,
     index_below,
+    nodes,
     sky_parts,
 )
 from mr360uw.optics import critical_cosine, fresnel_from_below

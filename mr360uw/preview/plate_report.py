@@ -97,8 +97,8 @@ def _sections_of_water(
     """
     from mr360uw.ibl.horizon import estimate_horizon
     from mr360uw.ibl.report import level_section
-    from mr360uw.medium.fit.waterfit import fit_water
-    from mr360uw.medium.spectral.sensor import named_sensor
+    from mr360uw.medium.sensor import named_sensor
+    from mr360uw.medium.waterfit import fit_water
 
     refraction, depth_m = scene.water.refractive_index, scene.camera.depth_m
     tilts = [estimate_horizon(snapshot.environment.residual, refraction) for snapshot in snapshots]

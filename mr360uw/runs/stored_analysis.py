@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from mr360uw.composite.grading.colour_grade import ColourGrade
 from mr360uw.composite.grading.settings import PlateGrade
 from mr360uw.ibl import SunTrack
-from mr360uw.medium.fit.open_water import OpenWaterTrack
+from mr360uw.medium.open_water import OpenWaterTrack
 from mr360uw.progress import Progress
 from mr360uw.reading.disk_cache import (
     Arrays,

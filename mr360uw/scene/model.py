@@ -14,7 +14,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, ValidationError, model_validator
 
-from mr360uw.caustics.sea.gerstner import GerstnerSea
+from mr360uw.caustics.gerstner import GerstnerSea
 from mr360uw.caustics.settings import CausticSettings, Sea
 from mr360uw.color import DisplayTransfer, Levels, Primaries, Transfer
 from mr360uw.composite.at_surface.settings import SurfaceSettings

@@ -21,7 +21,7 @@ import numpy as np
 import scipy.fft
 from numpy.typing import ArrayLike, NDArray
 
-from mr360uw.caustics.sea.base import Detail, detail_slope
+from mr360uw.caustics.sea import Detail, detail_slope
 from mr360uw.jit import borrowing, exact, inlined
 from mr360uw.shapes import checked
 from mr360uw.texels import between_four, periodic_four

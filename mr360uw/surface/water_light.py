@@ -16,7 +16,7 @@ import math
 import os
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,23 +24,24 @@ from scipy.fft import irfft2, rfft2
 
 from mr360uw.cache import shared
 from mr360uw.caustics import CausticSettings, caustic_map, caustic_stack
-from mr360uw.caustics.flux.sun_disc import gaussian_transform
 from mr360uw.caustics.settings import Sea
+from mr360uw.caustics.sun_disc import gaussian_transform
 from mr360uw.constants import JUST_BELOW_M, PI
 from mr360uw.ibl.lookup import environment_lookup
 from mr360uw.jit import borrowing, inlined
 from mr360uw.medium import Medium, Water
-from mr360uw.medium.around_sun import around_sun, placed
+from mr360uw.medium.ambient import around_sun, placed
 from mr360uw.medium.depths import MediumAtDepths
-from mr360uw.medium.fit.profile import row_up
 from mr360uw.medium.lookup import beam_fraction, linear, transmittance_lookup, veil_lookup
+from mr360uw.medium.open_water import row_up
 from mr360uw.medium.small_angles import spread_of
 from mr360uw.optics import diffuse_reflectance_from_below, refract_to_water
+from mr360uw.surface.facet_draws import normal_quantile
+from mr360uw.surface.intersection import bent, reflectance
 from mr360uw.surface.sampled_sea import SampledSea
 from mr360uw.surface.sea_floor import FloorLight, Tiled
-from mr360uw.surface.sky import Dome, sun_below
-from mr360uw.surface.tracing.facet_draws import normal_quantile
-from mr360uw.surface.tracing.table_reads import Vector, add, bent, packed, reflectance, sky_radiance
+from mr360uw.surface.sky import Dome, sky_radiance, sun_below
+from mr360uw.texels import Vector, add, between_four, packed
 from mr360uw.types import Array, CausticStack, Floats, MediumTable, Sun
 
 _LEAST = 1e-300
@@ -383,3 +384,48 @@ def _rays(count: int, slope_variance: float) -> Array:
     normal = np.array([normal_quantile(p) for p in np.clip(even[:, 2:], 1e-9, 1.0 - 1e-9).ravel()]).reshape(-1, 2)
     direction = np.stack([sine * np.cos(turn), np.sqrt(1.0 - sine**2), sine * np.sin(turn)], axis=-1)
     return np.concatenate([direction, even[:, :2], np.sqrt(slope_variance) * normal], axis=1)
+
+
+_between_four = inlined(between_four)
+
+
+class WaterTable(NamedTuple):
+    """Where the tables of a light lie in the water's arrays, and the scales of a `MediumTable`: the light's length and
+    the depth at which its rays start.
+    """
+
+    at: int
+    length_m: float
+    depth_m: float
+
+
+@borrowing
+def _bilinear(table: Any, at: int, u: float, v: float) -> Vector:
+    """Return the value of table `at` of (n, U, V, 3) at coordinates in [0, 1] (`medium.lookup.bilinear`)."""
+    x, y = min(max(u, 0.0), 1.0) * (table.shape[1] - 1), min(max(v, 0.0), 1.0) * (table.shape[2] - 1)
+    i, j = min(int(x), table.shape[1] - 2), min(int(y), table.shape[2] - 2)
+    return _channel(table, at, i, j, x, y, 0), _channel(table, at, i, j, x, y, 1), _channel(table, at, i, j, x, y, 2)
+
+
+@inlined
+def _channel(t: Any, at: int, i: int, j: int, x: float, y: float, k: int) -> Any:
+    return _between_four(t[at, i, j, k], t[at, i, j + 1, k], t[at, i + 1, j, k], t[at, i + 1, j + 1, k], y - j, x - i)
+
+
+@borrowing
+def veil(veils: Any, table: WaterTable, distance: float, up: float) -> Vector:
+    """Return `medium.lookup.veil_lookup` of a ray that may be infinite."""
+    s = min(distance, table.depth_m / max(up, 1e-9))
+    smooth = _bilinear(veils, table.at, 0.5 + 0.5 * up, 1.0 - table.length_m / (s + table.length_m))
+    filled = -math.expm1(-s / table.length_m)
+    return filled * smooth[0], filled * smooth[1], filled * smooth[2]
+
+
+@borrowing
+def transmittance(attenuations: Any, table: WaterTable, distance: float, up: float) -> Vector:
+    """Return `medium.lookup.transmittance_lookup` of a finite ray."""
+    s = min(distance, table.depth_m / max(up, 1e-9))
+    depth = max(table.depth_m - s * up, 0.0)
+    length = table.length_m
+    a = _bilinear(attenuations, table.at, 1.0 - length / (depth + length), 1.0 - length / (s + length))
+    return math.exp(-a[0] * s), math.exp(-a[1] * s), math.exp(-a[2] * s)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The solved path of a camera: poses, scene points, floor, residuals; its place in the world; written as CSV and JSON."""
+"""The solved path of a camera: poses, scene points, floor, residuals; its place in the world; CSV and JSON."""
 
 from __future__ import annotations
 

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mr360uw.caustics.sea.gerstner import GerstnerSea, share_of_directions, share_of_lengths
-from mr360uw.caustics.sea.spectrum import mean_square_slope
+from mr360uw.caustics.gerstner import GerstnerSea, share_of_directions, share_of_lengths
+from mr360uw.caustics.sea import mean_square_slope
 from mr360uw.caustics.settings import Sea
 from mr360uw.errors import SceneError
 from mr360uw.scene.keyed_water import scene_at

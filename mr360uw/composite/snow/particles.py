@@ -51,7 +51,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.caustics.sea.gerstner import GerstnerSea, Waves
+from mr360uw.caustics.gerstner import GerstnerSea, Waves
 from mr360uw.caustics.settings import Sea
 from mr360uw.composite.settings import NEAREST_M, SnowSettings
 from mr360uw.constants import PI

@@ -21,9 +21,9 @@ import numpy as np
 from mr360uw.color import encode
 from mr360uw.constants import REFRACTIVE_INDEX_SEA
 from mr360uw.errors import ParameterError
-from mr360uw.medium.fit.profile import PlateProfile
 from mr360uw.medium.medium import Medium
-from mr360uw.medium.spectral.sensor import Sensor
+from mr360uw.medium.open_water import PlateProfile
+from mr360uw.medium.sensor import Sensor
 from mr360uw.medium.water import JERLOV_TYPES, JerlovType, Water
 from mr360uw.shapes import checked, number, whole
 from mr360uw.types import Array, Floats

@@ -25,7 +25,7 @@ import numpy as np
 
 from mr360uw.errors import ParameterError
 from mr360uw.medium.closed_form import closed_form
-from mr360uw.medium.spectral.sensor import DEFAULT_ILLUMINANT, VISIBLE_NM, Sensor, checked_sensor, illuminant
+from mr360uw.medium.sensor import DEFAULT_ILLUMINANT, VISIBLE_NM, Sensor, checked_sensor, illuminant
 from mr360uw.medium.water import JERLOV_TYPES, Water
 from mr360uw.reading.disk_cache import kept_arrays
 from mr360uw.shapes import checked, vectors, whole
@@ -145,8 +145,6 @@ def bands(
         )
     name = f"{sensor.name}, {illuminant_name}, {n} {rule}"
     if rule == "fitted":
-        from mr360uw.medium.spectral.bands import fitted_bands
-
         wavelength, weight = fitted_bands(n, sensor, illuminant_name, range_nm)
         return Bands(wavelength, weight, name)
     edge = np.linspace(low, high, n + 1)

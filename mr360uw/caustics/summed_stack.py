@@ -25,8 +25,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.cache import shared
-from mr360uw.caustics.flux.irradiance import STEEPEST_RAY, SurfaceLight, caustic_stack, pass_indices
-from mr360uw.caustics.flux.sun_disc import (
+from mr360uw.caustics.irradiance import STEEPEST_RAY, SurfaceLight, caustic_stack, pass_indices
+from mr360uw.caustics.settings import CausticSettings, Sea, cells_across, grid_of
+from mr360uw.caustics.sun_disc import (
     detail_footprint,
     disc_transform,
     footprint,
@@ -37,7 +38,6 @@ from mr360uw.caustics.flux.sun_disc import (
     soft_transform,
     transform_of_steps,
 )
-from mr360uw.caustics.settings import CausticSettings, Sea, cells_across, grid_of
 from mr360uw.jit import exact
 from mr360uw.optics import into_water
 from mr360uw.types import BeamSpread, CausticStack, Floats

@@ -39,7 +39,9 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from mr360uw.caustics.flux.sun_disc import (
+from mr360uw.caustics.sea import SeaParameters
+from mr360uw.caustics.settings import DIVIDED_AREAS, CausticSettings, Method, Sea, grid_of
+from mr360uw.caustics.sun_disc import (
     blur,
     detail_footprint,
     footprint,
@@ -48,8 +50,6 @@ from mr360uw.caustics.flux.sun_disc import (
     is_soft,
     soft_light,
 )
-from mr360uw.caustics.sea.base import SeaParameters
-from mr360uw.caustics.settings import DIVIDED_AREAS, CausticSettings, Method, Sea, grid_of
 from mr360uw.constants import REFRACTIVE_INDEX_SEA, SUN_HALF_ANGLE_RAD
 from mr360uw.errors import ParameterError
 from mr360uw.jit import exact
@@ -330,7 +330,7 @@ def _deposit_of(method: Method) -> Callable[[Floats, Floats, int], Floats]:
         return DEPOSITS[method]
     if method not in get_args(Method):
         raise ParameterError(f"method - is not known (got {method!r}) - use one of {', '.join(get_args(Method))}")
-    from mr360uw.caustics.flux.deposit import deposit_exact
+    from mr360uw.caustics.deposit import deposit_exact
 
     return deposit_exact
 

@@ -25,10 +25,11 @@ from typing import Literal
 import numpy as np
 
 from mr360uw.cache import shared
-from mr360uw.caustics.sea.base import SeaParameters, SurfaceFields
-from mr360uw.caustics.sea.gerstner import Complex, Waves
-from mr360uw.caustics.sea.spectrum import (
+from mr360uw.caustics.gerstner import Complex, Waves
+from mr360uw.caustics.sea import (
     PHILLIPS_ALPHA,
+    SeaParameters,
+    SurfaceFields,
     angular_frequency,
     cosine_power_share,
     cosine_spread,

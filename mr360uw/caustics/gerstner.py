@@ -32,8 +32,10 @@ from numpy.typing import ArrayLike, NDArray
 from pydantic import field_validator, model_validator
 
 from mr360uw.cache import shared
-from mr360uw.caustics.sea.base import WAVES_STAY, SeaParameters, SurfaceFields
-from mr360uw.caustics.sea.spectrum import (
+from mr360uw.caustics.sea import (
+    WAVES_STAY,
+    SeaParameters,
+    SurfaceFields,
     angular_frequency,
     band_slope_variance,
     lattice_vector,
