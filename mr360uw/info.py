@@ -22,7 +22,7 @@ def describe() -> str:
     from mr360uw import __version__
     from mr360uw.errors import GlError
     from mr360uw.gl.context import gl_device
-    from mr360uw.video.write.encoder import opening_encoders
+    from mr360uw.video.encoder import opening_encoders
 
     lines = [f"mr360uw {__version__}, Python {platform.python_version()}, {platform.platform()}"]
     try:

@@ -36,7 +36,7 @@ from mr360uw.scene.model import Scene
 from mr360uw.scene.toml_model import dotted
 from mr360uw.shapes import checked, instance
 from mr360uw.video import VideoReader
-from mr360uw.video.read.reader import DecodedOnce
+from mr360uw.video.reader import DecodedOnce
 
 
 @checked

@@ -13,8 +13,7 @@ import pytest
 import mr360uw as uw
 from mr360uw.sample import SampleDive
 from mr360uw.scene.model import load_scene
-from mr360uw.video import read_spherical
-from mr360uw.video.read import container
+from mr360uw.video import container, read_spherical
 from tests.gpmf import payloads, tilted_up
 from tests.scenes import gradient_plate, scene_with, yawed
 from tests.tolerances import (

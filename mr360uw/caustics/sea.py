@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Sea models: what they share, and the statistics of wind waves: common parameters, detail slopes, surfaces at points and on the grid of one tile.
+"""Base of the sea models: parameters, ripples, surfaces at points and on a tile's grid; statistics of wind waves.
 
 A particle at rest at (x, 0, z) moves to P = (x + shift_x, height, z + shift_z). With the strains s_ab = d shift_a/d b
 and slopes h_a = d height/d a, all at the *undisplaced* (x, z), the tangents are

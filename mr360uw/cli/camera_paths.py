@@ -115,7 +115,7 @@ def depth(
     from mr360uw.depth.clip_eyes import depth_of_eyes
     from mr360uw.depth.clip_water import water_of_clip
     from mr360uw.progress import begin_phase, terminal_progress
-    from mr360uw.video.eyes_seen import EYES_APART_M
+    from mr360uw.video.layout import EYES_APART_M
 
     if water and track is None:
         raise ParameterError("--water - needs the camera's path (got none) - give --track, made with --height")

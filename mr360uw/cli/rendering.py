@@ -215,7 +215,7 @@ def layer(
 ) -> None:
     """Write what a composite laid over its plate as a video with alpha, from its EXR layers."""
     from mr360uw.runs.outputs import counted
-    from mr360uw.video.write.layer_video import layer_video
+    from mr360uw.video.container_writer import layer_video
 
     count, empty = layer_video(
         layers, out, alpha=alpha, frame_rate=frame_rate, eye=eye, overwrite=overwrite,

@@ -28,8 +28,7 @@ from mr360uw.shapes import checked
 from mr360uw.threads import one_blas_thread
 from mr360uw.track.key_frames import luma_codes
 from mr360uw.video import VideoFrame, VideoReader, open_video
-from mr360uw.video.eyes_seen import EYES_APART_M
-from mr360uw.video.read.layout import Layout
+from mr360uw.video.layout import EYES_APART_M, Layout
 
 _METHOD = "distances of eyes 1"
 """Names how maps are found; another number where that changes, so that maps of before are not kept."""

@@ -22,9 +22,9 @@ from mr360uw.scene.model import PlateSettings, Scene
 from mr360uw.sphere import directions, frame_from_direction, row_solid_angle
 from mr360uw.types import Floats
 from mr360uw.video import VideoReader, open_video
-from mr360uw.video.eyes_seen import EyesSeen
-from mr360uw.video.read.picture_shape import ONE_PICTURE, SHOWN_PROJECTIONS, shown_projection, way_out
-from mr360uw.video.read.projection import PICTURE_SUFFIXES, Projection, projection_of
+from mr360uw.video.formats import PICTURE_SUFFIXES, Projection, projection_of
+from mr360uw.video.layout import EyesSeen
+from mr360uw.video.picture_shape import ONE_PICTURE, SHOWN_PROJECTIONS, shown_projection, way_out
 
 Eye = Literal["left", "right"]
 

@@ -19,7 +19,7 @@ from mr360uw.medium.visibility import CONTRAST_LENGTHS, LEAST_M, MOST_M, visibil
 from mr360uw.medium.water import JerlovType
 from mr360uw.scene.model import CameraSettings, PlateSettings, Scene
 from mr360uw.types import Array, Floats
-from mr360uw.video.eyes_seen import EYES_APART_M
+from mr360uw.video.layout import EYES_APART_M
 
 _DEPTH_M = 6.0
 """Depth of a camera that is not known: common in dives by daylight."""

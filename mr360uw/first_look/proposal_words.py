@@ -16,7 +16,7 @@ from mr360uw.first_look.plate_look import SURE, PlateLook, WaterOrAir
 from mr360uw.first_look.proposal import Proposal, Sight
 from mr360uw.medium.waterfit import CONFIDENT
 from mr360uw.scene.toml_model import toml_value
-from mr360uw.video.read.projection import FISHEYE_FOV_DEG
+from mr360uw.video.formats import FISHEYE_FOV_DEG
 
 _WIDTH = 34
 """Column at which comments of a scene start."""

@@ -38,7 +38,7 @@ from mr360uw.surface.sea_picture import rendered
 from mr360uw.surface.sky import CLEAR, OVERCAST, standard_sky
 from mr360uw.types import Array, Floats, Layer, Sun, View
 from mr360uw.video.opening import open_video
-from mr360uw.video.read.picture_file import read_picture
+from mr360uw.video.picture_file import read_picture
 
 
 @dataclass(frozen=True, slots=True, eq=False)

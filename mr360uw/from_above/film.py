@@ -33,7 +33,7 @@ from mr360uw.types import Array, Floats
 from mr360uw.video import VideoFrame, VideoReader, create_video, open_video
 from mr360uw.video.clip import Clip
 from mr360uw.video.exr import Part, write_exr
-from mr360uw.video.read.projection import PICTURE_SUFFIXES
+from mr360uw.video.formats import PICTURE_SUFFIXES
 
 _MATCH_COLUMNS = 96
 """Columns of the picture of the scene's sea that is compared with the plate: medians are the same with twice as many

@@ -24,10 +24,10 @@ from mr360uw.reading.input_files import files_read
 from mr360uw.scene.inputs import open_plate
 from mr360uw.scene.model import Scene, at_scale, files_of, load_scene
 from mr360uw.video import VideoFrame
+from mr360uw.video.formats import PICTURE_SUFFIXES
+from mr360uw.video.image_writer import picture_codes, write_picture
 from mr360uw.video.pixels.planes import codes_from_linear
-from mr360uw.video.read.projection import PICTURE_SUFFIXES
 from mr360uw.video.video_frame import whole_frame
-from mr360uw.video.write.image_writer import picture_codes, write_picture
 
 # One composited frame of a scene, whole or as the view of an ordinary camera into it.
 

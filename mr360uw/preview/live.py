@@ -28,7 +28,7 @@ from mr360uw.scene.inputs import open_plate
 from mr360uw.scene.model import Scene, at_scale
 from mr360uw.threads import one_blas_thread
 from mr360uw.video import VideoFrame, VideoReader
-from mr360uw.video.read.reader import Seeker, scaled, scaled_size, smaller
+from mr360uw.video.reader import Seeker, scaled, scaled_size, smaller
 
 COARSE_WIDTH = 512
 """Width [pixels] of drafts."""

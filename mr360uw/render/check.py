@@ -34,7 +34,7 @@ from mr360uw.scene.inputs import eyes_of_plate, open_plate, projection_notes
 from mr360uw.scene.keyed_water import TABLE_S, keyed_in_words, tables_on_the_way
 from mr360uw.scene.model import Scene, files_of
 from mr360uw.video import VideoFrame, VideoReader, create_video
-from mr360uw.video.write.encoder import resolved
+from mr360uw.video.encoder import resolved
 
 T = TypeVar("T")
 _SUFFIXES = (".mp4", ".mov", ".mkv", ".webm")

@@ -43,7 +43,7 @@ from mr360uw.scene.keyed_water import WaterBetween, scene_at, water_between
 from mr360uw.scene.model import Scene
 from mr360uw.scene.toml_model import dotted
 from mr360uw.types import Floats, Lamp, View
-from mr360uw.video.read.layout import Eye
+from mr360uw.video.layout import Eye
 
 if TYPE_CHECKING:
     from mr360uw.depth.occlusion import PlateDepth

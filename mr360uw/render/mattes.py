@@ -18,7 +18,7 @@ from mr360uw.errors import VideoError
 from mr360uw.reading.input_files import Stamp, stamp
 from mr360uw.types import Floats
 from mr360uw.video import VideoFrame, VideoReader, open_video
-from mr360uw.video.read.layout import Eye
+from mr360uw.video.layout import Eye
 
 _LOSSY_STEPS = 2.0
 """Uncertainty of a value of a lossy video, in codes; that of a lossless picture is one code."""

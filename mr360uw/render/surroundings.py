@@ -196,7 +196,7 @@ def level_track(scene: Scene) -> LevelTrack | None:
     """
     camera = scene.camera
     if camera.gravity is not None:
-        from mr360uw.video.read.probe import gpmf_payloads
+        from mr360uw.video.demux import gpmf_payloads
 
         with open_plate(scene) as video:
             rate = float(video.frame_rate)

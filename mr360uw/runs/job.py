@@ -27,10 +27,10 @@ from mr360uw.scene.inputs import open_plate
 from mr360uw.scene.model import Scene
 from mr360uw.threads import Behind, one_blas_thread, prefetch
 from mr360uw.video import VideoFrame, VideoReader, write_exr
-from mr360uw.video.read.projection import PICTURE_SUFFIXES
-from mr360uw.video.write.image_writer import ImageWriter
-from mr360uw.video.write.other_tracks import exr_attributes
-from mr360uw.video.write.writer import VideoWriter
+from mr360uw.video.formats import PICTURE_SUFFIXES
+from mr360uw.video.image_writer import ImageWriter
+from mr360uw.video.other_tracks import exr_attributes
+from mr360uw.video.writer import VideoWriter
 
 _WAITING = 2
 """Frames between two stages at most, beside the one in each."""

@@ -36,7 +36,7 @@ from mr360uw.render.plate_pattern import Background
 from mr360uw.scene.model import Scene, files_of
 from mr360uw.scene.toml_model import dotted
 from mr360uw.video import VideoReader
-from mr360uw.video.read.projection import projection_of
+from mr360uw.video.formats import projection_of
 
 
 def measured_analysis(

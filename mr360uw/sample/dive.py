@@ -251,7 +251,7 @@ def record(
     Values above 1 clip, as in a camera. transfer, bits: of the codes. The file appears when it is complete.
     """
     from mr360uw.video import SphericalMetadata, write_spherical
-    from mr360uw.video.read.probe import create_local
+    from mr360uw.video.demux import create_local
 
     count = 0
     with whole_file(path) as partial:

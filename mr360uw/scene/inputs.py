@@ -9,11 +9,11 @@ from mr360uw.reading.input_files import read_data
 from mr360uw.reading.numbered_files import files_named
 from mr360uw.scene.model import PlateSettings, Scene
 from mr360uw.video import VideoReader, open_video
-from mr360uw.video.eyes_seen import EyesSeen, eyes_seen
-from mr360uw.video.metadata.picture_tags import read_tags
-from mr360uw.video.read.picture_shape import Shape, shape_of_codes, way_out
-from mr360uw.video.read.projection import PICTURE_SUFFIXES, projection_of
-from mr360uw.video.read.reader import scaled
+from mr360uw.video.formats import PICTURE_SUFFIXES, projection_of
+from mr360uw.video.layout import EyesSeen, eyes_seen
+from mr360uw.video.picture_shape import Shape, shape_of_codes, way_out
+from mr360uw.video.picture_tags import read_tags
+from mr360uw.video.reader import scaled
 from mr360uw.yuv.cube_lut import CubeLut, clipped_greys
 from mr360uw.yuv.ocio_transform import ocio_mapping
 
@@ -41,7 +41,7 @@ def pose_of_plate(plate: PlateSettings) -> tuple[float, float, float]:
     suffix = file.suffix.lower()
     if suffix in PICTURE_SUFFIXES:
         return read_tags(read_data(file, VideoError), suffix, (1, 1))[0].pose_deg
-    from mr360uw.video.read.container import stated_pose
+    from mr360uw.video.container import stated_pose
 
     return stated_pose(file)
 

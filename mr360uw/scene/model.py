@@ -37,8 +37,7 @@ from mr360uw.scene.toml_model import (
     with_absolute_paths,
 )
 from mr360uw.shapes import checked, file_path
-from mr360uw.video.read.projection import FISHEYE_FOV_DEG, Projection
-from mr360uw.video.settings import EncodeSettings
+from mr360uw.video.formats import FISHEYE_FOV_DEG, EncodeSettings, Projection
 from mr360uw.yuv.ocio_transform import OcioSettings
 
 QUALITIES: Mapping[str, Mapping[str, Mapping[str, object]]] = {

@@ -219,7 +219,7 @@ def stated_up(clip: VideoReader, time_s: Floats) -> tuple[Floats, str] | None:
     of the panorama. None where it states neither.
     """
     from mr360uw.ibl.tilt import level_from_gpmf, level_matrix
-    from mr360uw.video.read.probe import gpmf_payloads
+    from mr360uw.video.demux import gpmf_payloads
 
     try:
         level = level_from_gpmf(gpmf_payloads(clip.path), float(clip.frame_rate))

@@ -12,13 +12,12 @@ from mr360uw.output_gate import check_outputs
 from mr360uw.shapes import checked, file_path
 from mr360uw.video.clip import Clip, checked_rate
 from mr360uw.video.exr import Wanted
-from mr360uw.video.read.images import ImageReader, picture_files
-from mr360uw.video.read.layout import Eye, Layout
-from mr360uw.video.read.projection import FISHEYE_FOV_DEG, PICTURE_SUFFIXES, Projection, projection_of
-from mr360uw.video.read.reader import Damaged, Decoder, VideoReader
-from mr360uw.video.settings import EncodeSettings
-from mr360uw.video.write.image_writer import ImageWriter
-from mr360uw.video.write.writer import VideoWriter
+from mr360uw.video.formats import FISHEYE_FOV_DEG, PICTURE_SUFFIXES, EncodeSettings, Projection, projection_of
+from mr360uw.video.image_writer import ImageWriter
+from mr360uw.video.images import ImageReader, picture_files
+from mr360uw.video.layout import Eye, Layout
+from mr360uw.video.reader import Damaged, Decoder, VideoReader
+from mr360uw.video.writer import VideoWriter
 
 
 @checked
@@ -100,7 +99,7 @@ def open_video(
     path = file_path("video", path)
     kind = projection_of(path, projection) if equirectangular else "equirectangular"
     if kind != "equirectangular":
-        from mr360uw.video.read.unwrapped import open_unwrapped
+        from mr360uw.video.unwrapped import open_unwrapped
 
         if eye is not None:
             raise VideoError(f"{path} - {kind} has no {eye} eye - leave out the eye")
@@ -110,7 +109,7 @@ def open_video(
         rate = checked_rate(frame_rate, Path(path))
         wanted: Wanted = "depth" if depth else "matte" if matte else "colour"
         return ImageReader(Path(path), files, rate, transfer, primaries, eye, equirectangular, wanted, layout)
-    from mr360uw.video.read.container import ContainerReader
+    from mr360uw.video.container import ContainerReader
 
     return ContainerReader(Path(path), transfer, primaries, eye, equirectangular, damaged, layout, decoder=decoder)
 
@@ -193,7 +192,7 @@ def create_video(
     check_outputs([path], inputs=[like.path] if like.path.name else [], overwrite=overwrite)
     if path.suffix.lower() in PICTURE_SUFFIXES:
         return ImageWriter(path, like, overwrite)
-    from mr360uw.video.write.container_writer import ContainerWriter
+    from mr360uw.video.container_writer import ContainerWriter
 
     settings = settings or EncodeSettings()
     settings = settings if audio else settings.model_copy(update={"sound": False})

@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 from mr360uw.color import ColorSpec, decode_signal, in_plate_primaries, in_rec709
 from mr360uw.errors import VideoError
 from mr360uw.types import Floats, Layer, Rectangle, Tile, YuvImage
-from mr360uw.video.metadata.spherical import Stereo
+from mr360uw.video.spherical import Stereo
 
 if TYPE_CHECKING:
-    from mr360uw.video.metadata.picture_tags import PictureTags
+    from mr360uw.video.picture_tags import PictureTags
     from mr360uw.video.pixels.grain import Grain
 
 Blend = Callable[[Floats, Tile], Floats]

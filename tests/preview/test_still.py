@@ -22,7 +22,7 @@ from mr360uw.scene.inputs import open_plate
 from mr360uw.scene.model import Scene, at_scale, load_scene
 from mr360uw.sphere import direction_from_angles, directions
 from mr360uw.video import VideoFrame
-from mr360uw.video.write.image_writer import picture_codes
+from mr360uw.video.image_writer import picture_codes
 
 CODE = 1.0 / 255.0
 

@@ -28,7 +28,7 @@ from mr360uw.from_above.settings import AerialFloorSettings, AerialWaterSettings
 from mr360uw.scene.inputs import pose_of_plate
 from mr360uw.scene.model import PlateSettings
 from mr360uw.video import read_picture, write_exr
-from mr360uw.video.metadata.mp4 import Box, edit_moov, video_track
+from mr360uw.video.mp4 import Box, edit_moov, video_track
 from tests.video import tolerances as tol
 from tests.video.clips import write_clip
 from tests.video.test_picture_files import ACESCG, ADOBE, REC709_FROM_D50, gamma, icc, light, png, profiled

@@ -36,7 +36,7 @@ from mr360uw.tune.lasso import (
 from mr360uw.tune.panels.widgets import Button, Choice, Text
 from mr360uw.tune.placing import Point
 from mr360uw.tune.session import Session
-from mr360uw.video.write.image_writer import picture_codes
+from mr360uw.video.image_writer import picture_codes
 
 _KINDS = {"outline": "around it", "inside": "over it", "outside": "not this"}
 _NEW = "new matte"

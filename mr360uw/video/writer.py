@@ -27,9 +27,9 @@ from mr360uw.errors import VideoError
 from mr360uw.reading.disk_cache import read_arrays, write_arrays
 from mr360uw.types import Floats
 from mr360uw.video.clip import Clip
-from mr360uw.video.settings import EncodeSettings
+from mr360uw.video.encoder import Encoder, resolved
+from mr360uw.video.formats import EncodeSettings
 from mr360uw.video.video_frame import VideoFrame
-from mr360uw.video.write.encoder import Encoder, resolved
 
 
 class VideoWriter(ABC):

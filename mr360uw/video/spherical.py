@@ -19,7 +19,7 @@ from uuid import UUID
 
 from mr360uw.errors import VideoError
 from mr360uw.shapes import checked
-from mr360uw.video.metadata.mp4 import Box, edit_moov, read_moov, sample_entries, video_track
+from mr360uw.video.mp4 import Box, edit_moov, read_moov, sample_entries, video_track
 
 _RDF = "http://www.w3.org/1999/02/22-rdf-syntax-ns#"
 Stereo = Literal["mono", "top-bottom", "bottom-top", "left-right", "right-left", "custom"]

@@ -25,22 +25,23 @@ from av.sidedata.sidedata import Type
 from mr360uw.color import Primaries, Transfer
 from mr360uw.errors import DamagedFrameError, VideoError
 from mr360uw.types import YuvImage
-from mr360uw.video.clip import not_copied
-from mr360uw.video.metadata.spherical import SphericalMetadata, from_side_data, from_tag, read_spherical
-from mr360uw.video.metadata.tags import ColorTags, color_notes, color_spec, hdr_from_side_data
-from mr360uw.video.pixels.planes import plane_views
-from mr360uw.video.read.layout import Crop, Eye, Layout, output_layout, panorama_crops
-from mr360uw.video.read.picture_order import (
+from mr360uw.video.clip import ColorTags, color_notes, color_spec, hdr_from_side_data, not_copied
+from mr360uw.video.demux import (
     FrameIndex,
     StoredPicture,
     container_index,
+    first_picture,
+    fraction,
     has_full_index,
+    open_container,
     pictures,
     scanned_index,
 )
-from mr360uw.video.read.picture_shape import shape_of_codes
-from mr360uw.video.read.probe import first_picture, fraction, open_container
-from mr360uw.video.read.reader import Damaged, Decoder, Seeker, VideoReader, check_range
+from mr360uw.video.layout import Crop, Eye, Layout, output_layout, panorama_crops
+from mr360uw.video.picture_shape import shape_of_codes
+from mr360uw.video.pixels.planes import plane_views
+from mr360uw.video.reader import Damaged, Decoder, Seeker, VideoReader, check_range
+from mr360uw.video.spherical import SphericalMetadata, from_side_data, from_tag, read_spherical
 from mr360uw.video.video_frame import VideoFrame
 
 _SOUND_LONGER_S = 1.0

@@ -23,10 +23,9 @@ from mr360uw.color import Primaries, Transfer
 from mr360uw.errors import VideoError
 from mr360uw.types import YuvImage
 from mr360uw.video.clip import Clip
-from mr360uw.video.pixels.planes import native_frame, plane_views
-from mr360uw.video.read.container import ContainerReader
-from mr360uw.video.read.probe import track_sizes
-from mr360uw.video.read.projection import (
+from mr360uw.video.container import ContainerReader
+from mr360uw.video.demux import track_sizes
+from mr360uw.video.formats import (
     FFMPEG_NAMES,
     PICTURE_SUFFIXES,
     Projection,
@@ -34,7 +33,8 @@ from mr360uw.video.read.projection import (
     second_lens,
     turned_by_ffmpeg,
 )
-from mr360uw.video.read.reader import Damaged, Decoder, Seeker, VideoReader
+from mr360uw.video.pixels.planes import native_frame, plane_views
+from mr360uw.video.reader import Damaged, Decoder, Seeker, VideoReader
 from mr360uw.video.video_frame import VideoFrame
 
 

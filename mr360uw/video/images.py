@@ -22,13 +22,13 @@ from mr360uw.reading.input_files import FRAMES, PICTURE
 from mr360uw.reading.numbered_files import is_pattern, matcher, matching_files
 from mr360uw.shapes import is_light
 from mr360uw.video.exr import Wanted
-from mr360uw.video.metadata.picture_tags import PictureTags
-from mr360uw.video.metadata.spherical import SphericalMetadata
-from mr360uw.video.read.layout import Eye, Layout, output_layout, panorama_crops
-from mr360uw.video.read.picture_file import PictureFile, picture_file
-from mr360uw.video.read.picture_shape import shape_of_codes
-from mr360uw.video.read.projection import PICTURE_SUFFIXES
-from mr360uw.video.read.reader import VideoReader, check_range
+from mr360uw.video.formats import PICTURE_SUFFIXES
+from mr360uw.video.layout import Eye, Layout, output_layout, panorama_crops
+from mr360uw.video.picture_file import PictureFile, picture_file
+from mr360uw.video.picture_shape import shape_of_codes
+from mr360uw.video.picture_tags import PictureTags
+from mr360uw.video.reader import VideoReader, check_range
+from mr360uw.video.spherical import SphericalMetadata
 from mr360uw.video.video_frame import VideoFrame
 
 

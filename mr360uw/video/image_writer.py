@@ -18,12 +18,12 @@ from mr360uw.reading.input_files import HDR_SIZE
 from mr360uw.reading.numbered_files import is_pattern, matching_files, numbered
 from mr360uw.video.clip import Clip
 from mr360uw.video.exr import write_exr
-from mr360uw.video.metadata.picture_tags import HOLDING, exr_entries, with_tags, xmp_of
+from mr360uw.video.formats import FLOAT_SUFFIXES, WRITTEN_SUFFIXES
+from mr360uw.video.other_tracks import exr_attributes
+from mr360uw.video.picture_tags import HOLDING, exr_entries, with_tags, xmp_of
 from mr360uw.video.pixels.planes import codes_from_linear
-from mr360uw.video.read.projection import FLOAT_SUFFIXES, WRITTEN_SUFFIXES
 from mr360uw.video.video_frame import VideoFrame, whole_frame
-from mr360uw.video.write.other_tracks import exr_attributes
-from mr360uw.video.write.writer import VideoWriter
+from mr360uw.video.writer import VideoWriter
 from mr360uw.yuv.file_profile import FileProfile
 
 _DEEP_SUFFIXES = (".png", ".tif", ".tiff")

@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.types import Floats, YuvImage
-from mr360uw.video.metadata.spherical import Stereo
-from mr360uw.video.read.probe import track_sizes
-from mr360uw.video.read.projection import DOUBLED_STRIP, PICTURE_SUFFIXES, Projection, second_lens, turned_by_ffmpeg
+from mr360uw.video.demux import track_sizes
+from mr360uw.video.formats import DOUBLED_STRIP, PICTURE_SUFFIXES, Projection, second_lens, turned_by_ffmpeg
+from mr360uw.video.spherical import Stereo
 
 Shape = Literal[
     "panorama", "dual fisheye", "fisheye", "circles", "alike circles", "EAC", "EAC track", "flat", "half", "halves",

@@ -23,7 +23,8 @@ from mr360uw.errors import VideoError
 from mr360uw.reading.input_files import HDR_SIZE, PICTURE, picture_size, read_data
 from mr360uw.shapes import checked
 from mr360uw.video.exr import Wanted, read_frame
-from mr360uw.video.metadata.picture_tags import (
+from mr360uw.video.formats import RAW_SUFFIXES, UNREAD_SUFFIXES
+from mr360uw.video.picture_tags import (
     TIFF_STARTS,
     PictureTags,
     TiffForm,
@@ -34,7 +35,6 @@ from mr360uw.video.metadata.picture_tags import (
     tiff_form,
     unused_parts,
 )
-from mr360uw.video.read.projection import RAW_SUFFIXES, UNREAD_SUFFIXES
 from mr360uw.yuv.file_profile import (
     REC709_XY,
     SRGB,
@@ -73,7 +73,7 @@ def read_picture(path: Path, *, depth: bool = False) -> NDArray[Any]:
 
 def picture_file(path: Path, wanted: Wanted = "colour", *, notes: bool = False) -> PictureFile:
     """Return a picture; raise `VideoError` where it cannot be read. notes: say also what is not used of it."""
-    from mr360uw.video.read.probe import check_file
+    from mr360uw.video.demux import check_file
 
     check_file(path)
     suffix = path.suffix.lower()
