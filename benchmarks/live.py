@@ -25,7 +25,7 @@ import cv2
 import numpy as np
 
 from mr360uw.preview.live import COARSE_WIDTH, LivePreview
-from mr360uw.preview.thumbnail import screen_picture
+from mr360uw.preview.screen import screen_picture
 from mr360uw.sample import sample_dive
 from mr360uw.scene.inputs import open_plate
 from mr360uw.scene.model import PlateSettings, Scene, load_scene

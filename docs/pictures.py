@@ -29,7 +29,7 @@ from mr360uw.caustics import GerstnerSea, caustic_map  # noqa: E402
 from mr360uw.from_above import AerialScene, aerial_film  # noqa: E402
 from mr360uw.medium import JERLOV_TYPES, Medium, Sensor, Water  # noqa: E402
 from mr360uw.preview.live import LivePreview  # noqa: E402
-from mr360uw.preview.perspective import Perspective, look  # noqa: E402
+from mr360uw.preview.screen import Perspective, look  # noqa: E402
 from mr360uw.sample import Dive, DiveSettings, sample_dive  # noqa: E402
 from mr360uw.sample.dive import with_noise  # noqa: E402
 from mr360uw.sample.dive_settings import PRESETS  # noqa: E402

@@ -171,11 +171,11 @@ def test_the_ground_floor_stands_on_numpy_alone() -> None:
             "hashlib",
             "json",
             "os",
+            "re",
             "stat",
+            "struct",
             "unicodedata",
         },
-        ROOT / "reading" / "limits.py": {"os"},
-        ROOT / "reading" / "picture_size.py": {"re", "struct"},
     }
     yuv = {
         ROOT / "yuv" / "wide_curves.py": {"colour", "warnings"},

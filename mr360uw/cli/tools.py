@@ -37,8 +37,8 @@ def analyse(
     overwrite: OverwriteOption = False,
 ) -> None:
     """Write a self-contained page about the light and the water of VIDEO, and the track of its sun."""
-    from mr360uw.first_look.plate_look import look_at_plate
-    from mr360uw.first_look.proposal_words import where_line
+    from mr360uw.first_look.observations import look_at_plate
+    from mr360uw.first_look.proposal import where_line
     from mr360uw.preview.plate_report import analyse_video
     from mr360uw.progress import terminal_progress
     from mr360uw.scene.model import load_scene
@@ -142,7 +142,7 @@ def _caustic_lines(scene: Scene, frames: tuple[int, int] | None, picture: Path |
 
     from mr360uw.files import write_whole
     from mr360uw.match import match_caustics
-    from mr360uw.preview.thumbnail import encoded
+    from mr360uw.preview.screen import encoded
 
     found = match_caustics(scene, frames, progress=progress)
     lines = [found.sentence, f"confidence {found.confidence:.2f}", *(f"--set {change}" for change in found.overrides)]

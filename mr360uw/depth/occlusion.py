@@ -22,7 +22,7 @@ from mr360uw.depth.depth_files import DepthClip, Kind
 from mr360uw.depth.sphere_stereo import SURE, DepthMap
 from mr360uw.depth.warping import Map, resized
 from mr360uw.jit import fast, inlined
-from mr360uw.reading.input_files import CachedReads
+from mr360uw.reading.disk_cache import CachedReads
 from mr360uw.sphere import directions, frame_from_direction
 from mr360uw.track.key_frames import grey_picture
 from mr360uw.types import Floats, View

@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 from mr360uw.color import luminance
 from mr360uw.composite.mesh.kinds import Habit
 from mr360uw.errors import ParameterError
-from mr360uw.first_look.mesh_look import MeshLook
-from mr360uw.first_look.plate_look import PlateLook, red_ratio
+from mr360uw.first_look.observations import MeshLook, PlateLook, red_ratio
 from mr360uw.sphere import direction_from_angles, frame_from_direction
 from mr360uw.types import Array, Floats
 

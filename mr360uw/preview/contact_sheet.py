@@ -17,8 +17,7 @@ from mr360uw.errors import ParameterError
 from mr360uw.files import write_whole
 from mr360uw.output_gate import check_outputs
 from mr360uw.preview.live import LivePreview
-from mr360uw.preview.perspective import Perspective, look
-from mr360uw.preview.thumbnail import encoded
+from mr360uw.preview.screen import Perspective, encoded, look
 from mr360uw.progress import Progress
 from mr360uw.reading.input_files import files_read
 from mr360uw.scene.inputs import open_plate

@@ -17,7 +17,7 @@ import numpy as np
 
 from mr360uw.cache import Cache, Same
 from mr360uw.progress import Progress
-from mr360uw.reading.input_files import CachedReads, Stamp, stamp
+from mr360uw.reading.disk_cache import CachedReads, Stamp, stamp
 from mr360uw.render.backends import close_backend, make_backend
 from mr360uw.render.first_pass import ClipAnalysis, clip_analysis
 from mr360uw.render.frame import Frame, composite_frame

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Input files: read whole within limits, as bytes, text or JSON; notes of which were read; values cached from them.
+"""Input files: read whole within limits, as bytes, text or JSON; sizes of pictures; notes of which files were read.
 
 Limits are checked before anything is decoded, for a small file may ask for any memory. Each is an environment variable,
 in millions; the message that refuses a file names it.
@@ -17,14 +17,13 @@ import re
 import stat
 import struct
 import unicodedata
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeVar, TypeVarTuple
+from typing import Any
 
-from mr360uw.cache import Cache, Neutral
 from mr360uw.errors import MeshError, Mr360uwError, ParameterError
 
 _MILLION = 1_000_000
@@ -283,55 +282,6 @@ def input_file(path: Path) -> InputFile:
 def content_of(paths: Iterable[Path]) -> str:
     """Return a hash of the content of files in their order, whatever their names and times; raise `OSError`."""
     return hashlib.sha256("".join(input_file(path).digest for path in paths).encode()).hexdigest()
-
-
-T = TypeVar("T")
-Inputs = TypeVarTuple("Inputs")
-Stamp = tuple[int, int] | None
-"""Time of the last change [ns] and length [bytes] of a file; None where it cannot be read."""
-
-
-class CachedReads(Neutral):
-    """Results of functions by their inputs and by the files that they read, which are watched themselves.
-
-    A result is made anew where a file that it was read from has changed. As if it had been read again, its files are
-    noted (`files_read`). cache: counts what was made. room: of that cache.
-    """
-
-    def __init__(self, room: int = 1) -> None:
-        self.cache = Cache(room)
-
-    def of(self, function: Callable[[*Inputs], T], *inputs: *Inputs, keep: int = 1) -> T:
-        """Return the result of a function, as `Cache.of` does; call it too where its result is outdated."""
-        reading: Any = _Reading(function)
-        result, files = self.cache.of(reading, *inputs, keep=keep)
-        if any(stamp(path) != before for path, before in files.items()):
-            self.cache.drop(reading, *inputs)
-            result, files = self.cache.of(reading, *inputs, keep=keep)
-        for path in files:
-            note_read(path)
-        return result
-
-
-@dataclass(frozen=True, slots=True)
-class _Reading:
-    """A function that tells beside its result which files it read, and what they were."""
-
-    function: Callable[..., Any]
-
-    def __call__(self, *inputs: Any) -> tuple[Any, dict[Path, Stamp]]:
-        with files_read() as files:
-            result = self.function(*inputs)
-        return result, {path: stamp(path) for path in files}
-
-
-def stamp(path: Path) -> Stamp:
-    """Return what changes when a file does."""
-    try:
-        found = path.stat()
-    except OSError:
-        return None
-    return found.st_mtime_ns, found.st_size
 
 
 _PNG = b"\x89PNG\r\n\x1a\n"

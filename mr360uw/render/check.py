@@ -21,7 +21,7 @@ from mr360uw.errors import DamagedFrameError, Mr360uwError, SceneError, VideoErr
 from mr360uw.ibl import SunTrack
 from mr360uw.ibl.sun.detect import tracked_in_words
 from mr360uw.output_gate import check_outputs
-from mr360uw.reading.input_files import CachedReads
+from mr360uw.reading.disk_cache import CachedReads
 from mr360uw.render.backends import Backend, make_backend
 from mr360uw.render.first_pass import ClipAnalysis, first_pass
 from mr360uw.render.frame import composite_frame

@@ -26,7 +26,8 @@ from mr360uw.composite.shot import Receiver
 from mr360uw.constants import PI
 from mr360uw.errors import ParameterError, SceneError
 from mr360uw.medium import Medium
-from mr360uw.reading.input_files import CachedReads, files_read
+from mr360uw.reading.disk_cache import CachedReads
+from mr360uw.reading.input_files import files_read
 from mr360uw.render.caustic_depths import CausticDepths
 from mr360uw.render.mattes import Mattes, ReceiverClip
 from mr360uw.render.plan import ObjectFacts, Plan, joined_plan, make_plan

@@ -22,7 +22,7 @@ from mr360uw.medium.ambient import around_sun, placed, typical_level
 from mr360uw.medium.depths import MediumAtDepths, MixedMedium, TableAt
 from mr360uw.medium.open_water import OpenWater, open_water
 from mr360uw.medium.settings import WaterSettings
-from mr360uw.reading.input_files import CachedReads
+from mr360uw.reading.disk_cache import CachedReads
 from mr360uw.render.lights import LightReader
 from mr360uw.render.plate_map import world_view
 from mr360uw.scene.inputs import open_plate, pose_of_plate

@@ -26,9 +26,10 @@ from mr360uw.reading.disk_cache import (
     read_arrays,
     read_kept_arrays,
     sources_stamp,
+    stamp,
     write_arrays,
 )
-from mr360uw.reading.input_files import InputFile, input_file, stamp
+from mr360uw.reading.input_files import InputFile, input_file
 from mr360uw.reading.numbered_files import files_named
 from mr360uw.render.first_pass import ClipAnalysis, clip_analysis
 from mr360uw.render.loaded import Loaded

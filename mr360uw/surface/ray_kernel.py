@@ -4,6 +4,7 @@
 A ray and all that becomes of it are followed one after the other, the rest waiting in `stack`, a row for each: origin
 and direction, weight of its radiance in the pixel's, width of its footprint, its growth per metre, the angle between
 samples of facets, the key of its random numbers, the hits behind it, and its side, 1 in the air and -1 in the water.
+What they can meet is a `RayStage`; the arrays and numbers of it that they read are a `RayWorld`.
 """
 
 from __future__ import annotations
@@ -365,8 +366,6 @@ def disc_of(sun: Sun | None) -> tuple[Disc, float]:
 
 _BELOW = 1e-6
 """How far below an uneven floor the plane lies that all rays down have met it above, over the floor's height."""
-
-
 _DRY = WaterTable(0, 1.0, 1.0)
 
 

@@ -8,12 +8,12 @@ from typing import Any
 
 from mr360uw.errors import Mr360uwError, ParameterError
 from mr360uw.preview.live import LivePreview
-from mr360uw.preview.thumbnail import screen_picture
+from mr360uw.preview.screen import screen_picture
 from mr360uw.reading.extras import command
 from mr360uw.scene.model import load_scene
 from mr360uw.scene.toml_model import dotted, scene_text, tables_of
-from mr360uw.tune.editing.document import find, key_of
-from mr360uw.tune.editing.fields import Field, groups
+from mr360uw.tune.document import find, key_of
+from mr360uw.tune.fields import Field, groups
 
 
 def sliders(scene: str | Path, *keys: str, frame: int = 0, width: int = 768, backend: str = "auto") -> Any:

@@ -16,7 +16,7 @@ from mr360uw.errors import Mr360uwError, ParameterError
 from mr360uw.preview.live import LivePreview, PlateClip
 from mr360uw.progress import Progress
 from mr360uw.scene.model import Scene
-from mr360uw.tune.editing.document import Document, observed
+from mr360uw.tune.document import Document, observed
 from mr360uw.tune.pictures import MadePicture, Pictures, Wanted
 from mr360uw.tune.views import VIEW_NAMES
 

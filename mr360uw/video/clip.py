@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Clip metadata: size, frame rate, time base, colour tags, sound, spherical metadata."""
+"""Clip metadata: size, frame rate, time base, sound, spherical metadata, colour tags, high dynamic range."""
 
 from __future__ import annotations
 
@@ -136,8 +136,6 @@ class Clip:
         return None
 
 
-# Colour tags and metadata of high dynamic range, as FFmpeg gives and takes them.
-#
 # Tags and pixel formats become a `ColorSpec`. Untagged clips are read by the usual convention: BT.709 from 720 rows up,
 # BT.601 below; limited range unless the pixel format is one of the full-range `yuvj` kinds. A tagged transfer curve is
 # *not* followed by default: cameras tag BT.709 and apply their own rendering for a display, so the inverse of the

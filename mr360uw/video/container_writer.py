@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Writes video files: pictures, copied sound, and the mark of a 360 degree panorama."""
+"""Writes video files: pictures, copied sound, and the mark of a panorama; the layer alone as a video with alpha."""
 
 from __future__ import annotations
 
@@ -249,7 +249,7 @@ class ContainerWriter(VideoWriter):
             ) from error
 
 
-# The layer alone as a video with alpha: EXR layers of a composite as Apple ProRes 4444, for editors that read no EXR.
+# EXR layers of a composite as Apple ProRes 4444 with alpha, for editors that read no EXR.
 #
 # Colours are the layer's, linear Rec.709 with the water in front, encoded as sRGB, the curve by which plates are read,
 # and tagged BT.709. Alpha is linear. Straight: the codes are those of the colour itself. Premultiplied: those codes

@@ -1,5 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Opens video files by name, with a message on the cause where one does not open; reads a GoPro's raw metadata."""
+"""Opens video files, with a message on the cause where one does not open, and decodes their pictures in order.
+
+Frames are numbered in order of presentation. MP4 and MOV hold an index of all packets; packets that an edit list cuts
+away are marked and do not count. Other containers are read through once (packets only, nothing is decoded).
+
+Every packet that is to be shown announces a time stamp. Decoders hand out pictures in the order of these stamps, so a
+stamp that is passed over is a picture that could not be decoded, whether the decoder reported an error or not.
+"""
 
 from __future__ import annotations
 
@@ -228,15 +235,6 @@ def gpmf_payloads(path: str | Path) -> bytes:
     except (av.error.FFmpegError, OSError) as error:
         raise VideoError(f"{path} - cannot be read as a video (got {error}) - give the camera's own file") from error
     raise VideoError(f"{path} - has no GoPro metadata track (got none named 'GoPro MET') - give the camera's own file")
-
-
-# Decodes the pictures of a video file in order of presentation, and tells which of them are lost.
-#
-# Frames are numbered in order of presentation. MP4 and MOV hold an index of all packets; packets that an edit list cuts
-# away are marked and do not count. Other containers are read through once (packets only, nothing is decoded).
-#
-# Every packet that is to be shown announces a time stamp. Decoders hand out pictures in the order of these stamps, so a
-# stamp that is passed over is a picture that could not be decoded, whether the decoder reported an error or not.
 
 
 @dataclass(frozen=True)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Settings of the output's encoding: the `[output]` table of a scene."""
+"""Formats: codecs and the `[output]` table of a scene; endings of files and projections of plates."""
 
 from __future__ import annotations
 
@@ -155,9 +155,7 @@ def _default(name: str) -> object:
     return EncodeSettings.model_fields[name].default
 
 
-# How plates are stored: ends of their names, projections, and rows of cube faces of GoPro's 360 cameras.
-#
-# A track of such a camera is a row of three faces. The middle face is seen by one lens. The seam between the lenses
+# A track of a 360 camera by GoPro is a row of three faces. The middle face is seen by one lens. The seam between the lenses
 # runs through the middle of each outer face, which stores the strip about it twice, side by side; they are blended into
 # one. Widths of the strip: Bourke 2020.
 

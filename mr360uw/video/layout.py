@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Finds the panoramas in a frame: the whole of it, one eye of a stereo pair, or both."""
+"""Finds the panoramas in a frame: the whole of it, one eye of a stereo pair, or both, and which eye is which."""
 
 from __future__ import annotations
 
@@ -183,8 +183,6 @@ def _check_projection(path: Path, spherical: SphericalMetadata) -> None:
         )
 
 
-# What the two pictures of a stereo plate show: whether they are eyes, which is which, how far down the ground is.
-#
 # The left eye sees what is near farther to the right than the right eye does. The disparity, the longitude in the left
 # picture less that in the right one, therefore grows from the horizon down over the ground; where it shrinks, the eyes
 # are swapped. An offset that is the same everywhere (convergence) tells nothing. Over level ground it is

@@ -16,7 +16,7 @@ from mr360uw.cli import app
 from mr360uw.cli.arguments import variants, view_of
 from mr360uw.preview.contact_sheet import LARGEST_SHEET, still_of
 from mr360uw.preview.live import LivePreview
-from mr360uw.preview.perspective import Perspective, look
+from mr360uw.preview.screen import Perspective, look
 from mr360uw.sample import SampleDive
 from mr360uw.scene.inputs import open_plate
 from mr360uw.scene.model import Scene, at_scale, load_scene

@@ -10,8 +10,8 @@ import pytest
 
 from mr360uw.errors import ParameterError
 from mr360uw.scene.keyed_water import scene_at
-from mr360uw.tune.editing import tracks
-from mr360uw.tune.editing.document import Document
+from mr360uw.tune import tracks
+from mr360uw.tune.document import Document
 
 TEXT = '# dive\nplate = "plate.png"\n\n[[object]]\nmesh = "whale.glb"   # big\nposition_m = [0.0, -1.0, -4.0]\n'
 

@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 
-from mr360uw.tune.editing import tracks
-from mr360uw.tune.editing.fields import groups
+from mr360uw.tune import tracks
+from mr360uw.tune.fields import groups
 
 NOW = {
     False: {"position_m": [1.0, 0.5, -2.0], "azimuth_deg": 27.0, "elevation_deg": 12.0, "distance_m": 2.3},

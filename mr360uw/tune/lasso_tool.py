@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 
 from mr360uw.errors import Mr360uwError, ParameterError
 from mr360uw.files import write_whole
-from mr360uw.reading.input_files import stamp
+from mr360uw.reading.disk_cache import stamp
 from mr360uw.reading.numbered_files import is_pattern, numbered
+from mr360uw.tune.elements import Button, Choice, Text
 from mr360uw.tune.lasso import (
     Kind,
     Line,
@@ -33,7 +34,6 @@ from mr360uw.tune.lasso import (
     png,
     write_frames,
 )
-from mr360uw.tune.panels.widgets import Button, Choice, Text
 from mr360uw.tune.placing import Point
 from mr360uw.tune.session import Session
 from mr360uw.video.image_writer import picture_codes

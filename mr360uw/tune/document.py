@@ -18,7 +18,7 @@ from tomlkit.items import AoT, Array, InlineTable, Item
 
 from mr360uw.errors import OutputExistsError, ParameterError, SceneError
 from mr360uw.files import rewrite
-from mr360uw.reading.input_files import stamp
+from mr360uw.reading.disk_cache import stamp
 from mr360uw.scene.model import Scene, scene_from_dict
 from mr360uw.scene.problems import key_lines
 from mr360uw.scene.toml_model import scene_text, tables_of

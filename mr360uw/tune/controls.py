@@ -13,9 +13,9 @@ from nicegui.element import Element
 from nicegui.events import GenericEventArguments
 
 from mr360uw.scene.toml_model import toml_value
-from mr360uw.tune.editing.document import Document
-from mr360uw.tune.editing.fields import FIRST, Field, Group, groups
-from mr360uw.tune.editing.tracks import set_along, unsaid, without_effect
+from mr360uw.tune.document import Document
+from mr360uw.tune.fields import FIRST, Field, Group, groups
+from mr360uw.tune.tracks import set_along, unsaid, without_effect
 
 
 def control_spec(tables: tuple[Group, ...]) -> list[dict[str, Any]]:

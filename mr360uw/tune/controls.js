@@ -1,4 +1,4 @@
-// The controls of all parameters, drawn from their descriptions. Held to tune/editing/fields.py.
+// The controls of all parameters, drawn from their descriptions. Held to tune/fields.py.
 //
 // spec: the tables and fields. begin, and `take` from then on: tree, the values that the scene file sets; errors and
 // texts, by dotted key; keyed, the values now of the parameters that have keys; words, the present places and sizes of objects in all words for

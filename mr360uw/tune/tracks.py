@@ -11,7 +11,7 @@ import numpy as np
 from mr360uw.composite.object_settings import POLAR
 from mr360uw.errors import ParameterError
 from mr360uw.scene.key_targets import KeyedParameter, target_of
-from mr360uw.tune.editing.document import Document
+from mr360uw.tune.document import Document
 
 Pairs = Sequence[tuple[float, Any]]
 """Keys of a parameter: (time [s], a number or a vector), ascending."""
