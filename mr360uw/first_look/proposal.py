@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Proposes a scene from what a plate and a mesh show: the water, and the place of the object; in words, and as a file."""
+"""Proposes a scene from what a plate and a mesh show, says in words what was found, and writes the scene's file."""
 
 from __future__ import annotations
 

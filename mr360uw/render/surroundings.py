@@ -18,9 +18,9 @@ from mr360uw.ibl.sun.closure import CLEAR_SKY_DIRECT
 from mr360uw.ibl.sun.steady import Camera
 from mr360uw.ibl.tilt import LevelTrack, keyed_level, level_from_gpmf
 from mr360uw.medium import Medium
-from mr360uw.medium.ambient import around_sun, placed, typical_level
-from mr360uw.medium.depths import MediumAtDepths, MixedMedium, TableAt
+from mr360uw.medium.medium import MediumAtDepths, MixedMedium, TableAt
 from mr360uw.medium.open_water import OpenWater, open_water
+from mr360uw.medium.scattered_sun import around_sun, placed, typical_level
 from mr360uw.medium.settings import WaterSettings
 from mr360uw.reading.disk_cache import CachedReads
 from mr360uw.render.lights import LightReader

@@ -221,7 +221,7 @@ class MatchDialog:
         self._apply.enable(False)
 
     def _show_floors(self, found: CausticMatch) -> None:
-        from mr360uw.match.pattern_measures import floor_pictures, spectrum_pictures
+        from mr360uw.match.floor_series import floor_pictures, spectrum_pictures
 
         shown = [one for one in (found.plate, found.before, found.after) if one is not None]
         if not shown:

@@ -155,9 +155,9 @@ def _default(name: str) -> object:
     return EncodeSettings.model_fields[name].default
 
 
-# A track of a 360 camera by GoPro is a row of three faces. The middle face is seen by one lens. The seam between the lenses
-# runs through the middle of each outer face, which stores the strip about it twice, side by side; they are blended into
-# one. Widths of the strip: Bourke 2020.
+# A track of GoPro's 360 cameras is a row of three faces. The middle face is seen by one lens. The seam between the
+# lenses runs through the middle of each outer face, which stores the strip about it twice, side by side; they are
+# blended into one. Widths of the strip: Bourke 2020.
 
 INTEGER_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp")
 FLOAT_SUFFIXES = (".exr", ".hdr")
