@@ -27,8 +27,8 @@ import numpy as np
 from mr360uw.preview.live import COARSE_WIDTH, LivePreview
 from mr360uw.preview.screen import screen_picture
 from mr360uw.sample import sample_dive
-from mr360uw.scene.inputs import open_plate
 from mr360uw.scene.model import PlateSettings, Scene, load_scene
+from mr360uw.scene.resolved import open_plate
 
 WIDTH = 1024
 Move = Callable[[np.random.Generator], tuple[str, ...]]

@@ -43,8 +43,8 @@ from mr360uw.render.first_pass import clip_analysis  # noqa: E402
 from mr360uw.render.frame import draw_frame, frame_shots, measure_plate  # noqa: E402
 from mr360uw.render.loaded import load  # noqa: E402
 from mr360uw.sample import sample_dive  # noqa: E402
-from mr360uw.scene.inputs import open_plate  # noqa: E402
 from mr360uw.scene.model import Scene, load_scene  # noqa: E402
+from mr360uw.scene.resolved import open_plate  # noqa: E402
 from mr360uw.sphere import direction_from_angles, unit  # noqa: E402
 from mr360uw.types import CausticStack, Lamp, Sun, View  # noqa: E402
 

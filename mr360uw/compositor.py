@@ -22,8 +22,8 @@ from mr360uw.render.first_pass import ClipAnalysis, clip_analysis
 from mr360uw.render.frame import Frame, FrameShots, blend_frame, composite_frame, draw_frame, frame_shots, measure_plate
 from mr360uw.render.loaded import Loaded, load
 from mr360uw.render.plate_light import LightSamples
-from mr360uw.scene.inputs import open_plate
 from mr360uw.scene.model import Scene
+from mr360uw.scene.resolved import open_plate
 from mr360uw.shapes import checked, file_path, instance, is_light, real
 from mr360uw.threads import one_blas_thread, prefetch
 from mr360uw.types import CausticStack, Environment, Floats, Layer, MediumTable, Sun

@@ -17,9 +17,9 @@ from typing import Literal
 from mr360uw.cache import Cache
 from mr360uw.caustics import export_tiles, refract_to_air
 from mr360uw.errors import SceneError
-from mr360uw.info import package_versions
 from mr360uw.progress import Progress, begin_phase
 from mr360uw.reading.disk_cache import CachedReads
+from mr360uw.reading.extras import package_versions
 from mr360uw.render.backends import Backend, close_backend, make_backend
 from mr360uw.render.check import scene_sun_lines
 from mr360uw.render.first_pass import ClipAnalysis, first_pass, measured_range
@@ -30,9 +30,8 @@ from mr360uw.runs.outputs import Output, Report, forecaster, with_encoder
 from mr360uw.runs.stored_analysis import input_fingerprints, measured_analysis, work_keys
 from mr360uw.runs.work_folder import Part, WorkFolder, joined_bounds, work_folder
 from mr360uw.runs.workers import make_crew
-from mr360uw.scene.inputs import open_plate, projection_notes
-from mr360uw.scene.keyed_water import scene_at
 from mr360uw.scene.model import Scene
+from mr360uw.scene.resolved import open_plate, projection_notes, scene_at
 from mr360uw.scene.toml_model import dotted
 from mr360uw.shapes import checked, instance
 from mr360uw.video import VideoReader

@@ -160,9 +160,8 @@ def test_the_ground_floor_stands_on_numpy_alone() -> None:
         ROOT / "parameters.py": {"re"},
         ROOT / "shapes.py": {"builtins", "fractions", "inspect", "operator"},
         ROOT / "plot.py": {"base64", "cv2", "html"},
-        ROOT / "files.py": {"contextlib", "hashlib", "itertools", "json", "os", "secrets", "stat"},
+        ROOT / "files.py": {"contextlib", "hashlib", "itertools", "json", "os", "re", "secrets", "stat"},
         ROOT / "output_gate.py": {"contextlib", "filelock", "os", "secrets", "shutil"},
-        ROOT / "reading" / "numbered_files.py": {"re"},
         ROOT / "reading" / "extras.py": {"importlib"},
         ROOT / "reading" / "disk_cache.py": {"contextlib", "hashlib", "io", "os", "zipfile"},
         ROOT / "reading" / "input_files.py": {

@@ -209,7 +209,7 @@ def test_the_sun_is_where_the_scene_says(
 
 def test_a_track_is_smooth_editable_and_used(dive: SampleDive, tmp_path: Path) -> None:
     from mr360uw.ibl import load_track
-    from mr360uw.preview.plate_report import analyse_video
+    from mr360uw.preview.pages import analyse_video
 
     page, table, sheet = analyse_video(dive.plate, tmp_path / "page.html")
     assert "<svg" in page.read_text("utf-8")

@@ -19,8 +19,8 @@ from mr360uw.render.first_pass import ClipAnalysis
 from mr360uw.render.frame import composite_frame
 from mr360uw.render.loaded import load
 from mr360uw.render.mattes import GreyClip
-from mr360uw.scene.inputs import open_plate
 from mr360uw.scene.model import Scene, scene_from_dict
+from mr360uw.scene.resolved import open_plate
 from mr360uw.video import create_video, open_video, read_spherical
 from mr360uw.video.spherical import SphericalMetadata, Stereo, write_spherical
 from tests.scenes import gradient_plate

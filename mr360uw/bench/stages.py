@@ -12,7 +12,7 @@ import numpy as np
 from mr360uw.bench.measuring import Knobs, MeasuredStage, Workbench, Workload, picture_of, qualities, relative_rms
 from mr360uw.caustic_lookup import caustic_lookup, mip_levels
 from mr360uw.caustics import CausticSettings, GerstnerSea, caustic_stack, refract_to_air, stack_depths
-from mr360uw.caustics.depth_ladder import PlaneLadder
+from mr360uw.caustics.settings import PlaneLadder
 from mr360uw.composite.objects import load_objects
 from mr360uw.composite.raycast import occluding
 from mr360uw.composite.shafts import grid_of

@@ -1,4 +1,3 @@
-from .depth_ladder import stack_depths
 from .export import export_tiles
 from .gerstner import GerstnerSea
 from .irradiance import caustic_map, caustic_stack
@@ -9,7 +8,7 @@ from .refraction import (
     refract_to_water,
     sea_water_index,
 )
-from .settings import CausticSettings
+from .settings import CausticSettings, stack_depths
 from .spectral import SpectralSea
 
 __all__ = [

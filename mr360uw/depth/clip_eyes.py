@@ -18,12 +18,11 @@ from mr360uw.depth.depth_files import depth_file, own_maps, write_depth
 from mr360uw.depth.sphere_stereo import SURE, DepthMap, smoothed
 from mr360uw.depth.warping import Map, resized, window_mean
 from mr360uw.errors import ParameterError
-from mr360uw.files import WrittenFiles
+from mr360uw.files import WrittenFiles, files_named
 from mr360uw.jit import fast
 from mr360uw.output_gate import check_folder
 from mr360uw.progress import Progress, Steps
 from mr360uw.reading.input_files import content_of
-from mr360uw.reading.numbered_files import files_named
 from mr360uw.shapes import checked
 from mr360uw.threads import one_blas_thread
 from mr360uw.track.key_frames import luma_codes

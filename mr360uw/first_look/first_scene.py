@@ -29,8 +29,8 @@ from mr360uw.reading.input_files import read_json
 from mr360uw.render.check import possible_outputs
 from mr360uw.render.loaded import Loaded
 from mr360uw.render.surroundings import CameraPath
-from mr360uw.scene.inputs import open_plate
 from mr360uw.scene.model import CameraSettings, PlateSettings, Scene, scene_from_dict
+from mr360uw.scene.resolved import open_plate
 from mr360uw.types import Floats, View
 
 _GREY = 0.18

@@ -27,8 +27,8 @@ from mr360uw.ibl.horizon import clip_horizon, estimate_horizon
 from mr360uw.ibl.plate import remap
 from mr360uw.ibl.tilt import level_matrix
 from mr360uw.render.surroundings import is_tilted
-from mr360uw.scene.inputs import eyes_of_plate, pose_of_plate, projection_notes, shape_of_frame
 from mr360uw.scene.model import PlateSettings, Scene
+from mr360uw.scene.resolved import eyes_of_plate, pose_of_plate, projection_notes, shape_of_frame
 from mr360uw.sphere import directions, frame_from_direction, row_solid_angle
 from mr360uw.types import Floats
 from mr360uw.video import VideoReader, open_video

@@ -26,7 +26,7 @@ from mr360uw.first_look.place_in_plate import (
 )
 from mr360uw.match import WaterPatch, match_water
 from mr360uw.medium import Medium, Water
-from mr360uw.medium.visibility import CONTRAST_LENGTHS, LEAST_M, MOST_M, visibility_m, water_seen_as_far
+from mr360uw.medium.closed_form import CONTRAST_LENGTHS, LEAST_M, MOST_M, visibility_m, water_seen_as_far
 from mr360uw.medium.water import JerlovType
 from mr360uw.medium.waterfit import CONFIDENT
 from mr360uw.scene.model import CameraSettings, PlateSettings, Scene

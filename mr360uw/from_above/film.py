@@ -20,13 +20,13 @@ import numpy as np
 from mr360uw.color import ColorSpec
 from mr360uw.composite.over import over_tile
 from mr360uw.errors import OutputExistsError, ParameterError
+from mr360uw.files import is_pattern, matching_files, numbered
 from mr360uw.from_above.aerial_bodies import brightened
 from mr360uw.from_above.aerial_picture import AerialPicture, LoadedAerial
 from mr360uw.from_above.settings import AerialScene
 from mr360uw.output_gate import check_outputs
 from mr360uw.progress import Progress
 from mr360uw.reading.input_files import FRAMES, files_read
-from mr360uw.reading.numbered_files import is_pattern, matching_files, numbered
 from mr360uw.scene.model import files_of
 from mr360uw.shapes import checked
 from mr360uw.types import Array, Floats

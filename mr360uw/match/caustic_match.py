@@ -409,6 +409,16 @@ def _regressed(made: _Made, features: Array) -> tuple[Array, Array, float]:
     return parameters.mean(axis=0) + value, left.std(axis=0), misfit
 
 
+# Our caustics of a sea on the region of floor that a plate shows, read through the pixels of its camera.
+#
+#     E/<E> = 1 + f (s (C - 1) + (1 - s) (B - 1))        f = (1 - (1 - q) sky) b(d)/r(d)
+#
+# f: fraction of the daylight on the floor, at the depth d, that is the sun's beam; q: the same just below the surface;
+# sky: colour of the rest; b, r: fractions of the beam and of all light that reach d; s: fraction of the beam that has
+# not turned; C: caustic ratio of that part, B: of the rest. The fractions are means over R, G and B, weighted by the
+# luminance of each in the floor that is seen. C and B are averaged over the footprint of each of the plate's pixels;
+# the region is then read from the pixels as it is from the plate's.
+
 _SIZES = (64, 512)
 """Least and most pixels of a map across the sea's tile."""
 _GRID_PER_WAVE = 5

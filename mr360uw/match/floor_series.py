@@ -27,8 +27,8 @@ from mr360uw.optics import refract_to_air
 from mr360uw.progress import Progress
 from mr360uw.render.plate_map import level_view
 from mr360uw.render.surroundings import load_surroundings
-from mr360uw.scene.inputs import open_plate
 from mr360uw.scene.model import Scene, at_scale
+from mr360uw.scene.resolved import open_plate
 from mr360uw.sphere import direction_from_frame, frame_from_direction
 from mr360uw.types import Array, Floats, MediumTable
 
@@ -271,17 +271,6 @@ def _floor_of(scene: Scene) -> float:
     if scene.camera.depth_m - receiver.height_m <= 0.0:
         raise NoMatchError("The receiver lies above the water; set receiver.height_m.")
     return receiver.height_m
-
-
-# Our caustics of a sea on the region of floor that a plate shows, read through the pixels of its camera.
-#
-#     E/<E> = 1 + f (s (C - 1) + (1 - s) (B - 1))        f = (1 - (1 - q) sky) b(d)/r(d)
-#
-# f: fraction of the daylight on the floor, at the depth d, that is the sun's beam; q: the same just below the surface;
-# sky: colour of the rest; b, r: fractions of the beam and of all light that reach d; s: fraction of the beam that has
-# not turned; C: caustic ratio of that part, B: of the rest. The fractions are means over R, G and B, weighted by the
-# luminance of each in the floor that is seen. C and B are averaged over the footprint of each of the plate's pixels;
-# the region is then read from the pixels as it is from the plate's.
 
 
 # Measures of a moving pattern of light on a level floor: contrast, scale, speed and direction of travel.

@@ -22,8 +22,8 @@ from mr360uw.medium.water import JERLOV_TYPES
 from mr360uw.medium.waterfit import CONFIDENT, WaterComparison, compare_waters, resampled
 from mr360uw.render.plate_map import level_view
 from mr360uw.render.surroundings import CameraPath
-from mr360uw.scene.inputs import open_plate
 from mr360uw.scene.model import Scene
+from mr360uw.scene.resolved import open_plate
 from mr360uw.shapes import checked
 from mr360uw.sphere import direction_from_angles, frame_from_direction
 from mr360uw.types import Array, Floats

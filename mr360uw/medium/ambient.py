@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Ambient light on surfaces at any depth: the ambient light of the plate at the camera, times the solved change from there.
+"""Ambient light on surfaces at any depth: what the plate shows at the camera, times the solved change from there.
 
     A(n, d) = q K(n, d) + p S(n, d) + x G(n, d)        ratio = A(n, d)/A(n, camera)
 

@@ -18,12 +18,11 @@ from numpy.typing import ArrayLike
 
 from mr360uw.constants import BRIGHTEST_LOG, REFRACTIVE_INDEX_SEA
 from mr360uw.errors import ParameterError
-from mr360uw.medium.closed_form import check_ray, ray_in_water
+from mr360uw.medium.closed_form import CONTRAST_LENGTHS, check_ray, ray_in_water, visibility_m
 from mr360uw.medium.lookup import BandLight, FormationModel, fitted_formation, lengths, medium_table
 from mr360uw.medium.models import CLOSED_FORMS, SpectralMode, SpectralModel, spectral_model
 from mr360uw.medium.ray_field import LambertFloor, Sky, SurfaceKind
 from mr360uw.medium.sensor import DEFAULT_ILLUMINANT, Sensor, checked_sensor
-from mr360uw.medium.visibility import CONTRAST_LENGTHS, visibility_m
 from mr360uw.medium.water import Water
 from mr360uw.medium.wavelengths import Bands, Rule, bands
 from mr360uw.shapes import checked, common_shape, exactly, instance, number

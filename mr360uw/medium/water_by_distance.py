@@ -25,8 +25,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from mr360uw.medium.closed_form import LEAST_M, MOST_M, visibility_m
 from mr360uw.medium.medium import Medium
-from mr360uw.medium.visibility import LEAST_M, MOST_M, visibility_m
 from mr360uw.medium.water import JERLOV_TYPES, JerlovType, Water
 from mr360uw.types import Array
 

@@ -24,8 +24,8 @@ from mr360uw.render.frame import Frame, composite_frame
 from mr360uw.render.loaded import Loaded, Loader
 from mr360uw.render.match_stage import grade_in_frame, patch_frames
 from mr360uw.render.plate_pattern import Background, waves_of
-from mr360uw.scene.inputs import open_plate
 from mr360uw.scene.model import Scene, at_scale
+from mr360uw.scene.resolved import open_plate
 from mr360uw.threads import one_blas_thread
 from mr360uw.video import VideoFrame, VideoReader
 from mr360uw.video.reader import Seeker, scaled, scaled_size, smaller

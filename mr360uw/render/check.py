@@ -30,9 +30,15 @@ from mr360uw.render.loaded import Loaded, load, load_plate_depth
 from mr360uw.render.match_stage import clip_colour, clip_grade
 from mr360uw.render.mattes import Mattes, ReceiverClip
 from mr360uw.render.surroundings import surroundings_over_time
-from mr360uw.scene.inputs import eyes_of_plate, open_plate, projection_notes
-from mr360uw.scene.keyed_water import TABLE_S, keyed_in_words, tables_on_the_way
 from mr360uw.scene.model import Scene, files_of
+from mr360uw.scene.resolved import (
+    TABLE_S,
+    eyes_of_plate,
+    keyed_in_words,
+    open_plate,
+    projection_notes,
+    tables_on_the_way,
+)
 from mr360uw.video import VideoFrame, VideoReader, create_video
 from mr360uw.video.encoder import resolved
 

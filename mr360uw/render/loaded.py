@@ -40,8 +40,8 @@ from mr360uw.render.surroundings import (
     pose_notes,
 )
 from mr360uw.scene.key_targets import KeyedParameter, key_times
-from mr360uw.scene.keyed_water import WaterBetween, scene_at, water_between
 from mr360uw.scene.model import Scene
+from mr360uw.scene.resolved import WaterBetween, scene_at, water_between
 from mr360uw.scene.toml_model import dotted
 from mr360uw.types import Floats, Lamp, View
 from mr360uw.video.layout import Eye

@@ -37,7 +37,7 @@ from mr360uw.render.loaded import Loaded
 from mr360uw.render.match_stage import ungraded
 from mr360uw.render.plate_map import level_view
 from mr360uw.render.surroundings import Surroundings
-from mr360uw.scene.keyed_water import scene_at
+from mr360uw.scene.resolved import scene_at
 from mr360uw.sphere import directions, row_solid_angle
 from mr360uw.types import Environment, Floats, MediumTable, Sun, sample_step
 from mr360uw.video import VideoFrame, VideoReader

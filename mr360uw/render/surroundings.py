@@ -25,9 +25,8 @@ from mr360uw.medium.settings import WaterSettings
 from mr360uw.reading.disk_cache import CachedReads
 from mr360uw.render.lights import LightReader
 from mr360uw.render.plate_map import world_view
-from mr360uw.scene.inputs import open_plate, pose_of_plate
-from mr360uw.scene.keyed_water import WaterBetween, scene_at, water_between, without_gain
 from mr360uw.scene.model import Scene
+from mr360uw.scene.resolved import WaterBetween, open_plate, pose_of_plate, scene_at, water_between, without_gain
 from mr360uw.types import Floats, MediumTable, Sun
 from mr360uw.video import VideoFrame
 

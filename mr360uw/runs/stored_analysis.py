@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from mr360uw.composite.grading.colour_grade import ColourGrade
 from mr360uw.composite.grading.settings import PlateGrade
+from mr360uw.files import files_named
 from mr360uw.ibl import SunTrack
 from mr360uw.medium.open_water import OpenWaterTrack
 from mr360uw.progress import Progress
@@ -30,7 +31,6 @@ from mr360uw.reading.disk_cache import (
     write_arrays,
 )
 from mr360uw.reading.input_files import InputFile, input_file
-from mr360uw.reading.numbered_files import files_named
 from mr360uw.render.first_pass import ClipAnalysis, clip_analysis
 from mr360uw.render.loaded import Loaded
 from mr360uw.render.plate_pattern import Background

@@ -17,7 +17,7 @@ from nicegui import ui
 
 from mr360uw.errors import ParameterError
 from mr360uw.ibl.tilt import roll_pitch
-from mr360uw.tune.elements import Button, Choice, Text
+from mr360uw.tune.controls import Button, Choice, Text
 from mr360uw.tune.placing import Point, ray
 from mr360uw.tune.session import Session
 from mr360uw.tune.situation import Marker

@@ -18,7 +18,7 @@ from mr360uw.errors import Mr360uwError, ParameterError
 from mr360uw.files import write_whole
 from mr360uw.preview.screen import encoded
 from mr360uw.scene.model import Scene
-from mr360uw.tune.elements import Button, Choice, Text
+from mr360uw.tune.controls import Button, Choice, Text
 from mr360uw.tune.placing import Point
 from mr360uw.tune.session import CommandRun, Session
 

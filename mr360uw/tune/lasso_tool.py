@@ -14,10 +14,9 @@ from nicegui import background_tasks, ui
 from numpy.typing import NDArray
 
 from mr360uw.errors import Mr360uwError, ParameterError
-from mr360uw.files import write_whole
+from mr360uw.files import is_pattern, numbered, write_whole
 from mr360uw.reading.disk_cache import stamp
-from mr360uw.reading.numbered_files import is_pattern, numbered
-from mr360uw.tune.elements import Button, Choice, Text
+from mr360uw.tune.controls import Button, Choice, Text
 from mr360uw.tune.lasso import (
     Kind,
     Line,
@@ -36,7 +35,7 @@ from mr360uw.tune.lasso import (
 )
 from mr360uw.tune.placing import Point
 from mr360uw.tune.session import Session
-from mr360uw.video.image_writer import picture_codes
+from mr360uw.video.writer import picture_codes
 
 _KINDS = {"outline": "around it", "inside": "over it", "outside": "not this"}
 _NEW = "new matte"

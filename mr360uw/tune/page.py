@@ -14,10 +14,9 @@ from nicegui import background_tasks, ui
 from mr360uw.errors import Mr360uwError, OutputExistsError
 from mr360uw.parameters import bounds_of, stated
 from mr360uw.scene.key_targets import target_of
-from mr360uw.tune import tracks
-from mr360uw.tune.controls import ControlPanel
+from mr360uw.tune import fields
+from mr360uw.tune.controls import Button, Choice, ControlPanel, Interpolation, Text, Timeline, menu
 from mr360uw.tune.dialogs import DepthTool, MatchDialog, RenderDialog
-from mr360uw.tune.elements import Button, Choice, Interpolation, Text, Timeline, menu
 from mr360uw.tune.place_tools import PlaceTools, ShownPicture
 from mr360uw.tune.session import Event, Session
 
@@ -161,13 +160,13 @@ class TunePage:
             self.guarded(actions[name])
 
     def _keyed(self) -> dict[str, Any]:
-        return tracks.values_at(self.document, self.session.time_s)
+        return fields.values_at(self.document, self.session.time_s)
 
     def _mark(self, key: str) -> None:
         self.guarded(lambda: self.time.mark(key, self.controls.default_of(key)))
 
     def _key_value(self, key: str, value: Any, group: str | None) -> None:
-        tracks.set_key(self.document, key, self.session.time_s, value, group=group)
+        fields.set_key(self.document, key, self.session.time_s, value, group=group)
 
     def _in_words(self, number: int, name: str, value: Any, group: str | None) -> bool:
         return self.place.set_word(number, name, value, group)
@@ -328,13 +327,13 @@ class TimePanel:
     def mark(self, key: str, default: Any) -> None:
         """Set a key of a parameter at the present time, or remove the one that is there; show its curve."""
         session, time_s = self._session, self._session.time_s
-        if tracks.has_key(self._document, key, time_s):
-            tracks.remove_key(self._document, key, time_s)
+        if fields.has_key(self._document, key, time_s):
+            fields.remove_key(self._document, key, time_s)
         else:
-            now = tracks.values_at(self._document, time_s).get(key)
-            value = tracks.present_value(self._document, key, default) if now is None else now
-            tracks.set_key(self._document, key, time_s, value)
-        held = tracks.tracks(self._document).get(key)
+            now = fields.values_at(self._document, time_s).get(key)
+            value = fields.present_value(self._document, key, default) if now is None else now
+            fields.set_key(self._document, key, time_s, value)
+        held = fields.keyed_parameters(self._document).get(key)
         vector = held is not None and isinstance(held.value[0], tuple)
         self.choose("" if held is None else f"{key} 0" if vector else key)
         session.show()
@@ -342,7 +341,7 @@ class TimePanel:
     def refresh(self) -> None:
         """Show the document's keys."""
         names = {"": "no curve"}
-        for name, key in tracks.tracks(self._document).items():
+        for name, key in fields.keyed_parameters(self._document).items():
             first = key.value[0]
             if isinstance(first, tuple):
                 words = _AXES if name.endswith("position_m") else tuple(str(k + 1) for k in range(len(first)))
@@ -362,14 +361,14 @@ class TimePanel:
 
     def _curve(self, label: str) -> dict[str, Any]:
         name, component = self._named()
-        key = tracks.tracks(self._document)[name]
+        key = fields.keyed_parameters(self._document)[name]
         field = target_of(self._document.scene, name).field
         low, high = bounds_of(field)
-        values = [tracks.component_of(value, component) for value in key.value]
+        values = [fields.component_of(value, component) for value in key.value]
         end_s = self._session.frame_count / float(self._session.clip.frame_rate)
         return {
             "label": label, "unit": stated(field, "unit"), "keys": list(zip(key.time_s, values, strict=True)),
-            "samples": tracks.samples(self._document, key, end_s, component), "interpolation": key.interpolation,
+            "samples": fields.samples(self._document, key, end_s, component), "interpolation": key.interpolation,
             "low": low, "high": high,
         }  # fmt: skip
 
@@ -379,13 +378,13 @@ class TimePanel:
 
     def _edited(self, keys: list[tuple[float, float]], interpolation: Interpolation, done: bool) -> None:
         name, component = self._named()
-        key = tracks.tracks(self._document).get(name)
+        key = fields.keyed_parameters(self._document).get(name)
         if key is None:
             self.refresh()
             return
-        pairs = keys if component is None else tracks.with_component(self._document, key, component, keys)
+        pairs = keys if component is None else fields.with_component(self._document, key, component, keys)
         group = f"{self._line.client.id} keys {self._drag}"
-        self._guarded(partial(tracks.set_keys, self._document, name, pairs, interpolation, group=group))
+        self._guarded(partial(fields.set_keys, self._document, name, pairs, interpolation, group=group))
         self._drag += done
         self.refresh()
 

@@ -23,7 +23,7 @@ from mr360uw.preview.screen import encoded
 from mr360uw.scene.model import Scene
 from mr360uw.tune.shown_frame import ShownFrame
 from mr360uw.tune.views import CHARTS, VIEWS
-from mr360uw.video.image_writer import picture_codes
+from mr360uw.video.writer import picture_codes
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,14 +14,14 @@ from nicegui import background_tasks, ui
 from mr360uw.composite.object_settings import POLAR, ObjectSettings
 from mr360uw.errors import ParameterError
 from mr360uw.parameters import bounds_of
-from mr360uw.tune import placing, tracks
+from mr360uw.tune import fields, placing
 from mr360uw.tune.click_tools import PATCH_TOOLS, FloorTool, LevelTool, PatchTool
-from mr360uw.tune.elements import Button, Choice, Text
+from mr360uw.tune.controls import Button, Choice, Text
+from mr360uw.tune.fields import in_words
 from mr360uw.tune.lasso_tool import LassoTool
 from mr360uw.tune.placing import Point
 from mr360uw.tune.session import Session
 from mr360uw.tune.situation import SNAPSHOT, Compare, Drag, Marker, Situation, Viewer, situation
-from mr360uw.tune.tracks import in_words
 
 _TOOLS = {
     "": "Click: nothing",
@@ -171,7 +171,7 @@ class PlaceTools:
         if not objects:
             return
         key = f"object.{min(self._number, len(objects) - 1)}.exposure"
-        now = tracks.values_at(self._document, self._session.time_s).get(key, self._document.get(key) or 0.0)
+        now = fields.values_at(self._document, self._session.time_s).get(key, self._document.get(key) or 0.0)
         stops = round(round(3.0 * now + thirds) / 3.0, 3)
         if (_LEAST_STOPS or 0.0) <= stops <= (_MOST_STOPS or 0.0):
             self._put(key, stops + 0.0)
@@ -292,8 +292,8 @@ class PlaceTools:
 
     def _put(self, key: str, value: Any, group: str | None = None) -> None:
         """Set a parameter, or its key of this time where it has keys."""
-        if key in tracks.tracks(self._document):
-            tracks.set_key(self._document, key, self._session.time_s, value, group=group)
+        if key in fields.keyed_parameters(self._document):
+            fields.set_key(self._document, key, self._session.time_s, value, group=group)
         else:
             self._document.set(key, value, group=group)
 

@@ -35,7 +35,7 @@ from mr360uw.tune.shown_frame import (
 from mr360uw.tune.situation import markers
 from mr360uw.types import Floats
 from mr360uw.video import VideoFrame
-from mr360uw.video.image_writer import picture_codes
+from mr360uw.video.writer import picture_codes
 
 _SIDE = 720
 """Side [px] of a tile."""

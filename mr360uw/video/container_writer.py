@@ -19,10 +19,9 @@ from numpy.typing import NDArray
 
 from mr360uw.color import encode
 from mr360uw.errors import VideoError
-from mr360uw.files import new_file, publish
+from mr360uw.files import is_pattern, matching_files, new_file, publish
 from mr360uw.output_gate import check_outputs
 from mr360uw.reading.input_files import FRAMES
-from mr360uw.reading.numbered_files import is_pattern, matching_files
 from mr360uw.shapes import checked
 from mr360uw.types import Floats
 from mr360uw.video.clip import BT709_TAGS, Clip, checked_rate
@@ -30,9 +29,18 @@ from mr360uw.video.demux import create_local
 from mr360uw.video.encoder import Encoder, check_encoder, chosen_encoder, codec_note, resolved
 from mr360uw.video.exr import read_exr
 from mr360uw.video.formats import EncodeSettings
-from mr360uw.video.mp4 import Box, carry_tags, edit_moov, read_moov
 from mr360uw.video.other_tracks import CONTAINERS, TrackCopy, check_sound, embed_spatial, other_tracks
-from mr360uw.video.spherical import V1_TAG, SphericalMetadata, embed, v1_xml, write_spherical
+from mr360uw.video.spherical import (
+    V1_TAG,
+    Box,
+    SphericalMetadata,
+    carry_tags,
+    edit_moov,
+    embed,
+    read_moov,
+    v1_xml,
+    write_spherical,
+)
 from mr360uw.video.video_frame import VideoFrame
 from mr360uw.video.writer import Segment, VideoWriter, decoding_stamps
 

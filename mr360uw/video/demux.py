@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 
 from mr360uw.errors import VideoError
 from mr360uw.reading.input_files import PICTURE, note_read, read_data, wrapped
-from mr360uw.video.mp4 import cut_short
+from mr360uw.video.spherical import cut_short
 
 _LOCAL_VIDEO = {
     "protocol_whitelist": "file",

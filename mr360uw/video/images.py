@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from mr360uw.color import ColorSpec, Primaries, Transfer
 from mr360uw.constants import MOST_LIGHT
 from mr360uw.errors import VideoError
+from mr360uw.files import is_pattern, matcher, matching_files
 from mr360uw.reading.input_files import FRAMES, PICTURE
-from mr360uw.reading.numbered_files import is_pattern, matcher, matching_files
 from mr360uw.shapes import is_light
 from mr360uw.video.exr import Wanted
 from mr360uw.video.formats import PICTURE_SUFFIXES

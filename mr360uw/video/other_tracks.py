@@ -34,7 +34,7 @@ from mr360uw.video.clip import Clip, not_copied
 from mr360uw.video.demux import fraction, open_packets
 from mr360uw.video.exr import frame_attributes
 from mr360uw.video.formats import PICTURE_SUFFIXES
-from mr360uw.video.mp4 import Box, parse_boxes, read_moov
+from mr360uw.video.spherical import Box, parse_boxes, read_moov
 
 CONTAINERS = {".mp4": "mp4", ".m4v": "mp4", ".mov": "mov", ".mkv": "matroska", ".webm": "webm"}
 """FFmpeg's names of the kinds of output, by suffix."""

@@ -24,8 +24,8 @@ from mr360uw.render.plate_map import level_view
 from mr360uw.render.surroundings import load_surroundings
 from mr360uw.sample.dive import record
 from mr360uw.sample.rendered_dive import SENSOR, Dive
-from mr360uw.scene.inputs import open_plate
 from mr360uw.scene.model import Scene
+from mr360uw.scene.resolved import open_plate
 from mr360uw.sphere import directions
 from mr360uw.video import write_exr
 from mr360uw.video.exr import read_rgb

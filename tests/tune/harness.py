@@ -16,7 +16,7 @@ from fastapi import Request, Response
 from nicegui import app, ui
 
 from mr360uw.preview.screen import encoded
-from mr360uw.tune.elements import Timeline
+from mr360uw.tune.controls import Timeline
 from mr360uw.tune.placing import Point
 from mr360uw.tune.situation import Marker, Viewer
 
