@@ -34,7 +34,7 @@ from mr360uw.caustics import (  # noqa: E402
 from mr360uw.medium import FroxelGrid, Medium, ShaftScene, Water, shaft_field  # noqa: E402
 from mr360uw.medium.closed_form import exponential_integral  # noqa: E402
 from mr360uw.medium.phase import wide_angle_function, wide_angle_moments  # noqa: E402
-from mr360uw.medium.scattered_sun import spread_of  # noqa: E402
+from mr360uw.medium.scattered_light import spread_of  # noqa: E402
 from mr360uw.medium.shafts.shaft_field import DEFAULT_GRID, march  # noqa: E402
 from mr360uw.medium.shafts.shaft_scene import ShaftWater  # noqa: E402
 from mr360uw.medium.shafts.single_scattering import ray_ends_m, view_directions  # noqa: E402

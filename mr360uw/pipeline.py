@@ -16,10 +16,9 @@ from typing import Literal
 
 from mr360uw.cache import Cache
 from mr360uw.caustics import export_tiles, refract_to_air
-from mr360uw.errors import SceneError
+from mr360uw.errors import SceneError, package_versions
 from mr360uw.progress import Progress, begin_phase
 from mr360uw.reading.disk_cache import CachedReads
-from mr360uw.reading.extras import package_versions
 from mr360uw.render.backends import Backend, close_backend, make_backend
 from mr360uw.render.check import scene_sun_lines
 from mr360uw.render.first_pass import ClipAnalysis, first_pass, measured_range

@@ -17,8 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mr360uw.color import encode
-from mr360uw.errors import ParameterError
-from mr360uw.reading.extras import command, optional
+from mr360uw.errors import ParameterError, install_command, optional
 
 _WIDTH, _HEIGHT, _MARGIN = 360, 180, 34
 """Pixels of a plot in a notebook, and of the margin for its axes' figures."""
@@ -98,7 +97,7 @@ def show(result: Shown, axes: Any = None) -> Any:
         try:
             axes = optional("matplotlib.pyplot").figure().add_subplot()
         except ImportError:
-            raise ParameterError(f"plot - needs matplotlib (got none) - {command('plot')}") from None
+            raise ParameterError(f"plot - needs matplotlib (got none) - {install_command('plot')}") from None
     if not hasattr(axes, "set_title"):
         raise ParameterError(f"axes - are none of matplotlib's (got {type(axes).__name__}) - leave them out")
     figure = result._figure()

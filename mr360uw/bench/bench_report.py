@@ -26,10 +26,9 @@ from mr360uw.bench.measuring import (
     larger,
     measure,
 )
-from mr360uw.errors import ParameterError
+from mr360uw.errors import ParameterError, package_versions
 from mr360uw.ibl.report import html_page
 from mr360uw.progress import Progress
-from mr360uw.reading.extras import package_versions
 from mr360uw.reading.input_files import read_text, unreadable
 from mr360uw.render.backends import make_backend
 from mr360uw.threads import one_blas_thread

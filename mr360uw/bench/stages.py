@@ -20,7 +20,7 @@ from mr360uw.constants import MAXIMUM_SUN_SAMPLES, REFRACTIVE_INDEX_SEA
 from mr360uw.ibl import environment
 from mr360uw.medium import Medium, ShaftScene, Water, shaft_field
 from mr360uw.medium.lookup import veil_lookup
-from mr360uw.medium.scattered_sun import spread_of
+from mr360uw.medium.scattered_light import spread_of
 from mr360uw.medium.settings import ShaftSettings
 from mr360uw.medium.shafts.shaft_field import march
 from mr360uw.sphere import unit

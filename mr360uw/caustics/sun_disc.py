@@ -18,7 +18,7 @@ index, the derivative of Snell's law on a flat sea is
 Sunlight that the water has turned by small angles has the pattern of the caustics, blurred along the path. After a path
 p a `BeamSpread` is a sum of Gaussians over a plane across the beam, of standard deviations angle p. On a level plane
 they are wider by 1/L_y along the sun's azimuth, L the direction towards the sun in the water. The mean of the map
-stays: light that has turned is counted in the beam already, as the rest of it (see `medium.scattered_sun`).
+stays: light that has turned is counted in the beam already, as the rest of it (see `medium.scattered_light`).
 """
 
 from __future__ import annotations

@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, cast, get_args
 import typer
 
 from mr360uw.cli.arguments import BackendOption, EyeOption, OverwriteOption, Role
-from mr360uw.errors import Mr360uwError, ParameterError
-from mr360uw.reading.extras import command
+from mr360uw.errors import Mr360uwError, ParameterError, install_command
 
 if TYPE_CHECKING:
     from mr360uw.track.camera_track import Measure
@@ -99,7 +98,7 @@ def tune(
 ) -> None:
     """Tune a scene by eye in a browser: every parameter, frame by frame."""
     if any(importlib.util.find_spec(name) is None for name in _NEEDED):
-        raise Mr360uwError(f"tune - needs packages that are not installed - {command('tune')}")
+        raise Mr360uwError(f"tune - needs packages that are not installed - {install_command('tune')}")
     gc.disable()  # modules are no garbage: looking for some takes a tenth of the time to load them
     from mr360uw.tune.document import Document
     from mr360uw.tune.server import check_options, serve

@@ -19,9 +19,8 @@ from mr360uw.cli.arguments import (
     SetOption,
     frame_range,
 )
-from mr360uw.errors import ParameterError
+from mr360uw.errors import EXTRAS, ParameterError, _extra, package_versions
 from mr360uw.reading.disk_cache import cache_folder, cache_notes, kernel_folder
-from mr360uw.reading.extras import EXTRAS, _extra, package_versions
 
 if TYPE_CHECKING:
     from mr360uw.progress import Progress

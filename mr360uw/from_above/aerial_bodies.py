@@ -36,7 +36,7 @@ from mr360uw.composite.shot import PlacedObject, Shot
 from mr360uw.constants import PI
 from mr360uw.ibl.lighting import assemble
 from mr360uw.ibl.plate import COARSE_COLUMNS, COARSE_ROWS
-from mr360uw.medium.scattered_sun import spread_of
+from mr360uw.medium.scattered_light import spread_of
 from mr360uw.optics import (
     fresnel,
     fresnel_transmittance,

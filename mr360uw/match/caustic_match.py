@@ -27,7 +27,7 @@ from mr360uw.match.floor_series import (
     relative_light,
 )
 from mr360uw.medium.lookup import ambient_ratio, beam_fraction, unscattered_share
-from mr360uw.medium.scattered_sun import spread_of
+from mr360uw.medium.scattered_light import spread_of
 from mr360uw.optics import refract_to_water
 from mr360uw.progress import Progress
 from mr360uw.scene.model import Scene

@@ -110,7 +110,7 @@ def unscattered_share(table: MediumTable, depth_m: ArrayLike, sun_up: float) -> 
     and leaves light in it. The caustic pattern C is carried by light that has not been scattered, which decays with
     c = a + b. After the path p = d/sun_up [m] the irradiance under waves is beam (1 + (C - 1) s), s = exp(-(c - c') p).
     Relative to all downwelling light, exp(-Kd d), the pattern has the contrast exp(-(c/sun_up - Kd) d). Light that has
-    turned by small angles has a blurred pattern besides: see `scattered_sun`.
+    turned by small angles has a blurred pattern besides: see `scattered_light`.
     """
     lost = path_attenuation(table, table.unscattered, depth_m, sun_up)
     return np.exp(np.minimum(path_attenuation(table, table.beam, depth_m, sun_up) - lost, 0.0))

@@ -20,7 +20,7 @@ from mr360uw.color import LUMINANCE, luminance
 from mr360uw.composite.receiver.pattern import PlatePattern
 from mr360uw.composite.shot import Receiver
 from mr360uw.medium.lookup import ambient_ratio, beam_ratio, unscattered_share
-from mr360uw.medium.scattered_sun import spread_of
+from mr360uw.medium.scattered_light import spread_of
 from mr360uw.render.lights import direct_to_diffuse
 from mr360uw.render.loaded import Loaded
 from mr360uw.render.mattes import ReceiverClip

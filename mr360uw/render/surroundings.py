@@ -20,7 +20,7 @@ from mr360uw.ibl.tilt import LevelTrack, keyed_level, level_from_gpmf
 from mr360uw.medium import Medium
 from mr360uw.medium.medium import MediumAtDepths, MixedMedium, TableAt
 from mr360uw.medium.open_water import OpenWater, open_water
-from mr360uw.medium.scattered_sun import around_sun, placed, typical_level
+from mr360uw.medium.scattered_light import around_sun, placed, typical_level
 from mr360uw.medium.settings import WaterSettings
 from mr360uw.reading.disk_cache import CachedReads
 from mr360uw.render.lights import LightReader

@@ -33,7 +33,7 @@ from mr360uw.medium import Medium, Water
 from mr360uw.medium.lookup import beam_fraction, linear, transmittance_lookup, veil_lookup
 from mr360uw.medium.medium import MediumAtDepths
 from mr360uw.medium.open_water import row_up
-from mr360uw.medium.scattered_sun import around_sun, placed, spread_of
+from mr360uw.medium.scattered_light import around_sun, placed, spread_of
 from mr360uw.optics import diffuse_reflectance_from_below, refract_to_water
 from mr360uw.surface.facet_draws import normal_quantile
 from mr360uw.surface.intersection import bent, reflectance

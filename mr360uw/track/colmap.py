@@ -20,9 +20,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.errors import Mr360uwError
+from mr360uw.errors import Mr360uwError, install_command
 from mr360uw.progress import Steps
-from mr360uw.reading.extras import command
 from mr360uw.sphere import direction_from_frame
 from mr360uw.track.camera_track import Kind
 from mr360uw.types import Floats
@@ -93,7 +92,7 @@ def load_colmap() -> Any:
     try:
         import pycolmap
     except ImportError as error:
-        raise Mr360uwError(f"track - needs pycolmap, which is not installed - {command('track')}") from error
+        raise Mr360uwError(f"track - needs pycolmap, which is not installed - {install_command('track')}") from error
     return pycolmap
 
 

@@ -6,10 +6,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from mr360uw.errors import Mr360uwError, ParameterError
+from mr360uw.errors import Mr360uwError, ParameterError, install_command
 from mr360uw.preview.live import LivePreview
 from mr360uw.preview.screen import screen_picture
-from mr360uw.reading.extras import command
 from mr360uw.scene.model import load_scene
 from mr360uw.scene.toml_model import dotted, scene_text, tables_of
 from mr360uw.tune.document import find, key_of
@@ -27,7 +26,7 @@ def sliders(scene: str | Path, *keys: str, frame: int = 0, width: int = 768, bac
     try:
         import ipywidgets as widgets
     except ImportError:
-        raise ParameterError(f"sliders - need ipywidgets (got none) - {command('notebook')}") from None
+        raise ParameterError(f"sliders - need ipywidgets (got none) - {install_command('notebook')}") from None
     path, live = Path(scene), LivePreview(backend)
     load_scene(path)
     tables = tables_of(scene_text(path), str(path))

@@ -17,7 +17,7 @@ from mr360uw.color import encode
 from mr360uw.composite.lighting.shading import veil_ahead
 from mr360uw.composite.receiver.shape import ReceiverShape
 from mr360uw.ibl.report import marked
-from mr360uw.medium.scattered_sun import spread_of
+from mr360uw.medium.scattered_light import spread_of
 from mr360uw.tune.placing import Point, pixel_of_point
 from mr360uw.tune.shown_frame import (
     Codes,

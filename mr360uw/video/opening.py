@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Opens plates of every kind and projection, and begins outputs: video files, sequences of pictures, single pictures."""
+"""Opens plates of every kind and projection, and begins outputs: video files, sequences, single pictures."""
 
 from __future__ import annotations
 

@@ -9,7 +9,7 @@ from scipy.interpolate import CubicSpline
 
 from mr360uw.medium import Medium, Water
 from mr360uw.medium.open_water import COLUMNS, ROWS, OpenWater, row_up
-from mr360uw.medium.scattered_sun import AZIMUTHS, _over_mean, around_sun, placed, typical_level
+from mr360uw.medium.scattered_light import AZIMUTHS, _over_mean, around_sun, placed, typical_level
 from mr360uw.sphere import directions
 from tests.medium.tolerances import AROUND_ALL_BANDS, GROWTH_AROUND_SUN, HARMONIC
 
