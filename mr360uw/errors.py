@@ -8,7 +8,6 @@ line turns them into text and an exit code. Packages of the extras of pyproject.
 from __future__ import annotations
 
 import importlib
-import importlib.metadata
 import importlib.util
 from typing import Any
 
@@ -100,7 +99,12 @@ _PACKAGES = ("numpy", "scipy", "numba", "av", "opencv-contrib-python-headless", 
              "embreex", "colour-science", "pydantic")  # fmt: skip
 
 
-def _extra(extra: str) -> str:
+def package_versions() -> dict[str, str]:
+    """Return the versions of the packages that results depend on, "" for those that are not installed."""
+    return {name: _version(name) for name in _PACKAGES}
+
+
+def extra_versions(extra: str) -> str:
     """Return the versions of an extra's packages, or the command that installs it."""
     versions = [(name, _version(name)) for name in EXTRAS[extra]]
     if all(version for _, version in versions):
@@ -108,13 +112,10 @@ def _extra(extra: str) -> str:
     return f"not installed - {install_command(extra)}"
 
 
-def package_versions() -> dict[str, str]:
-    """Return the versions of the packages that results depend on, "" for those that are not installed."""
-    return {name: _version(name) for name in _PACKAGES}
-
-
 def _version(name: str) -> str:
+    from importlib.metadata import PackageNotFoundError, version
+
     try:
-        return importlib.metadata.version(name)
-    except importlib.metadata.PackageNotFoundError:
+        return version(name)
+    except PackageNotFoundError:
         return ""

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import platform
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -19,8 +18,7 @@ from mr360uw.cli.arguments import (
     SetOption,
     frame_range,
 )
-from mr360uw.errors import EXTRAS, ParameterError, _extra, package_versions
-from mr360uw.reading.disk_cache import cache_folder, cache_notes, kernel_folder
+from mr360uw.errors import ParameterError
 
 if TYPE_CHECKING:
     from mr360uw.progress import Progress
@@ -206,11 +204,14 @@ _ENCODERS = ("libx264", "libx265", "libsvtav1", "prores", "prores_ks", "ffv1")
 
 def describe() -> str:
     """Return several lines: version, renderer and device, video library and encoders, packages, extras."""
+    import platform
+
     import av
 
     from mr360uw import __version__
-    from mr360uw.errors import GlError
+    from mr360uw.errors import EXTRAS, GlError, extra_versions, package_versions
     from mr360uw.gl.context import gl_device
+    from mr360uw.reading.disk_cache import cache_folder, cache_notes, kernel_folder
     from mr360uw.video.encoder import opening_encoders
 
     lines = [f"mr360uw {__version__}, Python {platform.python_version()}, {platform.platform()}"]
@@ -231,7 +232,7 @@ def describe() -> str:
         f"package   {name} {version}" if version else f"package   {name} is not installed"
         for name, version in package_versions().items()
     ]
-    lines += [f"extra     {extra}: {_extra(extra)}" for extra in EXTRAS]
+    lines += [f"extra     {extra}: {extra_versions(extra)}" for extra in EXTRAS]
     return "\n".join(lines)
 
 

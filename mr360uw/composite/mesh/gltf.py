@@ -242,8 +242,8 @@ def _check_extensions(path: Path, tree: dict[str, Any]) -> None:
         called, module = _PACKED[name]
         if not installed(module):
             raise MeshError(
-                f"{path} - is compressed with {called}, which needs the package {module} - {install_command('gltf')}, or "
-                "export it without compression"
+                f"{path} - is compressed with {called}, which needs the package {module} - "
+                f"{install_command('gltf')}, or export it without compression"
             )
     for name in sorted(set(tree.get("extensionsRequired", [])) - FOLLOWED - _SILENT - _LOOKS):
         raise MeshError(f"{path} - {_HINTS.get(name, f'requires the extension {name}')} - export it without")
