@@ -146,7 +146,7 @@ def rewrite(path: Path, text: str) -> None:
         part.chmod(rights)
 
 
-def marks_of(path: Path) -> Marks:
+def _marks_of(path: Path) -> Marks:
     """Return the marks of a file; raise `OSError`."""
     found, size, marks = hashlib.sha256(), 0, Marks()
     with path.open("rb") as file:
@@ -221,7 +221,7 @@ class WrittenFiles:
 
     def _note(self, path: Path, part: Path) -> None:
         """Note what is about to appear under a name: a kill between both leaves a line of a file that is not there."""
-        name, marks = self._name(path), marks_of(part)
+        name, marks = self._name(path), _marks_of(part)
         with part.open("rb") as file:
             os.fsync(file.fileno())  # after a power cut no empty file stands under the name
         with self._log.open("a", encoding="utf-8") as log:
@@ -243,7 +243,7 @@ class WrittenFiles:
             stat = path.stat()
             key = (path, stat.st_ino, stat.st_size, stat.st_mtime_ns, stat.st_ctime_ns)
             if key not in self._read:
-                self._read[key] = marks_of(path)
+                self._read[key] = _marks_of(path)
             return self._read[key]
         except OSError:
             return None

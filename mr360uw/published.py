@@ -60,13 +60,13 @@ _BOOST = 3.0
 """Gain that is added where the filter finds nothing but such pixels."""
 _DIFFUSE_WHITE = 0.85
 """Linear luminance from which on the slope of piecewise is steeper."""
-MR360_WEIGHTS = np.array([0.3, 0.59, 0.11])
+_MR360_WEIGHTS = np.array([0.3, 0.59, 0.11])
 """Luma weights of the MR360 operator, as published."""
 
 
 def pointwise_gain(operator: str, encoded: Floats, peak: float) -> Array:
     """Return the gain (...,) of an operator for encoded colours (..., 3). peak: of landis, akyuz and piecewise."""
-    luma = np.clip(encoded @ (MR360_WEIGHTS if operator == "mr360" else LUMINANCE).astype(encoded.dtype), 0.0, 1.0)
+    luma = np.clip(encoded @ (_MR360_WEIGHTS if operator == "mr360" else LUMINANCE).astype(encoded.dtype), 0.0, 1.0)
     luma = luma.astype(np.float64)
     if operator == "mr360":
         return 10.0 * np.power(luma, 10.0) + 1.8
@@ -147,7 +147,7 @@ def _inside(weight: float, ex: float, ey: float) -> bool:
 
 
 @exact
-def rasterise(hit: Floats, flux: Floats, light: Floats, jacobian: Floats, size: int) -> Floats:
+def _rasterise(hit: Floats, flux: Floats, light: Floats, jacobian: Floats, size: int) -> Floats:
     """Return intensities drawn at pixel centres, sheets added up, as a graphics pipeline without coverage does.
 
     light: (N + 1, N + 1) per vertex, jacobian: the same; a pixel gets interpolated light over interpolated |jacobian|.
@@ -197,20 +197,20 @@ def _around_vertices(per_triangle: Floats) -> Floats:
     return np.pad(total, ((0, 1), (0, 1)), mode="wrap")
 
 
-def deposit_ratio(hit: Floats, flux: Floats, size: int) -> Floats:
+def _deposit_ratio(hit: Floats, flux: Floats, size: int) -> Floats:
     """Return the ratio of areas of each triangle, drawn at pixel centres."""
-    return rasterise(hit, flux, np.zeros((0, 0)), np.zeros((0, 0)), size)
+    return _rasterise(hit, flux, np.zeros((0, 0)), np.zeros((0, 0)), size)
 
 
-def deposit_fan(hit: Floats, flux: Floats, size: int) -> Floats:
+def _deposit_fan(hit: Floats, flux: Floats, size: int) -> Floats:
     """Return the ratio of areas of the triangles around each vertex, interpolated (Thompson et al. 2019)."""
     a, b, c, d = hit[:-1, :-1], hit[:-1, 1:], hit[1:, 1:], hit[1:, :-1]
     area = 0.5 * np.abs(np.stack([_cross(b - a, c - a), _cross(c - a, d - a)], axis=-1))
     light = _around_vertices(flux) / np.maximum(_around_vertices(area), _LEAST_JACOBIAN)
-    return rasterise(hit, flux, light, np.ones_like(light), size)
+    return _rasterise(hit, flux, light, np.ones_like(light), size)
 
 
-def deposit_jacobian(hit: Floats, flux: Floats, size: int) -> Floats:
+def _deposit_jacobian(hit: Floats, flux: Floats, size: int) -> Floats:
     """Return flux density over the Jacobian of the refraction, interpolated and divided in every pixel."""
     periodic = hit - np.stack(np.broadcast_arrays(*np.meshgrid(*(np.arange(hit.shape[0]),) * 2)), axis=-1) * (
         size / flux.shape[0]
@@ -220,7 +220,7 @@ def deposit_jacobian(hit: Floats, flux: Floats, size: int) -> Floats:
     du = 0.5 * (np.roll(core, -1, 1) - np.roll(core, 1, 1)) + np.array([step, 0.0])
     dv = 0.5 * (np.roll(core, -1, 0) - np.roll(core, 1, 0)) + np.array([0.0, step])
     jacobian = np.pad(_cross(du, dv), ((0, 1), (0, 1)), mode="wrap")
-    return rasterise(hit, flux, _around_vertices(flux) / 3.0, jacobian, size)
+    return _rasterise(hit, flux, _around_vertices(flux) / 3.0, jacobian, size)
 
 
 def _cross(a: Floats, b: Floats) -> Floats:
@@ -228,12 +228,12 @@ def _cross(a: Floats, b: Floats) -> Floats:
 
 
 DEPOSITS: dict[str, Callable[[Floats, Floats, int], Floats]] = {
-    "ratio": deposit_ratio, "fan": deposit_fan, "jacobian": deposit_jacobian
+    "ratio": _deposit_ratio, "fan": _deposit_fan, "jacobian": _deposit_jacobian
 }  # fmt: skip
 """The methods by the name that the settings give them."""
 
 
-def scroll_offsets(tile_m: float, loop_s: float | None, time_s: float) -> Floats:
+def _scroll_offsets(tile_m: float, loop_s: float | None, time_s: float) -> Floats:
     """Return how far (2, 2) over (x, z), in tiles, the two copies have moved; whole tiles in a loop."""
     rate = np.array(_SCROLL) / tile_m
     if loop_s is not None:
@@ -244,7 +244,7 @@ def scroll_offsets(tile_m: float, loop_s: float | None, time_s: float) -> Floats
 def scroll(ratio: Floats, tile_m: float, loop_s: float | None, time_s: float) -> Floats:
     """Return the darker of two scrolled copies of a map (size, size), of mean 1; the second has x and z swapped."""
     size = ratio.shape[0]
-    first, second = np.round(scroll_offsets(tile_m, loop_s, time_s) * size).astype(np.int64)
+    first, second = np.round(_scroll_offsets(tile_m, loop_s, time_s) * size).astype(np.int64)
     darker = np.minimum(np.roll(ratio, (first[1], first[0]), (0, 1)), np.roll(ratio.T, (second[1], second[0]), (0, 1)))
     return darker / darker.mean()
 

@@ -288,14 +288,14 @@ class Layer:
         return self._full("shafts", 0.0, 3)
 
 
-LIGHT_SAMPLES_HZ = 8.0
+_LIGHT_SAMPLES_HZ = 8.0
 """Samples in a second. Waves of 2 s, the shortest that move the sun much, are sampled 16 times; the gain of the veil is
 smoothed over two to four seconds afterwards. Twice as large, measuring takes twice as long."""
 
 
 def sample_step(frame_rate: float) -> int:
     """Return the number of frames from one sample to the next, 1 or more; frames whose index it divides are samples."""
-    return max(round(frame_rate / LIGHT_SAMPLES_HZ), 1)
+    return max(round(frame_rate / _LIGHT_SAMPLES_HZ), 1)
 
 
 _PLANES_SHOWN, _RATIO_SHOWN = 4, 4.0

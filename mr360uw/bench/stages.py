@@ -35,7 +35,7 @@ _TRUE_RAYS, _STEPS = 128, 2048
 _SUN = Sun(unit([0.3, 0.85, -0.4]), np.ones(3), 0.0035, 1.0)
 
 
-def shaft_stage() -> MeasuredStage:
+def _shaft_stage() -> MeasuredStage:
     """Shafts: nodes and slices of the grid."""
 
     def of(resolution: int, slices: int) -> Knobs:
@@ -85,7 +85,7 @@ def _open(bench: Workbench) -> Workload:
 _CAMERA_M = 4.0
 """Depth [m] of the camera."""
 SEA = GerstnerSea(wind_speed=4.0, wind_direction_deg=30.0, tile_m=8.0, seed=1)
-SUN_IN_AIR = unit([0.45, 0.85, -0.3])
+_SUN_IN_AIR = unit([0.45, 0.85, -0.3])
 _REACH_M = (3.0, 6.0)
 """Depths [m] that a body takes up."""
 _POINTS = 50_000
@@ -95,7 +95,7 @@ _POINTS = 50_000
 def all_stages() -> dict[str, MeasuredStage]:
     """Return the stages by name, in the order in which a frame runs them."""
     made: Sequence[Callable[[], MeasuredStage]] = (
-        light_stage, medium_stage, caustic_stage, plane_stage, shaft_stage, sun_stage, pixel_stage, frame_stage,
+        _light_stage, _medium_stage, _caustic_stage, _plane_stage, _shaft_stage, sun_stage, _pixel_stage, _frame_stage,
     )  # fmt: skip
     stages = [make() for make in made]
     return {stage.name: stage for stage in stages}
@@ -110,7 +110,7 @@ def product(**values: Sequence[Any]) -> tuple[Knobs, ...]:
 # --- water ---------------------------------------------------------------------------------------------------------
 
 
-def medium_stage() -> MeasuredStage:
+def _medium_stage() -> MeasuredStage:
     """Water: number of wavelengths, and the model of the veil."""
 
     def of(mode: str, *bands: int) -> tuple[Knobs, ...]:
@@ -147,7 +147,7 @@ def _open_medium(bench: Workbench) -> Workload:
 # --- caustics ------------------------------------------------------------------------------------------------------
 
 
-def caustic_stage() -> MeasuredStage:
+def _caustic_stage() -> MeasuredStage:
     """One caustic map: cells of the surface and pixels of the map."""
     return MeasuredStage(
         "caustics",
@@ -161,7 +161,7 @@ def caustic_stage() -> MeasuredStage:
     )
 
 
-def plane_stage() -> MeasuredStage:
+def _plane_stage() -> MeasuredStage:
     """Planes of caustics between which a body's light is interpolated."""
     most = (1, 2, 3, 4, 6, 8, 12, 16)
     return MeasuredStage(
@@ -205,7 +205,7 @@ def _open_planes(bench: Workbench) -> Workload:
 
 def _stack(bench: Workbench, depths_m: Floats, settings: CausticSettings, time_s: float = 0.0) -> CausticStack:
     backend = bench.backend
-    return backend.caustics(SEA, SUN_IN_AIR, depths_m, time_s, settings, REFRACTIVE_INDEX_SEA, None)
+    return backend.caustics(SEA, _SUN_IN_AIR, depths_m, time_s, settings, REFRACTIVE_INDEX_SEA, None)
 
 
 def _read(stack: CausticStack, x_m: Floats, depth_m: Floats, z_m: Floats) -> Floats:
@@ -220,7 +220,7 @@ _SCALES = (1.0, 0.5, 0.25, 0.125, 0.0625)
 _COUNTS = (1, 5, 13, 17, 29, 41, 65)
 
 
-def light_stage() -> MeasuredStage:
+def _light_stage() -> MeasuredStage:
     """Light of the plate: size of the frame that it is measured in."""
     scales = tuple({"plate.scale": scale} for scale in _SCALES)
     return MeasuredStage(
@@ -250,7 +250,7 @@ def sun_stage() -> MeasuredStage:
     )
 
 
-def pixel_stage() -> MeasuredStage:
+def _pixel_stage() -> MeasuredStage:
     """Edges and textures: samples of a pixel, shaded together or one by one."""
 
     def of(shading: str, *counts: int) -> tuple[Knobs, ...]:
@@ -268,7 +268,7 @@ def pixel_stage() -> MeasuredStage:
     )
 
 
-def frame_stage() -> MeasuredStage:
+def _frame_stage() -> MeasuredStage:
     """Whole frames: quality and size."""
 
     def of(*scales: float) -> tuple[Knobs, ...]:

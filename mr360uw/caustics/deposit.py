@@ -78,13 +78,13 @@ def add_edge(change: Floats, start: Floats, ax: float, ay: float, bx: float, by:
         row = row + 1 if row + 1 < size else 0
 
 
-def running_sum(change: Floats, start: Floats) -> Floats:
+def _running_sum(change: Floats, start: Floats) -> Floats:
     """Return the flux (size, size) of all added edges; negative values, which are roundings, become 0."""
     light = np.concatenate([start[:, None], change[:, :-1]], axis=1).cumsum(axis=1)
     return np.maximum(light[:, 1:], 0.0)
 
 
-THINNEST = 2e-3
+_THINNEST = 2e-3
 """Twice the area [pixel^2] below which a triangle gives its flux to the other one of its cell.
 
 Single precision resolves no smaller areas. Twice as large, cells at folds are drawn twice as wide, which is still about
@@ -95,19 +95,19 @@ Cell = tuple[float, float, float, float, float, float, float, float]
 
 
 @exact
-def twice_area(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> float:
+def _twice_area(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> float:
     """Return twice the signed area of a triangle, positive if a, b, c run from +x to +y."""
     return (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
 
 
 @exact
 def opened(ax: float, ay: float, bx: float, by: float, cx: float, cy: float, dx: float, dy: float) -> Cell:
-    """Return the corners, pulled apart where both triangles are thinner than `THINNEST`.
+    """Return the corners, pulled apart where both triangles are thinner than `_THINNEST`.
 
     At a fold of the caustic a cell becomes a line without area. The longer diagonal stays (or is drawn out to a
     twentieth of a pixel) and becomes a c; the two other corners move to either side of it.
     """
-    if abs(twice_area(ax, ay, bx, by, cx, cy)) >= THINNEST or abs(twice_area(ax, ay, cx, cy, dx, dy)) >= THINNEST:
+    if abs(_twice_area(ax, ay, bx, by, cx, cy)) >= _THINNEST or abs(_twice_area(ax, ay, cx, cy, dx, dy)) >= _THINNEST:
         return ax, ay, bx, by, cx, cy, dx, dy
     if (dx - bx) ** 2 + (dy - by) ** 2 > (cx - ax) ** 2 + (cy - ay) ** 2:
         ax, ay, cx, cy = bx, by, dx, dy
@@ -116,7 +116,7 @@ def opened(ax: float, ay: float, bx: float, by: float, cx: float, cy: float, dx:
     if length2 < 0.0025:
         ex, ey, length2 = 0.05, 0.0, 0.0025
         cx, cy = ax + ex, ay
-    wide = 1.5 * THINNEST / length2
+    wide = 1.5 * _THINNEST / length2
     mx, my = ax + 0.5 * ex, ay + 0.5 * ey
     return ax, ay, mx + wide * ey, my - wide * ex, cx, cy, mx - wide * ey, my + wide * ex
 
@@ -125,14 +125,14 @@ def opened(ax: float, ay: float, bx: float, by: float, cx: float, cy: float, dx:
 def intensities(corners: Cell, flux_b: float, flux_d: float) -> tuple[float, float]:
     """Return the signed intensities of the triangles (a, b, c) and (a, c, d) of an opened cell.
 
-    A triangle thinner than `THINNEST` gives its flux to the other one.
+    A triangle thinner than `_THINNEST` gives its flux to the other one.
     """
     ax, ay, bx, by, cx, cy, dx, dy = corners
-    b = twice_area(ax, ay, bx, by, cx, cy)
-    d = twice_area(ax, ay, cx, cy, dx, dy)
-    if abs(b) < THINNEST:
+    b = _twice_area(ax, ay, bx, by, cx, cy)
+    d = _twice_area(ax, ay, cx, cy, dx, dy)
+    if abs(b) < _THINNEST:
         return 0.0, 2.0 * (flux_b + flux_d) / d
-    if abs(d) < THINNEST:
+    if abs(d) < _THINNEST:
         return 2.0 * (flux_b + flux_d) / b, 0.0
     return 2.0 * flux_b / b, 2.0 * flux_d / d
 
@@ -145,7 +145,7 @@ def deposit_exact(hit: Floats, flux: Floats, size: int) -> Floats:
     cells = flux.shape[0]
     change, start = np.zeros((size, size + 1)), np.zeros(size)
     evenly = _add_cells(hit, flux, change, start, np.zeros((cells + 1, cells + 1, 2)))
-    return running_sum(change, start) + evenly / (size * size)
+    return _running_sum(change, start) + evenly / (size * size)
 
 
 @exact

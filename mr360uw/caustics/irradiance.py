@@ -64,9 +64,9 @@ from mr360uw.shapes import checked, instance, numbers, whole
 from mr360uw.sphere import unit
 from mr360uw.types import BeamSpread, CausticStack, Floats, Surface
 
-WAVELENGTHS_NM = (610.0, 550.0, 465.0)
+_WAVELENGTHS_NM = (610.0, 550.0, 465.0)
 """Wavelengths [nm] at which the refractive index of red, green and blue is taken: the primaries' dominant ones."""
-DEEPEST_M = 11000.0
+_DEEPEST_M = 11000.0
 """Greatest depth [m] of a plane: the deepest ocean."""
 
 
@@ -232,7 +232,7 @@ def pass_indices(chromatic: Literal[1, 3], refractive_index: float) -> tuple[flo
     """
     if chromatic == 1:
         return (refractive_index,)
-    over_air = sea_water_index(WAVELENGTHS_NM) - 1.0
+    over_air = sea_water_index(_WAVELENGTHS_NM) - 1.0
     return tuple((1.0 + (refractive_index - 1.0) * over_air / over_air[1]).tolist())
 
 
@@ -252,8 +252,8 @@ def check_arguments(
             "there are no caustics without a sun"
         )
     depths = numbers("depth_m", depths_m).astype(np.float64)
-    if depths.ndim != 1 or not len(depths) or not np.all((depths >= 0.0) & (depths <= DEEPEST_M)):
-        raise ParameterError(f"depth_m - must lie in [0, {DEEPEST_M:.0f}] (got {depths.tolist()!r:.80}) - give metres")
+    if depths.ndim != 1 or not len(depths) or not np.all((depths >= 0.0) & (depths <= _DEEPEST_M)):
+        raise ParameterError(f"depth_m - must lie in [0, {_DEEPEST_M:.0f}] (got {depths.tolist()!r:.80}) - give metres")
     if np.any(np.diff(depths) <= 0.0):
         raise ParameterError(f"depths_m - must ascend (got {depths.tolist()!r:.80}) - sort them")
     whole("size", size, 1, 16384)
@@ -276,7 +276,7 @@ def cell_flux(surface: Surface, transmittance: Floats, sun: Floats, tile_m: floa
     ta, tb, tc, td = t[:-1, :-1], t[:-1, 1:], t[1:, 1:], t[1:, :-1]
     # the grid's x and z axes span a downward normal: corners in reverse order face up
     flux = np.stack(
-        [facet_flux(a, c, b, (ta + tb + tc) / 3.0, sun), facet_flux(a, d, c, (ta + tc + td) / 3.0, sun)], axis=-1
+        [_facet_flux(a, c, b, (ta + tb + tc) / 3.0, sun), _facet_flux(a, d, c, (ta + tc + td) / 3.0, sun)], axis=-1
     )
     if flux.min() > 0.0:
         return flux
@@ -335,12 +335,12 @@ def _deposit_of(method: Method) -> Callable[[Floats, Floats, int], Floats]:
     return deposit_exact
 
 
-IN_SHADOW = 1e-6
+_IN_SHADOW = 1e-6
 """Lit fraction of a point in shadow: a coarse grid that a low sun does not see at all gets its map without shadows."""
 
 
 def lit_corners(surface: Surface, sun: Floats, tile_m: float) -> Floats:
-    """Return 1 for each point (N, N) of a grid surface that the sun sees, else `IN_SHADOW`. sun: unit, upwards."""
+    """Return 1 for each point (N, N) of a grid surface that the sun sees, else `_IN_SHADOW`. sun: unit, upwards."""
     size = len(surface.position)
     cell = tile_m / size
     at = np.arange(size) * cell
@@ -392,7 +392,7 @@ def _lit(fields: Floats, along_x: float, along_z: float, rise: float, steps: int
                 rest_x = x - _read(fields, 0, guess_x, guess_z)
                 rest_z = z - _read(fields, 1, guess_x, guess_z)
                 if _read(fields, 2, rest_x, rest_z) > height:
-                    lit[j, i] = IN_SHADOW
+                    lit[j, i] = _IN_SHADOW
                     break
     return lit
 
@@ -421,7 +421,7 @@ def refracted_rays(surface: Surface, sun_in_air: Floats, refractive_index: float
     return origin, slope, fresnel_transmittance(surface.normal @ sun_in_air, refractive_index)
 
 
-def facet_flux(a: Floats, b: Floats, c: Floats, transmittance: Floats, sun_in_air: Floats) -> Floats:
+def _facet_flux(a: Floats, b: Floats, c: Floats, transmittance: Floats, sun_in_air: Floats) -> Floats:
     """Return the flux (...,) into the water through triangles (..., 3), per unit irradiance across the beam.
 
     transmittance: of the triangle. The corners run so that (b - a) x (c - a) points up; facets turned away get nothing.

@@ -57,7 +57,7 @@ class SurfaceFields(NamedTuple):
     strain_xz: Floats
 
 
-def surface_normal(f: SurfaceFields, detail: ArrayLike = 0.0) -> Floats:
+def _surface_normal(f: SurfaceFields, detail: ArrayLike = 0.0) -> Floats:
     """Return unit normals (..., 3). detail: (..., 2) slopes of a detail map, added to those of the surface."""
     d = np.asarray(detail, np.float64)
     detail_x, detail_z = (d, d) if d.ndim == 0 else (d[..., 0], d[..., 1])
@@ -80,10 +80,10 @@ def surface_jacobian(f: SurfaceFields) -> Floats:
     return (1.0 + f.strain_xx) * (1.0 + f.strain_zz) - f.strain_xz * f.strain_xz
 
 
-def displaced_surface(x_m: Floats, z_m: Floats, fields: SurfaceFields, detail: ArrayLike = 0.0) -> Surface:
+def _displaced_surface(x_m: Floats, z_m: Floats, fields: SurfaceFields, detail: ArrayLike = 0.0) -> Surface:
     """Return the surface over undisplaced points (x, z) [m]."""
     position = _vectors(x_m + fields.shift_x, fields.height, z_m + fields.shift_z)
-    return Surface(position, surface_normal(fields, detail), surface_jacobian(fields))
+    return Surface(position, _surface_normal(fields, detail), surface_jacobian(fields))
 
 
 class SeaParameters(Parameters):
@@ -215,7 +215,7 @@ class SeaParameters(Parameters):
         >>> sea.surface(1.0, 2.0, time_s=0.0).normal
         array([0., 1., 0.])
         """
-        check_time(time_s)
+        _check_time(time_s)
         common_shape(x_m=x_m, z_m=z_m)
         x, z = np.broadcast_arrays(np.asarray(x_m, np.float64), np.asarray(z_m, np.float64))
         flat_x, flat_z = x.ravel(), z.ravel()
@@ -225,15 +225,15 @@ class SeaParameters(Parameters):
         ]
         fields = SurfaceFields(*(np.concatenate(field).reshape(x.shape) for field in zip(*parts, strict=True)))
         detail = self.detail(time_s)
-        return displaced_surface(x, z, fields, 0.0 if detail is None else detail_slope(detail, x, z))
+        return _displaced_surface(x, z, fields, 0.0 if detail is None else detail_slope(detail, x, z))
 
     def grid_surface(self, size: int, time_s: float) -> Surface:
         """Return `surface` at x = column tile/size, z = row tile/size, (size, size), by the quickest exact way."""
-        check_time(time_s)
+        _check_time(time_s)
         at = np.arange(size) * (self.tile_m / size)
         x, z = np.broadcast_arrays(at, at[:, None])
         detail = self.detail(time_s)
-        return displaced_surface(
+        return _displaced_surface(
             x, z, self.grid_fields(size, time_s), 0.0 if detail is None else detail_slope(detail, x, z)
         )
 
@@ -246,17 +246,17 @@ def _travel(azimuth_deg: float) -> Array:
 @shared(keep=32)
 def _mean_square_slope_of(sea: SeaParameters) -> float:
     f = sea.grid_fields(_SLOPE_GRID, 0.0)
-    slope = surface_normal(f)
+    slope = _surface_normal(f)
     area = np.maximum(surface_jacobian(f), 0.0)
     return float(np.average((1.0 - slope[..., 1] ** 2) / slope[..., 1] ** 2, weights=area))
 
 
-def check_time(time_s: float) -> None:
+def _check_time(time_s: float) -> None:
     """Raise `ParameterError` unless the time is finite."""
     number("time_s", time_s)
 
 
-DETAIL_SIZE = 64
+_DETAIL_SIZE = 64
 """Texels across the map: ten for each dominant wavelength."""
 _WAVES_ACROSS = 6
 """Dominant wavelengths in one repeat of the map."""
@@ -283,7 +283,7 @@ class Detail:
 @shared(keep=8)
 def _slope_map(rms: float, seed: int) -> Array:
     """Return slopes of random waves about `_WAVES_ACROSS` in a repeat, each map carrying half of the variance."""
-    n = DETAIL_SIZE
+    n = _DETAIL_SIZE
     m = np.fft.fftfreq(n, 1.0 / n)
     mx, mz = np.meshgrid(m, m)
     k = np.hypot(mx, mz)

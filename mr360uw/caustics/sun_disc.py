@@ -32,7 +32,7 @@ from mr360uw.types import BeamSpread, Floats
 
 _LEAST_TURNED = 0.02
 """Fraction of the beam that has turned at the deepest plane below which its pattern is not computed."""
-LEAST_WEIGHT = 1e-3
+_LEAST_WEIGHT = 1e-3
 """Weight of a Gaussian below which it is left out."""
 
 
@@ -44,15 +44,15 @@ def is_soft(spread: BeamSpread | None, deepest_m: float, sun_in_water: Floats) -
 def gaussians(spread: BeamSpread, depth_m: float, sun_in_water: Floats, pixel_m: float) -> list[tuple[float, Floats]]:
     """Return the weights, sum 1, and (2, 2) matrices [m] over (x, z) of the Gaussians on a level plane at a depth.
 
-    Those narrower than `LEAST_PIXELS` pixels of a map have the matrix 0.
+    Those narrower than `_LEAST_PIXELS` pixels of a map have the matrix 0.
     """
     up = float(sun_in_water[1])
     azimuth = sun_in_water[[0, 2]] / max(float(np.hypot(*sun_in_water[[0, 2]])), 1e-12)
     across = depth_m / up * (np.eye(2) + (1.0 / up - 1.0) * np.outer(azimuth, azimuth))
     weights = spread.weights(depth_m / up)
-    weights = np.where(weights >= LEAST_WEIGHT, weights, 0.0)
+    weights = np.where(weights >= _LEAST_WEIGHT, weights, 0.0)
     found = zip((weights / weights.sum()).tolist(), spread.angle_rad.tolist(), strict=True)
-    wide, least_m = float(np.linalg.norm(across, 2)), LEAST_PIXELS * pixel_m
+    wide, least_m = float(np.linalg.norm(across, 2)), _LEAST_PIXELS * pixel_m
     return [(weight, angle * across * (angle * wide >= least_m)) for weight, angle in found if weight > 0.0]
 
 
@@ -81,7 +81,7 @@ def _kept_transform(blurs: tuple[tuple[float, tuple[float, ...]], ...], size: in
 
 _STEP = 1.0 / 64.0
 """Gaussians' matrices are rounded to multiples of this [pixel], so that a slowly moving sun reuses their transforms."""
-LEAST_PIXELS = 0.5
+_LEAST_PIXELS = 0.5
 """Standard deviation [pixel] up to which maps are not blurred: that of a bilinear read of a pixel."""
 _SAMPLED_BELOW = 1.0
 """Least standard deviation [pixel] of Gaussians whose Fourier transform is taken from the continuous one.
@@ -101,12 +101,12 @@ def detail_footprint(sun_in_air: Floats, refractive_index: float, rms_slope: flo
 
 
 def gaussian_transform(matrix_m: Floats, size: int, tile_m: float) -> Floats | None:
-    """Return the factor (size, size/2 + 1) on a map's real Fourier transform, 1 at its mean; None below `LEAST_PIXELS`.
+    """Return the factor (size, size/2 + 1) on a map's Fourier transform, 1 at its mean; none below `_LEAST_PIXELS`.
 
     matrix_m: (2, 2) A of `detail_footprint`.
     """
     steps = gaussian_steps(matrix_m, size, tile_m)
-    if np.linalg.norm(np.reshape(steps, (2, 2)), 2) * _STEP < LEAST_PIXELS:
+    if np.linalg.norm(np.reshape(steps, (2, 2)), 2) * _STEP < _LEAST_PIXELS:
         return None
     return transform_of_steps(steps, size)
 
@@ -138,7 +138,7 @@ def _sampled(covariance: Floats, size: int) -> Floats:
     return kernel / kernel.sum()
 
 
-KERNEL_STEP = 1.0 / 256.0
+_KERNEL_STEP = 1.0 / 256.0
 """Footprints are rounded to multiples of this [pixel], so that a slowly moving sun reuses kernels."""
 _WIDEST_DIRECT = 11
 """Width [pixel] of a kernel up to which a direct sum is quicker than two Fourier transforms, as measured."""
@@ -156,8 +156,8 @@ def footprint(sun_in_air: Floats, refractive_index: float, half_angle_rad: float
 
 
 def kernel_steps(footprint_m: Floats, size: int, tile_m: float) -> tuple[float, ...]:
-    """Return a (2, 2) footprint [m] as its elements in multiples of `KERNEL_STEP`, of a map (size, size)."""
-    return tuple(np.round(footprint_m * (size / tile_m) / KERNEL_STEP).ravel().tolist())
+    """Return a (2, 2) footprint [m] as its elements in multiples of `_KERNEL_STEP`, of a map (size, size)."""
+    return tuple(np.round(footprint_m * (size / tile_m) / _KERNEL_STEP).ravel().tolist())
 
 
 def blur(image: Floats, footprint_m: Floats, tile_m: float, transform: Floats | None = None) -> Floats:
@@ -188,7 +188,7 @@ def blur(image: Floats, footprint_m: Floats, tile_m: float, transform: Floats | 
 @shared(keep=32)
 def _kept_kernel(steps: tuple[float, ...], size: int) -> NDArray[np.float64]:
     """Return the kernel (2 r + 1, 2 r + 1) of a footprint in steps as far as it reaches about its middle."""
-    kernel = disc_kernel(np.reshape(steps, (2, 2)) * KERNEL_STEP, size)
+    kernel = disc_kernel(np.reshape(steps, (2, 2)) * _KERNEL_STEP, size)
     at = (np.stack(np.nonzero(kernel)) + size // 2) % size - size // 2
     near = np.arange(-np.abs(at).max(), np.abs(at).max() + 1)
     return kernel[np.ix_(near, near)]

@@ -37,7 +37,7 @@ _METHOD = "distances 3"
 SPAN_S = 6.0
 """Time [s] over which the neighbours of a frame are spread, with the frame in the middle where the shot allows. Half:
 shorter baselines, and caustics that resemble each other; double: more of what is seen has left the view."""
-NEIGHBOURS = 32
+_NEIGHBOURS = 32
 """Most neighbours of a frame. Half: under caustics three times as strong a third of the confident pixels is lost."""
 _KEY_S = 0.3
 """Time [s] between the frames whose distances are found by a sweep, which the frames between them refine."""
@@ -312,7 +312,7 @@ def _chosen(path: _Path, index: int, span: int) -> NDArray[np.int64]:
     shot = np.flatnonzero(path.shot == path.shot[index])
     first = int(np.clip(index - span // 2, shot[0], max(shot[-1] - span, shot[0])))
     last = min(first + span, int(shot[-1]))
-    even = np.unique(np.round(np.linspace(first, last, min(NEIGHBOURS + 1, last - first + 1))).astype(np.int64))
+    even = np.unique(np.round(np.linspace(first, last, min(_NEIGHBOURS + 1, last - first + 1))).astype(np.int64))
     return even[(even != index) & (path.shot[even] == path.shot[index])]
 
 

@@ -165,7 +165,7 @@ def refined(reference: Panorama, neighbours: Sequence[Panorama], sweeps: Sequenc
     judged = fine if every == 1 else warped
     at_judged = np.ascontiguousarray(inverse[:: width // judged.width, :: width // judged.width])
     seen = evidence(reference, neighbours, judged, at_judged, baseline)
-    sure = np.where(of_rig(judged, at_judged, seen, baseline), np.float32(0.0), confidence(seen, len(neighbours)))
+    sure = np.where(_of_rig(judged, at_judged, seen, baseline), np.float32(0.0), confidence(seen, len(neighbours)))
     with np.errstate(divide="ignore"):
         metres = (np.float32(1.0) / inverse).astype(np.float32)
     return DepthMap(metres, _enlarged(sure, width))
@@ -394,7 +394,7 @@ def _agreement(own: Map, others: Map, side: int) -> Map:
     return np.asarray(window_mean(own * others, side) / np.sqrt(np.maximum(power, 1e-6)), np.float32)
 
 
-def of_rig(warped: Warped, inverse: Map, seen: Floats, baseline_m: float) -> NDArray[np.bool_]:
+def _of_rig(warped: Warped, inverse: Map, seen: Floats, baseline_m: float) -> NDArray[np.bool_]:
     """Return the pixels (H, W) that move with the camera: a tripod, a hand, a stick.
 
     Pictures there agree as they are, though what stands still would have moved, however far it is; and warped by the

@@ -45,7 +45,7 @@ _DARKEST = 1e-4
 """Light that counts as black."""
 
 
-def grey_card_stops(live: LivePreview, draft: Scene) -> float | None:
+def _grey_card_stops(live: LivePreview, draft: Scene) -> float | None:
     """Return by how many stops a grey card in the place of a draft's object is brighter than the plate around it.
 
     Where the object stands the card lies on the ground, else it faces the camera. None where it is not seen.
@@ -81,7 +81,7 @@ def _rim(inside: NDArray[np.bool_]) -> NDArray[np.bool_]:
     return np.asarray((outer > inner)[:, reach:-reach])
 
 
-PREVIEW_COLUMNS = 1024
+_PREVIEW_COLUMNS = 1024
 """Width [pixels] of previews, at most."""
 _RADIANCE = (".exr", ".hdr")
 """Stills of scene radiance, whose composite is one too."""
@@ -124,11 +124,11 @@ def make_first_scene(
     text = scene_lines(plate, seen, chosen, path.parent, outside_files=outside_files)
     scene = scene_from_dict(tomllib.loads(text), path.parent)
     with LivePreview(backend) as live:
-        draft, width = live.coarse(scene), min(PREVIEW_COLUMNS, plate.size[0])
+        draft, width = live.coarse(scene), min(_PREVIEW_COLUMNS, plate.size[0])
         loaded = live.loaded(draft, width)
         sun = _sun(loaded, live)
         picture = live.frame(draft, 0, width).picture
-        stops = grey_card_stops(live, draft)
+        stops = _grey_card_stops(live, draft)
     with whole_file(preview) as shown, whole_file(path) as written:  # on a full disk neither is there
         shown.write_bytes(screen_picture(picture.image_linear, ".png"))
         written.write_text(text + sun.to_uncomment, "utf-8")

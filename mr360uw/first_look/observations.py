@@ -193,8 +193,8 @@ def _has_floor(image: Floats, underwater: bool) -> bool:
     """Return whether something is seen between 20 and 60 degrees below the horizon; in air there always is."""
     if not underwater:
         return True
-    brighter = light_at(image, -60.0, -20.0) - light_at(image, -5.0, 5.0)
-    return ground_texture(image, -60.0, -20.0) > _FLOOR_TEXTURE or brighter > np.log(_FLOOR_LIGHT)
+    brighter = _light_at(image, -60.0, -20.0) - _light_at(image, -5.0, 5.0)
+    return _ground_texture(image, -60.0, -20.0) > _FLOOR_TEXTURE or brighter > np.log(_FLOOR_LIGHT)
 
 
 # Tells plates under water from plates in air by the red that is missing in the distance, and by ground that is.
@@ -232,7 +232,7 @@ _MARGIN_DEG = 36.0
 """Columns taken from the other side of the seam, three deviations of the coarse Gaussian."""
 
 
-def ground_texture(image: Floats, lowest_deg: float, highest_deg: float) -> float:
+def _ground_texture(image: Floats, lowest_deg: float, highest_deg: float) -> float:
     """Return the structure of a levelled panorama (h, w, 3) of linear light between two elevations.
 
     It is the root mean square along rows of the logarithm of light: 0.01 in open water, 0.06 and more over dry ground.
@@ -248,7 +248,7 @@ def ground_texture(image: Floats, lowest_deg: float, highest_deg: float) -> floa
     return float(np.std(inner - inner.mean(axis=1, keepdims=True)))
 
 
-def light_at(image: Floats, lowest_deg: float, highest_deg: float) -> float:
+def _light_at(image: Floats, lowest_deg: float, highest_deg: float) -> float:
     """Return the logarithm of a levelled panorama's light (h, w, 3) between two elevations: its median."""
     light = luminance(image[_rows(image.shape[0] / 180.0, lowest_deg, highest_deg)])
     return float(np.log(max(float(np.median(light)), 0.0) + _TOE))
@@ -351,7 +351,7 @@ def water_or_air(image: Floats) -> WaterOrAir:
     if confidence < SURE and wet:
         wet = rise > -_RISES or far < _HARDLY_RED or half  # there is a sky above half water
     elif confidence < SURE:
-        wet = rise > _RISES and light_at(image, 35.0, 45.0) > light_at(image, -5.0, 5.0)
+        wet = rise > _RISES and _light_at(image, 35.0, 45.0) > _light_at(image, -5.0, 5.0)
     return WaterOrAir(wet, confidence, far, half)
 
 
@@ -366,11 +366,11 @@ def _half_in_air(ratio: Floats, weight: Floats, up: Floats) -> bool:
 
 def _murk(image: Floats, red: float) -> float:
     """Return by how much a panorama is murky water: the least margin, in logarithms. red: median of the ratio below."""
-    level = light_at(image, -5.0, 5.0)
+    level = _light_at(image, -5.0, 5.0)
     return min(
-        np.log(_NO_GROUND / max(ground_texture(image, -50.0, -5.0), 1e-6)),
-        light_at(image, 35.0, 45.0) - level - _FALL,
-        level - light_at(image, -50.0, -40.0) - _FALL,
+        np.log(_NO_GROUND / max(_ground_texture(image, -50.0, -5.0), 1e-6)),
+        _light_at(image, 35.0, 45.0) - level - _FALL,
+        level - _light_at(image, -50.0, -40.0) - _FALL,
         -np.inf if np.isnan(red) else np.log(_REDDEST / max(red, 1e-6)),
     )
 

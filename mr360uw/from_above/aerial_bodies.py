@@ -83,7 +83,7 @@ _RAYS = 13
 """Directions over the disc."""
 
 
-def ratio_on_floor(sea: SeaScene, stage: RayStage, placed: tuple[PlacedObject, ...], floor: FloorSeen) -> Array:
+def _ratio_on_floor(sea: SeaScene, stage: RayStage, placed: tuple[PlacedObject, ...], floor: FloorSeen) -> Array:
     """Return the floor's light with bodies over that without, (n, 3), in the floor's pixels."""
     ratio = np.ones((len(floor.place), 3))
     casters = tuple(one for one in placed if one.casts_shadow)
@@ -175,7 +175,7 @@ class AerialBodies:
         direct = render_layer(dry, cache) if highest > stage.sea.lowest_m else Layer(view.height, view.width, ())
         sides = WaterSides(wet, dry, stage.sea, self.table, False, self.sea.refractive_index)
         ratio, veil = np.ones(mirrored.shape, np.float32), mirrored.astype(np.float32)
-        ratio[floor.mask] = ratio_on_floor(self.sea, stage, placed, floor)
+        ratio[floor.mask] = _ratio_on_floor(self.sea, stage, placed, floor)
         veil[floor.mask] += floor.veil
         return _with_shadow(cut_at_surface(sides, _ALL, direct, cache)[0], ratio, veil)
 

@@ -83,7 +83,7 @@ class LoadedAerial:
     @checked
     def of(cls, scene: AerialScene) -> LoadedAerial:
         """Return it; raise `ParameterError`, `VideoError` or `MeshError` for files that cannot be used."""
-        sea = sea_scene_of(scene)
+        sea = _sea_scene_of(scene)
         light = np.asarray(sea.dome.irradiance, np.float64)
         if sea.sun is not None:
             light = light + sea.sun.irradiance * max(float(sea.sun.direction[1]), 0.0)
@@ -243,7 +243,7 @@ def sun_of(scene: AerialScene) -> Sun | None:
     return Sun(_sun_direction(scene), irradiance, scene.sun.half_angle_rad, 1.0)
 
 
-def sky_of(scene: AerialScene) -> Array:
+def _sky_of(scene: AerialScene) -> Array:
     """Return the radiance (h, 2 h, 3) of a scene's sky, without its sun; raise `VideoError` for maps that cannot be
     read.
     """
@@ -292,13 +292,13 @@ _MOST_PIXELS = 2048
 _SAND_SEED = 1
 
 
-def sea_scene_of(scene: AerialScene) -> SeaScene:
+def _sea_scene_of(scene: AerialScene) -> SeaScene:
     """Return a scene with its water solved and its files read; raise `ParameterError` or `VideoError`."""
     index, sea = scene.water.refractive_index, scene.sea
     if "water_depth_m" not in sea.model_fields_set:
         sea = sea.model_copy(update={"water_depth_m": scene.floor.depth_m})  # waves feel the scene's floor
     return SeaScene(
-        sea, sky_of(scene), floor_of(scene.floor, scene.water), water_of(scene.water), sun=sun_of(scene),
+        sea, _sky_of(scene), floor_of(scene.floor, scene.water), water_of(scene.water), sun=sun_of(scene),
         refractive_index=index, caustics=scene.caustics,
     )  # fmt: skip
 

@@ -40,7 +40,7 @@ _MATCH_COLUMNS = 96
 within 1 %."""
 
 
-def open_aerial_plate(scene: AerialScene) -> VideoReader:
+def _open_aerial_plate(scene: AerialScene) -> VideoReader:
     """Return the plate of a scene that has one; raise `VideoError` where it cannot be read."""
     assert scene.plate is not None
     around = scene.camera.projection == "equirectangular"
@@ -57,7 +57,7 @@ def plate_gain(loaded: LoadedAerial, plate_linear: Floats) -> Array:
     return np.asarray(plate / np.maximum(ours, 1e-9), np.float64)
 
 
-def frames_with_bodies(scene: AerialScene, plate: VideoReader, start: int, stop: int) -> Iterator[VideoFrame]:
+def _frames_with_bodies(scene: AerialScene, plate: VideoReader, start: int, stop: int) -> Iterator[VideoFrame]:
     """Yield frames [start, stop) of a plate with the scene's bodies; what they do not touch keeps its codes."""
     assert scene.plate is not None
     loaded, size = LoadedAerial.of(scene), (plate.width, plate.height)
@@ -69,14 +69,14 @@ def frames_with_bodies(scene: AerialScene, plate: VideoReader, start: int, stop:
         yield frame.over(layer, over_tile, scene.plate.grain)
 
 
-def write_onto_plate(
+def _write_onto_plate(
     scene: AerialScene, path: Path, frames: tuple[int, int | None], *, overwrite: bool, progress: Progress | None
 ) -> int:
     """Write a plate with bodies and return the number of frames; see `aerial_film`."""
-    with open_aerial_plate(scene) as plate:
+    with _open_aerial_plate(scene) as plate:
         start, stop = plate.numbered_range(*frames)
         with create_video(path, plate, scene.output, overwrite=overwrite) as writer:
-            for frame in frames_with_bodies(scene, plate, start, stop):
+            for frame in _frames_with_bodies(scene, plate, start, stop):
                 writer.write(frame)
                 if progress is not None:
                     progress(frame.index - start + 1, stop - start)
@@ -121,7 +121,7 @@ def aerial_film(
     path, rate = Path(out), Fraction(scene.film.frame_rate).limit_denominator(1001)
     check_outputs([path], inputs=files_of(scene), overwrite=overwrite)
     if scene.plate is not None:
-        done = write_onto_plate(scene, path, frames, overwrite=overwrite, progress=progress)
+        done = _write_onto_plate(scene, path, frames, overwrite=overwrite, progress=progress)
         return AerialReport(path, done, time.perf_counter() - began)
     start, stop = _range(scene, path, frames, rate)
     with _output(scene, path, rate, overwrite) as write:

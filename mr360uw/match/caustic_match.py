@@ -246,7 +246,7 @@ _RANKS = (0.05, 0.25, 0.5, 0.75, 0.95, 0.99)
 _TINY = 1e-12
 
 
-def pattern_features(relative: Floats, measures: PatternMeasures, pixel_m: float, finest_m: float) -> Array:
+def _pattern_features(relative: Floats, measures: PatternMeasures, pixel_m: float, finest_m: float) -> Array:
     """Return the features (f,) of a pattern C (T, n, n). finest_m: shortest wavelength that is seen."""
     found = [*np.log(measures.power + _TINY), *np.log(measures.frequency_rad_s + _TINY), np.hypot(*measures.direction)]
     for width in _WIDTHS:
@@ -330,7 +330,7 @@ def measurer(pixel_m: float, step_s: float, edges_m: Array) -> Measure:
     def measure(light: Floats) -> tuple[PatternMeasures, Array]:
         relative = relative_light(light)
         found = pattern_measures(relative, pixel_m, step_s, edges_m)
-        return found, pattern_features(relative, found, pixel_m, float(edges_m[0]))
+        return found, _pattern_features(relative, found, pixel_m, float(edges_m[0]))
 
     return measure
 

@@ -145,7 +145,7 @@ class FloorGrid:
         return np.asarray(seen - veil_lookup(table, distance, -down / distance), np.float32)
 
 
-DEFAULT_S = 2.0
+_DEFAULT_S = 2.0
 """Length [s] of the part of a clip that is measured unless frames are given. Waves of 8 m have a period of 2.3 s."""
 _STEP_S = 1.0 / 6.0
 """Time [s] between the frames that are read: waves of 0.25 m, the shortest that matter, have twice that period."""
@@ -208,7 +208,7 @@ def floor_series(scene: Scene, frames: tuple[int, int] | None = None, progress: 
     with open_plate(small) as video:
         start, stop = (0, None) if frames is None else frames
         if frames is None and video.frame_count is not None:
-            stop = min(video.frame_count, round(DEFAULT_S * rate))
+            stop = min(video.frame_count, round(_DEFAULT_S * rate))
         start, stop = video.check_range(start, stop)
         step = max(1, round(_STEP_S * rate))
         times = np.arange(start, stop, step) / rate
@@ -337,7 +337,7 @@ def _side_by_side(parts: Sequence[Floats], labels: Sequence[str]) -> Codes:
     return sheet
 
 
-BANDS_PER_OCTAVE = 2
+_BANDS_PER_OCTAVE = 2
 """Bands of wavelength in an octave. Twice as many, each holds half the waves and varies more by chance."""
 _FEWEST_PERIODS = 3.0
 """Least number of wavelengths across the region in its longest band; the window halves them."""
@@ -407,13 +407,13 @@ def bands(size_m: float, finest_m: float) -> Array:
     lies between.
     """
     longest = size_m / _FEWEST_PERIODS
-    count = int(np.floor(BANDS_PER_OCTAVE * np.log2(longest / finest_m))) if longest > finest_m else 0
+    count = int(np.floor(_BANDS_PER_OCTAVE * np.log2(longest / finest_m))) if longest > finest_m else 0
     if count < 1:
         raise ParameterError(
             f"region - is too small for its pixels (got {size_m:.2g} m for waves from {finest_m:.2g} m up) - take a "
             "larger one, or a plate with more pixels"
         )
-    return longest * 2.0 ** (np.arange(-count, 1) / BANDS_PER_OCTAVE)
+    return longest * 2.0 ** (np.arange(-count, 1) / _BANDS_PER_OCTAVE)
 
 
 def pattern_measures(relative: Floats, pixel_m: float, step_s: float, edges_m: Array) -> PatternMeasures:

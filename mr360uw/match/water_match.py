@@ -29,7 +29,7 @@ from mr360uw.sphere import direction_from_angles, frame_from_direction
 from mr360uw.types import Array, Floats
 from mr360uw.video import VideoFrame
 
-VISIBILITIES_M = (1.3, 1.8, 2.5, 3.5, 5.0, 7.0, 10.0, 14.0, 20.0, 28.0, 40.0, 56.0, 80.0)
+_VISIBILITIES_M = (1.3, 1.8, 2.5, 3.5, 5.0, 7.0, 10.0, 14.0, 20.0, 28.0, 40.0, 56.0, 80.0)
 """Visibilities [m] that are tried where the scene gives one: steps of a factor of 1.4, less than types differ by."""
 _BANDS = 31
 """Wavelengths of the light field: 10 nm apart, far finer than waters differ."""
@@ -186,7 +186,7 @@ def _change(water: WaterSettings, nearest: str) -> Changes:
 def _candidates(water: WaterSettings) -> dict[str, WaterSettings]:
     """Return the waters that are tried, by the value of the key that makes them."""
     if water.of_visibility_alone:
-        return {f"{v:g}": water.model_copy(update={"visibility_m": v}) for v in VISIBILITIES_M}
+        return {f"{v:g}": water.model_copy(update={"visibility_m": v}) for v in _VISIBILITIES_M}
     return {name: water.model_copy(update={"type": name}) for name in JERLOV_TYPES}
 
 

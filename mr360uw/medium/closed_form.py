@@ -34,7 +34,7 @@ def ray_in_water(distance: ArrayLike, depth: ArrayLike, up: ArrayLike) -> Array:
     return np.minimum(np.maximum(s, 0.0), np.minimum(out, LONGEST_RAY_M))
 
 
-def mean_transmittance(x: ArrayLike) -> Array:
+def _mean_transmittance(x: ArrayLike) -> Array:
     """Return (1 - exp(-x))/x, the mean of exp(-x t) over t in [0, 1], for x >= 0."""
     x = np.asarray(x, np.float64)
     return np.divide(-np.expm1(-x), x, out=np.ones(x.shape), where=x > 0.0)
@@ -44,7 +44,7 @@ def path_integral(c: ArrayLike, k: ArrayLike, s: ArrayLike, y: ArrayLike, mu: Ar
     """Return the integral of exp(-c t - k (y - t mu)) over t in [0, s] [m]; s must end below the surface."""
     c, k, s, y, mu = (np.asarray(x, np.float64) for x in (c, k, s, y, mu))
     q = (c - k * mu) * s
-    return s * np.exp(-k * y - np.minimum(q, 0.0)) * mean_transmittance(np.abs(q))
+    return s * np.exp(-k * y - np.minimum(q, 0.0)) * _mean_transmittance(np.abs(q))
 
 
 def exponential_integral(rate: ArrayLike, start: ArrayLike, end: ArrayLike) -> Array:
@@ -54,7 +54,7 @@ def exponential_integral(rate: ArrayLike, start: ArrayLike, end: ArrayLike) -> A
     """
     length = np.subtract(end, start, dtype=np.float64)
     brightest = np.minimum(-np.minimum(np.multiply(rate, start), np.multiply(rate, end)), BRIGHTEST_LOG)
-    return length * np.exp(brightest) * mean_transmittance(np.abs(rate * length))
+    return length * np.exp(brightest) * _mean_transmittance(np.abs(rate * length))
 
 
 def closed_form(b: ArrayLike, c: ArrayLike, k: ArrayLike, s: ArrayLike, y: ArrayLike, mu: ArrayLike) -> Array:
@@ -152,7 +152,7 @@ def check_ray(distance_m: ArrayLike, depth_m: ArrayLike, up: ArrayLike) -> None:
 
 CONTRAST_LENGTHS = 4.8
 """Attenuation lengths of contrast at which a black target is lost."""
-SIGHT_NM = 532.0
+_SIGHT_NM = 532.0
 """Wavelength [nm] of that attenuation: the eye's in water, and that of most instruments."""
 LEAST_M, MOST_M = 0.5, 90.0
 """Range [m] of visibilities: mud, and that of type I."""
@@ -162,9 +162,9 @@ _CLEAR_TO_MURKY: tuple[JerlovType, ...] = ("I", "IA", "IB", "1C", "3C", "5C", "7
 
 def visibility_m(water: Water) -> float:
     """Return the visibility [m] of a water."""
-    molecular = float(water.molecular(SIGHT_NM)) if water.molecular else 0.0
-    by_particles = float(wide_angle_moments(water.phase, 1)[0]) * (float(water.scattering(SIGHT_NM)) - molecular)
-    return CONTRAST_LENGTHS / (float(water.absorption(SIGHT_NM)) + molecular + by_particles)
+    molecular = float(water.molecular(_SIGHT_NM)) if water.molecular else 0.0
+    by_particles = float(wide_angle_moments(water.phase, 1)[0]) * (float(water.scattering(_SIGHT_NM)) - molecular)
+    return CONTRAST_LENGTHS / (float(water.absorption(_SIGHT_NM)) + molecular + by_particles)
 
 
 @shared(keep=64)
@@ -202,12 +202,12 @@ def water_seen_as_far(water: Water, sight_m: float) -> Water:
     more_a, more_b = (np.maximum(v, 0.0) for v in (water.absorption(nm) - absorption, water.scattering(nm) - molecular))
     phase: Phase = "petzold" if water.phase == "water" else water.phase
     wide = float(wide_angle_moments(phase, 1)[0])
-    clear, own_a, own_b = (float(np.interp(SIGHT_NM, nm, v)) for v in (absorption + molecular, more_a, more_b))
+    clear, own_a, own_b = (float(np.interp(_SIGHT_NM, nm, v)) for v in (absorption + molecular, more_a, more_b))
     if wanted < clear + own_a + wide * own_b:
         share = max(wanted - clear, 0.0) / (own_a + wide * own_b)
         more_a, more_b = share * more_a, share * more_b
     else:
-        shape = more_b / own_b if own_b > _NO_PARTICLES else SIGHT_NM / nm
+        shape = more_b / own_b if own_b > _NO_PARTICLES else _SIGHT_NM / nm
         more_b = (wanted - clear - own_a) / wide * shape
     name = f"{water.name}, {sight_m:g} m visibility"
     b = Spectrum(f"{name}, scattering", nm, molecular + more_b)

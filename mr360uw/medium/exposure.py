@@ -146,11 +146,11 @@ def steady_gain(gains: ArrayLike, exposure: ArrayLike, picture: ArrayLike, frame
         exactly(name, values, (len(gain),)).astype(np.float64)
         for name, values in (("exposure", exposure), ("picture", picture))
     )
-    shots = pairwise(np.unique([0, *shot_starts(moved), len(gain)]))
+    shots = pairwise(np.unique([0, *_shot_starts(moved), len(gain)]))
     return np.concatenate([_steady_shot(gain[a:b], change[a:b], frame_rate) for a, b in shots])
 
 
-def shot_starts(picture: ArrayLike) -> NDArray[np.int64]:
+def _shot_starts(picture: ArrayLike) -> NDArray[np.int64]:
     """Return the frames that begin a shot, from the `picture_change` (N,) of every frame from the one before."""
     moved = np.asarray(picture, np.float64)
     return np.flatnonzero(moved > max(CUT, _CUT_MEDIANS * float(np.median(moved))))
@@ -227,7 +227,7 @@ class GainSeries(Generic[Frame]):
 
     def cuts(self) -> NDArray[np.int64]:
         """Return the frames that begin a shot, counted from the first one; after `steady`."""
-        return shot_starts([picture for _, picture in self._changes])
+        return _shot_starts([picture for _, picture in self._changes])
 
     def _measure_waiting(self) -> None:
         for frame in self._waiting:

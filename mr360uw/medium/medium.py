@@ -549,7 +549,7 @@ class MediumAtDepths:
         upper, lower = self._node(step), self._node(step + 1)
         apart_m = lower.camera_depth_m - upper.camera_depth_m
         share = (depth_m - upper.camera_depth_m) / apart_m if apart_m > 0.0 else 0.0
-        return self._medium.at_depth(depth_m, replace(mixed_table(upper, lower, share), camera_depth_m=depth_m))
+        return self._medium.at_depth(depth_m, replace(_mixed_table(upper, lower, share), camera_depth_m=depth_m))
 
     def _made(self, step: int) -> MediumTable:
         floor_m = self._medium.floor_m  # below which there is no water
@@ -569,12 +569,12 @@ class MixedMedium:
 
     def at(self, depth_m: float) -> Medium:
         """Return the medium for a camera at a depth [m], > 0."""
-        exact, mixed = self._exact, mixed_table(self._first(depth_m), self._second(depth_m), self._share)
+        exact, mixed = self._exact, _mixed_table(self._first(depth_m), self._second(depth_m), self._share)
         table = replace(mixed, camera_depth_m=depth_m, length_m=exact.length_m, refractive_index=exact.refractive_index)
         return exact.at_depth(depth_m, table)
 
 
-def mixed_table(first: MediumTable, second: MediumTable, share: float) -> MediumTable:
+def _mixed_table(first: MediumTable, second: MediumTable, share: float) -> MediumTable:
     """Return the first of two tables, its values mixed with those of the second, of which `share` is taken."""
     mixed = {
         name: (1.0 - share) * getattr(first, name) + share * getattr(second, name)

@@ -50,7 +50,7 @@ def upwelling(light: Floats) -> Array:
     return np.asarray(np.einsum("r,rck->k", of_row, light))
 
 
-def check_map(radiance_map: Floats) -> Array:
+def _check_map(radiance_map: Floats) -> Array:
     """Return a radiance map (H, W, 3) as float64; raise `ParameterError` for another shape or values."""
     m = real("radiance_map", radiance_map).astype(np.float64)
     if m.ndim != 3 or m.shape[2] != 3 or m.shape[0] < 8 or not np.all(np.isfinite(m)) or np.any(m < 0.0):
@@ -84,7 +84,7 @@ class PlateProfile:
         is the trimmed mean of the logarithm over them, which ignores bodies that cover a third. All weights are
         continuous, so the profile of a clip changes no faster than its picture.
         """
-        m = check_map(radiance_map)
+        m = _check_map(radiance_map)
         level = m[np.abs(np.arcsin(row_up(len(m)))) <= LEVEL_RAD].sum(axis=0)
         x = np.log(np.maximum(m, 1e-6 * max(float(m.max()), _BLACK)))
         middle = np.exp(typical(x, openness(level), _MIDDLE))
@@ -246,10 +246,10 @@ class OpenWater:
 
     def ratio(self, gain: ArrayLike) -> NDArray[np.float32]:
         """Return the ratio r (ROWS, COLUMNS, 3) of the module's text for a gain (3,)."""
-        return np.exp(mean_log_ratio([self], [gain], [1.0])).astype(np.float32)
+        return np.exp(_mean_log_ratio([self], [gain], [1.0])).astype(np.float32)
 
 
-def mean_log_ratio(looks: Sequence[OpenWater], gains: Sequence[ArrayLike], shares: Sequence[float]) -> Array:
+def _mean_log_ratio(looks: Sequence[OpenWater], gains: Sequence[ArrayLike], shares: Sequence[float]) -> Array:
     """Return the logarithm of the ratio (ROWS, COLUMNS, 3) from several looks, each for a gain (3,), with a share."""
     known = np.zeros((ROWS, COLUMNS))
     total, around = np.zeros((ROWS, COLUMNS, 3)), np.zeros((ROWS, COLUMNS, 3))
@@ -489,5 +489,5 @@ class OpenWaterLooks:
             near = [j for j in range(max(k - half, 0), min(k + half + 1, len(index))) if shot[j] == shot[k]]
             share = [_KERNEL[j - k + half] for j in near]
             looks, gains = [self._looks[j] for j in near], [gain[index[j] - first] for j in near]
-            maps.append(mean_log_ratio(looks, gains, share))
+            maps.append(_mean_log_ratio(looks, gains, share))
         return OpenWaterTrack(index, np.array(maps, np.float16), cuts)

@@ -270,7 +270,7 @@ def molecular(cos_theta: ArrayLike, depolarisation: ArrayLike) -> Array:
     return 3.0 * INV_4PI / (3.0 + f) * (1.0 + f * cos_theta * cos_theta)
 
 
-def fournier_forand(theta: ArrayLike, index: float, slope: float) -> Array:
+def _fournier_forand(theta: ArrayLike, index: float, slope: float) -> Array:
     """Return the Fournier-Forand phase function [1/sr] at angles [rad] for particles of a relative refractive index.
 
     slope: of the Junge size distribution, 3 to 5. The removable singularity at delta = 1 is stepped over.
@@ -368,7 +368,7 @@ def phase_function(phase: Phase, theta: ArrayLike) -> Array:
         return phase(angle)
     if phase[0] == "hg":
         return henyey_greenstein(np.cos(angle), phase[1])
-    return fournier_forand(angle, phase[1], phase[2])  # type: ignore[misc, arg-type]
+    return _fournier_forand(angle, phase[1], phase[2])  # type: ignore[misc, arg-type]
 
 
 @shared(keep=64)

@@ -304,7 +304,7 @@ class OfBeam:
     def into(self, mu: Array, azimuth_rad: float | None) -> Array:
         """Return the light [1/(m sr)] (..., n) into directions mu at an azimuth from the sun's; None: the mean over it.
 
-        By less than `LEAST_TURN_RAD` nothing turns.
+        By less than `_LEAST_TURN_RAD` nothing turns.
         """
         across = np.sqrt(np.maximum(1.0 - mu * mu, 0.0) * max(1.0 - self.sun_mu**2, 0.0))
 
@@ -312,7 +312,7 @@ class OfBeam:
             cosine = np.multiply.outer(across, np.cos(azimuth)) + (mu * self.sun_mu).reshape(
                 *mu.shape, *[1] * np.ndim(azimuth)
             )
-            return self.kinds(np.clip(cosine, -1.0, np.cos(LEAST_TURN_RAD)))
+            return self.kinds(np.clip(cosine, -1.0, np.cos(_LEAST_TURN_RAD)))
 
         if azimuth_rad is not None:
             return np.asarray(turned(azimuth_rad) @ self.amount)
@@ -322,7 +322,7 @@ class OfBeam:
         return np.asarray(np.einsum("a,...ak->...k", 2.0 * x * weight, turned(PI * x**2)) @ self.amount)
 
 
-LEAST_TURN_RAD = 0.01
+_LEAST_TURN_RAD = 0.01
 """Least angle that light of the sun's beam turns by: what turns by less counts as turning by so much."""
 _AZIMUTHS = 128
 """Directions about the sun that a mean is taken over."""

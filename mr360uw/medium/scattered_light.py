@@ -63,7 +63,7 @@ def ambient_parts(medium: Medium, down: Floats, up: Floats, sun: Floats, sun_up:
         of_glow = _on_normals(medium, *skies[-1], here)[:, 0]
     from_above, from_below = (np.maximum(seen - of_sun[k], 0.0) for seen, k in ((down, -1), (up, 0)))
     of_sky = _on_normals(medium, *skies[0], here)[:, 0]
-    amounts[0], floor = two_lights(of_sky[[-1, 0]], of_glow[[-1, 0]], from_above, from_below)
+    amounts[0], floor = _two_lights(of_sky[[-1, 0]], of_glow[[-1, 0]], from_above, from_below)
     if medium.floor_m is not None:
         amounts.append(floor)
     whole, at_camera = (
@@ -73,7 +73,7 @@ def ambient_parts(medium: Medium, down: Floats, up: Floats, sun: Floats, sun_up:
     return diffuse_table(whole, at_camera[:, 0], depth, medium.camera_depth_m), floor
 
 
-def two_lights(sky: Array, glow: Array, first: Array, second: Array) -> tuple[Array, Array]:
+def _two_lights(sky: Array, glow: Array, first: Array, second: Array) -> tuple[Array, Array]:
     """Return how much (3,) of a sky's and of a floor's light add up to two measured quantities (3,), neither below 0.
 
     sky, glow: (2, 3) of both quantities that each light gives. All of the sky where nothing is measured.
@@ -156,7 +156,7 @@ def irradiance_from_level(medium: Medium, sun_up: float | None, direct: Floats |
         of_sun, _ = _lights(*of_water, ("sun", min(max(round(sun_up / _STEP), 1) * _STEP, 1.0), 1.0), *at, medium.rough)
         of_sky = (1.0 - direct) * of_sky + direct * of_sun
     shown = medium.gain * medium.level_radiance(_LEVEL)[0]
-    strength, floor = two_lights(of_sky[:2], of_floor[:2], shown, np.asarray(below, np.float64))
+    strength, floor = _two_lights(of_sky[:2], of_floor[:2], shown, np.asarray(below, np.float64))
     return np.asarray(strength * of_sky[2] + floor * of_floor[2])
 
 
@@ -201,7 +201,7 @@ def _three(model: SpectralModel, depth_m: float) -> Array:
 # M(0) = 1: no light is lost, as all of it counts as the beam. M falls to exp(-tau), the part that has not turned at all
 # and stays sharp. The rest, (M - exp(-tau))/(1 - exp(-tau)), is a sum of Gaussians of non-negative weight.
 
-SPREAD_NM = 550.0
+_SPREAD_NM = 550.0
 """Wavelength [nm] whose small-angle scattering shapes the pattern of light that has turned; others differ little."""
 _ANGLES_RAD = 0.0015 * 2.0 ** np.arange(9)
 """Standard deviations of the Gaussians over the path: 0.09 to 22 degrees, a factor of two apart."""
@@ -252,13 +252,13 @@ def _fitted_weights(phase: Phase) -> Array:
 
 @shared(keep=4)
 def spread_of(medium: Medium) -> BeamSpread | None:
-    """Return the spread of the sun's beam in a medium at `SPREAD_NM`.
+    """Return the spread of the sun's beam in a medium at `_SPREAD_NM`.
 
     None for the closed forms and fitted formations: their beam has no light that has turned.
     """
     if medium.mode not in ("table", "plate"):
         return None
-    at = int(np.argmin(np.abs(medium.bands.wavelength_nm - SPREAD_NM)))
+    at = int(np.argmin(np.abs(medium.bands.wavelength_nm - _SPREAD_NM)))
     scattering = float(medium.model.attenuation[at] - medium.model.extinction[at])
     return beam_spread(medium.water.phase, scattering) if scattering > 0.0 else None
 

@@ -24,7 +24,7 @@ from mr360uw.shapes import checked, instance, numbers, real, vectors
 from mr360uw.types import Array
 from mr360uw.yuv.wide_curves import colour_science
 
-REC709_FROM_XYZ = np.array(
+_REC709_FROM_XYZ = np.array(
     [
         [3.2404542, -1.5371385, -0.4985314],
         [-0.9692660, 1.8760108, 0.0415560],
@@ -279,7 +279,7 @@ def _cie1931() -> Sensor:
     table = builtin_table("cie1931.csv")
     xyz = np.column_stack([table["x"], table["y"], table["z"]])
     name = "CIE 1931"
-    return Sensor(name, Spectrum(name, table["wavelength_nm"], xyz), REC709_FROM_XYZ)
+    return Sensor(name, Spectrum(name, table["wavelength_nm"], xyz), _REC709_FROM_XYZ)
 
 
 def checked_sensor(sensor: Sensor | None) -> Sensor:

@@ -200,9 +200,9 @@ class WaterSettings(WaterKindSettings):
 
 LEAST_NODES = 16
 """Least nodes around the sun."""
-LEAST_CODES = 2.0
+_LEAST_CODES = 2.0
 """Change of 8-bit code values below which light in the water is left out. Twice as much: shafts that can be seen go."""
-LONGEST_M = 500.0
+_LONGEST_M = 500.0
 """Farthest [m] that shafts are followed: even the clearest water has dimmed them to nothing before."""
 
 
@@ -217,7 +217,7 @@ class ShaftSettings(Parameters):
         False, "shafts of the waves in all of the plate, which may show its own; those before objects are always drawn"
     )
     range_m: float = parameter(
-        100.0, "distance from the camera up to which they are seen", unit="m", low=0.0, high=LONGEST_M,
+        100.0, "distance from the camera up to which they are seen", unit="m", low=0.0, high=_LONGEST_M,
         internal="the water, which dims them",
     )  # fmt: skip
     resolution: int = parameter(
@@ -232,7 +232,7 @@ class ShaftSettings(Parameters):
     @property
     def least_codes(self) -> float:
         """Change of an 8-bit code value from which on they are drawn."""
-        return LEAST_CODES if self.mode == "auto" else 0.0
+        return _LEAST_CODES if self.mode == "auto" else 0.0
 
     @property
     def why_off(self) -> str:

@@ -31,7 +31,7 @@ class Spectrum:
     value: Array
 
     def __post_init__(self) -> None:
-        check_wavelengths(self.name, self.wavelength_nm)
+        _check_wavelengths(self.name, self.wavelength_nm)
         if len(self.value) != len(self.wavelength_nm) or not np.all(np.isfinite(self.value)):
             raise ParameterError(
                 f"{self.name} - needs one finite value for each wavelength "
@@ -52,7 +52,7 @@ class Spectrum:
         return np.stack([np.interp(w, self.wavelength_nm, column) for column in self.value.T], axis=-1)
 
 
-def check_wavelengths(name: str, wavelength_nm: Array) -> None:
+def _check_wavelengths(name: str, wavelength_nm: Array) -> None:
     """Raise `ParameterError` unless the wavelengths ascend and lie in a range that nanometres have."""
     w = np.asarray(wavelength_nm, np.float64)
     if w.ndim != 1 or len(w) < 1 or not np.all(np.isfinite(w)) or np.any(np.diff(w) <= 0.0):

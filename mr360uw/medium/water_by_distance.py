@@ -169,8 +169,8 @@ def water_by_distance(seen: SeenPlaces, seed: int = 1) -> WaterByDistance:
     low, high = np.percentile(np.exp(found), _NINETY, axis=1)
     reach = np.percentile(seen.distance_m[chosen][seen.seen[chosen]], (10.0, 90.0))
     spread = np.log(high[:, 0] / low[:, 0])
-    kind, sight = nearest_type(c, spread, reach)
-    ends = np.percentile([nearest_type(np.exp(draw), spread, reach)[1] for draw in found[..., 0].T], _NINETY)
+    kind, sight = _nearest_type(c, spread, reach)
+    ends = np.percentile([_nearest_type(np.exp(draw), spread, reach)[1] for draw in found[..., 0].T], _NINETY)
     return WaterByDistance(
         c, low[:, 0], high[:, 0], v, low[:, 1], high[:, 1], sight, (float(ends[0]), float(ends[1])), kind, len(used),
         ratio, _doubt(spread),
@@ -331,7 +331,7 @@ class _Channel:
         )
 
 
-def nearest_type(attenuation: Array, spread: Array, reach_m: Array) -> tuple[JerlovType, float]:
+def _nearest_type(attenuation: Array, spread: Array, reach_m: Array) -> tuple[JerlovType, float]:
     """Return the Jerlov type nearest to attenuations (3,) [1/m], and the visibility [m] of that type made as murky.
 
     spread: (3,) of the logarithm of each. reach_m: (2,) distances between which they were measured.

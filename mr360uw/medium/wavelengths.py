@@ -270,8 +270,8 @@ def _training(
     """Return spectra (r, candidates), their exact signals (r, 3) in the sensor's curves, and weights (r, 3)."""
     fine = _midpoints(range_nm)
     curves = sensor.curves(fine) * illuminant(illuminant_name)(fine)[:, None] / _FINE
-    design = training_spectra(candidate)
-    target = training_spectra(fine) @ curves
+    design = _training_spectra(candidate)
+    target = _training_spectra(fine) @ curves
     # an error in a curve matters as much as it moves the colour, relative to the colour's size
     size = np.linalg.norm(
         target @ (sensor.matrix / (sensor.matrix @ _white(sensor, illuminant_name, range_nm))[:, None]).T, axis=1
@@ -284,7 +284,7 @@ def _training(
     return design, target, np.vstack([scale, 30.0 * reach / np.sqrt(3.0)])
 
 
-def training_spectra(wavelength_nm: Array) -> Array:
+def _training_spectra(wavelength_nm: Array) -> Array:
     """Return veils and object radiances (r, w) in many waters, relative to the light above, of any size."""
     waters = [Water.jerlov(name) for name in JERLOV_TYPES]
     waters += [Water.jerlov(name, "williamson2022") for name in ("IB", "II", "III", "1C", "3C", "5C")]

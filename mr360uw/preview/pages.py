@@ -159,7 +159,7 @@ def sweep(
                 progress(number, len(scenes))
     check_outputs([out, page], inputs=read, overwrite=overwrite)
     write_whole(out, encoded(contact_sheet(found), out.suffix))
-    write_whole(page, contact_page(scene.name, found))
+    write_whole(page, _contact_page(scene.name, found))
     return [out, page]
 
 
@@ -182,7 +182,7 @@ def contact_sheet(variants: Sequence[Variant]) -> NDArray[np.uint8]:
     return sheet
 
 
-def contact_page(title: str, variants: Sequence[Variant]) -> str:
+def _contact_page(title: str, variants: Sequence[Variant]) -> str:
     """Return a page (HTML, complete in itself) of variants with their labels."""
     figures = "\n".join(
         f'<figure><img alt="{html.escape(label)}" src="data:image/png;base64,'

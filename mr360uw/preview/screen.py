@@ -122,7 +122,7 @@ def _encode(linear: Any, table: Any, codes: Any) -> None:
 
 
 LARGEST_WIDTH = 1024
-QUALITY = 90
+_QUALITY = 90
 """Quality of JPEG: twice the compression of 95, without visible blocks."""
 
 
@@ -132,7 +132,7 @@ def thumbnail(linear: ArrayLike) -> bytes:
 
 
 def screen_picture(
-    linear: ArrayLike, suffix: Literal[".jpg", ".png"] = ".jpg", *, width: int | None = None, quality: int = QUALITY
+    linear: ArrayLike, suffix: Literal[".jpg", ".png"] = ".jpg", *, width: int | None = None, quality: int = _QUALITY
 ) -> bytes:
     """Return linear light (H, W, 3) as a picture file in 8-bit sRGB; light above 1 is white.
 
@@ -147,7 +147,7 @@ def screen_picture(
     return encoded(screen_codes(image), suffix, quality)
 
 
-def encoded(codes: NDArray[np.uint8], suffix: str, quality: int = QUALITY) -> bytes:
+def encoded(codes: NDArray[np.uint8], suffix: str, quality: int = _QUALITY) -> bytes:
     """Return codes (h, w, 3) as a picture file of the kind that a suffix names. quality: 0 to 100, of JPEG."""
     import cv2
 

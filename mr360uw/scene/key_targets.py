@@ -96,7 +96,7 @@ def _curve(key: KeyedParameter, turns: bool) -> Any:
 
 
 M = TypeVar("M", bound=BaseModel)
-ANY_LENGTH = -1
+_ANY_LENGTH = -1
 
 
 @dataclass(frozen=True, slots=True)
@@ -187,14 +187,14 @@ def _holds_models(value: Any) -> bool:
 
 
 def _lengths(annotation: Any) -> frozenset[int]:
-    """Return the numbers of components that values of a type have: 0 for a number, `ANY_LENGTH` for any."""
+    """Return the numbers of components that values of a type have: 0 for a number, `_ANY_LENGTH` for any."""
     origin, parts = get_origin(annotation), get_args(annotation)
     if origin is Annotated:
         return _lengths(parts[0])
     if origin in (Union, UnionType):
         return frozenset[int]().union(*map(_lengths, parts))
     if origin is tuple and _lengths(parts[0]) == {0}:
-        return frozenset({ANY_LENGTH if parts[-1] is Ellipsis else len(parts)})
+        return frozenset({_ANY_LENGTH if parts[-1] is Ellipsis else len(parts)})
     return frozenset({0} if annotation is float else ())
 
 
@@ -286,7 +286,7 @@ def _misshapen(scene: BaseModel, keyed: list[Keyed]) -> Iterator[Problem]:  # no
     for number, key, target in keyed:
         for index, value in enumerate(key.value):
             length = len(value) if isinstance(value, tuple) else 0
-            if length in target.lengths or (length > 0 and ANY_LENGTH in target.lengths):
+            if length in target.lengths or (length > 0 and _ANY_LENGTH in target.lengths):
                 continue
             wanted = " or ".join("a number" if n == 0 else f"a list of {n} numbers" for n in sorted(target.lengths))
             shown = list(value) if isinstance(value, tuple) else value

@@ -55,14 +55,14 @@ def place(where: str, lines: Lines, location: Location) -> str:
 
     What the command line sets is at '--set table.key'.
     """
-    line = line_of(lines, location)
+    line = _line_of(lines, location)
     name = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in location).lstrip(".")
     if line == SET:
         return f"--set {name}"
     return f"{where} {name}" if line is None else f"{where}:{line} {name}"
 
 
-def line_of(lines: Lines, location: Location) -> int | None:
+def _line_of(lines: Lines, location: Location) -> int | None:
     """Return the line of a location, or of the nearest table around it; None where there is neither."""
     return next((lines[location[:k]] for k in range(len(location), 0, -1) if location[:k] in lines), None)
 
@@ -240,7 +240,7 @@ def problems(error: ValidationError, root: type[BaseModel], where: str, lines: L
         else:
             what = item["msg"][0].lower() + item["msg"][1:]
             todo = f"{help_text} [{bounds}]" if bounds else help_text
-        line = line_of(lines, location) or 0
+        line = _line_of(lines, location) or 0
         text = f"{place(where, lines, location)} - {what}{got}" + (f" - {todo}" if todo else "")
         if item["type"] in _BOUNDS:
             found[location] = line, text  # of a union: its other types do not fit either

@@ -28,10 +28,10 @@ from mr360uw.types import Array
 
 SHARP = 0.05
 """Spread of slopes over the width of the sun's image in them below which the sun's edge is drawn."""
-LEAST = 1e-12
+_LEAST = 1e-12
 FARTHEST = 8.0
 """Standard deviations of slope beyond which there are no facets."""
-HALVINGS = 24
+_HALVINGS = 24
 """Bisections of that range: a slope is right to a millionth of its standard deviation."""
 
 
@@ -49,7 +49,7 @@ class FacetsOfRays:
     @property
     def slope(self) -> Array:
         """Mean slopes (n, 2)."""
-        return -self.normal[:, [0, 2]] / np.maximum(self.normal[:, 1:2], LEAST)
+        return -self.normal[:, [0, 2]] / np.maximum(self.normal[:, 1:2], _LEAST)
 
     def facing(self, slope: Array) -> Array:
         """Return f (n,) of slopes (n, 2), positive on the side that the ray comes from."""
@@ -61,7 +61,7 @@ class FacetsOfRays:
         """Return the slopes (n, 2) that two independent normal numbers (n, 2) stand for."""
         c, (g, h) = self.covariance, normal_numbers.T
         xx = np.sqrt(np.maximum(c[:, 0], 0.0))
-        zx = c[:, 1] / np.maximum(xx, LEAST)
+        zx = c[:, 1] / np.maximum(xx, _LEAST)
         zz = np.sqrt(np.maximum(c[:, 2] - zx * zx, 0.0))
         return np.asarray(self.slope + np.stack([xx * g, zx * g + zz * h], axis=-1))
 
@@ -96,13 +96,13 @@ def uniform(key: int) -> float:
 
 
 @exact
-def normal_cumulative(x: float) -> float:
+def _normal_cumulative(x: float) -> float:
     """Return the standard normal distribution function."""
     return 0.5 * math.erfc(-x * math.sqrt(0.5))
 
 
 @exact
-def normal_density(x: float) -> float:
+def _normal_density(x: float) -> float:
     """Return the standard normal density."""
     return math.exp(-0.5 * x * x) / math.sqrt(2.0 * math.pi)
 
@@ -163,44 +163,44 @@ def facing(dx: float, dy: float, dz: float, slope_x: float, slope_z: float, side
 def facets_of(travel: Vector, normal: Vector, covariance: Vector, side: float) -> Facets:
     """Return the facets about a normal, up, with a covariance of slopes xx, xz, zz."""
     dx, dy, dz = travel
-    up = max(normal[1], LEAST)
+    up = max(normal[1], _LEAST)
     slope_x, slope_z = -normal[0] / up, -normal[2] / up
     xx = math.sqrt(max(covariance[0], 0.0))
-    zx = covariance[1] / max(xx, LEAST)
+    zx = covariance[1] / max(xx, _LEAST)
     zz = math.sqrt(max(covariance[2] - zx * zx, 0.0))
     mean = facing(dx, dy, dz, slope_x, slope_z, side)
     along_x, along_z = side * (dx * xx + dz * zx), side * dz * zz
-    seen = seen_below(FARTHEST, mean, math.hypot(along_x, along_z))
+    seen = _seen_below(FARTHEST, mean, math.hypot(along_x, along_z))
     return Facets(slope_x, slope_z, xx, zx, zz, mean, along_x, along_z, seen)
 
 
 @exact
-def seen_below(t: float, mean: float, spread: float) -> float:
+def _seen_below(t: float, mean: float, spread: float) -> float:
     """Return the integral of max(f, 0) over the normal density up to t, at least 1e-12 of the spread."""
-    s = max(spread, LEAST)
+    s = max(spread, _LEAST)
     start = min(max(-mean / s, -FARTHEST), FARTHEST)
     end = max(min(t, FARTHEST), start)
-    light = mean * (normal_cumulative(end) - normal_cumulative(start)) - s * (
-        normal_density(end) - normal_density(start)
+    light = mean * (_normal_cumulative(end) - _normal_cumulative(start)) - s * (
+        _normal_density(end) - _normal_density(start)
     )
-    return max(light, LEAST * s)
+    return max(light, _LEAST * s)
 
 
 @exact
-def seen_deviation(share: float, mean: float, spread: float, seen: float) -> float:
+def _seen_deviation(share: float, mean: float, spread: float, seen: float) -> float:
     """Return the t up to which a share of the integral `seen` of max(f, 0) lies, by Newton's method within bounds."""
-    s = max(spread, LEAST)
+    s = max(spread, _LEAST)
     low, high = min(max(-mean / s, -FARTHEST), FARTHEST), FARTHEST
     # light(t) = mean (P(t) - P(low)) - s (p(t) - p(low)), P and p the normal distribution and its density
-    wanted = share * seen + mean * normal_cumulative(low) - s * normal_density(low)
+    wanted = share * seen + mean * _normal_cumulative(low) - s * _normal_density(low)
     t = normal_quantile(share)
     if mean < s:  # near the density of max(t, 0), which is Rayleigh's
         t = low + math.sqrt(-2.0 * math.log(1.0 - share)) * (0.5 if mean < 0.0 else 1.0)
     if t <= low or t >= high:
         t = 0.5 * (low + high)
-    for _ in range(2 * HALVINGS):
-        density = normal_density(t)
-        off = mean * normal_cumulative(t) - s * density - wanted
+    for _ in range(2 * _HALVINGS):
+        density = _normal_density(t)
+        off = mean * _normal_cumulative(t) - s * density - wanted
         if off < 0.0:
             low = t
         else:
@@ -220,10 +220,10 @@ def seen_deviation(share: float, mean: float, spread: float, seen: float) -> flo
 def drawn(facets: Facets, key: int) -> Vector:
     """Return the normal of one facet, in proportion to what the ray sees; the key chooses it."""
     spread = math.hypot(facets.along_x, facets.along_z)
-    along = seen_deviation(uniform(next_key(key, 11)), facets.mean, spread, facets.seen)
+    along = _seen_deviation(uniform(next_key(key, 11)), facets.mean, spread, facets.seen)
     across = normal_quantile(uniform(next_key(key, 12)))
     cosine, sine = 1.0, 0.0
-    if spread > LEAST:
+    if spread > _LEAST:
         cosine, sine = facets.along_x / spread, facets.along_z / spread
     g, h = cosine * along - sine * across, sine * along + cosine * across
     x, z = -facets.slope_x - facets.xx * g, -facets.slope_z - facets.zx * g - facets.zz * h
@@ -266,12 +266,12 @@ def sunlight(sun: Disc, travel: Vector, normal: Vector, facets: Facets, side: fl
     hx, hy, hz = sun.x - dx, sun.y - dy, sun.z - dz
     if side < 0.0:
         hx, hy, hz = index * dx - sun.x, index * dy - sun.y, index * dz - sun.z
-    length = max(math.sqrt(hx * hx + hy * hy + hz * hz), LEAST)
+    length = max(math.sqrt(hx * hx + hy * hy + hz * hz), _LEAST)
     nx, ny, nz = hx / length, hy / length, hz / length
     cosine = -side * (dx * nx + dy * ny + dz * nz)
     at_sun = sun.x * nx + sun.y * ny + sun.z * nz
     per_direction = max(at_sun, 0.0) / (length * length)
-    image = max(sun.solid_angle * per_direction / max(abs(ny), 1e-3) ** 3, LEAST)
+    image = max(sun.solid_angle * per_direction / max(abs(ny), 1e-3) ** 3, _LEAST)
     own = image / (4.0 * math.pi)  # variance of the sun's image in slopes, along each axis
     # the covariance and its determinant, of its root
     cxx, cxz = facets.xx * facets.xx, facets.xx * facets.zx
@@ -280,7 +280,7 @@ def sunlight(sun: Disc, travel: Vector, normal: Vector, facets: Facets, side: fl
         return _disc(sun, travel, normal, side, index)
     if at_sun <= 0.0 or cosine <= 0.0 or ny <= 0.0:
         return 0.0
-    slope_x, slope_z = -nx / max(ny, LEAST), -nz / max(ny, LEAST)
+    slope_x, slope_z = -nx / max(ny, _LEAST), -nz / max(ny, _LEAST)
     off_x, off_z = slope_x - facets.slope_x, slope_z - facets.slope_z
     xx, xz, zz = cxx + own, cxz, czz + own
     determinant = max(xx * zz - xz * xz, 1e-300)

@@ -59,7 +59,7 @@ def mirrored(dx: float, dy: float, dz: float, nx: float, ny: float, nz: float) -
     return dx - twice * nx, dy - twice * ny, dz - twice * nz
 
 
-PIXEL_SIGMA = 1.0 / math.sqrt(12.0)
+_PIXEL_SIGMA = 1.0 / math.sqrt(12.0)
 """Standard deviation of a pixel of width 1."""
 _LEAST_UP = 0.05
 """Least |y| of a direction that stretches a footprint on the surface, by the mean of its two axes, up to 4.5 times."""
@@ -108,11 +108,11 @@ NOWHERE = Hit(math.inf, (0.0, 0.0, 0.0), 0.0, 0.0, 0.0, 0.0)
 @exact
 def sigma_at(width: float, spread: float, t: float, up: float) -> float:
     """Return the standard deviation [m] of a ray's footprint on the level surface after a distance t."""
-    return PIXEL_SIGMA * (width + spread * t) / math.sqrt(max(abs(up), _LEAST_UP))
+    return _PIXEL_SIGMA * (width + spread * t) / math.sqrt(max(abs(up), _LEAST_UP))
 
 
 @exact
-def level_at(sigma: float, step_m: float, last: int) -> float:
+def _level_at(sigma: float, step_m: float, last: int) -> float:
     """Return `SampledSea.level_of` of one number."""
     s = sigma / step_m
     return min(float(last), s if s < 1.0 else 1.0 + math.log2(s))
@@ -138,7 +138,7 @@ def first_hit(sea: SeaWaves, ray: Ray, reach: float) -> Hit:
         if t > end:
             break
         sigma = sigma_at(width, spread, t, dy)
-        level = level_at(sigma, sea.step_m, last)
+        level = _level_at(sigma, sea.step_m, last)
         over = side * (oy + t * dy - read_height(sea.height, sea.maps, sea.tile_m, level, ox + t * dx, oz + t * dz))
         steep = sea.steepest[min(int(level), last)] * across
         if side * dy > steep and over > -_BESIDE * sea.step_m:  # away from the surface, faster than it can follow
@@ -163,7 +163,7 @@ def _refined(sea: SeaWaves, ray: Ray, sigma: float, low: float, high: float, t: 
     """Return the hit between two distances, from about a distance t, infinite if there is none after all."""
     (ox, oy, oz), (dx, dy, dz) = ray.origin, ray.direction
     tile = sea.tile_m
-    level = level_at(sigma, sea.step_m, len(sea.table) - 1)
+    level = _level_at(sigma, sea.step_m, len(sea.table) - 1)
     x, z = ox + t * dx, oz + t * dz
     shift_x, shift_z = read_shift(sea.shift, sea.maps, tile, level, x, z)
     a, b = x - shift_x, z - shift_z
@@ -193,7 +193,7 @@ def _bisected(sea: SeaWaves, ray: Ray, sigma: float, low: float, high: float) ->
     """Return the hit between two distances: the first if the ray is behind the splines there, none if before both."""
     (ox, oy, oz), (dx, dy, dz), side = ray.origin, ray.direction, ray.side
     c, n, tile = sea.splines, sea.table, sea.tile_m
-    level, slack = level_at(sigma, sea.step_m, len(n) - 1), 1e-11 * tile
+    level, slack = _level_at(sigma, sea.step_m, len(n) - 1), 1e-11 * tile
     x, z, t = ox + high * dx, oz + high * dz, low
     a, b, p = rest_position(c, n, tile, level, x, z, x, z, slack)
     if side * (oy + high * dy - p[0]) > 0.0:

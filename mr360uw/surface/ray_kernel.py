@@ -103,7 +103,7 @@ def _slope(r: Any, u: float, v: float) -> tuple[float, float]:
     )
 
 
-GENERATIONS = 8
+_GENERATIONS = 8
 """Hits of a ray that are followed. With 4, a picture under waves of 15 m/s is the same; with 3 it is 4e-5 darker."""
 FAINTEST = 1e-3
 """Fraction of a sample's radiance below which a ray is not followed further."""
@@ -113,7 +113,7 @@ WIDEST = 4.0
 """Most that a footprint's angle grows at a refraction, which is unbounded at the edge of Snell's window."""
 OFF_M = 1e-6
 """Distance [m] along its direction that a ray starts from the surface."""
-STACK = GENERATIONS + 2, 15
+STACK = _GENERATIONS + 2, 15
 """Rows and columns of the stack."""
 
 
@@ -167,7 +167,7 @@ def met(w: RayWorld, ray: Ray, start: Hit, known: bool) -> tuple[Hit, float]:
 
 
 @borrowing
-def through_water(w: RayWorld, distance: float, v: Vector, first: bool) -> tuple[Vector, Vector]:
+def _through_water(w: RayWorld, distance: float, v: Vector, first: bool) -> tuple[Vector, Vector]:
     """Return transmittance and veil of a ray in the water from the camera (first) or from the surface."""
     m, up = w.murk, v[1]
     table = m.tables[1 if first else 0]
@@ -207,7 +207,7 @@ def followed(w: RayWorld, stack: Any, start: Hit, known: bool) -> Vector:
         hit, floor = met(w, ray, start, known and generation == 0)
         distance = min(hit.distance, floor)
         if in_water and w.murk.dims:
-            passed, scattered = through_water(w, distance, v, generation == 0)
+            passed, scattered = _through_water(w, distance, v, generation == 0)
             light = add(light, times(weight, scattered), 1.0)
             weight = times(weight, passed)
         if hit.distance < math.inf:
@@ -244,7 +244,7 @@ def _part(
     glint = sunlight(sun, v, normal, facets, side, index) if sun.solid_angle > 0.0 else 0.0
     generation += 1
     brightest = w.samples * max(weight[0], weight[1], weight[2])
-    if generation >= GENERATIONS or brightest <= FAINTEST:
+    if generation >= _GENERATIONS or brightest <= FAINTEST:
         return glint, waiting
     if covariance[0] > 0.0 or covariance[2] > 0.0:
         normal = drawn(facets, key)

@@ -119,7 +119,7 @@ class SampledSea:
         """Return the height (n,) [m] of the surface over the mean above places (n,)."""
         x, z = (np.ascontiguousarray(a, np.float64) for a in (x_m, z_m))
         out = np.zeros(len(x))
-        heights_at(self.fine, self.table, self.tile_m, x, z, out)
+        _heights_at(self.fine, self.table, self.tile_m, x, z, out)
         return out
 
     @functools.cached_property
@@ -135,7 +135,7 @@ class SampledSea:
     @functools.cached_property
     def maps(self) -> HeightMaps:
         """Maps of the height over places."""
-        return height_maps(self.fine, self.table, self.tile_m, self.steepest)
+        return _height_maps(self.fine, self.table, self.tile_m, self.steepest)
 
     def level_of(self, sigma_m: Floats) -> Array:
         """Return the fractional level (...,) for a Gaussian of a standard deviation [m]."""
@@ -224,10 +224,10 @@ def displacement(c: Any, n: Any, tile_m: float, level: float, a: float, b: float
     """Return the displacement of a particle, between the splines of two levels."""
     lower = min(int(level), len(n) - 1)
     share = level - lower
-    p = at_level(c, n[lower, 0], n[lower, 1], tile_m, a, b)
+    p = _at_level(c, n[lower, 0], n[lower, 1], tile_m, a, b)
     if share <= 0.0 or lower + 1 >= len(n):
         return p
-    q, rest = at_level(c, n[lower + 1, 0], n[lower + 1, 1], tile_m, a, b), 1.0 - share
+    q, rest = _at_level(c, n[lower + 1, 0], n[lower + 1, 1], tile_m, a, b), 1.0 - share
     return (
         rest * p[0] + share * q[0], rest * p[1] + share * q[1], rest * p[2] + share * q[2],
         rest * p[3] + share * q[3], rest * p[4] + share * q[4], rest * p[5] + share * q[5],
@@ -236,7 +236,7 @@ def displacement(c: Any, n: Any, tile_m: float, level: float, a: float, b: float
 
 
 @borrowing
-def at_level(c: Any, first: int, size: int, tile_m: float, a: float, b: float) -> Displacement:
+def _at_level(c: Any, first: int, size: int, tile_m: float, a: float, b: float) -> Displacement:
     """Return the displacement of a particle by the splines of one level."""
     per_m, last = size / tile_m, size - 1
     u, v = a * per_m, b * per_m
@@ -305,7 +305,7 @@ def rest_position(
 
 
 @borrowing
-def heights_at(c: Any, n: Any, tile_m: float, x: Any, z: Any, result: Any) -> None:
+def _heights_at(c: Any, n: Any, tile_m: float, x: Any, z: Any, result: Any) -> None:
     """Write the height of the surface over the mean at places (n,) into `result` (n,)."""
     for k in range(len(x)):
         result[k] = rest_position(c, n, tile_m, 0.0, x[k], z[k], x[k], z[k], 1e-11 * tile_m)[2][0]
@@ -338,7 +338,7 @@ class HeightMaps(NamedTuple):
     steepest: Array
 
 
-def height_maps(
+def _height_maps(
     coefficients: NDArray[np.float32], table: NDArray[np.int64], tile_m: float, steepest: float
 ) -> HeightMaps:
     """Return the maps of all levels. coefficients, table: of the splines. steepest: bound of the greatest slope."""

@@ -120,7 +120,7 @@ class Floor:
 
     def height_at(self, x_m: float, z_m: float) -> float:
         """Return the y [m] in the world of the floor at a place in the world."""
-        return self.height_m + relief_height(self.relief, self.tile_m, x_m, z_m)
+        return self.height_m + _relief_height(self.relief, self.tile_m, x_m, z_m)
 
     def albedo(self, x_m: Array, z_m: Array, footprint_m: Array) -> Array:
         """Return the albedo (n, 3) at places (n,) in the world, averaged over footprints (n,) [m]."""
@@ -204,7 +204,7 @@ class Relief(NamedTuple):
 
 
 @borrowing
-def relief_height(e: Any, tile_m: float, x: float, z: float) -> float:
+def _relief_height(e: Any, tile_m: float, x: float, z: float) -> float:
     """Return the height [m] of a floor of `Relief.heights` e at (x, z)."""
     size = e.shape[0]
     u, v = x / tile_m * size - 0.5, z / tile_m * size - 0.5
@@ -231,7 +231,7 @@ def relief_distance(r: Relief, origin: Vector, direction: Vector, reach: float) 
     least = _LEAST_STEP * r.tile_m / e.shape[0]
     before, over_before = t, -1.0
     for _ in range(_MOST_STEPS):
-        over = oy + t * dy - relief_height(e, r.tile_m, ox + t * dx, oz + t * dz)
+        over = oy + t * dy - _relief_height(e, r.tile_m, ox + t * dx, oz + t * dz)
         if over <= 0.0 and (over_before > 0.0 or t >= end):
             return _root(r, origin, direction, (before, over_before), (t, over))
         if t >= end:
@@ -259,7 +259,7 @@ def _root(
     for _ in range(_ROOT_STEPS):
         t = low + (high - low) * (f / (f - g) if f > 0.0 > g else 0.5)
         y = origin[1] - r.y + t * direction[1]
-        over = y - relief_height(r.heights, r.tile_m, origin[0] + t * direction[0], origin[2] + t * direction[2])
+        over = y - _relief_height(r.heights, r.tile_m, origin[0] + t * direction[0], origin[2] + t * direction[2])
         if abs(over) <= _ROOT_M:
             return t
         if over > 0.0:
@@ -279,12 +279,12 @@ def _to_edge(u: float, speed: float) -> float:
 
 
 @borrowing
-def relief_slopes(r: Relief, x: float, z: float, footprint: float) -> tuple[float, float]:
+def _relief_slopes(r: Relief, x: float, z: float, footprint: float) -> tuple[float, float]:
     """Return the slopes of the floor over x and z, averaged over a footprint, at least a pixel."""
     e, tile_m = r.heights, r.tile_m
     half = 0.5 * max(tile_m / e.shape[0], footprint)
-    by_x = relief_height(e, tile_m, x + half, z) - relief_height(e, tile_m, x - half, z)
-    by_z = relief_height(e, tile_m, x, z + half) - relief_height(e, tile_m, x, z - half)
+    by_x = _relief_height(e, tile_m, x + half, z) - _relief_height(e, tile_m, x - half, z)
+    by_z = _relief_height(e, tile_m, x, z + half) - _relief_height(e, tile_m, x, z - half)
     return 0.5 * by_x / half, 0.5 * by_z / half
 
 
@@ -293,7 +293,7 @@ def in_shadow(r: Relief, x: float, z: float, to_sun: Vector) -> bool:
     """Return whether the floor hides a sun in a direction from its point at (x, z)."""
     e = r.heights
     pixel = r.tile_m / e.shape[0]
-    y = relief_height(e, r.tile_m, x, z) + _LIFT * pixel
+    y = _relief_height(e, r.tile_m, x, z) + _LIFT * pixel
     closing = r.steepest * math.hypot(to_sun[0], to_sun[2]) - to_sun[1]
     if closing <= 0.0:
         return False
@@ -302,7 +302,7 @@ def in_shadow(r: Relief, x: float, z: float, to_sun: Vector) -> bool:
         high = y + t * to_sun[1]
         if high > r.high:
             return False
-        over = high - relief_height(e, r.tile_m, x + t * to_sun[0], z + t * to_sun[2])
+        over = high - _relief_height(e, r.tile_m, x + t * to_sun[0], z + t * to_sun[2])
         if over < 0.0:
             return True
         t += max(over / closing, _LEAST_STEP * pixel)
@@ -339,8 +339,8 @@ def floor_radiance(g: LitFloor, x: float, z: float, footprint: float, dry: bool)
     r, fe, sky, sun, depth = g.relief, g.planes, 1.0, 1.0, -g.relief.y
     if r.low < r.high:
         to_sun = g.sun_dry if dry else g.sun_wet
-        depth -= relief_height(r.heights, r.tile_m, x, z)
-        by_x, by_z = relief_slopes(r, x, z, footprint)
+        depth -= _relief_height(r.heights, r.tile_m, x, z)
+        by_x, by_z = _relief_slopes(r, x, z, footprint)
         up = 1.0 / math.sqrt(1.0 + by_x * by_x + by_z * by_z)
         sky = 0.5 + 0.5 * up
         sun = max(up * (to_sun[1] - by_x * to_sun[0] - by_z * to_sun[2]) / to_sun[1], 0.0)

@@ -262,7 +262,7 @@ _STEPS = 3
 
 
 @borrowing
-def gather_row(
+def _gather_row(
     w: Any, d: Any, dn: Any, rays: Any, tile_m: float, row: int, depth: float, index: float, footprint: float, out: Any
 ) -> None:
     """Write the sums (size, 3) of radiance over n^2 that the rays of a row of the floor's pixels see.
@@ -349,7 +349,7 @@ def _gathered(sampled: SampledSea, dome: Dome, depth_m: float, size: int, index:
     surface, out = _slopes(sampled), np.zeros((size, size, 3))
 
     def draw(row: int) -> None:
-        gather_row(
+        _gather_row(
             surface, texels, table, rays, sampled.tile_m, row, depth_m, index, index * np.sqrt(share), out[row]
         )  # fmt: skip
 
@@ -372,7 +372,7 @@ def _slopes(sampled: SampledSea) -> NDArray[np.float32]:
 
 @shared(keep=8)
 def _rays(count: int, slope_variance: float) -> Array:
-    """Return the rays (count, 7) of `gather_row`, the same for every pixel.
+    """Return the rays (count, 7) of `_gather_row`, the same for every pixel.
 
     Directions lie on a sunflower's spiral (Vogel 1979), the rest on the lattice R_4 of Roberts 2018.
     """

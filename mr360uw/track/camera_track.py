@@ -24,7 +24,7 @@ from mr360uw.types import Floats
 
 Kind = Literal["still", "turning", "moving"]
 """The camera stands still, turns on the spot, or moves."""
-SUFFIXES = (".csv", ".json")
+_SUFFIXES = (".csv", ".json")
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,7 +121,7 @@ def track_files(out: str | Path, inputs: Iterable[Path] = (), *, overwrite: bool
     inputs: files that were read for them. Raises `ParameterError`, or `OutputError` where they may not be written.
     """
     out = Path(out)
-    if out.suffix.lower() not in SUFFIXES:
+    if out.suffix.lower() not in _SUFFIXES:
         raise ParameterError(
             f"{out} - is no name of a track (got {out.suffix!r}) - end it in .csv or .json (with --from: .chan, .py)"
         )
@@ -424,7 +424,7 @@ def scale_from_length(points: Floats, camera: Floats, looks: Floats, metres: flo
     return metres / apart
 
 
-def read_depth_log(path: Path) -> tuple[Floats, Floats]:
+def _read_depth_log(path: Path) -> tuple[Floats, Floats]:
     """Return times [s] and depths [m] of a log; raise `ParameterError`."""
     table = read_table(path)
     missing = [name for name in ("time_s", "depth_m") if name not in table]
@@ -444,7 +444,7 @@ def scale_from_depths(log: Path, offset_s: float | None, time_s: Floats, height:
     Least squares of depth = first depth - scale (height - first height); an unknown start of the clip in the log is
     that of the best correlation, in steps of a quarter of a second. Raises `ParameterError` where both disagree.
     """
-    times, depths = read_depth_log(log)
+    times, depths = _read_depth_log(log)
     span = float(time_s[-1] - time_s[0])
     if offset_s is None:
         starts = np.arange(times[0], max(times[-1] - span, times[0]) + 1e-9, _OFFSET_STEP_S)

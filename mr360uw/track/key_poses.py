@@ -32,7 +32,7 @@ _EDGE_PX = 12
 """Features this near to the frame's edges are left out, where the patches end."""
 _LARGEST_LATITUDE = np.radians(72.0)
 """Nearer to the poles [rad] the panorama is stretched by more than 3 and patches change their shape."""
-LEAST_FEATURES = 12
+_LEAST_FEATURES = 12
 """Fewest agreeing features of a pose that is used; a frame with fewer keeps the interpolated one."""
 
 
@@ -62,7 +62,7 @@ def resect(
     """
     from scipy.spatial.transform import Rotation
 
-    if len(observed) < LEAST_FEATURES:
+    if len(observed) < _LEAST_FEATURES:
         return None
     for _ in range(_STEPS):
         seen = predicted(landmarks, position, rotation)
@@ -87,7 +87,7 @@ def resect(
     seen = predicted(landmarks, position, rotation)
     residual = np.linalg.norm(observed - seen / np.linalg.norm(seen, axis=1, keepdims=True), axis=1)
     agree = residual < 3.0 * scale_rad
-    if np.count_nonzero(agree) < LEAST_FEATURES or not np.all(np.isfinite(position)):
+    if np.count_nonzero(agree) < _LEAST_FEATURES or not np.all(np.isfinite(position)):
         return None
     return position, rotation, float(np.median(residual[agree]))
 
@@ -243,7 +243,7 @@ def _matched(
 
 def _moving(where: str, keys: KeyFrames, folder: Path, steps: Steps) -> KeyPoses:
     """Return the key frames of a camera that moves, by structure from motion."""
-    scene = solve_structure(keys.paths, folder, steps)
+    scene = _solve_structure(keys.paths, folder, steps)
     if scene is None or np.mean(scene.solved) < _LEAST_SOLVED:
         count = 0 if scene is None else int(np.count_nonzero(scene.solved))
         raise ParameterError(
@@ -400,7 +400,7 @@ class Solution:
     error_px: Floats
 
 
-def solve_structure(paths: tuple[Path, ...], folder: Path, steps: Steps) -> Solution | None:
+def _solve_structure(paths: tuple[Path, ...], folder: Path, steps: Steps) -> Solution | None:
     """Return the scene of most key frames that COLMAP maps from their matches; None where it finds none.
 
     Starts are tried in a fixed order until nine tenths of the key frames are solved. folder: with COLMAP's

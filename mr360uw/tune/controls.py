@@ -177,7 +177,7 @@ class Timeline(Element, component="timeline.js", esm={"mr360uw-tune": "js"}):
         self._heard = max(self._heard, event.args["number"])
 
 
-def control_spec(tables: tuple[Group, ...]) -> list[dict[str, Any]]:
+def _control_spec(tables: tuple[Group, ...]) -> list[dict[str, Any]]:
     """Return tables and their fields as values of JSON, for controls.js."""
     return [
         {"key": group.key, "title": group.title, "help": group.help, "repeated": group.repeated,
@@ -229,7 +229,7 @@ class ControlPanel(Element, component="controls.js"):
         self._fields = {
             f"{group.key}.{field.key}": field for group in tables for tag in group.tags for field in group.fields(tag)
         }
-        self._props["spec"] = control_spec(tables)
+        self._props["spec"] = _control_spec(tables)
         self._props["first"] = list(FIRST)
         self.on("change", self._changed)
         self.on("reset", self._reset)

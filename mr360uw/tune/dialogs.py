@@ -146,7 +146,7 @@ def _duration(seconds: float) -> str:
 
 # The page's "Match": fits the sea or the water to the plate, shows numbers and pictures before and after, applies.
 
-PATCH_DEG = 12.0
+_PATCH_DEG = 12.0
 """Side of the square of open water around a click: hundreds of pixels of a small plate, of one hue."""
 
 
@@ -253,8 +253,8 @@ def _water(scene: Scene, point: Point, index: int) -> WaterMatch:
     from mr360uw.match import WaterPatch, match_water
 
     yaw, pitch = np.degrees(point.longitude), np.degrees(point.latitude)
-    limit = 88.0 - 0.5 * PATCH_DEG
-    return match_water(scene, WaterPatch(float(yaw), float(np.clip(pitch, -limit, limit)), PATCH_DEG), index)
+    limit = 88.0 - 0.5 * _PATCH_DEG
+    return match_water(scene, WaterPatch(float(yaw), float(np.clip(pitch, -limit, limit)), _PATCH_DEG), index)
 
 
 def _plain(value: Any) -> Any:

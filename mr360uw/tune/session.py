@@ -85,7 +85,7 @@ class CommandRun:
 
 
 Event = Literal["document", "picture", "time", "run", "thumbnails"]
-THUMBNAILS = 12
+_THUMBNAILS = 12
 """Pictures on the time line: as many as are 100 pixels wide on a small screen."""
 
 
@@ -207,7 +207,7 @@ class Session:
         if self._asked_thumbnails:
             return
         self._asked_thumbnails, scene = True, self.document.scene
-        job = self.pictures.ask(lambda renderer: renderer.thumbnails(scene, THUMBNAILS))
+        job = self.pictures.ask(lambda renderer: renderer.thumbnails(scene, _THUMBNAILS))
         try:
             made: list[tuple[int, bytes]] = await asyncio.wrap_future(job)
         except (Mr360uwError, OSError):  # the picture's own message says why; the next tab tries again

@@ -44,7 +44,7 @@ _LOWEST_SUN = 0.02
 """Sine of the sun's elevation in water below which it makes no caustics that could be shown."""
 
 
-def caustic_chart(shown: ShownFrame) -> Codes:
+def _caustic_chart(shown: ShownFrame) -> Codes:
     """Return a tile of the caustics, (720, 720, 3): irradiance over that of a flat sea at the receiver's depth.
 
     Column = +x, row = +z, from the world's origin along the beam. Shown also where the scene does not use them.
@@ -75,7 +75,7 @@ def caustic_chart(shown: ShownFrame) -> Codes:
     return image
 
 
-def surface_chart(shown: ShownFrame) -> Codes:
+def _surface_chart(shown: ShownFrame) -> Codes:
     """Return a tile of the sea, (720, 1448, 3): heights in false colours, and slopes as a relief lit from the left.
 
     Column = +x, row = +z, from the world's origin.
@@ -117,7 +117,7 @@ _NEAREST_M, _FARTHEST_M = 0.5, 50.0
 """Distances of the ends of the false colours, which go with the logarithm."""
 
 
-def lights_picture(shown: ShownFrame) -> Codes:
+def _lights_picture(shown: ShownFrame) -> Codes:
     """Return the light that reaches the camera, expanded, with the sun and the lamps marked; (512, 1024, 3)."""
     import cv2
 
@@ -142,13 +142,13 @@ def lights_picture(shown: ShownFrame) -> Codes:
     return image
 
 
-def difference_picture(shown: ShownFrame) -> Codes:
+def _difference_picture(shown: ShownFrame) -> Codes:
     """Return the factor on the plate by shadows, caustics and lamps, amplified; grey where it is 1; (H, W, 3)."""
     grey = np.clip(0.5 + 0.5 * _DIFFERENCE_GAIN * (shown.frame.layer.ratio - 1.0), 0.0, 1.0)
     return _reduced(_quantized(grey))
 
 
-def water_picture(shown: ShownFrame) -> Codes:
+def _water_picture(shown: ShownFrame) -> Codes:
     """Return the water alone: the veil over a long way in every direction; (256, 512, 3)."""
     if shown.frame.medium is None:
         return message("there is no water: water.type is none, or nothing in this frame needs it", shown.palette)
@@ -158,7 +158,7 @@ def water_picture(shown: ShownFrame) -> Codes:
     return _quantized(np.clip(encode(np.maximum(veil, 0.0), "srgb"), 0.0, 1.0))
 
 
-def depth_picture(shown: ShownFrame) -> Codes:
+def _depth_picture(shown: ShownFrame) -> Codes:
     """Return distances along the rays of objects, receiver and plate, false colours with a legend; (512, 1024, 3).
 
     Where `plate.depth` is sure of a distance, it stands before that of the receiver. Black: nothing there, or farther
@@ -264,7 +264,7 @@ class _Paper:
         return float(x), float(y)
 
 
-def plan_chart(shown: ShownFrame) -> Codes:
+def _plan_chart(shown: ShownFrame) -> Codes:
     """Return the plan, (900, 900, 3): right = +x, up = ahead of the camera at time 0 (-z).
 
     Bodies are drawn as the outlines of their hulls at the frame's time; paths over the clip have dots with times, as
@@ -407,12 +407,12 @@ def _sun(paper: _Paper, shown: ShownFrame) -> None:
 VIEWS: dict[str, Callable[[ShownFrame], Codes]] = {
     "composite": lambda shown: _codes(shown.frame.picture),
     "plate": lambda shown: _codes(shown.frame.plate.graded_by(None)),
-    "caustics": caustic_chart,
-    "surface": surface_chart,
-    "lights": lights_picture,
-    "difference": difference_picture,
-    "water": water_picture,
-    "depth": depth_picture,
-    "plan": plan_chart,
+    "caustics": _caustic_chart,
+    "surface": _surface_chart,
+    "lights": _lights_picture,
+    "difference": _difference_picture,
+    "water": _water_picture,
+    "depth": _depth_picture,
+    "plan": _plan_chart,
 }
 """Functions that draw the views, by their names in URLs and settings."""

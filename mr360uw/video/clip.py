@@ -155,7 +155,7 @@ _HDR_CURVES: dict[int, Transfer] = {16: "pq", 18: "hlg"}
 _FULL_RANGE = 2
 
 
-HD_ROWS = 720
+_HD_ROWS = 720
 """Untagged clips with at least this many rows are BT.709."""
 
 _PIXEL_FORMAT = re.compile(r"yuv(j?)(420|422|444)p(\d+)?(le)?$")
@@ -180,7 +180,7 @@ def color_spec(
             "yuv420p, yuv422p10le or yuv444p"
         )
     if tags.colorspace == _UNSPECIFIED:
-        matrix: Matrix = "bt709" if rows >= HD_ROWS else "bt601"
+        matrix: Matrix = "bt709" if rows >= _HD_ROWS else "bt601"
     elif tags.colorspace in _MATRICES:
         matrix = _MATRICES[tags.colorspace]
     else:

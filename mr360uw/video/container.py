@@ -104,7 +104,7 @@ class ContainerReader(VideoReader):
             listed = container_index(stream) if has_full_index(container, stream) else None
             first = first_picture(path, container, stream)
             if decoder == "auto":
-                self._card, taken = decoding_card(path, track, first)
+                self._card, taken = _decoding_card(path, track, first)
             self._listed = None if listed is None else listed.begun_at(first.pts)
             context = stream.codec_context
             tags = ColorTags.of(context)
@@ -279,7 +279,7 @@ class ContainerReader(VideoReader):
 
     def _frame(self, index: int, pts: int, native: Any, *, lost: bool = False) -> VideoFrame:
         if self._card:
-            native = in_format(native, self.pixel_format)
+            native = _in_format(native, self.pixel_format)
         if (native.width, native.height, native.format.name) != (*self._crop.frame_size, self.pixel_format):
             raise VideoError(
                 f"{self.path} - the picture format changes at frame {index} (got {native.width}x{native.height} "
@@ -336,7 +336,7 @@ def _turned(image: YuvImage, rotation: int) -> YuvImage:
 # Decoders of graphics cards, which are taken where their first picture is that of FFmpeg in software, bit for bit.
 
 
-def decoding_card(path: Path, track: int | None, first: Any) -> tuple[str, str]:
+def _decoding_card(path: Path, track: int | None, first: Any) -> tuple[str, str]:
     """Return the kind of card that decodes a video here, "" where none does, and a line on what was taken and why.
 
     first: the file's first picture, decoded in software.
@@ -355,13 +355,13 @@ def _refusal(path: Path, track: int | None, card: str, first: Any) -> str:
     """Return why a card's pictures are not taken; "" where they are."""
     try:
         with open_container(path, track, card) as (container, stream):
-            seen = in_format(first_picture(path, container, stream, alone=False), first.format.name)
+            seen = _in_format(first_picture(path, container, stream, alone=False), first.format.name)
         return "" if _same(seen, first) else "its first picture differs"
     except (VideoError, av.error.FFmpegError, RuntimeError, ValueError) as error:
         return str(getattr(error.__cause__, "strerror", None) or error)
 
 
-def in_format(native: Any, name: str) -> Any:
+def _in_format(native: Any, name: str) -> Any:
     """Return a picture of FFmpeg's in a pixel format: cards have Cb and Cr side by side."""
     return native if native.format.name == name else native.reformat(format=name)
 

@@ -328,7 +328,7 @@ def _encode(part: Path, files: list[Path | None], alpha: Alpha, rate: Fraction, 
                 raise VideoError(
                     f"{file} - differs from the first layer (got {rgba.shape[1]}x{rgba.shape[0]}) - name one run's"
                 )
-            codes = layer_codes(rgba if file is not None else np.zeros_like(rgba), alpha)
+            codes = _layer_codes(rgba if file is not None else np.zeros_like(rgba), alpha)
             native = av.VideoFrame.from_ndarray(codes, format="rgba64le")
             native = native.reformat(
                 format=_PIXEL_FORMAT, dst_colorspace=Colorspace.ITU709, dst_color_range=ColorRange.MPEG
@@ -338,7 +338,7 @@ def _encode(part: Path, files: list[Path | None], alpha: Alpha, rate: Fraction, 
         container.mux(stream.encode(None))
 
 
-def layer_codes(rgba: Floats, alpha: Alpha) -> NDArray[np.uint16]:
+def _layer_codes(rgba: Floats, alpha: Alpha) -> NDArray[np.uint16]:
     """Return 16-bit codes (H, W, 4) of premultiplied linear light and alpha (H, W, 4)."""
     cover = np.clip(rgba[..., 3:], 0.0, 1.0).astype(np.float64)
     covered = cover > 0.0

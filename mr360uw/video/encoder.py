@@ -88,12 +88,12 @@ def chosen_encoder(settings: EncodeSettings, like: Clip, path: Path) -> tuple[En
 def _refused_format(name: str, settings: EncodeSettings, like: Clip) -> str:
     """Return why an encoder does not take the pictures of a plate; "" where it does."""
     known = [format_.name for format_ in av.Codec(name, "w").video_formats or ()]
-    return "" if _pixel_format(known, settings, like) else f"it does not take {plain_format(settings, like)}"
+    return "" if _pixel_format(known, settings, like) else f"it does not take {_plain_format(settings, like)}"
 
 
 def _pixel_format(known: list[str], settings: EncodeSettings, like: Clip) -> str:
     """Return the format of the settings, or that of the known ones which is closest to the plate's; "" for neither."""
-    wanted = plain_format(settings, like)
+    wanted = _plain_format(settings, like)
     plain = wanted.replace("yuvj", "yuv")
     deeper = [name for name in ("yuv420p10le", "yuv422p10le", "yuv444p10le") if name in known]
     if settings.pixel_format:
@@ -151,7 +151,7 @@ class Encoder:
             return found
         raise VideoError(
             f"{self._path} - {codec.name} cannot encode this pixel format (got "
-            f"{plain_format(self._settings, self._clip)}) - take one of "
+            f"{_plain_format(self._settings, self._clip)}) - take one of "
             f"{', '.join(name for name in known if name.startswith('yuv4') or name in _IN_PAIRS.values())}"
         )
 
@@ -282,7 +282,7 @@ def delivery_of(settings: EncodeSettings, like: Clip) -> tuple[Codec, str, dict[
     return codec, "yuv420p10le" if ten else "yuv420p", options
 
 
-def plain_format(settings: EncodeSettings, like: Clip) -> str:
+def _plain_format(settings: EncodeSettings, like: Clip) -> str:
     """Return FFmpeg's name of the pixel format that an output is wanted in; those of more than 8 bits end in "le"."""
     return settings.pixel_format or like.pixel_format or "yuv420p"
 
@@ -292,7 +292,7 @@ def codec_note(wished: Codec, settings: EncodeSettings, like: Clip) -> str:
 
     wished: as the user named it. settings: resolved.
     """
-    wanted = plain_format(settings, like)
+    wanted = _plain_format(settings, like)
     if settings.target != "none" or not wanted.endswith("le"):
         return ""
     if settings.codec == "h264":
@@ -315,7 +315,7 @@ def resolved(settings: EncodeSettings, like: Clip, path: Path | None = None) -> 
     """
     delivery = delivery_of(settings, like)
     if delivery is None:
-        deep = plain_format(settings, like).endswith("le")
+        deep = _plain_format(settings, like).endswith("le")
         own = ("h265" if deep else "h264") if settings.codec == "auto" else settings.codec
         return settings.model_copy(update={"codec": HARDWARE.get(settings.encoder, own)})
     codec, pixel_format, _ = delivery

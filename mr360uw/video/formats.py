@@ -159,9 +159,9 @@ def _default(name: str) -> object:
 # lenses runs through the middle of each outer face, which stores the strip about it twice, side by side; they are
 # blended into one. Widths of the strip: Bourke 2020.
 
-INTEGER_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp")
+_INTEGER_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp")
 FLOAT_SUFFIXES = (".exr", ".hdr")
-WRITTEN_SUFFIXES = INTEGER_SUFFIXES + FLOAT_SUFFIXES
+WRITTEN_SUFFIXES = _INTEGER_SUFFIXES + FLOAT_SUFFIXES
 RAW_SUFFIXES = (".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".rw2", ".orf", ".gpr", ".nrw", ".pef", ".srw",
                 ".rwl", ".x3f", ".3fr", ".iiq", ".fff", ".erf", ".kdc", ".dcr", ".mrw", ".sr2")  # fmt: skip
 _READ_SUFFIXES = (".insp", ".dpx", ".tga", ".jp2", ".j2k", ".avif", ".jpe", ".jfif", ".dib", ".heic", ".heif",

@@ -123,7 +123,7 @@ def open_video(
     if kind != "equirectangular":
         if eye is not None:
             raise VideoError(f"{path} - {kind} has no {eye} eye - leave out the eye")
-        return open_unwrapped(Path(path), kind, fisheye_fov_deg, transfer, primaries, damaged, decoder)
+        return _open_unwrapped(Path(path), kind, fisheye_fov_deg, transfer, primaries, damaged, decoder)
     files = picture_files(Path(path))
     if files is not None:
         rate = checked_rate(frame_rate, Path(path))
@@ -265,7 +265,7 @@ def transcode(
 # v360 samples each frame by itself, so that a frame depends on its own pictures alone.
 
 
-def open_unwrapped(
+def _open_unwrapped(
     path: Path,
     projection: Projection,
     fov_deg: float,

@@ -147,7 +147,7 @@ def other_tracks(like: Clip, kind: str, *, wanted: bool, sound: Path | None, fra
     frames: (start, stop) of the frames that are written.
     """
     boxes = kind in ("mp4", "mov")
-    spatial = read_spatial(sound) if sound is not None and sound.is_file() else ()
+    spatial = _read_spatial(sound) if sound is not None and sound.is_file() else ()
     notes = list(like.notes)
     if any(spatial) and not boxes:
         notes.append(f"{sound} - its mark of spatial audio (SA3D) is kept in .mp4 and .mov alone")
@@ -270,7 +270,7 @@ _ENTRY_HEADS = {0: 28, 1: 44, 2: 64}
 _VERSION_AT = 8
 
 
-def read_spatial(path: Path) -> tuple[bytes, ...]:
+def _read_spatial(path: Path) -> tuple[bytes, ...]:
     """Return the marks of each audio track of a file, as the bytes of their boxes; b"" for a track without."""
     moov = read_moov(path)
     return () if moov is None else tuple(_marks(entry) for entry in _audio_entries(moov))

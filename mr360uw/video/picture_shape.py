@@ -112,7 +112,7 @@ def picture_shape(luma: NDArray[Any], white: float = 255.0) -> Shape:
     if 1.4 < aspect < 2.1 and (twice := _twice(small)) is not None:
         return twice
     # One picture: whether it closes around, and has poles
-    ends_differ, no_pole = seam_step(small) > [_SEAM, _SEAM_CODES], pole_spread(small) > [_POLE, _POLE_CODES]
+    ends_differ, no_pole = _seam_step(small) > [_SEAM, _SEAM_CODES], _pole_spread(small) > [_POLE, _POLE_CODES]
     if not (np.all(ends_differ) and np.all(no_pole)):
         alone = 0.9 < aspect < 1.1 and _alike(*np.split(small, 2, axis=0)) < _ALIKE  # no eye above another one
         return "half" if np.all(ends_differ) and alone else "panorama"
@@ -192,7 +192,7 @@ def _twice(small: Floats) -> Shape | None:
         return None
     if beside < _ALIKE:
         return "one above the other"
-    steps = np.mean([seam_step(half) for half in (left, right)], axis=0)
+    steps = np.mean([_seam_step(half) for half in (left, right)], axis=0)
     edges = np.mean([half[:, [0, -1]].mean() / max(half.mean(), 1.0) for half in (left, right)])
     return "halves" if steps[0] > _OPEN or edges < _FADED else "side by side"
 
@@ -217,13 +217,13 @@ def _alike(one: Floats, other: Floats) -> float:
     return min(correlation(one, other), correlation(*fine))
 
 
-def seam_step(small: Floats) -> Floats:
+def _seam_step(small: Floats) -> Floats:
     """Return the mean step from the right edge to the left: over that between neighbouring columns, and in codes."""
     step = float(np.mean(np.abs(small[:, 0] - small[:, -1])))
     return np.array([step / max(float(np.mean(np.abs(np.diff(small, axis=1)))), 0.5), step])
 
 
-def pole_spread(small: Floats) -> Floats:
+def _pole_spread(small: Floats) -> Floats:
     """Return the smaller standard deviation of the top and bottom rows: over that of the median row, and in codes."""
     spread = small.std(axis=1)
     ends = float(min(spread[0], spread[-1]))

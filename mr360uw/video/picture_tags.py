@@ -69,7 +69,7 @@ class PictureTags:
     @property
     def pano(self) -> dict[str, str]:
         """The mark of a panorama, by the names of its fields."""
-        return pano_fields(self.xmp) or pano_fields(extended_xmp(self.own))
+        return _pano_fields(self.xmp) or _pano_fields(_extended_xmp(self.own))
 
     @property
     def pose_deg(self) -> tuple[float, float, float]:
@@ -112,7 +112,7 @@ def _goes_into(suffix: str, kind: int | bytes) -> bool:
     return suffix in kinds
 
 
-def extended_xmp(own: Sequence[tuple[int | bytes, bytes]]) -> bytes:
+def _extended_xmp(own: Sequence[tuple[int | bytes, bytes]]) -> bytes:
     """Return the XMP that a JPEG's segments hold beyond the first 64 kB (XMP specification, part 3, 1.1.3.1)."""
     heads = len(_JPEG_MORE_XMP) + 32  # the digest; then the whole length, and where a part begins
     parts = [body[heads + 4 :] for kind, body in own if kind == _APP1]
@@ -127,7 +127,7 @@ def _number(text: str) -> float:
     return found if math.isfinite(found) else 0.0
 
 
-def pano_fields(xmp_bytes: bytes) -> dict[str, str]:
+def _pano_fields(xmp_bytes: bytes) -> dict[str, str]:
     """Return the fields of Photo Sphere XMP, written as attributes or as elements; none of other XMP."""
     text = xmp_bytes.decode("utf-8", "replace")
     found = re.search(rf"xmlns:(\w+)\s*=\s*[\"']{re.escape(_GPANO)}[\"']", text)

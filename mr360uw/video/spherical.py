@@ -70,7 +70,7 @@ def read_spherical(path: str | Path) -> SphericalMetadata | None:
     track = video_track(moov) if moov is not None else None
     if track is None:
         return None
-    v1 = next((from_xml(b.payload[16:]) for b in track.children if _is_v1(b)), None)
+    v1 = next((_from_xml(b.payload[16:]) for b in track.children if _is_v1(b)), None)
     v2 = next((m for m in map(_from_entry, sample_entries(track)) if m is not None), None)
     if v1 is None or v2 is None:
         return v2 or v1
@@ -86,7 +86,7 @@ def _is_v1(box: Box) -> bool:
     return box.kind == b"uuid" and box.payload[:16] == _V1_UUID
 
 
-def from_xml(data: bytes) -> SphericalMetadata:
+def _from_xml(data: bytes) -> SphericalMetadata:
     """Return the metadata in V1 XML."""
     if b"<!" in data:  # no document types, hence no entities to expand
         return SphericalMetadata(source="V1", problems=("V1 holds XML with declarations; not read",))
@@ -214,7 +214,7 @@ def write_spherical(path: str | Path, metadata: SphericalMetadata, front: bool =
 def from_tag(stream: Any) -> SphericalMetadata | None:
     """Return V1 metadata as Matroska and WebM hold it, in a tag of the track; None where there is none."""
     xml = next((text for key, text in stream.metadata.items() if key.upper() == V1_TAG), None)
-    return from_xml(xml.encode()) if xml else None
+    return _from_xml(xml.encode()) if xml else None
 
 
 # The 'moov' box of MP4 and QuickTime files, read and edited (ISO/IEC 14496-12).
