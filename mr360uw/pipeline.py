@@ -269,10 +269,12 @@ def export_caustics(
     surface; by default that of a receiver plane, else of the first object, else of the camera. Keyed parameters have
     their values of time 0. Raises `SceneError` where the plate shows no sun, or where the sea is keyed.
     """
+    # Refuse a sea that changes: its tiles would not repeat
     keyed = [key.parameter for key in scene.keys if dotted(key.parameter)[0] in ("sea", "caustics")]
     if keyed:
         problem = f"keys - a sea that changes does not repeat, as tiles do (got {', '.join(keyed)}) - remove these keys"
         raise SceneError(str(scene.plate.path), [problem])
+    # Find the sun in the plate, as a composite does
     scene = scene_at(scene, 0.0)
     with open_plate(scene) as video:
         surroundings, light = load_surroundings(scene), scene.light
@@ -282,6 +284,7 @@ def export_caustics(
     if sun is None or sun.direction[1] <= 0.0:
         problem = 'no sun is found in the plate - set light.sun = "given" and its azimuth and elevation'
         raise SceneError(str(scene.plate.path), [problem])
+    # Take the depth of the receiver, or of the first object
     if depth_m is None:
         heights = [0.0, *(o.place_m[1] for o in scene.objects[:1])]
         if scene.receiver is not None and scene.receiver.kind == "plane":

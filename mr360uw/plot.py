@@ -122,6 +122,7 @@ def _codes(image: ArrayLike) -> NDArray[np.uint8]:
 
 def _svg(figure: Figure) -> str:
     """Return a figure as HTML: curves as SVG, a picture as PNG within it."""
+    # Embed a picture as PNG, thinned out
     if figure.image is not None:
         import cv2
 
@@ -129,6 +130,7 @@ def _svg(figure: Figure) -> str:
         step = -(-codes.shape[1] // _MOST_ACROSS)
         data = base64.b64encode(bytes(cv2.imencode(".png", codes[::step, ::step, ::-1])[1])).decode("ascii")
         return f'<img alt="{html.escape(figure.title)}" width="{_WIDTH}" src="data:image/png;base64,{data}"/>'
+    # Find the range of the axes
     x = np.asarray(figure.x, np.float64)
     finite = [y[np.isfinite(y)] for y in (np.asarray(y, np.float64) for y in figure.curves.values())]
     values = np.concatenate([*finite, np.zeros(1)])
@@ -139,6 +141,7 @@ def _svg(figure: Figure) -> str:
     def text(at_x: float, at_y: float, words: str, colour: str = "#666", anchor: str = "middle") -> None:
         parts.append(f'<text x="{at_x:g}" y="{at_y:g}" fill="{colour}" text-anchor="{anchor}">{words}</text>')
 
+    # Draw each curve with its name, then the axes' figures
     for number, (name, curve) in enumerate(figure.curves.items()):
         colour = _COLOURS.get(name, _OTHERS[number % len(_OTHERS)])
         y = np.asarray(curve, np.float64)

@@ -158,6 +158,7 @@ def _rasterise(hit: Floats, flux: Floats, light: Floats, jacobian: Floats, size:
     flat = light.shape[0] == 0
     for j in range(flux.shape[0]):
         for i in range(flux.shape[1]):
+            # Draw both triangles of each cell
             for half in range(2):
                 rows = (j, j, j + 1) if half == 0 else (j, j + 1, j + 1)
                 columns = (i, i + 1, i + 1) if half == 0 else (i, i + 1, i)
@@ -168,6 +169,7 @@ def _rasterise(hit: Floats, flux: Floats, light: Floats, jacobian: Floats, size:
                 top, bottom = at[:, 1].min(), at[:, 1].max()
                 if area == 0.0 or right - left > size or bottom - top > size:
                     continue
+                # Visit the pixel centres within its bounds, and test them against its three edges
                 sign = 1.0 if area > 0.0 else -1.0
                 for y in range(int(np.ceil(top - 0.5)), int(np.floor(bottom - 0.5)) + 1):
                     for x in range(int(np.ceil(left - 0.5)), int(np.floor(right - 0.5)) + 1):

@@ -282,6 +282,7 @@ def bench_page(report: BenchReport) -> str:
 
 def pareto_plot(stage: StageResult) -> str:
     """Return an inline SVG of error over processor time, both logarithmic, with front and named settings."""
+    # Place all measurements on logarithmic axes
     found, best = _by_time(stage), front(stage.measurements)
     least = _BELOW * min((m.error for m in found if m.error > 0.0), default=1.0)
     times, errors = [max(m.cpu_ms, 1e-3) for m in found], [max(m.error, least) for m in found]
@@ -289,6 +290,7 @@ def pareto_plot(stage: StageResult) -> str:
     y = _axis(errors, _HEIGHT - _BOTTOM - _EDGE, _EDGE)
     label = html.escape(f"{stage.title}: relative error over CPU time in ms")
     out = [f'<svg viewBox="0 0 {_WIDTH} {_HEIGHT}" role="img" aria-label="{label}" font-size="11">']
+    # Draw the grid and its figures; an exact setting stands at the lowest error
     for value in _ticks(times):
         at = x(value)
         out.append(f'<path d="M{at:.1f} {_EDGE}V{_HEIGHT - _BOTTOM}" stroke="#e3e9ee"/>')
@@ -299,6 +301,7 @@ def pareto_plot(stage: StageResult) -> str:
         at = y(value)
         out.append(f'<path d="M{_LEFT} {at:.1f}H{_WIDTH - _EDGE}" stroke="#e3e9ee"/>')
         out.append(f'<text x="{_LEFT - 6}" y="{at + 4:.1f}" text-anchor="end">{word}</text>')
+    # Draw the axes, the front, and a dot for each setting
     bottom = _HEIGHT - _BOTTOM
     out.append(f'<path d="M{_LEFT} {_EDGE / 2}V{bottom}H{_WIDTH - _EDGE / 2}" fill="none" stroke="{_OTHER}"/>')
     places = {id(m): (x(time), y(error)) for m, time, error in zip(found, times, errors, strict=True)}

@@ -189,6 +189,7 @@ def _motion(track: CameraTrack | str | Path) -> Motion:
 
 def _poses(where: str, clip: VideoReader, motions: list[Motion]) -> _Path:
     """Return the poses of all frames of a clip; raise `ParameterError` where no motion tells distances."""
+    # Begin without poses: frames outside of all tracks have none
     count = clip.frame_count
     if count is None:
         _, count = clip.check_range()
@@ -197,6 +198,7 @@ def _poses(where: str, clip: VideoReader, motions: list[Motion]) -> _Path:
     position, rotation = np.zeros((count, 3)), np.repeat(np.eye(3)[None], count, axis=0)
     shot = np.full(count, -1, np.int64)
     moves, turns = False, False
+    # Take the poses of each track whose camera moves
     for number, motion in enumerate(motions):
         inside = (times > motion.time_s[0] - 0.6 / rate) & (times < motion.time_s[-1] + 0.6 / rate)
         if not inside.any():
@@ -208,6 +210,7 @@ def _poses(where: str, clip: VideoReader, motions: list[Motion]) -> _Path:
             continue
         moves = True
         position[inside], rotation[inside], shot[inside] = poses[:, :3, 3], poses[:, :3, :3], number
+    # Say why no motion tells distances
     if not moves and not turns and np.all(shot < 0) and not any(len(m.time_s) > 1 for m in motions):
         raise ParameterError(
             f"{where} - has no track of its frames (got {len(motions)} tracks that hold none) - run mr360uw track on it"
@@ -232,6 +235,7 @@ def _written(
     clip: VideoReader, path: _Path, folder: Path, maps: WrittenFiles, width: int, progress: Progress | None
 ) -> DepthReport:
     """Make the maps that are missing, two frames or more side by side, and return what was done."""
+    # Count what is there already
     count = len(path.shot)
     missing = [index for index in range(count) if not maps.has(depth_file(folder, index))]
     steps = Steps(progress, count)
@@ -239,6 +243,7 @@ def _written(
     covered: list[float] = []
     threads = os.cpu_count() or 1
     sweeps: dict[int, Future[Sweep]] = {}
+    # Run jobs side by side; forget sweeps that no later frame needs
     with one_blas_thread(), ThreadPoolExecutor(threads) as pool:
         running: deque[Future[float]] = deque()
         for job, reference, neighbours in _with_neighbours(clip, path, missing, width):
@@ -255,6 +260,7 @@ def _written(
         for one in running:
             covered.append(one.result())
             steps.done(1)
+    # Say how much was made, and how much of the sphere it covers
     coverage = float(np.mean(covered)) if covered else float("nan")
     return DepthReport(folder, len(missing), count - len(missing), int(np.count_nonzero(path.shot < 0)), coverage)
 

@@ -277,6 +277,7 @@ def _open_water(frames: Sequence[LitFrame]) -> tuple[Array, Array]:
 
     Open water has no sure distance, is smooth, and no redder than most of what is.
     """
+    # Gather directions that may be open water: smooth, and far from all sure distances
     edges = np.linspace(*_OPEN_UP, _OPEN_BINS + 1)
     ups, lights = [], []
     for frame in frames[::_EVERY]:
@@ -289,6 +290,7 @@ def _open_water(frames: Sequence[LitFrame]) -> tuple[Array, Array]:
     up, light = np.concatenate(ups), np.concatenate(lights)
     if not len(up):
         return np.zeros(0), np.zeros((0, 3))
+    # Take the least red of each band of elevation, as what is nearer has more red
     red = light[:, 0] / np.maximum(light.sum(axis=1), 1e-9)
     number = np.digitize(up, edges) - 1
     total = sum(frame.found.distance_m.size for frame in frames[::_EVERY]) * 0.5 * (edges[1] - edges[0])
@@ -300,6 +302,7 @@ def _open_water(frames: Sequence[LitFrame]) -> tuple[Array, Array]:
             found.append((np.median(up[inside]), np.median(light[inside][least], axis=0)))
     if not found:
         return np.zeros(0), np.zeros((0, 3))
+    # Keep the longest run of bands without a jump of their light
     band_up, band_light = np.array([one[0] for one in found]), np.array([one[1] for one in found])
     step = np.abs(np.diff(np.log(np.maximum(band_light, _BLACK)), axis=0)).max(axis=1)
     run = np.concatenate([[0], np.cumsum(step > _LARGEST_STEP)])

@@ -361,6 +361,7 @@ def _average_along(near: Any, far: Any, share: Any, normal: Any, out: Any) -> No
 
     near, far: inverse distances (H, W) [1/m]; where they are equal there is one surface.
     """
+    # Weigh steps along an edge by a Gaussian; the middle counts once of both ways
     rows, columns = near.shape
     weights = np.exp(np.float32(-0.5) * np.square(np.arange(_REACH + 1) / np.float32(_ALONG_PX))).astype(np.float32)
     weights[0] *= np.float32(0.5)
@@ -370,6 +371,7 @@ def _average_along(near: Any, far: Any, share: Any, normal: Any, out: Any) -> No
                 continue
             middle = np.float32(0.5) * (near[j, i] + far[j, i])
             total, whole = np.float32(0.0), np.float32(0.0)
+            # Follow the edge both ways, half a pixel's normal ahead (midpoint rule)
             for way in (np.float32(-1.0), np.float32(1.0)):
                 x, y = np.float32(i), np.float32(j)
                 nx, ny = normal[0, j, i], normal[1, j, i]
@@ -379,6 +381,7 @@ def _average_along(near: Any, far: Any, share: Any, normal: Any, out: Any) -> No
                         break
                     v, u = y - np.float32(top), x - np.float32(left)
                     right, left = (left + 1) % columns, left % columns
+                    # Read the fraction between four pixels, of those at this edge alone
                     upper = (1 - u) * _near_at(near, far, share, top, left, middle)
                     upper += u * _near_at(near, far, share, top, right, middle)
                     lower = (1 - u) * _near_at(near, far, share, top + 1, left, middle)
@@ -387,6 +390,7 @@ def _average_along(near: Any, far: Any, share: Any, normal: Any, out: Any) -> No
                     whole += weights[k]
                     if nx == 0 and ny == 0:
                         break
+                    # Turn with the edge, unless its normal jumps
                     half = np.float32(0.5) * way
                     row = min(max(int(np.rint(y + half * nx)), 0), rows - 1)
                     column = int(np.rint(x - half * ny)) % columns

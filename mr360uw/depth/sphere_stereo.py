@@ -273,6 +273,7 @@ def _add_path(cost: Any, total: Any, down: int, right: int, small: Any, large: A
     row = np.zeros((width, count), np.float32)
     for j0 in range(height):
         j = j0 if down >= 0 else height - 1 - j0
+        # Go along the path; a path along a row goes round the sphere twice
         for turn in range(2 if down == 0 else 1):
             for i0 in range(width):
                 i = i0 if right >= 0 else width - 1 - i0
@@ -282,6 +283,7 @@ def _add_path(cost: Any, total: Any, down: int, right: int, small: Any, large: A
                     for k in range(count):
                         row[i, k] = cost[j, i, k]
                 else:
+                    # Continue at the least cost: the same distance, the next one, or a jump
                     least = path[0]
                     for k in range(1, count):
                         least = min(least, path[k])
@@ -292,6 +294,7 @@ def _add_path(cost: Any, total: Any, down: int, right: int, small: Any, large: A
                         if k < count - 1:
                             best = min(best, path[k + 1] + small)
                         row[i, k] = cost[j, i, k] + best - least
+                # Add the costs, of the second round alone
                 if down != 0 or turn == 1:
                     for k in range(count):
                         total[j, i, k] += row[i, k]

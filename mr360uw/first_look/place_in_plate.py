@@ -250,6 +250,7 @@ def free_view(image: Floats, elevation_deg: tuple[float, float], *, underwater: 
     """
     import cv2
 
+    # Measure texture and brightness about each direction, over the seam of the panorama
     height, width = image.shape[:2]
     scale = height / 180.0
     pad = width // 8
@@ -263,10 +264,12 @@ def free_view(image: Floats, elevation_deg: tuple[float, float], *, underwater: 
 
     texture = np.sqrt(np.maximum(mean(fine * fine), 0.0))
     bright = mean(light)
+    # Prefer smooth, lit water: no clipped sky, nothing red
     cost = texture + _BLACK * np.maximum(np.quantile(bright, 0.8) - bright, 0.0)
     if underwater:
         cost += _WHITE * mean((wrapped.max(axis=-1) > _CLIPPED).astype(np.float32))
         cost += _RED * mean(np.nan_to_num(np.minimum(red_ratio(wrapped), 1.0), nan=0.0))
+    # Prefer directions near the middle, within the elevations; take the least cost
     elevation = 90.0 - (np.arange(height) + 0.5) / scale
     azimuth = ((np.arange(width) + 0.5) / width - 0.5) * 360.0
     low, high = elevation_deg

@@ -289,6 +289,7 @@ _WIDTH = 34
 
 def found_lines(plate: PlateLook, mesh: MeshLook, chosen: Proposal, sun: str) -> list[str]:
     """Return a line for each thing found in the files or guessed. sun: that of the plate, in words."""
+    # Say what the plate is, and how it is read
     width, height = plate.size
     kind = "a still" if plate.still else "a clip"
     lines = [f"plate     {plate.path.name}: {kind}, {width}x{height}"]
@@ -298,6 +299,7 @@ def found_lines(plate: PlateLook, mesh: MeshLook, chosen: Proposal, sun: str) ->
         lines[0] += f", from {plate.projection}: it shows that"
     if plate.projection == "dual_fisheye":
         lines.append(f"lenses    {FISHEYE_FOV_DEG:g} degrees each, guessed: plate.fisheye_fov_deg sets it")
+    # Say where it was taken, and what is not sure about that
     lines.append(where_line(plate.medium))
     if not plate.medium.said and plate.medium.confidence < SURE:
         lines.append(
@@ -308,6 +310,7 @@ def found_lines(plate: PlateLook, mesh: MeshLook, chosen: Proposal, sun: str) ->
             "half      half under and half over water: taken as under water, the camera at its surface; no body is "
             "drawn above"
         )
+    # Say what lights it, how the camera stands, and what water, floor and depths were guessed
     lines.append(f"light     {'dark' if plate.dark else 'day'}; {sun}")
     if plate.tilt is not None:
         tilt = plate.tilt
@@ -315,6 +318,7 @@ def found_lines(plate: PlateLook, mesh: MeshLook, chosen: Proposal, sun: str) ->
     if chosen.water is not None:
         lines += _water_lines(chosen)
     lines += [_floor_line(chosen), *_depth_lines(plate, chosen)]
+    # Say what the mesh is, and where it goes
     named = f"a {mesh.kind.word} by its name" if mesh.kind else "unknown by its name"
     lines.append(
         f"mesh      {mesh.path.name}: {named}; {mesh.why_size}: {mesh.size_m:g} m; front {mesh.front}, {mesh.why_front}"
@@ -492,6 +496,7 @@ def _water_rows(chosen: Proposal) -> list[tuple[str, str]]:
 
 
 def _object_rows(mesh: MeshLook, chosen: Proposal, folder: Path, *, outside_files: bool) -> list[tuple[str, str]]:
+    # Name the mesh, its size and its direction
     place = chosen.place
     rows = [
         ("[[object]]", ""),
@@ -502,11 +507,13 @@ def _object_rows(mesh: MeshLook, chosen: Proposal, folder: Path, *, outside_file
         ),
         (f"azimuth_deg = {place.azimuth_deg:g}", "to the right of straight ahead"),
     ]
+    # Stand it on the receiver, or set its height
     if place.stands:
         rows.append(('stand_on = "receiver"', "on the floor"))
     else:
         foot = "of its middle, whose foot is on what the plate shows" if place.on_shown else "over the horizon"
         rows.append((f"elevation_deg = {place.elevation_deg:g}", foot))
+    # Turn it, and begin its first animation
     face = '"camera"' if isinstance(place.face, str) else f"{place.face:g}"
     rows += [
         (f"distance_m = {place.distance_m:g}", "from the camera"),

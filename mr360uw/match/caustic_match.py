@@ -349,6 +349,7 @@ def fit_sea(
     doubt: standard deviation of the logarithm of the beam's fraction of the light. made: counts the seas made so
     far.
     """
+    # Sample parameters over their whole range by a low-discrepancy sequence
     names, lows, highs, *_ = zip(*fitted_parameters(sea), strict=True)
     low, high = np.log([lows, highs])
     azimuth = plate.azimuth_deg
@@ -370,6 +371,7 @@ def fit_sea(
             made(before + k + 1)
         return parameters, np.array(rows), float(np.degrees(np.angle(np.mean(turns))))
 
+    # Regress the parameters on the features, then sample anew around the rough fit
     first = made_seas(azimuth, low, high, SEAS[0], 0)
     middle, rough, _ = _regressed(first, features)
     azimuth -= first[2]
@@ -377,6 +379,7 @@ def fit_sea(
     near_low, near_high = np.maximum(low, middle - reach), np.minimum(high, middle + reach)
     near_low, near_high = np.minimum(near_low, high - 0.2), np.maximum(near_high, low + 0.2)
     second = made_seas(azimuth, near_low, near_high, SEAS[1], SEAS[0])
+    # Widen the errors by what regression leaves out
     value, sigma, misfit = _regressed(second, features)
     value = np.clip(value, low, high)
     sigma = sigma * _STRAY

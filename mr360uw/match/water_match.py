@@ -138,6 +138,7 @@ def match_water(
     scene's own mode, no nearer to the plate are not proposed. Raises `ParameterError` for patches that are black or no
     water, `VideoError`.
     """
+    # Read the light of the patches, unless there is no water to match
     patches = [patch] if isinstance(patch, WaterPatch) else list(patch)
     if not patches:
         raise ParameterError("water - has no patch (got none) - mark one")
@@ -145,6 +146,7 @@ def match_water(
     if water.type == "none":
         return WaterMatch("Nothing is matched. The scene has no water; set water.type first.")
     view = _read(scene, patches, frames)
+    # Compare the solved veils of all candidates with it, and with random draws of the frames
     tried = _candidates(water)
     media = {name: _medium(candidate, depth, "table") for name, candidate in tried.items()}
     lights = {n: np.maximum(m.level_radiance(view.up), _TINY) for n, m in media.items()}
@@ -153,6 +155,7 @@ def match_water(
     if len(view.frames) > 1:
         drawn = resampled(lambda some: compare_waters(np.mean(some, axis=0), lights).nearest, view.frames, _DRAWS, 1)
         agreement = drawn.count(found.nearest) / _DRAWS
+    # Fit the present water and the nearest one, and take what deviates less from the plate
     doubtful = not water.fits_ratio and fit_level(media[found.nearest], view.level)[1] >= DOUBTFUL
     from_patch = water.gain != "auto" or doubtful
     own = _medium(water, depth, water.mode)

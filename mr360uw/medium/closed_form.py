@@ -194,6 +194,7 @@ def water_seen_as_far(water: Water, sight_m: float) -> Water:
     1/wavelength (Loisel & Morel 1998). Kd is that of Lee et al. 2005. Raises `ParameterError` outside the range.
     """
     _check(sight_m)
+    # Split absorption and scattering into those of pure water and of what is in it
     pure = Water.pure()
     wanted = CONTRAST_LENGTHS / sight_m
     nm = functools.reduce(np.union1d, [s.wavelength_nm for s in (pure.a, pure.b, water.a, water.b)])
@@ -201,8 +202,10 @@ def water_seen_as_far(water: Water, sight_m: float) -> Water:
     absorption, molecular = pure.absorption(nm), np.minimum(pure.scattering(nm), water.scattering(nm))
     more_a, more_b = (np.maximum(v, 0.0) for v in (water.absorption(nm) - absorption, water.scattering(nm) - molecular))
     phase: Phase = "petzold" if water.phase == "water" else water.phase
+    # Attenuation of contrast at the wavelength of the eye: clear water, and what is added
     wide = float(wide_angle_moments(phase, 1)[0])
     clear, own_a, own_b = (float(np.interp(_SIGHT_NM, nm, v)) for v in (absorption + molecular, more_a, more_b))
+    # Thin out all that is added, or add particles of the same colour
     if wanted < clear + own_a + wide * own_b:
         share = max(wanted - clear, 0.0) / (own_a + wide * own_b)
         more_a, more_b = share * more_a, share * more_b

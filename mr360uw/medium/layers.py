@@ -495,6 +495,7 @@ class LayeredField:
         """Find the amounts of all layers' modes and keep them: `_modes`, a layer each, the beam's mode last."""
         mu, w, streams, layers = self._mu, self._weight, len(self._mu), len(self.top_m)
         chi, index = self._chi, self._index
+        # Share the light that enters between the sun's beam and the sky
         self._sun_mu, sun_share = sky_parts(sky)
         self._shape = sky if isinstance(sky, SkyShape) else SkyShape()
         entering = (1.0 - fresnel_from_below(mu, index)) * self._shape.seen_through(mu, index)
@@ -502,6 +503,7 @@ class LayeredField:
         entering = entering * of_sky
         bottom = np.append(self.top_m[1:], self._floor_m)
         self._beam = np.full(self.absorption.shape[1], sun_share / self._sun_mu)
+        # Find the free modes of each layer, and those that the sun's beam drives in it
         free, sun, waters = [], [], []
         for layer, (top, end) in enumerate(zip(self.top_m, bottom, strict=True)):
             moments = (2 * np.arange(chi.shape[1]) + 1) * chi * (self._faded[layer] - self.absorption[layer])[:, None]
@@ -512,6 +514,7 @@ class LayeredField:
             free.append(down if np.isinf(end) else down.beside(fading.mirrored(end)))
             driven = water.driven(self._sun_mu, self._beam * self._beam_left(np.array(top)))
             sun.append(Modes(driven.rate, np.full(1, top), driven.down, driven.up))
+        # State what the surface and the floor ask of the light at them
         reflectance = fresnel_from_below(mu, index)[:, None]
 
         def at_surface(modes: Modes) -> Array:
@@ -523,6 +526,7 @@ class LayeredField:
             sent = 2.0 * self._albedo[:, None] * w * mu
             return np.asarray(up - np.einsum("ni,nij->nj", sent, down)[:, None])
 
+        # Set up one linear system: the surface, continuity between layers, the floor
         size = [modes.rate.shape[1] for modes in free]
         start = np.concatenate([[0], np.cumsum(size)])
         system = np.zeros((len(self._beam), start[-1], start[-1]))
@@ -540,6 +544,7 @@ class LayeredField:
             beam = self._beam * self._sun_mu * self._beam_left(np.array(self._floor_m))
             system[:, row:, start[-2] :] = at_floor(free[-1])
             known[:, row:] = (self._albedo / PI * beam)[:, None] - at_floor(sun[-1])[..., 0]
+        # Solve for the amounts, then scale all to a unit of irradiance just below the surface
         amount = np.linalg.solve(system, known[..., None])[..., 0]
         parts = [amount[:, a:b] for a, b in pairwise(start)]
         modes = [m.times(part).beside(beam) for m, part, beam in zip(free, parts, sun, strict=True)]

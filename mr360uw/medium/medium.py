@@ -103,6 +103,7 @@ class Medium:
         surface: SurfaceKind = "snell", sky: Sky = "uniform", refractive_index: float = REFRACTIVE_INDEX_SEA,
         formation: FormationModel | None = None, floor_m: float | None = None,
     ) -> None:  # fmt: skip
+        # Check the arguments that the types do not
         if not isinstance(mode, str) or mode not in MODES:
             raise ParameterError(f"mode - unknown (got {mode!r}) - take one of {', '.join(MODES)}")
         if formation is not None and mode not in _FORMATIONS:
@@ -111,6 +112,7 @@ class Medium:
             raise ParameterError(
                 f"camera_depth_m - must be in the water (got {camera_depth_m!r}) - give 0.01 to 1000 m"
             )
+        # Keep what the light depends on; the bands are found once they are needed
         self.water = instance("water", water, Water, 'make one, as by Water.jerlov("IB")')
         self.sensor = checked_sensor(sensor)
         self.mode = mode

@@ -132,6 +132,7 @@ def bands(
     >>> three.wavelength_nm.tolist(), three.weight.sum(axis=0).round(6).tolist()
     ([450.0, 550.0, 650.0], [1.0, 1.0, 1.0])
     """
+    # Check the arguments
     sensor = checked_sensor(sensor)
     n = whole("bands", n, 1, 1000)
     if rule not in get_args(Rule):
@@ -143,6 +144,7 @@ def bands(
             f"range_nm - beyond the sensor, known from {known[0]:g} to {known[-1]:g} nm "
             f"(got {low:g} to {high:g}) - narrow it"
         )
+    # Weigh fitted wavelengths, or the middles of even bands
     name = f"{sensor.name}, {illuminant_name}, {n} {rule}"
     if rule == "fitted":
         wavelength, weight = fitted_bands(n, sensor, illuminant_name, range_nm)

@@ -235,6 +235,7 @@ def analyse_video(
     from mr360uw.ibl.report import ReportFrame, light_report
     from mr360uw.ibl.sun.track import save_track
 
+    # Load the scene, or make one of the plate; check all that is to be written
     source = Path(source)
     scene = load_scene(source) if source.suffix == ".toml" else Scene(plate=PlateSettings(path=source, eye=eye))
     if in_air:
@@ -242,6 +243,7 @@ def analyse_video(
     page = _page(source, out)
     tracks = [page.with_suffix(suffix) for suffix in (".sun.json", ".sun.csv")]
     check_outputs([page, *tracks], inputs=[source, *files_of(scene)], overwrite=overwrite)
+    # Follow the sun over the clip, and read the light of a few frames
     scene = scene.model_copy(update={"light": scene.light.model_copy(update={"track": None, "sun": "detect"})})
     with open_plate(scene) as video:
         over_time = surroundings_over_time(scene)
@@ -260,6 +262,7 @@ def analyse_video(
                 for line in sun_lines(reader, frame, analysis):
                     tell(line)
             maps.append(plate_map(frame.pixels, reader.world_from_camera(frame.time_s)[1]))
+    # Write the page, then the sun's track
     up = reader.world_from_camera(snapshots[0].time_s)[1]
     sections = [] if scene.water.type == "none" else _sections_of_water(scene, snapshots, maps, up)
     written = [page]

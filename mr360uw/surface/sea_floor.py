@@ -86,6 +86,7 @@ class Floor:
         relief: ArrayLike = 0.0,
         albedo_tile_m: float | None = None,
     ) -> None:
+        # Check the albedo, and repeat it over its tile
         self.height_m = number("floor.height_m", height_m)
         for name, length in (("tile_m", tile_m), ("albedo_tile_m", albedo_tile_m)):
             if length is not None:
@@ -106,6 +107,7 @@ class Floor:
             )
         self.mean_albedo: Array = np.broadcast_to(image.mean(axis=(0, 1)), (3,)).copy()
         self.image = Tiled(image, _metres("tile_m" if albedo_tile_m is None else "albedo_tile_m", given))
+        # Check the relief; a single number is a level floor at another height
         heights = numbers("floor.relief", relief).astype(np.float64)
         level = heights.ndim == 0
         if not level and (heights.ndim != 2 or heights.shape[0] != heights.shape[1] or len(heights) < 2):
@@ -335,6 +337,7 @@ class LitFloor(NamedTuple):
 @borrowing
 def floor_radiance(g: LitFloor, x: float, z: float, footprint: float, dry: bool) -> Vector:
     """Return the radiance of the floor at (x, z), averaged over a footprint [m]; dry: above the water."""
+    # Tilt the floor and shade it where it is uneven
     albedo = _picture(g, 0, g.albedo_m, x, z, footprint)
     r, fe, sky, sun, depth = g.relief, g.planes, 1.0, 1.0, -g.relief.y
     if r.low < r.high:
@@ -346,6 +349,7 @@ def floor_radiance(g: LitFloor, x: float, z: float, footprint: float, dry: bool)
         sun = max(up * (to_sun[1] - by_x * to_sun[0] - by_z * to_sun[2]) / to_sun[1], 0.0)
         if sun > 0.0 and in_shadow(r, x, z, to_sun):
             sun = 0.0
+    # Light it above the water, or between the planes of light around its depth
     if dry:
         light = add((0.0, 0.0, 0.0), g.dry_sky, sky)
         light = add(light, g.dry_sun, sun)

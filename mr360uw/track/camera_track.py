@@ -199,10 +199,12 @@ def fit_floor(points: Floats, camera: Floats, up: Floats) -> tuple[Floats, float
     Planes through three random points are tried (Fischler & Bolles 1981), and the best is fitted to its points. Its
     normal is within 30 degrees of `up` (3,), and it is below the camera.
     """
+    # Take points that lie clearly below the camera
     away = points - camera
     below = away[(away @ up) < -_BELOW * np.linalg.norm(away, axis=1)]
     if len(below) < _LEAST_POINTS:
         return None
+    # Try planes through three random points each: RANSAC
     rng = np.random.default_rng(_SEED)
     corner = below[rng.integers(0, len(below), (_TRIALS, 3))]
     normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
@@ -215,6 +217,7 @@ def fit_floor(points: Floats, camera: Floats, up: Floats) -> tuple[Floats, float
     normal, height = normal[fit], height[fit]
     if not len(normal):
         return None
+    # Take the plane with the most points on it, and fit it to these again and again
     off = np.abs(normal @ below.T + height[:, None])
     best = int(np.argmax(np.count_nonzero(off < _THICKNESS * height[:, None], axis=1)))
     n, h = normal[best], float(height[best])
@@ -228,6 +231,7 @@ def fit_floor(points: Floats, camera: Floats, up: Floats) -> tuple[Floats, float
         h = -float(n @ centre)
         if h <= 0.0:
             return None
+    # Refuse a plane that too few points lie on
     inside = np.abs(below @ n + h) < _THICKNESS * h
     support = float(np.mean(inside))
     if np.count_nonzero(inside) < _LEAST_POINTS or support < _LEAST_SUPPORT:

@@ -140,6 +140,7 @@ def solve_between(
     """Return positions, rotations and residuals [px] of all frames, and the directions that were observed."""
     import cv2
 
+    # Interpolate the poses of key frames; that is all for a camera that stands still
     position, rotation = _interpolated(keys.time_s, poses)
     residual = np.full(len(keys.time_s), np.nan)
     residual[poses.index] = poses.residual_px
@@ -149,6 +150,7 @@ def solve_between(
     if poses.kind == "still":
         residual = np.interp(np.arange(len(residual)), poses.index, np.nan_to_num(poses.residual_px))
         return position, rotation, residual, np.concatenate(observed)
+    # Follow the features of the nearest key frame into each frame, and resect its pose
     pixel_rad = 2.0 * np.pi / keys.width
     solved = set(poses.index.tolist())
     held: tuple[int, NDArray[np.uint8]] | None = None
@@ -442,16 +444,19 @@ def _mapping(pycolmap: Any, angle_deg: float, matches: int, point_deg: float) ->
 
 def _solution(scene: Any, names: list[str]) -> Solution:
     """Return a COLMAP reconstruction as arrays in our camera axes."""
+    # Number the scene's points in order
     ids = sorted(scene.points3D)
     row = {point: index for index, point in enumerate(ids)}
     points = np.array([scene.points3D[i].xyz for i in ids]).reshape(-1, 3)
     error = np.array([scene.points3D[i].error for i in ids])
+    # Begin with images that were not solved
     count = len(names)
     position, rotation = np.zeros((count, 3)), np.repeat(np.eye(3)[None], count, axis=0)
     solved, residual = np.zeros(count, bool), np.full(count, np.nan)
     pixels: list[Floats] = [np.zeros((0, 2))] * count
     directions: list[Floats] = [np.zeros((0, 3))] * count
     numbers: list[NDArray[np.int64]] = [np.zeros(0, np.int64)] * count
+    # Fill in the pose, observations and residual of each image that was
     for image in scene.images.values():
         if not image.has_pose:
             continue

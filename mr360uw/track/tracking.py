@@ -132,6 +132,7 @@ def track_shots(
 
     A shot that cannot be tracked says why; of a clip without cuts that is raised. whole: refuse a clip with cuts.
     """
+    # Check what is asked for before the clip is read
     load_colmap()
     measure = Measure() if measure is None else measure
     if keep is not None:
@@ -139,6 +140,7 @@ def track_shots(
     with open_video(video, eye=eye) as clip:
         left_out = None if mask is None else _read_mask(Path(mask), clip)
     with open_video(video, eye=eye) as clip, _folder(video, mask, (eye, mask_only), keep) as folder:
+        # Read the clip once: key frames of each shot, and its cuts
         measure = replace(measure, frame_width=clip.width)
         steps = Steps(progress, (clip.frame_count or 0) * (1 + BETWEEN))
         (folder / "keys").mkdir(exist_ok=True)
@@ -146,6 +148,7 @@ def track_shots(
         if whole and reading.cuts:
             cuts = ", ".join(map(str, reading.cuts))
             raise ParameterError(f"{video} - is cut (got new shots at frames {cuts}) - give one shot, or track_shots")
+        # Solve each shot by itself; one that fails leaves the others
         stated = stated_up(clip, np.array(reading.times_s))
         shots = []
         for start, stop in reading.shots:

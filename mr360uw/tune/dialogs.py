@@ -75,6 +75,7 @@ class RenderDialog:
 
     def refresh(self) -> None:
         """Show how far the run is."""
+        # Show what a run would do, and whether it can begin
         run, dirty = self._session.run, self._document.dirty
         running = run is not None and run.state == "running"
         (start, stop), count = self._session.range, self._session.frame_count
@@ -86,6 +87,7 @@ class RenderDialog:
         self._copy.set_visibility(dirty and not running)
         self._cancel.set_visibility(running)
         self._bar.set_visibility(running)
+        # Show how far the last run is, and the way to its result
         self._link.clear()
         if run is None:
             self._text.text = ""

@@ -66,6 +66,7 @@ class PlaceTools:
         self._drag: tuple[Situation, str, int] | None = None
         self._in_turn = asyncio.Lock()
         self._asked = 0
+        # Controls above the picture
         with stage.tools:
             self._choice = Choice("What a click in the picture does", _TOOLS, "", self._choose)
             self._go = Button("Go to", self._go_to, title="look at the chosen object")
@@ -75,11 +76,13 @@ class PlaceTools:
                     Button(text, partial(self.trim, step), title=f"the chosen object, by a third of a stop ({key})")
                     for text, step, key in (("Darker", -1, "comma"), ("Brighter", 1, "full stop"))
                 ]
+        # Bars of single tools, shown while their tool is chosen
         with stage.tool_bars:
             self._floor = FloorTool(session, failed, self._mark)
             self._level = LevelTool(session, failed, self._mark)
             self._patch = PatchTool(session)
             self._lasso = LassoTool(session, failed, self._mark)
+        # What happens in the picture
         self._viewer.on_pick(self._picked)
         self._viewer.on_stroke(self._lasso.add)
         self._viewer.on_drag(self._dragged)

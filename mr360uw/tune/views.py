@@ -270,6 +270,7 @@ def _plan_chart(shown: ShownFrame) -> Codes:
     Bodies are drawn as the outlines of their hulls at the frame's time; paths over the clip have dots with times, as
     many as have room.
     """
+    # Gather the paths and outlines of all that the plan shows
     loaded, palette = shown.loaded, shown.palette
     times = np.linspace(0.0, max(shown.duration_s, _last_key_s(shown)), _STEPS)
     camera = np.stack([loaded.surroundings.camera.at(float(t))[0] for t in times])
@@ -277,6 +278,7 @@ def _plan_chart(shown: ShownFrame) -> Codes:
     outlines = [_outline(one.to_world(one.mesh.hull).reshape(-1, 3)) for one in shown.placed]
     view = loaded.view(shown.time_s)
     lamps = [lamp.at(shown.time_s, view, shown.placed) for lamp in loaded.lamps]
+    # Scale the paper so that all of it fits
     everything = np.concatenate([camera, *paths, *outlines, *(lamp.position[None] for lamp in lamps)])[:, ::2]
     low, high = everything.min(axis=0), everything.max(axis=0)
     reach = max(0.5 * float(np.max(high - low)), _LEAST_REACH_M)
@@ -284,6 +286,7 @@ def _plan_chart(shown: ShownFrame) -> Codes:
     paper = _Paper(image, 0.5 * (low + high), (0.5 * _CHART_SIDE - _ROOM) / reach)
     _grid(paper, palette.line)
     _receiver(paper, shown)
+    # Draw bodies, lamps, the camera and the sun over the grid and the receiver
     for number, (path, outline) in enumerate(zip(paths, outlines, strict=True)):
         color = palette.series[number % len(palette.series)]
         _timed_path(paper, path, times, color)

@@ -278,6 +278,7 @@ class ContainerReader(VideoReader):
                 yield StoredPicture(last.index + beyond, last.pts + step * beyond, None)
 
     def _frame(self, index: int, pts: int, native: Any, *, lost: bool = False) -> VideoFrame:
+        # Check that the format is that of the first frame
         if self._card:
             native = _in_format(native, self.pixel_format)
         if (native.width, native.height, native.format.name) != (*self._crop.frame_size, self.pixel_format):
@@ -285,6 +286,7 @@ class ContainerReader(VideoReader):
                 f"{self.path} - the picture format changes at frame {index} (got {native.width}x{native.height} "
                 f"{native.format.name}) - cut the clip there"
             )
+        # Cut out the panorama, and the right eye's, upright
         planes = plane_views(native, self.spec)
         for plane in (planes.y, planes.u, planes.v):
             plane.flags.writeable = False
@@ -292,6 +294,7 @@ class ContainerReader(VideoReader):
         untouched = self._crop.is_whole and not self._rotation
         if not untouched:
             planes = _turned(self._crop.apply(planes), self._rotation)
+        # Keep the decoder's own frame where nothing was cut or turned
         frame = VideoFrame(
             index=index,
             pts=pts,

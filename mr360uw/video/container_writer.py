@@ -78,6 +78,7 @@ class ContainerWriter(VideoWriter):
         folder: Path | None = None,
         frames: tuple[int, int] | None = None,
     ) -> None:
+        # Choose the encoder: what is asked for, as this machine and the plate allow
         self.path = path
         wished = settings.codec
         settings, taken = chosen_encoder(settings, like, path)
@@ -88,6 +89,7 @@ class ContainerWriter(VideoWriter):
         self._next = 0
         self._end_s: Fraction | None = None
         self._shift = 0
+        # Find what this kind of container can keep of the plate's other tracks
         kind = CONTAINERS.get(path.suffix.lower())
         if kind is None:
             raise VideoError(
@@ -105,6 +107,7 @@ class ContainerWriter(VideoWriter):
             posed = " its pose is not kept: write .mp4 or .mov" if any(self._metadata.pose_deg) else ""
             said = f"{path.suffix} gets the spherical metadata as a V1 tag, not as Projection elements"
             self.notes += (f"{said};{posed}" if posed else said,)
+        # Begin a file of a temporary name; leave none where that fails
         with self._errors("begun"):
             self._part = new_file(path, folder)
         try:

@@ -45,12 +45,14 @@ class PictureFiles:
 
 def picture_files(path: Path) -> PictureFiles | None:
     """Return the pictures that a path, pattern or wildcard names, or None where it names no pictures."""
+    # Take a single file as it is
     if path.suffix.lower() not in PICTURE_SUFFIXES:
         return None
     if path.exists():
         return PictureFiles((path,))
     first = 0
     notes: tuple[str, ...] = ()
+    # Take the files of a pattern, none missing and none twice, or of a wildcard
     if is_pattern(path):
         hits = matching_files(path)
         for (number, one), (following, other) in pairwise(hits):
@@ -69,6 +71,7 @@ def picture_files(path: Path) -> PictureFiles | None:
         files = sorted(path.parent.glob(path.name))
     else:
         return PictureFiles((path,))
+    # Refuse what names no file
     if not files:
         raise VideoError(f"{path} - no picture has such a name - check the path and the number of digits")
     return PictureFiles(tuple(files), first, notes)

@@ -78,6 +78,7 @@ def panorama_crops(
     frame of any shape. look: says what the picture shows, where its size does not fit. pixel_aspect: width of a pixel
     over its height; frames that players show as 2:1 by it are one panorama, whatever their size.
     """
+    # Refuse turns that are not done here; take other projections whole
     if rotation not in (0, 180) or (rotation and eye == "both"):
         raise VideoError(
             f"{path} - asks to be turned by {rotation} degrees - turn the pictures upright before "
@@ -89,10 +90,12 @@ def panorama_crops(
         return whole, None, "mono"
     if spherical is not None and equirectangular:
         _check_projection(path, spherical)
+    # Take the layout that is named, tagged, or told by the shape of the frame
     stereo = layout or _stereo(width, height, spherical)
     if layout is None and spherical is None and _is_squeezed(width, height, pixel_aspect):
         layout = stereo = "mono"
     said = layout is not None or spherical is not None
+    # Refuse an eye of what is not stereo, and stereo without an eye
     if stereo == "mono" and eye is not None:
         raise VideoError(
             f'{path} - is not stereo (got {width}x{height}), so it has no "{eye}" eye - leave out the eye, or say with '
@@ -107,6 +110,7 @@ def panorama_crops(
             f"{path} - is {stereo} stereo (got {width}x{height}), and its eyes are not chosen - take "
             'plate.eye = "left", "right" or "both" in a scene, --eye left on the command line, eye="left" in Python'
         )
+    # Check that what is cut out has the shape of a panorama
     crop = whole if stereo == "mono" else _eye_crop(path, width, height, stereo, "right" if eye == "right" else "left")
     if equirectangular and crop.width != 2 * crop.height and not (said and _may_be_squeezed(crop)):
         what = f"the picture is not a 360 degree panorama of 2:1 (got {crop.width}x{crop.height})"

@@ -278,11 +278,13 @@ def _open_unwrapped(
 
     fov_deg: angle across one half of a dual-fisheye frame.
     """
+    # Refuse pictures, which are not turned
     if path.suffix.lower() in PICTURE_SUFFIXES:
         raise VideoError(
             f"{path} - pictures are read as equirectangular only (got {projection}) - turn them by "
             + turned_by_ffmpeg(path, projection)
         )
+    # Find the second lens: in another track, or in another file
     sizes = track_sizes(path)
     width, height = sizes[0]
     paths = [(path, 0)]
@@ -290,6 +292,7 @@ def _open_unwrapped(
         paths.append((path, 1))
     elif projection == "dual_fisheye" and width == height and (other := second_lens(path)) is not None:
         paths.append((other, 0))
+    # Check that the pictures have the shape of their projection
     if projection == "eac":
         _check_eac(path, width, height, len(paths))
     elif len(paths) * width != 2 * height:

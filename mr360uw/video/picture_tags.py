@@ -216,6 +216,7 @@ def read_tags(data: bytes, suffix: str, size: tuple[int, int]) -> tuple[PictureT
 
 def _parts(data: bytes) -> dict[str, bytes]:
     """Return the profile, EXIF and XMP of a JPEG, PNG, WebP or AVIF file."""
+    # JPEG: application segments, the profile in several
     if data.startswith(_JPEG_START):
         bodies = [body for _, body in _jpeg_bodies(data)]
         parts = sorted(body for body in bodies if body.startswith(_JPEG_ICC))
@@ -224,6 +225,7 @@ def _parts(data: bytes) -> dict[str, bytes]:
             for name, head in (("exif", _JPEG_EXIF), ("xmp", _JPEG_XMP))
         }
         return found | {"icc": b"".join(body[len(_JPEG_ICC) + 2 :] for body in parts)}
+    # PNG: chunks, or texts in which older programs kept them
     if data.startswith(_PNG_START):
         chunks = dict(reversed(list(_png_chunks(data))))
         texts = [
@@ -233,10 +235,12 @@ def _parts(data: bytes) -> dict[str, bytes]:
         found = {"exif": chunks.get(b"eXIf", b"").removeprefix(_JPEG_EXIF), "xmp": _text(texts[0]) if texts else b""}
         found |= {name: old for name, old in _raw_profiles(data).items() if not found[name]}
         return found | {"icc": _inflated(profile) if profile else b""}
+    # WebP: RIFF chunks
     if data[:4] == b"RIFF":
         names = {b"ICCP": "icc", b"EXIF": "exif", b"XMP ": "xmp"}
         found = {names[kind]: body for kind, body in _riff_chunks(data) if kind in names}
         return found | {"exif": found.get("exif", b"").removeprefix(_JPEG_EXIF)}
+    # AVIF: Pillow finds the boxes
     if data[4:8] != b"ftyp":
         return {}
     from PIL import Image
