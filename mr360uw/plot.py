@@ -91,6 +91,7 @@ def show(result: Shown, axes: Any = None) -> Any:
     >>> axes.get_xlabel()
     'wavelength [nm]'
     """
+    # Check the result and the axes, or make axes
     if not isinstance(result, Shown):
         raise ParameterError(f"result - has no plot (got {type(result).__name__}) - see uw.plot.show")
     if axes is None:
@@ -100,6 +101,7 @@ def show(result: Shown, axes: Any = None) -> Any:
             raise ParameterError(f"plot - needs matplotlib (got none) - {install_command('plot')}") from None
     if not hasattr(axes, "set_title"):
         raise ParameterError(f"axes - are none of matplotlib's (got {type(axes).__name__}) - leave them out")
+    # Draw a picture or the curves
     figure = result._figure()
     axes.set_title(figure.title)
     if figure.image is not None:

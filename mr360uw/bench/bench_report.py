@@ -257,6 +257,7 @@ Place = Callable[[float], float]
 
 def bench_page(report: BenchReport) -> str:
     """Return the page of a run as one HTML string, readable offline."""
+    # Say what was measured where
     machine = report.machine
     where = f"{machine.cpu}, {machine.cores} cores, {machine.system}; renderer {machine.backend}: {machine.device}"
     kind = "; a quick run" if report.quick else ""
@@ -266,6 +267,7 @@ def bench_page(report: BenchReport) -> str:
         parts.append(
             f'<p class="note">The load average was {machine.load:.1f} at the start: times may be too long.</p>'
         )
+    # Explain the plots, then show plot and table of each stage
     legend = ", ".join(f'<span style="color:{colour}">{name}</span>' for name, colour in _COLOURS.items())
     parts.append(
         "<p>Each dot is a setting: right is dearer, up is less accurate, both in powers of ten. Blue dots on the line "

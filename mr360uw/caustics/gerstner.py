@@ -273,6 +273,7 @@ class GerstnerSea(SeaParameters):
 
     def _random_waves(self) -> tuple[Array, Array, Array]:
         """Return wave vectors (n, 2) [rad/m] that repeat after the tile, amplitudes (n,) [m] and phases (n,) [rad]."""
+        # Bound the wavelengths: by the tile, and by the wind that waves were drawn for
         count, spread = self.wave_count, math.radians(self.spread_deg)
         shortest = min(self.shortest_wavelength_m or self.tile_m / 40.0, self.tile_m)
 
@@ -281,17 +282,20 @@ class GerstnerSea(SeaParameters):
 
         longest = longest_at(self.waves_of_wind_speed or self.wind_speed)
         present = min(longest_at(self.wind_speed), longest)
+        # Draw one wave from each even part of the logarithm of length
         random = np.random.default_rng([self.seed, 0x5EA])
         place = (np.arange(count) + random.uniform(0.0, 1.0, count)) / count
         length = 2.0 * np.pi / longest * (longest / shortest) ** place
         angle = spread * random.standard_normal(count)
         phase = random.uniform(0.0, 2.0 * np.pi, count)
+        # Weigh waves by the present wind, so that a wind that changes moves none
         weight, wind = share_of_lengths(2.0 * np.pi / length, present), math.radians(self.wind_direction_deg)
         azimuth = wind
         if self.waves_of_wind_deg is not None:
             azimuth, last = (math.radians(one) for one in self.waves_of_wind_deg)
             angle += (last - azimuth) * (random.permutation(count) + random.uniform(0.0, 1.0, count)) / count
             weight *= share_of_directions(angle, wind - azimuth, last - azimuth, spread)
+        # Move wave vectors to the tile's lattice; share out the variance of slopes
         wx, wz = math.sin(azimuth), -math.cos(azimuth)
         c, s = np.cos(angle), np.sin(angle)
         k = lattice_vector(length[:, None] * np.stack([c * wx - s * wz, s * wx + c * wz], axis=1), self.tile_m)

@@ -212,9 +212,11 @@ def _density_of(sea: SpectralSea) -> Array:
     k, wind, wind_speed = np.hypot(kx, kz), sea.wind_travel, sea.wind_speed
     if wind_speed == 0.0:
         return np.zeros(k.shape)
+    # Leave out the mean; waves run with the wind
     used = k > 0.0
     k = np.where(used, k, 1.0)
     cosine = (kx * wind[0] + kz * wind[1]) / k
+    # Density over wave vectors, by formula or from that over frequency (Jacobian group speed/k)
     if sea.spectrum == "phillips":
         length = wind_speed**2 / GRAVITY_M_S2
         spread = np.maximum(cosine, 0.0) ** sea.alignment * cosine_power_share(sea.alignment)
@@ -224,6 +226,7 @@ def _density_of(sea: SpectralSea) -> Array:
         density = _frequency_density_of(sea, frequency)
         spread = cosine_spread(np.arccos(np.clip(cosine, -1.0, 1.0)), frequency, wind_speed, sea.fetch_m)
         density = density * spread * group_speed(k, sea.water_depth_m) / k
+    # Fade the edges, where a turning wind would cut waves off
     if sea.waves_of_wind_deg is not None:
         edge = np.clip(cosine / _FADING, 0.0, 1.0)
         density = density * edge**2 * (3.0 - 2.0 * edge)

@@ -282,12 +282,14 @@ def depth(
     from mr360uw.progress import begin_phase, terminal_progress
     from mr360uw.video.layout import EYES_APART_M
 
+    # Check options that exclude each other
     if water and track is None:
         raise ParameterError("--water - needs the camera's path (got none) - give --track, made with --height")
     if eye == "both" and track is not None:
         raise ParameterError("--track - is of no use for both eyes (got one) - leave it out, or name one eye")
     if eye != "both" and ipd is not None:
         raise ParameterError("--ipd - is for --eye both alone (got it without) - leave it out")
+    # Two eyes need no track; a moving camera may tell the water too
     with terminal_progress(lines=progress_lines) as progress:
         if eye == "both":
             apart = EYES_APART_M if ipd is None else ipd

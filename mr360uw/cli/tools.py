@@ -215,6 +215,7 @@ def describe() -> str:
     from mr360uw.video.encoder import opening_encoders
 
     lines = [f"mr360uw {__version__}, Python {platform.python_version()}, {platform.platform()}"]
+    # Renderer, codecs and encoders that work here
     try:
         device = gl_device()
         kind = "software" if device.software else "GPU"
@@ -225,6 +226,7 @@ def describe() -> str:
     found = [name for name in _ENCODERS if name in av.codecs_available]
     lines.append(f"video     FFmpeg libavcodec {ffmpeg}; encoders {' '.join(found)}")
     lines.append(f"encoders  of graphics cards that open here: {' '.join(opening_encoders()) or _NO_CARD}")
+    # Folders, packages and extras
     folder, kernels = cache_folder(), kernel_folder()
     lines.append(f"cache     {folder or 'none'}; compiled kernels in {kernels or 'none'}")
     lines += [f"note      {note}" for note in cache_notes()]

@@ -93,6 +93,7 @@ def depth_of_eyes(
     ...     print("is not stereo" in str(error))
     True
     """
+    # Check the arguments
     folder = Path(folder)
     check_folder(folder)
     if not 0.0 < eyes_apart_m < 1.0:
@@ -106,6 +107,7 @@ def depth_of_eyes(
         count = clip.frame_count
         if count is None:
             _, count = clip.check_range()
+        # Continue maps of the same inputs; make the missing ones
         inputs = {"method": _METHOD, "clip": content_of(files_named(Path(video))), "width": width}
         inputs |= {"eyes_apart_m": eyes_apart_m, "layout": layout}
         with own_maps(folder, inputs, count, overwrite=overwrite) as maps:
@@ -285,6 +287,7 @@ def _drop_rims(grey: Any, disparity: Any, known: Any, even: Any, tested: Any, re
                 continue
             near, behind = np.float32(0.0), np.float32(0.0)
             nears, behinds = 0, 0
+            # Average the light of what lies behind around it, and of what is as near and uneven
             for b in range(max(j - reach, 0), min(j + reach + 1, height)):
                 for a in range(i - reach, i + reach + 1):
                     column = a % width
@@ -296,6 +299,7 @@ def _drop_rims(grey: Any, disparity: Any, known: Any, even: Any, tested: Any, re
                         nears += 1
             if behinds == 0:
                 continue
+            # Drop a pixel that is more like what lies behind
             to_behind = abs(grey[j, i] - behind / np.float32(behinds))
             if nears == 0 or to_behind < abs(grey[j, i] - near / np.float32(nears)):
                 confidence[j, i] = np.float32(0.0)

@@ -91,6 +91,7 @@ def water_of_clip(
     import cv2
 
     with open_video(video, eye=eye) as clip:
+        # Choose frames of the longest shot, spread over it
         position, rotation, shot = poses_of(video, clip, track, eye)
         longest = int(np.bincount(shot[shot >= 0]).argmax())
         frames = np.flatnonzero(shot == longest)
@@ -100,6 +101,7 @@ def water_of_clip(
                 f"{video} - is too short to tell its water (got {len(chosen)} frames with a pose) - give a clip of "
                 f"{_LEAST_FRAMES} or more"
             )
+        # Read light and distances of each, of one size
         maps, steps, lit = DepthClip(Path(folder), size=(clip.width, clip.height)), Steps(progress, len(chosen)), []
         for frame in clip.frames(chosen[0], chosen[-1] + 1):
             if frame.index not in chosen:
@@ -191,6 +193,7 @@ def seen_places(frames: Sequence[LitFrame]) -> SeenPlaces:
 
 def _windows(frame: LitFrame) -> Array:
     """Return the points (n, p, 3) of a frame's windows in the world."""
+    # Spread windows evenly over the sphere, each a grid of points
     height, width = frame.found.distance_m.shape
     half = max(round(0.5 * _SIDE_RAD * width / (2.0 * np.pi)), 2)
     rows, columns = [], []
@@ -205,6 +208,7 @@ def _windows(frame: LitFrame) -> Array:
     across = np.round(stretch[:, None, None] * offset).astype(np.int64)
     i = (column[:, None, None] + across + 0 * offset[:, None]) % width
     j, i = j.reshape(len(row), -1), i.reshape(len(row), -1)
+    # Keep those whose distances are sure, lie on a plane, and differ little
     far, sure = frame.found.distance_m[j, i], frame.found.confidence[j, i] >= SURE
     kept = (sure.mean(axis=1) > _SURE_SHARE) & np.all(np.isfinite(far), axis=1)
     j, i, far = j[kept], i[kept], far[kept]

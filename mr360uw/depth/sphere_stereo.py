@@ -361,6 +361,7 @@ def evidence(
     """
     import cv2
 
+    # Compare with what neighbours show there, and again in pictures of half the size
     sums = warped.sums(inverse)
     size = inverse.shape[::-1]
     small = Warped(reference, neighbours, max(warped.width // 2, min(warped.width, 256)), _brightness)
@@ -368,6 +369,7 @@ def evidence(
     mean = level[0] / np.maximum(level[3], _LEAST)
     variance = np.maximum(level[2] / np.maximum(level[3], _LEAST) - mean * mean, 0.0)
     differs = cv2.resize(np.abs(small.own - mean) / np.sqrt(variance + 1.0), size, interpolation=cv2.INTER_LINEAR)
+    # Measure how far depths spread around each pixel
     depth = np.log(np.maximum(inverse * np.float32(baseline_m), _LEAST)).astype(np.float32)
     spreads = []
     for side in _SPREAD_SIDES:

@@ -214,6 +214,7 @@ def _by_dark_places(
     """
     import cv2
 
+    # Find the dark places of the floor in bands of elevation
     scale = len(image) / 180.0
     smooth = cv2.GaussianBlur(np.asarray(image, np.float32), (0, 0), _BLUR_DEG * scale)
     half = 0.5 * _HIGH_DEG
@@ -224,6 +225,7 @@ def _by_dark_places(
     level, seen = np.sin(np.radians([elevation_deg])), color > _SEEN
     if not np.any(seen):
         return least_m, 0.0
+    # Ask at each visibility by how much the veil would be brighter than these
     visibility = np.unique(np.geomspace(least_m, max(least_m, _CLEAR_SIGHT_M), _STEPS))
     over = []
     for v in visibility:
@@ -231,6 +233,7 @@ def _by_dark_places(
         veil = color * medium.unit_veil(-height_m / up, up) / np.maximum(medium.level_radiance(level), _TINY)
         asked = np.log(np.maximum(veil, _TINY) / np.maximum(dark, _TINY))[:, seen].max(axis=1)
         over.append(np.sort(asked)[-2])
+    # Take the least visibility at which it is not, or the clearest water with shade
     if over[0] <= 0.0:
         return least_m, 0.0
     if over[-1] > 0.0:
@@ -365,6 +368,7 @@ def _depth_lines(plate: PlateLook, chosen: Proposal) -> list[str]:
 def _place_lines(place: Place) -> list[str]:
     """Return where the object is, and what is doubtful there."""
     lines = []
+    # Say what was made smaller, and where it stands or hangs
     if place.smaller:
         lines.append(
             f"size      made {place.size_m:g} m long, because this water hides what is farther away; size_m sets it"
@@ -377,6 +381,7 @@ def _place_lines(place: Place) -> list[str]:
     how = "stands on the floor" if place.stands else how
     ahead = "seen from the side" if place.face != "camera" else "facing the camera"
     lines.append(f"place     {_side(place.azimuth_deg)}, {place.distance_m:g} m away, {how}, {ahead}")
+    # Say what is doubtful about the ground
     if place.hangs:
         lines.append(
             "ground    none is seen that it could stand on, so it hangs in the water; --stand puts it on a floor"

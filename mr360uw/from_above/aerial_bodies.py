@@ -85,6 +85,7 @@ _RAYS = 13
 
 def _ratio_on_floor(sea: SeaScene, stage: RayStage, placed: tuple[PlacedObject, ...], floor: FloorSeen) -> Array:
     """Return the floor's light with bodies over that without, (n, 3), in the floor's pixels."""
+    # Nothing changes without a sun, bodies, or floor in reach of their shadows
     ratio = np.ones((len(floor.place), 3))
     casters = tuple(one for one in placed if one.casts_shadow)
     if sea.sun is None or sea.sun.direction[1] <= 0.0 or not casters:
@@ -94,11 +95,13 @@ def _ratio_on_floor(sea: SeaScene, stage: RayStage, placed: tuple[PlacedObject, 
     at = np.flatnonzero(_in_reach(floor.place, direction, half, casters))
     if not len(at):
         return ratio
+    # Count the rays to the sun's disc that bodies stop
     scene = RayScene(gather(casters, np.zeros(3)).positions)
     rays = disc_directions(direction, half, _RAYS)
     hidden = np.zeros(len(at))
     for ray in rays:
         hidden += scene.first_hit(floor.place[at], np.broadcast_to(ray, (len(at), 3))) >= 0
+    # Take that fraction of the beam away from the floor's light
     x, z, footprint = floor.place[at, 0], floor.place[at, 2], floor.footprint_m[at]
     beam = np.zeros((len(at), 3))
     for pattern, factor in stage.floor_light.patterns[stage.floor_light.skies :]:

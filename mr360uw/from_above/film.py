@@ -171,6 +171,7 @@ def _range(scene: AerialScene, path: Path, frames: tuple[int, int | None], rate:
 @contextmanager
 def _output(scene: AerialScene, path: Path, rate: Fraction, overwrite: bool) -> Iterator[Write]:
     """Yield a function that writes frames of a scene; the output is complete afterwards, or absent."""
+    # EXR: a file of parts for each picture
     around = scene.camera.projection == "equirectangular"
     if path.suffix.lower() == ".exr":
         there = matching_files(path)[:1] if is_pattern(path) else []
@@ -183,6 +184,7 @@ def _output(scene: AerialScene, path: Path, rate: Fraction, overwrite: bool) -> 
 
         yield write_parts
         return
+    # All else is a video or pictures, as composites are written
     camera = scene.camera
     if path.suffix.lower() not in PICTURE_SUFFIXES and (camera.width % 2 or camera.height % 2):
         raise ParameterError(

@@ -131,6 +131,7 @@ def match_caustics(
     The plate must show a level floor, whose receiver is a plane. Raises `VideoError` and `ParameterError`; where the
     floor shows no caustics the result says so.
     """
+    # Measure the pattern of the plate, or say why there is none
     try:
         series = floor_series(scene, frames, progress)
     except NoMatchError as refused:
@@ -141,6 +142,7 @@ def match_caustics(
     reason = _no_caustics(series, plate)
     if reason:
         return CausticMatch(f"Nothing is matched. {reason}", plate=plate, pixel_m=series.grid.pixel_m)
+    # Fit a sea to it, under the water and sun of the scene
     share = scene.water.sun_share
     floor = ModelledFloor.of(series, share)
     doubt = _STATED_DOUBT if share > 0.0 else _SKY_DOUBT
@@ -148,6 +150,7 @@ def match_caustics(
     fit = fit_sea(scene.sea, floor, measure, plate, features, doubt, lambda done: progress and progress(done, total))
     changes, uncertainty = _changes(fit, plate, scene.sea)
     names = {key.removeprefix("sea."): value for key, value in changes.items()}
+    # Measure the patterns of the sea before and after in the same way
     seas = (scene.sea, scene.sea.model_copy(update=names))
     before, after = (
         pattern_measures(relative_light(floor.light(sea)), series.grid.pixel_m, series.step_s, edges) for sea in seas
@@ -200,6 +203,7 @@ def _confidence(fit: SeaFit, uncertainty: dict[str, float]) -> float:
 
 def _sentence(match: CausticMatch, fit: SeaFit, sea: Sea) -> str:
     """Return the result in plain words."""
+    # List what the pattern tells, and what it leaves as it was
     parts, untold = [], []
     for name, _, _, words, unit in fitted_parameters(sea):
         key = f"sea.{name}"
@@ -212,6 +216,7 @@ def _sentence(match: CausticMatch, fit: SeaFit, sea: Sea) -> str:
         parts.append(f"towards {match.changes['sea.wind_direction_deg']:.0f} degrees")
     else:
         untold.append("direction")
+    # Say how near the result is, and what is odd about it
     text = f"The floor's caustics are those of {', '.join(parts)}." if parts else "The pattern tells no parameter."
     if untold:
         text += f" The pattern does not tell: {', '.join(untold)}; left as in the scene."

@@ -556,6 +556,7 @@ class LayeredField:
     def _weighted(self, y: Array, normal: Array | None, *, slope: bool) -> Array:
         """Return the irradiance (..., n) of planes of a normal (...), or of spheres for None; or its slope in depth."""
         y = np.minimum(y, self._floor_m)
+        # Sum the modes of each layer at its depths
         layer_of, flat = self._layer_of(y).ravel(), y.ravel()
         out = np.empty((flat.size, len(self._beam)))
         for layer, modes in enumerate(self._modes):
@@ -563,10 +564,12 @@ class LayeredField:
             if not len(of):
                 continue
             n = None if normal is None else normal.ravel()[of][:, None]
+            # Weigh directions by the cosine to the normal, or all alike
             down, up, direct = (
                 np.full((len(of), x.size), 2.0 * PI) if n is None else cosine_kernel(x, n)
                 for x in (self._mu, -self._mu, np.array([self._sun_mu]))
             )
+            # Fall of each mode and of the beam, or its slope
             fall = np.exp(-modes.rate * (flat[of][:, None, None] - modes.origin_m))
             beam = self._beam * self._beam_left(flat[of]) * direct / (2.0 * PI)
             if slope:

@@ -74,6 +74,7 @@ class PhaseTable:
 
     def __post_init__(self) -> None:
         angle, value, moment = (np.asarray(numbers(name, getattr(self, name)), np.float64) for name in _OF_TABLE)
+        # Moments: of a function that is nowhere negative
         if len(moment):
             if len(angle) or len(value) or abs(moment[0] - 1.0) > _MOMENT_ROUNDING or np.max(np.abs(moment)) > 1.0:
                 raise ParameterError(
@@ -86,6 +87,7 @@ class PhaseTable:
                     f"phase - moments give a negative phase function (got {low:.3g} 1/sr) - give more of them"
                 )
             return
+        # A table: angles that ascend, values above 0
         if angle.ndim != 1 or angle.shape != value.shape or len(angle) < 2 or np.any(np.diff(angle) <= 0.0):
             raise ParameterError(
                 "phase - needs two angles or more that ascend, and as many values "
@@ -532,6 +534,7 @@ def without_peak(
     phase: one for all wavelengths, a list of one for each, a mixture, or Legendre moments (n, l) or (l,). Result: the
     functions themselves, the fraction (n,) of their forward peak, and the Legendre moments (n, orders) of the rest.
     """
+    # Several functions or moments: one for each wavelength
     if isinstance(phase, list):
         if len(phase) != count:
             raise ParameterError(f"phase - needs one for each of {count} wavelengths (got {len(phase)}) - give as many")
@@ -547,10 +550,12 @@ def without_peak(
             )
         found: Mixture | PhaseSeries = PhaseSeries(np.array(moments, np.float64))
     else:
+        # One function for all
         if not isinstance(phase, Mixture):
             check_phase(phase)
             phase = Mixture(phase, np.zeros(count))
         found, moments = phase, np.broadcast_to(phase.moments(orders + 1), (count, orders + 1))
+    # Take away what the last moment says is peak, and renormalise
     peak = moments[:, orders]
     return found, peak, (moments[:, :orders] - peak[:, None]) / (1.0 - peak[:, None])
 

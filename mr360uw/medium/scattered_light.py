@@ -48,6 +48,7 @@ def ambient_parts(medium: Medium, down: Floats, up: Floats, sun: Floats, sun_up:
     (3,) irradiance across the beam, 0 for none; sun_up: y of its direction.
     """
     depth, here = depth_nodes(medium.length_m, medium.light.deepest_m), np.array([medium.camera_depth_m])
+    # Light the water by a sky of strength 1, by the measured sun, and by a floor of radiance 1
     skies: list[tuple[Sky, float | None]] = [(medium.sky, None)]
     amounts: list[Array] = [np.ones(3)]
     of_sun, of_glow = np.zeros((NORMALS, 3)), np.zeros((NORMALS, 3))
@@ -61,11 +62,13 @@ def ambient_parts(medium: Medium, down: Floats, up: Floats, sun: Floats, sun_up:
     if medium.floor_m is not None:
         skies.append(("floor", None))
         of_glow = _on_normals(medium, *skies[-1], here)[:, 0]
+    # Find how strong sky and floor are, from what is left of the measured light
     from_above, from_below = (np.maximum(seen - of_sun[k], 0.0) for seen, k in ((down, -1), (up, 0)))
     of_sky = _on_normals(medium, *skies[0], here)[:, 0]
     amounts[0], floor = _two_lights(of_sky[[-1, 0]], of_glow[[-1, 0]], from_above, from_below)
     if medium.floor_m is not None:
         amounts.append(floor)
+    # Sum the parts over depth and normal, relative to the camera
     whole, at_camera = (
         sum((a * _on_normals(medium, *sky, at) for a, sky in zip(amounts, skies, strict=True)), np.zeros(3))
         for at in (depth if medium.floor_m is None else np.minimum(depth, medium.floor_m), here)

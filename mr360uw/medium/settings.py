@@ -175,6 +175,7 @@ class WaterSettings(WaterKindSettings):
         floor_m: depth of a level floor, if there is one. radiance_map: (32, 64, 3) of the plate, from which gain "auto"
         reads the water's colour. Without it the gain is 1. Raises `ParameterError`.
         """
+        # Make the medium as the table says, then set its gain: as given, or fitted to a plate
         water = self.water()
         if water is None:
             return None

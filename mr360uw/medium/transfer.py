@@ -139,6 +139,7 @@ class LightField:
         streams: PositiveInt = STREAMS_PER_HEMISPHERE,
         floor: LambertFloor | None = None,
     ) -> None:
+        # Check the coefficients, one for each wavelength
         if len(common_shape(absorption=absorption, scattering=scattering)) > 1:
             raise ParameterError(
                 f"light field - coefficients must be (n,) or one number (got {np.shape(absorption)} and "
@@ -153,6 +154,7 @@ class LightField:
                 f"light field - absorption must be above and scattering at least zero "
                 f"(got {np.min(self.absorption):g} and {np.min(self.scattering):g} 1/m) - correct the coefficients"
             )
+        # Set up surface, phase functions without their peak, floor and quadrature; then solve
         self.refractive_index = index_below(surface, refractive_index)
         self._phase, self._peak, self._chi = without_peak(phase, len(self.absorption), 2 * streams)
         self._floor_m, self._albedo = floor_at(floor, len(self.absorption))

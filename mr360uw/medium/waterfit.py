@@ -82,6 +82,7 @@ class WaterFit:
 
     def html(self) -> str:
         """Return a fragment of HTML that shows the fit: verdict, profile and the other types."""
+        # Name the type, or the likely ones; then the table of all
         likely = sorted((n for n in self.likelihood if self.likelihood[n] >= _LIKELY), key=JERLOV_TYPES.index)
         verdict = (
             f"Jerlov type: <b>{escape(self.water_type)}</b> (confidence {self.confidence:.2f})"
@@ -107,11 +108,13 @@ class WaterFit:
 
     def _plot(self) -> str:
         """Return the profile over elevation as inline SVG: dots measured, lines fitted."""
+        # Scale to the brightest value
         width, height = 360, 160
         top = 1.05 * float(max(self.measured.max(), self.fitted.max()))
         elevation = np.degrees(np.arcsin(self.up))
         x = (elevation - elevation.min()) / np.ptp(elevation) * (width - 20) + 10
         parts = [f"<svg viewBox='0 0 {width} {height + 20}' width='{width}' role='img'><title>profile</title>"]
+        # Draw fitted lines and measured dots, then the colours along the profile
         for channel, colour in enumerate(("#c33", "#3a3", "#36c")):
             line = " ".join(
                 f"{a:.1f},{height * (1 - v / top):.1f}" for a, v in zip(x, self.fitted[:, channel], strict=True)
@@ -184,6 +187,7 @@ def fit_water(
 def _fit(
     profile: PlateProfile, up: Array, camera_depth_m: float, sensor: Sensor | None, refractive_index: float
 ) -> WaterFit:
+    # Compare the profile with the level light of every type
     measured = profile(up)
     if np.any(measured.max(axis=0) <= 0.0):
         raise ParameterError(

@@ -48,6 +48,7 @@ def coarse(scene: Scene) -> Scene:
     and orders of light about the sun. Shafts of waves and bodies alone are left out: at their physical strength a draft
     would hardly show them.
     """
+    # Fewer samples, smaller maps, fewer bands; shafts only where they show
     draw, caustics, water = scene.draw, scene.caustics, scene.water
     fewer = {"samples": min(draw.samples, _SAMPLES), "sun_samples": min(draw.sun_samples, _SUN_SAMPLES)}
     coarser = {

@@ -141,6 +141,7 @@ def sweep(
     size of the frames over the plate's. Raises what `still_of` raises, `ParameterError` for more than `LARGEST_SHEET`
     variants.
     """
+    # Check everything before the first frame is rendered
     if len(changes) > LARGEST_SHEET:
         raise ParameterError(
             f"--set - makes too many pictures (got {len(changes)}) - leave values out until there are {LARGEST_SHEET}"
@@ -150,6 +151,7 @@ def sweep(
     page = out.with_suffix(".html")
     scenes = [at_scale(load_scene(scene, overrides), scale) for overrides in changes]
     check_outputs([out, page], inputs=[scene, *files_of(scenes[0])], overwrite=overwrite)
+    # Render the variants in one preview: what they share is made once
     found = []
     with files_read() as read, LivePreview(backend) as live:
         for number, (one, overrides) in enumerate(zip(scenes, changes, strict=True), 1):

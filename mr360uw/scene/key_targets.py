@@ -132,6 +132,7 @@ class Target:
 
 def target_of(scene: BaseModel, name: str) -> Target:
     """Return the parameter of a name such as object.0.scale; raise `ParameterError` where it cannot change."""
+    # Walk from the scene down to the parameter
     owner: Any = scene
     path: Location = ()
     location: Location = ()
@@ -143,6 +144,7 @@ def target_of(scene: BaseModel, name: str) -> Target:
         path, location = (*path, step), (*location, part if isinstance(step, str) else step)
     if field is None:
         raise ParameterError(f"names nothing (got {name!r}) - write for example sea.wind_speed")
+    # Accept numbers and vectors; say what else it is
     lengths = _lengths(field.annotation)
     if isinstance(path[-1], int):
         lengths = frozenset({0}) if lengths - {0} and isinstance(owner, float) else frozenset()
@@ -158,11 +160,13 @@ def target_of(scene: BaseModel, name: str) -> Target:
 
 def _step(owner: Any, part: str, name: str, location: Location) -> tuple[str | int, FieldInfo | None]:
     """Return the name of a field, and the field, or the number of an entry, that a part of a name leads to."""
+    # An entry of a list
     if isinstance(owner, tuple):
         number = entry(part, len(owner))
         if number is None:
             raise ParameterError(f"no such entry (got {name!r}) - there are {len(owner)}, the first is 0")
         return number, None
+    # A field of a table: advise where there is none, or where it cannot change
     if not isinstance(owner, BaseModel):
         where = ".".join(map(str, location))
         raise ParameterError(

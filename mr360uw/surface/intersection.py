@@ -191,6 +191,7 @@ def _refined(sea: SeaWaves, ray: Ray, sigma: float, low: float, high: float, t: 
 @borrowing
 def _bisected(sea: SeaWaves, ray: Ray, sigma: float, low: float, high: float) -> Hit:
     """Return the hit between two distances: the first if the ray is behind the splines there, none if before both."""
+    # The ends decide: still before the surface, or behind it at once
     (ox, oy, oz), (dx, dy, dz), side = ray.origin, ray.direction, ray.side
     c, n, tile = sea.splines, sea.table, sea.tile_m
     level, slack = _level_at(sigma, sea.step_m, len(n) - 1), 1e-11 * tile
@@ -202,6 +203,7 @@ def _bisected(sea: SeaWaves, ray: Ray, sigma: float, low: float, high: float) ->
     a, b, p = rest_position(c, n, tile, level, x, z, a, b, slack)
     if side * (oy + low * dy - p[0]) <= 0.0:
         return Hit(low, _normal(p), a, b, sigma, level)
+    # Halve the interval to the last digits
     for _ in range(60):
         t = 0.5 * (low + high)
         x, z = ox + t * dx, oz + t * dz

@@ -238,6 +238,7 @@ def displacement(c: Any, n: Any, tile_m: float, level: float, a: float, b: float
 @borrowing
 def _at_level(c: Any, first: int, size: int, tile_m: float, a: float, b: float) -> Displacement:
     """Return the displacement of a particle by the splines of one level."""
+    # Weigh the four nodes each way by cubic B-splines, and by their slopes
     per_m, last = size / tile_m, size - 1
     u, v = a * per_m, b * per_m
     column, row = math.floor(u), math.floor(v)
@@ -247,6 +248,7 @@ def _at_level(c: Any, first: int, size: int, tile_m: float, a: float, b: float) 
     i0, i1, i2, i3 = (i - 1) & last, i & last, (i + 1) & last, (i + 2) & last
     weights, slopes = _basis(v - row), _slopes(v - row)
     h, sx, sz, h_a, sx_a, sz_a, h_b, sx_b, sz_b = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    # Sum rows of nodes: height and both shifts, with their slopes along both axes
     for k in range(4):
         line = first + ((j + k - 1) & last) * size
         p, q, r, t = line + i0, line + i1, line + i2, line + i3

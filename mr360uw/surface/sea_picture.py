@@ -392,12 +392,14 @@ def _centres(
         for column in range(columns):
             p, q = origins[row, column, 0], directions[row, column, 0]
             o, v = (p[0], p[1], p[2]), (q[0], q[1], q[2])
+            # Follow the ray to the surface, else to the floor
             hit, floor = met(w, Ray(o, v, side, width, spread), NOWHERE, False)
             t, length = hit.distance, 0.0
             if t < math.inf:
                 kind[row, column] = 1
                 nx, ny, nz = hit.normal
                 normal[row, column, 0], normal[row, column, 1], normal[row, column, 2] = nx, ny, nz
+                # From the air go on into the water, for the length that is seen through
                 if side > 0.0:
                     d = bent(v[0], v[1], v[2], nx, ny, nz, 1.0 / w.refractive_index)
                     at = o[0] + t * v[0] + OFF_M * d[0], o[1] + t * v[1] + OFF_M * d[1], o[2] + t * v[2] + OFF_M * d[2]
@@ -405,6 +407,7 @@ def _centres(
                     length = min(on.distance, below)
             elif floor < math.inf:
                 t, kind[row, column] = floor, 2
+            # Keep the hit: rays through the same pixel begin from it
             distance[row, column] = t
             wet[row, column] = t if side < 0.0 else length
             out = hits[row, column]

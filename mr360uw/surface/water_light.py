@@ -192,10 +192,12 @@ class WaterLight:
         settings: CausticSettings,
     ) -> FloorLight:  # fmt: skip
         """Return the light on the floor at a depth below the mean surface. sampled: the sea at the time."""
+        # Above the water the sky and the sun arrive as they are
         dry_sun: Array = np.zeros(3) if sun is None else np.asarray(sun.irradiance * max(float(sun.direction[1]), 0.0))
         dry = dome.irradiance + dry_sun
         if depth_m <= 0.0:
             return FloorLight(dry, (), dry, dry_sun)
+        # Without water light is patterned by refraction alone
         medium = None if self.sun is None else self.sun.medium
         pattern = sun_pattern(sea, sun, depth_m, time_s, self.index, settings, medium)
         even = self.returned(depth_m)
@@ -204,6 +206,7 @@ class WaterLight:
             if pattern is not None:
                 patterns.append((pattern[0], sun_below(sun, self.index)))
             return FloorLight(even, tuple(patterns), dry, dry_sun, skies=1)
+        # In water the beam's pattern stands on even light: sharp as far as it has not turned
         even, patterns = even + self.sky.down(depth_m), []
         if pattern is not None and self.sun is not None:
             beam, sharp = self._beam(depth_m)
@@ -278,9 +281,11 @@ def _gather_row(
             v = rays[k, 0], rays[k, 1], rays[k, 2]
             x, z = (column + rays[k, 3]) * step, (row + rays[k, 4]) * step
             p = (0.0, 0.0, 0.0)
+            # Find where the ray leaves the water, by fixed-point iteration on the wave's height
             for _ in range(_STEPS):
                 t = (depth + p[0]) / v[1]
                 p = _surface(w, tile_m, x + t * v[0], z + t * v[2])
+            # Tilt the surface by a facet of unresolved waves, and look through it
             seen = v[1] - p[1] * v[0] - p[2] * v[2]
             sx, sz = p[1] + rays[k, 5], p[2] + rays[k, 6]
             facet = v[1] - sx * v[0] - sz * v[2]

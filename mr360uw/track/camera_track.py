@@ -327,6 +327,7 @@ def _scale(
 
     height: of the first camera over the floor in the scene, None without a floor.
     """
+    # Take what is known best: a length, a depth log, the height over the floor
     if not len(points):
         return 1.0, "none is needed: the camera stays where it is", None
     if measure.length is not None:
@@ -343,6 +344,7 @@ def _scale(
         wanted = GUESSED_HEIGHT_M if measure.height_m is None else measure.height_m
         given = "as given" if measure.height_m is not None else "a guess: give --height, --length or --depth-log"
         return wanted / height, f"the camera is {wanted:g} m over the floor at the first frame, {given}", None
+    # Nothing is known: guess by the typical distance
     distance = float(np.median(np.linalg.norm(points - position[0], axis=1)))
     words = f"half of the points are nearer than {GUESSED_DISTANCE_M:g} m, a guess"
     words += ": no floor was found for --height" if measure.height_m is not None else ": give --length or --depth-log"

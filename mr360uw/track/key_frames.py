@@ -227,6 +227,7 @@ def read_key_frames(video: VideoReader, folder: Path, steps: Steps) -> Reading:
 def _read(video: VideoReader, count: int, folder: Path, steps: Steps) -> Reading:
     import cv2
 
+    # Keep a first picture, some spread evenly, and those that the motion asks for
     every = set(np.linspace(0, count - 1, min(count, _LEAST_KEYS)).astype(int).tolist())
     keys, times, thumbnails, motion = [], [], [], None
     contrast, corners = 0.0, 0
@@ -241,6 +242,7 @@ def _read(video: VideoReader, count: int, folder: Path, steps: Steps) -> Reading
             keys.append(int(frame.index))
             cv2.imwrite(str(_key_path(folder, frame.index)), grey)
         steps.done()
+    # Refuse clips without anything to follow
     if contrast < _LEAST_CONTRAST:
         raise ParameterError(f"{video.path} - is of one colour - give a clip that shows the floor, a wall or a reef")
     if corners < _LEAST_CORNERS:

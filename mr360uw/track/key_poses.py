@@ -314,6 +314,7 @@ def held_out_errors(scene: Solution) -> tuple[Floats, Floats]:
     Points that at least two even key frames see are triangulated from these alone, and compared with where odd ones
     see them; then the other way round. Errors are in the tangent plane: along the parallel and along the meridian.
     """
+    # List all observations by key frame, every other key frame held out
     kept = np.flatnonzero(scene.solved)
     frame = np.concatenate([np.full(len(scene.point[k]), k) for k in kept])
     order = np.searchsorted(kept, frame)
@@ -322,11 +323,13 @@ def held_out_errors(scene: Solution) -> tuple[Floats, Floats]:
     look = np.concatenate([scene.direction[k] @ scene.rotation[k].T for k in kept])
     eye = scene.position[frame]
     error = np.full((len(frame), 2), np.nan)
+    # Triangulate from one half, measure in the other
     for parity in (0, 1):
         using = order % 2 == parity
         place = triangulate(point[using], eye[using], look[using], len(scene.points))
         towards = np.einsum("nji,nj->ni", scene.rotation[frame[~using]], place[point[~using]] - eye[~using])
         error[~using] = _tangent(own[~using], towards) * WIDTH / (2.0 * np.pi)
+    # Take medians for each key frame: of single features, and of the ground as a whole
     slip, feature = np.full(len(scene.solved), np.nan), np.full(len(scene.solved), np.nan)
     for k in kept:
         known = (frame == k) & np.isfinite(error[:, 0])

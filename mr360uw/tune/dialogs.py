@@ -289,9 +289,11 @@ class DepthTool:
         self._button.set_visibility(frames > 1 or eyes)
 
     def _pressed(self) -> None:
+        # Pressed again, it stops
         if self._run is not None:
             self._run.cancel()
             return
+        # Ask for the eyes' distance or the camera's track, which give the scale
         scene, path = self._session.document.scene, self._session.document.path
         folder = path.with_name(f"{path.stem}.depth")
         command = ["depth", str(scene.plate.path), "-o", str(folder)]

@@ -27,6 +27,7 @@ def sliders(scene: str | Path, *keys: str, frame: int = 0, width: int = 768, bac
         import ipywidgets as widgets
     except ImportError:
         raise ParameterError(f"sliders - need ipywidgets (got none) - {install_command('notebook')}") from None
+    # Make a slider for each key, at the value of the file
     path, live = Path(scene), LivePreview(backend)
     load_scene(path)
     tables = tables_of(scene_text(path), str(path))
@@ -34,6 +35,7 @@ def sliders(scene: str | Path, *keys: str, frame: int = 0, width: int = 768, bac
     picture, message = widgets.Image(format="jpeg", width=width), widgets.Label()
     box = widgets.VBox([*rows, message, picture])
 
+    # Draw the frame anew when a slider moves; an error leaves the last picture
     def draw(_: Any = None) -> None:
         box.overrides = tuple(f"{key}={row.value}" for key, row in zip(keys, rows, strict=True))
         try:

@@ -125,6 +125,7 @@ class TunePage:
             self.failed(error)
 
     def _follow(self, event: Event) -> None:
+        # A scene that changed changes all; the first picture lets the rest begin
         if event == "document":
             self.controls.refresh()
             self.header.refresh()

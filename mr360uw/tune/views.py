@@ -51,6 +51,7 @@ def _caustic_chart(shown: ShownFrame) -> Codes:
     """
     import cv2
 
+    # Say why there is nothing to show
     sun, scene = shown.sun, shown.loaded.scene
     height, of = shown.ground_y
     depth = scene.camera.depth_m - height
@@ -58,11 +59,13 @@ def _caustic_chart(shown: ShownFrame) -> Codes:
         return message("no caustics: this frame shows no sun above the horizon", shown.palette, _SIDE, _SIDE)
     if scene.water.type == "none" or depth <= 0.0:
         return message("no caustics: there is no water above the receiver", shown.palette, _SIDE, _SIDE)
+    # Make the caustics at the receiver, as the frame does
     index, settings = scene.water.refractive_index, shown.loaded.caustic_depths.settings
     medium = shown.loaded.surroundings.medium
     spread = spread_of(medium) if medium is not None else None
     in_air = refract_to_air(sun.direction, index)
     stack = shown.renderer.caustics(scene.sea, in_air, np.array([depth]), shown.time_s, settings, index, spread)
+    # Draw one tile, its brightest lines white, with figures
     ratio = stack.ratio[0]
     white = max(float(np.percentile(ratio, 99.8)), 2.0)
     codes = np.round(255.0 * np.clip(encode(ratio / white, "srgb"), 0.0, 1.0)).astype(np.uint8)
@@ -82,6 +85,7 @@ def _surface_chart(shown: ShownFrame) -> Codes:
     """
     import cv2
 
+    # Heights in false colours, slopes as a relief
     sea = shown.loaded.scene.sea
     surface = sea.grid_surface(_SURFACE_POINTS, shown.time_s)
     height = surface.position[..., 1]
@@ -94,6 +98,7 @@ def _surface_chart(shown: ShownFrame) -> Codes:
     left, right = (
         np.ascontiguousarray(cv2.resize(part, size, interpolation=cv2.INTER_LINEAR)) for part in (colours, relief)
     )
+    # Write figures on both, side by side
     label(left, f"height; significant {4.0 * float(np.std(height)):.3f} m", (12, 26))
     legend(left, [(0.0, f"-{reach:.2g}"), (0.5, "0"), (1.0, f"{reach:.2g} m")], (24, _SIDE - 92), 260)
     scale_bar(left, _SIDE / sea.tile_m, (16, _SIDE - 16), 0.3 * _SIDE)
@@ -164,6 +169,7 @@ def _depth_picture(shown: ShownFrame) -> Codes:
     Where `plate.depth` is sure of a distance, it stands before that of the receiver. Black: nothing there, or farther
     than the receiver's extent.
     """
+    # Read distances of the bodies, the plate's maps and the receiver
     view = shown.view_of(_WIDTH)
     drawn = shown.frame.layer.distance_m
     rows, columns = (np.arange(n) * of // n for n, of in zip((view.height, view.width), drawn.shape, strict=True))
@@ -178,6 +184,7 @@ def _depth_picture(shown: ShownFrame) -> Codes:
         distance = np.minimum(distance, floor)
     else:
         distance = np.minimum(distance, plate_m)
+    # Colour their logarithm; black is infinite
     there = np.isfinite(distance)
     log_range = np.log(_FARTHEST_M / _NEAREST_M)
     image = false_colour(np.log(np.where(there, np.maximum(distance, 1e-3), 1.0) / _NEAREST_M) / log_range)

@@ -320,6 +320,7 @@ def _encode(part: Path, files: list[Path | None], alpha: Alpha, rate: Fraction, 
     with create_local(part, "mov") as container:
         stream = container.add_stream(_ENCODER, rate=rate, options=_OPTIONS)
         context = stream.codec_context
+        # The first layer sets the size of all; a frame without one is empty
         for index, file in enumerate(files):
             rgba = _rgba(first if file is None else file, eye)
             if size is None:
@@ -331,6 +332,7 @@ def _encode(part: Path, files: list[Path | None], alpha: Alpha, rate: Fraction, 
                 raise VideoError(
                     f"{file} - differs from the first layer (got {rgba.shape[1]}x{rgba.shape[0]}) - name one run's"
                 )
+            # Let FFmpeg turn RGB into Y'CbCr with alpha
             codes = _layer_codes(rgba if file is not None else np.zeros_like(rgba), alpha)
             native = av.VideoFrame.from_ndarray(codes, format="rgba64le")
             native = native.reformat(

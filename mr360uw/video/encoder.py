@@ -30,6 +30,7 @@ _FORMATS = ("nv12", "yuv420p")
 
 def refusal(name: str) -> str:
     """Return why an encoder of FFmpeg does not encode a grey picture here; "" where it does."""
+    # Look the encoder up, and a format of pictures in memory that it takes
     try:
         codec = av.Codec(name, "w")
     except ValueError:
@@ -39,6 +40,7 @@ def refusal(name: str) -> str:
     if wanted is None:
         return "it takes pictures that are in the card's memory alone"
     try:
+        # Encode one grey picture: hardware says only now that it is missing
         context = av.CodecContext.create(codec, "w")
         context.width, context.height = _TRIAL_SIZE
         context.pix_fmt, context.time_base, context.framerate = wanted, Fraction(1, 30), Fraction(30)
@@ -261,6 +263,7 @@ def delivery_of(settings: EncodeSettings, like: Clip) -> tuple[Codec, str, dict[
     """
     if settings.target == "none":
         return None
+    # Interpolate the bit rate that the target recommends, over pixels on logarithmic axes
     hdr = like.spec.transfer in ("pq", "hlg")
     ten = hdr or (settings.target == "quest" and like.spec.bits > 8)
     width, height = like.frame_size
@@ -269,6 +272,7 @@ def delivery_of(settings: EncodeSettings, like: Clip) -> tuple[Codec, str, dict[
     i = int(np.clip(np.searchsorted(-place, 0.0) - 1, 0, len(_PIXELS) - 2))
     slope = np.log(rates[i + 1] / rates[i]) / np.log(_PIXELS[i + 1] / _PIXELS[i])
     rate = float(rates[i] * np.exp(slope * place[i]))
+    # Half a second between closed groups of pictures
     bit_rate, gop = round(rate * 1e6), max(1, round(like.frame_rate / 2))
     options = {
         "b": str(bit_rate),

@@ -198,10 +198,12 @@ class ImageReader(VideoReader):
 
     def _codes(self, path: Path) -> tuple[list[NDArray[Any]], PictureTags]:
         """Return the codes of a picture, of both eyes where they are read, and its metadata."""
+        # Read the picture into the panorama
         picture = picture_file(path, self._wanted)
         codes = _in_panorama(picture.codes, self._placed)
         if self._wanted == "matte":
             codes = _grey_codes(codes, alpha=self._matte_alpha)
+        # Refuse what differs from the first picture, or holds no light
         if (codes.shape[1], codes.shape[0]) != self._crop.frame_size or 8 * codes.dtype.itemsize != self.spec.bits:
             raise VideoError(
                 f"{path} - differs from the first picture of the sequence (got {codes.shape[1]}x{codes.shape[0]} "
@@ -215,6 +217,7 @@ class ImageReader(VideoReader):
         if self._wrap and codes.dtype.kind == "f" and not is_light(codes):
             got = f"got NaN, infinity or more than {MOST_LIGHT:g}"
             raise VideoError(f"{path} - holds samples that are no light ({got}) - repair the picture")
+        # Cut out the eyes; the metadata keep where the picture lay
         codes.flags.writeable = False
         tags = picture.tags
         if self._placed is not None:

@@ -165,6 +165,7 @@ def _eye_crop(path: Path, width: int, height: int, stereo: Stereo, eye: Literal[
 
 
 def _check_projection(path: Path, spherical: SphericalMetadata) -> None:
+    # Another projection, half a sphere, or a part of it: name the way out of each
     if spherical.projection != "equirectangular":
         raise VideoError(
             f"{path} - projection not supported (got {spherical.projection}) - "

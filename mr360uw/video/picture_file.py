@@ -153,10 +153,12 @@ def _exr(path: Path, wanted: Wanted) -> PictureFile:
 
 def _plain(path: Path, data: bytes, wanted: Wanted, *, notes: bool) -> PictureFile:
     """Return a picture that OpenCV or Pillow decodes."""
+    # Check the size before anything is decoded
     size = picture_size(data) or _size_by_pillow(data)
     if size is None:
         raise _unusable(path)
     PICTURE.check(str(path), size[0] * size[1], VideoError)
+    # Decode; a matte keeps its alpha
     tags, turned = read_tags(data, path.suffix.lower(), size)
     codes = _decoded(path, data, matte=wanted == "matte" or notes)
     whole = np.iinfo(codes.dtype).max if codes.dtype.kind == "u" else 1.0
@@ -166,6 +168,7 @@ def _plain(path: Path, data: bytes, wanted: Wanted, *, notes: bool) -> PictureFi
         unused = unused_parts(data, clear=clear) if notes else ()
     except ValueError as error:
         raise VideoError(f"{path} - {error}") from error
+    # Turn it upright, then read its colours
     if turned > 1:
         codes = _upright(codes, turned)
         upright = (codes.shape[1], codes.shape[0])

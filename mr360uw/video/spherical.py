@@ -120,6 +120,7 @@ def _from_xml(data: bytes) -> SphericalMetadata:
 
 
 def _from_entry(entry: Box) -> SphericalMetadata | None:
+    # Stereo by st3d; without sv3d the projection is not said
     st3d, sv3d = entry.find(b"st3d"), entry.find(b"sv3d")
     if st3d is None and sv3d is None:
         return None
@@ -128,6 +129,7 @@ def _from_entry(entry: Box) -> SphericalMetadata | None:
     if sv3d is None:
         return SphericalMetadata(stereo=stereo, source="V2", problems=("V2 has 'st3d' but no 'sv3d'",))
     problems = () if sv3d.find(b"svhd") else ("V2 has no 'svhd', which players may refuse",)
+    # Pose and bounds of the projection, in fixed point
     proj = sv3d.find(b"proj")
     pose = proj.find(b"prhd") if proj else None
     shape = next((b for b in proj.children if b.kind in _PROJECTION_V2), None) if proj else None
