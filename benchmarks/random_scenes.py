@@ -28,8 +28,8 @@ from mr360uw.composite.object_settings import ObjectSettings
 from mr360uw.composite.settings import DrawSettings, HoldoutSettings, LampSettings, ReceiverSettings, SnowSettings
 from mr360uw.ibl import LightSettings
 from mr360uw.medium import WaterSettings
-from mr360uw.medium.sensor import cameras
 from mr360uw.medium.settings import ShaftSettings
+from mr360uw.medium.spectra import cameras
 from mr360uw.parameters import bounds_of
 from mr360uw.sample.whale import write_whale
 from mr360uw.scene.model import CameraSettings, Scene, scene_from_dict

@@ -73,7 +73,7 @@ class FrameResult:
 
     def _repr_png_(self) -> bytes:
         """Return the frame as a notebook shows it: 8-bit sRGB, at most 1024 pixels wide."""
-        from mr360uw.preview.screen import thumbnail
+        from mr360uw.preview.live import thumbnail
 
         return thumbnail(self.image_linear)
 

@@ -14,18 +14,7 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-from mr360uw.bench.measuring import (
-    SLOWER,
-    WORSE,
-    MeasuredStage,
-    Measurement,
-    Workbench,
-    better_than_default,
-    front,
-    knobs_in_words,
-    larger,
-    measure,
-)
+from mr360uw.bench.stages import Knobs, MeasuredStage, Measurement, Workbench, measure
 from mr360uw.errors import ParameterError, package_versions
 from mr360uw.ibl.report import html_page
 from mr360uw.progress import Progress
@@ -190,6 +179,46 @@ def check_kinds(before: BenchReport, *, quick: bool) -> None:
         raise ParameterError(f"--against - the runs differ (got one {kinds[0]}, this one {kinds[1]}) - run alike")
 
 
+SLOWER, WORSE = 1.15, 1.10
+"""Ratios of time and of error from which on a setting counts as slower or worse than another. Medians of five runs on a
+quiet machine repeat within about 5 %; errors repeat exactly but for changes of the code."""
+
+
+_TINY_ERROR = 1e-6
+"""Relative error below which differences are rounding."""
+
+
+def beats(one: Measurement, other: Measurement) -> bool:
+    """Return whether a setting is cheaper than another and no less accurate, or more accurate and no dearer.
+
+    Differences within `SLOWER` and `WORSE` count as none.
+    """
+    cheaper, dearer = one.cpu_ms * SLOWER < other.cpu_ms, one.cpu_ms > other.cpu_ms
+    better, worse = larger(other.error, one.error), one.error > other.error + _TINY_ERROR
+    return (cheaper and not worse) or (better and not dearer)
+
+
+def larger(error: float, before: float) -> bool:
+    """Return whether an error is larger than another by more than `WORSE` and by more than rounding."""
+    return error > WORSE * before and error - before > _TINY_ERROR
+
+
+def front(found: Sequence[Measurement]) -> list[Measurement]:
+    """Return the settings that no other one beats, the cheapest first."""
+    return sorted((m for m in found if not any(beats(o, m) for o in found)), key=lambda m: m.cpu_ms)
+
+
+def better_than_default(found: Sequence[Measurement]) -> list[Measurement]:
+    """Return the settings that beat the default, the most accurate first; none where it lies on the front."""
+    usual = next((m for m in found if "default" in m.names), None)
+    return [] if usual is None else sorted((m for m in found if beats(m, usual)), key=lambda m: (m.error, m.cpu_ms))
+
+
+def knobs_in_words(knobs: Knobs) -> str:
+    """Return settings as text: caustics.size=512 caustics.grid=auto."""
+    return " ".join(f"{name}={'auto' if value is None else value}" for name, value in knobs.items())
+
+
 def compare(before: BenchReport, now: BenchReport) -> tuple[list[str], str]:
     """Return a line for each setting that became worse, and the comparison in words; raise `ParameterError` for runs
     of different kinds or without a common setting.
@@ -243,15 +272,25 @@ def _notes(before: BenchReport, now: BenchReport) -> tuple[str, ...]:
 # A self-contained HTML page of a benchmark run: error over processor time of each stage, with its Pareto front.
 
 _WIDTH, _HEIGHT, _LEFT, _BOTTOM, _EDGE = 900, 360, 70, 44, 26
+
+
 _BELOW = 0.3
 """Place of exact settings, in units of the smallest error that is not 0: below the others, and near enough to them."""
+
+
 _FRONT, _OTHER = "#0b6e99", "#9aa7b2"
+
+
 _COLOURS = {"default": "#c2410c", "draft": "#4d7c0f", "reference": "#6d28d9"}
+
+
 _STYLE = """
 text { paint-order: stroke; stroke: #fff; stroke-width: 3px; stroke-linejoin: round; }
 td.n { text-align: right; font-variant-numeric: tabular-nums; } tr.front { font-weight: 600; }
 circle:hover { stroke: #16202a; stroke-width: 2; } .note { color: #c2410c; }
 """
+
+
 Place = Callable[[float], float]
 
 

@@ -1,19 +1,25 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The stages that `mr360uw bench` measures: water, caustics, shafts by themselves, the others in frames of a dive."""
+"""Stages that `mr360uw bench` measures on a sample dive: processor time and error of each setting."""
 
 from __future__ import annotations
 
+import functools
 import itertools
-from collections.abc import Callable, Sequence
+import statistics
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from mr360uw.bench.measuring import Knobs, MeasuredStage, Workbench, Workload, picture_of, qualities, relative_rms
+from mr360uw.cache import Cache
 from mr360uw.caustic_lookup import caustic_lookup, mip_levels
 from mr360uw.caustics import CausticSettings, GerstnerSea, caustic_stack, refract_to_air, stack_depths
 from mr360uw.caustics.settings import PlaneLadder
 from mr360uw.composite.objects import load_objects
+from mr360uw.composite.over import over
 from mr360uw.composite.raycast import occluding
 from mr360uw.composite.shafts import grid_of
 from mr360uw.constants import MAXIMUM_SUN_SAMPLES, REFRACTIVE_INDEX_SEA
@@ -23,10 +29,177 @@ from mr360uw.medium.lookup import veil_lookup
 from mr360uw.medium.scattered_light import spread_of
 from mr360uw.medium.settings import ShaftSettings
 from mr360uw.medium.shafts.shaft_field import march
+from mr360uw.reading.disk_cache import nothing_kept
+from mr360uw.render.backends import Backend
+from mr360uw.render.first_pass import clip_analysis
+from mr360uw.render.frame import Frame, composite_frame
+from mr360uw.render.loaded import load
+from mr360uw.sample import sample_dive
+from mr360uw.scene.model import Scene, load_scene
+from mr360uw.scene.resolved import open_plate
 from mr360uw.sphere import unit
 from mr360uw.types import CausticStack, Floats, Sun, View
+from mr360uw.video import VideoFrame
 
-_WIDTH = 4096
+# Measures stages on a sample dive: processor time and error of each setting, and which lie on the Pareto front.
+
+_RUNS, _QUICK_RUNS = 5, 3
+_DIVE_WIDTH, _QUICK_WIDTH = 1024, 512
+"""Width [pixels] of the dive's frames: shadows and edges cost and err as in larger ones, in a fraction of the time."""
+_SWIMS = "object.0.key=[{time_s=0, position_m=[0.4, -0.6, -3.6]}, {time_s=1, position_m=[1.4, -0.4, -3.2]}]"
+"""Motion of the whale: nothing of a frame can be kept for the next because it stands still."""
+
+
+class Workbench:
+    """What stages are measured on. folder: an empty one, for the dive. quick: smaller frames, fewer runs.
+
+    runs: timed runs of each setting. width: of the dive's frames [pixels].
+    """
+
+    def __init__(self, folder: Path, backend: Backend, *, quick: bool = False) -> None:
+        self.backend, self.quick, self.runs = backend, quick, _QUICK_RUNS if quick else _RUNS
+        self.width = _QUICK_WIDTH if quick else _DIVE_WIDTH
+        self._folder = folder
+
+    @functools.cached_property
+    def scene_file(self) -> Path:
+        """The scene of the dive, made when it is first asked for: a plate of a frame for each run, a whale, sand."""
+        return sample_dive(self._folder / "dive", width=self.width, frames=self.runs + 1).scene
+
+    def scene(self, knobs: Mapping[str, Any]) -> Scene:
+        """Return the scene of the dive with settings."""
+        given = [f"{name}={value}" for name, value in knobs.items() if value is not None]
+        return load_scene(self.scene_file, [_SWIMS, *given])
+
+    @functools.cached_property
+    def plates(self) -> list[VideoFrame]:
+        """The frames of the dive's plate."""
+        with open_plate(self.scene({})) as video:
+            return list(video.frames(0, self.runs + 1))
+
+    def frames(self, knobs: Mapping[str, Any]) -> Callable[[int], Frame]:
+        """Return a function that composites frame k of the dive with settings, decoding not included.
+
+        What frames share is kept from one to the next, as in a composite of the clip.
+        """
+        scene = self.scene(knobs)
+        with open_plate(scene) as video:
+            loaded = load(scene, video.width, video.height)
+            analysis = clip_analysis(loaded, video)
+            plates = list(video.frames(0, self.runs + 1))
+        cache = Cache()
+        return lambda k: composite_frame(loaded, analysis, self.backend, plates[k], 0.0, cache=cache)
+
+
+def picture_of(frame: Frame) -> Floats:
+    """Return a frame's picture (H, W, 3) before it is rounded to codes: linear radiance."""
+    return over(frame.plate.image_linear, frame.layer)
+
+
+Knobs = Mapping[str, Any]
+"""Values of settings by their names, those of a scene as in caustics.size."""
+
+_LONG_ENOUGH_S = 4.0
+"""Time of one setting's runs [s] after which it is not run again: its median is steady by then."""
+_NAMES = {"final": "default", "draft": "draft", "reference": "reference"}
+"""Words for the points of the qualities of a scene."""
+
+
+Workload = tuple[Callable[[Knobs], Callable[[int], Any]], Callable[[Any], float]]
+"""A stage ready to be measured: two functions. The first takes settings and returns the work, which is timed; it is
+called with 0 for the run whose error is taken, and with 1, 2, ... for the runs that are timed. The second takes a
+result of run 0 and returns its relative root mean square error."""
+
+
+@dataclass(frozen=True, slots=True)
+class MeasuredStage:
+    """A stage and the settings at which it is measured.
+
+    title: what is measured, timed: what the time covers, truth: what the error is against, in words. points: settings
+    of a full run; quick: of a quick one. named: those of a scene's qualities, see `qualities`, which both runs have.
+    open: prepares it on a workbench.
+    """
+
+    name: str
+    title: str
+    timed: str
+    truth: str
+    points: tuple[Knobs, ...]
+    quick: tuple[Knobs, ...]
+    named: Mapping[str, Knobs]
+    open: Callable[[Workbench], Workload]
+
+    def settings(self, *, quick: bool) -> list[Knobs]:
+        """Return the settings of a run, each once."""
+        found: list[Knobs] = []
+        for point in (*self.named.values(), *(self.quick if quick else self.points)):
+            if point not in found:
+                found.append(point)
+        return found
+
+
+@dataclass(frozen=True, slots=True)
+class Measurement:
+    """Medians of one setting: processor time of all threads and wall time [ms], of `runs` runs; relative error.
+
+    names: "default", "draft" or "reference" where the setting is that of a scene's quality.
+    """
+
+    knobs: Knobs
+    cpu_ms: float
+    wall_ms: float
+    error: float
+    runs: int
+    names: tuple[str, ...] = ()
+
+
+def qualities(*names: str) -> dict[str, Knobs]:
+    """Return the values of a scene's parameters, as caustics.size, by "default", "draft" and "reference"."""
+    found: dict[str, Knobs] = {}
+    for quality, word in _NAMES.items():
+        scene = Scene.model_validate({"plate": "plate.mp4", "draw": {"quality": quality}})
+        found[word] = {name: getattr(getattr(scene, name.split(".")[0]), name.split(".")[1]) for name in names}
+    return found
+
+
+def measure(stage: MeasuredStage, bench: Workbench, tick: Callable[[], None] = lambda: None) -> list[Measurement]:
+    """Return the measurements of a stage at its settings. tick: called after each of them."""
+    (prepare, error_of), found = stage.open(bench), []
+    for knobs in stage.settings(quick=bench.quick):
+        with nothing_kept():
+            run = prepare(knobs)
+            error = error_of(run(0))
+            cpu, wall = timed(run, bench.runs)
+        names = tuple(word for word, point in stage.named.items() if point == knobs)
+        found.append(Measurement(dict(knobs), 1e3 * cpu, 1e3 * wall, error, bench.runs, names))
+        tick()
+    return found
+
+
+def timed(run: Callable[[int], Any], runs: int) -> tuple[float, float]:
+    """Return the medians of processor time, of all threads of the process, and of wall time [s] of runs 1, 2, ...
+
+    After 4 s no more are begun.
+    """
+    cpu, wall = [], []
+    for number in range(1, runs + 1):
+        of_cpu, of_wall = time.process_time(), time.perf_counter()
+        run(number)
+        cpu.append(time.process_time() - of_cpu)
+        wall.append(time.perf_counter() - of_wall)
+        if sum(wall) > _LONG_ENOUGH_S:
+            break
+    return statistics.median(cpu), statistics.median(wall)
+
+
+def relative_rms(got: Any, truth: Any) -> float:
+    """Return the root mean square of the difference of two arrays over that of the second; 0 for equal ones."""
+    got, truth = np.asarray(got, np.float64), np.asarray(truth, np.float64)
+    difference = float(np.sqrt(np.mean((got - truth) ** 2)))
+    return difference / float(np.sqrt(np.mean(truth**2))) if difference else 0.0
+
+
+_FRAME_WIDTH = 4096
 """Width [pixels] of the frame that the grid is for: so large that it takes as many nodes as the settings give it."""
 _STRIDE = 8
 """Pixels from ray to ray of those that the grid is read for."""
@@ -58,15 +231,15 @@ def _open(bench: Workbench) -> Workload:
     scene = bench.scene({})
     depth_m = scene.camera.depth_m
     medium = Medium(Water.jerlov("IB"), camera_depth_m=depth_m)
-    view = View(_WIDTH, _WIDTH // 2, surface_y_m=depth_m)
+    view = View(_FRAME_WIDTH, _FRAME_WIDTH // 2, surface_y_m=depth_m)
     whale = load_objects(scene.objects)[0].at(0.0, 0, np.zeros(3), np.eye(3))
     waves = caustic_stack(
         scene.sea, refract_to_air(_SUN.direction), stack_depths(0.2, 20.0, 12), 0.0,
         CausticSettings(size=256, grid=128), spread=spread_of(medium),
     )  # fmt: skip
     shafts = ShaftScene.of(view, medium, _SUN, [occluding([whale], np.zeros(3))], waves)
-    column = np.arange(3 * _WIDTH // 8, 5 * _WIDTH // 8, _STRIDE) + 0.5
-    row = np.arange(_WIDTH // 6, _WIDTH // 3, _STRIDE) + 0.5
+    column = np.arange(3 * _FRAME_WIDTH // 8, 5 * _FRAME_WIDTH // 8, _STRIDE) + 0.5
+    row = np.arange(_FRAME_WIDTH // 6, _FRAME_WIDTH // 3, _STRIDE) + 0.5
     rays = np.asarray(view.directions(*(at.ravel() for at in np.meshgrid(column, row))), np.float64).reshape(-1, 3)
     some = np.random.default_rng(3).choice(len(rays), _TRUE_RAYS, replace=False)
     seen = rays[some]
@@ -76,7 +249,7 @@ def _open(bench: Workbench) -> Workload:
 
     def prepare(knobs: Knobs) -> Callable[[int], Any]:
         settings = ShaftSettings(resolution=knobs["shafts.resolution"], slices=knobs["shafts.slices"])
-        grid = grid_of(settings, _WIDTH, shafts)
+        grid = grid_of(settings, _FRAME_WIDTH, shafts)
         return lambda _: shaft_field(shafts, grid, rays).radiance(seen, ends)
 
     return prepare, lambda got: relative_rms(got, truth)

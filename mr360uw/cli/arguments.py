@@ -21,7 +21,7 @@ from mr360uw.output_gate import check_folder, check_outputs
 from mr360uw.reading.input_files import unreadable
 
 if TYPE_CHECKING:
-    from mr360uw.preview.screen import Perspective
+    from mr360uw.preview.live import Perspective
 
 
 class Role(Enum):
@@ -117,7 +117,7 @@ def view_of(text: str | None, size: str) -> Perspective | None:
     """Return the view of 'yaw,pitch,fov' in degrees, whose end may be left out, and of a size '1280x720'."""
     if text is None:
         return None
-    from mr360uw.preview.screen import Perspective
+    from mr360uw.preview.live import Perspective
 
     try:
         angles = [float(part) for part in text.split(",")]

@@ -142,7 +142,7 @@ def _caustic_lines(scene: Scene, frames: tuple[int, int] | None, picture: Path |
 
     from mr360uw.files import write_whole
     from mr360uw.match import match_caustics
-    from mr360uw.preview.screen import encoded
+    from mr360uw.preview.live import encoded
 
     found = match_caustics(scene, frames, progress=progress)
     lines = [found.sentence, f"confidence {found.confidence:.2f}", *(f"--set {change}" for change in found.overrides)]

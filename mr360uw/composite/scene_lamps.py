@@ -28,7 +28,7 @@ from mr360uw.composite.settings import LampSettings
 from mr360uw.composite.shot import PlacedObject
 from mr360uw.medium.lookup import DEPTH_SIZE, lengths
 from mr360uw.medium.medium import DEFAULT_BANDS, Medium
-from mr360uw.medium.sensor import DEFAULT_ILLUMINANT, illuminant
+from mr360uw.medium.spectra import DEFAULT_ILLUMINANT, illuminant
 from mr360uw.medium.wavelengths import Bands, bands
 from mr360uw.types import Floats, Lamp, View
 

@@ -23,8 +23,7 @@ from mr360uw.first_look.place_in_plate import ShownDistance, Wish
 from mr360uw.first_look.proposal import brightness_lines, found_lines, propose, scene_lines
 from mr360uw.ibl.sun.detect import SunFound
 from mr360uw.output_gate import check_outputs
-from mr360uw.preview.live import COARSE_WIDTH, LivePreview
-from mr360uw.preview.screen import screen_picture
+from mr360uw.preview.live import COARSE_WIDTH, LivePreview, screen_picture
 from mr360uw.reading.input_files import read_json
 from mr360uw.render.check import possible_outputs
 from mr360uw.render.loaded import Loaded

@@ -26,7 +26,7 @@ from mr360uw.from_above.settings import AerialFloorSettings, AerialScene, Aerial
 from mr360uw.medium import Medium, Water
 from mr360uw.medium.lookup import FormationModel
 from mr360uw.medium.medium import RGB_NM, Mode
-from mr360uw.medium.sensor import named_sensor
+from mr360uw.medium.spectra import named_sensor
 from mr360uw.published import blended_albedo, thresholded_reflection
 from mr360uw.sample.dive_settings import DiveSettings
 from mr360uw.sample.sea_bed import sea_bed

@@ -7,11 +7,11 @@ from .models import spectral_model
 from .open_water import PlateProfile
 from .phase import PhaseTable
 from .ray_field import LambertFloor
-from .sensor import Sensor, cameras, illuminant, reflectance
 from .settings import WaterSettings
 from .shafts.shaft_field import FroxelGrid, ShaftField, shaft_deviation, shaft_field
 from .shafts.shaft_scene import ShaftScene
 from .shafts.single_scattering import single_scattering
+from .spectra import Sensor, cameras, illuminant, reflectance
 from .transfer import LightField
 from .water import JERLOV_TYPES, Water
 from .water_by_distance import WaterByDistance

@@ -40,7 +40,7 @@ from mr360uw.medium.ray_field import (
     nodes,
     sky_parts,
 )
-from mr360uw.medium.tables import read_table
+from mr360uw.medium.spectra import read_table
 from mr360uw.medium.transfer import STREAMS_PER_HEMISPHERE
 from mr360uw.optics import critical_cosine, fresnel_from_below
 from mr360uw.shapes import checked, exactly, numbers

@@ -22,7 +22,7 @@ from mr360uw.medium.closed_form import CONTRAST_LENGTHS, check_ray, ray_in_water
 from mr360uw.medium.lookup import BandLight, FormationModel, fitted_formation, lengths, medium_table
 from mr360uw.medium.models import CLOSED_FORMS, SpectralMode, SpectralModel, spectral_model
 from mr360uw.medium.ray_field import LambertFloor, Sky, SurfaceKind
-from mr360uw.medium.sensor import DEFAULT_ILLUMINANT, Sensor, checked_sensor
+from mr360uw.medium.spectra import DEFAULT_ILLUMINANT, Sensor, checked_sensor
 from mr360uw.medium.water import Water
 from mr360uw.medium.wavelengths import Bands, Rule, bands
 from mr360uw.shapes import checked, common_shape, exactly, instance, number

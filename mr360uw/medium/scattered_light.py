@@ -28,7 +28,7 @@ from mr360uw.medium.models import FieldModel, SpectralModel
 from mr360uw.medium.open_water import COLUMNS, MIDDLE, ROWS, row_up, typical
 from mr360uw.medium.phase import Phase, forward_peak
 from mr360uw.medium.ray_field import Sky, SurfaceKind, cosine_kernel
-from mr360uw.medium.sensor import Sensor
+from mr360uw.medium.spectra import Sensor
 from mr360uw.medium.water import Water
 from mr360uw.reading.disk_cache import kept_arrays
 from mr360uw.sphere import directions, gauss_legendre, row_solid_angle

@@ -23,7 +23,7 @@ from mr360uw.cache import shared
 from mr360uw.constants import MEAN_COSINE_SEA
 from mr360uw.errors import ParameterError
 from mr360uw.medium.phase import Mixture, Phase, backscatter_ratio, check_phase, particles_of_backscatter
-from mr360uw.medium.tables import Spectrum, builtin_spectrum, builtin_table, read_table
+from mr360uw.medium.spectra import Spectrum, builtin_spectrum, builtin_table, read_table
 from mr360uw.plot import Figure, Shown
 from mr360uw.shapes import checked, exactly, number, numbers
 from mr360uw.types import Array

@@ -19,8 +19,7 @@ from mr360uw.files import write_whole
 from mr360uw.ibl import SunTrack
 from mr360uw.medium.settings import WaterSettings
 from mr360uw.output_gate import check_outputs
-from mr360uw.preview.live import LivePreview
-from mr360uw.preview.screen import Perspective, encoded, look
+from mr360uw.preview.live import LivePreview, Perspective, encoded, look
 from mr360uw.progress import Progress
 from mr360uw.reading.input_files import files_read
 from mr360uw.render.check import sun_lines
@@ -285,7 +284,7 @@ def _sections_of_water(
     """
     from mr360uw.ibl.horizon import estimate_horizon
     from mr360uw.ibl.report import level_section
-    from mr360uw.medium.sensor import named_sensor
+    from mr360uw.medium.spectra import named_sensor
     from mr360uw.medium.waterfit import fit_water
 
     refraction, depth_m = scene.water.refractive_index, scene.camera.depth_m

@@ -21,7 +21,7 @@ from mr360uw.composite import read_camera_track
 from mr360uw.composite.motion import check_unit_quaternions
 from mr360uw.errors import ParameterError
 from mr360uw.files import write_whole
-from mr360uw.medium.tables import parse_table
+from mr360uw.medium.spectra import parse_table
 from mr360uw.output_gate import check_outputs
 from mr360uw.reading.input_files import json_of, read_text
 from mr360uw.sphere import unit

@@ -7,8 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from mr360uw.errors import Mr360uwError, ParameterError, install_command
-from mr360uw.preview.live import LivePreview
-from mr360uw.preview.screen import screen_picture
+from mr360uw.preview.live import LivePreview, screen_picture
 from mr360uw.scene.model import load_scene
 from mr360uw.scene.toml_model import dotted, scene_text, tables_of
 from mr360uw.tune.document import find, key_of

@@ -13,8 +13,7 @@ import pytest
 
 from mr360uw.cache import name_of
 from mr360uw.errors import MeshError, Mr360uwError, VideoError
-from mr360uw.preview.live import LivePreview
-from mr360uw.preview.screen import screen_codes, screen_picture
+from mr360uw.preview.live import LivePreview, screen_codes, screen_picture
 from mr360uw.render.backends import make_backend
 from mr360uw.render.first_pass import clip_analysis
 from mr360uw.render.frame import composite_frame

@@ -17,7 +17,7 @@ from mr360uw.medium import Medium, Water, exposure_change, picture_change, stead
 from mr360uw.medium.exposure import GainSeries, MeasuredGain
 from mr360uw.medium.open_water import ROWS, SECTORS, fit_level, row_up
 from mr360uw.medium.scattered_light import typical_level
-from mr360uw.medium.sensor import named_sensor
+from mr360uw.medium.spectra import named_sensor
 from mr360uw.medium.water import JerlovType
 from mr360uw.render.first_pass import ClipAnalysis, first_pass
 from mr360uw.render.plate_map import level_view
