@@ -1,7 +1,8 @@
 from .export import export_tiles
 from .gerstner import GerstnerSea
-from .irradiance import caustic_map, caustic_stack
-from .refraction import (
+from .irradiance import (
+    caustic_map,
+    caustic_stack,
     fresnel_reflectance,
     fresnel_transmittance,
     refract_to_air,

@@ -53,13 +53,14 @@ from mr360uw.caustics.sun_disc import (
 from mr360uw.constants import REFRACTIVE_INDEX_SEA, SUN_HALF_ANGLE_RAD
 from mr360uw.errors import ParameterError
 from mr360uw.jit import exact
-from mr360uw.optics import (
-    check_refractive_index,
-    fresnel_transmittance,
-    refract_clamped,
-    refract_to_water,
-    sea_water_index,
-)
+from mr360uw.optics import check_refractive_index, refract_clamped
+
+# Refraction at the surface is part of the calls of `mr360uw.caustics`; its formulas stand in `mr360uw.optics`
+from mr360uw.optics import fresnel_reflectance as fresnel_reflectance
+from mr360uw.optics import fresnel_transmittance as fresnel_transmittance
+from mr360uw.optics import refract_to_air as refract_to_air
+from mr360uw.optics import refract_to_water as refract_to_water
+from mr360uw.optics import sea_water_index as sea_water_index
 from mr360uw.shapes import checked, instance, numbers, whole
 from mr360uw.sphere import unit
 from mr360uw.types import BeamSpread, CausticStack, Floats, Surface
