@@ -20,52 +20,6 @@ from mr360uw.tune.dialogs import DepthTool, MatchDialog, RenderDialog
 from mr360uw.tune.place_tools import PlaceTools, ShownPicture
 from mr360uw.tune.session import Event, Session
 
-_TITLE = "measure sun and veil over the whole clip, as a composite does; the picture then shows that light"
-
-
-class _StoppedError(Exception):
-    """Ends a pass over the clip."""
-
-
-class MeasureTool:
-    """The button of a tab; pressed again, it ends the pass. failed: tells an error."""
-
-    def __init__(self, session: Session, failed: Callable[[Exception], None]) -> None:
-        self._session, self._failed = session, failed
-        self._running, self._stop = False, False
-        self._button = Button("Measure clip", self._pressed, title=_TITLE)
-
-    def _pressed(self) -> None:
-        self._stop = self._running
-        if not self._running:
-            background_tasks.create(self._run(), name="measure clip")
-
-    async def _run(self) -> None:
-        loop = asyncio.get_running_loop()
-
-        def progress(done: int, total: int | None) -> None:
-            if self._stop:
-                raise _StoppedError
-            loop.call_soon_threadsafe(self._show, done, total)
-
-        self._running = True
-        self._show(0, None)
-        try:
-            await self._session.measure_clip(progress)
-        except (Mr360uwError, OSError) as error:
-            self._failed(error)
-        except _StoppedError:
-            pass  # as asked for
-        finally:
-            self._running = self._stop = False
-            self._show(0, None)
-
-    def _show(self, done: int, total: int | None) -> None:
-        if not self._button.is_deleted:
-            share = f" {100 * done // total} %" if total else " …"
-            self._button.text = f"Measuring{share}, stop" if self._running else "Measure clip"
-            self._button.press(self._running)
-
 
 def build_page(session: Session) -> None:
     """Build the page of one tab and keep it in step with the session until the tab is closed."""
@@ -392,3 +346,50 @@ class TimePanel:
     def show_thumbnails(self) -> None:
         """Show the small pictures of the plate that there are."""
         self._line.set_thumbnails({f: f"/picture/{n}" for f, n in self._session.thumbnails.items()})
+
+
+_TITLE = "measure sun and veil over the whole clip, as a composite does; the picture then shows that light"
+
+
+class _StoppedError(Exception):
+    """Ends a pass over the clip."""
+
+
+class MeasureTool:
+    """The button of a tab; pressed again, it ends the pass. failed: tells an error."""
+
+    def __init__(self, session: Session, failed: Callable[[Exception], None]) -> None:
+        self._session, self._failed = session, failed
+        self._running, self._stop = False, False
+        self._button = Button("Measure clip", self._pressed, title=_TITLE)
+
+    def _pressed(self) -> None:
+        self._stop = self._running
+        if not self._running:
+            background_tasks.create(self._run(), name="measure clip")
+
+    async def _run(self) -> None:
+        loop = asyncio.get_running_loop()
+
+        def progress(done: int, total: int | None) -> None:
+            if self._stop:
+                raise _StoppedError
+            loop.call_soon_threadsafe(self._show, done, total)
+
+        self._running = True
+        self._show(0, None)
+        try:
+            await self._session.measure_clip(progress)
+        except (Mr360uwError, OSError) as error:
+            self._failed(error)
+        except _StoppedError:
+            pass  # as asked for
+        finally:
+            self._running = self._stop = False
+            self._show(0, None)
+
+    def _show(self, done: int, total: int | None) -> None:
+        if not self._button.is_deleted:
+            share = f" {100 * done // total} %" if total else " …"
+            self._button.text = f"Measuring{share}, stop" if self._running else "Measure clip"
+            self._button.press(self._running)
