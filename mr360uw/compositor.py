@@ -374,11 +374,7 @@ def render_frame(
 
 @checked
 def analyse_clip(
-    video: str | Path,
-    scene: Scene,
-    *,
-    frames: tuple[int, int] | None = None,
-    progress: Progress | None = None,
+    video: str | Path, scene: Scene, *, frames: tuple[int, int] | None = None, progress: Progress | None = None
 ) -> ClipAnalysis:
     """Return what a composite measures over a clip before its first frame: sun, gain of the veil, background, grade.
 

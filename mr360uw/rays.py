@@ -141,11 +141,7 @@ def raise_to_triangles(triangles: Any, origin: Any, axes: Any, low: Any, step: A
     for t in range(len(triangles)):
         # Turn the corners into the grid's axes
         for c in range(3):
-            x, y, z = (
-                triangles[t, c, 0] - origin[0],
-                triangles[t, c, 1] - origin[1],
-                triangles[t, c, 2] - origin[2],
-            )
+            x, y, z = (triangles[t, c, 0] - origin[0], triangles[t, c, 1] - origin[1], triangles[t, c, 2] - origin[2])
             for k in range(3):
                 corner[c, k] = x * axes[k, 0] + y * axes[k, 1] + z * axes[k, 2]
         # Express the triangle by a corner and two edges; one seen edge on covers nothing

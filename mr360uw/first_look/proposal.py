@@ -437,10 +437,7 @@ def _side(azimuth_deg: float) -> str:
 
 def scene_lines(plate: PlateLook, mesh: MeshLook, chosen: Proposal, folder: Path, *, outside_files: bool) -> str:
     """Return the text of the scene, for a file in a folder."""
-    rows: list[tuple[str, str]] = [
-        ("[plate]", ""),
-        (f"path = {toml_value(relative_to(plate.path, folder))}", ""),
-    ]
+    rows: list[tuple[str, str]] = [("[plate]", ""), (f"path = {toml_value(relative_to(plate.path, folder))}", "")]
     if plate.eye is not None:
         rows.append((f'eye = "{plate.eye}"', "of the two"))
     if plate.projection != "auto":

@@ -290,10 +290,7 @@ def _sections_of_water(
     refraction, depth_m = scene.water.refractive_index, scene.camera.depth_m
     tilts = [estimate_horizon(snapshot.environment.residual, refraction) for snapshot in snapshots]
     fit = fit_water(np.median(maps, axis=0), depth_m, named_sensor(str(scene.water.sensor)), refraction)
-    return [
-        ("Level", level_section(tilts, declared_up)),
-        (f"Water, for a camera {depth_m:g} m deep", fit.html()),
-    ]
+    return [("Level", level_section(tilts, declared_up)), (f"Water, for a camera {depth_m:g} m deep", fit.html())]
 
 
 def _page(source: Path, out: str | Path | None) -> Path:

@@ -101,36 +101,57 @@ _KNOWN = {
 }
 
 
-class FloorTool:
-    """The tool of a tab, in a bar of its own. failed: tells an error. changed: called when the clicks change."""
+class _PointTool:
+    """A tool of a tab for points that are clicked, in a bar of its own. failed: tells an error.
+
+    changed: called when the clicks change. asks: what the bar says while there are none.
+    """
+
+    asks = ""
 
     def __init__(self, session: Session, failed: Callable[[Exception], None], changed: Callable[[], None]) -> None:
-        self._document, self._failed, self._changed = session.document, failed, changed
+        self._session, self._document = session, session.document
+        self._failed, self._changed = failed, changed
         self.clicks: list[Point] = []
         self._camera: View | None = None
-        self._known, self._lengths = "height", ""
         with ui.element("span").classes("floor-tool") as self._root:
             self._count = Text("", classes="status").props("role=status")
-            Choice("What is known of the floor", _KNOWN, "height", lambda known: setattr(self, "_known", known))
-            given = ui.element("input").props("type=text size=8 aria-label='Known lengths in metres'")
-            given.on("change", self._given, js_handler="(e) => emit(e.target.value)")
-            Button("Set floor", self._set)
+            self._fill()
             Button("Forget points", lambda: self.begin(shown=True))
         self._root.set_visibility(False)
 
     def begin(self, *, shown: bool) -> None:
         """Forget all points; show the tool or hide it."""
         self.clicks = []
-        self._count.text = "click points on the floor"
         self._root.set_visibility(shown)
-        self._changed()
+        self._tell()
 
     def add(self, camera: View, point: Point) -> None:
         """Take a point that was clicked in a camera's picture."""
         self._camera = camera
         self.clicks.append(point)
-        self._count.text = f"{len(self.clicks)} points"
+        self._tell()
+
+    def _tell(self) -> None:
+        self._count.text = f"{len(self.clicks)} points" if self.clicks else self.asks
         self._changed()
+
+    def _fill(self) -> None:
+        """Put the tool's own controls into its bar."""
+        raise NotImplementedError
+
+
+class FloorTool(_PointTool):
+    """The tool that finds the height of the sea floor."""
+
+    asks = "click points on the floor"
+    _known, _lengths = "height", ""
+
+    def _fill(self) -> None:
+        Choice("What is known of the floor", _KNOWN, "height", lambda known: setattr(self, "_known", known))
+        given = ui.element("input").props("type=text size=8 aria-label='Known lengths in metres'")
+        given.on("change", self._given, js_handler="(e) => emit(e.target.value)")
+        Button("Set floor", self._set)
 
     def _given(self, event: Any) -> None:
         self._lengths = str(event.args)
@@ -161,11 +182,7 @@ class FloorTool:
         return floor_from_lengths(self._camera, self.clicks, lengths)
 
 
-PATCH_TOOLS = {
-    "black": "Click: this is black",
-    "grey": "Click: this is grey",
-    "white": "Click: this is white",
-}
+PATCH_TOOLS = {"black": "Click: this is black", "grey": "Click: this is grey", "white": "Click: this is white"}
 """What a click may say that something is, in the words of `[[match.patch]]`."""
 
 
@@ -247,39 +264,17 @@ def up_of_horizon(clicks: Sequence[Point], up: Floats) -> Floats:
     return found
 
 
-class LevelTool:
-    """The tool of a tab that levels the camera by the horizon, in a bar of its own. failed: tells an error. changed:
-    called when the clicks change.
-    """
+class LevelTool(_PointTool):
+    """The tool that levels the camera by the horizon."""
 
-    def __init__(self, session: Session, failed: Callable[[Exception], None], changed: Callable[[], None]) -> None:
-        self._session, self._document = session, session.document
-        self._failed, self._changed = failed, changed
-        self.clicks: list[Point] = []
-        self._camera: View | None = None
-        with ui.element("span").classes("floor-tool") as self._root:
-            self._count = Text("", classes="status").props("role=status")
-            self._level = Button("Level camera", self._set, title="set the camera's roll and pitch")
-            Button("Forget points", lambda: self.begin(shown=True))
-        self._root.set_visibility(False)
+    asks = "click two or more points of the horizon"
 
-    def begin(self, *, shown: bool) -> None:
-        """Forget all points; show the tool or hide it."""
-        self.clicks = []
-        self._told()
-        self._root.set_visibility(shown)
-        self._changed()
+    def _fill(self) -> None:
+        self._level = Button("Level camera", self._set, title="set the camera's roll and pitch")
 
-    def add(self, camera: View, point: Point) -> None:
-        """Take a point of the horizon that was clicked in a camera's picture."""
-        self._camera = camera
-        self.clicks.append(point)
-        self._told()
-        self._changed()
-
-    def _told(self) -> None:
-        self._count.text = f"{len(self.clicks)} points" if self.clicks else "click two or more points of the horizon"
+    def _tell(self) -> None:
         self._level.enable(len(self.clicks) > 1)
+        super()._tell()
 
     def _set(self) -> None:
         assert self._camera is not None

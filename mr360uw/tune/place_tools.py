@@ -34,10 +34,7 @@ _TOOLS = {
     **PATCH_TOOLS,
     "lasso": "Draw: a matte",
 }
-_WORDS = {
-    "position_m": (*POLAR, "stand_on"),
-    "rotation_deg": ("face",),
-}
+_WORDS = {"position_m": (*POLAR, "stand_on"), "rotation_deg": ("face",)}
 """Keys of an object that give way to a position or rotation that is set by hand."""
 _TURN_STEP_DEG = 15.0
 """Step of a turn while Shift is held."""

@@ -186,10 +186,7 @@ def _v2_boxes(metadata: SphericalMetadata) -> list[Box]:
     pose = struct.pack(">3i", *(round(angle * 65536.0) for angle in metadata.pose_deg))
     proj = Box(b"proj", children=[Box(b"prhd", full + pose), Box(b"equi", full + bytes(16))])
     svhd = Box(b"svhd", full + _SOFTWARE.encode() + b"\0")
-    return [
-        Box(b"st3d", full + bytes([_STEREO_V2.index(metadata.stereo)])),
-        Box(b"sv3d", children=[svhd, proj]),
-    ]
+    return [Box(b"st3d", full + bytes([_STEREO_V2.index(metadata.stereo)])), Box(b"sv3d", children=[svhd, proj])]
 
 
 def embed(moov: Box, metadata: SphericalMetadata) -> None:
