@@ -6,8 +6,9 @@ from __future__ import annotations
 import hashlib
 import os
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import ExitStack
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
@@ -147,14 +148,23 @@ def depth_of_clip(
             raise ParameterError(f"{video} - is one picture (got no motion that shows distances) - give a clip")
         tracks = _tracks(video, track, eye)
         path = _poses(str(video), clip, [_motion(one) for one in tracks])
-        width = min(width, clip.width)
-        if width < LEAST_WIDTH or width % 8:
-            raise ParameterError(
-                f"width - must be a multiple of 8 from {LEAST_WIDTH} up (got {width}) - take 1024, or 512 for a draft"
-            )
+        width = map_width(width, clip, "1024, or 512 for a draft")
         inputs = _inputs(Path(video), path, width, eye)
-        with own_maps(folder, inputs, len(path.shot), overwrite=overwrite) as maps:
-            return _written(clip, path, folder, maps, width, progress)
+        count = len(path.shot)
+        with (
+            own_maps(folder, inputs, count, overwrite=overwrite) as maps,
+            MapRun(folder, maps, count, progress) as run,
+        ):
+            _written(clip, path, run, width)
+            return run.report(int(np.count_nonzero(path.shot < 0)))
+
+
+def map_width(width: int, clip: VideoReader, usual: str) -> int:
+    """Return the columns of maps, at most those of the clip; raise `ParameterError` unless they suit the method."""
+    width = min(width, clip.width)
+    if width < LEAST_WIDTH or width % 8:
+        raise ParameterError(f"width - must be a multiple of 8 from {LEAST_WIDTH} up (got {width}) - take {usual}")
+    return width
 
 
 def _tracks(
@@ -231,38 +241,50 @@ def _inputs(video: Path, path: _Path, width: int, eye: str | None) -> dict[str, 
     return {"method": _METHOD, "clip": clip, "track": poses.hexdigest(), "width": width, "eye": eye}
 
 
-def _written(
-    clip: VideoReader, path: _Path, folder: Path, maps: WrittenFiles, width: int, progress: Progress | None
-) -> DepthReport:
-    """Make the maps that are missing, two frames or more side by side, and return what was done."""
-    # Count what is there already
-    count = len(path.shot)
-    missing = [index for index in range(count) if not maps.has(depth_file(folder, index))]
-    steps = Steps(progress, count)
-    steps.done(count - len(missing))
-    covered: list[float] = []
-    threads = os.cpu_count() or 1
+def _written(clip: VideoReader, path: _Path, run: MapRun, width: int) -> None:
+    """Make the maps that are missing."""
     sweeps: dict[int, Future[Sweep]] = {}
-    # Run jobs side by side; forget sweeps that no later frame needs
-    with one_blas_thread(), ThreadPoolExecutor(threads) as pool:
-        running: deque[Future[float]] = deque()
-        for job, reference, neighbours in _with_neighbours(clip, path, missing, width):
-            if job.sweeps and reference is not None:
-                sweeps[job.index] = pool.submit(sweep, reference, neighbours)
-                continue
-            near = [sweeps[key] for key in job.keys]
-            running.append(pool.submit(_make, folder, maps, job.index, reference, neighbours, near, width))
-            if len(running) > threads:
-                covered.append(running.popleft().result())
-                steps.done(1)
-            for old in [key for key in sweeps if key < min(job.keys, default=0)]:
-                del sweeps[old]
-        for one in running:
-            covered.append(one.result())
-            steps.done(1)
-    # Say how much was made, and how much of the sphere it covers
-    coverage = float(np.mean(covered)) if covered else float("nan")
-    return DepthReport(folder, len(missing), count - len(missing), int(np.count_nonzero(path.shot < 0)), coverage)
+    for job, reference, neighbours in _with_neighbours(clip, path, run.missing, width):
+        if job.sweeps and reference is not None:
+            sweeps[job.index] = run.pool.submit(sweep, reference, neighbours)
+            continue
+        near = [sweeps[key] for key in job.keys]
+        run.add(_make, run.folder, run.maps, job.index, reference, neighbours, near, width)
+        # Forget sweeps that no later frame needs
+        for old in [key for key in sweeps if key < min(job.keys, default=0)]:
+            del sweeps[old]
+
+
+class MapRun(ExitStack):
+    """Makes the maps of a folder that are missing side by side, as many as there are cores. count: of the clip."""
+
+    def __init__(self, folder: Path, maps: WrittenFiles, count: int, progress: Progress | None) -> None:
+        super().__init__()
+        self.folder, self.maps, self._count = folder, maps, count
+        self.missing = [index for index in range(count) if not maps.has(depth_file(folder, index))]
+        self._steps = Steps(progress, count)
+        self._steps.done(count - len(self.missing))
+        self._threads = os.cpu_count() or 1
+        self._running: deque[Future[float]] = deque()
+        self._covered: list[float] = []
+        self.enter_context(one_blas_thread())
+        self.pool = self.enter_context(ThreadPoolExecutor(self._threads))
+
+    def add(self, make: Callable[..., float], *arguments: Any) -> None:
+        """Begin a map by a function that returns its coverage; wait for the first where all cores are busy."""
+        self._running.append(self.pool.submit(make, *arguments))
+        self._take(self._threads)
+
+    def report(self, without: int = 0) -> DepthReport:
+        """Wait for all maps and return what was done. without: frames that have no pose."""
+        self._take(0)
+        coverage = float(np.mean(self._covered)) if self._covered else float("nan")
+        return DepthReport(self.folder, len(self.missing), self._count - len(self.missing), without, coverage)
+
+    def _take(self, most: int) -> None:
+        while len(self._running) > most:
+            self._covered.append(self._running.popleft().result())
+            self._steps.done(1)
 
 
 def _make(

@@ -442,13 +442,19 @@ def screen_picture(
 
     width: the most pixels across; None leaves them all. quality: 0 to 100, of JPEG.
     """
+    image = np.asarray(linear, np.float32)
+    return encoded(screen_codes(image if width is None else narrowed(image, width)), suffix, quality)
+
+
+def narrowed(image: NDArray[Any], most: int) -> NDArray[Any]:
+    """Return a picture (H, W, ...) of at most so many pixels across, in its own proportions."""
     import cv2
 
-    image = np.asarray(linear, np.float32)
-    if width is not None and image.shape[1] > width:
-        size = (width, max(1, round(image.shape[0] * width / image.shape[1])))
-        image = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA))
-    return encoded(screen_codes(image), suffix, quality)
+    height, width = image.shape[:2]
+    if width <= most:
+        return image
+    size = (most, max(1, round(height * most / width)))
+    return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), image.dtype)
 
 
 def encoded(codes: NDArray[np.uint8], suffix: str, quality: int = _QUALITY) -> bytes:

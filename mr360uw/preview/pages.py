@@ -19,7 +19,7 @@ from mr360uw.files import write_whole
 from mr360uw.ibl import SunTrack
 from mr360uw.medium.settings import WaterSettings
 from mr360uw.output_gate import check_outputs
-from mr360uw.preview.live import LivePreview, Perspective, encoded, look
+from mr360uw.preview.live import LivePreview, Perspective, encoded, look, narrowed
 from mr360uw.progress import Progress
 from mr360uw.reading.input_files import files_read
 from mr360uw.render.check import sun_lines
@@ -155,7 +155,9 @@ def sweep(
     with files_read() as read, LivePreview(backend) as live:
         for number, (one, overrides) in enumerate(zip(scenes, changes, strict=True), 1):
             picture = still(live, one)
-            found.append(("  ".join(overrides) or scene.name, _small(picture_codes(picture, deep=False))))
+            found.append(
+                ("  ".join(overrides) or scene.name, narrowed(picture_codes(picture, deep=False), _CELL_WIDTH))
+            )
             if progress is not None:
                 progress(number, len(scenes))
     check_outputs([out, page], inputs=read, overwrite=overwrite)
@@ -197,16 +199,6 @@ def _contact_page(title: str, variants: Sequence[Variant]) -> str:
 {figures}
 </main></body></html>
 """
-
-
-def _small(codes: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    import cv2
-
-    height, width = codes.shape[:2]
-    if width <= _CELL_WIDTH:
-        return codes
-    size = (_CELL_WIDTH, max(1, round(height * _CELL_WIDTH / width)))
-    return np.asarray(cv2.resize(codes, size, interpolation=cv2.INTER_AREA), np.uint8)
 
 
 # Report on a plate's light and water (HTML), and the track of its sun (JSON, CSV).

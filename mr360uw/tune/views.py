@@ -18,6 +18,7 @@ from mr360uw.composite.lighting.shading import veil_ahead
 from mr360uw.composite.receiver.shape import ReceiverShape
 from mr360uw.ibl.report import marked
 from mr360uw.medium.scattered_light import spread_of
+from mr360uw.preview.live import narrowed
 from mr360uw.tune.placing import Point, pixel_of_point
 from mr360uw.tune.shown_frame import (
     Codes,
@@ -150,7 +151,7 @@ def _lights_picture(shown: ShownFrame) -> Codes:
 def _difference_picture(shown: ShownFrame) -> Codes:
     """Return the factor on the plate by shadows, caustics and lamps, amplified; grey where it is 1; (H, W, 3)."""
     grey = np.clip(0.5 + 0.5 * _DIFFERENCE_GAIN * (shown.frame.layer.ratio - 1.0), 0.0, 1.0)
-    return _reduced(_quantized(grey))
+    return narrowed(_quantized(grey), _LARGEST_WIDTH)
 
 
 def _water_picture(shown: ShownFrame) -> Codes:
@@ -212,18 +213,7 @@ VIEW_NAMES = {
 
 
 def _codes(frame: VideoFrame) -> Codes:
-    return _reduced(np.asarray(picture_codes(frame, deep=False), np.uint8))
-
-
-def _reduced(codes: Codes) -> Codes:
-    """Return a picture no wider than a texture is taken."""
-    import cv2
-
-    height, width = codes.shape[:2]
-    if width <= _LARGEST_WIDTH:
-        return codes
-    size = (_LARGEST_WIDTH, max(1, round(height * _LARGEST_WIDTH / width)))
-    return np.asarray(cv2.resize(codes, size, interpolation=cv2.INTER_AREA), np.uint8)
+    return narrowed(np.asarray(picture_codes(frame, deep=False), np.uint8), _LARGEST_WIDTH)
 
 
 def _quantized(encoded: Floats) -> Codes:
