@@ -29,7 +29,7 @@ _OTHERS = ("#1f77b4", "#ff7f0e", "#9467bd", "#8c564b", "#17becf")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Figure:
-    """What a result looks like.
+    """Look of a result: curves or a picture.
 
     title: what is shown. x: (n,) of all curves; x_label, y_label: quantity and unit. curves: (n,) by name, NaN where
     there is nothing. image: (h, w, 3) linear light, or (h, w), white 1, instead of curves.

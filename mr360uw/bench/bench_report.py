@@ -68,7 +68,7 @@ class _Frozen(BaseModel):
 
 
 class Machine(_Frozen):
-    """What the figures were measured on. load: mean number of processes that wanted a core in the minute before."""
+    """Machine of the figures. load: mean number of processes that wanted a core in the minute before."""
 
     cpu: str
     cores: int

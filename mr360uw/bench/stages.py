@@ -51,7 +51,7 @@ _SWIMS = "object.0.key=[{time_s=0, position_m=[0.4, -0.6, -3.6]}, {time_s=1, pos
 
 
 class Workbench:
-    """What stages are measured on. folder: an empty one, for the dive. quick: smaller frames, fewer runs.
+    """Bench on which stages are measured. folder: an empty one, for the dive. quick: smaller frames, fewer runs.
 
     runs: timed runs of each setting. width: of the dive's frames [pixels].
     """

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 
 class Role(Enum):
-    """What a command does with a file that an argument or an option names; stands in its annotation."""
+    """Role of a file that an argument or an option names: read, written or a folder. It stands in its annotation."""
 
     READ = "read"
     WRITTEN = "written"

@@ -54,7 +54,7 @@ LEAST_WIDTH = 512
 
 @dataclass(frozen=True, slots=True)
 class DepthReport:
-    """What `depth_of_clip` did.
+    """Result of `depth_of_clip`.
 
     folder: of the maps. written, kept: numbers of frames that were made, and found finished. without: frames that have
     no pose, whose maps hold no distance. coverage: mean fraction of the sphere with a confidence of a half or more, of

@@ -308,7 +308,7 @@ def _in_order(path: Path, numbered: list[tuple[int, Path]], others: Iterable[Pat
 
 @dataclass(frozen=True, slots=True)
 class MapHeader:
-    """What a map's file says of it. grey: whether it has one value for a pixel. whole: whether it holds all pixels."""
+    """Header of a map's file. grey: whether it has one value for a pixel. whole: whether it holds all pixels."""
 
     size: tuple[int, int]
     grey: bool

@@ -151,7 +151,7 @@ _LEAST_GROUND = 0.05
 _MOSTLY = 0.75
 """Fraction of a pixel of a reduced map that is sure, above which it is."""
 _ALIKE = 0.1
-"""How far, as a fraction, an unsure inverse distance may be beyond the sure ones about it."""
+"""Largest fraction by which an unsure inverse distance may exceed the sure ones about it."""
 
 
 def on_relief(receiver: Receiver, found: DepthMap, view: View) -> Receiver:

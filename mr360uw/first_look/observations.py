@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a plate and a mesh show by themselves.
+"""Observations on a plate and on a mesh, before anything is asked.
 
 Plate: eye and projection to read it with, water or air, day or dark, level, a floor below. Mesh: kind, size, front.
 """
@@ -106,7 +106,7 @@ class Tilt:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlateLook:
-    """What was found in a plate. image: (512, 1024, 3) linear light, levelled, the median of a few frames; sharp: the
+    """Observations on a plate. image: (512, 1024, 3) linear light, levelled, the median of a few frames; sharp: the
     same of the first.
 
     still: one picture. size: (width, height) [pixels]. eye: that was looked at, None of mono. projection: "auto" unless
@@ -405,7 +405,7 @@ _THICKER = 0.4
 
 @dataclass(frozen=True, slots=True)
 class MeshLook:
-    """What was found in a mesh. size_m: its longest side. why_size: the reason, in words.
+    """Observations on a mesh. size_m: its longest side. why_size: the reason, in words.
 
     extent: (3,) sides over the longest. front: the side that is its front. long: whether it is longer than wide. kind:
     of thing, or None. clips: names of its animations. up: the axis of its file that is up, or "auto" where the file

@@ -46,7 +46,7 @@ _LOWEST_DEG = 2.0
 
 @dataclass(frozen=True, slots=True)
 class Wish:
-    """What is asked for a thing's place. at_deg: azimuth and elevation, of its foot if it stands, else of its middle.
+    """Wishes for a thing's place. at_deg: azimuth and elevation, of its foot if it stands, else of its middle.
 
     habit: whether it stands or swims, whatever its name says. size_m: its longest side.
     """
@@ -66,7 +66,7 @@ class Wish:
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """Where a thing is put. drop_m: height of the camera over the ground; None where no ground is seen.
+    """Place of a thing. drop_m: height of the camera over the ground; None where no ground is seen.
 
     distance_m: level, where it stands. elevation_deg: of its middle. smaller: whether it was made smaller than it is,
     to be seen. hangs: whether it would stand, but there is no ground. uneven: cost of its ground, 0 where none is
@@ -304,7 +304,7 @@ _HIDES, _ASIDE, _ODD = 0.2, 0.0012, 0.15
 _SHADE_FROM, _PLAIN_FROM = 0.4, 0.5
 """Logarithms of darkness and of missing structure that cost nothing."""
 _WAY_FROM, _LANE = 0.8, 0.6
-"""Where the way to a foot begins, and how wide a lane of it is, in camera heights."""
+"""Beginning of the path to a foot, and width of its lane, in camera heights."""
 _ACROSS = 9
 """Points along a side of a foot, and of what a body hides."""
 UNEVEN = 0.9

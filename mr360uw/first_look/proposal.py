@@ -39,7 +39,7 @@ _DEPTH_M = 6.0
 """Depth of a camera that is not known: common in dives by daylight."""
 _WATER: JerlovType = "IB"
 _MURKY: JerlovType = "9C"
-"""Where no type is told: of clear seas, and the one in which red goes as far as green."""
+"""Types taken where none is told: of clear seas, and the one in which red goes as far as green."""
 _UNLIKE = 0.4
 """Rms of the logarithm of plate over model above which no type of water is proposed."""
 _PATCH_DEG = 14.0
@@ -168,7 +168,7 @@ _DARK_SHARE, _BLUR_DEG, _HIGH_DEG = 0.05, 0.5, 2.0
 _SEEN = 0.01
 """Light of open water that a channel needs for its dark places to tell: some times the noise and the steps of codes."""
 _STEPS, _CLEAR_SIGHT_M = 7, 60.0
-"""How many visibilities are tried, up to that of clear ocean; darker places are in the shade."""
+"""Number of visibilities that are tried, up to that of clear ocean; darker places are in the shade."""
 
 
 @dataclass(frozen=True, slots=True)

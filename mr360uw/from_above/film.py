@@ -89,7 +89,7 @@ Write = Callable[[int, AerialPicture], None]
 
 @dataclass(frozen=True, slots=True)
 class AerialReport:
-    """What was written. seconds: wall time."""
+    """Files that were written. seconds: wall time."""
 
     out: Path
     frames: int

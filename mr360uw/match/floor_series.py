@@ -42,7 +42,7 @@ _MOST_BLUR = 0.7
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FloorView:
-    """Where a frame shows a region, for one place and rotation of the camera.
+    """Pixels in which a frame shows a region, for one place and rotation of the camera.
 
     rows: [first, last) of the frame that hold the region. x_m, z_m, footprint_m: (h, W) of these pixels on the floor,
     the footprint as the side of a square of their area. column, row: (2 n, 2 n) where points of the region lie in the

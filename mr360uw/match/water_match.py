@@ -102,7 +102,7 @@ _Veil = tuple[Changes, Array, float]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _View:
-    """What a plate shows: light (r, 3) of the rows of patches, the y `up` (r,) of their directions, and its horizon.
+    """Open water of a plate: light (r, 3) of the rows of patches, the y `up` (r,) of their directions, and its horizon.
 
     frames: the light in each frame, of which `light` is the mean.
     """

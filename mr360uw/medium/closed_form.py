@@ -227,7 +227,7 @@ def water_seen_as_far(water: Water, sight_m: float) -> Water:
 _NO_PARTICLES = 1e-3
 """Scattering [1/m] by particles below which their spectrum is not told: type I has none, type IA 0.002."""
 _FARTHEST = 8.0
-"""How many times the step from 7C to 9C is taken at most: to 0.2 m, beyond the range."""
+"""Most steps from 7C to 9C that are taken: to 0.2 m, beyond the range."""
 
 
 def _check(sight_m: float) -> None:

@@ -202,7 +202,7 @@ def _openness(shown: Array) -> Array:
 COLUMNS, ROWS = 256, 128
 """Size of the map: 1.4 degrees. Between its pixels the water about a sun is off by a tenth of a code."""
 FINER = 2
-"""How many times finer a plate is looked at than the map."""
+"""Factor by which a plate is read finer than the map."""
 _FINE_DEG, _COARSE_DEG, _WIDE_DEG = 0.4, 1.6, 1.0
 """Deviations of the blurs between which structure is taken, and over which it is averaged."""
 _SMOOTH, _ROUGH = 0.02, 0.05
@@ -214,7 +214,7 @@ _LEVEL = 0.25
 _FAR, _NEAR = 0.05, 0.25
 """Share of light from beyond the water between which a direction loses its weight."""
 _GROUND, _WATER = 0.1, 0.3
-"""How much nearer the logarithm of light is to water that goes on than to ground, from which a direction gains weight,
+"""Least amount by which the logarithm of light is nearer to water that goes on than to ground, for any weight,
 and at which it has all of it."""
 _STRAYS = 0.3
 """Difference of the logarithm of light from water that goes on, up to which it may be that: half of it counts less."""
@@ -233,7 +233,7 @@ _LEAST_SEEN = 0.002
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OpenWater:
-    """What a plate shows of its open water. level: (ROWS, COLUMNS, 3) log V/L of the module's text, world axes.
+    """Open water of a plate. level: (ROWS, COLUMNS, 3) log V/L of the module's text, world axes.
 
     weight: (ROWS, COLUMNS) how far each direction is open water, 0 to 1. least_gain: (3,) see `visible_gain`. around:
     (ROWS, COLUMNS, 3) log R, or 0.

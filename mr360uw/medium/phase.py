@@ -220,7 +220,7 @@ class PhaseTable:
 
 _OF_TABLE = ("angle_rad", "value", "moment")
 _MOMENT_ROUNDING = 1e-6
-"""How far the first moment may be from 1: the rounding of printed tables."""
+"""Largest deviation of the first moment from 1: the rounding of printed tables."""
 _LEAST_OF_SERIES = 1e-3
 """Negative values [1/sr] that a series may have: a hundredth of the isotropic value, from rounded moments."""
 _ANGLES_CHECKED = 721

@@ -125,7 +125,7 @@ class LivePreview:
 
     @property
     def made(self) -> Counter[str]:
-        """How often each stage ran, by the name of its function (`mr360uw.cache.name_of`)."""
+        """Runs of each stage, by the name of its function (`mr360uw.cache.name_of`)."""
         return self._reads.cache.made
 
     def frame(self, scene: Scene, index: int, width: int | None = None) -> Frame:

@@ -238,7 +238,7 @@ def _replaced(owner: Any, path: Location, value: Any) -> Any:
 
 
 Problem = tuple[Location, Any, str]
-"""Where in the file, what stands there, and what is wrong with it and what to do."""
+"""Place in the file, the value there, and what is wrong with it and what to do."""
 Keyed = tuple[int, KeyedParameter, Target]
 """A table of keys: its number, itself, and the parameter that it is of."""
 

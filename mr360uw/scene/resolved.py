@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a scene stands for: its plate, opened; its values at a time; tables of water whose parameters are keyed."""
+"""Resolved scenes: the plate, opened; values at a time; tables of water whose parameters are keyed."""
 
 from __future__ import annotations
 

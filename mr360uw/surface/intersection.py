@@ -74,7 +74,7 @@ curvatures of 10/m."""
 
 
 class SeaWaves(NamedTuple):
-    """What rays read of a `SampledSea`: its numbers, coefficients and table of its splines, and its `HeightMaps`."""
+    """Arrays of a `SampledSea` that rays read: numbers, coefficients and table of its splines, and its `HeightMaps`."""
 
     tile_m: float
     step_m: float
@@ -89,8 +89,8 @@ class SeaWaves(NamedTuple):
 
 
 class Hit(NamedTuple):
-    """Where a ray meets the surface. distance: [m], infinity for nowhere. normal: up. a, b: rest position over (x, z)
-    of the particle. sigma_m: of the footprint that the surface was smoothed to. level: of the splines for it.
+    """Intersection of a ray with the surface. distance: [m], infinity for nowhere. normal: up. a, b: rest position over
+    (x, z) of the particle. sigma_m: of the footprint that the surface was smoothed to. level: of the splines for it.
     """
 
     distance: float
@@ -102,7 +102,7 @@ class Hit(NamedTuple):
 
 
 NOWHERE = Hit(math.inf, (0.0, 0.0, 0.0), 0.0, 0.0, 0.0, 0.0)
-"""Where a ray that does not meet the surface does so."""
+"""Intersection of a ray that does not meet the surface."""
 
 
 @exact
@@ -228,7 +228,7 @@ def _normal(p: Displacement) -> Vector:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SurfaceHits:
-    """Where rays meet the surface.
+    """Intersections of rays with the surface.
 
     distance: (n,) [m], infinity for none. normal: (n, 3), up. rest: (n, 2) rest position over (x, z) of the particle.
     sigma_m: (n,) of the footprint that the surface was smoothed to. level: (n,) of the splines for it.

@@ -131,8 +131,8 @@ class Murk(NamedTuple):
 
 
 class RayWorld(NamedTuple):
-    """What rays can meet. samples: rays of one pixel, which take different facets. dome, dome_levels: texels and table
-    of the sky, as of `sky_radiance`.
+    """Arrays of all that rays can meet. samples: rays of one pixel, which take different facets. dome, dome_levels:
+    texels and table of the sky, as of `sky_radiance`.
     """
 
     sea: SeaWaves
@@ -277,8 +277,9 @@ def _part(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RayStage:
-    """What rays can meet. samples: rays of one pixel, which take different facets. floor_y_m: over the mean surface.
-    camera_in_water: on which side of the waves the camera is. planes: depths of an uneven floor and the light there.
+    """Objects that rays can meet. samples: rays of one pixel, which take different facets.
+
+    floor_y_m: over the mean surface. camera_in_water: on which side of the waves the camera is. planes: depths of an uneven floor and the light there.
     """
 
     sea: SampledSea
@@ -365,7 +366,7 @@ def disc_of(sun: Sun | None) -> tuple[Disc, float]:
 
 
 _BELOW = 1e-6
-"""How far below an uneven floor the plane lies that all rays down have met it above, over the floor's height."""
+"""Distance below an uneven floor of a plane above which all rays down have met it, over the floor's height."""
 _DRY = WaterTable(0, 1.0, 1.0)
 
 

@@ -39,7 +39,7 @@ _HARDLY = 1e-9
 
 
 class MovingSea(Protocol):
-    """What a sea must offer: `caustics.GerstnerSea` and `caustics.SpectralSea` do."""
+    """Interface of a sea, which `caustics.GerstnerSea` and `caustics.SpectralSea` have."""
 
     @property
     def tile_m(self) -> float:
@@ -321,7 +321,7 @@ _FINEST = 512
 """Most nodes across the tile of the map of the sea itself. Maps of smoothed seas have one for every two points of the
 splines: their rays are as wide as two."""
 _SLACK = 1e-3
-"""How far beside its node a particle of the maps may stand, over the distance of the nodes."""
+"""Largest distance of a particle of the maps from its node, over the distance of the nodes."""
 _MARGIN = 1.1
 """Factor on the greatest slope between nodes."""
 _ROWS = 32
