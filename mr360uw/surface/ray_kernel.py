@@ -279,7 +279,8 @@ def _part(
 class RayStage:
     """Objects that rays can meet. samples: rays of one pixel, which take different facets.
 
-    floor_y_m: over the mean surface. camera_in_water: on which side of the waves the camera is. planes: depths of an uneven floor and the light there.
+    floor_y_m: over the mean surface. camera_in_water: on which side of the waves the camera is. planes: depths of
+    an uneven floor and the light there.
     """
 
     sea: SampledSea
