@@ -152,7 +152,7 @@ _OPEN_UP, _OPEN_BINS = (-0.2, 0.35), 11
 _LEAST_RED = 0.3
 """Rank in red up to which a smooth direction counts as open water."""
 _SMOOTH = 0.03
-"""Structure (`medium.fit.open_water`) up to which a direction may be open water."""
+"""Structure (`medium.open_water.structure`) up to which a direction may be open water."""
 _LEAST_OPEN = 0.004
 """Share of a band's pixels that must be open water."""
 _LARGEST_STEP = 0.35

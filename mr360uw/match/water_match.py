@@ -2,7 +2,7 @@
 """Fits a scene's water to patches of open water that a user marks in the plate.
 
 The solved light of every water at the camera's depth, with the scene's sky, is compared with the patch: its colour and
-how that changes with elevation (`medium.fit.waterfit`). Exposure is free, a white balance is allowed at a cost.
+how that changes with elevation (`medium.waterfit`). Exposure is free, a white balance is allowed at a cost.
 """
 
 from __future__ import annotations
