@@ -84,7 +84,7 @@ class Machine(_Frozen):
 
 
 class StageResult(_Frozen):
-    """Measurements of a stage. title, timed, truth: as in `measuring.Stage`."""
+    """Measurements of a stage. title, timed, truth: as in `stages.MeasuredStage`."""
 
     name: str
     title: str
