@@ -180,7 +180,7 @@ Frame = TypeVar("Frame")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MeasuredGain:
-    """The gain (3,) of a frame and the residual of its fit (`open_water.fit_level`). shown: small linear map (h, w, 3)."""
+    """The gain (3,) of a frame and the residual of its fit (`open_water.fit_level`). shown: small map (h, w, 3)."""
 
     gain: Floats
     residual: float

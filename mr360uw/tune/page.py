@@ -37,8 +37,12 @@ class TunePage:
             self.header = Header(session, self.guarded, self.save)
             with ui.element("div").classes("page-controls"):
                 self.controls = ControlPanel(
-                    session.document, mark=self._mark, choose=self._choose, keyed=self._keyed,
-                    key_value=self._key_value, in_words=self._in_words, failed=self.failed, settle=session.settle,
+                    session.document, mark=self._mark, choose=self._choose, failed=self.failed, settle=session.settle,
+                    keyed=lambda: fields.values_at(session.document, session.time_s),
+                    key_value=lambda key, value, group: fields.set_key(
+                        session.document, key, session.time_s, value, group=group
+                    ),
+                    in_words=self._in_words,
                 )  # fmt: skip
             self.stage = ShownPicture(session, self.failed)
             self.render = RenderDialog(session, self.guarded)
@@ -114,14 +118,8 @@ class TunePage:
         if name in actions:
             self.guarded(actions[name])
 
-    def _keyed(self) -> dict[str, Any]:
-        return fields.values_at(self.document, self.session.time_s)
-
     def _mark(self, key: str) -> None:
         self.guarded(lambda: self.time.mark(key, self.controls.default_of(key)))
-
-    def _key_value(self, key: str, value: Any, group: str | None) -> None:
-        fields.set_key(self.document, key, self.session.time_s, value, group=group)
 
     def _in_words(self, number: int, name: str, value: Any, group: str | None) -> bool:
         return self.place.set_word(number, name, value, group)
