@@ -19,8 +19,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from mr360uw.depth import eye_distances
 from mr360uw.sphere import directions
-from mr360uw.types import Floats
-from mr360uw.types.frames import ray_starts
+from mr360uw.types import Floats, ray_starts
 from tests.depth.hazy_scene import HazyScene, _trace, relative_error
 
 HALF_M, WITHIN, SURE = 0.032, 0.06, 0.5

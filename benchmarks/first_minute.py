@@ -89,7 +89,7 @@ def list_kernels(folder: Path) -> None:
     """Write the list of the kernels that composites of the demo and of a sample dive call, the largest first."""
     from mr360uw import composite_video, load_scene
     from mr360uw.jit.ahead import LIST, entry, size
-    from mr360uw.preview.contact_sheet import save_still
+    from mr360uw.preview.pages import save_still
 
     os.environ["NUMBA_CACHE_DIR"] = str(folder / "kernels")
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}

@@ -20,7 +20,7 @@ import numpy as np
 from mr360uw.caustics import GerstnerSea
 from mr360uw.match import WaterPatch, match_caustics, match_water
 from mr360uw.medium import JERLOV_TYPES, Water
-from mr360uw.medium.visibility import visibility_m
+from mr360uw.medium.closed_form import visibility_m
 from mr360uw.medium.water import JerlovType
 from mr360uw.sample import sample_dive
 from mr360uw.sample.dive_settings import DiveSettings

@@ -391,7 +391,7 @@ def section_gain() -> None:
     from fractions import Fraction
     from tempfile import TemporaryDirectory
 
-    from mr360uw.medium.fit.profile import fit_level
+    from mr360uw.medium.open_water import fit_level
     from mr360uw.render.plate_map import level_view
     from mr360uw.sample import Dive, DiveSettings
     from mr360uw.sample.dive import record
@@ -428,7 +428,7 @@ def section_gain() -> None:
 def section_names() -> None:
     """Types that `fit_water` names in dives over sand, with the right white balance and one that is off by 12 %."""
     from mr360uw.medium import fit_water
-    from mr360uw.medium.fit.waterfit import CONFIDENT
+    from mr360uw.medium.waterfit import CONFIDENT
     from mr360uw.render.plate_map import plate_map
     from mr360uw.sample import Dive, DiveSettings
 
@@ -453,8 +453,8 @@ def section_names() -> None:
 
 def section_store_bands() -> None:
     """Search the bands that ship with the package."""
-    from mr360uw.medium.spectral.bands import search
-    from mr360uw.medium.spectral.bands import storage_key as key_of
+    from mr360uw.medium.wavelengths import search
+    from mr360uw.medium.wavelengths import storage_key as key_of
 
     stored = {}
     sensors = [Sensor.cie1931(), *map(Sensor.camera, cameras())]

@@ -37,8 +37,8 @@ from mr360uw.color import decode, encode, luminance  # noqa: E402
 from mr360uw.errors import Mr360uwError  # noqa: E402
 from mr360uw.first_look.first_scene import make_first_scene  # noqa: E402
 from mr360uw.sample.dive_settings import DiveSettings  # noqa: E402
-from mr360uw.scene.inputs import open_plate  # noqa: E402
 from mr360uw.scene.model import scene_from_dict  # noqa: E402
+from mr360uw.scene.resolved import open_plate  # noqa: E402
 from mr360uw.types import Floats  # noqa: E402
 
 TYPES = ("IB", "II", "1C", "5C")

@@ -34,17 +34,17 @@ from mr360uw.caustics import (  # noqa: E402
 from mr360uw.medium import FroxelGrid, Medium, ShaftScene, Water, shaft_field  # noqa: E402
 from mr360uw.medium.closed_form import exponential_integral  # noqa: E402
 from mr360uw.medium.phase import wide_angle_function, wide_angle_moments  # noqa: E402
+from mr360uw.medium.scattered_light import spread_of  # noqa: E402
 from mr360uw.medium.shafts.shaft_field import DEFAULT_GRID, march  # noqa: E402
 from mr360uw.medium.shafts.shaft_scene import ShaftWater  # noqa: E402
 from mr360uw.medium.shafts.single_scattering import ray_ends_m, view_directions  # noqa: E402
-from mr360uw.medium.small_angles import spread_of  # noqa: E402
 from mr360uw.render.backends import make_backend  # noqa: E402
 from mr360uw.render.first_pass import clip_analysis  # noqa: E402
 from mr360uw.render.frame import draw_frame, frame_shots, measure_plate  # noqa: E402
 from mr360uw.render.loaded import load  # noqa: E402
 from mr360uw.sample import sample_dive  # noqa: E402
-from mr360uw.scene.inputs import open_plate  # noqa: E402
 from mr360uw.scene.model import Scene, load_scene  # noqa: E402
+from mr360uw.scene.resolved import open_plate  # noqa: E402
 from mr360uw.sphere import direction_from_angles, unit  # noqa: E402
 from mr360uw.types import CausticStack, Lamp, Sun, View  # noqa: E402
 

@@ -45,7 +45,7 @@ from mr360uw.render.backends import Backend, make_backend  # noqa: E402
 from mr360uw.render.first_pass import clip_analysis  # noqa: E402
 from mr360uw.render.frame import Frame, composite_frame, not_finite  # noqa: E402
 from mr360uw.render.loaded import load  # noqa: E402
-from mr360uw.scene.inputs import open_plate  # noqa: E402
+from mr360uw.scene.resolved import open_plate  # noqa: E402
 
 DARKEST = -1e-6
 """Least light that counts as none, for a plate whose brightest light is 1: rounding of single precision."""

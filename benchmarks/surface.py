@@ -24,7 +24,7 @@ sys.path.insert(0, str(ROOT))
 from benchmarks.peers.mitsuba_scene import has_mitsuba, mitsuba  # noqa: E402
 from mr360uw import optics, surface  # noqa: E402
 from mr360uw.caustics import GerstnerSea  # noqa: E402
-from mr360uw.caustics.sea.spectrum import mean_square_slope  # noqa: E402
+from mr360uw.caustics.sea import mean_square_slope  # noqa: E402
 from mr360uw.medium import Water  # noqa: E402
 from mr360uw.sphere import direction_from_angles, directions, unit  # noqa: E402
 from mr360uw.surface.intersection import first_hits  # noqa: E402

@@ -28,8 +28,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import mr360uw as uw
 from mr360uw.depth.clip_water import seen_places
-from mr360uw.medium.fit.water_by_distance import WaterByDistance, water_by_distance
 from mr360uw.medium.water import JerlovType
+from mr360uw.medium.water_by_distance import WaterByDistance, water_by_distance
 from mr360uw.types import Floats
 from tests.depth.test_clip_depth import write_track
 from tests.depth.wet_dive import WetDive

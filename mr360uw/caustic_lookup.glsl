@@ -5,7 +5,7 @@ struct CausticStack {
     vec3 sun_direction;
 };
 
-#include "caustics/gl/atlas_level.glsl"
+#include "composite/gl/shaders/atlas_level.glsl"
 
 vec3 caustic_lookup(CausticStack stack, sampler2DArray ratio, sampler2D plane_depth, vec3 point, float footprint_m) {
     CausticPlace place = caustic_place(stack, ratio, plane_depth, point, footprint_m);

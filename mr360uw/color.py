@@ -28,7 +28,7 @@ from mr360uw.yuv.wide_curves import (
 )
 
 Levels = Literal["video", "data"]
-"""What 0 and 1 of a map's input are. video: black and white of the plate's range. data: code 0 and full scale."""
+"""Levels of 0 and 1 in a map's input. video: black and white of the plate's range. data: code 0 and full scale."""
 
 
 class PlateMapping(Protocol):

@@ -22,8 +22,8 @@ from mr360uw.render.first_pass import ClipAnalysis, clip_analysis
 from mr360uw.render.frame import Frame, FrameShots, blend_frame, composite_frame, draw_frame, frame_shots, measure_plate
 from mr360uw.render.loaded import Loaded, load
 from mr360uw.render.plate_light import LightSamples
-from mr360uw.scene.inputs import open_plate
 from mr360uw.scene.model import Scene
+from mr360uw.scene.resolved import open_plate
 from mr360uw.shapes import checked, file_path, instance, is_light, real
 from mr360uw.threads import one_blas_thread, prefetch
 from mr360uw.types import CausticStack, Environment, Floats, Layer, MediumTable, Sun
@@ -73,7 +73,7 @@ class FrameResult:
 
     def _repr_png_(self) -> bytes:
         """Return the frame as a notebook shows it: 8-bit sRGB, at most 1024 pixels wide."""
-        from mr360uw.preview.thumbnail import thumbnail
+        from mr360uw.preview.live import thumbnail
 
         return thumbnail(self.image_linear)
 
@@ -374,11 +374,7 @@ def render_frame(
 
 @checked
 def analyse_clip(
-    video: str | Path,
-    scene: Scene,
-    *,
-    frames: tuple[int, int] | None = None,
-    progress: Progress | None = None,
+    video: str | Path, scene: Scene, *, frames: tuple[int, int] | None = None, progress: Progress | None = None
 ) -> ClipAnalysis:
     """Return what a composite measures over a clip before its first frame: sun, gain of the veil, background, grade.
 

@@ -54,7 +54,7 @@ DARK = 1e-9
 
 GAMUT_THRESHOLD = 0.9
 GAMUT_POWER = 1.2
-"""Where the compression of out-of-gamut colours sets in (distance from the largest channel), and how sharply."""
+"""Threshold of the compression of out-of-gamut colours (distance from the largest channel), and its sharpness."""
 
 DITHER_ALONG, DITHER_DOWN, DITHER_CONTRAST = 0.06711056, 0.00583715, 52.9829189
 """Interleaved gradient noise frac(contrast frac(along x + down y)) of pixels (Jimenez 2014)."""

@@ -17,14 +17,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import NonNegativeInt, PositiveInt
 
-from mr360uw.errors import ParameterError
+from mr360uw.errors import ParameterError, install_command, optional
 from mr360uw.files import write_whole
-from mr360uw.medium.fit.waterfit import resampled
 from mr360uw.medium.medium import Medium
 from mr360uw.medium.transfer import LightField
 from mr360uw.medium.water import Water
+from mr360uw.medium.waterfit import resampled
 from mr360uw.output_gate import check_outputs
-from mr360uw.reading.extras import command, optional
 from mr360uw.reading.input_files import read_text
 from mr360uw.shapes import checked, file_path, instance, numbers
 from mr360uw.types import CausticStack
@@ -432,7 +431,7 @@ def _xarray() -> Any:
     try:
         return optional("xarray")
     except ImportError:
-        raise ParameterError(f"datasets - need xarray (got none) - {command('data')}") from None
+        raise ParameterError(f"datasets - need xarray (got none) - {install_command('data')}") from None
 
 
 def _dataset(data: dict[str, Any], grid: dict[str, Any], **facts: Any) -> Dataset:

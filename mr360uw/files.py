@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Files that appear whole or not at all, and the record of those that a run writes.
+"""Output files: whole or not at all, names of numbered files, and the record of those that a run writes.
 
 By the record, which holds names and hashes of the content, a run that goes on knows its files. One counts as there when
 it is what was written, and as cut when it is the beginning of that; half of a cut file or more is compared. A cut one
@@ -11,6 +11,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import re
 import secrets
 import stat
 from collections.abc import Callable, Iterable, Iterator
@@ -145,7 +146,7 @@ def rewrite(path: Path, text: str) -> None:
         part.chmod(rights)
 
 
-def marks_of(path: Path) -> Marks:
+def _marks_of(path: Path) -> Marks:
     """Return the marks of a file; raise `OSError`."""
     found, size, marks = hashlib.sha256(), 0, Marks()
     with path.open("rb") as file:
@@ -220,7 +221,7 @@ class WrittenFiles:
 
     def _note(self, path: Path, part: Path) -> None:
         """Note what is about to appear under a name: a kill between both leaves a line of a file that is not there."""
-        name, marks = self._name(path), marks_of(part)
+        name, marks = self._name(path), _marks_of(part)
         with part.open("rb") as file:
             os.fsync(file.fileno())  # after a power cut no empty file stands under the name
         with self._log.open("a", encoding="utf-8") as log:
@@ -242,7 +243,7 @@ class WrittenFiles:
             stat = path.stat()
             key = (path, stat.st_ino, stat.st_size, stat.st_mtime_ns, stat.st_ctime_ns)
             if key not in self._read:
-                self._read[key] = marks_of(path)
+                self._read[key] = _marks_of(path)
             return self._read[key]
         except OSError:
             return None
@@ -274,3 +275,55 @@ def _lines(log: Path) -> Iterator[tuple[str, Marks]]:
 
 def _are_marks(found: object) -> bool:
     return isinstance(found, dict) and all(size.isdecimal() and isinstance(one, str) for size, one in found.items())
+
+
+_NUMBER = re.compile(r"%(?:0(\d+))?d|(#+|@@+)|\$F(\d*)")
+
+
+def is_pattern(path: Path) -> bool:
+    """Return whether a name is the pattern of a sequence, with %04d, ####, @@@@ or $F4 in it."""
+    return _NUMBER.search(path.name) is not None
+
+
+def without_number(path: Path) -> Path:
+    """Return a name without the number of a pattern and what parts it from the rest: out.exr for out_%04d.exr."""
+    found = _NUMBER.search(path.name)
+    if found is None:
+        return path
+    return path.with_name((path.name[: found.start()].rstrip("_-. ") or "frames") + path.name[found.end() :])
+
+
+def numbered(path: Path, number: int) -> Path:
+    """Return the file of a pattern with this number."""
+    found = _NUMBER.search(path.name)
+    assert found is not None
+    digits = len(found[2]) if found[2] else int(found[1] or found[3] or 0)
+    return path.with_name(path.name[: found.start()] + f"{number:0{digits}d}" + path.name[found.end() :])
+
+
+def matching_files(path: Path) -> list[tuple[int, Path]]:
+    """Return the existing files of a pattern with their numbers, ascending."""
+    name = matcher(path)
+    folder = path.parent.iterdir() if path.parent.is_dir() else ()
+    hits = ((name.fullmatch(file.name), file) for file in folder)
+    return sorted((int(hit[1]), file) for hit, file in hits if hit)
+
+
+def matcher(path: Path) -> re.Pattern[str]:
+    """Return an expression for the names of a pattern's files; its first group is their number."""
+    found = _NUMBER.search(path.name)
+    assert found is not None
+    before, after = re.escape(path.name[: found.start()]), re.escape(path.name[found.end() :])
+    return re.compile(f"{before}(\\d+){after}")
+
+
+def files_named(path: Path) -> Iterator[Path]:
+    """Yield the files that a path, a folder, a numbered pattern or a wildcard stands for."""
+    if is_pattern(path):
+        yield from (file for _, file in matching_files(path))
+    elif "*" in path.name:
+        yield from path.parent.glob(path.name)
+    elif path.is_dir():
+        yield from sorted(file for file in path.iterdir() if file.is_file())
+    else:
+        yield path

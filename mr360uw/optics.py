@@ -23,8 +23,7 @@ from mr360uw.constants import REFRACTIVE_INDEX_SEA
 from mr360uw.errors import ParameterError
 from mr360uw.shapes import checked, number, numbers
 from mr360uw.sphere import gauss_legendre, unit
-
-Array = NDArray[np.float64]
+from mr360uw.types import Array
 
 
 def refract_to_air(direction_in_water: ArrayLike, refractive_index: float = REFRACTIVE_INDEX_SEA) -> Array:

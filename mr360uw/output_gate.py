@@ -17,8 +17,7 @@ from pathlib import Path
 from filelock import FileLock, Timeout
 
 from mr360uw.errors import OutputError, OutputExistsError
-from mr360uw.files import is_ours, new_file, real_path, write_whole
-from mr360uw.reading.numbered_files import files_named, is_pattern, matcher, numbered
+from mr360uw.files import files_named, is_ours, is_pattern, matcher, new_file, numbered, real_path, write_whole
 
 MARKER = "made-by-mr360uw.txt"
 """File that makes a folder one of ours."""

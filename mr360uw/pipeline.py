@@ -16,10 +16,9 @@ from typing import Literal
 
 from mr360uw.cache import Cache
 from mr360uw.caustics import export_tiles, refract_to_air
-from mr360uw.errors import SceneError
-from mr360uw.info import package_versions
+from mr360uw.errors import SceneError, package_versions
 from mr360uw.progress import Progress, begin_phase
-from mr360uw.reading.cached_reads import CachedReads
+from mr360uw.reading.disk_cache import CachedReads
 from mr360uw.render.backends import Backend, close_backend, make_backend
 from mr360uw.render.check import scene_sun_lines
 from mr360uw.render.first_pass import ClipAnalysis, first_pass, measured_range
@@ -30,13 +29,12 @@ from mr360uw.runs.outputs import Output, Report, forecaster, with_encoder
 from mr360uw.runs.stored_analysis import input_fingerprints, measured_analysis, work_keys
 from mr360uw.runs.work_folder import Part, WorkFolder, joined_bounds, work_folder
 from mr360uw.runs.workers import make_crew
-from mr360uw.scene.inputs import open_plate, projection_notes
-from mr360uw.scene.keyed_water import scene_at
 from mr360uw.scene.model import Scene
+from mr360uw.scene.resolved import open_plate, projection_notes, scene_at
 from mr360uw.scene.toml_model import dotted
 from mr360uw.shapes import checked, instance
 from mr360uw.video import VideoReader
-from mr360uw.video.read.reader import DecodedOnce
+from mr360uw.video.reader import DecodedOnce
 
 
 @checked
@@ -271,10 +269,12 @@ def export_caustics(
     surface; by default that of a receiver plane, else of the first object, else of the camera. Keyed parameters have
     their values of time 0. Raises `SceneError` where the plate shows no sun, or where the sea is keyed.
     """
+    # Refuse a sea that changes: its tiles would not repeat
     keyed = [key.parameter for key in scene.keys if dotted(key.parameter)[0] in ("sea", "caustics")]
     if keyed:
         problem = f"keys - a sea that changes does not repeat, as tiles do (got {', '.join(keyed)}) - remove these keys"
         raise SceneError(str(scene.plate.path), [problem])
+    # Find the sun in the plate, as a composite does
     scene = scene_at(scene, 0.0)
     with open_plate(scene) as video:
         surroundings, light = load_surroundings(scene), scene.light
@@ -284,6 +284,7 @@ def export_caustics(
     if sun is None or sun.direction[1] <= 0.0:
         problem = 'no sun is found in the plate - set light.sun = "given" and its azimuth and elevation'
         raise SceneError(str(scene.plate.path), [problem])
+    # Take the depth of the receiver, or of the first object
     if depth_m is None:
         heights = [0.0, *(o.place_m[1] for o in scene.objects[:1])]
         if scene.receiver is not None and scene.receiver.kind == "plane":

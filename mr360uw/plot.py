@@ -17,8 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mr360uw.color import encode
-from mr360uw.errors import ParameterError
-from mr360uw.reading.extras import command, optional
+from mr360uw.errors import ParameterError, install_command, optional
 
 _WIDTH, _HEIGHT, _MARGIN = 360, 180, 34
 """Pixels of a plot in a notebook, and of the margin for its axes' figures."""
@@ -30,7 +29,7 @@ _OTHERS = ("#1f77b4", "#ff7f0e", "#9467bd", "#8c564b", "#17becf")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Figure:
-    """What a result looks like.
+    """Look of a result: curves or a picture.
 
     title: what is shown. x: (n,) of all curves; x_label, y_label: quantity and unit. curves: (n,) by name, NaN where
     there is nothing. image: (h, w, 3) linear light, or (h, w), white 1, instead of curves.
@@ -92,15 +91,17 @@ def show(result: Shown, axes: Any = None) -> Any:
     >>> axes.get_xlabel()
     'wavelength [nm]'
     """
+    # Check the result and the axes, or make axes
     if not isinstance(result, Shown):
         raise ParameterError(f"result - has no plot (got {type(result).__name__}) - see uw.plot.show")
     if axes is None:
         try:
             axes = optional("matplotlib.pyplot").figure().add_subplot()
         except ImportError:
-            raise ParameterError(f"plot - needs matplotlib (got none) - {command('plot')}") from None
+            raise ParameterError(f"plot - needs matplotlib (got none) - {install_command('plot')}") from None
     if not hasattr(axes, "set_title"):
         raise ParameterError(f"axes - are none of matplotlib's (got {type(axes).__name__}) - leave them out")
+    # Draw a picture or the curves
     figure = result._figure()
     axes.set_title(figure.title)
     if figure.image is not None:
@@ -123,6 +124,7 @@ def _codes(image: ArrayLike) -> NDArray[np.uint8]:
 
 def _svg(figure: Figure) -> str:
     """Return a figure as HTML: curves as SVG, a picture as PNG within it."""
+    # Embed a picture as PNG, thinned out
     if figure.image is not None:
         import cv2
 
@@ -130,6 +132,7 @@ def _svg(figure: Figure) -> str:
         step = -(-codes.shape[1] // _MOST_ACROSS)
         data = base64.b64encode(bytes(cv2.imencode(".png", codes[::step, ::step, ::-1])[1])).decode("ascii")
         return f'<img alt="{html.escape(figure.title)}" width="{_WIDTH}" src="data:image/png;base64,{data}"/>'
+    # Find the range of the axes
     x = np.asarray(figure.x, np.float64)
     finite = [y[np.isfinite(y)] for y in (np.asarray(y, np.float64) for y in figure.curves.values())]
     values = np.concatenate([*finite, np.zeros(1)])
@@ -140,6 +143,7 @@ def _svg(figure: Figure) -> str:
     def text(at_x: float, at_y: float, words: str, colour: str = "#666", anchor: str = "middle") -> None:
         parts.append(f'<text x="{at_x:g}" y="{at_y:g}" fill="{colour}" text-anchor="{anchor}">{words}</text>')
 
+    # Draw each curve with its name, then the axes' figures
     for number, (name, curve) in enumerate(figure.curves.items()):
         colour = _COLOURS.get(name, _OTHERS[number % len(_OTHERS)])
         y = np.asarray(curve, np.float64)

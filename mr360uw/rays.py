@@ -139,20 +139,19 @@ def raise_to_triangles(triangles: Any, origin: Any, axes: Any, low: Any, step: A
     """
     corner = np.empty((3, 3))
     for t in range(len(triangles)):
+        # Turn the corners into the grid's axes
         for c in range(3):
-            x, y, z = (
-                triangles[t, c, 0] - origin[0],
-                triangles[t, c, 1] - origin[1],
-                triangles[t, c, 2] - origin[2],
-            )
+            x, y, z = (triangles[t, c, 0] - origin[0], triangles[t, c, 1] - origin[1], triangles[t, c, 2] - origin[2])
             for k in range(3):
                 corner[c, k] = x * axes[k, 0] + y * axes[k, 1] + z * axes[k, 2]
+        # Express the triangle by a corner and two edges; one seen edge on covers nothing
         ax, ay, az = corner[0, 0] - low[0], corner[0, 1] - low[1], corner[0, 2]
         bx, by, bz = corner[1, 0] - corner[0, 0], corner[1, 1] - corner[0, 1], corner[1, 2] - az
         cx, cy, cz = corner[2, 0] - corner[0, 0], corner[2, 1] - corner[0, 1], corner[2, 2] - az
         area = bx * cy - by * cx
         if area == 0.0:
             continue
+        # Visit the places within its bounds, and compare by barycentric coordinates
         first_i = max(math.ceil((ax + min(bx, cx, 0.0)) / step[0] - _OVERLAP), 0)
         first_j = max(math.ceil((ay + min(by, cy, 0.0)) / step[1] - _OVERLAP), 0)
         last_i = min(math.floor((ax + max(bx, cx, 0.0)) / step[0] + _OVERLAP), top.shape[0] - 1)

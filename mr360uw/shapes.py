@@ -155,11 +155,13 @@ class _Known(dict[str, Any]):
 
 def _allows(hint: Any, value: Any) -> bool:
     """Return whether a type hint allows a value."""
+    # Hints that are made of others
     kind, parts = get_origin(hint) or hint, get_args(hint)
     if kind is Any:
         return True
     if kind is Annotated:
         return _allows(parts[0], value) and all(_in_range(rule, value) for rule in parts[1:])
+    # Arrays and containers
     if hint == ArrayLike or kind is np.ndarray:
         return _is_array(value)
     if kind in (Union, types.UnionType):
@@ -171,6 +173,7 @@ def _allows(hint: Any, value: Any) -> bool:
     if kind is Sequence or kind is list:
         listed = value.ndim > 0 if isinstance(value, np.ndarray) else isinstance(value, Sequence)
         return listed and not isinstance(value, str | bytes) and all(_allows(parts[0], one) for one in value)
+    # Numbers, paths, callables, protocols and classes
     if kind in (float, int, Fraction):
         return _is_number(kind, value)
     if kind is Path:

@@ -17,7 +17,7 @@ import cv2
 import numpy as np
 
 from mr360uw.compositor import FrameResult, render_frame
-from mr360uw.medium.fit.open_water import DARKEST
+from mr360uw.medium.open_water import DARKEST
 from mr360uw.medium.phase import Phase
 from mr360uw.optics import fresnel_from_below, refract_to_water
 from mr360uw.scene import scene_from_dict

@@ -21,13 +21,13 @@ import av
 import numpy as np
 import pytest
 
+from mr360uw.errors import EXTRAS
 from mr360uw.ibl import track_suns
 from mr360uw.ibl.sun.track import save_track
 from mr360uw.progress import begin_phase, terminal_progress
-from mr360uw.reading.extras import EXTRAS
 from mr360uw.sample import SampleDive
 from mr360uw.video import write_exr
-from mr360uw.video.metadata.spherical import SphericalMetadata, Stereo, write_spherical
+from mr360uw.video.spherical import SphericalMetadata, Stereo, write_spherical
 from tests.first_look.plates import air
 from tests.gate import FIRST_PASS, HANG_S, Gate
 from tests.video.clips import packets, write_clip

@@ -14,7 +14,7 @@ from scipy.sparse import csr_matrix
 from mr360uw.composite.ambient.mesh_transfer import make_transfer
 from mr360uw.composite.mesh.mesh import Mesh, load_mesh
 from mr360uw.medium import Medium, Water
-from mr360uw.medium.small_angles import spread_of
+from mr360uw.medium.scattered_light import spread_of
 from mr360uw.reading import disk_cache
 from mr360uw.reading.disk_cache import (
     FOLDER,
@@ -177,10 +177,10 @@ def test_tables_of_water_from_the_disk_are_those_that_were_computed(mode: str, m
 def test_spread_and_shape_from_the_disk_are_those_that_were_computed(
     whale: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from mr360uw.medium import small_angles
+    from mr360uw.medium import scattered_light
 
     def spread() -> np.ndarray:
-        small_angles._weights.cache_clear()
+        scattered_light._weights.cache_clear()
         found = spread_of(Medium(Water.jerlov("IB"), band_count=4))
         assert found is not None
         return found.weight

@@ -13,8 +13,7 @@ import pytest
 import mr360uw as uw
 from mr360uw.sample import SampleDive
 from mr360uw.scene.model import load_scene
-from mr360uw.video import read_spherical
-from mr360uw.video.read import container
+from mr360uw.video import container, read_spherical
 from tests.gpmf import payloads, tilted_up
 from tests.scenes import gradient_plate, scene_with, yawed
 from tests.tolerances import (
@@ -210,7 +209,7 @@ def test_the_sun_is_where_the_scene_says(
 
 def test_a_track_is_smooth_editable_and_used(dive: SampleDive, tmp_path: Path) -> None:
     from mr360uw.ibl import load_track
-    from mr360uw.preview.plate_report import analyse_video
+    from mr360uw.preview.pages import analyse_video
 
     page, table, sheet = analyse_video(dive.plate, tmp_path / "page.html")
     assert "<svg" in page.read_text("utf-8")

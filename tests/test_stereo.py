@@ -19,10 +19,10 @@ from mr360uw.render.first_pass import ClipAnalysis
 from mr360uw.render.frame import composite_frame
 from mr360uw.render.loaded import load
 from mr360uw.render.mattes import GreyClip
-from mr360uw.scene.inputs import open_plate
 from mr360uw.scene.model import Scene, scene_from_dict
+from mr360uw.scene.resolved import open_plate
 from mr360uw.video import create_video, open_video, read_spherical
-from mr360uw.video.metadata.spherical import SphericalMetadata, Stereo, write_spherical
+from mr360uw.video.spherical import SphericalMetadata, Stereo, write_spherical
 from tests.scenes import gradient_plate
 from tests.video.clips import write_clip
 
@@ -96,7 +96,7 @@ def test_both_eyes_are_written_as_they_are_read(
 ) -> None:
     plate = write_clip(tmp_path / "in.mp4", 2, size=size)
     write_spherical(plate, SphericalMetadata(stereo=stereo))
-    from mr360uw.video.settings import EncodeSettings
+    from mr360uw.video.formats import EncodeSettings
 
     with open_video(plate, eye="both") as video:
         frames = list(video.frames())

@@ -23,7 +23,7 @@ from mr360uw.constants import PI, REFRACTIVE_INDEX_SEA
 from mr360uw.ibl.lookup import environment_lookup
 from mr360uw.medium import Medium, Water
 from mr360uw.medium.lookup import beam_fraction, transmittance_lookup, veil_lookup
-from mr360uw.medium.small_angles import spread_of
+from mr360uw.medium.scattered_light import spread_of
 from mr360uw.optics import diffuse_reflectance_from_below, fresnel_from_below, fresnel_transmittance
 from mr360uw.sphere import basis, directions, disc_directions, row_solid_angle, unit
 from mr360uw.types import CausticStack, Floats, MediumTable

@@ -25,8 +25,8 @@ from mr360uw.render.first_pass import clip_analysis
 from mr360uw.render.frame import composite_frame
 from mr360uw.render.loaded import load
 from mr360uw.render.plate_light import LightSamples
-from mr360uw.scene.inputs import open_plate
 from mr360uw.scene.model import Scene
+from mr360uw.scene.resolved import open_plate
 
 _FIRST = 3
 """Frames before the one that is counted."""

@@ -13,8 +13,8 @@ from mr360uw.render.check import StageGraph
 from mr360uw.render.first_pass import clip_analysis
 from mr360uw.render.frame import Frame, composite_frame
 from mr360uw.render.loaded import load
-from mr360uw.scene.inputs import open_plate
 from mr360uw.scene.model import Scene
+from mr360uw.scene.resolved import open_plate
 from mr360uw.video import VideoFrame
 
 PARTS = ("light", "water", "caustics", "layer", "blend")

@@ -18,8 +18,8 @@ from mr360uw.color import encode, luminance
 from mr360uw.composite import PlacedObject
 from mr360uw.ibl.reduce import reduce_map
 from mr360uw.pipeline import composite_video
-from mr360uw.scene.inputs import open_plate
 from mr360uw.scene.model import scene_from_dict
+from mr360uw.scene.resolved import open_plate
 from mr360uw.sphere import directions, row_solid_angle
 from mr360uw.types import Floats
 from mr360uw.video.exr import write_exr

@@ -14,21 +14,9 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-from mr360uw.bench.measuring import (
-    SLOWER,
-    WORSE,
-    MeasuredStage,
-    Measurement,
-    Workbench,
-    better_than_default,
-    front,
-    knobs_in_words,
-    larger,
-    measure,
-)
-from mr360uw.errors import ParameterError
+from mr360uw.bench.stages import Knobs, MeasuredStage, Measurement, Workbench, measure
+from mr360uw.errors import ParameterError, package_versions
 from mr360uw.ibl.report import html_page
-from mr360uw.info import package_versions
 from mr360uw.progress import Progress
 from mr360uw.reading.input_files import read_text, unreadable
 from mr360uw.render.backends import make_backend
@@ -80,7 +68,7 @@ class _Frozen(BaseModel):
 
 
 class Machine(_Frozen):
-    """What the figures were measured on. load: mean number of processes that wanted a core in the minute before."""
+    """Machine of the figures. load: mean number of processes that wanted a core in the minute before."""
 
     cpu: str
     cores: int
@@ -96,7 +84,7 @@ class Machine(_Frozen):
 
 
 class StageResult(_Frozen):
-    """Measurements of a stage. title, timed, truth: as in `measuring.Stage`."""
+    """Measurements of a stage. title, timed, truth: as in `stages.MeasuredStage`."""
 
     name: str
     title: str
@@ -191,6 +179,46 @@ def check_kinds(before: BenchReport, *, quick: bool) -> None:
         raise ParameterError(f"--against - the runs differ (got one {kinds[0]}, this one {kinds[1]}) - run alike")
 
 
+SLOWER, WORSE = 1.15, 1.10
+"""Ratios of time and of error from which on a setting counts as slower or worse than another. Medians of five runs on a
+quiet machine repeat within about 5 %; errors repeat exactly but for changes of the code."""
+
+
+_TINY_ERROR = 1e-6
+"""Relative error below which differences are rounding."""
+
+
+def beats(one: Measurement, other: Measurement) -> bool:
+    """Return whether a setting is cheaper than another and no less accurate, or more accurate and no dearer.
+
+    Differences within `SLOWER` and `WORSE` count as none.
+    """
+    cheaper, dearer = one.cpu_ms * SLOWER < other.cpu_ms, one.cpu_ms > other.cpu_ms
+    better, worse = larger(other.error, one.error), one.error > other.error + _TINY_ERROR
+    return (cheaper and not worse) or (better and not dearer)
+
+
+def larger(error: float, before: float) -> bool:
+    """Return whether an error is larger than another by more than `WORSE` and by more than rounding."""
+    return error > WORSE * before and error - before > _TINY_ERROR
+
+
+def front(found: Sequence[Measurement]) -> list[Measurement]:
+    """Return the settings that no other one beats, the cheapest first."""
+    return sorted((m for m in found if not any(beats(o, m) for o in found)), key=lambda m: m.cpu_ms)
+
+
+def better_than_default(found: Sequence[Measurement]) -> list[Measurement]:
+    """Return the settings that beat the default, the most accurate first; none where it lies on the front."""
+    usual = next((m for m in found if "default" in m.names), None)
+    return [] if usual is None else sorted((m for m in found if beats(m, usual)), key=lambda m: (m.error, m.cpu_ms))
+
+
+def knobs_in_words(knobs: Knobs) -> str:
+    """Return settings as text: caustics.size=512 caustics.grid=auto."""
+    return " ".join(f"{name}={'auto' if value is None else value}" for name, value in knobs.items())
+
+
 def compare(before: BenchReport, now: BenchReport) -> tuple[list[str], str]:
     """Return a line for each setting that became worse, and the comparison in words; raise `ParameterError` for runs
     of different kinds or without a common setting.
@@ -244,20 +272,31 @@ def _notes(before: BenchReport, now: BenchReport) -> tuple[str, ...]:
 # A self-contained HTML page of a benchmark run: error over processor time of each stage, with its Pareto front.
 
 _WIDTH, _HEIGHT, _LEFT, _BOTTOM, _EDGE = 900, 360, 70, 44, 26
+
+
 _BELOW = 0.3
 """Place of exact settings, in units of the smallest error that is not 0: below the others, and near enough to them."""
+
+
 _FRONT, _OTHER = "#0b6e99", "#9aa7b2"
+
+
 _COLOURS = {"default": "#c2410c", "draft": "#4d7c0f", "reference": "#6d28d9"}
+
+
 _STYLE = """
 text { paint-order: stroke; stroke: #fff; stroke-width: 3px; stroke-linejoin: round; }
 td.n { text-align: right; font-variant-numeric: tabular-nums; } tr.front { font-weight: 600; }
 circle:hover { stroke: #16202a; stroke-width: 2; } .note { color: #c2410c; }
 """
+
+
 Place = Callable[[float], float]
 
 
 def bench_page(report: BenchReport) -> str:
     """Return the page of a run as one HTML string, readable offline."""
+    # Say what was measured where
     machine = report.machine
     where = f"{machine.cpu}, {machine.cores} cores, {machine.system}; renderer {machine.backend}: {machine.device}"
     kind = "; a quick run" if report.quick else ""
@@ -267,6 +306,7 @@ def bench_page(report: BenchReport) -> str:
         parts.append(
             f'<p class="note">The load average was {machine.load:.1f} at the start: times may be too long.</p>'
         )
+    # Explain the plots, then show plot and table of each stage
     legend = ", ".join(f'<span style="color:{colour}">{name}</span>' for name, colour in _COLOURS.items())
     parts.append(
         "<p>Each dot is a setting: right is dearer, up is less accurate, both in powers of ten. Blue dots on the line "
@@ -283,6 +323,7 @@ def bench_page(report: BenchReport) -> str:
 
 def pareto_plot(stage: StageResult) -> str:
     """Return an inline SVG of error over processor time, both logarithmic, with front and named settings."""
+    # Place all measurements on logarithmic axes
     found, best = _by_time(stage), front(stage.measurements)
     least = _BELOW * min((m.error for m in found if m.error > 0.0), default=1.0)
     times, errors = [max(m.cpu_ms, 1e-3) for m in found], [max(m.error, least) for m in found]
@@ -290,6 +331,7 @@ def pareto_plot(stage: StageResult) -> str:
     y = _axis(errors, _HEIGHT - _BOTTOM - _EDGE, _EDGE)
     label = html.escape(f"{stage.title}: relative error over CPU time in ms")
     out = [f'<svg viewBox="0 0 {_WIDTH} {_HEIGHT}" role="img" aria-label="{label}" font-size="11">']
+    # Draw the grid and its figures; an exact setting stands at the lowest error
     for value in _ticks(times):
         at = x(value)
         out.append(f'<path d="M{at:.1f} {_EDGE}V{_HEIGHT - _BOTTOM}" stroke="#e3e9ee"/>')
@@ -300,6 +342,7 @@ def pareto_plot(stage: StageResult) -> str:
         at = y(value)
         out.append(f'<path d="M{_LEFT} {at:.1f}H{_WIDTH - _EDGE}" stroke="#e3e9ee"/>')
         out.append(f'<text x="{_LEFT - 6}" y="{at + 4:.1f}" text-anchor="end">{word}</text>')
+    # Draw the axes, the front, and a dot for each setting
     bottom = _HEIGHT - _BOTTOM
     out.append(f'<path d="M{_LEFT} {_EDGE / 2}V{bottom}H{_WIDTH - _EDGE / 2}" fill="none" stroke="{_OTHER}"/>')
     places = {id(m): (x(time), y(error)) for m, time, error in zip(found, times, errors, strict=True)}

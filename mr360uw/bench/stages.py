@@ -1,32 +1,205 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The stages that `mr360uw bench` measures: water, caustics, shafts by themselves, the others in frames of a dive."""
+"""Stages that `mr360uw bench` measures on a sample dive: processor time and error of each setting."""
 
 from __future__ import annotations
 
+import functools
 import itertools
-from collections.abc import Callable, Sequence
+import statistics
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from mr360uw.bench.measuring import Knobs, MeasuredStage, Workbench, Workload, picture_of, qualities, relative_rms
+from mr360uw.cache import Cache
 from mr360uw.caustic_lookup import caustic_lookup, mip_levels
 from mr360uw.caustics import CausticSettings, GerstnerSea, caustic_stack, refract_to_air, stack_depths
-from mr360uw.caustics.depth_ladder import PlaneLadder
+from mr360uw.caustics.settings import PlaneLadder
 from mr360uw.composite.objects import load_objects
+from mr360uw.composite.over import over
 from mr360uw.composite.raycast import occluding
 from mr360uw.composite.shafts import grid_of
 from mr360uw.constants import MAXIMUM_SUN_SAMPLES, REFRACTIVE_INDEX_SEA
 from mr360uw.ibl import environment
 from mr360uw.medium import Medium, ShaftScene, Water, shaft_field
 from mr360uw.medium.lookup import veil_lookup
+from mr360uw.medium.scattered_light import spread_of
 from mr360uw.medium.settings import ShaftSettings
 from mr360uw.medium.shafts.shaft_field import march
-from mr360uw.medium.small_angles import spread_of
+from mr360uw.reading.disk_cache import nothing_kept
+from mr360uw.render.backends import Backend
+from mr360uw.render.first_pass import clip_analysis
+from mr360uw.render.frame import Frame, composite_frame
+from mr360uw.render.loaded import load
+from mr360uw.sample import sample_dive
+from mr360uw.scene.model import Scene, load_scene
+from mr360uw.scene.resolved import open_plate
 from mr360uw.sphere import unit
 from mr360uw.types import CausticStack, Floats, Sun, View
+from mr360uw.video import VideoFrame
 
-_WIDTH = 4096
+# Measures stages on a sample dive: processor time and error of each setting, and which lie on the Pareto front.
+
+_RUNS, _QUICK_RUNS = 5, 3
+_DIVE_WIDTH, _QUICK_WIDTH = 1024, 512
+"""Width [pixels] of the dive's frames: shadows and edges cost and err as in larger ones, in a fraction of the time."""
+_SWIMS = "object.0.key=[{time_s=0, position_m=[0.4, -0.6, -3.6]}, {time_s=1, position_m=[1.4, -0.4, -3.2]}]"
+"""Motion of the whale: nothing of a frame can be kept for the next because it stands still."""
+
+
+class Workbench:
+    """Bench on which stages are measured. folder: an empty one, for the dive. quick: smaller frames, fewer runs.
+
+    runs: timed runs of each setting. width: of the dive's frames [pixels].
+    """
+
+    def __init__(self, folder: Path, backend: Backend, *, quick: bool = False) -> None:
+        self.backend, self.quick, self.runs = backend, quick, _QUICK_RUNS if quick else _RUNS
+        self.width = _QUICK_WIDTH if quick else _DIVE_WIDTH
+        self._folder = folder
+
+    @functools.cached_property
+    def scene_file(self) -> Path:
+        """The scene of the dive, made when it is first asked for: a plate of a frame for each run, a whale, sand."""
+        return sample_dive(self._folder / "dive", width=self.width, frames=self.runs + 1).scene
+
+    def scene(self, knobs: Mapping[str, Any]) -> Scene:
+        """Return the scene of the dive with settings."""
+        given = [f"{name}={value}" for name, value in knobs.items() if value is not None]
+        return load_scene(self.scene_file, [_SWIMS, *given])
+
+    @functools.cached_property
+    def plates(self) -> list[VideoFrame]:
+        """The frames of the dive's plate."""
+        with open_plate(self.scene({})) as video:
+            return list(video.frames(0, self.runs + 1))
+
+    def frames(self, knobs: Mapping[str, Any]) -> Callable[[int], Frame]:
+        """Return a function that composites frame k of the dive with settings, decoding not included.
+
+        What frames share is kept from one to the next, as in a composite of the clip.
+        """
+        scene = self.scene(knobs)
+        with open_plate(scene) as video:
+            loaded = load(scene, video.width, video.height)
+            analysis = clip_analysis(loaded, video)
+            plates = list(video.frames(0, self.runs + 1))
+        cache = Cache()
+        return lambda k: composite_frame(loaded, analysis, self.backend, plates[k], 0.0, cache=cache)
+
+
+def picture_of(frame: Frame) -> Floats:
+    """Return a frame's picture (H, W, 3) before it is rounded to codes: linear radiance."""
+    return over(frame.plate.image_linear, frame.layer)
+
+
+Knobs = Mapping[str, Any]
+"""Values of settings by their names, those of a scene as in caustics.size."""
+
+_LONG_ENOUGH_S = 4.0
+"""Time of one setting's runs [s] after which it is not run again: its median is steady by then."""
+_NAMES = {"final": "default", "draft": "draft", "reference": "reference"}
+"""Words for the points of the qualities of a scene."""
+
+
+Workload = tuple[Callable[[Knobs], Callable[[int], Any]], Callable[[Any], float]]
+"""A stage ready to be measured: two functions. The first takes settings and returns the work, which is timed; it is
+called with 0 for the run whose error is taken, and with 1, 2, ... for the runs that are timed. The second takes a
+result of run 0 and returns its relative root mean square error."""
+
+
+@dataclass(frozen=True, slots=True)
+class MeasuredStage:
+    """A stage and the settings at which it is measured.
+
+    title: what is measured, timed: what the time covers, truth: what the error is against, in words. points: settings
+    of a full run; quick: of a quick one. named: those of a scene's qualities, see `qualities`, which both runs have.
+    open: prepares it on a workbench.
+    """
+
+    name: str
+    title: str
+    timed: str
+    truth: str
+    points: tuple[Knobs, ...]
+    quick: tuple[Knobs, ...]
+    named: Mapping[str, Knobs]
+    open: Callable[[Workbench], Workload]
+
+    def settings(self, *, quick: bool) -> list[Knobs]:
+        """Return the settings of a run, each once."""
+        found: list[Knobs] = []
+        for point in (*self.named.values(), *(self.quick if quick else self.points)):
+            if point not in found:
+                found.append(point)
+        return found
+
+
+@dataclass(frozen=True, slots=True)
+class Measurement:
+    """Medians of one setting: processor time of all threads and wall time [ms], of `runs` runs; relative error.
+
+    names: "default", "draft" or "reference" where the setting is that of a scene's quality.
+    """
+
+    knobs: Knobs
+    cpu_ms: float
+    wall_ms: float
+    error: float
+    runs: int
+    names: tuple[str, ...] = ()
+
+
+def qualities(*names: str) -> dict[str, Knobs]:
+    """Return the values of a scene's parameters, as caustics.size, by "default", "draft" and "reference"."""
+    found: dict[str, Knobs] = {}
+    for quality, word in _NAMES.items():
+        scene = Scene.model_validate({"plate": "plate.mp4", "draw": {"quality": quality}})
+        found[word] = {name: getattr(getattr(scene, name.split(".")[0]), name.split(".")[1]) for name in names}
+    return found
+
+
+def measure(stage: MeasuredStage, bench: Workbench, tick: Callable[[], None] = lambda: None) -> list[Measurement]:
+    """Return the measurements of a stage at its settings. tick: called after each of them."""
+    (prepare, error_of), found = stage.open(bench), []
+    for knobs in stage.settings(quick=bench.quick):
+        with nothing_kept():
+            run = prepare(knobs)
+            error = error_of(run(0))
+            cpu, wall = timed(run, bench.runs)
+        names = tuple(word for word, point in stage.named.items() if point == knobs)
+        found.append(Measurement(dict(knobs), 1e3 * cpu, 1e3 * wall, error, bench.runs, names))
+        tick()
+    return found
+
+
+def timed(run: Callable[[int], Any], runs: int) -> tuple[float, float]:
+    """Return the medians of processor time, of all threads of the process, and of wall time [s] of runs 1, 2, ...
+
+    After 4 s no more are begun.
+    """
+    cpu, wall = [], []
+    for number in range(1, runs + 1):
+        of_cpu, of_wall = time.process_time(), time.perf_counter()
+        run(number)
+        cpu.append(time.process_time() - of_cpu)
+        wall.append(time.perf_counter() - of_wall)
+        if sum(wall) > _LONG_ENOUGH_S:
+            break
+    return statistics.median(cpu), statistics.median(wall)
+
+
+def relative_rms(got: Any, truth: Any) -> float:
+    """Return the root mean square of the difference of two arrays over that of the second; 0 for equal ones."""
+    got, truth = np.asarray(got, np.float64), np.asarray(truth, np.float64)
+    difference = float(np.sqrt(np.mean((got - truth) ** 2)))
+    return difference / float(np.sqrt(np.mean(truth**2))) if difference else 0.0
+
+
+_FRAME_WIDTH = 4096
 """Width [pixels] of the frame that the grid is for: so large that it takes as many nodes as the settings give it."""
 _STRIDE = 8
 """Pixels from ray to ray of those that the grid is read for."""
@@ -35,7 +208,7 @@ _TRUE_RAYS, _STEPS = 128, 2048
 _SUN = Sun(unit([0.3, 0.85, -0.4]), np.ones(3), 0.0035, 1.0)
 
 
-def shaft_stage() -> MeasuredStage:
+def _shaft_stage() -> MeasuredStage:
     """Shafts: nodes and slices of the grid."""
 
     def of(resolution: int, slices: int) -> Knobs:
@@ -58,15 +231,15 @@ def _open(bench: Workbench) -> Workload:
     scene = bench.scene({})
     depth_m = scene.camera.depth_m
     medium = Medium(Water.jerlov("IB"), camera_depth_m=depth_m)
-    view = View(_WIDTH, _WIDTH // 2, surface_y_m=depth_m)
+    view = View(_FRAME_WIDTH, _FRAME_WIDTH // 2, surface_y_m=depth_m)
     whale = load_objects(scene.objects)[0].at(0.0, 0, np.zeros(3), np.eye(3))
     waves = caustic_stack(
         scene.sea, refract_to_air(_SUN.direction), stack_depths(0.2, 20.0, 12), 0.0,
         CausticSettings(size=256, grid=128), spread=spread_of(medium),
     )  # fmt: skip
     shafts = ShaftScene.of(view, medium, _SUN, [occluding([whale], np.zeros(3))], waves)
-    column = np.arange(3 * _WIDTH // 8, 5 * _WIDTH // 8, _STRIDE) + 0.5
-    row = np.arange(_WIDTH // 6, _WIDTH // 3, _STRIDE) + 0.5
+    column = np.arange(3 * _FRAME_WIDTH // 8, 5 * _FRAME_WIDTH // 8, _STRIDE) + 0.5
+    row = np.arange(_FRAME_WIDTH // 6, _FRAME_WIDTH // 3, _STRIDE) + 0.5
     rays = np.asarray(view.directions(*(at.ravel() for at in np.meshgrid(column, row))), np.float64).reshape(-1, 3)
     some = np.random.default_rng(3).choice(len(rays), _TRUE_RAYS, replace=False)
     seen = rays[some]
@@ -76,7 +249,7 @@ def _open(bench: Workbench) -> Workload:
 
     def prepare(knobs: Knobs) -> Callable[[int], Any]:
         settings = ShaftSettings(resolution=knobs["shafts.resolution"], slices=knobs["shafts.slices"])
-        grid = grid_of(settings, _WIDTH, shafts)
+        grid = grid_of(settings, _FRAME_WIDTH, shafts)
         return lambda _: shaft_field(shafts, grid, rays).radiance(seen, ends)
 
     return prepare, lambda got: relative_rms(got, truth)
@@ -85,7 +258,7 @@ def _open(bench: Workbench) -> Workload:
 _CAMERA_M = 4.0
 """Depth [m] of the camera."""
 SEA = GerstnerSea(wind_speed=4.0, wind_direction_deg=30.0, tile_m=8.0, seed=1)
-SUN_IN_AIR = unit([0.45, 0.85, -0.3])
+_SUN_IN_AIR = unit([0.45, 0.85, -0.3])
 _REACH_M = (3.0, 6.0)
 """Depths [m] that a body takes up."""
 _POINTS = 50_000
@@ -95,7 +268,7 @@ _POINTS = 50_000
 def all_stages() -> dict[str, MeasuredStage]:
     """Return the stages by name, in the order in which a frame runs them."""
     made: Sequence[Callable[[], MeasuredStage]] = (
-        light_stage, medium_stage, caustic_stage, plane_stage, shaft_stage, sun_stage, pixel_stage, frame_stage,
+        _light_stage, _medium_stage, _caustic_stage, _plane_stage, _shaft_stage, sun_stage, _pixel_stage, _frame_stage,
     )  # fmt: skip
     stages = [make() for make in made]
     return {stage.name: stage for stage in stages}
@@ -110,7 +283,7 @@ def product(**values: Sequence[Any]) -> tuple[Knobs, ...]:
 # --- water ---------------------------------------------------------------------------------------------------------
 
 
-def medium_stage() -> MeasuredStage:
+def _medium_stage() -> MeasuredStage:
     """Water: number of wavelengths, and the model of the veil."""
 
     def of(mode: str, *bands: int) -> tuple[Knobs, ...]:
@@ -147,7 +320,7 @@ def _open_medium(bench: Workbench) -> Workload:
 # --- caustics ------------------------------------------------------------------------------------------------------
 
 
-def caustic_stage() -> MeasuredStage:
+def _caustic_stage() -> MeasuredStage:
     """One caustic map: cells of the surface and pixels of the map."""
     return MeasuredStage(
         "caustics",
@@ -161,7 +334,7 @@ def caustic_stage() -> MeasuredStage:
     )
 
 
-def plane_stage() -> MeasuredStage:
+def _plane_stage() -> MeasuredStage:
     """Planes of caustics between which a body's light is interpolated."""
     most = (1, 2, 3, 4, 6, 8, 12, 16)
     return MeasuredStage(
@@ -205,7 +378,7 @@ def _open_planes(bench: Workbench) -> Workload:
 
 def _stack(bench: Workbench, depths_m: Floats, settings: CausticSettings, time_s: float = 0.0) -> CausticStack:
     backend = bench.backend
-    return backend.caustics(SEA, SUN_IN_AIR, depths_m, time_s, settings, REFRACTIVE_INDEX_SEA, None)
+    return backend.caustics(SEA, _SUN_IN_AIR, depths_m, time_s, settings, REFRACTIVE_INDEX_SEA, None)
 
 
 def _read(stack: CausticStack, x_m: Floats, depth_m: Floats, z_m: Floats) -> Floats:
@@ -220,7 +393,7 @@ _SCALES = (1.0, 0.5, 0.25, 0.125, 0.0625)
 _COUNTS = (1, 5, 13, 17, 29, 41, 65)
 
 
-def light_stage() -> MeasuredStage:
+def _light_stage() -> MeasuredStage:
     """Light of the plate: size of the frame that it is measured in."""
     scales = tuple({"plate.scale": scale} for scale in _SCALES)
     return MeasuredStage(
@@ -250,7 +423,7 @@ def sun_stage() -> MeasuredStage:
     )
 
 
-def pixel_stage() -> MeasuredStage:
+def _pixel_stage() -> MeasuredStage:
     """Edges and textures: samples of a pixel, shaded together or one by one."""
 
     def of(shading: str, *counts: int) -> tuple[Knobs, ...]:
@@ -268,7 +441,7 @@ def pixel_stage() -> MeasuredStage:
     )
 
 
-def frame_stage() -> MeasuredStage:
+def _frame_stage() -> MeasuredStage:
     """Whole frames: quality and size."""
 
     def of(*scales: float) -> tuple[Knobs, ...]:

@@ -1,16 +1,16 @@
-from .depth_ladder import stack_depths
 from .export import export_tiles
-from .flux.irradiance import caustic_map, caustic_stack
-from .refraction import (
+from .gerstner import GerstnerSea
+from .irradiance import (
+    caustic_map,
+    caustic_stack,
     fresnel_reflectance,
     fresnel_transmittance,
     refract_to_air,
     refract_to_water,
     sea_water_index,
 )
-from .sea.gerstner import GerstnerSea
-from .sea.spectral import SpectralSea
-from .settings import CausticSettings
+from .settings import CausticSettings, stack_depths
+from .spectral import SpectralSea
 
 __all__ = [
     "CausticSettings",

@@ -6,22 +6,20 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Literal, get_args
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from mr360uw.caustics.flux.irradiance import caustic_map, check_arguments, pass_indices
+from mr360uw.caustics.irradiance import caustic_map, check_arguments, pass_indices
 from mr360uw.caustics.settings import CausticSettings, Sea, grid_of
 from mr360uw.constants import REFRACTIVE_INDEX_SEA
 from mr360uw.errors import ParameterError, VideoError
 from mr360uw.files import whole_file, write_whole
 from mr360uw.output_gate import check_outputs, made_folder
-from mr360uw.reading.limits import FRAMES
+from mr360uw.reading.input_files import FRAMES
 from mr360uw.shapes import checked
-
-Array = NDArray[np.floating[Any]]
-
+from mr360uw.types import Floats
 
 PAGE = "tiles.json"
 """File of a folder of maps that says what they are."""
@@ -157,7 +155,7 @@ def _free_paths(
     return paths
 
 
-def _codes(images: dict[str, Array], height_range_m: float) -> dict[str, Array]:
+def _codes(images: dict[str, Floats], height_range_m: float) -> dict[str, Floats]:
     """Return caustics, heights and normals as values in [0, 1], brighter caustics above."""
     return {
         "caustic": images["caustic"] / CAUSTIC_WHITE,
@@ -166,7 +164,7 @@ def _codes(images: dict[str, Array], height_range_m: float) -> dict[str, Array]:
     }
 
 
-def world_grid(sea: Sea, size: int, time_s: float) -> tuple[Array, Array]:
+def world_grid(sea: Sea, size: int, time_s: float) -> tuple[Floats, Floats]:
     """Return height (size, size) [m] and normal (size, size, 3) above the pixel centres of a regular world grid.
 
     The particles' horizontal shift is undone by iteration, on a periodic cubic spline of the surface.
@@ -180,7 +178,7 @@ def world_grid(sea: Sea, size: int, time_s: float) -> tuple[Array, Array]:
     splines = [spline_filter(f, mode="grid-wrap") for f in (*shift, surface.position[..., 1])]
     normals = [spline_filter(surface.normal[..., i], mode="grid-wrap") for i in range(3)]
 
-    def sample(spline: Array, x: Array, z: Array) -> Array:
+    def sample(spline: Floats, x: Floats, z: Floats) -> Floats:
         return map_coordinates(spline, [z, x], mode="grid-wrap", prefilter=False)
 
     to_grid = grid / sea.tile_m
@@ -205,7 +203,7 @@ def _height_range(sea: Sea, loop_s: float) -> float:
     return float(np.ceil(1.25 * highest / digit) * digit)
 
 
-def _write_png(image: Array, path: Path) -> None:
+def _write_png(image: Floats, path: Path) -> None:
     import cv2
 
     codes = np.round(np.clip(image, 0.0, 1.0) * 65535.0).astype(np.uint16)
@@ -213,7 +211,7 @@ def _write_png(image: Array, path: Path) -> None:
         raise VideoError(f"{path} - cannot be written - check the folder's permissions and space")
 
 
-def _write_exr(image: Array, path: Path) -> None:
+def _write_exr(image: Floats, path: Path) -> None:
     import OpenEXR
 
     pixels = np.ascontiguousarray(image, np.float32)

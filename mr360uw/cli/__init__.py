@@ -12,7 +12,7 @@ from typing import Annotated, NoReturn
 
 import typer
 
-from mr360uw.cli import camera_paths, making, rendering, tools
+from mr360uw.cli import making, rendering, tools
 from mr360uw.cli.arguments import gated
 from mr360uw.errors import Mr360uwError
 
@@ -38,9 +38,9 @@ for _command in (
     tools.analyse,
     tools.caustics,
     tools.match,
-    camera_paths.track,
-    camera_paths.depth,
-    camera_paths.floor,
+    making.track,
+    making.depth,
+    making.floor,
     tools.schema,
     tools.info,
     tools.bench,

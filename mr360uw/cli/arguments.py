@@ -21,11 +21,11 @@ from mr360uw.output_gate import check_folder, check_outputs
 from mr360uw.reading.input_files import unreadable
 
 if TYPE_CHECKING:
-    from mr360uw.preview.perspective import Perspective
+    from mr360uw.preview.live import Perspective
 
 
 class Role(Enum):
-    """What a command does with a file that an argument or an option names; stands in its annotation."""
+    """Role of a file that an argument or an option names: read, written or a folder. It stands in its annotation."""
 
     READ = "read"
     WRITTEN = "written"
@@ -117,7 +117,7 @@ def view_of(text: str | None, size: str) -> Perspective | None:
     """Return the view of 'yaw,pitch,fov' in degrees, whose end may be left out, and of a size '1280x720'."""
     if text is None:
         return None
-    from mr360uw.preview.perspective import Perspective
+    from mr360uw.preview.live import Perspective
 
     try:
         angles = [float(part) for part in text.split(",")]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Commands that make scenes: `new` and `tune` of a plate and a mesh, `sample` of nothing."""
+"""Commands that make a scene and what it reads: `new`, `tune`, `sample`; `track`, `floor` and `depth` of a clip."""
 
 from __future__ import annotations
 
@@ -8,13 +8,16 @@ import importlib.util
 import threading
 import webbrowser
 from pathlib import Path
-from typing import Annotated, Any, cast, get_args
+from typing import TYPE_CHECKING, Annotated, Any, Literal, cast, get_args
 
 import typer
 
 from mr360uw.cli.arguments import BackendOption, EyeOption, OverwriteOption, Role
-from mr360uw.errors import Mr360uwError, ParameterError
-from mr360uw.reading.extras import command
+from mr360uw.errors import Mr360uwError, ParameterError, install_command
+
+if TYPE_CHECKING:
+    from mr360uw.track.camera_track import Measure
+
 
 _NEEDED = ("nicegui", "tomlkit")
 
@@ -95,9 +98,9 @@ def tune(
 ) -> None:
     """Tune a scene by eye in a browser: every parameter, frame by frame."""
     if any(importlib.util.find_spec(name) is None for name in _NEEDED):
-        raise Mr360uwError(f"tune - needs packages that are not installed - {command('tune')}")
+        raise Mr360uwError(f"tune - needs packages that are not installed - {install_command('tune')}")
     gc.disable()  # modules are no garbage: looking for some takes a tenth of the time to load them
-    from mr360uw.tune.editing.document import Document
+    from mr360uw.tune.document import Document
     from mr360uw.tune.server import check_options, serve
 
     gc.freeze()
@@ -175,3 +178,198 @@ def sample(
             progress=progress,
         )  # fmt: skip
     typer.echo(f"wrote {dive.plate}\n      {dive.mesh}\n      {dive.scene}\n      {dive.truth}")
+
+
+def track(
+    video: Annotated[Path | None, typer.Argument(help="360 clip", show_default=False), Role.READ] = None,
+    out: Annotated[
+        Path,
+        typer.Option("--out", "-o", help="track.csv or .json; both are written. .chan for Nuke, .py for Blender"),
+        Role.WRITTEN,
+    ] = Path("track.csv"),
+    height: Annotated[float | None, typer.Option(help="of the camera over the floor at time 0, in metres")] = None,
+    length: Annotated[
+        str | None, typer.Option(help="X,Y:X,Y=METRES: metres between what two pixels of the first frame show")
+    ] = None,
+    depth_log: Annotated[
+        Path | None, typer.Option("--depth-log", help="CSV of a dive computer with time_s and depth_m"), Role.READ
+    ] = None,
+    depth_offset: Annotated[
+        float | None, typer.Option("--depth-offset", help="the log's time at the clip's start [s]; default: found")
+    ] = None,
+    mask: Annotated[Path | None, typer.Option(help="picture, black where nothing is tracked"), Role.READ] = None,
+    mask_only: Annotated[
+        bool, typer.Option("--mask-only", help="leave out nothing else: also track what moves along with the camera")
+    ] = False,
+    solved: Annotated[
+        Path | None,
+        typer.Option("--from", help="path of another program, or track.csv, in place of solving"),
+        Role.READ,
+    ] = None,
+    fps: Annotated[float | None, typer.Option(help="frames a second of a file that counts frames")] = None,
+    scale: Annotated[float, typer.Option(help="metres per unit of the file")] = 1.0,
+    eye: EyeOption = None,
+    overwrite: OverwriteOption = False,
+) -> None:
+    """Solve the camera's path of VIDEO from its pictures, for camera.track of a scene; say how good it is.
+
+    With --from, convert the path that another program has solved.
+    """
+    from mr360uw.output_gate import check_work_folder
+    from mr360uw.track.camera_track import Measure, parse_length, track_files
+
+    if solved is not None:
+        if any(given is not None for given in (height, length, depth_log, mask)):
+            raise ParameterError(
+                "--from - takes its scale from --scale (got a measure or a mask for solving) - leave them out"
+            )
+        _convert(solved, video, out, fps, scale, overwrite=overwrite)
+        return
+    if video is None:
+        raise ParameterError("VIDEO - is missing - name a 360 clip, or give --from")
+    if fps is not None or scale != 1.0:
+        raise ParameterError("--fps, --scale - are for --from alone - leave them out")
+    if depth_offset is not None and depth_log is None:
+        raise ParameterError("--depth-offset - is of no use without --depth-log - give both")
+    apart = None if length is None else parse_length(length)
+    measure = Measure(height, apart, depth_log, depth_offset)
+    track_files(out, [video, *(file for file in (mask, depth_log) if file is not None)], overwrite=overwrite)
+    check_work_folder(_work_of(out))
+    _solve(video, out, measure, mask, eye, mask_only=mask_only, overwrite=overwrite)
+
+
+def floor(
+    track: Annotated[Path, typer.Argument(help="track.json of `mr360uw track`"), Role.READ],
+    out: Annotated[Path, typer.Option("--out", "-o", help="floor.glb or floor.ply"), Role.WRITTEN],
+    overwrite: OverwriteOption = False,
+) -> None:
+    """Make a mesh of the floor from the points of TRACK, for receiver.path of a scene; say how good it is."""
+    from mr360uw.track.floor_mesh import check_mesh_output, floor_from_track
+    from mr360uw.track.tracking import floor_lines
+
+    check_mesh_output(out, overwrite=overwrite)
+    found = floor_from_track(track)
+    written = found.save(out, overwrite=overwrite)
+    typer.echo("\n".join([*floor_lines(found, track, written), f"wrote {written}"]))
+
+
+def depth(
+    video: Annotated[
+        Path, typer.Argument(help="360 clip of a camera that moves, or a stereo plate", show_default=False), Role.READ
+    ],
+    out: Annotated[Path, typer.Option("--out", "-o", help="folder for the maps"), Role.FOLDER],
+    track: Annotated[
+        Path | None, typer.Option(help="track.csv of `mr360uw track`; default: solved here"), Role.READ
+    ] = None,
+    width: Annotated[int | None, typer.Option(help="of the maps, in pixels; default: 1024, of both eyes 2048")] = None,
+    water: Annotated[
+        bool, typer.Option("--water", help="then tell the water by what is seen from near and far; needs --track")
+    ] = False,
+    eye: Annotated[
+        Literal["left", "right", "both"] | None,
+        typer.Option(help="eye of a stereo plate; both: the distances of both by their disparity, without a track"),
+    ] = None,
+    ipd: Annotated[
+        float | None, typer.Option(help="metres between the eyes, for --eye both; default: 0.064, as camera.ipd_m")
+    ] = None,
+    overwrite: OverwriteOption = False,
+    progress_lines: Annotated[bool, typer.Option("--progress-lines", help="a line for each frame, no bar")] = False,
+) -> None:
+    """Write distances and confidences of all frames of VIDEO, as numbered EXR files; a stopped run goes on."""
+    from mr360uw.depth.clip_depth import depth_of_clip
+    from mr360uw.depth.clip_eyes import depth_of_eyes
+    from mr360uw.depth.clip_water import water_of_clip
+    from mr360uw.progress import begin_phase, terminal_progress
+    from mr360uw.video.layout import EYES_APART_M
+
+    # Check options that exclude each other
+    if water and track is None:
+        raise ParameterError("--water - needs the camera's path (got none) - give --track, made with --height")
+    if eye == "both" and track is not None:
+        raise ParameterError("--track - is of no use for both eyes (got one) - leave it out, or name one eye")
+    if eye != "both" and ipd is not None:
+        raise ParameterError("--ipd - is for --eye both alone (got it without) - leave it out")
+    # Two eyes need no track; a moving camera may tell the water too
+    with terminal_progress(lines=progress_lines) as progress:
+        if eye == "both":
+            apart = EYES_APART_M if ipd is None else ipd
+            report = depth_of_eyes(
+                video, out, width=width or 2048, eyes_apart_m=apart, overwrite=overwrite, progress=progress
+            )
+            typer.echo(str(report))
+            return
+        report = depth_of_clip(
+            video, out, track=track, width=width or 1024, eye=eye, overwrite=overwrite, progress=progress
+        )
+        typer.echo(str(report))
+        if water and track is not None:
+            begin_phase(progress, "reading the water")
+            found = water_of_clip(video, out, track, eye=eye, progress=progress)
+            typer.echo("\n".join([str(found), *(f"--set {change}" for change in found.overrides)]))
+
+
+def _work_of(out: Path) -> Path:
+    """Return the folder in which the work of a track is kept until it is complete."""
+    return out.with_name(f"{out.stem}.track-work")
+
+
+def _convert(solved: Path, video: Path | None, out: Path, fps: float | None, scale: float, *, overwrite: bool) -> None:
+    """Write the path in another program's file as a track, or for another program."""
+    from mr360uw.track.camera_track import track_files
+    from mr360uw.track.path_files import EXPORTS, export, read_solved_path, track_of
+    from mr360uw.track.tracking import report_lines
+    from mr360uw.video import open_video
+
+    if video is not None:
+        with open_video(video) as clip:
+            fps = float(clip.frame_rate)
+    path = read_solved_path(solved)
+    track = track_of(path, str(solved), fps, scale)
+    if out.suffix.lower() in EXPORTS:
+        written: tuple[Path, ...] = (export(track, out, fps or path.frame_rate, overwrite=overwrite),)
+    else:
+        track_files(out, [solved], overwrite=overwrite)
+        written = track.save(out, overwrite=overwrite)
+    typer.echo(f"{path.format}: {len(track.time_s)} cameras")
+    typer.echo("\n".join([*report_lines(track), "wrote " + "\n      ".join(str(name) for name in written)]))
+
+
+def _solve(
+    video: Path,
+    out: Path,
+    measure: Measure,
+    mask: Path | None,
+    eye: Literal["left", "right"] | None,
+    *,
+    mask_only: bool,
+    overwrite: bool,
+) -> None:
+    """Track the shots of a clip and write a track for each; keep the work beside the output until all is done."""
+    from mr360uw.output_gate import remove_work_folder
+    from mr360uw.progress import terminal_progress
+    from mr360uw.track.camera_track import shot_path, track_files
+    from mr360uw.track.tracking import report_lines, track_shots
+
+    keep = _work_of(out)
+    try:
+        with terminal_progress() as progress:
+            shots = track_shots(
+                video, measure=measure, mask=mask, eye=eye, mask_only=mask_only, keep=keep, progress=progress
+            )
+    except ParameterError:  # the clip cannot be tracked; a run that was interrupted leaves the folder, and goes on
+        remove_work_folder(keep)
+        raise
+    outs = [out if len(shots) == 1 else shot_path(out, number) for number in range(1, len(shots) + 1)]
+    for path in outs:
+        track_files(path, overwrite=overwrite)
+    for number, (path, shot) in enumerate(zip(outs, shots, strict=True), 1):
+        if len(shots) > 1:
+            typer.echo(f"shot {number}: frames {shot.start}:{shot.stop}, in a world of its own")
+        if shot.track is None:
+            typer.echo(f"not tracked: {shot.problem}")
+            continue
+        written = shot.track.save(path, overwrite=overwrite)
+        typer.echo("\n".join([*report_lines(shot.track), "wrote " + "\n      ".join(str(name) for name in written)]))
+    remove_work_folder(keep)
+    if all(shot.track is None for shot in shots):
+        raise ParameterError(f"{video} - none of its {len(shots)} shots can be tracked - see above")

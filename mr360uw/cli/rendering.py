@@ -96,7 +96,7 @@ def still(
     overwrite: OverwriteOption = False,
 ) -> None:
     """Write one frame of SCENE, whole or as a view into it; its light is measured in that frame alone."""
-    from mr360uw.preview.contact_sheet import save_still, still_of
+    from mr360uw.preview.pages import save_still, still_of
     from mr360uw.scene.model import at_scale, load_scene
 
     loaded = at_scale(load_scene(scene, overrides or ()), scale)
@@ -122,8 +122,8 @@ def sweep(
     overwrite: OverwriteOption = False,
 ) -> None:
     """Render one frame of SCENE with every combination of values, side by side on a labelled sheet."""
-    from mr360uw.preview.contact_sheet import still_of
-    from mr360uw.preview.contact_sheet import sweep as write_sweep
+    from mr360uw.preview.pages import still_of
+    from mr360uw.preview.pages import sweep as write_sweep
     from mr360uw.progress import terminal_progress
 
     changes, shown = variants(overrides), partial(still_of, frame=frame, time_s=time_s, view=view_of(view, size))
@@ -215,7 +215,7 @@ def layer(
 ) -> None:
     """Write what a composite laid over its plate as a video with alpha, from its EXR layers."""
     from mr360uw.runs.outputs import counted
-    from mr360uw.video.write.layer_video import layer_video
+    from mr360uw.video.container_writer import layer_video
 
     count, empty = layer_video(
         layers, out, alpha=alpha, frame_rate=frame_rate, eye=eye, overwrite=overwrite,

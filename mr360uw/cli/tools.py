@@ -37,9 +37,9 @@ def analyse(
     overwrite: OverwriteOption = False,
 ) -> None:
     """Write a self-contained page about the light and the water of VIDEO, and the track of its sun."""
-    from mr360uw.first_look.plate_look import look_at_plate
-    from mr360uw.first_look.proposal_words import where_line
-    from mr360uw.preview.plate_report import analyse_video
+    from mr360uw.first_look.observations import look_at_plate
+    from mr360uw.first_look.proposal import where_line
+    from mr360uw.preview.pages import analyse_video
     from mr360uw.progress import terminal_progress
     from mr360uw.scene.model import load_scene
 
@@ -98,8 +98,8 @@ def match(
     """Fit SCENE's sea or water to what its plate shows, and print the changes as --set takes them."""
     from mr360uw.output_gate import check_outputs
     from mr360uw.progress import terminal_progress
-    from mr360uw.scene.inputs import open_plate
     from mr360uw.scene.model import files_of, load_scene
+    from mr360uw.scene.resolved import open_plate
 
     if caustics == (water is not None):
         raise ParameterError("match - fits one thing at a time (got both or none) - give --caustics or --water")
@@ -142,7 +142,7 @@ def _caustic_lines(scene: Scene, frames: tuple[int, int] | None, picture: Path |
 
     from mr360uw.files import write_whole
     from mr360uw.match import match_caustics
-    from mr360uw.preview.thumbnail import encoded
+    from mr360uw.preview.live import encoded
 
     found = match_caustics(scene, frames, progress=progress)
     lines = [found.sentence, f"confidence {found.confidence:.2f}", *(f"--set {change}" for change in found.overrides)]
@@ -181,7 +181,6 @@ def info(
 ) -> None:
     """Print the renderer, the graphics device, the video codecs and the versions in use."""
     from mr360uw.files import write_whole
-    from mr360uw.info import describe
 
     del overwrite  # the output has been looked at: see `gated`
     lines, wrong = describe(), False
@@ -197,6 +196,46 @@ def info(
         write_whole(out, lines + "\n")
     if wrong:
         raise typer.Exit(_DIFFERS)
+
+
+_NO_CARD = 'none, so output.encoder = "auto" takes those of the processor'
+_ENCODERS = ("libx264", "libx265", "libsvtav1", "prores", "prores_ks", "ffv1")
+
+
+def describe() -> str:
+    """Return several lines: version, renderer and device, video library and encoders, packages, extras."""
+    import platform
+
+    import av
+
+    from mr360uw import __version__
+    from mr360uw.errors import EXTRAS, GlError, extra_versions, package_versions
+    from mr360uw.gl.context import gl_device
+    from mr360uw.reading.disk_cache import cache_folder, cache_notes, kernel_folder
+    from mr360uw.video.encoder import opening_encoders
+
+    lines = [f"mr360uw {__version__}, Python {platform.python_version()}, {platform.platform()}"]
+    # Renderer, codecs and encoders that work here
+    try:
+        device = gl_device()
+        kind = "software" if device.software else "GPU"
+        lines.append(f"renderer  gl: {device.renderer} ({kind}), OpenGL {device.version}, {device.vendor}")
+    except GlError as error:
+        lines.append(f"renderer  reference: {error}")
+    ffmpeg = ".".join(str(part) for part in av.library_versions["libavcodec"])
+    found = [name for name in _ENCODERS if name in av.codecs_available]
+    lines.append(f"video     FFmpeg libavcodec {ffmpeg}; encoders {' '.join(found)}")
+    lines.append(f"encoders  of graphics cards that open here: {' '.join(opening_encoders()) or _NO_CARD}")
+    # Folders, packages and extras
+    folder, kernels = cache_folder(), kernel_folder()
+    lines.append(f"cache     {folder or 'none'}; compiled kernels in {kernels or 'none'}")
+    lines += [f"note      {note}" for note in cache_notes()]
+    lines += [
+        f"package   {name} {version}" if version else f"package   {name} is not installed"
+        for name, version in package_versions().items()
+    ]
+    lines += [f"extra     {extra}: {extra_versions(extra)}" for extra in EXTRAS]
+    return "\n".join(lines)
 
 
 _REGRESSED = 1

@@ -25,7 +25,7 @@ from mr360uw.composite.object_settings import Front, ObjectSettings
 from mr360uw.composite.settings import Interpolation, LampSettings
 from mr360uw.errors import ParameterError
 from mr360uw.ibl.tilt import level_matrix, roll_pitch
-from mr360uw.medium.tables import read_table
+from mr360uw.medium.spectra import read_table
 from mr360uw.parameters import LATEST_S
 from mr360uw.shapes import checked
 from mr360uw.sphere import yaw_matrix

@@ -19,8 +19,8 @@ from mr360uw.composite.object_settings import ObjectSettings
 from mr360uw.composite.playback import Playback, Rig, load_rig, playback
 from mr360uw.composite.shot import PlacedObject, Receiver
 from mr360uw.errors import MeshError, ParameterError
-from mr360uw.reading.cached_reads import CachedReads
-from mr360uw.reading.limits import OBJECTS
+from mr360uw.reading.disk_cache import CachedReads
+from mr360uw.reading.input_files import OBJECTS
 from mr360uw.shapes import checked
 from mr360uw.types import Floats
 

@@ -26,10 +26,10 @@ from mr360uw.color import luminance
 from mr360uw.composite.motion import Motion, lamp_motion, rigid
 from mr360uw.composite.settings import LampSettings
 from mr360uw.composite.shot import PlacedObject
+from mr360uw.medium.lookup import DEPTH_SIZE, lengths
 from mr360uw.medium.medium import DEFAULT_BANDS, Medium
-from mr360uw.medium.spectral.bands import Bands, bands
-from mr360uw.medium.spectral.sensor import DEFAULT_ILLUMINANT, illuminant
-from mr360uw.medium.tabulate import DEPTH_SIZE, lengths
+from mr360uw.medium.spectra import DEFAULT_ILLUMINANT, illuminant
+from mr360uw.medium.wavelengths import Bands, bands
 from mr360uw.types import Floats, Lamp, View
 
 _EDGE = 0.3

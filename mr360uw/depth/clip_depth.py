@@ -6,8 +6,9 @@ from __future__ import annotations
 import hashlib
 import os
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import ExitStack
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
@@ -22,11 +23,10 @@ from mr360uw.depth.depth_files import depth_file, own_maps, write_depth
 from mr360uw.depth.sphere_stereo import SURE, DepthMap, Sweep, refined, sweep
 from mr360uw.depth.warping import Panorama
 from mr360uw.errors import ParameterError
-from mr360uw.files import WrittenFiles
+from mr360uw.files import WrittenFiles, files_named
 from mr360uw.output_gate import check_folder
 from mr360uw.progress import Progress, Steps
 from mr360uw.reading.input_files import content_of
-from mr360uw.reading.numbered_files import files_named
 from mr360uw.shapes import checked
 from mr360uw.threads import one_blas_thread
 from mr360uw.track.camera_track import CameraTrack
@@ -38,7 +38,7 @@ _METHOD = "distances 3"
 SPAN_S = 6.0
 """Time [s] over which the neighbours of a frame are spread, with the frame in the middle where the shot allows. Half:
 shorter baselines, and caustics that resemble each other; double: more of what is seen has left the view."""
-NEIGHBOURS = 32
+_NEIGHBOURS = 32
 """Most neighbours of a frame. Half: under caustics three times as strong a third of the confident pixels is lost."""
 _KEY_S = 0.3
 """Time [s] between the frames whose distances are found by a sweep, which the frames between them refine."""
@@ -54,7 +54,7 @@ LEAST_WIDTH = 512
 
 @dataclass(frozen=True, slots=True)
 class DepthReport:
-    """What `depth_of_clip` did.
+    """Result of `depth_of_clip`.
 
     folder: of the maps. written, kept: numbers of frames that were made, and found finished. without: frames that have
     no pose, whose maps hold no distance. coverage: mean fraction of the sphere with a confidence of a half or more, of
@@ -148,14 +148,23 @@ def depth_of_clip(
             raise ParameterError(f"{video} - is one picture (got no motion that shows distances) - give a clip")
         tracks = _tracks(video, track, eye)
         path = _poses(str(video), clip, [_motion(one) for one in tracks])
-        width = min(width, clip.width)
-        if width < LEAST_WIDTH or width % 8:
-            raise ParameterError(
-                f"width - must be a multiple of 8 from {LEAST_WIDTH} up (got {width}) - take 1024, or 512 for a draft"
-            )
+        width = map_width(width, clip, "1024, or 512 for a draft")
         inputs = _inputs(Path(video), path, width, eye)
-        with own_maps(folder, inputs, len(path.shot), overwrite=overwrite) as maps:
-            return _written(clip, path, folder, maps, width, progress)
+        count = len(path.shot)
+        with (
+            own_maps(folder, inputs, count, overwrite=overwrite) as maps,
+            MapRun(folder, maps, count, progress) as run,
+        ):
+            _written(clip, path, run, width)
+            return run.report(int(np.count_nonzero(path.shot < 0)))
+
+
+def map_width(width: int, clip: VideoReader, usual: str) -> int:
+    """Return the columns of maps, at most those of the clip; raise `ParameterError` unless they suit the method."""
+    width = min(width, clip.width)
+    if width < LEAST_WIDTH or width % 8:
+        raise ParameterError(f"width - must be a multiple of 8 from {LEAST_WIDTH} up (got {width}) - take {usual}")
+    return width
 
 
 def _tracks(
@@ -190,6 +199,7 @@ def _motion(track: CameraTrack | str | Path) -> Motion:
 
 def _poses(where: str, clip: VideoReader, motions: list[Motion]) -> _Path:
     """Return the poses of all frames of a clip; raise `ParameterError` where no motion tells distances."""
+    # Begin without poses: frames outside of all tracks have none
     count = clip.frame_count
     if count is None:
         _, count = clip.check_range()
@@ -198,6 +208,7 @@ def _poses(where: str, clip: VideoReader, motions: list[Motion]) -> _Path:
     position, rotation = np.zeros((count, 3)), np.repeat(np.eye(3)[None], count, axis=0)
     shot = np.full(count, -1, np.int64)
     moves, turns = False, False
+    # Take the poses of each track whose camera moves
     for number, motion in enumerate(motions):
         inside = (times > motion.time_s[0] - 0.6 / rate) & (times < motion.time_s[-1] + 0.6 / rate)
         if not inside.any():
@@ -209,6 +220,7 @@ def _poses(where: str, clip: VideoReader, motions: list[Motion]) -> _Path:
             continue
         moves = True
         position[inside], rotation[inside], shot[inside] = poses[:, :3, 3], poses[:, :3, :3], number
+    # Say why no motion tells distances
     if not moves and not turns and np.all(shot < 0) and not any(len(m.time_s) > 1 for m in motions):
         raise ParameterError(
             f"{where} - has no track of its frames (got {len(motions)} tracks that hold none) - run mr360uw track on it"
@@ -229,35 +241,50 @@ def _inputs(video: Path, path: _Path, width: int, eye: str | None) -> dict[str, 
     return {"method": _METHOD, "clip": clip, "track": poses.hexdigest(), "width": width, "eye": eye}
 
 
-def _written(
-    clip: VideoReader, path: _Path, folder: Path, maps: WrittenFiles, width: int, progress: Progress | None
-) -> DepthReport:
-    """Make the maps that are missing, two frames or more side by side, and return what was done."""
-    count = len(path.shot)
-    missing = [index for index in range(count) if not maps.has(depth_file(folder, index))]
-    steps = Steps(progress, count)
-    steps.done(count - len(missing))
-    covered: list[float] = []
-    threads = os.cpu_count() or 1
+def _written(clip: VideoReader, path: _Path, run: MapRun, width: int) -> None:
+    """Make the maps that are missing."""
     sweeps: dict[int, Future[Sweep]] = {}
-    with one_blas_thread(), ThreadPoolExecutor(threads) as pool:
-        running: deque[Future[float]] = deque()
-        for job, reference, neighbours in _with_neighbours(clip, path, missing, width):
-            if job.sweeps and reference is not None:
-                sweeps[job.index] = pool.submit(sweep, reference, neighbours)
-                continue
-            near = [sweeps[key] for key in job.keys]
-            running.append(pool.submit(_make, folder, maps, job.index, reference, neighbours, near, width))
-            if len(running) > threads:
-                covered.append(running.popleft().result())
-                steps.done(1)
-            for old in [key for key in sweeps if key < min(job.keys, default=0)]:
-                del sweeps[old]
-        for one in running:
-            covered.append(one.result())
-            steps.done(1)
-    coverage = float(np.mean(covered)) if covered else float("nan")
-    return DepthReport(folder, len(missing), count - len(missing), int(np.count_nonzero(path.shot < 0)), coverage)
+    for job, reference, neighbours in _with_neighbours(clip, path, run.missing, width):
+        if job.sweeps and reference is not None:
+            sweeps[job.index] = run.pool.submit(sweep, reference, neighbours)
+            continue
+        near = [sweeps[key] for key in job.keys]
+        run.add(_make, run.folder, run.maps, job.index, reference, neighbours, near, width)
+        # Forget sweeps that no later frame needs
+        for old in [key for key in sweeps if key < min(job.keys, default=0)]:
+            del sweeps[old]
+
+
+class MapRun(ExitStack):
+    """Makes the maps of a folder that are missing side by side, as many as there are cores. count: of the clip."""
+
+    def __init__(self, folder: Path, maps: WrittenFiles, count: int, progress: Progress | None) -> None:
+        super().__init__()
+        self.folder, self.maps, self._count = folder, maps, count
+        self.missing = [index for index in range(count) if not maps.has(depth_file(folder, index))]
+        self._steps = Steps(progress, count)
+        self._steps.done(count - len(self.missing))
+        self._threads = os.cpu_count() or 1
+        self._running: deque[Future[float]] = deque()
+        self._covered: list[float] = []
+        self.enter_context(one_blas_thread())
+        self.pool = self.enter_context(ThreadPoolExecutor(self._threads))
+
+    def add(self, make: Callable[..., float], *arguments: Any) -> None:
+        """Begin a map by a function that returns its coverage; wait for the first where all cores are busy."""
+        self._running.append(self.pool.submit(make, *arguments))
+        self._take(self._threads)
+
+    def report(self, without: int = 0) -> DepthReport:
+        """Wait for all maps and return what was done. without: frames that have no pose."""
+        self._take(0)
+        coverage = float(np.mean(self._covered)) if self._covered else float("nan")
+        return DepthReport(self.folder, len(self.missing), self._count - len(self.missing), without, coverage)
+
+    def _take(self, most: int) -> None:
+        while len(self._running) > most:
+            self._covered.append(self._running.popleft().result())
+            self._steps.done(1)
 
 
 def _make(
@@ -313,7 +340,7 @@ def _chosen(path: _Path, index: int, span: int) -> NDArray[np.int64]:
     shot = np.flatnonzero(path.shot == path.shot[index])
     first = int(np.clip(index - span // 2, shot[0], max(shot[-1] - span, shot[0])))
     last = min(first + span, int(shot[-1]))
-    even = np.unique(np.round(np.linspace(first, last, min(NEIGHBOURS + 1, last - first + 1))).astype(np.int64))
+    even = np.unique(np.round(np.linspace(first, last, min(_NEIGHBOURS + 1, last - first + 1))).astype(np.int64))
     return even[(even != index) & (path.shot[even] == path.shot[index])]
 
 

@@ -3,33 +3,27 @@
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
-from os import cpu_count
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.depth.clip_depth import LEAST_WIDTH, DepthReport
+from mr360uw.depth.clip_depth import DepthReport, MapRun, map_width
 from mr360uw.depth.depth_files import depth_file, own_maps, write_depth
 from mr360uw.depth.sphere_stereo import SURE, DepthMap, smoothed
 from mr360uw.depth.warping import Map, resized, window_mean
 from mr360uw.errors import ParameterError
-from mr360uw.files import WrittenFiles
+from mr360uw.files import WrittenFiles, files_named
 from mr360uw.jit import fast
 from mr360uw.output_gate import check_folder
-from mr360uw.progress import Progress, Steps
+from mr360uw.progress import Progress
 from mr360uw.reading.input_files import content_of
-from mr360uw.reading.numbered_files import files_named
 from mr360uw.shapes import checked
-from mr360uw.threads import one_blas_thread
 from mr360uw.track.key_frames import luma_codes
 from mr360uw.video import VideoFrame, VideoReader, open_video
-from mr360uw.video.eyes_seen import EYES_APART_M
-from mr360uw.video.read.layout import Layout
+from mr360uw.video.layout import EYES_APART_M, Layout
 
 _METHOD = "distances of eyes 1"
 """Names how maps are found; another number where that changes, so that maps of before are not kept."""
@@ -95,46 +89,26 @@ def depth_of_eyes(
     ...     print("is not stereo" in str(error))
     True
     """
+    # Check the arguments
     folder = Path(folder)
     check_folder(folder)
     if not 0.0 < eyes_apart_m < 1.0:
         raise ParameterError(f"eyes_apart_m - must be a distance of eyes (got {eyes_apart_m:g}) - give 0.064")
     with open_video(video, eye="both", layout=layout) as clip:
-        width = min(width, clip.width)
-        if width < LEAST_WIDTH or width % 8:
-            raise ParameterError(
-                f"width - must be a multiple of 8 from {LEAST_WIDTH} up (got {width}) - take 2048, or 1024 for a draft"
-            )
+        width = map_width(width, clip, "2048, or 1024 for a draft")
         count = clip.frame_count
         if count is None:
             _, count = clip.check_range()
+        # Continue maps of the same inputs; make the missing ones
         inputs = {"method": _METHOD, "clip": content_of(files_named(Path(video))), "width": width}
         inputs |= {"eyes_apart_m": eyes_apart_m, "layout": layout}
-        with own_maps(folder, inputs, count, overwrite=overwrite) as maps:
-            missing = [index for index in range(count) if not maps.has(depth_file(folder, index))]
-            steps = Steps(progress, count)
-            steps.done(count - len(missing))
-            coverage = _write(clip, folder, maps, missing, width, eyes_apart_m, steps)
-        return DepthReport(folder, len(missing), count - len(missing), 0, coverage)
-
-
-def _write(
-    clip: VideoReader, folder: Path, maps: WrittenFiles, missing: list[int], width: int, apart_m: float, steps: Steps
-) -> float:
-    """Make the maps that are missing, two frames or more side by side; return their mean coverage, NaN for none."""
-    covered: list[float] = []
-    threads = cpu_count() or 1
-    with one_blas_thread(), ThreadPoolExecutor(threads) as pool:
-        running: deque[Future[float]] = deque()
-        for frame in _missing_frames(clip, missing):
-            running.append(pool.submit(_make, folder, maps, frame, width, apart_m))
-            if len(running) > threads:
-                covered.append(running.popleft().result())
-                steps.done(1)
-        for one in running:
-            covered.append(one.result())
-            steps.done(1)
-    return float(np.mean(covered)) if covered else float("nan")
+        with (
+            own_maps(folder, inputs, count, overwrite=overwrite) as maps,
+            MapRun(folder, maps, count, progress) as run,
+        ):
+            for frame in _missing_frames(clip, run.missing):
+                run.add(_make, folder, maps, frame, width, eyes_apart_m)
+            return run.report()
 
 
 def _missing_frames(clip: VideoReader, missing: list[int]) -> Iterator[VideoFrame]:
@@ -155,7 +129,7 @@ def _make(folder: Path, maps: WrittenFiles, frame: VideoFrame, width: int, apart
 
 # Distances of both eyes of a stereo panorama, from its disparity alone.
 #
-# The rays of an eye start on the viewing circle (`types/frames.py`): a point at the distance t along its ray is seen by
+# The rays of an eye start on the viewing circle (`types.py`): a point at the distance t along its ray is seen by
 # both eyes at one latitude, and
 #
 #     2 atan(e/t)
@@ -287,6 +261,7 @@ def _drop_rims(grey: Any, disparity: Any, known: Any, even: Any, tested: Any, re
                 continue
             near, behind = np.float32(0.0), np.float32(0.0)
             nears, behinds = 0, 0
+            # Average the light of what lies behind around it, and of what is as near and uneven
             for b in range(max(j - reach, 0), min(j + reach + 1, height)):
                 for a in range(i - reach, i + reach + 1):
                     column = a % width
@@ -298,6 +273,7 @@ def _drop_rims(grey: Any, disparity: Any, known: Any, even: Any, tested: Any, re
                         nears += 1
             if behinds == 0:
                 continue
+            # Drop a pixel that is more like what lies behind
             to_behind = abs(grey[j, i] - behind / np.float32(behinds))
             if nears == 0 or to_behind < abs(grey[j, i] - near / np.float32(nears)):
                 confidence[j, i] = np.float32(0.0)

@@ -15,13 +15,13 @@ from mr360uw.depth.clip_depth import poses_of
 from mr360uw.depth.depth_files import DepthClip
 from mr360uw.depth.sphere_stereo import SURE, DepthMap
 from mr360uw.errors import ParameterError
-from mr360uw.medium.fit.open_water import structure
-from mr360uw.medium.fit.water_by_distance import SeenPlaces, WaterByDistance, water_by_distance
+from mr360uw.medium.open_water import structure
+from mr360uw.medium.water_by_distance import SeenPlaces, WaterByDistance, water_by_distance
 from mr360uw.progress import Progress, Steps
 from mr360uw.shapes import checked
 from mr360uw.sphere import directions, frame_from_direction
 from mr360uw.track.camera_track import CameraTrack
-from mr360uw.types import Floats
+from mr360uw.types import Array, Floats
 from mr360uw.video import open_video
 
 _FRAMES = 24
@@ -78,7 +78,7 @@ def water_of_clip(
     Notes
     -----
     Light along a ray as by Akkaynak & Treibitz 2018, with the light of each place eliminated: see
-    `medium/fit/water_by_distance.py`. The exposure must be the same in all frames.
+    `medium/water_by_distance.py`. The exposure must be the same in all frames.
 
     Examples
     --------
@@ -91,6 +91,7 @@ def water_of_clip(
     import cv2
 
     with open_video(video, eye=eye) as clip:
+        # Choose frames of the longest shot, spread over it
         position, rotation, shot = poses_of(video, clip, track, eye)
         longest = int(np.bincount(shot[shot >= 0]).argmax())
         frames = np.flatnonzero(shot == longest)
@@ -100,6 +101,7 @@ def water_of_clip(
                 f"{video} - is too short to tell its water (got {len(chosen)} frames with a pose) - give a clip of "
                 f"{_LEAST_FRAMES} or more"
             )
+        # Read light and distances of each, of one size
         maps, steps, lit = DepthClip(Path(folder), size=(clip.width, clip.height)), Steps(progress, len(chosen)), []
         for frame in clip.frames(chosen[0], chosen[-1] + 1):
             if frame.index not in chosen:
@@ -119,7 +121,6 @@ def water_of_clip(
 # A place is a window of pixels of one frame whose distances are sure and lie on a plane. Its points are looked up in
 # all other frames; a place counts in a frame that shows it as far away as it is, not what is in front of it.
 
-Array = NDArray[np.float64]
 
 _SIDE_RAD = 0.08
 """Width of a window [rad]: 13 pixels of 1024. Half: pixels of its edges count as much as those inside; double: few
@@ -151,7 +152,7 @@ _OPEN_UP, _OPEN_BINS = (-0.2, 0.35), 11
 _LEAST_RED = 0.3
 """Rank in red up to which a smooth direction counts as open water."""
 _SMOOTH = 0.03
-"""Structure (`medium.fit.open_water`) up to which a direction may be open water."""
+"""Structure (`medium.open_water.structure`) up to which a direction may be open water."""
 _LEAST_OPEN = 0.004
 """Share of a band's pixels that must be open water."""
 _LARGEST_STEP = 0.35
@@ -192,6 +193,7 @@ def seen_places(frames: Sequence[LitFrame]) -> SeenPlaces:
 
 def _windows(frame: LitFrame) -> Array:
     """Return the points (n, p, 3) of a frame's windows in the world."""
+    # Spread windows evenly over the sphere, each a grid of points
     height, width = frame.found.distance_m.shape
     half = max(round(0.5 * _SIDE_RAD * width / (2.0 * np.pi)), 2)
     rows, columns = [], []
@@ -206,6 +208,7 @@ def _windows(frame: LitFrame) -> Array:
     across = np.round(stretch[:, None, None] * offset).astype(np.int64)
     i = (column[:, None, None] + across + 0 * offset[:, None]) % width
     j, i = j.reshape(len(row), -1), i.reshape(len(row), -1)
+    # Keep those whose distances are sure, lie on a plane, and differ little
     far, sure = frame.found.distance_m[j, i], frame.found.confidence[j, i] >= SURE
     kept = (sure.mean(axis=1) > _SURE_SHARE) & np.all(np.isfinite(far), axis=1)
     j, i, far = j[kept], i[kept], far[kept]
@@ -278,6 +281,7 @@ def _open_water(frames: Sequence[LitFrame]) -> tuple[Array, Array]:
 
     Open water has no sure distance, is smooth, and no redder than most of what is.
     """
+    # Gather directions that may be open water: smooth, and far from all sure distances
     edges = np.linspace(*_OPEN_UP, _OPEN_BINS + 1)
     ups, lights = [], []
     for frame in frames[::_EVERY]:
@@ -290,6 +294,7 @@ def _open_water(frames: Sequence[LitFrame]) -> tuple[Array, Array]:
     up, light = np.concatenate(ups), np.concatenate(lights)
     if not len(up):
         return np.zeros(0), np.zeros((0, 3))
+    # Take the least red of each band of elevation, as what is nearer has more red
     red = light[:, 0] / np.maximum(light.sum(axis=1), 1e-9)
     number = np.digitize(up, edges) - 1
     total = sum(frame.found.distance_m.size for frame in frames[::_EVERY]) * 0.5 * (edges[1] - edges[0])
@@ -301,6 +306,7 @@ def _open_water(frames: Sequence[LitFrame]) -> tuple[Array, Array]:
             found.append((np.median(up[inside]), np.median(light[inside][least], axis=0)))
     if not found:
         return np.zeros(0), np.zeros((0, 3))
+    # Keep the longest run of bands without a jump of their light
     band_up, band_light = np.array([one[0] for one in found]), np.array([one[1] for one in found])
     step = np.abs(np.diff(np.log(np.maximum(band_light, _BLACK)), axis=0)).max(axis=1)
     run = np.concatenate([[0], np.cumsum(step > _LARGEST_STEP)])

@@ -19,23 +19,21 @@ from numpy.typing import NDArray
 from mr360uw.depth.sphere_stereo import DepthMap
 from mr360uw.depth.warping import Map
 from mr360uw.errors import OutputExistsError, VideoError
-from mr360uw.files import NewFile, WrittenFiles, whole_file, write_whole
+from mr360uw.files import NewFile, WrittenFiles, is_pattern, matching_files, whole_file, write_whole
 from mr360uw.output_gate import locked_work_folder, made_folder, work_path
-from mr360uw.reading.cached_reads import CachedReads
-from mr360uw.reading.input_files import json_of, note_read, read_text
-from mr360uw.reading.numbered_files import is_pattern, matching_files
-from mr360uw.reading.picture_size import picture_size
+from mr360uw.reading.disk_cache import CachedReads
+from mr360uw.reading.input_files import json_of, note_read, picture_size, read_text
 from mr360uw.video import read_picture
 from mr360uw.video.exr import check_exr, read_exr, read_rgb, write_exr
 
 Kind = Literal["metric", "inverse"]
-NOTE = "depth.json"
+_NOTE = "depth.json"
 """File in a folder of maps that says what they follow from, as JSON, and then has a line for each that was written."""
 _MADE_BY = {"made_by": "mr360uw depth"}
 
 LEFT, RIGHT = "left", "right"
 """Parts of a file with the maps of both eyes."""
-CONFIDENCE = "confidence"
+_CONFIDENCE = "confidence"
 """Channel of a map's confidences, 0 to 1; a map without one is taken to be right everywhere."""
 _APART = 4
 """Maps that are kept: renderers may be some frames apart."""
@@ -46,10 +44,10 @@ def depth_file(folder: Path, index: int) -> Path:
     return folder / f"depth_{index:05d}.exr"
 
 
-def inputs_of(folder: Path) -> dict[str, Any] | None:
+def _inputs_of(folder: Path) -> dict[str, Any] | None:
     """Return what the maps in a folder follow from; None where this package did not write its note."""
     try:
-        found = json_of(read_text(folder / NOTE, VideoError).partition("\n")[0])
+        found = json_of(read_text(folder / _NOTE, VideoError).partition("\n")[0])
     except (VideoError, ValueError):
         return None
     return found if isinstance(found, dict) and found.items() >= _MADE_BY.items() else None
@@ -63,10 +61,10 @@ def own_maps(folder: Path, inputs: Mapping[str, Any], count: int, *, overwrite: 
     removed. Raises `OutputExistsError` for these without it, and where files of others are in the way of any map: they
     are never replaced.
     """
-    made, note = {**_MADE_BY, **inputs}, folder / NOTE
+    made, note = {**_MADE_BY, **inputs}, folder / _NOTE
     with made_folder(folder), locked_work_folder(work_path(folder / "depth"), folder) as scratch:
         # Refuse files of others, before anything is removed
-        before = inputs_of(folder)
+        before = _inputs_of(folder)
         record = WrittenFiles(note, folder, logs=[note] if before is not None else (), scratch=scratch)
         maps = [depth_file(folder, index) for index in range(count)] if before else sorted(folder.glob("depth_*.exr"))
         foreign = [path for path in [note] * (before is None) + maps if not record.may_replace(path)]
@@ -102,7 +100,7 @@ def write_depth(path: Path, found: DepthMap, right: DepthMap | None = None, *, f
     """
     parts = {"": found} if right is None else {LEFT: found, RIGHT: right}
     channels: dict[str, dict[str, NDArray[Any]]] = {
-        name: {"Z": one.distance_m, CONFIDENCE: one.confidence.astype(np.float16)} for name, one in parts.items()
+        name: {"Z": one.distance_m, _CONFIDENCE: one.confidence.astype(np.float16)} for name, one in parts.items()
     }
     write_exr(path, channels, file=file)
 
@@ -118,12 +116,12 @@ class DepthClip:
     def __init__(self, path: Path, kind: Kind = "metric", scale_m: float = 1.0, size: tuple[int, int] = (2, 1)) -> None:
         self._path, self._kind, self._scale = path, kind, scale_m
         self._read, self._records = CachedReads(), CachedReads()
-        self._ours = path.is_dir() and inputs_of(path) is not None
-        series = MapSeries() if self._ours else map_series(path)
+        self._ours = path.is_dir() and _inputs_of(path) is not None
+        series = MapSeries() if self._ours else _map_series(path)
         coloured: list[Path] = []
         self._files, self._problems = series.files, list(series.problems)
         if not self._ours:
-            problems, coloured = header_problems(series.files, size)
+            problems, coloured = _header_problems(series.files, size)
             self._problems += problems
         self._coloured = coloured
         self.notes = series.notes + self._other_notes()
@@ -135,8 +133,10 @@ class DepthClip:
                 f"plate.depth_kind, plate.depth_scale - change nothing (got {self._kind}, {self._scale:g}), as "
                 f"{self._path} is of mr360uw depth, in metres - leave them out",
             )
-        if not self._ours and (self._path / NOTE).exists():
-            return (f"{self._path / NOTE} - is not of mr360uw depth, so that the maps beside it are taken for others'",)
+        if not self._ours and (self._path / _NOTE).exists():
+            return (
+                f"{self._path / _NOTE} - is not of mr360uw depth, so that the maps beside it are taken for others'",
+            )
         return ()
 
     def check(self, stop: int) -> None:
@@ -202,8 +202,8 @@ class DepthClip:
 
 def _record(folder: Path) -> WrittenFiles:
     """Return the record of the maps that were written into a folder."""
-    note_read(folder / NOTE)
-    return WrittenFiles(folder / NOTE, folder, logs=[folder / NOTE])
+    note_read(folder / _NOTE)
+    return WrittenFiles(folder / _NOTE, folder, logs=[folder / _NOTE])
 
 
 def _read_map(path: Path, kind: Kind, scale_m: float, ours: bool, right: bool) -> DepthMap:
@@ -217,7 +217,7 @@ def _read_map(path: Path, kind: Kind, scale_m: float, ours: bool, right: bool) -
         if ours and RIGHT in parts:
             parts = {name: part for name, part in parts.items() if (name == RIGHT) == right}
         channels = {name: array for part in parts.values() for name, array in part.items()}
-        confidence = channels.get(CONFIDENCE)
+        confidence = channels.get(_CONFIDENCE)
         values = channels["Z"] if "Z" in channels else _grey(path, read_rgb(path))
     else:
         codes = _grey(path, read_picture(path))
@@ -263,7 +263,7 @@ class MapSeries:
     problems: tuple[str, ...] = ()
 
 
-def map_series(path: Path) -> MapSeries:
+def _map_series(path: Path) -> MapSeries:
     """Return the maps that a folder, a pattern of numbered files or a name stands for; hidden files are left out."""
     if is_pattern(path):
         return _in_order(path, matching_files(path), ())
@@ -308,14 +308,14 @@ def _in_order(path: Path, numbered: list[tuple[int, Path]], others: Iterable[Pat
 
 @dataclass(frozen=True, slots=True)
 class MapHeader:
-    """What a map's file says of it. grey: whether it has one value for a pixel. whole: whether it holds all pixels."""
+    """Header of a map's file. grey: whether it has one value for a pixel. whole: whether it holds all pixels."""
 
     size: tuple[int, int]
     grey: bool
     whole: bool = True
 
 
-def map_header(path: Path) -> MapHeader:
+def _map_header(path: Path) -> MapHeader:
     """Return what a map's file says of it; raise `VideoError` where it is cut or of another kind, and `OSError`."""
     if path.suffix.lower() == ".exr":
         parts = check_exr(path)
@@ -331,13 +331,13 @@ def map_header(path: Path) -> MapHeader:
     return MapHeader(size, head[25] in _GREY)
 
 
-def header_problems(files: Sequence[Path], plate: tuple[int, int]) -> tuple[list[str], list[Path]]:
+def _header_problems(files: Sequence[Path], plate: tuple[int, int]) -> tuple[list[str], list[Path]]:
     """Return why maps do not fit a plate of width x height, a line for each reason, and the maps that have colours."""
     # Read what each file says of itself
     problems, headers = [], dict[Path, MapHeader]()
     for path in files:
         try:
-            headers[path] = map_header(path)
+            headers[path] = _map_header(path)
         except VideoError as error:
             problems.append(str(error))
         except OSError as error:

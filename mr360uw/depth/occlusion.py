@@ -22,7 +22,7 @@ from mr360uw.depth.depth_files import DepthClip, Kind
 from mr360uw.depth.sphere_stereo import SURE, DepthMap
 from mr360uw.depth.warping import Map, resized
 from mr360uw.jit import fast, inlined
-from mr360uw.reading.cached_reads import CachedReads
+from mr360uw.reading.disk_cache import CachedReads
 from mr360uw.sphere import directions, frame_from_direction
 from mr360uw.track.key_frames import grey_picture
 from mr360uw.types import Floats, View
@@ -151,7 +151,7 @@ _LEAST_GROUND = 0.05
 _MOSTLY = 0.75
 """Fraction of a pixel of a reduced map that is sure, above which it is."""
 _ALIKE = 0.1
-"""How far, as a fraction, an unsure inverse distance may be beyond the sure ones about it."""
+"""Largest fraction by which an unsure inverse distance may exceed the sure ones about it."""
 
 
 def on_relief(receiver: Receiver, found: DepthMap, view: View) -> Receiver:
@@ -361,6 +361,7 @@ def _average_along(near: Any, far: Any, share: Any, normal: Any, out: Any) -> No
 
     near, far: inverse distances (H, W) [1/m]; where they are equal there is one surface.
     """
+    # Weigh steps along an edge by a Gaussian; the middle counts once of both ways
     rows, columns = near.shape
     weights = np.exp(np.float32(-0.5) * np.square(np.arange(_REACH + 1) / np.float32(_ALONG_PX))).astype(np.float32)
     weights[0] *= np.float32(0.5)
@@ -370,6 +371,7 @@ def _average_along(near: Any, far: Any, share: Any, normal: Any, out: Any) -> No
                 continue
             middle = np.float32(0.5) * (near[j, i] + far[j, i])
             total, whole = np.float32(0.0), np.float32(0.0)
+            # Follow the edge both ways, half a pixel's normal ahead (midpoint rule)
             for way in (np.float32(-1.0), np.float32(1.0)):
                 x, y = np.float32(i), np.float32(j)
                 nx, ny = normal[0, j, i], normal[1, j, i]
@@ -379,6 +381,7 @@ def _average_along(near: Any, far: Any, share: Any, normal: Any, out: Any) -> No
                         break
                     v, u = y - np.float32(top), x - np.float32(left)
                     right, left = (left + 1) % columns, left % columns
+                    # Read the fraction between four pixels, of those at this edge alone
                     upper = (1 - u) * _near_at(near, far, share, top, left, middle)
                     upper += u * _near_at(near, far, share, top, right, middle)
                     lower = (1 - u) * _near_at(near, far, share, top + 1, left, middle)
@@ -387,6 +390,7 @@ def _average_along(near: Any, far: Any, share: Any, normal: Any, out: Any) -> No
                     whole += weights[k]
                     if nx == 0 and ny == 0:
                         break
+                    # Turn with the edge, unless its normal jumps
                     half = np.float32(0.5) * way
                     row = min(max(int(np.rint(y + half * nx)), 0), rows - 1)
                     column = int(np.rint(x - half * ny)) % columns

@@ -165,7 +165,7 @@ def refined(reference: Panorama, neighbours: Sequence[Panorama], sweeps: Sequenc
     judged = fine if every == 1 else warped
     at_judged = np.ascontiguousarray(inverse[:: width // judged.width, :: width // judged.width])
     seen = evidence(reference, neighbours, judged, at_judged, baseline)
-    sure = np.where(of_rig(judged, at_judged, seen, baseline), np.float32(0.0), confidence(seen, len(neighbours)))
+    sure = np.where(_of_rig(judged, at_judged, seen, baseline), np.float32(0.0), confidence(seen, len(neighbours)))
     with np.errstate(divide="ignore"):
         metres = (np.float32(1.0) / inverse).astype(np.float32)
     return DepthMap(metres, _enlarged(sure, width))
@@ -273,6 +273,7 @@ def _add_path(cost: Any, total: Any, down: int, right: int, small: Any, large: A
     row = np.zeros((width, count), np.float32)
     for j0 in range(height):
         j = j0 if down >= 0 else height - 1 - j0
+        # Go along the path; a path along a row goes round the sphere twice
         for turn in range(2 if down == 0 else 1):
             for i0 in range(width):
                 i = i0 if right >= 0 else width - 1 - i0
@@ -282,6 +283,7 @@ def _add_path(cost: Any, total: Any, down: int, right: int, small: Any, large: A
                     for k in range(count):
                         row[i, k] = cost[j, i, k]
                 else:
+                    # Continue at the least cost: the same distance, the next one, or a jump
                     least = path[0]
                     for k in range(1, count):
                         least = min(least, path[k])
@@ -292,6 +294,7 @@ def _add_path(cost: Any, total: Any, down: int, right: int, small: Any, large: A
                         if k < count - 1:
                             best = min(best, path[k + 1] + small)
                         row[i, k] = cost[j, i, k] + best - least
+                # Add the costs, of the second round alone
                 if down != 0 or turn == 1:
                     for k in range(count):
                         total[j, i, k] += row[i, k]
@@ -358,6 +361,7 @@ def evidence(
     """
     import cv2
 
+    # Compare with what neighbours show there, and again in pictures of half the size
     sums = warped.sums(inverse)
     size = inverse.shape[::-1]
     small = Warped(reference, neighbours, max(warped.width // 2, min(warped.width, 256)), _brightness)
@@ -365,6 +369,7 @@ def evidence(
     mean = level[0] / np.maximum(level[3], _LEAST)
     variance = np.maximum(level[2] / np.maximum(level[3], _LEAST) - mean * mean, 0.0)
     differs = cv2.resize(np.abs(small.own - mean) / np.sqrt(variance + 1.0), size, interpolation=cv2.INTER_LINEAR)
+    # Measure how far depths spread around each pixel
     depth = np.log(np.maximum(inverse * np.float32(baseline_m), _LEAST)).astype(np.float32)
     spreads = []
     for side in _SPREAD_SIDES:
@@ -394,7 +399,7 @@ def _agreement(own: Map, others: Map, side: int) -> Map:
     return np.asarray(window_mean(own * others, side) / np.sqrt(np.maximum(power, 1e-6)), np.float32)
 
 
-def of_rig(warped: Warped, inverse: Map, seen: Floats, baseline_m: float) -> NDArray[np.bool_]:
+def _of_rig(warped: Warped, inverse: Map, seen: Floats, baseline_m: float) -> NDArray[np.bool_]:
     """Return the pixels (H, W) that move with the camera: a tripod, a hand, a stick.
 
     Pictures there agree as they are, though what stands still would have moved, however far it is; and warped by the

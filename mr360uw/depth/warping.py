@@ -95,7 +95,7 @@ def _arctangent(y: Any, x: Any) -> Any:
 
 
 @fast
-def add_warped(pictures: Any, turns: Any, shifts: Any, rays: Any, inverse: Any, sums: Any) -> None:
+def _add_warped(pictures: Any, turns: Any, shifts: Any, rays: Any, inverse: Any, sums: Any) -> None:
     """Write the sums (5, h, w) over n pictures that are warped by inverse distances (h, w), 0 or more.
 
     pictures: (n, (h + 1) * (w + 1)), rows of n pictures that are a column and a row larger, see `_bordered`. turns:
@@ -190,7 +190,7 @@ class Warped:
     def sums(self, inverse: Map) -> Map:
         """Return S, P, Q, W and X, (5, h, w), of the neighbours warped by inverse distances (h, w) [1/m]."""
         sums: Map = np.empty((_SUMS, self.height, self.width), np.float32)
-        add_warped(self._pictures, self._turns, self._shifts, self._rays, np.maximum(inverse, np.float32(0)), sums)
+        _add_warped(self._pictures, self._turns, self._shifts, self._rays, np.maximum(inverse, np.float32(0)), sums)
         return sums
 
     def cost(self, inverse: Map, side: int) -> Map:

@@ -18,21 +18,18 @@ from mr360uw.composite.mesh.up_axis import Up
 from mr360uw.composite.object_settings import ObjectSettings
 from mr360uw.errors import ParameterError, SceneError, VideoError
 from mr360uw.files import whole_file
-from mr360uw.first_look.mesh_look import look_at_mesh
+from mr360uw.first_look.observations import Eye, PlateLook, look_at_mesh, look_at_plate
 from mr360uw.first_look.place_in_plate import ShownDistance, Wish
-from mr360uw.first_look.plate_look import Eye, PlateLook, look_at_plate
-from mr360uw.first_look.proposal import propose
-from mr360uw.first_look.proposal_words import brightness_lines, found_lines, scene_lines
+from mr360uw.first_look.proposal import brightness_lines, found_lines, propose, scene_lines
 from mr360uw.ibl.sun.detect import SunFound
 from mr360uw.output_gate import check_outputs
-from mr360uw.preview.live import COARSE_WIDTH, LivePreview
-from mr360uw.preview.thumbnail import screen_picture
+from mr360uw.preview.live import COARSE_WIDTH, LivePreview, screen_picture
 from mr360uw.reading.input_files import read_json
 from mr360uw.render.check import possible_outputs
 from mr360uw.render.loaded import Loaded
 from mr360uw.render.surroundings import CameraPath
-from mr360uw.scene.inputs import open_plate
 from mr360uw.scene.model import CameraSettings, PlateSettings, Scene, scene_from_dict
+from mr360uw.scene.resolved import open_plate
 from mr360uw.types import Floats, View
 
 _GREY = 0.18
@@ -47,7 +44,7 @@ _DARKEST = 1e-4
 """Light that counts as black."""
 
 
-def grey_card_stops(live: LivePreview, draft: Scene) -> float | None:
+def _grey_card_stops(live: LivePreview, draft: Scene) -> float | None:
     """Return by how many stops a grey card in the place of a draft's object is brighter than the plate around it.
 
     Where the object stands the card lies on the ground, else it faces the camera. None where it is not seen.
@@ -83,7 +80,7 @@ def _rim(inside: NDArray[np.bool_]) -> NDArray[np.bool_]:
     return np.asarray((outer > inner)[:, reach:-reach])
 
 
-PREVIEW_COLUMNS = 1024
+_PREVIEW_COLUMNS = 1024
 """Width [pixels] of previews, at most."""
 _RADIANCE = (".exr", ".hdr")
 """Stills of scene radiance, whose composite is one too."""
@@ -126,11 +123,11 @@ def make_first_scene(
     text = scene_lines(plate, seen, chosen, path.parent, outside_files=outside_files)
     scene = scene_from_dict(tomllib.loads(text), path.parent)
     with LivePreview(backend) as live:
-        draft, width = live.coarse(scene), min(PREVIEW_COLUMNS, plate.size[0])
+        draft, width = live.coarse(scene), min(_PREVIEW_COLUMNS, plate.size[0])
         loaded = live.loaded(draft, width)
         sun = _sun(loaded, live)
         picture = live.frame(draft, 0, width).picture
-        stops = grey_card_stops(live, draft)
+        stops = _grey_card_stops(live, draft)
     with whole_file(preview) as shown, whole_file(path) as written:  # on a full disk neither is there
         shown.write_bytes(screen_picture(picture.image_linear, ".png"))
         written.write_text(text + sun.to_uncomment, "utf-8")

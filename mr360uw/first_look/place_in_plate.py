@@ -17,10 +17,9 @@ from numpy.typing import NDArray
 from mr360uw.color import luminance
 from mr360uw.composite.mesh.kinds import Habit
 from mr360uw.errors import ParameterError
-from mr360uw.first_look.mesh_look import MeshLook
-from mr360uw.first_look.plate_look import PlateLook, red_ratio
+from mr360uw.first_look.observations import MeshLook, PlateLook, red_ratio
 from mr360uw.sphere import direction_from_angles, frame_from_direction
-from mr360uw.types import Floats
+from mr360uw.types import Array, Floats
 
 _GUESSED_M: dict[bool, float] = {True: 1.3, False: 1.6}
 """Height of a camera over the ground that is not known: of a diver over a floor, and of a tripod or a head in air."""
@@ -47,7 +46,7 @@ _LOWEST_DEG = 2.0
 
 @dataclass(frozen=True, slots=True)
 class Wish:
-    """What is asked for a thing's place. at_deg: azimuth and elevation, of its foot if it stands, else of its middle.
+    """Wishes for a thing's place. at_deg: azimuth and elevation, of its foot if it stands, else of its middle.
 
     habit: whether it stands or swims, whatever its name says. size_m: its longest side.
     """
@@ -67,7 +66,7 @@ class Wish:
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """Where a thing is put. drop_m: height of the camera over the ground; None where no ground is seen.
+    """Place of a thing. drop_m: height of the camera over the ground; None where no ground is seen.
 
     distance_m: level, where it stands. elevation_deg: of its middle. smaller: whether it was made smaller than it is,
     to be seen. hangs: whether it would stand, but there is no ground. uneven: cost of its ground, 0 where none is
@@ -251,6 +250,7 @@ def free_view(image: Floats, elevation_deg: tuple[float, float], *, underwater: 
     """
     import cv2
 
+    # Measure texture and brightness about each direction, over the seam of the panorama
     height, width = image.shape[:2]
     scale = height / 180.0
     pad = width // 8
@@ -264,10 +264,12 @@ def free_view(image: Floats, elevation_deg: tuple[float, float], *, underwater: 
 
     texture = np.sqrt(np.maximum(mean(fine * fine), 0.0))
     bright = mean(light)
+    # Prefer smooth, lit water: no clipped sky, nothing red
     cost = texture + _BLACK * np.maximum(np.quantile(bright, 0.8) - bright, 0.0)
     if underwater:
         cost += _WHITE * mean((wrapped.max(axis=-1) > _CLIPPED).astype(np.float32))
         cost += _RED * mean(np.nan_to_num(np.minimum(red_ratio(wrapped), 1.0), nan=0.0))
+    # Prefer directions near the middle, within the elevations; take the least cost
     elevation = 90.0 - (np.arange(height) + 0.5) / scale
     azimuth = ((np.arange(width) + 0.5) / width - 0.5) * 360.0
     low, high = elevation_deg
@@ -279,8 +281,6 @@ def free_view(image: Floats, elevation_deg: tuple[float, float], *, underwater: 
     near_elevation = float(np.clip(near_elevation, low, high))
     return near_azimuth, near_elevation, (color[0], color[1], color[2])
 
-
-Array = NDArray[np.float64]
 
 _REACH, _CELL = 7.5, 0.05
 """Half the side of the layout and its cell, in camera heights."""
@@ -304,7 +304,7 @@ _HIDES, _ASIDE, _ODD = 0.2, 0.0012, 0.15
 _SHADE_FROM, _PLAIN_FROM = 0.4, 0.5
 """Logarithms of darkness and of missing structure that cost nothing."""
 _WAY_FROM, _LANE = 0.8, 0.6
-"""Where the way to a foot begins, and how wide a lane of it is, in camera heights."""
+"""Beginning of the path to a foot, and width of its lane, in camera heights."""
 _ACROSS = 9
 """Points along a side of a foot, and of what a body hides."""
 UNEVEN = 0.9

@@ -36,7 +36,7 @@ from mr360uw.composite.shot import PlacedObject, Shot
 from mr360uw.constants import PI
 from mr360uw.ibl.lighting import assemble
 from mr360uw.ibl.plate import COARSE_COLUMNS, COARSE_ROWS
-from mr360uw.medium.small_angles import spread_of
+from mr360uw.medium.scattered_light import spread_of
 from mr360uw.optics import (
     fresnel,
     fresnel_transmittance,
@@ -49,12 +49,10 @@ from mr360uw.optics import (
 from mr360uw.rays import RayScene
 from mr360uw.sphere import directions, disc_directions
 from mr360uw.surface import SeaScene, SurfacePicture
+from mr360uw.surface.facet_draws import glitter
 from mr360uw.surface.intersection import sigma_at
-from mr360uw.surface.tracing.facet_draws import glitter
-from mr360uw.surface.tracing.stage_arrays import RayStage, disc_of
-from mr360uw.types import CausticStack, Environment, Floats, Layer, MediumTable, Rectangle, Sun, View
-
-Array = NDArray[np.float64]
+from mr360uw.surface.ray_kernel import RayStage, disc_of
+from mr360uw.types import Array, CausticStack, Environment, Floats, Layer, MediumTable, Rectangle, Sun, View
 
 
 def light_below(sea: SeaScene, floor_depth_m: float) -> Array:
@@ -85,8 +83,9 @@ _RAYS = 13
 """Directions over the disc."""
 
 
-def ratio_on_floor(sea: SeaScene, stage: RayStage, placed: tuple[PlacedObject, ...], floor: FloorSeen) -> Array:
+def _ratio_on_floor(sea: SeaScene, stage: RayStage, placed: tuple[PlacedObject, ...], floor: FloorSeen) -> Array:
     """Return the floor's light with bodies over that without, (n, 3), in the floor's pixels."""
+    # Nothing changes without a sun, bodies, or floor in reach of their shadows
     ratio = np.ones((len(floor.place), 3))
     casters = tuple(one for one in placed if one.casts_shadow)
     if sea.sun is None or sea.sun.direction[1] <= 0.0 or not casters:
@@ -96,11 +95,13 @@ def ratio_on_floor(sea: SeaScene, stage: RayStage, placed: tuple[PlacedObject, .
     at = np.flatnonzero(_in_reach(floor.place, direction, half, casters))
     if not len(at):
         return ratio
+    # Count the rays to the sun's disc that bodies stop
     scene = RayScene(gather(casters, np.zeros(3)).positions)
     rays = disc_directions(direction, half, _RAYS)
     hidden = np.zeros(len(at))
     for ray in rays:
         hidden += scene.first_hit(floor.place[at], np.broadcast_to(ray, (len(at), 3))) >= 0
+    # Take that fraction of the beam away from the floor's light
     x, z, footprint = floor.place[at, 0], floor.place[at, 2], floor.footprint_m[at]
     beam = np.zeros((len(at), 3))
     for pattern, factor in stage.floor_light.patterns[stage.floor_light.skies :]:
@@ -177,7 +178,7 @@ class AerialBodies:
         direct = render_layer(dry, cache) if highest > stage.sea.lowest_m else Layer(view.height, view.width, ())
         sides = WaterSides(wet, dry, stage.sea, self.table, False, self.sea.refractive_index)
         ratio, veil = np.ones(mirrored.shape, np.float32), mirrored.astype(np.float32)
-        ratio[floor.mask] = ratio_on_floor(self.sea, stage, placed, floor)
+        ratio[floor.mask] = _ratio_on_floor(self.sea, stage, placed, floor)
         veil[floor.mask] += floor.veil
         return _with_shadow(cut_at_surface(sides, _ALL, direct, cache)[0], ratio, veil)
 

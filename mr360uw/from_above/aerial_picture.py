@@ -24,23 +24,21 @@ from mr360uw.from_above.aerial_bodies import (
 )
 from mr360uw.from_above.settings import AerialFloorSettings, AerialScene, AerialWaterSettings
 from mr360uw.medium import Medium, Water
+from mr360uw.medium.lookup import FormationModel
 from mr360uw.medium.medium import RGB_NM, Mode
-from mr360uw.medium.spectral.sensor import named_sensor
-from mr360uw.medium.tabulate import FormationModel
-from mr360uw.published.aerial_look import blended_albedo, thresholded_reflection
+from mr360uw.medium.spectra import named_sensor
+from mr360uw.published import blended_albedo, thresholded_reflection
 from mr360uw.sample.dive_settings import DiveSettings
 from mr360uw.sample.sea_bed import sea_bed
 from mr360uw.shapes import checked
 from mr360uw.sphere import direction_from_angles, directions, row_solid_angle, yaw_matrix
 from mr360uw.surface import Floor, SeaScene, SurfacePicture
+from mr360uw.surface.ray_kernel import RayStage
 from mr360uw.surface.sea_picture import rendered
 from mr360uw.surface.sky import CLEAR, OVERCAST, standard_sky
-from mr360uw.surface.tracing.stage_arrays import RayStage
-from mr360uw.types import Floats, Layer, Sun, View
+from mr360uw.types import Array, Floats, Layer, Sun, View
 from mr360uw.video.opening import open_video
-from mr360uw.video.read.picture_file import read_picture
-
-Array = NDArray[np.float64]
+from mr360uw.video.picture_file import read_picture
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -85,7 +83,7 @@ class LoadedAerial:
     @checked
     def of(cls, scene: AerialScene) -> LoadedAerial:
         """Return it; raise `ParameterError`, `VideoError` or `MeshError` for files that cannot be used."""
-        sea = sea_scene_of(scene)
+        sea = _sea_scene_of(scene)
         light = np.asarray(sea.dome.irradiance, np.float64)
         if sea.sun is not None:
             light = light + sea.sun.irradiance * max(float(sea.sun.direction[1]), 0.0)
@@ -245,7 +243,7 @@ def sun_of(scene: AerialScene) -> Sun | None:
     return Sun(_sun_direction(scene), irradiance, scene.sun.half_angle_rad, 1.0)
 
 
-def sky_of(scene: AerialScene) -> Array:
+def _sky_of(scene: AerialScene) -> Array:
     """Return the radiance (h, 2 h, 3) of a scene's sky, without its sun; raise `VideoError` for maps that cannot be
     read.
     """
@@ -294,13 +292,13 @@ _MOST_PIXELS = 2048
 _SAND_SEED = 1
 
 
-def sea_scene_of(scene: AerialScene) -> SeaScene:
+def _sea_scene_of(scene: AerialScene) -> SeaScene:
     """Return a scene with its water solved and its files read; raise `ParameterError` or `VideoError`."""
     index, sea = scene.water.refractive_index, scene.sea
     if "water_depth_m" not in sea.model_fields_set:
         sea = sea.model_copy(update={"water_depth_m": scene.floor.depth_m})  # waves feel the scene's floor
     return SeaScene(
-        sea, sky_of(scene), floor_of(scene.floor, scene.water), water_of(scene.water), sun=sun_of(scene),
+        sea, _sky_of(scene), floor_of(scene.floor, scene.water), water_of(scene.water), sun=sun_of(scene),
         refractive_index=index, caustics=scene.caustics,
     )  # fmt: skip
 

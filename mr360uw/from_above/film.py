@@ -16,35 +16,31 @@ from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mr360uw.color import ColorSpec
 from mr360uw.composite.over import over_tile
 from mr360uw.errors import OutputExistsError, ParameterError
+from mr360uw.files import is_pattern, matching_files, numbered
 from mr360uw.from_above.aerial_bodies import brightened
 from mr360uw.from_above.aerial_picture import AerialPicture, LoadedAerial
 from mr360uw.from_above.settings import AerialScene
 from mr360uw.output_gate import check_outputs
 from mr360uw.progress import Progress
-from mr360uw.reading.input_files import files_read
-from mr360uw.reading.limits import FRAMES
-from mr360uw.reading.numbered_files import is_pattern, matching_files, numbered
+from mr360uw.reading.input_files import FRAMES, files_read
 from mr360uw.scene.model import files_of
 from mr360uw.shapes import checked
-from mr360uw.types import Floats
+from mr360uw.types import Array, Floats
 from mr360uw.video import VideoFrame, VideoReader, create_video, open_video
 from mr360uw.video.clip import Clip
 from mr360uw.video.exr import Part, write_exr
-from mr360uw.video.read.projection import PICTURE_SUFFIXES
-
-Array = NDArray[np.float64]
+from mr360uw.video.formats import PICTURE_SUFFIXES
 
 _MATCH_COLUMNS = 96
 """Columns of the picture of the scene's sea that is compared with the plate: medians are the same with twice as many
 within 1 %."""
 
 
-def open_aerial_plate(scene: AerialScene) -> VideoReader:
+def _open_aerial_plate(scene: AerialScene) -> VideoReader:
     """Return the plate of a scene that has one; raise `VideoError` where it cannot be read."""
     assert scene.plate is not None
     around = scene.camera.projection == "equirectangular"
@@ -61,7 +57,7 @@ def plate_gain(loaded: LoadedAerial, plate_linear: Floats) -> Array:
     return np.asarray(plate / np.maximum(ours, 1e-9), np.float64)
 
 
-def frames_with_bodies(scene: AerialScene, plate: VideoReader, start: int, stop: int) -> Iterator[VideoFrame]:
+def _frames_with_bodies(scene: AerialScene, plate: VideoReader, start: int, stop: int) -> Iterator[VideoFrame]:
     """Yield frames [start, stop) of a plate with the scene's bodies; what they do not touch keeps its codes."""
     assert scene.plate is not None
     loaded, size = LoadedAerial.of(scene), (plate.width, plate.height)
@@ -73,14 +69,14 @@ def frames_with_bodies(scene: AerialScene, plate: VideoReader, start: int, stop:
         yield frame.over(layer, over_tile, scene.plate.grain)
 
 
-def write_onto_plate(
+def _write_onto_plate(
     scene: AerialScene, path: Path, frames: tuple[int, int | None], *, overwrite: bool, progress: Progress | None
 ) -> int:
     """Write a plate with bodies and return the number of frames; see `aerial_film`."""
-    with open_aerial_plate(scene) as plate:
+    with _open_aerial_plate(scene) as plate:
         start, stop = plate.numbered_range(*frames)
         with create_video(path, plate, scene.output, overwrite=overwrite) as writer:
-            for frame in frames_with_bodies(scene, plate, start, stop):
+            for frame in _frames_with_bodies(scene, plate, start, stop):
                 writer.write(frame)
                 if progress is not None:
                     progress(frame.index - start + 1, stop - start)
@@ -93,7 +89,7 @@ Write = Callable[[int, AerialPicture], None]
 
 @dataclass(frozen=True, slots=True)
 class AerialReport:
-    """What was written. seconds: wall time."""
+    """Files that were written. seconds: wall time."""
 
     out: Path
     frames: int
@@ -125,7 +121,7 @@ def aerial_film(
     path, rate = Path(out), Fraction(scene.film.frame_rate).limit_denominator(1001)
     check_outputs([path], inputs=files_of(scene), overwrite=overwrite)
     if scene.plate is not None:
-        done = write_onto_plate(scene, path, frames, overwrite=overwrite, progress=progress)
+        done = _write_onto_plate(scene, path, frames, overwrite=overwrite, progress=progress)
         return AerialReport(path, done, time.perf_counter() - began)
     start, stop = _range(scene, path, frames, rate)
     with _output(scene, path, rate, overwrite) as write:
@@ -175,6 +171,7 @@ def _range(scene: AerialScene, path: Path, frames: tuple[int, int | None], rate:
 @contextmanager
 def _output(scene: AerialScene, path: Path, rate: Fraction, overwrite: bool) -> Iterator[Write]:
     """Yield a function that writes frames of a scene; the output is complete afterwards, or absent."""
+    # EXR: a file of parts for each picture
     around = scene.camera.projection == "equirectangular"
     if path.suffix.lower() == ".exr":
         there = matching_files(path)[:1] if is_pattern(path) else []
@@ -187,6 +184,7 @@ def _output(scene: AerialScene, path: Path, rate: Fraction, overwrite: bool) -> 
 
         yield write_parts
         return
+    # All else is a video or pictures, as composites are written
     camera = scene.camera
     if path.suffix.lower() not in PICTURE_SUFFIXES and (camera.width % 2 or camera.height % 2):
         raise ParameterError(

@@ -22,7 +22,7 @@ from mr360uw.parameters import Parameters, parameter
 from mr360uw.scene.handbook import parameters_markdown
 from mr360uw.scene.toml_model import load_model
 from mr360uw.shapes import checked
-from mr360uw.video.settings import EncodeSettings
+from mr360uw.video.formats import EncodeSettings
 
 Vector = tuple[float, float, float]
 Positive = Annotated[float, Field(ge=0.0, le=1e6)]

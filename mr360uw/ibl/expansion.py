@@ -21,7 +21,7 @@ from mr360uw.ibl.reduce import reduce_map, resize_map
 from mr360uw.ibl.settings import LightSettings
 from mr360uw.ibl.tilt import frame_sines, upward
 from mr360uw.optics import critical_cosine
-from mr360uw.published.light_methods import enhancement_gain, pointwise_gain
+from mr360uw.published import enhancement_gain, pointwise_gain
 from mr360uw.shapes import checked, is_finite, real
 from mr360uw.texels import smoothstep
 from mr360uw.types import Floats

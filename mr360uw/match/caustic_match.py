@@ -10,15 +10,29 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from mr360uw.caustic_lookup import mip_level, mip_levels
+from mr360uw.caustics import CausticSettings, caustic_stack
 from mr360uw.caustics.settings import Sea
-from mr360uw.match.floor_series import FloorSeries, ModelledFloor, NoMatchError, floor_series
-from mr360uw.match.pattern_measures import PatternMeasures, bands, pattern_measures, relative_light
+from mr360uw.color import luminance
+from mr360uw.constants import REFRACTIVE_INDEX_SEA
+from mr360uw.ibl.sun.closure import CLEAR_SKY, CLEAR_SKY_DIRECT
+from mr360uw.match.floor_series import (
+    FloorSeries,
+    FloorView,
+    NoMatchError,
+    PatternMeasures,
+    bands,
+    floor_series,
+    pattern_measures,
+    relative_light,
+)
+from mr360uw.medium.lookup import ambient_ratio, beam_fraction, unscattered_share
+from mr360uw.medium.scattered_light import spread_of
+from mr360uw.optics import refract_to_water
 from mr360uw.progress import Progress
 from mr360uw.scene.model import Scene
 from mr360uw.shapes import checked
-from mr360uw.types import Floats
-
-Array = NDArray[np.float64]
+from mr360uw.types import Array, BeamSpread, Floats
 
 _LEAST_CONTRAST = 0.03
 """Standard deviation over mean of the floor's light below which nothing is fitted: codecs and drifting particles."""
@@ -89,7 +103,7 @@ class CausticMatch:
 
     def pictures(self) -> dict[str, NDArray[np.uint8]]:
         """Return pictures (H, W, 3) uint8: `floor` and `spectra`, the plate's beside ours before and after."""
-        from mr360uw.match.pattern_measures import floor_pictures, spectrum_pictures
+        from mr360uw.match.floor_series import floor_pictures, spectrum_pictures
 
         shown = [p for p in (self.plate, self.before, self.after) if p is not None]
         if not shown:
@@ -117,6 +131,7 @@ def match_caustics(
     The plate must show a level floor, whose receiver is a plane. Raises `VideoError` and `ParameterError`; where the
     floor shows no caustics the result says so.
     """
+    # Measure the pattern of the plate, or say why there is none
     try:
         series = floor_series(scene, frames, progress)
     except NoMatchError as refused:
@@ -127,6 +142,7 @@ def match_caustics(
     reason = _no_caustics(series, plate)
     if reason:
         return CausticMatch(f"Nothing is matched. {reason}", plate=plate, pixel_m=series.grid.pixel_m)
+    # Fit a sea to it, under the water and sun of the scene
     share = scene.water.sun_share
     floor = ModelledFloor.of(series, share)
     doubt = _STATED_DOUBT if share > 0.0 else _SKY_DOUBT
@@ -134,6 +150,7 @@ def match_caustics(
     fit = fit_sea(scene.sea, floor, measure, plate, features, doubt, lambda done: progress and progress(done, total))
     changes, uncertainty = _changes(fit, plate, scene.sea)
     names = {key.removeprefix("sea."): value for key, value in changes.items()}
+    # Measure the patterns of the sea before and after in the same way
     seas = (scene.sea, scene.sea.model_copy(update=names))
     before, after = (
         pattern_measures(relative_light(floor.light(sea)), series.grid.pixel_m, series.step_s, edges) for sea in seas
@@ -186,6 +203,7 @@ def _confidence(fit: SeaFit, uncertainty: dict[str, float]) -> float:
 
 def _sentence(match: CausticMatch, fit: SeaFit, sea: Sea) -> str:
     """Return the result in plain words."""
+    # List what the pattern tells, and what it leaves as it was
     parts, untold = [], []
     for name, _, _, words, unit in fitted_parameters(sea):
         key = f"sea.{name}"
@@ -198,6 +216,7 @@ def _sentence(match: CausticMatch, fit: SeaFit, sea: Sea) -> str:
         parts.append(f"towards {match.changes['sea.wind_direction_deg']:.0f} degrees")
     else:
         untold.append("direction")
+    # Say how near the result is, and what is odd about it
     text = f"The floor's caustics are those of {', '.join(parts)}." if parts else "The pattern tells no parameter."
     if untold:
         text += f" The pattern does not tell: {', '.join(untold)}; left as in the scene."
@@ -232,7 +251,7 @@ _RANKS = (0.05, 0.25, 0.5, 0.75, 0.95, 0.99)
 _TINY = 1e-12
 
 
-def pattern_features(relative: Floats, measures: PatternMeasures, pixel_m: float, finest_m: float) -> Array:
+def _pattern_features(relative: Floats, measures: PatternMeasures, pixel_m: float, finest_m: float) -> Array:
     """Return the features (f,) of a pattern C (T, n, n). finest_m: shortest wavelength that is seen."""
     found = [*np.log(measures.power + _TINY), *np.log(measures.frequency_rad_s + _TINY), np.hypot(*measures.direction)]
     for width in _WIDTHS:
@@ -316,7 +335,7 @@ def measurer(pixel_m: float, step_s: float, edges_m: Array) -> Measure:
     def measure(light: Floats) -> tuple[PatternMeasures, Array]:
         relative = relative_light(light)
         found = pattern_measures(relative, pixel_m, step_s, edges_m)
-        return found, pattern_features(relative, found, pixel_m, float(edges_m[0]))
+        return found, _pattern_features(relative, found, pixel_m, float(edges_m[0]))
 
     return measure
 
@@ -335,6 +354,7 @@ def fit_sea(
     doubt: standard deviation of the logarithm of the beam's fraction of the light. made: counts the seas made so
     far.
     """
+    # Sample parameters over their whole range by a low-discrepancy sequence
     names, lows, highs, *_ = zip(*fitted_parameters(sea), strict=True)
     low, high = np.log([lows, highs])
     azimuth = plate.azimuth_deg
@@ -356,6 +376,7 @@ def fit_sea(
             made(before + k + 1)
         return parameters, np.array(rows), float(np.degrees(np.angle(np.mean(turns))))
 
+    # Regress the parameters on the features, then sample anew around the rough fit
     first = made_seas(azimuth, low, high, SEAS[0], 0)
     middle, rough, _ = _regressed(first, features)
     azimuth -= first[2]
@@ -363,6 +384,7 @@ def fit_sea(
     near_low, near_high = np.maximum(low, middle - reach), np.minimum(high, middle + reach)
     near_low, near_high = np.minimum(near_low, high - 0.2), np.maximum(near_high, low + 0.2)
     second = made_seas(azimuth, near_low, near_high, SEAS[1], SEAS[0])
+    # Widen the errors by what regression leaves out
     value, sigma, misfit = _regressed(second, features)
     value = np.clip(value, low, high)
     sigma = sigma * _STRAY
@@ -393,3 +415,115 @@ def _regressed(made: _Made, features: Array) -> tuple[Array, Array, float]:
     here = np.concatenate([[1.0], value, value**2, value[:1] * value[1:]])
     misfit = float(np.sqrt(np.mean((((features - mean) / spread - here @ expected) / stray) ** 2)))
     return parameters.mean(axis=0) + value, left.std(axis=0), misfit
+
+
+# Our caustics of a sea on the region of floor that a plate shows, read through the pixels of its camera.
+#
+#     E/<E> = 1 + f (s (C - 1) + (1 - s) (B - 1))        f = (1 - (1 - q) sky) b(d)/r(d)
+#
+# f: fraction of the daylight on the floor, at the depth d, that is the sun's beam; q: the same just below the surface;
+# sky: colour of the rest; b, r: fractions of the beam and of all light that reach d; s: fraction of the beam that has
+# not turned; C: caustic ratio of that part, B: of the rest. The fractions are means over R, G and B, weighted by the
+# luminance of each in the floor that is seen. C and B are averaged over the footprint of each of the plate's pixels;
+# the region is then read from the pixels as it is from the plate's.
+
+_SIZES = (64, 512)
+"""Least and most pixels of a map across the sea's tile."""
+_GRID_PER_WAVE = 5
+"""Cells of the surface in its shortest wave. Three make a pattern that is less sharp: the wind that fits a finer one is
+then 5 to 20 % too strong. Twice as many move it by 2 to 8 %, the most in the weakest winds."""
+_GRIDS = (64, 256)
+
+
+_MOST_LOST, _MOST_SPREAD, _WIDEST_BLUR = 0.07, 0.6, 0.5
+"""Most of the pattern's amplitude that a codec takes, and most of its blur [pixels of the plate], times the pattern's
+standard deviation in code values; the last is the most of any. Codecs drop what is below a step: of 2 code values H.264
+took 0 to 4 % of the amplitude, of 14 or more below 1 %."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ModelledFloor:
+    """Makes the light of a floor under seas.
+
+    views: (T,) where the frame at each time shows the region. pixel_m: of the region. beam, unturned: fractions f and s
+    above. codes: of `FloorSeries`. blur: standard deviation [pixels of the plate] of what blurs its frames: a codec.
+    """
+
+    views: tuple[FloorView, ...]
+    pixel_m: float
+    time_s: Array
+    depth_m: float
+    sun_in_air: Array
+    beam: float
+    unturned: float
+    spread: BeamSpread | None = None
+    refractive_index: float = REFRACTIVE_INDEX_SEA
+    codes: float = math.inf
+    blur: float = 0.0
+
+    @classmethod
+    def of(cls, series: FloorSeries, sun_share: float = 0.0) -> ModelledFloor:
+        """Return the model for the floor of a plate.
+
+        sun_share: q, 0 for that of a clear sky.
+        """
+        sun_share = sun_share or CLEAR_SKY_DIRECT
+        medium, at = series.medium, np.array([series.floor_depth_m])
+        up = float(refract_to_water(series.sun_in_air, medium.refractive_index)[1])
+        whole = ambient_ratio(medium.unit_table, at) / ambient_ratio(medium.unit_table, 0.0)
+        direct = (1.0 - (1.0 - sun_share) * CLEAR_SKY) * beam_fraction(medium.unit_table, at, up)
+        seen = luminance(np.diag(series.color)) / max(float(luminance(series.color)), 1e-12)
+        fraction = (direct / whole)[0] * seen
+        beam = float(np.sum(fraction))
+        unturned = float(np.sum(unscattered_share(medium.unit_table, at, up)[0] * fraction)) / max(beam, 1e-12)
+        spread = spread_of(medium)
+        return cls(
+            series.views, series.grid.pixel_m, series.time_s, series.floor_depth_m, series.sun_in_air,
+            beam, unturned, spread, medium.refractive_index, series.codes,
+        )  # fmt: skip
+
+    def as_coded(self, beam: float, codec: float) -> ModelledFloor:
+        """Return the floor with `beam` times the beam's fraction, through a codec that takes the part `codec` (0 to 1)
+        of the most that codecs take of a pattern of so few code values."""
+        lost = codec * min(_MOST_LOST / self.codes, 0.5)
+        blur = codec * min(_MOST_SPREAD / self.codes, _WIDEST_BLUR)
+        return replace(self, beam=min(self.beam * beam, 1.0) * (1.0 - lost), blur=blur)
+
+    def light(self, sea: Sea) -> NDArray[np.float32]:
+        """Return the light (T, n, n) of the floor under a sea, relative to that under a flat one."""
+        settings = self._settings(sea)
+        times = zip(self.views, self.time_s, strict=True)
+        return np.array([self._at(sea, float(time_s), view, settings) for view, time_s in times])
+
+    def _settings(self, sea: Sea) -> CausticSettings:
+        size = 2.0 ** np.ceil(np.log2(sea.tile_m / self.pixel_m))
+        shortest = getattr(sea, "shortest_wavelength_m", None) or sea.tile_m / 40.0
+        grid = _GRID_PER_WAVE * sea.tile_m / shortest
+        return CausticSettings(size=int(np.clip(size, *_SIZES)), grid=int(np.clip(grid, *_GRIDS)))
+
+    def _at(self, sea: Sea, time_s: float, view: FloorView, settings: CausticSettings) -> NDArray[np.float32]:
+        at = np.array([self.depth_m])
+        stack = caustic_stack(sea, self.sun_in_air, at, time_s, settings, self.refractive_index, self.spread)
+        pattern = self.unturned * (stack.ratio[..., 1:2] - 1.0)
+        if stack.soft is not None:
+            pattern = pattern + (1.0 - self.unturned) * (stack.soft - 1.0)
+        along = self.depth_m / stack.sun_direction[1] * stack.sun_direction
+        u, v = (view.x_m + along[0]) / stack.tile_m, (view.z_m + along[2]) / stack.tile_m
+        seen = _read(mip_levels(pattern), u, v, view.footprint_m / stack.tile_m)
+        return 1.0 + np.float32(self.beam) * view.read(seen, self.blur)
+
+
+def _read(levels: list[Floats], u: Array, v: Array, footprint: Array) -> NDArray[np.float32]:
+    """Return mip levels (1, size, size, 1) at places of a tile, averaged over footprints; all (h, w), in tiles."""
+    import cv2
+
+    level = mip_level(footprint, 1.0 / levels[0].shape[1], len(levels) - 1.0)
+    image = np.zeros(u.shape, np.float32)
+    for k, texels in enumerate(levels):
+        weight = np.maximum(1.0 - np.abs(level - k), 0.0).astype(np.float32)
+        if weight.any():
+            size = texels.shape[1]
+            x, y = (np.remainder(a * size - 0.5, size).astype(np.float32) for a in (u, v))
+            picture = texels[0, ..., 0].astype(np.float32)
+            image += weight * cv2.remap(picture, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)
+    return image

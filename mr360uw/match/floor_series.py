@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The light of a plate's level floor over time: a square of it laid out in the world, column = +x, row = +z.
+"""The light of a plate's level floor over time, laid out in the world (column = +x, row = +z), and its measures.
 
 The camera's position and rotation are taken from every frame's place in the world, so a floor that stands still stands
 still here. Seen from above with forward (-z) at the top.
@@ -10,33 +10,27 @@ another way differs in its finest detail by 10 to 20 %, and so does the wind tha
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.caustic_lookup import mip_level, mip_levels
-from mr360uw.caustics import CausticSettings, caustic_stack
-from mr360uw.caustics.settings import Sea
 from mr360uw.color import encode, luminance
-from mr360uw.constants import REFRACTIVE_INDEX_SEA
-from mr360uw.ibl.sun.closure import CLEAR_SKY, CLEAR_SKY_DIRECT
+from mr360uw.constants import GRAVITY_M_S2
+from mr360uw.errors import ParameterError
 from mr360uw.medium import Medium
-from mr360uw.medium.fit.profile import fit_level
-from mr360uw.medium.lookup import ambient_ratio, beam_fraction, unscattered_share, veil_lookup
-from mr360uw.medium.small_angles import spread_of
-from mr360uw.optics import refract_to_air, refract_to_water
+from mr360uw.medium.lookup import veil_lookup
+from mr360uw.medium.open_water import fit_level
+from mr360uw.optics import refract_to_air
 from mr360uw.progress import Progress
 from mr360uw.render.plate_map import level_view
 from mr360uw.render.surroundings import load_surroundings
-from mr360uw.scene.inputs import open_plate
 from mr360uw.scene.model import Scene, at_scale
+from mr360uw.scene.resolved import open_plate
 from mr360uw.sphere import direction_from_frame, frame_from_direction
-from mr360uw.types import BeamSpread, Floats, MediumTable
-
-Array = NDArray[np.float64]
+from mr360uw.types import Array, Floats, MediumTable
 
 _FINER = 2
 """Points across a pixel of the region, whose mean it is: the plate's pixels below the camera are finer."""
@@ -48,7 +42,7 @@ _MOST_BLUR = 0.7
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FloorView:
-    """Where a frame shows a region, for one place and rotation of the camera.
+    """Pixels in which a frame shows a region, for one place and rotation of the camera.
 
     rows: [first, last) of the frame that hold the region. x_m, z_m, footprint_m: (h, W) of these pixels on the floor,
     the footprint as the side of a square of their area. column, row: (2 n, 2 n) where points of the region lie in the
@@ -151,7 +145,7 @@ class FloorGrid:
         return np.asarray(seen - veil_lookup(table, distance, -down / distance), np.float32)
 
 
-DEFAULT_S = 2.0
+_DEFAULT_S = 2.0
 """Length [s] of the part of a clip that is measured unless frames are given. Waves of 8 m have a period of 2.3 s."""
 _STEP_S = 1.0 / 6.0
 """Time [s] between the frames that are read: waves of 0.25 m, the shortest that matter, have twice that period."""
@@ -214,7 +208,7 @@ def floor_series(scene: Scene, frames: tuple[int, int] | None = None, progress: 
     with open_plate(small) as video:
         start, stop = (0, None) if frames is None else frames
         if frames is None and video.frame_count is not None:
-            stop = min(video.frame_count, round(DEFAULT_S * rate))
+            stop = min(video.frame_count, round(_DEFAULT_S * rate))
         start, stop = video.check_range(start, stop)
         step = max(1, round(_STEP_S * rate))
         times = np.arange(start, stop, step) / rate
@@ -279,111 +273,172 @@ def _floor_of(scene: Scene) -> float:
     return receiver.height_m
 
 
-# Our caustics of a sea on the region of floor that a plate shows, read through the pixels of its camera.
+# Measures of a moving pattern of light on a level floor: contrast, scale, speed and direction of travel.
 #
-#     E/<E> = 1 + f (s (C - 1) + (1 - s) (B - 1))        f = (1 - (1 - q) sky) b(d)/r(d)
+#     C(x, t) = E(x, t)/<E(x)>_t - 1        P(k, w) = |F{h C}|^2 / (n sum h^2)
 #
-# f: fraction of the daylight on the floor, at the depth d, that is the sun's beam; q: the same just below the surface;
-# sky: colour of the rest; b, r: fractions of the beam and of all light that reach d; s: fraction of the beam that has
-# not turned; C: caustic ratio of that part, B: of the rest. The fractions are means over R, G and B, weighted by the
-# luminance of each in the floor that is seen. C and B are averaged over the footprint of each of the plate's pixels;
-# the region is then read from the pixels as it is from the plate's.
+# E: light of the floor at world (x, z), <>_t its mean over time, which takes the texture of the floor with it. h: Hann
+# window over x, z and t. P sums to the variance of C. A wave cos(k.x - w t) has its power at -k where w > 0 in the sign
+# of the transform: it travels along +k. Waves and what they focus travel alike, so directions have their sign.
+#
+# Pictures show the plate's caustics on the floor beside ours, and their spectra. North (-z) is at the top.
 
-_SIZES = (64, 512)
-"""Least and most pixels of a map across the sea's tile."""
-_GRID_PER_WAVE = 5
-"""Cells of the surface in its shortest wave. Three make a pattern that is less sharp: the wind that fits a finer one is
-then 5 to 20 % too strong. Twice as many move it by 2 to 8 %, the most in the weakest winds."""
-_GRIDS = (64, 256)
-_MOST_LOST, _MOST_SPREAD, _WIDEST_BLUR = 0.07, 0.6, 0.5
-"""Most of the pattern's amplitude that a codec takes, and most of its blur [pixels of the plate], times the pattern's
-standard deviation in code values; the last is the most of any. Codecs drop what is below a step: of 2 code values H.264
-took 0 to 4 % of the amplitude, of 14 or more below 1 %."""
+Codes = NDArray[np.uint8]
+
+_SIDE = 320
+"""Pixels of one square."""
+_LABEL_ROWS, _GAP = 26, 6
+_BRIGHTEST = 3.0
+"""Standard deviations of the plate's light above its mean that are white; as many below are black."""
+_FINEST_M = 0.25
+"""Wavelength [m] at the edge of the spectra."""
+_DECADES = 3.0
+"""Powers of ten of a spectrum between black and white."""
+_NAMES = ("plate", "ours before", "ours after")
+
+
+def floor_pictures(shown: Sequence[PatternMeasures]) -> Codes:
+    """Return the light of floors (plate, before, after) side by side, (H, W, 3), on one scale."""
+    reach = _BRIGHTEST * max(float(np.std(shown[0].relative)), 1e-6)
+    grey = [np.clip(0.5 + 0.5 * one.relative / reach, 0.0, 1.0) for one in shown]
+    labels = [f"{name}, contrast {100 * one.contrast:.0f} %" for name, one in zip(_NAMES, shown, strict=False)]
+    return _side_by_side(grey, labels)
+
+
+def spectrum_pictures(shown: Sequence[PatternMeasures], pixel_m: float) -> Codes:
+    """Return the power over wave vectors of travel, long waves in the middle, as logarithms on one scale."""
+    parts = []
+    top = max(float(shown[0].spectrum.max()), 1e-30)
+    for one in shown:
+        power = one.spectrum
+        n = len(power)
+        half = int(np.clip(round(n * pixel_m / _FINEST_M), 2, n // 2 - 1))
+        middle = slice(n // 2 - half, n // 2 + half + 1)
+        level = np.log10(np.maximum(power[middle, middle], 1e-30) / top)
+        parts.append(np.clip(1.0 + level / _DECADES, 0.0, 1.0))
+    labels = [
+        f"{name}, {one.scale_m:.2f} m to {one.azimuth_deg:.0f} deg" for name, one in zip(_NAMES, shown, strict=False)
+    ]
+    return _side_by_side(parts, labels)
+
+
+def _side_by_side(parts: Sequence[Floats], labels: Sequence[str]) -> Codes:
+    """Return pictures (n, n) of 0 to 1 as squares in a row, (H, W, 3), each with its label below."""
+    import cv2
+
+    sheet = np.full((_SIDE + _LABEL_ROWS, len(parts) * (_SIDE + _GAP) - _GAP, 3), 24, np.uint8)
+    for number, (part, label) in enumerate(zip(parts, labels, strict=True)):
+        left = number * (_SIDE + _GAP)
+        codes = np.asarray(255.0 * part + 0.5, np.float32).astype(np.uint8)
+        square = cv2.resize(codes, (_SIDE, _SIDE), interpolation=cv2.INTER_LINEAR)
+        sheet[:_SIDE, left : left + _SIDE] = square[..., None]
+        at = left + 4, _SIDE + _LABEL_ROWS - 8
+        cv2.putText(sheet, label, at, cv2.FONT_HERSHEY_SIMPLEX, 0.5, (235, 235, 235), 1, cv2.LINE_AA)
+    return sheet
+
+
+_BANDS_PER_OCTAVE = 2
+"""Bands of wavelength in an octave. Twice as many, each holds half the waves and varies more by chance."""
+_FEWEST_PERIODS = 3.0
+"""Least number of wavelengths across the region in its longest band; the window halves them."""
+_BROADEST = 0.15
+"""Standard deviation, over the region's side, of the blur that is taken out: a wave as long as the longest band keeps
+0.99 of its amplitude. Twice as large, that of the exposure stays in."""
+_TINY = 1e-30
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ModelledFloor:
-    """Makes the light of a floor under seas.
+class PatternMeasures:
+    """Measures of a pattern over a square region.
 
-    views: (T,) where the frame at each time shows the region. pixel_m: of the region. beam, unturned: fractions f and s
-    above. codes: of `FloorSeries`. blur: standard deviation [pixels of the plate] of what blurs its frames: a codec.
+    contrast: standard deviation over mean. wavelength_m: (b,) middle of each band, ascending. power: (b,) variance of
+    the relative light in each band. frequency_rad_s: (b,) mean angular frequency of each band, weighted by power.
+    direction: (2,) over (x, z), mean unit vector of travel weighted by power; its length is 0 for a pattern without
+    direction and 1 for a plane wave. spectrum: (n, n) power over wave vectors of travel, zero in the middle. relative:
+    (n, n) C at the time in the middle.
     """
 
-    views: tuple[FloorView, ...]
-    pixel_m: float
-    time_s: Array
-    depth_m: float
-    sun_in_air: Array
-    beam: float
-    unturned: float
-    spread: BeamSpread | None = None
-    refractive_index: float = REFRACTIVE_INDEX_SEA
-    codes: float = math.inf
-    blur: float = 0.0
+    contrast: float
+    wavelength_m: Array
+    power: Array
+    frequency_rad_s: Array
+    direction: Array
+    spectrum: Array
+    relative: Floats
 
-    @classmethod
-    def of(cls, series: FloorSeries, sun_share: float = 0.0) -> ModelledFloor:
-        """Return the model for the floor of a plate.
+    @property
+    def scale_m(self) -> float:
+        """Mean wavelength [m] of the bands, of the logarithm and weighted by power."""
+        return float(np.exp(np.average(np.log(self.wavelength_m), weights=np.maximum(self.power, _TINY))))
 
-        sun_share: q, 0 for that of a clear sky.
+    @property
+    def dispersion(self) -> float:
+        """Median over the bands of the frequency over that of deep-water waves of the same length, sqrt(g k).
+
+        About 1 for caustics at the right scale; it grows with the square root of a floor's height that is too large.
         """
-        sun_share = sun_share or CLEAR_SKY_DIRECT
-        medium, at = series.medium, np.array([series.floor_depth_m])
-        up = float(refract_to_water(series.sun_in_air, medium.refractive_index)[1])
-        whole = ambient_ratio(medium.unit_table, at) / ambient_ratio(medium.unit_table, 0.0)
-        direct = (1.0 - (1.0 - sun_share) * CLEAR_SKY) * beam_fraction(medium.unit_table, at, up)
-        seen = luminance(np.diag(series.color)) / max(float(luminance(series.color)), 1e-12)
-        fraction = (direct / whole)[0] * seen
-        beam = float(np.sum(fraction))
-        unturned = float(np.sum(unscattered_share(medium.unit_table, at, up)[0] * fraction)) / max(beam, 1e-12)
-        spread = spread_of(medium)
-        return cls(
-            series.views, series.grid.pixel_m, series.time_s, series.floor_depth_m, series.sun_in_air,
-            beam, unturned, spread, medium.refractive_index, series.codes,
-        )  # fmt: skip
+        waves = np.sqrt(GRAVITY_M_S2 * 2.0 * np.pi / self.wavelength_m)
+        return float(np.median(self.frequency_rad_s / waves))
 
-    def as_coded(self, beam: float, codec: float) -> ModelledFloor:
-        """Return the floor with `beam` times the beam's fraction, through a codec that takes the part `codec` (0 to 1)
-        of the most that codecs take of a pattern of so few code values."""
-        lost = codec * min(_MOST_LOST / self.codes, 0.5)
-        blur = codec * min(_MOST_SPREAD / self.codes, _WIDEST_BLUR)
-        return replace(self, beam=min(self.beam * beam, 1.0) * (1.0 - lost), blur=blur)
-
-    def light(self, sea: Sea) -> NDArray[np.float32]:
-        """Return the light (T, n, n) of the floor under a sea, relative to that under a flat one."""
-        settings = self._settings(sea)
-        times = zip(self.views, self.time_s, strict=True)
-        return np.array([self._at(sea, float(time_s), view, settings) for view, time_s in times])
-
-    def _settings(self, sea: Sea) -> CausticSettings:
-        size = 2.0 ** np.ceil(np.log2(sea.tile_m / self.pixel_m))
-        shortest = getattr(sea, "shortest_wavelength_m", None) or sea.tile_m / 40.0
-        grid = _GRID_PER_WAVE * sea.tile_m / shortest
-        return CausticSettings(size=int(np.clip(size, *_SIZES)), grid=int(np.clip(grid, *_GRIDS)))
-
-    def _at(self, sea: Sea, time_s: float, view: FloorView, settings: CausticSettings) -> NDArray[np.float32]:
-        at = np.array([self.depth_m])
-        stack = caustic_stack(sea, self.sun_in_air, at, time_s, settings, self.refractive_index, self.spread)
-        pattern = self.unturned * (stack.ratio[..., 1:2] - 1.0)
-        if stack.soft is not None:
-            pattern = pattern + (1.0 - self.unturned) * (stack.soft - 1.0)
-        along = self.depth_m / stack.sun_direction[1] * stack.sun_direction
-        u, v = (view.x_m + along[0]) / stack.tile_m, (view.z_m + along[2]) / stack.tile_m
-        seen = _read(mip_levels(pattern), u, v, view.footprint_m / stack.tile_m)
-        return 1.0 + np.float32(self.beam) * view.read(seen, self.blur)
+    @property
+    def azimuth_deg(self) -> float:
+        """Azimuth [deg] of the direction of travel, 0 = forward (-z), 90 = right (+x), in [0, 360)."""
+        return float(np.degrees(np.arctan2(self.direction[0], -self.direction[1]))) % 360.0
 
 
-def _read(levels: list[Floats], u: Array, v: Array, footprint: Array) -> NDArray[np.float32]:
-    """Return mip levels (1, size, size, 1) at places of a tile, averaged over footprints; all (h, w), in tiles."""
+def relative_light(light: Floats) -> NDArray[np.float32]:
+    """Return C (T, n, n) of a series of the light (T, n, n) of a floor; 0 where the mean is not positive.
+
+    What changes over more than `_BROADEST` of the region is taken out of every frame: exposure, shade, shafts.
+    """
     import cv2
 
-    level = mip_level(footprint, 1.0 / levels[0].shape[1], len(levels) - 1.0)
-    image = np.zeros(u.shape, np.float32)
-    for k, texels in enumerate(levels):
-        weight = np.maximum(1.0 - np.abs(level - k), 0.0).astype(np.float32)
-        if weight.any():
-            size = texels.shape[1]
-            x, y = (np.remainder(a * size - 0.5, size).astype(np.float32) for a in (u, v))
-            picture = texels[0, ..., 0].astype(np.float32)
-            image += weight * cv2.remap(picture, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)
-    return image
+    mean = light.mean(axis=0, dtype=np.float64)
+    lit = mean > 0.0
+    relative = np.where(lit, light / np.where(lit, mean, 1.0) - 1.0, 0.0).astype(np.float32)
+    sigma = _BROADEST * light.shape[1]
+    return np.array([one - cv2.GaussianBlur(one, (0, 0), sigma, borderType=cv2.BORDER_REFLECT) for one in relative])
+
+
+def bands(size_m: float, finest_m: float) -> Array:
+    """Return the edges (b + 1,) [m], ascending, of the bands of wavelength that a region shows.
+
+    size_m: side of the region. finest_m: shortest wavelength that is seen. Raises `ParameterError` where not one band
+    lies between.
+    """
+    longest = size_m / _FEWEST_PERIODS
+    count = int(np.floor(_BANDS_PER_OCTAVE * np.log2(longest / finest_m))) if longest > finest_m else 0
+    if count < 1:
+        raise ParameterError(
+            f"region - is too small for its pixels (got {size_m:.2g} m for waves from {finest_m:.2g} m up) - take a "
+            "larger one, or a plate with more pixels"
+        )
+    return longest * 2.0 ** (np.arange(-count, 1) / _BANDS_PER_OCTAVE)
+
+
+def pattern_measures(relative: Floats, pixel_m: float, step_s: float, edges_m: Array) -> PatternMeasures:
+    """Return the measures of C (T, n, n). pixel_m: of the region. step_s: between frames. edges_m: see `bands`."""
+    frames, n = relative.shape[:2]
+    space, time = np.hanning(n + 2)[1:-1], np.hanning(frames + 2)[1:-1]
+    window = time[:, None, None] * space[:, None] * space
+    seen = (relative.astype(np.float64) - relative.mean()) * window
+    transform = np.fft.fft2(np.fft.rfft(seen, axis=0))
+    power = np.abs(transform) ** 2 / (relative.size * np.sum(window**2))
+    power[1 : (frames + 1) // 2] *= 2.0
+    frequency = 2.0 * np.pi / (frames * step_s) * np.arange(len(power))
+    k = 2.0 * np.pi * np.fft.fftfreq(n, pixel_m)
+    length = np.hypot(k, k[:, None])
+    of_band = np.digitize(2.0 * np.pi / np.maximum(length, _TINY), edges_m) - 1
+    count = len(edges_m) - 1
+    inside = (of_band >= 0) & (of_band < count)
+    still, moving = power.sum(axis=0), np.tensordot(frequency, power, 1)
+    banded = np.bincount(of_band[inside], still[inside], count).astype(np.float64)
+    rate = np.bincount(of_band[inside], moving[inside], count).astype(np.float64) / np.maximum(banded, _TINY)
+    # the frequency 0 has no sense of travel
+    gone = power[1:].sum(axis=0)
+    travel = -np.stack([np.broadcast_to(k, length.shape), np.broadcast_to(k[:, None], length.shape)])
+    unit = travel / np.maximum(length, _TINY)
+    direction = np.array([np.sum((u * gone)[inside]) for u in unit]) / max(float(gone[inside].sum()), _TINY)
+    middle = np.sqrt(edges_m[:-1] * edges_m[1:])
+    shown = np.fft.fftshift(np.roll(gone[::-1, ::-1], (1, 1), (0, 1)))
+    return PatternMeasures(float(relative.std()), middle, banded, rate, direction, shown, relative[frames // 2].copy())

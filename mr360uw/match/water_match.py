@@ -2,7 +2,7 @@
 """Fits a scene's water to patches of open water that a user marks in the plate.
 
 The solved light of every water at the camera's depth, with the scene's sky, is compared with the patch: its colour and
-how that changes with elevation (`medium.fit.waterfit`). Exposure is free, a white balance is allowed at a cost.
+how that changes with elevation (`medium.waterfit`). Exposure is free, a white balance is allowed at a cost.
 """
 
 from __future__ import annotations
@@ -12,27 +12,24 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mr360uw.color import encode
 from mr360uw.errors import ParameterError
 from mr360uw.medium import Medium, WaterSettings
-from mr360uw.medium.fit.profile import DOUBTFUL, LevelView, fit_level
-from mr360uw.medium.fit.waterfit import CONFIDENT, WaterComparison, compare_waters, resampled
 from mr360uw.medium.medium import Mode
+from mr360uw.medium.open_water import DOUBTFUL, LevelView, fit_level
 from mr360uw.medium.water import JERLOV_TYPES
+from mr360uw.medium.waterfit import CONFIDENT, WaterComparison, compare_waters, resampled
 from mr360uw.render.plate_map import level_view
 from mr360uw.render.surroundings import CameraPath
-from mr360uw.scene.inputs import open_plate
 from mr360uw.scene.model import Scene
+from mr360uw.scene.resolved import open_plate
 from mr360uw.shapes import checked
 from mr360uw.sphere import direction_from_angles, frame_from_direction
-from mr360uw.types import Floats
+from mr360uw.types import Array, Floats
 from mr360uw.video import VideoFrame
 
-Array = NDArray[np.float64]
-
-VISIBILITIES_M = (1.3, 1.8, 2.5, 3.5, 5.0, 7.0, 10.0, 14.0, 20.0, 28.0, 40.0, 56.0, 80.0)
+_VISIBILITIES_M = (1.3, 1.8, 2.5, 3.5, 5.0, 7.0, 10.0, 14.0, 20.0, 28.0, 40.0, 56.0, 80.0)
 """Visibilities [m] that are tried where the scene gives one: steps of a factor of 1.4, less than types differ by."""
 _BANDS = 31
 """Wavelengths of the light field: 10 nm apart, far finer than waters differ."""
@@ -105,7 +102,7 @@ _Veil = tuple[Changes, Array, float]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _View:
-    """What a plate shows: light (r, 3) of the rows of patches, the y `up` (r,) of their directions, and its horizon.
+    """Open water of a plate: light (r, 3) of the rows of patches, the y `up` (r,) of their directions, and its horizon.
 
     frames: the light in each frame, of which `light` is the mean.
     """
@@ -141,6 +138,7 @@ def match_water(
     scene's own mode, no nearer to the plate are not proposed. Raises `ParameterError` for patches that are black or no
     water, `VideoError`.
     """
+    # Read the light of the patches, unless there is no water to match
     patches = [patch] if isinstance(patch, WaterPatch) else list(patch)
     if not patches:
         raise ParameterError("water - has no patch (got none) - mark one")
@@ -148,6 +146,7 @@ def match_water(
     if water.type == "none":
         return WaterMatch("Nothing is matched. The scene has no water; set water.type first.")
     view = _read(scene, patches, frames)
+    # Compare the solved veils of all candidates with it, and with random draws of the frames
     tried = _candidates(water)
     media = {name: _medium(candidate, depth, "table") for name, candidate in tried.items()}
     lights = {n: np.maximum(m.level_radiance(view.up), _TINY) for n, m in media.items()}
@@ -156,6 +155,7 @@ def match_water(
     if len(view.frames) > 1:
         drawn = resampled(lambda some: compare_waters(np.mean(some, axis=0), lights).nearest, view.frames, _DRAWS, 1)
         agreement = drawn.count(found.nearest) / _DRAWS
+    # Fit the present water and the nearest one, and take what deviates less from the plate
     doubtful = not water.fits_ratio and fit_level(media[found.nearest], view.level)[1] >= DOUBTFUL
     from_patch = water.gain != "auto" or doubtful
     own = _medium(water, depth, water.mode)
@@ -189,7 +189,7 @@ def _change(water: WaterSettings, nearest: str) -> Changes:
 def _candidates(water: WaterSettings) -> dict[str, WaterSettings]:
     """Return the waters that are tried, by the value of the key that makes them."""
     if water.of_visibility_alone:
-        return {f"{v:g}": water.model_copy(update={"visibility_m": v}) for v in VISIBILITIES_M}
+        return {f"{v:g}": water.model_copy(update={"visibility_m": v}) for v in _VISIBILITIES_M}
     return {name: water.model_copy(update={"type": name}) for name in JERLOV_TYPES}
 
 

@@ -1,22 +1,22 @@
 from .closed_form import multiple_scattering
-from .fit.exposure import exposure_change, fit_gain, picture_change, steady_gain
-from .fit.profile import PlateProfile
-from .fit.water_by_distance import WaterByDistance
-from .fit.waterfit import WaterFit, fit_water
+from .exposure import exposure_change, fit_gain, picture_change, steady_gain
 from .layers import LayeredField
+from .lookup import compress_gamut
 from .medium import MODES, Medium
 from .models import spectral_model
+from .open_water import PlateProfile
 from .phase import PhaseTable
 from .ray_field import LambertFloor
 from .settings import WaterSettings
 from .shafts.shaft_field import FroxelGrid, ShaftField, shaft_deviation, shaft_field
 from .shafts.shaft_scene import ShaftScene
 from .shafts.single_scattering import single_scattering
-from .spectral.bands import Bands, bands
-from .spectral.sensor import Sensor, cameras, illuminant, reflectance
-from .tabulate import compress_gamut
+from .spectra import Sensor, cameras, illuminant, reflectance
 from .transfer import LightField
 from .water import JERLOV_TYPES, Water
+from .water_by_distance import WaterByDistance
+from .waterfit import WaterFit, fit_water
+from .wavelengths import Bands, bands
 
 __all__ = [
     "JERLOV_TYPES",

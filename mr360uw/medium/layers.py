@@ -22,11 +22,12 @@ from pydantic import PositiveInt
 from mr360uw.constants import PI, REFRACTIVE_INDEX_SEA
 from mr360uw.errors import ParameterError
 from mr360uw.medium.closed_form import check_ray, ray_in_water
-from mr360uw.medium.ordinates import Modes, Ordinates, nodes
 from mr360uw.medium.phase import Phase, without_peak
 from mr360uw.medium.ray_field import (
     LambertFloor,
+    Modes,
     OfBeam,
+    Ordinates,
     RayField,
     Sky,
     SkyShape,
@@ -36,15 +37,15 @@ from mr360uw.medium.ray_field import (
     floor_at,
     index_below,
     length_to,
+    nodes,
     sky_parts,
 )
-from mr360uw.medium.tables import read_table
+from mr360uw.medium.spectra import read_table
 from mr360uw.medium.transfer import STREAMS_PER_HEMISPHERE
 from mr360uw.optics import critical_cosine, fresnel_from_below
 from mr360uw.shapes import checked, exactly, numbers
 from mr360uw.threads import one_blas_thread
-
-Array = NDArray[np.float64]
+from mr360uw.types import Array
 
 
 class LayeredField:
@@ -494,6 +495,7 @@ class LayeredField:
         """Find the amounts of all layers' modes and keep them: `_modes`, a layer each, the beam's mode last."""
         mu, w, streams, layers = self._mu, self._weight, len(self._mu), len(self.top_m)
         chi, index = self._chi, self._index
+        # Share the light that enters between the sun's beam and the sky
         self._sun_mu, sun_share = sky_parts(sky)
         self._shape = sky if isinstance(sky, SkyShape) else SkyShape()
         entering = (1.0 - fresnel_from_below(mu, index)) * self._shape.seen_through(mu, index)
@@ -501,6 +503,7 @@ class LayeredField:
         entering = entering * of_sky
         bottom = np.append(self.top_m[1:], self._floor_m)
         self._beam = np.full(self.absorption.shape[1], sun_share / self._sun_mu)
+        # Find the free modes of each layer, and those that the sun's beam drives in it
         free, sun, waters = [], [], []
         for layer, (top, end) in enumerate(zip(self.top_m, bottom, strict=True)):
             moments = (2 * np.arange(chi.shape[1]) + 1) * chi * (self._faded[layer] - self.absorption[layer])[:, None]
@@ -511,6 +514,7 @@ class LayeredField:
             free.append(down if np.isinf(end) else down.beside(fading.mirrored(end)))
             driven = water.driven(self._sun_mu, self._beam * self._beam_left(np.array(top)))
             sun.append(Modes(driven.rate, np.full(1, top), driven.down, driven.up))
+        # State what the surface and the floor ask of the light at them
         reflectance = fresnel_from_below(mu, index)[:, None]
 
         def at_surface(modes: Modes) -> Array:
@@ -522,6 +526,7 @@ class LayeredField:
             sent = 2.0 * self._albedo[:, None] * w * mu
             return np.asarray(up - np.einsum("ni,nij->nj", sent, down)[:, None])
 
+        # Set up one linear system: the surface, continuity between layers, the floor
         size = [modes.rate.shape[1] for modes in free]
         start = np.concatenate([[0], np.cumsum(size)])
         system = np.zeros((len(self._beam), start[-1], start[-1]))
@@ -539,6 +544,7 @@ class LayeredField:
             beam = self._beam * self._sun_mu * self._beam_left(np.array(self._floor_m))
             system[:, row:, start[-2] :] = at_floor(free[-1])
             known[:, row:] = (self._albedo / PI * beam)[:, None] - at_floor(sun[-1])[..., 0]
+        # Solve for the amounts, then scale all to a unit of irradiance just below the surface
         amount = np.linalg.solve(system, known[..., None])[..., 0]
         parts = [amount[:, a:b] for a, b in pairwise(start)]
         modes = [m.times(part).beside(beam) for m, part, beam in zip(free, parts, sun, strict=True)]
@@ -550,6 +556,7 @@ class LayeredField:
     def _weighted(self, y: Array, normal: Array | None, *, slope: bool) -> Array:
         """Return the irradiance (..., n) of planes of a normal (...), or of spheres for None; or its slope in depth."""
         y = np.minimum(y, self._floor_m)
+        # Sum the modes of each layer at its depths
         layer_of, flat = self._layer_of(y).ravel(), y.ravel()
         out = np.empty((flat.size, len(self._beam)))
         for layer, modes in enumerate(self._modes):
@@ -557,10 +564,12 @@ class LayeredField:
             if not len(of):
                 continue
             n = None if normal is None else normal.ravel()[of][:, None]
+            # Weigh directions by the cosine to the normal, or all alike
             down, up, direct = (
                 np.full((len(of), x.size), 2.0 * PI) if n is None else cosine_kernel(x, n)
                 for x in (self._mu, -self._mu, np.array([self._sun_mu]))
             )
+            # Fall of each mode and of the beam, or its slope
             fall = np.exp(-modes.rate * (flat[of][:, None, None] - modes.origin_m))
             beam = self._beam * self._beam_left(flat[of]) * direct / (2.0 * PI)
             if slope:

@@ -1,17 +1,26 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Medium lookup: veil, transmittance, daylight and sun's beam from a `MediumTable`.
+"""Medium lookup: veil, transmittance, daylight and sun's beam from a `MediumTable`, and how a medium is tabulated.
 
 A pixel costs the same for any number of wavelengths in the table. Twin: lookup.glsl.
 """
 
 from __future__ import annotations
 
+import functools
+from collections.abc import Callable
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import ArrayLike
 
-from mr360uw.constants import BRIGHTEST_LOG
+from mr360uw.color import luminance
+from mr360uw.constants import BRIGHTEST_LOG, GAMUT_POWER, GAMUT_THRESHOLD
+from mr360uw.medium.models import FieldModel, OneLight, SpectralModel
+from mr360uw.medium.wavelengths import Bands
+from mr360uw.reading.disk_cache import kept_arrays
+from mr360uw.shapes import vectors
 from mr360uw.texels import between_four
-from mr360uw.types import Floats, MediumTable
+from mr360uw.types import Array, Floats, MediumTable
 
 
 def table_coordinate(length: ArrayLike, length_m: float) -> Floats:
@@ -101,7 +110,249 @@ def unscattered_share(table: MediumTable, depth_m: ArrayLike, sun_up: float) -> 
     and leaves light in it. The caustic pattern C is carried by light that has not been scattered, which decays with
     c = a + b. After the path p = d/sun_up [m] the irradiance under waves is beam (1 + (C - 1) s), s = exp(-(c - c') p).
     Relative to all downwelling light, exp(-Kd d), the pattern has the contrast exp(-(c/sun_up - Kd) d). Light that has
-    turned by small angles has a blurred pattern besides: see `small_angles`.
+    turned by small angles has a blurred pattern besides: see `scattered_light`.
     """
     lost = path_attenuation(table, table.unscattered, depth_m, sun_up)
     return np.exp(np.minimum(path_attenuation(table, table.beam, depth_m, sun_up) - lost, 0.0))
+
+
+# `BandLight` is the light of a spectral model in the linear RGB of a sensor. Ratios of light (transmittance, daylight
+# over depth, the sun's beam) are computed as logarithms of sums over wavelength with the non-negative weights
+# `Bands.lobes`, so that they stay finite and positive however dark the water is.
+#
+# Light in clear water is more saturated than any mixture of Rec.709 primaries: its red is negative. `compress_gamut`
+# maps such colours into the gamut smoothly. Each channel's distance from the largest, d = 1 - x/max, is compressed
+# above a threshold towards 1, by the curve of the reference gamut compression of ACES 1.3 (AMPAS 2021) with its limit
+# at infinity; then the luminance is restored. Colours well inside are unchanged; k times a colour gives k times the
+# result.
+#
+# `FormationModel` has one constant per channel instead of a spectrum.
+
+UnitVeil = Callable[[Array, Array], Array]
+
+VEIL_SIZE = (129, 40)
+ATTENUATION_SIZE = (64, 96)
+DEPTH_SIZE = 256
+NORMALS = 17
+"""Nodes over (up, distance), (depth, distance), depth and (y of a normal, depth).
+
+Chosen so that the mean error against direct sums over wavelength is below 0.1 % and that of 95 % of rays below 0.5 %.
+"""
+
+_TINY = 1e-300
+_FARTHEST = 1e4
+"""The last node stands for infinity and is evaluated at this many table lengths."""
+STEP = 1e-4
+"""Relative step of one-sided derivatives, and least distance at which quotients are evaluated, in table lengths."""
+
+
+def lengths(count: int, length_m: float) -> Array:
+    """Return the distances (count,) whose table coordinates are uniform; the last is large, not infinite."""
+    t = np.arange(count) / (count - 1)
+    return length_m * np.append(t[:-1] / (1.0 - t[:-1]), _FARTHEST)
+
+
+def depth_nodes(length_m: float, deepest_m: float) -> Array:
+    """Return the depths [m] (DEPTH_SIZE,) of the tables over depth, at most `deepest_m`."""
+    return np.minimum(lengths(DEPTH_SIZE, length_m), deepest_m)
+
+
+def normal_nodes() -> Array:
+    """Return the y (NORMALS,) of the normals of tables over them."""
+    return np.linspace(-1.0, 1.0, NORMALS)
+
+
+def medium_table(
+    light: BandLight,
+    camera_depth_m: float,
+    length_m: float,
+    unit_veil: UnitVeil,
+    mode: str,
+    glow: UnitVeil | None = None,
+) -> MediumTable:
+    """Return the tables of a camera at a depth, colours within the gamut; those of a solved field are kept on the disk.
+
+    length_m: L of the coordinates S/(S + L). unit_veil: function of (distance, up) that gives the veil (..., 3) of
+    camera rays, without gain, of a mode of `Medium`. glow: the same of a floor of radiance 1, or None. The veil stays
+    in double precision: at 200 m it is 1e-90 of the surface's light, and only the gain brings it back.
+    """
+
+    def tables() -> dict[str, Array]:
+        return {
+            "veil": _veil(unit_veil, camera_depth_m, length_m),
+            **({} if glow is None else {"glow": _veil(glow, camera_depth_m, length_m)}),
+            "attenuation": _attenuation(light, length_m).astype(np.float32),
+            "diffuse": _diffuse(light, camera_depth_m, length_m).astype(np.float32),
+            "beam": _along_beam(light, light.model.extinction, length_m).astype(np.float32),
+            "unscattered": _along_beam(light, light.model.attenuation, length_m).astype(np.float32),
+        }
+
+    inputs = light.model.inputs if isinstance(light.model, FieldModel) else ()
+    of_bands = light.bands.wavelength_nm, light.bands.weight
+    depends_on = mode, camera_depth_m, length_m, *of_bands, *inputs
+    return MediumTable(camera_depth_m, length_m, **(kept_arrays("water", depends_on, tables) if inputs else tables()))
+
+
+def _veil(unit_veil: UnitVeil, camera_depth_m: float, length_m: float) -> Array:
+    up_step = 2.0 / (VEIL_SIZE[0] - 1)
+    up = np.linspace(-1.0, 1.0, VEIL_SIZE[0])[:, None]
+    s = np.broadcast_to(lengths(VEIL_SIZE[1], length_m), VEIL_SIZE)
+    out = camera_depth_m / np.maximum(up, 1e-9)
+    inside = np.clip(s, STEP * length_m, np.where(up > 0.0, out, np.inf))
+
+    def smooth(s: Array) -> Array:
+        return unit_veil(s, np.broadcast_to(up, s.shape)) / -np.expm1(-s / length_m)[..., None]
+
+    # rays end at the surface, but interpolation reads nodes beyond it: continue linearly as far as the next flatter
+    # ray reaches, and over two cells
+    t, t_out = table_coordinate(s, length_m), table_coordinate(out, length_m)
+    before = (1.0 - STEP) * np.minimum(out, s[:, -1:])
+    at_surface = smooth(np.concatenate([before, before / (1.0 - STEP)], axis=1))
+    slope = (at_surface[:, 1] - at_surface[:, 0])[:, None] / (t_out - table_coordinate(before, length_m))[..., None]
+    flatter = table_coordinate(camera_depth_m / np.maximum(up - up_step, 1e-9), length_m)
+    beyond = np.where(up > 0.0, np.clip(t - t_out, 0.0, flatter - t_out + 2.0 / (VEIL_SIZE[1] - 1)), 0.0)
+    return smooth(inside) + beyond[..., None] * np.where((beyond > 0.0)[..., None], slope, 0.0)
+
+
+def _attenuation(light: BandLight, length_m: float) -> Array:
+    depth = np.minimum(lengths(ATTENUATION_SIZE[0], length_m), light.deepest_m)[:, None]
+    s = np.maximum(lengths(ATTENUATION_SIZE[1], length_m), STEP * length_m)[None, :]
+    return -light.transmittance_log(s, depth) / s[..., None]
+
+
+def _diffuse(light: BandLight, camera: float, length_m: float) -> Array:
+    depth, normal = depth_nodes(length_m, light.deepest_m), normal_nodes()[:, None]
+    lobes = light.bands.lobes
+    here = light.model.irradiance(camera, normal[:, 0]) @ lobes
+    return diffuse_table(light.model.irradiance(depth, normal) @ lobes, here, depth, camera)
+
+
+def diffuse_table(light: Array, here: Array, depth_m: Array, camera_m: float) -> Array:
+    """Return `MediumTable.diffuse` (N, D, 3) of irradiances (N, D, 3) at depths (D,), and those (N, 3) at the camera.
+
+    Where a depth is the camera's, it is that of the next one.
+    """
+    below = (depth_m - camera_m)[:, None]
+    fall = np.log(np.maximum(here, _TINY))[:, None] - np.log(np.maximum(light, _TINY))
+    near = np.abs(below[:, 0]) < STEP * (depth_m[1] + camera_m)
+    table = fall / np.where(near[:, None], 1.0, below)
+    if np.any(near):
+        at = np.flatnonzero(near)
+        table[:, at] = 0.5 * (table[:, np.maximum(at - 1, 0)] + table[:, np.minimum(at + 1, len(depth_m) - 1)])
+    return np.asarray(table)
+
+
+def _along_beam(light: BandLight, extinction: Array, length_m: float) -> Array:
+    path = np.maximum(lengths(DEPTH_SIZE, length_m), STEP * length_m)
+    return -light.beam_log(path, extinction) / path[:, None]
+
+
+def compress_gamut(rgb: ArrayLike) -> Array:
+    """Return linear Rec.709 colours (..., 3) with no negative channel and the luminance they had (0 if negative)."""
+    c = vectors("rgb", rgb).astype(np.float64, copy=False)
+    largest = np.maximum(c.max(axis=-1, keepdims=True), 0.0)
+    d = 1.0 - np.divide(c, largest, out=np.ones(c.shape), where=largest > 0.0)
+    x = np.maximum(d - GAMUT_THRESHOLD, 0.0) / (1.0 - GAMUT_THRESHOLD)
+    compressed = GAMUT_THRESHOLD + (1.0 - GAMUT_THRESHOLD) * x / (1.0 + x**GAMUT_POWER) ** (1.0 / GAMUT_POWER)
+    mapped = largest * (1.0 - np.where(d > GAMUT_THRESHOLD, compressed, d))
+    before, after = luminance(c)[..., None], luminance(mapped)[..., None]
+    return mapped * np.divide(np.maximum(before, 0.0), after, out=np.ones(before.shape), where=after > 0.0)
+
+
+_LEAST = 1e-300
+"""Least irradiance that a logarithm is taken of: the smallest normal double is 2e-308."""
+_LEAST_LIGHT = 1e-250
+"""Irradiance at `deepest_m`, far enough above `_LEAST` that products of it with a transmittance do not reach that."""
+
+
+class BandLight:
+    """A model at the wavelengths of a sensor's bands."""
+
+    def __init__(self, model: SpectralModel, bands: Bands) -> None:
+        self.model, self.bands = model, bands
+
+    def display(self, spectrum: Array) -> Array:
+        """Return RGB (..., 3) within the gamut of spectra (..., n) relative to the illuminant."""
+        rgb = self.bands.rgb(spectrum)
+        return compress_gamut(rgb) if self.bands.signed else rgb
+
+    def fading_length_m(self, depth_m: float) -> float:
+        """Return the distance [m] over which the downwelling light about a depth falls to 1/e.
+
+        Where no light is left it is a thousandth of the depth, from above.
+        """
+        depth_m = min(depth_m, self.deepest_m)
+        step = 1e-3 * depth_m
+        here, below = np.abs(self.bands.weight).sum(axis=1) @ self.model.irradiance(
+            np.array([depth_m, depth_m + step]), 1.0
+        ).T  # fmt: skip
+        return float(step / np.log(here / below)) if below > 0.0 else step
+
+    def transmittance_log(self, distance_m: Array, depth_m: Array) -> Array:
+        """Return the logarithm (..., 3) of the transmittance of a grey object at a depth over a distance."""
+        light = self._log_irradiance(depth_m)
+        s = np.asarray(distance_m, np.float64)[..., None]
+        return self.bands.log_light(light - self.model.extinction * s) - self.bands.log_light(light)
+
+    def ambient_log(self, depth_m: Array) -> Array:
+        """Return the logarithm (..., 3) of the downwelling irradiance at depths."""
+        return self.bands.log_light(self._log_irradiance(depth_m))
+
+    def beam_log(self, path_m: Array, extinction: Array) -> Array:
+        """Return the logarithm (..., 3) of the fraction of a beam that is left after a path from the surface.
+
+        extinction: (n,) [1/m] of the beam: the model's `extinction`, or `attenuation` for its unscattered part.
+        """
+        return self.bands.log_light(-extinction * np.asarray(path_m, np.float64)[..., None])
+
+    def _log_irradiance(self, depth_m: Array) -> Array:
+        return np.log(np.maximum(self.model.irradiance(depth_m, 1.0), _LEAST))
+
+    @functools.cached_property
+    def deepest_m(self) -> float:
+        """Depth [m] at which the light is too weak for double precision; used for all greater depths."""
+        depth = np.geomspace(0.1, 1e6, 300)
+        light = self.model.irradiance(depth, 1.0)[:, np.argmin(self.model.extinction)]
+        return float(depth[light > _LEAST_LIGHT][-1])
+
+
+_WHOLE = 1.0 - 1e-4
+"""Most part of the far veil that a level ray of one fading length has in the formation model."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FormationModel(OneLight):
+    """The image formation model I = J exp(-beta_D z) + B (1 - exp(-beta_B z)), one constant per channel.
+
+    extinction: beta_D, backscatter: beta_B [1/m], veil: B, all (3,). Koschmieder 1924 has beta_D = beta_B; Akkaynak &
+    Treibitz 2018 eq. 20 keep them apart.
+    """
+
+    backscatter: Array
+    veil: Array
+
+    def inscatter(self, distance_m: ArrayLike, depth_m: ArrayLike, up: ArrayLike) -> Array:
+        """Return B (1 - exp(-beta_B z)), the same in every direction and at every depth."""
+        s = np.broadcast_arrays(*(np.asarray(x, np.float64) for x in (distance_m, depth_m, up)))[0][..., None]
+        return -self.veil * np.expm1(-self.backscatter * s)
+
+    def radiance(self, depth_m: ArrayLike, up: ArrayLike) -> Array:
+        """Return B."""
+        shape = np.broadcast_shapes(np.shape(depth_m), np.shape(up))
+        return np.broadcast_to(self.veil, (*shape, 3))
+
+
+def fitted_formation(solved: BandLight, camera_depth_m: float, *, one_attenuation: bool) -> FormationModel:
+    """Return the constants that agree with a solved field on a level ray of one fading length at the camera's depth.
+
+    one_attenuation: beta_B = beta_D (Koschmieder), else beta_B is fitted to the veil.
+    """
+    depth, s = camera_depth_m, solved.fading_length_m(camera_depth_m)
+    direct = -solved.transmittance_log(np.array(s), np.array(depth)) / s
+    far = solved.display(solved.model.inscatter(np.array(1e4 * s), depth, np.array(0.0)))
+    near = solved.display(solved.model.inscatter(np.array(s), depth, np.array(0.0)))
+    # a channel whose veil is brighter near by than far away, as of blue in yellow water, is whole at that distance
+    share = np.clip(near / np.maximum(far, _LEAST_LIGHT), 0.0, _WHOLE)
+    backscatter = direct if one_attenuation else -np.log1p(-share) / s
+    log = solved.ambient_log(np.array([depth, 0.0]))
+    return FormationModel(direct, (log[1] - log[0]) / depth, backscatter, far)

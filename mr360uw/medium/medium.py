@@ -9,27 +9,25 @@ from __future__ import annotations
 
 import copy
 import functools
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Literal, get_args
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from mr360uw.constants import BRIGHTEST_LOG, REFRACTIVE_INDEX_SEA
 from mr360uw.errors import ParameterError
-from mr360uw.medium.closed_form import check_ray, ray_in_water
+from mr360uw.medium.closed_form import CONTRAST_LENGTHS, check_ray, ray_in_water, visibility_m
+from mr360uw.medium.lookup import BandLight, FormationModel, fitted_formation, lengths, medium_table
 from mr360uw.medium.models import CLOSED_FORMS, SpectralMode, SpectralModel, spectral_model
 from mr360uw.medium.ray_field import LambertFloor, Sky, SurfaceKind
-from mr360uw.medium.spectral.bands import Bands, Rule, bands
-from mr360uw.medium.spectral.sensor import DEFAULT_ILLUMINANT, Sensor, checked_sensor
-from mr360uw.medium.tabulate import BandLight, FormationModel, fitted_formation, lengths, medium_table
-from mr360uw.medium.visibility import CONTRAST_LENGTHS, visibility_m
+from mr360uw.medium.spectra import DEFAULT_ILLUMINANT, Sensor, checked_sensor
 from mr360uw.medium.water import Water
+from mr360uw.medium.wavelengths import Bands, Rule, bands
 from mr360uw.shapes import checked, common_shape, exactly, instance, number
 from mr360uw.threads import one_blas_thread
-from mr360uw.types import Floats, MediumTable
-
-Array = NDArray[np.float64]
+from mr360uw.types import Array, Floats, MediumTable
 
 Mode = Literal["kd", "kd+", "table", "plate", "rgb", "koschmieder", "akkaynak-treibitz"]
 MODES: tuple[Mode, ...] = get_args(Mode)
@@ -105,6 +103,7 @@ class Medium:
         surface: SurfaceKind = "snell", sky: Sky = "uniform", refractive_index: float = REFRACTIVE_INDEX_SEA,
         formation: FormationModel | None = None, floor_m: float | None = None,
     ) -> None:  # fmt: skip
+        # Check the arguments that the types do not
         if not isinstance(mode, str) or mode not in MODES:
             raise ParameterError(f"mode - unknown (got {mode!r}) - take one of {', '.join(MODES)}")
         if formation is not None and mode not in _FORMATIONS:
@@ -113,6 +112,7 @@ class Medium:
             raise ParameterError(
                 f"camera_depth_m - must be in the water (got {camera_depth_m!r}) - give 0.01 to 1000 m"
             )
+        # Keep what the light depends on; the bands are found once they are needed
         self.water = instance("water", water, Water, 'make one, as by Water.jerlov("IB")')
         self.sensor = checked_sensor(sensor)
         self.mode = mode
@@ -522,3 +522,69 @@ class Medium:
     def _most_glow(self) -> Array:
         """Radiance (3,) of a floor that would be all of the level light for a gain of 1."""
         return 1.0 / np.maximum(self.glow_level, _TINY)
+
+
+# Medium tables for a camera whose depth changes, and for water that changes.
+#
+# Tables are made at fixed depths, each 6 % deeper than the one before, and interpolated between them: linearly, the
+# veil in its logarithm. A frame's table depends on its depth alone and changes continuously from frame to frame.
+
+TableAt = Callable[[float], MediumTable]
+
+_RATIO = 1.06
+"""Ratio of neighbouring depths. The interpolation error is at most 0.3 %; twice the step gives four times that."""
+_KEPT = 16
+"""Tables kept, enough for a swim over a factor of 2.4 in depth without making one twice."""
+
+
+class MediumAtDepths:
+    """The media of one water, sensor and mode at any depth of the camera."""
+
+    def __init__(self, medium: Medium) -> None:
+        self._medium = medium
+        self._node = functools.lru_cache(maxsize=_KEPT)(self._made)
+
+    def at(self, depth_m: float) -> Medium:
+        """Return the medium for a camera at a depth [m], > 0."""
+        place = float(np.log(depth_m) / np.log(_RATIO))
+        step = int(np.floor(place))
+        upper, lower = self._node(step), self._node(step + 1)
+        apart_m = lower.camera_depth_m - upper.camera_depth_m
+        share = (depth_m - upper.camera_depth_m) / apart_m if apart_m > 0.0 else 0.0
+        return self._medium.at_depth(depth_m, replace(_mixed_table(upper, lower, share), camera_depth_m=depth_m))
+
+    def _made(self, step: int) -> MediumTable:
+        floor_m = self._medium.floor_m  # below which there is no water
+        depth_m = _RATIO**step
+        return self._medium.at_depth(depth_m if floor_m is None else min(depth_m, floor_m)).unit_table
+
+
+class MixedMedium:
+    """Medium at any depth of a water between two others, a fraction `share` of the way.
+
+    exact: of the water itself. first, second: tables, by depth, of the two. To tabulate a solved light field takes a
+    third of a second, all else of a medium a hundredth.
+    """
+
+    def __init__(self, exact: Medium, first: TableAt, second: TableAt, share: float) -> None:
+        self._exact, self._first, self._second, self._share = exact, first, second, share
+
+    def at(self, depth_m: float) -> Medium:
+        """Return the medium for a camera at a depth [m], > 0."""
+        exact, mixed = self._exact, _mixed_table(self._first(depth_m), self._second(depth_m), self._share)
+        table = replace(mixed, camera_depth_m=depth_m, length_m=exact.length_m, refractive_index=exact.refractive_index)
+        return exact.at_depth(depth_m, table)
+
+
+def _mixed_table(first: MediumTable, second: MediumTable, share: float) -> MediumTable:
+    """Return the first of two tables, its values mixed with those of the second, of which `share` is taken."""
+    mixed = {
+        name: (1.0 - share) * getattr(first, name) + share * getattr(second, name)
+        for name in ("attenuation", "diffuse", "beam", "unscattered")
+    }
+    floats = {name: values.astype(np.float32) for name, values in mixed.items()}
+    if first.glow is not None and second.glow is not None:
+        floats["glow"] = (1.0 - share) * first.glow + share * second.glow
+    # light falls off as an exponential of depth and of coefficients: the veil's logarithm is mixed
+    floats["veil"] = first.veil ** (1.0 - share) * second.veil**share
+    return replace(first, **floats)

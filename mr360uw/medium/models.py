@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Literal, Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from mr360uw.cache import shared
 from mr360uw.constants import INV_4PI, REFRACTIVE_INDEX_SEA
@@ -23,8 +23,7 @@ from mr360uw.medium.transfer import STREAMS_PER_HEMISPHERE, LightField
 from mr360uw.medium.water import Water
 from mr360uw.optics import critical_cosine
 from mr360uw.shapes import checked
-
-Array = NDArray[np.float64]
+from mr360uw.types import Array
 
 
 class SpectralModel(Protocol):

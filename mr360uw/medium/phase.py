@@ -15,16 +15,15 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from mr360uw.cache import shared
 from mr360uw.constants import INV_4PI, PI
 from mr360uw.errors import ParameterError
-from mr360uw.medium.tables import builtin_table, read_table
+from mr360uw.medium.spectra import builtin_table, read_table
 from mr360uw.shapes import checked, exactly, numbers
 from mr360uw.sphere import gauss_legendre
-
-Array = NDArray[np.float64]
+from mr360uw.types import Array
 
 
 @checked
@@ -75,6 +74,7 @@ class PhaseTable:
 
     def __post_init__(self) -> None:
         angle, value, moment = (np.asarray(numbers(name, getattr(self, name)), np.float64) for name in _OF_TABLE)
+        # Moments: of a function that is nowhere negative
         if len(moment):
             if len(angle) or len(value) or abs(moment[0] - 1.0) > _MOMENT_ROUNDING or np.max(np.abs(moment)) > 1.0:
                 raise ParameterError(
@@ -87,6 +87,7 @@ class PhaseTable:
                     f"phase - moments give a negative phase function (got {low:.3g} 1/sr) - give more of them"
                 )
             return
+        # A table: angles that ascend, values above 0
         if angle.ndim != 1 or angle.shape != value.shape or len(angle) < 2 or np.any(np.diff(angle) <= 0.0):
             raise ParameterError(
                 "phase - needs two angles or more that ascend, and as many values "
@@ -219,7 +220,7 @@ class PhaseTable:
 
 _OF_TABLE = ("angle_rad", "value", "moment")
 _MOMENT_ROUNDING = 1e-6
-"""How far the first moment may be from 1: the rounding of printed tables."""
+"""Largest deviation of the first moment from 1: the rounding of printed tables."""
 _LEAST_OF_SERIES = 1e-3
 """Negative values [1/sr] that a series may have: a hundredth of the isotropic value, from rounded moments."""
 _ANGLES_CHECKED = 721
@@ -271,7 +272,7 @@ def molecular(cos_theta: ArrayLike, depolarisation: ArrayLike) -> Array:
     return 3.0 * INV_4PI / (3.0 + f) * (1.0 + f * cos_theta * cos_theta)
 
 
-def fournier_forand(theta: ArrayLike, index: float, slope: float) -> Array:
+def _fournier_forand(theta: ArrayLike, index: float, slope: float) -> Array:
     """Return the Fournier-Forand phase function [1/sr] at angles [rad] for particles of a relative refractive index.
 
     slope: of the Junge size distribution, 3 to 5. The removable singularity at delta = 1 is stepped over.
@@ -369,7 +370,7 @@ def phase_function(phase: Phase, theta: ArrayLike) -> Array:
         return phase(angle)
     if phase[0] == "hg":
         return henyey_greenstein(np.cos(angle), phase[1])
-    return fournier_forand(angle, phase[1], phase[2])  # type: ignore[misc, arg-type]
+    return _fournier_forand(angle, phase[1], phase[2])  # type: ignore[misc, arg-type]
 
 
 @shared(keep=64)
@@ -533,6 +534,7 @@ def without_peak(
     phase: one for all wavelengths, a list of one for each, a mixture, or Legendre moments (n, l) or (l,). Result: the
     functions themselves, the fraction (n,) of their forward peak, and the Legendre moments (n, orders) of the rest.
     """
+    # Several functions or moments: one for each wavelength
     if isinstance(phase, list):
         if len(phase) != count:
             raise ParameterError(f"phase - needs one for each of {count} wavelengths (got {len(phase)}) - give as many")
@@ -548,10 +550,12 @@ def without_peak(
             )
         found: Mixture | PhaseSeries = PhaseSeries(np.array(moments, np.float64))
     else:
+        # One function for all
         if not isinstance(phase, Mixture):
             check_phase(phase)
             phase = Mixture(phase, np.zeros(count))
         found, moments = phase, np.broadcast_to(phase.moments(orders + 1), (count, orders + 1))
+    # Take away what the last moment says is peak, and renormalise
     peak = moments[:, orders]
     return found, peak, (moments[:, :orders] - peak[:, None]) / (1.0 - peak[:, None])
 

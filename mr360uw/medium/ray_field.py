@@ -1,29 +1,32 @@
 # SPDX-License-Identifier: Apache-2.0
 """Radiance along rays through water whose light is a sum of exponentials of depth, down to a floor if there is one.
 
-In each mode the light that scatters into a direction mu falls off as exp(-k y), so the path integral of every mode is
-the closed form of `closed_form.path_integral`. mu: y of the view direction, +1 straight up. What bounds the water and
-lights it stands here too: its surface, the sky above, the floor below.
+The exponentials are the modes of plane-parallel light at the nodes of a quadrature (discrete ordinates). In each mode
+the light that scatters into a direction mu falls off as exp(-k y), so the path integral of every mode is the closed
+form of `closed_form.path_integral`. mu: y of the view direction, +1 straight up. What bounds the water and lights it
+stands here too: its surface, the sky above, the floor below. See `transfer` for the equations; P and Q are those of its
+text.
 """
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mr360uw.constants import PI
 from mr360uw.errors import ParameterError
+from mr360uw.jit import exact, fast
 from mr360uw.medium.closed_form import check_ray, ray_in_water
 from mr360uw.medium.phase import legendre_polynomials
 from mr360uw.optics import fresnel_from_below
 from mr360uw.shapes import checked
 from mr360uw.sphere import gauss_legendre
-
-Array = NDArray[np.float64]
+from mr360uw.types import Array
 
 SurfaceKind = Literal["snell", "none"]
 """A flat surface with Fresnel's reflection, or none: no change of refractive index."""
@@ -116,7 +119,7 @@ class OfBeam:
     def into(self, mu: Array, azimuth_rad: float | None) -> Array:
         """Return the light [1/(m sr)] (..., n) into directions mu at an azimuth from the sun's; None: the mean over it.
 
-        By less than `LEAST_TURN_RAD` nothing turns.
+        By less than `_LEAST_TURN_RAD` nothing turns.
         """
         across = np.sqrt(np.maximum(1.0 - mu * mu, 0.0) * max(1.0 - self.sun_mu**2, 0.0))
 
@@ -124,7 +127,7 @@ class OfBeam:
             cosine = np.multiply.outer(across, np.cos(azimuth)) + (mu * self.sun_mu).reshape(
                 *mu.shape, *[1] * np.ndim(azimuth)
             )
-            return self.kinds(np.clip(cosine, -1.0, np.cos(LEAST_TURN_RAD)))
+            return self.kinds(np.clip(cosine, -1.0, np.cos(_LEAST_TURN_RAD)))
 
         if azimuth_rad is not None:
             return np.asarray(turned(azimuth_rad) @ self.amount)
@@ -134,8 +137,10 @@ class OfBeam:
         return np.asarray(np.einsum("a,...ak->...k", 2.0 * x * weight, turned(PI * x**2)) @ self.amount)
 
 
-LEAST_TURN_RAD = 0.01
+_LEAST_TURN_RAD = 0.01
 """Least angle that light of the sun's beam turns by: what turns by less counts as turning by so much."""
+
+
 _AZIMUTHS = 128
 """Directions about the sun that a mean is taken over."""
 
@@ -186,7 +191,6 @@ class RayField:
 
     def _within(self, s: Array, y: Array, mu: Array) -> Array:
         """Return the radiance (..., n) scattered into rays between surface and floor."""
-        from mr360uw.medium.mode_kernel import sum_modes
 
         s = np.minimum(s, self.to_floor(y, mu))
         # tables ask for few directions and many distances, of which those beyond surface and floor are one
@@ -265,3 +269,196 @@ def cosine_kernel(mu: ArrayLike, normal_up: ArrayLike) -> Array:
     ratio = np.divide(-along, across, out=np.array(-np.sign(along)), where=across > np.abs(along))
     half = np.arccos(np.clip(ratio, -1.0, 1.0))
     return 2.0 * (along * half + across * np.sin(half))
+
+
+_PANELS = 0.5, 0.75
+"""Least and greatest split of two panels, indices of 1.15 to 1.51: half of all nodes in a narrow panel leave too few
+for the other, and light in water of an index of 1.01 was off by as much as there is."""
+
+
+@functools.cache
+def nodes(streams: int, split: float) -> tuple[Array, Array]:
+    """Gauss-Legendre nodes and weights on (0, 1), in two panels that meet at `split`, or in one (`_PANELS`)."""
+    edges = [0.0, split, 1.0] if _PANELS[0] < split < _PANELS[1] else [0.0, 1.0]
+    x, w = gauss_legendre(streams // (len(edges) - 1))
+    half = 0.5 * np.diff(edges)[:, None]
+    middle = 0.5 * (np.array(edges[1:]) + np.array(edges[:-1]))[:, None]
+    return (middle + half * x).ravel(), (half * w).ravel()
+
+
+def _diagonal(values: Array) -> Array:
+    """Return diagonal matrices (n, i, i) of values (n, i)."""
+    return np.asarray(np.eye(values.shape[1]) * values[:, None])
+
+
+def _positive(matrices: Array) -> bool:
+    """Return whether symmetric matrices (n, i, i) are all positive definite."""
+    try:
+        np.linalg.cholesky(matrices)
+    except np.linalg.LinAlgError:
+        return False
+    return True
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Modes:
+    """Light that changes as exp(-rate (y - origin_m)) with the depth y.
+
+    rate: (n, j) [1/m]. origin_m: (j,). down, up: (n, i, j) radiance at the nodes, at that depth.
+    """
+
+    rate: Array
+    origin_m: Array
+    down: Array
+    up: Array
+
+    def mirrored(self, depth_m: float) -> Modes:
+        """Return the same light turned upside down, which fades upwards from a depth."""
+        return Modes(-self.rate, np.full(self.origin_m.shape, depth_m), self.up, self.down)
+
+    def times(self, amount: Array) -> Modes:
+        """Return the modes in amounts (n, j)."""
+        return Modes(self.rate, self.origin_m, self.down * amount[:, None], self.up * amount[:, None])
+
+    def beside(self, other: Modes) -> Modes:
+        """Return these modes and others."""
+        pairs = ((self.rate, other.rate, 1), (self.down, other.down, 2), (self.up, other.up, 2))
+        rate, down, up = (np.concatenate([a, b], axis=axis) for a, b, axis in pairs)
+        return Modes(rate, np.append(self.origin_m, other.origin_m), down, up)
+
+    def at(self, depth_m: float) -> tuple[Array, Array]:
+        """Return the radiance at the nodes, down and up, each (n, i, j), at a depth."""
+        left = np.exp(-self.rate * (depth_m - self.origin_m))[:, None]
+        return self.down * left, self.up * left
+
+
+class Ordinates:
+    """Coupling of n wavelengths' light at nodes mu (i,) with weights (i,).
+
+    extinction: (n,) [1/m]. moments: (n, l) Legendre moments of the scattering times 2 l + 1 [1/m]. order: m of light
+    that varies as cos(m azimuth).
+    """
+
+    def __init__(self, mu: Array, weight: Array, extinction: Array, moments: Array, order: int = 0) -> None:
+        self._mu, self._weight, self._extinction, self._moments = mu, weight, extinction, moments
+        self._scale = np.sqrt(weight / mu)
+        self._spread = 0.5 / np.sqrt(mu * weight)
+        self._order = order
+        self.legendre = legendre_polynomials(mu, moments.shape[1], order)
+        self.parity = (-1.0) ** (np.arange(moments.shape[1]) + order)
+        self._p, self._q = self._coupling(self.parity < 0), self._coupling(self.parity > 0)
+
+    def _coupling(self, kept: NDArray[np.bool_]) -> Array:
+        """Return what streams lose less what they get from each other, (n, i, i); symmetric, positive definite."""
+        scattered = np.einsum("il,nl,jl->nij", self.legendre, self._moments * kept, self.legendre)
+        scattered = self._scale[:, None] * scattered * self._scale
+        lost = self._extinction[:, None] / self._mu
+        albedo = self._moments[:, :1] / self._extinction[:, None]
+        # Where the nodes integrate high degrees badly, a pattern of light gains more than the albedo allows
+        if not _positive(_diagonal(lost * (0.5 + 0.5 * albedo)) - scattered):
+            size = np.sqrt(lost[:, :, None] * lost[:, None, :])
+            gain, pattern = np.linalg.eigh(scattered / size)
+            kept_gain = np.clip(gain, -albedo, albedo)[:, None]
+            scattered = size * ((pattern * kept_gain) @ np.swapaxes(pattern, 1, 2))
+        return _diagonal(lost) - scattered
+
+    def moments(self, modes: Modes) -> Array:
+        """Return the moments (n, l, j) of modes: their light over all directions, by degrees of Legendre functions."""
+        of_degree = self._weight[:, None] * self.legendre
+        down, up = (np.einsum("il,nij->nlj", of_degree, light) for light in (modes.down, modes.up))
+        return np.asarray(down + self.parity[:, None] * up)
+
+    def free(self) -> Modes:
+        """Return the modes of water without sources, as many as nodes, that fade downwards."""
+        lower = np.linalg.cholesky(self._q)
+        squared, z = np.linalg.eigh(np.swapaxes(lower, 1, 2) @ self._p @ lower)
+        rate = np.sqrt(np.maximum(squared, 0.0))
+        total = np.linalg.solve(np.swapaxes(lower, 1, 2), z)
+        net = lower @ z / rate[:, None, :]
+        spread = self._spread[:, None]
+        return Modes(rate, np.zeros(len(self._mu)), spread * (total + net), spread * (total - net))
+
+    def driven(self, sun_mu: float, beam: Array) -> Modes:
+        """Return the one mode that a beam drives. beam: (n,) its irradiance, across it, just below the surface."""
+        at_sun = legendre_polynomials(np.array(sun_mu), self._moments.shape[1], self._order)
+        across = (beam / (PI if self._order else 2.0 * PI))[:, None, None]  # cosines have half the square of 1
+        source = across * self._scale[:, None] * self.legendre * (self._moments * at_sun)[:, None]
+        even, odd = (source[..., kept].sum(-1) for kept in (self.parity > 0, self.parity < 0))
+        rate = self._extinction / sun_mu * (1.0 + 1e-9)  # beside a rate of the water's own
+        size = len(self._mu)
+        eye = np.eye(size) * rate[:, None, None]
+        system = np.block([[-eye, self._p], [self._q, -eye]])
+        both = np.linalg.solve(system, np.concatenate([odd, even], axis=1)[..., None])
+        total, net = both[:, :size], both[:, size:]
+        spread = self._spread[:, None]
+        return Modes(rate[:, None], np.zeros(1), spread * (total + net), spread * (total - net))
+
+
+# Sums of modes along rays: most of the time that the tables of a new water take.
+
+_LEAST = 0.02
+"""Exponent from which on 1 - exp(-x) keeps 14 digits; below, seven terms of its series have 16."""
+
+
+_LOG2_E = 1.4426950408889634
+
+
+_LN2_HIGH = 0.693147180369123816490
+"""ln(2) but for `_LN2_LOW`, with so few digits that its products with whole numbers are exact."""
+
+
+_LN2_LOW = 1.90821492927058770002e-10
+
+
+_ROUNDS = 1.5 * 2.0**52
+"""A number so large that a whole number added to it stands in its last bits."""
+
+
+@exact
+def _mean(x: float) -> float:
+    """Return the mean of exp(-x t) for t from 0 to 1: (1 - exp(-x))/x for a small x."""
+    return 1.0 - x / 2.0 * (1.0 - x / 3.0 * (1.0 - x / 4.0 * (1.0 - x / 5.0 * (1.0 - x / 6.0 * (1.0 - x / 7.0)))))
+
+
+@exact
+def _exp(x: float) -> float:
+    """Return exp(x) to the last digit or two, for x below 700; 1e-304 from -700 down.
+
+    2^k exp(r) with r below ln(2)/2, without a branch or a call, so that it runs for several modes at a time.
+    """
+    x = max(x, -700.0)
+    k = np.floor(x * _LOG2_E + 0.5)
+    r = (x - k * _LN2_HIGH) - k * _LN2_LOW
+    high = 1.0 / 40320.0 + r * (1.0 / 362880.0 + r * (1.0 / 3628800.0 + r * (1.0 / 39916800.0 + r / 479001600.0)))
+    low = 1.0 / 24.0 + r * (1.0 / 120.0 + r * (1.0 / 720.0 + r * (1.0 / 5040.0 + r * high)))
+    power: Any = np.int64((np.float64(k + _ROUNDS).view(np.int64) + np.int64(1023)) << np.int64(52))
+    return (1.0 + r * (1.0 + r * (1.0 / 2.0 + r * (1.0 / 6.0 + r * low)))) * power.view(np.float64)
+
+
+@fast
+def sum_modes(
+    source: Any, rate: Any, origin_m: Any, extinction: Any, mu: Any, which: Any, depth_m: Any, distance_m: Any,
+    result: Any,
+) -> None:  # fmt: skip
+    """Set `result` (r, n) to the sum over the modes of `source` (d, n, j) times `closed_form.path_integral`.
+
+    rate: (n, j), origin_m: (j,), extinction: (n,), mu: (d,). which: (r,) direction of each ray. depth_m, distance_m:
+    (r,) of its start, and from there to its end. Depth and distance are in one exponential: by themselves, one may
+    underflow where the other overflows. Rays of one depth that follow one another are the fastest.
+    """
+    begun, power = np.empty(rate.shape), np.empty(rate.shape)
+    for r in range(len(distance_m)):
+        s, d = distance_m[r], which[r]
+        if r == 0 or depth_m[r] != depth_m[r - 1]:
+            for n in range(rate.shape[0]):
+                for j in range(rate.shape[1]):
+                    power[n, j] = -rate[n, j] * (depth_m[r] - origin_m[j])
+                    begun[n, j] = _exp(power[n, j])
+        for n in range(len(extinction)):
+            total = 0.0
+            for j in range(len(origin_m)):
+                lost = (extinction[n] - rate[n, j] * mu[d]) * s
+                small = abs(lost) < _LEAST
+                change = (begun[n, j] - _exp(power[n, j] - lost)) / (1.0 if small else lost)
+                total += source[d, n, j] * (begun[n, j] * _mean(lost) if small else change)
+            result[r, n] = total * s

@@ -11,11 +11,11 @@ from pydantic import Field, field_validator, model_validator
 
 from mr360uw.constants import REFRACTIVE_INDEX_SEA
 from mr360uw.errors import ParameterError
-from mr360uw.medium.fit.exposure import fit_gain
+from mr360uw.medium.closed_form import LEAST_M, MOST_M, water_of_visibility, water_seen_as_far
+from mr360uw.medium.exposure import fit_gain
 from mr360uw.medium.medium import DEFAULT_BANDS, Medium, Mode
 from mr360uw.medium.phase import Phase, PhaseTable
-from mr360uw.medium.spectral.sensor import DEFAULT_ILLUMINANT, DEFAULT_SENSOR, named_sensor
-from mr360uw.medium.visibility import LEAST_M, MOST_M, water_of_visibility, water_seen_as_far
+from mr360uw.medium.spectra import DEFAULT_ILLUMINANT, DEFAULT_SENSOR, named_sensor
 from mr360uw.medium.water import JerlovType, Water
 from mr360uw.parameters import Parameters, advanced, parameter
 from mr360uw.types import Floats
@@ -175,6 +175,7 @@ class WaterSettings(WaterKindSettings):
         floor_m: depth of a level floor, if there is one. radiance_map: (32, 64, 3) of the plate, from which gain "auto"
         reads the water's colour. Without it the gain is 1. Raises `ParameterError`.
         """
+        # Make the medium as the table says, then set its gain: as given, or fitted to a plate
         water = self.water()
         if water is None:
             return None
@@ -200,9 +201,9 @@ class WaterSettings(WaterKindSettings):
 
 LEAST_NODES = 16
 """Least nodes around the sun."""
-LEAST_CODES = 2.0
+_LEAST_CODES = 2.0
 """Change of 8-bit code values below which light in the water is left out. Twice as much: shafts that can be seen go."""
-LONGEST_M = 500.0
+_LONGEST_M = 500.0
 """Farthest [m] that shafts are followed: even the clearest water has dimmed them to nothing before."""
 
 
@@ -217,7 +218,7 @@ class ShaftSettings(Parameters):
         False, "shafts of the waves in all of the plate, which may show its own; those before objects are always drawn"
     )
     range_m: float = parameter(
-        100.0, "distance from the camera up to which they are seen", unit="m", low=0.0, high=LONGEST_M,
+        100.0, "distance from the camera up to which they are seen", unit="m", low=0.0, high=_LONGEST_M,
         internal="the water, which dims them",
     )  # fmt: skip
     resolution: int = parameter(
@@ -232,7 +233,7 @@ class ShaftSettings(Parameters):
     @property
     def least_codes(self) -> float:
         """Change of an 8-bit code value from which on they are drawn."""
-        return LEAST_CODES if self.mode == "auto" else 0.0
+        return _LEAST_CODES if self.mode == "auto" else 0.0
 
     @property
     def why_off(self) -> str:

@@ -26,17 +26,18 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydantic import PositiveInt
 
 from mr360uw.constants import PI, REFRACTIVE_INDEX_SEA
 from mr360uw.errors import ParameterError
 from mr360uw.medium.closed_form import check_ray, ray_in_water
-from mr360uw.medium.ordinates import Modes, Ordinates, nodes
 from mr360uw.medium.phase import Mixture, Phase, PhaseSeries, legendre_polynomials, without_peak
 from mr360uw.medium.ray_field import (
     LambertFloor,
+    Modes,
     OfBeam,
+    Ordinates,
     RayField,
     Sky,
     SkyShape,
@@ -44,13 +45,13 @@ from mr360uw.medium.ray_field import (
     cosine_kernel,
     floor_at,
     index_below,
+    nodes,
     sky_parts,
 )
 from mr360uw.optics import critical_cosine, fresnel_from_below
 from mr360uw.shapes import checked, common_shape, numbers
 from mr360uw.threads import one_blas_thread
-
-Array = NDArray[np.float64]
+from mr360uw.types import Array
 
 STREAMS_PER_HEMISPHERE = 32
 """Directions per hemisphere: irradiances are right to 2e-4. Twice as many take eight times as long to solve."""
@@ -138,6 +139,7 @@ class LightField:
         streams: PositiveInt = STREAMS_PER_HEMISPHERE,
         floor: LambertFloor | None = None,
     ) -> None:
+        # Check the coefficients, one for each wavelength
         if len(common_shape(absorption=absorption, scattering=scattering)) > 1:
             raise ParameterError(
                 f"light field - coefficients must be (n,) or one number (got {np.shape(absorption)} and "
@@ -152,6 +154,7 @@ class LightField:
                 f"light field - absorption must be above and scattering at least zero "
                 f"(got {np.min(self.absorption):g} and {np.min(self.scattering):g} 1/m) - correct the coefficients"
             )
+        # Set up surface, phase functions without their peak, floor and quadrature; then solve
         self.refractive_index = index_below(surface, refractive_index)
         self._phase, self._peak, self._chi = without_peak(phase, len(self.absorption), 2 * streams)
         self._floor_m, self._albedo = floor_at(floor, len(self.absorption))

@@ -16,18 +16,17 @@ from pathlib import Path
 from typing import Literal, cast, get_args
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydantic import PositiveInt
 
 from mr360uw.cache import shared
 from mr360uw.constants import MEAN_COSINE_SEA
 from mr360uw.errors import ParameterError
 from mr360uw.medium.phase import Mixture, Phase, backscatter_ratio, check_phase, particles_of_backscatter
-from mr360uw.medium.tables import Spectrum, builtin_spectrum, builtin_table, read_table
+from mr360uw.medium.spectra import Spectrum, builtin_spectrum, builtin_table, read_table
 from mr360uw.plot import Figure, Shown
 from mr360uw.shapes import checked, exactly, number, numbers
-
-Array = NDArray[np.float64]
+from mr360uw.types import Array
 
 JerlovType = Literal["I", "IA", "IB", "II", "III", "1C", "3C", "5C", "7C", "9C"]
 JERLOV_TYPES: tuple[JerlovType, ...] = get_args(JerlovType)
@@ -509,6 +508,7 @@ class Water(Shown):
         """
         if not 0.01 <= number("chlorophyll", mg_m3) <= 20.0:
             raise ParameterError(f"chlorophyll - outside the models (got {mg_m3!r} mg/m^3) - choose 0.01 to 20")
+        # Absorption by water, particles and dissolved matter
         table = builtin_table("morel_maritorena2001_kd.csv")
         w = table["wavelength_nm"]
         pure = cls.pure()
@@ -516,6 +516,7 @@ class Water(Shown):
         ep = builtin_spectrum("bricaud1998_particles.csv", "ep", "particles")
         dissolved = 0.2 * ap(440.0) * mg_m3 ** ep(440.0) * np.exp(-0.014 * (w - 440.0))
         a = pure.absorption(w) + ap(w) * mg_m3 ** ep(w) + dissolved
+        # Scattering by particles, and diffuse attenuation, at least absorption
         slope = 0.5 * (np.log10(mg_m3) - 0.3) if mg_m3 < 2.0 else 0.0
         b = pure.scattering(w) + 0.416 * mg_m3**0.766 * (w / 550.0) ** slope
         kd = np.maximum(table["kw"] + table["chi"] * mg_m3 ** table["e"], a)

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Files that are read whole, regular ones within a limit, as bytes, text or JSON, and notes of which were read.
+"""Input files: read whole within limits, as bytes, text or JSON; sizes of pictures; notes of which files were read.
+
+Limits are checked before anything is decoded, for a small file may ask for any memory. Each is an environment variable,
+in millions; the message that refuses a file names it.
 
 Files that a mesh file names (buffers, textures, material libraries) lie in the folder of the mesh or below it. A mesh
 from a stranger could otherwise show any file of the machine.
@@ -10,7 +13,9 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import re
 import stat
+import struct
 import unicodedata
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
@@ -19,8 +24,55 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from mr360uw.errors import MeshError, Mr360uwError
-from mr360uw.reading.limits import DATA, TEXT, Limit
+from mr360uw.errors import MeshError, Mr360uwError, ParameterError
+
+_MILLION = 1_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class Limit:
+    """A limit. variable: environment variable that sets it; default: in millions of `unit`; covers: for the manual."""
+
+    variable: str
+    default: float
+    unit: str
+    covers: str
+
+    def value(self) -> int:
+        """Return the limit in units; raise `ParameterError` where the variable holds no positive number."""
+        text = os.environ.get(self.variable, "").strip()
+        if not text:
+            return round(self.default * _MILLION)
+        try:
+            value = round(float(text) * _MILLION)
+        except (ValueError, OverflowError):
+            value = 0
+        if value < 1:
+            raise ParameterError(
+                f"{self.variable} - is no limit (got {text!r:.40}) - set millions of {self.unit}, or unset it"
+            )
+        return value
+
+    def check(self, where: str, amount: int, wrong: type[Mr360uwError]) -> None:
+        """Raise `wrong` where an amount, in units, is larger; where: what holds it, with the name of its file."""
+        if amount > (most := self.value()):
+            raise wrong(
+                f"{where} - is too large (got {amount / _MILLION:.6g} million {self.unit}, at most "
+                f"{most / _MILLION:.6g}) - make it smaller, or set {self.variable} to allow more"
+            )
+
+
+PICTURE = Limit("MR360UW_MAX_PICTURE", 150, "pixels", "a picture or a frame of a video: 16384 x 8192 fit")
+TEXTURE = Limit("MR360UW_MAX_TEXTURE", 70, "pixels", "a texture: 8192 x 8192 fit")
+DATA = Limit("MR360UW_MAX_DATA", 1000, "bytes", "a mesh file, one of its arrays, or an EXR picture, unpacked")
+TRIANGLES = Limit("MR360UW_MAX_TRIANGLES", 10, "triangles", "a mesh file, each repetition counted")
+TEXT = Limit("MR360UW_MAX_TEXT", 10, "bytes", "a scene, a table, a track or a material library")
+FRAMES = Limit("MR360UW_MAX_FRAMES", 1, "frames", "frames made of a still: nine hours at 30 a second")
+OBJECTS = Limit("MR360UW_MAX_OBJECTS", 0.001, "objects", "the objects of a scene")
+PRIMS = Limit("MR360UW_MAX_PRIMS", 1, "prims", "a USD stage, each reference to a prim counted")
+PARTICLES = Limit("MR360UW_MAX_PARTICLES", 10, "particles", "marine snow about the camera in one frame")
+LIMITS = (PICTURE, TEXTURE, DATA, TRIANGLES, TEXT, FRAMES, OBJECTS, PRIMS, PARTICLES)
+
 
 _NOTES: ContextVar[tuple[dict[Path, None], ...]] = ContextVar("files read", default=())
 """The notes that are being taken in this thread, one inside the other."""
@@ -230,3 +282,79 @@ def input_file(path: Path) -> InputFile:
 def content_of(paths: Iterable[Path]) -> str:
     """Return a hash of the content of files in their order, whatever their names and times; raise `OSError`."""
     return hashlib.sha256("".join(input_file(path).digest for path in paths).encode()).hexdigest()
+
+
+_PNG = b"\x89PNG\r\n\x1a\n"
+HDR_SIZE = re.compile(rb"\n([-+])([XY]) +(\d{1,9}) +([-+])([XY]) +(\d{1,9})(?:\r\n|[\r\n])")
+"""The line on the size of a Radiance HDR file: sign, axis and number of its rows, and of the samples in one."""
+_HDR_HEAD_BYTES = 65536
+_FRAME_HEADERS = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
+_ALONE = frozenset({0x01, *range(0xD0, 0xD9)})
+"""Markers of JPEG (ITU-T T.81, table B.1): those that hold the size, and those that have no length."""
+_WIDTH_TAG, _HEIGHT_TAG = 256, 257
+
+
+def picture_size(data: bytes) -> tuple[int, int] | None:
+    """Return (width, height) [pixels] of a PNG, JPEG, TIFF, BMP, WebP or Radiance HDR file; None for other bytes."""
+    try:
+        if data.startswith(_PNG):
+            return struct.unpack_from(">II", data, 16)
+        if data.startswith(b"\xff\xd8"):
+            return _jpeg(data)
+        if data.startswith((b"II*\0", b"MM\0*")):
+            return _tiff(data)
+        if data.startswith(b"BM"):
+            width, height = struct.unpack_from("<ii", data, 18)
+            return abs(width), abs(height)
+        if data.startswith(b"RIFF") and data[8:12] == b"WEBP":
+            return _webp(data)
+    except struct.error:
+        return None
+    found = HDR_SIZE.search(data, 0, _HDR_HEAD_BYTES) if data.startswith(b"#?") else None
+    if found is None or found[2] == found[5]:
+        return None
+    rows, samples = int(found[3]), int(found[6])
+    return (samples, rows) if found[2] == b"Y" else (rows, samples)
+
+
+def _jpeg(data: bytes) -> tuple[int, int] | None:
+    offset = 2
+    while True:
+        mark, kind = struct.unpack_from(">BB", data, offset)
+        if mark != 0xFF:
+            return None
+        if kind == 0xFF:  # fill
+            offset += 1
+        elif kind in _ALONE:
+            offset += 2
+        elif kind in _FRAME_HEADERS:
+            height, width = struct.unpack_from(">HH", data, offset + 5)
+            return width, height
+        else:
+            offset += 2 + max(struct.unpack_from(">H", data, offset + 2)[0], 2)
+
+
+def _tiff(data: bytes) -> tuple[int, int] | None:
+    order = "<" if data.startswith(b"II") else ">"
+    (directory,) = struct.unpack_from(f"{order}I", data, 4)
+    (count,) = struct.unpack_from(f"{order}H", data, directory)
+    found: dict[int, int] = {}
+    for entry in range(count):
+        tag, kind = struct.unpack_from(f"{order}HH", data, directory + 2 + 12 * entry)
+        if tag in (_WIDTH_TAG, _HEIGHT_TAG):
+            form = "H" if kind == 3 else "I"
+            (found[tag],) = struct.unpack_from(f"{order}{form}", data, directory + 10 + 12 * entry)
+    return (found[_WIDTH_TAG], found[_HEIGHT_TAG]) if len(found) == 2 else None
+
+
+def _webp(data: bytes) -> tuple[int, int] | None:
+    kind = data[12:16]
+    if kind == b"VP8X":
+        return int.from_bytes(data[24:27], "little") + 1, int.from_bytes(data[27:30], "little") + 1
+    if kind == b"VP8L":
+        (bits,) = struct.unpack_from("<I", data, 21)
+        return (bits & 0x3FFF) + 1, (bits >> 14 & 0x3FFF) + 1
+    if kind == b"VP8 ":
+        width, height = struct.unpack_from("<HH", data, 26)
+        return width & 0x3FFF, height & 0x3FFF
+    return None

@@ -110,7 +110,7 @@ class Gl:
     @property
     def caustics(self) -> CausticsOf:
         """`summed_stack`."""
-        from mr360uw.caustics.flux.summed_stack import summed_stack
+        from mr360uw.caustics.summed_stack import summed_stack
 
         return summed_stack
 

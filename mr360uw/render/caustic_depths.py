@@ -7,9 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mr360uw.caustics.depth_ladder import PlaneLadder, Span, map_size
-from mr360uw.caustics.flux.sun_disc import detail_footprint
-from mr360uw.caustics.settings import CausticSettings
+from mr360uw.caustics.settings import CausticSettings, PlaneLadder, Span, map_size
+from mr360uw.caustics.sun_disc import detail_footprint
 from mr360uw.composite import Receiver, SceneObject, Shot
 from mr360uw.composite.settings import NEAREST_M
 from mr360uw.render.surroundings import CameraPath

@@ -21,7 +21,7 @@ from mr360uw.errors import DamagedFrameError, Mr360uwError, SceneError, VideoErr
 from mr360uw.ibl import SunTrack
 from mr360uw.ibl.sun.detect import tracked_in_words
 from mr360uw.output_gate import check_outputs
-from mr360uw.reading.cached_reads import CachedReads
+from mr360uw.reading.disk_cache import CachedReads
 from mr360uw.render.backends import Backend, make_backend
 from mr360uw.render.first_pass import ClipAnalysis, first_pass
 from mr360uw.render.frame import composite_frame
@@ -30,11 +30,17 @@ from mr360uw.render.loaded import Loaded, load, load_plate_depth
 from mr360uw.render.match_stage import clip_colour, clip_grade
 from mr360uw.render.mattes import Mattes, ReceiverClip
 from mr360uw.render.surroundings import surroundings_over_time
-from mr360uw.scene.inputs import eyes_of_plate, open_plate, projection_notes
-from mr360uw.scene.keyed_water import TABLE_S, keyed_in_words, tables_on_the_way
 from mr360uw.scene.model import Scene, files_of
+from mr360uw.scene.resolved import (
+    TABLE_S,
+    eyes_of_plate,
+    keyed_in_words,
+    open_plate,
+    projection_notes,
+    tables_on_the_way,
+)
 from mr360uw.video import VideoFrame, VideoReader, create_video
-from mr360uw.video.write.encoder import resolved
+from mr360uw.video.encoder import resolved
 
 T = TypeVar("T")
 _SUFFIXES = (".mp4", ".mov", ".mkv", ".webm")

@@ -18,9 +18,8 @@ from mr360uw.errors import DamagedFrameError, SceneError
 from mr360uw.ibl import SunMeasurement, SunTrack, load_track, measure_sun, track_suns
 from mr360uw.ibl.sun.track import SunSeries
 from mr360uw.medium import Medium
-from mr360uw.medium.fit.exposure import GainSeries, MeasuredGain
-from mr360uw.medium.fit.open_water import OpenWater, OpenWaterLooks, OpenWaterTrack
-from mr360uw.medium.fit.profile import DOUBTFUL, fit_level
+from mr360uw.medium.exposure import GainSeries, MeasuredGain
+from mr360uw.medium.open_water import DOUBTFUL, OpenWater, OpenWaterLooks, OpenWaterTrack, fit_level
 from mr360uw.plot import Figure, Shown
 from mr360uw.progress import Progress
 from mr360uw.render.lights import may_be_clipped, restored

@@ -32,7 +32,7 @@ from mr360uw.constants import JUST_BELOW_M
 from mr360uw.errors import ParameterError, RenderError
 from mr360uw.ibl.lighting import turned
 from mr360uw.medium import Medium
-from mr360uw.medium.small_angles import spread_of
+from mr360uw.medium.scattered_light import spread_of
 from mr360uw.optics import into_air
 from mr360uw.render.backends import Backend
 from mr360uw.render.first_pass import ClipAnalysis

@@ -40,8 +40,8 @@ from mr360uw.ibl.sun.closure import CLEAR_SKY, CLEAR_SKY_DIRECT, beam_below, dir
 from mr360uw.ibl.sun.detect import DISPLAY_WHITE, SunFound, sun_found
 from mr360uw.ibl.yuv import plate_of_yuv
 from mr360uw.medium import Medium
-from mr360uw.medium.ambient import irradiance_from_level, light_below_horizon
 from mr360uw.medium.lookup import ambient_ratio, beam_fraction, beam_ratio
+from mr360uw.medium.scattered_light import irradiance_from_level, light_below_horizon
 from mr360uw.scene.model import Scene
 from mr360uw.sphere import directions
 from mr360uw.types import Environment, Floats, MediumTable, Sun, YuvImage

@@ -26,7 +26,7 @@ from mr360uw.composite.shot import Receiver
 from mr360uw.constants import PI
 from mr360uw.errors import ParameterError, SceneError
 from mr360uw.medium import Medium
-from mr360uw.reading.cached_reads import CachedReads
+from mr360uw.reading.disk_cache import CachedReads
 from mr360uw.reading.input_files import files_read
 from mr360uw.render.caustic_depths import CausticDepths
 from mr360uw.render.mattes import Mattes, ReceiverClip
@@ -40,11 +40,11 @@ from mr360uw.render.surroundings import (
     pose_notes,
 )
 from mr360uw.scene.key_targets import KeyedParameter, key_times
-from mr360uw.scene.keyed_water import WaterBetween, scene_at, water_between
 from mr360uw.scene.model import Scene
+from mr360uw.scene.resolved import WaterBetween, scene_at, water_between
 from mr360uw.scene.toml_model import dotted
 from mr360uw.types import Floats, Lamp, View
-from mr360uw.video.read.layout import Eye
+from mr360uw.video.layout import Eye
 
 if TYPE_CHECKING:
     from mr360uw.depth.occlusion import PlateDepth

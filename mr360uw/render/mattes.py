@@ -15,10 +15,10 @@ from mr360uw.composite.receiver.shape import load_receiver, map_range, without_s
 from mr360uw.composite.settings import HoldoutSettings, ReceiverSettings
 from mr360uw.composite.shot import Receiver
 from mr360uw.errors import VideoError
-from mr360uw.reading.cached_reads import Stamp, stamp
+from mr360uw.reading.disk_cache import Stamp, stamp
 from mr360uw.types import Floats
 from mr360uw.video import VideoFrame, VideoReader, open_video
-from mr360uw.video.read.layout import Eye
+from mr360uw.video.layout import Eye
 
 _LOSSY_STEPS = 2.0
 """Uncertainty of a value of a lossy video, in codes; that of a lossless picture is one code."""

@@ -28,20 +28,18 @@ from mr360uw.ibl import SunTrack
 from mr360uw.ibl.lighting import light_between, sun_between, turned
 from mr360uw.ibl.lookup import environment_lookup
 from mr360uw.medium import Medium
-from mr360uw.medium.ambient import ambient_parts
-from mr360uw.medium.fit.exposure import UNCHANGED, picture_change
-from mr360uw.medium.fit.open_water import beside_floor, visible_gain
-from mr360uw.medium.fit.profile import DOUBTFUL, fit_level, row_up
+from mr360uw.medium.exposure import UNCHANGED, picture_change
+from mr360uw.medium.open_water import DOUBTFUL, beside_floor, fit_level, row_up, visible_gain
+from mr360uw.medium.scattered_light import ambient_parts
 from mr360uw.render.first_pass import ClipAnalysis
 from mr360uw.render.lights import lit_as_its_ground, may_be_clipped, restored
 from mr360uw.render.loaded import Loaded
 from mr360uw.render.match_stage import ungraded
 from mr360uw.render.plate_map import level_view
 from mr360uw.render.surroundings import Surroundings
-from mr360uw.scene.keyed_water import scene_at
+from mr360uw.scene.resolved import scene_at
 from mr360uw.sphere import directions, row_solid_angle
-from mr360uw.types import Environment, Floats, MediumTable, Sun
-from mr360uw.types.frames import sample_step
+from mr360uw.types import Environment, Floats, MediumTable, Sun, sample_step
 from mr360uw.video import VideoFrame, VideoReader
 
 _WAITING = 1 << 26

@@ -18,16 +18,15 @@ from mr360uw.ibl.sun.closure import CLEAR_SKY_DIRECT
 from mr360uw.ibl.sun.steady import Camera
 from mr360uw.ibl.tilt import LevelTrack, keyed_level, level_from_gpmf
 from mr360uw.medium import Medium
-from mr360uw.medium.around_sun import around_sun, placed, typical_level
-from mr360uw.medium.depths import MediumAtDepths, MixedMedium, TableAt
-from mr360uw.medium.fit.open_water import OpenWater, open_water
+from mr360uw.medium.medium import MediumAtDepths, MixedMedium, TableAt
+from mr360uw.medium.open_water import OpenWater, open_water
+from mr360uw.medium.scattered_light import around_sun, placed, typical_level
 from mr360uw.medium.settings import WaterSettings
-from mr360uw.reading.cached_reads import CachedReads
+from mr360uw.reading.disk_cache import CachedReads
 from mr360uw.render.lights import LightReader
 from mr360uw.render.plate_map import world_view
-from mr360uw.scene.inputs import open_plate, pose_of_plate
-from mr360uw.scene.keyed_water import WaterBetween, scene_at, water_between, without_gain
 from mr360uw.scene.model import Scene
+from mr360uw.scene.resolved import WaterBetween, open_plate, pose_of_plate, scene_at, water_between, without_gain
 from mr360uw.types import Floats, MediumTable, Sun
 from mr360uw.video import VideoFrame
 
@@ -196,7 +195,7 @@ def level_track(scene: Scene) -> LevelTrack | None:
     """
     camera = scene.camera
     if camera.gravity is not None:
-        from mr360uw.video.read.probe import gpmf_payloads
+        from mr360uw.video.demux import gpmf_payloads
 
         with open_plate(scene) as video:
             rate = float(video.frame_rate)

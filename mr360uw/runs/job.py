@@ -15,22 +15,20 @@ from mr360uw.cache import Cache
 from mr360uw.composite.aovs import RECIPE, exr_parts, stereo_parts
 from mr360uw.composite.aovs import Part as LayerPart
 from mr360uw.errors import GlError
-from mr360uw.files import WrittenFiles
-from mr360uw.reading.numbered_files import numbered
+from mr360uw.files import WrittenFiles, numbered
 from mr360uw.render.backends import Backend, make_backend
 from mr360uw.render.first_pass import ClipAnalysis
 from mr360uw.render.frame import DrawnFrame, Frame, FrameShots, blend_frame, draw_frame, frame_shots, measure_plate
 from mr360uw.render.loaded import Loaded, load
 from mr360uw.render.plate_light import LightSamples
 from mr360uw.runs.work_folder import Part, SegmentSink, WorkFolder
-from mr360uw.scene.inputs import open_plate
 from mr360uw.scene.model import Scene
+from mr360uw.scene.resolved import open_plate
 from mr360uw.threads import Behind, one_blas_thread, prefetch
 from mr360uw.video import VideoFrame, VideoReader, write_exr
-from mr360uw.video.read.projection import PICTURE_SUFFIXES
-from mr360uw.video.write.image_writer import ImageWriter
-from mr360uw.video.write.other_tracks import exr_attributes
-from mr360uw.video.write.writer import VideoWriter
+from mr360uw.video.formats import PICTURE_SUFFIXES
+from mr360uw.video.other_tracks import exr_attributes
+from mr360uw.video.writer import ImageWriter, VideoWriter
 
 _WAITING = 2
 """Frames between two stages at most, beside the one in each."""

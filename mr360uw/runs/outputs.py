@@ -13,16 +13,15 @@ from pathlib import Path
 from typing import Any
 
 from mr360uw.errors import OutputError, OutputExistsError, ParameterError, VideoError
-from mr360uw.files import write_whole
+from mr360uw.files import is_pattern, matching_files, numbered, without_number, write_whole
 from mr360uw.output_gate import check_outputs, check_work_folder, work_path
 from mr360uw.reading.input_files import InputFile, read_json
-from mr360uw.reading.numbered_files import is_pattern, matching_files, numbered, without_number
 from mr360uw.render.plan import Plan
 from mr360uw.runs.work_folder import Part, WorkFolder, segment_bounds
 from mr360uw.scene.model import Scene, files_of
 from mr360uw.video import VideoReader, create_video
-from mr360uw.video.read.projection import PICTURE_SUFFIXES
-from mr360uw.video.write.writer import Segment
+from mr360uw.video.formats import PICTURE_SUFFIXES
+from mr360uw.video.writer import Segment
 
 
 @dataclass(frozen=True)
@@ -168,7 +167,7 @@ class Output:
         return frames, sum(sizes) + sum(int(one.packets[:, 3].sum()) for one in segments)
 
     def _join(self, segments: list[Segment], path: Path, folder: Path, *, overwrite: bool) -> tuple[str, ...]:
-        from mr360uw.video.write.container_writer import ContainerWriter
+        from mr360uw.video.container_writer import ContainerWriter
 
         span = segments[0].start, segments[-1].stop
         with ContainerWriter(
@@ -182,7 +181,7 @@ def with_encoder(scene: Scene, video: VideoReader, path: Path) -> tuple[Scene, s
     """Return a scene whose output names the encoder that all parts of a run take, and a line on what "auto" took."""
     if path.suffix.lower() in PICTURE_SUFFIXES:
         return scene, ""
-    from mr360uw.video.write.encoder import chosen_encoder
+    from mr360uw.video.encoder import chosen_encoder
 
     settings, taken = chosen_encoder(scene.output, video, path)
     return (scene.model_copy(update={"output": settings}), taken) if taken else (scene, "")

@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 
 from mr360uw.composite.grading.colour_grade import ColourGrade
 from mr360uw.composite.grading.settings import PlateGrade
+from mr360uw.files import files_named
 from mr360uw.ibl import SunTrack
-from mr360uw.medium.fit.open_water import OpenWaterTrack
+from mr360uw.medium.open_water import OpenWaterTrack
 from mr360uw.progress import Progress
-from mr360uw.reading.cached_reads import stamp
 from mr360uw.reading.disk_cache import (
     Arrays,
     cache_file,
@@ -27,17 +27,17 @@ from mr360uw.reading.disk_cache import (
     read_arrays,
     read_kept_arrays,
     sources_stamp,
+    stamp,
     write_arrays,
 )
 from mr360uw.reading.input_files import InputFile, input_file
-from mr360uw.reading.numbered_files import files_named
 from mr360uw.render.first_pass import ClipAnalysis, clip_analysis
 from mr360uw.render.loaded import Loaded
 from mr360uw.render.plate_pattern import Background
 from mr360uw.scene.model import Scene, files_of
 from mr360uw.scene.toml_model import dotted
 from mr360uw.video import VideoReader
-from mr360uw.video.read.projection import projection_of
+from mr360uw.video.formats import projection_of
 
 
 def measured_analysis(

@@ -32,7 +32,7 @@ from mr360uw.reading.input_files import read_json
 from mr360uw.render.first_pass import ClipAnalysis
 from mr360uw.runs.stored_analysis import WorkKeys, load_analysis, save_analysis
 from mr360uw.video import Clip, EncodeSettings, VideoFrame
-from mr360uw.video.write.writer import Segment, SegmentWriter, VideoWriter, stored_segments
+from mr360uw.video.writer import Segment, SegmentWriter, VideoWriter, stored_segments
 
 Part = tuple[int, int]
 """Frames [start, stop) of a clip."""

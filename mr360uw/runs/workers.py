@@ -22,8 +22,7 @@ from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from typing import Any, Literal
 
-from mr360uw.errors import ParameterError, VideoError
-from mr360uw.reading.extras import command
+from mr360uw.errors import ParameterError, VideoError, install_command
 from mr360uw.runs.job import Job, OpenJob, RunTimes
 from mr360uw.runs.work_folder import Part
 
@@ -93,7 +92,7 @@ def _distributed() -> Any:
     try:
         distributed = importlib.import_module("distributed")
     except ImportError as error:
-        raise ParameterError(f"--dask - Dask is not installed - {command('farm')}") from error
+        raise ParameterError(f"--dask - Dask is not installed - {install_command('farm')}") from error
     for name in ("distributed", "distributed.client"):  # what they log is raised too, and told as an error
         logging.getLogger(name).setLevel(logging.CRITICAL)
     return distributed

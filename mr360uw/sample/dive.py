@@ -18,7 +18,7 @@ from mr360uw.files import whole_file, write_whole
 from mr360uw.medium import Water
 from mr360uw.output_gate import check_folder, check_outputs, made_folder
 from mr360uw.progress import Progress
-from mr360uw.reading.limits import FRAMES, PICTURE
+from mr360uw.reading.input_files import FRAMES, PICTURE
 from mr360uw.sample.dive_settings import DiveSettings
 from mr360uw.sample.rendered_dive import SENSOR, Dive
 from mr360uw.sample.sea_bed import BED_TILE_M
@@ -251,7 +251,7 @@ def record(
     Values above 1 clip, as in a camera. transfer, bits: of the codes. The file appears when it is complete.
     """
     from mr360uw.video import SphericalMetadata, write_spherical
-    from mr360uw.video.read.probe import create_local
+    from mr360uw.video.demux import create_local
 
     count = 0
     with whole_file(path) as partial:

@@ -28,7 +28,7 @@ from mr360uw.ibl import environment
 from mr360uw.ibl.sun.closure import CLEAR_SKY, air_mass, beam_below, clear_air_depth, direct_share
 from mr360uw.medium import Medium, Water
 from mr360uw.medium.lookup import beam_fraction
-from mr360uw.medium.spectral.sensor import DEFAULT_SENSOR, named_sensor
+from mr360uw.medium.spectra import DEFAULT_SENSOR, named_sensor
 from mr360uw.optics import fresnel_from_below, fresnel_transmittance, refract_to_water
 from mr360uw.sample.dive_settings import DiveSettings
 from mr360uw.sample.sea_bed import BED_TILE_M, sea_bed

@@ -96,7 +96,7 @@ def _curve(key: KeyedParameter, turns: bool) -> Any:
 
 
 M = TypeVar("M", bound=BaseModel)
-ANY_LENGTH = -1
+_ANY_LENGTH = -1
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,6 +132,7 @@ class Target:
 
 def target_of(scene: BaseModel, name: str) -> Target:
     """Return the parameter of a name such as object.0.scale; raise `ParameterError` where it cannot change."""
+    # Walk from the scene down to the parameter
     owner: Any = scene
     path: Location = ()
     location: Location = ()
@@ -143,6 +144,7 @@ def target_of(scene: BaseModel, name: str) -> Target:
         path, location = (*path, step), (*location, part if isinstance(step, str) else step)
     if field is None:
         raise ParameterError(f"names nothing (got {name!r}) - write for example sea.wind_speed")
+    # Accept numbers and vectors; say what else it is
     lengths = _lengths(field.annotation)
     if isinstance(path[-1], int):
         lengths = frozenset({0}) if lengths - {0} and isinstance(owner, float) else frozenset()
@@ -158,11 +160,13 @@ def target_of(scene: BaseModel, name: str) -> Target:
 
 def _step(owner: Any, part: str, name: str, location: Location) -> tuple[str | int, FieldInfo | None]:
     """Return the name of a field, and the field, or the number of an entry, that a part of a name leads to."""
+    # An entry of a list
     if isinstance(owner, tuple):
         number = entry(part, len(owner))
         if number is None:
             raise ParameterError(f"no such entry (got {name!r}) - there are {len(owner)}, the first is 0")
         return number, None
+    # A field of a table: advise where there is none, or where it cannot change
     if not isinstance(owner, BaseModel):
         where = ".".join(map(str, location))
         raise ParameterError(
@@ -187,14 +191,14 @@ def _holds_models(value: Any) -> bool:
 
 
 def _lengths(annotation: Any) -> frozenset[int]:
-    """Return the numbers of components that values of a type have: 0 for a number, `ANY_LENGTH` for any."""
+    """Return the numbers of components that values of a type have: 0 for a number, `_ANY_LENGTH` for any."""
     origin, parts = get_origin(annotation), get_args(annotation)
     if origin is Annotated:
         return _lengths(parts[0])
     if origin in (Union, UnionType):
         return frozenset[int]().union(*map(_lengths, parts))
     if origin is tuple and _lengths(parts[0]) == {0}:
-        return frozenset({ANY_LENGTH if parts[-1] is Ellipsis else len(parts)})
+        return frozenset({_ANY_LENGTH if parts[-1] is Ellipsis else len(parts)})
     return frozenset({0} if annotation is float else ())
 
 
@@ -234,7 +238,7 @@ def _replaced(owner: Any, path: Location, value: Any) -> Any:
 
 
 Problem = tuple[Location, Any, str]
-"""Where in the file, what stands there, and what is wrong with it and what to do."""
+"""Place in the file, the value there, and what is wrong with it and what to do."""
 Keyed = tuple[int, KeyedParameter, Target]
 """A table of keys: its number, itself, and the parameter that it is of."""
 
@@ -286,7 +290,7 @@ def _misshapen(scene: BaseModel, keyed: list[Keyed]) -> Iterator[Problem]:  # no
     for number, key, target in keyed:
         for index, value in enumerate(key.value):
             length = len(value) if isinstance(value, tuple) else 0
-            if length in target.lengths or (length > 0 and ANY_LENGTH in target.lengths):
+            if length in target.lengths or (length > 0 and _ANY_LENGTH in target.lengths):
                 continue
             wanted = " or ".join("a number" if n == 0 else f"a list of {n} numbers" for n in sorted(target.lengths))
             shown = list(value) if isinstance(value, tuple) else value

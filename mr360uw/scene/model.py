@@ -14,7 +14,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, ValidationError, model_validator
 
-from mr360uw.caustics.sea.gerstner import GerstnerSea
+from mr360uw.caustics.gerstner import GerstnerSea
 from mr360uw.caustics.settings import CausticSettings, Sea
 from mr360uw.color import DisplayTransfer, Levels, Primaries, Transfer
 from mr360uw.composite.at_surface.settings import SurfaceSettings
@@ -37,8 +37,7 @@ from mr360uw.scene.toml_model import (
     with_absolute_paths,
 )
 from mr360uw.shapes import checked, file_path
-from mr360uw.video.read.projection import FISHEYE_FOV_DEG, Projection
-from mr360uw.video.settings import EncodeSettings
+from mr360uw.video.formats import FISHEYE_FOV_DEG, EncodeSettings, Projection
 from mr360uw.yuv.ocio_transform import OcioSettings
 
 QUALITIES: Mapping[str, Mapping[str, Mapping[str, object]]] = {

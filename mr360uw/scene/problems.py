@@ -55,14 +55,14 @@ def place(where: str, lines: Lines, location: Location) -> str:
 
     What the command line sets is at '--set table.key'.
     """
-    line = line_of(lines, location)
+    line = _line_of(lines, location)
     name = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in location).lstrip(".")
     if line == SET:
         return f"--set {name}"
     return f"{where} {name}" if line is None else f"{where}:{line} {name}"
 
 
-def line_of(lines: Lines, location: Location) -> int | None:
+def _line_of(lines: Lines, location: Location) -> int | None:
     """Return the line of a location, or of the nearest table around it; None where there is neither."""
     return next((lines[location[:k]] for k in range(len(location), 0, -1) if location[:k] in lines), None)
 
@@ -240,7 +240,7 @@ def problems(error: ValidationError, root: type[BaseModel], where: str, lines: L
         else:
             what = item["msg"][0].lower() + item["msg"][1:]
             todo = f"{help_text} [{bounds}]" if bounds else help_text
-        line = line_of(lines, location) or 0
+        line = _line_of(lines, location) or 0
         text = f"{place(where, lines, location)} - {what}{got}" + (f" - {todo}" if todo else "")
         if item["type"] in _BOUNDS:
             found[location] = line, text  # of a union: its other types do not fit either
@@ -269,6 +269,10 @@ def _short(value: Any) -> str:
 
 
 _PUBLISHED = "is fixed at the published value now"
+_LIGHT = (
+    "mr360_strength mr360_power mr360_base landis_threshold landis_alpha akyuz_gamma kovaleski_threshold "
+    "kovaleski_boost piecewise_split"
+)
 _PHASE = "is part of water.phase now: a mean cosine, or [index, slope]"
 _FILE = "is the mesh file's alone now"
 
@@ -276,17 +280,12 @@ REMOVED = {
     "plate.ocio.file": "is plate.ocio.config now",
     "water.inherent": "is fixed at solonenko2015 now; others by type csv",
     "water.kd": "goes with the type now; others by type csv",
-    "water.mean_cosine": _PHASE,
-    "water.particle_index": _PHASE,
-    "water.junge_slope": _PHASE,
+    **dict.fromkeys(("water.mean_cosine", "water.particle_index", "water.junge_slope"), _PHASE),
     "water.rule": "is fixed at rectangle now",
     "water.surface": "is fixed at snell now",
     "object.unit": "is object.scale now: 0.01 for cm, 0.001 for mm; or object.size_m",
     "object.vertex_colors": "is fixed at auto now",
-    "object.emission_scale": _FILE,
-    "object.part": _FILE,
-    "object.normal_texture": _FILE,
-    "object.orm_texture": _FILE,
+    **dict.fromkeys(("object.emission_scale", "object.part", "object.normal_texture", "object.orm_texture"), _FILE),
     "lamp.object": "is lamp.attach now: the object's number",
     "lamp.kind": "follows from lamp.cone_deg: 360 for a point",
     "lamp.watts": "is lamp.lumen now: about 300 lm a watt of white light",
@@ -295,15 +294,7 @@ REMOVED = {
     "holdout.feather_px": "is the matte's own softness now",
     "light.transfer": "is fixed at srgb now",
     "light.ramp_deg": "is fixed at 10 now",
-    "light.mr360_strength": _PUBLISHED,
-    "light.mr360_power": _PUBLISHED,
-    "light.mr360_base": _PUBLISHED,
-    "light.landis_threshold": _PUBLISHED,
-    "light.landis_alpha": _PUBLISHED,
-    "light.akyuz_gamma": _PUBLISHED,
-    "light.kovaleski_threshold": _PUBLISHED,
-    "light.kovaleski_boost": _PUBLISHED,
-    "light.piecewise_split": _PUBLISHED,
+    **{f"light.{name}": _PUBLISHED for name in _LIGHT.split()},
     "light.glossy_roughness": "is fixed at [0.1, 0.2, 0.4, 0.7, 1.0] now",
     "light.latitude_deg": "is part of light.place_deg now",
     "light.longitude_deg": "is part of light.place_deg now",

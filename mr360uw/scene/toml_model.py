@@ -34,6 +34,7 @@ def entry(part: str, count: int) -> int | None:
 
 def override(data: dict[str, Any], text: str) -> Location:
     """Set one key of nested tables from 'a.b=value', 'a.0.b=value' or 'a[0].b=value'; return where it is."""
+    # Read the value as TOML, or as bare text
     key, equals, value = text.partition("=")
     if not equals or not key.strip():
         raise SceneError("--set", [f"{text} - is not key=value (got {text!r}) - write for example camera.depth_m=8"])
@@ -41,10 +42,12 @@ def override(data: dict[str, Any], text: str) -> Location:
         parsed = tomllib.loads(f"value = {value}")["value"]
     except (ValueError, RecursionError):
         parsed = value.strip()
+    # Walk down to the table that holds the key; make tables that are missing
     *parents, last = dotted(key)
     table: Any = data
     location: Location = ()
     for depth, part in enumerate(parents):
+        # Refuse lists of tables and keyed parameters, which hold no single value
         if isinstance(table, list):
             number = entry(part, len(table))
             if number is None:

@@ -14,15 +14,52 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mr360uw.jit import borrowing, exact
 from mr360uw.surface.sampled_sea import Displacement, SampledSea, displacement, read_height, read_shift, rest_position
-from mr360uw.surface.tracing.table_reads import Ray, Vector
+from mr360uw.texels import Vector
+from mr360uw.types import Array
 
-Array = NDArray[np.float64]
 
-PIXEL_SIGMA = 1.0 / math.sqrt(12.0)
+class Ray(NamedTuple):
+    """A ray of light. origin: [m], y over the mean surface. side: 1 in the air, -1 in the water. width, spread: of its
+    footprint at its origin, and its growth per metre.
+    """
+
+    origin: Vector
+    direction: Vector
+    side: float
+    width: float
+    spread: float
+
+
+@exact
+def reflectance(cosine: float, m: float) -> tuple[float, float]:
+    """Return `optics.fresnel` of a cosine of incidence and the cosine of refraction."""
+    before = max(cosine, 1e-300)
+    behind = math.sqrt(max(1.0 - (1.0 - before * before) / (m * m), 0.0))
+    across, along = (before - m * behind) / (before + m * behind), (m * before - behind) / (m * before + behind)
+    return 0.5 * (across * across + along * along), behind
+
+
+@exact
+def bent(dx: float, dy: float, dz: float, nx: float, ny: float, nz: float, eta: float) -> Vector:
+    """Return the unit direction of `optics.refract_clamped`; a normal (nx, ny, nz) against the travel (dx, dy, dz)."""
+    cosine = dx * nx + dy * ny + dz * nz
+    k = eta * cosine + math.sqrt(max(1.0 - eta * eta * (1.0 - cosine * cosine), 0.0))
+    x, y, z = eta * dx - k * nx, eta * dy - k * ny, eta * dz - k * nz
+    length = max(math.sqrt(x * x + y * y + z * z), 1e-12)
+    return x / length, y / length, z / length
+
+
+@exact
+def mirrored(dx: float, dy: float, dz: float, nx: float, ny: float, nz: float) -> Vector:
+    """Return the direction of `optics.reflect`."""
+    twice = 2.0 * (dx * nx + dy * ny + dz * nz)
+    return dx - twice * nx, dy - twice * ny, dz - twice * nz
+
+
+_PIXEL_SIGMA = 1.0 / math.sqrt(12.0)
 """Standard deviation of a pixel of width 1."""
 _LEAST_UP = 0.05
 """Least |y| of a direction that stretches a footprint on the surface, by the mean of its two axes, up to 4.5 times."""
@@ -37,7 +74,7 @@ curvatures of 10/m."""
 
 
 class SeaWaves(NamedTuple):
-    """What rays read of a `SampledSea`: its numbers, coefficients and table of its splines, and its `HeightMaps`."""
+    """Arrays of a `SampledSea` that rays read: numbers, coefficients and table of its splines, and its `HeightMaps`."""
 
     tile_m: float
     step_m: float
@@ -52,8 +89,8 @@ class SeaWaves(NamedTuple):
 
 
 class Hit(NamedTuple):
-    """Where a ray meets the surface. distance: [m], infinity for nowhere. normal: up. a, b: rest position over (x, z)
-    of the particle. sigma_m: of the footprint that the surface was smoothed to. level: of the splines for it.
+    """Intersection of a ray with the surface. distance: [m], infinity for nowhere. normal: up. a, b: rest position over
+    (x, z) of the particle. sigma_m: of the footprint that the surface was smoothed to. level: of the splines for it.
     """
 
     distance: float
@@ -65,17 +102,17 @@ class Hit(NamedTuple):
 
 
 NOWHERE = Hit(math.inf, (0.0, 0.0, 0.0), 0.0, 0.0, 0.0, 0.0)
-"""Where a ray that does not meet the surface does so."""
+"""Intersection of a ray that does not meet the surface."""
 
 
 @exact
 def sigma_at(width: float, spread: float, t: float, up: float) -> float:
     """Return the standard deviation [m] of a ray's footprint on the level surface after a distance t."""
-    return PIXEL_SIGMA * (width + spread * t) / math.sqrt(max(abs(up), _LEAST_UP))
+    return _PIXEL_SIGMA * (width + spread * t) / math.sqrt(max(abs(up), _LEAST_UP))
 
 
 @exact
-def level_at(sigma: float, step_m: float, last: int) -> float:
+def _level_at(sigma: float, step_m: float, last: int) -> float:
     """Return `SampledSea.level_of` of one number."""
     s = sigma / step_m
     return min(float(last), s if s < 1.0 else 1.0 + math.log2(s))
@@ -101,7 +138,7 @@ def first_hit(sea: SeaWaves, ray: Ray, reach: float) -> Hit:
         if t > end:
             break
         sigma = sigma_at(width, spread, t, dy)
-        level = level_at(sigma, sea.step_m, last)
+        level = _level_at(sigma, sea.step_m, last)
         over = side * (oy + t * dy - read_height(sea.height, sea.maps, sea.tile_m, level, ox + t * dx, oz + t * dz))
         steep = sea.steepest[min(int(level), last)] * across
         if side * dy > steep and over > -_BESIDE * sea.step_m:  # away from the surface, faster than it can follow
@@ -126,7 +163,7 @@ def _refined(sea: SeaWaves, ray: Ray, sigma: float, low: float, high: float, t: 
     """Return the hit between two distances, from about a distance t, infinite if there is none after all."""
     (ox, oy, oz), (dx, dy, dz) = ray.origin, ray.direction
     tile = sea.tile_m
-    level = level_at(sigma, sea.step_m, len(sea.table) - 1)
+    level = _level_at(sigma, sea.step_m, len(sea.table) - 1)
     x, z = ox + t * dx, oz + t * dz
     shift_x, shift_z = read_shift(sea.shift, sea.maps, tile, level, x, z)
     a, b = x - shift_x, z - shift_z
@@ -154,9 +191,10 @@ def _refined(sea: SeaWaves, ray: Ray, sigma: float, low: float, high: float, t: 
 @borrowing
 def _bisected(sea: SeaWaves, ray: Ray, sigma: float, low: float, high: float) -> Hit:
     """Return the hit between two distances: the first if the ray is behind the splines there, none if before both."""
+    # The ends decide: still before the surface, or behind it at once
     (ox, oy, oz), (dx, dy, dz), side = ray.origin, ray.direction, ray.side
     c, n, tile = sea.splines, sea.table, sea.tile_m
-    level, slack = level_at(sigma, sea.step_m, len(n) - 1), 1e-11 * tile
+    level, slack = _level_at(sigma, sea.step_m, len(n) - 1), 1e-11 * tile
     x, z, t = ox + high * dx, oz + high * dz, low
     a, b, p = rest_position(c, n, tile, level, x, z, x, z, slack)
     if side * (oy + high * dy - p[0]) > 0.0:
@@ -165,6 +203,7 @@ def _bisected(sea: SeaWaves, ray: Ray, sigma: float, low: float, high: float) ->
     a, b, p = rest_position(c, n, tile, level, x, z, a, b, slack)
     if side * (oy + low * dy - p[0]) <= 0.0:
         return Hit(low, _normal(p), a, b, sigma, level)
+    # Halve the interval to the last digits
     for _ in range(60):
         t = 0.5 * (low + high)
         x, z = ox + t * dx, oz + t * dz
@@ -189,7 +228,7 @@ def _normal(p: Displacement) -> Vector:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SurfaceHits:
-    """Where rays meet the surface.
+    """Intersections of rays with the surface.
 
     distance: (n,) [m], infinity for none. normal: (n, 3), up. rest: (n, 2) rest position over (x, z) of the particle.
     sigma_m: (n,) of the footprint that the surface was smoothed to. level: (n,) of the splines for it.

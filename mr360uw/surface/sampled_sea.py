@@ -21,13 +21,11 @@ import numpy as np
 import scipy.fft
 from numpy.typing import ArrayLike, NDArray
 
-from mr360uw.caustics.sea.base import Detail, detail_slope
+from mr360uw.caustics.sea import Detail, detail_slope
 from mr360uw.jit import borrowing, exact, inlined
 from mr360uw.shapes import checked
 from mr360uw.texels import between_four, periodic_four
-from mr360uw.types import Floats, Surface
-
-Array = NDArray[np.float64]
+from mr360uw.types import Array, Floats, Surface
 
 _SAMPLES = 12
 """Points to the shortest wave: cubic splines are then off by 2e-4 of its height. Twice as many: 1e-5, four times the
@@ -41,7 +39,7 @@ _HARDLY = 1e-9
 
 
 class MovingSea(Protocol):
-    """What a sea must offer: `caustics.GerstnerSea` and `caustics.SpectralSea` do."""
+    """Interface of a sea, which `caustics.GerstnerSea` and `caustics.SpectralSea` have."""
 
     @property
     def tile_m(self) -> float:
@@ -121,7 +119,7 @@ class SampledSea:
         """Return the height (n,) [m] of the surface over the mean above places (n,)."""
         x, z = (np.ascontiguousarray(a, np.float64) for a in (x_m, z_m))
         out = np.zeros(len(x))
-        heights_at(self.fine, self.table, self.tile_m, x, z, out)
+        _heights_at(self.fine, self.table, self.tile_m, x, z, out)
         return out
 
     @functools.cached_property
@@ -137,7 +135,7 @@ class SampledSea:
     @functools.cached_property
     def maps(self) -> HeightMaps:
         """Maps of the height over places."""
-        return height_maps(self.fine, self.table, self.tile_m, self.steepest)
+        return _height_maps(self.fine, self.table, self.tile_m, self.steepest)
 
     def level_of(self, sigma_m: Floats) -> Array:
         """Return the fractional level (...,) for a Gaussian of a standard deviation [m]."""
@@ -226,10 +224,10 @@ def displacement(c: Any, n: Any, tile_m: float, level: float, a: float, b: float
     """Return the displacement of a particle, between the splines of two levels."""
     lower = min(int(level), len(n) - 1)
     share = level - lower
-    p = at_level(c, n[lower, 0], n[lower, 1], tile_m, a, b)
+    p = _at_level(c, n[lower, 0], n[lower, 1], tile_m, a, b)
     if share <= 0.0 or lower + 1 >= len(n):
         return p
-    q, rest = at_level(c, n[lower + 1, 0], n[lower + 1, 1], tile_m, a, b), 1.0 - share
+    q, rest = _at_level(c, n[lower + 1, 0], n[lower + 1, 1], tile_m, a, b), 1.0 - share
     return (
         rest * p[0] + share * q[0], rest * p[1] + share * q[1], rest * p[2] + share * q[2],
         rest * p[3] + share * q[3], rest * p[4] + share * q[4], rest * p[5] + share * q[5],
@@ -238,8 +236,9 @@ def displacement(c: Any, n: Any, tile_m: float, level: float, a: float, b: float
 
 
 @borrowing
-def at_level(c: Any, first: int, size: int, tile_m: float, a: float, b: float) -> Displacement:
+def _at_level(c: Any, first: int, size: int, tile_m: float, a: float, b: float) -> Displacement:
     """Return the displacement of a particle by the splines of one level."""
+    # Weigh the four nodes each way by cubic B-splines, and by their slopes
     per_m, last = size / tile_m, size - 1
     u, v = a * per_m, b * per_m
     column, row = math.floor(u), math.floor(v)
@@ -249,6 +248,7 @@ def at_level(c: Any, first: int, size: int, tile_m: float, a: float, b: float) -
     i0, i1, i2, i3 = (i - 1) & last, i & last, (i + 1) & last, (i + 2) & last
     weights, slopes = _basis(v - row), _slopes(v - row)
     h, sx, sz, h_a, sx_a, sz_a, h_b, sx_b, sz_b = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    # Sum rows of nodes: height and both shifts, with their slopes along both axes
     for k in range(4):
         line = first + ((j + k - 1) & last) * size
         p, q, r, t = line + i0, line + i1, line + i2, line + i3
@@ -307,7 +307,7 @@ def rest_position(
 
 
 @borrowing
-def heights_at(c: Any, n: Any, tile_m: float, x: Any, z: Any, result: Any) -> None:
+def _heights_at(c: Any, n: Any, tile_m: float, x: Any, z: Any, result: Any) -> None:
     """Write the height of the surface over the mean at places (n,) into `result` (n,)."""
     for k in range(len(x)):
         result[k] = rest_position(c, n, tile_m, 0.0, x[k], z[k], x[k], z[k], 1e-11 * tile_m)[2][0]
@@ -321,7 +321,7 @@ _FINEST = 512
 """Most nodes across the tile of the map of the sea itself. Maps of smoothed seas have one for every two points of the
 splines: their rays are as wide as two."""
 _SLACK = 1e-3
-"""How far beside its node a particle of the maps may stand, over the distance of the nodes."""
+"""Largest distance of a particle of the maps from its node, over the distance of the nodes."""
 _MARGIN = 1.1
 """Factor on the greatest slope between nodes."""
 _ROWS = 32
@@ -340,7 +340,7 @@ class HeightMaps(NamedTuple):
     steepest: Array
 
 
-def height_maps(
+def _height_maps(
     coefficients: NDArray[np.float32], table: NDArray[np.int64], tile_m: float, steepest: float
 ) -> HeightMaps:
     """Return the maps of all levels. coefficients, table: of the splines. steepest: bound of the greatest slope."""

@@ -27,16 +27,15 @@ from mr360uw.optics import check_refractive_index
 from mr360uw.plot import Figure, Shown
 from mr360uw.shapes import checked, exactly, number
 from mr360uw.sphere import unit
-from mr360uw.surface.intersection import NOWHERE, Hit
+from mr360uw.surface.facet_draws import next_key
+from mr360uw.surface.intersection import NOWHERE, Hit, Ray, bent
+from mr360uw.surface.ray_kernel import OFF_M, STACK, RayStage, RayWorld, followed, met, put, ray_world
 from mr360uw.surface.sampled_sea import SampledSea, points_across
 from mr360uw.surface.sea_floor import Floor, FloorLight
 from mr360uw.surface.sky import Dome
-from mr360uw.surface.tracing.facet_draws import next_key
-from mr360uw.surface.tracing.ray_kernel import OFF_M, STACK, RayWorld, followed, met, put
-from mr360uw.surface.tracing.stage_arrays import RayStage, ray_world
-from mr360uw.surface.tracing.table_reads import Ray, Vector, add, bent
 from mr360uw.surface.water_light import WaterLight
-from mr360uw.types import Sun, View
+from mr360uw.texels import Vector, add
+from mr360uw.types import Array, Sun, View
 
 # A sea with its sky, floor and water, of which pictures are taken at any times and from any places.
 #
@@ -283,8 +282,6 @@ def _checked(sun: Sun | None) -> Sun | None:
     return Sun(direction, irradiance, float(sun.half_angle_rad), sun.confidence)
 
 
-Array = NDArray[np.float64]
-
 _AT_ONCE = 1 << 14
 """Rays that are traced on one thread at a time."""
 
@@ -395,12 +392,14 @@ def _centres(
         for column in range(columns):
             p, q = origins[row, column, 0], directions[row, column, 0]
             o, v = (p[0], p[1], p[2]), (q[0], q[1], q[2])
+            # Follow the ray to the surface, else to the floor
             hit, floor = met(w, Ray(o, v, side, width, spread), NOWHERE, False)
             t, length = hit.distance, 0.0
             if t < math.inf:
                 kind[row, column] = 1
                 nx, ny, nz = hit.normal
                 normal[row, column, 0], normal[row, column, 1], normal[row, column, 2] = nx, ny, nz
+                # From the air go on into the water, for the length that is seen through
                 if side > 0.0:
                     d = bent(v[0], v[1], v[2], nx, ny, nz, 1.0 / w.refractive_index)
                     at = o[0] + t * v[0] + OFF_M * d[0], o[1] + t * v[1] + OFF_M * d[1], o[2] + t * v[2] + OFF_M * d[2]
@@ -408,6 +407,7 @@ def _centres(
                     length = min(on.distance, below)
             elif floor < math.inf:
                 t, kind[row, column] = floor, 2
+            # Keep the hit: rays through the same pixel begin from it
             distance[row, column] = t
             wet[row, column] = t if side < 0.0 else length
             out = hits[row, column]

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import functools
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,11 +20,13 @@ from numpy.typing import ArrayLike, NDArray
 from mr360uw.constants import PI
 from mr360uw.errors import ParameterError
 from mr360uw.ibl.lookup import environment_lookup
+from mr360uw.jit import borrowing
 from mr360uw.medium.ray_field import SkyShape
 from mr360uw.optics import fresnel_transmittance
 from mr360uw.shapes import numbers
 from mr360uw.sphere import directions, row_solid_angle
-from mr360uw.types import Floats, Sun
+from mr360uw.texels import Vector, between, four
+from mr360uw.types import Array, Floats, Sun
 
 Shape = tuple[float, float, float, float, float]
 """The numbers a to e of a sky."""
@@ -47,8 +50,6 @@ def standard_sky(shape: Shape, sun: Floats) -> NDArray[np.float64]:
     indicatrix = 1.0 + c * (np.exp(d * np.arccos(cosine)) - math.exp(d * 0.5 * PI)) + e * cosine**2
     return np.asarray(gradation * indicatrix)
 
-
-Array = NDArray[np.float64]
 
 _RINGS, _IN_RING = (5.0, 20.0, 35.0, 50.0, 65.0, 80.0, 90.0), (16, 12, 12, 8, 6, 1)
 """Edges [deg] of elevation of the patches that the sky is divided into, from the horizon up, and patches of a ring. The
@@ -185,3 +186,45 @@ def sun_below(sun: Sun | None, refractive_index: float) -> Array:
         return np.zeros(3)
     up = float(sun.direction[1])
     return np.asarray(sun.irradiance * up * fresnel_transmittance(up, refractive_index), np.float64)
+
+
+@borrowing
+def sky_radiance(t: Any, n: Any, dx: float, dy: float, dz: float, footprint: float) -> Vector:
+    """Return the radiance of the sky over a footprint [rad]; directions below the horizon see its mirror image.
+
+    t: (n, 3) texels of the dome; n: (L, 3) first texel, width and height of every level.
+    """
+    last = len(n) - 1
+    wanted = footprint * n[0, 2] / math.pi
+    level = min(math.log2(wanted), float(last)) if wanted > 1.0 else 0.0
+    lower = int(level)
+    share = level - lower
+    longitude = math.atan2(dx, -dz) / (2.0 * math.pi) + 0.5
+    latitude = 0.5 - math.atan2(abs(dy), math.hypot(dx, dz)) / math.pi
+    value = _dome_level(t, n[lower, 0], n[lower, 1], n[lower, 2], longitude, latitude)
+    if share <= 0.0:
+        return value
+    lower += 1
+    return between(value, _dome_level(t, n[lower, 0], n[lower, 1], n[lower, 2], longitude, latitude), share)
+
+
+@borrowing
+def panorama(t: Any, first: int, width: int, height: int, v: Vector) -> Vector:
+    """Return `ibl.lookup.environment_lookup` of a map whose texels begin in row `first` of t (n, 3)."""
+    longitude = math.atan2(v[0], -v[2]) / (2.0 * math.pi) + 0.5
+    latitude = 0.5 - math.atan2(v[1], math.hypot(v[0], v[2])) / math.pi
+    return _dome_level(t, first, width, height, longitude, latitude)
+
+
+@borrowing
+def _dome_level(t: Any, first: int, width: int, height: int, longitude: float, latitude: float) -> Vector:
+    x, y = longitude * width - 0.5, latitude * height - 0.5
+    column, row = math.floor(x), math.floor(y)
+    i, j = int(column), int(row)
+    above, below = first + max(j, 0) * width, first + min(j + 1, height - 1) * width
+    # a row beyond a pole is the row before it, half a turn away
+    over, under = width // 2 if j < 0 else 0, width // 2 if j + 1 >= height else 0
+    return four(
+        t, above + (i + over) % width, above + (i + 1 + over) % width, below + (i + under) % width,
+        below + (i + 1 + under) % width, x - column, y - row,
+    )  # fmt: skip

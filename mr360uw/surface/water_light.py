@@ -16,7 +16,7 @@ import math
 import os
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,26 +24,24 @@ from scipy.fft import irfft2, rfft2
 
 from mr360uw.cache import shared
 from mr360uw.caustics import CausticSettings, caustic_map, caustic_stack
-from mr360uw.caustics.flux.sun_disc import gaussian_transform
 from mr360uw.caustics.settings import Sea
+from mr360uw.caustics.sun_disc import gaussian_transform
 from mr360uw.constants import JUST_BELOW_M, PI
 from mr360uw.ibl.lookup import environment_lookup
 from mr360uw.jit import borrowing, inlined
 from mr360uw.medium import Medium, Water
-from mr360uw.medium.around_sun import around_sun, placed
-from mr360uw.medium.depths import MediumAtDepths
-from mr360uw.medium.fit.profile import row_up
 from mr360uw.medium.lookup import beam_fraction, linear, transmittance_lookup, veil_lookup
-from mr360uw.medium.small_angles import spread_of
+from mr360uw.medium.medium import MediumAtDepths
+from mr360uw.medium.open_water import row_up
+from mr360uw.medium.scattered_light import around_sun, placed, spread_of
 from mr360uw.optics import diffuse_reflectance_from_below, refract_to_water
+from mr360uw.surface.facet_draws import normal_quantile
+from mr360uw.surface.intersection import bent, reflectance
 from mr360uw.surface.sampled_sea import SampledSea
 from mr360uw.surface.sea_floor import FloorLight, Tiled
-from mr360uw.surface.sky import Dome, sun_below
-from mr360uw.surface.tracing.facet_draws import normal_quantile
-from mr360uw.surface.tracing.table_reads import Vector, add, bent, packed, reflectance, sky_radiance
-from mr360uw.types import CausticStack, Floats, MediumTable, Sun
-
-Array = NDArray[np.float64]
+from mr360uw.surface.sky import Dome, sky_radiance, sun_below
+from mr360uw.texels import Vector, add, between_four, packed
+from mr360uw.types import Array, CausticStack, Floats, MediumTable, Sun
 
 _LEAST = 1e-300
 
@@ -194,10 +192,12 @@ class WaterLight:
         settings: CausticSettings,
     ) -> FloorLight:  # fmt: skip
         """Return the light on the floor at a depth below the mean surface. sampled: the sea at the time."""
+        # Above the water the sky and the sun arrive as they are
         dry_sun: Array = np.zeros(3) if sun is None else np.asarray(sun.irradiance * max(float(sun.direction[1]), 0.0))
         dry = dome.irradiance + dry_sun
         if depth_m <= 0.0:
             return FloorLight(dry, (), dry, dry_sun)
+        # Without water light is patterned by refraction alone
         medium = None if self.sun is None else self.sun.medium
         pattern = sun_pattern(sea, sun, depth_m, time_s, self.index, settings, medium)
         even = self.returned(depth_m)
@@ -206,6 +206,7 @@ class WaterLight:
             if pattern is not None:
                 patterns.append((pattern[0], sun_below(sun, self.index)))
             return FloorLight(even, tuple(patterns), dry, dry_sun, skies=1)
+        # In water the beam's pattern stands on even light: sharp as far as it has not turned
         even, patterns = even + self.sky.down(depth_m), []
         if pattern is not None and self.sun is not None:
             beam, sharp = self._beam(depth_m)
@@ -264,7 +265,7 @@ _STEPS = 3
 
 
 @borrowing
-def gather_row(
+def _gather_row(
     w: Any, d: Any, dn: Any, rays: Any, tile_m: float, row: int, depth: float, index: float, footprint: float, out: Any
 ) -> None:
     """Write the sums (size, 3) of radiance over n^2 that the rays of a row of the floor's pixels see.
@@ -280,9 +281,11 @@ def gather_row(
             v = rays[k, 0], rays[k, 1], rays[k, 2]
             x, z = (column + rays[k, 3]) * step, (row + rays[k, 4]) * step
             p = (0.0, 0.0, 0.0)
+            # Find where the ray leaves the water, by fixed-point iteration on the wave's height
             for _ in range(_STEPS):
                 t = (depth + p[0]) / v[1]
                 p = _surface(w, tile_m, x + t * v[0], z + t * v[2])
+            # Tilt the surface by a facet of unresolved waves, and look through it
             seen = v[1] - p[1] * v[0] - p[2] * v[2]
             sx, sz = p[1] + rays[k, 5], p[2] + rays[k, 6]
             facet = v[1] - sx * v[0] - sz * v[2]
@@ -351,7 +354,7 @@ def _gathered(sampled: SampledSea, dome: Dome, depth_m: float, size: int, index:
     surface, out = _slopes(sampled), np.zeros((size, size, 3))
 
     def draw(row: int) -> None:
-        gather_row(
+        _gather_row(
             surface, texels, table, rays, sampled.tile_m, row, depth_m, index, index * np.sqrt(share), out[row]
         )  # fmt: skip
 
@@ -374,7 +377,7 @@ def _slopes(sampled: SampledSea) -> NDArray[np.float32]:
 
 @shared(keep=8)
 def _rays(count: int, slope_variance: float) -> Array:
-    """Return the rays (count, 7) of `gather_row`, the same for every pixel.
+    """Return the rays (count, 7) of `_gather_row`, the same for every pixel.
 
     Directions lie on a sunflower's spiral (Vogel 1979), the rest on the lattice R_4 of Roberts 2018.
     """
@@ -385,3 +388,48 @@ def _rays(count: int, slope_variance: float) -> Array:
     normal = np.array([normal_quantile(p) for p in np.clip(even[:, 2:], 1e-9, 1.0 - 1e-9).ravel()]).reshape(-1, 2)
     direction = np.stack([sine * np.cos(turn), np.sqrt(1.0 - sine**2), sine * np.sin(turn)], axis=-1)
     return np.concatenate([direction, even[:, :2], np.sqrt(slope_variance) * normal], axis=1)
+
+
+_between_four = inlined(between_four)
+
+
+class WaterTable(NamedTuple):
+    """Where the tables of a light lie in the water's arrays, and the scales of a `MediumTable`: the light's length and
+    the depth at which its rays start.
+    """
+
+    at: int
+    length_m: float
+    depth_m: float
+
+
+@borrowing
+def _bilinear(table: Any, at: int, u: float, v: float) -> Vector:
+    """Return the value of table `at` of (n, U, V, 3) at coordinates in [0, 1] (`medium.lookup.bilinear`)."""
+    x, y = min(max(u, 0.0), 1.0) * (table.shape[1] - 1), min(max(v, 0.0), 1.0) * (table.shape[2] - 1)
+    i, j = min(int(x), table.shape[1] - 2), min(int(y), table.shape[2] - 2)
+    return _channel(table, at, i, j, x, y, 0), _channel(table, at, i, j, x, y, 1), _channel(table, at, i, j, x, y, 2)
+
+
+@inlined
+def _channel(t: Any, at: int, i: int, j: int, x: float, y: float, k: int) -> Any:
+    return _between_four(t[at, i, j, k], t[at, i, j + 1, k], t[at, i + 1, j, k], t[at, i + 1, j + 1, k], y - j, x - i)
+
+
+@borrowing
+def veil(veils: Any, table: WaterTable, distance: float, up: float) -> Vector:
+    """Return `medium.lookup.veil_lookup` of a ray that may be infinite."""
+    s = min(distance, table.depth_m / max(up, 1e-9))
+    smooth = _bilinear(veils, table.at, 0.5 + 0.5 * up, 1.0 - table.length_m / (s + table.length_m))
+    filled = -math.expm1(-s / table.length_m)
+    return filled * smooth[0], filled * smooth[1], filled * smooth[2]
+
+
+@borrowing
+def transmittance(attenuations: Any, table: WaterTable, distance: float, up: float) -> Vector:
+    """Return `medium.lookup.transmittance_lookup` of a finite ray."""
+    s = min(distance, table.depth_m / max(up, 1e-9))
+    depth = max(table.depth_m - s * up, 0.0)
+    length = table.length_m
+    a = _bilinear(attenuations, table.at, 1.0 - length / (depth + length), 1.0 - length / (s + length))
+    return math.exp(-a[0] * s), math.exp(-a[1] * s), math.exp(-a[2] * s)

@@ -20,9 +20,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.errors import Mr360uwError
+from mr360uw.errors import Mr360uwError, install_command
 from mr360uw.progress import Steps
-from mr360uw.reading.extras import command
 from mr360uw.sphere import direction_from_frame
 from mr360uw.track.camera_track import Kind
 from mr360uw.types import Floats
@@ -93,7 +92,7 @@ def load_colmap() -> Any:
     try:
         import pycolmap
     except ImportError as error:
-        raise Mr360uwError(f"track - needs pycolmap, which is not installed - {command('track')}") from error
+        raise Mr360uwError(f"track - needs pycolmap, which is not installed - {install_command('track')}") from error
     return pycolmap
 
 
@@ -234,8 +233,8 @@ def _verified(
         found = indices
         if stored.exists_two_view_geometry(ids[i], ids[j]):
             inliers = np.asarray(stored.read_two_view_geometry(ids[i], ids[j]).inlier_matches).reshape(-1, 2)
-            found = inliers if len(inliers) >= MINIMUM_MATCHES else indices
-        if len(found) >= MINIMUM_MATCHES:
+            found = inliers if len(inliers) >= _MINIMUM_MATCHES else indices
+        if len(found) >= _MINIMUM_MATCHES:
             agreed[i, j] = directions[i][found[:, 0]], directions[j][found[:, 1]]
     return agreed
 
@@ -255,7 +254,7 @@ _TURNING_SHARE = 0.85
 """Least share of matches that a rotation explains. Open water has no features, so a camera that moves through a scene
 whose points are 20 times its path away counts as turning."""
 _AVERAGINGS = 20
-MINIMUM_MATCHES = 20
+_MINIMUM_MATCHES = 20
 """Fewest matches of a pair of frames that say anything."""
 
 Matches = Mapping[tuple[int, int], tuple[Floats, Floats]]
@@ -302,7 +301,7 @@ def classify(matches: Matches, pixel_rad: float) -> Kind:
     """
     widest: dict[int, tuple[int, int]] = {}
     for i, j in matches:
-        if len(matches[i, j][0]) >= MINIMUM_MATCHES and (i not in widest or j > widest[i][1]):
+        if len(matches[i, j][0]) >= _MINIMUM_MATCHES and (i not in widest or j > widest[i][1]):
             widest[i] = (i, j)
     pairs = [matches[pair] for pair in widest.values()]
     turns = [robust_rotation(a, b, pixel_rad)[0] for a, b in pairs]
@@ -324,7 +323,7 @@ def average_rotations(count: int, matches: Matches, pixel_rad: float) -> Floats:
 
     pairs, relative, weight = [], [], []
     for (i, j), (a, b) in sorted(matches.items()):
-        if len(a) >= MINIMUM_MATCHES:
+        if len(a) >= _MINIMUM_MATCHES:
             rotation, inside = robust_rotation(a, b, 2.0 * pixel_rad)
             pairs.append((i, j))
             relative.append(rotation)

@@ -16,8 +16,7 @@ from mr360uw.output_gate import check_outputs
 from mr360uw.reading.input_files import json_of, read_text
 from mr360uw.shapes import checked
 from mr360uw.threads import one_blas_thread
-from mr360uw.track.camera_track import CameraTrack
-from mr360uw.track.world_axes import fit_floor
+from mr360uw.track.camera_track import CameraTrack, fit_floor
 from mr360uw.types import Floats
 
 _DEPRESSION = np.sin(np.radians(12.0))
@@ -25,7 +24,7 @@ _DEPRESSION = np.sin(np.radians(12.0))
 where a pixel spans half a metre of floor; twice: a third of the floor that is used now."""
 _LARGEST_ERROR_PX = 2.0
 """Mean reprojection error [px] from which on a point is left out: it moved, or was matched wrongly."""
-LEAST_POINTS = 30
+_LEAST_POINTS = 30
 """Fewest points of a floor."""
 
 
@@ -53,9 +52,9 @@ def _floor_points(track: CameraTrack | str | Path) -> tuple[Floats, Floats, floa
             f"{where} - no point is below the camera (got {len(point)} points, all level or above) - is the track "
             "upside down, or does the clip show no floor? Set [receiver] height_m by hand"
         )
-    if np.count_nonzero(below) < LEAST_POINTS:
+    if np.count_nonzero(below) < _LEAST_POINTS:
         raise ParameterError(
-            f"{where} - too few points are below the camera (got {np.count_nonzero(below)}, at least {LEAST_POINTS} "
+            f"{where} - too few points are below the camera (got {np.count_nonzero(below)}, at least {_LEAST_POINTS} "
             "are needed) - track a clip that shows more of the floor, or set [receiver] height_m by hand"
         )
     height = -away[below, 1]
@@ -103,7 +102,7 @@ def _no_track(path: Path, got: str) -> str:
     return f"{path} - is no camera track (got {got}) - give the track.json that `mr360uw track` writes"
 
 
-MESH_SUFFIXES = (".glb", ".ply")
+_MESH_SUFFIXES = (".glb", ".ply")
 _FINEST, _MOST_NODES = 0.06, 80
 """Spacing of the nodes over the camera's height, and most nodes along a side: finer shows the points' own noise."""
 _RIM = 0.02
@@ -186,7 +185,7 @@ class FloorMesh:
 def check_mesh_output(out: str | Path, *, overwrite: bool) -> Path:
     """Return the path of a mesh to write; raise where it cannot be written."""
     path = Path(out)
-    if path.suffix.lower() not in MESH_SUFFIXES:
+    if path.suffix.lower() not in _MESH_SUFFIXES:
         raise ParameterError(f"{path} - is no name of a mesh (got {path.suffix!r}) - end it in .glb or .ply")
     check_outputs([path], overwrite=overwrite)
     return path
@@ -254,7 +253,7 @@ def _with_skirt(field: ScatteredHeights, flat: bool, height_m: float) -> tuple[F
 # between nodes (thin-plate energy on a grid; Terzopoulos 1988). The weights are Tukey's biweight of the residuals,
 # found by iteration (Holland & Welsch 1977) from a stiff sheet to a soft one. Cross-validation chooses lambda.
 
-STIFFNESS = (1000.0, 100.0, 30.0, 10.0, 3.0, 1.0, 0.3, 0.1)
+_STIFFNESS = (1000.0, 100.0, 30.0, 10.0, 3.0, 1.0, 0.3, 0.1)
 """Weights of the second differences that are tried, per mean weight of a point, from stiff to soft."""
 _ROUNDS = 2
 """Iterations of the weights at each stiffness, which start from those before; four change heights by a few per cent of
@@ -300,13 +299,13 @@ def fit_height_field(points: Floats, weight: Floats, cell_m: float, least_spread
     fold = np.random.default_rng(_SEED).permutation(len(y)) % _FOLDS
     sheet = _Sheets(at, bend, y, weight, least_spread)
     apart = _Sheets(at[fold > 0], bend, y[fold > 0], weight[fold > 0], least_spread)
-    best = (np.inf, STIFFNESS[0])
-    for stiffness in STIFFNESS:
+    best = (np.inf, _STIFFNESS[0])
+    for stiffness in _STIFFNESS:
         error = float(np.median(np.abs(at[fold == 0] @ apart.relaxed(stiffness) - y[fold == 0])))
         if error > 1.1 * best[0]:
             break
         best = min(best, (error, stiffness))
-    for stiffness in STIFFNESS[: STIFFNESS.index(best[1]) + 1]:
+    for stiffness in _STIFFNESS[: _STIFFNESS.index(best[1]) + 1]:
         height = sheet.relaxed(stiffness)
     confidence = 1.0 - np.exp(-_support(at, sheet.robust * np.minimum(weight, 1.0), (len(z_m), len(x_m))) / _SUPPORT)
     return ScatteredHeights(

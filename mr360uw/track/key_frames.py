@@ -112,7 +112,7 @@ _LOST = 0.4
 """Share of features that are still followed below which a frame becomes a key frame."""
 _LEAST_KEYS = 16
 """Key frames of a clip that hardly moves: evenly spaced, so that its motion is seen at all."""
-LEAST_FRAMES = 4
+_LEAST_FRAMES = 4
 """Fewest frames of a clip that is tracked."""
 _LEAST_CONTRAST = 1.5
 """Least standard deviation [codes] of a picture; below, it is of one colour."""
@@ -214,8 +214,8 @@ def read_key_frames(video: VideoReader, folder: Path, steps: Steps) -> Reading:
     if video.is_still:
         raise ParameterError(f"{video.path} - is one picture, whose camera has no path - give a video")
     count = video.frame_count or 0
-    if count < LEAST_FRAMES:
-        raise ParameterError(f"{video.path} - is too short (got {count} frames) - give at least {LEAST_FRAMES}")
+    if count < _LEAST_FRAMES:
+        raise ParameterError(f"{video.path} - is too short (got {count} frames) - give at least {_LEAST_FRAMES}")
     stored = folder / "keys.json"
     if stored.is_file():
         return Reading(**read_json(stored, ParameterError))
@@ -227,6 +227,7 @@ def read_key_frames(video: VideoReader, folder: Path, steps: Steps) -> Reading:
 def _read(video: VideoReader, count: int, folder: Path, steps: Steps) -> Reading:
     import cv2
 
+    # Keep a first picture, some spread evenly, and those that the motion asks for
     every = set(np.linspace(0, count - 1, min(count, _LEAST_KEYS)).astype(int).tolist())
     keys, times, thumbnails, motion = [], [], [], None
     contrast, corners = 0.0, 0
@@ -239,8 +240,9 @@ def _read(video: VideoReader, count: int, folder: Path, steps: Steps) -> Reading
             motion = _Motion(small)
             contrast, corners = max(contrast, float(small.std())), max(corners, len(motion.start))
             keys.append(int(frame.index))
-            cv2.imwrite(str(key_path(folder, frame.index)), grey)
+            cv2.imwrite(str(_key_path(folder, frame.index)), grey)
         steps.done()
+    # Refuse clips without anything to follow
     if contrast < _LEAST_CONTRAST:
         raise ParameterError(f"{video.path} - is of one colour - give a clip that shows the floor, a wall or a reef")
     if corners < _LEAST_CORNERS:
@@ -258,7 +260,7 @@ def _small(grey: Grey) -> Grey:
     return np.asarray(cv2.resize(grey, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA))
 
 
-def key_path(folder: Path, index: int) -> Path:
+def _key_path(folder: Path, index: int) -> Path:
     """Return the file of a key frame."""
     return folder / f"{index:08d}.png"
 
@@ -267,13 +269,13 @@ def key_frames_of_shot(reading: Reading, folder: Path, start: int, stop: int, wh
     """Return the key frames of the frames start <= index < stop; raise `ParameterError`, as of `where`, if too few."""
     import cv2
 
-    if stop - start < LEAST_FRAMES:
-        raise ParameterError(f"{where} - is too short (got {stop - start} frames) - give at least {LEAST_FRAMES}")
+    if stop - start < _LEAST_FRAMES:
+        raise ParameterError(f"{where} - is too short (got {stop - start} frames) - give at least {_LEAST_FRAMES}")
 
     index = np.array([k for k in reading.keys if start <= k < stop], np.int64)
     if len(index) < 2:
         raise ParameterError(f"{where} - is too short (got {len(index)} key frames) - give it as a clip of its own")
-    paths = tuple(key_path(folder, k) for k in index.tolist())
+    paths = tuple(_key_path(folder, k) for k in index.tolist())
     fixed = fixed_pixels(_small(np.asarray(cv2.imread(str(path), cv2.IMREAD_GRAYSCALE), np.uint8)) for path in paths)
     size = (reading.width, reading.height)
     if fixed.size:

@@ -32,7 +32,7 @@ _EDGE_PX = 12
 """Features this near to the frame's edges are left out, where the patches end."""
 _LARGEST_LATITUDE = np.radians(72.0)
 """Nearer to the poles [rad] the panorama is stretched by more than 3 and patches change their shape."""
-LEAST_FEATURES = 12
+_LEAST_FEATURES = 12
 """Fewest agreeing features of a pose that is used; a frame with fewer keeps the interpolated one."""
 
 
@@ -62,7 +62,7 @@ def resect(
     """
     from scipy.spatial.transform import Rotation
 
-    if len(observed) < LEAST_FEATURES:
+    if len(observed) < _LEAST_FEATURES:
         return None
     for _ in range(_STEPS):
         seen = predicted(landmarks, position, rotation)
@@ -87,7 +87,7 @@ def resect(
     seen = predicted(landmarks, position, rotation)
     residual = np.linalg.norm(observed - seen / np.linalg.norm(seen, axis=1, keepdims=True), axis=1)
     agree = residual < 3.0 * scale_rad
-    if np.count_nonzero(agree) < LEAST_FEATURES or not np.all(np.isfinite(position)):
+    if np.count_nonzero(agree) < _LEAST_FEATURES or not np.all(np.isfinite(position)):
         return None
     return position, rotation, float(np.median(residual[agree]))
 
@@ -140,6 +140,7 @@ def solve_between(
     """Return positions, rotations and residuals [px] of all frames, and the directions that were observed."""
     import cv2
 
+    # Interpolate the poses of key frames; that is all for a camera that stands still
     position, rotation = _interpolated(keys.time_s, poses)
     residual = np.full(len(keys.time_s), np.nan)
     residual[poses.index] = poses.residual_px
@@ -149,6 +150,7 @@ def solve_between(
     if poses.kind == "still":
         residual = np.interp(np.arange(len(residual)), poses.index, np.nan_to_num(poses.residual_px))
         return position, rotation, residual, np.concatenate(observed)
+    # Follow the features of the nearest key frame into each frame, and resect its pose
     pixel_rad = 2.0 * np.pi / keys.width
     solved = set(poses.index.tolist())
     held: tuple[int, NDArray[np.uint8]] | None = None
@@ -243,7 +245,7 @@ def _matched(
 
 def _moving(where: str, keys: KeyFrames, folder: Path, steps: Steps) -> KeyPoses:
     """Return the key frames of a camera that moves, by structure from motion."""
-    scene = solve_structure(keys.paths, folder, steps)
+    scene = _solve_structure(keys.paths, folder, steps)
     if scene is None or np.mean(scene.solved) < _LEAST_SOLVED:
         count = 0 if scene is None else int(np.count_nonzero(scene.solved))
         raise ParameterError(
@@ -312,6 +314,7 @@ def held_out_errors(scene: Solution) -> tuple[Floats, Floats]:
     Points that at least two even key frames see are triangulated from these alone, and compared with where odd ones
     see them; then the other way round. Errors are in the tangent plane: along the parallel and along the meridian.
     """
+    # List all observations by key frame, every other key frame held out
     kept = np.flatnonzero(scene.solved)
     frame = np.concatenate([np.full(len(scene.point[k]), k) for k in kept])
     order = np.searchsorted(kept, frame)
@@ -320,11 +323,13 @@ def held_out_errors(scene: Solution) -> tuple[Floats, Floats]:
     look = np.concatenate([scene.direction[k] @ scene.rotation[k].T for k in kept])
     eye = scene.position[frame]
     error = np.full((len(frame), 2), np.nan)
+    # Triangulate from one half, measure in the other
     for parity in (0, 1):
         using = order % 2 == parity
         place = triangulate(point[using], eye[using], look[using], len(scene.points))
         towards = np.einsum("nji,nj->ni", scene.rotation[frame[~using]], place[point[~using]] - eye[~using])
         error[~using] = _tangent(own[~using], towards) * WIDTH / (2.0 * np.pi)
+    # Take medians for each key frame: of single features, and of the ground as a whole
     slip, feature = np.full(len(scene.solved), np.nan), np.full(len(scene.solved), np.nan)
     for k in kept:
         known = (frame == k) & np.isfinite(error[:, 0])
@@ -400,7 +405,7 @@ class Solution:
     error_px: Floats
 
 
-def solve_structure(paths: tuple[Path, ...], folder: Path, steps: Steps) -> Solution | None:
+def _solve_structure(paths: tuple[Path, ...], folder: Path, steps: Steps) -> Solution | None:
     """Return the scene of most key frames that COLMAP maps from their matches; None where it finds none.
 
     Starts are tried in a fixed order until nine tenths of the key frames are solved. folder: with COLMAP's
@@ -442,16 +447,19 @@ def _mapping(pycolmap: Any, angle_deg: float, matches: int, point_deg: float) ->
 
 def _solution(scene: Any, names: list[str]) -> Solution:
     """Return a COLMAP reconstruction as arrays in our camera axes."""
+    # Number the scene's points in order
     ids = sorted(scene.points3D)
     row = {point: index for index, point in enumerate(ids)}
     points = np.array([scene.points3D[i].xyz for i in ids]).reshape(-1, 3)
     error = np.array([scene.points3D[i].error for i in ids])
+    # Begin with images that were not solved
     count = len(names)
     position, rotation = np.zeros((count, 3)), np.repeat(np.eye(3)[None], count, axis=0)
     solved, residual = np.zeros(count, bool), np.full(count, np.nan)
     pixels: list[Floats] = [np.zeros((0, 2))] * count
     directions: list[Floats] = [np.zeros((0, 3))] * count
     numbers: list[NDArray[np.int64]] = [np.zeros(0, np.int64)] * count
+    # Fill in the pose, observations and residual of each image that was
     for image in scene.images.values():
         if not image.has_pose:
             continue

@@ -21,19 +21,18 @@ from mr360uw.composite import read_camera_track
 from mr360uw.composite.motion import check_unit_quaternions
 from mr360uw.errors import ParameterError
 from mr360uw.files import write_whole
-from mr360uw.medium.tables import parse_table
+from mr360uw.medium.spectra import parse_table
 from mr360uw.output_gate import check_outputs
 from mr360uw.reading.input_files import json_of, read_text
 from mr360uw.sphere import unit
-from mr360uw.track.camera_track import CameraTrack
-from mr360uw.track.world_axes import rotation_to_world
+from mr360uw.track.camera_track import CameraTrack, rotation_to_world
 from mr360uw.types import Floats
 
 _GEOCENTRIC_M = 1e6
 """Distance from the origin [m] beyond which a world is the geocentric one."""
 
 
-def read_metashape(text: str, where: str) -> SolvedPath:
+def _read_metashape(text: str, where: str) -> SolvedPath:
     """Return the path of the first chunk's aligned cameras; raise `ParameterError`."""
     if "<!DOCTYPE" in text or "<!ENTITY" in text:
         raise ParameterError(f"{where} - declares entities, which cameras need none of - export it again")
@@ -48,21 +47,21 @@ def read_metashape(text: str, where: str) -> SolvedPath:
     for camera in chunk.iter("camera"):
         transform = camera.find("transform")
         if transform is not None:
-            frames.append(frame_number(camera.get("label", ""), where))
-            matrices.append(numbers_of(transform.text, 16, where).reshape(4, 4))
+            frames.append(_frame_number(camera.get("label", ""), where))
+            matrices.append(_numbers_of(transform.text, 16, where).reshape(4, 4))
     poses = np.array(matrices).reshape(-1, 4, 4)
-    rotation, position = poses[:, :3, :3] @ FLIPPED, poses[:, :3, 3]
+    rotation, position = poses[:, :3, :3] @ _FLIPPED, poses[:, :3, 3]
     world = chunk.find("transform")
     up: Floats | None = None
     if world is not None and world.find("rotation") is not None:
-        turn = numbers_of(world.findtext("rotation"), 9, where).reshape(3, 3)
-        shift = numbers_of(world.findtext("translation"), 3, where)
-        scale = numbers_of(world.findtext("scale"), 1, where)[0]
+        turn = _numbers_of(world.findtext("rotation"), 9, where).reshape(3, 3)
+        shift = _numbers_of(world.findtext("translation"), 3, where)
+        scale = _numbers_of(world.findtext("scale"), 1, where)[0]
         position, rotation = scale * position @ turn.T + shift, turn @ rotation
         if np.linalg.norm(shift) > _GEOCENTRIC_M:
             up = unit(shift)
         else:
-            position, rotation, up = position @ Y_UP_FROM_Z_UP.T, Y_UP_FROM_Z_UP @ rotation, np.array([0.0, 1.0, 0.0])
+            position, rotation, up = position @ _Y_UP_FROM_Z_UP.T, _Y_UP_FROM_Z_UP @ rotation, np.array([0.0, 1.0, 0.0])
     return SolvedPath("Metashape cameras", position, rotation, frame=np.array(frames), up=up)
 
 
@@ -76,14 +75,14 @@ def read_solved_path(path: Path) -> SolvedPath:
     """
     path = path / "images.txt" if path.is_dir() else path
     text = read_text(path, ParameterError)
-    if is_blender_json(text):
-        return read_blender_json(text, str(path))
+    if _is_blender_json(text):
+        return _read_blender_json(text, str(path))
     if text.lstrip().startswith("<") and "<camera" in text:
-        return read_metashape(text, str(path))
-    if is_colmap(text):
-        return read_colmap(text, str(path))
-    if is_table(text):
-        return read_path_table(text, path)
+        return _read_metashape(text, str(path))
+    if _is_colmap(text):
+        return _read_colmap(text, str(path))
+    if _is_table(text):
+        return _read_path_table(text, path)
     raise ParameterError(
         f"{path} - is no path of a camera that is known - give COLMAP's images.txt, Metashape's XML, a .chan of Nuke "
         "or SynthEyes, Blender's JSON, or a track.csv"
@@ -104,7 +103,7 @@ def blender_script(track: CameraTrack, frame_rate: float) -> str:
     """Return a Python script that makes the track's camera in Blender: panoramic, with a key for each row."""
     from scipy.spatial.transform import Rotation
 
-    turned = Y_UP_FROM_Z_UP.T
+    turned = _Y_UP_FROM_Z_UP.T
     position = track.position @ turned.T
     quaternion = Rotation.from_matrix(turned @ track.rotation).as_quat()[:, [3, 0, 1, 2]]
     signs = np.where(np.sum(quaternion[1:] * quaternion[:-1], axis=1) < 0.0, -1.0, 1.0)
@@ -166,9 +165,9 @@ for frame, x, y, z, qw, qx, qy, qz in KEYS:
 # (quaternion w, x, y, z) and translation from the world to camera axes right, down, forward. The world has no known up.
 # Frames are numbered by the last digits in the pictures' names.
 
-Y_UP_FROM_Z_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
+_Y_UP_FROM_Z_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
 """From a world with +z up and +y ahead, as Blender's, to one with +y up and -z ahead."""
-FLIPPED = np.diag([1.0, -1.0, -1.0])
+_FLIPPED = np.diag([1.0, -1.0, -1.0])
 """From camera axes right, down, forward to right, up, back."""
 _FARTHEST_M = 1e9
 """Largest distance of a camera from the origin [m]."""
@@ -194,7 +193,7 @@ class SolvedPath:
     frame_rate: float | None = None
 
 
-def checked_rotations(matrices: Floats, where: str) -> Floats:
+def _checked_rotations(matrices: Floats, where: str) -> Floats:
     """Return matrices (n, 3, 3) without their common scale; raise `ParameterError` where they are no rotations."""
     finite = bool(np.all(np.isfinite(matrices)))
     determinant = np.linalg.det(matrices if finite else np.zeros_like(matrices))
@@ -220,7 +219,7 @@ def track_of(path: SolvedPath, where: str, frame_rate: float | None, scale: floa
     if not np.all(np.abs(path.position) * scale <= _FARTHEST_M):
         raise ParameterError(f"{where} - has positions that are no numbers, or too far away - correct it")
     times, order = _times(path, where, frame_rate)
-    position, rotation = path.position[order], checked_rotations(path.rotation[order], where)
+    position, rotation = path.position[order], _checked_rotations(path.rotation[order], where)
     up = unit(rotation[:, :, 1].mean(axis=0)) if path.up is None else path.up
     turned = rotation_to_world(up, rotation[0])
     count = len(times)
@@ -259,29 +258,29 @@ def _times(path: SolvedPath, where: str, frame_rate: float | None) -> tuple[Floa
 _POSE = re.compile(r"^\s*\d+(\s+[-+.\deE]+){7}\s+\d+\s+\S")
 
 
-def is_colmap(text: str) -> bool:
+def _is_colmap(text: str) -> bool:
     """Return whether a text is an images.txt."""
     lines = [line for line in text.splitlines() if line.strip() and not line.startswith("#")]
     return bool(lines) and bool(_POSE.match(lines[0]))
 
 
-def read_colmap(text: str, where: str) -> SolvedPath:
+def _read_colmap(text: str, where: str) -> SolvedPath:
     """Return the path of an images.txt; raise `ParameterError`."""
     rows, frames = [], []
     for line in text.splitlines():
         if line.startswith("#") or not _POSE.match(line):
             continue
         cells = line.split(maxsplit=9)
-        rows.append(numbers_of(" ".join(cells[1:8]), 7, where))
-        frames.append(frame_number(cells[9], where))
+        rows.append(_numbers_of(" ".join(cells[1:8]), 7, where))
+        frames.append(_frame_number(cells[9], where))
     values = np.array(rows).reshape(-1, 7)
     from_world = rotations(values[:, [1, 2, 3, 0]], where)
     to_world = np.swapaxes(from_world, 1, 2)
     position = -np.einsum("nij,nj->ni", to_world, values[:, 4:])
-    return SolvedPath("COLMAP images.txt", position, to_world @ FLIPPED, frame=np.array(frames))
+    return SolvedPath("COLMAP images.txt", position, to_world @ _FLIPPED, frame=np.array(frames))
 
 
-def numbers_of(text: str | None, count: int, where: str) -> Floats:
+def _numbers_of(text: str | None, count: int, where: str) -> Floats:
     """Return the finite numbers (count,) between the blanks of a text; raise `ParameterError` for anything else."""
     try:
         values = np.array([float(cell) for cell in (text or "").split()])
@@ -292,7 +291,7 @@ def numbers_of(text: str | None, count: int, where: str) -> Floats:
     return values
 
 
-def frame_number(name: str, where: str) -> float:
+def _frame_number(name: str, where: str) -> float:
     """Return the last number in the name of a picture; raise `ParameterError` if it has none."""
     digits = re.findall(r"\d+", name.rsplit("/", 1)[-1].rsplit(".", 1)[0])
     if not digits:
@@ -313,12 +312,12 @@ _BLENDER = ("blender_frame", "x", "y", "z", "qx", "qy", "qz", "qw")
 _NAMES = (("frame",), ("tx", "x"), ("ty", "y"), ("tz", "z"), ("rx",), ("ry",), ("rz",))
 
 
-def is_blender_json(text: str) -> bool:
+def _is_blender_json(text: str) -> bool:
     """Return whether a text is the JSON of Blender's cameras."""
     return text.lstrip().startswith("{") and '"blender_frames"' in text
 
 
-def read_blender_json(text: str, where: str) -> SolvedPath:
+def _read_blender_json(text: str, where: str) -> SolvedPath:
     """Return the path of the JSON that docs/tracking.md's script writes from Blender; raise `ParameterError`."""
     try:
         read = json_of(text)
@@ -330,7 +329,7 @@ def read_blender_json(text: str, where: str) -> SolvedPath:
     return _of_blender(frames, matrices[:, :3, 3], matrices[:, :3, :3], rate)
 
 
-def is_table(text: str) -> bool:
+def _is_table(text: str) -> bool:
     """Return whether a text looks like one of the tables."""
     first = next((line for line in text.splitlines() if line.strip() and not line.startswith("#")), "")
     names = [cell.strip().lower() for cell in first.split(",")]
@@ -338,7 +337,7 @@ def is_table(text: str) -> bool:
     return named or _is_plain(first)
 
 
-def read_path_table(text: str, path: Path) -> SolvedPath:
+def _read_path_table(text: str, path: Path) -> SolvedPath:
     """Return the path of a table; raise `ParameterError`."""
     lines = [line for line in text.splitlines() if line.strip() and not line.lstrip().startswith("#")]
     where = str(path)
@@ -363,7 +362,7 @@ def _columns(table: Mapping[str, Floats], names: list[tuple[str, ...]], where: s
 
 
 def _of_blender(frame: Floats, position: Floats, rotation: Floats, rate: float | None) -> SolvedPath:
-    turned = Y_UP_FROM_Z_UP
+    turned = _Y_UP_FROM_Z_UP
     return SolvedPath("Blender path", position @ turned.T, turned @ rotation, frame=frame, up=_UP, frame_rate=rate)
 
 

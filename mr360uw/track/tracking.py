@@ -18,15 +18,14 @@ from mr360uw.errors import ParameterError, VideoError
 from mr360uw.files import write_whole
 from mr360uw.output_gate import check_work_folder, make_work_folder, remove_work_folder
 from mr360uw.progress import Progress, Steps
-from mr360uw.reading.cached_reads import stamp
+from mr360uw.reading.disk_cache import stamp
 from mr360uw.reading.input_files import holds_text
 from mr360uw.shapes import checked
-from mr360uw.track.camera_track import CameraTrack
+from mr360uw.track.camera_track import CameraTrack, Measure, World, window_up, world_of
 from mr360uw.track.colmap import load_colmap
 from mr360uw.track.floor_mesh import FloorMesh
 from mr360uw.track.key_frames import KeyFrames, key_frames_of_shot, read_key_frames
 from mr360uw.track.key_poses import BETWEEN, WIDTH, KeyPoses, solve_between, solve_key_frames
-from mr360uw.track.world_axes import Measure, World, window_up, world_of
 from mr360uw.types import Floats
 from mr360uw.video import VideoReader, open_video
 
@@ -133,6 +132,7 @@ def track_shots(
 
     A shot that cannot be tracked says why; of a clip without cuts that is raised. whole: refuse a clip with cuts.
     """
+    # Check what is asked for before the clip is read
     load_colmap()
     measure = Measure() if measure is None else measure
     if keep is not None:
@@ -140,6 +140,7 @@ def track_shots(
     with open_video(video, eye=eye) as clip:
         left_out = None if mask is None else _read_mask(Path(mask), clip)
     with open_video(video, eye=eye) as clip, _folder(video, mask, (eye, mask_only), keep) as folder:
+        # Read the clip once: key frames of each shot, and its cuts
         measure = replace(measure, frame_width=clip.width)
         steps = Steps(progress, (clip.frame_count or 0) * (1 + BETWEEN))
         (folder / "keys").mkdir(exist_ok=True)
@@ -147,6 +148,7 @@ def track_shots(
         if whole and reading.cuts:
             cuts = ", ".join(map(str, reading.cuts))
             raise ParameterError(f"{video} - is cut (got new shots at frames {cuts}) - give one shot, or track_shots")
+        # Solve each shot by itself; one that fails leaves the others
         stated = stated_up(clip, np.array(reading.times_s))
         shots = []
         for start, stop in reading.shots:
@@ -221,7 +223,7 @@ def stated_up(clip: VideoReader, time_s: Floats) -> tuple[Floats, str] | None:
     of the panorama. None where it states neither.
     """
     from mr360uw.ibl.tilt import level_from_gpmf, level_matrix
-    from mr360uw.video.read.probe import gpmf_payloads
+    from mr360uw.video.demux import gpmf_payloads
 
     try:
         level = level_from_gpmf(gpmf_payloads(clip.path), float(clip.frame_rate))

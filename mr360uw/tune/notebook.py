@@ -6,14 +6,12 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from mr360uw.errors import Mr360uwError, ParameterError
-from mr360uw.preview.live import LivePreview
-from mr360uw.preview.thumbnail import screen_picture
-from mr360uw.reading.extras import command
+from mr360uw.errors import Mr360uwError, ParameterError, install_command
+from mr360uw.preview.live import LivePreview, screen_picture
 from mr360uw.scene.model import load_scene
 from mr360uw.scene.toml_model import dotted, scene_text, tables_of
-from mr360uw.tune.editing.document import find, key_of
-from mr360uw.tune.editing.fields import Field, groups
+from mr360uw.tune.document import find, key_of
+from mr360uw.tune.fields import Field, groups
 
 
 def sliders(scene: str | Path, *keys: str, frame: int = 0, width: int = 768, backend: str = "auto") -> Any:
@@ -27,7 +25,8 @@ def sliders(scene: str | Path, *keys: str, frame: int = 0, width: int = 768, bac
     try:
         import ipywidgets as widgets
     except ImportError:
-        raise ParameterError(f"sliders - need ipywidgets (got none) - {command('notebook')}") from None
+        raise ParameterError(f"sliders - need ipywidgets (got none) - {install_command('notebook')}") from None
+    # Make a slider for each key, at the value of the file
     path, live = Path(scene), LivePreview(backend)
     load_scene(path)
     tables = tables_of(scene_text(path), str(path))
@@ -35,6 +34,7 @@ def sliders(scene: str | Path, *keys: str, frame: int = 0, width: int = 768, bac
     picture, message = widgets.Image(format="jpeg", width=width), widgets.Label()
     box = widgets.VBox([*rows, message, picture])
 
+    # Draw the frame anew when a slider moves; an error leaves the last picture
     def draw(_: Any = None) -> None:
         box.overrides = tuple(f"{key}={row.value}" for key, row in zip(keys, rows, strict=True))
         try:

@@ -12,60 +12,13 @@ from typing import Any
 from nicegui import background_tasks, ui
 
 from mr360uw.errors import Mr360uwError, OutputExistsError
-from mr360uw.tune.editing import tracks
-from mr360uw.tune.panels.controls import ControlPanel
-from mr360uw.tune.panels.dialogs import DepthTool, MatchDialog, RenderDialog
-from mr360uw.tune.panels.place_tools import PlaceTools
-from mr360uw.tune.panels.stage import ShownPicture
-from mr360uw.tune.panels.time_panel import TimePanel
-from mr360uw.tune.panels.widgets import Button, Choice, Text, menu
+from mr360uw.parameters import bounds_of, stated
+from mr360uw.scene.key_targets import target_of
+from mr360uw.tune import fields
+from mr360uw.tune.controls import Button, Choice, ControlPanel, Interpolation, Text, Timeline, menu
+from mr360uw.tune.dialogs import DepthTool, MatchDialog, RenderDialog
+from mr360uw.tune.place_tools import PlaceTools, ShownPicture
 from mr360uw.tune.session import Event, Session
-
-_TITLE = "measure sun and veil over the whole clip, as a composite does; the picture then shows that light"
-
-
-class _StoppedError(Exception):
-    """Ends a pass over the clip."""
-
-
-class MeasureTool:
-    """The button of a tab; pressed again, it ends the pass. failed: tells an error."""
-
-    def __init__(self, session: Session, failed: Callable[[Exception], None]) -> None:
-        self._session, self._failed = session, failed
-        self._running, self._stop = False, False
-        self._button = Button("Measure clip", self._pressed, title=_TITLE)
-
-    def _pressed(self) -> None:
-        self._stop = self._running
-        if not self._running:
-            background_tasks.create(self._run(), name="measure clip")
-
-    async def _run(self) -> None:
-        loop = asyncio.get_running_loop()
-
-        def progress(done: int, total: int | None) -> None:
-            if self._stop:
-                raise _StoppedError
-            loop.call_soon_threadsafe(self._show, done, total)
-
-        self._running = True
-        self._show(0, None)
-        try:
-            await self._session.measure_clip(progress)
-        except (Mr360uwError, OSError) as error:
-            self._failed(error)
-        except _StoppedError:
-            pass  # as asked for
-        finally:
-            self._running = self._stop = False
-            self._show(0, None)
-
-    def _show(self, done: int, total: int | None) -> None:
-        if not self._button.is_deleted:
-            share = f" {100 * done // total} %" if total else " …"
-            self._button.text = f"Measuring{share}, stop" if self._running else "Measure clip"
-            self._button.press(self._running)
 
 
 def build_page(session: Session) -> None:
@@ -84,8 +37,12 @@ class TunePage:
             self.header = Header(session, self.guarded, self.save)
             with ui.element("div").classes("page-controls"):
                 self.controls = ControlPanel(
-                    session.document, mark=self._mark, choose=self._choose, keyed=self._keyed,
-                    key_value=self._key_value, in_words=self._in_words, failed=self.failed, settle=session.settle,
+                    session.document, mark=self._mark, choose=self._choose, failed=self.failed, settle=session.settle,
+                    keyed=lambda: fields.values_at(session.document, session.time_s),
+                    key_value=lambda key, value, group: fields.set_key(
+                        session.document, key, session.time_s, value, group=group
+                    ),
+                    in_words=self._in_words,
                 )  # fmt: skip
             self.stage = ShownPicture(session, self.failed)
             self.render = RenderDialog(session, self.guarded)
@@ -126,6 +83,7 @@ class TunePage:
             self.failed(error)
 
     def _follow(self, event: Event) -> None:
+        # A scene that changed changes all; the first picture lets the rest begin
         if event == "document":
             self.controls.refresh()
             self.header.refresh()
@@ -160,14 +118,8 @@ class TunePage:
         if name in actions:
             self.guarded(actions[name])
 
-    def _keyed(self) -> dict[str, Any]:
-        return tracks.values_at(self.document, self.session.time_s)
-
     def _mark(self, key: str) -> None:
         self.guarded(lambda: self.time.mark(key, self.controls.default_of(key)))
-
-    def _key_value(self, key: str, value: Any, group: str | None) -> None:
-        tracks.set_key(self.document, key, self.session.time_s, value, group=group)
 
     def _in_words(self, number: int, name: str, value: Any, group: str | None) -> bool:
         return self.place.set_word(number, name, value, group)
@@ -287,3 +239,155 @@ class Header:
                 with ui.element("div").classes("problems").props("role=alert"):
                     for line in document.problems:
                         Text(line, "div")
+
+
+# The time line of a tab: thumbnails, play head, range, and the curve of a keyed parameter.
+
+_AXES = ("right", "up", "back")
+
+
+class TimePanel:
+    """The time line of a tab. guarded: runs an action and tells its error."""
+
+    def __init__(self, session: Session, guarded: Callable[[Callable[[], Any]], None]) -> None:
+        self._session, self._document, self._guarded = session, session.document, guarded
+        self._chosen, self._drag = "", 0
+        self._playing = False
+        clip = session.clip
+        self.root = ui.element("footer").classes("page-foot")
+        with self.root:
+            self._line = Timeline(session.frame_count, float(clip.frame_rate))
+            with ui.element("div").classes("foot-bar") as self._bar:
+                self._choice = Choice("Keyed parameter", {"": "no curve"}, "", self.choose)
+        self._line.on_seek(lambda frame, scrubbing: session.seek(frame, scrubbing=scrubbing))
+        self._line.on_play(lambda playing: setattr(self, "_playing", playing))
+        self._line.on_range(session.set_range)
+        self._line.on_keys(self._edited)
+
+    def begin(self) -> None:
+        """Ask for the thumbnails, which would hold up the first picture."""
+        background_tasks.create(self._session.make_thumbnails(), name="thumbnails")
+
+    def play(self) -> None:
+        """Start or stop playing."""
+        self._line.run_method("play", not self._playing)
+
+    def choose(self, name: str) -> None:
+        """Show the curve of a keyed parameter, "name" or "name component"; "": none."""
+        self._chosen = name
+        self.refresh()
+
+    def mark(self, key: str, default: Any) -> None:
+        """Set a key of a parameter at the present time, or remove the one that is there; show its curve."""
+        session, time_s = self._session, self._session.time_s
+        if fields.has_key(self._document, key, time_s):
+            fields.remove_key(self._document, key, time_s)
+        else:
+            now = fields.values_at(self._document, time_s).get(key)
+            value = fields.present_value(self._document, key, default) if now is None else now
+            fields.set_key(self._document, key, time_s, value)
+        held = fields.keyed_parameters(self._document).get(key)
+        vector = held is not None and isinstance(held.value[0], tuple)
+        self.choose("" if held is None else f"{key} 0" if vector else key)
+        session.show()
+
+    def refresh(self) -> None:
+        """Show the document's keys."""
+        names = {"": "no curve"}
+        for name, key in fields.keyed_parameters(self._document).items():
+            first = key.value[0]
+            if isinstance(first, tuple):
+                words = _AXES if name.endswith("position_m") else tuple(str(k + 1) for k in range(len(first)))
+                names |= {f"{name} {k}": f"{name}, {words[k]}" for k in range(len(first))}
+            else:
+                names[name] = name
+        if self._chosen not in names:
+            self._chosen = ""
+        self._choice.offer(names, self._chosen)
+        self._bar.set_visibility(len(names) > 1)
+        self._line.set_curve(self._curve(names[self._chosen]) if self._chosen else None)
+
+    def follow(self) -> None:
+        """Move the play head to the session's frame, and the range."""
+        self._line.set_frame(self._session.index)
+        self._line.set_range(*self._session.range)
+
+    def _curve(self, label: str) -> dict[str, Any]:
+        name, component = self._named()
+        key = fields.keyed_parameters(self._document)[name]
+        field = target_of(self._document.scene, name).field
+        low, high = bounds_of(field)
+        values = [fields.component_of(value, component) for value in key.value]
+        end_s = self._session.frame_count / float(self._session.clip.frame_rate)
+        return {
+            "label": label, "unit": stated(field, "unit"), "keys": list(zip(key.time_s, values, strict=True)),
+            "samples": fields.samples(self._document, key, end_s, component), "interpolation": key.interpolation,
+            "low": low, "high": high,
+        }  # fmt: skip
+
+    def _named(self) -> tuple[str, int | None]:
+        name, _, component = self._chosen.partition(" ")
+        return name, int(component) if component else None
+
+    def _edited(self, keys: list[tuple[float, float]], interpolation: Interpolation, done: bool) -> None:
+        name, component = self._named()
+        key = fields.keyed_parameters(self._document).get(name)
+        if key is None:
+            self.refresh()
+            return
+        pairs = keys if component is None else fields.with_component(self._document, key, component, keys)
+        group = f"{self._line.client.id} keys {self._drag}"
+        self._guarded(partial(fields.set_keys, self._document, name, pairs, interpolation, group=group))
+        self._drag += done
+        self.refresh()
+
+    def show_thumbnails(self) -> None:
+        """Show the small pictures of the plate that there are."""
+        self._line.set_thumbnails({f: f"/picture/{n}" for f, n in self._session.thumbnails.items()})
+
+
+_TITLE = "measure sun and veil over the whole clip, as a composite does; the picture then shows that light"
+
+
+class _StoppedError(Exception):
+    """Ends a pass over the clip."""
+
+
+class MeasureTool:
+    """The button of a tab; pressed again, it ends the pass. failed: tells an error."""
+
+    def __init__(self, session: Session, failed: Callable[[Exception], None]) -> None:
+        self._session, self._failed = session, failed
+        self._running, self._stop = False, False
+        self._button = Button("Measure clip", self._pressed, title=_TITLE)
+
+    def _pressed(self) -> None:
+        self._stop = self._running
+        if not self._running:
+            background_tasks.create(self._run(), name="measure clip")
+
+    async def _run(self) -> None:
+        loop = asyncio.get_running_loop()
+
+        def progress(done: int, total: int | None) -> None:
+            if self._stop:
+                raise _StoppedError
+            loop.call_soon_threadsafe(self._show, done, total)
+
+        self._running = True
+        self._show(0, None)
+        try:
+            await self._session.measure_clip(progress)
+        except (Mr360uwError, OSError) as error:
+            self._failed(error)
+        except _StoppedError:
+            pass  # as asked for
+        finally:
+            self._running = self._stop = False
+            self._show(0, None)
+
+    def _show(self, done: int, total: int | None) -> None:
+        if not self._button.is_deleted:
+            share = f" {100 * done // total} %" if total else " …"
+            self._button.text = f"Measuring{share}, stop" if self._running else "Measure clip"
+            self._button.press(self._running)

@@ -18,12 +18,11 @@ from typing import Any, TypeVar
 import numpy as np
 
 from mr360uw.errors import Mr360uwError
-from mr360uw.preview.live import COARSE_WIDTH, LivePreview
-from mr360uw.preview.thumbnail import encoded
+from mr360uw.preview.live import COARSE_WIDTH, LivePreview, encoded
 from mr360uw.scene.model import Scene
 from mr360uw.tune.shown_frame import ShownFrame
 from mr360uw.tune.views import CHARTS, VIEWS
-from mr360uw.video.write.image_writer import picture_codes
+from mr360uw.video.writer import picture_codes
 
 
 @dataclass(frozen=True, slots=True)
@@ -288,5 +287,5 @@ def _run_job(job: tuple[Callable[[Any], Any], Future[Any]], renderer: PageRender
         return
     try:
         future.set_result(work(renderer))
-    except Exception as error:  # noqa: BLE001 - whoever asked gets it
+    except Exception as error:  # noqa: BLE001 - raised again by the process that waits
         future.set_exception(error)

@@ -30,7 +30,7 @@ from mr360uw.files import write_whole
 from mr360uw.preview.live import PlateClip, clip_of
 from mr360uw.render.backends import check_backend
 from mr360uw.threads import one_blas_thread
-from mr360uw.tune.editing.document import Document
+from mr360uw.tune.document import Document
 from mr360uw.tune.page import build_page
 from mr360uw.tune.pictures import MadePicture, PageRenderer, Pictures
 from mr360uw.tune.session import Session

@@ -16,7 +16,7 @@ from mr360uw.errors import Mr360uwError, ParameterError
 from mr360uw.preview.live import LivePreview, PlateClip
 from mr360uw.progress import Progress
 from mr360uw.scene.model import Scene
-from mr360uw.tune.editing.document import Document, observed
+from mr360uw.tune.document import Document, observed
 from mr360uw.tune.pictures import MadePicture, Pictures, Wanted
 from mr360uw.tune.views import VIEW_NAMES
 
@@ -85,7 +85,7 @@ class CommandRun:
 
 
 Event = Literal["document", "picture", "time", "run", "thumbnails"]
-THUMBNAILS = 12
+_THUMBNAILS = 12
 """Pictures on the time line: as many as are 100 pixels wide on a small screen."""
 
 
@@ -207,7 +207,7 @@ class Session:
         if self._asked_thumbnails:
             return
         self._asked_thumbnails, scene = True, self.document.scene
-        job = self.pictures.ask(lambda renderer: renderer.thumbnails(scene, THUMBNAILS))
+        job = self.pictures.ask(lambda renderer: renderer.thumbnails(scene, _THUMBNAILS))
         try:
             made: list[tuple[int, bytes]] = await asyncio.wrap_future(job)
         except (Mr360uwError, OSError):  # the picture's own message says why; the next tab tries again

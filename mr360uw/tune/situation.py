@@ -86,6 +86,7 @@ def receiver_edge(camera: View, receiver: Receiver) -> list[list[Point]]:
     """
     from mr360uw.composite.receiver.shape import ReceiverShape
 
+    # A plane ends in a circle about the camera
     longitude = np.linspace(-np.pi, np.pi, _AZIMUTHS + 1)
     if receiver.plane_y is not None:
         height = receiver.plane_y - camera.position[1]
@@ -95,6 +96,7 @@ def receiver_edge(camera: View, receiver: Receiver) -> list[list[Point]]:
         level = np.sqrt(1.0 - up**2)
         world = np.stack([level * np.sin(longitude), up, -level * np.cos(longitude)], axis=-1)
         return [_points(world @ camera.world_from_camera)]
+    # Of other shapes take the farthest row that is met, cut where it jumps
     x = (longitude / (2.0 * np.pi) + 0.5) * camera.width
     y = (np.arange(_ELEVATIONS) + 0.5)[:, None] * (camera.height / _ELEVATIONS)
     x, y = np.broadcast_arrays(x, y)
@@ -278,7 +280,7 @@ def _sizes(settings: ObjectSettings) -> dict[str, float]:
 # The viewer: an element of the tuning page that shows a picture, flat or around the viewer, and takes clicks on it.
 #
 # Angles are longitude and latitude [rad] in the camera's axes (`mr360uw.sphere`), but for the look-around view, which
-# is given as `preview.perspective.Perspective` has it, in degrees. The browser's side is viewer.js.
+# is given as `preview.live.Perspective` has it, in degrees. The browser's side is viewer.js.
 
 Phase = Literal["start", "move", "end", "cancel"]
 Compare = Literal["none", "wipe", "side"]

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The time line of the tuning page: thumbnails, play head, range, and the keys of one parameter. See timeline.py.
+// The time line of the tuning page: thumbnails, play head, range, and the keys of one parameter. See elements.py.
 
 import { addStyle } from "mr360uw-tune/style.js";
 import { Throttle } from "mr360uw-tune/throttle.js";

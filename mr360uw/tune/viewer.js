@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The viewer of the tuning page: a picture, flat or around the viewer, with markers and handles. See viewer.py.
+// The viewer of the tuning page: a picture, flat or around the viewer, with markers and handles. See situation.py.
 
 import { Painter } from "mr360uw-tune/painter.js";
 import { coordinatesOf, pixelsPerRadian, pointBeside, shownAt, spanOf } from "mr360uw-tune/projection.js";

@@ -17,7 +17,8 @@ from mr360uw.color import encode
 from mr360uw.composite.lighting.shading import veil_ahead
 from mr360uw.composite.receiver.shape import ReceiverShape
 from mr360uw.ibl.report import marked
-from mr360uw.medium.small_angles import spread_of
+from mr360uw.medium.scattered_light import spread_of
+from mr360uw.preview.live import narrowed
 from mr360uw.tune.placing import Point, pixel_of_point
 from mr360uw.tune.shown_frame import (
     Codes,
@@ -35,7 +36,7 @@ from mr360uw.tune.shown_frame import (
 from mr360uw.tune.situation import markers
 from mr360uw.types import Floats
 from mr360uw.video import VideoFrame
-from mr360uw.video.write.image_writer import picture_codes
+from mr360uw.video.writer import picture_codes
 
 _SIDE = 720
 """Side [px] of a tile."""
@@ -44,13 +45,14 @@ _LOWEST_SUN = 0.02
 """Sine of the sun's elevation in water below which it makes no caustics that could be shown."""
 
 
-def caustic_chart(shown: ShownFrame) -> Codes:
+def _caustic_chart(shown: ShownFrame) -> Codes:
     """Return a tile of the caustics, (720, 720, 3): irradiance over that of a flat sea at the receiver's depth.
 
     Column = +x, row = +z, from the world's origin along the beam. Shown also where the scene does not use them.
     """
     import cv2
 
+    # Say why there is nothing to show
     sun, scene = shown.sun, shown.loaded.scene
     height, of = shown.ground_y
     depth = scene.camera.depth_m - height
@@ -58,11 +60,13 @@ def caustic_chart(shown: ShownFrame) -> Codes:
         return message("no caustics: this frame shows no sun above the horizon", shown.palette, _SIDE, _SIDE)
     if scene.water.type == "none" or depth <= 0.0:
         return message("no caustics: there is no water above the receiver", shown.palette, _SIDE, _SIDE)
+    # Make the caustics at the receiver, as the frame does
     index, settings = scene.water.refractive_index, shown.loaded.caustic_depths.settings
     medium = shown.loaded.surroundings.medium
     spread = spread_of(medium) if medium is not None else None
     in_air = refract_to_air(sun.direction, index)
     stack = shown.renderer.caustics(scene.sea, in_air, np.array([depth]), shown.time_s, settings, index, spread)
+    # Draw one tile, its brightest lines white, with figures
     ratio = stack.ratio[0]
     white = max(float(np.percentile(ratio, 99.8)), 2.0)
     codes = np.round(255.0 * np.clip(encode(ratio / white, "srgb"), 0.0, 1.0)).astype(np.uint8)
@@ -75,13 +79,14 @@ def caustic_chart(shown: ShownFrame) -> Codes:
     return image
 
 
-def surface_chart(shown: ShownFrame) -> Codes:
+def _surface_chart(shown: ShownFrame) -> Codes:
     """Return a tile of the sea, (720, 1448, 3): heights in false colours, and slopes as a relief lit from the left.
 
     Column = +x, row = +z, from the world's origin.
     """
     import cv2
 
+    # Heights in false colours, slopes as a relief
     sea = shown.loaded.scene.sea
     surface = sea.grid_surface(_SURFACE_POINTS, shown.time_s)
     height = surface.position[..., 1]
@@ -94,6 +99,7 @@ def surface_chart(shown: ShownFrame) -> Codes:
     left, right = (
         np.ascontiguousarray(cv2.resize(part, size, interpolation=cv2.INTER_LINEAR)) for part in (colours, relief)
     )
+    # Write figures on both, side by side
     label(left, f"height; significant {4.0 * float(np.std(height)):.3f} m", (12, 26))
     legend(left, [(0.0, f"-{reach:.2g}"), (0.5, "0"), (1.0, f"{reach:.2g} m")], (24, _SIDE - 92), 260)
     scale_bar(left, _SIDE / sea.tile_m, (16, _SIDE - 16), 0.3 * _SIDE)
@@ -117,7 +123,7 @@ _NEAREST_M, _FARTHEST_M = 0.5, 50.0
 """Distances of the ends of the false colours, which go with the logarithm."""
 
 
-def lights_picture(shown: ShownFrame) -> Codes:
+def _lights_picture(shown: ShownFrame) -> Codes:
     """Return the light that reaches the camera, expanded, with the sun and the lamps marked; (512, 1024, 3)."""
     import cv2
 
@@ -142,13 +148,13 @@ def lights_picture(shown: ShownFrame) -> Codes:
     return image
 
 
-def difference_picture(shown: ShownFrame) -> Codes:
+def _difference_picture(shown: ShownFrame) -> Codes:
     """Return the factor on the plate by shadows, caustics and lamps, amplified; grey where it is 1; (H, W, 3)."""
     grey = np.clip(0.5 + 0.5 * _DIFFERENCE_GAIN * (shown.frame.layer.ratio - 1.0), 0.0, 1.0)
-    return _reduced(_quantized(grey))
+    return narrowed(_quantized(grey), _LARGEST_WIDTH)
 
 
-def water_picture(shown: ShownFrame) -> Codes:
+def _water_picture(shown: ShownFrame) -> Codes:
     """Return the water alone: the veil over a long way in every direction; (256, 512, 3)."""
     if shown.frame.medium is None:
         return message("there is no water: water.type is none, or nothing in this frame needs it", shown.palette)
@@ -158,12 +164,13 @@ def water_picture(shown: ShownFrame) -> Codes:
     return _quantized(np.clip(encode(np.maximum(veil, 0.0), "srgb"), 0.0, 1.0))
 
 
-def depth_picture(shown: ShownFrame) -> Codes:
+def _depth_picture(shown: ShownFrame) -> Codes:
     """Return distances along the rays of objects, receiver and plate, false colours with a legend; (512, 1024, 3).
 
     Where `plate.depth` is sure of a distance, it stands before that of the receiver. Black: nothing there, or farther
     than the receiver's extent.
     """
+    # Read distances of the bodies, the plate's maps and the receiver
     view = shown.view_of(_WIDTH)
     drawn = shown.frame.layer.distance_m
     rows, columns = (np.arange(n) * of // n for n, of in zip((view.height, view.width), drawn.shape, strict=True))
@@ -178,6 +185,7 @@ def depth_picture(shown: ShownFrame) -> Codes:
         distance = np.minimum(distance, floor)
     else:
         distance = np.minimum(distance, plate_m)
+    # Colour their logarithm; black is infinite
     there = np.isfinite(distance)
     log_range = np.log(_FARTHEST_M / _NEAREST_M)
     image = false_colour(np.log(np.where(there, np.maximum(distance, 1e-3), 1.0) / _NEAREST_M) / log_range)
@@ -205,18 +213,7 @@ VIEW_NAMES = {
 
 
 def _codes(frame: VideoFrame) -> Codes:
-    return _reduced(np.asarray(picture_codes(frame, deep=False), np.uint8))
-
-
-def _reduced(codes: Codes) -> Codes:
-    """Return a picture no wider than a texture is taken."""
-    import cv2
-
-    height, width = codes.shape[:2]
-    if width <= _LARGEST_WIDTH:
-        return codes
-    size = (_LARGEST_WIDTH, max(1, round(height * _LARGEST_WIDTH / width)))
-    return np.asarray(cv2.resize(codes, size, interpolation=cv2.INTER_AREA), np.uint8)
+    return narrowed(np.asarray(picture_codes(frame, deep=False), np.uint8), _LARGEST_WIDTH)
 
 
 def _quantized(encoded: Floats) -> Codes:
@@ -264,12 +261,13 @@ class _Paper:
         return float(x), float(y)
 
 
-def plan_chart(shown: ShownFrame) -> Codes:
+def _plan_chart(shown: ShownFrame) -> Codes:
     """Return the plan, (900, 900, 3): right = +x, up = ahead of the camera at time 0 (-z).
 
     Bodies are drawn as the outlines of their hulls at the frame's time; paths over the clip have dots with times, as
     many as have room.
     """
+    # Gather the paths and outlines of all that the plan shows
     loaded, palette = shown.loaded, shown.palette
     times = np.linspace(0.0, max(shown.duration_s, _last_key_s(shown)), _STEPS)
     camera = np.stack([loaded.surroundings.camera.at(float(t))[0] for t in times])
@@ -277,6 +275,7 @@ def plan_chart(shown: ShownFrame) -> Codes:
     outlines = [_outline(one.to_world(one.mesh.hull).reshape(-1, 3)) for one in shown.placed]
     view = loaded.view(shown.time_s)
     lamps = [lamp.at(shown.time_s, view, shown.placed) for lamp in loaded.lamps]
+    # Scale the paper so that all of it fits
     everything = np.concatenate([camera, *paths, *outlines, *(lamp.position[None] for lamp in lamps)])[:, ::2]
     low, high = everything.min(axis=0), everything.max(axis=0)
     reach = max(0.5 * float(np.max(high - low)), _LEAST_REACH_M)
@@ -284,6 +283,7 @@ def plan_chart(shown: ShownFrame) -> Codes:
     paper = _Paper(image, 0.5 * (low + high), (0.5 * _CHART_SIDE - _ROOM) / reach)
     _grid(paper, palette.line)
     _receiver(paper, shown)
+    # Draw bodies, lamps, the camera and the sun over the grid and the receiver
     for number, (path, outline) in enumerate(zip(paths, outlines, strict=True)):
         color = palette.series[number % len(palette.series)]
         _timed_path(paper, path, times, color)
@@ -407,12 +407,12 @@ def _sun(paper: _Paper, shown: ShownFrame) -> None:
 VIEWS: dict[str, Callable[[ShownFrame], Codes]] = {
     "composite": lambda shown: _codes(shown.frame.picture),
     "plate": lambda shown: _codes(shown.frame.plate.graded_by(None)),
-    "caustics": caustic_chart,
-    "surface": surface_chart,
-    "lights": lights_picture,
-    "difference": difference_picture,
-    "water": water_picture,
-    "depth": depth_picture,
-    "plan": plan_chart,
+    "caustics": _caustic_chart,
+    "surface": _surface_chart,
+    "lights": _lights_picture,
+    "difference": _difference_picture,
+    "water": _water_picture,
+    "depth": _depth_picture,
+    "plan": _plan_chart,
 }
 """Functions that draw the views, by their names in URLs and settings."""

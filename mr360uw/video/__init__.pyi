@@ -1,13 +1,13 @@
 from .clip import Clip
+from .container_writer import layer_video
 from .exr import read_exr, read_rgb, write_exr
-from .metadata.spherical import SphericalMetadata, read_spherical, write_spherical
+from .formats import EncodeSettings
 from .opening import create_video, open_video, transcode
-from .read.picture_file import read_picture
-from .read.reader import VideoReader
-from .settings import EncodeSettings
+from .picture_file import read_picture
+from .reader import VideoReader
+from .spherical import SphericalMetadata, read_spherical, write_spherical
 from .video_frame import VideoFrame
-from .write.layer_video import layer_video
-from .write.writer import VideoWriter
+from .writer import VideoWriter
 
 __all__ = [
     "Clip",

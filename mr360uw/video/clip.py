@@ -1,18 +1,23 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Clip metadata: size, frame rate, time base, colour tags, sound, spherical metadata."""
+"""Clip metadata: size, frame rate, time base, sound, spherical metadata, colour tags, high dynamic range."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import re
+import struct
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from fractions import Fraction
 from pathlib import Path
+from typing import Any
 
-from mr360uw.color import ColorSpec
+from av.sidedata.sidedata import Type
+
+from mr360uw.color import ColorSpec, Matrix, Primaries, Transfer
 from mr360uw.errors import VideoError
-from mr360uw.video.metadata.picture_tags import PictureTags
-from mr360uw.video.metadata.spherical import SphericalMetadata, Stereo
-from mr360uw.video.metadata.tags import BT709_TAGS, ColorTags, HdrMetadata
+from mr360uw.video.formats import Codec
+from mr360uw.video.picture_tags import PictureTags
+from mr360uw.video.spherical import SphericalMetadata, Stereo
 
 _FASTEST = 1000  # frames per second, as in a scene
 
@@ -40,6 +45,36 @@ def checked_rate(frame_rate: Fraction | float, path: Path) -> Fraction:
             f"{path} - frame rate must be above 0 and at most {_FASTEST} (got {frame_rate}) - give frames per second"
         )
     return rate
+
+
+@dataclass(frozen=True, slots=True)
+class ColorTags:
+    """The numbers of H.273 that a container or codec carries: range, matrix, primaries, transfer curve."""
+
+    color_range: int
+    colorspace: int
+    color_primaries: int
+    color_trc: int
+
+    @classmethod
+    def of(cls, native: Any) -> ColorTags:
+        """Read them from a PyAV codec context or frame."""
+        names = ("color_range", "colorspace", "color_primaries", "color_trc")
+        return cls(*(int(getattr(native, name)) for name in names))
+
+    def write_to(self, native: Any) -> None:
+        """Set them on a PyAV codec context or frame."""
+        native.color_range = self.color_range
+        native.colorspace = self.colorspace
+        native.color_primaries = self.color_primaries
+        native.color_trc = self.color_trc
+
+
+BT709_TAGS = ColorTags(color_range=1, colorspace=1, color_primaries=1, color_trc=1)
+"""Tags of video made from stills: BT.709, limited range."""
+
+
+_UNSPECIFIED = 2
 
 
 @dataclass(kw_only=True, eq=False)
@@ -99,3 +134,146 @@ class Clip:
     def frame_count(self) -> int | None:
         """Number of frames; None where it is unknown or unlimited (a still)."""
         return None
+
+
+# Tags and pixel formats become a `ColorSpec`. Untagged clips are read by the usual convention: BT.709 from 720 rows up,
+# BT.601 below; limited range unless the pixel format is one of the full-range `yuvj` kinds. A tagged transfer curve is
+# *not* followed by default: cameras tag BT.709 and apply their own rendering for a display, so the inverse of the
+# display curve (sRGB here) gives the light that a display would show; name another curve to override it. PQ and HLG are
+# followed: they hold light above white.
+#
+# Of high dynamic range (SMPTE ST 2086, CTA-861.3) are the display that a clip was graded on, and the brightest light in
+# it. FFmpeg gives them as data beside the first picture; encoders take them as text.
+
+# Values of ITU-T H.273, as FFmpeg numbers them.
+_MATRICES: dict[int, Matrix] = {1: "bt709", 5: "bt601", 6: "bt601", 9: "bt2020"}
+
+
+_HDR_CURVES: dict[int, Transfer] = {16: "pq", 18: "hlg"}
+
+
+_FULL_RANGE = 2
+
+
+_HD_ROWS = 720
+"""Untagged clips with at least this many rows are BT.709."""
+
+_PIXEL_FORMAT = re.compile(r"yuv(j?)(420|422|444)p(\d+)?(le)?$")
+
+
+def color_spec(
+    path: Path,
+    pixel_format: str,
+    tags: ColorTags,
+    rows: int,
+    transfer: Transfer | None,
+    primaries: Primaries | None = None,
+) -> ColorSpec:
+    """Return matrix, range, curve, depth and primaries of a clip's codes; VideoError for unsupported formats.
+
+    transfer, primaries: named by the user; without, they follow the tags.
+    """
+    found = _PIXEL_FORMAT.match(pixel_format)
+    if not found:
+        raise VideoError(
+            f"{path} - pixel format not supported (got {pixel_format}) - convert the clip to planar Y'CbCr, such as "
+            "yuv420p, yuv422p10le or yuv444p"
+        )
+    if tags.colorspace == _UNSPECIFIED:
+        matrix: Matrix = "bt709" if rows >= _HD_ROWS else "bt601"
+    elif tags.colorspace in _MATRICES:
+        matrix = _MATRICES[tags.colorspace]
+    else:
+        raise VideoError(
+            f"{path} - colour matrix not supported (got H.273 matrix {tags.colorspace}) - convert the clip to BT.709"
+        )
+    full_range = bool(found[1]) or tags.color_range == _FULL_RANGE
+    curve: Transfer = transfer or _HDR_CURVES.get(tags.color_trc, "srgb")
+    return ColorSpec(matrix, full_range, curve, int(found[3] or 8), primaries)
+
+
+_SILENT_CURVES = frozenset({0, 1, 2, 3, 4, 5, 6, 7, 11, 12, 13, 14, 15, *_HDR_CURVES})
+"""Curves by their numbers in H.273: none, those of displays and cameras, read by the display's, and wide ones."""
+
+
+_OTHER_PRIMARIES = {10: "XYZ", 11: "DCI P3", 12: "Display P3", 22: "EBU 3213"}
+"""Primaries by their numbers there that no matrix implies. Those of standard definition nearly are Rec.709's."""
+
+
+def color_notes(path: Path, tags: ColorTags, transfer: Transfer | None, primaries: Primaries | None) -> Iterator[str]:
+    """Yield lines on colour tags of a clip that are not followed. transfer, primaries: named by the user."""
+    if transfer is None and tags.color_trc not in _SILENT_CURVES:
+        what = {8: "linear", 9: "logarithmic", 10: "logarithmic"}.get(tags.color_trc, f"number {tags.color_trc}")
+        yield f"{path} - is tagged with a curve that is not used (got {what}), read as sRGB - set plate.transfer"
+    if primaries is None and tags.color_primaries in _OTHER_PRIMARIES:
+        yield (
+            f"{path} - is tagged with primaries that are not used (got {_OTHER_PRIMARIES[tags.color_primaries]}), read "
+            "as those of its matrix: colours are a little pale - convert it to BT.709 or BT.2020, or give plate.lut"
+        )
+    elif primaries is None and tags.color_primaries == 9 and tags.colorspace not in (2, 9, 10):
+        yield f'{path} - is tagged with BT.2020 primaries and another matrix - set plate.primaries = "bt2020"'
+
+
+_RATIONALS = struct.Struct("<20i2i")  # AVMasteringDisplayMetadata: ten fractions, two flags
+
+
+_CONTENT = struct.Struct("<2I")  # AVContentLightMetadata
+
+
+_PER_CHROMATICITY, _PER_CD_M2 = 50_000, 10_000  # units of ST 2086: 0.00002 and 0.0001 cd/m^2
+
+
+MasteringDisplay = tuple[tuple[float, float], ...]
+"""The display of ST 2086: chromaticities (x, y) of red, green, blue and white, (least, most) luminance [cd/m^2]."""
+
+
+@dataclass(frozen=True, slots=True)
+class HdrMetadata:
+    """display: that the clip was graded on. content: brightest pixel and brightest mean of a frame [cd/m^2]."""
+
+    display: MasteringDisplay | None = None
+    content: tuple[int, int] | None = None
+
+    def encoder_options(self, codec: Codec) -> dict[str, str]:
+        """Return what carries the metadata: names and values of the parameters of x264, x265 or SVT-AV1; else none."""
+        names = {"h264": ("mastering-display", "cll"), "h265": ("master-display", "max-cll"),
+                 "av1": ("mastering-display", "content-light")}.get(codec)  # fmt: skip
+        if names is None:
+            return {}
+        found = {}
+        if self.display is not None:
+            found[names[0]] = _written(self.display, whole=codec != "av1")
+        if self.content is not None:
+            found[names[1]] = f"{self.content[0]},{self.content[1]}"
+        return found
+
+
+def hdr_from_side_data(side_data: Mapping[Type, Any]) -> HdrMetadata | None:
+    """Return the HDR metadata in the side data of a decoded frame; None where there is none."""
+    display = bytes(side_data.get(Type.MASTERING_DISPLAY_METADATA) or b"")
+    light = bytes(side_data.get(Type.CONTENT_LIGHT_LEVEL) or b"")
+    found = HdrMetadata(
+        display=_display(display) if len(display) >= _RATIONALS.size else None,
+        content=_CONTENT.unpack_from(light) if len(light) >= _CONTENT.size else None,
+    )
+    return None if found == HdrMetadata() else found
+
+
+def _display(data: bytes) -> MasteringDisplay | None:
+    *terms, has_primaries, has_luminance = _RATIONALS.unpack_from(data)
+    if not (has_primaries and has_luminance) or 0 in terms[1::2]:
+        return None
+    value = [numerator / denominator for numerator, denominator in zip(terms[::2], terms[1::2], strict=True)]
+    return tuple((value[k], value[k + 1]) for k in range(0, 10, 2))
+
+
+def _written(display: MasteringDisplay, *, whole: bool) -> str:
+    """Return G(x,y)B(x,y)R(x,y)WP(x,y)L(most,least), in the whole units of ST 2086 or as decimals."""
+
+    def pair(x: float, y: float, units: int) -> str:
+        return f"({round(x * units)},{round(y * units)})" if whole else f"({x:.5f},{y:.5f})"
+
+    red, green, blue, white, (least, most) = display
+    places = zip("GBR", (green, blue, red), strict=True)
+    colours = "".join(name + pair(*at, _PER_CHROMATICITY) for name, at in places)
+    return f"{colours}WP{pair(*white, _PER_CHROMATICITY)}L{pair(most, least, _PER_CD_M2)}"

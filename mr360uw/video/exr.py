@@ -22,8 +22,7 @@ from numpy.typing import NDArray
 from mr360uw.color import LUMINANCE
 from mr360uw.errors import VideoError
 from mr360uw.files import NewFile, whole_file
-from mr360uw.reading.input_files import unreadable, wrapped
-from mr360uw.reading.limits import DATA, PICTURE
+from mr360uw.reading.input_files import DATA, PICTURE, unreadable, wrapped
 from mr360uw.shapes import checked
 from mr360uw.types import Floats
 from mr360uw.yuv.file_profile import REC709_XY
@@ -404,11 +403,13 @@ def _frame_notes(
     path: Path, part: ExrPart, header: Mapping[str, Any], taken: str, others: list[str], *, clear: bool
 ) -> Iterator[str]:
     """Yield lines on what of a frame's file is not used. clear: whether it has alpha that is not opaque."""
+    # Transparency and the colour space
     if clear:
         yield f"{path} - has transparency, which is left out - flatten it if that is wrong"
     space = _named_colours(header)
     if space and "chromaticities" not in header and space not in _XY_BY_NAME:
         yield f"{path} - names a space that is not known (got {space!r:.40}), read as Rec.709 - write chromaticities"
+    # Windows that differ
     (width, height), (left, top, right, bottom) = part.frame_size, part.data
     if (left, top, right, bottom) != part.display:
         low, high = np.array(part.display[:2]), np.array(part.display[2:])
@@ -418,6 +419,7 @@ def _frame_notes(
             f"{path} - its data window is not its display window (got {part.width}x{part.height} at {left},{top} for "
             f"{width}x{height}): {what} - write it with both the same if that is wrong"
         )
+    # Layers, pixel aspect and mip levels that are not read
     if others or taken:
         shown = ", ".join(name or "R, G, B" for name in others[:8]) + " ..." * (len(others) > 8)
         yield (
@@ -510,6 +512,7 @@ def write_exr(
     """
     import OpenEXR
 
+    # Name the channels of a plain array by their number
     path = Path(path)
     if isinstance(parts, Mapping):
         image_parts: Mapping[str, Part] = parts
@@ -518,6 +521,7 @@ def write_exr(
         image_parts = {"": {"RGBA"[: image.shape[-1] if image.ndim == 3 else 1]: image}}
     if not (image_parts and all(image_parts.values())):
         raise VideoError(f"{path} - has no channels (got none) - give an array for each")
+    # Write what all parts have in common into one header
     kind = "NO" if compression == "none" else compression.upper()
     header: dict[str, Any] = {
         "compression": getattr(OpenEXR, f"{kind}_COMPRESSION"),
@@ -527,6 +531,7 @@ def write_exr(
     }
     if latlong:
         header["envmap"] = OpenEXR.ENVMAP_LATLONG
+    # Make the parts, each with its view and its window
     made = []
     for name, channels in image_parts.items():
         arrays = {channel: _checked(f"{path} {channel}", array) for channel, array in channels.items()}
@@ -540,6 +545,7 @@ def write_exr(
             own["dataWindow"] = (low, low + np.array([width - 1, height - 1], np.int32))
             own["displayWindow"] = (np.zeros(2, np.int32), np.array(full_size, np.int32) - 1)
         made.append(OpenEXR.Part(own, arrays, name) if name else OpenEXR.Part(own, arrays))
+    # Write under a temporary name
     try:
         with file(path) as part:
             OpenEXR.File(made).write(str(part))

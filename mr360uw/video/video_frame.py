@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 from mr360uw.color import ColorSpec, decode_signal, in_plate_primaries, in_rec709
 from mr360uw.errors import VideoError
 from mr360uw.types import Floats, Layer, Rectangle, Tile, YuvImage
-from mr360uw.video.metadata.spherical import Stereo
+from mr360uw.video.spherical import Stereo
 
 if TYPE_CHECKING:
-    from mr360uw.video.metadata.picture_tags import PictureTags
+    from mr360uw.video.picture_tags import PictureTags
     from mr360uw.video.pixels.grain import Grain
 
 Blend = Callable[[Floats, Tile], Floats]
@@ -301,12 +301,14 @@ def whole_frame(frame: VideoFrame, stereo: Stereo) -> VideoFrame:
         both.flags.writeable = False
         return both
 
+    # Move what was noted of the right eye to its place
     down, across = (frame.shape[0], 0) if axis == 0 else (0, frame.shape[1])
     beside = tuple((r._replace(row=r.row + down, column=r.column + across), light) for r, light in right.clipped)
     clipped = frame.clipped + beside
     plate = None
     if frame.plate is not None or right.plate is not None:
         plate = whole_frame(replace(frame.plate or frame, right=right.plate or right), stereo)
+    # Join codes of RGB pictures, or planes
     if frame.yuv is None or right.yuv is None:
         assert frame.rgb is not None
         assert right.rgb is not None

@@ -17,11 +17,9 @@ from numpy.typing import NDArray
 from pydantic import field_validator
 
 from mr360uw.color import Levels
-from mr360uw.errors import ParameterError, VideoError
+from mr360uw.errors import ParameterError, VideoError, install_command
 from mr360uw.parameters import Parameters, advanced
-from mr360uw.reading.extras import command
-from mr360uw.reading.input_files import unreadable
-from mr360uw.reading.limits import DATA
+from mr360uw.reading.input_files import DATA, unreadable
 
 _BUILT_IN = "ocio://"
 _GRID = 17
@@ -180,5 +178,7 @@ def _library() -> Any:
     try:
         import PyOpenColorIO
     except ImportError as error:
-        raise ParameterError(f"plate.ocio - needs OpenColorIO, which is not installed - {command('ocio')}") from error
+        raise ParameterError(
+            f"plate.ocio - needs OpenColorIO, which is not installed - {install_command('ocio')}"
+        ) from error
     return PyOpenColorIO

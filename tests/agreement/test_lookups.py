@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from mr360uw.caustic_lookup import caustic_lookup, mip_levels
-from mr360uw.caustics.gl.stack import AtlasScratch, mip_atlas, upload
+from mr360uw.composite.gl.caustic_atlas import AtlasScratch, mip_atlas, upload
 from mr360uw.gl.context import gl_device
 from mr360uw.sphere import unit
 from mr360uw.types import CausticStack

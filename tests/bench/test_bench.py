@@ -17,21 +17,30 @@ import numpy as np
 import pytest
 
 from mr360uw.bench import bench_report
-from mr360uw.bench.bench_report import BenchReport, Machine, StageResult, bench_page, compare, pareto_plot, read_report
-from mr360uw.bench.measuring import (
+from mr360uw.bench.bench_report import (
+    BenchReport,
+    Machine,
+    StageResult,
+    beats,
+    bench_page,
+    better_than_default,
+    compare,
+    front,
+    pareto_plot,
+    read_report,
+)
+from mr360uw.bench.stages import (
     MeasuredStage,
     Measurement,
     Workbench,
     Workload,
-    beats,
-    better_than_default,
-    front,
+    all_stages,
+    frames_against,
     measure,
     qualities,
     relative_rms,
     timed,
 )
-from mr360uw.bench.stages import all_stages, frames_against
 from mr360uw.errors import ParameterError
 from mr360uw.render.backends import Reference
 from mr360uw.sample import SampleDive

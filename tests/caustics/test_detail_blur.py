@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from mr360uw.caustics import GerstnerSea, caustic_map
-from mr360uw.caustics.flux.irradiance import ray_slope
-from mr360uw.caustics.flux.sun_disc import blur, detail_footprint, gaussian_transform
+from mr360uw.caustics.irradiance import ray_slope
+from mr360uw.caustics.sun_disc import blur, detail_footprint, gaussian_transform
 from mr360uw.sphere import direction_from_angles
 from tests.caustics import tolerances as tol
 

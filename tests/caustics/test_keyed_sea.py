@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mr360uw.caustics.sea.gerstner import GerstnerSea, share_of_directions, share_of_lengths
-from mr360uw.caustics.sea.spectrum import mean_square_slope
+from mr360uw.caustics.gerstner import GerstnerSea, share_of_directions, share_of_lengths
+from mr360uw.caustics.sea import mean_square_slope
 from mr360uw.caustics.settings import Sea
 from mr360uw.errors import SceneError
-from mr360uw.scene.keyed_water import scene_at
+from mr360uw.scene.resolved import scene_at
 from tests.scenes import scene_with
 
 TIMES = np.arange(100.0, 102.0, 1.0 / 12.0)

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 
 from mr360uw.caustic_lookup import caustic_lookup, mip_levels
 from mr360uw.caustics import CausticSettings, caustic_stack
-from mr360uw.caustics.depth_ladder import PlaneLadder, map_size
-from mr360uw.caustics.flux.sun_disc import detail_footprint
+from mr360uw.caustics.settings import PlaneLadder, map_size
+from mr360uw.caustics.sun_disc import detail_footprint
 from mr360uw.constants import REFRACTIVE_INDEX_SEA, SUN_HALF_ANGLE_RAD
 from mr360uw.sphere import direction_from_angles
 from tests.caustics import tolerances as tol

@@ -6,17 +6,19 @@ import pytest
 from pydantic import TypeAdapter
 
 from mr360uw.caustics import GerstnerSea, SpectralSea, caustic_map
-from mr360uw.caustics.sea.base import detail_slope, make_detail, surface_jacobian
-from mr360uw.caustics.sea.gerstner import GerstnerWave
-from mr360uw.caustics.sea.spectrum import (
+from mr360uw.caustics.gerstner import GerstnerWave
+from mr360uw.caustics.sea import (
     angular_frequency,
     cosine_power_share,
     cosine_spread,
+    detail_slope,
     group_speed,
     jonswap,
     lattice_vector,
     looping_frequency,
+    make_detail,
     peak_frequency,
+    surface_jacobian,
     tma_factor,
 )
 from mr360uw.caustics.settings import Sea

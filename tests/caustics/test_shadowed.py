@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from mr360uw.caustics import GerstnerSea, SpectralSea
-from mr360uw.caustics.flux.irradiance import cell_flux, lit_corners, refracted_rays, shadow_steps
+from mr360uw.caustics.irradiance import cell_flux, lit_corners, refracted_rays, shadow_steps
 from mr360uw.optics import fresnel_transmittance
 from mr360uw.sphere import direction_from_angles
 from tests.caustics import tolerances as tol

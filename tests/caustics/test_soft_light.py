@@ -8,7 +8,7 @@ import pytest
 
 from mr360uw.caustic_lookup import mip_levels, soft_caustic_lookup
 from mr360uw.caustics import CausticSettings, caustic_stack
-from mr360uw.caustics.flux.sun_disc import gaussians, soft_light
+from mr360uw.caustics.sun_disc import gaussians, soft_light
 from mr360uw.optics import refract_to_water
 from mr360uw.sphere import direction_from_angles
 from mr360uw.types import BeamSpread

@@ -7,12 +7,11 @@ import numpy as np
 import pytest
 
 from mr360uw.caustic_lookup import mip_levels
-from mr360uw.caustics import CausticSettings, GerstnerSea, caustic_stack
-from mr360uw.caustics.flux import irradiance
-from mr360uw.caustics.flux.irradiance import refracted_rays
-from mr360uw.caustics.flux.summed_stack import cell_corners, cell_flux, sum_cells, summed_stack, vertex_rays
-from mr360uw.caustics.gl.stack import AtlasScratch, mip_atlas, upload
+from mr360uw.caustics import CausticSettings, GerstnerSea, caustic_stack, irradiance
+from mr360uw.caustics.irradiance import refracted_rays
 from mr360uw.caustics.settings import grid_of
+from mr360uw.caustics.summed_stack import cell_corners, cell_flux, sum_cells, summed_stack, vertex_rays
+from mr360uw.composite.gl.caustic_atlas import AtlasScratch, mip_atlas, upload
 from mr360uw.optics import refract_to_water
 from mr360uw.sphere import direction_from_angles
 from mr360uw.types import BeamSpread

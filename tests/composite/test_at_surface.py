@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from mr360uw.cache import Cache
-from mr360uw.caustics.sea.gerstner import GerstnerSea
+from mr360uw.caustics.gerstner import GerstnerSea
 from mr360uw.composite.at_surface import surface_layer
 from mr360uw.composite.at_surface.settings import SurfaceSettings
 from mr360uw.composite.at_surface.surface_layer import cut_at_surface, with_bodies

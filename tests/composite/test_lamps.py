@@ -24,7 +24,7 @@ from mr360uw.constants import BRIGHTEST
 from mr360uw.errors import SceneError
 from mr360uw.medium import Medium, Water
 from mr360uw.medium.lookup import linear, table_coordinate
-from mr360uw.medium.spectral.sensor import illuminant
+from mr360uw.medium.spectra import illuminant
 from mr360uw.sphere import directions, unit
 from mr360uw.types import Floats, Lamp, Layer, View
 from tests.composite import tolerances as tol

@@ -17,7 +17,7 @@ from mr360uw.composite.motion import object_motion, rotation_matrix, yaw_pitch_r
 from mr360uw.composite.object_settings import ObjectSettings
 from mr360uw.composite.objects import on_the_floor, receiver_height
 from mr360uw.errors import MeshError
-from mr360uw.scene.keyed_water import scene_at
+from mr360uw.scene.resolved import scene_at
 from mr360uw.types import Floats
 
 CORNERS = np.array([[0.0, 1.0, 0.0], [2.0, 1.0, 0.0], [0.0, 4.0, 0.0], [0.0, 1.0, 8.0]])

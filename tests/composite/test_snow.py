@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from mr360uw.cache import Cache
-from mr360uw.caustics.sea.gerstner import GerstnerSea
-from mr360uw.caustics.sea.spectral import SpectralSea
+from mr360uw.caustics.gerstner import GerstnerSea
+from mr360uw.caustics.spectral import SpectralSea
 from mr360uw.composite.over import empty_tile, over
 from mr360uw.composite.reference import render_aovs
 from mr360uw.composite.settings import NEAREST_M, SnowSettings

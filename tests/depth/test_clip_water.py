@@ -16,8 +16,8 @@ from mr360uw.color import encode
 from mr360uw.depth.clip_water import LitFrame, seen_places
 from mr360uw.depth.sphere_stereo import DepthMap
 from mr360uw.errors import ParameterError
-from mr360uw.medium.fit import water_by_distance as by_distance
-from mr360uw.medium.fit.water_by_distance import SeenPlaces, water_by_distance
+from mr360uw.medium import water_by_distance as by_distance
+from mr360uw.medium.water_by_distance import SeenPlaces, water_by_distance
 from mr360uw.sphere import directions
 from tests.depth import tolerances
 from tests.depth.hazy_scene import HazyScene
@@ -65,7 +65,7 @@ def test_attenuation_and_veil_of_a_type(kind: str) -> None:
     assert np.all(np.abs(found.attenuation / c - 1.0) < tolerances.ATTENUATION)
     assert np.all(np.abs(found.veil / v - 1.0) < tolerances.VEIL)
     assert np.all((found.attenuation_low < found.attenuation) & (found.attenuation < found.attenuation_high))
-    sight = uw.medium.visibility.visibility_m(uw.medium.Water.jerlov(kind))  # type: ignore[arg-type]
+    sight = uw.medium.closed_form.visibility_m(uw.medium.Water.jerlov(kind))  # type: ignore[arg-type]
     assert abs(found.visibility_m / sight - 1.0) < tolerances.ATTENUATION
     assert found.overrides[1] == f"water.visibility_m={found.visibility_m:.3g}"
     assert "green  attenuation" in str(found)

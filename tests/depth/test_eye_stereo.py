@@ -18,7 +18,7 @@ from mr360uw.depth.depth_files import DepthClip
 from mr360uw.depth.sphere_stereo import DepthMap
 from mr360uw.errors import ParameterError
 from mr360uw.sphere import directions
-from mr360uw.types.frames import ray_starts
+from mr360uw.types import ray_starts
 from tests.depth import tolerances
 from tests.depth.own_maps import write_own_maps
 from tests.depth.test_occlusion import BODY_M, SIZE

@@ -14,12 +14,11 @@ import trimesh
 from mr360uw.color import encode
 from mr360uw.composite.mesh.kinds import kind_of
 from mr360uw.composite.object_settings import Front
-from mr360uw.first_look.mesh_look import look_at_mesh
+from mr360uw.first_look.observations import look_at_mesh, look_at_plate, water_or_air
 from mr360uw.first_look.place_in_plate import free_view
-from mr360uw.first_look.plate_look import look_at_plate, water_or_air
 from mr360uw.first_look.proposal import Sight, guess_sight
 from mr360uw.medium import Medium, Water
-from mr360uw.medium.visibility import water_seen_as_far
+from mr360uw.medium.closed_form import water_seen_as_far
 from mr360uw.medium.water import JerlovType
 from mr360uw.sphere import directions
 from mr360uw.types import Floats

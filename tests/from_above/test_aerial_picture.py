@@ -17,7 +17,7 @@ from mr360uw.errors import ParameterError
 from mr360uw.from_above import AerialScene, LoadedAerial
 from mr360uw.from_above.aerial_picture import blend_of
 from mr360uw.optics import fresnel, reflect, refract_to_water
-from mr360uw.published.aerial_look import blended_albedo, thresholded_reflection
+from mr360uw.published import blended_albedo, thresholded_reflection
 from mr360uw.sphere import direction_from_angles, directions, unit
 from mr360uw.surface.sky import CLEAR, OVERCAST, standard_sky, sun_below
 from tests.from_above import tolerances as tol

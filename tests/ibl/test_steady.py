@@ -12,8 +12,8 @@ from mr360uw.ibl.plate import LinearPlate
 from mr360uw.ibl.sun.detect import glitter_middle
 from mr360uw.optics import critical_cosine, refract_to_water
 from mr360uw.sphere import direction_from_angles, directions, unit
-from mr360uw.surface.tracing.facet_draws import glitter
-from mr360uw.surface.tracing.stage_arrays import disc_of
+from mr360uw.surface.facet_draws import glitter
+from mr360uw.surface.ray_kernel import disc_of
 from mr360uw.types import Sun
 from tests.ibl.plates import angle_deg, clipped
 from tests.ibl.tolerances import FLOAT64, GLITTER_DEG, STEADY_DEG, STEADY_PATH_DEG

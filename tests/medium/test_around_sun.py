@@ -8,9 +8,8 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 from mr360uw.medium import Medium, Water
-from mr360uw.medium.around_sun import AZIMUTHS, _over_mean, around_sun, placed, typical_level
-from mr360uw.medium.fit.open_water import COLUMNS, ROWS, OpenWater
-from mr360uw.medium.fit.profile import row_up
+from mr360uw.medium.open_water import COLUMNS, ROWS, OpenWater, row_up
+from mr360uw.medium.scattered_light import AZIMUTHS, _over_mean, around_sun, placed, typical_level
 from mr360uw.sphere import directions
 from tests.medium.tolerances import AROUND_ALL_BANDS, GROWTH_AROUND_SUN, HARMONIC
 

@@ -12,8 +12,8 @@ import pytest
 from mr360uw.color import luminance
 from mr360uw.errors import ParameterError
 from mr360uw.medium import Sensor, Water, bands, cameras, compress_gamut, multiple_scattering, reflectance
-from mr360uw.medium.spectral.bands import search
-from mr360uw.medium.spectral.sensor import illuminant, named_sensor
+from mr360uw.medium.spectra import illuminant, named_sensor
+from mr360uw.medium.wavelengths import search
 from mr360uw.reading.disk_cache import FOLDER
 from tests.medium.tolerances import FITTED_MEAN_6, FITTED_P95_12, FLOAT64, UPSAMPLED_COLOUR, UPSAMPLING, WHITE
 
@@ -67,7 +67,7 @@ def test_fitted_weights_of_a_camera_are_not_negative() -> None:
 
 
 def test_the_stored_search_is_the_search(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from mr360uw.medium.spectral import bands as choice
+    from mr360uw.medium import wavelengths as choice
 
     monkeypatch.setenv(FOLDER, str(tmp_path))
     stored = bands(4, SENSORS[1], "fitted")

@@ -9,8 +9,8 @@ import pytest
 from mr360uw.errors import ParameterError
 from mr360uw.medium import Water, multiple_scattering
 from mr360uw.medium.closed_form import closed_form, path_integral, ray_in_water
-from mr360uw.medium.mode_kernel import sum_modes
 from mr360uw.medium.models import gershun_factor
+from mr360uw.medium.ray_field import sum_modes
 from tests.medium.tolerances import DEEP_REFLECTANCE, FLOAT64, SERIES
 from tests.reference import reference_rows
 

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from mr360uw.medium import Medium, Water
-from mr360uw.medium.depths import MediumAtDepths
 from mr360uw.medium.lookup import ambient_ratio, beam_ratio, transmittance_lookup, veil_lookup
+from mr360uw.medium.medium import MediumAtDepths
 from tests.medium.tolerances import FLOAT32, TABLE_BETWEEN_DEPTHS
 
 START_M = 5.0

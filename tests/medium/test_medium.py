@@ -18,9 +18,8 @@ from mr360uw.medium import (
     multiple_scattering,
     spectral_model,
 )
-from mr360uw.medium.closed_form import ray_in_water
+from mr360uw.medium.closed_form import ray_in_water, visibility_m
 from mr360uw.medium.lookup import ambient_ratio, beam_ratio, transmittance_lookup, veil_lookup
-from mr360uw.medium.visibility import visibility_m
 from tests.medium.picture import Scene, relative_rms, render
 from tests.medium.tolerances import ANALYTIC_FIELD, FLOAT64, PICTURE_ISOTROPIC, PICTURE_PEAKED, TABLE_MEAN, TABLE_P95
 from tests.reference import reference_arrays

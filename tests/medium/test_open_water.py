@@ -8,9 +8,8 @@ import pytest
 
 from mr360uw.color import encode
 from mr360uw.medium import Medium, Water
-from mr360uw.medium.fit.exposure import fit_gain
-from mr360uw.medium.fit.open_water import COLUMNS, FINER, ROWS, OpenWater, OpenWaterLooks, filled, open_water
-from mr360uw.medium.fit.profile import row_up
+from mr360uw.medium.exposure import fit_gain
+from mr360uw.medium.open_water import COLUMNS, FINER, ROWS, OpenWater, OpenWaterLooks, filled, open_water, row_up
 from mr360uw.sphere import directions
 from tests.medium.tolerances import FILLED, OPEN_WATER_CODES
 

@@ -8,8 +8,8 @@ import pytest
 
 from mr360uw.errors import ParameterError
 from mr360uw.medium import JERLOV_TYPES, Medium, PlateProfile, Sensor, Water, fit_gain, fit_water
-from mr360uw.medium.fit.profile import row_up
 from mr360uw.medium.lookup import veil_lookup
+from mr360uw.medium.open_water import row_up
 from tests.medium.tolerances import FLOAT64, GAIN, GAIN_STEP
 
 DEPTH = 6.0

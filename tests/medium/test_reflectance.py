@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from mr360uw.medium import LightField, Medium, Water
-from mr360uw.medium.tables import builtin_table
+from mr360uw.medium.spectra import builtin_table
 from tests.medium.tolerances import CLEAR_OCEAN, REFLECTANCE_CASE1, REFLECTANCE_RADIANCE
 
 NM = np.arange(400.0, 701.0, 20.0)

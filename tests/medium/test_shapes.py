@@ -8,7 +8,7 @@ import pytest
 
 from mr360uw import medium
 from mr360uw.medium import FroxelGrid, LightField, Medium, PlateProfile, Sensor, ShaftScene, Water
-from mr360uw.medium.tabulate import ATTENUATION_SIZE, DEPTH_SIZE, NORMALS, VEIL_SIZE
+from mr360uw.medium.lookup import ATTENUATION_SIZE, DEPTH_SIZE, NORMALS, VEIL_SIZE
 from mr360uw.types import Sun, View
 from tests.shapes import Batch, Refused, Returns, called, check_refused, check_returned, filled, functions_of, towards
 

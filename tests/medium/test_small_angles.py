@@ -8,7 +8,7 @@ import pytest
 
 from mr360uw.medium import Medium, Water
 from mr360uw.medium.phase import forward_peak
-from mr360uw.medium.small_angles import beam_spread, spread_factor, spread_of
+from mr360uw.medium.scattered_light import beam_spread, spread_factor, spread_of
 from tests.medium import tolerances as tol
 
 PHASES = ("petzold", ("hg", 0.924), ("fournier-forand", 1.1, 3.5835))

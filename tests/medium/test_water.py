@@ -11,6 +11,7 @@ import pytest
 
 from mr360uw.errors import ParameterError
 from mr360uw.medium import JERLOV_TYPES, Medium, Water, WaterSettings
+from mr360uw.medium.closed_form import visibility_m, water_of_visibility, water_seen_as_far
 from mr360uw.medium.phase import (
     backscatter_ratio,
     henyey_greenstein,
@@ -19,7 +20,6 @@ from mr360uw.medium.phase import (
     phase_moments,
     wide_angle_moments,
 )
-from mr360uw.medium.visibility import visibility_m, water_of_visibility, water_seen_as_far
 from tests.medium.tolerances import FLOAT64, PETZOLD_MOMENTS, PHASE_NORM
 
 VISIBLE = np.arange(400.0, 701.0, 5.0)

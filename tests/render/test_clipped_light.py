@@ -10,8 +10,7 @@ from mr360uw.ibl.lighting import assemble
 from mr360uw.ibl.lookup import environment_lookup
 from mr360uw.ibl.settings import LightSettings
 from mr360uw.medium import Medium, Water
-from mr360uw.medium.ambient import irradiance_from_level
-from mr360uw.medium.around_sun import around_sun, placed, typical_level
+from mr360uw.medium.scattered_light import around_sun, irradiance_from_level, placed, typical_level
 from mr360uw.optics import critical_cosine
 from mr360uw.render.lights import lit_as_its_ground, may_be_clipped, restored
 from mr360uw.sphere import directions

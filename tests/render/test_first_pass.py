@@ -14,8 +14,8 @@ from mr360uw.errors import DamagedFrameError
 from mr360uw.render.first_pass import ClipAnalysis, first_pass, measured_range
 from mr360uw.render.surroundings import CameraPath, load_surroundings
 from mr360uw.runs.stored_analysis import load_analysis, save_analysis
-from mr360uw.scene.inputs import open_plate
 from mr360uw.scene.model import Scene
+from mr360uw.scene.resolved import open_plate
 from mr360uw.sphere import direction_from_angles
 from mr360uw.types import Sun
 from mr360uw.video import VideoFrame, write_exr

@@ -14,19 +14,18 @@ import pytest
 import mr360uw as uw
 from mr360uw.color import decode, encode, luminance
 from mr360uw.medium import Medium, Water, exposure_change, picture_change, steady_gain
-from mr360uw.medium.around_sun import typical_level
-from mr360uw.medium.fit.exposure import GainSeries, MeasuredGain
-from mr360uw.medium.fit.open_water import ROWS
-from mr360uw.medium.fit.profile import SECTORS, fit_level, row_up
-from mr360uw.medium.spectral.sensor import named_sensor
+from mr360uw.medium.exposure import GainSeries, MeasuredGain
+from mr360uw.medium.open_water import ROWS, SECTORS, fit_level, row_up
+from mr360uw.medium.scattered_light import typical_level
+from mr360uw.medium.spectra import named_sensor
 from mr360uw.medium.water import JerlovType
 from mr360uw.render.first_pass import ClipAnalysis, first_pass
 from mr360uw.render.plate_map import level_view
 from mr360uw.render.surroundings import load_surroundings
 from mr360uw.sample.dive import record
 from mr360uw.sample.rendered_dive import SENSOR, Dive
-from mr360uw.scene.inputs import open_plate
 from mr360uw.scene.model import Scene
+from mr360uw.scene.resolved import open_plate
 from mr360uw.sphere import directions
 from mr360uw.video import write_exr
 from mr360uw.video.exr import read_rgb

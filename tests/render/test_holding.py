@@ -14,10 +14,10 @@ import pytest
 from mr360uw.cache import drop_shared
 from mr360uw.ibl.lookup import environment_lookup
 from mr360uw.medium import Medium, Water
-from mr360uw.medium.ambient import ambient_parts
 from mr360uw.medium.lookup import ambient_ratio
 from mr360uw.medium.models import spectral_model
 from mr360uw.medium.ray_field import LambertFloor, cosine_kernel
+from mr360uw.medium.scattered_light import ambient_parts
 from mr360uw.render.surroundings import load_surroundings
 from mr360uw.sample.dive import dive_scene, record
 from mr360uw.sample.rendered_dive import Dive

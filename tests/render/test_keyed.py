@@ -18,8 +18,8 @@ from mr360uw.render.first_pass import ClipAnalysis
 from mr360uw.render.frame import Frame, composite_frame
 from mr360uw.render.loaded import Loaded, load
 from mr360uw.render.plan import joined_plan
-from mr360uw.scene.keyed_water import scene_at
 from mr360uw.scene.model import Scene
+from mr360uw.scene.resolved import scene_at
 from mr360uw.video import VideoFrame
 from tests.scenes import BACKENDS, gradient_plate, scene_with
 from tests.tolerances import RENDERERS_PSNR_DB

@@ -12,8 +12,8 @@ import pytest
 
 from mr360uw.render.first_pass import first_pass
 from mr360uw.render.surroundings import Surroundings, load_surroundings, surroundings_over_time
-from mr360uw.scene.keyed_water import scene_at, tables_on_the_way, water_between
 from mr360uw.scene.model import Scene
+from mr360uw.scene.resolved import scene_at, tables_on_the_way, water_between
 from mr360uw.types import MediumTable
 from mr360uw.video import open_video
 from tests.scenes import scene_with

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 import mr360uw as uw
-from mr360uw.caustics.flux.irradiance import pass_indices
+from mr360uw.caustics.irradiance import pass_indices
 from mr360uw.errors import ParameterError
-from mr360uw.medium.fit.exposure import picture_change, steady_gain
+from mr360uw.medium.exposure import picture_change, steady_gain
 from mr360uw.medium.phase import PhaseTable
 from tests.scenes import BACKENDS, gradient_plate, scene_with
 

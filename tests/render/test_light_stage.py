@@ -17,10 +17,9 @@ from mr360uw.render.first_pass import ClipAnalysis
 from mr360uw.render.loaded import load
 from mr360uw.render.match_stage import ungraded
 from mr360uw.render.plate_light import FrameLight, LightSamples, plate_light
-from mr360uw.scene.inputs import open_plate
 from mr360uw.scene.model import Scene
-from mr360uw.types import Floats
-from mr360uw.types.frames import sample_step
+from mr360uw.scene.resolved import open_plate
+from mr360uw.types import Floats, sample_step
 from mr360uw.video import VideoFrame, write_exr
 from tests.scenes import gradient_plate, scene_with
 from tests.tolerances import FLOAT32

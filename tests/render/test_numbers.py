@@ -16,8 +16,8 @@ from mr360uw.color import ColorSpec, Transfer, in_plate_primaries
 from mr360uw.composite.over import empty_tile, over, over_tile
 from mr360uw.errors import RenderError
 from mr360uw.medium import Medium, Water, fit_gain
-from mr360uw.medium.depths import MediumAtDepths
 from mr360uw.medium.lookup import veil_lookup
+from mr360uw.medium.medium import MediumAtDepths
 from mr360uw.render.frame import finite
 from mr360uw.types import Layer, Rectangle, Tile, YuvImage
 from mr360uw.video import VideoFrame

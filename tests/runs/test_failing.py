@@ -137,7 +137,7 @@ def test_a_full_disk_ends_the_run_and_it_goes_on_with_space(
 
 
 def test_a_full_disk_while_joining_keeps_the_parts(whole: Path, out: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from mr360uw.video.write import container_writer
+    from mr360uw.video import container_writer
 
     def full(*_: object) -> None:
         raise OSError(28, "No space left on device")

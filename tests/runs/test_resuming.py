@@ -20,7 +20,7 @@ from mr360uw.runs.work_folder import joined_bounds, segment_bounds, stale_work
 from mr360uw.sample import SampleDive
 from mr360uw.scene import Scene
 from mr360uw.scene.model import load_scene
-from mr360uw.video.write.writer import decoding_stamps
+from mr360uw.video.writer import decoding_stamps
 
 TWO_FRAMES = "output.segment_s=0.08"
 """Segments of two frames at the 24 frames a second of the sample dive: eight frames make four."""

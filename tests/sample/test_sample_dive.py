@@ -11,14 +11,14 @@ import numpy as np
 import pytest
 
 from mr360uw.caustics import GerstnerSea
-from mr360uw.caustics.sea.gerstner import GerstnerWave
+from mr360uw.caustics.gerstner import GerstnerWave
 from mr360uw.color import luminance
 from mr360uw.composite import read_camera_track
 from mr360uw.constants import REFRACTIVE_INDEX_SEA
 from mr360uw.errors import ParameterError
 from mr360uw.medium import LightField, Water, bands
 from mr360uw.medium.ray_field import LambertFloor
-from mr360uw.medium.spectral.sensor import named_sensor
+from mr360uw.medium.spectra import named_sensor
 from mr360uw.medium.water import JerlovType
 from mr360uw.optics import fresnel_from_below, refract_to_water
 from mr360uw.sample import sample_dive

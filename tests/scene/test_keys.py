@@ -13,9 +13,9 @@ import pytest
 from mr360uw.errors import SceneError
 from mr360uw.parameters import Parameters, is_direction, parameter
 from mr360uw.scene.key_targets import KeyedParameter
-from mr360uw.scene.keyed_water import keyed_in_words, scene_at
 from mr360uw.scene.model import Scene, load_scene, scene_from_dict
 from mr360uw.scene.problems import key_lines
+from mr360uw.scene.resolved import keyed_in_words, scene_at
 from tests.scenes import scene_with
 
 

@@ -12,21 +12,12 @@ from mr360uw.ibl.lookup import environment_lookup
 from mr360uw.medium import Medium, Water
 from mr360uw.medium.lookup import transmittance_lookup, veil_lookup
 from mr360uw.sphere import unit
-from mr360uw.surface.sky import Dome
-from mr360uw.surface.tracing import table_reads
-from mr360uw.surface.tracing.facet_draws import drawn, facets_of, next_key, sunlight
-from mr360uw.surface.tracing.stage_arrays import disc_of
-from mr360uw.surface.tracing.table_reads import (
-    WaterTable,
-    level_for,
-    packed,
-    panorama,
-    periodic,
-    sky_radiance,
-    transmittance,
-    veil,
-)
-from mr360uw.surface.water_light import WaterLight
+from mr360uw.surface import intersection
+from mr360uw.surface.facet_draws import drawn, facets_of, next_key, sunlight
+from mr360uw.surface.ray_kernel import disc_of
+from mr360uw.surface.sky import Dome, panorama, sky_radiance
+from mr360uw.surface.water_light import WaterLight, WaterTable, transmittance, veil
+from mr360uw.texels import level_for, packed, periodic
 from mr360uw.types import Sun
 from tests.surface import tolerances as tol
 
@@ -37,13 +28,13 @@ def test_fresnel_refraction_and_reflection(rng: np.random.Generator) -> None:
     normal, travel = unit(rng.standard_normal((COUNT, 3))), unit(rng.standard_normal((COUNT, 3)))
     travel *= -np.sign(np.sum(travel * normal, axis=-1, keepdims=True))
     for m in (1.34, 1.0 / 1.34):
-        found = [table_reads.reflectance(-float(d @ n), m)[0] for d, n in zip(travel, normal, strict=True)]
+        found = [intersection.reflectance(-float(d @ n), m)[0] for d, n in zip(travel, normal, strict=True)]
         np.testing.assert_allclose(found, optics.fresnel(-np.sum(travel * normal, axis=-1), m), atol=tol.FLOAT64)
-        found = [table_reads.bent(*d, *n, 1.0 / m) for d, n in zip(travel, normal, strict=True)]
+        found = [intersection.bent(*d, *n, 1.0 / m) for d, n in zip(travel, normal, strict=True)]
         np.testing.assert_allclose(
             found, unit(optics.refract_clamped(travel, normal, 1.0 / m)), atol=10.0 * tol.FLOAT64
         )
-    found = [table_reads.mirrored(*d, *n) for d, n in zip(travel, normal, strict=True)]
+    found = [intersection.mirrored(*d, *n) for d, n in zip(travel, normal, strict=True)]
     np.testing.assert_allclose(found, optics.reflect(travel, normal), atol=10.0 * tol.FLOAT64)
 
 

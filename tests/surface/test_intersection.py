@@ -10,10 +10,9 @@ from scipy.special import ndtri
 from mr360uw.caustics import GerstnerSea, SpectralSea
 from mr360uw.sphere import unit
 from mr360uw.surface import SampledSea
+from mr360uw.surface.facet_draws import Facets, drawn, facets_of, facing, next_key, normal_quantile
 from mr360uw.surface.intersection import first_hits
-from mr360uw.surface.tracing.facet_draws import Facets, drawn, facets_of, facing, next_key, normal_quantile
-from mr360uw.surface.tracing.ray_kernel import level_slopes, tilted
-from mr360uw.surface.tracing.stage_arrays import ripples_of
+from mr360uw.surface.ray_kernel import level_slopes, ripples_of, tilted
 from tests.surface import tolerances as tol
 
 SEAS = {

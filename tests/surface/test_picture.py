@@ -16,10 +16,10 @@ from mr360uw.caustics import CausticSettings, GerstnerSea, caustic_map
 from mr360uw.errors import ParameterError
 from mr360uw.medium import Medium, Water
 from mr360uw.sphere import direction_from_angles, directions, row_solid_angle, unit
+from mr360uw.surface.facet_draws import next_key
 from mr360uw.surface.intersection import first_hits
 from mr360uw.surface.sampled_sea import SampledSea
 from mr360uw.surface.sky import Dome
-from mr360uw.surface.tracing.facet_draws import next_key
 from mr360uw.surface.water_light import WaterLight, sky_pattern, sun_pattern
 from mr360uw.types import Sun, View
 from tests.surface import tolerances as tol
@@ -213,7 +213,7 @@ def test_water_dims_the_floor_and_hides_it_far_away() -> None:
 
 def test_glitter_has_the_slopes_of_cox_and_munk() -> None:
     """Variance of p(s) = 4 L cos(view) n_y^4/(F E), over slopes (Cox & Munk 1954)."""
-    from mr360uw.caustics.sea.spectrum import mean_square_slope
+    from mr360uw.caustics.sea import mean_square_slope
 
     sun = replace(sun_at(90.0), direction=np.array([0.0, 1.0, 0.0]))
     view = View(96, 48, np.array([0.0, 300.0, 0.0]), surface_y_m=0.0)

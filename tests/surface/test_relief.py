@@ -11,8 +11,7 @@ from mr360uw.caustics import CausticSettings, GerstnerSea
 from mr360uw.errors import ParameterError
 from mr360uw.medium import Water
 from mr360uw.sphere import direction_from_angles, unit
-from mr360uw.surface.sea_floor import Floor
-from mr360uw.surface.tracing.floor_light import Relief, in_shadow, relief_distance
+from mr360uw.surface.sea_floor import Floor, Relief, in_shadow, relief_distance
 from mr360uw.types import Sun, View
 from tests.surface import tolerances as tol
 

@@ -10,7 +10,7 @@ import pytest
 
 from mr360uw.errors import ParameterError
 from mr360uw.sphere import unit
-from mr360uw.track.world_axes import Measure, looks_of, parse_length, scale_from_depths, scale_from_length, world_of
+from mr360uw.track.camera_track import Measure, looks_of, parse_length, scale_from_depths, scale_from_length, world_of
 
 TIME = np.arange(0.0, 20.0, 0.04)
 HEIGHT = 0.5 * np.sin(0.7 * TIME) - 0.02 * TIME

@@ -14,8 +14,8 @@ import mr360uw as uw
 from mr360uw.errors import OutputError, ParameterError
 from mr360uw.sample.dive import record
 from mr360uw.sphere import directions, yaw_matrix
+from mr360uw.track.camera_track import Measure
 from mr360uw.track.tracking import track_shots
-from mr360uw.track.world_axes import Measure
 
 WIDTH, FRAMES, FLOOR_M, LID_M = 384, 8, -2.0, 3.0
 

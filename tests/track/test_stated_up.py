@@ -9,8 +9,8 @@ import numpy as np
 
 import mr360uw as uw
 from mr360uw.ibl.tilt import level_matrix
+from mr360uw.track.camera_track import world_of
 from mr360uw.track.tracking import stated_up
-from mr360uw.track.world_axes import world_of
 from tests.video.clips import write_clip
 from tests.video.test_round_trips import mark_posed
 

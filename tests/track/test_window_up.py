@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from mr360uw.ibl.expansion import snell_elevation
 from mr360uw.sphere import directions, unit
-from mr360uw.track.world_axes import window_up, world_of
+from mr360uw.track.camera_track import window_up, world_of
 
 TILTED = Rotation.from_euler("zx", [12.0, -8.0], degrees=True).as_matrix()
 """From the scene's axes to upright ones."""

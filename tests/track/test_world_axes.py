@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from mr360uw.track.world_axes import Measure, fit_floor, world_of
+from mr360uw.track.camera_track import Measure, fit_floor, world_of
 
 TILTED = Rotation.from_euler("zyx", [35.0, 50.0, -20.0], degrees=True).as_matrix()
 """Rotation from the solved scene's axes to the world's."""

@@ -15,10 +15,10 @@ import numpy as np
 from fastapi import Request, Response
 from nicegui import app, ui
 
-from mr360uw.preview.thumbnail import encoded
+from mr360uw.preview.live import encoded
+from mr360uw.tune.controls import Timeline
 from mr360uw.tune.placing import Point
 from mr360uw.tune.situation import Marker, Viewer
-from mr360uw.tune.timeline import Timeline
 
 COUNT, RATE = 300, 30.0
 WIDTH = 512

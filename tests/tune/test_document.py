@@ -14,7 +14,7 @@ import pytest
 from mr360uw.errors import OutputError, OutputExistsError, ParameterError, SceneError
 from mr360uw.scene.handbook import scene_text
 from mr360uw.scene.model import load_scene
-from mr360uw.tune.editing.document import Document, key_of, with_entry, with_value, without
+from mr360uw.tune.document import Document, key_of, with_entry, with_value, without
 from mr360uw.tune.page import PRESETS
 
 TEXT = """\

@@ -9,7 +9,7 @@ from mr360uw.parameters import stated
 from mr360uw.scene.handbook import choices
 from mr360uw.scene.model import Scene
 from mr360uw.scene.problems import models_of
-from mr360uw.tune.editing.fields import FIRST, Field, Group, groups
+from mr360uw.tune.fields import FIRST, Field, Group, groups
 
 GROUPS = {group.key: group for group in groups()}
 EVERY = [

@@ -11,8 +11,8 @@ from mr360uw.composite.shot import Receiver
 from mr360uw.errors import ParameterError
 from mr360uw.ibl.tilt import level_matrix, roll_pitch
 from mr360uw.sphere import yaw_matrix
+from mr360uw.tune import click_tools as floor
 from mr360uw.tune import placing
-from mr360uw.tune.panels import click_tools as floor
 from mr360uw.tune.placing import Point
 from mr360uw.types import View
 

@@ -16,7 +16,7 @@ pytest.importorskip("tomlkit", reason="the tuning page needs the extra tune")
 
 from mr360uw.errors import ParameterError
 from mr360uw.sample import SampleDive
-from mr360uw.tune.editing.document import Document
+from mr360uw.tune.document import Document
 from mr360uw.tune.pictures import MadePicture, Wanted
 from mr360uw.tune.session import CommandRun, Session
 from tests.gate import FIRST_FRAME, Gate

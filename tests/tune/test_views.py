@@ -15,7 +15,7 @@ from mr360uw.color import encode
 from mr360uw.depth.occlusion import PlateDepth
 from mr360uw.depth.sphere_stereo import DepthMap
 from mr360uw.medium.lookup import veil_lookup
-from mr360uw.medium.small_angles import spread_of
+from mr360uw.medium.scattered_light import spread_of
 from mr360uw.render.backends import Reference
 from mr360uw.render.first_pass import ClipAnalysis
 from mr360uw.render.frame import composite_frame

@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 
-from mr360uw.tune.editing import tracks
-from mr360uw.tune.editing.fields import groups
+from mr360uw.tune import fields
+from mr360uw.tune.fields import groups
 
 NOW = {
     False: {"position_m": [1.0, 0.5, -2.0], "azimuth_deg": 27.0, "elevation_deg": 12.0, "distance_m": 2.3},
@@ -42,23 +42,23 @@ STANDING = {"azimuth_deg": 27.0, "distance_m": 2.2, "stand_on": "receiver"}
 def test_a_word_takes_the_place_of_those_that_say_the_same(
     table: Mapping[str, Any], name: str, value: Any, want: dict[str, Any] | None
 ) -> None:
-    assert tracks.in_words(table, name, value, lambda level: NOW[level]) == want
+    assert fields.in_words(table, name, value, lambda level: NOW[level]) == want
 
 
 def test_first_controls_are_those_that_the_file_uses() -> None:
-    assert tracks.unsaid(POLAR) == ["position_m", "scale"]
-    assert tracks.unsaid(PLACED) == ["azimuth_deg", "elevation_deg", "distance_m", "size_m"]
+    assert fields.unsaid(POLAR) == ["position_m", "scale"]
+    assert fields.unsaid(PLACED) == ["azimuth_deg", "elevation_deg", "distance_m", "size_m"]
 
 
 def test_parameters_without_effect_name_the_cause() -> None:
     sun, given, snow = ("detect", "detect"), ("given", "detect"), (0.0, 0.0)
-    assert tracks.without_effect("light.sun_azimuth_deg", lambda _: sun) == "light.sun"
-    assert tracks.without_effect("light.sun_azimuth_deg", lambda _: given) == ""
-    assert tracks.without_effect("snow.exponent", lambda _: snow) == "snow.amount"
-    assert tracks.without_effect("snow.exponent", lambda _: (1.0, 0.0)) == ""
-    assert tracks.set_along("light.sun_azimuth_deg", lambda _: sun) == {"light.sun": "given"}
-    assert tracks.set_along("light.sun_azimuth_deg", lambda _: given) == {}
-    assert tracks.set_along("snow.exponent", lambda _: snow) == {}  # how much is for the user to say
+    assert fields.without_effect("light.sun_azimuth_deg", lambda _: sun) == "light.sun"
+    assert fields.without_effect("light.sun_azimuth_deg", lambda _: given) == ""
+    assert fields.without_effect("snow.exponent", lambda _: snow) == "snow.amount"
+    assert fields.without_effect("snow.exponent", lambda _: (1.0, 0.0)) == ""
+    assert fields.set_along("light.sun_azimuth_deg", lambda _: sun) == {"light.sun": "given"}
+    assert fields.set_along("light.sun_azimuth_deg", lambda _: given) == {}
+    assert fields.set_along("snow.exponent", lambda _: snow) == {}  # how much is for the user to say
 
 
 def test_causes_are_parameters() -> None:
@@ -70,6 +70,6 @@ def test_causes_are_parameters() -> None:
         return None, None
 
     for key in known:
-        tracks.without_effect(key, noted)
+        fields.without_effect(key, noted)
     assert len(asked) > 15
     assert set(asked) <= known

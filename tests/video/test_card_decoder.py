@@ -17,7 +17,7 @@ import pytest
 
 from mr360uw import open_video
 from mr360uw.errors import VideoError
-from mr360uw.video.read import container
+from mr360uw.video import container
 from tests.video.clips import write_clip
 
 FRAMES = 5

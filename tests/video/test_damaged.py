@@ -10,7 +10,7 @@ import pytest
 
 from mr360uw.errors import DamagedFrameError, VideoError
 from mr360uw.video import VideoFrame, VideoReader, open_video
-from mr360uw.video.read.reader import Damaged
+from mr360uw.video.reader import Damaged
 from tests.video.clips import decoded, write_clip
 
 FRAMES = 36

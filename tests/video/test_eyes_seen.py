@@ -13,9 +13,8 @@ from scipy.ndimage import gaussian_filter, map_coordinates
 
 from mr360uw.color import encode
 from mr360uw.sphere import directions
-from mr360uw.types import Floats
-from mr360uw.types.frames import ray_starts
-from mr360uw.video.eyes_seen import EYES_APART_M, eyes_seen
+from mr360uw.types import Floats, ray_starts
+from mr360uw.video.layout import EYES_APART_M, eyes_seen
 
 Run = Callable[..., tuple[int, str, str]]
 ROWS = 512

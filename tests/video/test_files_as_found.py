@@ -25,10 +25,10 @@ from mr360uw.color import decode
 from mr360uw.errors import VideoError
 from mr360uw.from_above.aerial_picture import floor_of
 from mr360uw.from_above.settings import AerialFloorSettings, AerialWaterSettings
-from mr360uw.scene.inputs import pose_of_plate
 from mr360uw.scene.model import PlateSettings
+from mr360uw.scene.resolved import pose_of_plate
 from mr360uw.video import read_picture, write_exr
-from mr360uw.video.metadata.mp4 import Box, edit_moov, video_track
+from mr360uw.video.spherical import Box, edit_moov, video_track
 from tests.video import tolerances as tol
 from tests.video.clips import write_clip
 from tests.video.test_picture_files import ACESCG, ADOBE, REC709_FROM_D50, gamma, icc, light, png, profiled

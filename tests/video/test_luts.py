@@ -19,8 +19,8 @@ from colour.algebra import table_interpolation_tetrahedral
 import mr360uw as uw
 from mr360uw.color import ColorSpec, decode, in_plate_primaries, in_rec709
 from mr360uw.errors import ParameterError, VideoError
-from mr360uw.scene.inputs import open_plate
 from mr360uw.scene.model import Scene, scene_from_dict
+from mr360uw.scene.resolved import open_plate
 from mr360uw.types import Rectangle
 from mr360uw.video import open_video, read_picture
 from mr360uw.video.pixels.planes import lay_over_planes

@@ -20,8 +20,8 @@ from PIL import Image
 import mr360uw as uw
 from mr360uw.color import LUMINANCE, decode, encode, rec709_from_chromaticities
 from mr360uw.errors import VideoError
-from mr360uw.scene.inputs import pose_of_plate
 from mr360uw.scene.model import PlateSettings
+from mr360uw.scene.resolved import pose_of_plate
 from mr360uw.video import read_exr, read_picture, write_exr
 from mr360uw.yuv.file_profile import REC709_XY
 from tests.video import tolerances as tol

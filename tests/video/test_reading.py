@@ -10,7 +10,7 @@ import pytest
 from mr360uw.color import ColorSpec
 from mr360uw.errors import VideoError
 from mr360uw.video import open_video, write_exr
-from mr360uw.video.read.reader import DecodedOnce
+from mr360uw.video.reader import DecodedOnce
 from tests.video.boxes import mark_v2
 from tests.video.clips import decoded, moving_planes, write_clip, write_trimmed_clip
 from tests.video.tolerances import VIDEO_SHARED_EXPONENT
@@ -342,7 +342,7 @@ def test_frames_that_are_kept_are_those_of_the_file_and_are_decoded_once(tmp_pat
 
 
 def test_frames_that_are_too_many_are_not_kept(tmp_path, monkeypatch) -> None:
-    monkeypatch.setattr("mr360uw.video.read.reader._MOST_BYTES", 1000)
+    monkeypatch.setattr("mr360uw.video.reader._MOST_BYTES", 1000)
     with open_video(write_clip(tmp_path / "short.mp4", 12)) as video:
         kept = DecodedOnce(video, (0, 12))
         assert signatures(kept) == signatures(video)

@@ -10,8 +10,7 @@ import pytest
 
 from mr360uw.errors import VideoError
 from mr360uw.video import SphericalMetadata, open_video, read_spherical, transcode, write_spherical
-from mr360uw.video.metadata.mp4 import Box, edit_moov, parse_boxes, read_moov, sample_entries, video_track
-from mr360uw.video.metadata.spherical import from_side_data
+from mr360uw.video.spherical import Box, edit_moov, from_side_data, parse_boxes, read_moov, sample_entries, video_track
 from tests.video.boxes import mark_v1, mark_v2
 from tests.video.clips import decoded, packets, write_clip
 
@@ -170,7 +169,7 @@ def test_64_bit_and_open_ended_box_sizes(tmp_path) -> None:
 
 
 def test_offsets_that_outgrow_32_bits_get_a_wider_table() -> None:
-    from mr360uw.video.metadata.mp4 import _with_offsets
+    from mr360uw.video.spherical import _with_offsets
 
     offsets = np.array([100, (1 << 32) - 10], np.int64)
     table = Box(b"stco", struct.pack(">II", 0, 2) + offsets.astype(">u4").tobytes())

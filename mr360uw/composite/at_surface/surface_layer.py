@@ -59,8 +59,8 @@ from mr360uw.composite.tiles import even_tiles, rectangles_of_mask
 from mr360uw.ibl.lookup import environment_lookup
 from mr360uw.optics import fresnel
 from mr360uw.rays import RayScene
+from mr360uw.surface.ray_kernel import OFF_M
 from mr360uw.surface.sampled_sea import MovingSea, SampledSea
-from mr360uw.surface.tracing.ray_kernel import OFF_M
 from mr360uw.texels import smoothstep
 from mr360uw.types import Floats, Layer, MediumTable, Rectangle, Tile
 

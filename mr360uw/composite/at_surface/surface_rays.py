@@ -27,8 +27,8 @@ from mr360uw.constants import PI
 from mr360uw.medium.lookup import transmittance_lookup
 from mr360uw.optics import reflect, refract_clamped
 from mr360uw.rays import RayScene, barycentric
+from mr360uw.surface.facet_draws import FacetsOfRays, normal_of
 from mr360uw.surface.intersection import first_hits
-from mr360uw.surface.tracing.facet_draws import FacetsOfRays, normal_of
 from mr360uw.types import Floats, MediumTable
 
 Indices = NDArray[np.int64]

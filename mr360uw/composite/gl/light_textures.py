@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.cache import Cache
-from mr360uw.caustics.gl.stack import AtlasScratch, StackTextures, upload
+from mr360uw.composite.gl.caustic_atlas import AtlasScratch, StackTextures, upload
 from mr360uw.composite.gl.device import MeshBuffers, write_uniform
 from mr360uw.composite.gl.shadow_atlas import ROW_TEXELS, LightFrame, ShadowAtlas, slot_size, translucent
 from mr360uw.composite.lighting.light_sources import lamps_of, sun_of, sun_up, widest_half_angle

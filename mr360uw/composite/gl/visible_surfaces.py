@@ -252,7 +252,7 @@ _APART = np.float32(4.0)
 @inlined
 def _meet(rays: Any, facet: Any, eye: Any, met: Any) -> None:
     """Set `met` (3, n): products of a facet's vectors with rays (3, n). Rays of an eye start on the viewing circle
-    (types/frames.py): their start, over their distance, is added to their direction.
+    (types.py): their start, over their distance, is added to their direction.
     """
     ax, ay, az, bx, by, bz = facet[0], facet[1], facet[2], facet[3], facet[4], facet[5]
     cx, cy, cz, side = facet[6], facet[7], facet[8], facet[9]

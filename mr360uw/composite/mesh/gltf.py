@@ -17,10 +17,8 @@ from urllib.parse import unquote
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.errors import MeshError
-from mr360uw.reading.extras import command, installed, optional
-from mr360uw.reading.input_files import json_of, neighbour, read_data
-from mr360uw.reading.limits import DATA
+from mr360uw.errors import MeshError, install_command, installed, optional
+from mr360uw.reading.input_files import DATA, json_of, neighbour, read_data
 
 _COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
@@ -244,8 +242,8 @@ def _check_extensions(path: Path, tree: dict[str, Any]) -> None:
         called, module = _PACKED[name]
         if not installed(module):
             raise MeshError(
-                f"{path} - is compressed with {called}, which needs the package {module} - {command('gltf')}, or "
-                "export it without compression"
+                f"{path} - is compressed with {called}, which needs the package {module} - "
+                f"{install_command('gltf')}, or export it without compression"
             )
     for name in sorted(set(tree.get("extensionsRequired", [])) - FOLLOWED - _SILENT - _LOOKS):
         raise MeshError(f"{path} - {_HINTS.get(name, f'requires the extension {name}')} - export it without")

@@ -28,7 +28,7 @@ from mr360uw.composite.mesh.skin import Animation, Channel, Curve, Interpolation
 from mr360uw.composite.mesh.texture import Pixels, Texture, Wrap, decode_image, make_texture
 from mr360uw.composite.settings import FARTHEST
 from mr360uw.errors import MeshError
-from mr360uw.reading.limits import TRIANGLES
+from mr360uw.reading.input_files import TRIANGLES
 from mr360uw.types import Floats
 
 _WIDTHS: dict[str, int] = {"translation": 3, "rotation": 4, "scale": 3}

@@ -17,8 +17,7 @@ from mr360uw.composite.mesh.skin import smoothed_body
 from mr360uw.composite.mesh.stl_file import read_stl
 from mr360uw.composite.mesh.usd.usd_stage import USD_SUFFIXES
 from mr360uw.errors import MeshError
-from mr360uw.reading.input_files import unreadable
-from mr360uw.reading.limits import DATA
+from mr360uw.reading.input_files import DATA, unreadable
 
 FORMATS = (".glb", ".gltf", ".obj", ".ply", ".stl", *USD_SUFFIXES)
 _IMPORTERS = {

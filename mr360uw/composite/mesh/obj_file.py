@@ -15,8 +15,7 @@ from mr360uw.composite.mesh.material import Material, MeshFile, Part
 from mr360uw.composite.mesh.obj_material import Libraries, bare_name
 from mr360uw.composite.mesh.polygons import polygons_of
 from mr360uw.errors import MeshError
-from mr360uw.reading.input_files import read_data, text_of
-from mr360uw.reading.limits import TRIANGLES
+from mr360uw.reading.input_files import TRIANGLES, read_data, text_of
 from mr360uw.types import Floats
 
 _CURVES, _LOOKS = "curves or free-form surfaces", "textures by name (usemap) instead of materials"

@@ -21,8 +21,7 @@ from mr360uw.color import decode
 from mr360uw.composite.mesh.material import MapCoordinates, MappedMaterial, Material
 from mr360uw.composite.mesh.texture import Pixels, Texture, Wrap, decode_image, make_texture
 from mr360uw.errors import MeshError
-from mr360uw.reading.input_files import LOOKED_FOR, beside, neighbour, read_data, text_of
-from mr360uw.reading.limits import TEXT
+from mr360uw.reading.input_files import LOOKED_FOR, TEXT, beside, neighbour, read_data, text_of
 
 _DRAWN = frozenset({
     "ka", "kd", "ke", "d", "tr", "pr", "pm", "map_ka", "map_kd", "map_ke", "map_d", "map_pr", "map_pm", "norm", "bump",

@@ -20,8 +20,7 @@ from mr360uw.composite.mesh.material import Material, MeshFile, Part
 from mr360uw.composite.mesh.polygons import Polygons, polygons_of
 from mr360uw.composite.mesh.texture import Texture, decode_image, make_texture
 from mr360uw.errors import MeshError
-from mr360uw.reading.input_files import neighbour, read_data, text_of
-from mr360uw.reading.limits import TRIANGLES
+from mr360uw.reading.input_files import TRIANGLES, neighbour, read_data, text_of
 from mr360uw.types import Floats
 
 _TYPES = {

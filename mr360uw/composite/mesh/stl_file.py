@@ -18,8 +18,7 @@ from numpy.typing import NDArray
 from mr360uw.color import decode
 from mr360uw.composite.mesh.material import Material, MeshFile, Part
 from mr360uw.errors import MeshError
-from mr360uw.reading.input_files import read_data, text_of
-from mr360uw.reading.limits import TRIANGLES
+from mr360uw.reading.input_files import TRIANGLES, read_data, text_of
 from mr360uw.types import Floats
 
 _HEAD, _COUNT_END = 80, 84

@@ -22,9 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 from mr360uw.color import decode
 from mr360uw.errors import MeshError
 from mr360uw.jit import exact
-from mr360uw.reading.input_files import read_data
-from mr360uw.reading.limits import TEXTURE
-from mr360uw.reading.picture_size import picture_size
+from mr360uw.reading.input_files import TEXTURE, picture_size, read_data
 from mr360uw.texels import between_four, texels_around
 from mr360uw.types import Floats
 

@@ -40,8 +40,7 @@ from mr360uw.output_gate import check_outputs
 from mr360uw.reading.input_files import json_of, read_text
 from mr360uw.shapes import checked, exactly, numbers
 from mr360uw.sphere import direction_from_angles
-from mr360uw.types import Environment, Floats, Sun
-from mr360uw.types.frames import sample_step
+from mr360uw.types import Environment, Floats, Sun, sample_step
 
 Array = NDArray[np.float64]
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Draws one or two pictures on a WebGL2 canvas, flat or around the viewer, with exact colours.
-// Held to mr360uw/preview/perspective.py.
+// Held to mr360uw/preview/live.py.
 
 import { reachOf, rotationOf, spanOf } from "mr360uw-tune/projection.js";
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Projections of a picture onto a pane of the canvas, and back.
-// Twins: mr360uw/preview/perspective.py (look-around) and mr360uw/sphere.py (longitude, latitude).
+// Twins: mr360uw/preview/live.py (look-around) and mr360uw/sphere.py (longitude, latitude).
 //
 // view: { look: bool, yaw, pitch, fov [deg] of a look-around; u, v, zoom of a flat picture: its middle as fractions
 // of the picture from the top left, and how often it is enlarged from where all of it fits }.

@@ -1,4 +1,4 @@
-// Rays of an eye's panorama, which start on the viewing circle. Held to types/frames.py.
+// Rays of an eye's panorama, which start on the viewing circle. Held to types.py.
 
 // where the ray in a direction of the camera's axes starts, in the same axes; eye_m: of the eye to the right of the
 // middle, negative to the left

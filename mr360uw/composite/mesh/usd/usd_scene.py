@@ -24,7 +24,7 @@ from mr360uw.composite.mesh.up_axis import UPRIGHT
 from mr360uw.composite.mesh.usd.usd_material import PLAIN, UNBOUND, UsdMaterialReader
 from mr360uw.composite.mesh.usd.usd_stage import asset_bytes, open_stage
 from mr360uw.errors import MeshError
-from mr360uw.reading.limits import TRIANGLES
+from mr360uw.reading.input_files import TRIANGLES
 from mr360uw.types import Floats
 
 

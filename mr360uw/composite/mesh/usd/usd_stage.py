@@ -13,10 +13,8 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from mr360uw.errors import MeshError
-from mr360uw.reading.extras import command, installed
-from mr360uw.reading.input_files import neighbour, note_read, read_data
-from mr360uw.reading.limits import DATA, PRIMS
+from mr360uw.errors import MeshError, install_command, installed
+from mr360uw.reading.input_files import DATA, PRIMS, neighbour, note_read, read_data
 
 _DEEPEST = 200
 """Prims within prims, by nesting and reference, that are followed; more count as without end."""
@@ -90,7 +88,9 @@ def open_stage(path: Path, *, outside: bool = False) -> Any:
     Raises `MeshError` where usd-core is not installed, the file is damaged, or a layer is missing or lies outside.
     """
     if not installed("pxr"):
-        raise MeshError(f"{path} - is USD, which needs the package usd-core - {command('usd')}, or export it as .glb")
+        raise MeshError(
+            f"{path} - is USD, which needs the package usd-core - {install_command('usd')}, or export it as .glb"
+        )
     from pxr import Tf, Usd
 
     try:

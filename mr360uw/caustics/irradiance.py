@@ -1,0 +1,436 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Caustics: irradiance of the sun's refracted beam on horizontal planes, relative to that below a flat sea.
+
+The surface is a grid of cells of two triangles. The flux into each triangle, Fresnel losses included, goes to its
+refracted image on the plane and is shared over the pixels there by exact coverage (`deposit`). Overlapping images add
+up, and the sum is blurred by the sun's disc and by waves too short for the grid (`sun_disc`). Flux is conserved, so
+the mean is 1, and the map converges as the grid gets finer, beyond folds too. Dividing areas instead (Stam 1996;
+Thompson et al. 2019; `published`) does neither.
+
+A single map lies on the world's grid. The maps of a stack lie along the beam: each is shifted by the beam's horizontal
+travel from the surface, so that one place in all maps is one ray. All maps are then read at the same part of a pixel.
+On the world's grid they would be read at different parts, which blurs filaments one pixel wide by 0.05 to 0.3 of the
+standard deviation, more than the interpolation between planes does.
+
+A ray that enters at P with the refracted direction of travel t meets the plane at depth d at P.xz + slope (P.y + d),
+slope = t.xz/-t.y. It is stored as `origin` = P.xz + slope P.y, where it crosses the mean surface, and `slope`: at any
+depth d the hit is origin + slope d. A facet of area vector A takes in the flux T (L.A), L towards the sun in air and T
+Fresnel's transmittance; its refracted image on the plane carries that flux.
+
+Points of the surface whose ray to the sun meets the surface again are in shadow. From every point of the grid the ray
+is followed in steps of a cell until it is above the highest wave. The surface there is that of the particle that has
+moved below the ray: its place at rest is found from the last step's. A triangle takes the lit fraction of its corners.
+Where no triangle is turned away from the sun, none is in shadow either. A shadowing function (Smith 1967) would give
+the lit fraction of a random surface, but not where it is.
+
+Closed form: on a periodic sea all light that comes in meets the surface once, so the lit triangles have together the
+area tile^2 L_y across the beam. Without shadows it is more: the light of the shadowed triangles is counted twice.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+import os
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import Literal, get_args
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from mr360uw.caustics.sea import SeaParameters
+from mr360uw.caustics.settings import DIVIDED_AREAS, CausticSettings, Method, Sea, grid_of
+from mr360uw.caustics.sun_disc import (
+    blur,
+    detail_footprint,
+    footprint,
+    gaussian_transform,
+    gaussians,
+    is_soft,
+    soft_light,
+)
+from mr360uw.constants import REFRACTIVE_INDEX_SEA, SUN_HALF_ANGLE_RAD
+from mr360uw.errors import ParameterError
+from mr360uw.jit import exact
+from mr360uw.optics import check_refractive_index, refract_clamped
+
+# Refraction at the surface is part of the calls of `mr360uw.caustics`; its formulas stand in `mr360uw.optics`
+from mr360uw.optics import fresnel_reflectance as fresnel_reflectance
+from mr360uw.optics import fresnel_transmittance as fresnel_transmittance
+from mr360uw.optics import refract_to_air as refract_to_air
+from mr360uw.optics import refract_to_water as refract_to_water
+from mr360uw.optics import sea_water_index as sea_water_index
+from mr360uw.shapes import checked, instance, numbers, whole
+from mr360uw.sphere import unit
+from mr360uw.types import BeamSpread, CausticStack, Floats, Surface
+
+_WAVELENGTHS_NM = (610.0, 550.0, 465.0)
+"""Wavelengths [nm] at which the refractive index of red, green and blue is taken: the primaries' dominant ones."""
+_DEEPEST_M = 11000.0
+"""Greatest depth [m] of a plane: the deepest ocean."""
+
+
+@checked
+def caustic_map(
+    sea: Sea,
+    sun_direction_in_air: ArrayLike,
+    depth_m: float,
+    time_s: float,
+    size: int = 512,
+    grid: int = 256,
+    refractive_index: float = REFRACTIVE_INDEX_SEA,
+    sun_half_angle_rad: float = SUN_HALF_ANGLE_RAD,
+    method: Method = "exact",
+) -> Floats:
+    """Return the irradiance of the sun's refracted beam on a level plane, over that below a flat sea.
+
+    Where it is 3, the plane gets three times the sunlight that a flat sea lets through; light of the sky is not in it.
+    For bodies that reach over several depths take `caustic_stack`.
+
+    Parameters
+    ----------
+    sea : GerstnerSea or SpectralSea
+        The surface.
+    sun_direction_in_air : array_like
+        Direction (3,) towards the sun, above the horizon.
+    depth_m : float
+        Depth [m] of the plane below the mean surface, 0 to 11000.
+    time_s : float
+        Time [s] of the sea.
+    size : int
+        Pixels across the tile, 1 to 16384.
+    grid : int
+        Cells of the surface across the tile, 2 to 8192.
+    refractive_index : float
+        Index of the water relative to air, above 1 and up to 4.
+    sun_half_angle_rad : float
+        Angular radius [rad] of the sun's disc in air, 0 to 0.5.
+    method : {"exact", "ratio", "fan", "jacobian", "scrolling"}
+        Exact coverage conserves energy; the others are published methods, for comparison.
+
+    Returns
+    -------
+    ndarray
+        Ratio (size, size), float64, mean 1. Column = +x, row = +z; pixel (0, 0) spans [0, tile_m/size) from the world's
+        origin, not shifted along the sun.
+
+    Raises
+    ------
+    ParameterError
+        If an argument is outside its domain.
+
+    See Also
+    --------
+    uw.caustics.caustic_stack : Planes at several depths, along the beam.
+    uw.caustics.export_tiles : Sequences of pictures that loop.
+    uw.caustics.GerstnerSea : Makes a sea.
+
+    Notes
+    -----
+    The flux of each cell of the surface goes to its refracted image and is shared over the pixels there by exact
+    coverage, so that it is conserved (after Stam 1996, who divides areas instead).
+
+    Examples
+    --------
+    >>> sea = uw.caustics.GerstnerSea(wind_speed=4.0)
+    >>> ratio = uw.caustics.caustic_map(sea, [0.3, 0.9, -0.3], depth_m=3.0, time_s=0.5, size=32, grid=32)
+    >>> ratio.shape, round(ratio.mean(), 6)
+    ((32, 32), np.float64(1.0))
+    """
+    instance("sea", sea, SeaParameters, "make a GerstnerSea or a SpectralSea")
+    sun = check_arguments(sun_direction_in_air, [depth_m], size, grid, refractive_index, sun_half_angle_rad)
+    surface = sea.grid_surface(grid, 0.0 if method == "scrolling" else time_s)
+    light = SurfaceLight(sea, surface, sun, refractive_index)
+    ratio = light.on_plane(depth_m, size, sun_half_angle_rad, method, np.zeros(2))
+    return _scrolled(ratio, sea, time_s) if method == "scrolling" else ratio
+
+
+@checked
+def caustic_stack(
+    sea: Sea,
+    sun_direction_in_air: ArrayLike,
+    depths_m: Sequence[float] | Floats,
+    time_s: float,
+    settings: CausticSettings | None = None,
+    refractive_index: float = REFRACTIVE_INDEX_SEA,
+    spread: BeamSpread | None = None,
+) -> CausticStack:
+    """Return the irradiance ratio on several planes, along the beam.
+
+    Maps lie along the refracted beam, so that a mix of two of them moves the pattern over a body as the light does.
+
+    Parameters
+    ----------
+    sea : GerstnerSea or SpectralSea
+        The surface.
+    sun_direction_in_air : array_like
+        Direction (3,) towards the sun, above the horizon.
+    depths_m : array_like
+        Depths (D,) [m] of the planes below the mean surface, ascending; `stack_depths` makes good ones.
+    time_s : float
+        Time [s] of the sea.
+    settings : CausticSettings, optional
+        Size of the maps, method and the sun's disc; `planes` is not read here.
+    refractive_index : float
+        Index of the water at 550 nm relative to air, above 1 and up to 4.
+    spread : BeamSpread, optional
+        Spread of the light that the water turns by small angles; None: without its pattern.
+
+    Returns
+    -------
+    CausticStack
+        Maps (D, size, size, 3), float64, mean 1.
+
+    Raises
+    ------
+    ParameterError
+        If an argument is outside its domain.
+
+    See Also
+    --------
+    uw.caustics.stack_depths : Depths for the planes.
+    uw.caustics.caustic_map : A single plane, on the world's grid.
+    uw.datasets.of_caustics : Statistics of the maps.
+
+    Examples
+    --------
+    >>> sea, settings = uw.caustics.GerstnerSea(wave_count=4), uw.caustics.CausticSettings(size=16, grid=16)
+    >>> stack = uw.caustics.caustic_stack(sea, [0.0, 1.0, 0.0], [1.0, 4.0], 0.0, settings)
+    >>> stack.ratio.shape, stack.depth_m.tolist()
+    ((2, 16, 16, 3), [1.0, 4.0])
+    """
+    s = settings or CausticSettings()
+    grid = grid_of(s, sea)
+    sun = check_arguments(sun_direction_in_air, depths_m, s.size, grid, refractive_index, s.sun_half_angle_rad)
+    depths = np.asarray(depths_m, np.float64)
+    sun_in_water = refract_to_water(sun, refractive_index)
+    travel = -sun_in_water[[0, 2]] / sun_in_water[1]
+    surface = sea.grid_surface(grid, 0.0 if s.method == "scrolling" else time_s)
+    indices = pass_indices(s.chromatic, refractive_index)
+    maps = np.zeros((len(depths), s.size, s.size, len(indices)))
+    soft = np.zeros((len(depths), s.size, s.size, 1)) if is_soft(spread, depths[-1], sun_in_water) else None
+    lights = [SurfaceLight(sea, surface, sun, index) for index in indices]
+
+    def draw(number: int) -> None:
+        plane, channel = divmod(number, len(lights))
+        ratio = lights[channel].on_plane(float(depths[plane]), s.size, s.sun_half_angle_rad, s.method, travel)
+        maps[plane, ..., channel] = _scrolled(ratio, sea, time_s) if s.method == "scrolling" else ratio
+        if soft is not None and spread is not None and channel == len(lights) // 2:
+            blurs = gaussians(spread, float(depths[plane]), sun_in_water, sea.tile_m / s.size)
+            soft[plane, ..., 0] = soft_light(maps[plane, ..., channel], blurs, sea.tile_m)
+
+    with ThreadPoolExecutor(os.cpu_count()) as threads:
+        list(threads.map(draw, range(len(depths) * len(lights))))  # to see their errors
+    return CausticStack(np.broadcast_to(maps, (*maps.shape[:3], 3)), depths, sea.tile_m, sun_in_water, soft)
+
+
+@functools.cache
+def pass_indices(chromatic: Literal[1, 3], refractive_index: float) -> tuple[float, ...]:
+    """Return the refractive index of each pass: that at 550 nm, or those of red, green and blue.
+
+    The index less 1 varies over wavelength as sea water's does (Quan & Fry 1995 at 20 degC and 35 psu).
+    """
+    if chromatic == 1:
+        return (refractive_index,)
+    over_air = sea_water_index(_WAVELENGTHS_NM) - 1.0
+    return tuple((1.0 + (refractive_index - 1.0) * over_air / over_air[1]).tolist())
+
+
+def check_arguments(
+    sun_direction_in_air: ArrayLike,
+    depths_m: Sequence[float] | Floats,
+    size: int,
+    grid: int,
+    refractive_index: float,
+    sun_half_angle_rad: float,
+) -> Floats:
+    """Return the unit direction towards the sun; raise `ParameterError` for what cannot be computed."""
+    sun = unit(sun_direction_in_air)
+    if sun.shape != (3,) or sun[1] <= 0.0:
+        raise ParameterError(
+            f"sun_direction_in_air - must be one direction above the horizon (got {sun.tolist()}) - "
+            "there are no caustics without a sun"
+        )
+    depths = numbers("depth_m", depths_m).astype(np.float64)
+    if depths.ndim != 1 or not len(depths) or not np.all((depths >= 0.0) & (depths <= _DEEPEST_M)):
+        raise ParameterError(f"depth_m - must lie in [0, {_DEEPEST_M:.0f}] (got {depths.tolist()!r:.80}) - give metres")
+    if np.any(np.diff(depths) <= 0.0):
+        raise ParameterError(f"depths_m - must ascend (got {depths.tolist()!r:.80}) - sort them")
+    whole("size", size, 1, 16384)
+    whole("grid", grid, 2, 8192)
+    check_refractive_index(refractive_index)
+    if not 0.0 <= sun_half_angle_rad <= 0.5:
+        raise ParameterError(f"sun_half_angle_rad - outside [0, 0.5] (got {sun_half_angle_rad}) - the sun has 0.00465")
+    return sun
+
+
+def cell_flux(surface: Surface, transmittance: Floats, sun: Floats, tile_m: float) -> Floats:
+    """Return the flux (N, N, 2) [m^2] into each cell's two triangles, per unit irradiance across the beam.
+
+    transmittance: (N, N) of the surface at its points.
+    Triangles in the shadow of other waves get none; where none is turned away from the sun, none is in shadow.
+    """
+    position = wrapped(surface.position, tile_m, columns=(0, 2))
+    a, b, c, d = position[:-1, :-1], position[:-1, 1:], position[1:, 1:], position[1:, :-1]
+    t = np.pad(transmittance, ((0, 1), (0, 1)), mode="wrap")
+    ta, tb, tc, td = t[:-1, :-1], t[:-1, 1:], t[1:, 1:], t[1:, :-1]
+    # the grid's x and z axes span a downward normal: corners in reverse order face up
+    flux = np.stack(
+        [_facet_flux(a, c, b, (ta + tb + tc) / 3.0, sun), _facet_flux(a, d, c, (ta + tc + td) / 3.0, sun)], axis=-1
+    )
+    if flux.min() > 0.0:
+        return flux
+    lit = np.pad(lit_corners(surface, sun, tile_m), ((0, 1), (0, 1)), mode="wrap")
+    la, lb, lc, ld = lit[:-1, :-1], lit[:-1, 1:], lit[1:, 1:], lit[1:, :-1]
+    return flux * np.stack([la + lb + lc, la + lc + ld], axis=-1) / 3.0
+
+
+def wrapped(values: Floats, period: float, columns: tuple[int, int]) -> Floats:
+    """Return values (N, N, k) of a periodic grid with one more row and column, one period on in `columns` (x, z)."""
+    out = np.pad(values, ((0, 1), (0, 1), (0, 0)), mode="wrap")
+    out[:, -1, columns[0]] += period
+    out[-1, :, columns[1]] += period
+    return out
+
+
+class SurfaceLight:
+    """Light of one sun (3,) in air below a surface of the whole tile, (N, N): origin and slope (N, N, 2) of its
+    `refracted_rays`, and the flux (N, N, 2) of its cells.
+    """
+
+    def __init__(self, sea: Sea, surface: Surface, sun: Floats, refractive_index: float) -> None:
+        self.origin, self.slope, transmittance = refracted_rays(surface, sun, refractive_index)
+        self.flux = cell_flux(surface, transmittance, sun, sea.tile_m)
+        self.sun, self.refractive_index = sun, refractive_index
+        self.tile_m, self.blur_slope = sea.tile_m, sea.blur_slope
+
+    def on_plane(self, depth_m: float, size: int, half_angle_rad: float, method: Method, travel: Floats) -> Floats:
+        """Return the ratio (size, size) on a plane. travel: (2,) shift of the map [m] per metre of depth, taken off."""
+        deposit = _deposit_of(method)
+        on_plane = self.origin + self.slope * depth_m - travel * depth_m
+        hit = wrapped(on_plane, self.tile_m, columns=(0, 1)) * (size / self.tile_m)
+        ratio = deposit(hit, self.flux, size) * (size * size / self.flux.sum())
+        detail = detail_footprint(self.sun, self.refractive_index, self.blur_slope, depth_m)
+        disc = footprint(self.sun, self.refractive_index, half_angle_rad, depth_m)
+        return blur(ratio, disc, self.tile_m, gaussian_transform(detail, size, self.tile_m))
+
+
+def _scrolled(ratio: Floats, sea: Sea, time_s: float) -> Floats:
+    """Return the map at a time of the method that scrolls it."""
+    from mr360uw.published import scroll
+
+    return scroll(ratio, sea.tile_m, sea.loop_s, time_s)
+
+
+def _deposit_of(method: Method) -> Callable[[Floats, Floats, int], Floats]:
+    """Return the function of (hit, flux, size) that makes a method's map; compiled kernels load at first use."""
+    if method in DIVIDED_AREAS:
+        from mr360uw.published import DEPOSITS
+
+        return DEPOSITS[method]
+    if method not in get_args(Method):
+        raise ParameterError(f"method - is not known (got {method!r}) - use one of {', '.join(get_args(Method))}")
+    from mr360uw.caustics.deposit import deposit_exact
+
+    return deposit_exact
+
+
+_IN_SHADOW = 1e-6
+"""Lit fraction of a point in shadow: a coarse grid that a low sun does not see at all gets its map without shadows."""
+
+
+def lit_corners(surface: Surface, sun: Floats, tile_m: float) -> Floats:
+    """Return 1 for each point (N, N) of a grid surface that the sun sees, else `_IN_SHADOW`. sun: unit, upwards."""
+    size = len(surface.position)
+    cell = tile_m / size
+    at = np.arange(size) * cell
+    fields = np.stack(
+        [surface.position[..., 0] - at, surface.position[..., 2] - at[:, None], surface.position[..., 1]], axis=-1
+    )
+    steps = shadow_steps(float(np.ptp(surface.position[..., 1])), sun, tile_m, size)
+    if steps == 0:
+        return np.ones((size, size))
+    flat = math.hypot(float(sun[0]), float(sun[2]))
+    return _lit(fields / cell, float(sun[0]) / flat, float(sun[2]) / flat, float(sun[1]) / flat, steps)
+
+
+def shadow_steps(range_m: float, sun: Floats, tile_m: float, size: int) -> int:
+    """Return the cells that the longest shadow reaches, at most those of a tile. range_m: of the surface's heights."""
+    flat = math.hypot(float(sun[0]), float(sun[2]))
+    reach = range_m * flat / float(sun[1]) * size / tile_m
+    return min(math.ceil(reach), size) if reach > 1.0 else 0
+
+
+@exact
+def _read(fields: Floats, channel: int, x: float, z: float) -> float:
+    n = fields.shape[0]
+    i, j = math.floor(x), math.floor(z)
+    fx, fz = x - i, z - j
+    i0, j0 = int(i) % n, int(j) % n
+    i1, j1 = (i0 + 1) % n, (j0 + 1) % n
+    above = fields[j0, i0, channel] * (1.0 - fx) + fields[j0, i1, channel] * fx
+    below = fields[j1, i0, channel] * (1.0 - fx) + fields[j1, i1, channel] * fx
+    value: float = above * (1.0 - fz) + below * fz
+    return value
+
+
+@exact
+def _lit(fields: Floats, along_x: float, along_z: float, rise: float, steps: int) -> Floats:
+    """Return the lit points. fields: (N, N, 3) shift x, shift z, height in cells. along: towards the sun. rise: tan."""
+    n = fields.shape[0]
+    lit = np.ones((n, n))
+    highest = fields[..., 2].max()
+    for j in range(n):
+        for i in range(n):
+            x, z, height = i + fields[j, i, 0], j + fields[j, i, 1], fields[j, i, 2]
+            rest_x, rest_z = float(i), float(j)
+            for _ in range(steps):
+                x, z, height = x + along_x, z + along_z, height + rise
+                if height >= highest:
+                    break
+                guess_x, guess_z = rest_x + along_x, rest_z + along_z
+                rest_x = x - _read(fields, 0, guess_x, guess_z)
+                rest_z = z - _read(fields, 1, guess_x, guess_z)
+                if _read(fields, 2, rest_x, rest_z) > height:
+                    lit[j, i] = _IN_SHADOW
+                    break
+    return lit
+
+
+STEEPEST_RAY = 0.05
+"""Least downward component of a refracted ray's direction (3 degrees below the horizon); it keeps slopes finite.
+
+Only facets tilted by more than 39 degrees can reach it. Twice as large, their light lands half as far.
+"""
+
+
+def ray_slope(normal: Floats, sun_in_air: Floats, refractive_index: float) -> Floats:
+    """Return the horizontal travel (..., 2) of refracted sunlight for each metre of depth."""
+    t = refract_clamped(-sun_in_air, normal, 1.0 / refractive_index)
+    return t[..., [0, 2]] / np.maximum(-t[..., 1:2], STEEPEST_RAY)
+
+
+def refracted_rays(surface: Surface, sun_in_air: Floats, refractive_index: float) -> tuple[Floats, Floats, Floats]:
+    """Return the rays that enter at each point of a surface.
+
+    Where they cross the mean surface (..., 2) over (x, z), their slope (..., 2) in metres per metre of depth, and the
+    fraction (...,) of the sun's flux that is let through, 0 where the surface is turned away from it.
+    """
+    slope = ray_slope(surface.normal, sun_in_air, refractive_index)
+    origin = surface.position[..., [0, 2]] + slope * surface.position[..., 1:2]
+    return origin, slope, fresnel_transmittance(surface.normal @ sun_in_air, refractive_index)
+
+
+def _facet_flux(a: Floats, b: Floats, c: Floats, transmittance: Floats, sun_in_air: Floats) -> Floats:
+    """Return the flux (...,) into the water through triangles (..., 3), per unit irradiance across the beam.
+
+    transmittance: of the triangle. The corners run so that (b - a) x (c - a) points up; facets turned away get nothing.
+    """
+    u, v = b - a, c - a
+    twice = (
+        sun_in_air[..., 0] * (u[..., 1] * v[..., 2] - u[..., 2] * v[..., 1])
+        + sun_in_air[..., 1] * (u[..., 2] * v[..., 0] - u[..., 0] * v[..., 2])
+        + sun_in_air[..., 2] * (u[..., 0] * v[..., 1] - u[..., 1] * v[..., 0])
+    )
+    return 0.5 * transmittance * np.maximum(twice, 0.0)

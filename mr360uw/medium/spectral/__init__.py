@@ -1,2 +1,0 @@
-# SPDX-License-Identifier: Apache-2.0
-"""Spectra and colour: sensors, wavelength bands, gamut compression, reflectance from RGB."""

@@ -1,0 +1,302 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Pages and stills: one frame, variants of a scene side by side, and the report on a plate's light and water."""
+
+from __future__ import annotations
+
+import base64
+import html
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mr360uw.color import in_plate_primaries
+from mr360uw.errors import ParameterError, VideoError
+from mr360uw.files import write_whole
+from mr360uw.ibl import SunTrack
+from mr360uw.medium.settings import WaterSettings
+from mr360uw.output_gate import check_outputs
+from mr360uw.preview.live import LivePreview, Perspective, encoded, look, narrowed
+from mr360uw.progress import Progress
+from mr360uw.reading.input_files import files_read
+from mr360uw.render.check import sun_lines
+from mr360uw.render.first_pass import first_pass
+from mr360uw.render.plate_map import plate_map
+from mr360uw.render.surroundings import surroundings_over_time
+from mr360uw.scene.model import PlateSettings, Scene, at_scale, files_of, load_scene
+from mr360uw.scene.resolved import open_plate
+from mr360uw.types import Floats
+from mr360uw.video import VideoFrame
+from mr360uw.video.formats import PICTURE_SUFFIXES
+from mr360uw.video.pixels.planes import codes_from_linear
+from mr360uw.video.video_frame import whole_frame
+from mr360uw.video.writer import picture_codes, write_picture
+
+if TYPE_CHECKING:
+    from mr360uw.ibl.report import ReportFrame
+
+
+# One composited frame of a scene, whole or as the view of an ordinary camera into it.
+
+_LATEST_S = 1e6
+"""Largest time within a clip [s]: eleven days."""
+
+
+def still_of(
+    live: LivePreview,
+    scene: Scene,
+    *,
+    frame: int | None = None,
+    time_s: float | None = None,
+    view: Perspective | None = None,
+) -> VideoFrame:
+    """Return one composited frame of a scene's plate, the left eye's with the right one of two, or a view into it.
+
+    frame: its number, as a sequence's files are numbered; or time_s, for the frame that is shown then. The sun and the
+    veil are measured in this frame alone; a composite of the clip takes them from all of it, so that its light may
+    differ a little. Raises what `composite_video` raises.
+    """
+    if frame is not None and time_s is not None:
+        raise ParameterError("frame, time_s - say the same thing (got both) - give one of them")
+    index = 0 if not frame else live.plates.reader(scene).numbered_range(frame, frame + 1)[0]
+    if time_s is not None and not 0.0 <= time_s <= _LATEST_S:
+        raise ParameterError(f"time_s - is no time of a clip (got {time_s:g}) - give seconds from its start, 0 or more")
+    if time_s is not None:
+        index = int(time_s * float(live.clip(scene).frame_rate) + 1e-6)
+    picture = live.frame(scene, index).picture
+    return picture if view is None else _seen(picture, view)
+
+
+Still = Callable[[LivePreview, Scene], VideoFrame]
+"""`still_of` with its frame or time and its view given."""
+
+
+def save_still(
+    path: Path, scene: Scene, still: Still = still_of, *, backend: str = "auto", overwrite: bool = False
+) -> None:
+    """Write a still as a picture, whose kind follows the suffix.
+
+    Raises `ParameterError` where the name is no picture's, `OutputExistsError` where it is there, unless `overwrite`,
+    and `OutputError`.
+    """
+    if path.suffix.lower() not in PICTURE_SUFFIXES:
+        raise ParameterError(f"{path} - is no name of a picture (got {path.suffix!r}) - end it in .png, .jpg or .exr")
+    check_outputs([path], inputs=files_of(scene), overwrite=overwrite)
+    with files_read() as read, LivePreview(backend) as live:
+        picture = still(live, scene)
+    check_outputs([path], inputs=read, overwrite=overwrite)  # textures and the like, which only meshes name
+    with open_plate(scene) as plate:
+        write_picture(path, whole_frame(picture, plate.stereo))
+
+
+def _seen(picture: VideoFrame, view: Perspective) -> VideoFrame:
+    """Return a view into a frame, in the frame's own codes."""
+    light, spec = look(picture.image_linear, view), picture.spec
+    values = light if spec.mapping is None else in_plate_primaries(light, spec)
+    if spec.bits == 32:
+        return replace(picture, yuv=None, native=None, rgb=values, wrap=False, right=None, clipped=())
+    bits = 8 if spec.bits == 8 else 16
+    own = replace(spec, matrix="bt709", bits=bits, primaries=None)
+    codes = codes_from_linear(values, spec.transfer, f"uint{bits}", picture.index)
+    return replace(picture, yuv=None, native=None, rgb=codes, spec=own, wrap=False, right=None, clipped=())
+
+
+# Many frames on one sheet.
+
+LARGEST_SHEET = 64
+"""Pictures on a sheet, at most."""
+_COLUMNS = 4
+_CELL_WIDTH = 640
+_LABEL_ROWS, _GAP = 26, 4
+_STYLE = """
+body { font: 15px/1.5 system-ui, sans-serif; background: #181818; color: #ebebeb; margin: 1.5em; }
+h1 { font-size: 1.3em; } main { display: flex; flex-wrap: wrap; gap: 1em; } figure { margin: 0; flex: 1 1 400px; }
+img { width: 100%; display: block; } figcaption { padding: .3em 0; font-family: ui-monospace, monospace; }
+"""
+
+
+Variant = tuple[str, NDArray[np.uint8]]
+"""A picture of a scene with some keys changed: the changes in words, and codes (h, w, 3)."""
+
+
+def sweep(
+    scene: Path,
+    out: Path,
+    changes: Sequence[tuple[str, ...]],
+    still: Still = still_of,
+    *,
+    scale: float | None = None,
+    backend: str = "auto",
+    overwrite: bool = False,
+    progress: Progress | None = None,
+) -> list[Path]:
+    """Render one frame of a scene file with each set of overrides; write a labelled sheet and a page, return the paths.
+
+    out: a PNG or JPEG; the page goes beside it as .html and holds its pictures. changes: overrides of each variant, as
+    `load_scene` takes them; all are checked before the first is rendered. still: which frame and view is shown. scale:
+    size of the frames over the plate's. Raises what `still_of` raises, `ParameterError` for more than `LARGEST_SHEET`
+    variants.
+    """
+    # Check everything before the first frame is rendered
+    if len(changes) > LARGEST_SHEET:
+        raise ParameterError(
+            f"--set - makes too many pictures (got {len(changes)}) - leave values out until there are {LARGEST_SHEET}"
+        )
+    if out.suffix.lower() not in (".png", ".jpg", ".jpeg"):
+        raise ParameterError(f"{out} - is no name of a sheet (got {out.suffix!r}) - end it in .png or .jpg")
+    page = out.with_suffix(".html")
+    scenes = [at_scale(load_scene(scene, overrides), scale) for overrides in changes]
+    check_outputs([out, page], inputs=[scene, *files_of(scenes[0])], overwrite=overwrite)
+    # Render the variants in one preview: what they share is made once
+    found = []
+    with files_read() as read, LivePreview(backend) as live:
+        for number, (one, overrides) in enumerate(zip(scenes, changes, strict=True), 1):
+            picture = still(live, one)
+            found.append(
+                ("  ".join(overrides) or scene.name, narrowed(picture_codes(picture, deep=False), _CELL_WIDTH))
+            )
+            if progress is not None:
+                progress(number, len(scenes))
+    check_outputs([out, page], inputs=read, overwrite=overwrite)
+    write_whole(out, encoded(contact_sheet(found), out.suffix))
+    write_whole(page, _contact_page(scene.name, found))
+    return [out, page]
+
+
+def contact_sheet(variants: Sequence[Variant]) -> NDArray[np.uint8]:
+    """Return variants in rows of up to four, (h, w, 3) uint8, each with its label below."""
+    import cv2
+
+    cell = np.max([codes.shape[:2] for _, codes in variants], axis=0) + np.array([_LABEL_ROWS + _GAP, _GAP])
+    columns = min(_COLUMNS, len(variants))
+    sheet = np.full((-(-len(variants) // columns) * cell[0] + _GAP, columns * cell[1] + _GAP, 3), 24, np.uint8)
+    for number, (words, codes) in enumerate(variants):
+        row, column = _GAP + cell[0] * (number // columns), _GAP + cell[1] * (number % columns)
+        height, width = codes.shape[:2]
+        sheet[row : row + height, column : column + width] = codes
+        label = words.encode("ascii", "replace").decode()
+        (length, _), _ = cv2.getTextSize(label, cv2.FONT_HERSHEY_SIMPLEX, 1.0, 1)
+        size = min(0.55, (width - 2 * _GAP) / max(length, 1))
+        place = int(column + _GAP), int(row + height + _LABEL_ROWS - 8)
+        cv2.putText(sheet, label, place, cv2.FONT_HERSHEY_SIMPLEX, size, (235, 235, 235), 1, cv2.LINE_AA)
+    return sheet
+
+
+def _contact_page(title: str, variants: Sequence[Variant]) -> str:
+    """Return a page (HTML, complete in itself) of variants with their labels."""
+    figures = "\n".join(
+        f'<figure><img alt="{html.escape(label)}" src="data:image/png;base64,'
+        f'{base64.b64encode(encoded(codes, ".png")).decode()}"><figcaption>{html.escape(label)}</figcaption></figure>'
+        for label, codes in variants
+    )
+    return f"""<!DOCTYPE html>
+<html lang="en"><head><meta charset="utf-8"><title>{html.escape(title)}</title><style>{_STYLE}</style></head>
+<body><h1>{html.escape(title)}</h1>
+<main>
+{figures}
+</main></body></html>
+"""
+
+
+# Report on a plate's light and water (HTML), and the track of its sun (JSON, CSV).
+
+_PICTURES = 6
+"""Frames that the report shows, evenly spaced over the clip."""
+_PICTURE_WIDTH = 640
+
+
+def analyse_video(
+    source: str | Path,
+    out: str | Path | None = None,
+    *,
+    eye: Literal["left", "right"] | None = None,
+    in_air: bool = False,
+    overwrite: bool = False,
+    progress: Progress | None = None,
+    tell: Callable[[str], None] | None = None,
+) -> list[Path]:
+    """Write a self-contained page about a plate's light and water, and the track of its sun; return the paths.
+
+    source: a video or still, or a scene file with a plate and its settings. eye: of a stereo plate, where the
+    source is no scene file. in_air: whether it is a plate without water, whatever the scene says. out: the page; the
+    track goes beside it as .sun.json and .sun.csv. tell: gets the lines on the sun that a composite tells. Raises
+    `VideoError`, `SceneError`, `ParameterError` or `OutputExistsError`.
+    """
+    from mr360uw.ibl.report import ReportFrame, light_report
+    from mr360uw.ibl.sun.track import save_track
+
+    # Load the scene, or make one of the plate; check all that is to be written
+    source = Path(source)
+    scene = load_scene(source) if source.suffix == ".toml" else Scene(plate=PlateSettings(path=source, eye=eye))
+    if in_air:
+        scene = scene.model_copy(update={"water": WaterSettings(type="none")})
+    page = _page(source, out)
+    tracks = [page.with_suffix(suffix) for suffix in (".sun.json", ".sun.csv")]
+    check_outputs([page, *tracks], inputs=[source, *files_of(scene)], overwrite=overwrite)
+    # Follow the sun over the clip, and read the light of a few frames
+    scene = scene.model_copy(update={"light": scene.light.model_copy(update={"track": None, "sun": "detect"})})
+    with open_plate(scene) as video:
+        over_time = surroundings_over_time(scene)
+        smooth = scene.light.smooth and not video.is_still
+        analysis = first_pass(over_time(0.0), video, progress, ["sun"] if smooth else [], keyed=over_time)
+        track = analysis.sun if isinstance(analysis.sun, SunTrack) else None
+        shown = np.unique(np.linspace(0, (video.frame_count or 1) - 1, _PICTURES).astype(int))
+        snapshots, maps = [], []
+        for index in shown:
+            frame = next(iter(video.frames(int(index), int(index) + 1)))
+            reader = over_time(frame.time_s).light
+            light = reader.of(frame.pixels, time_s=frame.time_s)
+            words = reader.sun_found(frame.pixels, frame.time_s).words
+            snapshots.append(ReportFrame(frame.time_s, _thumbnail(frame), light, words))
+            if tell is not None and index == 0:
+                for line in sun_lines(reader, frame, analysis):
+                    tell(line)
+            maps.append(plate_map(frame.pixels, reader.world_from_camera(frame.time_s)[1]))
+    # Write the page, then the sun's track
+    up = reader.world_from_camera(snapshots[0].time_s)[1]
+    sections = [] if scene.water.type == "none" else _sections_of_water(scene, snapshots, maps, up)
+    written = [page]
+    write_whole(page, light_report(source.name, snapshots, track, sections))
+    if track is not None:
+        for path in tracks:
+            save_track(track, path)
+        written += tracks
+    return written
+
+
+def _sections_of_water(
+    scene: Scene, snapshots: Sequence[ReportFrame], maps: Sequence[Floats], declared_up: Floats
+) -> list[tuple[str, str]]:
+    """Return the report's sections on how level a plate is, and on the water that its maps (h, w, 3) show.
+
+    declared_up: (3,) the world's up in the camera's axes, from the scene.
+    """
+    from mr360uw.ibl.horizon import estimate_horizon
+    from mr360uw.ibl.report import level_section
+    from mr360uw.medium.spectra import named_sensor
+    from mr360uw.medium.waterfit import fit_water
+
+    refraction, depth_m = scene.water.refractive_index, scene.camera.depth_m
+    tilts = [estimate_horizon(snapshot.environment.residual, refraction) for snapshot in snapshots]
+    fit = fit_water(np.median(maps, axis=0), depth_m, named_sensor(str(scene.water.sensor)), refraction)
+    return [("Level", level_section(tilts, declared_up)), (f"Water, for a camera {depth_m:g} m deep", fit.html())]
+
+
+def _page(source: Path, out: str | Path | None) -> Path:
+    """Return the name of the page; raise `VideoError` or `ParameterError` where there is none."""
+    if not source.name:
+        raise VideoError(f"{source} - is a folder - name a video, a picture or a scene file")
+    page = Path(out) if out is not None else source.with_suffix(".html")
+    if page.suffix.lower() != ".html":
+        raise ParameterError(f"{page} - is no name of a page (got {page.suffix!r}) - end it in .html")
+    return page
+
+
+def _thumbnail(frame: VideoFrame) -> np.ndarray:
+    import cv2
+
+    size = (_PICTURE_WIDTH, _PICTURE_WIDTH // 2)
+    return np.asarray(cv2.resize(frame.image_linear, size, interpolation=cv2.INTER_AREA))

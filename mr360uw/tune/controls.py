@@ -1,0 +1,356 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Controls of the tuning page: buttons and lists, the time line, and the panel of all parameters."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Callable, Mapping
+from dataclasses import asdict
+from functools import partial
+from typing import Any, Literal
+
+from nicegui import ui
+from nicegui.element import Element
+from nicegui.elements.mixins.text_element import TextElement
+from nicegui.events import GenericEventArguments
+
+from mr360uw.scene.toml_model import toml_value
+from mr360uw.tune.document import Document
+from mr360uw.tune.fields import FIRST, Field, Group, groups, set_along, unsaid, without_effect
+
+
+class Text(TextElement):
+    """Text in a tag of its own."""
+
+    def __init__(self, text: str = "", tag: str = "span", classes: str = "") -> None:
+        super().__init__(tag=tag, text=text)
+        self.classes(classes)
+
+
+class Button(TextElement):
+    """A button. label: for readers of the screen, where the text is a sign. pressed: of one that stays in."""
+
+    def __init__(
+        self, text: str, action: Callable[[], Any] | None = None, *, label: str = "", title: str = "", classes: str = ""
+    ) -> None:
+        super().__init__(tag="button", text=text)
+        self.classes(classes)
+        self._props["type"] = "button"
+        self.describe(label, title)
+        if action is not None:
+            self.on("click", lambda _: action())
+
+    def describe(self, label: str = "", title: str = "") -> None:
+        """Set the label and the hint."""
+        self._props.update({name: text for name, text in (("aria-label", label), ("title", title)) if text})
+        self.update()
+
+    def enable(self, on: bool) -> None:
+        """Enable or disable it."""
+        self._props["disabled"] = not on
+        self.update()
+
+    def press(self, on: bool) -> None:
+        """Show it as pressed or not."""
+        self._props["aria-pressed"] = "true" if on else "false"
+        self.update()
+
+
+class Choice(Element):
+    """A list of which one is chosen. options: text of each value."""
+
+    def __init__(self, label: str, options: Mapping[str, str], value: str, action: Callable[[str], Any]) -> None:
+        super().__init__("select")
+        self._props["aria-label"] = label
+        self._props["title"] = label
+        self.on("change", self._changed, js_handler="(e) => emit(e.target.value)")
+        self._action = action
+        self._options: dict[str, str] = {}
+        self.offer(options, value)
+
+    def offer(self, options: Mapping[str, str], value: str) -> None:
+        """Offer other options."""
+        if dict(options) != self._options:
+            self._options = dict(options)
+            self.clear()
+            with self:
+                for name, text in options.items():
+                    Text(text, "option").props["value"] = name
+        self.choose(value)
+
+    def _changed(self, event: GenericEventArguments) -> None:
+        self.choose(str(event.args))  # what the browser shows already
+        self._action(str(event.args))
+
+    def choose(self, value: str) -> None:
+        """Show another value as chosen."""
+        self._props["value"] = value
+        self.update()
+
+
+def menu(text: str, title: str) -> ui.menu:
+    """Return a menu below a new button, to be filled."""
+    with Button(f"{text} ▾", title=title).props("aria-haspopup=menu"):
+        return ui.menu().props("auto-close")
+
+
+# Frames are counted from 0; a frame's time [s] is its number over the frame rate. The browser's side is timeline.js.
+# How a value goes between keys is Python's to say: the curve that is drawn is made of samples that are given.
+
+Interpolation = Literal["linear", "smooth", "hold"]
+
+
+class Timeline(Element, component="timeline.js", esm={"mr360uw-tune": "js"}):
+    """The time of a clip of `count` frames at `rate` frames a second."""
+
+    def __init__(self, count: int, rate: float) -> None:
+        super().__init__()
+        self._serial, self._heard = 0, 0
+        self._props.update({"count": count, "rate": rate, "thumbnails": [], "curve": None})
+        self.set_frame(0)
+        self.set_range(0, count)
+        self.classes("w-full")
+        for name in ("seek", "range", "keys"):
+            self.on(name, self._hear)
+
+    def set_frame(self, frame: int) -> None:
+        """Move the play head, without an event."""
+        self._set("at", {"frame": frame})
+
+    def set_range(self, start: int, stop: int) -> None:
+        """Set the in and the out point, frames start:stop, without an event."""
+        self._set("range", {"start": start, "stop": stop})
+
+    def set_thumbnails(self, urls: Mapping[int, str]) -> None:
+        """Set the pictures of the strip, URLs of this server by frame; each fills it half way to its neighbours."""
+        self._props["thumbnails"] = [{"frame": frame, "url": url} for frame, url in urls.items()]
+        self.update()
+
+    def set_curve(self, curve: dict[str, Any] | None) -> None:
+        """Show the keys of a parameter below the strip; None: none.
+
+        curve: label, unit, keys: (time [s], value), ascending; interpolation; low, high: of the parameter's range, None
+        where it has none; samples: (time [s], value), ascending and dense enough to be joined by straight lines.
+        """
+        self._set("curve", curve)
+
+    # --- events
+
+    def on_seek(self, handler: Callable[[int, bool], Any]) -> None:
+        """Call a handler when the play head moves, at most 17 times a second and where it comes to rest.
+
+        It gets the frame, and whether the head is on its way, dragged or playing, so that a draft will do.
+        """
+        self.on("seek", lambda event: handler(event.args["frame"], event.args["scrubbing"]))
+
+    def on_play(self, handler: Callable[[bool], Any]) -> None:
+        """Call a handler when playing begins (True) and ends; the element itself moves the head in real time."""
+        self.on("play", lambda event: handler(event.args["playing"]))
+
+    def on_range(self, handler: Callable[[int, int], Any]) -> None:
+        """Call a handler with the new range, frames start:stop."""
+        self.on("range", lambda event: handler(event.args["start"], event.args["stop"]))
+
+    def on_keys(self, handler: Callable[[list[tuple[float, float]], Interpolation, bool], Any]) -> None:
+        """Call a handler when keys are changed; it answers by `set_curve`, until then the curve is shown as old.
+
+        It gets the keys as they are then, (time [s], value), ascending, each at a frame of its own, their
+        interpolation, and whether the edit is done: not mid-drag.
+        """
+
+        def told(event: GenericEventArguments) -> Any:
+            keys = [(float(t), float(v)) for t, v in event.args["keys"]]
+            return handler(keys, event.args["interpolation"], event.args["done"])
+
+        self.on("keys", told)
+
+    def _set(self, name: str, value: dict[str, Any] | None) -> None:
+        """Send a value, numbered: an update sends all values again, and only new ones count.
+
+        It also says what was heard of last: the browser leaves out what does not know of its newest event yet.
+        """
+        self._serial += 1
+        self._props[name] = None if value is None else {**value, "serial": self._serial, "after": self._heard}
+        self.update()
+
+    def _hear(self, event: GenericEventArguments) -> None:
+        self._heard = max(self._heard, event.args["number"])
+
+
+def _control_spec(tables: tuple[Group, ...]) -> list[dict[str, Any]]:
+    """Return tables and their fields as values of JSON, for controls.js."""
+    return [
+        {"key": group.key, "title": group.title, "help": group.help, "repeated": group.repeated,
+         "optional": group.optional, "tag": group.tag,
+         "kinds": {tag: [_plain(field) for field in group.fields(tag)] for tag in group.tags}}
+        for group in tables
+    ]  # fmt: skip
+
+
+def typed(field: Field, value: Any) -> Any:
+    """Return what a control sent as a value of the scene file; numbers that JSON made whole are floats again."""
+    if field.kind == "toml":
+        try:
+            return tomllib.loads(f"value = {value}")["value"]
+        except (ValueError, RecursionError):
+            return str(value)
+    if field.kind == "number" and isinstance(value, int) and not isinstance(value, bool):
+        return float(value)
+    if field.kind in ("vector", "colour") and isinstance(value, list):
+        return [float(part) if isinstance(part, int) else part for part in value]
+    return value
+
+
+class ControlPanel(Element, component="controls.js"):
+    """Controls of a document's parameters.
+
+    mark: called with the dotted key of a parameter that is to be keyed. choose: called with a list's key and the number
+    of its entry that is chosen. keyed: returns the present values of the parameters that have keys, by key; a change of
+    one of those goes to `key_value` instead of the document. in_words: called with an object's number, the word, its
+    value and the group of a drag; sets it and returns whether it did, where others had to change with it.
+    """
+
+    def __init__(
+        self,
+        document: Document,
+        *,
+        mark: Callable[[str], None],
+        choose: Callable[[str, int], None],
+        keyed: Callable[[], dict[str, Any]],
+        key_value: Callable[[str, Any, str | None], None],
+        in_words: Callable[[int, str, Any, str | None], bool],
+        failed: Callable[[Exception], None],
+        settle: Callable[[], None],
+    ) -> None:
+        super().__init__()
+        self._in_words, self._words = in_words, dict[str, Any]()
+        self._document, self._keyed, self._key_value, self._failed = document, keyed, key_value, failed
+        tables = groups()
+        self._fields = {
+            f"{group.key}.{field.key}": field for group in tables for tag in group.tags for field in group.fields(tag)
+        }
+        self._props["spec"] = _control_spec(tables)
+        self._props["first"] = list(FIRST)
+        self.on("change", self._changed)
+        self.on("reset", self._reset)
+        self.on("add", self._added)
+        self.on("remove", lambda event: self._try(lambda: document.unset(event.args["key"])))
+        self.on("mark", lambda event: self._try(lambda: mark(event.args["key"])))
+        self.on("choose", lambda event: choose(event.args["key"], event.args["number"]))
+        self.on("settle", lambda _: settle())
+        self._props["begin"] = self._state()
+
+    def refresh(self) -> None:
+        """Show the document's values."""
+        self.run_method("take", self._state())
+
+    def show_words(self, words: dict[str, Any]) -> None:
+        """Show the present places and sizes of objects, by dotted key, in whichever words the file has them."""
+        if words != self._words:
+            self._words = words
+            self.refresh()
+
+    def _state(self) -> dict[str, Any]:
+        tree, texts = self._document.tree, {}
+        for key, value in _leaves(tree):
+            field = self._field(key)
+            if field is not None and field.kind == "toml":
+                texts[key] = toml_value(value)
+        errors = {key: self._document.problem_of(key) for key in self._document.problem_keys()}
+        objects = tree.get("object", [])
+        hidden = [f"object.{k}.{word}" for k, table in enumerate(objects) for word in unsaid(table)]
+        return {"tree": _jsonable(tree), "texts": texts, "errors": errors, "keyed": self._keyed(),
+                "words": self._words, "hidden": hidden, "idle": self._idle(len(objects))}  # fmt: skip
+
+    def _idle(self, objects: int) -> dict[str, str]:
+        """Return why parameters have no effect, by dotted key."""
+        found = {}
+        for key in self._fields:
+            table, _, name = key.partition(".")
+            for at in [f"{table}.{k}.{name}" for k in range(objects)] if table == "object" else [key]:
+                other = without_effect(key, partial(self._now, beside=at))
+                if other:
+                    now, label = self._now(other, at)[0], self._fields[other].label
+                    found[at] = f"No effect while {label[0].lower() + label[1:]} is {_word(now)}"
+        return found
+
+    def _now(self, key: str, beside: str) -> tuple[Any, Any]:
+        """Return the present value and the default of a parameter without numbers, of the entry of one beside it."""
+        table, _, name = key.partition(".")
+        place = f"{beside.rpartition('.')[0]}.{name}" if beside.startswith(f"{table}.") else key
+        default, value = self._fields[key].default, self._document.get(place)
+        return default if value is None else value, default
+
+    def default_of(self, key: str) -> Any:
+        """Return the default of a parameter; None where it has none."""
+        field = self._field(key)
+        return None if field is None else field.default
+
+    def _field(self, key: str) -> Field | None:
+        return self._fields.get(".".join(part for part in key.split(".") if not part.isdecimal()))
+
+    def _changed(self, event: GenericEventArguments) -> None:
+        key, value, group = event.args["key"], event.args["value"], event.args["group"]
+        field = self._field(key)
+        if field is not None:
+            value = typed(field, value)
+        drag = None if group is None else f"{self.client.id} {key} {group}"
+        if key in self._keyed():
+            self._try(lambda: self._key_value(key, value, drag))
+        else:
+            self._try(lambda: self._set(key, value, drag))
+
+    def _set(self, key: str, value: Any, group: str | None) -> None:
+        table, _, rest = key.partition(".")
+        number, _, name = rest.partition(".")
+        if table == "object" and number.isdecimal() and self._in_words(int(number), name, value, group):
+            return
+        along = set_along(key, partial(self._now, beside=key)) if key in self._fields else {}
+        with self._document.together(f"set {key}", group=group):
+            for other, effective in along.items():
+                self._document.set(other, effective)
+            self._document.set(key, value)
+
+    def _reset(self, event: GenericEventArguments) -> None:
+        field = self._field(event.args["key"])
+        default = None if field is None else field.default_text or "..."
+        self._try(lambda: self._document.unset(event.args["key"], default))
+
+    def _added(self, event: GenericEventArguments) -> None:
+        self._try(lambda: self._document.append(event.args["key"], event.args["table"]))
+
+    def _try(self, action: Callable[[], object]) -> None:
+        try:
+            action()
+        except (ValueError, OSError) as error:
+            self._failed(error)
+        self.refresh()  # also where nothing changed, so that the control shows the value that counts
+
+
+def _word(value: Any) -> str:
+    if isinstance(value, bool) or value is None:
+        return {None: "not set", True: "on", False: "off"}[value]
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def _plain(field: Field) -> dict[str, Any]:
+    described = asdict(field)
+    described["step"], described["default_text"] = field.step, field.default_text
+    return {name: _jsonable(value) for name, value in described.items()}
+
+
+def _jsonable(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _jsonable(one) for key, one in value.items()}
+    if isinstance(value, list | tuple):
+        return [_jsonable(one) for one in value]
+    return value if isinstance(value, bool | int | float | str) or value is None else str(value)
+
+
+def _leaves(tree: Any, prefix: str = "", depth: int = 0) -> list[tuple[str, Any]]:
+    """Return the keys of tables and of the entries of their top lists, with their values."""
+    if isinstance(tree, dict) and depth < 2:
+        return [leaf for key, value in tree.items() for leaf in _leaves(value, f"{prefix}{key}.", depth + 1)]
+    if isinstance(tree, list) and depth == 1 and all(isinstance(entry, dict) for entry in tree):
+        return [leaf for k, entry in enumerate(tree) for leaf in _leaves(entry, f"{prefix}{k}.", depth)]
+    return [(prefix.removesuffix("."), tree)]

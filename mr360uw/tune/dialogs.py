@@ -1,0 +1,336 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The page's "Render": asks for the output, runs `mr360uw composite` on the scene, shows how far it is."""
+
+from __future__ import annotations
+
+import asyncio
+import secrets
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from nicegui import background_tasks, ui
+
+from mr360uw.constants import DEPTH_EYES_S, DEPTH_FRAME_S
+from mr360uw.errors import Mr360uwError, ParameterError
+from mr360uw.files import write_whole
+from mr360uw.preview.live import encoded
+from mr360uw.scene.model import Scene
+from mr360uw.tune.controls import Button, Choice, Text
+from mr360uw.tune.placing import Point
+from mr360uw.tune.session import CommandRun, Session
+
+if TYPE_CHECKING:
+    from mr360uw.match import CausticMatch, WaterMatch
+
+
+_SCALES = {"1": "full size", "0.5": "half size", "0.25": "quarter size"}
+
+
+class RenderDialog:
+    """The dialog of a tab. guarded: runs an action and tells its error. The run itself belongs to the session."""
+
+    def __init__(self, session: Session, guarded: Callable[[Callable[[], Any]], None]) -> None:
+        self._session, self._document = session, session.document
+        self._scale, self._overwrite = "1", False
+        with (
+            ui.dialog() as self._dialog,
+            ui.element("form").classes("card").props("aria-label='Render' onsubmit='return false'"),
+        ):
+            self._title = Text("", "h2")
+            self._unsaved = Text("", "p", "muted")
+            with ui.element("label").classes("row-field"):
+                Text("Output")
+                still = session.frame_count == 1
+                scene = self._document.path.absolute()  # names that are not absolute are beside it
+                self._name = str(scene.with_suffix(".composite.png" if still else ".composite.mp4"))
+                self._out = ui.element("input").props("type=text spellcheck=false")
+                self._out.props["^value"] = self._name  # at first: what is typed stays while others are updated
+                self._out.on("change", self._named, js_handler="(e) => emit(e.target.value)")
+            with ui.element("div").classes("row-field"):
+                Choice("Size", _SCALES, "1", lambda scale: setattr(self, "_scale", scale))
+                with ui.element("label"):
+                    box = ui.element("input").props("type=checkbox")
+                    allow = "(e) => emit(e.target.checked)"
+                    box.on("change", lambda event: setattr(self, "_overwrite", bool(event.args)), js_handler=allow)
+                    Text(" replace an output that is there")
+            self._bar = ui.element("progress").props("max=1 aria-label='frames rendered'")
+            self._text = Text("", "p", "run-text").props("role=status")
+            self._link = ui.element("div")
+            with ui.element("div").classes("row-field"):
+                self._save_first = Button(
+                    "Save and render", lambda: guarded(lambda: self._start(save=True)), classes="primary"
+                )
+                self._copy = Button("Render without saving", lambda: guarded(lambda: self._start(save=False)))
+                self._cancel = Button("Cancel the run", self._stop)
+                ui.element("span").classes("grow")
+                Button("Close", self._dialog.close)
+
+    def open(self) -> None:
+        """Show the dialog."""
+        self.refresh()
+        self._dialog.open()
+
+    def refresh(self) -> None:
+        """Show how far the run is."""
+        # Show what a run would do, and whether it can begin
+        run, dirty = self._session.run, self._document.dirty
+        running = run is not None and run.state == "running"
+        (start, stop), count = self._session.range, self._session.frame_count
+        whole = "Render the picture" if count == 1 else "Render the whole clip"
+        self._title.text = whole if stop - start == count else f"Render frames {start} to {stop - 1}"
+        self._unsaved.text = "There are unsaved changes." if dirty else "The scene is saved."
+        self._save_first.text = "Save and render" if dirty else "Render"
+        self._save_first.enable(not running)
+        self._copy.set_visibility(dirty and not running)
+        self._cancel.set_visibility(running)
+        self._bar.set_visibility(running)
+        # Show how far the last run is, and the way to its result
+        self._link.clear()
+        if run is None:
+            self._text.text = ""
+            return
+        self._bar.props["value"] = run.done / run.total if run.total else 0.0
+        if running:
+            left = "" if run.seconds_left is None else f", {_duration(run.seconds_left)} left"
+            frames = f": frame {run.done} of {run.total}" if run.total else ""
+            self._text.text = f"{run.phase or 'starting'}{frames}{left}"
+        else:
+            words = {"done": "Done.", "failed": "It failed.", "cancelled": "Cancelled; what is finished stays."}
+            self._text.text = f"{words[run.state]}\n{run.message}"
+            if run.state == "done":
+                with self._link, ui.element("a").props(f'href="/result?{secrets.token_hex(4)}" target=_blank'):
+                    Text(f"Open {run.out.name}")
+
+    def _named(self, event: Any) -> None:
+        self._name = self._out.props["^value"] = str(event.args)  # also where the dialog is opened again
+
+    def _start(self, *, save: bool) -> None:
+        """Start a run on the saved scene, or on a copy beside it that is removed afterwards."""
+        document, session = self._document, self._session
+        scene, copy = document.path, None
+        if save or not document.dirty:
+            document.save()
+        else:
+            scene = copy = document.path.with_name(f".{document.path.stem}.{secrets.token_hex(4)}.toml")
+            write_whole(copy, document.text)
+        options = [*(["--scale", self._scale] if self._scale != "1" else []), *(["--overwrite"] * self._overwrite)]
+        if session.range != (0, session.frame_count):
+            options += ["--frames", f"{session.range[0]}:{session.range[1]}"]
+        run = session.start_run(document.path.parent / Path(self._name).expanduser())
+        background_tasks.create(_finish(run, scene, copy, [*options, "--backend", session.backend]), name="composite")
+
+    def _stop(self) -> None:
+        if self._session.run is not None:
+            self._session.run.cancel()
+
+
+async def _finish(run: CommandRun, scene: Path, copy: Path | None, options: list[str]) -> None:
+    try:
+        await run.run(["composite", str(scene), str(run.out), "--progress-lines", *options])
+    finally:
+        if copy is not None:
+            copy.unlink(missing_ok=True)
+
+
+def _duration(seconds: float) -> str:
+    minutes, rest = divmod(round(seconds), 60)
+    return (
+        f"{minutes // 60} h {minutes % 60} min"
+        if minutes >= 60
+        else f"{minutes} min {rest} s"
+        if minutes
+        else f"{rest} s"
+    )
+
+
+# The page's "Match": fits the sea or the water to the plate, shows numbers and pictures before and after, applies.
+
+_PATCH_DEG = 12.0
+"""Side of the square of open water around a click: hundreds of pixels of a small plate, of one hue."""
+
+
+class MatchDialog:
+    """The dialog of a tab. guarded: runs an action and tells its error."""
+
+    def __init__(self, session: Session, guarded: Callable[[Callable[[], Any]], None]) -> None:
+        self._session, self._guarded = session, guarded
+        self._changes: dict[str, Any] = {}
+        self._name, self._running = "", False
+        with ui.dialog() as self._dialog, ui.element("div").classes("card wide").props("aria-label='Match'"):
+            self._title = Text("", "h2")
+            self._text = Text("", "p", "match-text").props("role=status")
+            self._bar = ui.element("progress").props("aria-label='matching'")
+            self._shown = ui.element("div").classes("match-pictures")
+            with ui.element("div").classes("row-field"):
+                self._apply = Button("Apply", lambda: guarded(self._take), classes="primary")
+                ui.element("span").classes("grow")
+                Button("Close", self._dialog.close)
+
+    def caustics(self) -> None:
+        """Fit the sea to the caustics on the plate's floor."""
+        scene = self._session.document.scene
+        self._start("Match the caustics on the floor", "matched caustics", partial(_caustics, scene))
+
+    def water(self, point: Point) -> None:
+        """Fit the water to the plate around a point."""
+        scene, index = self._session.document.scene, self._session.index
+        self._start("Match the water", "matched water", partial(_water, scene, point, index))
+
+    def _start(self, title: str, name: str, job: Callable[[], Any]) -> None:
+        self._dialog.open()
+        if not self._running:
+            self._running, self._name = True, name
+            self._title.text, self._text.text = title, "Measuring the plate …"
+            self._bar.set_visibility(True)
+            self._apply.enable(False)
+            self._shown.clear()
+            background_tasks.create(self._run(job), name="match")
+
+    async def _run(self, job: Callable[[], Any]) -> None:
+        try:
+            found = await asyncio.to_thread(job)
+        except (Mr360uwError, OSError) as error:
+            self._text.text, found = str(error), None
+        finally:
+            self._running = False
+        if self._dialog.is_deleted:
+            return
+        self._bar.set_visibility(False)
+        if found is None:
+            return
+        self._changes = {key: _plain(value) for key, value in found.changes.items()}
+        self._text.text = "\n".join([found.sentence, *self._lines()])
+        self._apply.enable(bool(self._changes))
+        with self._shown:
+            if hasattr(found, "plate_code"):
+                _show_colours(found)
+            else:
+                self._show_floors(found)
+
+    def _lines(self) -> list[str]:
+        """Return a line for each parameter that would change: its value before and after."""
+        document, lines = self._session.document, []
+        for key, value in self._changes.items():
+            before = document.get(key)
+            lines.append(f"{key}: {'the default' if before is None else before} → {value}")
+        return lines
+
+    def _take(self) -> None:
+        self._session.document.apply(self._name, self._changes)
+        self._apply.enable(False)
+
+    def _show_floors(self, found: CausticMatch) -> None:
+        from mr360uw.match.floor_series import floor_pictures, spectrum_pictures
+
+        shown = [one for one in (found.plate, found.before, found.after) if one is not None]
+        if not shown:
+            return
+        for name, codes in (("floors", floor_pictures(shown)), ("spectra", spectrum_pictures(shown, found.pixel_m))):
+            number = self._session.replaced(f"match {name}", encoded(codes, ".jpg"))
+            ui.element("img").props(f'src="/picture/{number}" alt="{name} of plate and scene, before and after"')
+
+
+def _show_colours(found: WaterMatch) -> None:
+    for words, code in (
+        ("plate", found.plate_code), ("before", found.before_code), ("after", found.after_code),
+    ):  # fmt: skip
+        red, green, blue = (round(float(one)) for one in code)
+        with ui.element("figure"):
+            ui.element("div").classes("swatch").style(f"background: rgb({red} {green} {blue})")
+            Text(f"{words}: {red}, {green}, {blue}", "figcaption")
+    if np.isfinite(found.rms_before) and np.isfinite(found.rms_after):
+        Text(f"Deviation from the plate: {found.rms_before:.1f} codes before, {found.rms_after:.1f} after.", "p")
+
+
+def _caustics(scene: Scene) -> CausticMatch:
+    from mr360uw.match import match_caustics
+
+    return match_caustics(scene)
+
+
+def _water(scene: Scene, point: Point, index: int) -> WaterMatch:
+    from mr360uw.match import WaterPatch, match_water
+
+    yaw, pitch = np.degrees(point.longitude), np.degrees(point.latitude)
+    limit = 88.0 - 0.5 * _PATCH_DEG
+    return match_water(scene, WaterPatch(float(yaw), float(np.clip(pitch, -limit, limit)), _PATCH_DEG), index)
+
+
+def _plain(value: Any) -> Any:
+    """Return a value as TOML has it."""
+    if isinstance(value, tuple | list):
+        return [_plain(one) for one in value]
+    return value if isinstance(value, str | bool) else float(f"{float(value):.5g}")
+
+
+# The page's "Find depth": runs `mr360uw depth` on the plate, shows how far it is, and names the maps in the scene.
+
+_TITLE = (
+    "find how far away everything in the plate is, from the motion of its camera or by its two eyes: bodies then go "
+    "behind what is nearer. A frame takes about {:.1f} s, all {} about {:.0f} min; press again to stop, what is found "
+    "stays"
+)
+
+
+class DepthTool:
+    """The button of a tab; pressed again, it ends the run. failed: tells an error."""
+
+    def __init__(self, session: Session, failed: Callable[[Exception], None]) -> None:
+        self._session, self._failed = session, failed
+        self._run: CommandRun | None = None
+        frames = session.frame_count
+        eyes = session.document.scene.plate.eye == "both"
+        frame_s = DEPTH_EYES_S if eyes else DEPTH_FRAME_S
+        title = _TITLE.format(frame_s, frames, max(frames * frame_s / 60.0, 1.0))
+        self._button = Button("Find depth", self._pressed, title=title)
+        self._button.set_visibility(frames > 1 or eyes)
+
+    def _pressed(self) -> None:
+        # Pressed again, it stops
+        if self._run is not None:
+            self._run.cancel()
+            return
+        # Ask for the eyes' distance or the camera's track, which give the scale
+        scene, path = self._session.document.scene, self._session.document.path
+        folder = path.with_name(f"{path.stem}.depth")
+        command = ["depth", str(scene.plate.path), "-o", str(folder)]
+        if scene.plate.eye == "both":
+            command += ["--eye", "both", "--ipd", str(scene.camera.ipd_m)]
+        elif scene.camera.track is None:
+            self._failed(
+                ParameterError(
+                    "camera.track - is not set, so distances have no scale (got none) - run mr360uw track on the plate "
+                    "with --height, and name the table"
+                )
+            )
+            return
+        else:
+            command += ["--track", str(scene.camera.track)]
+            command += [] if scene.plate.eye is None else ["--eye", scene.plate.eye]
+        self._run = CommandRun(folder, self._show)
+        background_tasks.create(self._finish(self._run, [*command, "--progress-lines"]), name="depth")
+
+    async def _finish(self, run: CommandRun, command: list[str]) -> None:
+        self._show()
+        try:
+            await run.run(command)
+        finally:
+            self._run = None
+            self._show()
+        if run.state == "failed":
+            self._failed(ParameterError(run.message))
+        elif run.state == "done":
+            self._session.document.set("plate.depth", Path(run.out).name)
+            if not self._button.is_deleted:
+                with self._button.client:
+                    ui.notify(run.message, type="positive", timeout=8000, close_button="Close")
+
+    def _show(self) -> None:
+        run = self._run
+        if not self._button.is_deleted:
+            share = f" {100 * run.done // run.total} %" if run is not None and run.total else " …"
+            self._button.text = "Find depth" if run is None else f"Finding depth{share}, stop"
+            self._button.press(run is not None)
