@@ -15,7 +15,7 @@ first; a pixel between others of the same surface that all see the whole sun, or
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -27,6 +27,7 @@ from mr360uw.composite.ambient.solver import AmbientLight
 from mr360uw.composite.aovs import SUMS, AovFrame
 from mr360uw.composite.gl.device import MeshBuffers, Targets, bind, device_order, joined_texture, list_texture, of_eye
 from mr360uw.composite.gl.light_textures import ShotLight
+from mr360uw.composite.gl.light_visibility import HALF_OF_RAYS, Areas, Visibility
 from mr360uw.composite.gl.visible_surfaces import Fragments, Surfaces, find_surfaces
 from mr360uw.composite.lighting.light_sources import sun_of
 from mr360uw.composite.mesh.material import MAPS
@@ -41,10 +42,8 @@ if TYPE_CHECKING:
     import moderngl
 
 
-_CHANNELS = ((4, 1), (4,) * 6, (4,) * 4, (2,))
-"""Outputs of layer.frag: radiance and distance, both halves of the output variables, what is seen of the sun."""
-_BY_FRAGMENT, _SEEN = (0, 1, 2), 3
-"""Numbers of those of every fragment, and of the last."""
+_CHANNELS = ((4, 1), (4,) * 6, (4,) * 4)
+"""Outputs of layer.frag: radiance and distance, both halves of the output variables."""
 _ORDERS = 64
 """Meshes of which the order of triangles on the device is kept."""
 _PARTS = 256
@@ -108,7 +107,7 @@ class ObjectPass:
             blended = number < len(layers) - 1
             values_of, *halves = (
                 self._light_up((shot, light, surfaces), parts, len(fragments), bodies, blended, cache, outputs)
-                for outputs in ((0,) if frame is None else _BY_FRAGMENT)
+                for outputs in ((0,) if frame is None else range(len(_CHANNELS)))
             )
             if frame is not None:
                 seen = through(tiles, fragments)[fragments.pixel()] * fragments.weight * values_of[:, 3]
@@ -125,7 +124,7 @@ class ObjectPass:
         of_visible = [v for v, placed in zip(every, shot.objects, strict=True) if placed.visible]
         changed = {placed.mesh for placed, known in zip(objects, of_visible, strict=True) if known is not None}
         for row, placed, known in zip(table, objects, of_visible, strict=True):
-            row[:3], row[3, 0] = placed.world_from_object[:3], placed.bias_m
+            row[:3] = placed.world_from_object[:3]
             row[:3, 3] -= shot.view.position
             if placed.mesh not in changed:
                 continue
@@ -138,13 +137,17 @@ class ObjectPass:
             texels += own.size // 4
         return values, frozenset(changed)
 
-    def _sun_groups(self, lit: _Lit, part: MeshFragments, cache: Cache) -> SunGroups | None:
-        """Return the groups of fragments that see the same of the sun; None where that is known or nothing hides it."""
+    def _see_lights(self, lit: _Lit, part: MeshFragments, cache: Cache) -> dict[str, moderngl.Texture]:
+        """Return the textures of what fragments see of the sun and of lamps, by their names in layer.frag."""
         shot, light, surfaces = lit
-        sun = sun_of(shot)
-        if sun is None or "SHADOW" not in light.defines or cache.holds(self._see_sun, part, PartOf(0, light.of_sight)):
-            return None
-        return sun_groups(shot, part, surfaces.facets, sun.direction)
+        textures: dict[str, moderngl.Texture] = {}
+        if "SHADOW" in light.defines:
+            seen = PartOf((shot, light.visibility, surfaces), light.visibility.of_sun)
+            textures["sun_seen"] = cache.of(_see_sun, part, seen, keep=_PARTS)
+        if "LAMPS" in light.defines:
+            seen = PartOf((shot, light.visibility, surfaces), light.visibility.of_lamps)
+            textures["lamps_seen"] = cache.of(_see_lamps, part, seen, keep=_PARTS)
+        return textures
 
     def _light_up(
         self,
@@ -159,65 +162,36 @@ class ObjectPass:
         """Return the outputs (count, channels) of layer.frag for `count` fragments. outputs: see `_CHANNELS`."""
         values = np.empty((count, sum(_CHANNELS[outputs])), np.float32)
         for part in parts:
-            extra = {}
-            groups = self._sun_groups(lit, part, cache)
-            if "SHADOW" in lit[1].defines:
-                seen = PartOf((*lit, bodies, groups), lit[1].of_sight)
-                extra["sun_seen"] = cache.of(self._see_sun, part, seen, keep=_PARTS)
-            entries = cache.of(_entries, part, keep=_PARTS)
-            values[part.chosen] = self._shade(lit, part, entries, bodies, outputs, blended=blended, textures=extra)
+            textures = {"fragments": cache.of(_entries, part, keep=_PARTS), **self._see_lights(lit, part, cache)}
+            values[part.chosen] = self._shade(lit, part, bodies, outputs, textures, blended=blended)
         return values
-
-    def _see_sun(self, part: MeshFragments, seen: PartOf[tuple[*_Lit, Bodies, SunGroups | None]]) -> moderngl.Texture:
-        """Return the visible fractions of the sun's disc and halo of each fragment, as layer.frag reads them."""
-        *_, bodies, groups = seen.whole
-        lit = seen.whole[:3]
-        assert groups is not None
-        of_groups = np.zeros((len(groups.listed), sum(_CHANNELS[_SEEN])), np.float32)
-        which = groups.first
-        of_groups[which] = self._cast_rays(lit, part, groups.listed[which], bodies)
-        which = groups.fill_between(of_groups)
-        of_groups[which] = self._cast_rays(lit, part, groups.listed[which], bodies)
-        fractions = np.ones((len(groups.of), of_groups.shape[1]), np.float32)
-        there = groups.of >= 0
-        fractions[there] = of_groups[groups.of[there]]
-        return list_texture(fractions, 2)
-
-    def _cast_rays(self, lit: _Lit, part: MeshFragments, listed: Floats, bodies: Bodies) -> NDArray[np.float32]:
-        """Return the visible fractions (m, 2) of the sun's disc and halo of listed fragments (m, 9) of a mesh."""
-        if len(listed) == 0:
-            return np.zeros((0, sum(_CHANNELS[_SEEN])), np.float32)
-        few = replace(part, chosen=np.arange(len(listed)))
-        return self._shade(lit, few, list_texture(listed, 3), bodies, _SEEN)
 
     def _shade(
         self,
         lit: _Lit,
         part: MeshFragments,
-        entries: moderngl.Texture,
         bodies: Bodies,
         outputs: int,
+        textures: Mapping[str, moderngl.Texture],
         *,
-        blended: bool = False,
-        textures: Mapping[str, moderngl.Texture] | None = None,
+        blended: bool,
     ) -> NDArray[np.float32]:
-        """Return the outputs (n, channels) of layer.frag for a part of the fragments, which a texture lists."""
+        """Return the outputs (n, channels) of layer.frag for a part of the fragments. textures: of these alone."""
         (shot, light, _), mesh, count = lit, part.mesh, len(part.chosen)
         buffers = self._buffers(mesh)
         defines = of_eye(shot) | {"OUTPUTS": outputs} | _map_defines(mesh) | light.defines
         defines |= {"BLENDED": 1} if blended else {}
-        defines |= {"AMONG_BODIES": 1} if mesh in bodies[1] and outputs != _SEEN else {}
-        defines |= {"SMOOTH": 1} if mesh.glossy and outputs != _SEEN else {}
+        defines |= {"AMONG_BODIES": 1} if mesh in bodies[1] else {}
+        defines |= {"SMOOTH": 1} if mesh.glossy else {}
         shader = self._targets.program("layer", defines)
         bind(
             shader,
             {
-                "fragments": entries,
                 "bodies": bodies[0],
                 "triangles": buffers.triangles,
                 "materials": buffers.materials,
                 "store": buffers.store,
-                **(textures or {}),
+                **textures,
                 **light.textures,
             },
         )
@@ -244,8 +218,46 @@ def _cache_of(_: Same) -> Cache:
 
 
 def _entries(part: MeshFragments) -> moderngl.Texture:
-    """Return the texture of what `MeshFragments` lists."""
-    return list_texture(part.listed, 3)
+    """Return the texture of triangles, places and bodies of fragments."""
+    return list_texture(part.listed[:, :4])
+
+
+_Seen = PartOf[tuple[Shot, Visibility, Surfaces]]
+
+
+def _see_sun(part: MeshFragments, seen: _Seen) -> moderngl.Texture:
+    """Return the visible fractions of the sun's disc and halo of each fragment, as layer.frag reads them."""
+    shot, visibility, surfaces = seen.whole
+    sun = sun_of(shot)
+    assert sun is not None
+    groups = sun_groups(shot, part, surfaces.facets, sun.direction)
+    of_groups = np.zeros((len(groups.listed), 2), np.float32)
+    for some in (lambda: groups.first, lambda: groups.fill_between(of_groups)):
+        which = some()
+        areas = _areas(shot, groups.listed[which], groups.surface[which])
+        of_groups[which] = visibility.over_areas(areas, sun=True, lamps=False, halo_rays=HALF_OF_RAYS)
+    fractions = np.ones((len(groups.of), 2), np.float32)
+    there = groups.of >= 0
+    fractions[there] = of_groups[groups.of[there]]
+    return list_texture(fractions, 2)
+
+
+def _see_lamps(part: MeshFragments, seen: _Seen) -> moderngl.Texture:
+    """Return the visible fractions of the lamps of each fragment, as layer.frag reads them."""
+    shot, visibility, surfaces = seen.whole
+    surface = fragment_planes(shot, part, surfaces.facets, np.zeros(3))
+    areas = _areas(shot, part.listed, surface[:, :4])
+    return list_texture(visibility.over_areas(areas, sun=False, lamps=True)[:, 2:], 1)
+
+
+def _areas(shot: Shot, listed: Floats, surface: Floats) -> Areas:
+    """Return the areas of fragments. listed: (n, 9) of `MeshFragments`. surface: (n, 4) unit normal and distance."""
+    view, width = shot.view, filter_width(shot.draw.samples, shot.draw.shading)
+    entries = np.full((len(listed), 12), -1.0)
+    entries[:, :2], entries[:, 2:7] = listed[:, 1:3] - 0.5, listed[:, 4:]
+    entries[:, 11] = np.array([placed.bias_m for placed in shot.visible])[listed[:, 3].astype(np.int64)]
+    size, axes = (float(view.width), float(view.height)), view.world_from_camera
+    return Areas(entries, 1, 1.0, surface, np.zeros(4), axes, size, float(view.eye_m), width)
 
 
 def _add_variables(
@@ -404,11 +416,8 @@ class SunGroups:
 
 def sun_groups(shot: Shot, part: MeshFragments, facets: NDArray[np.float32], sun: Floats) -> SunGroups:
     """Return the groups of the fragments of one mesh. facets: of `Surfaces`. sun: (3,) direction in the world."""
-    view = shot.view
-    surface = np.empty((len(part.listed), 5))
-    sunward, size = view.world_from_camera.T @ sun, (float(view.width), float(view.height))
-    _meet(part.listed, facets, part.triangle, sunward, float(view.eye_m), *size, surface)
-    apart = _APART * np.pi / view.height if shot.draw.shading != "sample" else -1.0
+    surface = fragment_planes(shot, part, facets, sun)
+    apart = _APART * np.pi / shot.view.height if shot.draw.shading != "sample" else -1.0
     of, chosen = np.full(len(part.listed), -1, np.int64), np.zeros(len(part.listed), np.int64)
     area = np.zeros((len(part.listed), 5))
     count = _group(part.listed, part.pixel, part.weight, surface, apart, of, chosen, area)
@@ -419,6 +428,16 @@ def sun_groups(shot: Shot, part: MeshFragments, facets: NDArray[np.float32], sun
     beside = np.diff(pixel, prepend=-1, append=-1) != 0
     even = np.all(np.floor(listed[:, 1:3]) % 2.0 == 0.0, axis=1)
     return SunGroups(of, listed, surface[chosen, :4], even | ~(beside[:-1] & beside[1:]))
+
+
+def fragment_planes(shot: Shot, part: MeshFragments, facets: NDArray[np.float32], towards: Floats) -> Floats:
+    """Return the surfaces (n, 5) of fragments: unit normal in the camera's axes, distance along the ray, and whether they
+    face a light in the direction `towards` (3,).
+    """
+    view, surface = shot.view, np.empty((len(part.listed), 5))
+    size = float(view.width), float(view.height)
+    _meet(part.listed, facets, part.triangle, view.world_from_camera.T @ towards, float(view.eye_m), *size, surface)
+    return surface
 
 
 @exact
