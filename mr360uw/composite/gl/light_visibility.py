@@ -30,7 +30,7 @@ from mr360uw.composite.lighting.light_sources import lamps_of, sun_of, widest_ha
 from mr360uw.composite.lighting.shadow import wide_pixel_offsets
 from mr360uw.composite.shot import Shot
 from mr360uw.constants import LONGEST_FOOTPRINT, MAXIMUM_SUN_SAMPLES
-from mr360uw.jit import borrowing, fast, inlined
+from mr360uw.jit import borrowing, exact, fast, inlined
 from mr360uw.medium.shafts.single_scattering import nearest_m
 from mr360uw.sphere import disc_offsets
 from mr360uw.types import Floats
@@ -213,114 +213,107 @@ def _fans(count: int) -> tuple[Floats, Floats]:
     return rays, fans
 
 
-# --- one ray, one body -----------------------------------------------------------------------------------------------
-
-
-@inlined
-def _texel(values: Any, begin: Any, across: Any, x: Any, y: Any) -> Any:
-    """Return the four numbers of a level of columns at a place in its texels, linear between their middles, clamped to
-    the slot. begin: of the level; across: its texels along a side.
+@exact
+def _make_scratch(bodies: Any) -> Any:
+    """Return scratch arrays: numbers of bodies; four numbers of a column; rays (n, 8), of each its start, metres across
+    for a metre along the light (2), the inverse of their length, width at the start, and by how much that grows for a
+    metre [m]; and what of each ray is blocked (n,).
     """
-    last = across - 2
-    x, y = x - 0.5, y - 0.5
-    i, j = min(max(int(x), 0), last), min(max(int(y), 0), last)
-    fx, fy = np.float32(min(max(x - i, 0.0), 1.0)), np.float32(min(max(y - j, 0.0), 1.0))
-    ex, ey, at = np.float32(1.0) - fx, np.float32(1.0) - fy, begin + j * across + i
-    a, b, c, d = values[at], values[at + 1], values[at + across], values[at + across + 1]
-    wa, wb, wc, wd = ex * ey, fx * ey, ex * fy, fx * fy
-    return (
-        wa * a[0] + wb * b[0] + wc * c[0] + wd * d[0],
-        wa * a[1] + wb * b[1] + wc * c[1] + wd * d[1],
-        wa * a[2] + wb * b[2] + wc * c[2] + wd * d[2],
-        wa * a[3] + wb * b[3] + wc * c[3] + wd * d[3],
-    )
+    return np.empty(max(bodies, 1), np.int64), np.empty(4, np.float32), np.empty((_MOST_RAYS, 8)), np.empty(_MOST_RAYS)
+
+
+# --- rays through one body -------------------------------------------------------------------------------------------
 
 
 @inlined
-def _begin(size: Any, across: Any) -> Any:
-    """Return where the level with `across` texels along a side begins in the columns of a slot."""
-    return 4 * (size * size - across * across) // 3
-
-
-@borrowing
-def _blocked(
-    values: Any,
-    slot: Any,
-    size: Any,
-    clear: Any,
-    x: Any,
-    y: Any,
-    z: Any,
-    slope_x: Any,
-    slope_y: Any,
-    grain: Any,
-    widening: Any,
-) -> Any:
-    """Return the fraction of a ray's light that a body blocks.
-
-    values, slot: its columns (n, 4) and extents. x, y, z: start, slope_x, slope_y: metres across for a metre along the
-    light. The ray stands for a cone of directions that is `grain` metres wide at the start and widens by `widening`
-    metres for a metre.
+def _read_column(values: Any, begin: Any, across: Any, x: Any, y: Any, column: Any) -> None:
+    """Set the four numbers of `column` to those of a level of columns at a place in its texels, linear between their
+    middles, clamped to the slot. begin: of the level; across: its texels along a side.
     """
-    low, high = slot[4], slot[5]
-    texel = 2.0 * max(slot[2], slot[3]) / size
-    per_x, per_y = 0.5 * size / slot[2], 0.5 * size / slot[3]
-    margin, per_ramp = 0.01 * texel, 1.0 / (_RAMP * texel)
-    across = 1.0 / max(math.sqrt(slope_x * slope_x + slope_y * slope_y), 1e-6)
-    h, until = max(low - z, 0.0), max(high - z, 0.0)
-    texels, begin, level, blocked, k = 1.0, 0, size, 0.0, 0
-    filled = top = bottom = before = top_before = bottom_before = h_before = 0.0
-    while True:
-        # Find the column here, from the level of the ray's width
-        width = grain + widening * h
-        wanted = max(width * per_ramp, _SHARPEST)
-        while level > SMALLEST and wanted * math.sqrt(2.0) >= 2.0 * texels:
-            texels, level = 2.0 * texels, level // 2
-            begin = _begin(size, level)
-        u, v = (x + slope_x * h - slot[0]) * per_x + 0.5 * size, (y + slope_y * h - slot[1]) * per_y + 0.5 * size
-        filled = 0.0
-        if 0.0 <= u <= size and 0.0 <= v <= size:
-            part, tops, bottoms, opacity = _texel(values, begin, level, u / texels, v / texels)
-            if part > 0.0:
-                whole, top_here, bottom_here = np.float64(part), tops / part + low, bottoms / part + low
-                filled = min(max((whole - 0.5) * max(1.0 / wanted, 1.0) + 0.5, 0.0), 1.0)
-                if clear:
-                    passed = min(max(1.0 - opacity / part, 0.0), 1.0)
-                    within = z < top_here - margin and z > bottom_here - margin
-                    filled *= 1.0 - (math.sqrt(passed) if within else passed)
-                # One that is partly filled is taken as thinner, in proportion
-                middle, half = 0.5 * (top_here + bottom_here), 0.5 * (top_here - bottom_here) * whole
-                top, bottom = middle + half, middle - half
-        # Between this and the one before the ends are straight lines, which the ray may cross
-        if k > 0 and (filled > 0.0 or before > 0.0):
-            top_a, bottom_a = (top_before, bottom_before) if before > 0.0 else (top, bottom)
-            top_b, bottom_b = (top, bottom) if filled > 0.0 else (top_before, bottom_before)
-            below_a, below_b = z + h_before - bottom_a + margin, z + h - bottom_b + margin
-            above_a, above_b = top_a - z - h_before + margin, top_b - z - h + margin
-            if max(below_a, below_b) >= 0.0 and max(above_a, above_b) >= 0.0:
-                enter, leave = 0.0, 1.0
-                if below_a < 0.0:
-                    enter = below_a / (below_a - below_b)
-                elif below_b < 0.0:
-                    leave = below_a / (below_a - below_b)
-                if above_a < 0.0:
-                    enter = max(enter, above_a / (above_a - above_b))
-                elif above_b < 0.0:
-                    leave = min(leave, above_a / (above_a - above_b))
-                if enter <= leave:
-                    change = filled - before
-                    blocked = max(blocked, before + enter * change, before + leave * change)
-        if k > 0 and (h >= until or blocked >= 1.0):
-            return blocked
-        k += 1
-        before, top_before, bottom_before, h_before = filled, top, bottom, h
-        h = min(h + max(width, 0.5 * texel) * across, until) if k < _MOST_STEPS else until
+    x, y, one = max(x - 0.5, 0.0), max(y - 0.5, 0.0), np.float32(1.0)
+    i, j = min(int(x), across - 2), min(int(y), across - 2)
+    fx, fy = np.float32(min(x - i, 1.0)), np.float32(min(y - j, 1.0))
+    above = begin + j * across + i
+    below = above + across
+    a, b, c, d = (one - fx) * (one - fy), fx * (one - fy), (one - fx) * fy, fx * fy
+    # Compilers join the four channels because these are stored one beside the other
+    for k in range(4):
+        column[k] = a * values[above, k] + b * values[above + 1, k] + c * values[below, k] + d * values[below + 1, k]
 
 
-@inlined
-def _both(clear: Any, one: Any, other: Any) -> Any:
-    """Return the blocked fraction of a ray of which bodies block one and another: the larger, where both are opaque."""
-    return one + other - one * other if clear else max(one, other)
+@fast
+def _trace(values: Any, slot: Any, size: Any, clear: Any, first: Any, last: Any, scratch: Any) -> None:
+    """Add to what bodies block of the rays of `_make_scratch` what one body blocks of those from `first` to before `last`.
+
+    values, slot: its columns (n, 4) and extents.
+    """
+    _, column, rays, blocked = scratch
+    low, high, half = slot[4], slot[5], 0.5 * size
+    texel, per_x, per_y = 2.0 * max(slot[2], slot[3]) / size, half / slot[2], half / slot[3]
+    margin, shortest, per_ramp = 0.01 * texel, 0.5 * texel, 1.0 / (_RAMP * texel)
+    for ray in range(first, last):
+        if blocked[ray] >= 1.0:
+            continue
+        x, y, z = rays[ray, 0] - slot[0], rays[ray, 1] - slot[1], rays[ray, 2]
+        slope_x, slope_y, across, grain, widening = (
+            rays[ray, 3],
+            rays[ray, 4],
+            rays[ray, 5],
+            rays[ray, 6],
+            rays[ray, 7],
+        )
+        h, until = max(low - z, 0.0), max(high - z, 0.0)
+        per_texel, begin, level, most, k = 1.0, 0, size, 0.0, 0
+        top = bottom = before = top_before = bottom_before = h_before = 0.0
+        while True:
+            # Find the column here, from the level of the ray's width
+            width = grain + widening * h
+            wanted = max(width * per_ramp, _SHARPEST)
+            while level > SMALLEST and wanted * per_texel >= math.sqrt(2.0):
+                begin += level * level
+                per_texel, level = 0.5 * per_texel, level // 2
+            u, v, filled = (x + slope_x * h) * per_x + half, (y + slope_y * h) * per_y + half, 0.0
+            if min(u, v) >= 0.0 and max(u, v) <= size:
+                _read_column(values, begin, level, u * per_texel, v * per_texel, column)
+                part = np.float64(column[0])
+                if part > 0.0:
+                    share, filled = 1.0 / part, part - 0.5
+                    top_here, bottom_here = column[1] * share + low, column[2] * share + low
+                    filled = min(max((filled / wanted if wanted < 1.0 else filled) + 0.5, 0.0), 1.0)
+                    if clear:
+                        passed = min(max(1.0 - column[3] * share, 0.0), 1.0)
+                        within = z < top_here - margin and z > bottom_here - margin
+                        filled *= 1.0 - (math.sqrt(passed) if within else passed)
+                    # One that is partly filled is taken as thinner, in proportion
+                    middle, thick = 0.5 * (top_here + bottom_here), 0.5 * (top_here - bottom_here) * part
+                    top, bottom = middle + thick, middle - thick
+            # Between this and the one before the ends are straight lines, which the ray may cross
+            if k > 0 and max(filled, before) > 0.0:
+                top_a, bottom_a = (top_before, bottom_before) if before > 0.0 else (top, bottom)
+                top_b, bottom_b = (top, bottom) if filled > 0.0 else (top_before, bottom_before)
+                at_a, at_b = z + h_before, z + h
+                below_a, below_b = at_a - bottom_a + margin, at_b - bottom_b + margin
+                above_a, above_b = top_a - at_a + margin, top_b - at_b + margin
+                if min(below_a, below_b, above_a, above_b) >= 0.0:
+                    most = max(most, before, filled)
+                elif max(below_a, below_b) >= 0.0 and max(above_a, above_b) >= 0.0:
+                    enter, leave = 0.0, 1.0
+                    if min(below_a, below_b) < 0.0:
+                        cut = below_a / (below_a - below_b)
+                        enter, leave = (cut, leave) if below_a < 0.0 else (enter, cut)
+                    if min(above_a, above_b) < 0.0:
+                        cut = above_a / (above_a - above_b)
+                        enter, leave = (max(enter, cut), leave) if above_a < 0.0 else (enter, min(leave, cut))
+                    if enter <= leave:
+                        change = filled - before
+                        most = max(most, before + enter * change, before + leave * change)
+            if k > 0 and (h >= until or most >= 1.0):
+                break
+            k += 1
+            before, top_before, bottom_before, h_before = filled, top, bottom, h
+            h = min(h + max(width, shortest) * across, until) if k < _MOST_STEPS else until
+        # Of two bodies the larger counts where both are opaque
+        blocked[ray] = blocked[ray] + most - blocked[ray] * most if clear else max(blocked[ray], most)
 
 
 # --- the sun ---------------------------------------------------------------------------------------------------------
@@ -329,13 +322,15 @@ def _both(clear: Any, one: Any, other: Any) -> Any:
 @borrowing
 def _bodies_between(
     values: Any, slots: Any, count: Any, size: Any, clear: Any, x: Any, y: Any, z: Any, radius: Any, slope: Any, spread: Any,
-    near: Any,
+    scratch: Any,
 ) -> Any:  # fmt: skip
-    """Write those of the first `count` bodies that may hide part of a disc about the sun from part of a ball to `near`.
+    """Write those of the first `count` bodies that may hide part of a disc about the sun from part of a ball to the
+    scratch.
 
     Returns how many there are, the distance [m] to the nearest, and whether one of them hides all of the disc from all of
     the ball. x, y, z: its middle in the sun's axes. slope: (2,) of the disc's middle. spread: tangent of its radius.
     """
+    near, column, _, _ = scratch
     found, gap, umbra = 0, 1e9, False
     tilt = 0.5 * math.sqrt(slope[0] * slope[0] + slope[1] * slope[1])
     for body in range(count):
@@ -355,7 +350,8 @@ def _bodies_between(
         known = level >= SMALLEST
         level = max(level, SMALLEST)
         u, v = 0.5 * (at_x / slot[2] + 1.0), 0.5 * (at_y / slot[3] + 1.0)
-        part, _, _, opacity = _texel(values[body], _begin(size, level), level, u * level, v * level)
+        _read_column(values[body], 4 * (size * size - level * level) // 3, level, u * level, v * level, column)
+        part, opacity = column[0], column[3]
         if part > 0.0 or not known:
             near[found] = body
             found += 1
@@ -368,46 +364,39 @@ def _bodies_between(
 
 @borrowing
 def _disc_seen(
-    values: Any,
-    slots: Any,
-    count: Any,
-    size: Any,
-    clear: Any,
-    place: Any,
-    slope: Any,
-    spread: Any,
-    rays: Any,
-    fan: Any,
-    near: Any,
-) -> Any:
+    values: Any, slots: Any, count: Any, size: Any, clear: Any, place: Any, slope: Any, spread: Any, fan: Any,
+    numbers: Any, scratch: Any,
+) -> Any:  # fmt: skip
     """Return the visible fraction of a disc about the sun, a mean over a footprint.
 
-    place: its middle and two sides in the sun's axes. rays, fan: of `Visibility`. Where the first rays agree that all of
-    it is seen, or none, the others are not asked.
+    place: its middle and two sides in the sun's axes. fan, numbers: a fan of rays and its row of `Visibility.fans`. Where
+    the first rays agree that all of it is seen, or none, the others are not asked.
     """
     x, y, z, ax, ay, az, bx, by, bz = place
+    near, _, rays, blocked = scratch
     radius = 0.5 * (math.sqrt(ax * ax + ay * ay + az * az) + math.sqrt(bx * bx + by * by + bz * bz))
-    found, _, umbra = _bodies_between(values, slots, count, size, clear, x, y, z, radius, slope, spread, near)
+    found, _, umbra = _bodies_between(values, slots, count, size, clear, x, y, z, radius, slope, spread, scratch)
     if found == 0 or umbra:
         return 0.0 if umbra else 1.0
-    grain, widening = fan[2] * math.sqrt(abs(ax * by - ay * bx)), spread * fan[3]
-    blocked, most = 0.0, 0.0
-    for k in range(int(fan[0])):
-        if k == fan[1] and (blocked <= 0.0 or blocked >= fan[1]):
-            return 1.0 - blocked / fan[1]
-        p, q, most = rays[k, 2], rays[k, 3], 0.0
-        from_x, from_y, from_z = x + p * ax + q * bx, y + p * ay + q * by, z + p * az + q * bz
-        slope_x, slope_y = slope[0] + spread * rays[k, 0], slope[1] + spread * rays[k, 1]
+    grain, widening = numbers[2] * math.sqrt(abs(ax * by - ay * bx)), spread * numbers[3]
+    total, last, asked = int(numbers[0]), int(numbers[1]), 0
+    for k in range(total):
+        p, q = fan[k, 2], fan[k, 3]
+        slope_x, slope_y = slope[0] + spread * fan[k, 0], slope[1] + spread * fan[k, 1]
+        rays[k, 0], rays[k, 1], rays[k, 2] = x + p * ax + q * bx, y + p * ay + q * by, z + p * az + q * bz
+        rays[k, 3], rays[k, 4] = slope_x, slope_y
+        rays[k, 5] = 1.0 / max(math.sqrt(slope_x * slope_x + slope_y * slope_y), 1e-6)
+        rays[k, 6], rays[k, 7], blocked[k] = grain, widening, 0.0
+    while True:
         for n in range(found):
             body = near[n]
-            one = _blocked(
-                values[body], slots[body], size, clear, from_x, from_y, from_z, slope_x, slope_y, grain, widening
-            )
-            most = _both(clear, most, one)
-            if most >= 1.0:
-                break
-        blocked += most
-    return 1.0 - blocked / fan[0]
+            _trace(values[body], slots[body], size, clear, asked, last, scratch)
+        hidden = 0.0
+        for k in range(last):
+            hidden += blocked[k]
+        if last == total or hidden <= 0.0 or hidden >= last:
+            return 1.0 - hidden / last
+        asked, last = last, total
 
 
 @fast
@@ -417,25 +406,27 @@ def _see_places(
 ) -> None:  # fmt: skip
     """Set what `Visibility.at_places` returns."""
     count = first[0]
-    near = np.empty(max(count, 1), np.int64)
+    scratch = _make_scratch(count)
     for n in range(len(places)):
         px, py, pz, radius = places[n, 0], places[n, 1], places[n, 2], places[n, 3]
         x = axes[0, 0] * px + axes[0, 1] * py + axes[0, 2] * pz + axes[0, 3]
         y = axes[1, 0] * px + axes[1, 1] * py + axes[1, 2] * pz + axes[1, 3]
         z = axes[2, 0] * px + axes[2, 1] * py + axes[2, 2] * pz + axes[2, 3]
         widest = max(spread[0], spread[1])
-        found, gap, umbra = _bodies_between(values, slots, count, size, clear, x, y, z, radius, slope, widest, near)
+        found, gap, umbra = _bodies_between(values, slots, count, size, clear, x, y, z, radius, slope, widest, scratch)
         hidden = 0.0 if found == 0 else (3.0 if umbra else 2.0)
         place = x, y, z, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-        seen[n, 0] = _disc_seen(values, slots, count, size, clear, place, slope, spread[0], rays[0], fans[0], near)
+        seen[n, 0] = _disc_seen(values, slots, count, size, clear, place, slope, spread[0], rays[0], fans[0], scratch)
         seen[n, 1] = 1.0
         if spread[1] > 0.0:
             if hidden == 2.0:
                 of_disc, _, all_of_it = _bodies_between(
-                    values, slots, count, size, clear, x, y, z, radius, slope, spread[0], near
+                    values, slots, count, size, clear, x, y, z, radius, slope, spread[0], scratch
                 )
                 hidden = 1.0 if of_disc == 0 or all_of_it else 2.0
-            seen[n, 1] = _disc_seen(values, slots, count, size, clear, place, slope, spread[1], rays[0], fans[0], near)
+            seen[n, 1] = _disc_seen(
+                values, slots, count, size, clear, place, slope, spread[1], rays[0], fans[0], scratch
+            )
         seen[n, 2], seen[n, 3] = hidden, gap
 
 
@@ -473,7 +464,7 @@ def _see_areas(
         math.sin(tip * step),
     )
     lon_c, lon_s, lat_c, lat_s = np.empty(side), np.empty(side), np.empty(side), np.empty(side)
-    near = np.empty(max(len(slots), 1), np.int64)
+    scratch = _make_scratch(len(slots))
     for m in range(len(entries)):
         entry = entries[m]
         for i in range(side):
@@ -516,12 +507,12 @@ def _see_areas(
                     a[0] * bx + a[1] * by + a[2] * bz, b[0] * bx + b[1] * by + b[2] * bz, w[0] * bx + w[1] * by + w[2] * bz,
                 )  # fmt: skip
                 seen[n, 0] = _disc_seen(
-                    values, slots, first[0], size, clear, place, slope, spread[0], rays[0], fans[0], near
+                    values, slots, first[0], size, clear, place, slope, spread[0], rays[0], fans[0], scratch
                 )
                 if spread[1] > 0.0 and entry[7] < 0.0:
                     of_fan, fan = rays[halo_rays], fans[halo_rays]
                     seen[n, 1] = _disc_seen(
-                        values, slots, first[0], size, clear, place, slope, spread[1], of_fan, fan, near
+                        values, slots, first[0], size, clear, place, slope, spread[1], of_fan, fan, scratch
                     )
                 elif spread[1] > 0.0:
                     u, v = (c + 0.5) / side, (r + 0.5) / side
@@ -532,7 +523,9 @@ def _see_areas(
             sides = ax, ay, az, bx, by, bz
             for lamp in range(len(lamps)):
                 mine = slots[first[lamp] : first[lamp + 1]], values[first[lamp] : first[lamp + 1]]
-                seen[n, 2 + lamp] = _lamp_seen(lamps[lamp], mine, size, clear, middle, normal, sides, rays, fans, near)
+                seen[n, 2 + lamp] = _lamp_seen(
+                    lamps[lamp], mine, size, clear, middle, normal, sides, rays, fans, scratch
+                )
 
 
 @inlined
@@ -547,13 +540,23 @@ def _in_slot(slot: Any, x: Any, y: Any, z: Any) -> Any:
 
 @borrowing
 def _lamp_seen(
-    lamp: Any, mine: Any, size: Any, clear: Any, middle: Any, normal: Any, sides: Any, rays: Any, fans: Any, near: Any
+    lamp: Any,
+    mine: Any,
+    size: Any,
+    clear: Any,
+    middle: Any,
+    normal: Any,
+    sides: Any,
+    fans_of: Any,
+    fans: Any,
+    scratch: Any,
 ) -> Any:
     """Return the visible fraction of a lamp, a mean over a footprint; 1 where the lamp does not light it.
 
     lamp: of `Visibility.lamps`. mine: its slots and their columns. middle, sides: of the footprint.
     """
     slots, values = mine
+    near, _, rays, blocked = scratch
     x, y, z = middle
     ax, ay, az, bx, by, bz = sides
     away_x, away_y, away_z = lamp[0] - x, lamp[1] - y, lamp[2] - z
@@ -577,22 +580,25 @@ def _lamp_seen(
         return 1.0
     # Trace the rays of a disc, or one towards a point
     number = ALL_RAYS if lamp[3] > 0.0 else ONE_RAY
-    fan, across_x, across_y, across_z = fans[number], ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+    fan, numbers, total = fans_of[number], fans[number], int(fans[number, 0])
+    across_x, across_y, across_z = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
     facing = abs(across_x * away_x + across_y * away_y + across_z * away_z)
-    grain = fan[2] * math.sqrt(facing / max(math.sqrt(away_x * away_x + away_y * away_y + away_z * away_z), 1e-9))
-    blocked = 0.0
-    for k in range(int(fan[0])):
-        ray, most = rays[number, k], 0.0
-        from_x, from_y = x + ray[2] * ax + ray[3] * bx, y + ray[2] * ay + ray[3] * by
-        from_z = z + ray[2] * az + ray[3] * bz
-        for n in range(found):
-            slot = slots[near[n]]
-            p, q, along = _in_slot(slot, from_x, from_y, from_z)
-            spread = lamp[3] / slot[6]
-            one = _blocked(values[near[n]], slot, size, clear, p, q, along, spread * ray[0], spread * ray[1],
-                           grain * along / slot[6], spread * fan[3])  # fmt: skip
-            most = _both(clear, most, one)
-            if most >= 1.0:
-                break
-        blocked += most
-    return 1.0 - blocked / fan[0]
+    far = max(math.sqrt(away_x * away_x + away_y * away_y + away_z * away_z), 1e-9)
+    grain = numbers[2] * math.sqrt(facing / far)
+    for k in range(total):
+        blocked[k] = 0.0
+    for n in range(found):
+        slot = slots[near[n]]
+        spread = lamp[3] / slot[6]
+        for k in range(total):
+            p, q = fan[k, 2], fan[k, 3]
+            ray = rays[k]
+            ray[0], ray[1], ray[2] = _in_slot(slot, x + p * ax + q * bx, y + p * ay + q * by, z + p * az + q * bz)
+            ray[3], ray[4] = spread * fan[k, 0], spread * fan[k, 1]
+            ray[5] = 1.0 / max(math.sqrt(ray[3] * ray[3] + ray[4] * ray[4]), 1e-6)
+            ray[6], ray[7] = grain * ray[2] / slot[6], spread * numbers[3]
+        _trace(values[near[n]], slot, size, clear, 0, total, scratch)
+    hidden = 0.0
+    for k in range(total):
+        hidden += blocked[k]
+    return 1.0 - hidden / total
