@@ -13,7 +13,7 @@ import numpy as np
 from mr360uw.cache import Cache, Scratch
 from mr360uw.caustics.gl.stack import AtlasScratch, StackTextures, upload
 from mr360uw.composite.gl.device import write_uniform
-from mr360uw.composite.gl.light_visibility import Visibility, visibility_of
+from mr360uw.composite.gl.light_visibility import HALO, Visibility, visibility_of
 from mr360uw.composite.lighting.light_sources import lamps_of, sun_of, sun_up, widest_half_angle
 from mr360uw.composite.shot import Shot
 from mr360uw.constants import MAXIMUM_GLOSSY_LEVELS
@@ -46,6 +46,11 @@ class ShotLight:
     def of_sun(self) -> frozenset[str]:
         """Features of the sun in the shot: SHADOW, CAUSTICS."""
         return frozenset(self.defines) & {"SHADOW", "CAUSTICS"}
+
+    @property
+    def lamps(self) -> range:
+        """Numbers of the lamps in `Visibility`."""
+        return range(HALO + 1, len(self.visibility.lights))
 
     def set(self, shader: moderngl.Program) -> None:
         """Set the uniforms of the light in a program."""

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import functools
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -33,7 +34,7 @@ from mr360uw.constants import LONGEST_FOOTPRINT, MAXIMUM_SUN_SAMPLES
 from mr360uw.jit import borrowing, exact, fast, inlined
 from mr360uw.medium.shafts.single_scattering import nearest_m
 from mr360uw.sphere import disc_offsets
-from mr360uw.types import Floats
+from mr360uw.types import Floats, View
 
 _MOST_RAYS = 128
 """Most rays towards a light's disc from a footprint."""
@@ -52,6 +53,10 @@ _SHARPEST = 0.2
 """Least width of a sharpened edge, as a fraction of `_RAMP`."""
 _MOST_STEPS = 16
 """Most columns along a ray; the last step is as long as it takes."""
+DISC, HALO = 0, 1
+"""Numbers of the sun's disc and halo among the lights of `Visibility`; lamps follow."""
+_TOGETHER = 16
+"""Footprints whose rays are traced side by side: compilers make vectors of these loops. Half as many: a third slower."""
 ALL_RAYS, HALF_OF_RAYS, ONE_RAY = 0, 1, 2
 """Numbers of the fans of rays: all, each second one of them, and one, for lights that are points."""
 
@@ -60,89 +65,59 @@ ALL_RAYS, HALF_OF_RAYS, ONE_RAY = 0, 1, 2
 class Visibility:
     """What hides the lights of a shot. Points are from the camera, in the world's axes [m].
 
-    values, size, clear: of `Columns`. slots: (m, 19) of each its extents (6), and for lamps
-    the middle distance, axes (3, 3) and the camera in them (3); those of the sun come first. sun: (3, 4) axes of the sun's
-    slots, two across and one along, and the camera in them. slope: (2,) of the sun's direction in these axes, across over
-    along. spread: (2,) tangents of the radii of disc and halo, the latter 0 where it is as wide as the disc. lamps:
-    (L, 9) of each its place, radius, axis, cosine at the edge of the cone, and least distance; first: (L + 1,) numbers of
-    their first slots, the number of all slots last. rays: (3, n, 4) of fans, slope over a unit disc and place in
-    [-0.5, 0.5]^2 of a footprint; fans: (3, 4) how many there are, how many speak for all where they agree, and by how much
-    a ray widens, over the footprint and over the radius of the disc a metre away. bias: factor on the offset of rays from
-    a body's surface.
+    values, size, clear: of `Columns`. slots: (m, 19) of each its extents (6), middle distance, axes (3, 3) and the camera in
+    them (3); the middle distance is 0 for the sun. lights: (L, 14) the sun's disc and halo, then lamps; of each the numbers
+    of its first slot and of the one after its last, for the sun the tangent of its radius and its direction across over
+    along (2), and for lamps place (3), radius, axis (3), cosine at the edge of the cone, and least distance. rays: (3, 4, n)
+    of fans, slope over a unit disc and place in [-0.5, 0.5]^2 of a footprint; fans: (3, 4) how many there are, how many
+    speak for all where they agree, and by how much a ray widens, over the footprint and over the radius of the disc a metre
+    away. bias: factor on the offset of rays from a body's surface.
     """
 
     values: NDArray[np.float32]
     size: int
     clear: bool
     slots: Floats
-    sun: Floats
-    slope: Floats
-    spread: Floats
-    lamps: Floats
-    first: NDArray[np.int64]
-    rays: Floats
+    lights: Floats
+    rays: NDArray[np.float32]
     fans: Floats
     bias: float
 
     @property
     def of_sun(self) -> tuple[object, ...]:
-        """All that decides what is seen of the sun from a place."""
-        return self.values, self.slots[: self.first[0]], self.sun[:, :3], self.slope, self.spread, self.fans, self.bias
+        """All that decides what is seen of the sun from a place in the world."""
+        lights, bias = self.lights[: HALO + 1], self.bias
+        return self.values, self.slots[: int(lights[DISC, 1]), :16], lights, self.fans, bias
 
     @property
     def of_lamps(self) -> tuple[object, ...]:
         """All that decides what is seen of lamps from a place."""
-        return self.values, self.slots[self.first[0] :], self.lamps, self.fans, self.bias
+        return self.values, self.slots, self.lights[HALO + 1 :], self.fans, self.bias
 
-    def at_places(self, places: Floats) -> Floats:
-        """Return for balls (n, 4), middle and radius, of the sun, (n, 4): visible fractions of disc and halo from the
-        middle; which of them bodies may hide within the ball (0 neither, 1 the halo, 2 part of the disc, 3 all of both);
-        distance [m] to the nearest such body.
+    def hidden(self, places: Floats) -> Floats:
+        """Return for balls (n, 4), middle and radius, which of the sun's lights bodies may hide (n, 2): 0 neither, 1 the
+        halo, 2 part of the disc, 3 all of both; and the distance [m] to the nearest such body.
         """
-        seen = np.empty((len(places), 4))
-        _see_places(places, self.sun, self.slope, self.spread, *self._occluders, seen)
-        return seen
+        found = np.empty((len(places), 2))
+        _find_hidden(places, self.lights, self.slots, self.values, self.size, self.clear, found)
+        return found
 
-    def over_areas(self, areas: Areas, *, sun: bool, lamps: bool, halo_rays: int = ALL_RAYS) -> Floats:
-        """Return the visible fractions (n, 2 + L), means over areas: of the sun's disc and halo, and of each lamp."""
-        count = len(self.lamps) if lamps else 0
-        seen = np.ones((len(areas.entries) * areas.side * areas.side, 2 + count))
-        turned = np.column_stack([self.sun[:, :3] @ areas.axes, self.sun[:, 3]])
-        slots, of_lamps = self.slots.copy(), self.lamps[:count].copy()
-        slots[:, 7:16] = (slots[:, 7:16].reshape(-1, 3, 3) @ areas.axes).reshape(-1, 9)
-        for part in (slice(0, 3), slice(4, 7)):
-            of_lamps[:, part] = of_lamps[:, part] @ areas.axes
-        frame = areas.size[0], areas.size[1], areas.eye_m, areas.step, areas.spacing, areas.side
-        of_sun = turned, self.slope, self.spread, sun, halo_rays
-        _see_areas(areas.entries, areas.surface, areas.plane, frame, *of_sun, of_lamps, self.first,
-                   self.values, slots, self.size, self.clear, self.rays, self.fans, self.bias, seen)  # fmt: skip
-        return seen
+    def seen(
+        self, footprints: Floats, lights: Sequence[int], fan: int = ALL_RAYS, known: Floats | None = None
+    ) -> Floats:
+        """Return the visible fractions (n, k) of lights of these numbers, means over footprints.
 
-    @property
-    def _occluders(self) -> tuple[Any, ...]:
-        return self.first, self.values, self.slots, self.size, self.clear, self.rays, self.fans
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Areas:
-    """Areas of the frame over which visibility is averaged, side x side in each of m blocks, n in all, in order.
-
-    entries: (m, 12) of each block its corner in the frame (2), the area (5) of `sampling.frame_areas`, visible fraction of
-    the halo at its corners (4), negative where it is found for each area, and the offset of rays from the surface [m].
-    spacing: pixels between the areas of a block. surface: (n, 4) unit normal in the camera's axes and distance along the
-    ray, none for a level plane. plane: its height above the camera, and the camera's axes (3,) that are up. axes: (3, 3)
-    world from camera. size: of the frame. step: pixels over which footprints are measured.
-    """
-
-    entries: Floats
-    side: int
-    spacing: float
-    surface: Floats
-    plane: Floats
-    axes: Floats
-    size: tuple[float, float]
-    eye_m: float
-    step: float
+        footprints: (n, 12) of each its middle, two sides and, for lamps, the normal of its surface. fan: of the halo.
+        known: (n, k) fractions that are known already; negative where they are not.
+        """
+        of_lights = self.lights[list(lights)]
+        fans = [fan if k == HALO else ALL_RAYS if k == DISC or self.lights[k, 8] > 0.0 else ONE_RAY for k in lights]
+        found = np.full((len(footprints), len(of_lights)), -1.0) if known is None else known.copy()
+        of_fans = np.array(fans, np.int64)
+        _see(
+            footprints, of_lights, of_fans, self.slots, self.values, self.size, self.clear, self.rays, self.fans, found
+        )
+        return found
 
 
 def visibility_of(shot: Shot, cache: Cache, scratch: Scratch) -> Visibility:
@@ -155,27 +130,26 @@ def visibility_of(shot: Shot, cache: Cache, scratch: Scratch) -> Visibility:
     narrowest = min([*radii, *([] if sun is None else [sun.half_angle_rad])], default=0.0)
     columns = columns_of(frames, slot_size(len(frames), _pixels_across(shot), narrowest), cache, scratch)
     # Describe their slots and the lights
-    slots = np.zeros((len(frames), 19))
+    slots, lights = np.zeros((len(frames), 19)), np.zeros((HALO + 1 + len(lamps), 14))
     slots[:, :6] = columns.extents
     for row, frame in zip(slots, frames, strict=True):
-        if frame.origin is not None:
-            row[6], row[7:16] = frame.middle_m, frame.axes.ravel()
-            row[16:] = frame.axes @ (view.position - frame.origin)
-    axes, slope = (np.eye(3), np.zeros(2)) if sun is None else axes_and_slope(sun)
-    widest = widest_half_angle(shot)
-    spread = (0.0, 0.0) if sun is None else (sun.half_angle_rad, widest if widest > sun.half_angle_rad else 0.0)
-    rows = [
-        (*(lamp.position - view.position), lamp.radius_m, *lamp.axis, lamp.cos_edge, nearest_m(lamp)) for lamp in lamps
-    ]
+        row[6], row[7:16] = frame.middle_m, frame.axes.ravel()
+        row[16:] = frame.axes @ (view.position - (0.0 if frame.origin is None else frame.origin))
+    if sun is not None:
+        radius, widest = sun.half_angle_rad, widest_half_angle(shot)
+        _, slope = axes_and_slope(sun)
+        lights[DISC, 1:5] = len(of_sun), np.tan(radius), *slope
+        lights[HALO, 1:5] = len(of_sun) if widest > radius else 0, np.tan(widest), *slope
+    first = len(of_sun)
+    for row, lamp, group in zip(lights[HALO + 1 :], lamps, of_lamps, strict=True):
+        row[:2], row[5:8], row[8] = (first, first + len(group)), lamp.position - view.position, lamp.radius_m
+        row[9:12], row[12], row[13] = lamp.axis, lamp.cos_edge, nearest_m(lamp)
+        first += len(group)
     # Spread rays over their discs, and over footprints
     finer = int(np.clip(round(_NARROW / view.width), 1, _MOST_RAYS // MAXIMUM_SUN_SAMPLES))
-    count = finer * min(shot.draw.sun_samples, MAXIMUM_SUN_SAMPLES)
-    rays, fans = _fans(count)
-    return Visibility(
-        columns.values, columns.size, columns.clear, slots, np.column_stack([axes, axes @ view.position]), slope, np.tan(spread),
-        np.array(rows, np.float64).reshape(-1, 9), np.cumsum([len(of_sun), *map(len, of_lamps)]), rays, fans,
-        max(_BIASED_SLOT / columns.size, 1.0),
-    )  # fmt: skip
+    rays, fans = _fans(finer * min(shot.draw.sun_samples, MAXIMUM_SUN_SAMPLES))
+    bias = max(_BIASED_SLOT / columns.size, 1.0)
+    return Visibility(columns.values, columns.size, columns.clear, slots, lights, rays, fans, bias)
 
 
 def _pixels_across(shot: Shot) -> float:
@@ -189,7 +163,7 @@ def _pixels_across(shot: Shot) -> float:
 
 
 @functools.cache
-def _fans(count: int) -> tuple[Floats, Floats]:
+def _fans(count: int) -> tuple[NDArray[np.float32], Floats]:
     """Return `Visibility.rays` and `Visibility.fans` of a number of directions, shared by all callers.
 
     Rays of that width have, with factors on their places and directions, the second moments of footprint and disc
@@ -197,7 +171,7 @@ def _fans(count: int) -> tuple[Floats, Floats]:
     the first half is one of every two, the first and the second in turn: rays that follow each other lie in other columns
     of the footprint.
     """
-    rays, fans = np.zeros((3, count, 4)), np.zeros((3, 4))
+    rays, fans = np.zeros((3, 4, _MOST_RAYS), np.float32), np.zeros((3, 4))
     every = np.concatenate([disc_offsets(count), wide_pixel_offsets(count)], axis=1)
     for fan, of_fan, some in zip(rays, fans, (every, every[::2], every[:1]), strict=True):
         number = len(some)
@@ -208,229 +182,43 @@ def _fans(count: int) -> tuple[Floats, Floats]:
             few = number // 2
             pair = np.arange(few)
             order[: 2 * few] = np.concatenate([2 * pair + (pair + half) % 2 for half in (0, 1)])
-        fan[:number] = some[order] * np.repeat(factors, 2)
+        fan[:, :number] = (some[order] * np.repeat(factors, 2)).T
         of_fan[:] = number, few, grain, widening
     return rays, fans
 
 
-@exact
-def _make_scratch(bodies: Any) -> Any:
-    """Return scratch arrays: numbers of bodies; four numbers of a column; rays (n, 8), of each its start, metres across
-    for a metre along the light (2), the inverse of their length, width at the start, and by how much that grows for a
-    metre [m]; and what of each ray is blocked (n,).
+# --- footprints of areas of the frame --------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Areas:
+    """Areas of the frame over which visibility is averaged, side x side in each of m blocks, n in all, in order.
+
+    corner: (m, 2) of the blocks in the frame. area: (m, 5) as of `sampling.frame_areas`. spacing: pixels from one to the
+    next in a block. surface: (n, 4) unit normal in the world and distance along the ray; none for a level plane, which is
+    `plane_m` above the camera. bias: (m,) [m] by which footprints are off the surface. step: pixels over which they are
+    measured.
     """
-    return np.empty(max(bodies, 1), np.int64), np.empty(4, np.float32), np.empty((_MOST_RAYS, 8)), np.empty(_MOST_RAYS)
 
+    corner: Floats
+    area: Floats
+    side: int
+    spacing: float
+    surface: Floats | None = None
+    plane_m: float = 0.0
+    bias: Floats | None = None
+    step: float = 1.0
 
-# --- rays through one body -------------------------------------------------------------------------------------------
-
-
-@inlined
-def _read_column(values: Any, begin: Any, across: Any, x: Any, y: Any, column: Any) -> None:
-    """Set the four numbers of `column` to those of a level of columns at a place in its texels, linear between their
-    middles, clamped to the slot. begin: of the level; across: its texels along a side.
-    """
-    x, y, one = max(x - 0.5, 0.0), max(y - 0.5, 0.0), np.float32(1.0)
-    i, j = min(int(x), across - 2), min(int(y), across - 2)
-    fx, fy = np.float32(min(x - i, 1.0)), np.float32(min(y - j, 1.0))
-    above = begin + j * across + i
-    below = above + across
-    a, b, c, d = (one - fx) * (one - fy), fx * (one - fy), (one - fx) * fy, fx * fy
-    # Compilers join the four channels because these are stored one beside the other
-    for k in range(4):
-        column[k] = a * values[above, k] + b * values[above + 1, k] + c * values[below, k] + d * values[below + 1, k]
-
-
-@fast
-def _trace(values: Any, slot: Any, size: Any, clear: Any, first: Any, last: Any, scratch: Any) -> None:
-    """Add to what bodies block of the rays of `_make_scratch` what one body blocks of those from `first` to before `last`.
-
-    values, slot: its columns (n, 4) and extents.
-    """
-    _, column, rays, blocked = scratch
-    low, high, half = slot[4], slot[5], 0.5 * size
-    texel, per_x, per_y = 2.0 * max(slot[2], slot[3]) / size, half / slot[2], half / slot[3]
-    margin, shortest, per_ramp = 0.01 * texel, 0.5 * texel, 1.0 / (_RAMP * texel)
-    for ray in range(first, last):
-        if blocked[ray] >= 1.0:
-            continue
-        x, y, z = rays[ray, 0] - slot[0], rays[ray, 1] - slot[1], rays[ray, 2]
-        slope_x, slope_y, across, grain, widening = (
-            rays[ray, 3],
-            rays[ray, 4],
-            rays[ray, 5],
-            rays[ray, 6],
-            rays[ray, 7],
-        )
-        h, until = max(low - z, 0.0), max(high - z, 0.0)
-        per_texel, begin, level, most, k = 1.0, 0, size, 0.0, 0
-        top = bottom = before = top_before = bottom_before = h_before = 0.0
-        while True:
-            # Find the column here, from the level of the ray's width
-            width = grain + widening * h
-            wanted = max(width * per_ramp, _SHARPEST)
-            while level > SMALLEST and wanted * per_texel >= math.sqrt(2.0):
-                begin += level * level
-                per_texel, level = 0.5 * per_texel, level // 2
-            u, v, filled = (x + slope_x * h) * per_x + half, (y + slope_y * h) * per_y + half, 0.0
-            if min(u, v) >= 0.0 and max(u, v) <= size:
-                _read_column(values, begin, level, u * per_texel, v * per_texel, column)
-                part = np.float64(column[0])
-                if part > 0.0:
-                    share, filled = 1.0 / part, part - 0.5
-                    top_here, bottom_here = column[1] * share + low, column[2] * share + low
-                    filled = min(max((filled / wanted if wanted < 1.0 else filled) + 0.5, 0.0), 1.0)
-                    if clear:
-                        passed = min(max(1.0 - column[3] * share, 0.0), 1.0)
-                        within = z < top_here - margin and z > bottom_here - margin
-                        filled *= 1.0 - (math.sqrt(passed) if within else passed)
-                    # One that is partly filled is taken as thinner, in proportion
-                    middle, thick = 0.5 * (top_here + bottom_here), 0.5 * (top_here - bottom_here) * part
-                    top, bottom = middle + thick, middle - thick
-            # Between this and the one before the ends are straight lines, which the ray may cross
-            if k > 0 and max(filled, before) > 0.0:
-                top_a, bottom_a = (top_before, bottom_before) if before > 0.0 else (top, bottom)
-                top_b, bottom_b = (top, bottom) if filled > 0.0 else (top_before, bottom_before)
-                at_a, at_b = z + h_before, z + h
-                below_a, below_b = at_a - bottom_a + margin, at_b - bottom_b + margin
-                above_a, above_b = top_a - at_a + margin, top_b - at_b + margin
-                if min(below_a, below_b, above_a, above_b) >= 0.0:
-                    most = max(most, before, filled)
-                elif max(below_a, below_b) >= 0.0 and max(above_a, above_b) >= 0.0:
-                    enter, leave = 0.0, 1.0
-                    if min(below_a, below_b) < 0.0:
-                        cut = below_a / (below_a - below_b)
-                        enter, leave = (cut, leave) if below_a < 0.0 else (enter, cut)
-                    if min(above_a, above_b) < 0.0:
-                        cut = above_a / (above_a - above_b)
-                        enter, leave = (max(enter, cut), leave) if above_a < 0.0 else (enter, min(leave, cut))
-                    if enter <= leave:
-                        change = filled - before
-                        most = max(most, before + enter * change, before + leave * change)
-            if k > 0 and (h >= until or most >= 1.0):
-                break
-            k += 1
-            before, top_before, bottom_before, h_before = filled, top, bottom, h
-            h = min(h + max(width, shortest) * across, until) if k < _MOST_STEPS else until
-        # Of two bodies the larger counts where both are opaque
-        blocked[ray] = blocked[ray] + most - blocked[ray] * most if clear else max(blocked[ray], most)
-
-
-# --- the sun ---------------------------------------------------------------------------------------------------------
-
-
-@borrowing
-def _bodies_between(
-    values: Any, slots: Any, count: Any, size: Any, clear: Any, x: Any, y: Any, z: Any, radius: Any, slope: Any, spread: Any,
-    scratch: Any,
-) -> Any:  # fmt: skip
-    """Write those of the first `count` bodies that may hide part of a disc about the sun from part of a ball to the
-    scratch.
-
-    Returns how many there are, the distance [m] to the nearest, and whether one of them hides all of the disc from all of
-    the ball. x, y, z: its middle in the sun's axes. slope: (2,) of the disc's middle. spread: tangent of its radius.
-    """
-    near, column, _, _ = scratch
-    found, gap, umbra = 0, 1e9, False
-    tilt = 0.5 * math.sqrt(slope[0] * slope[0] + slope[1] * slope[1])
-    for body in range(count):
-        # The disc of which the ball sees all parts of the body
-        slot = slots[body]
-        high, low = slot[5] - z + radius, max(slot[4] - z - radius, 0.0)
-        if high <= 0.0:
-            continue
-        wide, along = radius + spread * high + tilt * (high - low), 0.5 * (low + high)
-        at_x, at_y = x + along * slope[0] - slot[0], y + along * slope[1] - slot[1]
-        if max(abs(at_x) - slot[2], abs(at_y) - slot[3]) > wide:
-            continue
-        # A filtered column is empty, or full, only if everything within a texel of that level is
-        asked, level = wide * size / min(slot[2], slot[3]), size
-        while level > SMALLEST // 2 and asked * level >= size:
-            level //= 2
-        known = level >= SMALLEST
-        level = max(level, SMALLEST)
-        u, v = 0.5 * (at_x / slot[2] + 1.0), 0.5 * (at_y / slot[3] + 1.0)
-        _read_column(values[body], 4 * (size * size - level * level) // 3, level, u * level, v * level, column)
-        part, opacity = column[0], column[3]
-        if part > 0.0 or not known:
-            near[found] = body
-            found += 1
-            below = slot[4] - z - radius
-            gap = min(gap, max(below, 0.0))
-            inside = 0.0 <= u <= 1.0 and 0.0 <= v <= 1.0
-            umbra |= known and below >= 0.0 and inside and (opacity if clear else part) > 0.9999
-    return found, gap, umbra
-
-
-@borrowing
-def _disc_seen(
-    values: Any, slots: Any, count: Any, size: Any, clear: Any, place: Any, slope: Any, spread: Any, fan: Any,
-    numbers: Any, scratch: Any,
-) -> Any:  # fmt: skip
-    """Return the visible fraction of a disc about the sun, a mean over a footprint.
-
-    place: its middle and two sides in the sun's axes. fan, numbers: a fan of rays and its row of `Visibility.fans`. Where
-    the first rays agree that all of it is seen, or none, the others are not asked.
-    """
-    x, y, z, ax, ay, az, bx, by, bz = place
-    near, _, rays, blocked = scratch
-    radius = 0.5 * (math.sqrt(ax * ax + ay * ay + az * az) + math.sqrt(bx * bx + by * by + bz * bz))
-    found, _, umbra = _bodies_between(values, slots, count, size, clear, x, y, z, radius, slope, spread, scratch)
-    if found == 0 or umbra:
-        return 0.0 if umbra else 1.0
-    grain, widening = numbers[2] * math.sqrt(abs(ax * by - ay * bx)), spread * numbers[3]
-    total, last, asked = int(numbers[0]), int(numbers[1]), 0
-    for k in range(total):
-        p, q = fan[k, 2], fan[k, 3]
-        slope_x, slope_y = slope[0] + spread * fan[k, 0], slope[1] + spread * fan[k, 1]
-        rays[k, 0], rays[k, 1], rays[k, 2] = x + p * ax + q * bx, y + p * ay + q * by, z + p * az + q * bz
-        rays[k, 3], rays[k, 4] = slope_x, slope_y
-        rays[k, 5] = 1.0 / max(math.sqrt(slope_x * slope_x + slope_y * slope_y), 1e-6)
-        rays[k, 6], rays[k, 7], blocked[k] = grain, widening, 0.0
-    while True:
-        for n in range(found):
-            body = near[n]
-            _trace(values[body], slots[body], size, clear, asked, last, scratch)
-        hidden = 0.0
-        for k in range(last):
-            hidden += blocked[k]
-        if last == total or hidden <= 0.0 or hidden >= last:
-            return 1.0 - hidden / last
-        asked, last = last, total
-
-
-@fast
-def _see_places(
-    places: Any, axes: Any, slope: Any, spread: Any, first: Any, values: Any, slots: Any, size: Any, clear: Any, rays: Any,
-    fans: Any, seen: Any,
-) -> None:  # fmt: skip
-    """Set what `Visibility.at_places` returns."""
-    count = first[0]
-    scratch = _make_scratch(count)
-    for n in range(len(places)):
-        px, py, pz, radius = places[n, 0], places[n, 1], places[n, 2], places[n, 3]
-        x = axes[0, 0] * px + axes[0, 1] * py + axes[0, 2] * pz + axes[0, 3]
-        y = axes[1, 0] * px + axes[1, 1] * py + axes[1, 2] * pz + axes[1, 3]
-        z = axes[2, 0] * px + axes[2, 1] * py + axes[2, 2] * pz + axes[2, 3]
-        widest = max(spread[0], spread[1])
-        found, gap, umbra = _bodies_between(values, slots, count, size, clear, x, y, z, radius, slope, widest, scratch)
-        hidden = 0.0 if found == 0 else (3.0 if umbra else 2.0)
-        place = x, y, z, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-        seen[n, 0] = _disc_seen(values, slots, count, size, clear, place, slope, spread[0], rays[0], fans[0], scratch)
-        seen[n, 1] = 1.0
-        if spread[1] > 0.0:
-            if hidden == 2.0:
-                of_disc, _, all_of_it = _bodies_between(
-                    values, slots, count, size, clear, x, y, z, radius, slope, spread[0], scratch
-                )
-                hidden = 1.0 if of_disc == 0 or all_of_it else 2.0
-            seen[n, 1] = _disc_seen(
-                values, slots, count, size, clear, place, slope, spread[1], rays[0], fans[0], scratch
-            )
-        seen[n, 2], seen[n, 3] = hidden, gap
-
-
-# --- areas of the frame ----------------------------------------------------------------------------------------------
+    def footprints(self, view: View) -> Floats:
+        """Return the footprints (n, 12) of `Visibility.seen` in a view."""
+        found = np.empty((len(self.corner) * self.side * self.side, 12))
+        blocks = np.zeros((len(self.corner), 8))
+        blocks[:, :2], blocks[:, 2:7], blocks[:, 7] = self.corner, self.area, 0.0 if self.bias is None else self.bias
+        surface = np.zeros((0, 4)) if self.surface is None else np.asarray(self.surface, np.float64).reshape(-1, 4)
+        frame = float(view.width), float(view.height), float(view.eye_m), float(self.step), float(self.spacing)
+        axes = np.ascontiguousarray(view.world_from_camera, np.float64)
+        _make_footprints(blocks, surface, float(self.plane_m), frame, axes, self.side, found)
+        return found
 
 
 @inlined
@@ -449,13 +237,24 @@ def _step(px: Any, py: Any, pz: Any, nx: Any, ny: Any, nz: Any, dx: Any, dy: Any
     return ux / pixels, uy / pixels, uz / pixels
 
 
+@inlined
+def _turned(axes: Any, x: Any, y: Any, z: Any) -> Any:
+    """Return a vector of the camera's axes in the world's."""
+    return (
+        axes[0, 0] * x + axes[0, 1] * y + axes[0, 2] * z,
+        axes[1, 0] * x + axes[1, 1] * y + axes[1, 2] * z,
+        axes[2, 0] * x + axes[2, 1] * y + axes[2, 2] * z,
+    )
+
+
 @fast
-def _see_areas(
-    entries: Any, surface: Any, plane: Any, frame: Any, axes: Any, slope: Any, spread: Any, of_sun: Any, halo_rays: Any,
-    lamps: Any, first: Any, values: Any, slots: Any, size: Any, clear: Any, rays: Any, fans: Any, bias: Any, seen: Any,
-) -> None:  # fmt: skip
-    """Set what `Visibility.over_areas` returns. Everything is in the camera's axes."""
-    width, height, eye, step, spacing, side = frame
+def _make_footprints(
+    blocks: Any, surface: Any, plane_m: Any, frame: Any, axes: Any, side: Any, footprints: Any
+) -> None:
+    """Set footprints (n, 12). blocks: (m, 8) of each its corner, area and bias, as `Areas` has them. frame: its width and
+    height, the eye's distance from the middle, step and spacing.
+    """
+    width, height, eye, step, spacing = frame
     turn, tip = 2.0 * math.pi / width, math.pi / height
     turn_c, turn_s, tip_c, tip_s = (
         math.cos(turn * step),
@@ -464,141 +263,421 @@ def _see_areas(
         math.sin(tip * step),
     )
     lon_c, lon_s, lat_c, lat_s = np.empty(side), np.empty(side), np.empty(side), np.empty(side)
-    scratch = _make_scratch(len(slots))
-    for m in range(len(entries)):
-        entry = entries[m]
+    for m in range(len(blocks)):
+        block = blocks[m]
         for i in range(side):
-            lon = turn * (entry[0] + (i + 0.5) * spacing) - math.pi
-            lat = 0.5 * math.pi - tip * (entry[1] + (i + 0.5) * spacing)
+            lon = turn * (block[0] + (i + 0.5) * spacing) - math.pi
+            lat = 0.5 * math.pi - tip * (block[1] + (i + 0.5) * spacing)
             lon_c[i], lon_s[i], lat_c[i], lat_s[i] = math.cos(lon), math.sin(lon), math.cos(lat), math.sin(lat)
         for within in range(side * side):
             n, r, c = m * side * side + within, within // side, within % side
             # The ray, and those a step to the right and below
             ls, lc, s, o = lon_s[c], lon_c[c], lat_s[r], lat_c[r]
-            dx, dy, dz = o * ls, s, -o * lc
+            dx, dy, dz = _turned(axes, o * ls, s, -o * lc)
             right_s, right_c = ls * turn_c + lc * turn_s, lc * turn_c - ls * turn_s
             below_s, below_c = s * tip_c - o * tip_s, o * tip_c + s * tip_s
-            start_x, start_z = -eye * dz, eye * dx
+            rx, ry, rz = _turned(axes, o * right_s, s, -o * right_c)
+            qx, qy, qz = _turned(axes, below_c * ls, below_s, -below_c * lc)
+            start_x, start_y, start_z = _turned(axes, eye * o * lc, 0.0, eye * o * ls)
             # The surface that it meets
+            nx, ny, nz, far = 0.0, 1.0, 0.0, (plane_m - start_y) / dy
             if len(surface):
                 nx, ny, nz, far = surface[n, 0], surface[n, 1], surface[n, 2], surface[n, 3]
-            else:
-                nx, ny, nz = plane[1], plane[2], plane[3]
-                far = (plane[0] - nx * start_x - nz * start_z) / (nx * dx + ny * dy + nz * dz)
             if nx * dx + ny * dy + nz * dz > 0.0:
                 nx, ny, nz = -nx, -ny, -nz
             px, py, pz = far * dx, far * dy, far * dz
-            # The footprint of its area there
-            rx, ry, rz = _step(px, py, pz, nx, ny, nz, o * right_s, s, -o * right_c, step)
-            qx, qy, qz = _step(px, py, pz, nx, ny, nz, below_c * ls, below_s, -below_c * lc, step)
-            off_x, off_y, xx, xy, yy = entry[2], entry[3], entry[4], entry[5], entry[6]
-            px += start_x + off_x * rx + off_y * qx + bias * entry[11] * nx
-            py += off_x * ry + off_y * qy + bias * entry[11] * ny
-            pz += start_z + off_x * rz + off_y * qz + bias * entry[11] * nz
-            ax, ay, az = xx * rx + xy * qx, xx * ry + xy * qy, xx * rz + xy * qz
-            bx, by, bz = xy * rx + yy * qx, xy * ry + yy * qy, xy * rz + yy * qz
-            # What is seen from there of the sun's disc, and of its halo where the block's corners do not tell
-            if of_sun:
-                a, b, w = axes[0], axes[1], axes[2]
-                place = (
-                    a[0] * px + a[1] * py + a[2] * pz + a[3], b[0] * px + b[1] * py + b[2] * pz + b[3],
-                    w[0] * px + w[1] * py + w[2] * pz + w[3],
-                    a[0] * ax + a[1] * ay + a[2] * az, b[0] * ax + b[1] * ay + b[2] * az, w[0] * ax + w[1] * ay + w[2] * az,
-                    a[0] * bx + a[1] * by + a[2] * bz, b[0] * bx + b[1] * by + b[2] * bz, w[0] * bx + w[1] * by + w[2] * bz,
-                )  # fmt: skip
-                seen[n, 0] = _disc_seen(
-                    values, slots, first[0], size, clear, place, slope, spread[0], rays[0], fans[0], scratch
-                )
-                if spread[1] > 0.0 and entry[7] < 0.0:
-                    of_fan, fan = rays[halo_rays], fans[halo_rays]
-                    seen[n, 1] = _disc_seen(
-                        values, slots, first[0], size, clear, place, slope, spread[1], of_fan, fan, scratch
-                    )
-                elif spread[1] > 0.0:
-                    u, v = (c + 0.5) / side, (r + 0.5) / side
-                    upper, lower = entry[7] + u * (entry[8] - entry[7]), entry[9] + u * (entry[10] - entry[9])
-                    seen[n, 1] = upper + v * (lower - upper)
-            # And of the lamps that light it
-            middle, normal = (px, py, pz), (nx, ny, nz)
-            sides = ax, ay, az, bx, by, bz
-            for lamp in range(len(lamps)):
-                mine = slots[first[lamp] : first[lamp + 1]], values[first[lamp] : first[lamp + 1]]
-                seen[n, 2 + lamp] = _lamp_seen(
-                    lamps[lamp], mine, size, clear, middle, normal, sides, rays, fans, scratch
-                )
+            # The footprint of the area there
+            rx, ry, rz = _step(px, py, pz, nx, ny, nz, rx, ry, rz, step)
+            qx, qy, qz = _step(px, py, pz, nx, ny, nz, qx, qy, qz, step)
+            off_x, off_y, xx, xy, yy, bias = block[2], block[3], block[4], block[5], block[6], block[7]
+            found = footprints[n]
+            found[0] = px + start_x + off_x * rx + off_y * qx + bias * nx
+            found[1] = py + start_y + off_x * ry + off_y * qy + bias * ny
+            found[2] = pz + start_z + off_x * rz + off_y * qz + bias * nz
+            found[3], found[4], found[5] = xx * rx + xy * qx, xx * ry + xy * qy, xx * rz + xy * qz
+            found[6], found[7], found[8] = xy * rx + yy * qx, xy * ry + yy * qy, xy * rz + yy * qz
+            found[9], found[10], found[11] = nx, ny, nz
+
+
+# --- which bodies may hide a light -----------------------------------------------------------------------------------
 
 
 @inlined
 def _in_slot(slot: Any, x: Any, y: Any, z: Any) -> Any:
-    """Return a point in the projective axes of a lamp's slot; the last number is negative behind the lamp."""
+    """Return a point in the axes of a slot: across (2) and along the light, which for lamps is negative behind them."""
     m = slot[6]
     p = slot[7] * x + slot[8] * y + slot[9] * z + slot[16]
     q = slot[10] * x + slot[11] * y + slot[12] * z + slot[17]
     along = slot[13] * x + slot[14] * y + slot[15] * z + slot[18]
-    return (p * m / along, q * m / along, m * m / along) if along > 0.0 else (0.0, 0.0, -1.0)
+    if m > 0.0:
+        return (p * m / along, q * m / along, m * m / along) if along > 0.0 else (0.0, 0.0, -1.0)
+    return p, q, along
 
 
 @borrowing
-def _lamp_seen(
-    lamp: Any,
-    mine: Any,
-    size: Any,
-    clear: Any,
-    middle: Any,
-    normal: Any,
-    sides: Any,
-    fans_of: Any,
-    fans: Any,
-    scratch: Any,
-) -> Any:
-    """Return the visible fraction of a lamp, a mean over a footprint; 1 where the lamp does not light it.
+def _between(
+    columns: Any, slot: Any, size: Any, clear: Any, x: Any, y: Any, z: Any, radius: Any, deep: Any, slope_x: Any,
+    slope_y: Any, spread: Any,
+) -> Any:  # fmt: skip
+    """Return whether a body may hide part of a disc of light from part of a ball, and whether all of it from all of that.
 
-    lamp: of `Visibility.lamps`. mine: its slots and their columns. middle, sides: of the footprint.
+    columns: (4 n,) of its slot. x, y, z: middle of the ball in the slot's axes; radius, deep: its radius across and along
+    the light. slope_x, slope_y: of the disc's middle, spread: tangent of its radius.
     """
-    slots, values = mine
-    near, _, rays, blocked = scratch
-    x, y, z = middle
-    ax, ay, az, bx, by, bz = sides
-    away_x, away_y, away_z = lamp[0] - x, lamp[1] - y, lamp[2] - z
-    apart = max(math.sqrt(away_x * away_x + away_y * away_y + away_z * away_z), lamp[8])
-    cosine = -(away_x * lamp[4] + away_y * lamp[5] + away_z * lamp[6]) / apart
-    if normal[0] * away_x + normal[1] * away_y + normal[2] * away_z <= 0.0 or -1.0 < lamp[7] >= cosine:
-        return 1.0
-    # Keep the bodies that may hide part of it from part of a ball about the footprint
-    radius = 0.5 * (math.sqrt(ax * ax + ay * ay + az * az) + math.sqrt(bx * bx + by * by + bz * bz))
-    found = 0
-    for body in range(len(slots)):
-        slot = slots[body]
-        p, q, along = _in_slot(slot, x, y, z)
-        scale = along / slot[6]
-        above = slot[5] - along + radius * scale * scale
-        beside = max(abs(p - slot[0]) - slot[2], abs(q - slot[1]) - slot[3])
-        if along > 0.0 and above > 0.0 and beside <= lamp[3] / slot[6] * above + 2.0 * radius * scale:
-            near[found] = body
-            found += 1
-    if found == 0:
-        return 1.0
-    # Trace the rays of a disc, or one towards a point
-    number = ALL_RAYS if lamp[3] > 0.0 else ONE_RAY
-    fan, numbers, total = fans_of[number], fans[number], int(fans[number, 0])
-    across_x, across_y, across_z = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
-    facing = abs(across_x * away_x + across_y * away_y + across_z * away_z)
-    far = max(math.sqrt(away_x * away_x + away_y * away_y + away_z * away_z), 1e-9)
-    grain = numbers[2] * math.sqrt(facing / far)
-    for k in range(total):
-        blocked[k] = 0.0
-    for n in range(found):
-        slot = slots[near[n]]
-        spread = lamp[3] / slot[6]
-        for k in range(total):
-            p, q = fan[k, 2], fan[k, 3]
-            ray = rays[k]
-            ray[0], ray[1], ray[2] = _in_slot(slot, x + p * ax + q * bx, y + p * ay + q * by, z + p * az + q * bz)
-            ray[3], ray[4] = spread * fan[k, 0], spread * fan[k, 1]
-            ray[5] = 1.0 / max(math.sqrt(ray[3] * ray[3] + ray[4] * ray[4]), 1e-6)
-            ray[6], ray[7] = grain * ray[2] / slot[6], spread * numbers[3]
-        _trace(values[near[n]], slot, size, clear, 0, total, scratch)
-    hidden = 0.0
-    for k in range(total):
-        hidden += blocked[k]
-    return 1.0 - hidden / total
+    # The disc of which the ball sees all parts of the body
+    high, low = slot[5] - z + deep, max(slot[4] - z - deep, 0.0)
+    tilt = 0.5 * math.sqrt(slope_x * slope_x + slope_y * slope_y)
+    wide, along = radius + spread * high + tilt * (high - low), 0.5 * (low + high)
+    at_x, at_y = x + along * slope_x - slot[0], y + along * slope_y - slot[1]
+    if high <= 0.0 or max(abs(at_x) - slot[2], abs(at_y) - slot[3]) > wide:
+        return False, False
+    # A filtered column is empty, or full, only if everything within a texel of that level is
+    asked, level = wide * size / min(slot[2], slot[3]), size
+    while level > SMALLEST // 2 and asked * level >= size:
+        level //= 2
+    known, level = level >= SMALLEST, max(level, SMALLEST)
+    u, v = 0.5 * (at_x / slot[2] + 1.0), 0.5 * (at_y / slot[3] + 1.0)
+    x, y = min(max(u * level - 0.5, 0.0), level - 1.0), min(max(v * level - 0.5, 0.0), level - 1.0)
+    i, j = min(int(x), level - 2), min(int(y), level - 2)
+    above, part, opacity = 4 * (size * size - level * level) // 3 + j * level + i, 0.0, 0.0
+    for k in range(4):
+        weight = (x - i if k % 2 else 1.0 - x + i) * (y - j if k // 2 else 1.0 - y + j)
+        column = 4 * (above + k % 2 + level * (k // 2))
+        part += weight * columns[column]
+        opacity += weight * columns[column + 3]
+    inside = known and slot[4] - z - deep >= 0.0 and 0.0 <= u <= 1.0 and 0.0 <= v <= 1.0
+    return part > 0.0 or not known, inside and (opacity if clear else part) > 0.9999
+
+
+@fast
+def _find_hidden(places: Any, lights: Any, slots: Any, values: Any, size: Any, clear: Any, found: Any) -> None:
+    """Set what `Visibility.hidden` returns."""
+    widest = HALO if lights[HALO, 1] > 0.0 else DISC
+    for n in range(len(places)):
+        hidden, part_of_disc, all_of_disc, gap = 0.0, False, False, 1e9
+        for body in range(int(lights[widest, 1])):
+            slot, columns = slots[body], values[body]
+            x, y, z = _in_slot(slot, places[n, 0], places[n, 1], places[n, 2])
+            radius, slope_x, slope_y = places[n, 3], lights[DISC, 3], lights[DISC, 4]
+            light = lights[widest, 2]
+            part, whole = _between(columns, slot, size, clear, x, y, z, radius, radius, slope_x, slope_y, light)
+            if not part:
+                continue
+            hidden, gap = max(hidden, 3.0 if whole else 2.0), min(gap, max(slot[4] - z - radius, 0.0))
+            light = lights[DISC, 2]
+            part, whole = _between(columns, slot, size, clear, x, y, z, radius, radius, slope_x, slope_y, light)
+            part_of_disc, all_of_disc = part_of_disc or part, all_of_disc or whole
+        if hidden == 2.0 and (not part_of_disc or all_of_disc):
+            hidden = 1.0
+        found[n, 0], found[n, 1] = hidden, gap
+
+
+# --- rays ------------------------------------------------------------------------------------------------------------
+
+_ROOM = _TOGETHER * _MOST_RAYS
+_ZERO, _HALF, _ONE, _TWO = np.float32(0.0), np.float32(0.5), np.float32(1.0), np.float32(2.0)
+_LEAST = np.float32(1e-6)
+_FULL = np.float32(1.0 + 4e-6)
+"""Factor on filled fractions, such that sums of weights that are rounded down are still whole."""
+_LEVEL_ABOVE = np.float32(math.sqrt(2.0))
+"""Width of an edge in texels of a level from which on the next one is read: of the two the nearer on a scale of powers."""
+
+
+@fast
+def _see(
+    footprints: Any, lights: Any, of_fans: Any, slots: Any, values: Any, size: Any, clear: Any, fans_of: Any, fans: Any,
+    seen: Any,
+) -> None:  # fmt: skip
+    """Set the visible fractions (n, k) of lights that are negative. of_fans: (k,) number of each light's fan; the others
+    are those of `Visibility`.
+    """
+    near = np.empty((len(slots), _TOGETHER), np.bool_)
+    asked, mine = np.empty(_TOGETHER, np.int64), np.empty(_TOGETHER, np.int64)
+    facing, hidden = np.empty(_TOGETHER), np.empty(_TOGETHER)
+    # Arrays of their own: rows of one would have to be taken for overlapping
+    middle = np.empty(_TOGETHER, np.float32), np.empty(_TOGETHER, np.float32), np.empty(_TOGETHER, np.float32)
+    one_side = np.empty(_TOGETHER, np.float32), np.empty(_TOGETHER, np.float32), np.empty(_TOGETHER, np.float32)
+    other_side = np.empty(_TOGETHER, np.float32), np.empty(_TOGETHER, np.float32), np.empty(_TOGETHER, np.float32)
+    grain = np.empty(_TOGETHER, np.float32)
+    start = np.empty(_ROOM, np.float32), np.empty(_ROOM, np.float32), np.empty(_ROOM, np.float32)
+    slope = np.empty(_ROOM, np.float32), np.empty(_ROOM, np.float32), np.empty(_ROOM, np.float32)
+    spans = np.empty(_ROOM, np.float32), np.empty(_ROOM, np.float32), np.empty(_ROOM, np.float32)
+    here = np.empty(_ROOM, np.float32), np.empty(_ROOM, np.float32), np.empty(_ROOM, np.float32)
+    before = (
+        np.empty(_ROOM, np.float32),
+        np.empty(_ROOM, np.float32),
+        np.empty(_ROOM, np.float32),
+        np.empty(_ROOM, np.float32),
+    )
+    place = (
+        np.empty(_ROOM, np.int32),
+        np.empty(_ROOM, np.int32),
+        np.empty(_ROOM, np.float32),
+        np.empty(_ROOM, np.float32),
+    )
+    level = np.empty(_ROOM, np.float32), np.empty(_ROOM, np.float32), np.empty(_ROOM, np.float32)
+    four, most, blocked = np.empty(4 * _ROOM, np.float32), np.empty(_ROOM, np.float32), np.empty(_ROOM, np.float32)
+    for begin in range(0, len(footprints), _TOGETHER):
+        for number in range(len(lights)):
+            light, fan, numbers = lights[number], fans_of[of_fans[number]], fans[of_fans[number]]
+            first, end = int(light[0]), int(light[1])
+            # Keep the footprints from which bodies may hide part of the light
+            count = 0
+            for n in range(begin, min(begin + _TOGETHER, len(footprints))):
+                if seen[n, number] >= 0.0:
+                    continue
+                facing[count] = _facing(footprints[n], light) if first < end and slots[first, 6] > 0.0 else 1.0
+                found, umbra = False, False
+                for body in range(first, end if facing[count] > 0.0 else first):
+                    part, whole = _hides(footprints[n], light, slots[body], values[body], size, clear)
+                    near[body, count] = part
+                    found, umbra = found or part, umbra or whole
+                seen[n, number] = 0.0 if umbra else 1.0
+                if found and not umbra:
+                    asked[count], hidden[count] = n, 0.0
+                    count += 1
+            # Where the first rays agree that all of it is seen, or none, the others are not asked
+            total, last, done = int(numbers[0]), int(numbers[1]), 0
+            while count > 0:
+                for k in range((last - done) * count):
+                    blocked[k] = _ZERO
+                for body in range(first, end):
+                    # Start the rays of those that this body may hide it from
+                    found = 0
+                    for k in range(count):
+                        if near[body, k]:
+                            _set_footprint(footprints[asked[k]], slots[body], numbers[2] * facing[k], found,
+                                           middle, one_side, other_side, grain)  # fmt: skip
+                            mine[found] = k
+                            found += 1
+                    if found == 0:
+                        continue
+                    slot = slots[body]
+                    rays = found * (last - done)
+                    spread = light[2] if slot[6] == 0.0 else light[8] / slot[6]
+                    disc, widening = (spread, light[3], light[4]), np.float32(spread * numbers[3])
+                    _start(fan, done, last, found, slot, disc, middle, one_side, other_side, grain, start, slope, spans)
+                    _walk(
+                        values[body],
+                        slot,
+                        size,
+                        clear,
+                        rays,
+                        widening,
+                        start,
+                        slope,
+                        spans,
+                        here,
+                        before,
+                        place,
+                        level,
+                        four,
+                        most,
+                    )
+                    # Of two bodies the larger counts where both are opaque
+                    for k in range(last - done):
+                        for m in range(found):
+                            at, one = k * count + mine[m], most[k * found + m]
+                            blocked[at] = blocked[at] + one - blocked[at] * one if clear else max(blocked[at], one)
+                for k in range(last - done):
+                    for m in range(count):
+                        hidden[m] += blocked[k * count + m]
+                left = 0
+                for m in range(count):
+                    if last == total or hidden[m] <= 0.0 or hidden[m] >= last:
+                        seen[asked[m], number] = (last - hidden[m]) / last
+                        continue
+                    asked[left], hidden[left], facing[left] = asked[m], hidden[m], facing[m]
+                    for body in range(first, end):
+                        near[body, left] = near[body, m]
+                    left += 1
+                count, done, last = left, last, total
+
+
+@inlined
+def _facing(foot: Any, lamp: Any) -> Any:
+    """Return the square root of the area of a footprint across the direction to a lamp, 0 where the lamp does not light
+    it: where it faces away, or is beside the cone.
+    """
+    x, y, z = lamp[5] - foot[0], lamp[6] - foot[1], lamp[7] - foot[2]
+    apart = max(math.sqrt(x * x + y * y + z * z), lamp[13])
+    cosine = -(x * lamp[9] + y * lamp[10] + z * lamp[11]) / apart
+    across_x, across_y = foot[4] * foot[8] - foot[5] * foot[7], foot[5] * foot[6] - foot[3] * foot[8]
+    across_z = foot[3] * foot[7] - foot[4] * foot[6]
+    area = abs(across_x * x + across_y * y + across_z * z) / apart
+    away = foot[9] * x + foot[10] * y + foot[11] * z <= 0.0 or -1.0 < lamp[12] >= cosine
+    return 0.0 if away else max(math.sqrt(area), 1e-12)
+
+
+@borrowing
+def _hides(foot: Any, light: Any, slot: Any, columns: Any, size: Any, clear: Any) -> Any:
+    """Return what `_between` does for a light and a ball about a footprint."""
+    radius = 0.5 * (math.sqrt(foot[3] * foot[3] + foot[4] * foot[4] + foot[5] * foot[5])
+                    + math.sqrt(foot[6] * foot[6] + foot[7] * foot[7] + foot[8] * foot[8]))  # fmt: skip
+    x, y, z = _in_slot(slot, foot[0], foot[1], foot[2])
+    wide, deep, spread = radius, radius, light[2]
+    if slot[6] > 0.0:
+        scale = z / slot[6]
+        wide, deep, spread = 2.0 * radius * scale, radius * scale * scale, light[8] / slot[6]
+        if z <= 0.0:
+            return False, False
+    return _between(columns, slot, size, clear, x, y, z, wide, deep, light[3], light[4], spread)
+
+
+@inlined
+def _set_footprint(
+    foot: Any, slot: Any, facing: Any, k: Any, middle: Any, one_side: Any, other_side: Any, grain: Any
+) -> None:
+    """Set middle and sides of a footprint in the axes of a slot, before any projection, and the width of rays there.
+
+    facing: of a lamp, that width.
+    """
+    for axis in range(3):
+        a, b, c = slot[7 + 3 * axis], slot[8 + 3 * axis], slot[9 + 3 * axis]
+        middle[axis][k] = a * foot[0] + b * foot[1] + c * foot[2] + slot[16 + axis]
+        one_side[axis][k] = a * foot[3] + b * foot[4] + c * foot[5]
+        other_side[axis][k] = a * foot[6] + b * foot[7] + c * foot[8]
+    area = abs(one_side[0][k] * other_side[1][k] - one_side[1][k] * other_side[0][k]) if slot[6] == 0.0 else 1.0
+    grain[k] = facing * math.sqrt(area)
+
+
+@inlined
+def _start(
+    fan: Any, first: Any, last: Any, count: Any, slot: Any, disc: Any, middle: Any, one_side: Any, other_side: Any,
+    grain: Any, start: Any, slope: Any, spans: Any,
+) -> None:  # fmt: skip
+    """Start the rays of a fan from `first` to before `last` from their places in footprints, those of each ray in turn.
+
+    start: from the middle of the slot and its lowest point. slope: metres across for a metre along the light, and the
+    inverse of their length. spans: height over the start at which they enter and leave the slot, and width at the start.
+    disc: tangent of its radius, and slope of its middle.
+    """
+    spread, low_x, low_y = np.float32(disc[0]), np.float32(disc[1]), np.float32(disc[2])
+    at_x, at_y, lowest, reach = (
+        np.float32(slot[0]),
+        np.float32(slot[1]),
+        np.float32(slot[4]),
+        np.float32(slot[5] - slot[4]),
+    )
+    far = np.float32(slot[6])
+    x, y, z = start
+    for ray in range(first, last):
+        p, q, begin = fan[2, ray], fan[3, ray], (ray - first) * count
+        slope_x, slope_y = low_x + spread * fan[0, ray], low_y + spread * fan[1, ray]
+        across = _ONE / max(np.sqrt(slope_x * slope_x + slope_y * slope_y), _LEAST)
+        for k in range(count):
+            x[begin + k] = middle[0][k] + p * one_side[0][k] + q * other_side[0][k]
+            y[begin + k] = middle[1][k] + p * one_side[1][k] + q * other_side[1][k]
+            z[begin + k] = middle[2][k] + p * one_side[2][k] + q * other_side[2][k]
+            spans[2][begin + k] = grain[k]
+        for k in range(begin, begin + count):
+            slope[0][k], slope[1][k], slope[2][k] = slope_x, slope_y, across
+    rays = (last - first) * count
+    if far > _ZERO:
+        # The map of shadow_columns.py; behind the lamp nothing hides it
+        for k in range(rays):
+            scale = far / z[k] if z[k] > _ZERO else _ZERO
+            x[k], y[k], z[k] = x[k] * scale, y[k] * scale, far * scale if z[k] > _ZERO else -_ONE
+            spans[2][k] *= z[k] / far
+    for k in range(rays):
+        x[k], y[k], z[k] = x[k] - at_x, y[k] - at_y, z[k] - lowest
+        spans[0][k], spans[1][k] = max(-z[k], _ZERO), max(reach - z[k], _ZERO)
+
+
+@inlined
+def _walk(
+    columns: Any, slot: Any, size: Any, clear: Any, rays: Any, widening: Any, start: Any, slope: Any, spans: Any,
+    here: Any, before: Any, place: Any, level: Any, four: Any, most: Any,
+) -> None:  # fmt: skip
+    """Set what a body blocks of rays, most (rays,), all of which take a step at a time. widening: by how much they grow for
+    a metre; the other arrays are room.
+    """
+    x, y, z = start
+    slope_x, slope_y, across = slope
+    h, until, widths = spans
+    filled, top, bottom = here
+    h_a, filled_a, top_a, bottom_a = before
+    at, side, fx, fy = place
+    wanted, per_texel, inside = level
+    all_texels, half = np.float32(size), np.float32(0.5 * size)
+    texel = np.float32(2.0 * max(slot[2], slot[3]) / size)
+    per_x, per_y = np.float32(0.5 * size / slot[2]), np.float32(0.5 * size / slot[3])
+    margin, per_ramp = np.float32(0.01) * texel, _ONE / (np.float32(_RAMP) * texel)
+    step = 0
+    for k in range(rays):
+        most[k] = _ZERO
+    while True:
+        # Find the level of each ray's width
+        for k in range(rays):
+            wanted[k], per_texel[k] = max((widths[k] + widening * h[k]) * per_ramp, np.float32(_SHARPEST)), _ONE
+        finest, wider = size, True
+        while wider and finest > SMALLEST:
+            up = _ZERO
+            for k in range(rays):
+                higher = wanted[k] * per_texel[k] >= _LEVEL_ABOVE
+                up += _ONE if higher else _ZERO
+                per_texel[k] *= _HALF if higher else _ONE
+            wider, finest = up > _ZERO, finest // 2
+        # Read four columns each, linear between their middles
+        for k in range(rays):
+            u, v = (x[k] + slope_x[k] * h[k]) * per_x + half, (y[k] + slope_y[k] * h[k]) * per_y + half
+            texels = all_texels * per_texel[k]
+            inside[k] = _ONE if min(u, v, all_texels - u, all_texels - v) >= _ZERO else _ZERO
+            u = min(max(u * per_texel[k] - _HALF, _ZERO), texels - _ONE)
+            v = min(max(v * per_texel[k] - _HALF, _ZERO), texels - _ONE)
+            i, j = np.int32(min(u, texels - _TWO)), np.int32(min(v, texels - _TWO))
+            first = np.float32(4.0 / 3.0) * (all_texels * all_texels - texels * texels)
+            fx[k], fy[k], side[k] = u - np.float32(i), v - np.float32(j), np.int32(texels)
+            at[k] = np.int32(first + _HALF) + j * np.int32(texels) + i
+        for k in range(rays):
+            above = np.uint64(4 * at[k])
+            below = above + np.uint64(4 * side[k])
+            c, d = fx[k] * (_ONE - fy[k]), fx[k] * fy[k]
+            a, b = _ONE - fy[k] - c, fy[k] - d
+            for channel in range(4):
+                one, other = above + np.uint64(channel), below + np.uint64(channel)
+                four[4 * k + channel] = (
+                    a * columns[one] + c * columns[one + np.uint64(4)]
+                    + b * columns[other] + d * columns[other + np.uint64(4)]
+                )  # fmt: skip
+        # One that is partly filled is taken as thinner, in proportion; its edges are as wide as the ray
+        for k in range(rays):
+            part = inside[k] * four[4 * k]
+            share = _ONE / max(part, _LEAST)
+            ends_t, ends_b = four[4 * k + 1] * share, four[4 * k + 2] * share
+            ramp = (part - _HALF) / min(wanted[k], _ONE) + _HALF
+            filled[k] = min(max(ramp, _ZERO) * _FULL, _ONE) if part > _ZERO else _ZERO
+            middle, thick = _HALF * (ends_t + ends_b), _HALF * (ends_t - ends_b) * part
+            top[k], bottom[k] = middle + thick, middle - thick
+        if clear:
+            for k in range(rays):
+                share = _ONE / max(four[4 * k], _LEAST)
+                passed = min(max(_ONE - four[4 * k + 3] * share, _ZERO), _ONE)
+                within = z[k] < four[4 * k + 1] * share - margin and z[k] > four[4 * k + 2] * share - margin
+                filled[k] *= _ONE - (np.sqrt(passed) if within else passed)
+        # Between this and the one before the ends are straight lines, which the ray may cross
+        if step > 0:
+            for k in range(rays):
+                fa, fb = filled_a[k], filled[k]
+                ta, ba = (top_a[k], bottom_a[k]) if fa > _ZERO else (top[k], bottom[k])
+                tb, bb = (top[k], bottom[k]) if fb > _ZERO else (top_a[k], bottom_a[k])
+                za, zb = z[k] + h_a[k], z[k] + h[k]
+                below_a, below_b = za - ba + margin, zb - bb + margin
+                above_a, above_b = ta - za + margin, tb - zb + margin
+                cut_below = below_a / (below_a - below_b if below_a != below_b else _ONE)
+                cut_above = above_a / (above_a - above_b if above_a != above_b else _ONE)
+                enter = max(cut_below if below_a < _ZERO else _ZERO, cut_above if above_a < _ZERO else _ZERO)
+                leave = min(cut_below if below_b < _ZERO else _ONE, cut_above if above_b < _ZERO else _ONE)
+                met = min(max(below_a, below_b), max(above_a, above_b), leave - enter) >= _ZERO
+                one = max(fa + enter * (fb - fa), fa + leave * (fb - fa))
+                most[k] = max(most[k], one if met and max(fa, fb) > _ZERO else _ZERO)
+        left = _ZERO
+        for k in range(rays):
+            left += _ONE if min(until[k] - h[k], _ONE - most[k]) > _ZERO else _ZERO
+        if step > 0 and left == _ZERO:
+            break
+        step += 1
+        for k in range(rays):
+            h_a[k], filled_a[k], top_a[k], bottom_a[k] = h[k], filled[k], top[k], bottom[k]
+            farther = h[k] + max(widths[k] + widening * h[k], _HALF * texel) * across[k]
+            h[k] = min(farther, until[k]) if step < _MOST_STEPS else until[k]

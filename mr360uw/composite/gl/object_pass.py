@@ -27,7 +27,7 @@ from mr360uw.composite.ambient.solver import AmbientLight
 from mr360uw.composite.aovs import SUMS, AovFrame
 from mr360uw.composite.gl.device import MeshBuffers, Targets, bind, device_order, joined_texture, list_texture, of_eye
 from mr360uw.composite.gl.light_textures import ShotLight
-from mr360uw.composite.gl.light_visibility import HALF_OF_RAYS, Areas, Visibility
+from mr360uw.composite.gl.light_visibility import DISC, HALF_OF_RAYS, HALO, Areas, Visibility
 from mr360uw.composite.gl.visible_surfaces import Fragments, Surfaces, find_surfaces
 from mr360uw.composite.lighting.light_sources import sun_of
 from mr360uw.composite.mesh.material import MAPS
@@ -234,8 +234,8 @@ def _see_sun(part: MeshFragments, seen: _Seen) -> moderngl.Texture:
     of_groups = np.zeros((len(groups.listed), 2), np.float32)
     for some in (lambda: groups.first, lambda: groups.fill_between(of_groups)):
         which = some()
-        areas = _areas(shot, groups.listed[which], groups.surface[which])
-        of_groups[which] = visibility.over_areas(areas, sun=True, lamps=False, halo_rays=HALF_OF_RAYS)
+        footprints = _footprints(shot, visibility, groups.listed[which], groups.surface[which])
+        of_groups[which] = visibility.seen(footprints, (DISC, HALO), HALF_OF_RAYS)
     fractions = np.ones((len(groups.of), 2), np.float32)
     there = groups.of >= 0
     fractions[there] = of_groups[groups.of[there]]
@@ -246,18 +246,18 @@ def _see_lamps(part: MeshFragments, seen: _Seen) -> moderngl.Texture:
     """Return the visible fractions of the lamps of each fragment, as layer.frag reads them."""
     shot, visibility, surfaces = seen.whole
     surface = fragment_planes(shot, part, surfaces.facets, np.zeros(3))
-    areas = _areas(shot, part.listed, surface[:, :4])
-    return list_texture(visibility.over_areas(areas, sun=False, lamps=True)[:, 2:], 1)
+    lamps = range(HALO + 1, len(visibility.lights))
+    return list_texture(visibility.seen(_footprints(shot, visibility, part.listed, surface[:, :4]), lamps), 1)
 
 
-def _areas(shot: Shot, listed: Floats, surface: Floats) -> Areas:
-    """Return the areas of fragments. listed: (n, 9) of `MeshFragments`. surface: (n, 4) unit normal and distance."""
-    view, width = shot.view, filter_width(shot.draw.samples, shot.draw.shading)
-    entries = np.full((len(listed), 12), -1.0)
-    entries[:, :2], entries[:, 2:7] = listed[:, 1:3] - 0.5, listed[:, 4:]
-    entries[:, 11] = np.array([placed.bias_m for placed in shot.visible])[listed[:, 3].astype(np.int64)]
-    size, axes = (float(view.width), float(view.height)), view.world_from_camera
-    return Areas(entries, 1, 1.0, surface, np.zeros(4), axes, size, float(view.eye_m), width)
+def _footprints(shot: Shot, visibility: Visibility, listed: Floats, surface: Floats) -> Floats:
+    """Return the footprints (n, 12) of fragments. listed: (n, 9) of `MeshFragments`. surface: (n, 4) unit normal in the
+    camera's axes, and distance.
+    """
+    bias = visibility.bias * np.array([placed.bias_m for placed in shot.visible])[listed[:, 3].astype(np.int64)]
+    in_world = np.append(surface[:, :3] @ shot.view.world_from_camera.T, surface[:, 3:], axis=1)
+    width = filter_width(shot.draw.samples, shot.draw.shading)
+    return Areas(listed[:, 1:3] - 0.5, listed[:, 4:], 1, 1.0, in_world, bias=bias, step=width).footprints(shot.view)
 
 
 def _add_variables(

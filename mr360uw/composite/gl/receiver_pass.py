@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from mr360uw.cache import Cache, PartOf, Same
 from mr360uw.composite.gl.device import Targets, bind, list_texture, of_eye
 from mr360uw.composite.gl.light_textures import ShotLight, sun_defines
-from mr360uw.composite.gl.light_visibility import Areas
+from mr360uw.composite.gl.light_visibility import DISC, HALO, Areas
 from mr360uw.composite.lighting.light_sources import scattered_share, sun_of, widest_half_angle
 from mr360uw.composite.receiver.blocks import (
     SMOOTH,
@@ -44,7 +44,7 @@ _Lit = tuple[Shot, ShotLight]
 _NO_EDGE, _SOFT, _SHARP = 0, 1, 2
 """Kinds of shadow edges in a block: none, one for samples at every second pixel, one for pixels where these differ."""
 _PART_OF_DISC, _WHOLE_DISC = 2.0, 3.0
-"""Numbers of `Visibility.at_places`: bodies may hide part of the sun's disc, or hide all of it."""
+"""Numbers of `Visibility.hidden`: bodies may hide part of the sun's disc, or hide all of it."""
 _WIDE = 1.5
 """Width of a penumbra, in radii of a block, above which corners and middle represent it. Half as large, narrow
 penumbrae are missed; twice as large, more blocks are drawn pixel by pixel."""
@@ -144,12 +144,14 @@ class ReceiverPass:
         places = np.zeros((len(cj) + len(mj), 4))
         places[: len(cj), :3] = ground.corner_point[cj, ci]
         places[len(cj) :, :3], places[len(cj) :, 3] = ground.middle_point[mj, mi], reach
-        visible = light.visibility.at_places(places)
+        footprints = np.zeros((len(places), 12))
+        footprints[:, :3] = places[:, :3]
+        visible = light.visibility.seen(footprints, (DISC, HALO))
         scattered = scattered_share(shot, places[:1] if level else places[:, :3])
         visible[:, 0] = _of_beam(visible, scattered)
         at_corners = np.zeros((2, shaded.shape[0] + 1, shaded.shape[1] + 1), np.float32)
-        at_corners[:, cj, ci] = visible[: len(cj), :2].T
-        seen, halo_seen, kept, gap = visible[len(cj) :].T
+        at_corners[:, cj, ci] = visible[: len(cj)].T
+        (seen, halo_seen), (kept, gap) = visible[len(cj) :].T, light.visibility.hidden(places[len(cj) :]).T
         # Penumbrae that are narrow, or not straight between corners and middle, are edges
         of_disc, of_halo = 2.0 * np.tan(sun.half_angle_rad) * gap, 2.0 * np.tan(widest_half_angle(shot)) * gap
         four = [four_corners(values, mj, mi) for values in at_corners]
@@ -224,22 +226,27 @@ class ReceiverPass:
         of the frame that samples represent; None for pixels.
         """
         shot, light = lit
-        seen = np.ones((len(origin) * side * side, 2))
-        if wanted & {"SHADOW", "LAMPS"}:
-            areas = _areas(shot, origin, halo, side, spacing, shape, area)
-            seen = light.visibility.over_areas(areas, sun="SHADOW" in wanted, lamps="LAMPS" in wanted)
         named: dict[str, NDArray[np.float32]] = {}
+        footprints = np.zeros((0, 12))
+        if wanted & {"SHADOW", "LAMPS"}:
+            assert shot.receiver is not None
+            plane_m = (shot.receiver.plane_y or 0.0) - float(shot.view.position[1])
+            of_frame = np.broadcast_to(WHOLE_PIXEL, (len(origin), 5)) if area is None else area
+            footprints = Areas(origin, of_frame, side, spacing, shape, plane_m).footprints(shot.view)
         if "SHADOW" in wanted:
-            of_beam = _of_beam(seen, scattered_share(shot, _points(shot, origin, side, spacing, shape)))
+            known = np.full((len(footprints), 2), -1.0)
+            known[:, 1] = _within(halo, side).ravel()
+            seen = light.visibility.seen(footprints, (DISC, HALO), known=known)
+            of_beam = _of_beam(seen, scattered_share(shot, footprints[: 1 if shape is None else None, :3]))
             named["seen"] = of_beam.astype(np.float32).reshape(-1, side, side, 1)
         if wanted & {"CAUSTICS", "ROUGH"}:
-            named |= self._draw(lit, origin, wanted, side, shape, seen[:, 2:])
+            named |= self._draw(lit, origin, wanted, side, shape, footprints)
         return named
 
     def _draw(
-        self, lit: _Lit, origin: Floats, wanted: frozenset[str], side: int, shape: Floats | None, lamps_seen: Floats
+        self, lit: _Lit, origin: Floats, wanted: frozenset[str], side: int, shape: Floats | None, footprints: Floats
     ) -> dict[str, NDArray[np.float32]]:
-        """Return the images of `_samples` that receiver.frag draws. lamps_seen: (n side side, L) visible fractions."""
+        """Return the images of `_samples` that receiver.frag draws. footprints: of all."""
         (shot, light), count = lit, len(origin) * side * side
         assert shot.receiver is not None
         textures = {"blocks": list_texture(origin, 2)} | ({} if shape is None else {"shape": list_texture(shape)})
@@ -247,7 +254,8 @@ class ReceiverPass:
         defines |= {"PLANE"} if shape is None else set()
         numbers = {}
         if "LAMPS" in wanted:
-            numbers["LAMPS"], textures["lamps_seen"] = light.defines["LAMPS"], list_texture(lamps_seen, 1)
+            seen, numbers["LAMPS"] = light.visibility.seen(footprints, light.lamps), len(light.lamps)
+            textures["lamps_seen"] = list_texture(seen, 1)
         shader = self._targets.program("receiver", {**dict.fromkeys(defines, 1), **numbers, **of_eye(shot)})
         bind(shader, textures | light.textures)
         light.set(shader)
@@ -285,30 +293,8 @@ def _of_beam(seen: Floats, scattered: Floats) -> Floats:
     return seen[:, 0] + scattered * (seen[:, 1] - seen[:, 0])
 
 
-def _points(shot: Shot, origin: Floats, side: int, spacing: int, shape: Floats | None) -> Floats:
-    """Return the points (n, 3) of samples of `ReceiverPass._samples`; of a plane one, at whose depth all are."""
-    view, receiver = shot.view, shot.receiver
-    if shape is None:
-        assert receiver is not None
-        return np.array([[0.0, (receiver.plane_y or 0.0) - view.position[1], 0.0]])
-    inside = spacing * (np.arange(side) + 0.5)
-    x, y = np.broadcast_arrays(origin[:, :1, None] + inside, origin[:, 1:, None] + inside[:, None])
-    return view.points(view.directions(x, y), shape[..., 3]).reshape(-1, 3)
-
-
-def _areas(
-    shot: Shot, origin: Floats, halo: Floats, side: int, spacing: int, shape: Floats | None, area: Floats | None
-) -> Areas:
-    """Return the areas of the samples of `ReceiverPass._samples`."""
-    view, receiver = shot.view, shot.receiver
-    entries = np.zeros((len(origin), 12))
-    entries[:, :2], entries[:, 2:7], entries[:, 7:11] = origin, WHOLE_PIXEL if area is None else area, halo
-    surface, plane = np.zeros((0, 4)), np.zeros(4)
-    if shape is None:
-        assert receiver is not None
-        plane[0], plane[1:] = (receiver.plane_y or 0.0) - view.position[1], view.world_from_camera[1]
-    else:
-        surface = shape.reshape(-1, 4).astype(np.float64)
-        surface[:, :3] = surface[:, :3] @ view.world_from_camera
-    size = float(view.width), float(view.height)
-    return Areas(entries, side, float(spacing), surface, plane, view.world_from_camera, size, float(view.eye_m), 1.0)
+def _within(corners: Floats, side: int) -> Floats:
+    """Return values (n, side, side) of samples of blocks between those at their corners (n, 4); negative ones are kept."""
+    place = (np.arange(side) + 0.5) / side
+    left, right = (corners[:, None, k] + place * (corners[:, None, k + 2] - corners[:, None, k]) for k in (0, 1))
+    return left[:, :, None] + place * (right - left)[:, :, None]

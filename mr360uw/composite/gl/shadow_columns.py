@@ -220,7 +220,7 @@ def slot_size(slots: int, pixels_across: float, half_angle_rad: float) -> int:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Columns:
-    """Columns of bodies in slots of `size` x `size`. values: (slots, n, 4) float32, columns row by row, then their
+    """Columns of bodies in slots of `size` x `size`. values: (slots, 4 n) float32, columns row by row, then their
     levels. extents: (slots, 6) of `LightFrame.placed`. clear: whether bodies let light through by their alpha.
     """
 
@@ -263,7 +263,7 @@ def _draw_slots(
             scale = frame.middle_m, frame.nearest_m
             _draw(positions, frame.matrix(placed), of_frame, *scale, look.kind, *cuts, spans, heights, passed)
         _sum_levels(heights, passed, spans, of_frame[4], slot)
-    return values, extents
+    return values.reshape(len(frames), values.shape[1] * 4), extents
 
 
 _KEPT = 64
