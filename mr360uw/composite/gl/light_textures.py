@@ -81,7 +81,7 @@ class LightTextures:
             **_sun_uniforms(shot),
         }
         # one texture of the ambient irradiance and, in the layers after it, the glossy levels
-        textures = {"ambient": self._cache.of(_ambient_texture, shot.environment)}
+        textures: dict[str, Any] = {"ambient": self._cache.of(_ambient_texture, shot.environment)}
         caustics = None if shot.caustics is None else self._cache.of(upload, shot.caustics, self._caustic_scratch)
         textures["lamps"] = self._cache.of(texture_from_array, _lamp_rows(shot), keep=2)
         visibility = visibility_of(shot, self._cache, self._scratch)

@@ -31,7 +31,7 @@ from mr360uw.composite.lighting.light_sources import lamps_of, sun_of, widest_ha
 from mr360uw.composite.lighting.shadow import wide_pixel_offsets
 from mr360uw.composite.shot import Shot
 from mr360uw.constants import LONGEST_FOOTPRINT, MAXIMUM_SUN_SAMPLES
-from mr360uw.jit import borrowing, exact, fast, inlined
+from mr360uw.jit import borrowing, fast, inlined
 from mr360uw.medium.shafts.single_scattering import nearest_m
 from mr360uw.sphere import disc_offsets
 from mr360uw.types import Floats, View
@@ -56,7 +56,8 @@ _MOST_STEPS = 16
 DISC, HALO = 0, 1
 """Numbers of the sun's disc and halo among the lights of `Visibility`; lamps follow."""
 _TOGETHER = 16
-"""Footprints whose rays are traced side by side: compilers make vectors of these loops. Half as many: a third slower."""
+"""Footprints whose rays are traced side by side, because compilers make vectors of long loops. Half as many: 4 %
+slower; twice as many: as fast."""
 ALL_RAYS, HALF_OF_RAYS, ONE_RAY = 0, 1, 2
 """Numbers of the fans of rays: all, each second one of them, and one, for lights that are points."""
 
@@ -65,13 +66,13 @@ ALL_RAYS, HALF_OF_RAYS, ONE_RAY = 0, 1, 2
 class Visibility:
     """What hides the lights of a shot. Points are from the camera, in the world's axes [m].
 
-    values, size, clear: of `Columns`. slots: (m, 19) of each its extents (6), middle distance, axes (3, 3) and the camera in
-    them (3); the middle distance is 0 for the sun. lights: (L, 14) the sun's disc and halo, then lamps; of each the numbers
-    of its first slot and of the one after its last, for the sun the tangent of its radius and its direction across over
-    along (2), and for lamps place (3), radius, axis (3), cosine at the edge of the cone, and least distance. rays: (3, 4, n)
-    of fans, slope over a unit disc and place in [-0.5, 0.5]^2 of a footprint; fans: (3, 4) how many there are, how many
-    speak for all where they agree, and by how much a ray widens, over the footprint and over the radius of the disc a metre
-    away. bias: factor on the offset of rays from a body's surface.
+    values, size, clear: of `Columns`. slots: (m, 19) of each its extents (6), middle distance, axes (3, 3) and the
+    camera in them (3); the middle distance is 0 for the sun. lights: (L, 14) the sun's disc and halo, then lamps; of
+    each the numbers of its first slot and of the one after its last, for the sun the tangent of its radius and its
+    direction across over along (2), and for lamps place (3), radius, axis (3), cosine at the edge of the cone, and
+    least distance. rays: (3, 4, n) of fans, slope over a unit disc and place in [-0.5, 0.5]^2 of a footprint; fans: (3,
+    4) how many there are, how many speak for all where they agree, and by how much a ray widens, over the footprint and
+    over the radius of the disc a metre away. bias: factor on the offset of rays from a body's surface.
     """
 
     values: NDArray[np.float32]
@@ -95,8 +96,8 @@ class Visibility:
         return self.values, self.slots, self.lights[HALO + 1 :], self.fans, self.bias
 
     def hidden(self, places: Floats) -> Floats:
-        """Return for balls (n, 4), middle and radius, which of the sun's lights bodies may hide (n, 2): 0 neither, 1 the
-        halo, 2 part of the disc, 3 all of both; and the distance [m] to the nearest such body.
+        """Return for balls (n, 4), middle and radius, which of the sun's lights bodies may hide (n, 2): 0 neither, 1
+        the halo, 2 part of the disc, 3 all of both; and the distance [m] to the nearest such body.
         """
         found = np.empty((len(places), 2))
         _find_hidden(places, self.lights, self.slots, self.values, self.size, self.clear, found)
@@ -167,9 +168,9 @@ def _fans(count: int) -> tuple[NDArray[np.float32], Floats]:
     """Return `Visibility.rays` and `Visibility.fans` of a number of directions, shared by all callers.
 
     Rays of that width have, with factors on their places and directions, the second moments of footprint and disc
-    together: a square's is 1/12 of its squared side, a disc's 1/4 of its squared radius. Of a fan that is asked by halves,
-    the first half is one of every two, the first and the second in turn: rays that follow each other lie in other columns
-    of the footprint.
+    together: a square's is 1/12 of its squared side, a disc's 1/4 of its squared radius. Of a fan that is asked by
+    halves, the first half is one of every two, the first and the second in turn: rays that follow each other lie in
+    other columns of the footprint.
     """
     rays, fans = np.zeros((3, 4, _MOST_RAYS), np.float32), np.zeros((3, 4))
     every = np.concatenate([disc_offsets(count), wide_pixel_offsets(count)], axis=1)
@@ -194,10 +195,10 @@ def _fans(count: int) -> tuple[NDArray[np.float32], Floats]:
 class Areas:
     """Areas of the frame over which visibility is averaged, side x side in each of m blocks, n in all, in order.
 
-    corner: (m, 2) of the blocks in the frame. area: (m, 5) as of `sampling.frame_areas`. spacing: pixels from one to the
-    next in a block. surface: (n, 4) unit normal in the world and distance along the ray; none for a level plane, which is
-    `plane_m` above the camera. bias: (m,) [m] by which footprints are off the surface. step: pixels over which they are
-    measured.
+    corner: (m, 2) of the blocks in the frame. area: (m, 5) as of `sampling.frame_areas`. spacing: pixels from one to
+    the next in a block. surface: (n, 4) unit normal in the world and distance along the ray; none for a level plane,
+    which is `plane_m` above the camera. bias: (m,) [m] by which footprints are off the surface. step: pixels over which
+    they are measured.
     """
 
     corner: Floats
@@ -251,8 +252,8 @@ def _turned(axes: Any, x: Any, y: Any, z: Any) -> Any:
 def _make_footprints(
     blocks: Any, surface: Any, plane_m: Any, frame: Any, axes: Any, side: Any, footprints: Any
 ) -> None:
-    """Set footprints (n, 12). blocks: (m, 8) of each its corner, area and bias, as `Areas` has them. frame: its width and
-    height, the eye's distance from the middle, step and spacing.
+    """Set footprints (n, 12). blocks: (m, 8) of each its corner, area and bias, as `Areas` has them. frame: its width
+    and height, the eye's distance from the middle, step and spacing.
     """
     width, height, eye, step, spacing = frame
     turn, tip = 2.0 * math.pi / width, math.pi / height
@@ -319,10 +320,11 @@ def _between(
     columns: Any, slot: Any, size: Any, clear: Any, x: Any, y: Any, z: Any, radius: Any, deep: Any, slope_x: Any,
     slope_y: Any, spread: Any,
 ) -> Any:  # fmt: skip
-    """Return whether a body may hide part of a disc of light from part of a ball, and whether all of it from all of that.
+    """Return whether a body may hide part of a disc of light from part of a ball, and whether all of it from all of
+    that.
 
-    columns: (4 n,) of its slot. x, y, z: middle of the ball in the slot's axes; radius, deep: its radius across and along
-    the light. slope_x, slope_y: of the disc's middle, spread: tangent of its radius.
+    columns: (4 n,) of its slot. x, y, z: middle of the ball in the slot's axes; radius, deep: its radius across and
+    along the light. slope_x, slope_y: of the disc's middle, spread: tangent of its radius.
     """
     # The disc of which the ball sees all parts of the body
     high, low = slot[5] - z + deep, max(slot[4] - z - deep, 0.0)
@@ -380,7 +382,8 @@ _LEAST = np.float32(1e-6)
 _FULL = np.float32(1.0 + 4e-6)
 """Factor on filled fractions, such that sums of weights that are rounded down are still whole."""
 _LEVEL_ABOVE = np.float32(math.sqrt(2.0))
-"""Width of an edge in texels of a level from which on the next one is read: of the two the nearer on a scale of powers."""
+"""Width of an edge in texels of a level from which on the next one is read: of the two the nearer on a scale of
+powers."""
 
 
 @fast
@@ -388,8 +391,8 @@ def _see(
     footprints: Any, lights: Any, of_fans: Any, slots: Any, values: Any, size: Any, clear: Any, fans_of: Any, fans: Any,
     seen: Any,
 ) -> None:  # fmt: skip
-    """Set the visible fractions (n, k) of lights that are negative. of_fans: (k,) number of each light's fan; the others
-    are those of `Visibility`.
+    """Set the visible fractions (n, k) of lights that are negative. of_fans: (k,) number of each light's fan; the
+    others are those of `Visibility`.
     """
     near = np.empty((len(slots), _TOGETHER), np.bool_)
     asked, mine = np.empty(_TOGETHER, np.int64), np.empty(_TOGETHER, np.int64)
@@ -427,13 +430,12 @@ def _see(
                 if seen[n, number] >= 0.0:
                     continue
                 facing[count] = _facing(footprints[n], light) if first < end and slots[first, 6] > 0.0 else 1.0
-                found, umbra = False, False
+                there, umbra = False, False
                 for body in range(first, end if facing[count] > 0.0 else first):
-                    part, whole = _hides(footprints[n], light, slots[body], values[body], size, clear)
-                    near[body, count] = part
-                    found, umbra = found or part, umbra or whole
+                    near[body, count], whole = _hides(footprints[n], light, slots[body], values[body], size, clear)
+                    there, umbra = there or near[body, count], umbra or whole
                 seen[n, number] = 0.0 if umbra else 1.0
-                if found and not umbra:
+                if there and not umbra:
                     asked[count], hidden[count] = n, 0.0
                     count += 1
             # Where the first rays agree that all of it is seen, or none, the others are not asked
@@ -549,8 +551,8 @@ def _start(
     """Start the rays of a fan from `first` to before `last` from their places in footprints, those of each ray in turn.
 
     start: from the middle of the slot and its lowest point. slope: metres across for a metre along the light, and the
-    inverse of their length. spans: height over the start at which they enter and leave the slot, and width at the start.
-    disc: tangent of its radius, and slope of its middle.
+    inverse of their length. spans: height over the start at which they enter and leave the slot, and width at the
+    start. disc: tangent of its radius, and slope of its middle.
     """
     spread, low_x, low_y = np.float32(disc[0]), np.float32(disc[1]), np.float32(disc[2])
     at_x, at_y, lowest, reach = (
@@ -589,8 +591,8 @@ def _walk(
     columns: Any, slot: Any, size: Any, clear: Any, rays: Any, widening: Any, start: Any, slope: Any, spans: Any,
     here: Any, before: Any, place: Any, level: Any, four: Any, most: Any,
 ) -> None:  # fmt: skip
-    """Set what a body blocks of rays, most (rays,), all of which take a step at a time. widening: by how much they grow for
-    a metre; the other arrays are room.
+    """Set what a body blocks of rays, most (rays,), all of which take a step at a time. widening: by how much they grow
+    for a metre; the other arrays are room.
     """
     x, y, z = start
     slope_x, slope_y, across = slope
@@ -610,14 +612,14 @@ def _walk(
         # Find the level of each ray's width
         for k in range(rays):
             wanted[k], per_texel[k] = max((widths[k] + widening * h[k]) * per_ramp, np.float32(_SHARPEST)), _ONE
-        finest, wider = size, True
-        while wider and finest > SMALLEST:
+        finest, up = size, _ONE
+        while up > _ZERO and finest > SMALLEST:
             up = _ZERO
             for k in range(rays):
                 higher = wanted[k] * per_texel[k] >= _LEVEL_ABOVE
                 up += _ONE if higher else _ZERO
                 per_texel[k] *= _HALF if higher else _ONE
-            wider, finest = up > _ZERO, finest // 2
+            finest //= 2
         # Read four columns each, linear between their middles
         for k in range(rays):
             u, v = (x[k] + slope_x[k] * h[k]) * per_x + half, (y[k] + slope_y[k] * h[k]) * per_y + half

@@ -232,14 +232,20 @@ def _see_sun(part: MeshFragments, seen: _Seen) -> moderngl.Texture:
     assert sun is not None
     groups = sun_groups(shot, part, surfaces.facets, sun.direction)
     of_groups = np.zeros((len(groups.listed), 2), np.float32)
-    for some in (lambda: groups.first, lambda: groups.fill_between(of_groups)):
-        which = some()
-        footprints = _footprints(shot, visibility, groups.listed[which], groups.surface[which])
-        of_groups[which] = visibility.seen(footprints, (DISC, HALO), HALF_OF_RAYS)
+    _ask(shot, visibility, groups, groups.first, of_groups)
+    _ask(shot, visibility, groups, groups.fill_between(of_groups), of_groups)
     fractions = np.ones((len(groups.of), 2), np.float32)
     there = groups.of >= 0
     fractions[there] = of_groups[groups.of[there]]
     return list_texture(fractions, 2)
+
+
+def _ask(
+    shot: Shot, visibility: Visibility, groups: SunGroups, which: NDArray[np.bool_], seen: NDArray[np.float32]
+) -> None:
+    """Set what some groups (m,) see of the sun's disc and halo, seen (m, 2)."""
+    footprints = _footprints(shot, visibility, groups.listed[which], groups.surface[which])
+    seen[which] = visibility.seen(footprints, (DISC, HALO), HALF_OF_RAYS)
 
 
 def _see_lamps(part: MeshFragments, seen: _Seen) -> moderngl.Texture:
@@ -431,8 +437,8 @@ def sun_groups(shot: Shot, part: MeshFragments, facets: NDArray[np.float32], sun
 
 
 def fragment_planes(shot: Shot, part: MeshFragments, facets: NDArray[np.float32], towards: Floats) -> Floats:
-    """Return the surfaces (n, 5) of fragments: unit normal in the camera's axes, distance along the ray, and whether they
-    face a light in the direction `towards` (3,).
+    """Return the surfaces (n, 5) of fragments: unit normal in the camera's axes, distance along the ray, and whether
+    they face a light in the direction `towards` (3,).
     """
     view, surface = shot.view, np.empty((len(part.listed), 5))
     size = float(view.width), float(view.height)

@@ -138,7 +138,8 @@ class ReceiverPass:
         if not np.any(shaded) or sun is None:
             return SunSight((np.zeros(0, np.int64),) * 2, np.zeros(0, np.float32), edge, umbra, halo, None)
         # Look at the sun from corners and middles; on level ground the beam is everywhere the same
-        level = shot.receiver is not None and shot.receiver.plane_y is not None
+        assert shot.receiver is not None
+        level, plane_m = shot.receiver.plane_y is not None, _plane_m(shot)
         (cj, ci), (mj, mi) = np.nonzero(ground.corners_of(shaded)), np.nonzero(shaded)
         reach = ground.reach_m[mj, mi]
         places = np.zeros((len(cj) + len(mj), 4))
@@ -147,7 +148,7 @@ class ReceiverPass:
         footprints = np.zeros((len(places), 12))
         footprints[:, :3] = places[:, :3]
         visible = light.visibility.seen(footprints, (DISC, HALO))
-        scattered = scattered_share(shot, places[:1] if level else places[:, :3])
+        scattered = scattered_share(shot, np.array([[0.0, plane_m, 0.0]]) if level else places[:, :3])
         visible[:, 0] = _of_beam(visible, scattered)
         at_corners = np.zeros((2, shaded.shape[0] + 1, shaded.shape[1] + 1), np.float32)
         at_corners[:, cj, ci] = visible[: len(cj)].T
@@ -221,24 +222,22 @@ class ReceiverPass:
     ) -> dict[str, NDArray[np.float32]]:
         """Return images (n, side, side, k) of samples `spacing` pixels apart of blocks, by the names of `_CHANNELS`.
 
-        origin: (n, 2) frame coordinates of the blocks' corners. halo: (n, 4) visible fraction of the halo there, negative
-        where it is found for each sample. shape: (n, side, side, 4) normal and distance; None for a plane. area: (n, 5)
-        of the frame that samples represent; None for pixels.
+        origin: (n, 2) frame coordinates of the blocks' corners. halo: (n, 4) visible fraction of the halo there,
+        negative where it is found for each sample. shape: (n, side, side, 4) normal and distance; None for a plane.
+        area: (n, 5) of the frame that samples represent; None for pixels.
         """
         shot, light = lit
         named: dict[str, NDArray[np.float32]] = {}
-        footprints = np.zeros((0, 12))
+        footprints: Floats = np.zeros((0, 12))
         if wanted & {"SHADOW", "LAMPS"}:
-            assert shot.receiver is not None
-            plane_m = (shot.receiver.plane_y or 0.0) - float(shot.view.position[1])
-            of_frame = np.broadcast_to(WHOLE_PIXEL, (len(origin), 5)) if area is None else area
-            footprints = Areas(origin, of_frame, side, spacing, shape, plane_m).footprints(shot.view)
+            of_frame: Floats = np.broadcast_to(np.array(WHOLE_PIXEL), (len(origin), 5)) if area is None else area
+            footprints = Areas(origin, of_frame, side, spacing, shape, _plane_m(shot)).footprints(shot.view)
         if "SHADOW" in wanted:
             known = np.full((len(footprints), 2), -1.0)
             known[:, 1] = _within(halo, side).ravel()
             seen = light.visibility.seen(footprints, (DISC, HALO), known=known)
             of_beam = _of_beam(seen, scattered_share(shot, footprints[: 1 if shape is None else None, :3]))
-            named["seen"] = of_beam.astype(np.float32).reshape(-1, side, side, 1)
+            named["seen"] = np.asarray(of_beam, np.float32).reshape(-1, side, side, 1)
         if wanted & {"CAUSTICS", "ROUGH"}:
             named |= self._draw(lit, origin, wanted, side, shape, footprints)
         return named
@@ -267,7 +266,7 @@ class ReceiverPass:
             eye_m=shot.view.eye_m,
             count=count,
             side_bits=side.bit_length() - 1,
-            plane_height=(shot.receiver.plane_y or 0.0) - float(shot.view.position[1]),
+            plane_height=_plane_m(shot),
             fade=(FADE_FROM * extent, extent),
         )
         outputs = (1 if "ROUGH" not in wanted else 4 if "LAMPS" in wanted else 3) * (4,)
@@ -288,13 +287,20 @@ def _on_plane(shot: Shot, wanted: frozenset[str]) -> bool:
     return shot.receiver is not None and shot.receiver.plane_y is not None and "ROUGH" not in wanted
 
 
+def _plane_m(shot: Shot) -> float:
+    """Return the height [m] of a level receiver above the camera; any number for other shapes."""
+    assert shot.receiver is not None
+    return (shot.receiver.plane_y or 0.0) - float(shot.view.position[1])
+
+
 def _of_beam(seen: Floats, scattered: Floats) -> Floats:
     """Return the visible fraction (n,) of the beam: of disc and halo, the first of `seen`, by their fractions of it."""
     return seen[:, 0] + scattered * (seen[:, 1] - seen[:, 0])
 
 
 def _within(corners: Floats, side: int) -> Floats:
-    """Return values (n, side, side) of samples of blocks between those at their corners (n, 4); negative ones are kept."""
+    """Return values (n, side, side) of samples of blocks between those at their corners (n, 4); negative ones are
+    kept."""
     place = (np.arange(side) + 0.5) / side
     left, right = (corners[:, None, k] + place * (corners[:, None, k + 2] - corners[:, None, k]) for k in (0, 1))
     return left[:, :, None] + place * (right - left)[:, :, None]

@@ -6,13 +6,13 @@ orthogonal axes along its direction. For a lamp they follow the projective map
 
     (x, y, z) -> (x m/z, y m/z, m^2/z)
 
-with z the distance along its axis and m its middle distance: lines through the lamp become parallel, straight lines stay
-straight, and lengths at the middle distance stay metres. A slot of the sun holds heights above the lowest point of its
-bodies, about their middle: bodies that move without turning keep it.
+with z the distance along its axis and m its middle distance: lines through the lamp become parallel, straight lines
+stay straight, and lengths at the middle distance stay metres. A slot of the sun holds heights above the lowest point of
+its bodies, about their middle: bodies that move without turning keep it.
 
 A column is (filled fraction, top, bottom, opacity), the last three times the first, heights in metres above the lowest
-point of its slot; of bodies that let light through, opacity is 1 less the product over their surfaces. Columns are means
-of 2 x 2 texels that are drawn; levels are means of 2 x 2, 4 x 4, ... columns, down to `SMALLEST` across a slot.
+point of its slot; of bodies that let light through, opacity is 1 less the product over their surfaces. Columns are
+means of 2 x 2 texels that are drawn; levels are means of 2 x 2, 4 x 4, ... columns, down to `SMALLEST` across a slot.
 """
 
 from __future__ import annotations
@@ -258,10 +258,10 @@ def _draw_slots(
         spans = np.stack([np.full(size, side), np.full(size, -1)])
         for placed in frame.bodies:
             look = cache.of(mesh_looks, placed.mesh.still, keep=_KEPT)
-            cuts: Any = cutouts([look], np.array([0, len(look.kind)]))
             positions = np.asarray(placed.mesh.positions, np.float64)
-            scale = frame.middle_m, frame.nearest_m
-            _draw(positions, frame.matrix(placed), of_frame, *scale, look.kind, *cuts, spans, heights, passed)
+            cuts = cutouts([look], np.array([0, len(look.kind)]))
+            inputs: list[Any] = [positions, frame.matrix(placed), of_frame, frame.middle_m, frame.nearest_m, look.kind]
+            _draw(*[*inputs, *cuts, spans, heights, passed])
         _sum_levels(heights, passed, spans, of_frame[4], slot)
     return values.reshape(len(frames), values.shape[1] * 4), extents
 
@@ -277,12 +277,12 @@ def _draw(
     positions: Any, matrix: Any, extents: Any, middle: Any, nearest: Any, kind: Any, cut: Any, cuts: Any, alphas: Any,
     places: Any, spans: Any, heights: Any, passed: Any,
 ) -> None:  # fmt: skip
-    """Draw a mesh (T, 3, 3) into the texels of a slot: the largest of (top, -bottom) along the light, heights (2, n, n),
-    and the product of what its surfaces let through, passed (n, n), empty where all bodies are opaque.
+    """Draw a mesh (T, 3, 3) into the texels of a slot: the largest of (top, -bottom) along the light, heights (2, n,
+    n), and the product of what its surfaces let through, passed (n, n), empty where all bodies are opaque.
 
     matrix: (3, 4) from the mesh to the axes of the frame. middle, nearest: of `LightFrame`, middle 0 for the sun. kind,
-    cut ... places: of triangles, as visible_surfaces.py has them. spans: (2, n / 2) first and last texel that is drawn of
-    each two rows; what lies beyond has any value.
+    cut ... places: of triangles, as visible_surfaces.py has them. spans: (2, n / 2) first and last texel that is drawn
+    of each two rows; what lies beyond has any value.
     """
     side = heights.shape[1]
     p, x, y, edge, plane = np.empty((3, 3)), np.empty(3), np.empty(3), np.empty((3, 3)), np.empty(3)
@@ -340,7 +340,7 @@ def _draw(
             left, right = max(math.ceil(min(x[0], x[1], x[2])), 0), min(math.floor(max(x[0], x[1], x[2])), side - 1)
             top, bottom = max(math.ceil(min(y[0], y[1], y[2])), 0), min(math.floor(max(y[0], y[1], y[2])), side - 1)
         for row in range(top, bottom + 1):
-            low, high = np.float64(left), np.float64(right)
+            low, high = 1.0 * left, 1.0 * right
             for k in range(3):
                 value = edge[k, 1] * row + edge[k, 2]
                 if edge[k, 0] > 0.0:
@@ -402,8 +402,8 @@ def _widen(spans: Any, pair: Any, first: Any, last: Any, heights: Any, passed: A
 
 @fast
 def _sum_levels(heights: Any, passed: Any, spans: Any, lowest: Any, columns: Any) -> None:
-    """Set the columns of a slot (n, 4), which are zero, and their levels. heights ... spans: of `_draw`, whose spans are
-    overwritten. lowest: height [m] above which the slot has them.
+    """Set the columns of a slot (n, 4), which are zero, and their levels. heights ... spans: of `_draw`, whose spans
+    are overwritten. lowest: height [m] above which the slot has them.
     """
     size, quarter, base = heights.shape[1] // 2, np.float32(0.25), np.float32(lowest)
     zero, one = np.float32(0.0), np.float32(1.0)

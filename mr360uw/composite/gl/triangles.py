@@ -48,8 +48,8 @@ class SeenTriangles:
 class MeshLooks:
     """What is the same in all poses of a mesh. kind: (T,) index of the alpha mode. two_sided: (T,). pieces: how many.
 
-    cut: (T,) row of `cuts`, -1 for opaque triangles. cuts: (m, 11) texture coordinates and alphas of the corners, cutoff
-    of a mask, and index of the map, -1 for none. maps: those.
+    cut: (T,) row of `cuts`, -1 for opaque triangles. cuts: (m, 11) texture coordinates and alphas of the corners,
+    cutoff of a mask, and index of the map, -1 for none. maps: those.
     """
 
     kind: NDArray[np.int8]
