@@ -25,7 +25,7 @@ from mr360uw.cache import Cache, PartOf, Same, Scratch
 from mr360uw.composite.ambient.mesh_transfer import FEW_CHANNELS, UNTOUCHED
 from mr360uw.composite.ambient.solver import AmbientLight
 from mr360uw.composite.aovs import SUMS, AovFrame
-from mr360uw.composite.gl.device import MeshBuffers, Targets, bind, device_order, joined_texture, list_texture, of_eye
+from mr360uw.composite.gl.device import MeshBuffers, Targets, bind, joined_texture, list_texture, of_eye
 from mr360uw.composite.gl.light_textures import ShotLight
 from mr360uw.composite.gl.light_visibility import DISC, HALF_OF_RAYS, HALO, Areas, Visibility
 from mr360uw.composite.gl.visible_surfaces import Fragments, Surfaces, find_surfaces
@@ -44,8 +44,6 @@ if TYPE_CHECKING:
 
 _CHANNELS = ((4, 1), (4,) * 6, (4,) * 4)
 """Outputs of layer.frag: radiance and distance, both halves of the output variables."""
-_ORDERS = 64
-"""Meshes of which the order of triangles on the device is kept."""
 _PARTS = 256
 """Groups of fragments of one mesh in one layer, of which it is kept what they see of the sun."""
 _KEPT = 1 << 21
@@ -93,14 +91,13 @@ class ObjectPass:
         values, changed = self._body_list(shot, objects, ambient)
         cache = self._cache.of(_cache_of, Same(surfaces))
         bodies = joined_texture(values, self._scratch), changed
-        places = {placed.mesh: self._cache.of(_device_places, placed.mesh.still, keep=_ORDERS) for placed in objects}
         for number, fragments in enumerate(layers):
             if len(fragments) == 0:
                 continue
             body = np.asarray(np.searchsorted(first, fragments.triangle, side="right") - 1, np.int64)
             parts = cache.of(
                 mesh_fragments,
-                PartOf((objects, first, fragments, places), Same(fragments)),
+                PartOf((objects, first, fragments), Same(fragments)),
                 body,
                 keep=len(layers),
             )
@@ -205,11 +202,6 @@ class ObjectPass:
             filter_width=filter_width(shot.draw.samples, shot.draw.shading),
         )
         return self._targets.items(shader, f"layer {outputs}", count, _CHANNELS[outputs])
-
-
-def _device_places(mesh: Mesh) -> NDArray[np.int64]:
-    """Return the places (T,) of a mesh's triangles on the device."""
-    return np.argsort(device_order(mesh))
 
 
 def _cache_of(_: Same) -> Cache:
@@ -338,15 +330,15 @@ def add_behind(tiles: Sequence[Tile], fragments: Fragments, values: Floats) -> N
 
 
 _AT_ONCE = 1 << 19
-LayerOf = tuple[tuple[PlacedObject, ...], NDArray[np.int64], Fragments, dict[Mesh, NDArray[np.int64]]]
-"""Objects, the number of each one's first triangle, a layer, and the places (T,) of meshes' triangles on the device."""
+LayerOf = tuple[tuple[PlacedObject, ...], NDArray[np.int64], Fragments]
+"""Objects, the number of each one's first triangle, and a layer."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MeshFragments:
     """Fragments of one mesh that are shaded together. chosen: (n,) numbers among all.
 
-    listed: (n, 9) of each, triangle on the device, place (2), body and area (5) of `Fragments`. triangle: (n,) numbers
+    listed: (n, 9) of each, triangle of the mesh, place (2), body and area (5) of `Fragments`. triangle: (n,) numbers
     of triangles among all. pixel: (n,) numbers, those of a pixel in sequence; weight: (n,) of `Fragments`.
     """
 
@@ -360,16 +352,16 @@ class MeshFragments:
 
 def mesh_fragments(layer: PartOf[LayerOf], body: NDArray[np.int64]) -> list[MeshFragments]:
     """Return the fragments of a layer by mesh. body: (n,) of each."""
-    objects, first, fragments, places = layer.whole
-    pixel, triangle = fragments.pixel(), fragments.triangle - first[body]
+    objects, first, fragments = layer.whole
+    pixel = fragments.pixel()
     listed = np.empty((len(fragments), 9), np.float32)
+    listed[:, 0] = fragments.triangle - first[body]
     listed[:, 1:3], listed[:, 3], listed[:, 4:] = fragments.place, body, fragments.area
     meshes = list(dict.fromkeys(placed.mesh for placed in objects))
     of_mesh = np.array([meshes.index(placed.mesh) for placed in objects])[body]
     parts = []
     for k, mesh in enumerate(meshes):
         chosen = np.flatnonzero(of_mesh == k)
-        listed[chosen, 0] = places[mesh][triangle[chosen]]
         for start in range(0, len(chosen), _AT_ONCE):
             part = chosen[start : start + _AT_ONCE]
             numbers = fragments.triangle[part]
