@@ -315,24 +315,31 @@ def _in_slot(slot: Any, x: Any, y: Any, z: Any) -> Any:
     return p, q, along
 
 
+@inlined
+def _across(
+    slot: Any, x: Any, y: Any, z: Any, radius: Any, deep: Any, slope_x: Any, slope_y: Any, tilt: Any, spread: Any
+) -> Any:
+    """Return the disc of which a ball sees all parts of a body: its middle (2) from that of the slot, and its radius,
+    which is negative where it misses the slot.
+
+    x, y, z: middle of the ball in the slot's axes; radius, deep: its radius across and along the light. slope_x,
+    slope_y: of the middle of a disc of light, tilt: half their length, spread: tangent of its radius.
+    """
+    high, low = slot[5] - z + deep, max(slot[4] - z - deep, 0.0)
+    wide, along = radius + spread * high + tilt * (high - low), 0.5 * (low + high)
+    at_x, at_y = x + along * slope_x - slot[0], y + along * slope_y - slot[1]
+    missed = high <= 0.0 or max(abs(at_x) - slot[2], abs(at_y) - slot[3]) > wide
+    return at_x, at_y, -1.0 if missed else wide
+
+
 @borrowing
-def _between(
-    columns: Any, slot: Any, size: Any, clear: Any, x: Any, y: Any, z: Any, radius: Any, deep: Any, slope_x: Any,
-    slope_y: Any, spread: Any,
-) -> Any:  # fmt: skip
+def _between(columns: Any, slot: Any, size: Any, clear: Any, disc: Any, below: Any) -> Any:
     """Return whether a body may hide part of a disc of light from part of a ball, and whether all of it from all of
     that.
 
-    columns: (4 n,) of its slot. x, y, z: middle of the ball in the slot's axes; radius, deep: its radius across and
-    along the light. slope_x, slope_y: of the disc's middle, spread: tangent of its radius.
+    columns: (4 n,) of its slot. disc: of `_across`. below: whether all of the ball is below the body.
     """
-    # The disc of which the ball sees all parts of the body
-    high, low = slot[5] - z + deep, max(slot[4] - z - deep, 0.0)
-    tilt = 0.5 * math.sqrt(slope_x * slope_x + slope_y * slope_y)
-    wide, along = radius + spread * high + tilt * (high - low), 0.5 * (low + high)
-    at_x, at_y = x + along * slope_x - slot[0], y + along * slope_y - slot[1]
-    if high <= 0.0 or max(abs(at_x) - slot[2], abs(at_y) - slot[3]) > wide:
-        return False, False
+    at_x, at_y, wide = disc
     # A filtered column is empty, or full, only if everything within a texel of that level is
     asked, level = wide * size / min(slot[2], slot[3]), size
     while level > SMALLEST // 2 and asked * level >= size:
@@ -347,7 +354,7 @@ def _between(
         column = 4 * (above + k % 2 + level * (k // 2))
         part += weight * columns[column]
         opacity += weight * columns[column + 3]
-    inside = known and slot[4] - z - deep >= 0.0 and 0.0 <= u <= 1.0 and 0.0 <= v <= 1.0
+    inside = known and below and 0.0 <= u <= 1.0 and 0.0 <= v <= 1.0
     return part > 0.0 or not known, inside and (opacity if clear else part) > 0.9999
 
 
@@ -355,20 +362,24 @@ def _between(
 def _find_hidden(places: Any, lights: Any, slots: Any, values: Any, size: Any, clear: Any, found: Any) -> None:
     """Set what `Visibility.hidden` returns."""
     widest = HALO if lights[HALO, 1] > 0.0 else DISC
+    slope_x, slope_y = lights[DISC, 3], lights[DISC, 4]
+    tilt, x, y, z = 0.5 * math.sqrt(slope_x * slope_x + slope_y * slope_y), 0.0, 0.0, 0.0
     for n in range(len(places)):
-        hidden, part_of_disc, all_of_disc, gap = 0.0, False, False, 1e9
+        hidden, part_of_disc, all_of_disc, gap, radius = 0.0, False, False, 1e9, places[n, 3]
         for body in range(int(lights[widest, 1])):
-            slot, columns = slots[body], values[body]
-            x, y, z = _in_slot(slot, places[n, 0], places[n, 1], places[n, 2])
-            radius, slope_x, slope_y = places[n, 3], lights[DISC, 3], lights[DISC, 4]
-            light = lights[widest, 2]
-            part, whole = _between(columns, slot, size, clear, x, y, z, radius, radius, slope_x, slope_y, light)
-            if not part:
-                continue
-            hidden, gap = max(hidden, 3.0 if whole else 2.0), min(gap, max(slot[4] - z - radius, 0.0))
-            light = lights[DISC, 2]
-            part, whole = _between(columns, slot, size, clear, x, y, z, radius, radius, slope_x, slope_y, light)
-            part_of_disc, all_of_disc = part_of_disc or part, all_of_disc or whole
+            slot, part, whole = slots[body], False, False
+            if body == 0:
+                x, y, z = _in_slot(slot, places[n, 0], places[n, 1], places[n, 2])
+            below = slot[4] - z - radius
+            disc = _across(slot, x, y, z, radius, radius, slope_x, slope_y, tilt, lights[widest, 2])
+            if disc[2] >= 0.0:
+                part, whole = _between(values[body], slot, size, clear, disc, below >= 0.0)
+            if part:
+                hidden, gap = max(hidden, 3.0 if whole else 2.0), min(gap, max(below, 0.0))
+                disc = _across(slot, x, y, z, radius, radius, slope_x, slope_y, tilt, lights[DISC, 2])
+                if disc[2] >= 0.0:
+                    part, whole = _between(values[body], slot, size, clear, disc, below >= 0.0)
+                    part_of_disc, all_of_disc = part_of_disc or part, all_of_disc or whole
         if hidden == 2.0 and (not part_of_disc or all_of_disc):
             hidden = 1.0
         found[n, 0], found[n, 1] = hidden, gap
@@ -424,16 +435,30 @@ def _see(
         for number in range(len(lights)):
             light, fan, numbers = lights[number], fans_of[of_fans[number]], fans[of_fans[number]]
             first, end = int(light[0]), int(light[1])
+            lamp = first < end and slots[first, 6] > 0.0
+            tilt, x, y, z = 0.5 * math.sqrt(light[3] * light[3] + light[4] * light[4]), 0.0, 0.0, 0.0
             # Keep the footprints from which bodies may hide part of the light
             count = 0
             for n in range(begin, min(begin + _TOGETHER, len(footprints))):
                 if seen[n, number] >= 0.0:
                     continue
-                facing[count] = _facing(footprints[n], light) if first < end and slots[first, 6] > 0.0 else 1.0
-                there, umbra = False, False
+                foot, there, umbra = footprints[n], False, False
+                facing[count] = _facing(foot, light) if lamp else 1.0
+                radius = 0.5 * (math.sqrt(foot[3] * foot[3] + foot[4] * foot[4] + foot[5] * foot[5])
+                                + math.sqrt(foot[6] * foot[6] + foot[7] * foot[7] + foot[8] * foot[8]))  # fmt: skip
+                wide, deep, spread = radius, radius, light[2]
                 for body in range(first, end if facing[count] > 0.0 else first):
-                    near[body, count], whole = _hides(footprints[n], light, slots[body], values[body], size, clear)
-                    there, umbra = there or near[body, count], umbra or whole
+                    slot, near[body, count] = slots[body], False
+                    if lamp or body == first:
+                        x, y, z = _in_slot(slot, foot[0], foot[1], foot[2])
+                    if lamp:
+                        scale = max(z, 0.0) / slot[6]
+                        wide, deep, spread = 2.0 * radius * scale, radius * scale * scale, light[8] / slot[6]
+                    disc = _across(slot, x, y, z, wide, deep, light[3], light[4], tilt, spread)
+                    if disc[2] >= 0.0 and (z > 0.0 or not lamp):
+                        below = slot[4] - z - deep >= 0.0
+                        near[body, count], whole = _between(values[body], slot, size, clear, disc, below)
+                        there, umbra = there or near[body, count], umbra or whole
                 seen[n, number] = 0.0 if umbra else 1.0
                 if there and not umbra:
                     asked[count], hidden[count] = n, 0.0
@@ -456,7 +481,7 @@ def _see(
                         continue
                     slot = slots[body]
                     rays = found * (last - done)
-                    spread = light[2] if slot[6] == 0.0 else light[8] / slot[6]
+                    spread = light[8] / slot[6] if lamp else light[2]
                     disc, widening = (spread, light[3], light[4]), np.float32(spread * numbers[3])
                     _start(fan, done, last, found, slot, disc, middle, one_side, other_side, grain, start, slope, spans)
                     _walk(
@@ -509,21 +534,6 @@ def _facing(foot: Any, lamp: Any) -> Any:
     area = abs(across_x * x + across_y * y + across_z * z) / apart
     away = foot[9] * x + foot[10] * y + foot[11] * z <= 0.0 or -1.0 < lamp[12] >= cosine
     return 0.0 if away else max(math.sqrt(area), 1e-12)
-
-
-@borrowing
-def _hides(foot: Any, light: Any, slot: Any, columns: Any, size: Any, clear: Any) -> Any:
-    """Return what `_between` does for a light and a ball about a footprint."""
-    radius = 0.5 * (math.sqrt(foot[3] * foot[3] + foot[4] * foot[4] + foot[5] * foot[5])
-                    + math.sqrt(foot[6] * foot[6] + foot[7] * foot[7] + foot[8] * foot[8]))  # fmt: skip
-    x, y, z = _in_slot(slot, foot[0], foot[1], foot[2])
-    wide, deep, spread = radius, radius, light[2]
-    if slot[6] > 0.0:
-        scale = z / slot[6]
-        wide, deep, spread = 2.0 * radius * scale, radius * scale * scale, light[8] / slot[6]
-        if z <= 0.0:
-            return False, False
-    return _between(columns, slot, size, clear, x, y, z, wide, deep, light[3], light[4], spread)
 
 
 @inlined
