@@ -216,7 +216,7 @@ class Areas:
         blocks = np.zeros((len(self.corner), 8))
         blocks[:, :2], blocks[:, 2:7], blocks[:, 7] = self.corner, self.area, 0.0 if self.bias is None else self.bias
         surface = np.zeros((0, 4)) if self.surface is None else np.asarray(self.surface, np.float64).reshape(-1, 4)
-        frame = float(view.width), float(view.height), float(view.eye_m), float(self.step), float(self.spacing)
+        frame = np.array([view.width, view.height, view.eye_m, self.step, self.spacing], np.float64)
         axes = np.ascontiguousarray(view.world_from_camera, np.float64)
         _make_footprints(blocks, surface, float(self.plane_m), frame, axes, self.side, found)
         return found
@@ -255,7 +255,7 @@ def _make_footprints(
     """Set footprints (n, 12). blocks: (m, 8) of each its corner, area and bias, as `Areas` has them. frame: its width
     and height, the eye's distance from the middle, step and spacing.
     """
-    width, height, eye, step, spacing = frame
+    width, height, eye, step, spacing = frame[0], frame[1], frame[2], frame[3], frame[4]
     turn, tip = 2.0 * math.pi / width, math.pi / height
     turn_c, turn_s, tip_c, tip_s = (
         math.cos(turn * step),
