@@ -191,35 +191,25 @@ def _fans(count: int) -> tuple[NDArray[np.float32], Floats]:
 # --- footprints of areas of the frame --------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Areas:
-    """Areas of the frame over which visibility is averaged, side x side in each of m blocks, n in all, in order.
+def footprints_of(
+    view: View, corner: Floats, area: Floats, side: int, spacing: float, *, surface: Floats | None = None,
+    plane_m: float = 0.0, bias: Floats | float = 0.0, step: float = 1.0,
+) -> Floats:  # fmt: skip
+    """Return the footprints (n, 12) of `Visibility.seen` of areas of a frame, side x side in each of m blocks, in
+    order.
 
     corner: (m, 2) of the blocks in the frame. area: (m, 5) as of `sampling.frame_areas`. spacing: pixels from one to
-    the next in a block. surface: (n, 4) unit normal in the world and distance along the ray; none for a level plane,
+    the next in a block. surface: (n, 4) unit normal in the world and distance along the ray; None for a level plane,
     which is `plane_m` above the camera. bias: (m,) [m] by which footprints are off the surface. step: pixels over which
     they are measured.
     """
-
-    corner: Floats
-    area: Floats
-    side: int
-    spacing: float
-    surface: Floats | None = None
-    plane_m: float = 0.0
-    bias: Floats | None = None
-    step: float = 1.0
-
-    def footprints(self, view: View) -> Floats:
-        """Return the footprints (n, 12) of `Visibility.seen` in a view."""
-        found = np.empty((len(self.corner) * self.side * self.side, 12))
-        blocks = np.zeros((len(self.corner), 8))
-        blocks[:, :2], blocks[:, 2:7], blocks[:, 7] = self.corner, self.area, 0.0 if self.bias is None else self.bias
-        surface = np.zeros((0, 4)) if self.surface is None else np.asarray(self.surface, np.float64).reshape(-1, 4)
-        frame = np.array([view.width, view.height, view.eye_m, self.step, self.spacing], np.float64)
-        axes = np.ascontiguousarray(view.world_from_camera, np.float64)
-        _make_footprints(blocks, surface, float(self.plane_m), frame, axes, self.side, found)
-        return found
+    found, blocks = np.empty((len(corner) * side * side, 12)), np.zeros((len(corner), 8))
+    blocks[:, :2], blocks[:, 2:7], blocks[:, 7] = corner, area, bias
+    along = np.zeros((0, 4)) if surface is None else np.asarray(surface, np.float64).reshape(-1, 4)
+    frame = np.array([view.width, view.height, view.eye_m, step, spacing], np.float64)
+    axes = np.ascontiguousarray(view.world_from_camera, np.float64)
+    _make_footprints(blocks, along, float(plane_m), frame, axes, side, found)
+    return found
 
 
 @inlined
@@ -252,7 +242,7 @@ def _turned(axes: Any, x: Any, y: Any, z: Any) -> Any:
 def _make_footprints(
     blocks: Any, surface: Any, plane_m: Any, frame: Any, axes: Any, side: Any, footprints: Any
 ) -> None:
-    """Set footprints (n, 12). blocks: (m, 8) of each its corner, area and bias, as `Areas` has them. frame: its width
+    """Set footprints (n, 12). blocks: (m, 8) of each its corner, area and bias, as of `footprints_of`. frame: its width
     and height, the eye's distance from the middle, step and spacing.
     """
     width, height, eye, step, spacing = frame[0], frame[1], frame[2], frame[3], frame[4]
@@ -409,28 +399,11 @@ def _see(
     asked, mine = np.empty(_TOGETHER, np.int64), np.empty(_TOGETHER, np.int64)
     facing, hidden = np.empty(_TOGETHER), np.empty(_TOGETHER)
     # Arrays of their own: rows of one would have to be taken for overlapping
-    middle = np.empty(_TOGETHER, np.float32), np.empty(_TOGETHER, np.float32), np.empty(_TOGETHER, np.float32)
-    one_side = np.empty(_TOGETHER, np.float32), np.empty(_TOGETHER, np.float32), np.empty(_TOGETHER, np.float32)
-    other_side = np.empty(_TOGETHER, np.float32), np.empty(_TOGETHER, np.float32), np.empty(_TOGETHER, np.float32)
-    grain = np.empty(_TOGETHER, np.float32)
-    start = np.empty(_ROOM, np.float32), np.empty(_ROOM, np.float32), np.empty(_ROOM, np.float32)
-    slope = np.empty(_ROOM, np.float32), np.empty(_ROOM, np.float32), np.empty(_ROOM, np.float32)
-    spans = np.empty(_ROOM, np.float32), np.empty(_ROOM, np.float32), np.empty(_ROOM, np.float32)
-    here = np.empty(_ROOM, np.float32), np.empty(_ROOM, np.float32), np.empty(_ROOM, np.float32)
-    before = (
-        np.empty(_ROOM, np.float32),
-        np.empty(_ROOM, np.float32),
-        np.empty(_ROOM, np.float32),
-        np.empty(_ROOM, np.float32),
-    )
-    place = (
-        np.empty(_ROOM, np.int32),
-        np.empty(_ROOM, np.int32),
-        np.empty(_ROOM, np.float32),
-        np.empty(_ROOM, np.float32),
-    )
-    level = np.empty(_ROOM, np.float32), np.empty(_ROOM, np.float32), np.empty(_ROOM, np.float32)
-    four, most, blocked = np.empty(4 * _ROOM, np.float32), np.empty(_ROOM, np.float32), np.empty(_ROOM, np.float32)
+    middle, one_side, other_side = _three(_TOGETHER), _three(_TOGETHER), _three(_TOGETHER)
+    start, slope, spans, here = _three(_ROOM), _three(_ROOM), _three(_ROOM), _three(_ROOM)
+    before, level, outcome, between = _three(_ROOM), _three(_ROOM), _three(_ROOM), _three(_ROOM)
+    found_at = np.empty(_ROOM, np.int32), np.empty(_ROOM, np.int32)
+    grain, four, blocked = np.empty(_TOGETHER, np.float32), np.empty(4 * _ROOM, np.float32), outcome[2]
     for begin in range(0, len(footprints), _TOGETHER):
         for number in range(len(lights)):
             light, fan, numbers = lights[number], fans_of[of_fans[number]], fans[of_fans[number]]
@@ -484,27 +457,12 @@ def _see(
                     spread = light[8] / slot[6] if lamp else light[2]
                     disc, widening = (spread, light[3], light[4]), np.float32(spread * numbers[3])
                     _start(fan, done, last, found, slot, disc, middle, one_side, other_side, grain, start, slope, spans)
-                    _walk(
-                        values[body],
-                        slot,
-                        size,
-                        clear,
-                        rays,
-                        widening,
-                        start,
-                        slope,
-                        spans,
-                        here,
-                        before,
-                        place,
-                        level,
-                        four,
-                        most,
-                    )
+                    _walk(values[body], slot, size, clear, rays, widening, start, slope, spans, here, before, found_at,
+                          between, level, four, outcome)  # fmt: skip
                     # Of two bodies the larger counts where both are opaque
                     for k in range(last - done):
                         for m in range(found):
-                            at, one = k * count + mine[m], most[k * found + m]
+                            at, one = k * count + mine[m], outcome[0][k * found + m]
                             blocked[at] = blocked[at] + one - blocked[at] * one if clear else max(blocked[at], one)
                 for k in range(last - done):
                     for m in range(count):
@@ -519,6 +477,12 @@ def _see(
                         near[body, left] = near[body, m]
                     left += 1
                 count, done, last = left, last, total
+
+
+@inlined
+def _three(count: Any) -> Any:
+    """Return room for three numbers of each of some rays or footprints."""
+    return np.empty(count, np.float32), np.empty(count, np.float32), np.empty(count, np.float32)
 
 
 @inlined
@@ -599,7 +563,7 @@ def _start(
 @inlined
 def _walk(
     columns: Any, slot: Any, size: Any, clear: Any, rays: Any, widening: Any, start: Any, slope: Any, spans: Any,
-    here: Any, before: Any, place: Any, level: Any, four: Any, most: Any,
+    here: Any, before: Any, found_at: Any, between: Any, level: Any, four: Any, outcome: Any,
 ) -> None:  # fmt: skip
     """Set what a body blocks of rays, most (rays,), all of which take a step at a time. widening: by how much they grow
     for a metre; the other arrays are room.
@@ -608,8 +572,8 @@ def _walk(
     slope_x, slope_y, across = slope
     h, until, widths = spans
     filled, top, bottom = here
-    h_a, filled_a, top_a, bottom_a = before
-    at, side, fx, fy = place
+    filled_a, top_a, bottom_a = before
+    (at, side), (fx, fy, _), (most, h_a, _) = found_at, between, outcome
     wanted, per_texel, inside = level
     all_texels, half = np.float32(size), np.float32(0.5 * size)
     texel = np.float32(2.0 * max(slot[2], slot[3]) / size)

@@ -27,7 +27,7 @@ from mr360uw.composite.ambient.solver import AmbientLight
 from mr360uw.composite.aovs import SUMS, AovFrame
 from mr360uw.composite.gl.device import MeshBuffers, Targets, bind, joined_texture, list_texture, of_eye
 from mr360uw.composite.gl.light_textures import ShotLight
-from mr360uw.composite.gl.light_visibility import DISC, HALF_OF_RAYS, HALO, Areas, Visibility
+from mr360uw.composite.gl.light_visibility import DISC, HALF_OF_RAYS, HALO, Visibility, footprints_of
 from mr360uw.composite.gl.visible_surfaces import Fragments, Surfaces, find_surfaces
 from mr360uw.composite.lighting.light_sources import sun_of
 from mr360uw.composite.mesh.material import MAPS
@@ -255,7 +255,8 @@ def _footprints(shot: Shot, visibility: Visibility, listed: Floats, surface: Flo
     bias = visibility.bias * np.array([placed.bias_m for placed in shot.visible])[listed[:, 3].astype(np.int64)]
     in_world = np.append(surface[:, :3] @ shot.view.world_from_camera.T, surface[:, 3:], axis=1)
     width = filter_width(shot.draw.samples, shot.draw.shading)
-    return Areas(listed[:, 1:3] - 0.5, listed[:, 4:], 1, 1.0, in_world, bias=bias, step=width).footprints(shot.view)
+    places, areas = listed[:, 1:3] - 0.5, listed[:, 4:]
+    return footprints_of(shot.view, places, areas, 1, 1.0, surface=in_world, bias=bias, step=width)
 
 
 def _add_variables(
@@ -430,7 +431,7 @@ def sun_groups(shot: Shot, part: MeshFragments, facets: NDArray[np.float32], sun
 
 def fragment_planes(shot: Shot, part: MeshFragments, facets: NDArray[np.float32], towards: Floats) -> Floats:
     """Return the surfaces (n, 5) of fragments: unit normal in the camera's axes, distance along the ray, and whether
-    they face a light in the direction `towards` (3,).
+    they face a light in the direction `towards` (3,); of those that do not, nothing else.
     """
     view, surface = shot.view, np.empty((len(part.listed), 5))
     size = float(view.width), float(view.height)
@@ -467,23 +468,26 @@ def _between(row: Any, column: Any, body: Any, surface: Any, table: Any, seen: A
 
 @exact
 def _meet(listed: Any, facets: Any, triangle: Any, sun: Any, eye: Any, width: Any, height: Any, surface: Any) -> None:
-    """Set `surface` (n, 5) of fragments (n, 9): unit normal, distance along the ray, and whether it faces the sun.
+    """Set `surface` (n, 5) of fragments (n, 9): unit normal, distance along the ray, and whether it faces the sun; of
+    those that do not, nothing else.
 
-    facets, triangle: the planes of fragments. sun: (3,) its direction in the camera's axes. eye: [m] to the right of
-    the middle of a stereo camera. width, height: of the frame.
+    facets, triangle: the planes of fragments. sun: (3,) its direction in the camera's axes; zero where all count as
+    facing it. eye: [m] to the right of the middle of a stereo camera. width, height: of the frame.
     """
     for n in range(len(listed)):
         t = triangle[n]
-        lon, lat = 2.0 * np.pi * (listed[n, 1] / width - 0.5), np.pi * (0.5 - listed[n, 2] / height)
-        dx, dy, dz = np.cos(lat) * np.sin(lon), np.sin(lat), -np.cos(lat) * np.cos(lon)
         x = np.float64(facets[t, 0]) + facets[t, 3] + facets[t, 6]
         y = np.float64(facets[t, 1]) + facets[t, 4] + facets[t, 7]
         z = np.float64(facets[t, 2]) + facets[t, 5] + facets[t, 8]
+        # The plane is where the product is 1: the camera's side is that where it is less
+        surface[n, 4] = 1.0 if x * sun[0] + y * sun[1] + z * sun[2] <= 0.0 else 0.0
+        if surface[n, 4] == 0.0:
+            continue
+        lon, lat = 2.0 * np.pi * (listed[n, 1] / width - 0.5), np.pi * (0.5 - listed[n, 2] / height)
+        dx, dy, dz = np.cos(lat) * np.sin(lon), np.sin(lat), -np.cos(lat) * np.cos(lon)
         long, along = np.sqrt(x * x + y * y + z * z), x * dx + y * dy + z * dz
         surface[n, 0], surface[n, 1], surface[n, 2] = x / long, y / long, z / long
         surface[n, 3] = (1.0 - eye * (z * dx - x * dz)) / along if along != 0.0 else 0.0
-        # the plane is where the product is 1: the camera's side is that where it is less
-        surface[n, 4] = 1.0 if x * sun[0] + y * sun[1] + z * sun[2] < 0.0 else 0.0
 
 
 @exact

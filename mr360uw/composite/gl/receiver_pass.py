@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from mr360uw.cache import Cache, PartOf, Same
 from mr360uw.composite.gl.device import Targets, bind, list_texture, of_eye
 from mr360uw.composite.gl.light_textures import ShotLight, sun_defines
-from mr360uw.composite.gl.light_visibility import DISC, HALO, Areas
+from mr360uw.composite.gl.light_visibility import DISC, HALO, footprints_of
 from mr360uw.composite.lighting.light_sources import scattered_share, sun_of, widest_half_angle
 from mr360uw.composite.receiver.blocks import (
     SMOOTH,
@@ -230,8 +230,9 @@ class ReceiverPass:
         named: dict[str, NDArray[np.float32]] = {}
         footprints: Floats = np.zeros((0, 12))
         if wanted & {"SHADOW", "LAMPS"}:
-            of_frame: Floats = np.broadcast_to(np.array(WHOLE_PIXEL), (len(origin), 5)) if area is None else area
-            footprints = Areas(origin, of_frame, side, spacing, shape, _plane_m(shot)).footprints(shot.view)
+            of_frame = np.array(WHOLE_PIXEL) if area is None else area
+            plane_m = _plane_m(shot)
+            footprints = footprints_of(shot.view, origin, of_frame, side, spacing, surface=shape, plane_m=plane_m)
         if "SHADOW" in wanted:
             known = np.full((len(footprints), 2), -1.0)
             known[:, 1] = _within(halo, side).ravel()
