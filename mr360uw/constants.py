@@ -69,10 +69,6 @@ ENVIRONMENT_COLUMNS = 64
 
 MAXIMUM_SUN_SAMPLES = 32
 """Most directions over a light's disc."""
-MAXIMUM_SUN_RAYS = 128
-"""Most rays towards a light's disc from a footprint: the length of the shaders' array of them."""
-FEWEST_SUN_RAYS = 12
-"""Rays of which half may speak for all. A third of 24 misses fins in penumbrae: .06 % of a body off by a code."""
 
 MAXIMUM_GLOSSY_LEVELS = 8
 """Most roughnesses that the environment is filtered at: the length of the shaders' array of them."""

@@ -118,14 +118,12 @@ def _compile(sources: dict[str, Source]) -> moderngl.Program:
         raise GlError(f"shader - does not compile - {log.strip()}") from error
 
 
-def program(
-    *, fragment: str, vertex: str | None = None, defines: Mapping[str, str | int | float] | None = None
-) -> moderngl.Program:
-    """Return a linked program of shader files below the package; without `vertex`, one triangle fills the target.
+def program(*, fragment: str, defines: Mapping[str, str | int | float] | None = None) -> moderngl.Program:
+    """Return a linked program of a shader file below the package, whose one triangle fills the target.
 
-    The full-screen triangle hands `uv` in [0, 1]^2 to the fragment shader and is drawn with `draw_fullscreen`.
+    It hands `uv` in [0, 1]^2 to the fragment shader and is drawn with `draw_fullscreen`.
     """
-    first = load_source(vertex, defines) if vertex else expand_source(_FULLSCREEN, "fullscreen.vert")
+    first = expand_source(_FULLSCREEN, "fullscreen.vert")
     return _compile({"vertex_shader": first, "fragment_shader": load_source(fragment, defines)})
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which bodies a place tests on its way to the sun, and which fragments of a pixel look for the sun together."""
+"""Which fragments of a pixel look for the sun together."""
 
 from __future__ import annotations
 
@@ -7,41 +7,13 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
-import pytest
 
 from mr360uw.cache import Cache, PartOf
-from mr360uw.composite.gl.light_textures import CELLS, HALF_BITS, make_caster_grid
 from mr360uw.composite.gl.object_pass import SunGroups, sun_groups
 from mr360uw.composite.gl.visible_surfaces import find_surfaces
 from mr360uw.composite.sampling import frame_areas, pattern
 from mr360uw.types import Floats
 from tests.composite.scenes import placed, quad, shot
-
-
-def listed(low: Floats, scale: Floats, table: Floats, place: Floats) -> np.ndarray:
-    """Return the bodies (n, 2 HALF_BITS) that the grid lists at places (n, 3), as sun.glsl reads them."""
-    cell = np.clip(np.floor((place - low) * scale), 0, np.array(CELLS) - 1).astype(int)
-    halves = table.reshape(-1, 2)[cell @ (1, CELLS[0], CELLS[0] * CELLS[1])].astype(int)
-    return np.concatenate([halves[:, k, None] >> np.arange(HALF_BITS) & 1 for k in (0, 1)], axis=1).astype(bool)
-
-
-@pytest.mark.parametrize(("bodies", "spread"), [(1, 0.1), (20, 0.3), (30, 0.02)])
-def test_the_grid_lists_every_body_that_may_occlude_the_sun(
-    bodies: int, spread: float, rng: np.random.Generator
-) -> None:
-    bottom = rng.uniform(-2.0, 2.0, bodies)
-    extents = np.column_stack(
-        [rng.uniform(-4.0, 4.0, (bodies, 2)), rng.uniform(0.05, 0.8, (bodies, 2)), bottom, bottom + 0.4]
-    )
-    low, scale, radius_m, table = make_caster_grid(extents, spread)
-    place = rng.uniform(-9.0, 9.0, (20_000, 3))
-    above = extents[:, 5] - place[:, None, 2] + radius_m
-    across = (np.abs(place[:, None, :2] - extents[:, :2]) - extents[:, 2:4]).max(axis=-1)
-    near = (above > 0.0) & (across <= radius_m + spread * above)
-    found = listed(low, scale, table, place)[:, :bodies]
-    assert np.all(found | ~near)
-    inside = np.all((place > low) & (place < low + np.array(CELLS) / scale), axis=-1)
-    assert bodies == 1 or found[inside].sum() < 0.4 * inside.sum() * bodies  # a few, where twenty would be tested
 
 
 def groups_of(members: list[Any], depths: list[float], sun: Floats, **more: Any) -> SunGroups:

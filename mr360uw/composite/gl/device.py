@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.cache import Scratch
-from mr360uw.composite.mesh.material import AlphaMode, Material
+from mr360uw.composite.mesh.material import Material
 from mr360uw.composite.mesh.mesh import Mesh
 from mr360uw.composite.mesh.texture import WRAPS, Texture
 from mr360uw.composite.shot import Shot
@@ -35,20 +35,12 @@ ADDRESS_BITS = 12
 """Bits of the lower half of an address: single floats hold both halves exactly. Twin: geometry.glsl."""
 SETS = 8
 """Sets of texture coordinates that a material may have: more than it has maps. Twin: geometry.glsl."""
-MODES: tuple[AlphaMode, ...] = ("OPAQUE", "MASK", "BLEND")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MeshBuffers:
-    """A mesh on the device, triangles ordered by alpha mode.
+    """A mesh on the device, as geometry.glsl and texture.glsl say."""
 
-    corners: one vec4 a corner, (position, 0). ranges: (first, count) triangles of each mode. pieces: how many smooth
-    pieces it has. triangles, materials, store: as geometry.glsl and texture.glsl say.
-    """
-
-    corners: moderngl.Buffer
-    ranges: dict[AlphaMode, tuple[int, int]]
-    pieces: int
     triangles: moderngl.Texture
     materials: moderngl.Texture
     store: moderngl.Texture
@@ -58,14 +50,10 @@ class MeshBuffers:
 class StillBuffers:
     """What all poses of a mesh share: textures on the device, and the texels of its triangles.
 
-    order: (T,) of the mesh's triangles on the device. texels: (rows, columns, 4) float32, complete but for positions
-    and normals. The others are those of `MeshBuffers`.
+    texels: (rows, columns, 4) float32, complete but for positions and normals. The others are those of `MeshBuffers`.
     """
 
-    order: NDArray[np.int64]
     texels: NDArray[np.float32]
-    ranges: dict[AlphaMode, tuple[int, int]]
-    pieces: int
     materials: moderngl.Texture
     store: moderngl.Texture
 
@@ -74,58 +62,33 @@ def upload_still(mesh: Mesh, places: NDArray[np.int64] | None = None) -> StillBu
     """Return what the poses of a mesh share on the device. places: (T, 4) its points of ambient light, as `Lattice` has
     them; None without them.
     """
-    order = device_order(mesh)
-    counts = np.bincount(_modes(mesh), minlength=3)
-    ranges = {name: (int(counts[:k].sum()), int(counts[k])) for k, name in enumerate(MODES)}
-    texels = np.zeros((len(order), TRIANGLE_TEXELS, 4), np.float32)
-    texels[:, 0:9:3, 3], texels[:, 1:9:3, 3] = mesh.uv[order, :, 0], mesh.uv[order, :, 1]
-    texels[:, 2:9:3] = mesh.colors[order]
-    texels[:, 9, 0], texels[:, 9, 1] = mesh.material[order], mesh.patch[order]
-    further = np.zeros((len(order), mesh.more_uv.shape[2], 3, 4), np.float32)
-    further[..., :2] = np.swapaxes(mesh.more_uv[order], 1, 2)
-    address = TRIANGLE_TEXELS * len(order) + 3 * mesh.more_uv.shape[2] * np.arange(len(order))
+    count = len(mesh.positions)
+    texels = np.zeros((count, TRIANGLE_TEXELS, 4), np.float32)
+    texels[:, 0:9:3, 3], texels[:, 1:9:3, 3] = mesh.uv[..., 0], mesh.uv[..., 1]
+    texels[:, 2:9:3] = mesh.colors
+    texels[:, 9, 0], texels[:, 9, 1] = mesh.material, mesh.patch
+    further = np.zeros((count, mesh.more_uv.shape[2], 3, 4), np.float32)
+    further[..., :2] = np.swapaxes(mesh.more_uv, 1, 2)
+    address = TRIANGLE_TEXELS * count + 3 * mesh.more_uv.shape[2] * np.arange(count)
     texels[:, 9, 2], texels[:, 9, 3] = np.divmod(address, 1 << ADDRESS_BITS)
     if places is not None:
-        texels[:, 10] = places[order]
+        texels[:, 10] = places
     store, entries = texture_store(texture for m in mesh.materials for texture in m.maps)
     materials = np.stack([_material_texels(m, entries) for m in mesh.materials])
     return StillBuffers(
-        order=order,
         texels=_in_rows(np.concatenate([texels.ravel(), further.ravel()]), 4),
-        ranges=ranges,
-        pieces=int(mesh.patch.max()) + 1,
         materials=list_texture(materials),
         store=store,
     )
 
 
-def device_order(mesh: Mesh) -> NDArray[np.int64]:
-    """Return the triangles (T,) of a mesh in their order on the device, by alpha mode."""
-    return np.argsort(_modes(mesh), kind="stable")
-
-
-def _modes(mesh: Mesh) -> NDArray[np.int64]:
-    return np.array([MODES.index(m.alpha_mode) for m in mesh.materials])[mesh.material]
-
-
 def upload_mesh(mesh: Mesh, places: NDArray[np.int64] | None = None, still: StillBuffers | None = None) -> MeshBuffers:
     """Return a mesh on the device. places: those of `upload_still`. still: of a pose, what it shares with others."""
     still = upload_still(mesh, places) if still is None else still
-    positions, normals = (a.astype(np.float32).take(still.order, axis=0) for a in (mesh.positions, mesh.normals))
-    corners = np.zeros((len(positions), 3, 4), np.float32)
-    corners[..., :3] = positions
-    rows = still.texels.copy()
-    texels = rows.reshape(-1, 4)[: TRIANGLE_TEXELS * len(positions)].reshape(-1, TRIANGLE_TEXELS, 4)
-    texels[:, 0:9:3, :3], texels[:, 1:9:3, :3] = positions, normals
-    held = gl_context().buffer(corners)
-    return MeshBuffers(
-        corners=held,
-        ranges=still.ranges,
-        pieces=still.pieces,
-        triangles=texture_from_array(rows),
-        materials=still.materials,
-        store=still.store,
-    )
+    rows, count = still.texels.copy(), len(mesh.positions)
+    texels = rows.reshape(-1, 4)[: TRIANGLE_TEXELS * count].reshape(-1, TRIANGLE_TEXELS, 4)
+    texels[:, 0:9:3, :3], texels[:, 1:9:3, :3] = mesh.positions, mesh.normals
+    return MeshBuffers(texture_from_array(rows), still.materials, still.store)
 
 
 def list_texture(values: NDArray[Any], channels: int = 4) -> moderngl.Texture:

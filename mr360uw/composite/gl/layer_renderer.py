@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The gl renderer: the layer of a frame on OpenGL 3.3, with the samples, groups and light of the reference renderer.
 
-Only pixels that objects and their shadows may change are drawn and read back. The cache keeps meshes, the shadow atlas,
-the samples of objects at rest and the geometry of the receiver from frame to frame.
+Only pixels that objects and their shadows may change are drawn and read back. The cache keeps meshes, the columns of
+shadows, the samples of objects at rest and the geometry of the receiver from frame to frame.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ class LayerRenderer:
     def __init__(self, cache: Cache | None = None) -> None:
         self._cache = Cache() if cache is None else cache
         self._meshes, self._targets = _DeviceMeshes(self._cache), Targets()
-        self._light = LightTextures(self._cache, self._meshes.buffers)
+        self._light = LightTextures(self._cache)
         self._objects = ObjectPass(self._targets, self._meshes.buffers, self._cache)
         self._receiver = ReceiverPass(self._targets, self._cache)
 

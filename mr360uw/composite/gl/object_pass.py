@@ -15,7 +15,7 @@ first; a pixel between others of the same surface that all see the whole sun, or
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -25,8 +25,9 @@ from mr360uw.cache import Cache, PartOf, Same, Scratch
 from mr360uw.composite.ambient.mesh_transfer import FEW_CHANNELS, UNTOUCHED
 from mr360uw.composite.ambient.solver import AmbientLight
 from mr360uw.composite.aovs import SUMS, AovFrame
-from mr360uw.composite.gl.device import MeshBuffers, Targets, bind, device_order, joined_texture, list_texture, of_eye
+from mr360uw.composite.gl.device import MeshBuffers, Targets, bind, joined_texture, list_texture, of_eye
 from mr360uw.composite.gl.light_textures import ShotLight
+from mr360uw.composite.gl.light_visibility import DISC, HALF_OF_RAYS, HALO, Visibility, footprints_of
 from mr360uw.composite.gl.visible_surfaces import Fragments, Surfaces, find_surfaces
 from mr360uw.composite.lighting.light_sources import sun_of
 from mr360uw.composite.mesh.material import MAPS
@@ -41,12 +42,8 @@ if TYPE_CHECKING:
     import moderngl
 
 
-_CHANNELS = ((4, 1), (4,) * 6, (4,) * 4, (2,))
-"""Outputs of layer.frag: radiance and distance, both halves of the output variables, what is seen of the sun."""
-_BY_FRAGMENT, _SEEN = (0, 1, 2), 3
-"""Numbers of those of every fragment, and of the last."""
-_ORDERS = 64
-"""Meshes of which the order of triangles on the device is kept."""
+_CHANNELS = ((4, 1), (4,) * 6, (4,) * 4)
+"""Outputs of layer.frag: radiance and distance, both halves of the output variables."""
 _PARTS = 256
 """Groups of fragments of one mesh in one layer, of which it is kept what they see of the sun."""
 _KEPT = 1 << 21
@@ -94,21 +91,20 @@ class ObjectPass:
         values, changed = self._body_list(shot, objects, ambient)
         cache = self._cache.of(_cache_of, Same(surfaces))
         bodies = joined_texture(values, self._scratch), changed
-        places = {placed.mesh: self._cache.of(_device_places, placed.mesh.still, keep=_ORDERS) for placed in objects}
         for number, fragments in enumerate(layers):
             if len(fragments) == 0:
                 continue
             body = np.asarray(np.searchsorted(first, fragments.triangle, side="right") - 1, np.int64)
             parts = cache.of(
                 mesh_fragments,
-                PartOf((objects, first, fragments, places), Same(fragments)),
+                PartOf((objects, first, fragments), Same(fragments)),
                 body,
                 keep=len(layers),
             )
             blended = number < len(layers) - 1
             values_of, *halves = (
                 self._light_up((shot, light, surfaces), parts, len(fragments), bodies, blended, cache, outputs)
-                for outputs in ((0,) if frame is None else _BY_FRAGMENT)
+                for outputs in ((0,) if frame is None else range(len(_CHANNELS)))
             )
             if frame is not None:
                 seen = through(tiles, fragments)[fragments.pixel()] * fragments.weight * values_of[:, 3]
@@ -125,7 +121,7 @@ class ObjectPass:
         of_visible = [v for v, placed in zip(every, shot.objects, strict=True) if placed.visible]
         changed = {placed.mesh for placed, known in zip(objects, of_visible, strict=True) if known is not None}
         for row, placed, known in zip(table, objects, of_visible, strict=True):
-            row[:3], row[3, 0] = placed.world_from_object[:3], placed.bias_m
+            row[:3] = placed.world_from_object[:3]
             row[:3, 3] -= shot.view.position
             if placed.mesh not in changed:
                 continue
@@ -138,13 +134,17 @@ class ObjectPass:
             texels += own.size // 4
         return values, frozenset(changed)
 
-    def _sun_groups(self, lit: _Lit, part: MeshFragments, cache: Cache) -> SunGroups | None:
-        """Return the groups of fragments that see the same of the sun; None where that is known or nothing hides it."""
+    def _see_lights(self, lit: _Lit, part: MeshFragments, cache: Cache) -> dict[str, moderngl.Texture]:
+        """Return the textures of what fragments see of the sun and of lamps, by their names in layer.frag."""
         shot, light, surfaces = lit
-        sun = sun_of(shot)
-        if sun is None or "SHADOW" not in light.defines or cache.holds(self._see_sun, part, PartOf(0, light.of_sight)):
-            return None
-        return sun_groups(shot, part, surfaces.facets, sun.direction)
+        textures: dict[str, moderngl.Texture] = {}
+        if "SHADOW" in light.defines:
+            seen = PartOf((shot, light.visibility, surfaces), light.visibility.of_sun)
+            textures["sun_seen"] = cache.of(_see_sun, part, seen, keep=_PARTS)
+        if "LAMPS" in light.defines:
+            seen = PartOf((shot, light.visibility, surfaces), light.visibility.of_lamps)
+            textures["lamps_seen"] = cache.of(_see_lamps, part, seen, keep=_PARTS)
+        return textures
 
     def _light_up(
         self,
@@ -159,65 +159,36 @@ class ObjectPass:
         """Return the outputs (count, channels) of layer.frag for `count` fragments. outputs: see `_CHANNELS`."""
         values = np.empty((count, sum(_CHANNELS[outputs])), np.float32)
         for part in parts:
-            extra = {}
-            groups = self._sun_groups(lit, part, cache)
-            if "SHADOW" in lit[1].defines:
-                seen = PartOf((*lit, bodies, groups), lit[1].of_sight)
-                extra["sun_seen"] = cache.of(self._see_sun, part, seen, keep=_PARTS)
-            entries = cache.of(_entries, part, keep=_PARTS)
-            values[part.chosen] = self._shade(lit, part, entries, bodies, outputs, blended=blended, textures=extra)
+            textures = {"fragments": cache.of(_entries, part, keep=_PARTS), **self._see_lights(lit, part, cache)}
+            values[part.chosen] = self._shade(lit, part, bodies, outputs, textures, blended=blended)
         return values
-
-    def _see_sun(self, part: MeshFragments, seen: PartOf[tuple[*_Lit, Bodies, SunGroups | None]]) -> moderngl.Texture:
-        """Return the visible fractions of the sun's disc and halo of each fragment, as layer.frag reads them."""
-        *_, bodies, groups = seen.whole
-        lit = seen.whole[:3]
-        assert groups is not None
-        of_groups = np.zeros((len(groups.listed), sum(_CHANNELS[_SEEN])), np.float32)
-        which = groups.first
-        of_groups[which] = self._cast_rays(lit, part, groups.listed[which], bodies)
-        which = groups.fill_between(of_groups)
-        of_groups[which] = self._cast_rays(lit, part, groups.listed[which], bodies)
-        fractions = np.ones((len(groups.of), of_groups.shape[1]), np.float32)
-        there = groups.of >= 0
-        fractions[there] = of_groups[groups.of[there]]
-        return list_texture(fractions, 2)
-
-    def _cast_rays(self, lit: _Lit, part: MeshFragments, listed: Floats, bodies: Bodies) -> NDArray[np.float32]:
-        """Return the visible fractions (m, 2) of the sun's disc and halo of listed fragments (m, 9) of a mesh."""
-        if len(listed) == 0:
-            return np.zeros((0, sum(_CHANNELS[_SEEN])), np.float32)
-        few = replace(part, chosen=np.arange(len(listed)))
-        return self._shade(lit, few, list_texture(listed, 3), bodies, _SEEN)
 
     def _shade(
         self,
         lit: _Lit,
         part: MeshFragments,
-        entries: moderngl.Texture,
         bodies: Bodies,
         outputs: int,
+        textures: Mapping[str, moderngl.Texture],
         *,
-        blended: bool = False,
-        textures: Mapping[str, moderngl.Texture] | None = None,
+        blended: bool,
     ) -> NDArray[np.float32]:
-        """Return the outputs (n, channels) of layer.frag for a part of the fragments, which a texture lists."""
+        """Return the outputs (n, channels) of layer.frag for a part of the fragments. textures: of these alone."""
         (shot, light, _), mesh, count = lit, part.mesh, len(part.chosen)
         buffers = self._buffers(mesh)
         defines = of_eye(shot) | {"OUTPUTS": outputs} | _map_defines(mesh) | light.defines
         defines |= {"BLENDED": 1} if blended else {}
-        defines |= {"AMONG_BODIES": 1} if mesh in bodies[1] and outputs != _SEEN else {}
-        defines |= {"SMOOTH": 1} if mesh.glossy and outputs != _SEEN else {}
+        defines |= {"AMONG_BODIES": 1} if mesh in bodies[1] else {}
+        defines |= {"SMOOTH": 1} if mesh.glossy else {}
         shader = self._targets.program("layer", defines)
         bind(
             shader,
             {
-                "fragments": entries,
                 "bodies": bodies[0],
                 "triangles": buffers.triangles,
                 "materials": buffers.materials,
                 "store": buffers.store,
-                **(textures or {}),
+                **textures,
                 **light.textures,
             },
         )
@@ -233,19 +204,59 @@ class ObjectPass:
         return self._targets.items(shader, f"layer {outputs}", count, _CHANNELS[outputs])
 
 
-def _device_places(mesh: Mesh) -> NDArray[np.int64]:
-    """Return the places (T,) of a mesh's triangles on the device."""
-    return np.argsort(device_order(mesh))
-
-
 def _cache_of(_: Same) -> Cache:
     """Return the cache of what is made of a list of fragments, and goes with it."""
     return Cache()
 
 
 def _entries(part: MeshFragments) -> moderngl.Texture:
-    """Return the texture of what `MeshFragments` lists."""
-    return list_texture(part.listed, 3)
+    """Return the texture of triangles, places and bodies of fragments."""
+    return list_texture(part.listed[:, :4])
+
+
+_Seen = PartOf[tuple[Shot, Visibility, Surfaces]]
+
+
+def _see_sun(part: MeshFragments, seen: _Seen) -> moderngl.Texture:
+    """Return the visible fractions of the sun's disc and halo of each fragment, as layer.frag reads them."""
+    shot, visibility, surfaces = seen.whole
+    sun = sun_of(shot)
+    assert sun is not None
+    groups = sun_groups(shot, part, surfaces.facets, sun.direction)
+    of_groups = np.zeros((len(groups.listed), 2), np.float32)
+    _ask(shot, visibility, groups, groups.first, of_groups)
+    _ask(shot, visibility, groups, groups.fill_between(of_groups), of_groups)
+    fractions = np.ones((len(groups.of), 2), np.float32)
+    there = groups.of >= 0
+    fractions[there] = of_groups[groups.of[there]]
+    return list_texture(fractions, 2)
+
+
+def _ask(
+    shot: Shot, visibility: Visibility, groups: SunGroups, which: NDArray[np.bool_], seen: NDArray[np.float32]
+) -> None:
+    """Set what some groups (m,) see of the sun's disc and halo, seen (m, 2)."""
+    footprints = _footprints(shot, visibility, groups.listed[which], groups.surface[which])
+    seen[which] = visibility.seen(footprints, (DISC, HALO), HALF_OF_RAYS)
+
+
+def _see_lamps(part: MeshFragments, seen: _Seen) -> moderngl.Texture:
+    """Return the visible fractions of the lamps of each fragment, as layer.frag reads them."""
+    shot, visibility, surfaces = seen.whole
+    surface = fragment_planes(shot, part, surfaces.facets, np.zeros(3))
+    lamps = range(HALO + 1, len(visibility.lights))
+    return list_texture(visibility.seen(_footprints(shot, visibility, part.listed, surface[:, :4]), lamps), 1)
+
+
+def _footprints(shot: Shot, visibility: Visibility, listed: Floats, surface: Floats) -> Floats:
+    """Return the footprints (n, 12) of fragments. listed: (n, 9) of `MeshFragments`. surface: (n, 4) unit normal in the
+    camera's axes, and distance.
+    """
+    bias = visibility.bias * np.array([placed.bias_m for placed in shot.visible])[listed[:, 3].astype(np.int64)]
+    in_world = np.append(surface[:, :3] @ shot.view.world_from_camera.T, surface[:, 3:], axis=1)
+    width = filter_width(shot.draw.samples, shot.draw.shading)
+    places, areas = listed[:, 1:3] - 0.5, listed[:, 4:]
+    return footprints_of(shot.view, places, areas, 1, 1.0, surface=in_world, bias=bias, step=width)
 
 
 def _add_variables(
@@ -320,15 +331,15 @@ def add_behind(tiles: Sequence[Tile], fragments: Fragments, values: Floats) -> N
 
 
 _AT_ONCE = 1 << 19
-LayerOf = tuple[tuple[PlacedObject, ...], NDArray[np.int64], Fragments, dict[Mesh, NDArray[np.int64]]]
-"""Objects, the number of each one's first triangle, a layer, and the places (T,) of meshes' triangles on the device."""
+LayerOf = tuple[tuple[PlacedObject, ...], NDArray[np.int64], Fragments]
+"""Objects, the number of each one's first triangle, and a layer."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MeshFragments:
     """Fragments of one mesh that are shaded together. chosen: (n,) numbers among all.
 
-    listed: (n, 9) of each, triangle on the device, place (2), body and area (5) of `Fragments`. triangle: (n,) numbers
+    listed: (n, 9) of each, triangle of the mesh, place (2), body and area (5) of `Fragments`. triangle: (n,) numbers
     of triangles among all. pixel: (n,) numbers, those of a pixel in sequence; weight: (n,) of `Fragments`.
     """
 
@@ -342,16 +353,16 @@ class MeshFragments:
 
 def mesh_fragments(layer: PartOf[LayerOf], body: NDArray[np.int64]) -> list[MeshFragments]:
     """Return the fragments of a layer by mesh. body: (n,) of each."""
-    objects, first, fragments, places = layer.whole
-    pixel, triangle = fragments.pixel(), fragments.triangle - first[body]
+    objects, first, fragments = layer.whole
+    pixel = fragments.pixel()
     listed = np.empty((len(fragments), 9), np.float32)
+    listed[:, 0] = fragments.triangle - first[body]
     listed[:, 1:3], listed[:, 3], listed[:, 4:] = fragments.place, body, fragments.area
     meshes = list(dict.fromkeys(placed.mesh for placed in objects))
     of_mesh = np.array([meshes.index(placed.mesh) for placed in objects])[body]
     parts = []
     for k, mesh in enumerate(meshes):
         chosen = np.flatnonzero(of_mesh == k)
-        listed[chosen, 0] = places[mesh][triangle[chosen]]
         for start in range(0, len(chosen), _AT_ONCE):
             part = chosen[start : start + _AT_ONCE]
             numbers = fragments.triangle[part]
@@ -404,11 +415,8 @@ class SunGroups:
 
 def sun_groups(shot: Shot, part: MeshFragments, facets: NDArray[np.float32], sun: Floats) -> SunGroups:
     """Return the groups of the fragments of one mesh. facets: of `Surfaces`. sun: (3,) direction in the world."""
-    view = shot.view
-    surface = np.empty((len(part.listed), 5))
-    sunward, size = view.world_from_camera.T @ sun, (float(view.width), float(view.height))
-    _meet(part.listed, facets, part.triangle, sunward, float(view.eye_m), *size, surface)
-    apart = _APART * np.pi / view.height if shot.draw.shading != "sample" else -1.0
+    surface = fragment_planes(shot, part, facets, sun)
+    apart = _APART * np.pi / shot.view.height if shot.draw.shading != "sample" else -1.0
     of, chosen = np.full(len(part.listed), -1, np.int64), np.zeros(len(part.listed), np.int64)
     area = np.zeros((len(part.listed), 5))
     count = _group(part.listed, part.pixel, part.weight, surface, apart, of, chosen, area)
@@ -419,6 +427,16 @@ def sun_groups(shot: Shot, part: MeshFragments, facets: NDArray[np.float32], sun
     beside = np.diff(pixel, prepend=-1, append=-1) != 0
     even = np.all(np.floor(listed[:, 1:3]) % 2.0 == 0.0, axis=1)
     return SunGroups(of, listed, surface[chosen, :4], even | ~(beside[:-1] & beside[1:]))
+
+
+def fragment_planes(shot: Shot, part: MeshFragments, facets: NDArray[np.float32], towards: Floats) -> Floats:
+    """Return the surfaces (n, 5) of fragments: unit normal in the camera's axes, distance along the ray, and whether
+    they face a light in the direction `towards` (3,); of those that do not, nothing else.
+    """
+    view, surface = shot.view, np.empty((len(part.listed), 5))
+    size = float(view.width), float(view.height)
+    _meet(part.listed, facets, part.triangle, view.world_from_camera.T @ towards, float(view.eye_m), *size, surface)
+    return surface
 
 
 @exact
@@ -450,23 +468,26 @@ def _between(row: Any, column: Any, body: Any, surface: Any, table: Any, seen: A
 
 @exact
 def _meet(listed: Any, facets: Any, triangle: Any, sun: Any, eye: Any, width: Any, height: Any, surface: Any) -> None:
-    """Set `surface` (n, 5) of fragments (n, 9): unit normal, distance along the ray, and whether it faces the sun.
+    """Set `surface` (n, 5) of fragments (n, 9): unit normal, distance along the ray, and whether it faces the sun; of
+    those that do not, nothing else.
 
-    facets, triangle: the planes of fragments. sun: (3,) its direction in the camera's axes. eye: [m] to the right of
-    the middle of a stereo camera. width, height: of the frame.
+    facets, triangle: the planes of fragments. sun: (3,) its direction in the camera's axes; zero where all count as
+    facing it. eye: [m] to the right of the middle of a stereo camera. width, height: of the frame.
     """
     for n in range(len(listed)):
         t = triangle[n]
-        lon, lat = 2.0 * np.pi * (listed[n, 1] / width - 0.5), np.pi * (0.5 - listed[n, 2] / height)
-        dx, dy, dz = np.cos(lat) * np.sin(lon), np.sin(lat), -np.cos(lat) * np.cos(lon)
         x = np.float64(facets[t, 0]) + facets[t, 3] + facets[t, 6]
         y = np.float64(facets[t, 1]) + facets[t, 4] + facets[t, 7]
         z = np.float64(facets[t, 2]) + facets[t, 5] + facets[t, 8]
+        # The plane is where the product is 1: the camera's side is that where it is less
+        surface[n, 4] = 1.0 if x * sun[0] + y * sun[1] + z * sun[2] <= 0.0 else 0.0
+        if surface[n, 4] == 0.0:
+            continue
+        lon, lat = 2.0 * np.pi * (listed[n, 1] / width - 0.5), np.pi * (0.5 - listed[n, 2] / height)
+        dx, dy, dz = np.cos(lat) * np.sin(lon), np.sin(lat), -np.cos(lat) * np.cos(lon)
         long, along = np.sqrt(x * x + y * y + z * z), x * dx + y * dy + z * dz
         surface[n, 0], surface[n, 1], surface[n, 2] = x / long, y / long, z / long
         surface[n, 3] = (1.0 - eye * (z * dx - x * dz)) / along if along != 0.0 else 0.0
-        # the plane is where the product is 1: the camera's side is that where it is less
-        surface[n, 4] = 1.0 if x * sun[0] + y * sun[1] + z * sun[2] < 0.0 else 0.0
 
 
 @exact

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from mr360uw.cache import Cache, PartOf, Same
 from mr360uw.composite.gl.device import Targets, bind, list_texture, of_eye
 from mr360uw.composite.gl.light_textures import ShotLight, sun_defines
+from mr360uw.composite.gl.light_visibility import DISC, HALO, footprints_of
 from mr360uw.composite.lighting.light_sources import scattered_share, sun_of, widest_half_angle
 from mr360uw.composite.receiver.blocks import (
     SMOOTH,
@@ -43,7 +44,7 @@ _Lit = tuple[Shot, ShotLight]
 _NO_EDGE, _SOFT, _SHARP = 0, 1, 2
 """Kinds of shadow edges in a block: none, one for samples at every second pixel, one for pixels where these differ."""
 _PART_OF_DISC, _WHOLE_DISC = 2.0, 3.0
-"""Occlusion codes of coarse.frag: bodies may occlude part of the sun's disc, or occlude all of it."""
+"""Numbers of `Visibility.hidden`: bodies may hide part of the sun's disc, or hide all of it."""
 _WIDE = 1.5
 """Width of a penumbra, in radii of a block, above which corners and middle represent it. Half as large, narrow
 penumbrae are missed; twice as large, more blocks are drawn pixel by pixel."""
@@ -90,7 +91,7 @@ class ReceiverPass:
         shaded = touched.shaded & ("SHADOW" in sun_defines(shot))
         through = None if shot.medium is None else Same(shot.medium.unscattered)
         of_blocks = PartOf(touched, Same(ground), shaded, touched.lamplit)
-        alike = PartOf((shot, light), light.of_sight, through, shot.receiver)
+        alike = PartOf((shot, light), light.visibility.of_sun, through, shot.receiver)
         sight = self._cache.of(self._sight, alike, of_blocks, shaded, "CAUSTICS" in of_sun, gaps, keep=2)
         reach.corner[(*sight.at, SEEN)] = sight.value
         # Leave out the blocks that do not change by the light at their corners
@@ -136,16 +137,22 @@ class ReceiverPass:
         halo = np.full((*shaded.shape, 4), -1.0, np.float32)
         if not np.any(shaded) or sun is None:
             return SunSight((np.zeros(0, np.int64),) * 2, np.zeros(0, np.float32), edge, umbra, halo, None)
-        # Look at the sun from corners and middles
+        # Look at the sun from corners and middles; on level ground the beam is everywhere the same
+        assert shot.receiver is not None
+        level, plane_m = shot.receiver.plane_y is not None, _plane_m(shot)
         (cj, ci), (mj, mi) = np.nonzero(ground.corners_of(shaded)), np.nonzero(shaded)
         reach = ground.reach_m[mj, mi]
-        places = np.zeros((len(cj) + len(mj), 4), np.float32)
+        places = np.zeros((len(cj) + len(mj), 4))
         places[: len(cj), :3] = ground.corner_point[cj, ci]
         places[len(cj) :, :3], places[len(cj) :, 3] = ground.middle_point[mj, mi], reach
-        visible = self._sun_at(light, places)
+        footprints = np.zeros((len(places), 12))
+        footprints[:, :3] = places[:, :3]
+        visible = light.visibility.seen(footprints, (DISC, HALO))
+        scattered = scattered_share(shot, np.array([[0.0, plane_m, 0.0]]) if level else places[:, :3])
+        visible[:, 0] = _of_beam(visible, scattered)
         at_corners = np.zeros((2, shaded.shape[0] + 1, shaded.shape[1] + 1), np.float32)
-        at_corners[:, cj, ci] = visible[: len(cj), :2].T
-        seen, halo_seen, kept, gap = visible[len(cj) :].T
+        at_corners[:, cj, ci] = visible[: len(cj)].T
+        (seen, halo_seen), (kept, gap) = visible[len(cj) :].T, light.visibility.hidden(places[len(cj) :]).T
         # Penumbrae that are narrow, or not straight between corners and middle, are edges
         of_disc, of_halo = 2.0 * np.tan(sun.half_angle_rad) * gap, 2.0 * np.tan(widest_half_angle(shot)) * gap
         four = [four_corners(values, mj, mi) for values in at_corners]
@@ -154,14 +161,14 @@ class ReceiverPass:
         sharp = narrow | (missed > _HALVED * SMOOTH)
         found = (sharp | (missed > SMOOTH)) & (kept > 0.0) & (kept < _WHOLE_DISC)
         umbra[mj, mi], edge[mj, mi] = kept == _WHOLE_DISC, found
-        missed = np.abs(halo_seen - four[1].mean(axis=1)) * scattered_share(shot, ground.middle_point[mj, mi])
+        missed = np.abs(halo_seen - four[1].mean(axis=1)) * scattered[-len(mj) :]
         interpolable = (of_halo >= _WIDE * reach) & (missed <= SMOOTH)
         halo[mj, mi] = np.where(interpolable[:, None], four[1], -1.0)
         # On level ground, refine those that show nothing else
         pixels, own = None, found & ~ground.rough[mj, mi] & ~touched.lamplit[mj, mi]
-        if shot.receiver is not None and shot.receiver.plane_y is not None and not waves and np.any(own):
+        if level and not waves and np.any(own):
             pixels = self._refined((shot, light), ground, gaps, mj[own], mi[own], halo[mj, mi][own], sharp[own])
-        return SunSight((cj, ci), visible[: len(cj), 0], edge, umbra, halo, pixels)
+        return SunSight((cj, ci), visible[: len(cj), 0].astype(np.float32), edge, umbra, halo, pixels)
 
     def _refined(
         self, lit: _Lit, ground: Ground, gaps: Gaps, j: Indices, i: Indices, halo: Floats, sharp: NDArray[np.bool_]
@@ -170,7 +177,7 @@ class ReceiverPass:
         between every second pixel, and the pixels themselves of `sharp` blocks (n,) that these miss, or with gaps.
         """
         origin = float(BLOCK) * np.stack([i, j], axis=-1)
-        few = self._samples(lit, _entries(origin, halo), _SHADOW, BLOCK // 2, 2)[0]
+        few = self._samples(lit, origin, halo, _SHADOW, BLOCK // 2, 2)["seen"]
         seen = np.clip(enlarged(few), 0.0, 1.0)
         bent = sharp & (missed_between(few) > SMOOTH)
         bent[ground.gaps_in(gaps, j, i)[1]] = True
@@ -186,51 +193,69 @@ class ReceiverPass:
         wanted: features to compute, of SHADOW, CAUSTICS, ROUGH (all light, for rough blocks) and, with ROUGH, LAMPS.
         """
         shape = None if _on_plane(lit[0], wanted) else ground.pixels(lit[0], j, i)
-        entries = _entries(float(BLOCK) * np.stack([i, j], axis=-1), halo)
-        images = self._samples(lit, entries, wanted, BLOCK, 1, shape)
+        named = self._samples(lit, float(BLOCK) * np.stack([i, j], axis=-1), halo, wanted, BLOCK, 1, shape)
         some, block = ground.gaps_in(gaps, j, i)
         if len(block):
-            for image, value in zip(images, self._at_gaps(lit, ground, some, wanted), strict=True):
-                image[block, some.row % BLOCK, some.column % BLOCK] = value
-        falls, *own = images
-        named = {"seen": falls[..., -1:]} if "SHADOW" in wanted else {}
-        named |= {"waves": falls[..., :3]} if "CAUSTICS" in wanted else {}
-        named |= {"shape": np.concatenate([own[0], own[1][..., :3]], axis=-1)} if own else {}
-        return named | ({"added": own[2][..., :3]} if "LAMPS" in wanted else {})
+            for name, image in self._at_gaps(lit, ground, some, wanted).items():
+                named[name][block, some.row % BLOCK, some.column % BLOCK] = image[:, 0, 0]
+        return named
 
-    def _at_gaps(self, lit: _Lit, ground: Ground, gaps: Gaps, wanted: frozenset[str]) -> list[NDArray[np.float32]]:
-        """Return the outputs (n, k) of receiver.frag in gaps, with shadows averaged over their areas."""
+    def _at_gaps(self, lit: _Lit, ground: Ground, gaps: Gaps, wanted: frozenset[str]) -> dict[str, NDArray[np.float32]]:
+        """Return what `_pixels` does in gaps, (n, 1, 1, k), with shadows averaged over their areas."""
         shape = None
         if not _on_plane(lit[0], wanted):
             point, normal = ground.meet(lit[0], *gaps.place.T)
-            shape = np.append(normal, np.linalg.norm(point, axis=-1)[:, None], axis=1)
-        entries = _entries(gaps.place - 0.5, np.full((len(gaps.place), 4), -1.0), gaps.area[:, 2:])
-        return [image[:, 0, 0] for image in self._samples(lit, entries, wanted, 1, 1, shape)]
-
-    # --- on the device -----------------------------------------------------------------------------------------------
-
-    def _sun_at(self, light: ShotLight, places: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Return the outputs (n, 4) of coarse.frag for balls (n, 4), position and radius [m]."""
-        defines = frozenset(light.defines) & {"SUN", "SHADOW", "MEDIUM", "HALO", "TRANSLUCENT"}
-        shader = self._targets.program("coarse", dict.fromkeys(defines, 1))
-        bind(shader, {"places": list_texture(places), **light.textures})
-        light.set(shader)
-        set_uniforms(shader, count=len(places))
-        return self._targets.items(shader, "coarse", len(places), (4,))
+            shape = np.append(normal, np.linalg.norm(point, axis=-1)[:, None], axis=1)[:, None, None]
+        halo = np.full((len(gaps.place), 4), -1.0)
+        return self._samples(lit, gaps.place - 0.5, halo, wanted, 1, 1, shape, gaps.area)
 
     def _samples(
-        self, lit: _Lit, entries: Floats, wanted: frozenset[str], side: int, spacing: int, shape: Floats | None = None
-    ) -> list[NDArray[np.float32]]:
-        """Return the outputs of receiver.frag, images (n, side, side, k) of blocks of samples `spacing` pixels apart.
+        self,
+        lit: _Lit,
+        origin: Floats,
+        halo: Floats,
+        wanted: frozenset[str],
+        side: int,
+        spacing: int,
+        shape: Floats | None = None,
+        area: Floats | None = None,
+    ) -> dict[str, NDArray[np.float32]]:
+        """Return images (n, side, side, k) of samples `spacing` pixels apart of blocks, by the names of `_CHANNELS`.
 
-        entries: (n, 12) of `_entries`. shape: (n, side, side, 4) normal and distance; None for a plane.
+        origin: (n, 2) frame coordinates of the blocks' corners. halo: (n, 4) visible fraction of the halo there,
+        negative where it is found for each sample. shape: (n, side, side, 4) normal and distance; None for a plane.
+        area: (n, 5) of the frame that samples represent; None for pixels.
         """
-        (shot, light), count = lit, len(entries) * side * side
+        shot, light = lit
+        named: dict[str, NDArray[np.float32]] = {}
+        footprints: Floats = np.zeros((0, 12))
+        if wanted & {"SHADOW", "LAMPS"}:
+            of_frame = np.array(WHOLE_PIXEL) if area is None else area
+            plane_m = _plane_m(shot)
+            footprints = footprints_of(shot.view, origin, of_frame, side, spacing, surface=shape, plane_m=plane_m)
+        if "SHADOW" in wanted:
+            known = np.full((len(footprints), 2), -1.0)
+            known[:, 1] = _within(halo, side).ravel()
+            seen = light.visibility.seen(footprints, (DISC, HALO), known=known)
+            of_beam = _of_beam(seen, scattered_share(shot, footprints[: 1 if shape is None else None, :3]))
+            named["seen"] = np.asarray(of_beam, np.float32).reshape(-1, side, side, 1)
+        if wanted & {"CAUSTICS", "ROUGH"}:
+            named |= self._draw(lit, origin, wanted, side, shape, footprints)
+        return named
+
+    def _draw(
+        self, lit: _Lit, origin: Floats, wanted: frozenset[str], side: int, shape: Floats | None, footprints: Floats
+    ) -> dict[str, NDArray[np.float32]]:
+        """Return the images of `_samples` that receiver.frag draws. footprints: of all."""
+        (shot, light), count = lit, len(origin) * side * side
         assert shot.receiver is not None
-        textures = {"blocks": list_texture(entries)} | ({} if shape is None else {"shape": list_texture(shape)})
-        defines = (wanted - {"LAMPS"}) | (frozenset(light.defines) & {"SUN", "MEDIUM", "HALO", "SOFT", "TRANSLUCENT"})
+        textures = {"blocks": list_texture(origin, 2)} | ({} if shape is None else {"shape": list_texture(shape)})
+        defines = (wanted - {"LAMPS", "SHADOW"}) | (frozenset(light.defines) & {"SUN", "MEDIUM", "HALO", "SOFT"})
         defines |= {"PLANE"} if shape is None else set()
-        numbers = {"LAMPS": light.defines["LAMPS"]} if "LAMPS" in wanted else {}
+        numbers = {}
+        if "LAMPS" in wanted:
+            seen, numbers["LAMPS"] = light.visibility.seen(footprints, light.lamps), len(light.lamps)
+            textures["lamps_seen"] = list_texture(seen, 1)
         shader = self._targets.program("receiver", {**dict.fromkeys(defines, 1), **numbers, **of_eye(shot)})
         bind(shader, textures | light.textures)
         light.set(shader)
@@ -242,16 +267,14 @@ class ReceiverPass:
             eye_m=shot.view.eye_m,
             count=count,
             side_bits=side.bit_length() - 1,
-            spacing=float(spacing),
-            plane_height=(shot.receiver.plane_y or 0.0) - float(shot.view.position[1]),
+            plane_height=_plane_m(shot),
             fade=(FADE_FROM * extent, extent),
         )
-        if "ROUGH" in wanted:
-            channels: tuple[int, ...] = (4,) * (4 if "LAMPS" in wanted else 3)
-        else:
-            channels = (4,) if "CAUSTICS" in wanted else (1,)
-        values = self._targets.items(shader, "receiver", count, channels).reshape(-1, side, side, sum(channels))
-        return np.split(values, np.cumsum(channels)[:-1], axis=-1)
+        outputs = (1 if "ROUGH" not in wanted else 4 if "LAMPS" in wanted else 3) * (4,)
+        values = self._targets.items(shader, "receiver", count, outputs).reshape(-1, side, side, sum(outputs))
+        named = {"waves": values[..., :3]} if "CAUSTICS" in wanted else {}
+        named |= {"shape": values[..., 4:11]} if "ROUGH" in wanted else {}
+        return named | ({"added": values[..., 12:15]} if "LAMPS" in wanted else {})
 
 
 def _wanted(receiver: Receiver) -> frozenset[str]:
@@ -261,17 +284,24 @@ def _wanted(receiver: Receiver) -> frozenset[str]:
 
 
 def _on_plane(shot: Shot, wanted: frozenset[str]) -> bool:
-    """Return whether receiver.frag intersects rays with the receiver itself: a plane without rough blocks."""
+    """Return whether rays are intersected with the receiver itself: a plane without rough blocks."""
     return shot.receiver is not None and shot.receiver.plane_y is not None and "ROUGH" not in wanted
 
 
-def _entries(origin: Floats, halo: Floats, area: Floats | None = None) -> NDArray[np.float32]:
-    """Return the entries (n, 12) of receiver.frag of blocks of samples.
+def _plane_m(shot: Shot) -> float:
+    """Return the height [m] of a level receiver above the camera; any number for other shapes."""
+    assert shot.receiver is not None
+    return (shot.receiver.plane_y or 0.0) - float(shot.view.position[1])
 
-    origin: (n, 2) frame coordinates of their corners. halo: (n, 4) visible fraction of the halo at their corners,
-    negative where it is found for each sample. area: (n, 3) matrix of the area of the frame that each sample represents
-    (`sampling.frame_areas`); None for a pixel.
-    """
-    entries = np.zeros((len(origin), 12), np.float32)
-    entries[:, :2], entries[:, 2:5], entries[:, 8:] = origin, WHOLE_PIXEL[2:] if area is None else area, halo
-    return entries
+
+def _of_beam(seen: Floats, scattered: Floats) -> Floats:
+    """Return the visible fraction (n,) of the beam: of disc and halo, the first of `seen`, by their fractions of it."""
+    return seen[:, 0] + scattered * (seen[:, 1] - seen[:, 0])
+
+
+def _within(corners: Floats, side: int) -> Floats:
+    """Return values (n, side, side) of samples of blocks between those at their corners (n, 4); negative ones are
+    kept."""
+    place = (np.arange(side) + 0.5) / side
+    left, right = (corners[:, None, k] + place * (corners[:, None, k + 2] - corners[:, None, k]) for k in (0, 1))
+    return left[:, :, None] + place * (right - left)[:, :, None]

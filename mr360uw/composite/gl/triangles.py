@@ -48,8 +48,8 @@ class SeenTriangles:
 class MeshLooks:
     """What is the same in all poses of a mesh. kind: (T,) index of the alpha mode. two_sided: (T,). pieces: how many.
 
-    cut: (T,) row of `cuts`, -1 for triangles without a mask. cuts: (m, 11) texture coordinates and alphas of the
-    corners, cutoff, and index of the map, -1 for none. maps: those.
+    cut: (T,) row of `cuts`, -1 for opaque triangles. cuts: (m, 11) texture coordinates and alphas of the corners,
+    cutoff of a mask, and index of the map, -1 for none. maps: those.
     """
 
     kind: NDArray[np.int8]
@@ -64,16 +64,18 @@ def mesh_looks(mesh: Mesh) -> MeshLooks:
     """Return what all poses of a mesh share."""
     modes = np.array([_MODES.index(m.alpha_mode) for m in mesh.materials], np.int8)
     two_sided = np.array([m.double_sided for m in mesh.materials])
-    kind, masked = modes[mesh.material], np.flatnonzero(modes[mesh.material] == MASKED)
+    kind, clear = modes[mesh.material], np.flatnonzero(modes[mesh.material] != OPAQUE)
     cut = np.full(len(kind), -1, np.int32)
-    cut[masked] = np.arange(len(masked))
-    maps = tuple(dict.fromkeys(m.base_map for m in mesh.materials if m.alpha_mode == "MASK" and m.base_map is not None))
+    cut[clear] = np.arange(len(clear))
+    maps = tuple(
+        dict.fromkeys(m.base_map for m in mesh.materials if m.alpha_mode != "OPAQUE" and m.base_map is not None)
+    )
     number = np.array([-1 if m.base_map not in maps else maps.index(m.base_map) for m in mesh.materials])
     factor = np.array([m.base_color[3] for m in mesh.materials])
-    cutoff, material = np.array([m.alpha_cutoff for m in mesh.materials]), mesh.material[masked]
+    cutoff, material = np.array([m.alpha_cutoff for m in mesh.materials]), mesh.material[clear]
     cuts = np.column_stack(
         [
-            mesh.uv[masked].reshape(-1, 6), factor[material, None] * mesh.colors[masked, :, 3],
+            mesh.uv[clear].reshape(-1, 6), factor[material, None] * mesh.colors[clear, :, 3],
             cutoff[material], number[material],
         ]
     )  # fmt: skip

@@ -118,7 +118,7 @@ def find_surfaces(sampled: PartOf[Shot], objects: list[PlacedObject], cache: Cac
     piece = np.concatenate(
         [placed.mesh.patch + start for placed, start in zip(objects, pieces.tolist(), strict=False)], dtype=np.int32
     )
-    scene: Any = (facets, nearest, kind, piece, *_cutouts(looks, first))
+    scene: Any = (facets, nearest, kind, piece, *cutouts(looks, first))
     # List them by block, nearest first, and see which pixels they fill
     corner, bounds, members, masks = make_blocks(rectangle, nearest, view)
     tables: Any = _ray_tables(view)
@@ -149,7 +149,7 @@ def find_surfaces(sampled: PartOf[Shot], objects: list[PlacedObject], cache: Cac
     return Surfaces(layers, first[:-1], facets)
 
 
-def _cutouts(looks: Sequence[MeshLooks], first: NDArray[np.int64]) -> tuple[Any, ...]:
+def cutouts(looks: Sequence[MeshLooks], first: NDArray[np.int64]) -> tuple[Any, ...]:
     """Return the tables of masks that kernels read: rows of `cuts` by triangle, those, alphas of all levels of maps,
     and the place of each map among them: address, width, height, wrap along both.
     """
@@ -305,7 +305,7 @@ def _tolerance(facet: Any, slack: Any, near: Any) -> Any:
 
 
 @exact
-def _alpha(cuts: Any, alphas: Any, places: Any, weights: Any, change: Any) -> Any:
+def alpha_of(cuts: Any, alphas: Any, places: Any, weights: Any, change: Any) -> Any:
     """Return the alpha of a masked triangle at weights (3,) of its corners. change: (2, 2) of (u, v) over a pixel."""
     total = max(weights[0] + weights[1] + weights[2], 1e-30)
     alpha = u = v = 0.0
@@ -350,7 +350,7 @@ def _close_masked(met: Any, best: Any, cuts: Any, alphas: Any, places: Any, chan
         if inside and met[0, i] + met[1, i] + met[2, i] > best[i]:
             for k in range(3):
                 weights[k] = met[k, i]
-            if _alpha(cuts, alphas, places, weights, change) < least:
+            if alpha_of(cuts, alphas, places, weights, change) < least:
                 met[0, i] = np.float32(-1.0)
 
 

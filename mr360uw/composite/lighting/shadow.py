@@ -4,7 +4,7 @@
 Visibility is the mean over directions that fill the disc, each from a place of its own in the footprint. Light that the
 water has scattered forwards comes from a wider disc: a Gaussian spread of standard deviation sigma is taken as a disc
 of the same second moment (`sphere.effective_half_angle`). The device traces the same rays through filtered columns
-(gl/shaders/shadow.glsl).
+(gl/light_visibility.py).
 
 A surface of alpha a lets 1 - a of the light through, n of them the product (glTF 2.0, section 3.9.4); a mask all or
 nothing. In the water a body's clear triangles let the same fraction through everywhere, the mean over the body.

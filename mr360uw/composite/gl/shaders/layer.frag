@@ -7,38 +7,29 @@
 uniform float eye_m;
 #endif
 uniform sampler2D fragments, bodies;
-uniform sampler2D triangles, materials, store, diffuse, beam, veil, attenuation, sun_map, casters, plane_depth;
+uniform sampler2D triangles, materials, store, diffuse, beam, veil, attenuation, lamps, plane_depth;
 uniform sampler2DArray ambient, caustic_ratio, plate_ratio;
 uniform mat3 world_from_camera;
 uniform vec2 frame_size;
 uniform int count;
 uniform float filter_width;
-#if defined(SHADOW) && OUTPUTS != 3
-uniform sampler2D sun_seen;  // of each fragment: visible fractions of the disc and of the halo, by OUTPUTS 3
-#endif
-uniform vec4 rays[MAXIMUM_SUN_RAYS];
+uniform sampler2D sun_seen;  // visible fractions of the sun's disc and halo, of each fragment
+uniform sampler2D lamps_seen;  // visible fractions of the lamps, LAMPS for each fragment
 uniform float glossy_roughness[MAXIMUM_GLOSSY_LEVELS];
 uniform View view;
 uniform Sun sun;
-uniform Shadows shadows;
 uniform int glossy_levels;
 uniform float outside_index;
-uniform int first_lamp;
 uniform MediumTable medium;
 uniform CausticStack stack;
 #if OUTPUTS == 1
 layout(location = 0) out vec4 parts_out[6];
 #elif OUTPUTS == 2
 layout(location = 0) out vec4 parts_out[4];
-#elif OUTPUTS == 3
-layout(location = 0) out vec2 seen_out;
 #else
 layout(location = 0) out vec4 radiance;
 layout(location = 1) out float distance_m;
 #endif
-
-// step through the halo's directions on bodies: 2 takes half of them; the error is below the variation of their shading
-const int HALO_EVERY = 2;
 
 vec3 world_direction(vec2 place) {
     return world_from_camera * direction_from_frame(place, frame_size);
@@ -55,31 +46,18 @@ bool faces_sun(Surface s) {
     return dot(s.normal, sun.direction) > 0.0 && dot(s.geometric_normal, sun.direction) > 0.0;
 }
 
-#if OUTPUTS == 3
-vec2 sun_seen_from(Surface s, Footprint area, float bias_m) {
-    area.middle += shadows.bias_scale * bias_m * s.geometric_normal;
-    vec3 p = in_sun_axes(sun, view, area.middle);
-    mat2x3 sides = sun.axes * area.sides;
-    vec2 seen = vec2(disc_seen(sun, shadows, sun_map, casters, rays, p, sides, sun.half_angle, 1, faces_sun(s)), 0.0);
-#if defined(HALO)
-    seen.y = disc_seen(sun, shadows, sun_map, casters, rays, p, sides, sun.halo_angle, HALO_EVERY, faces_sun(s));
-#endif
-    return seen;
-}
-#else
-Parts light_surface(Surface s, Among among, Footprint area, float bias_m, int number) {
+Parts light_surface(Surface s, Among among, int number) {
     Coat coat = make_coat(s, outside_index);
     vec3 axis = lobe_axis(s.normal, coat.view, coat.n_dot_v, s.roughness);
     vec3 scale = ambient_factor(view, medium, diffuse, s.point, s.normal.y);
     vec3 mirrored = ambient_factor(view, medium, diffuse, s.point, axis.y);
     Parts parts = ambient_light(coat, s, among, ambient, glossy_level(s.roughness), axis, scale, mirrored);
-    area.middle += shadows.bias_scale * bias_m * s.geometric_normal;
 #if defined(SUN)
     bool faces = faces_sun(s);
     float free = 1.0;
 #if defined(SHADOW)
     vec2 seen = texelFetch(sun_seen, list_place(number), 0).rg;
-    free = mix(seen.x, seen.y, scattered_at(sun, view, medium, beam, area.middle));
+    free = mix(seen.x, seen.y, scattered_at(sun, view, medium, beam, s.point));
 #endif
     vec3 waves = waves_at(sun, view, medium, beam, stack, caustic_ratio, plane_depth, s.point, s.footprint_m);
     vec3 irradiance = beam_at(sun, view, medium, beam, s.point) * waves * (faces ? free : 0.0);
@@ -89,28 +67,23 @@ Parts light_surface(Surface s, Among among, Footprint area, float bias_m, int nu
 #endif
 #if defined(LAMPS)
     for (int k = 0; k < LAMPS; ++k) {
-        Lamp lamp = fetch_lamp(casters, first_lamp + k);
+        Lamp lamp = fetch_lamp(lamps, k);
         LampLight light = lamp_light(lamp, medium, beam, attenuation, s.point);
-        bool lit = dot(s.normal, light.towards) > 0.0 && dot(s.geometric_normal, light.towards) > 0.0
-                && light.irradiance != vec3(0.0);
-        float free = lamp_visibility(lamp, shadows, sun_map, casters, rays, area, lit);
-        parts.lamps += reflected_light(coat, s, light.towards, lit ? free * light.irradiance : vec3(0.0), light.half_angle);
+        bool lit = dot(s.normal, light.towards) > 0.0 && dot(s.geometric_normal, light.towards) > 0.0;
+        float free = lit ? texelFetch(lamps_seen, list_place(number * LAMPS + k), 0).r : 0.0;
+        parts.lamps += reflected_light(coat, s, light.towards, free * light.irradiance, light.half_angle);
     }
 #endif
     return trimmed(parts, s.trim);
 }
-#endif
 
 void main() {
-    int number = lane_number(ivec2(gl_FragCoord.xy));
-    int entry = 3 * min(number, count - 1);
-    vec3 fragment = texelFetch(fragments, list_place(entry), 0).xyz;
-    vec3 more = texelFetch(fragments, list_place(entry + 1), 0).xyz;  // body, offset of the footprint's middle
-    vec3 matrix = texelFetch(fragments, list_place(entry + 2), 0).xyz;
-    int body = 4 * int(more.x);
+    int number = min(lane_number(ivec2(gl_FragCoord.xy)), count - 1);
+    vec4 fragment = texelFetch(fragments, list_place(number), 0);  // triangle, place, body
+    int body = 4 * int(fragment.w);
     mat4 placed = transpose(mat4(texelFetch(bodies, list_place(body), 0), texelFetch(bodies, list_place(body + 1), 0),
                                  texelFetch(bodies, list_place(body + 2), 0), vec4(0.0, 0.0, 0.0, 1.0)));
-    vec4 numbers = texelFetch(bodies, list_place(body + 3), 0);  // bias, first point value, points of the front if two-sided, texels a point
+    vec4 numbers = texelFetch(bodies, list_place(body + 3), 0);  // -, first point value, points of the front if two-sided, texels a point
     Triangle triangle = fetch_triangle(triangles, placed, int(fragment.x));
     vec2 place = fragment.yz;
     vec3 right = world_direction(place + vec2(filter_width, 0.0)), below = world_direction(place + vec2(0.0, filter_width));
@@ -122,21 +95,15 @@ void main() {
 #endif
     Surface s = surface(triangles, materials, store, placed, triangle, world_direction(place), right, below,
                         PI / frame_size.y * filter_width);
-    mat2x3 steps = mat2x3(pixel_step(s.point, s.geometric_normal, right, filter_width),
-                          pixel_step(s.point, s.geometric_normal, below, filter_width));
 #if defined(EYE)
     s.point += start;
 #endif
-    Footprint area = footprint_of(s.point, steps, more.yz, matrix);
-#if OUTPUTS == 3
-    seen_out = sun_seen_from(s, area, numbers.x);
-#else
     Among among = Among(vec3(1.0), vec3(1.0), vec3(0.0));
 #if defined(AMONG_BODIES)
     int first_value = int(numbers.y) + (s.behind ? int(numbers.w) * int(numbers.z) : 0);
     among = among_bodies(bodies, first_value, int(numbers.w), listed(triangles, triangle.first + 10), s.weights);
 #endif
-    Parts p = light_surface(s, among, area, numbers.x, min(number, count - 1));
+    Parts p = light_surface(s, among, number);
     vec3 through = vec3(1.0), haze = vec3(0.0);
 #if defined(MEDIUM)
     through = transmittance_lookup(medium, attenuation, s.distance_m, s.direction.y);
@@ -162,6 +129,5 @@ void main() {
 #else
     radiance = vec4(through * (p.diffuse + p.glossy + p.sun + p.lamps + p.emission) + haze, alpha);
     distance_m = s.distance_m;
-#endif
 #endif
 }

@@ -1,32 +1,25 @@
-// Light on the receiver at listed samples, side x side of a block one after the other, `spacing` pixels apart: sun
-// visibility, caustics and, on request, ambient fraction, veil and light of lamps. Held to composite/receiver/ratio.py.
+// Light on the receiver at listed samples, side x side of a block one after the other: caustics and, on request, ambient
+// fraction, veil and light of lamps. Held to composite/receiver/ratio.py.
 #include "composite/gl/shaders/lamps.glsl"
 #include "composite/gl/shaders/sun.glsl"
 #if defined(EYE)
 #include "composite/gl/shaders/eyes.glsl"
 uniform float eye_m;
 #endif
-uniform sampler2D blocks, shape, diffuse, beam, veil, attenuation, sun_map, casters, plane_depth;
+uniform sampler2D blocks, shape, diffuse, beam, veil, attenuation, lamps, plane_depth;
+uniform sampler2D lamps_seen;  // visible fractions of the lamps, LAMPS for each sample
 uniform sampler2DArray ambient, caustic_ratio, plate_ratio;
 uniform mat3 world_from_camera;
 uniform vec2 frame_size;
 uniform int count;
 uniform int side_bits;  // log2 of side
-uniform float spacing;
 uniform float plane_height;
 uniform vec2 fade;  // distances from which, and at which, the receiver fades out
-uniform vec4 rays[MAXIMUM_SUN_RAYS];
 uniform View view;
 uniform Sun sun;
-uniform Shadows shadows;
-uniform int first_lamp;
 uniform MediumTable medium;
 uniform CausticStack stack;
-#if defined(CAUSTICS) || defined(ROUGH)
-layout(location = 0) out vec4 falls;  // waves, visible fraction of the sun
-#else
-layout(location = 0) out float falls;
-#endif
+layout(location = 0) out vec4 waves;
 #if defined(ROUGH)
 layout(location = 1) out vec4 share;  // ambient fraction of the light, weight
 layout(location = 2) out vec4 haze;
@@ -36,12 +29,10 @@ layout(location = 3) out vec4 added;  // light of lamps over the plate's own
 #endif
 
 void main() {
-    // a block: frame coordinates and two numbers of its area; the third; visible fraction of the halo at its corners
     int number = min(lane_number(ivec2(gl_FragCoord.xy)), count - 1), side = 1 << side_bits;
-    int first = 3 * (number >> (2 * side_bits));
-    vec4 block = texelFetch(blocks, list_place(first), 0);
+    vec4 block = texelFetch(blocks, list_place(number >> (2 * side_bits)), 0);  // its corner in the frame
     vec2 within = vec2(number & (side - 1), (number >> side_bits) & (side - 1)) + 0.5;
-    vec2 place = block.xy + within * spacing;
+    vec2 place = block.xy + within;
     vec3 direction = world_from_camera * direction_from_frame(place, frame_size);
     vec3 start = vec3(0.0);
 #if defined(EYE)
@@ -54,34 +45,8 @@ void main() {
     float distance_m = ground.w;
 #endif
     vec3 seen_from = distance_m * direction, point = start + seen_from;
-#if defined(SHADOW) || defined(LAMPS)
-#if defined(PLANE)
-    vec3 normal = vec3(0.0, 1.0, 0.0);
-#else
-    vec3 normal = ground.xyz;
-#endif
-    vec3 right = world_from_camera * direction_from_frame(place + vec2(1.0, 0.0), frame_size);
-    vec3 below = world_from_camera * direction_from_frame(place + vec2(0.0, 1.0), frame_size);
-    mat2x3 steps = mat2x3(pixel_step(seen_from, normal, right, 1.0), pixel_step(seen_from, normal, below, 1.0));
-    vec3 matrix = vec3(block.zw, texelFetch(blocks, list_place(first + 1), 0).x);
-    Footprint area = footprint_of(point, steps, vec2(0.0), matrix);
-#endif
-    float seen = 1.0;
-#if defined(SHADOW)
-    float halo = -1.0;
-#if defined(HALO)
-    vec4 corners = texelFetch(blocks, list_place(first + 2), 0);  // negative: found for each sample
-    vec2 at = within / float(side), ends = mix(corners.xz, corners.yw, at.x);
-    if (corners.x >= 0.0) halo = mix(ends.x, ends.y, at.y);
-#endif
-    seen = visibility(sun, shadows, view, medium, beam, sun_map, casters, rays, area, halo, 1, true);
-#endif
-#if defined(CAUSTICS) || defined(ROUGH)
-    falls = vec4(waves_at(sun, view, medium, beam, stack, caustic_ratio, plane_depth, point,
-                          distance_m * PI / frame_size.y), seen);
-#else
-    falls = seen;
-#endif
+    waves.rgb = waves_at(sun, view, medium, beam, stack, caustic_ratio, plane_depth, point,
+                         distance_m * PI / frame_size.y);
 #if defined(ROUGH)
     vec3 around = environment_lookup(ambient, 0, ground.xyz) * ambient_factor(view, medium, diffuse, point, ground.y);
     vec3 direct = beam_at(sun, view, medium, beam, point) * max(dot(ground.xyz, sun.direction), 0.0);
@@ -95,12 +60,11 @@ void main() {
 #if defined(LAMPS)
     added = vec4(0.0);
     for (int k = 0; k < LAMPS; ++k) {
-        Lamp lamp = fetch_lamp(casters, first_lamp + k);
+        Lamp lamp = fetch_lamp(lamps, k);
         LampLight light = lamp_light(lamp, medium, beam, attenuation, point);
         float cosine = max(dot(ground.xyz, light.towards), 0.0);
-        bool lit = cosine > 0.0 && distance_m > 0.0 && light.irradiance != vec3(0.0);
-        float free = lamp_visibility(lamp, shadows, sun_map, casters, rays, area, lit);
-        if (lit) added.rgb += cosine * free * light.irradiance;
+        float free = texelFetch(lamps_seen, list_place(number * LAMPS + k), 0).r;
+        if (distance_m > 0.0) added.rgb += cosine * free * light.irradiance;
     }
     added.rgb = min(added.rgb / max(around + direct, DARK), BRIGHTEST);
 #endif

@@ -1,0 +1,659 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Visible fraction of the sun and of lamps behind bodies, traced through columns along their light (shadow_columns.py).
+
+Each ray stands for a part of the light's disc and of a footprint, and is as wide as both: the columns on its way are
+taken from the level of its width. A ray that starts within a column that lets light through passes half of it. The
+reference casts rays instead (lighting/light_sources.py). The loops are compiled, on the processor: a driver in software
+runs every ray as long as the longest beside it.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mr360uw.cache import Cache, Scratch
+from mr360uw.composite.gl.shadow_columns import (
+    SMALLEST,
+    axes_and_slope,
+    columns_of,
+    lamp_frames,
+    slot_size,
+    sun_frames,
+)
+from mr360uw.composite.lighting.light_sources import lamps_of, sun_of, widest_half_angle
+from mr360uw.composite.lighting.shadow import wide_pixel_offsets
+from mr360uw.composite.shot import Shot
+from mr360uw.constants import LONGEST_FOOTPRINT, MAXIMUM_SUN_SAMPLES
+from mr360uw.jit import borrowing, fast, inlined
+from mr360uw.medium.shafts.single_scattering import nearest_m
+from mr360uw.sphere import disc_offsets
+from mr360uw.types import Floats, View
+
+_MOST_RAYS = 128
+"""Most rays towards a light's disc from a footprint."""
+_FEWEST_RAYS = 12
+"""Rays of which half may speak for all. A third of 24 misses fins in penumbrae: .06 % of a body off by a code."""
+_NARROW = 512
+"""Width of a frame [pixels] below which a pixel's footprint is so large that more rays are cast from it, in proportion:
+with 24, noise at the edges of shadows exceeds two code values in one pixel of five hundred at a width of 128."""
+_BIASED_SLOT = 256
+"""Columns across a slot in which `PlacedObject.bias_m` is 1.5 columns."""
+_RAMP = 1.33
+"""Columns over which a filtered one rises from empty to filled at a straight edge."""
+_RAY_WIDTH = 1.2
+"""Width of a ray over that of the part of footprint and disc that it represents."""
+_SHARPEST = 0.2
+"""Least width of a sharpened edge, as a fraction of `_RAMP`."""
+_MOST_STEPS = 16
+"""Most columns along a ray; the last step is as long as it takes."""
+DISC, HALO = 0, 1
+"""Numbers of the sun's disc and halo among the lights of `Visibility`; lamps follow."""
+_TOGETHER = 16
+"""Footprints whose rays are traced side by side, because compilers make vectors of long loops. Half as many: 4 %
+slower; twice as many: as fast."""
+ALL_RAYS, HALF_OF_RAYS, ONE_RAY = 0, 1, 2
+"""Numbers of the fans of rays: all, each second one of them, and one, for lights that are points."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Visibility:
+    """What hides the lights of a shot. Points are from the camera, in the world's axes [m].
+
+    values, size, clear: of `Columns`. slots: (m, 19) of each its extents (6), middle distance, axes (3, 3) and the
+    camera in them (3); the middle distance is 0 for the sun. lights: (L, 14) the sun's disc and halo, then lamps; of
+    each the numbers of its first slot and of the one after its last, for the sun the tangent of its radius and its
+    direction across over along (2), and for lamps place (3), radius, axis (3), cosine at the edge of the cone, and
+    least distance. rays: (3, 4, n) of fans, slope over a unit disc and place in [-0.5, 0.5]^2 of a footprint; fans: (3,
+    4) how many there are, how many speak for all where they agree, and by how much a ray widens, over the footprint and
+    over the radius of the disc a metre away. bias: factor on the offset of rays from a body's surface.
+    """
+
+    values: NDArray[np.float32]
+    size: int
+    clear: bool
+    slots: Floats
+    lights: Floats
+    rays: NDArray[np.float32]
+    fans: Floats
+    bias: float
+
+    @property
+    def of_sun(self) -> tuple[object, ...]:
+        """All that decides what is seen of the sun from a place in the world."""
+        lights, bias = self.lights[: HALO + 1], self.bias
+        return self.values, self.slots[: int(lights[DISC, 1]), :16], lights, self.fans, bias
+
+    @property
+    def of_lamps(self) -> tuple[object, ...]:
+        """All that decides what is seen of lamps from a place."""
+        return self.values, self.slots, self.lights[HALO + 1 :], self.fans, self.bias
+
+    def hidden(self, places: Floats) -> Floats:
+        """Return for balls (n, 4), middle and radius, which of the sun's lights bodies may hide (n, 2): 0 neither, 1
+        the halo, 2 part of the disc, 3 all of both; and the distance [m] to the nearest such body.
+        """
+        found = np.empty((len(places), 2))
+        _find_hidden(places, self.lights, self.slots, self.values, self.size, self.clear, found)
+        return found
+
+    def seen(
+        self, footprints: Floats, lights: Sequence[int], fan: int = ALL_RAYS, known: Floats | None = None
+    ) -> Floats:
+        """Return the visible fractions (n, k) of lights of these numbers, means over footprints.
+
+        footprints: (n, 12) of each its middle, two sides and, for lamps, the normal of its surface. fan: of the halo.
+        known: (n, k) fractions that are known already; negative where they are not.
+        """
+        of_lights = self.lights[list(lights)]
+        fans = [fan if k == HALO else ALL_RAYS if k == DISC or self.lights[k, 8] > 0.0 else ONE_RAY for k in lights]
+        found = np.full((len(footprints), len(of_lights)), -1.0) if known is None else known.copy()
+        of_fans = np.array(fans, np.int64)
+        _see(
+            footprints, of_lights, of_fans, self.slots, self.values, self.size, self.clear, self.rays, self.fans, found
+        )
+        return found
+
+
+def visibility_of(shot: Shot, cache: Cache, scratch: Scratch) -> Visibility:
+    """Return what hides the lights of a shot. cache: keeps columns of bodies; scratch: for drawing them."""
+    sun, lamps, view = sun_of(shot), lamps_of(shot), shot.view
+    of_sun, of_lamps = sun_frames(shot), lamp_frames(shot)
+    frames = [*of_sun, *(frame for group in of_lamps for frame in group)]
+    # Draw the columns, as fine as the narrowest light asks for
+    radii = [lamp.radius_m / frame.middle_m for lamp, g in zip(lamps, of_lamps, strict=True) for frame in g]
+    narrowest = min([*radii, *([] if sun is None else [sun.half_angle_rad])], default=0.0)
+    columns = columns_of(frames, slot_size(len(frames), _pixels_across(shot), narrowest), cache, scratch)
+    # Describe their slots and the lights
+    slots, lights = np.zeros((len(frames), 19)), np.zeros((HALO + 1 + len(lamps), 14))
+    slots[:, :6] = columns.extents
+    for row, frame in zip(slots, frames, strict=True):
+        row[6], row[7:16] = frame.middle_m, frame.axes.ravel()
+        row[16:] = frame.axes @ (view.position - (0.0 if frame.origin is None else frame.origin))
+    if sun is not None:
+        radius, widest = sun.half_angle_rad, widest_half_angle(shot)
+        _, slope = axes_and_slope(sun)
+        lights[DISC, 1:5] = len(of_sun), np.tan(radius), *slope
+        lights[HALO, 1:5] = len(of_sun) if widest > radius else 0, np.tan(widest), *slope
+    first = len(of_sun)
+    for row, lamp, group in zip(lights[HALO + 1 :], lamps, of_lamps, strict=True):
+        row[:2], row[5:8], row[8] = (first, first + len(group)), lamp.position - view.position, lamp.radius_m
+        row[9:12], row[12], row[13] = lamp.axis, lamp.cos_edge, nearest_m(lamp)
+        first += len(group)
+    # Spread rays over their discs, and over footprints
+    finer = int(np.clip(round(_NARROW / view.width), 1, _MOST_RAYS // MAXIMUM_SUN_SAMPLES))
+    rays, fans = _fans(finer * min(shot.draw.sun_samples, MAXIMUM_SUN_SAMPLES))
+    bias = max(_BIASED_SLOT / columns.size, 1.0)
+    return Visibility(columns.values, columns.size, columns.clear, slots, lights, rays, fans, bias)
+
+
+def _pixels_across(shot: Shot) -> float:
+    """Return the width [pixels] of the body that is largest in the frame."""
+    widest = 0.0
+    for placed in shot.casters:
+        radius = placed.mesh.radius_m * placed.scale
+        distance = float(np.linalg.norm(placed.to_world(placed.mesh.center_m) - shot.view.position))
+        widest = max(widest, 2.0 * radius / max(distance - radius, 1e-3))
+    return widest * shot.view.height / np.pi
+
+
+@functools.cache
+def _fans(count: int) -> tuple[NDArray[np.float32], Floats]:
+    """Return `Visibility.rays` and `Visibility.fans` of a number of directions, shared by all callers.
+
+    Rays of that width have, with factors on their places and directions, the second moments of footprint and disc
+    together: a square's is 1/12 of its squared side, a disc's 1/4 of its squared radius. Of a fan that is asked by
+    halves, the first half is one of every two, the first and the second in turn: rays that follow each other lie in
+    other columns of the footprint.
+    """
+    rays, fans = np.zeros((3, 4, _MOST_RAYS), np.float32), np.zeros((3, 4))
+    every = np.concatenate([disc_offsets(count), wide_pixel_offsets(count)], axis=1)
+    for fan, of_fan, some in zip(rays, fans, (every, every[::2], every[:1]), strict=True):
+        number = len(some)
+        grain, widening = min(_RAY_WIDTH * number**-0.5, 1.0), _RAY_WIDTH * (np.pi / number) ** 0.5
+        factors = np.sqrt(np.maximum(1.0 - np.array([widening * widening / 3.0, grain * grain]), 0.0))
+        few, order = number, np.arange(number)
+        if number >= _FEWEST_RAYS:
+            few = number // 2
+            pair = np.arange(few)
+            order[: 2 * few] = np.concatenate([2 * pair + (pair + half) % 2 for half in (0, 1)])
+        fan[:, :number] = (some[order] * np.repeat(factors, 2)).T
+        of_fan[:] = number, few, grain, widening
+    return rays, fans
+
+
+# --- footprints of areas of the frame --------------------------------------------------------------------------------
+
+
+def footprints_of(
+    view: View, corner: Floats, area: Floats, side: int, spacing: float, *, surface: Floats | None = None,
+    plane_m: float = 0.0, bias: Floats | float = 0.0, step: float = 1.0,
+) -> Floats:  # fmt: skip
+    """Return the footprints (n, 12) of `Visibility.seen` of areas of a frame, side x side in each of m blocks, in
+    order.
+
+    corner: (m, 2) of the blocks in the frame. area: (m, 5) as of `sampling.frame_areas`. spacing: pixels from one to
+    the next in a block. surface: (n, 4) unit normal in the world and distance along the ray; None for a level plane,
+    which is `plane_m` above the camera. bias: (m,) [m] by which footprints are off the surface. step: pixels over which
+    they are measured.
+    """
+    found, blocks = np.empty((len(corner) * side * side, 12)), np.zeros((len(corner), 8))
+    blocks[:, :2], blocks[:, 2:7], blocks[:, 7] = corner, area, bias
+    along = np.zeros((0, 4)) if surface is None else np.asarray(surface, np.float64).reshape(-1, 4)
+    frame = np.array([view.width, view.height, view.eye_m, step, spacing], np.float64)
+    axes = np.ascontiguousarray(view.world_from_camera, np.float64)
+    _make_footprints(blocks, along, float(plane_m), frame, axes, side, found)
+    return found
+
+
+@inlined
+def _step(px: Any, py: Any, pz: Any, nx: Any, ny: Any, nz: Any, dx: Any, dy: Any, dz: Any, pixels: Any) -> Any:
+    """Return the derivative (3) of a point p on a plane with the normal n by a frame coordinate, as `pixel_steps` of
+    composite/raycast.py. d: direction that lies `pixels` pixels farther.
+    """
+    cosine = nx * dx + ny * dy + nz * dz
+    along = (nx * px + ny * py + nz * pz) / cosine if abs(cosine) > 1e-6 else 0.0
+    far = math.sqrt(px * px + py * py + pz * pz)
+    ux, uy, uz = dx * far - px, dy * far - py, dz * far - pz
+    if along > 0.0:
+        longest = LONGEST_FOOTPRINT * math.sqrt(ux * ux + uy * uy + uz * uz)
+        ux, uy, uz = dx * along - px, dy * along - py, dz * along - pz
+        pixels /= min(longest / max(math.sqrt(ux * ux + uy * uy + uz * uz), 1e-18), 1.0)
+    return ux / pixels, uy / pixels, uz / pixels
+
+
+@inlined
+def _turned(axes: Any, x: Any, y: Any, z: Any) -> Any:
+    """Return a vector of the camera's axes in the world's."""
+    return (
+        axes[0, 0] * x + axes[0, 1] * y + axes[0, 2] * z,
+        axes[1, 0] * x + axes[1, 1] * y + axes[1, 2] * z,
+        axes[2, 0] * x + axes[2, 1] * y + axes[2, 2] * z,
+    )
+
+
+@fast
+def _make_footprints(
+    blocks: Any, surface: Any, plane_m: Any, frame: Any, axes: Any, side: Any, footprints: Any
+) -> None:
+    """Set footprints (n, 12). blocks: (m, 8) of each its corner, area and bias, as of `footprints_of`. frame: its width
+    and height, the eye's distance from the middle, step and spacing.
+    """
+    width, height, eye, step, spacing = frame[0], frame[1], frame[2], frame[3], frame[4]
+    turn, tip = 2.0 * math.pi / width, math.pi / height
+    turn_c, turn_s, tip_c, tip_s = (
+        math.cos(turn * step),
+        math.sin(turn * step),
+        math.cos(tip * step),
+        math.sin(tip * step),
+    )
+    lon_c, lon_s, lat_c, lat_s = np.empty(side), np.empty(side), np.empty(side), np.empty(side)
+    for m in range(len(blocks)):
+        block = blocks[m]
+        for i in range(side):
+            lon = turn * (block[0] + (i + 0.5) * spacing) - math.pi
+            lat = 0.5 * math.pi - tip * (block[1] + (i + 0.5) * spacing)
+            lon_c[i], lon_s[i], lat_c[i], lat_s[i] = math.cos(lon), math.sin(lon), math.cos(lat), math.sin(lat)
+        for within in range(side * side):
+            n, r, c = m * side * side + within, within // side, within % side
+            # The ray, and those a step to the right and below
+            ls, lc, s, o = lon_s[c], lon_c[c], lat_s[r], lat_c[r]
+            dx, dy, dz = _turned(axes, o * ls, s, -o * lc)
+            right_s, right_c = ls * turn_c + lc * turn_s, lc * turn_c - ls * turn_s
+            below_s, below_c = s * tip_c - o * tip_s, o * tip_c + s * tip_s
+            rx, ry, rz = _turned(axes, o * right_s, s, -o * right_c)
+            qx, qy, qz = _turned(axes, below_c * ls, below_s, -below_c * lc)
+            start_x, start_y, start_z = _turned(axes, eye * o * lc, 0.0, eye * o * ls)
+            # The surface that it meets
+            nx, ny, nz, far = 0.0, 1.0, 0.0, (plane_m - start_y) / dy
+            if len(surface):
+                nx, ny, nz, far = surface[n, 0], surface[n, 1], surface[n, 2], surface[n, 3]
+            if nx * dx + ny * dy + nz * dz > 0.0:
+                nx, ny, nz = -nx, -ny, -nz
+            px, py, pz = far * dx, far * dy, far * dz
+            # The footprint of the area there
+            rx, ry, rz = _step(px, py, pz, nx, ny, nz, rx, ry, rz, step)
+            qx, qy, qz = _step(px, py, pz, nx, ny, nz, qx, qy, qz, step)
+            off_x, off_y, xx, xy, yy, bias = block[2], block[3], block[4], block[5], block[6], block[7]
+            found = footprints[n]
+            found[0] = px + start_x + off_x * rx + off_y * qx + bias * nx
+            found[1] = py + start_y + off_x * ry + off_y * qy + bias * ny
+            found[2] = pz + start_z + off_x * rz + off_y * qz + bias * nz
+            found[3], found[4], found[5] = xx * rx + xy * qx, xx * ry + xy * qy, xx * rz + xy * qz
+            found[6], found[7], found[8] = xy * rx + yy * qx, xy * ry + yy * qy, xy * rz + yy * qz
+            found[9], found[10], found[11] = nx, ny, nz
+
+
+# --- which bodies may hide a light -----------------------------------------------------------------------------------
+
+
+@inlined
+def _in_slot(slot: Any, x: Any, y: Any, z: Any) -> Any:
+    """Return a point in the axes of a slot: across (2) and along the light, which for lamps is negative behind them."""
+    m = slot[6]
+    p = slot[7] * x + slot[8] * y + slot[9] * z + slot[16]
+    q = slot[10] * x + slot[11] * y + slot[12] * z + slot[17]
+    along = slot[13] * x + slot[14] * y + slot[15] * z + slot[18]
+    if m > 0.0:
+        return (p * m / along, q * m / along, m * m / along) if along > 0.0 else (0.0, 0.0, -1.0)
+    return p, q, along
+
+
+@inlined
+def _across(
+    slot: Any, x: Any, y: Any, z: Any, radius: Any, deep: Any, slope_x: Any, slope_y: Any, tilt: Any, spread: Any
+) -> Any:
+    """Return the disc of which a ball sees all parts of a body: its middle (2) from that of the slot, and its radius,
+    which is negative where it misses the slot.
+
+    x, y, z: middle of the ball in the slot's axes; radius, deep: its radius across and along the light. slope_x,
+    slope_y: of the middle of a disc of light, tilt: half their length, spread: tangent of its radius.
+    """
+    high, low = slot[5] - z + deep, max(slot[4] - z - deep, 0.0)
+    wide, along = radius + spread * high + tilt * (high - low), 0.5 * (low + high)
+    at_x, at_y = x + along * slope_x - slot[0], y + along * slope_y - slot[1]
+    missed = high <= 0.0 or max(abs(at_x) - slot[2], abs(at_y) - slot[3]) > wide
+    return at_x, at_y, -1.0 if missed else wide
+
+
+@borrowing
+def _between(columns: Any, slot: Any, size: Any, clear: Any, disc: Any, below: Any) -> Any:
+    """Return whether a body may hide part of a disc of light from part of a ball, and whether all of it from all of
+    that.
+
+    columns: (4 n,) of its slot. disc: of `_across`. below: whether all of the ball is below the body.
+    """
+    at_x, at_y, wide = disc
+    # A filtered column is empty, or full, only if everything within a texel of that level is
+    asked, level = wide * size / min(slot[2], slot[3]), size
+    while level > SMALLEST // 2 and asked * level >= size:
+        level //= 2
+    known, level = level >= SMALLEST, max(level, SMALLEST)
+    u, v = 0.5 * (at_x / slot[2] + 1.0), 0.5 * (at_y / slot[3] + 1.0)
+    x, y = min(max(u * level - 0.5, 0.0), level - 1.0), min(max(v * level - 0.5, 0.0), level - 1.0)
+    i, j = min(int(x), level - 2), min(int(y), level - 2)
+    above, part, opacity = 4 * (size * size - level * level) // 3 + j * level + i, 0.0, 0.0
+    for k in range(4):
+        weight = (x - i if k % 2 else 1.0 - x + i) * (y - j if k // 2 else 1.0 - y + j)
+        column = 4 * (above + k % 2 + level * (k // 2))
+        part += weight * columns[column]
+        opacity += weight * columns[column + 3]
+    inside = known and below and 0.0 <= u <= 1.0 and 0.0 <= v <= 1.0
+    return part > 0.0 or not known, inside and (opacity if clear else part) > 0.9999
+
+
+@fast
+def _find_hidden(places: Any, lights: Any, slots: Any, values: Any, size: Any, clear: Any, found: Any) -> None:
+    """Set what `Visibility.hidden` returns."""
+    widest = HALO if lights[HALO, 1] > 0.0 else DISC
+    slope_x, slope_y = lights[DISC, 3], lights[DISC, 4]
+    tilt, x, y, z = 0.5 * math.sqrt(slope_x * slope_x + slope_y * slope_y), 0.0, 0.0, 0.0
+    for n in range(len(places)):
+        hidden, part_of_disc, all_of_disc, gap, radius = 0.0, False, False, 1e9, places[n, 3]
+        for body in range(int(lights[widest, 1])):
+            slot, part, whole = slots[body], False, False
+            if body == 0:
+                x, y, z = _in_slot(slot, places[n, 0], places[n, 1], places[n, 2])
+            below = slot[4] - z - radius
+            disc = _across(slot, x, y, z, radius, radius, slope_x, slope_y, tilt, lights[widest, 2])
+            if disc[2] >= 0.0:
+                part, whole = _between(values[body], slot, size, clear, disc, below >= 0.0)
+            if part:
+                hidden, gap = max(hidden, 3.0 if whole else 2.0), min(gap, max(below, 0.0))
+                disc = _across(slot, x, y, z, radius, radius, slope_x, slope_y, tilt, lights[DISC, 2])
+                if disc[2] >= 0.0:
+                    part, whole = _between(values[body], slot, size, clear, disc, below >= 0.0)
+                    part_of_disc, all_of_disc = part_of_disc or part, all_of_disc or whole
+        if hidden == 2.0 and (not part_of_disc or all_of_disc):
+            hidden = 1.0
+        found[n, 0], found[n, 1] = hidden, gap
+
+
+# --- rays ------------------------------------------------------------------------------------------------------------
+
+_ROOM = _TOGETHER * _MOST_RAYS
+_ZERO, _HALF, _ONE, _TWO = np.float32(0.0), np.float32(0.5), np.float32(1.0), np.float32(2.0)
+_LEAST = np.float32(1e-6)
+_FULL = np.float32(1.0 + 4e-6)
+"""Factor on filled fractions, such that sums of weights that are rounded down are still whole."""
+_LEVEL_ABOVE = np.float32(math.sqrt(2.0))
+"""Width of an edge in texels of a level from which on the next one is read: of the two the nearer on a scale of
+powers."""
+
+
+@fast
+def _see(
+    footprints: Any, lights: Any, of_fans: Any, slots: Any, values: Any, size: Any, clear: Any, fans_of: Any, fans: Any,
+    seen: Any,
+) -> None:  # fmt: skip
+    """Set the visible fractions (n, k) of lights that are negative. of_fans: (k,) number of each light's fan; the
+    others are those of `Visibility`.
+    """
+    near = np.empty((len(slots), _TOGETHER), np.bool_)
+    asked, mine = np.empty(_TOGETHER, np.int64), np.empty(_TOGETHER, np.int64)
+    facing, hidden = np.empty(_TOGETHER), np.empty(_TOGETHER)
+    # Arrays of their own: rows of one would have to be taken for overlapping
+    middle, one_side, other_side = _three(_TOGETHER), _three(_TOGETHER), _three(_TOGETHER)
+    start, slope, spans, here = _three(_ROOM), _three(_ROOM), _three(_ROOM), _three(_ROOM)
+    before, level, outcome, between = _three(_ROOM), _three(_ROOM), _three(_ROOM), _three(_ROOM)
+    found_at = np.empty(_ROOM, np.int32), np.empty(_ROOM, np.int32)
+    grain, four, blocked = np.empty(_TOGETHER, np.float32), np.empty(4 * _ROOM, np.float32), outcome[2]
+    for begin in range(0, len(footprints), _TOGETHER):
+        for number in range(len(lights)):
+            light, fan, numbers = lights[number], fans_of[of_fans[number]], fans[of_fans[number]]
+            first, end = int(light[0]), int(light[1])
+            lamp = first < end and slots[first, 6] > 0.0
+            tilt, x, y, z = 0.5 * math.sqrt(light[3] * light[3] + light[4] * light[4]), 0.0, 0.0, 0.0
+            # Keep the footprints from which bodies may hide part of the light
+            count = 0
+            for n in range(begin, min(begin + _TOGETHER, len(footprints))):
+                if seen[n, number] >= 0.0:
+                    continue
+                foot, there, umbra = footprints[n], False, False
+                facing[count] = _facing(foot, light) if lamp else 1.0
+                radius = 0.5 * (math.sqrt(foot[3] * foot[3] + foot[4] * foot[4] + foot[5] * foot[5])
+                                + math.sqrt(foot[6] * foot[6] + foot[7] * foot[7] + foot[8] * foot[8]))  # fmt: skip
+                wide, deep, spread = radius, radius, light[2]
+                for body in range(first, end if facing[count] > 0.0 else first):
+                    slot, near[body, count] = slots[body], False
+                    if lamp or body == first:
+                        x, y, z = _in_slot(slot, foot[0], foot[1], foot[2])
+                    if lamp:
+                        scale = max(z, 0.0) / slot[6]
+                        wide, deep, spread = 2.0 * radius * scale, radius * scale * scale, light[8] / slot[6]
+                    disc = _across(slot, x, y, z, wide, deep, light[3], light[4], tilt, spread)
+                    if disc[2] >= 0.0 and (z > 0.0 or not lamp):
+                        below = slot[4] - z - deep >= 0.0
+                        near[body, count], whole = _between(values[body], slot, size, clear, disc, below)
+                        there, umbra = there or near[body, count], umbra or whole
+                seen[n, number] = 0.0 if umbra else 1.0
+                if there and not umbra:
+                    asked[count], hidden[count] = n, 0.0
+                    count += 1
+            # Where the first rays agree that all of it is seen, or none, the others are not asked
+            total, last, done = int(numbers[0]), int(numbers[1]), 0
+            while count > 0:
+                for k in range((last - done) * count):
+                    blocked[k] = _ZERO
+                for body in range(first, end):
+                    # Start the rays of those that this body may hide it from
+                    found = 0
+                    for k in range(count):
+                        if near[body, k]:
+                            _set_footprint(footprints[asked[k]], slots[body], numbers[2] * facing[k], found,
+                                           middle, one_side, other_side, grain)  # fmt: skip
+                            mine[found] = k
+                            found += 1
+                    if found == 0:
+                        continue
+                    slot = slots[body]
+                    rays = found * (last - done)
+                    spread = light[8] / slot[6] if lamp else light[2]
+                    disc, widening = (spread, light[3], light[4]), np.float32(spread * numbers[3])
+                    _start(fan, done, last, found, slot, disc, middle, one_side, other_side, grain, start, slope, spans)
+                    _walk(values[body], slot, size, clear, rays, widening, start, slope, spans, here, before, found_at,
+                          between, level, four, outcome)  # fmt: skip
+                    # Of two bodies the larger counts where both are opaque
+                    for k in range(last - done):
+                        for m in range(found):
+                            at, one = k * count + mine[m], outcome[0][k * found + m]
+                            blocked[at] = blocked[at] + one - blocked[at] * one if clear else max(blocked[at], one)
+                for k in range(last - done):
+                    for m in range(count):
+                        hidden[m] += blocked[k * count + m]
+                left = 0
+                for m in range(count):
+                    if last == total or hidden[m] <= 0.0 or hidden[m] >= last:
+                        seen[asked[m], number] = (last - hidden[m]) / last
+                        continue
+                    asked[left], hidden[left], facing[left] = asked[m], hidden[m], facing[m]
+                    for body in range(first, end):
+                        near[body, left] = near[body, m]
+                    left += 1
+                count, done, last = left, last, total
+
+
+@inlined
+def _three(count: Any) -> Any:
+    """Return room for three numbers of each of some rays or footprints."""
+    return np.empty(count, np.float32), np.empty(count, np.float32), np.empty(count, np.float32)
+
+
+@inlined
+def _facing(foot: Any, lamp: Any) -> Any:
+    """Return the square root of the area of a footprint across the direction to a lamp, 0 where the lamp does not light
+    it: where it faces away, or is beside the cone.
+    """
+    x, y, z = lamp[5] - foot[0], lamp[6] - foot[1], lamp[7] - foot[2]
+    apart = max(math.sqrt(x * x + y * y + z * z), lamp[13])
+    cosine = -(x * lamp[9] + y * lamp[10] + z * lamp[11]) / apart
+    across_x, across_y = foot[4] * foot[8] - foot[5] * foot[7], foot[5] * foot[6] - foot[3] * foot[8]
+    across_z = foot[3] * foot[7] - foot[4] * foot[6]
+    area = abs(across_x * x + across_y * y + across_z * z) / apart
+    away = foot[9] * x + foot[10] * y + foot[11] * z <= 0.0 or -1.0 < lamp[12] >= cosine
+    return 0.0 if away else max(math.sqrt(area), 1e-12)
+
+
+@inlined
+def _set_footprint(
+    foot: Any, slot: Any, facing: Any, k: Any, middle: Any, one_side: Any, other_side: Any, grain: Any
+) -> None:
+    """Set middle and sides of a footprint in the axes of a slot, before any projection, and the width of rays there.
+
+    facing: of a lamp, that width.
+    """
+    for axis in range(3):
+        a, b, c = slot[7 + 3 * axis], slot[8 + 3 * axis], slot[9 + 3 * axis]
+        middle[axis][k] = a * foot[0] + b * foot[1] + c * foot[2] + slot[16 + axis]
+        one_side[axis][k] = a * foot[3] + b * foot[4] + c * foot[5]
+        other_side[axis][k] = a * foot[6] + b * foot[7] + c * foot[8]
+    area = abs(one_side[0][k] * other_side[1][k] - one_side[1][k] * other_side[0][k]) if slot[6] == 0.0 else 1.0
+    grain[k] = facing * math.sqrt(area)
+
+
+@inlined
+def _start(
+    fan: Any, first: Any, last: Any, count: Any, slot: Any, disc: Any, middle: Any, one_side: Any, other_side: Any,
+    grain: Any, start: Any, slope: Any, spans: Any,
+) -> None:  # fmt: skip
+    """Start the rays of a fan from `first` to before `last` from their places in footprints, those of each ray in turn.
+
+    start: from the middle of the slot and its lowest point. slope: metres across for a metre along the light, and the
+    inverse of their length. spans: height over the start at which they enter and leave the slot, and width at the
+    start. disc: tangent of its radius, and slope of its middle.
+    """
+    spread, low_x, low_y = np.float32(disc[0]), np.float32(disc[1]), np.float32(disc[2])
+    at_x, at_y, lowest, reach = (
+        np.float32(slot[0]),
+        np.float32(slot[1]),
+        np.float32(slot[4]),
+        np.float32(slot[5] - slot[4]),
+    )
+    far = np.float32(slot[6])
+    x, y, z = start
+    for ray in range(first, last):
+        p, q, begin = fan[2, ray], fan[3, ray], (ray - first) * count
+        slope_x, slope_y = low_x + spread * fan[0, ray], low_y + spread * fan[1, ray]
+        across = _ONE / max(np.sqrt(slope_x * slope_x + slope_y * slope_y), _LEAST)
+        for k in range(count):
+            x[begin + k] = middle[0][k] + p * one_side[0][k] + q * other_side[0][k]
+            y[begin + k] = middle[1][k] + p * one_side[1][k] + q * other_side[1][k]
+            z[begin + k] = middle[2][k] + p * one_side[2][k] + q * other_side[2][k]
+            spans[2][begin + k] = grain[k]
+        for k in range(begin, begin + count):
+            slope[0][k], slope[1][k], slope[2][k] = slope_x, slope_y, across
+    rays = (last - first) * count
+    if far > _ZERO:
+        # The map of shadow_columns.py; behind the lamp nothing hides it
+        for k in range(rays):
+            scale = far / z[k] if z[k] > _ZERO else _ZERO
+            x[k], y[k], z[k] = x[k] * scale, y[k] * scale, far * scale if z[k] > _ZERO else -_ONE
+            spans[2][k] *= z[k] / far
+    for k in range(rays):
+        x[k], y[k], z[k] = x[k] - at_x, y[k] - at_y, z[k] - lowest
+        spans[0][k], spans[1][k] = max(-z[k], _ZERO), max(reach - z[k], _ZERO)
+
+
+@inlined
+def _walk(
+    columns: Any, slot: Any, size: Any, clear: Any, rays: Any, widening: Any, start: Any, slope: Any, spans: Any,
+    here: Any, before: Any, found_at: Any, between: Any, level: Any, four: Any, outcome: Any,
+) -> None:  # fmt: skip
+    """Set what a body blocks of rays, most (rays,), all of which take a step at a time. widening: by how much they grow
+    for a metre; the other arrays are room.
+    """
+    x, y, z = start
+    slope_x, slope_y, across = slope
+    h, until, widths = spans
+    filled, top, bottom = here
+    filled_a, top_a, bottom_a = before
+    (at, side), (fx, fy, _), (most, h_a, _) = found_at, between, outcome
+    wanted, per_texel, inside = level
+    all_texels, half = np.float32(size), np.float32(0.5 * size)
+    texel = np.float32(2.0 * max(slot[2], slot[3]) / size)
+    per_x, per_y = np.float32(0.5 * size / slot[2]), np.float32(0.5 * size / slot[3])
+    margin, per_ramp = np.float32(0.01) * texel, _ONE / (np.float32(_RAMP) * texel)
+    step = 0
+    for k in range(rays):
+        most[k] = _ZERO
+    while True:
+        # Find the level of each ray's width
+        for k in range(rays):
+            wanted[k], per_texel[k] = max((widths[k] + widening * h[k]) * per_ramp, np.float32(_SHARPEST)), _ONE
+        finest, up = size, _ONE
+        while up > _ZERO and finest > SMALLEST:
+            up = _ZERO
+            for k in range(rays):
+                higher = wanted[k] * per_texel[k] >= _LEVEL_ABOVE
+                up += _ONE if higher else _ZERO
+                per_texel[k] *= _HALF if higher else _ONE
+            finest //= 2
+        # Read four columns each, linear between their middles
+        for k in range(rays):
+            u, v = (x[k] + slope_x[k] * h[k]) * per_x + half, (y[k] + slope_y[k] * h[k]) * per_y + half
+            texels = all_texels * per_texel[k]
+            inside[k] = _ONE if min(u, v, all_texels - u, all_texels - v) >= _ZERO else _ZERO
+            u = min(max(u * per_texel[k] - _HALF, _ZERO), texels - _ONE)
+            v = min(max(v * per_texel[k] - _HALF, _ZERO), texels - _ONE)
+            i, j = np.int32(min(u, texels - _TWO)), np.int32(min(v, texels - _TWO))
+            first = np.float32(4.0 / 3.0) * (all_texels * all_texels - texels * texels)
+            fx[k], fy[k], side[k] = u - np.float32(i), v - np.float32(j), np.int32(texels)
+            at[k] = np.int32(first + _HALF) + j * np.int32(texels) + i
+        for k in range(rays):
+            above = np.uint64(4 * at[k])
+            below = above + np.uint64(4 * side[k])
+            c, d = fx[k] * (_ONE - fy[k]), fx[k] * fy[k]
+            a, b = _ONE - fy[k] - c, fy[k] - d
+            for channel in range(4):
+                one, other = above + np.uint64(channel), below + np.uint64(channel)
+                four[4 * k + channel] = (
+                    a * columns[one] + c * columns[one + np.uint64(4)]
+                    + b * columns[other] + d * columns[other + np.uint64(4)]
+                )  # fmt: skip
+        # One that is partly filled is taken as thinner, in proportion; its edges are as wide as the ray
+        for k in range(rays):
+            part = inside[k] * four[4 * k]
+            share = _ONE / max(part, _LEAST)
+            ends_t, ends_b = four[4 * k + 1] * share, four[4 * k + 2] * share
+            ramp = (part - _HALF) / min(wanted[k], _ONE) + _HALF
+            filled[k] = min(max(ramp, _ZERO) * _FULL, _ONE) if part > _ZERO else _ZERO
+            middle, thick = _HALF * (ends_t + ends_b), _HALF * (ends_t - ends_b) * part
+            top[k], bottom[k] = middle + thick, middle - thick
+        if clear:
+            for k in range(rays):
+                share = _ONE / max(four[4 * k], _LEAST)
+                passed = min(max(_ONE - four[4 * k + 3] * share, _ZERO), _ONE)
+                within = z[k] < four[4 * k + 1] * share - margin and z[k] > four[4 * k + 2] * share - margin
+                filled[k] *= _ONE - (np.sqrt(passed) if within else passed)
+        # Between this and the one before the ends are straight lines, which the ray may cross
+        if step > 0:
+            for k in range(rays):
+                fa, fb = filled_a[k], filled[k]
+                ta, ba = (top_a[k], bottom_a[k]) if fa > _ZERO else (top[k], bottom[k])
+                tb, bb = (top[k], bottom[k]) if fb > _ZERO else (top_a[k], bottom_a[k])
+                za, zb = z[k] + h_a[k], z[k] + h[k]
+                below_a, below_b = za - ba + margin, zb - bb + margin
+                above_a, above_b = ta - za + margin, tb - zb + margin
+                cut_below = below_a / (below_a - below_b if below_a != below_b else _ONE)
+                cut_above = above_a / (above_a - above_b if above_a != above_b else _ONE)
+                enter = max(cut_below if below_a < _ZERO else _ZERO, cut_above if above_a < _ZERO else _ZERO)
+                leave = min(cut_below if below_b < _ZERO else _ONE, cut_above if above_b < _ZERO else _ONE)
+                met = min(max(below_a, below_b), max(above_a, above_b), leave - enter) >= _ZERO
+                one = max(fa + enter * (fb - fa), fa + leave * (fb - fa))
+                most[k] = max(most[k], one if met and max(fa, fb) > _ZERO else _ZERO)
+        left = _ZERO
+        for k in range(rays):
+            left += _ONE if min(until[k] - h[k], _ONE - most[k]) > _ZERO else _ZERO
+        if step > 0 and left == _ZERO:
+            break
+        step += 1
+        for k in range(rays):
+            h_a[k], filled_a[k], top_a[k], bottom_a[k] = h[k], filled[k], top[k], bottom[k]
+            farther = h[k] + max(widths[k] + widening * h[k], _HALF * texel) * across[k]
+            h[k] = min(farther, until[k]) if step < _MOST_STEPS else until[k]
