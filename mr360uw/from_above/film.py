@@ -19,7 +19,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.color import ColorSpec
-from mr360uw.composite.over import over_tile
 from mr360uw.errors import OutputExistsError, ParameterError
 from mr360uw.from_above.aerial_bodies import brightened
 from mr360uw.from_above.aerial_picture import AerialPicture, LoadedAerial
@@ -70,7 +69,7 @@ def frames_with_bodies(scene: AerialScene, plate: VideoReader, start: int, stop:
         gain = plate_gain(loaded, next(iter(plate.frames(0, 1))).image_linear)
     for frame in plate.frames(start, stop):
         layer = brightened(loaded.layer(frame.time_s, size), gain)
-        yield frame.over(layer, over_tile, scene.plate.grain)
+        yield frame.over(layer, scene.plate.grain)
 
 
 def write_onto_plate(

@@ -45,9 +45,6 @@ class Still:
         size = rectangle.width // 2, rectangle.height // 2
         return np.asarray(cv2.resize(self.linear(rectangle), size, interpolation=cv2.INTER_AREA))
 
-    def lent(self, rectangle: Rectangle) -> Floats:
-        return self.linear(rectangle)
-
 
 def plate_of(scene: Shot, waves: Floats) -> tuple[Floats, Floats, Floats]:
     """Return a plate lit by sky and sun under waves (H, W), the same without caustics, and in ambient light alone."""

@@ -190,7 +190,7 @@ def lay_receiver(
     strength = np.float32(0.0 if pattern is None else pattern.strength)
     for tile in tiles:
         part = tile.rectangle
-        shown, mean = (none, none) if pattern is None else (pattern.picture.lent(part), pattern.mean_of(part))
+        shown, mean = (none, none) if pattern is None else (pattern.picture.linear(part), pattern.mean_of(part))
         plate = np.ascontiguousarray(shown, np.float32), mean, tuple(blurs), strength
         _lay(
             (row, column, light.corner), tuple(images), (width, height, tile.row, tile.column), plate,
