@@ -63,35 +63,48 @@ def find_changes(alpha: Any, radiance: Any, ratio: Any, shafts: Any, changed: An
 
 
 @inlined
+def _background(below: Any, ratio: Any, veil: Any, one: Any) -> Any:
+    """Return a channel of the plate that is not below zero with the light on its surface changed."""
+    haze = min(veil, below)
+    return haze + (below - haze) * ratio if ratio != one else below
+
+
+@inlined
 def blend_row(plate: Any, radiance: Any, alpha: Any, ratio: Any, veil: Any, shafts: Any, one: Any, image: Any) -> None:
     """Write the composite (w, 3) of a row of a tile over the plate's pixels (w, 3).
 
     shafts: (w, 3), or (0, 3) for none. one: 1 in the type that is computed in. Where a tile changes nothing the plate
     is copied bit for bit.
     """
-    zero, none = one - one, len(shafts) == 0
+    zero = one - one
+    if len(shafts):
+        for i in range(len(alpha)):
+            for c in range(3):
+                below = max(_background(plate[i, c], ratio[i, c], veil[i, c], one) + shafts[i, c], zero)
+                image[i, c] = radiance[i, c] + (one - alpha[i]) * below
+    else:
+        for i in range(len(alpha)):
+            for c in range(3):
+                below = _background(plate[i, c], ratio[i, c], veil[i, c], one)
+                image[i, c] = radiance[i, c] + (one - alpha[i]) * below
     for i in range(len(alpha)):
-        # Change the channels with light; note by what factor the one that loses most is multiplied
-        free, least = one - alpha[i], one
+        if min(plate[i, 0], plate[i, 1], plate[i, 2]) >= zero:
+            continue
+        # Beyond the gamut: find by what factor the channel with light that loses most is multiplied
+        least = one
         for c in range(3):
-            below = plate[i, c]
-            if below >= zero:
-                if ratio[i, c] != one:
-                    haze = min(veil[i, c], below)
-                    below = haze + (below - haze) * ratio[i, c]
-                if not none:
+            if plate[i, c] > zero:
+                below = _background(plate[i, c], ratio[i, c], veil[i, c], one)
+                if len(shafts):
                     below = max(below + shafts[i, c], zero)
-                if below < least * plate[i, c]:
-                    least = below / plate[i, c]
-            image[i, c] = below
-        # Multiply those below zero by it, and lay the body over all
+                least = min(least, below / plate[i, c])
+        # Multiply those below zero by it
         for c in range(3):
-            below = image[i, c]
-            if below < zero:
-                below *= least
-                if not none:
+            if plate[i, c] < zero:
+                below = plate[i, c] * least
+                if len(shafts):
                     below += max(shafts[i, c], zero)
-            image[i, c] = radiance[i, c] + free * below
+                image[i, c] = radiance[i, c] + (one - alpha[i]) * below
 
 
 @exact
