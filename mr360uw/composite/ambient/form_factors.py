@@ -165,15 +165,8 @@ class Body:
             return None
         d = (directions() @ self.rotation.T).astype(np.float32)
         place = ((position - self.transfer.mesh.center_m) @ self.rotation.T).astype(np.float32)
-        down = np.flatnonzero(d[:, 1] < -1e-6)
-        scale = np.float32(0.5 * NODES / self._half_m)
-        far = (place[:, 1] + np.float32(self.height_m))[:, None] * scale
-        slope = d[down] / -d[down, 1:2]
-        i, j = (place[:, a, None] * scale + far * slope[:, a] + np.float32(0.5 * NODES) for a in (0, 2))
-        inside = (i >= 0.0) & (i < NODES) & (j >= 0.0) & (j < NODES)
-        seen = np.full((len(position), COUNT), -1, np.int16)
-        seen[:, down] = np.where(inside, np.where(inside, i, 0.0).astype(np.int16) * NODES
-                                 + np.where(inside, j, 0.0).astype(np.int16), -1)  # fmt: skip
+        seen, scale = np.empty((len(position), COUNT), np.int16), np.float32(0.5 * NODES / self._half_m)
+        _find_nodes(place, d, np.float32(self.height_m), scale, seen)
         return seen
 
     def mean_sent(self) -> NDArray[np.float32]:
@@ -469,6 +462,25 @@ class Neighbour:
 
 
 @exact
+def _find_nodes(place: Any, d: Any, height_m: Any, scale: Any, seen: Any) -> None:
+    """Set `seen` (n, k) as `Body.node_seen` returns it. place: (n, 3) from the middle, d: (k, 3), in axes of the world.
+
+    height_m: of the middle above the ground. scale: nodes in a metre of it.
+    """
+    half, side = np.float32(0.5 * NODES), np.float32(NODES)
+    for k in range(len(d)):
+        if not d[k, 1] < np.float32(-1e-6):
+            seen[:, k] = -1
+            continue
+        x, z = d[k, 0] / -d[k, 1], d[k, 2] / -d[k, 1]
+        for n in range(len(place)):
+            far = (place[n, 1] + height_m) * scale
+            i, j = place[n, 0] * scale + far * x + half, place[n, 2] * scale + far * z + half
+            inside = i >= 0.0 and i < side and j >= 0.0 and j < side
+            seen[n, k] = np.int16(i) * NODES + np.int16(j) if inside else -1
+
+
+@exact
 def _into_ball(place: Any, open_: Any, d: Any, near: Any, center: Any, radius: Any, found: Any) -> Any:
     """Write sample and direction of the open rays into a ball to `found` (2, most); return how many there are."""
     total = 0
@@ -616,23 +628,60 @@ def _met_by(
     cosine: (S, COUNT) irradiance that directions add which the body leaves open, at least in part. node: (S, COUNT) of
     the ground, -1 for none. begin: where the body's coarse samples begin among all.
     """
-    whole, others = body.transfer.cosine, np.repeat(np.arange(len(cosine)), np.diff(factors.samples.indptr))
-    parts: list[tuple[Any, ...]] = [
-        (others, factors.way, factors.samples.indices + 1, factors.samples.data / whole[others, factors.way])
-    ]
-    if node is not None:
-        sample, way = np.nonzero((node >= 0) & (cosine > 0.0))
-        taken = np.bincount(others * COUNT + factors.way, factors.samples.data, cosine.size).reshape(cosine.shape)
-        left = (cosine[sample, way] - taken[sample, way]) / whole[sample, way]
-        some = left > 0.0
-        parts.append((sample[some], way[some], -node[sample, way][some] - 1, left[some]))
+    samples, seen = factors.samples, np.full(cosine.shape, -1, np.int16) if node is None else node
+    own, own_part = np.zeros((3, 0), np.int64), np.zeros(0, np.float32)
     if body.own.lost is not None:
-        sample, way, hit = body.transfer.own
-        parts.append((sample, way, body.transfer.coarse.of[hit] + begin + 1, body.transfer.own_part))
-    sample, way, target, part = (np.concatenate(column) for column in zip(*parts, strict=True))
-    order = np.argsort(sample, kind="stable")
-    first = np.searchsorted(sample[order], np.arange(len(cosine) + 1))
-    return Met(first, way[order].astype(np.int32), target[order].astype(np.int32), part[order].astype(np.float32))
+        own, own_part = body.transfer.own, body.transfer.own_part
+    target_of = (body.transfer.coarse.of[own[2]] + begin + 1).astype(np.int32)
+    # Room for whatever may be met: memory that is not written is not taken
+    first, most = np.zeros(len(cosine) + 1, np.int64), len(samples.data) + seen.size + len(own_part)
+    direction, target, part = np.empty(most, np.int32), np.empty(most, np.int32), np.empty(most, np.float32)
+    _list_met(
+        body.transfer.cosine, cosine, seen, samples.indptr, factors.way, samples.indices, samples.data,
+        own[0], own[1], target_of, own_part, first, direction, target, part,
+    )  # fmt: skip
+    used = int(first[-1])
+    return Met(first, direction[:used].copy(), target[:used].copy(), part[:used].copy())
+
+
+@exact
+def _list_met(
+    whole: Any, cosine: Any, node: Any, begin: Any, way: Any, met: Any, weight: Any, own_sample: Any, own_way: Any,
+    own_target: Any, own_part: Any, first: Any, direction: Any, target: Any, part: Any,
+) -> None:  # fmt: skip
+    """Set the arrays of `Met`, sample by sample.
+
+    whole, cosine: (S, COUNT) irradiance that directions add, and that which the body leaves. node: (S, COUNT). begin,
+    way, met, weight: of `FormFactors`. own_sample ...: (m,) what the body blocks itself.
+    """
+    # Sort what the body blocks by sample
+    order, place = np.empty(len(own_sample), np.int64), np.zeros(len(whole) + 1, np.int64)
+    for m in range(len(own_sample)):
+        place[own_sample[m] + 1] += 1
+    for s in range(len(whole)):
+        place[s + 1] += place[s]
+    after = place.copy()
+    for m in range(len(own_sample)):
+        order[after[own_sample[m]]] = m
+        after[own_sample[m]] += 1
+    used, taken = 0, np.zeros(whole.shape[1])
+    for s in range(len(whole)):
+        # Others, then the ground behind them, then the body itself
+        taken[:] = 0.0
+        for m in range(begin[s], begin[s + 1]):
+            direction[used], target[used], part[used] = way[m], met[m] + 1, weight[m] / whole[s, way[m]]
+            taken[way[m]] += weight[m]
+            used += 1
+        for k in range(whole.shape[1]):
+            left = cosine[s, k] - taken[k]
+            if node[s, k] >= 0 and cosine[s, k] > 0.0 and left > 0.0:
+                direction[used], target[used], part[used] = k, -node[s, k] - 1, left / whole[s, k]
+                used += 1
+        for n in range(place[s], place[s + 1]):
+            m = order[n]
+            direction[used], target[used], part[used] = own_way[m], own_target[m], own_part[m]
+            used += 1
+        first[s + 1] = used
 
 
 @dataclass(frozen=True, slots=True, eq=False)
