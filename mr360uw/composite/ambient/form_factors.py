@@ -59,6 +59,10 @@ _NEAR_GROUND = 9.0
 """Bodies higher above the ground than this many radii block less than a hundredth of its light."""
 _LIFT = 1e-3
 """Height of samples and nodes above the ground over the body's radius, at least."""
+_SLACK = 1e-4
+"""Room around the box of a mesh over its radius, for the rounding of rays in single precision."""
+_LEAST = 1e-12
+"""Least part of a direction along an axis of such a box."""
 _FEW = 0.002
 """Share of a node's light below which the mean of what it sees is drawn to that of its neighbours."""
 _KEPT = 64
@@ -359,6 +363,12 @@ class FormFactors:
         """Whether nothing is seen."""
         return self.samples.nnz == 0 and self.ground.shape[1] == 0
 
+    def of(self, rows: NDArray[np.int64]) -> FormFactors:
+        """Return those of some of the samples."""
+        begin = self.samples.indptr
+        entries = np.concatenate([np.zeros(0, np.int64), *(np.arange(begin[n], begin[n + 1]) for n in rows)])
+        return FormFactors(self.lost[rows], self.samples[rows], self.way[entries], self.ground[rows])
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Met:
@@ -428,12 +438,15 @@ class Neighbour:
         the place and the direction, the coarse sample among all, distance in metres of the mesh, and the share, each
         (m,).
         """
-        near = self._directions_near(transfer)
-        found = np.empty((2, len(place) * len(near)), np.int32)
-        used = _into_ball(place, open_, directions(), near, *self.ball, found)
-        sample, direction = found[:, :used]
+        # In the axes of the body, take the rays that lead into the box around it
         back = np.linalg.inv(self.linear).T
-        origin, rays = ((place - self.shift) @ back)[sample], (directions() @ back)[direction]
+        start, along = (place - self.shift) @ back, directions() @ back
+        near, found = self._directions_near(transfer), np.empty((2, len(place) * COUNT), np.int32)
+        corners, slack = self.transfer.corners, _SLACK * self.transfer.mesh.radius_m
+        box = corners.min(axis=0) - slack, corners.max(axis=0) + slack
+        used = _into_box(start, open_, 1.0 / np.where(np.abs(along) < _LEAST, _LEAST, along), near, *box, found)
+        sample, direction = found[:, :used]
+        origin, rays = start[sample], along[direction]
         met = self.transfer.blocking.met(self.transfer.lattice, origin, rays)
         coarse_sample = (self.transfer.coarse.of[met.sample] + self.begin).astype(np.int32)
         share = np.float32(self.share) * met.part
@@ -481,17 +494,20 @@ def _find_nodes(place: Any, d: Any, height_m: Any, scale: Any, seen: Any) -> Non
 
 
 @exact
-def _into_ball(place: Any, open_: Any, d: Any, near: Any, center: Any, radius: Any, found: Any) -> Any:
-    """Write sample and direction of the open rays into a ball to `found` (2, most); return how many there are."""
+def _into_box(start: Any, open_: Any, inverse: Any, near: Any, low: Any, high: Any, found: Any) -> Any:
+    """Write sample and direction of the open rays into a box to `found` (2, most); return how many there are.
+
+    start: (r, 3) of rays from the samples. inverse: (COUNT, 3) one over their directions. near: numbers of these.
+    """
     total = 0
-    for s in range(len(place)):
-        x, y, z = center[0] - place[s, 0], center[1] - place[s, 1], center[2] - place[s, 2]
-        squared = x * x + y * y + z * z
-        outside = squared - radius * radius
+    for s in range(len(start)):
         for k in near:
             if open_[s, k]:
-                along = x * d[k, 0] + y * d[k, 1] + z * d[k, 2]
-                if along * along >= outside and (along > 0.0 or outside < 0.0):
+                enter, leave = 0.0, np.inf
+                for c in range(3):
+                    one, other = (low[c] - start[s, c]) * inverse[k, c], (high[c] - start[s, c]) * inverse[k, c]
+                    enter, leave = max(enter, min(one, other)), min(leave, max(one, other))
+                if enter <= leave:
                     found[0, total], found[1, total] = s, k
                     total += 1
     return total
@@ -533,9 +549,12 @@ def _view(seen: PartOf[tuple[Body, list[Neighbour]]], begin: int, total: int) ->
     if transfer.mesh.glossy:
         close[:] = 1.0  # every sample has a lobe of its own
     near_sample = np.flatnonzero(close)
-    at_coarse, _ = _form_factors(body, near, sample, body.own.direct, total)
     cosine = body.own.left[near_sample]
     at_near, node = _form_factors(body, near, near_sample, cosine, total)
+    at_coarse = (
+        at_near.of(sample) if transfer.mesh.glossy
+        else _form_factors(body, near, sample, body.own.direct, total)[0]
+    )  # fmt: skip
     lost = (body.own.plain - body.own.direct + at_coarse.lost).sum(axis=1, keepdims=True)
     lost -= at_coarse.ground.sum(axis=1, keepdims=True)
     openness = 1.0 - lost / transfer.whole[sample, None]

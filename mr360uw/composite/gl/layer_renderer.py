@@ -80,7 +80,7 @@ class LayerRenderer:
         if surfaces is not None:
             self._objects.draw(shot, light, surfaces, drawn, frame, ambient)
         if on_blocks is not None:
-            lay_receiver(on_blocks, drawn, view.width, view.height, shot.pattern)
+            lay_receiver(on_blocks, drawn, view.width, view.height, shot.pattern, shot.unseen)
         return Layer(view.height, view.width, tuple(hold_out(shot, tile) for tile in drawn))
 
 

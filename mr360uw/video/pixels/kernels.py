@@ -132,15 +132,24 @@ def _grain_left(luma: Any, cb: Any, cr: Any, cb_grain: Any, cr_grain: Any, k: An
     return left
 
 
+_GAP = 32
+"""Pixels that do not change, in a row, between runs that are written apart: a run costs as much as about ten."""
+
+
 @inlined
-def _changed_part(changed: Any) -> Any:
-    """Return the first column of a row that is changed and the one after the last; 0, 0 where none is."""
-    after = changed.size
-    while after > 0 and not changed[after - 1]:
-        after -= 1
-    first = 0
-    while first < after and not changed[first]:
+def _next_run(changed: Any, begin: int) -> Any:
+    """Return the first and the one after the last column of the next run of changed pixels of a row, from `begin` on;
+    the same twice where there is none.
+    """
+    first = begin
+    while first < changed.size and not changed[first]:
         first += 1
+    after = first
+    for c in range(first, changed.size):
+        if changed[c]:
+            after = c + 1
+        elif c - after >= _GAP:
+            break
     return first, after
 
 
@@ -171,41 +180,41 @@ def write_planes(
             b, more = r - begin, shafts[r] if len(shafts) else none
             find_changes(alpha[r], radiance[r], ratio[r], more, changed[b])
             chroma[:, b] = np.float32(0.0)
-            first, after = _changed_part(changed[b])
-            if first == after:
-                continue
-            any_, part = True, slice(first, after)
-            # Decode the plate and lay the tile over it
-            chroma_row(u, row + r, column + first, sx, sy, wrap, k[2], k[3], cb[part])
-            chroma_row(v, row + r, column + first, sx, sy, wrap, k[2], k[3], cr[part])
             codes, codes_out = y[row + r, column : column + width], y_out[row + r, column : column + width]
-            if len(given):
-                light[part] = given[r, part]
-            else:
-                light_row(codes[part], cb[part], cr[part], k, decoding, steps[:, part], plate[part])
-                blend_row(plate[part], radiance[r, part], alpha[r, part], ratio[r, part], veil[r, part], more[part],
-                          one, light[part])  # fmt: skip
-            for c in range(first, after):
-                brightest = max(brightest, light[c, 0], light[c, 1], light[c, 2])
-                total += light[c, 0] + light[c, 1] + light[c, 2]
-            # Encode the difference, with the grain
-            for n in range(3):
-                _encode_row(codes[part], cb[part], cr[part], bits[part, n], alpha[r, part], k, n, encoding,
-                            steps[n, part])  # fmt: skip
-            if grainy:
-                own = grain[r, part]
-                _grain_row(codes[part], cb[part], cr[part], alpha[r, part], own, strength[0], k, steps[:, part])
-            # Add it to the codes of luma, and keep that of chroma
-            red, green, blue = k[1] * k[10], k[1] * k[11], k[1] * k[12]
-            for c in range(first, after):
-                step = red * steps[0, c] + green * steps[1, c] + blue * steps[2, c]
-                code = _quantise(np.float32(codes[c]) + step, _noise(row + r, column + c, frame), peak)
-                codes_out[c] = code if changed[b, c] else codes_out[c]
-            for plane in range(2):
-                red, green, blue = k[3] * k[13 + 3 * plane], k[3] * k[14 + 3 * plane], k[3] * k[15 + 3 * plane]
+            first, after = _next_run(changed[b], 0)
+            while first < after:
+                any_, part = True, slice(first, after)
+                # Decode the plate and lay the tile over it
+                chroma_row(u, row + r, column + first, sx, sy, wrap, k[2], k[3], cb[part])
+                chroma_row(v, row + r, column + first, sx, sy, wrap, k[2], k[3], cr[part])
+                if len(given):
+                    light[part] = given[r, part]
+                else:
+                    light_row(codes[part], cb[part], cr[part], k, decoding, steps[:, part], plate[part])
+                    blend_row(plate[part], radiance[r, part], alpha[r, part], ratio[r, part], veil[r, part], more[part],
+                              one, light[part])  # fmt: skip
+                for c in range(first, after):
+                    brightest = max(brightest, light[c, 0], light[c, 1], light[c, 2])
+                    total += light[c, 0] + light[c, 1] + light[c, 2]
+                # Encode the difference, with the grain
+                for n in range(3):
+                    _encode_row(codes[part], cb[part], cr[part], bits[part, n], alpha[r, part], k, n, encoding,
+                                steps[n, part])  # fmt: skip
+                if grainy:
+                    own = grain[r, part]
+                    _grain_row(codes[part], cb[part], cr[part], alpha[r, part], own, strength[0], k, steps[:, part])
+                # Add it to the codes of luma, and keep that of chroma
+                red, green, blue = k[1] * k[10], k[1] * k[11], k[1] * k[12]
                 for c in range(first, after):
                     step = red * steps[0, c] + green * steps[1, c] + blue * steps[2, c]
-                    chroma[plane, b, c] = step if changed[b, c] else np.float32(0.0)
+                    code = _quantise(np.float32(codes[c]) + step, _noise(row + r, column + c, frame), peak)
+                    codes_out[c] = code if changed[b, c] else codes_out[c]
+                for plane in range(2):
+                    red, green, blue = k[3] * k[13 + 3 * plane], k[3] * k[14 + 3 * plane], k[3] * k[15 + 3 * plane]
+                    for c in range(first, after):
+                        step = red * steps[0, c] + green * steps[1, c] + blue * steps[2, c]
+                        chroma[plane, b, c] = step if changed[b, c] else np.float32(0.0)
+                first, after = _next_run(changed[b], after)
         if any_:
             rows = slice(begin, end)
             _write_chroma(
