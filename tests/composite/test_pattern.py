@@ -83,7 +83,7 @@ def test_no_filament_runs_through_an_umbra(render: Any, water: Any, rng: np.rand
     waves = rng.uniform(0.3, 2.5, (WIDTH // 2, WIDTH))
     shown, background, ambient = plate_of(scene, waves)
     layer = render(replace(scene, pattern=PlatePattern(Still(shown), background, 1.2, 1.0)))
-    left = render(scene)
+    left = render(replace(scene, unseen=0.0))
     # footprints that lie in the umbra wholly: a hundredth of the sun's light would carry filaments
     umbra = (left.ratio[..., 1] < 1.002 * left.ratio[..., 1].min()) & (layer.alpha == 0.0)
     assert umbra.sum() > 50
