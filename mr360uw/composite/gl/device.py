@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.cache import Scratch
+from mr360uw.cache import PartOf, Scratch
 from mr360uw.composite.mesh.material import AlphaMode, Material
 from mr360uw.composite.mesh.mesh import Mesh
 from mr360uw.composite.mesh.texture import WRAPS, Texture
@@ -70,10 +70,12 @@ class StillBuffers:
     store: moderngl.Texture
 
 
-def upload_still(mesh: Mesh, places: NDArray[np.int64] | None = None) -> StillBuffers:
-    """Return what the poses of a mesh share on the device. places: (T, 4) its points of ambient light, as `Lattice` has
-    them; None without them.
-    """
+Places = PartOf[NDArray[np.int64]]
+"""Points (T, 4) of the ambient light of a mesh, as `Lattice.places` has them."""
+
+
+def upload_still(mesh: Mesh, places: Places | None = None) -> StillBuffers:
+    """Return what the poses of a mesh share on the device. places: its points of ambient light; None without them."""
     order = device_order(mesh)
     counts = np.bincount(_modes(mesh), minlength=3)
     ranges = {name: (int(counts[:k].sum()), int(counts[k])) for k, name in enumerate(MODES)}
@@ -86,7 +88,7 @@ def upload_still(mesh: Mesh, places: NDArray[np.int64] | None = None) -> StillBu
     address = TRIANGLE_TEXELS * len(order) + 3 * mesh.more_uv.shape[2] * np.arange(len(order))
     texels[:, 9, 2], texels[:, 9, 3] = np.divmod(address, 1 << ADDRESS_BITS)
     if places is not None:
-        texels[:, 10] = places[order]
+        texels[:, 10] = places.whole[order]
     store, entries = texture_store(texture for m in mesh.materials for texture in m.maps)
     materials = np.stack([_material_texels(m, entries) for m in mesh.materials])
     return StillBuffers(
@@ -108,7 +110,7 @@ def _modes(mesh: Mesh) -> NDArray[np.int64]:
     return np.array([MODES.index(m.alpha_mode) for m in mesh.materials])[mesh.material]
 
 
-def upload_mesh(mesh: Mesh, places: NDArray[np.int64] | None = None, still: StillBuffers | None = None) -> MeshBuffers:
+def upload_mesh(mesh: Mesh, places: Places | None = None, still: StillBuffers | None = None) -> MeshBuffers:
     """Return a mesh on the device. places: those of `upload_still`. still: of a pose, what it shares with others."""
     still = upload_still(mesh, places) if still is None else still
     positions, normals = (a.astype(np.float32).take(still.order, axis=0) for a in (mesh.positions, mesh.normals))
