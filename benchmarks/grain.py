@@ -23,7 +23,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from mr360uw.color import encode
-from mr360uw.composite.over import empty_tile, over_tile
+from mr360uw.composite.over import empty_tile
 from mr360uw.types import Floats, Layer, Rectangle
 from mr360uw.video import VideoFrame, open_video
 
@@ -85,7 +85,7 @@ def cost(frame: VideoFrame, size: tuple[int, int], runs: int) -> None:
         for amount in spent:
             fresh = replace(frame)  # what was measured is kept with a frame
             since = time.process_time()
-            fresh.over(Layer(height, width, (tile,)), over_tile, amount)
+            fresh.over(Layer(height, width, (tile,)), amount)
             spent[amount].append(1e3 * (time.process_time() - since))
     off, on = (statistics.median(times) for times in spent.values())
     print(f"  {width}x{height}, object {size[0]}x{size[1]}: {off:.1f} ms without grain, {on:.1f} ms with it")

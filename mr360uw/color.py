@@ -125,6 +125,11 @@ class ColorSpec:
         return self.primaries or ("bt2020" if self.matrix == "bt2020" else "bt709")
 
     @property
+    def is_rec709(self) -> bool:
+        """Whether the curve alone gives linear Rec.709 light of R'G'B'."""
+        return self.mapping is None and self.gamut == "bt709"
+
+    @property
     def is_wide(self) -> bool:
         """Whether light may be above white."""
         return self.transfer in WIDE_TRANSFERS or (self.mapping is not None and self.mapping.is_wide)

@@ -138,7 +138,7 @@ def citations(path: Path) -> set[str]:
 
 def test_citations_are_read() -> None:
     """The forms that the sources use, one of them broken over two lines."""
-    assert citations(Path(mr360uw.__file__).parent / "composite" / "over.py") == {"Debevec1998", "Porter1984"}
+    assert citations(Path(mr360uw.__file__).parent / "tile_blend.py") == {"Debevec1998", "Porter1984"}
     assert {"Bricaud1998", "Loisel1998"} <= citations(Path(mr360uw.__file__).parent / "medium" / "water.py")
 
 

@@ -1,19 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Compositing a layer over the plate: differential rendering below water, then `over`.
 
-The plate's radiance is T L_surface + veil. A shadow or a caustic changes L_surface alone, so the receiver's ratio
-E_with/E_without multiplies (plate - veil) and leaves the veil (Debevec 1998, with the veil that water adds):
-
-    background = veil + (plate - veil) ratio + shafts        composite = layer + (1 - alpha) background
-
-Shafts are the change of the smooth veil by bodies and waves, of either sign; they never make the plate negative.
-
-Alpha is premultiplied (Porter & Duff 1984). A veil brighter than the plate is clipped to it, so that haze is never
-darkened and no pixel turns negative. Holdout mattes keep parts of the plate in front of the objects.
-
-A plate of a wider gamut than Rec.709 has channels below zero. They are multiplied by s, the least factor of the
-channels above zero, 1 at most: the background is then s plate plus light that is nowhere negative, and a colour that
-the plate's primaries can show stays one.
+The formula stands in `tile_blend`. Holdout mattes keep parts of the plate in front of the objects.
 """
 
 from __future__ import annotations
@@ -27,8 +15,8 @@ from numpy.typing import NDArray
 
 from mr360uw.composite.shot import Shot
 from mr360uw.errors import ParameterError
-from mr360uw.jit import exact
 from mr360uw.shapes import checked
+from mr360uw.tile_blend import blended
 from mr360uw.types import Floats, Layer, Rectangle, Tile
 
 
@@ -76,39 +64,6 @@ def _softened(shown: NDArray[np.bool_], body: NDArray[np.bool_]) -> NDArray[np.f
     return np.asarray(part / np.maximum(whole, np.float32(1.0 / 9.0)), np.float32)
 
 
-@exact
-def lay_over(plate: Any, radiance: Any, alpha: Any, ratio: Any, veil: Any, shafts: Any, one: Any, image: Any) -> None:
-    """Write the composite (h, w, 3) of a tile over the plate's pixels (h, w, 3).
-
-    shafts: (h, w, 3), or (0, 0, 3) for none. one: 1 in the type that is computed in. Where a tile changes nothing the
-    plate is copied bit for bit.
-    """
-    zero, none = one - one, shafts.shape[0] == 0
-    for j in range(alpha.shape[0]):
-        for i in range(alpha.shape[1]):
-            # Change the channels with light; note by what factor the one that loses most is multiplied
-            free, least = one - alpha[j, i], one
-            for c in range(3):
-                below = plate[j, i, c]
-                if below >= zero:
-                    if ratio[j, i, c] != one:
-                        haze = min(veil[j, i, c], below)
-                        below = haze + (below - haze) * ratio[j, i, c]
-                    if not none:
-                        below = max(below + shafts[j, i, c], zero)
-                    if below < least * plate[j, i, c]:
-                        least = below / plate[j, i, c]
-                image[j, i, c] = below
-            # Multiply those below zero by it, and lay the body over all
-            for c in range(3):
-                below = image[j, i, c]
-                if below < zero:
-                    below *= least
-                    if not none:
-                        below += max(shafts[j, i, c], zero)
-                image[j, i, c] = radiance[j, i, c] + free * below
-
-
 @checked
 def over_tile(plate_linear: Floats, tile: Tile) -> Floats:
     """Return the composite of the plate's pixels below one tile.
@@ -146,10 +101,7 @@ def over_tile(plate_linear: Floats, tile: Tile) -> Floats:
     >>> uw.composite.over_tile(plate[tile.window], tile).shape == tile.radiance.shape
     True
     """
-    image = np.empty_like(plate_linear)
-    shafts = np.zeros((0, 0, 3), tile.radiance.dtype) if tile.shafts is None else tile.shafts
-    lay_over(plate_linear, tile.radiance, tile.alpha, tile.ratio, tile.veil, shafts, plate_linear.dtype.type(1), image)
-    return image
+    return blended(plate_linear, tile)
 
 
 def over(plate_linear: Floats, layer: Layer) -> Floats:
@@ -164,7 +116,7 @@ def over(plate_linear: Floats, layer: Layer) -> Floats:
         )
     image = plate_linear.copy()
     for tile in layer.tiles:
-        image[tile.window] = over_tile(plate_linear[tile.window], tile)
+        image[tile.window] = blended(plate_linear[tile.window], tile)
     return image
 
 

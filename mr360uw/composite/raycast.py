@@ -207,17 +207,20 @@ def surfaces_along(
     those behind surfaces that let light through. least: length of the shortest step behind one. reach_m: (n,), or a
     number, how far they go.
     """
-    ray, left = np.arange(len(origins)), np.ones(len(origins))
-    start, gone = np.asarray(origins, np.float64), np.zeros(len(origins))
-    reach, opaque = np.broadcast_to(reach_m, len(origins)), all(m.alpha_mode == "OPAQUE" for m in geometry.materials)
+    start = np.asarray(origins, np.float64)
+    # Rays of no end among opaque surfaces meet the first alone
+    if np.all(np.isinf(reach_m)) and all(m.alpha_mode == "OPAQUE" for m in geometry.materials):
+        triangle = scene.first_hit(start, directions)
+        ray = np.flatnonzero(triangle >= 0)
+        return MetSurfaces(ray, triangle[ray], start[ray], np.zeros(len(ray)), np.ones(len(ray)))
+    # Others are followed from one to the next
+    ray, left, gone = np.arange(len(origins)), np.ones(len(origins)), np.zeros(len(origins))
+    reach = np.broadcast_to(reach_m, len(origins))
     found = [MetSurfaces(ray[:0], ray[:0], start[:0], gone[:0], left[:0])]
     for _ in range(_MOST_SURFACES):
         triangle = scene.first_hit(start, directions[ray])
         hit = np.flatnonzero(triangle >= 0)
         ray, start, triangle = ray[hit], start[hit], triangle[hit]
-        if opaque and np.all(np.isinf(reach)):
-            found.append(MetSurfaces(ray, triangle, start, gone[ray], left[ray]))
-            break
         weights, distance = barycentric(geometry.positions[triangle] - start[:, None], directions[ray])
         near = np.flatnonzero(gone[ray] + distance < reach[ray])
         ray, start, triangle, distance = ray[near], start[near], triangle[near], distance[near]

@@ -319,15 +319,19 @@ def _marked_cells(
     rows, columns = -(-view.height // side), -(-view.width // side)
     x, y = np.meshgrid((np.arange(columns) + 0.5) * side, (np.arange(rows) + 0.5) * side)
     directions = np.asarray(view.directions(x, np.minimum(y, view.height - 0.5)), np.float64).reshape(-1, 3)
-    ends = np.full(len(directions), range_m)
-    veil = np.zeros((len(ends), 3)) if table is None else veil_ahead(table, ends, directions)
-    veil = veil * _stepped(np.mean(veil)) / max(float(np.mean(veil)), 1e-30)
+    ends, marked = np.full(len(directions), range_m), np.zeros(rows * columns, np.bool_)
     changes = [
         of * cache.of(_radiance, part, directions, ends, cache, keep=2) for part, of in zip(parts, light, strict=True)
     ]
-    codes = sum((code_change(veil, change) for change in changes), np.zeros(len(veil)))
-    marked = ((codes >= _MARGIN * least_codes) & (codes > 0.0)).reshape(rows, columns)
-    around = np.pad(np.pad(marked, ((0, 0), (_AROUND,) * 2), "wrap"), ((_AROUND,) * 2, (0, 0))).astype(np.uint8)
+    # Most cells have none of it: the veil is found where there is some
+    there = np.flatnonzero(np.any(changes, axis=(0, -1)))
+    if len(there):
+        veil = np.zeros((len(there), 3)) if table is None else veil_ahead(table, ends[there], directions[there])
+        veil = veil * _stepped(np.mean(veil)) / max(float(np.mean(veil)), 1e-30)
+        codes = sum((code_change(veil, change[there]) for change in changes), np.zeros(len(there)))
+        marked[there] = (codes >= _MARGIN * least_codes) & (codes > 0.0)
+    cells = marked.reshape(rows, columns)
+    around = np.pad(np.pad(cells, ((0, 0), (_AROUND,) * 2), "wrap"), ((_AROUND,) * 2, (0, 0))).astype(np.uint8)
     reach = np.ones((2 * _AROUND + 1,) * 2, np.uint8)
     return np.asarray(cv2.dilate(around, reach)[_AROUND:-_AROUND, _AROUND:-_AROUND] > 0)
 

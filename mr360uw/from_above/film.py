@@ -18,7 +18,6 @@ from pathlib import Path
 import numpy as np
 
 from mr360uw.color import ColorSpec
-from mr360uw.composite.over import over_tile
 from mr360uw.errors import OutputExistsError, ParameterError
 from mr360uw.files import is_pattern, matching_files, numbered
 from mr360uw.from_above.aerial_bodies import brightened
@@ -66,7 +65,7 @@ def _frames_with_bodies(scene: AerialScene, plate: VideoReader, start: int, stop
         gain = plate_gain(loaded, next(iter(plate.frames(0, 1))).image_linear)
     for frame in plate.frames(start, stop):
         layer = brightened(loaded.layer(frame.time_s, size), gain)
-        yield frame.over(layer, over_tile, scene.plate.grain)
+        yield frame.over(layer, scene.plate.grain)
 
 
 def _write_onto_plate(

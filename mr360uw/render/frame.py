@@ -25,7 +25,7 @@ from mr360uw.color import unseen_change
 from mr360uw.composite.aovs import Aovs
 from mr360uw.composite.at_surface.settings import object_presence
 from mr360uw.composite.lighting.light_sources import lamps_of, sun_of
-from mr360uw.composite.over import mean_layer, over_tile
+from mr360uw.composite.over import mean_layer
 from mr360uw.composite.settings import DrawSettings
 from mr360uw.composite.shot import Shot
 from mr360uw.constants import JUST_BELOW_M
@@ -40,7 +40,7 @@ from mr360uw.render.loaded import Loaded
 from mr360uw.render.match_stage import asked_grade, ungraded, with_grade
 from mr360uw.render.plate_light import FrameLight, exposed_water, plate_light
 from mr360uw.render.plate_pattern import Background, plate_pattern
-from mr360uw.types import CausticStack, Floats, Layer, MediumTable, Sun, Tile
+from mr360uw.types import CausticStack, Floats, Layer, MediumTable, Sun
 from mr360uw.video import VideoFrame
 
 if TYPE_CHECKING:
@@ -400,18 +400,7 @@ def _unit_table_below_surface(medium: Medium) -> MediumTable:
 
 def lay_over(plate: VideoFrame, layer: Layer, grain: float) -> VideoFrame:
     """Return a plate with a layer over it. grain: of the plate, as a fraction, that bodies are given."""
-    return plate.over(layer, partial(_finite_over, plate.index), grain)
-
-
-def _finite_over(index: int, plate_linear: Floats, tile: Tile) -> Floats:
-    """Return `over_tile`; raise `RenderError` where a number is not finite."""
-    image = over_tile(plate_linear, tile)
-    with np.errstate(all="ignore"):
-        total = image.sum()
-    if not np.isfinite(total) and not np.all(np.isfinite(image)):
-        finite("layer", index, tile)
-        finite("composite", index, image)
-    return image
+    return plate.over(layer, grain, partial(finite, "layer", plate.index))
 
 
 def finite(stage: str, index: int, result: T) -> T:

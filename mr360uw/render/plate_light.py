@@ -129,12 +129,13 @@ class LightSamples:
         return sun and (analysis.gain is not None or not scene.water.fits_gain or loaded.surroundings.medium is None)
 
     def _is_sample(self, index: int) -> bool:
-        return index % self._step == 0 and index < self._end
+        """Return whether a frame's light is measured: of every so many, and of the last one of the clip."""
+        return index < self._end and (index % self._step == 0 or index == self._end - 1)
 
     def _around(self, start: int, stop: int) -> Iterator[VideoFrame]:
         """Yield the frames of a range, from the sample before it to that after it as far as they can be decoded."""
         step = self._step
-        begin, after = start // step * step, -(-(stop - 1) // step) * step
+        begin, after = start // step * step, min(-(-(stop - 1) // step) * step, max(self._end, stop) - 1)
         end = after + 1 if self._is_sample(after) else stop
         while True:
             try:

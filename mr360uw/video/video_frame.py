@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from mr360uw.color import ColorSpec, decode_signal, in_plate_primaries, in_rec709
 from mr360uw.errors import VideoError
+from mr360uw.tile_blend import blended, changed_pixels, light_sum
 from mr360uw.types import Floats, Layer, Rectangle, Tile, YuvImage
 from mr360uw.video.spherical import Stereo
 
@@ -21,8 +22,8 @@ if TYPE_CHECKING:
     from mr360uw.video.picture_tags import PictureTags
     from mr360uw.video.pixels.grain import Grain
 
-Blend = Callable[[Floats, Tile], Floats]
-"""(plate_linear (h, w, 3), tile) -> composite (h, w, 3), both linear Rec.709."""
+Check = Callable[[Tile], object]
+"""Raises an error where a number of a tile is not finite."""
 
 
 class Grade(Protocol):
@@ -170,33 +171,6 @@ class VideoFrame:
     def _ungraded(self, linear: NDArray[np.float32]) -> NDArray[np.float32]:
         return linear if self.grade is None else self.grade.take_off(linear, self.spec)
 
-    def _blended(self, rectangle: Rectangle, tile: Tile, blend: Blend) -> Floats:
-        """Return the composite of one tile (h, w, 3) as the codes show it."""
-        linear = blend(self._returned(rectangle), tile)
-        if self.grade is None:
-            return linear
-        graded = self.grade.lay_on(linear, self.spec)
-        if self.rgb is None or self.rgb.dtype.kind != "f":
-            return graded
-        # Saturation takes no more from a channel than it has, as codes do by their range
-        return np.maximum(graded, np.minimum(self.graded_by(None).linear(rectangle), 0.0))
-
-    @cached_property
-    def _lent(self) -> dict[Rectangle, NDArray[np.float32]]:
-        return {}
-
-    def lent(self, rectangle: Rectangle) -> NDArray[np.float32]:
-        """Return `linear` of a part, read-only, and keep it until `over` reads the same part."""
-        if rectangle not in self._lent:
-            self._lent[rectangle] = self.linear(rectangle)
-            self._lent[rectangle].flags.writeable = False
-        return self._lent[rectangle]
-
-    def _returned(self, rectangle: Rectangle) -> NDArray[np.float32]:
-        """Return `linear` of a part, which is kept no longer."""
-        kept = self._lent.pop(rectangle, None)
-        return self.linear(rectangle) if kept is None else kept
-
     @cached_property
     def grain(self) -> Grain:
         """The grain of the picture."""
@@ -207,13 +181,13 @@ class VideoFrame:
         assert self.rgb is not None
         return grain_of_rgb(self.rgb, self.spec.transfer, self.wrap)
 
-    def over(self, layer: Layer, blend: Blend, grain: float = 0.0) -> VideoFrame:
-        """Return the composite of the layer's tiles over the frame.
+    def over(self, layer: Layer, grain: float = 0.0, check: Check | None = None) -> VideoFrame:
+        """Return the composite of the layer's tiles over the frame (`tile_blend`).
 
-        blend: the compositing formula of one tile. grain: amount of the plate's grain that is added where the layer
-        covers it, 0 none, 1 as much as the plate has. The frame itself is left alone; where the layer has no tile, and
-        at every pixel without coverage, radiance and change of the plate's light, the codes stay what they were.
-        Light above 1 is clipped to the top code (EXR plates keep it).
+        grain: amount of the plate's grain that is added where the layer covers it, 0 none, 1 as much as the plate has.
+        check: called with tiles whose composite is not finite. The frame itself is left alone; where the layer has no
+        tile, and at every pixel without coverage, radiance and change of the plate's light, the codes stay what they
+        were. Light above 1 is clipped to the top code (EXR plates keep it).
         """
         if not layer.tiles:
             return self.graded_by(None)
@@ -230,54 +204,63 @@ class VideoFrame:
                     f"{columns.start}:{columns.stop}) - cut it at the edges"
                 )
         grain = grain if any(np.any(tile.alpha > 0.0) for tile in layer.tiles) else 0.0
-        if self.yuv is None:
-            return self._over_codes(layer, blend, grain)
-        return self._over_planes(layer, blend, grain)
+        write = self._over_codes if self.yuv is None else self._over_planes
+        return write(layer, grain, check)
 
-    def _over_planes(self, layer: Layer, blend: Blend, amount: float) -> VideoFrame:
+    def _over_planes(self, layer: Layer, amount: float, check: Check | None) -> VideoFrame:
         from mr360uw.video.pixels.grain import NO_GRAIN
-        from mr360uw.video.pixels.planes import changed_pixels, copy_planes, lay_over_planes
+        from mr360uw.video.pixels.planes import copy_planes, lay_over_planes
 
         assert self.yuv is not None
         native, planes = copy_planes(self.yuv, self.native.format.name if self.native is not None else None)
         grain = self.grain if amount > 0.0 else NO_GRAIN
-        brightest, clipped = self._brightest, []
+        top, clipped = self._brightest, []
         for tile in layer.tiles:
-            changed = changed_pixels(tile)
-            if changed.any():
-                rectangle = tile.rectangle
-                linear = self._blended(rectangle, tile, blend)
-                if linear.max() > brightest:
-                    clipped.append((rectangle, np.asarray(linear, np.float32)))
-                lay_over_planes(
-                    self.yuv, planes, rectangle, linear, tile.alpha, changed, self.index, self.wrap, grain, amount
-                )
+            graded = None if self.grade is None else self._graded(blended(self.linear(tile.rectangle), tile), tile)
+            brightest, total = lay_over_planes(self.yuv, planes, tile, self.index, self.wrap, grain, amount, graded)
+            if check is not None and not np.isfinite(total):
+                check(tile)
+            if brightest > top:
+                image = blended(self.linear(tile.rectangle), tile) if graded is None else graded
+                clipped.append((tile.rectangle, np.asarray(image, np.float32)))
         return replace(
             self, yuv=_read_only(planes), native=native, clipped=tuple(clipped), plate=self.graded_by(None), grade=None
         )
 
-    def _over_codes(self, layer: Layer, blend: Blend, amount: float) -> VideoFrame:
+    def _over_codes(self, layer: Layer, amount: float, check: Check | None) -> VideoFrame:
         from mr360uw.video.pixels.grain import add_grain
-        from mr360uw.video.pixels.planes import changed_pixels, lay_over_codes
+        from mr360uw.video.pixels.planes import lay_over_codes
 
         assert self.rgb is not None
         codes = self.rgb.copy()
-        brightest, clipped = self._brightest if codes.dtype.kind == "u" else np.inf, []
+        top, clipped = self._brightest if codes.dtype.kind == "u" else np.inf, []
         for tile in layer.tiles:
-            changed = changed_pixels(tile)
-            if changed.any():
-                rectangle = tile.rectangle
-                linear = self._blended(rectangle, tile, blend)
-                if amount > 0.0 and self.spec.mapping is None:
-                    linear = add_grain(linear, tile, self.grain, amount, layer.width, self.index)
-                if linear.max() > brightest:
-                    clipped.append((rectangle, np.asarray(linear, np.float32)))
-                linear = in_plate_primaries(linear, self.spec)
-                if amount > 0.0 and self.spec.mapping is not None:  # these are the values that its grain is measured in
-                    linear = add_grain(linear, tile, self.grain, amount, layer.width, self.index)
-                lay_over_codes(codes[tile.window], linear, changed, self.spec.transfer, rectangle, self.index)
+            # Lay the tile over the light of the codes
+            rectangle, linear = tile.rectangle, blended(self.linear(tile.rectangle), tile)
+            if check is not None and not np.isfinite(light_sum(linear)):
+                check(tile)
+            linear = self._graded(linear, tile)
+            # Give it grain, in the values that this is measured in, and write what changes
+            if amount > 0.0 and self.spec.mapping is None:
+                linear = add_grain(linear, tile, self.grain, amount, layer.width, self.index)
+            if linear.max() > top:
+                clipped.append((rectangle, np.asarray(linear, np.float32)))
+            linear = in_plate_primaries(linear, self.spec)
+            if amount > 0.0 and self.spec.mapping is not None:
+                linear = add_grain(linear, tile, self.grain, amount, layer.width, self.index)
+            lay_over_codes(codes[tile.window], linear, changed_pixels(tile), self.spec.transfer, rectangle, self.index)
         codes.flags.writeable = False
         return replace(self, rgb=codes, clipped=tuple(clipped), grade=None)
+
+    def _graded(self, linear: Floats, tile: Tile) -> Floats:
+        """Return the composite of a tile, linear (h, w, 3), as the codes show it."""
+        if self.grade is None:
+            return linear
+        graded = self.grade.lay_on(linear, self.spec)
+        if self.rgb is None or self.rgb.dtype.kind != "f":
+            return graded
+        # Saturation takes no more from a channel than it has, as codes do by their range
+        return np.maximum(graded, np.minimum(self.graded_by(None).linear(tile.rectangle), 0.0))
 
 
 def _read_only(image: YuvImage) -> YuvImage:

@@ -99,34 +99,34 @@ def chroma_row(
             out[c] = np.float32(0.5) * (out[c] + (out[c + 1] if c + 1 < out.size else right))
 
 
+@inlined
+def light_row(codes: Any, cb: Any, cr: Any, k: Any, table: Any, places: Any, light: Any) -> None:
+    """Write the linear light (w, 3) of a row of luma codes and chroma; table: `decode_table`.
+
+    Places (3, w) in the table are found by vector instructions, before they are looked up.
+    """
+    offset, scale, base = k[0], np.float32(1.0) / k[1], np.float32(-DECODE_LOW)
+    for n in range(3):
+        from_cb, from_cr = k[4 + 2 * n], k[5 + 2 * n]
+        for c in range(len(codes)):
+            luma = luma_from_code(codes[c], offset, scale) + base
+            places[n, c] = _table_place(luma + from_cb * cb[c] + from_cr * cr[c])
+    for c in range(len(codes)):
+        for n in range(3):
+            light[c, n] = _table_light(table, places[n, c])
+
+
 @fast
 def read_rectangle(
     y: Any, u: Any, v: Any, row: int, column: int, sx: int, sy: int, wrap: bool, k: Any, table: Any, out: Any
 ) -> None:
-    """Write the linear light of a rectangle of the planes into `out` (h, w, 3); table: `decode_table`.
-
-    Places in the table are found a row at a time, by vector instructions, before they are looked up.
-    """
+    """Write the linear light of a rectangle of the planes into `out` (h, w, 3); table: `decode_table`."""
     height, width = out.shape[:2]
-    base = np.float32(-DECODE_LOW)
-    cb, cr = np.empty(width, np.float32), np.empty(width, np.float32)
-    red, green, blue = np.empty(width, np.float32), np.empty(width, np.float32), np.empty(width, np.float32)
-    y_offset, y_scale = k[0], np.float32(1.0) / k[1]
-    red_cb, red_cr, green_cb, green_cr, blue_cb, blue_cr = k[4], k[5], k[6], k[7], k[8], k[9]
+    cb, cr, places = np.empty(width, np.float32), np.empty(width, np.float32), np.empty((3, width), np.float32)
     for r in range(height):
         chroma_row(u, row + r, column, sx, sy, wrap, k[2], k[3], cb)
         chroma_row(v, row + r, column, sx, sy, wrap, k[2], k[3], cr)
-        luma_row = y[row + r, column : column + width]
-        pixels = out[r]
-        for c in range(width):
-            luma = luma_from_code(luma_row[c], y_offset, y_scale) + base
-            red[c] = _table_place(luma + red_cb * cb[c] + red_cr * cr[c])
-            green[c] = _table_place(luma + green_cb * cb[c] + green_cr * cr[c])
-            blue[c] = _table_place(luma + blue_cb * cb[c] + blue_cr * cr[c])
-        for c in range(width):
-            pixels[c, 0] = _table_light(table, red[c])
-            pixels[c, 1] = _table_light(table, green[c])
-            pixels[c, 2] = _table_light(table, blue[c])
+        light_row(y[row + r, column : column + width], cb, cr, k, table, places, out[r])
 
 
 @fast
@@ -186,7 +186,7 @@ def linear_in_directions(image: YuvImage, direction: Floats) -> NDArray[np.float
 
 def lit_rec709(linear: NDArray[np.float32], spec: ColorSpec) -> NDArray[np.float32]:
     """Return linear Rec.709 (..., 3) of a plate's linear light (..., 3) >= 0; colours outside the gamut are cut off."""
-    return linear if spec.gamut == "bt709" and spec.mapping is None else np.maximum(in_rec709(linear, spec), 0.0)
+    return linear if spec.is_rec709 else np.maximum(in_rec709(linear, spec), 0.0)
 
 
 # The numbers of the Y'CbCr decoder: offsets, spans and matrices of a plate, and its transfer curve in three forms.

@@ -14,7 +14,7 @@ from mr360uw.color import ColorSpec, decode, decode_signal, encode, in_plate_pri
 from mr360uw.composite.grading.colour_grade import MOST_LIGHT, NO_GRADE, ColourGrade, graded_spec
 from mr360uw.composite.grading.patch_solve import ORDER, Patch, solve_patches, solved_in_words
 from mr360uw.composite.grading.settings import COLOUR, LEAST_STEP, MatchSettings, PatchSettings
-from mr360uw.composite.over import empty_tile, over_tile
+from mr360uw.composite.over import empty_tile
 from mr360uw.errors import ParameterError
 from mr360uw.types import Floats, Layer, Rectangle, YuvImage
 from mr360uw.video import VideoFrame
@@ -111,8 +111,8 @@ def test_a_composite_over_a_graded_plate_is_the_grade_of_the_composite(name: str
     tile = replace(tile, alpha=alpha, ratio=ratio, radiance=radiance, veil=tile.veil + np.float32(0.02), shafts=shafts)
     layer = Layer(16, 32, (tile,))
     plain, graded = frame_of(ramp), frame_of(grade.graded(ramp))
-    truth = grade.graded(encode(plain.over(layer, over_tile).image_linear, "srgb"))
-    made = graded.graded_by(grade).over(layer, over_tile)
+    truth = grade.graded(encode(plain.over(layer).image_linear, "srgb"))
+    made = graded.graded_by(grade).over(layer)
     assert made.grade is None
     np.testing.assert_allclose(encode(made.image_linear, "srgb"), truth, atol=tol.GRADED_COMPOSITE)
     assert graded.yuv is not None
@@ -132,7 +132,7 @@ def test_a_frame_without_a_grade_is_itself() -> None:
     graded = frame.graded_by(GRADES["lifted"])
     assert graded.pixels is not graded.yuv
     assert frame.pixels is frame.yuv
-    assert graded.over(Layer(4, 8, ()), over_tile).grade is None
+    assert graded.over(Layer(4, 8, ())).grade is None
 
 
 def patch(grade: ColourGrade, *reflectance: float) -> Patch:
@@ -211,6 +211,6 @@ def test_strong_saturation_takes_no_more_light_than_there_is() -> None:
     radiance = np.zeros((4, 4, 3), np.float32) + np.float32([0.9, 0.3, 0.1])
     tile = replace(empty_tile(part), radiance=radiance, alpha=np.ones((4, 4), np.float32))
     plate = VideoFrame.of_linear(light).graded_by(ColourGrade(saturation=4.0))
-    shown = plate.over(Layer(8, 16, (tile,)), over_tile).light
+    shown = plate.over(Layer(8, 16, (tile,))).light
     assert shown.min() >= 0.0
     assert shown.max() > 0.9

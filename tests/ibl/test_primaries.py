@@ -79,7 +79,7 @@ def test_a_white_body_vanishes_in_light_from_all_sides(matrix: Matrix, colour: t
     ones = np.ones((64, 128), np.float32)
     tile = Tile(0, 0, radiance, ones, ones, np.ones((64, 128, 3), np.float32), np.zeros((64, 128, 3), np.float32))
     frame = VideoFrame(0, 0, Fraction(1, 25), 0.0, 1, yuv.spec, yuv=yuv)
-    got = frame.over(Layer(64, 128, (tile,)), lambda _, tile: tile.radiance).yuv
+    got = frame.over(Layer(64, 128, (tile,))).yuv
     assert got is not None
     for new, old in ((got.y, yuv.y), (got.u, yuv.u), (got.v, yuv.v)):
         assert np.abs(new.astype(int) - old.astype(int)).max() <= PRIMARIES_CODE

@@ -13,7 +13,7 @@ import pytest
 
 import mr360uw as uw
 from mr360uw.color import ColorSpec, Transfer, in_plate_primaries
-from mr360uw.composite.over import empty_tile, over, over_tile
+from mr360uw.composite.over import empty_tile, over
 from mr360uw.errors import RenderError
 from mr360uw.medium import Medium, Water, fit_gain
 from mr360uw.medium.lookup import veil_lookup
@@ -90,7 +90,7 @@ def test_an_hdr_frame_has_no_negative_light_but_its_own(
         object=[{"mesh": str(whale), "position_m": [0.0, -0.5, -2.5]}],
     )  # fmt: skip
     layer, own = uw.render_frame(plate.image_linear, scene, backend=backend).layer, plate.image_linear
-    light, shown = over(own, layer), plate.over(layer, over_tile).light
+    light, shown = over(own, layer), plate.over(layer).light
     assert np.mean(own < 0.0) > 0.1
     assert not np.array_equal(light, own)
     as_plate = [in_plate_primaries(one, spec) for one in (light, shown, own)]

@@ -155,13 +155,9 @@ def grey_tile(alpha: Floats, column: int = 0, row: int = 0, luma: float = 0.5, r
     return Tile(column, row, light * cover[..., None] * full, cover, full[..., 0], ratio * full, 0.0 * full)
 
 
-def blend(plate: Floats, tile: Tile) -> Floats:
-    return tile.radiance + (1.0 - tile.alpha[..., None]) * tile.ratio * plate
-
-
 def laid(image: YuvImage, amount: float, *tiles: Tile, index: int = 0) -> YuvImage:
     height, width = image.y.shape
-    result = frame_of(image, index).over(Layer(height, width, tiles), blend, amount).yuv
+    result = frame_of(image, index).over(Layer(height, width, tiles), amount).yuv
     assert result is not None
     return result
 
@@ -210,7 +206,7 @@ def test_no_grain_is_bit_identical(rng: np.random.Generator) -> None:
     clean, grainy = noisy(rng, 0.0), noisy(rng, 3.0)
     for image, amount in ((clean, 1.0), (grainy, 0.0)):
         height, width = image.y.shape
-        today = frame_of(image).over(Layer(height, width, (tile,)), blend).yuv
+        today = frame_of(image).over(Layer(height, width, (tile,))).yuv
         got = laid(image, amount, tile)
         assert today is not None
         for a, b in ((today.y, got.y), (today.u, got.u), (today.v, got.v)):
@@ -248,7 +244,7 @@ def test_grain_on_rgb_codes(rng: np.random.Generator) -> None:
     frame = VideoFrame(0, 0, Fraction(1, 25), 0.0, 1, ColorSpec(full_range=True, bits=16), rgb=codes)
     tile = grey_tile(np.full((200, 300), 0.8), 600, 100, luma=0.45)
     layer = Layer(512, 1024, (tile,))
-    plain, grainy = (frame.over(layer, blend, amount).rgb for amount in (0.0, 1.0))
+    plain, grainy = (frame.over(layer, amount).rgb for amount in (0.0, 1.0))
     assert plain is not None
     assert grainy is not None
     change = (grainy[tile.window].astype(float) - plain[tile.window]) / 65535.0
@@ -282,8 +278,7 @@ def test_grain_takes_no_more_light_than_there_is(light: float, rng: np.random.Ge
     tile = grey_tile(np.ones((128, 128)), 300, 90, luma=0.0)
     tile = replace(tile, radiance=np.full_like(tile.radiance, light) * np.float32([0.1, 1.0, 1.0]))
     dark, bright = (
-        frame_of(image).over(Layer(512, 1024, (one,)), blend, 4.0)
-        for one in (tile, grey_tile(np.ones((128, 128)), 300, 90))
+        frame_of(image).over(Layer(512, 1024, (one,)), 4.0) for one in (tile, grey_tile(np.ones((128, 128)), 300, 90))
     )
     inner = slice(94, 214), slice(304, 424)
     assert bright.image_linear[inner].std() > 0.05

@@ -21,7 +21,7 @@ from mr360uw.color import ColorSpec, decode, in_plate_primaries, in_rec709
 from mr360uw.errors import ParameterError, VideoError
 from mr360uw.scene.model import Scene, scene_from_dict
 from mr360uw.scene.resolved import open_plate
-from mr360uw.types import Rectangle
+from mr360uw.types import Tile
 from mr360uw.video import open_video, read_picture
 from mr360uw.video.pixels.planes import lay_over_planes
 from mr360uw.yuv.cube_file import read_cube
@@ -151,10 +151,10 @@ def test_light_goes_into_planes_through_the_table(tmp_path: Path, rng: np.random
     table = read_cube(cube(tmp_path / "same.cube", grid(3)), "srgb", "video")
     light = rng.uniform(0.0, 1.0, (20, 30, 3)).astype(np.float32)
     cover = rng.uniform(0.0, 1.0, (20, 30)).astype(np.float32)
-    made = []
+    tile, made = Tile(10, 8, light, cover, cover, np.ones_like(light), light), []
     for spec in (old.spec, old.spec.mapped(table)):
         own, new = replace(old, spec=spec), replace(old, spec=spec, y=old.y.copy(), u=old.u.copy(), v=old.v.copy())
-        lay_over_planes(own, new, Rectangle(10, 8, 30, 20), light, cover, cover > 0.0, 0)
+        lay_over_planes(own, new, tile, 0, composite=light)
         made.append(np.concatenate([plane.ravel().astype(int) for plane in (new.y, new.u, new.v)]))
     assert np.abs(made[1] - made[0]).max() <= VIDEO_LUT_CODES
     assert np.abs(made[0] - np.concatenate([p.ravel() for p in (old.y, old.u, old.v)])).max() > 10

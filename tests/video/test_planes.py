@@ -10,7 +10,7 @@ import pytest
 from av.video.reformatter import Interpolation
 
 from mr360uw.color import ColorSpec, code_range, decode, encode, rgb_from_ycbcr
-from mr360uw.composite.over import empty_tile, over_tile
+from mr360uw.composite.over import empty_tile
 from mr360uw.types import Layer, Rectangle, Tile, YuvImage
 from mr360uw.video.pixels.planes import noise, planes_from_linear
 from mr360uw.video.video_frame import VideoFrame
@@ -38,15 +38,9 @@ def tile_of(column, row, radiance, alpha, ratio=1.0, veil=0.0) -> Tile:
     return Tile(column, row, light, alpha.astype(np.float32), np.ones((h, w)), full * ratio, full * veil)
 
 
-def blend(plate, tile):
-    """The formula of `over`, written out."""
-    background = tile.veil + (plate - tile.veil) * tile.ratio
-    return tile.radiance + (1.0 - tile.alpha[..., None]) * background
-
-
 def over(image: YuvImage, *tiles: Tile, index: int = 0) -> YuvImage:
     height, width = image.y.shape
-    result = frame_of(image, index).over(Layer(height, width, tiles), blend).yuv
+    result = frame_of(image, index).over(Layer(height, width, tiles)).yuv
     assert result is not None
     return result
 
@@ -264,22 +258,12 @@ def test_shafts_alone_change_the_codes() -> None:
     frame = frame_of(image)
     height, width = frame.shape
     tile = replace(empty_tile(Rectangle(16, 8, 32, 16)), shafts=np.full((16, 32, 3), 0.05, np.float32))
-    changed = frame.over(Layer(height, width, (tile,)), over_tile)
+    changed = frame.over(Layer(height, width, (tile,)))
     assert changed.yuv is not None
     brighter = changed.yuv.y.astype(int) - image.y
     assert np.all(brighter[tile.window] > 0)
     brighter[tile.window] = 0
     assert not brighter.any()
-
-
-def test_a_lent_part_is_read_once() -> None:
-    frame = VideoFrame.of_linear(np.random.default_rng(3).uniform(0.0, 1.0, (8, 16, 3)).astype(np.float32))
-    part = Rectangle(3, 2, 7, 5)
-    lent = frame.lent(part)
-    assert frame.lent(part) is lent
-    assert not lent.flags.writeable
-    np.testing.assert_array_equal(lent, frame.linear(part))
-    assert frame.image_linear.flags.writeable
 
 
 @pytest.mark.parametrize("columns", [32, 24])

@@ -209,17 +209,13 @@ def tile(column: int, row: int, height: int, width: int, radiance: float) -> Til
     return Tile(column, row, full * radiance, np.ones((height, width)), np.ones((height, width)), full, 0 * full)
 
 
-def lay(plate, part):
-    return part.radiance + (1 - part.alpha[..., None]) * plate
-
-
 def test_a_composite_arrives_in_the_file(tmp_path) -> None:
     source = write_clip(tmp_path / "in.mp4", 4, pixel_format="yuv420p10le")
     target = tmp_path / "out.mp4"
     layer = Layer(64, 128, (tile(20, 10, 20, 30, 0.25),))
     with open_video(source) as video, create_video(target, video, LOSSLESS) as out:
         for frame in video.frames():
-            out.write(frame.over(layer, lay))
+            out.write(frame.over(layer))
     with open_video(target) as video, open_video(source) as plate:
         for new, old in zip(video.frames(), plate.frames(), strict=True):
             np.testing.assert_allclose(new.image_linear[14:26, 24:46].mean(), 0.25, rtol=VIDEO_DITHER_MEAN)
@@ -231,12 +227,12 @@ def test_a_composite_arrives_in_the_file(tmp_path) -> None:
 def test_a_layer_without_tiles_costs_nothing(tmp_path) -> None:
     with open_video(write_clip(tmp_path / "in.mp4", 1)) as video:
         frame = next(video.frames())
-        assert frame.over(Layer(64, 128, ()), lay) is frame
+        assert frame.over(Layer(64, 128, ())) is frame
         with pytest.raises(VideoError, match="layer"):
-            frame.over(Layer(32, 64, (tile(0, 0, 2, 2, 0.1),)), lay)
+            frame.over(Layer(32, 64, (tile(0, 0, 2, 2, 0.1),)))
         for column, row in ((-2, 0), (120, 0), (0, 60)):
             with pytest.raises(VideoError, match="out of the frame"):
-                frame.over(Layer(64, 128, (tile(column, row, 10, 10, 0.1),)), lay)
+                frame.over(Layer(64, 128, (tile(column, row, 10, 10, 0.1),)))
 
 
 # --- pictures ---
@@ -253,7 +249,7 @@ def write_png(path: Path, dtype=np.uint8) -> np.ndarray:
 def test_a_still_over_which_something_is_laid(tmp_path, dtype) -> None:
     codes = write_png(tmp_path / "in.png", dtype)
     with open_video(tmp_path / "in.png") as video, create_video(tmp_path / "out.png", video) as out:
-        out.write(next(video.frames()).over(Layer(16, 32, (tile(4, 5, 6, 7, 0.3),)), lay))
+        out.write(next(video.frames()).over(Layer(16, 32, (tile(4, 5, 6, 7, 0.3),))))
         with pytest.raises(VideoError, match="cannot hold several frames"):
             out.write(next(video.frames()))
     result = cv2.imread(str(tmp_path / "out.png"), cv2.IMREAD_UNCHANGED)[..., ::-1]
@@ -307,7 +303,7 @@ def test_exr_pictures_of_floats_keep_every_bit(tmp_path, rng) -> None:
     light = (10.0 ** rng.uniform(-6, 5, (8, 16, 3))).astype(np.float32)
     write_exr(tmp_path / "in.exr", light)
     with open_video(tmp_path / "in.exr") as video, create_video(tmp_path / "out.exr", video) as out:
-        out.write(next(video.frames()).over(Layer(8, 16, (tile(1, 1, 2, 2, 40.0),)), lay))
+        out.write(next(video.frames()).over(Layer(8, 16, (tile(1, 1, 2, 2, 40.0),))))
     result = read_rgb(tmp_path / "out.exr")
     assert result[1, 1, 0] == 40.0
     untouched = np.ones((8, 16), bool)

@@ -59,6 +59,10 @@ _NEAR_GROUND = 9.0
 """Bodies higher above the ground than this many radii block less than a hundredth of its light."""
 _LIFT = 1e-3
 """Height of samples and nodes above the ground over the body's radius, at least."""
+_SLACK = 1e-4
+"""Room around the box of a mesh over its radius, for the rounding of rays in single precision."""
+_LEAST = 1e-12
+"""Least part of a direction along an axis of such a box."""
 _FEW = 0.002
 """Share of a node's light below which the mean of what it sees is drawn to that of its neighbours."""
 _KEPT = 64
@@ -165,15 +169,8 @@ class Body:
             return None
         d = (directions() @ self.rotation.T).astype(np.float32)
         place = ((position - self.transfer.mesh.center_m) @ self.rotation.T).astype(np.float32)
-        down = np.flatnonzero(d[:, 1] < -1e-6)
-        scale = np.float32(0.5 * NODES / self._half_m)
-        far = (place[:, 1] + np.float32(self.height_m))[:, None] * scale
-        slope = d[down] / -d[down, 1:2]
-        i, j = (place[:, a, None] * scale + far * slope[:, a] + np.float32(0.5 * NODES) for a in (0, 2))
-        inside = (i >= 0.0) & (i < NODES) & (j >= 0.0) & (j < NODES)
-        seen = np.full((len(position), COUNT), -1, np.int16)
-        seen[:, down] = np.where(inside, np.where(inside, i, 0.0).astype(np.int16) * NODES
-                                 + np.where(inside, j, 0.0).astype(np.int16), -1)  # fmt: skip
+        seen, scale = np.empty((len(position), COUNT), np.int16), np.float32(0.5 * NODES / self._half_m)
+        _find_nodes(place, d, np.float32(self.height_m), scale, seen)
         return seen
 
     def mean_sent(self) -> NDArray[np.float32]:
@@ -366,6 +363,12 @@ class FormFactors:
         """Whether nothing is seen."""
         return self.samples.nnz == 0 and self.ground.shape[1] == 0
 
+    def of(self, rows: NDArray[np.int64]) -> FormFactors:
+        """Return those of some of the samples."""
+        begin = self.samples.indptr
+        entries = np.concatenate([np.zeros(0, np.int64), *(np.arange(begin[n], begin[n + 1]) for n in rows)])
+        return FormFactors(self.lost[rows], self.samples[rows], self.way[entries], self.ground[rows])
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Met:
@@ -435,12 +438,15 @@ class Neighbour:
         the place and the direction, the coarse sample among all, distance in metres of the mesh, and the share, each
         (m,).
         """
-        near = self._directions_near(transfer)
-        found = np.empty((2, len(place) * len(near)), np.int32)
-        used = _into_ball(place, open_, directions(), near, *self.ball, found)
-        sample, direction = found[:, :used]
+        # In the axes of the body, take the rays that lead into the box around it
         back = np.linalg.inv(self.linear).T
-        origin, rays = ((place - self.shift) @ back)[sample], (directions() @ back)[direction]
+        start, along = (place - self.shift) @ back, directions() @ back
+        near, found = self._directions_near(transfer), np.empty((2, len(place) * COUNT), np.int32)
+        corners, slack = self.transfer.corners, _SLACK * self.transfer.mesh.radius_m
+        box = corners.min(axis=0) - slack, corners.max(axis=0) + slack
+        used = _into_box(start, open_, 1.0 / np.where(np.abs(along) < _LEAST, _LEAST, along), near, *box, found)
+        sample, direction = found[:, :used]
+        origin, rays = start[sample], along[direction]
         met = self.transfer.blocking.met(self.transfer.lattice, origin, rays)
         coarse_sample = (self.transfer.coarse.of[met.sample] + self.begin).astype(np.int32)
         share = np.float32(self.share) * met.part
@@ -469,17 +475,39 @@ class Neighbour:
 
 
 @exact
-def _into_ball(place: Any, open_: Any, d: Any, near: Any, center: Any, radius: Any, found: Any) -> Any:
-    """Write sample and direction of the open rays into a ball to `found` (2, most); return how many there are."""
+def _find_nodes(place: Any, d: Any, height_m: Any, scale: Any, seen: Any) -> None:
+    """Set `seen` (n, k) as `Body.node_seen` returns it. place: (n, 3) from the middle, d: (k, 3), in axes of the world.
+
+    height_m: of the middle above the ground. scale: nodes in a metre of it.
+    """
+    half, side = np.float32(0.5 * NODES), np.float32(NODES)
+    for k in range(len(d)):
+        if not d[k, 1] < np.float32(-1e-6):
+            seen[:, k] = -1
+            continue
+        x, z = d[k, 0] / -d[k, 1], d[k, 2] / -d[k, 1]
+        for n in range(len(place)):
+            far = (place[n, 1] + height_m) * scale
+            i, j = place[n, 0] * scale + far * x + half, place[n, 2] * scale + far * z + half
+            inside = i >= 0.0 and i < side and j >= 0.0 and j < side
+            seen[n, k] = np.int16(i) * NODES + np.int16(j) if inside else -1
+
+
+@exact
+def _into_box(start: Any, open_: Any, inverse: Any, near: Any, low: Any, high: Any, found: Any) -> Any:
+    """Write sample and direction of the open rays into a box to `found` (2, most); return how many there are.
+
+    start: (r, 3) of rays from the samples. inverse: (COUNT, 3) one over their directions. near: numbers of these.
+    """
     total = 0
-    for s in range(len(place)):
-        x, y, z = center[0] - place[s, 0], center[1] - place[s, 1], center[2] - place[s, 2]
-        squared = x * x + y * y + z * z
-        outside = squared - radius * radius
+    for s in range(len(start)):
         for k in near:
             if open_[s, k]:
-                along = x * d[k, 0] + y * d[k, 1] + z * d[k, 2]
-                if along * along >= outside and (along > 0.0 or outside < 0.0):
+                enter, leave = 0.0, np.inf
+                for c in range(3):
+                    one, other = (low[c] - start[s, c]) * inverse[k, c], (high[c] - start[s, c]) * inverse[k, c]
+                    enter, leave = max(enter, min(one, other)), min(leave, max(one, other))
+                if enter <= leave:
                     found[0, total], found[1, total] = s, k
                     total += 1
     return total
@@ -521,9 +549,12 @@ def _view(seen: PartOf[tuple[Body, list[Neighbour]]], begin: int, total: int) ->
     if transfer.mesh.glossy:
         close[:] = 1.0  # every sample has a lobe of its own
     near_sample = np.flatnonzero(close)
-    at_coarse, _ = _form_factors(body, near, sample, body.own.direct, total)
     cosine = body.own.left[near_sample]
     at_near, node = _form_factors(body, near, near_sample, cosine, total)
+    at_coarse = (
+        at_near.of(sample) if transfer.mesh.glossy
+        else _form_factors(body, near, sample, body.own.direct, total)[0]
+    )  # fmt: skip
     lost = (body.own.plain - body.own.direct + at_coarse.lost).sum(axis=1, keepdims=True)
     lost -= at_coarse.ground.sum(axis=1, keepdims=True)
     openness = 1.0 - lost / transfer.whole[sample, None]
@@ -616,23 +647,60 @@ def _met_by(
     cosine: (S, COUNT) irradiance that directions add which the body leaves open, at least in part. node: (S, COUNT) of
     the ground, -1 for none. begin: where the body's coarse samples begin among all.
     """
-    whole, others = body.transfer.cosine, np.repeat(np.arange(len(cosine)), np.diff(factors.samples.indptr))
-    parts: list[tuple[Any, ...]] = [
-        (others, factors.way, factors.samples.indices + 1, factors.samples.data / whole[others, factors.way])
-    ]
-    if node is not None:
-        sample, way = np.nonzero((node >= 0) & (cosine > 0.0))
-        taken = np.bincount(others * COUNT + factors.way, factors.samples.data, cosine.size).reshape(cosine.shape)
-        left = (cosine[sample, way] - taken[sample, way]) / whole[sample, way]
-        some = left > 0.0
-        parts.append((sample[some], way[some], -node[sample, way][some] - 1, left[some]))
+    samples, seen = factors.samples, np.full(cosine.shape, -1, np.int16) if node is None else node
+    own, own_part = np.zeros((3, 0), np.int64), np.zeros(0, np.float32)
     if body.own.lost is not None:
-        sample, way, hit = body.transfer.own
-        parts.append((sample, way, body.transfer.coarse.of[hit] + begin + 1, body.transfer.own_part))
-    sample, way, target, part = (np.concatenate(column) for column in zip(*parts, strict=True))
-    order = np.argsort(sample, kind="stable")
-    first = np.searchsorted(sample[order], np.arange(len(cosine) + 1))
-    return Met(first, way[order].astype(np.int32), target[order].astype(np.int32), part[order].astype(np.float32))
+        own, own_part = body.transfer.own, body.transfer.own_part
+    target_of = (body.transfer.coarse.of[own[2]] + begin + 1).astype(np.int32)
+    # Room for whatever may be met: memory that is not written is not taken
+    first, most = np.zeros(len(cosine) + 1, np.int64), len(samples.data) + seen.size + len(own_part)
+    direction, target, part = np.empty(most, np.int32), np.empty(most, np.int32), np.empty(most, np.float32)
+    _list_met(
+        body.transfer.cosine, cosine, seen, samples.indptr, factors.way, samples.indices, samples.data,
+        own[0], own[1], target_of, own_part, first, direction, target, part,
+    )  # fmt: skip
+    used = int(first[-1])
+    return Met(first, direction[:used].copy(), target[:used].copy(), part[:used].copy())
+
+
+@exact
+def _list_met(
+    whole: Any, cosine: Any, node: Any, begin: Any, way: Any, met: Any, weight: Any, own_sample: Any, own_way: Any,
+    own_target: Any, own_part: Any, first: Any, direction: Any, target: Any, part: Any,
+) -> None:  # fmt: skip
+    """Set the arrays of `Met`, sample by sample.
+
+    whole, cosine: (S, COUNT) irradiance that directions add, and that which the body leaves. node: (S, COUNT). begin,
+    way, met, weight: of `FormFactors`. own_sample ...: (m,) what the body blocks itself.
+    """
+    # Sort what the body blocks by sample
+    order, place = np.empty(len(own_sample), np.int64), np.zeros(len(whole) + 1, np.int64)
+    for m in range(len(own_sample)):
+        place[own_sample[m] + 1] += 1
+    for s in range(len(whole)):
+        place[s + 1] += place[s]
+    after = place.copy()
+    for m in range(len(own_sample)):
+        order[after[own_sample[m]]] = m
+        after[own_sample[m]] += 1
+    used, taken = 0, np.zeros(whole.shape[1])
+    for s in range(len(whole)):
+        # Others, then the ground behind them, then the body itself
+        taken[:] = 0.0
+        for m in range(begin[s], begin[s + 1]):
+            direction[used], target[used], part[used] = way[m], met[m] + 1, weight[m] / whole[s, way[m]]
+            taken[way[m]] += weight[m]
+            used += 1
+        for k in range(whole.shape[1]):
+            left = cosine[s, k] - taken[k]
+            if node[s, k] >= 0 and cosine[s, k] > 0.0 and left > 0.0:
+                direction[used], target[used], part[used] = k, -node[s, k] - 1, left / whole[s, k]
+                used += 1
+        for n in range(place[s], place[s + 1]):
+            m = order[n]
+            direction[used], target[used], part[used] = own_way[m], own_target[m], own_part[m]
+            used += 1
+        first[s + 1] = used
 
 
 @dataclass(frozen=True, slots=True, eq=False)

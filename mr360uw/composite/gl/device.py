@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.cache import Scratch
+from mr360uw.cache import PartOf, Scratch
 from mr360uw.composite.mesh.material import Material
 from mr360uw.composite.mesh.mesh import Mesh
 from mr360uw.composite.mesh.texture import WRAPS, Texture
@@ -58,10 +58,12 @@ class StillBuffers:
     store: moderngl.Texture
 
 
-def upload_still(mesh: Mesh, places: NDArray[np.int64] | None = None) -> StillBuffers:
-    """Return what the poses of a mesh share on the device. places: (T, 4) its points of ambient light, as `Lattice` has
-    them; None without them.
-    """
+Places = PartOf[NDArray[np.int64]]
+"""Points (T, 4) of the ambient light of a mesh, as `Lattice.places` has them."""
+
+
+def upload_still(mesh: Mesh, places: Places | None = None) -> StillBuffers:
+    """Return what the poses of a mesh share on the device. places: its points of ambient light; None without them."""
     count = len(mesh.positions)
     texels = np.zeros((count, TRIANGLE_TEXELS, 4), np.float32)
     texels[:, 0:9:3, 3], texels[:, 1:9:3, 3] = mesh.uv[..., 0], mesh.uv[..., 1]
@@ -72,7 +74,7 @@ def upload_still(mesh: Mesh, places: NDArray[np.int64] | None = None) -> StillBu
     address = TRIANGLE_TEXELS * count + 3 * mesh.more_uv.shape[2] * np.arange(count)
     texels[:, 9, 2], texels[:, 9, 3] = np.divmod(address, 1 << ADDRESS_BITS)
     if places is not None:
-        texels[:, 10] = places
+        texels[:, 10] = places.whole
     store, entries = texture_store(texture for m in mesh.materials for texture in m.maps)
     materials = np.stack([_material_texels(m, entries) for m in mesh.materials])
     return StillBuffers(
@@ -82,7 +84,7 @@ def upload_still(mesh: Mesh, places: NDArray[np.int64] | None = None) -> StillBu
     )
 
 
-def upload_mesh(mesh: Mesh, places: NDArray[np.int64] | None = None, still: StillBuffers | None = None) -> MeshBuffers:
+def upload_mesh(mesh: Mesh, places: Places | None = None, still: StillBuffers | None = None) -> MeshBuffers:
     """Return a mesh on the device. places: those of `upload_still`. still: of a pose, what it shares with others."""
     still = upload_still(mesh, places) if still is None else still
     rows, count = still.texels.copy(), len(mesh.positions)

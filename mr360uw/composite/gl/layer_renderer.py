@@ -8,12 +8,11 @@ shadows, the samples of objects at rest and the geometry of the receiver from fr
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from mr360uw.cache import Cache
+from mr360uw.cache import Cache, PartOf, Same
 from mr360uw.composite.ambient.solver import AmbientLight
 from mr360uw.composite.aovs import AovFrame, Aovs
-from mr360uw.composite.gl.device import MeshBuffers, StillBuffers, Targets, upload_mesh, upload_still
+from mr360uw.composite.gl.device import MeshBuffers, Places, StillBuffers, Targets, upload_mesh, upload_still
 from mr360uw.composite.gl.light_textures import LightTextures
 from mr360uw.composite.gl.object_pass import ObjectPass
 from mr360uw.composite.gl.receiver_pass import ReceiverPass
@@ -80,7 +79,7 @@ class LayerRenderer:
         if surfaces is not None:
             self._objects.draw(shot, light, surfaces, drawn, frame, ambient)
         if on_blocks is not None:
-            lay_receiver(on_blocks, drawn, view.width, view.height, shot.pattern)
+            lay_receiver(on_blocks, drawn, view.width, view.height, shot.pattern, shot.unseen)
         return Layer(view.height, view.width, tuple(hold_out(shot, tile) for tile in drawn))
 
 
@@ -90,16 +89,20 @@ class _DeviceMeshes:
     def __init__(self, cache: Cache) -> None:
         self._cache = cache
         self.poses = 0
-        self._places: dict[Mesh, NDArray[np.int64]] = {}
+        self._places: dict[Mesh, Places] = {}
 
     def add_places(self, ambient: AmbientLight | None) -> None:
         """Note the points of ambient light of meshes at rest whose values are to be read."""
         if ambient is None:
             return
         for body, values in zip(ambient.layout.bodies, ambient.values, strict=False):
-            if values is not None:
-                self._places.pop(body.placed.mesh.still, None)
-                self._places[body.placed.mesh.still] = body.transfer.lattice.places
+            if values is None:
+                continue
+            still, places = body.placed.mesh.still, body.transfer.lattice.places
+            known = self._places.pop(still, None)
+            if known is None or (known.whole is not places and not np.array_equal(known.whole, places)):
+                known = PartOf(places, Same(places))  # they count by identity: to read them takes a millisecond
+            self._places[still] = known
         while len(self._places) > max(_KEPT_MESHES, len(ambient.values)):
             del self._places[next(iter(self._places))]
 

@@ -44,9 +44,6 @@ class Picture(Protocol):
     def halved(self, rectangle: Rectangle) -> Floats:
         """Return a part of even place and size at half its columns and rows, (h/2, w/2, 3)."""
 
-    def lent(self, rectangle: Rectangle) -> Floats:
-        """Return the same, read-only, of a part that is read again when the frame is composited."""
-
 
 class Blurs(NamedTuple):
     """Blurs of a part of a frame at some widths, and which of them its rows take.
@@ -98,7 +95,7 @@ class PlatePattern:
 
     def light(self, part: Rectangle) -> tuple[Floats, Floats]:
         """Return the frame and its calm state over a part of it, each (h, w, 3) float32."""
-        shown = np.asarray(self.picture.lent(part), np.float32)
+        shown = np.asarray(self.picture.linear(part), np.float32)
         if self.mean is not None:
             return shown, self.mean_of(part)
         calm = np.empty_like(shown)

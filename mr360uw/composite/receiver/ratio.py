@@ -47,8 +47,6 @@ BLOCK = 8
 """Pixels along a block."""
 SHARE, VEIL, FREE, SEEN = slice(0, 3), slice(3, 6), slice(6, 9), 9
 CORNER_CHANNELS = 10
-_CHANGED = 1e-4
-"""Least change of the plate, as a fraction, that is written."""
 _AT_ONCE = 32
 """Most blocks beside each other that are computed together: compilers vectorise loops that are longer than a block.
 Half as many or twice as many take as long."""
@@ -175,9 +173,10 @@ class BlockLight:
 
 
 def lay_receiver(
-    light: BlockLight, tiles: Sequence[Tile], width: int, height: int, pattern: PlatePattern | None
+    light: BlockLight, tiles: Sequence[Tile], width: int, height: int, pattern: PlatePattern | None, unseen: float
 ) -> None:
-    """Write ratio and veil of the blocks into tiles of a width x height frame; where nothing changes they are left.
+    """Write ratio and veil of the blocks into tiles of a width x height frame, where they change the plate by a
+    fraction of more than `unseen`.
 
     pattern: the plate's own caustics, which go with the sun's light (see pattern.py).
     """
@@ -190,11 +189,11 @@ def lay_receiver(
     strength = np.float32(0.0 if pattern is None else pattern.strength)
     for tile in tiles:
         part = tile.rectangle
-        shown, mean = (none, none) if pattern is None else (pattern.picture.lent(part), pattern.mean_of(part))
+        shown, mean = (none, none) if pattern is None else (pattern.picture.linear(part), pattern.mean_of(part))
         plate = np.ascontiguousarray(shown, np.float32), mean, tuple(blurs), strength
         _lay(
             (row, column, light.corner), tuple(images), (width, height, tile.row, tile.column), plate,
-            (tile.ratio, tile.veil),
+            np.float32(unseen), (tile.ratio, tile.veil),
         )  # fmt: skip
 
 
@@ -248,9 +247,9 @@ def _between(corner: Any, q: int, z: int, down: Any, line: Any, b: int) -> None:
 
 
 @inlined
-def _write(change: Any, haze: Any, ratio: Any, veil: Any) -> None:
-    """Write ratio and veil (n, 3) of the pixels whose relative change (3, n) is large enough. haze: (3, n)."""
-    one, least = np.float32(1.0), np.float32(_CHANGED)
+def _write(change: Any, haze: Any, least: Any, ratio: Any, veil: Any) -> None:
+    """Write ratio and veil (n, 3) of the pixels whose relative change (3, n) is above the least. haze: (3, n)."""
+    one = np.float32(1.0)
     for i in range(len(ratio)):
         if max(abs(change[0, i]), abs(change[1, i]), abs(change[2, i])) > least:
             for k in range(3):
@@ -284,22 +283,22 @@ def _take_images(rows: Any, b: int, j: int, numbers: Any, images: Any) -> None:
 
 
 @inlined
-def _even(corner: Any, q: int, z: int) -> bool:
-    """Return whether nothing changes at the corners of block (q, z)."""
+def _even(corner: Any, q: int, z: int, least: Any) -> bool:
+    """Return whether hardly anything changes at the corners of block (q, z)."""
     one, most = np.float32(1.0), np.float32(0.0)
     for k in range(6, 10):
         most = max(most, abs(corner[q, z, k] - one), abs(corner[q, z + 1, k] - one),
                    abs(corner[q + 1, z, k] - one), abs(corner[q + 1, z + 1, k] - one))  # fmt: skip
-    return bool(most < np.float32(0.5 * _CHANGED))
+    return bool(most < np.float32(0.5) * least)
 
 
 @fast
-def _lay(blocks: Any, images: Any, frame: Any, plate: Any, tile: Any) -> None:
+def _lay(blocks: Any, images: Any, frame: Any, plate: Any, least: Any, tile: Any) -> None:
     """Write ratio and veil of the blocks into a tile, see `lay_receiver`.
 
     blocks: rows and columns, and corner of `BlockLight`. images: `at` and `image` of its images, one after the other.
     frame: width and height, and row and column of the tile. plate: its light, its mean or none, and the blurs and the
-    strength by which it is drawn towards them without one. tile: ratio and veil.
+    strength by which it is drawn towards them without one. least: change that is written. tile: ratio and veil.
     """
     row, column, corner = blocks
     free_at, free, seen_at, seen, waves_at, waves, shape_at, shape, added_at, added = images
@@ -319,7 +318,7 @@ def _lay(blocks: Any, images: Any, frame: Any, plate: Any, tile: Any) -> None:
         # blocks beside each other that change
         while end < len(row) and end - begin < _AT_ONCE and row[end] == q and column[end] == z + end - begin:
             pixels = free_at[end] >= 0 or seen_at[end] >= 0 or waves_at[end] >= 0 or shape_at[end] >= 0
-            if not pixels and _even(corner, q, column[end]):
+            if not pixels and _even(corner, q, column[end], least):
                 break
             end += 1
         if end == begin:
@@ -356,4 +355,4 @@ def _lay(blocks: Any, images: Any, frame: Any, plate: Any, tile: Any) -> None:
                     lit = sun[i] * fall[i]
                     left_over = share[i] * (free_row[i] - lit) + more[i]
                     out[i] = flat_weight[i] * (lit + left_over * per_light[i] - one)
-            _write(change[:, inside], flat_line[3:6, inside], ratio[r, across_row], veil[r, across_row])
+            _write(change[:, inside], flat_line[3:6, inside], least, ratio[r, across_row], veil[r, across_row])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Compiled loops of `planes`: encoding, dither, chroma filter; serial, outside Python's lock.
+"""Compiled loops of `planes`, serial, outside Python's lock: a row of a tile is decoded, laid over and encoded at once.
 
 k: `yuv.coefficients.coefficients`. sx, sy: log2 of the chroma subsampling. wrap: left and right edges meet. grain:
 noise of variance 1 in a rectangle of a plane, or an empty array for none; strength: its standard deviation in parts of
@@ -21,7 +21,15 @@ from mr360uw.constants import (
     DITHER_STEP,
 )
 from mr360uw.jit import fast, inlined
-from mr360uw.yuv.decoding import ENCODE_LOW, ENCODE_STEP_BITS, ENCODE_STEPS, chroma_row, luma_from_code
+from mr360uw.tile_blend import blend_row, find_changes
+from mr360uw.yuv.decoding import (
+    ENCODE_LOW,
+    ENCODE_STEP_BITS,
+    ENCODE_STEPS,
+    chroma_row,
+    light_row,
+    luma_from_code,
+)
 
 
 @fast
@@ -124,125 +132,145 @@ def _grain_left(luma: Any, cb: Any, cr: Any, cb_grain: Any, cr_grain: Any, k: An
     return left
 
 
+_GAP = 32
+"""Pixels that do not change, in a row, between runs that are written apart: a run costs as much as about ten."""
+
+
 @inlined
-def _changed_part(changed: Any) -> Any:
-    """Return the first column of a row that is changed and the one after the last; 0, 0 where none is."""
-    after = changed.size
-    while after > 0 and not changed[after - 1]:
-        after -= 1
-    first = 0
-    while first < after and not changed[first]:
+def _next_run(changed: Any, begin: int) -> Any:
+    """Return the first and the one after the last column of the next run of changed pixels of a row, from `begin` on;
+    the same twice where there is none.
+    """
+    first = begin
+    while first < changed.size and not changed[first]:
         first += 1
+    after = first
+    for c in range(first, changed.size):
+        if changed[c]:
+            after = c + 1
+        elif c - after >= _GAP:
+            break
     return first, after
 
 
 @fast
-def write_luma(
-    y: Any, u: Any, v: Any, y_out: Any, row: int, column: int, sx: int, sy: int, wrap: bool,
-    k: Any, table: Any, peak: Any, light_bits: Any, alpha: Any, changed: Any, frame: int,
-    grain: Any, strength: Any, chroma: Any,
-) -> None:  # fmt: skip
-    """Write the luma of the changed pixels, and the change of their chroma in codes into `chroma` (2, h, w)."""
-    height, width = changed.shape
-    cb = np.empty(width, np.float32)
-    cr = np.empty(width, np.float32)
-    steps = np.empty((3, width), np.float32)  # of R', G', B'
-    grainy = grain.size > 0
-    for r in range(height):
-        chroma[:, r] = np.float32(0.0)
-        first, after = _changed_part(changed[r])
-        if first == after:
-            continue
-        begin, part = column + first, slice(first, after)
-        chroma_row(u, row + r, begin, sx, sy, wrap, k[2], k[3], cb[part])
-        chroma_row(v, row + r, begin, sx, sy, wrap, k[2], k[3], cr[part])
-        codes = y[row + r, column : column + width]
-        codes_out = y_out[row + r, column : column + width]
-        for n in range(3):
-            light = light_bits[r, part, n]
-            _encode_row(codes[part], cb[part], cr[part], light, alpha[r, part], k, n, table, steps[n, part])
-        if grainy:
-            _grain_row(codes[part], cb[part], cr[part], alpha[r, part], grain[r, part], strength, k, steps[:, part])
-        red, green, blue = k[1] * k[10], k[1] * k[11], k[1] * k[12]
-        for c in range(first, after):
-            step = red * steps[0, c] + green * steps[1, c] + blue * steps[2, c]
-            code = _quantise(np.float32(codes[c]) + step, _noise(row + r, column + c, frame), peak)
-            codes_out[c] = code if changed[r, c] else codes_out[c]
-        for plane in range(2):
-            red, green, blue = k[3] * k[13 + 3 * plane], k[3] * k[14 + 3 * plane], k[3] * k[15 + 3 * plane]
-            for c in range(first, after):
-                step = red * steps[0, c] + green * steps[1, c] + blue * steps[2, c]
-                chroma[plane, r, c] = step if changed[r, c] else np.float32(0.0)
+def write_planes(
+    y: Any, u: Any, v: Any, y_out: Any, u_out: Any, v_out: Any, row: int, column: int, frame: int, sx: int, sy: int,
+    wrap: bool, k: Any, decoding: Any, encoding: Any, peak: Any, radiance: Any, alpha: Any, ratio: Any, veil: Any,
+    shafts: Any, given: Any, grain: Any, blotches: Any, strength: Any,
+) -> Any:  # fmt: skip
+    """Write the pixels that a tile changes, and their chroma, into the planes; return the brightest light and
+    the sum of all, of which floats that are not finite make one.
 
-
-@fast
-def write_chroma(
-    u: Any, v: Any, y_out: Any, u_out: Any, v_out: Any, row: int, column: int, sx: int, sy: int, wrap: bool,
-    k: Any, peak: Any, alpha: Any, changed: Any, frame: int, grain: Any, strength: Any, chroma: Any,
-) -> None:  # fmt: skip
-    """Add the change of the pixels' chroma to the samples of the blocks with a changed pixel.
-
-    Adding lets two rectangles share a block. grain: (2, blocks down, blocks across); strength: (2, n); the luma `y_out`
-    has been written.
+    decoding, encoding: `decode_table` and `encode_table`. radiance to shafts: of the tile, shafts (0, 0, 3) for none.
+    given: its composite (h, w, 3), or (0, 0, 3) for that of `blend_row`. grain: (h, w) of luma, blotches: (2, samples
+    down, samples across) of chroma, both without rows for none; strength: (3, n) of both.
     """
     height, width = alpha.shape
-    # Sums down a block, for the pixels of a row and one more to either side.
-    steps = np.empty((3, width + 2), np.float32)
-    touched = np.empty(width + 2, np.bool_)
-    scale = np.float32(1.0) / np.float32((4 if sx else 1) * (2 if sy else 1))
-    side, middle = np.float32(1.0 if sx else 0.0), np.float32(2.0 if sx else 1.0)
-    grainy = grain.size > 0
+    # Make room for a row of pixels, and for the rows that share a row of chroma samples
+    cb, cr, steps = np.empty(width, np.float32), np.empty(width, np.float32), np.empty((3, width), np.float32)
+    plate, light = np.empty((width, 3), np.float32), np.empty((width, 3), np.float32)
+    bits, none = light.view(np.uint32), np.empty((0, 3), np.float32)
+    changed, chroma = np.empty((2, width), np.bool_), np.empty((2, 2, width), np.float32)
+    brightest, total, one, grainy = np.float32(0.0), np.float32(0.0), np.float32(1.0), grain.size > 0
     for j in range(row >> sy, ((row + height - 1) >> sy) + 1):
-        steps[:] = np.float32(0.0)
-        touched[:] = False
-        for r in range(max((j << sy) - row, 0), min((j << sy) - row + 1 + sy, height)):
-            for c in range(width):
-                steps[0, c + 1] += chroma[0, r, c]
-                steps[1, c + 1] += chroma[1, r, c]
-                steps[2, c + 1] += alpha[r, c] if changed[r, c] else np.float32(0.0)
-                touched[c + 1] |= changed[r, c]
-        for i in range(column >> sx, ((column + width - 1) >> sx) + 1):
-            c = (i << sx) - column + 1
-            if not (touched[c] or touched[c + sx]):
-                continue
-            before = c - 1 if c > 1 else c  # the column left of the rectangle is taken to change like its first one
-            cb_step = side * (steps[0, before] + steps[0, c + sx]) + middle * steps[0, c]
-            cr_step = side * (steps[1, before] + steps[1, c + sx]) + middle * steps[1, c]
-            cover = side * (steps[2, before] + steps[2, c + sx]) + middle * steps[2, c]
-            cb = np.float32(u_out[j, i]) + cb_step * scale
-            cr = np.float32(v_out[j, i]) + cr_step * scale
-            if sx and cover > np.float32(0.0):
-                cb -= cover * scale * _lost_detail(u, j, i, sy, wrap)
-                cr -= cover * scale * _lost_detail(v, j, i, sy, wrap)
-            if grainy and cover > np.float32(0.0):
-                luma = (np.float32(y_out[j << sy, i << sx]) - k[0]) / k[1]
-                m, n = j - (row >> sy), i - (column >> sx)
-                cb_grain = cover * scale * grain[0, m, n] * _strength(luma, strength[0])
-                cr_grain = cover * scale * grain[1, m, n] * _strength(luma, strength[1])
-                for down in range(min(1 + sy, y_out.shape[0] - (j << sy))):
-                    for right in range(min(1 + sx, y_out.shape[1] - (i << sx))):
-                        luma = min(luma, (np.float32(y_out[(j << sy) + down, (i << sx) + right]) - k[0]) / k[1])
-                left = _grain_left(luma, (cb - k[2]) / k[3], (cr - k[2]) / k[3], cb_grain, cr_grain, k)
-                cb += left * cb_grain * k[3]
-                cr += left * cr_grain * k[3]
-            # Other corners of the noise than luma's, so that the three do not round up together.
-            u_out[j, i] = _quantise(cb, _noise(j + 17, i + 59, frame), peak)
-            v_out[j, i] = _quantise(cr, _noise(j + 101, i + 31, frame), peak)
+        begin, end, any_ = max((j << sy) - row, 0), min(((j + 1) << sy) - row, height), False
+        for r in range(begin, end):
+            # Find the pixels of a row that change
+            b, more = r - begin, shafts[r] if len(shafts) else none
+            find_changes(alpha[r], radiance[r], ratio[r], more, changed[b])
+            chroma[:, b] = np.float32(0.0)
+            codes, codes_out = y[row + r, column : column + width], y_out[row + r, column : column + width]
+            first, after = _next_run(changed[b], 0)
+            while first < after:
+                any_, part = True, slice(first, after)
+                # Decode the plate and lay the tile over it
+                chroma_row(u, row + r, column + first, sx, sy, wrap, k[2], k[3], cb[part])
+                chroma_row(v, row + r, column + first, sx, sy, wrap, k[2], k[3], cr[part])
+                if len(given):
+                    light[part] = given[r, part]
+                else:
+                    light_row(codes[part], cb[part], cr[part], k, decoding, steps[:, part], plate[part])
+                    blend_row(plate[part], radiance[r, part], alpha[r, part], ratio[r, part], veil[r, part], more[part],
+                              one, light[part])  # fmt: skip
+                for c in range(first, after):
+                    brightest = max(brightest, light[c, 0], light[c, 1], light[c, 2])
+                    total += light[c, 0] + light[c, 1] + light[c, 2]
+                # Encode the difference, with the grain
+                for n in range(3):
+                    _encode_row(codes[part], cb[part], cr[part], bits[part, n], alpha[r, part], k, n, encoding,
+                                steps[n, part])  # fmt: skip
+                if grainy:
+                    own = grain[r, part]
+                    _grain_row(codes[part], cb[part], cr[part], alpha[r, part], own, strength[0], k, steps[:, part])
+                # Add it to the codes of luma, and keep that of chroma
+                red, green, blue = k[1] * k[10], k[1] * k[11], k[1] * k[12]
+                for c in range(first, after):
+                    step = red * steps[0, c] + green * steps[1, c] + blue * steps[2, c]
+                    code = _quantise(np.float32(codes[c]) + step, _noise(row + r, column + c, frame), peak)
+                    codes_out[c] = code if changed[b, c] else codes_out[c]
+                for plane in range(2):
+                    red, green, blue = k[3] * k[13 + 3 * plane], k[3] * k[14 + 3 * plane], k[3] * k[15 + 3 * plane]
+                    for c in range(first, after):
+                        step = red * steps[0, c] + green * steps[1, c] + blue * steps[2, c]
+                        chroma[plane, b, c] = step if changed[b, c] else np.float32(0.0)
+                first, after = _next_run(changed[b], after)
+        if any_:
+            rows = slice(begin, end)
+            _write_chroma(
+                u, v, y_out, u_out, v_out, j, row, column, sx, sy, wrap, k, peak, alpha[rows],
+                changed[: end - begin], frame, blotches, strength[1:], chroma,
+            )  # fmt: skip
+    return brightest, total
 
 
 @fast
-def find_changes(alpha: Any, ratio: Any, radiance: Any, shafts: Any, out: Any) -> None:
-    """Write into `out` (h, w) where a tile covers, adds light or changes the plate's light.
+def _write_chroma(
+    u: Any, v: Any, y_out: Any, u_out: Any, v_out: Any, j: int, row: int, column: int, sx: int, sy: int, wrap: bool,
+    k: Any, peak: Any, alpha: Any, changed: Any, frame: int, grain: Any, strength: Any, chroma: Any,
+) -> None:  # fmt: skip
+    """Add the change of the pixels' chroma to the samples of row j of the blocks with a changed pixel.
 
-    shafts: (h, w, 3), or an array without rows where a tile has none.
+    Adding lets two rectangles share a block. alpha, changed: of the rows of pixels of the samples, chroma: (2, 2, w)
+    their changes. grain: (2, blocks down, blocks across); strength: (2, n); the luma `y_out` has been written.
     """
-    one, zero = np.float32(1.0), np.float32(0.0)
-    for r in range(out.shape[0]):
-        for c in range(out.shape[1]):
-            same = alpha[r, c] == zero
-            for n in range(3):
-                same &= (ratio[r, c, n] == one) & (radiance[r, c, n] == zero)
-            if len(shafts):
-                for n in range(3):
-                    same &= shafts[r, c, n] == zero
-            out[r, c] = not same
+    rows, width = alpha.shape
+    # Sum down a block, for the pixels of a row and one more to either side
+    steps, touched = np.zeros((3, width + 2), np.float32), np.zeros(width + 2, np.bool_)
+    scale = np.float32(1.0) / np.float32((4 if sx else 1) * (2 if sy else 1))
+    side, middle = np.float32(1.0 if sx else 0.0), np.float32(2.0 if sx else 1.0)
+    for r in range(rows):
+        for c in range(width):
+            steps[0, c + 1] += chroma[0, r, c]
+            steps[1, c + 1] += chroma[1, r, c]
+            steps[2, c + 1] += alpha[r, c] if changed[r, c] else np.float32(0.0)
+            touched[c + 1] |= changed[r, c]
+    for i in range(column >> sx, ((column + width - 1) >> sx) + 1):
+        c = (i << sx) - column + 1
+        if not (touched[c] or touched[c + sx]):
+            continue
+        # Filter the change along the row
+        before = c - 1 if c > 1 else c  # the column left of the rectangle is taken to change like its first one
+        cb_step = side * (steps[0, before] + steps[0, c + sx]) + middle * steps[0, c]
+        cr_step = side * (steps[1, before] + steps[1, c + sx]) + middle * steps[1, c]
+        cover = side * (steps[2, before] + steps[2, c + sx]) + middle * steps[2, c]
+        cb = np.float32(u_out[j, i]) + cb_step * scale
+        cr = np.float32(v_out[j, i]) + cr_step * scale
+        # Take off the detail of the plate that a body hides, and add the grain
+        if sx and cover > np.float32(0.0):
+            cb -= cover * scale * _lost_detail(u, j, i, sy, wrap)
+            cr -= cover * scale * _lost_detail(v, j, i, sy, wrap)
+        if grain.size > 0 and cover > np.float32(0.0):
+            luma = (np.float32(y_out[j << sy, i << sx]) - k[0]) / k[1]
+            m, n = j - (row >> sy), i - (column >> sx)
+            cb_grain = cover * scale * grain[0, m, n] * _strength(luma, strength[0])
+            cr_grain = cover * scale * grain[1, m, n] * _strength(luma, strength[1])
+            for down in range(min(1 + sy, y_out.shape[0] - (j << sy))):
+                for right in range(min(1 + sx, y_out.shape[1] - (i << sx))):
+                    luma = min(luma, (np.float32(y_out[(j << sy) + down, (i << sx) + right]) - k[0]) / k[1])
+            left = _grain_left(luma, (cb - k[2]) / k[3], (cr - k[2]) / k[3], cb_grain, cr_grain, k)
+            cb += left * cb_grain * k[3]
+            cr += left * cr_grain * k[3]
+        # Other corners of the noise than luma's, so that the three do not round up together
+        u_out[j, i] = _quantise(cb, _noise(j + 17, i + 59, frame), peak)
+        v_out[j, i] = _quantise(cr, _noise(j + 101, i + 31, frame), peak)

@@ -29,63 +29,51 @@ from av.sidedata.sidedata import Type
 from numpy.typing import NDArray
 
 from mr360uw.color import ColorSpec, Transfer, code_range, decode, encode, in_plate_primaries
+from mr360uw.tile_blend import blended, light_sum
 from mr360uw.types import Floats, Rectangle, Tile, YuvImage
 from mr360uw.video.pixels.grain import NO_GRAIN, Grain, covered_box
-from mr360uw.video.pixels.kernels import find_changes, write_chroma, write_luma
-from mr360uw.yuv.decoding import coefficients, encode_table, subsampling
-
-
-def changed_pixels(tile: Tile) -> NDArray[np.bool_]:
-    """Return where a tile changes the plate, (h, w): coverage, light, shafts, or a ratio other than 1."""
-    out = np.empty(tile.alpha.shape, np.bool_)
-    shafts = np.empty((0, 0, 3)) if tile.shafts is None else tile.shafts
-    alpha, ratio, radiance, more = (
-        np.ascontiguousarray(values, np.float32) for values in (tile.alpha, tile.ratio, tile.radiance, shafts)
-    )
-    find_changes(alpha, ratio, radiance, more, out)
-    return out
+from mr360uw.video.pixels.kernels import write_planes
+from mr360uw.yuv.decoding import coefficients, decode_table, encode_table, linear_from_planes, subsampling
 
 
 def lay_over_planes(
     old: YuvImage,
     new: YuvImage,
-    rectangle: Rectangle,
-    linear: Floats,
-    alpha: Floats,
-    changed: NDArray[np.bool_],
+    tile: Tile,
     frame_index: int,
     wrap: bool = True,
     grain: Grain = NO_GRAIN,
     amount: float = 0.0,
-) -> None:
-    """Write linear Rec.709 light (h, w, 3) into a rectangle of the planes `new`, which hold a copy of `old`.
+    composite: Floats | None = None,
+) -> tuple[float, float]:
+    """Lay a tile over the planes `old` and write what it changes into `new`, which hold a copy of them.
 
-    Only pixels where `changed` (h, w) get a new luma code, and only chroma samples of 2x2 (or 2x1, 1x1) blocks with
-    such a pixel a new chroma code. Light is clipped to code values between 0 and full scale (a plate that is itself
-    brighter or darker keeps its excursion where it is not covered). alpha: (h, w) coverage of the plate. amount: of
-    the grain that covered pixels get, 1 for as much as the plate has.
+    Only pixels that it covers, lights or darkens get a new luma code, and only chroma samples of 2x2 (or 2x1, 1x1)
+    blocks with such a pixel a new chroma code. Light is clipped to code values between 0 and full scale (a plate that
+    is itself brighter or darker keeps its excursion where it is not covered). amount: of the grain that covered pixels
+    get, 1 for as much as the plate has. composite: linear Rec.709 light (h, w, 3) to write; None for that of
+    `tile_blend`. Returns the brightest
+    linear light that was written, and a sum of it that is not finite where any is not.
     """
-    column, row = rectangle.column, rectangle.row
-    linear = in_plate_primaries(linear, old.spec)
     sx, sy = subsampling(old)
-    k, peak = coefficients(old.spec), np.float32((1 << old.spec.bits) - 1)
-    light, cover = np.ascontiguousarray(linear, np.float32), np.ascontiguousarray(alpha, np.float32)
-    chroma = np.empty((2, *alpha.shape), np.float32)
+    none, found = np.empty((0, 0, 3), np.float32), None
+    if composite is None and not old.spec.is_rec709:
+        composite = blended(linear_from_planes(old, tile.rectangle, wrap), tile)
+    if composite is not None:
+        found = float(composite.max()), light_sum(composite)
+        composite = in_plate_primaries(composite, old.spec)
+    given = (tile.radiance, tile.alpha, tile.ratio, tile.veil, tile.shafts, composite)
+    arrays = [none if part is None else np.ascontiguousarray(part, np.float32) for part in given]
     strength = np.float32(amount) * grain.deviation
     noise, blotches = np.empty((0, 0), np.float32), np.empty((2, 0, 0), np.float32)
-    if amount > 0.0 and strength.any() and cover.any():
-        box = covered_box(cover)
-        covered = box._replace(column=column + box.column, row=row + box.row)
-        noise, blotches = _noise(grain, rectangle, covered, old, frame_index)
-    write_luma(
-        old.y, old.u, old.v, new.y, row, column, sx, sy, wrap,
-        k, encode_table(old.spec), peak, light.view(np.uint32), cover, changed, frame_index,
-        noise, strength[0], chroma,
-    )  # fmt: skip
-    write_chroma(
-        old.u, old.v, new.y, new.u, new.v, row, column, sx, sy, wrap,
-        k, peak, cover, changed, frame_index, blotches, strength[1:], chroma,
-    )  # fmt: skip
+    if amount > 0.0 and strength.any() and arrays[1].any():
+        noise, blotches = _noise(grain, tile, old, frame_index)
+    peak = np.float32((1 << old.spec.bits) - 1)
+    place: list[Any] = [tile.row, tile.column, frame_index, sx, sy, wrap]
+    place += [coefficients(old.spec), decode_table(old.spec), encode_table(old.spec), peak]
+    inputs = [old.y, old.u, old.v, new.y, new.u, new.v, *place, *arrays, noise, blotches, strength]
+    brightest, total = write_planes(*inputs)
+    return (float(brightest), float(total)) if found is None else found
 
 
 def _samples(rectangle: Rectangle, sx: int, sy: int) -> Rectangle:
@@ -96,13 +84,14 @@ def _samples(rectangle: Rectangle, sx: int, sy: int) -> Rectangle:
 
 
 def _noise(
-    grain: Grain, rectangle: Rectangle, covered: Rectangle, image: YuvImage, frame_index: int
+    grain: Grain, tile: Tile, image: YuvImage, frame_index: int
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Return noise for the luma (h, w) and the chroma samples (2, ...) of a rectangle, 0 outside of `covered`."""
-    found = []
+    """Return noise for the luma (h, w) and the chroma samples (2, ...) of a tile, 0 beside what it covers."""
+    box, found = covered_box(tile.alpha), []
+    covered = box._replace(column=tile.column + box.column, row=tile.row + box.row)
     for n, plane in enumerate((image.y, image.u, image.v)):
         sx, sy = subsampling(image) if n else (0, 0)
-        all_, part = _samples(rectangle, sx, sy), _samples(covered, sx, sy)
+        all_, part = _samples(tile.rectangle, sx, sy), _samples(covered, sx, sy)
         row, column = part.row - all_.row, part.column - all_.column
         noise = np.zeros((all_.height, all_.width), np.float32)
         noise[row : row + part.height, column : column + part.width] = grain.noise(n, frame_index, part, plane.shape[1])
@@ -122,8 +111,8 @@ def planes_from_linear(linear: Floats, planes: YuvImage, wrap: bool = True) -> N
     np.copyto(planes.u, black.u)
     np.copyto(planes.v, black.v)
     everything = np.ones(planes.y.shape, np.float32)
-    whole = Rectangle(0, 0, *planes.y.shape[::-1])
-    lay_over_planes(black, planes, whole, linear, everything, everything > 0, 0, wrap)
+    opaque = Tile(0, 0, linear, everything, everything, np.ones_like(linear), linear)
+    lay_over_planes(black, planes, opaque, 0, wrap, composite=linear)
 
 
 # Converts between the code values of RGB pictures (PNG, JPEG, EXR) and linear light.
