@@ -18,7 +18,7 @@ from mr360uw.errors import RenderError
 from mr360uw.medium import Medium, Water, fit_gain
 from mr360uw.medium.lookup import veil_lookup
 from mr360uw.medium.medium import MediumAtDepths
-from mr360uw.render.frame import finite
+from mr360uw.render.frame import finite, lay_over
 from mr360uw.types import Layer, Rectangle, Tile, YuvImage
 from mr360uw.video import VideoFrame
 from tests.medium.tolerances import TABLE_SHALLOW
@@ -96,6 +96,23 @@ def test_an_hdr_frame_has_no_negative_light_but_its_own(
     as_plate = [in_plate_primaries(one, spec) for one in (light, shown, own)]
     for found, before in ((light, own), *((one, as_plate[-1]) for one in as_plate[:2])):
         assert np.min(found - np.minimum(before, 0.0)) >= -1e-6 * np.abs(before).max()
+
+
+@pytest.mark.parametrize("value", [np.inf, np.nan])
+@pytest.mark.parametrize("matrix", ["bt709", "bt2020", None])
+def test_a_layer_that_is_not_finite_is_not_written(matrix: Any, value: float) -> None:
+    """Whether rows are laid over planes at once, or over light in other primaries, or over a picture."""
+    planes = (np.full((8 >> k, 16 >> k), 90, np.uint16) for k in (0, 1, 1))
+    frame = VideoFrame.of_linear(np.full((8, 16, 3), 0.2, np.float32), 3)
+    if matrix is not None:
+        spec = ColorSpec(matrix, False, "bt709", 10)
+        frame = VideoFrame(3, 3, Fraction(1, 25), 0.12, 1, spec, yuv=YuvImage(*planes, spec))
+    tile = empty_tile(Rectangle(4, 2, 6, 4))
+    tile.alpha[1, 2], tile.radiance[1, 2] = 0.5, 0.1
+    assert lay_over(frame, Layer(8, 16, (tile,)), 0.0).plate is (frame if matrix else None)
+    tile.radiance[1, 2, 0] = value
+    with pytest.raises(RenderError, match=r"frame 3 - the layer .* 1 of 72 in radiance"):
+        lay_over(frame, Layer(8, 16, (tile,)), 0.0)
 
 
 def test_the_stage_is_named() -> None:
