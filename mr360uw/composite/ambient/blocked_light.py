@@ -354,7 +354,7 @@ def _at(cells: Any, i: Any, j: Any, k: Any, u: Any, v: Any) -> Any:
     return low + u * (high - low)
 
 
-@inlined
+@fast
 def _slopes(cells: Any, y: Any, bounds: Any, way: Any, stride: Any, at: Any, steps: Any, found: Any) -> Any:
     """Set `found` (2, 2) to the least and greatest slopes, in up to two intervals, at which a place at height y meets a
     body along a ray; return how many there are, and the share of the ray's width.
@@ -404,7 +404,7 @@ def _slopes(cells: Any, y: Any, bounds: Any, way: Any, stride: Any, at: Any, ste
     return parts, min(max(2.0 * most - 0.5, 0.0), 1.0)
 
 
-@inlined
+@fast
 def place_beside(x: Any, y: Any, z: Any, frame: Any, highest: Any) -> Any:
     """Return where a place lies along both sides of a plan from its middle, whether its body is seen from there, and
     whether it must be scanned.
@@ -416,7 +416,7 @@ def place_beside(x: Any, y: Any, z: Any, frame: Any, highest: Any) -> Any:
     return a, b, bound >= UNSEEN, bound >= SCANNED or away < _APART * _APART * wide
 
 
-@inlined
+@fast
 def as_rectangle(
     a: Any, b: Any, y: Any, frame: Any, outline: Any, heights: Any, filled: Any, begin: Any, blocked: Any
 ) -> None:
@@ -432,14 +432,14 @@ def as_rectangle(
         least, most = min(least, aside), max(most, aside)
     begin[0] = np.arctan2(v, u) + np.arctan2(frame[3], frame[2]) + np.arctan(least / away)
     begin[1], begin[2] = np.arctan(most / away) - np.arctan(least / away), 1.0
-    blocked[0] = 0.0
     blocked[0, 0], blocked[0, 1] = np.arctan((heights[0] - y) / away), np.arctan((heights[1] - y) / away)
+    blocked[0, 2] = blocked[0, 3] = 0.0
     blocked[0, 4] = (abs(u) * frame[5] * filled[0] + abs(v) * frame[4] * filled[1]) / (
         abs(u) * frame[5] + abs(v) * frame[4]
     )
 
 
-@inlined
+@fast
 def scan(
     a: Any, b: Any, y: Any, frame: Any, outline: Any, cells: Any, heights: Any, begin: Any, blocked: Any, found: Any
 ) -> None:
@@ -471,7 +471,8 @@ def scan(
         at = (a + start * da + hu) / cu + 0.5, (b + start * db + hv) / cv + 0.5
         steps = stride * da / cu, stride * db / cv
         parts, share = _slopes(cells, y, bounds, (start, end), stride, at, steps, found)
-        blocked[q] = 0.0
+        for i in range(5):  # number by number: an assignment to a row takes two seconds to compile
+            blocked[q, i] = 0.0
         if share > 0.0:
             blocked[q, 4] = share
             for p in range(parts):
@@ -647,7 +648,7 @@ def _add_node(weights: Any, azimuth: Any, elevation: Any, factor: Any) -> None:
     weights[j + 1] += factor * u * v
 
 
-@inlined
+@fast
 def _add(normal: Any, begins: Any, blocked: Any, m: Any, before: Any, piece: Any, weights: Any) -> Any:
     """Add what the m-th body blocks behind those `before` to weights (NODES,); return its share of uniform light."""
     share, first, step = 0.0, begins[m, 0], begins[m, 1]
@@ -702,8 +703,8 @@ def _block(
                 a, b, _, _ = place_beside(x, y, z, frame[f], heights[f, 1])
                 edges = outline[f, : corners[f]]
                 as_rectangle(a, b, y, frame[f], edges, heights[f], filled[f], begins[slot], blocked[slot])
-            if opacity[f] < 1.0:
-                blocked[slot, :, 4] *= opacity[f]
+            for q in range(AZIMUTHS if opacity[f] < 1.0 else 0):
+                blocked[slot, q, 4] *= opacity[f]
             share[m, k] = _add(normal[k], begins, blocked, slot, slot, piece, weights[k])
 
 
