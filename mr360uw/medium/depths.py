@@ -36,9 +36,10 @@ class MediumAtDepths:
         place = float(np.log(depth_m) / np.log(_RATIO))
         step = int(np.floor(place))
         upper, lower = self._node(step), self._node(step + 1)
-        apart_m = lower.camera_depth_m - upper.camera_depth_m
-        share = (depth_m - upper.camera_depth_m) / apart_m if apart_m > 0.0 else 0.0
-        return self._medium.at_depth(depth_m, replace(mixed_table(upper, lower, share), camera_depth_m=depth_m))
+        above_m, below_m = upper.camera_depth_m, lower.camera_depth_m
+        share = (depth_m - above_m) / (below_m - above_m) if below_m > above_m else 0.0
+        table = replace(mixed_table(upper, lower, share), camera_depth_m=depth_m)
+        return self._medium.at_depth(depth_m, table, (above_m, below_m) if below_m > above_m else ())
 
     def _made(self, step: int) -> MediumTable:
         floor_m = self._medium.floor_m  # below which there is no water
