@@ -6,6 +6,10 @@
 `inlined`   becomes part of the kernels that call it, with their arithmetic
 `borrowing` as `exact`, of functions that make no arrays: they do not count who uses those that they are passed
 
+Each kernel costs a tenth of a second or more in a first run. One that sets a row of an array to another array, or
+multiplies one in place, costs two seconds, as NumPy's broadcasting and its error texts are compiled with it: numbers
+are set one by one. `inlined` is for what is short or called once: its statements are compiled again in each caller.
+
 All run outside of Python's lock; a division by zero gives infinity, as in NumPy. A kernel is compiled for a class of
 processors, not for one, so that all workers of a farm compute the same: x86-64-v3, ARMv8, or, where the machine is
 older than these, for itself.

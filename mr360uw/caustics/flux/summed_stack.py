@@ -329,7 +329,7 @@ def sum_cells(
     _place_row(corners, 0, depth_m, size / tile_m, row[2], row[3])
     for j in range(cells):
         # Corners of the row of cells in pixels: above and below
-        for i in range(cells + 1):  # number by number: assignments to rows take two seconds to compile
+        for i in range(cells + 1):  # one by one, see `jit`
             row[0, i], row[1, i] = row[2, i], row[3, i]
         _place_row(corners, j + 1, depth_m, size / tile_m, row[2], row[3])
         for i in range(cells):
@@ -354,8 +354,7 @@ def sum_cells(
                         _add_points(place[0], place[1], place[2], size, at, share, padded)
                         count = 0
                 t += step
-    for k in range(count, _AT_ONCE):
-        place[0, k] = place[1, k] = place[2, k] = 0.0
+    place[:, count:] = 0.0
     _add_points(place[0], place[1], place[2], size, at, share, padded)
     _close(padded, out)
 

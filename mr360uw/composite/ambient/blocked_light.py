@@ -432,8 +432,8 @@ def as_rectangle(
         least, most = min(least, aside), max(most, aside)
     begin[0] = np.arctan2(v, u) + np.arctan2(frame[3], frame[2]) + np.arctan(least / away)
     begin[1], begin[2] = np.arctan(most / away) - np.arctan(least / away), 1.0
+    blocked[0] = 0.0
     blocked[0, 0], blocked[0, 1] = np.arctan((heights[0] - y) / away), np.arctan((heights[1] - y) / away)
-    blocked[0, 2] = blocked[0, 3] = 0.0
     blocked[0, 4] = (abs(u) * frame[5] * filled[0] + abs(v) * frame[4] * filled[1]) / (
         abs(u) * frame[5] + abs(v) * frame[4]
     )
@@ -471,8 +471,7 @@ def scan(
         at = (a + start * da + hu) / cu + 0.5, (b + start * db + hv) / cv + 0.5
         steps = stride * da / cu, stride * db / cv
         parts, share = _slopes(cells, y, bounds, (start, end), stride, at, steps, found)
-        for i in range(5):  # number by number: an assignment to a row takes two seconds to compile
-            blocked[q, i] = 0.0
+        blocked[q] = 0.0
         if share > 0.0:
             blocked[q, 4] = share
             for p in range(parts):
@@ -703,7 +702,7 @@ def _block(
                 a, b, _, _ = place_beside(x, y, z, frame[f], heights[f, 1])
                 edges = outline[f, : corners[f]]
                 as_rectangle(a, b, y, frame[f], edges, heights[f], filled[f], begins[slot], blocked[slot])
-            for q in range(AZIMUTHS if opacity[f] < 1.0 else 0):
+            for q in range(AZIMUTHS if opacity[f] < 1.0 else 0):  # one by one, see `jit`
                 blocked[slot, q, 4] *= opacity[f]
             share[m, k] = _add(normal[k], begins, blocked, slot, slot, piece, weights[k])
 
