@@ -19,6 +19,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -86,7 +87,7 @@ def still(folder: Path) -> None:
 
 
 def list_kernels(folder: Path) -> None:
-    """Write the list of the kernels that composites of the demo and of a sample dive call, the largest first."""
+    """Write the list of the kernels that composites of the demo and a sample dive call, the largest modules first."""
     from mr360uw import composite_video, load_scene
     from mr360uw.jit.ahead import LIST, entry, size
     from mr360uw.preview.pages import save_still
@@ -109,8 +110,10 @@ def list_kernels(folder: Path) -> None:
         if hasattr(value, "overloads") and value.__module__ == name
         for arguments in value.overloads
     }
-    # what takes a struct of arrays is compiled when it is called
-    lines = sorted((line for line in compiled if "(" not in line), key=lambda line: (-compiled[line], line))
+    whole = Counter[str]()  # of each module
+    for line, length in compiled.items():
+        whole[line.split()[0]] += length
+    lines = sorted(compiled, key=lambda line: (-whole[line.split()[0]], line.split()[0], -compiled[line], line))
     LIST.write_text("".join(f"{line}\n" for line in lines), "utf-8")
     print(f"wrote {len(lines)} kernels")
 

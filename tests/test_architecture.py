@@ -155,7 +155,17 @@ def test_the_ground_floor_stands_on_numpy_alone() -> None:
     }
     files = {
         ROOT / "jit" / "__init__.py": {"dis", "hashlib", "llvmlite", "numba", "os", "pickle", "platform", "sys"},
-        ROOT / "jit" / "ahead.py": {"hashlib", "importlib", "numba", "os", "subprocess", "sys"},
+        ROOT / "jit" / "ahead.py": {
+            "contextlib",
+            "hashlib",
+            "importlib",
+            "itertools",
+            "numba",
+            "os",
+            "queue",
+            "subprocess",
+            "sys",
+        },
         ROOT / "cache.py": {"operator", "types"},
         ROOT / "parameters.py": {"re"},
         ROOT / "shapes.py": {"builtins", "fractions", "inspect", "operator"},

@@ -190,3 +190,16 @@ def test_a_kept_kernel_is_loaded_without_what_the_compiler_needs(tmp_path: Path)
     command = [sys.executable, "-c", "import twice"]
     said = [subprocess.check_output(command, cwd=tmp_path, env=kept, text=True).split() for _ in range(2)]
     assert said == [["3.0", "True"], ["3.0", "False"]]
+
+
+def test_a_kept_kernel_becomes_part_of_one_that_is_compiled(tmp_path: Path) -> None:
+    """Also where it was called before: its bitcode is read when another kernel needs it."""
+    (tmp_path / "twice.py").write_text(
+        "import sys\nfrom mr360uw.jit import exact\n@exact\ndef twice(x):\n    return 2.0 * x\n"
+        "@exact\ndef four_times(x):\n    return twice(twice(x))\n"
+        "print(twice(1.5), four_times(1.5) if len(sys.argv) > 1 else '')\n"
+    )
+    kept = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "kept")}
+    for more, said in ([], ["3.0"]), (["more"], ["3.0", "6.0"]), (["more"], ["3.0", "6.0"]):
+        command = [sys.executable, "-c", "import twice", *more]
+        assert subprocess.check_output(command, cwd=tmp_path, env=kept, text=True).split() == said

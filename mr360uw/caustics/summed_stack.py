@@ -327,7 +327,8 @@ def sum_cells(
     _place_row(corners, 0, depth_m, size / tile_m, row[2], row[3])
     for j in range(cells):
         # Corners of the row of cells in pixels: above and below
-        row[0], row[1] = row[2], row[3]
+        for i in range(cells + 1):  # one by one, see `jit`
+            row[0, i], row[1, i] = row[2, i], row[3, i]
         _place_row(corners, j + 1, depth_m, size / tile_m, row[2], row[3])
         for i in range(cells):
             # Bilinear patch a + s b + t d + s t e, of as many points across as its longest side needs
@@ -396,8 +397,9 @@ def _add_points(
 def _close(padded: Floats32, out: Floats32) -> None:
     """Write a map (size, size) from one with its other side around it, whose light is added where it belongs."""
     size = len(out)
-    padded[1] += padded[size + 1]
-    padded[size] += padded[0]
+    for i in range(size + 2):
+        padded[1, i] += padded[size + 1, i]
+        padded[size, i] += padded[0, i]
     for j in range(size):
         row = padded[j + 1]
         row[1] += row[size + 1]

@@ -29,6 +29,7 @@ from mr360uw.medium.spectra import read_table
 from mr360uw.parameters import LATEST_S
 from mr360uw.shapes import checked
 from mr360uw.sphere import yaw_matrix
+from mr360uw.texels import curve_through
 from mr360uw.types import Floats
 
 _TO_NOSE: dict[Front, float] = {"-z": 0.0, "+z": 180.0, "+x": -90.0, "-x": 90.0}
@@ -86,15 +87,11 @@ class Motion:
     @cached_property
     def _curves(self) -> tuple[Any, Any, Any]:
         """Interpolators over time of position, logarithm of the scale, and rotation."""
-        from scipy.interpolate import PchipInterpolator, make_interp_spline
         from scipy.spatial.transform import Rotation, Slerp
 
-        def curve(values: Floats) -> Any:
-            if self.interpolation == "smooth" and len(self.time_s) > 2:
-                return PchipInterpolator(self.time_s, values, axis=0)
-            return make_interp_spline(self.time_s, values, k=1)
-
-        return curve(self.position), curve(np.log(self.scale)), Slerp(self.time_s, Rotation.from_matrix(self.rotation))
+        smooth, turn = self.interpolation == "smooth", Slerp(self.time_s, Rotation.from_matrix(self.rotation))
+        position, scale = (curve_through(self.time_s, a, smooth=smooth) for a in (self.position, np.log(self.scale)))
+        return position, scale, turn
 
 
 def lamp_motion(settings: LampSettings) -> Motion:

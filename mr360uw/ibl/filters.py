@@ -30,6 +30,7 @@ from mr360uw.constants import ENVIRONMENT_ROWS as ROWS
 from mr360uw.errors import ParameterError
 from mr360uw.ibl.settings import MINIMUM_ROUGHNESS
 from mr360uw.published import harmonic_irradiance
+from mr360uw.reading.disk_cache import kept_arrays
 from mr360uw.shapes import checked, exactly, number, numbers
 from mr360uw.sphere import directions, row_solid_angle
 from mr360uw.types import Floats
@@ -44,10 +45,19 @@ class ZonalFilter:
     """A zonal kernel k(n.d), integrated over source pixels, as a filter of maps.
 
     `scale`: source pixels along one side of a result pixel. The result has 64 x 32 pixels, n at their centres.
-    `normalised`: weights of sum 1, a mean instead of an integral.
+    `normalised`: weights of sum 1, a mean instead of an integral. `name`: all that decides the kernel; under it the
+    filter is kept on the disk.
     """
 
-    def __init__(self, kernel: Kernel, scale: int = 1, *, normalised: bool = False) -> None:
+    def __init__(self, kernel: Kernel, name: object, scale: int = 1, *, normalised: bool = False) -> None:
+        self.scale = scale
+        depends_on = name, scale, normalised, COLUMNS, ROWS, _SAMPLES
+        kept = kept_arrays("filter", depends_on, lambda: {"spectrum": self._spectrum_of(kernel, normalised)})
+        self._spectrum = kept["spectrum"]
+
+    def _spectrum_of(self, kernel: Kernel, normalised: bool) -> NDArray[np.complex64]:
+        """Return the spectrum (frequency, source row, result row) of the kernel along the longitude."""
+        scale = self.scale
         samples = max(_SAMPLES // scale, 4)
         width, height = COLUMNS * scale, ROWS * scale
         # of directions (cos b sin a, sin b, -cos b cos a), the cosine with a normal is a sum of products over b and a
@@ -69,12 +79,11 @@ class ZonalFilter:
             matrix[row][:, (scale - 1 - half) % width] = of_half
         if normalised:
             matrix /= matrix.sum(axis=(1, 2), keepdims=True)
-        self.scale = scale
         upper = np.conj(self._transform(np.moveaxis(matrix, 0, -1))).astype(np.complex64)
         # below the equator, the mirror image of a normal sees that of the world
         lower = upper.reshape(-1, ROWS // 2, height, scale)[:, ::-1, ::-1].reshape(upper.shape)
         spectrum = np.concatenate([upper, lower], axis=1)
-        self._spectrum = np.ascontiguousarray(np.moveaxis(spectrum, 1, 2))  # (frequency, source, result row)
+        return np.ascontiguousarray(np.moveaxis(spectrum, 1, 2))
 
     def _transform(self, maps: np.ndarray) -> np.ndarray:
         """Return the spectra (33, C, H * scale) along the longitude of maps (H, W, C), one for each column phase."""
@@ -109,7 +118,7 @@ def filter_scale(radiance: ArrayLike) -> int:
 @functools.cache
 def cosine_filter(scale: int = 1) -> ZonalFilter:
     """Return the constant cosine integral for maps of (32 scale, 64 scale, 3)."""
-    return ZonalFilter(lambda cosine: np.maximum(cosine, 0.0), scale)
+    return ZonalFilter(lambda cosine: np.maximum(cosine, 0.0), "cosine", scale)
 
 
 def cosine_beam(direction: ArrayLike, irradiance: ArrayLike) -> Floats:
@@ -187,7 +196,7 @@ def ggx_kernel(cosine: ArrayLike, roughness: float) -> NDArray[np.float64]:
 @functools.lru_cache(maxsize=16)
 def glossy_filter(roughness: float, scale: int = 1) -> ZonalFilter:
     """Return the constant prefilter of one roughness for maps of (32 scale, 64 scale, 3)."""
-    return ZonalFilter(lambda cosine: ggx_kernel(cosine, roughness), scale, normalised=True)
+    return ZonalFilter(lambda cosine: ggx_kernel(cosine, roughness), ("ggx", roughness), scale, normalised=True)
 
 
 def _check_roughness(roughness: float) -> None:

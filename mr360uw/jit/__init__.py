@@ -6,6 +6,10 @@
 `inlined`   becomes part of the kernels that call it, with their arithmetic
 `borrowing` as `exact`, of functions that make no arrays: they do not count who uses those that they are passed
 
+Each kernel costs a tenth of a second or more in a first run. One that sets a row of an array to another array, or
+multiplies one in place, costs two seconds, as NumPy's broadcasting and its error texts are compiled with it: numbers
+are set one by one. `inlined` is for what is short or called once: its statements are compiled again in each caller.
+
 All run outside of Python's lock; a division by zero gives infinity, as in NumPy. A kernel is compiled for a class of
 processors, not for one, so that all workers of a farm compute the same: x86-64-v3, ARMv8, or, where the machine is
 older than these, for itself.
@@ -36,6 +40,7 @@ import numba
 import numpy as np
 from numba.core import config, sigutils
 from numba.core.caching import _Cache
+from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import CompileResult
 from numba.core.dispatcher import Dispatcher
 from numba.core.runtime.nrt import rtsys
@@ -106,6 +111,36 @@ def _compile_for_class() -> None:
     config.reload_config()
 
 
+class _Library(JITCodeLibrary):  # type: ignore[misc, unused-ignore]
+    """The code of a kernel, machine code and bitcode; that of a kept one is read where one that calls it is compiled.
+
+    Reading the bitcode of all kernels of a run, and the names in it, takes as long as all else of loading them.
+    """
+
+    _bitcode = b""
+
+    @classmethod
+    def _unserialize(cls, codegen: Any, state: Any) -> Any:
+        name, _, (code, bitcode) = state
+        library = codegen.create_library(name)
+        library.enable_object_caching()
+        library._set_compiled_object(code)
+        library._finalize_final_module()
+        library._bitcode = bitcode
+        return library
+
+    def get_pointer_to_function(self, name: str) -> int:
+        # Of a kept kernel its own function is asked for, which is there
+        address = self._codegen._engine.get_function_address if self._bitcode else super().get_pointer_to_function
+        return int(address(name))
+
+    def _get_module_for_linking(self) -> Any:
+        if self._bitcode:
+            self._shared_module, self._bitcode = llvmlite.binding.parse_bitcode(self._bitcode), b""
+            self._codegen._engine._load_defined_symbols(self._shared_module)
+        return super()._get_module_for_linking()
+
+
 class _Kept(_Cache):  # type: ignore[misc, unused-ignore]
     """Where a kernel is looked for before it is compiled, and kept afterwards, for each type of its arguments."""
 
@@ -126,6 +161,7 @@ class _Kept(_Cache):  # type: ignore[misc, unused-ignore]
         """Return the kernel for arguments of a type, None where it must be compiled."""
         # Memory for what kernels make; the tables of the compiler are read where one must be compiled
         rtsys.initialize(target_context)
+        target_context.codegen()._library_class = _Library
         name = self._name(sig, target_context.codegen())
         for folder, read in ((SHIPPED, read_bytes), (kernel_folder(), read_kept)) if self._enabled else ():
             stored = None if folder is None else read(folder / name)
@@ -186,20 +222,34 @@ def add_to(found: Any, value: Any, within: tuple[int, ...] = ()) -> None:
         for part in parts:
             add_to(found, part, within)
 
-    match value:
-        case Dispatcher():
-            found.update(repr(sorted(value.targetoptions.items())).encode())
-            add(value.py_func)
-        case _Intrinsic():
-            add(value._defn)
+    match value:  # what is met most often stands first
+        case np.generic() | int() | float() | complex() | str() | bytes() | EllipsisType() | None:
+            found.update(repr(value).encode())
+        case tuple() | list():
+            add(*value)
+        case CodeType():
+            found.update(value.co_code)
+            add(value.co_names, value.co_varnames, value.co_consts)
         case FunctionType() if id(value) not in within:
             named = [value.__globals__.get(name) for name in sorted(_globals(value.__code__))]
             cells = [cell.cell_contents for cell in value.__closure__ or ()]
             for part in (value.__code__, value.__defaults__, *named, *cells):
                 add_to(found, part, (*within, id(value)))
-        case CodeType():
-            found.update(value.co_code)
-            add(value.co_names, value.co_varnames, value.co_consts)
+        case FunctionType() | BuiltinFunctionType():
+            found.update(value.__name__.encode())
+        case ModuleType() if not value.__name__.startswith(__package__):
+            found.update(value.__name__.encode())
+        case type():
+            found.update(f"{value.__module__}.{value.__qualname__}{getattr(value, '_fields', '')}".encode())
+        case np.ndarray():
+            found.update(f"{value.dtype.str}{value.shape}".encode() + value.tobytes())
+        case np.ufunc():
+            found.update(repr(value).encode())
+        case Dispatcher():
+            found.update(repr(sorted(value.targetoptions.items())).encode())
+            add(value.py_func)
+        case _Intrinsic():
+            add(value._defn)
         case DispatcherType():
             add(value.dispatcher)
         case BaseNamedTuple():
@@ -207,18 +257,6 @@ def add_to(found: Any, value: Any, within: tuple[int, ...] = ()) -> None:
         case BaseTuple():
             add(tuple(value.types))
         case Type():
-            found.update(repr(value).encode())
-        case tuple() | list():
-            add(*value)
-        case np.ndarray():
-            found.update(f"{value.dtype.str}{value.shape}".encode() + value.tobytes())
-        case type():
-            found.update(f"{value.__module__}.{value.__qualname__}{getattr(value, '_fields', '')}".encode())
-        case FunctionType() | BuiltinFunctionType():
-            found.update(value.__name__.encode())
-        case ModuleType() if not value.__name__.startswith(__package__):
-            found.update(value.__name__.encode())
-        case np.ufunc() | np.generic() | int() | float() | complex() | str() | bytes() | EllipsisType() | None:
             found.update(repr(value).encode())
         case _ if callable(value) and str(getattr(value, "__module__", "")).startswith("numpy"):
             found.update(repr(value.__name__).encode())

@@ -2,7 +2,8 @@
 """The kernels of a plain composite (kernels.txt), compiled before the first frame by several processes at once.
 
 Each line names a module, a kernel in it and the types of its arguments, `float32:2C` an array of two axes in C order,
-`float32:2Cr` one that is not written, `(int64,float32:1C)` a tuple; those that take longest to compile stand first.
+`float32:2Cr` one that is not written, `(int64,float32:1C)` a tuple, `module.Name(int64)` a named one. One process
+compiles all kernels of a module, which share functions; modules that take longest stand first.
 `python -m mr360uw.jit.ahead` compiles the lines that it reads and answers each with a line.
 """
 
@@ -11,14 +12,19 @@ from __future__ import annotations
 import hashlib
 import importlib
 import os
-import subprocess
 import sys
+from collections import deque
 from collections.abc import Callable, Iterator
+from contextlib import suppress
+from itertools import groupby
 from pathlib import Path
+from queue import SimpleQueue
+from subprocess import DEVNULL, PIPE, Popen
+from threading import Thread
 from typing import IO, Any, cast
 
 import numba
-from numba.core.types.containers import BaseTuple
+from numba.core.types.containers import BaseNamedTuple, BaseTuple
 from numba.core.types.npytypes import Array
 
 from mr360uw.jit import versions
@@ -52,27 +58,41 @@ def _compiled(lines: list[str]) -> Iterator[int]:
 
     A process that fails leaves its kernels to the run, which then says why.
     """
-    if not lines:
-        return
-    count = min(os.cpu_count() or 1, _WORKERS, len(lines))
-    answers, answer = os.pipe()
+    # Start the processes, and for each a thread that hands it one module after the other
+    modules = deque(list(group) for _, group in groupby(lines, key=lambda line: line.split()[0]))
+    answers: SimpleQueue[bool] = SimpleQueue()
     command = [sys.executable, "-m", "mr360uw.jit.ahead"]
     workers = [
-        subprocess.Popen(command, stdin=subprocess.PIPE, stdout=answer, stderr=subprocess.DEVNULL)  # noqa: S603 - our own
-        for _ in range(count)
+        Popen(command, stdin=PIPE, stdout=PIPE, stderr=DEVNULL, text=True)  # noqa: S603 - our own
+        for _ in range(min(os.cpu_count() or 1, _WORKERS, len(modules)))
     ]
-    os.close(answer)
+    for worker in workers:
+        Thread(target=_feed, args=(worker, modules, answers), daemon=True).start()
+    # Count the answers until all threads have ended
+    done, working = 0, len(workers)
     try:
-        for number, worker in enumerate(workers):
-            with cast("IO[bytes]", worker.stdin) as listed:
-                listed.write("\n".join(lines[number::count]).encode())
-        with os.fdopen(answers) as lines_back:
-            for done, _ in enumerate(lines_back, 1):
+        while working:
+            if answers.get():
+                done += 1
                 yield done
+            else:
+                working -= 1
     finally:
         for worker in workers:
             worker.terminate()
             worker.wait()
+
+
+def _feed(worker: Popen[str], modules: deque[list[str]], answers: SimpleQueue[bool]) -> None:
+    """Have a process compile modules until none is left; put True for each kernel, at last False."""
+    with suppress(IndexError, OSError), worker:  # until no module is left, or the process has ended
+        while True:
+            for line in modules.popleft():
+                print(line, file=worker.stdin, flush=True)
+                if not cast("IO[str]", worker.stdout).readline():
+                    raise BrokenPipeError
+                answers.put(True)
+    answers.put(False)
 
 
 def size(kernel: Any, arguments: tuple[Any, ...]) -> int:
@@ -88,7 +108,9 @@ def entry(kernel: Any, arguments: tuple[Any, ...]) -> str:
 
 def _written(kind: Any) -> str:
     if isinstance(kind, BaseTuple):
-        return f"({','.join(map(_written, kind.types))})"
+        made = kind.instance_class if isinstance(kind, BaseNamedTuple) else None
+        name = "" if made is None else f"{made.__module__}.{made.__qualname__}"
+        return f"{name}({','.join(map(_written, kind.types))})"
     if isinstance(kind, Array):
         return f"{kind.dtype}:{kind.ndim}{kind.layout}{'' if kind.mutable else 'r'}"
     return str(kind)
@@ -101,8 +123,11 @@ def _read(line: str) -> tuple[Any, tuple[Any, ...]]:
 
 
 def _kind(text: str) -> Any:
-    if text.startswith("("):
-        return numba.types.Tuple([_kind(part) for part in text[1:-1].split(",")])
+    module_and_name, opened, parts = text.partition("(")
+    if opened:
+        module, _, name = module_and_name.rpartition(".")
+        made = getattr(importlib.import_module(module), name) if module else None
+        return BaseTuple.from_types(tuple(map(_kind, _outer_parts(parts[:-1]))), made)
     dtype, colon, rest = text.partition(":")
     scalar = getattr(numba.types, dtype)
     if not colon:
@@ -111,9 +136,21 @@ def _kind(text: str) -> Any:
     return Array(scalar, int(rest[0]), layout, readonly=rest.endswith("r"))
 
 
+def _outer_parts(text: str) -> list[str]:
+    """Return the parts of a text between the commas that stand in no parentheses."""
+    depth, parts = 0, [""]
+    for character in text:
+        depth += (character == "(") - (character == ")")
+        if character == "," and not depth:
+            parts.append("")
+        else:
+            parts[-1] += character
+    return parts
+
+
 def _serve() -> None:
     """Compile the lines of standard input."""
-    for line in sys.stdin.read().splitlines():
+    for line in sys.stdin:
         kernel, arguments = _read(line)
         kernel.compile(arguments)
         sys.stdout.write("\n")

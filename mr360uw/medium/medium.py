@@ -117,6 +117,7 @@ class Medium:
         self.sensor = checked_sensor(sensor)
         self.mode = mode
         self.camera_depth_m = float(camera_depth_m)
+        self.between_m: tuple[float, ...] = ()
         self.gain: Array = np.ones(3)
         self.floor_m = floor_m if _SPECTRAL.get(mode) == "table" else None
         self.floor_radiance: Array = np.zeros(3)
@@ -423,17 +424,20 @@ class Medium:
         return other
 
     @checked
-    def at_depth(self, camera_depth_m: float, unit_table: MediumTable | None = None) -> Medium:
+    def at_depth(
+        self, camera_depth_m: float, unit_table: MediumTable | None = None, between_m: tuple[float, ...] = ()
+    ) -> Medium:
         """Return the same medium for a camera at another depth; its tables keep the length of this one's.
 
-        unit_table: a `unit_table` for that depth which is known already.
+        unit_table: a `unit_table` for that depth which is known already. between_m: two depths [m] of the camera that
+        its light may be interpolated between, for a camera that rises or sinks.
         """
         length_m = self.length_m
         other = self._copy()
         for of_this_depth in ("unit_table", "glow_level"):
             other.__dict__.pop(of_this_depth, None)
         other._radiances = {}
-        other.camera_depth_m = float(camera_depth_m)
+        other.camera_depth_m, other.between_m = float(camera_depth_m), between_m
         other.length_m = length_m
         if unit_table is not None:
             other.unit_table = unit_table
@@ -549,9 +553,10 @@ class MediumAtDepths:
         place = float(np.log(depth_m) / np.log(_RATIO))
         step = int(np.floor(place))
         upper, lower = self._node(step), self._node(step + 1)
-        apart_m = lower.camera_depth_m - upper.camera_depth_m
-        share = (depth_m - upper.camera_depth_m) / apart_m if apart_m > 0.0 else 0.0
-        return self._medium.at_depth(depth_m, replace(_mixed_table(upper, lower, share), camera_depth_m=depth_m))
+        above_m, below_m = upper.camera_depth_m, lower.camera_depth_m
+        share = (depth_m - above_m) / (below_m - above_m) if below_m > above_m else 0.0
+        table = replace(_mixed_table(upper, lower, share), camera_depth_m=depth_m)
+        return self._medium.at_depth(depth_m, table, (above_m, below_m) if below_m > above_m else ())
 
     def _made(self, step: int) -> MediumTable:
         floor_m = self._medium.floor_m  # below which there is no water

@@ -152,38 +152,58 @@ def irradiance_from_level(medium: Medium, sun_up: float | None, direct: Floats |
     sky: Sky = medium.sky
     if isinstance(sky, tuple):
         sun_up, sky = sky[1], "uniform"
-    of_water = medium.water, medium.sensor, medium.illuminant, medium.surface, medium.refractive_index
-    at = medium.camera_depth_m, medium.floor_m
-    of_sky, of_floor = _lights(*of_water, sky, *at, medium.rough)
+    of_sky, of_floor = _lights_at(medium, sky)
     if sun_up is not None and medium.surface != "none":
-        of_sun, _ = _lights(*of_water, ("sun", min(max(round(sun_up / _STEP), 1) * _STEP, 1.0), 1.0), *at, medium.rough)
+        of_sun, _ = _lights_at(medium, ("sun", min(max(round(sun_up / _STEP), 1) * _STEP, 1.0), 1.0))
         of_sky = (1.0 - direct) * of_sky + direct * of_sun
     shown = medium.gain * medium.level_radiance(_LEVEL)[0]
     strength, floor = _two_lights(of_sky[:2], of_floor[:2], shown, np.asarray(below, np.float64))
     return np.asarray(strength * of_sky[2] + floor * of_floor[2])
 
 
+def _lights_at(medium: Medium, sky: Sky) -> Array:
+    """Return, of a sky and of a floor of radiance 1, the level light, that below the horizon, and the irradiance of a
+    level plane that faces up, (2, 3, 3).
+
+    Where a camera rises or sinks they are interpolated linearly between depths 6 % apart: within 0.06 % of what is
+    solved at its own.
+    """
+    of_water = medium.water, medium.sensor, medium.illuminant, medium.surface, medium.refractive_index, sky
+    at = medium.floor_m, medium.rough
+    if not medium.between_m:
+        return _lights(*of_water, medium.camera_depth_m, *at)
+    above, below = medium.between_m
+    share = (medium.camera_depth_m - above) / (below - above)
+    return (1.0 - share) * _lights(*of_water, above, *at) + share * _lights(*of_water, below, *at)
+
+
 @shared(keep=64)
 def _lights(
     water: Water, sensor: Sensor, illuminant: str, surface: SurfaceKind, refractive_index: float, sky: Sky,
     depth_m: float, floor_m: float | None, rough: bool,
-) -> tuple[Array, Array]:  # fmt: skip
-    """Return the level light, that below the horizon, and the irradiance of a level plane that faces up (3, 3): of a
-    sky, and of a floor of radiance 1. It takes 30 ms to solve.
-    """
-    medium = Medium(
+) -> Array:  # fmt: skip
+    """Return `_lights_at` a depth, which takes 30 ms to solve; that of a solved field is kept on the disk."""
+    uniform = Medium(
         water, sensor, camera_depth_m=depth_m, illuminant=illuminant, surface=surface,
-        refractive_index=refractive_index, sky=sky, floor_m=floor_m,
+        refractive_index=refractive_index, floor_m=floor_m,
     )  # fmt: skip
-    medium = medium.for_drafts() if rough else medium
-    of_sky = medium.light.display(_three(medium.model, depth_m))
-    if isinstance(sky, tuple):  # what is typical of the azimuths, as the gain is
-        coarse = min(max(round(sky[1] / _COARSE), 1) * _COARSE, 1.0)
-        if (around := around_sun(medium.under(("sun", coarse, 1.0)))) is not None:
-            of_sky[0] *= typical_level(placed(around, np.array([1.0, 0.0, 0.0])))
-    if floor_m is None:
-        return of_sky, np.zeros((3, 3))
-    return of_sky, _three(medium.under("floor").model, depth_m) @ medium.floor_lobes
+    uniform = uniform.for_drafts() if rough else uniform
+
+    def solved() -> dict[str, Array]:
+        medium, of_floor = uniform.under(sky), np.zeros((3, 3))
+        of_sky = medium.light.display(_three(medium.model, depth_m))
+        if isinstance(sky, tuple):  # what is typical of the azimuths, as the gain is
+            coarse = min(max(round(sky[1] / _COARSE), 1) * _COARSE, 1.0)
+            if (around := around_sun(medium.under(("sun", coarse, 1.0)))) is not None:
+                of_sky[0] *= typical_level(placed(around, np.array([1.0, 0.0, 0.0])))
+        if floor_m is not None:
+            of_floor = _three(medium.under("floor").model, depth_m) @ medium.floor_lobes
+        return {"light": np.stack([of_sky, of_floor])}
+
+    # Under a uniform sky the water has been solved before: what it was solved for need not be, for another sky
+    of_bands = uniform.bands.wavelength_nm, uniform.bands.weight
+    assert isinstance(uniform.model, FieldModel)
+    return kept_arrays("light", (sky, depth_m, rough, *of_bands, *uniform.model.inputs), solved)["light"]
 
 
 def _three(model: SpectralModel, depth_m: float) -> Array:

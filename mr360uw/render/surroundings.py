@@ -27,6 +27,7 @@ from mr360uw.render.lights import LightReader
 from mr360uw.render.plate_map import world_view
 from mr360uw.scene.model import Scene
 from mr360uw.scene.resolved import WaterBetween, open_plate, pose_of_plate, scene_at, water_between, without_gain
+from mr360uw.texels import curve_through
 from mr360uw.types import Floats, MediumTable, Sun
 from mr360uw.video import VideoFrame
 
@@ -333,7 +334,4 @@ class CameraPath:
         """Depth [m] between keys; None where there is only one."""
         if self.depth_keys is None or len(self.depth_keys) == 1:
             return None
-        from scipy.interpolate import PchipInterpolator
-
-        depth: Callable[[float], Any] = PchipInterpolator(*self.depth_keys.T)
-        return depth
+        return curve_through(*self.depth_keys.T, smooth=True)

@@ -25,6 +25,7 @@ from mr360uw.parameters import FULL_TURN_DEG, LATEST_S, Parameters, bounds_of, i
 from mr360uw.parameters import parameter as declared  # a field has its name
 from mr360uw.scene.problems import Location, allowed_text, place, problems, removed
 from mr360uw.scene.toml_model import dotted, entry
+from mr360uw.texels import curve_through
 from mr360uw.types import Floats
 
 Value = float | tuple[float, ...]
@@ -84,15 +85,11 @@ class KeyedParameter(Parameters):
 
 @shared(keep=256)
 def _curve(key: KeyedParameter, turns: bool) -> Any:
-    """Return the interpolator of a parameter over time: straight, or a monotone cubic (Fritsch & Carlson 1980)."""
-    from scipy.interpolate import PchipInterpolator, make_interp_spline
-
+    """Return the interpolator of a parameter over time: straight, or a monotone cubic."""
     values: Floats = np.asarray(key.value, np.float64)
     if turns:
         values = np.unwrap(values, period=FULL_TURN_DEG, axis=0)
-    if key.interpolation == "smooth" and len(values) > 2:
-        return PchipInterpolator(key.time_s, values, axis=0)
-    return make_interp_spline(key.time_s, values, k=1)
+    return curve_through(key.time_s, values, smooth=key.interpolation == "smooth")
 
 
 M = TypeVar("M", bound=BaseModel)

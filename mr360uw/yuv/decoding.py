@@ -171,8 +171,15 @@ def linear_from_planes(image: YuvImage, rectangle: Rectangle | None = None, wrap
     out = np.empty((height, width, 3), np.float32)
     sx, sy = subsampling(image)
     table = decode_table(image.spec)
-    read_rectangle(image.y, image.u, image.v, row, column, sx, sy, wrap, coefficients(image.spec), table, out)
+    y, u, v = map(_read_only, (image.y, image.u, image.v))  # all of one type: a kernel is compiled for each
+    read_rectangle(y, u, v, row, column, sx, sy, wrap, coefficients(image.spec), table, out)
     return in_rec709(out, image.spec)
+
+
+def _read_only(plane: NDArray[Any]) -> NDArray[Any]:
+    plane = plane.view()
+    plane.flags.writeable = False
+    return plane
 
 
 def linear_in_directions(image: YuvImage, direction: Floats) -> NDArray[np.float32]:

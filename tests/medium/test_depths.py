@@ -9,6 +9,7 @@ import pytest
 from mr360uw.medium import Medium, Water
 from mr360uw.medium.lookup import ambient_ratio, beam_ratio, transmittance_lookup, veil_lookup
 from mr360uw.medium.medium import MediumAtDepths
+from mr360uw.medium.scattered_light import irradiance_from_level
 from tests.medium.tolerances import FLOAT32, TABLE_BETWEEN_DEPTHS
 
 START_M = 5.0
@@ -32,6 +33,18 @@ def test_tables_between_depths_are_those_of_the_depth(medium: Medium, depth_m: f
     below = depth_m + np.array([0.5, 3.0, 10.0])
     np.testing.assert_allclose(ambient_ratio(mixed, below), ambient_ratio(exact, below), rtol=TABLE_BETWEEN_DEPTHS)
     np.testing.assert_allclose(beam_ratio(mixed, below, 0.8), beam_ratio(exact, below, 0.8), rtol=TABLE_BETWEEN_DEPTHS)
+
+
+@pytest.mark.parametrize("floor_m", [None, 9.0])
+def test_the_plates_light_between_depths_is_that_of_the_depth(floor_m: float | None) -> None:
+    """Interpolated between depths 6 % apart, the light at the camera is within .1 % of what is solved at its own."""
+    medium, below = Medium(Water.jerlov("IB"), camera_depth_m=4.0, floor_m=floor_m), np.array([0.004, 0.02, 0.03])
+    waters = MediumAtDepths(medium)
+    for depth_m in np.linspace(3.3, 5.1, 7):
+        found, own = (
+            irradiance_from_level(one, 0.8, 0.7, below) for one in (waters.at(depth_m), medium.at_depth(depth_m))
+        )
+        np.testing.assert_allclose(found, own, rtol=1e-3)
 
 
 def test_a_node_is_exact_and_nothing_jumps_there(medium: Medium) -> None:

@@ -354,7 +354,7 @@ def _at(cells: Any, i: Any, j: Any, k: Any, u: Any, v: Any) -> Any:
     return low + u * (high - low)
 
 
-@inlined
+@fast
 def _slopes(cells: Any, y: Any, bounds: Any, way: Any, stride: Any, at: Any, steps: Any, found: Any) -> Any:
     """Set `found` (2, 2) to the least and greatest slopes, in up to two intervals, at which a place at height y meets a
     body along a ray; return how many there are, and the share of the ray's width.
@@ -404,7 +404,7 @@ def _slopes(cells: Any, y: Any, bounds: Any, way: Any, stride: Any, at: Any, ste
     return parts, min(max(2.0 * most - 0.5, 0.0), 1.0)
 
 
-@inlined
+@fast
 def place_beside(x: Any, y: Any, z: Any, frame: Any, highest: Any) -> Any:
     """Return where a place lies along both sides of a plan from its middle, whether its body is seen from there, and
     whether it must be scanned.
@@ -416,7 +416,7 @@ def place_beside(x: Any, y: Any, z: Any, frame: Any, highest: Any) -> Any:
     return a, b, bound >= UNSEEN, bound >= SCANNED or away < _APART * _APART * wide
 
 
-@inlined
+@fast
 def as_rectangle(
     a: Any, b: Any, y: Any, frame: Any, outline: Any, heights: Any, filled: Any, begin: Any, blocked: Any
 ) -> None:
@@ -439,7 +439,7 @@ def as_rectangle(
     )
 
 
-@inlined
+@fast
 def scan(
     a: Any, b: Any, y: Any, frame: Any, outline: Any, cells: Any, heights: Any, begin: Any, blocked: Any, found: Any
 ) -> None:
@@ -647,7 +647,7 @@ def _add_node(weights: Any, azimuth: Any, elevation: Any, factor: Any) -> None:
     weights[j + 1] += factor * u * v
 
 
-@inlined
+@fast
 def _add(normal: Any, begins: Any, blocked: Any, m: Any, before: Any, piece: Any, weights: Any) -> Any:
     """Add what the m-th body blocks behind those `before` to weights (NODES,); return its share of uniform light."""
     share, first, step = 0.0, begins[m, 0], begins[m, 1]
@@ -702,8 +702,8 @@ def _block(
                 a, b, _, _ = place_beside(x, y, z, frame[f], heights[f, 1])
                 edges = outline[f, : corners[f]]
                 as_rectangle(a, b, y, frame[f], edges, heights[f], filled[f], begins[slot], blocked[slot])
-            if opacity[f] < 1.0:
-                blocked[slot, :, 4] *= opacity[f]
+            for q in range(AZIMUTHS if opacity[f] < 1.0 else 0):  # one by one, see `jit`
+                blocked[slot, q, 4] *= opacity[f]
             share[m, k] = _add(normal[k], begins, blocked, slot, slot, piece, weights[k])
 
 

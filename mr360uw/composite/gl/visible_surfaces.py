@@ -409,7 +409,7 @@ def _classify(
                 continue
             touched |= int(reach[m])
             if kind[t] == MASKED:  # solid for all samples around: well above its cutoff
-                own, middle = cuts[cut[t]], BLOCK // 2
+                own, middle = cuts[cut[t]], 0.5 * BLOCK
                 _set_uv_change(own, facets[t], eye, corner[b, 0] + middle, corner[b, 1] + middle, step, size, change)
                 _close_masked(met, best, own, alphas, places, change, 0.5 * (1.0 + own[9]))
             _keep_nearest(met, number, best, who)
