@@ -47,7 +47,7 @@ def changed_pixels(tile: Tile) -> NDArray[np.bool_]:
     return changed if tile.shafts is None else changed | np.any(tile.shafts != 0.0, axis=-1)
 
 
-@inlined
+@exact
 def find_changes(alpha: Any, radiance: Any, ratio: Any, shafts: Any, changed: Any) -> None:
     """Write `changed_pixels` of a row of a tile, float32, into `changed` (w,). shafts: (w, 3), or (0, 3) for none."""
     one, zero = np.float32(1.0), np.float32(0.0)
@@ -69,7 +69,7 @@ def _background(below: Any, ratio: Any, veil: Any, one: Any) -> Any:
     return haze + (below - haze) * ratio if ratio != one else below
 
 
-@inlined
+@exact
 def blend_row(plate: Any, radiance: Any, alpha: Any, ratio: Any, veil: Any, shafts: Any, one: Any, image: Any) -> None:
     """Write the composite (w, 3) of a row of a tile over the plate's pixels (w, 3).
 

@@ -81,7 +81,7 @@ def _quantise(code: Any, noise: Any, peak: Any) -> Any:
     return np.int32(min(max(code + noise, np.float32(0.0)), peak))
 
 
-@inlined
+@fast
 def _lost_detail(plane: Any, j: int, i: int, sy: int, wrap: bool) -> Any:
     """Return the detail of a chroma code that interpolation and filter lose: the code less its blur [1 6 1]/8."""
     rows, columns = plane.shape
@@ -136,7 +136,7 @@ _GAP = 32
 """Pixels that do not change, in a row, between runs that are written apart: a run costs as much as about ten."""
 
 
-@inlined
+@fast
 def _next_run(changed: Any, begin: int) -> Any:
     """Return the first and the one after the last column of the next run of changed pixels of a row, from `begin` on;
     the same twice where there is none.
@@ -188,7 +188,8 @@ def write_planes(
                 chroma_row(u, row + r, column + first, sx, sy, wrap, k[2], k[3], cb[part])
                 chroma_row(v, row + r, column + first, sx, sy, wrap, k[2], k[3], cr[part])
                 if len(given):
-                    light[part] = given[r, part]
+                    for c in range(first, after):
+                        light[c, 0], light[c, 1], light[c, 2] = given[r, c, 0], given[r, c, 1], given[r, c, 2]
                 else:
                     light_row(codes[part], cb[part], cr[part], k, decoding, steps[:, part], plate[part])
                     blend_row(plate[part], radiance[r, part], alpha[r, part], ratio[r, part], veil[r, part], more[part],
