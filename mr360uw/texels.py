@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Interpolation of numbers and arrays: between the four texels around a place (`jit.inlined` makes these part of
-kernels), along a curve through points, and the cubic step.
+kernels), and the cubic step.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -116,46 +116,3 @@ def level_for(footprint: float, pixel: float, last: int) -> float:
     """Return the level for a footprint and a pixel [m] (`caustic_lookup.mip_level`)."""
     wanted = footprint / (math.sqrt(3.0) * pixel)
     return min(math.log2(wanted), float(last)) if wanted > 1.0 else 0.0
-
-
-def curve_through(places: ArrayLike, values: ArrayLike, *, smooth: bool) -> Callable[[float], NDArray[Any]]:
-    """Return the function of a place that has values (n, ...) at ascending places (n,), two or more, and is straight
-    between them or, if it is to be smooth, a monotone cubic (Fritsch & Butland 1984).
-
-    With t from 0 to 1 between two places h apart, y linear between their values, m its slope and d the cubic's:
-
-        c(t) = y(t) + h t (1 - t) ((1 - t)(d_0 - m) - t (d_1 - m))
-    """
-    x, y = np.asarray(places, np.float64), np.asarray(values, np.float64)
-    step = np.diff(x).reshape(-1, *(1,) * (y.ndim - 1))
-    rise = np.diff(y, axis=0)
-    slope = rise / step
-    bend = _monotone_slopes(step, slope) if smooth and len(x) > 2 else None
-
-    def curve(place: float) -> NDArray[Any]:
-        k = min(max(int(np.searchsorted(x, place)), 1), len(x) - 1) - 1
-        t = (place - x[k]) / (x[k + 1] - x[k])
-        value = y[k] + t * rise[k]
-        if bend is not None:
-            cubic = (1.0 - t) * (bend[k] - slope[k]) - t * (bend[k + 1] - slope[k])
-            value = value + step[k] * t * (1.0 - t) * cubic
-        return np.asarray(value)
-
-    return curve
-
-
-def _monotone_slopes(step: NDArray[Any], slope: NDArray[Any]) -> NDArray[Any]:
-    """Return slopes (n, ...) at points, from those between them and their steps: a weighted harmonic mean of the two on
-    either side, 0 where these differ in sign; at both ends that of a parabola, as far as it keeps to the sign.
-    """
-    before, after, wide, wider = slope[:-1], slope[1:], step[:-1] + 2.0 * step[1:], 2.0 * step[:-1] + step[1:]
-    same = before * after > 0.0
-    mean = wide / np.where(same, before, 1.0) + wider / np.where(same, after, 1.0)
-    inner = np.where(same, (wide + wider) / np.where(same, mean, 1.0), 0.0)
-    ends = []
-    for near, far in ((0, 1), (-1, -2)):
-        first, second = slope[near], slope[far]
-        end = ((2.0 * step[near] + step[far]) * first - step[near] * second) / (step[near] + step[far])
-        end = np.where((first * second < 0.0) & (np.abs(end) > 3.0 * np.abs(first)), 3.0 * first, end)
-        ends.append(np.where(end * first > 0.0, end, 0.0)[None])
-    return np.concatenate([ends[0], inner, ends[1]])

@@ -10,7 +10,7 @@ Before the first and after the last key everything is at rest.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -29,7 +29,6 @@ from mr360uw.medium.spectra import read_table
 from mr360uw.parameters import LATEST_S
 from mr360uw.shapes import checked
 from mr360uw.sphere import yaw_matrix
-from mr360uw.texels import curve_through
 from mr360uw.types import Floats
 
 _TO_NOSE: dict[Front, float] = {"-z": 0.0, "+z": 180.0, "+x": -90.0, "-x": 90.0}
@@ -223,3 +222,13 @@ def _upright_to(normal: Floats) -> Floats:
     x, y, z = normal
     k = 1.0 / (1.0 + y)
     return np.array([[1.0 - k * x * x, x, -k * x * z], [-x, y, -z], [-k * x * z, z, 1.0 - k * z * z]])
+
+
+def curve_through(places: ArrayLike, values: Floats, *, smooth: bool) -> Callable[[float], Floats]:
+    """Return the function of a place that has values (n, ...) at ascending places (n,), two or more, and is straight
+    between them or, if it is to be smooth, a monotone cubic (Fritsch & Carlson 1980).
+    """
+    from scipy.interpolate import PchipInterpolator, make_interp_spline
+
+    x = np.asarray(places, np.float64)
+    return PchipInterpolator(x, values, axis=0) if smooth else make_interp_spline(x, values, k=1)

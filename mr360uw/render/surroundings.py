@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from mr360uw.composite import read_camera_track
-from mr360uw.composite.motion import Motion
+from mr360uw.composite.motion import Motion, curve_through
 from mr360uw.errors import ParameterError
 from mr360uw.ibl import LightSettings
 from mr360uw.ibl.sun.closure import CLEAR_SKY_DIRECT
@@ -27,7 +27,6 @@ from mr360uw.render.lights import LightReader
 from mr360uw.render.plate_map import world_view
 from mr360uw.scene.model import Scene
 from mr360uw.scene.resolved import WaterBetween, open_plate, pose_of_plate, scene_at, water_between, without_gain
-from mr360uw.texels import curve_through
 from mr360uw.types import Floats, MediumTable, Sun
 from mr360uw.video import VideoFrame
 
