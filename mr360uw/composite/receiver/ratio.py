@@ -235,7 +235,7 @@ def _inverse_pattern(plate: Any, line: Any, count: int, inverse: Any) -> None:
 
 @inlined
 def _between(corner: Any, q: int, z: int, down: Any, line: Any, b: int) -> None:
-    """Set a row of block b of `line` (10, n, BLOCK) to what lies between the corners of block (q, z).
+    """Set a row of block b of `line` (10, n) to what lies between the corners of block (q, z).
 
     down: how far the row lies from the upper corners to the lower ones.
     """
@@ -243,7 +243,7 @@ def _between(corner: Any, q: int, z: int, down: Any, line: Any, b: int) -> None:
         start = corner[q, z, k] + down * (corner[q + 1, z, k] - corner[q, z, k])
         step = corner[q, z + 1, k] + down * (corner[q + 1, z + 1, k] - corner[q, z + 1, k]) - start
         for i in range(BLOCK):
-            line[k, b, i] = start + _MIDDLE[i] * step
+            line[k, b * BLOCK + i] = start + _MIDDLE[i] * step
 
 
 @inlined
@@ -265,21 +265,22 @@ def _take_images(rows: Any, b: int, j: int, numbers: Any, images: Any) -> None:
     """
     (line, weight, waves_row, added_row), (f, s, w, g, p), (free, seen, waves, shape, added) = rows, numbers, images
     for i in range(BLOCK):
+        at = b * BLOCK + i
         if g >= 0:
-            weight[b, i] = shape[g, j, i, 3]
+            weight[at] = shape[g, j, i, 3]
             for k in range(3):
-                line[k, b, i], line[3 + k, b, i] = shape[g, j, i, k], shape[g, j, i, 4 + k]
+                line[k, at], line[3 + k, at] = shape[g, j, i, k], shape[g, j, i, 4 + k]
         if f >= 0:
             for k in range(3):
-                line[6 + k, b, i] = free[f, j, i, k]
+                line[6 + k, at] = free[f, j, i, k]
         if s >= 0:
-            line[9, b, i] = seen[s, j, i, 0]
+            line[9, at] = seen[s, j, i, 0]
         if w >= 0:
             for k in range(3):
-                waves_row[k, b, i] = waves[w, j, i, k]
+                waves_row[k, at] = waves[w, j, i, k]
         if p >= 0:
             for k in range(3):
-                added_row[k, b, i] = added[p, j, i, k]
+                added_row[k, at] = added[p, j, i, k]
 
 
 @inlined
@@ -303,13 +304,11 @@ def _lay(blocks: Any, images: Any, frame: Any, plate: Any, least: Any, tile: Any
     row, column, corner = blocks
     free_at, free, seen_at, seen, waves_at, waves, shape_at, shape, added_at, added = images
     (width, height, first_row, first_column), (ratio, veil) = frame, tile
-    # one row of some blocks, by blocks and by pixels
+    # Make room for one row of some blocks
     room = _AT_ONCE * BLOCK
-    line, weight = np.empty((10, _AT_ONCE, BLOCK), np.float32), np.empty((_AT_ONCE, BLOCK), np.float32)
-    waves_row, added_row = np.empty((3, _AT_ONCE, BLOCK), np.float32), np.empty((3, _AT_ONCE, BLOCK), np.float32)
-    flat_line, flat_weight = line.reshape(10, room), weight.reshape(room)
-    flat_waves, flat_added = waves_row.reshape(3, room), added_row.reshape(3, room)
-    flat_plate, inverse = np.ones((2, 3, room), np.float32), np.ones((3, room), np.float32)
+    line, weight = np.empty((10, room), np.float32), np.empty(room, np.float32)
+    waves_row, added_row = np.empty((3, room), np.float32), np.empty((3, room), np.float32)
+    plate_row, inverse = np.ones((2, 3, room), np.float32), np.ones((3, room), np.float32)
     change = np.empty((3, room), np.float32)
     one, half, zero = np.float32(1.0), np.float32(0.5), np.float32(0.0)
     begin, end = 0, 0
@@ -332,9 +331,9 @@ def _lay(blocks: Any, images: Any, frame: Any, plate: Any, least: Any, tile: Any
         across_row, inside = slice(x0 - first_column, x1 - first_column), slice(x0 - left, x1 - left)
         blocks = end - begin
         for i in range(blocks * BLOCK):
-            flat_weight[i] = one
+            weight[i] = one
             for k in range(3):
-                flat_waves[k, i], flat_added[k, i] = one, zero
+                waves_row[k, i], added_row[k, i] = one, zero
         down = one / np.float32(min(BLOCK, height - top))
         for y in range(y0, y1):
             j, v, r = y - top, (np.float32(y - top) + half) * down, y - first_row
@@ -346,13 +345,13 @@ def _lay(blocks: Any, images: Any, frame: Any, plate: Any, least: Any, tile: Any
                 _take_images(rows, b, j, numbers, (free, seen, waves, shape, added))
             if len(plate[0]):
                 at = y, x0, r, x0 - first_column
-                _plate_line(plate, at, flat_plate[0, :, inside], flat_plate[1, :, inside])
-                _inverse_pattern(flat_plate, flat_line, blocks * BLOCK, inverse)
+                _plate_line(plate, at, plate_row[0, :, inside], plate_row[1, :, inside])
+                _inverse_pattern(plate_row, line, blocks * BLOCK, inverse)
             for k in range(3):
-                share, fall, sun, free_row = flat_line[k], flat_waves[k], flat_line[9], flat_line[6 + k]
-                more, per_light, out = flat_added[k], inverse[k], change[k]
+                share, fall, sun, free_row = line[k], waves_row[k], line[9], line[6 + k]
+                more, per_light, out = added_row[k], inverse[k], change[k]
                 for i in range(blocks * BLOCK):
                     lit = sun[i] * fall[i]
                     left_over = share[i] * (free_row[i] - lit) + more[i]
-                    out[i] = flat_weight[i] * (lit + left_over * per_light[i] - one)
-            _write(change[:, inside], flat_line[3:6, inside], least, ratio[r, across_row], veil[r, across_row])
+                    out[i] = weight[i] * (lit + left_over * per_light[i] - one)
+            _write(change[:, inside], line[3:6, inside], least, ratio[r, across_row], veil[r, across_row])
