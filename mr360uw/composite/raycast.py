@@ -8,7 +8,7 @@ come from the derivatives of the visible point P by the frame coordinates, taken
     side_k = dP/dx m_xk + dP/dy m_yk        dP/dx = (P(x + s, y) - P(x, y))/s
 
 with m the symmetric matrix (2, 2) of an area in the frame (see sampling.py); the unit matrix is a whole pixel. On the
-device: footprint.glsl.
+device: light_visibility.py.
 """
 
 from __future__ import annotations
