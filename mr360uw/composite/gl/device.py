@@ -157,9 +157,8 @@ def _material_texels(m: Material, entries: dict[Texture, MapEntry]) -> Floats:
             m.base_color,
             (m.metallic, m.roughness, m.normal_scale, m.occlusion_strength),
             (*m.emission, float(_packed(m.sets))),
-            (m.alpha_cutoff, float(m.double_sided), m.refractive_index, 0.0),
             *(_NO_MAP if texture is None else entries[texture] for texture in maps),
-            (*m.trim, 0.0),
+            (*m.trim, m.refractive_index),
         ],
         np.float32,
     )

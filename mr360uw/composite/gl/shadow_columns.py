@@ -37,18 +37,18 @@ from mr360uw.sphere import basis
 from mr360uw.types import Floats, Lamp, Sun
 
 SLOTS = (64, 128, 256, 512)
-"""Texels across a slot."""
+"""Columns across a slot."""
 SMALLEST = 4
 """Columns across the last level of a slot."""
 _NARROW_RAD = 0.02
-"""Angular radius of a light below which the largest slots are used: its penumbrae are as narrow as their texels."""
-_TEXELS_A_PIXEL = 2.0
-_MOST_TEXELS_A_PIXEL = 8.0
-"""Least and most texels for a pixel of the frame: penumbrae somewhat narrower than a pixel still matter."""
-_TEXELS_A_DISC = 7.0
-"""Texels across the light's radius at the distance of a body's width."""
-_MOST_TEXELS = 1 << 21
-"""Texels of all slots together: bounds the memory."""
+"""Angular radius of a light below which the largest slots are used: its penumbrae are as narrow as columns."""
+_COLUMNS_A_PIXEL = 2.0
+_MOST_COLUMNS_A_PIXEL = 8.0
+"""Least and most columns for a pixel of the frame: penumbrae somewhat narrower than a pixel still matter."""
+_COLUMNS_A_DISC = 7.0
+"""Columns across the light's radius at the distance of a body's width."""
+_MOST_COLUMNS = 1 << 21
+"""Columns of all slots together: bounds the memory."""
 _SUPERSAMPLING = 2
 """Texels drawn along each side of a column."""
 _BESIDE = (1e-4, 3e-5)
@@ -99,7 +99,7 @@ class LightFrame:
         return self.axes @ np.column_stack([placed.world_from_object[:3, :3], shift])
 
     def placed(self, extents: Floats) -> Floats:
-        """Return extents (6,) about `start` as the shaders take them: for the sun about the world's origin."""
+        """Return extents (6,) about `start` as rays are traced: for the sun about the world's origin."""
         if self.origin is not None:
             return extents
         x, y, z = self.axes @ self.start
@@ -211,10 +211,12 @@ def _in_cone(lamp: Lamp, direction: Floats, radius_rad: float) -> bool:
 
 
 def slot_size(slots: int, pixels_across: float, half_angle_rad: float) -> int:
-    """Return the texels across a slot for a light of this radius and bodies at most `pixels_across` pixels wide."""
-    wanted = max(_TEXELS_A_PIXEL * pixels_across, _TEXELS_A_DISC / max(float(np.tan(half_angle_rad)), 1e-6))
-    wanted = min(wanted, _MOST_TEXELS_A_PIXEL * pixels_across, SLOTS[-1] if half_angle_rad < _NARROW_RAD else SLOTS[-2])
-    most = np.sqrt(_MOST_TEXELS / max(slots, 1))
+    """Return the columns across a slot for a light of this radius and bodies at most `pixels_across` pixels wide."""
+    wanted = max(_COLUMNS_A_PIXEL * pixels_across, _COLUMNS_A_DISC / max(float(np.tan(half_angle_rad)), 1e-6))
+    wanted = min(
+        wanted, _MOST_COLUMNS_A_PIXEL * pixels_across, SLOTS[-1] if half_angle_rad < _NARROW_RAD else SLOTS[-2]
+    )
+    most = np.sqrt(_MOST_COLUMNS / max(slots, 1))
     return next(size for size in SLOTS if size >= wanted or 2 * size > most)
 
 

@@ -52,8 +52,8 @@ def lay_over_planes(
     blocks with such a pixel a new chroma code. Light is clipped to code values between 0 and full scale (a plate that
     is itself brighter or darker keeps its excursion where it is not covered). amount: of the grain that covered pixels
     get, 1 for as much as the plate has. composite: linear Rec.709 light (h, w, 3) to write; None for that of
-    `tile_blend`. Returns the brightest
-    linear light that was written, and a sum of it that is not finite where any is not.
+    `tile_blend`. Returns the brightest linear light that was written, and a sum of it that is not finite where any is
+    not.
     """
     sx, sy = subsampling(old)
     none, found = np.empty((0, 0, 3), np.float32), None

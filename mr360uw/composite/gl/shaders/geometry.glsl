@@ -8,7 +8,7 @@
 #include "composite/gl/shaders/texture.glsl"
 
 const int TRIANGLE_TEXELS = 11;
-const int MATERIAL_TEXELS = 10;
+const int MATERIAL_TEXELS = 9;
 
 struct Triangle {
     vec3 a, b, c;
@@ -138,7 +138,7 @@ vec4 base_color(sampler2D triangles, sampler2D materials, sampler2D store, Trian
     int row = triangle.material * MATERIAL_TEXELS;
     color *= listed(materials, row);
 #if defined(BASE_MAP)
-    vec4 map = listed(materials, row + 4);
+    vec4 map = listed(materials, row + 3);
     if (map.x >= 0.0) color *= texture_lookup(store, map, uv, du, dv);
 #endif
     return color;
@@ -185,12 +185,13 @@ Surface surface(sampler2D triangles, sampler2D materials, sampler2D store, mat4 
     s.roughness = factors.y;
     vec4 glow = listed(materials, row + 2);
     s.emission = glow.rgb;
-    s.refractive_index = listed(materials, row + 3).z;
-    s.trim = listed(materials, row + 9).rgb;
+    vec4 trim = listed(materials, row + 8);
+    s.trim = trim.rgb;
+    s.refractive_index = trim.w;
     s.occlusion = 1.0;
     vec4 map;
 #if defined(METALLIC_ROUGHNESS_MAP)
-    map = listed(materials, row + 5);
+    map = listed(materials, row + 4);
     if (map.x >= 0.0) {
         at = place_of(triangles, triangle.first, glow.w, 0, base, facet, hit.xyz, next_column, next_row);
         vec4 texel = texture_lookup(store, map, at.uv, at.du, at.dv);
@@ -199,21 +200,21 @@ Surface surface(sampler2D triangles, sampler2D materials, sampler2D store, mat4 
     }
 #endif
 #if defined(OCCLUSION_MAP)
-    map = listed(materials, row + 7);
+    map = listed(materials, row + 6);
     if (map.x >= 0.0) {
         at = place_of(triangles, triangle.first, glow.w, 2, base, facet, hit.xyz, next_column, next_row);
         s.occlusion += factors.w * (texture_lookup(store, map, at.uv, at.du, at.dv).r - 1.0);
     }
 #endif
 #if defined(EMISSION_MAP)
-    map = listed(materials, row + 8);
+    map = listed(materials, row + 7);
     if (map.x >= 0.0) {
         at = place_of(triangles, triangle.first, glow.w, 3, base, facet, hit.xyz, next_column, next_row);
         s.emission *= texture_lookup(store, map, at.uv, at.du, at.dv).rgb;
     }
 #endif
 #if defined(NORMAL_MAP)
-    map = listed(materials, row + 6);
+    map = listed(materials, row + 5);
     if (map.x >= 0.0) {
         at = place_of(triangles, triangle.first, glow.w, 1, base, facet, hit.xyz, next_column, next_row);
         vec3 bump = 2.0 * texture_lookup(store, map, at.uv, at.du, at.dv).rgb - 1.0;
