@@ -224,7 +224,7 @@ def test_texture_lookup_on_the_device_is_the_references(rng: np.random.Generator
         buffers = upload_mesh(quad(Material(base_map=texture)))
         got = glsl_call(
             "composite/gl/shaders/texture.glsl",
-            "texture_lookup(store, texelFetch(materials, ivec2(4, 0), 0), uv, vec2(c.x, 0.0), vec2(0.0, c.y))",
+            "texture_lookup(store, texelFetch(materials, ivec2(3, 0), 0), uv, vec2(c.x, 0.0), vec2(0.0, c.y))",
             4, "uniform sampler2D store, materials;", {"store": buffers.store, "materials": buffers.materials},
             uv=uv, c=change,
         )  # fmt: skip
