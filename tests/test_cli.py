@@ -350,7 +350,7 @@ def test_squeezed_eyes_are_taken_as_they_are(stereo: Stereo, size: str, scene: P
         ("camera.depth_m=-1", "must be > 0"),
         ("camera.depth_m=deep", "(got 'deep')"),
         ("camera.depht_m=1", "did you mean 'depth_m'?"),
-        ("sea.tiling=blend", "is fixed at lattice now"),
+        ("sea.tiling=blend", "unknown key"),
         ("object.3.scale=1", "no such entry"),
         ("nonsense", "key=value"),
         ("water.type=3", "(got 3)"),

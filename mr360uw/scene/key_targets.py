@@ -24,7 +24,7 @@ from mr360uw.composite.motion import curve_through
 from mr360uw.errors import ParameterError
 from mr360uw.parameters import FULL_TURN_DEG, LATEST_S, Parameters, bounds_of, is_direction, stated
 from mr360uw.parameters import parameter as declared  # a field has its name
-from mr360uw.scene.problems import Location, allowed_text, place, problems, removed
+from mr360uw.scene.problems import Location, allowed_text, place, problems
 from mr360uw.scene.toml_model import dotted, entry
 from mr360uw.types import Floats
 
@@ -171,8 +171,6 @@ def _step(owner: Any, part: str, name: str, location: Location) -> tuple[str | i
         )
     fields = {field.alias or known: known for known, field in type(owner).model_fields.items()}
     if part not in fields:
-        if became := removed((*location, part)):
-            raise ParameterError(f"unknown parameter (got {name!r}) - {became}")
         near = difflib.get_close_matches(part, fields, 1)
         begin = "".join(f"{one}." for one in location)
         todo = f"did you mean '{begin}{near[0]}'?" if near else f"known here: {', '.join(fields)}"

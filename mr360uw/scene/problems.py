@@ -223,7 +223,7 @@ def problems(error: ValidationError, root: type[BaseModel], where: str, lines: L
             what, todo = "is missing", f"give {help_text}" + (f" [{bounds}]" if bounds else "")
         elif item["type"] == "extra_forbidden":
             what = "unknown key"
-            todo = removed(location) or _near_key(str(location[-1]), owners)
+            todo = _near_key(str(location[-1]), owners)
         elif shape is not None:
             what = shape[0]
             todo = shape[1] or _near(value, what) or (f"{help_text} [{bounds}]" if bounds else help_text)
@@ -266,71 +266,3 @@ def _near(value: Any, allowed: str) -> str:
 
 def _short(value: Any) -> str:
     return text if len(text := repr(value)) <= 60 else f"{text:.57}..."
-
-
-_PUBLISHED = "is fixed at the published value now"
-_LIGHT = (
-    "mr360_strength mr360_power mr360_base landis_threshold landis_alpha akyuz_gamma kovaleski_threshold "
-    "kovaleski_boost piecewise_split"
-)
-_PHASE = "is part of water.phase now: a mean cosine, or [index, slope]"
-_FILE = "is the mesh file's alone now"
-
-REMOVED = {
-    "plate.ocio.file": "is plate.ocio.config now",
-    "water.inherent": "is fixed at solonenko2015 now; others by type csv",
-    "water.kd": "goes with the type now; others by type csv",
-    **dict.fromkeys(("water.mean_cosine", "water.particle_index", "water.junge_slope"), _PHASE),
-    "water.rule": "is fixed at rectangle now",
-    "water.surface": "is fixed at snell now",
-    "object.unit": "is object.scale now: 0.01 for cm, 0.001 for mm; or object.size_m",
-    "object.vertex_colors": "is fixed at auto now",
-    **dict.fromkeys(("object.emission_scale", "object.part", "object.normal_texture", "object.orm_texture"), _FILE),
-    "lamp.object": "is lamp.attach now: the object's number",
-    "lamp.kind": "follows from lamp.cone_deg: 360 for a point",
-    "lamp.watts": "is lamp.lumen now: about 300 lm a watt of white light",
-    "lamp.edge": "is fixed at 0.3 now",
-    "receiver.plate_caustics": "is fixed at auto now",
-    "holdout.feather_px": "is the matte's own softness now",
-    "light.transfer": "is fixed at srgb now",
-    "light.ramp_deg": "is fixed at 10 now",
-    **{f"light.{name}": _PUBLISHED for name in _LIGHT.split()},
-    "light.glossy_roughness": "is fixed at [0.1, 0.2, 0.4, 0.7, 1.0] now",
-    "light.latitude_deg": "is part of light.place_deg now",
-    "light.longitude_deg": "is part of light.place_deg now",
-    "light.minimum_confidence": 'is fixed at 0.5 now; light.sun = "none" takes no sun',
-    "sea.detail_wavelength_m": "is fixed at 0.12 now",
-    "sea.detail_speed": "is fixed at 0.25 now",
-    "sea.tiling": "is fixed at lattice now",
-    "sea.swell": "is fixed at 0 now; a longer sea.fetch_m makes longer waves",
-    "sea.peak_enhancement": "is fixed at 3.3 now",
-    "sea.phillips_constant": "is fixed at 0.0081 now; sea.significant_wave_height_m sets the height",
-    "sea.small_wave_cutoff_m": "is sea.shortest_wavelength_m now",
-    "caustics.refractive_index": "is water.refractive_index now",
-    "caustics.water_blur": "is always on now",
-    "shafts.phase": "follows from water.phase",
-    "shafts.whole": "is always off now",
-    "shafts.threshold": 'is fixed at 2 now; shafts.mode = "on" has none',
-    "snow.enabled": "is snow.amount = 1 now",
-    "snow.smallest_mm": "is part of snow.sizes_mm now",
-    "snow.largest_mm": "is part of snow.sizes_mm now",
-    "snow.nearest_m": "is fixed at 0.15 now",
-    "snow.seed": "follows from sea.seed",
-    "snow.settling": "is fixed at 1 now",
-    "snow.orbits": "is always on now",
-    "snow.aperture_mm": "is fixed at 0.6 now",
-    "snow.focus_m": "is fixed at 1 now",
-    "surface.within_m": "is fixed at 3 now",
-    "surface.samples": "is fixed at 17 now",
-    "match.enabled": "follows from the other keys: match.softness = 0 measures nothing",
-    "match.sharpening_px": "is fixed at 1 now",
-    "output.lossless": 'is output.quality = "lossless" now',
-    "output.threads": "is always one for each core now",
-    "output.faststart": "is always on now",
-}
-"""By their names without numbers of entries."""
-
-
-def removed(location: tuple[str | int, ...]) -> str:
-    """Return what became of a key, "" of one that there never was."""
-    return REMOVED.get(".".join(part for part in location if isinstance(part, str)), "")

@@ -5,15 +5,15 @@ from __future__ import annotations
 
 import tomllib
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import pytest
 from pydantic import Field, ValidationError
 
 from mr360uw.errors import SceneError
 from mr360uw.parameters import Parameters, parameter
-from mr360uw.scene.model import load_scene, scene_from_dict
-from mr360uw.scene.problems import REMOVED, key_lines, problems
+from mr360uw.scene.model import load_scene
+from mr360uw.scene.problems import key_lines, problems
 
 
 class Calm(Parameters):
@@ -160,17 +160,3 @@ def test_what_the_command_line_sets_is_told_from_what_the_file_says(tmp_path: Pa
     assert "--set object[0].unlit - " in text
     assert "--set water.tpye - unknown key (got 'II') - did you mean 'type'?" in text
     assert "scene.toml:7 object[0].scale - must be in [1e-06, 1e+06]" in text
-
-
-def test_a_key_that_is_gone_says_what_became_of_it(tmp_path: Path, subtests: pytest.Subtests) -> None:
-    needed = {"object": {"mesh": "a.glb"}, "holdout": {"path": "a.png"}, "plate.ocio": {"input": "raw"}}
-    for key, became in REMOVED.items():
-        with subtests.test(key):
-            table, _, name = key.rpartition(".")
-            value: Any = needed.get(table, {}) | {name: 1.0}
-            listed = table in ("object", "lamp", "holdout")
-            data = {table: [value]} if listed else {"plate": {"ocio": value}} if "." in table else {table: value}
-            with pytest.raises(SceneError) as caught:
-                scene_from_dict({"plate": {"path": "a.mp4"}} | data, tmp_path)
-            where = key.replace(".", "[0].", 1) if listed else key
-            assert f"scene {where} - unknown key (got 1.0) - {became}" in caught.value.problems
