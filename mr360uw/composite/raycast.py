@@ -293,10 +293,12 @@ def surface_along(
     origin: (3,) or (n, 3) of the rays, from the camera [m]. neighbours: (n, 2, 3) directions `pixel` pixels to the
     right and below, of a frame of `height` rows, a number or (n,). area: as of `surface`.
     """
+    # Find where rays meet their triangles, and their places on the maps
     corners = geometry.positions[triangle] - np.reshape(origin, (-1, 1, 3))
     weights, distance = barycentric(corners, direction)
     places = [_MapPlace.of(corners, uv, weights, neighbours) for uv in _coordinates(geometry, triangle)]
     color = base_color(geometry, triangle, weights, places[0].change)
+    # Turn the normals to the camera: the flat one, and the smooth one of the corners
     e1, e2 = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     flat = np.cross(e1, e2)
     flat /= np.linalg.norm(flat, axis=-1, keepdims=True)
@@ -305,6 +307,7 @@ def surface_along(
     normal = np.einsum("nc,nck->nk", weights, geometry.normals[triangle])
     normal /= np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-12)
     turning = normal_change(corners, geometry.normals[triangle], normal, neighbours)
+    # Read the maps; those of normals change the smooth one
     metallic, roughness, occlusion, index, emission = _material_values(geometry, triangle, places)
     for number, material in enumerate(geometry.materials):
         if material.normal_map is not None:
@@ -312,6 +315,7 @@ def surface_along(
             bump = 2.0 * place.texel(material.normal_map, of)[:, :3] - 1.0
             bump[:, :2] *= material.normal_scale
             normal[of] = bumped(normal[of], e1[of], e2[of], place.corners[of], bump)
+    # Measure the part of the surface that a pixel covers
     area_middle, area_sides = footprint(origin + point, pixel_steps(point, flat, neighbours, pixel), area)
     return Hits(
         triangle=triangle,

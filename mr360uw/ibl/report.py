@@ -121,6 +121,7 @@ def plot(
     cuts: Sequence[float] = (),
 ) -> str:
     """Return an inline SVG plot of curves (name, y, as dots) over x; gaps where y is not finite, lines at `cuts`."""
+    # Find the range of the axes, with a rim above and below the curves
     x = np.asarray(x, np.float64)
     columns = [np.asarray(y, np.float64) for _, y, _ in curves]
     finite = np.concatenate([c[np.isfinite(c)] for c in columns] + [np.zeros(0)])
@@ -133,6 +134,7 @@ def plot(
         across = _MARGIN + (px - left) / (right - left) * (_WIDTH - _MARGIN - 10)
         return np.stack([across, 10 + (high - py) / (high - low) * (_HEIGHT - 40)], axis=-1)
 
+    # Draw the grid with its numbers, and lines at cuts
     out = [f'<svg viewBox="0 0 {_WIDTH} {_HEIGHT}" role="img" aria-label="{html.escape(label)}">']
     for value in np.linspace(low + pad, high - pad, 3):
         y = place(np.array([left]), np.array([value]))[0, 1]
@@ -144,6 +146,7 @@ def plot(
     for cut in cuts:
         px = place(np.array([cut]), np.array([low]))[0, 0]
         out.append(f'<path d="M{px:.1f} 10V{_HEIGHT - 30}" stroke="#9aa7b2" stroke-dasharray="4 3"/>')
+    # Draw each curve as dots, or as lines between its gaps
     for k, ((_, _, dots), column) in enumerate(zip(curves, columns, strict=True)):
         points, good = place(x, column), np.isfinite(column)
         colour = _COLOURS[k % len(_COLOURS)]
@@ -155,6 +158,7 @@ def plot(
             lines = "".join("M" + "L".join(f"{px:.1f} {py:.1f}" for px, py in points[run]) for run in runs if len(run))
             out.append(f'<path d="{lines}" fill="none" stroke="{colour}" stroke-width="1.6"/>')
     out.append("</svg>")
+    # Name the curves below the plot
     signs = [("&bull;" if dots else "&mdash;") + " " + html.escape(name) for name, _, dots in curves]
     key = " &nbsp; ".join(f'<span style="color:{_COLOURS[k % 3]}">{sign}</span>' for k, sign in enumerate(signs))
     return f"<figure>{''.join(out)}<figcaption>{html.escape(label)}: {key}</figcaption></figure>"

@@ -131,11 +131,13 @@ def render_in_workers(count: int, job: Job, done: Callable[[], None]) -> RunTime
     workers: list[_Worker] = []
     try:
         while waiting or any(worker.part for worker in workers):
+            # Start workers while there is work for them, and hand out parts
             while waiting and len(workers) < count:
                 workers.append(_Worker.start(job, len(workers), count))
             for worker in workers:
                 if worker.part is None and waiting:
                     worker.take(waiting.popleft())
+            # Hear of frames and parts that are done; parts of a worker that died are tried again
             busy = wait([worker.connection for worker in workers if worker.part is not None])
             for worker in [worker for worker in workers if worker.connection in busy]:
                 try:

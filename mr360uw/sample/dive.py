@@ -118,6 +118,7 @@ def sample_dive(
     """
     from mr360uw.scene.handbook import scene_text
 
+    # Refuse wrong numbers, and files that are there already, before anything is made
     settings = DiveSettings(seed=seed) if settings is None else instance("settings", settings, DiveSettings, "make one")
     check_recording(width, frames, samples)
     folder = file_path("folder", folder)
@@ -125,6 +126,7 @@ def sample_dive(
     outputs = [made.plate, made.mesh, made.scene, made.truth, *([folder / TRACK] if settings.moves else [])]
     check_outputs(outputs, overwrite=overwrite, folder=folder)
     check_folder(folder / TRUTH_FOLDER)
+    # Render a frame at a time, while the one before is encoded
     dive = Dive(settings, width, width // 2, samples=samples)
     times = [float(index / frame_rate) for index in range(frames)]
 
@@ -141,6 +143,7 @@ def sample_dive(
             if progress is not None:
                 progress(index + 1, frames)
 
+    # Write the clip, the whale, the truth, and last the scene that names them
     with made_folder(folder / TRUTH_FOLDER):
         with one_blas_thread():
             record(made.plate, images(), frame_rate, settings.seed, settings.transfer, settings.bits)
@@ -171,6 +174,7 @@ def check_recording(width: int, frames: int, samples: int) -> None:
 
 def dive_scene(dive: Dive) -> dict[str, object]:
     """Return the keys of the dive's scene that differ from their defaults."""
+    # Give the sun as it is, and the sun's share of the light
     settings, sun = dive.settings, dive.sun_in_water
     water: dict[str, Any] = {"type": settings.water, "sensor": SENSOR}
     light: dict[str, Any] = {}
@@ -181,6 +185,7 @@ def dive_scene(dive: Dive) -> dict[str, object]:
         azimuth = round(float(np.degrees(np.arctan2(sun[0], -sun[2]))), 3)
         water |= {"sun_share": round(dive.sky.sun_share, 4), "sun_elevation_deg": elevation}
         light = {"light": {"sun": "given", "sun_azimuth_deg": azimuth, "sun_elevation_deg": elevation}}
+    # Name the curve and the camera's track where they are not the usual ones
     plate: dict[str, Any] = {"path": "dive.mp4"}
     if settings.transfer != "srgb":
         plate["transfer"] = settings.transfer
@@ -326,9 +331,11 @@ def dive_truth(dive: Dive, times_s: list[float]) -> dict[str, Any]:
     """Return the fields of `truth.json`, as docs/sample.md lists them. Light is relative to that just below a level
     surface, angles are in degrees, vectors are in the world.
     """
+    # Find water, waves and the sun's two directions
     settings = dive.settings
     wet, waves = Water.jerlov(settings.water), settings.sea.waves
     up = None if dive.sun_in_air is None else (dive.sun_in_air, dive.sun_in_water)
+    # List light, water and waves, and at the end what differs from frame to frame
     return {
         "sun_direction_in_air": _listed(None if up is None else up[0]),
         "sun_direction_in_water": _listed(None if up is None else up[1]),

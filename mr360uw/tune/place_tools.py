@@ -193,6 +193,7 @@ class PlaceTools:
         if not self._tool:
             return
         try:
+            # Answer tools that need no geometry at once
             if self._tool == "water":
                 self._match_water(point)
                 return
@@ -202,6 +203,7 @@ class PlaceTools:
             if self._tool == "lasso":
                 self._lasso.add([point])
                 return
+            # Ask for the frame's geometry, and place floor, sun or object by it
             here = await self._ask()
             if self._tool in ("floor", "level"):
                 (self._floor if self._tool == "floor" else self._level).add(here.camera, point)

@@ -155,11 +155,13 @@ def _bad_cells(table: Array, span: float) -> tuple[str, Array, Array] | None:
 
     Tetrahedra that touch the ends of the values are clipped ones: they may be flat, or turned.
     """
+    # Mark the vertices that are clipped
     low, high = table.min(axis=(0, 1, 2)), table.max(axis=(0, 1, 2))
     whole = np.zeros(3), np.full(3, len(table) - 1)
     if not np.all(high > low):
         return ("different colours become one", *whole)
     edge = np.any((table - low <= _FLAT * span) | (high - table <= _FLAT * span), axis=-1)
+    # Measure the volume of each of the six tetrahedra of all cells
     turned, flat = (np.zeros(tuple(n - 1 for n in table.shape[:3]), np.bool_) for _ in range(2))
     for order in permutations(range(3)):
         at = np.zeros(3, np.int64)
@@ -175,6 +177,7 @@ def _bad_cells(table: Array, span: float) -> tuple[str, Array, Array] | None:
         size = np.prod(np.linalg.norm(sides, axis=-2), axis=-1)
         turned |= (volume < -_FLAT * size) & ~touches
         flat |= (volume <= _FLAT * size) & ~touches
+    # Bound the cells of the worst fault
     for what, bad in (("it folds back", turned), ("different colours become one", flat)):
         if bad.any():
             cells = np.argwhere(bad)

@@ -115,6 +115,7 @@ def _held_step(jacobian: Any, missing: Any, at: Any, top: float, out: Any) -> No
 @fast
 def _search(table: Any, wanted: Any, tolerance: float, at: Any) -> float:
     """Move a position (3,) to where the table has the value `wanted` (3,); return the square of the distance left."""
+    # Measure the distance of the first guess
     top = table.shape[0] - 1.0
     value, jacobian, there = np.empty(3), np.empty((3, 3)), np.empty(3)
     missing, step, trial = np.empty(3), np.empty(3), np.empty(3)
@@ -123,6 +124,7 @@ def _search(table: Any, wanted: Any, tolerance: float, at: Any) -> float:
     for i in range(3):
         missing[i] = wanted[i] - value[i]
         distance += missing[i] * missing[i]
+    # Step towards the value, shorter until the distance falls
     for _ in range(_STEPS):
         if distance <= tolerance * tolerance:
             break

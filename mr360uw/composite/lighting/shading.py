@@ -57,6 +57,7 @@ def surface_radiance(
     the change of the reflected light by the waves, of either sign, which it contains. among_bodies: (n, CHANNELS) of
     `ambient_at`. footprints: whether shadows are averaged over the pixels' footprints, or those of points.
     """
+    # Split the surface into a mirror of dielectric and metal, and a matt base below it
     environment, view = shot.environment, -hits.direction
     n_dot_v = np.clip(np.sum(hits.normal * view, -1), 1e-3, 1.0)
     dielectric = dielectric_f0(hits.refractive_index, shot.refractive_index)[:, None]
@@ -65,6 +66,7 @@ def surface_radiance(
     varnish = reflectance(np.broadcast_to(dielectric, hits.base.shape), split)
     mirrors = varnish * (1.0 - metal) + reflectance(hits.base, split) * metal
     albedo = hits.base * (1.0 - metal) * (1.0 - varnish)
+    # Look up the ambient light, as far as other bodies leave it
     axis = lobe_axis(hits.normal, view, n_dot_v, hits.roughness)
     ratio = among_bodies[:, :3]
     if len(environment.glossy):
@@ -74,10 +76,12 @@ def surface_radiance(
         reflected = environment_lookup(environment.ambient, axis) * INV_PI * ratio
     occlusion = hits.occlusion[:, None]
     coat = view, dielectric * (1.0 - metal) + hits.base * metal, albedo
+    # Reflect it, and add what glows
     bias_m = np.array([placed.bias_m for placed in shot.visible])[hits.object]
     diffuse = hits.trim * albedo * INV_PI * ambient_irradiance(shot, hits.point, hits.normal) * ratio * occlusion
     glossy = hits.trim * mirrors * reflected * _ambient_factor(shot, hits.point, axis) * occlusion
     emission = hits.trim * hits.emission
+    # Add sun and lamps, one after the other
     total, direct = diffuse + glossy, {name: np.zeros_like(diffuse) for name in ("sun", "lamps", "caustics")}
     for source in sources:
         matt, shiny, pattern = _reflected(source, hits, coat, bias_m, footprints)

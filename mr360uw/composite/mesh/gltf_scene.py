@@ -78,6 +78,7 @@ class ClipReader:
         return self.place[node], cast("Target", path), curve
 
     def _curve(self, sampler: dict[str, Any], width: int, number: int, path: str) -> Curve:
+        # Read the times of the keys, which must ascend
         times = self.gltf.accessor(sampler["input"]).astype(np.float64).ravel()
         kind = sampler.get("interpolation", "LINEAR")
         if kind not in _INTERPOLATIONS:
@@ -89,6 +90,7 @@ class ClipReader:
             at = int(np.argmax(np.diff(times) < 0.0))
             got = f"{times[at]:g} s, then {times[at + 1]:g} s"
             raise self._broken(number, f"has keys of {path} that do not ascend in time", got)
+        # Read the values, of splines with a tangent on either side
         stored = self.gltf.accessor(sampler["output"]).astype(np.float64)
         parts = 3 if kind == "CUBICSPLINE" else 1
         if stored.size != len(times) * parts * width:
@@ -96,6 +98,7 @@ class ClipReader:
             raise self._broken(number, f"has values of {path} that do not fit its keys", got)
         if not np.all(np.abs(stored) <= FARTHEST):
             raise self._broken(number, f"has values of {path} that are not finite or too large", f"{_worst(stored):g}")
+        # Take values and tangents apart; rotations are unit quaternions
         rows = stored.reshape(len(times), parts, width)
         tangents = rows[:, [0, 2]] if parts == 3 else None
         values = rows[:, parts // 2]
@@ -237,6 +240,7 @@ class MaterialReader:
 
     def read(self, number: int) -> MappedMaterial:
         """Return a material of the file's list."""
+        # Find the factors, also those of the older workflow and of unlit materials
         entry = self.gltf.entry("materials", number)
         extensions = entry.get("extensions", {})
         name = str(entry.get("name", number))
@@ -247,6 +251,7 @@ class MaterialReader:
         if "KHR_materials_unlit" in extensions:
             metallic = float(pbr.get("metallicFactor", 0.0))
             self._note(f"material {name!r} is unlit (KHR_materials_unlit) - the scene lights its colours")
+        # Find the maps; one of emission counts only where its factor is not 0
         if "emissiveTexture" in entry and not any(entry.get("emissiveFactor", ())):
             self._note(
                 f"material {name!r} has a map of emission and the factor 0 - it does not glow; export the factor"
@@ -259,6 +264,7 @@ class MaterialReader:
             "emission_map": entry.get("emissiveTexture") if any(entry.get("emissiveFactor", ())) else None,
         }
         maps, coordinates = self._maps({slot: r for slot, r in references.items() if r is not None})
+        # Make the material of them
         strength = float(extensions.get("KHR_materials_emissive_strength", {}).get("emissiveStrength", 1.0))
         red, green, blue = (strength * float(c) for c in entry.get("emissiveFactor", (0.0, 0.0, 0.0)))
         r, g, b, a = (float(c) for c in pbr.get("baseColorFactor", (1.0, 1.0, 1.0, 1.0)))

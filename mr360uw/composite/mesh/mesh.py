@@ -220,6 +220,7 @@ _FARTHEST = 1e9
 
 def make_mesh(parts: list[Part], materials: list[Material], *, where: str = "mesh") -> Mesh:
     """Return the mesh of indexed parts [m]. Raises `MeshError` as `load_mesh` does."""
+    # Refuse what has no triangles, or vertices out of all bounds
     parts = [p for p in parts if len(p.faces)]
     if not parts:
         raise MeshError(f"{where} - has no triangles (got 0) - export the surface as triangles")
@@ -230,6 +231,7 @@ def make_mesh(parts: list[Part], materials: list[Material], *, where: str = "mes
             f"{where} - vertices are not finite, or more than {_FARTHEST:g} m away (got {wild} such triangles) - "
             "export the mesh again"
         )
+    # Give each triangle its own corners, and leave out those without area
     further = max(len(p.more_uv) for p in parts)
     corners = [_corners(p, further) for p in parts]
     positions, normals, uv, more_uv, colors = (np.concatenate(arrays) for arrays in zip(*corners, strict=True))
@@ -244,6 +246,7 @@ def make_mesh(parts: list[Part], materials: list[Material], *, where: str = "mes
     if not np.all(keep):
         positions, normals, uv, more_uv = positions[keep], normals[keep], uv[keep], more_uv[keep]
         colors, material, piece = colors[keep], material[keep], piece[keep]
+    # Find the smooth pieces and the hull, and say what darkens the mesh
     patch, hull = _patches_and_hull(positions, normals, piece)
     notes += _darkening_notes(
         where, colors, np.isin(material, [k for k, m in enumerate(materials) if m.base_map is not None])

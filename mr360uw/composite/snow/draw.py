@@ -79,6 +79,7 @@ def with_particles(
     snow: Snow, shot: Shot, layer: Layer, variables: Aovs | None, cache: Cache
 ) -> tuple[Layer, Aovs | None]:
     """Return a shot's layer and its variables with its snow. cache: holds what is the same in other frames."""
+    # Find the particles in view, before what the plate shows, the farthest first
     view = shot.view
     position, velocity, diameter, fade = particles_in_view(snow, shot)
     point = position - view.position
@@ -91,9 +92,11 @@ def with_particles(
         return layer, variables
     position, velocity, diameter, fade = position[there], velocity[there], diameter[there], fade[there]
     point, distance = point[there], distance[there]
+    # Blur them by lens and shutter, and light them
     radius = np.hypot(0.5 * diameter / distance, 0.5 * _PUPIL_M * (1.0 / distance - 1.0 / _FOCUS_M))
     half = 0.5 * snow.exposure_s
     radiance = particle_radiance(shot, snow.settings.albedo, snow.settings.phase, point, cache)
+    # Draw their paths before and behind the bodies, and lay these pictures together
     before, behind = empty_picture(view), empty_picture(view)
     begin, end = position - half * velocity, position + half * velocity
     arcs = snow.opens.seen(begin - snow.opens.position), snow.closes.seen(end - snow.closes.position)

@@ -141,6 +141,7 @@ def _fill(cells: Any, sizes: Any, centre: Any, span: Any, rows: Any) -> Any:
     cells: the seed, the number of the class, the side of its cells. sizes: the number per cubic metre, the least and
     the greatest diameter, and 1 - exponent, the power of the number above a size. span: as `Reach`.
     """
+    # Bound the cells that hold particles in reach
     (seed, size_class, side), (per_m3, low, high, power), (nearest, farthest, per_diameter, margin) = cells, sizes, span
     nearest, farthest = nearest - margin, farthest + margin
     reach = min(farthest, per_diameter * high + margin)
@@ -148,6 +149,7 @@ def _fill(cells: Any, sizes: Any, centre: Any, span: Any, rows: Any) -> Any:
     last = np.floor((centre + reach) / side).astype(np.int64)
     half_diagonal = 0.5 * np.sqrt(3.0) * side
     expected, a, b = per_m3 * side**3, low**power, high**power
+    # Walk these cells; numbers of a cell follow from seed, class and place alone
     begin = _mixed(_mixed(seed + _GOLDEN) ^ np.uint64(size_class))
     count = 0
     for ix in range(first[0], last[0] + 1):
@@ -160,6 +162,7 @@ def _fill(cells: Any, sizes: Any, centre: Any, span: Any, rows: Any) -> Any:
                 dz = (iz + 0.5) * side - centre[2]
                 if dx * dx + dy * dy + dz * dz > (reach + half_diagonal) ** 2:
                     continue
+                # Draw its particles as a Poisson process: waiting times until the expected number
                 cell = _mixed(in_y ^ np.uint64(iz))
                 arrived, number = -np.log(_uniform(cell, 0)), 0
                 while arrived < expected:

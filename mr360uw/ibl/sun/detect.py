@@ -71,6 +71,7 @@ def lowest_sine(underwater: bool, refractive_index: float = REFRACTIVE_INDEX_SEA
 
 def find_disc(plate: Plate, *, underwater: bool = False) -> SunCandidate | None:
     """Return the most sun-like spot of a plate, None where nothing stands out at all."""
+    # Look where a sun may stand; nowhere may be brighter than all else
     floor = lowest_sine(underwater, plate.refractive_index)
     allowed = plate_sines(plate) > floor
     bright = np.where(allowed, plate.brightest, 0.0)
@@ -79,12 +80,14 @@ def find_disc(plate: Plate, *, underwater: bool = False) -> SunCandidate | None:
     middle = float(np.median(value))
     if peak <= 1.05 * float(np.median(plate.brightest[allowed])):
         return None
+    # Survey what the plate says of a sun before any spot is looked at
     white = ends_at_white(plate)
     weight = np.where(bright >= (0.9 if white else 0.3) * peak, value, 0.0) * coarse_solid_angle()
     known = middle > 0.0 or peak > DISPLAY_WHITE
     air = white and not underwater
     ground = ground_ratio(plate, sky_irradiance(plate.coarse, plate.up)) if air else None
     scene = PlateSurvey(plate, weight, middle if known else -1.0, floor, underwater, white, ground or 0.0)
+    # Examine and judge bright spots, until one is sure
     spots: list[Blob] = []
     best: SunCandidate | None = None
     for seed in _seeds(weight):
@@ -95,6 +98,7 @@ def find_disc(plate: Plate, *, underwater: bool = False) -> SunCandidate | None:
         best = _surer(best, scene.judge(blob))
         if best.confidence > _SURE:
             break
+    # Take the middle of a glitter; let the sky's gradient speak where spots do not settle it
     if underwater and best is not None and best.blob.clipped:
         best = replace(best, blob=replace(best.blob, direction=glitter_middle(plate, best.blob.direction)))
     settled = best is not None and best.confidence > _SURE and scene.lit == 1.0

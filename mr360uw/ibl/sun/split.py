@@ -209,12 +209,14 @@ def without_glare(split: Split, plate: Plate, amount: float = 1.0) -> Split:
 
     amount: of the glare that is taken out, 0 to 1.
     """
+    # Sort what is above the horizon into near the sun, where there is glare, and far from it
     if amount <= 0.0:
         return split
     above, elevation, rings = _rings(tuple(plate.up.tolist()))
     angle = np.arccos(np.clip(coarse_directions() @ split.sun.direction.astype(np.float32), -1.0, 1.0))
     near = above & (angle < _REACH_RAD)
     far = above & ~near
+    # Take the sky of each elevation from far away
     ring = rings[far]
     count = np.bincount(ring, minlength=_RINGS)
     told = count >= _FEWEST
@@ -229,10 +231,12 @@ def without_glare(split: Split, plate: Plate, amount: float = 1.0) -> Split:
         ],
         axis=-1,
     )
+    # Bend what is near to that sky, but not where something dark stands before it
     seen = split.residual[near]
     clear = np.clip((luminance(seen) / np.maximum(luminance(sky), 1e-12) - _BODY) / (_SKY - _BODY), 0.0, 1.0)
     weight = amount * clear * np.clip((_REACH_RAD - angle[near]) / (_FADE * _REACH_RAD), 0.0, 1.0)
     change = weight[:, None] * (sky - seen)
+    # Give to the sun what that took
     residual = split.residual.copy()
     residual[near] = seen + change
     area = np.broadcast_to(coarse_solid_angle(), near.shape)[near]

@@ -149,6 +149,7 @@ def track_suns(
     show only in the sun's direction. Frames count by the share of their sun that is taken; those of none are
     bridged.
     """
+    # Take suns as measurements, at ascending times
     frames = [m if isinstance(m, SunMeasurement) else SunMeasurement(k / 30.0, m) for k, m in enumerate(measurements)]
     if not frames:
         raise ParameterError("track - needs at least one frame (got none) - measure some frames first")
@@ -156,6 +157,7 @@ def track_suns(
     times = numbers("times_s", [f.time_s for f in frames] if times_s is None else times_s).astype(np.float64)
     if times.shape != (count,) or not np.all(np.diff(times) > 0.0):
         raise ParameterError(f"times_s - one for every frame, ascending (got shape {times.shape}) - sort the frames")
+    # Line up what frames tell; those without a sun are left NaN and weigh nothing
     direction, irradiance = np.full((count, 3), np.nan), np.full((count, 3), np.nan)
     half_angle, confidence, share = np.full(count, np.nan), np.zeros(count), np.ones(count)
     for k, frame in enumerate(frames):
@@ -164,6 +166,7 @@ def track_suns(
             half_angle[k], confidence[k] = frame.sun.half_angle_rad, frame.sun.confidence
             share[k] = frame.sun.share
     weight = confidence * [taken_share(c) for c in confidence]
+    # Smooth each shot by itself
     cuts = () if camera == "tracked" else find_cuts(direction, weight, [f.thumbnail for f in frames])
     smoothed = [
         _steady_shot(times[a:b], direction[a:b], irradiance[a:b], half_angle[a:b], share[a:b], weight[a:b], camera)
@@ -172,6 +175,7 @@ def track_suns(
     smooth_direction, smooth_irradiance, smooth_angle, smooth_share, trust = (
         np.concatenate([np.asarray(part[k]) for part in smoothed]) for k in range(5)
     )
+    # Return what was measured beside what was made of it
     exposure = np.array([f.exposure for f in frames])
     return SunTrack(
         times,

@@ -149,6 +149,7 @@ def bodies_of(bodies: Sequence[Any] | Bodies) -> Bodies:
 
     Raises `ParameterError` for anything else.
     """
+    # Take occluders as they are, with their bounding spheres where they have one
     if isinstance(bodies, Bodies):
         return bodies
     occluders: list[Occluder] = []
@@ -166,6 +167,7 @@ def bodies_of(bodies: Sequence[Any] | Bodies) -> Bodies:
             centres.append(np.asarray(centre, np.float64)[None])
             radii.append(float(radius))
             continue
+        # Make one of triangles, bounded by a sphere about the middle of their box
         corners = numbers("bodies", triangles).astype(np.float64, copy=False)
         if corners.ndim != 3 or corners.shape[1:] != (3, 3):
             raise ParameterError(
@@ -287,18 +289,21 @@ def visible_parts(rays: Any, start: Any, end: Any, outlines: Any, maps: Any, tap
     rays: their origin (3,) and directions (n, 3). start, end: (n, count) [m] of their segments. outlines, maps:
     `Outlines`, `ShadowMaps`. taps: points of a segment that are tested, with the directions in turn.
     """
+    # Take the inputs apart
     origin, directions = rays
     centre, radius, passed, axes, apart = outlines
     frame, top, spread = maps
     size, last, count = top.shape[2], apart.shape[1] - 1, seen.shape[1]
     every, few, near = np.arange(len(radius)), np.empty(len(radius), np.int64), np.empty(len(radius), np.int64)
     some, wide = np.empty(len(radius), np.int64), radius * (1.0 + spread + 4.0 / (last + 1))
+    # Leave out rays that pass by all shadows
     for n in range(len(directions)):
         d0, d1, d2 = directions[n, 0], directions[n, 1], directions[n, 2]
         met = _bodies_met(origin, directions[n], start[n, 0], end[n, count - 1], centre, wide, axes, spread, every, few)
         if met == 0:
             seen[n] = 1.0
             continue
+        # Narrow the bodies down: of the ray, of a group of segments, of the segment
         listed = 0
         for k in range(count):
             if k % _GROUP == 0:
@@ -313,6 +318,7 @@ def visible_parts(rays: Any, start: Any, end: Any, outlines: Any, maps: Any, tap
             met_here = _bodies_met(
                 origin, directions[n], start[n, k], end[n, k], centre, wide, axes, spread, of_group, near
             )
+            # Keep bodies whose outline, widened by the light's disc, is near the segment's middle
             blocked, close = 0.0, 0
             for number in range(met_here):
                 body = near[number]
@@ -331,6 +337,7 @@ def visible_parts(rays: Any, start: Any, end: Any, outlines: Any, maps: Any, tap
                 if beside <= below * spread + 0.5 * length + 2.0 * pixel:
                     near[close] = body
                     close += 1
+            # Look points of the segment up in their shadow maps, with the disc's directions in turn
             for tap in range(taps if close else 0):
                 m = tap % len(frame)
                 left = 1.0

@@ -65,6 +65,7 @@ class _Surface:
         self.coordinates: MapCoordinates | None = None
 
     def read(self) -> MappedMaterial:
+        # Follow each input to its number, map or primvar
         color, emission = self._fed("diffuseColor", 0.18, 0.18, 0.18), self._fed("emissiveColor", 0.0, 0.0, 0.0)
         opacity, normal = self._fed("opacity", 1.0), self._fed("normal", 0.0, 0.0, 1.0)
         cutoff = self._number("opacityThreshold", 0.0)
@@ -72,11 +73,13 @@ class _Surface:
         glow, emission_map = self._color(emission)
         metallic, roughness, orm = self._metallic_roughness()
         occlusion = self._fed("occlusion", 1.0)
+        # Say what is not drawn
         clear = isinstance(opacity, Sampled) or base[3] < 1.0
         if self._number("clearcoat", 0.0) > 0.0:
             self._note("has a clear coat, which is not drawn")
         if isinstance(self._fed("displacement", 0.0), Sampled) or self._number("displacement", 0.0) != 0.0:
             self._note("has a displacement, which is not drawn")
+        # Make the material of them
         normal_map, normal_scale = self._normal(normal)
         index = self._number("ior", 1.5)
         material = Material(
