@@ -226,7 +226,7 @@ def draw_receiver(
         shown, calm = (picture[rows, columns].astype(np.float64) for picture in shot.pattern.light(tile.rectangle))
         plate = shown, calm, veil
     point = shot.view.points(direction, distance)
-    free = free_of_bodies(shot, light, point, normal, Cache())
+    free = free_of_bodies(shot, light, point, normal)
     sides = pixel_footprint(shot.view, x, y, point, normal, area)
     ratio = receiver_ratio(shot, sources, free, point, normal, distance, plate, sides)
     changed = np.any(np.abs(ratio - 1.0) > 1e-4, axis=-1)

@@ -353,7 +353,7 @@ class GroundField:
         place.
         """
         if not self.patches:
-            return free_of_bodies(self.shot, self.light, point, normal, self.cache() or Cache())
+            return free_of_bodies(self.shot, self.light, point, normal, self.cache())
         place = point.reshape(-1, 3)
         free, jump = np.zeros(place.shape), np.zeros(len(place), np.bool_)
         for tree, values, share in self.patches:
@@ -361,7 +361,7 @@ class GroundField:
             free, jump = free + share * found, jump | jumps
         if np.any(jump):
             each = place[jump], normal.reshape(-1, 3)[jump]
-            free[jump] = free_of_bodies(self.shot, self.light, *each, self.cache() or Cache())
+            free[jump] = free_of_bodies(self.shot, self.light, *each, self.cache())
         return np.asarray(np.maximum(free, 0.0)).reshape(point.shape)  # parabolas between steep samples dip below
 
     def jumps(self) -> Floats:

@@ -653,17 +653,20 @@ def _solved(shot: PartOf[Shot], cache: Cache) -> AmbientLight | None:
     return None if exchange.nothing else Solver(shot.whole, exchange, cache).solve()
 
 
-def free_of_bodies(shot: Shot, light: AmbientLight | None, point: Floats, normal: Floats, cache: Cache) -> Floats:
+def free_of_bodies(
+    shot: Shot, light: AmbientLight | None, point: Floats, normal: Floats, cache: Cache | None = None
+) -> Floats:
     """Return the fraction (..., 3) of the ambient light that bodies leave at places (..., 3) of the receiver, from the
-    camera, with what they send there. cache: keeps what they block of the last few sets of places.
+    camera, with what they send there. cache: keeps what they block of the last few sets of places; nothing without.
     """
     free = np.ones((point.size // 3, 3))
     if light is None or shot.receiver is None or not shot.receiver.occlusion:
         return free.reshape(point.shape)
     places, normals = point.reshape(-1, 3) + shot.view.position, normal.reshape(-1, 3)
     for start in range(0, len(places), _PLACES_AT_ONCE):
-        part = slice(start, start + _PLACES_AT_ONCE)
-        blocked = cache.of(light.layout.occluders.blocked, places[part], normals[part], keep=_KEPT_PLACES)
+        part, blocked_at = slice(start, start + _PLACES_AT_ONCE), light.layout.occluders.blocked
+        some = places[part], normals[part]
+        blocked = blocked_at(*some) if cache is None else cache.of(blocked_at, *some, keep=_KEPT_PLACES)
         free[part] = light.free(blocked, places[part])
     return free.reshape(point.shape)
 
