@@ -86,7 +86,8 @@ def borrowing(function: F) -> F:
 
 def _kernel(function: F, **options: Any) -> F:
     _compile_for_class()
-    kernel: Any = numba.njit(nogil=True, error_model="numpy", **options)(function)
+    # Without the entry for callers in C, of whom there are none
+    kernel: Any = numba.njit(nogil=True, error_model="numpy", no_cfunc_wrapper=True, **options)(function)
     if isinstance(kernel, Dispatcher):  # not where NUMBA_DISABLE_JIT leaves it a function
         vars(kernel)["_cache"] = _Kept(kernel)
     compiled: F = kernel

@@ -9,6 +9,7 @@ compiles all kernels of a module, which share functions; modules that take longe
 
 from __future__ import annotations
 
+import gc
 import hashlib
 import importlib
 import os
@@ -149,7 +150,11 @@ def _outer_parts(text: str) -> list[str]:
 
 
 def _serve() -> None:
-    """Compile the lines of standard input."""
+    """Compile the lines of standard input.
+
+    Unused memory is not searched for: the compiler leaves little in circles, and the search takes a fifth of its time.
+    """
+    gc.disable()
     for line in sys.stdin:
         kernel, arguments = _read(line)
         kernel.compile(arguments)
