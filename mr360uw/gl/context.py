@@ -140,13 +140,14 @@ def draw_fullscreen(target: moderngl.Framebuffer, program: moderngl.Program) -> 
 
 
 def set_uniforms(program: moderngl.Program, **values: Any) -> None:
-    """Set uniforms by name (a double underscore stands for a dot); names that the compiler removed are ignored."""
-    import moderngl
-
+    """Set uniforms by name (a double underscore stands for a dot); names, and ends of lists of numbers, that the
+    compiler removed are ignored.
+    """
     for name, value in values.items():
-        uniform = program.get(name.replace("__", "."), None)
-        if isinstance(uniform, moderngl.Uniform):
-            uniform.value = tuple(np.asarray(value).ravel().tolist()) if np.ndim(value) else value
+        uniform: Any = program.get(name.replace("__", "."), None)
+        if uniform is not None:
+            values_ = np.ravel(value).tolist()
+            uniform.value = tuple(values_[: uniform.array_length * uniform.dimension]) if np.ndim(value) else value
 
 
 def float_texture(width: int, height: int, channels: int, dtype: str = "f4") -> moderngl.Texture:

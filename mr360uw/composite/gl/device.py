@@ -11,12 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.cache import PartOf, Scratch
-from mr360uw.composite.mesh.material import Material
+from mr360uw.composite.mesh.material import MAPS, Material
 from mr360uw.composite.mesh.mesh import Mesh
 from mr360uw.composite.mesh.texture import WRAPS, Texture
 from mr360uw.composite.shot import Shot
 from mr360uw.errors import MeshError
-from mr360uw.gl.context import gl_context, largest_texture, program, set_uniforms, texture_from_array
+from mr360uw.gl.context import gl_context, largest_texture, program, texture_from_array
 from mr360uw.jit import exact
 from mr360uw.types import Floats, Rectangle
 
@@ -39,11 +39,12 @@ SETS = 8
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MeshBuffers:
-    """A mesh on the device, as geometry.glsl and texture.glsl say."""
+    """A mesh on the device, as geometry.glsl and texture.glsl say. defines: of shaders, by what its materials have."""
 
     triangles: moderngl.Texture
     materials: moderngl.Texture
     store: moderngl.Texture
+    defines: dict[str, int]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -56,6 +57,7 @@ class StillBuffers:
     texels: NDArray[np.float32]
     materials: moderngl.Texture
     store: moderngl.Texture
+    defines: dict[str, int]
 
 
 Places = PartOf[NDArray[np.int64]]
@@ -81,6 +83,7 @@ def upload_still(mesh: Mesh, places: Places | None = None) -> StillBuffers:
         texels=_in_rows(np.concatenate([texels.ravel(), further.ravel()]), 4),
         materials=list_texture(materials),
         store=store,
+        defines=_defines(mesh),
     )
 
 
@@ -90,7 +93,15 @@ def upload_mesh(mesh: Mesh, places: Places | None = None, still: StillBuffers | 
     rows, count = still.texels.copy(), len(mesh.positions)
     texels = rows.reshape(-1, 4)[: TRIANGLE_TEXELS * count].reshape(-1, TRIANGLE_TEXELS, 4)
     texels[:, 0:9:3, :3], texels[:, 1:9:3, :3] = mesh.positions, mesh.normals
-    return MeshBuffers(texture_from_array(rows), still.materials, still.store)
+    return MeshBuffers(texture_from_array(rows), still.materials, still.store, still.defines)
+
+
+def _defines(mesh: Mesh) -> dict[str, int]:
+    """Return a define for every kind of map that some material of a mesh has, for its further texture coordinates, and
+    for materials smoother than diffuse.
+    """
+    kinds = {kind.upper(): 1 for kind in MAPS if any(getattr(m, kind) is not None for m in mesh.materials)}
+    return kinds | ({"MORE_UV": 1} if mesh.more_uv.shape[2] else {}) | ({"SMOOTH": 1} if mesh.glossy else {})
 
 
 def list_texture(values: NDArray[Any], channels: int = 4) -> moderngl.Texture:
@@ -174,15 +185,6 @@ def _packed(sets: Sequence[int]) -> int:
 def of_eye(shot: Shot) -> dict[str, int]:
     """Return the define of shaders whose rays start on the viewing circle (eyes.glsl); none for a single camera."""
     return {"EYE": 1} if shot.view.eye_m else {}
-
-
-def write_uniform(shader: moderngl.Program, name: str, values: NDArray[Any]) -> None:
-    """Set an array of numbers or vectors, float32 or int32; elements that the compiler removed are ignored."""
-    import moderngl
-
-    uniform = shader.get(name, None)
-    if isinstance(uniform, moderngl.Uniform):
-        uniform.write(np.ascontiguousarray(values[: uniform.array_length]).tobytes())
 
 
 BLOCK = 4
@@ -276,9 +278,10 @@ def bind(shader: moderngl.Program, textures: Mapping[str, Any]) -> None:
     """Bind the textures that a program uses, each to a unit of its own."""
     unit = 0
     for name, texture in textures.items():
-        if shader.get(name, None) is not None:  # `in` looks at one name after the other
+        sampler: Any = shader.get(name, None)
+        if sampler is not None:
             texture.use(unit)
-            set_uniforms(shader, **{name: unit})
+            sampler.value = unit
             unit += 1
 
 
