@@ -75,7 +75,7 @@ class LayerRenderer:
         on_blocks = self._receiver.light(shot, light, prepared.reach, gaps)
         parts = object_parts + ([] if on_blocks is None else rectangles_of_blocks(on_blocks.blocks, view))
         tiles = even_tiles(parts, view.width, view.height)
-        drawn = [empty_tile(part) for part in tiles]
+        drawn = list(map(empty_tile, tiles))
         if surfaces is not None:
             self._objects.draw(shot, light, surfaces, drawn, frame, ambient)
         if on_blocks is not None:

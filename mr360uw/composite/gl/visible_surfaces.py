@@ -242,9 +242,9 @@ def _joined(one: Fragments, other: Fragments) -> Fragments:
     if not len(one.triangle) or not len(other.triangle):
         return other if len(other.triangle) else one
     pairs = zip(_columns(one), _columns(other), strict=True)
-    joined = Fragments(*map(np.concatenate, pairs), gaps=join_gaps(one.gaps, other.gaps))
-    joined.first[len(one.first) :] += len(one.triangle)
-    return joined
+    row, column, first, triangle, place, area, weight = map(np.concatenate, pairs)
+    first[len(one.first) :] += len(one.triangle)
+    return Fragments(row, column, first, triangle, place, area, weight, join_gaps(one.gaps, other.gaps))
 
 
 _columns = operator.attrgetter("row", "column", "first", "triangle", "place", "area", "weight")

@@ -179,8 +179,8 @@ def lay_over_codes(
 def plane_views(native: Any, spec: ColorSpec) -> YuvImage:
     """Return the planes of a PyAV frame as arrays that share its memory and keep it alive."""
     dtype = np.dtype(np.uint8 if spec.bits <= 8 else np.uint16)
-    y, u, v = (_view(plane, dtype) for plane in native.planes)
-    return YuvImage(y, u, v, spec)
+    y, u, v = native.planes
+    return YuvImage(_view(y, dtype), _view(u, dtype), _view(v, dtype), spec)
 
 
 def _view(plane: Any, dtype: np.dtype[Any]) -> NDArray[Any]:
