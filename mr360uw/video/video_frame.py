@@ -202,10 +202,11 @@ class VideoFrame:
 
     def _over_planes(self, layer: Layer, amount: float, check: Check | None) -> VideoFrame:
         from mr360uw.video.pixels.grain import NO_GRAIN
-        from mr360uw.video.pixels.planes import copy_planes, lay_over_planes
+        from mr360uw.video.pixels.planes import lay_over_planes, native_frame, plane_views
 
         assert self.yuv is not None
-        native, planes = copy_planes(self.yuv, self.native.format.name if self.native is not None else None)
+        native = native_frame(self.yuv, self.native.format.name if self.native is not None else None)
+        planes = plane_views(native, self.yuv.spec)
         grain = self.grain if amount > 0.0 else NO_GRAIN
         top, clipped = brightest_light(self.spec), []
         for tile in layer.tiles:
@@ -216,9 +217,9 @@ class VideoFrame:
             if brightest > top:
                 image = blended(self.linear(tile.rectangle), tile) if graded is None else graded
                 clipped.append((tile.rectangle, np.asarray(image, np.float32)))
-        return replace(
-            self, yuv=_read_only(planes), native=native, clipped=tuple(clipped), plate=self.graded_by(None), grade=None
-        )
+        for plane in (planes.y, planes.u, planes.v):
+            plane.flags.writeable = False
+        return replace(self, yuv=planes, native=native, clipped=tuple(clipped), plate=self.graded_by(None), grade=None)
 
     def _over_codes(self, layer: Layer, amount: float, check: Check | None) -> VideoFrame:
         from mr360uw.video.pixels.grain import add_grain
@@ -254,12 +255,6 @@ class VideoFrame:
             return graded
         # Saturation takes no more from a channel than it has, as codes do by their range
         return np.maximum(graded, np.minimum(self.graded_by(None).linear(tile.rectangle), 0.0))
-
-
-def _read_only(image: YuvImage) -> YuvImage:
-    for plane in (image.y, image.u, image.v):
-        plane.flags.writeable = False
-    return image
 
 
 def whole_frame(frame: VideoFrame, stereo: Stereo) -> VideoFrame:

@@ -71,7 +71,7 @@ from mr360uw.composite.ambient.mesh_transfer import (
 )
 from mr360uw.composite.lighting.light_sources import sun_of, sun_up
 from mr360uw.composite.raycast import Hits
-from mr360uw.composite.receiver.shape import ReceiverShape, kept_shape
+from mr360uw.composite.receiver.shape import ReceiverShape
 from mr360uw.composite.shot import BetweenSamples, LightSample, PlacedObject, Shot
 from mr360uw.ibl.lookup import environment_lookup
 from mr360uw.jit import fast
@@ -577,7 +577,7 @@ def _ground_heights(shot: Shot, objects: Sequence[PlacedObject], cache: Cache) -
     if mesh is not None:
         scene = cache.of(RayScene, mesh)
         return [_below(scene, placed) for placed in objects]
-    shape = kept_shape(receiver, shot.view.position, cache)
+    shape = cache.of(ReceiverShape, receiver, shot.view.position)
     return [_seen(shot, shape, placed) for placed in objects]
 
 

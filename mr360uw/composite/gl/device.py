@@ -80,7 +80,7 @@ def upload_still(mesh: Mesh, places: Places | None = None) -> StillBuffers:
     store, entries = texture_store(texture for m in mesh.materials for texture in m.maps)
     materials = np.stack([_material_texels(m, entries) for m in mesh.materials])
     return StillBuffers(
-        texels=_in_rows(np.concatenate([texels.ravel(), further.ravel()]), 4),
+        texels=_in_rows((texels, further), 4, Scratch()),
         materials=list_texture(materials),
         store=store,
         defines=_defines(mesh),
@@ -104,31 +104,27 @@ def _defines(mesh: Mesh) -> dict[str, int]:
     return kinds | ({"MORE_UV": 1} if mesh.more_uv.shape[2] else {}) | ({"SMOOTH": 1} if mesh.glossy else {})
 
 
-def list_texture(values: NDArray[Any], channels: int = 4) -> moderngl.Texture:
-    """Return a texture of the values (..., channels), in order, in rows of 2048 texels."""
-    return texture_from_array(_in_rows(values, channels))
+def list_texture(*parts: NDArray[Any], channels: int = 4, scratch: Scratch | None = None) -> moderngl.Texture:
+    """Return a texture of values (..., channels), those of one array after the other, in rows of 2048 texels.
+
+    scratch: for a copy of them; None takes new memory.
+    """
+    return texture_from_array(_in_rows(parts, channels, Scratch() if scratch is None else scratch))
 
 
-def joined_texture(parts: Sequence[NDArray[np.float32]], scratch: Scratch) -> moderngl.Texture:
-    """Return `list_texture` of the values of several arrays, one after the other. scratch: for a copy of them."""
-    begin = np.cumsum([0, *(part.size for part in parts)]).tolist()
-    row = 4 * _LIST_COLUMNS
-    texels = scratch.floats("texels", max(-(-begin[-1] // row), 1), _LIST_COLUMNS, 4)
-    flat = texels.reshape(-1)
-    for part, start in zip(parts, begin[:-1], strict=True):
-        flat[start : start + part.size] = part.reshape(-1)
-    flat[begin[-1] :] = 0.0
-    return texture_from_array(texels)
-
-
-def _in_rows(values: NDArray[Any], channels: int) -> NDArray[np.float32]:
+def _in_rows(parts: Sequence[NDArray[Any]], channels: int, scratch: Scratch) -> NDArray[np.float32]:
     """Return the texels of `list_texture` (rows, 2048, channels), the last row filled up with zeros."""
-    flat = np.asarray(values).reshape(-1)
-    row = _LIST_COLUMNS * channels
-    rows = max(-(-len(flat) // row), 1)
-    padded = np.zeros(rows * row, np.float32)
-    padded[: len(flat)] = flat
-    return padded.reshape(rows, _LIST_COLUMNS, channels)
+    count = sum(map(np.size, parts))
+    texels, start = (
+        scratch.floats("texels", max(-(-count // (_LIST_COLUMNS * channels)), 1), _LIST_COLUMNS, channels),
+        0,
+    )
+    flat = texels.reshape(-1)
+    for part in parts:
+        flat[start : start + part.size] = part.reshape(-1)
+        start += part.size
+    flat[start:] = 0.0
+    return texels
 
 
 def texture_store(textures: Iterable[Texture]) -> tuple[moderngl.Texture, dict[Texture, MapEntry]]:

@@ -25,7 +25,7 @@ from mr360uw.cache import Cache, PartOf, Same, Scratch
 from mr360uw.composite.ambient.mesh_transfer import FEW_CHANNELS, UNTOUCHED, Lattice
 from mr360uw.composite.ambient.solver import AmbientLight
 from mr360uw.composite.aovs import SUMS, AovFrame
-from mr360uw.composite.gl.device import MeshBuffers, Targets, bind, joined_texture, list_texture, of_eye
+from mr360uw.composite.gl.device import MeshBuffers, Targets, bind, list_texture, of_eye
 from mr360uw.composite.gl.light_textures import ShotLight
 from mr360uw.composite.gl.light_visibility import DISC, HALF_OF_RAYS, HALO, Visibility, footprints_of
 from mr360uw.composite.gl.visible_surfaces import Fragments, Surfaces, find_surfaces
@@ -70,7 +70,6 @@ class ObjectPass:
         surfaces = self._cache.of(find_surfaces, sampled, list(shot.visible), self._cache)
         if sum(map(len, surfaces.layers)) > _KEPT:
             self._cache.drop(find_surfaces)
-            self._cache.drop(_cache_of)
         return surfaces
 
     def draw(
@@ -86,25 +85,18 @@ class ObjectPass:
 
         frame: receives output variables, or None. ambient: solved ambient light among the bodies.
         """
-        objects, layers, first = shot.visible, surfaces.layers, surfaces.first
+        objects, layers = shot.visible, surfaces.layers
         values, changed = self._body_list(shot, objects, ambient)
-        cache = self._cache.of(_cache_of, Same(surfaces))
-        bodies = joined_texture(values, self._scratch), changed
+        lit, bodies = (shot, light, surfaces), (list_texture(*values, scratch=self._scratch), changed)
         for number, fragments in enumerate(layers):
             if len(fragments) == 0:
                 continue
-            body = np.asarray(np.searchsorted(first, fragments.triangle, side="right") - 1, np.int64)
-            parts = cache.of(
-                mesh_fragments,
-                PartOf((objects, first, fragments), Same(fragments)),
-                body,
-                keep=len(layers),
-            )
+            layer = PartOf((objects, surfaces.first, fragments), Same(fragments))
+            body, parts = surfaces.cache.of(mesh_fragments, layer, keep=len(layers))
             blended = number < len(layers) - 1
-            lit = shot, light, surfaces
-            values_of = self._light_up(lit, parts, len(fragments), bodies, blended, cache, 0)
+            values_of = self._light_up(lit, parts, len(fragments), bodies, blended, 0)
             if frame is not None:
-                halves = [self._light_up(lit, parts, len(fragments), bodies, blended, cache, k) for k in (1, 2)]
+                halves = [self._light_up(lit, parts, len(fragments), bodies, blended, k) for k in (1, 2)]
                 seen = through(tiles, fragments)[fragments.pixel()] * fragments.weight * values_of[:, 3]
                 _add_variables(frame, fragments, seen, np.concatenate(halves, axis=1), body)
             add_behind(tiles, fragments, values_of)
@@ -136,18 +128,6 @@ class ObjectPass:
             texels += own.size // 4
         return values, frozenset(changed)
 
-    def _see_lights(self, lit: _Lit, part: MeshFragments, cache: Cache) -> dict[str, moderngl.Texture]:
-        """Return the textures of what fragments see of the sun and of lamps, by their names in layer.frag."""
-        shot, light, surfaces = lit
-        textures: dict[str, moderngl.Texture] = {}
-        if "SHADOW" in light.defines:
-            seen = PartOf((shot, light.visibility, surfaces), light.visibility.of_sun)
-            textures["sun_seen"] = cache.of(_see_sun, part, seen, keep=_PARTS)
-        if "LAMPS" in light.defines:
-            seen = PartOf((shot, light.visibility, surfaces), light.visibility.of_lamps)
-            textures["lamps_seen"] = cache.of(_see_lamps, part, seen, keep=_PARTS)
-        return textures
-
     def _light_up(
         self,
         lit: _Lit,
@@ -155,13 +135,20 @@ class ObjectPass:
         count: int,
         bodies: Bodies,
         blended: bool,
-        cache: Cache,
         outputs: int,
     ) -> Floats:
         """Return the outputs (count, channels) of layer.frag for `count` fragments. outputs: see `_CHANNELS`."""
-        values = np.empty((count, sum(_CHANNELS[outputs])), np.float32)
+        (shot, light, surfaces), values = lit, np.empty((count, sum(_CHANNELS[outputs])), np.float32)
         for part in parts:
-            textures = {"fragments": cache.of(_entries, part, keep=_PARTS), **self._see_lights(lit, part, cache)}
+            textures = {"fragments": surfaces.cache.of(_entries, part, keep=_PARTS)}
+            # What they see of the sun and of lamps
+            whole, visibility = (shot, light.visibility, surfaces), light.visibility
+            if "SHADOW" in light.defines:
+                seen = PartOf(whole, visibility.of_sun)
+                textures["sun_seen"] = surfaces.cache.of(_see_sun, part, seen, keep=_PARTS)
+            if "LAMPS" in light.defines:
+                seen = PartOf(whole, visibility.of_lamps)
+                textures["lamps_seen"] = surfaces.cache.of(_see_lamps, part, seen, keep=_PARTS)
             values[part.chosen] = self._shade(lit, part, bodies, outputs, textures, blended=blended)
         return values
 
@@ -205,11 +192,6 @@ class ObjectPass:
         return self._targets.items(shader, f"layer {outputs}", count, _CHANNELS[outputs])
 
 
-def _cache_of(_: Same) -> Cache:
-    """Return the cache of what is made of a list of fragments, and goes with it."""
-    return Cache()
-
-
 def _entries(part: MeshFragments) -> moderngl.Texture:
     """Return the texture of triangles, places and bodies of fragments."""
     return list_texture(part.listed[:, :4])
@@ -230,7 +212,7 @@ def _see_sun(part: MeshFragments, seen: _Seen) -> moderngl.Texture:
     fractions = np.ones((len(groups.of), 2), np.float32)
     there = groups.of >= 0
     fractions[there] = of_groups[groups.of[there]]
-    return list_texture(fractions, 2)
+    return list_texture(fractions, channels=2)
 
 
 def _ask(
@@ -246,7 +228,7 @@ def _see_lamps(part: MeshFragments, seen: _Seen) -> moderngl.Texture:
     shot, visibility, surfaces = seen.whole
     surface = fragment_planes(shot, part, surfaces.facets, np.zeros(3))
     lamps = range(HALO + 1, len(visibility.lights))
-    return list_texture(visibility.seen(_footprints(shot, visibility, part.listed, surface[:, :4]), lamps), 1)
+    return list_texture(visibility.seen(_footprints(shot, visibility, part.listed, surface[:, :4]), lamps), channels=1)
 
 
 def _footprints(shot: Shot, visibility: Visibility, listed: Floats, surface: Floats) -> Floats:
@@ -345,9 +327,10 @@ class MeshFragments:
     weight: Floats
 
 
-def mesh_fragments(layer: PartOf[LayerOf], body: NDArray[np.int64]) -> list[MeshFragments]:
-    """Return the fragments of a layer by mesh. body: (n,) of each."""
+def mesh_fragments(layer: PartOf[LayerOf]) -> tuple[NDArray[np.int64], list[MeshFragments]]:
+    """Return the body (n,) of each fragment of a layer, and the fragments by mesh."""
     objects, first, fragments = layer.whole
+    body = np.searchsorted(first, fragments.triangle, side="right") - 1
     pixel = fragments.pixel()
     listed = np.empty((len(fragments), 9), np.float32)
     listed[:, 0] = fragments.triangle - first[body]
@@ -362,7 +345,7 @@ def mesh_fragments(layer: PartOf[LayerOf], body: NDArray[np.int64]) -> list[Mesh
             part = chosen[start : start + _AT_ONCE]
             numbers = fragments.triangle[part]
             parts.append(MeshFragments(mesh, part, listed[part], numbers, pixel[part], fragments.weight[part]))
-    return parts
+    return body, parts
 
 
 _APART = 0.4

@@ -252,14 +252,16 @@ class ReceiverPass:
         """Return the images of `_samples` that receiver.frag draws. footprints: of all."""
         (shot, light), count = lit, len(origin) * side * side
         assert shot.receiver is not None
-        textures = {"blocks": list_texture(origin, 2)} | ({} if shape is None else {"shape": list_texture(shape)})
+        textures = {"blocks": list_texture(origin, channels=2)} | (
+            {} if shape is None else {"shape": list_texture(shape)}
+        )
         defines = (wanted - {"LAMPS", "SHADOW"}) | (frozenset(light.defines) & {"SUN", "MEDIUM", "HALO", "SOFT"})
         defines |= {"PLANE"} if shape is None else set()
         numbers = {}
         if "LAMPS" in wanted:
             lamps = range(HALO + 1, len(light.visibility.lights))
             numbers["LAMPS"] = len(lamps)
-            textures["lamps_seen"] = list_texture(light.visibility.seen(footprints, lamps), 1)
+            textures["lamps_seen"] = list_texture(light.visibility.seen(footprints, lamps), channels=1)
         shader = self._targets.program("receiver", {**dict.fromkeys(defines, 1), **numbers, **of_eye(shot)})
         bind(shader, textures | light.textures)
         extent = shot.receiver.extent_m

@@ -13,7 +13,7 @@ from __future__ import annotations
 import functools
 import operator
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -93,12 +93,14 @@ class Surfaces:
     """The visible surfaces of objects.
 
     layers: of fragments, nearest first, opaque ones last. first: number of each object's first triangle. facets: (T,
-    10) of the triangles by number, three vectors as the module says, and the side that is shown.
+    10) of the triangles by number, three vectors as the module says, and the side that is shown. cache: of what is made
+    of them, and goes with them.
     """
 
     layers: list[Fragments]
     first: NDArray[np.int64]
     facets: NDArray[np.float32]
+    cache: Cache = field(default_factory=Cache)
 
 
 def find_surfaces(sampled: PartOf[Shot], objects: list[PlacedObject], cache: Cache) -> Surfaces:

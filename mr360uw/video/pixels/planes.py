@@ -212,9 +212,3 @@ def has_stereo_mark(native: Any) -> bool:
     x264 takes a new arrangement for a change of settings in mid-stream, after which "lossless" loses a few codes.
     """
     return native.side_data.get(Type.STEREO3D) is not None
-
-
-def copy_planes(image: YuvImage, name: str | None = None) -> tuple[Any, YuvImage]:
-    """Return a new PyAV frame with a copy of the planes (see `native_frame`), and writable views of it."""
-    native = native_frame(image, name)
-    return native, plane_views(native, image.spec)
