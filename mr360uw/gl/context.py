@@ -150,21 +150,14 @@ def set_uniforms(program: moderngl.Program, **values: Any) -> None:
             uniform.value = tuple(values_[: uniform.array_length * uniform.dimension]) if np.ndim(value) else value
 
 
-def float_texture(width: int, height: int, channels: int, dtype: str = "f4") -> moderngl.Texture:
-    """Return a texture of any contents, unfiltered."""
-    import moderngl
-
-    texture = gl_context().texture((width, height), channels, dtype=dtype)
-    texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
-    return texture
-
-
 def texture_from_array(array: ArrayLike, dtype: str = "f4") -> moderngl.Texture:
     """Return an unfiltered texture of an image (H, W), (H, W, C); row 0 is texel row 0."""
+    import moderngl
+
     image = np.ascontiguousarray(array, dtype={"f4": np.float32, "f2": np.float16, "f1": np.uint8}[dtype])
     (height, width), channels = image.shape[:2], image.shape[2] if image.ndim == 3 else 1
-    texture = float_texture(width, height, channels, dtype)
-    texture.write(image, alignment=1)
+    texture = gl_context().texture((width, height), channels, image, alignment=1, dtype=dtype)
+    texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
     return texture
 
 
@@ -184,13 +177,6 @@ def texture_array_from_array(array: ArrayLike) -> moderngl.TextureArray:
     texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
     texture.write(images, alignment=1)
     return texture
-
-
-def read_framebuffer(target: moderngl.Framebuffer, channels: int) -> np.ndarray:
-    """Return the first float attachment as (H, W, channels) float32, row 0 = the row drawn at gl_FragCoord.y = .5."""
-    width, height = target.size
-    data = target.read(components=channels, dtype="f4", alignment=1)
-    return np.frombuffer(data, np.float32).reshape(height, width, channels)
 
 
 VERSION = "#version 330 core"

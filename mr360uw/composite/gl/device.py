@@ -18,7 +18,7 @@ from mr360uw.composite.shot import Shot
 from mr360uw.errors import MeshError
 from mr360uw.gl.context import gl_context, largest_texture, program, texture_from_array
 from mr360uw.jit import exact
-from mr360uw.types import Floats, Rectangle
+from mr360uw.types import Floats
 
 if TYPE_CHECKING:
     import moderngl
@@ -204,70 +204,32 @@ class Targets:
             self._programs[key] = program(fragment=f"composite/gl/shaders/{name}.frag", defines=defines)
         return self._programs[key]
 
-    def target(
-        self, name: str, width: int, height: int, channels: tuple[int, ...], types: tuple[str, ...] = ()
-    ) -> moderngl.Framebuffer:
-        """Return a kept target of at least width x height pixels, one texture for each number of channels.
-
-        A target that has to grow is made anew, and its contents are lost. types: of the textures' numbers; floats
-        where none are given.
-        """
-        target = self._targets.get((name, channels))
-        if target is None or target.width < width or target.height < height:
-            w, h = width, height
-            if target is not None:
-                w, h = max(w, target.width), max(h, target.height)
-            of = zip(channels, types or ("f4",) * len(channels), strict=True)
-            target = gl_context().framebuffer([gl_context().texture((w, h), c, dtype=kind) for c, kind in of])
-            self._targets[name, channels] = target
-        return target
-
-    def fill(self, target: moderngl.Framebuffer, shader: moderngl.Program, part: Rectangle) -> None:
-        """Run a full-screen program on a part of a target; discarded pixels keep their values."""
-        if shader not in self._triangles:
-            self._triangles[shader] = gl_context().vertex_array(shader, [])
-        target.use()
-        target.viewport = part
-        gl_context().disable(gl_context().DEPTH_TEST | gl_context().BLEND)
-        self._triangles[shader].render(vertices=3)
-
-    def draw(
-        self, shader: moderngl.Program, name: str, width: int, height: int, channels: tuple[int, ...]
-    ) -> list[NDArray[np.float32]]:
-        """Run a full-screen program on width x height pixels of a kept target; discarded pixels are zero.
-
-        Returns the image (height, width, c) of each of its textures.
-        """
-        target = self.target(name, width, height, channels)
-        part = Rectangle(0, 0, width, height)
-        target.use()
-        target.clear(viewport=part)
-        target.scissor = part
-        self.fill(target, shader, part)
-        target.scissor = None  # type: ignore[assignment]
-        return [self.read(target, part, k) for k in range(len(channels))]
-
     def items(self, shader: moderngl.Program, name: str, count: int, channels: tuple[int, ...]) -> NDArray[np.float32]:
         """Run a full-screen program on `count` numbered items, as layer.frag numbers the texels of a kept target.
 
-        Returns the values (count, k) of all its textures, side by side.
+        Returns the values (count, k) of all its textures, one for each number of channels, side by side.
         """
-        part = Rectangle(0, 0, _LANE_COLUMNS, BLOCK * -(-count // (BLOCK * _LANE_COLUMNS)))
-        target = self.target(name, part.width, part.height, channels)
-        self.fill(target, shader, part)
-        values = np.empty((count, sum(channels)), np.float32)
-        for k, first in enumerate(np.cumsum([0, *channels[:-1]])):
-            write_lanes(self.read(target, part, k), int(first), values)
+        context, part = gl_context(), (_LANE_COLUMNS, BLOCK * -(-count // (BLOCK * _LANE_COLUMNS)))
+        # Take the kept target, or a larger one
+        target = self._targets.get((name, channels))
+        if target is None or target.height < part[1]:
+            target = context.framebuffer([context.texture(part, c, dtype="f4") for c in channels])
+            self._targets[name, channels] = target
+        # Draw its part that holds the items
+        if shader not in self._triangles:
+            self._triangles[shader] = context.vertex_array(shader, [])
+        target.use()
+        target.viewport = 0, 0, *part
+        context.disable(context.DEPTH_TEST | context.BLEND)
+        self._triangles[shader].render(vertices=3)
+        # Read it back, which waits until it is drawn
+        values, first = np.empty((count, sum(channels)), np.float32), 0
+        for k, c in enumerate(channels):
+            image = np.empty((*part[::-1], c), np.float32)
+            target.read_into(image, target.viewport, c, attachment=k, dtype="f4", alignment=1)
+            write_lanes(image, first, values)
+            first += c
         return values
-
-    @staticmethod
-    def read(target: moderngl.Framebuffer, part: Rectangle, attachment: int = 0) -> NDArray[np.float32]:
-        """Return a part of a texture of a target (h, w, c); wait until it is drawn."""
-        textures: Sequence[Any] = target.color_attachments
-        channels = textures[attachment].components
-        image = np.empty((part.height, part.width, channels), np.float32)
-        target.read_into(image, part, channels, attachment=attachment, dtype="f4", alignment=1)
-        return image
 
 
 def bind(shader: moderngl.Program, textures: Mapping[str, Any]) -> None:
