@@ -46,12 +46,6 @@ class LayerRenderer:
         """Return the layer of a shot, as `reference.render_layer` does."""
         return self.layer(shot)[0]
 
-    def render_aovs(self, shot: Shot) -> tuple[Layer, Aovs]:
-        """Return the layer of a shot and its output variables, as `reference.render_aovs` does."""
-        layer, variables = self.layer(shot, variables=True)
-        assert variables is not None
-        return layer, variables
-
     def layer(
         self, shot: Shot, prepared: Prepared | None = None, *, variables: bool = False
     ) -> tuple[Layer, Aovs | None]:
