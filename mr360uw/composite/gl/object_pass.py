@@ -85,6 +85,7 @@ class ObjectPass:
 
         frame: receives output variables, or None. ambient: solved ambient light among the bodies.
         """
+        # List the bodies on the device, then shade layer by layer, the nearest first
         objects, layers = shot.visible, surfaces.layers
         values, changed = self._body_list(shot, objects, ambient)
         lit, bodies = (shot, light, surfaces), (list_texture(*values, scratch=self._scratch), changed)
@@ -95,6 +96,7 @@ class ObjectPass:
             body, parts = surfaces.cache.of(mesh_fragments, layer, keep=len(layers))
             blended = number < len(layers) - 1
             values_of = self._light_up(lit, parts, len(fragments), bodies, blended, 0)
+            # The output variables count by what shows through the layers before
             if frame is not None:
                 halves = [self._light_up(lit, parts, len(fragments), bodies, blended, k) for k in (1, 2)]
                 seen = through(tiles, fragments)[fragments.pixel()] * fragments.weight * values_of[:, 3]
