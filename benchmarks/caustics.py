@@ -34,7 +34,7 @@ from mr360uw.caustics import (
 from mr360uw.caustics.irradiance import cell_flux, lit_corners, refracted_rays
 from mr360uw.caustics.settings import PlaneLadder, grid_of
 from mr360uw.caustics.summed_stack import summed_stack
-from mr360uw.composite.gl.caustic_atlas import upload
+from mr360uw.composite.gl.light_textures import upload_stack
 from mr360uw.constants import REFRACTIVE_INDEX_SEA
 from mr360uw.errors import Mr360uwError
 from mr360uw.gl.context import draw_fullscreen, gl_context, gl_device, program_from_text, set_uniforms
@@ -214,7 +214,7 @@ def lookup() -> None:
     for colours, planes in itertools.product((1, 3), (1, 2, 4, 8)):
         ratio = np.broadcast_to(rng.uniform(0.5, 2.0, (planes, 256, 256, colours)), (planes, 256, 256, 3))
         light = CausticStack(ratio, stack_depths(2.0, 8.0, planes), 8.0, np.array([0.2, 0.93, -0.3]))
-        stack = upload(light)
+        stack = upload_stack(light)
         times = {}
         for reads, shader in shaders.items():
             for unit, (name, texture) in enumerate({"ratio": stack.ratio, "plane_depth": stack.plane_depth}.items()):

@@ -295,6 +295,14 @@ def in_plate_primaries(linear: NDArray[np.floating], spec: ColorSpec) -> NDArray
     return np.asarray(linear @ np.linalg.inv(rec709_from_plate(spec.gamut)).T, linear.dtype)
 
 
+@functools.lru_cache(maxsize=16)
+def brightest_light(spec: ColorSpec) -> float:
+    """Return the linear light of the brightest code that is written."""
+    if spec.mapping is not None:
+        return float(in_rec709(np.ones(3), spec).max())
+    return float(decode_signal(np.ones(()), spec))
+
+
 LEAST_CHANGE = 0.001
 """Relative change of light that no picture shows, whatever its codes: half a code of 10 bits at white."""
 _SIGNALS = np.linspace(0.05, 1.0, 96)

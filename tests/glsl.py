@@ -11,7 +11,6 @@ from mr360uw.gl.context import (
     draw_fullscreen,
     gl_context,
     program_from_text,
-    read_framebuffer,
     set_uniforms,
     texture_from_array,
 )
@@ -59,5 +58,6 @@ def glsl_call(
     context = gl_context()
     target = context.framebuffer([context.texture((_WIDTH, height), 4, dtype="f4")])
     draw_fullscreen(target, shader)
-    data = read_framebuffer(target, 4).reshape(-1, 4)[:count, :result]
+    texels = np.frombuffer(target.read(components=4, dtype="f4", alignment=1), np.float32)
+    data = texels.reshape(-1, 4)[:count, :result]
     return data[:, 0] if result == 1 else data

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.composite.shot import Shot
+from mr360uw.composite.tiles import even_tiles
 from mr360uw.errors import ParameterError
 from mr360uw.shapes import checked
 from mr360uw.tile_blend import blended
@@ -130,7 +131,7 @@ def mean_layer(layers: Sequence[Layer]) -> Layer:
         return layers[0]
     height, width = layers[0].height, layers[0].width
     tiles = []
-    for rectangle in merge([t.rectangle for layer in layers for t in layer.tiles]):
+    for rectangle in even_tiles([t.rectangle for layer in layers for t in layer.tiles], width, height):
         stack = [tile_of(layer, rectangle) for layer in layers]
         changed = np.stack([np.any(t.ratio != 1.0, axis=-1) for t in stack])[..., None]
         veil = np.stack([t.veil for t in stack])
@@ -148,21 +149,6 @@ def mean_layer(layers: Sequence[Layer]) -> Layer:
             )
         )
     return Layer(height, width, tuple(tiles))
-
-
-def merge(rectangles: Sequence[Rectangle]) -> list[Rectangle]:
-    """Return disjoint rectangles that cover the given ones; overlaps become one."""
-    boxes = [(c, r, c + w, r + h) for c, r, w, h in rectangles if w > 0 and h > 0]
-    merged: list[tuple[int, int, int, int]] = []
-    while boxes:
-        box = boxes.pop()
-        hit = next((m for m in merged if m[0] < box[2] and box[0] < m[2] and m[1] < box[3] and box[1] < m[3]), None)
-        if hit is None:
-            merged.append(box)
-        else:
-            merged.remove(hit)
-            boxes.append((min(box[0], hit[0]), min(box[1], hit[1]), max(box[2], hit[2]), max(box[3], hit[3])))
-    return [Rectangle(c0, r0, c1 - c0, r1 - r0) for c0, r0, c1, r1 in sorted(merged)]
 
 
 def tile_of(layer: Layer, part: Rectangle) -> Tile:

@@ -25,7 +25,7 @@ from mr360uw.composite.mesh.material import Material
 from mr360uw.composite.mesh.mesh import Mesh
 from mr360uw.composite.mesh.texture import Texture, texture_lookup
 from mr360uw.composite.shot import PlacedObject, Shot
-from mr360uw.composite.tiles import seen_rectangles
+from mr360uw.composite.tiles import nearest_m, rectangles_of_bodies, seen_rectangle
 from mr360uw.constants import LONGEST_FOOTPRINT
 from mr360uw.rays import RayScene, barycentric
 from mr360uw.types import Floats, Rectangle, View
@@ -101,11 +101,16 @@ def occluding(objects: Sequence[PlacedObject], camera_position: Floats) -> Float
 
 def object_rectangles(view: View, objects: Sequence[PlacedObject]) -> list[Rectangle]:
     """Return the frame's rectangle of every visible object, not yet split at the seam; all of it for no panorama."""
-    bodies = [placed for placed in objects if placed.visible]
+    size = view.width, view.height
     if view.projection != "equirectangular":
-        return [Rectangle(0, 0, view.width, view.height)]
-    seen = [(body.to_world(body.mesh.hull) - view.position) @ view.world_from_camera for body in bodies]
-    return [r for r in seen_rectangles(seen, view) if r[3] > 0]
+        return [Rectangle(0, 0, *size)]
+    hulls = [placed.to_world(placed.mesh.hull) for placed in objects if placed.visible]
+    seen, found = [(hull - view.position) @ view.world_from_camera for hull in hulls], []
+    for body, whole in zip(seen, rectangles_of_bodies(seen, *size), strict=True):
+        rectangle = seen_rectangle(whole, nearest_m(body), view.eye_m, *size) if view.eye_m else whole
+        if rectangle.height > 0:
+            found.append(rectangle)
+    return found
 
 
 @dataclass(frozen=True, slots=True, eq=False)

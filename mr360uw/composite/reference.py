@@ -185,7 +185,7 @@ def draw_objects(
                 alpha[p] += share
                 np.minimum.at(distance, p, hits.distance_m)
         tile.radiance[j, i], tile.alpha[j, i], tile.distance_m[j, i] = radiance, alpha, distance
-    return join_gaps(gaps)
+    return join_gaps(*gaps)
 
 
 # --- receivers -----------------------------------------------------------------------------------------------------

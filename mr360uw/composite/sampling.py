@@ -13,7 +13,7 @@ different rows: edges of every direction get n levels of coverage. Where n is od
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+import operator
 from dataclasses import dataclass
 from typing import Any
 
@@ -144,10 +144,12 @@ def find_gaps(samples: Pattern, row: NDArray[np.int64], column: NDArray[np.int64
     return Gaps(row, column, np.stack([column, row], axis=-1) + samples.positions[nearest], area)
 
 
-def join_gaps(parts: Sequence[Gaps]) -> Gaps:
+def join_gaps(*parts: Gaps) -> Gaps:
     """Return the gaps of several sets of pixels as one."""
-    names = ("row", "column", "place", "area")
-    return Gaps(*(np.concatenate([getattr(part, name) for part in [NO_GAPS, *parts]]) for name in names))
+    return Gaps(*map(np.concatenate, zip(*map(_columns, (NO_GAPS, *parts)), strict=True)))
+
+
+_columns = operator.attrgetter("row", "column", "place", "area")
 
 
 def filter_width(samples: int, shading: str) -> float:

@@ -30,7 +30,7 @@ from numpy.typing import ArrayLike, NDArray
 from mr360uw.cache import Cache, PartOf, Parts, by_content
 from mr360uw.color import encode
 from mr360uw.composite.aovs import Aovs
-from mr360uw.composite.lighting.light_sources import spread_rad, sun_in, sun_of, sun_up
+from mr360uw.composite.lighting.light_sources import spread_rad, sun_of, sun_up
 from mr360uw.composite.lighting.shading import veil_ahead
 from mr360uw.composite.lighting.shadow import casting_bodies
 from mr360uw.composite.over import tile_of
@@ -284,7 +284,7 @@ def shaft_pixels(shot: Shot, scene: ShaftScene, range_m: float, least_codes: flo
     # between two light samples veil and sun are those of the first, whose mask holds for all frames up to the next
     table, sun = shot.medium, sun_of(shot)
     if shot.between is not None:
-        table, sun = shot.between.before.medium, sun_in(shot.between.before.lights)
+        table, sun = shot.between.before.medium, sun_of(shot.between.before)
     parts = tuple(part.per_unit for part in scene.parts)
     of_sun = np.zeros(3) if sun is None else _stepped(sun.irradiance)
     light = tuple(np.ones(3) if part.pattern is None else of_sun for part in parts)

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.sphere import frame_from_direction
-from mr360uw.types import Floats, Rectangle, View
+from mr360uw.types import Floats, Rectangle
 
 _TILE_COST_PX = 4096
 """Fixed cost of one tile, in pixels that take as long. Twice as large: fewer tiles, with more untouched pixels."""
@@ -27,7 +27,7 @@ def rectangles_of_bodies(bodies: Sequence[Floats], width: int, height: int, marg
     """Return the rectangle of each body's triangles (T, 3, 3) seen from the origin, `margin` pixels wider."""
     if not bodies:
         return []
-    begin = np.cumsum([0, *(len(body) for body in bodies)])[:-1]
+    begin = np.cumsum([0, *map(len, bodies)])[:-1]
     corners, begin, in_front = _outermost(np.concatenate(bodies), begin)
     latitudes, over_pole = _latitudes(corners)
     north = np.maximum.reduceat(latitudes.max(axis=1), begin)
@@ -140,11 +140,14 @@ def even_tiles(rectangles: list[Rectangle], width: int, height: int) -> list[Rec
 
     Origins and sizes are even where the frame's size allows, so that no chroma sample of 4:2:0 video belongs to two.
     """
-    parts = np.array([part for r in rectangles for part in split(r, width)], np.int64).reshape(-1, 4)
+    whole: list[Rectangle] = []
+    for rectangle in rectangles:
+        whole += split(rectangle, width)
+    parts = np.array(whole, np.int64).reshape(-1, 4)
     start = parts[:, :2] // 2 * 2
     end = np.minimum((parts[:, :2] + parts[:, 2:] + 1) // 2 * 2, (width, height))
     # cells between all their edges, far fewer than pixels
-    columns, rows = (np.unique([start[:, axis], end[:, axis]]) for axis in (0, 1))
+    columns, rows = np.unique([start[:, 0], end[:, 0]]), np.unique([start[:, 1], end[:, 1]])
     left, right = np.searchsorted(columns, start[:, 0]), np.searchsorted(columns, end[:, 0])
     top, bottom = np.searchsorted(rows, start[:, 1]), np.searchsorted(rows, end[:, 1])
     cells = np.zeros((max(len(rows) - 1, 0), max(len(columns) - 1, 0)), bool)
@@ -176,23 +179,21 @@ def _outermost(corners: Floats, begin: NDArray[np.int64]) -> tuple[Floats, NDArr
     place = np.ascontiguousarray(corners.T)  # (3 axes, 3 corners, T)
     x, y, z = place
 
-    def of_body(values: Floats) -> Floats:
-        return np.repeat(values, count)
-
-    middle_x, middle_z = of_body(np.add.reduceat(x.sum(axis=0), begin)), of_body(np.add.reduceat(z.sum(axis=0), begin))
+    body = np.repeat(np.arange(len(begin)), count)  # of each triangle
+    middle_x, middle_z = np.add.reduceat(x.sum(axis=0), begin)[body], np.add.reduceat(z.sum(axis=0), begin)[body]
     ahead = x * middle_x + z * middle_z
     nearest = np.minimum.reduceat(ahead.min(axis=0), begin)
-    in_front = of_body(nearest) > 0.0
+    in_front = nearest[body] > 0.0
     beside = (x * middle_z - z * middle_x) / np.where(in_front, ahead, 1.0)
     sine = y / np.sqrt(np.maximum(x * x + y * y + z * z, 1e-60))
     extent = place.max(axis=1) - place.min(axis=1)
-    distance = of_body(np.maximum(nearest, 1e-30)) ** 2 / np.maximum(middle_x**2 + middle_z**2, 1e-60)
+    distance = np.maximum(nearest, 1e-30)[body] ** 2 / np.maximum(middle_x**2 + middle_z**2, 1e-60)
     rise = 0.25 * np.sum(extent * extent, axis=0) / distance
     kept = ~in_front
     for values, slack in ((sine, rise), (beside, 0.0)):
         low, high = values.min(axis=0), values.max(axis=0)
-        kept |= low - slack <= of_body(np.minimum.reduceat(low, begin))
-        kept |= high + slack >= of_body(np.maximum.reduceat(high, begin))
+        kept |= low - slack <= np.minimum.reduceat(low, begin)[body]
+        kept |= high + slack >= np.maximum.reduceat(high, begin)[body]
     return corners[kept], np.cumsum(np.append(0, np.add.reduceat(kept, begin)))[:-1], nearest > 0.0
 
 
@@ -252,15 +253,6 @@ def seen_rectangle(rectangle: Rectangle, nearest_m: float, eye_m: float, width: 
     top, bottom = max(row - over, 0), min(row + rows + over, height)
     columns = min(columns + beside, width)
     return Rectangle((column - (beside if eye_m > 0.0 else 0)) % width, top, columns, bottom - top)
-
-
-def seen_rectangles(bodies: Sequence[Floats], view: View) -> list[Rectangle]:
-    """Return the rectangle of each body's triangles (T, 3, 3) [m] from the middle, in the camera's axes, in a view."""
-    whole = rectangles_of_bodies(bodies, view.width, view.height)
-    if not view.eye_m:
-        return whole
-    size = view.width, view.height
-    return [seen_rectangle(r, nearest_m(body), view.eye_m, *size) for r, body in zip(whole, bodies, strict=True)]
 
 
 def nearest_m(triangles: Floats) -> float:

@@ -140,30 +140,24 @@ def draw_fullscreen(target: moderngl.Framebuffer, program: moderngl.Program) -> 
 
 
 def set_uniforms(program: moderngl.Program, **values: Any) -> None:
-    """Set uniforms by name (a double underscore stands for a dot); names that the compiler removed are ignored."""
-    import moderngl
-
+    """Set uniforms by name (a double underscore stands for a dot); names, and ends of lists of numbers, that the
+    compiler removed are ignored.
+    """
     for name, value in values.items():
-        uniform = program.get(name.replace("__", "."), None)
-        if isinstance(uniform, moderngl.Uniform):
-            uniform.value = tuple(np.asarray(value).ravel().tolist()) if np.ndim(value) else value
-
-
-def float_texture(width: int, height: int, channels: int, dtype: str = "f4") -> moderngl.Texture:
-    """Return a texture of any contents, unfiltered."""
-    import moderngl
-
-    texture = gl_context().texture((width, height), channels, dtype=dtype)
-    texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
-    return texture
+        uniform: Any = program.get(name.replace("__", "."), None)
+        if uniform is not None:
+            values_ = np.ravel(value).tolist()
+            uniform.value = tuple(values_[: uniform.array_length * uniform.dimension]) if np.ndim(value) else value
 
 
 def texture_from_array(array: ArrayLike, dtype: str = "f4") -> moderngl.Texture:
     """Return an unfiltered texture of an image (H, W), (H, W, C); row 0 is texel row 0."""
+    import moderngl
+
     image = np.ascontiguousarray(array, dtype={"f4": np.float32, "f2": np.float16, "f1": np.uint8}[dtype])
     (height, width), channels = image.shape[:2], image.shape[2] if image.ndim == 3 else 1
-    texture = float_texture(width, height, channels, dtype)
-    texture.write(image, alignment=1)
+    texture = gl_context().texture((width, height), channels, image, alignment=1, dtype=dtype)
+    texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
     return texture
 
 
@@ -183,13 +177,6 @@ def texture_array_from_array(array: ArrayLike) -> moderngl.TextureArray:
     texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
     texture.write(images, alignment=1)
     return texture
-
-
-def read_framebuffer(target: moderngl.Framebuffer, channels: int) -> np.ndarray:
-    """Return the first float attachment as (H, W, channels) float32, row 0 = the row drawn at gl_FragCoord.y = .5."""
-    width, height = target.size
-    data = target.read(components=channels, dtype="f4", alignment=1)
-    return np.frombuffer(data, np.float32).reshape(height, width, channels)
 
 
 VERSION = "#version 330 core"

@@ -13,7 +13,8 @@ eye alone.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields, is_dataclass, replace
+from collections.abc import Iterable
+from dataclasses import Field, dataclass, field, fields, is_dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -222,7 +223,7 @@ def blend_frame(loaded: Loaded, analysis: ClipAnalysis, drawn: DrawnFrame, cache
     for eye, instants in zip(measured.eyes, drawn.by_eye, strict=True):
         layer = mean_layer([layer for _, layer, _ in instants]) if instants else Layer(loaded.height, loaded.width, ())
         look = asked_grade(measured.now, analysis.grade, measured.filed, layer, cache)  # of the left eye for both
-        layer = cache.of(with_grade, layer, look, eye.plate)
+        layer = cache.of(with_grade, layer, look, eye.plate) if look.reach_px > 0 else layer
         picture = cache.of(lay_over, eye.plate, layer, measured.now.scene.draw.grain)
         shot, _, variables = instants[-1] if instants else (None, None, None)
         caustics = None if shot is None else shot.caustics
@@ -426,10 +427,9 @@ def not_finite(result: object, name: str = "it") -> str:
         if np.isfinite(total) or np.all(np.isfinite(result)):
             return ""
         return f"{np.sum(~np.isfinite(result))} of {result.size} in {name}"
-    parts = [(name, part) for part in result] if isinstance(result, tuple) else []
-    if is_dataclass(result):
-        parts = [(one.name, getattr(result, one.name)) for one in fields(result)]
-    for of, part in parts:
+    inside: Iterable[Any] = fields(result) if is_dataclass(result) else result if isinstance(result, tuple) else ()
+    for one in inside:
+        of, part = (one.name, getattr(result, one.name)) if isinstance(one, Field) else (name, one)
         if (isinstance(part, np.ndarray | tuple) or is_dataclass(part)) and (found := not_finite(part, of)):
             return found
     return ""

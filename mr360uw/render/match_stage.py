@@ -150,9 +150,7 @@ def clip_colour(loaded: Loaded, grade: PlateGrade | None) -> ColourGrade | None:
 
 
 def with_grade(layer: Layer, grade: PlateGrade, plate: VideoFrame) -> Layer:
-    """Return a frame's layer whose bodies have a look; the layer itself where the look changes nothing."""
-    if grade.reach_px == 0:
-        return layer
+    """Return a frame's layer whose bodies have a look."""
     from mr360uw.composite.grading.softness import matched_layer
 
     return matched_layer(layer, grade, plate.linear)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.color import ColorSpec, decode_signal, in_plate_primaries, in_rec709
+from mr360uw.color import ColorSpec, brightest_light, in_plate_primaries, in_rec709
 from mr360uw.errors import VideoError
 from mr360uw.tile_blend import blended, changed_pixels, light_sum
 from mr360uw.types import Floats, Layer, Rectangle, Tile, YuvImage
@@ -126,15 +126,8 @@ class VideoFrame:
         for rectangle, linear in self.clipped:
             column, row, width, height = rectangle
             part = image[row : row + height, column : column + width]
-            np.copyto(part, linear, where=np.any(linear > self._brightest, axis=-1, keepdims=True))
+            np.copyto(part, linear, where=np.any(linear > brightest_light(self.spec), axis=-1, keepdims=True))
         return image
-
-    @property
-    def _brightest(self) -> float:
-        """Linear light of the brightest code that is written."""
-        if self.spec.mapping is not None:
-            return float(in_rec709(np.ones(3), self.spec).max())
-        return float(decode_signal(np.ones(()), self.spec))
 
     def linear(self, rectangle: Rectangle) -> NDArray[np.float32]:
         """Return a part of the picture as linear Rec.709, (h, w, 3) float32, not clipped."""
@@ -209,12 +202,13 @@ class VideoFrame:
 
     def _over_planes(self, layer: Layer, amount: float, check: Check | None) -> VideoFrame:
         from mr360uw.video.pixels.grain import NO_GRAIN
-        from mr360uw.video.pixels.planes import copy_planes, lay_over_planes
+        from mr360uw.video.pixels.planes import lay_over_planes, native_frame, plane_views
 
         assert self.yuv is not None
-        native, planes = copy_planes(self.yuv, self.native.format.name if self.native is not None else None)
+        native = native_frame(self.yuv, self.native.format.name if self.native is not None else None)
+        planes = plane_views(native, self.yuv.spec)
         grain = self.grain if amount > 0.0 else NO_GRAIN
-        top, clipped = self._brightest, []
+        top, clipped = brightest_light(self.spec), []
         for tile in layer.tiles:
             graded = None if self.grade is None else self._graded(blended(self.linear(tile.rectangle), tile), tile)
             brightest, total = lay_over_planes(self.yuv, planes, tile, self.index, self.wrap, grain, amount, graded)
@@ -223,9 +217,9 @@ class VideoFrame:
             if brightest > top:
                 image = blended(self.linear(tile.rectangle), tile) if graded is None else graded
                 clipped.append((tile.rectangle, np.asarray(image, np.float32)))
-        return replace(
-            self, yuv=_read_only(planes), native=native, clipped=tuple(clipped), plate=self.graded_by(None), grade=None
-        )
+        for plane in (planes.y, planes.u, planes.v):
+            plane.flags.writeable = False
+        return replace(self, yuv=planes, native=native, clipped=tuple(clipped), plate=self.graded_by(None), grade=None)
 
     def _over_codes(self, layer: Layer, amount: float, check: Check | None) -> VideoFrame:
         from mr360uw.video.pixels.grain import add_grain
@@ -233,7 +227,7 @@ class VideoFrame:
 
         assert self.rgb is not None
         codes = self.rgb.copy()
-        top, clipped = self._brightest if codes.dtype.kind == "u" else np.inf, []
+        top, clipped = brightest_light(self.spec) if codes.dtype.kind == "u" else np.inf, []
         for tile in layer.tiles:
             # Lay the tile over the light of the codes
             rectangle, linear = tile.rectangle, blended(self.linear(tile.rectangle), tile)
@@ -261,12 +255,6 @@ class VideoFrame:
             return graded
         # Saturation takes no more from a channel than it has, as codes do by their range
         return np.maximum(graded, np.minimum(self.graded_by(None).linear(tile.rectangle), 0.0))
-
-
-def _read_only(image: YuvImage) -> YuvImage:
-    for plane in (image.y, image.u, image.v):
-        plane.flags.writeable = False
-    return image
 
 
 def whole_frame(frame: VideoFrame, stereo: Stereo) -> VideoFrame:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from mr360uw.caustic_lookup import caustic_lookup, mip_levels
-from mr360uw.composite.gl.caustic_atlas import AtlasScratch, mip_atlas, upload
+from mr360uw.composite.gl.light_textures import AtlasScratch, mip_atlas, upload_stack
 from mr360uw.gl.context import gl_device
 from mr360uw.sphere import unit
 from mr360uw.types import CausticStack
@@ -33,7 +33,7 @@ def test_caustics(rng: np.random.Generator, planes: int, colours: int) -> None:
     inputs = padded(
         rng.uniform(-20, 20, COUNT), rng.uniform(0, 20, COUNT), rng.uniform(-20, 20, COUNT), rng.uniform(0, 20, COUNT)
     )
-    on_device = upload(stack)
+    on_device = upload_stack(stack)
     got = glsl_call(
         "caustic_lookup.glsl",
         "caustic_lookup(stack, ratio, plane_depth, v.xyz, v.w)",
@@ -61,9 +61,9 @@ def test_memory_of_stacks_is_used_again_only_once_they_are_gone(rng: np.random.G
     def holds(stack: CausticStack) -> bytes:
         return mip_atlas(mip_levels(stack.ratio[..., :1].astype(np.float32))).tobytes()
 
-    held = upload(first, room)
-    other = upload(second, room)
+    held = upload_stack(first, room)
+    other = upload_stack(second, room)
     assert held.ratio.read(alignment=1) == holds(first)
     assert other.ratio.read(alignment=1) == holds(second)
     larger = stack(7)
-    assert upload(larger, room).ratio.read(alignment=1) == holds(larger)
+    assert upload_stack(larger, room).ratio.read(alignment=1) == holds(larger)

@@ -11,7 +11,7 @@ from mr360uw.caustics import CausticSettings, GerstnerSea, caustic_stack, irradi
 from mr360uw.caustics.irradiance import refracted_rays
 from mr360uw.caustics.settings import grid_of
 from mr360uw.caustics.summed_stack import cell_corners, cell_flux, sum_cells, summed_stack, vertex_rays
-from mr360uw.composite.gl.caustic_atlas import AtlasScratch, mip_atlas, upload
+from mr360uw.composite.gl.light_textures import AtlasScratch, mip_atlas, upload_stack
 from mr360uw.optics import refract_to_water
 from mr360uw.sphere import direction_from_angles
 from mr360uw.types import BeamSpread
@@ -126,13 +126,13 @@ def test_a_texture_is_written_over_once_nobody_holds_it():
     depths, settings = np.array([2.0, 4.0]), CausticSettings(size=32, grid=32)
     stacks = [caustic_stack(BREEZE, SUN, depths, time_s, settings) for time_s in (0.0, 1.0)]
     scratch = AtlasScratch()
-    first = upload(stacks[0], scratch)
-    second, pixels = upload(stacks[1], scratch), first.ratio.read()
+    first = upload_stack(stacks[0], scratch)
+    second, pixels = upload_stack(stacks[1], scratch), first.ratio.read()
     assert second.ratio is not first.ratio
     assert first.ratio.read() == pixels != second.ratio.read()
     free = first.ratio
     del first
-    third = upload(stacks[1], scratch)
+    third = upload_stack(stacks[1], scratch)
     assert third.ratio is free
     assert free.read() == second.ratio.read()
 

@@ -27,7 +27,7 @@ from tests.composite.scenes import environment, placed, quad, shot, sphere
 
 def draw(backend: str, scene: Shot) -> tuple[Layer, Aovs]:
     """Return the layer and its output variables by one of the renderers."""
-    return render_aovs(scene) if backend == "reference" else gl_renderer().render_aovs(scene)
+    return render_aovs(scene) if backend == "reference" else gl_renderer().layer(scene, variables=True)
 
 
 @functools.cache

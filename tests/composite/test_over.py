@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from mr360uw.color import ColorSpec, in_plate_primaries, in_rec709
-from mr360uw.composite.over import empty_tile, hold_out, mean_layer, merge, over, over_tile
+from mr360uw.composite.over import empty_tile, hold_out, mean_layer, over, over_tile
 from mr360uw.errors import ParameterError
 from mr360uw.types import Layer, Rectangle, Tile
 from tests.composite import tolerances as tol
@@ -53,17 +53,6 @@ def test_over_is_linear_in_the_layer_and_opaque_objects_hide_the_plate(rng: np.r
 def test_sizes_must_agree() -> None:
     with pytest.raises(ParameterError, match="as large as the layer"):
         over(np.zeros((8, 16, 3), np.float32), Layer(16, 32, ()))
-
-
-def test_rectangles_merge_until_disjoint(rng: np.random.Generator) -> None:
-    boxes = [tuple(int(v) for v in (*rng.integers(0, 40, 2), *rng.integers(1, 15, 2))) for _ in range(30)]
-    covered, claimed = np.zeros((60, 60), int), np.zeros((60, 60), int)
-    for c, r, w, h in boxes:
-        covered[r : r + h, c : c + w] = 1
-    for c, r, w, h in merge(boxes):
-        claimed[r : r + h, c : c + w] += 1
-    assert claimed.max() == 1
-    assert np.all(claimed >= covered)
 
 
 def test_the_mean_of_sub_frames_moves_energy_and_keeps_it(rng: np.random.Generator) -> None:

@@ -225,16 +225,13 @@ def rounded(values: Floats, unit: float = 1.0) -> Floats:
 class Layout:
     """Bodies of a shot where they are, and what the ground sees of them.
 
-    nodes: places (n, 3) of each body's nodes in the world, none where it does not see the ground.
+    nodes: places (n, 3) of each body's nodes in the world, none where it does not see the ground. ground_bodies:
+    numbers of the bodies that the ground sees.
     """
 
     bodies: tuple[Body, ...]
     nodes: tuple[Floats, ...]
-
-    @property
-    def ground_bodies(self) -> tuple[int, ...]:
-        """Numbers of the bodies that the ground sees."""
-        return tuple(k for k, body in enumerate(self.bodies) if body.shades)
+    ground_bodies: tuple[int, ...]
 
     @property
     def occluders(self) -> Occluders:
@@ -244,9 +241,11 @@ class Layout:
 
     def occluders_from(self, point: Floats) -> Occluders:
         """Return the bodies that the ground sees with their places from a point (3,): the same where all move along."""
-        bodies = [self.bodies[k] for k in self.ground_bodies]
-        origin = [rounded(body.origin - point, body.radius) for body in bodies]
-        return Occluders(tuple(body.field for body in bodies), np.array(origin).reshape(-1, 3))
+        fields, origins = [], []
+        for k in self.ground_bodies:
+            fields.append(self.bodies[k].field)
+            origins.append(rounded(self.bodies[k].origin - point, self.bodies[k].radius))
+        return Occluders(tuple(fields), np.array(origins).reshape(-1, 3))
 
     def below(self, ground_y: float) -> Floats:
         """Return the point (3,) of level ground below the first body that it sees."""
@@ -309,7 +308,8 @@ def make_layout(
     """Return the layout of objects. ground_y: height of the ground below each, or None. cache: keeps what is found."""
     keep = max(_KEPT, 2 * len(objects))
     bodies = tuple(_body(placed, y, seen_by_ground, cache, keep) for placed, y in zip(objects, ground_y, strict=True))
-    return Layout(bodies, tuple(body.world_nodes(NODES) for body in bodies))
+    nodes = tuple(body.world_nodes(NODES) for body in bodies)
+    return Layout(bodies, nodes, tuple(k for k, body in enumerate(bodies) if body.shades))
 
 
 def _body(placed: PlacedObject, ground_y: float | None, seen_by_ground: bool, cache: Cache, keep: int) -> Body:

@@ -105,11 +105,6 @@ class Quadtree:
         look_up(place, self.roots, self.child, self.kind, self.sample, values, out, jump)
         return out, jump
 
-    def jumps(self) -> Floats:
-        """Return the places (n, 3) of the samples of the smallest squares, within which the blocked light jumps."""
-        leaf = (self.kind == JUMP_PATCH) & (self.child < 0)
-        return self.place[np.unique(self.sample[leaf])]
-
 
 def make_quadtree(bodies: Occluders, camera: Floats, pixel_rad: float, extent_m: float) -> Quadtree:
     """Return the patches of the ground around bodies, as far from a camera as `extent_m`.
@@ -368,8 +363,11 @@ class GroundField:
         """Return places (n, 3) of level ground, from the camera, a few pixels apart at most, all along the lines at
         which the light jumps.
         """
-        places = [tree.jumps() for tree, _, _ in self.patches]
-        return np.concatenate([np.zeros((0, 3)), *places]) + (self.origin - self.shot.view.position)
+        places = [np.zeros((0, 3))]
+        for tree, _, _ in self.patches:  # the samples of the smallest squares
+            leaf = (tree.kind == JUMP_PATCH) & (tree.child < 0)
+            places.append(tree.place[np.unique(tree.sample[leaf])])
+        return np.concatenate(places) + (self.origin - self.shot.view.position)
 
 
 def ground_field(shot: Shot, light: AmbientLight | None, cache: Cache) -> GroundField:
@@ -383,7 +381,8 @@ def ground_field(shot: Shot, light: AmbientLight | None, cache: Cache) -> Ground
         below = solved.layout.below(receiver.plane_y)
         occluders = solved.layout.occluders_from(below)
         tree = cache.of(make_quadtree, occluders, camera, pixel_rad, receiver.extent_m, keep=2)
-        gap_m = min(gap_m, *(_height(solved, k, receiver.plane_y) for k in solved.layout.ground_bodies))
+        for k in solved.layout.ground_bodies:
+            gap_m = min(gap_m, _height(solved, k, receiver.plane_y))
         patches.append((tree, cache.of(_at_samples, solved, tree, below, keep=2), share))
     return GroundField(shot, light, weakref.ref(cache), origin, tuple(patches), gap_m)
 
@@ -405,7 +404,7 @@ def _samples(light: AmbientLight, ground_y: float) -> list[tuple[AmbientLight, f
         moved_m = np.linalg.norm((b.origin - last) - (a.origin - first)) + turned_m
         if moved_m > _PART_OF_HEIGHT * _height(before, k, ground_y):
             return [(light, 1.0)]
-    return [(solved, share) for solved, share in light.samples if share > 0.0]
+    return [sample for sample in light.samples if sample[1] > 0.0]
 
 
 def _height(light: AmbientLight, number: int, ground_y: float) -> float:

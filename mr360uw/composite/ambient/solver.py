@@ -35,6 +35,7 @@ white bodies in white light stay white, and nothing changes where nothing is met
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -70,7 +71,7 @@ from mr360uw.composite.ambient.mesh_transfer import (
 )
 from mr360uw.composite.lighting.light_sources import sun_of, sun_up
 from mr360uw.composite.raycast import Hits
-from mr360uw.composite.receiver.shape import ReceiverShape, kept_shape
+from mr360uw.composite.receiver.shape import ReceiverShape
 from mr360uw.composite.shot import BetweenSamples, LightSample, PlacedObject, Shot
 from mr360uw.ibl.lookup import environment_lookup
 from mr360uw.jit import fast
@@ -135,23 +136,21 @@ def interpolated(layout: Layout, before: AmbientLight, after: AmbientLight, shar
     both, which are also the turns and the ways of bodies that move.
     """
 
-    def mixed(a: Any, b: Any) -> Any:
-        return a + np.asarray(share, a.dtype) * (b - a)
+    # At one of the times nothing may be in a body's way: its light is untouched then
+    values: list[NDArray[np.float32] | None] = []
+    for a, b in zip(before.values, after.values, strict=True):
+        known = a if b is None else b
+        if known is not None:
+            untouched = np.array(UNTOUCHED[: known.shape[1]], np.float32)
+            known = _mixed(untouched if a is None else a, untouched if b is None else b, share)
+        values.append(known)
+    sent = tuple(map(_mixed, before.sent, after.sent, itertools.repeat(share)))
+    table, ambient = _mixed(before.table, after.table, share), _mixed(before.ambient, after.ambient, share)
+    return AmbientLight(layout, tuple(values), table, sent, ambient, ((before, 1.0 - share), (after, share)))
 
-    values = tuple(
-        None if a is None and b is None else mixed(*_alike(a, b))
-        for a, b in zip(before.values, after.values, strict=True)
-    )
-    sent = tuple(mixed(a, b) for a, b in zip(before.sent, after.sent, strict=True))
-    table, ambient = mixed(before.table, after.table), mixed(before.ambient, after.ambient)
-    return AmbientLight(layout, values, table, sent, ambient, ((before, 1.0 - share), (after, share)))
 
-
-def _alike(*values: NDArray[np.float32] | None) -> list[NDArray[np.float32]]:
-    """Return the values of a body's points at two times, those of untouched light where nothing is in its way."""
-    shape = next(one.shape for one in values if one is not None)
-    none = np.broadcast_to(np.array(UNTOUCHED[: shape[1]], np.float32), shape)
-    return [none if one is None else one for one in values]
+def _mixed(a: Any, b: Any, share: float) -> Any:
+    return a + np.asarray(share, a.dtype) * (b - a)
 
 
 class Solver:
@@ -552,18 +551,16 @@ than one code, by 3 at most; twice as fast a hundred of them, by 15 at most."""
 
 def ambient_layout(shot: Shot, cache: Cache) -> Layout:
     """Return where the bodies of a shot are over its ground."""
-    on_ground, objects = _on_ground(shot), _bodies(shot)
+    objects, on_ground = _bodies(shot), shot.receiver is not None and shot.receiver.occlusion
     heights = _ground_heights(shot, objects, cache)
     return cache.of(make_layout, objects, heights, on_ground, cache, keep=_KEPT_SAMPLES)
 
 
-def _on_ground(shot: Shot) -> bool:
-    return shot.receiver is not None and shot.receiver.occlusion
-
-
 def _bodies(shot: Shot) -> tuple[PlacedObject, ...]:
     """Return the objects that have a part in ambient light: all, or those alone that shade the ground."""
-    return shot.objects if shot.draw.ambient_occlusion else tuple(o for o in shot.casters if _on_ground(shot))
+    if shot.draw.ambient_occlusion:
+        return shot.objects
+    return shot.casters if shot.receiver is not None and shot.receiver.occlusion else ()
 
 
 def _ground_heights(shot: Shot, objects: Sequence[PlacedObject], cache: Cache) -> list[float | None]:
@@ -580,7 +577,7 @@ def _ground_heights(shot: Shot, objects: Sequence[PlacedObject], cache: Cache) -
     if mesh is not None:
         scene = cache.of(RayScene, mesh)
         return [_below(scene, placed) for placed in objects]
-    shape = kept_shape(receiver, shot.view.position, cache)
+    shape = cache.of(ReceiverShape, receiver, shot.view.position)
     return [_seen(shot, shape, placed) for placed in objects]
 
 
@@ -622,18 +619,17 @@ def ambient_light(shot: Shot, cache: Cache) -> AmbientLight | None:
 def _slow(between: BetweenSamples) -> bool:
     """Return whether bodies are the same at two samples in time, and each moves and turns little between them."""
     before, after = between.before.objects, between.after.objects
-    return len(before) == len(after) and all(
-        a.mesh.still is b.mesh.still and a.visible == b.visible and a.casts_shadow == b.casts_shadow and _near(a, b)
-        for a, b in zip(before, after, strict=True)
-    )
-
-
-def _near(one: PlacedObject, other: PlacedObject) -> bool:
-    """Return whether two places of a body are near each other."""
-    middle, scale = one.mesh.still.center_m, one.scale
-    moved = np.linalg.norm(other.to_world(middle) - one.to_world(middle)) / (one.mesh.still.radius_m * scale)
-    turned = np.linalg.norm(other.world_from_object[:3, :3] - one.world_from_object[:3, :3], 2) / scale
-    return bool(moved <= _MOST_MOVED and turned <= _MOST_TURNED)
+    if len(before) != len(after):
+        return False
+    for a, b in zip(before, after, strict=True):
+        mesh, scale = a.mesh.still, a.scale
+        if mesh is not b.mesh.still or a.visible != b.visible or a.casts_shadow != b.casts_shadow:
+            return False
+        moved = np.linalg.norm(b.to_world(mesh.center_m) - a.to_world(mesh.center_m)) / (mesh.radius_m * scale)
+        turned = np.linalg.norm(b.world_from_object[:3, :3] - a.world_from_object[:3, :3], 2) / scale
+        if not (moved <= _MOST_MOVED and turned <= _MOST_TURNED):
+            return False
+    return True
 
 
 def _at_sample(shot: Shot, sample: LightSample, cache: Cache) -> AmbientLight | None:

@@ -11,14 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.cache import PartOf, Scratch
-from mr360uw.composite.mesh.material import Material
+from mr360uw.composite.mesh.material import MAPS, Material
 from mr360uw.composite.mesh.mesh import Mesh
 from mr360uw.composite.mesh.texture import WRAPS, Texture
 from mr360uw.composite.shot import Shot
 from mr360uw.errors import MeshError
-from mr360uw.gl.context import gl_context, largest_texture, program, set_uniforms, texture_from_array
+from mr360uw.gl.context import gl_context, largest_texture, program, texture_from_array
 from mr360uw.jit import exact
-from mr360uw.types import Floats, Rectangle
+from mr360uw.types import Floats
 
 if TYPE_CHECKING:
     import moderngl
@@ -39,11 +39,12 @@ SETS = 8
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MeshBuffers:
-    """A mesh on the device, as geometry.glsl and texture.glsl say."""
+    """A mesh on the device, as geometry.glsl and texture.glsl say. defines: of shaders, by what its materials have."""
 
     triangles: moderngl.Texture
     materials: moderngl.Texture
     store: moderngl.Texture
+    defines: dict[str, int]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -56,6 +57,7 @@ class StillBuffers:
     texels: NDArray[np.float32]
     materials: moderngl.Texture
     store: moderngl.Texture
+    defines: dict[str, int]
 
 
 Places = PartOf[NDArray[np.int64]]
@@ -78,9 +80,10 @@ def upload_still(mesh: Mesh, places: Places | None = None) -> StillBuffers:
     store, entries = texture_store(texture for m in mesh.materials for texture in m.maps)
     materials = np.stack([_material_texels(m, entries) for m in mesh.materials])
     return StillBuffers(
-        texels=_in_rows(np.concatenate([texels.ravel(), further.ravel()]), 4),
+        texels=_in_rows((texels, further), 4, Scratch()),
         materials=list_texture(materials),
         store=store,
+        defines=_defines(mesh),
     )
 
 
@@ -90,34 +93,38 @@ def upload_mesh(mesh: Mesh, places: Places | None = None, still: StillBuffers | 
     rows, count = still.texels.copy(), len(mesh.positions)
     texels = rows.reshape(-1, 4)[: TRIANGLE_TEXELS * count].reshape(-1, TRIANGLE_TEXELS, 4)
     texels[:, 0:9:3, :3], texels[:, 1:9:3, :3] = mesh.positions, mesh.normals
-    return MeshBuffers(texture_from_array(rows), still.materials, still.store)
+    return MeshBuffers(texture_from_array(rows), still.materials, still.store, still.defines)
 
 
-def list_texture(values: NDArray[Any], channels: int = 4) -> moderngl.Texture:
-    """Return a texture of the values (..., channels), in order, in rows of 2048 texels."""
-    return texture_from_array(_in_rows(values, channels))
+def _defines(mesh: Mesh) -> dict[str, int]:
+    """Return a define for every kind of map that some material of a mesh has, for its further texture coordinates, and
+    for materials smoother than diffuse.
+    """
+    kinds = {kind.upper(): 1 for kind in MAPS if any(getattr(m, kind) is not None for m in mesh.materials)}
+    return kinds | ({"MORE_UV": 1} if mesh.more_uv.shape[2] else {}) | ({"SMOOTH": 1} if mesh.glossy else {})
 
 
-def joined_texture(parts: Sequence[NDArray[np.float32]], scratch: Scratch) -> moderngl.Texture:
-    """Return `list_texture` of the values of several arrays, one after the other. scratch: for a copy of them."""
-    begin = np.cumsum([0, *(part.size for part in parts)]).tolist()
-    row = 4 * _LIST_COLUMNS
-    texels = scratch.floats("texels", max(-(-begin[-1] // row), 1), _LIST_COLUMNS, 4)
-    flat = texels.reshape(-1)
-    for part, start in zip(parts, begin[:-1], strict=True):
-        flat[start : start + part.size] = part.reshape(-1)
-    flat[begin[-1] :] = 0.0
-    return texture_from_array(texels)
+def list_texture(*parts: NDArray[Any], channels: int = 4, scratch: Scratch | None = None) -> moderngl.Texture:
+    """Return a texture of values (..., channels), those of one array after the other, in rows of 2048 texels.
+
+    scratch: for a copy of them; None takes new memory.
+    """
+    return texture_from_array(_in_rows(parts, channels, Scratch() if scratch is None else scratch))
 
 
-def _in_rows(values: NDArray[Any], channels: int) -> NDArray[np.float32]:
+def _in_rows(parts: Sequence[NDArray[Any]], channels: int, scratch: Scratch) -> NDArray[np.float32]:
     """Return the texels of `list_texture` (rows, 2048, channels), the last row filled up with zeros."""
-    flat = np.asarray(values).reshape(-1)
-    row = _LIST_COLUMNS * channels
-    rows = max(-(-len(flat) // row), 1)
-    padded = np.zeros(rows * row, np.float32)
-    padded[: len(flat)] = flat
-    return padded.reshape(rows, _LIST_COLUMNS, channels)
+    count = sum(map(np.size, parts))
+    texels, start = (
+        scratch.floats("texels", max(-(-count // (_LIST_COLUMNS * channels)), 1), _LIST_COLUMNS, channels),
+        0,
+    )
+    flat = texels.reshape(-1)
+    for part in parts:
+        flat[start : start + part.size] = part.reshape(-1)
+        start += part.size
+    flat[start:] = 0.0
+    return texels
 
 
 def texture_store(textures: Iterable[Texture]) -> tuple[moderngl.Texture, dict[Texture, MapEntry]]:
@@ -176,15 +183,6 @@ def of_eye(shot: Shot) -> dict[str, int]:
     return {"EYE": 1} if shot.view.eye_m else {}
 
 
-def write_uniform(shader: moderngl.Program, name: str, values: NDArray[Any]) -> None:
-    """Set an array of numbers or vectors, float32 or int32; elements that the compiler removed are ignored."""
-    import moderngl
-
-    uniform = shader.get(name, None)
-    if isinstance(uniform, moderngl.Uniform):
-        uniform.write(np.ascontiguousarray(values[: uniform.array_length]).tobytes())
-
-
 BLOCK = 4
 """Pixels along a block. Targets hold numbered items block by block. Twin: layer.frag."""
 _LANE_COLUMNS = 256
@@ -206,79 +204,42 @@ class Targets:
             self._programs[key] = program(fragment=f"composite/gl/shaders/{name}.frag", defines=defines)
         return self._programs[key]
 
-    def target(
-        self, name: str, width: int, height: int, channels: tuple[int, ...], types: tuple[str, ...] = ()
-    ) -> moderngl.Framebuffer:
-        """Return a kept target of at least width x height pixels, one texture for each number of channels.
-
-        A target that has to grow is made anew, and its contents are lost. types: of the textures' numbers; floats
-        where none are given.
-        """
-        target = self._targets.get((name, channels))
-        if target is None or target.width < width or target.height < height:
-            w, h = width, height
-            if target is not None:
-                w, h = max(w, target.width), max(h, target.height)
-            of = zip(channels, types or ("f4",) * len(channels), strict=True)
-            target = gl_context().framebuffer([gl_context().texture((w, h), c, dtype=kind) for c, kind in of])
-            self._targets[name, channels] = target
-        return target
-
-    def fill(self, target: moderngl.Framebuffer, shader: moderngl.Program, part: Rectangle) -> None:
-        """Run a full-screen program on a part of a target; discarded pixels keep their values."""
-        if shader not in self._triangles:
-            self._triangles[shader] = gl_context().vertex_array(shader, [])
-        target.use()
-        target.viewport = part
-        gl_context().disable(gl_context().DEPTH_TEST | gl_context().BLEND)
-        self._triangles[shader].render(vertices=3)
-
-    def draw(
-        self, shader: moderngl.Program, name: str, width: int, height: int, channels: tuple[int, ...]
-    ) -> list[NDArray[np.float32]]:
-        """Run a full-screen program on width x height pixels of a kept target; discarded pixels are zero.
-
-        Returns the image (height, width, c) of each of its textures.
-        """
-        target = self.target(name, width, height, channels)
-        part = Rectangle(0, 0, width, height)
-        target.use()
-        target.clear(viewport=part)
-        target.scissor = part
-        self.fill(target, shader, part)
-        target.scissor = None  # type: ignore[assignment]
-        return [self.read(target, part, k) for k in range(len(channels))]
-
     def items(self, shader: moderngl.Program, name: str, count: int, channels: tuple[int, ...]) -> NDArray[np.float32]:
         """Run a full-screen program on `count` numbered items, as layer.frag numbers the texels of a kept target.
 
-        Returns the values (count, k) of all its textures, side by side.
+        Returns the values (count, k) of all its textures, one for each number of channels, side by side.
         """
-        part = Rectangle(0, 0, _LANE_COLUMNS, BLOCK * -(-count // (BLOCK * _LANE_COLUMNS)))
-        target = self.target(name, part.width, part.height, channels)
-        self.fill(target, shader, part)
-        values = np.empty((count, sum(channels)), np.float32)
-        for k, first in enumerate(np.cumsum([0, *channels[:-1]])):
-            write_lanes(self.read(target, part, k), int(first), values)
+        context, part = gl_context(), (_LANE_COLUMNS, BLOCK * -(-count // (BLOCK * _LANE_COLUMNS)))
+        # Take the kept target, or a larger one
+        target = self._targets.get((name, channels))
+        if target is None or target.height < part[1]:
+            target = context.framebuffer([context.texture(part, c, dtype="f4") for c in channels])
+            self._targets[name, channels] = target
+        # Draw its part that holds the items
+        if shader not in self._triangles:
+            self._triangles[shader] = context.vertex_array(shader, [])
+        target.use()
+        target.viewport = 0, 0, *part
+        context.disable(context.DEPTH_TEST | context.BLEND)
+        self._triangles[shader].render(vertices=3)
+        # Read it back, which waits until it is drawn
+        values, first = np.empty((count, sum(channels)), np.float32), 0
+        for k, c in enumerate(channels):
+            image = np.empty((*part[::-1], c), np.float32)
+            target.read_into(image, target.viewport, c, attachment=k, dtype="f4", alignment=1)
+            write_lanes(image, first, values)
+            first += c
         return values
-
-    @staticmethod
-    def read(target: moderngl.Framebuffer, part: Rectangle, attachment: int = 0) -> NDArray[np.float32]:
-        """Return a part of a texture of a target (h, w, c); wait until it is drawn."""
-        textures: Sequence[Any] = target.color_attachments
-        channels = textures[attachment].components
-        image = np.empty((part.height, part.width, channels), np.float32)
-        target.read_into(image, part, channels, attachment=attachment, dtype="f4", alignment=1)
-        return image
 
 
 def bind(shader: moderngl.Program, textures: Mapping[str, Any]) -> None:
     """Bind the textures that a program uses, each to a unit of its own."""
     unit = 0
     for name, texture in textures.items():
-        if shader.get(name, None) is not None:  # `in` looks at one name after the other
+        sampler: Any = shader.get(name, None)
+        if sampler is not None:
             texture.use(unit)
-            set_uniforms(shader, **{name: unit})
+            sampler.value = unit
             unit += 1
 
 

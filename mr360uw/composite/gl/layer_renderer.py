@@ -46,12 +46,6 @@ class LayerRenderer:
         """Return the layer of a shot, as `reference.render_layer` does."""
         return self.layer(shot)[0]
 
-    def render_aovs(self, shot: Shot) -> tuple[Layer, Aovs]:
-        """Return the layer of a shot and its output variables, as `reference.render_aovs` does."""
-        layer, variables = self.layer(shot, variables=True)
-        assert variables is not None
-        return layer, variables
-
     def layer(
         self, shot: Shot, prepared: Prepared | None = None, *, variables: bool = False
     ) -> tuple[Layer, Aovs | None]:
@@ -75,7 +69,7 @@ class LayerRenderer:
         on_blocks = self._receiver.light(shot, light, prepared.reach, gaps)
         parts = object_parts + ([] if on_blocks is None else rectangles_of_blocks(on_blocks.blocks, view))
         tiles = even_tiles(parts, view.width, view.height)
-        drawn = [empty_tile(part) for part in tiles]
+        drawn = list(map(empty_tile, tiles))
         if surfaces is not None:
             self._objects.draw(shot, light, surfaces, drawn, frame, ambient)
         if on_blocks is not None:

@@ -22,15 +22,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.cache import Cache, PartOf, Same, Scratch
-from mr360uw.composite.ambient.mesh_transfer import FEW_CHANNELS, UNTOUCHED
+from mr360uw.composite.ambient.mesh_transfer import FEW_CHANNELS, UNTOUCHED, Lattice
 from mr360uw.composite.ambient.solver import AmbientLight
 from mr360uw.composite.aovs import SUMS, AovFrame
-from mr360uw.composite.gl.device import MeshBuffers, Targets, bind, joined_texture, list_texture, of_eye
+from mr360uw.composite.gl.device import MeshBuffers, Targets, bind, list_texture, of_eye
 from mr360uw.composite.gl.light_textures import ShotLight
 from mr360uw.composite.gl.light_visibility import DISC, HALF_OF_RAYS, HALO, Visibility, footprints_of
 from mr360uw.composite.gl.visible_surfaces import Fragments, Surfaces, find_surfaces
 from mr360uw.composite.lighting.light_sources import sun_of
-from mr360uw.composite.mesh.material import MAPS
 from mr360uw.composite.mesh.mesh import Mesh
 from mr360uw.composite.sampling import filter_width
 from mr360uw.composite.shot import PlacedObject, Shot
@@ -69,9 +68,8 @@ class ObjectPass:
         """Return the visible surfaces of a shot's objects."""
         sampled = PartOf(shot, shot.view, shot.draw.samples, shot.draw.shading)
         surfaces = self._cache.of(find_surfaces, sampled, list(shot.visible), self._cache)
-        if sum(len(layer) for layer in surfaces.layers) > _KEPT:
+        if sum(map(len, surfaces.layers)) > _KEPT:
             self._cache.drop(find_surfaces)
-            self._cache.drop(_cache_of)
         return surfaces
 
     def draw(
@@ -87,26 +85,20 @@ class ObjectPass:
 
         frame: receives output variables, or None. ambient: solved ambient light among the bodies.
         """
-        objects, layers, first = shot.visible, surfaces.layers, surfaces.first
+        # List the bodies on the device, then shade layer by layer, the nearest first
+        objects, layers = shot.visible, surfaces.layers
         values, changed = self._body_list(shot, objects, ambient)
-        cache = self._cache.of(_cache_of, Same(surfaces))
-        bodies = joined_texture(values, self._scratch), changed
+        lit, bodies = (shot, light, surfaces), (list_texture(*values, scratch=self._scratch), changed)
         for number, fragments in enumerate(layers):
             if len(fragments) == 0:
                 continue
-            body = np.asarray(np.searchsorted(first, fragments.triangle, side="right") - 1, np.int64)
-            parts = cache.of(
-                mesh_fragments,
-                PartOf((objects, first, fragments), Same(fragments)),
-                body,
-                keep=len(layers),
-            )
+            layer = PartOf((objects, surfaces.first, fragments), Same(fragments))
+            body, parts = surfaces.cache.of(mesh_fragments, layer, keep=len(layers))
             blended = number < len(layers) - 1
-            values_of, *halves = (
-                self._light_up((shot, light, surfaces), parts, len(fragments), bodies, blended, cache, outputs)
-                for outputs in ((0,) if frame is None else range(len(_CHANNELS)))
-            )
+            values_of = self._light_up(lit, parts, len(fragments), bodies, blended, 0)
+            # The output variables count by what shows through the layers before
             if frame is not None:
+                halves = [self._light_up(lit, parts, len(fragments), bodies, blended, k) for k in (1, 2)]
                 seen = through(tiles, fragments)[fragments.pixel()] * fragments.weight * values_of[:, 3]
                 _add_variables(frame, fragments, seen, np.concatenate(halves, axis=1), body)
             add_behind(tiles, fragments, values_of)
@@ -117,34 +109,26 @@ class ObjectPass:
         """Return where bodies are, and the values of ambient light on them, as `Bodies` has them."""
         table = np.zeros((len(objects), 4, 4), np.float32)
         values, texels = [table], 4 * len(objects)
-        every = [None] * len(shot.objects) if ambient is None else ambient.values
-        of_visible = [v for v, placed in zip(every, shot.objects, strict=True) if placed.visible]
-        changed = {placed.mesh for placed, known in zip(objects, of_visible, strict=True) if known is not None}
-        for row, placed, known in zip(table, objects, of_visible, strict=True):
+        # Of a mesh that has any values on one of its bodies all have some
+        of_bodies: dict[PlacedObject, tuple[Lattice, Any]] = {}
+        changed = set()
+        if ambient is not None:
+            for placed, of, known in zip(shot.objects, ambient.layout.bodies, ambient.values, strict=False):
+                of_bodies[placed] = of.transfer.lattice, known
+                if placed.visible and known is not None:
+                    changed.add(placed.mesh)
+        for row, placed in zip(table, objects, strict=True):
             row[:3] = placed.world_from_object[:3]
             row[:3, 3] -= shot.view.position
             if placed.mesh not in changed:
                 continue
-            assert ambient is not None
-            lattice = ambient.layout.bodies[shot.objects.index(placed)].transfer.lattice
+            lattice, known = of_bodies[placed]
             points = lattice.points * (2 if lattice.two_sided else 1)
             own = np.tile(np.array(UNTOUCHED[:FEW_CHANNELS], np.float32), (points, 1)) if known is None else known
             row[3, 1:4] = texels, lattice.points if lattice.two_sided else 0, own.shape[1] // 4
             values.append(own)
             texels += own.size // 4
         return values, frozenset(changed)
-
-    def _see_lights(self, lit: _Lit, part: MeshFragments, cache: Cache) -> dict[str, moderngl.Texture]:
-        """Return the textures of what fragments see of the sun and of lamps, by their names in layer.frag."""
-        shot, light, surfaces = lit
-        textures: dict[str, moderngl.Texture] = {}
-        if "SHADOW" in light.defines:
-            seen = PartOf((shot, light.visibility, surfaces), light.visibility.of_sun)
-            textures["sun_seen"] = cache.of(_see_sun, part, seen, keep=_PARTS)
-        if "LAMPS" in light.defines:
-            seen = PartOf((shot, light.visibility, surfaces), light.visibility.of_lamps)
-            textures["lamps_seen"] = cache.of(_see_lamps, part, seen, keep=_PARTS)
-        return textures
 
     def _light_up(
         self,
@@ -153,13 +137,20 @@ class ObjectPass:
         count: int,
         bodies: Bodies,
         blended: bool,
-        cache: Cache,
         outputs: int,
     ) -> Floats:
         """Return the outputs (count, channels) of layer.frag for `count` fragments. outputs: see `_CHANNELS`."""
-        values = np.empty((count, sum(_CHANNELS[outputs])), np.float32)
+        (shot, light, surfaces), values = lit, np.empty((count, sum(_CHANNELS[outputs])), np.float32)
         for part in parts:
-            textures = {"fragments": cache.of(_entries, part, keep=_PARTS), **self._see_lights(lit, part, cache)}
+            textures = {"fragments": surfaces.cache.of(_entries, part, keep=_PARTS)}
+            # What they see of the sun and of lamps
+            whole, visibility = (shot, light.visibility, surfaces), light.visibility
+            if "SHADOW" in light.defines:
+                seen = PartOf(whole, visibility.of_sun)
+                textures["sun_seen"] = surfaces.cache.of(_see_sun, part, seen, keep=_PARTS)
+            if "LAMPS" in light.defines:
+                seen = PartOf(whole, visibility.of_lamps)
+                textures["lamps_seen"] = surfaces.cache.of(_see_lamps, part, seen, keep=_PARTS)
             values[part.chosen] = self._shade(lit, part, bodies, outputs, textures, blended=blended)
         return values
 
@@ -176,10 +167,9 @@ class ObjectPass:
         """Return the outputs (n, channels) of layer.frag for a part of the fragments. textures: of these alone."""
         (shot, light, _), mesh, count = lit, part.mesh, len(part.chosen)
         buffers = self._buffers(mesh)
-        defines = of_eye(shot) | {"OUTPUTS": outputs} | _map_defines(mesh) | light.defines
+        defines = of_eye(shot) | {"OUTPUTS": outputs} | buffers.defines | light.defines
         defines |= {"BLENDED": 1} if blended else {}
         defines |= {"AMONG_BODIES": 1} if mesh in bodies[1] else {}
-        defines |= {"SMOOTH": 1} if mesh.glossy else {}
         shader = self._targets.program("layer", defines)
         bind(
             shader,
@@ -192,9 +182,9 @@ class ObjectPass:
                 **light.textures,
             },
         )
-        light.set(shader)
         set_uniforms(
             shader,
+            **light.uniforms,
             world_from_camera=shot.view.world_from_camera.T,
             frame_size=(shot.view.width, shot.view.height),
             count=count,
@@ -202,11 +192,6 @@ class ObjectPass:
             filter_width=filter_width(shot.draw.samples, shot.draw.shading),
         )
         return self._targets.items(shader, f"layer {outputs}", count, _CHANNELS[outputs])
-
-
-def _cache_of(_: Same) -> Cache:
-    """Return the cache of what is made of a list of fragments, and goes with it."""
-    return Cache()
 
 
 def _entries(part: MeshFragments) -> moderngl.Texture:
@@ -229,7 +214,7 @@ def _see_sun(part: MeshFragments, seen: _Seen) -> moderngl.Texture:
     fractions = np.ones((len(groups.of), 2), np.float32)
     there = groups.of >= 0
     fractions[there] = of_groups[groups.of[there]]
-    return list_texture(fractions, 2)
+    return list_texture(fractions, channels=2)
 
 
 def _ask(
@@ -245,7 +230,7 @@ def _see_lamps(part: MeshFragments, seen: _Seen) -> moderngl.Texture:
     shot, visibility, surfaces = seen.whole
     surface = fragment_planes(shot, part, surfaces.facets, np.zeros(3))
     lamps = range(HALO + 1, len(visibility.lights))
-    return list_texture(visibility.seen(_footprints(shot, visibility, part.listed, surface[:, :4]), lamps), 1)
+    return list_texture(visibility.seen(_footprints(shot, visibility, part.listed, surface[:, :4]), lamps), channels=1)
 
 
 def _footprints(shot: Shot, visibility: Visibility, listed: Floats, surface: Floats) -> Floats:
@@ -273,13 +258,6 @@ def _add_variables(
     larger = share[largest] > frame.share[at]
     rows, columns, chosen = fragments.row[larger], fragments.column[larger], largest[larger]
     frame.share[rows, columns], frame.object_id[rows, columns] = share[chosen], body[chosen] + 1
-
-
-def _map_defines(mesh: Mesh) -> dict[str, int]:
-    """Return a define for every kind of map that some material of a mesh has, and its further texture coordinates."""
-    further = mesh.more_uv.shape[2]
-    kinds = {kind.upper(): 1 for kind in MAPS if any(getattr(m, kind) is not None for m in mesh.materials)}
-    return kinds | ({"MORE_UV": 1} if further else {})
 
 
 @exact
@@ -351,23 +329,25 @@ class MeshFragments:
     weight: Floats
 
 
-def mesh_fragments(layer: PartOf[LayerOf], body: NDArray[np.int64]) -> list[MeshFragments]:
-    """Return the fragments of a layer by mesh. body: (n,) of each."""
+def mesh_fragments(layer: PartOf[LayerOf]) -> tuple[NDArray[np.int64], list[MeshFragments]]:
+    """Return the body (n,) of each fragment of a layer, and the fragments by mesh."""
     objects, first, fragments = layer.whole
+    body = np.searchsorted(first, fragments.triangle, side="right") - 1
     pixel = fragments.pixel()
     listed = np.empty((len(fragments), 9), np.float32)
     listed[:, 0] = fragments.triangle - first[body]
     listed[:, 1:3], listed[:, 3], listed[:, 4:] = fragments.place, body, fragments.area
-    meshes = list(dict.fromkeys(placed.mesh for placed in objects))
-    of_mesh = np.array([meshes.index(placed.mesh) for placed in objects])[body]
-    parts = []
-    for k, mesh in enumerate(meshes):
-        chosen = np.flatnonzero(of_mesh == k)
+    meshes: dict[Mesh, int] = {}
+    of_mesh, parts = np.zeros(len(objects), np.int64), []
+    for number, placed in enumerate(objects):
+        of_mesh[number] = meshes.setdefault(placed.mesh, len(meshes))
+    for mesh, k in meshes.items():
+        chosen = np.flatnonzero(of_mesh[body] == k)
         for start in range(0, len(chosen), _AT_ONCE):
             part = chosen[start : start + _AT_ONCE]
             numbers = fragments.triangle[part]
             parts.append(MeshFragments(mesh, part, listed[part], numbers, pixel[part], fragments.weight[part]))
-    return parts
+    return body, parts
 
 
 _APART = 0.4

@@ -9,6 +9,7 @@ caustics or an uneven shape are drawn pixel by pixel; only those are read back.
 
 from __future__ import annotations
 
+from collections import defaultdict
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,7 +17,7 @@ from numpy.typing import NDArray
 
 from mr360uw.cache import Cache, PartOf, Same
 from mr360uw.composite.gl.device import Targets, bind, list_texture, of_eye
-from mr360uw.composite.gl.light_textures import ShotLight, sun_defines
+from mr360uw.composite.gl.light_textures import ShotLight
 from mr360uw.composite.gl.light_visibility import DISC, HALO, footprints_of
 from mr360uw.composite.lighting.light_sources import scattered_share, sun_of, widest_half_angle
 from mr360uw.composite.receiver.blocks import (
@@ -35,7 +36,7 @@ from mr360uw.composite.receiver.blocks import (
 )
 from mr360uw.composite.receiver.ratio import BLOCK, FADE_FROM, SEEN, BlockLight, Gathered, gather_images
 from mr360uw.composite.sampling import WHOLE_PIXEL, Gaps
-from mr360uw.composite.shot import Receiver, Shot
+from mr360uw.composite.shot import Shot
 from mr360uw.gl.context import set_uniforms
 from mr360uw.types import Floats
 
@@ -52,8 +53,6 @@ _HALVED = 12.0
 """Interpolation error at a block's middle, over `SMOOTH`, up to which samples at every second pixel are enough. The
 error grows with the square of the spacing, so they allow 16; the margin is for penumbrae of uneven curvature."""
 _SHADOW = frozenset({"SHADOW"})
-_CHANNELS = {"seen": 1, "waves": 3, "shape": 7, "added": 3}
-"""Channels of the images of `BlockLight` that are drawn."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -87,8 +86,10 @@ class ReceiverPass:
             return None
         # Find what is seen of the sun, which does not depend on its light
         touched, ground = reach.touched, reach.touched.ground
-        of_sun = light.of_sun & _wanted(shot.receiver)
-        shaded = touched.shaded & ("SHADOW" in sun_defines(shot))
+        shown = {"SHADOW"} if shot.receiver.shadow else set()
+        shown |= {"CAUSTICS"} if shot.receiver.caustics else set()
+        of_sun = light.defines.keys() & shown
+        shaded = touched.shaded & ("SHADOW" in light.defines)
         through = None if shot.medium is None else Same(shot.medium.unscattered)
         of_blocks = PartOf(touched, Same(ground), shaded, touched.lamplit)
         alike = PartOf((shot, light), light.visibility.of_sun, through, shot.receiver)
@@ -107,7 +108,7 @@ class ReceiverPass:
         rough = ground.rough[j, i] | lamplit
         wavy = ~rough & ~sight.umbra[j, i] & ("CAUSTICS" in of_sun)
         even = ~rough & ~wavy & edge
-        parts: dict[str, Gathered] = {name: [] for name in _CHANNELS}
+        parts = defaultdict[str, Gathered](list)
         if sight.pixels is not None:
             parts["seen"].append((even, sight.pixels))
         kinds = (
@@ -124,8 +125,10 @@ class ReceiverPass:
                 drawn = self._pixels((shot, light), ground, gaps, *at, sight.halo[at], wanted)
                 for name, image in drawn.items():
                     parts[name].append((which, image))
-        images = {name: gather_images(len(j), k, parts[name]) for name, k in _CHANNELS.items()}
-        return BlockLight(blocks, reach.corner, free_images(shot, reach, j, i, gaps), **images)
+        free, count = free_images(shot, reach, j, i, gaps), len(j)
+        seen, waves = gather_images(count, 1, parts["seen"]), gather_images(count, 3, parts["waves"])
+        shape, added = gather_images(count, 7, parts["shape"]), gather_images(count, 3, parts["added"])
+        return BlockLight(blocks, reach.corner, free, seen, waves, shape, added)
 
     def _sight(
         self, alike: PartOf[_Lit], of_blocks: PartOf[Touched], shaded: Blocks, waves: bool, gaps: Gaps
@@ -155,15 +158,15 @@ class ReceiverPass:
         (seen, halo_seen), (kept, gap) = visible[len(cj) :].T, light.visibility.hidden(places[len(cj) :]).T
         # Penumbrae that are narrow, or not straight between corners and middle, are edges
         of_disc, of_halo = 2.0 * np.tan(sun.half_angle_rad) * gap, 2.0 * np.tan(widest_half_angle(shot)) * gap
-        four = [four_corners(values, mj, mi) for values in at_corners]
-        missed = np.abs(seen - four[0].mean(axis=1))
+        sun_four, halo_four = four_corners(at_corners[0], mj, mi), four_corners(at_corners[1], mj, mi)
+        missed = np.abs(seen - sun_four.mean(axis=1))
         narrow = np.where(kept == _PART_OF_DISC, of_disc, of_halo) < _WIDE * reach
         sharp = narrow | (missed > _HALVED * SMOOTH)
         found = (sharp | (missed > SMOOTH)) & (kept > 0.0) & (kept < _WHOLE_DISC)
         umbra[mj, mi], edge[mj, mi] = kept == _WHOLE_DISC, found
-        missed = np.abs(halo_seen - four[1].mean(axis=1)) * scattered[-len(mj) :]
+        missed = np.abs(halo_seen - halo_four.mean(axis=1)) * scattered[-len(mj) :]
         interpolable = (of_halo >= _WIDE * reach) & (missed <= SMOOTH)
-        halo[mj, mi] = np.where(interpolable[:, None], four[1], -1.0)
+        halo[mj, mi] = np.where(interpolable[:, None], halo_four, -1.0)
         # On level ground, refine those that show nothing else
         pixels, own = None, found & ~ground.rough[mj, mi] & ~touched.lamplit[mj, mi]
         if level and not waves and np.any(own):
@@ -188,7 +191,7 @@ class ReceiverPass:
     def _pixels(
         self, lit: _Lit, ground: Ground, gaps: Gaps, j: Indices, i: Indices, halo: Floats, wanted: frozenset[str]
     ) -> dict[str, NDArray[np.float32]]:
-        """Return images (n, B, B, k) of blocks of the names of `_CHANNELS`: at the pixels, or in their gaps.
+        """Return images (n, B, B, k) of blocks by their names in `BlockLight`: at the pixels, or in their gaps.
 
         wanted: features to compute, of SHADOW, CAUSTICS, ROUGH (all light, for rough blocks) and, with ROUGH, LAMPS.
         """
@@ -220,7 +223,7 @@ class ReceiverPass:
         shape: Floats | None = None,
         area: Floats | None = None,
     ) -> dict[str, NDArray[np.float32]]:
-        """Return images (n, side, side, k) of samples `spacing` pixels apart of blocks, by the names of `_CHANNELS`.
+        """Return images (n, side, side, k) of samples `spacing` pixels apart of blocks, by their names in `BlockLight`.
 
         origin: (n, 2) frame coordinates of the blocks' corners. halo: (n, 4) visible fraction of the halo there,
         negative where it is found for each sample. shape: (n, side, side, 4) normal and distance; None for a plane.
@@ -249,19 +252,22 @@ class ReceiverPass:
         """Return the images of `_samples` that receiver.frag draws. footprints: of all."""
         (shot, light), count = lit, len(origin) * side * side
         assert shot.receiver is not None
-        textures = {"blocks": list_texture(origin, 2)} | ({} if shape is None else {"shape": list_texture(shape)})
+        textures = {"blocks": list_texture(origin, channels=2)} | (
+            {} if shape is None else {"shape": list_texture(shape)}
+        )
         defines = (wanted - {"LAMPS", "SHADOW"}) | (frozenset(light.defines) & {"SUN", "MEDIUM", "HALO", "SOFT"})
         defines |= {"PLANE"} if shape is None else set()
         numbers = {}
         if "LAMPS" in wanted:
-            seen, numbers["LAMPS"] = light.visibility.seen(footprints, light.lamps), len(light.lamps)
-            textures["lamps_seen"] = list_texture(seen, 1)
+            lamps = range(HALO + 1, len(light.visibility.lights))
+            numbers["LAMPS"] = len(lamps)
+            textures["lamps_seen"] = list_texture(light.visibility.seen(footprints, lamps), channels=1)
         shader = self._targets.program("receiver", {**dict.fromkeys(defines, 1), **numbers, **of_eye(shot)})
         bind(shader, textures | light.textures)
-        light.set(shader)
         extent = shot.receiver.extent_m
         set_uniforms(
             shader,
+            **light.uniforms,
             world_from_camera=shot.view.world_from_camera.T,
             frame_size=(shot.view.width, shot.view.height),
             eye_m=shot.view.eye_m,
@@ -275,12 +281,6 @@ class ReceiverPass:
         named = {"waves": values[..., :3]} if "CAUSTICS" in wanted else {}
         named |= {"shape": values[..., 4:11]} if "ROUGH" in wanted else {}
         return named | ({"added": values[..., 12:15]} if "LAMPS" in wanted else {})
-
-
-def _wanted(receiver: Receiver) -> frozenset[str]:
-    """Return the features of the sun that a receiver shows."""
-    shown = {"SHADOW": receiver.shadow, "CAUSTICS": receiver.caustics}
-    return frozenset(name for name, shows in shown.items() if shows)
 
 
 def _on_plane(shot: Shot, wanted: frozenset[str]) -> bool:
@@ -303,5 +303,5 @@ def _within(corners: Floats, side: int) -> Floats:
     """Return values (n, side, side) of samples of blocks between those at their corners (n, 4); negative ones are
     kept."""
     place = (np.arange(side) + 0.5) / side
-    left, right = (corners[:, None, k] + place * (corners[:, None, k + 2] - corners[:, None, k]) for k in (0, 1))
-    return left[:, :, None] + place * (right - left)[:, :, None]
+    sides = corners[:, None, :2] + place[:, None] * (corners[:, None, 2:] - corners[:, None, :2])
+    return sides[..., :1] + place * (sides[..., 1:] - sides[..., :1])

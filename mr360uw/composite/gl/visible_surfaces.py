@@ -10,8 +10,10 @@ the processor in any case.
 
 from __future__ import annotations
 
+import functools
+import operator
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -27,7 +29,7 @@ from mr360uw.composite.gl.triangles import (
     mesh_looks,
     seen_triangles,
 )
-from mr360uw.composite.mesh.texture import WRAPS, alpha_at
+from mr360uw.composite.mesh.texture import WRAPS, Texture, alpha_at
 from mr360uw.composite.sampling import (
     BLEND_LAYERS,
     GROUPS,
@@ -36,6 +38,7 @@ from mr360uw.composite.sampling import (
     PLANE_TOLERANCE,
     WHOLE_PIXEL,
     Gaps,
+    Pattern,
     find_gaps,
     join_gaps,
     pattern,
@@ -90,38 +93,37 @@ class Surfaces:
     """The visible surfaces of objects.
 
     layers: of fragments, nearest first, opaque ones last. first: number of each object's first triangle. facets: (T,
-    10) of the triangles by number, three vectors as the module says, and the side that is shown.
+    10) of the triangles by number, three vectors as the module says, and the side that is shown. cache: of what is made
+    of them, and goes with them.
     """
 
     layers: list[Fragments]
     first: NDArray[np.int64]
     facets: NDArray[np.float32]
+    cache: Cache = field(default_factory=Cache)
 
 
 def find_surfaces(sampled: PartOf[Shot], objects: list[PlacedObject], cache: Cache) -> Surfaces:
     """Return the visible surfaces of objects. cache: what is kept of meshes and objects."""
     shot, keep = sampled.whole, max(_KEPT, len(objects))
     view = shot.view
-    # Gather the triangles of all objects, numbered one after the other
-    looks = [cache.of(mesh_looks, placed.mesh.still, keep=keep) for placed in objects]
-    of_view = PartOf(view, view)
-    seen = [
-        cache.of(seen_triangles, placed, of_view, look, keep=keep) for placed, look in zip(objects, looks, strict=True)
-    ]
-    first = np.cumsum([0, *(len(one.nearest) for one in seen)])
-    facets = np.concatenate([np.zeros((0, 10), np.float32), *(one.facets for one in seen)])
-    if len(facets) == 0:
-        return Surfaces([], first[:-1], facets)
-    pieces = np.cumsum([0, *(look.pieces for look in looks)])
-    nearest, rectangle = (np.concatenate([getattr(one, name) for one in seen]) for name in ("nearest", "rectangle"))
-    kind = np.concatenate([look.kind for look in looks])
-    piece = np.concatenate(
-        [placed.mesh.patch + start for placed, start in zip(objects, pieces.tolist(), strict=False)], dtype=np.int32
-    )
-    scene: Any = (facets, nearest, kind, piece, *cutouts(looks, first))
+    # Gather the triangles of all objects, and their smooth pieces, numbered one after the other
+    of_view, looks, seen, numbers, pieces = PartOf(view, view), [], [], [0], 0
+    for placed in objects:
+        look = cache.of(mesh_looks, placed.mesh.still, keep=keep)
+        one = cache.of(seen_triangles, placed, of_view, look, keep=keep)
+        seen.append((one.facets, one.nearest, one.rectangle, look.kind, placed.mesh.patch + pieces))
+        looks.append(look)
+        numbers.append(numbers[-1] + len(one.nearest))
+        pieces += look.pieces
+    first = np.array(numbers)
+    if first[-1] == 0:
+        return Surfaces([], first[:-1], np.zeros((0, 10), np.float32))
+    facets, nearest, rectangle, kind, piece = map(np.concatenate, zip(*seen, strict=True))
+    scene: Any = (facets, nearest, kind, piece.astype(np.int32), *cutouts(looks, first))
     # List them by block, nearest first, and see which pixels they fill
     corner, bounds, members, masks = make_blocks(rectangle, nearest, view)
-    tables: Any = _ray_tables(view)
+    tables: Any = _ray_tables(view.width, view.height)
     eye = np.float32(view.eye_m)
     slack = np.float32(PLANE_TOLERANCE * PIXEL_FILTER * np.pi / view.height)
     shown, reach = np.empty((len(corner), BLOCK * BLOCK), np.int32), np.zeros(len(members), np.uint16)
@@ -145,7 +147,7 @@ def find_surfaces(sampled: PartOf[Shot], objects: list[PlacedObject], cache: Cac
         layers.append(found)
     whole, rest = np.flatnonzero(shown.reshape(-1) > 0), np.flatnonzero(shown.reshape(-1) < 0)
     traced = _traced(view, shot.draw.samples, rest, lists, scene, optics, -1)
-    layers.append(_joined([_whole(corner, shown, whole), traced]))
+    layers.append(_joined(_whole(corner, shown, whole), traced))
     return Surfaces(layers, first[:-1], facets)
 
 
@@ -153,30 +155,34 @@ def cutouts(looks: Sequence[MeshLooks], first: NDArray[np.int64]) -> tuple[Any, 
     """Return the tables of masks that kernels read: rows of `cuts` by triangle, those, alphas of all levels of maps,
     and the place of each map among them: address, width, height, wrap along both.
     """
-    start = np.cumsum([0, *(len(look.cuts) for look in looks)])
-    maps = list(dict.fromkeys(texture for look in looks for texture in look.maps))
-    cut, cuts = np.full(int(first[-1]), -1, np.int32), np.zeros((max(int(start[-1]), 1), 11))
-    alphas, places, address = [np.zeros(1, np.float32)], np.zeros((max(len(maps), 1), 5), np.int64), 1
-    for look, begin, row in zip(looks, first, start, strict=False):
+    cut, cuts = np.full(int(first[-1]), -1, np.int32), [np.zeros((0, 11))]
+    places: dict[Texture, tuple[int, ...]] = {}
+    alphas, address, row = [np.zeros(1, np.float32)], 1, 0
+    for look, begin in zip(looks, first, strict=False):
         if len(look.cuts) == 0:
             continue
         cut[begin : begin + len(look.cut)] = np.where(look.cut >= 0, look.cut + row, -1)
-        cuts[row : row + len(look.cuts)] = look.cuts
-        number = np.array([*(maps.index(texture) for texture in look.maps), -1])
-        cuts[row : row + len(look.cuts), 10] = number[look.cuts[:, 10].astype(np.int64)]
-    for place, texture in zip(places, maps, strict=False):
-        place[:] = address, *texture.size, *(WRAPS.index(wrap) for wrap in texture.wrap)
-        alphas += [level[..., 3].astype(np.float32).ravel() for level in texture.levels]
-        address += sum(level.shape[0] * level.shape[1] for level in texture.levels)
-    return cut, cuts, np.concatenate(alphas), places
+        cuts.append(look.cuts.copy())
+        row += len(look.cuts)
+        # Number the maps of all meshes, each once
+        for texture in look.maps:
+            if texture not in places:
+                places[texture] = len(places), address, *texture.size, *map(WRAPS.index, texture.wrap)
+                alphas += [level[..., 3].astype(np.float32).ravel() for level in texture.levels]
+                address += sum(map(len, alphas[-len(texture.levels) :]))
+        number = np.array([*(places[texture][0] for texture in look.maps), -1])
+        cuts[-1][:, 10] = number[look.cuts[:, 10].astype(np.int64)]
+    rows = np.array([place[1:] for place in places.values()] or np.zeros((1, 5)), np.int64)
+    return cut, np.concatenate(cuts if row else [np.zeros((1, 11))]), np.concatenate(alphas), rows
 
 
-def _ray_tables(view: View) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+@functools.lru_cache(maxsize=4)
+def _ray_tables(width: int, height: int) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Return (cosine, sine) of the longitudes of the left sides of columns, then of their middles, (2, 2, W + 8), and
     of the latitudes of rows (2, 2, H + 8).
     """
-    column, row = (np.arange(n + 2 * BLOCK) + np.array([[0.0], [0.5]]) for n in (view.width, view.height))
-    angles = 2.0 * np.pi * (column / view.width - 0.5), np.pi * (0.5 - row / view.height)
+    column, row = (np.arange(n + 2 * BLOCK) + np.array([[0.0], [0.5]]) for n in (width, height))
+    angles = 2.0 * np.pi * (column / width - 0.5), np.pi * (0.5 - row / height)
     longitude, latitude = (np.stack([np.cos(a), np.sin(a)]).astype(np.float32) for a in angles)
     return longitude, latitude
 
@@ -196,14 +202,8 @@ def _traced(
     """Return the fragments of pixels of which all samples are traced. at: as of `_whole`. layer: of blended surfaces,
     -1 for the others.
     """
-    samples, most = pattern(count), count if optics[-1] else GROUPS
-    # Pad the samples with copies of the last one, to whole vectors of eight
-    padded = np.minimum(np.arange(-(-count // 8) * 8), count - 1)
-    angles = samples.positions[padded] * (2.0 * np.pi / view.width, -np.pi / view.height)
-    turns = np.stack([np.cos(angles), np.sin(angles)], axis=0).astype(np.float32).transpose(2, 0, 1)
-    positions, (x, y) = samples.positions[padded].T.astype(np.float32), samples.cells[padded].T
-    cells = np.stack([x, y, x * x, x * y, y * y]).astype(np.float32)
-    real, parts = (np.arange(len(x)) < count).astype(np.float32), []
+    samples, pattern_ = _sample_tables(view.width, view.height, count)
+    most, found = count if optics[-1] else GROUPS, _NOTHING
     for start in range(0, len(at), _FRAGMENTS_AT_ONCE // most):
         # Room for as many fragments as there may be: memory that is not written is not taken
         some = at[start : start + _FRAGMENTS_AT_ONCE // most]
@@ -212,7 +212,6 @@ def _traced(
         triangle, place = np.empty(capacity, np.int64), np.empty((capacity, 2))
         area, weight = np.empty((capacity, 5)), np.empty(capacity)
         filled, covered = np.empty(len(some), np.int64), np.empty((len(some), count), np.bool_)
-        pattern_ = turns, cells, positions, real, np.array(samples.step)
         inputs: list[Any] = [some, *lists, *scene, *pattern_, *optics, count, layer]
         outputs = pixels, first, triangle, place, area, weight, filled, covered
         there, total = _trace(*[*inputs, *outputs])
@@ -221,22 +220,37 @@ def _traced(
         gaps = find_gaps(samples, row[partly], column[partly], covered[partly])
         n = slice(0, total)
         of_pieces = triangle[n].copy(), place[n].copy(), area[n].copy(), weight[n].copy()
-        parts.append(Fragments(row, column, first[:there].copy(), *of_pieces, gaps))
-    return _joined(parts)
+        found = _joined(found, Fragments(row, column, first[:there].copy(), *of_pieces, gaps))
+    return found
 
 
-def _joined(parts: Sequence[Fragments]) -> Fragments:
-    """Return the fragments of disjoint sets of pixels."""
-    if len(parts) == 1:
-        return parts[0]
-    parts = [_NOTHING, *parts]
-    start = np.cumsum([0, *(len(part) for part in parts)])
-    joined = {
-        name: np.concatenate([getattr(part, name) for part in parts])
-        for name in ("row", "column", "triangle", "place", "area", "weight")
-    }
-    first = np.concatenate([part.first + begin for part, begin in zip(parts, start[:-1], strict=True)])
-    return Fragments(first=first, gaps=join_gaps([part.gaps for part in parts]), **joined)
+@functools.lru_cache(maxsize=4)
+def _sample_tables(width: int, height: int, count: int) -> tuple[Pattern, tuple[NDArray[Any], ...]]:
+    """Return the pattern of `count` samples, and its tables for `_trace`: rotations, cells and their products,
+    positions, which of them are real, and the step.
+    """
+    # Pad the samples with copies of the last one, to whole vectors of eight
+    samples, padded = pattern(count), np.minimum(np.arange(-(-count // 8) * 8), count - 1)
+    angles = samples.positions[padded] * (2.0 * np.pi / width, -np.pi / height)
+    turns = np.stack([np.cos(angles), np.sin(angles)], axis=0).astype(np.float32).transpose(2, 0, 1)
+    positions, (x, y) = samples.positions[padded].T.astype(np.float32), samples.cells[padded].T
+    cells = np.stack([x, y, x * x, x * y, y * y]).astype(np.float32)
+    real = (np.arange(len(x)) < count).astype(np.float32)
+    return samples, (turns, cells, positions, real, np.array(samples.step))
+
+
+def _joined(one: Fragments, other: Fragments) -> Fragments:
+    """Return the fragments of two disjoint sets of pixels."""
+    if not len(one.triangle) or not len(other.triangle):
+        return other if len(other.triangle) else one
+    pairs = zip(_columns(one), _columns(other), strict=True)
+    row, column, first, triangle, place, area, weight = map(np.concatenate, pairs)
+    first[len(one.first) :] += len(one.triangle)
+    return Fragments(row, column, first, triangle, place, area, weight, join_gaps(one.gaps, other.gaps))
+
+
+_columns = operator.attrgetter("row", "column", "first", "triangle", "place", "area", "weight")
+"""Returns the arrays of fragments in the order of the fields."""
 
 
 # --- pixels that one smooth piece fills ------------------------------------------------------------------------------

@@ -177,13 +177,12 @@ class MatchSettings(Parameters):
 
     def colour_over(self, found: ColourGrade) -> ColourGrade:
         """Return the colour of the grade: the given numbers, and those found where a key is "auto"."""
-        black, white, gamma, contrast, saturation = (getattr(self, name) for name in COLOUR)
         return ColourGrade(
-            found.black if black == "auto" else _three(black),
-            found.white if white == "auto" else _three(white),
-            found.gamma if gamma == "auto" else gamma,
-            found.contrast if contrast == "auto" else contrast,
-            found.saturation if saturation == "auto" else saturation,
+            found.black if self.black == "auto" else _three(self.black),
+            found.white if self.white == "auto" else _three(self.white),
+            found.gamma if self.gamma == "auto" else self.gamma,
+            found.contrast if self.contrast == "auto" else self.contrast,
+            found.saturation if self.saturation == "auto" else self.saturation,
         )
 
     @property
@@ -210,7 +209,7 @@ class MatchSettings(Parameters):
     @property
     def colours(self) -> bool:
         """Whether the plate may have a grade that its light is read without."""
-        return bool(self.open_keys) or self.colour_over(NO_GRADE).changes
+        return self.colour_over(NO_GRADE) != NO_GRADE or (bool(self.patch) and bool(self.open_keys))
 
     @property
     def changes(self) -> bool:

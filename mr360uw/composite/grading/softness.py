@@ -35,7 +35,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.composite.grading.settings import PlateGrade, ceil_px
-from mr360uw.composite.over import merge, over_tile, tile_of
+from mr360uw.composite.over import over_tile, tile_of
+from mr360uw.composite.tiles import even_tiles
 from mr360uw.types import Floats, Layer, Rectangle, Tile
 
 Plate = Callable[[Rectangle], Floats]
@@ -53,8 +54,8 @@ def matched_layer(layer: Layer, grade: PlateGrade, plate: Plate) -> Layer:
     bodies = [tile for tile in layer.tiles if np.any(tile.alpha > 0.0)]
     if reach == 0 or not bodies:
         return layer
-    grown = [part for tile in bodies for part in _grown(tile.rectangle, reach, layer)]
-    parts = merge([*grown, *(tile.rectangle for tile in layer.tiles)])
+    grown = [_grown(tile.rectangle, reach, layer) for tile in bodies]
+    parts = even_tiles([*grown, *(tile.rectangle for tile in layer.tiles)], layer.width, layer.height)
     return replace(layer, tiles=tuple(_matched(layer, part, grade, plate) for part in parts))
 
 
@@ -82,16 +83,13 @@ def _matched(layer: Layer, part: Rectangle, grade: PlateGrade, plate: Plate) -> 
     return replace(tile, radiance=radiance.astype(np.float32), alpha=alpha)
 
 
-def _grown(part: Rectangle, reach: int, layer: Layer) -> list[Rectangle]:
-    """Return a rectangle grown on all sides, in pieces where it crosses the panorama's seam."""
+def _grown(part: Rectangle, reach: int, layer: Layer) -> Rectangle:
+    """Return a rectangle grown on all sides, which may go over the panorama's seam."""
     first, last = max(part.row - reach, 0), min(part.row + part.height + reach, layer.height)
-    column, width = part.column - reach, part.width + 2 * reach
+    width = part.width + 2 * reach
     if width >= layer.width:
-        return [Rectangle(0, first, layer.width, last - first)]
-    column %= layer.width
-    here = min(width, layer.width - column)
-    pieces = [(column, here), (0, width - here)]
-    return [Rectangle(start, first, size, last - first) for start, size in pieces if size > 0]
+        return Rectangle(0, first, layer.width, last - first)
+    return Rectangle((part.column - reach) % layer.width, first, width, last - first)
 
 
 def _around(layer: Layer, part: Rectangle, reach: int) -> Floats:

@@ -22,7 +22,6 @@ the visible fraction of the luminous ball. On the device: lamps.glsl.
 from __future__ import annotations
 
 import functools
-from collections.abc import Sequence
 from typing import Protocol
 
 import numpy as np
@@ -30,12 +29,12 @@ from numpy.typing import NDArray
 
 from mr360uw.caustic_lookup import caustic_lookup, mip_levels, soft_caustic_lookup
 from mr360uw.composite.lighting.shadow import Blockers, visible_fraction
-from mr360uw.composite.shot import Shot
+from mr360uw.composite.shot import LightSample, Shot
 from mr360uw.constants import MINIMUM_SUN_UP
 from mr360uw.medium.lookup import beam_ratio, linear, optical_length, table_coordinate, unscattered_share
 from mr360uw.medium.shafts.single_scattering import nearest_m, spot_factor
 from mr360uw.sphere import basis, disc_directions, disc_offsets, effective_half_angle
-from mr360uw.types import Floats, Lamp, Light, Sun
+from mr360uw.types import Floats, Lamp, Sun
 
 Arrival = tuple[Floats, Floats, Floats | float]
 """Light of one source at n points, without shadows and caustics: unit direction (n, 3), or (3,) for all, towards the
@@ -71,14 +70,9 @@ REFERENCE_SUN_FACTOR = 4
 """Factor on the directions over a light's disc in the reference renderer, which approximates the limit of many."""
 
 
-def sun_of(shot: Shot) -> Sun | None:
+def sun_of(shot: Shot | LightSample) -> Sun | None:
     """Return the sun of a shot; None where there is none above the horizon."""
-    return sun_in(shot.lights)
-
-
-def sun_in(lights: Sequence[Light]) -> Sun | None:
-    """Return the sun among lights; None where there is none above the horizon."""
-    for light in lights:
+    for light in shot.lights:
         if isinstance(light, Sun) and light.direction[1] > 0.0:
             return light
     return None

@@ -38,7 +38,7 @@ from mr360uw.composite.receiver.ratio import (
     ambient_share,
     gather_images,
 )
-from mr360uw.composite.receiver.shape import ReceiverShape, kept_shape
+from mr360uw.composite.receiver.shape import ReceiverShape
 from mr360uw.composite.sampling import Gaps
 from mr360uw.composite.shot import PlacedObject, Shot
 from mr360uw.composite.tiles import rectangles_of_mask
@@ -298,7 +298,7 @@ def touched_ground(shot: Shot, cache: Cache) -> Touched | None:
     """Return the receiver that a shot may change; None where it does not. cache: keeps it while nothing moves."""
     if shot.receiver is None:
         return None
-    shape = kept_shape(shot.receiver, shot.view.position, cache)
+    shape = cache.of(ReceiverShape, shot.receiver, shot.view.position)
     ground = cache.of(_ground, PartOf(shot, shot.view), shape)
     sun = sun_of(shot)
     of_light = None if sun is None else sun.direction, widest_half_angle(shot), shot.caustics is None

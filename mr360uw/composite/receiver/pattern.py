@@ -183,20 +183,12 @@ class _Pyramid:
 
     def _joined(self, read: Callable[[Rectangle], Floats], top: int, bottom: int) -> NDArray[np.float32]:
         """Return the picture's rows [top, bottom) as `read` returns parts of them, over the seam."""
-        spans = _spans(self._left, self._right, self._picture.shape[1])
-        parts = [read(Rectangle(left, top, right - left, bottom - top)) for left, right in spans]
+        left, width, parts = self._left, self._picture.shape[1], []
+        while left < self._right:
+            columns = min(self._right - left, width - left % width)
+            parts.append(read(Rectangle(left % width, top, columns, bottom - top)))
+            left += columns
         return np.asarray(parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1), np.float32)
-
-
-def _spans(left: int, right: int, width: int) -> list[tuple[int, int]]:
-    """Return the columns [left, right), which may go over the seam, as spans of a frame of a width."""
-    spans = []
-    while left < right:
-        begin = left % width
-        end = min(begin + right - left, width)
-        spans.append((begin, end))
-        left += end - begin
-    return spans
 
 
 def direct_pattern(shown: Floats, calm: Floats, veil: Floats, share: Floats) -> Floats:

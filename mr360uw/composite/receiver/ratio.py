@@ -146,12 +146,12 @@ Gathered = list[tuple[NDArray[np.bool_], NDArray[np.float32]]]
 
 def gather_images(count: int, channels: int, parts: Gathered) -> PixelImages:
     """Return the images of `count` blocks from parts, each block in one part at most."""
-    at, first = np.full(count, -1, np.int32), 0
+    at, first, every = np.full(count, -1, np.int32), 0, [np.zeros((0, BLOCK, BLOCK, channels), np.float32)]
     for which, images in parts:
         at[which] = first + np.arange(len(images))
         first += len(images)
-    none = np.zeros((0, BLOCK, BLOCK, channels), np.float32)
-    return PixelImages(at, np.concatenate([none, *(images for _, images in parts)]))
+        every.append(images)
+    return PixelImages(at, np.concatenate(every))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -181,26 +181,25 @@ def lay_receiver(
     pattern: the plate's own caustics, which go with the sun's light (see pattern.py).
     """
     none = np.zeros((0, 0, 3), np.float32)
-    images = [
-        part for own in (light.free, light.seen, light.waves, light.shape, light.added) for part in (own.at, own.image)
-    ]
+    free, seen, waves, shape, added = light.free, light.seen, light.waves, light.shape, light.added
+    images = (
+        free.at, free.image, seen.at, seen.image, waves.at, waves.image, shape.at, shape.image, added.at, added.image,
+    )  # fmt: skip
     row, column = np.nonzero(light.blocks)
-    blurs = NO_BLURS if pattern is None else pattern.blurs(_hull(row, column, width, height))
+    blurs = NO_BLURS
+    if pattern is not None:
+        left, top, right, bottom = BLOCK * np.array([column.min(), row.min(), column.max() + 1, row.max() + 1])
+        hull = Rectangle(int(left), int(top), int(min(right, width) - left), int(min(bottom, height) - top))
+        blurs = pattern.blurs(hull)
     strength = np.float32(0.0 if pattern is None else pattern.strength)
     for tile in tiles:
         part = tile.rectangle
         shown, mean = (none, none) if pattern is None else (pattern.picture.linear(part), pattern.mean_of(part))
         plate = np.ascontiguousarray(shown, np.float32), mean, tuple(blurs), strength
         _lay(
-            (row, column, light.corner), tuple(images), (width, height, tile.row, tile.column), plate,
+            (row, column, light.corner), images, (width, height, tile.row, tile.column), plate,
             np.float32(unseen), (tile.ratio, tile.veil),
         )  # fmt: skip
-
-
-def _hull(row: NDArray[np.int64], column: NDArray[np.int64], width: int, height: int) -> Rectangle:
-    """Return the smallest rectangle of a width x height frame around blocks (n,)."""
-    left, top, right, bottom = (BLOCK * int(a) for a in (column.min(), row.min(), column.max() + 1, row.max() + 1))
-    return Rectangle(left, top, min(right, width) - left, min(bottom, height) - top)
 
 
 @inlined

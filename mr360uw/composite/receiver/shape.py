@@ -50,11 +50,6 @@ SMOOTHING_DEG = (21.0, 10.5, 10.5, 5.2, 5.2, 5.2, 2.6, 2.6, 2.6, 1.05, 1.05, 1.0
 terraces; two boxes a pass, or a Gaussian, mix more across edges."""
 
 
-def kept_shape(receiver: Receiver, camera_position: Floats, cache: Cache) -> ReceiverShape:
-    """Return a receiver's shape as seen from a position (3,) [m] in the world. cache: holds it for other frames."""
-    return cache.of(ReceiverShape, receiver, camera_position)
-
-
 def plate_distance(shot: Shot, x: Floats, y: Floats, direction: Floats, cache: Cache) -> Floats:
     """Return the distance (n,) [m] of the plate's surfaces along rays, infinity where the scene does not tell it.
 
@@ -63,7 +58,7 @@ def plate_distance(shot: Shot, x: Floats, y: Floats, direction: Floats, cache: C
     view, matte = shot.view, shot.holdout_distance_m
     nearest = np.full(len(direction), np.inf)
     if shot.receiver is not None:
-        nearest, _ = kept_shape(shot.receiver, view.position, cache).meet_along(view, x, y, direction)
+        nearest, _ = cache.of(ReceiverShape, shot.receiver, view.position).meet_along(view, x, y, direction)
     if matte is not None:
         found = matte[np.minimum(y.astype(np.int64), view.height - 1), x.astype(np.int64) % view.width]
         nearest = np.minimum(nearest, found)
@@ -73,7 +68,8 @@ def plate_distance(shot: Shot, x: Floats, y: Floats, direction: Floats, cache: C
 class ReceiverShape:
     """Intersection of camera rays with a receiver.
 
-    level_m: height [m] of a horizontal plane above the camera, None of other shapes. extent_m: of `Receiver`.
+    camera_position: (3,) [m] in the world. level_m: height [m] of a horizontal plane above the camera, None of other
+    shapes. extent_m: of `Receiver`.
     """
 
     def __init__(self, receiver: Receiver, camera_position: Floats) -> None:

@@ -179,8 +179,8 @@ def lay_over_codes(
 def plane_views(native: Any, spec: ColorSpec) -> YuvImage:
     """Return the planes of a PyAV frame as arrays that share its memory and keep it alive."""
     dtype = np.dtype(np.uint8 if spec.bits <= 8 else np.uint16)
-    y, u, v = (_view(plane, dtype) for plane in native.planes)
-    return YuvImage(y, u, v, spec)
+    y, u, v = native.planes
+    return YuvImage(_view(y, dtype), _view(u, dtype), _view(v, dtype), spec)
 
 
 def _view(plane: Any, dtype: np.dtype[Any]) -> NDArray[Any]:
@@ -212,9 +212,3 @@ def has_stereo_mark(native: Any) -> bool:
     x264 takes a new arrangement for a change of settings in mid-stream, after which "lossless" loses a few codes.
     """
     return native.side_data.get(Type.STEREO3D) is not None
-
-
-def copy_planes(image: YuvImage, name: str | None = None) -> tuple[Any, YuvImage]:
-    """Return a new PyAV frame with a copy of the planes (see `native_frame`), and writable views of it."""
-    native = native_frame(image, name)
-    return native, plane_views(native, image.spec)
