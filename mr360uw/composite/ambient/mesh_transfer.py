@@ -551,9 +551,9 @@ class Transfer:
     that is blocked. base, emission: (S, 3) mean colour and emission [plate radiance]; metallic, roughness, index: (S,).
     blocking: its triangles for rays. opacity: fraction of light that it blocks where it is met, a mean. area_m2: (3,)
     of its silhouettes along the axes; sides: (6, C) part of each coarse sample in the mean of what is seen from +x, -x,
-    +y, -y, +z and -z. tree: places of the samples. corners: (n, 3) distinct ones of the triangles; box: (2, 3)
-    around them; edges: (E, 2) numbers of the corners at the ends of each edge. Meshes of one `shape_of` share the lattice, which stands for all
-    that their shape alone decides.
+    +y, -y, +z and -z. tree: places of the samples. corners: (n, 3) distinct ones of the triangles; box: (2, 3) around
+    them; edges: (E, 2) numbers of the corners at the ends of each edge. Meshes of one `shape_of` share the lattice,
+    which stands for all that their shape alone decides.
     """
 
     lattice: Lattice

@@ -234,16 +234,19 @@ def _inverse_pattern(plate: Any, line: Any, count: int, inverse: Any) -> None:
 
 
 @inlined
-def _between(corner: Any, q: int, z: int, down: Any, line: Any, b: int) -> None:
-    """Set a row of block b of `line` (10, n) to what lies between the corners of block (q, z).
+def _between(corner: Any, q: int, z: int, down: Any, side: Any, line: Any, blocks: int) -> None:
+    """Set a row of `line` (10, n) to what lies between the corners of blocks, from block (q, z) on.
 
-    down: how far the row lies from the upper corners to the lower ones.
+    down: how far the row lies from the upper corners to the lower ones. side: (10, n) room for what it is between them.
     """
+    for b in range(blocks + 1):
+        for k in range(10):
+            side[k, b] = corner[q, z + b, k] + down * (corner[q + 1, z + b, k] - corner[q, z + b, k])
     for k in range(10):
-        start = corner[q, z, k] + down * (corner[q + 1, z, k] - corner[q, z, k])
-        step = corner[q, z + 1, k] + down * (corner[q + 1, z + 1, k] - corner[q, z + 1, k]) - start
-        for i in range(BLOCK):
-            line[k, b * BLOCK + i] = start + _MIDDLE[i] * step
+        for b in range(blocks):
+            start, step = side[k, b], side[k, b + 1] - side[k, b]
+            for i in range(BLOCK):
+                line[k, b * BLOCK + i] = start + _MIDDLE[i] * step
 
 
 @inlined
@@ -307,6 +310,7 @@ def _lay(blocks: Any, images: Any, frame: Any, plate: Any, least: Any, tile: Any
     # Make room for one row of some blocks
     room = _AT_ONCE * BLOCK
     line, weight = np.empty((10, room), np.float32), np.empty(room, np.float32)
+    side = np.empty((10, _AT_ONCE + 1), np.float32)
     waves_row, added_row = np.empty((3, room), np.float32), np.empty((3, room), np.float32)
     plate_row, inverse = np.ones((2, 3, room), np.float32), np.ones((3, room), np.float32)
     change = np.empty((3, room), np.float32)
@@ -337,9 +341,9 @@ def _lay(blocks: Any, images: Any, frame: Any, plate: Any, least: Any, tile: Any
         down = one / np.float32(min(BLOCK, height - top))
         for y in range(y0, y1):
             j, v, r = y - top, (np.float32(y - top) + half) * down, y - first_row
+            _between(corner, q, z, v, side, line, blocks)
             for b in range(blocks):
                 n = begin + b
-                _between(corner, q, z + b, v, line, b)
                 numbers = free_at[n], seen_at[n], waves_at[n], shape_at[n], added_at[n]
                 rows = line, weight, waves_row, added_row
                 _take_images(rows, b, j, numbers, (free, seen, waves, shape, added))
