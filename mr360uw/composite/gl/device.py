@@ -115,8 +115,8 @@ def _in_rows(values: NDArray[Any], channels: int) -> NDArray[np.float32]:
     flat = np.asarray(values).reshape(-1)
     row = _LIST_COLUMNS * channels
     rows = max(-(-len(flat) // row), 1)
-    padded = np.zeros(rows * row, np.float32)
-    padded[: len(flat)] = flat
+    padded = np.empty(rows * row, np.float32)
+    padded[: len(flat)], padded[len(flat) :] = flat, 0.0
     return padded.reshape(rows, _LIST_COLUMNS, channels)
 
 

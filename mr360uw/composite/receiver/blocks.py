@@ -86,13 +86,13 @@ class Ground:
     those given to `load_blocks`.
 
     corner_point, corner_normal: (R + 1, C + 1, 3) float32, middle_point, middle_normal: (R, C, 3), from the camera [m],
-    zero where there is none; corner (j, i) is at frame coordinates (8 i, 8 j). reach_m: (R, C) radius of a ball about
-    the middle that contains the block. rough: (R, C). broken: (R, C) rough, and with an edge: light that varies slowly
-    on a surface jumps there.
+    zero where there is none; corner (j, i) is at frame coordinates (8 i, 8 j). level: all normals are the same.
+    reach_m: (R, C) radius of a ball about the middle that contains the block. rough: (R, C). broken: (R, C) rough, and
+    with an edge: light that varies slowly on a surface jumps there.
     """
 
     def __init__(self, shot: Shot, shape: ReceiverShape) -> None:
-        self._shape, self._lock = shape, threading.RLock()
+        self._shape, self._lock, self.level = shape, threading.RLock(), shape.level_m is not None
         self._width, self._height = shot.view.width, shot.view.height
         self.rows, self.columns = -(-self._height // BLOCK), -(-self._width // BLOCK)
         corners, blocks = (self.rows + 1, self.columns + 1), (self.rows, self.columns)
@@ -139,14 +139,14 @@ class Ground:
             corners = self.corners_of(new) & ~self._loaded_corner
             point, normal = self._on_grid(shot, self._corner_xy, corners)
             self.corner_point[corners] = point[corners]
-            if self._shape.level_m is None:
+            if not self.level:
                 self.corner_normal[corners] = normal[corners]
             # Find which of them their corners represent, and how far they reach
             j, i = np.nonzero(new)
             limit = FADE_FROM * self._shape.extent_m
             _measure_blocks(j, i, self.corner_point, self.middle_point, limit, _REACH, self.broken, self.reach_m)
             self.rough[j, i] |= self.broken[j, i]
-            if self._shape.level_m is None:
+            if not self.level:
                 self._classify(shot, j, i)
             self._loaded_corner |= corners
             self._loaded_block |= new
@@ -324,7 +324,7 @@ def _touched(alike: PartOf[Shot], ground: Ground) -> Touched:
     if shot.casters:
         boxes = _boxes(shot.casters, basis(sun.direction if sun else (0.0, 1.0, 0.0)), shot.view.position)
         spread = float(np.tan(widest_half_angle(shot))) if receiver.shadow and sun is not None else -1.0
-        normal = ground.middle_normal if ground.middle_normal.flags.c_contiguous else ground.middle_normal[:1, :1]
+        normal = ground.middle_normal[:1, :1] if ground.level else ground.middle_normal
         extent = BLOCK * np.pi / (2 * shot.view.height), BLOCK * np.pi / shot.view.width
         least = np.pi * UNNOTICED if receiver.occlusion else 2.0 * _TOUCHING
         _mark(point, np.ascontiguousarray(normal), extent, boxes, spread, least, shaded, marks)
@@ -490,7 +490,9 @@ def _reach(shot: Shot, touched: Touched, ambient: AmbientLight | None, cache: Ca
 
 def _places(ground: Ground, j: Indices, i: Indices) -> tuple[Floats, Floats]:
     """Return points and normals (n, 3) of corners, float64."""
-    return ground.corner_point[j, i].astype(np.float64), ground.corner_normal[j, i].astype(np.float64)
+    point = ground.corner_point[j, i].astype(np.float64)
+    one = ground.corner_normal[0, 0] if ground.level else ground.corner_normal[j, i]
+    return point, np.broadcast_to(one.astype(np.float64), point.shape)
 
 
 def changed_blocks(shot: Shot, reach: GroundReach, blocks: Blocks) -> Blocks:
