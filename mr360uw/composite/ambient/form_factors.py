@@ -365,8 +365,8 @@ class FormFactors:
 
     def of(self, rows: NDArray[np.int64]) -> FormFactors:
         """Return those of some of the samples."""
-        begin = self.samples.indptr
-        entries = np.concatenate([np.zeros(0, np.int64), *(np.arange(begin[n], begin[n + 1]) for n in rows)])
+        first, count = self.samples.indptr[rows], np.diff(self.samples.indptr)[rows]
+        entries = np.repeat(first - np.cumsum(count) + count, count) + np.arange(count.sum())
         return FormFactors(self.lost[rows], self.samples[rows], self.way[entries], self.ground[rows])
 
 
