@@ -36,6 +36,7 @@ from mr360uw.composite.receiver.pattern import (
     drawn_towards,
 )
 from mr360uw.composite.shot import Shot
+from mr360uw.composite.tiles import places_in_mask
 from mr360uw.constants import BRIGHTEST, DARK
 from mr360uw.jit import fast, inlined
 from mr360uw.texels import smoothstep
@@ -184,7 +185,7 @@ def lay_receiver(
     images = [
         part for own in (light.free, light.seen, light.waves, light.shape, light.added) for part in (own.at, own.image)
     ]
-    row, column = np.nonzero(light.blocks)
+    row, column = places_in_mask(light.blocks)
     blurs = NO_BLURS if pattern is None else pattern.blurs(_hull(row, column, width, height))
     strength = np.float32(0.0 if pattern is None else pattern.strength)
     for tile in tiles:
