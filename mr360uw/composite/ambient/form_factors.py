@@ -365,8 +365,8 @@ class FormFactors:
 
     def of(self, rows: NDArray[np.int64]) -> FormFactors:
         """Return those of some of the samples."""
-        begin = self.samples.indptr
-        entries = np.concatenate([np.zeros(0, np.int64), *(np.arange(begin[n], begin[n + 1]) for n in rows)])
+        first, count = self.samples.indptr[rows], np.diff(self.samples.indptr)[rows]
+        entries = np.repeat(first - np.cumsum(count) + count, count) + np.arange(count.sum())
         return FormFactors(self.lost[rows], self.samples[rows], self.way[entries], self.ground[rows])
 
 
@@ -442,8 +442,9 @@ class Neighbour:
         back = np.linalg.inv(self.linear).T
         start, along = (place - self.shift) @ back, directions() @ back
         near, found = self._directions_near(transfer), np.empty((2, len(place) * COUNT), np.int32)
-        corners, slack = self.transfer.corners, _SLACK * self.transfer.mesh.radius_m
-        box = corners.min(axis=0) - slack, corners.max(axis=0) + slack
+        low, high = self.transfer.box
+        slack = _SLACK * self.transfer.mesh.radius_m
+        box = low - slack, high + slack
         used = _into_box(start, open_, 1.0 / np.where(np.abs(along) < _LEAST, _LEAST, along), near, *box, found)
         sample, direction = found[:, :used]
         origin, rays = start[sample], along[direction]
@@ -480,15 +481,15 @@ def _find_nodes(place: Any, d: Any, height_m: Any, scale: Any, seen: Any) -> Non
 
     height_m: of the middle above the ground. scale: nodes in a metre of it.
     """
-    half, side = np.float32(0.5 * NODES), np.float32(NODES)
+    half, side, never = np.float32(0.5 * NODES), np.float32(NODES), np.float32(np.inf)
+    x, z = np.empty(len(d), np.float32), np.empty(len(d), np.float32)
     for k in range(len(d)):
-        if not d[k, 1] < np.float32(-1e-6):
-            seen[:, k] = -1
-            continue
-        x, z = d[k, 0] / -d[k, 1], d[k, 2] / -d[k, 1]
-        for n in range(len(place)):
-            far = (place[n, 1] + height_m) * scale
-            i, j = place[n, 0] * scale + far * x + half, place[n, 2] * scale + far * z + half
+        down = d[k, 1] < np.float32(-1e-6)
+        x[k], z[k] = (d[k, 0] / -d[k, 1], d[k, 2] / -d[k, 1]) if down else (never, never)
+    for n in range(len(place)):
+        far = (place[n, 1] + height_m) * scale
+        for k in range(len(d)):
+            i, j = place[n, 0] * scale + far * x[k] + half, place[n, 2] * scale + far * z[k] + half
             inside = i >= 0.0 and i < side and j >= 0.0 and j < side
             seen[n, k] = np.int16(i) * NODES + np.int16(j) if inside else -1
 
@@ -586,8 +587,8 @@ def form_factors(
     sample, direction, met, distance, share = (np.concatenate(columns) for columns in zip(none, *hits, strict=True))
     rows = len(cosine)
     lost, ground = np.zeros((rows, COUNT), np.float32), np.zeros((rows, 0 if node is None else NODES**2), np.float32)
-    begin, column = np.zeros(rows + 1, np.int64), np.zeros(len(sample), np.int32)
-    weight, way = np.zeros(len(sample), np.float32), np.zeros(len(sample), np.int16)
+    begin, column = np.zeros(rows + 1, np.int64), np.empty(len(sample), np.int32)
+    weight, way = np.empty(len(sample), np.float32), np.empty(len(sample), np.int16)
     if node is not None or len(sample):
         behind = np.full(cosine.shape, -1, np.int16) if node is None else node
         _resolve(

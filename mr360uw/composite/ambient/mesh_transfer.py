@@ -551,9 +551,9 @@ class Transfer:
     that is blocked. base, emission: (S, 3) mean colour and emission [plate radiance]; metallic, roughness, index: (S,).
     blocking: its triangles for rays. opacity: fraction of light that it blocks where it is met, a mean. area_m2: (3,)
     of its silhouettes along the axes; sides: (6, C) part of each coarse sample in the mean of what is seen from +x, -x,
-    +y, -y, +z and -z. tree: places of the samples. corners: (n, 3) distinct ones of the triangles; edges: (E, 2)
-    numbers of the corners at the ends of each edge. Meshes of one `shape_of` share the lattice, which stands for all
-    that their shape alone decides.
+    +y, -y, +z and -z. tree: places of the samples. corners: (n, 3) distinct ones of the triangles; box: (2, 3) around
+    them; edges: (E, 2) numbers of the corners at the ends of each edge. Meshes of one `shape_of` share the lattice,
+    which stands for all that their shape alone decides.
     """
 
     lattice: Lattice
@@ -574,6 +574,7 @@ class Transfer:
     sides: NDArray[np.float32]
     tree: Any
     corners: Floats
+    box: Floats
     edges: NDArray[np.int64]
 
     def painted(self, mesh: Mesh) -> Transfer:
@@ -634,10 +635,12 @@ def make_transfer(mesh: Mesh) -> Transfer:
     lattice, coarse = _from_arrays(Lattice, found), _from_arrays(CoarseSamples, found)
     cosine = _cosines(lattice)
     base, emission, metallic, roughness, index = _colors(mesh, lattice)
+    corners = mesh.positions.reshape(-1, 3)[found["corners"]]
     return Transfer(
         lattice, coarse, cosine, found["own"].astype(np.int64), found["own_part"], base, emission, metallic, roughness,
         index, cosine.sum(axis=1), blocking, float(found["opacity"]), mesh, found["area_m2"], found["sides"],
-        cKDTree(lattice.position), mesh.positions.reshape(-1, 3)[found["corners"]], found["edges"].astype(np.int64),
+        cKDTree(lattice.position), corners, np.stack([corners.min(axis=0), corners.max(axis=0)]),
+        found["edges"].astype(np.int64),
     )  # fmt: skip
 
 

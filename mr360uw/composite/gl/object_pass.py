@@ -165,7 +165,7 @@ class ObjectPass:
         blended: bool,
     ) -> NDArray[np.float32]:
         """Return the outputs (n, channels) of layer.frag for a part of the fragments. textures: of these alone."""
-        (shot, light, _), mesh, count = lit, part.mesh, len(part.chosen)
+        (shot, light, _), mesh, count = lit, part.mesh, len(part.listed)
         buffers = self._buffers(mesh)
         defines = of_eye(shot) | {"OUTPUTS": outputs} | buffers.defines | light.defines
         defines |= {"BLENDED": 1} if blended else {}
@@ -315,14 +315,14 @@ LayerOf = tuple[tuple[PlacedObject, ...], NDArray[np.int64], Fragments]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MeshFragments:
-    """Fragments of one mesh that are shaded together. chosen: (n,) numbers among all.
+    """Fragments of one mesh that are shaded together. chosen: (n,) numbers among all, or where these are in the list.
 
     listed: (n, 9) of each, triangle of the mesh, place (2), body and area (5) of `Fragments`. triangle: (n,) numbers
     of triangles among all. pixel: (n,) numbers, those of a pixel in sequence; weight: (n,) of `Fragments`.
     """
 
     mesh: Mesh
-    chosen: NDArray[np.int64]
+    chosen: NDArray[np.int64] | slice
     listed: Floats
     triangle: NDArray[np.int64]
     pixel: NDArray[np.int64]
@@ -344,7 +344,8 @@ def mesh_fragments(layer: PartOf[LayerOf]) -> tuple[NDArray[np.int64], list[Mesh
     for mesh, k in meshes.items():
         chosen = np.flatnonzero(of_mesh[body] == k)
         for start in range(0, len(chosen), _AT_ONCE):
-            part = chosen[start : start + _AT_ONCE]
+            stretch = slice(start, start + _AT_ONCE)
+            part = stretch if len(chosen) == len(fragments) else chosen[stretch]  # of one mesh alone, no copies
             numbers = fragments.triangle[part]
             parts.append(MeshFragments(mesh, part, listed[part], numbers, pixel[part], fragments.weight[part]))
     return body, parts

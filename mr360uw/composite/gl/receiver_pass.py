@@ -37,6 +37,7 @@ from mr360uw.composite.receiver.blocks import (
 from mr360uw.composite.receiver.ratio import BLOCK, FADE_FROM, SEEN, BlockLight, Gathered, gather_images
 from mr360uw.composite.sampling import WHOLE_PIXEL, Gaps
 from mr360uw.composite.shot import Shot
+from mr360uw.composite.tiles import places_in_mask
 from mr360uw.gl.context import set_uniforms
 from mr360uw.types import Floats
 
@@ -100,7 +101,7 @@ class ReceiverPass:
         if "CAUSTICS" not in of_sun:
             blocks = changed_blocks(shot, reach, blocks) | (blocks & (touched.lamplit | sight.edge))
         set_plate_light(shot, reach, blocks)
-        j, i = np.nonzero(blocks)
+        j, i = places_in_mask(blocks)
         if len(j) == 0:
             return None
         # Take the sun at pixels on edges of level ground; draw all else pixel by pixel, with the features that it needs
@@ -143,7 +144,7 @@ class ReceiverPass:
         # Look at the sun from corners and middles; on level ground the beam is everywhere the same
         assert shot.receiver is not None
         level, plane_m = shot.receiver.plane_y is not None, _plane_m(shot)
-        (cj, ci), (mj, mi) = np.nonzero(ground.corners_of(shaded)), np.nonzero(shaded)
+        (cj, ci), (mj, mi) = places_in_mask(ground.corners_of(shaded)), places_in_mask(shaded)
         reach = ground.reach_m[mj, mi]
         places = np.zeros((len(cj) + len(mj), 4))
         places[: len(cj), :3] = ground.corner_point[cj, ci]

@@ -41,7 +41,7 @@ from mr360uw.composite.receiver.ratio import (
 from mr360uw.composite.receiver.shape import ReceiverShape
 from mr360uw.composite.sampling import Gaps
 from mr360uw.composite.shot import PlacedObject, Shot
-from mr360uw.composite.tiles import rectangles_of_mask
+from mr360uw.composite.tiles import places_in_mask, rectangles_of_mask
 from mr360uw.jit import exact, fast
 from mr360uw.medium.lookup import transmittance_lookup
 from mr360uw.sphere import basis
@@ -86,13 +86,13 @@ class Ground:
     those given to `load_blocks`.
 
     corner_point, corner_normal: (R + 1, C + 1, 3) float32, middle_point, middle_normal: (R, C, 3), from the camera [m],
-    zero where there is none; corner (j, i) is at frame coordinates (8 i, 8 j). reach_m: (R, C) radius of a ball about
-    the middle that contains the block. rough: (R, C). broken: (R, C) rough, and with an edge: light that varies slowly
-    on a surface jumps there.
+    zero where there is none; corner (j, i) is at frame coordinates (8 i, 8 j). level: all normals are the same.
+    reach_m: (R, C) radius of a ball about the middle that contains the block. rough: (R, C). broken: (R, C) rough, and
+    with an edge: light that varies slowly on a surface jumps there.
     """
 
     def __init__(self, shot: Shot, shape: ReceiverShape) -> None:
-        self._shape, self._lock = shape, threading.RLock()
+        self._shape, self._lock, self.level = shape, threading.RLock(), shape.level_m is not None
         self._width, self._height = shot.view.width, shot.view.height
         self.rows, self.columns = -(-self._height // BLOCK), -(-self._width // BLOCK)
         corners, blocks = (self.rows + 1, self.columns + 1), (self.rows, self.columns)
@@ -118,7 +118,7 @@ class Ground:
             _meet_level(*xy, wanted, size, axes, float(view.eye_m), height_m, extent_m, point)
             up = np.array([0.0, -np.sign(height_m) if height_m else 1.0, 0.0], np.float32)
             return point, np.broadcast_to(up, point.shape)
-        normal, (j, i) = np.zeros_like(point), np.nonzero(wanted)
+        normal, (j, i) = np.zeros_like(point), places_in_mask(wanted)
         point[j, i], normal[j, i] = self.meet(shot, xy[0][i], xy[1][j])
         return point, normal
 
@@ -139,14 +139,14 @@ class Ground:
             corners = self.corners_of(new) & ~self._loaded_corner
             point, normal = self._on_grid(shot, self._corner_xy, corners)
             self.corner_point[corners] = point[corners]
-            if self._shape.level_m is None:
+            if not self.level:
                 self.corner_normal[corners] = normal[corners]
             # Find which of them their corners represent, and how far they reach
-            j, i = np.nonzero(new)
+            j, i = places_in_mask(new)
             limit = FADE_FROM * self._shape.extent_m
             _measure_blocks(j, i, self.corner_point, self.middle_point, limit, _REACH, self.broken, self.reach_m)
             self.rough[j, i] |= self.broken[j, i]
-            if self._shape.level_m is None:
+            if not self.level:
                 self._classify(shot, j, i)
             self._loaded_corner |= corners
             self._loaded_block |= new
@@ -324,7 +324,7 @@ def _touched(alike: PartOf[Shot], ground: Ground) -> Touched:
     if shot.casters:
         boxes = _boxes(shot.casters, basis(sun.direction if sun else (0.0, 1.0, 0.0)), shot.view.position)
         spread = float(np.tan(widest_half_angle(shot))) if receiver.shadow and sun is not None else -1.0
-        normal = ground.middle_normal if ground.middle_normal.flags.c_contiguous else ground.middle_normal[:1, :1]
+        normal = ground.middle_normal[:1, :1] if ground.level else ground.middle_normal
         extent = BLOCK * np.pi / (2 * shot.view.height), BLOCK * np.pi / shot.view.width
         least = np.pi * UNNOTICED if receiver.occlusion else 2.0 * _TOUCHING
         _mark(point, np.ascontiguousarray(normal), extent, boxes, spread, least, shaded, marks)
@@ -335,7 +335,7 @@ def _touched(alike: PartOf[Shot], ground: Ground) -> Touched:
     if shot.medium is not None:
         # Look up the water before the far ones alone: the others are seen where it is densest
         clearest = float(shot.medium.attenuation.min(axis=-1).max())
-        j, i = np.nonzero(marks)
+        j, i = places_in_mask(marks)
         distance = np.linalg.norm(point[j, i], axis=-1)
         far = np.flatnonzero(distance * clearest >= -np.log(NEGLIGIBLE))
         j, i, distance = j[far], i[far], distance[far]
@@ -349,7 +349,7 @@ def _lamplit(shot: Shot, ground: Ground) -> Blocks:
     if not lamps_of(shot):
         return lit
     point, normal = (a[::_LAMP_STEP, ::_LAMP_STEP] for a in (ground.middle_point, ground.middle_normal))
-    j, i = np.nonzero(np.any(point != 0.0, axis=-1))
+    j, i = places_in_mask(np.any(point != 0.0, axis=-1))
     places = point[j, i].astype(np.float64), normal[j, i].astype(np.float64)
     some = added_light(shot, light_sources(shot), *places, shadows=False).max(axis=-1) > NEGLIGIBLE
     j, i = _LAMP_STEP * j[some], _LAMP_STEP * i[some]
@@ -482,7 +482,7 @@ def _reach(shot: Shot, touched: Touched, ambient: AmbientLight | None, cache: Ca
     ground, field = touched.ground, ground_field(shot, ambient, cache)
     ground.load_blocks(shot, touched.blocks)
     corner = np.zeros((ground.rows + 1, ground.columns + 1, CORNER_CHANNELS), np.float32)
-    j, i = np.nonzero(ground.corners_of(touched.blocks))
+    j, i = places_in_mask(ground.corners_of(touched.blocks))
     corner[j, i, FREE] = field.at(*_places(ground, j, i))
     corner[j, i, SEEN] = 1.0
     return GroundReach(touched, field, corner)
@@ -490,7 +490,9 @@ def _reach(shot: Shot, touched: Touched, ambient: AmbientLight | None, cache: Ca
 
 def _places(ground: Ground, j: Indices, i: Indices) -> tuple[Floats, Floats]:
     """Return points and normals (n, 3) of corners, float64."""
-    return ground.corner_point[j, i].astype(np.float64), ground.corner_normal[j, i].astype(np.float64)
+    point = np.take(ground.corner_point.reshape(-1, 3), j * (ground.columns + 1) + i, axis=0).astype(np.float64)
+    one = ground.corner_normal[0, 0] if ground.level else ground.corner_normal[j, i]
+    return point, np.broadcast_to(one.astype(np.float64), point.shape)
 
 
 def changed_blocks(shot: Shot, reach: GroundReach, blocks: Blocks) -> Blocks:
@@ -499,7 +501,7 @@ def changed_blocks(shot: Shot, reach: GroundReach, blocks: Blocks) -> Blocks:
     Ambient and direct light have weights that add up to 1 (see ratio.py and pattern.py), and each factor on them is
     linear between the corners; only near a body and where the ambient light jumps it may be farther from 1 inside.
     """
-    ground, (j, i) = reach.touched.ground, np.nonzero(blocks)
+    ground, (j, i) = reach.touched.ground, places_in_mask(blocks)
     marks = ground.broken[j, i] | _crossed(ground, reach.ambient)[j, i]
     factors = reach.corner[..., FREE.start :]
     _mark_changed(j, i, factors, ground.middle_point, ground.reach_m, _balls(shot), np.float32(shot.unseen), marks)
@@ -511,7 +513,7 @@ def changed_blocks(shot: Shot, reach: GroundReach, blocks: Blocks) -> Blocks:
 def set_plate_light(shot: Shot, reach: GroundReach, blocks: Blocks) -> None:
     """Set the ambient share and the veil of the plate at the corners of blocks (R, C)."""
     ground, corner = reach.touched.ground, reach.corner
-    j, i = np.nonzero(ground.corners_of(blocks))
+    j, i = places_in_mask(ground.corners_of(blocks))
     point, normal = _places(ground, j, i)
     of = slice(None)
     if shot.receiver is not None and shot.receiver.plane_y is not None and len(point):

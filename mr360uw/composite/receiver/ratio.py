@@ -36,6 +36,7 @@ from mr360uw.composite.receiver.pattern import (
     drawn_towards,
 )
 from mr360uw.composite.shot import Shot
+from mr360uw.composite.tiles import places_in_mask
 from mr360uw.constants import BRIGHTEST, DARK
 from mr360uw.jit import fast, inlined
 from mr360uw.texels import smoothstep
@@ -185,7 +186,7 @@ def lay_receiver(
     images = (
         free.at, free.image, seen.at, seen.image, waves.at, waves.image, shape.at, shape.image, added.at, added.image,
     )  # fmt: skip
-    row, column = np.nonzero(light.blocks)
+    row, column = places_in_mask(light.blocks)
     blurs = NO_BLURS
     if pattern is not None:
         left, top, right, bottom = BLOCK * np.array([column.min(), row.min(), column.max() + 1, row.max() + 1])
@@ -233,16 +234,19 @@ def _inverse_pattern(plate: Any, line: Any, count: int, inverse: Any) -> None:
 
 
 @inlined
-def _between(corner: Any, q: int, z: int, down: Any, line: Any, b: int) -> None:
-    """Set a row of block b of `line` (10, n) to what lies between the corners of block (q, z).
+def _between(corner: Any, q: int, z: int, down: Any, side: Any, line: Any, blocks: int) -> None:
+    """Set a row of `line` (10, n) to what lies between the corners of blocks, from block (q, z) on.
 
-    down: how far the row lies from the upper corners to the lower ones.
+    down: how far the row lies from the upper corners to the lower ones. side: (10, n) room for what it is between them.
     """
+    for b in range(blocks + 1):
+        for k in range(10):
+            side[k, b] = corner[q, z + b, k] + down * (corner[q + 1, z + b, k] - corner[q, z + b, k])
     for k in range(10):
-        start = corner[q, z, k] + down * (corner[q + 1, z, k] - corner[q, z, k])
-        step = corner[q, z + 1, k] + down * (corner[q + 1, z + 1, k] - corner[q, z + 1, k]) - start
-        for i in range(BLOCK):
-            line[k, b * BLOCK + i] = start + _MIDDLE[i] * step
+        for b in range(blocks):
+            start, step = side[k, b], side[k, b + 1] - side[k, b]
+            for i in range(BLOCK):
+                line[k, b * BLOCK + i] = start + _MIDDLE[i] * step
 
 
 @inlined
@@ -306,6 +310,7 @@ def _lay(blocks: Any, images: Any, frame: Any, plate: Any, least: Any, tile: Any
     # Make room for one row of some blocks
     room = _AT_ONCE * BLOCK
     line, weight = np.empty((10, room), np.float32), np.empty(room, np.float32)
+    side = np.empty((10, _AT_ONCE + 1), np.float32)
     waves_row, added_row = np.empty((3, room), np.float32), np.empty((3, room), np.float32)
     plate_row, inverse = np.ones((2, 3, room), np.float32), np.ones((3, room), np.float32)
     change = np.empty((3, room), np.float32)
@@ -336,9 +341,9 @@ def _lay(blocks: Any, images: Any, frame: Any, plate: Any, least: Any, tile: Any
         down = one / np.float32(min(BLOCK, height - top))
         for y in range(y0, y1):
             j, v, r = y - top, (np.float32(y - top) + half) * down, y - first_row
+            _between(corner, q, z, v, side, line, blocks)
             for b in range(blocks):
                 n = begin + b
-                _between(corner, q, z + b, v, line, b)
                 numbers = free_at[n], seen_at[n], waves_at[n], shape_at[n], added_at[n]
                 rows = line, weight, waves_row, added_row
                 _take_images(rows, b, j, numbers, (free, seen, waves, shape, added))
