@@ -168,11 +168,9 @@ def _steady_shot(gain: Array, change: Array, frame_rate: float) -> Array:
 
 def _running_median(values: Array, half: int) -> Array:
     """Return medians of values (n, k) over `half` frames on either side; near an end that of the last whole window."""
-    from scipy.ndimage import median_filter
-
     half = min(half, (len(values) - 1) // 2)
-    whole = np.clip(np.arange(len(values)), half, len(values) - 1 - half)
-    return np.asarray(median_filter(values, (2 * half + 1, 1))[whole])
+    whole = np.median(np.lib.stride_tricks.sliding_window_view(values, 2 * half + 1, axis=0), axis=-1)
+    return np.asarray(whole[np.clip(np.arange(len(values)) - half, 0, len(whole) - 1)])
 
 
 Frame = TypeVar("Frame")
