@@ -157,6 +157,7 @@ def draw_objects(
 
     Returns the uncovered parts of pixels that opaque surfaces cover partly.
     """
+    # Trace the samples of so many pixels at once as fit in memory
     gaps: list[Gaps] = []
     samples = pattern(shot.draw.samples)
     rows, columns = np.nonzero(where)
@@ -169,6 +170,7 @@ def draw_objects(
         distance = np.full(len(i), np.inf)
         layers = trace_samples(shot, geometry, scene, samples, x, y)
         gaps.append(find_gaps(samples, y, x, layers[-1][0] >= 0))
+        # Lay what is blended over the opaque, the nearest first, each shaded once a group
         for triangle, seen_m in layers:
             through = (1.0 - alpha).copy()
             for p, weight, hits in group_samples(shot, geometry, samples, x, y, triangle, seen_m):
@@ -204,6 +206,7 @@ def draw_receiver(
 
     Each pixel takes those at its centre, or in its gap: where bodies cover the centre the receiver is not visible.
     """
+    # Take the centre of each pixel, or its gap beside bodies
     assert shot.receiver is not None
     rows, columns = np.nonzero(where)
     if len(rows) == 0:
@@ -215,16 +218,19 @@ def draw_receiver(
     place[gap >= 0] = gaps.place[gap[gap >= 0]]
     area = np.tile(WHOLE_PIXEL, (len(rows), 1))
     area[gap >= 0] = gaps.area[gap[gap >= 0]]
+    # Meet the receiver there
     distance, normal = shape.meet(shot, *place.T)
     hit = np.isfinite(distance)
     rows, columns, distance, normal, area = rows[hit], columns[hit], distance[hit], normal[hit], area[hit]
     x, y = place[hit].T
     direction = shot.view.directions(x, y)
+    # Look up the veil, and what the plate shows of its own waves
     _, veil = water_ahead(shot, distance, direction)
     plate = None
     if shot.pattern is not None:
         shown, calm = (picture[rows, columns].astype(np.float64) for picture in shot.pattern.light(tile.rectangle))
         plate = shown, calm, veil
+    # Divide the light with bodies by that without them, and write where it differs
     point = shot.view.points(direction, distance)
     free = free_of_bodies(shot, light, point, normal)
     sides = pixel_footprint(shot.view, x, y, point, normal, area)
@@ -243,6 +249,7 @@ def trace_samples(
     holds the opaque surfaces, even if there are none. Rays pass through masked-out texels and back faces of one-sided
     materials.
     """
+    # Aim a ray at each sample
     count, n = len(x), samples.count
     fx = (x[:, None] + samples.positions[None, :, 0]).ravel()
     fy = (y[:, None] + samples.positions[None, :, 1]).ravel()
@@ -256,6 +263,7 @@ def trace_samples(
     cutoff = np.array([m.alpha_cutoff for m in geometry.materials] or [0.5])
     active, start = np.arange(count * n), np.zeros(count * n)
     pixel = n**-0.5
+    # Follow the rays from hit to hit, until all end on what is opaque
     for _ in range(MAXIMUM_HITS):
         if len(active) == 0:
             break
@@ -268,6 +276,7 @@ def trace_samples(
         corners = geometry.positions[triangle] - origin[:, None]
         weights, distance = barycentric(corners, rays)
         start[active] = np.maximum(distance, start[active]) * (1.0 + 4e-6) + 1e-7
+        # Let rays through backs of one-sided faces and texels that are masked out
         material = geometry.material[triangle]
         flat = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         solid = two_sided[material] | (np.sum(flat * rays, -1) < 0.0)
@@ -280,6 +289,7 @@ def trace_samples(
             change = uv_change(corners[masked], geometry.uv[triangle[masked]], weights[masked], around)
             alpha = base_color(geometry, triangle[masked], weights[masked], change)[:, 3]
             solid[masked] = alpha >= cutoff[material[masked]]
+        # Write what is blended to the next free layer, what is opaque to the last
         blended = solid & (mode[material] == "BLEND")
         for k in range(BLEND_LAYERS):
             to = blended & (filled[active] == k)
@@ -306,6 +316,7 @@ def group_samples(
     A group starts at the ungrouped sample nearest to the pixel's centre. The last of `GROUPS` takes all that are left.
     The representative is the sample nearest to the mean position of its group.
     """
+    # Group until no sample is left, or shade each by itself
     left = triangle >= 0
     width = filter_width(samples.count, shot.draw.shading)
     rounds = samples.count if shot.draw.shading == "sample" else GROUPS
@@ -313,6 +324,7 @@ def group_samples(
         pixel = np.flatnonzero(left.any(axis=1))
         if len(pixel) == 0:
             return
+        # Gather what lies near the plane of the first sample that is left
         chosen = np.argmax(left[pixel], axis=1)
         member = np.zeros((len(pixel), samples.count), bool)
         if shot.draw.shading == "pixel":
@@ -323,6 +335,7 @@ def group_samples(
             )
         member[np.arange(len(pixel)), chosen] = True
         left[pixel] &= ~member
+        # Let the sample nearest to the middle stand for all
         middle = nearest_to_mean(samples, member)
         at = samples.positions[middle]
         yield (

@@ -208,11 +208,13 @@ class _Pass:
 
     def over(self, begin: int, end: int | None, progress: Progress | None) -> ClipAnalysis:
         """Return the analysis of frames [begin, end)."""
+        # Stop early where nothing is measured but what stands still
         background, rate, measures = self._background, float(self._video.frame_rate), self._measures
         if not measures and end is not None:
             end = min(end, begin + FRAMES)
         if background is not None:
             background.clear()
+        # Go through the frames once, and give each to all that measure
         suns, gains, looks = SunSeries(self.sun, rate), GainSeries(self.gain, rate), OpenWaterLooks(rate)
         with one_blas_thread():
             for frame in prefetch(one.graded_by(self._grade) for one in self._video.frames(begin, end)):
@@ -226,6 +228,7 @@ class _Pass:
                     background.add(frame)
                 if progress is not None:
                     progress(frame.index + 1 - begin, None if end is None else end - begin)
+        # Smooth over the clip what was measured frame by frame
         steady = gains.steady() if "gain" in measures else None
         return ClipAnalysis(
             track_suns(suns.every(), camera=self._camera.rotation_known) if "sun" in measures else None,

@@ -204,6 +204,7 @@ class Loader:
 
         keys: that it has at other times, for the plan. whole: that it is an instant of, with its plan and notes.
         """
+        # Read the files, noting which belong to objects and which to all else
         reads, (width, height) = self.reads, self._size
         with files_read() as object_files:
             stops = scene.light.exposure
@@ -214,10 +215,12 @@ class Loader:
             surroundings = load_surroundings(scene, reads, between) if frame is None else frame.surroundings
         medium, camera = surroundings.medium, surroundings.camera
         plate_depth = load_plate_depth(scene, (width, height), reads)
+        # Put what floats on the sea and what stands on the floor
         still = receiver if scene.receiver is not None and scene.receiver.kind != "distance" else None
         ground = still.at(0) if still is not None else None
         afloat = (on_the_sea(one, scene.sea, scene.camera.depth_m) for one in loaded)
         objects = tuple(on_the_floor(one, ground) for one in afloat)
+        # Plan the frames; refuse what both eyes cannot have
         plan = self._plan(scene, objects, surroundings, keys) if whole is None else whole.plan
         if scene.plate.eye == "both" and plan.surface.runs:
             problem = (
@@ -225,6 +228,7 @@ class Loader:
                 '(got plate.eye = "both") - place the objects deeper, or set surface.objects = "none"'
             )
             raise SceneError("scene", [problem])
+        # Hold it all together
         lamps = reads.of(load_lamps, scene.lamps, medium, scene.light.white_cd_m2)
         mattes = reads.of(Mattes, scene.holdouts, width, height, scene.plate.eye)
         return Loaded(

@@ -451,6 +451,7 @@ def scan(
     (AZIMUTHS, 5), set to lowest and highest elevation [rad] of an interval, those of a second one, equal for none, and
     the fraction of the azimuth's width.
     """
+    # Find the azimuths that the outline spans: a part from outside, all from above it
     n = cells.shape[0] - 2
     hu, hv = frame[4], frame[5]
     cu, cv = 2.0 * hu / n, 2.0 * hv / n
@@ -461,6 +462,7 @@ def scan(
     da, db = np.cos(first + 0.5 * step), np.sin(first + 0.5 * step)
     turn_a, turn_b = np.cos(step), np.sin(step)
     bounds = heights[0] - y, heights[1] - y
+    # Walk the cells along each azimuth, between the edges that it crosses
     for q in range(count):
         if q > 0:
             da, db = da * turn_a - db * turn_b, da * turn_b + db * turn_a
@@ -470,6 +472,7 @@ def scan(
         stride = 1.0 / max(abs(da) / cu, abs(db) / cv)
         at = (a + start * da + hu) / cu + 0.5, (b + start * db + hv) / cv + 0.5
         steps = stride * da / cu, stride * db / cv
+        # Take the intervals of slope that the cells cover as elevations
         parts, share = _slopes(cells, y, bounds, (start, end), stride, at, steps, found)
         blocked[q] = 0.0
         if share > 0.0:

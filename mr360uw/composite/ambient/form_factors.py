@@ -609,6 +609,7 @@ def _resolve(
     cosine, node: (r, COUNT). lost, ground, way, and begin, column, weight of a sparse matrix: as `FormFactors` has
     them.
     """
+    # List what each sample meets in a direction, the nearest first
     head = np.full(cosine.shape, -1, np.int32)
     after = np.full(len(sample), -1, np.int32)
     for m in range(len(sample)):
@@ -621,6 +622,7 @@ def _resolve(
             head[s, k] = m
         else:
             after[before] = m
+    # Share the direction's light along its list; what is left falls on the ground, if that lies there
     used = 0
     for s in range(cosine.shape[0]):
         for k in range(cosine.shape[1]):

@@ -93,6 +93,7 @@ class Lattice:
 
 def make_lattice(mesh: Mesh) -> Lattice:
     """Return the points and samples of a mesh."""
+    # Choose the spacing of samples: so many over the whole surface, on both sides of sheets
     corners = mesh.positions
     extent = float(np.max(mesh.extent_m))
     area = 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=-1)
@@ -100,6 +101,7 @@ def make_lattice(mesh: Mesh) -> Lattice:
     sides = 2 if two_sided else 1
     even = float(np.sqrt(area.sum() * sides / _WANTED_SAMPLES))
     spacing = max(extent / _STEPS_ACROSS, even)
+    # Spread points over the triangles, and join those that lie together
     edge = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=-1).max(axis=1)
     steps = np.clip(np.ceil(edge / (_LONGEST * spacing)), 1, _MOST_STEPS).astype(np.int64)
     triangle, weights, first = _spread(steps)
@@ -109,12 +111,14 @@ def make_lattice(mesh: Mesh) -> Lattice:
     count = int(joined.max()) + 1
     one = np.empty(count, np.int64)
     one[joined[::-1]] = np.arange(len(joined))[::-1]
+    # Keep a sample of each place, or, of too many, of each neighbourhood
     inwards = _inwards(corners[triangle].mean(axis=1) - position, joined, normal[one], spacing)
     kept, mixed = np.arange(count), None
     if count * sides > 1.6 * _WANTED_SAMPLES:
         kept, mixed = _sampled(position[one], normal[one], even)
     places, sample_of = _numbered(steps, first, joined)
     from_samples = _selection(sample_of, count) if mixed is None else mixed[sample_of]
+    # Lift them off the surface, on the other side too where that is seen
     facing, at = normal[one][kept], (position[one] + inwards)[kept]
     turned = [facing, -facing][:sides]
     nearest = np.asarray(from_samples.argmax(axis=1)).ravel()

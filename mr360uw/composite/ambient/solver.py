@@ -188,11 +188,13 @@ class Solver:
 
     def solve(self) -> AmbientLight:
         """Return the light after the last step; what the ground and far bodies send is found from the first two."""
+        # Guess what the bodies send, of the sky and the sun alone
         exchange, open_ = self._exchange, self._open
         bodies, views = self._bodies, exchange.views
         irradiance = np.concatenate(_products([body.own.plain for body in bodies], open_)) * self._first_guess()
         sent = self._sent(irradiance)
         ground = GroundLight(self._shot, exchange, self._table, self._sunlight)
+        # Let light go back and forth between bodies and ground until it settles
         steps = BOUNCES if exchange.samples.nnz or any(b.on_ground for b in bodies) or len(exchange.far.lit) else 0
         for step in range(steps):
             if step < 2:
@@ -206,6 +208,7 @@ class Solver:
             sent = self._sent(irradiance)
             if step > 1 and np.max(np.abs(irradiance - before)) <= _SETTLED * np.max(irradiance):
                 break
+        # Find the light of the bodies' own points, and what they send to the ground
         values: tuple[NDArray[np.float32] | None, ...] = (None,) * len(self._shot.objects)
         if self._shot.draw.ambient_occlusion:
             self._around = self._with_far(open_, sent)
@@ -265,12 +268,14 @@ class Solver:
         """Return the values of a body's points (mesh_transfer.py), None where nothing is in its way. own_light: of
         `_everywhere`. sent, nodes: radiance of all coarse samples, and of the nodes.
         """
+        # Add up what other bodies and the ground change, at coarse samples and where they are near
         body, view = self._bodies[number], self._exchange.views[number]
         light, around = self._radiance[number], self._around[number]
         if self._exchange.untouched(number):
             return None
         transfer, own = body.transfer, body.own
         others = [self._from_others(factors, around, sent, nodes) for factors in (view.coarse, view.near)]
+        # Add what the body does to itself: a hull in the sky's place, or its own form factors
         if own.lost is None:
             both = np.append(light, around, axis=1)
             at_coarse = np.concatenate([*own_light, others[0]], axis=1)
@@ -281,6 +286,7 @@ class Solver:
             (plain, at_body, lost), first = own_light, self._exchange.first
             inside = product(own.samples, sent[first[number] : first[number + 1]])
             irradiance = at_body - lost + inside + view.spread(body, *others)
+        # Say both as a ratio to the light of a lone, convex body; mirrors have one of their own
         least = 1e-3 * plain.max() + 1e-9
         ratio = np.clip((irradiance + least) / (plain + least), 0.0, _BRIGHTEST)
         from_samples = transfer.lattice.from_samples
@@ -511,15 +517,18 @@ def _reflect(
     normal: Any, towards: Any, alpha: Any, d: Any, radiance: Any, around: Any, moved: Any,
     first: Any, direction: Any, target: Any, part: Any, sent: Any, ground: Any, out: Any,
 ) -> None:  # fmt: skip
+    # Mark the directions of far bodies, which fill them whole
     weight, far = np.empty(d.shape[1], np.float32), np.zeros(d.shape[1], np.bool_)
     far[moved] = True
     for s in range(len(normal)):
         if first[s] == first[s + 1] and len(moved) == 0:
             continue
+        # Weigh the directions by the lobe of the sample
         _weigh(normal[s], towards[s], alpha[s], d, weight)
         whole = np.float32(1e-12)
         for k in range(len(weight)):
             whole += weight[k]
+        # Sum what the lobe sees of the open sky, what it loses of it, and what is there instead
         for c in range(3):
             seen, lost, instead = np.float32(1e-12), np.float32(0.0), np.float32(0.0)
             for k in range(len(weight)):

@@ -121,6 +121,7 @@ def cut_at_surface(
 def _picture(
     sides: WaterSides, layer: Layer, presence: Floats, near: tuple[PlacedObject, ...], cache: Cache
 ) -> BodiesInSurface | None:
+    # Bound the pixels whose surface may show a body, and then test each
     mirrors, refracts = find_reach(sides, near)
     kept, cut = _before_surface(sides, layer)
     where = mirrors | refracts | cut
@@ -133,6 +134,7 @@ def _picture(
     mirrored, refracted = mirrored[shown], refracted[shown]
     if len(rows) == 0:
         return None if np.all(kept == 1.0) else BodiesInSurface(*blank_picture(layer), kept)
+    # Follow rays from the surface to the bodies, so many at once as fit in memory
     bodies = _bodies(sides, presence, cache)
     samples = pattern(_SAMPLES)
     alpha, distance = layer.alpha[rows, columns], layer.distance_m[rows, columns]
@@ -146,6 +148,7 @@ def _picture(
         kept[j, i] = np.where(covered[part], share, kept[j, i])
         shows = mirrored[part], refracted[part]
         images.append(surface_images(sides, bodies, rays, seen.of(part), ~hidden, shows))
+    # Smooth over the samples, and write the picture
     radiance, opacity, met = blank_picture(layer)
     light, share = _smoothed(sides, rows, columns, images)
     radiance[rows, columns], opacity[rows, columns], met[rows, columns] = light, share, seen.distance_m

@@ -165,12 +165,14 @@ class ObjectPass:
         blended: bool,
     ) -> NDArray[np.float32]:
         """Return the outputs (n, channels) of layer.frag for a part of the fragments. textures: of these alone."""
+        # Compile what the mesh and its light need, and no more
         (shot, light, _), mesh, count = lit, part.mesh, len(part.listed)
         buffers = self._buffers(mesh)
         defines = of_eye(shot) | {"OUTPUTS": outputs} | buffers.defines | light.defines
         defines |= {"BLENDED": 1} if blended else {}
         defines |= {"AMONG_BODIES": 1} if mesh in bodies[1] else {}
         shader = self._targets.program("layer", defines)
+        # Give it the mesh, the bodies' values and the light
         bind(
             shader,
             {

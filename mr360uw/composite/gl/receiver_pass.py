@@ -251,6 +251,7 @@ class ReceiverPass:
         self, lit: _Lit, origin: Floats, wanted: frozenset[str], side: int, shape: Floats | None, footprints: Floats
     ) -> dict[str, NDArray[np.float32]]:
         """Return the images of `_samples` that receiver.frag draws. footprints: of all."""
+        # Compile what is wanted, and no more
         (shot, light), count = lit, len(origin) * side * side
         assert shot.receiver is not None
         textures = {"blocks": list_texture(origin, channels=2)} | (
@@ -264,6 +265,7 @@ class ReceiverPass:
             numbers["LAMPS"] = len(lamps)
             textures["lamps_seen"] = list_texture(light.visibility.seen(footprints, lamps), channels=1)
         shader = self._targets.program("receiver", {**dict.fromkeys(defines, 1), **numbers, **of_eye(shot)})
+        # Give it the frame and the receiver
         bind(shader, textures | light.textures)
         extent = shot.receiver.extent_m
         set_uniforms(
@@ -277,6 +279,7 @@ class ReceiverPass:
             plane_height=_plane_m(shot),
             fade=(FADE_FROM * extent, extent),
         )
+        # Draw, and name the outputs
         outputs = (1 if "ROUGH" not in wanted else 4 if "LAMPS" in wanted else 3) * (4,)
         values = self._targets.items(shader, "receiver", count, outputs).reshape(-1, side, side, sum(outputs))
         named = {"waves": values[..., :3]} if "CAUSTICS" in wanted else {}

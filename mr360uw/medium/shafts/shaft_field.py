@@ -137,6 +137,7 @@ def shaft_field(
 
     cache: holds what does not change from frame to frame.
     """
+    # Mark the nodes that the rays read, and number them
     pole = _pole(scene)
     node = np.full((grid.rows, grid.columns), -1, np.int32)
     if directions is None:
@@ -145,6 +146,7 @@ def shaft_field(
         mark_nodes(*frame_from_direction(directions @ pole.T, grid.columns, grid.rows), node)
     column, row = np.nonzero(node.T >= 0)
     node[row, column] = np.arange(len(row), dtype=np.int32)
+    # Cut the ray of each node into slices, the longer the farther
     rays = direction_from_frame(column + 0.5, row + 0.5, grid.columns, grid.rows) @ pole
     rate, reach = scene.layout(rays[:, 1])
     table = np.zeros((len(rays), grid.slices + 1, 3), np.float32)
@@ -154,6 +156,7 @@ def shaft_field(
         else SunBeam(scene, scene.pattern, grid.slices, Cache() if cache is None else cache)
     )
     lamps = [(lamp_field(scene, lamp), lamp.intensity) for lamp in scene.lamps]
+    # Add sun and lamps slice by slice, and sum from the camera on
     for start in range(0, len(rays), _TOGETHER):
         part = slice(start, start + _TOGETHER)
         light = np.zeros((len(rays[part]), grid.slices, 3))
@@ -379,6 +382,7 @@ def _pixel(size: Any, frame: Any, widest: Any, axial: Any, x: Any, y: Any, z: An
 @exact
 def _add_lamp(lamp: LampField, origin: Any, rays: Any, edge: Any, within: Any, light: Any) -> None:
     """See `single_scattering.lamp_segments` for the segments, one point each, and `spot_factor` for the cone."""
+    # Take the lamp's parts apart, seen from the camera
     place, frame, cos_core, cos_edge, least, hit, clear, over_path, turned, length_m = lamp
     x0, y0, z0 = place[0] - origin[0], place[1] - origin[1], place[2] - origin[2]
     distance2 = x0 * x0 + y0 * y0 + z0 * z0
@@ -386,6 +390,7 @@ def _add_lamp(lamp: LampField, origin: Any, rays: Any, edge: Any, within: Any, l
     paths, angles = len(over_path) - 1, len(turned) - 1
     for n in range(len(rays)):
         dx, dy, dz = rays[n, 0], rays[n, 1], rays[n, 2]
+        # Go along each ray by the angle at the lamp, in which its light is even
         foot = dx * x0 + dy * y0 + dz * z0
         width = math.sqrt(max(distance2 - foot * foot, 0.0) + least * least)
         last = math.atan2(edge[n, 0] - foot, width)
@@ -399,6 +404,7 @@ def _add_lamp(lamp: LampField, origin: Any, rays: Any, edge: Any, within: Any, l
                     continue
                 x, y, z = x0 - s * dx, y0 - s * dy, z0 - s * dz
                 r = max(math.sqrt(x * x + y * y + z * z), least)
+                # Leave out what is outside of the cone, or behind what the lamp meets
                 axial = -(x * frame[2, 0] + y * frame[2, 1] + z * frame[2, 2]) / r
                 spot = 1.0
                 if cos_edge > -1.0:
@@ -412,6 +418,7 @@ def _add_lamp(lamp: LampField, origin: Any, rays: Any, edge: Any, within: Any, l
                         continue
                     if len(clear) and clear[row, column, 0] < r:
                         spot *= clear[row, column, 1]
+                # Scatter it once to the camera, by the tables over path and angle
                 amount = spot / (r * r) * width * (1.0 + tangent * tangent) * (last - first) / count
                 p = (1.0 - length_m / (r + s + length_m)) * paths
                 i = min(int(p), paths - 1)

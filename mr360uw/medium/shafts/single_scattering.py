@@ -145,6 +145,7 @@ def single_scattering(
     >>> uw.medium.single_scattering(view, 0.1, 0.2, "isotropic", sun).shape
     (4, 8)
     """
+    # Check the numbers
     a, b = _coefficients(absorption, scattering)
     check_phase(phase)
     surface = view.surface_y_m if surface_y_m is None else number("surface_y_m", surface_y_m)
@@ -153,10 +154,12 @@ def single_scattering(
             f"steps - steps and sun_samples must be 1 or more, tolerance above 0 (got {steps}, {sun_samples}, "
             f"{tolerance}) - correct them"
         )
+    # End the rays at bodies and the surface
     solid, directions = bodies_of(bodies), view_directions(view)
     ends = ray_ends_m(view, directions, surface, solid, end_m)
     beam = _Beam(np.atleast_1d(a + b), np.atleast_1d(b), phase, np.asarray(view.position, np.float64), directions, ends)
     radiance = np.zeros((len(directions), beam.attenuation.size))
+    # Add the sun: the smooth part in closed form, waves and shadows by steps
     if sun is not None and sun.direction[1] > 0.0:
         light = _each("sun.irradiance", sun.irradiance, a.shape)
         pattern = BeamPattern(sun, solid, caustics, surface, sun_samples)
@@ -165,6 +168,7 @@ def single_scattering(
         radiance += light * smooth
         if not pattern.even:
             radiance += light * _refined(functools.partial(beam.changed, pattern), steps, scale)
+    # Add the lamps by steps
     for lamp in lamps:
         light = _each("lamp.intensity", lamp.intensity, a.shape)
         scale = (tolerance or 0.0) * float(np.max(beam.lamp(lamp, bodies_of(()), steps), initial=0.0))
