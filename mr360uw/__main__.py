@@ -33,7 +33,7 @@ def main() -> None:
 def _keep_freed_memory() -> None:
     """Have glibc keep the memory of one frame for the next.
 
-    It would return it to the kernel, which clears each page that it hands out: a tenth of a run at 3840x1920.
+    It would return it to the kernel, which clears each page that it hands out: up to a tenth of a run at 3840x1920.
     """
     set_option = getattr(ctypes.CDLL(None), "mallopt", None) if sys.platform == "linux" else None
     if set_option is not None:  # other C libraries have none
