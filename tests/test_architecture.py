@@ -157,6 +157,7 @@ def test_the_ground_floor_stands_on_numpy_alone() -> None:
         ROOT / "jit" / "__init__.py": {"dis", "hashlib", "llvmlite", "numba", "os", "pickle", "platform", "sys"},
         ROOT / "jit" / "ahead.py": {
             "contextlib",
+            "gc",
             "hashlib",
             "importlib",
             "itertools",
