@@ -15,11 +15,6 @@ from tests.composite.scenes import box, changed, codes, eight_shots, placed, pla
 pytestmark = pytest.mark.usefixtures("gl")
 
 
-@pytest.fixture(scope="module")
-def renderer() -> LayerRenderer:
-    return LayerRenderer()
-
-
 @pytest.mark.parametrize("name", ["materials", "alpha", "seam", "zenith", "nadir", "deep", "shadow", "holdout"])
 def test_agrees_with_the_reference(name: str, renderer: LayerRenderer, rng: np.random.Generator) -> None:
     scene = eight_shots(rng)[name]

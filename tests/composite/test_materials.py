@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import functools
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -11,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from mr360uw.cache import shared
 from mr360uw.composite import load_mesh
 from mr360uw.composite.aovs import Aovs
 from mr360uw.composite.gl.layer_renderer import LayerRenderer
@@ -30,9 +30,9 @@ def draw(backend: str, scene: Shot) -> tuple[Layer, Aovs]:
     return render_aovs(scene) if backend == "reference" else gl_renderer().layer(scene, variables=True)
 
 
-@functools.cache
+@shared(keep=1)
 def gl_renderer() -> LayerRenderer:
-    """One for all tests: it keeps its shaders."""
+    """One for the file: it keeps its shaders."""
     return LayerRenderer()
 
 

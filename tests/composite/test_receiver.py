@@ -49,11 +49,6 @@ STEP = 5
 
 
 @pytest.fixture(scope="module")
-def renderer() -> LayerRenderer:
-    return LayerRenderer()
-
-
-@pytest.fixture(scope="module")
 def sea() -> Environment:
     return environment()
 

@@ -3,14 +3,13 @@
 
 from __future__ import annotations
 
-import functools
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from mr360uw.cache import Cache
+from mr360uw.cache import Cache, shared
 from mr360uw.composite import load_mesh
 from mr360uw.composite.gl.layer_renderer import LayerRenderer
 from mr360uw.composite.lighting.shadow import casting_bodies
@@ -31,9 +30,9 @@ BELOW = (43, 64)
 """Row and column of a frame 128 pixels wide that show the ground below the panes."""
 
 
-@functools.cache
+@shared(keep=1)
 def gl_renderer() -> LayerRenderer:
-    """One for all tests: it keeps its shaders."""
+    """One for the file: it keeps its shaders."""
     return LayerRenderer()
 
 
