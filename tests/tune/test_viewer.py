@@ -88,9 +88,12 @@ class Page:
         return cv2.imdecode(png, cv2.IMREAD_COLOR)[0, 0, ::-1]
 
     def shows(self, x: float, y: float, told: Any) -> None:
-        """Wait until the screen shows at a place what the picture has at (u, v)."""
+        """Wait until the canvas shows at a place what the picture has at (u, v), wherever the page has the canvas by
+        then.
+        """
         for _ in range(200):
-            seen = self.pixel(x, y) / 255.0
+            box = self.canvas()
+            seen = self.pixel(box["x"] + x, box["y"] + y) / 255.0
             if np.allclose(seen[1:], [told["u"], told["v"]], rtol=0.0, atol=CODES / 255.0):
                 return
             self.page.wait_for_timeout(20)
@@ -152,7 +155,7 @@ def test_clicks_on_the_flat_picture_land_within_a_pixel(shown: Page) -> None:
         (told,) = shown.until("pick")
         point = Point(told["longitude"], told["latitude"])
         np.testing.assert_allclose(flat_place(box, point), place, atol=1.0)
-        shown.shows(*place, told)
+        shown.shows(place[0] - box["x"], place[1] - box["y"], told)
     # enlarged by the wheel about the pointer, it still shows the same there
     for _ in range(2):
         shown.page.mouse.wheel(0, -600)
@@ -216,11 +219,12 @@ def test_looking_around_turns_the_view_and_clicks_land_within_a_pixel(shown: Pag
     look = Perspective(view["yaw_deg"], view["pitch_deg"], view["fov_deg"], *size)
     for x, y in ((size[0] / 2, size[1] / 2), (70.5, 40.5), (size[0] - 60.5, size[1] - 30.5)):
         shown.forget()
+        box = shown.canvas()
         shown.page.mouse.click(box["x"] + x, box["y"] + y)
         (told,) = shown.until("pick")
         beside = np.linalg.norm(Point(told["longitude"], told["latitude"]).direction - look.direction_at(x, y))
         assert beside < 2.0 * np.tan(np.radians(0.5 * look.fov_deg)) / look.width  # a pixel in the middle, the widest
-        shown.shows(box["x"] + x, box["y"] + y, told)
+        shown.shows(x, y, told)
     # the view stays when the picture changes, and returns on 0
     shown.do("viewer", "show", url="/picture/90.png")
     shown.red(0.5, 0.5, 90)
