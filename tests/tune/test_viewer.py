@@ -71,6 +71,10 @@ class Page:
         urllib.request.urlopen(urllib.request.Request(f"{self.address}/fresh", b"")).close()
         self.until("shown")
         self.page.wait_for_selector(".uw-mark")
+        # What the timeline loads changes the room of the canvas: wait until it is at rest
+        before = None
+        while before != (before := self.canvas()):
+            self.page.wait_for_timeout(200)
         if bare:
             self.do("viewer", "set_marks", markers=[])
             self.page.wait_for_selector(".uw-mark", state="detached")
@@ -215,11 +219,11 @@ def test_looking_around_turns_the_view_and_clicks_land_within_a_pixel(shown: Pag
     before, view = view, shown.settled()
     assert view["yaw_deg"] == pytest.approx(before["yaw_deg"] + 5.0)
     assert view["fov_deg"] > 91.0
+    box = shown.canvas()
     size = round(box["width"]), round(box["height"])
     look = Perspective(view["yaw_deg"], view["pitch_deg"], view["fov_deg"], *size)
     for x, y in ((size[0] / 2, size[1] / 2), (70.5, 40.5), (size[0] - 60.5, size[1] - 30.5)):
         shown.forget()
-        box = shown.canvas()
         shown.page.mouse.click(box["x"] + x, box["y"] + y)
         (told,) = shown.until("pick")
         beside = np.linalg.norm(Point(told["longitude"], told["latitude"]).direction - look.direction_at(x, y))
