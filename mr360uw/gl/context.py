@@ -146,8 +146,8 @@ def set_uniforms(program: moderngl.Program, **values: Any) -> None:
     for name, value in values.items():
         uniform: Any = program.get(name.replace("__", "."), None)
         if uniform is not None:
-            values_ = np.ravel(value).tolist()
-            uniform.value = tuple(values_[: uniform.array_length * uniform.dimension]) if np.ndim(value) else value
+            known = uniform.array_length * uniform.dimension
+            uniform.value = tuple(np.ravel(value)[:known].tolist()) if np.ndim(value) else value
 
 
 def texture_from_array(array: ArrayLike, dtype: str = "f4") -> moderngl.Texture:

@@ -13,8 +13,7 @@ eye alone.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import Field, dataclass, field, fields, is_dataclass, replace
+from dataclasses import dataclass, field, fields, is_dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -427,9 +426,10 @@ def not_finite(result: object, name: str = "it") -> str:
         if np.isfinite(total) or np.all(np.isfinite(result)):
             return ""
         return f"{np.sum(~np.isfinite(result))} of {result.size} in {name}"
-    inside: Iterable[Any] = fields(result) if is_dataclass(result) else result if isinstance(result, tuple) else ()
-    for one in inside:
-        of, part = (one.name, getattr(result, one.name)) if isinstance(one, Field) else (name, one)
+    parts = [(name, part) for part in result] if isinstance(result, tuple) else []
+    if is_dataclass(result):
+        parts = [(one.name, getattr(result, one.name)) for one in fields(result)]
+    for of, part in parts:
         if (isinstance(part, np.ndarray | tuple) or is_dataclass(part)) and (found := not_finite(part, of)):
             return found
     return ""

@@ -115,11 +115,9 @@ def list_texture(*parts: NDArray[Any], channels: int = 4, scratch: Scratch | Non
 def _in_rows(parts: Sequence[NDArray[Any]], channels: int, scratch: Scratch) -> NDArray[np.float32]:
     """Return the texels of `list_texture` (rows, 2048, channels), the last row filled up with zeros."""
     count = sum(map(np.size, parts))
-    texels, start = (
-        scratch.floats("texels", max(-(-count // (_LIST_COLUMNS * channels)), 1), _LIST_COLUMNS, channels),
-        0,
-    )
-    flat = texels.reshape(-1)
+    rows = max(-(-count // (_LIST_COLUMNS * channels)), 1)
+    texels = scratch.floats("texels", rows, _LIST_COLUMNS, channels)
+    flat, start = texels.reshape(-1), 0
     for part in parts:
         flat[start : start + part.size] = part.reshape(-1)
         start += part.size

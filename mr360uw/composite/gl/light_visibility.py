@@ -95,6 +95,11 @@ class Visibility:
         """All that decides what is seen of lamps from a place."""
         return self.values, self.slots, self.lights[HALO + 1 :], self.fans, self.bias
 
+    @property
+    def lamps(self) -> range:
+        """Numbers of the lamps among the lights."""
+        return range(HALO + 1, len(self.lights))
+
     def hidden(self, places: Floats) -> Floats:
         """Return for balls (n, 4), middle and radius, which of the sun's lights bodies may hide (n, 2): 0 neither, 1
         the halo, 2 part of the disc, 3 all of both; and the distance [m] to the nearest such body.

@@ -231,8 +231,8 @@ def _see_lamps(part: MeshFragments, seen: _Seen) -> moderngl.Texture:
     """Return the visible fractions of the lamps of each fragment, as layer.frag reads them."""
     shot, visibility, surfaces = seen.whole
     surface = fragment_planes(shot, part, surfaces.facets, np.zeros(3))
-    lamps = range(HALO + 1, len(visibility.lights))
-    return list_texture(visibility.seen(_footprints(shot, visibility, part.listed, surface[:, :4]), lamps), channels=1)
+    footprints = _footprints(shot, visibility, part.listed, surface[:, :4])
+    return list_texture(visibility.seen(footprints, visibility.lamps), channels=1)
 
 
 def _footprints(shot: Shot, visibility: Visibility, listed: Floats, surface: Floats) -> Floats:

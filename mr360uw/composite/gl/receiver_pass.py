@@ -261,7 +261,7 @@ class ReceiverPass:
         defines |= {"PLANE"} if shape is None else set()
         numbers = {}
         if "LAMPS" in wanted:
-            lamps = range(HALO + 1, len(light.visibility.lights))
+            lamps = light.visibility.lamps
             numbers["LAMPS"] = len(lamps)
             textures["lamps_seen"] = list_texture(light.visibility.seen(footprints, lamps), channels=1)
         shader = self._targets.program("receiver", {**dict.fromkeys(defines, 1), **numbers, **of_eye(shot)})

@@ -209,7 +209,7 @@ class MatchSettings(Parameters):
     @property
     def colours(self) -> bool:
         """Whether the plate may have a grade that its light is read without."""
-        return self.colour_over(NO_GRADE) != NO_GRADE or (bool(self.patch) and bool(self.open_keys))
+        return bool(self.open_keys) or self.colour_over(NO_GRADE).changes
 
     @property
     def changes(self) -> bool:
