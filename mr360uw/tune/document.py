@@ -169,7 +169,7 @@ class Document:
         if self.outside is not None and not overwrite:
             raise OutputExistsError(f"{self.path} - was changed by another program - take its text, or overwrite it")
         rewrite(self.path, self.text)
-        self._stamp = stamp(self.path)
+        self._stamp = None  # the next poll reads the file, which another program may have written since
         self._saved, self.outside, self._file_wrong = self.text, None, ()
         self._tell()
 

@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from mr360uw.errors import OutputError, OutputExistsError, ParameterError, SceneError
+from mr360uw.files import rewrite
 from mr360uw.scene.handbook import scene_text
 from mr360uw.scene.model import load_scene
 from mr360uw.tune.document import Document, key_of, with_entry, with_value, without
@@ -291,6 +292,18 @@ def test_a_file_changed_outside_is_offered_and_not_overwritten(document: Documen
     touched(document.path, TEXT)
     document.save(overwrite=True)
     assert load_scene(document.path).camera.depth_m == 7.0
+
+
+def test_a_file_changed_outside_while_it_is_saved_is_taken(document: Document, monkeypatch: pytest.MonkeyPatch) -> None:
+    def written_twice(path: Path, text: str) -> None:
+        rewrite(path, text)
+        touched(path, TEXT.replace("6.0", "3.0"))
+
+    monkeypatch.setattr("mr360uw.tune.document.rewrite", written_twice)
+    document.set("camera.depth_m", 7.0)
+    document.save()
+    document.poll()
+    assert document.scene.camera.depth_m == 3.0
 
 
 def test_a_file_broken_outside_keeps_the_scene_and_can_be_written_again(document: Document) -> None:
