@@ -17,6 +17,9 @@ else
 install = $(BIN)/python -m pip install --quiet --disable-pip-version-check $(LOCK:%=-c %) -e '.$(1)'
 endif
 
+# the tests as pytest rewrites them are kept for the next run, whatever the environment says of compiled files
+pytest = PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest -q -n 2 --dist loadfile
+
 $(VENV)/.installed: pyproject.toml $(LOCK)
 	@if command -v uv >/dev/null 2>&1; then \
 		uv venv --quiet --allow-existing --python '$(or $(PYTHON),$(SUPPORTED))' $(VENV); \
@@ -49,10 +52,10 @@ demo: $(VENV)/.installed  ## put a whale into the 360 dive of samples/demo, say 
 	@echo 'into a clip of your own: $(BIN)/mr360uw new dive.mp4 whale.glb'
 
 test: $(VENV)/.installed-dev  ## the whole suite, on two workers
-	$(BIN)/python -m pytest -q -n 2 --dist loadfile
+	$(pytest)
 
 test-fast: $(VENV)/.installed-dev  ## physics and a run of each renderer, in forty seconds
-	$(BIN)/python -m pytest -q -n 2 --dist loadfile tests/agreement tests/caustics/test_caustics.py tests/caustics/test_refraction.py \
+	$(pytest) tests/agreement tests/caustics/test_caustics.py tests/caustics/test_refraction.py \
 		tests/ibl/test_closure.py tests/ibl/test_integrals.py tests/medium/test_closed_form.py tests/medium/test_water.py \
 		tests/test_color.py tests/test_sphere.py tests/test_jit.py tests/test_architecture.py \
 		tests/test_pipeline.py::test_a_video_goes_in_and_a_video_comes_out

@@ -2,9 +2,12 @@
 from __future__ import annotations
 
 import ctypes
+import functools
 import gc
+import importlib.metadata
 import os
 import re
+import shutil
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -13,12 +16,25 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as the command line does: 
 
 import numpy as np
 import pytest
+from filelock import FileLock
 
 from mr360uw import cli
 from mr360uw.cache import drop_shared
 from mr360uw.gl.context import gl_available, release_unused
 from mr360uw.reading.disk_cache import FOLDER, kernel_folder
+from mr360uw.sample import SampleDive
+from tests.command import command_line
 
+MadeOnce = Callable[[str, Callable[[Path], SampleDive]], SampleDive]
+
+LONGEST = (
+    "tune/test_page.py", "tune/test_viewer.py", "render/test_holding.py", "runs/test_resuming.py",
+    "runs/test_workers.py", "test_pipeline.py", "test_cli.py", "composite/test_ambient.py", "test_docstrings.py",
+    "render/test_gain.py", "surface/test_picture.py", "render/test_animated_scene.py", "runs/test_measured_once.py",
+    "test_notebooks.py", "test_samples.py", "sample/test_sample_dive.py", "hostile/test_command_line.py",
+    "first_look/test_looks.py", "render/test_shafts_drawn.py", "render/test_lit_dives.py",
+)  # fmt: skip
+"""Files of more than ten seconds, the longest first."""
 _M_MMAP_THRESHOLD, _M_ARENA_MAX = -3, -8
 _C = ctypes.CDLL(None) if sys.platform == "linux" else None
 if hasattr(_C, "mallopt"):
@@ -28,15 +44,33 @@ if hasattr(_C, "mallopt"):
     _C.mallopt(_M_ARENA_MAX, 2)
 
 
+def pytest_configure(config: pytest.Config) -> None:
+    """Have pytest-xdist give out files in the order that follows, not by how many tests they have."""
+    config.option.loadscopereorder = False
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Begin with the files that take longest: no worker is left with one of them when the others have ended."""
+    folder = Path(__file__).parent
+    place = {folder / name: number for number, name in enumerate(LONGEST)}
+    items.sort(key=lambda item: place.get(item.path, len(LONGEST)))
+
+
+def _shared_folder(tmp_path_factory: pytest.TempPathFactory, name: str) -> Path:
+    """Return a folder that the workers of one run share."""
+    base = tmp_path_factory.getbasetemp()
+    folder = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / name
+    folder.mkdir(mode=0o700, exist_ok=True)
+    return folder
+
+
 @pytest.fixture(scope="session", autouse=True)
 def _own_disk_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     """Results that are kept between runs begin empty, and are not those of the user, whose kernels are used.
 
     Workers of one run share them: fixtures of equal dives are solved once.
     """
-    base = tmp_path_factory.getbasetemp()
-    shared = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "kept"
-    shared.mkdir(mode=0o700, exist_ok=True)
+    shared = _shared_folder(tmp_path_factory, "kept")
     with pytest.MonkeyPatch.context() as patch:
         kernels = kernel_folder()
         if kernels is None or not os.access(next(p for p in (kernels, *kernels.parents) if p.exists()), os.W_OK):
@@ -46,12 +80,23 @@ def _own_disk_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
         yield
 
 
+@pytest.fixture(scope="session", autouse=True)
+def _versions_read_once() -> Iterator[None]:
+    """Versions of packages, which the report of every run states, are read from their files once."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(importlib.metadata, "version", functools.cache(importlib.metadata.version))
+        yield
+
+
 @pytest.fixture(scope="module", autouse=True)
 def _nothing_shared_by_files() -> Iterator[None]:
-    """What scenes of a file share is let go at its end, as a compositor does when it is closed; freed memory too."""
+    """What scenes of a file share is let go at its end, as a compositor does when it is closed; freed memory too.
+
+    What is alive before it, modules above all, is put aside: each search for garbage would go through it.
+    """
+    gc.freeze()
     yield
     drop_shared()
-    gc.unfreeze()  # what `mr360uw tune` put aside in this process is collected again, and counted by tests
     gc.collect()
     if gl_available():
         release_unused()
@@ -87,14 +132,31 @@ def whale(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="session")
-def dive(tmp_path_factory: pytest.TempPathFactory):
+def made_once(tmp_path_factory: pytest.TempPathFactory) -> MadeOnce:
+    """Sample dives by their names: the first worker that needs one makes it, and each gets files of its own."""
+    shared = _shared_folder(tmp_path_factory, "made")
+
+    def dive_of(name: str, make: Callable[[Path], SampleDive]) -> SampleDive:
+        with FileLock(shared / f"{name}.lock"):
+            if not (shared / name).exists():
+                make(shared / f"{name} unfinished")
+                (shared / f"{name} unfinished").rename(shared / name)
+        folder = shutil.copytree(shared / name, tmp_path_factory.mktemp("dives") / name)
+        return SampleDive(folder / "dive.mp4", folder / "whale.glb", folder / "scene.toml", folder / "truth.json")
+
+    return dive_of
+
+
+@pytest.fixture(scope="session")
+def dive(made_once: MadeOnce) -> SampleDive:
     """A sample dive of eight frames, 256x128, with ripples that spread the sun over a pixel and more.
 
     Its scene draws coarsely, in a quarter of the time.
     """
     from mr360uw.sample import DiveSettings, sample_dive
 
-    made = sample_dive(tmp_path_factory.mktemp("dive"), DiveSettings(detail_slope=0.05), width=256, frames=8)
+    settings = DiveSettings(detail_slope=0.05)
+    made = made_once("dive", lambda folder: sample_dive(folder, settings, width=256, frames=8))
     text = made.scene.read_text("utf-8")
     coarse = {
         "ambient_occlusion": "false",
@@ -124,6 +186,7 @@ def run(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> 
     """Run the command line in this process; return exit code, output and errors."""
 
     def call(*arguments: str | Path) -> tuple[int, str, str]:
+        monkeypatch.setattr(cli, "app", command_line())
         monkeypatch.setattr(sys, "argv", ["mr360uw", *map(str, arguments)])
         code = 0
         try:

@@ -61,7 +61,8 @@ def names(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     dive = uw.sample_dive(tmp_path_factory.mktemp("examples") / "dive", width=64, frames=2)
     with uw.open_video(dive.plate) as video:
         plate = next(video.frames(1)).image_linear
-    scene = uw.load_scene(dive.scene, ["water.bands=8", "draw.samples=1"])  # solved and drawn in a fraction of the time
+    coarse = ["water.bands=8", "draw.samples=1", "caustics.size=64", "caustics.grid=32", "caustics.planes=2"]
+    scene = uw.load_scene(dive.scene, coarse)  # solved and drawn in a fraction of the time
     return {"uw": uw, "np": np, "scene": scene, "plate": plate, "folder": dive.plate.parent}
 
 

@@ -83,7 +83,8 @@ def test_a_short_clip_is_opened_for_its_metadata_and_decoded_once(
         return plain(path, *given)
 
     monkeypatch.setattr(container, "open_container", counted)
-    uw.composite_video(load_scene(dive.scene), tmp_path / "out.mp4", backend="reference", fresh=True)
+    scene = load_scene(dive.scene, ["draw.samples=1", "object.0.casts_shadow=false"])
+    uw.composite_video(scene, tmp_path / "out.mp4", backend="reference", fresh=True)
     assert opened == [dive.plate, dive.plate]
 
 
@@ -113,9 +114,9 @@ def test_pixels_that_nothing_touches_keep_every_bit(dive: SampleDive, tmp_path: 
 
 def test_frame_k_is_the_same_alone_and_in_the_clip(dive: SampleDive, tmp_path: Path, backend: str) -> None:
     scene = load_scene(dive.scene, ["output.quality=lossless"])
-    uw.composite_video(scene, tmp_path / "all.mp4", backend=backend)
+    uw.composite_video(scene, tmp_path / "four.mp4", frames=(3, 7), backend=backend)
     uw.composite_video(scene, tmp_path / "one.mp4", frames=(5, 6), backend=backend)
-    np.testing.assert_array_equal(frames_of(tmp_path / "all.mp4")[5].yuv.y, frames_of(tmp_path / "one.mp4")[0].yuv.y)
+    np.testing.assert_array_equal(frames_of(tmp_path / "four.mp4")[2].yuv.y, frames_of(tmp_path / "one.mp4")[0].yuv.y)
 
 
 @pytest.mark.parametrize(

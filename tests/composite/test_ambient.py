@@ -46,11 +46,6 @@ WHITE = Material(base_color=(1.0, 1.0, 1.0, 1.0), roughness=1.0, refractive_inde
 """Without a coat: what a closed form says of a diffuse white is then exact."""
 
 
-@pytest.fixture(autouse=True)
-def _own_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("MR360UW_CACHE", str(tmp_path))
-
-
 def box_of(low: Floats, size: Floats) -> Part:
     """Return a closed box as one part."""
     points = np.stack(np.meshgrid([0, 1], [0, 1], [0, 1], indexing="ij"), -1).reshape(8, 3) * size + low
@@ -496,7 +491,8 @@ def test_points_interpolate_places(rng: np.random.Generator) -> None:
     assert np.abs(place - want).max() < tol.POINT_PLACE
 
 
-def test_a_damaged_file_is_made_anew(tmp_path: Path) -> None:
+def test_a_damaged_file_is_made_anew(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("MR360UW_CACHE", str(tmp_path))
     mesh = crate(WHITE)
     first = make_transfer(mesh).own
     (path,) = tmp_path.glob("ambient-*.npz")

@@ -3,21 +3,19 @@
 
 from __future__ import annotations
 
-import functools
 import re
 import stat
 import sys
 import time
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
 import pytest
-import typer
 
 from mr360uw import cli
+from tests.command import command_line
 from tests.composite.gltf_files import one_square
 
 LONGEST_S = 60.0  # far above compiling on two busy cores with empty caches, far below work that a limit forbids
@@ -29,12 +27,6 @@ type = "none"
 [[object]]
 mesh = "mesh.glb"
 """
-
-
-@functools.cache
-def _command() -> Any:
-    """Return the command line, built once: it takes most of the time of a refusal."""
-    return typer.main.get_command(cli.app)
 
 
 @dataclass(frozen=True)
@@ -79,7 +71,7 @@ class Bench:
     ) -> None:
         self.folder, self.material = folder, material
         self._patch, self._captured = monkeypatch, capsys
-        monkeypatch.setattr(cli, "app", _command())
+        monkeypatch.setattr(cli, "app", command_line())
         for name in ("plate.png", "mesh.glb"):
             self.put(name, material.files[name])
         self.put("scene.toml", SCENE)

@@ -160,7 +160,8 @@ def test_a_video_from_the_command_line(tmp_path: Path, dive: Any) -> None:
         table = (
             f'[[object]]\nmesh = "fish.glb"\nposition_m = [-0.8, -0.3, -2.0]\nanimation = "{animation}"\nspeed = 2.0\n'
         )
-        scene.write_text(f'plate = "{dive.plate}"\n{table}')
+        coarse = "[water]\nbands = 8\n[caustics]\nsize = 64\ngrid = 32\nplanes = 2\n[draw]\nsamples = 5\n"
+        scene.write_text(f'plate = "{dive.plate}"\n{coarse}{table}')
         out = tmp_path / f"{name}_%04d.png"
         command = ["composite", str(scene), str(out), "--frames", frames, "--backend", "reference"]
         result = CliRunner().invoke(app, command)

@@ -20,10 +20,23 @@ from mr360uw.scene.model import load_scene
 PASSES: list[int] = []
 
 
+@pytest.fixture(scope="module")
+def solved(dive: SampleDive, tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+    """What a run keeps beside what it measures of the clip: its water, and more that no test here is about."""
+    folder = tmp_path_factory.mktemp("solved")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv(FOLDER, str(folder))
+        composited(load_scene(dive.scene), tmp_path_factory.mktemp("first") / "out.png")
+    return [path for path in folder.iterdir() if path.is_file() and not path.name.startswith("first-pass-")]
+
+
 @pytest.fixture(autouse=True)
-def _counted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """First passes that are run, and an empty folder."""
+def _counted(tmp_path: Path, solved: list[Path], monkeypatch: pytest.MonkeyPatch) -> None:
+    """First passes that are run, and a folder in which none is kept."""
     monkeypatch.setenv(FOLDER, str(tmp_path / "kept"))
+    (tmp_path / "kept").mkdir(mode=0o700)
+    for path in solved:
+        shutil.copy2(path, tmp_path / "kept")
     PASSES.clear()
     run = stored_analysis.clip_analysis
 

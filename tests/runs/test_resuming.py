@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import shutil
 import signal
 import subprocess
 import sys
@@ -22,6 +23,7 @@ from mr360uw.scene import Scene
 from mr360uw.scene.model import load_scene
 from mr360uw.video.writer import decoding_stamps
 
+Run = Callable[..., tuple[int, str, str]]
 TWO_FRAMES = "output.segment_s=0.08"
 """Segments of two frames at the 24 frames a second of the sample dive: eight frames make four."""
 
@@ -230,15 +232,19 @@ def test_damaged_parts_are_made_again(dive: SampleDive, tmp_path: Path) -> None:
         (lambda work: cut(work, f"{first}.npz"), 1), (lambda work: cut(work, f"{first}.packets"), 1), (zeroed, 1),
         (turned, 1), (swapped, 2), (replaced, 1), (lambda work: cut(work, "analysis.npz"), 0),
     ]  # fmt: skip
-    for number, (damage, lost) in enumerate(damages):
-        out = tmp_path / f"out{number}.mp4"
-        stopped(scene, out, 6)
-        kept = len(list(work_path(out).glob("*.packets")))
+    out, intact = tmp_path / "out.mp4", tmp_path / "intact"
+    stopped(scene, out, 6)
+    kept = len(list(work_path(out).glob("*.packets")))
+    shutil.copytree(work_path(out), intact)
+    for damage, lost in damages:
         damage(work_path(out))
         report = uw.composite_video(scene, out, backend="reference")
         assert report.kept_frames == 2 * (kept - lost)
         assert ("first pass" in report.stage_s) == (lost == 0)
         assert _packets(out) == _packets(whole)
+        assert not work_path(out).exists()
+        out.unlink()
+        shutil.copytree(intact, work_path(out))
 
 
 def test_parts_that_are_damaged_during_the_run_do_not_reach_the_output(dive: SampleDive, tmp_path: Path) -> None:
@@ -334,26 +340,26 @@ uw.composite_video(load_scene(scene, [setting]), out, backend="reference", progr
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="kills a process")
-def test_a_killed_run_loses_at_most_one_segment(dive: SampleDive, tmp_path: Path) -> None:
+def test_a_killed_run_loses_at_most_one_segment(dive: SampleDive, tmp_path: Path, run: Run) -> None:
     out, whole = tmp_path / "out.mp4", tmp_path / "whole.mp4"
-    arguments = [sys.executable, "-m", "mr360uw", "composite", str(dive.scene)]
-    options = ["--backend", "reference", "--set", TWO_FRAMES]
+    options = ("--backend", "reference", "--set", TWO_FRAMES)
     killed = [sys.executable, "-c", _KILLED, str(dive.scene), TWO_FRAMES, str(out), str(work_path(out))]
     assert subprocess.run(killed, capture_output=True, check=False).returncode == -signal.SIGKILL
     assert stale_work(tmp_path) == [work_path(out)]
-    done = subprocess.run([*arguments, str(out), *options], capture_output=True, text=True, check=True)
-    assert "of them were there already" in done.stdout
-    subprocess.run([*arguments, str(whole), *options], capture_output=True, check=True)
+    code, said, _ = run("composite", dive.scene, out, *options)
+    assert code == 0
+    assert "of them were there already" in said
+    assert run("composite", dive.scene, whole, *options)[0] == 0
     assert _packets(out) == _packets(whole)
 
 
-def test_clean_removes_what_stopped_runs_left(dive: SampleDive, tmp_path: Path) -> None:
+def test_clean_removes_what_stopped_runs_left(dive: SampleDive, tmp_path: Path, run: Run) -> None:
     stopped(scene_of(dive), tmp_path / "out.mp4", 6)
-    command = [sys.executable, "-m", "mr360uw", "clean", str(tmp_path)]
-    listed = subprocess.run([*command, "--dry-run"], capture_output=True, text=True, check=True).stdout
+    code, listed, _ = run("clean", tmp_path, "--dry-run")
+    assert code == 0
     assert "found" in listed
     assert work_path(tmp_path / "out.mp4").is_dir()
-    subprocess.run(command, capture_output=True, check=True)
+    assert run("clean", tmp_path)[0] == 0
     assert list(tmp_path.iterdir()) == []
 
 

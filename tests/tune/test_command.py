@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import gc
 import importlib.util
 import json
 import os
@@ -25,6 +26,7 @@ from mr360uw.sample import SampleDive
 
 def run(monkeypatch: pytest.MonkeyPatch, *arguments: object) -> int:
     """Run the command line in this process; return its exit code."""
+    monkeypatch.setattr(gc, "freeze", bool)  # for other tests go on in it
     monkeypatch.setattr(sys, "argv", ["mr360uw", "tune", *map(str, arguments)])
     try:
         cli.main()
