@@ -124,7 +124,7 @@ class SegmentWriter(VideoWriter):
         self._encoder = Encoder(self.path, like, settings, context)
         self._packets: list[tuple[int, int, int, int]] = []
         self._hash = hashlib.sha256()
-        self._complete = False
+        self._complete = self._lacks_packets = False
         with self._errors():
             self._file: BinaryIO = self.path.open("wb")
 
@@ -158,9 +158,11 @@ class SegmentWriter(VideoWriter):
         self._complete = True
 
     def cut(self) -> None:
-        """Complete the segment with the frames that it has, under a name that says so; without any it is removed."""
+        """Complete the segment with the frames that it has, under a name that says so; without any, and where packets
+        could not be written, it is removed.
+        """
         start, stop = self._span[0], self._span[1] - self._left
-        if not self._file.closed and stop > start:
+        if not self._file.closed and stop > start and not self._lacks_packets:
             with self._errors():
                 self.path = self.path.rename(_data_path(self.path.parent, start, stop))
             self._left = 0
@@ -179,6 +181,7 @@ class SegmentWriter(VideoWriter):
         try:
             yield
         except OSError as error:
+            self._lacks_packets = True
             raise VideoError(
                 f"{self.path} - cannot be written (got {error.strerror}) - check the space and the folder's rights"
             ) from error
