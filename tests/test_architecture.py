@@ -178,7 +178,9 @@ def test_the_ground_floor_stands_on_numpy_alone() -> None:
         ROOT / "reading" / "input_files.py": {
             "contextlib",
             "contextvars",
+            "csv",
             "hashlib",
+            "importlib",
             "json",
             "os",
             "re",

@@ -10,6 +10,8 @@ from a stranger could otherwise show any file of the machine.
 
 from __future__ import annotations
 
+import csv
+import functools
 import hashlib
 import json
 import os
@@ -21,6 +23,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
+from importlib import resources
 from pathlib import Path
 from typing import Any
 
@@ -255,6 +258,22 @@ def read_json(path: Path, wrong: type[Mr360uwError]) -> Any:
         return json_of(text)
     except ValueError as error:
         raise wrong(f"{path} - is no JSON (got: {error!s:.120}) - write it again") from None
+
+
+def own_table(name: str) -> list[dict[str, str]]:
+    """Return the rows of a table of this package, by the names of its columns. name: its path in the package."""
+    lines = (resources.files("mr360uw") / name).read_text("utf-8").splitlines()
+    return list(csv.DictReader(line for line in lines if not line.startswith("#")))
+
+
+@functools.cache
+def not_read(taken_for: str) -> dict[str, str]:
+    """Return the endings of files that are not read, with what `reading/data/unread.csv` says of them.
+
+    taken_for: "mesh", "mesh by Blender", "picture", "raw picture" or "raw video".
+    """
+    rows = [row for row in own_table("reading/data/unread.csv") if row["taken_for"] == taken_for]
+    return {ending: row["said"] for row in rows for ending in row["endings"].split()}
 
 
 def holds_text(path: Path, text: str) -> bool:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from mr360uw.parameters import Parameters, advanced, parameter
+from mr360uw.reading.input_files import not_read
 
 Codec = Literal["auto", "h264", "h265", "av1", "ffv1", "prores"]
 Preset = Literal["ultrafast", "superfast", "veryfast", "faster", "fast", "medium", "slow", "slower", "veryslow"]
@@ -162,15 +163,9 @@ def _default(name: str) -> object:
 _INTEGER_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp")
 FLOAT_SUFFIXES = (".exr", ".hdr")
 WRITTEN_SUFFIXES = _INTEGER_SUFFIXES + FLOAT_SUFFIXES
-RAW_SUFFIXES = (".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".rw2", ".orf", ".gpr", ".nrw", ".pef", ".srw",
-                ".rwl", ".x3f", ".3fr", ".iiq", ".fff", ".erf", ".kdc", ".dcr", ".mrw", ".sr2")  # fmt: skip
 _READ_SUFFIXES = (".insp", ".dpx", ".tga", ".jp2", ".j2k", ".avif", ".jpe", ".jfif", ".dib", ".heic", ".heif",
                   ".pic", ".rgbe", ".xyze")  # fmt: skip
-UNREAD_SUFFIXES = (
-    ".psd", ".psb", ".xcf", ".kra", ".jxl", ".gif", ".ppm", ".pgm", ".pnm", ".pfm", ".qoi", ".jxr", ".hdp", ".wdp",
-    ".dds", ".ktx", ".ktx2", ".sgi", ".pcx", ".ico", ".svg", ".pdf", ".eps", ".ai", ".thm", ".afphoto",
-)  # fmt: skip
-PICTURE_SUFFIXES = WRITTEN_SUFFIXES + _READ_SUFFIXES + RAW_SUFFIXES + UNREAD_SUFFIXES
+PICTURE_SUFFIXES = (*WRITTEN_SUFFIXES, *_READ_SUFFIXES, *not_read("raw picture"), *not_read("picture"))
 """Endings of pictures: those that are read and written, that are read alone, and two groups that are not read."""
 
 

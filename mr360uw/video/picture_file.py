@@ -20,10 +20,9 @@ from numpy.typing import NDArray
 
 from mr360uw.color import PlateMapping, Primaries, Transfer, rec709_from_xyz
 from mr360uw.errors import VideoError
-from mr360uw.reading.input_files import HDR_SIZE, PICTURE, picture_size, read_data
+from mr360uw.reading.input_files import HDR_SIZE, PICTURE, not_read, picture_size, read_data
 from mr360uw.shapes import checked
 from mr360uw.video.exr import Wanted, read_frame
-from mr360uw.video.formats import RAW_SUFFIXES, UNREAD_SUFFIXES
 from mr360uw.video.picture_tags import (
     TIFF_STARTS,
     PictureTags,
@@ -95,14 +94,14 @@ def _unusable(path: Path) -> VideoError:
 
 def _explained(data: bytes, suffix: str) -> str:
     """Return why a file of a kind that is not read is none, and what to do, else ""."""
-    if suffix in RAW_SUFFIXES:
+    if suffix in not_read("raw picture"):
         return (
             f"is camera raw ({suffix}), which has to be developed first - save it as a 16-bit TIFF or an EXR from the "
             "camera maker's program, darktable or Lightroom"
         )
     if data[:4] in (b"II+\0", b"MM\0+"):
         return "is a BigTIFF, which is not read - save it as plain TIFF, PNG or EXR"
-    if suffix in UNREAD_SUFFIXES or data.startswith(_JPEG_XL):
+    if suffix in not_read("picture") or data.startswith(_JPEG_XL):
         return f"is a picture of a kind that is not read ({suffix}) - save it as PNG, TIFF or EXR"
     if data[:4] in TIFF_STARTS:
         return _unread_tiff(tiff_form(data))

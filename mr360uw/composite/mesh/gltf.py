@@ -8,6 +8,7 @@ The JSON is not validated first: a missing key or an index out of range raises a
 from __future__ import annotations
 
 import base64
+import functools
 import struct
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.errors import MeshError, install_command, installed, optional
-from mr360uw.reading.input_files import DATA, json_of, neighbour, read_data
+from mr360uw.reading.input_files import DATA, json_of, neighbour, own_table, read_data
 
 _COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
@@ -31,54 +32,10 @@ _VALUE_BYTES = 200
 """Memory [bytes] that a value of JSON may take once it is read: an empty list in a list takes 70, a table more."""
 _JSON_CHUNK, _BINARY_CHUNK = 0x4E4F534A, 0x004E4942
 
-FOLLOWED = frozenset(
-    {
-        "EXT_meshopt_compression",
-        "EXT_texture_webp",
-        "KHR_draco_mesh_compression",
-        "KHR_materials_emissive_strength",
-        "KHR_materials_ior",
-        "KHR_materials_pbrSpecularGlossiness",
-        "KHR_materials_unlit",
-        "KHR_mesh_quantization",
-        "KHR_meshopt_compression",
-        "KHR_texture_transform",
-    }
-)
-"""Extensions that are read; others get a note, or an error if the file requires them."""
-_SILENT = frozenset({"KHR_xmp", "KHR_xmp_json_ld", "KHR_animation_pointer"})
-"""Extensions without effect on a picture at rest."""
-_THIN = "its surfaces are opaque; give its material alphaMode BLEND and an alpha to see through it"
-_INSTEAD = {
-    "EXT_mesh_gpu_instancing": ("repeated meshes", "each is drawn once; export them as nodes"),
-    "EXT_texture_avif": ("textures in AVIF", "those in PNG or JPEG are drawn"),
-    "KHR_lights_punctual": ("lights", "the scene's light is; add [[lamp]] tables to it"),
-    "KHR_materials_anisotropy": ("brushed highlights", "they are round"),
-    "KHR_materials_clearcoat": ("a clear coat", "what is below it is drawn; lower its roughness to make it gloss"),
-    "KHR_materials_diffuse_transmission": ("light scattered through", _THIN),
-    "KHR_materials_dispersion": ("colours of refraction", _THIN),
-    "KHR_materials_iridescence": ("thin films", "it reflects without their colours"),
-    "KHR_materials_sheen": ("the sheen of cloth", "it is drawn without"),
-    "KHR_materials_specular": ("a strength and colour of reflection", "it reflects as its index of refraction says"),
-    "KHR_materials_transmission": ("light through surfaces", _THIN),
-    "KHR_materials_variants": ("variants of materials", "the first look is; export the one you want as that"),
-    "KHR_materials_volume": ("colour within a body", _THIN),
-    "KHR_node_visibility": ("nodes that are hidden", "they are drawn; export without them"),
-    "KHR_texture_basisu": ("textures in KTX2", "those in PNG or JPEG are drawn"),
-    "MSFT_lod": ("coarser versions", "the finest is drawn"),
-    "MSFT_texture_dds": ("textures in DDS", "those in PNG or JPEG are drawn"),
-}
-"""What extensions that are not read are for, and what is drawn instead."""
-_LOOKS = frozenset(n for n in _INSTEAD if n.startswith("KHR_materials_")) | {"KHR_lights_punctual", "MSFT_lod"}
-"""Those without which the shape is whole: files that require them, as Blender's with lights, are drawn with a note."""
 _MESHOPT = ("EXT_meshopt_compression", "KHR_meshopt_compression")
 _DRACO = "KHR_draco_mesh_compression"
 _PACKED = {_DRACO: ("Draco", "DracoPy"), **dict.fromkeys(_MESHOPT, ("meshopt", "meshopt"))}
 """Compressions by extension: what they are called, and the module that undoes them."""
-_HINTS = {
-    "KHR_texture_basisu": "has textures in KTX2",
-    "EXT_mesh_gpu_instancing": "repeats its meshes by EXT_mesh_gpu_instancing",
-}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -236,6 +193,12 @@ def _buffer(path: Path, entry: dict[str, Any], binary: bytes, *, outside: bool) 
     return _resource(path, entry["uri"], "buffer", outside=outside) if "uri" in entry else binary
 
 
+@functools.cache
+def _extensions() -> dict[str, dict[str, str]]:
+    """Return what is known of extensions, by their names."""
+    return {row["extension"]: row for row in own_table("composite/mesh/data/gltf_extensions.csv")}
+
+
 def _check_extensions(path: Path, tree: dict[str, Any]) -> None:
     used = set(tree.get("extensionsUsed", []))
     for name in sorted(used & _PACKED.keys()):
@@ -245,14 +208,18 @@ def _check_extensions(path: Path, tree: dict[str, Any]) -> None:
                 f"{path} - is compressed with {called}, which needs the package {module} - "
                 f"{install_command('gltf')}, or export it without compression"
             )
-    for name in sorted(set(tree.get("extensionsRequired", [])) - FOLLOWED - _SILENT - _LOOKS):
-        raise MeshError(f"{path} - {_HINTS.get(name, f'requires the extension {name}')} - export it without")
+    for name in sorted(set(tree.get("extensionsRequired", []))):
+        known = _extensions().get(name, {})
+        if known.get("standing", "shape") == "shape":
+            raise MeshError(f"{path} - {known.get('refused') or f'requires the extension {name}'} - export it without")
 
 
 def extension_notes(gltf: Gltf) -> list[str]:
     """Return a note for every extension that is used and not read."""
     notes = []
-    for name in sorted(set(gltf.tree.get("extensionsUsed", [])) - FOLLOWED - _SILENT):
-        what, instead = _INSTEAD.get(name, ("", "it looks as without"))
-        notes.append(f"{gltf.path} - the extension {name}{what and f' ({what})'} is not drawn - {instead}")
+    for name in sorted(set(gltf.tree.get("extensionsUsed", []))):
+        known = _extensions().get(name, {})
+        if known.get("standing") not in ("read", "no effect"):
+            what, instead = known.get("what", ""), known.get("instead", "it looks as without")
+            notes.append(f"{gltf.path} - the extension {name}{what and f' ({what})'} is not drawn - {instead}")
     return notes

@@ -219,7 +219,7 @@ class _SceneReader:
         self.notes[f"{self.gltf.path} - {text}"] = None
 
 
-# Materials of glTF 2.0 (section 3.9 of its specification) and of the extensions that `gltf.FOLLOWED` lists.
+# Materials of glTF 2.0 (section 3.9 of its specification) and of extensions (`data/gltf_extensions.csv`).
 
 _WRAPS: dict[int, Wrap] = {10497: "repeat", 33071: "clamp", 33648: "mirror"}
 

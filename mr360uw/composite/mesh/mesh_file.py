@@ -9,37 +9,22 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from mr360uw.composite.mesh.gltf_scene import read_gltf
 from mr360uw.composite.mesh.material import MeshFile, Part
 from mr360uw.composite.mesh.normals import crease_normals
 from mr360uw.composite.mesh.obj_file import read_obj
 from mr360uw.composite.mesh.ply_file import read_ply
 from mr360uw.composite.mesh.skin import smoothed_body
 from mr360uw.composite.mesh.stl_file import read_stl
-from mr360uw.composite.mesh.usd.usd_stage import USD_SUFFIXES
+from mr360uw.composite.mesh.usd.usd_scene import read_usd
 from mr360uw.errors import MeshError
-from mr360uw.reading.input_files import DATA, unreadable
+from mr360uw.reading.input_files import DATA, not_read, unreadable
 
-FORMATS = (".glb", ".gltf", ".obj", ".ply", ".stl", *USD_SUFFIXES)
-_IMPORTERS = {
-    ".fbx": "import_scene.fbx", ".abc": "wm.alembic_import", ".dae": "wm.collada_import", ".blend": "",
+_READERS = {
+    **dict.fromkeys((".glb", ".gltf"), read_gltf), ".obj": read_obj, ".ply": read_ply, ".stl": read_stl,
+    **dict.fromkeys((".usd", ".usda", ".usdc", ".usdz"), read_usd),
 }  # fmt: skip
-"""Formats that Blender reads and this does not: Blender's operator, none for its own files."""
-_GAUSSIANS = "is points or splats, which have no surface - make a mesh of them first"
-_OF_CAD = "is of a CAD program - export glTF, OBJ or STL there, or in FreeCAD"
-_OF_MODELLER = "is of a modelling program - export glTF or OBJ there"
-_OTHERS = {
-    **dict.fromkeys((".splat", ".spz", ".ksplat", ".las", ".laz", ".e57", ".pts", ".ptx", ".xyz", ".pcd"), _GAUSSIANS),
-    **dict.fromkeys((".step", ".stp", ".iges", ".igs", ".ifc", ".sldprt", ".dwg", ".dxf", ".f3d", ".3dm"), _OF_CAD),
-    **dict.fromkeys(
-        (".max", ".ma", ".mb", ".c4d", ".lwo", ".skp", ".3ds", ".hip", ".ztl", ".x3d", ".wrl"), _OF_MODELLER
-    ),
-    **dict.fromkeys((".3mf", ".amf", ".off"), "is read by MeshLab - open it there and export glTF, OBJ or PLY"),
-    **dict.fromkeys((".zip", ".7z", ".rar", ".gz"), "is an archive - unpack it, and name the mesh in it"),
-    ".vrm": "is glTF under another name - call it .glb",
-    ".mtl": "is the material library of an OBJ - name the .obj",
-    ".bin": "is the buffer of a glTF - name the .gltf",
-}
-"""Formats that are not read, and what to do."""
+FORMATS = tuple(_READERS)
 
 
 def read_mesh_file(path: Path, *, outside: bool = False, smooth_deg: float | None = None) -> MeshFile:
@@ -54,35 +39,25 @@ def read_mesh_file(path: Path, *, outside: bool = False, smooth_deg: float | Non
 
 def _read(path: Path, *, outside: bool) -> MeshFile:
     suffix = path.suffix.lower()
-    if suffix in _IMPORTERS:
+    if suffix in not_read("mesh by Blender"):
         raise MeshError(f"{path} - is {suffix}, which is not read - convert it with Blender: {_conversion(path)}")
-    if suffix in _OTHERS:
-        raise MeshError(f"{path} - {_OTHERS[suffix]}")
+    if said := not_read("mesh").get(suffix):
+        raise MeshError(f"{path} - {said}")
     if suffix not in FORMATS:
         raise MeshError(f"{path} - not a mesh format that is read (got {suffix!r}) - give {', '.join(FORMATS)}")
     if reason := unreadable(path):
         raise MeshError(f"{path} - {reason}")
     DATA.check(str(path), path.stat().st_size, MeshError)
-    if suffix in (".glb", ".gltf"):
-        from mr360uw.composite.mesh.gltf_scene import read_gltf
-
-        return read_gltf(path, outside=outside)
-    if suffix in USD_SUFFIXES:
-        from mr360uw.composite.mesh.usd.usd_scene import read_usd
-
-        return read_usd(path, outside=outside)
-    if suffix == ".obj":
-        return read_obj(path, outside=outside)
-    return read_ply(path, outside=outside) if suffix == ".ply" else read_stl(path)
+    return _READERS[suffix](path, outside=outside)
 
 
 def _conversion(path: Path) -> str:
     """Return the command with which Blender makes a .glb of a file beside it."""
-    importer = _IMPORTERS[path.suffix.lower()]
-    opened = f" {path}" if not importer else ""
-    steps = [f"bpy.ops.{importer}(filepath={str(path)!r})"] if importer else []
+    importer = not_read("mesh by Blender")[path.suffix.lower()]
+    opened, steps = f" {path}", []
     if importer:
-        steps.insert(0, "bpy.ops.wm.read_homefile(use_empty=True)")
+        opened = ""
+        steps = ["bpy.ops.wm.read_homefile(use_empty=True)", f"bpy.ops.{importer}(filepath={str(path)!r})"]
     steps.append(f"bpy.ops.export_scene.gltf(filepath={str(path.with_suffix('.glb'))!r})")
     return f'blender -b{opened} --python-expr "import bpy; {"; ".join(steps)}"'
 

@@ -79,9 +79,6 @@ def clip_assets(layer: Any) -> list[str]:
     return found
 
 
-USD_SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
-
-
 def open_stage(path: Path, *, outside: bool = False) -> Any:
     """Return the composed stage of a file; outside: its layers may lie outside of the file's folder.
 
