@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from mr360uw.color import decode
 from mr360uw.composite.mesh.material import Material, MeshFile, Part
-from mr360uw.composite.mesh.polygons import Polygons, polygons_of
+from mr360uw.composite.mesh.polygons import Polygons, check_corners, polygons_of
 from mr360uw.composite.mesh.texture import Texture, decode_image, make_texture
 from mr360uw.errors import MeshError
 from mr360uw.reading.input_files import TRIANGLES, neighbour, read_data, text_of
@@ -194,7 +194,9 @@ def _contents(path: Path, elements: dict[str, _Element], head: str, *, outside: 
         if {"f_dc_0", "packed_position"} & set(vertex):
             what, out = "Gaussian splats, which have no surface", "export a mesh from the program that made them"
         raise MeshError(f"{path} - has {what} - {out}")
-    polygons = _polygons(path, points, corners)
+    place = corners.flat.astype(np.int64)
+    check_corners(path, place, len(points))
+    polygons = polygons_of(points, corners.sizes, place, left_handed=False)
     TRIANGLES.check(str(path), len(polygons.faces), MeshError)
     # Bring everything to the corners of the polygons
     notes: list[str] = []
@@ -243,18 +245,6 @@ def _of_strips(strips: _Values) -> _Values:
         triangles[1::2] = triangles[1::2, ::-1]
     flat = np.concatenate(found).ravel() if found else np.zeros(0, np.int64)
     return _Values(flat, np.full(len(flat) // 3, 3), strips.type)
-
-
-def _polygons(path: Path, points: Floats, corners: _Values) -> Polygons:
-    """Return the polygons; raise `MeshError` where one is of a vertex that is not there."""
-    place = corners.flat.astype(np.int64)
-    wrong = place[(place < 0) | (place >= len(points))]
-    if len(wrong):
-        raise MeshError(
-            f"{path} - has a face of a vertex that is not there (got {wrong[0]} of {len(points)}, the first is 0)"
-            " - export it again"
-        )
-    return polygons_of(points, corners.sizes, place, left_handed=False)
 
 
 def _columns(element: _Element, names: tuple[str, ...]) -> Floats | None:
