@@ -464,31 +464,6 @@ def _checked(where: str, values: Any) -> NDArray[Any]:
     return np.ascontiguousarray(array)
 
 
-def frame_attributes(index: int, frame_rate: Fraction, timecode: str = "") -> dict[str, Any]:
-    """Return the header entries of a frame of a clip: frameNumber, framesPerSecond and timeCode.
-
-    timecode: "hh:mm:ss:ff" of the frame, with ";" for drop frames; without one it is counted from 0 at frame 0. The
-    entry holds frames up to 59: of faster clips it is left out.
-    """
-    import OpenEXR
-
-    rate = frame_rate.limit_denominator(1001)
-    found: dict[str, Any] = {"frameNumber": index, "framesPerSecond": rate}
-    base = round(rate)
-    if not 1 <= base <= _MOST_FRAMES or index < 0:
-        return found
-    seconds, frame = divmod(index, base)
-    counted = f"{seconds // 3600 % 24:02d}:{seconds // 60 % 60:02d}:{seconds % 60:02d}:{frame:02d}"
-    told = timecode or counted
-    numbers = [int(told[at : at + 2]) for at in (0, 3, 6, 9)]
-    drop = told[8] == ";"
-    return {**found, "timeCode": OpenEXR.TimeCode(*numbers, drop, *[0] * 13)}
-
-
-_MOST_FRAMES = 60
-"""Frames a second that a time code counts (SMPTE ST 12-1)."""
-
-
 @checked
 def write_exr(
     path: str | Path,

@@ -32,7 +32,6 @@ import av.stream
 from mr360uw.errors import VideoError
 from mr360uw.video.clip import Clip, not_copied
 from mr360uw.video.demux import fraction, open_packets
-from mr360uw.video.exr import frame_attributes
 from mr360uw.video.formats import PICTURE_SUFFIXES
 from mr360uw.video.spherical import Box, parse_boxes, read_moov
 
@@ -237,6 +236,29 @@ def exr_attributes(like: Clip, index: int) -> dict[str, Any]:
     """Return the entries of an EXR header that say which frame of a clip it is, by the clip's own time code."""
     number, rate = index + like.first_number, like.frame_rate
     return frame_attributes(number, rate, later_timecode(timecode_of(like.path), index, rate))
+
+
+def frame_attributes(index: int, frame_rate: Fraction, timecode: str = "") -> dict[str, Any]:
+    """Return the header entries of a frame of a clip: frameNumber, framesPerSecond and timeCode.
+
+    timecode: "hh:mm:ss:ff" of the frame, with ";" for drop frames; without one it is counted from 0 at frame 0. The
+    entry holds frames up to 59: of faster clips it is left out.
+    """
+    import OpenEXR
+
+    rate = frame_rate.limit_denominator(1001)
+    found: dict[str, Any] = {"frameNumber": index, "framesPerSecond": rate}
+    base = round(rate)
+    if not 1 <= base <= _MOST_FRAMES or index < 0:
+        return found
+    told = timecode or later_timecode("00:00:00:00", index, rate)
+    numbers = [int(told[at : at + 2]) for at in (0, 3, 6, 9)]
+    drop = told[8] == ";"
+    return {**found, "timeCode": OpenEXR.TimeCode(*numbers, drop, *[0] * 13)}
+
+
+_MOST_FRAMES = 60
+"""Frames a second that a time code counts (SMPTE ST 12-1)."""
 
 
 def later_timecode(timecode: str, frames: int, rate: Fraction) -> str:

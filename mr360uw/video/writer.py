@@ -27,7 +27,7 @@ from mr360uw.color import ColorSpec, in_plate_primaries
 from mr360uw.errors import OutputExistsError, VideoError
 from mr360uw.files import NewFile, is_pattern, matching_files, numbered, whole_file
 from mr360uw.reading.disk_cache import read_arrays, write_arrays
-from mr360uw.reading.input_files import HDR_SIZE
+from mr360uw.reading.picture_parts import HDR_SIZE
 from mr360uw.types import Floats
 from mr360uw.video.clip import Clip
 from mr360uw.video.encoder import Encoder, resolved

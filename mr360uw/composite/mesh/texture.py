@@ -22,12 +22,12 @@ from numpy.typing import ArrayLike, NDArray
 from mr360uw.color import decode
 from mr360uw.errors import MeshError
 from mr360uw.jit import exact
-from mr360uw.reading.input_files import TEXTURE, picture_size, read_data
+from mr360uw.reading.input_files import TEXTURE, read_data
+from mr360uw.reading.picture_parts import PNG_START, picture_size
 from mr360uw.texels import between_four, texels_around
 from mr360uw.types import Floats
 
 Pixels = NDArray[np.uint8] | NDArray[np.uint16]
-_PNG = b"\x89PNG\r\n\x1a\n"
 _PNG_DEPTH = 24
 """Byte offset of the bit depth in a PNG file."""
 _BROKEN = (OSError, ValueError, IndexError, KeyError, TypeError, SyntaxError, OverflowError, EOFError, MemoryError)
@@ -45,7 +45,7 @@ def decode_image(data: bytes, where: str) -> Pixels:
     Raises `MeshError`.
     """
     with _opened(data, where) as image:
-        if data.startswith(_PNG) and data[_PNG_DEPTH] == 16:
+        if data.startswith(PNG_START) and data[_PNG_DEPTH] == 16:
             return _sixteen_bits(data)
         return pixels(image)
 
