@@ -9,6 +9,9 @@ between code values in [0, 1] and linear light; names say `_encoded` or `_linear
 from __future__ import annotations
 
 import functools
+import math
+import warnings
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, Literal, Protocol, get_args
 
@@ -18,14 +21,52 @@ from numpy.typing import ArrayLike, NDArray
 from mr360uw.constants import LUMINANCE_B, LUMINANCE_G, LUMINANCE_R
 from mr360uw.errors import ParameterError
 from mr360uw.shapes import numbers, real, vectors
-from mr360uw.yuv.wide_curves import (
-    ON_FILE_CODES,
-    WIDE_TRANSFERS,
-    WideTransfer,
-    wide_decode,
-    wide_encode,
-    wide_primaries,
-)
+
+# Transfer curves that hold light far above white: HDR television, and the log recordings of cameras.
+#
+#     pq       SMPTE ST 2084, ITU-R BT.2100-2: display light up to 10 000 cd/m^2; white is 203 cd/m^2 (ITU-R BT.2408)
+#     hlg      ITU-R BT.2100-2: scene light; white is the light at 75 % of the signal (ITU-R BT.2408)
+#     slog3    Sony S-Log3        vlog   Panasonic V-Log        dlog   DJI D-Log      white reflects 100 %
+#     protune, gplog, gplog2      GoPro's Protune Flat, GP-Log and GP-Log2: log(1 + (b - 1) light)/log b, with base b of
+#                                 113, 400 and 600; white is the brightest light that they hold
+#
+# The curves are those of colour-science; GoPro's are the formula above. White is linear light of 1. PQ ends at its
+# 10 000 cd/m^2, 49 times white; the others go on as their formulas do.
+
+WideTransfer = Literal["pq", "hlg", "slog3", "vlog", "dlog", "protune", "gplog", "gplog2"]
+WIDE_TRANSFERS: tuple[WideTransfer, ...] = get_args(WideTransfer)
+
+ON_FILE_CODES = frozenset({"slog3", "vlog", "dlog"})
+"""Curves whose makers define them on the file's code values over full scale, whatever range the file is tagged with:
+black of S-Log3 is the 10-bit code 95 in every recording. The others are defined on the signal, black to white."""
+
+_WHITE_CD_M2 = 203.0  # luminance of HDR reference white, ITU-R BT.2408-7 table 1
+_HLG_WHITE = 0.75  # signal of the same white in HLG
+_LOG_NAMES = {"slog3": "S-Log3", "vlog": "V-Log", "dlog": "D-Log"}  # of colour-science
+_LOG_BASES = {"protune": 113.0, "gplog": 400.0, "gplog2": 600.0}
+
+Array = NDArray[np.float64]
+
+
+@functools.cache
+def wide_primaries(name: str) -> Array:
+    """Return the chromaticities (3, 2) of a camera's red, green and blue, by colour-science's name of its gamut."""
+    return np.asarray(colour_science().RGB_COLOURSPACES[name].primaries, np.float64)
+
+
+@functools.cache
+def _hlg_white() -> float:
+    return float(colour_science().models.oetf_inverse_BT2100_HLG(_HLG_WHITE))
+
+
+@functools.cache
+def colour_science() -> Any:
+    """Return the package colour-science, imported at the first call: it takes about a second."""
+    with warnings.catch_warnings(), np.printoptions():  # it changes how NumPy prints arrays, for the whole process
+        warnings.simplefilter("ignore")  # it warns about optional packages
+        import colour
+    return colour
+
 
 Levels = Literal["video", "data"]
 """Levels of 0 and 1 in a map's input. video: black and white of the plate's range. data: code 0 and full scale."""
@@ -72,6 +113,21 @@ LUMINANCE = np.array([LUMINANCE_R, LUMINANCE_G, LUMINANCE_B])
 
 # The curve of ITU-R BT.709-6 with the digits of BT.2020-2 table 4, with which its two pieces join smoothly.
 _CURVE_ALPHA, _CURVE_BETA = 1.09929682680944, 0.018053968510807
+_Curve = Callable[[Any], Any]
+_DISPLAY_CURVES: dict[str, tuple[_Curve, _Curve]] = {
+    "srgb": (
+        lambda v: np.where(v <= 0.04045, v / 12.92, ((v + 0.055) / 1.055) ** 2.4),
+        lambda x: np.where(x <= 0.04045 / 12.92, x * 12.92, 1.055 * x ** (1.0 / 2.4) - 0.055),
+    ),
+    "bt709": (
+        lambda v: np.where(v < 4.5 * _CURVE_BETA, v / 4.5, ((v + (_CURVE_ALPHA - 1.0)) / _CURVE_ALPHA) ** (1.0 / 0.45)),
+        lambda x: np.where(x < _CURVE_BETA, x * 4.5, _CURVE_ALPHA * x**0.45 - (_CURVE_ALPHA - 1.0)),
+    ),
+    "bt1886": (lambda v: v**2.4, lambda x: x ** (1.0 / 2.4)),
+    "gamma22": (lambda v: v**2.2, lambda x: x ** (1.0 / 2.2)),
+    "linear": (lambda v: v, lambda x: x),
+}
+"""Curves from values >= 0 to linear light, and back."""
 
 # Luma weights (K_R, K_B): ITU-R BT.601-7, BT.709-6, BT.2020-2.
 _LUMA_WEIGHTS: dict[Matrix, tuple[float, float]] = {
@@ -145,48 +201,51 @@ def decode(encoded: ArrayLike, transfer: Transfer) -> NDArray[np.floating]:
 
     srgb: IEC 61966-2-1. bt709: inverse of the camera curve of ITU-R BT.709-6. bt1886: display gamma 2.4.
     linear: as it is, also what is not finite, as in maps of distances. The others, of HDR television and of cameras'
-    log recordings: `yuv.wide_curves`; below black, log curves go on as they are defined.
+    log recordings, stand above; below black, log curves go on as they are defined.
     """
-    v = (real if transfer == "linear" else numbers)("encoded", encoded)
-    v = v if np.issubdtype(v.dtype, np.floating) else v.astype(np.float64)
-    a = np.abs(v)
-    if transfer == "srgb":
-        linear = np.where(a <= 0.04045, a / 12.92, ((a + 0.055) / 1.055) ** 2.4)
-    elif transfer == "bt709":
-        linear = np.where(a < 4.5 * _CURVE_BETA, a / 4.5, ((a + (_CURVE_ALPHA - 1.0)) / _CURVE_ALPHA) ** (1.0 / 0.45))
-    elif transfer == "bt1886":
-        linear = a**2.4
-    elif transfer == "gamma22":
-        linear = a**2.2
-    elif transfer == "linear":
-        linear = a
-    elif transfer in WIDE_TRANSFERS:
-        return wide_decode(v.astype(np.float64), transfer).astype(v.dtype, copy=False)
-    else:
-        raise ParameterError(f"transfer - unknown curve (got {transfer!r}) - take one of {', '.join(TRANSFERS)}")
-    return np.copysign(linear, v).astype(v.dtype, copy=False)
+    return _converted("encoded", encoded, transfer, 0)
 
 
 def encode(linear: ArrayLike, transfer: Transfer) -> NDArray[np.floating]:
     """Return code values of linear light, the inverse of `decode`; not clipped."""
-    v = (real if transfer == "linear" else numbers)("linear", linear)
+    return _converted("linear", linear, transfer, 1)
+
+
+def _converted(name: str, values: ArrayLike, transfer: Transfer, way: Literal[0, 1]) -> NDArray[np.floating]:
+    """Return values that a curve decodes (way 0) or encodes (1)."""
+    v = (real if transfer == "linear" else numbers)(name, values)
     v = v if np.issubdtype(v.dtype, np.floating) else v.astype(np.float64)
-    a = np.abs(v)
-    if transfer == "srgb":
-        code = np.where(a <= 0.04045 / 12.92, a * 12.92, 1.055 * a ** (1.0 / 2.4) - 0.055)
-    elif transfer == "bt709":
-        code = np.where(a < _CURVE_BETA, a * 4.5, _CURVE_ALPHA * a**0.45 - (_CURVE_ALPHA - 1.0))
-    elif transfer == "bt1886":
-        code = a ** (1.0 / 2.4)
-    elif transfer == "gamma22":
-        code = a ** (1.0 / 2.2)
-    elif transfer == "linear":
-        code = a
+    if transfer in _DISPLAY_CURVES:
+        found = np.copysign(_DISPLAY_CURVES[transfer][way](np.abs(v)), v)
     elif transfer in WIDE_TRANSFERS:
-        return wide_encode(v.astype(np.float64), transfer).astype(v.dtype, copy=False)
+        found = _wide(v.astype(np.float64), transfer, way)
     else:
         raise ParameterError(f"transfer - unknown curve (got {transfer!r}) - take one of {', '.join(TRANSFERS)}")
-    return np.copysign(code, v).astype(v.dtype, copy=False)
+    return found.astype(v.dtype, copy=False)
+
+
+def _wide(values: Array, transfer: WideTransfer, way: Literal[0, 1]) -> Array:
+    """Return float64 values that a curve above white decodes (way 0) or encodes (1), not clipped."""
+    size = np.abs(values)
+    if transfer in _LOG_BASES:
+        base, end = _LOG_BASES[transfer], math.log(_LOG_BASES[transfer])
+        return np.copysign(np.log1p(size * (base - 1.0)) / end if way else np.expm1(size * end) / (base - 1.0), values)
+    models = colour_science().models
+    with np.errstate(all="ignore"):  # both pieces of a curve are computed everywhere, and one is taken
+        if transfer in _LOG_NAMES:
+            of_log = (models.log_decoding, models.log_encoding)[way]
+            return np.asarray(of_log(values, _LOG_NAMES[transfer]), np.float64)
+        curves: dict[str, tuple[_Curve, _Curve]] = {
+            "pq": (
+                lambda v: models.eotf_ST2084(np.minimum(v, 1.0)) / _WHITE_CD_M2,
+                lambda x: models.eotf_inverse_ST2084(x * _WHITE_CD_M2),
+            ),
+            "hlg": (
+                lambda v: models.oetf_inverse_BT2100_HLG(v) / _hlg_white(),
+                lambda x: models.oetf_BT2100_HLG(x * _hlg_white()),
+            ),
+        }
+        return np.copysign(np.asarray(curves[transfer][way](size), np.float64), values)
 
 
 def decode_signal(signal: ArrayLike, spec: ColorSpec) -> NDArray[np.floating]:

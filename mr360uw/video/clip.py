@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from fractions import Fraction
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from av.sidedata.sidedata import Type
 
@@ -47,8 +47,7 @@ def checked_rate(frame_rate: Fraction | float, path: Path) -> Fraction:
     return rate
 
 
-@dataclass(frozen=True, slots=True)
-class ColorTags:
+class ColorTags(NamedTuple):
     """The numbers of H.273 that a container or codec carries: range, matrix, primaries, transfer curve."""
 
     color_range: int
@@ -59,15 +58,12 @@ class ColorTags:
     @classmethod
     def of(cls, native: Any) -> ColorTags:
         """Read them from a PyAV codec context or frame."""
-        names = ("color_range", "colorspace", "color_primaries", "color_trc")
-        return cls(*(int(getattr(native, name)) for name in names))
+        return cls(*(int(getattr(native, name)) for name in cls._fields))
 
     def write_to(self, native: Any) -> None:
         """Set them on a PyAV codec context or frame."""
-        native.color_range = self.color_range
-        native.colorspace = self.colorspace
-        native.color_primaries = self.color_primaries
-        native.color_trc = self.color_trc
+        for name, number in self._asdict().items():
+            setattr(native, name, number)
 
 
 BT709_TAGS = ColorTags(color_range=1, colorspace=1, color_primaries=1, color_trc=1)

@@ -85,16 +85,8 @@ class FileProfile:
     matrix: tuple[tuple[float, ...], ...]
     curves: tuple[ToneCurve, ToneCurve, ToneCurve]
     xy: tuple[float, ...] = ()
-
-    @property
-    def on_file_codes(self) -> bool:
-        """Whether values are codes over full scale: those of pictures, whose range is full, are the same."""
-        return False
-
-    @property
-    def is_wide(self) -> bool:
-        """Whether light may be above white; the brightest code of a picture is white."""
-        return False
+    on_file_codes: bool = False
+    is_wide: bool = False
 
     def to_light(self, values: NDArray[Any]) -> Array:
         """Return the linear Rec.709 light (..., 3) of values (..., 3)."""
