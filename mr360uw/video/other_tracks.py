@@ -56,19 +56,24 @@ def check_sound(source: Path, target: Path) -> None:
 
 
 def _holds_sound(source: Path, suffix: str) -> bool:
-    """Return whether a container takes the first packets of a file's sound.
+    """Return whether a container takes the first packets of a file's sound."""
+    with open_packets(source) as container:
+        return _holds(CONTAINERS[suffix], *container.streams.audio, packets=_TRIAL_PACKETS)
 
-    It is completed, in memory: some sound is refused only then, as PCM without a layout of its channels by MP4.
+
+def _holds(kind: str, *streams: Any, packets: int = 0) -> bool:
+    """Return whether a kind of container takes tracks of a file, and so many of their first packets.
+
+    It does not take those that FFmpeg has no name for. It is completed, in memory: some sound is refused only then, as
+    PCM without a layout of its channels by MP4.
     """
     try:
-        with ExitStack() as closing:
-            container = closing.enter_context(open_packets(source))
-            trial = closing.enter_context(av.open(io.BytesIO(), "w", format=CONTAINERS[suffix]))
-            streams = {s.index: trial.add_stream_from_template(s) for s in container.streams.audio}
+        with av.open(io.BytesIO(), "w", format=kind) as trial:
+            made = {stream.index: trial.add_stream_from_template(stream) for stream in streams}
             trial.start_encoding()
-            for packet in itertools.islice(container.demux(audio=list(range(len(streams)))), _TRIAL_PACKETS):
+            for packet in itertools.islice(streams[0].container.demux(streams), packets) if packets else ():
                 if packet.dts is not None:
-                    packet.stream = streams[packet.stream_index]
+                    packet.stream = made[packet.stream_index]
                     trial.mux(packet)
     except (av.error.FFmpegError, ValueError):
         return False
@@ -106,7 +111,7 @@ class TrackCopy:
         self._packets = (
             packet
             for packet in self._container.demux(streams)
-            if packet.dts is not None and (start_s is None or _start_s(packet.pts, packet) >= start_s)
+            if packet.dts is not None and (start_s is None or packet.pts * fraction(packet.time_base) >= start_s)
         )
         self._pending = next(self._packets, None)
 
@@ -172,17 +177,6 @@ def other_tracks(like: Clip, kind: str, *, wanted: bool, sound: Path | None, fra
     return copied, start, chapters, spatial, tuple(notes)
 
 
-def _holds(kind: str, stream: Any) -> bool:
-    """Return whether a kind of container takes a track of data: not those that FFmpeg has no name for."""
-    try:
-        with av.open(io.BytesIO(), "w", format=kind) as trial:
-            trial.add_stream_from_template(stream)
-            trial.start_encoding()
-    except (av.error.FFmpegError, ValueError):
-        return False
-    return True
-
-
 def _kinds(path: Path) -> dict[int, bytes]:
     """Return the four letters of the first sample entry of each track of an mp4 or mov, by the track's number."""
     moov = read_moov(path)
@@ -194,10 +188,6 @@ def _kinds(path: Path) -> dict[int, bytes]:
             number = int.from_bytes(header.payload[at : at + 4], "big")
             found[number] = table.children[0].kind if table.children else table.payload[12:16]
     return found
-
-
-def _start_s(stamp: int, packet: Any) -> Fraction:
-    return stamp * fraction(packet.time_base)
 
 
 def _moved(chapters: list[Any], like: Clip, frames: tuple[int, int]) -> tuple[dict[str, Any], ...]:

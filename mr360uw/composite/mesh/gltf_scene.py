@@ -148,7 +148,10 @@ class _SceneReader:
         self.reader = MaterialReader(gltf)
         self.numbers: dict[int | None, int] = {}
         self.materials: list[MappedMaterial] = []
-        self.primitives: dict[tuple[int, int], Primitive | None] = {}
+        # several nodes may show a primitive
+        self.primitive = functools.cache(
+            lambda mesh, k: read_primitive(gltf, gltf.entry("meshes", mesh)["primitives"][k])
+        )
         self.notes: dict[str, None] = {}  # in order, once each
         self.triangles = 0
 
@@ -180,10 +183,7 @@ class _SceneReader:
         mesh = self.gltf.entry("meshes", node["mesh"])
         name = "/".join(dict.fromkeys(str(entry["name"]) for entry in (node, mesh) if entry.get("name")))
         for k, entry in enumerate(mesh["primitives"]):
-            place = node["mesh"], k
-            if place not in self.primitives:  # several nodes may show it
-                self.primitives[place] = read_primitive(self.gltf, entry)
-            primitive = self.primitives[place]
+            primitive = self.primitive(node["mesh"], k)
             if primitive is None:
                 self._note("has points or lines - they are not drawn")
                 continue
