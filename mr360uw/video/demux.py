@@ -118,7 +118,8 @@ def open_container(path: Path, track: int | None = None, card: str = "") -> Iter
         if not streams:
             kinds = ", ".join(sorted({s.type for s in container.streams})) or "nothing"
             raise VideoError(f"{path} - has no video stream (got {kinds}) - name a video file")
-        stream = min(streams, key=_is_no_default) if track is None else streams[track]
+        shown = (s for s in streams if s.disposition & av.stream.Disposition.default)
+        stream = next(shown, streams[0]) if track is None else streams[track]
         PICTURE.check(str(path), stream.width * stream.height, VideoError)
         stream.thread_type = "AUTO"
         yield container, stream
@@ -128,11 +129,6 @@ def track_sizes(path: Path) -> list[tuple[int, int]]:
     """Return the width and height of each video stream of a file; VideoError where there is none."""
     with open_container(path) as (container, _):
         return [(s.width, s.height) for s in _video_streams(container)]
-
-
-def _is_no_default(stream: Any) -> bool:
-    """Return whether a file does not mark a stream as the one of its kind that is shown."""
-    return not stream.disposition & av.stream.Disposition.default
 
 
 def _video_streams(container: Any) -> list[Any]:

@@ -34,10 +34,7 @@ HARDWARE: dict[Encoder, Codec] = {
 }
 """FFmpeg's encoders of graphics cards, and what they encode."""
 # SVT-AV1 counts its presets the other way; above 10 it is made for tests of tools.
-_AV1_PRESETS: dict[Preset, int] = {
-    "ultrafast": 10, "superfast": 9, "veryfast": 8, "faster": 7, "fast": 6,
-    "medium": 5, "slow": 4, "slower": 3, "veryslow": 2,
-}  # fmt: skip
+_AV1_PRESETS: dict[Preset, int] = {preset: 10 - place for place, preset in enumerate(get_args(Preset))}
 
 
 _PARAMETERS: dict[Codec, str] = {"h264": "x264-params", "h265": "x265-params", "av1": "svtav1-params"}

@@ -71,10 +71,8 @@ def _widths(path: Path, files: list[Path]) -> tuple[str, ...]:
     """Return a line where numbers of a sequence are written in several widths, as of two sequences in a folder."""
     name = matcher(path)
     written = [found[1] for file in files if (found := name.fullmatch(file.name))]
-    padded = [number for number in written if len(number) > len(str(int(number)))]
-    odd = next(
-        (file for file, number in zip(files, written, strict=True) if padded and len(number) < len(padded[0])), None
-    )
+    width = next((len(number) for number in written if len(number) > len(str(int(number)))), 0)
+    odd = next((file for file, number in zip(files, written, strict=True) if len(number) < width), None)
     if odd is None:
         return ()
     return (

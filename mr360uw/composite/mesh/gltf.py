@@ -286,18 +286,16 @@ def read_primitive(gltf: Gltf, entry: dict[str, Any]) -> Primitive | None:
 def _columns(gltf: Gltf, entry: dict[str, Any]) -> Columns:
     attributes: dict[str, int] = entry["attributes"]
     draco = entry.get("extensions", {}).get("KHR_draco_mesh_compression")
-    columns = {name: gltf.accessor(number) for name, number in attributes.items()} if draco is None else {}
-    if draco is None and "indices" in entry:
-        columns[_INDICES] = gltf.accessor(entry["indices"])
-    if draco is not None:
-        mesh = gltf.draco(draco["bufferView"])
-        by_id = {packed["unique_id"]: np.asarray(packed["data"]) for packed in mesh.attributes}
-        for name, number in draco["attributes"].items():
-            values = by_id[number].reshape(len(mesh.points), -1)
-            whole = gltf.entry("accessors", attributes[name]).get("normalized", False)
-            columns[name] = dequantised(values) if whole else values
-        columns[_INDICES] = np.asarray(mesh.faces)
-    return columns
+    if draco is None:
+        columns = {name: gltf.accessor(number) for name, number in attributes.items()}
+        return columns | ({_INDICES: gltf.accessor(entry["indices"])} if "indices" in entry else {})
+    mesh, columns = gltf.draco(draco["bufferView"]), {}
+    by_id = {packed["unique_id"]: np.asarray(packed["data"]) for packed in mesh.attributes}
+    for name, number in draco["attributes"].items():
+        values = by_id[number].reshape(len(mesh.points), -1)
+        whole = gltf.entry("accessors", attributes[name]).get("normalized", False)
+        columns[name] = dequantised(values) if whole else values
+    return columns | {_INDICES: np.asarray(mesh.faces)}
 
 
 def _faces(order: NDArray[np.int64], mode: int) -> NDArray[np.int64]:
