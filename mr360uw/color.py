@@ -140,11 +140,8 @@ _LUMA_WEIGHTS: dict[Matrix, tuple[float, float]] = {
 _REC709_PRIMARIES = np.array([(0.640, 0.330), (0.300, 0.600), (0.150, 0.060)])
 _REC2020_PRIMARIES = np.array([(0.708, 0.292), (0.170, 0.797), (0.131, 0.046)])
 _CAMERA_GAMUTS: dict[Primaries, str] = {
-    "sgamut3": "S-Gamut3",
-    "sgamut3cine": "S-Gamut3.Cine",
-    "vgamut": "V-Gamut",
-    "dgamut": "DJI D-Gamut",
-}
+    "sgamut3": "S-Gamut3", "sgamut3cine": "S-Gamut3.Cine", "vgamut": "V-Gamut", "dgamut": "DJI D-Gamut"
+}  # fmt: skip
 _WHITE = np.array((0.3127, 0.3290))
 
 

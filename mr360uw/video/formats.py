@@ -18,12 +18,8 @@ Codec = Literal["auto", "h264", "h265", "av1", "ffv1", "prores"]
 Preset = Literal["ultrafast", "superfast", "veryfast", "faster", "fast", "medium", "slow", "slower", "veryslow"]
 
 ENCODERS: dict[Codec, str] = {
-    "h264": "libx264",
-    "h265": "libx265",
-    "av1": "libsvtav1",
-    "ffv1": "ffv1",
-    "prores": "prores",
-}
+    "h264": "libx264", "h265": "libx265", "av1": "libsvtav1", "ffv1": "ffv1", "prores": "prores"
+}  # fmt: skip
 Encoder = Literal[
     "software", "auto", "h264_nvenc", "hevc_nvenc", "av1_nvenc", "h264_qsv", "hevc_qsv", "av1_qsv", "h264_amf",
     "hevc_amf", "av1_amf", "h264_vaapi", "hevc_vaapi", "av1_vaapi", "h264_videotoolbox", "hevc_videotoolbox",

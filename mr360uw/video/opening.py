@@ -224,15 +224,8 @@ def _new_clip(path: Path, width: int, height: int, frame_rate: Fraction | float,
         raise VideoError(
             f"{path} - a panorama must be 2:1 with an even height (got {width}x{height}) - take 2048x1024 or 3840x1920"
         )
-    rate = checked_rate(frame_rate, path)
-    return Clip(
-        path=Path(),
-        width=width,
-        height=height,
-        frame_rate=rate,
-        time_base=1 / rate,
-        sound=Path(sound) if sound is not None else None,
-    )
+    rate, audio = checked_rate(frame_rate, path), Path(sound) if sound is not None else None
+    return Clip(path=Path(), width=width, height=height, frame_rate=rate, time_base=1 / rate, sound=audio)
 
 
 @checked
@@ -380,9 +373,7 @@ class _UnwrappedReader(ReaderOver):
         for pictures in zip(*tracks, strict=False):  # a seeker's tracks may differ in length
             first = pictures[0]
             out = turn(native_frame(self._joined([_planes(p) for p in pictures])))
-            planes = plane_views(out, self.spec)
-            for plane in (planes.y, planes.u, planes.v):
-                plane.flags.writeable = False
+            planes = plane_views(out, self.spec, locked=True)
             damage = next((p.damage for p in pictures if p.damage != "none"), "none")
             yield replace(first, yuv=planes, native=None, wrap=True, damage=damage)
 

@@ -147,15 +147,8 @@ def _pano_fields(xmp_bytes: bytes) -> dict[str, str]:
     return dict(said + re.findall(rf"<{name}:(\w+)>\s*([^<]*?)\s*</", text))
 
 
-_KEPT_FIELDS = (
-    "Pose",
-    "Initial",
-    "SourcePhotosCount",
-    "FirstPhotoDate",
-    "LastPhotoDate",
-    "CaptureSoftware",
-    "StitchingS",
-)
+_KEPT_FIELDS = ("Pose", "Initial", "SourcePhotosCount", "FirstPhotoDate", "LastPhotoDate", "CaptureSoftware",
+                "StitchingS")  # fmt: skip
 
 
 def xmp(width: int, height: int, said: Mapping[str, str] | None = None) -> bytes:
@@ -270,8 +263,7 @@ def _own_parts(data: bytes) -> Iterator[tuple[int | bytes, bytes]]:
 
 _RAW_PROFILES = {
     b"Raw profile type xmp\0": "xmp",
-    b"Raw profile type exif\0": "exif",
-    b"Raw profile type APP1\0": "exif",
+    **dict.fromkeys((b"Raw profile type exif\0", b"Raw profile type APP1\0"), "exif"),
 }
 """Keywords of texts in which ImageMagick keeps metadata, as hexadecimal digits."""
 

@@ -257,18 +257,7 @@ def make_mesh(parts: list[Part], materials: list[Material], *, where: str = "mes
     notes += _darkening_notes(
         where, colors, np.isin(material, [k for k, m in enumerate(materials) if m.base_map is not None])
     )
-    return Mesh(
-        positions=positions,
-        normals=normals,
-        uv=uv,
-        more_uv=more_uv,
-        colors=colors,
-        material=material,
-        patch=patch,
-        materials=tuple(materials),
-        hull=hull,
-        notes=notes,
-    )
+    return Mesh(positions, normals, uv, more_uv, colors, material, patch, tuple(materials), hull, notes)
 
 
 def _patches_and_hull(positions: Floats, normals: Floats, piece: NDArray[np.int32]) -> tuple[NDArray[np.int32], Floats]:

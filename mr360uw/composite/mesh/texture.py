@@ -50,11 +50,6 @@ def decode_image(data: bytes, where: str) -> Pixels:
         return pixels(image)
 
 
-def _unreadable(where: str, error: Exception) -> MeshError:
-    what = "no kind of picture that is known" if "identify" in str(error) else str(error) or type(error).__name__
-    return MeshError(f"{where} - a texture cannot be read (got: {what:.120}) - give a PNG or JPEG")
-
-
 @contextmanager
 def _opened(data: bytes, where: str) -> Iterator[Any]:
     """Yield an image file that PIL has opened, not decoded.
@@ -73,7 +68,8 @@ def _opened(data: bytes, where: str) -> Iterator[Any]:
     except MeshError:
         raise
     except (*_BROKEN, Image.DecompressionBombError, cv2.error) as error:
-        raise _unreadable(where, error) from error
+        what = "no kind of picture that is known" if "identify" in str(error) else str(error) or type(error).__name__
+        raise MeshError(f"{where} - a texture cannot be read (got: {what:.120}) - give a PNG or JPEG") from error
 
 
 def pixels(image: Any) -> NDArray[np.uint8]:
