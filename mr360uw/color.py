@@ -116,16 +116,16 @@ _CURVE_ALPHA, _CURVE_BETA = 1.09929682680944, 0.018053968510807
 _Curve = Callable[[Any], Any]
 _DISPLAY_CURVES: dict[str, tuple[_Curve, _Curve]] = {
     "srgb": (
-        lambda v: np.where(v <= 0.04045, v / 12.92, ((v + 0.055) / 1.055) ** 2.4),
-        lambda x: np.where(x <= 0.04045 / 12.92, x * 12.92, 1.055 * x ** (1.0 / 2.4) - 0.055),
+        lambda a: np.where(a <= 0.04045, a / 12.92, ((a + 0.055) / 1.055) ** 2.4),
+        lambda a: np.where(a <= 0.04045 / 12.92, a * 12.92, 1.055 * a ** (1.0 / 2.4) - 0.055),
     ),
     "bt709": (
-        lambda v: np.where(v < 4.5 * _CURVE_BETA, v / 4.5, ((v + (_CURVE_ALPHA - 1.0)) / _CURVE_ALPHA) ** (1.0 / 0.45)),
-        lambda x: np.where(x < _CURVE_BETA, x * 4.5, _CURVE_ALPHA * x**0.45 - (_CURVE_ALPHA - 1.0)),
+        lambda a: np.where(a < 4.5 * _CURVE_BETA, a / 4.5, ((a + (_CURVE_ALPHA - 1.0)) / _CURVE_ALPHA) ** (1.0 / 0.45)),
+        lambda a: np.where(a < _CURVE_BETA, a * 4.5, _CURVE_ALPHA * a**0.45 - (_CURVE_ALPHA - 1.0)),
     ),
-    "bt1886": (lambda v: v**2.4, lambda x: x ** (1.0 / 2.4)),
-    "gamma22": (lambda v: v**2.2, lambda x: x ** (1.0 / 2.2)),
-    "linear": (lambda v: v, lambda x: x),
+    "bt1886": (lambda a: a**2.4, lambda a: a ** (1.0 / 2.4)),
+    "gamma22": (lambda a: a**2.2, lambda a: a ** (1.0 / 2.2)),
+    "linear": (lambda a: a, lambda a: a),
 }
 """Curves from values >= 0 to linear light, and back."""
 
@@ -136,13 +136,22 @@ _LUMA_WEIGHTS: dict[Matrix, tuple[float, float]] = {
     "bt2020": (0.2627, 0.0593),
 }
 
-# Chromaticities (x, y) of red, green and blue, ITU-R BT.709-6 and BT.2020-2, and of their white, D65.
-_REC709_PRIMARIES = np.array([(0.640, 0.330), (0.300, 0.600), (0.150, 0.060)])
-_REC2020_PRIMARIES = np.array([(0.708, 0.292), (0.170, 0.797), (0.131, 0.046)])
+XY_BY_NAME: dict[str, tuple[float, ...]] = {
+    "ap0": (0.7347, 0.2653, 0.0, 1.0, 0.0001, -0.077, 0.32168, 0.33767),
+    "ap1": (0.713, 0.293, 0.165, 0.83, 0.128, 0.044, 0.32168, 0.33767),
+    "rec2020": (0.708, 0.292, 0.17, 0.797, 0.131, 0.046, 0.3127, 0.329),
+    "p3d65": (0.68, 0.32, 0.265, 0.69, 0.15, 0.06, 0.3127, 0.329),
+    "rec709": (0.64, 0.33, 0.3, 0.6, 0.15, 0.06, 0.3127, 0.329),
+}
+"""Chromaticities x, y of red, green, blue and white, by names of spaces of linear light (Color Interop Forum): those of
+ACES, ITU-R BT.2020-2, Display P3 and ITU-R BT.709-6."""
+REC709_XY = XY_BY_NAME["rec709"]
+"""The primaries of all linear light here."""
+HDR_CURVES: dict[int, Transfer] = {16: "pq", 18: "hlg"}
+"""Curves of high dynamic range by their numbers in ITU-T H.273."""
 _CAMERA_GAMUTS: dict[Primaries, str] = {
     "sgamut3": "S-Gamut3", "sgamut3cine": "S-Gamut3.Cine", "vgamut": "V-Gamut", "dgamut": "DJI D-Gamut"
 }  # fmt: skip
-_WHITE = np.array((0.3127, 0.3290))
 
 
 @dataclass(frozen=True, slots=True)
@@ -296,8 +305,13 @@ def ycbcr_from_rgb(matrix: Matrix) -> NDArray[np.float64]:
 _CONES = np.array([(0.8951, 0.2664, -0.1614), (-0.7502, 1.7135, 0.0367), (0.0389, -0.0685, 1.0296)])
 
 
-def _xyz_from_rgb(primaries: NDArray[np.float64], white: NDArray[np.float64] = _WHITE) -> NDArray[np.float64]:
-    """Return the (3, 3) matrix from linear RGB of `primaries` (3, 2) to XYZ, white at Y = 1 (SMPTE RP 177-1993)."""
+def _xyz_from_rgb(xy: ArrayLike) -> NDArray[np.float64]:
+    """Return the (3, 3) matrix from linear RGB to XYZ, white at Y = 1 (SMPTE RP 177-1993).
+
+    xy: chromaticities of red, green, blue and white, (8,) or (4, 2).
+    """
+    known = np.asarray(xy, np.float64).reshape(4, 2)
+    primaries, white = known[:3], known[3]
     columns = np.stack([primaries[:, 0], primaries[:, 1], 1.0 - primaries.sum(axis=1)]) / primaries[:, 1]
     whitest = np.array([white[0], white[1], 1.0 - white.sum()]) / white[1]
     return np.asarray(columns * np.linalg.solve(columns, whitest), np.float64)
@@ -305,7 +319,7 @@ def _xyz_from_rgb(primaries: NDArray[np.float64], white: NDArray[np.float64] = _
 
 def rec709_from_xyz(white: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the (3, 3) matrix from XYZ whose white is `white` (3,) to linear Rec.709; that white becomes (1, 1, 1)."""
-    own = _xyz_from_rgb(_REC709_PRIMARIES)
+    own = _xyz_from_rgb(REC709_XY)
     cones = (_CONES @ own.sum(axis=1)) / (_CONES @ white)
     return np.linalg.solve(own, np.linalg.solve(_CONES, cones[:, None] * _CONES)).astype(np.float64)
 
@@ -315,7 +329,7 @@ def rec709_from_chromaticities(xy: NDArray[np.float64]) -> NDArray[np.float64]:
 
     White becomes (1, 1, 1). Raises `LinAlgError` where the primaries lie on a line.
     """
-    own = _xyz_from_rgb(xy[:3], xy[3])
+    own = _xyz_from_rgb(xy)
     return np.asarray(rec709_from_xyz(own.sum(axis=1)) @ own, np.float64)
 
 
@@ -327,8 +341,9 @@ def rec709_from_plate(primaries: Primaries) -> NDArray[np.float64]:
     """
     if primaries == "bt709":
         return np.eye(3)
-    own = _REC2020_PRIMARIES if primaries == "bt2020" else wide_primaries(_CAMERA_GAMUTS[primaries])
-    return np.linalg.solve(_xyz_from_rgb(_REC709_PRIMARIES), _xyz_from_rgb(own)).astype(np.float64)
+    named = XY_BY_NAME["rec2020"]
+    own = named if primaries == "bt2020" else (*wide_primaries(_CAMERA_GAMUTS[primaries]).ravel(), *named[6:])
+    return np.linalg.solve(_xyz_from_rgb(REC709_XY), _xyz_from_rgb(own)).astype(np.float64)
 
 
 def in_rec709(linear: NDArray[np.floating], spec: ColorSpec) -> NDArray[np.floating]:
