@@ -25,7 +25,7 @@ from mr360uw.composite.mesh.ply_file import read_ply
 from mr360uw.composite.mesh.skin import smoothed_body
 from mr360uw.composite.mesh.stl_file import read_stl
 from mr360uw.composite.mesh.up_axis import UPRIGHT, Up, up_axis
-from mr360uw.composite.mesh.usd.usd_scene import read_usd
+from mr360uw.composite.mesh.usd_scene import read_usd
 from mr360uw.errors import MeshError
 from mr360uw.reading.disk_cache import kept_arrays
 from mr360uw.reading.input_files import DATA, not_read, unreadable
@@ -383,14 +383,11 @@ def read_mesh_file(path: Path, *, outside: bool = False, smooth_deg: float | Non
     outside: the file may name others outside of its folder. smooth_deg: None for the normals of the file, else new ones
     that are smooth across edges of less than this angle [deg].
     """
-    file = _read(path, outside=outside)
-    return file if smooth_deg is None else smoothed(file, smooth_deg)
-
-
-def _read(path: Path, *, outside: bool) -> MeshFile:
-    suffix = path.suffix.lower()
-    if suffix in not_read("mesh by Blender"):
-        raise MeshError(f"{path} - is {suffix}, which is not read - convert it with Blender: {_conversion(path)}")
+    # Refuse what is no mesh, or one of a format that is not read, with the way out
+    suffix, others = path.suffix.lower(), not_read("mesh by Blender")
+    if suffix in others:
+        converted = _conversion(path, others[suffix])
+        raise MeshError(f"{path} - is {suffix}, which is not read - convert it with Blender: {converted}")
     if said := not_read("mesh").get(suffix):
         raise MeshError(f"{path} - {said}")
     if suffix not in FORMATS:
@@ -398,12 +395,13 @@ def _read(path: Path, *, outside: bool) -> MeshFile:
     if reason := unreadable(path):
         raise MeshError(f"{path} - {reason}")
     DATA.check(str(path), path.stat().st_size, MeshError)
-    return _READERS[suffix](path, outside=outside)
+    # Read it, and make its normals anew where that is asked for
+    file = _READERS[suffix](path, outside=outside)
+    return file if smooth_deg is None else smoothed(file, smooth_deg)
 
 
-def _conversion(path: Path) -> str:
-    """Return the command with which Blender makes a .glb of a file beside it."""
-    importer = not_read("mesh by Blender")[path.suffix.lower()]
+def _conversion(path: Path, importer: str) -> str:
+    """Return the command with which Blender makes a .glb of a file beside it. importer: its operator, "" for none."""
     opened, steps = f" {path}", []
     if importer:
         opened = ""

@@ -21,7 +21,7 @@ from mr360uw.composite.mesh.material import MappedMaterial, MeshFile, Part
 from mr360uw.composite.mesh.polygons import Polygons, polygons_of
 from mr360uw.composite.mesh.texture import decode_image
 from mr360uw.composite.mesh.up_axis import UPRIGHT
-from mr360uw.composite.mesh.usd.usd_material import PLAIN, UNBOUND, UsdMaterialReader
+from mr360uw.composite.mesh.usd_material import PLAIN, UNBOUND, UsdMaterialReader
 from mr360uw.errors import MeshError, install_command, installed
 from mr360uw.reading.input_files import DATA, PRIMS, TRIANGLES, neighbour, note_read, read_data
 from mr360uw.types import Floats
