@@ -9,6 +9,9 @@ between code values in [0, 1] and linear light; names say `_encoded` or `_linear
 from __future__ import annotations
 
 import functools
+import math
+import warnings
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, Literal, Protocol, get_args
 
@@ -18,14 +21,52 @@ from numpy.typing import ArrayLike, NDArray
 from mr360uw.constants import LUMINANCE_B, LUMINANCE_G, LUMINANCE_R
 from mr360uw.errors import ParameterError
 from mr360uw.shapes import numbers, real, vectors
-from mr360uw.yuv.wide_curves import (
-    ON_FILE_CODES,
-    WIDE_TRANSFERS,
-    WideTransfer,
-    wide_decode,
-    wide_encode,
-    wide_primaries,
-)
+
+# Transfer curves that hold light far above white: HDR television, and the log recordings of cameras.
+#
+#     pq       SMPTE ST 2084, ITU-R BT.2100-2: display light up to 10 000 cd/m^2; white is 203 cd/m^2 (ITU-R BT.2408)
+#     hlg      ITU-R BT.2100-2: scene light; white is the light at 75 % of the signal (ITU-R BT.2408)
+#     slog3    Sony S-Log3        vlog   Panasonic V-Log        dlog   DJI D-Log      white reflects 100 %
+#     protune, gplog, gplog2      GoPro's Protune Flat, GP-Log and GP-Log2: log(1 + (b - 1) light)/log b, with base b of
+#                                 113, 400 and 600; white is the brightest light that they hold
+#
+# The curves are those of colour-science; GoPro's are the formula above. White is linear light of 1. PQ ends at its
+# 10 000 cd/m^2, 49 times white; the others go on as their formulas do.
+
+WideTransfer = Literal["pq", "hlg", "slog3", "vlog", "dlog", "protune", "gplog", "gplog2"]
+WIDE_TRANSFERS: tuple[WideTransfer, ...] = get_args(WideTransfer)
+
+ON_FILE_CODES = frozenset({"slog3", "vlog", "dlog"})
+"""Curves whose makers define them on the file's code values over full scale, whatever range the file is tagged with:
+black of S-Log3 is the 10-bit code 95 in every recording. The others are defined on the signal, black to white."""
+
+_WHITE_CD_M2 = 203.0  # luminance of HDR reference white, ITU-R BT.2408-7 table 1
+_HLG_WHITE = 0.75  # signal of the same white in HLG
+_LOG_NAMES = {"slog3": "S-Log3", "vlog": "V-Log", "dlog": "D-Log"}  # of colour-science
+_LOG_BASES = {"protune": 113.0, "gplog": 400.0, "gplog2": 600.0}
+
+Array = NDArray[np.float64]
+
+
+@functools.cache
+def wide_primaries(name: str) -> Array:
+    """Return the chromaticities (3, 2) of a camera's red, green and blue, by colour-science's name of its gamut."""
+    return np.asarray(colour_science().RGB_COLOURSPACES[name].primaries, np.float64)
+
+
+@functools.cache
+def _hlg_white() -> float:
+    return float(colour_science().models.oetf_inverse_BT2100_HLG(_HLG_WHITE))
+
+
+@functools.cache
+def colour_science() -> Any:
+    """Return the package colour-science, imported at the first call: it takes about a second."""
+    with warnings.catch_warnings(), np.printoptions():  # it changes how NumPy prints arrays, for the whole process
+        warnings.simplefilter("ignore")  # it warns about optional packages
+        import colour
+    return colour
+
 
 Levels = Literal["video", "data"]
 """Levels of 0 and 1 in a map's input. video: black and white of the plate's range. data: code 0 and full scale."""
@@ -72,6 +113,21 @@ LUMINANCE = np.array([LUMINANCE_R, LUMINANCE_G, LUMINANCE_B])
 
 # The curve of ITU-R BT.709-6 with the digits of BT.2020-2 table 4, with which its two pieces join smoothly.
 _CURVE_ALPHA, _CURVE_BETA = 1.09929682680944, 0.018053968510807
+_Curve = Callable[[Any], Any]
+_DISPLAY_CURVES: dict[str, tuple[_Curve, _Curve]] = {
+    "srgb": (
+        lambda a: np.where(a <= 0.04045, a / 12.92, ((a + 0.055) / 1.055) ** 2.4),
+        lambda a: np.where(a <= 0.04045 / 12.92, a * 12.92, 1.055 * a ** (1.0 / 2.4) - 0.055),
+    ),
+    "bt709": (
+        lambda a: np.where(a < 4.5 * _CURVE_BETA, a / 4.5, ((a + (_CURVE_ALPHA - 1.0)) / _CURVE_ALPHA) ** (1.0 / 0.45)),
+        lambda a: np.where(a < _CURVE_BETA, a * 4.5, _CURVE_ALPHA * a**0.45 - (_CURVE_ALPHA - 1.0)),
+    ),
+    "bt1886": (lambda a: a**2.4, lambda a: a ** (1.0 / 2.4)),
+    "gamma22": (lambda a: a**2.2, lambda a: a ** (1.0 / 2.2)),
+    "linear": (lambda a: a, lambda a: a),
+}
+"""Curves from values >= 0 to linear light, and back."""
 
 # Luma weights (K_R, K_B): ITU-R BT.601-7, BT.709-6, BT.2020-2.
 _LUMA_WEIGHTS: dict[Matrix, tuple[float, float]] = {
@@ -80,16 +136,22 @@ _LUMA_WEIGHTS: dict[Matrix, tuple[float, float]] = {
     "bt2020": (0.2627, 0.0593),
 }
 
-# Chromaticities (x, y) of red, green and blue, ITU-R BT.709-6 and BT.2020-2, and of their white, D65.
-_REC709_PRIMARIES = np.array([(0.640, 0.330), (0.300, 0.600), (0.150, 0.060)])
-_REC2020_PRIMARIES = np.array([(0.708, 0.292), (0.170, 0.797), (0.131, 0.046)])
-_CAMERA_GAMUTS: dict[Primaries, str] = {
-    "sgamut3": "S-Gamut3",
-    "sgamut3cine": "S-Gamut3.Cine",
-    "vgamut": "V-Gamut",
-    "dgamut": "DJI D-Gamut",
+XY_BY_NAME: dict[str, tuple[float, ...]] = {
+    "ap0": (0.7347, 0.2653, 0.0, 1.0, 0.0001, -0.077, 0.32168, 0.33767),
+    "ap1": (0.713, 0.293, 0.165, 0.83, 0.128, 0.044, 0.32168, 0.33767),
+    "rec2020": (0.708, 0.292, 0.17, 0.797, 0.131, 0.046, 0.3127, 0.329),
+    "p3d65": (0.68, 0.32, 0.265, 0.69, 0.15, 0.06, 0.3127, 0.329),
+    "rec709": (0.64, 0.33, 0.3, 0.6, 0.15, 0.06, 0.3127, 0.329),
 }
-_WHITE = np.array((0.3127, 0.3290))
+"""Chromaticities x, y of red, green, blue and white, by names of spaces of linear light (Color Interop Forum): those of
+ACES, ITU-R BT.2020-2, Display P3 and ITU-R BT.709-6."""
+REC709_XY = XY_BY_NAME["rec709"]
+"""The primaries of all linear light here."""
+HDR_CURVES: dict[int, Transfer] = {16: "pq", 18: "hlg"}
+"""Curves of high dynamic range by their numbers in ITU-T H.273."""
+_CAMERA_GAMUTS: dict[Primaries, str] = {
+    "sgamut3": "S-Gamut3", "sgamut3cine": "S-Gamut3.Cine", "vgamut": "V-Gamut", "dgamut": "DJI D-Gamut"
+}  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,48 +207,51 @@ def decode(encoded: ArrayLike, transfer: Transfer) -> NDArray[np.floating]:
 
     srgb: IEC 61966-2-1. bt709: inverse of the camera curve of ITU-R BT.709-6. bt1886: display gamma 2.4.
     linear: as it is, also what is not finite, as in maps of distances. The others, of HDR television and of cameras'
-    log recordings: `yuv.wide_curves`; below black, log curves go on as they are defined.
+    log recordings, stand above; below black, log curves go on as they are defined.
     """
-    v = (real if transfer == "linear" else numbers)("encoded", encoded)
-    v = v if np.issubdtype(v.dtype, np.floating) else v.astype(np.float64)
-    a = np.abs(v)
-    if transfer == "srgb":
-        linear = np.where(a <= 0.04045, a / 12.92, ((a + 0.055) / 1.055) ** 2.4)
-    elif transfer == "bt709":
-        linear = np.where(a < 4.5 * _CURVE_BETA, a / 4.5, ((a + (_CURVE_ALPHA - 1.0)) / _CURVE_ALPHA) ** (1.0 / 0.45))
-    elif transfer == "bt1886":
-        linear = a**2.4
-    elif transfer == "gamma22":
-        linear = a**2.2
-    elif transfer == "linear":
-        linear = a
-    elif transfer in WIDE_TRANSFERS:
-        return wide_decode(v.astype(np.float64), transfer).astype(v.dtype, copy=False)
-    else:
-        raise ParameterError(f"transfer - unknown curve (got {transfer!r}) - take one of {', '.join(TRANSFERS)}")
-    return np.copysign(linear, v).astype(v.dtype, copy=False)
+    return _converted("encoded", encoded, transfer, 0)
 
 
 def encode(linear: ArrayLike, transfer: Transfer) -> NDArray[np.floating]:
     """Return code values of linear light, the inverse of `decode`; not clipped."""
-    v = (real if transfer == "linear" else numbers)("linear", linear)
+    return _converted("linear", linear, transfer, 1)
+
+
+def _converted(name: str, values: ArrayLike, transfer: Transfer, way: Literal[0, 1]) -> NDArray[np.floating]:
+    """Return values that a curve decodes (way 0) or encodes (1)."""
+    v = (real if transfer == "linear" else numbers)(name, values)
     v = v if np.issubdtype(v.dtype, np.floating) else v.astype(np.float64)
-    a = np.abs(v)
-    if transfer == "srgb":
-        code = np.where(a <= 0.04045 / 12.92, a * 12.92, 1.055 * a ** (1.0 / 2.4) - 0.055)
-    elif transfer == "bt709":
-        code = np.where(a < _CURVE_BETA, a * 4.5, _CURVE_ALPHA * a**0.45 - (_CURVE_ALPHA - 1.0))
-    elif transfer == "bt1886":
-        code = a ** (1.0 / 2.4)
-    elif transfer == "gamma22":
-        code = a ** (1.0 / 2.2)
-    elif transfer == "linear":
-        code = a
+    if transfer in _DISPLAY_CURVES:
+        found = np.copysign(_DISPLAY_CURVES[transfer][way](np.abs(v)), v)
     elif transfer in WIDE_TRANSFERS:
-        return wide_encode(v.astype(np.float64), transfer).astype(v.dtype, copy=False)
+        found = _wide(v.astype(np.float64), transfer, way)
     else:
         raise ParameterError(f"transfer - unknown curve (got {transfer!r}) - take one of {', '.join(TRANSFERS)}")
-    return np.copysign(code, v).astype(v.dtype, copy=False)
+    return found.astype(v.dtype, copy=False)
+
+
+def _wide(values: Array, transfer: WideTransfer, way: Literal[0, 1]) -> Array:
+    """Return float64 values that a curve above white decodes (way 0) or encodes (1), not clipped."""
+    size = np.abs(values)
+    if transfer in _LOG_BASES:
+        base, end = _LOG_BASES[transfer], math.log(_LOG_BASES[transfer])
+        return np.copysign(np.log1p(size * (base - 1.0)) / end if way else np.expm1(size * end) / (base - 1.0), values)
+    models = colour_science().models
+    with np.errstate(all="ignore"):  # both pieces of a curve are computed everywhere, and one is taken
+        if transfer in _LOG_NAMES:
+            of_log = (models.log_decoding, models.log_encoding)[way]
+            return np.asarray(of_log(values, _LOG_NAMES[transfer]), np.float64)
+        curves: dict[str, tuple[_Curve, _Curve]] = {
+            "pq": (
+                lambda v: models.eotf_ST2084(np.minimum(v, 1.0)) / _WHITE_CD_M2,
+                lambda x: models.eotf_inverse_ST2084(x * _WHITE_CD_M2),
+            ),
+            "hlg": (
+                lambda v: models.oetf_inverse_BT2100_HLG(v) / _hlg_white(),
+                lambda x: models.oetf_BT2100_HLG(x * _hlg_white()),
+            ),
+        }
+        return np.copysign(np.asarray(curves[transfer][way](size), np.float64), values)
 
 
 def decode_signal(signal: ArrayLike, spec: ColorSpec) -> NDArray[np.floating]:
@@ -240,8 +305,13 @@ def ycbcr_from_rgb(matrix: Matrix) -> NDArray[np.float64]:
 _CONES = np.array([(0.8951, 0.2664, -0.1614), (-0.7502, 1.7135, 0.0367), (0.0389, -0.0685, 1.0296)])
 
 
-def _xyz_from_rgb(primaries: NDArray[np.float64], white: NDArray[np.float64] = _WHITE) -> NDArray[np.float64]:
-    """Return the (3, 3) matrix from linear RGB of `primaries` (3, 2) to XYZ, white at Y = 1 (SMPTE RP 177-1993)."""
+def _xyz_from_rgb(xy: ArrayLike) -> NDArray[np.float64]:
+    """Return the (3, 3) matrix from linear RGB to XYZ, white at Y = 1 (SMPTE RP 177-1993).
+
+    xy: chromaticities of red, green, blue and white, (8,) or (4, 2).
+    """
+    known = np.asarray(xy, np.float64).reshape(4, 2)
+    primaries, white = known[:3], known[3]
     columns = np.stack([primaries[:, 0], primaries[:, 1], 1.0 - primaries.sum(axis=1)]) / primaries[:, 1]
     whitest = np.array([white[0], white[1], 1.0 - white.sum()]) / white[1]
     return np.asarray(columns * np.linalg.solve(columns, whitest), np.float64)
@@ -249,7 +319,7 @@ def _xyz_from_rgb(primaries: NDArray[np.float64], white: NDArray[np.float64] = _
 
 def rec709_from_xyz(white: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the (3, 3) matrix from XYZ whose white is `white` (3,) to linear Rec.709; that white becomes (1, 1, 1)."""
-    own = _xyz_from_rgb(_REC709_PRIMARIES)
+    own = _xyz_from_rgb(REC709_XY)
     cones = (_CONES @ own.sum(axis=1)) / (_CONES @ white)
     return np.linalg.solve(own, np.linalg.solve(_CONES, cones[:, None] * _CONES)).astype(np.float64)
 
@@ -259,7 +329,7 @@ def rec709_from_chromaticities(xy: NDArray[np.float64]) -> NDArray[np.float64]:
 
     White becomes (1, 1, 1). Raises `LinAlgError` where the primaries lie on a line.
     """
-    own = _xyz_from_rgb(xy[:3], xy[3])
+    own = _xyz_from_rgb(xy)
     return np.asarray(rec709_from_xyz(own.sum(axis=1)) @ own, np.float64)
 
 
@@ -271,8 +341,9 @@ def rec709_from_plate(primaries: Primaries) -> NDArray[np.float64]:
     """
     if primaries == "bt709":
         return np.eye(3)
-    own = _REC2020_PRIMARIES if primaries == "bt2020" else wide_primaries(_CAMERA_GAMUTS[primaries])
-    return np.linalg.solve(_xyz_from_rgb(_REC709_PRIMARIES), _xyz_from_rgb(own)).astype(np.float64)
+    named = XY_BY_NAME["rec2020"]
+    own = named if primaries == "bt2020" else (*wide_primaries(_CAMERA_GAMUTS[primaries]).ravel(), *named[6:])
+    return np.linalg.solve(_xyz_from_rgb(REC709_XY), _xyz_from_rgb(own)).astype(np.float64)
 
 
 def in_rec709(linear: NDArray[np.floating], spec: ColorSpec) -> NDArray[np.floating]:

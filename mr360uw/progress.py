@@ -6,7 +6,7 @@ from __future__ import annotations
 import signal
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from types import FrameType
 
 _ENDING = (signal.SIGINT, signal.SIGTERM, *([signal.SIGHUP] if hasattr(signal, "SIGHUP") else []))
@@ -21,7 +21,7 @@ def terminal_progress(*, lines: bool = False) -> Iterator[Progress]:
     lines: prints a line "frame 3 of 48" for each frame instead, and "phase rendering" where one begins, for programs
     that read them. SIGINT, SIGTERM and SIGHUP end the run at the next frame at the latest. For the main thread.
     """
-    with _pending_signals() as raise_pending, _lines() if lines else _bar() as draw:
+    with _pending_signals() as raise_pending, nullcontext(_Lines()) if lines else _bar() as draw:
         yield _Terminal(raise_pending, draw)
 
 
@@ -92,20 +92,17 @@ def _pending_signals() -> Iterator[Callable[[], None]]:
             signal.signal(number, handler)
 
 
-@contextmanager
-def _lines() -> Iterator[Progress]:
-    class Lines:
-        def __call__(self, done: int, total: int | None) -> None:
-            self._write(f"frame {done} of {total or 'unknown'}")
+class _Lines:
+    """A `Progress` that prints a line for each frame and phase."""
 
-        def phase(self, name: str) -> None:
-            self._write(f"phase {name}")
+    def __call__(self, done: int, total: int | None) -> None:
+        sys.stderr.write(f"frame {done} of {total or 'unknown'}\n")
+        sys.stderr.flush()
 
-        def _write(self, line: str) -> None:
-            sys.stderr.write(f"{line}\n")
-            sys.stderr.flush()
-
-    yield Lines()
+    def phase(self, name: str) -> None:
+        """Begin a phase of the run."""
+        sys.stderr.write(f"phase {name}\n")
+        sys.stderr.flush()
 
 
 @contextmanager

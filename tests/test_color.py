@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from mr360uw.color import (
+    WIDE_TRANSFERS,
     ColorSpec,
     DisplayTransfer,
     Matrix,
@@ -25,7 +26,6 @@ from mr360uw.color import (
     ycbcr_from_rgb,
 )
 from mr360uw.errors import ParameterError
-from mr360uw.yuv.wide_curves import WIDE_TRANSFERS
 from tests.tolerances import DLOG_JOIN, FLOAT64, TRANSFER_JOIN, WIDE_ROUND_TRIP
 
 

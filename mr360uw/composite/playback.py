@@ -18,8 +18,7 @@ from numpy.typing import NDArray
 
 from mr360uw.composite.affine import placed
 from mr360uw.composite.mesh.material import MeshFile, Rigging
-from mr360uw.composite.mesh.mesh import Mesh, Unit, mesh_of_file, object_from_file, proper_triangles
-from mr360uw.composite.mesh.mesh_file import read_mesh_file
+from mr360uw.composite.mesh.mesh import Mesh, Unit, mesh_of_file, object_from_file, proper_triangles, read_mesh_file
 from mr360uw.composite.mesh.normals import corner_normals
 from mr360uw.composite.mesh.skin import Animation
 from mr360uw.composite.mesh.up_axis import Up

@@ -16,10 +16,8 @@ from numpy.typing import NDArray
 
 from mr360uw.color import luminance
 from mr360uw.composite import Mesh
-from mr360uw.composite.mesh.kinds import Habit, Kind, kind_of
-from mr360uw.composite.mesh.mesh import METRES, Unit, mesh_of_file, object_from_file
-from mr360uw.composite.mesh.mesh_file import read_mesh_file
-from mr360uw.composite.mesh.up_axis import Up, asymmetry, surface_points, up_axis
+from mr360uw.composite.mesh.mesh import METRES, Unit, mesh_of_file, object_from_file, read_mesh_file
+from mr360uw.composite.mesh.up_axis import Habit, Kind, Up, asymmetry, kind_of, surface_points, up_axis
 from mr360uw.composite.object_settings import Front
 from mr360uw.errors import VideoError
 from mr360uw.ibl import environment

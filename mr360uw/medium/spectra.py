@@ -13,12 +13,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
+from mr360uw.color import colour_science
 from mr360uw.errors import ParameterError
 from mr360uw.plot import Figure, Shown
 from mr360uw.reading.input_files import read_text
 from mr360uw.shapes import checked, file_path, instance, numbers, real, vectors
 from mr360uw.types import Array
-from mr360uw.yuv.wide_curves import colour_science
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -137,7 +137,7 @@ def kept_arrays(kind: str, depends_on: Sequence[object], make: Callable[[], Arra
     written, the result is made each time.
     """
     path = cache_file(kind, depends_on)
-    found = None if path is None else read_kept_arrays(path)
+    found = None if path is None else read_arrays(path, kept=True)
     if found is not None:
         return found
     made = {name: np.asarray(array, order="C") for name, array in make().items()}  # as they are read
@@ -163,11 +163,6 @@ def nothing_kept() -> Iterator[None]:
 def read_kept(path: Path) -> bytes | None:
     """Return what `keep_bytes` wrote; None where there is no file, it is damaged, or another user could have put it."""
     return None if unsafe(path) else read_bytes(path)
-
-
-def read_kept_arrays(path: Path) -> Arrays | None:
-    """Return the arrays of a file of `keep_arrays`; None as for `read_kept`."""
-    return _unpacked(read_kept(path))
 
 
 def read_bytes(path: Path) -> bytes | None:
@@ -201,12 +196,12 @@ def keep_bytes(path: Path, data: bytes) -> None:
         return  # it only costs the time to make them again
 
 
-def read_arrays(path: Path) -> Arrays | None:
-    """Return the arrays of a file of `write_arrays`; None where there is none, or it is damaged."""
-    return _unpacked(read_bytes(path))
+def read_arrays(path: Path, *, kept: bool = False) -> Arrays | None:
+    """Return the arrays of a file of `write_arrays` or `keep_arrays`; None where there is none, or it is damaged.
 
-
-def _unpacked(data: bytes | None) -> Arrays | None:
+    kept: it is one of the cache; None as for `read_kept`.
+    """
+    data = read_kept(path) if kept else read_bytes(path)
     if data is None:
         return None
     try:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Input files: read whole within limits, as bytes, text or JSON; sizes of pictures; notes of which files were read.
+"""Input files: read whole within limits, as bytes, text or JSON; notes of which files were read.
 
 Limits are checked before anything is decoded, for a small file may ask for any memory. Each is an environment variable,
 in millions; the message that refuses a file names it.
@@ -10,17 +10,18 @@ from a stranger could otherwise show any file of the machine.
 
 from __future__ import annotations
 
+import csv
+import functools
 import hashlib
 import json
 import os
-import re
 import stat
-import struct
 import unicodedata
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
+from importlib import resources
 from pathlib import Path
 from typing import Any
 
@@ -257,6 +258,22 @@ def read_json(path: Path, wrong: type[Mr360uwError]) -> Any:
         raise wrong(f"{path} - is no JSON (got: {error!s:.120}) - write it again") from None
 
 
+def own_table(name: str) -> list[dict[str, str]]:
+    """Return the rows of a table of this package, by the names of its columns. name: its path in the package."""
+    lines = (resources.files("mr360uw") / name).read_text("utf-8").splitlines()
+    return list(csv.DictReader(line for line in lines if not line.startswith("#")))
+
+
+@functools.cache
+def not_read(taken_for: str) -> dict[str, str]:
+    """Return the endings of files that are not read, with what `reading/data/unread.csv` says of them.
+
+    taken_for: "mesh", "mesh by Blender", "picture", "raw picture" or "raw video".
+    """
+    rows = [row for row in own_table("reading/data/unread.csv") if row["taken_for"] == taken_for]
+    return {ending: row["said"] for row in rows for ending in row["endings"].split()}
+
+
 def holds_text(path: Path, text: str) -> bool:
     """Return whether a regular file holds exactly this text, and can be read."""
     data = text.encode()
@@ -282,79 +299,3 @@ def input_file(path: Path) -> InputFile:
 def content_of(paths: Iterable[Path]) -> str:
     """Return a hash of the content of files in their order, whatever their names and times; raise `OSError`."""
     return hashlib.sha256("".join(input_file(path).digest for path in paths).encode()).hexdigest()
-
-
-_PNG = b"\x89PNG\r\n\x1a\n"
-HDR_SIZE = re.compile(rb"\n([-+])([XY]) +(\d{1,9}) +([-+])([XY]) +(\d{1,9})(?:\r\n|[\r\n])")
-"""The line on the size of a Radiance HDR file: sign, axis and number of its rows, and of the samples in one."""
-_HDR_HEAD_BYTES = 65536
-_FRAME_HEADERS = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
-_ALONE = frozenset({0x01, *range(0xD0, 0xD9)})
-"""Markers of JPEG (ITU-T T.81, table B.1): those that hold the size, and those that have no length."""
-_WIDTH_TAG, _HEIGHT_TAG = 256, 257
-
-
-def picture_size(data: bytes) -> tuple[int, int] | None:
-    """Return (width, height) [pixels] of a PNG, JPEG, TIFF, BMP, WebP or Radiance HDR file; None for other bytes."""
-    try:
-        if data.startswith(_PNG):
-            return struct.unpack_from(">II", data, 16)
-        if data.startswith(b"\xff\xd8"):
-            return _jpeg(data)
-        if data.startswith((b"II*\0", b"MM\0*")):
-            return _tiff(data)
-        if data.startswith(b"BM"):
-            width, height = struct.unpack_from("<ii", data, 18)
-            return abs(width), abs(height)
-        if data.startswith(b"RIFF") and data[8:12] == b"WEBP":
-            return _webp(data)
-    except struct.error:
-        return None
-    found = HDR_SIZE.search(data, 0, _HDR_HEAD_BYTES) if data.startswith(b"#?") else None
-    if found is None or found[2] == found[5]:
-        return None
-    rows, samples = int(found[3]), int(found[6])
-    return (samples, rows) if found[2] == b"Y" else (rows, samples)
-
-
-def _jpeg(data: bytes) -> tuple[int, int] | None:
-    offset = 2
-    while True:
-        mark, kind = struct.unpack_from(">BB", data, offset)
-        if mark != 0xFF:
-            return None
-        if kind == 0xFF:  # fill
-            offset += 1
-        elif kind in _ALONE:
-            offset += 2
-        elif kind in _FRAME_HEADERS:
-            height, width = struct.unpack_from(">HH", data, offset + 5)
-            return width, height
-        else:
-            offset += 2 + max(struct.unpack_from(">H", data, offset + 2)[0], 2)
-
-
-def _tiff(data: bytes) -> tuple[int, int] | None:
-    order = "<" if data.startswith(b"II") else ">"
-    (directory,) = struct.unpack_from(f"{order}I", data, 4)
-    (count,) = struct.unpack_from(f"{order}H", data, directory)
-    found: dict[int, int] = {}
-    for entry in range(count):
-        tag, kind = struct.unpack_from(f"{order}HH", data, directory + 2 + 12 * entry)
-        if tag in (_WIDTH_TAG, _HEIGHT_TAG):
-            form = "H" if kind == 3 else "I"
-            (found[tag],) = struct.unpack_from(f"{order}{form}", data, directory + 10 + 12 * entry)
-    return (found[_WIDTH_TAG], found[_HEIGHT_TAG]) if len(found) == 2 else None
-
-
-def _webp(data: bytes) -> tuple[int, int] | None:
-    kind = data[12:16]
-    if kind == b"VP8X":
-        return int.from_bytes(data[24:27], "little") + 1, int.from_bytes(data[27:30], "little") + 1
-    if kind == b"VP8L":
-        (bits,) = struct.unpack_from("<I", data, 21)
-        return (bits & 0x3FFF) + 1, (bits >> 14 & 0x3FFF) + 1
-    if kind == b"VP8 ":
-        width, height = struct.unpack_from("<HH", data, 26)
-        return width & 0x3FFF, height & 0x3FFF
-    return None

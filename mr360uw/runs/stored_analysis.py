@@ -25,7 +25,6 @@ from mr360uw.reading.disk_cache import (
     cache_file,
     keep_arrays,
     read_arrays,
-    read_kept_arrays,
     sources_stamp,
     stamp,
     write_arrays,
@@ -54,7 +53,7 @@ def measured_analysis(
     fresh: measure them anyway. Raises as `clip_analysis`.
     """
     path = _file_of(loaded, video, keys)
-    stored = None if path is None or fresh else _analysis_if_whole(read_kept_arrays(path))
+    stored = None if path is None or fresh else _analysis_if_whole(read_arrays(path, kept=True))
     if stored is not None:
         return stored
     analysis = clip_analysis(loaded, video, progress, frames=frames)

@@ -68,7 +68,7 @@ def _clipping(plate: PlateSettings, mapping: PlateMapping) -> tuple[str, ...]:
 def _mapping(plate: PlateSettings) -> PlateMapping | None:
     """Return the table or the colour spaces that a plate is read through, None where it has a curve."""
     if plate.lut is not None:
-        from mr360uw.yuv.cube_file import read_cube
+        from mr360uw.yuv.cube_lut import read_cube
 
         return read_cube(plate.lut, plate.lut_to, plate.levels)
     return None if plate.ocio is None else ocio_mapping(plate.ocio, plate.levels)

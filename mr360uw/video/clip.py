@@ -9,11 +9,11 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from fractions import Fraction
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from av.sidedata.sidedata import Type
 
-from mr360uw.color import ColorSpec, Matrix, Primaries, Transfer
+from mr360uw.color import HDR_CURVES, ColorSpec, Matrix, Primaries, Transfer
 from mr360uw.errors import VideoError
 from mr360uw.video.formats import Codec
 from mr360uw.video.picture_tags import PictureTags
@@ -47,8 +47,7 @@ def checked_rate(frame_rate: Fraction | float, path: Path) -> Fraction:
     return rate
 
 
-@dataclass(frozen=True, slots=True)
-class ColorTags:
+class ColorTags(NamedTuple):
     """The numbers of H.273 that a container or codec carries: range, matrix, primaries, transfer curve."""
 
     color_range: int
@@ -59,15 +58,12 @@ class ColorTags:
     @classmethod
     def of(cls, native: Any) -> ColorTags:
         """Read them from a PyAV codec context or frame."""
-        names = ("color_range", "colorspace", "color_primaries", "color_trc")
-        return cls(*(int(getattr(native, name)) for name in names))
+        return cls(*(int(getattr(native, name)) for name in cls._fields))
 
     def write_to(self, native: Any) -> None:
         """Set them on a PyAV codec context or frame."""
-        native.color_range = self.color_range
-        native.colorspace = self.colorspace
-        native.color_primaries = self.color_primaries
-        native.color_trc = self.color_trc
+        for name, number in self._asdict().items():
+            setattr(native, name, number)
 
 
 BT709_TAGS = ColorTags(color_range=1, colorspace=1, color_primaries=1, color_trc=1)
@@ -149,9 +145,6 @@ class Clip:
 _MATRICES: dict[int, Matrix] = {1: "bt709", 5: "bt601", 6: "bt601", 9: "bt2020"}
 
 
-_HDR_CURVES: dict[int, Transfer] = {16: "pq", 18: "hlg"}
-
-
 _FULL_RANGE = 2
 
 
@@ -188,11 +181,11 @@ def color_spec(
             f"{path} - colour matrix not supported (got H.273 matrix {tags.colorspace}) - convert the clip to BT.709"
         )
     full_range = bool(found[1]) or tags.color_range == _FULL_RANGE
-    curve: Transfer = transfer or _HDR_CURVES.get(tags.color_trc, "srgb")
+    curve: Transfer = transfer or HDR_CURVES.get(tags.color_trc, "srgb")
     return ColorSpec(matrix, full_range, curve, int(found[3] or 8), primaries)
 
 
-_SILENT_CURVES = frozenset({0, 1, 2, 3, 4, 5, 6, 7, 11, 12, 13, 14, 15, *_HDR_CURVES})
+_SILENT_CURVES = frozenset({0, 1, 2, 3, 4, 5, 6, 7, 11, 12, 13, 14, 15, *HDR_CURVES})
 """Curves by their numbers in H.273: none, those of displays and cameras, read by the display's, and wide ones."""
 
 

@@ -287,9 +287,7 @@ class ContainerReader(VideoReader):
                 f"{native.format.name}) - cut the clip there"
             )
         # Cut out the panorama, and the right eye's, upright
-        planes = plane_views(native, self.spec)
-        for plane in (planes.y, planes.u, planes.v):
-            plane.flags.writeable = False
+        planes = plane_views(native, self.spec, locked=True)
         beside = None if self._beside is None else self._beside.apply(planes)
         untouched = self._crop.is_whole and not self._rotation
         if not untouched:

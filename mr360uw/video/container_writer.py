@@ -46,16 +46,9 @@ from mr360uw.video.writer import Segment, VideoWriter, decoding_stamps
 
 _OWN_WORDS = frozenset({"major_brand", "minor_version", "compatible_brands", "encoder"})
 """Tags of the container's format, of which each file has its own."""
-_USUAL_WORDS = _OWN_WORDS | {
-    "creation_time",
-    "title",
-    "artist",
-    "comment",
-    "date",
-    "copyright",
-    "description",
-    "location",
-}
+_USUAL_WORDS = _OWN_WORDS | frozenset(
+    ("creation_time", "title", "artist", "comment", "date", "copyright", "description", "location")
+)
 """Tags that FFmpeg writes into every kind of MP4 and QuickTime file unasked."""
 
 

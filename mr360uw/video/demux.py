@@ -29,7 +29,7 @@ from av.codec.hwaccel import HWAccel
 from numpy.typing import NDArray
 
 from mr360uw.errors import VideoError
-from mr360uw.reading.input_files import PICTURE, note_read, read_data, wrapped
+from mr360uw.reading.input_files import PICTURE, not_read, note_read, read_data, wrapped
 from mr360uw.video.spherical import cut_short
 
 _LOCAL_VIDEO = {
@@ -118,7 +118,8 @@ def open_container(path: Path, track: int | None = None, card: str = "") -> Iter
         if not streams:
             kinds = ", ".join(sorted({s.type for s in container.streams})) or "nothing"
             raise VideoError(f"{path} - has no video stream (got {kinds}) - name a video file")
-        stream = min(streams, key=_is_no_default) if track is None else streams[track]
+        shown = (s for s in streams if s.disposition & av.stream.Disposition.default)
+        stream = next(shown, streams[0]) if track is None else streams[track]
         PICTURE.check(str(path), stream.width * stream.height, VideoError)
         stream.thread_type = "AUTO"
         yield container, stream
@@ -130,21 +131,10 @@ def track_sizes(path: Path) -> list[tuple[int, int]]:
         return [(s.width, s.height) for s in _video_streams(container)]
 
 
-def _is_no_default(stream: Any) -> bool:
-    """Return whether a file does not mark a stream as the one of its kind that is shown."""
-    return not stream.disposition & av.stream.Disposition.default
-
-
 def _video_streams(container: Any) -> list[Any]:
     return [s for s in container.streams.video if not s.disposition & av.stream.Disposition.attached_pic]
 
 
-_RAW_VIDEO = {
-    ".braw": "is raw of Blackmagic cameras - export it as ProRes or H.265 from DaVinci Resolve",
-    ".r3d": "is raw of RED cameras - export it as ProRes or H.265 from REDCINE-X or DaVinci Resolve",
-    ".crm": "is raw of Canon cameras - export it as ProRes or H.265 from Cinema RAW Development or DaVinci Resolve",
-    ".ari": "is raw of ARRI cameras - export it as ProRes or EXR from the ARRI Reference Tool",
-}
 _PICTURES = {
     b"\xff\xd8\xff": ".jpg", b"\x89PNG": ".png", b"II*\0": ".tif", b"MM\0*": ".tif", b"v/1\x01": ".exr", b"#?": ".hdr",
     b"BM": ".bmp", b"SDPX": ".dpx", b"XPDS": ".dpx",
@@ -160,7 +150,7 @@ def _why_not(path: Path, error: Exception) -> str:
         return f"{path} - the file is cut short ({short}) - {_COPY_AGAIN}"
     with path.open("rb") as file:
         head = file.read(32)
-    if why := wrapped(head) or _RAW_VIDEO.get(path.suffix.lower(), ""):
+    if why := wrapped(head) or not_read("raw video").get(path.suffix.lower()):
         return f"{path} - {why}"
     if (kind := next((end for mark, end in _PICTURES.items() if head.startswith(mark)), "")) != "":
         return f"{path} - is a picture by its content - let its name end in {kind}"

@@ -19,13 +19,12 @@ from typing import Any, BinaryIO, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.color import LUMINANCE
+from mr360uw.color import LUMINANCE, REC709_XY, XY_BY_NAME
 from mr360uw.errors import VideoError
 from mr360uw.files import NewFile, whole_file
 from mr360uw.reading.input_files import DATA, PICTURE, unreadable, wrapped
 from mr360uw.shapes import checked
 from mr360uw.types import Floats
-from mr360uw.yuv.file_profile import REC709_XY
 
 _MAGIC = 20000630
 _TILED, _DEEP, _MULTIPART = 0x200, 0x800, 0x1000
@@ -257,7 +256,7 @@ def read_frame(path: Path, wanted: Wanted = "colour") -> ExrFrame:
         part, header = parts[taken.part], file.parts[taken.part].header
         # Place the data window in the display window
         array = _in_frame(taken.array(), part)
-        xy = tuple(map(float, header.get("chromaticities", _XY_BY_NAME.get(_named_colours(header), ()))))
+        xy = tuple(map(float, header.get("chromaticities", XY_BY_NAME.get(_named_colours(header), ()))))
         kept = {name: value for name, value in header.items() if _is_carried(name, value)}
         others = [name for name in _names(file.parts) if name != taken.name]
         # A closed file has no header any more
@@ -267,14 +266,6 @@ def read_frame(path: Path, wanted: Wanted = "colour") -> ExrFrame:
     return ExrFrame(array, xy if len(xy) == 8 else (), kept, notes)
 
 
-_XY_BY_NAME: dict[str, tuple[float, ...]] = {
-    "ap0": (0.7347, 0.2653, 0.0, 1.0, 0.0001, -0.077, 0.32168, 0.33767),
-    "ap1": (0.713, 0.293, 0.165, 0.83, 0.128, 0.044, 0.32168, 0.33767),
-    "rec2020": (0.708, 0.292, 0.17, 0.797, 0.131, 0.046, 0.3127, 0.329),
-    "p3d65": (0.68, 0.32, 0.265, 0.69, 0.15, 0.06, 0.3127, 0.329),
-    "rec709": REC709_XY,
-}
-"""Chromaticities by the names of spaces of linear light (Color Interop Forum), for headers that state no numbers."""
 _OPAQUE = 0.999
 
 
@@ -407,7 +398,7 @@ def _frame_notes(
     if clear:
         yield f"{path} - has transparency, which is left out - flatten it if that is wrong"
     space = _named_colours(header)
-    if space and "chromaticities" not in header and space not in _XY_BY_NAME:
+    if space and "chromaticities" not in header and space not in XY_BY_NAME:
         yield f"{path} - names a space that is not known (got {space!r:.40}), read as Rec.709 - write chromaticities"
     # Windows that differ
     (width, height), (left, top, right, bottom) = part.frame_size, part.data
@@ -462,31 +453,6 @@ def _checked(where: str, values: Any) -> NDArray[Any]:
             "(H, W) or (H, W, 3)"
         )
     return np.ascontiguousarray(array)
-
-
-def frame_attributes(index: int, frame_rate: Fraction, timecode: str = "") -> dict[str, Any]:
-    """Return the header entries of a frame of a clip: frameNumber, framesPerSecond and timeCode.
-
-    timecode: "hh:mm:ss:ff" of the frame, with ";" for drop frames; without one it is counted from 0 at frame 0. The
-    entry holds frames up to 59: of faster clips it is left out.
-    """
-    import OpenEXR
-
-    rate = frame_rate.limit_denominator(1001)
-    found: dict[str, Any] = {"frameNumber": index, "framesPerSecond": rate}
-    base = round(rate)
-    if not 1 <= base <= _MOST_FRAMES or index < 0:
-        return found
-    seconds, frame = divmod(index, base)
-    counted = f"{seconds // 3600 % 24:02d}:{seconds // 60 % 60:02d}:{seconds % 60:02d}:{frame:02d}"
-    told = timecode or counted
-    numbers = [int(told[at : at + 2]) for at in (0, 3, 6, 9)]
-    drop = told[8] == ";"
-    return {**found, "timeCode": OpenEXR.TimeCode(*numbers, drop, *[0] * 13)}
-
-
-_MOST_FRAMES = 60
-"""Frames a second that a time code counts (SMPTE ST 12-1)."""
 
 
 @checked

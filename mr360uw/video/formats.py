@@ -12,17 +12,14 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from mr360uw.parameters import Parameters, advanced, parameter
+from mr360uw.reading.input_files import not_read
 
 Codec = Literal["auto", "h264", "h265", "av1", "ffv1", "prores"]
 Preset = Literal["ultrafast", "superfast", "veryfast", "faster", "fast", "medium", "slow", "slower", "veryslow"]
 
 ENCODERS: dict[Codec, str] = {
-    "h264": "libx264",
-    "h265": "libx265",
-    "av1": "libsvtav1",
-    "ffv1": "ffv1",
-    "prores": "prores",
-}
+    "h264": "libx264", "h265": "libx265", "av1": "libsvtav1", "ffv1": "ffv1", "prores": "prores"
+}  # fmt: skip
 Encoder = Literal[
     "software", "auto", "h264_nvenc", "hevc_nvenc", "av1_nvenc", "h264_qsv", "hevc_qsv", "av1_qsv", "h264_amf",
     "hevc_amf", "av1_amf", "h264_vaapi", "hevc_vaapi", "av1_vaapi", "h264_videotoolbox", "hevc_videotoolbox",
@@ -33,10 +30,7 @@ HARDWARE: dict[Encoder, Codec] = {
 }
 """FFmpeg's encoders of graphics cards, and what they encode."""
 # SVT-AV1 counts its presets the other way; above 10 it is made for tests of tools.
-_AV1_PRESETS: dict[Preset, int] = {
-    "ultrafast": 10, "superfast": 9, "veryfast": 8, "faster": 7, "fast": 6,
-    "medium": 5, "slow": 4, "slower": 3, "veryslow": 2,
-}  # fmt: skip
+_AV1_PRESETS: dict[Preset, int] = {preset: 10 - place for place, preset in enumerate(get_args(Preset))}
 
 
 _PARAMETERS: dict[Codec, str] = {"h264": "x264-params", "h265": "x265-params", "av1": "svtav1-params"}
@@ -162,15 +156,9 @@ def _default(name: str) -> object:
 _INTEGER_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp")
 FLOAT_SUFFIXES = (".exr", ".hdr")
 WRITTEN_SUFFIXES = _INTEGER_SUFFIXES + FLOAT_SUFFIXES
-RAW_SUFFIXES = (".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".rw2", ".orf", ".gpr", ".nrw", ".pef", ".srw",
-                ".rwl", ".x3f", ".3fr", ".iiq", ".fff", ".erf", ".kdc", ".dcr", ".mrw", ".sr2")  # fmt: skip
 _READ_SUFFIXES = (".insp", ".dpx", ".tga", ".jp2", ".j2k", ".avif", ".jpe", ".jfif", ".dib", ".heic", ".heif",
                   ".pic", ".rgbe", ".xyze")  # fmt: skip
-UNREAD_SUFFIXES = (
-    ".psd", ".psb", ".xcf", ".kra", ".jxl", ".gif", ".ppm", ".pgm", ".pnm", ".pfm", ".qoi", ".jxr", ".hdp", ".wdp",
-    ".dds", ".ktx", ".ktx2", ".sgi", ".pcx", ".ico", ".svg", ".pdf", ".eps", ".ai", ".thm", ".afphoto",
-)  # fmt: skip
-PICTURE_SUFFIXES = WRITTEN_SUFFIXES + _READ_SUFFIXES + RAW_SUFFIXES + UNREAD_SUFFIXES
+PICTURE_SUFFIXES = (*WRITTEN_SUFFIXES, *_READ_SUFFIXES, *not_read("raw picture"), *not_read("picture"))
 """Endings of pictures: those that are read and written, that are read alone, and two groups that are not read."""
 
 

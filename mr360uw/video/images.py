@@ -6,7 +6,7 @@ from __future__ import annotations
 import re
 import sys
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from fractions import Fraction
 from itertools import pairwise
 from pathlib import Path
@@ -31,16 +31,9 @@ from mr360uw.video.reader import VideoReader, check_range
 from mr360uw.video.spherical import SphericalMetadata
 from mr360uw.video.video_frame import VideoFrame
 
-
-@dataclass(frozen=True, slots=True)
-class PictureFiles:
-    """The pictures that a name stands for. first: number of the first one in its name, 0 of pictures without. notes: on
-    their names, one line each.
-    """
-
-    files: tuple[Path, ...]
-    first: int = 0
-    notes: tuple[str, ...] = ()
+PictureFiles = tuple[tuple[Path, ...], int, tuple[str, ...]]
+"""The pictures that a name stands for; number of the first one in its name, 0 of pictures without; and notes on their
+names, one line each."""
 
 
 def picture_files(path: Path) -> PictureFiles | None:
@@ -49,9 +42,7 @@ def picture_files(path: Path) -> PictureFiles | None:
     if path.suffix.lower() not in PICTURE_SUFFIXES:
         return None
     if path.exists():
-        return PictureFiles((path,))
-    first = 0
-    notes: tuple[str, ...] = ()
+        return (path,), 0, ()
     # Take the files of a pattern, none missing and none twice, or of a wildcard
     if is_pattern(path):
         hits = matching_files(path)
@@ -66,25 +57,22 @@ def picture_files(path: Path) -> PictureFiles | None:
                     "render it, or name the parts one by one"
                 )
         files = [file for _, file in hits]
-        first, notes = (hits[0][0], _widths(path, files)) if hits else (0, ())
     elif set(path.name) & set("*?["):
-        files = sorted(path.parent.glob(path.name))
+        hits, files = [], sorted(path.parent.glob(path.name))
     else:
-        return PictureFiles((path,))
+        return (path,), 0, ()
     # Refuse what names no file
     if not files:
         raise VideoError(f"{path} - no picture has such a name - check the path and the number of digits")
-    return PictureFiles(tuple(files), first, notes)
+    return (tuple(files), hits[0][0], _widths(path, files)) if hits else (tuple(files), 0, ())
 
 
 def _widths(path: Path, files: list[Path]) -> tuple[str, ...]:
     """Return a line where numbers of a sequence are written in several widths, as of two sequences in a folder."""
     name = matcher(path)
     written = [found[1] for file in files if (found := name.fullmatch(file.name))]
-    padded = [number for number in written if len(number) > len(str(int(number)))]
-    odd = next(
-        (file for file, number in zip(files, written, strict=True) if padded and len(number) < len(padded[0])), None
-    )
+    width = next((len(number) for number in written if len(number) > len(str(int(number)))), 0)
+    odd = next((file for file, number in zip(files, written, strict=True) if len(number) < width), None)
     if odd is None:
         return ()
     return (
@@ -128,10 +116,10 @@ class ImageReader(VideoReader):
         wanted: Wanted = "colour",
         layout: Layout | None = None,
     ) -> None:
-        files = named.files
+        files, first_number, said = named
         picture = picture_file(files[0], wanted, notes=wanted == "colour")
         self._files, self._wrap, self._wanted, self._mapping = files, equirectangular, wanted, picture.mapping
-        notes = [*named.notes, *picture.notes, *(_one_of_many(path) if path == files[0] else ())]
+        notes = [*said, *picture.notes, *(_one_of_many(path) if path == files[0] else ())]
         # A part of a panorama is placed in the whole, by the mark of the first picture
         pano = picture.tags.pano if equirectangular and layout is None else {}
         self._placed, projection = _placed(path, picture.tags, pano), pano.get("ProjectionType", "equirectangular")
@@ -158,7 +146,7 @@ class ImageReader(VideoReader):
             panorama=equirectangular,
             stereo=output_layout(stereo) if self._beside is not None else "mono",
             notes=(*notes, *unused),
-            first_number=named.first,
+            first_number=first_number,
             picture_tags=picture.tags,
         )
 
@@ -221,7 +209,7 @@ class ImageReader(VideoReader):
         codes.flags.writeable = False
         tags = picture.tags
         if self._placed is not None:
-            tags = replace(tags, full_size=self._placed.full_size, origin=self._placed.origin)
+            tags = replace(tags, full_size=self._placed[0], origin=self._placed[1])
         return [crop.window(codes) for crop in (self._crop, self._beside) if crop is not None], tags
 
 
@@ -242,15 +230,11 @@ def _spec_of(
     )
 
 
-@dataclass(frozen=True, slots=True)
-class _Placed:
-    """Where a picture lies in a panorama of `full_size`: the (column, row) of its top left pixel."""
-
-    full_size: tuple[int, int]
-    origin: tuple[int, int]
+_Place = tuple[tuple[int, int], tuple[int, int]]
+"""Where a picture lies in a panorama: (width, height) of all of that, and (column, row) of its own top left pixel."""
 
 
-def _placed(path: Path, tags: PictureTags, pano: Mapping[str, str]) -> _Placed | None:
+def _placed(path: Path, tags: PictureTags, pano: Mapping[str, str]) -> _Place | None:
     """Return where a picture lies in its panorama by its mark; None where it is all of it, or is not marked.
 
     Pictures that were resized after they were marked are placed in proportion. Raises `VideoError` for a mark that
@@ -273,25 +257,25 @@ def _placed(path: Path, tags: PictureTags, pano: Mapping[str, str]) -> _Placed |
             f"of {full_width:g}x{full_height:g}) - correct its GPano tags, or remove them"
         )
     PICTURE.check(str(path), size[0] * size[1], VideoError)
-    return _Placed(size, at)
+    return size, at
 
 
-def _in_panorama(codes: NDArray[Any], placed: _Placed | None) -> NDArray[Any]:
+def _in_panorama(codes: NDArray[Any], placed: _Place | None) -> NDArray[Any]:
     """Return the codes of the whole panorama, black where the picture has none; the codes themselves for None."""
     if placed is None:
         return codes
-    out = np.zeros((placed.full_size[1], placed.full_size[0], codes.shape[-1]), codes.dtype)
-    column, row = placed.origin
+    (width, height), (column, row) = placed
+    out = np.zeros((height, width, codes.shape[-1]), codes.dtype)
     part = out[row : row + codes.shape[0], column : column + codes.shape[1]]
     part[...] = codes[: part.shape[0], : part.shape[1]]
     return out
 
 
-def _pano_notes(path: Path, tags: PictureTags, placed: _Placed | None) -> Iterator[str]:
+def _pano_notes(path: Path, tags: PictureTags, placed: _Place | None) -> Iterator[str]:
     """Yield lines on what of a panorama's mark is not used."""
     if placed is not None:
         yield (
-            f"{path} - is a part of a panorama of {placed.full_size[0]}x{placed.full_size[1]} (its GPano tags), whose "
+            f"{path} - is a part of a panorama of {placed[0][0]}x{placed[0][1]} (its GPano tags), whose "
             "rest is black: no light comes from there - pictures are written cropped as it is; fill the rest to have "
             "it lit whole"
         )

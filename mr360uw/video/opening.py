@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
-from dataclasses import fields, replace
+from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -37,7 +37,7 @@ from mr360uw.video.formats import (
 from mr360uw.video.images import ImageReader, picture_files
 from mr360uw.video.layout import Eye, Layout
 from mr360uw.video.pixels.planes import native_frame, plane_views
-from mr360uw.video.reader import Damaged, Decoder, Seeker, VideoReader
+from mr360uw.video.reader import Damaged, Decoder, ReaderOver, Seeker, VideoReader
 from mr360uw.video.video_frame import VideoFrame
 from mr360uw.video.writer import ImageWriter, VideoWriter
 
@@ -224,15 +224,8 @@ def _new_clip(path: Path, width: int, height: int, frame_rate: Fraction | float,
         raise VideoError(
             f"{path} - a panorama must be 2:1 with an even height (got {width}x{height}) - take 2048x1024 or 3840x1920"
         )
-    rate = checked_rate(frame_rate, path)
-    return Clip(
-        path=Path(),
-        width=width,
-        height=height,
-        frame_rate=rate,
-        time_base=1 / rate,
-        sound=Path(sound) if sound is not None else None,
-    )
+    rate, audio = checked_rate(frame_rate, path), Path(sound) if sound is not None else None
+    return Clip(path=Path(), width=width, height=height, frame_rate=rate, time_base=1 / rate, sound=audio)
 
 
 @checked
@@ -317,21 +310,20 @@ def _check_eac(path: Path, width: int, height: int, tracks: int) -> None:
     )
 
 
-class _UnwrappedReader(VideoReader):
+class _UnwrappedReader(ReaderOver):
     """The frames of one or two tracks, joined and turned to equirectangular. Index and time stamps are the first's."""
 
     def __init__(self, tracks: list[ContainerReader], projection: Projection, fov_deg: float) -> None:
         first = tracks[0]
         height = first.height if projection == "dual_fisheye" else 2 * first.height // (3 - len(tracks))
         height -= height % 2
-        kept: dict[str, Any] = {field.name: getattr(first, field.name) for field in fields(Clip)}
         note = f"{first.path} - {projection} is turned to equirectangular by FFmpeg's v360"
         note += f", {fov_deg:g} degrees across a circle" if projection == "dual_fisheye" else ""
         note += "; the camera maker's program stitches better, above all what is near"
-        changed = {
-            "width": 2 * height, "height": height, "spherical": None, "panorama": True, "pixel_aspect": Fraction(0),
-        }  # fmt: skip
-        super().__init__(**(kept | changed | {"notes": (*first.notes, note)}))
+        super().__init__(
+            first, width=2 * height, height=height, spherical=None, panorama=True, pixel_aspect=Fraction(0),
+            notes=(*first.notes, note),
+        )  # fmt: skip
         self._tracks, self._projection, self._fov_deg = tracks, projection, fov_deg
 
     @property
@@ -375,15 +367,13 @@ class _UnwrappedReader(VideoReader):
 
     def entry_before(self, index: int) -> int:
         """Return the last frame up to another at which decoding may start."""
-        return self._tracks[0].entry_before(index)
+        return self._plate.entry_before(index)
 
     def _turned(self, tracks: list[Iterator[VideoFrame]], turn: Callable[[Any], Any]) -> Iterator[VideoFrame]:
         for pictures in zip(*tracks, strict=False):  # a seeker's tracks may differ in length
             first = pictures[0]
             out = turn(native_frame(self._joined([_planes(p) for p in pictures])))
-            planes = plane_views(out, self.spec)
-            for plane in (planes.y, planes.u, planes.v):
-                plane.flags.writeable = False
+            planes = plane_views(out, self.spec, locked=True)
             damage = next((p.damage for p in pictures if p.damage != "none"), "none")
             yield replace(first, yuv=planes, native=None, wrap=True, damage=damage)
 

@@ -32,7 +32,6 @@ import av.stream
 from mr360uw.errors import VideoError
 from mr360uw.video.clip import Clip, not_copied
 from mr360uw.video.demux import fraction, open_packets
-from mr360uw.video.exr import frame_attributes
 from mr360uw.video.formats import PICTURE_SUFFIXES
 from mr360uw.video.spherical import Box, parse_boxes, read_moov
 
@@ -57,19 +56,24 @@ def check_sound(source: Path, target: Path) -> None:
 
 
 def _holds_sound(source: Path, suffix: str) -> bool:
-    """Return whether a container takes the first packets of a file's sound.
+    """Return whether a container takes the first packets of a file's sound."""
+    with open_packets(source) as container:
+        return _holds(CONTAINERS[suffix], *container.streams.audio, packets=_TRIAL_PACKETS)
 
-    It is completed, in memory: some sound is refused only then, as PCM without a layout of its channels by MP4.
+
+def _holds(kind: str, *streams: Any, packets: int = 0) -> bool:
+    """Return whether a kind of container takes tracks of a file, and so many of their first packets.
+
+    It does not take those that FFmpeg has no name for. It is completed, in memory: some sound is refused only then, as
+    PCM without a layout of its channels by MP4.
     """
     try:
-        with ExitStack() as closing:
-            container = closing.enter_context(open_packets(source))
-            trial = closing.enter_context(av.open(io.BytesIO(), "w", format=CONTAINERS[suffix]))
-            streams = {s.index: trial.add_stream_from_template(s) for s in container.streams.audio}
+        with av.open(io.BytesIO(), "w", format=kind) as trial:
+            made = {stream.index: trial.add_stream_from_template(stream) for stream in streams}
             trial.start_encoding()
-            for packet in itertools.islice(container.demux(audio=list(range(len(streams)))), _TRIAL_PACKETS):
+            for packet in itertools.islice(streams[0].container.demux(streams), packets) if packets else ():
                 if packet.dts is not None:
-                    packet.stream = streams[packet.stream_index]
+                    packet.stream = made[packet.stream_index]
                     trial.mux(packet)
     except (av.error.FFmpegError, ValueError):
         return False
@@ -107,7 +111,7 @@ class TrackCopy:
         self._packets = (
             packet
             for packet in self._container.demux(streams)
-            if packet.dts is not None and (start_s is None or _start_s(packet.pts, packet) >= start_s)
+            if packet.dts is not None and (start_s is None or packet.pts * fraction(packet.time_base) >= start_s)
         )
         self._pending = next(self._packets, None)
 
@@ -173,17 +177,6 @@ def other_tracks(like: Clip, kind: str, *, wanted: bool, sound: Path | None, fra
     return copied, start, chapters, spatial, tuple(notes)
 
 
-def _holds(kind: str, stream: Any) -> bool:
-    """Return whether a kind of container takes a track of data: not those that FFmpeg has no name for."""
-    try:
-        with av.open(io.BytesIO(), "w", format=kind) as trial:
-            trial.add_stream_from_template(stream)
-            trial.start_encoding()
-    except (av.error.FFmpegError, ValueError):
-        return False
-    return True
-
-
 def _kinds(path: Path) -> dict[int, bytes]:
     """Return the four letters of the first sample entry of each track of an mp4 or mov, by the track's number."""
     moov = read_moov(path)
@@ -195,10 +188,6 @@ def _kinds(path: Path) -> dict[int, bytes]:
             number = int.from_bytes(header.payload[at : at + 4], "big")
             found[number] = table.children[0].kind if table.children else table.payload[12:16]
     return found
-
-
-def _start_s(stamp: int, packet: Any) -> Fraction:
-    return stamp * fraction(packet.time_base)
 
 
 def _moved(chapters: list[Any], like: Clip, frames: tuple[int, int]) -> tuple[dict[str, Any], ...]:
@@ -237,6 +226,29 @@ def exr_attributes(like: Clip, index: int) -> dict[str, Any]:
     """Return the entries of an EXR header that say which frame of a clip it is, by the clip's own time code."""
     number, rate = index + like.first_number, like.frame_rate
     return frame_attributes(number, rate, later_timecode(timecode_of(like.path), index, rate))
+
+
+def frame_attributes(index: int, frame_rate: Fraction, timecode: str = "") -> dict[str, Any]:
+    """Return the header entries of a frame of a clip: frameNumber, framesPerSecond and timeCode.
+
+    timecode: "hh:mm:ss:ff" of the frame, with ";" for drop frames; without one it is counted from 0 at frame 0. The
+    entry holds frames up to 59: of faster clips it is left out.
+    """
+    import OpenEXR
+
+    rate = frame_rate.limit_denominator(1001)
+    found: dict[str, Any] = {"frameNumber": index, "framesPerSecond": rate}
+    base = round(rate)
+    if not 1 <= base <= _MOST_FRAMES or index < 0:
+        return found
+    told = timecode or later_timecode("00:00:00:00", index, rate)
+    numbers = [int(told[at : at + 2]) for at in (0, 3, 6, 9)]
+    drop = told[8] == ";"
+    return {**found, "timeCode": OpenEXR.TimeCode(*numbers, drop, *[0] * 13)}
+
+
+_MOST_FRAMES = 60
+"""Frames a second that a time code counts (SMPTE ST 12-1)."""
 
 
 def later_timecode(timecode: str, frames: int, rate: Fraction) -> str:

@@ -18,14 +18,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.color import PlateMapping, Primaries, Transfer, rec709_from_xyz
+from mr360uw.color import HDR_CURVES, REC709_XY, XY_BY_NAME, PlateMapping, Primaries, Transfer, rec709_from_xyz
 from mr360uw.errors import VideoError
-from mr360uw.reading.input_files import HDR_SIZE, PICTURE, picture_size, read_data
+from mr360uw.reading.input_files import PICTURE, not_read, read_data
+from mr360uw.reading.picture_parts import HDR_SIZE, TIFF_STARTS, picture_size
 from mr360uw.shapes import checked
 from mr360uw.video.exr import Wanted, read_frame
-from mr360uw.video.formats import RAW_SUFFIXES, UNREAD_SUFFIXES
 from mr360uw.video.picture_tags import (
-    TIFF_STARTS,
     PictureTags,
     TiffForm,
     is_not_srgb,
@@ -36,7 +35,6 @@ from mr360uw.video.picture_tags import (
     unused_parts,
 )
 from mr360uw.yuv.file_profile import (
-    REC709_XY,
     SRGB,
     ToneCurve,
     chromatic_profile,
@@ -95,14 +93,14 @@ def _unusable(path: Path) -> VideoError:
 
 def _explained(data: bytes, suffix: str) -> str:
     """Return why a file of a kind that is not read is none, and what to do, else ""."""
-    if suffix in RAW_SUFFIXES:
+    if suffix in not_read("raw picture"):
         return (
             f"is camera raw ({suffix}), which has to be developed first - save it as a 16-bit TIFF or an EXR from the "
             "camera maker's program, darktable or Lightroom"
         )
     if data[:4] in (b"II+\0", b"MM\0+"):
         return "is a BigTIFF, which is not read - save it as plain TIFF, PNG or EXR"
-    if suffix in UNREAD_SUFFIXES or data.startswith(_JPEG_XL):
+    if suffix in not_read("picture") or data.startswith(_JPEG_XL):
         return f"is a picture of a kind that is not read ({suffix}) - save it as PNG, TIFF or EXR"
     if data[:4] in TIFF_STARTS:
         return _unread_tiff(tiff_form(data))
@@ -295,25 +293,22 @@ def _coloured(path: Path, found: PictureFile) -> PictureFile:
     return found
 
 
-_P3 = (0.680, 0.320, 0.265, 0.690, 0.150, 0.060)
 _XY: dict[int, tuple[float, ...]] = {
-    1: REC709_XY, 5: REC709_XY, 6: REC709_XY, 7: REC709_XY,
-    9: (0.708, 0.292, 0.170, 0.797, 0.131, 0.046, 0.3127, 0.329),
-    11: (*_P3, 0.314, 0.351), 12: (*_P3, 0.3127, 0.329),
+    1: REC709_XY, 5: REC709_XY, 6: REC709_XY, 7: REC709_XY, 9: XY_BY_NAME["rec2020"],
+    11: (*XY_BY_NAME["p3d65"][:6], 0.314, 0.351), 12: XY_BY_NAME["p3d65"],
 }  # fmt: skip
 """Chromaticities by their numbers in ITU-T H.273; those of standard definition are all but Rec.709's."""
 _CURVES: dict[int, ToneCurve] = {
     1: SRGB, 6: SRGB, 13: SRGB, 14: SRGB, 15: SRGB, 4: ToneCurve(2.2), 5: ToneCurve(2.8), 8: ToneCurve(),
 }  # fmt: skip
 """Curves by their numbers there; as for videos, pictures made for a display are read by the display's."""
-_WIDE_CURVES: dict[int, Transfer] = {16: "pq", 18: "hlg"}
 
 
 def _by_code_points(path: Path, found: PictureFile, chunk: bytes) -> PictureFile:
     """Return a picture with the colours of a PNG's cICP chunk."""
     primaries, curve = chunk[0], chunk[1]
-    if curve in _WIDE_CURVES and primaries in (1, 9):
-        return replace(found, transfer=_WIDE_CURVES[curve], primaries="bt2020" if primaries == 9 else "bt709")
+    if curve in HDR_CURVES and primaries in (1, 9):
+        return replace(found, transfer=HDR_CURVES[curve], primaries="bt2020" if primaries == 9 else "bt709")
     if primaries not in _XY or curve not in _CURVES:
         raise ValueError(f"primaries {primaries} and curve {curve} of cICP")
     plain = _CURVES[curve] is SRGB and _XY[primaries] is REC709_XY

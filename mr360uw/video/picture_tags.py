@@ -19,12 +19,21 @@ from dataclasses import dataclass, field
 from numbers import Real
 from typing import Any
 
+from mr360uw.reading.picture_parts import (
+    JPEG_FRAMES,
+    JPEG_START,
+    PNG_START,
+    TIFF_STARTS,
+    jpeg_segments,
+    png_chunks,
+    riff_chunks,
+    tiff_entries,
+)
+
 _RDF = "http://www.w3.org/1999/02/22-rdf-syntax-ns#"
 _GPANO = "http://ns.google.com/photos/1.0/panorama/"
-_JPEG_START = b"\xff\xd8"
 _JPEG_MORE_XMP = b"http://ns.adobe.com/xmp/extension/\0"
 _JPEG_XMP, _JPEG_EXIF, _JPEG_ICC = b"http://ns.adobe.com/xap/1.0/\0", b"Exif\0\0", b"ICC_PROFILE\0"
-_PNG_START = b"\x89PNG\r\n\x1a\n"
 _PNG_XMP = b"XML:com.adobe.xmp\0\0\0\0\0"  # keyword, not compressed, no language
 _PNG_HEADER_END = 33  # signature and the IHDR chunk
 _PNG_COLOUR = (b"cICP", b"gAMA", b"cHRM", b"sRGB", b"mDCV", b"cLLI")
@@ -138,15 +147,8 @@ def _pano_fields(xmp_bytes: bytes) -> dict[str, str]:
     return dict(said + re.findall(rf"<{name}:(\w+)>\s*([^<]*?)\s*</", text))
 
 
-_KEPT_FIELDS = (
-    "Pose",
-    "Initial",
-    "SourcePhotosCount",
-    "FirstPhotoDate",
-    "LastPhotoDate",
-    "CaptureSoftware",
-    "StitchingS",
-)
+_KEPT_FIELDS = ("Pose", "Initial", "SourcePhotosCount", "FirstPhotoDate", "LastPhotoDate", "CaptureSoftware",
+                "StitchingS")  # fmt: skip
 
 
 def xmp(width: int, height: int, said: Mapping[str, str] | None = None) -> bytes:
@@ -208,7 +210,7 @@ def read_tags(data: bytes, suffix: str, size: tuple[int, int]) -> tuple[PictureT
         _exif_parts(exif)
     except _BROKEN:
         exif = b""
-    colour = tuple(chunk for chunk in _png_chunks(data) if chunk[0] in _PNG_COLOUR)
+    colour = tuple(chunk for chunk in png_chunks(data) if chunk[0] in _PNG_COLOUR)
     colour = colour if colour or parts.get("icc") else _avif_colour(data)
     known = parts.get("icc", b""), exif, parts.get("xmp", b"")
     return PictureTags(suffix, size, size, (0, 0), *known, colour, own=tuple(_own_parts(data))), turned
@@ -217,8 +219,8 @@ def read_tags(data: bytes, suffix: str, size: tuple[int, int]) -> tuple[PictureT
 def _parts(data: bytes) -> dict[str, bytes]:
     """Return the profile, EXIF and XMP of a JPEG, PNG, WebP or AVIF file."""
     # JPEG: application segments, the profile in several
-    if data.startswith(_JPEG_START):
-        bodies = [body for _, body in _jpeg_bodies(data)]
+    if data.startswith(JPEG_START):
+        bodies = [body for _, body in jpeg_segments(data)]
         parts = sorted(body for body in bodies if body.startswith(_JPEG_ICC))
         found = {
             name: next((body[len(head) :] for body in bodies if body.startswith(head)), b"")
@@ -226,11 +228,9 @@ def _parts(data: bytes) -> dict[str, bytes]:
         }
         return found | {"icc": b"".join(body[len(_JPEG_ICC) + 2 :] for body in parts)}
     # PNG: chunks, or texts in which older programs kept them
-    if data.startswith(_PNG_START):
-        chunks = dict(reversed(list(_png_chunks(data))))
-        texts = [
-            body for kind, body in _png_chunks(data) if kind == b"iTXt" and body.startswith(b"XML:com.adobe.xmp\0")
-        ]
+    if data.startswith(PNG_START):
+        chunks = dict(reversed(list(png_chunks(data))))
+        texts = [body for kind, body in png_chunks(data) if kind == b"iTXt" and body.startswith(b"XML:com.adobe.xmp\0")]
         profile = chunks.get(b"iCCP", b"").partition(b"\0")[2][1:]
         found = {"exif": chunks.get(b"eXIf", b"").removeprefix(_JPEG_EXIF), "xmp": _text(texts[0]) if texts else b""}
         found |= {name: old for name, old in _raw_profiles(data).items() if not found[name]}
@@ -238,7 +238,7 @@ def _parts(data: bytes) -> dict[str, bytes]:
     # WebP: RIFF chunks
     if data[:4] == b"RIFF":
         names = {b"ICCP": "icc", b"EXIF": "exif", b"XMP ": "xmp"}
-        found = {names[kind]: body for kind, body in _riff_chunks(data) if kind in names}
+        found = {names[kind]: body for kind, body in riff_chunks(data) if kind in names}
         return found | {"exif": found.get("exif", b"").removeprefix(_JPEG_EXIF)}
     # AVIF: Pillow finds the boxes
     if data[4:8] != b"ftyp":
@@ -252,19 +252,18 @@ def _parts(data: bytes) -> dict[str, bytes]:
 
 def _own_parts(data: bytes) -> Iterator[tuple[int | bytes, bytes]]:
     """Yield the comments, texts, IPTC and extended XMP of a JPEG or PNG; what has become EXIF or XMP is no text."""
-    if data.startswith(_JPEG_START):
-        for marker, body in _jpeg_bodies(data):
+    if data.startswith(JPEG_START):
+        for marker, body in jpeg_segments(data):
             if marker in (_COMMENT, _APP13) or (marker == _APP1 and body.startswith(_JPEG_MORE_XMP)):
                 yield marker, body
-    for kind, body in _png_chunks(data):
+    for kind, body in png_chunks(data):
         if kind in _PNG_TEXTS and not body.startswith((b"XML:com.adobe.xmp\0", *_RAW_PROFILES)):
             yield kind, body
 
 
 _RAW_PROFILES = {
     b"Raw profile type xmp\0": "xmp",
-    b"Raw profile type exif\0": "exif",
-    b"Raw profile type APP1\0": "exif",
+    **dict.fromkeys((b"Raw profile type exif\0", b"Raw profile type APP1\0"), "exif"),
 }
 """Keywords of texts in which ImageMagick keeps metadata, as hexadecimal digits."""
 
@@ -272,7 +271,7 @@ _RAW_PROFILES = {
 def _raw_profiles(data: bytes) -> dict[str, bytes]:
     """Return the EXIF and XMP that the texts of a PNG hold."""
     found = {}
-    for kind, body in _png_chunks(data):
+    for kind, body in png_chunks(data):
         name = next((name for head, name in _RAW_PROFILES.items() if body.startswith(head)), None)
         if name is not None and kind in (b"tEXt", b"zTXt"):
             text = body.partition(b"\0")[2]
@@ -292,19 +291,6 @@ def _avif_colour(data: bytes) -> tuple[tuple[bytes, bytes], ...]:
     return ((b"cICP", bytes([primaries, curve, 0, 1])),) if known else ()
 
 
-def _jpeg_bodies(data: bytes) -> Iterator[tuple[int, bytes]]:
-    """Yield the segments of a JPEG before its pixels, marker and content."""
-    at = 2
-    while at + 4 <= len(data) and data[at] == _MARKER:
-        marker, length = data[at + 1], struct.unpack_from(">H", data, at + 2)[0]
-        if marker == _SCAN:
-            return
-        yield marker, data[at + 4 : at + 2 + length]
-        at += 2 + max(length, 2)
-
-
-_MARKER, _SCAN = 0xFF, 0xDA
-_FRAMES = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}  # JPEG markers that begin a frame
 _INKS = 4
 _MOST_BYTES = 1 << 26
 """Bytes of metadata that are unpacked: profiles have up to some millions."""
@@ -321,31 +307,22 @@ def _text(chunk: bytes) -> bytes:
     return _inflated(text) if rest[:1] == b"\1" else text
 
 
-def _riff_chunks(data: bytes) -> Iterator[tuple[bytes, bytes]]:
-    """Yield the chunks of a WebP file, kind and content."""
-    at = 12
-    while at + 8 <= len(data):
-        kind, size = struct.unpack_from("<4sI", data, at)
-        yield kind, data[at + 8 : at + 8 + size]
-        at += 8 + size + size % 2
-
-
 def unused_parts(data: bytes, *, clear: bool) -> tuple[str, ...]:
     """Return what of a picture's file is not used, one line each: alpha that is not opaque, further pictures.
 
     clear: whether it has such alpha. Raises `ValueError` where its colours are those of a printer.
     """
     inside = False
-    if data.startswith(_JPEG_START):
-        bodies = list(_jpeg_bodies(data))
-        if any(marker in _FRAMES and len(body) > 5 and body[5] == _INKS for marker, body in bodies):
+    if data.startswith(JPEG_START):
+        bodies = list(jpeg_segments(data))
+        if any(marker in JPEG_FRAMES and len(body) > 5 and body[5] == _INKS for marker, body in bodies):
             raise ValueError("is CMYK, the colours of a printer - save it as RGB")
         further = any(body.startswith(b"MPF\0") for _, body in bodies)
         inside = any(_INSIDE_XMP.search(body) for marker, body in bodies if marker == _APP1)
     elif data[:4] in TIFF_STARTS:
         further = tiff_form(data).more
     else:
-        kinds = dict(_riff_chunks(data) if data[:4] == b"RIFF" else _png_chunks(data))
+        kinds = dict(riff_chunks(data) if data[:4] == b"RIFF" else png_chunks(data))
         further, clear = bool({b"acTL", b"ANIM"} & set(kinds)), clear or b"tRNS" in kinds
     alpha = "has transparency, which is left out - flatten it if that is wrong"
     more = "holds further pictures (frames, pages, a gain map or a preview) - the first is read, outputs have it alone"
@@ -354,9 +331,6 @@ def unused_parts(data: bytes, *, clear: bool) -> tuple[str, ...]:
 
 
 _INSIDE_XMP = re.compile(rb"\bG(?:Image|Depth|Audio):(?:Data|Mime)\b")
-
-
-TIFF_STARTS = (b"II*\0", b"MM\0*")
 
 
 @dataclass(frozen=True, slots=True)
@@ -390,37 +364,23 @@ def tiff_form(data: bytes) -> TiffForm:
 
 def jpeg_bits(data: bytes) -> int:
     """Return the bits of a sample of a JPEG, 8 where it does not say."""
-    return next((body[0] for marker, body in _jpeg_bodies(data) if marker in _FRAMES and body), 8)
+    return next((body[0] for marker, body in jpeg_segments(data) if marker in JPEG_FRAMES and body), 8)
 
 
 def _upright(exif: bytes) -> tuple[int, bytes]:
     """Return the orientation in EXIF, 1 where it has none, and the same EXIF with orientation 1."""
-    order = {b"II*\0": "<", b"MM\0*": ">"}.get(exif[:4])
-    if order is None:
+    if exif[:4] not in TIFF_STARTS:
         return 1, b""
     try:
-        (at,) = struct.unpack_from(f"{order}I", exif, 4)
-        (count,) = struct.unpack_from(f"{order}H", exif, at)
-        for entry in range(at + 2, at + 2 + 12 * count, 12):
-            tag, kind = struct.unpack_from(f"{order}HH", exif, entry)
-            (turned,) = struct.unpack_from(f"{order}H", exif, entry + 8)
+        order, entries = tiff_entries(exif)
+        for tag, kind, at in entries:
+            (turned,) = struct.unpack_from(f"{order}H", exif, at)
             if (tag, kind) == (_ORIENTATION, 3):
-                upright = exif[: entry + 8] + struct.pack(f"{order}H", 1) + exif[entry + 10 :]
+                upright = exif[:at] + struct.pack(f"{order}H", 1) + exif[at + 2 :]
                 return (turned if 1 <= turned <= 8 else 1), upright
     except struct.error:
         return 1, b""
     return 1, exif
-
-
-def _png_chunks(data: bytes) -> Iterator[tuple[bytes, bytes]]:
-    """Yield the chunks of a PNG before its pixels, kind and content; none of other files."""
-    at = len(_PNG_START)
-    while data.startswith(_PNG_START) and at + 12 <= len(data):
-        size, kind = struct.unpack_from(">I4s", data, at)
-        if kind == b"IDAT":
-            return
-        yield kind, data[at + 8 : at + 8 + size]
-        at += 12 + size
 
 
 def _directory(data: bytes) -> Any:
@@ -472,12 +432,12 @@ def with_tags(
     a plate, see `PictureTags`; those of the same kind of file are taken.
     """
     own = [one for one in own if _goes_into(suffix, one[0])]
-    if picture.startswith(_JPEG_START):
+    if picture.startswith(JPEG_START):
         if b"HasExtendedXMP" not in xmp_bytes:  # what names them is not there
             own = [one for one in own if one[0] != _APP1]
         segments = b"".join((*_jpeg_segments(icc, exif, xmp_bytes), *(_segment(*one) for one in own)))
-        return _JPEG_START + segments + picture[2:]
-    if picture.startswith(_PNG_START):
+        return JPEG_START + segments + picture[2:]
+    if picture.startswith(PNG_START):
         chunks = [*png_colour] or [(b"iCCP", b"ICC profile\0\0" + zlib.compress(icc))] * bool(icc)
         chunks += [(b"eXIf", exif)] * bool(exif) + [(b"iTXt", _PNG_XMP + xmp_bytes)] * bool(xmp_bytes) + own
         return picture[:_PNG_HEADER_END] + b"".join(_chunk(*one) for one in chunks) + picture[_PNG_HEADER_END:]

@@ -23,11 +23,11 @@ import av.error
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.color import ColorSpec, in_plate_primaries
+from mr360uw.color import HDR_CURVES, ColorSpec, in_plate_primaries
 from mr360uw.errors import OutputExistsError, VideoError
 from mr360uw.files import NewFile, is_pattern, matching_files, numbered, whole_file
 from mr360uw.reading.disk_cache import read_arrays, write_arrays
-from mr360uw.reading.input_files import HDR_SIZE
+from mr360uw.reading.picture_parts import HDR_SIZE
 from mr360uw.types import Floats
 from mr360uw.video.clip import Clip
 from mr360uw.video.encoder import Encoder, resolved
@@ -359,7 +359,7 @@ def _radiance(data: bytes, lines: tuple[bytes, ...], size: tuple[int, int]) -> b
 
 def _code_points(spec: ColorSpec, suffix: str) -> tuple[tuple[bytes, bytes], ...]:
     """Return the chunk of a PNG that says the curve of high dynamic range (ITU-T H.273); none for other curves."""
-    number = {"pq": 16, "hlg": 18}.get(spec.transfer)
+    number = next((number for number, curve in HDR_CURVES.items() if curve == spec.transfer), None)
     if suffix != ".png" or number is None or spec.gamut not in ("bt709", "bt2020"):
         return ()
     return ((b"cICP", bytes([9 if spec.gamut == "bt2020" else 1, number, 0, 1])),)

@@ -18,13 +18,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.color import PlateMapping, encode, rec709_from_chromaticities, rec709_from_xyz
+from mr360uw.color import REC709_XY, PlateMapping, encode, rec709_from_chromaticities, rec709_from_xyz
 from mr360uw.yuv.cube_lut import LutTable
 
 Array = NDArray[np.float64]
 
-REC709_XY = (0.64, 0.33, 0.3, 0.6, 0.15, 0.06, 0.3127, 0.329)
-"""x, y of red, green, blue and white (ITU-R BT.709-6): the primaries of all linear light here."""
 _SAME_XY = 1e-3
 """Difference of chromaticities that are written with three digits or more, below which they are the same."""
 _SAME_CODE = 1e-3
@@ -85,16 +83,8 @@ class FileProfile:
     matrix: tuple[tuple[float, ...], ...]
     curves: tuple[ToneCurve, ToneCurve, ToneCurve]
     xy: tuple[float, ...] = ()
-
-    @property
-    def on_file_codes(self) -> bool:
-        """Whether values are codes over full scale: those of pictures, whose range is full, are the same."""
-        return False
-
-    @property
-    def is_wide(self) -> bool:
-        """Whether light may be above white; the brightest code of a picture is white."""
-        return False
+    on_file_codes: bool = False
+    is_wide: bool = False
 
     def to_light(self, values: NDArray[Any]) -> Array:
         """Return the linear Rec.709 light (..., 3) of values (..., 3)."""

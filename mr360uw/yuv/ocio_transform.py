@@ -50,7 +50,8 @@ class OcioMapping:
     """The mapping between a colour space and linear Rec.709; made by `ocio_mapping`; see `color.ColorSpec`.
 
     config: a built-in one or a file. source, working: its colour spaces. identity: OpenColorIO's own mark of what the
-    config holds. on_file_codes: whether values are codes over full scale.
+    config holds. on_file_codes: whether values are codes over full scale. is_wide: light may be above white: colour
+    spaces do not say.
     """
 
     config: str
@@ -58,11 +59,7 @@ class OcioMapping:
     working: str
     identity: str
     on_file_codes: bool
-
-    @property
-    def is_wide(self) -> bool:
-        """Whether light may be above white: colour spaces do not say, so that it may."""
-        return True
+    is_wide: bool = True
 
     def to_light(self, values: NDArray[Any]) -> NDArray[Any]:
         """Return the linear Rec.709 light (..., 3) of values (..., 3)."""

@@ -16,7 +16,7 @@ import trimesh
 from PIL import Image
 from scipy.signal import find_peaks
 
-from mr360uw.composite.mesh.mesh_file import read_mesh_file
+from mr360uw.composite.mesh.mesh import read_mesh_file
 from mr360uw.first_look.observations import look_at_mesh
 from mr360uw.sample.whale import write_whale
 from mr360uw.types import Floats

@@ -10,8 +10,7 @@ import pytest
 
 from mr360uw.errors import VideoError
 from mr360uw.video import read_exr, read_rgb, write_exr
-from mr360uw.video.exr import frame_attributes
-from mr360uw.video.other_tracks import later_timecode
+from mr360uw.video.other_tracks import frame_attributes, later_timecode
 
 
 def test_parts_channels_and_kinds_come_back(tmp_path, rng) -> None:

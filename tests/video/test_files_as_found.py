@@ -125,6 +125,19 @@ def test_texts_of_a_png_are_carried_or_said(tmp_path: Path, kind: str) -> None:
     assert any(".tif does not hold the plate's texts - a .png keeps them" in note for note in out.notes)
 
 
+def test_metadata_of_a_jpeg_stand_behind_fill_bytes_too(tmp_path: Path) -> None:
+    """Any marker may have fill bytes, 0xFF, before it (ITU-T T.81, B.1.1.2)."""
+    exif = Image.Exif()
+    exif[272] = "a camera"
+    held = io.BytesIO()
+    Image.fromarray(codes()).save(held, "JPEG", exif=exif)
+    data = held.getvalue()
+    (tmp_path / "plate.jpg").write_bytes(data[:2] + b"\xff\xff" + data[2:])
+    with uw.open_video(tmp_path / "plate.jpg") as video:
+        assert video.picture_tags is not None
+        assert b"a camera" in video.picture_tags.exif
+
+
 def test_iptc_of_a_tiff_is_carried(tmp_path: Path) -> None:
     tags = ImageFileDirectory_v2()
     tags.tagtype[33723] = 1

@@ -24,8 +24,7 @@ from mr360uw.scene.resolved import open_plate
 from mr360uw.types import Tile
 from mr360uw.video import open_video, read_picture
 from mr360uw.video.pixels.planes import lay_over_planes
-from mr360uw.yuv.cube_file import read_cube
-from mr360uw.yuv.cube_lut import clipped_greys
+from mr360uw.yuv.cube_lut import clipped_greys, read_cube
 from mr360uw.yuv.decoding import linear_from_planes, linear_in_directions
 from mr360uw.yuv.ocio_transform import OcioSettings, ocio_mapping
 from tests.video.clips import write_clip, yuv_image

@@ -74,6 +74,9 @@ class PatchWater:
     code: Three | None = None
 
 
+_NO_WATER = PatchWater((1.0, 1.0, 1.0), _NOTHING, _NOTHING)
+
+
 @dataclass(frozen=True, slots=True)
 class Patch:
     """A patch: its mean R'G'B' in the plate, 0 to 1, what it reflects of each channel, and the water before it."""
@@ -127,12 +130,12 @@ class _Problem:
         self._reflectance = np.array([patch.reflectance for patch in patches], float)
         self._start, self._spec, self._weights, self._blacks = start, spec, luma_weights_of(spec), blacks
         self._lit = bool(np.any(self._reflectance > 0.0))
-        waters = [patch.water for patch in patches]
-        self._passed = np.array([(1.0, 1.0, 1.0) if one is None else one.passed for one in waters])
-        self._grown = np.array([_NOTHING if one is None else one.grown for one in waters])
-        self._water = np.array([_NOTHING if one is None else one.light for one in waters])
-        self._water_code = np.array([_NOTHING if one is None or one.code is None else one.code for one in waters])
-        self._shown = np.array([one is not None and one.code is not None for one in waters])
+        waters = [patch.water or _NO_WATER for patch in patches]
+        self._passed, self._grown, self._water = (
+            np.array([getattr(one, name) for one in waters]) for name in ("passed", "grown", "light")
+        )
+        self._water_code = np.array([one.code or _NOTHING for one in waters])
+        self._shown = np.array([one.code is not None for one in waters])
 
     def solve(self, names: tuple[str, ...]) -> tuple[ColourGrade, dict[str, float], float]:
         """Return the grade with some numbers free, their standard errors, and the difference left [8-bit codes]."""
@@ -148,19 +151,16 @@ class _Problem:
         inverse = np.where(singular > 1e-9 * singular[0], CODE_ERROR / np.maximum(singular, 1e-300), np.inf)
         with np.errstate(invalid="ignore"):
             error = np.sqrt(np.nansum((turn * inverse[:, None]) ** 2, axis=0))
-        place, errors = self._light, {}
-        for name in names:
-            count = self._count(name)
-            errors[name] = float(error[place : place + count].max())
-            place += count
+        errors = {name: float(error[place].max()) for name, place in self._places(names).items()}
         return self._grade(found.x, names), errors, float(255.0 * np.sqrt(np.mean(found.fun**2)))
 
-    @property
-    def _light(self) -> int:
-        return 3 if self._lit else 0
-
-    def _count(self, name: str) -> int:
-        return self._blacks if name == "black" else 1
+    def _places(self, names: tuple[str, ...]) -> dict[str, slice]:
+        """Return where the numbers of each name stand among the unknown ones, after the light."""
+        places, end = {}, 3 if self._lit else 0
+        for name in names:
+            start, end = end, end + (self._blacks if name == "black" else 1)
+            places[name] = slice(start, end)
+        return places
 
     def _first(self, names: tuple[str, ...]) -> tuple[Floats, Floats, Floats]:
         values, ranges = [], []
@@ -170,20 +170,18 @@ class _Problem:
             light = np.median(own / np.maximum(self._reflectance * self._passed, _DARKEST), axis=0)
             values += list(np.log(np.maximum(light, _DARKEST)))
             ranges += [(-12.0, 6.0)] * 3
-        for name in names:
-            number = np.mean(getattr(self._start, name))
-            values += [float(number)] * self._count(name)
-            ranges += [_RANGES[name]] * self._count(name)
+        for name, place in self._places(names).items():
+            count = place.stop - place.start
+            values += [float(np.mean(getattr(self._start, name)))] * count
+            ranges += [_RANGES[name]] * count
         low, high = np.array(ranges, float).reshape(-1, 2).T
         return np.clip(np.array(values), low + 1e-6, high - 1e-6), low, high
 
     def _grade(self, unknown: Floats, names: tuple[str, ...]) -> ColourGrade:
-        place, found = self._light, {}
-        for name in names:
-            count = self._count(name)
-            values = tuple(float(value) for value in unknown[place : place + count])
-            found[name] = values if count == 3 else values * 3 if name in ("black", "white") else values[0]
-            place += count
+        found = {}
+        for name, place in self._places(names).items():
+            values = tuple(unknown[place].tolist())
+            found[name] = values if len(values) == 3 else values * 3 if name in ("black", "white") else values[0]
         return replace(self._start, **found)  # type: ignore[arg-type]
 
     def _residual(self, unknown: Floats, names: tuple[str, ...]) -> Floats:

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Hashable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import radians
 from typing import Annotated, Literal
 
@@ -177,13 +177,9 @@ class MatchSettings(Parameters):
 
     def colour_over(self, found: ColourGrade) -> ColourGrade:
         """Return the colour of the grade: the given numbers, and those found where a key is "auto"."""
-        return ColourGrade(
-            found.black if self.black == "auto" else _three(self.black),
-            found.white if self.white == "auto" else _three(self.white),
-            found.gamma if self.gamma == "auto" else self.gamma,
-            found.contrast if self.contrast == "auto" else self.contrast,
-            found.saturation if self.saturation == "auto" else self.saturation,
-        )
+        given = {name: getattr(self, name) for name in COLOUR if getattr(self, name) != "auto"}
+        given |= {name: _three(given[name]) for name in ("black", "white") if name in given}
+        return replace(found, **given)
 
     @property
     def open_keys(self) -> tuple[str, ...]:

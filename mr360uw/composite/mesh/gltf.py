@@ -8,7 +8,10 @@ The JSON is not validated first: a missing key or an index out of range raises a
 from __future__ import annotations
 
 import base64
+import functools
 import struct
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,8 +20,12 @@ from urllib.parse import unquote
 import numpy as np
 from numpy.typing import NDArray
 
+from mr360uw.composite.affine import composed
+from mr360uw.composite.mesh.material import MapCoordinates
+from mr360uw.composite.mesh.skin import MorphTarget, Skeleton, Skin
 from mr360uw.errors import MeshError, install_command, installed, optional
-from mr360uw.reading.input_files import DATA, json_of, neighbour, read_data
+from mr360uw.reading.input_files import DATA, json_of, neighbour, own_table, read_data
+from mr360uw.types import Floats
 
 _COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
@@ -31,54 +38,10 @@ _VALUE_BYTES = 200
 """Memory [bytes] that a value of JSON may take once it is read: an empty list in a list takes 70, a table more."""
 _JSON_CHUNK, _BINARY_CHUNK = 0x4E4F534A, 0x004E4942
 
-FOLLOWED = frozenset(
-    {
-        "EXT_meshopt_compression",
-        "EXT_texture_webp",
-        "KHR_draco_mesh_compression",
-        "KHR_materials_emissive_strength",
-        "KHR_materials_ior",
-        "KHR_materials_pbrSpecularGlossiness",
-        "KHR_materials_unlit",
-        "KHR_mesh_quantization",
-        "KHR_meshopt_compression",
-        "KHR_texture_transform",
-    }
-)
-"""Extensions that are read; others get a note, or an error if the file requires them."""
-_SILENT = frozenset({"KHR_xmp", "KHR_xmp_json_ld", "KHR_animation_pointer"})
-"""Extensions without effect on a picture at rest."""
-_THIN = "its surfaces are opaque; give its material alphaMode BLEND and an alpha to see through it"
-_INSTEAD = {
-    "EXT_mesh_gpu_instancing": ("repeated meshes", "each is drawn once; export them as nodes"),
-    "EXT_texture_avif": ("textures in AVIF", "those in PNG or JPEG are drawn"),
-    "KHR_lights_punctual": ("lights", "the scene's light is; add [[lamp]] tables to it"),
-    "KHR_materials_anisotropy": ("brushed highlights", "they are round"),
-    "KHR_materials_clearcoat": ("a clear coat", "what is below it is drawn; lower its roughness to make it gloss"),
-    "KHR_materials_diffuse_transmission": ("light scattered through", _THIN),
-    "KHR_materials_dispersion": ("colours of refraction", _THIN),
-    "KHR_materials_iridescence": ("thin films", "it reflects without their colours"),
-    "KHR_materials_sheen": ("the sheen of cloth", "it is drawn without"),
-    "KHR_materials_specular": ("a strength and colour of reflection", "it reflects as its index of refraction says"),
-    "KHR_materials_transmission": ("light through surfaces", _THIN),
-    "KHR_materials_variants": ("variants of materials", "the first look is; export the one you want as that"),
-    "KHR_materials_volume": ("colour within a body", _THIN),
-    "KHR_node_visibility": ("nodes that are hidden", "they are drawn; export without them"),
-    "KHR_texture_basisu": ("textures in KTX2", "those in PNG or JPEG are drawn"),
-    "MSFT_lod": ("coarser versions", "the finest is drawn"),
-    "MSFT_texture_dds": ("textures in DDS", "those in PNG or JPEG are drawn"),
-}
-"""What extensions that are not read are for, and what is drawn instead."""
-_LOOKS = frozenset(n for n in _INSTEAD if n.startswith("KHR_materials_")) | {"KHR_lights_punctual", "MSFT_lod"}
-"""Those without which the shape is whole: files that require them, as Blender's with lights, are drawn with a note."""
 _MESHOPT = ("EXT_meshopt_compression", "KHR_meshopt_compression")
 _DRACO = "KHR_draco_mesh_compression"
 _PACKED = {_DRACO: ("Draco", "DracoPy"), **dict.fromkeys(_MESHOPT, ("meshopt", "meshopt"))}
 """Compressions by extension: what they are called, and the module that undoes them."""
-_HINTS = {
-    "KHR_texture_basisu": "has textures in KTX2",
-    "EXT_mesh_gpu_instancing": "repeats its meshes by EXT_mesh_gpu_instancing",
-}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -122,24 +85,26 @@ class Gltf:
         count, stride = int(packed["count"]), int(packed["byteStride"])
         DATA.check(f"{self.path} buffer view {number}", count * stride, MeshError)
         data, kind = self._stored(number, packed), packed.get("filter", "NONE")
-        try:
+        with self._decompressing(number, "meshopt"):
             values = optional("meshopt").decode_gltf_buffer(data, count, stride, packed["mode"], kind)
             return bytes(np.ascontiguousarray(values).data.cast("B"))
-        except Exception as error:  # whatever the decoder raises
-            what = f"{type(error).__name__}: {error!s:.80}"
-            raise MeshError(
-                f"{self.path} - view {number}, compressed with meshopt, is damaged (got {what}) - export it again"
-            ) from error
 
     def draco(self, number: int) -> Any:
         """Return the mesh that a buffer view has by Draco."""
-        try:
+        with self._decompressing(number, "Draco"):
             return optional("DracoPy").decode(self.view(number))
+
+    @contextmanager
+    def _decompressing(self, number: int, called: str) -> Iterator[None]:
+        try:
+            yield
         except Exception as error:  # whatever the decoder raises
             what = f"{type(error).__name__}: {error!s:.80}"
-            raise MeshError(
-                f"{self.path} - view {number}, compressed with Draco, is damaged (got {what}) - export it again"
-            ) from error
+            raise self.broken(f"view {number}, compressed with {called}, is damaged", what) from error
+
+    def broken(self, what: str, got: str, instead: str = "export it again") -> MeshError:
+        """Return the error of a part of the file that cannot be used. instead: what to do."""
+        return MeshError(f"{self.path} - {what} (got {got}) - {instead}")
 
     def accessor(self, number: int) -> NDArray[Any]:
         """Return an accessor (count, width): normalised integers as float64, others as they are stored."""
@@ -236,6 +201,12 @@ def _buffer(path: Path, entry: dict[str, Any], binary: bytes, *, outside: bool) 
     return _resource(path, entry["uri"], "buffer", outside=outside) if "uri" in entry else binary
 
 
+@functools.cache
+def _extensions() -> dict[str, dict[str, str]]:
+    """Return what is known of extensions, by their names."""
+    return {row["extension"]: row for row in own_table("composite/mesh/data/gltf_extensions.csv")}
+
+
 def _check_extensions(path: Path, tree: dict[str, Any]) -> None:
     used = set(tree.get("extensionsUsed", []))
     for name in sorted(used & _PACKED.keys()):
@@ -245,14 +216,236 @@ def _check_extensions(path: Path, tree: dict[str, Any]) -> None:
                 f"{path} - is compressed with {called}, which needs the package {module} - "
                 f"{install_command('gltf')}, or export it without compression"
             )
-    for name in sorted(set(tree.get("extensionsRequired", [])) - FOLLOWED - _SILENT - _LOOKS):
-        raise MeshError(f"{path} - {_HINTS.get(name, f'requires the extension {name}')} - export it without")
+    for name in sorted(set(tree.get("extensionsRequired", []))):
+        known = _extensions().get(name, {})
+        if known.get("standing", "shape") == "shape":
+            raise MeshError(f"{path} - {known.get('refused') or f'requires the extension {name}'} - export it without")
 
 
 def extension_notes(gltf: Gltf) -> list[str]:
     """Return a note for every extension that is used and not read."""
     notes = []
-    for name in sorted(set(gltf.tree.get("extensionsUsed", [])) - FOLLOWED - _SILENT):
-        what, instead = _INSTEAD.get(name, ("", "it looks as without"))
-        notes.append(f"{gltf.path} - the extension {name}{what and f' ({what})'} is not drawn - {instead}")
+    for name in sorted(set(gltf.tree.get("extensionsUsed", []))):
+        known = _extensions().get(name, {})
+        if known.get("standing") not in ("read", "no effect"):
+            what, instead = known.get("what", ""), known.get("instead", "it looks as without")
+            notes.append(f"{gltf.path} - the extension {name}{what and f' ({what})'} is not drawn - {instead}")
     return notes
+
+
+# Primitives, nodes, skins and morph targets of a glTF file (glTF 2.0 specification, sections 3.5 and 3.7).
+
+_TRIANGLES, _STRIP, _FAN = 4, 5, 6
+_INDICES = "indices"
+Columns = dict[str, NDArray[Any]]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Primitive:
+    """Triangles `faces` (T, 3) over vertices (V, ...) in the mesh's own axes; columns: the attributes by name."""
+
+    positions: Floats
+    normals: Floats | None
+    faces: NDArray[np.int64]
+    columns: Columns
+
+    def coordinates(self, of: MapCoordinates) -> Floats | None:
+        """Return texture coordinates (V, 2), None where the primitive has none of that name."""
+        column = self.columns.get(of.name)
+        return None if column is None else of.of(column.astype(np.float64))
+
+    @property
+    def colors(self) -> Floats | None:
+        """Linear vertex colours (V, 4)."""
+        colors = self.columns.get("COLOR_0")
+        if colors is None:
+            return None
+        rgba = np.ones((len(colors), 4))
+        rgba[:, : colors.shape[1]] = dequantised(colors)
+        if np.any(rgba < 0.0):
+            raise ValueError(f"a vertex colour is negative: {rgba.min():g}")
+        return rgba
+
+
+def read_primitive(gltf: Gltf, entry: dict[str, Any]) -> Primitive | None:
+    """Return a primitive; None for points and lines."""
+    mode = entry.get("mode", _TRIANGLES)
+    if mode not in (_TRIANGLES, _STRIP, _FAN) or "POSITION" not in entry["attributes"]:
+        return None
+    columns = _columns(gltf, entry)
+    positions = columns["POSITION"].astype(np.float64)
+    normals = columns["NORMAL"].astype(np.float64) if "NORMAL" in columns else None
+    if any(len(column) != len(positions) for name, column in columns.items() if name != _INDICES):
+        raise ValueError("attributes of different lengths")
+    order = columns.get(_INDICES, np.arange(len(positions))).astype(np.int64).ravel()
+    if len(order) and not 0 <= order.min() <= order.max() < len(positions):
+        raise IndexError(f"index {order.min() if order.min() < 0 else order.max()} of {len(positions)} vertices")
+    return Primitive(positions, normals, _faces(order, mode), columns)
+
+
+def _columns(gltf: Gltf, entry: dict[str, Any]) -> Columns:
+    attributes: dict[str, int] = entry["attributes"]
+    draco = entry.get("extensions", {}).get("KHR_draco_mesh_compression")
+    if draco is None:
+        columns = {name: gltf.accessor(number) for name, number in attributes.items()}
+        return columns | ({_INDICES: gltf.accessor(entry["indices"])} if "indices" in entry else {})
+    mesh, columns = gltf.draco(draco["bufferView"]), {}
+    by_id = {packed["unique_id"]: np.asarray(packed["data"]) for packed in mesh.attributes}
+    for name, number in draco["attributes"].items():
+        values = by_id[number].reshape(len(mesh.points), -1)
+        whole = gltf.entry("accessors", attributes[name]).get("normalized", False)
+        columns[name] = dequantised(values) if whole else values
+    return columns | {_INDICES: np.asarray(mesh.faces)}
+
+
+def _faces(order: NDArray[np.int64], mode: int) -> NDArray[np.int64]:
+    """Return the triangles (T, 3) of a list, strip or fan of vertices, with the winding of section 3.7.2.1."""
+    if mode == _TRIANGLES:
+        return order[: len(order) // 3 * 3].reshape(-1, 3)
+    k = np.arange(max(len(order) - 2, 0))
+    if mode == _FAN:
+        return np.stack([order[k + 1], order[k + 2], np.broadcast_to(order[:1], k.shape)], axis=-1)
+    return np.stack([order[k], order[k + 1 + k % 2], order[k + 2 - k % 2]], axis=-1)
+
+
+_SUM_ERROR = 2e-7
+"""Error of the sum of weights, for each joint of a vertex, that is rounding (section 3.7.3.3); larger ones are divided
+out. Half of it would touch files that follow the specification."""
+_NOTED_SUM_ERROR = 0.01
+"""Error of the sum of weights above which the user is told: a hundredth of a limb's movement."""
+
+
+def read_skeleton(gltf: Gltf) -> Skeleton:
+    """Return the nodes of the file's scene, each after its parent, roots in the scene's order."""
+    nodes, scenes = gltf.listed("nodes"), gltf.listed("scenes")
+    children = {c for node in nodes for c in node.get("children", [])}
+    roots = [n for n in range(len(nodes)) if n not in children]
+    if scenes:
+        roots = gltf.entry("scenes", gltf.tree.get("scene", 0)).get("nodes", [])
+    place: dict[int, int] = {}
+    parents: list[int] = []
+    pending: list[tuple[int, int]] = [(number, -1) for number in reversed(roots)]
+    while pending:
+        number, parent = pending.pop()
+        if number in place:
+            raise ValueError(f"node {number} hangs below two others")
+        place[number] = len(parents)
+        parents.append(parent)
+        below = gltf.entry("nodes", number).get("children", [])
+        pending += [(child, place[number]) for child in reversed(below)]
+    used = [nodes[number] for number in place]
+    translation = _column(used, "translation", (0.0, 0.0, 0.0))
+    rotation = _column(used, "rotation", (0.0, 0.0, 0.0, 1.0))
+    scale = _column(used, "scale", (1.0, 1.0, 1.0))
+    local = composed(translation, rotation, scale)
+    for number, node in enumerate(used):
+        if "matrix" in node:  # stored column by column
+            local[number] = np.asarray(node["matrix"], np.float64).reshape(4, 4).T
+    if not np.all(np.isfinite(local)):
+        raise ValueError("a node is placed by numbers that are not finite")
+    return Skeleton(tuple(parents), local, translation, rotation, scale, tuple(place))
+
+
+def _column(nodes: list[dict[str, Any]], name: str, default: tuple[float, ...]) -> Floats:
+    rows = [np.asarray(node.get(name, default), np.float64) for node in nodes]
+    if not all(np.all(np.isfinite(row)) for row in rows):
+        raise ValueError(f"a node has a {name} that is not finite")
+    return np.stack(rows) if rows else np.zeros((0, len(default)))
+
+
+def read_targets(gltf: Gltf, entry: dict[str, Any], vertices: int) -> tuple[MorphTarget, ...]:
+    """Return the morph targets of a primitive; raise `MeshError` where one has not as many vertices as it."""
+    targets: list[MorphTarget] = []
+    for number, target in enumerate(entry.get("targets", [])):
+        deltas: dict[str, Floats | None] = {"POSITION": None, "NORMAL": None}
+        for name in deltas.keys() & target.keys():
+            values = gltf.accessor(target[name]).astype(np.float64)
+            if values.shape != (vertices, 3):
+                got = f"{len(values)} rows of {name} for {vertices} vertices"
+                raise gltf.broken(f"morph target {number} does not fit its mesh", got)
+            if not np.all(np.isfinite(values)):
+                raise gltf.broken(f"morph target {number} is broken", f"{name} that is not finite")
+            deltas[name] = values
+        targets.append((deltas["POSITION"], deltas["NORMAL"]))
+    return tuple(targets)
+
+
+def rest_weights(gltf: Gltf, node: dict[str, Any], mesh: dict[str, Any], targets: int) -> Floats | None:
+    """Return the weights (m,) of morph targets at rest: the node's, the mesh's, or zeros; None without targets."""
+    weights = np.asarray(node.get("weights", mesh.get("weights", np.zeros(targets))), np.float64)
+    if weights.shape != (targets,) or not np.all(np.isfinite(weights)):
+        raise gltf.broken("weights do not fit the morph targets", f"{weights.size} weights for {targets} targets")
+    return weights if targets else None
+
+
+def read_skin(gltf: Gltf, number: int, columns: Columns, place: dict[int, int]) -> tuple[Skin, tuple[str, ...]]:
+    """Return a skin as the vertices of a primitive follow it, and notes on its weights.
+
+    place: number in the skeleton of each node of the file. Raises `MeshError` where joints or weights are broken.
+    """
+    entry = gltf.entry("skins", number)
+    joints: list[int] = list(entry["joints"])
+    if missing := [joint for joint in joints if joint not in place]:
+        what, todo = f"skin {number} follows nodes that are not in the scene", "export the armature with the mesh"
+        raise gltf.broken(what, f"joint node {missing[0]}", todo)
+    inverse_bind = np.tile(np.eye(4), (len(joints), 1, 1))
+    if "inverseBindMatrices" in entry:
+        stored = gltf.accessor(entry["inverseBindMatrices"]).astype(np.float64)
+        if len(stored) < len(joints) or stored.shape[1] != 16 or not np.all(np.isfinite(stored)):
+            got = f"{len(stored)} for {len(joints)} joints, or entries that are not finite"
+            raise gltf.broken(f"skin {number} has broken inverseBindMatrices", got)
+        inverse_bind = stored[: len(joints)].reshape(-1, 4, 4).swapaxes(1, 2)  # stored column by column
+    chosen, weights = _influences(gltf, number, columns)
+    used = weights > 0.0
+    if np.any(outside := used & ((chosen < 0) | (chosen >= len(joints)))):
+        got = f"joint {int(chosen[outside][0])} of {len(joints)}"
+        raise gltf.broken(f"skin {number} is followed by vertices of joints that it has not", got)
+    weights, notes = _summing_to_one(gltf, number, weights)
+    rows = np.broadcast_to(np.arange(len(weights))[:, None], weights.shape)
+    used = weights > 0.0
+    from scipy.sparse import csr_matrix
+
+    sparse = csr_matrix((weights[used], (rows[used], chosen[used])), shape=(len(weights), len(joints)))
+    return Skin(np.array([place[joint] for joint in joints], np.int64), inverse_bind, sparse), notes
+
+
+def _influences(gltf: Gltf, number: int, columns: Columns) -> tuple[NDArray[np.int64], Floats]:
+    """Return the joints and weights (V, 4 n) of all sets of a primitive."""
+    sets = sorted(name.removeprefix("JOINTS_") for name in columns if name.startswith("JOINTS_"))
+    chosen = np.concatenate([columns[f"JOINTS_{k}"].astype(np.int64) for k in sets], axis=1)
+    values = [columns.get(f"WEIGHTS_{k}") for k in sets]
+    present = [dequantised(value).astype(np.float64) for value in values if value is not None]
+    weights = np.concatenate([np.zeros((len(chosen), 0)), *present], axis=1)
+    if weights.shape != chosen.shape:
+        got = f"{weights.shape[1]} weights a vertex for {chosen.shape[1]} joints"
+        raise gltf.broken(f"skin {number} has joints without weights", got)
+    bad = ~np.isfinite(weights) | (weights < 0.0)
+    if np.any(bad):
+        got = f"{float(weights[bad][0]):g} at vertex {int(np.nonzero(bad)[0][0])}"
+        raise gltf.broken(f"skin {number} has broken weights", got, "paint the weights anew, or export it again")
+    return chosen, weights
+
+
+def _summing_to_one(gltf: Gltf, number: int, weights: Floats) -> tuple[Floats, tuple[str, ...]]:
+    """Return weights whose rows sum to 1, and notes where they were far off.
+
+    A vertex without any weight follows the first joint that it names.
+    """
+    total = weights.sum(axis=1)
+    off = np.abs(total - 1.0)
+    lost = total <= 0.0
+    notes = []
+    if np.any(lost):
+        notes.append(
+            f"{gltf.path} - skin {number} has {np.count_nonzero(lost)} vertices without weights - they follow the "
+            "first joint that they name"
+        )
+    if np.any(far := ~lost & (off > _NOTED_SUM_ERROR)):
+        notes.append(
+            f"{gltf.path} - skin {number} has weights that do not sum to 1 (got {total[far][np.argmax(off[far])]:.3g}) "
+            "- they are scaled to it"
+        )
+    scaled = ~lost & (off > _SUM_ERROR * np.count_nonzero(weights, axis=1))
+    weights = np.where(scaled[:, None], weights / np.where(lost, 1.0, total)[:, None], weights)
+    weights[lost, 0] = 1.0
+    return weights, tuple(notes)

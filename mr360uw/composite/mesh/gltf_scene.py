@@ -6,6 +6,7 @@ Parts are at rest: morph targets have the weights and skins the joints that the 
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -14,9 +15,12 @@ from typing import Any, cast
 
 import numpy as np
 
-from mr360uw.composite.mesh.gltf import BROKEN, Gltf, extension_notes, open_gltf
-from mr360uw.composite.mesh.gltf_rig import (
+from mr360uw.composite.mesh.gltf import (
+    BROKEN,
+    Gltf,
     Primitive,
+    extension_notes,
+    open_gltf,
     read_primitive,
     read_skeleton,
     read_skin,
@@ -25,7 +29,7 @@ from mr360uw.composite.mesh.gltf_rig import (
 )
 from mr360uw.composite.mesh.material import MAPS, MapCoordinates, MappedMaterial, Material, MeshFile, Part, Rigging
 from mr360uw.composite.mesh.skin import Animation, Channel, Curve, Interpolation, Target, UnplacedSurface
-from mr360uw.composite.mesh.texture import Pixels, Texture, Wrap, decode_image, make_texture
+from mr360uw.composite.mesh.texture import Texture, Wrap, decode_image, make_texture
 from mr360uw.composite.settings import FARTHEST
 from mr360uw.errors import MeshError
 from mr360uw.reading.input_files import TRIANGLES
@@ -114,10 +118,8 @@ class ClipReader:
         return values / length
 
     def _broken(self, number: int, what: str, got: str) -> MeshError:
-        name = self.names[number]
-        return MeshError(
-            f'{self.gltf.path} - animation {name!r} {what} (got {got}) - export it again, or play none (animation = "")'
-        )
+        instead = 'export it again, or play none (animation = "")'
+        return self.gltf.broken(f"animation {self.names[number]!r} {what}", got, instead)
 
 
 def _worst(values: Floats) -> float:
@@ -146,7 +148,10 @@ class _SceneReader:
         self.reader = MaterialReader(gltf)
         self.numbers: dict[int | None, int] = {}
         self.materials: list[MappedMaterial] = []
-        self.primitives: dict[tuple[int, int], Primitive | None] = {}
+        # several nodes may show a primitive
+        self.primitive = functools.cache(
+            lambda mesh, k: read_primitive(gltf, gltf.entry("meshes", mesh)["primitives"][k])
+        )
         self.notes: dict[str, None] = {}  # in order, once each
         self.triangles = 0
 
@@ -178,10 +183,7 @@ class _SceneReader:
         mesh = self.gltf.entry("meshes", node["mesh"])
         name = "/".join(dict.fromkeys(str(entry["name"]) for entry in (node, mesh) if entry.get("name")))
         for k, entry in enumerate(mesh["primitives"]):
-            place = node["mesh"], k
-            if place not in self.primitives:  # several nodes may show it
-                self.primitives[place] = read_primitive(self.gltf, entry)
-            primitive = self.primitives[place]
+            primitive = self.primitive(node["mesh"], k)
             if primitive is None:
                 self._note("has points or lines - they are not drawn")
                 continue
@@ -219,7 +221,7 @@ class _SceneReader:
         self.notes[f"{self.gltf.path} - {text}"] = None
 
 
-# Materials of glTF 2.0 (section 3.9 of its specification) and of the extensions that `gltf.FOLLOWED` lists.
+# Materials of glTF 2.0 (section 3.9 of its specification) and of extensions (`data/gltf_extensions.csv`).
 
 _WRAPS: dict[int, Wrap] = {10497: "repeat", 33071: "clamp", 33648: "mirror"}
 
@@ -235,8 +237,8 @@ class MaterialReader:
     def __init__(self, gltf: Gltf) -> None:
         self.gltf = gltf
         self.notes: list[str] = []
-        self._pixels: dict[int, Pixels] = {}
-        self._textures: dict[tuple[int, bool, tuple[Wrap, Wrap]], Texture] = {}
+        pixels = functools.cache(lambda image: decode_image(gltf.image(image), f"{gltf.path} image {image}"))
+        self._made = functools.cache(lambda image, srgb, wrap: make_texture(pixels(image), srgb=srgb, wrap=wrap))
 
     def read(self, number: int) -> MappedMaterial:
         """Return a material of the file's list."""
@@ -292,10 +294,8 @@ class MaterialReader:
         """Raise `MeshError` where a factor is not finite, or one of light or reflection is negative."""
         placed = [n for one in coordinates for n in (*one.offset, *one.scale, one.rotation_rad)]
         if bad := [*material.wrong_factors, *(factor for factor in placed if not math.isfinite(factor))]:
-            raise MeshError(
-                f"{self.gltf.path} - material {material.name!r} has a factor that is negative or not finite (got "
-                f"{bad[0]:g}) - correct the material"
-            )
+            what = f"material {material.name!r} has a factor that is negative or not finite"
+            raise self.gltf.broken(what, f"{bad[0]:g}", "correct the material")
 
     def _from_glossiness(self, name: str, entry: dict[str, Any]) -> dict[str, Any]:
         """Return the diffuse half of KHR_materials_pbrSpecularGlossiness as a dielectric."""
@@ -324,12 +324,7 @@ class MaterialReader:
             raise MeshError(f"{self.gltf.path} - texture {number} is of a kind that is not read - export PNG or JPEG")
         sampler = self.gltf.entry("samplers", entry["sampler"]) if "sampler" in entry else {}
         wrap = _WRAPS[sampler.get("wrapS", 10497)], _WRAPS[sampler.get("wrapT", 10497)]
-        key = (source, srgb, wrap)
-        if key not in self._textures:
-            if source not in self._pixels:
-                self._pixels[source] = decode_image(self.gltf.image(source), f"{self.gltf.path} image {source}")
-            self._textures[key] = make_texture(self._pixels[source], srgb=srgb, wrap=wrap)
-        return self._textures[key]
+        return self._made(source, srgb, wrap)
 
     def _note(self, text: str) -> None:
         note = f"{self.gltf.path} - {text}"

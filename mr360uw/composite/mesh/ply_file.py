@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from mr360uw.color import decode
 from mr360uw.composite.mesh.material import Material, MeshFile, Part
-from mr360uw.composite.mesh.polygons import Polygons, polygons_of
+from mr360uw.composite.mesh.polygons import Polygons, check_corners, polygons_of
 from mr360uw.composite.mesh.texture import Texture, decode_image, make_texture
 from mr360uw.errors import MeshError
 from mr360uw.reading.input_files import TRIANGLES, neighbour, read_data, text_of
@@ -40,11 +40,12 @@ _SHADES = re.compile(r"quality|intensity|reflectance|scalar|label|class|gr[ae]y|
 
 @dataclass(frozen=True, slots=True)
 class _Property:
-    """Values of an element. type, size_type: of a value, and of the length of a list, "" of a plain number."""
+    """Values of an element. type: as in the header. stored: how a value is stored, and size the length of a list."""
 
     name: str
     type: str
-    size_type: str = ""
+    stored: np.dtype[Any]
+    size: np.dtype[Any] | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -59,82 +60,56 @@ class _Values:
 _Element = dict[str, _Values]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Source:
-    """The rows of a file: numbers of text, else bytes in an order, "<" or ">"."""
+def _taken(data: NDArray[np.uint8], places: NDArray[np.int64], kind: np.dtype[Any]) -> NDArray[Any]:
+    """Return the values (n,) at places (n,) of bytes."""
+    return data[places[:, None] + np.arange(kind.itemsize)].view(kind).reshape(len(places))
 
-    numbers: Floats
-    data: NDArray[np.uint8]
-    order: str
 
-    def width(self, kind: str) -> int:
-        """Return the length of a value: 1 in text, else in bytes."""
-        return np.dtype(kind).itemsize if self.order else 1
+def _element(data: NDArray[np.uint8], start: int, count: int, properties: list[_Property]) -> tuple[_Element, int]:
+    """Return an element whose rows begin at a place, and where they end.
 
-    @property
-    def length(self) -> int:
-        """Where the file ends."""
-        return len(self.data) if self.order else len(self.numbers)
+    Rows are as long as the first one where all their lists are; else they are passed one by one.
+    """
+    # Take all rows to be like the first, and look whether their lists say the same
+    none = [0] * len(properties)
+    sizes, places, length = _row(data, start, properties) if count else (none, none, 0)
+    end, rows = start + length * count, length * np.arange(count)
+    at, many = [place + rows for place in places], [np.full(count, size) for size in sizes]
+    alike = end <= len(data) and all(
+        np.all(_taken(data, place - one.size.itemsize, one.size) == size)
+        for one, place, size in zip(properties, at, sizes, strict=True)
+        if one.size is not None
+    )
+    # Else find every row where the one before it ends
+    if not alike:
+        table, end = np.empty((count, 2, len(properties)), np.int64), start
+        for row in range(count):
+            table[row, 0], table[row, 1], length = _row(data, end, properties)
+            end += length
+        many, at = list(table[:, 0].T), list(table[:, 1].T)
+    # Take the values of each property
+    found: _Element = {}
+    for one, begins, counts in zip(properties, at, many, strict=True):
+        within = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
+        flat = _taken(data, np.repeat(begins, counts) + within * one.stored.itemsize, one.stored)
+        found[one.name] = _Values(flat, counts, one.type)
+    return found, end
 
-    def take(self, places: NDArray[np.int64], kind: str) -> NDArray[Any]:
-        """Return the values (n,) at places (n,)."""
-        if not self.order:
-            return self.numbers[places]
-        each = self.data[places[:, None] + np.arange(self.width(kind))]
-        return each.view(self.order + kind).reshape(len(places))
 
-    def element(self, start: int, count: int, properties: list[_Property]) -> tuple[_Element, int]:
-        """Return an element whose rows begin at a place, and where they end.
-
-        Rows are as long as the first one where all their lists are; else they are passed one by one.
-        """
-        sizes, places, length = (
-            self._row(start, properties) if count else ([1] * len(properties), [0] * len(properties), 0)
-        )
-        rows = np.arange(count)
-        at = [place + length * rows for place in places]
-        many = [np.full(count, size) for size in sizes]
-        alike = start + length * count <= self.length and all(
-            np.all(self.take(place - self.width(one.size_type), one.size_type) == size)
-            for one, place, size in zip(properties, at, sizes, strict=True)
-            if one.size_type
-        )
-        end = start + length * count
-        # Else find every row where the one before it ends
-        if not alike:
-            table, end = np.empty((count, 2, len(properties)), np.int64), start
-            for row in range(count):
-                table[row, 0], table[row, 1], length = self._row(end, properties)
-                end += length
-            many, at = list(table[:, 0].T), list(table[:, 1].T)
-        found = {one.name: self._values(one, *both) for one, *both in zip(properties, at, many, strict=True)}
-        return found, end
-
-    def _row(self, start: int, properties: list[_Property]) -> tuple[list[int], list[int], int]:
-        """Return how many values each property has in a row, where they begin, and the row's length."""
-        sizes, places, place = [], [], start
-        for one in properties:
-            size = 1
-            if one.size_type:
-                size = self._size(place, one.size_type)
-                place += self.width(one.size_type)
-                if size < 0:
-                    raise ValueError(f"a list of {size} values")
-            sizes.append(size)
-            places.append(place)
-            place += size * self.width(one.type)
-        return sizes, places, place - start
-
-    def _size(self, place: int, kind: str) -> int:
-        """Return the length of a list."""
-        if not self.order:
-            return int(self.numbers[place])
-        written = self.data[place : place + self.width(kind)].tobytes()
-        return int.from_bytes(written, "little" if self.order == "<" else "big", signed=kind[0] == "i")
-
-    def _values(self, one: _Property, places: NDArray[np.int64], sizes: NDArray[np.int64]) -> _Values:
-        within = np.arange(sizes.sum()) - np.repeat(np.cumsum(sizes) - sizes, sizes)
-        return _Values(self.take(np.repeat(places, sizes) + within * self.width(one.type), one.type), sizes, one.type)
+def _row(data: NDArray[np.uint8], start: int, properties: list[_Property]) -> tuple[list[int], list[int], int]:
+    """Return how many values each property has in a row, where they begin, and the row's length."""
+    sizes, places, place = [], [], start
+    for one in properties:
+        size = 1
+        if one.size is not None:
+            size = int(data[place : place + one.size.itemsize].view(one.size)[0])
+            place += one.size.itemsize
+            if size < 0:
+                raise ValueError(f"a list of {size} values")
+        sizes.append(size)
+        places.append(place)
+        place += size * one.stored.itemsize
+    return sizes, places, place - start
 
 
 def read_ply(path: Path, *, outside: bool = False) -> MeshFile:
@@ -156,7 +131,7 @@ def read_ply(path: Path, *, outside: bool = False) -> MeshFile:
 
 def _elements(path: Path, lines: list[list[str]], body: bytes) -> Iterator[tuple[str, _Element]]:
     """Yield the elements of a file by their names."""
-    # Read the header: elements in the order of their rows, each with its properties
+    # Read the header: elements in the order of their rows, each with its properties; text becomes doubles
     declared: list[tuple[str, int, list[_Property]]] = []
     order = ""
     for line in lines:
@@ -164,21 +139,20 @@ def _elements(path: Path, lines: list[list[str]], body: bytes) -> Iterator[tuple
             order = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}[line[1].lower()]
         elif line[:1] == ["element"]:
             declared.append((line[1], int(line[2]), []))
-        elif line[:2] == ["property", "list"]:
-            declared[-1][2].append(_Property(line[4].lower(), _TYPES[line[3]], _TYPES[line[2]]))
         elif line[:1] == ["property"]:
-            declared[-1][2].append(_Property(line[2].lower(), _TYPES[line[1]]))
+            kinds = [_TYPES[word] for word in (line[2:4] if line[1] == "list" else line[1:2])]
+            stored = [np.dtype(order + kind if order else "f8") for kind in kinds]
+            declared[-1][2].append(_Property(line[2 * len(kinds)].lower(), kinds[-1], *reversed(stored)))
     # Read the rows; none that is promised may be missing
-    numbers = np.zeros(0) if order else np.array(body.split(), np.float64)
-    source = _Source(numbers, np.frombuffer(body, np.uint8), order)
+    data = np.frombuffer(body if order else np.array(body.split(), np.float64), np.uint8)
     start = 0
     for name, count, properties in declared:
         if name == "face":
             TRIANGLES.check(str(path), count, MeshError)
-        least = sum(source.width(one.size_type or one.type) for one in properties)
-        if count < 0 or count * least > source.length - start:
+        least = sum((one.size or one.stored).itemsize for one in properties)
+        if count < 0 or count * least > len(data) - start:
             raise ValueError(f"fewer than the {count} rows of {name} that its header promises")
-        found, start = source.element(start, count, properties)
+        found, start = _element(data, start, count, properties)
         yield name, found
 
 
@@ -194,7 +168,9 @@ def _contents(path: Path, elements: dict[str, _Element], head: str, *, outside: 
         if {"f_dc_0", "packed_position"} & set(vertex):
             what, out = "Gaussian splats, which have no surface", "export a mesh from the program that made them"
         raise MeshError(f"{path} - has {what} - {out}")
-    polygons = _polygons(path, points, corners)
+    place = corners.flat.astype(np.int64)
+    check_corners(path, place, len(points))
+    polygons = polygons_of(points, corners.sizes, place, left_handed=False)
     TRIANGLES.check(str(path), len(polygons.faces), MeshError)
     # Bring everything to the corners of the polygons
     notes: list[str] = []
@@ -243,18 +219,6 @@ def _of_strips(strips: _Values) -> _Values:
         triangles[1::2] = triangles[1::2, ::-1]
     flat = np.concatenate(found).ravel() if found else np.zeros(0, np.int64)
     return _Values(flat, np.full(len(flat) // 3, 3), strips.type)
-
-
-def _polygons(path: Path, points: Floats, corners: _Values) -> Polygons:
-    """Return the polygons; raise `MeshError` where one is of a vertex that is not there."""
-    place = corners.flat.astype(np.int64)
-    wrong = place[(place < 0) | (place >= len(points))]
-    if len(wrong):
-        raise MeshError(
-            f"{path} - has a face of a vertex that is not there (got {wrong[0]} of {len(points)}, the first is 0)"
-            " - export it again"
-        )
-    return polygons_of(points, corners.sizes, place, left_handed=False)
 
 
 def _columns(element: _Element, names: tuple[str, ...]) -> Floats | None:

@@ -4,11 +4,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mr360uw.errors import MeshError
 from mr360uw.types import Floats
 
 _FLAT = 1e-12
@@ -44,6 +46,16 @@ class Polygons:
         if len(array) < wanted or (interpolation in sizes and len(array) > wanted > 1):
             raise ValueError(f"{len(array)} values of {name} for {wanted}")
         return np.asarray(array[owner])
+
+
+def check_corners(path: Path, corners: NDArray[np.int64], count: int) -> None:
+    """Raise `MeshError` where a polygon of a file has a corner at none of its `count` vertices."""
+    wrong = corners[(corners < 0) | (corners >= count)]
+    if len(wrong):
+        raise MeshError(
+            f"{path} - has a face of a vertex that is not there (got {wrong[0]} of {count}, the first is 0)"
+            " - export it again"
+        )
 
 
 def polygons_of(points: Floats, counts: Any, corners: Any, *, left_handed: bool, holes: Any = ()) -> Polygons:

@@ -29,7 +29,7 @@ _OTHER_LINES = re.compile(rb"^(?![ \t]*vertex\b)[^\r\n]*$", re.IGNORECASE | re.M
 _MATERIALS = Material(double_sided=True), Material(base_color=(1.0, 1.0, 1.0, 1.0), double_sided=True)
 
 
-def read_stl(path: Path) -> MeshFile:
+def read_stl(path: Path, *, outside: bool = False) -> MeshFile:  # noqa: ARG001 - it names no other files
     """Return the triangles of an STL; raise `MeshError`."""
     data = read_data(path, MeshError).removeprefix(b"\xef\xbb\xbf")
     count = int.from_bytes(data[_HEAD:_COUNT_END], "little")

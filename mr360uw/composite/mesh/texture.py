@@ -22,12 +22,12 @@ from numpy.typing import ArrayLike, NDArray
 from mr360uw.color import decode
 from mr360uw.errors import MeshError
 from mr360uw.jit import exact
-from mr360uw.reading.input_files import TEXTURE, picture_size, read_data
+from mr360uw.reading.input_files import TEXTURE, read_data
+from mr360uw.reading.picture_parts import PNG_START, picture_size
 from mr360uw.texels import between_four, texels_around
 from mr360uw.types import Floats
 
 Pixels = NDArray[np.uint8] | NDArray[np.uint16]
-_PNG = b"\x89PNG\r\n\x1a\n"
 _PNG_DEPTH = 24
 """Byte offset of the bit depth in a PNG file."""
 _BROKEN = (OSError, ValueError, IndexError, KeyError, TypeError, SyntaxError, OverflowError, EOFError, MemoryError)
@@ -45,14 +45,9 @@ def decode_image(data: bytes, where: str) -> Pixels:
     Raises `MeshError`.
     """
     with _opened(data, where) as image:
-        if data.startswith(_PNG) and data[_PNG_DEPTH] == 16:
+        if data.startswith(PNG_START) and data[_PNG_DEPTH] == 16:
             return _sixteen_bits(data)
         return pixels(image)
-
-
-def _unreadable(where: str, error: Exception) -> MeshError:
-    what = "no kind of picture that is known" if "identify" in str(error) else str(error) or type(error).__name__
-    return MeshError(f"{where} - a texture cannot be read (got: {what:.120}) - give a PNG or JPEG")
 
 
 @contextmanager
@@ -73,7 +68,8 @@ def _opened(data: bytes, where: str) -> Iterator[Any]:
     except MeshError:
         raise
     except (*_BROKEN, Image.DecompressionBombError, cv2.error) as error:
-        raise _unreadable(where, error) from error
+        what = "no kind of picture that is known" if "identify" in str(error) else str(error) or type(error).__name__
+        raise MeshError(f"{where} - a texture cannot be read (got: {what:.120}) - give a PNG or JPEG") from error
 
 
 def pixels(image: Any) -> NDArray[np.uint8]:

@@ -31,7 +31,8 @@ from mr360uw.composite.shot import PlacedObject, Receiver, Shot
 from mr360uw.errors import MeshError
 from mr360uw.jit import exact
 from mr360uw.rays import RayScene, barycentric
-from mr360uw.reading.input_files import PICTURE, picture_size, read_data
+from mr360uw.reading.input_files import PICTURE, read_data
+from mr360uw.reading.picture_parts import picture_size
 from mr360uw.shapes import checked
 from mr360uw.types import Floats, View
 

@@ -102,14 +102,9 @@ def _noise(
 def planes_from_linear(linear: Floats, planes: YuvImage, wrap: bool = True) -> None:
     """Write a whole picture of linear Rec.709 light (H, W, 3), dithered, into planes that are about to hold it."""
     y_offset, _, c_offset, _ = code_range(planes.spec)
-    black = YuvImage(
-        np.full_like(planes.y, y_offset),
-        np.full_like(planes.u, c_offset),
-        np.full_like(planes.v, c_offset),
-        planes.spec,
-    )
-    np.copyto(planes.u, black.u)
-    np.copyto(planes.v, black.v)
+    of_luma, of_chroma = np.full_like(planes.y, y_offset), np.full_like(planes.u, c_offset)
+    black = YuvImage(of_luma, of_chroma, of_chroma, planes.spec)
+    planes.u[...] = planes.v[...] = c_offset
     everything = np.ones(planes.y.shape, np.float32)
     opaque = Tile(0, 0, linear, everything, everything, np.ones_like(linear), linear)
     lay_over_planes(black, planes, opaque, 0, wrap, composite=linear)
@@ -176,11 +171,13 @@ def lay_over_codes(
 # Converts between PyAV frames and planes.
 
 
-def plane_views(native: Any, spec: ColorSpec) -> YuvImage:
-    """Return the planes of a PyAV frame as arrays that share its memory and keep it alive."""
+def plane_views(native: Any, spec: ColorSpec, *, locked: bool = False) -> YuvImage:
+    """Return the planes of a PyAV frame as arrays that share its memory and keep it alive. locked: read-only."""
     dtype = np.dtype(np.uint8 if spec.bits <= 8 else np.uint16)
-    y, u, v = native.planes
-    return YuvImage(_view(y, dtype), _view(u, dtype), _view(v, dtype), spec)
+    y, u, v = (_view(plane, dtype) for plane in native.planes)
+    for plane in (y, u, v):
+        plane.flags.writeable = plane.flags.writeable and not locked
+    return YuvImage(y, u, v, spec)
 
 
 def _view(plane: Any, dtype: np.dtype[Any]) -> NDArray[Any]:

@@ -258,8 +258,7 @@ def fed(shader: Any, name: str, default: tuple[float, ...], time: Any) -> tuple[
     """
     from pxr import UsdShade
 
-    given = shader.GetInput(name)
-    for source in given.GetValueProducingAttributes() if given else ():
+    for source in _sources(shader, name):
         if UsdShade.Output.IsOutput(source):
             node = UsdShade.Shader(source.GetPrim())
             return _of_node(node, source.GetName().split(":", 1)[-1], default, time)
@@ -267,6 +266,12 @@ def fed(shader: Any, name: str, default: tuple[float, ...], time: Any) -> tuple[
         if value is not None:
             return tuple(float(v) for v in np.ravel(np.asarray(value, np.float64))), ""
     return default, ""
+
+
+def _sources(node: Any, name: str, *, outputs: bool = False) -> Any:
+    """Return the attributes that give an input its value. outputs: of other nodes alone."""
+    given = node.GetInput(name)
+    return given.GetValueProducingAttributes(outputs) if given else ()
 
 
 def _of_node(node: Any, output: str, default: tuple[float, ...], time: Any) -> tuple[Fed, str]:
@@ -311,10 +316,7 @@ def _before(node: Any, name: str) -> Any:
     """Return the shader that feeds an input, or None."""
     from pxr import UsdShade
 
-    given = node.GetInput(name)
-    for source in given.GetValueProducingAttributes(True) if given else ():
-        return UsdShade.Shader(source.GetPrim())
-    return None
+    return next((UsdShade.Shader(source.GetPrim()) for source in _sources(node, name, outputs=True)), None)
 
 
 def _kind(node: Any) -> str:
@@ -322,10 +324,7 @@ def _kind(node: Any) -> str:
 
 
 def _value(node: Any, name: str, time: Any) -> Any:
-    given = node.GetInput(name)
-    for source in given.GetValueProducingAttributes() if given else ():
-        return source.Get(time)
-    return None
+    return next((source.Get(time) for source in _sources(node, name)), None)
 
 
 def _text(node: Any, name: str, time: Any, default: str) -> str:
