@@ -24,30 +24,11 @@ from mr360uw.reading.input_files import OBJECTS
 from mr360uw.shapes import checked
 from mr360uw.types import Floats
 
-_AT_REST = {
-    name: ObjectSettings.model_fields[name].default
-    for name in (
-        "position_m",
-        "azimuth_deg",
-        "elevation_deg",
-        "distance_m",
-        "stand_on",
-        "rotation_deg",
-        "face",
-        "front",
-        "size_m",
-        "scale",
-        "attach",
-        "key",
-        "interpolation",
-        "animation",
-        "loop",
-        "speed",
-        "start_s",
-        "casts_shadow",
-        "visible",
-    )
-}
+_MOVING = (
+    "position_m", "azimuth_deg", "elevation_deg", "distance_m", "stand_on", "rotation_deg", "face", "front", "size_m",
+    "scale", "attach", "key", "interpolation", "animation", "loop", "speed", "start_s", "casts_shadow", "visible",
+)  # fmt: skip
+_AT_REST = {name: ObjectSettings.model_fields[name].default for name in _MOVING}
 """The settings that do not change an object's meshes."""
 _RIGS = 4096
 """Files of meshes that are reads: all of a long sequence."""

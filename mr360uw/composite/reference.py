@@ -219,7 +219,7 @@ def draw_receiver(
     area = np.tile(WHOLE_PIXEL, (len(rows), 1))
     area[gap >= 0] = gaps.area[gap[gap >= 0]]
     # Meet the receiver there
-    distance, normal = shape.meet(shot, *place.T)
+    distance, normal = shape.meet(shot.view, *place.T)
     hit = np.isfinite(distance)
     rows, columns, distance, normal, area = rows[hit], columns[hit], distance[hit], normal[hit], area[hit]
     x, y = place[hit].T

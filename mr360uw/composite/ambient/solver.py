@@ -605,7 +605,7 @@ def _seen(shot: Shot, shape: ReceiverShape, placed: PlacedObject) -> float | Non
     middle[1] = points[:, 1].min()
     ray = middle - shot.view.position
     x, y = shot.view.places(ray[None])
-    distance, _ = shape.meet(shot, x, y)
+    distance, _ = shape.meet(shot.view, x, y)
     if not np.isfinite(distance[0]):
         return None
     return float(shot.view.position[1] + shot.view.points(shot.view.directions(x, y), distance)[0, 1])

@@ -196,7 +196,7 @@ class ReceiverPass:
 
         wanted: features to compute, of SHADOW, CAUSTICS, ROUGH (all light, for rough blocks) and, with ROUGH, LAMPS.
         """
-        shape = None if _on_plane(lit[0], wanted) else ground.pixels(lit[0], j, i)
+        shape = None if _on_plane(lit[0], wanted) else ground.pixels(j, i)
         named = self._samples(lit, float(BLOCK) * np.stack([i, j], axis=-1), halo, wanted, BLOCK, 1, shape)
         some, block = ground.gaps_in(gaps, j, i)
         if len(block):
@@ -208,7 +208,7 @@ class ReceiverPass:
         """Return what `_pixels` does in gaps, (n, 1, 1, k), with shadows averaged over their areas."""
         shape = None
         if not _on_plane(lit[0], wanted):
-            point, normal = ground.meet(lit[0], *gaps.place.T)
+            point, normal = ground.meet(*gaps.place.T)
             shape = np.append(normal, np.linalg.norm(point, axis=-1)[:, None], axis=1)[:, None, None]
         halo = np.full((len(gaps.place), 4), -1.0)
         return self._samples(lit, gaps.place - 0.5, halo, wanted, 1, 1, shape, gaps.area)
