@@ -13,9 +13,10 @@ device: light_visibility.py.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
-from typing import NamedTuple
+from functools import cached_property
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,7 +38,7 @@ LARGEST_CHANGE = 1.0
 plane."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Geometry:
     """Triangles of several objects, one array each (T, ...); positions from the camera, axes of the world.
 
@@ -55,6 +56,11 @@ class Geometry:
     patch: NDArray[np.int64]
     materials: tuple[Material, ...]
 
+    @cached_property
+    def scene(self) -> RayScene:
+        """The triangles for rays, made when it is first asked for."""
+        return RayScene(self.positions)
+
     def some(self, triangles: NDArray[np.int64]) -> Geometry:
         """Return some of the triangles, with all materials."""
         arrays = {field.name: getattr(self, field.name) for field in fields(self) if field.name != "materials"}
@@ -63,31 +69,22 @@ class Geometry:
 
 def gather(objects: Sequence[PlacedObject], camera_position: Floats) -> Geometry:
     """Return the triangles of objects in world axes, from the camera."""
-    further = max((placed.mesh.more_uv.shape[2] for placed in objects), default=0)
-    empty = {
-        "positions": np.zeros((0, 3, 3)), "normals": np.zeros((0, 3, 3)), "uv": np.zeros((0, 3, 2)),
-        "more_uv": np.zeros((0, 3, further, 2)), "colors": np.zeros((0, 3, 4)),
-    }  # fmt: skip
-    columns: dict[str, list[Floats]] = {name: [value] for name, value in empty.items()}
-    numbers: dict[str, list[NDArray[np.int64]]] = {name: [] for name in ("object", "material", "patch")}
+    further, number = max((placed.mesh.more_uv.shape[2] for placed in objects), default=0), np.zeros(0, np.int64)
+    found: list[tuple[NDArray[Any], ...]] = [
+        (*np.zeros((2, 0, 3, 3)), np.zeros((0, 3, 2)), np.zeros((0, 3, further, 2)), np.zeros((0, 3, 4)), *[number] * 3)
+    ]
     materials: list[Material] = []
     patches = 0
     for index, placed in enumerate(objects):
-        mesh = placed.mesh
-        linear = placed.world_from_object[:3, :3]
-        columns["positions"].append(placed.triangles - camera_position)
-        columns["normals"].append(mesh.normals @ linear.T / placed.scale)
-        columns["uv"].append(mesh.uv)
-        columns["more_uv"].append(np.pad(mesh.more_uv, ((0, 0), (0, 0), (0, further - mesh.more_uv.shape[2]), (0, 0))))
-        columns["colors"].append(mesh.colors)
-        numbers["object"].append(np.full(len(mesh.positions), index, np.int64))
-        numbers["material"].append(mesh.material.astype(np.int64) + len(materials))
-        numbers["patch"].append(mesh.patch.astype(np.int64) + patches)
+        mesh, linear = placed.mesh, placed.world_from_object[:3, :3]
+        more_uv = np.pad(mesh.more_uv, ((0, 0), (0, 0), (0, further - mesh.more_uv.shape[2]), (0, 0)))
+        numbers = np.full(len(mesh.positions), index), mesh.material + len(materials), mesh.patch + patches
+        positions, normals = placed.triangles - camera_position, mesh.normals @ linear.T / placed.scale
+        found.append((positions, normals, mesh.uv, more_uv, mesh.colors, *(n.astype(np.int64) for n in numbers)))
         materials += mesh.materials
         patches += int(mesh.patch.max()) + 1
-    arrays = {name: np.concatenate(values) for name, values in columns.items()}
-    labels = {name: np.concatenate([np.zeros(0, np.int64), *values]) for name, values in numbers.items()}
-    return Geometry(**arrays, **labels, materials=tuple(materials))  # type: ignore[arg-type]
+    columns: list[Any] = [np.concatenate(column) for column in zip(*found, strict=True)]
+    return Geometry(*[*columns, tuple(materials)])
 
 
 def occluding(objects: Sequence[PlacedObject], camera_position: Floats) -> Floats:
@@ -201,17 +198,12 @@ _MOST_SURFACES, _DARK = 64, 1e-4
 
 
 def surfaces_along(
-    geometry: Geometry,
-    scene: RayScene,
-    origins: Floats,
-    directions: Floats,
-    least: float,
-    reach_m: Floats | float = np.inf,
+    geometry: Geometry, origins: Floats, directions: Floats, least: float, reach_m: Floats | float = np.inf
 ) -> MetSurfaces:
-    """Return what rays (n, 3) meet of the triangles of a geometry, which `scene` has in the same order: the first, and
-    those behind surfaces that let light through. least: length of the shortest step behind one. reach_m: (n,), or a
-    number, how far they go.
+    """Return what rays (n, 3) meet of the triangles of a geometry: the first, and those behind surfaces that let light
+    through. least: length of the shortest step behind one. reach_m: (n,), or a number, how far they go.
     """
+    scene = geometry.scene
     start = np.asarray(origins, np.float64)
     # Rays of no end among opaque surfaces meet the first alone
     if np.all(np.isinf(reach_m)) and all(m.alpha_mode == "OPAQUE" for m in geometry.materials):
@@ -239,6 +231,42 @@ def surfaces_along(
         if len(ray) == 0:
             break
     return MetSurfaces(*(np.concatenate(column) for column in zip(*found, strict=True)))
+
+
+def next_surfaces(
+    geometry: Geometry,
+    rays: tuple[Floats, Floats],
+    active: NDArray[np.int64],
+    behind_m: Floats,
+    uv_change_of: Callable[[NDArray[np.int64], Floats, NDArray[np.int64], Floats], Floats] | None = None,
+) -> tuple[NDArray[np.int64], NDArray[np.int64], Floats, NDArray[np.bool_]]:
+    """Return those of the active rays (m,) that meet a triangle behind what they met before, its number, its distance
+    [m], and whether it is seen there: not where it is the back of a one-sided material, or masked out.
+
+    rays: origins and directions (n, 3) of all. behind_m: (n,) from where on each is followed, which moves behind what
+    it meets. uv_change_of: returns the change (k, 2, 2) of (u, v) over a pixel at which masks are read, of numbers of
+    rays, corners, triangles and weights; None for their finest level.
+    """
+    # Find the next triangle of each
+    origin, direction = (a[active] for a in rays)
+    triangle = geometry.scene.first_hit(origin + behind_m[active, None] * direction, direction)
+    hit = triangle >= 0
+    active, triangle, origin, direction = active[hit], triangle[hit], origin[hit], direction[hit]
+    corners = geometry.positions[triangle] - origin[:, None]
+    weights, distance = barycentric(corners, direction)
+    behind_m[active] = np.maximum(distance, behind_m[active]) * (1.0 + 4e-6) + 1e-7
+    # Let rays through backs of one-sided faces and texels that are masked out
+    material = geometry.material[triangle]
+    two_sided = np.array([m.double_sided for m in geometry.materials], np.bool_)[material]
+    masked = np.array([m.alpha_mode == "MASK" for m in geometry.materials], np.bool_)[material]
+    solid = two_sided | (np.sum(geometry.scene.normals[triangle] * direction, -1) < 0.0)
+    holed = np.flatnonzero(solid & masked)
+    if len(holed):
+        of = active[holed], corners[holed], triangle[holed], weights[holed]
+        change = np.zeros((len(holed), 2, 2)) if uv_change_of is None else uv_change_of(*of)
+        cutoff = np.array([m.alpha_cutoff for m in geometry.materials])[material[holed]]
+        solid[holed] = base_color(geometry, of[2], of[3], change)[:, 3] >= cutoff
+    return active, triangle, distance, solid
 
 
 def _lookup(texture: Texture, uv: Floats, change: Floats) -> Floats:

@@ -27,8 +27,8 @@ from mr360uw.composite.raycast import (
     MAXIMUM_HITS,
     Geometry,
     Hits,
-    base_color,
     gather,
+    next_surfaces,
     object_rectangles,
     pixel_footprint,
     surface,
@@ -54,7 +54,6 @@ from mr360uw.composite.sampling import (
 )
 from mr360uw.composite.shot import Shot
 from mr360uw.composite.tiles import even_tiles, split
-from mr360uw.rays import RayScene, barycentric
 from mr360uw.shapes import checked
 from mr360uw.types import Floats, Layer, Rectangle, Tile
 
@@ -115,13 +114,12 @@ def _render(shot: Shot, frame: AovFrame | None, cache: Cache) -> Layer:
     if not tiles:
         return Layer(shot.view.height, shot.view.width, ())
     sources = light_sources(shot, Blockers(shot))
-    scene = RayScene(geometry.positions)
     light = ambient_light(shot, cache)
     drawn = []
     for rectangle in tiles:
         tile = empty_tile(rectangle)
         gaps = draw_objects(
-            shot, geometry, scene, sources, light, tile, _inside(object_parts, rectangle, shot.view.width), frame
+            shot, geometry, sources, light, tile, _inside(object_parts, rectangle, shot.view.width), frame
         )
         if shape is not None:
             draw_receiver(shot, shape, sources, light, tile, _inside(receiver_parts, rectangle, shot.view.width), gaps)
@@ -146,7 +144,6 @@ def _inside(parts: list[Rectangle], tile: Rectangle, width: int) -> NDArray[np.b
 def draw_objects(
     shot: Shot,
     geometry: Geometry,
-    scene: RayScene,
     sources: Sequence[LightSource],
     light: AmbientLight | None,
     tile: Tile,
@@ -168,7 +165,7 @@ def draw_objects(
         x, y = i + tile.column, j + tile.row
         radiance, alpha = np.zeros((len(i), 3)), np.zeros(len(i))
         distance = np.full(len(i), np.inf)
-        layers = trace_samples(shot, geometry, scene, samples, x, y)
+        layers = trace_samples(shot, geometry, samples, x, y)
         gaps.append(find_gaps(samples, y, x, layers[-1][0] >= 0))
         # Lay what is blended over the opaque, the nearest first, each shaded once a group
         for triangle, seen_m in layers:
@@ -241,7 +238,7 @@ def draw_receiver(
 
 
 def trace_samples(
-    shot: Shot, geometry: Geometry, scene: RayScene, samples: Pattern, x: NDArray[np.int64], y: NDArray[np.int64]
+    shot: Shot, geometry: Geometry, samples: Pattern, x: NDArray[np.int64], y: NDArray[np.int64]
 ) -> list[tuple[NDArray[np.int64], Floats]]:
     """Return layers (triangle (n, s), distance (n, s) [m]) hit by the samples of pixels; triangle -1 for no hit.
 
@@ -258,39 +255,24 @@ def trace_samples(
     layers = [np.full(count * n, -1, np.int64) for _ in range(BLEND_LAYERS + 1)]
     distances = [np.full(count * n, np.inf) for _ in range(BLEND_LAYERS + 1)]
     filled = np.zeros(count * n, np.int64)
-    mode = np.array([m.alpha_mode for m in geometry.materials] or ["OPAQUE"])
-    two_sided = np.array([m.double_sided for m in geometry.materials] or [True])
-    cutoff = np.array([m.alpha_cutoff for m in geometry.materials] or [0.5])
-    active, start = np.arange(count * n), np.zeros(count * n)
+    blends = np.array([m.alpha_mode == "BLEND" for m in geometry.materials], np.bool_)
+    active, behind_m = np.arange(count * n), np.zeros(count * n)
     pixel = n**-0.5
+
+    def change_of(ray: NDArray[np.int64], corners: Floats, triangle: NDArray[np.int64], weights: Floats) -> Floats:
+        """Return the change of (u, v) over the width of a sample at which masks are read."""
+        x, y = fx[ray], fy[ray]
+        around = np.stack([shot.view.directions(x + pixel, y), shot.view.directions(x, y + pixel)], axis=1)
+        return uv_change(corners, geometry.uv[triangle], weights, around)
+
     # Follow the rays from hit to hit, until all end on what is opaque
     for _ in range(MAXIMUM_HITS):
+        rays = from_middle, direction
+        active, triangle, distance, solid = next_surfaces(geometry, rays, active, behind_m, change_of)
         if len(active) == 0:
             break
-        rays, origin = direction[active], from_middle[active]
-        triangle = scene.first_hit(origin + start[active, None] * rays, rays)
-        hit = triangle >= 0
-        active, triangle, rays, origin = active[hit], triangle[hit], rays[hit], origin[hit]
-        if len(active) == 0:
-            break
-        corners = geometry.positions[triangle] - origin[:, None]
-        weights, distance = barycentric(corners, rays)
-        start[active] = np.maximum(distance, start[active]) * (1.0 + 4e-6) + 1e-7
-        # Let rays through backs of one-sided faces and texels that are masked out
-        material = geometry.material[triangle]
-        flat = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        solid = two_sided[material] | (np.sum(flat * rays, -1) < 0.0)
-        masked = np.flatnonzero(solid & (mode[material] == "MASK"))
-        if len(masked):
-            at = active[masked]
-            around = np.stack(
-                [shot.view.directions(fx[at] + pixel, fy[at]), shot.view.directions(fx[at], fy[at] + pixel)], axis=1
-            )
-            change = uv_change(corners[masked], geometry.uv[triangle[masked]], weights[masked], around)
-            alpha = base_color(geometry, triangle[masked], weights[masked], change)[:, 3]
-            solid[masked] = alpha >= cutoff[material[masked]]
         # Write what is blended to the next free layer, what is opaque to the last
-        blended = solid & (mode[material] == "BLEND")
+        blended = solid & blends[geometry.material[triangle]]
         for k in range(BLEND_LAYERS):
             to = blended & (filled[active] == k)
             layers[k][active[to]], distances[k][active[to]] = triangle[to], distance[to]

@@ -84,7 +84,7 @@ class HeightField:
 
 def make_height_field(transfer: Transfer, linear: Floats) -> HeightField:
     """Return the field of a mesh turned and scaled by `linear` (3, 3)."""
-    points, corners = transfer.blocking.scene.triangles @ linear.T, transfer.corners @ linear.T
+    points, corners = transfer.blocking.geometry.positions @ linear.T, transfer.corners @ linear.T
     # Find the smallest rectangle around the plan, and the heights over it in several places of each cell
     frame, outline = _frame(_hull(corners[:, [0, 2]]))
     low, high = corners[:, 1].min(), corners[:, 1].max()

@@ -32,7 +32,7 @@ from mr360uw.composite.raycast import Geometry, base_color, gather, opacity_key,
 from mr360uw.composite.shot import PlacedObject
 from mr360uw.ibl.splitsum import split_sum
 from mr360uw.jit import exact, inlined
-from mr360uw.rays import RayScene, triple
+from mr360uw.rays import triple
 from mr360uw.reading.disk_cache import Arrays, kept_arrays
 from mr360uw.sphere import unit
 from mr360uw.types import Environment, Floats
@@ -492,12 +492,9 @@ class MetSamples(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Blocking:
-    """The triangles of a mesh for rays of ambient light, in its own axes. geometry: of these, for what they let
-    through.
-    """
+    """The triangles of a mesh for rays of ambient light. geometry: of these, in its own axes."""
 
     mesh: Mesh
-    scene: RayScene
     geometry: Geometry
 
     @property
@@ -508,25 +505,25 @@ class Blocking:
     def passed(self, origins: Floats, directions: Floats) -> Floats:
         """Return the fraction (n,) of the light of rays (n, 3) that the mesh leaves."""
         if self.opaque:
-            return np.asarray(~self.scene.occluded(origins, directions), np.float64)
-        met = surfaces_along(self.geometry, self.scene, origins, directions, 1e-6 * self.mesh.radius_m)
+            return np.asarray(~self.geometry.scene.occluded(origins, directions), np.float64)
+        met = surfaces_along(self.geometry, origins, directions, 1e-6 * self.mesh.radius_m)
         return np.maximum(1.0 - np.bincount(met.ray, met.part, len(origins)), 0.0)
 
     def met(self, lattice: Lattice, origins: Floats, directions: Floats) -> MetSamples:
         """Return where rays (n, 3) meet the mesh: their first triangles, and those behind what lets light through."""
-        met = surfaces_along(self.geometry, self.scene, origins, directions, 1e-6 * self.mesh.radius_m)
-        sample, distance, behind = _nearest_sample(lattice, self.scene, met.start, directions[met.ray], met.triangle)
+        met = surfaces_along(self.geometry, origins, directions, 1e-6 * self.mesh.radius_m)
+        sample, distance, behind = _nearest_sample(lattice, self.geometry, met.start, directions[met.ray], met.triangle)
         return MetSamples(met.ray, sample, met.gone + distance, behind, met.part.astype(np.float32))
 
 
 def _nearest_sample(
-    lattice: Lattice, scene: RayScene, origin: Floats, direction: Floats, triangle: NDArray[np.int64]
+    lattice: Lattice, geometry: Geometry, origin: Floats, direction: Floats, triangle: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], Floats, NDArray[np.bool_]]:
     """Return the nearest sample (n,) to where rays meet triangles, the distance, and which meet the back (n,)."""
     count = len(triangle)
     point, distance, behind = np.empty(count, np.int64), np.empty(count), np.empty(count, np.bool_)
     if count:
-        find_nearest_points(scene.triangles, triangle, origin, direction, lattice.places, point, distance, behind)
+        find_nearest_points(geometry.positions, triangle, origin, direction, lattice.places, point, distance, behind)
     return lattice.nearest_sample[point + (lattice.points * behind if lattice.two_sided else 0)], distance, behind
 
 
@@ -632,7 +629,7 @@ def make_transfer(mesh: Mesh) -> Transfer:
     """Return the transfer of a mesh; its samples are chosen and its rays are shot once, and kept on the disk."""
     from scipy.spatial import cKDTree
 
-    blocking = Blocking(mesh, RayScene(mesh.positions), _geometry(mesh))
+    blocking = Blocking(mesh, _geometry(mesh))
     depends_on = mesh.positions, mesh.normals, mesh.hull, any(m.double_sided for m in mesh.materials)
     clear = () if blocking.opaque else (mesh.material, mesh.uv, mesh.colors, *_alphas(mesh))
     found = kept_arrays("ambient", (*depends_on, *clear), lambda: _samples(blocking))

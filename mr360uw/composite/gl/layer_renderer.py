@@ -12,7 +12,7 @@ import numpy as np
 from mr360uw.cache import Cache, PartOf, Same
 from mr360uw.composite.ambient.solver import AmbientLight
 from mr360uw.composite.aovs import AovFrame, Aovs
-from mr360uw.composite.gl.device import MeshBuffers, Places, StillBuffers, Targets, upload_mesh, upload_still
+from mr360uw.composite.gl.device import MeshBuffers, Places, Targets, upload_mesh, upload_still
 from mr360uw.composite.gl.light_textures import LightTextures
 from mr360uw.composite.gl.object_pass import ObjectPass
 from mr360uw.composite.gl.receiver_pass import ReceiverPass
@@ -106,8 +106,4 @@ class _DeviceMeshes:
         if mesh.rest is None:
             return self._cache.of(upload_mesh, mesh, places, keep=_KEPT_MESHES)
         shared = self._cache.of(upload_still, still, places, keep=_KEPT_MESHES)
-        return self._cache.of(_posed, mesh, shared, keep=max(self.poses, 1))
-
-
-def _posed(mesh: Mesh, still: StillBuffers) -> MeshBuffers:
-    return upload_mesh(mesh, still=still)
+        return self._cache.of(upload_mesh, mesh, None, shared, keep=max(self.poses, 1))

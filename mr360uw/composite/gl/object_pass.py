@@ -25,7 +25,7 @@ from mr360uw.cache import Cache, PartOf, Same, Scratch
 from mr360uw.composite.ambient.mesh_transfer import FEW_CHANNELS, UNTOUCHED, Lattice
 from mr360uw.composite.ambient.solver import AmbientLight
 from mr360uw.composite.aovs import SUMS, AovFrame
-from mr360uw.composite.gl.device import MeshBuffers, Targets, bind, list_texture, of_eye
+from mr360uw.composite.gl.device import MeshBuffers, Targets, list_texture
 from mr360uw.composite.gl.light_textures import ShotLight
 from mr360uw.composite.gl.light_visibility import DISC, HALF_OF_RAYS, HALO, Visibility, footprints_of
 from mr360uw.composite.gl.visible_surfaces import Fragments, Surfaces, find_surfaces
@@ -33,7 +33,6 @@ from mr360uw.composite.lighting.light_sources import sun_of
 from mr360uw.composite.mesh.mesh import Mesh
 from mr360uw.composite.sampling import filter_width
 from mr360uw.composite.shot import PlacedObject, Shot
-from mr360uw.gl.context import set_uniforms
 from mr360uw.jit import exact
 from mr360uw.types import Floats, Tile
 
@@ -168,32 +167,13 @@ class ObjectPass:
         # Compile what the mesh and its light need, and no more
         (shot, light, _), mesh, count = lit, part.mesh, len(part.listed)
         buffers = self._buffers(mesh)
-        defines = of_eye(shot) | {"OUTPUTS": outputs} | buffers.defines | light.defines
+        defines = {"OUTPUTS": outputs} | buffers.defines | light.defines
         defines |= {"BLENDED": 1} if blended else {}
         defines |= {"AMONG_BODIES": 1} if mesh in bodies[1] else {}
-        shader = self._targets.program("layer", defines)
         # Give it the mesh, the bodies' values and the light
-        bind(
-            shader,
-            {
-                "bodies": bodies[0],
-                "triangles": buffers.triangles,
-                "materials": buffers.materials,
-                "store": buffers.store,
-                **textures,
-                **light.textures,
-            },
-        )
-        set_uniforms(
-            shader,
-            **light.uniforms,
-            world_from_camera=shot.view.world_from_camera.T,
-            frame_size=(shot.view.width, shot.view.height),
-            count=count,
-            eye_m=shot.view.eye_m,
-            filter_width=filter_width(shot.draw.samples, shot.draw.shading),
-        )
-        return self._targets.items(shader, f"layer {outputs}", count, _CHANNELS[outputs])
+        textures = {"bodies": bodies[0], **buffers.textures, **textures, **light.textures}
+        uniforms = light.uniforms | {"filter_width": filter_width(shot.draw.samples, shot.draw.shading)}
+        return self._targets.shaded("layer", defines, textures, uniforms, count, _CHANNELS[outputs])
 
 
 def _entries(part: MeshFragments) -> moderngl.Texture:

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.cache import Cache, PartOf, Same
-from mr360uw.composite.gl.device import Targets, bind, list_texture, of_eye
+from mr360uw.composite.gl.device import Targets, list_texture
 from mr360uw.composite.gl.light_textures import ShotLight
 from mr360uw.composite.gl.light_visibility import DISC, HALO, footprints_of
 from mr360uw.composite.lighting.light_sources import scattered_share, sun_of, widest_half_angle
@@ -38,7 +38,6 @@ from mr360uw.composite.receiver.ratio import BLOCK, FADE_FROM, SEEN, BlockLight,
 from mr360uw.composite.sampling import WHOLE_PIXEL, Gaps
 from mr360uw.composite.shot import Shot
 from mr360uw.composite.tiles import places_in_mask
-from mr360uw.gl.context import set_uniforms
 from mr360uw.types import Floats
 
 _Lit = tuple[Shot, ShotLight]
@@ -254,34 +253,21 @@ class ReceiverPass:
         # Compile what is wanted, and no more
         (shot, light), count = lit, len(origin) * side * side
         assert shot.receiver is not None
-        textures = {"blocks": list_texture(origin, channels=2)} | (
-            {} if shape is None else {"shape": list_texture(shape)}
-        )
-        defines = (wanted - {"LAMPS", "SHADOW"}) | (frozenset(light.defines) & {"SUN", "MEDIUM", "HALO", "SOFT"})
-        defines |= {"PLANE"} if shape is None else set()
-        numbers = {}
+        textures = {"blocks": list_texture(origin, channels=2)}
+        textures |= {} if shape is None else {"shape": list_texture(shape)}
+        features = (wanted - {"LAMPS", "SHADOW"}) | (light.defines.keys() & {"SUN", "MEDIUM", "HALO", "SOFT", "EYE"})
+        defines = dict.fromkeys(features | ({"PLANE"} if shape is None else set()), 1)
         if "LAMPS" in wanted:
             lamps = light.visibility.lamps
-            numbers["LAMPS"] = len(lamps)
+            defines["LAMPS"] = len(lamps)
             textures["lamps_seen"] = list_texture(light.visibility.seen(footprints, lamps), channels=1)
-        shader = self._targets.program("receiver", {**dict.fromkeys(defines, 1), **numbers, **of_eye(shot)})
-        # Give it the frame and the receiver
-        bind(shader, textures | light.textures)
-        extent = shot.receiver.extent_m
-        set_uniforms(
-            shader,
-            **light.uniforms,
-            world_from_camera=shot.view.world_from_camera.T,
-            frame_size=(shot.view.width, shot.view.height),
-            eye_m=shot.view.eye_m,
-            count=count,
-            side_bits=side.bit_length() - 1,
-            plane_height=_plane_m(shot),
-            fade=(FADE_FROM * extent, extent),
-        )
-        # Draw, and name the outputs
-        outputs = (1 if "ROUGH" not in wanted else 4 if "LAMPS" in wanted else 3) * (4,)
-        values = self._targets.items(shader, "receiver", count, outputs).reshape(-1, side, side, sum(outputs))
+        # Give it the receiver, draw, and name the outputs
+        extent, outputs = shot.receiver.extent_m, (1 if "ROUGH" not in wanted else 4 if "LAMPS" in wanted else 3) * (4,)
+        uniforms = light.uniforms | {
+            "side_bits": side.bit_length() - 1, "plane_height": _plane_m(shot), "fade": (FADE_FROM * extent, extent),
+        }  # fmt: skip
+        values = self._targets.shaded("receiver", defines, textures | light.textures, uniforms, count, outputs)
+        values = values.reshape(-1, side, side, sum(outputs))
         named = {"waves": values[..., :3]} if "CAUSTICS" in wanted else {}
         named |= {"shape": values[..., 4:11]} if "ROUGH" in wanted else {}
         return named | ({"added": values[..., 12:15]} if "LAMPS" in wanted else {})

@@ -191,18 +191,17 @@ class ClearScene:
         every = gather(partial, camera_position)
         clear = np.array([m.alpha_mode != "OPAQUE" for m in every.materials], np.bool_)
         self._geometry = every.some(np.flatnonzero(clear[every.material]))
-        self._scene = RayScene(self._geometry.positions)
 
     @property
     def there(self) -> bool:
         """Whether there are any such triangles."""
-        return len(self._scene.triangles) > 0
+        return len(self._geometry.positions) > 0
 
     def passed(self, origins: Floats, directions: Floats, reach_m: Floats | float) -> tuple[Floats, NDArray[np.bool_]]:
         """Return the fraction (n,) of the light of rays that they leave within `reach_m` [m], and which rays (n,) meet
         any.
         """
-        met = surfaces_along(self._geometry, self._scene, origins, directions, _SHORTEST_M, reach_m)
+        met = surfaces_along(self._geometry, origins, directions, _SHORTEST_M, reach_m)
         passed = np.maximum(1.0 - np.bincount(met.ray, met.part, len(origins)), 0.0)
         return passed, np.bincount(met.ray, minlength=len(origins)) > 0
 
