@@ -87,15 +87,6 @@ def gather(objects: Sequence[PlacedObject], camera_position: Floats) -> Geometry
     return Geometry(*[*columns, tuple(materials)])
 
 
-def occluding(objects: Sequence[PlacedObject], camera_position: Floats) -> Floats:
-    """Return the opaque triangles (T, 3, 3) that cast shadows, from the camera."""
-    shading = [placed for placed in objects if placed.casts_shadow]
-    opaque = [np.array([m.alpha_mode == "OPAQUE" for m in placed.mesh.materials]) for placed in shading]
-    solid = [placed.mesh.positions[o[placed.mesh.material]] for placed, o in zip(shading, opaque, strict=True)]
-    placed = [p.to_world(triangles) - camera_position for p, triangles in zip(shading, solid, strict=True)]
-    return np.concatenate([np.zeros((0, 3, 3)), *placed])
-
-
 def object_rectangles(view: View, objects: Sequence[PlacedObject]) -> list[Rectangle]:
     """Return the frame's rectangle of every visible object, not yet split at the seam; all of it for no panorama."""
     size = view.width, view.height

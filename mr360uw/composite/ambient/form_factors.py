@@ -651,41 +651,31 @@ def _met_by(
     the ground, -1 for none. begin: where the body's coarse samples begin among all.
     """
     samples, seen = factors.samples, np.full(cosine.shape, -1, np.int16) if node is None else node
-    own, own_part = np.zeros((3, 0), np.int64), np.zeros(0, np.float32)
-    if body.own.lost is not None:
-        own, own_part = body.transfer.own, body.transfer.own_part
-    target_of = (body.transfer.coarse.of[own[2]] + begin + 1).astype(np.int32)
+    # Sort what the body blocks itself by sample
+    order = np.argsort(body.transfer.own[0], kind="stable") if body.own.lost is not None else np.zeros(0, np.int64)
+    of_sample, own_way, hit = body.transfer.own[:, order]
+    own_target = (body.transfer.coarse.of[hit] + begin + 1).astype(np.int32)
+    own = np.searchsorted(of_sample, np.arange(len(cosine) + 1)), own_way, own_target, body.transfer.own_part[order]
     # Room for whatever may be met: memory that is not written is not taken
-    first, most = np.zeros(len(cosine) + 1, np.int64), len(samples.data) + seen.size + len(own_part)
+    first, most = np.zeros(len(cosine) + 1, np.int64), len(samples.data) + seen.size + len(order)
     direction, target, part = np.empty(most, np.int32), np.empty(most, np.int32), np.empty(most, np.float32)
-    _list_met(
-        body.transfer.cosine, cosine, seen, samples.indptr, factors.way, samples.indices, samples.data,
-        own[0], own[1], target_of, own_part, first, direction, target, part,
-    )  # fmt: skip
+    others = samples.indptr, factors.way, samples.indices, samples.data
+    _list_met(body.transfer.cosine, cosine, seen, others, own, first, direction, target, part)
     used = int(first[-1])
     return Met(first, direction[:used].copy(), target[:used].copy(), part[:used].copy())
 
 
 @exact
 def _list_met(
-    whole: Any, cosine: Any, node: Any, begin: Any, way: Any, met: Any, weight: Any, own_sample: Any, own_way: Any,
-    own_target: Any, own_part: Any, first: Any, direction: Any, target: Any, part: Any,
-) -> None:  # fmt: skip
+    whole: Any, cosine: Any, node: Any, others: Any, own: Any, first: Any, direction: Any, target: Any, part: Any
+) -> None:
     """Set the arrays of `Met`, sample by sample.
 
-    whole, cosine: (S, COUNT) irradiance that directions add, and that which the body leaves. node: (S, COUNT). begin,
-    way, met, weight: of `FormFactors`. own_sample ...: (m,) what the body blocks itself.
+    whole, cosine: (S, COUNT) irradiance that directions add, and that which the body leaves. node: (S, COUNT). others:
+    begin of each sample, directions, coarse samples and weights of `FormFactors`. own: the same with targets and parts,
+    of what the body blocks itself.
     """
-    # Sort what the body blocks by sample
-    order, place = np.empty(len(own_sample), np.int64), np.zeros(len(whole) + 1, np.int64)
-    for m in range(len(own_sample)):
-        place[own_sample[m] + 1] += 1
-    for s in range(len(whole)):
-        place[s + 1] += place[s]
-    after = place.copy()
-    for m in range(len(own_sample)):
-        order[after[own_sample[m]]] = m
-        after[own_sample[m]] += 1
+    (begin, way, met, weight), (place, own_way, own_target, own_part) = others, own
     used, taken = 0, np.zeros(whole.shape[1])
     for s in range(len(whole)):
         # Others, then the ground behind them, then the body itself
@@ -699,8 +689,7 @@ def _list_met(
             if node[s, k] >= 0 and cosine[s, k] > 0.0 and left > 0.0:
                 direction[used], target[used], part[used] = k, -node[s, k] - 1, left / whole[s, k]
                 used += 1
-        for n in range(place[s], place[s + 1]):
-            m = order[n]
+        for m in range(place[s], place[s + 1]):
             direction[used], target[used], part[used] = own_way[m], own_target[m], own_part[m]
             used += 1
         first[s + 1] = used

@@ -13,14 +13,14 @@ nothing. In the water a body's clear triangles let the same fraction through eve
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.cache import Cache, PartOf, Same
 from mr360uw.composite.mesh.mesh import Mesh
-from mr360uw.composite.raycast import gather, occluding, opacity_key, surfaces_along
+from mr360uw.composite.raycast import Geometry, gather, opacity_key, surfaces_along
 from mr360uw.composite.shot import PlacedObject, Shot
 from mr360uw.medium.shafts.occluders import Bodies
 from mr360uw.rays import PlacedScene, RayScene
@@ -170,7 +170,7 @@ def _mean_passed(shape: PartOf[Mesh]) -> float:
     them.
     """
     mesh = shape.whole
-    clear = ClearScene([PlacedObject(mesh, np.eye(4))], np.zeros(3))
+    clear = ClearScene(gather([PlacedObject(mesh, np.eye(4))], np.zeros(3)))
     line = ((np.arange(_ACROSS) + 0.5) / _ACROSS * 2.0 - 1.0) * mesh.radius_m
     u, v = (g.ravel() for g in np.meshgrid(line, line))
     origin = np.concatenate([np.roll(np.stack([u, v, 0 * u - 2.0 * mesh.radius_m], -1), k, -1) for k in range(3)])
@@ -184,13 +184,10 @@ _SHORTEST_M = 1e-6
 
 
 class ClearScene:
-    """Triangles of bodies that cast shadows and let light through: those of MASK and BLEND materials."""
+    """Those of some triangles that let light through, of MASK and BLEND materials."""
 
-    def __init__(self, objects: Sequence[PlacedObject], camera_position: Floats) -> None:
-        partial = [p for p in objects if p.casts_shadow and any(m.alpha_mode != "OPAQUE" for m in p.mesh.materials)]
-        every = gather(partial, camera_position)
-        clear = np.array([m.alpha_mode != "OPAQUE" for m in every.materials], np.bool_)
-        self._geometry = every.some(np.flatnonzero(clear[every.material]))
+    def __init__(self, every: Geometry) -> None:
+        self._geometry = every.some(np.flatnonzero(~_opaque(every)))
 
     @property
     def there(self) -> bool:
@@ -206,12 +203,17 @@ class ClearScene:
         return passed, np.bincount(met.ray, minlength=len(origins)) > 0
 
 
+def _opaque(geometry: Geometry) -> NDArray[np.bool_]:
+    """Return which triangles (T,) let no light through."""
+    return np.array([m.alpha_mode == "OPAQUE" for m in geometry.materials], np.bool_)[geometry.material]
+
+
 class Blockers:
     """The triangles of a shot that cast shadows."""
 
     def __init__(self, shot: Shot) -> None:
-        self._opaque = RayScene(occluding(shot.objects, shot.view.position))
-        self._clear = ClearScene(shot.objects, shot.view.position)
+        every = gather(shot.casters, shot.view.position)
+        self._opaque, self._clear = RayScene(every.positions[_opaque(every)]), ClearScene(every)
 
     @property
     def there(self) -> bool:
