@@ -25,7 +25,7 @@ from mr360uw.cache import Same
 from mr360uw.composite.mesh.material import Material
 from mr360uw.composite.mesh.mesh import Mesh
 from mr360uw.composite.mesh.texture import Texture, texture_lookup
-from mr360uw.composite.shot import PlacedObject, Shot
+from mr360uw.composite.shot import PlacedObject
 from mr360uw.composite.tiles import nearest_m, rectangles_of_bodies, seen_rectangle
 from mr360uw.constants import LONGEST_FOOTPRINT
 from mr360uw.rays import RayScene, barycentric
@@ -290,35 +290,22 @@ def normal_change(triangles: Floats, normals: Floats, normal: Floats, neighbours
 
 
 def surface(
-    shot: Shot, geometry: Geometry, triangle: NDArray[np.int64], x: Floats, y: Floats, area: Floats, pixel: float
-) -> Hits:
-    """Return the surfaces at frame coordinates (n,) on given triangles. area: (n, 5) of the frame that each represents
-    (`sampling.frame_areas`). pixel: filter width of textures [pixels].
-    """
-    direction = shot.view.directions(x, y)
-    neighbours = np.stack([shot.view.directions(x + pixel, y), shot.view.directions(x, y + pixel)], axis=1)
-    return surface_along(
-        geometry, triangle, shot.view.starts(direction), direction, neighbours, area, pixel, shot.view.height
-    )
-
-
-def surface_along(
     geometry: Geometry,
     triangle: NDArray[np.int64],
-    origin: Floats,
-    direction: Floats,
-    neighbours: Floats,
+    rays: tuple[Floats, Floats, Floats],
     area: Floats,
     pixel: float,
     height: Floats | int,
 ) -> Hits:
     """Return the surfaces (n,) that rays meet on given triangles.
 
-    origin: (3,) or (n, 3) of the rays, from the camera [m]. neighbours: (n, 2, 3) directions `pixel` pixels to the
-    right and below, of a frame of `height` rows, a number or (n,). area: as of `surface`.
+    rays: their origins (n, 3) from the camera [m], directions (n, 3), and those (n, 2, 3) `pixel` pixels to the right
+    and below, in a frame of `height` rows, a number or (n,). area: (n, 5) of the frame that each represents
+    (`sampling.frame_areas`). pixel: filter width of textures [pixels].
     """
     # Find where rays meet their triangles, and their places on the maps
-    corners = geometry.positions[triangle] - np.reshape(origin, (-1, 1, 3))
+    origin, direction, neighbours = rays
+    corners = geometry.positions[triangle] - origin[:, None]
     weights, distance = barycentric(corners, direction)
     places = [_MapPlace.of(corners, uv, weights, neighbours) for uv in _coordinates(geometry, triangle)]
     color = base_color(geometry, triangle, weights, places[0].change)
@@ -332,7 +319,7 @@ def surface_along(
     normal /= np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-12)
     turning = normal_change(corners, geometry.normals[triangle], normal, neighbours)
     # Read the maps; those of normals change the smooth one
-    metallic, roughness, occlusion, index, emission = _material_values(geometry, triangle, places)
+    values = _material_values(geometry, triangle, places)
     for number, material in enumerate(geometry.materials):
         if material.normal_map is not None:
             of, place = np.flatnonzero(geometry.material[triangle] == number), places[material.sets[2]]
@@ -353,12 +340,8 @@ def surface_along(
         normal=normal * side,
         base=color[:, :3],
         alpha=color[:, 3],
-        metallic=metallic,
-        roughness=roughness,
-        emission=emission,
-        occlusion=occlusion,
-        refractive_index=index,
         trim=np.array([material.trim for material in geometry.materials])[geometry.material[triangle]],
+        **values,
         footprint_m=distance * np.pi / height * pixel,
         normal_change=turning * side[..., None],
         area_middle=area_middle,
@@ -390,11 +373,9 @@ def _coordinates(geometry: Geometry, triangle: NDArray[np.int64]) -> list[Floats
     return [geometry.uv[triangle], *np.moveaxis(geometry.more_uv[triangle], 2, 0)]
 
 
-def _material_values(
-    geometry: Geometry, triangle: NDArray[np.int64], places: Sequence[_MapPlace]
-) -> tuple[Floats, ...]:
-    """Return metallic, roughness, occlusion and refractive index, each (n,), and emission (n, 3). places: of each set
-    of texture coordinates.
+def _material_values(geometry: Geometry, triangle: NDArray[np.int64], places: Sequence[_MapPlace]) -> dict[str, Floats]:
+    """Return metallic, roughness, occlusion and refractive_index, each (n,), and emission (n, 3), as `Hits` names them.
+    places: of each set of texture coordinates.
     """
     (metallic, roughness, occlusion, index), emission = np.empty((4, len(triangle))), np.empty((len(triangle), 3))
     for number, material in enumerate(geometry.materials):
@@ -410,7 +391,8 @@ def _material_values(
             occlusion[of] = 1.0 + material.occlusion_strength * (texel[:, 0] - 1.0)
         if material.emission_map is not None:
             emission[of] *= on_emission.texel(material.emission_map, of)[:, :3]
-    return metallic, roughness, occlusion, index, emission
+    both = {"metallic": metallic, "roughness": roughness, "occlusion": occlusion}
+    return both | {"refractive_index": index, "emission": emission}
 
 
 def bumped(normal: Floats, e1: Floats, e2: Floats, uv: Floats, bump: Floats) -> Floats:

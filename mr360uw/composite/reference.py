@@ -59,6 +59,10 @@ from mr360uw.types import Floats, Layer, Rectangle, Tile
 
 _RAYS_AT_ONCE = 200_000
 """Rays traced in one batch. It bounds the memory: twice as many take twice as much."""
+_Lit = tuple[Shot, Sequence[LightSource], AmbientLight | None]
+"""A shot, its lights, and the solved ambient light among its bodies."""
+_Seen = tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64], Floats]
+"""Columns and rows (n,) of pixels; triangles and distances (n, s) [m] that their samples show, -1 for none."""
 
 
 @checked
@@ -113,16 +117,12 @@ def _render(shot: Shot, frame: AovFrame | None, cache: Cache) -> Layer:
     tiles = even_tiles(object_parts + receiver_parts, shot.view.width, shot.view.height)
     if not tiles:
         return Layer(shot.view.height, shot.view.width, ())
-    sources = light_sources(shot, Blockers(shot))
-    light = ambient_light(shot, cache)
-    drawn = []
+    lit, drawn = (shot, light_sources(shot, Blockers(shot)), ambient_light(shot, cache)), []
     for rectangle in tiles:
         tile = empty_tile(rectangle)
-        gaps = draw_objects(
-            shot, geometry, sources, light, tile, _inside(object_parts, rectangle, shot.view.width), frame
-        )
+        gaps = draw_objects(lit, geometry, tile, _inside(object_parts, rectangle, shot.view.width), frame)
         if shape is not None:
-            draw_receiver(shot, shape, sources, light, tile, _inside(receiver_parts, rectangle, shot.view.width), gaps)
+            draw_receiver(lit, shape, tile, _inside(receiver_parts, rectangle, shot.view.width), gaps)
         drawn.append(hold_out(shot, tile))
     return Layer(shot.view.height, shot.view.width, tuple(drawn))
 
@@ -141,21 +141,13 @@ def _inside(parts: list[Rectangle], tile: Rectangle, width: int) -> NDArray[np.b
 # --- objects -------------------------------------------------------------------------------------------------------
 
 
-def draw_objects(
-    shot: Shot,
-    geometry: Geometry,
-    sources: Sequence[LightSource],
-    light: AmbientLight | None,
-    tile: Tile,
-    where: NDArray[np.bool_],
-    frame: AovFrame | None,
-) -> Gaps:
+def draw_objects(lit: _Lit, geometry: Geometry, tile: Tile, where: NDArray[np.bool_], frame: AovFrame | None) -> Gaps:
     """Composite the objects into the marked pixels (h, w) of a tile, and into a frame of output variables if given.
 
     Returns the uncovered parts of pixels that opaque surfaces cover partly.
     """
     # Trace the samples of so many pixels at once as fit in memory
-    gaps: list[Gaps] = []
+    (shot, sources, light), gaps = lit, list[Gaps]()
     samples = pattern(shot.draw.samples)
     rows, columns = np.nonzero(where)
     step = max(_RAYS_AT_ONCE // samples.count, 1)
@@ -170,7 +162,7 @@ def draw_objects(
         # Lay what is blended over the opaque, the nearest first, each shaded once a group
         for triangle, seen_m in layers:
             through = (1.0 - alpha).copy()
-            for p, weight, hits in group_samples(shot, geometry, samples, x, y, triangle, seen_m):
+            for p, weight, hits in group_samples(shot, geometry, samples, (x, y, triangle, seen_m)):
                 passed, veil = water_ahead(shot, hits.distance_m, hits.direction)
                 sent, parts = surface_radiance(shot, sources, hits, ambient_at(shot, light, hits))
                 cover = np.where(opaque[geometry.material[hits.triangle]], 1.0, hits.alpha)
@@ -190,21 +182,13 @@ def draw_objects(
 # --- receivers -----------------------------------------------------------------------------------------------------
 
 
-def draw_receiver(
-    shot: Shot,
-    shape: ReceiverShape,
-    sources: Sequence[LightSource],
-    light: AmbientLight | None,
-    tile: Tile,
-    where: NDArray[np.bool_],
-    gaps: Gaps,
-) -> None:
+def draw_receiver(lit: _Lit, shape: ReceiverShape, tile: Tile, where: NDArray[np.bool_], gaps: Gaps) -> None:
     """Write the receiver's ratio and veil into the marked pixels (h, w) of a tile.
 
     Each pixel takes those at its centre, or in its gap: where bodies cover the centre the receiver is not visible.
     """
     # Take the centre of each pixel, or its gap beside bodies
-    assert shot.receiver is not None
+    shot, sources, light = lit
     rows, columns = np.nonzero(where)
     if len(rows) == 0:
         return
@@ -285,13 +269,7 @@ def trace_samples(
 
 
 def group_samples(
-    shot: Shot,
-    geometry: Geometry,
-    samples: Pattern,
-    x: NDArray[np.int64],
-    y: NDArray[np.int64],
-    triangle: NDArray[np.int64],
-    distance: Floats,
+    shot: Shot, geometry: Geometry, samples: Pattern, seen: _Seen
 ) -> Iterator[tuple[NDArray[np.int64], Floats, Hits]]:
     """Yield (pixels (n,), fraction of their samples (n,), surface at the representative sample) until none is left.
 
@@ -299,61 +277,43 @@ def group_samples(
     The representative is the sample nearest to the mean position of its group.
     """
     # Group until no sample is left, or shade each by itself
-    left = triangle >= 0
-    width = filter_width(samples.count, shot.draw.shading)
+    view, width = shot.view, filter_width(samples.count, shot.draw.shading)
+    left = seen[2] >= 0
     rounds = samples.count if shot.draw.shading == "sample" else GROUPS
     for number in range(rounds):
         pixel = np.flatnonzero(left.any(axis=1))
         if len(pixel) == 0:
             return
-        # Gather what lies near the plane of the first sample that is left
-        chosen = np.argmax(left[pixel], axis=1)
-        member = np.zeros((len(pixel), samples.count), bool)
-        if shot.draw.shading == "pixel":
-            member = left[pixel] & (
-                _near_plane(shot, geometry, samples, x[pixel], y[pixel], triangle[pixel], distance[pixel], chosen)
-                if number < rounds - 1
-                else True
-            )
-        member[np.arange(len(pixel)), chosen] = True
+        # Gather what lies near the plane of the first sample that is left, in the last round all
+        of_pixels = x, y, triangle, _ = seen[0][pixel], seen[1][pixel], seen[2][pixel], seen[3][pixel]
+        every, chosen = np.arange(len(pixel)), np.argmax(left[pixel], axis=1)
+        member = left[pixel] & (shot.draw.shading == "pixel")
+        if shot.draw.shading == "pixel" and number < rounds - 1:
+            member &= _near_plane(shot, geometry, samples, of_pixels, chosen)
+        member[every, chosen] = True
         left[pixel] &= ~member
         # Let the sample nearest to the middle stand for all
         middle = nearest_to_mean(samples, member)
-        at = samples.positions[middle]
-        yield (
-            pixel,
-            member.mean(axis=1),
-            surface(
-                shot,
-                geometry,
-                triangle[pixel, middle],
-                x[pixel] + at[:, 0],
-                y[pixel] + at[:, 1],
-                frame_areas(samples, member, middle),
-                width,
-            ),
-        )
+        column, row = x + samples.positions[middle, 0], y + samples.positions[middle, 1]
+        direction = view.directions(column, row)
+        beside = np.stack([view.directions(column + width, row), view.directions(column, row + width)], axis=1)
+        rays, area = (view.starts(direction), direction, beside), frame_areas(samples, member, middle)
+        yield pixel, member.mean(axis=1), surface(geometry, triangle[every, middle], rays, area, width, view.height)
 
 
 def _near_plane(
-    shot: Shot,
-    geometry: Geometry,
-    samples: Pattern,
-    x: NDArray[np.int64],
-    y: NDArray[np.int64],
-    triangle: NDArray[np.int64],
-    distance: Floats,
-    chosen: NDArray[np.int64],
+    shot: Shot, geometry: Geometry, samples: Pattern, seen: _Seen, chosen: NDArray[np.int64]
 ) -> NDArray[np.bool_]:
     """Return the mask (n, s) of samples that hit the chosen sample's smooth piece, near its triangle's plane."""
+    x, y, triangle, distance = seen
     rows = np.arange(len(chosen))
     first = triangle[rows, chosen]
     corners = geometry.positions[first]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
-    seen = np.where(triangle >= 0, distance, 0.0)
     fx, fy = x[:, None] + samples.positions[:, 0], y[:, None] + samples.positions[:, 1]
-    off = np.einsum("nsk,nk->ns", shot.view.points(shot.view.directions(fx, fy), seen) - corners[:, :1], normal)
+    point = shot.view.points(shot.view.directions(fx, fy), np.where(triangle >= 0, distance, 0.0))
+    off = np.einsum("nsk,nk->ns", point - corners[:, :1], normal)
     tolerance = PLANE_TOLERANCE * PIXEL_FILTER * np.pi / shot.view.height * distance[rows, chosen]
     same = geometry.patch[triangle] == geometry.patch[first][:, None]
     return same & (np.abs(off) <= tolerance[:, None])

@@ -364,11 +364,8 @@ def _three(place: Any, w0: Any, w1: Any, w2: Any) -> Any:
     u, v = x - i, y - j
     upper = u + v > 1.0 and i + j < steps - 1
     row, below = _row(steps, i), _row(steps, i + 1)
-    first, second, third = (
-        place[0] + (below + j + 1 if upper else row + j),
-        place[0] + below + j,
-        place[0] + row + j + 1,
-    )
+    first = place[0] + (below + j + 1 if upper else row + j)
+    second, third = place[0] + below + j, place[0] + row + j + 1
     if steps == 1:
         first, second, third = place[0], place[1], place[2]
     rest = u + v - 1.0 if upper else 1.0 - u - v

@@ -20,7 +20,7 @@ from scipy.special import ndtri
 
 from mr360uw.composite.at_surface.settings import FAINTEST
 from mr360uw.composite.at_surface.water_sides import WaterSides
-from mr360uw.composite.raycast import MAXIMUM_HITS, Geometry, Hits, next_surfaces, surface_along
+from mr360uw.composite.raycast import MAXIMUM_HITS, Geometry, Hits, next_surfaces, surface
 from mr360uw.composite.sampling import PIXEL_FILTER, WHOLE_PIXEL, Pattern
 from mr360uw.composite.shot import PlacedObject
 from mr360uw.constants import PI
@@ -67,7 +67,7 @@ def surfaces_met(
     beside /= np.linalg.norm(beside, axis=-1, keepdims=True)
     area = np.tile(WHOLE_PIXEL, (len(triangle), 1))
     origin = point - path_m[:, None] * direction
-    return surface_along(geometry, triangle, origin, direction, beside, area, PIXEL_FILTER, PI / width_rad)
+    return surface(geometry, triangle, (origin, direction, beside), area, PIXEL_FILTER, PI / width_rad)
 
 
 Array = NDArray[np.float64]

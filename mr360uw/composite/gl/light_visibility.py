@@ -252,12 +252,8 @@ def _make_footprints(
     """
     width, height, eye, step, spacing = frame[0], frame[1], frame[2], frame[3], frame[4]
     turn, tip = 2.0 * math.pi / width, math.pi / height
-    turn_c, turn_s, tip_c, tip_s = (
-        math.cos(turn * step),
-        math.sin(turn * step),
-        math.cos(tip * step),
-        math.sin(tip * step),
-    )
+    turn_c, turn_s = math.cos(turn * step), math.sin(turn * step)
+    tip_c, tip_s = math.cos(tip * step), math.sin(tip * step)
     lon_c, lon_s, lat_c, lat_s = np.empty(side), np.empty(side), np.empty(side), np.empty(side)
     for m in range(len(blocks)):
         block = blocks[m]
@@ -534,12 +530,8 @@ def _start(
     start. disc: tangent of its radius, and slope of its middle.
     """
     spread, low_x, low_y = np.float32(disc[0]), np.float32(disc[1]), np.float32(disc[2])
-    at_x, at_y, lowest, reach = (
-        np.float32(slot[0]),
-        np.float32(slot[1]),
-        np.float32(slot[4]),
-        np.float32(slot[5] - slot[4]),
-    )
+    at_x, at_y = np.float32(slot[0]), np.float32(slot[1])
+    lowest, reach = np.float32(slot[4]), np.float32(slot[5] - slot[4])
     far = np.float32(slot[6])
     x, y, z = start
     for ray in range(first, last):

@@ -78,15 +78,9 @@ class LightFrame:
     @property
     def drawn(self) -> tuple[object, ...]:
         """All that decides what is drawn of it."""
-        if self.origin is None:
-            return *((body.mesh, self.matrix(body)) for body in self.bodies), self.axes
-        return (
-            *((body.mesh, body.world_from_object) for body in self.bodies),
-            self.axes,
-            self.origin,
-            self.middle_m,
-            self.nearest_m,
-        )
+        places = (self.matrix(body) if self.origin is None else body.world_from_object for body in self.bodies)
+        bodies = zip((body.mesh for body in self.bodies), places, strict=True)
+        return *bodies, self.axes, self.origin, self.middle_m, self.nearest_m
 
     @property
     def start(self) -> Floats:
@@ -291,10 +285,8 @@ def _draw(
     weights, change = np.empty(3), np.zeros((2, 2))
     # Texels of a metre across the light, and of its axis
     per_x, per_y = 0.5 * side / extents[2], 0.5 * side / extents[3]
-    at_x, at_y = (
-        0.5 * (side - 1.0) - per_x * extents[0] + _BESIDE[0],
-        0.5 * (side - 1.0) - per_y * extents[1] + _BESIDE[1],
-    )
+    at_x = 0.5 * (side - 1.0) - per_x * extents[0] + _BESIDE[0]
+    at_y = 0.5 * (side - 1.0) - per_y * extents[1] + _BESIDE[1]
     highest = middle * middle / nearest if middle > 0.0 else 1e30
     for t in range(len(positions)):
         for k in range(3):

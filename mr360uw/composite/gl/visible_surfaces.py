@@ -494,12 +494,8 @@ def _trace(
     n, zero, big = turns.shape[2], np.float32(0.0), np.float32(1e30)
     rays, met = np.empty((3, n), np.float32), np.empty((3, n), np.float32)
     # Arrays of their own: rows of one would have to be taken for overlapping
-    best, wall, limit, who = (
-        np.empty(n, np.float32),
-        np.empty(n, np.float32),
-        np.empty(n, np.float32),
-        np.empty(n, np.float32),
-    )
+    best, wall = np.empty(n, np.float32), np.empty(n, np.float32)
+    limit, who = np.empty(n, np.float32), np.empty(n, np.float32)
     part, free, mine = np.empty(n, np.float32), np.empty(n, np.float32), np.empty(n, np.float32)
     most, block = 1, -1
     for b in range(len(bounds) - 1):
@@ -511,12 +507,8 @@ def _trace(
         b, p = at[e] // (BLOCK * BLOCK), at[e] % (BLOCK * BLOCK)
         column, row = corner[b, 0] + p % BLOCK, corner[b, 1] + p // BLOCK
         # Aim a ray at every sample
-        lon_c, lon_s, lat_c, lat_s = (
-            longitude[0, 0, column],
-            longitude[1, 0, column],
-            latitude[0, 0, row],
-            latitude[1, 0, row],
-        )
+        lon_c, lon_s = longitude[0, 0, column], longitude[1, 0, column]
+        lat_c, lat_s = latitude[0, 0, row], latitude[1, 0, row]
         for i in range(n):
             x, y = lon_c * turns[0, 0, i] - lon_s * turns[0, 1, i], lon_s * turns[0, 0, i] + lon_c * turns[0, 1, i]
             c, s = lat_c * turns[1, 0, i] - lat_s * turns[1, 1, i], lat_s * turns[1, 0, i] + lat_c * turns[1, 1, i]
