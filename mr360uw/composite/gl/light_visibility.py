@@ -66,13 +66,14 @@ ALL_RAYS, HALF_OF_RAYS, ONE_RAY = 0, 1, 2
 class Visibility:
     """What hides the lights of a shot. Points are from the camera, in the world's axes [m].
 
-    values, size, clear: of `Columns`. slots: (m, 19) of each its extents (6), middle distance, axes (3, 3) and the
-    camera in them (3); the middle distance is 0 for the sun. lights: (L, 14) the sun's disc and halo, then lamps; of
-    each the numbers of its first slot and of the one after its last, for the sun the tangent of its radius and its
-    direction across over along (2), and for lamps place (3), radius, axis (3), cosine at the edge of the cone, and
-    least distance. rays: (3, 4, n) of fans, slope over a unit disc and place in [-0.5, 0.5]^2 of a footprint; fans: (3,
-    4) how many there are, how many speak for all where they agree, and by how much a ray widens, over the footprint and
-    over the radius of the disc a metre away. bias: factor on the offset of rays from a body's surface.
+    values, clear: of `columns_of`, size: columns across a slot. slots: (m, 19) of each its extents (6), middle
+    distance, axes (3, 3) and the camera in them (3); the middle distance is 0 for the sun. lights: (L, 14) the
+    sun's disc and halo, then lamps; of each the numbers of its first slot and of the one after its last, for the
+    sun the tangent of its radius and its direction across over along (2), and for lamps place (3), radius, axis
+    (3), cosine at the edge of the cone, and least distance. rays: (3, 4, n) of fans, slope over a unit disc and
+    place in [-0.5, 0.5]^2 of a footprint; fans: (3, 4) how many there are, how many speak for all where they agree,
+    and by how much a ray widens, over the footprint and over the radius of the disc a metre away. bias: factor on
+    the offset of rays from a body's surface.
     """
 
     values: NDArray[np.float32]
@@ -134,10 +135,11 @@ def visibility_of(shot: Shot, cache: Cache, scratch: Scratch) -> Visibility:
     # Draw the columns, as fine as the narrowest light asks for
     radii = [lamp.radius_m / frame.middle_m for lamp, g in zip(lamps, of_lamps, strict=True) for frame in g]
     narrowest = min([*radii, *([] if sun is None else [sun.half_angle_rad])], default=0.0)
-    columns = columns_of(frames, slot_size(len(frames), _pixels_across(shot), narrowest), cache, scratch)
+    size = slot_size(len(frames), _pixels_across(shot), narrowest)
+    values, extents, clear = columns_of(frames, size, cache, scratch)
     # Describe their slots and the lights
     slots, lights = np.zeros((len(frames), 19)), np.zeros((HALO + 1 + len(lamps), 14))
-    slots[:, :6] = columns.extents
+    slots[:, :6] = extents
     for row, frame in zip(slots, frames, strict=True):
         row[6], row[7:16] = frame.middle_m, frame.axes.ravel()
         row[16:] = frame.axes @ (view.position - (0.0 if frame.origin is None else frame.origin))
@@ -154,8 +156,7 @@ def visibility_of(shot: Shot, cache: Cache, scratch: Scratch) -> Visibility:
     # Spread rays over their discs, and over footprints
     finer = int(np.clip(round(_NARROW / view.width), 1, _MOST_RAYS // MAXIMUM_SUN_SAMPLES))
     rays, fans = _fans(finer * min(shot.draw.sun_samples, MAXIMUM_SUN_SAMPLES))
-    bias = max(_BIASED_SLOT / columns.size, 1.0)
-    return Visibility(columns.values, columns.size, columns.clear, slots, lights, rays, fans, bias)
+    return Visibility(values, size, clear, slots, lights, rays, fans, max(_BIASED_SLOT / size, 1.0))
 
 
 def _pixels_across(shot: Shot) -> float:

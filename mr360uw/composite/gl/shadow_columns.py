@@ -92,33 +92,20 @@ class LightFrame:
         shift = rounded(placed.world_from_object[:3, 3] - self.start, placed.mesh.radius_m * placed.scale)
         return self.axes @ np.column_stack([placed.world_from_object[:3, :3], shift])
 
-    def placed(self, extents: Floats) -> Floats:
-        """Return extents (6,) about `start` as rays are traced: for the sun about the world's origin."""
-        if self.origin is not None:
-            return extents
-        x, y, z = self.axes @ self.start
-        return extents + np.array([x, y, 0.0, 0.0, z, z])
-
     def extents(self) -> Floats:
-        """Return the bodies' extents (6,): centre across, half size across, ends along; two numbers each."""
-        points = np.concatenate(
-            [body.mesh.hull.reshape(-1, 3) @ m[:, :3].T + m[:, 3] for body in self.bodies for m in [self.matrix(body)]]
-        )
+        """Return the bodies' extents (6,) about `start`: centre across, half size across, ends along; two each."""
+        hulls = [(body.mesh.hull.reshape(-1, 3), self.matrix(body)) for body in self.bodies]
+        points = np.concatenate([hull @ m[:, :3].T + m[:, 3] for hull, m in hulls])
         if self.origin is not None:
-            points = self._projected(points)
+            z = np.maximum(points[:, 2], self.nearest_m)
+            flat = np.stack([points[:, 0], points[:, 1], np.full(len(z), self.middle_m)], axis=-1)
+            points = flat * (self.middle_m / z)[:, None]
         low, high = points.min(axis=0), points.max(axis=0)
         center, half = 0.5 * (low + high)[:2], 0.5 * _MARGIN * (high - low)[:2]
         if self.face:
             center, half = np.zeros(2), np.full(2, self.middle_m)
         half = np.maximum(half, _NARROWEST * half.max())
         return np.concatenate([center, half, [low[2], high[2]]])
-
-    def _projected(self, points: Floats) -> Floats:
-        z = np.maximum(points[:, 2], self.nearest_m)
-        return (
-            np.stack([points[:, 0], points[:, 1], np.full(len(z), self.middle_m)], axis=-1)
-            * (self.middle_m / z)[:, None]
-        )
 
 
 # --- the frames of lights ---------------------------------------------------------------------------------------------
@@ -214,42 +201,35 @@ def slot_size(slots: int, pixels_across: float, half_angle_rad: float) -> int:
     return next(size for size in SLOTS if size >= wanted or 2 * size > most)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Columns:
-    """Columns of bodies in slots of `size` x `size`. values: (slots, 4 n) float32, columns row by row, then their
-    levels. extents: (slots, 6) of `LightFrame.placed`. clear: whether bodies let light through by their alpha.
+def columns_of(
+    frames: Sequence[LightFrame], size: int, cache: Cache, scratch: Scratch
+) -> tuple[NDArray[np.float32], Floats, bool]:
+    """Return the columns of bodies in slots of `size` x `size`, (slots, 4 n), row by row, then their levels.
+
+    And the extents (slots, 6) as rays are traced, for the sun about the world's origin, and whether bodies let light
+    through by their alpha. cache: keeps the last ones, and what is the same in all poses of meshes.
     """
-
-    values: NDArray[np.float32]
-    extents: Floats
-    size: int
-    clear: bool
-
-
-def columns_of(frames: Sequence[LightFrame], size: int, cache: Cache, scratch: Scratch) -> Columns:
-    """Return the columns of frames. cache: keeps the last ones, and what is the same in all poses of meshes."""
+    clear = any(m.alpha_mode == "BLEND" for frame in frames for body in frame.bodies for m in body.mesh.materials)
     drawn_of = PartOf((frames, cache, scratch), *(frame.drawn for frame in frames))
-    values, extents = cache.of(_draw_slots, drawn_of, size)
-    placed = np.array([frame.placed(of_frame) for frame, of_frame in zip(frames, extents, strict=True)])
-    return Columns(values, placed.reshape(-1, 6), size, _translucent(frames))
-
-
-def _translucent(frames: Sequence[LightFrame]) -> bool:
-    """Return whether bodies of frames let light through by their alpha."""
-    return any(m.alpha_mode == "BLEND" for frame in frames for body in frame.bodies for m in body.mesh.materials)
+    values, extents = cache.of(_draw_slots, drawn_of, size, clear)
+    start = np.array([np.zeros(3) if frame.origin is not None else frame.axes @ frame.start for frame in frames])
+    placed = extents.copy()
+    placed[:, :2] += start.reshape(-1, 3)[:, :2]
+    placed[:, 4:] += start.reshape(-1, 3)[:, 2:]
+    return values, placed, clear
 
 
 def _draw_slots(
-    drawn_of: PartOf[tuple[Sequence[LightFrame], Cache, Scratch]], size: int
-) -> tuple[NDArray[np.float32], list[Floats]]:
-    """Return the columns of all slots, and the extents (6,) of each about the start of its frame."""
+    drawn_of: PartOf[tuple[Sequence[LightFrame], Cache, Scratch]], size: int, clear: bool
+) -> tuple[NDArray[np.float32], Floats]:
+    """Return the columns of all slots, and the extents (slots, 6) of each about the start of its frame."""
     frames, cache, scratch = drawn_of.whole
-    side, clear = _SUPERSAMPLING * size, _translucent(frames)
+    side = _SUPERSAMPLING * size
     heights = scratch.floats("heights", 2, side, side)
     passed = scratch.floats("passed", *((side, side) if clear else (0, 0)))
     # Memory that is not written is not taken: most columns are empty
     values = np.zeros((len(frames), 4 * (size * size - (SMALLEST // 2) ** 2) // 3, 4), np.float32)
-    extents = [frame.extents() for frame in frames]
+    extents = np.array([frame.extents() for frame in frames]).reshape(-1, 6)
     for frame, of_frame, slot in zip(frames, extents, values, strict=True):
         spans = np.stack([np.full(size, side), np.full(size, -1)])
         for placed in frame.bodies:
