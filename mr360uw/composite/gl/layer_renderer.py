@@ -71,7 +71,7 @@ class LayerRenderer:
         tiles = even_tiles(parts, view.width, view.height)
         drawn = list(map(empty_tile, tiles))
         if surfaces is not None:
-            self._objects.draw(shot, light, surfaces, drawn, frame, ambient)
+            self._objects.draw((shot, light, surfaces), drawn, frame, ambient)
         if on_blocks is not None:
             lay_receiver(on_blocks, drawn, view.width, view.height, shot.pattern, shot.unseen)
         return Layer(view.height, view.width, tuple(hold_out(shot, tile) for tile in drawn))
