@@ -552,7 +552,7 @@ class Occluders(Parts):
         weights = np.zeros((len(points), NODES), np.float32)
         share = np.zeros((len(self.fields), len(points)), np.float32)
         if self.fields:
-            _block(points, normal, self.origin, *self._packed, weights, share)
+            _block(points, normal, self.origin, self._packed, weights, share)
         return BlockedLight(normal, weights, share)
 
     def plans(self) -> Floats:
@@ -675,11 +675,9 @@ def _add(normal: Any, begins: Any, blocked: Any, m: Any, before: Any, piece: Any
 
 
 @fast
-def _block(
-    point: Any, normal: Any, origin: Any, of: Any, frame: Any, heights: Any, filled: Any, opacity: Any, outline: Any,
-    corners: Any, cells: Any, weights: Any, share: Any,
-) -> None:  # fmt: skip
-    """Add the weights (n, NODES) and set the shares (m, n) of bodies at places (n, 3); the fields are those of `of`."""
+def _block(point: Any, normal: Any, origin: Any, fields: Any, weights: Any, share: Any) -> None:
+    """Add the weights (n, NODES) and set the shares (m, n) of bodies at places (n, 3). fields: of `Occluders`."""
+    of, frame, heights, filled, opacity, outline, corners, cells = fields
     begins, blocked = np.zeros((len(origin) + 1, 3)), np.zeros((len(origin) + 1, AZIMUTHS, 5))
     piece, found = np.zeros((_PIECES, 2)), np.zeros((2, 2))
     near, far = np.zeros((2, len(origin)), np.int64)

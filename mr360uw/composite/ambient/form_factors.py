@@ -24,7 +24,7 @@ import math
 import weakref
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -370,8 +370,7 @@ class FormFactors:
         return FormFactors(self.lost[rows], self.samples[rows], self.way[entries], self.ground[rows])
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Met:
+class Met(NamedTuple):
     """What directions of S samples meet, those of sample s from begin[s] to begin[s + 1]: direction; target, number of
     a coarse sample among all plus 1, or minus that of a node of the ground minus 1; part: of the direction that it
     fills.
@@ -584,31 +583,27 @@ def form_factors(
     from scipy.sparse import csr_matrix
 
     none = *(np.zeros(0, np.int32) for _ in range(3)), *(np.zeros(0, np.float32) for _ in range(2))
-    sample, direction, met, distance, share = (np.concatenate(columns) for columns in zip(none, *hits, strict=True))
+    sample, *others = (np.concatenate(columns) for columns in zip(none, *hits, strict=True))
     rows = len(cosine)
     lost, ground = np.zeros((rows, COUNT), np.float32), np.zeros((rows, 0 if node is None else NODES**2), np.float32)
     begin, column = np.zeros(rows + 1, np.int64), np.empty(len(sample), np.int32)
     weight, way = np.empty(len(sample), np.float32), np.empty(len(sample), np.int16)
     if node is not None or len(sample):
         behind = np.full(cosine.shape, -1, np.int16) if node is None else node
-        _resolve(
-            cosine, behind, sample, direction, met, distance, share, lost, ground, begin, column, weight, way
-        )  # fmt: skip
+        _resolve(cosine, behind, (sample, *others), lost, ground, (begin, column, weight, way))
     used = int(begin[-1])
     samples = csr_matrix((weight[:used], column[:used], begin), shape=(rows, total))
     return FormFactors(lost, samples, way[:used], ground)
 
 
 @exact
-def _resolve(
-    cosine: Any, node: Any, sample: Any, direction: Any, met: Any, distance: Any, share: Any,
-    lost: Any, ground: Any, begin: Any, column: Any, weight: Any, way: Any,
-) -> None:  # fmt: skip
+def _resolve(cosine: Any, node: Any, hits: Any, lost: Any, ground: Any, matrix: Any) -> None:
     """Share the light of each direction among what rays (m,) meet there, the nearest first, and the ground behind.
 
-    cosine, node: (r, COUNT). lost, ground, way, and begin, column, weight of a sparse matrix: as `FormFactors` has
-    them.
+    cosine, node: (r, COUNT). hits: of `Neighbour.seen_from`. lost, ground, and begin, column and weight of a sparse
+    matrix with the way of each entry: as `FormFactors` has them.
     """
+    (sample, direction, met, distance, share), (begin, column, weight, way) = hits, matrix
     # List what each sample meets in a direction, the nearest first
     head = np.full(cosine.shape, -1, np.int32)
     after = np.full(len(sample), -1, np.int32)
@@ -660,22 +655,21 @@ def _met_by(
     first, most = np.zeros(len(cosine) + 1, np.int64), len(samples.data) + seen.size + len(order)
     direction, target, part = np.empty(most, np.int32), np.empty(most, np.int32), np.empty(most, np.float32)
     others = samples.indptr, factors.way, samples.indices, samples.data
-    _list_met(body.transfer.cosine, cosine, seen, others, own, first, direction, target, part)
+    _list_met(body.transfer.cosine, cosine, seen, others, own, Met(first, direction, target, part))
     used = int(first[-1])
     return Met(first, direction[:used].copy(), target[:used].copy(), part[:used].copy())
 
 
 @exact
-def _list_met(
-    whole: Any, cosine: Any, node: Any, others: Any, own: Any, first: Any, direction: Any, target: Any, part: Any
-) -> None:
-    """Set the arrays of `Met`, sample by sample.
+def _list_met(whole: Any, cosine: Any, node: Any, others: Any, own: Any, found: Any) -> None:
+    """Set the arrays of `Met`, found, sample by sample.
 
     whole, cosine: (S, COUNT) irradiance that directions add, and that which the body leaves. node: (S, COUNT). others:
     begin of each sample, directions, coarse samples and weights of `FormFactors`. own: the same with targets and parts,
     of what the body blocks itself.
     """
     (begin, way, met, weight), (place, own_way, own_target, own_part) = others, own
+    first, direction, target, part = found
     used, taken = 0, np.zeros(whole.shape[1])
     for s in range(len(whole)):
         # Others, then the ground behind them, then the body itself

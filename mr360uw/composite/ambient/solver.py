@@ -464,10 +464,8 @@ def reflected_among(
     normal, ways = np.ascontiguousarray(lattice.normal, np.float32), np.ascontiguousarray(directions().T, np.float32)
     towards, alpha = towards.astype(np.float32), alpha.astype(np.float32)
     light, at_body = (np.ascontiguousarray(a.T, np.float32) for a in (radiance, around))
-    _reflect(
-        normal, towards, alpha, ways, light, at_body, np.flatnonzero(np.any(light != at_body, axis=0)),
-        met.begin, met.direction, met.target, met.part, sent, ground, out,
-    )  # fmt: skip
+    moved = np.flatnonzero(np.any(light != at_body, axis=0))
+    _reflect((normal, towards, alpha), ways, (light, at_body, moved), met, sent, ground, out)
     return out
 
 
@@ -495,10 +493,12 @@ def _weigh(normal: Any, towards: Any, alpha: Any, d: Any, weight: Any) -> None:
 
 
 @fast
-def _reflect(
-    normal: Any, towards: Any, alpha: Any, d: Any, radiance: Any, around: Any, moved: Any,
-    first: Any, direction: Any, target: Any, part: Any, sent: Any, ground: Any, out: Any,
-) -> None:  # fmt: skip
+def _reflect(samples: Any, d: Any, light: Any, met: Any, sent: Any, ground: Any, out: Any) -> None:
+    """Set what `reflected_among` returns. samples: normals, directions to the camera, and widths of lobes. light: of
+    the environment as the camera and as the body sees it, and the directions in which they differ.
+    """
+    (normal, towards, alpha), (radiance, around, moved) = samples, light
+    first, direction, target, part = met
     # Mark the directions of far bodies, which fill them whole
     weight, far = np.empty(d.shape[1], np.float32), np.zeros(d.shape[1], np.bool_)
     far[moved] = True

@@ -101,12 +101,17 @@ class Visibility:
         """Numbers of the lamps among the lights."""
         return range(HALO + 1, len(self.lights))
 
+    @property
+    def _columns(self) -> tuple[Floats, NDArray[np.float32], int, bool]:
+        """Slots and what is in them, as the kernels take them."""
+        return self.slots, self.values, self.size, self.clear
+
     def hidden(self, places: Floats) -> Floats:
         """Return for balls (n, 4), middle and radius, which of the sun's lights bodies may hide (n, 2): 0 neither, 1
         the halo, 2 part of the disc, 3 all of both; and the distance [m] to the nearest such body.
         """
         found = np.empty((len(places), 2))
-        _find_hidden(places, self.lights, self.slots, self.values, self.size, self.clear, found)
+        _find_hidden(places, self.lights, self._columns, found)
         return found
 
     def seen(
@@ -120,10 +125,7 @@ class Visibility:
         of_lights = self.lights[list(lights)]
         fans = [fan if k == HALO else ALL_RAYS if k == DISC or self.lights[k, 8] > 0.0 else ONE_RAY for k in lights]
         found = np.full((len(footprints), len(of_lights)), -1.0) if known is None else known.copy()
-        of_fans = np.array(fans, np.int64)
-        _see(
-            footprints, of_lights, of_fans, self.slots, self.values, self.size, self.clear, self.rays, self.fans, found
-        )
+        _see(footprints, of_lights, np.array(fans, np.int64), self._columns, (self.rays, self.fans), found)
         return found
 
 
@@ -351,8 +353,9 @@ def _between(columns: Any, slot: Any, size: Any, clear: Any, disc: Any, below: A
 
 
 @fast
-def _find_hidden(places: Any, lights: Any, slots: Any, values: Any, size: Any, clear: Any, found: Any) -> None:
-    """Set what `Visibility.hidden` returns."""
+def _find_hidden(places: Any, lights: Any, columns: Any, found: Any) -> None:
+    """Set what `Visibility.hidden` returns. columns: slots, values, size and clear of `Visibility`."""
+    slots, values, size, clear = columns
     widest = HALO if lights[HALO, 1] > 0.0 else DISC
     slope_x, slope_y = lights[DISC, 3], lights[DISC, 4]
     tilt, x, y, z = 0.5 * math.sqrt(slope_x * slope_x + slope_y * slope_y), 0.0, 0.0, 0.0
@@ -390,13 +393,11 @@ powers."""
 
 
 @fast
-def _see(
-    footprints: Any, lights: Any, of_fans: Any, slots: Any, values: Any, size: Any, clear: Any, fans_of: Any, fans: Any,
-    seen: Any,
-) -> None:  # fmt: skip
-    """Set the visible fractions (n, k) of lights that are negative. of_fans: (k,) number of each light's fan; the
-    others are those of `Visibility`.
+def _see(footprints: Any, lights: Any, of_fans: Any, columns: Any, rays_of: Any, seen: Any) -> None:
+    """Set the visible fractions (n, k) of lights that are negative. of_fans: (k,) number of each light's fan. columns:
+    slots, values, size and clear of `Visibility`, rays_of: its rays and fans.
     """
+    (slots, values, size, clear), (fans_of, fans) = columns, rays_of
     near = np.empty((len(slots), _TOGETHER), np.bool_)
     asked, mine = np.empty(_TOGETHER, np.int64), np.empty(_TOGETHER, np.int64)
     facing, hidden = np.empty(_TOGETHER), np.empty(_TOGETHER)

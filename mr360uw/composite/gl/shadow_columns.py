@@ -235,9 +235,9 @@ def _draw_slots(
         for placed in frame.bodies:
             look = cache.of(mesh_looks, placed.mesh.still, keep=_KEPT)
             positions = np.asarray(placed.mesh.positions, np.float64)
-            cuts = cutouts([look], np.array([0, len(look.kind)]))
-            inputs: list[Any] = [positions, frame.matrix(placed), of_frame, frame.middle_m, frame.nearest_m, look.kind]
-            _draw(*[*inputs, *cuts, spans, heights, passed])
+            projection = frame.matrix(placed), of_frame, frame.middle_m, frame.nearest_m
+            kinds = look.kind, cutouts([look], np.array([0, len(look.kind)]))
+            _draw(positions, projection, kinds, spans, heights, passed)
         _sum_levels(heights, passed, spans, of_frame[4], slot)
     return values.reshape(len(frames), values.shape[1] * 4), extents
 
@@ -249,17 +249,15 @@ _LOWEST = np.float32(-1e9)
 
 
 @fast
-def _draw(
-    positions: Any, matrix: Any, extents: Any, middle: Any, nearest: Any, kind: Any, cut: Any, cuts: Any, alphas: Any,
-    places: Any, spans: Any, heights: Any, passed: Any,
-) -> None:  # fmt: skip
+def _draw(positions: Any, projection: Any, kinds: Any, spans: Any, heights: Any, passed: Any) -> None:
     """Draw a mesh (T, 3, 3) into the texels of a slot: the largest of (top, -bottom) along the light, heights (2, n,
     n), and the product of what its surfaces let through, passed (n, n), empty where all bodies are opaque.
 
-    matrix: (3, 4) from the mesh to the axes of the frame. middle, nearest: of `LightFrame`, middle 0 for the sun. kind,
-    cut ... places: of triangles, as visible_surfaces.py has them. spans: (2, n / 2) first and last texel that is drawn
-    of each two rows; what lies beyond has any value.
+    projection: matrix (3, 4) from the mesh to the axes of the frame, extents, middle and nearest distance of
+    `LightFrame`, the middle one 0 for the sun. kinds: of triangles, and tables of `cutouts`. spans: (2, n / 2) first
+    and last texel that is drawn of each two rows; what lies beyond has any value.
     """
+    (matrix, extents, middle, nearest), (kind, (cut, cuts, alphas, places)) = projection, kinds
     side = heights.shape[1]
     p, x, y, edge, plane = np.empty((3, 3)), np.empty(3), np.empty(3), np.empty((3, 3)), np.empty(3)
     weights, change = np.empty(3), np.zeros((2, 2))
