@@ -180,7 +180,7 @@ class ReceiverPass:
         between every second pixel, and the pixels themselves of `sharp` blocks (n,) that these miss, or with gaps.
         """
         origin = float(BLOCK) * np.stack([i, j], axis=-1)
-        few = self._samples(lit, origin, halo, _SHADOW, BLOCK // 2, 2)["seen"]
+        few = self._samples(lit, origin, halo, _SHADOW, (BLOCK // 2, 2))["seen"]
         seen = np.clip(enlarged(few), 0.0, 1.0)
         bent = sharp & (missed_between(few) > SMOOTH)
         bent[ground.gaps_in(gaps, j, i)[1]] = True
@@ -196,7 +196,7 @@ class ReceiverPass:
         wanted: features to compute, of SHADOW, CAUSTICS, ROUGH (all light, for rough blocks) and, with ROUGH, LAMPS.
         """
         shape = None if _on_plane(lit[0], wanted) else ground.pixels(j, i)
-        named = self._samples(lit, float(BLOCK) * np.stack([i, j], axis=-1), halo, wanted, BLOCK, 1, shape)
+        named = self._samples(lit, float(BLOCK) * np.stack([i, j], axis=-1), halo, wanted, (BLOCK, 1), shape)
         some, block = ground.gaps_in(gaps, j, i)
         if len(block):
             for name, image in self._at_gaps(lit, ground, some, wanted).items():
@@ -210,26 +210,20 @@ class ReceiverPass:
             point, normal = ground.meet(*gaps.place.T)
             shape = np.append(normal, np.linalg.norm(point, axis=-1)[:, None], axis=1)[:, None, None]
         halo = np.full((len(gaps.place), 4), -1.0)
-        return self._samples(lit, gaps.place - 0.5, halo, wanted, 1, 1, shape, gaps.area)
+        return self._samples(lit, gaps.place - 0.5, halo, wanted, (1, 1), shape, gaps.area)
 
     def _samples(
-        self,
-        lit: _Lit,
-        origin: Floats,
-        halo: Floats,
-        wanted: frozenset[str],
-        side: int,
-        spacing: int,
-        shape: Floats | None = None,
-        area: Floats | None = None,
-    ) -> dict[str, NDArray[np.float32]]:
-        """Return images (n, side, side, k) of samples `spacing` pixels apart of blocks, by their names in `BlockLight`.
+        self, lit: _Lit, origin: Floats, halo: Floats, wanted: frozenset[str], grid: tuple[int, int],
+        shape: Floats | None = None, area: Floats | None = None,
+    ) -> dict[str, NDArray[np.float32]]:  # fmt: skip
+        """Return images (n, side, side, k) of samples of blocks, by their names in `BlockLight`.
 
-        origin: (n, 2) frame coordinates of the blocks' corners. halo: (n, 4) visible fraction of the halo there,
-        negative where it is found for each sample. shape: (n, side, side, 4) normal and distance; None for a plane.
-        area: (n, 5) of the frame that samples represent; None for pixels.
+        grid: side, and pixels from one sample to the next. origin: (n, 2) frame coordinates of the blocks' corners.
+        halo: (n, 4) visible fraction of the halo there, negative where it is found for each sample. shape: (n, side,
+        side, 4) normal and distance; None for a plane. area: (n, 5) of the frame that samples represent; None for
+        pixels.
         """
-        shot, light = lit
+        (shot, light), (side, spacing) = lit, grid
         named: dict[str, NDArray[np.float32]] = {}
         footprints: Floats = np.zeros((0, 12))
         if wanted & {"SHADOW", "LAMPS"}:

@@ -83,32 +83,29 @@ def visible_fraction(passed: Passed, start: Floats, sides: Floats | None, count:
     every direction is taken from `_ROUNDS` places.
     """
     every, directions, places = np.arange(len(start)), np.arange(count), pixel_offsets(count)
+    foot = start, np.zeros((len(start), 2, 3)) if sides is None else sides
+    seen = _free(passed, foot, (directions, places), every)
     if sides is None:
-        return _free(passed, start, np.zeros((len(start), 2, 3)), directions, places, every) / count
-    seen = _free(passed, start, sides, directions, places, every)
+        return seen / count
     partly = (seen > 0) & (seen < count)
-    fine = np.flatnonzero(partly | _reaches_edge(passed, start, sides, seen, count))
+    fine = np.flatnonzero(partly | _reaches_edge(passed, foot, seen, count))
     turns = np.arange(1, _ROUNDS)[:, None, None] * _TURN_OF_PLACES
     more = (np.remainder(places + 0.5 + turns, 1.0) - 0.5).reshape(-1, 2)
     fraction = seen / count
-    again = _free(passed, start, sides, np.tile(directions, _ROUNDS - 1), more, fine)
+    again = _free(passed, foot, (np.tile(directions, _ROUNDS - 1), more), fine)
     fraction[fine] = (seen[fine] + again) / (_ROUNDS * count)
     return np.asarray(fraction)
 
 
 def _free(
-    passed: Passed,
-    start: Floats,
-    sides: Floats,
-    directions: NDArray[np.int64],
-    places: Floats,
-    chosen: NDArray[np.int64],
+    passed: Passed, foot: tuple[Floats, Floats], rays: tuple[NDArray[np.int64], Floats], chosen: NDArray[np.int64]
 ) -> Floats:
-    """Return how many (m,) of the rays from chosen points (m,) are free, each by the fraction of its light that is
-    left, which start at places (r, 2) in [-0.5, 0.5]^2 of their footprints in directions of given numbers (r,).
+    """Return how many (m,) of the rays from chosen footprints (m,) are free, each by the fraction of its light that is
+    left. foot: middles and sides of all. rays: numbers of their directions (r,), and places (r, 2) in [-0.5, 0.5]^2 of
+    their footprints at which they start.
     """
-    seen = np.zeros(len(chosen))
-    begin, across, at_once = start[chosen], sides[chosen], max(_RAYS_AT_ONCE // max(len(chosen), 1), 1)
+    seen, (directions, places) = np.zeros(len(chosen)), rays
+    begin, across, at_once = foot[0][chosen], foot[1][chosen], max(_RAYS_AT_ONCE // max(len(chosen), 1), 1)
     for first in range(0, len(places), at_once):
         some, number = places[first : first + at_once], directions[first : first + at_once]
         begins = begin + np.einsum("rp,mpk->rmk", some, across)
@@ -117,13 +114,13 @@ def _free(
     return seen
 
 
-def _reaches_edge(passed: Passed, start: Floats, sides: Floats, seen: Floats, count: int) -> NDArray[np.bool_]:
+def _reaches_edge(passed: Passed, foot: tuple[Floats, Floats], seen: Floats, count: int) -> NDArray[np.bool_]:
     """Return where (n,) all rays were free, or all blocked, but one from a corner of the footprint is not."""
-    other = np.zeros(len(start), np.bool_)
+    other = np.zeros(len(seen), np.bool_)
     same = np.flatnonzero((seen == 0) | (seen == count))
     outermost = count - 1 - np.arange(4) * max(count // 13, 1)
     corners = np.repeat([(-0.5, -0.5), (0.5, -0.5), (-0.5, 0.5), (0.5, 0.5)], len(outermost), axis=0)
-    free = _free(passed, start, sides, np.tile(outermost, 4), corners, same)
+    free = _free(passed, foot, (np.tile(outermost, 4), corners), same)
     other[same] = free != np.where(seen[same] > 0, len(corners), 0)
     return other
 
