@@ -264,27 +264,28 @@ def _lookup(texture: Texture, uv: Floats, change: Floats) -> Floats:
     return texture_lookup(texture, uv, change[:, 0], change[:, 1])
 
 
-def uv_change(triangles: Floats, uv: Floats, weights: Floats, neighbours: Floats) -> Floats:
-    """Return the change (n, 2, 2) of (u, v) to the hits of the next column's and row's rays (n, 2, 3) on the plane."""
+def weights_beside(triangles: Floats, neighbours: Floats) -> list[Floats]:
+    """Return the barycentric weights (n, 3) at which the rays (n, 2, 3) of the next column and row meet planes."""
+    return [barycentric(triangles, neighbours[:, k])[0] for k in range(2)]
+
+
+def uv_change(uv: Floats, weights: Floats, beside: Sequence[Floats]) -> Floats:
+    """Return the change (n, 2, 2) of (u, v) from weights (n, 3) to those of `weights_beside`."""
     here = np.einsum("nc,nck->nk", weights, uv)
-    change = np.empty((len(uv), 2, 2))
-    for k in range(2):
-        there, _ = barycentric(triangles, neighbours[:, k])
-        change[:, k] = np.einsum("nc,nck->nk", there, uv) - here
+    change = np.stack([np.einsum("nc,nck->nk", there, uv) - here for there in beside], axis=1)
     # a neighbour beyond the plane's horizon has no hit: use the coarsest level
     return np.where(np.isfinite(change), np.clip(change, -1e3, 1e3), 1e3)
 
 
-def normal_change(triangles: Floats, normals: Floats, normal: Floats, neighbours: Floats) -> Floats:
+def normal_change(normals: Floats, normal: Floats, beside: Sequence[Floats]) -> Floats:
     """Return the change (n, 2, 3) over a pixel of interpolated unit normals (n, 3), along its columns and rows.
 
-    normals: (n, 3, 3) of the corners. neighbours: rays (n, 2, 3) half a pixel away, as the filter of textures is wide.
+    normals: (n, 3, 3) of the corners. beside: of `weights_beside`, half a pixel away: as the textures' filter.
     """
     change = np.empty((len(normal), 2, 3))
-    for k in range(2):
-        there, _ = barycentric(triangles, neighbours[:, k])
-        beside = np.einsum("nc,nck->nk", there, normals)
-        change[:, k] = 2.0 * (beside / np.maximum(np.linalg.norm(beside, axis=-1, keepdims=True), 1e-12) - normal)
+    for k, weights in enumerate(beside):
+        there = np.einsum("nc,nck->nk", weights, normals)
+        change[:, k] = 2.0 * (there / np.maximum(np.linalg.norm(there, axis=-1, keepdims=True), 1e-12) - normal)
     size = np.linalg.norm(change, axis=-1, keepdims=True)
     return change * np.minimum(1.0, LARGEST_CHANGE / np.maximum(size, 1e-12))
 
@@ -307,7 +308,9 @@ def surface(
     origin, direction, neighbours = rays
     corners = geometry.positions[triangle] - origin[:, None]
     weights, distance = barycentric(corners, direction)
-    places = [_MapPlace.of(corners, uv, weights, neighbours) for uv in _coordinates(geometry, triangle)]
+    beside = weights_beside(corners, neighbours)
+    of_sets = geometry.uv[triangle], *np.moveaxis(geometry.more_uv[triangle], 2, 0)
+    places = [_MapPlace(uv, np.einsum("nc,nck->nk", weights, uv), uv_change(uv, weights, beside)) for uv in of_sets]
     color = base_color(geometry, triangle, weights, places[0].change)
     # Turn the normals to the camera: the flat one, and the smooth one of the corners
     e1, e2 = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
@@ -317,7 +320,7 @@ def surface(
     point = distance[:, None] * direction
     normal = np.einsum("nc,nck->nk", weights, geometry.normals[triangle])
     normal /= np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-12)
-    turning = normal_change(corners, geometry.normals[triangle], normal, neighbours)
+    turning = normal_change(geometry.normals[triangle], normal, beside)
     # Read the maps; those of normals change the smooth one
     values = _material_values(geometry, triangle, places)
     for number, material in enumerate(geometry.materials):
@@ -357,20 +360,9 @@ class _MapPlace:
     uv: Floats
     change: Floats
 
-    @staticmethod
-    def of(triangles: Floats, corners: Floats, weights: Floats, neighbours: Floats) -> _MapPlace:
-        """Return the places of hits at barycentric weights (n, 3)."""
-        uv = np.einsum("nc,nck->nk", weights, corners)
-        return _MapPlace(corners, uv, uv_change(triangles, corners, weights, neighbours))
-
     def texel(self, texture: Texture, some: NDArray[np.int64]) -> Floats:
         """Return the values (m, 4) of a map at some of the pixels."""
         return _lookup(texture, self.uv[some], self.change[some])
-
-
-def _coordinates(geometry: Geometry, triangle: NDArray[np.int64]) -> list[Floats]:
-    """Return the texture coordinates (n, 3, 2) of triangles, of every set of `Material.sets`."""
-    return [geometry.uv[triangle], *np.moveaxis(geometry.more_uv[triangle], 2, 0)]
 
 
 def _material_values(geometry: Geometry, triangle: NDArray[np.int64], places: Sequence[_MapPlace]) -> dict[str, Floats]:

@@ -33,6 +33,7 @@ from mr360uw.composite.raycast import (
     pixel_footprint,
     surface,
     uv_change,
+    weights_beside,
 )
 from mr360uw.composite.receiver.blocks import rectangles_of_blocks, touched_ground
 from mr360uw.composite.receiver.ratio import receiver_ratio
@@ -247,7 +248,7 @@ def trace_samples(
         """Return the change of (u, v) over the width of a sample at which masks are read."""
         x, y = fx[ray], fy[ray]
         around = np.stack([shot.view.directions(x + pixel, y), shot.view.directions(x, y + pixel)], axis=1)
-        return uv_change(corners, geometry.uv[triangle], weights, around)
+        return uv_change(geometry.uv[triangle], weights, weights_beside(corners, around))
 
     # Follow the rays from hit to hit, until all end on what is opaque
     for _ in range(MAXIMUM_HITS):

@@ -374,7 +374,8 @@ def surface_images(
             sides, bodies, hits, samples.direction[at, sample[chosen]], first_m[chosen], further[chosen], in_water
         )
         reflectance = reflected[at, sample[chosen]]
-        covers = group_amount * hits.alpha * bodies.presence[hits.object] * _fade(passed)
+        covers = group_amount * hits.alpha * bodies.presence[hits.object]
+        covers *= smoothstep(passed.max(axis=-1), FAINTEST, _FULL_FROM)  # nearly all is taken by the water
         light, kept = _in_plate(sides, light, mirrored[at, sample[chosen]], reflectance, same=same)
         for c in range(3):
             total[:, c] += np.bincount(at, weights=covers * light[:, c], minlength=count)
@@ -429,8 +430,3 @@ def _in_plate(
     if same:
         return light - sky, np.zeros(len(light))
     return light + reflectance[:, None] * sky, np.ones(len(light))
-
-
-def _fade(passed: Floats) -> Floats:
-    """Return the fraction (n,) in which images are drawn whose light is nearly all taken by the water."""
-    return smoothstep(passed.max(axis=-1), FAINTEST, _FULL_FROM)

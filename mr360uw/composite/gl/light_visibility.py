@@ -132,7 +132,7 @@ class Visibility:
 def visibility_of(shot: Shot, cache: Cache, scratch: Scratch) -> Visibility:
     """Return what hides the lights of a shot. cache: keeps columns of bodies; scratch: for drawing them."""
     sun, lamps, view = sun_of(shot), lamps_of(shot), shot.view
-    of_sun, of_lamps = sun_frames(shot), lamp_frames(shot)
+    of_sun, of_lamps = sun_frames(shot), [lamp_frames(lamp, shot.casters) for lamp in lamps]
     frames = [*of_sun, *(frame for group in of_lamps for frame in group)]
     # Draw the columns, as fine as the narrowest light asks for
     radii = [lamp.radius_m / frame.middle_m for lamp, g in zip(lamps, of_lamps, strict=True) for frame in g]

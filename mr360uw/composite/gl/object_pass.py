@@ -94,7 +94,9 @@ class ObjectPass:
                 halves = [self._light_up(lit, parts, len(fragments), bodies, blended, k) for k in (1, 2)]
                 seen = through(tiles, fragments)[fragments.pixel()] * fragments.weight * values_of[:, 3]
                 _add_variables(frame, fragments, seen, np.concatenate(halves, axis=1), body)
-            add_behind(tiles, fragments, values_of)
+            pieces = fragments.row, fragments.column, fragments.first, fragments.weight
+            for tile in tiles:
+                sum_behind(pieces, values_of, (tile.row, tile.column), (tile.radiance, tile.alpha, tile.distance_m))
 
     def _body_list(
         self, shot: Shot, objects: Sequence[PlacedObject], ambient: AmbientLight | None
@@ -249,13 +251,6 @@ def through(tiles: Sequence[Tile], fragments: Fragments) -> Floats:
         inside = np.flatnonzero((r >= 0) & (r < rows) & (c >= 0) & (c < columns))
         free[inside] = 1.0 - tile.alpha[r[inside], c[inside]]
     return free
-
-
-def add_behind(tiles: Sequence[Tile], fragments: Fragments, values: Floats) -> None:
-    """Composite fragments behind the contents of tiles. values: (n, 5) radiance, alpha and distance [m]."""
-    pieces = fragments.row, fragments.column, fragments.first, fragments.weight
-    for tile in tiles:
-        sum_behind(pieces, values, (tile.row, tile.column), (tile.radiance, tile.alpha, tile.distance_m))
 
 
 _AT_ONCE = 1 << 19

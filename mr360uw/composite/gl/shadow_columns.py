@@ -29,7 +29,7 @@ from mr360uw.cache import Cache, PartOf, Scratch
 from mr360uw.composite.ambient.form_factors import rounded
 from mr360uw.composite.gl.triangles import BLENDED, MASKED, OPAQUE, mesh_looks
 from mr360uw.composite.gl.visible_surfaces import alpha_of, cutouts
-from mr360uw.composite.lighting.light_sources import lamps_of, sun_of
+from mr360uw.composite.lighting.light_sources import sun_of
 from mr360uw.composite.shot import PlacedObject, Shot
 from mr360uw.jit import exact, fast
 from mr360uw.medium.shafts.single_scattering import nearest_m
@@ -92,6 +92,13 @@ class LightFrame:
         shift = rounded(placed.world_from_object[:3, 3] - self.start, placed.mesh.radius_m * placed.scale)
         return self.axes @ np.column_stack([placed.world_from_object[:3, :3], shift])
 
+    def placed(self, extents: Floats) -> Floats:
+        """Return extents (6,) about `start` as rays are traced: for the sun about the world's origin."""
+        if self.origin is not None:
+            return extents
+        x, y, z = self.axes @ self.start
+        return extents + np.array([x, y, 0.0, 0.0, z, z])
+
     def extents(self) -> Floats:
         """Return the bodies' extents (6,) about `start`: centre across, half size across, ends along; two each."""
         hulls = [(body.mesh.hull.reshape(-1, 3), self.matrix(body)) for body in self.bodies]
@@ -145,15 +152,11 @@ _CORNER_RAD = float(np.arccos(3.0**-0.5))
 """Angle between the axis of a cube's face and its corners."""
 
 
-def lamp_frames(shot: Shot) -> list[list[LightFrame]]:
-    """Return the light frames of each lamp: one for each body in its cone, or faces of a cube for bodies around it."""
-    return [_frames(lamp, shot.casters) if lamp.casts_shadow else [] for lamp in lamps_of(shot)]
-
-
-def _frames(lamp: Lamp, casters: tuple[PlacedObject, ...]) -> list[LightFrame]:
+def lamp_frames(lamp: Lamp, casters: tuple[PlacedObject, ...]) -> list[LightFrame]:
+    """Return the light frames of a lamp: one for each body in its cone, or faces of a cube for bodies around it."""
     alone: list[LightFrame] = []
     around: list[PlacedObject] = []
-    for placed in casters:
+    for placed in casters if lamp.casts_shadow else ():
         center = placed.to_world(placed.mesh.center_m) - lamp.position
         distance, radius = float(np.linalg.norm(center)), placed.mesh.radius_m * placed.scale
         if distance <= _FARTHER * radius:
@@ -212,11 +215,8 @@ def columns_of(
     clear = any(m.alpha_mode == "BLEND" for frame in frames for body in frame.bodies for m in body.mesh.materials)
     drawn_of = PartOf((frames, cache, scratch), *(frame.drawn for frame in frames))
     values, extents = cache.of(_draw_slots, drawn_of, size, clear)
-    start = np.array([np.zeros(3) if frame.origin is not None else frame.axes @ frame.start for frame in frames])
-    placed = extents.copy()
-    placed[:, :2] += start.reshape(-1, 3)[:, :2]
-    placed[:, 4:] += start.reshape(-1, 3)[:, 2:]
-    return values, placed, clear
+    placed = np.array([frame.placed(of_frame) for frame, of_frame in zip(frames, extents, strict=True)])
+    return values, placed.reshape(-1, 6), clear
 
 
 def _draw_slots(
