@@ -747,21 +747,20 @@ def far_bodies(bodies: Sequence[Body], share: Floats) -> FarBodies:
     begin, direction = np.zeros(len(lit) + 1, np.int64), np.empty(len(lit) * COUNT, np.int16)
     weight, cover = np.empty(len(direction), np.float32), np.zeros((len(bodies), COUNT), np.float32)
     towards = np.einsum("pk,pkj->pj", to, rotation[lit])
-    _spread(lit, towards, np.cos(wide), solid_angle / SOLID_ANGLE, directions(), begin, direction, weight, cover)
+    of_direction = solid_angle / SOLID_ANGLE
+    _spread(lit, towards, np.cos(wide), of_direction, directions(), (begin, direction, weight, cover))
     used, side = int(begin[-1]), 2 * np.arange(3) + (back < 0.0)
     return FarBodies(lit, other, side, back**2, begin, direction[:used].copy(), weight[:used].copy(), cover)
 
 
 @exact
-def _spread(
-    lit: Any, towards: Any, cosine: Any, filled: Any, d: Any, begin: Any, direction: Any, weight: Any, cover: Any
-) -> None:
-    """Set begin, direction, weight and cover of `FarBodies`.
+def _spread(lit: Any, towards: Any, cosine: Any, filled: Any, d: Any, found: Any) -> None:
+    """Set begin, direction, weight and cover of `FarBodies`, found.
 
     towards: (P, 3) in the axes of the body that is lit. cosine: (P,) of the angle that the other is spread over.
     filled: (P,) its solid angle over that of a direction. d: (COUNT, 3).
     """
-    used, first = 0, 0
+    (begin, direction, weight, cover), used, first = found, 0, 0
     left, total = np.ones(len(d)), np.zeros(len(d))
     for p in range(len(lit)):
         whole, start = 0.0, used

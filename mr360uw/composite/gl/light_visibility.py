@@ -402,11 +402,10 @@ def _see(footprints: Any, lights: Any, of_fans: Any, columns: Any, rays_of: Any,
     asked, mine = np.empty(_TOGETHER, np.int64), np.empty(_TOGETHER, np.int64)
     facing, hidden = np.empty(_TOGETHER), np.empty(_TOGETHER)
     # Arrays of their own: rows of one would have to be taken for overlapping
-    middle, one_side, other_side = _three(_TOGETHER), _three(_TOGETHER), _three(_TOGETHER)
-    start, slope, spans, here = _three(_ROOM), _three(_ROOM), _three(_ROOM), _three(_ROOM)
-    before, level, outcome, between = _three(_ROOM), _three(_ROOM), _three(_ROOM), _three(_ROOM)
-    found_at = np.empty(_ROOM, np.int32), np.empty(_ROOM, np.int32)
-    grain, four, blocked = np.empty(_TOGETHER, np.float32), np.empty(4 * _ROOM, np.float32), outcome[2]
+    feet = _three(_TOGETHER), _three(_TOGETHER), _three(_TOGETHER), np.empty(_TOGETHER, np.float32)
+    rays, outcome = (_three(_ROOM), _three(_ROOM), _three(_ROOM)), _three(_ROOM)
+    found_at, four = (np.empty(_ROOM, np.int32), np.empty(_ROOM, np.int32)), np.empty(4 * _ROOM, np.float32)
+    room, blocked = (_three(_ROOM), _three(_ROOM), found_at, _three(_ROOM), _three(_ROOM), four), outcome[2]
     for begin in range(0, len(footprints), _TOGETHER):
         for number in range(len(lights)):
             light, fan, numbers = lights[number], fans_of[of_fans[number]], fans[of_fans[number]]
@@ -449,19 +448,16 @@ def _see(footprints: Any, lights: Any, of_fans: Any, columns: Any, rays_of: Any,
                     found = 0
                     for k in range(count):
                         if near[body, k]:
-                            _set_footprint(footprints[asked[k]], slots[body], numbers[2] * facing[k], found,
-                                           middle, one_side, other_side, grain)  # fmt: skip
+                            _set_footprint(footprints[asked[k]], slots[body], numbers[2] * facing[k], found, feet)
                             mine[found] = k
                             found += 1
                     if found == 0:
                         continue
                     slot = slots[body]
-                    rays = found * (last - done)
                     spread = light[8] / slot[6] if lamp else light[2]
                     disc, widening = (spread, light[3], light[4]), np.float32(spread * numbers[3])
-                    _start(fan, done, last, found, slot, disc, middle, one_side, other_side, grain, start, slope, spans)
-                    _walk(values[body], slot, size, clear, rays, widening, start, slope, spans, here, before, found_at,
-                          between, level, four, outcome)  # fmt: skip
+                    _start(fan, (done, last, found), slot, disc, feet, rays)
+                    _walk(values[body], slot, size, clear, (found * (last - done), widening), rays, room, outcome)
                     # Of two bodies the larger counts where both are opaque
                     for k in range(last - done):
                         for m in range(found):
@@ -504,13 +500,11 @@ def _facing(foot: Any, lamp: Any) -> Any:
 
 
 @inlined
-def _set_footprint(
-    foot: Any, slot: Any, facing: Any, k: Any, middle: Any, one_side: Any, other_side: Any, grain: Any
-) -> None:
-    """Set middle and sides of a footprint in the axes of a slot, before any projection, and the width of rays there.
-
-    facing: of a lamp, that width.
+def _set_footprint(foot: Any, slot: Any, facing: Any, k: Any, feet: Any) -> None:
+    """Set the k-th of feet: middle and sides of a footprint in the axes of a slot, before any projection, and the width
+    of rays there. facing: of a lamp, that width.
     """
+    middle, one_side, other_side, grain = feet
     for axis in range(3):
         a, b, c = slot[7 + 3 * axis], slot[8 + 3 * axis], slot[9 + 3 * axis]
         middle[axis][k] = a * foot[0] + b * foot[1] + c * foot[2] + slot[16 + axis]
@@ -521,16 +515,15 @@ def _set_footprint(
 
 
 @inlined
-def _start(
-    fan: Any, first: Any, last: Any, count: Any, slot: Any, disc: Any, middle: Any, one_side: Any, other_side: Any,
-    grain: Any, start: Any, slope: Any, spans: Any,
-) -> None:  # fmt: skip
-    """Start the rays of a fan from `first` to before `last` from their places in footprints, those of each ray in turn.
+def _start(fan: Any, part: Any, slot: Any, disc: Any, feet: Any, rays: Any) -> None:
+    """Start rays of a fan from their places in footprints, those of each ray in turn.
 
-    start: from the middle of the slot and its lowest point. slope: metres across for a metre along the light, and the
-    inverse of their length. spans: height over the start at which they enter and leave the slot, and width at the
-    start. disc: tangent of its radius, and slope of its middle.
+    part: first ray, the one after the last, and number of footprints. disc: tangent of its radius, and slope of its
+    middle. feet: of `_set_footprint`. rays: start, slope, spans. start: from the middle of the slot and its lowest
+    point. slope: metres across for a metre along the light, and the inverse of their length. spans: height over the
+    start at which they enter and leave the slot, and width at the start.
     """
+    (first, last, count), (middle, one_side, other_side, grain), (start, slope, spans) = part, feet, rays
     spread, low_x, low_y = np.float32(disc[0]), np.float32(disc[1]), np.float32(disc[2])
     at_x, at_y = np.float32(slot[0]), np.float32(slot[1])
     lowest, reach = np.float32(slot[4]), np.float32(slot[5] - slot[4])
@@ -547,33 +540,26 @@ def _start(
             spans[2][begin + k] = grain[k]
         for k in range(begin, begin + count):
             slope[0][k], slope[1][k], slope[2][k] = slope_x, slope_y, across
-    rays = (last - first) * count
+    total = (last - first) * count
     if far > _ZERO:
         # The map of shadow_columns.py; behind the lamp nothing hides it
-        for k in range(rays):
+        for k in range(total):
             scale = far / z[k] if z[k] > _ZERO else _ZERO
             x[k], y[k], z[k] = x[k] * scale, y[k] * scale, far * scale if z[k] > _ZERO else -_ONE
             spans[2][k] *= z[k] / far
-    for k in range(rays):
+    for k in range(total):
         x[k], y[k], z[k] = x[k] - at_x, y[k] - at_y, z[k] - lowest
         spans[0][k], spans[1][k] = max(-z[k], _ZERO), max(reach - z[k], _ZERO)
 
 
 @inlined
-def _walk(
-    columns: Any, slot: Any, size: Any, clear: Any, rays: Any, widening: Any, start: Any, slope: Any, spans: Any,
-    here: Any, before: Any, found_at: Any, between: Any, level: Any, four: Any, outcome: Any,
-) -> None:  # fmt: skip
-    """Set what a body blocks of rays, most (rays,), all of which take a step at a time. widening: by how much they grow
-    for a metre; the other arrays are room.
+def _walk(columns: Any, slot: Any, size: Any, clear: Any, asked: Any, of_rays: Any, room: Any, outcome: Any) -> None:
+    """Set what a body blocks of rays, most (rays,), the first of outcome; all of them take a step at a time. asked:
+    their number, and by how much they grow for a metre. of_rays: of `_start`.
     """
-    x, y, z = start
-    slope_x, slope_y, across = slope
-    h, until, widths = spans
-    filled, top, bottom = here
-    filled_a, top_a, bottom_a = before
-    (at, side), (fx, fy, _), (most, h_a, _) = found_at, between, outcome
-    wanted, per_texel, inside = level
+    (rays, widening), ((x, y, z), (slope_x, slope_y, across), (h, until, widths)) = asked, of_rays
+    (filled, top, bottom), (filled_a, top_a, bottom_a), (at, side), (fx, fy, _), of_level, four = room
+    (wanted, per_texel, inside), (most, h_a, _) = of_level, outcome
     all_texels, half = np.float32(size), np.float32(0.5 * size)
     texel = np.float32(2.0 * max(slot[2], slot[3]) / size)
     per_x, per_y = np.float32(0.5 * size / slot[2]), np.float32(0.5 * size / slot[3])

@@ -115,7 +115,7 @@ class Ground:
             height_m, extent_m = self._shape.level_m, self._shape.extent_m
             size = float(view.width), float(view.height)
             axes = np.ascontiguousarray(view.world_from_camera, np.float64)
-            _meet_level(*xy, wanted, size, axes, float(view.eye_m), height_m, extent_m, point)
+            _meet_level(xy, wanted, size, axes, (float(view.eye_m), height_m, extent_m), point)
             up = np.array([0.0, -np.sign(height_m) if height_m else 1.0, 0.0], np.float32)
             return point, np.broadcast_to(up, point.shape)
         normal, (j, i) = np.zeros_like(point), places_in_mask(wanted)
@@ -222,14 +222,14 @@ def four_corners(corner: Floats, j: Indices, i: Indices) -> Floats:
 
 
 @exact
-def _meet_level(
-    x: Any, y: Any, wanted: Any, size: Any, axes: Any, eye_m: Any, height_m: Any, extent_m: Any, point: Any
-) -> None:
+def _meet_level(xy: Any, wanted: Any, size: Any, axes: Any, ground: Any, point: Any) -> None:
     """Set the points (h, w, 3) [m] of level ground, from the camera, at frame coordinates x (w,), y (h,), where wanted
     (h, w); those that do not meet it stay. As `ReceiverShape.meet`.
 
-    size: of the frame. axes: (3, 3) world from camera. height_m: of the ground above the camera.
+    size: of the frame. axes: (3, 3) world from camera. ground: radius of the viewing circle, height of the ground above
+    the camera and its extent [m].
     """
+    (x, y), (eye_m, height_m, extent_m) = xy, ground
     longitude = 2.0 * np.pi * (x / size[0] - 0.5)
     right, ahead = np.sin(longitude), np.cos(longitude)
     for j in range(len(y)):
