@@ -16,8 +16,9 @@ import pytest
 
 from mr360uw import cli
 from mr360uw.cache import drop_shared
-from mr360uw.gl.context import gl_available, release_unused
+from mr360uw.gl.context import release_unused
 from mr360uw.reading.disk_cache import FOLDER, kernel_folder
+from tests.glsl import gl_available
 
 _M_MMAP_THRESHOLD, _M_ARENA_MAX = -3, -8
 _C = ctypes.CDLL(None) if sys.platform == "linux" else None

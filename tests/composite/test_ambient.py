@@ -26,7 +26,6 @@ from mr360uw.composite.mesh.material import Material, Part
 from mr360uw.composite.mesh.mesh import Mesh, make_mesh
 from mr360uw.composite.reference import render_layer
 from mr360uw.composite.shot import PlacedObject, Receiver, Shot
-from mr360uw.gl.context import gl_available
 from mr360uw.ibl.filters import irradiance
 from mr360uw.ibl.lighting import assemble
 from mr360uw.ibl.lookup import environment_lookup, glossy_lookup
@@ -40,6 +39,7 @@ from mr360uw.types import Environment, Floats, Layer
 from tests.composite import tolerances as tol
 from tests.composite.form_factors import box_form_factor, polygon_form_factor
 from tests.composite.scenes import box, changed, codes, environment, medium, placed, plate, quad, shot, sphere
+from tests.glsl import gl_available
 
 WHITE = Material(base_color=(1.0, 1.0, 1.0, 1.0), roughness=1.0, refractive_index=1.0)
 """Without a coat: what a closed form says of a diffuse white is then exact."""

@@ -58,6 +58,7 @@ Places = PartOf[NDArray[np.int64]]
 
 def upload_still(mesh: Mesh, places: Places | None = None) -> StillBuffers:
     """Return what the poses of a mesh share on the device. places: its points of ambient light; None without them."""
+    # Write the triangles, then their further texture coordinates
     count = len(mesh.positions)
     texels = np.zeros((count, TRIANGLE_TEXELS, 4), np.float32)
     texels[:, 0:9:3, 3], texels[:, 1:9:3, 3] = mesh.uv[..., 0], mesh.uv[..., 1]
@@ -69,9 +70,13 @@ def upload_still(mesh: Mesh, places: Places | None = None) -> StillBuffers:
     texels[:, 9, 2], texels[:, 9, 3] = np.divmod(address, 1 << ADDRESS_BITS)
     if places is not None:
         texels[:, 10] = places.whole
+    # Lay out the materials and their maps
     store, entries = texture_store(texture for m in mesh.materials for texture in m.maps)
     materials = np.stack([_material_texels(m, entries) for m in mesh.materials])
-    shared = MeshBuffers({"materials": list_texture(materials), "store": store}, _defines(mesh))
+    # Define every kind of map that some material has, further texture coordinates, and materials smoother than diffuse
+    defines = {kind.upper(): 1 for kind in MAPS if any(getattr(m, kind) is not None for m in mesh.materials)}
+    defines |= ({"MORE_UV": 1} if mesh.more_uv.shape[2] else {}) | ({"SMOOTH": 1} if mesh.glossy else {})
+    shared = MeshBuffers({"materials": list_texture(materials), "store": store}, defines)
     return _in_rows((texels, further), 4, Scratch()), shared
 
 
@@ -82,14 +87,6 @@ def upload_mesh(mesh: Mesh, places: Places | None = None, still: StillBuffers | 
     texels = rows.reshape(-1, 4)[: TRIANGLE_TEXELS * count].reshape(-1, TRIANGLE_TEXELS, 4)
     texels[:, 0:9:3, :3], texels[:, 1:9:3, :3] = mesh.positions, mesh.normals
     return MeshBuffers({"triangles": texture_from_array(rows), **shared.textures}, shared.defines)
-
-
-def _defines(mesh: Mesh) -> dict[str, int]:
-    """Return a define for every kind of map that some material of a mesh has, for its further texture coordinates, and
-    for materials smoother than diffuse.
-    """
-    kinds = {kind.upper(): 1 for kind in MAPS if any(getattr(m, kind) is not None for m in mesh.materials)}
-    return kinds | ({"MORE_UV": 1} if mesh.more_uv.shape[2] else {}) | ({"SMOOTH": 1} if mesh.glossy else {})
 
 
 def list_texture(*parts: NDArray[Any], channels: int = 4, scratch: Scratch | None = None) -> moderngl.Texture:
