@@ -262,6 +262,7 @@ def _take_images(rows: Any, b: int, j: int, n: int, images: Any) -> None:
     seen, waves, shape and added.
     """
     (line, weight, waves_row, added_row), (free_, seen_, waves_, shape_, added_) = rows, images
+    # Find the numbers of its images, then take those that there are
     f, s, w, g, p = free_.at[n], seen_.at[n], waves_.at[n], shape_.at[n], added_.at[n]
     free, seen, waves, shape, added = free_.image, seen_.image, waves_.image, shape_.image, added_.image
     for i in range(BLOCK):

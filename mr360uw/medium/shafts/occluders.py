@@ -363,11 +363,13 @@ def _bodies_met(spheres: Any, origin: Any, direction: Any, first: Any, last: Any
     spheres: centres (k, 3), radii (k,) of their shadows [m] at the bodies, axes of `Outlines`, and by how much the
     radii grow a metre below.
     """
+    # Turn the ray into the axes across the light and along it
     centre, wide, axes, spread = spheres
     along_u = direction[0] * axes[0, 0] + direction[1] * axes[0, 1] + direction[2] * axes[0, 2]
     along_v = direction[0] * axes[1, 0] + direction[1] * axes[1, 1] + direction[2] * axes[1, 2]
     rise = direction[0] * axes[2, 0] + direction[1] * axes[2, 1] + direction[2] * axes[2, 2]
     squared = max(along_u * along_u + along_v * along_v, 1e-300)
+    # Keep bodies that it passes below, within the shadow's radius there
     found = 0
     for body in asked:
         x, y, z = origin[0] - centre[body, 0], origin[1] - centre[body, 1], origin[2] - centre[body, 2]
