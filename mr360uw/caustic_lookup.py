@@ -36,6 +36,13 @@ def mip_levels(ratio: Floats) -> list[Floats]:
     return levels
 
 
+def levels_of(stack: CausticStack | None) -> tuple[list[Floats], list[Floats]]:
+    """Return the `mip_levels` of a stack's light that has not turned, and of the rest, none where it has none."""
+    if stack is None:
+        return [], []
+    return mip_levels(stack.ratio), [] if stack.soft is None else mip_levels(stack.soft)
+
+
 @exact
 def _add_bilinear(image: Any, plane: Any, u: Any, v: Any, weight: Any, result: Any) -> None:
     """Add `weight` (n,) times values of an image (D, size, size, C), periodic and bilinear, to `result` (n, 3)."""

@@ -20,10 +20,11 @@ from filelock import FileLock
 
 from mr360uw import cli
 from mr360uw.cache import drop_shared
-from mr360uw.gl.context import gl_available, release_unused
+from mr360uw.gl.context import release_unused
 from mr360uw.reading.disk_cache import FOLDER, kernel_folder
 from mr360uw.sample import SampleDive
 from tests.command import command_line
+from tests.glsl import gl_available
 
 MadeOnce = Callable[[str, Callable[[Path], SampleDive]], SampleDive]
 

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from mr360uw.errors import GlError
 from mr360uw.gl.context import (
     draw_fullscreen,
     gl_context,
@@ -17,6 +18,15 @@ from mr360uw.gl.context import (
 
 _TYPES = {1: "float", 2: "vec2", 3: "vec3", 4: "vec4"}
 _WIDTH = 256
+
+
+def gl_available() -> bool:
+    """Return whether a context can be made here."""
+    try:
+        gl_context()
+    except GlError:
+        return False
+    return True
 
 
 def glsl_call(

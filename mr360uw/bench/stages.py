@@ -20,7 +20,6 @@ from mr360uw.caustics import CausticSettings, GerstnerSea, caustic_stack, refrac
 from mr360uw.caustics.settings import PlaneLadder
 from mr360uw.composite.objects import load_objects
 from mr360uw.composite.over import over
-from mr360uw.composite.raycast import occluding
 from mr360uw.composite.shafts import grid_of
 from mr360uw.constants import MAXIMUM_SUN_SAMPLES, REFRACTIVE_INDEX_SEA
 from mr360uw.ibl import environment
@@ -237,7 +236,7 @@ def _open(bench: Workbench) -> Workload:
         scene.sea, refract_to_air(_SUN.direction), stack_depths(0.2, 20.0, 12), 0.0,
         CausticSettings(size=256, grid=128), spread=spread_of(medium),
     )  # fmt: skip
-    shafts = ShaftScene.of(view, medium, _SUN, [occluding([whale], np.zeros(3))], waves)
+    shafts = ShaftScene.of(view, medium, _SUN, [whale], waves)
     column = np.arange(3 * _FRAME_WIDTH // 8, 5 * _FRAME_WIDTH // 8, _STRIDE) + 0.5
     row = np.arange(_FRAME_WIDTH // 6, _FRAME_WIDTH // 3, _STRIDE) + 0.5
     rays = np.asarray(view.directions(*(at.ravel() for at in np.meshgrid(column, row))), np.float64).reshape(-1, 3)

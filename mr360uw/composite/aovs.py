@@ -137,13 +137,9 @@ def exr_parts(layer: Layer, aovs: Aovs, plate_linear: Floats) -> dict[str, dict[
     receiver_difference (of shadow, caustics, lamps and shafts): R, G, B. Every channel is named layer.channel, as the
     format asks for (OpenEXR, "Channel Naming"), except those of rgba and depth, which have standard names.
     """
-    colours = {
-        "diffuse": aovs.diffuse, "glossy": aovs.glossy, "sun": aovs.sun, "lamps": aovs.lamps,
-        "caustics": aovs.caustics, "emission": aovs.emission, "veil": aovs.veil, "shafts": aovs.shafts,
-        "snow": aovs.snow, "transmittance": aovs.transmittance, "shadow_ratio": layer.ratio,
-        "plate_shafts": layer.shafts,
-        "receiver_difference": receiver_difference(plate_linear, layer),
-    }  # fmt: skip
+    of_light = *SUMS[:7], "shafts", "snow", "transmittance"
+    colours = {name: getattr(aovs, name) for name in of_light} | {"shadow_ratio": layer.ratio}
+    colours |= {"plate_shafts": layer.shafts, "receiver_difference": receiver_difference(plate_linear, layer)}
     parts: dict[str, dict[str, NDArray[np.generic]]] = {
         "rgba": {"RGBA": _half(np.concatenate([layer.radiance, layer.alpha[..., None]], axis=-1))},
         "depth": {"Z": np.minimum(layer.distance_m, _FARTHEST_M).astype(np.float32)},

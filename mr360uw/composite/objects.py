@@ -24,30 +24,11 @@ from mr360uw.reading.input_files import OBJECTS
 from mr360uw.shapes import checked
 from mr360uw.types import Floats
 
-_AT_REST = {
-    name: ObjectSettings.model_fields[name].default
-    for name in (
-        "position_m",
-        "azimuth_deg",
-        "elevation_deg",
-        "distance_m",
-        "stand_on",
-        "rotation_deg",
-        "face",
-        "front",
-        "size_m",
-        "scale",
-        "attach",
-        "key",
-        "interpolation",
-        "animation",
-        "loop",
-        "speed",
-        "start_s",
-        "casts_shadow",
-        "visible",
-    )
-}
+_MOVING = (
+    "position_m", "azimuth_deg", "elevation_deg", "distance_m", "stand_on", "rotation_deg", "face", "front", "size_m",
+    "scale", "attach", "key", "interpolation", "animation", "loop", "speed", "start_s", "casts_shadow", "visible",
+)  # fmt: skip
+_AT_REST = {name: ObjectSettings.model_fields[name].default for name in _MOVING}
 """The settings that do not change an object's meshes."""
 _RIGS = 4096
 """Files of meshes that are reads: all of a long sequence."""
@@ -216,14 +197,8 @@ def on_the_floor(placed: SceneObject, receiver: Receiver | None) -> SceneObject:
     """
     if placed.settings.stand_on is None:
         return placed
-    mesh = placed.meshes[0]
+    mesh, motion = placed.meshes[0], placed.motion
     points = (mesh.hull if placed.playback is None else mesh.positions).reshape(-1, 3)
-    return replace(placed, motion=_stood(placed, points, receiver))
-
-
-def _stood(placed: SceneObject, points: Floats, receiver: Receiver | None) -> Motion:
-    """Return the motion of an object of these points (n, 3) at the heights at which it stands."""
-    motion = placed.motion
     position = motion.position.copy()
     for number, (rotation, scale) in enumerate(zip(motion.rotation, motion.scale, strict=True)):
         corners = scale * points @ rotation.T + position[number]
@@ -236,7 +211,7 @@ def _stood(placed: SceneObject, points: Floats, receiver: Receiver | None) -> Mo
                 "or give a receiver of kind plane, mesh or height_map that reaches there"
             )
         position[number, 1] += height - low[1]
-    return replace(motion, position=position)
+    return replace(placed, motion=replace(motion, position=position))
 
 
 def receiver_height(receiver: Receiver, x_m: float, z_m: float) -> float | None:

@@ -136,18 +136,11 @@ def mean_layer(layers: Sequence[Layer]) -> Layer:
         changed = np.stack([np.any(t.ratio != 1.0, axis=-1) for t in stack])[..., None]
         veil = np.stack([t.veil for t in stack])
         filled = [t.shafts for t in stack if t.shafts is not None]
-        tiles.append(
-            Tile(
-                column=rectangle.column,
-                row=rectangle.row,
-                radiance=np.mean([t.radiance for t in stack], axis=0),
-                alpha=np.mean([t.alpha for t in stack], axis=0),
-                distance_m=np.min([t.distance_m for t in stack], axis=0),
-                ratio=np.mean([t.ratio for t in stack], axis=0),
-                veil=(np.where(changed, veil, 0.0).sum(0) / np.maximum(changed.sum(0), 1)).astype(np.float32),
-                shafts=np.asarray(np.sum(filled, axis=0) / np.float32(len(stack))) if filled else None,
-            )
-        )
+        mean = {name: np.mean([getattr(t, name) for t in stack], axis=0) for name in ("radiance", "alpha", "ratio")}
+        mean["distance_m"] = np.min([t.distance_m for t in stack], axis=0)
+        mean["veil"] = (np.where(changed, veil, 0.0).sum(0) / np.maximum(changed.sum(0), 1)).astype(np.float32)
+        shafts = np.asarray(np.sum(filled, axis=0) / np.float32(len(stack))) if filled else None
+        tiles.append(Tile(rectangle.column, rectangle.row, **mean, shafts=shafts))
     return Layer(height, width, tuple(tiles))
 
 
@@ -173,13 +166,7 @@ def tile_of(layer: Layer, part: Rectangle) -> Tile:
 
 def empty_tile(part: Rectangle) -> Tile:
     """Return a tile that changes nothing, float32."""
-    width, height = part.width, part.height
-    return Tile(
-        column=part.column,
-        row=part.row,
-        radiance=np.zeros((height, width, 3), np.float32),
-        alpha=np.zeros((height, width), np.float32),
-        distance_m=np.full((height, width), np.inf, np.float32),
-        ratio=np.ones((height, width, 3), np.float32),
-        veil=np.zeros((height, width, 3), np.float32),
-    )
+    size = part.height, part.width
+    radiance, veil = (np.zeros((*size, 3), np.float32) for _ in range(2))
+    distance, ratio = np.full(size, np.inf, np.float32), np.ones((*size, 3), np.float32)
+    return Tile(part.column, part.row, radiance, np.zeros(size, np.float32), distance, ratio, veil)

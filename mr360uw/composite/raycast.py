@@ -13,9 +13,10 @@ device: light_visibility.py.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
-from typing import NamedTuple
+from functools import cached_property
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +25,7 @@ from mr360uw.cache import Same
 from mr360uw.composite.mesh.material import Material
 from mr360uw.composite.mesh.mesh import Mesh
 from mr360uw.composite.mesh.texture import Texture, texture_lookup
-from mr360uw.composite.shot import PlacedObject, Shot
+from mr360uw.composite.shot import PlacedObject
 from mr360uw.composite.tiles import nearest_m, rectangles_of_bodies, seen_rectangle
 from mr360uw.constants import LONGEST_FOOTPRINT
 from mr360uw.rays import RayScene, barycentric
@@ -37,7 +38,7 @@ LARGEST_CHANGE = 1.0
 plane."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Geometry:
     """Triangles of several objects, one array each (T, ...); positions from the camera, axes of the world.
 
@@ -55,6 +56,11 @@ class Geometry:
     patch: NDArray[np.int64]
     materials: tuple[Material, ...]
 
+    @cached_property
+    def scene(self) -> RayScene:
+        """The triangles for rays, made when it is first asked for."""
+        return RayScene(self.positions)
+
     def some(self, triangles: NDArray[np.int64]) -> Geometry:
         """Return some of the triangles, with all materials."""
         arrays = {field.name: getattr(self, field.name) for field in fields(self) if field.name != "materials"}
@@ -63,40 +69,22 @@ class Geometry:
 
 def gather(objects: Sequence[PlacedObject], camera_position: Floats) -> Geometry:
     """Return the triangles of objects in world axes, from the camera."""
-    further = max((placed.mesh.more_uv.shape[2] for placed in objects), default=0)
-    empty = {
-        "positions": np.zeros((0, 3, 3)), "normals": np.zeros((0, 3, 3)), "uv": np.zeros((0, 3, 2)),
-        "more_uv": np.zeros((0, 3, further, 2)), "colors": np.zeros((0, 3, 4)),
-    }  # fmt: skip
-    columns: dict[str, list[Floats]] = {name: [value] for name, value in empty.items()}
-    numbers: dict[str, list[NDArray[np.int64]]] = {name: [] for name in ("object", "material", "patch")}
+    further, number = max((placed.mesh.more_uv.shape[2] for placed in objects), default=0), np.zeros(0, np.int64)
+    found: list[tuple[NDArray[Any], ...]] = [
+        (*np.zeros((2, 0, 3, 3)), np.zeros((0, 3, 2)), np.zeros((0, 3, further, 2)), np.zeros((0, 3, 4)), *[number] * 3)
+    ]
     materials: list[Material] = []
     patches = 0
     for index, placed in enumerate(objects):
-        mesh = placed.mesh
-        linear = placed.world_from_object[:3, :3]
-        columns["positions"].append(placed.triangles - camera_position)
-        columns["normals"].append(mesh.normals @ linear.T / placed.scale)
-        columns["uv"].append(mesh.uv)
-        columns["more_uv"].append(np.pad(mesh.more_uv, ((0, 0), (0, 0), (0, further - mesh.more_uv.shape[2]), (0, 0))))
-        columns["colors"].append(mesh.colors)
-        numbers["object"].append(np.full(len(mesh.positions), index, np.int64))
-        numbers["material"].append(mesh.material.astype(np.int64) + len(materials))
-        numbers["patch"].append(mesh.patch.astype(np.int64) + patches)
+        mesh, linear = placed.mesh, placed.world_from_object[:3, :3]
+        more_uv = np.pad(mesh.more_uv, ((0, 0), (0, 0), (0, further - mesh.more_uv.shape[2]), (0, 0)))
+        numbers = np.full(len(mesh.positions), index), mesh.material + len(materials), mesh.patch + patches
+        positions, normals = placed.triangles - camera_position, mesh.normals @ linear.T / placed.scale
+        found.append((positions, normals, mesh.uv, more_uv, mesh.colors, *(n.astype(np.int64) for n in numbers)))
         materials += mesh.materials
         patches += int(mesh.patch.max()) + 1
-    arrays = {name: np.concatenate(values) for name, values in columns.items()}
-    labels = {name: np.concatenate([np.zeros(0, np.int64), *values]) for name, values in numbers.items()}
-    return Geometry(**arrays, **labels, materials=tuple(materials))  # type: ignore[arg-type]
-
-
-def occluding(objects: Sequence[PlacedObject], camera_position: Floats) -> Floats:
-    """Return the opaque triangles (T, 3, 3) that cast shadows, from the camera."""
-    shading = [placed for placed in objects if placed.casts_shadow]
-    opaque = [np.array([m.alpha_mode == "OPAQUE" for m in placed.mesh.materials]) for placed in shading]
-    solid = [placed.mesh.positions[o[placed.mesh.material]] for placed, o in zip(shading, opaque, strict=True)]
-    placed = [p.to_world(triangles) - camera_position for p, triangles in zip(shading, solid, strict=True)]
-    return np.concatenate([np.zeros((0, 3, 3)), *placed])
+    columns: list[Any] = [np.concatenate(column) for column in zip(*found, strict=True)]
+    return Geometry(*[*columns, tuple(materials)])
 
 
 def object_rectangles(view: View, objects: Sequence[PlacedObject]) -> list[Rectangle]:
@@ -201,17 +189,12 @@ _MOST_SURFACES, _DARK = 64, 1e-4
 
 
 def surfaces_along(
-    geometry: Geometry,
-    scene: RayScene,
-    origins: Floats,
-    directions: Floats,
-    least: float,
-    reach_m: Floats | float = np.inf,
+    geometry: Geometry, origins: Floats, directions: Floats, least: float, reach_m: Floats | float = np.inf
 ) -> MetSurfaces:
-    """Return what rays (n, 3) meet of the triangles of a geometry, which `scene` has in the same order: the first, and
-    those behind surfaces that let light through. least: length of the shortest step behind one. reach_m: (n,), or a
-    number, how far they go.
+    """Return what rays (n, 3) meet of the triangles of a geometry: the first, and those behind surfaces that let light
+    through. least: length of the shortest step behind one. reach_m: (n,), or a number, how far they go.
     """
+    scene = geometry.scene
     start = np.asarray(origins, np.float64)
     # Rays of no end among opaque surfaces meet the first alone
     if np.all(np.isinf(reach_m)) and all(m.alpha_mode == "OPAQUE" for m in geometry.materials):
@@ -241,67 +224,93 @@ def surfaces_along(
     return MetSurfaces(*(np.concatenate(column) for column in zip(*found, strict=True)))
 
 
+def next_surfaces(
+    geometry: Geometry,
+    rays: tuple[Floats, Floats],
+    active: NDArray[np.int64],
+    behind_m: Floats,
+    uv_change_of: Callable[[NDArray[np.int64], Floats, NDArray[np.int64], Floats], Floats] | None = None,
+) -> tuple[NDArray[np.int64], NDArray[np.int64], Floats, NDArray[np.bool_]]:
+    """Return those of the active rays (m,) that meet a triangle behind what they met before, its number, its distance
+    [m], and whether it is seen there: not where it is the back of a one-sided material, or masked out.
+
+    rays: origins and directions (n, 3) of all. behind_m: (n,) from where on each is followed, which moves behind what
+    it meets. uv_change_of: returns the change (k, 2, 2) of (u, v) over a pixel at which masks are read, of numbers of
+    rays, corners, triangles and weights; None for their finest level.
+    """
+    # Find the next triangle of each
+    origin, direction = (a[active] for a in rays)
+    triangle = geometry.scene.first_hit(origin + behind_m[active, None] * direction, direction)
+    hit = triangle >= 0
+    active, triangle, origin, direction = active[hit], triangle[hit], origin[hit], direction[hit]
+    corners = geometry.positions[triangle] - origin[:, None]
+    weights, distance = barycentric(corners, direction)
+    behind_m[active] = np.maximum(distance, behind_m[active]) * (1.0 + 4e-6) + 1e-7
+    # Let rays through backs of one-sided faces and texels that are masked out
+    material = geometry.material[triangle]
+    two_sided = np.array([m.double_sided for m in geometry.materials], np.bool_)[material]
+    masked = np.array([m.alpha_mode == "MASK" for m in geometry.materials], np.bool_)[material]
+    solid = two_sided | (np.sum(geometry.scene.normals[triangle] * direction, -1) < 0.0)
+    holed = np.flatnonzero(solid & masked)
+    if len(holed):
+        of = active[holed], corners[holed], triangle[holed], weights[holed]
+        change = np.zeros((len(holed), 2, 2)) if uv_change_of is None else uv_change_of(*of)
+        cutoff = np.array([m.alpha_cutoff for m in geometry.materials])[material[holed]]
+        solid[holed] = base_color(geometry, of[2], of[3], change)[:, 3] >= cutoff
+    return active, triangle, distance, solid
+
+
 def _lookup(texture: Texture, uv: Floats, change: Floats) -> Floats:
     return texture_lookup(texture, uv, change[:, 0], change[:, 1])
 
 
-def uv_change(triangles: Floats, uv: Floats, weights: Floats, neighbours: Floats) -> Floats:
-    """Return the change (n, 2, 2) of (u, v) to the hits of the next column's and row's rays (n, 2, 3) on the plane."""
+def weights_beside(triangles: Floats, neighbours: Floats) -> list[Floats]:
+    """Return the barycentric weights (n, 3) at which the rays (n, 2, 3) of the next column and row meet planes."""
+    return [barycentric(triangles, neighbours[:, k])[0] for k in range(2)]
+
+
+def uv_change(uv: Floats, weights: Floats, beside: Sequence[Floats]) -> Floats:
+    """Return the change (n, 2, 2) of (u, v) from weights (n, 3) to those of `weights_beside`."""
     here = np.einsum("nc,nck->nk", weights, uv)
-    change = np.empty((len(uv), 2, 2))
-    for k in range(2):
-        there, _ = barycentric(triangles, neighbours[:, k])
-        change[:, k] = np.einsum("nc,nck->nk", there, uv) - here
+    change = np.stack([np.einsum("nc,nck->nk", there, uv) - here for there in beside], axis=1)
     # a neighbour beyond the plane's horizon has no hit: use the coarsest level
     return np.where(np.isfinite(change), np.clip(change, -1e3, 1e3), 1e3)
 
 
-def normal_change(triangles: Floats, normals: Floats, normal: Floats, neighbours: Floats) -> Floats:
+def normal_change(normals: Floats, normal: Floats, beside: Sequence[Floats]) -> Floats:
     """Return the change (n, 2, 3) over a pixel of interpolated unit normals (n, 3), along its columns and rows.
 
-    normals: (n, 3, 3) of the corners. neighbours: rays (n, 2, 3) half a pixel away, as the filter of textures is wide.
+    normals: (n, 3, 3) of the corners. beside: of `weights_beside`, half a pixel away: as the textures' filter.
     """
     change = np.empty((len(normal), 2, 3))
-    for k in range(2):
-        there, _ = barycentric(triangles, neighbours[:, k])
-        beside = np.einsum("nc,nck->nk", there, normals)
-        change[:, k] = 2.0 * (beside / np.maximum(np.linalg.norm(beside, axis=-1, keepdims=True), 1e-12) - normal)
+    for k, weights in enumerate(beside):
+        there = np.einsum("nc,nck->nk", weights, normals)
+        change[:, k] = 2.0 * (there / np.maximum(np.linalg.norm(there, axis=-1, keepdims=True), 1e-12) - normal)
     size = np.linalg.norm(change, axis=-1, keepdims=True)
     return change * np.minimum(1.0, LARGEST_CHANGE / np.maximum(size, 1e-12))
 
 
 def surface(
-    shot: Shot, geometry: Geometry, triangle: NDArray[np.int64], x: Floats, y: Floats, area: Floats, pixel: float
-) -> Hits:
-    """Return the surfaces at frame coordinates (n,) on given triangles. area: (n, 5) of the frame that each represents
-    (`sampling.frame_areas`). pixel: filter width of textures [pixels].
-    """
-    direction = shot.view.directions(x, y)
-    neighbours = np.stack([shot.view.directions(x + pixel, y), shot.view.directions(x, y + pixel)], axis=1)
-    return surface_along(
-        geometry, triangle, shot.view.starts(direction), direction, neighbours, area, pixel, shot.view.height
-    )
-
-
-def surface_along(
     geometry: Geometry,
     triangle: NDArray[np.int64],
-    origin: Floats,
-    direction: Floats,
-    neighbours: Floats,
+    rays: tuple[Floats, Floats, Floats],
     area: Floats,
     pixel: float,
     height: Floats | int,
 ) -> Hits:
     """Return the surfaces (n,) that rays meet on given triangles.
 
-    origin: (3,) or (n, 3) of the rays, from the camera [m]. neighbours: (n, 2, 3) directions `pixel` pixels to the
-    right and below, of a frame of `height` rows, a number or (n,). area: as of `surface`.
+    rays: their origins (n, 3) from the camera [m], directions (n, 3), and those (n, 2, 3) `pixel` pixels to the right
+    and below, in a frame of `height` rows, a number or (n,). area: (n, 5) of the frame that each represents
+    (`sampling.frame_areas`). pixel: filter width of textures [pixels].
     """
     # Find where rays meet their triangles, and their places on the maps
-    corners = geometry.positions[triangle] - np.reshape(origin, (-1, 1, 3))
+    origin, direction, neighbours = rays
+    corners = geometry.positions[triangle] - origin[:, None]
     weights, distance = barycentric(corners, direction)
-    places = [_MapPlace.of(corners, uv, weights, neighbours) for uv in _coordinates(geometry, triangle)]
+    beside = weights_beside(corners, neighbours)
+    of_sets = geometry.uv[triangle], *np.moveaxis(geometry.more_uv[triangle], 2, 0)
+    places = [_MapPlace(uv, np.einsum("nc,nck->nk", weights, uv), uv_change(uv, weights, beside)) for uv in of_sets]
     color = base_color(geometry, triangle, weights, places[0].change)
     # Turn the normals to the camera: the flat one, and the smooth one of the corners
     e1, e2 = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
@@ -311,9 +320,9 @@ def surface_along(
     point = distance[:, None] * direction
     normal = np.einsum("nc,nck->nk", weights, geometry.normals[triangle])
     normal /= np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-12)
-    turning = normal_change(corners, geometry.normals[triangle], normal, neighbours)
+    turning = normal_change(geometry.normals[triangle], normal, beside)
     # Read the maps; those of normals change the smooth one
-    metallic, roughness, occlusion, index, emission = _material_values(geometry, triangle, places)
+    values = _material_values(geometry, triangle, places)
     for number, material in enumerate(geometry.materials):
         if material.normal_map is not None:
             of, place = np.flatnonzero(geometry.material[triangle] == number), places[material.sets[2]]
@@ -334,12 +343,8 @@ def surface_along(
         normal=normal * side,
         base=color[:, :3],
         alpha=color[:, 3],
-        metallic=metallic,
-        roughness=roughness,
-        emission=emission,
-        occlusion=occlusion,
-        refractive_index=index,
         trim=np.array([material.trim for material in geometry.materials])[geometry.material[triangle]],
+        **values,
         footprint_m=distance * np.pi / height * pixel,
         normal_change=turning * side[..., None],
         area_middle=area_middle,
@@ -355,27 +360,14 @@ class _MapPlace:
     uv: Floats
     change: Floats
 
-    @staticmethod
-    def of(triangles: Floats, corners: Floats, weights: Floats, neighbours: Floats) -> _MapPlace:
-        """Return the places of hits at barycentric weights (n, 3)."""
-        uv = np.einsum("nc,nck->nk", weights, corners)
-        return _MapPlace(corners, uv, uv_change(triangles, corners, weights, neighbours))
-
     def texel(self, texture: Texture, some: NDArray[np.int64]) -> Floats:
         """Return the values (m, 4) of a map at some of the pixels."""
         return _lookup(texture, self.uv[some], self.change[some])
 
 
-def _coordinates(geometry: Geometry, triangle: NDArray[np.int64]) -> list[Floats]:
-    """Return the texture coordinates (n, 3, 2) of triangles, of every set of `Material.sets`."""
-    return [geometry.uv[triangle], *np.moveaxis(geometry.more_uv[triangle], 2, 0)]
-
-
-def _material_values(
-    geometry: Geometry, triangle: NDArray[np.int64], places: Sequence[_MapPlace]
-) -> tuple[Floats, ...]:
-    """Return metallic, roughness, occlusion and refractive index, each (n,), and emission (n, 3). places: of each set
-    of texture coordinates.
+def _material_values(geometry: Geometry, triangle: NDArray[np.int64], places: Sequence[_MapPlace]) -> dict[str, Floats]:
+    """Return metallic, roughness, occlusion and refractive_index, each (n,), and emission (n, 3), as `Hits` names them.
+    places: of each set of texture coordinates.
     """
     (metallic, roughness, occlusion, index), emission = np.empty((4, len(triangle))), np.empty((len(triangle), 3))
     for number, material in enumerate(geometry.materials):
@@ -391,7 +383,8 @@ def _material_values(
             occlusion[of] = 1.0 + material.occlusion_strength * (texel[:, 0] - 1.0)
         if material.emission_map is not None:
             emission[of] *= on_emission.texel(material.emission_map, of)[:, :3]
-    return metallic, roughness, occlusion, index, emission
+    both = {"metallic": metallic, "roughness": roughness, "occlusion": occlusion}
+    return both | {"refractive_index": index, "emission": emission}
 
 
 def bumped(normal: Floats, e1: Floats, e2: Floats, uv: Floats, bump: Floats) -> Floats:

@@ -27,12 +27,13 @@ from mr360uw.composite.raycast import (
     MAXIMUM_HITS,
     Geometry,
     Hits,
-    base_color,
     gather,
+    next_surfaces,
     object_rectangles,
     pixel_footprint,
     surface,
     uv_change,
+    weights_beside,
 )
 from mr360uw.composite.receiver.blocks import rectangles_of_blocks, touched_ground
 from mr360uw.composite.receiver.ratio import receiver_ratio
@@ -54,12 +55,15 @@ from mr360uw.composite.sampling import (
 )
 from mr360uw.composite.shot import Shot
 from mr360uw.composite.tiles import even_tiles, split
-from mr360uw.rays import RayScene, barycentric
 from mr360uw.shapes import checked
 from mr360uw.types import Floats, Layer, Rectangle, Tile
 
 _RAYS_AT_ONCE = 200_000
 """Rays traced in one batch. It bounds the memory: twice as many take twice as much."""
+_Lit = tuple[Shot, Sequence[LightSource], AmbientLight | None]
+"""A shot, its lights, and the solved ambient light among its bodies."""
+_Seen = tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64], Floats]
+"""Columns and rows (n,) of pixels; triangles and distances (n, s) [m] that their samples show, -1 for none."""
 
 
 @checked
@@ -114,17 +118,12 @@ def _render(shot: Shot, frame: AovFrame | None, cache: Cache) -> Layer:
     tiles = even_tiles(object_parts + receiver_parts, shot.view.width, shot.view.height)
     if not tiles:
         return Layer(shot.view.height, shot.view.width, ())
-    sources = light_sources(shot, Blockers(shot))
-    scene = RayScene(geometry.positions)
-    light = ambient_light(shot, cache)
-    drawn = []
+    lit, drawn = (shot, light_sources(shot, Blockers(shot)), ambient_light(shot, cache)), []
     for rectangle in tiles:
         tile = empty_tile(rectangle)
-        gaps = draw_objects(
-            shot, geometry, scene, sources, light, tile, _inside(object_parts, rectangle, shot.view.width), frame
-        )
+        gaps = draw_objects(lit, geometry, tile, _inside(object_parts, rectangle, shot.view.width), frame)
         if shape is not None:
-            draw_receiver(shot, shape, sources, light, tile, _inside(receiver_parts, rectangle, shot.view.width), gaps)
+            draw_receiver(lit, shape, tile, _inside(receiver_parts, rectangle, shot.view.width), gaps)
         drawn.append(hold_out(shot, tile))
     return Layer(shot.view.height, shot.view.width, tuple(drawn))
 
@@ -143,22 +142,13 @@ def _inside(parts: list[Rectangle], tile: Rectangle, width: int) -> NDArray[np.b
 # --- objects -------------------------------------------------------------------------------------------------------
 
 
-def draw_objects(
-    shot: Shot,
-    geometry: Geometry,
-    scene: RayScene,
-    sources: Sequence[LightSource],
-    light: AmbientLight | None,
-    tile: Tile,
-    where: NDArray[np.bool_],
-    frame: AovFrame | None,
-) -> Gaps:
+def draw_objects(lit: _Lit, geometry: Geometry, tile: Tile, where: NDArray[np.bool_], frame: AovFrame | None) -> Gaps:
     """Composite the objects into the marked pixels (h, w) of a tile, and into a frame of output variables if given.
 
     Returns the uncovered parts of pixels that opaque surfaces cover partly.
     """
     # Trace the samples of so many pixels at once as fit in memory
-    gaps: list[Gaps] = []
+    (shot, sources, light), gaps = lit, list[Gaps]()
     samples = pattern(shot.draw.samples)
     rows, columns = np.nonzero(where)
     step = max(_RAYS_AT_ONCE // samples.count, 1)
@@ -168,12 +158,12 @@ def draw_objects(
         x, y = i + tile.column, j + tile.row
         radiance, alpha = np.zeros((len(i), 3)), np.zeros(len(i))
         distance = np.full(len(i), np.inf)
-        layers = trace_samples(shot, geometry, scene, samples, x, y)
+        layers = trace_samples(shot, geometry, samples, x, y)
         gaps.append(find_gaps(samples, y, x, layers[-1][0] >= 0))
         # Lay what is blended over the opaque, the nearest first, each shaded once a group
         for triangle, seen_m in layers:
             through = (1.0 - alpha).copy()
-            for p, weight, hits in group_samples(shot, geometry, samples, x, y, triangle, seen_m):
+            for p, weight, hits in group_samples(shot, geometry, samples, (x, y, triangle, seen_m)):
                 passed, veil = water_ahead(shot, hits.distance_m, hits.direction)
                 sent, parts = surface_radiance(shot, sources, hits, ambient_at(shot, light, hits))
                 cover = np.where(opaque[geometry.material[hits.triangle]], 1.0, hits.alpha)
@@ -193,21 +183,13 @@ def draw_objects(
 # --- receivers -----------------------------------------------------------------------------------------------------
 
 
-def draw_receiver(
-    shot: Shot,
-    shape: ReceiverShape,
-    sources: Sequence[LightSource],
-    light: AmbientLight | None,
-    tile: Tile,
-    where: NDArray[np.bool_],
-    gaps: Gaps,
-) -> None:
+def draw_receiver(lit: _Lit, shape: ReceiverShape, tile: Tile, where: NDArray[np.bool_], gaps: Gaps) -> None:
     """Write the receiver's ratio and veil into the marked pixels (h, w) of a tile.
 
     Each pixel takes those at its centre, or in its gap: where bodies cover the centre the receiver is not visible.
     """
     # Take the centre of each pixel, or its gap beside bodies
-    assert shot.receiver is not None
+    shot, sources, light = lit
     rows, columns = np.nonzero(where)
     if len(rows) == 0:
         return
@@ -219,7 +201,7 @@ def draw_receiver(
     area = np.tile(WHOLE_PIXEL, (len(rows), 1))
     area[gap >= 0] = gaps.area[gap[gap >= 0]]
     # Meet the receiver there
-    distance, normal = shape.meet(shot, *place.T)
+    distance, normal = shape.meet(shot.view, *place.T)
     hit = np.isfinite(distance)
     rows, columns, distance, normal, area = rows[hit], columns[hit], distance[hit], normal[hit], area[hit]
     x, y = place[hit].T
@@ -241,7 +223,7 @@ def draw_receiver(
 
 
 def trace_samples(
-    shot: Shot, geometry: Geometry, scene: RayScene, samples: Pattern, x: NDArray[np.int64], y: NDArray[np.int64]
+    shot: Shot, geometry: Geometry, samples: Pattern, x: NDArray[np.int64], y: NDArray[np.int64]
 ) -> list[tuple[NDArray[np.int64], Floats]]:
     """Return layers (triangle (n, s), distance (n, s) [m]) hit by the samples of pixels; triangle -1 for no hit.
 
@@ -258,39 +240,24 @@ def trace_samples(
     layers = [np.full(count * n, -1, np.int64) for _ in range(BLEND_LAYERS + 1)]
     distances = [np.full(count * n, np.inf) for _ in range(BLEND_LAYERS + 1)]
     filled = np.zeros(count * n, np.int64)
-    mode = np.array([m.alpha_mode for m in geometry.materials] or ["OPAQUE"])
-    two_sided = np.array([m.double_sided for m in geometry.materials] or [True])
-    cutoff = np.array([m.alpha_cutoff for m in geometry.materials] or [0.5])
-    active, start = np.arange(count * n), np.zeros(count * n)
+    blends = np.array([m.alpha_mode == "BLEND" for m in geometry.materials], np.bool_)
+    active, behind_m = np.arange(count * n), np.zeros(count * n)
     pixel = n**-0.5
+
+    def change_of(ray: NDArray[np.int64], corners: Floats, triangle: NDArray[np.int64], weights: Floats) -> Floats:
+        """Return the change of (u, v) over the width of a sample at which masks are read."""
+        x, y = fx[ray], fy[ray]
+        around = np.stack([shot.view.directions(x + pixel, y), shot.view.directions(x, y + pixel)], axis=1)
+        return uv_change(geometry.uv[triangle], weights, weights_beside(corners, around))
+
     # Follow the rays from hit to hit, until all end on what is opaque
     for _ in range(MAXIMUM_HITS):
+        rays = from_middle, direction
+        active, triangle, distance, solid = next_surfaces(geometry, rays, active, behind_m, change_of)
         if len(active) == 0:
             break
-        rays, origin = direction[active], from_middle[active]
-        triangle = scene.first_hit(origin + start[active, None] * rays, rays)
-        hit = triangle >= 0
-        active, triangle, rays, origin = active[hit], triangle[hit], rays[hit], origin[hit]
-        if len(active) == 0:
-            break
-        corners = geometry.positions[triangle] - origin[:, None]
-        weights, distance = barycentric(corners, rays)
-        start[active] = np.maximum(distance, start[active]) * (1.0 + 4e-6) + 1e-7
-        # Let rays through backs of one-sided faces and texels that are masked out
-        material = geometry.material[triangle]
-        flat = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        solid = two_sided[material] | (np.sum(flat * rays, -1) < 0.0)
-        masked = np.flatnonzero(solid & (mode[material] == "MASK"))
-        if len(masked):
-            at = active[masked]
-            around = np.stack(
-                [shot.view.directions(fx[at] + pixel, fy[at]), shot.view.directions(fx[at], fy[at] + pixel)], axis=1
-            )
-            change = uv_change(corners[masked], geometry.uv[triangle[masked]], weights[masked], around)
-            alpha = base_color(geometry, triangle[masked], weights[masked], change)[:, 3]
-            solid[masked] = alpha >= cutoff[material[masked]]
         # Write what is blended to the next free layer, what is opaque to the last
-        blended = solid & (mode[material] == "BLEND")
+        blended = solid & blends[geometry.material[triangle]]
         for k in range(BLEND_LAYERS):
             to = blended & (filled[active] == k)
             layers[k][active[to]], distances[k][active[to]] = triangle[to], distance[to]
@@ -303,13 +270,7 @@ def trace_samples(
 
 
 def group_samples(
-    shot: Shot,
-    geometry: Geometry,
-    samples: Pattern,
-    x: NDArray[np.int64],
-    y: NDArray[np.int64],
-    triangle: NDArray[np.int64],
-    distance: Floats,
+    shot: Shot, geometry: Geometry, samples: Pattern, seen: _Seen
 ) -> Iterator[tuple[NDArray[np.int64], Floats, Hits]]:
     """Yield (pixels (n,), fraction of their samples (n,), surface at the representative sample) until none is left.
 
@@ -317,61 +278,43 @@ def group_samples(
     The representative is the sample nearest to the mean position of its group.
     """
     # Group until no sample is left, or shade each by itself
-    left = triangle >= 0
-    width = filter_width(samples.count, shot.draw.shading)
+    view, width = shot.view, filter_width(samples.count, shot.draw.shading)
+    left = seen[2] >= 0
     rounds = samples.count if shot.draw.shading == "sample" else GROUPS
     for number in range(rounds):
         pixel = np.flatnonzero(left.any(axis=1))
         if len(pixel) == 0:
             return
-        # Gather what lies near the plane of the first sample that is left
-        chosen = np.argmax(left[pixel], axis=1)
-        member = np.zeros((len(pixel), samples.count), bool)
-        if shot.draw.shading == "pixel":
-            member = left[pixel] & (
-                _near_plane(shot, geometry, samples, x[pixel], y[pixel], triangle[pixel], distance[pixel], chosen)
-                if number < rounds - 1
-                else True
-            )
-        member[np.arange(len(pixel)), chosen] = True
+        # Gather what lies near the plane of the first sample that is left, in the last round all
+        of_pixels = x, y, triangle, _ = seen[0][pixel], seen[1][pixel], seen[2][pixel], seen[3][pixel]
+        every, chosen = np.arange(len(pixel)), np.argmax(left[pixel], axis=1)
+        member = left[pixel] & (shot.draw.shading == "pixel")
+        if shot.draw.shading == "pixel" and number < rounds - 1:
+            member &= _near_plane(shot, geometry, samples, of_pixels, chosen)
+        member[every, chosen] = True
         left[pixel] &= ~member
         # Let the sample nearest to the middle stand for all
         middle = nearest_to_mean(samples, member)
-        at = samples.positions[middle]
-        yield (
-            pixel,
-            member.mean(axis=1),
-            surface(
-                shot,
-                geometry,
-                triangle[pixel, middle],
-                x[pixel] + at[:, 0],
-                y[pixel] + at[:, 1],
-                frame_areas(samples, member, middle),
-                width,
-            ),
-        )
+        column, row = x + samples.positions[middle, 0], y + samples.positions[middle, 1]
+        direction = view.directions(column, row)
+        beside = np.stack([view.directions(column + width, row), view.directions(column, row + width)], axis=1)
+        rays, area = (view.starts(direction), direction, beside), frame_areas(samples, member, middle)
+        yield pixel, member.mean(axis=1), surface(geometry, triangle[every, middle], rays, area, width, view.height)
 
 
 def _near_plane(
-    shot: Shot,
-    geometry: Geometry,
-    samples: Pattern,
-    x: NDArray[np.int64],
-    y: NDArray[np.int64],
-    triangle: NDArray[np.int64],
-    distance: Floats,
-    chosen: NDArray[np.int64],
+    shot: Shot, geometry: Geometry, samples: Pattern, seen: _Seen, chosen: NDArray[np.int64]
 ) -> NDArray[np.bool_]:
     """Return the mask (n, s) of samples that hit the chosen sample's smooth piece, near its triangle's plane."""
+    x, y, triangle, distance = seen
     rows = np.arange(len(chosen))
     first = triangle[rows, chosen]
     corners = geometry.positions[first]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
-    seen = np.where(triangle >= 0, distance, 0.0)
     fx, fy = x[:, None] + samples.positions[:, 0], y[:, None] + samples.positions[:, 1]
-    off = np.einsum("nsk,nk->ns", shot.view.points(shot.view.directions(fx, fy), seen) - corners[:, :1], normal)
+    point = shot.view.points(shot.view.directions(fx, fy), np.where(triangle >= 0, distance, 0.0))
+    off = np.einsum("nsk,nk->ns", point - corners[:, :1], normal)
     tolerance = PLANE_TOLERANCE * PIXEL_FILTER * np.pi / shot.view.height * distance[rows, chosen]
     same = geometry.patch[triangle] == geometry.patch[first][:, None]
     return same & (np.abs(off) <= tolerance[:, None])

@@ -59,18 +59,11 @@ class SceneLamp:
             place = rigid(view.position, view.world_from_camera) @ place
         elif self.settings.attach != "world":
             place = objects[self.settings.attach].world_from_object @ place
-        axis = -place[:3, 2] / np.linalg.norm(place[:3, 2])
-        cos_core, cos_edge = cone_cosines(self.settings)
+        axis, of_lamp = -place[:3, 2] / np.linalg.norm(place[:3, 2]), self.settings
         return Lamp(
-            position=place[:3, 3],
-            axis=axis,
-            intensity=self.intensity,
-            cos_core=cos_core,
-            cos_edge=cos_edge,
-            radius_m=self.settings.radius_m,
-            attenuation=self.attenuation,
-            casts_shadow=self.settings.casts_shadow,
-        )
+            place[:3, 3], axis, self.intensity, *cone_cosines(of_lamp), of_lamp.radius_m, self.attenuation,
+            of_lamp.casts_shadow,
+        )  # fmt: skip
 
 
 def load_lamps(

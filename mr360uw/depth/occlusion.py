@@ -169,7 +169,7 @@ def on_relief(receiver: Receiver, found: DepthMap, view: View) -> Receiver:
     sees = replace(view, width=inverse.shape[1], height=inverse.shape[0])
     j, i = np.nonzero(~used)
     x, y = i + 0.5, j + 0.5
-    elsewhere, _ = ReceiverShape(receiver, view.position).meet_along(sees, x, y, sees.directions(x, y))
+    elsewhere, _ = ReceiverShape(receiver, view.position).meet(sees, x, y)
     inverse[j, i] = inverse_distance(elsewhere)
     off = np.where(used & ~of_map, np.float32(OFF_IN_HOLES), np.float32(OFF))
     with np.errstate(divide="ignore"):

@@ -87,15 +87,6 @@ def release_unused() -> None:
     gl_context().gc()
 
 
-def gl_available() -> bool:
-    """Return whether a context can be made here."""
-    try:
-        gl_context()
-    except GlError:
-        return False
-    return True
-
-
 def gl_device() -> GlDevice:
     """Return the driver's own names."""
     info = gl_context().info

@@ -83,7 +83,7 @@ def meets(camera: View, point: Point, receiver: Receiver) -> Floats:
 
     x, y = pixel_of_point(point, camera.width, camera.height)
     column, row, direction = np.array([x]), np.array([y]), ray(camera, point)[None]
-    distance, _ = ReceiverShape(receiver, camera.position).meet_along(camera, column, row, direction)
+    distance, _ = ReceiverShape(receiver, camera.position).meet(camera, column, row, direction)
     if not np.isfinite(distance[0]):
         raise ParameterError(
             f"receiver - is not in this direction (got none within {receiver.extent_m:g} m) - click on the floor, or "

@@ -101,7 +101,7 @@ def receiver_edge(camera: View, receiver: Receiver) -> list[list[Point]]:
     y = (np.arange(_ELEVATIONS) + 0.5)[:, None] * (camera.height / _ELEVATIONS)
     x, y = np.broadcast_arrays(x, y)
     seen = direction_from_frame(x, y, camera.width, camera.height)
-    distance, _ = ReceiverShape(receiver, camera.position).meet_along(camera, x, y, seen @ camera.world_from_camera.T)
+    distance, _ = ReceiverShape(receiver, camera.position).meet(camera, x, y, seen @ camera.world_from_camera.T)
     hit = np.isfinite(distance)
     top, any_hit = np.argmax(hit, axis=0), np.any(hit, axis=0)
     rows = seen[top, np.arange(len(longitude))]

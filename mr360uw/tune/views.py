@@ -180,7 +180,7 @@ def _depth_picture(shown: ShownFrame) -> Codes:
         plate_m = shown.loaded.plate_depth.at(shown.frame.plate.index, shown.frame.plate)[rows[:, None], columns]
     if receiver is not None:
         x, y = np.broadcast_arrays(np.arange(view.width) + 0.5, (np.arange(view.height) + 0.5)[:, None])
-        floor, _ = ReceiverShape(receiver, view.position).meet_along(view, x, y, view.directions(x, y))
+        floor, _ = ReceiverShape(receiver, view.position).meet(view, x, y)
         floor = np.where(plate_m < np.inf, plate_m, floor)
         distance = np.minimum(distance, floor)
     else:

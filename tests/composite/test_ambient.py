@@ -24,10 +24,8 @@ from mr360uw.composite.gl.layer_renderer import LayerRenderer
 from mr360uw.composite.lighting.shading import ggx_distribution, lobe_axis, smith_visibility
 from mr360uw.composite.mesh.material import Material, Part
 from mr360uw.composite.mesh.mesh import Mesh, make_mesh
-from mr360uw.composite.raycast import occluding
 from mr360uw.composite.reference import render_layer
 from mr360uw.composite.shot import PlacedObject, Receiver, Shot
-from mr360uw.gl.context import gl_available
 from mr360uw.ibl.filters import irradiance
 from mr360uw.ibl.lighting import assemble
 from mr360uw.ibl.lookup import environment_lookup, glossy_lookup
@@ -41,6 +39,7 @@ from mr360uw.types import Environment, Floats, Layer
 from tests.composite import tolerances as tol
 from tests.composite.form_factors import box_form_factor, polygon_form_factor
 from tests.composite.scenes import box, changed, codes, environment, medium, placed, plate, quad, shot, sphere
+from tests.glsl import gl_available
 
 WHITE = Material(base_color=(1.0, 1.0, 1.0, 1.0), roughness=1.0, refractive_index=1.0)
 """Without a coat: what a closed form says of a diffuse white is then exact."""
@@ -79,7 +78,7 @@ def blocked_share(layout: Layout, points: Floats) -> Floats:
 
 def hidden_from(body: PlacedObject, points: Floats) -> Floats:
     """Return the fraction (n,) of uniform light that rays find blocked by a body at level places (n, 3)."""
-    rays = RayScene(occluding([body], np.zeros(3)))
+    rays = RayScene(body.triangles)
     u, angle = (np.arange(4096) + 0.5) / 4096, 2.399963 * np.arange(4096)
     hemisphere = np.stack([np.sqrt(u) * np.cos(angle), np.sqrt(1.0 - u), np.sqrt(u) * np.sin(angle)], axis=-1)
     start = points + np.array([0.0, 1e-6, 0.0])
@@ -309,7 +308,7 @@ def test_touching_balls_shade_each_other() -> None:
     assert values is not None
     normal = np.array([[np.cos(a), np.sin(a), 0.0] for a in 2.0 * np.pi / 64.0 * np.array([0, 5, 11, 18])])
     got = [values[_nearest_point(light, n), 0].mean() for n in normal]
-    rays = RayScene(occluding(scene.objects[1:], np.zeros(3)))
+    rays = RayScene(np.concatenate([placed.triangles for placed in scene.objects[1:]]))
     u, angle = (np.arange(4096) + 0.5) / 4096, 2.399963 * np.arange(4096)
     for n, share in zip(normal, got, strict=True):
         across = np.array([-n[1], n[0], 0.0])

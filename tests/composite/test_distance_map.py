@@ -70,7 +70,7 @@ def test_planes_are_exact_up_to_the_poles_and_between_texels(normal: tuple[float
     shape = ReceiverShape(Receiver(distance_m=map_, extent_m=1e6), np.zeros(3))
     scene = shot(width=4 * SIZE[0])
     x, y = np.meshgrid(np.arange(0.3, 2048.0, 7.7), np.arange(0.3, 1024.0, 7.7))
-    distance, got = shape.meet(scene, x, y)
+    distance, got = shape.meet(scene.view, x, y)
     at = (y * SIZE[1] / 1024).astype(int), (x * SIZE[0] / 2048).astype(int)
     near = map_[at] < 60.0
     truth = plane(n, -1.5, directions(2048, 1024))[y.astype(int), x.astype(int)]
@@ -102,7 +102,7 @@ def test_holes_are_holes_and_leave_their_neighbours_alone() -> None:
     wrong = errors_deg(planes, normal, beside & ~empty)
     assert np.mean(wrong < 2.0) > tol.DISTANCE_EDGES
     meet, towards = ReceiverShape(Receiver(distance_m=holes), np.zeros(3)).meet(
-        shot(width=SIZE[0]), np.arange(SIZE[0]) + 0.5, (np.arange(SIZE[1]) + 0.5)[:, None]
+        shot(width=SIZE[0]).view, np.arange(SIZE[0]) + 0.5, (np.arange(SIZE[1]) + 0.5)[:, None]
     )
     assert np.array_equal(np.isinf(meet), empty)
     assert np.all(np.sum(towards * d, -1)[~empty] <= 0.0)

@@ -17,13 +17,12 @@ from mr360uw.composite.lighting.shading import ggx_distribution, resolved_alpha,
 from mr360uw.composite.mesh.material import Material
 from mr360uw.composite.reference import render_aovs
 from mr360uw.composite.shot import Shot
-from mr360uw.gl.context import gl_available
 from mr360uw.ibl.lighting import environment as sky_light
 from mr360uw.sphere import directions, unit
 from mr360uw.types import Environment, Floats
 from tests.composite import tolerances as tol
 from tests.composite.scenes import SUN, box, placed, shot, sphere
-from tests.glsl import glsl_call
+from tests.glsl import gl_available, glsl_call
 
 METAL = Material(base_color=(1.0, 1.0, 1.0, 1.0), metallic=1.0, roughness=0.4)
 BLACK = Material(base_color=(0.0, 0.0, 0.0, 1.0), roughness=1.0, refractive_index=1.0)

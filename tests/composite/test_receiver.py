@@ -57,7 +57,7 @@ def pixelwise(scene: Shot) -> tuple[Floats, Floats]:
     """Return the reference's ratio at every fifth row and column, (h, w, 3), and the distance of the ground, (h, w)."""
     assert scene.receiver is not None
     x, y = np.meshgrid(np.arange(0, scene.view.width, STEP) + 0.5, np.arange(0, scene.view.height, STEP) + 0.5)
-    distance, normal = ReceiverShape(scene.receiver, scene.view.position).meet(scene, x, y)
+    distance, normal = ReceiverShape(scene.receiver, scene.view.position).meet(scene.view, x, y)
     ratio, there = np.ones((*x.shape, 3)), np.isfinite(distance)
     sources = light_sources(scene, Blockers(scene))
     point = scene.view.directions(x, y)[there] * distance[there][:, None]
@@ -105,12 +105,12 @@ def test_level_ground_is_met_where_rays_meet_it(eye_m: float) -> None:
     scene = replace(still, view=view)
     assert scene.receiver is not None
     shape = ReceiverShape(scene.receiver, view.position)
-    ground = Ground(scene, shape)
-    ground.load_blocks(scene, np.ones((ground.rows, ground.columns), np.bool_))
+    ground = Ground(scene.view, shape)
+    ground.load_blocks(np.ones((ground.rows, ground.columns), np.bool_))
     edges = [np.minimum(BLOCK * np.arange(n + 1), size) for n, size in ((63, 504), (32, 250))]
     middles = BLOCK * (np.arange(63) + 0.5), 0.5 * (edges[1][:-1] + edges[1][1:])
     for (x, y), got in ((edges, ground.corner_point), (middles, ground.middle_point)):
-        want, _ = ground.meet(scene, *np.meshgrid(x, y))
+        want, _ = ground.meet(*np.meshgrid(x, y))
         assert 0.2 < np.mean(np.any(want != 0.0, axis=-1)) < 0.8
         np.testing.assert_allclose(got, want, atol=1e-5)
 

@@ -12,7 +12,6 @@ from mr360uw.composite.aovs import exr_parts, receiver_difference
 from mr360uw.composite.lighting.light_sources import light_sources
 from mr360uw.composite.mesh.material import Material
 from mr360uw.composite.over import over
-from mr360uw.composite.raycast import occluding
 from mr360uw.composite.reference import render_aovs, render_layer
 from mr360uw.composite.shot import Receiver, Shot
 from mr360uw.rays import RayScene
@@ -70,7 +69,7 @@ def test_the_shadow_is_that_of_the_suns_disc() -> None:
     )
     layer = render_layer(scene)
     rows, columns = np.nonzero((layer.ratio[..., 0] < 0.99) & (layer.alpha == 0.0))
-    rays = RayScene(occluding(scene.objects, np.zeros(3)))
+    rays = RayScene(np.concatenate([placed.triangles for placed in scene.objects]))
     rng = np.random.default_rng(1)
     truth = np.zeros(len(rows))
     for direction in disc_directions(SUN.direction, SUN.half_angle_rad, 2048)[rng.permutation(2048)[:1024]]:

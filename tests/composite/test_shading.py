@@ -225,7 +225,7 @@ def test_texture_lookup_on_the_device_is_the_references(rng: np.random.Generator
         got = glsl_call(
             "composite/gl/shaders/texture.glsl",
             "texture_lookup(store, texelFetch(materials, ivec2(3, 0), 0), uv, vec2(c.x, 0.0), vec2(0.0, c.y))",
-            4, "uniform sampler2D store, materials;", {"store": buffers.store, "materials": buffers.materials},
+            4, "uniform sampler2D store, materials;", {name: buffers.textures[name] for name in ("store", "materials")},
             uv=uv, c=change,
         )  # fmt: skip
         du, dv = np.zeros((COUNT, 2)), np.zeros((COUNT, 2))

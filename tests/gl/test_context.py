@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mr360uw.gl.context import gl_available, gl_context, per_thread, texture_from_array
+from mr360uw.gl.context import gl_context, per_thread, texture_from_array
+from tests.glsl import gl_available
 
 
 @pytest.mark.skipif(not gl_available(), reason="no OpenGL 3.3 here")

@@ -84,7 +84,7 @@ class HeightField:
 
 def make_height_field(transfer: Transfer, linear: Floats) -> HeightField:
     """Return the field of a mesh turned and scaled by `linear` (3, 3)."""
-    points, corners = transfer.blocking.scene.triangles @ linear.T, transfer.corners @ linear.T
+    points, corners = transfer.blocking.geometry.positions @ linear.T, transfer.corners @ linear.T
     # Find the smallest rectangle around the plan, and the heights over it in several places of each cell
     frame, outline = _frame(_hull(corners[:, [0, 2]]))
     low, high = corners[:, 1].min(), corners[:, 1].max()
@@ -552,7 +552,7 @@ class Occluders(Parts):
         weights = np.zeros((len(points), NODES), np.float32)
         share = np.zeros((len(self.fields), len(points)), np.float32)
         if self.fields:
-            _block(points, normal, self.origin, *self._packed, weights, share)
+            _block(points, normal, self.origin, self._packed, weights, share)
         return BlockedLight(normal, weights, share)
 
     def plans(self) -> Floats:
@@ -675,11 +675,9 @@ def _add(normal: Any, begins: Any, blocked: Any, m: Any, before: Any, piece: Any
 
 
 @fast
-def _block(
-    point: Any, normal: Any, origin: Any, of: Any, frame: Any, heights: Any, filled: Any, opacity: Any, outline: Any,
-    corners: Any, cells: Any, weights: Any, share: Any,
-) -> None:  # fmt: skip
-    """Add the weights (n, NODES) and set the shares (m, n) of bodies at places (n, 3); the fields are those of `of`."""
+def _block(point: Any, normal: Any, origin: Any, fields: Any, weights: Any, share: Any) -> None:
+    """Add the weights (n, NODES) and set the shares (m, n) of bodies at places (n, 3). fields: of `Occluders`."""
+    of, frame, heights, filled, opacity, outline, corners, cells = fields
     begins, blocked = np.zeros((len(origin) + 1, 3)), np.zeros((len(origin) + 1, AZIMUTHS, 5))
     piece, found = np.zeros((_PIECES, 2)), np.zeros((2, 2))
     near, far = np.zeros((2, len(origin)), np.int64)

@@ -24,7 +24,7 @@ import math
 import weakref
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -370,8 +370,7 @@ class FormFactors:
         return FormFactors(self.lost[rows], self.samples[rows], self.way[entries], self.ground[rows])
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Met:
+class Met(NamedTuple):
     """What directions of S samples meet, those of sample s from begin[s] to begin[s + 1]: direction; target, number of
     a coarse sample among all plus 1, or minus that of a node of the ground minus 1; part: of the direction that it
     fills.
@@ -584,31 +583,27 @@ def form_factors(
     from scipy.sparse import csr_matrix
 
     none = *(np.zeros(0, np.int32) for _ in range(3)), *(np.zeros(0, np.float32) for _ in range(2))
-    sample, direction, met, distance, share = (np.concatenate(columns) for columns in zip(none, *hits, strict=True))
+    sample, *others = (np.concatenate(columns) for columns in zip(none, *hits, strict=True))
     rows = len(cosine)
     lost, ground = np.zeros((rows, COUNT), np.float32), np.zeros((rows, 0 if node is None else NODES**2), np.float32)
     begin, column = np.zeros(rows + 1, np.int64), np.empty(len(sample), np.int32)
     weight, way = np.empty(len(sample), np.float32), np.empty(len(sample), np.int16)
     if node is not None or len(sample):
         behind = np.full(cosine.shape, -1, np.int16) if node is None else node
-        _resolve(
-            cosine, behind, sample, direction, met, distance, share, lost, ground, begin, column, weight, way
-        )  # fmt: skip
+        _resolve(cosine, behind, (sample, *others), lost, ground, (begin, column, weight, way))
     used = int(begin[-1])
     samples = csr_matrix((weight[:used], column[:used], begin), shape=(rows, total))
     return FormFactors(lost, samples, way[:used], ground)
 
 
 @exact
-def _resolve(
-    cosine: Any, node: Any, sample: Any, direction: Any, met: Any, distance: Any, share: Any,
-    lost: Any, ground: Any, begin: Any, column: Any, weight: Any, way: Any,
-) -> None:  # fmt: skip
+def _resolve(cosine: Any, node: Any, hits: Any, lost: Any, ground: Any, matrix: Any) -> None:
     """Share the light of each direction among what rays (m,) meet there, the nearest first, and the ground behind.
 
-    cosine, node: (r, COUNT). lost, ground, way, and begin, column, weight of a sparse matrix: as `FormFactors` has
-    them.
+    cosine, node: (r, COUNT). hits: of `Neighbour.seen_from`. lost, ground, and begin, column and weight of a sparse
+    matrix with the way of each entry: as `FormFactors` has them.
     """
+    (sample, direction, met, distance, share), (begin, column, weight, way) = hits, matrix
     # List what each sample meets in a direction, the nearest first
     head = np.full(cosine.shape, -1, np.int32)
     after = np.full(len(sample), -1, np.int32)
@@ -651,41 +646,30 @@ def _met_by(
     the ground, -1 for none. begin: where the body's coarse samples begin among all.
     """
     samples, seen = factors.samples, np.full(cosine.shape, -1, np.int16) if node is None else node
-    own, own_part = np.zeros((3, 0), np.int64), np.zeros(0, np.float32)
-    if body.own.lost is not None:
-        own, own_part = body.transfer.own, body.transfer.own_part
-    target_of = (body.transfer.coarse.of[own[2]] + begin + 1).astype(np.int32)
+    # Sort what the body blocks itself by sample
+    order = np.argsort(body.transfer.own[0], kind="stable") if body.own.lost is not None else np.zeros(0, np.int64)
+    of_sample, own_way, hit = body.transfer.own[:, order]
+    own_target = (body.transfer.coarse.of[hit] + begin + 1).astype(np.int32)
+    own = np.searchsorted(of_sample, np.arange(len(cosine) + 1)), own_way, own_target, body.transfer.own_part[order]
     # Room for whatever may be met: memory that is not written is not taken
-    first, most = np.zeros(len(cosine) + 1, np.int64), len(samples.data) + seen.size + len(own_part)
+    first, most = np.zeros(len(cosine) + 1, np.int64), len(samples.data) + seen.size + len(order)
     direction, target, part = np.empty(most, np.int32), np.empty(most, np.int32), np.empty(most, np.float32)
-    _list_met(
-        body.transfer.cosine, cosine, seen, samples.indptr, factors.way, samples.indices, samples.data,
-        own[0], own[1], target_of, own_part, first, direction, target, part,
-    )  # fmt: skip
+    others = samples.indptr, factors.way, samples.indices, samples.data
+    _list_met(body.transfer.cosine, cosine, seen, others, own, Met(first, direction, target, part))
     used = int(first[-1])
     return Met(first, direction[:used].copy(), target[:used].copy(), part[:used].copy())
 
 
 @exact
-def _list_met(
-    whole: Any, cosine: Any, node: Any, begin: Any, way: Any, met: Any, weight: Any, own_sample: Any, own_way: Any,
-    own_target: Any, own_part: Any, first: Any, direction: Any, target: Any, part: Any,
-) -> None:  # fmt: skip
-    """Set the arrays of `Met`, sample by sample.
+def _list_met(whole: Any, cosine: Any, node: Any, others: Any, own: Any, found: Any) -> None:
+    """Set the arrays of `Met`, found, sample by sample.
 
-    whole, cosine: (S, COUNT) irradiance that directions add, and that which the body leaves. node: (S, COUNT). begin,
-    way, met, weight: of `FormFactors`. own_sample ...: (m,) what the body blocks itself.
+    whole, cosine: (S, COUNT) irradiance that directions add, and that which the body leaves. node: (S, COUNT). others:
+    begin of each sample, directions, coarse samples and weights of `FormFactors`. own: the same with targets and parts,
+    of what the body blocks itself.
     """
-    # Sort what the body blocks by sample
-    order, place = np.empty(len(own_sample), np.int64), np.zeros(len(whole) + 1, np.int64)
-    for m in range(len(own_sample)):
-        place[own_sample[m] + 1] += 1
-    for s in range(len(whole)):
-        place[s + 1] += place[s]
-    after = place.copy()
-    for m in range(len(own_sample)):
-        order[after[own_sample[m]]] = m
-        after[own_sample[m]] += 1
+    (begin, way, met, weight), (place, own_way, own_target, own_part) = others, own
+    first, direction, target, part = found
     used, taken = 0, np.zeros(whole.shape[1])
     for s in range(len(whole)):
         # Others, then the ground behind them, then the body itself
@@ -699,8 +683,7 @@ def _list_met(
             if node[s, k] >= 0 and cosine[s, k] > 0.0 and left > 0.0:
                 direction[used], target[used], part[used] = k, -node[s, k] - 1, left / whole[s, k]
                 used += 1
-        for n in range(place[s], place[s + 1]):
-            m = order[n]
+        for m in range(place[s], place[s + 1]):
             direction[used], target[used], part[used] = own_way[m], own_target[m], own_part[m]
             used += 1
         first[s + 1] = used
@@ -764,21 +747,20 @@ def far_bodies(bodies: Sequence[Body], share: Floats) -> FarBodies:
     begin, direction = np.zeros(len(lit) + 1, np.int64), np.empty(len(lit) * COUNT, np.int16)
     weight, cover = np.empty(len(direction), np.float32), np.zeros((len(bodies), COUNT), np.float32)
     towards = np.einsum("pk,pkj->pj", to, rotation[lit])
-    _spread(lit, towards, np.cos(wide), solid_angle / SOLID_ANGLE, directions(), begin, direction, weight, cover)
+    of_direction = solid_angle / SOLID_ANGLE
+    _spread(lit, towards, np.cos(wide), of_direction, directions(), (begin, direction, weight, cover))
     used, side = int(begin[-1]), 2 * np.arange(3) + (back < 0.0)
     return FarBodies(lit, other, side, back**2, begin, direction[:used].copy(), weight[:used].copy(), cover)
 
 
 @exact
-def _spread(
-    lit: Any, towards: Any, cosine: Any, filled: Any, d: Any, begin: Any, direction: Any, weight: Any, cover: Any
-) -> None:
-    """Set begin, direction, weight and cover of `FarBodies`.
+def _spread(lit: Any, towards: Any, cosine: Any, filled: Any, d: Any, found: Any) -> None:
+    """Set begin, direction, weight and cover of `FarBodies`, found.
 
     towards: (P, 3) in the axes of the body that is lit. cosine: (P,) of the angle that the other is spread over.
     filled: (P,) its solid angle over that of a direction. d: (COUNT, 3).
     """
-    used, first = 0, 0
+    (begin, direction, weight, cover), used, first = found, 0, 0
     left, total = np.ones(len(d)), np.zeros(len(d))
     for p in range(len(lit)):
         whole, start = 0.0, used

@@ -32,7 +32,7 @@ from mr360uw.composite.raycast import Geometry, base_color, gather, opacity_key,
 from mr360uw.composite.shot import PlacedObject
 from mr360uw.ibl.splitsum import split_sum
 from mr360uw.jit import exact, inlined
-from mr360uw.rays import RayScene, triple
+from mr360uw.rays import triple
 from mr360uw.reading.disk_cache import Arrays, kept_arrays
 from mr360uw.sphere import unit
 from mr360uw.types import Environment, Floats
@@ -65,7 +65,8 @@ CHANNELS = 12
 """Values of a point: ratio of irradiance (3), 0; ratio of glossy light that is kept (3), 0; radiance that is reflected
 besides (3), 0."""
 FEW_CHANNELS = 4
-"""Values of a point that reflects nothing besides and keeps the same ratio of all light: that ratio (3), 0."""
+"""Values of a point that reflects nothing besides and keeps the same ratio of all light: that ratio (3), 0. Twice, and
+as many zeros, they are those of `CHANNELS`."""
 UNTOUCHED = (1.0, 1.0, 1.0, 0.0, 1.0, 1.0, 1.0, *[0.0] * (CHANNELS - 7))
 """Values where nothing is in the way."""
 
@@ -93,6 +94,8 @@ class Lattice:
 
 def make_lattice(mesh: Mesh) -> Lattice:
     """Return the points and samples of a mesh."""
+    from scipy.sparse import block_diag, csr_matrix
+
     # Choose the spacing of samples: so many over the whole surface, on both sides of sheets
     corners = mesh.positions
     extent = float(np.max(mesh.extent_m))
@@ -117,7 +120,8 @@ def make_lattice(mesh: Mesh) -> Lattice:
     if count * sides > 1.6 * _WANTED_SAMPLES:
         kept, mixed = _sampled(position[one], normal[one], even)
     places, sample_of = _numbered(steps, first, joined)
-    from_samples = _selection(sample_of, count) if mixed is None else mixed[sample_of]
+    one_each = np.ones(len(sample_of)), sample_of, np.arange(len(sample_of) + 1)
+    from_samples = csr_matrix(one_each, shape=(len(sample_of), count)) if mixed is None else mixed[sample_of]
     # Lift them off the surface, on the other side too where that is seen
     facing, at = normal[one][kept], (position[one] + inwards)[kept]
     turned = [facing, -facing][:sides]
@@ -131,7 +135,7 @@ def make_lattice(mesh: Mesh) -> Lattice:
         triangle=np.tile(triangle[one][kept], sides),
         weights=np.tile(weights[one][kept], (sides, 1)),
         nearest_sample=np.concatenate([nearest + k * len(kept) for k in range(sides)]),
-        from_samples=_block_diagonal([from_samples] * sides),
+        from_samples=block_diag([from_samples] * sides, format="csr") if two_sided else from_samples,
     )
 
 
@@ -237,18 +241,6 @@ def stand_ins(lattice: Lattice, without: NDArray[np.bool_]) -> tuple[NDArray[np.
     return nearest, csr_matrix((values, (rows, columns)), shape=(count, count))
 
 
-def _selection(column: NDArray[np.int64], count: int) -> Any:
-    from scipy.sparse import csr_matrix
-
-    return csr_matrix((np.ones(len(column)), column, np.arange(len(column) + 1)), shape=(len(column), count))
-
-
-def _block_diagonal(parts: list[Any]) -> Any:
-    from scipy.sparse import block_diag
-
-    return block_diag(parts, format="csr") if len(parts) > 1 else parts[0]
-
-
 def _is_open(corners: Floats) -> bool:
     """Return whether more than a hundredth of the edges of triangles (T, 3, 3) belong to one triangle alone."""
     vertex = welded(corners).reshape(-1, 3)
@@ -335,15 +327,6 @@ def _least_squares(lattice: Lattice, neighbours: NDArray[np.int64], distance: Fl
     return np.asarray(near * np.einsum("sni,si->sn", terms, first))
 
 
-def whole_values(values: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return the values (K, CHANNELS) of points that are given with those or with `FEW_CHANNELS`."""
-    if values.shape[1] == CHANNELS:
-        return values
-    whole = np.zeros((len(values), CHANNELS), np.float32)
-    whole[:, :FEW_CHANNELS] = whole[:, FEW_CHANNELS : 2 * FEW_CHANNELS] = values
-    return whole
-
-
 @inlined
 def _row(steps: Any, i: Any) -> Any:
     return i * (2 * steps + 3 - i) // 2
@@ -364,11 +347,8 @@ def _three(place: Any, w0: Any, w1: Any, w2: Any) -> Any:
     u, v = x - i, y - j
     upper = u + v > 1.0 and i + j < steps - 1
     row, below = _row(steps, i), _row(steps, i + 1)
-    first, second, third = (
-        place[0] + (below + j + 1 if upper else row + j),
-        place[0] + below + j,
-        place[0] + row + j + 1,
-    )
+    first = place[0] + (below + j + 1 if upper else row + j)
+    second, third = place[0] + below + j, place[0] + row + j + 1
     if steps == 1:
         first, second, third = place[0], place[1], place[2]
     rest = u + v - 1.0 if upper else 1.0 - u - v
@@ -492,12 +472,9 @@ class MetSamples(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Blocking:
-    """The triangles of a mesh for rays of ambient light, in its own axes. geometry: of these, for what they let
-    through.
-    """
+    """The triangles of a mesh for rays of ambient light. geometry: of these, in its own axes."""
 
     mesh: Mesh
-    scene: RayScene
     geometry: Geometry
 
     @property
@@ -508,26 +485,19 @@ class Blocking:
     def passed(self, origins: Floats, directions: Floats) -> Floats:
         """Return the fraction (n,) of the light of rays (n, 3) that the mesh leaves."""
         if self.opaque:
-            return np.asarray(~self.scene.occluded(origins, directions), np.float64)
-        met = surfaces_along(self.geometry, self.scene, origins, directions, 1e-6 * self.mesh.radius_m)
+            return np.asarray(~self.geometry.scene.occluded(origins, directions), np.float64)
+        met = surfaces_along(self.geometry, origins, directions, 1e-6 * self.mesh.radius_m)
         return np.maximum(1.0 - np.bincount(met.ray, met.part, len(origins)), 0.0)
 
     def met(self, lattice: Lattice, origins: Floats, directions: Floats) -> MetSamples:
         """Return where rays (n, 3) meet the mesh: their first triangles, and those behind what lets light through."""
-        met = surfaces_along(self.geometry, self.scene, origins, directions, 1e-6 * self.mesh.radius_m)
-        sample, distance, behind = _nearest_sample(lattice, self.scene, met.start, directions[met.ray], met.triangle)
+        met = surfaces_along(self.geometry, origins, directions, 1e-6 * self.mesh.radius_m)
+        count, rays = len(met.ray), (met.triangle, met.start, directions[met.ray])
+        point, distance, behind = np.empty(count, np.int64), np.empty(count), np.empty(count, np.bool_)
+        if count:
+            find_nearest_points(self.geometry.positions, *rays, lattice.places, point, distance, behind)
+        sample = lattice.nearest_sample[point + (lattice.points * behind if lattice.two_sided else 0)]
         return MetSamples(met.ray, sample, met.gone + distance, behind, met.part.astype(np.float32))
-
-
-def _nearest_sample(
-    lattice: Lattice, scene: RayScene, origin: Floats, direction: Floats, triangle: NDArray[np.int64]
-) -> tuple[NDArray[np.int64], Floats, NDArray[np.bool_]]:
-    """Return the nearest sample (n,) to where rays meet triangles, the distance, and which meet the back (n,)."""
-    count = len(triangle)
-    point, distance, behind = np.empty(count, np.int64), np.empty(count), np.empty(count, np.bool_)
-    if count:
-        find_nearest_points(scene.triangles, triangle, origin, direction, lattice.places, point, distance, behind)
-    return lattice.nearest_sample[point + (lattice.points * behind if lattice.two_sided else 0)], distance, behind
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -545,6 +515,18 @@ class OwnView:
     direct: NDArray[np.float32]
 
 
+class Look(NamedTuple):
+    """Surface of a mesh at its samples, maps averaged about them: base colour (S, 3), emission (S, 3) [plate radiance],
+    metallic (S,), roughness (S,) and refractive index (S,).
+    """
+
+    base: Floats
+    emission: Floats
+    metallic: Floats
+    roughness: Floats
+    refractive_index: Floats
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Transfer:
     """What a mesh is to ambient light, in its own axes.
@@ -552,12 +534,11 @@ class Transfer:
     cosine: (S, COUNT) float32, irradiance [sr] that each direction's radiance adds to a sample; whole: (S,) its sum.
     coarse: the samples that exchange light with other bodies. own: (3, m) numbers of the samples and directions that
     the mesh blocks itself, and of the samples that are seen instead; own_part: (m,) float32, fraction of the direction
-    that is blocked. base, emission: (S, 3) mean colour and emission [plate radiance]; metallic, roughness, index: (S,).
-    blocking: its triangles for rays. opacity: fraction of light that it blocks where it is met, a mean. area_m2: (3,)
-    of its silhouettes along the axes; sides: (6, C) part of each coarse sample in the mean of what is seen from +x, -x,
-    +y, -y, +z and -z. tree: places of the samples. corners: (n, 3) distinct ones of the triangles; box: (2, 3) around
-    them; edges: (E, 2) numbers of the corners at the ends of each edge. Meshes of one `shape_of` share the lattice,
-    which stands for all that their shape alone decides.
+    that is blocked. look: of its surface. blocking: its triangles for rays. opacity: fraction of light that it blocks
+    where it is met, a mean. area_m2: (3,) of its silhouettes along the axes; sides: (6, C) part of each coarse sample
+    in the mean of what is seen from +x, -x, +y, -y, +z and -z. tree: places of the samples. corners: (n, 3) distinct
+    ones of the triangles; box: (2, 3) around them; edges: (E, 2) numbers of the corners at the ends of each edge.
+    Meshes of one `shape_of` share the lattice, which stands for all that their shape alone decides.
     """
 
     lattice: Lattice
@@ -565,11 +546,7 @@ class Transfer:
     cosine: NDArray[np.float32]
     own: NDArray[np.int64]
     own_part: NDArray[np.float32]
-    base: Floats
-    emission: Floats
-    metallic: Floats
-    roughness: Floats
-    index: Floats
+    look: Look
     whole: Floats
     blocking: Blocking
     opacity: float
@@ -583,10 +560,7 @@ class Transfer:
 
     def painted(self, mesh: Mesh) -> Transfer:
         """Return the transfer of a mesh of the same `shape_of`."""
-        base, emission, metallic, roughness, index = _colors(mesh, self.lattice)
-        return replace(
-            self, mesh=mesh, base=base, emission=emission, metallic=metallic, roughness=roughness, index=index
-        )
+        return replace(self, mesh=mesh, look=_look(mesh, self.lattice))
 
     def own_view(self, shadow: bool) -> OwnView:
         """Return what the mesh does to its own light if it casts a `shadow`."""
@@ -609,11 +583,11 @@ class Transfer:
         At most 1: a base colour above 1 brightens its own picture, but light that grew from wall to wall would have no
         end.
         """
-        f0 = dielectric_f0(self.index, medium_index)[:, None] * np.ones(3)
+        f0 = dielectric_f0(self.look.refractive_index, medium_index)[:, None] * np.ones(3)
         split = np.stack(split_sum(np.full(len(f0), 1.0), np.full(len(f0), _TYPICAL_COSINE)), axis=-1)
         coat = reflectance(f0, split)
-        base = np.minimum(self.base, 1.0)
-        return np.where(self.metallic[:, None] > 0.5, base, base + (1.0 - base) * coat)
+        base = np.minimum(self.look.base, 1.0)
+        return np.where(self.look.metallic[:, None] > 0.5, base, base + (1.0 - base) * coat)
 
 
 def shape_of(mesh: Mesh) -> PartOf[Mesh]:
@@ -632,17 +606,16 @@ def make_transfer(mesh: Mesh) -> Transfer:
     """Return the transfer of a mesh; its samples are chosen and its rays are shot once, and kept on the disk."""
     from scipy.spatial import cKDTree
 
-    blocking = Blocking(mesh, RayScene(mesh.positions), _geometry(mesh))
+    blocking = Blocking(mesh, _geometry(mesh))
     depends_on = mesh.positions, mesh.normals, mesh.hull, any(m.double_sided for m in mesh.materials)
     clear = () if blocking.opaque else (mesh.material, mesh.uv, mesh.colors, *_alphas(mesh))
     found = kept_arrays("ambient", (*depends_on, *clear), lambda: _samples(blocking))
     lattice, coarse = _from_arrays(Lattice, found), _from_arrays(CoarseSamples, found)
     cosine = _cosines(lattice)
-    base, emission, metallic, roughness, index = _colors(mesh, lattice)
     corners = mesh.positions.reshape(-1, 3)[found["corners"]]
     return Transfer(
-        lattice, coarse, cosine, found["own"].astype(np.int64), found["own_part"], base, emission, metallic, roughness,
-        index, cosine.sum(axis=1), blocking, float(found["opacity"]), mesh, found["area_m2"], found["sides"],
+        lattice, coarse, cosine, found["own"].astype(np.int64), found["own_part"], _look(mesh, lattice),
+        cosine.sum(axis=1), blocking, float(found["opacity"]), mesh, found["area_m2"], found["sides"],
         cKDTree(lattice.position), corners, np.stack([corners.min(axis=0), corners.max(axis=0)]),
         found["edges"].astype(np.int64),
     )  # fmt: skip
@@ -776,10 +749,8 @@ def _blocked_by_itself(lattice: Lattice, cosine: NDArray[np.float32], blocking: 
     return tuple(np.concatenate(column) for column in zip(*found, strict=True))
 
 
-def _colors(mesh: Mesh, lattice: Lattice) -> tuple[Floats, ...]:
-    """Return base colour (S, 3), emission (S, 3), metallic (S,), roughness (S,) and index (S,) at samples, maps
-    averaged about them.
-    """
+def _look(mesh: Mesh, lattice: Lattice) -> Look:
+    """Return the surface of a mesh at its samples."""
     geometry = _geometry(mesh)
     uv = mesh.uv[lattice.triangle]
     steps = lattice.places[lattice.triangle, 3].astype(np.float64)[:, None]
@@ -791,7 +762,7 @@ def _colors(mesh: Mesh, lattice: Lattice) -> tuple[Floats, ...]:
     for number, m in enumerate(mesh.materials):
         if m.emission_map is not None:
             emission[of == number] *= m.emission_map.levels[-1].reshape(-1, 4)[0, :3]
-    return np.clip(base[:, :3], 0.0, 1.0), emission, *factors[of, 3:].T
+    return Look(np.clip(base[:, :3], 0.0, 1.0), emission, *factors[of, 3:].T)
 
 
 def _geometry(mesh: Mesh) -> Geometry:

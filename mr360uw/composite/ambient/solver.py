@@ -47,7 +47,6 @@ from mr360uw.cache import Cache, PartOf
 from mr360uw.composite.ambient.blocked_light import BlockedLight, fraction_left, sky_table
 from mr360uw.composite.ambient.form_factors import (
     COARSE_NODES,
-    NODES,
     Body,
     Exchange,
     FormFactors,
@@ -67,7 +66,6 @@ from mr360uw.composite.ambient.mesh_transfer import (
     points_at,
     product,
     seen_by_camera,
-    whole_values,
 )
 from mr360uw.composite.lighting.light_sources import sun_of, sun_up
 from mr360uw.composite.raycast import Hits
@@ -318,31 +316,28 @@ def _products(
         sharing.setdefault(id(matrix), []).append(number)
     found = [np.zeros((0, 3), np.float32)] * len(matrices)
     for numbers in sharing.values():
-        columns = np.concatenate([light[k] for k in numbers], axis=1)
-        parts = np.split(_product(matrices[numbers[0]], columns), len(numbers), axis=1)
-        for number, part in zip(numbers, parts, strict=True):
+        columns, matrix = np.concatenate([light[k] for k in numbers], axis=1), matrices[numbers[0]]
+        rows = [matrix[k : k + _ROWS_AT_ONCE] @ columns for k in range(0, len(matrix), _ROWS_AT_ONCE)]
+        for number, part in zip(numbers, np.split(np.concatenate(rows), len(numbers), axis=1), strict=True):
             found[number] = part
     return found
-
-
-def _product(matrix: NDArray[np.float32], light: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return the product of matrices (n, k) and (k, m)."""
-    parts = [matrix[k : k + _ROWS_AT_ONCE] @ light for k in range(0, len(matrix), _ROWS_AT_ONCE)]
-    return np.concatenate(parts)
 
 
 def _at_coarse(transfer: Transfer, refractive_index: float) -> tuple[Floats, Floats]:
     """Return the reflectance (C, 3) and the emission (C, 3) of a mesh at its coarse samples."""
     coarse = transfer.coarse
-    return coarse.mean(transfer.reflected(refractive_index)), coarse.mean(transfer.emission)
+    return coarse.mean(transfer.reflected(refractive_index)), coarse.mean(transfer.look.emission)
 
 
 class Sunlight:
     """Irradiance of one shot's sun; its shadow rays are kept in `cache`."""
 
     def __init__(self, shot: Shot, layout: Layout, cache: Cache) -> None:
-        self._shot, self._layout, self._cache = shot, layout, cache
-        self._sun = sun_of(shot)
+        self._shot, self._layout, self._sun = shot, layout, sun_of(shot)
+        self._lit: list[Floats] = []
+        if self._sun is not None:
+            towards = np.round(_STEPS * np.asarray(self._sun.direction))
+            self._lit = cache.of(_lit, layout, towards / np.linalg.norm(towards), keep=_KEPT)
 
     def ambient(self, points: Floats) -> Floats:
         """Return the ambient light (n, 3) at the depth of points (n, 3) of the world over that at the camera."""
@@ -359,7 +354,7 @@ class Sunlight:
             return np.zeros((sum(map(len, place)), 3))
         towards = self._sun.direction
         cosine = [b.transfer.lattice.normal[b.transfer.coarse.sample] @ (towards @ b.rotation) for b in bodies]
-        lit = np.concatenate(self._cache.of(_coarse_lit, self._layout, self._towards, keep=_KEPT))
+        lit = np.concatenate(self._lit[: len(bodies)])
         return self._beam(np.concatenate(place)) * (np.maximum(np.concatenate(cosine), 0.0) * lit)[:, None]
 
     def at_nodes(self) -> tuple[Floats, Floats]:
@@ -370,7 +365,7 @@ class Sunlight:
         if self._sun is None:
             return np.zeros((len(node), 3)), np.zeros(len(node))
         beam = self._beam(node) * max(float(self._sun.direction[1]), 0.0)
-        return beam, 1.0 - np.concatenate(self._cache.of(_nodes_lit, self._layout, self._towards, keep=_KEPT))
+        return beam, 1.0 - np.concatenate(self._lit[len(self._layout.bodies) :])
 
     def _beam(self, points: Floats) -> Floats:
         """Return the sun's irradiance (n, 3) across its beam."""
@@ -381,12 +376,6 @@ class Sunlight:
             beam = beam * beam_ratio(shot.medium, shot.view.surface_y_m - points[:, 1], sun_up(sun))
         return np.asarray(beam / np.maximum(self.ambient(points), 1e-9))
 
-    @property
-    def _towards(self) -> Floats:
-        assert self._sun is not None
-        towards = np.round(_STEPS * np.asarray(self._sun.direction))
-        return np.asarray(towards / np.linalg.norm(towards))
-
 
 def _coarse(layout: Layout) -> list[Floats]:
     """Return the places (C, 3) of the coarse samples of each body in the world."""
@@ -394,12 +383,9 @@ def _coarse(layout: Layout) -> list[Floats]:
     return [placed.to_world(position) for placed, position in parts]
 
 
-def _coarse_lit(layout: Layout, towards: Floats) -> list[Floats]:
-    return layout.lit(_coarse(layout), towards)
-
-
-def _nodes_lit(layout: Layout, towards: Floats) -> list[Floats]:
-    return layout.lit(layout.nodes, towards)
+def _lit(layout: Layout, towards: Floats) -> list[Floats]:
+    """Return what is left of the sun at the coarse samples of each body, then at the nodes of each."""
+    return layout.lit([*_coarse(layout), *layout.nodes], towards)
 
 
 class GroundLight:
@@ -411,7 +397,6 @@ class GroundLight:
     def __init__(self, shot: Shot, exchange: Exchange, table: Floats, sunlight: Sunlight) -> None:
         self._exchange, layout = exchange, exchange.layout
         self._numbers = [k for k, node in enumerate(layout.nodes) if len(node)]
-        self._empty = np.zeros((0, 3), np.float32)
         if not self._numbers:
             return
         self._lost, light = exchange.blocked.irradiance(table), shot.environment
@@ -436,15 +421,12 @@ class GroundLight:
 
         sent: (all coarse samples, 3) radiance that they send; None: as the ground is without bodies.
         """
-        if not self._numbers:
-            return [self._empty] * len(self._exchange.layout.bodies)
-        left = 1.0 if sent is None else 1.0 - self._taken(sent)
-        return self._of_bodies((self._plain * left).astype(np.float32))
-
-    def _of_bodies(self, values: NDArray[np.float32]) -> list[NDArray[np.float32]]:
-        found, step = [self._empty] * len(self._exchange.layout.bodies), NODES**2
-        for number, k in enumerate(self._numbers):
-            found[k] = values[number * step : (number + 1) * step]
+        found = [np.zeros((0, 3), np.float32)] * len(self._exchange.layout.bodies)
+        if self._numbers:
+            left = 1.0 if sent is None else 1.0 - self._taken(sent)
+            of_nodes = np.split((self._plain * left).astype(np.float32), len(self._numbers))
+            for k, values in zip(self._numbers, of_nodes, strict=True):
+                found[k] = values
         return found
 
 
@@ -476,16 +458,14 @@ def reflected_among(
     lattice = body.transfer.lattice
     towards = (camera - body.placed.to_world(lattice.position)) @ body.rotation
     towards /= np.maximum(np.linalg.norm(towards, axis=-1, keepdims=True), 1e-9)
-    alpha = np.maximum(body.transfer.roughness**2, LEAST_ALPHA)
+    alpha = np.maximum(body.transfer.look.roughness**2, LEAST_ALPHA)
     out = np.zeros((len(towards), 6))
     out[:, :3] = 1.0
     normal, ways = np.ascontiguousarray(lattice.normal, np.float32), np.ascontiguousarray(directions().T, np.float32)
     towards, alpha = towards.astype(np.float32), alpha.astype(np.float32)
     light, at_body = (np.ascontiguousarray(a.T, np.float32) for a in (radiance, around))
-    _reflect(
-        normal, towards, alpha, ways, light, at_body, np.flatnonzero(np.any(light != at_body, axis=0)),
-        met.begin, met.direction, met.target, met.part, sent, ground, out,
-    )  # fmt: skip
+    moved = np.flatnonzero(np.any(light != at_body, axis=0))
+    _reflect((normal, towards, alpha), ways, (light, at_body, moved), met, sent, ground, out)
     return out
 
 
@@ -513,10 +493,12 @@ def _weigh(normal: Any, towards: Any, alpha: Any, d: Any, weight: Any) -> None:
 
 
 @fast
-def _reflect(
-    normal: Any, towards: Any, alpha: Any, d: Any, radiance: Any, around: Any, moved: Any,
-    first: Any, direction: Any, target: Any, part: Any, sent: Any, ground: Any, out: Any,
-) -> None:  # fmt: skip
+def _reflect(samples: Any, d: Any, light: Any, met: Any, sent: Any, ground: Any, out: Any) -> None:
+    """Set what `reflected_among` returns. samples: normals, directions to the camera, and widths of lobes. light: of
+    the environment as the camera and as the body sees it, and the directions in which they differ.
+    """
+    (normal, towards, alpha), (radiance, around, moved) = samples, light
+    first, direction, target, part = met
     # Mark the directions of far bodies, which fill them whole
     weight, far = np.empty(d.shape[1], np.float32), np.zeros(d.shape[1], np.bool_)
     far[moved] = True
@@ -605,7 +587,7 @@ def _seen(shot: Shot, shape: ReceiverShape, placed: PlacedObject) -> float | Non
     middle[1] = points[:, 1].min()
     ray = middle - shot.view.position
     x, y = shot.view.places(ray[None])
-    distance, _ = shape.meet(shot, x, y)
+    distance, _ = shape.meet(shot.view, x, y)
     if not np.isfinite(distance[0]):
         return None
     return float(shot.view.position[1] + shot.view.points(shot.view.directions(x, y), distance)[0, 1])
@@ -691,5 +673,6 @@ def ambient_at(shot: Shot, light: AmbientLight | None, hits: Hits) -> Floats:
         points, shares = points_at(lattice.places[hits.triangle[of] - first[number]], hits.weights[of])
         if lattice.two_sided:
             points = points + lattice.points * hits.behind[of, None]
-        values[of] = np.einsum("nk,nkc->nc", shares, whole_values(known)[points].astype(np.float64))
+        whole = known if known.shape[1] == CHANNELS else np.concatenate([known, known, np.zeros_like(known)], axis=1)
+        values[of] = np.einsum("nk,nkc->nc", shares, whole[points].astype(np.float64))
     return values

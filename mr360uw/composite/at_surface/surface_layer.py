@@ -58,7 +58,6 @@ from mr360uw.composite.snow.splat import rest_of
 from mr360uw.composite.tiles import even_tiles, rectangles_of_mask
 from mr360uw.ibl.lookup import environment_lookup
 from mr360uw.optics import fresnel
-from mr360uw.rays import RayScene
 from mr360uw.surface.ray_kernel import OFF_M
 from mr360uw.surface.sampled_sea import MovingSea, SampledSea
 from mr360uw.texels import smoothstep
@@ -157,17 +156,15 @@ def _picture(
 
 def _bodies(sides: WaterSides, presence: Floats, cache: Cache) -> RayBodies:
     shot = sides.wet
-    geometry, scene, blockers = cache.of(_in_rays, PartOf(shot, shot.view.position, shot.objects))
-
+    geometry, blockers = cache.of(_in_rays, PartOf(shot, shot.view.position, shot.objects))
     draw = shot.draw.model_copy(update={"sun_samples": _SUN_SAMPLES})
     wet, dry = ((side, light_sources(replace(side, draw=draw), blockers)) for side in (shot, sides.dry))
-    return RayBodies(geometry, scene, wet, dry, ambient_light(shot, cache), presence)
+    return RayBodies(geometry, wet, dry, ambient_light(shot, cache), presence)
 
 
-def _in_rays(of_bodies: PartOf[Shot]) -> tuple[Geometry, RayScene, Blockers]:
+def _in_rays(of_bodies: PartOf[Shot]) -> tuple[Geometry, Blockers]:
     shot = of_bodies.whole
-    geometry = gather(shot.visible, shot.view.position)
-    return geometry, RayScene(geometry.positions), Blockers(shot)
+    return gather(shot.visible, shot.view.position), Blockers(shot)
 
 
 def _before_surface(sides: WaterSides, layer: Layer) -> tuple[Floats, Mask]:
@@ -204,7 +201,7 @@ def _hidden(bodies: RayBodies, rays: SurfaceSamples, covered: Mask, distance_m: 
         return hidden, share
     direction = rays.direction[at]
     flat = np.ascontiguousarray(direction.reshape(-1, 3))
-    _, met = first_surfaces(bodies.geometry, bodies.scene, np.zeros_like(flat), flat)
+    _, met = first_surfaces(bodies.geometry, np.zeros_like(flat), flat)
     met = met.reshape(direction.shape[:2])
     before = met < rays.distance_m[at]
     bodies_samples = np.isfinite(met).sum(axis=1)
@@ -314,7 +311,6 @@ class RayBodies:
     """
 
     geometry: Geometry
-    scene: RayScene
     wet: tuple[Shot, Sequence[LightSource]]
     dry: tuple[Shot, Sequence[LightSource]]
     ambient: AmbientLight | None
@@ -356,7 +352,7 @@ def surface_images(
         pixel, sample = np.nonzero(followed)
         direction = ray[pixel, sample]
         start = samples.point[pixel, sample] + OFF_M * direction
-        triangle, further = first_surfaces(bodies.geometry, bodies.scene, start, direction)
+        triangle, further = first_surfaces(bodies.geometry, start, direction)
         met = np.flatnonzero(triangle >= 0)
         if len(met) == 0:
             continue
@@ -378,7 +374,8 @@ def surface_images(
             sides, bodies, hits, samples.direction[at, sample[chosen]], first_m[chosen], further[chosen], in_water
         )
         reflectance = reflected[at, sample[chosen]]
-        covers = group_amount * hits.alpha * bodies.presence[hits.object] * _fade(passed)
+        covers = group_amount * hits.alpha * bodies.presence[hits.object]
+        covers *= smoothstep(passed.max(axis=-1), FAINTEST, _FULL_FROM)  # nearly all is taken by the water
         light, kept = _in_plate(sides, light, mirrored[at, sample[chosen]], reflectance, same=same)
         for c in range(3):
             total[:, c] += np.bincount(at, weights=covers * light[:, c], minlength=count)
@@ -433,8 +430,3 @@ def _in_plate(
     if same:
         return light - sky, np.zeros(len(light))
     return light + reflectance[:, None] * sky, np.ones(len(light))
-
-
-def _fade(passed: Floats) -> Floats:
-    """Return the fraction (n,) in which images are drawn whose light is nearly all taken by the water."""
-    return smoothstep(passed.max(axis=-1), FAINTEST, _FULL_FROM)

@@ -20,13 +20,12 @@ from scipy.special import ndtri
 
 from mr360uw.composite.at_surface.settings import FAINTEST
 from mr360uw.composite.at_surface.water_sides import WaterSides
-from mr360uw.composite.raycast import MAXIMUM_HITS, Geometry, Hits, base_color, surface_along
+from mr360uw.composite.raycast import MAXIMUM_HITS, Geometry, Hits, next_surfaces, surface
 from mr360uw.composite.sampling import PIXEL_FILTER, WHOLE_PIXEL, Pattern
 from mr360uw.composite.shot import PlacedObject
 from mr360uw.constants import PI
 from mr360uw.medium.lookup import transmittance_lookup
 from mr360uw.optics import reflect, refract_clamped
-from mr360uw.rays import RayScene, barycentric
 from mr360uw.surface.facet_draws import FacetsOfRays, normal_of
 from mr360uw.surface.intersection import first_hits
 from mr360uw.types import Floats, MediumTable
@@ -34,32 +33,18 @@ from mr360uw.types import Floats, MediumTable
 Indices = NDArray[np.int64]
 
 
-def first_surfaces(geometry: Geometry, scene: RayScene, origin: Floats, direction: Floats) -> tuple[Indices, Floats]:
+def first_surfaces(geometry: Geometry, origin: Floats, direction: Floats) -> tuple[Indices, Floats]:
     """Return the triangle (n,) that each ray meets first, -1 for none, and the distance (n,) [m], infinity for none.
 
     origin, direction: (n, 3), from the camera. Rays pass through back faces of one-sided materials, and through masks
     where they are open; masks are read at their finest level.
     """
     found, distance = np.full(len(origin), -1, np.int64), np.full(len(origin), np.inf)
-    two_sided = np.array([m.double_sided for m in geometry.materials] or [True])
-    masked = np.array([m.alpha_mode == "MASK" for m in geometry.materials] or [False])
-    cutoff = np.array([m.alpha_cutoff for m in geometry.materials] or [0.5])
-    active, start = np.arange(len(origin)), np.zeros(len(origin))
+    active, behind_m = np.arange(len(origin)), np.zeros(len(origin))
     for _ in range(MAXIMUM_HITS):
-        rays = direction[active]
-        triangle = scene.first_hit(origin[active] + start[active, None] * rays, rays)
-        active, triangle, rays = active[triangle >= 0], triangle[triangle >= 0], rays[triangle >= 0]
+        active, triangle, along, solid = next_surfaces(geometry, (origin, direction), active, behind_m)
         if len(active) == 0:
             break
-        corners = geometry.positions[triangle] - origin[active, None]
-        weights, along = barycentric(corners, rays)
-        start[active] = np.maximum(along, start[active]) * (1.0 + 4e-6) + 1e-7
-        material = geometry.material[triangle]
-        solid = two_sided[material] | (np.einsum("nk,nk->n", scene.normals[triangle], rays) < 0.0)
-        holed = np.flatnonzero(solid & masked[material])
-        if len(holed):
-            alpha = base_color(geometry, triangle[holed], weights[holed], np.zeros((len(holed), 2, 2)))[:, 3]
-            solid[holed] = alpha >= cutoff[material[holed]]
         found[active[solid]], distance[active[solid]] = triangle[solid], along[solid]
         active = active[~solid]
     return found, distance
@@ -82,7 +67,7 @@ def surfaces_met(
     beside /= np.linalg.norm(beside, axis=-1, keepdims=True)
     area = np.tile(WHOLE_PIXEL, (len(triangle), 1))
     origin = point - path_m[:, None] * direction
-    return surface_along(geometry, triangle, origin, direction, beside, area, PIXEL_FILTER, PI / width_rad)
+    return surface(geometry, triangle, (origin, direction, beside), area, PIXEL_FILTER, PI / width_rad)
 
 
 Array = NDArray[np.float64]

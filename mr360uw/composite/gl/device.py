@@ -14,9 +14,8 @@ from mr360uw.cache import PartOf, Scratch
 from mr360uw.composite.mesh.material import MAPS, Material
 from mr360uw.composite.mesh.mesh import Mesh
 from mr360uw.composite.mesh.texture import WRAPS, Texture
-from mr360uw.composite.shot import Shot
 from mr360uw.errors import MeshError
-from mr360uw.gl.context import gl_context, largest_texture, program, texture_from_array
+from mr360uw.gl.context import gl_context, largest_texture, program, set_uniforms, texture_from_array
 from mr360uw.jit import exact
 from mr360uw.types import Floats
 
@@ -39,25 +38,18 @@ SETS = 8
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MeshBuffers:
-    """A mesh on the device, as geometry.glsl and texture.glsl say. defines: of shaders, by what its materials have."""
-
-    triangles: moderngl.Texture
-    materials: moderngl.Texture
-    store: moderngl.Texture
-    defines: dict[str, int]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class StillBuffers:
-    """What all poses of a mesh share: textures on the device, and the texels of its triangles.
-
-    texels: (rows, columns, 4) float32, complete but for positions and normals. The others are those of `MeshBuffers`.
+    """A mesh on the device. textures: triangles, materials and store, as geometry.glsl and texture.glsl say. defines:
+    of shaders, by what its materials have.
     """
 
-    texels: NDArray[np.float32]
-    materials: moderngl.Texture
-    store: moderngl.Texture
+    textures: dict[str, moderngl.Texture]
     defines: dict[str, int]
+
+
+StillBuffers = tuple[NDArray[np.float32], MeshBuffers]
+"""What all poses of a mesh share: the texels (rows, columns, 4) of its triangles, complete but for positions and
+normals, and the textures of its materials.
+"""
 
 
 Places = PartOf[NDArray[np.int64]]
@@ -66,6 +58,7 @@ Places = PartOf[NDArray[np.int64]]
 
 def upload_still(mesh: Mesh, places: Places | None = None) -> StillBuffers:
     """Return what the poses of a mesh share on the device. places: its points of ambient light; None without them."""
+    # Write the triangles, then their further texture coordinates
     count = len(mesh.positions)
     texels = np.zeros((count, TRIANGLE_TEXELS, 4), np.float32)
     texels[:, 0:9:3, 3], texels[:, 1:9:3, 3] = mesh.uv[..., 0], mesh.uv[..., 1]
@@ -77,31 +70,23 @@ def upload_still(mesh: Mesh, places: Places | None = None) -> StillBuffers:
     texels[:, 9, 2], texels[:, 9, 3] = np.divmod(address, 1 << ADDRESS_BITS)
     if places is not None:
         texels[:, 10] = places.whole
+    # Lay out the materials and their maps
     store, entries = texture_store(texture for m in mesh.materials for texture in m.maps)
     materials = np.stack([_material_texels(m, entries) for m in mesh.materials])
-    return StillBuffers(
-        texels=_in_rows((texels, further), 4, Scratch()),
-        materials=list_texture(materials),
-        store=store,
-        defines=_defines(mesh),
-    )
+    # Define every kind of map that some material has, further texture coordinates, and materials smoother than diffuse
+    defines = {kind.upper(): 1 for kind in MAPS if any(getattr(m, kind) is not None for m in mesh.materials)}
+    defines |= ({"MORE_UV": 1} if mesh.more_uv.shape[2] else {}) | ({"SMOOTH": 1} if mesh.glossy else {})
+    shared = MeshBuffers({"materials": list_texture(materials), "store": store}, defines)
+    return _in_rows((texels, further), 4, Scratch()), shared
 
 
 def upload_mesh(mesh: Mesh, places: Places | None = None, still: StillBuffers | None = None) -> MeshBuffers:
     """Return a mesh on the device. places: those of `upload_still`. still: of a pose, what it shares with others."""
-    still = upload_still(mesh, places) if still is None else still
-    rows, count = still.texels.copy(), len(mesh.positions)
+    whole, shared = upload_still(mesh, places) if still is None else still
+    rows, count = whole.copy(), len(mesh.positions)
     texels = rows.reshape(-1, 4)[: TRIANGLE_TEXELS * count].reshape(-1, TRIANGLE_TEXELS, 4)
     texels[:, 0:9:3, :3], texels[:, 1:9:3, :3] = mesh.positions, mesh.normals
-    return MeshBuffers(texture_from_array(rows), still.materials, still.store, still.defines)
-
-
-def _defines(mesh: Mesh) -> dict[str, int]:
-    """Return a define for every kind of map that some material of a mesh has, for its further texture coordinates, and
-    for materials smoother than diffuse.
-    """
-    kinds = {kind.upper(): 1 for kind in MAPS if any(getattr(m, kind) is not None for m in mesh.materials)}
-    return kinds | ({"MORE_UV": 1} if mesh.more_uv.shape[2] else {}) | ({"SMOOTH": 1} if mesh.glossy else {})
+    return MeshBuffers({"triangles": texture_from_array(rows), **shared.textures}, shared.defines)
 
 
 def list_texture(*parts: NDArray[Any], channels: int = 4, scratch: Scratch | None = None) -> moderngl.Texture:
@@ -176,11 +161,6 @@ def _packed(sets: Sequence[int]) -> int:
     return sum(number * SETS**place for place, number in enumerate(sets[1:]))
 
 
-def of_eye(shot: Shot) -> dict[str, int]:
-    """Return the define of shaders whose rays start on the viewing circle (eyes.glsl); none for a single camera."""
-    return {"EYE": 1} if shot.view.eye_m else {}
-
-
 BLOCK = 4
 """Pixels along a block. Targets hold numbered items block by block. Twin: layer.frag."""
 _LANE_COLUMNS = 256
@@ -195,12 +175,27 @@ class Targets:
         self._triangles: dict[moderngl.Program, moderngl.VertexArray] = {}
         self._targets: dict[tuple[str, tuple[int, ...]], moderngl.Framebuffer] = {}
 
-    def program(self, name: str, defines: Mapping[str, str | int | float]) -> moderngl.Program:
-        """Return the full-screen program of composite/gl/shaders/<name>.frag with defines, compiled once."""
+    def shaded(
+        self, name: str, defines: Mapping[str, int], textures: Mapping[str, Any], uniforms: Mapping[str, Any],
+        count: int, channels: tuple[int, ...],
+    ) -> NDArray[np.float32]:  # fmt: skip
+        """Run composite/gl/shaders/<name>.frag, compiled once for each set of defines, on `count` numbered items.
+
+        Returns what `items` does. textures, uniforms: by name; those that the program does not have are passed over.
+        """
         key = f"{name} {sorted(defines.items())}"
         if key not in self._programs:
             self._programs[key] = program(fragment=f"composite/gl/shaders/{name}.frag", defines=defines)
-        return self._programs[key]
+        shader, unit = self._programs[key], 0
+        # Bind each texture that it uses to a unit of its own
+        for texture_name, texture in textures.items():
+            sampler: Any = shader.get(texture_name, None)
+            if sampler is not None:
+                texture.use(unit)
+                sampler.value = unit
+                unit += 1
+        set_uniforms(shader, **uniforms, count=count)
+        return self.items(shader, name, count, channels)
 
     def items(self, shader: moderngl.Program, name: str, count: int, channels: tuple[int, ...]) -> NDArray[np.float32]:
         """Run a full-screen program on `count` numbered items, as layer.frag numbers the texels of a kept target.
@@ -228,17 +223,6 @@ class Targets:
             write_lanes(image, first, values)
             first += c
         return values
-
-
-def bind(shader: moderngl.Program, textures: Mapping[str, Any]) -> None:
-    """Bind the textures that a program uses, each to a unit of its own."""
-    unit = 0
-    for name, texture in textures.items():
-        sampler: Any = shader.get(name, None)
-        if sampler is not None:
-            texture.use(unit)
-            sampler.value = unit
-            unit += 1
 
 
 @exact

@@ -12,7 +12,7 @@ import numpy as np
 from mr360uw.cache import Cache, PartOf, Same
 from mr360uw.composite.ambient.solver import AmbientLight
 from mr360uw.composite.aovs import AovFrame, Aovs
-from mr360uw.composite.gl.device import MeshBuffers, Places, StillBuffers, Targets, upload_mesh, upload_still
+from mr360uw.composite.gl.device import MeshBuffers, Places, Targets, upload_mesh, upload_still
 from mr360uw.composite.gl.light_textures import LightTextures
 from mr360uw.composite.gl.object_pass import ObjectPass
 from mr360uw.composite.gl.receiver_pass import ReceiverPass
@@ -71,7 +71,7 @@ class LayerRenderer:
         tiles = even_tiles(parts, view.width, view.height)
         drawn = list(map(empty_tile, tiles))
         if surfaces is not None:
-            self._objects.draw(shot, light, surfaces, drawn, frame, ambient)
+            self._objects.draw((shot, light, surfaces), drawn, frame, ambient)
         if on_blocks is not None:
             lay_receiver(on_blocks, drawn, view.width, view.height, shot.pattern, shot.unseen)
         return Layer(view.height, view.width, tuple(hold_out(shot, tile) for tile in drawn))
@@ -106,8 +106,4 @@ class _DeviceMeshes:
         if mesh.rest is None:
             return self._cache.of(upload_mesh, mesh, places, keep=_KEPT_MESHES)
         shared = self._cache.of(upload_still, still, places, keep=_KEPT_MESHES)
-        return self._cache.of(_posed, mesh, shared, keep=max(self.poses, 1))
-
-
-def _posed(mesh: Mesh, still: StillBuffers) -> MeshBuffers:
-    return upload_mesh(mesh, still=still)
+        return self._cache.of(upload_mesh, mesh, None, shared, keep=max(self.poses, 1))

@@ -65,11 +65,14 @@ class LightTextures:
         defines |= {"MEDIUM": 1} if medium is not None else {}
         defines |= {"GLOSSY": 1} if levels else {}
         defines |= {"LAMPS": len(lamps)} if lamps else {}
+        defines |= {"EYE": 1} if shot.view.eye_m else {}  # rays start on the viewing circle (eyes.glsl)
         # The camera, the environment and the sun (sun.glsl)
         roughness = np.ones(MAXIMUM_GLOSSY_LEVELS)
         roughness[:levels] = environment.glossy_roughness[:levels]
         uniforms: dict[str, Any] = {
             "view__position": shot.view.position, "view__surface_y_m": shot.view.surface_y_m,
+            "world_from_camera": shot.view.world_from_camera.T, "eye_m": shot.view.eye_m,
+            "frame_size": (shot.view.width, shot.view.height),
             "outside_index": shot.refractive_index, "glossy_levels": levels, "glossy_roughness": roughness,
             "sun__direction": (0.0, 1.0, 0.0),
         }  # fmt: skip

@@ -66,13 +66,14 @@ ALL_RAYS, HALF_OF_RAYS, ONE_RAY = 0, 1, 2
 class Visibility:
     """What hides the lights of a shot. Points are from the camera, in the world's axes [m].
 
-    values, size, clear: of `Columns`. slots: (m, 19) of each its extents (6), middle distance, axes (3, 3) and the
-    camera in them (3); the middle distance is 0 for the sun. lights: (L, 14) the sun's disc and halo, then lamps; of
-    each the numbers of its first slot and of the one after its last, for the sun the tangent of its radius and its
-    direction across over along (2), and for lamps place (3), radius, axis (3), cosine at the edge of the cone, and
-    least distance. rays: (3, 4, n) of fans, slope over a unit disc and place in [-0.5, 0.5]^2 of a footprint; fans: (3,
-    4) how many there are, how many speak for all where they agree, and by how much a ray widens, over the footprint and
-    over the radius of the disc a metre away. bias: factor on the offset of rays from a body's surface.
+    values, clear: of `columns_of`, size: columns across a slot. slots: (m, 19) of each its extents (6), middle
+    distance, axes (3, 3) and the camera in them (3); the middle distance is 0 for the sun. lights: (L, 14) the
+    sun's disc and halo, then lamps; of each the numbers of its first slot and of the one after its last, for the
+    sun the tangent of its radius and its direction across over along (2), and for lamps place (3), radius, axis
+    (3), cosine at the edge of the cone, and least distance. rays: (3, 4, n) of fans, slope over a unit disc and
+    place in [-0.5, 0.5]^2 of a footprint; fans: (3, 4) how many there are, how many speak for all where they agree,
+    and by how much a ray widens, over the footprint and over the radius of the disc a metre away. bias: factor on
+    the offset of rays from a body's surface.
     """
 
     values: NDArray[np.float32]
@@ -100,12 +101,17 @@ class Visibility:
         """Numbers of the lamps among the lights."""
         return range(HALO + 1, len(self.lights))
 
+    @property
+    def _columns(self) -> tuple[Floats, NDArray[np.float32], int, bool]:
+        """Slots and what is in them, as the kernels take them."""
+        return self.slots, self.values, self.size, self.clear
+
     def hidden(self, places: Floats) -> Floats:
         """Return for balls (n, 4), middle and radius, which of the sun's lights bodies may hide (n, 2): 0 neither, 1
         the halo, 2 part of the disc, 3 all of both; and the distance [m] to the nearest such body.
         """
         found = np.empty((len(places), 2))
-        _find_hidden(places, self.lights, self.slots, self.values, self.size, self.clear, found)
+        _find_hidden(places, self.lights, self._columns, found)
         return found
 
     def seen(
@@ -119,25 +125,23 @@ class Visibility:
         of_lights = self.lights[list(lights)]
         fans = [fan if k == HALO else ALL_RAYS if k == DISC or self.lights[k, 8] > 0.0 else ONE_RAY for k in lights]
         found = np.full((len(footprints), len(of_lights)), -1.0) if known is None else known.copy()
-        of_fans = np.array(fans, np.int64)
-        _see(
-            footprints, of_lights, of_fans, self.slots, self.values, self.size, self.clear, self.rays, self.fans, found
-        )
+        _see(footprints, of_lights, np.array(fans, np.int64), self._columns, (self.rays, self.fans), found)
         return found
 
 
 def visibility_of(shot: Shot, cache: Cache, scratch: Scratch) -> Visibility:
     """Return what hides the lights of a shot. cache: keeps columns of bodies; scratch: for drawing them."""
     sun, lamps, view = sun_of(shot), lamps_of(shot), shot.view
-    of_sun, of_lamps = sun_frames(shot), lamp_frames(shot)
+    of_sun, of_lamps = sun_frames(shot), [lamp_frames(lamp, shot.casters) for lamp in lamps]
     frames = [*of_sun, *(frame for group in of_lamps for frame in group)]
     # Draw the columns, as fine as the narrowest light asks for
     radii = [lamp.radius_m / frame.middle_m for lamp, g in zip(lamps, of_lamps, strict=True) for frame in g]
     narrowest = min([*radii, *([] if sun is None else [sun.half_angle_rad])], default=0.0)
-    columns = columns_of(frames, slot_size(len(frames), _pixels_across(shot), narrowest), cache, scratch)
+    size = slot_size(len(frames), _pixels_across(shot), narrowest)
+    values, extents, clear = columns_of(frames, size, cache, scratch)
     # Describe their slots and the lights
     slots, lights = np.zeros((len(frames), 19)), np.zeros((HALO + 1 + len(lamps), 14))
-    slots[:, :6] = columns.extents
+    slots[:, :6] = extents
     for row, frame in zip(slots, frames, strict=True):
         row[6], row[7:16] = frame.middle_m, frame.axes.ravel()
         row[16:] = frame.axes @ (view.position - (0.0 if frame.origin is None else frame.origin))
@@ -154,8 +158,7 @@ def visibility_of(shot: Shot, cache: Cache, scratch: Scratch) -> Visibility:
     # Spread rays over their discs, and over footprints
     finer = int(np.clip(round(_NARROW / view.width), 1, _MOST_RAYS // MAXIMUM_SUN_SAMPLES))
     rays, fans = _fans(finer * min(shot.draw.sun_samples, MAXIMUM_SUN_SAMPLES))
-    bias = max(_BIASED_SLOT / columns.size, 1.0)
-    return Visibility(columns.values, columns.size, columns.clear, slots, lights, rays, fans, bias)
+    return Visibility(values, size, clear, slots, lights, rays, fans, max(_BIASED_SLOT / size, 1.0))
 
 
 def _pixels_across(shot: Shot) -> float:
@@ -252,12 +255,8 @@ def _make_footprints(
     """
     width, height, eye, step, spacing = frame[0], frame[1], frame[2], frame[3], frame[4]
     turn, tip = 2.0 * math.pi / width, math.pi / height
-    turn_c, turn_s, tip_c, tip_s = (
-        math.cos(turn * step),
-        math.sin(turn * step),
-        math.cos(tip * step),
-        math.sin(tip * step),
-    )
+    turn_c, turn_s = math.cos(turn * step), math.sin(turn * step)
+    tip_c, tip_s = math.cos(tip * step), math.sin(tip * step)
     lon_c, lon_s, lat_c, lat_s = np.empty(side), np.empty(side), np.empty(side), np.empty(side)
     for m in range(len(blocks)):
         block = blocks[m]
@@ -354,8 +353,9 @@ def _between(columns: Any, slot: Any, size: Any, clear: Any, disc: Any, below: A
 
 
 @fast
-def _find_hidden(places: Any, lights: Any, slots: Any, values: Any, size: Any, clear: Any, found: Any) -> None:
-    """Set what `Visibility.hidden` returns."""
+def _find_hidden(places: Any, lights: Any, columns: Any, found: Any) -> None:
+    """Set what `Visibility.hidden` returns. columns: slots, values, size and clear of `Visibility`."""
+    slots, values, size, clear = columns
     widest = HALO if lights[HALO, 1] > 0.0 else DISC
     slope_x, slope_y = lights[DISC, 3], lights[DISC, 4]
     tilt, x, y, z = 0.5 * math.sqrt(slope_x * slope_x + slope_y * slope_y), 0.0, 0.0, 0.0
@@ -393,22 +393,19 @@ powers."""
 
 
 @fast
-def _see(
-    footprints: Any, lights: Any, of_fans: Any, slots: Any, values: Any, size: Any, clear: Any, fans_of: Any, fans: Any,
-    seen: Any,
-) -> None:  # fmt: skip
-    """Set the visible fractions (n, k) of lights that are negative. of_fans: (k,) number of each light's fan; the
-    others are those of `Visibility`.
+def _see(footprints: Any, lights: Any, of_fans: Any, columns: Any, rays_of: Any, seen: Any) -> None:
+    """Set the visible fractions (n, k) of lights that are negative. of_fans: (k,) number of each light's fan. columns:
+    slots, values, size and clear of `Visibility`, rays_of: its rays and fans.
     """
+    (slots, values, size, clear), (fans_of, fans) = columns, rays_of
     near = np.empty((len(slots), _TOGETHER), np.bool_)
     asked, mine = np.empty(_TOGETHER, np.int64), np.empty(_TOGETHER, np.int64)
     facing, hidden = np.empty(_TOGETHER), np.empty(_TOGETHER)
     # Arrays of their own: rows of one would have to be taken for overlapping
-    middle, one_side, other_side = _three(_TOGETHER), _three(_TOGETHER), _three(_TOGETHER)
-    start, slope, spans, here = _three(_ROOM), _three(_ROOM), _three(_ROOM), _three(_ROOM)
-    before, level, outcome, between = _three(_ROOM), _three(_ROOM), _three(_ROOM), _three(_ROOM)
-    found_at = np.empty(_ROOM, np.int32), np.empty(_ROOM, np.int32)
-    grain, four, blocked = np.empty(_TOGETHER, np.float32), np.empty(4 * _ROOM, np.float32), outcome[2]
+    feet = _three(_TOGETHER), _three(_TOGETHER), _three(_TOGETHER), np.empty(_TOGETHER, np.float32)
+    rays, outcome = (_three(_ROOM), _three(_ROOM), _three(_ROOM)), _three(_ROOM)
+    found_at, four = (np.empty(_ROOM, np.int32), np.empty(_ROOM, np.int32)), np.empty(4 * _ROOM, np.float32)
+    room, blocked = (_three(_ROOM), _three(_ROOM), found_at, _three(_ROOM), _three(_ROOM), four), outcome[2]
     for begin in range(0, len(footprints), _TOGETHER):
         for number in range(len(lights)):
             light, fan, numbers = lights[number], fans_of[of_fans[number]], fans[of_fans[number]]
@@ -451,19 +448,16 @@ def _see(
                     found = 0
                     for k in range(count):
                         if near[body, k]:
-                            _set_footprint(footprints[asked[k]], slots[body], numbers[2] * facing[k], found,
-                                           middle, one_side, other_side, grain)  # fmt: skip
+                            _set_footprint(footprints[asked[k]], slots[body], numbers[2] * facing[k], found, feet)
                             mine[found] = k
                             found += 1
                     if found == 0:
                         continue
                     slot = slots[body]
-                    rays = found * (last - done)
                     spread = light[8] / slot[6] if lamp else light[2]
                     disc, widening = (spread, light[3], light[4]), np.float32(spread * numbers[3])
-                    _start(fan, done, last, found, slot, disc, middle, one_side, other_side, grain, start, slope, spans)
-                    _walk(values[body], slot, size, clear, rays, widening, start, slope, spans, here, before, found_at,
-                          between, level, four, outcome)  # fmt: skip
+                    _start(fan, (done, last, found), slot, disc, feet, rays)
+                    _walk(values[body], slot, size, clear, (found * (last - done), widening), rays, room, outcome)
                     # Of two bodies the larger counts where both are opaque
                     for k in range(last - done):
                         for m in range(found):
@@ -506,13 +500,11 @@ def _facing(foot: Any, lamp: Any) -> Any:
 
 
 @inlined
-def _set_footprint(
-    foot: Any, slot: Any, facing: Any, k: Any, middle: Any, one_side: Any, other_side: Any, grain: Any
-) -> None:
-    """Set middle and sides of a footprint in the axes of a slot, before any projection, and the width of rays there.
-
-    facing: of a lamp, that width.
+def _set_footprint(foot: Any, slot: Any, facing: Any, k: Any, feet: Any) -> None:
+    """Set the k-th of feet: middle and sides of a footprint in the axes of a slot, before any projection, and the width
+    of rays there. facing: of a lamp, that width.
     """
+    middle, one_side, other_side, grain = feet
     for axis in range(3):
         a, b, c = slot[7 + 3 * axis], slot[8 + 3 * axis], slot[9 + 3 * axis]
         middle[axis][k] = a * foot[0] + b * foot[1] + c * foot[2] + slot[16 + axis]
@@ -523,23 +515,18 @@ def _set_footprint(
 
 
 @inlined
-def _start(
-    fan: Any, first: Any, last: Any, count: Any, slot: Any, disc: Any, middle: Any, one_side: Any, other_side: Any,
-    grain: Any, start: Any, slope: Any, spans: Any,
-) -> None:  # fmt: skip
-    """Start the rays of a fan from `first` to before `last` from their places in footprints, those of each ray in turn.
+def _start(fan: Any, part: Any, slot: Any, disc: Any, feet: Any, rays: Any) -> None:
+    """Start rays of a fan from their places in footprints, those of each ray in turn.
 
-    start: from the middle of the slot and its lowest point. slope: metres across for a metre along the light, and the
-    inverse of their length. spans: height over the start at which they enter and leave the slot, and width at the
-    start. disc: tangent of its radius, and slope of its middle.
+    part: first ray, the one after the last, and number of footprints. disc: tangent of its radius, and slope of its
+    middle. feet: of `_set_footprint`. rays: start, slope, spans. start: from the middle of the slot and its lowest
+    point. slope: metres across for a metre along the light, and the inverse of their length. spans: height over the
+    start at which they enter and leave the slot, and width at the start.
     """
+    (first, last, count), (middle, one_side, other_side, grain), (start, slope, spans) = part, feet, rays
     spread, low_x, low_y = np.float32(disc[0]), np.float32(disc[1]), np.float32(disc[2])
-    at_x, at_y, lowest, reach = (
-        np.float32(slot[0]),
-        np.float32(slot[1]),
-        np.float32(slot[4]),
-        np.float32(slot[5] - slot[4]),
-    )
+    at_x, at_y = np.float32(slot[0]), np.float32(slot[1])
+    lowest, reach = np.float32(slot[4]), np.float32(slot[5] - slot[4])
     far = np.float32(slot[6])
     x, y, z = start
     for ray in range(first, last):
@@ -553,33 +540,26 @@ def _start(
             spans[2][begin + k] = grain[k]
         for k in range(begin, begin + count):
             slope[0][k], slope[1][k], slope[2][k] = slope_x, slope_y, across
-    rays = (last - first) * count
+    total = (last - first) * count
     if far > _ZERO:
         # The map of shadow_columns.py; behind the lamp nothing hides it
-        for k in range(rays):
+        for k in range(total):
             scale = far / z[k] if z[k] > _ZERO else _ZERO
             x[k], y[k], z[k] = x[k] * scale, y[k] * scale, far * scale if z[k] > _ZERO else -_ONE
             spans[2][k] *= z[k] / far
-    for k in range(rays):
+    for k in range(total):
         x[k], y[k], z[k] = x[k] - at_x, y[k] - at_y, z[k] - lowest
         spans[0][k], spans[1][k] = max(-z[k], _ZERO), max(reach - z[k], _ZERO)
 
 
 @inlined
-def _walk(
-    columns: Any, slot: Any, size: Any, clear: Any, rays: Any, widening: Any, start: Any, slope: Any, spans: Any,
-    here: Any, before: Any, found_at: Any, between: Any, level: Any, four: Any, outcome: Any,
-) -> None:  # fmt: skip
-    """Set what a body blocks of rays, most (rays,), all of which take a step at a time. widening: by how much they grow
-    for a metre; the other arrays are room.
+def _walk(columns: Any, slot: Any, size: Any, clear: Any, asked: Any, of_rays: Any, room: Any, outcome: Any) -> None:
+    """Set what a body blocks of rays, most (rays,), the first of outcome; all of them take a step at a time. asked:
+    their number, and by how much they grow for a metre. of_rays: of `_start`.
     """
-    x, y, z = start
-    slope_x, slope_y, across = slope
-    h, until, widths = spans
-    filled, top, bottom = here
-    filled_a, top_a, bottom_a = before
-    (at, side), (fx, fy, _), (most, h_a, _) = found_at, between, outcome
-    wanted, per_texel, inside = level
+    (rays, widening), ((x, y, z), (slope_x, slope_y, across), (h, until, widths)) = asked, of_rays
+    (filled, top, bottom), (filled_a, top_a, bottom_a), (at, side), (fx, fy, _), of_level, four = room
+    (wanted, per_texel, inside), (most, h_a, _) = of_level, outcome
     all_texels, half = np.float32(size), np.float32(0.5 * size)
     texel = np.float32(2.0 * max(slot[2], slot[3]) / size)
     per_x, per_y = np.float32(0.5 * size / slot[2]), np.float32(0.5 * size / slot[3])

@@ -14,7 +14,7 @@ first; a pixel between others of the same surface that all see the whole sun, or
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -25,15 +25,14 @@ from mr360uw.cache import Cache, PartOf, Same, Scratch
 from mr360uw.composite.ambient.mesh_transfer import FEW_CHANNELS, UNTOUCHED, Lattice
 from mr360uw.composite.ambient.solver import AmbientLight
 from mr360uw.composite.aovs import SUMS, AovFrame
-from mr360uw.composite.gl.device import MeshBuffers, Targets, bind, list_texture, of_eye
+from mr360uw.composite.gl.device import MeshBuffers, Targets, list_texture
 from mr360uw.composite.gl.light_textures import ShotLight
 from mr360uw.composite.gl.light_visibility import DISC, HALF_OF_RAYS, HALO, Visibility, footprints_of
 from mr360uw.composite.gl.visible_surfaces import Fragments, Surfaces, find_surfaces
 from mr360uw.composite.lighting.light_sources import sun_of
 from mr360uw.composite.mesh.mesh import Mesh
-from mr360uw.composite.sampling import filter_width
+from mr360uw.composite.sampling import filter_width, root_of_moments
 from mr360uw.composite.shot import PlacedObject, Shot
-from mr360uw.gl.context import set_uniforms
 from mr360uw.jit import exact
 from mr360uw.types import Floats, Tile
 
@@ -53,6 +52,7 @@ Bodies = tuple["moderngl.Texture", frozenset[Mesh]]
 """Texture of bodies, four texels each as layer.frag says, then values of ambient light at points; and the meshes that
 have any."""
 _Lit = tuple[Shot, ShotLight, Surfaces]
+"""A shot, its light on the device, and the visible surfaces of its objects."""
 
 
 class ObjectPass:
@@ -72,23 +72,16 @@ class ObjectPass:
             self._cache.drop(find_surfaces)
         return surfaces
 
-    def draw(
-        self,
-        shot: Shot,
-        light: ShotLight,
-        surfaces: Surfaces,
-        tiles: Sequence[Tile],
-        frame: AovFrame | None,
-        ambient: AmbientLight | None,
-    ) -> None:
+    def draw(self, lit: _Lit, tiles: Sequence[Tile], frame: AovFrame | None, ambient: AmbientLight | None) -> None:
         """Composite the surfaces of a shot behind the contents of tiles.
 
         frame: receives output variables, or None. ambient: solved ambient light among the bodies.
         """
         # List the bodies on the device, then shade layer by layer, the nearest first
+        shot, _, surfaces = lit
         objects, layers = shot.visible, surfaces.layers
         values, changed = self._body_list(shot, objects, ambient)
-        lit, bodies = (shot, light, surfaces), (list_texture(*values, scratch=self._scratch), changed)
+        bodies = list_texture(*values, scratch=self._scratch), changed
         for number, fragments in enumerate(layers):
             if len(fragments) == 0:
                 continue
@@ -101,7 +94,9 @@ class ObjectPass:
                 halves = [self._light_up(lit, parts, len(fragments), bodies, blended, k) for k in (1, 2)]
                 seen = through(tiles, fragments)[fragments.pixel()] * fragments.weight * values_of[:, 3]
                 _add_variables(frame, fragments, seen, np.concatenate(halves, axis=1), body)
-            add_behind(tiles, fragments, values_of)
+            pieces = fragments.row, fragments.column, fragments.first, fragments.weight
+            for tile in tiles:
+                sum_behind(pieces, values_of, (tile.row, tile.column), (tile.radiance, tile.alpha, tile.distance_m))
 
     def _body_list(
         self, shot: Shot, objects: Sequence[PlacedObject], ambient: AmbientLight | None
@@ -131,19 +126,20 @@ class ObjectPass:
         return values, frozenset(changed)
 
     def _light_up(
-        self,
-        lit: _Lit,
-        parts: Sequence[MeshFragments],
-        count: int,
-        bodies: Bodies,
-        blended: bool,
-        outputs: int,
+        self, lit: _Lit, parts: Sequence[MeshFragments], count: int, bodies: Bodies, blended: bool, outputs: int
     ) -> Floats:
         """Return the outputs (count, channels) of layer.frag for `count` fragments. outputs: see `_CHANNELS`."""
         (shot, light, surfaces), values = lit, np.empty((count, sum(_CHANNELS[outputs])), np.float32)
+        uniforms = light.uniforms | {"filter_width": filter_width(shot.draw.samples, shot.draw.shading)}
         for part in parts:
-            textures = {"fragments": surfaces.cache.of(_entries, part, keep=_PARTS)}
-            # What they see of the sun and of lamps
+            # Give them the mesh, the bodies' values and the light, and compile what these need, and no more
+            buffers = self._buffers(part.mesh)
+            defines = {"OUTPUTS": outputs} | buffers.defines | light.defines
+            defines |= {"BLENDED": 1} if blended else {}
+            defines |= {"AMONG_BODIES": 1} if part.mesh in bodies[1] else {}
+            textures = {"bodies": bodies[0], **buffers.textures, **light.textures}
+            textures["fragments"] = surfaces.cache.of(_entries, part, keep=_PARTS)
+            # And what they see of the sun and of lamps
             whole, visibility = (shot, light.visibility, surfaces), light.visibility
             if "SHADOW" in light.defines:
                 seen = PartOf(whole, visibility.of_sun)
@@ -151,49 +147,9 @@ class ObjectPass:
             if "LAMPS" in light.defines:
                 seen = PartOf(whole, visibility.of_lamps)
                 textures["lamps_seen"] = surfaces.cache.of(_see_lamps, part, seen, keep=_PARTS)
-            values[part.chosen] = self._shade(lit, part, bodies, outputs, textures, blended=blended)
+            shaded = self._targets.shaded("layer", defines, textures, uniforms, len(part.listed), _CHANNELS[outputs])
+            values[part.chosen] = shaded
         return values
-
-    def _shade(
-        self,
-        lit: _Lit,
-        part: MeshFragments,
-        bodies: Bodies,
-        outputs: int,
-        textures: Mapping[str, moderngl.Texture],
-        *,
-        blended: bool,
-    ) -> NDArray[np.float32]:
-        """Return the outputs (n, channels) of layer.frag for a part of the fragments. textures: of these alone."""
-        # Compile what the mesh and its light need, and no more
-        (shot, light, _), mesh, count = lit, part.mesh, len(part.listed)
-        buffers = self._buffers(mesh)
-        defines = of_eye(shot) | {"OUTPUTS": outputs} | buffers.defines | light.defines
-        defines |= {"BLENDED": 1} if blended else {}
-        defines |= {"AMONG_BODIES": 1} if mesh in bodies[1] else {}
-        shader = self._targets.program("layer", defines)
-        # Give it the mesh, the bodies' values and the light
-        bind(
-            shader,
-            {
-                "bodies": bodies[0],
-                "triangles": buffers.triangles,
-                "materials": buffers.materials,
-                "store": buffers.store,
-                **textures,
-                **light.textures,
-            },
-        )
-        set_uniforms(
-            shader,
-            **light.uniforms,
-            world_from_camera=shot.view.world_from_camera.T,
-            frame_size=(shot.view.width, shot.view.height),
-            count=count,
-            eye_m=shot.view.eye_m,
-            filter_width=filter_width(shot.draw.samples, shot.draw.shading),
-        )
-        return self._targets.items(shader, f"layer {outputs}", count, _CHANNELS[outputs])
 
 
 def _entries(part: MeshFragments) -> moderngl.Texture:
@@ -210,21 +166,15 @@ def _see_sun(part: MeshFragments, seen: _Seen) -> moderngl.Texture:
     sun = sun_of(shot)
     assert sun is not None
     groups = sun_groups(shot, part, surfaces.facets, sun.direction)
-    of_groups = np.zeros((len(groups.listed), 2), np.float32)
-    _ask(shot, visibility, groups, groups.first, of_groups)
-    _ask(shot, visibility, groups, groups.fill_between(of_groups), of_groups)
+    of_groups, asked = np.zeros((len(groups.listed), 2), np.float32), groups.first
+    for turn in range(2):
+        asked = groups.fill_between(of_groups) if turn else asked
+        footprints = _footprints(shot, visibility, groups.listed[asked], groups.surface[asked])
+        of_groups[asked] = visibility.seen(footprints, (DISC, HALO), HALF_OF_RAYS)
     fractions = np.ones((len(groups.of), 2), np.float32)
     there = groups.of >= 0
     fractions[there] = of_groups[groups.of[there]]
     return list_texture(fractions, channels=2)
-
-
-def _ask(
-    shot: Shot, visibility: Visibility, groups: SunGroups, which: NDArray[np.bool_], seen: NDArray[np.float32]
-) -> None:
-    """Set what some groups (m,) see of the sun's disc and halo, seen (m, 2)."""
-    footprints = _footprints(shot, visibility, groups.listed[which], groups.surface[which])
-    seen[which] = visibility.seen(footprints, (DISC, HALO), HALF_OF_RAYS)
 
 
 def _see_lamps(part: MeshFragments, seen: _Seen) -> moderngl.Texture:
@@ -301,13 +251,6 @@ def through(tiles: Sequence[Tile], fragments: Fragments) -> Floats:
         inside = np.flatnonzero((r >= 0) & (r < rows) & (c >= 0) & (c < columns))
         free[inside] = 1.0 - tile.alpha[r[inside], c[inside]]
     return free
-
-
-def add_behind(tiles: Sequence[Tile], fragments: Fragments, values: Floats) -> None:
-    """Composite fragments behind the contents of tiles. values: (n, 5) radiance, alpha and distance [m]."""
-    pieces = fragments.row, fragments.column, fragments.first, fragments.weight
-    for tile in tiles:
-        sum_behind(pieces, values, (tile.row, tile.column), (tile.radiance, tile.alpha, tile.distance_m))
 
 
 _AT_ONCE = 1 << 19
@@ -512,8 +455,6 @@ def _group(listed: Any, pixel: Any, weight: Any, surface: Any, apart: Any, of: A
         x, y = moments[k, 1] / moments[k, 0], moments[k, 2] / moments[k, 0]
         xx, xy = moments[k, 3] / moments[k, 0] - x * x, moments[k, 4] / moments[k, 0] - x * y
         yy = moments[k, 5] / moments[k, 0] - y * y
-        root = np.sqrt(max(xx * yy - xy * xy, 0.0))
-        scale = np.sqrt(12.0 / max(xx + yy + 2.0 * root, 1e-18))
         area[k, 0], area[k, 1] = origin[k, 0] + x - listed[chosen[k], 1], origin[k, 1] + y - listed[chosen[k], 2]
-        area[k, 2], area[k, 3], area[k, 4] = (xx + root) * scale, xy * scale, (yy + root) * scale
+        area[k, 2], area[k, 3], area[k, 4] = root_of_moments(xx, xy, yy, 0.0)
     return count

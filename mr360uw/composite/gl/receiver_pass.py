@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.cache import Cache, PartOf, Same
-from mr360uw.composite.gl.device import Targets, bind, list_texture, of_eye
+from mr360uw.composite.gl.device import Targets, list_texture
 from mr360uw.composite.gl.light_textures import ShotLight
 from mr360uw.composite.gl.light_visibility import DISC, HALO, footprints_of
 from mr360uw.composite.lighting.light_sources import scattered_share, sun_of, widest_half_angle
@@ -38,7 +38,6 @@ from mr360uw.composite.receiver.ratio import BLOCK, FADE_FROM, SEEN, BlockLight,
 from mr360uw.composite.sampling import WHOLE_PIXEL, Gaps
 from mr360uw.composite.shot import Shot
 from mr360uw.composite.tiles import places_in_mask
-from mr360uw.gl.context import set_uniforms
 from mr360uw.types import Floats
 
 _Lit = tuple[Shot, ShotLight]
@@ -181,7 +180,7 @@ class ReceiverPass:
         between every second pixel, and the pixels themselves of `sharp` blocks (n,) that these miss, or with gaps.
         """
         origin = float(BLOCK) * np.stack([i, j], axis=-1)
-        few = self._samples(lit, origin, halo, _SHADOW, BLOCK // 2, 2)["seen"]
+        few = self._samples(lit, origin, halo, _SHADOW, (BLOCK // 2, 2))["seen"]
         seen = np.clip(enlarged(few), 0.0, 1.0)
         bent = sharp & (missed_between(few) > SMOOTH)
         bent[ground.gaps_in(gaps, j, i)[1]] = True
@@ -196,8 +195,8 @@ class ReceiverPass:
 
         wanted: features to compute, of SHADOW, CAUSTICS, ROUGH (all light, for rough blocks) and, with ROUGH, LAMPS.
         """
-        shape = None if _on_plane(lit[0], wanted) else ground.pixels(lit[0], j, i)
-        named = self._samples(lit, float(BLOCK) * np.stack([i, j], axis=-1), halo, wanted, BLOCK, 1, shape)
+        shape = None if _on_plane(lit[0], wanted) else ground.pixels(j, i)
+        named = self._samples(lit, float(BLOCK) * np.stack([i, j], axis=-1), halo, wanted, (BLOCK, 1), shape)
         some, block = ground.gaps_in(gaps, j, i)
         if len(block):
             for name, image in self._at_gaps(lit, ground, some, wanted).items():
@@ -208,29 +207,23 @@ class ReceiverPass:
         """Return what `_pixels` does in gaps, (n, 1, 1, k), with shadows averaged over their areas."""
         shape = None
         if not _on_plane(lit[0], wanted):
-            point, normal = ground.meet(lit[0], *gaps.place.T)
+            point, normal = ground.meet(*gaps.place.T)
             shape = np.append(normal, np.linalg.norm(point, axis=-1)[:, None], axis=1)[:, None, None]
         halo = np.full((len(gaps.place), 4), -1.0)
-        return self._samples(lit, gaps.place - 0.5, halo, wanted, 1, 1, shape, gaps.area)
+        return self._samples(lit, gaps.place - 0.5, halo, wanted, (1, 1), shape, gaps.area)
 
     def _samples(
-        self,
-        lit: _Lit,
-        origin: Floats,
-        halo: Floats,
-        wanted: frozenset[str],
-        side: int,
-        spacing: int,
-        shape: Floats | None = None,
-        area: Floats | None = None,
-    ) -> dict[str, NDArray[np.float32]]:
-        """Return images (n, side, side, k) of samples `spacing` pixels apart of blocks, by their names in `BlockLight`.
+        self, lit: _Lit, origin: Floats, halo: Floats, wanted: frozenset[str], grid: tuple[int, int],
+        shape: Floats | None = None, area: Floats | None = None,
+    ) -> dict[str, NDArray[np.float32]]:  # fmt: skip
+        """Return images (n, side, side, k) of samples of blocks, by their names in `BlockLight`.
 
-        origin: (n, 2) frame coordinates of the blocks' corners. halo: (n, 4) visible fraction of the halo there,
-        negative where it is found for each sample. shape: (n, side, side, 4) normal and distance; None for a plane.
-        area: (n, 5) of the frame that samples represent; None for pixels.
+        grid: side, and pixels from one sample to the next. origin: (n, 2) frame coordinates of the blocks' corners.
+        halo: (n, 4) visible fraction of the halo there, negative where it is found for each sample. shape: (n, side,
+        side, 4) normal and distance; None for a plane. area: (n, 5) of the frame that samples represent; None for
+        pixels.
         """
-        shot, light = lit
+        (shot, light), (side, spacing) = lit, grid
         named: dict[str, NDArray[np.float32]] = {}
         footprints: Floats = np.zeros((0, 12))
         if wanted & {"SHADOW", "LAMPS"}:
@@ -254,34 +247,21 @@ class ReceiverPass:
         # Compile what is wanted, and no more
         (shot, light), count = lit, len(origin) * side * side
         assert shot.receiver is not None
-        textures = {"blocks": list_texture(origin, channels=2)} | (
-            {} if shape is None else {"shape": list_texture(shape)}
-        )
-        defines = (wanted - {"LAMPS", "SHADOW"}) | (frozenset(light.defines) & {"SUN", "MEDIUM", "HALO", "SOFT"})
-        defines |= {"PLANE"} if shape is None else set()
-        numbers = {}
+        textures = {"blocks": list_texture(origin, channels=2)}
+        textures |= {} if shape is None else {"shape": list_texture(shape)}
+        features = (wanted - {"LAMPS", "SHADOW"}) | (light.defines.keys() & {"SUN", "MEDIUM", "HALO", "SOFT", "EYE"})
+        defines = dict.fromkeys(features | ({"PLANE"} if shape is None else set()), 1)
         if "LAMPS" in wanted:
             lamps = light.visibility.lamps
-            numbers["LAMPS"] = len(lamps)
+            defines["LAMPS"] = len(lamps)
             textures["lamps_seen"] = list_texture(light.visibility.seen(footprints, lamps), channels=1)
-        shader = self._targets.program("receiver", {**dict.fromkeys(defines, 1), **numbers, **of_eye(shot)})
-        # Give it the frame and the receiver
-        bind(shader, textures | light.textures)
-        extent = shot.receiver.extent_m
-        set_uniforms(
-            shader,
-            **light.uniforms,
-            world_from_camera=shot.view.world_from_camera.T,
-            frame_size=(shot.view.width, shot.view.height),
-            eye_m=shot.view.eye_m,
-            count=count,
-            side_bits=side.bit_length() - 1,
-            plane_height=_plane_m(shot),
-            fade=(FADE_FROM * extent, extent),
-        )
-        # Draw, and name the outputs
-        outputs = (1 if "ROUGH" not in wanted else 4 if "LAMPS" in wanted else 3) * (4,)
-        values = self._targets.items(shader, "receiver", count, outputs).reshape(-1, side, side, sum(outputs))
+        # Give it the receiver, draw, and name the outputs
+        extent, outputs = shot.receiver.extent_m, (1 if "ROUGH" not in wanted else 4 if "LAMPS" in wanted else 3) * (4,)
+        uniforms = light.uniforms | {
+            "side_bits": side.bit_length() - 1, "plane_height": _plane_m(shot), "fade": (FADE_FROM * extent, extent),
+        }  # fmt: skip
+        values = self._targets.shaded("receiver", defines, textures | light.textures, uniforms, count, outputs)
+        values = values.reshape(-1, side, side, sum(outputs))
         named = {"waves": values[..., :3]} if "CAUSTICS" in wanted else {}
         named |= {"shape": values[..., 4:11]} if "ROUGH" in wanted else {}
         return named | ({"added": values[..., 12:15]} if "LAMPS" in wanted else {})

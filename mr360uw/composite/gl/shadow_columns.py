@@ -29,7 +29,7 @@ from mr360uw.cache import Cache, PartOf, Scratch
 from mr360uw.composite.ambient.form_factors import rounded
 from mr360uw.composite.gl.triangles import BLENDED, MASKED, OPAQUE, mesh_looks
 from mr360uw.composite.gl.visible_surfaces import alpha_of, cutouts
-from mr360uw.composite.lighting.light_sources import lamps_of, sun_of
+from mr360uw.composite.lighting.light_sources import sun_of
 from mr360uw.composite.shot import PlacedObject, Shot
 from mr360uw.jit import exact, fast
 from mr360uw.medium.shafts.single_scattering import nearest_m
@@ -78,15 +78,9 @@ class LightFrame:
     @property
     def drawn(self) -> tuple[object, ...]:
         """All that decides what is drawn of it."""
-        if self.origin is None:
-            return *((body.mesh, self.matrix(body)) for body in self.bodies), self.axes
-        return (
-            *((body.mesh, body.world_from_object) for body in self.bodies),
-            self.axes,
-            self.origin,
-            self.middle_m,
-            self.nearest_m,
-        )
+        places = (self.matrix(body) if self.origin is None else body.world_from_object for body in self.bodies)
+        bodies = zip((body.mesh for body in self.bodies), places, strict=True)
+        return *bodies, self.axes, self.origin, self.middle_m, self.nearest_m
 
     @property
     def start(self) -> Floats:
@@ -106,25 +100,19 @@ class LightFrame:
         return extents + np.array([x, y, 0.0, 0.0, z, z])
 
     def extents(self) -> Floats:
-        """Return the bodies' extents (6,): centre across, half size across, ends along; two numbers each."""
-        points = np.concatenate(
-            [body.mesh.hull.reshape(-1, 3) @ m[:, :3].T + m[:, 3] for body in self.bodies for m in [self.matrix(body)]]
-        )
+        """Return the bodies' extents (6,) about `start`: centre across, half size across, ends along; two each."""
+        hulls = [(body.mesh.hull.reshape(-1, 3), self.matrix(body)) for body in self.bodies]
+        points = np.concatenate([hull @ m[:, :3].T + m[:, 3] for hull, m in hulls])
         if self.origin is not None:
-            points = self._projected(points)
+            z = np.maximum(points[:, 2], self.nearest_m)
+            flat = np.stack([points[:, 0], points[:, 1], np.full(len(z), self.middle_m)], axis=-1)
+            points = flat * (self.middle_m / z)[:, None]
         low, high = points.min(axis=0), points.max(axis=0)
         center, half = 0.5 * (low + high)[:2], 0.5 * _MARGIN * (high - low)[:2]
         if self.face:
             center, half = np.zeros(2), np.full(2, self.middle_m)
         half = np.maximum(half, _NARROWEST * half.max())
         return np.concatenate([center, half, [low[2], high[2]]])
-
-    def _projected(self, points: Floats) -> Floats:
-        z = np.maximum(points[:, 2], self.nearest_m)
-        return (
-            np.stack([points[:, 0], points[:, 1], np.full(len(z), self.middle_m)], axis=-1)
-            * (self.middle_m / z)[:, None]
-        )
 
 
 # --- the frames of lights ---------------------------------------------------------------------------------------------
@@ -164,15 +152,11 @@ _CORNER_RAD = float(np.arccos(3.0**-0.5))
 """Angle between the axis of a cube's face and its corners."""
 
 
-def lamp_frames(shot: Shot) -> list[list[LightFrame]]:
-    """Return the light frames of each lamp: one for each body in its cone, or faces of a cube for bodies around it."""
-    return [_frames(lamp, shot.casters) if lamp.casts_shadow else [] for lamp in lamps_of(shot)]
-
-
-def _frames(lamp: Lamp, casters: tuple[PlacedObject, ...]) -> list[LightFrame]:
+def lamp_frames(lamp: Lamp, casters: tuple[PlacedObject, ...]) -> list[LightFrame]:
+    """Return the light frames of a lamp: one for each body in its cone, or faces of a cube for bodies around it."""
     alone: list[LightFrame] = []
     around: list[PlacedObject] = []
-    for placed in casters:
+    for placed in casters if lamp.casts_shadow else ():
         center = placed.to_world(placed.mesh.center_m) - lamp.position
         distance, radius = float(np.linalg.norm(center)), placed.mesh.radius_m * placed.scale
         if distance <= _FARTHER * radius:
@@ -220,50 +204,40 @@ def slot_size(slots: int, pixels_across: float, half_angle_rad: float) -> int:
     return next(size for size in SLOTS if size >= wanted or 2 * size > most)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Columns:
-    """Columns of bodies in slots of `size` x `size`. values: (slots, 4 n) float32, columns row by row, then their
-    levels. extents: (slots, 6) of `LightFrame.placed`. clear: whether bodies let light through by their alpha.
+def columns_of(
+    frames: Sequence[LightFrame], size: int, cache: Cache, scratch: Scratch
+) -> tuple[NDArray[np.float32], Floats, bool]:
+    """Return the columns of bodies in slots of `size` x `size`, (slots, 4 n), row by row, then their levels.
+
+    And the extents (slots, 6) as rays are traced, for the sun about the world's origin, and whether bodies let light
+    through by their alpha. cache: keeps the last ones, and what is the same in all poses of meshes.
     """
-
-    values: NDArray[np.float32]
-    extents: Floats
-    size: int
-    clear: bool
-
-
-def columns_of(frames: Sequence[LightFrame], size: int, cache: Cache, scratch: Scratch) -> Columns:
-    """Return the columns of frames. cache: keeps the last ones, and what is the same in all poses of meshes."""
+    clear = any(m.alpha_mode == "BLEND" for frame in frames for body in frame.bodies for m in body.mesh.materials)
     drawn_of = PartOf((frames, cache, scratch), *(frame.drawn for frame in frames))
-    values, extents = cache.of(_draw_slots, drawn_of, size)
+    values, extents = cache.of(_draw_slots, drawn_of, size, clear)
     placed = np.array([frame.placed(of_frame) for frame, of_frame in zip(frames, extents, strict=True)])
-    return Columns(values, placed.reshape(-1, 6), size, _translucent(frames))
-
-
-def _translucent(frames: Sequence[LightFrame]) -> bool:
-    """Return whether bodies of frames let light through by their alpha."""
-    return any(m.alpha_mode == "BLEND" for frame in frames for body in frame.bodies for m in body.mesh.materials)
+    return values, placed.reshape(-1, 6), clear
 
 
 def _draw_slots(
-    drawn_of: PartOf[tuple[Sequence[LightFrame], Cache, Scratch]], size: int
-) -> tuple[NDArray[np.float32], list[Floats]]:
-    """Return the columns of all slots, and the extents (6,) of each about the start of its frame."""
+    drawn_of: PartOf[tuple[Sequence[LightFrame], Cache, Scratch]], size: int, clear: bool
+) -> tuple[NDArray[np.float32], Floats]:
+    """Return the columns of all slots, and the extents (slots, 6) of each about the start of its frame."""
     frames, cache, scratch = drawn_of.whole
-    side, clear = _SUPERSAMPLING * size, _translucent(frames)
+    side = _SUPERSAMPLING * size
     heights = scratch.floats("heights", 2, side, side)
     passed = scratch.floats("passed", *((side, side) if clear else (0, 0)))
     # Memory that is not written is not taken: most columns are empty
     values = np.zeros((len(frames), 4 * (size * size - (SMALLEST // 2) ** 2) // 3, 4), np.float32)
-    extents = [frame.extents() for frame in frames]
+    extents = np.array([frame.extents() for frame in frames]).reshape(-1, 6)
     for frame, of_frame, slot in zip(frames, extents, values, strict=True):
         spans = np.stack([np.full(size, side), np.full(size, -1)])
         for placed in frame.bodies:
             look = cache.of(mesh_looks, placed.mesh.still, keep=_KEPT)
             positions = np.asarray(placed.mesh.positions, np.float64)
-            cuts = cutouts([look], np.array([0, len(look.kind)]))
-            inputs: list[Any] = [positions, frame.matrix(placed), of_frame, frame.middle_m, frame.nearest_m, look.kind]
-            _draw(*[*inputs, *cuts, spans, heights, passed])
+            projection = frame.matrix(placed), of_frame, frame.middle_m, frame.nearest_m
+            kinds = look.kind, cutouts([look], np.array([0, len(look.kind)]))
+            _draw(positions, projection, kinds, spans, heights, passed)
         _sum_levels(heights, passed, spans, of_frame[4], slot)
     return values.reshape(len(frames), values.shape[1] * 4), extents
 
@@ -275,26 +249,22 @@ _LOWEST = np.float32(-1e9)
 
 
 @fast
-def _draw(
-    positions: Any, matrix: Any, extents: Any, middle: Any, nearest: Any, kind: Any, cut: Any, cuts: Any, alphas: Any,
-    places: Any, spans: Any, heights: Any, passed: Any,
-) -> None:  # fmt: skip
+def _draw(positions: Any, projection: Any, kinds: Any, spans: Any, heights: Any, passed: Any) -> None:
     """Draw a mesh (T, 3, 3) into the texels of a slot: the largest of (top, -bottom) along the light, heights (2, n,
     n), and the product of what its surfaces let through, passed (n, n), empty where all bodies are opaque.
 
-    matrix: (3, 4) from the mesh to the axes of the frame. middle, nearest: of `LightFrame`, middle 0 for the sun. kind,
-    cut ... places: of triangles, as visible_surfaces.py has them. spans: (2, n / 2) first and last texel that is drawn
-    of each two rows; what lies beyond has any value.
+    projection: matrix (3, 4) from the mesh to the axes of the frame, extents, middle and nearest distance of
+    `LightFrame`, the middle one 0 for the sun. kinds: of triangles, and tables of `cutouts`. spans: (2, n / 2) first
+    and last texel that is drawn of each two rows; what lies beyond has any value.
     """
+    (matrix, extents, middle, nearest), (kind, (cut, cuts, alphas, places)) = projection, kinds
     side = heights.shape[1]
     p, x, y, edge, plane = np.empty((3, 3)), np.empty(3), np.empty(3), np.empty((3, 3)), np.empty(3)
     weights, change = np.empty(3), np.zeros((2, 2))
     # Texels of a metre across the light, and of its axis
     per_x, per_y = 0.5 * side / extents[2], 0.5 * side / extents[3]
-    at_x, at_y = (
-        0.5 * (side - 1.0) - per_x * extents[0] + _BESIDE[0],
-        0.5 * (side - 1.0) - per_y * extents[1] + _BESIDE[1],
-    )
+    at_x = 0.5 * (side - 1.0) - per_x * extents[0] + _BESIDE[0]
+    at_y = 0.5 * (side - 1.0) - per_y * extents[1] + _BESIDE[1]
     highest = middle * middle / nearest if middle > 0.0 else 1e30
     for t in range(len(positions)):
         for k in range(3):

@@ -91,9 +91,8 @@ def seen_triangles(placed: PlacedObject, of_view: PartOf[View], looks: MeshLooks
     matrix[:, 3] = view.world_from_camera.T @ (placed.world_from_object[:3, 3] - view.position)
     facets, nearest = np.zeros((count, 10), np.float32), np.zeros(count, np.float32)
     rectangle = np.empty((count, 4), np.int32)
-    size = float(view.width), float(view.height)
-    _project(np.asarray(positions, np.float64), matrix, looks.two_sided, *size, float(view.eye_m), facets, nearest,
-             rectangle)  # fmt: skip
+    frame = float(view.width), float(view.height), float(view.eye_m)
+    _project(np.asarray(positions, np.float64), matrix, looks.two_sided, frame, (facets, nearest, rectangle))
     return SeenTriangles(facets, nearest, rectangle)
 
 
@@ -125,13 +124,11 @@ _LARGEST = 1e30
 
 
 @exact
-def _project(
-    positions: Any, matrix: Any, two_sided: Any, width: Any, height: Any, eye: Any, facets: Any, nearest: Any,
-    rectangle: Any,
-) -> None:  # fmt: skip
-    """Set the arrays of `SeenTriangles`. positions: (T, 3, 3) of a mesh, matrix: (3, 4) from its axes to the camera's.
-    eye: [m] to the right of the middle of a stereo camera, 0 for one camera.
+def _project(positions: Any, matrix: Any, two_sided: Any, frame: Any, seen: Any) -> None:
+    """Set the arrays of `SeenTriangles`, seen. positions: (T, 3, 3) of a mesh, matrix: (3, 4) from its axes to the
+    camera's. frame: its width and height, and the eye [m] to the right of the middle of a stereo camera, 0 for one.
     """
+    (width, height, eye), (facets, nearest, rectangle) = frame, seen
     p = np.empty((3, 3))
     for t in range(len(positions)):
         rectangle[t, 0], rectangle[t, 1], rectangle[t, 2], rectangle[t, 3] = 0, 0, -1, -1

@@ -120,20 +120,16 @@ def find_surfaces(sampled: PartOf[Shot], objects: list[PlacedObject], cache: Cac
     if first[-1] == 0:
         return Surfaces([], first[:-1], np.zeros((0, 10), np.float32))
     facets, nearest, rectangle, kind, piece = map(np.concatenate, zip(*seen, strict=True))
-    scene: Any = (facets, nearest, kind, piece.astype(np.int32), *cutouts(looks, first))
+    scene = facets, nearest, kind, piece.astype(np.int32), cutouts(looks, first)
     # List them by block, nearest first, and see which pixels they fill
     corner, bounds, members, masks = make_blocks(rectangle, nearest, view)
-    tables: Any = _ray_tables(view.width, view.height)
-    eye = np.float32(view.eye_m)
-    slack = np.float32(PLANE_TOLERANCE * PIXEL_FILTER * np.pi / view.height)
+    tables, by_sample = _ray_tables(view.width, view.height), shot.draw.shading == "sample"
+    slack, step = PLANE_TOLERANCE * PIXEL_FILTER * np.pi / view.height, shot.draw.samples**-0.5
+    optics = np.float32(view.eye_m), np.float32(slack), np.float32(step), by_sample
     shown, reach = np.empty((len(corner), BLOCK * BLOCK), np.int32), np.zeros(len(members), np.uint16)
-    step = np.float32(shot.draw.samples**-0.5)
-    by_sample = shot.draw.shading == "sample"
-    inputs: list[Any] = [corner, bounds, members, masks, *scene, *tables, eye, slack, step, by_sample, shown, reach]
-    _classify(*inputs)
+    _classify((corner, bounds, members, masks), scene, tables, optics, shown, reach)
     # Trace the samples of the others; blended surfaces layer by layer, wherever they reach
-    lists, optics = (corner, bounds, members, reach), (eye, slack, step, by_sample)
-    scene = *scene, *tables
+    inputs = (corner, bounds, members, reach), scene, tables, optics
     layers: list[Fragments] = []
     blended = np.zeros(0, np.int64)
     if np.any(kind == BLENDED):
@@ -141,12 +137,12 @@ def find_surfaces(sampled: PartOf[Shot], objects: list[PlacedObject], cache: Cac
         _mark(bounds, members, reach, kind, clear)
         blended = np.flatnonzero(clear)
     while len(layers) < BLEND_LAYERS and len(blended):
-        found = _traced(view, shot.draw.samples, blended, lists, scene, optics, len(layers))
+        found = _traced(view, shot.draw.samples, blended, inputs, len(layers))
         if len(found) == 0:
             break
         layers.append(found)
     whole, rest = np.flatnonzero(shown.reshape(-1) > 0), np.flatnonzero(shown.reshape(-1) < 0)
-    traced = _traced(view, shot.draw.samples, rest, lists, scene, optics, -1)
+    traced = _traced(view, shot.draw.samples, rest, inputs, -1)
     layers.append(_joined(_whole(corner, shown, whole), traced))
     return Surfaces(layers, first[:-1], facets)
 
@@ -196,13 +192,12 @@ def _whole(corner: NDArray[np.int64], shown: NDArray[np.int32], at: NDArray[np.i
     return Fragments(row, column, np.arange(len(at)), number, place, area, weight)
 
 
-def _traced(
-    view: View, count: int, at: NDArray[np.int64], lists: Any, scene: Any, optics: Any, layer: int
-) -> Fragments:
-    """Return the fragments of pixels of which all samples are traced. at: as of `_whole`. layer: of blended surfaces,
-    -1 for the others.
+def _traced(view: View, count: int, at: NDArray[np.int64], inputs: Any, layer: int) -> Fragments:
+    """Return the fragments of pixels of which all samples are traced. at: as of `_whole`. inputs: lists, scene, tables
+    and optics of `_trace`. layer: of blended surfaces, -1 for the others.
     """
     samples, pattern_ = _sample_tables(view.width, view.height, count)
+    lists, scene, tables, optics = inputs
     most, found = count if optics[-1] else GROUPS, _NOTHING
     for start in range(0, len(at), _FRAGMENTS_AT_ONCE // most):
         # Room for as many fragments as there may be: memory that is not written is not taken
@@ -212,9 +207,8 @@ def _traced(
         triangle, place = np.empty(capacity, np.int64), np.empty((capacity, 2))
         area, weight = np.empty((capacity, 5)), np.empty(capacity)
         filled, covered = np.empty(len(some), np.int64), np.empty((len(some), count), np.bool_)
-        inputs: list[Any] = [some, *lists, *scene, *pattern_, *optics, count, layer]
         outputs = pixels, first, triangle, place, area, weight, filled, covered
-        there, total = _trace(*[*inputs, *outputs])
+        there, total = _trace(some, lists, scene, tables, optics, pattern_, (count, layer), outputs)
         row, column = pixels[:, :there].copy()
         partly = np.flatnonzero(filled[:there] < count)
         gaps = find_gaps(samples, row[partly], column[partly], covered[partly])
@@ -369,16 +363,16 @@ def _close_masked(met: Any, best: Any, cuts: Any, alphas: Any, places: Any, chan
 
 
 @fast
-def _classify(
-    corner: Any, bounds: Any, members: Any, masks: Any, facets: Any, _: Any, kind: Any, piece: Any, cut: Any, cuts: Any,
-    alphas: Any, places: Any, longitude: Any, latitude: Any, eye: Any, slack: Any, step: Any, by_sample: Any,
-    shown: Any, reach: Any,
-) -> None:  # fmt: skip
+def _classify(lists: Any, scene: Any, tables: Any, optics: Any, shown: Any, reach: Any) -> None:
     """Set what the pixels of blocks show, (n, 16): the number of a triangle + 1 where its smooth piece fills the pixel,
     0 where nothing reaches into it, -1 otherwise; and the bits of the pixels that each member of a list reaches into.
 
-    step: distance [pixels] of samples. by_sample: none is filled.
+    lists: of `make_blocks`. scene: facets, least inverse distances, kinds and smooth pieces of triangles, and tables of
+    `cutouts`. tables: of `_ray_tables`. optics: the eye's distance from the middle, the slack of `_tolerance`, the
+    distance [pixels] of samples, and whether none is filled, for each is shaded.
     """
+    (corner, bounds, members, masks), (longitude, latitude), (eye, slack, step, by_sample) = lists, tables, optics
+    facets, _, kind, piece, (cut, cuts, alphas, places) = scene
     most = 0
     for b in range(len(corner)):
         most = max(most, bounds[b + 1] - bounds[b])
@@ -476,30 +470,25 @@ def _mark(bounds: Any, members: Any, reach: Any, kind: Any, clear: Any) -> None:
 
 
 @fast
-def _trace(
-    at: Any, corner: Any, bounds: Any, members: Any, reach: Any, facets: Any, nearest: Any, kind: Any, piece: Any,
-    cut: Any, cuts: Any, alphas: Any, places: Any, longitude: Any, latitude: Any, turns: Any, cells: Any,
-    positions: Any, real: Any, axes: Any, eye: Any, slack: Any, step: Any, by_sample: Any, count: Any, layer: Any,
-    pixels: Any, first: Any, triangle: Any, place: Any, area: Any, weight: Any, filled: Any, covered: Any,
-) -> Any:  # fmt: skip
+def _trace(at: Any, lists: Any, scene: Any, tables: Any, optics: Any, pattern_: Any, asked: Any, outputs: Any) -> Any:
     """Write the fragments of pixels at (p,), as of `_whole`, and return the number of pixels that have any and of
     fragments.
 
-    turns: (cosine, sine) of the angles of longitude and latitude of samples from a pixel's corner, (2, 2, s), s a
-    multiple of 8. cells: (5, s) with their products, positions: (2, s), real: 1 for the `count` of them that are no
-    copies. axes: of `_set_area`. layer: number of the blended surface from the front, -1 for the nearest of the others.
-    pixels ...: arrays of `Fragments`. filled, covered: (p,) number of covered samples, and (p, count) which, where that
-    is not all.
+    lists, scene, tables, optics: of `_classify`, with what members reach into for masks. pattern_: (cosine, sine) of
+    the angles of longitude and latitude of samples from a pixel's corner, (2, 2, s), s a multiple of 8; cells (5, s)
+    with their products, positions (2, s), 1 for those that are no copies, and axes of `_set_area`. asked: number of
+    samples, and of the blended surface from the front, -1 for the nearest of the others. outputs: arrays of
+    `Fragments`, then (p,) number of covered samples, and (p, count) which, where that is not all.
     """
+    (corner, bounds, members, reach), (longitude, latitude), (eye, slack, step, by_sample) = lists, tables, optics
+    facets, nearest, kind, piece, (cut, cuts, alphas, places) = scene
+    (turns, cells, positions, real, axes), (count, layer) = pattern_, asked
+    pixels, first, triangle, place, area, weight, filled, covered = outputs
     n, zero, big = turns.shape[2], np.float32(0.0), np.float32(1e30)
     rays, met = np.empty((3, n), np.float32), np.empty((3, n), np.float32)
     # Arrays of their own: rows of one would have to be taken for overlapping
-    best, wall, limit, who = (
-        np.empty(n, np.float32),
-        np.empty(n, np.float32),
-        np.empty(n, np.float32),
-        np.empty(n, np.float32),
-    )
+    best, wall = np.empty(n, np.float32), np.empty(n, np.float32)
+    limit, who = np.empty(n, np.float32), np.empty(n, np.float32)
     part, free, mine = np.empty(n, np.float32), np.empty(n, np.float32), np.empty(n, np.float32)
     most, block = 1, -1
     for b in range(len(bounds) - 1):
@@ -511,12 +500,8 @@ def _trace(
         b, p = at[e] // (BLOCK * BLOCK), at[e] % (BLOCK * BLOCK)
         column, row = corner[b, 0] + p % BLOCK, corner[b, 1] + p // BLOCK
         # Aim a ray at every sample
-        lon_c, lon_s, lat_c, lat_s = (
-            longitude[0, 0, column],
-            longitude[1, 0, column],
-            latitude[0, 0, row],
-            latitude[1, 0, row],
-        )
+        lon_c, lon_s = longitude[0, 0, column], longitude[1, 0, column]
+        lat_c, lat_s = latitude[0, 0, row], latitude[1, 0, row]
         for i in range(n):
             x, y = lon_c * turns[0, 0, i] - lon_s * turns[0, 1, i], lon_s * turns[0, 0, i] + lon_c * turns[0, 1, i]
             c, s = lat_c * turns[1, 0, i] - lat_s * turns[1, 1, i], lat_s * turns[1, 0, i] + lat_c * turns[1, 1, i]

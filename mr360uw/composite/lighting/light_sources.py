@@ -27,7 +27,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.caustic_lookup import caustic_lookup, mip_levels, soft_caustic_lookup
+from mr360uw.caustic_lookup import caustic_lookup, levels_of, soft_caustic_lookup
 from mr360uw.composite.lighting.shadow import Blockers, visible_fraction
 from mr360uw.composite.shot import LightSample, Shot
 from mr360uw.constants import MINIMUM_SUN_UP
@@ -130,19 +130,13 @@ class SunSource:
         place = world[:, 0], depth, world[:, 2], footprint_m
         contrast = 1.0 if shot.medium is None else unscattered_share(shot.medium, depth, self._up)
         if shot.medium is not None and shot.caustics.softened:
-            return soft_caustic_lookup(shot.caustics, self._levels, self._soft_levels, *place, contrast)
-        ratio = caustic_lookup(shot.caustics, self._levels, *place)
+            return soft_caustic_lookup(shot.caustics, *self._levels, *place, contrast)
+        ratio = caustic_lookup(shot.caustics, self._levels[0], *place)
         return 1.0 + (ratio - 1.0) * contrast
 
     @functools.cached_property
-    def _levels(self) -> list[Floats]:
-        stack = self._shot.caustics
-        return [] if stack is None else mip_levels(stack.ratio)
-
-    @functools.cached_property
-    def _soft_levels(self) -> list[Floats]:
-        stack = self._shot.caustics
-        return [] if stack is None or stack.soft is None else mip_levels(stack.soft)
+    def _levels(self) -> tuple[list[Floats], list[Floats]]:
+        return levels_of(self._shot.caustics)
 
     def visibility(self, start: Floats, sides: Floats | None = None) -> Floats:
         """Return the visible fraction (n,) of the beam: of the disc and the halo, by their fractions of the light."""

@@ -13,14 +13,14 @@ nothing. In the water a body's clear triangles let the same fraction through eve
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.cache import Cache, PartOf, Same
 from mr360uw.composite.mesh.mesh import Mesh
-from mr360uw.composite.raycast import gather, occluding, opacity_key, surfaces_along
+from mr360uw.composite.raycast import Geometry, gather, opacity_key, surfaces_along
 from mr360uw.composite.shot import PlacedObject, Shot
 from mr360uw.medium.shafts.occluders import Bodies
 from mr360uw.rays import PlacedScene, RayScene
@@ -83,32 +83,29 @@ def visible_fraction(passed: Passed, start: Floats, sides: Floats | None, count:
     every direction is taken from `_ROUNDS` places.
     """
     every, directions, places = np.arange(len(start)), np.arange(count), pixel_offsets(count)
+    foot = start, np.zeros((len(start), 2, 3)) if sides is None else sides
+    seen = _free(passed, foot, (directions, places), every)
     if sides is None:
-        return _free(passed, start, np.zeros((len(start), 2, 3)), directions, places, every) / count
-    seen = _free(passed, start, sides, directions, places, every)
+        return seen / count
     partly = (seen > 0) & (seen < count)
-    fine = np.flatnonzero(partly | _reaches_edge(passed, start, sides, seen, count))
+    fine = np.flatnonzero(partly | _reaches_edge(passed, foot, seen, count))
     turns = np.arange(1, _ROUNDS)[:, None, None] * _TURN_OF_PLACES
     more = (np.remainder(places + 0.5 + turns, 1.0) - 0.5).reshape(-1, 2)
     fraction = seen / count
-    again = _free(passed, start, sides, np.tile(directions, _ROUNDS - 1), more, fine)
+    again = _free(passed, foot, (np.tile(directions, _ROUNDS - 1), more), fine)
     fraction[fine] = (seen[fine] + again) / (_ROUNDS * count)
     return np.asarray(fraction)
 
 
 def _free(
-    passed: Passed,
-    start: Floats,
-    sides: Floats,
-    directions: NDArray[np.int64],
-    places: Floats,
-    chosen: NDArray[np.int64],
+    passed: Passed, foot: tuple[Floats, Floats], rays: tuple[NDArray[np.int64], Floats], chosen: NDArray[np.int64]
 ) -> Floats:
-    """Return how many (m,) of the rays from chosen points (m,) are free, each by the fraction of its light that is
-    left, which start at places (r, 2) in [-0.5, 0.5]^2 of their footprints in directions of given numbers (r,).
+    """Return how many (m,) of the rays from chosen footprints (m,) are free, each by the fraction of its light that is
+    left. foot: middles and sides of all. rays: numbers of their directions (r,), and places (r, 2) in [-0.5, 0.5]^2 of
+    their footprints at which they start.
     """
-    seen = np.zeros(len(chosen))
-    begin, across, at_once = start[chosen], sides[chosen], max(_RAYS_AT_ONCE // max(len(chosen), 1), 1)
+    seen, (directions, places) = np.zeros(len(chosen)), rays
+    begin, across, at_once = foot[0][chosen], foot[1][chosen], max(_RAYS_AT_ONCE // max(len(chosen), 1), 1)
     for first in range(0, len(places), at_once):
         some, number = places[first : first + at_once], directions[first : first + at_once]
         begins = begin + np.einsum("rp,mpk->rmk", some, across)
@@ -117,13 +114,13 @@ def _free(
     return seen
 
 
-def _reaches_edge(passed: Passed, start: Floats, sides: Floats, seen: Floats, count: int) -> NDArray[np.bool_]:
+def _reaches_edge(passed: Passed, foot: tuple[Floats, Floats], seen: Floats, count: int) -> NDArray[np.bool_]:
     """Return where (n,) all rays were free, or all blocked, but one from a corner of the footprint is not."""
-    other = np.zeros(len(start), np.bool_)
+    other = np.zeros(len(seen), np.bool_)
     same = np.flatnonzero((seen == 0) | (seen == count))
     outermost = count - 1 - np.arange(4) * max(count // 13, 1)
     corners = np.repeat([(-0.5, -0.5), (0.5, -0.5), (-0.5, 0.5), (0.5, 0.5)], len(outermost), axis=0)
-    free = _free(passed, start, sides, np.tile(outermost, 4), corners, same)
+    free = _free(passed, foot, (np.tile(outermost, 4), corners), same)
     other[same] = free != np.where(seen[same] > 0, len(corners), 0)
     return other
 
@@ -170,7 +167,7 @@ def _mean_passed(shape: PartOf[Mesh]) -> float:
     them.
     """
     mesh = shape.whole
-    clear = ClearScene([PlacedObject(mesh, np.eye(4))], np.zeros(3))
+    clear = ClearScene(gather([PlacedObject(mesh, np.eye(4))], np.zeros(3)))
     line = ((np.arange(_ACROSS) + 0.5) / _ACROSS * 2.0 - 1.0) * mesh.radius_m
     u, v = (g.ravel() for g in np.meshgrid(line, line))
     origin = np.concatenate([np.roll(np.stack([u, v, 0 * u - 2.0 * mesh.radius_m], -1), k, -1) for k in range(3)])
@@ -184,35 +181,36 @@ _SHORTEST_M = 1e-6
 
 
 class ClearScene:
-    """Triangles of bodies that cast shadows and let light through: those of MASK and BLEND materials."""
+    """Those of some triangles that let light through, of MASK and BLEND materials."""
 
-    def __init__(self, objects: Sequence[PlacedObject], camera_position: Floats) -> None:
-        partial = [p for p in objects if p.casts_shadow and any(m.alpha_mode != "OPAQUE" for m in p.mesh.materials)]
-        every = gather(partial, camera_position)
-        clear = np.array([m.alpha_mode != "OPAQUE" for m in every.materials], np.bool_)
-        self._geometry = every.some(np.flatnonzero(clear[every.material]))
-        self._scene = RayScene(self._geometry.positions)
+    def __init__(self, every: Geometry) -> None:
+        self._geometry = every.some(np.flatnonzero(~_opaque(every)))
 
     @property
     def there(self) -> bool:
         """Whether there are any such triangles."""
-        return len(self._scene.triangles) > 0
+        return len(self._geometry.positions) > 0
 
     def passed(self, origins: Floats, directions: Floats, reach_m: Floats | float) -> tuple[Floats, NDArray[np.bool_]]:
         """Return the fraction (n,) of the light of rays that they leave within `reach_m` [m], and which rays (n,) meet
         any.
         """
-        met = surfaces_along(self._geometry, self._scene, origins, directions, _SHORTEST_M, reach_m)
+        met = surfaces_along(self._geometry, origins, directions, _SHORTEST_M, reach_m)
         passed = np.maximum(1.0 - np.bincount(met.ray, met.part, len(origins)), 0.0)
         return passed, np.bincount(met.ray, minlength=len(origins)) > 0
+
+
+def _opaque(geometry: Geometry) -> NDArray[np.bool_]:
+    """Return which triangles (T,) let no light through."""
+    return np.array([m.alpha_mode == "OPAQUE" for m in geometry.materials], np.bool_)[geometry.material]
 
 
 class Blockers:
     """The triangles of a shot that cast shadows."""
 
     def __init__(self, shot: Shot) -> None:
-        self._opaque = RayScene(occluding(shot.objects, shot.view.position))
-        self._clear = ClearScene(shot.objects, shot.view.position)
+        every = gather(shot.casters, shot.view.position)
+        self._opaque, self._clear = RayScene(every.positions[_opaque(every)]), ClearScene(every)
 
     @property
     def there(self) -> bool:

@@ -82,8 +82,8 @@ Blocks = NDArray[np.bool_]
 
 
 class Ground:
-    """Points and normals of the receiver for one camera pose, on any thread: at the middles of all blocks, else on
-    those given to `load_blocks`.
+    """Points and normals of the receiver in one view, on any thread: at the middles of all blocks, else on those given
+    to `load_blocks`.
 
     corner_point, corner_normal: (R + 1, C + 1, 3) float32, middle_point, middle_normal: (R, C, 3), from the camera [m],
     zero where there is none; corner (j, i) is at frame coordinates (8 i, 8 j). level: all normals are the same.
@@ -91,35 +91,35 @@ class Ground:
     with an edge: light that varies slowly on a surface jumps there.
     """
 
-    def __init__(self, shot: Shot, shape: ReceiverShape) -> None:
-        self._shape, self._lock, self.level = shape, threading.RLock(), shape.level_m is not None
-        self._width, self._height = shot.view.width, shot.view.height
-        self.rows, self.columns = -(-self._height // BLOCK), -(-self._width // BLOCK)
+    def __init__(self, view: View, shape: ReceiverShape) -> None:
+        self._view, self._shape, self._lock = view, shape, threading.RLock()
+        self.level = shape.level_m is not None
+        self.rows, self.columns = -(-view.height // BLOCK), -(-view.width // BLOCK)
         corners, blocks = (self.rows + 1, self.columns + 1), (self.rows, self.columns)
-        x, y = BLOCK * np.arange(corners[1]), np.minimum(BLOCK * np.arange(corners[0]), self._height)
+        x, y = BLOCK * np.arange(corners[1]), np.minimum(BLOCK * np.arange(corners[0]), view.height)
         self._corner_xy = x.astype(np.float64), y.astype(np.float64)
         self._middle_xy = BLOCK * (np.arange(self.columns) + 0.5), 0.5 * (y[:-1] + y[1:])
-        self.middle_point, self.middle_normal = self._on_grid(shot, self._middle_xy, np.ones(blocks, np.bool_))
-        self.corner_point, self.corner_normal = self._on_grid(shot, self._corner_xy, np.zeros(corners, np.bool_))
+        self.middle_point, self.middle_normal = self._on_grid(self._middle_xy, np.ones(blocks, np.bool_))
+        self.corner_point, self.corner_normal = self._on_grid(self._corner_xy, np.zeros(corners, np.bool_))
         self.reach_m = np.zeros(blocks, np.float32)
-        self.broken = np.full(blocks, _WIDEST_TURN * self._width < BLOCK)
+        self.broken = np.full(blocks, _WIDEST_TURN * view.width < BLOCK)
         self.rough = self.broken.copy()
         self._loaded_corner, self._loaded_block = np.zeros(corners, np.bool_), np.zeros(blocks, np.bool_)
         self._image_at = np.full(blocks, -1, np.int64)
         self._images = np.zeros((0, BLOCK, BLOCK, 4), np.float32)
 
-    def _on_grid(self, shot: Shot, xy: tuple[Floats, Floats], wanted: NDArray[np.bool_]) -> tuple[Any, Any]:
+    def _on_grid(self, xy: tuple[Floats, Floats], wanted: NDArray[np.bool_]) -> tuple[Any, Any]:
         """Return points and normals (h, w, 3) float32 at frame coordinates x (w,), y (h,) where wanted (h, w)."""
-        view, point = shot.view, np.zeros((*wanted.shape, 3), np.float32)
+        view, point = self._view, np.zeros((*wanted.shape, 3), np.float32)
         if self._shape.level_m is not None:
             height_m, extent_m = self._shape.level_m, self._shape.extent_m
             size = float(view.width), float(view.height)
             axes = np.ascontiguousarray(view.world_from_camera, np.float64)
-            _meet_level(*xy, wanted, size, axes, float(view.eye_m), height_m, extent_m, point)
+            _meet_level(xy, wanted, size, axes, (float(view.eye_m), height_m, extent_m), point)
             up = np.array([0.0, -np.sign(height_m) if height_m else 1.0, 0.0], np.float32)
             return point, np.broadcast_to(up, point.shape)
         normal, (j, i) = np.zeros_like(point), places_in_mask(wanted)
-        point[j, i], normal[j, i] = self.meet(shot, xy[0][i], xy[1][j])
+        point[j, i], normal[j, i] = self.meet(xy[0][i], xy[1][j])
         return point, normal
 
     def corners_of(self, blocks: Blocks) -> NDArray[np.bool_]:
@@ -130,14 +130,14 @@ class Ground:
                 corners[down : self.rows + down, right : self.columns + right] |= blocks
         return corners
 
-    def load_blocks(self, shot: Shot, blocks: Blocks) -> None:
+    def load_blocks(self, blocks: Blocks) -> None:
         """Compute corners, reach and kind of a set of blocks (R, C), unless they are loaded already."""
         with self._lock:
             new = blocks & ~self._loaded_block
             if not np.any(new):
                 return
             corners = self.corners_of(new) & ~self._loaded_corner
-            point, normal = self._on_grid(shot, self._corner_xy, corners)
+            point, normal = self._on_grid(self._corner_xy, corners)
             self.corner_point[corners] = point[corners]
             if not self.level:
                 self.corner_normal[corners] = normal[corners]
@@ -147,22 +147,22 @@ class Ground:
             _measure_blocks(j, i, self.corner_point, self.middle_point, limit, _REACH, self.broken, self.reach_m)
             self.rough[j, i] |= self.broken[j, i]
             if not self.level:
-                self._classify(shot, j, i)
+                self._classify(j, i)
             self._loaded_corner |= corners
             self._loaded_block |= new
 
-    def meet(self, shot: Shot, x: ArrayLike, y: ArrayLike) -> tuple[Floats, Floats]:
+    def meet(self, x: ArrayLike, y: ArrayLike) -> tuple[Floats, Floats]:
         """Return points and normals (..., 3) of the receiver at frame coordinates, zero where there is no receiver."""
         x, y = np.asarray(x, np.float64), np.asarray(y, np.float64)
-        direction = shot.view.directions(x, y)
-        distance, normal = self._shape.meet_along(shot.view, x, y, direction)
+        direction = self._view.directions(x, y)
+        distance, normal = self._shape.meet(self._view, x, y, direction)
         there = np.isfinite(distance)
-        point = np.where(there[..., None], shot.view.points(direction, np.where(there, distance, 0.0)), 0.0)
+        point = np.where(there[..., None], self._view.points(direction, np.where(there, distance, 0.0)), 0.0)
         return point, np.where(there[..., None], normal, 0.0)
 
-    def _classify(self, shot: Shot, j: Indices, i: Indices) -> None:
+    def _classify(self, j: Indices, i: Indices) -> None:
         """Set `rough`, `broken` and `reach_m` of blocks from all their pixels."""
-        pixels = self.pixels(shot, j, i)
+        pixels = self.pixels(j, i)
         distance, normal = pixels[..., 3], pixels[..., :3]
         interpolated = self._between(self.corner_point, j, i), self._between(self.corner_normal, j, i)
         expected = np.linalg.norm(interpolated[0], axis=-1)
@@ -174,7 +174,7 @@ class Ground:
         beyond = np.abs(distance - np.linalg.norm(self.middle_point[j, i], axis=-1)[:, None, None]).max(axis=(1, 2))
         self.reach_m[j, i] = np.maximum(self.reach_m[j, i], _REACH_OF_SHAPE * beyond)
 
-    def pixels(self, shot: Shot, j: Indices, i: Indices) -> NDArray[np.float32]:
+    def pixels(self, j: Indices, i: Indices) -> NDArray[np.float32]:
         """Return (normal, distance) of the pixels of blocks, (n, BLOCK, BLOCK, 4); distance 0 where there is none."""
         with self._lock:
             new = self._image_at[j, i] < 0
@@ -182,20 +182,20 @@ class Ground:
                 nj, ni = j[new], i[new]
                 inside = np.arange(BLOCK) + 0.5
                 x = BLOCK * ni[:, None, None] + inside
-                y = np.minimum(BLOCK * nj[:, None, None] + inside[:, None], self._height - 0.5)
-                distance, normal = self._shape.meet(shot, x, y)
+                y = np.minimum(BLOCK * nj[:, None, None] + inside[:, None], self._view.height - 0.5)
+                distance, normal = self._shape.meet(self._view, x, y)
                 there = np.isfinite(distance)[..., None]
                 found = np.where(there, np.concatenate([normal, distance[..., None]], axis=-1), 0.0)
                 self._image_at[nj, ni] = len(self._images) + np.arange(len(nj))
                 self._images = np.concatenate([self._images, found.astype(np.float32)])
             return self._images[self._image_at[j, i]]
 
-    def pixel_places(self, shot: Shot, j: Indices, i: Indices) -> tuple[Floats, Floats]:
+    def pixel_places(self, j: Indices, i: Indices) -> tuple[Floats, Floats]:
         """Return points and normals (n, B, B, 3) of the receiver at the pixels of blocks, float32."""
-        pixels = self.pixels(shot, j, i)
+        pixels = self.pixels(j, i)
         inside = np.arange(BLOCK) + 0.5
         x, y = BLOCK * i[:, None, None] + inside, BLOCK * j[:, None, None] + inside[:, None]
-        point = shot.view.points(shot.view.directions(x, y), pixels[..., 3])
+        point = self._view.points(self._view.directions(x, y), pixels[..., 3])
         return point.astype(np.float32), pixels[..., :3]
 
     def gaps_in(self, gaps: Gaps, j: Indices, i: Indices) -> tuple[Gaps, Indices]:
@@ -208,7 +208,7 @@ class Ground:
     def _between(self, corner: Floats, j: Indices, i: Indices) -> Floats:
         """Return corner values (R + 1, C + 1, k) interpolated to the pixels of blocks, (n, BLOCK, BLOCK, k)."""
         t = ((np.arange(BLOCK) + 0.5) / BLOCK).astype(np.float32)
-        down = np.minimum((np.arange(BLOCK) + 0.5) / np.minimum(self._height - BLOCK * j, BLOCK)[:, None], 1.0)
+        down = np.minimum((np.arange(BLOCK) + 0.5) / np.minimum(self._view.height - BLOCK * j, BLOCK)[:, None], 1.0)
         down = down.astype(np.float32)[:, :, None, None]
         four = four_corners(corner, j, i)
         left = four[:, None, 0] * (1.0 - down[..., 0]) + four[:, None, 2] * down[..., 0]
@@ -222,14 +222,14 @@ def four_corners(corner: Floats, j: Indices, i: Indices) -> Floats:
 
 
 @exact
-def _meet_level(
-    x: Any, y: Any, wanted: Any, size: Any, axes: Any, eye_m: Any, height_m: Any, extent_m: Any, point: Any
-) -> None:
+def _meet_level(xy: Any, wanted: Any, size: Any, axes: Any, ground: Any, point: Any) -> None:
     """Set the points (h, w, 3) [m] of level ground, from the camera, at frame coordinates x (w,), y (h,), where wanted
-    (h, w); those that do not meet it stay. As `ReceiverShape.meet_along`.
+    (h, w); those that do not meet it stay. As `ReceiverShape.meet`.
 
-    size: of the frame. axes: (3, 3) world from camera. height_m: of the ground above the camera.
+    size: of the frame. axes: (3, 3) world from camera. ground: radius of the viewing circle, height of the ground above
+    the camera and its extent [m].
     """
+    (x, y), (eye_m, height_m, extent_m) = xy, ground
     longitude = 2.0 * np.pi * (x / size[0] - 0.5)
     right, ahead = np.sin(longitude), np.cos(longitude)
     for j in range(len(y)):
@@ -299,7 +299,7 @@ def touched_ground(shot: Shot, cache: Cache) -> Touched | None:
     if shot.receiver is None:
         return None
     shape = cache.of(ReceiverShape, shot.receiver, shot.view.position)
-    ground = cache.of(_ground, PartOf(shot, shot.view), shape)
+    ground = cache.of(Ground, shot.view, shape)
     sun = sun_of(shot)
     of_light = None if sun is None else sun.direction, widest_half_angle(shot), shot.caustics is None
     # of the water its attenuation alone counts, which does not change when the veil is scaled to the plate
@@ -307,10 +307,6 @@ def touched_ground(shot: Shot, cache: Cache) -> Touched | None:
     alike = PartOf(shot, shot.receiver, shot.casters, *of_light, through)
     touched = _touched(alike, ground) if lamps_of(shot) else cache.of(_touched, alike, ground)
     return touched if np.any(touched.blocks) else None
-
-
-def _ground(of_view: PartOf[Shot], shape: ReceiverShape) -> Ground:
-    return Ground(of_view.whole, shape)
 
 
 def _touched(alike: PartOf[Shot], ground: Ground) -> Touched:
@@ -480,7 +476,7 @@ def prepare(shot: Shot, cache: Cache) -> Prepared:
 def _reach(shot: Shot, touched: Touched, ambient: AmbientLight | None, cache: Cache) -> GroundReach:
     """Return the receiver that a shot may change, with the ambient light that bodies leave at its corners."""
     ground, field = touched.ground, ground_field(shot, ambient, cache)
-    ground.load_blocks(shot, touched.blocks)
+    ground.load_blocks(touched.blocks)
     corner = np.zeros((ground.rows + 1, ground.columns + 1, CORNER_CHANNELS), np.float32)
     j, i = places_in_mask(ground.corners_of(touched.blocks))
     corner[j, i, FREE] = field.at(*_places(ground, j, i))
@@ -547,21 +543,21 @@ def free_images(shot: Shot, reach: GroundReach, j: Indices, i: Indices, gaps: Ga
     parts: Gathered = []
     if np.any(uneven):
         of = j[uneven], i[uneven]
-        quarters = _free(field, *_quarter_places(shot, ground, *of))
+        quarters = _free(field, *_quarter_places(ground, shot.view.height, *of))
         values = np.maximum(enlarged(quarters), 0.0)  # past the outer samples lines go on
         sharp = crossed[of] | (missed_between(quarters) > SMOOTH)
         if np.any(sharp):
-            values[sharp] = _free(field, *ground.pixel_places(shot, of[0][sharp], of[1][sharp]))
+            values[sharp] = _free(field, *ground.pixel_places(of[0][sharp], of[1][sharp]))
         parts.append((uneven, values))
     if np.any(broken):
-        parts.append((broken, _free(field, *ground.pixel_places(shot, j[broken], i[broken]))))
+        parts.append((broken, _free(field, *ground.pixel_places(j[broken], i[broken]))))
     # Partly covered pixels take it in their gaps
     images = gather_images(len(j), 3, parts)
     own = np.flatnonzero(images.at >= 0)
     some, block = ground.gaps_in(gaps, j[own], i[own])
     if len(block):
         at = images.at[own][block], some.row % BLOCK, some.column % BLOCK
-        images.image[at] = _free(field, *ground.meet(shot, *some.place.T))
+        images.image[at] = _free(field, *ground.meet(*some.place.T))
     return images
 
 
@@ -589,11 +585,11 @@ def _crossed(ground: Ground, field: GroundField) -> NDArray[np.bool_]:
     return crossed
 
 
-def _quarter_places(shot: Shot, ground: Ground, j: Indices, i: Indices) -> tuple[Floats, Floats]:
+def _quarter_places(ground: Ground, height: int, j: Indices, i: Indices) -> tuple[Floats, Floats]:
     """Return points and normals (n, B/2, B/2, 3) of the receiver between every four pixels of blocks."""
     inside = np.arange(1.0, BLOCK, 2.0)
     x, y = BLOCK * i[:, None, None] + inside, BLOCK * j[:, None, None] + inside[:, None]
-    return ground.meet(shot, *np.broadcast_arrays(x, np.minimum(y, shot.view.height)))
+    return ground.meet(*np.broadcast_arrays(x, np.minimum(y, height)))
 
 
 def missed_between(images: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -19,7 +19,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -133,8 +133,7 @@ def receiver_ratio(
 # --- over blocks of pixels -------------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class PixelImages:
+class PixelImages(NamedTuple):
     """Images of some blocks, (m, B, B, k) float32. at: (n,) for each block the number of its image, or -1."""
 
     at: NDArray[np.int32]
@@ -181,11 +180,7 @@ def lay_receiver(
 
     pattern: the plate's own caustics, which go with the sun's light (see pattern.py).
     """
-    none = np.zeros((0, 0, 3), np.float32)
-    free, seen, waves, shape, added = light.free, light.seen, light.waves, light.shape, light.added
-    images = (
-        free.at, free.image, seen.at, seen.image, waves.at, waves.image, shape.at, shape.image, added.at, added.image,
-    )  # fmt: skip
+    none, images = np.zeros((0, 0, 3), np.float32), (light.free, light.seen, light.waves, light.shape, light.added)
     row, column = places_in_mask(light.blocks)
     blurs = NO_BLURS
     if pattern is not None:
@@ -260,13 +255,16 @@ def _write(change: Any, haze: Any, least: Any, ratio: Any, veil: Any) -> None:
 
 
 @inlined
-def _take_images(rows: Any, b: int, j: int, numbers: Any, images: Any) -> None:
-    """Set a row of block b to row j of its images, of those whose number is not negative.
+def _take_images(rows: Any, b: int, j: int, n: int, images: Any) -> None:
+    """Set a row of block b, the n-th of all, to row j of those images that it has.
 
-    rows: channels of `BlockLight.corner`, weight of the change, waves and added light. numbers, images: of free, seen,
-    waves, shape and added.
+    rows: channels of `BlockLight.corner`, weight of the change, waves and added light. images: `PixelImages` of free,
+    seen, waves, shape and added.
     """
-    (line, weight, waves_row, added_row), (f, s, w, g, p), (free, seen, waves, shape, added) = rows, numbers, images
+    (line, weight, waves_row, added_row), (free_, seen_, waves_, shape_, added_) = rows, images
+    # Find the numbers of its images, then take those that there are
+    f, s, w, g, p = free_.at[n], seen_.at[n], waves_.at[n], shape_.at[n], added_.at[n]
+    free, seen, waves, shape, added = free_.image, seen_.image, waves_.image, shape_.image, added_.image
     for i in range(BLOCK):
         at = b * BLOCK + i
         if g >= 0:
@@ -300,12 +298,12 @@ def _even(corner: Any, q: int, z: int, least: Any) -> bool:
 def _lay(blocks: Any, images: Any, frame: Any, plate: Any, least: Any, tile: Any) -> None:
     """Write ratio and veil of the blocks into a tile, see `lay_receiver`.
 
-    blocks: rows and columns, and corner of `BlockLight`. images: `at` and `image` of its images, one after the other.
+    blocks: rows and columns, and corner of `BlockLight`. images: its `PixelImages`.
     frame: width and height, and row and column of the tile. plate: its light, its mean or none, and the blurs and the
     strength by which it is drawn towards them without one. least: change that is written. tile: ratio and veil.
     """
     row, column, corner = blocks
-    free_at, free, seen_at, seen, waves_at, waves, shape_at, shape, added_at, added = images
+    free, seen, waves, shape, _ = images
     (width, height, first_row, first_column), (ratio, veil) = frame, tile
     # Make room for one row of some blocks
     room = _AT_ONCE * BLOCK
@@ -320,7 +318,7 @@ def _lay(blocks: Any, images: Any, frame: Any, plate: Any, least: Any, tile: Any
         begin, q, z = end, row[end], column[end]
         # blocks beside each other that change
         while end < len(row) and end - begin < _AT_ONCE and row[end] == q and column[end] == z + end - begin:
-            pixels = free_at[end] >= 0 or seen_at[end] >= 0 or waves_at[end] >= 0 or shape_at[end] >= 0
+            pixels = free.at[end] >= 0 or seen.at[end] >= 0 or waves.at[end] >= 0 or shape.at[end] >= 0
             if not pixels and _even(corner, q, column[end], least):
                 break
             end += 1
@@ -343,10 +341,7 @@ def _lay(blocks: Any, images: Any, frame: Any, plate: Any, least: Any, tile: Any
             j, v, r = y - top, (np.float32(y - top) + half) * down, y - first_row
             _between(corner, q, z, v, side, line, blocks)
             for b in range(blocks):
-                n = begin + b
-                numbers = free_at[n], seen_at[n], waves_at[n], shape_at[n], added_at[n]
-                rows = line, weight, waves_row, added_row
-                _take_images(rows, b, j, numbers, (free, seen, waves, shape, added))
+                _take_images((line, weight, waves_row, added_row), b, j, begin + b, images)
             if len(plate[0]):
                 at = y, x0, r, x0 - first_column
                 _plate_line(plate, at, plate_row[0, :, inside], plate_row[1, :, inside])

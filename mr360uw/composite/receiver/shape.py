@@ -59,7 +59,7 @@ def plate_distance(shot: Shot, x: Floats, y: Floats, direction: Floats, cache: C
     view, matte = shot.view, shot.holdout_distance_m
     nearest = np.full(len(direction), np.inf)
     if shot.receiver is not None:
-        nearest, _ = cache.of(ReceiverShape, shot.receiver, view.position).meet_along(view, x, y, direction)
+        nearest, _ = cache.of(ReceiverShape, shot.receiver, view.position).meet(view, x, y, direction)
     if matte is not None:
         found = matte[np.minimum(y.astype(np.int64), view.height - 1), x.astype(np.int64) % view.width]
         nearest = np.minimum(nearest, found)
@@ -79,12 +79,12 @@ class ReceiverShape:
         self.level_m = None if receiver.plane_y is None else float(receiver.plane_y - camera_position[1])
         self.extent_m = receiver.extent_m
 
-    def meet(self, shot: Shot, x: Floats, y: Floats) -> tuple[Floats, Floats]:
-        """Return (distance (...), infinite where there is no receiver; normal (..., 3) towards the camera)."""
-        return self.meet_along(shot.view, x, y, shot.view.directions(x, y))
+    def meet(self, view: View, x: Floats, y: Floats, direction: Floats | None = None) -> tuple[Floats, Floats]:
+        """Return (distance (...), infinite where there is no receiver; normal (..., 3) towards the camera).
 
-    def meet_along(self, view: View, x: Floats, y: Floats, direction: Floats) -> tuple[Floats, Floats]:
-        """Return what `meet` does; direction: (..., 3) those of the view at frame coordinates x, y (...)."""
+        direction: (..., 3) of the view at frame coordinates x, y (...), where it is known.
+        """
+        direction = view.directions(x, y) if direction is None else direction
         start = view.starts(direction)
         if self.level_m is not None:
             with np.errstate(divide="ignore", over="ignore"):

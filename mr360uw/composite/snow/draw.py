@@ -211,14 +211,9 @@ class _SunOnPoints(SunSource):
     """The sun on points: caustics as the map has them, whose pixels are larger than particles."""
 
     @functools.cached_property
-    def _levels(self) -> list[Floats]:
-        stack = self._shot.caustics
-        return [] if stack is None else [stack.ratio]
-
-    @functools.cached_property
-    def _soft_levels(self) -> list[Floats]:
-        stack = self._shot.caustics
-        return [] if stack is None or stack.soft is None else [stack.soft]
+    def _levels(self) -> tuple[list[Floats], list[Floats]]:
+        ratio, soft = (None, None) if (stack := self._shot.caustics) is None else (stack.ratio, stack.soft)
+        return [] if ratio is None else [ratio], [] if soft is None else [soft]
 
 
 def particle_phase(phase: SnowPhase, cosine: Floats) -> Floats:

@@ -45,7 +45,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
@@ -204,16 +204,10 @@ class Orbits:
         carried_m_s: (n, 3) velocity of the mean places.
         """
         waves = self.waves
-        length = np.linalg.norm(waves.wave_vector, axis=1)
+        vector, length = np.ascontiguousarray(waves.wave_vector, np.float64), np.linalg.norm(waves.wave_vector, axis=1)
         turn = np.remainder(waves.phase_rad - waves.angular_frequency * time_s, 2.0 * np.pi)
         offset, velocity = np.zeros(mean.shape), np.zeros(mean.shape)
-        arrays = (
-            np.ascontiguousarray(waves.wave_vector, np.float64),
-            length,
-            waves.amplitude_m,
-            turn,
-            waves.angular_frequency,
-        )
+        arrays = vector, length, waves.amplitude_m, turn, waves.angular_frequency
         places = np.ascontiguousarray(mean), surface_y_m - mean[:, 1], np.ascontiguousarray(carried_m_s)
         _add_orbits(arrays, self.water_depth_m, places, offset, velocity)
         return offset, velocity
@@ -228,13 +222,7 @@ def orbits_of(sea: Sea, depth_m: float) -> Orbits | None:
     kept = np.sort(largest[radius[largest] >= _LEAST_ORBIT_M])
     if len(kept) == 0:
         return None
-    return Orbits(
-        Waves(
-            waves.wave_vector[kept], waves.amplitude_m[kept], waves.steepness[kept], waves.phase_rad[kept],
-            waves.angular_frequency[kept],
-        ),
-        sea.water_depth_m,
-    )  # fmt: skip
+    return Orbits(Waves(*(getattr(waves, field.name)[kept] for field in fields(waves))), sea.water_depth_m)
 
 
 def depth_factors(waves: Waves, depth_m: float, water_depth_m: float) -> tuple[Floats, Floats]:

@@ -39,7 +39,14 @@ def merged(shot: Shot, layer: Layer, before: Picture, behind: Picture, cache: Ca
         for radiance, alpha in (before, behind):
             radiance[...] *= left[..., None]
             alpha[...] *= left
-    tiles = [_with_snow(tile, before, behind) for tile in layer.tiles]
+    # Lay it over and under the bodies of tiles
+    tiles = []
+    for tile in layer.tiles:
+        radiance, alpha = np.empty(tile.radiance.shape, np.float32), np.empty(tile.alpha.shape, np.float32)
+        front, back = ((image[tile.window], covered[tile.window]) for image, covered in (before, behind))
+        _lay(front, (tile.radiance, tile.alpha), back, (radiance, alpha))
+        tiles.append(replace(tile, radiance=radiance, alpha=alpha))
+    # Fill the rest of the frame with tiles of snow
     whole = Rectangle(0, 0, layer.width, layer.height)
     blank = cache.of(_blank, whole)
     for part in rest_of([tile.rectangle for tile in layer.tiles], layer.width, layer.height):
@@ -71,15 +78,6 @@ def rest_of(parts: Sequence[Rectangle], width: int, height: int) -> list[Rectang
         if column < width:
             rest.append(Rectangle(column, top, width - column, bottom - top))
     return rest
-
-
-def _with_snow(tile: Tile, before: Picture, behind: Picture) -> Tile:
-    """Return a tile with the snow before its bodies over them, over the snow behind them."""
-    at = tile.window
-    radiance, alpha = np.empty(tile.radiance.shape, np.float32), np.empty(tile.alpha.shape, np.float32)
-    front, back = ((image[at], covered[at]) for image, covered in (before, behind))
-    _lay(front, (tile.radiance, tile.alpha), back, (radiance, alpha))
-    return replace(tile, radiance=radiance, alpha=alpha)
 
 
 @exact

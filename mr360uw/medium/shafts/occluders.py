@@ -296,10 +296,11 @@ def visible_parts(rays: Any, start: Any, end: Any, outlines: Any, maps: Any, tap
     size, last, count = top.shape[2], apart.shape[1] - 1, seen.shape[1]
     every, few, near = np.arange(len(radius)), np.empty(len(radius), np.int64), np.empty(len(radius), np.int64)
     some, wide = np.empty(len(radius), np.int64), radius * (1.0 + spread + 4.0 / (last + 1))
+    spheres = centre, wide, axes, spread
     # Leave out rays that pass by all shadows
     for n in range(len(directions)):
         d0, d1, d2 = directions[n, 0], directions[n, 1], directions[n, 2]
-        met = _bodies_met(origin, directions[n], start[n, 0], end[n, count - 1], centre, wide, axes, spread, every, few)
+        met = _bodies_met(spheres, origin, directions[n], start[n, 0], end[n, count - 1], every, few)
         if met == 0:
             seen[n] = 1.0
             continue
@@ -308,16 +309,10 @@ def visible_parts(rays: Any, start: Any, end: Any, outlines: Any, maps: Any, tap
         for k in range(count):
             if k % _GROUP == 0:
                 until = end[n, min(k + _GROUP, count) - 1]
-                of_ray = few[:met]
-                listed = _bodies_met(
-                    origin, directions[n], start[n, k], until, centre, wide, axes, spread, of_ray, some
-                )
+                listed = _bodies_met(spheres, origin, directions[n], start[n, k], until, few[:met], some)
             length = end[n, k] - start[n, k]
             middle = start[n, k] + 0.5 * length
-            of_group = some[:listed]
-            met_here = _bodies_met(
-                origin, directions[n], start[n, k], end[n, k], centre, wide, axes, spread, of_group, near
-            )
+            met_here = _bodies_met(spheres, origin, directions[n], start[n, k], end[n, k], some[:listed], near)
             # Keep bodies whose outline, widened by the light's disc, is near the segment's middle
             blocked, close = 0.0, 0
             for number in range(met_here):
@@ -361,19 +356,20 @@ def visible_parts(rays: Any, start: Any, end: Any, outlines: Any, maps: Any, tap
 
 
 @exact
-def _bodies_met(
-    origin: Any, direction: Any, first: Any, last: Any, centre: Any, wide: Any, axes: Any, spread: Any, asked: Any,
-    met: Any,
-) -> Any:  # fmt: skip
+def _bodies_met(spheres: Any, origin: Any, direction: Any, first: Any, last: Any, asked: Any, met: Any) -> Any:
     """Write those of the bodies `asked` (m,) whose shadows a ray may meet between two distances to `met`; return how
     many there are.
 
-    wide: (k,) radius of their shadows [m] at the bodies, which grows by `spread` a metre below.
+    spheres: centres (k, 3), radii (k,) of their shadows [m] at the bodies, axes of `Outlines`, and by how much the
+    radii grow a metre below.
     """
+    # Turn the ray into the axes across the light and along it
+    centre, wide, axes, spread = spheres
     along_u = direction[0] * axes[0, 0] + direction[1] * axes[0, 1] + direction[2] * axes[0, 2]
     along_v = direction[0] * axes[1, 0] + direction[1] * axes[1, 1] + direction[2] * axes[1, 2]
     rise = direction[0] * axes[2, 0] + direction[1] * axes[2, 1] + direction[2] * axes[2, 2]
     squared = max(along_u * along_u + along_v * along_v, 1e-300)
+    # Keep bodies that it passes below, within the shadow's radius there
     found = 0
     for body in asked:
         x, y, z = origin[0] - centre[body, 0], origin[1] - centre[body, 1], origin[2] - centre[body, 2]

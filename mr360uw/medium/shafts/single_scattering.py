@@ -50,7 +50,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mr360uw.cache import Parts
-from mr360uw.caustic_lookup import caustic_lookup, mip_levels
+from mr360uw.caustic_lookup import caustic_lookup, levels_of
 from mr360uw.constants import LONGEST_RAY_M, MINIMUM_SUN_UP, NEAREST_LAMP_M
 from mr360uw.errors import ParameterError
 from mr360uw.medium.closed_form import exponential_integral, ray_in_water
@@ -300,11 +300,11 @@ class BeamPattern(Parts):
 
         V is a mean over the segments `along` (n, 3) [m] about the points, C over footprints (n,) [m].
         """
-        return self._ratio(self._levels, point, footprint_m) * self._seen(point, self.disc, along)[:, None]
+        return self._ratio(self._levels[0], point, footprint_m) * self._seen(point, self.disc, along)[:, None]
 
     def soft(self, point: Array, along: Array, footprint_m: Floats | float = 0.0) -> Array:
         """Return B V_halo (n, 3) at points (n, 3) in the world; arguments as for `sharp`."""
-        return self._ratio(self._soft_levels, point, footprint_m) * self._seen(point, self.halo, along)[:, None]
+        return self._ratio(self._levels[1], point, footprint_m) * self._seen(point, self.halo, along)[:, None]
 
     def _ratio(self, levels: list[Floats], point: Array, footprint_m: Floats | float) -> Array:
         if self.caustics is None or not levels:
@@ -319,12 +319,8 @@ class BeamPattern(Parts):
         return self.bodies.visible(point, directions, along) if self.bodies.occluders else np.ones(len(point))
 
     @functools.cached_property
-    def _levels(self) -> list[Floats]:
-        return [] if self.caustics is None else mip_levels(self.caustics.ratio)
-
-    @functools.cached_property
-    def _soft_levels(self) -> list[Floats]:
-        return [] if self.caustics is None or self.caustics.soft is None else mip_levels(self.caustics.soft)
+    def _levels(self) -> tuple[list[Floats], list[Floats]]:
+        return levels_of(self.caustics)
 
     @functools.cached_property
     def disc(self) -> Array:
