@@ -41,7 +41,7 @@ from mr360uw.medium.ray_field import (
     nodes,
     sky_parts,
 )
-from mr360uw.medium.spectra import read_table
+from mr360uw.medium.spectra import read_columns
 from mr360uw.medium.transfer import STREAMS_PER_HEMISPHERE
 from mr360uw.optics import critical_cosine, fresnel_from_below
 from mr360uw.shapes import checked, exactly, numbers
@@ -225,13 +225,8 @@ class LayeredField:
         >>> uw.medium.LayeredField.from_csv("profile.csv", layers=2).absorption.ravel().round(4).tolist()
         [0.0875, 0.1625, 0.2]
         """
-        columns = {name.lower(): values for name, values in read_table(path).items()}
         wanted = ("depth_m", "wavelength_nm", "absorption", "scattering")
-        missing = [name for name in wanted if name not in columns]
-        if missing:
-            raise ParameterError(
-                f"{path} - column {missing[0]} is missing (got {', '.join(columns)}) - name them {', '.join(wanted)}"
-            )
+        columns = read_columns(path, wanted)
         order = np.lexsort((columns["wavelength_nm"], columns["depth_m"]))
         depth, wavelength, a, b = (columns[name][order] for name in wanted)
         depths, count = np.unique(depth), len(np.unique(wavelength))

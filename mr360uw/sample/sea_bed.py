@@ -8,6 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from mr360uw.sample.dive_settings import DiveSettings
+from mr360uw.texels import smoothstep
 from mr360uw.types import Floats
 
 BED_TILE_M = 12.0
@@ -81,7 +82,7 @@ def _rocks(noise: _Noise, fraction: float) -> tuple[Floats, Floats, Floats]:
     if fraction <= 0.0:
         return np.zeros((1, 1)), np.zeros((1, 1)), np.zeros((1, 1, 3))
     over = _boulders(noise, fraction)
-    cover = _step(over / _ROCK_EDGE + 0.5)
+    cover = smoothstep(over / _ROCK_EDGE + 0.5, 0.0, 1.0)
     rough = 1.0 + 0.10 * noise.smooth(0.8, 60.0) + 0.05 * noise.smooth(0.4, 200.0)
     height = _FLATNESS * (np.sqrt(np.maximum(over, 0.0) + _FOOT_M**2) - _FOOT_M) * rough
     # Growth by patches of colours, darker in the clefts
@@ -125,12 +126,6 @@ def _grass(noise: _Noise, fraction: float) -> tuple[Floats, Floats, Floats]:
     blades = noise.smooth(0.0, 250.0)
     field = noise.smooth(1.4, 7.0) + 0.2 * noise.smooth(0.5, 90.0)
     over = field - np.quantile(field, 1.0 - fraction)
-    cover = _step(over / 0.4 + 0.5)
+    cover = smoothstep(over / 0.4 + 0.5, 0.0, 1.0)
     tufts = _GRASS_HEIGHT_M * (0.85 + 0.25 * noise.smooth(0.6, 60.0) + 0.08 * blades)
-    return cover, np.maximum(tufts, 0.0) * _step(over), _GRASS * np.exp(0.45 * blades)[..., None]
-
-
-def _step(field: Floats) -> Floats:
-    """Return a smooth step (size, size) from 0 at 0 to 1 at 1."""
-    edge = np.clip(field, 0.0, 1.0)
-    return np.asarray(edge * edge * (3.0 - 2.0 * edge))
+    return cover, np.maximum(tufts, 0.0) * smoothstep(over, 0.0, 1.0), _GRASS * np.exp(0.45 * blades)[..., None]

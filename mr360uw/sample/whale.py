@@ -12,8 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.files import write_whole
-from mr360uw.sample.whale_shape import Chart, Detail, WhaleSkin, humpback, neighbour_means, ramp, triangles
+from mr360uw.sample.whale_shape import Chart, Detail, WhaleSkin, humpback, neighbour_means, triangles
 from mr360uw.sample.whale_skin import map_coordinates, painted
+from mr360uw.texels import smoothstep
 from mr360uw.types import Floats
 
 _TEXTURE = {"high": 2048, "low": 256}
@@ -287,7 +288,9 @@ def influences(skin: WhaleSkin) -> Floats:
     weights = np.zeros((len(skin.positions), len(JOINTS)))
     # Along the body each segment takes over from the one before it, smoothly about the joint between them
     s = 0.5 - skin.positions[:, 2]
-    starts = [ramp(at - reach, at + reach, s) for at, reach in zip((_HEAD, *_SPINE), (0.08, *_reaches()), strict=True)]
+    starts = [
+        smoothstep(s, at - reach, at + reach) for at, reach in zip((_HEAD, *_SPINE), (0.08, *_reaches()), strict=True)
+    ]
     chain = [_NUMBER["head"], _NUMBER["chest"], *range(2, 2 + len(_SPINE))]
     for number, begun, ended in zip(chain, [np.ones_like(s), *starts], [*starts, np.zeros_like(s)], strict=True):
         weights[:, number] = begun - ended
@@ -295,7 +298,7 @@ def influences(skin: WhaleSkin) -> Floats:
     for chart in skin.charts[1:]:
         place = np.broadcast_to(chart.place, chart.vertex.shape)[:, 1:]
         for joint, first, last in _FIN_JOINTS.get(chart.name, ()):
-            taken, vertex = ramp(first, last, place)[..., None], chart.vertex[:, 1:]
+            taken, vertex = smoothstep(place, first, last)[..., None], chart.vertex[:, 1:]
             weights[vertex] *= 1.0 - taken
             weights[vertex, _NUMBER[joint]] += taken[..., 0] * (weights[vertex, _NUMBER[joint]] == 0.0)
     # Let the weights run out into the body about the roots of fins
