@@ -134,7 +134,7 @@ class Sweep:
         """Return inverse distances (h, w) [1/m] of another frame, of a width."""
         same = np.array_equal(self.place.position, reference.position)
         if same and np.array_equal(self.place.rotation, reference.rotation):
-            return _enlarged(self.inverse, width)
+            return enlarged_map(self.inverse, width)
         return carried(self.inverse, self.place, reference, width)
 
 
@@ -160,7 +160,7 @@ def refined(reference: Panorama, neighbours: Sequence[Panorama], sweeps: Sequenc
         inverse = _at_edges(warped, inverse)
     inverse = _around(warped, inverse, baseline, _STEPS_PX[0])
     fine = Warped(reference, neighbours[:: _EVERY * every], width)
-    inverse = _at_edges(fine, _enlarged(inverse, width))
+    inverse = _at_edges(fine, enlarged_map(inverse, width))
     inverse = _around(fine, inverse, baseline, _STEPS_PX[1])
     judged = fine if every == 1 else warped
     at_judged = np.ascontiguousarray(inverse[:: width // judged.width, :: width // judged.width])
@@ -168,7 +168,7 @@ def refined(reference: Panorama, neighbours: Sequence[Panorama], sweeps: Sequenc
     sure = np.where(_of_rig(judged, at_judged, seen, baseline), np.float32(0.0), confidence(seen, len(neighbours)))
     with np.errstate(divide="ignore"):
         metres = (np.float32(1.0) / inverse).astype(np.float32)
-    return DepthMap(metres, _enlarged(sure, width))
+    return DepthMap(metres, enlarged_map(sure, width))
 
 
 def _baseline(reference: Panorama, neighbours: Sequence[Panorama]) -> float:
@@ -248,16 +248,17 @@ def _lowest(cost: Map) -> Map:
     return np.asarray(best + np.clip(shift, -1.0, 1.0), np.float32)
 
 
-def _enlarged(values: Map, width: int) -> Map:
-    """Return a map (h, w) with another width, bilinear, the seam closed."""
+def enlarged_map(values: Map, width: int) -> Map:
+    """Return a map (h, w) at another width, bilinear, its seam closed."""
     import cv2
 
     if values.shape[1] == width:
         return values
-    factor = width // values.shape[1]
-    wide = np.concatenate([values[:, -1:], values, values[:, :1]], axis=1)
-    large = cv2.resize(wide, None, fx=factor, fy=factor, interpolation=cv2.INTER_LINEAR)
-    return np.ascontiguousarray(large[:, factor:-factor], np.float32)
+    wide = np.concatenate([values[:, -1:], values, values[:, :1]], axis=1).astype(np.float32)
+    factor = width / values.shape[1]
+    size = round(factor * wide.shape[1]), width // 2
+    margin = round(factor)
+    return np.ascontiguousarray(cv2.resize(wide, size, interpolation=cv2.INTER_LINEAR)[:, margin : margin + width])
 
 
 # Semi-global smoothing of matching costs on the sphere (Hirschmueller 2008), along eight directions, seam closed.

@@ -225,21 +225,15 @@ def turned(light: Environment, world_from_camera: Floats) -> Environment:
     if np.array_equal(world_from_camera, np.eye(3)):
         return light
     seen = directions(ENVIRONMENT_COLUMNS, ENVIRONMENT_ROWS) @ world_from_camera
-    detail = light.detail
-    if detail is not None:
-        detail = environment_lookup(detail, directions(COARSE_COLUMNS, COARSE_ROWS) @ world_from_camera)
-    radiance, residual, ambient = (
-        environment_lookup(map_, seen).astype(np.float32) for map_ in (light.radiance, light.residual, light.ambient)
-    )
-    glossy = np.array([environment_lookup(level, seen) for level in light.glossy], np.float32)
+    maps: dict[str, Any] = {
+        name: environment_lookup(getattr(light, name), seen).astype(np.float32)
+        for name in ("radiance", "residual", "ambient")
+    }
+    if len(light.glossy):
+        maps["glossy"] = np.array([environment_lookup(level, seen) for level in light.glossy], np.float32)
+    if light.detail is not None:
+        finer = directions(COARSE_COLUMNS, COARSE_ROWS) @ world_from_camera
+        maps["detail"] = environment_lookup(light.detail, finer).astype(np.float32)
     sun = None if light.sun is None else replace(light.sun, direction=world_from_camera @ light.sun.direction)
-    return replace(
-        light,
-        radiance=radiance,
-        irradiance=ambient if sun is None else ambient + cosine_beam(sun.direction, sun.irradiance),
-        sun=sun,
-        residual=residual,
-        ambient=ambient,
-        glossy=glossy if len(glossy) else light.glossy,
-        detail=None if detail is None else detail.astype(np.float32),
-    )
+    lit = maps["ambient"] if sun is None else maps["ambient"] + cosine_beam(sun.direction, sun.irradiance)
+    return replace(light, irradiance=lit, sun=sun, **maps)

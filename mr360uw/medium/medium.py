@@ -515,12 +515,7 @@ class Medium:
     @functools.cached_property
     def glow_level(self) -> Array:
         """Level light (3,) of a floor of radiance 1 over that of the sky."""
-        return np.asarray(self.floor_level / np.maximum(self.level_radiance(np.zeros(1))[0], _TINY))
-
-    @property
-    def floor_level(self) -> Array:
-        """Light (3,) along the horizon at the camera by a floor of radiance 1."""
-        return self._floor_light(np.zeros(1))[0]
+        return np.asarray(self._floor_light(np.zeros(1))[0] / np.maximum(self.level_radiance(np.zeros(1))[0], _TINY))
 
     @property
     def _most_glow(self) -> Array:
