@@ -30,7 +30,7 @@ from mr360uw.medium.medium import RGB_NM, Mode
 from mr360uw.medium.spectra import named_sensor
 from mr360uw.published import blended_albedo, thresholded_reflection
 from mr360uw.sample.dive_settings import DiveSettings
-from mr360uw.sample.sea_bed import sea_bed
+from mr360uw.sample.rendered_dive import sea_bed
 from mr360uw.shapes import checked
 from mr360uw.sphere import direction_from_angles, directions, row_solid_angle, yaw_matrix
 from mr360uw.surface import Floor, SeaScene, SurfacePicture

@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 from mr360uw.color import luminance
 from mr360uw.constants import REFRACTIVE_INDEX_SEA
 from mr360uw.errors import ParameterError
-from mr360uw.ibl.expansion import snell_elevation
+from mr360uw.ibl.plate import snell_elevation
 from mr360uw.ibl.tilt import level_matrix, roll_pitch
 from mr360uw.sphere import directions, row_solid_angle, unit
 

@@ -11,11 +11,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from mr360uw.constants import ENVIRONMENT_COLUMNS, ENVIRONMENT_ROWS, REFRACTIVE_INDEX_SEA
 from mr360uw.errors import ParameterError
-from mr360uw.ibl.expansion import checked_plate
 from mr360uw.ibl.filters import cosine_beam, cosine_filter, glossy_levels
-from mr360uw.ibl.lookup import environment_lookup
-from mr360uw.ibl.plate import COARSE_COLUMNS, COARSE_ROWS, COARSE_SCALE, LinearPlate, Plate
-from mr360uw.ibl.reduce import reduce_map
+from mr360uw.ibl.lookup import environment_lookup, reduce_map
+from mr360uw.ibl.plate import COARSE_COLUMNS, COARSE_ROWS, COARSE_SCALE, LinearPlate, Plate, checked_plate
 from mr360uw.ibl.settings import GLOSSY_ROUGHNESS, LightSettings, Operator
 from mr360uw.ibl.sun.closure import UNKNOWN_RATIO, close
 from mr360uw.ibl.sun.detect import (
