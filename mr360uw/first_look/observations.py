@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
+from typing import Literal, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -474,12 +474,7 @@ def _front(mesh: Mesh, kind: Kind | None) -> tuple[Front, str, bool]:
         sign, why = "+" if thicker > 0.0 else "-", f"{why}, its thicker end"
     else:
         sign = "+"
-    return _named(sign, axis), why, long
-
-
-def _named(sign: str, axis: int) -> Front:
-    names: dict[tuple[str, int], Front] = {("+", 0): "+x", ("-", 0): "-x", ("+", 2): "+z", ("-", 2): "-z"}
-    return names[sign, axis]
+    return cast("Front", f"{sign}{'xyz'[axis]}"), why, long
 
 
 def _thicker_end(points: Floats, axis: int, extent: Floats) -> float:

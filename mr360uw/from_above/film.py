@@ -39,13 +39,6 @@ _MATCH_COLUMNS = 96
 within 1 %."""
 
 
-def _open_aerial_plate(scene: AerialScene) -> VideoReader:
-    """Return the plate of a scene that has one; raise `VideoError` where it cannot be read."""
-    assert scene.plate is not None
-    around = scene.camera.projection == "equirectangular"
-    return open_video(scene.plate.path, scene.plate.transfer, equirectangular=around)
-
-
 def plate_gain(loaded: LoadedAerial, plate_linear: Floats) -> Array:
     """Return the factor (3,) on the scene's light that gives its own picture of the sea the plate's median colour."""
     height, width = plate_linear.shape[:2]
@@ -72,7 +65,9 @@ def _write_onto_plate(
     scene: AerialScene, path: Path, frames: tuple[int, int | None], *, overwrite: bool, progress: Progress | None
 ) -> int:
     """Write a plate with bodies and return the number of frames; see `aerial_film`."""
-    with _open_aerial_plate(scene) as plate:
+    assert scene.plate is not None
+    around = scene.camera.projection == "equirectangular"
+    with open_video(scene.plate.path, scene.plate.transfer, equirectangular=around) as plate:
         start, stop = plate.numbered_range(*frames)
         with create_video(path, plate, scene.output, overwrite=overwrite) as writer:
             for frame in _frames_with_bodies(scene, plate, start, stop):
