@@ -162,10 +162,10 @@ def _add_skeleton(file: _Glb, tree: dict[str, Any], length_m: float) -> None:
     tree["nodes"][0]["skin"] = 0
     tree["scenes"][0]["nodes"].append(1)
     # Keys of all joints that turn, and of the chest's place
-    cycle = stroke()
-    times = file.accessor(cycle.time_s.astype(np.float32))
-    moved = [(k, "rotation", cycle.turns[:, k]) for k in range(len(JOINTS))]
-    moved.append((0, "translation", length_m * cycle.chest))
+    time_s, turns, chest = stroke()
+    times = file.accessor(time_s.astype(np.float32))
+    moved = [(k, "rotation", turns[:, k]) for k in range(len(JOINTS))]
+    moved.append((0, "translation", length_m * chest))
     tree["animations"] = [{
         "name": "swim",
         "samplers": [
@@ -325,17 +325,6 @@ _FIN_JOINTS = {
 """Joints of fins, and the fractions of a fin's length between which each takes over."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Stroke:
-    """Keys (k,) [s] of a cycle, the last one as the first. turns: (k, J, 4) quaternions x, y, z, w of the joints;
-    chest: (k, 3) where the chest is, in body lengths.
-    """
-
-    time_s: Floats
-    turns: Floats
-    chest: Floats
-
-
 def wave(s: Floats, phase: Floats) -> tuple[Floats, Floats]:
     """Return the height of the midline and its slope dh/ds at s, which broadcasts with the phase 2 pi t / T."""
     behind = np.maximum(s - _CHEST, 0.0)
@@ -346,8 +335,10 @@ def wave(s: Floats, phase: Floats) -> tuple[Floats, Floats]:
     return amplitude * np.cos(angle), growth * np.cos(angle) + number * amplitude * np.sin(angle)
 
 
-def stroke() -> Stroke:
-    """Return a cycle of swimming."""
+def stroke() -> tuple[Floats, Floats, Floats]:
+    """Return a cycle of swimming: times (k,) [s] of its keys, the last one as the first, quaternions (k, J, 4), x, y,
+    z, w, of the joints, and places (k, 3) of the chest, in body lengths.
+    """
     from scipy.spatial.transform import Rotation
 
     phase = 2.0 * np.pi * np.arange(_KEYS + 1) / _KEYS
@@ -370,4 +361,4 @@ def stroke() -> Stroke:
     turns = Rotation.from_euler("xyz", angles.reshape(-1, 3)).as_quat().reshape(*angles.shape[:2], 4)
     chest = np.tile(JOINTS[0].place, (_KEYS + 1, 1))
     chest[:, 1] += wave(np.array(_CHEST), phase)[0]
-    return Stroke(PERIOD_S * np.arange(_KEYS + 1) / _KEYS, turns, chest)
+    return PERIOD_S * np.arange(_KEYS + 1) / _KEYS, turns, chest

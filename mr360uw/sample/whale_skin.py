@@ -366,23 +366,18 @@ def _scars(coat: _Coat, texels: _Texels, count: int, rng: np.random.Generator) -
     coat.height -= 0.0003 * mask
 
 
-@dataclass(frozen=True, slots=True)
-class _Spot:
-    """A round mark at a row and column of texels. radius: in body lengths."""
-
-    row: float
-    column: float
-    radius: float
+_Spot = tuple[float, float, float]
+"""A round mark: its row and column of texels, and its radius in body lengths."""
 
 
 def _around_spot(texels: _Texels, spot: _Spot, reach: float) -> tuple[tuple[slice, slice], Floats]:
     """Return the window of texels within `reach` radii of a spot, and their distances from it in radii."""
-    h, w = texels.points.shape[:2]
-    j, i = min(int(spot.row), h - 1), min(int(spot.column), w - 1)
-    right, down = spot.radius / texels.step[:, j, i]
-    rows = np.arange(max(int(spot.row - reach * down), 0), min(int(spot.row + reach * down) + 2, h))
-    columns = np.arange(max(int(spot.column - reach * right), 0), min(int(spot.column + reach * right) + 2, w))
-    away = np.hypot((rows[:, None] + 0.5 - spot.row) / down, (columns[None, :] + 0.5 - spot.column) / right)
+    (h, w), (row, column, radius) = texels.points.shape[:2], spot
+    j, i = min(int(row), h - 1), min(int(column), w - 1)
+    right, down = radius / texels.step[:, j, i]
+    rows = np.arange(max(int(row - reach * down), 0), min(int(row + reach * down) + 2, h))
+    columns = np.arange(max(int(column - reach * right), 0), min(int(column + reach * right) + 2, w))
+    away = np.hypot((rows[:, None] + 0.5 - row) / down, (columns[None, :] + 0.5 - column) / right)
     return np.s_[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1], away
 
 
@@ -402,7 +397,7 @@ def _tubercles(coat: _Coat, texels: _Texels, rng: np.random.Generator) -> None:
         places += [(s, side * 150.0) for s in np.linspace(0.015, 0.035, 2)]
     for s, degrees in places:
         row, column = _at(texels, s + rng.normal(0.0, 0.002), degrees + rng.normal(0.0, 2.5))
-        window, away = _around_spot(texels, _Spot(row, column, rng.uniform(0.0042, 0.0062)), 1.0)
+        window, away = _around_spot(texels, (row, column, rng.uniform(0.0042, 0.0062)), 1.0)
         dome = np.maximum(1.0 - away**2, 0.0) ** 2
         there = coat.part(window)
         there.height += rng.uniform(0.0022, 0.0032) * dome
@@ -418,7 +413,7 @@ def _barnacle_places(texels: _Texels, rng: np.random.Generator) -> list[_Spot]:
     ):  # fmt: skip
         for _ in range(count):
             row, column = _at(texels, abs(s + rng.normal(0.0, 0.012)) + 0.004, degrees + rng.normal(0.0, spread))
-            spots.append(_Spot(row, column, rng.uniform(0.0016, 0.0034)))
+            spots.append((row, column, rng.uniform(0.0016, 0.0034)))
     return spots
 
 
@@ -428,7 +423,7 @@ def _edge_places(texels: _Texels, rng: np.random.Generator) -> list[_Spot]:
     spots = []
     for _ in range(26):
         row = h * (0.5 + rng.normal(0.0, 0.025))
-        spots.append(_Spot(row, w * rng.uniform(0.12, 0.9), rng.uniform(0.0014, 0.0028)))
+        spots.append((row, w * rng.uniform(0.12, 0.9), rng.uniform(0.0014, 0.0028)))
     return spots
 
 
