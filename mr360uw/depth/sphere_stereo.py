@@ -10,6 +10,7 @@ largest baseline: nothing depends on the unit of the poses.
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -365,7 +366,8 @@ def evidence(
     # Compare with what neighbours show there, and again in pictures of half the size
     sums = warped.sums(inverse)
     size = inverse.shape[::-1]
-    small = Warped(reference, neighbours, max(warped.width // 2, min(warped.width, 256)), _brightness)
+    brightness = functools.partial(window_mean, side=_LEVEL_SIDE)
+    small = Warped(reference, neighbours, max(warped.width // 2, min(warped.width, 256)), brightness)
     level = small.sums(resized(inverse, small.width))
     mean = level[0] / np.maximum(level[3], _LEAST)
     variance = np.maximum(level[2] / np.maximum(level[3], _LEAST) - mean * mean, 0.0)
@@ -387,11 +389,6 @@ def evidence(
             np.ones_like(depth),
         ]
     ).astype(np.float32)
-
-
-def _brightness(grey: Map) -> Map:
-    """Return a grey picture (h, w) averaged over windows."""
-    return window_mean(grey, _LEVEL_SIDE)
 
 
 def _agreement(own: Map, others: Map, side: int) -> Map:

@@ -112,8 +112,9 @@ class Dive:
         medium = Medium(Water.jerlov(settings.water), named_sensor(SENSOR))
         height_m, albedo = sea_bed(settings)
         if np.ptp(height_m) > 0.0 and not settings.solid:
-            level = self._scene(albedo, medium).light_in_water(settings.floor_depth_m)
-            shade = relief_shade(height_m, BED_TILE_M, self.sun_in_water, _beam_share(level, settings))
+            level, depth_m = self._scene(albedo, medium).light_in_water(settings.floor_depth_m), settings.floor_depth_m
+            share = _beam(level, depth_m) / level.down(depth_m)
+            shade = relief_shade(height_m, BED_TILE_M, self.sun_in_water, share)
             albedo = np.clip(albedo * shade, 0.0, 1.0)
         self.scene = self._scene(albedo, medium, height_m if settings.solid else 0.0)
         water = self.water.seen_from(settings.depth_m)
@@ -203,11 +204,6 @@ def _beam(light: WaterLight, depth_m: float) -> Floats:
     if light.sun is None:
         return np.zeros(3)
     return np.asarray(light.sun.below * beam_fraction(light.table(from_camera=False), depth_m, light.sun_up))
-
-
-def _beam_share(light: WaterLight, settings: DiveSettings) -> Floats:
-    """Return the fraction (3,) of the irradiance of level ground at the floor's depth that is the sun's beam."""
-    return _beam(light, settings.floor_depth_m) / light.down(settings.floor_depth_m)
 
 
 # The sky over a synthetic dive: sun and dome, clear or overcast, or of a picture of the sky.

@@ -288,9 +288,8 @@ def influences(skin: WhaleSkin) -> Floats:
     weights = np.zeros((len(skin.positions), len(JOINTS)))
     # Along the body each segment takes over from the one before it, smoothly about the joint between them
     s = 0.5 - skin.positions[:, 2]
-    starts = [
-        smoothstep(s, at - reach, at + reach) for at, reach in zip((_HEAD, *_SPINE), (0.08, *_reaches()), strict=True)
-    ]
+    reaches = (0.08, *(0.5 * np.diff((_CHEST, *_SPINE))))
+    starts = [smoothstep(s, at - reach, at + reach) for at, reach in zip((_HEAD, *_SPINE), reaches, strict=True)]
     chain = [_NUMBER["head"], _NUMBER["chest"], *range(2, 2 + len(_SPINE))]
     for number, begun, ended in zip(chain, [np.ones_like(s), *starts], [*starts, np.zeros_like(s)], strict=True):
         weights[:, number] = begun - ended
@@ -307,11 +306,6 @@ def influences(skin: WhaleSkin) -> Floats:
         weights = 0.5 * (weights + means @ weights)
     weights[weights < np.sort(weights, axis=1)[:, -4:-3]] = 0.0
     return np.asarray(weights / weights.sum(axis=1, keepdims=True))
-
-
-def _reaches() -> Floats:
-    """Return half the lengths over which segments of the spine take over from another."""
-    return 0.5 * np.diff((_CHEST, *_SPINE))
 
 
 _FIN_JOINTS = {

@@ -76,7 +76,7 @@ def read_solved_path(path: Path) -> SolvedPath:
     """
     path = path / "images.txt" if path.is_dir() else path
     text = read_text(path, ParameterError)
-    if _is_blender_json(text):
+    if text.lstrip().startswith("{") and '"blender_frames"' in text:
         return _read_blender_json(text, str(path))
     if text.lstrip().startswith("<") and "<camera" in text:
         return _read_metashape(text, str(path))
@@ -282,11 +282,6 @@ def rotations(quaternion: Floats, where: str) -> Floats:
 _UP = np.array([0.0, 1.0, 0.0])
 _BLENDER = ("blender_frame", "x", "y", "z", "qx", "qy", "qz", "qw")
 _NAMES = (("frame",), ("tx", "x"), ("ty", "y"), ("tz", "z"), ("rx",), ("ry",), ("rz",))
-
-
-def _is_blender_json(text: str) -> bool:
-    """Return whether a text is the JSON of Blender's cameras."""
-    return text.lstrip().startswith("{") and '"blender_frames"' in text
 
 
 def _read_blender_json(text: str, where: str) -> SolvedPath:
