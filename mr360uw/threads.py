@@ -8,12 +8,10 @@ thread of the caller, to which its OpenGL context belongs. Memory is bounded by 
 from __future__ import annotations
 
 import functools
-import os
 import queue
 import sys
 import threading
 from collections.abc import Callable, Generator, Iterable
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager
 from types import TracebackType
 from typing import Any, Generic, TypeVar
@@ -36,12 +34,6 @@ def _thread_pools(of_scipy: bool) -> Any:  # noqa: ARG001 - found anew once the 
     from threadpoolctl import ThreadpoolController
 
     return ThreadpoolController()
-
-
-def on_all_cores(work: Callable[[T], object], items: Iterable[T]) -> None:
-    """Call `work` on items side by side, on as many threads as there are cores; raise the first exception of any."""
-    with ThreadPoolExecutor(os.cpu_count()) as threads:
-        list(threads.map(work, items))
 
 
 class _End:

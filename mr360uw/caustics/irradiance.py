@@ -31,7 +31,9 @@ from __future__ import annotations
 
 import functools
 import math
+import os
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from typing import Literal, get_args
 
 import numpy as np
@@ -61,7 +63,6 @@ from mr360uw.optics import refract_to_water as refract_to_water
 from mr360uw.optics import sea_water_index as sea_water_index
 from mr360uw.shapes import checked, instance, numbers, whole
 from mr360uw.sphere import unit
-from mr360uw.threads import on_all_cores
 from mr360uw.types import BeamSpread, CausticStack, Floats, Surface
 
 _WAVELENGTHS_NM = (610.0, 550.0, 465.0)
@@ -219,7 +220,8 @@ def caustic_stack(
             blurs = gaussians(spread, float(depths[plane]), sun_in_water, sea.tile_m / s.size)
             soft[plane, ..., 0] = soft_light(maps[plane, ..., channel], blurs, sea.tile_m)
 
-    on_all_cores(draw, range(len(depths) * len(lights)))
+    with ThreadPoolExecutor(os.cpu_count()) as threads:
+        list(threads.map(draw, range(len(depths) * len(lights))))  # to see their errors
     return CausticStack(np.broadcast_to(maps, (*maps.shape[:3], 3)), depths, sea.tile_m, sun_in_water, soft)
 
 

@@ -13,6 +13,7 @@ from __future__ import annotations
 import functools
 import math
 import os
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol
 
@@ -24,7 +25,6 @@ from mr360uw.caustics.sea import Detail, detail_slope
 from mr360uw.jit import borrowing, exact, inlined
 from mr360uw.shapes import checked
 from mr360uw.texels import between_four, periodic_four
-from mr360uw.threads import on_all_cores
 from mr360uw.types import Array, Floats, Surface
 
 _SAMPLES = 12
@@ -356,7 +356,8 @@ def _height_maps(
         part = slice(start[level] + first * sizes[level], start[level] + last * sizes[level])
         _fill(coefficients, table, tile_m, level, sizes[level], (first, last), height[part], shift[part])
 
-    on_all_cores(make, bands)
+    with ThreadPoolExecutor(os.cpu_count()) as threads:
+        list(threads.map(make, bands))  # to see their errors
     slopes = [
         _steepest(height[a:b].reshape(n, n), tile_m / n) for a, b, n in zip(start, start[1:], sizes, strict=False)
     ]

@@ -8,6 +8,8 @@ surface again; in the air the sky, or another wave. Waves smaller than a pixel a
 from __future__ import annotations
 
 import math
+import os
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
 
@@ -33,7 +35,6 @@ from mr360uw.surface.sea_floor import Floor, FloorLight
 from mr360uw.surface.sky import Dome
 from mr360uw.surface.water_light import WaterLight
 from mr360uw.texels import Vector, add
-from mr360uw.threads import on_all_cores
 from mr360uw.types import Array, Sun, View
 
 # A sea with its sky, floor and water, of which pictures are taken at any times and from any places.
@@ -359,7 +360,8 @@ def rendered(stage: RayStage, view: View, samples: int) -> SurfacePicture:
         key = (first * width * samples * samples) % 2**32
         _samples(world, origins, directions, footprint, key, middle, np.zeros(STACK), out[0])
 
-    on_all_cores(draw, range(0, height, rows))
+    with ThreadPoolExecutor(os.cpu_count()) as threads:
+        list(threads.map(draw, range(0, height, rows)))  # to see their errors
     return SurfacePicture(radiance, distance, wet, normal, kind == 1, kind == 2, stage.camera_in_water)
 
 

@@ -13,6 +13,8 @@ from the surface. In clear water, and in that of closed forms, e is pi times `op
 from __future__ import annotations
 
 import math
+import os
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -39,7 +41,6 @@ from mr360uw.surface.sampled_sea import SampledSea
 from mr360uw.surface.sea_floor import FloorLight, Tiled
 from mr360uw.surface.sky import Dome, sky_radiance, sun_below
 from mr360uw.texels import Vector, add, between_four, four, packed, periodic_four
-from mr360uw.threads import on_all_cores
 from mr360uw.types import Array, CausticStack, Floats, MediumTable, Sun
 
 _LEAST = 1e-300
@@ -350,7 +351,8 @@ def _gathered(sampled: SampledSea, dome: Dome, depth_m: float, size: int, index:
     def draw(row: int) -> None:
         _gather_row(surface, sky, rays, row, depth_m, index, index * np.sqrt(share), out[row])
 
-    on_all_cores(draw, range(size))
+    with ThreadPoolExecutor(os.cpu_count()) as threads:
+        list(threads.map(draw, range(size)))  # to see their errors
     blur = gaussian_transform(_BLUR * depth_m * np.eye(2), size, sampled.tile_m)
     return index**2 * share * (out if blur is None else irfft2(rfft2(out, axes=(0, 1)) * blur[..., None], axes=(0, 1)))
 
