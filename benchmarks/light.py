@@ -23,8 +23,8 @@ import mr360uw.ibl as ibl
 from mr360uw.color import LUMINANCE, ColorSpec, decode, encode, luminance, ycbcr_from_rgb
 from mr360uw.errors import Mr360uwError
 from mr360uw.ibl.filters import ggx_kernel
+from mr360uw.ibl.lookup import reduce_map
 from mr360uw.ibl.plate import COARSE_COLUMNS, COARSE_ROWS, LinearPlate, remap
-from mr360uw.ibl.reduce import reduce_map
 from mr360uw.ibl.settings import GLOSSY_ROUGHNESS, LightSettings, Operator
 from mr360uw.ibl.sun.detect import find_disc
 from mr360uw.ibl.sun.split import sky_irradiance

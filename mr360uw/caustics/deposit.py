@@ -78,12 +78,6 @@ def add_edge(change: Floats, start: Floats, ax: float, ay: float, bx: float, by:
         row = row + 1 if row + 1 < size else 0
 
 
-def _running_sum(change: Floats, start: Floats) -> Floats:
-    """Return the flux (size, size) of all added edges; negative values, which are roundings, become 0."""
-    light = np.concatenate([start[:, None], change[:, :-1]], axis=1).cumsum(axis=1)
-    return np.maximum(light[:, 1:], 0.0)
-
-
 _THINNEST = 2e-3
 """Twice the area [pixel^2] below which a triangle gives its flux to the other one of its cell.
 
@@ -145,7 +139,9 @@ def deposit_exact(hit: Floats, flux: Floats, size: int) -> Floats:
     cells = flux.shape[0]
     change, start = np.zeros((size, size + 1)), np.zeros(size)
     evenly = _add_cells(hit, flux, change, start, np.zeros((cells + 1, cells + 1, 2)))
-    return _running_sum(change, start) + evenly / (size * size)
+    # Sum the edges along the rows; negative values are roundings
+    light = np.concatenate([start[:, None], change[:, :-1]], axis=1).cumsum(axis=1)
+    return np.maximum(light[:, 1:], 0.0) + evenly / (size * size)
 
 
 @exact

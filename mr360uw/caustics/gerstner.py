@@ -45,6 +45,7 @@ from mr360uw.caustics.sea import (
 from mr360uw.errors import ParameterError
 from mr360uw.parameters import Parameters, advanced, listed, parameter
 from mr360uw.shapes import exactly, numbers
+from mr360uw.texels import smoothstep
 from mr360uw.types import Array
 
 Complex = NDArray[np.complex128]
@@ -325,8 +326,7 @@ def share_of_lengths(wavelength: Array, present: float) -> Array:
     The amplitudes, the root of the weights, grow smoothly with the wind.
     """
     kept = max(present, float(np.sort(wavelength)[:_LEAST_WAVES][-1]))
-    fading = np.clip(1.0 - np.log2(wavelength / kept) / _FADING_OCTAVES, 0.0, 1.0)
-    return np.asarray((fading**2 * (3.0 - 2.0 * fading)) ** 2)
+    return np.square(smoothstep(np.log2(wavelength / kept), _FADING_OCTAVES, 0.0))
 
 
 def share_of_directions(angle: Array, present: float, turn: float, spread: float) -> Array:

@@ -28,14 +28,15 @@ from mr360uw.cache import shared
 from mr360uw.caustics.irradiance import STEEPEST_RAY, SurfaceLight, caustic_stack, pass_indices
 from mr360uw.caustics.settings import CausticSettings, Sea, cells_across, grid_of
 from mr360uw.caustics.sun_disc import (
+    GAUSSIAN_STEP,
+    KERNEL_STEP,
     detail_footprint,
     disc_transform,
     footprint,
-    gaussian_steps,
     gaussians,
     is_soft,
-    kernel_steps,
     soft_transform,
+    steps_of,
     transform_of_steps,
 )
 from mr360uw.jit import exact
@@ -186,7 +187,7 @@ def _blur_of(
     # A disc of radius r has the standard deviation r/2 along each axis
     blur_m = math.hypot(float(np.linalg.norm(detail, -2)), 0.5 * float(np.linalg.norm(disc, -2)))
     return blur_m * size / tile_m, _both_blurs(
-        gaussian_steps(detail, size, tile_m), kernel_steps(disc, size, tile_m), size
+        steps_of(detail, GAUSSIAN_STEP, size, tile_m), steps_of(disc, KERNEL_STEP, size, tile_m), size
     )
 
 

@@ -79,7 +79,7 @@ def _kept_transform(blurs: tuple[tuple[float, tuple[float, ...]], ...], size: in
     return factor
 
 
-_STEP = 1.0 / 64.0
+GAUSSIAN_STEP = 1.0 / 64.0
 """Gaussians' matrices are rounded to multiples of this [pixel], so that a slowly moving sun reuses their transforms."""
 _LEAST_PIXELS = 0.5
 """Standard deviation [pixel] up to which maps are not blurred: that of a bilinear read of a pixel."""
@@ -105,21 +105,21 @@ def gaussian_transform(matrix_m: Floats, size: int, tile_m: float) -> Floats | N
 
     matrix_m: (2, 2) A of `detail_footprint`.
     """
-    steps = gaussian_steps(matrix_m, size, tile_m)
-    if np.linalg.norm(np.reshape(steps, (2, 2)), 2) * _STEP < _LEAST_PIXELS:
+    steps = steps_of(matrix_m, GAUSSIAN_STEP, size, tile_m)
+    if np.linalg.norm(np.reshape(steps, (2, 2)), 2) * GAUSSIAN_STEP < _LEAST_PIXELS:
         return None
     return transform_of_steps(steps, size)
 
 
-def gaussian_steps(matrix_m: Floats, size: int, tile_m: float) -> tuple[float, ...]:
-    """Return a (2, 2) matrix [m] as its elements in the steps [pixel] that Gaussians are rounded to."""
-    return tuple(np.round(matrix_m * (size / tile_m) / _STEP).ravel().tolist())
+def steps_of(matrix_m: Floats, step: float, size: int, tile_m: float) -> tuple[float, ...]:
+    """Return a (2, 2) matrix [m] as its elements in multiples of a step [pixel] of a map (size, size)."""
+    return tuple(np.round(matrix_m * (size / tile_m) / step).ravel().tolist())
 
 
 @shared(keep=32)
 def transform_of_steps(steps: tuple[float, ...], size: int) -> Floats:
     """Return the factor (size, size/2 + 1) of a Gaussian's matrix in steps."""
-    matrix = np.reshape(steps, (2, 2)) * _STEP
+    matrix = np.reshape(steps, (2, 2)) * GAUSSIAN_STEP
     if np.linalg.norm(matrix, -2) < _SAMPLED_BELOW:
         return np.asarray(np.fft.rfft2(_sampled(matrix @ matrix.T, size)).real)
     x, z = np.fft.rfftfreq(size), np.fft.fftfreq(size)[:, None]
@@ -138,7 +138,7 @@ def _sampled(covariance: Floats, size: int) -> Floats:
     return kernel / kernel.sum()
 
 
-_KERNEL_STEP = 1.0 / 256.0
+KERNEL_STEP = 1.0 / 256.0
 """Footprints are rounded to multiples of this [pixel], so that a slowly moving sun reuses kernels."""
 _WIDEST_DIRECT = 11
 """Width [pixel] of a kernel up to which a direct sum is quicker than two Fourier transforms, as measured."""
@@ -155,19 +155,14 @@ def footprint(sun_in_air: Floats, refractive_index: float, half_angle_rad: float
     return scale * np.stack([along * sun_in_air[1] / water[1] ** 2, across], axis=1)
 
 
-def kernel_steps(footprint_m: Floats, size: int, tile_m: float) -> tuple[float, ...]:
-    """Return a (2, 2) footprint [m] as its elements in multiples of `_KERNEL_STEP`, of a map (size, size)."""
-    return tuple(np.round(footprint_m * (size / tile_m) / _KERNEL_STEP).ravel().tolist())
-
-
 def blur(image: Floats, footprint_m: Floats, tile_m: float, transform: Floats | None = None) -> Floats:
     """Return a periodic image (size, size) convolved with the disc's footprint; the mean stays.
 
     transform: (size, size/2 + 1) real Fourier transform of one more kernel, or None.
     """
     size = image.shape[0]
-    steps_of = kernel_steps(footprint_m, size, tile_m)
-    kernel = _kept_kernel(steps_of, size)
+    steps = steps_of(footprint_m, KERNEL_STEP, size, tile_m)
+    kernel = _kept_kernel(steps, size)
     reach = len(kernel) // 2
     if reach == 0 and transform is None:
         return image
@@ -176,7 +171,7 @@ def blur(image: Floats, footprint_m: Floats, tile_m: float, transform: Floats | 
 
         spectrum = rfft2(image) if transform is None else rfft2(image) * transform
         if reach:
-            spectrum *= disc_transform(steps_of, size)
+            spectrum *= disc_transform(steps, size)
         return np.maximum(irfft2(spectrum, s=image.shape), 0.0)
     import cv2
 
@@ -188,7 +183,7 @@ def blur(image: Floats, footprint_m: Floats, tile_m: float, transform: Floats | 
 @shared(keep=32)
 def _kept_kernel(steps: tuple[float, ...], size: int) -> NDArray[np.float64]:
     """Return the kernel (2 r + 1, 2 r + 1) of a footprint in steps as far as it reaches about its middle."""
-    kernel = disc_kernel(np.reshape(steps, (2, 2)) * _KERNEL_STEP, size)
+    kernel = disc_kernel(np.reshape(steps, (2, 2)) * KERNEL_STEP, size)
     at = (np.stack(np.nonzero(kernel)) + size // 2) % size - size // 2
     near = np.arange(-np.abs(at).max(), np.abs(at).max() + 1)
     return kernel[np.ix_(near, near)]

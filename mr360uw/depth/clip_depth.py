@@ -200,9 +200,7 @@ def _motion(track: CameraTrack | str | Path) -> Motion:
 def _poses(where: str, clip: VideoReader, motions: list[Motion]) -> _Path:
     """Return the poses of all frames of a clip; raise `ParameterError` where no motion tells distances."""
     # Begin without poses: frames outside of all tracks have none
-    count = clip.frame_count
-    if count is None:
-        _, count = clip.check_range()
+    count = clip.frame_count or 1  # None of a still
     rate = float(clip.frame_rate)
     times = np.arange(count) / rate
     position, rotation = np.zeros((count, 3)), np.repeat(np.eye(3)[None], count, axis=0)

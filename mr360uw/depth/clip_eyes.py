@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from mr360uw.depth.clip_depth import DepthReport, MapRun, map_width
 from mr360uw.depth.depth_files import depth_file, own_maps, write_depth
-from mr360uw.depth.sphere_stereo import SURE, DepthMap, smoothed
+from mr360uw.depth.sphere_stereo import SURE, DepthMap, enlarged_map, smoothed
 from mr360uw.depth.warping import Map, resized, window_mean
 from mr360uw.errors import ParameterError
 from mr360uw.files import WrittenFiles, files_named
@@ -96,9 +96,7 @@ def depth_of_eyes(
         raise ParameterError(f"eyes_apart_m - must be a distance of eyes (got {eyes_apart_m:g}) - give 0.064")
     with open_video(video, eye="both", layout=layout) as clip:
         width = map_width(width, clip, "2048, or 1024 for a draft")
-        count = clip.frame_count
-        if count is None:
-            _, count = clip.check_range()
+        count = clip.frame_count or 1  # None of a still
         # Continue maps of the same inputs; make the missing ones
         inputs = {"method": _METHOD, "clip": content_of(files_named(Path(video))), "width": width}
         inputs |= {"eyes_apart_m": eyes_apart_m, "layout": layout}
@@ -298,7 +296,7 @@ def _disparity(own: Map, other: Map, sign: float) -> tuple[Map, Map]:
     for k, shift in enumerate(trials):
         cost[..., k] = 1.0 - _correlation(small, np.roll(beside, round(sign * shift), axis=1), _SIDE)
     step, _ = _lowest(smoothed(cost, _SMALL, _LARGE))
-    found = _resized_map((step + trials[0]).astype(np.float32), width) * np.float32(width / size)
+    found = enlarged_map((step + trials[0]).astype(np.float32), width) * np.float32(width / size)
     side = 2 * round(0.5 * _FINE_RAD * width / (2.0 * np.pi)) + 1
     for pixels in _STEPS:
         offsets = pixels * np.arange(-_AROUND, _AROUND + 1)
@@ -346,16 +344,3 @@ def _middle(values: Map) -> Map:
     import cv2
 
     return np.asarray(cv2.medianBlur(values.astype(np.float32), 3), np.float32)
-
-
-def _resized_map(values: Map, width: int) -> Map:
-    """Return a map (h, w) at another width, bilinear, its seam closed."""
-    import cv2
-
-    if values.shape[1] == width:
-        return values
-    wide = np.concatenate([values[:, -1:], values, values[:, :1]], axis=1).astype(np.float32)
-    factor = width / values.shape[1]
-    size = round(factor * wide.shape[1]), width // 2
-    margin = round(factor)
-    return np.ascontiguousarray(cv2.resize(wide, size, interpolation=cv2.INTER_LINEAR)[:, margin : margin + width])

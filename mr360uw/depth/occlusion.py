@@ -40,43 +40,27 @@ def sure_surfaces(found: DepthMap, picture: Map) -> PlateSurfaces:
     return PlateSurfaces(sure) if sure.shape == picture.shape else enlarged(sure, picture)
 
 
-class PlateDepth:
+class PlateDepth(DepthClip):
     """The distances of a plate, in step with its frames, see `DepthClip`.
 
-    right: whether its frames are those of the right eye. notes: what there is to know about the maps.
+    right: whether its frames are those of the right eye.
     """
 
     def __init__(
         self, path: Path, kind: Kind = "metric", scale_m: float = 1.0, right: bool = False,
         size: tuple[int, int] = (2, 1),
     ) -> None:  # fmt: skip
-        self._clip, self._right, self._kept = DepthClip(path, kind, scale_m, size), right, Cache()
-        self.notes = self._clip.notes
+        super().__init__(path, kind, scale_m, size)
+        self._right, self._kept = right, Cache()
         self._ground, self._one_thread = CachedReads(), threading.RLock()
-
-    @property
-    def of_both_eyes(self) -> bool:
-        """Whether there is a map for each eye."""
-        return self._clip.of_both_eyes
-
-    def check(self, stop: int) -> None:
-        """Raise `VideoError` if a map is missing or does not fit up to the plate's frame `stop`."""
-        self._clip.check(stop)
 
     def check_all(self, stop: int, count: int | None) -> None:
         """Raise `VideoError` with all that `DepthClip.check_all` finds. count: frames of the plate."""
         with self._one_thread:
-            self._clip.check_all(stop, count)
-
-    def at(self, index: int, plate: VideoFrame, eye: int = 0) -> Map:
-        """Return the sure distances (H, W) [m] of a frame: the same array for the same picture and map.
-
-        eye: 1 for the right one of two, else 0.
-        """
-        return self.surfaces(index, plate, eye).distance_m
+            super().check_all(stop, count)
 
     def surfaces(self, index: int, plate: VideoFrame, eye: int = 0) -> PlateSurfaces:
-        """Return what `at` does, with the surfaces beside these in pixels along edges."""
+        """Return the sure surfaces of a frame, the same object for the same picture and map. eye: 1: the right one."""
         with self._one_thread:
             return self._kept.of(_of_frame, self.map_at(index, eye), plate, keep=_KEPT)
 
@@ -109,7 +93,7 @@ class PlateDepth:
     def map_at(self, index: int, eye: int = 0) -> DepthMap:
         """Return the map of a frame at its own size. eye: 1 for the right one of two, else 0."""
         with self._one_thread:
-            return self._clip.at(index, right=self._right or eye == 1)
+            return self.at(index, right=self._right or eye == 1)
 
 
 def _ground_below(depth: PlateDepth, index: int, up: Floats) -> float | None:

@@ -10,6 +10,7 @@ largest baseline: nothing depends on the unit of the poses.
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -134,7 +135,7 @@ class Sweep:
         """Return inverse distances (h, w) [1/m] of another frame, of a width."""
         same = np.array_equal(self.place.position, reference.position)
         if same and np.array_equal(self.place.rotation, reference.rotation):
-            return _enlarged(self.inverse, width)
+            return enlarged_map(self.inverse, width)
         return carried(self.inverse, self.place, reference, width)
 
 
@@ -160,7 +161,7 @@ def refined(reference: Panorama, neighbours: Sequence[Panorama], sweeps: Sequenc
         inverse = _at_edges(warped, inverse)
     inverse = _around(warped, inverse, baseline, _STEPS_PX[0])
     fine = Warped(reference, neighbours[:: _EVERY * every], width)
-    inverse = _at_edges(fine, _enlarged(inverse, width))
+    inverse = _at_edges(fine, enlarged_map(inverse, width))
     inverse = _around(fine, inverse, baseline, _STEPS_PX[1])
     judged = fine if every == 1 else warped
     at_judged = np.ascontiguousarray(inverse[:: width // judged.width, :: width // judged.width])
@@ -168,7 +169,7 @@ def refined(reference: Panorama, neighbours: Sequence[Panorama], sweeps: Sequenc
     sure = np.where(_of_rig(judged, at_judged, seen, baseline), np.float32(0.0), confidence(seen, len(neighbours)))
     with np.errstate(divide="ignore"):
         metres = (np.float32(1.0) / inverse).astype(np.float32)
-    return DepthMap(metres, _enlarged(sure, width))
+    return DepthMap(metres, enlarged_map(sure, width))
 
 
 def _baseline(reference: Panorama, neighbours: Sequence[Panorama]) -> float:
@@ -248,16 +249,17 @@ def _lowest(cost: Map) -> Map:
     return np.asarray(best + np.clip(shift, -1.0, 1.0), np.float32)
 
 
-def _enlarged(values: Map, width: int) -> Map:
-    """Return a map (h, w) with another width, bilinear, the seam closed."""
+def enlarged_map(values: Map, width: int) -> Map:
+    """Return a map (h, w) at another width, bilinear, its seam closed."""
     import cv2
 
     if values.shape[1] == width:
         return values
-    factor = width // values.shape[1]
-    wide = np.concatenate([values[:, -1:], values, values[:, :1]], axis=1)
-    large = cv2.resize(wide, None, fx=factor, fy=factor, interpolation=cv2.INTER_LINEAR)
-    return np.ascontiguousarray(large[:, factor:-factor], np.float32)
+    wide = np.concatenate([values[:, -1:], values, values[:, :1]], axis=1).astype(np.float32)
+    factor = width / values.shape[1]
+    size = round(factor * wide.shape[1]), width // 2
+    margin = round(factor)
+    return np.ascontiguousarray(cv2.resize(wide, size, interpolation=cv2.INTER_LINEAR)[:, margin : margin + width])
 
 
 # Semi-global smoothing of matching costs on the sphere (Hirschmueller 2008), along eight directions, seam closed.
@@ -364,7 +366,8 @@ def evidence(
     # Compare with what neighbours show there, and again in pictures of half the size
     sums = warped.sums(inverse)
     size = inverse.shape[::-1]
-    small = Warped(reference, neighbours, max(warped.width // 2, min(warped.width, 256)), _brightness)
+    brightness = functools.partial(window_mean, side=_LEVEL_SIDE)
+    small = Warped(reference, neighbours, max(warped.width // 2, min(warped.width, 256)), brightness)
     level = small.sums(resized(inverse, small.width))
     mean = level[0] / np.maximum(level[3], _LEAST)
     variance = np.maximum(level[2] / np.maximum(level[3], _LEAST) - mean * mean, 0.0)
@@ -386,11 +389,6 @@ def evidence(
             np.ones_like(depth),
         ]
     ).astype(np.float32)
-
-
-def _brightness(grey: Map) -> Map:
-    """Return a grey picture (h, w) averaged over windows."""
-    return window_mean(grey, _LEVEL_SIDE)
 
 
 def _agreement(own: Map, others: Map, side: int) -> Map:

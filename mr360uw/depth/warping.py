@@ -98,9 +98,9 @@ def _arctangent(y: Any, x: Any) -> Any:
 def _add_warped(pictures: Any, turns: Any, shifts: Any, rays: Any, inverse: Any, sums: Any) -> None:
     """Write the sums (5, h, w) over n pictures that are warped by inverse distances (h, w), 0 or more.
 
-    pictures: (n, (h + 1) * (w + 1)), rows of n pictures that are a column and a row larger, see `_bordered`. turns:
-    (n, 3, 3), camera axes of each picture from those of the reference. shifts: (n, 3), positions in the axes of the
-    reference [m]. rays: (3, h, w), unit directions of the reference's pixels. All float32.
+    pictures: (n, (h + 1) * (w + 1)), n pictures with their first column again on the right and their last row again
+    below. turns: (n, 3, 3), camera axes of each picture from those of the reference. shifts: (n, 3), positions in the
+    axes of the reference [m]. rays: (3, h, w), unit directions of the reference's pixels. All float32.
 
     The places of a block of pixels in a picture come first, in a loop without branches and with one array that is
     written, which the compiler turns into vector instructions; then the pixels are fetched.
@@ -158,11 +158,6 @@ def _add_warped(pictures: Any, turns: Any, shifts: Any, rays: Any, inverse: Any,
                     sums[which, j, begin + i] = total[which * _BLOCK + i]
 
 
-def _bordered(picture: Map) -> Map:
-    """Return a picture (h, w) with its first column again on the right and its last row again below, flattened."""
-    return np.pad(np.pad(picture, ((0, 0), (0, 1)), "wrap"), ((0, 1), (0, 0)), "edge").ravel()
-
-
 class Warped:
     """Neighbours of a reference frame at one size, ready to be warped by trial distances.
 
@@ -182,7 +177,8 @@ class Warped:
         self._rays = np.ascontiguousarray(np.moveaxis(directions(width, width // 2), -1, 0), np.float32)
         self._pictures: Map = np.empty((len(neighbours), (self.height + 1) * (width + 1)), np.float32)
         for one, into in zip(neighbours, self._pictures, strict=True):
-            into[:] = _bordered(picture(resized(one.grey, width)))
+            around = np.pad(picture(resized(one.grey, width)), ((0, 0), (0, 1)), "wrap")
+            into[:] = np.pad(around, ((0, 1), (0, 0)), "edge").ravel()
         turns = [one.rotation.T @ reference.rotation for one in neighbours]
         shifts = [reference.rotation.T @ (one.position - reference.position) for one in neighbours]
         self._turns, self._shifts = np.array(turns, np.float32), np.array(shifts, np.float32)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
+from typing import Literal, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +24,7 @@ from mr360uw.ibl import environment
 from mr360uw.ibl.horizon import clip_horizon, estimate_horizon
 from mr360uw.ibl.plate import remap
 from mr360uw.ibl.tilt import level_matrix
+from mr360uw.medium.open_water import weighted_quantile
 from mr360uw.render.surroundings import is_tilted
 from mr360uw.scene.model import PlateSettings, Scene
 from mr360uw.scene.resolved import eyes_of_plate, pose_of_plate, projection_notes, shape_of_frame
@@ -375,12 +376,7 @@ def _murk(image: Floats, red: float) -> float:
 
 def _quantile(values: Floats, weight: Floats, there: NDArray[np.bool_], quantile: float) -> float:
     """Return the weighted quantile of some values, NaN of none."""
-    if not np.any(there):
-        return float("nan")
-    v, w = values[there], weight[there]
-    order = np.argsort(v, kind="stable")
-    share = np.cumsum(w[order])
-    return float(v[order][np.searchsorted(share, quantile * share[-1])])
+    return weighted_quantile(values[there], weight[there], quantile) if np.any(there) else float("nan")
 
 
 # What a mesh shows by itself: the kind of thing, its size in metres, its front, and whether it stands on a floor.
@@ -476,12 +472,7 @@ def _front(mesh: Mesh, kind: Kind | None) -> tuple[Front, str, bool]:
         sign, why = "+" if thicker > 0.0 else "-", f"{why}, its thicker end"
     else:
         sign = "+"
-    return _named(sign, axis), why, long
-
-
-def _named(sign: str, axis: int) -> Front:
-    names: dict[tuple[str, int], Front] = {("+", 0): "+x", ("-", 0): "-x", ("+", 2): "+z", ("-", 2): "-z"}
-    return names[sign, axis]
+    return cast("Front", f"{sign}{'xyz'[axis]}"), why, long
 
 
 def _thicker_end(points: Floats, axis: int, extent: Floats) -> float:

@@ -23,13 +23,14 @@ from mr360uw.from_above.aerial_bodies import (
     reflected_radiance,
 )
 from mr360uw.from_above.settings import AerialFloorSettings, AerialScene, AerialWaterSettings
+from mr360uw.ibl.tilt import level_matrix
 from mr360uw.medium import Medium, Water
 from mr360uw.medium.lookup import FormationModel
 from mr360uw.medium.medium import RGB_NM, Mode
 from mr360uw.medium.spectra import named_sensor
 from mr360uw.published import blended_albedo, thresholded_reflection
 from mr360uw.sample.dive_settings import DiveSettings
-from mr360uw.sample.sea_bed import sea_bed
+from mr360uw.sample.rendered_dive import sea_bed
 from mr360uw.shapes import checked
 from mr360uw.sphere import direction_from_angles, directions, row_solid_angle, yaw_matrix
 from mr360uw.surface import Floor, SeaScene, SurfacePicture
@@ -103,8 +104,9 @@ class LoadedAerial:
             raise ParameterError(f"size - must be 1 or more pixels (got {width}x{height}) - give (1280, 720)")
         position = np.array(camera.position_m) + time_s * np.array(camera.velocity_m_s)
         turned = yaw_matrix(math.radians(camera.yaw_deg + time_s * camera.turn_deg_s))
+        tilt = level_matrix(math.radians(camera.roll_deg), math.radians(camera.pitch_deg))
         return View(
-            width, height, position, turned @ _tilt(camera.pitch_deg, camera.roll_deg), 0.0, camera.projection,
+            width, height, position, turned @ tilt, 0.0, camera.projection,
             math.radians(camera.fov_deg), camera.width_m,
         )  # fmt: skip
 
@@ -208,14 +210,6 @@ def aerial(scene: AerialScene, *, time_s: float = 0.0, size: tuple[int, int] | N
     (8, 16, 3)
     """
     return LoadedAerial.of(scene).picture(time_s, size)
-
-
-def _tilt(pitch_deg: float, roll_deg: float) -> Array:
-    """Return the rotation (3, 3) of a camera without yaw: roll about its axis, right side down, then pitch, up."""
-    c, s = math.cos(math.radians(pitch_deg)), math.sin(math.radians(pitch_deg))
-    a, b = math.cos(math.radians(roll_deg)), math.sin(math.radians(roll_deg))
-    pitch = np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])
-    return np.asarray(pitch @ np.array([[a, b, 0.0], [-b, a, 0.0], [0.0, 0.0, 1.0]]))
 
 
 def _middle_rays(view: View) -> tuple[Array, Array]:

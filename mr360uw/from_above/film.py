@@ -29,7 +29,7 @@ from mr360uw.reading.input_files import FRAMES, files_read
 from mr360uw.scene.model import files_of
 from mr360uw.shapes import checked
 from mr360uw.types import Array, Floats
-from mr360uw.video import VideoFrame, VideoReader, create_video, open_video
+from mr360uw.video import VideoFrame, create_video, open_video
 from mr360uw.video.clip import Clip
 from mr360uw.video.exr import Part, write_exr
 from mr360uw.video.formats import PICTURE_SUFFIXES
@@ -37,13 +37,6 @@ from mr360uw.video.formats import PICTURE_SUFFIXES
 _MATCH_COLUMNS = 96
 """Columns of the picture of the scene's sea that is compared with the plate: medians are the same with twice as many
 within 1 %."""
-
-
-def _open_aerial_plate(scene: AerialScene) -> VideoReader:
-    """Return the plate of a scene that has one; raise `VideoError` where it cannot be read."""
-    assert scene.plate is not None
-    around = scene.camera.projection == "equirectangular"
-    return open_video(scene.plate.path, scene.plate.transfer, equirectangular=around)
 
 
 def plate_gain(loaded: LoadedAerial, plate_linear: Floats) -> Array:
@@ -56,27 +49,25 @@ def plate_gain(loaded: LoadedAerial, plate_linear: Floats) -> Array:
     return np.asarray(plate / np.maximum(ours, 1e-9), np.float64)
 
 
-def _frames_with_bodies(scene: AerialScene, plate: VideoReader, start: int, stop: int) -> Iterator[VideoFrame]:
-    """Yield frames [start, stop) of a plate with the scene's bodies; what they do not touch keeps its codes."""
-    assert scene.plate is not None
-    loaded, size = LoadedAerial.of(scene), (plate.width, plate.height)
-    gain = np.ones(3)
-    if scene.plate.match:
-        gain = plate_gain(loaded, next(iter(plate.frames(0, 1))).image_linear)
-    for frame in plate.frames(start, stop):
-        layer = brightened(loaded.layer(frame.time_s, size), gain)
-        yield frame.over(layer, scene.plate.grain)
-
-
 def _write_onto_plate(
     scene: AerialScene, path: Path, frames: tuple[int, int | None], *, overwrite: bool, progress: Progress | None
 ) -> int:
-    """Write a plate with bodies and return the number of frames; see `aerial_film`."""
-    with _open_aerial_plate(scene) as plate:
+    """Write a plate with bodies and return the number of frames; see `aerial_film`.
+
+    What the bodies do not touch keeps its codes.
+    """
+    assert scene.plate is not None
+    around = scene.camera.projection == "equirectangular"
+    with open_video(scene.plate.path, scene.plate.transfer, equirectangular=around) as plate:
         start, stop = plate.numbered_range(*frames)
         with create_video(path, plate, scene.output, overwrite=overwrite) as writer:
-            for frame in _frames_with_bodies(scene, plate, start, stop):
-                writer.write(frame)
+            # Scale the scene's light to the plate's, then lay the bodies over each frame
+            loaded, gain = LoadedAerial.of(scene), np.ones(3)
+            if scene.plate.match:
+                gain = plate_gain(loaded, next(iter(plate.frames(0, 1))).image_linear)
+            for frame in plate.frames(start, stop):
+                layer = brightened(loaded.layer(frame.time_s, (plate.width, plate.height)), gain)
+                writer.write(frame.over(layer, scene.plate.grain))
                 if progress is not None:
                     progress(frame.index - start + 1, stop - start)
     return stop - start

@@ -1,6 +1,6 @@
-from .expansion import expand
 from .filters import glossy_beam, irradiance, prefilter
 from .lighting import environment
+from .plate import expand
 from .settings import LightSettings
 from .splitsum import split_sum
 from .sun.detect import detect_sun

@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 from mr360uw.color import luminance
 from mr360uw.constants import REFRACTIVE_INDEX_SEA
 from mr360uw.errors import ParameterError
-from mr360uw.ibl.expansion import snell_elevation
+from mr360uw.ibl.plate import snell_elevation
 from mr360uw.ibl.tilt import level_matrix, roll_pitch
 from mr360uw.sphere import directions, row_solid_angle, unit
 
@@ -70,17 +70,18 @@ class _Fit:
         self._value, self._direction, self._solid_angle = value, direction, solid_angle
         self.trust: Array = np.ones_like(value)
 
-    def _terms(self, tilt: Array) -> tuple[Array, Array]:
+    def _equations(self, tilt: Array) -> tuple[Array, Array, Array, Array]:
+        """Return each pixel's weight (n,), the equations' matrix (8, 8) and right side (8,), and the terms (8, n)."""
         x, y, z = (self._direction @ level_matrix(tilt[0], tilt[1]).T).T
         edge = np.tanh((np.arcsin(np.clip(y, -1.0, 1.0)) - self._edge_rad) / _WIDTH_RAD)
         above = np.clip((y - _LOWEST_SINE) / 0.1 + 0.5, 0.0, 1.0)
-        return np.stack([np.ones_like(y), y, y * y, x, z, x * y, z * y, edge]), self._solid_angle * above
+        terms, weight = np.stack([np.ones_like(y), y, y * y, x, z, x * y, z * y, edge]), self._solid_angle * above
+        weighted = terms * (weight * self.trust)
+        return weight, weighted @ terms.T + 1e-9 * np.eye(len(terms)), weighted @ self._value, terms
 
     def solve(self, tilt: Array) -> tuple[float, float]:
         """Return (share of variance not explained by the step, the step's half height in log brightness)."""
-        terms, weight = self._terms(tilt)
-        weighted = terms * (weight * self.trust)
-        a, b = weighted @ terms.T + 1e-9 * np.eye(len(terms)), weighted @ self._value
+        weight, a, b, _ = self._equations(tilt)
         whole = np.linalg.solve(a, b)
         smooth = np.linalg.solve(a[:-1, :-1], b[:-1])
         total = float((weight * self.trust) @ self._value**2)
@@ -96,9 +97,8 @@ class _Fit:
 
     def doubt_outliers(self, tilt: Array) -> None:
         """Set the weight of each pixel to 1/(1 + (distance from the fit/limit)^2)."""
-        terms, weight = self._terms(tilt)
-        weighted = terms * (weight * self.trust)
-        fit = np.linalg.solve(weighted @ terms.T + 1e-9 * np.eye(len(terms)), weighted @ self._value) @ terms
+        weight, a, b, terms = self._equations(tilt)
+        fit = np.linalg.solve(a, b) @ terms
         distance = np.abs(self._value - fit)
         spread = 1.4826 * float(np.median(distance[weight > 0.5 * self._solid_angle])) + 1e-6
         self.trust = 1.0 / (1.0 + np.square(distance / (_OUTLIER * spread)))

@@ -11,11 +11,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from mr360uw.constants import ENVIRONMENT_COLUMNS, ENVIRONMENT_ROWS, REFRACTIVE_INDEX_SEA
 from mr360uw.errors import ParameterError
-from mr360uw.ibl.expansion import checked_plate
 from mr360uw.ibl.filters import cosine_beam, cosine_filter, glossy_levels
-from mr360uw.ibl.lookup import environment_lookup
-from mr360uw.ibl.plate import COARSE_COLUMNS, COARSE_ROWS, COARSE_SCALE, LinearPlate, Plate
-from mr360uw.ibl.reduce import reduce_map
+from mr360uw.ibl.lookup import environment_lookup, reduce_map
+from mr360uw.ibl.plate import COARSE_COLUMNS, COARSE_ROWS, COARSE_SCALE, LinearPlate, Plate, checked_plate
 from mr360uw.ibl.settings import GLOSSY_ROUGHNESS, LightSettings, Operator
 from mr360uw.ibl.sun.closure import UNKNOWN_RATIO, close
 from mr360uw.ibl.sun.detect import (
@@ -225,21 +223,15 @@ def turned(light: Environment, world_from_camera: Floats) -> Environment:
     if np.array_equal(world_from_camera, np.eye(3)):
         return light
     seen = directions(ENVIRONMENT_COLUMNS, ENVIRONMENT_ROWS) @ world_from_camera
-    detail = light.detail
-    if detail is not None:
-        detail = environment_lookup(detail, directions(COARSE_COLUMNS, COARSE_ROWS) @ world_from_camera)
-    radiance, residual, ambient = (
-        environment_lookup(map_, seen).astype(np.float32) for map_ in (light.radiance, light.residual, light.ambient)
-    )
-    glossy = np.array([environment_lookup(level, seen) for level in light.glossy], np.float32)
+    maps: dict[str, Any] = {
+        name: environment_lookup(getattr(light, name), seen).astype(np.float32)
+        for name in ("radiance", "residual", "ambient")
+    }
+    if len(light.glossy):
+        maps["glossy"] = np.array([environment_lookup(level, seen) for level in light.glossy], np.float32)
+    if light.detail is not None:
+        finer = directions(COARSE_COLUMNS, COARSE_ROWS) @ world_from_camera
+        maps["detail"] = environment_lookup(light.detail, finer).astype(np.float32)
     sun = None if light.sun is None else replace(light.sun, direction=world_from_camera @ light.sun.direction)
-    return replace(
-        light,
-        radiance=radiance,
-        irradiance=ambient if sun is None else ambient + cosine_beam(sun.direction, sun.irradiance),
-        sun=sun,
-        residual=residual,
-        ambient=ambient,
-        glossy=glossy if len(glossy) else light.glossy,
-        detail=None if detail is None else detail.astype(np.float32),
-    )
+    lit = maps["ambient"] if sun is None else maps["ambient"] + cosine_beam(sun.direction, sun.irradiance)
+    return replace(light, irradiance=lit, sun=sun, **maps)

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from mr360uw.color import encode
 from mr360uw.ibl.horizon import HorizonEstimate, clip_horizon
 from mr360uw.ibl.lookup import environment_lookup
-from mr360uw.ibl.sun.track import SunTrack
+from mr360uw.ibl.sun.track import SunTrack, angles_deg
 from mr360uw.ibl.tilt import roll_pitch
 from mr360uw.sphere import frame_from_direction
 from mr360uw.types import Environment, Floats, Sun
@@ -219,18 +219,12 @@ def _summary(track: SunTrack) -> str:
 def _plots(track: SunTrack) -> list[str]:
     cuts = [float(track.times_s[k]) for k in track.cuts]
 
-    def azimuth(d: Floats) -> Floats:
-        return np.degrees(np.arctan2(d[:, 0], -d[:, 2]))
-
-    def elevation(d: Floats) -> Floats:
-        return np.degrees(np.arctan2(d[:, 1], np.hypot(d[:, 0], d[:, 2])))
-
     def strength(light: Floats) -> Floats:
         return np.log10(np.maximum(light.mean(axis=1), 1e-6))
 
+    angles = zip(angles_deg(track.raw_direction), angles_deg(track.direction), strict=True)
     pairs = [
-        ("azimuth of the sun [deg]", azimuth(track.raw_direction), azimuth(track.direction)),
-        ("elevation of the sun [deg]", elevation(track.raw_direction), elevation(track.direction)),
+        *((f"{name} of the sun [deg]", *both) for name, both in zip(("azimuth", "elevation"), angles, strict=True)),
         ("irradiance of the sun, log10", strength(track.raw_irradiance), strength(track.irradiance)),
         ("confidence", track.raw_confidence, track.confidence),
     ]

@@ -20,10 +20,9 @@ from numpy.typing import ArrayLike, NDArray
 from mr360uw.color import code_range, decode
 from mr360uw.constants import REFRACTIVE_INDEX_SEA
 from mr360uw.errors import ParameterError
-from mr360uw.ibl.expansion import UNEXPANDED
 from mr360uw.ibl.lighting import SunChoice, light_of
-from mr360uw.ibl.plate import COARSE_COLUMNS, COARSE_ROWS, LinearPlate, Plate
-from mr360uw.ibl.reduce import reduce_map, reduce_maximum
+from mr360uw.ibl.lookup import reduce_map, reduce_maximum
+from mr360uw.ibl.plate import COARSE_COLUMNS, COARSE_ROWS, UNEXPANDED, LinearPlate, Plate
 from mr360uw.ibl.settings import LightSettings
 from mr360uw.ibl.tilt import LEVEL, upward
 from mr360uw.jit import fast, inlined

@@ -129,9 +129,7 @@ class FloorGrid:
         between pixels w^2/6, and a pixel of the grid p^2/12: together those of a square of the width sqrt(3 w^2 + p^2).
         pixel_rad: angle of a pixel of the plate.
         """
-        x, z = self.places()
-        down = position[1] - self.floor_y
-        distance = np.sqrt((x - position[0]) ** 2 + (z - position[2]) ** 2 + down**2)
+        distance, down = self._distance_m(position)
         return np.sqrt(3.0 * (distance * pixel_rad) ** 2 * distance / down + self.pixel_m**2)
 
     def light(self, seen: Floats, position: Array, table: MediumTable) -> NDArray[np.float32]:
@@ -139,10 +137,14 @@ class FloorGrid:
 
         seen: (n, n, 3) of the plate. table: of the water, its veil matched to the plate.
         """
+        distance, down = self._distance_m(position)
+        return np.asarray(seen - veil_lookup(table, distance, -down / distance), np.float32)
+
+    def _distance_m(self, position: Array) -> tuple[Array, float]:
+        """Return the distances (n, n) [m] of the pixels from a camera at a position (3,), and its height over them."""
         x, z = self.places()
         down = position[1] - self.floor_y
-        distance = np.sqrt((x - position[0]) ** 2 + (z - position[2]) ** 2 + down**2)
-        return np.asarray(seen - veil_lookup(table, distance, -down / distance), np.float32)
+        return np.sqrt((x - position[0]) ** 2 + (z - position[2]) ** 2 + down**2), down
 
 
 _DEFAULT_S = 2.0

@@ -193,9 +193,10 @@ class GainSeries(Generic[Frame]):
         self._last: MeasuredGain | None = None
         self._waiting: list[Frame] = []
         self._gains: list[Floats] = []
-        self._changes: list[tuple[float, float]] = []
         self.residuals: list[float] = []
         """Residual of each frame, after `steady`."""
+        self._changes: list[tuple[float, float]] = []
+        """Changes of exposure and picture from the frame before."""
 
     def add(self, frame: Frame, index: int) -> None:
         """Add the next frame, of an index in the clip; that alone says which frames are measured, after the first."""

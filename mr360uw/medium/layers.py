@@ -33,6 +33,7 @@ from mr360uw.medium.ray_field import (
     SkyShape,
     SurfaceKind,
     at_surface,
+    bounded,
     cosine_kernel,
     floor_at,
     index_below,
@@ -40,7 +41,7 @@ from mr360uw.medium.ray_field import (
     nodes,
     sky_parts,
 )
-from mr360uw.medium.spectra import read_table
+from mr360uw.medium.spectra import read_columns
 from mr360uw.medium.transfer import STREAMS_PER_HEMISPHERE
 from mr360uw.optics import critical_cosine, fresnel_from_below
 from mr360uw.shapes import checked, exactly, numbers
@@ -224,13 +225,8 @@ class LayeredField:
         >>> uw.medium.LayeredField.from_csv("profile.csv", layers=2).absorption.ravel().round(4).tolist()
         [0.0875, 0.1625, 0.2]
         """
-        columns = {name.lower(): values for name, values in read_table(path).items()}
         wanted = ("depth_m", "wavelength_nm", "absorption", "scattering")
-        missing = [name for name in wanted if name not in columns]
-        if missing:
-            raise ParameterError(
-                f"{path} - column {missing[0]} is missing (got {', '.join(columns)}) - name them {', '.join(wanted)}"
-            )
+        columns = read_columns(path, wanted)
         order = np.lexsort((columns["wavelength_nm"], columns["depth_m"]))
         depth, wavelength, a, b = (columns[name][order] for name in wanted)
         depths, count = np.unique(depth), len(np.unique(wavelength))
@@ -493,8 +489,7 @@ class LayeredField:
 
     def _solve(self, sky: Sky) -> None:
         """Find the amounts of all layers' modes and keep them: `_modes`, a layer each, the beam's mode last."""
-        mu, w, streams, layers = self._mu, self._weight, len(self._mu), len(self.top_m)
-        chi, index = self._chi, self._index
+        mu, w, chi, index = self._mu, self._weight, self._chi, self._index
         # Share the light that enters between the sun's beam and the sky
         self._sun_mu, sun_share = sky_parts(sky)
         self._shape = sky if isinstance(sky, SkyShape) else SkyShape()
@@ -510,44 +505,14 @@ class LayeredField:
             water = Ordinates(mu, w, self._faded[layer], moments)
             waters.append(water)
             fading = water.free()
-            down = Modes(fading.rate, np.full(streams, top), fading.down, fading.up)
+            down = Modes(fading.rate, np.full(len(mu), top), fading.down, fading.up)
             free.append(down if np.isinf(end) else down.beside(fading.mirrored(end)))
             driven = water.driven(self._sun_mu, self._beam * self._beam_left(np.array(top)))
             sun.append(Modes(driven.rate, np.full(1, top), driven.down, driven.up))
-        # State what the surface and the floor ask of the light at them
-        reflectance = fresnel_from_below(mu, index)[:, None]
-
-        def at_surface(modes: Modes) -> Array:
-            down, up = modes.at(0.0)
-            return np.asarray(down - reflectance * up)
-
-        def at_floor(modes: Modes) -> Array:
-            down, up = modes.at(self._floor_m)
-            sent = 2.0 * self._albedo[:, None] * w * mu
-            return np.asarray(up - np.einsum("ni,nij->nj", sent, down)[:, None])
-
-        # Set up one linear system: the surface, continuity between layers, the floor
-        size = [modes.rate.shape[1] for modes in free]
-        start = np.concatenate([[0], np.cumsum(size)])
-        system = np.zeros((len(self._beam), start[-1], start[-1]))
-        known = np.zeros((len(self._beam), start[-1]))
-        system[:, :streams, : size[0]], known[:, :streams] = at_surface(free[0]), entering - at_surface(sun[0])[..., 0]
-        row = streams
-        for above in range(layers - 1):
-            depth, rows = bottom[above], slice(row, row + 2 * streams)
-            for layer, sign in ((above, 1.0), (above + 1, -1.0)):
-                columns = slice(start[layer], start[layer + 1])
-                system[:, rows, columns] = sign * np.concatenate(free[layer].at(depth), axis=1)
-                known[:, rows] -= sign * np.concatenate(sun[layer].at(depth), axis=1)[..., 0]
-            row += 2 * streams
-        if np.isfinite(self._floor_m):
-            beam = self._beam * self._sun_mu * self._beam_left(np.array(self._floor_m))
-            system[:, row:, start[-2] :] = at_floor(free[-1])
-            known[:, row:] = (self._albedo / PI * beam)[:, None] - at_floor(sun[-1])[..., 0]
-        # Solve for the amounts, then scale all to a unit of irradiance just below the surface
-        amount = np.linalg.solve(system, known[..., None])[..., 0]
-        parts = [amount[:, a:b] for a, b in pairwise(start)]
-        modes = [m.times(part).beside(beam) for m, part, beam in zip(free, parts, sun, strict=True)]
+        # Find their amounts, then scale all to a unit of irradiance just below the surface
+        lit = self._albedo / PI * (self._beam * self._sun_mu * self._beam_left(np.array(self._floor_m)))
+        sent = 2.0 * self._albedo[:, None] * w * mu
+        modes = bounded(free, sun, bottom.tolist(), fresnel_from_below(mu, index), entering, sent, lit)
         incident = 2.0 * PI * np.einsum("i,nij->n", w * mu, modes[0].at(0.0)[0]) + sun_share
         self._beam, self._sky = self._beam / incident, of_sky / incident
         self._modes = [m.times(np.broadcast_to(1.0 / incident[:, None], m.rate.shape)) for m in modes]

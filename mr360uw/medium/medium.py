@@ -11,7 +11,7 @@ import copy
 import functools
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -380,9 +380,7 @@ class Medium:
         factor = np.broadcast_to(exactly("gain", gain, (), (3,)).astype(np.float64), (3,))
         if not np.all(np.isfinite(factor) & (factor >= 0.0)):
             raise ParameterError(f"gain - must be three numbers >= 0 (got {factor.tolist()}) - correct it")
-        other = self._copy()
-        other.gain = self.gain * factor
-        return other
+        return self._changed(gain=self.gain * factor)
 
     def in_shade(self, shade: float) -> Medium:
         """Return the same medium with less veil before what is near, as under rock or in crushed blacks.
@@ -391,37 +389,28 @@ class Medium:
         The veil of a way s is 1 - shade exp(-4.8 s/V) of what it was, V the visibility: far away, where the contrast
         of bodies is lost, it is that of open water. Raises `ParameterError`.
         """
-        other = self._copy()
-        other.shade = number("shade", shade)
-        if not 0.0 <= other.shade <= 1.0:
+        if not 0.0 <= number("shade", shade) <= 1.0:
             raise ParameterError(f"shade - must be from 0 to 1 (got {shade!r}) - correct it")
-        return other
+        return self._changed(shade=float(shade))
 
     def for_drafts(self) -> Medium:
         """Return the same medium, whose light about the sun is computed roughly, see `around_sun`."""
-        other = self._copy()
-        other.rough = True
-        return other
+        return self._changed(rough=True)
 
     def _lit(self, way_m: Array) -> Array:
         return 1.0 - self.shade * np.exp(-CONTRAST_LENGTHS / visibility_m(self.water) * way_m)[..., None]
 
     def lit_by_floor(self, radiance: ArrayLike) -> Medium:
         """Return the same medium over a floor of a radiance (3,); level light stays what it is."""
-        other = self._copy()
-        other.floor_radiance = np.broadcast_to(exactly("radiance", radiance, (), (3,)).astype(np.float64), (3,))
-        return other
+        light = exactly("radiance", radiance, (), (3,)).astype(np.float64)
+        return self._changed(floor_radiance=np.broadcast_to(light, (3,)))
 
     def under(self, sky: Sky) -> Medium:
         """Return the same water under another sky, without gain."""
         if sky == self.sky or self.mode in CLOSED_FORMS or self.mode in _FORMATIONS:
             return self
-        other = self._copy()
-        for of_this_sky in ("model", "light", "unit_table", "glow_level", "floor_lobes"):
-            other.__dict__.pop(of_this_sky, None)
-        other._radiances = {}
-        other.sky, other.gain, other.floor_radiance = sky, np.ones(3), np.zeros(3)
-        return other
+        of_this_sky = "model", "light", "unit_table", "glow_level", "floor_lobes"
+        return self._changed(*of_this_sky, sky=sky, gain=np.ones(3), floor_radiance=np.zeros(3), _radiances={})
 
     @checked
     def at_depth(
@@ -432,20 +421,18 @@ class Medium:
         unit_table: a `unit_table` for that depth which is known already. between_m: two depths [m] of the camera that
         its light may be interpolated between, for a camera that rises or sinks.
         """
-        length_m = self.length_m
-        other = self._copy()
-        for of_this_depth in ("unit_table", "glow_level"):
-            other.__dict__.pop(of_this_depth, None)
-        other._radiances = {}
-        other.camera_depth_m, other.between_m = float(camera_depth_m), between_m
-        other.length_m = length_m
-        if unit_table is not None:
-            other.unit_table = unit_table
-        return other
+        known = {} if unit_table is None else {"unit_table": unit_table}
+        return self._changed(
+            "unit_table", "glow_level", camera_depth_m=float(camera_depth_m), between_m=between_m,
+            length_m=self.length_m, _radiances={}, **known,
+        )  # fmt: skip
 
-    def _copy(self) -> Medium:
+    def _changed(self, *solved: str, **values: Any) -> Medium:
+        """Return a copy with other values, without its table and other cached properties that do not hold for it."""
         other = copy.copy(self)
-        other.__dict__.pop("table", None)
+        for name in ("table", *solved):
+            vars(other).pop(name, None)
+        vars(other).update(values)
         return other
 
     # --- for the tables ----------------------------------------------------------------------------------------
@@ -515,12 +502,7 @@ class Medium:
     @functools.cached_property
     def glow_level(self) -> Array:
         """Level light (3,) of a floor of radiance 1 over that of the sky."""
-        return np.asarray(self.floor_level / np.maximum(self.level_radiance(np.zeros(1))[0], _TINY))
-
-    @property
-    def floor_level(self) -> Array:
-        """Light (3,) along the horizon at the camera by a floor of radiance 1."""
-        return self._floor_light(np.zeros(1))[0]
+        return np.asarray(self._floor_light(np.zeros(1))[0] / np.maximum(self.level_radiance(np.zeros(1))[0], _TINY))
 
     @property
     def _most_glow(self) -> Array:
@@ -583,11 +565,10 @@ class MixedMedium:
 
 def _mixed_table(first: MediumTable, second: MediumTable, share: float) -> MediumTable:
     """Return the first of two tables, its values mixed with those of the second, of which `share` is taken."""
-    mixed = {
-        name: (1.0 - share) * getattr(first, name) + share * getattr(second, name)
+    floats = {
+        name: ((1.0 - share) * getattr(first, name) + share * getattr(second, name)).astype(np.float32)
         for name in ("attenuation", "diffuse", "beam", "unscattered")
     }
-    floats = {name: values.astype(np.float32) for name, values in mixed.items()}
     if first.glow is not None and second.glow is not None:
         floats["glow"] = (1.0 - share) * first.glow + share * second.glow
     # light falls off as an exponential of depth and of coefficients: the veil's logarithm is mixed

@@ -309,8 +309,10 @@ def open_water(
     about = area * np.exp(-((up / _LEVEL) ** 2))[:, None]
     red = (small[..., 0] + dim) / (small.sum(axis=-1) + 3.0 * dim)
     bright = luminance(small) / luminance(light)
-    weight = weight * smoothstep(red / _quantile(red, weight * about * bright, _TYPICAL_RANK), _REDDEST, _REDDER)
-    typical = _quantile(bright, weight * about * bright, 0.5)
+    weight = weight * smoothstep(
+        red / weighted_quantile(red, weight * about * bright, _TYPICAL_RANK), _REDDEST, _REDDER
+    )
+    typical = weighted_quantile(bright, weight * about * bright, 0.5)
     weight = weight * smoothstep(np.abs(np.log(bright / typical)), _UNLIKEST, _UNLIKE)
     share = float((weight * area).sum() / area.sum())
     weight = weight * min(share / _LEAST_SEEN, 1.0)
@@ -378,7 +380,7 @@ def _eroded(weight: Array) -> Array:
     return np.asarray(cv2.erode(wide, np.ones((3, 3))))[:, 2:-2]
 
 
-def _quantile(values: Array, weight: Array, rank: float) -> float:
+def weighted_quantile(values: Floats, weight: Floats, rank: float) -> float:
     """Return the weighted quantile of values; that of all where none has a weight."""
     if not np.any(weight > 0.0):
         return float(np.quantile(values, rank))

@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike
 from mr360uw.cache import shared
 from mr360uw.constants import INV_4PI, PI
 from mr360uw.errors import ParameterError
-from mr360uw.medium.spectra import builtin_table, read_table
+from mr360uw.medium.spectra import builtin_table, read_columns
 from mr360uw.shapes import checked, exactly, numbers
 from mr360uw.sphere import gauss_legendre
 from mr360uw.types import Array
@@ -203,13 +203,7 @@ class PhaseTable:
         >>> uw.medium.PhaseTable.from_csv("phase.csv").value
         (10.0, 0.1, 0.1)
         """
-        columns = {name.lower(): values for name, values in read_table(path).items()}
-        missing = [name for name in ("angle_deg", "phase_function") if name not in columns]
-        if missing:
-            raise ParameterError(
-                f"{path} - column {missing[0]} is missing (got {', '.join(columns)}) - "
-                "name them angle_deg, phase_function"
-            )
+        columns = read_columns(path, ("angle_deg", "phase_function"))
         return cls.from_angles(columns["angle_deg"], columns["phase_function"])
 
     def __call__(self, theta: ArrayLike) -> Array:
@@ -234,15 +228,20 @@ def _series(theta: Array, moment: tuple[float, ...]) -> Array:
     return np.asarray(np.polynomial.legendre.legval(np.cos(theta), factor))
 
 
-def _tabulated(theta: Array, table: PhaseTable) -> Array:
-    log_angle, log_p = np.log(table.angle_rad), np.log(table.value)
-    slope = max((log_p[1] - log_p[0]) / (log_angle[1] - log_angle[0]), _STEEPEST_SLOPE)
+def _tabulated(theta: Array, table: PhaseTable | None) -> Array:
+    """Return the values of a table, for None Petzold's, not normalised."""
+    if table is None:
+        printed, slope = builtin_table("petzold_average_particle.csv"), _PETZOLD_SLOPE
+        log_angle, log_p = np.log(np.radians(printed["angle_deg"])), np.log(printed["phase_function"])
+    else:
+        log_angle, log_p = np.log(table.angle_rad), np.log(table.value)
+        slope = max((log_p[1] - log_p[0]) / (log_angle[1] - log_angle[0]), _STEEPEST_SLOPE)
     x = np.log(np.maximum(theta, 1e-12))
     return np.asarray(np.exp(np.interp(x, log_angle, log_p) + slope * np.minimum(x - log_angle[0], 0.0)))
 
 
 @shared(keep=64)
-def _table_norm(table: PhaseTable) -> float:
+def _table_norm(table: PhaseTable | None) -> float:
     theta, weight = _angle_quadrature()
     return float(2.0 * PI * np.sum(weight * _tabulated(theta, table)))
 
@@ -253,7 +252,7 @@ table."""
 
 _DEPOLARISATION = 0.039
 """Depolarisation ratio of sea water's molecules (Zhang et al. 2009)."""
-_PETZOLD_SLOPE = 1.3467
+_PETZOLD_SLOPE = -1.3467
 """Below 0.1 degree, where there are no measurements, the phase function is continued as angle^-1.3467."""
 
 
@@ -312,20 +311,7 @@ _LINE = (3.05, 4.0)
 
 def petzold(theta: ArrayLike) -> Array:
     """Return the average particle phase function [1/sr] at angles [rad], normalised to 1 over the sphere."""
-    return _petzold_shape(np.asarray(theta, np.float64)) / _petzold_norm()
-
-
-def _petzold_shape(theta: Array) -> Array:
-    table = builtin_table("petzold_average_particle.csv")
-    log_angle, log_p = np.log(np.radians(table["angle_deg"])), np.log(table["phase_function"])
-    x = np.log(np.maximum(theta, 1e-12))
-    return np.exp(np.interp(x, log_angle, log_p) - _PETZOLD_SLOPE * np.minimum(x - log_angle[0], 0.0))
-
-
-@functools.cache
-def _petzold_norm() -> float:
-    theta, weight = _angle_quadrature()
-    return float(2.0 * PI * np.sum(weight * _petzold_shape(theta)))
+    return _tabulated(np.asarray(theta, np.float64), None) / _table_norm(None)
 
 
 @functools.cache

@@ -11,8 +11,9 @@ text.
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any, Literal
 
 import numpy as np
@@ -330,6 +331,49 @@ class Modes:
         """Return the radiance at the nodes, down and up, each (n, i, j), at a depth."""
         left = np.exp(-self.rate * (depth_m - self.origin_m))[:, None]
         return self.down * left, self.up * left
+
+
+def bounded(
+    free: Sequence[Modes], driven: Sequence[Modes], bottom_m: Sequence[float], reflectance: Array, entering: Array,
+    sent: Array, lit: Array,
+) -> list[Modes]:  # fmt: skip
+    """Return the modes of each layer in the amounts that its bounds give them, that of the sun last.
+
+    free, driven: modes of each layer without sources, and the one that the sun drives. bottom_m: of each layer [m], of
+    the last one the floor, infinite without. reflectance: (i,) of the surface from below. entering: radiance (i,) or
+    (n, i) that passes it. sent: (n, i) what the floor sends up of the light at each node. lit: (n,) radiance of the
+    floor by what is no mode.
+    """
+
+    def at_surface(modes: Modes) -> Array:
+        down, up = modes.at(0.0)
+        return np.asarray(down - reflectance[:, None] * up)
+
+    def at_floor(modes: Modes) -> Array:
+        down, up = modes.at(bottom_m[-1])
+        return np.asarray(up - np.einsum("ni,nij->nj", sent, down)[:, None])
+
+    # Set up one linear system: the surface, continuity between layers, the floor
+    streams = len(reflectance)
+    start = np.concatenate([[0], np.cumsum([modes.rate.shape[1] for modes in free])])
+    system = np.zeros((len(lit), start[-1], start[-1]))
+    known = np.zeros((len(lit), start[-1]))
+    system[:, :streams, : start[1]], known[:, :streams] = at_surface(free[0]), entering - at_surface(driven[0])[..., 0]
+    row = streams
+    for above, depth in enumerate(bottom_m[:-1]):
+        rows = slice(row, row + 2 * streams)
+        for layer, sign in ((above, 1.0), (above + 1, -1.0)):
+            columns = slice(start[layer], start[layer + 1])
+            system[:, rows, columns] = sign * np.concatenate(free[layer].at(depth), axis=1)
+            known[:, rows] -= sign * np.concatenate(driven[layer].at(depth), axis=1)[..., 0]
+        row += 2 * streams
+    if np.isfinite(bottom_m[-1]):
+        system[:, row:, start[-2] :] = at_floor(free[-1])
+        known[:, row:] = lit[:, None] - at_floor(driven[-1])[..., 0]
+    # Solve for the amounts
+    amount = np.linalg.solve(system, known[..., None])[..., 0]
+    parts = (amount[:, a:b] for a, b in pairwise(start))
+    return [m.times(part).beside(sun) for m, part, sun in zip(free, parts, driven, strict=True)]
 
 
 class Ordinates:

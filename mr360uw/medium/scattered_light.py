@@ -168,21 +168,24 @@ def _lights_at(medium: Medium, sky: Sky) -> Array:
     Where a camera rises or sinks they are interpolated linearly between depths 6 % apart: within 0.06 % of what is
     solved at its own.
     """
-    of_water = medium.water, medium.sensor, medium.illuminant, medium.surface, medium.refractive_index, sky
+    kind = medium.water, medium.sensor, medium.illuminant, medium.surface, medium.refractive_index
     at = medium.floor_m, medium.rough
     if not medium.between_m:
-        return _lights(*of_water, medium.camera_depth_m, *at)
+        return _lights(kind, sky, medium.camera_depth_m, *at)
     above, below = medium.between_m
     share = (medium.camera_depth_m - above) / (below - above)
-    return (1.0 - share) * _lights(*of_water, above, *at) + share * _lights(*of_water, below, *at)
+    return (1.0 - share) * _lights(kind, sky, above, *at) + share * _lights(kind, sky, below, *at)
 
 
 @shared(keep=64)
 def _lights(
-    water: Water, sensor: Sensor, illuminant: str, surface: SurfaceKind, refractive_index: float, sky: Sky,
-    depth_m: float, floor_m: float | None, rough: bool,
-) -> Array:  # fmt: skip
-    """Return `_lights_at` a depth, which takes 30 ms to solve; that of a solved field is kept on the disk."""
+    kind: tuple[Water, Sensor, str, SurfaceKind, float], sky: Sky, depth_m: float, floor_m: float | None, rough: bool
+) -> Array:
+    """Return `_lights_at` a depth, which takes 30 ms to solve; that of a solved field is kept on the disk.
+
+    kind: water, sensor, illuminant, surface and refractive index.
+    """
+    water, sensor, illuminant, surface, refractive_index = kind
     uniform = Medium(
         water, sensor, camera_depth_m=depth_m, illuminant=illuminant, surface=surface,
         refractive_index=refractive_index, floor_m=floor_m,

@@ -5,10 +5,11 @@ from __future__ import annotations
 
 import csv
 import functools
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -103,6 +104,20 @@ def parse_table(lines: Iterable[str], where: str) -> dict[str, Array]:
 def read_table(path: str | Path) -> dict[str, Array]:
     """Return the columns of a user's CSV file; raise `ParameterError` where it cannot be read."""
     return parse_table(read_text(file_path("table", path), ParameterError).splitlines(), str(path))
+
+
+def read_columns(
+    path: str | Path, names: Sequence[str], advice: str = "", renamed: Mapping[str, str] = MappingProxyType({})
+) -> dict[str, Array]:
+    """Return the columns of a user's CSV file by lower-case name; raise `ParameterError` where one of `names` is
+    missing. advice: what to do then. renamed: other names of columns, lower case.
+    """
+    columns = {renamed.get(name.lower(), name.lower()): values for name, values in read_table(path).items()}
+    missing = [name.lower() for name in names if name.lower() not in columns]
+    if missing:
+        advice = advice or f"name them {', '.join(names)}"
+        raise ParameterError(f"{path} - column {missing[0]} is missing (got {', '.join(columns)}) - {advice}")
+    return columns
 
 
 @functools.cache
@@ -377,12 +392,7 @@ class Sensor(Shown):
         >>> uw.medium.Sensor.from_csv("sensor.csv").response(650.0)
         array([1. , 0.1, 0. ])
         """
-        columns = {name.lower(): values for name, values in read_table(path).items()}
-        missing = [name for name in ("wavelength_nm", "r", "g", "b") if name not in columns]
-        if missing:
-            raise ParameterError(
-                f"{path} - column {missing[0]} is missing (got {', '.join(columns)}) - name them wavelength_nm, R, G, B"
-            )
+        columns = read_columns(path, ("wavelength_nm", "R", "G", "B"))
         response = np.column_stack([columns[channel] for channel in "rgb"])
         return cls.from_arrays(columns["wavelength_nm"], response, Path(path).name)
 

@@ -42,6 +42,7 @@ from mr360uw.medium.ray_field import (
     Sky,
     SkyShape,
     SurfaceKind,
+    bounded,
     cosine_kernel,
     floor_at,
     index_below,
@@ -189,46 +190,17 @@ class LightField:
         """
         mu, w = self._mu, self._weight
         scattering = (2 * np.arange(self._chi.shape[1]) + 1) * self._chi * (self._faded - self.absorption)[:, None]
-        level = float(order == 0)  # a floor lights all azimuths alike
+        # A floor lights all azimuths alike
+        level = float(order == 0)
+        albedo, shining = level * self._albedo, level * self._shining
         with one_blas_thread():
             water = Ordinates(mu, w, self._faded, scattering, order)
-            modes = self._bounded(
-                water.free(), water.driven(self._sun_mu, beam), np.broadcast_to(from_above, (len(beam), len(mu))),
-                level * self._albedo, level * self._shining, beam * self._sun_mu,
-            )  # fmt: skip
+            free, of_sun = water.free(), water.driven(self._sun_mu, beam)
+            both = free if np.isinf(self._floor_m) else free.beside(free.mirrored(self._floor_m))
+            lit = shining + albedo / PI * (beam * self._sun_mu) * np.exp(-of_sun.rate[:, 0] * self._floor_m)
+            reflectance, sent = fresnel_from_below(mu, self.refractive_index), 2.0 * albedo[:, None] * w * mu
+            (modes,) = bounded([both], [of_sun], [self._floor_m], reflectance, from_above, sent, lit)
         return _Component(modes, water.moments(modes))
-
-    def _bounded(
-        self, free: Modes, of_sun: Modes, from_above: Array, albedo: Array, shining: float, level_beam: Array
-    ) -> Modes:
-        """Return the modes in the amounts that surface and floor give them, that of the sun last.
-
-        from_above: (n, i) radiance that enters. albedo: (n,), shining: radiance of the floor. level_beam: (n,)
-        irradiance of a level plane below the surface by the sun.
-        """
-        reflectance = fresnel_from_below(self._mu, self.refractive_index)
-
-        def at_surface(modes: Modes) -> Array:
-            down, up = modes.at(0.0)
-            return np.asarray(down - reflectance[:, None] * up, np.float64)
-
-        driven = from_above - at_surface(of_sun)[..., 0]
-        if np.isinf(self._floor_m):
-            amount = np.asarray(np.linalg.solve(at_surface(free), driven[..., None])[..., 0], np.float64)
-            return free.times(amount).beside(of_sun)
-        # a floor sends the same up in all directions
-        sent = 2.0 * albedo[:, None] * self._weight * self._mu
-
-        def at_floor(modes: Modes) -> Array:
-            down, up = modes.at(self._floor_m)
-            return np.asarray(up - np.einsum("ni,nij->nj", sent, down)[:, None], np.float64)
-
-        both = free.beside(free.mirrored(self._floor_m))
-        lit = shining + albedo / PI * level_beam * np.exp(-of_sun.rate[:, 0] * self._floor_m)
-        ends = np.concatenate([at_surface(both), at_floor(both)], axis=1)
-        driven = np.concatenate([driven, lit[:, None] - at_floor(of_sun)[..., 0]], axis=1)
-        amount = np.linalg.solve(ends, driven[..., None])[..., 0]
-        return both.times(amount).beside(of_sun)
 
     @functools.cached_property
     def _around(self) -> dict[int, _Component]:

@@ -23,7 +23,7 @@ from mr360uw.cache import shared
 from mr360uw.constants import MEAN_COSINE_SEA
 from mr360uw.errors import ParameterError
 from mr360uw.medium.phase import Mixture, Phase, backscatter_ratio, check_phase, particles_of_backscatter
-from mr360uw.medium.spectra import Spectrum, builtin_spectrum, builtin_table, read_table
+from mr360uw.medium.spectra import Spectrum, builtin_spectrum, builtin_table, read_columns
 from mr360uw.plot import Figure, Shown
 from mr360uw.shapes import checked, exactly, number, numbers
 from mr360uw.types import Array
@@ -629,13 +629,8 @@ class Water(Shown):
         >>> uw.medium.Water.from_csv("water.csv").absorption(650.0)
         np.float64(0.3)
         """
-        columns = {_COLUMN.get(name.lower(), name.lower()): value for name, value in read_table(path).items()}
-        missing = [name for name in ("wavelength_nm", "absorption", "scattering") if name not in columns]
-        if missing:
-            raise ParameterError(
-                f"{path} - column {missing[0]} is missing (got {', '.join(columns)}) - "
-                "name the columns wavelength_nm, absorption, scattering, kd"
-            )
+        advice = "name the columns wavelength_nm, absorption, scattering, kd"
+        columns = read_columns(path, ("wavelength_nm", "absorption", "scattering"), advice, _COLUMN)
         water = cls.from_arrays(
             columns["wavelength_nm"], columns["absorption"], columns["scattering"], columns.get("kd"), phase,
             Path(path).name,

@@ -31,11 +31,10 @@ from mr360uw.caustics import refract_to_water
 from mr360uw.color import luminance
 from mr360uw.constants import MINIMUM_SUN_UP
 from mr360uw.ibl import LightSettings, environment, environment_from_yuv
-from mr360uw.ibl.expansion import checked_plate
 from mr360uw.ibl.filters import cosine_filter, glossy_levels
 from mr360uw.ibl.lighting import sunlit
 from mr360uw.ibl.lookup import environment_lookup
-from mr360uw.ibl.plate import LinearPlate, Plate
+from mr360uw.ibl.plate import LinearPlate, Plate, checked_plate
 from mr360uw.ibl.sun.closure import CLEAR_SKY, CLEAR_SKY_DIRECT, beam_below, direct_share
 from mr360uw.ibl.sun.detect import DISPLAY_WHITE, SunFound, sun_found
 from mr360uw.ibl.yuv import plate_of_yuv

@@ -10,8 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from mr360uw.cache import shared
 from mr360uw.constants import ENVIRONMENT_COLUMNS, ENVIRONMENT_ROWS
+from mr360uw.ibl.lookup import reduce_map
 from mr360uw.ibl.plate import COARSE_COLUMNS, COARSE_ROWS, coarse_directions, remap
-from mr360uw.ibl.reduce import reduce_map
 from mr360uw.ibl.tilt import is_level, level_matrix, roll_pitch, upward
 from mr360uw.medium.open_water import BAND_RAD, SECTORS, LevelView
 from mr360uw.sphere import direction_from_frame, directions, frame_from_direction

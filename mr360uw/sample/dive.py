@@ -20,8 +20,7 @@ from mr360uw.output_gate import check_folder, check_outputs, made_folder
 from mr360uw.progress import Progress
 from mr360uw.reading.input_files import FRAMES, PICTURE
 from mr360uw.sample.dive_settings import DiveSettings
-from mr360uw.sample.rendered_dive import SENSOR, Dive
-from mr360uw.sample.sea_bed import BED_TILE_M
+from mr360uw.sample.rendered_dive import BED_TILE_M, SENSOR, Dive
 from mr360uw.sample.whale import write_whale
 from mr360uw.shapes import checked, file_path, instance
 from mr360uw.surface.sea_picture import SurfacePicture

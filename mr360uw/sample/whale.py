@@ -12,8 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.files import write_whole
-from mr360uw.sample.whale_shape import Chart, Detail, WhaleSkin, humpback, neighbour_means, ramp, triangles
+from mr360uw.sample.whale_shape import Chart, Detail, WhaleSkin, humpback, neighbour_means, triangles
 from mr360uw.sample.whale_skin import map_coordinates, painted
+from mr360uw.texels import smoothstep
 from mr360uw.types import Floats
 
 _TEXTURE = {"high": 2048, "low": 256}
@@ -161,10 +162,10 @@ def _add_skeleton(file: _Glb, tree: dict[str, Any], length_m: float) -> None:
     tree["nodes"][0]["skin"] = 0
     tree["scenes"][0]["nodes"].append(1)
     # Keys of all joints that turn, and of the chest's place
-    cycle = stroke()
-    times = file.accessor(cycle.time_s.astype(np.float32))
-    moved = [(k, "rotation", cycle.turns[:, k]) for k in range(len(JOINTS))]
-    moved.append((0, "translation", length_m * cycle.chest))
+    time_s, turns, chest = stroke()
+    times = file.accessor(time_s.astype(np.float32))
+    moved = [(k, "rotation", turns[:, k]) for k in range(len(JOINTS))]
+    moved.append((0, "translation", length_m * chest))
     tree["animations"] = [{
         "name": "swim",
         "samplers": [
@@ -287,7 +288,8 @@ def influences(skin: WhaleSkin) -> Floats:
     weights = np.zeros((len(skin.positions), len(JOINTS)))
     # Along the body each segment takes over from the one before it, smoothly about the joint between them
     s = 0.5 - skin.positions[:, 2]
-    starts = [ramp(at - reach, at + reach, s) for at, reach in zip((_HEAD, *_SPINE), (0.08, *_reaches()), strict=True)]
+    reaches = (0.08, *(0.5 * np.diff((_CHEST, *_SPINE))))
+    starts = [smoothstep(s, at - reach, at + reach) for at, reach in zip((_HEAD, *_SPINE), reaches, strict=True)]
     chain = [_NUMBER["head"], _NUMBER["chest"], *range(2, 2 + len(_SPINE))]
     for number, begun, ended in zip(chain, [np.ones_like(s), *starts], [*starts, np.zeros_like(s)], strict=True):
         weights[:, number] = begun - ended
@@ -295,7 +297,7 @@ def influences(skin: WhaleSkin) -> Floats:
     for chart in skin.charts[1:]:
         place = np.broadcast_to(chart.place, chart.vertex.shape)[:, 1:]
         for joint, first, last in _FIN_JOINTS.get(chart.name, ()):
-            taken, vertex = ramp(first, last, place)[..., None], chart.vertex[:, 1:]
+            taken, vertex = smoothstep(place, first, last)[..., None], chart.vertex[:, 1:]
             weights[vertex] *= 1.0 - taken
             weights[vertex, _NUMBER[joint]] += taken[..., 0] * (weights[vertex, _NUMBER[joint]] == 0.0)
     # Let the weights run out into the body about the roots of fins
@@ -304,11 +306,6 @@ def influences(skin: WhaleSkin) -> Floats:
         weights = 0.5 * (weights + means @ weights)
     weights[weights < np.sort(weights, axis=1)[:, -4:-3]] = 0.0
     return np.asarray(weights / weights.sum(axis=1, keepdims=True))
-
-
-def _reaches() -> Floats:
-    """Return half the lengths over which segments of the spine take over from another."""
-    return 0.5 * np.diff((_CHEST, *_SPINE))
 
 
 _FIN_JOINTS = {
@@ -322,17 +319,6 @@ _FIN_JOINTS = {
 """Joints of fins, and the fractions of a fin's length between which each takes over."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Stroke:
-    """Keys (k,) [s] of a cycle, the last one as the first. turns: (k, J, 4) quaternions x, y, z, w of the joints;
-    chest: (k, 3) where the chest is, in body lengths.
-    """
-
-    time_s: Floats
-    turns: Floats
-    chest: Floats
-
-
 def wave(s: Floats, phase: Floats) -> tuple[Floats, Floats]:
     """Return the height of the midline and its slope dh/ds at s, which broadcasts with the phase 2 pi t / T."""
     behind = np.maximum(s - _CHEST, 0.0)
@@ -343,8 +329,10 @@ def wave(s: Floats, phase: Floats) -> tuple[Floats, Floats]:
     return amplitude * np.cos(angle), growth * np.cos(angle) + number * amplitude * np.sin(angle)
 
 
-def stroke() -> Stroke:
-    """Return a cycle of swimming."""
+def stroke() -> tuple[Floats, Floats, Floats]:
+    """Return a cycle of swimming: times (k,) [s] of its keys, the last one as the first, quaternions (k, J, 4), x, y,
+    z, w, of the joints, and places (k, 3) of the chest, in body lengths.
+    """
     from scipy.spatial.transform import Rotation
 
     phase = 2.0 * np.pi * np.arange(_KEYS + 1) / _KEYS
@@ -367,4 +355,4 @@ def stroke() -> Stroke:
     turns = Rotation.from_euler("xyz", angles.reshape(-1, 3)).as_quat().reshape(*angles.shape[:2], 4)
     chest = np.tile(JOINTS[0].place, (_KEYS + 1, 1))
     chest[:, 1] += wave(np.array(_CHEST), phase)[0]
-    return Stroke(PERIOD_S * np.arange(_KEYS + 1) / _KEYS, turns, chest)
+    return PERIOD_S * np.arange(_KEYS + 1) / _KEYS, turns, chest

@@ -11,12 +11,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cache, cached_property, partial
+from importlib import resources
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from mr360uw.medium.spectra import parse_table
+from mr360uw.texels import smoothstep
 from mr360uw.types import Floats
 
 if TYPE_CHECKING:
@@ -122,27 +125,6 @@ def humpback(detail: Detail) -> WhaleSkin:
 
 # ------------------------------------------------------------------------------------------------------------- the body
 
-_PROFILE = np.array([
-    # s     top    bottom  width   widest power   of the section: highest and lowest y, half width, y of the widest, and
-    (0.000, 0.004, -0.004, 0.000, -0.001, 0.90),  # exponent of its cosine: below 1 boxy, above 1 keeled
-    (0.010, 0.013, -0.019, 0.026, -0.003, 0.90),
-    (0.030, 0.022, -0.034, 0.043, -0.006, 0.88),
-    (0.070, 0.033, -0.054, 0.060, -0.013, 0.86),
-    (0.120, 0.045, -0.073, 0.073, -0.020, 0.86),
-    (0.180, 0.060, -0.089, 0.084, -0.023, 0.88),
-    (0.240, 0.074, -0.099, 0.092, -0.020, 0.92),
-    (0.300, 0.084, -0.104, 0.099, -0.014, 0.97),
-    (0.380, 0.092, -0.104, 0.105, -0.006, 1.00),
-    (0.460, 0.094, -0.097, 0.101, 0.001, 1.00),
-    (0.550, 0.089, -0.081, 0.085, 0.008, 1.03),
-    (0.630, 0.079, -0.060, 0.065, 0.012, 1.08),
-    (0.700, 0.064, -0.043, 0.048, 0.013, 1.15),
-    (0.780, 0.049, -0.026, 0.032, 0.013, 1.25),
-    (0.850, 0.039, -0.014, 0.0215, 0.012, 1.30),
-    (0.910, 0.029, -0.006, 0.0160, 0.011, 1.20),
-    (0.960, 0.019, 0.001, 0.0130, 0.010, 1.05),
-    (1.000, 0.012, 0.008, 0.0110, 0.010, 1.00),
-])  # fmt: skip
 _END = 0.965
 """Where the rounding of the tail's end begins."""
 _LIP = np.array([(0.0, 0.000), (0.03, 0.003), (0.08, 0.006), (0.14, 0.007), (0.175, 0.002), (0.205, -0.014),
@@ -152,12 +134,19 @@ EYE = (0.222, -0.0095)
 """(s, y) of the eye's middle."""
 
 
-def profile(s: ArrayLike, column: int) -> Floats:
-    """Return a column of the body's profile at s: 1 top, 2 bottom, 3 half width, 4 height of the widest, 5 exponent."""
+def profile(s: ArrayLike, column: str) -> Floats:
+    """Return a column of `whale_profile.csv` at s: "top", "bottom", "width", "widest" or "power"."""
     from scipy.interpolate import PchipInterpolator
 
     # in the square root of s, in which the snout is round
-    return np.asarray(PchipInterpolator(np.sqrt(_PROFILE[:, 0]), _PROFILE[:, column])(np.sqrt(s)))
+    table = _profile_table()
+    return np.asarray(PchipInterpolator(np.sqrt(table["s"]), table[column])(np.sqrt(s)))
+
+
+@cache
+def _profile_table() -> dict[str, NDArray[np.float64]]:
+    name = "whale_profile.csv"
+    return parse_table((resources.files("mr360uw.sample") / name).read_text(encoding="utf-8").splitlines(), name)
 
 
 def above_lips(s: ArrayLike, y: ArrayLike) -> Floats:
@@ -168,31 +157,25 @@ def above_lips(s: ArrayLike, y: ArrayLike) -> Floats:
     return np.asarray((np.asarray(y) - line(s)) / np.hypot(1.0, line.derivative()(s)))
 
 
-def ramp(low: float, high: float, x: ArrayLike) -> Floats:
-    """Return a smooth step of x from 0 at `low` to 1 at `high`, which may be the smaller one."""
-    t = np.clip((np.asarray(x) - low) / (high - low), 0.0, 1.0)
-    return np.asarray(t * t * (3.0 - 2.0 * t))
-
-
 def _bump(x: ArrayLike, middle: float, width: float) -> Floats:
     return np.asarray(np.exp(-(((np.asarray(x) - middle) / width) ** 2)))
 
 
 def body_surface(s: Floats, angle: Floats) -> Floats:
     """Return points (..., 3) of the body at s and angle around it: 0 the left, pi/2 the back, -pi/2 the belly."""
-    top, bottom, width, widest, power = (profile(s, column) for column in range(1, 6))
+    top, bottom, width, widest, power = (profile(s, c) for c in ("top", "bottom", "width", "widest", "power"))
     cosine, sine = np.cos(angle), np.sin(angle)
     # Close the tail with a quarter of an ellipse
     end = np.sqrt(np.maximum(1.0 - (np.maximum(s - _END, 0.0) / (1.0 - _END)) ** 2, 0.0))
     y = widest + end * np.where(sine > 0.0, (top - widest) * sine, (widest - bottom) * sine)
     x = end * width * np.sign(cosine) * np.abs(cosine) ** power
     # Set the upper jaw back from the lower one, whose lip bulges out
-    jaw = ramp(0.235, 0.16, s) * ramp(0.0, 0.012, s)
+    jaw = smoothstep(s, 0.235, 0.16) * smoothstep(s, 0.0, 0.012)
     over = above_lips(s, y)
-    x = x * (1.0 - 0.12 * jaw * ramp(-0.003, 0.005, over) + 0.035 * jaw * _bump(over, -0.012, 0.010))
+    x = x * (1.0 - 0.12 * jaw * smoothstep(over, -0.003, 0.005) + 0.035 * jaw * _bump(over, -0.012, 0.010))
     # Raise the ridge of the rostrum, the guard before the blowholes, the hump before the dorsal fin, the tail's keel
     upper = np.maximum(sine, 0.0)
-    y = y + upper * 0.0045 * _bump(x, 0.0, 0.010) * ramp(0.02, 0.06, s) * ramp(0.19, 0.15, s)
+    y = y + upper * 0.0045 * _bump(x, 0.0, 0.010) * smoothstep(s, 0.02, 0.06) * smoothstep(s, 0.19, 0.15)
     y = y + upper * 0.0110 * _bump(s, 0.188, 0.016) * _bump(x, 0.0, 0.018)
     y = y - upper * 0.0040 * _bump(s, 0.225, 0.018) * _bump(x, 0.0, 0.030)
     y = y + upper * 0.0090 * _bump(s, 0.605, 0.050) * _bump(x, 0.0, 0.025)
@@ -252,14 +235,14 @@ def _pectoral(side: float, t: Floats) -> Blade:
     # The chord is along the body at the root, and across the span from a third of it on
     up = np.array([0.0, 1.0, 0.12]) - outwards * (outwards @ [0.0, 1.0, 0.12])[:, None]
     up = up / np.linalg.norm(up, axis=-1, keepdims=True)
-    turn = ramp(0.0, 0.3, t)[:, None]
+    turn = smoothstep(t, 0.0, 0.3)[:, None]
     back = (1.0 - turn) * [0.0, 0.0, -1.0] + turn * side * np.cross(up, outwards)
     back = back / np.linalg.norm(back, axis=-1, keepdims=True)
     chord = _curve(t, [0.0, 0.1, 0.2, 0.4, 0.6, 0.8, 0.92, 0.98, 1.0],
                    [0.066, 0.068, 0.074, 0.073, 0.064, 0.046, 0.031, 0.018, 0.006])  # fmt: skip
     # Tubercles on the leading edge, slight waves on the trailing one
     knobs = sum(height * _bump(t, place, 0.026) for place, height in _TUBERCLES)
-    waves = 0.0012 * np.sin(40.0 * t) * ramp(0.15, 0.4, t) * ramp(1.0, 0.9, t)
+    waves = 0.0012 * np.sin(40.0 * t) * smoothstep(t, 0.15, 0.4) * smoothstep(t, 1.0, 0.9)
     return Blade(
         span - back * (0.40 * chord + knobs)[:, None],
         span + back * (0.60 * chord + waves)[:, None],
@@ -274,7 +257,7 @@ def _fluke(side: float, t: Floats) -> Blade:
     leading = _curve(t, knots, [0.893, 0.899, 0.916, 0.943, 0.977, 1.017, 1.043])
     trailing = _curve(t, [0.0, 0.04, *knots[1:]], [0.990, 1.014, 1.028, 1.035, 1.032, 1.029, 1.039, 1.050])
     teeth = 0.0020 * np.sin(56.0 * t) + 0.0014 * np.sin(87.0 * t + 1.0 + side)
-    trailing = trailing + teeth * ramp(0.05, 0.2, t) * ramp(1.0, 0.9, t)
+    trailing = trailing + teeth * smoothstep(t, 0.05, 0.2) * smoothstep(t, 1.0, 0.9)
     x, y = side * (0.008 + 0.158 * t), 0.010 + 0.004 * t * t
     return Blade(
         np.stack([x, y, 0.5 - leading], axis=-1),
@@ -340,7 +323,7 @@ class _Builder:
         t = np.arange(rings + 1) / rings
         sections = _sections(fin(t), len(rim))
         grid = np.concatenate(self.positions)
-        fade = 1.0 - ramp(0.0, _FILLET.get(name, 0.16), t)[1:, None, None]
+        fade = 1.0 - smoothstep(t, 0.0, _FILLET.get(name, 0.16))[1:, None, None]
         new = sections[1:] + fade * (grid[rim] - sections[0])
         tip = new[-1].mean(axis=0, keepdims=True)
         vertex = self.count + np.arange(rings * len(rim)).reshape(rings, len(rim))
@@ -359,7 +342,7 @@ class _Builder:
         """Return the closed skin, smooth where fins begin."""
         place = np.concatenate([[0.0], self.s, [1.0]])
         # The head has more of the texture than its length
-        weight = 1.0 + 0.8 * ramp(0.30, 0.22, 0.5 * (place[1:] + place[:-1]))
+        weight = 1.0 + 0.8 * smoothstep(0.5 * (place[1:] + place[:-1]), 0.30, 0.22)
         along = np.concatenate([[0.0], np.cumsum(weight * (np.diff(place) + 0.0005))])
         around = np.linspace(0.0, 1.0, len(self.angle) + 1)
         charts = [Chart("body", self.body, self.drawn, along / along[-1], around, place), *self.fins]
@@ -398,7 +381,7 @@ def _relaxed(skin: WhaleSkin, rims: NDArray[np.int64]) -> Floats:
     from scipy.spatial import cKDTree
 
     positions, means = skin.positions, neighbour_means(skin.faces, len(skin.positions))
-    near = ramp(_RELAXED, 0.0, cKDTree(positions[rims]).query(positions)[0])[:, None]
+    near = smoothstep(cKDTree(positions[rims]).query(positions)[0], _RELAXED, 0.0)[:, None]
     for _ in range(12):
         positions = positions + 0.5 * near * (means @ positions - positions)
     return positions

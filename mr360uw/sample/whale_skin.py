@@ -14,7 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.sample.whale_shape import EYE, Chart, WhaleSkin, above_lips, profile, ramp
+from mr360uw.sample.whale_shape import EYE, Chart, WhaleSkin, above_lips, profile
+from mr360uw.texels import smoothstep
 from mr360uw.types import Floats
 
 _ATLAS = {
@@ -197,7 +198,7 @@ def _skin_coat(texels: _Texels, paleness: Floats) -> _Coat:
     speckle, mottle, streak = texels.grain
     # The border is ragged down to flecks
     ragged = texels.cloud(1, (0.22, 0.17), (0.08, 0.12), (0.03, 0.08), (0.013, 0.05))
-    pale = ramp(-0.09, 0.13, paleness + ragged + 0.028 * mottle + 0.012 * speckle)
+    pale = smoothstep(paleness + ragged + 0.028 * mottle + 0.012 * speckle, -0.09, 0.13)
     # Dark skin is clouded and dappled; white skin has grey blotches of soft borders
     shade = texels.cloud(2, (0.35, 0.6), (0.13, 0.5), (0.05, 0.4), (0.020, 0.35))
     light = 1.0 + 0.15 * shade + 0.05 * mottle + 0.012 * streak + 0.025 * speckle
@@ -205,7 +206,7 @@ def _skin_coat(texels: _Texels, paleness: Floats) -> _Coat:
     coat = _Coat(_BACK * light[..., None], 0.48 + 0.03 * shade + 0.015 * mottle, relief)
     white = _BELLY * (1.0 + 0.05 * shade + 0.015 * mottle + 0.006 * streak)[..., None]
     blotch = texels.cloud(3, (0.10, 0.9), (0.035, 0.7), (0.014, 0.45)) + 0.2 * mottle
-    white += (0.65 * ramp(0.8, 2.3, blotch))[..., None] * (_BLOTCH * light[..., None] - white)
+    white += (0.65 * smoothstep(blotch, 0.8, 2.3))[..., None] * (_BLOTCH * light[..., None] - white)
     coat.colour += pale[..., None] * (white - coat.colour)
     coat.roughness += 0.05 * pale
     return coat
@@ -214,7 +215,9 @@ def _skin_coat(texels: _Texels, paleness: Floats) -> _Coat:
 def _height_on_body(s: Floats, y: Floats) -> Floats:
     """Return how high points are on the body's side at s: -1 the belly, 0 the widest, 1 the back."""
     table = np.linspace(0.0, 1.0, 513)
-    top, bottom, widest = (np.interp(s, table, profile(table, column)).astype(np.float32) for column in (1, 2, 4))
+    top, bottom, widest = (
+        np.interp(s, table, profile(table, column)).astype(np.float32) for column in ("top", "bottom", "widest")
+    )
     above = np.maximum(y - widest, 0.0) / (top - widest)
     return np.asarray(np.clip(above + np.minimum(y - widest, 0.0) / (widest - bottom), -1.2, 1.2))
 
@@ -259,8 +262,8 @@ def _fin_coat(texels: _Texels) -> _Coat:
     if "pectoral" in chart.name:
         reach = 0.25 * front - 0.30 * rear + 0.25 * t
     else:
-        reach = -0.55 * (front + rear) - 0.35 * ramp(0.5, 1.0, t)
-    paleness = paleness + ramp(0.0, 0.2, t) * (0.6 * (below - 0.3 + reach) - paleness)
+        reach = -0.55 * (front + rear) - 0.35 * smoothstep(t, 0.5, 1.0)
+    paleness = paleness + smoothstep(t, 0.0, 0.2) * (0.6 * (below - 0.3 + reach) - paleness)
     coat, rng = _skin_coat(texels, paleness), texels.rng
     _scars(coat, texels, 12, rng)
     _barnacles(coat, texels, _edge_places(texels, rng), rng)
@@ -274,14 +277,18 @@ def _pleats(coat: _Coat, texels: _Texels) -> None:
     # Angle from the middle of the belly, and the number of grooves up to there, which waver a little
     away = 360.0 * np.minimum(texels.around, 1.0 - texels.around)[:, None]
     number = np.maximum(
-        away / _PLEAT_DEG + 0.10 * texels.cloud(4, (0.2, 1.0), (0.06, 0.5))[window] * ramp(0.0, 9.0, away), 0.0
+        away / _PLEAT_DEG + 0.10 * texels.cloud(4, (0.2, 1.0), (0.06, 0.5))[window] * smoothstep(away, 0.0, 9.0), 0.0
     )
     which = number.astype(np.int32)
     # Grooves are longest in the middle, and stop below the mouth and the pectorals
     random = np.random.default_rng([texels.seed, 5]).random((2, 64), dtype=np.float32)
     begin, end = 0.012 + 0.03 * random[0][which], (0.56 - 0.05 * random[1])[which] - 0.22 * (away / _PLEATED_DEG) ** 3
-    depth = ramp(0.0, 0.02, s - begin) * ramp(0.0, 0.05, end - s) * ramp(_PLEATED_DEG, _PLEATED_DEG - 4.0, away)
-    depth = depth * ramp(0.004, 0.012, -above_lips(np.minimum(s, 0.2), texels.points[window][..., 1]))
+    depth = (
+        smoothstep(s - begin, 0.0, 0.02)
+        * smoothstep(end - s, 0.0, 0.05)
+        * smoothstep(away, _PLEATED_DEG, _PLEATED_DEG - 4.0)
+    )
+    depth = depth * smoothstep(-above_lips(np.minimum(s, 0.2), texels.points[window][..., 1]), 0.004, 0.012)
     # 0 in the middle of a ridge, 1 in the groove
     groove = depth * (2.0 * np.abs(number - which - 0.5)) ** 6
     coat.height -= 0.0022 * groove
@@ -296,8 +303,8 @@ _PLEAT_DEG, _PLEATED_DEG = 5.2, 78.0
 def _mouth(coat: _Coat, s: Floats, _: Floats, y: Floats) -> None:
     """Cut the line between the lips, which are worn pale along it."""
     over = above_lips(s, y)
-    there = ramp(0.245, 0.230, s)
-    coat.height -= 0.0022 * there * ramp(0.0, 0.02, s) * np.exp(-((over / 0.0015) ** 2))
+    there = smoothstep(s, 0.245, 0.230)
+    coat.height -= 0.0022 * there * smoothstep(s, 0.0, 0.02) * np.exp(-((over / 0.0015) ** 2))
     coat.tint(_CREASE, 0.85 * there * np.exp(-((over / 0.0012) ** 2)))
     coat.tint(_SCAR, 0.10 * there * np.exp(-(((np.abs(over) - 0.004) / 0.002) ** 2)))
 
@@ -306,7 +313,7 @@ def _blowholes(coat: _Coat, s: Floats, x: Floats, y: Floats) -> None:
     """Cut two slits that part towards the rear, behind their guard."""
     along = np.clip((s - 0.193) / 0.019, 0.0, 1.0)
     away = np.hypot(np.abs(x) - 0.0030 - 0.0050 * along, s - 0.193 - 0.019 * along)
-    there = ramp(0.0, 0.02, y)
+    there = smoothstep(y, 0.0, 0.02)
     slit = there * np.exp(-((away / 0.0017) ** 2))
     coat.height += there * 0.0012 * np.exp(-(((away - 0.0040) / 0.0022) ** 2)) - 0.0030 * slit
     coat.tint(0.6 * _CREASE, slit)
@@ -317,14 +324,14 @@ def _eyes(coat: _Coat, s: Floats, _: Floats, y: Floats) -> None:
     right, up = (s - EYE[0]) / 0.0056, (y - EYE[1]) / 0.0030
     # Distance from the middle that is 1 on the rim of the almond
     rim = np.sqrt(up**2 + 0.2 * right**2) + 0.8 * right**2 / (1.0 + right**2)
-    inside = ramp(1.08, 0.92, rim)
-    lids, fold = np.exp(-(((rim - 1.5) / 0.35) ** 2)), np.exp(-(((rim - 2.7) / 0.45) ** 2)) * ramp(0.2, 1.4, up)
+    inside = smoothstep(rim, 1.08, 0.92)
+    lids, fold = np.exp(-(((rim - 1.5) / 0.35) ** 2)), np.exp(-(((rim - 2.7) / 0.45) ** 2)) * smoothstep(up, 0.2, 1.4)
     coat.height += 0.0009 * lids - 0.0004 * fold - 0.0005 * np.exp(-(((rim - 1.02) / 0.15) ** 2))
     coat.tint(_BLOTCH, 0.35 * lids)
     coat.tint(_CREASE, 0.35 * fold)
     coat.tint(_IRIS, inside)
     ball = np.hypot(s - EYE[0], y - EYE[1]) / 0.0022
-    coat.tint(_PUPIL, inside * ramp(1.05, 0.85, ball))
+    coat.tint(_PUPIL, inside * smoothstep(ball, 1.05, 0.85))
     coat.height += 0.0008 * inside * np.maximum(1.0 - 0.5 * ball**2, 0.0)
     coat.roughness += inside * (0.1 - coat.roughness)
 
@@ -359,23 +366,18 @@ def _scars(coat: _Coat, texels: _Texels, count: int, rng: np.random.Generator) -
     coat.height -= 0.0003 * mask
 
 
-@dataclass(frozen=True, slots=True)
-class _Spot:
-    """A round mark at a row and column of texels. radius: in body lengths."""
-
-    row: float
-    column: float
-    radius: float
+_Spot = tuple[float, float, float]
+"""A round mark: its row and column of texels, and its radius in body lengths."""
 
 
 def _around_spot(texels: _Texels, spot: _Spot, reach: float) -> tuple[tuple[slice, slice], Floats]:
     """Return the window of texels within `reach` radii of a spot, and their distances from it in radii."""
-    h, w = texels.points.shape[:2]
-    j, i = min(int(spot.row), h - 1), min(int(spot.column), w - 1)
-    right, down = spot.radius / texels.step[:, j, i]
-    rows = np.arange(max(int(spot.row - reach * down), 0), min(int(spot.row + reach * down) + 2, h))
-    columns = np.arange(max(int(spot.column - reach * right), 0), min(int(spot.column + reach * right) + 2, w))
-    away = np.hypot((rows[:, None] + 0.5 - spot.row) / down, (columns[None, :] + 0.5 - spot.column) / right)
+    (h, w), (row, column, radius) = texels.points.shape[:2], spot
+    j, i = min(int(row), h - 1), min(int(column), w - 1)
+    right, down = radius / texels.step[:, j, i]
+    rows = np.arange(max(int(row - reach * down), 0), min(int(row + reach * down) + 2, h))
+    columns = np.arange(max(int(column - reach * right), 0), min(int(column + reach * right) + 2, w))
+    away = np.hypot((rows[:, None] + 0.5 - row) / down, (columns[None, :] + 0.5 - column) / right)
     return np.s_[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1], away
 
 
@@ -395,7 +397,7 @@ def _tubercles(coat: _Coat, texels: _Texels, rng: np.random.Generator) -> None:
         places += [(s, side * 150.0) for s in np.linspace(0.015, 0.035, 2)]
     for s, degrees in places:
         row, column = _at(texels, s + rng.normal(0.0, 0.002), degrees + rng.normal(0.0, 2.5))
-        window, away = _around_spot(texels, _Spot(row, column, rng.uniform(0.0042, 0.0062)), 1.0)
+        window, away = _around_spot(texels, (row, column, rng.uniform(0.0042, 0.0062)), 1.0)
         dome = np.maximum(1.0 - away**2, 0.0) ** 2
         there = coat.part(window)
         there.height += rng.uniform(0.0022, 0.0032) * dome
@@ -411,7 +413,7 @@ def _barnacle_places(texels: _Texels, rng: np.random.Generator) -> list[_Spot]:
     ):  # fmt: skip
         for _ in range(count):
             row, column = _at(texels, abs(s + rng.normal(0.0, 0.012)) + 0.004, degrees + rng.normal(0.0, spread))
-            spots.append(_Spot(row, column, rng.uniform(0.0016, 0.0034)))
+            spots.append((row, column, rng.uniform(0.0016, 0.0034)))
     return spots
 
 
@@ -421,7 +423,7 @@ def _edge_places(texels: _Texels, rng: np.random.Generator) -> list[_Spot]:
     spots = []
     for _ in range(26):
         row = h * (0.5 + rng.normal(0.0, 0.025))
-        spots.append(_Spot(row, w * rng.uniform(0.12, 0.9), rng.uniform(0.0014, 0.0028)))
+        spots.append((row, w * rng.uniform(0.12, 0.9), rng.uniform(0.0014, 0.0028)))
     return spots
 
 
@@ -435,4 +437,4 @@ def _barnacles(coat: _Coat, texels: _Texels, spots: list[_Spot], rng: np.random.
         if not gone:
             there.tint(_CREASE, np.exp(-((away / 0.32) ** 2)))
             there.height += 0.0013 * ring
-            there.roughness += 0.4 * ramp(1.1, 0.8, away)
+            there.roughness += 0.4 * smoothstep(away, 1.1, 0.8)

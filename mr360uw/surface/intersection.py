@@ -196,18 +196,18 @@ def _bisected(sea: SeaWaves, ray: Ray, sigma: float, low: float, high: float) ->
     c, n, tile = sea.splines, sea.table, sea.tile_m
     level, slack = _level_at(sigma, sea.step_m, len(n) - 1), 1e-11 * tile
     x, z, t = ox + high * dx, oz + high * dz, low
-    a, b, p = rest_position(c, n, tile, level, x, z, x, z, slack)
+    a, b, p = rest_position(c, n, tile, level, (x, z), (x, z), slack)
     if side * (oy + high * dy - p[0]) > 0.0:
         return NOWHERE
     x, z = ox + low * dx, oz + low * dz
-    a, b, p = rest_position(c, n, tile, level, x, z, a, b, slack)
+    a, b, p = rest_position(c, n, tile, level, (x, z), (a, b), slack)
     if side * (oy + low * dy - p[0]) <= 0.0:
         return Hit(low, _normal(p), a, b, sigma, level)
     # Halve the interval to the last digits
     for _ in range(60):
         t = 0.5 * (low + high)
         x, z = ox + t * dx, oz + t * dz
-        a, b, p = rest_position(c, n, tile, level, x, z, a, b, slack)
+        a, b, p = rest_position(c, n, tile, level, (x, z), (a, b), slack)
         if side * (oy + t * dy - p[0]) > 0.0:
             low = t
         else:

@@ -285,12 +285,14 @@ def _slopes(t: float) -> tuple[float, float, float, float]:
 
 @borrowing
 def rest_position(
-    c: Any, n: Any, tile_m: float, level: float, x: float, z: float, a: float, b: float, slack: float
+    c: Any, n: Any, tile_m: float, level: float, place: tuple[float, float], start: tuple[float, float], slack: float
 ) -> tuple[float, float, Displacement]:
-    """Return the rest position of the particle above (x, z) and its displacement, by Newton's method from (a, b).
+    """Return the rest position of the particle above a place (x, z) and its displacement, by Newton's method.
 
-    slack: [m] that it may be beside (x, z). Where the surface folds over, one of several is found.
+    start: a rest position near it. slack: [m] that it may be beside (x, z). Where the surface folds over, one of
+    several is found.
     """
+    (x, z), (a, b) = place, start
     p = displacement(c, n, tile_m, level, a, b)
     for _ in range(8):
         off_x, off_z = a + p[1] - x, b + p[2] - z
@@ -310,7 +312,7 @@ def rest_position(
 def _heights_at(c: Any, n: Any, tile_m: float, x: Any, z: Any, result: Any) -> None:
     """Write the height of the surface over the mean at places (n,) into `result` (n,)."""
     for k in range(len(x)):
-        result[k] = rest_position(c, n, tile_m, 0.0, x[k], z[k], x[k], z[k], 1e-11 * tile_m)[2][0]
+        result[k] = rest_position(c, n, tile_m, 0.0, (x[k], z[k]), (x[k], z[k]), 1e-11 * tile_m)[2][0]
 
 
 _between_four = inlined(between_four)
@@ -352,7 +354,7 @@ def _height_maps(
     def make(band: tuple[int, int, int]) -> None:
         level, first, last = band
         part = slice(start[level] + first * sizes[level], start[level] + last * sizes[level])
-        _fill(coefficients, table, tile_m, level, sizes[level], first, last, height[part], shift[part])
+        _fill(coefficients, table, tile_m, level, sizes[level], (first, last), height[part], shift[part])
 
     with ThreadPoolExecutor(os.cpu_count()) as threads:
         list(threads.map(make, bands))  # to see their errors
@@ -369,16 +371,16 @@ def _steepest(height: NDArray[np.float32], step_m: float) -> float:
 
 
 @borrowing
-def _fill(c: Any, n: Any, tile_m: float, level: int, size: int, first: int, last: int, height: Any, shift: Any) -> None:
+def _fill(c: Any, n: Any, tile_m: float, level: int, size: int, rows: Any, height: Any, shift: Any) -> None:
     step = tile_m / size
     slack = _SLACK * step
-    for row in range(first, last):
+    for row in range(*rows):
         z = row * step
         a, b = 0.0, z
         for column in range(size):
             x = column * step
-            a, b, p = rest_position(c, n, tile_m, float(level), x, z, a + step, b, slack)
-            at = (row - first) * size + column
+            a, b, p = rest_position(c, n, tile_m, float(level), (x, z), (a + step, b), slack)
+            at = (row - rows[0]) * size + column
             height[at], shift[at, 0], shift[at, 1] = p[0], x - a, z - b
 
 

@@ -354,7 +354,7 @@ def rendered(stage: RayStage, view: View, samples: int) -> SurfacePicture:
         origins, directions = _camera_rays(view, band, 1)
         footprint = side, view.pixel_m / samples, view.pixel_rad / samples
         middle = np.zeros((band.stop - band.start, width, 8))
-        _centres(world, origins, directions, (side, view.pixel_m, view.pixel_rad), *out[1:], middle)
+        _centres(world, origins, directions, (side, view.pixel_m, view.pixel_rad), out[1:], middle)
         if samples > 1:
             origins, directions = _camera_rays(view, band, samples)
         key = (first * width * samples * samples) % 2**32
@@ -380,13 +380,12 @@ def _camera_rays(view: View, rows: slice, samples: int) -> tuple[Array, Array]:
 
 
 @borrowing
-def _centres(
-    w: RayWorld, origins: Any, directions: Any, of: Vector, distance: Any, wet: Any, normal: Any, kind: Any, hits: Any
-) -> None:
+def _centres(w: RayWorld, origins: Any, directions: Any, of: Vector, seen: Any, hits: Any) -> None:
     """Write what the rays of pixels' centres meet: `SurfacePicture`, kind 1 for the surface, 2 for the floor, and where
-    they meet the surface, hits (h, w, 8). of: side, width and spread of the rays.
+    they meet the surface, hits (h, w, 8). of: side, width and spread of the rays. seen: distance, length in the water,
+    normal and kind, (h, w) each, normals (h, w, 3).
     """
-    side, width, spread = of
+    (side, width, spread), (distance, wet, normal, kind) = of, seen
     rows, columns = distance.shape
     for row in range(rows):
         for column in range(columns):

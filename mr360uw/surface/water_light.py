@@ -40,7 +40,7 @@ from mr360uw.surface.intersection import bent, reflectance
 from mr360uw.surface.sampled_sea import SampledSea
 from mr360uw.surface.sea_floor import FloorLight, Tiled
 from mr360uw.surface.sky import Dome, sky_radiance, sun_below
-from mr360uw.texels import Vector, add, between_four, packed
+from mr360uw.texels import Vector, add, between_four, four, packed, periodic_four
 from mr360uw.types import Array, CausticStack, Floats, MediumTable, Sun
 
 _LEAST = 1e-300
@@ -266,15 +266,15 @@ _STEPS = 3
 
 @borrowing
 def _gather_row(
-    w: Any, d: Any, dn: Any, rays: Any, tile_m: float, row: int, depth: float, index: float, footprint: float, out: Any
+    surface: Any, sky: Any, rays: Any, row: int, depth: float, index: float, footprint: float, out: Any
 ) -> None:
     """Write the sums (size, 3) of radiance over n^2 that the rays of a row of the floor's pixels see.
 
-    w: (n, n, 3) height [m] and slopes over (x, z) of the surface, n a power of two. d, dn: the dome, as of
-    `sky_radiance`. rays: (k, 7) direction up, place in the pixel over (x, z) in [0, 1), and slope of the facet.
-    footprint: of each ray in the sky [rad].
+    surface: height [m] and slopes over (x, z), (n n, 3), n, a power of two, and the tile's side [m]. sky: texels and
+    levels of the dome, as of `sky_radiance`. rays: (k, 7) direction up, place in the pixel over (x, z) in [0, 1), and
+    slope of the facet. footprint: of each ray in the sky [rad].
     """
-    step = tile_m / len(out)
+    step, (texels, levels) = surface[2] / len(out), sky
     for column in range(len(out)):
         light = (0.0, 0.0, 0.0)
         for k in range(len(rays)):
@@ -284,7 +284,7 @@ def _gather_row(
             # Find where the ray leaves the water, by fixed-point iteration on the wave's height
             for _ in range(_STEPS):
                 t = (depth + p[0]) / v[1]
-                p = _surface(w, tile_m, x + t * v[0], z + t * v[2])
+                p = _surface(surface, x + t * v[0], z + t * v[2])
             # Tilt the surface by a facet of unresolved waves, and look through it
             seen = v[1] - p[1] * v[0] - p[2] * v[2]
             sx, sz = p[1] + rays[k, 5], p[2] + rays[k, 6]
@@ -294,24 +294,18 @@ def _gather_row(
                 lost, _ = reflectance(facet * up, 1.0 / index)
                 if lost < 1.0:
                     a = bent(v[0], v[1], v[2], sx * up, -up, sz * up, index)
-                    light = add(light, sky_radiance(d, dn, a[0], a[1], a[2], footprint), (1.0 - lost) * facet / seen)
+                    light = add(
+                        light, sky_radiance(texels, levels, a[0], a[1], a[2], footprint), (1.0 - lost) * facet / seen
+                    )
         out[column, 0], out[column, 1], out[column, 2] = light
 
 
-@inlined
-def _surface(w: Any, tile_m: float, x: float, z: float) -> Vector:
+@borrowing
+def _surface(surface: Any, x: float, z: float) -> Vector:
     """Return height and slopes over (x, z) at a place, between the points of the map."""
-    size, last = len(w), len(w) - 1
-    u, v = x * size / tile_m, z * size / tile_m
-    column, row = math.floor(u), math.floor(v)
-    i, j, fx, fy = int(column), int(row), u - column, v - row
-    i0, i1, j0, j1 = i & last, (i + 1) & last, j & last, (j + 1) & last
-    a, b, c, d = (1.0 - fx) * (1.0 - fy), fx * (1.0 - fy), (1.0 - fx) * fy, fx * fy
-    return (
-        a * w[j0, i0, 0] + b * w[j0, i1, 0] + c * w[j1, i0, 0] + d * w[j1, i1, 0],
-        a * w[j0, i0, 1] + b * w[j0, i1, 1] + c * w[j1, i0, 1] + d * w[j1, i1, 1],
-        a * w[j0, i0, 2] + b * w[j0, i1, 2] + c * w[j1, i0, 2] + d * w[j1, i1, 2],
-    )
+    texels, size, tile_m = surface
+    a, b, c, d, fx, fy = _periodic_four(0, size, x * size / tile_m, z * size / tile_m)
+    return four(texels, a, b, c, d, fx, fy)
 
 
 _RAYS = 1 << 22
@@ -350,13 +344,12 @@ def _gathered(sampled: SampledSea, dome: Dome, depth_m: float, size: int, index:
     """Return the irradiance (size, size, 3) by rays up from the pixels of the tile."""
     rays = _rays(_RAYS // size**2, sampled.blur_variance + sampled.ripple_variance)
     share = PI * _SINE**2 / len(rays)  # of the plane of direction cosines, which the cosine on the floor turns it into
-    texels, table = packed([level[None] for level in dome.levels])
-    surface, out = _slopes(sampled), np.zeros((size, size, 3))
+    slopes, out = _slopes(sampled), np.zeros((size, size, 3))
+    surface = slopes.reshape(-1, 3), len(slopes), sampled.tile_m
+    sky = packed([level[None] for level in dome.levels])
 
     def draw(row: int) -> None:
-        _gather_row(
-            surface, texels, table, rays, sampled.tile_m, row, depth_m, index, index * np.sqrt(share), out[row]
-        )  # fmt: skip
+        _gather_row(surface, sky, rays, row, depth_m, index, index * np.sqrt(share), out[row])
 
     with ThreadPoolExecutor(os.cpu_count()) as threads:
         list(threads.map(draw, range(size)))  # to see their errors
@@ -391,6 +384,7 @@ def _rays(count: int, slope_variance: float) -> Array:
 
 
 _between_four = inlined(between_four)
+_periodic_four = inlined(periodic_four)
 
 
 class WaterTable(NamedTuple):

@@ -77,11 +77,7 @@ class CameraTrack:
     @property
     def quaternion(self) -> Floats:
         """Rotations as quaternions (n, 4), x, y, z, w, without jumps of sign."""
-        from scipy.spatial.transform import Rotation
-
-        found = Rotation.from_matrix(self.rotation).as_quat()
-        signs = np.where(np.sum(found[1:] * found[:-1], axis=1) < 0.0, -1.0, 1.0)
-        return np.asarray(found * np.concatenate([[1.0], np.cumprod(signs)])[:, None])
+        return smooth_quaternions(self.rotation)
 
     def csv(self) -> str:
         """Return the table that `camera.track` of a scene reads: time_s, x, y, z, qx, qy, qz, qw."""
@@ -113,6 +109,15 @@ class CameraTrack:
         for path, text in zip(paths, (self.csv(), self.json()), strict=True):
             write_whole(path, text)
         return paths
+
+
+def smooth_quaternions(rotation: Floats) -> Floats:
+    """Return rotations (n, 3, 3) as quaternions (n, 4), x, y, z, w, without jumps of sign."""
+    from scipy.spatial.transform import Rotation
+
+    found = Rotation.from_matrix(rotation).as_quat()
+    signs = np.where(np.sum(found[1:] * found[:-1], axis=1) < 0.0, -1.0, 1.0)
+    return np.asarray(found * np.concatenate([[1.0], np.cumprod(signs)])[:, None])
 
 
 def track_files(out: str | Path, inputs: Iterable[Path] = (), *, overwrite: bool) -> tuple[Path, Path]:

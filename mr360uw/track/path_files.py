@@ -12,6 +12,7 @@ import json
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
+from importlib import resources
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
@@ -25,7 +26,7 @@ from mr360uw.medium.spectra import parse_table
 from mr360uw.output_gate import check_outputs
 from mr360uw.reading.input_files import json_of, read_text
 from mr360uw.sphere import unit
-from mr360uw.track.camera_track import CameraTrack, rotation_to_world
+from mr360uw.track.camera_track import CameraTrack, rotation_to_world, smooth_quaternions
 from mr360uw.types import Floats
 
 _GEOCENTRIC_M = 1e6
@@ -75,7 +76,7 @@ def read_solved_path(path: Path) -> SolvedPath:
     """
     path = path / "images.txt" if path.is_dir() else path
     text = read_text(path, ParameterError)
-    if _is_blender_json(text):
+    if text.lstrip().startswith("{") and '"blender_frames"' in text:
         return _read_blender_json(text, str(path))
     if text.lstrip().startswith("<") and "<camera" in text:
         return _read_metashape(text, str(path))
@@ -101,18 +102,15 @@ def nuke_chan(track: CameraTrack, frame_rate: float) -> str:
 
 def blender_script(track: CameraTrack, frame_rate: float) -> str:
     """Return a Python script that makes the track's camera in Blender: panoramic, with a key for each row."""
-    from scipy.spatial.transform import Rotation
-
     turned = _Y_UP_FROM_Z_UP.T
     position = track.position @ turned.T
-    quaternion = Rotation.from_matrix(turned @ track.rotation).as_quat()[:, [3, 0, 1, 2]]
-    signs = np.where(np.sum(quaternion[1:] * quaternion[:-1], axis=1) < 0.0, -1.0, 1.0)
-    quaternion = quaternion * np.concatenate([[1.0], np.cumprod(signs)])[:, None]
+    quaternion = smooth_quaternions(turned @ track.rotation)[:, [3, 0, 1, 2]]
     frame = 1 + np.round(track.time_s * frame_rate).astype(int)
     rows = [
         [int(f), *(round(float(v), 9) for v in (*p, *q))] for f, p, q in zip(frame, position, quaternion, strict=True)
     ]
-    return _SCRIPT.replace("ROWS", ",\n    ".join(json.dumps(row) for row in rows)).replace("RATE", f"{frame_rate:.9g}")
+    script = (resources.files("mr360uw.track") / "blender_camera.py.txt").read_text(encoding="utf-8")
+    return script.replace("ROWS", ",\n    ".join(json.dumps(row) for row in rows)).replace("RATE", f"{frame_rate:.9g}")
 
 
 def export(track: CameraTrack, out: Path, frame_rate: float | None, *, overwrite: bool) -> Path:
@@ -123,32 +121,6 @@ def export(track: CameraTrack, out: Path, frame_rate: float | None, *, overwrite
     text = nuke_chan(track, frame_rate) if out.suffix.lower() == ".chan" else blender_script(track, frame_rate)
     write_whole(out, text)
     return out
-
-
-_SCRIPT = """# Run in Blender's text editor: makes a panoramic camera with the path of a 360 clip.
-import bpy
-
-# frame, x, y, z, qw, qx, qy, qz; +z is up
-KEYS = [
-    ROWS,
-]
-
-data = bpy.data.cameras.new("mr360uw")
-data.type = "PANO"
-for owner in (data, getattr(data, "cycles", None)):
-    if hasattr(owner, "panorama_type"):
-        owner.panorama_type = "EQUIRECTANGULAR"
-camera = bpy.data.objects.new("mr360uw", data)
-bpy.context.scene.collection.objects.link(camera)
-bpy.context.scene.camera = camera
-bpy.context.scene.render.fps = round(RATE)
-bpy.context.scene.render.fps_base = round(RATE) / RATE
-camera.rotation_mode = "QUATERNION"
-for frame, x, y, z, qw, qx, qy, qz in KEYS:
-    camera.location, camera.rotation_quaternion = (x, y, z), (qw, qx, qy, qz)
-    camera.keyframe_insert("location", frame=frame)
-    camera.keyframe_insert("rotation_quaternion", frame=frame)
-"""
 
 
 # Tables of a camera's path: this toolkit's own, Blender's, COLMAP's, and Nuke's, which SynthEyes writes too.
@@ -310,11 +282,6 @@ def rotations(quaternion: Floats, where: str) -> Floats:
 _UP = np.array([0.0, 1.0, 0.0])
 _BLENDER = ("blender_frame", "x", "y", "z", "qx", "qy", "qz", "qw")
 _NAMES = (("frame",), ("tx", "x"), ("ty", "y"), ("tz", "z"), ("rx",), ("ry",), ("rz",))
-
-
-def _is_blender_json(text: str) -> bool:
-    """Return whether a text is the JSON of Blender's cameras."""
-    return text.lstrip().startswith("{") and '"blender_frames"' in text
 
 
 def _read_blender_json(text: str, where: str) -> SolvedPath:

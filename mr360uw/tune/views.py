@@ -177,7 +177,8 @@ def _depth_picture(shown: ShownFrame) -> Codes:
     distance = drawn[rows[:, None], columns]
     receiver, plate_m = shown.receiver, np.full(distance.shape, np.inf)
     if shown.loaded.plate_depth is not None:
-        plate_m = shown.loaded.plate_depth.at(shown.frame.plate.index, shown.frame.plate)[rows[:, None], columns]
+        plate = shown.frame.plate
+        plate_m = shown.loaded.plate_depth.surfaces(plate.index, plate).distance_m[rows[:, None], columns]
     if receiver is not None:
         x, y = np.broadcast_arrays(np.arange(view.width) + 0.5, (np.arange(view.height) + 0.5)[:, None])
         floor, _ = ReceiverShape(receiver, view.position).meet(view, x, y)

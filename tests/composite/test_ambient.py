@@ -28,9 +28,8 @@ from mr360uw.composite.reference import render_layer
 from mr360uw.composite.shot import PlacedObject, Receiver, Shot
 from mr360uw.ibl.filters import irradiance
 from mr360uw.ibl.lighting import assemble
-from mr360uw.ibl.lookup import environment_lookup, glossy_lookup
+from mr360uw.ibl.lookup import environment_lookup, glossy_lookup, reduce_map
 from mr360uw.ibl.plate import COARSE_COLUMNS, COARSE_ROWS
-from mr360uw.ibl.reduce import reduce_map
 from mr360uw.ibl.settings import GLOSSY_ROUGHNESS
 from mr360uw.rays import RayScene
 from mr360uw.sphere import directions as pixel_directions

@@ -9,7 +9,7 @@ import pytest
 import mr360uw.ibl as ibl
 from mr360uw.errors import ParameterError
 from mr360uw.ibl.horizon import ClipHorizon, HorizonEstimate, clip_horizon, estimate_horizon
-from mr360uw.ibl.reduce import reduce_map
+from mr360uw.ibl.lookup import reduce_map
 from mr360uw.ibl.report import level_section
 from mr360uw.ibl.tilt import level_matrix
 from mr360uw.sphere import directions

@@ -11,8 +11,8 @@ import pytest
 import mr360uw.ibl as ibl
 from mr360uw.errors import ParameterError
 from mr360uw.ibl.lighting import assemble, light_between, turned
+from mr360uw.ibl.lookup import reduce_map
 from mr360uw.ibl.plate import remap
-from mr360uw.ibl.reduce import reduce_map
 from mr360uw.ibl.settings import LightSettings
 from mr360uw.ibl.tilt import frame_sines, level_matrix, upward
 from mr360uw.render.plate_map import plate_map

@@ -24,8 +24,7 @@ from mr360uw.optics import fresnel_from_below, refract_to_water
 from mr360uw.sample import sample_dive
 from mr360uw.sample.dive import with_noise
 from mr360uw.sample.dive_settings import PRESETS, DiveSettings
-from mr360uw.sample.rendered_dive import SENSOR, Dive, dive_sky, relief_shade
-from mr360uw.sample.sea_bed import sea_bed
+from mr360uw.sample.rendered_dive import SENSOR, Dive, dive_sky, relief_shade, sea_bed
 from mr360uw.scene.model import load_scene
 from mr360uw.sphere import direction_from_angles, directions, row_solid_angle
 from mr360uw.video import open_video, write_exr

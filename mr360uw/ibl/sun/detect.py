@@ -30,8 +30,16 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from mr360uw.constants import REFRACTIVE_INDEX_SEA, SUN_HALF_ANGLE_RAD
-from mr360uw.ibl.expansion import checked_plate, snell_elevation
-from mr360uw.ibl.plate import LinearPlate, Plate, coarse_directions, coarse_solid_angle, patch_directions, plate_sines
+from mr360uw.ibl.plate import (
+    LinearPlate,
+    Plate,
+    checked_plate,
+    coarse_directions,
+    coarse_solid_angle,
+    patch_directions,
+    plate_sines,
+    snell_elevation,
+)
 from mr360uw.ibl.sun.blob import CLIPPED, Blob, brightness, examine
 from mr360uw.ibl.sun.closure import ground_ratio
 from mr360uw.ibl.sun.judge import PlateSurvey, SunCandidate, find_glow, taken_share

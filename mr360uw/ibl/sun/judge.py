@@ -39,8 +39,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.constants import ENVIRONMENT_COLUMNS, ENVIRONMENT_ROWS
+from mr360uw.ibl.lookup import reduce_map, reduce_maximum
 from mr360uw.ibl.plate import Plate, coarse_directions, coarse_solid_angle, patch_directions, plate_sines
-from mr360uw.ibl.reduce import reduce_map, reduce_maximum
 from mr360uw.ibl.sun.blob import CLIPPED, Blob, brightness
 from mr360uw.ibl.tilt import elevation_sine
 from mr360uw.sphere import directions, row_solid_angle

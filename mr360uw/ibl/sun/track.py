@@ -313,7 +313,8 @@ COLUMNS = (
 )  # fmt: skip
 
 
-def _angles(direction: Array) -> tuple[Array, Array]:
+def angles_deg(direction: Array) -> tuple[Array, Array]:
+    """Return azimuths and elevations (n,) [deg] of directions (n, 3)."""
     azimuth = np.degrees(np.arctan2(direction[:, 0], -direction[:, 2]))
     elevation = np.degrees(np.arctan2(direction[:, 1], np.hypot(direction[:, 0], direction[:, 2])))
     return azimuth, elevation
@@ -322,9 +323,10 @@ def _angles(direction: Array) -> tuple[Array, Array]:
 def track_table(track: SunTrack) -> dict[str, list[float | None]]:
     """Return the columns of a track, rounded to 1e-6, None where there is no sun."""
     frame = np.arange(len(track))
+    shot = np.searchsorted(np.asarray(track.cuts), frame, side="right")
     columns = (
-        frame, np.searchsorted(np.asarray(track.cuts), frame, side="right"), track.times_s, *_angles(track.direction),
-        *track.irradiance.T, np.degrees(track.half_angle_rad), track.confidence, *_angles(track.raw_direction),
+        frame, shot, track.times_s, *angles_deg(track.direction),
+        *track.irradiance.T, np.degrees(track.half_angle_rad), track.confidence, *angles_deg(track.raw_direction),
         *track.raw_irradiance.T, track.raw_confidence, track.exposure, track.share,
     )  # fmt: skip
     return {
@@ -372,20 +374,14 @@ def load_track(path: str | Path) -> SunTrack:
     if not len(data["frame"]) or any(len(column) != len(data["frame"]) for column in data.values()):
         raise ParameterError(f"{path} - columns of unequal length or empty - write it with save_track")
 
-    def directions(prefix: str) -> Array:
-        pairs = zip(np.radians(data[f"{prefix}azimuth_deg"]), np.radians(data[f"{prefix}elevation_deg"]), strict=True)
-        return np.stack([direction_from_angles(azimuth, elevation) for azimuth, elevation in pairs])
-
+    suns: dict[str, Array] = {}
+    for of in ("", "raw_"):
+        pairs = zip(np.radians(data[f"{of}azimuth_deg"]), np.radians(data[f"{of}elevation_deg"]), strict=True)
+        suns[f"{of}direction"] = np.stack([direction_from_angles(azimuth, elevation) for azimuth, elevation in pairs])
+        suns[f"{of}irradiance"] = np.stack([data[f"{of}irradiance_{c}"] for c in _LIGHT], axis=1)
+        suns[f"{of}confidence"] = np.nan_to_num(data[f"{of}confidence"])
+    cuts = tuple(int(k) + 1 for k in np.flatnonzero(np.diff(data["shot"]) > 0))
+    half_angle_rad, share = np.radians(data["half_angle_deg"]), np.nan_to_num(data["share"], nan=1.0)
     return SunTrack(
-        times_s=data["time_s"],
-        raw_direction=directions("raw_"),
-        direction=directions(""),
-        raw_irradiance=np.stack([data[f"raw_irradiance_{c}"] for c in _LIGHT], axis=1),
-        irradiance=np.stack([data[f"irradiance_{c}"] for c in _LIGHT], axis=1),
-        half_angle_rad=np.radians(data["half_angle_deg"]),
-        raw_confidence=np.nan_to_num(data["raw_confidence"]),
-        confidence=np.nan_to_num(data["confidence"]),
-        exposure=data["exposure"],
-        share=np.nan_to_num(data["share"], nan=1.0),
-        cuts=tuple(int(k) + 1 for k in np.flatnonzero(np.diff(data["shot"]) > 0)),
+        times_s=data["time_s"], half_angle_rad=half_angle_rad, exposure=data["exposure"], share=share, cuts=cuts, **suns
     )
