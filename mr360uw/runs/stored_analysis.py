@@ -9,16 +9,12 @@ import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args, get_origin, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.composite.grading.colour_grade import ColourGrade
-from mr360uw.composite.grading.settings import PlateGrade
 from mr360uw.files import files_named
-from mr360uw.ibl import SunTrack
-from mr360uw.medium.open_water import OpenWaterTrack
 from mr360uw.progress import Progress
 from mr360uw.reading.disk_cache import (
     Arrays,
@@ -33,7 +29,6 @@ from mr360uw.reading.disk_cache import (
 from mr360uw.reading.input_files import InputFile, input_file
 from mr360uw.render.first_pass import ClipAnalysis, clip_analysis
 from mr360uw.render.loaded import Loaded
-from mr360uw.render.plate_pattern import Background
 from mr360uw.scene.model import Scene, files_of
 from mr360uw.scene.toml_model import dotted
 from mr360uw.video import VideoReader
@@ -77,56 +72,31 @@ def _file_of(loaded: Loaded, video: VideoReader, keys: WorkKeys) -> Path | None:
     return cache_file("first-pass", (keys.first_pass, wanted, video.width, video.height, files))
 
 
-_SUN, _LOOK, _OPEN_WATER = "sun_", "look_", "open_water_"
-_PLAIN = ("softness_px", "sharpening", "sharpening_px", "columns")
-"""Fields of a look that are numbers."""
-
-
-def arrays_of_analysis(analysis: ClipAnalysis) -> dict[str, Any]:
-    """Return a clip's analysis, with a track of the sun or none, as arrays by name."""
-    arrays: dict[str, Any] = {"notes": np.array(analysis.notes, dtype=np.str_), "first": np.array(analysis.first)}
-    if isinstance(analysis.sun, SunTrack):
-        arrays |= {_SUN + field.name: getattr(analysis.sun, field.name) for field in dataclasses.fields(SunTrack)}
-    if analysis.gain is not None:
-        arrays["gain"] = analysis.gain
-    if analysis.open_water is not None:
-        track = analysis.open_water
-        arrays |= {_OPEN_WATER + field.name: getattr(track, field.name) for field in dataclasses.fields(track)}
-    if analysis.background is not None:
-        arrays["strength"] = analysis.background.strength
-        if analysis.background.mean is not None:
-            arrays["mean"] = analysis.background.mean
-    if analysis.grade is not None:
-        plain = {name: getattr(analysis.grade, name) for name in _PLAIN if getattr(analysis.grade, name) is not None}
-        of_look = {
-            "colour": analysis.grade.colour.numbers,
-            "found": np.array(analysis.grade.found, dtype=np.str_),
-            **plain,
-        }
-        arrays |= {_LOOK + name: value for name, value in of_look.items()}
+def arrays_of_analysis(part: Any, prefix: str = "") -> dict[str, Any]:
+    """Return a clip's analysis, with a track of the sun or none, as arrays by the dotted names of its fields."""
+    arrays: dict[str, Any] = {}
+    for one in dataclasses.fields(part):
+        value, name = getattr(part, one.name), f"{prefix}{one.name}"
+        if dataclasses.is_dataclass(value):
+            arrays |= arrays_of_analysis(value, f"{name}.")
+        elif value is not None:
+            arrays[name] = np.asarray(value)
     return arrays
 
 
-def analysis_of_arrays(arrays: Mapping[str, NDArray[Any]]) -> ClipAnalysis:
-    """Return the analysis that `arrays_of_analysis` was given."""
-    of_sun, of_look, of_water = (_under(prefix, arrays) for prefix in (_SUN, _LOOK, _OPEN_WATER))
-    if of_sun:
-        of_sun["cuts"] = tuple(int(index) for index in of_sun["cuts"])
-    background = Background(arrays.get("mean"), float(arrays["strength"])) if "strength" in arrays else None
-    notes = tuple(str(note) for note in arrays["notes"])
-    return ClipAnalysis(
-        SunTrack(**of_sun) if of_sun else None,
-        arrays.get("gain"),
-        background,
-        notes,
-        int(arrays["first"]),
-        _stored_look(of_look) if of_look else None,
-        OpenWaterTrack(**of_water) if of_water else None,
-    )
-
-
-def _under(prefix: str, arrays: Mapping[str, NDArray[Any]]) -> dict[str, Any]:
-    return {name.removeprefix(prefix): array for name, array in arrays.items() if name.startswith(prefix)}
+def analysis_of_arrays(arrays: Mapping[str, NDArray[Any]], kind: type = ClipAnalysis, prefix: str = "") -> Any:
+    """Return the analysis, or the part of one of a kind, that `arrays_of_analysis` was given."""
+    values: dict[str, Any] = {}
+    for field, hint in get_type_hints(kind).items():
+        name = f"{prefix}{field}"
+        if any(one.startswith(f"{name}.") for one in arrays):
+            held: Any = next(filter(dataclasses.is_dataclass, get_args(hint) or (hint,)))
+            values[field] = analysis_of_arrays(arrays, held, f"{name}.")
+        elif name in arrays:
+            array = arrays[name]
+            plain = array.item() if array.ndim == 0 else array
+            values[field] = tuple(array.tolist()) if get_origin(hint) is tuple else plain
+    return kind(**values)
 
 
 def save_analysis(analysis: ClipAnalysis, path: Path) -> None:
@@ -142,14 +112,8 @@ def load_analysis(path: Path) -> ClipAnalysis | None:
 def _analysis_if_whole(arrays: Arrays | None) -> ClipAnalysis | None:
     try:
         return None if arrays is None else analysis_of_arrays(arrays)
-    except KeyError:
+    except TypeError:  # a field is missing
         return None
-
-
-def _stored_look(arrays: Mapping[str, NDArray[Any]]) -> PlateGrade:
-    plain: dict[str, Any] = {name: arrays[name].item() for name in _PLAIN if name in arrays}
-    found = tuple(str(line) for line in arrays["found"])
-    return PlateGrade(colour=ColourGrade.of_numbers(arrays["colour"]), found=found, **plain)
 
 
 # Keys by which kept work is recognised: hashes of a scene, of the files that it names, and of the sources.
