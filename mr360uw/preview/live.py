@@ -11,7 +11,6 @@ from collections import Counter
 from collections.abc import Hashable, Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
-from fractions import Fraction
 from functools import cache
 from typing import Any, Literal, Self
 
@@ -192,10 +191,6 @@ class LivePreview:
         """Return a frame of a scene's plate, `width` pixels wide; raise `VideoError`."""
         return self.plates.at(scene, index, width)
 
-    def clip(self, scene: Scene) -> PlateClip:
-        """Return the length and size of a scene's plate; raise `VideoError`."""
-        return PlateClip.of(self.plates.reader(scene))
-
     def close(self) -> None:
         """Let go of everything that is kept, and of open files."""
         self.plates.close()
@@ -209,33 +204,7 @@ class LivePreview:
         self.close()
 
 
-# Frames of plates at any size, in any order: readers stay open, and the last few frames are kept. Length and size
-# are told without decoding.
-
-
-@dataclass(frozen=True, slots=True)
-class PlateClip:
-    """A scene's plate. width, height: [pixels], at full size. frame_count, duration_s: None for a still, which has as
-    many frames as are asked for. frame_rate: [1/s].
-    """
-
-    frame_count: int | None
-    frame_rate: Fraction
-    width: int
-    height: int
-    duration_s: float | None
-
-    @classmethod
-    def of(cls, reader: VideoReader) -> Self:
-        """Return the length and size of an open plate."""
-        count, rate = reader.frame_count, reader.frame_rate
-        return cls(count, rate, reader.width, reader.height, None if count is None else float(count / rate))
-
-
-def clip_of(scene: Scene) -> PlateClip:
-    """Return the length and size of a scene's plate; raise `VideoError`."""
-    with open_plate(scene) as video:
-        return PlateClip.of(video)
+# Frames of plates at any size, in any order: readers stay open, and the last few frames are kept.
 
 
 _SOON = 4

@@ -65,7 +65,7 @@ def still_of(
     if time_s is not None and not 0.0 <= time_s <= _LATEST_S:
         raise ParameterError(f"time_s - is no time of a clip (got {time_s:g}) - give seconds from its start, 0 or more")
     if time_s is not None:
-        index = int(time_s * float(live.clip(scene).frame_rate) + 1e-6)
+        index = int(time_s * float(live.plates.reader(scene).frame_rate) + 1e-6)
     picture = live.frame(scene, index).picture
     return picture if view is None else _seen(picture, view)
 

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
 from functools import partial
 from typing import Any, Literal
@@ -13,6 +13,7 @@ from nicegui import ui
 from nicegui.element import Element
 from nicegui.elements.mixins.text_element import TextElement
 from nicegui.events import GenericEventArguments
+from pydantic_core import to_jsonable_python
 
 from mr360uw.scene.toml_model import toml_value
 from mr360uw.tune.document import Document
@@ -25,6 +26,13 @@ class Text(TextElement):
     def __init__(self, text: str = "", tag: str = "span", classes: str = "") -> None:
         super().__init__(tag=tag, text=text)
         self.classes(classes)
+
+
+def alert(lines: Sequence[str]) -> None:
+    """Show problems, a line each."""
+    with ui.element("div").classes("problems").props("role=alert"):
+        for line in lines:
+            Text(line, "div")
 
 
 class Button(TextElement):
@@ -259,7 +267,8 @@ class ControlPanel(Element, component="controls.js"):
         errors = {key: self._document.problem_of(key) for key in self._document.problem_keys()}
         objects = tree.get("object", [])
         hidden = [f"object.{k}.{word}" for k, table in enumerate(objects) for word in unsaid(table)]
-        return {"tree": _jsonable(tree), "texts": texts, "errors": errors, "keyed": self._keyed(),
+        plain = to_jsonable_python(tree, fallback=str)
+        return {"tree": plain, "texts": texts, "errors": errors, "keyed": self._keyed(),
                 "words": self._words, "hidden": hidden, "idle": self._idle(len(objects))}  # fmt: skip
 
     def _idle(self, objects: int) -> dict[str, str]:
@@ -306,10 +315,7 @@ class ControlPanel(Element, component="controls.js"):
         if table == "object" and number.isdecimal() and self._in_words(int(number), name, value, group):
             return
         along = set_along(key, partial(self._now, beside=key)) if key in self._fields else {}
-        with self._document.together(f"set {key}", group=group):
-            for other, effective in along.items():
-                self._document.set(other, effective)
-            self._document.set(key, value)
+        self._document.apply(f"set {key}", along | {key: value}, group=group)
 
     def _reset(self, event: GenericEventArguments) -> None:
         field = self._field(event.args["key"])
@@ -334,17 +340,9 @@ def _word(value: Any) -> str:
 
 
 def _plain(field: Field) -> dict[str, Any]:
-    described = asdict(field)
-    described["step"], described["default_text"] = field.step, field.default_text
-    return {name: _jsonable(value) for name, value in described.items()}
-
-
-def _jsonable(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: _jsonable(one) for key, one in value.items()}
-    if isinstance(value, list | tuple):
-        return [_jsonable(one) for one in value]
-    return value if isinstance(value, bool | int | float | str) or value is None else str(value)
+    described = {**asdict(field), "step": field.step, "default_text": field.default_text}
+    plain: dict[str, Any] = to_jsonable_python(described, fallback=str)
+    return plain
 
 
 def _leaves(tree: Any, prefix: str = "", depth: int = 0) -> list[tuple[str, Any]]:

@@ -4,9 +4,8 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
-from types import MappingProxyType
 from typing import Any
 
 from nicegui import background_tasks, ui
@@ -15,7 +14,7 @@ from mr360uw.errors import Mr360uwError, OutputExistsError
 from mr360uw.parameters import bounds_of, stated
 from mr360uw.scene.key_targets import target_of
 from mr360uw.tune import fields
-from mr360uw.tune.controls import Button, Choice, ControlPanel, Interpolation, Text, Timeline, menu
+from mr360uw.tune.controls import Button, Choice, ControlPanel, Interpolation, Text, Timeline, alert, menu
 from mr360uw.tune.dialogs import DepthTool, MatchDialog, RenderDialog
 from mr360uw.tune.place_tools import PlaceTools, ShownPicture
 from mr360uw.tune.session import Event, Session
@@ -131,24 +130,22 @@ class TunePage:
 
 # The page's header: file, unsaved mark, undo, redo, save, presets, snapshots, dark or light.
 
-PRESETS: MappingProxyType[str, MappingProxyType[str, Any]] = MappingProxyType(
-    {
-        "tropical noon": MappingProxyType(
-            {"water.type": "IB", "water.visibility_m": None, "sea.wind_speed": 4.0, "caustics.enabled": True,
-             "caustics.sun_half_angle_rad": 0.00465}
-        ),
-        "tropical, evening": MappingProxyType(
-            {"water.type": "IB", "water.visibility_m": None, "sea.wind_speed": 2.0, "caustics.enabled": True,
-             "caustics.sun_half_angle_rad": 0.02}
-        ),
-        "temperate overcast": MappingProxyType(
-            {"water.type": "1C", "water.visibility_m": None, "sea.wind_speed": 7.0, "caustics.enabled": False}
-        ),
-        "harbour": MappingProxyType(
-            {"water.type": "harbour", "water.visibility_m": None, "sea.wind_speed": 2.0, "caustics.enabled": False}
-        ),
-    }
-)  # fmt: skip
+PRESETS: Mapping[str, Mapping[str, Any]] = {
+    "tropical noon": {
+        "water.type": "IB", "water.visibility_m": None, "sea.wind_speed": 4.0, "caustics.enabled": True,
+        "caustics.sun_half_angle_rad": 0.00465,
+    },
+    "tropical, evening": {
+        "water.type": "IB", "water.visibility_m": None, "sea.wind_speed": 2.0, "caustics.enabled": True,
+        "caustics.sun_half_angle_rad": 0.02,
+    },
+    "temperate overcast": {
+        "water.type": "1C", "water.visibility_m": None, "sea.wind_speed": 7.0, "caustics.enabled": False,
+    },
+    "harbour": {
+        "water.type": "harbour", "water.visibility_m": None, "sea.wind_speed": 2.0, "caustics.enabled": False,
+    },
+}  # fmt: skip
 """Values of dotted keys, by the preset's name; None: as it is by default."""
 
 
@@ -182,10 +179,7 @@ class Header:
                 if mode != "auto":
                     session.look(dark=mode == "dark")
 
-            Choice(
-                "Dark or light", {"auto": "Auto", "dark": "Dark", "light": "Light"}, "auto",
-                show,
-            )  # fmt: skip
+            Choice("Dark or light", {"auto": "Auto", "dark": "Dark", "light": "Light"}, "auto", show)
         self._notices = ui.element("div").classes("page-notices")
         self._shown: tuple[object, ...] = ()
 
@@ -227,18 +221,16 @@ class Header:
         self._document.keep(f"snapshot {number}")
 
     def _show_notices(self) -> None:
-        document, self_guarded = self._document, self._guarded
+        document, guarded = self._document, self._guarded
         self._notices.clear()
         with self._notices:
             if document.outside is not None:
                 with ui.element("div").classes("notice").props("role=alert"):
                     Text("The scene file was changed by another program.")
-                    Button("Take its text", lambda: self_guarded(document.take_outside))
-                    Button("Overwrite it with mine", lambda: self_guarded(lambda: document.save(overwrite=True)))
+                    Button("Take its text", lambda: guarded(document.take_outside))
+                    Button("Overwrite it with mine", lambda: guarded(lambda: document.save(overwrite=True)))
             if document.problems:
-                with ui.element("div").classes("problems").props("role=alert"):
-                    for line in document.problems:
-                        Text(line, "div")
+                alert(document.problems)
 
 
 # The time line of a tab: thumbnails, play head, range, and the curve of a keyed parameter.

@@ -16,7 +16,7 @@ from mr360uw.errors import ParameterError
 from mr360uw.parameters import bounds_of
 from mr360uw.tune import fields, placing
 from mr360uw.tune.click_tools import PATCH_TOOLS, FloorTool, LevelTool, PatchTool
-from mr360uw.tune.controls import Button, Choice, Text
+from mr360uw.tune.controls import Button, Choice, Text, alert
 from mr360uw.tune.fields import in_words
 from mr360uw.tune.lasso_tool import LassoTool
 from mr360uw.tune.placing import Point
@@ -152,17 +152,12 @@ class PlaceTools:
         here, key = self._situation, f"object.{number}"
         if here is None or number >= len(here.bodies):
             return False
-        changes = in_words(
-            self._document.get(key) or {}, name, value, lambda level: here.words(number, level=level)
-        )  # fmt: skip
+        words = self._document.get(key) or {}
+        changes = in_words(words, name, value, lambda level: here.words(number, level=level))
         if changes is None:
             return False
-        with self._document.together(f"set {key}.{name}", group=group):
-            for word in [word for word, now in changes.items() if now is None]:
-                if self._document.get(f"{key}.{word}") is not None:
-                    self._document.unset(f"{key}.{word}")
-            for word in [word for word, now in changes.items() if now is not None]:
-                self._document.set(f"{key}.{word}", changes[word])
+        ordered = sorted(changes.items(), key=lambda change: change[1] is not None)  # what is removed goes first
+        self._document.apply(f"set {key}.{name}", {f"{key}.{word}": now for word, now in ordered}, group=group)
         return True
 
     def trim(self, thirds: int) -> None:
@@ -208,13 +203,9 @@ class PlaceTools:
             if self._tool in ("floor", "level"):
                 (self._floor if self._tool == "floor" else self._level).add(here.camera, point)
             elif self._tool == "sun":
-                azimuth, elevation = here.sun_angles_deg(point)
-                given = {
-                    "sun": "given",
-                    "sun_azimuth_deg": _short(azimuth, 2),
-                    "sun_elevation_deg": _short(elevation, 2),
-                }
-                self._document.apply("sun by click", {f"light.{name}": value for name, value in given.items()})
+                azimuth, elevation = (_short(angle, 2) for angle in here.sun_angles_deg(point))
+                angles = {"light.sun_azimuth_deg": azimuth, "light.sun_elevation_deg": elevation}
+                self._document.apply("sun by click", {"light.sun": "given", **angles})
             else:
                 self._check_number(here)
                 place = here.standing if self._tool == "stand" else here.swimming
@@ -287,9 +278,7 @@ class PlaceTools:
         """Set a parameter of an object in place of the words that say the same."""
         key = f"object.{number}"
         with self._document.together(f"set {key}.{name}", group=group):
-            for word in (f"{key}.{other}" for other in _WORDS[name]):
-                if self._document.get(word) is not None:
-                    self._document.unset(word)
+            self._document.apply(f"set {key}.{name}", {f"{key}.{word}": None for word in _WORDS[name]})
             self._put(f"{key}.{name}", value, group)
 
     def _put(self, key: str, value: Any, group: str | None = None) -> None:
@@ -360,9 +349,7 @@ class ShownPicture:
         self._problems.clear()
         with self._problems:
             if session.problems:
-                with ui.element("div").classes("problems").props("role=alert"):
-                    for line in session.problems:
-                        Text(line, "div")
+                alert(session.problems)
         self.follow()
         if self._compared == "plate":
             self._compare("plate")

@@ -13,12 +13,13 @@ from pathlib import Path
 from typing import Any, Literal
 
 from mr360uw.errors import Mr360uwError, ParameterError
-from mr360uw.preview.live import LivePreview, PlateClip
+from mr360uw.preview.live import LivePreview
 from mr360uw.progress import Progress
 from mr360uw.scene.model import Scene
 from mr360uw.tune.document import Document, observed
 from mr360uw.tune.pictures import MadePicture, Pictures, Wanted
 from mr360uw.tune.views import VIEW_NAMES
+from mr360uw.video import VideoReader
 
 State = Literal["running", "done", "failed", "cancelled"]
 _MESSAGE_LINES = 40
@@ -100,7 +101,7 @@ class Session:
     """
 
     def __init__(
-        self, document: Document, pictures: Pictures, clip: PlateClip, width: int, backend: str = "auto"
+        self, document: Document, pictures: Pictures, clip: VideoReader, width: int, backend: str = "auto"
     ) -> None:
         self.document, self.pictures, self.clip = document, pictures, clip
         self.width, self.backend = min(width, clip.width), backend

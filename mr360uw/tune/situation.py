@@ -323,8 +323,7 @@ class Viewer(Element, component="viewer.js", esm={"mr360uw-tune": "js"}):
 
     def expect(self) -> None:
         """Say that the settings have changed: the picture is marked as older until one is shown that is not stale."""
-        self._props["expected"] = self._serial + 1
-        self.update()
+        self._give(expected=self._serial + 1)
 
     def show(
         self, url: str, *, stale: bool = False, coarse: bool = False, stand_in: bool = False, panorama: bool = True,
@@ -350,20 +349,17 @@ class Viewer(Element, component="viewer.js", esm={"mr360uw-tune": "js"}):
     def show_other(self, url: str, name: str = "plate") -> None:
         """Set the second picture, for `set_compare`; its size may differ, its projection not."""
         self._others += 1
-        self._props["other"] = {"url": url, "serial": self._others, "name": name}
-        self.update()
+        self._give(other={"url": url, "serial": self._others, "name": name})
 
     def set_compare(self, compare: Compare) -> None:
         """Show the picture alone, with a draggable divider to the second one, or both beside each other."""
-        self._props["compare"] = compare
-        self.update()
+        self._give(compare=compare)
 
     # --- views and marks
 
     def set_look(self, *, look: bool) -> None:
         """Look around in a panorama, or show it flat."""
-        self._props["look"] = look
-        self.update()
+        self._give(look=look)
 
     def turn_to(self, point: Point) -> None:
         """Look at a point of the picture."""
@@ -371,26 +367,27 @@ class Viewer(Element, component="viewer.js", esm={"mr360uw-tune": "js"}):
 
     def set_marks(self, markers: Sequence[Marker], horizon: Sequence[Sequence[Point]] = ()) -> None:
         """Replace the marks, and the lines that show the edge of the receiver."""
-        self._props["markers"] = [asdict(marker) for marker in markers]
-        self._props["horizon"] = [[[p.longitude, p.latitude] for p in line] for line in horizon]
-        self.update()
+        edge = [[[p.longitude, p.latitude] for p in line] for line in horizon]
+        self._give(markers=[asdict(marker) for marker in markers], horizon=edge)
 
     def set_lines(self, lines: Sequence[tuple[str, Sequence[Point]]]) -> None:
         """Replace the lines that are drawn in the picture: (kind, points) of each; a single point is a dot.
 
         kind: its colour: "outline", "inside" or "outside" of something, or "matte", the outline of one that was made.
         """
-        self._props["drawn"] = [[kind, [[p.longitude, p.latitude] for p in line]] for kind, line in lines]
-        self.update()
+        self._give(drawn=[[kind, [[p.longitude, p.latitude] for p in line]] for kind, line in lines])
 
     def set_drawing(self, kind: str) -> None:
         """Let drags draw lines of a kind, as `set_lines` has them, instead of turning the view; "": they turn it."""
-        self._props["drawing"] = kind
-        self.update()
+        self._give(drawing=kind)
 
     def select(self, name: str | None) -> None:
         """Give the marker of a name its handles; None: no marker."""
-        self._props["selected"] = name or ""
+        self._give(selected=name or "")
+
+    def _give(self, **values: Any) -> None:
+        """Give the browser's side values."""
+        self._props.update(values)
         self.update()
 
     # --- events
