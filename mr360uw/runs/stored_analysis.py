@@ -9,6 +9,7 @@ import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from types import NoneType
 from typing import Any, get_args, get_origin, get_type_hints
 
 import numpy as np
@@ -96,6 +97,8 @@ def analysis_of_arrays(arrays: Mapping[str, NDArray[Any]], kind: type = ClipAnal
             array = arrays[name]
             plain = array.item() if array.ndim == 0 else array
             values[field] = tuple(array.tolist()) if get_origin(hint) is tuple else plain
+        elif NoneType in get_args(hint):
+            values[field] = None
     return kind(**values)
 
 
