@@ -4,7 +4,8 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict
 from functools import partial
 from typing import Any, Literal
@@ -15,9 +16,19 @@ from nicegui.elements.mixins.text_element import TextElement
 from nicegui.events import GenericEventArguments
 from pydantic_core import to_jsonable_python
 
+from mr360uw.errors import Mr360uwError
 from mr360uw.scene.toml_model import toml_value
 from mr360uw.tune.document import Document
 from mr360uw.tune.fields import FIRST, Field, Group, groups, set_along, unsaid, without_effect
+
+
+@contextmanager
+def told(failed: Callable[[Exception], None]) -> Iterator[None]:
+    """A context that ends at an error of what a user asks for. failed: tells the error."""
+    try:
+        yield
+    except (Mr360uwError, ValueError, OSError) as error:
+        failed(error)
 
 
 class Text(TextElement):
@@ -94,6 +105,12 @@ class Choice(Element):
         """Show another value as chosen."""
         self._props["value"] = value
         self.update()
+
+
+def text_input(props: str, action: Callable[[str], Any]) -> Element:
+    """Return a field for a line of text. action: called with the text when it was changed."""
+    field = ui.element("input").props(f"type=text {props}")
+    return field.on("change", lambda event: action(str(event.args)), js_handler="(e) => emit(e.target.value)")
 
 
 def menu(text: str, title: str) -> ui.menu:
@@ -212,17 +229,18 @@ def typed(field: Field, value: Any) -> Any:
 class ControlPanel(Element, component="controls.js"):
     """Controls of a document's parameters.
 
-    mark: called with the dotted key of a parameter that is to be keyed. choose: called with a list's key and the number
-    of its entry that is chosen. keyed: returns the present values of the parameters that have keys, by key; a change of
-    one of those goes to `key_value` instead of the document. in_words: called with an object's number, the word, its
-    value and the group of a drag; sets it and returns whether it did, where others had to change with it.
+    mark: called with the dotted key of a parameter that is to be keyed, and its default. choose: called with a list's
+    key and the number of its entry that is chosen. keyed: returns the present values of the parameters that have keys,
+    by key; a change of one of those goes to `key_value` instead of the document. in_words: called with an object's
+    number, the word, its value and the group of a drag; sets it and returns whether it did, where others had to change
+    with it.
     """
 
     def __init__(
         self,
         document: Document,
         *,
-        mark: Callable[[str], None],
+        mark: Callable[[str, Any], None],
         choose: Callable[[str, int], None],
         keyed: Callable[[], dict[str, Any]],
         key_value: Callable[[str, Any, str | None], None],
@@ -243,7 +261,7 @@ class ControlPanel(Element, component="controls.js"):
         self.on("reset", self._reset)
         self.on("add", self._added)
         self.on("remove", lambda event: self._try(lambda: document.unset(event.args["key"])))
-        self.on("mark", lambda event: self._try(lambda: mark(event.args["key"])))
+        self.on("mark", lambda event: self._try(lambda: mark(event.args["key"], self._default_of(event.args["key"]))))
         self.on("choose", lambda event: choose(event.args["key"], event.args["number"]))
         self.on("settle", lambda _: settle())
         self._props["begin"] = self._state()
@@ -290,7 +308,7 @@ class ControlPanel(Element, component="controls.js"):
         default, value = self._fields[key].default, self._document.get(place)
         return default if value is None else value, default
 
-    def default_of(self, key: str) -> Any:
+    def _default_of(self, key: str) -> Any:
         """Return the default of a parameter; None where it has none."""
         field = self._field(key)
         return None if field is None else field.default
@@ -326,10 +344,8 @@ class ControlPanel(Element, component="controls.js"):
         self._try(lambda: self._document.append(event.args["key"], event.args["table"]))
 
     def _try(self, action: Callable[[], object]) -> None:
-        try:
+        with told(self._failed):
             action()
-        except (ValueError, OSError) as error:
-            self._failed(error)
         self.refresh()  # also where nothing changed, so that the control shows the value that counts
 
 

@@ -14,7 +14,7 @@ from mr360uw.errors import Mr360uwError, OutputExistsError
 from mr360uw.parameters import bounds_of, stated
 from mr360uw.scene.key_targets import target_of
 from mr360uw.tune import fields
-from mr360uw.tune.controls import Button, Choice, ControlPanel, Interpolation, Text, Timeline, alert, menu
+from mr360uw.tune.controls import Button, Choice, ControlPanel, Interpolation, Text, Timeline, alert, menu, told
 from mr360uw.tune.dialogs import DepthTool, MatchDialog, RenderDialog
 from mr360uw.tune.place_tools import PlaceTools, ShownPicture
 from mr360uw.tune.session import Event, Session
@@ -36,12 +36,14 @@ class TunePage:
             self.header = Header(session, self.guarded, self.save)
             with ui.element("div").classes("page-controls"):
                 self.controls = ControlPanel(
-                    session.document, mark=self._mark, choose=self._choose, failed=self.failed, settle=session.settle,
+                    session.document, failed=self.failed, settle=session.settle,
+                    mark=lambda key, default: self.time.mark(key, default),  # noqa: PLW0108 - it is made later
+                    choose=lambda key, number: self.place.select(number) if key == "object" else None,
                     keyed=lambda: fields.values_at(session.document, session.time_s),
                     key_value=lambda key, value, group: fields.set_key(
                         session.document, key, session.time_s, value, group=group
                     ),
-                    in_words=self._in_words,
+                    in_words=lambda *word: self.place.set_word(*word),  # noqa: PLW0108 - it is made later
                 )  # fmt: skip
             self.stage = ShownPicture(session, self.failed)
             self.render = RenderDialog(session, self.guarded)
@@ -62,10 +64,8 @@ class TunePage:
 
     def guarded(self, action: Callable[[], Any]) -> None:
         """Run an action of the user; tell its error."""
-        try:
+        with told(self.failed):
             action()
-        except (Mr360uwError, OSError) as error:
-            self.failed(error)
 
     def failed(self, error: Exception) -> None:
         """Tell an error."""
@@ -116,16 +116,6 @@ class TunePage:
         }  # fmt: skip
         if name in actions:
             self.guarded(actions[name])
-
-    def _mark(self, key: str) -> None:
-        self.guarded(lambda: self.time.mark(key, self.controls.default_of(key)))
-
-    def _in_words(self, number: int, name: str, value: Any, group: str | None) -> bool:
-        return self.place.set_word(number, name, value, group)
-
-    def _choose(self, key: str, number: int) -> None:
-        if key == "object":
-            self.place.select(number)
 
 
 # The page's header: file, unsaved mark, undo, redo, save, presets, snapshots, dark or light.

@@ -16,7 +16,7 @@ from mr360uw.errors import ParameterError
 from mr360uw.parameters import bounds_of
 from mr360uw.tune import fields, placing
 from mr360uw.tune.click_tools import PATCH_TOOLS, FloorTool, LevelTool, PatchTool
-from mr360uw.tune.controls import Button, Choice, Text, alert
+from mr360uw.tune.controls import Button, Choice, Text, alert, told
 from mr360uw.tune.fields import in_words
 from mr360uw.tune.lasso_tool import LassoTool
 from mr360uw.tune.placing import Point
@@ -187,7 +187,7 @@ class PlaceTools:
     async def _picked(self, point: Point) -> None:
         if not self._tool:
             return
-        try:
+        with told(self._failed):
             # Answer tools that need no geometry at once
             if self._tool == "water":
                 self._match_water(point)
@@ -210,15 +210,13 @@ class PlaceTools:
                 self._check_number(here)
                 place = here.standing if self._tool == "stand" else here.swimming
                 self._put_object(self._number, "position_m", _vector(place(self._number, point)))
-        except (ParameterError, OSError, ValueError) as error:
-            self._failed(error)
 
     async def _dragged(self, drag: Drag) -> None:
         async with self._in_turn:  # the end of a short drag waits for what its start asks
             await self._follow(drag)
 
     async def _follow(self, drag: Drag) -> None:
-        try:
+        with told(self._failed):
             if drag.phase == "start":
                 self._drag = None
                 kind, _, digits = drag.name.partition(".")
@@ -240,8 +238,6 @@ class PlaceTools:
             if drag.phase in ("end", "cancel"):
                 self._drag = None
                 self._session.settle()
-        except (ParameterError, OSError, ValueError) as error:
-            self._failed(error)
 
     def _drag_object(self, drag: Drag, here: Situation, number: int, group: str) -> None:
         body = here.bodies[number]
@@ -261,13 +257,11 @@ class PlaceTools:
 
     def _face_camera(self) -> None:
         assert self._situation is not None
-        try:
+        with told(self._failed):
             self._check_number(self._situation)
             yaw = _short(self._situation.facing_yaw_deg(self._number), 2)
             rest = self._situation.bodies[self._number].rotation_deg[1:]
             self._put_object(self._number, "rotation_deg", [yaw, *rest])
-        except (ParameterError, OSError, ValueError) as error:
-            self._failed(error)
 
     def _check_number(self, here: Situation) -> None:
         if not here.bodies:
