@@ -18,8 +18,19 @@ from pydantic_core import to_jsonable_python
 
 from mr360uw.errors import Mr360uwError
 from mr360uw.scene.toml_model import toml_value
-from mr360uw.tune.document import Document
-from mr360uw.tune.fields import FIRST, Field, Group, groups, set_along, unsaid, without_effect
+from mr360uw.tune.fields import (
+    FIRST,
+    Field,
+    Group,
+    groups,
+    keyed_parameters,
+    set_along,
+    set_key,
+    unsaid,
+    values_at,
+    without_effect,
+)
+from mr360uw.tune.session import Session
 
 
 @contextmanager
@@ -227,30 +238,25 @@ def typed(field: Field, value: Any) -> Any:
 
 
 class ControlPanel(Element, component="controls.js"):
-    """Controls of a document's parameters.
+    """Controls of the parameters of a session's document; of those that have keys, of their present values.
 
     mark: called with the dotted key of a parameter that is to be keyed, and its default. choose: called with a list's
-    key and the number of its entry that is chosen. keyed: returns the present values of the parameters that have keys,
-    by key; a change of one of those goes to `key_value` instead of the document. in_words: called with an object's
-    number, the word, its value and the group of a drag; sets it and returns whether it did, where others had to change
-    with it.
+    key and the number of its entry that is chosen. in_words: called with an object's number, the word, its value and
+    the group of a drag; sets it and returns whether it did, where others had to change with it. failed: tells an error.
     """
 
     def __init__(
         self,
-        document: Document,
+        session: Session,
         *,
         mark: Callable[[str, Any], None],
         choose: Callable[[str, int], None],
-        keyed: Callable[[], dict[str, Any]],
-        key_value: Callable[[str, Any, str | None], None],
         in_words: Callable[[int, str, Any, str | None], bool],
         failed: Callable[[Exception], None],
-        settle: Callable[[], None],
     ) -> None:
         super().__init__()
         self._in_words, self._words = in_words, dict[str, Any]()
-        self._document, self._keyed, self._key_value, self._failed = document, keyed, key_value, failed
+        self._session, self._document, self._failed = session, session.document, failed
         tables = groups()
         self._fields = {
             f"{group.key}.{field.key}": field for group in tables for tag in group.tags for field in group.fields(tag)
@@ -260,10 +266,10 @@ class ControlPanel(Element, component="controls.js"):
         self.on("change", self._changed)
         self.on("reset", self._reset)
         self.on("add", self._added)
-        self.on("remove", lambda event: self._try(lambda: document.unset(event.args["key"])))
+        self.on("remove", lambda event: self._try(lambda: self._document.unset(event.args["key"])))
         self.on("mark", lambda event: self._try(lambda: mark(event.args["key"], self._default_of(event.args["key"]))))
         self.on("choose", lambda event: choose(event.args["key"], event.args["number"]))
-        self.on("settle", lambda _: settle())
+        self.on("settle", lambda _: session.settle())
         self._props["begin"] = self._state()
 
     def refresh(self) -> None:
@@ -285,8 +291,8 @@ class ControlPanel(Element, component="controls.js"):
         errors = {key: self._document.problem_of(key) for key in self._document.problem_keys()}
         objects = tree.get("object", [])
         hidden = [f"object.{k}.{word}" for k, table in enumerate(objects) for word in unsaid(table)]
-        plain = to_jsonable_python(tree, fallback=str)
-        return {"tree": plain, "texts": texts, "errors": errors, "keyed": self._keyed(),
+        plain, keyed = to_jsonable_python(tree, fallback=str), values_at(self._document, self._session.time_s)
+        return {"tree": plain, "texts": texts, "errors": errors, "keyed": keyed,
                 "words": self._words, "hidden": hidden, "idle": self._idle(len(objects))}  # fmt: skip
 
     def _idle(self, objects: int) -> dict[str, str]:
@@ -322,10 +328,11 @@ class ControlPanel(Element, component="controls.js"):
         if field is not None:
             value = typed(field, value)
         drag = None if group is None else f"{self.client.id} {key} {group}"
-        if key in self._keyed():
-            self._try(lambda: self._key_value(key, value, drag))
-        else:
-            self._try(lambda: self._set(key, value, drag))
+        keyed = key in keyed_parameters(self._document)
+        self._try(lambda: (self._set_key if keyed else self._set)(key, value, drag))
+
+    def _set_key(self, key: str, value: Any, group: str | None) -> None:
+        set_key(self._document, key, self._session.time_s, value, group=group)
 
     def _set(self, key: str, value: Any, group: str | None) -> None:
         table, _, rest = key.partition(".")

@@ -36,13 +36,9 @@ class TunePage:
             self.header = Header(session, self.guarded, self.save)
             with ui.element("div").classes("page-controls"):
                 self.controls = ControlPanel(
-                    session.document, failed=self.failed, settle=session.settle,
+                    session, failed=self.failed,
                     mark=lambda key, default: self.time.mark(key, default),  # noqa: PLW0108 - it is made later
                     choose=lambda key, number: self.place.select(number) if key == "object" else None,
-                    keyed=lambda: fields.values_at(session.document, session.time_s),
-                    key_value=lambda key, value, group: fields.set_key(
-                        session.document, key, session.time_s, value, group=group
-                    ),
                     in_words=lambda *word: self.place.set_word(*word),  # noqa: PLW0108 - it is made later
                 )  # fmt: skip
             self.stage = ShownPicture(session, self.failed)
