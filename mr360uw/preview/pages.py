@@ -24,7 +24,7 @@ from mr360uw.progress import Progress
 from mr360uw.reading.input_files import files_read
 from mr360uw.render.check import sun_lines
 from mr360uw.render.first_pass import first_pass
-from mr360uw.render.plate_map import plate_map
+from mr360uw.render.lights import plate_map
 from mr360uw.render.surroundings import surroundings_over_time
 from mr360uw.scene.model import PlateSettings, Scene, at_scale, files_of, load_scene
 from mr360uw.scene.resolved import open_plate

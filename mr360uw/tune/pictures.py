@@ -20,8 +20,7 @@ import numpy as np
 from mr360uw.errors import Mr360uwError
 from mr360uw.preview.live import COARSE_WIDTH, LivePreview, encoded
 from mr360uw.scene.model import Scene
-from mr360uw.tune.shown_frame import ShownFrame
-from mr360uw.tune.views import CHARTS, VIEWS
+from mr360uw.tune.views import CHARTS, VIEWS, ShownFrame
 from mr360uw.video.writer import picture_codes
 
 

@@ -26,8 +26,15 @@ from mr360uw.render.loaded import Loaded, Loader, load_plate_depth
 from mr360uw.render.surroundings import load_surroundings
 from mr360uw.runs.job import Job, OpenJob, RunTimes
 from mr360uw.runs.outputs import Output, Report, forecaster, with_encoder
-from mr360uw.runs.stored_analysis import input_fingerprints, measured_analysis, work_keys
-from mr360uw.runs.work_folder import Part, WorkFolder, joined_bounds, work_folder
+from mr360uw.runs.work_folder import (
+    Part,
+    WorkFolder,
+    input_fingerprints,
+    joined_bounds,
+    measured_analysis,
+    work_folder,
+    work_keys,
+)
 from mr360uw.runs.workers import make_crew
 from mr360uw.scene.model import Scene
 from mr360uw.scene.resolved import open_plate, projection_notes, scene_at
