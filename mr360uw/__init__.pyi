@@ -6,7 +6,6 @@ from .from_above import AerialScene, aerial, load_aerial
 from .render.first_pass import ClipAnalysis
 from .runs.outputs import Report
 from .runs.pipeline import composite_video
-
 from .sample import sample_dive
 from .scene import Scene, load_scene
 from .track.camera_track import CameraTrack

@@ -21,6 +21,7 @@ from mr360uw.cache import Cache, Same
 from mr360uw.color import encode
 from mr360uw.errors import ParameterError
 from mr360uw.jit import exact
+from mr360uw.parameters import Parameters
 from mr360uw.progress import Progress
 from mr360uw.reading.disk_cache import CachedReads, Stamp, stamp
 from mr360uw.render.backends import close_backend, make_backend
@@ -39,13 +40,15 @@ from mr360uw.video.reader import Seeker, scaled, scaled_size, smaller
 
 COARSE_WIDTH = 512
 """Width [pixels] of drafts."""
-_SAMPLES, _SUN_SAMPLES = 5, 8
-_CAUSTIC_SIZE, _CAUSTIC_GRID, _PLANES = 128, 96, 2
-_SHAFT_NODES, _SHAFT_SLICES = 128, 16
-"""Settings of drafts, at most. A pixel of theirs is as wide as two of a frame: detail is lost anyhow."""
-_BANDS = 21
-"""Wavelengths of drafts, at most: veils of Jerlov's waters differ by up to 0.8 % from those of 61 wavelengths. With 16
-it is 1.7 %; the time to solve and tabulate a water goes with their number."""
+_DRAFT: dict[str, dict[str, int]] = {
+    "draw": {"samples": 5, "sun_samples": 8},
+    "caustics": {"size": 128, "grid": 96, "planes": 2},
+    "shafts": {"resolution": 128, "slices": 16},
+    "water": {"bands": 21},
+}
+"""Settings of drafts, at most, by their tables. A pixel of theirs is as wide as two of a frame: detail is lost anyhow.
+With 21 wavelengths, veils of Jerlov's waters differ by up to 0.8 % from those of 61. With 16 it is 1.7 %; the time to
+solve and tabulate a water goes with their number."""
 
 
 def coarse(scene: Scene) -> Scene:
@@ -55,27 +58,16 @@ def coarse(scene: Scene) -> Scene:
     and orders of light about the sun. Shafts of waves and bodies alone are left out: at their physical strength a draft
     would hardly show them.
     """
-    # Fewer samples, smaller maps, fewer bands; shafts only where they show
-    draw, caustics, water = scene.draw, scene.caustics, scene.water
-    fewer = {"samples": min(draw.samples, _SAMPLES), "sun_samples": min(draw.sun_samples, _SUN_SAMPLES)}
-    coarser = {
-        "size": min(caustics.size, _CAUSTIC_SIZE),
-        "grid": min(caustics.grid or _CAUSTIC_GRID, _CAUSTIC_GRID),
-        "planes": min(caustics.planes, _PLANES),
-    }
-    shafts: dict[str, int | str] = {
-        "resolution": min(scene.shafts.resolution, _SHAFT_NODES),
-        "slices": min(scene.shafts.slices, _SHAFT_SLICES),
-    }
+    drafts = {name: _at_most(getattr(scene, name), most) for name, most in _DRAFT.items()}
+    drafts["water"] = drafts["water"].model_copy(update={"rough": True})
     if not (scene.lamps or scene.shafts.on_plate or scene.shafts.strength > 1.0):
-        shafts = {"mode": "off"}
-    drafts = {
-        "shafts": scene.shafts.model_copy(update=shafts),
-        "draw": draw.model_copy(update=fewer),
-        "caustics": caustics.model_copy(update=coarser),
-        "water": water.model_copy(update={"bands": min(water.bands, _BANDS), "rough": True}),
-    }
+        drafts["shafts"] = scene.shafts.model_copy(update={"mode": "off"})
     return scene.model_copy(update=drafts)
+
+
+def _at_most(table: Parameters, most: dict[str, int]) -> Parameters:
+    """Return a table of settings of which some are no larger than given."""
+    return table.model_copy(update={name: min(getattr(table, name) or top, top) for name, top in most.items()})
 
 
 def _of_clip(plate: VideoReader, loaded: Loaded) -> Hashable:

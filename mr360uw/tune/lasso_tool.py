@@ -54,6 +54,7 @@ class LassoTool:
     def __init__(self, session: Session, failed: Callable[[Exception], None], changed: Callable[[], None]) -> None:
         self._session, self._document = session, session.document
         self._failed, self._changed = failed, changed
+        self._folder, self._clip = session.document.path.parent, session.frame_count > 1
         self.lines: list[Line] = []
         self.kind: Kind = "outline"
         self._name, self._index = "", session.index
@@ -126,14 +127,6 @@ class LassoTool:
             if is_matte_name(name):
                 found[name] = number
         return found
-
-    @property
-    def _clip(self) -> bool:
-        return self._session.frame_count > 1
-
-    @property
-    def _folder(self) -> Path:
-        return self._document.path.parent
 
     def _keys(self) -> list[int]:
         return list(key_files(self._folder / self._name)) if self._name and self._clip else []

@@ -365,22 +365,6 @@ def _depth_picture(shown: ShownFrame) -> Codes:
     return image
 
 
-CHARTS = frozenset({"caustics", "surface", "plan"})
-"""Views that are no panoramas."""
-VIEW_NAMES = {
-    "composite": "Composite",
-    "plate": "Plate",
-    "caustics": "Caustics",
-    "surface": "Sea surface",
-    "lights": "Lights",
-    "difference": "Shadows and caustics",
-    "water": "Water alone",
-    "depth": "Distances",
-    "plan": "Plan",
-}
-"""The views' names for people."""
-
-
 def _codes(frame: VideoFrame) -> Codes:
     return narrowed(np.asarray(picture_codes(frame, deep=False), np.uint8), _LARGEST_WIDTH)
 
@@ -573,15 +557,20 @@ def _sun(paper: _Paper, shown: ShownFrame) -> None:
     write(paper.image, f"sunlight, {elevation:.0f} deg up", (_CHART_SIDE - 176, 160), palette.warm, 0.45)
 
 
-VIEWS: dict[str, Callable[[ShownFrame], Codes]] = {
-    "composite": lambda shown: _codes(shown.frame.picture),
-    "plate": lambda shown: _codes(shown.frame.plate.graded_by(None)),
-    "caustics": _caustic_chart,
-    "surface": _surface_chart,
-    "lights": _lights_picture,
-    "difference": _difference_picture,
-    "water": _water_picture,
-    "depth": _depth_picture,
-    "plan": _plan_chart,
+_VIEWS: dict[str, tuple[str, Callable[[ShownFrame], Codes]]] = {
+    "composite": ("Composite", lambda shown: _codes(shown.frame.picture)),
+    "plate": ("Plate", lambda shown: _codes(shown.frame.plate.graded_by(None))),
+    "caustics": ("Caustics", _caustic_chart),
+    "surface": ("Sea surface", _surface_chart),
+    "lights": ("Lights", _lights_picture),
+    "difference": ("Shadows and caustics", _difference_picture),
+    "water": ("Water alone", _water_picture),
+    "depth": ("Distances", _depth_picture),
+    "plan": ("Plan", _plan_chart),
 }
+VIEW_NAMES = {view: name for view, (name, _) in _VIEWS.items()}
+"""The views' names for people."""
+VIEWS = {view: draw for view, (_, draw) in _VIEWS.items()}
 """Functions that draw the views, by their names in URLs and settings."""
+CHARTS = frozenset({"caustics", "surface", "plan"})
+"""Views that are no panoramas."""
