@@ -287,23 +287,19 @@ def value_at(document: Document, key: KeyedParameter, time_s: float) -> Any:
 
 
 def set_key(document: Document, parameter: str, time_s: float, value: Any, *, group: str | None = None) -> None:
-    """Set the key of a parameter at a time, in place of one that is there. group: as `Document.set` has it."""
+    """Set the key of a parameter at a time, in place of one that is there. group: as `Document.set` has it.
+
+    value: None removes the key; with the last one the parameter takes its value, without keys.
+    """
     held = keyed_parameters(document).get(parameter)
     pairs = [pair for pair in _pairs(held) if abs(pair[0] - time_s) > SAME_S]
-    kind = "smooth" if held is None else held.interpolation
-    set_keys(document, parameter, [*pairs, (time_s, value)], kind, group=group)
+    pairs += [] if value is None else [(time_s, value)]
+    set_keys(document, parameter, pairs, "smooth" if held is None else held.interpolation, group=group)
 
 
 def has_key(document: Document, parameter: str, time_s: float) -> bool:
     """Return whether a parameter has a key at a time."""
     return any(abs(time - time_s) <= SAME_S for time, _ in _pairs(keyed_parameters(document).get(parameter)))
-
-
-def remove_key(document: Document, parameter: str, time_s: float) -> None:
-    """Remove the key of a parameter at a time; with the last one the parameter takes its value, without keys."""
-    held = keyed_parameters(document).get(parameter)
-    pairs = [pair for pair in _pairs(held) if abs(pair[0] - time_s) > SAME_S]
-    set_keys(document, parameter, pairs, "smooth" if held is None else held.interpolation)
 
 
 def set_keys(document: Document, parameter: str, pairs: Pairs, interpolation: str, *, group: str | None = None) -> None:

@@ -258,12 +258,11 @@ class TimePanel:
     def mark(self, key: str, default: Any) -> None:
         """Set a key of a parameter at the present time, or remove the one that is there; show its curve."""
         session, time_s = self._session, self._session.time_s
-        if fields.has_key(self._document, key, time_s):
-            fields.remove_key(self._document, key, time_s)
-        else:
+        value = None
+        if not fields.has_key(self._document, key, time_s):
             now = fields.values_at(self._document, time_s).get(key)
             value = fields.present_value(self._document, key, default) if now is None else now
-            fields.set_key(self._document, key, time_s, value)
+        fields.set_key(self._document, key, time_s, value)
         held = fields.keyed_parameters(self._document).get(key)
         vector = held is not None and isinstance(held.value[0], tuple)
         self.choose("" if held is None else f"{key} 0" if vector else key)
