@@ -130,14 +130,12 @@ class LivePreview:
         with one_blas_thread():
             loaded = self.loaded(scene, width)
             loaded.check(index + 1)
-            plate, analysis = self.plate(scene, index, width), self._analysis_for(loaded, self.plates.reader(scene))
+            plate, analysis = self.plates.at(scene, index, width), self._analysis_for(loaded, self.plates.reader(scene))
             if analysis.grade is None and loaded.plan.match.runs and loaded.scene.match.open_keys:
                 places = patch_frames(scene.match, self.plates.reader(scene))
-                shown = [self.plate(scene, place, width) for place in places]
+                shown = [self.plates.at(scene, place, width) for place in places]
                 analysis = replace(analysis, grade=grade_in_frame(loaded, plate, shown, self._reads.cache))
             return composite_frame(loaded, analysis, self.backend, plate, 0.0, cache=self._reads.cache)
-
-    coarse = staticmethod(coarse)
 
     def measure(self, scene: Scene, progress: Progress | None = None) -> ClipAnalysis:
         """Measure a scene's clip as a composite does before its first frame; frames use what was found from now on.
@@ -178,10 +176,6 @@ class LivePreview:
         reader, size = self.plates.reader(scene), self.plates.size(scene, width)
         at_size = at_scale(scene, size[0] / reader.width)
         return Loader(*size, clip=not reader.is_still, reads=self._reads).load(at_size)
-
-    def plate(self, scene: Scene, index: int, width: int | None = None) -> VideoFrame:
-        """Return a frame of a scene's plate, `width` pixels wide; raise `VideoError`."""
-        return self.plates.at(scene, index, width)
 
     def close(self) -> None:
         """Let go of everything that is kept, and of open files."""
@@ -230,7 +224,7 @@ class KeptFrames:
         reader = self.reader(scene)
         return scaled_size(reader, scene.plate.scale if width is None else min(width / reader.width, 1.0))
 
-    def at(self, scene: Scene, index: int, width: int | None) -> VideoFrame:
+    def at(self, scene: Scene, index: int, width: int | None = None) -> VideoFrame:
         """Return a frame of a scene's plate, `width` pixels wide, see `size`; raise `VideoError`."""
         reader, size = self.reader(scene), self.size(scene, width)
         reader.check_range(index, index + 1)

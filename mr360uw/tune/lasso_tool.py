@@ -174,7 +174,7 @@ class LassoTool:
             if scene.plate.eye == "both":
                 raise ParameterError('matte - is of one eye (got plate.eye = "both") - set one eye, or give a file')
             job = session.pictures.ask(
-                lambda renderer: picture_codes(renderer.preview.plate(scene, index, width), deep=False)
+                lambda renderer: picture_codes(renderer.preview.plates.at(scene, index, width), deep=False)
             )
             codes: NDArray[Any] = await asyncio.wrap_future(job)
             data = png(await asyncio.to_thread(matte_of_lines, codes, lines))

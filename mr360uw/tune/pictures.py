@@ -18,7 +18,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from mr360uw.errors import Mr360uwError
-from mr360uw.preview.live import COARSE_WIDTH, LivePreview, encoded
+from mr360uw.preview.live import COARSE_WIDTH, LivePreview, coarse, encoded
 from mr360uw.scene.model import Scene
 from mr360uw.tune.views import CHARTS, VIEWS, ShownFrame
 from mr360uw.video.writer import picture_codes
@@ -81,7 +81,7 @@ class PageRenderer:
     def picture(self, wanted: Wanted, width: int) -> MadePicture:
         """Return a picture of about a width, without its number and kind; raises what `LivePreview.frame` raises."""
         preview = self.preview
-        scene = preview.coarse(wanted.scene) if width <= COARSE_WIDTH and width < wanted.width else wanted.scene
+        scene = coarse(wanted.scene) if width <= COARSE_WIDTH and width < wanted.width else wanted.scene
         frame = preview.frame(scene, wanted.index, width)
         loaded = preview.loaded(scene, width).at(frame.plate.time_s)
         plate = preview.plates.reader(wanted.scene)
@@ -100,7 +100,7 @@ class PageRenderer:
 
     def plate(self, scene: Scene, index: int, width: int) -> bytes:
         """Return a frame of a scene's plate as JPEG; raise `VideoError`."""
-        return encoded(picture_codes(self.preview.plate(scene, index, width), deep=False), ".jpg")
+        return encoded(picture_codes(self.preview.plates.at(scene, index, width), deep=False), ".jpg")
 
     def thumbnails(self, scene: Scene, count: int) -> list[tuple[int, bytes]]:
         """Return (frame, JPEG) of up to `count` small frames of a scene's plate; raise `VideoError`."""
@@ -108,7 +108,7 @@ class PageRenderer:
         length = self.preview.plates.reader(scene).frame_count or 1
         if len(made) < count and length <= _SHORT:
             frames = np.unique(np.linspace(0, length - 1, count).astype(int)).tolist()
-            made = [self.preview.plate(scene, frame, _THUMBNAIL_WIDTH) for frame in frames]
+            made = [self.preview.plates.at(scene, frame, _THUMBNAIL_WIDTH) for frame in frames]
         return [(frame.index, encoded(picture_codes(frame, deep=False), ".jpg")) for frame in made]
 
     def close(self) -> None:
