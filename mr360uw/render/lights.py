@@ -134,10 +134,8 @@ def small_picture(plate: Floats | YuvImage) -> Floats:
 
     height, width = plate.y.shape
     size = min(width, _FINER * ENVIRONMENT_COLUMNS), min(height, _FINER * ENVIRONMENT_ROWS)
-    y, u, v = (
-        cv2.resize(_by_whole_factor(plane, size), size, interpolation=cv2.INTER_AREA)
-        for plane in (plate.y, plate.u, plate.v)
-    )
+    fine = (_by_whole_factor(plane, size) for plane in (plate.y, plate.u, plate.v))
+    y, u, v = (cv2.resize(plane, size, interpolation=cv2.INTER_AREA) for plane in fine)
     return linear_from_planes(YuvImage(y, u, v, plate.spec))
 
 
