@@ -25,6 +25,7 @@ import cv2
 import numpy as np
 
 from mr360uw.preview.live import COARSE_WIDTH, LivePreview, screen_picture
+from mr360uw.preview.live import coarse as draft_of
 from mr360uw.sample import sample_dive
 from mr360uw.scene.model import PlateSettings, Scene, load_scene
 from mr360uw.scene.resolved import open_plate
@@ -79,7 +80,7 @@ def scene_of(path: Path, changes: tuple[str, ...]) -> Scene:
 
 def shown(live: LivePreview, scene: Scene, *, coarse: bool) -> bytes:
     """Return an encoded frame."""
-    wanted = (LivePreview.coarse(scene), 0, COARSE_WIDTH) if coarse else (scene, 0, WIDTH)
+    wanted = (draft_of(scene), 0, COARSE_WIDTH) if coarse else (scene, 0, WIDTH)
     frame = live.frame(*wanted)
     return screen_picture(frame.picture.image_linear)
 

@@ -392,7 +392,7 @@ def section_gain() -> None:
     from tempfile import TemporaryDirectory
 
     from mr360uw.medium.open_water import fit_level
-    from mr360uw.render.plate_map import level_view
+    from mr360uw.render.lights import level_view
     from mr360uw.sample import Dive, DiveSettings
     from mr360uw.sample.dive import record
     from mr360uw.video import open_video
@@ -429,7 +429,7 @@ def section_names() -> None:
     """Types that `fit_water` names in dives over sand, with the right white balance and one that is off by 12 %."""
     from mr360uw.medium import fit_water
     from mr360uw.medium.waterfit import CONFIDENT
-    from mr360uw.render.plate_map import plate_map
+    from mr360uw.render.lights import plate_map
     from mr360uw.sample import Dive, DiveSettings
 
     rng, found = np.random.default_rng(0), []

@@ -3,9 +3,9 @@ from .compositor import Compositor, FrameResult, analyse_clip, render_frame
 from .depth.clip_depth import DepthReport, depth_of_clip
 from .errors import GlError, MeshError, Mr360uwError, OutputExistsError, ParameterError, SceneError, VideoError
 from .from_above import AerialScene, aerial, load_aerial
-from .pipeline import composite_video
 from .render.first_pass import ClipAnalysis
 from .runs.outputs import Report
+from .runs.pipeline import composite_video
 from .sample import sample_dive
 from .scene import Scene, load_scene
 from .track.camera_track import CameraTrack

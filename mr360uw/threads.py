@@ -8,12 +8,11 @@ thread of the caller, to which its OpenGL context belongs. Memory is bounded by 
 from __future__ import annotations
 
 import functools
-import queue
 import sys
-import threading
+from collections import deque
 from collections.abc import Callable, Generator, Iterable
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import AbstractContextManager
-from types import TracebackType
 from typing import Any, Generic, TypeVar
 
 T = TypeVar("T")
@@ -36,90 +35,50 @@ def _thread_pools(of_scipy: bool) -> Any:  # noqa: ARG001 - found anew once the 
     return ThreadpoolController()
 
 
-class _End:
-    """Marks the end of a queue, with the exception that ended it, if any."""
-
-    def __init__(self, error: BaseException | None = None) -> None:
-        self.error = error
+_END: Any = object()
+"""What a source of items gives after its last one."""
 
 
 def prefetch(items: Iterable[T], depth: int = 4) -> Generator[T]:
     """Yield items that a separate thread takes at most `depth` ahead; its exceptions are raised here."""
-    ready: queue.Queue[T | _End] = queue.Queue(depth)
-    stopped = threading.Event()
-
-    def take() -> None:
-        end = _End()
+    source = iter(items)
+    with ThreadPoolExecutor(1, "prefetch") as thread:
+        ahead = deque(thread.submit(next, source, _END) for _ in range(depth + 1))
         try:
-            for item in items:
-                while not stopped.is_set():
-                    try:
-                        ready.put(item, timeout=0.1)
-                        break
-                    except queue.Full:
-                        continue
-                if stopped.is_set():
-                    return
-        except BaseException as error:  # noqa: BLE001 - raised again on the caller's thread
-            end = _End(error)
-        while not stopped.is_set():
-            try:
-                ready.put(end, timeout=0.1)
-                break
-            except queue.Full:
-                continue
-
-    thread = threading.Thread(target=take, name="prefetch", daemon=True)
-    thread.start()
-    try:
-        while True:
-            item = ready.get()
-            if isinstance(item, _End):
-                if item.error is not None:
-                    raise item.error
-                return
-            yield item
-    finally:
-        stopped.set()
-        thread.join()
+            while (item := ahead.popleft().result()) is not _END:
+                ahead.append(thread.submit(next, source, _END))
+                yield item
+        finally:
+            thread.shutdown(cancel_futures=True)
 
 
 class Behind(Generic[T]):
     """Calls `work` on items in order on a separate thread; `put` and leaving the block raise its exceptions."""
 
     def __init__(self, work: Callable[[T], None], depth: int = 4) -> None:
-        self._work = work
-        self._waiting: queue.Queue[T | _End] = queue.Queue(depth)
-        self._error: BaseException | None = None
-        self._thread = threading.Thread(target=self._all, name="behind", daemon=True)
+        self._work, self._depth, self._failed = work, depth, False
+        self._thread, self._waiting = ThreadPoolExecutor(1, "behind"), deque[Future[None]]()
 
     def __enter__(self) -> Behind[T]:
-        self._thread.start()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._waiting.put(_End(error))
-        self._thread.join()
-        if error is None and self._error is not None:
-            raise self._error
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        self._thread.shutdown()
+        if kind is None:
+            for done in self._waiting:
+                done.result()
 
     def put(self, item: T) -> None:
-        """Queue an item; wait while the queue is full."""
-        if self._error is not None:
-            raise self._error
-        self._waiting.put(item)
+        """Queue an item; wait while more than `depth` are queued."""
+        self._waiting.append(self._thread.submit(self._one, item))
+        while self._waiting and (len(self._waiting) > self._depth + 1 or self._waiting[0].done()):
+            self._waiting.popleft().result()
 
-    def _all(self) -> None:
-        abandoned = False
-        while True:
-            item = self._waiting.get()
-            if isinstance(item, _End):
-                return
-            if abandoned:
-                continue  # keep emptying the queue, so that `put` never blocks for ever
-            try:
-                self._work(item)
-            except BaseException as error:  # noqa: BLE001 - raised again on the caller's thread
-                self._error, abandoned = error, True
+    def _one(self, item: T) -> None:
+        if self._failed:  # what follows an item that failed is not done
+            return
+        try:
+            self._work(item)
+        except BaseException:
+            self._failed = True
+            raise

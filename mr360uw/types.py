@@ -33,22 +33,9 @@ from mr360uw.plot import Figure, Shown
 from mr360uw.sphere import Array, direction_from_frame, frame_from_direction, unit
 
 __all__ = [
-    "Array",
-    "BeamSpread",
-    "CausticStack",
-    "Environment",
-    "Floats",
-    "Lamp",
-    "Layer",
-    "Light",
-    "MediumTable",
-    "Rectangle",
-    "Sun",
-    "Surface",
-    "Tile",
-    "View",
-    "YuvImage",
-]
+    "Array", "BeamSpread", "CausticStack", "Environment", "Floats", "Lamp", "Layer", "Light", "MediumTable",
+    "Rectangle", "Sun", "Surface", "Tile", "View", "YuvImage",
+]  # fmt: skip
 
 
 # The viewing circle of omnidirectional stereo is where the rays of an eye's panorama start. A panorama for one eye
@@ -175,13 +162,9 @@ class View(Parts):
     @property
     def pixel_rad(self) -> float:
         """Width [rad] of a pixel in the middle of the frame; 0 for parallel rays."""
-        if self.projection == "orthographic":
-            return 0.0
-        return (
-            PI / self.height
-            if self.projection == "equirectangular"
-            else 2.0 * math.tan(0.5 * self.fov_rad) / self.width
-        )
+        if self.projection == "equirectangular":
+            return PI / self.height
+        return 0.0 if self.projection == "orthographic" else 2.0 * math.tan(0.5 * self.fov_rad) / self.width
 
     @property
     def pixel_m(self) -> float:

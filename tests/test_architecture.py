@@ -33,7 +33,7 @@ ALLOWED: dict[str, set[str]] = {
     "video": set(),
     "scene": {"composite", "video", *PHYSICS},
     "render": {"depth", "scene", "composite", "video", "gl", "progress", "threads", *PHYSICS},
-    "runs": {"render", "scene", "composite", "video", "ibl", "medium", "threads", "progress", "__version__"},
+    "runs": {"render", "scene", "composite", "video", "threads", "progress", "__version__", *PHYSICS},
     "preview": {"render", "scene", "video", "composite", "progress", "threads", *PHYSICS},
     "match": {"render", "scene", "video", "caustic_lookup", "progress", *PHYSICS},
     "sample": {"scene", "ibl", "caustics", "medium", "surface", "video", "progress", "threads"},

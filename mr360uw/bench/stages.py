@@ -207,26 +207,7 @@ _TRUE_RAYS, _STEPS = 128, 2048
 _SUN = Sun(unit([0.3, 0.85, -0.4]), np.ones(3), 0.0035, 1.0)
 
 
-def _shaft_stage() -> MeasuredStage:
-    """Shafts: nodes and slices of the grid."""
-
-    def of(resolution: int, slices: int) -> Knobs:
-        return {"shafts.resolution": resolution, "shafts.slices": slices}
-
-    sizes = (128, 256, 512, 1024, 2048)
-    return MeasuredStage(
-        "shafts",
-        "Shafts: nodes and slices of their grid",
-        "the grid's nodes that a view of 90 x 60 degrees reads, and reading 128 rays",
-        "2048 segments along each of 128 rays, of the sun under waves and behind a whale: the change of radiance",
-        tuple(of(size, slices) for size in sizes for slices in (8, 16, 32, 64)),
-        (of(256, 8), of(512, 32)),
-        qualities("shafts.resolution", "shafts.slices"),
-        _open,
-    )
-
-
-def _open(bench: Workbench) -> Workload:
+def _open_shafts(bench: Workbench) -> Workload:
     scene = bench.scene({})
     depth_m = scene.camera.depth_m
     medium = Medium(Water.jerlov("IB"), camera_depth_m=depth_m)
@@ -264,15 +245,6 @@ _POINTS = 50_000
 """Points at which maps are compared."""
 
 
-def all_stages() -> dict[str, MeasuredStage]:
-    """Return the stages by name, in the order in which a frame runs them."""
-    made: Sequence[Callable[[], MeasuredStage]] = (
-        _light_stage, _medium_stage, _caustic_stage, _plane_stage, _shaft_stage, sun_stage, _pixel_stage, _frame_stage,
-    )  # fmt: skip
-    stages = [make() for make in made]
-    return {stage.name: stage for stage in stages}
-
-
 def product(**values: Sequence[Any]) -> tuple[Knobs, ...]:
     """Return all combinations of values; a double underscore in a name stands for a dot."""
     names = [name.replace("__", ".") for name in values]
@@ -280,25 +252,6 @@ def product(**values: Sequence[Any]) -> tuple[Knobs, ...]:
 
 
 # --- water ---------------------------------------------------------------------------------------------------------
-
-
-def _medium_stage() -> MeasuredStage:
-    """Water: number of wavelengths, and the model of the veil."""
-
-    def of(mode: str, *bands: int) -> tuple[Knobs, ...]:
-        return product(water__mode=(mode,), water__bands=bands)
-
-    models = (*of("kd", 61), *of("kd+", 61), *of("rgb", 61))
-    return MeasuredStage(
-        "medium",
-        "Water: wavelengths and model of the veil",
-        "solving a water and tabulating it, once a clip",
-        "the solved light field at 241 wavelengths, no table: veil over 0.3 to 30 m in 64 directions, without gain",
-        (*of("table", 3, 5, 8, 12, 16, 31), *models),
-        (*of("table", 8, 16), *models[:1]),
-        qualities("water.mode", "water.bands"),
-        _open_medium,
-    )
 
 
 def _open_medium(bench: Workbench) -> Workload:
@@ -317,35 +270,6 @@ def _open_medium(bench: Workbench) -> Workload:
 
 
 # --- caustics ------------------------------------------------------------------------------------------------------
-
-
-def _caustic_stage() -> MeasuredStage:
-    """One caustic map: cells of the surface and pixels of the map."""
-    return MeasuredStage(
-        "caustics",
-        "One caustic map: its pixels, and the cells of the surface",
-        "one map of a plane 4.5 m deep, as arrays",
-        "a map of 2048 x 2048 pixels from 1024 x 1024 cells, read at 50000 points: ratio minus 1",
-        product(caustics__size=(64, 128, 256, 512, 1024), caustics__grid=(32, 64, 96, 128, 192, 256, 512)),
-        product(caustics__size=(128, 256, 512), caustics__grid=(64, 128)),
-        qualities("caustics.size", "caustics.grid"),
-        _open_caustics,
-    )
-
-
-def _plane_stage() -> MeasuredStage:
-    """Planes of caustics between which a body's light is interpolated."""
-    most = (1, 2, 3, 4, 6, 8, 12, 16)
-    return MeasuredStage(
-        "planes",
-        "Planes between which caustics are interpolated",
-        "all maps of a frame for a body 3 to 6 m deep, as arrays",
-        "49 planes, read at 50000 points between: ratio minus 1",
-        product(caustics__planes=most),
-        product(caustics__planes=most[::3]),
-        qualities("caustics.planes"),
-        _open_planes,
-    )
 
 
 def _open_caustics(bench: Workbench) -> Workload:
@@ -387,76 +311,6 @@ def _read(stack: CausticStack, x_m: Floats, depth_m: Floats, z_m: Floats) -> Flo
 
 # The stages that are measured in frames of a sample dive: light of the plate, shadows, edges, whole frames.
 
-_FRAME = "a frame of a swimming whale over sand, from the decoded plate to the codes"
-_SCALES = (1.0, 0.5, 0.25, 0.125, 0.0625)
-_COUNTS = (1, 5, 13, 17, 29, 41, 65)
-
-
-def _light_stage() -> MeasuredStage:
-    """Light of the plate: size of the frame that it is measured in."""
-    scales = tuple({"plate.scale": scale} for scale in _SCALES)
-    return MeasuredStage(
-        "light",
-        "Light of the plate: size of the frame",
-        "environment, irradiance and sun of one frame",
-        "the same of the whole frame: irradiance in all directions",
-        scales,
-        scales[:3],
-        {"default": {"plate.scale": 1.0}},
-        _open_light,
-    )
-
-
-def sun_stage() -> MeasuredStage:
-    """Soft shadows: directions over the light's disc."""
-    counts = (1, 2, 4, 6, 8, 12, 16, 24, MAXIMUM_SUN_SAMPLES)
-    return MeasuredStage(
-        "sun",
-        "Soft shadows: directions over the sun's disc",
-        _FRAME,
-        f"{MAXIMUM_SUN_SAMPLES} directions: radiance where the whale or its shadow is",
-        tuple({"draw.sun_samples": count} for count in counts),
-        tuple({"draw.sun_samples": count} for count in counts[::4]),
-        qualities("draw.sun_samples"),
-        lambda bench: frames_against(bench, {"draw.sun_samples": MAXIMUM_SUN_SAMPLES}),
-    )
-
-
-def _pixel_stage() -> MeasuredStage:
-    """Edges and textures: samples of a pixel, shaded together or one by one."""
-
-    def of(shading: str, *counts: int) -> tuple[Knobs, ...]:
-        return tuple({"draw.samples": count, "draw.shading": shading} for count in counts)
-
-    return MeasuredStage(
-        "pixels",
-        "Edges: samples of a pixel, and how they are shaded",
-        _FRAME,
-        "65 samples shaded one by one: radiance where the whale or its shadow is",
-        (*of("pixel", *_COUNTS), *of("sample", *_COUNTS)),
-        of("pixel", 1, 5, 29),
-        qualities("draw.samples", "draw.shading"),
-        lambda bench: frames_against(bench, {"draw.samples": 65, "draw.shading": "sample"}),
-    )
-
-
-def _frame_stage() -> MeasuredStage:
-    """Whole frames: quality and size."""
-
-    def of(*scales: float) -> tuple[Knobs, ...]:
-        return tuple({"draw.quality": q, "plate.scale": s} for s in scales for q in ("draft", "final", "reference"))
-
-    return MeasuredStage(
-        "frame",
-        "The whole frame: quality and size",
-        _FRAME,
-        "quality reference at the plate's own size: radiance where the whale or its shadow is, enlarged linearly",
-        of(1.0, 0.75, 0.5, 0.25),
-        of(0.5)[:2],
-        qualities("draw.quality", "plate.scale"),
-        lambda bench: frames_against(bench, {"draw.quality": "reference", "plate.scale": 1.0}),
-    )
-
 
 def _open_light(bench: Workbench) -> Workload:
     import cv2
@@ -491,3 +345,99 @@ def _as_large(image: Floats, like: Floats) -> Floats:
     if image.shape == like.shape:
         return image
     return np.asarray(cv2.resize(image, like.shape[1::-1], interpolation=cv2.INTER_LINEAR))
+
+
+_FRAME = "a frame of a swimming whale over sand, from the decoded plate to the codes"
+_SCALES = product(plate__scale=(1.0, 0.5, 0.25, 0.125, 0.0625))
+_SUN_COUNTS = (1, 2, 4, 6, 8, 12, 16, 24, MAXIMUM_SUN_SAMPLES)
+_SAMPLE_COUNTS = (1, 5, 13, 17, 29, 41, 65)
+_PLANE_COUNTS = (1, 2, 3, 4, 6, 8, 12, 16)
+_QUALITIES = ("draft", "final", "reference")
+_MODELS = product(water__mode=("kd", "kd+", "rgb"), water__bands=(61,))
+_STAGES = (
+    MeasuredStage(
+        "light",
+        "Light of the plate: size of the frame",
+        "environment, irradiance and sun of one frame",
+        "the same of the whole frame: irradiance in all directions",
+        _SCALES,
+        _SCALES[:3],
+        {"default": {"plate.scale": 1.0}},
+        _open_light,
+    ),
+    MeasuredStage(
+        "medium",
+        "Water: wavelengths and model of the veil",
+        "solving a water and tabulating it, once a clip",
+        "the solved light field at 241 wavelengths, no table: veil over 0.3 to 30 m in 64 directions, without gain",
+        (*product(water__mode=("table",), water__bands=(3, 5, 8, 12, 16, 31)), *_MODELS),
+        (*product(water__mode=("table",), water__bands=(8, 16)), *_MODELS[:1]),
+        qualities("water.mode", "water.bands"),
+        _open_medium,
+    ),
+    MeasuredStage(
+        "caustics",
+        "One caustic map: its pixels, and the cells of the surface",
+        "one map of a plane 4.5 m deep, as arrays",
+        "a map of 2048 x 2048 pixels from 1024 x 1024 cells, read at 50000 points: ratio minus 1",
+        product(caustics__size=(64, 128, 256, 512, 1024), caustics__grid=(32, 64, 96, 128, 192, 256, 512)),
+        product(caustics__size=(128, 256, 512), caustics__grid=(64, 128)),
+        qualities("caustics.size", "caustics.grid"),
+        _open_caustics,
+    ),
+    MeasuredStage(
+        "planes",
+        "Planes between which caustics are interpolated",
+        "all maps of a frame for a body 3 to 6 m deep, as arrays",
+        "49 planes, read at 50000 points between: ratio minus 1",
+        product(caustics__planes=_PLANE_COUNTS),
+        product(caustics__planes=_PLANE_COUNTS[::3]),
+        qualities("caustics.planes"),
+        _open_planes,
+    ),
+    MeasuredStage(
+        "shafts",
+        "Shafts: nodes and slices of their grid",
+        "the grid's nodes that a view of 90 x 60 degrees reads, and reading 128 rays",
+        "2048 segments along each of 128 rays, of the sun under waves and behind a whale: the change of radiance",
+        product(shafts__resolution=(128, 256, 512, 1024, 2048), shafts__slices=(8, 16, 32, 64)),
+        ({"shafts.resolution": 256, "shafts.slices": 8}, {"shafts.resolution": 512, "shafts.slices": 32}),
+        qualities("shafts.resolution", "shafts.slices"),
+        _open_shafts,
+    ),
+    MeasuredStage(
+        "sun",
+        "Soft shadows: directions over the sun's disc",
+        _FRAME,
+        f"{MAXIMUM_SUN_SAMPLES} directions: radiance where the whale or its shadow is",
+        product(draw__sun_samples=_SUN_COUNTS),
+        product(draw__sun_samples=_SUN_COUNTS[::4]),
+        qualities("draw.sun_samples"),
+        lambda bench: frames_against(bench, {"draw.sun_samples": MAXIMUM_SUN_SAMPLES}),
+    ),
+    MeasuredStage(
+        "pixels",
+        "Edges: samples of a pixel, and how they are shaded",
+        _FRAME,
+        "65 samples shaded one by one: radiance where the whale or its shadow is",
+        tuple(k for s in ("pixel", "sample") for k in product(draw__samples=_SAMPLE_COUNTS, draw__shading=(s,))),
+        product(draw__samples=(1, 5, 29), draw__shading=("pixel",)),
+        qualities("draw.samples", "draw.shading"),
+        lambda bench: frames_against(bench, {"draw.samples": 65, "draw.shading": "sample"}),
+    ),
+    MeasuredStage(
+        "frame",
+        "The whole frame: quality and size",
+        _FRAME,
+        "quality reference at the plate's own size: radiance where the whale or its shadow is, enlarged linearly",
+        tuple(k for s in (1.0, 0.75, 0.5, 0.25) for k in product(draw__quality=_QUALITIES, plate__scale=(s,))),
+        product(draw__quality=_QUALITIES[:2], plate__scale=(0.5,)),
+        qualities("draw.quality", "plate.scale"),
+        lambda bench: frames_against(bench, {"draw.quality": "reference", "plate.scale": 1.0}),
+    ),
+)
+
+
+def all_stages() -> dict[str, MeasuredStage]:
+    """Return the stages by name, in the order in which a frame runs them."""
+    return {stage.name: stage for stage in _STAGES}

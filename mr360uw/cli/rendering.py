@@ -55,10 +55,10 @@ def composite(
     progress_lines: Annotated[bool, typer.Option("--progress-lines", help="a line for each frame, no bar")] = False,
 ) -> None:
     """Put the objects of SCENE into its plate and write OUT; goes on where a run that was stopped ended."""
-    from mr360uw.pipeline import composite_video
     from mr360uw.progress import terminal_progress
     from mr360uw.render.check import explain_costs, explain_plan
     from mr360uw.runs.outputs import report_beside
+    from mr360uw.runs.pipeline import composite_video
     from mr360uw.scene.model import at_scale, load_scene
 
     if report_file is not None and no_report:

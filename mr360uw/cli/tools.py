@@ -72,8 +72,8 @@ def caustics(
     overwrite: OverwriteOption = False,
 ) -> None:
     """Export SCENE's sea as tileable, looping caustic, height and normal maps for other programs."""
-    from mr360uw.pipeline import export_caustics
     from mr360uw.progress import terminal_progress
+    from mr360uw.runs.pipeline import export_caustics
     from mr360uw.scene.model import load_scene
 
     with terminal_progress() as progress:

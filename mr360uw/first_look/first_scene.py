@@ -23,7 +23,7 @@ from mr360uw.first_look.place_in_plate import ShownDistance, Wish
 from mr360uw.first_look.proposal import brightness_lines, found_lines, propose, scene_lines
 from mr360uw.ibl.sun.detect import SunFound
 from mr360uw.output_gate import check_outputs
-from mr360uw.preview.live import COARSE_WIDTH, LivePreview, screen_picture
+from mr360uw.preview.live import COARSE_WIDTH, LivePreview, coarse, screen_picture
 from mr360uw.reading.input_files import read_json
 from mr360uw.render.check import possible_outputs
 from mr360uw.render.loaded import Loaded
@@ -123,7 +123,7 @@ def make_first_scene(
     text = scene_lines(plate, seen, chosen, path.parent, outside_files=outside_files)
     scene = scene_from_dict(tomllib.loads(text), path.parent)
     with LivePreview(backend) as live:
-        draft, width = live.coarse(scene), min(_PREVIEW_COLUMNS, plate.size[0])
+        draft, width = coarse(scene), min(_PREVIEW_COLUMNS, plate.size[0])
         loaded = live.loaded(draft, width)
         sun = _sun(loaded, live)
         picture = live.frame(draft, 0, width).picture
@@ -206,5 +206,5 @@ def _of_file(scene: Scene, path: Path) -> tuple[str, ...]:
 def _sun(loaded: Loaded, live: LivePreview) -> SunFound:
     """Return what is found of a sun in the whole first frame."""
     scene = loaded.scene
-    frame = live.plate(scene.model_copy(update={"plate": scene.plate.model_copy(update={"scale": 1.0})}), 0)
+    frame = live.plates.at(scene.model_copy(update={"plate": scene.plate.model_copy(update={"scale": 1.0})}), 0)
     return loaded.surroundings.light.sun_found(frame.pixels, frame.time_s)

@@ -25,7 +25,7 @@ from mr360uw.medium.lookup import veil_lookup
 from mr360uw.medium.open_water import fit_level
 from mr360uw.optics import refract_to_air
 from mr360uw.progress import Progress
-from mr360uw.render.plate_map import level_view
+from mr360uw.render.lights import level_view
 from mr360uw.render.surroundings import load_surroundings
 from mr360uw.scene.model import Scene, at_scale
 from mr360uw.scene.resolved import open_plate

@@ -20,7 +20,7 @@ from mr360uw.medium.medium import Mode
 from mr360uw.medium.open_water import DOUBTFUL, LevelView, fit_level
 from mr360uw.medium.water import JERLOV_TYPES
 from mr360uw.medium.waterfit import CONFIDENT, WaterComparison, compare_waters, resampled
-from mr360uw.render.plate_map import level_view
+from mr360uw.render.lights import level_view
 from mr360uw.render.surroundings import CameraPath
 from mr360uw.scene.model import Scene
 from mr360uw.scene.resolved import open_plate

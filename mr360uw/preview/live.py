@@ -11,7 +11,6 @@ from collections import Counter
 from collections.abc import Hashable, Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
-from fractions import Fraction
 from functools import cache
 from typing import Any, Literal, Self
 
@@ -22,6 +21,7 @@ from mr360uw.cache import Cache, Same
 from mr360uw.color import encode
 from mr360uw.errors import ParameterError
 from mr360uw.jit import exact
+from mr360uw.parameters import Parameters
 from mr360uw.progress import Progress
 from mr360uw.reading.disk_cache import CachedReads, Stamp, stamp
 from mr360uw.render.backends import close_backend, make_backend
@@ -40,13 +40,15 @@ from mr360uw.video.reader import Seeker, scaled, scaled_size, smaller
 
 COARSE_WIDTH = 512
 """Width [pixels] of drafts."""
-_SAMPLES, _SUN_SAMPLES = 5, 8
-_CAUSTIC_SIZE, _CAUSTIC_GRID, _PLANES = 128, 96, 2
-_SHAFT_NODES, _SHAFT_SLICES = 128, 16
-"""Settings of drafts, at most. A pixel of theirs is as wide as two of a frame: detail is lost anyhow."""
-_BANDS = 21
-"""Wavelengths of drafts, at most: veils of Jerlov's waters differ by up to 0.8 % from those of 61 wavelengths. With 16
-it is 1.7 %; the time to solve and tabulate a water goes with their number."""
+_DRAFT: dict[str, dict[str, int]] = {
+    "draw": {"samples": 5, "sun_samples": 8},
+    "caustics": {"size": 128, "grid": 96, "planes": 2},
+    "shafts": {"resolution": 128, "slices": 16},
+    "water": {"bands": 21},
+}
+"""Settings of drafts, at most, by their tables. A pixel of theirs is as wide as two of a frame: detail is lost anyhow.
+With 21 wavelengths, veils of Jerlov's waters differ by up to 0.8 % from those of 61. With 16 it is 1.7 %; the time to
+solve and tabulate a water goes with their number."""
 
 
 def coarse(scene: Scene) -> Scene:
@@ -56,27 +58,16 @@ def coarse(scene: Scene) -> Scene:
     and orders of light about the sun. Shafts of waves and bodies alone are left out: at their physical strength a draft
     would hardly show them.
     """
-    # Fewer samples, smaller maps, fewer bands; shafts only where they show
-    draw, caustics, water = scene.draw, scene.caustics, scene.water
-    fewer = {"samples": min(draw.samples, _SAMPLES), "sun_samples": min(draw.sun_samples, _SUN_SAMPLES)}
-    coarser = {
-        "size": min(caustics.size, _CAUSTIC_SIZE),
-        "grid": min(caustics.grid or _CAUSTIC_GRID, _CAUSTIC_GRID),
-        "planes": min(caustics.planes, _PLANES),
-    }
-    shafts: dict[str, int | str] = {
-        "resolution": min(scene.shafts.resolution, _SHAFT_NODES),
-        "slices": min(scene.shafts.slices, _SHAFT_SLICES),
-    }
+    drafts = {name: _at_most(getattr(scene, name), most) for name, most in _DRAFT.items()}
+    drafts["water"] = drafts["water"].model_copy(update={"rough": True})
     if not (scene.lamps or scene.shafts.on_plate or scene.shafts.strength > 1.0):
-        shafts = {"mode": "off"}
-    drafts = {
-        "shafts": scene.shafts.model_copy(update=shafts),
-        "draw": draw.model_copy(update=fewer),
-        "caustics": caustics.model_copy(update=coarser),
-        "water": water.model_copy(update={"bands": min(water.bands, _BANDS), "rough": True}),
-    }
+        drafts["shafts"] = scene.shafts.model_copy(update={"mode": "off"})
     return scene.model_copy(update=drafts)
+
+
+def _at_most(table: Parameters, most: dict[str, int]) -> Parameters:
+    """Return a table of settings of which some are no larger than given."""
+    return table.model_copy(update={name: min(getattr(table, name) or top, top) for name, top in most.items()})
 
 
 def _of_clip(plate: VideoReader, loaded: Loaded) -> Hashable:
@@ -139,14 +130,12 @@ class LivePreview:
         with one_blas_thread():
             loaded = self.loaded(scene, width)
             loaded.check(index + 1)
-            plate, analysis = self.plate(scene, index, width), self._analysis_for(loaded, self.plates.reader(scene))
+            plate, analysis = self.plates.at(scene, index, width), self._analysis_for(loaded, self.plates.reader(scene))
             if analysis.grade is None and loaded.plan.match.runs and loaded.scene.match.open_keys:
                 places = patch_frames(scene.match, self.plates.reader(scene))
-                shown = [self.plate(scene, place, width) for place in places]
+                shown = [self.plates.at(scene, place, width) for place in places]
                 analysis = replace(analysis, grade=grade_in_frame(loaded, plate, shown, self._reads.cache))
             return composite_frame(loaded, analysis, self.backend, plate, 0.0, cache=self._reads.cache)
-
-    coarse = staticmethod(coarse)
 
     def measure(self, scene: Scene, progress: Progress | None = None) -> ClipAnalysis:
         """Measure a scene's clip as a composite does before its first frame; frames use what was found from now on.
@@ -188,14 +177,6 @@ class LivePreview:
         at_size = at_scale(scene, size[0] / reader.width)
         return Loader(*size, clip=not reader.is_still, reads=self._reads).load(at_size)
 
-    def plate(self, scene: Scene, index: int, width: int | None = None) -> VideoFrame:
-        """Return a frame of a scene's plate, `width` pixels wide; raise `VideoError`."""
-        return self.plates.at(scene, index, width)
-
-    def clip(self, scene: Scene) -> PlateClip:
-        """Return the length and size of a scene's plate; raise `VideoError`."""
-        return PlateClip.of(self.plates.reader(scene))
-
     def close(self) -> None:
         """Let go of everything that is kept, and of open files."""
         self.plates.close()
@@ -209,33 +190,7 @@ class LivePreview:
         self.close()
 
 
-# Frames of plates at any size, in any order: readers stay open, and the last few frames are kept. Length and size
-# are told without decoding.
-
-
-@dataclass(frozen=True, slots=True)
-class PlateClip:
-    """A scene's plate. width, height: [pixels], at full size. frame_count, duration_s: None for a still, which has as
-    many frames as are asked for. frame_rate: [1/s].
-    """
-
-    frame_count: int | None
-    frame_rate: Fraction
-    width: int
-    height: int
-    duration_s: float | None
-
-    @classmethod
-    def of(cls, reader: VideoReader) -> Self:
-        """Return the length and size of an open plate."""
-        count, rate = reader.frame_count, reader.frame_rate
-        return cls(count, rate, reader.width, reader.height, None if count is None else float(count / rate))
-
-
-def clip_of(scene: Scene) -> PlateClip:
-    """Return the length and size of a scene's plate; raise `VideoError`."""
-    with open_plate(scene) as video:
-        return PlateClip.of(video)
+# Frames of plates at any size, in any order: readers stay open, and the last few frames are kept.
 
 
 _SOON = 4
@@ -269,7 +224,7 @@ class KeptFrames:
         reader = self.reader(scene)
         return scaled_size(reader, scene.plate.scale if width is None else min(width / reader.width, 1.0))
 
-    def at(self, scene: Scene, index: int, width: int | None) -> VideoFrame:
+    def at(self, scene: Scene, index: int, width: int | None = None) -> VideoFrame:
         """Return a frame of a scene's plate, `width` pixels wide, see `size`; raise `VideoError`."""
         reader, size = self.reader(scene), self.size(scene, width)
         reader.check_range(index, index + 1)

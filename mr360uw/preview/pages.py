@@ -24,7 +24,7 @@ from mr360uw.progress import Progress
 from mr360uw.reading.input_files import files_read
 from mr360uw.render.check import sun_lines
 from mr360uw.render.first_pass import first_pass
-from mr360uw.render.plate_map import plate_map
+from mr360uw.render.lights import plate_map
 from mr360uw.render.surroundings import surroundings_over_time
 from mr360uw.scene.model import PlateSettings, Scene, at_scale, files_of, load_scene
 from mr360uw.scene.resolved import open_plate
@@ -65,7 +65,7 @@ def still_of(
     if time_s is not None and not 0.0 <= time_s <= _LATEST_S:
         raise ParameterError(f"time_s - is no time of a clip (got {time_s:g}) - give seconds from its start, 0 or more")
     if time_s is not None:
-        index = int(time_s * float(live.clip(scene).frame_rate) + 1e-6)
+        index = int(time_s * float(live.plates.reader(scene).frame_rate) + 1e-6)
     picture = live.frame(scene, index).picture
     return picture if view is None else _seen(picture, view)
 

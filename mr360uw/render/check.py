@@ -145,10 +145,8 @@ def possible_outputs(scene: Scene, video: VideoReader, out: Path | None, where: 
         raise VideoError(problem)
     if out is not None:
         return str(out), notes
-    return (
-        f"{' or '.join(kinds)} can hold {resolved(scene.output, video).codec} and the plate's sound; or pictures",
-        notes,
-    )
+    codec = resolved(scene.output, video).codec
+    return f"{' or '.join(kinds)} can hold {codec} and the plate's sound; or pictures", notes
 
 
 def _explained(video: VideoReader, loaded: Loaded, notes: tuple[str, ...], backend: Backend, fallback: str) -> str:

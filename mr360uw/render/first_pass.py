@@ -22,10 +22,9 @@ from mr360uw.medium.exposure import GainSeries, MeasuredGain
 from mr360uw.medium.open_water import DOUBTFUL, OpenWater, OpenWaterLooks, OpenWaterTrack, fit_level
 from mr360uw.plot import Figure, Shown
 from mr360uw.progress import Progress
-from mr360uw.render.lights import may_be_clipped, restored
+from mr360uw.render.lights import level_view, may_be_clipped, plate_map, restored
 from mr360uw.render.loaded import Loaded
 from mr360uw.render.match_stage import clip_colour, clip_grade
-from mr360uw.render.plate_map import level_view, plate_map
 from mr360uw.render.plate_pattern import FRAMES, Background, BackgroundSeries, background_series
 from mr360uw.render.surroundings import Surroundings
 from mr360uw.threads import one_blas_thread, prefetch

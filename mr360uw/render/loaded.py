@@ -50,6 +50,8 @@ if TYPE_CHECKING:
     from mr360uw.depth.occlusion import PlateDepth
 
 T = TypeVar("T")
+Objects = tuple[SceneObject, ...]
+Keys = tuple[KeyedParameter, ...]
 _MOVING = ("object", "lamp", "receiver")
 """Tables whose keys are followed within a frame's exposure."""
 
@@ -68,7 +70,7 @@ class Loaded:
     width: int
     height: int
     surroundings: Surroundings
-    objects: tuple[SceneObject, ...]
+    objects: Objects
     lamps: tuple[SceneLamp, ...]
     receiver: ReceiverClip | None
     mattes: Mattes
@@ -196,7 +198,7 @@ class Loader:
         self,
         scene: Scene,
         between: WaterBetween | None,
-        keys: tuple[KeyedParameter, ...],
+        keys: Keys,
         whole: Loaded | None = None,
         frame: Loaded | None = None,
     ) -> Loaded:
@@ -209,7 +211,7 @@ class Loader:
         with files_read() as object_files:
             stops = scene.light.exposure
             trimmed = [one.model_copy(update={"exposure": one.exposure + stops}) for one in scene.objects]
-            loaded = load_objects(trimmed if stops else scene.objects, reads)
+            placed = load_objects(trimmed if stops else scene.objects, reads)
         with files_read() as other_files:
             receiver = reads.of(_receiver, scene.receiver, *self._size, scene.plate.eye)
             surroundings = load_surroundings(scene, reads, between) if frame is None else frame.surroundings
@@ -218,7 +220,7 @@ class Loader:
         # Put what floats on the sea and what stands on the floor
         still = receiver if scene.receiver is not None and scene.receiver.kind != "distance" else None
         ground = still.at(0) if still is not None else None
-        afloat = (on_the_sea(one, scene.sea, scene.camera.depth_m) for one in loaded)
+        afloat = (on_the_sea(one, scene.sea, scene.camera.depth_m) for one in placed)
         objects = tuple(on_the_floor(one, ground) for one in afloat)
         # Plan the frames; refuse what both eyes cannot have
         plan = self._plan(scene, objects, surroundings, keys) if whole is None else whole.plan
@@ -231,7 +233,7 @@ class Loader:
         # Hold it all together
         lamps = reads.of(load_lamps, scene.lamps, medium, scene.light.white_cd_m2)
         mattes = reads.of(Mattes, scene.holdouts, width, height, scene.plate.eye)
-        return Loaded(
+        loaded = Loaded(
             scene=scene,
             width=width,
             height=height,
@@ -243,23 +245,14 @@ class Loader:
             plate_depth=plate_depth,
             caustic_depths=CausticDepths.of(scene, objects, ground, camera, height, relief=plate_depth is not None),
             plan=plan,
-            notes=(
-                (*_notes(scene, objects, camera, height, lamps, plate_depth), *mattes.notes)
-                if whole is None
-                else whole.notes
-            ),
+            notes=() if whole is None else whole.notes,
             object_files=tuple(object_files),
             other_files=tuple(other_files),
             _loader=self,
         )
+        return loaded if whole is not None else replace(loaded, notes=_notes(loaded))
 
-    def _plan(
-        self,
-        scene: Scene,
-        objects: tuple[SceneObject, ...],
-        surroundings: Surroundings,
-        keys: tuple[KeyedParameter, ...],
-    ) -> Plan:
+    def _plan(self, scene: Scene, objects: Objects, surroundings: Surroundings, keys: Keys) -> Plan:
         medium, camera = surroundings.medium, surroundings.camera
         keyed = {tuple(dotted(key.parameter)[:2]) for key in keys}
         facts = tuple(
@@ -315,38 +308,36 @@ def _beam_share(medium: Medium, depth_m: float) -> float:
     return beam_share(medium, depth_m)
 
 
-def _notes(
-    scene: Scene,
-    objects: tuple[SceneObject, ...],
-    camera: CameraPath,
-    height: int,
-    lamps: tuple[SceneLamp, ...],
-    plate_depth: PlateDepth | None,
-) -> tuple[str, ...]:
-    found = dict.fromkeys(note for placed in objects for note in placed.notes)
-    placed = placement_notes(scene, objects, camera, height)
-    of_depth = () if plate_depth is None else (*plate_depth.notes, *_floor_notes(scene, camera, plate_depth))
-    lamps_said, snow = lamp_notes(scene, lamps, objects, camera), _snow_notes(scene, height)
-    return (*found, *pose_notes(scene), *placed, *lamps_said, *snow, *of_depth)
+def _notes(loaded: Loaded) -> tuple[str, ...]:
+    """Return the warnings about a scene's files and what looks odd about where its objects, lamps and floor are."""
+    found = dict.fromkeys(note for placed in loaded.objects for note in placed.notes)
+    of_depth = () if loaded.plate_depth is None else (*loaded.plate_depth.notes, *_floor_notes(loaded))
+    of_lamps, snow = _lamp_notes(loaded), _snow_notes(loaded.scene, loaded.height)
+    placed = (*found, *pose_notes(loaded.scene), *_placement_notes(loaded))
+    return (*placed, *of_lamps, *snow, *of_depth, *loaded.mattes.notes)
 
 
 _FLOOR_OFF = 0.15
 """How far, as a fraction, a level floor may be from what the plate's depth shows below the camera without a word."""
 
 
-def _floor_notes(scene: Scene, camera: CameraPath, depth: PlateDepth) -> tuple[str, ...]:
+def _floor_notes(loaded: Loaded) -> tuple[str, ...]:
     """Return a line where a level floor is far above or below the ground that the first frame's distances show."""
-    receiver = scene.receiver
-    if receiver is None or receiver.kind != "plane":
+    receiver, depth = loaded.scene.receiver, loaded.plate_depth
+    if depth is None or receiver is None or receiver.kind != "plane":
         return ()
-    position, rotation = camera.at(0.0)
-    below_m = depth.ground_below(0, View(2, 1, position, rotation, scene.camera.depth_m))
-    if below_m is None or abs(position[1] - receiver.height_m - below_m) < _FLOOR_OFF * below_m:
+    below_m, height_m = depth.ground_below(0, _camera_at_start(loaded)), loaded.view(0.0).position[1]
+    if below_m is None or abs(height_m - receiver.height_m - below_m) < _FLOOR_OFF * below_m:
         return ()
     return (
         f"receiver - is not where plate.depth shows the ground (got {receiver.height_m:.3g} m, and the ground about "
-        f"{position[1] - below_m:.3g} m) - set receiver.height_m, or plate.depth_scale",
+        f"{height_m - below_m:.3g} m) - set receiver.height_m, or plate.depth_scale",
     )
+
+
+def _camera_at_start(loaded: Loaded) -> View:
+    """Return the camera's view at time 0, of frames of any size."""
+    return replace(loaded.view(0.0), width=2, height=1)
 
 
 _LEAST_LIT = 1e-3
@@ -355,21 +346,19 @@ _CLOSEST_M = 0.05
 """Least distance [m] at which a lamp's light is looked at."""
 
 
-def lamp_notes(
-    scene: Scene, lamps: tuple[SceneLamp, ...], objects: tuple[SceneObject, ...], camera: CameraPath
-) -> tuple[str, ...]:
+def _lamp_notes(loaded: Loaded) -> tuple[str, ...]:
     """Return a line for every lamp whose light reaches no object and no floor: too weak, too far, or turned away.
 
     By the brightest light that bounding spheres and a level floor may get at time 0, without shadows. Lamps and scenes
     that move, and floors of other shapes, are not judged.
     """
+    scene, lamps, camera = loaded.scene, loaded.lamps, loaded.surroundings.camera
     receiver = scene.receiver
-    moving = camera.moves or any(lamp.motion.moves for lamp in lamps) or any(one.moves for one in objects)
+    moving = camera.moves or any(lamp.motion.moves for lamp in lamps) or any(one.moves for one in loaded.objects)
     if not lamps or scene.keys or moving or (receiver is not None and receiver.kind != "plane"):
         return ()
-    eye, rotation = camera.at(0.0)
-    view = View(2, 1, eye, rotation, scene.camera.depth_m)
-    placed = [one.at(0.0, 0, eye, rotation) for one in objects]
+    view = _camera_at_start(loaded)
+    placed = [one.at(0.0, 0, view.position, view.world_from_camera) for one in loaded.objects]
     spheres = [(one.to_world(one.mesh.center_m), one.mesh.radius_m * one.scale) for one in placed]
     notes = []
     for number, lamp in enumerate(one.at(0.0, view, placed) for one in lamps):
@@ -422,19 +411,20 @@ _INSTANTS = 64
 """Most times at which an object is checked."""
 
 
-def placement_notes(scene: Scene, objects: tuple[SceneObject, ...], camera: CameraPath, height: int) -> tuple[str, ...]:
+def _placement_notes(loaded: Loaded) -> tuple[str, ...]:
     """Return a line for every object that is above the water, around the camera, or smaller than a pixel.
 
-    height: of the frame in pixels. Checked at the keys of the object and of the camera.
+    Checked at the keys of the object and of the camera.
     """
     return tuple(
         f"object[{number}] {placed.settings.mesh.name} - {note}"
-        for number, placed in enumerate(objects)
-        for note in _notes_on(scene, placed, camera, height)
+        for number, placed in enumerate(loaded.objects)
+        for note in _notes_on(loaded, placed)
     )
 
 
-def _notes_on(scene: Scene, placed: SceneObject, camera: CameraPath, height: int) -> Iterator[str]:
+def _notes_on(loaded: Loaded, placed: SceneObject) -> Iterator[str]:
+    scene, camera = loaded.scene, loaded.surroundings.camera
     times = _times(placed, camera)
     poses = [camera.at(time) for time in times]
     views = [placed.at(time, 0, *pose) for time, pose in zip(times, poses, strict=True)]
@@ -451,7 +441,7 @@ def _notes_on(scene: Scene, placed: SceneObject, camera: CameraPath, height: int
             f"the camera is within its bounds (got time {inside[0]:.2f} s) - if that is not meant, move it by "
             "position_m, or set its size_m or scale"
         )
-    pixels = [_pixels(eye, view, height) for (eye, _), view in zip(poses, views, strict=True)]
+    pixels = [_pixels(eye, view, loaded.height) for (eye, _), view in zip(poses, views, strict=True)]
     if max(pixels) < 1.0 and placed.settings.visible:
         yield f"is smaller than a pixel (got {max(pixels):.2g} at the most) - set its scale, or move it nearer"
 

@@ -27,8 +27,8 @@ from mr360uw.medium import Medium
 from mr360uw.medium.closed_form import CONTRAST_LENGTHS
 from mr360uw.medium.lookup import ambient_ratio, transmittance_lookup, veil_lookup
 from mr360uw.medium.open_water import fit_level, upwelling
+from mr360uw.render.lights import level_view, plate_map
 from mr360uw.render.loaded import Loaded
-from mr360uw.render.plate_map import level_view, plate_map
 from mr360uw.render.surroundings import Surroundings
 from mr360uw.types import Floats, Layer, MediumTable
 from mr360uw.video import VideoFrame, VideoReader

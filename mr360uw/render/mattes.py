@@ -155,7 +155,8 @@ class Mattes:
         for settings, clip in self._clips:
             matte = self._kept.of(_matte_of, settings, self._size, clip.at(index, eye), keep=2 * len(self._clips))
             found[settings.kind].append(matte)
-        return self._kept.of(_largest, found["mask"], keep=2), self._kept.of(_smallest, found["distance"], keep=2)
+        mask, metres = (self._kept.of(_combined, kind, tuple(mattes), keep=4) for kind, mattes in found.items())
+        return mask, metres
 
 
 _LEAST_HIDDEN, _MOST_HIDDEN = 1.0 / 255.0, 0.9
@@ -173,12 +174,9 @@ def _doubts(settings: HoldoutSettings, grey: Grey) -> Iterator[str]:
         yield f"{settings.path} - hides {share} of frame 0, and what is drawn there - {turn} if it is inverted"
 
 
-def _largest(mattes: Sequence[Floats]) -> Floats | None:
-    return np.max(mattes, axis=0) if mattes else None
-
-
-def _smallest(mattes: Sequence[Floats]) -> Floats | None:
-    return np.min(mattes, axis=0) if mattes else None
+def _combined(kind: str, mattes: Sequence[Floats]) -> Floats | None:
+    """Return the largest weight of several masks, or the smallest of several distances; None for none."""
+    return (np.max if kind == "mask" else np.min)(mattes, axis=0) if mattes else None
 
 
 def _matte_of(settings: HoldoutSettings, size: tuple[int, int], grey: Grey) -> Floats:

@@ -32,10 +32,9 @@ from mr360uw.medium.exposure import UNCHANGED, picture_change
 from mr360uw.medium.open_water import DOUBTFUL, beside_floor, fit_level, row_up, visible_gain
 from mr360uw.medium.scattered_light import ambient_parts
 from mr360uw.render.first_pass import ClipAnalysis
-from mr360uw.render.lights import lit_as_its_ground, may_be_clipped, restored
+from mr360uw.render.lights import level_view, lit_as_its_ground, may_be_clipped, restored
 from mr360uw.render.loaded import Loaded
 from mr360uw.render.match_stage import ungraded
-from mr360uw.render.plate_map import level_view
 from mr360uw.render.surroundings import Surroundings
 from mr360uw.scene.resolved import scene_at
 from mr360uw.sphere import directions, row_solid_angle

@@ -21,10 +21,9 @@ from mr360uw.composite.receiver.pattern import PlatePattern
 from mr360uw.composite.shot import Receiver
 from mr360uw.medium.lookup import ambient_ratio, beam_ratio, unscattered_share
 from mr360uw.medium.scattered_light import spread_of
-from mr360uw.render.lights import direct_to_diffuse
+from mr360uw.render.lights import direct_to_diffuse, small_picture
 from mr360uw.render.loaded import Loaded
 from mr360uw.render.mattes import ReceiverClip
-from mr360uw.render.plate_map import small_picture
 from mr360uw.scene.model import Scene
 from mr360uw.scene.resolved import without_gain
 from mr360uw.types import BeamSpread, Floats, MediumTable, Rectangle

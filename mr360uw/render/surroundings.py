@@ -23,8 +23,7 @@ from mr360uw.medium.open_water import OpenWater, open_water
 from mr360uw.medium.scattered_light import around_sun, placed, typical_level
 from mr360uw.medium.settings import WaterSettings
 from mr360uw.reading.disk_cache import CachedReads
-from mr360uw.render.lights import LightReader
-from mr360uw.render.plate_map import world_view
+from mr360uw.render.lights import LightReader, world_view
 from mr360uw.scene.model import Scene
 from mr360uw.scene.resolved import WaterBetween, open_plate, pose_of_plate, scene_at, water_between, without_gain
 from mr360uw.types import Floats, MediumTable, Sun

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import platform
 import time
+from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import closing
 from dataclasses import dataclass, field
@@ -36,18 +37,15 @@ _WAITING = 2
 
 @dataclass
 class RunTimes:
-    """Seconds by stage, and counts of frames: all, those without visible objects, those without a sun.
+    """Seconds by stage, and counts of frames.
 
-    held, concealed: frames whose plate was damaged (`VideoFrame.damage`). renderers: frames by renderer and device.
+    frames: "all", and those that are "empty", without visible objects, "sunless", or "held" or "concealed", whose plate
+    was damaged (`VideoFrame.damage`). renderers: frames by renderer and device.
     """
 
     seconds: dict[str, float] = field(default_factory=dict)
-    frames: int = 0
-    empty: int = 0
-    sunless: int = 0
-    held: int = 0
-    concealed: int = 0
-    renderers: dict[str, int] = field(default_factory=dict)
+    frames: Counter[str] = field(default_factory=Counter)
+    renderers: Counter[str] = field(default_factory=Counter)
 
     def add(self, stage: str, since: float) -> float:
         """Add the time since `since` to a stage; return the present time."""
@@ -59,13 +57,8 @@ class RunTimes:
         """Add what another part of the run took."""
         for stage, seconds in other.seconds.items():
             self.seconds[stage] = self.seconds.get(stage, 0.0) + seconds
-        for name, frames in other.renderers.items():
-            self.renderers[name] = self.renderers.get(name, 0) + frames
-        self.frames += other.frames
-        self.empty += other.empty
-        self.sunless += other.sunless
-        self.held += other.held
-        self.concealed += other.concealed
+        self.frames.update(other.frames)
+        self.renderers.update(other.renderers)
 
 
 def _layers(frame: Frame) -> tuple[dict[str, LayerPart], dict[str, str]]:
@@ -137,7 +130,7 @@ class OpenJob:
                 drawn = draw_frame(self.backend, shots, drawing, variables=variables)
                 self._times.add("render", since)
                 behind.put(drawn)
-                self._times.renderers[renderer] = self._times.renderers.get(renderer, 0) + 1
+                self._times.renderers[renderer] += 1
                 done()
         return self._times
 
@@ -170,11 +163,9 @@ class OpenJob:
         times, since = self._times, time.perf_counter()
         frame = blend_frame(self.loaded, self._analysis, drawn, cache)
         since = times.add("blend", since)
-        times.frames += 1
-        times.empty += not frame.layer.tiles
-        times.held += frame.plate.damage == "held"
-        times.concealed += frame.plate.damage == "concealed"
-        times.sunless += frame.light is not None and frame.light.environment.sun is None
+        sunless = frame.light is not None and frame.light.environment.sun is None
+        times.frames.update(all=1, empty=not frame.layer.tiles, sunless=sunless)
+        times.frames[frame.plate.damage] += 1
         if self.job.layers is not None and frame.variables is not None:
             parts, views = _layers(frame)
             file = numbered(self.job.layers, frame.plate.index + self.video.first_number)

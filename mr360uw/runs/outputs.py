@@ -137,20 +137,15 @@ class Output:
 
     def finished_part(self, work: WorkFolder) -> str:
         """Make what is finished of a run that failed playable; return a line on where it is, or "" for nothing."""
-        start = self.span[0]
+        start, again = self.span[0], "the same command does not make them again"
         if self.is_pictures:
             count = len(self.written(work)[0])
-            return (
-                f"finished: {counted(count)}, as {self.path} - the same command does not make them again"
-                if count
-                else ""
-            )
+            return f"finished: {counted(count)}, as {self.path} - {again}" if count else ""
         segments = _leading([s for s in work.segments() if s.stop <= self.span[1]], start)
         if not segments:
             return ""
         path = work.path / f"finished{self.path.suffix}"
         count = segments[-1].stop - start
-        again = "the same command does not make them again"
         try:
             self._join(segments, path, work.path, overwrite=True)
         except VideoError as error:

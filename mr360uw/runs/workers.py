@@ -53,7 +53,7 @@ def _render_in_cluster(address: str, job: Job, done: Callable[[], None]) -> RunT
                 for future in finished:
                     found = future.result()
                     times.merge(found)
-                    for _ in range(found.frames):
+                    for _ in range(found.frames["all"]):
                         done()
     except (distributed.comm.CommClosedError, distributed.KilledWorker, CancelledError, TimeoutError) as error:
         raise VideoError(

@@ -354,17 +354,15 @@ class Scene(Parameters):
         return toml_document(_tables(with_absolute_paths(self, Path.cwd())))
 
     @model_validator(mode="after")
-    def _lamps_on_objects(self) -> Scene:
+    def _tables_fit(self) -> Scene:
+        # Lamps are on objects that there are
         for number, lamp in enumerate(self.lamps):
             if isinstance(lamp.attach, int) and lamp.attach >= len(self.objects):
                 raise ValueError(
                     f"lamp.{number}.attach - no such object (got {lamp.attach}) - the scene has {len(self.objects)}, "
                     "the first is 0"
                 )
-        return self
-
-    @model_validator(mode="after")
-    def _objects_on_the_floor(self) -> Scene:
+        # Objects stand on a floor whose shape is known before the first frame
         kind = "none" if self.receiver is None else self.receiver.kind
         standing = [n for n, one in enumerate(self.objects) if one.stand_on is not None]
         if standing and kind in ("none", "distance"):
@@ -372,10 +370,6 @@ class Scene(Parameters):
                 f"object.{standing[0]}.stand_on - needs a floor of known shape (got receiver {kind}) - add a "
                 "[receiver] of kind plane, mesh or height_map, as in height_m = -2"
             )
-        return self
-
-    @model_validator(mode="after")
-    def _tables_fit(self) -> Scene:
         check_keys(self, self.keys)
         return self
 

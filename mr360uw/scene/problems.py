@@ -15,7 +15,7 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
 
-from mr360uw.parameters import stated
+from mr360uw.parameters import bounds_of, stated
 
 Location = tuple[str | int, ...]
 Lines = dict[Location, int]
@@ -177,23 +177,14 @@ def _misshapen(kind: str, value: Any, location: Location, annotation: Any) -> tu
 
 def bounds_text(field: Any) -> str:
     """Return a field's range and unit in words, as in 'in [0, 1] 1/m'; empty where it has neither."""
-    low = high = None
-    for rule in getattr(field, "metadata", ()):
-        low = getattr(rule, "ge", None) if getattr(rule, "ge", None) is not None else low
-        low = f"> {rule.gt:g}" if getattr(rule, "gt", None) is not None else low
-        high = getattr(rule, "le", None) if getattr(rule, "le", None) is not None else high
-    unit = ((field.json_schema_extra or {}).get("unit") or "") if field is not None else ""
-    unit = "" if unit == "1" else unit
-    if isinstance(low, str):
-        text = f"{low}" + (f" and <= {high:g}" if high is not None else "")
-    elif low is not None and high is not None:
-        text = f"in [{low:g}, {high:g}]"
-    elif low is not None:
-        text = f">= {low:g}"
-    elif high is not None:
-        text = f"<= {high:g}"
-    else:
-        return unit
+    if field is None:
+        return ""
+    low, high = bounds_of(field)
+    unit = "" if stated(field, "unit") == "1" else stated(field, "unit")
+    above = any(getattr(rule, "gt", None) is not None for rule in field.metadata)
+    words = [] if low is None else [f"> {low:g}" if above else f">= {low:g}"]
+    words += [] if high is None else [f"<= {high:g}"]
+    text = f"in [{low:g}, {high:g}]" if len(words) > 1 and not above else " and ".join(words)
     return f"{text} {unit}".strip()
 
 

@@ -60,9 +60,8 @@ def pose_of_plate(plate: PlateSettings) -> tuple[float, float, float]:
 def _clipping(plate: PlateSettings, mapping: PlateMapping) -> tuple[str, ...]:
     """Return a note where the table of a plate shows many values as one light."""
     found = clipped_greys(mapping) if isinstance(mapping, CubeLut) else ""
-    return (f"{plate.lut} - clips greys {found}: what is drawn as bright or as dark gets the nearest value",) * bool(
-        found
-    )
+    note = f"{plate.lut} - clips greys {found}: what is drawn as bright or as dark gets the nearest value"
+    return (note,) if found else ()
 
 
 def _mapping(plate: PlateSettings) -> PlateMapping | None:

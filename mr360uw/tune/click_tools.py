@@ -17,14 +17,13 @@ from nicegui import ui
 
 from mr360uw.errors import ParameterError
 from mr360uw.ibl.tilt import roll_pitch
-from mr360uw.tune.controls import Button, Choice, Text
+from mr360uw.tune.controls import Button, Choice, Text, text_input, told
+from mr360uw.tune.fields import SAME_S
 from mr360uw.tune.placing import Point, ray
 from mr360uw.tune.session import Session
 from mr360uw.tune.situation import Marker
 from mr360uw.types import Floats, View
 
-_SAME_S = 1e-4
-"""Keys nearer than this [s] are one: far below a frame."""
 FloorFit = tuple[float, float, str]
 """A level floor: its height [m] in the world, as `receiver.height_m`, the root mean square deviation [m] from what was
 given, 0 where nothing is left to compare, and what is assumed, in words."""
@@ -149,23 +148,16 @@ class FloorTool(_PointTool):
 
     def _fill(self) -> None:
         Choice("What is known of the floor", _KNOWN, "height", lambda known: setattr(self, "_known", known))
-        given = ui.element("input").props("type=text size=8 aria-label='Known lengths in metres'")
-        given.on("change", self._given, js_handler="(e) => emit(e.target.value)")
+        text_input("size=8 aria-label='Known lengths in metres'", lambda text: setattr(self, "_lengths", text))
         Button("Set floor", self._set)
 
-    def _given(self, event: Any) -> None:
-        self._lengths = str(event.args)
-
     def _set(self) -> None:
-        try:
+        with told(self._failed):
             height_m, error_m, assumed = self._fit()
             self._document.apply("floor by clicks", {"receiver.height_m": round(height_m, 3)})
-        except (ParameterError, OSError) as error:
-            self._failed(error)
-            return
-        spread = f", the clicks deviate by {error_m:.2g} m" if error_m else ""
-        ui.notify(f"The sea floor is at {height_m:.2f} m{spread}: {assumed}.")
-        self.begin(shown=True)
+            spread = f", the clicks deviate by {error_m:.2g} m" if error_m else ""
+            ui.notify(f"The sea floor is at {height_m:.2f} m{spread}: {assumed}.")
+            self.begin(shown=True)
 
     def _fit(self) -> FloorFit:
         """Return the floor of the clicks; raise `ParameterError`."""
@@ -192,11 +184,9 @@ class PatchTool:
     def __init__(self, session: Session) -> None:
         self._session, self._document, self._distance = session, session.document, ""
         with ui.element("span").classes("floor-tool") as self._root:
-            given = ui.element("input").props(
-                "type=text size=12 aria-label='Distance of what is clicked, in metres' placeholder='distance [m]'"
-            )
+            look = "size=12 aria-label='Distance of what is clicked, in metres' placeholder='distance [m]'"
+            given = text_input(look, lambda text: setattr(self, "_distance", text.strip()))
             given.props["title"] = "its distance in the water; empty: nearer than about a metre"
-            given.on("change", self._given, js_handler="(e) => emit(e.target.value)")
             Button("Forget patches", self._forget, title="remove all patches of known colour from the scene")
         self._root.set_visibility(False)
 
@@ -224,9 +214,6 @@ class PatchTool:
             label = patch.shows if patch.distance_m is None else f"{patch.shows}, {patch.distance_m:g} m"
             marks.append(Marker(f"patch.{k}", point.longitude, point.latitude, "spot", label, handles=()))
         return marks
-
-    def _given(self, event: Any) -> None:
-        self._distance = str(event.args).strip()
 
     def _forget(self) -> None:
         if self._document.get("match.patch") is not None:
@@ -278,14 +265,11 @@ class LevelTool(_PointTool):
 
     def _set(self) -> None:
         assert self._camera is not None
-        try:
+        with told(self._failed):
             roll, pitch = roll_pitch(up_of_horizon(self.clicks, self._camera.world_from_camera[1]))
             self._document.apply("level by the horizon", self._changes(float(degrees(roll)), float(degrees(pitch))))
-        except (ParameterError, OSError) as error:
-            self._failed(error)
-            return
-        ui.notify(f"The camera's roll is {degrees(roll):z.1f}, its pitch {degrees(pitch):z.1f} degrees.")
-        self.begin(shown=True)
+            ui.notify(f"The camera's roll is {degrees(roll):z.1f}, its pitch {degrees(pitch):z.1f} degrees.")
+            self.begin(shown=True)
 
     def _changes(self, roll_deg: float, pitch_deg: float) -> dict[str, Any]:
         """Return the keys that level the camera: of this frame where its tilt has keys."""
@@ -298,5 +282,5 @@ class LevelTool(_PointTool):
         roll, pitch, time_s = round(roll_deg, 2) + 0.0, round(pitch_deg, 2) + 0.0, round(self._session.time_s, 6)
         if not camera.tilt_keys:
             return {"camera.roll_deg": roll, "camera.pitch_deg": pitch}
-        others = [list(key) for key in camera.tilt_keys if abs(key[0] - time_s) > _SAME_S]
+        others = [list(key) for key in camera.tilt_keys if abs(key[0] - time_s) > SAME_S]
         return {"camera.tilt_keys": sorted([*others, [time_s, roll, pitch]])}

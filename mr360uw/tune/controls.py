@@ -4,7 +4,8 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict
 from functools import partial
 from typing import Any, Literal
@@ -13,10 +14,32 @@ from nicegui import ui
 from nicegui.element import Element
 from nicegui.elements.mixins.text_element import TextElement
 from nicegui.events import GenericEventArguments
+from pydantic_core import to_jsonable_python
 
+from mr360uw.errors import Mr360uwError
 from mr360uw.scene.toml_model import toml_value
-from mr360uw.tune.document import Document
-from mr360uw.tune.fields import FIRST, Field, Group, groups, set_along, unsaid, without_effect
+from mr360uw.tune.fields import (
+    FIRST,
+    Field,
+    Group,
+    groups,
+    keyed_parameters,
+    set_along,
+    set_key,
+    unsaid,
+    values_at,
+    without_effect,
+)
+from mr360uw.tune.session import Session
+
+
+@contextmanager
+def told(failed: Callable[[Exception], None]) -> Iterator[None]:
+    """A context that ends at an error of what a user asks for. failed: tells the error."""
+    try:
+        yield
+    except (Mr360uwError, ValueError, OSError) as error:
+        failed(error)
 
 
 class Text(TextElement):
@@ -25,6 +48,13 @@ class Text(TextElement):
     def __init__(self, text: str = "", tag: str = "span", classes: str = "") -> None:
         super().__init__(tag=tag, text=text)
         self.classes(classes)
+
+
+def alert(lines: Sequence[str]) -> None:
+    """Show problems, a line each."""
+    with ui.element("div").classes("problems").props("role=alert"):
+        for line in lines:
+            Text(line, "div")
 
 
 class Button(TextElement):
@@ -86,6 +116,12 @@ class Choice(Element):
         """Show another value as chosen."""
         self._props["value"] = value
         self.update()
+
+
+def text_input(props: str, action: Callable[[str], Any]) -> Element:
+    """Return a field for a line of text. action: called with the text when it was changed."""
+    field = ui.element("input").props(f"type=text {props}")
+    return field.on("change", lambda event: action(str(event.args)), js_handler="(e) => emit(e.target.value)")
 
 
 def menu(text: str, title: str) -> ui.menu:
@@ -202,29 +238,25 @@ def typed(field: Field, value: Any) -> Any:
 
 
 class ControlPanel(Element, component="controls.js"):
-    """Controls of a document's parameters.
+    """Controls of the parameters of a session's document; of those that have keys, of their present values.
 
-    mark: called with the dotted key of a parameter that is to be keyed. choose: called with a list's key and the number
-    of its entry that is chosen. keyed: returns the present values of the parameters that have keys, by key; a change of
-    one of those goes to `key_value` instead of the document. in_words: called with an object's number, the word, its
-    value and the group of a drag; sets it and returns whether it did, where others had to change with it.
+    mark: called with the dotted key of a parameter that is to be keyed, and its default. choose: called with a list's
+    key and the number of its entry that is chosen. in_words: called with an object's number, the word, its value and
+    the group of a drag; sets it and returns whether it did, where others had to change with it. failed: tells an error.
     """
 
     def __init__(
         self,
-        document: Document,
+        session: Session,
         *,
-        mark: Callable[[str], None],
+        mark: Callable[[str, Any], None],
         choose: Callable[[str, int], None],
-        keyed: Callable[[], dict[str, Any]],
-        key_value: Callable[[str, Any, str | None], None],
         in_words: Callable[[int, str, Any, str | None], bool],
         failed: Callable[[Exception], None],
-        settle: Callable[[], None],
     ) -> None:
         super().__init__()
         self._in_words, self._words = in_words, dict[str, Any]()
-        self._document, self._keyed, self._key_value, self._failed = document, keyed, key_value, failed
+        self._session, self._document, self._failed = session, session.document, failed
         tables = groups()
         self._fields = {
             f"{group.key}.{field.key}": field for group in tables for tag in group.tags for field in group.fields(tag)
@@ -234,10 +266,10 @@ class ControlPanel(Element, component="controls.js"):
         self.on("change", self._changed)
         self.on("reset", self._reset)
         self.on("add", self._added)
-        self.on("remove", lambda event: self._try(lambda: document.unset(event.args["key"])))
-        self.on("mark", lambda event: self._try(lambda: mark(event.args["key"])))
+        self.on("remove", lambda event: self._try(lambda: self._document.unset(event.args["key"])))
+        self.on("mark", lambda event: self._try(lambda: mark(event.args["key"], self._default_of(event.args["key"]))))
         self.on("choose", lambda event: choose(event.args["key"], event.args["number"]))
-        self.on("settle", lambda _: settle())
+        self.on("settle", lambda _: session.settle())
         self._props["begin"] = self._state()
 
     def refresh(self) -> None:
@@ -259,7 +291,8 @@ class ControlPanel(Element, component="controls.js"):
         errors = {key: self._document.problem_of(key) for key in self._document.problem_keys()}
         objects = tree.get("object", [])
         hidden = [f"object.{k}.{word}" for k, table in enumerate(objects) for word in unsaid(table)]
-        return {"tree": _jsonable(tree), "texts": texts, "errors": errors, "keyed": self._keyed(),
+        plain, keyed = to_jsonable_python(tree, fallback=str), values_at(self._document, self._session.time_s)
+        return {"tree": plain, "texts": texts, "errors": errors, "keyed": keyed,
                 "words": self._words, "hidden": hidden, "idle": self._idle(len(objects))}  # fmt: skip
 
     def _idle(self, objects: int) -> dict[str, str]:
@@ -281,7 +314,7 @@ class ControlPanel(Element, component="controls.js"):
         default, value = self._fields[key].default, self._document.get(place)
         return default if value is None else value, default
 
-    def default_of(self, key: str) -> Any:
+    def _default_of(self, key: str) -> Any:
         """Return the default of a parameter; None where it has none."""
         field = self._field(key)
         return None if field is None else field.default
@@ -295,10 +328,11 @@ class ControlPanel(Element, component="controls.js"):
         if field is not None:
             value = typed(field, value)
         drag = None if group is None else f"{self.client.id} {key} {group}"
-        if key in self._keyed():
-            self._try(lambda: self._key_value(key, value, drag))
-        else:
-            self._try(lambda: self._set(key, value, drag))
+        keyed = key in keyed_parameters(self._document)
+        self._try(lambda: (self._set_key if keyed else self._set)(key, value, drag))
+
+    def _set_key(self, key: str, value: Any, group: str | None) -> None:
+        set_key(self._document, key, self._session.time_s, value, group=group)
 
     def _set(self, key: str, value: Any, group: str | None) -> None:
         table, _, rest = key.partition(".")
@@ -306,10 +340,7 @@ class ControlPanel(Element, component="controls.js"):
         if table == "object" and number.isdecimal() and self._in_words(int(number), name, value, group):
             return
         along = set_along(key, partial(self._now, beside=key)) if key in self._fields else {}
-        with self._document.together(f"set {key}", group=group):
-            for other, effective in along.items():
-                self._document.set(other, effective)
-            self._document.set(key, value)
+        self._document.apply(f"set {key}", along | {key: value}, group=group)
 
     def _reset(self, event: GenericEventArguments) -> None:
         field = self._field(event.args["key"])
@@ -320,10 +351,8 @@ class ControlPanel(Element, component="controls.js"):
         self._try(lambda: self._document.append(event.args["key"], event.args["table"]))
 
     def _try(self, action: Callable[[], object]) -> None:
-        try:
+        with told(self._failed):
             action()
-        except (ValueError, OSError) as error:
-            self._failed(error)
         self.refresh()  # also where nothing changed, so that the control shows the value that counts
 
 
@@ -334,17 +363,9 @@ def _word(value: Any) -> str:
 
 
 def _plain(field: Field) -> dict[str, Any]:
-    described = asdict(field)
-    described["step"], described["default_text"] = field.step, field.default_text
-    return {name: _jsonable(value) for name, value in described.items()}
-
-
-def _jsonable(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: _jsonable(one) for key, one in value.items()}
-    if isinstance(value, list | tuple):
-        return [_jsonable(one) for one in value]
-    return value if isinstance(value, bool | int | float | str) or value is None else str(value)
+    described = {**asdict(field), "step": field.step, "default_text": field.default_text}
+    plain: dict[str, Any] = to_jsonable_python(described, fallback=str)
+    return plain
 
 
 def _leaves(tree: Any, prefix: str = "", depth: int = 0) -> list[tuple[str, Any]]:

@@ -18,7 +18,7 @@ from mr360uw.errors import Mr360uwError, ParameterError
 from mr360uw.files import write_whole
 from mr360uw.preview.live import encoded
 from mr360uw.scene.model import Scene
-from mr360uw.tune.controls import Button, Choice, Text
+from mr360uw.tune.controls import Button, Choice, Text, text_input
 from mr360uw.tune.placing import Point
 from mr360uw.tune.session import CommandRun, Session
 
@@ -46,9 +46,8 @@ class RenderDialog:
                 still = session.frame_count == 1
                 scene = self._document.path.absolute()  # names that are not absolute are beside it
                 self._name = str(scene.with_suffix(".composite.png" if still else ".composite.mp4"))
-                self._out = ui.element("input").props("type=text spellcheck=false")
+                self._out = text_input("spellcheck=false", self._named)
                 self._out.props["^value"] = self._name  # at first: what is typed stays while others are updated
-                self._out.on("change", self._named, js_handler="(e) => emit(e.target.value)")
             with ui.element("div").classes("row-field"):
                 Choice("Size", _SCALES, "1", lambda scale: setattr(self, "_scale", scale))
                 with ui.element("label"):
@@ -104,8 +103,8 @@ class RenderDialog:
                 with self._link, ui.element("a").props(f'href="/result?{secrets.token_hex(4)}" target=_blank'):
                     Text(f"Open {run.out.name}")
 
-    def _named(self, event: Any) -> None:
-        self._name = self._out.props["^value"] = str(event.args)  # also where the dialog is opened again
+    def _named(self, name: str) -> None:
+        self._name = self._out.props["^value"] = name  # also where the dialog is opened again
 
     def _start(self, *, save: bool) -> None:
         """Start a run on the saved scene, or on a copy beside it that is removed afterwards."""
@@ -137,13 +136,9 @@ async def _finish(run: CommandRun, scene: Path, copy: Path | None, options: list
 
 def _duration(seconds: float) -> str:
     minutes, rest = divmod(round(seconds), 60)
-    return (
-        f"{minutes // 60} h {minutes % 60} min"
-        if minutes >= 60
-        else f"{minutes} min {rest} s"
-        if minutes
-        else f"{rest} s"
-    )
+    if minutes >= 60:
+        return f"{minutes // 60} h {minutes % 60} min"
+    return f"{minutes} min {rest} s" if minutes else f"{rest} s"
 
 
 # The page's "Match": fits the sea or the water to the plate, shows numbers and pictures before and after, applies.
@@ -300,12 +295,11 @@ class DepthTool:
         if scene.plate.eye == "both":
             command += ["--eye", "both", "--ipd", str(scene.camera.ipd_m)]
         elif scene.camera.track is None:
-            self._failed(
-                ParameterError(
-                    "camera.track - is not set, so distances have no scale (got none) - run mr360uw track on the plate "
-                    "with --height, and name the table"
-                )
+            problem = (
+                "camera.track - is not set, so distances have no scale (got none) - run mr360uw track on the plate "
+                "with --height, and name the table"
             )
+            self._failed(ParameterError(problem))
             return
         else:
             command += ["--track", str(scene.camera.track)]

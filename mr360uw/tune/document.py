@@ -110,9 +110,9 @@ class Document:
         self._change(f"add {key}", with_entry(self.text, key_of(key), dict(table)), None)
         return len(self.get(key)) - 1
 
-    def apply(self, label: str, changes: Mapping[str, Any]) -> None:
-        """Set several keys as one step; None removes a key."""
-        with self.together(label):
+    def apply(self, label: str, changes: Mapping[str, Any], *, group: str | None = None) -> None:
+        """Set several keys as one step; None removes a key. group: as `set` has it."""
+        with self.together(label, group=group):
             for key, value in changes.items():
                 if value is not None:
                     self.set(key, value)

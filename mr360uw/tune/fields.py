@@ -265,7 +265,7 @@ def _label(key: str) -> str:
 
 Pairs = Sequence[tuple[float, Any]]
 """Keys of a parameter: (time [s], a number or a vector), ascending."""
-_SAME_S = 1e-4
+SAME_S = 1e-4
 """Keys nearer than this [s] are one: far below a frame."""
 
 
@@ -281,29 +281,25 @@ def values_at(document: Document, time_s: float) -> dict[str, Any]:
 
 def value_at(document: Document, key: KeyedParameter, time_s: float) -> Any:
     """Return the value of a keyed parameter at a time, of a key's own where it has one; a vector as a list."""
-    at = next((one for one in key.time_s if abs(one - time_s) <= _SAME_S), time_s)
+    at = next((one for one in key.time_s if abs(one - time_s) <= SAME_S), time_s)
     found = target_of(document.scene, key.parameter).value(key, at)
     return list(found) if isinstance(found, tuple) else found
 
 
 def set_key(document: Document, parameter: str, time_s: float, value: Any, *, group: str | None = None) -> None:
-    """Set the key of a parameter at a time, in place of one that is there. group: as `Document.set` has it."""
+    """Set the key of a parameter at a time, in place of one that is there. group: as `Document.set` has it.
+
+    value: None removes the key; with the last one the parameter takes its value, without keys.
+    """
     held = keyed_parameters(document).get(parameter)
-    pairs = [pair for pair in _pairs(held) if abs(pair[0] - time_s) > _SAME_S]
-    kind = "smooth" if held is None else held.interpolation
-    set_keys(document, parameter, [*pairs, (time_s, value)], kind, group=group)
+    pairs = [pair for pair in _pairs(held) if abs(pair[0] - time_s) > SAME_S]
+    pairs += [] if value is None else [(time_s, value)]
+    set_keys(document, parameter, pairs, "smooth" if held is None else held.interpolation, group=group)
 
 
 def has_key(document: Document, parameter: str, time_s: float) -> bool:
     """Return whether a parameter has a key at a time."""
-    return any(abs(time - time_s) <= _SAME_S for time, _ in _pairs(keyed_parameters(document).get(parameter)))
-
-
-def remove_key(document: Document, parameter: str, time_s: float) -> None:
-    """Remove the key of a parameter at a time; with the last one the parameter takes its value, without keys."""
-    held = keyed_parameters(document).get(parameter)
-    pairs = [pair for pair in _pairs(held) if abs(pair[0] - time_s) > _SAME_S]
-    set_keys(document, parameter, pairs, "smooth" if held is None else held.interpolation)
+    return any(abs(time - time_s) <= SAME_S for time, _ in _pairs(keyed_parameters(document).get(parameter)))
 
 
 def set_keys(document: Document, parameter: str, pairs: Pairs, interpolation: str, *, group: str | None = None) -> None:
@@ -346,7 +342,7 @@ def samples(document: Document, key: KeyedParameter, end_s: float, component: in
     """Return (time [s], value) of a parameter over a clip, dense enough for straight lines, and at its keys."""
     times = np.unique([*np.linspace(0.0, end_s, 160), *key.time_s])
     if key.interpolation == "hold":  # a step is upright
-        times = np.unique([*times, *(time - 2.0 * _SAME_S for time in key.time_s)])
+        times = np.unique([*times, *(time - 2.0 * SAME_S for time in key.time_s)])
     rows = [(float(time), value_at(document, key, float(time))) for time in times if 0.0 <= time <= end_s]
     return [(time, component_of(value, component)) for time, value in rows]
 
@@ -366,12 +362,7 @@ def present_value(document: Document, parameter: str, default: Any) -> Any:
 
 
 def _pairs(key: KeyedParameter | None) -> list[tuple[float, Any]]:
-    if key is None:
-        return []
-    return [
-        (time, list(value) if isinstance(value, tuple) else value)
-        for time, value in zip(key.time_s, key.value, strict=True)
-    ]
+    return [] if key is None else list(zip(key.time_s, key.value, strict=True))
 
 
 def _rounded(value: Any) -> Any:

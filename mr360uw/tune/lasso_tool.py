@@ -54,6 +54,7 @@ class LassoTool:
     def __init__(self, session: Session, failed: Callable[[Exception], None], changed: Callable[[], None]) -> None:
         self._session, self._document = session, session.document
         self._failed, self._changed = failed, changed
+        self._folder, self._clip = session.document.path.parent, session.frame_count > 1
         self.lines: list[Line] = []
         self.kind: Kind = "outline"
         self._name, self._index = "", session.index
@@ -127,14 +128,6 @@ class LassoTool:
                 found[name] = number
         return found
 
-    @property
-    def _clip(self) -> bool:
-        return self._session.frame_count > 1
-
-    @property
-    def _folder(self) -> Path:
-        return self._document.path.parent
-
     def _keys(self) -> list[int]:
         return list(key_files(self._folder / self._name)) if self._name and self._clip else []
 
@@ -181,7 +174,7 @@ class LassoTool:
             if scene.plate.eye == "both":
                 raise ParameterError('matte - is of one eye (got plate.eye = "both") - set one eye, or give a file')
             job = session.pictures.ask(
-                lambda renderer: picture_codes(renderer.preview.plate(scene, index, width), deep=False)
+                lambda renderer: picture_codes(renderer.preview.plates.at(scene, index, width), deep=False)
             )
             codes: NDArray[Any] = await asyncio.wrap_future(job)
             data = png(await asyncio.to_thread(matte_of_lines, codes, lines))

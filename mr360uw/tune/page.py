@@ -4,9 +4,8 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
-from types import MappingProxyType
 from typing import Any
 
 from nicegui import background_tasks, ui
@@ -15,7 +14,7 @@ from mr360uw.errors import Mr360uwError, OutputExistsError
 from mr360uw.parameters import bounds_of, stated
 from mr360uw.scene.key_targets import target_of
 from mr360uw.tune import fields
-from mr360uw.tune.controls import Button, Choice, ControlPanel, Interpolation, Text, Timeline, menu
+from mr360uw.tune.controls import Button, Choice, ControlPanel, Interpolation, Text, Timeline, alert, menu, told
 from mr360uw.tune.dialogs import DepthTool, MatchDialog, RenderDialog
 from mr360uw.tune.place_tools import PlaceTools, ShownPicture
 from mr360uw.tune.session import Event, Session
@@ -37,12 +36,10 @@ class TunePage:
             self.header = Header(session, self.guarded, self.save)
             with ui.element("div").classes("page-controls"):
                 self.controls = ControlPanel(
-                    session.document, mark=self._mark, choose=self._choose, failed=self.failed, settle=session.settle,
-                    keyed=lambda: fields.values_at(session.document, session.time_s),
-                    key_value=lambda key, value, group: fields.set_key(
-                        session.document, key, session.time_s, value, group=group
-                    ),
-                    in_words=self._in_words,
+                    session, failed=self.failed,
+                    mark=lambda key, default: self.time.mark(key, default),  # noqa: PLW0108 - it is made later
+                    choose=lambda key, number: self.place.select(number) if key == "object" else None,
+                    in_words=lambda *word: self.place.set_word(*word),  # noqa: PLW0108 - it is made later
                 )  # fmt: skip
             self.stage = ShownPicture(session, self.failed)
             self.render = RenderDialog(session, self.guarded)
@@ -63,10 +60,8 @@ class TunePage:
 
     def guarded(self, action: Callable[[], Any]) -> None:
         """Run an action of the user; tell its error."""
-        try:
+        with told(self.failed):
             action()
-        except (Mr360uwError, OSError) as error:
-            self.failed(error)
 
     def failed(self, error: Exception) -> None:
         """Tell an error."""
@@ -118,37 +113,25 @@ class TunePage:
         if name in actions:
             self.guarded(actions[name])
 
-    def _mark(self, key: str) -> None:
-        self.guarded(lambda: self.time.mark(key, self.controls.default_of(key)))
-
-    def _in_words(self, number: int, name: str, value: Any, group: str | None) -> bool:
-        return self.place.set_word(number, name, value, group)
-
-    def _choose(self, key: str, number: int) -> None:
-        if key == "object":
-            self.place.select(number)
-
 
 # The page's header: file, unsaved mark, undo, redo, save, presets, snapshots, dark or light.
 
-PRESETS: MappingProxyType[str, MappingProxyType[str, Any]] = MappingProxyType(
-    {
-        "tropical noon": MappingProxyType(
-            {"water.type": "IB", "water.visibility_m": None, "sea.wind_speed": 4.0, "caustics.enabled": True,
-             "caustics.sun_half_angle_rad": 0.00465}
-        ),
-        "tropical, evening": MappingProxyType(
-            {"water.type": "IB", "water.visibility_m": None, "sea.wind_speed": 2.0, "caustics.enabled": True,
-             "caustics.sun_half_angle_rad": 0.02}
-        ),
-        "temperate overcast": MappingProxyType(
-            {"water.type": "1C", "water.visibility_m": None, "sea.wind_speed": 7.0, "caustics.enabled": False}
-        ),
-        "harbour": MappingProxyType(
-            {"water.type": "harbour", "water.visibility_m": None, "sea.wind_speed": 2.0, "caustics.enabled": False}
-        ),
-    }
-)  # fmt: skip
+PRESETS: Mapping[str, Mapping[str, Any]] = {
+    "tropical noon": {
+        "water.type": "IB", "water.visibility_m": None, "sea.wind_speed": 4.0, "caustics.enabled": True,
+        "caustics.sun_half_angle_rad": 0.00465,
+    },
+    "tropical, evening": {
+        "water.type": "IB", "water.visibility_m": None, "sea.wind_speed": 2.0, "caustics.enabled": True,
+        "caustics.sun_half_angle_rad": 0.02,
+    },
+    "temperate overcast": {
+        "water.type": "1C", "water.visibility_m": None, "sea.wind_speed": 7.0, "caustics.enabled": False,
+    },
+    "harbour": {
+        "water.type": "harbour", "water.visibility_m": None, "sea.wind_speed": 2.0, "caustics.enabled": False,
+    },
+}  # fmt: skip
 """Values of dotted keys, by the preset's name; None: as it is by default."""
 
 
@@ -182,10 +165,7 @@ class Header:
                 if mode != "auto":
                     session.look(dark=mode == "dark")
 
-            Choice(
-                "Dark or light", {"auto": "Auto", "dark": "Dark", "light": "Light"}, "auto",
-                show,
-            )  # fmt: skip
+            Choice("Dark or light", {"auto": "Auto", "dark": "Dark", "light": "Light"}, "auto", show)
         self._notices = ui.element("div").classes("page-notices")
         self._shown: tuple[object, ...] = ()
 
@@ -227,18 +207,16 @@ class Header:
         self._document.keep(f"snapshot {number}")
 
     def _show_notices(self) -> None:
-        document, self_guarded = self._document, self._guarded
+        document, guarded = self._document, self._guarded
         self._notices.clear()
         with self._notices:
             if document.outside is not None:
                 with ui.element("div").classes("notice").props("role=alert"):
                     Text("The scene file was changed by another program.")
-                    Button("Take its text", lambda: self_guarded(document.take_outside))
-                    Button("Overwrite it with mine", lambda: self_guarded(lambda: document.save(overwrite=True)))
+                    Button("Take its text", lambda: guarded(document.take_outside))
+                    Button("Overwrite it with mine", lambda: guarded(lambda: document.save(overwrite=True)))
             if document.problems:
-                with ui.element("div").classes("problems").props("role=alert"):
-                    for line in document.problems:
-                        Text(line, "div")
+                alert(document.problems)
 
 
 # The time line of a tab: thumbnails, play head, range, and the curve of a keyed parameter.
@@ -280,12 +258,11 @@ class TimePanel:
     def mark(self, key: str, default: Any) -> None:
         """Set a key of a parameter at the present time, or remove the one that is there; show its curve."""
         session, time_s = self._session, self._session.time_s
-        if fields.has_key(self._document, key, time_s):
-            fields.remove_key(self._document, key, time_s)
-        else:
+        value = None
+        if not fields.has_key(self._document, key, time_s):
             now = fields.values_at(self._document, time_s).get(key)
             value = fields.present_value(self._document, key, default) if now is None else now
-            fields.set_key(self._document, key, time_s, value)
+        fields.set_key(self._document, key, time_s, value)
         held = fields.keyed_parameters(self._document).get(key)
         vector = held is not None and isinstance(held.value[0], tuple)
         self.choose("" if held is None else f"{key} 0" if vector else key)

@@ -18,10 +18,9 @@ from typing import Any, TypeVar
 import numpy as np
 
 from mr360uw.errors import Mr360uwError
-from mr360uw.preview.live import COARSE_WIDTH, LivePreview, encoded
+from mr360uw.preview.live import COARSE_WIDTH, LivePreview, coarse, encoded
 from mr360uw.scene.model import Scene
-from mr360uw.tune.shown_frame import ShownFrame
-from mr360uw.tune.views import CHARTS, VIEWS
+from mr360uw.tune.views import CHARTS, VIEWS, ShownFrame
 from mr360uw.video.writer import picture_codes
 
 
@@ -82,10 +81,12 @@ class PageRenderer:
     def picture(self, wanted: Wanted, width: int) -> MadePicture:
         """Return a picture of about a width, without its number and kind; raises what `LivePreview.frame` raises."""
         preview = self.preview
-        scene = preview.coarse(wanted.scene) if width <= COARSE_WIDTH and width < wanted.width else wanted.scene
+        scene = coarse(wanted.scene) if width <= COARSE_WIDTH and width < wanted.width else wanted.scene
         frame = preview.frame(scene, wanted.index, width)
         loaded = preview.loaded(scene, width).at(frame.plate.time_s)
-        shown = ShownFrame(frame, loaded, preview.backend, preview.clip(wanted.scene).duration_s or 0.0, wanted.dark)
+        plate = preview.plates.reader(wanted.scene)
+        duration_s = float((plate.frame_count or 0) / plate.frame_rate)
+        shown = ShownFrame(frame, loaded, preview.backend, duration_s, wanted.dark)
         codes = VIEWS[wanted.view](shown)
         size, measured = (codes.shape[1], codes.shape[0]), preview.has_measured(scene, width)
         return MadePicture(wanted, *size, encoded(codes, ".jpg"), wanted.view not in CHARTS, measured)
@@ -99,14 +100,15 @@ class PageRenderer:
 
     def plate(self, scene: Scene, index: int, width: int) -> bytes:
         """Return a frame of a scene's plate as JPEG; raise `VideoError`."""
-        return encoded(picture_codes(self.preview.plate(scene, index, width), deep=False), ".jpg")
+        return encoded(picture_codes(self.preview.plates.at(scene, index, width), deep=False), ".jpg")
 
     def thumbnails(self, scene: Scene, count: int) -> list[tuple[int, bytes]]:
         """Return (frame, JPEG) of up to `count` small frames of a scene's plate; raise `VideoError`."""
-        made, clip = self.preview.plates.overview(scene, count, _THUMBNAIL_WIDTH), self.preview.clip(scene)
-        if len(made) < count and (clip.frame_count or 1) <= _SHORT:
-            frames = np.unique(np.linspace(0, (clip.frame_count or 1) - 1, count).astype(int)).tolist()
-            made = [self.preview.plate(scene, frame, _THUMBNAIL_WIDTH) for frame in frames]
+        made = self.preview.plates.overview(scene, count, _THUMBNAIL_WIDTH)
+        length = self.preview.plates.reader(scene).frame_count or 1
+        if len(made) < count and length <= _SHORT:
+            frames = np.unique(np.linspace(0, length - 1, count).astype(int)).tolist()
+            made = [self.preview.plates.at(scene, frame, _THUMBNAIL_WIDTH) for frame in frames]
         return [(frame.index, encoded(picture_codes(frame, deep=False), ".jpg")) for frame in made]
 
     def close(self) -> None:

@@ -16,7 +16,7 @@ from mr360uw.errors import ParameterError
 from mr360uw.parameters import bounds_of
 from mr360uw.tune import fields, placing
 from mr360uw.tune.click_tools import PATCH_TOOLS, FloorTool, LevelTool, PatchTool
-from mr360uw.tune.controls import Button, Choice, Text
+from mr360uw.tune.controls import Button, Choice, Text, alert, told
 from mr360uw.tune.fields import in_words
 from mr360uw.tune.lasso_tool import LassoTool
 from mr360uw.tune.placing import Point
@@ -152,17 +152,12 @@ class PlaceTools:
         here, key = self._situation, f"object.{number}"
         if here is None or number >= len(here.bodies):
             return False
-        changes = in_words(
-            self._document.get(key) or {}, name, value, lambda level: here.words(number, level=level)
-        )  # fmt: skip
+        words = self._document.get(key) or {}
+        changes = in_words(words, name, value, lambda level: here.words(number, level=level))
         if changes is None:
             return False
-        with self._document.together(f"set {key}.{name}", group=group):
-            for word in [word for word, now in changes.items() if now is None]:
-                if self._document.get(f"{key}.{word}") is not None:
-                    self._document.unset(f"{key}.{word}")
-            for word in [word for word, now in changes.items() if now is not None]:
-                self._document.set(f"{key}.{word}", changes[word])
+        ordered = sorted(changes.items(), key=lambda change: change[1] is not None)  # what is removed goes first
+        self._document.apply(f"set {key}.{name}", {f"{key}.{word}": now for word, now in ordered}, group=group)
         return True
 
     def trim(self, thirds: int) -> None:
@@ -192,7 +187,7 @@ class PlaceTools:
     async def _picked(self, point: Point) -> None:
         if not self._tool:
             return
-        try:
+        with told(self._failed):
             # Answer tools that need no geometry at once
             if self._tool == "water":
                 self._match_water(point)
@@ -208,26 +203,20 @@ class PlaceTools:
             if self._tool in ("floor", "level"):
                 (self._floor if self._tool == "floor" else self._level).add(here.camera, point)
             elif self._tool == "sun":
-                azimuth, elevation = here.sun_angles_deg(point)
-                given = {
-                    "sun": "given",
-                    "sun_azimuth_deg": _short(azimuth, 2),
-                    "sun_elevation_deg": _short(elevation, 2),
-                }
-                self._document.apply("sun by click", {f"light.{name}": value for name, value in given.items()})
+                azimuth, elevation = (_short(angle, 2) for angle in here.sun_angles_deg(point))
+                angles = {"light.sun_azimuth_deg": azimuth, "light.sun_elevation_deg": elevation}
+                self._document.apply("sun by click", {"light.sun": "given", **angles})
             else:
                 self._check_number(here)
                 place = here.standing if self._tool == "stand" else here.swimming
                 self._put_object(self._number, "position_m", _vector(place(self._number, point)))
-        except (ParameterError, OSError, ValueError) as error:
-            self._failed(error)
 
     async def _dragged(self, drag: Drag) -> None:
         async with self._in_turn:  # the end of a short drag waits for what its start asks
             await self._follow(drag)
 
     async def _follow(self, drag: Drag) -> None:
-        try:
+        with told(self._failed):
             if drag.phase == "start":
                 self._drag = None
                 kind, _, digits = drag.name.partition(".")
@@ -249,8 +238,6 @@ class PlaceTools:
             if drag.phase in ("end", "cancel"):
                 self._drag = None
                 self._session.settle()
-        except (ParameterError, OSError, ValueError) as error:
-            self._failed(error)
 
     def _drag_object(self, drag: Drag, here: Situation, number: int, group: str) -> None:
         body = here.bodies[number]
@@ -270,13 +257,11 @@ class PlaceTools:
 
     def _face_camera(self) -> None:
         assert self._situation is not None
-        try:
+        with told(self._failed):
             self._check_number(self._situation)
             yaw = _short(self._situation.facing_yaw_deg(self._number), 2)
             rest = self._situation.bodies[self._number].rotation_deg[1:]
             self._put_object(self._number, "rotation_deg", [yaw, *rest])
-        except (ParameterError, OSError, ValueError) as error:
-            self._failed(error)
 
     def _check_number(self, here: Situation) -> None:
         if not here.bodies:
@@ -287,9 +272,7 @@ class PlaceTools:
         """Set a parameter of an object in place of the words that say the same."""
         key = f"object.{number}"
         with self._document.together(f"set {key}.{name}", group=group):
-            for word in (f"{key}.{other}" for other in _WORDS[name]):
-                if self._document.get(word) is not None:
-                    self._document.unset(word)
+            self._document.apply(f"set {key}.{name}", {f"{key}.{word}": None for word in _WORDS[name]})
             self._put(f"{key}.{name}", value, group)
 
     def _put(self, key: str, value: Any, group: str | None = None) -> None:
@@ -360,9 +343,7 @@ class ShownPicture:
         self._problems.clear()
         with self._problems:
             if session.problems:
-                with ui.element("div").classes("problems").props("role=alert"):
-                    for line in session.problems:
-                        Text(line, "div")
+                alert(session.problems)
         self.follow()
         if self._compared == "plate":
             self._compare("plate")

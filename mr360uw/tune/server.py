@@ -12,28 +12,31 @@ import itertools
 import secrets
 import socket
 import sys
-from collections.abc import AsyncIterator, Awaitable, Callable, Iterable, MutableMapping
+from collections.abc import AsyncIterator, Awaitable, Callable, MutableMapping
 from contextlib import asynccontextmanager
-from http.cookies import CookieError, SimpleCookie
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
-from urllib.parse import parse_qsl, urlencode, urlsplit
+from urllib.parse import urlencode, urlsplit
 
 import uvicorn
 from fastapi import FastAPI
-from fastapi.responses import FileResponse, Response
+from fastapi.responses import FileResponse, PlainTextResponse, Response
 from nicegui import ui
+from starlette.datastructures import MutableHeaders, QueryParams
+from starlette.requests import HTTPConnection
+from starlette.websockets import WebSocketClose
 
 from mr360uw.errors import ParameterError
 from mr360uw.files import write_whole
-from mr360uw.preview.live import PlateClip, clip_of
 from mr360uw.render.backends import check_backend
+from mr360uw.scene.resolved import open_plate
 from mr360uw.threads import one_blas_thread
 from mr360uw.tune.document import Document
 from mr360uw.tune.page import build_page
 from mr360uw.tune.pictures import MadePicture, PageRenderer, Pictures
 from mr360uw.tune.session import Session
+from mr360uw.video import VideoReader
 
 PORT = 8360
 """Port that is taken where none is asked for and it is free."""
@@ -66,7 +69,8 @@ def serve(
     what opening the plate raises.
     """
     check_options(host, token, backend)
-    clip = clip_of(document.scene)
+    with open_plate(document.scene) as clip:  # whose length and size stay known
+        pass
     token = secrets.token_urlsafe(24) if token is None else token
     listening = _listen(host, port)
     name = f"[{host}]" if ":" in host else host
@@ -138,7 +142,7 @@ def _listen(host: str, port: int | None) -> socket.socket:
     raise AssertionError
 
 
-def _application(document: Document, clip: PlateClip, backend: str, ready: Callable[[], None]) -> FastAPI:
+def _application(document: Document, clip: VideoReader, backend: str, ready: Callable[[], None]) -> FastAPI:
     """Return the application of a document's page. ready: called once it answers."""
     held: list[Session] = []
 
@@ -227,13 +231,13 @@ _CONTENT_POLICY = "; ".join(
         "frame-ancestors 'none'",
     ]
 )
-_HEADERS = (
-    (b"content-security-policy", _CONTENT_POLICY.encode()),
-    (b"cross-origin-resource-policy", b"same-origin"),
-    (b"cross-origin-opener-policy", b"same-origin"),
-    (b"referrer-policy", b"no-referrer"),
-    (b"x-content-type-options", b"nosniff"),
-)
+_HEADERS = {
+    "content-security-policy": _CONTENT_POLICY,
+    "cross-origin-resource-policy": "same-origin",
+    "cross-origin-opener-policy": "same-origin",
+    "referrer-policy": "no-referrer",
+    "x-content-type-options": "nosniff",
+}
 _BAD_REQUEST, _FORBIDDEN = 400, 403
 _NO_PATH = "\\\r\n\0"
 """Characters that no address of the page has; browsers take a backslash for a slash."""
@@ -263,8 +267,8 @@ class Guard:
         if scope["type"] not in ("http", "websocket"):
             await self._app(scope, receive, send)
             return
-        headers: list[tuple[bytes, bytes]] = scope["headers"]
-        hosts, origins = _values(headers, b"host"), _values(headers, b"origin")
+        asked = HTTPConnection(scope)
+        hosts, origins = asked.headers.getlist("host"), asked.headers.getlist("origin")
         if any(character in scope["path"] for character in _NO_PATH) or not all(map(_is_readable, origins)):
             await _refuse(scope, receive, send, "this request cannot be read", _BAD_REQUEST)
         elif len(hosts) != 1 or not self._is_own(hosts[0]):
@@ -273,9 +277,9 @@ class Guard:
             )
         elif any(not _same_place(origin, hosts[0]) for origin in origins):
             await _refuse(scope, receive, send, "requests of other pages are not answered")
-        elif scope["type"] == "http" and scope["path"] == "/" and self._is_token(_query(scope).get("token", "")):
-            await _answer(send, 303, b"", self._welcome(scope, hosts[0]))
-        elif self._shows_token(headers, hosts[0]):
+        elif scope["type"] == "http" and scope["path"] == "/" and self._is_token(asked.query_params.get("token", "")):
+            await self._welcome(asked.query_params, hosts[0])(scope, receive, send)
+        elif self._is_token(asked.cookies.get(_cookie_name(hosts[0]), "")):
             await self._app(scope, receive, _with_headers(send))
         else:
             await _refuse(scope, receive, send, "a token is needed: open the address that was printed at the start")
@@ -299,37 +303,19 @@ class Guard:
     def _is_token(self, shown: str) -> bool:
         return hmac.compare_digest(shown.encode(), self._token.encode())
 
-    def _shows_token(self, headers: list[tuple[bytes, bytes]], host: str) -> bool:
-        cookies: SimpleCookie = SimpleCookie()
-        try:
-            for text in _values(headers, b"cookie"):
-                cookies.load(text)
-        except CookieError:
-            return False
-        return any(self._is_token(morsel.value) for name, morsel in cookies.items() if name == _cookie_name(host))
-
-    def _welcome(self, scope: Scope, host: str) -> list[tuple[bytes, bytes]]:
-        """Return the headers of an answer that sets the cookie and leads to "/" without the token.
+    def _welcome(self, query: QueryParams, host: str) -> Response:
+        """Return an answer that sets the cookie and leads to "/" without the token.
 
         A strict cookie would not be sent where a local file leads here, as the one does that opens the browser.
         """
-        rest = urlencode([(k, v) for k, v in parse_qsl(scope["query_string"].decode("latin-1")) if k != "token"])
-        place = f"/?{rest}" if rest else "/"
+        rest = urlencode([(name, value) for name, value in query.multi_items() if name != "token"])
         cookie = f"{_cookie_name(host)}={self._token}; Path=/; HttpOnly; SameSite=Lax"
-        return [(b"location", place.encode()), (b"set-cookie", cookie.encode())]
+        return Response(b"", 303, {"location": f"/?{rest}" if rest else "/", "set-cookie": cookie, **_HEADERS})
 
 
 def _cookie_name(host: str) -> str:
     """Return the name of the cookie; with the port, as browsers send cookies to all ports of a host."""
     return f"mr360uw_{urlsplit(f'//{host}').port or 80}"
-
-
-def _values(headers: Iterable[tuple[bytes, bytes]], name: bytes) -> list[str]:
-    return [value.decode("latin-1") for key, value in headers if key.lower() == name]
-
-
-def _query(scope: Scope) -> dict[str, str]:
-    return dict(parse_qsl(scope["query_string"].decode("latin-1")))
 
 
 def _is_readable(origin: str) -> bool:
@@ -348,9 +334,7 @@ def _same_place(origin: str, host: str) -> bool:
 def _with_headers(send: Send) -> Send:
     async def wrapped(message: MutableMapping[str, Any]) -> None:
         if message["type"] == "http.response.start":
-            own = {name for name, _ in _HEADERS}
-            kept = [pair for pair in message.get("headers", []) if pair[0].lower() not in own]
-            message = {**message, "headers": [*kept, *_HEADERS]}
+            MutableHeaders(scope=message).update(_HEADERS)
         await send(message)
 
     return wrapped
@@ -359,11 +343,6 @@ def _with_headers(send: Send) -> Send:
 async def _refuse(scope: Scope, receive: Receive, send: Send, why: str, status: int = _FORBIDDEN) -> None:
     if scope["type"] == "websocket":
         await receive()
-        await send({"type": "websocket.close", "code": _POLICY_VIOLATION, "reason": why})
+        await WebSocketClose(_POLICY_VIOLATION, why)(scope, receive, send)
     else:
-        await _answer(send, status, why.encode(), [(b"content-type", b"text/plain; charset=utf-8")])
-
-
-async def _answer(send: Send, status: int, body: bytes, headers: list[tuple[bytes, bytes]]) -> None:
-    await send({"type": "http.response.start", "status": status, "headers": [*headers, *_HEADERS]})
-    await send({"type": "http.response.body", "body": body})
+        await PlainTextResponse(why, status, _HEADERS)(scope, receive, send)

@@ -13,12 +13,13 @@ from pathlib import Path
 from typing import Any, Literal
 
 from mr360uw.errors import Mr360uwError, ParameterError
-from mr360uw.preview.live import LivePreview, PlateClip
+from mr360uw.preview.live import LivePreview
 from mr360uw.progress import Progress
 from mr360uw.scene.model import Scene
 from mr360uw.tune.document import Document, observed
 from mr360uw.tune.pictures import MadePicture, Pictures, Wanted
 from mr360uw.tune.views import VIEW_NAMES
+from mr360uw.video import VideoReader
 
 State = Literal["running", "done", "failed", "cancelled"]
 _MESSAGE_LINES = 40
@@ -92,20 +93,21 @@ _THUMBNAILS = 12
 class Session:
     """A document, where in its clip the page is, and how the picture is shown. For the thread of the event loop.
 
-    pictures: makes the pictures; what it publishes goes to `take`. clip: of the plate. width: of full pictures
-    [pixels]. backend: of the pictures and of runs. picture: the newest that could be made, of whatever state. problems:
-    why the newest state has none. run: the last run of the whole clip. range: frames start:stop of it. views: names of
-    views with their labels. thumbnails: numbers of small pictures, by frame. kept_pictures: numbers of pictures that
-    snapshots and comparisons keep, by name.
+    pictures: makes the pictures; what it publishes goes to `take`. clip: of the plate. frame_count: of the clip, 1 for
+    a still. width: of full pictures [pixels]. backend: of the pictures and of runs. picture: the newest that could be
+    made, of whatever state. problems: why the newest state has none. run: the last run of the whole clip. range: frames
+    start:stop of it. views: names of views with their labels. thumbnails: numbers of small pictures, by frame.
+    kept_pictures: numbers of pictures that snapshots and comparisons keep, by name.
     """
 
     def __init__(
-        self, document: Document, pictures: Pictures, clip: PlateClip, width: int, backend: str = "auto"
+        self, document: Document, pictures: Pictures, clip: VideoReader, width: int, backend: str = "auto"
     ) -> None:
         self.document, self.pictures, self.clip = document, pictures, clip
         self.width, self.backend = min(width, clip.width), backend
         self.run: CommandRun | None = None
         self.index, self.view, self.dark = 0, "composite", True
+        self.frame_count = clip.frame_count or 1
         self.range = (0, self.frame_count)
         self.views = dict(VIEW_NAMES)
         self.thumbnails: dict[int, int] = {}
@@ -115,11 +117,6 @@ class Session:
         self.problems: tuple[str, ...] = ()
         self._observers: list[Callable[[Event], None]] = []
         document.observe(self._document_changed)
-
-    @property
-    def frame_count(self) -> int:
-        """Number of frames of the clip; 1 for a still."""
-        return self.clip.frame_count or 1
 
     @property
     def time_s(self) -> float:

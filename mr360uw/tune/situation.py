@@ -25,7 +25,7 @@ from mr360uw.types import Floats, View
 
 if TYPE_CHECKING:
     from mr360uw.composite.object_settings import ObjectSettings
-    from mr360uw.composite.shot import Receiver
+    from mr360uw.composite.shot import PlacedObject, Receiver
     from mr360uw.preview.live import LivePreview
     from mr360uw.render.loaded import Loaded
     from mr360uw.render.plate_light import FrameLight
@@ -125,23 +125,41 @@ def _points(directions: Floats) -> list[Point]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SituatedObject:
-    """An object as it is in a frame. position, center: (3,) in the world, of its origin and of its bounding box.
+    """An object as it is in a frame, and as the scene sets it. lifted: (3,) what the surface adds to its position."""
 
-    rotation: (3, 3). hull: (h, 3, 3) of the mesh. with_camera: whether its settings are in the camera's axes.
-    sizes: what the scene says of its size, by the keys below its table. rotation_deg: (yaw, pitch, roll), as set, or as
-    `face` makes it. lifted: (3,) what the surface adds to its position
-    setting.
-    """
-
-    position: Floats
-    center: Floats
-    rotation: Floats
-    scale: float
-    hull: Floats
-    with_camera: bool
-    sizes: dict[str, float]
-    rotation_deg: tuple[float, ...]
+    placed: PlacedObject
+    settings: ObjectSettings
     lifted: Floats
+
+    @property
+    def position(self) -> Floats:
+        """Place (3,) of its origin in the world."""
+        return self.placed.world_from_object[:3, 3]
+
+    @property
+    def center(self) -> Floats:
+        """Place (3,) of the middle of its bounding box in the world."""
+        return self.placed.to_world(self.placed.mesh.center_m)
+
+    @property
+    def shape(self) -> tuple[Floats, Floats, float]:
+        """Hull (h, 3, 3) of its mesh, its rotation (3, 3) and its scale."""
+        return self.placed.mesh.hull, self.placed.world_from_object[:3, :3] / self.placed.scale, self.placed.scale
+
+    @property
+    def rotation_deg(self) -> tuple[float, ...]:
+        """Yaw, pitch and roll, as set, or as `face` makes them."""
+        return self.settings.rotation_deg if self.settings.face is None else yaw_pitch_roll_deg(self.shape[1])
+
+    @property
+    def sizes(self) -> dict[str, float]:
+        """All numbers that its size is proportional to, by their keys below its table."""
+        if self.settings.size_m is not None:
+            return {"size_m": self.settings.size_m}
+        keys = self.settings.key
+        keyed = {f"key.{k}.scale": key.scale for k, key in enumerate(keys) if key.scale is not None}
+        at_rest = {} if keyed and len(keyed) == len(keys) else {"scale": self.settings.scale}
+        return at_rest | keyed
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -166,14 +184,11 @@ class Situation:
         """
         shown_m = np.inf if self.plate_m is None else self.plate_m(point.direction)
         if np.isfinite(shown_m):
-            one = self.bodies[number]
-            on_it = placing.stand_on_shown(self.camera, point, shown_m, one.hull, one.rotation, one.scale)
+            on_it = placing.stand_on_shown(self.camera, point, shown_m, *self.bodies[number].shape)
             return self.setting_of(number, on_it)
         if self.receiver is None:
             raise ParameterError("receiver - is not in the scene (got none) - add the sea floor first")
-        body = self.bodies[number]
-        place = placing.stand_at(self.camera, point, self.receiver, body.hull, body.rotation, body.scale)
-        return self.setting_of(number, place)
+        return self.setting_of(number, placing.stand_at(self.camera, point, self.receiver, *self.bodies[number].shape))
 
     def swimming(self, number: int, point: Point) -> Floats:
         """Return the position setting of an object whose middle is moved to a point, as far away as it is."""
@@ -183,7 +198,8 @@ class Situation:
     def setting_of(self, number: int, position: Floats) -> Floats:
         """Return the position setting of an object for a position (3,) in the world."""
         body = self.bodies[number]
-        return placing.in_camera(self.camera, position) if body.with_camera else position - body.lifted
+        of_camera = body.settings.attach == "camera"
+        return placing.in_camera(self.camera, position) if of_camera else position - body.lifted
 
     def words(self, number: int, *, level: bool = False) -> dict[str, Any]:
         """Return the place and the size of an object in all words that a scene file has for them.
@@ -192,19 +208,20 @@ class Situation:
         """
         body = self.bodies[number]
         place, middle = (self.setting_of(number, at) for at in (body.position, body.center))
+        hull, _, scale = body.shape
         beside, away = float(np.hypot(middle[0], middle[2])), float(np.linalg.norm(middle))
         return {
             "position_m": [round(float(part), 4) + 0.0 for part in place],
             "azimuth_deg": round(float(np.degrees(np.arctan2(middle[0], -middle[2]))), 2) + 0.0,
             "elevation_deg": round(float(np.degrees(np.arctan2(middle[1], beside))), 2) + 0.0,
             "distance_m": round(beside if level else away, 4),
-            "size_m": float(f"{float(np.ptp(body.hull.reshape(-1, 3), axis=0).max()) * body.scale:.4g}"),
+            "size_m": float(f"{float(np.ptp(hull.reshape(-1, 3), axis=0).max()) * scale:.4g}"),
         }
 
     def facing_yaw_deg(self, number: int) -> float:
         """Return the yaw setting [deg] of an object that turns its nose to the camera."""
         body = self.bodies[number]
-        if body.with_camera:
+        if body.settings.attach == "camera":
             return placing.facing_yaw_deg(np.zeros(3), placing.in_camera(self.camera, body.position))
         return placing.facing_yaw_deg(self.camera.position, body.position)
 
@@ -241,23 +258,8 @@ def situation(preview: LivePreview, scene: Scene, index: int, time_s: float) -> 
     bodies = []
     for one in loaded.objects:
         placed = one.at(time_s, index, view.position, view.world_from_camera)
-        with_camera = one.settings.attach == "camera"
-        turned = placed.world_from_object[:3, :3] / placed.scale
-        center = placed.to_world(placed.mesh.center_m)
-        origin = placed.world_from_object[:3, 3].copy()
-        bodies.append(
-            SituatedObject(
-                origin,
-                center,
-                turned,
-                placed.scale,
-                placed.mesh.hull,
-                with_camera,
-                _sizes(one.settings),
-                one.settings.rotation_deg if one.settings.face is None else yaw_pitch_roll_deg(turned),
-                one.lifted(origin, time_s),
-            )
-        )
+        lifted = one.lifted(placed.world_from_object[:3, 3].copy(), time_s)
+        bodies.append(SituatedObject(placed, one.settings, lifted))
     receiver = None if loaded.receiver is None else loaded.receiver.at(index)
     edge = () if receiver is None else tuple(map(tuple, receiver_edge(view, receiver)))
     lamps = tuple(
@@ -266,15 +268,6 @@ def situation(preview: LivePreview, scene: Scene, index: int, time_s: float) -> 
     marks, depth = tuple(markers(loaded, time_s, index, None)), loaded.plate_depth
     plate_m = None if depth is None else lambda direction: depth.toward(index, direction)
     return Situation(view, receiver, tuple(bodies), lamps, marks, edge, plate_m)
-
-
-def _sizes(settings: ObjectSettings) -> dict[str, float]:
-    """Return all numbers that an object's size is proportional to, by their keys below its table."""
-    if settings.size_m is not None:
-        return {"size_m": settings.size_m}
-    keyed = {f"key.{k}.scale": key.scale for k, key in enumerate(settings.key) if key.scale is not None}
-    at_rest = {} if keyed and len(keyed) == len(settings.key) else {"scale": settings.scale}
-    return at_rest | keyed
 
 
 # The viewer: an element of the tuning page that shows a picture, flat or around the viewer, and takes clicks on it.
@@ -323,8 +316,7 @@ class Viewer(Element, component="viewer.js", esm={"mr360uw-tune": "js"}):
 
     def expect(self) -> None:
         """Say that the settings have changed: the picture is marked as older until one is shown that is not stale."""
-        self._props["expected"] = self._serial + 1
-        self.update()
+        self._give(expected=self._serial + 1)
 
     def show(
         self, url: str, *, stale: bool = False, coarse: bool = False, stand_in: bool = False, panorama: bool = True,
@@ -350,20 +342,17 @@ class Viewer(Element, component="viewer.js", esm={"mr360uw-tune": "js"}):
     def show_other(self, url: str, name: str = "plate") -> None:
         """Set the second picture, for `set_compare`; its size may differ, its projection not."""
         self._others += 1
-        self._props["other"] = {"url": url, "serial": self._others, "name": name}
-        self.update()
+        self._give(other={"url": url, "serial": self._others, "name": name})
 
     def set_compare(self, compare: Compare) -> None:
         """Show the picture alone, with a draggable divider to the second one, or both beside each other."""
-        self._props["compare"] = compare
-        self.update()
+        self._give(compare=compare)
 
     # --- views and marks
 
     def set_look(self, *, look: bool) -> None:
         """Look around in a panorama, or show it flat."""
-        self._props["look"] = look
-        self.update()
+        self._give(look=look)
 
     def turn_to(self, point: Point) -> None:
         """Look at a point of the picture."""
@@ -371,26 +360,27 @@ class Viewer(Element, component="viewer.js", esm={"mr360uw-tune": "js"}):
 
     def set_marks(self, markers: Sequence[Marker], horizon: Sequence[Sequence[Point]] = ()) -> None:
         """Replace the marks, and the lines that show the edge of the receiver."""
-        self._props["markers"] = [asdict(marker) for marker in markers]
-        self._props["horizon"] = [[[p.longitude, p.latitude] for p in line] for line in horizon]
-        self.update()
+        edge = [[[p.longitude, p.latitude] for p in line] for line in horizon]
+        self._give(markers=[asdict(marker) for marker in markers], horizon=edge)
 
     def set_lines(self, lines: Sequence[tuple[str, Sequence[Point]]]) -> None:
         """Replace the lines that are drawn in the picture: (kind, points) of each; a single point is a dot.
 
         kind: its colour: "outline", "inside" or "outside" of something, or "matte", the outline of one that was made.
         """
-        self._props["drawn"] = [[kind, [[p.longitude, p.latitude] for p in line]] for kind, line in lines]
-        self.update()
+        self._give(drawn=[[kind, [[p.longitude, p.latitude] for p in line]] for kind, line in lines])
 
     def set_drawing(self, kind: str) -> None:
         """Let drags draw lines of a kind, as `set_lines` has them, instead of turning the view; "": they turn it."""
-        self._props["drawing"] = kind
-        self.update()
+        self._give(drawing=kind)
 
     def select(self, name: str | None) -> None:
         """Give the marker of a name its handles; None: no marker."""
-        self._props["selected"] = name or ""
+        self._give(selected=name or "")
+
+    def _give(self, **values: Any) -> None:
+        """Give the browser's side values."""
+        self._props.update(values)
         self.update()
 
     # --- events

@@ -82,7 +82,7 @@ def test_a_full_disk_behind_the_output_is_told() -> None:
     assert "Traceback" not in done.stderr
 
 
-@pytest.mark.parametrize("name", ["typer", "mr360uw.cli", "mr360uw.pipeline"])
+@pytest.mark.parametrize("name", ["typer", "mr360uw.cli", "mr360uw.runs.pipeline"])
 def test_an_interrupt_while_modules_load(name: str, bench: Bench) -> None:
     before = contents(bench.folder)
     done = subprocess.run(

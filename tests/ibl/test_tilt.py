@@ -15,7 +15,7 @@ from mr360uw.ibl.lookup import reduce_map
 from mr360uw.ibl.plate import remap
 from mr360uw.ibl.settings import LightSettings
 from mr360uw.ibl.tilt import frame_sines, level_matrix, upward
-from mr360uw.render.plate_map import plate_map
+from mr360uw.render.lights import plate_map
 from mr360uw.render.surroundings import load_surroundings
 from mr360uw.sample import Dive, DiveSettings
 from mr360uw.sphere import direction_from_angles, directions, frame_from_direction

@@ -13,7 +13,7 @@ import pytest
 
 from mr360uw.cache import name_of
 from mr360uw.errors import MeshError, Mr360uwError, VideoError
-from mr360uw.preview.live import LivePreview, screen_codes, screen_picture
+from mr360uw.preview.live import LivePreview, coarse, screen_codes, screen_picture
 from mr360uw.render.backends import make_backend
 from mr360uw.render.first_pass import clip_analysis
 from mr360uw.render.frame import composite_frame
@@ -102,7 +102,7 @@ def test_what_is_kept_changes_nothing(small_dive: Path, backend: str) -> None:
         for step in range(6):  # none, and all by two
             chosen = [change for k in order[2 * step - 2 : 2 * step] for change in CHANGES[k]] if step else []
             scene, index = load_scene(small_dive, (*FEW, *chosen)), int(rng.integers(4))
-            live.frame(LivePreview.coarse(scene), index, 64)
+            live.frame(coarse(scene), index, 64)
             shown = live.frame(scene, index)
             with LivePreview(backend) as fresh:
                 assert same(shown.picture, fresh.frame(scene, index).picture), chosen
@@ -118,7 +118,7 @@ def test_it_shows_what_frames_are_made_of(kept: LivePreview, small_dive: Path) -
     assert analysis.gain is not None
     kept.measure(scene)
     assert same(kept.frame(scene, 2).picture, composed)
-    draft = kept.frame(LivePreview.coarse(scene), 2).light
+    draft = kept.frame(coarse(scene), 2).light
     assert draft is not None
     assert np.array_equal(draft.gain, analysis.gain_at(2)), "drafts use them"
     assert not same(alone, composed)
@@ -131,7 +131,7 @@ def test_drafts_look_like_frames(kept: LivePreview, small_dive: Path) -> None:
     """Less the detail of one pixel of a draft, which is blurred away."""
     scene = load_scene(small_dive)
     whole = kept.frame(scene, 0).picture.image_linear
-    draft = kept.frame(LivePreview.coarse(scene), 0).picture.image_linear
+    draft = kept.frame(coarse(scene), 0).picture.image_linear
     off = np.abs(cv2.GaussianBlur(whole, (0, 0), 2.0) - cv2.GaussianBlur(draft, (0, 0), 2.0))
     assert off.mean() < 0.2 / 255.0
     assert np.quantile(off, 0.999) < 6.0 / 255.0
@@ -171,7 +171,7 @@ def test_changed_files_are_read_again(small_dive: Path, tmp_path: Path) -> None:
     with LivePreview("reference") as live:
         first = live.frame(scene, 0)
         assert live.frame(scene, 0).picture is first.picture
-        assert live.clip(scene).frame_count is None
+        assert live.plates.reader(scene).frame_count is None
         cv2.imwrite(str(matte), np.full((64, 128), 255, np.uint8))
         hidden = live.frame(scene, 0)
         assert hidden.plate is first.plate
@@ -185,14 +185,13 @@ def test_changed_files_are_read_again(small_dive: Path, tmp_path: Path) -> None:
 
 def test_plate_and_thumbnails(kept: LivePreview, small_dive: Path) -> None:
     scene = load_scene(small_dive, FEW)
-    clip = kept.clip(scene)
+    clip = kept.plates.reader(scene)
     assert (clip.frame_count, clip.width, clip.height) == (4, 128, 64)
-    assert clip.duration_s == pytest.approx(4 / float(clip.frame_rate))
     with open_plate(scene) as video:
         frames = list(video.frames())
     for index in (3, 0, 2, 1, 3):
-        assert same(kept.plate(scene, index), frames[index])
-    small = kept.plate(scene, 2, 64)
+        assert same(kept.plates.at(scene, index), frames[index])
+    small = kept.plates.at(scene, 2, 64)
     assert small.shape == (32, 64)
     assert small.index == 2
     with LivePreview("reference") as live:
@@ -206,11 +205,11 @@ def test_plate_and_thumbnails(kept: LivePreview, small_dive: Path) -> None:
 def test_a_preview_that_was_closed_starts_anew(small_dive: Path) -> None:
     scene = load_scene(small_dive, FEW)
     live = LivePreview("reference")
-    first = live.plate(scene, 1)
+    first = live.plates.at(scene, 1)
     live.close()
     live.close()
-    assert same(live.plate(scene, 1), first)
-    assert live.plate(scene, 1) is not first
+    assert same(live.plates.at(scene, 1), first)
+    assert live.plates.at(scene, 1) is not first
 
 
 def test_pictures_for_a_screen(rng: np.random.Generator) -> None:

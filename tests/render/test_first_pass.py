@@ -13,7 +13,7 @@ from mr360uw.composite.grading.settings import PlateGrade
 from mr360uw.errors import DamagedFrameError
 from mr360uw.render.first_pass import ClipAnalysis, first_pass, measured_range
 from mr360uw.render.surroundings import CameraPath, load_surroundings
-from mr360uw.runs.stored_analysis import load_analysis, save_analysis
+from mr360uw.runs.work_folder import load_analysis, save_analysis
 from mr360uw.scene.model import Scene
 from mr360uw.scene.resolved import open_plate
 from mr360uw.sphere import direction_from_angles

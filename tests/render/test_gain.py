@@ -20,7 +20,7 @@ from mr360uw.medium.scattered_light import typical_level
 from mr360uw.medium.spectra import named_sensor
 from mr360uw.medium.water import JerlovType
 from mr360uw.render.first_pass import ClipAnalysis, first_pass
-from mr360uw.render.plate_map import level_view
+from mr360uw.render.lights import level_view
 from mr360uw.render.surroundings import load_surroundings
 from mr360uw.sample.dive import record
 from mr360uw.sample.rendered_dive import SENSOR, Dive

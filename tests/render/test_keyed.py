@@ -12,12 +12,12 @@ import pytest
 
 from mr360uw.color import encode
 from mr360uw.errors import SceneError
-from mr360uw.pipeline import export_caustics
 from mr360uw.render.backends import Backend, make_backend
 from mr360uw.render.first_pass import ClipAnalysis
 from mr360uw.render.frame import Frame, composite_frame
 from mr360uw.render.loaded import Loaded, load
 from mr360uw.render.plan import joined_plan
+from mr360uw.runs.pipeline import export_caustics
 from mr360uw.scene.model import Scene
 from mr360uw.scene.resolved import scene_at
 from mr360uw.video import VideoFrame

@@ -20,7 +20,7 @@ from mr360uw.errors import VideoError
 from mr360uw.render.first_pass import clip_analysis
 from mr360uw.render.loaded import load
 from mr360uw.render.match_stage import asked_grade, clip_grade
-from mr360uw.runs.stored_analysis import load_analysis, save_analysis
+from mr360uw.runs.work_folder import load_analysis, save_analysis
 from mr360uw.scene.model import Scene
 from mr360uw.types import Floats
 from mr360uw.video import VideoFrame

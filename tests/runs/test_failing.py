@@ -225,7 +225,7 @@ def test_a_worker_without_the_renderer_of_the_others_ends_the_run(
     monkeypatch.setattr("mr360uw.runs.job.make_backend", without_gl)
     scene = bare(whole)
     out.parent.mkdir(exist_ok=True)
-    from mr360uw.runs.stored_analysis import WorkKeys
+    from mr360uw.runs.work_folder import WorkKeys
 
     with work_folder(out, WorkKeys("", "")) as work:
         work.keep_analysis(ClipAnalysis())

@@ -14,7 +14,7 @@ import pytest
 
 from mr360uw.reading.input_files import input_file
 from mr360uw.render.loaded import load
-from mr360uw.runs.stored_analysis import WorkKeys, input_fingerprints, work_keys
+from mr360uw.runs.work_folder import WorkKeys, input_fingerprints, work_keys
 from tests.composite.gltf_files import one_square
 from tests.scenes import scene_with
 

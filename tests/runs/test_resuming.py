@@ -16,7 +16,7 @@ import pytest
 import mr360uw as uw
 from mr360uw.errors import OutputExistsError
 from mr360uw.output_gate import work_path
-from mr360uw.runs import stored_analysis
+from mr360uw.runs import work_folder
 from mr360uw.runs.work_folder import joined_bounds, segment_bounds, stale_work
 from mr360uw.sample import SampleDive
 from mr360uw.scene import Scene
@@ -265,7 +265,7 @@ def test_after_an_edit_of_the_sources_all_is_made_again(
 ) -> None:
     out = tmp_path / "out.mp4"
     stopped(scene_of(dive), out, 6)
-    monkeypatch.setattr(stored_analysis, "sources_stamp", lambda: "edited")
+    monkeypatch.setattr(work_folder, "sources_stamp", lambda: "edited")
     report = uw.composite_video(scene_of(dive), out, backend="reference")
     assert report.kept_frames == 0
     assert "first pass" in report.stage_s

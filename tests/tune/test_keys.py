@@ -37,7 +37,7 @@ def test_keys_are_set_moved_and_removed_as_steps(document: Document) -> None:
     assert fields.has_key(document, "sea.wind_speed", 1.00001)
     assert not fields.has_key(document, "sea.wind_speed", 1.5)
     for time_s in (0.0, 1.0, 2.0):
-        fields.remove_key(document, "sea.wind_speed", time_s)
+        fields.set_key(document, "sea.wind_speed", time_s, None)
     assert document.get("keys") is None
     for _ in range(7):
         document.undo()

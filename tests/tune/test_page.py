@@ -380,7 +380,7 @@ def test_an_object_stands_where_the_picture_is_clicked(page: Page) -> None:
     with LivePreview("reference") as preview:
         here = situation(preview, load_scene(page.scene), 0, 0.0)
     body = here.bodies[0]
-    foot = body.position + placing.foot(body.hull, body.rotation, body.scale)
+    foot = body.position + placing.foot(*body.shape)
     u, v = placing.pixel_of_point(placing.shown_at(here.camera, foot)[0], WIDTH, HEIGHT)
     size = min(box["width"] / WIDTH, box["height"] / HEIGHT)  # screen pixels of one of the picture
     at_x = box["x"] + 0.5 * box["width"] + size * (u - 0.5 * WIDTH)

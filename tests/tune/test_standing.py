@@ -36,7 +36,7 @@ def test_an_object_stands_on_the_rock_that_is_clicked(tmp_path: Path, whale: Pat
     for longitude in (-0.4, 0.9, 2.5):
         point = Point(longitude, -0.35)
         body = here.bodies[0]
-        foot = here.standing(0, point) + placing.foot(body.hull, body.rotation, body.scale)
+        foot = here.standing(0, point) + placing.foot(*body.shape)
         shown, distance = placing.shown_at(here.camera, foot)
         true_m = np.interp(placing.pixel_of_point(point, 128, 64)[0] - 0.5, np.arange(128), far[0])
         assert abs(distance / true_m - 1.0) < WITHIN

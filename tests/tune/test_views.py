@@ -21,9 +21,19 @@ from mr360uw.render.first_pass import ClipAnalysis
 from mr360uw.render.frame import composite_frame
 from mr360uw.render.loaded import load
 from mr360uw.tune.placing import Point, pixel_of_point, shown_at
-from mr360uw.tune.shown_frame import DARK, LIGHT, ShownFrame, false_colour, round_length, text_width, write
 from mr360uw.tune.situation import markers, receiver_edge
-from mr360uw.tune.views import CHARTS, VIEW_NAMES, VIEWS
+from mr360uw.tune.views import (
+    CHARTS,
+    DARK,
+    LIGHT,
+    VIEW_NAMES,
+    VIEWS,
+    ShownFrame,
+    false_colour,
+    round_length,
+    text_width,
+    write,
+)
 from mr360uw.types import View
 from mr360uw.video import VideoFrame
 from tests.depth.own_maps import write_own_maps

@@ -19,15 +19,22 @@ from mr360uw.caustics import export_tiles, refract_to_air
 from mr360uw.errors import SceneError, package_versions
 from mr360uw.progress import Progress, begin_phase
 from mr360uw.reading.disk_cache import CachedReads
-from mr360uw.render.backends import Backend, close_backend, make_backend
+from mr360uw.render.backends import close_backend, make_backend
 from mr360uw.render.check import scene_sun_lines
 from mr360uw.render.first_pass import ClipAnalysis, first_pass, measured_range
 from mr360uw.render.loaded import Loaded, Loader, load_plate_depth
 from mr360uw.render.surroundings import load_surroundings
 from mr360uw.runs.job import Job, OpenJob, RunTimes
 from mr360uw.runs.outputs import Output, Report, forecaster, with_encoder
-from mr360uw.runs.stored_analysis import input_fingerprints, measured_analysis, work_keys
-from mr360uw.runs.work_folder import Part, WorkFolder, joined_bounds, work_folder
+from mr360uw.runs.work_folder import (
+    Part,
+    WorkFolder,
+    input_fingerprints,
+    joined_bounds,
+    measured_analysis,
+    work_folder,
+    work_keys,
+)
 from mr360uw.runs.workers import make_crew
 from mr360uw.scene.model import Scene
 from mr360uw.scene.resolved import open_plate, projection_notes, scene_at
@@ -145,9 +152,15 @@ def composite_video(
                     times.merge(_alone(opened, done) if crew is None else crew(job, done))
             notes = output.complete(work, parts)
         doubts = (*video.doubts, *projection_notes(scene, seen, span[0]), *loaded.notes, *doubts, *work.notes)
-    made = replace(
-        _report(Path(out), total, loaded, renderer, times), seconds=time.perf_counter() - began, kept_frames=kept,
-        notes=(*doubts, *filter(None, [fallback, taken, undrawn]), *notes), workers=count, inputs=inputs,
+    plan = loaded.plan
+    made = Report(
+        Path(out), total, renderer.name, renderer.device, plan, time.perf_counter() - began, times.seconds,
+        notes=(*doubts, *filter(None, [fallback, taken, undrawn]), *notes), kept_frames=kept, workers=count,
+        empty_frames=times.frames["empty"] if plan.layer.runs else 0,
+        sunless_frames=times.frames["sunless"] if plan.sun.runs else 0,
+        held_frames=times.frames["held"], concealed_frames=times.frames["concealed"],
+        renderers=dict(times.renderers), inputs=inputs, packages=package_versions(),
+        scene=loaded.scene.model_dump(mode="json", by_alias=True),
     )  # fmt: skip
     if output.report is not None:
         made.save(output.report, overwrite=True)  # what is there was looked at before the run
@@ -167,27 +180,6 @@ def _check_lengths(loaded: Loaded, video: VideoReader, span: Part) -> None:
     if not video.is_still:
         rate = float(video.frame_rate)
         loaded.surroundings.camera.check_times(span[0] / rate, (span[1] - 1) / rate, rate)
-
-
-def _report(out: Path, frames: int, loaded: Loaded, renderer: Backend, times: RunTimes) -> Report:
-    """Return the report of a run, without what only the run as a whole has."""
-    plan = loaded.plan
-    return Report(
-        out=out,
-        frames=frames,
-        backend=renderer.name,
-        device=renderer.device,
-        plan=plan,
-        seconds=0.0,
-        stage_s=times.seconds,
-        empty_frames=times.empty if plan.layer.runs else 0,
-        sunless_frames=times.sunless if plan.sun.runs else 0,
-        held_frames=times.held,
-        concealed_frames=times.concealed,
-        renderers=times.renderers,
-        scene=loaded.scene.model_dump(mode="json", by_alias=True),
-        packages=package_versions(),
-    )
 
 
 @contextmanager
