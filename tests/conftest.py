@@ -29,13 +29,12 @@ from tests.glsl import gl_available
 MadeOnce = Callable[[str, Callable[[Path], SampleDive]], SampleDive]
 
 LONGEST = (
-    "tune/test_page.py", "tune/test_viewer.py", "render/test_holding.py", "runs/test_resuming.py",
-    "runs/test_workers.py", "test_pipeline.py", "test_cli.py", "composite/test_ambient.py", "test_docstrings.py",
-    "render/test_gain.py", "surface/test_picture.py", "render/test_animated_scene.py", "runs/test_measured_once.py",
-    "test_notebooks.py", "test_samples.py", "sample/test_sample_dive.py", "hostile/test_command_line.py",
-    "first_look/test_looks.py", "render/test_shafts_drawn.py", "render/test_lit_dives.py",
+    "tune/test_page.py", "test_pipeline.py", "test_cli.py", "sample/test_sample_dive.py", "render/test_holding.py",
+    "composite/test_ambient.py", "runs/test_resuming.py", "render/test_loader.py", "test_docstrings.py",
+    "surface/test_picture.py", "test_cache.py", "render/test_gain.py", "first_look/test_looks.py",
+    "first_look/test_first_scene.py", "hostile/test_command_line.py",
 )  # fmt: skip
-"""Files of more than ten seconds, the longest first."""
+"""Files that take longest, in this order."""
 _M_MMAP_THRESHOLD, _M_ARENA_MAX = -3, -8
 _C = ctypes.CDLL(None) if sys.platform == "linux" else None
 if hasattr(_C, "mallopt"):

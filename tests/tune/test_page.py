@@ -23,10 +23,11 @@ from mr360uw.sample import SampleDive
 from mr360uw.scene.model import load_scene
 from mr360uw.tune import placing
 from mr360uw.tune.situation import situation
+from tests.gate import HANG_S
 from tests.tune.browser import chromium, started
 
 TOKEN = "for-tests"
-WAIT_MS = 60_000  # for pictures on a busy machine; they take a fraction of a second
+WAIT_MS = 1000.0 * HANG_S
 WIDTH, HEIGHT = 256, 128
 _NOTE_CLICKS = """() => document.querySelector('.uw-stage').addEventListener('pointerdown', event => {
   const box = document.querySelector('.uw-stage canvas').getBoundingClientRect();

@@ -19,6 +19,7 @@ from tests.tune.browser import chromium, served, started
 
 COUNT, RATE = 300, 30.0
 """Of the page's clip."""
+VIEWPORT = {"width": 760, "height": 640}
 CODES = 3.0
 """Green and blue rise by 255 codes over the picture, which is drawn half a texel and half a code off at most on either
 side; the place clicked is rounded to the screen's pixel, which is up to 1.3 codes."""
@@ -130,7 +131,7 @@ class Page:
 def shown() -> Iterator[Page]:
     chromium()
     with served("tests.tune.harness") as address, started() as browser:
-        page = Page(browser.new_page(viewport={"width": 760, "height": 640}), address)
+        page = Page(browser.new_page(viewport=VIEWPORT), address)
         page.page.goto(address)
         page.page.wait_for_selector(".uw-mark")
         yield page
@@ -331,8 +332,8 @@ def test_a_lost_context_is_made_again_and_the_canvas_follows_the_window(shown: P
         assert canvas[1] == 700
         assert abs(canvas[2] - ratio * canvas[3]) <= 1  # its height in the window may be a fraction
         shown.red(0.5, 0.75, 200)
-    screen.send("Emulation.clearDeviceMetricsOverride")
-    screen.detach()
+    # As it was for what follows: without an override, or when its session ends, the window has the room of its own bars
+    screen.send("Emulation.setDeviceMetricsOverride", {**VIEWPORT, "deviceScaleFactor": 1, "mobile": False})
 
 
 def test_handles_are_dragged_and_moved_by_keys(shown: Page) -> None:
