@@ -98,8 +98,8 @@ def test_poses_take_little_of_the_device(tmp_path: Path) -> None:
     for scene in scenes:
         renderer.render(scene)
         held.append(renderer._meshes.buffers(scene.objects[0].mesh))
-    assert held[0].store is held[1].store is held[2].store
-    assert held[0].triangles is not held[1].triangles
+    assert held[0].textures["store"] is held[1].textures["store"] is held[2].textures["store"]
+    assert held[0].textures["triangles"] is not held[1].textures["triangles"]
     assert renderer._meshes.buffers(scenes[2].objects[0].mesh) is held[2]
     assert renderer._meshes.buffers(scenes[0].objects[0].mesh) is not held[0]
 
