@@ -116,6 +116,8 @@ class Page:
         if unsaved or self.scene.read_text("utf-8") != self._text:
             self.first.page.get_by_role("button", name="Snapshots").click()
             self.first.page.get_by_text("Back to snapshot 1", exact=True).click()
+            if self.scene.read_text("utf-8") != self._text:
+                self.first.until("() => document.querySelector('.unsaved').textContent !== 'saved'")
             save(self.first)
 
     def tab(self) -> Tab:
