@@ -39,8 +39,8 @@ _WAITING = 2
 class RunTimes:
     """Seconds by stage, and counts of frames.
 
-    frames: "all", and those that are "empty", without visible objects, "sunless", or "held" or "concealed", whose plate
-    was damaged (`VideoFrame.damage`). renderers: frames by renderer and device.
+    frames: "all", those that are "empty", without visible objects, or "sunless", and by the damage of their plates
+    (`VideoFrame.damage`): "none", "held", "concealed". renderers: frames by renderer and device.
     """
 
     seconds: dict[str, float] = field(default_factory=dict)

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The folder beside an output in which finished work is kept until the output is complete: segments of a
-video or numbered pictures.
+"""Work of runs that is kept: the clip analysis as a file, the keys by which work is recognised, and the folder beside
+an output that holds its segments, or the list of its numbered pictures, until it is complete.
 """
 
 from __future__ import annotations

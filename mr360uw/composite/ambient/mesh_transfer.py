@@ -515,9 +515,9 @@ class OwnView:
     direct: NDArray[np.float32]
 
 
-class Look(NamedTuple):
-    """Surface of a mesh at its samples, maps averaged about them: base colour (S, 3), emission (S, 3) [plate radiance],
-    metallic (S,), roughness (S,) and refractive index (S,).
+class SampledMaterial(NamedTuple):
+    """Material of a mesh at its samples, maps averaged about them: base colour (S, 3), emission (S, 3)
+    [plate radiance], metallic (S,), roughness (S,) and refractive index (S,).
     """
 
     base: Floats
@@ -534,7 +534,7 @@ class Transfer:
     cosine: (S, COUNT) float32, irradiance [sr] that each direction's radiance adds to a sample; whole: (S,) its sum.
     coarse: the samples that exchange light with other bodies. own: (3, m) numbers of the samples and directions that
     the mesh blocks itself, and of the samples that are seen instead; own_part: (m,) float32, fraction of the direction
-    that is blocked. look: of its surface. blocking: its triangles for rays. opacity: fraction of light that it blocks
+    that is blocked. material: at samples. blocking: its triangles for rays. opacity: fraction of light that it blocks
     where it is met, a mean. area_m2: (3,) of its silhouettes along the axes; sides: (6, C) part of each coarse sample
     in the mean of what is seen from +x, -x, +y, -y, +z and -z. tree: places of the samples. corners: (n, 3) distinct
     ones of the triangles; box: (2, 3) around them; edges: (E, 2) numbers of the corners at the ends of each edge.
@@ -546,7 +546,7 @@ class Transfer:
     cosine: NDArray[np.float32]
     own: NDArray[np.int64]
     own_part: NDArray[np.float32]
-    look: Look
+    material: SampledMaterial
     whole: Floats
     blocking: Blocking
     opacity: float
@@ -560,7 +560,7 @@ class Transfer:
 
     def painted(self, mesh: Mesh) -> Transfer:
         """Return the transfer of a mesh of the same `shape_of`."""
-        return replace(self, mesh=mesh, look=_look(mesh, self.lattice))
+        return replace(self, mesh=mesh, material=_sampled_material(mesh, self.lattice))
 
     def own_view(self, shadow: bool) -> OwnView:
         """Return what the mesh does to its own light if it casts a `shadow`."""
@@ -583,11 +583,11 @@ class Transfer:
         At most 1: a base colour above 1 brightens its own picture, but light that grew from wall to wall would have no
         end.
         """
-        f0 = dielectric_f0(self.look.refractive_index, medium_index)[:, None] * np.ones(3)
+        f0 = dielectric_f0(self.material.refractive_index, medium_index)[:, None] * np.ones(3)
         split = np.stack(split_sum(np.full(len(f0), 1.0), np.full(len(f0), _TYPICAL_COSINE)), axis=-1)
         coat = reflectance(f0, split)
-        base = np.minimum(self.look.base, 1.0)
-        return np.where(self.look.metallic[:, None] > 0.5, base, base + (1.0 - base) * coat)
+        base = np.minimum(self.material.base, 1.0)
+        return np.where(self.material.metallic[:, None] > 0.5, base, base + (1.0 - base) * coat)
 
 
 def shape_of(mesh: Mesh) -> PartOf[Mesh]:
@@ -614,7 +614,7 @@ def make_transfer(mesh: Mesh) -> Transfer:
     cosine = _cosines(lattice)
     corners = mesh.positions.reshape(-1, 3)[found["corners"]]
     return Transfer(
-        lattice, coarse, cosine, found["own"].astype(np.int64), found["own_part"], _look(mesh, lattice),
+        lattice, coarse, cosine, found["own"].astype(np.int64), found["own_part"], _sampled_material(mesh, lattice),
         cosine.sum(axis=1), blocking, float(found["opacity"]), mesh, found["area_m2"], found["sides"],
         cKDTree(lattice.position), corners, np.stack([corners.min(axis=0), corners.max(axis=0)]),
         found["edges"].astype(np.int64),
@@ -749,8 +749,8 @@ def _blocked_by_itself(lattice: Lattice, cosine: NDArray[np.float32], blocking: 
     return tuple(np.concatenate(column) for column in zip(*found, strict=True))
 
 
-def _look(mesh: Mesh, lattice: Lattice) -> Look:
-    """Return the surface of a mesh at its samples."""
+def _sampled_material(mesh: Mesh, lattice: Lattice) -> SampledMaterial:
+    """Return the material of a mesh at its samples."""
     geometry = _geometry(mesh)
     uv = mesh.uv[lattice.triangle]
     steps = lattice.places[lattice.triangle, 3].astype(np.float64)[:, None]
@@ -762,7 +762,7 @@ def _look(mesh: Mesh, lattice: Lattice) -> Look:
     for number, m in enumerate(mesh.materials):
         if m.emission_map is not None:
             emission[of == number] *= m.emission_map.levels[-1].reshape(-1, 4)[0, :3]
-    return Look(np.clip(base[:, :3], 0.0, 1.0), emission, *factors[of, 3:].T)
+    return SampledMaterial(np.clip(base[:, :3], 0.0, 1.0), emission, *factors[of, 3:].T)
 
 
 def _geometry(mesh: Mesh) -> Geometry:

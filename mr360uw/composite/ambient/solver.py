@@ -326,7 +326,7 @@ def _products(
 def _at_coarse(transfer: Transfer, refractive_index: float) -> tuple[Floats, Floats]:
     """Return the reflectance (C, 3) and the emission (C, 3) of a mesh at its coarse samples."""
     coarse = transfer.coarse
-    return coarse.mean(transfer.reflected(refractive_index)), coarse.mean(transfer.look.emission)
+    return coarse.mean(transfer.reflected(refractive_index)), coarse.mean(transfer.material.emission)
 
 
 class Sunlight:
@@ -458,7 +458,7 @@ def reflected_among(
     lattice = body.transfer.lattice
     towards = (camera - body.placed.to_world(lattice.position)) @ body.rotation
     towards /= np.maximum(np.linalg.norm(towards, axis=-1, keepdims=True), 1e-9)
-    alpha = np.maximum(body.transfer.look.roughness**2, LEAST_ALPHA)
+    alpha = np.maximum(body.transfer.material.roughness**2, LEAST_ALPHA)
     out = np.zeros((len(towards), 6))
     out[:, :3] = 1.0
     normal, ways = np.ascontiguousarray(lattice.normal, np.float32), np.ascontiguousarray(directions().T, np.float32)
