@@ -56,6 +56,11 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     items.sort(key=lambda item: place.get(item.path, len(LONGEST)))
 
 
+def pytest_unconfigure() -> None:
+    """Have Python collect at its end what `_nothing_shared_by_files` put aside: compiled libraries report the rest."""
+    gc.unfreeze()
+
+
 def _shared_folder(tmp_path_factory: pytest.TempPathFactory, name: str) -> Path:
     """Return a folder that the workers of one run share."""
     base = tmp_path_factory.getbasetemp()
