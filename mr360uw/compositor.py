@@ -297,7 +297,7 @@ def _result(frame: Frame) -> FrameResult:
     """Return a frame as callers get it."""
     return FrameResult(
         image_linear=frame.picture.light,
-        layer=frame.layer,
+        layer=frame.layer.laid(),
         environment=frame.light.environment if frame.light is not None else None,
         caustics=frame.caustics,
         medium=frame.medium,

@@ -21,7 +21,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -229,18 +229,40 @@ class Tile:
         return slice(self.row, self.row + height), slice(self.column, self.column + width)
 
 
+class UnlaidGround(Protocol):
+    """Light on the ground of a frame, which no tile holds yet."""
+
+    @property
+    def lines(self) -> Any:
+        """What lines of it are worked out from, for compiled functions: `tile_blend.GroundLines`."""
+
+    def lay(self, tile: Tile) -> Tile:
+        """Return a tile with its ratio and its veil on the ground."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Layer:
-    """What is laid over a plate: disjoint tiles of a height x width frame; everything else stays untouched."""
+    """What is laid over a plate: disjoint tiles of a height x width frame; everything else stays untouched.
+
+    ground: light on the plate's ground that the tiles, which cover it, do not hold in their ratio and veil (`laid`);
+    None where they do.
+    """
 
     height: int
     width: int
     tiles: tuple[Tile, ...]
+    ground: UnlaidGround | None = None
+
+    def laid(self) -> Layer:
+        """Return the layer with the light on the ground in its tiles."""
+        if self.ground is None:
+            return self
+        return Layer(self.height, self.width, tuple(map(self.ground.lay, self.tiles)))
 
     def _full(self, name: str, background: float, channels: int) -> Floats:
         shape = (self.height, self.width, channels) if channels else (self.height, self.width)
         image = np.full(shape, background, np.float32)
-        for tile in self.tiles:
+        for tile in self.laid().tiles if name == "ratio" else self.tiles:
             if (values := getattr(tile, name)) is not None:
                 image[tile.window] = values
         return image

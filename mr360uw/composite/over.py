@@ -116,7 +116,7 @@ def over(plate_linear: Floats, layer: Layer) -> Floats:
             f"{(layer.height, layer.width)}) - render the layer at the plate's size"
         )
     image = plate_linear.copy()
-    for tile in layer.tiles:
+    for tile in layer.laid().tiles:
         image[tile.window] = blended(plate_linear[tile.window], tile)
     return image
 
@@ -129,7 +129,7 @@ def mean_layer(layers: Sequence[Layer]) -> Layer:
     """
     if len(layers) == 1:
         return layers[0]
-    height, width = layers[0].height, layers[0].width
+    height, width, layers = layers[0].height, layers[0].width, [layer.laid() for layer in layers]
     tiles = []
     for rectangle in even_tiles([t.rectangle for layer in layers for t in layer.tiles], width, height):
         stack = [tile_of(layer, rectangle) for layer in layers]
@@ -145,9 +145,10 @@ def mean_layer(layers: Sequence[Layer]) -> Layer:
 
 
 def tile_of(layer: Layer, part: Rectangle) -> Tile:
-    """Return the part of a layer inside a rectangle as one tile, a copy; what no tile covers changes nothing."""
+    """Return the part of a layer's tiles inside a rectangle as one tile, a copy; what none covers changes nothing."""
     column, row = part.column, part.row
-    tile = empty_tile(part)
+    tile = empty_tile(part, bare=layer.ground is not None)
+    names = ["radiance", "alpha", "distance_m", "shafts", *(["ratio", "veil"] if layer.ground is None else [])]
     if any(t.shafts is not None for t in layer.tiles):
         tile = replace(tile, shafts=np.zeros_like(tile.radiance))
     for t in layer.tiles:
@@ -158,15 +159,17 @@ def tile_of(layer: Layer, part: Rectangle) -> Tile:
             continue
         here = slice(r0 - row, r1 - row), slice(c0 - column, c1 - column)
         there = slice(r0 - t.row, r1 - t.row), slice(c0 - t.column, c1 - t.column)
-        for name in ("radiance", "alpha", "distance_m", "ratio", "veil", "shafts"):
+        for name in names:
             if (values := getattr(t, name)) is not None:
                 getattr(tile, name)[here] = values[there]
     return tile
 
 
-def empty_tile(part: Rectangle) -> Tile:
-    """Return a tile that changes nothing, float32."""
+def empty_tile(part: Rectangle, *, bare: bool = False) -> Tile:
+    """Return a tile that changes nothing, float32. bare: its ratio and veil are read alone, and take no room."""
     size = part.height, part.width
-    radiance, veil = (np.zeros((*size, 3), np.float32) for _ in range(2))
-    distance, ratio = np.full(size, np.inf, np.float32), np.ones((*size, 3), np.float32)
-    return Tile(part.column, part.row, radiance, np.zeros(size, np.float32), distance, ratio, veil)
+    radiance, alpha = np.zeros((*size, 3), np.float32), np.zeros(size, np.float32)
+    ratio, veil = (np.broadcast_to(np.float32(value), (*size, 3)) for value in (1.0, 0.0))
+    if not bare:
+        ratio, veil = ratio.copy(), veil.copy()
+    return Tile(part.column, part.row, radiance, alpha, np.full(size, np.inf, np.float32), ratio, veil)

@@ -197,6 +197,8 @@ class VideoFrame:
                     f"{columns.start}:{columns.stop}) - cut it at the edges"
                 )
         grain = grain if any(np.any(tile.alpha > 0.0) for tile in layer.tiles) else 0.0
+        if self.yuv is None or self.grade is not None or not self.spec.is_rec709:
+            layer = layer.laid()  # else the ground is worked out where it is laid over the planes
         write = self._over_codes if self.yuv is None else self._over_planes
         return write(layer, grain, check)
 
@@ -209,9 +211,14 @@ class VideoFrame:
         planes = plane_views(native, self.yuv.spec)
         grain = self.grain if amount > 0.0 else NO_GRAIN
         top, clipped = brightest_light(self.spec), []
-        for tile in layer.tiles:
+        for bare in layer.tiles:
+            tile = bare
             graded = None if self.grade is None else self._graded(blended(self.linear(tile.rectangle), tile), tile)
-            brightest, total = lay_over_planes(self.yuv, planes, tile, self.index, self.wrap, grain, amount, graded)
+            brightest, total = lay_over_planes(
+                self.yuv, planes, tile, self.index, self.wrap, grain, amount, graded, layer.ground
+            )
+            if layer.ground is not None and not (np.isfinite(total) and brightest <= top):
+                tile = layer.ground.lay(bare)
             if check is not None and not np.isfinite(total):
                 check(tile)
             if brightest > top:

@@ -5,11 +5,13 @@ from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from fractions import Fraction
 
 import numpy as np
 import pytest
 
 from mr360uw.cache import Cache
+from mr360uw.color import ColorSpec
 from mr360uw.composite.ambient.solver import ambient_light, free_of_bodies
 from mr360uw.composite.gl.layer_renderer import LayerRenderer
 from mr360uw.composite.lighting.light_sources import light_sources
@@ -20,12 +22,15 @@ from mr360uw.composite.motion import rotation_matrix
 from mr360uw.composite.over import over, tile_of
 from mr360uw.composite.raycast import pixel_footprint
 from mr360uw.composite.receiver.blocks import Ground, prepare
-from mr360uw.composite.receiver.ratio import BLOCK, receiver_ratio
+from mr360uw.composite.receiver.pattern import PlatePattern
+from mr360uw.composite.receiver.ratio import receiver_ratio
 from mr360uw.composite.receiver.shape import ReceiverShape
 from mr360uw.composite.reference import render_layer
 from mr360uw.composite.shot import Receiver, Shot
 from mr360uw.sphere import directions
-from mr360uw.types import Environment, Floats, Layer, Rectangle
+from mr360uw.tile_blend import BLOCK
+from mr360uw.types import Environment, Floats, Layer, Rectangle, YuvImage
+from mr360uw.video import VideoFrame
 from tests.composite import tolerances as tol
 from tests.composite.scenes import (
     SUN,
@@ -125,6 +130,31 @@ def test_what_is_prepared_on_another_thread_gives_the_same_layer(renderer: Layer
     assert len(got.tiles) == len(want.tiles)
     np.testing.assert_array_equal(got.ratio, want.ratio)
     np.testing.assert_array_equal(got.radiance, want.radiance)
+
+
+@pytest.mark.parametrize("pattern", ["none", "blurred", "mean"])
+@pytest.mark.parametrize("waves", [False, True])
+def test_ground_gives_the_same_codes_in_tiles_and_line_by_line(
+    renderer: LayerRenderer, sea: Environment, rng: np.random.Generator, waves: bool, pattern: str
+) -> None:
+    bodies = placed(sphere(), (0.4, -0.6, -1.8)), placed(box((0.6, 0.5, 0.4)), (-0.6, -0.95, -1.6), (25, 0, 0))
+    floor, spec = Receiver(plane_y=-1.2, caustics=waves, extent_m=8.0), ColorSpec("bt709", False, "bt709")
+    scene = shot(
+        *bodies, width=512, environment=sea, medium=medium(), caustics=caustics(rng, softened=True), receiver=floor
+    )
+    luma, *chroma = (rng.integers(70, 180, (256 // k, 512 // k)).astype(np.uint8) for k in (1, 2, 2))
+    frame = VideoFrame(3, 3, Fraction(1, 25), 0.12, 1, spec, yuv=YuvImage(luma, *chroma, spec))
+    if pattern != "none":
+        mean = frame.linear(Rectangle(0, 100, 512, 156)).astype(np.float16) if pattern == "mean" else None
+        scene = replace(scene, pattern=PlatePattern(frame, mean, 1.2, 0.6))
+    layer, _ = renderer.layer(scene)
+    assert layer.ground is not None
+    assert np.mean(np.any(layer.ratio != 1.0, axis=-1)) > 0.05
+    got, want = frame.over(layer).yuv, frame.over(layer.laid()).yuv
+    assert got is not None
+    assert want is not None
+    for plane in ("y", "u", "v"):
+        np.testing.assert_array_equal(getattr(got, plane), getattr(want, plane))
 
 
 @pytest.mark.parametrize("waves", [False, True])

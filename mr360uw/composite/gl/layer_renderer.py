@@ -20,7 +20,7 @@ from mr360uw.composite.mesh.mesh import Mesh
 from mr360uw.composite.over import empty_tile, hold_out
 from mr360uw.composite.raycast import object_rectangles
 from mr360uw.composite.receiver.blocks import Prepared, prepare, rectangles_of_blocks
-from mr360uw.composite.receiver.ratio import lay_receiver
+from mr360uw.composite.receiver.ratio import ground_of
 from mr360uw.composite.sampling import NO_GAPS
 from mr360uw.composite.shot import Shot
 from mr360uw.composite.tiles import even_tiles
@@ -44,7 +44,7 @@ class LayerRenderer:
 
     def render(self, shot: Shot) -> Layer:
         """Return the layer of a shot, as `reference.render_layer` does."""
-        return self.layer(shot)[0]
+        return self.layer(shot)[0].laid()
 
     def layer(
         self, shot: Shot, prepared: Prepared | None = None, *, variables: bool = False
@@ -53,7 +53,7 @@ class LayerRenderer:
         frame = AovFrame(shot) if variables else None
         with one_blas_thread():
             layer = self._layer(shot, prepare(shot, self._cache) if prepared is None else prepared, frame)
-        return layer, None if frame is None else frame.finish(shot, layer)
+        return layer, None if frame is None else frame.finish(shot, layer.laid())
 
     def _layer(self, shot: Shot, prepared: Prepared, frame: AovFrame | None) -> Layer:
         view, ambient = shot.view, prepared.ambient
@@ -69,12 +69,16 @@ class LayerRenderer:
         on_blocks = self._receiver.light(shot, light, prepared.reach, gaps)
         parts = object_parts + ([] if on_blocks is None else rectangles_of_blocks(on_blocks.blocks, view))
         tiles = even_tiles(parts, view.width, view.height)
-        drawn = list(map(empty_tile, tiles))
+        drawn = [empty_tile(part, bare=on_blocks is not None) for part in tiles]
         if surfaces is not None:
             self._objects.draw((shot, light, surfaces), drawn, frame, ambient)
+        ground = None
         if on_blocks is not None:
-            lay_receiver(on_blocks, drawn, view.width, view.height, shot.pattern, shot.unseen)
-        return Layer(view.height, view.width, tuple(hold_out(shot, tile) for tile in drawn))
+            ground = ground_of(on_blocks, view.width, view.height, shot.pattern, shot.unseen)
+        layer = Layer(view.height, view.width, tuple(drawn), ground)
+        if shot.holdout is None and shot.holdout_distance_m is None:
+            return layer
+        return Layer(view.height, view.width, tuple(hold_out(shot, tile) for tile in layer.laid().tiles))
 
 
 class _DeviceMeshes:

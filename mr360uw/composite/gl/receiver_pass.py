@@ -10,7 +10,7 @@ caustics or an uneven shape are drawn pixel by pixel; only those are read back.
 from __future__ import annotations
 
 from collections import defaultdict
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,15 +29,15 @@ from mr360uw.composite.receiver.blocks import (
     Touched,
     changed_blocks,
     enlarged,
-    four_corners,
     free_images,
     missed_between,
     set_plate_light,
 )
-from mr360uw.composite.receiver.ratio import BLOCK, FADE_FROM, SEEN, BlockLight, Gathered, gather_images
+from mr360uw.composite.receiver.ratio import FADE_FROM, SEEN, BlockLight, Gathered, four_corners, gather_images
 from mr360uw.composite.sampling import WHOLE_PIXEL, Gaps
 from mr360uw.composite.shot import Shot
 from mr360uw.composite.tiles import places_in_mask
+from mr360uw.tile_blend import BLOCK
 from mr360uw.types import Floats
 
 _Lit = tuple[Shot, ShotLight]
@@ -84,7 +84,8 @@ class ReceiverPass:
         """Return the light on the blocks that change; None where none do. gaps: of pixels that bodies cover partly."""
         if reach is None or shot.receiver is None:
             return None
-        # Find what is seen of the sun, which does not depend on its light
+        # Find what is seen of the sun, which does not depend on its light; what was prepared serves other frames too
+        reach = replace(reach, corner=reach.corner.copy())
         touched, ground = reach.touched, reach.touched.ground
         shown = {"SHADOW"} if shot.receiver.shadow else set()
         shown |= {"CAUSTICS"} if shot.receiver.caustics else set()
@@ -128,7 +129,7 @@ class ReceiverPass:
         free, count = free_images(shot, reach, j, i, gaps), len(j)
         seen, waves = gather_images(count, 1, parts["seen"]), gather_images(count, 3, parts["waves"])
         shape, added = gather_images(count, 7, parts["shape"]), gather_images(count, 3, parts["added"])
-        return BlockLight(blocks, reach.corner, free, seen, waves, shape, added)
+        return BlockLight(blocks, reach.corner, (free, seen, waves, shape, added))
 
     def _sight(
         self, alike: PartOf[_Lit], of_blocks: PartOf[Touched], shaded: Blocks, waves: bool, gaps: Gaps

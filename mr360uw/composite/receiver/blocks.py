@@ -25,17 +25,15 @@ from mr360uw.composite.ambient.solver import AmbientLight, ambient_light
 from mr360uw.composite.lighting.light_sources import lamps_of, light_sources, sun_of, widest_half_angle
 from mr360uw.composite.lighting.shading import veil_ahead
 from mr360uw.composite.receiver.ratio import (
-    BLOCK,
-    CORNER_CHANNELS,
     FADE_FROM,
     FREE,
     SEEN,
     SHARE,
     VEIL,
     Gathered,
-    PixelImages,
     added_light,
     ambient_share,
+    four_corners,
     gather_images,
 )
 from mr360uw.composite.receiver.shape import ReceiverShape
@@ -46,6 +44,7 @@ from mr360uw.jit import exact, fast
 from mr360uw.medium.lookup import transmittance_lookup
 from mr360uw.sphere import basis
 from mr360uw.threads import one_blas_thread
+from mr360uw.tile_blend import BLOCK, CORNER_CHANNELS, PixelImages
 from mr360uw.types import Floats, Rectangle, View
 
 RECTANGLE_COST_PX = 16384
@@ -214,11 +213,6 @@ class Ground:
         left = four[:, None, 0] * (1.0 - down[..., 0]) + four[:, None, 2] * down[..., 0]
         right = four[:, None, 1] * (1.0 - down[..., 0]) + four[:, None, 3] * down[..., 0]
         return left[:, :, None] * (1.0 - t[:, None]) + right[:, :, None] * t[:, None]
-
-
-def four_corners(corner: Floats, j: Indices, i: Indices) -> Floats:
-    """Return the corners of blocks, (n, 4, ...): above left and right, below left and right."""
-    return np.stack([corner[j, i], corner[j, i + 1], corner[j + 1, i], corner[j + 1, i + 1]], axis=1)
 
 
 @exact
@@ -446,7 +440,7 @@ def rectangles_of_blocks(blocks: Blocks, view: View) -> list[Rectangle]:
 class GroundReach:
     """The receiver that a shot may change, with all of its light that does not need the device.
 
-    touched: see there. ambient: what bodies leave of its light. corner: (R + 1, C + 1, 10) of `BlockLight`, as if the
+    touched: see there. ambient: what bodies leave of its light. corner: (R + 1, C + 1, 10) of `GroundLines`, as if the
     sun were visible everywhere; `set_plate_light` fills in its first channels.
     """
 

@@ -15,12 +15,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, NamedTuple, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.jit import exact, fast, inlined
+from mr360uw.jit import fast
+from mr360uw.tile_blend import LEAST_DIRECT, LEAST_LIGHT, NO_BLURS, Blurs, Picture, calm_line, drawn_towards
 from mr360uw.types import Floats, Rectangle
 
 _FINE_SIGMA = 2.0
@@ -29,51 +30,11 @@ _COARSEST = 32
 """Largest reduction."""
 _RADIUS = 4.0
 """Reach of a Gaussian, in standard deviations."""
-
-
-class Picture(Protocol):
-    """A plate's frame."""
-
-    @property
-    def shape(self) -> tuple[int, int]:
-        """Rows and columns."""
-
-    def linear(self, rectangle: Rectangle) -> Floats:
-        """Return a part of it as linear light (h, w, 3)."""
-
-    def halved(self, rectangle: Rectangle) -> Floats:
-        """Return a part of even place and size at half its columns and rows, (h/2, w/2, 3)."""
-
-
-class Blurs(NamedTuple):
-    """Blurs of a part of a frame at some widths, and which of them its rows take.
-
-    value: (n,) of all blurred pictures, one after the other. table: (levels, 6) of each: where it begins in `value`,
-    its first row and column, its rows and columns, and the pixels of the frame along one of its own. row: the first
-    row of the frame. level: (h,) fractional number of the blur that a row takes.
-    """
-
-    value: NDArray[np.float32]
-    table: NDArray[np.int64]
-    row: int
-    level: NDArray[np.float32]
-
-
-NO_BLURS = Blurs(np.zeros(0, np.float32), np.zeros((0, 6), np.int64), 0, np.zeros(0, np.float32))
-
-
-LEAST_LIGHT = 1e-3
-"""Linear light above the veil below which a pattern is taken for noise: a quarter of an 8-bit code near black."""
-LEAST_DIRECT = 0.02
-"""Least direct light over the mean that is left beside the ambient: filaments are bright, what lies between them is not
-quite without sun."""
 _SIGMA_M = 0.3
 """Standard deviation on the ground of the blur that takes caustics for detail: filaments are 5 to 30 cm apart in the
 first ten metres. Half of it leaves broad filaments, twice of it takes away ripples of the sand."""
 _STEP = 2.0
 """Ratio of neighbouring blurs, between which the blur of a row is mixed."""
-_HALF_BIAS = np.float32(2.0**112)
-"""Ratio of the exponents' biases of float32 and float16, which turns the bits of one into the other."""
 _FLATTEST = 0.02
 """Least sine of the angle below the horizon: nearer to it ground is too far away for its caustics to be seen."""
 
@@ -108,7 +69,7 @@ class PlatePattern:
             return np.zeros((0, 0, 3), np.float32)
         first = part.row - self.picture.shape[0] + len(self.mean)
         columns = slice(part.column, part.column + part.width)
-        found = _widened(self.mean[max(first, 0) : max(first + part.height, 0), columns])
+        found = self.mean[max(first, 0) : max(first + part.height, 0), columns].astype(np.float32)
         return found if first >= 0 else np.pad(found, ((part.height - len(found), 0), (0, 0), (0, 0)))
 
     def blurs(self, part: Rectangle) -> Blurs:
@@ -198,48 +159,6 @@ def direct_pattern(shown: Floats, calm: Floats, veil: Floats, share: Floats) -> 
     return np.maximum(r, share + LEAST_DIRECT * (1.0 - share))
 
 
-@inlined
-def calm_line(blurs: Any, row: int, column: int, out: Any) -> None:
-    """Write a line (3, n) of a frame from (row, column) on, mixed from its `Blurs`, bilinearly between their pixels."""
-    value, table, first_row, level = blurs
-    number = int(level[row - first_row])
-    mixed = level[row - first_row] - np.float32(number)
-    for k in range(2):
-        weight = mixed if k else np.float32(1.0) - mixed
-        if k and weight == np.float32(0.0):
-            continue
-        # The line of the blurred picture there, between two of its own
-        begin, top, left, rows, columns, factor = table[number + k]
-        y = (np.float32(row) + np.float32(0.5)) / np.float32(factor) - np.float32(0.5) - np.float32(top)
-        y = max(y, np.float32(0.0))
-        j = int(y)
-        down = y - np.float32(j)
-        across, under = 3 * columns, min(j + 1, rows - 1)  # the last row of the frame has none below it
-        upper, lower = value[begin + across * j : begin + across * (j + 1)], value[begin + across * under :]
-        step = np.float32(1.0) / np.float32(factor)
-        start = (np.float32(column) + np.float32(0.5)) * step - np.float32(0.5) - np.float32(left)
-        first, after = int(start), int(start + np.float32(out.shape[1] - 1) * step) + 2
-        own = np.empty(3 * (after - first), np.float32)
-        for i in range(own.size):
-            above, below = upper[3 * first + i], lower[3 * first + i]
-            own[i] = weight * (above + down * (below - above))
-        # Along it, between its pixels
-        for i in range(out.shape[1]):
-            x = start + np.float32(i) * step
-            n = int(x)
-            right = x - np.float32(n)
-            n = 3 * (n - first)
-            for c in range(3):
-                between = own[n + c] + right * (own[n + 3 + c] - own[n + c])
-                out[c, i] = between + out[c, i] if k else between
-
-
-@inlined
-def drawn_towards(shown: Any, strength: Any, blurred: Any) -> Any:
-    """Return the calm state of light that is shown, drawn towards its blur by a strength."""
-    return shown + strength * (blurred - shown)
-
-
 @fast
 def _read(blurs: Any, row: int, column: int, shown: Any, strength: Any, calm: Any) -> None:
     """Write the calm state (h, w, 3) of a part that begins at (row, column) and is shown, (h, w, 3)."""
@@ -249,24 +168,3 @@ def _read(blurs: Any, row: int, column: int, shown: Any, strength: Any, calm: An
         for i in range(calm.shape[1]):
             for c in range(3):
                 calm[j, i, c] = drawn_towards(shown[j, i, c], strength, line[c, i])
-
-
-def _widened(image: Floats) -> NDArray[np.float32]:
-    """Return an image (h, w, 3) of finite float16 or of floats as float32."""
-    if image.dtype != np.float16:
-        return image.astype(np.float32)
-    bits = np.empty(image.shape, np.uint32)
-    _widen(image.view(np.uint16), bits)
-    return bits.view(np.float32) * _HALF_BIAS
-
-
-@exact
-def _widen(halves: Any, bits: Any) -> None:
-    """Write the bits of float16 (h, w, 3) as those of float32 that are smaller by `_HALF_BIAS`."""
-    for row in range(bits.shape[0]):
-        for column in range(bits.shape[1]):
-            for k in range(3):
-                half = np.uint32(halves[row, column, k])
-                bits[row, column, k] = (half & np.uint32(0x8000)) << np.uint32(16) | (
-                    half & np.uint32(0x7FFF)
-                ) << np.uint32(13)

@@ -7,52 +7,31 @@ with share the ambient fraction of the plate's irradiance, free the fraction of 
 send there themselves, seen the visible fraction of the plate's direct light, waves the caustic factor on it, added the
 irradiance of lamps over that of the plate, and w the weight that fades out towards the receiver's end.
 
-Over blocks of pixels it is written into tiles in one compiled pass, with r of pattern.py, which is 1 without a pattern:
-
-    ratio = 1 + w (sun + (share (free - sun) + added)/r - 1)        sun = seen waves
-
-Each quantity is interpolated between the corners of a block, or taken from an image of the block's pixels if there is
-one.
+Over blocks of pixels it is worked out line by line (`tile_blend`), with the plate's own pattern (pattern.py).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.composite.lighting.light_sources import LightSource
 from mr360uw.composite.lighting.shading import ambient_irradiance
-from mr360uw.composite.receiver.pattern import (
-    LEAST_DIRECT,
-    LEAST_LIGHT,
-    NO_BLURS,
-    PlatePattern,
-    calm_line,
-    direct_pattern,
-    drawn_towards,
-)
+from mr360uw.composite.receiver.pattern import PlatePattern, direct_pattern
 from mr360uw.composite.shot import Shot
 from mr360uw.composite.tiles import places_in_mask
 from mr360uw.constants import BRIGHTEST, DARK
-from mr360uw.jit import fast, inlined
 from mr360uw.texels import smoothstep
-from mr360uw.types import Floats, Rectangle, Tile
+from mr360uw.tile_blend import BLOCK, NO_BLURS, NO_MEAN, BlockGround, GroundLines, PixelImages
+from mr360uw.types import Floats, Rectangle
 
 FADE_FROM = 0.8
 """Fraction of its extent from which the receiver fades out, so that shadow and waves end without a line."""
-BLOCK = 8
-"""Pixels along a block."""
 SHARE, VEIL, FREE, SEEN = slice(0, 3), slice(3, 6), slice(6, 9), 9
-CORNER_CHANNELS = 10
-_AT_ONCE = 32
-"""Most blocks beside each other that are computed together: compilers vectorise loops that are longer than a block.
-Half as many or twice as many take as long."""
-_MIDDLE = ((np.arange(BLOCK) + 0.5) / BLOCK).astype(np.float32)
-"""Where the pixels of a block lie, along it."""
+"""Channels of `GroundLines.corner`."""
 
 
 def ambient_share(shot: Shot, sources: Sequence[LightSource], point: Floats, normal: Floats) -> Floats:
@@ -133,13 +112,6 @@ def receiver_ratio(
 # --- over blocks of pixels -------------------------------------------------------------------------------------------
 
 
-class PixelImages(NamedTuple):
-    """Images of some blocks, (m, B, B, k) float32. at: (n,) for each block the number of its image, or -1."""
-
-    at: NDArray[np.int32]
-    image: NDArray[np.float32]
-
-
 Gathered = list[tuple[NDArray[np.bool_], NDArray[np.float32]]]
 """Pairs of a mask (n,) of m blocks and their images (m, B, B, k)."""
 
@@ -154,203 +126,41 @@ def gather_images(count: int, channels: int, parts: Gathered) -> PixelImages:
     return PixelImages(at, np.concatenate(every))
 
 
+def four_corners(corner: Floats, j: NDArray[np.int64], i: NDArray[np.int64]) -> Floats:
+    """Return the corners of blocks, (n, 4, ...): above left and right, below left and right."""
+    return np.stack([corner[j, i], corner[j, i + 1], corner[j + 1, i], corner[j + 1, i + 1]], axis=1)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class BlockLight:
     """Light on blocks of the receiver.
 
     blocks: (R, C) which they are, n of them, row by row. corner: (R + 1, C + 1, 10) float32, channels SHARE, VEIL,
-    FREE, SEEN. Images of pixels, used instead of corners: free (k = 3), seen (1), waves (3), shape (7: share, weight,
-    veil), added (3; 0 if there is none).
+    FREE, SEEN. images: of `GroundLines`.
     """
 
     blocks: NDArray[np.bool_]
     corner: NDArray[np.float32]
-    free: PixelImages
-    seen: PixelImages
-    waves: PixelImages
-    shape: PixelImages
-    added: PixelImages
+    images: tuple[PixelImages, ...]
 
 
-def lay_receiver(
-    light: BlockLight, tiles: Sequence[Tile], width: int, height: int, pattern: PlatePattern | None, unseen: float
-) -> None:
-    """Write ratio and veil of the blocks into tiles of a width x height frame, where they change the plate by a
-    fraction of more than `unseen`.
+def ground_of(light: BlockLight, width: int, height: int, pattern: PlatePattern | None, unseen: float) -> BlockGround:
+    """Return the light of blocks for a width x height frame, where it changes the plate by a fraction above `unseen`.
 
     pattern: the plate's own caustics, which go with the sun's light (see pattern.py).
     """
-    none, images = np.zeros((0, 0, 3), np.float32), (light.free, light.seen, light.waves, light.shape, light.added)
     row, column = places_in_mask(light.blocks)
-    blurs = NO_BLURS
-    if pattern is not None:
+    # Blur the plate over all of them, where no mean of the clip is known
+    blurs, mean, strength = NO_BLURS, NO_MEAN, 0.0
+    if pattern is not None and len(row):
         left, top, right, bottom = BLOCK * np.array([column.min(), row.min(), column.max() + 1, row.max() + 1])
         hull = Rectangle(int(left), int(top), int(min(right, width) - left), int(min(bottom, height) - top))
         blurs = pattern.blurs(hull)
-    strength = np.float32(0.0 if pattern is None else pattern.strength)
-    for tile in tiles:
-        part = tile.rectangle
-        shown, mean = (none, none) if pattern is None else (pattern.picture.linear(part), pattern.mean_of(part))
-        plate = np.ascontiguousarray(shown, np.float32), mean, tuple(blurs), strength
-        _lay(
-            (row, column, light.corner), images, (width, height, tile.row, tile.column), plate,
-            np.float32(unseen), (tile.ratio, tile.veil),
-        )  # fmt: skip
-
-
-@inlined
-def _plate_line(plate: Any, at: Any, now: Any, calm: Any) -> None:
-    """Write the light that the plate shows on a line (3, n), and its calm state. plate: see `_lay`. at: row and column
-    in the frame, and in the tile.
-    """
-    (shown, mean, blurs, strength), (y, x, r, first) = plate, at
-    if len(mean) == 0:
-        calm_line(blurs, y, x, calm)
-    for i in range(now.shape[1]):
-        for k in range(3):
-            now[k, i] = shown[r, first + i, k]
-            calm[k, i] = mean[r, first + i, k] if len(mean) else drawn_towards(now[k, i], strength, calm[k, i])
-
-
-@inlined
-def _inverse_pattern(plate: Any, line: Any, count: int, inverse: Any) -> None:
-    """Write one over what `pattern.direct_pattern` returns into `inverse` (3, n), with one division for a value.
-
-    plate: (2, 3, n) its light and its calm state.
-    """
-    one, dark, direct = np.float32(1.0), np.float32(LEAST_LIGHT), np.float32(LEAST_DIRECT)
-    for k in range(3):
-        share, veil, now, mean, out = line[k], line[3 + k], plate[0, k], plate[1, k], inverse[k]
-        for i in range(count):
-            light, base, least = now[i] - veil[i], mean[i] - veil[i], share[i] + direct * (one - share[i])
-            lit = light > least * base
-            part, whole = base if lit else one, light if lit else least
-            out[i] = part / whole if base > dark else one
-
-
-@inlined
-def _between(corner: Any, q: int, z: int, down: Any, side: Any, line: Any, blocks: int) -> None:
-    """Set a row of `line` (10, n) to what lies between the corners of blocks, from block (q, z) on.
-
-    down: how far the row lies from the upper corners to the lower ones. side: (10, n) room for what it is between them.
-    """
-    for b in range(blocks + 1):
-        for k in range(10):
-            side[k, b] = corner[q, z + b, k] + down * (corner[q + 1, z + b, k] - corner[q, z + b, k])
-    for k in range(10):
-        for b in range(blocks):
-            start, step = side[k, b], side[k, b + 1] - side[k, b]
-            for i in range(BLOCK):
-                line[k, b * BLOCK + i] = start + _MIDDLE[i] * step
-
-
-@inlined
-def _write(change: Any, haze: Any, least: Any, ratio: Any, veil: Any) -> None:
-    """Write ratio and veil (n, 3) of the pixels whose relative change (3, n) is above the least. haze: (3, n)."""
-    one = np.float32(1.0)
-    for i in range(len(ratio)):
-        if max(abs(change[0, i]), abs(change[1, i]), abs(change[2, i])) > least:
-            for k in range(3):
-                ratio[i, k], veil[i, k] = one + change[k, i], haze[k, i]
-
-
-@inlined
-def _take_images(rows: Any, b: int, j: int, n: int, images: Any) -> None:
-    """Set a row of block b, the n-th of all, to row j of those images that it has.
-
-    rows: channels of `BlockLight.corner`, weight of the change, waves and added light. images: `PixelImages` of free,
-    seen, waves, shape and added.
-    """
-    (line, weight, waves_row, added_row), (free_, seen_, waves_, shape_, added_) = rows, images
-    # Find the numbers of its images, then take those that there are
-    f, s, w, g, p = free_.at[n], seen_.at[n], waves_.at[n], shape_.at[n], added_.at[n]
-    free, seen, waves, shape, added = free_.image, seen_.image, waves_.image, shape_.image, added_.image
-    for i in range(BLOCK):
-        at = b * BLOCK + i
-        if g >= 0:
-            weight[at] = shape[g, j, i, 3]
-            for k in range(3):
-                line[k, at], line[3 + k, at] = shape[g, j, i, k], shape[g, j, i, 4 + k]
-        if f >= 0:
-            for k in range(3):
-                line[6 + k, at] = free[f, j, i, k]
-        if s >= 0:
-            line[9, at] = seen[s, j, i, 0]
-        if w >= 0:
-            for k in range(3):
-                waves_row[k, at] = waves[w, j, i, k]
-        if p >= 0:
-            for k in range(3):
-                added_row[k, at] = added[p, j, i, k]
-
-
-@inlined
-def _even(corner: Any, q: int, z: int, least: Any) -> bool:
-    """Return whether hardly anything changes at the corners of block (q, z)."""
-    one, most = np.float32(1.0), np.float32(0.0)
-    for k in range(6, 10):
-        most = max(most, abs(corner[q, z, k] - one), abs(corner[q, z + 1, k] - one),
-                   abs(corner[q + 1, z, k] - one), abs(corner[q + 1, z + 1, k] - one))  # fmt: skip
-    return bool(most < np.float32(0.5) * least)
-
-
-@fast
-def _lay(blocks: Any, images: Any, frame: Any, plate: Any, least: Any, tile: Any) -> None:
-    """Write ratio and veil of the blocks into a tile, see `lay_receiver`.
-
-    blocks: rows and columns, and corner of `BlockLight`. images: its `PixelImages`.
-    frame: width and height, and row and column of the tile. plate: its light, its mean or none, and the blurs and the
-    strength by which it is drawn towards them without one. least: change that is written. tile: ratio and veil.
-    """
-    row, column, corner = blocks
-    free, seen, waves, shape, _ = images
-    (width, height, first_row, first_column), (ratio, veil) = frame, tile
-    # Make room for one row of some blocks
-    room = _AT_ONCE * BLOCK
-    line, weight = np.empty((10, room), np.float32), np.empty(room, np.float32)
-    side = np.empty((10, _AT_ONCE + 1), np.float32)
-    waves_row, added_row = np.empty((3, room), np.float32), np.empty((3, room), np.float32)
-    plate_row, inverse = np.ones((2, 3, room), np.float32), np.ones((3, room), np.float32)
-    change = np.empty((3, room), np.float32)
-    one, half, zero = np.float32(1.0), np.float32(0.5), np.float32(0.0)
-    begin, end = 0, 0
-    while end < len(row):
-        begin, q, z = end, row[end], column[end]
-        # blocks beside each other that change
-        while end < len(row) and end - begin < _AT_ONCE and row[end] == q and column[end] == z + end - begin:
-            pixels = free.at[end] >= 0 or seen.at[end] >= 0 or waves.at[end] >= 0 or shape.at[end] >= 0
-            if not pixels and _even(corner, q, column[end], least):
-                break
-            end += 1
-        if end == begin:
-            end += 1
-            continue
-        top, left = q * BLOCK, z * BLOCK
-        y0, y1 = max(top, first_row), min(top + BLOCK, height, first_row + ratio.shape[0])
-        x0, x1 = max(left, first_column), min(left + (end - begin) * BLOCK, width, first_column + ratio.shape[1])
-        if y0 >= y1 or x0 >= x1:
-            continue
-        across_row, inside = slice(x0 - first_column, x1 - first_column), slice(x0 - left, x1 - left)
-        blocks = end - begin
-        for i in range(blocks * BLOCK):
-            weight[i] = one
-            for k in range(3):
-                waves_row[k, i], added_row[k, i] = one, zero
-        down = one / np.float32(min(BLOCK, height - top))
-        for y in range(y0, y1):
-            j, v, r = y - top, (np.float32(y - top) + half) * down, y - first_row
-            _between(corner, q, z, v, side, line, blocks)
-            for b in range(blocks):
-                _take_images((line, weight, waves_row, added_row), b, j, begin + b, images)
-            if len(plate[0]):
-                at = y, x0, r, x0 - first_column
-                _plate_line(plate, at, plate_row[0, :, inside], plate_row[1, :, inside])
-                _inverse_pattern(plate_row, line, blocks * BLOCK, inverse)
-            for k in range(3):
-                share, fall, sun, free_row = line[k], waves_row[k], line[9], line[6 + k]
-                more, per_light, out = added_row[k], inverse[k], change[k]
-                for i in range(blocks * BLOCK):
-                    lit = sun[i] * fall[i]
-                    left_over = share[i] * (free_row[i] - lit) + more[i]
-                    out[i] = weight[i] * (lit + left_over * per_light[i] - one)
-            _write(change[:, inside], line[3:6, inside], least, ratio[r, across_row], veil[r, across_row])
+        strength = pattern.strength
+        mean = NO_MEAN if pattern.mean is None else np.asarray(pattern.mean, np.float16).view(np.uint16)
+    first = np.searchsorted(row, np.arange(len(light.corner)))
+    lines = GroundLines(
+        first, column, light.corner, light.images, height, np.float32(unseen), pattern is not None, mean, blurs,
+        np.float32(strength),
+    )  # fmt: skip
+    return BlockGround(lines, None if pattern is None else pattern.picture)

@@ -21,7 +21,7 @@ from mr360uw.constants import (
     DITHER_STEP,
 )
 from mr360uw.jit import fast, inlined
-from mr360uw.tile_blend import blend_row, find_changes
+from mr360uw.tile_blend import BLOCK, blend_row, find_changes, ground_line, ground_room
 from mr360uw.yuv.decoding import (
     ENCODE_LOW,
     ENCODE_STEP_BITS,
@@ -157,42 +157,56 @@ def _next_run(changed: Any, begin: int) -> Any:
 def write_planes(
     y: Any, u: Any, v: Any, y_out: Any, u_out: Any, v_out: Any, row: int, column: int, frame: int, sx: int, sy: int,
     wrap: bool, k: Any, decoding: Any, encoding: Any, peak: Any, radiance: Any, alpha: Any, ratio: Any, veil: Any,
-    shafts: Any, given: Any, grain: Any, blotches: Any, strength: Any,
+    shafts: Any, given: Any, grain: Any, blotches: Any, strength: Any, ground: Any,
 ) -> Any:  # fmt: skip
     """Write the pixels that a tile changes, and their chroma, into the planes; return the brightest light and
     the sum of all, of which floats that are not finite make one.
 
     decoding, encoding: `decode_table` and `encode_table`. radiance to shafts: of the tile, shafts (0, 0, 3) for none.
     given: its composite (h, w, 3), or (0, 0, 3) for that of `blend_row`. grain: (h, w) of luma, blotches: (2, samples
-    down, samples across) of chroma, both without rows for none; strength: (3, n) of both.
+    down, samples across) of chroma, both without rows for none; strength: (3, n) of both. ground: `GroundLines` that
+    ratio and veil are worked out from; without blocks where the tile has them.
     """
     height, width = alpha.shape
     # Make room for a row of pixels, and for the rows that share a row of chroma samples
     cb, cr, steps = np.empty(width, np.float32), np.empty(width, np.float32), np.empty((3, width), np.float32)
     plate, light = np.empty((width, 3), np.float32), np.empty((width, 3), np.float32)
     bits, none = light.view(np.uint32), np.empty((0, 3), np.float32)
+    room, bare = ground_room(), len(ratio) == 0
+    own_ratio, own_veil = np.ones((width, 3), np.float32), np.zeros((width, 3), np.float32)
     changed, chroma = np.empty((2, width), np.bool_), np.empty((2, 2, width), np.float32)
     brightest, total, one, grainy = np.float32(0.0), np.float32(0.0), np.float32(1.0), grain.size > 0
     for j in range(row >> sy, ((row + height - 1) >> sy) + 1):
         begin, end, any_ = max((j << sy) - row, 0), min(((j + 1) << sy) - row, height), False
         for r in range(begin, end):
-            # Find the pixels of a row that change
-            b, more = r - begin, shafts[r] if len(shafts) else none
-            find_changes(alpha[r], radiance[r], ratio[r], more, changed[b])
-            chroma[:, b] = np.float32(0.0)
+            # Work out the light on the ground, and find the pixels of a row that change
+            b, q, more = r - begin, (row + r) // BLOCK, shafts[r] if len(shafts) else none
             codes, codes_out = y[row + r, column : column + width], y_out[row + r, column : column + width]
+            decoded = bare and ground.patterned and ground.first[q] < ground.first[q + 1]
+            if decoded:
+                chroma_row(u, row + r, column, sx, sy, wrap, k[2], k[3], cb)
+                chroma_row(v, row + r, column, sx, sy, wrap, k[2], k[3], cr)
+                light_row(codes, cb, cr, k, decoding, steps, plate)
+            if bare:
+                own_ratio[:], own_veil[:] = one, np.float32(0.0)
+                ground_line(ground, row + r, column, plate, room, own_ratio, own_veil)
+            of_ground, haze = own_ratio if bare else ratio[r], own_veil if bare else veil[r]
+            find_changes(alpha[r], radiance[r], of_ground, more, changed[b])
+            chroma[:, b] = np.float32(0.0)
             first, after = _next_run(changed[b], 0)
             while first < after:
                 any_, part = True, slice(first, after)
                 # Decode the plate and lay the tile over it
-                chroma_row(u, row + r, column + first, sx, sy, wrap, k[2], k[3], cb[part])
-                chroma_row(v, row + r, column + first, sx, sy, wrap, k[2], k[3], cr[part])
+                if not decoded:
+                    chroma_row(u, row + r, column + first, sx, sy, wrap, k[2], k[3], cb[part])
+                    chroma_row(v, row + r, column + first, sx, sy, wrap, k[2], k[3], cr[part])
                 if len(given):
                     for c in range(first, after):
                         light[c, 0], light[c, 1], light[c, 2] = given[r, c, 0], given[r, c, 1], given[r, c, 2]
                 else:
-                    light_row(codes[part], cb[part], cr[part], k, decoding, steps[:, part], plate[part])
-                    blend_row(plate[part], radiance[r, part], alpha[r, part], ratio[r, part], veil[r, part], more[part],
+                    if not decoded:
+                        light_row(codes[part], cb[part], cr[part], k, decoding, steps[:, part], plate[part])
+                    blend_row(plate[part], radiance[r, part], alpha[r, part], of_ground[part], haze[part], more[part],
                               one, light[part])  # fmt: skip
                 for c in range(first, after):
                     brightest = max(brightest, light[c, 0], light[c, 1], light[c, 2])
@@ -210,11 +224,11 @@ def write_planes(
                     step = red * steps[0, c] + green * steps[1, c] + blue * steps[2, c]
                     code = _quantise(np.float32(codes[c]) + step, _noise(row + r, column + c, frame), peak)
                     codes_out[c] = code if changed[b, c] else codes_out[c]
-                for plane in range(2):
-                    red, green, blue = k[3] * k[13 + 3 * plane], k[3] * k[14 + 3 * plane], k[3] * k[15 + 3 * plane]
+                for n in range(2):
+                    red, green, blue = k[3] * k[13 + 3 * n], k[3] * k[14 + 3 * n], k[3] * k[15 + 3 * n]
                     for c in range(first, after):
                         step = red * steps[0, c] + green * steps[1, c] + blue * steps[2, c]
-                        chroma[plane, b, c] = step if changed[b, c] else np.float32(0.0)
+                        chroma[n, b, c] = step if changed[b, c] else np.float32(0.0)
                 first, after = _next_run(changed[b], after)
         if any_:
             rows = slice(begin, end)

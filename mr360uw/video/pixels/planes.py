@@ -29,8 +29,8 @@ from av.sidedata.sidedata import Type
 from numpy.typing import NDArray
 
 from mr360uw.color import ColorSpec, Transfer, code_range, decode, encode, in_plate_primaries
-from mr360uw.tile_blend import blended, light_sum
-from mr360uw.types import Floats, Rectangle, Tile, YuvImage
+from mr360uw.tile_blend import NO_GROUND, blended, light_sum
+from mr360uw.types import Floats, Rectangle, Tile, UnlaidGround, YuvImage
 from mr360uw.video.pixels.grain import NO_GRAIN, Grain, covered_box
 from mr360uw.video.pixels.kernels import write_planes
 from mr360uw.yuv.decoding import coefficients, decode_table, encode_table, linear_from_planes, subsampling
@@ -45,6 +45,7 @@ def lay_over_planes(
     grain: Grain = NO_GRAIN,
     amount: float = 0.0,
     composite: Floats | None = None,
+    ground: UnlaidGround | None = None,
 ) -> tuple[float, float]:
     """Lay a tile over the planes `old` and write what it changes into `new`, which hold a copy of them.
 
@@ -52,8 +53,8 @@ def lay_over_planes(
     blocks with such a pixel a new chroma code. Light is clipped to code values between 0 and full scale (a plate that
     is itself brighter or darker keeps its excursion where it is not covered). amount: of the grain that covered pixels
     get, 1 for as much as the plate has. composite: linear Rec.709 light (h, w, 3) to write; None for that of
-    `tile_blend`. Returns the brightest linear light that was written, and a sum of it that is not finite where any is
-    not.
+    `tile_blend`. ground: has the tile's ratio and veil, over a plate of Rec.709; None where the tile has them. Returns
+    the brightest linear light that was written, and a sum of it that is not finite where any is not.
     """
     sx, sy = subsampling(old)
     none, found = np.empty((0, 0, 3), np.float32), None
@@ -62,7 +63,8 @@ def lay_over_planes(
     if composite is not None:
         found = float(composite.max()), light_sum(composite)
         composite = in_plate_primaries(composite, old.spec)
-    given = (tile.radiance, tile.alpha, tile.ratio, tile.veil, tile.shafts, composite)
+    ratio, veil = (tile.ratio, tile.veil) if ground is None else (None, None)
+    given = (tile.radiance, tile.alpha, ratio, veil, tile.shafts, composite)
     arrays = [none if part is None else np.ascontiguousarray(part, np.float32) for part in given]
     strength = np.float32(amount) * grain.deviation
     noise, blotches = np.empty((0, 0), np.float32), np.empty((2, 0, 0), np.float32)
@@ -72,6 +74,7 @@ def lay_over_planes(
     place: list[Any] = [tile.row, tile.column, frame_index, sx, sy, wrap]
     place += [coefficients(old.spec), decode_table(old.spec), encode_table(old.spec), peak]
     inputs = [old.y, old.u, old.v, new.y, new.u, new.v, *place, *arrays, noise, blotches, strength]
+    inputs.append(NO_GROUND if ground is None else ground.lines)
     brightest, total = write_planes(*inputs)
     return (float(brightest), float(total)) if found is None else found
 
