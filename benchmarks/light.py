@@ -154,7 +154,7 @@ def irradiance() -> None:
         rows.append((name, *errors))
     table(("map", "roughness .2", ".4", ".7"), rows)
 
-    from mr360uw.ibl.splitsum import split_sum
+    from mr360uw.ibl.filters import split_sum
 
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
     from tests.ibl.split_sum import split_sum_integral

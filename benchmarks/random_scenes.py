@@ -24,8 +24,14 @@ from mr360uw.caustics.settings import CausticSettings
 from mr360uw.caustics.spectral import SpectralSea
 from mr360uw.color import encode
 from mr360uw.composite.grading.settings import MatchSettings
-from mr360uw.composite.object_settings import ObjectSettings
-from mr360uw.composite.settings import DrawSettings, HoldoutSettings, LampSettings, ReceiverSettings, SnowSettings
+from mr360uw.composite.settings import (
+    DrawSettings,
+    HoldoutSettings,
+    LampSettings,
+    ObjectSettings,
+    ReceiverSettings,
+    SnowSettings,
+)
 from mr360uw.ibl import LightSettings
 from mr360uw.medium import WaterSettings
 from mr360uw.medium.settings import ShaftSettings

@@ -14,6 +14,7 @@ point towards the light; `refract_clamped` and `reflect` take the direction of t
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -154,6 +155,11 @@ def reflect(travel: ArrayLike, normal: ArrayLike) -> Array:
 def critical_cosine(refractive_index: float) -> float:
     """Return the cosine in the water at the edge of Snell's window: directions above it see the sky; 0 for n <= 1."""
     return float(np.sqrt(1.0 - 1.0 / refractive_index**2)) if refractive_index > 1.0 else 0.0
+
+
+def snell_elevation(refractive_index: float = REFRACTIVE_INDEX_SEA) -> float:
+    """Return the elevation [rad] of the edge of Snell's window, 41.7 degrees in sea water: the sky lies above it."""
+    return math.asin(critical_cosine(refractive_index))
 
 
 def fresnel_transmittance(cos_air: ArrayLike, refractive_index: float) -> Array:

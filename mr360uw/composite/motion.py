@@ -21,8 +21,7 @@ from numpy.typing import ArrayLike
 
 from mr360uw.caustics.settings import Sea
 from mr360uw.composite.mesh.mesh import Mesh
-from mr360uw.composite.object_settings import Front, ObjectSettings
-from mr360uw.composite.settings import Interpolation, LampSettings
+from mr360uw.composite.settings import Front, Interpolation, LampSettings, ObjectSettings
 from mr360uw.errors import ParameterError
 from mr360uw.ibl.tilt import level_matrix, roll_pitch
 from mr360uw.medium.spectra import read_table

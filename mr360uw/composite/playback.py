@@ -16,13 +16,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.composite.affine import placed
 from mr360uw.composite.mesh.material import MeshFile, Rigging
 from mr360uw.composite.mesh.mesh import Mesh, Unit, mesh_of_file, object_from_file, proper_triangles, read_mesh_file
-from mr360uw.composite.mesh.normals import corner_normals
+from mr360uw.composite.mesh.polygons import corner_normals, placed
 from mr360uw.composite.mesh.skin import Animation
 from mr360uw.composite.mesh.up_axis import Up
-from mr360uw.composite.object_settings import Loop, ObjectSettings
+from mr360uw.composite.settings import Loop, ObjectSettings
 from mr360uw.errors import MeshError
 from mr360uw.types import Floats
 

@@ -10,10 +10,10 @@ import numpy as np
 
 from mr360uw.cache import Parts
 from mr360uw.color import LEAST_CHANGE
-from mr360uw.composite.affine import scale_of
 from mr360uw.composite.mesh.mesh import Mesh
+from mr360uw.composite.mesh.polygons import scale_of
 from mr360uw.composite.receiver.pattern import PlatePattern
-from mr360uw.composite.settings import DrawSettings
+from mr360uw.composite.settings import DrawSettings, SurfaceSettings
 from mr360uw.types import CausticStack, Environment, Floats, Light, MediumTable, View
 
 SHADOW_BIAS = 0.006
@@ -137,3 +137,22 @@ class Shot(Parts):
     def refractive_index(self) -> float:
         """Refractive index around the objects, relative to air: the water's, or 1 without water."""
         return 1.0 if self.medium is None else self.medium.refractive_index
+
+
+WITHIN_M = 3.0
+"""Greatest depth of an object's top at which "auto" shows it in the surface; images fade in over its last quarter."""
+FAINTEST = 1e-3
+"""Transmittance of the whole way, in its clearest channel, below which a body is not seen in the surface."""
+
+
+def object_presence(shot: Shot, settings: SurfaceSettings) -> Floats:
+    """Return for each visible object of a shot the fraction (n,) in which the surface shows it, by its top's depth."""
+    depth = shot.view.surface_y_m - tops(shot)
+    if settings.objects == "all":
+        return np.ones(len(depth))
+    return np.clip(4.0 * (1.0 - depth / WITHIN_M), 0.0, 1.0)
+
+
+def tops(shot: Shot) -> Floats:
+    """Return the height (n,) [m] in the world of the highest point of each visible object."""
+    return np.array([o.to_world(o.mesh.hull.reshape(-1, 3))[:, 1].max() for o in shot.visible])

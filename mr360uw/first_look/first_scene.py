@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from mr360uw.color import luminance
 from mr360uw.composite.mesh.up_axis import Up
-from mr360uw.composite.object_settings import ObjectSettings
+from mr360uw.composite.settings import ObjectSettings
 from mr360uw.errors import ParameterError, SceneError, VideoError
 from mr360uw.files import whole_file
 from mr360uw.first_look.observations import Eye, PlateLook, look_at_mesh, look_at_plate

@@ -18,12 +18,11 @@ from mr360uw.color import luminance
 from mr360uw.composite import Mesh
 from mr360uw.composite.mesh.mesh import METRES, Unit, mesh_of_file, object_from_file, read_mesh_file
 from mr360uw.composite.mesh.up_axis import Habit, Kind, Up, asymmetry, kind_of, surface_points, up_axis
-from mr360uw.composite.object_settings import Front
+from mr360uw.composite.settings import Front
 from mr360uw.errors import VideoError
 from mr360uw.ibl import environment
-from mr360uw.ibl.horizon import clip_horizon, estimate_horizon
 from mr360uw.ibl.plate import remap
-from mr360uw.ibl.tilt import level_matrix
+from mr360uw.ibl.tilt import clip_horizon, estimate_horizon, level_matrix
 from mr360uw.medium.open_water import weighted_quantile
 from mr360uw.render.surroundings import is_tilted
 from mr360uw.scene.model import PlateSettings, Scene

@@ -1,5 +1,4 @@
-from .aerial_picture import AerialPicture, LoadedAerial, aerial
-from .film import AerialReport, aerial_film, picture_parts
+from .aerial_picture import AerialPicture, AerialReport, LoadedAerial, aerial, aerial_film, picture_parts
 from .settings import AerialScene, load_aerial
 
 __all__ = [

@@ -24,7 +24,6 @@ from numpy.typing import NDArray
 
 from mr360uw.cache import Cache
 from mr360uw.caustics import CausticSettings, caustic_stack
-from mr360uw.composite.at_surface.settings import SurfaceSettings
 from mr360uw.composite.at_surface.surface_layer import cut_at_surface
 from mr360uw.composite.at_surface.surface_rays import balls_around
 from mr360uw.composite.at_surface.water_sides import WaterSides
@@ -32,6 +31,7 @@ from mr360uw.composite.objects import SceneObject
 from mr360uw.composite.over import empty_tile
 from mr360uw.composite.raycast import gather
 from mr360uw.composite.reference import render_layer
+from mr360uw.composite.settings import SurfaceSettings
 from mr360uw.composite.shot import PlacedObject, Shot
 from mr360uw.constants import PI
 from mr360uw.ibl.lighting import assemble

@@ -15,7 +15,7 @@ from pydantic import BeforeValidator, ConfigDict, Field, field_validator, model_
 from mr360uw.caustics import CausticSettings, SpectralSea
 from mr360uw.caustics.settings import Sea
 from mr360uw.color import Transfer
-from mr360uw.composite.object_settings import ObjectSettings
+from mr360uw.composite.settings import ObjectSettings
 from mr360uw.constants import SUN_HALF_ANGLE_RAD
 from mr360uw.medium.settings import WaterKindSettings
 from mr360uw.parameters import Parameters, parameter

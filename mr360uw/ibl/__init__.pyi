@@ -1,8 +1,7 @@
-from .filters import glossy_beam, irradiance, prefilter
+from .filters import glossy_beam, irradiance, prefilter, split_sum
 from .lighting import environment
 from .plate import expand
 from .settings import LightSettings
-from .splitsum import split_sum
 from .sun.detect import detect_sun
 from .sun.track import SunMeasurement, SunTrack, load_track, measure_sun, save_track, track_suns
 from .yuv import environment_from_yuv

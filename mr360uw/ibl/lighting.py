@@ -15,7 +15,6 @@ from mr360uw.ibl.filters import cosine_beam, cosine_filter, glossy_levels
 from mr360uw.ibl.lookup import environment_lookup, reduce_map
 from mr360uw.ibl.plate import COARSE_COLUMNS, COARSE_ROWS, COARSE_SCALE, LinearPlate, Plate, checked_plate
 from mr360uw.ibl.settings import GLOSSY_ROUGHNESS, LightSettings, Operator
-from mr360uw.ibl.sun.closure import UNKNOWN_RATIO, close
 from mr360uw.ibl.sun.detect import (
     find_disc,
     is_disc,
@@ -27,7 +26,7 @@ from mr360uw.ibl.sun.detect import (
     spot_towards,
 )
 from mr360uw.ibl.sun.judge import taken_share
-from mr360uw.ibl.sun.split import Split, with_sun, without_glare
+from mr360uw.ibl.sun.split import UNKNOWN_RATIO, Split, close, with_sun, without_glare
 from mr360uw.ibl.tilt import level_matrix, roll_pitch, upward
 from mr360uw.shapes import checked, exactly
 from mr360uw.sphere import directions, unit

@@ -21,7 +21,7 @@ from mr360uw.errors import ParameterError
 from mr360uw.ibl.lookup import reduce_map, reduce_maximum, resize_map
 from mr360uw.ibl.settings import LightSettings
 from mr360uw.ibl.tilt import LEVEL, elevation_sine, frame_sines, upward
-from mr360uw.optics import critical_cosine
+from mr360uw.optics import snell_elevation
 from mr360uw.published import enhancement_gain, pointwise_gain
 from mr360uw.shapes import checked, is_finite, real
 from mr360uw.sphere import Array, directions, frame_from_direction, row_solid_angle, unit
@@ -154,11 +154,6 @@ UNEXPANDED = ("none", "closure")
 _RAMP = math.radians(10.0)
 """Half the width [rad] of the smooth edge of the region that is expanded."""
 _ENHANCEMENT_COLUMNS = 256  # of the map that "kovaleski" filters: finer than its filter by a factor of fifteen
-
-
-def snell_elevation(refractive_index: float = REFRACTIVE_INDEX_SEA) -> float:
-    """Return the elevation [rad] of the edge of Snell's window, 41.7 degrees in sea water: the sky lies above it."""
-    return math.asin(critical_cosine(refractive_index))
 
 
 def region_weight(sine: ArrayLike, settings: LightSettings, refractive_index: float = REFRACTIVE_INDEX_SEA) -> Array:

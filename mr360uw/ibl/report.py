@@ -16,10 +16,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mr360uw.color import encode
-from mr360uw.ibl.horizon import HorizonEstimate, clip_horizon
 from mr360uw.ibl.lookup import environment_lookup
 from mr360uw.ibl.sun.track import SunTrack, angles_deg
-from mr360uw.ibl.tilt import roll_pitch
+from mr360uw.ibl.tilt import HorizonEstimate, clip_horizon, roll_pitch
 from mr360uw.sphere import frame_from_direction
 from mr360uw.types import Environment, Floats, Sun
 

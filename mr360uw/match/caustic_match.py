@@ -15,7 +15,7 @@ from mr360uw.caustics import CausticSettings, caustic_stack
 from mr360uw.caustics.settings import Sea
 from mr360uw.color import luminance
 from mr360uw.constants import REFRACTIVE_INDEX_SEA
-from mr360uw.ibl.sun.closure import CLEAR_SKY, CLEAR_SKY_DIRECT
+from mr360uw.ibl.sun.split import CLEAR_SKY, CLEAR_SKY_DIRECT
 from mr360uw.match.floor_series import (
     FloorSeries,
     FloorView,

@@ -274,8 +274,8 @@ def _sections_of_water(
 
     declared_up: (3,) the world's up in the camera's axes, from the scene.
     """
-    from mr360uw.ibl.horizon import estimate_horizon
     from mr360uw.ibl.report import level_section
+    from mr360uw.ibl.tilt import estimate_horizon
     from mr360uw.medium.spectra import named_sensor
     from mr360uw.medium.waterfit import fit_water
 

@@ -23,11 +23,10 @@ from mr360uw.cache import Cache
 from mr360uw.caustics.settings import CausticSettings
 from mr360uw.color import unseen_change
 from mr360uw.composite.aovs import Aovs
-from mr360uw.composite.at_surface.settings import object_presence
 from mr360uw.composite.lighting.light_sources import lamps_of, sun_of
 from mr360uw.composite.over import mean_layer
 from mr360uw.composite.settings import DrawSettings
-from mr360uw.composite.shot import Shot
+from mr360uw.composite.shot import Shot, object_presence
 from mr360uw.constants import JUST_BELOW_M
 from mr360uw.errors import ParameterError, RenderError
 from mr360uw.ibl.lighting import turned

@@ -45,8 +45,8 @@ from mr360uw.ibl.plate import (
     coarse_directions,
     remap,
 )
-from mr360uw.ibl.sun.closure import CLEAR_SKY, CLEAR_SKY_DIRECT, beam_below, direct_share
 from mr360uw.ibl.sun.detect import DISPLAY_WHITE, SunFound, sun_found
+from mr360uw.ibl.sun.split import CLEAR_SKY, CLEAR_SKY_DIRECT, beam_below, direct_share
 from mr360uw.ibl.tilt import is_level, level_matrix, roll_pitch, upward
 from mr360uw.ibl.yuv import plate_of_yuv
 from mr360uw.medium import Medium

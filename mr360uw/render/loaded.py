@@ -19,8 +19,7 @@ from typing import TYPE_CHECKING, TypeVar
 import numpy as np
 
 from mr360uw.composite import PlacedObject, SceneObject, load_objects
-from mr360uw.composite.objects import on_the_floor, on_the_sea
-from mr360uw.composite.scene_lamps import SceneLamp, load_lamps
+from mr360uw.composite.objects import SceneLamp, load_lamps, on_the_floor, on_the_sea
 from mr360uw.composite.settings import ReceiverSettings
 from mr360uw.composite.shot import Receiver
 from mr360uw.constants import PI

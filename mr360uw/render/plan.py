@@ -14,7 +14,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from mr360uw.caustics.settings import grid_of
-from mr360uw.composite.at_surface.settings import FAINTEST, WITHIN_M
+from mr360uw.composite.shot import FAINTEST, WITHIN_M
 from mr360uw.ibl import LightSettings
 from mr360uw.medium.lookup import beam_fraction, transmittance_lookup
 from mr360uw.scene.model import Scene

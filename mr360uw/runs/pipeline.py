@@ -24,7 +24,7 @@ from mr360uw.render.check import scene_sun_lines
 from mr360uw.render.first_pass import ClipAnalysis, first_pass, measured_range
 from mr360uw.render.loaded import Loaded, Loader, load_plate_depth
 from mr360uw.render.surroundings import load_surroundings
-from mr360uw.runs.job import Job, OpenJob, RunTimes
+from mr360uw.runs.job import Job, OpenJob, RunTimes, make_crew
 from mr360uw.runs.outputs import Output, Report, forecaster, with_encoder
 from mr360uw.runs.work_folder import (
     Part,
@@ -35,7 +35,6 @@ from mr360uw.runs.work_folder import (
     work_folder,
     work_keys,
 )
-from mr360uw.runs.workers import make_crew
 from mr360uw.scene.model import Scene
 from mr360uw.scene.resolved import open_plate, projection_notes, scene_at
 from mr360uw.scene.toml_model import dotted

@@ -25,7 +25,7 @@ from mr360uw.caustics.settings import CausticSettings
 from mr360uw.color import luminance
 from mr360uw.constants import PI, REFRACTIVE_INDEX_SEA, SUN_HALF_ANGLE_RAD
 from mr360uw.ibl import environment
-from mr360uw.ibl.sun.closure import CLEAR_SKY, air_mass, beam_below, clear_air_depth, direct_share
+from mr360uw.ibl.sun.split import CLEAR_SKY, air_mass, beam_below, clear_air_depth, direct_share
 from mr360uw.medium import Medium, Water
 from mr360uw.medium.lookup import beam_fraction
 from mr360uw.medium.spectra import DEFAULT_SENSOR, named_sensor

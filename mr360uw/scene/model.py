@@ -17,10 +17,16 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, ValidationError, mo
 from mr360uw.caustics.gerstner import GerstnerSea
 from mr360uw.caustics.settings import CausticSettings, Sea
 from mr360uw.color import DisplayTransfer, Levels, Primaries, Transfer
-from mr360uw.composite.at_surface.settings import SurfaceSettings
 from mr360uw.composite.grading.settings import MatchSettings
-from mr360uw.composite.object_settings import ObjectSettings
-from mr360uw.composite.settings import DrawSettings, HoldoutSettings, LampSettings, ReceiverSettings, SnowSettings
+from mr360uw.composite.settings import (
+    DrawSettings,
+    HoldoutSettings,
+    LampSettings,
+    ObjectSettings,
+    ReceiverSettings,
+    SnowSettings,
+    SurfaceSettings,
+)
 from mr360uw.constants import MAXIMUM_SUN_SAMPLES
 from mr360uw.errors import SceneError
 from mr360uw.ibl.settings import LightSettings

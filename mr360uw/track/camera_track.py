@@ -14,8 +14,7 @@ import numpy as np
 
 from mr360uw.errors import ParameterError
 from mr360uw.files import write_whole
-from mr360uw.ibl.horizon import estimate_horizon
-from mr360uw.ibl.tilt import level_matrix
+from mr360uw.ibl.tilt import estimate_horizon, level_matrix
 from mr360uw.medium.spectra import read_table
 from mr360uw.output_gate import check_outputs
 from mr360uw.shapes import checked

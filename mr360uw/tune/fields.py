@@ -14,7 +14,7 @@ import numpy as np
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
-from mr360uw.composite.object_settings import POLAR
+from mr360uw.composite.settings import POLAR
 from mr360uw.errors import ParameterError
 from mr360uw.parameters import bounds_of, stated
 from mr360uw.scene.key_targets import KeyedParameter, target_of

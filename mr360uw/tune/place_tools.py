@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from nicegui import background_tasks, ui
 
-from mr360uw.composite.object_settings import POLAR, ObjectSettings
+from mr360uw.composite.settings import POLAR, ObjectSettings
 from mr360uw.errors import ParameterError
 from mr360uw.parameters import bounds_of
 from mr360uw.tune import fields, placing

@@ -24,7 +24,7 @@ from mr360uw.tune.placing import Point, shown_at
 from mr360uw.types import Floats, View
 
 if TYPE_CHECKING:
-    from mr360uw.composite.object_settings import ObjectSettings
+    from mr360uw.composite.settings import ObjectSettings
     from mr360uw.composite.shot import PlacedObject, Receiver
     from mr360uw.preview.live import LivePreview
     from mr360uw.render.loaded import Loaded

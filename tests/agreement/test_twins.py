@@ -22,7 +22,7 @@ from mr360uw import sphere
 from mr360uw.caustic_lookup import caustic_lookup, mip_levels, soft_caustic_lookup
 from mr360uw.composite.lighting import shading
 from mr360uw.ibl import lookup as ibl_lookup
-from mr360uw.ibl.splitsum import split_sum
+from mr360uw.ibl.filters import split_sum
 from mr360uw.medium import lookup as medium
 from mr360uw.sphere import unit
 from mr360uw.types import CausticStack, MediumTable
@@ -212,7 +212,7 @@ CASES: dict[str, Callable[[str, np.random.Generator], Case]] = {
     "caustic_lookup.glsl": caustic_case,
     "composite/lighting/shading.glsl": shading_case,
     "ibl/lookup.glsl": environment_case,
-    "ibl/splitsum.glsl": split_sum_case,
+    "ibl/filters.glsl": split_sum_case,
     "medium/lookup.glsl": medium_case,
 }
 

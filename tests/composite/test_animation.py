@@ -13,9 +13,9 @@ import pytest
 
 from mr360uw.composite.mesh.mesh import Mesh
 from mr360uw.composite.motion import rigid
-from mr360uw.composite.object_settings import ObjectSettings
 from mr360uw.composite.objects import SceneObject, load_object, load_objects
 from mr360uw.composite.playback import looped
+from mr360uw.composite.settings import ObjectSettings
 from mr360uw.composite.shot import PlacedObject
 from mr360uw.errors import MeshError
 from tests.composite import tolerances as tol

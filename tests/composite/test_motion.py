@@ -9,7 +9,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from mr360uw.composite.motion import object_motion, read_camera_track, rotation_matrix
-from mr360uw.composite.object_settings import KeySettings, ObjectSettings
+from mr360uw.composite.settings import KeySettings, ObjectSettings
 from mr360uw.errors import ParameterError
 from tests.composite import tolerances as tol
 from tests.composite.scenes import box

@@ -16,9 +16,19 @@ from mr360uw.composite.over import empty_tile, over
 from mr360uw.composite.reference import render_aovs
 from mr360uw.composite.settings import NEAREST_M, SnowSettings
 from mr360uw.composite.shot import Receiver, Shot
-from mr360uw.composite.snow.draw import Snow, particle_phase, particle_radiance, particles_in_view, with_particles
+from mr360uw.composite.snow.draw import (
+    LEAST_RADIUS,
+    Snow,
+    draw_particles,
+    empty_picture,
+    merged,
+    particle_phase,
+    particle_radiance,
+    particles_in_view,
+    rest_of,
+    with_particles,
+)
 from mr360uw.composite.snow.particles import Reach, SizeClass, number_between, orbits_of, particles_near, size_classes
-from mr360uw.composite.snow.splat import LEAST_RADIUS, draw_particles, empty_picture, merged, rest_of
 from mr360uw.medium.lookup import ambient_ratio, transmittance_lookup, veil_lookup
 from mr360uw.sphere import direction_from_frame, directions, row_solid_angle, unit, yaw_matrix
 from mr360uw.types import Floats, Lamp, Layer, Rectangle, Sun, View

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The integral that `ibl.splitsum` is fitted to."""
+"""The integral that `ibl.filters` is fitted to."""
 
 from __future__ import annotations
 

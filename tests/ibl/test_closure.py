@@ -13,10 +13,9 @@ from mr360uw.color import luminance
 from mr360uw.ibl.lookup import environment_lookup
 from mr360uw.ibl.plate import LinearPlate
 from mr360uw.ibl.settings import LightSettings
-from mr360uw.ibl.sun.closure import clear_ratio, shown_ratio, sunlight
 from mr360uw.ibl.sun.detect import find_disc
 from mr360uw.ibl.sun.judge import PlateSurvey, SunCandidate, taken_share
-from mr360uw.ibl.sun.split import sky_irradiance
+from mr360uw.ibl.sun.split import clear_ratio, shown_ratio, sky_irradiance, sunlight
 from mr360uw.medium import Sensor
 from mr360uw.sphere import direction_from_angles, directions, row_solid_angle
 from tests.ibl.plates import clipped

@@ -15,7 +15,7 @@ import pytest
 
 import mr360uw as uw
 from mr360uw.output_gate import work_path
-from mr360uw.runs import workers
+from mr360uw.runs import job as workers
 from mr360uw.runs.job import Job
 from mr360uw.sample import SampleDive
 from mr360uw.scene import Scene
@@ -123,7 +123,7 @@ def let_the_workers_die(address: str) -> None:
         import os
         import signal
 
-        from mr360uw.runs import workers
+        from mr360uw.runs import job as workers
 
         workers.render_part = lambda _job, _part: os.kill(os.getpid(), signal.SIGKILL)
 

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from mr360uw.ibl.plate import snell_elevation
+from mr360uw.optics import snell_elevation
 from mr360uw.sphere import directions, unit
 from mr360uw.track.camera_track import window_up, world_of
 

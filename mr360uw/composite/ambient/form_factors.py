@@ -30,7 +30,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.cache import Cache, PartOf
-from mr360uw.composite.affine import scale_of
 from mr360uw.composite.ambient.blocked_light import BlockedLight, HeightField, Occluders, make_height_field
 from mr360uw.composite.ambient.mesh_transfer import (
     COUNT,
@@ -42,6 +41,7 @@ from mr360uw.composite.ambient.mesh_transfer import (
     shape_of,
     shape_transfer,
 )
+from mr360uw.composite.mesh.polygons import scale_of
 from mr360uw.composite.shot import PlacedObject
 from mr360uw.jit import exact
 from mr360uw.texels import smoothstep

@@ -33,7 +33,6 @@ from numpy.typing import NDArray
 
 from mr360uw.cache import Cache, PartOf
 from mr360uw.composite.ambient.solver import AmbientLight, ambient_at, ambient_light
-from mr360uw.composite.at_surface.settings import FAINTEST, SurfaceSettings, object_presence, tops
 from mr360uw.composite.at_surface.surface_rays import (
     TURNS,
     SeenSurface,
@@ -53,8 +52,9 @@ from mr360uw.composite.lighting.shadow import Blockers
 from mr360uw.composite.over import empty_tile, hold_out
 from mr360uw.composite.raycast import Geometry, Hits, gather
 from mr360uw.composite.sampling import pattern
-from mr360uw.composite.shot import PlacedObject, Shot
-from mr360uw.composite.snow.splat import rest_of
+from mr360uw.composite.settings import SurfaceSettings
+from mr360uw.composite.shot import FAINTEST, PlacedObject, Shot, object_presence, tops
+from mr360uw.composite.snow.draw import rest_of
 from mr360uw.composite.tiles import even_tiles, rectangles_of_mask
 from mr360uw.ibl.lookup import environment_lookup
 from mr360uw.optics import fresnel

@@ -18,11 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
-from mr360uw.composite.at_surface.settings import FAINTEST
 from mr360uw.composite.at_surface.water_sides import WaterSides
 from mr360uw.composite.raycast import MAXIMUM_HITS, Geometry, Hits, next_surfaces, surface
 from mr360uw.composite.sampling import PIXEL_FILTER, WHOLE_PIXEL, Pattern
-from mr360uw.composite.shot import PlacedObject
+from mr360uw.composite.shot import FAINTEST, PlacedObject
 from mr360uw.constants import PI
 from mr360uw.medium.lookup import transmittance_lookup
 from mr360uw.optics import reflect, refract_clamped

@@ -20,8 +20,8 @@ from urllib.parse import unquote
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.composite.affine import composed
 from mr360uw.composite.mesh.material import MapCoordinates
+from mr360uw.composite.mesh.polygons import composed
 from mr360uw.composite.mesh.skin import MorphTarget, Skeleton, Skin
 from mr360uw.errors import MeshError, install_command, installed, optional
 from mr360uw.reading.input_files import DATA, json_of, neighbour, own_table, read_data

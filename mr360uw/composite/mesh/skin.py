@@ -15,8 +15,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.composite.affine import cofactors, composed, placed
-from mr360uw.composite.mesh.normals import crease_normals
+from mr360uw.composite.mesh.polygons import cofactors, composed, crease_normals, placed
 from mr360uw.types import Floats
 
 Interpolation = Literal["LINEAR", "STEP", "CUBICSPLINE"]

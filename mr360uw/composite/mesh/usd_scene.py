@@ -15,10 +15,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.composite.affine import placed
 from mr360uw.composite.mesh.gltf import BROKEN
 from mr360uw.composite.mesh.material import MappedMaterial, MeshFile, Part
-from mr360uw.composite.mesh.polygons import Polygons, polygons_of
+from mr360uw.composite.mesh.polygons import Polygons, placed, polygons_of
 from mr360uw.composite.mesh.texture import decode_image
 from mr360uw.composite.mesh.up_axis import UPRIGHT
 from mr360uw.composite.mesh.usd_material import PLAIN, UNBOUND, UsdMaterialReader

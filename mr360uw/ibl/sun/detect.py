@@ -38,14 +38,12 @@ from mr360uw.ibl.plate import (
     coarse_solid_angle,
     patch_directions,
     plate_sines,
-    snell_elevation,
 )
 from mr360uw.ibl.sun.blob import CLIPPED, Blob, brightness, examine
-from mr360uw.ibl.sun.closure import ground_ratio
 from mr360uw.ibl.sun.judge import PlateSurvey, SunCandidate, find_glow, taken_share
-from mr360uw.ibl.sun.split import Split, sky_irradiance, split_sun
+from mr360uw.ibl.sun.split import Split, ground_ratio, sky_irradiance, split_sun
 from mr360uw.ibl.tilt import level_matrix, roll_pitch, upward
-from mr360uw.optics import refract_clamped, refract_to_air
+from mr360uw.optics import refract_clamped, refract_to_air, snell_elevation
 from mr360uw.shapes import checked
 from mr360uw.sphere import unit
 from mr360uw.types import Floats, Sun

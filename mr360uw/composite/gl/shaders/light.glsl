@@ -5,7 +5,7 @@
 #include "composite/gl/shaders/ambient.glsl"
 #include "composite/lighting/shading.glsl"
 #include "ibl/lookup.glsl"
-#include "ibl/splitsum.glsl"
+#include "ibl/filters.glsl"
 #include "medium/lookup.glsl"
 
 struct View {

@@ -1,4 +1,4 @@
-// twin: splitsum.py
+// twin: filters.py
 vec2 split_sum(float r, float v) {
     float white = (1.004 + v * (0.1061 - v * (0.1398 + 0.1248 * v))
                    + r * (-2.549 + v * (0.1271 + 0.4051 * v) + r * (2.37 - 0.5209 * v - 0.5446 * r)));
