@@ -155,18 +155,20 @@ def _next_run(changed: Any, begin: int) -> Any:
 
 @fast
 def write_planes(
-    y: Any, u: Any, v: Any, y_out: Any, u_out: Any, v_out: Any, row: int, column: int, frame: int, sx: int, sy: int,
-    wrap: bool, k: Any, decoding: Any, encoding: Any, peak: Any, radiance: Any, alpha: Any, ratio: Any, veil: Any,
-    shafts: Any, given: Any, grain: Any, blotches: Any, strength: Any, ground: Any,
-) -> Any:  # fmt: skip
-    """Write the pixels that a tile changes, and their chroma, into the planes; return the brightest light and
-    the sum of all, of which floats that are not finite make one.
+    old: Any, new: Any, place: Any, coding: Any, tile: Any, ground: Any, composite: Any, grain: Any
+) -> Any:
+    """Write the pixels that a tile changes, and their chroma, into planes; return the brightest light and the sum of
+    all, of which floats that are not finite make one.
 
-    decoding, encoding: `decode_table` and `encode_table`. radiance to shafts: of the tile, shafts (0, 0, 3) for none.
-    given: its composite (h, w, 3), or (0, 0, 3) for that of `blend_row`. grain: (h, w) of luma, blotches: (2, samples
-    down, samples across) of chroma, both without rows for none; strength: (3, n) of both. ground: `GroundLines` that
-    ratio and veil are worked out from; without blocks where the tile has them.
+    old, new: y, u and v of the plate, and of what is written. place: the tile's row and column, the frame's index, sx,
+    sy and wrap. coding: k, `decode_table`, `encode_table` and the top code. tile: radiance, alpha, ratio, veil and
+    shafts, which are (0, 0, 3) for none. ground: `GroundLines` that ratio and veil are worked out from where the tile
+    has none. composite: of the tile (h, w, 3), or (0, 0, 3) for that of `blend_row`. grain: (h, w) of luma, (2, samples
+    down, samples across) of chroma, both without rows for none, and the strength (3, n) of both.
     """
+    (y, u, v), y_out, (row, column, frame, sx, sy, wrap) = old, new[0], place
+    k, decoding, encoding, peak = coding
+    (radiance, alpha, ratio, veil, shafts), (noise, blotches, strength) = tile, grain
     height, width = alpha.shape
     # Make room for a row of pixels, and for the rows that share a row of chroma samples
     cb, cr, steps = np.empty(width, np.float32), np.empty(width, np.float32), np.empty((3, width), np.float32)
@@ -175,7 +177,7 @@ def write_planes(
     room, bare = ground_room(), len(ratio) == 0
     own_ratio, own_veil = np.ones((width, 3), np.float32), np.zeros((width, 3), np.float32)
     changed, chroma = np.empty((2, width), np.bool_), np.empty((2, 2, width), np.float32)
-    brightest, total, one, grainy = np.float32(0.0), np.float32(0.0), np.float32(1.0), grain.size > 0
+    brightest, total, one, grainy = np.float32(0.0), np.float32(0.0), np.float32(1.0), noise.size > 0
     for j in range(row >> sy, ((row + height - 1) >> sy) + 1):
         begin, end, any_ = max((j << sy) - row, 0), min(((j + 1) << sy) - row, height), False
         for r in range(begin, end):
@@ -200,9 +202,13 @@ def write_planes(
                 if not decoded:
                     chroma_row(u, row + r, column + first, sx, sy, wrap, k[2], k[3], cb[part])
                     chroma_row(v, row + r, column + first, sx, sy, wrap, k[2], k[3], cr[part])
-                if len(given):
+                if len(composite):
                     for c in range(first, after):
-                        light[c, 0], light[c, 1], light[c, 2] = given[r, c, 0], given[r, c, 1], given[r, c, 2]
+                        light[c, 0], light[c, 1], light[c, 2] = (
+                            composite[r, c, 0],
+                            composite[r, c, 1],
+                            composite[r, c, 2],
+                        )
                 else:
                     if not decoded:
                         light_row(codes[part], cb[part], cr[part], k, decoding, steps[:, part], plate[part])
@@ -216,7 +222,7 @@ def write_planes(
                     _encode_row(codes[part], cb[part], cr[part], bits[part, n], alpha[r, part], k, n, encoding,
                                 steps[n, part])  # fmt: skip
                 if grainy:
-                    own = grain[r, part]
+                    own = noise[r, part]
                     _grain_row(codes[part], cb[part], cr[part], alpha[r, part], own, strength[0], k, steps[:, part])
                 # Add it to the codes of luma, and keep that of chroma
                 red, green, blue = k[1] * k[10], k[1] * k[11], k[1] * k[12]
@@ -231,24 +237,21 @@ def write_planes(
                         chroma[n, b, c] = step if changed[b, c] else np.float32(0.0)
                 first, after = _next_run(changed[b], after)
         if any_:
-            rows = slice(begin, end)
-            _write_chroma(
-                u, v, y_out, u_out, v_out, j, row, column, sx, sy, wrap, k, peak, alpha[rows],
-                changed[: end - begin], frame, blotches, strength[1:], chroma,
-            )  # fmt: skip
+            of_chroma = chroma, alpha[begin:end], changed[: end - begin]
+            _write_chroma(old, new, place, (k, peak), j, of_chroma, (blotches, strength[1:]))
     return brightest, total
 
 
 @fast
-def _write_chroma(
-    u: Any, v: Any, y_out: Any, u_out: Any, v_out: Any, j: int, row: int, column: int, sx: int, sy: int, wrap: bool,
-    k: Any, peak: Any, alpha: Any, changed: Any, frame: int, grain: Any, strength: Any, chroma: Any,
-) -> None:  # fmt: skip
+def _write_chroma(old: Any, new: Any, place: Any, coding: Any, j: int, change: Any, grain: Any) -> None:
     """Add the change of the pixels' chroma to the samples of row j of the blocks with a changed pixel.
 
-    Adding lets two rectangles share a block. alpha, changed: of the rows of pixels of the samples, chroma: (2, 2, w)
-    their changes. grain: (2, blocks down, blocks across); strength: (2, n); the luma `y_out` has been written.
+    Adding lets two rectangles share a block. old, new, place: see `write_planes`; the new luma has been written.
+    coding: k and the top code. change: (2, 2, w) of the rows of pixels of the samples, their alpha, and whether they
+    change. grain: (2, blocks down, blocks across), and its strength (2, n).
     """
+    (_, u, v), (y_out, u_out, v_out), (row, column, frame, sx, sy, wrap), (k, peak) = old, new, place, coding
+    (chroma, alpha, changed), (blotches, strength) = change, grain
     rows, width = alpha.shape
     # Sum down a block, for the pixels of a row and one more to either side
     steps, touched = np.zeros((3, width + 2), np.float32), np.zeros(width + 2, np.bool_)
@@ -275,11 +278,11 @@ def _write_chroma(
         if sx and cover > np.float32(0.0):
             cb -= cover * scale * _lost_detail(u, j, i, sy, wrap)
             cr -= cover * scale * _lost_detail(v, j, i, sy, wrap)
-        if grain.size > 0 and cover > np.float32(0.0):
+        if blotches.size > 0 and cover > np.float32(0.0):
             luma = (np.float32(y_out[j << sy, i << sx]) - k[0]) / k[1]
             m, n = j - (row >> sy), i - (column >> sx)
-            cb_grain = cover * scale * grain[0, m, n] * _strength(luma, strength[0])
-            cr_grain = cover * scale * grain[1, m, n] * _strength(luma, strength[1])
+            cb_grain = cover * scale * blotches[0, m, n] * _strength(luma, strength[0])
+            cr_grain = cover * scale * blotches[1, m, n] * _strength(luma, strength[1])
             for down in range(min(1 + sy, y_out.shape[0] - (j << sy))):
                 for right in range(min(1 + sx, y_out.shape[1] - (i << sx))):
                     luma = min(luma, (np.float32(y_out[(j << sy) + down, (i << sx) + right]) - k[0]) / k[1])

@@ -63,19 +63,21 @@ def lay_over_planes(
     if composite is not None:
         found = float(composite.max()), light_sum(composite)
         composite = in_plate_primaries(composite, old.spec)
+    # Take what the tile has; its ratio and veil where no ground is to be laid
     ratio, veil = (tile.ratio, tile.veil) if ground is None else (None, None)
-    given = (tile.radiance, tile.alpha, ratio, veil, tile.shafts, composite)
-    arrays = [none if part is None else np.ascontiguousarray(part, np.float32) for part in given]
+    parts = (tile.radiance, tile.alpha, ratio, veil, tile.shafts, composite)
+    *arrays, whole = [none if part is None else np.ascontiguousarray(part, np.float32) for part in parts]
     strength = np.float32(amount) * grain.deviation
     noise, blotches = np.empty((0, 0), np.float32), np.empty((2, 0, 0), np.float32)
     if amount > 0.0 and strength.any() and arrays[1].any():
         noise, blotches = _noise(grain, tile, old, frame_index)
-    peak = np.float32((1 << old.spec.bits) - 1)
-    place: list[Any] = [tile.row, tile.column, frame_index, sx, sy, wrap]
-    place += [coefficients(old.spec), decode_table(old.spec), encode_table(old.spec), peak]
-    inputs = [old.y, old.u, old.v, new.y, new.u, new.v, *place, *arrays, noise, blotches, strength]
-    inputs.append(NO_GROUND if ground is None else ground.lines)
-    brightest, total = write_planes(*inputs)
+    # Decode, blend and encode
+    spec = old.spec
+    coding = coefficients(spec), decode_table(spec), encode_table(spec), np.float32((1 << spec.bits) - 1)
+    brightest, total = write_planes(
+        (old.y, old.u, old.v), (new.y, new.u, new.v), (tile.row, tile.column, frame_index, sx, sy, wrap), coding,
+        tuple(arrays), NO_GROUND if ground is None else ground.lines, whole, (noise, blotches, strength),
+    )  # fmt: skip
     return (float(brightest), float(total)) if found is None else found
 
 
