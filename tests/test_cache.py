@@ -18,6 +18,7 @@ from mr360uw.render.check import StageGraph
 from mr360uw.render.first_pass import ClipAnalysis
 from mr360uw.render.frame import composite_frame
 from mr360uw.render.loaded import Loaded, load
+from mr360uw.types import Layer
 from mr360uw.video import VideoFrame
 from tests.scenes import gradient_plate, scene_with
 
@@ -147,6 +148,8 @@ def same(one: Any, two: Any) -> bool:
         return isinstance(two, np.ndarray) and np.array_equal(one, two, equal_nan=one.dtype.kind == "f")
     if isinstance(one, tuple | list):
         return len(one) == len(two) and all(map(same, one, two))
+    if isinstance(one, Layer) and one.ground is not None:
+        return isinstance(two, Layer) and same(one.laid(), two.laid())
     if is_dataclass(one):
         return type(one) is type(two) and all(same(getattr(one, f.name), getattr(two, f.name)) for f in fields(one))
     return isinstance(one, int | float | str | np.generic | None) and one == two

@@ -112,12 +112,8 @@ def receiver_difference(plate_linear: Floats, layer: Layer) -> Floats:
     """Return the change (H, W, 3) of the plate by shadows, caustics, lamps and shafts, without the objects."""
     from mr360uw.composite.over import over
 
-    bare = Layer(
-        layer.height,
-        layer.width,
-        tuple(replace(t, radiance=np.zeros_like(t.radiance), alpha=np.zeros_like(t.alpha)) for t in layer.tiles),
-    )
-    return over(plate_linear, bare) - plate_linear
+    bare = (replace(t, radiance=np.zeros_like(t.radiance), alpha=np.zeros_like(t.alpha)) for t in layer.tiles)
+    return over(plate_linear, replace(layer, tiles=tuple(bare))) - plate_linear
 
 
 RECIPE = "linear Rec.709, premultiplied by A; composite = RGB + (1 - A) * (plate + receiver_difference)"

@@ -221,7 +221,7 @@ def blend_frame(loaded: Loaded, analysis: ClipAnalysis, drawn: DrawnFrame, cache
     for eye, instants in zip(measured.eyes, drawn.by_eye, strict=True):
         layer = mean_layer([layer for _, layer, _ in instants]) if instants else Layer(loaded.height, loaded.width, ())
         look = asked_grade(measured.now, analysis.grade, measured.filed, layer, cache)  # of the left eye for both
-        layer = cache.of(with_grade, layer.laid(), look, eye.plate) if look.reach_px > 0 else layer
+        layer = cache.of(with_grade, layer, look, eye.plate) if look.reach_px > 0 else layer
         picture = cache.of(lay_over, eye.plate, layer, measured.now.scene.draw.grain)
         shot, _, variables = instants[-1] if instants else (None, None, None)
         caustics = None if shot is None else shot.caustics
@@ -364,7 +364,7 @@ def with_snow(
     assert medium is not None, "the plan has no snow without water"
     views = [replace(at.now.view(at_s), eye_m=at.shot.view.eye_m) for at_s in (at.time_s - half, at.time_s + half)]
     snow = Snow(scene.snow, particle_scattering(medium.water), scene.sea, at.time_s, at.exposure_s, *views)
-    return cache.of(with_particles, snow, at.shot, layer.laid(), variables, backend.cache)
+    return cache.of(with_particles, snow, at.shot, layer, variables, backend.cache)
 
 
 def with_surface(
@@ -388,8 +388,7 @@ def with_surface(
     assert still is not None
     of_surface = cache.of(_unit_table_below_surface, still)
     table = cache.of(table_at_surface, shot.medium, medium.unit_table, of_surface)
-    sea, whole = at.now.scene.sea, layer.laid()
-    layer, before = cache.of(with_bodies, shot, sea, at.time_s, table, settings, whole, backend.cache)
+    layer, before = cache.of(with_bodies, shot, at.now.scene.sea, at.time_s, table, settings, layer, backend.cache)
     return layer, variables if variables is None or before is None else variables.cut(before)
 
 

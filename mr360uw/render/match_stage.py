@@ -153,7 +153,7 @@ def with_grade(layer: Layer, grade: PlateGrade, plate: VideoFrame) -> Layer:
     """Return a frame's layer whose bodies have a look."""
     from mr360uw.composite.grading.softness import matched_layer
 
-    return matched_layer(layer, grade, plate.linear)
+    return matched_layer(layer.laid(), grade, plate.linear)
 
 
 def _intact(video: VideoReader, places: list[int]) -> Iterator[VideoFrame]:

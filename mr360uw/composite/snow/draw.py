@@ -265,7 +265,7 @@ def merged(shot: Shot, layer: Layer, before: Picture, behind: Picture, cache: Ca
             radiance[...] *= left[..., None]
             alpha[...] *= left
     # Lay it over and under the bodies of tiles
-    tiles = []
+    layer, tiles = layer.laid(), []
     for tile in layer.tiles:
         radiance, alpha = np.empty(tile.radiance.shape, np.float32), np.empty(tile.alpha.shape, np.float32)
         front, back = ((image[tile.window], covered[tile.window]) for image, covered in (before, behind))
