@@ -26,7 +26,7 @@ def hold_out(shot: Shot, tile: Tile) -> Tile:
 
     A distance matte hides the objects behind it. It leaves the receiver, whose distances are of the same surfaces.
     """
-    if shot.holdout is None and shot.holdout_distance_m is None:
+    if not shot.has_mattes:
         return tile
     kept = np.ones(tile.alpha.shape, np.float32)
     if shot.holdout is not None:
@@ -166,7 +166,9 @@ def tile_of(layer: Layer, part: Rectangle) -> Tile:
 
 
 def empty_tile(part: Rectangle, *, bare: bool = False) -> Tile:
-    """Return a tile that changes nothing, float32. bare: its ratio and veil are read alone, and take no room."""
+    """Return a tile that changes nothing, float32. bare: `Layer.ground` stands for its ratio and veil, which take no
+    memory and cannot be written.
+    """
     size = part.height, part.width
     radiance, alpha = np.zeros((*size, 3), np.float32), np.zeros(size, np.float32)
     ratio, veil = (np.broadcast_to(np.float32(value), (*size, 3)) for value in (1.0, 0.0))

@@ -134,6 +134,11 @@ class Shot(Parts):
         return tuple(filter(operator.attrgetter("casts_shadow"), self.objects))
 
     @property
+    def has_mattes(self) -> bool:
+        """Whether parts of the plate may stand in front of the objects."""
+        return self.holdout is not None or self.holdout_distance_m is not None
+
+    @property
     def refractive_index(self) -> float:
         """Refractive index around the objects, relative to air: the water's, or 1 without water."""
         return 1.0 if self.medium is None else self.medium.refractive_index

@@ -211,18 +211,20 @@ class VideoFrame:
         planes = plane_views(native, self.yuv.spec)
         grain = self.grain if amount > 0.0 else NO_GRAIN
         top, clipped = brightest_light(self.spec), []
-        for bare in layer.tiles:
-            tile = bare
+        for tile in layer.tiles:
             graded = None if self.grade is None else self._graded(blended(self.linear(tile.rectangle), tile), tile)
             brightest, total = lay_over_planes(
                 self.yuv, planes, tile, self.index, self.wrap, grain, amount, graded, layer.ground
             )
-            if layer.ground is not None and not (np.isfinite(total) and brightest <= top):
-                tile = layer.ground.lay(bare)
-            if check is not None and not np.isfinite(total):
-                check(tile)
+            finite = bool(np.isfinite(total))
+            if finite and brightest <= top:
+                continue
+            # Say where it is not finite, or keep the light that the codes clip
+            whole = tile if layer.ground is None else layer.ground.lay(tile)
+            if check is not None and not finite:
+                check(whole)
             if brightest > top:
-                image = blended(self.linear(tile.rectangle), tile) if graded is None else graded
+                image = blended(self.linear(tile.rectangle), whole) if graded is None else graded
                 clipped.append((tile.rectangle, np.asarray(image, np.float32)))
         for plane in (planes.y, planes.u, planes.v):
             plane.flags.writeable = False

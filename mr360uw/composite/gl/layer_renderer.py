@@ -53,7 +53,10 @@ class LayerRenderer:
         frame = AovFrame(shot) if variables else None
         with one_blas_thread():
             layer = self._layer(shot, prepare(shot, self._cache) if prepared is None else prepared, frame)
-        return layer, None if frame is None else frame.finish(shot, layer.laid())
+        if frame is None:
+            return layer, None
+        layer = layer.laid()  # once for all that reads the variables
+        return layer, frame.finish(shot, layer)
 
     def _layer(self, shot: Shot, prepared: Prepared, frame: AovFrame | None) -> Layer:
         view, ambient = shot.view, prepared.ambient
@@ -76,7 +79,7 @@ class LayerRenderer:
         if on_blocks is not None:
             ground = ground_of(on_blocks, view.width, view.height, shot.pattern, shot.unseen)
         layer = Layer(view.height, view.width, tuple(drawn), ground)
-        if shot.holdout is None and shot.holdout_distance_m is None:
+        if not shot.has_mattes:
             return layer
         return Layer(view.height, view.width, tuple(hold_out(shot, tile) for tile in layer.laid().tiles))
 

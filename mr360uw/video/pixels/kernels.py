@@ -204,11 +204,8 @@ def write_planes(
                     chroma_row(v, row + r, column + first, sx, sy, wrap, k[2], k[3], cr[part])
                 if len(composite):
                     for c in range(first, after):
-                        light[c, 0], light[c, 1], light[c, 2] = (
-                            composite[r, c, 0],
-                            composite[r, c, 1],
-                            composite[r, c, 2],
-                        )
+                        for n in range(3):
+                            light[c, n] = composite[r, c, n]
                 else:
                     if not decoded:
                         light_row(codes[part], cb[part], cr[part], k, decoding, steps[:, part], plate[part])
