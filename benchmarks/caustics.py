@@ -34,7 +34,7 @@ from mr360uw.caustics import (
 from mr360uw.caustics.irradiance import cell_flux, lit_corners, refracted_rays
 from mr360uw.caustics.settings import PlaneLadder, grid_of
 from mr360uw.caustics.summed_stack import summed_stack
-from mr360uw.composite.gl.light_textures import upload_stack
+from mr360uw.composite.gl.device import upload_stack
 from mr360uw.constants import REFRACTIVE_INDEX_SEA
 from mr360uw.errors import Mr360uwError
 from mr360uw.gl.context import draw_fullscreen, gl_context, gl_device, program_from_text, set_uniforms

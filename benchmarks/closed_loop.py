@@ -41,7 +41,7 @@ from benchmarks.closed.gathering import Gathering  # noqa: E402
 from benchmarks.closed.truth import Stage, TruePicture, exposure  # noqa: E402
 from mr360uw.cache import Cache  # noqa: E402
 from mr360uw.color import encode, luminance  # noqa: E402
-from mr360uw.composite.over import over  # noqa: E402
+from mr360uw.composite.tiles import over  # noqa: E402
 from mr360uw.constants import REFRACTIVE_INDEX_SEA  # noqa: E402
 from mr360uw.ibl.lighting import assemble  # noqa: E402
 from mr360uw.ibl.lookup import environment_lookup  # noqa: E402

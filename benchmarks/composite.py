@@ -25,7 +25,7 @@ from mr360uw.composite.gl.layer_renderer import LayerRenderer  # noqa: E402
 from mr360uw.composite.lighting import light_sources  # noqa: E402
 from mr360uw.composite.mesh.material import Material  # noqa: E402
 from mr360uw.composite.motion import rigid, rotation_matrix  # noqa: E402
-from mr360uw.composite.over import over  # noqa: E402
+from mr360uw.composite.tiles import over  # noqa: E402
 from mr360uw.sphere import row_solid_angle, yaw_matrix  # noqa: E402
 from mr360uw.types import View  # noqa: E402
 from tests.composite import scenes  # noqa: E402

@@ -53,7 +53,7 @@ FAULTS: tuple[tuple[str, str, str, str], ...] = (
     ("caustics/gerstner.py", "sideways = self.steepness * amplitude", "sideways = amplitude", ""),
     ("caustics/irradiance.py", "refract_clamped(-sun_in_air, normal, 1.0 / refractive_index)",
      "refract_clamped(-sun_in_air, normal, refractive_index)", ""),
-    ("composite/shot.py", "float(np.max(self.mesh.extent_m)) * self.scale", "float(np.max(self.mesh.extent_m))",
+    ("composite/objects.py", "float(np.max(self.mesh.extent_m)) * self.scale", "float(np.max(self.mesh.extent_m))",
      "composite/test_scale.py"),
     ("composite/lighting/shading.py", "return np.square((index - medium_index) / (index + medium_index))",
      "return np.square((index - 1.0) / (index + 1.0))", ""),
@@ -80,7 +80,7 @@ FAULTS: tuple[tuple[str, str, str, str], ...] = (
     ("video/pixels/grain.py", "- twice + block[r, c + lag]", "+ twice + block[r, c + lag]", "video/test_grain.py"),
     ("video/pixels/kernels.py", "+ np.float32(0.5)", "+ np.float32(0.0)", "video/test_grain.py video/test_planes.py"),
     ("cache.py", "array.dtype.str, array.shape, array.tobytes()", "array.dtype.str, array.shape", "test_cache.py"),
-    ("output_gate.py", "lock.acquire(timeout=0)", "None", "runs/test_resuming.py"),
+    ("files.py", "lock.acquire(timeout=0)", "None", "runs/test_resuming.py"),
 )  # fmt: skip
 
 

@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from mr360uw.constants import LUMINANCE_B, LUMINANCE_G, LUMINANCE_R
 from mr360uw.errors import ParameterError
-from mr360uw.shapes import numbers, real, vectors
+from mr360uw.parameters import numbers, real, vectors
 
 # Transfer curves that hold light far above white: HDR television, and the log recordings of cameras.
 #

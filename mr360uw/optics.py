@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from mr360uw.constants import REFRACTIVE_INDEX_SEA
 from mr360uw.errors import ParameterError
-from mr360uw.shapes import checked, number, numbers
+from mr360uw.parameters import checked, number, numbers
 from mr360uw.sphere import gauss_legendre, unit
 from mr360uw.types import Array
 

@@ -11,10 +11,10 @@ from typing import Any, get_type_hints
 import pytest
 import typer
 
-from mr360uw import cli, output_gate
+from mr360uw import cli, files
 from mr360uw.cli.arguments import Role, roles_of
 from mr360uw.errors import OutputError, OutputExistsError
-from mr360uw.output_gate import (
+from mr360uw.files import (
     MARKER,
     check_folder,
     check_outputs,
@@ -108,7 +108,7 @@ def test_every_problem_is_said_at_once(tmp_path: Path, monkeypatch: pytest.Monke
     def full(*_: Any) -> Path:
         raise OSError(30, "Read-only file system")
 
-    monkeypatch.setattr(output_gate, "new_file", full)
+    monkeypatch.setattr(files, "new_file", full)
     assert "Read-only file system" in refused(tmp_path / "new")
     with pytest.raises(OutputError, match="Read-only"):
         check_folder(tmp_path / "new" / "deep")

@@ -96,7 +96,7 @@ def test_both_eyes_are_written_as_they_are_read(
 ) -> None:
     plate = write_clip(tmp_path / "in.mp4", 2, size=size)
     write_spherical(plate, SphericalMetadata(stereo=stereo))
-    from mr360uw.video.formats import EncodeSettings
+    from mr360uw.video.clip import EncodeSettings
 
     with open_video(plate, eye="both") as video:
         frames = list(video.frames())

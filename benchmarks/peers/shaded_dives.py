@@ -22,10 +22,9 @@ from mr360uw.composite import Shot
 from mr360uw.ibl.lighting import assemble
 from mr360uw.ibl.plate import COARSE_COLUMNS, COARSE_ROWS
 from mr360uw.render.backends import Reference
-from mr360uw.render.first_pass import ClipAnalysis
+from mr360uw.render.first_pass import ClipAnalysis, background_series
 from mr360uw.render.frame import frame_shots, measure_plate
 from mr360uw.render.loaded import Loaded, load
-from mr360uw.render.plate_pattern import background_series
 from mr360uw.sample.dive_settings import DiveSettings
 from mr360uw.sample.rendered_dive import SENSOR, Dive
 from mr360uw.scene.model import scene_from_dict

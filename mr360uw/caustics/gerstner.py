@@ -43,9 +43,8 @@ from mr360uw.caustics.sea import (
     peak_wavelength,
 )
 from mr360uw.errors import ParameterError
-from mr360uw.parameters import Parameters, advanced, listed, parameter
-from mr360uw.shapes import exactly, numbers
-from mr360uw.texels import smoothstep
+from mr360uw.parameters import Parameters, advanced, exactly, listed, numbers, parameter
+from mr360uw.sphere import smoothstep
 from mr360uw.types import Array
 
 Complex = NDArray[np.complex128]

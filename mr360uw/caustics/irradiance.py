@@ -61,7 +61,7 @@ from mr360uw.optics import fresnel_transmittance as fresnel_transmittance
 from mr360uw.optics import refract_to_air as refract_to_air
 from mr360uw.optics import refract_to_water as refract_to_water
 from mr360uw.optics import sea_water_index as sea_water_index
-from mr360uw.shapes import checked, instance, numbers, whole
+from mr360uw.parameters import checked, instance, numbers, whole
 from mr360uw.sphere import unit
 from mr360uw.types import BeamSpread, CausticStack, Floats, Surface
 

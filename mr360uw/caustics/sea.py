@@ -27,9 +27,8 @@ from pydantic import model_validator
 
 from mr360uw.cache import shared
 from mr360uw.constants import GRAVITY_M_S2, SURFACE_TENSION_OVER_DENSITY
-from mr360uw.parameters import FULL_TURN_DEG, Parameters, advanced, parameter
-from mr360uw.shapes import common_shape, number
-from mr360uw.texels import between_four, texels_around
+from mr360uw.parameters import FULL_TURN_DEG, Parameters, advanced, common_shape, number, parameter
+from mr360uw.sphere import between_four, texels_around
 from mr360uw.types import Array, Floats, Surface
 
 _POINTS_AT_ONCE = 1 << 13

@@ -25,8 +25,7 @@ from mr360uw.caustics.gerstner import GerstnerSea
 from mr360uw.caustics.spectral import SpectralSea
 from mr360uw.constants import REFRACTIVE_INDEX_SEA, SUN_HALF_ANGLE_RAD
 from mr360uw.errors import ParameterError
-from mr360uw.parameters import Parameters, advanced, listed, parameter
-from mr360uw.shapes import number
+from mr360uw.parameters import Parameters, advanced, listed, number, parameter
 
 _RATIO = 0.11
 """Greatest r. The error of maps with the sun overhead is 0.3 to 0.7 r of their standard deviation, as measured.

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args, get_type_hi
 import typer
 
 from mr360uw.errors import ParameterError
-from mr360uw.output_gate import check_folder, check_outputs
+from mr360uw.files import check_folder, check_outputs
 from mr360uw.reading.input_files import unreadable
 
 if TYPE_CHECKING:

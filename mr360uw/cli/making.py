@@ -49,7 +49,7 @@ def new(
     outside_files: Annotated[bool, typer.Option("--outside-files", help="MESH may name files elsewhere")] = False,
 ) -> None:
     """Look at VIDEO and MESH, and write a scene that puts one into the other, with a preview; say what was guessed."""
-    from mr360uw.composite.mesh.up_axis import Up
+    from mr360uw.composite.mesh.ply_stl import Up
     from mr360uw.first_look.first_scene import make_first_scene
     from mr360uw.first_look.place_in_plate import Wish
 
@@ -215,7 +215,7 @@ def track(
 
     With --from, convert the path that another program has solved.
     """
-    from mr360uw.output_gate import check_work_folder
+    from mr360uw.files import check_work_folder
     from mr360uw.track.camera_track import Measure, parse_length, track_files
 
     if solved is not None:
@@ -345,7 +345,7 @@ def _solve(
     overwrite: bool,
 ) -> None:
     """Track the shots of a clip and write a track for each; keep the work beside the output until all is done."""
-    from mr360uw.output_gate import remove_work_folder
+    from mr360uw.files import remove_work_folder
     from mr360uw.progress import terminal_progress
     from mr360uw.track.camera_track import shot_path, track_files
     from mr360uw.track.tracking import report_lines, track_shots

@@ -96,7 +96,7 @@ def match(
     overwrite: OverwriteOption = False,
 ) -> None:
     """Fit SCENE's sea or water to what its plate shows, and print the changes as --set takes them."""
-    from mr360uw.output_gate import check_outputs
+    from mr360uw.files import check_outputs
     from mr360uw.progress import terminal_progress
     from mr360uw.scene.model import files_of, load_scene
     from mr360uw.scene.resolved import open_plate

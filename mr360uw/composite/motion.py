@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Keyed motion: position, rotation and scale over time, and tracks of the camera.
+"""Motion: keys of position, rotation and scale over time, tracks of the camera, and meshes that move.
 
 Rotations are (yaw, pitch, roll): roll first (right side down), then pitch (nose up), then yaw (nose to the right),
 for a body that looks along -z with +y up. Between keys rotations take the shortest arc (slerp, Shoemake 1985);
@@ -9,24 +9,28 @@ Before the first and after the last key everything is at rest.
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from mr360uw.caustics.settings import Sea
-from mr360uw.composite.mesh.mesh import Mesh
-from mr360uw.composite.settings import Front, Interpolation, LampSettings, ObjectSettings
-from mr360uw.errors import ParameterError
+from mr360uw.composite.mesh.material import MeshFile, Rigging
+from mr360uw.composite.mesh.mesh import Mesh, Unit, mesh_of_file, object_from_file, proper_triangles, read_mesh_file
+from mr360uw.composite.mesh.ply_stl import Up
+from mr360uw.composite.mesh.polygons import corner_normals, placed
+from mr360uw.composite.mesh.skin import Animation
+from mr360uw.composite.settings import Front, Interpolation, LampSettings, Loop, ObjectSettings
+from mr360uw.errors import MeshError, ParameterError
 from mr360uw.ibl.tilt import level_matrix, roll_pitch
 from mr360uw.medium.spectra import read_table
-from mr360uw.parameters import LATEST_S
-from mr360uw.shapes import checked
+from mr360uw.parameters import LATEST_S, checked
 from mr360uw.sphere import yaw_matrix
 from mr360uw.types import Floats
 
@@ -231,3 +235,266 @@ def curve_through(places: ArrayLike, values: Floats, *, smooth: bool) -> Callabl
 
     x = np.asarray(places, np.float64)
     return PchipInterpolator(x, values, axis=0) if smooth else make_interp_spline(x, values, k=1)
+
+
+# --- Meshes that move -----------------------------------------------------------------------------------------------
+
+# Meshes that move: a mesh at rest, what moves it, and which clip of its file an object plays.
+#
+# A pose has the triangles, texture coordinates and materials of the mesh at rest. Its positions and normals are
+# evaluated in float64; its hull is a 26-DOP of its vertices.
+
+
+@dataclass(frozen=True, eq=False)
+class Rig:
+    """A mesh at rest and what moves it; the last few poses are kept, so that objects in step share their meshes.
+
+    Its caches hold a copy of it, not itself: a reference circle would keep all poses until the garbage collector runs.
+
+    mesh: at rest, but with scales of 0 as 1, because what is hidden at rest may show later.
+
+    rigging: None where nothing moves; else its bodies are those of the mesh. faces: for each body (t, 3), the vertices
+    of its triangles in the mesh's order. place: transform (4, 4) from the file's coordinates to the mesh's [m].
+    """
+
+    mesh: Mesh
+    place: Floats
+    rigging: Rigging | None = None
+    faces: tuple[NDArray[np.int64], ...] = ()
+
+    @property
+    def resting(self) -> Mesh:
+        """The mesh as it rests in the file, with what scales of 0 hide."""
+        folded = self.rigging is not None and self.rigging.skeleton.folded
+        return self.at(Animation("", ()), 0.0) if folded else self.mesh
+
+    @functools.cached_property
+    def at(self) -> Callable[[Animation, float], Mesh]:
+        """Function that returns the mesh at a time of a clip [s], counted from the clip's own zero."""
+        return functools.lru_cache(_KEPT_POSES)(functools.partial(pose, replace(self)))
+
+    @functools.cached_property
+    def clip(self) -> Callable[[int], Animation]:
+        """Function that returns the animation of a number, see `Rigging.read_clip`."""
+        assert self.rigging is not None
+        return functools.cache(self.rigging.read_clip)
+
+    @functools.cached_property
+    def bounds(self) -> Callable[[Animation], Floats]:
+        """Function that returns `clip_bounds`."""
+        return functools.cache(functools.partial(clip_bounds, replace(self)))
+
+
+def load_rig(
+    path: Path,
+    unit: Unit = "auto",
+    outside: bool = False,
+    smooth_deg: float | None = None,
+    up: Up = "auto",
+    place: Floats | None = None,
+    part: str = "",
+) -> Rig:
+    """Return the mesh of a file and what moves it; arguments and errors are those of `load_mesh`.
+
+    place: where the file's coordinates are in the object's, of a sequence whose first file told it.
+    """
+    file = _unfolded(read_mesh_file(path, outside=outside, smooth_deg=smooth_deg))
+    place, notes = object_from_file(path, file, unit, up) if place is None else (place, ())
+    mesh = mesh_of_file(path, file, place, unit, part)
+    return _rig(file, replace(mesh, notes=mesh.notes + notes), place, part)
+
+
+def _unfolded(file: MeshFile) -> MeshFile:
+    """Return a file with its parts as if no node had a scale of 0 at rest."""
+    if file.rigging is None or not file.rigging.skeleton.folded:
+        return file
+    pose_, parts = file.rigging.skeleton.unfolded(), []
+    for part, body in zip(file.parts, file.rigging.bodies, strict=True):
+        positions, normals, faces = body.at(pose_)
+        parts.append(replace(part, positions=positions, normals=normals, faces=faces))
+    return replace(file, parts=tuple(parts))
+
+
+def _rig(file: MeshFile, mesh: Mesh, place: Floats, part: str) -> Rig:
+    if file.rigging is None:
+        return Rig(mesh, place)
+    pairs = zip(file.parts, file.rigging.bodies, strict=True)
+    kept = [(p, body) for p, body in pairs if part in p.name and len(p.faces)]
+    corners = np.concatenate([placed(place, p.positions, None, p.faces)[0][p.faces] for p, _ in kept])
+    proper = np.split(proper_triangles(corners), np.cumsum([len(p.faces) for p, _ in kept])[:-1])
+    faces = tuple(p.faces[keep] for (p, _), keep in zip(kept, proper, strict=True))
+    rigging = replace(file.rigging, bodies=tuple(body for _, body in kept))
+    return Rig(mesh, place, rigging, faces)
+
+
+def surfaces(rig: Rig, clip: Animation, time_s: float) -> list[tuple[Floats, Floats | None]]:
+    """Return positions (V, 3) [m] and normals (V, 3), or None, of the vertices of each body at a time of a clip [s].
+
+    A mirror turns normals round; the winding of the triangles stays that at rest.
+    """
+    assert rig.rigging is not None
+    state = rig.rigging.skeleton.at(clip, time_s)
+    return [placed(rig.place, *body.at(state))[:2] for body in rig.rigging.bodies]
+
+
+def pose(rig: Rig, clip: Animation, time_s: float) -> Mesh:
+    """Return the mesh at a time of a clip [s], counted from the clip's own zero."""
+    found = surfaces(rig, clip, time_s)
+    corners = [points.take(faces, axis=0) for (points, _), faces in zip(found, rig.faces, strict=True)]
+    normals = [
+        corner_normals(corner, normal, faces)
+        for (_, normal), corner, faces in zip(found, corners, rig.faces, strict=True)
+    ]
+    positions, points = _joined(corners), _joined([points for points, _ in found])
+    return replace(
+        rig.mesh,
+        positions=positions,
+        normals=_joined(normals),
+        hull=slab_hull(slabs(points), points.mean(axis=0)),
+        rest=rig.mesh,
+    )
+
+
+def _joined(arrays: list[Floats]) -> Floats:
+    """Return arrays one after the other; one array without a copy."""
+    return arrays[0] if len(arrays) == 1 else np.concatenate(arrays)
+
+
+_KEPT_POSES = 8
+_BOUND_INSTANTS = 49
+"""Times of a clip at which its bounds are found, the first and the last among them. Twice as many halve the margin that
+is left for what happens between them, and take twice the time to load."""
+_NOTED_INSTANTS = 17
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Playback:
+    """A clip as an object plays it: at the video's time t it shows the clip's time start_s + speed t."""
+
+    rig: Rig
+    clip: Animation
+    loop: Loop
+    speed: float
+    start_s: float
+
+    @property
+    def moves(self) -> bool:
+        """Whether the pose changes with time."""
+        return self.clip.duration_s > 0.0 and self.speed != 0.0
+
+    @property
+    def bounds(self) -> Floats:
+        """Triangles (h, 3, 3) of a convex body that holds every pose of the clip."""
+        return self.rig.bounds(self.clip)
+
+    @property
+    def instants(self) -> Floats:
+        """Times (n,) of the video [s], from 0, that show all of the clip."""
+        if not self.moves:
+            return np.zeros(1)
+        return np.linspace(0.0, (self.clip.duration_s + abs(self.start_s)) / abs(self.speed), _NOTED_INSTANTS)
+
+    def at(self, time_s: float) -> Mesh:
+        """Return the mesh at a time of the video [s]."""
+        elapsed = looped(self.start_s + self.speed * time_s, self.clip.duration_s, self.loop)
+        return self.rig.at(self.clip, self.clip.first_s + elapsed)
+
+
+def looped(time_s: float, duration_s: float, loop: Loop) -> float:
+    """Return the time in [0, duration_s] that a clip shows at any time, before 0 and after its end, too."""
+    if duration_s <= 0.0:
+        return 0.0
+    if loop == "once":
+        return min(max(time_s, 0.0), duration_s)
+    if loop == "repeat":
+        return time_s % duration_s
+    return duration_s - abs(time_s % (2.0 * duration_s) - duration_s)
+
+
+_SLAB_MARGIN = 1e-5
+"""What a hull of slabs is larger by on every side, in terms of the extent: it keeps flat bodies from having no inside.
+A hundredth of a pixel for a body that fills a frame of 1000 rows."""
+SLAB_AXES = np.array([
+    (1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 1, 0), (1, -1, 0), (1, 0, 1), (1, 0, -1), (0, 1, 1), (0, 1, -1),
+    (1, 1, 1), (1, 1, -1), (1, -1, 1), (1, -1, -1),
+], np.float64)  # fmt: skip
+"""Normals, not unit, of the pairs of planes about a pose: of faces, edges and corners of a cube."""
+
+
+def slabs(points: Floats) -> Floats:
+    """Return the least and the greatest coordinate (13, 2) of points (n, 3) along `SLAB_AXES`."""
+    along = np.einsum("ak,vk->av", SLAB_AXES, points)
+    return np.stack([along.min(axis=1), along.max(axis=1)], axis=-1)
+
+
+def slab_hull(bounds: Floats, inside: Floats, more: float = 0.0) -> Floats:
+    """Return the triangles (h, 3, 3) of the convex body between planes at `bounds` (13, 2), as `slabs` returns them.
+
+    It holds all the points, and its bounding box is theirs but for `_SLAB_MARGIN`: a hull for poses, found in a
+    millisecond (Klosowski et al. 1998, 26-DOP). inside: a point (3,) of their convex hull, such as their mean.
+    more: what it is larger by on every side.
+    """
+    from scipy.spatial import ConvexHull, HalfspaceIntersection
+
+    extent = float(np.max(bounds[:3, 1] - bounds[:3, 0]))
+    margin = _SLAB_MARGIN * (extent if extent > 0.0 else 1.0)  # an animation may hide a body by the scale 0
+    wider = (margin + more) * np.linalg.norm(SLAB_AXES, axis=-1, keepdims=True)
+    planes = np.concatenate([
+        np.append(SLAB_AXES, -bounds[:, 1:] - wider, axis=1), np.append(-SLAB_AXES, bounds[:, :1] - wider, axis=1)
+    ])  # fmt: skip
+    points = HalfspaceIntersection(planes, inside).intersections
+    return np.asarray(points[ConvexHull(points).simplices])
+
+
+def clip_bounds(rig: Rig, clip: Animation) -> Floats:
+    """Return the triangles (h, 3, 3) of a convex body that holds the poses of a clip.
+
+    It holds them at even instants. In between a vertex is taken to be within half the longest way that one goes from
+    one instant to the next, of where it is at the nearer of them: true where it goes straight, or nearly so.
+    """
+    bounds, inside, way = [], np.zeros(3), 0.0
+    before: Floats | None = None
+    for time_s in clip.first_s + np.linspace(0.0, clip.duration_s, _BOUND_INSTANTS if clip.duration_s > 0.0 else 1):
+        points = np.concatenate([points for points, _ in surfaces(rig, clip, float(time_s))])
+        bounds.append(slabs(points))
+        inside = points.mean(axis=0)
+        way = way if before is None else max(way, float(np.max(np.linalg.norm(points - before, axis=-1))))
+        before = points
+    every = np.stack([np.min([b[:, 0] for b in bounds], axis=0), np.max([b[:, 1] for b in bounds], axis=0)], axis=-1)
+    return slab_hull(every, inside, 0.5 * way)
+
+
+def playback(settings: ObjectSettings, rig: Rig, *, sequence: bool) -> tuple[Playback | None, tuple[str, ...]]:
+    """Return what an object plays, or None, and notes for the user.
+
+    sequence: it has a mesh for every frame, which leaves nothing to play. Raises `MeshError` where the animation that
+    the scene names is not there, or broken.
+    """
+    rigging = None if sequence else rig.rigging
+    names = () if rigging is None else rigging.clips
+    wanted = settings.animation
+    number = _number(wanted, names)
+    if number is None:
+        if wanted in ("", "auto"):
+            return None, ()
+        there = ", ".join(repr(name) for name in names) if names else "none"
+        why = "a sequence plays its meshes" if sequence else f"there are: {there}"
+        raise MeshError(f"{settings.mesh} - no animation of that name or number (got {wanted!r}) - {why}")
+    clip = rig.clip(number)
+    notes: list[str] = []
+    if wanted == "auto" and len(names) > 1:
+        others = ", ".join(repr(name) for name in names)
+        notes.append(f"{settings.mesh} - plays the first of its animations - set animation to choose of: {others}")
+    if not clip.channels:
+        notes.append(f"{settings.mesh} - its animation {clip.name!r} moves nothing that is drawn - it rests")
+    return Playback(rig, clip, settings.loop, settings.speed, settings.start_s), tuple(notes)
+
+
+def _number(wanted: Any, names: tuple[str, ...]) -> int | None:
+    """Return the number of the animation that a scene asks for by name or number, None where there is none."""
+    if wanted == "":
+        return None
+    if wanted in names:
+        return names.index(wanted)
+    number = 0 if wanted == "auto" else int(wanted) if str(wanted).isdecimal() else len(names)
+    return number if number < len(names) else None

@@ -12,7 +12,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, field_validator, model_validator
 
-from mr360uw.composite.mesh.up_axis import Up
+from mr360uw.composite.mesh.ply_stl import Up
 from mr360uw.constants import MAXIMUM_SUN_SAMPLES
 from mr360uw.ibl.settings import EXPOSURE
 from mr360uw.parameters import LATEST_S, Parameters, advanced, parameter

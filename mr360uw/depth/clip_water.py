@@ -17,8 +17,8 @@ from mr360uw.depth.sphere_stereo import SURE, DepthMap
 from mr360uw.errors import ParameterError
 from mr360uw.medium.open_water import structure
 from mr360uw.medium.water_by_distance import SeenPlaces, WaterByDistance, water_by_distance
+from mr360uw.parameters import checked
 from mr360uw.progress import Progress, Steps
-from mr360uw.shapes import checked
 from mr360uw.sphere import directions, frame_from_direction
 from mr360uw.track.camera_track import CameraTrack
 from mr360uw.types import Array, Floats

@@ -19,11 +19,19 @@ from numpy.typing import NDArray
 from mr360uw.depth.sphere_stereo import DepthMap
 from mr360uw.depth.warping import Map
 from mr360uw.errors import OutputExistsError, VideoError
-from mr360uw.files import NewFile, WrittenFiles, is_pattern, matching_files, whole_file, write_whole
-from mr360uw.output_gate import locked_work_folder, made_folder, work_path
+from mr360uw.files import (
+    NewFile,
+    WrittenFiles,
+    is_pattern,
+    locked_work_folder,
+    made_folder,
+    matching_files,
+    whole_file,
+    work_path,
+    write_whole,
+)
 from mr360uw.reading.disk_cache import CachedReads
-from mr360uw.reading.input_files import json_of, note_read, read_text
-from mr360uw.reading.picture_parts import picture_size
+from mr360uw.reading.input_files import json_of, note_read, picture_size, read_text
 from mr360uw.video import read_picture
 from mr360uw.video.exr import check_exr, read_exr, read_rgb, write_exr
 

@@ -14,15 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.color import luminance
-from mr360uw.composite.mesh.up_axis import Up
+from mr360uw.composite.mesh.ply_stl import Up
 from mr360uw.composite.settings import ObjectSettings
 from mr360uw.errors import ParameterError, SceneError, VideoError
-from mr360uw.files import whole_file
+from mr360uw.files import check_outputs, whole_file
 from mr360uw.first_look.observations import Eye, PlateLook, look_at_mesh, look_at_plate
 from mr360uw.first_look.place_in_plate import ShownDistance, Wish
 from mr360uw.first_look.proposal import brightness_lines, found_lines, propose, scene_lines
 from mr360uw.ibl.sun.detect import SunFound
-from mr360uw.output_gate import check_outputs
 from mr360uw.preview.live import COARSE_WIDTH, LivePreview, coarse, screen_picture
 from mr360uw.reading.input_files import read_json
 from mr360uw.render.check import possible_outputs

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from mr360uw.color import luminance
 from mr360uw.composite import Mesh
 from mr360uw.composite.mesh.mesh import METRES, Unit, mesh_of_file, object_from_file, read_mesh_file
-from mr360uw.composite.mesh.up_axis import Habit, Kind, Up, asymmetry, kind_of, surface_points, up_axis
+from mr360uw.composite.mesh.ply_stl import Habit, Kind, Up, asymmetry, kind_of, surface_points, up_axis
 from mr360uw.composite.settings import Front
 from mr360uw.errors import VideoError
 from mr360uw.ibl import environment
@@ -30,7 +30,7 @@ from mr360uw.scene.resolved import eyes_of_plate, pose_of_plate, projection_note
 from mr360uw.sphere import directions, frame_from_direction, row_solid_angle
 from mr360uw.types import Floats
 from mr360uw.video import VideoReader, open_video
-from mr360uw.video.formats import PICTURE_SUFFIXES, Projection, projection_of
+from mr360uw.video.clip import PICTURE_SUFFIXES, Projection, projection_of
 from mr360uw.video.layout import EyesSeen
 from mr360uw.video.picture_shape import ONE_PICTURE, SHOWN_PROJECTIONS, shown_projection, way_out
 

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.color import luminance
-from mr360uw.composite.mesh.up_axis import Habit
+from mr360uw.composite.mesh.ply_stl import Habit
 from mr360uw.errors import ParameterError
 from mr360uw.first_look.observations import MeshLook, PlateLook, red_ratio
 from mr360uw.sphere import direction_from_angles, frame_from_direction

@@ -32,7 +32,7 @@ from mr360uw.medium.waterfit import CONFIDENT
 from mr360uw.scene.model import CameraSettings, PlateSettings, Scene
 from mr360uw.scene.toml_model import toml_value
 from mr360uw.types import Array, Floats
-from mr360uw.video.formats import FISHEYE_FOV_DEG
+from mr360uw.video.clip import FISHEYE_FOV_DEG
 from mr360uw.video.layout import EYES_APART_M
 
 _DEPTH_M = 6.0

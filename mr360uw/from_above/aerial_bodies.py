@@ -25,14 +25,12 @@ from numpy.typing import NDArray
 from mr360uw.cache import Cache
 from mr360uw.caustics import CausticSettings, caustic_stack
 from mr360uw.composite.at_surface.surface_layer import cut_at_surface
-from mr360uw.composite.at_surface.surface_rays import balls_around
-from mr360uw.composite.at_surface.water_sides import WaterSides
-from mr360uw.composite.objects import SceneObject
-from mr360uw.composite.over import empty_tile
+from mr360uw.composite.at_surface.surface_rays import WaterSides, balls_around
+from mr360uw.composite.objects import PlacedObject, SceneObject, Shot
 from mr360uw.composite.raycast import gather
 from mr360uw.composite.reference import render_layer
 from mr360uw.composite.settings import SurfaceSettings
-from mr360uw.composite.shot import PlacedObject, Shot
+from mr360uw.composite.tiles import empty_tile
 from mr360uw.constants import PI
 from mr360uw.ibl.lighting import assemble
 from mr360uw.ibl.plate import COARSE_COLUMNS, COARSE_ROWS

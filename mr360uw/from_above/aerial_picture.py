@@ -15,12 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.color import ColorSpec
-from mr360uw.composite.objects import load_objects, on_the_floor, on_the_sea
-from mr360uw.composite.over import over
-from mr360uw.composite.shot import Receiver
+from mr360uw.composite.objects import Receiver, load_objects, on_the_floor, on_the_sea
+from mr360uw.composite.tiles import over
 from mr360uw.constants import CLEAR_SKY_B, CLEAR_SKY_G, CLEAR_SKY_R, LUMINANCE_B, LUMINANCE_G, LUMINANCE_R, PI
 from mr360uw.errors import OutputExistsError, ParameterError
-from mr360uw.files import is_pattern, matching_files, numbered
+from mr360uw.files import check_outputs, is_pattern, matching_files, numbered
 from mr360uw.from_above.aerial_bodies import (
     AerialBodies,
     brightened,
@@ -34,14 +33,13 @@ from mr360uw.medium import Medium, Water
 from mr360uw.medium.lookup import FormationModel
 from mr360uw.medium.medium import RGB_NM, Mode
 from mr360uw.medium.spectra import named_sensor
-from mr360uw.output_gate import check_outputs
+from mr360uw.parameters import checked
 from mr360uw.progress import Progress
 from mr360uw.published import blended_albedo, thresholded_reflection
 from mr360uw.reading.input_files import FRAMES, files_read
 from mr360uw.sample.dive_settings import DiveSettings
 from mr360uw.sample.rendered_dive import sea_bed
 from mr360uw.scene.model import files_of
-from mr360uw.shapes import checked
 from mr360uw.sphere import direction_from_angles, directions, row_solid_angle, yaw_matrix
 from mr360uw.surface import Floor, SeaScene, SurfacePicture
 from mr360uw.surface.ray_kernel import RayStage
@@ -49,9 +47,8 @@ from mr360uw.surface.sea_picture import rendered
 from mr360uw.surface.sky import CLEAR, OVERCAST, standard_sky
 from mr360uw.types import Array, Floats, Layer, Sun, View
 from mr360uw.video import VideoFrame, create_video
-from mr360uw.video.clip import Clip
+from mr360uw.video.clip import PICTURE_SUFFIXES, Clip
 from mr360uw.video.exr import Part, write_exr
-from mr360uw.video.formats import PICTURE_SUFFIXES
 from mr360uw.video.opening import open_video
 from mr360uw.video.picture_file import read_picture
 

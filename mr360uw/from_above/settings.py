@@ -18,11 +18,10 @@ from mr360uw.color import Transfer
 from mr360uw.composite.settings import ObjectSettings
 from mr360uw.constants import SUN_HALF_ANGLE_RAD
 from mr360uw.medium.settings import WaterKindSettings
-from mr360uw.parameters import Parameters, parameter
+from mr360uw.parameters import Parameters, checked, parameter
 from mr360uw.scene.handbook import parameters_markdown
 from mr360uw.scene.toml_model import load_model
-from mr360uw.shapes import checked
-from mr360uw.video.formats import EncodeSettings
+from mr360uw.video.clip import EncodeSettings
 
 Vector = tuple[float, float, float]
 Positive = Annotated[float, Field(ge=0.0, le=1e6)]

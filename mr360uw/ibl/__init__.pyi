@@ -1,10 +1,9 @@
 from .filters import glossy_beam, irradiance, prefilter, split_sum
-from .lighting import environment
+from .lighting import environment, environment_from_yuv
 from .plate import expand
 from .settings import LightSettings
 from .sun.detect import detect_sun
 from .sun.track import SunMeasurement, SunTrack, load_track, measure_sun, save_track, track_suns
-from .yuv import environment_from_yuv
 
 __all__ = [
     "LightSettings",

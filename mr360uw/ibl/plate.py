@@ -22,10 +22,9 @@ from mr360uw.ibl.lookup import reduce_map, reduce_maximum, resize_map
 from mr360uw.ibl.settings import LightSettings
 from mr360uw.ibl.tilt import LEVEL, elevation_sine, frame_sines, upward
 from mr360uw.optics import snell_elevation
+from mr360uw.parameters import checked, is_finite, real
 from mr360uw.published import enhancement_gain, pointwise_gain
-from mr360uw.shapes import checked, is_finite, real
-from mr360uw.sphere import Array, directions, frame_from_direction, row_solid_angle, unit
-from mr360uw.texels import smoothstep
+from mr360uw.sphere import Array, directions, frame_from_direction, row_solid_angle, smoothstep, unit
 from mr360uw.types import Floats
 
 COARSE_SCALE = 4

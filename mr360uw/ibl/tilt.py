@@ -26,7 +26,7 @@ from mr360uw.color import luminance
 from mr360uw.constants import REFRACTIVE_INDEX_SEA
 from mr360uw.errors import ParameterError
 from mr360uw.optics import snell_elevation
-from mr360uw.shapes import exactly
+from mr360uw.parameters import exactly
 from mr360uw.sphere import Array, directions, row_solid_angle, unit
 from mr360uw.types import Floats
 

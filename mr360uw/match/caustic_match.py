@@ -29,9 +29,9 @@ from mr360uw.match.floor_series import (
 from mr360uw.medium.lookup import ambient_ratio, beam_fraction, unscattered_share
 from mr360uw.medium.scattered_light import spread_of
 from mr360uw.optics import refract_to_water
+from mr360uw.parameters import checked
 from mr360uw.progress import Progress
 from mr360uw.scene.model import Scene
-from mr360uw.shapes import checked
 from mr360uw.types import Array, BeamSpread, Floats
 
 _LEAST_CONTRAST = 0.03

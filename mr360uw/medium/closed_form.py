@@ -22,7 +22,7 @@ from mr360uw.errors import ParameterError
 from mr360uw.medium.phase import Phase, wide_angle_moments
 from mr360uw.medium.spectra import Spectrum
 from mr360uw.medium.water import JerlovType, Water, molecular_part
-from mr360uw.shapes import checked, common_shape, exactly, numbers
+from mr360uw.parameters import checked, common_shape, exactly, numbers
 from mr360uw.types import Array
 
 

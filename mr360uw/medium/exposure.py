@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 from mr360uw.color import luminance
 from mr360uw.medium.medium import Medium
 from mr360uw.medium.open_water import LEVEL_RAD, PlateProfile
-from mr360uw.shapes import checked, exactly, numbers, vectors
+from mr360uw.parameters import checked, exactly, numbers, vectors
 from mr360uw.types import Array, Floats, sample_step
 
 _TINY = 1e-300

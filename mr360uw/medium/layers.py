@@ -44,7 +44,7 @@ from mr360uw.medium.ray_field import (
 from mr360uw.medium.spectra import read_columns
 from mr360uw.medium.transfer import STREAMS_PER_HEMISPHERE
 from mr360uw.optics import critical_cosine, fresnel_from_below
-from mr360uw.shapes import checked, exactly, numbers
+from mr360uw.parameters import checked, exactly, numbers
 from mr360uw.threads import one_blas_thread
 from mr360uw.types import Array
 

@@ -25,7 +25,7 @@ from mr360uw.medium.ray_field import LambertFloor, Sky, SurfaceKind
 from mr360uw.medium.spectra import DEFAULT_ILLUMINANT, Sensor, checked_sensor
 from mr360uw.medium.water import Water
 from mr360uw.medium.wavelengths import Bands, Rule, bands
-from mr360uw.shapes import checked, common_shape, exactly, instance, number
+from mr360uw.parameters import checked, common_shape, exactly, instance, number
 from mr360uw.threads import one_blas_thread
 from mr360uw.types import Array, Floats, MediumTable
 

@@ -22,7 +22,7 @@ from mr360uw.medium.ray_field import LambertFloor, Sky, SurfaceKind
 from mr360uw.medium.transfer import STREAMS_PER_HEMISPHERE, LightField
 from mr360uw.medium.water import Water
 from mr360uw.optics import critical_cosine
-from mr360uw.shapes import checked
+from mr360uw.parameters import checked
 from mr360uw.types import Array
 
 

@@ -25,8 +25,8 @@ from mr360uw.color import luminance
 from mr360uw.constants import PI
 from mr360uw.errors import ParameterError
 from mr360uw.medium.medium import Medium
-from mr360uw.shapes import exactly, numbers, real, vectors
-from mr360uw.texels import smoothstep
+from mr360uw.parameters import exactly, numbers, real, vectors
+from mr360uw.sphere import smoothstep
 from mr360uw.types import Array, Floats
 
 _BLACK = 1e-30

@@ -21,7 +21,7 @@ from mr360uw.cache import shared
 from mr360uw.constants import INV_4PI, PI
 from mr360uw.errors import ParameterError
 from mr360uw.medium.spectra import builtin_table, read_columns
-from mr360uw.shapes import checked, exactly, numbers
+from mr360uw.parameters import checked, exactly, numbers
 from mr360uw.sphere import gauss_legendre
 from mr360uw.types import Array
 

@@ -25,7 +25,7 @@ from mr360uw.jit import exact, fast
 from mr360uw.medium.closed_form import check_ray, ray_in_water
 from mr360uw.medium.phase import legendre_polynomials
 from mr360uw.optics import fresnel_from_below
-from mr360uw.shapes import checked
+from mr360uw.parameters import checked
 from mr360uw.sphere import gauss_legendre
 from mr360uw.types import Array
 

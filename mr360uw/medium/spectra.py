@@ -16,9 +16,9 @@ from numpy.typing import ArrayLike
 
 from mr360uw.color import colour_science
 from mr360uw.errors import ParameterError
+from mr360uw.parameters import checked, file_path, instance, numbers, real, vectors
 from mr360uw.plot import Figure, Shown
 from mr360uw.reading.input_files import read_text
-from mr360uw.shapes import checked, file_path, instance, numbers, real, vectors
 from mr360uw.types import Array
 
 

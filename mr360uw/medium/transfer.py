@@ -50,7 +50,7 @@ from mr360uw.medium.ray_field import (
     sky_parts,
 )
 from mr360uw.optics import critical_cosine, fresnel_from_below
-from mr360uw.shapes import checked, common_shape, numbers
+from mr360uw.parameters import checked, common_shape, numbers
 from mr360uw.threads import one_blas_thread
 from mr360uw.types import Array
 

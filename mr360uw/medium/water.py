@@ -24,8 +24,8 @@ from mr360uw.constants import MEAN_COSINE_SEA
 from mr360uw.errors import ParameterError
 from mr360uw.medium.phase import Mixture, Phase, backscatter_ratio, check_phase, particles_of_backscatter
 from mr360uw.medium.spectra import Spectrum, builtin_spectrum, builtin_table, read_columns
+from mr360uw.parameters import checked, exactly, number, numbers
 from mr360uw.plot import Figure, Shown
-from mr360uw.shapes import checked, exactly, number, numbers
 from mr360uw.types import Array
 
 JerlovType = Literal["I", "IA", "IB", "II", "III", "1C", "3C", "5C", "7C", "9C"]

@@ -25,7 +25,7 @@ from mr360uw.medium.medium import Medium
 from mr360uw.medium.open_water import PlateProfile
 from mr360uw.medium.spectra import Sensor
 from mr360uw.medium.water import JERLOV_TYPES, JerlovType, Water
-from mr360uw.shapes import checked, number, whole
+from mr360uw.parameters import checked, number, whole
 from mr360uw.types import Array, Floats
 
 Name = TypeVar("Name", bound=str)

@@ -25,11 +25,10 @@ from mr360uw.parameters import Parameters
 from mr360uw.progress import Progress
 from mr360uw.reading.disk_cache import CachedReads, Stamp, stamp
 from mr360uw.render.backends import close_backend, make_backend
-from mr360uw.render.first_pass import ClipAnalysis, clip_analysis
+from mr360uw.render.first_pass import Background, ClipAnalysis, clip_analysis, waves_of
 from mr360uw.render.frame import Frame, composite_frame
 from mr360uw.render.loaded import Loaded, Loader
 from mr360uw.render.match_stage import grade_in_frame, patch_frames
-from mr360uw.render.plate_pattern import Background, waves_of
 from mr360uw.scene.model import Scene, at_scale
 from mr360uw.scene.resolved import open_plate
 from mr360uw.sphere import frame_from_direction, yaw_matrix

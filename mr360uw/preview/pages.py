@@ -15,10 +15,9 @@ from numpy.typing import NDArray
 
 from mr360uw.color import in_plate_primaries
 from mr360uw.errors import ParameterError, VideoError
-from mr360uw.files import write_whole
+from mr360uw.files import check_outputs, write_whole
 from mr360uw.ibl import SunTrack
 from mr360uw.medium.settings import WaterSettings
-from mr360uw.output_gate import check_outputs
 from mr360uw.preview.live import LivePreview, Perspective, encoded, look, narrowed
 from mr360uw.progress import Progress
 from mr360uw.reading.input_files import files_read
@@ -30,9 +29,9 @@ from mr360uw.scene.model import PlateSettings, Scene, at_scale, files_of, load_s
 from mr360uw.scene.resolved import open_plate
 from mr360uw.types import Floats
 from mr360uw.video import VideoFrame
-from mr360uw.video.formats import PICTURE_SUFFIXES
+from mr360uw.video.clip import PICTURE_SUFFIXES
 from mr360uw.video.pixels.planes import codes_from_linear
-from mr360uw.video.video_frame import whole_frame
+from mr360uw.video.reader import whole_frame
 from mr360uw.video.writer import picture_codes, write_picture
 
 if TYPE_CHECKING:

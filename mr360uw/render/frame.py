@@ -24,9 +24,9 @@ from mr360uw.caustics.settings import CausticSettings
 from mr360uw.color import unseen_change
 from mr360uw.composite.aovs import Aovs
 from mr360uw.composite.lighting.light_sources import lamps_of, sun_of
-from mr360uw.composite.over import mean_layer
+from mr360uw.composite.objects import Shot, object_presence
 from mr360uw.composite.settings import DrawSettings
-from mr360uw.composite.shot import Shot, object_presence
+from mr360uw.composite.tiles import mean_layer
 from mr360uw.constants import JUST_BELOW_M
 from mr360uw.errors import ParameterError, RenderError
 from mr360uw.ibl.lighting import turned
@@ -34,11 +34,10 @@ from mr360uw.medium import Medium
 from mr360uw.medium.scattered_light import spread_of
 from mr360uw.optics import into_air
 from mr360uw.render.backends import Backend
-from mr360uw.render.first_pass import ClipAnalysis
+from mr360uw.render.first_pass import Background, ClipAnalysis, plate_pattern
 from mr360uw.render.loaded import Loaded
 from mr360uw.render.match_stage import asked_grade, ungraded, with_grade
 from mr360uw.render.plate_light import FrameLight, exposed_water, plate_light
-from mr360uw.render.plate_pattern import Background, plate_pattern
 from mr360uw.types import CausticStack, Floats, Layer, MediumTable, Sun
 from mr360uw.video import VideoFrame
 
@@ -380,7 +379,7 @@ def with_surface(
     if shot.medium is None or not below or not np.any(object_presence(shot, settings) > 0.0):
         return layer, variables
     from mr360uw.composite.at_surface.surface_layer import with_bodies
-    from mr360uw.composite.at_surface.water_sides import table_at_surface
+    from mr360uw.composite.at_surface.surface_rays import table_at_surface
 
     # The frame's water, for rays that start at the surface
     medium, still = around.medium_at(at.time_s), around.medium

@@ -34,7 +34,7 @@ from mr360uw.color import luminance
 from mr360uw.constants import ENVIRONMENT_COLUMNS, ENVIRONMENT_ROWS, MINIMUM_SUN_UP
 from mr360uw.ibl import LightSettings, environment, environment_from_yuv
 from mr360uw.ibl.filters import cosine_filter, glossy_levels
-from mr360uw.ibl.lighting import sunlit
+from mr360uw.ibl.lighting import plate_of_yuv, sunlit
 from mr360uw.ibl.lookup import environment_lookup, reduce_map
 from mr360uw.ibl.plate import (
     COARSE_COLUMNS,
@@ -48,7 +48,6 @@ from mr360uw.ibl.plate import (
 from mr360uw.ibl.sun.detect import DISPLAY_WHITE, SunFound, sun_found
 from mr360uw.ibl.sun.split import CLEAR_SKY, CLEAR_SKY_DIRECT, beam_below, direct_share
 from mr360uw.ibl.tilt import is_level, level_matrix, roll_pitch, upward
-from mr360uw.ibl.yuv import plate_of_yuv
 from mr360uw.medium import Medium
 from mr360uw.medium.lookup import ambient_ratio, beam_fraction, beam_ratio
 from mr360uw.medium.open_water import BAND_RAD, SECTORS, LevelView

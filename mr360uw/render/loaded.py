@@ -19,17 +19,15 @@ from typing import TYPE_CHECKING, TypeVar
 import numpy as np
 
 from mr360uw.composite import PlacedObject, SceneObject, load_objects
-from mr360uw.composite.objects import SceneLamp, load_lamps, on_the_floor, on_the_sea
+from mr360uw.composite.objects import Receiver, SceneLamp, load_lamps, on_the_floor, on_the_sea
 from mr360uw.composite.settings import ReceiverSettings
-from mr360uw.composite.shot import Receiver
 from mr360uw.constants import PI
 from mr360uw.errors import ParameterError, SceneError
 from mr360uw.medium import Medium
 from mr360uw.reading.disk_cache import CachedReads
 from mr360uw.reading.input_files import files_read
-from mr360uw.render.caustic_depths import CausticDepths
 from mr360uw.render.mattes import Mattes, ReceiverClip
-from mr360uw.render.plan import ObjectFacts, Plan, joined_plan, make_plan
+from mr360uw.render.plan import CausticDepths, ObjectFacts, Plan, joined_plan, make_plan
 from mr360uw.render.surroundings import (
     CameraPath,
     Surroundings,

@@ -21,7 +21,7 @@ import numpy as np
 
 from mr360uw.cache import Cache
 from mr360uw.color import code_range, decode_signal
-from mr360uw.composite.shot import BetweenSamples, LightSample
+from mr360uw.composite.objects import BetweenSamples, LightSample
 from mr360uw.constants import ENVIRONMENT_COLUMNS, ENVIRONMENT_ROWS, MINIMUM_SUN_UP
 from mr360uw.errors import DamagedFrameError
 from mr360uw.ibl import SunTrack

@@ -38,7 +38,7 @@ from mr360uw.scene.model import Scene
 from mr360uw.scene.resolved import open_plate
 from mr360uw.threads import Behind, one_blas_thread, prefetch
 from mr360uw.video import VideoFrame, VideoReader, write_exr
-from mr360uw.video.formats import PICTURE_SUFFIXES
+from mr360uw.video.clip import PICTURE_SUFFIXES
 from mr360uw.video.other_tracks import exr_attributes
 from mr360uw.video.writer import ImageWriter, VideoWriter
 

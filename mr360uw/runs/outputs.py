@@ -13,14 +13,22 @@ from pathlib import Path
 from typing import Any
 
 from mr360uw.errors import OutputError, OutputExistsError, ParameterError, VideoError
-from mr360uw.files import is_pattern, matching_files, numbered, without_number, write_whole
-from mr360uw.output_gate import check_outputs, check_work_folder, work_path
+from mr360uw.files import (
+    check_outputs,
+    check_work_folder,
+    is_pattern,
+    matching_files,
+    numbered,
+    without_number,
+    work_path,
+    write_whole,
+)
 from mr360uw.reading.input_files import InputFile, read_json
 from mr360uw.render.plan import Plan
 from mr360uw.runs.work_folder import Part, WorkFolder, segment_bounds
 from mr360uw.scene.model import Scene, files_of
 from mr360uw.video import VideoReader, create_video
-from mr360uw.video.formats import PICTURE_SUFFIXES
+from mr360uw.video.clip import PICTURE_SUFFIXES
 from mr360uw.video.writer import Segment
 
 

@@ -17,6 +17,7 @@ from typing import Literal
 from mr360uw.cache import Cache
 from mr360uw.caustics import export_tiles, refract_to_air
 from mr360uw.errors import SceneError, package_versions
+from mr360uw.parameters import checked, instance
 from mr360uw.progress import Progress, begin_phase
 from mr360uw.reading.disk_cache import CachedReads
 from mr360uw.render.backends import close_backend, make_backend
@@ -38,7 +39,6 @@ from mr360uw.runs.work_folder import (
 from mr360uw.scene.model import Scene
 from mr360uw.scene.resolved import open_plate, projection_notes, scene_at
 from mr360uw.scene.toml_model import dotted
-from mr360uw.shapes import checked, instance
 from mr360uw.video import VideoReader
 from mr360uw.video.reader import DecodedOnce
 

@@ -22,16 +22,18 @@ from filelock import Timeout
 from numpy.typing import NDArray
 
 from mr360uw.errors import OutputError, VideoError
-from mr360uw.files import WrittenFiles, files_named, write_whole
-from mr360uw.output_gate import (
+from mr360uw.files import (
     LOCK,
     MARKER,
     SUFFIX,
+    WrittenFiles,
+    files_named,
     is_work_folder,
     locked_work_folder,
     remove_work_folder,
     work_lock,
     work_path,
+    write_whole,
 )
 from mr360uw.progress import Progress
 from mr360uw.reading.disk_cache import (
@@ -49,7 +51,7 @@ from mr360uw.render.loaded import Loaded
 from mr360uw.scene.model import Scene, files_of
 from mr360uw.scene.toml_model import dotted
 from mr360uw.video import Clip, EncodeSettings, VideoFrame, VideoReader
-from mr360uw.video.formats import projection_of
+from mr360uw.video.clip import projection_of
 from mr360uw.video.writer import Segment, SegmentWriter, VideoWriter, stored_segments
 
 # The clip analysis as a file: measured once, and kept for later runs over the same plate and settings.

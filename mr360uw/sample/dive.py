@@ -14,15 +14,14 @@ import numpy as np
 
 from mr360uw.color import Transfer, encode, luminance, ycbcr_from_rgb
 from mr360uw.errors import ParameterError
-from mr360uw.files import whole_file, write_whole
+from mr360uw.files import check_folder, check_outputs, made_folder, whole_file, write_whole
 from mr360uw.medium import Water
-from mr360uw.output_gate import check_folder, check_outputs, made_folder
+from mr360uw.parameters import checked, file_path, instance
 from mr360uw.progress import Progress
 from mr360uw.reading.input_files import FRAMES, PICTURE
 from mr360uw.sample.dive_settings import DiveSettings
 from mr360uw.sample.rendered_dive import BED_TILE_M, SENSOR, Dive
 from mr360uw.sample.whale import write_whale
-from mr360uw.shapes import checked, file_path, instance
 from mr360uw.surface.sea_picture import SurfacePicture
 from mr360uw.threads import one_blas_thread, prefetch
 from mr360uw.types import Floats

@@ -18,8 +18,7 @@ from mr360uw.caustics import GerstnerSea
 from mr360uw.constants import PI
 from mr360uw.errors import ParameterError
 from mr360uw.medium.water import JerlovType
-from mr360uw.parameters import Parameters, parameter
-from mr360uw.shapes import checked
+from mr360uw.parameters import Parameters, checked, parameter
 from mr360uw.sphere import direction_from_angles, yaw_matrix
 from mr360uw.types import Floats, View
 

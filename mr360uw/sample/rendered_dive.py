@@ -30,14 +30,13 @@ from mr360uw.medium import Medium, Water
 from mr360uw.medium.lookup import beam_fraction
 from mr360uw.medium.spectra import DEFAULT_SENSOR, named_sensor
 from mr360uw.optics import fresnel_from_below, fresnel_transmittance, refract_to_water
+from mr360uw.parameters import checked
 from mr360uw.sample.dive_settings import DiveSettings
-from mr360uw.shapes import checked
-from mr360uw.sphere import directions, row_solid_angle, unit
+from mr360uw.sphere import directions, row_solid_angle, smoothstep, unit
 from mr360uw.surface.sea_floor import Floor
 from mr360uw.surface.sea_picture import SeaScene, SurfacePicture
 from mr360uw.surface.sky import CLEAR, LOWEST_SINE, OVERCAST, SKY_ROWS, Dome, standard_sky, sun_below
 from mr360uw.surface.water_light import WaterLight
-from mr360uw.texels import smoothstep
 from mr360uw.types import Floats, Sun
 
 _STEPS_M = np.geomspace(0.012, 3.0, 14)

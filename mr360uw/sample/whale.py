@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from mr360uw.files import write_whole
 from mr360uw.sample.whale_shape import Chart, Detail, WhaleSkin, humpback, neighbour_means, triangles
 from mr360uw.sample.whale_skin import map_coordinates, painted
-from mr360uw.texels import smoothstep
+from mr360uw.sphere import smoothstep
 from mr360uw.types import Floats
 
 _TEXTURE = {"high": 2048, "low": 256}

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mr360uw.medium.spectra import parse_table
-from mr360uw.texels import smoothstep
+from mr360uw.sphere import smoothstep
 from mr360uw.types import Floats
 
 if TYPE_CHECKING:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.sample.whale_shape import EYE, Chart, WhaleSkin, above_lips, profile
-from mr360uw.texels import smoothstep
+from mr360uw.sphere import smoothstep
 from mr360uw.types import Floats
 
 _ATLAS = {

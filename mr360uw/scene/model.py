@@ -31,7 +31,7 @@ from mr360uw.constants import MAXIMUM_SUN_SAMPLES
 from mr360uw.errors import SceneError
 from mr360uw.ibl.settings import LightSettings
 from mr360uw.medium.settings import ShaftSettings, WaterSettings
-from mr360uw.parameters import Parameters, advanced, listed, parameter
+from mr360uw.parameters import Parameters, advanced, checked, file_path, listed, parameter
 from mr360uw.scene.key_targets import KeyedParameter, check_keys
 from mr360uw.scene.problems import Lines, problems
 from mr360uw.scene.toml_model import (
@@ -42,8 +42,7 @@ from mr360uw.scene.toml_model import (
     toml_document,
     with_absolute_paths,
 )
-from mr360uw.shapes import checked, file_path
-from mr360uw.video.formats import FISHEYE_FOV_DEG, EncodeSettings, Projection
+from mr360uw.video.clip import FISHEYE_FOV_DEG, EncodeSettings, Projection
 from mr360uw.yuv.ocio_transform import OcioSettings
 
 QUALITIES: Mapping[str, Mapping[str, Mapping[str, object]]] = {

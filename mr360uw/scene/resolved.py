@@ -20,7 +20,7 @@ from mr360uw.reading.input_files import read_data
 from mr360uw.scene.key_targets import KeyedParameter, Target, key_times, target_of, with_values
 from mr360uw.scene.model import PlateSettings, Scene
 from mr360uw.video import VideoReader, open_video
-from mr360uw.video.formats import PICTURE_SUFFIXES, projection_of
+from mr360uw.video.clip import PICTURE_SUFFIXES, projection_of
 from mr360uw.video.layout import EyesSeen, eyes_seen
 from mr360uw.video.picture_shape import Shape, shape_of_codes, way_out
 from mr360uw.video.picture_tags import read_tags

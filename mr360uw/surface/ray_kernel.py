@@ -18,13 +18,13 @@ from numpy.typing import NDArray
 
 from mr360uw.jit import borrowing, inlined
 from mr360uw.optics import refract_to_water
+from mr360uw.sphere import Vector, add, four, packed, periodic_four, times
 from mr360uw.surface.facet_draws import Disc, drawn, facets_of, next_key, sun_seen, sunlight
 from mr360uw.surface.intersection import NOWHERE, Hit, Ray, SeaWaves, bent, first_hit, mirrored, reflectance, waves_of
 from mr360uw.surface.sampled_sea import SampledSea
 from mr360uw.surface.sea_floor import Floor, FloorLight, LitFloor, Relief, floor_radiance, relief_distance
 from mr360uw.surface.sky import Dome, panorama, sky_radiance
 from mr360uw.surface.water_light import WaterLight, WaterTable, transmittance, veil
-from mr360uw.texels import Vector, add, four, packed, periodic_four, times
 from mr360uw.types import Sun
 
 _GONE = 1e-6

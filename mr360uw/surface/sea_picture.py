@@ -24,9 +24,9 @@ from mr360uw.errors import ParameterError
 from mr360uw.jit import borrowing
 from mr360uw.medium import Medium, Water
 from mr360uw.optics import check_refractive_index
+from mr360uw.parameters import checked, exactly, number
 from mr360uw.plot import Figure, Shown
-from mr360uw.shapes import checked, exactly, number
-from mr360uw.sphere import unit
+from mr360uw.sphere import Vector, add, unit
 from mr360uw.surface.facet_draws import next_key
 from mr360uw.surface.intersection import NOWHERE, Hit, Ray, bent
 from mr360uw.surface.ray_kernel import OFF_M, STACK, RayStage, RayWorld, followed, met, put, ray_world
@@ -34,7 +34,6 @@ from mr360uw.surface.sampled_sea import SampledSea, points_across
 from mr360uw.surface.sea_floor import Floor, FloorLight
 from mr360uw.surface.sky import Dome
 from mr360uw.surface.water_light import WaterLight
-from mr360uw.texels import Vector, add
 from mr360uw.types import Array, Sun, View
 
 # A sea with its sky, floor and water, of which pictures are taken at any times and from any places.

@@ -23,9 +23,8 @@ from mr360uw.ibl.lookup import environment_lookup
 from mr360uw.jit import borrowing
 from mr360uw.medium.ray_field import SkyShape
 from mr360uw.optics import fresnel_transmittance
-from mr360uw.shapes import numbers
-from mr360uw.sphere import directions, row_solid_angle
-from mr360uw.texels import Vector, between, four
+from mr360uw.parameters import numbers
+from mr360uw.sphere import Vector, between, directions, four, row_solid_angle
 from mr360uw.types import Array, Floats, Sun
 
 Shape = tuple[float, float, float, float, float]

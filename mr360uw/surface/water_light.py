@@ -35,12 +35,12 @@ from mr360uw.medium.medium import MediumAtDepths
 from mr360uw.medium.open_water import row_up
 from mr360uw.medium.scattered_light import around_sun, placed, spread_of
 from mr360uw.optics import diffuse_reflectance_from_below, refract_to_water
+from mr360uw.sphere import Vector, add, between_four, four, packed, periodic_four
 from mr360uw.surface.facet_draws import normal_quantile
 from mr360uw.surface.intersection import bent, reflectance
 from mr360uw.surface.sampled_sea import SampledSea
 from mr360uw.surface.sea_floor import FloorLight, Tiled
 from mr360uw.surface.sky import Dome, sky_radiance, sun_below
-from mr360uw.texels import Vector, add, between_four, four, packed, periodic_four
 from mr360uw.types import Array, CausticStack, Floats, MediumTable, Sun
 
 _LEAST = 1e-300

@@ -13,11 +13,10 @@ from typing import Literal
 import numpy as np
 
 from mr360uw.errors import ParameterError
-from mr360uw.files import write_whole
+from mr360uw.files import check_outputs, write_whole
 from mr360uw.ibl.tilt import estimate_horizon, level_matrix
 from mr360uw.medium.spectra import read_table
-from mr360uw.output_gate import check_outputs
-from mr360uw.shapes import checked
+from mr360uw.parameters import checked
 from mr360uw.sphere import unit
 from mr360uw.types import Floats
 

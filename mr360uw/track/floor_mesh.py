@@ -11,10 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.errors import ParameterError
-from mr360uw.files import write_whole
-from mr360uw.output_gate import check_outputs
+from mr360uw.files import check_outputs, write_whole
+from mr360uw.parameters import checked
 from mr360uw.reading.input_files import json_of, read_text
-from mr360uw.shapes import checked
 from mr360uw.threads import one_blas_thread
 from mr360uw.track.camera_track import CameraTrack, fit_floor
 from mr360uw.types import Floats

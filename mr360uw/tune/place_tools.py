@@ -15,10 +15,9 @@ from mr360uw.composite.settings import POLAR, ObjectSettings
 from mr360uw.errors import ParameterError
 from mr360uw.parameters import bounds_of
 from mr360uw.tune import fields, placing
-from mr360uw.tune.click_tools import PATCH_TOOLS, FloorTool, LevelTool, PatchTool
+from mr360uw.tune.click_tools import PATCH_TOOLS, FloorTool, LassoTool, LevelTool, PatchTool
 from mr360uw.tune.controls import Button, Choice, Text, alert, told
 from mr360uw.tune.fields import in_words
-from mr360uw.tune.lasso_tool import LassoTool
 from mr360uw.tune.placing import Point
 from mr360uw.tune.session import Session
 from mr360uw.tune.situation import SNAPSHOT, Compare, Drag, Marker, Situation, Viewer, situation

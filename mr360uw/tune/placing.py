@@ -18,7 +18,7 @@ from mr360uw.sphere import direction_from_angles, frame_from_direction, unit
 from mr360uw.types import Floats, View
 
 if TYPE_CHECKING:
-    from mr360uw.composite.shot import Receiver
+    from mr360uw.composite.objects import Receiver
 
 _WIDEST_RAD = 1.4
 _NARROWEST_RAD = 1e-3

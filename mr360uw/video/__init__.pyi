@@ -1,12 +1,10 @@
-from .clip import Clip
+from .clip import Clip, EncodeSettings
 from .container_writer import layer_video
 from .exr import read_exr, read_rgb, write_exr
-from .formats import EncodeSettings
 from .opening import create_video, open_video, transcode
 from .picture_file import read_picture
-from .reader import VideoReader
+from .reader import VideoFrame, VideoReader
 from .spherical import SphericalMetadata, read_spherical, write_spherical
-from .video_frame import VideoFrame
 from .writer import VideoWriter
 
 __all__ = [

@@ -40,9 +40,8 @@ from mr360uw.video.demux import (
 from mr360uw.video.layout import Crop, Eye, Layout, output_layout, panorama_crops
 from mr360uw.video.picture_shape import shape_of_codes
 from mr360uw.video.pixels.planes import plane_views
-from mr360uw.video.reader import Damaged, Decoder, Seeker, VideoReader, check_range
+from mr360uw.video.reader import Damaged, Decoder, Seeker, VideoFrame, VideoReader, check_range
 from mr360uw.video.spherical import SphericalMetadata, from_side_data, from_tag, read_spherical
-from mr360uw.video.video_frame import VideoFrame
 
 _SOUND_LONGER_S = 1.0
 """Time [s] by which the sound of a complete file may be longer than its pictures; twice as large, shorter cuts pass."""

@@ -19,17 +19,16 @@ from numpy.typing import NDArray
 
 from mr360uw.color import encode
 from mr360uw.errors import VideoError
-from mr360uw.files import is_pattern, matching_files, new_file, publish
-from mr360uw.output_gate import check_outputs
+from mr360uw.files import check_outputs, is_pattern, matching_files, new_file, publish
+from mr360uw.parameters import checked
 from mr360uw.reading.input_files import FRAMES
-from mr360uw.shapes import checked
 from mr360uw.types import Floats
-from mr360uw.video.clip import BT709_TAGS, Clip, checked_rate
+from mr360uw.video.clip import BT709_TAGS, Clip, EncodeSettings, checked_rate
 from mr360uw.video.demux import create_local
 from mr360uw.video.encoder import Encoder, check_encoder, chosen_encoder, codec_note, resolved
 from mr360uw.video.exr import read_exr
-from mr360uw.video.formats import EncodeSettings
 from mr360uw.video.other_tracks import CONTAINERS, TrackCopy, check_sound, embed_spatial, other_tracks
+from mr360uw.video.reader import VideoFrame
 from mr360uw.video.spherical import (
     V1_TAG,
     Box,
@@ -41,7 +40,6 @@ from mr360uw.video.spherical import (
     v1_xml,
     write_spherical,
 )
-from mr360uw.video.video_frame import VideoFrame
 from mr360uw.video.writer import Segment, VideoWriter, decoding_stamps
 
 _OWN_WORDS = frozenset({"major_brand", "minor_version", "compatible_brands", "encoder"})

@@ -19,17 +19,16 @@ from mr360uw.color import ColorSpec, Primaries, Transfer
 from mr360uw.constants import MOST_LIGHT
 from mr360uw.errors import VideoError
 from mr360uw.files import is_pattern, matcher, matching_files
+from mr360uw.parameters import is_light
 from mr360uw.reading.input_files import FRAMES, PICTURE
-from mr360uw.shapes import is_light
+from mr360uw.video.clip import PICTURE_SUFFIXES
 from mr360uw.video.exr import Wanted
-from mr360uw.video.formats import PICTURE_SUFFIXES
 from mr360uw.video.layout import Eye, Layout, output_layout, panorama_crops
 from mr360uw.video.picture_file import PictureFile, picture_file
 from mr360uw.video.picture_shape import shape_of_codes
 from mr360uw.video.picture_tags import PictureTags
-from mr360uw.video.reader import VideoReader, check_range
+from mr360uw.video.reader import VideoFrame, VideoReader, check_range
 from mr360uw.video.spherical import SphericalMetadata
-from mr360uw.video.video_frame import VideoFrame
 
 PictureFiles = tuple[tuple[Path, ...], int, tuple[str, ...]]
 """The pictures that a name stands for; number of the first one in its name, 0 of pictures without; and notes on their

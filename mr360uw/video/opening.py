@@ -16,29 +16,29 @@ from numpy.typing import NDArray
 
 from mr360uw.color import Primaries, Transfer
 from mr360uw.errors import VideoError
-from mr360uw.output_gate import check_outputs
-from mr360uw.shapes import checked, file_path
+from mr360uw.files import check_outputs
+from mr360uw.parameters import checked, file_path
 from mr360uw.types import YuvImage
-from mr360uw.video.clip import Clip, checked_rate
-from mr360uw.video.container import ContainerReader
-from mr360uw.video.demux import track_sizes
-from mr360uw.video.exr import Wanted
-from mr360uw.video.formats import (
+from mr360uw.video.clip import (
     FFMPEG_NAMES,
     FISHEYE_FOV_DEG,
     PICTURE_SUFFIXES,
+    Clip,
     EncodeSettings,
     Projection,
+    checked_rate,
     joined_row,
     projection_of,
     second_lens,
     turned_by_ffmpeg,
 )
+from mr360uw.video.container import ContainerReader
+from mr360uw.video.demux import track_sizes
+from mr360uw.video.exr import Wanted
 from mr360uw.video.images import ImageReader, picture_files
 from mr360uw.video.layout import Eye, Layout
 from mr360uw.video.pixels.planes import native_frame, plane_views
-from mr360uw.video.reader import Damaged, Decoder, ReaderOver, Seeker, VideoReader
-from mr360uw.video.video_frame import VideoFrame
+from mr360uw.video.reader import Damaged, Decoder, ReaderOver, Seeker, VideoFrame, VideoReader
 from mr360uw.video.writer import ImageWriter, VideoWriter
 
 

@@ -30,9 +30,8 @@ import av.error
 import av.stream
 
 from mr360uw.errors import VideoError
-from mr360uw.video.clip import Clip, not_copied
+from mr360uw.video.clip import PICTURE_SUFFIXES, Clip, not_copied
 from mr360uw.video.demux import fraction, open_packets
-from mr360uw.video.formats import PICTURE_SUFFIXES
 from mr360uw.video.spherical import Box, parse_boxes, read_moov
 
 CONTAINERS = {".mp4": "mp4", ".m4v": "mp4", ".mov": "mov", ".mkv": "matroska", ".webm": "webm"}

@@ -20,9 +20,8 @@ from numpy.typing import NDArray
 
 from mr360uw.color import HDR_CURVES, REC709_XY, XY_BY_NAME, PlateMapping, Primaries, Transfer, rec709_from_xyz
 from mr360uw.errors import VideoError
-from mr360uw.reading.input_files import PICTURE, not_read, read_data
-from mr360uw.reading.picture_parts import HDR_SIZE, TIFF_STARTS, picture_size
-from mr360uw.shapes import checked
+from mr360uw.parameters import checked
+from mr360uw.reading.input_files import HDR_SIZE, PICTURE, TIFF_STARTS, not_read, picture_size, read_data
 from mr360uw.video.exr import Wanted, read_frame
 from mr360uw.video.picture_tags import (
     PictureTags,

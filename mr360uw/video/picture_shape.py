@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.types import Floats, YuvImage
+from mr360uw.video.clip import DOUBLED_STRIP, PICTURE_SUFFIXES, Projection, second_lens, turned_by_ffmpeg
 from mr360uw.video.demux import track_sizes
-from mr360uw.video.formats import DOUBLED_STRIP, PICTURE_SUFFIXES, Projection, second_lens, turned_by_ffmpeg
 from mr360uw.video.spherical import Stereo
 
 Shape = Literal[

@@ -1,22 +1,311 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The interface of plates, and plates made of others: smaller ones for drafts, and ones whose frames are kept."""
+"""Frames of plates, the interface of plates, and plates made of others: smaller ones for drafts, and ones whose frames
+are kept.
+"""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import fields, replace
+from dataclasses import dataclass, fields, replace
+from fractions import Fraction
+from functools import cached_property
 from pathlib import Path
-from typing import Any, Literal, Self
+from typing import TYPE_CHECKING, Any, Literal, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mr360uw.color import ColorSpec, brightest_light, in_plate_primaries, in_rec709
 from mr360uw.errors import ParameterError, VideoError
-from mr360uw.types import YuvImage
+from mr360uw.tile_blend import blended, changed_pixels, light_sum
+from mr360uw.types import Floats, Layer, Rectangle, Tile, YuvImage
 from mr360uw.video.clip import Clip
-from mr360uw.video.video_frame import VideoFrame
+from mr360uw.video.spherical import Stereo
+
+if TYPE_CHECKING:
+    from mr360uw.video.picture_tags import PictureTags
+    from mr360uw.video.pixels.grain import Grain
+
+Check = Callable[[Tile], object]
+"""Raises an error where a number of a tile is not finite."""
+
+
+class Grade(Protocol):
+    """Colour of a grade, between light and the light that graded codes show; all (..., 3) linear Rec.709, float32."""
+
+    def lay_on(self, linear: Floats, spec: ColorSpec) -> NDArray[np.float32]:
+        """Return the graded light."""
+
+    def take_off(self, linear: Floats, spec: ColorSpec) -> NDArray[np.float32]:
+        """Return the light before the grade."""
+
+
+@dataclass(frozen=True, eq=False)
+class VideoFrame:
+    """One picture of a plate.
+
+    index: position in order of presentation, from 0. pts, time_base: presentation time stamp as the container has
+    it. time_s: seconds since the first frame. duration: in units of time_base, 0 where unknown. spec: how the codes
+    are read. yuv: the planes (views, read-only) or None for RGB plates. rgb: code values (H, W, 3) of an RGB plate,
+    uint8 or uint16, or linear float32, else None. native: the decoder's frame that owns exactly these planes, if any.
+    wrap: the left and right edges meet (a full panorama). damage: whether the decoder guessed a part of the picture
+    ("concealed"), or the frame could not be decoded and is the last good one ("held"). right: of a stereo plate whose
+    left eye this is, the right one at the same instant. clipped: of a composite, the light (h, w, 3) of tiles in which
+    some is brighter than the codes can say. plate: of a composite of planes, what it was laid over. grade: of the
+    codes, None for none: light is read without it and written with it; a composite holds its codes alone. picture_tags:
+    metadata of the picture that it was read from.
+    """
+
+    index: int
+    pts: int
+    time_base: Fraction
+    time_s: float
+    duration: int
+    spec: ColorSpec
+    yuv: YuvImage | None = None
+    rgb: NDArray[Any] | None = None
+    native: Any = None
+    wrap: bool = True
+    damage: Literal["none", "concealed", "held"] = "none"
+    right: VideoFrame | None = None
+    clipped: tuple[tuple[Rectangle, NDArray[np.float32]], ...] = ()
+    plate: VideoFrame | None = None
+    grade: Grade | None = None
+    picture_tags: PictureTags | None = None
+
+    @classmethod
+    def of_linear(cls, image_linear: NDArray[np.float32], index: int = 0, time_s: float = 0.0) -> VideoFrame:
+        """Return the frame of a picture of linear Rec.709 light (H, W, 3), float32."""
+        spec = ColorSpec("bt709", True, "linear", 32)
+        return cls(index, 0, Fraction(1), time_s, 0, spec, rgb=image_linear)
+
+    @property
+    def pixels(self) -> YuvImage | NDArray[np.float32]:
+        """The planes where the frame has them and no grade, else its linear picture.
+
+        Of a grade it is within 0 and, of codes whose brightest is white, 1: what is beyond is the encoder's overshoot.
+        """
+        if self.grade is not None:
+            return self._lit
+        return self.yuv if self.yuv is not None else self.image_linear
+
+    @cached_property
+    def _lit(self) -> NDArray[np.float32]:
+        coded = self.rgb is None or self.rgb.dtype.kind == "u"
+        return np.clip(self.image_linear, 0.0, 1.0 if coded and not self.spec.is_wide else np.inf)
+
+    def graded_by(self, grade: Grade | None) -> VideoFrame:
+        """Return the frame, and its right eye, as of codes with a grade; the frame itself where it has that."""
+        right = None if self.right is None else self.right.graded_by(grade)
+        return self if self.grade is grade and right is self.right else replace(self, grade=grade, right=right)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns."""
+        image = self.yuv.y if self.yuv is not None else self.rgb
+        assert image is not None
+        return int(image.shape[0]), int(image.shape[1])
+
+    @cached_property
+    def image_linear(self) -> NDArray[np.float32]:
+        """The picture as linear Rec.709, (H, W, 3) float32, not clipped."""
+        height, width = self.shape
+        return self.linear(Rectangle(0, 0, width, height))
+
+    @property
+    def light(self) -> NDArray[np.float32]:
+        """The picture as linear Rec.709 (H, W, 3), with what a composite has above the brightest code.
+
+        Codes of a composite outside of the plate's gamut, as where a dark edge shares its chroma with what is beside
+        it, are those that a screen shows: there is no negative light but the plate's own.
+        """
+        if not self.clipped and self.plate is None:
+            return self.image_linear
+        image = self.image_linear.copy()
+        if self.plate is not None:
+            shown, own = (in_plate_primaries(one, self.spec) for one in (image, self.plate.image_linear))
+            least = np.minimum(own, 0.0)
+            darker = np.any(shown < least, axis=-1)
+            image[darker] = in_rec709(np.maximum(shown[darker], least[darker]), self.spec)
+        for rectangle, linear in self.clipped:
+            column, row, width, height = rectangle
+            part = image[row : row + height, column : column + width]
+            np.copyto(part, linear, where=np.any(linear > brightest_light(self.spec), axis=-1, keepdims=True))
+        return image
+
+    def linear(self, rectangle: Rectangle) -> NDArray[np.float32]:
+        """Return a part of the picture as linear Rec.709, (h, w, 3) float32, not clipped."""
+        if self.yuv is not None:
+            from mr360uw.yuv.decoding import linear_from_planes
+
+            return self._ungraded(linear_from_planes(self.yuv, rectangle, self.wrap))
+        from mr360uw.video.pixels.planes import linear_from_codes
+
+        assert self.rgb is not None
+        column, row, width, height = rectangle
+        codes = self.rgb[row : row + height, column : column + width]
+        return self._ungraded(in_rec709(linear_from_codes(codes, self.spec.transfer), self.spec))
+
+    def halved(self, rectangle: Rectangle) -> NDArray[np.float32]:
+        """Return `linear` of a part of even place and size at half its columns and rows, (h/2, w/2, 3), for blurs.
+
+        Planes are averaged as codes, which is off by half the light's curvature over the codes times their variance
+        within a pixel: by 1e-3 of the light where they vary by 3 of 255.
+        """
+        import cv2
+
+        from mr360uw.yuv.decoding import linear_from_planes, subsampling
+
+        column, row, width, height = rectangle
+        size = width // 2, height // 2
+        if self.yuv is None or subsampling(self.yuv) != (1, 1):
+            return np.asarray(cv2.resize(self.linear(rectangle), size, interpolation=cv2.INTER_AREA), np.float32)
+        luma = cv2.resize(self.yuv.y[row : row + height, column : column + width], size, interpolation=cv2.INTER_AREA)
+        half = slice(row // 2, row // 2 + size[1]), slice(column // 2, column // 2 + size[0])
+        reduced = YuvImage(np.asarray(luma), self.yuv.u[half].copy(), self.yuv.v[half].copy(), self.spec)
+        return self._ungraded(linear_from_planes(reduced, wrap=False))
+
+    def _ungraded(self, linear: NDArray[np.float32]) -> NDArray[np.float32]:
+        return linear if self.grade is None else self.grade.take_off(linear, self.spec)
+
+    @cached_property
+    def grain(self) -> Grain:
+        """The grain of the picture."""
+        from mr360uw.video.pixels.grain import grain_of_planes, grain_of_rgb
+
+        if self.yuv is not None:
+            return grain_of_planes(self.yuv, self.wrap)
+        assert self.rgb is not None
+        return grain_of_rgb(self.rgb, self.spec.transfer, self.wrap)
+
+    def over(self, layer: Layer, grain: float = 0.0, check: Check | None = None) -> VideoFrame:
+        """Return the composite of the layer's tiles over the frame (`tile_blend`).
+
+        grain: amount of the plate's grain that is added where the layer covers it, 0 none, 1 as much as the plate has.
+        check: called with tiles whose composite is not finite. The frame itself is left alone; where the layer has no
+        tile, and at every pixel without coverage, radiance and change of the plate's light, the codes stay what they
+        were. Light above 1 is clipped to the top code (EXR plates keep it).
+        """
+        if not layer.tiles:
+            return self.graded_by(None)
+        if (layer.height, layer.width) != self.shape:
+            raise VideoError(
+                f"frame {self.index} - the layer has another size (got {layer.width}x{layer.height} over "
+                f"{self.shape[1]}x{self.shape[0]}) - render it at the plate's size"
+            )
+        for tile in layer.tiles:
+            rows, columns = tile.window
+            if min(rows.start, columns.start) < 0 or rows.stop > layer.height or columns.stop > layer.width:
+                raise VideoError(
+                    f"frame {self.index} - a tile reaches out of the frame (got rows {rows.start}:{rows.stop}, columns "
+                    f"{columns.start}:{columns.stop}) - cut it at the edges"
+                )
+        grain = grain if any(np.any(tile.alpha > 0.0) for tile in layer.tiles) else 0.0
+        if self.yuv is None or self.grade is not None or not self.spec.is_rec709:
+            layer = layer.laid()  # else the ground is worked out where it is laid over the planes
+        write = self._over_codes if self.yuv is None else self._over_planes
+        return write(layer, grain, check)
+
+    def _over_planes(self, layer: Layer, amount: float, check: Check | None) -> VideoFrame:
+        from mr360uw.video.pixels.grain import NO_GRAIN
+        from mr360uw.video.pixels.planes import lay_over_planes, native_frame, plane_views
+
+        assert self.yuv is not None
+        native = native_frame(self.yuv, self.native.format.name if self.native is not None else None)
+        planes = plane_views(native, self.yuv.spec)
+        grain = self.grain if amount > 0.0 else NO_GRAIN
+        top, clipped = brightest_light(self.spec), []
+        for tile in layer.tiles:
+            graded = None if self.grade is None else self._graded(blended(self.linear(tile.rectangle), tile), tile)
+            brightest, total = lay_over_planes(
+                self.yuv, planes, tile, self.index, self.wrap, grain, amount, graded, layer.ground
+            )
+            finite = bool(np.isfinite(total))
+            if finite and brightest <= top:
+                continue
+            # Say where it is not finite, or keep the light that the codes clip
+            whole = tile if layer.ground is None else layer.ground.lay(tile)
+            if check is not None and not finite:
+                check(whole)
+            if brightest > top:
+                image = blended(self.linear(tile.rectangle), whole) if graded is None else graded
+                clipped.append((tile.rectangle, np.asarray(image, np.float32)))
+        for plane in (planes.y, planes.u, planes.v):
+            plane.flags.writeable = False
+        return replace(self, yuv=planes, native=native, clipped=tuple(clipped), plate=self.graded_by(None), grade=None)
+
+    def _over_codes(self, layer: Layer, amount: float, check: Check | None) -> VideoFrame:
+        from mr360uw.video.pixels.grain import add_grain
+        from mr360uw.video.pixels.planes import lay_over_codes
+
+        assert self.rgb is not None
+        codes = self.rgb.copy()
+        top, clipped = brightest_light(self.spec) if codes.dtype.kind == "u" else np.inf, []
+        for tile in layer.tiles:
+            # Lay the tile over the light of the codes
+            rectangle, linear = tile.rectangle, blended(self.linear(tile.rectangle), tile)
+            if check is not None and not np.isfinite(light_sum(linear)):
+                check(tile)
+            linear = self._graded(linear, tile)
+            # Give it grain, in the values that this is measured in, and write what changes
+            if amount > 0.0 and self.spec.mapping is None:
+                linear = add_grain(linear, tile, self.grain, amount, layer.width, self.index)
+            if linear.max() > top:
+                clipped.append((rectangle, np.asarray(linear, np.float32)))
+            linear = in_plate_primaries(linear, self.spec)
+            if amount > 0.0 and self.spec.mapping is not None:
+                linear = add_grain(linear, tile, self.grain, amount, layer.width, self.index)
+            lay_over_codes(codes[tile.window], linear, changed_pixels(tile), self.spec.transfer, rectangle, self.index)
+        codes.flags.writeable = False
+        return replace(self, rgb=codes, clipped=tuple(clipped), grade=None)
+
+    def _graded(self, linear: Floats, tile: Tile) -> Floats:
+        """Return the composite of a tile, linear (h, w, 3), as the codes show it."""
+        if self.grade is None:
+            return linear
+        graded = self.grade.lay_on(linear, self.spec)
+        if self.rgb is None or self.rgb.dtype.kind != "f":
+            return graded
+        # Saturation takes no more from a channel than it has, as codes do by their range
+        return np.maximum(graded, np.minimum(self.graded_by(None).linear(tile.rectangle), 0.0))
+
+
+def whole_frame(frame: VideoFrame, stereo: Stereo) -> VideoFrame:
+    """Return a frame with its right eye beside or below it, arranged as `stereo` says; itself for mono.
+
+    The codes are copied. The result is no panorama: its edges do not meet.
+    """
+    right = frame.right
+    if right is None:
+        return frame
+    axis = 0 if stereo == "top-bottom" else 1
+
+    def joined(left: NDArray[Any], other: NDArray[Any]) -> NDArray[Any]:
+        both = np.concatenate([left, other], axis=axis)
+        both.flags.writeable = False
+        return both
+
+    # Move what was noted of the right eye to its place
+    down, across = (frame.shape[0], 0) if axis == 0 else (0, frame.shape[1])
+    beside = tuple((r._replace(row=r.row + down, column=r.column + across), light) for r, light in right.clipped)
+    clipped = frame.clipped + beside
+    plate = None
+    if frame.plate is not None or right.plate is not None:
+        plate = whole_frame(replace(frame.plate or frame, right=right.plate or right), stereo)
+    # Join codes of RGB pictures, or planes
+    if frame.yuv is None or right.yuv is None:
+        assert frame.rgb is not None
+        assert right.rgb is not None
+        return replace(frame, rgb=joined(frame.rgb, right.rgb), native=None, wrap=False, right=None, clipped=clipped)
+    a, b = frame.yuv, right.yuv
+    planes = YuvImage(joined(a.y, b.y), joined(a.u, b.u), joined(a.v, b.v), a.spec)
+    return replace(frame, yuv=planes, native=None, wrap=False, right=None, clipped=clipped, plate=plate)
+
+
+# --- Plates ---------------------------------------------------------------------------------------------------------
+
 
 Damaged = Literal["stop", "hold"]
 Decoder = Literal["software", "auto"]

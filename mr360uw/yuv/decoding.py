@@ -28,7 +28,7 @@ from mr360uw.color import (
     ycbcr_from_rgb,
 )
 from mr360uw.jit import fast, inlined
-from mr360uw.texels import between_four
+from mr360uw.sphere import between_four
 from mr360uw.types import Floats, Rectangle, YuvImage
 
 _between_four = inlined(between_four)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from mr360uw.caustic_lookup import caustic_lookup, mip_levels
-from mr360uw.composite.gl.light_textures import AtlasScratch, mip_atlas, upload_stack
+from mr360uw.composite.gl.device import AtlasScratch, mip_atlas, upload_stack
 from mr360uw.gl.context import gl_device
 from mr360uw.sphere import unit
 from mr360uw.types import CausticStack

@@ -97,7 +97,7 @@ def caustic_case(name: str, rng: np.random.Generator) -> Case:
         expected = soft_caustic_lookup(stack, mip_levels(stack.ratio), mip_levels(soft), *at.T, columns["unturned"])
 
     def textures() -> dict[str, Any]:
-        from mr360uw.composite.gl.light_textures import upload_stack
+        from mr360uw.composite.gl.device import upload_stack
 
         on_device = upload_stack(stack)
         return {"ratio": on_device.ratio, "plane_depth": on_device.plane_depth}

@@ -11,7 +11,7 @@ from mr360uw.caustics import CausticSettings, GerstnerSea, caustic_stack, irradi
 from mr360uw.caustics.irradiance import refracted_rays
 from mr360uw.caustics.settings import grid_of
 from mr360uw.caustics.summed_stack import cell_corners, cell_flux, sum_cells, summed_stack, vertex_rays
-from mr360uw.composite.gl.light_textures import AtlasScratch, mip_atlas, upload_stack
+from mr360uw.composite.gl.device import AtlasScratch, mip_atlas, upload_stack
 from mr360uw.optics import refract_to_water
 from mr360uw.sphere import direction_from_angles
 from mr360uw.types import BeamSpread

@@ -14,13 +14,13 @@ from mr360uw.cache import Cache
 from mr360uw.caustics.gerstner import GerstnerSea
 from mr360uw.composite.at_surface import surface_layer
 from mr360uw.composite.at_surface.surface_layer import cut_at_surface, with_bodies
-from mr360uw.composite.at_surface.water_sides import WaterSides, in_air
+from mr360uw.composite.at_surface.surface_rays import WaterSides, in_air
 from mr360uw.composite.mesh.material import Material
 from mr360uw.composite.motion import floating, plane_of_waves
-from mr360uw.composite.over import over
+from mr360uw.composite.objects import PlacedObject, Shot
 from mr360uw.composite.reference import render_aovs, render_layer
 from mr360uw.composite.settings import SurfaceSettings
-from mr360uw.composite.shot import PlacedObject, Shot
+from mr360uw.composite.tiles import over
 from mr360uw.medium.lookup import transmittance_lookup, veil_lookup
 from mr360uw.optics import fresnel
 from mr360uw.sphere import direction_from_frame

@@ -13,13 +13,11 @@ import pytest
 
 from mr360uw.color import luminance
 from mr360uw.composite import render_layer
-from mr360uw.composite.lighting.light_sources import light_sources
-from mr360uw.composite.lighting.shadow import Blockers
+from mr360uw.composite.lighting.light_sources import Blockers, light_sources
 from mr360uw.composite.mesh.material import Material
-from mr360uw.composite.objects import black_body, lamp_attenuation, lamp_color, load_lamps
-from mr360uw.composite.over import over
+from mr360uw.composite.objects import Receiver, Shot, black_body, lamp_attenuation, lamp_color, load_lamps
 from mr360uw.composite.settings import LampSettings
-from mr360uw.composite.shot import Receiver, Shot
+from mr360uw.composite.tiles import over
 from mr360uw.constants import BRIGHTEST
 from mr360uw.errors import SceneError
 from mr360uw.medium import Medium, Water

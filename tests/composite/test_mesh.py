@@ -12,7 +12,7 @@ import trimesh
 from PIL import Image
 
 from mr360uw.composite import load_mesh, load_objects
-from mr360uw.composite import playback as rig_module
+from mr360uw.composite import motion as rig_module
 from mr360uw.composite.mesh.material import Material, Part
 from mr360uw.composite.mesh.mesh import make_mesh
 from mr360uw.composite.objects import load_object

@@ -213,8 +213,7 @@ def test_lights_and_looks_that_a_file_requires_are_said(tmp_path: Path) -> None:
 def test_colours_that_darken_little_are_not_said() -> None:
     """Occlusion in the colours of vertices is usual."""
     uv, colors = TRIANGLE[:, :2], np.full((3, 4), 0.7)
-    from mr360uw.composite.mesh.material import Material
-    from mr360uw.composite.mesh.texture import make_texture
+    from mr360uw.composite.mesh.material import Material, make_texture
 
     mapped = Material(base_map=make_texture(np.full((2, 2, 3), 200, np.uint8), srgb=True))
     one = Part("one", TRIANGLE, np.array([[0, 1, 2]]), None, uv, colors, 0)

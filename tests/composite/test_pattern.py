@@ -12,12 +12,12 @@ import pytest
 
 from mr360uw.composite import render_layer
 from mr360uw.composite.lighting.light_sources import light_sources
-from mr360uw.composite.over import over
+from mr360uw.composite.objects import Receiver, Shot
 from mr360uw.composite.receiver.pattern import PlatePattern
 from mr360uw.composite.receiver.ratio import ambient_share
-from mr360uw.composite.shot import Receiver, Shot
+from mr360uw.composite.tiles import over
 from mr360uw.medium.lookup import veil_lookup
-from mr360uw.render.plate_pattern import BackgroundSeries, stands
+from mr360uw.render.first_pass import BackgroundSeries, stands
 from mr360uw.types import Floats, Rectangle
 from mr360uw.video import VideoFrame
 from tests.composite import tolerances as tol

@@ -11,9 +11,9 @@ import pytest
 from mr360uw.composite.aovs import exr_parts, receiver_difference
 from mr360uw.composite.lighting.light_sources import light_sources
 from mr360uw.composite.mesh.material import Material
-from mr360uw.composite.over import over
+from mr360uw.composite.objects import Receiver, Shot
 from mr360uw.composite.reference import render_aovs, render_layer
-from mr360uw.composite.shot import Receiver, Shot
+from mr360uw.composite.tiles import over
 from mr360uw.rays import RayScene
 from mr360uw.sphere import directions, disc_directions, row_solid_angle, unit, yaw_matrix
 from mr360uw.types import View

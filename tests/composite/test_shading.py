@@ -13,9 +13,9 @@ from mr360uw.composite.lighting.shading import (
     reflectance,
     smith_visibility,
 )
-from mr360uw.composite.mesh.material import Material
-from mr360uw.composite.mesh.texture import (
+from mr360uw.composite.mesh.material import (
     WRAPS,
+    Material,
     Texture,
     alpha_at,
     make_texture,

@@ -12,12 +12,11 @@ import pytest
 from mr360uw.cache import Cache, shared
 from mr360uw.composite import load_mesh
 from mr360uw.composite.gl.layer_renderer import LayerRenderer
-from mr360uw.composite.lighting.shadow import casting_bodies
-from mr360uw.composite.mesh.material import Material, Part
+from mr360uw.composite.lighting.light_sources import casting_bodies
+from mr360uw.composite.mesh.material import Material, Part, make_texture
 from mr360uw.composite.mesh.mesh import Mesh, make_mesh
-from mr360uw.composite.mesh.texture import make_texture
+from mr360uw.composite.objects import PlacedObject, Receiver, Shot
 from mr360uw.composite.reference import render_layer
-from mr360uw.composite.shot import PlacedObject, Receiver, Shot
 from mr360uw.types import Layer, Sun
 from tests.composite import tolerances as tol
 from tests.composite.gltf_files import GltfFile

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from mr360uw.errors import VideoError
-from mr360uw.reading.picture_parts import picture_size
+from mr360uw.reading.input_files import picture_size
 from mr360uw.video import read_picture, write_exr
 from tests.hostile.bench import Bench
 from tests.video.clips import write_clip

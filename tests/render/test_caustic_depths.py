@@ -12,10 +12,10 @@ import pytest
 from mr360uw.caustics import caustic_stack, refract_to_air
 from mr360uw.composite import Shot, load_object, load_receiver
 from mr360uw.render.backends import make_backend
-from mr360uw.render.caustic_depths import CausticDepths
 from mr360uw.render.first_pass import ClipAnalysis
 from mr360uw.render.frame import composite_frame
 from mr360uw.render.loaded import load
+from mr360uw.render.plan import CausticDepths
 from mr360uw.render.surroundings import CameraPath
 from mr360uw.types import Floats, View
 from mr360uw.video import VideoFrame

@@ -11,13 +11,12 @@ from mr360uw.caustic_lookup import mip_level, mip_levels, periodic_trilinear
 from mr360uw.ibl.lookup import environment_lookup
 from mr360uw.medium import Medium, Water
 from mr360uw.medium.lookup import transmittance_lookup, veil_lookup
-from mr360uw.sphere import unit
+from mr360uw.sphere import level_for, packed, periodic, unit
 from mr360uw.surface import intersection
 from mr360uw.surface.facet_draws import drawn, facets_of, next_key, sunlight
 from mr360uw.surface.ray_kernel import disc_of
 from mr360uw.surface.sky import Dome, panorama, sky_radiance
 from mr360uw.surface.water_light import WaterLight, WaterTable, transmittance, veil
-from mr360uw.texels import level_for, packed, periodic
 from mr360uw.types import Sun
 from tests.surface import tolerances as tol
 

@@ -9,7 +9,7 @@ import pytest
 
 from mr360uw.errors import ParameterError
 from mr360uw.scene.model import load_scene
-from mr360uw.tune.notebook import sliders
+from mr360uw.tune.session import sliders
 from mr360uw.video import write_exr
 from tests.scenes import gradient_plate
 

@@ -15,9 +15,8 @@ import pytest
 from mr360uw.color import ColorSpec
 from mr360uw.errors import ParameterError, VideoError
 from mr360uw.video import encoder, open_video, transcode
-from mr360uw.video.clip import Clip
+from mr360uw.video.clip import ENCODERS, HARDWARE, Clip, EncodeSettings
 from mr360uw.video.encoder import delivery_of
-from mr360uw.video.formats import ENCODERS, HARDWARE, EncodeSettings
 from tests.video.boxes import children
 from tests.video.clips import write_clip
 

@@ -13,7 +13,7 @@ import pytest
 from mr360uw.color import ColorSpec, code_range, decode
 from mr360uw.types import Floats, Layer, Rectangle, Tile, YuvImage
 from mr360uw.video.pixels.grain import NO_GRAIN, add_grain, grain_of_planes, grain_of_rgb, white_noise
-from mr360uw.video.video_frame import VideoFrame
+from mr360uw.video.reader import VideoFrame
 from tests.video import tolerances as tol
 
 SIZE = (1024, 512)

@@ -15,8 +15,8 @@ import mr360uw as uw
 from mr360uw.color import decode, encode
 from mr360uw.scene.model import Scene, scene_from_dict
 from mr360uw.video import open_video, read_picture
+from mr360uw.video.clip import EncodeSettings
 from mr360uw.video.exr import read_rgb
-from mr360uw.video.formats import EncodeSettings
 from mr360uw.video.opening import transcode
 from tests.video.clips import write_clip
 from tests.video.tolerances import VIDEO_CODE_LIGHT, VIDEO_LOSSY_MEAN

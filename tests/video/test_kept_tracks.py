@@ -13,8 +13,8 @@ import av
 import pytest
 
 from mr360uw.video import create_video, open_video, transcode
+from mr360uw.video.clip import EncodeSettings
 from mr360uw.video.demux import open_local, open_packets
-from mr360uw.video.formats import EncodeSettings
 from mr360uw.video.other_tracks import later_timecode
 from tests.video.boxes import box, changed
 from tests.video.clips import packets, write_clip

@@ -10,10 +10,10 @@ import pytest
 from av.video.reformatter import Interpolation
 
 from mr360uw.color import ColorSpec, code_range, decode, encode, rgb_from_ycbcr
-from mr360uw.composite.over import empty_tile
+from mr360uw.composite.tiles import empty_tile
 from mr360uw.types import Layer, Rectangle, Tile, YuvImage
 from mr360uw.video.pixels.planes import noise, planes_from_linear
-from mr360uw.video.video_frame import VideoFrame
+from mr360uw.video.reader import VideoFrame
 from mr360uw.yuv.decoding import linear_from_planes
 from tests.video.clips import SIZE, SPECS, fill, yuv_image
 from tests.video.tolerances import (

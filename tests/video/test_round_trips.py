@@ -18,7 +18,7 @@ from mr360uw.ibl.tilt import level_matrix
 from mr360uw.render.surroundings import CameraPath, pose_notes
 from mr360uw.scene.model import scene_from_dict
 from mr360uw.video import create_video, open_video, read_spherical, transcode
-from mr360uw.video.formats import EncodeSettings
+from mr360uw.video.clip import EncodeSettings
 from tests.video.boxes import box, changed, children, full_box, mark_v1, mark_v2
 from tests.video.clips import fill, moving_planes, write_clip
 

@@ -33,7 +33,7 @@ from mr360uw.constants import BRIGHTEST, DARK
 from mr360uw.ibl.lookup import lookup_matrix
 from mr360uw.jit import exact, fast, inlined
 from mr360uw.rays import raise_to_triangles
-from mr360uw.texels import smoothstep
+from mr360uw.sphere import smoothstep
 from mr360uw.types import Environment, Floats
 
 CELLS = 32

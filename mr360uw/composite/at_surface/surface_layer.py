@@ -37,30 +37,30 @@ from mr360uw.composite.at_surface.surface_rays import (
     TURNS,
     SeenSurface,
     SurfaceSamples,
+    WaterSides,
     balls_around,
+    camera_in_water,
     find_reach,
     first_surfaces,
+    in_air,
     in_reach,
     sample_surface,
     see_surface,
     surfaces_met,
 )
-from mr360uw.composite.at_surface.water_sides import WaterSides, camera_in_water, in_air
-from mr360uw.composite.lighting.light_sources import LightSource, light_sources
+from mr360uw.composite.lighting.light_sources import Blockers, LightSource, light_sources
 from mr360uw.composite.lighting.shading import surface_radiance
-from mr360uw.composite.lighting.shadow import Blockers
-from mr360uw.composite.over import empty_tile, hold_out
+from mr360uw.composite.objects import FAINTEST, PlacedObject, Shot, object_presence, tops
 from mr360uw.composite.raycast import Geometry, Hits, gather
 from mr360uw.composite.sampling import pattern
 from mr360uw.composite.settings import SurfaceSettings
-from mr360uw.composite.shot import FAINTEST, PlacedObject, Shot, object_presence, tops
 from mr360uw.composite.snow.draw import rest_of
-from mr360uw.composite.tiles import even_tiles, rectangles_of_mask
+from mr360uw.composite.tiles import empty_tile, even_tiles, hold_out, rectangles_of_mask
 from mr360uw.ibl.lookup import environment_lookup
 from mr360uw.optics import fresnel
+from mr360uw.sphere import smoothstep
 from mr360uw.surface.ray_kernel import OFF_M
 from mr360uw.surface.sampled_sea import MovingSea, SampledSea
-from mr360uw.texels import smoothstep
 from mr360uw.types import Floats, Layer, MediumTable, Rectangle, Tile
 
 Indices = NDArray[np.int64]

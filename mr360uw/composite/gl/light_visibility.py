@@ -27,9 +27,8 @@ from mr360uw.composite.gl.shadow_columns import (
     slot_size,
     sun_frames,
 )
-from mr360uw.composite.lighting.light_sources import lamps_of, sun_of, widest_half_angle
-from mr360uw.composite.lighting.shadow import wide_pixel_offsets
-from mr360uw.composite.shot import Shot
+from mr360uw.composite.lighting.light_sources import lamps_of, sun_of, wide_pixel_offsets, widest_half_angle
+from mr360uw.composite.objects import Shot
 from mr360uw.constants import LONGEST_FOOTPRINT, MAXIMUM_SUN_SAMPLES
 from mr360uw.jit import borrowing, fast, inlined
 from mr360uw.medium.shafts.single_scattering import nearest_m

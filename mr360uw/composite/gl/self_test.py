@@ -15,14 +15,13 @@ import numpy as np
 from mr360uw.cache import Cache
 from mr360uw.color import encode
 from mr360uw.composite.gl.layer_renderer import LayerRenderer
-from mr360uw.composite.mesh.material import Material, Part
+from mr360uw.composite.mesh.material import Material, Part, make_texture
 from mr360uw.composite.mesh.mesh import Mesh, make_mesh
-from mr360uw.composite.mesh.texture import make_texture
 from mr360uw.composite.motion import rigid, rotation_matrix
-from mr360uw.composite.over import over
+from mr360uw.composite.objects import PlacedObject, Receiver, Shot
 from mr360uw.composite.reference import render_layer
 from mr360uw.composite.settings import DrawSettings
-from mr360uw.composite.shot import PlacedObject, Receiver, Shot
+from mr360uw.composite.tiles import over
 from mr360uw.errors import GlError
 from mr360uw.gl.context import gl_context, gl_device
 from mr360uw.reading.disk_cache import kept_arrays

@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.cache import PartOf
+from mr360uw.composite.mesh.material import Texture
 from mr360uw.composite.mesh.mesh import Mesh
-from mr360uw.composite.mesh.texture import Texture
-from mr360uw.composite.shot import PlacedObject
+from mr360uw.composite.objects import PlacedObject
 from mr360uw.composite.tiles import NEAREST
 from mr360uw.jit import exact, inlined
 from mr360uw.types import View

@@ -27,9 +27,20 @@ from mr360uw.composite.mesh.gltf import (
     read_targets,
     rest_weights,
 )
-from mr360uw.composite.mesh.material import MAPS, MapCoordinates, MappedMaterial, Material, MeshFile, Part, Rigging
+from mr360uw.composite.mesh.material import (
+    MAPS,
+    MapCoordinates,
+    MappedMaterial,
+    Material,
+    MeshFile,
+    Part,
+    Rigging,
+    Texture,
+    Wrap,
+    decode_image,
+    make_texture,
+)
 from mr360uw.composite.mesh.skin import Animation, Channel, Curve, Interpolation, Target, UnplacedSurface
-from mr360uw.composite.mesh.texture import Texture, Wrap, decode_image, make_texture
 from mr360uw.composite.settings import FARTHEST
 from mr360uw.errors import MeshError
 from mr360uw.reading.input_files import TRIANGLES

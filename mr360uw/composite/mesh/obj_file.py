@@ -17,9 +17,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.color import decode
-from mr360uw.composite.mesh.material import MapCoordinates, MappedMaterial, Material, MeshFile, Part
+from mr360uw.composite.mesh.material import (
+    MapCoordinates,
+    MappedMaterial,
+    Material,
+    MeshFile,
+    Part,
+    Pixels,
+    Texture,
+    Wrap,
+    decode_image,
+    make_texture,
+)
 from mr360uw.composite.mesh.polygons import check_corners, polygons_of
-from mr360uw.composite.mesh.texture import Pixels, Texture, Wrap, decode_image, make_texture
 from mr360uw.errors import MeshError
 from mr360uw.reading.input_files import LOOKED_FOR, TEXT, TRIANGLES, beside, neighbour, read_data, text_of
 from mr360uw.types import Floats

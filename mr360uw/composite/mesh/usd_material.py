@@ -13,8 +13,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.composite.mesh.material import MapCoordinates, MappedMaterial, Material
-from mr360uw.composite.mesh.texture import Pixels, Texture, Wrap, make_texture
+from mr360uw.composite.mesh.material import (
+    MapCoordinates,
+    MappedMaterial,
+    Material,
+    Pixels,
+    Texture,
+    Wrap,
+    make_texture,
+)
 
 UNBOUND = Material("", (0.18, 0.18, 0.18, 1.0), roughness=0.5)
 """The defaults of UsdPreviewSurface: what a mesh without a material looks like."""

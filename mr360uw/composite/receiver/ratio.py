@@ -20,11 +20,11 @@ from numpy.typing import NDArray
 
 from mr360uw.composite.lighting.light_sources import LightSource
 from mr360uw.composite.lighting.shading import ambient_irradiance
+from mr360uw.composite.objects import Shot
 from mr360uw.composite.receiver.pattern import PlatePattern, direct_pattern
-from mr360uw.composite.shot import Shot
 from mr360uw.composite.tiles import places_in_mask
 from mr360uw.constants import BRIGHTEST, DARK
-from mr360uw.texels import smoothstep
+from mr360uw.sphere import smoothstep
 from mr360uw.tile_blend import BLOCK, NO_BLURS, NO_MEAN, BlockGround, GroundLines, PixelImages
 from mr360uw.types import Floats, Rectangle
 

@@ -39,12 +39,11 @@ from mr360uw.ibl.plate import (
     patch_directions,
     plate_sines,
 )
-from mr360uw.ibl.sun.blob import CLIPPED, Blob, brightness, examine
-from mr360uw.ibl.sun.judge import PlateSurvey, SunCandidate, find_glow, taken_share
+from mr360uw.ibl.sun.judge import CLIPPED, Blob, PlateSurvey, SunCandidate, brightness, examine, find_glow, taken_share
 from mr360uw.ibl.sun.split import Split, ground_ratio, sky_irradiance, split_sun
 from mr360uw.ibl.tilt import level_matrix, roll_pitch, upward
 from mr360uw.optics import refract_clamped, refract_to_air, snell_elevation
-from mr360uw.shapes import checked
+from mr360uw.parameters import checked
 from mr360uw.sphere import unit
 from mr360uw.types import Floats, Sun
 

@@ -26,8 +26,8 @@ from numpy.typing import NDArray
 from mr360uw.cache import Cache, PartOf, Same
 from mr360uw.errors import ParameterError
 from mr360uw.jit import exact
+from mr360uw.parameters import numbers
 from mr360uw.rays import PlacedScene, RayScene, raise_to_triangles
-from mr360uw.shapes import numbers
 from mr360uw.sphere import basis
 from mr360uw.types import Floats
 

@@ -68,7 +68,7 @@ from mr360uw.medium.shafts.single_scattering import (
     view_directions,
 )
 from mr360uw.medium.shafts.sun_beam import SunBeam
-from mr360uw.shapes import checked
+from mr360uw.parameters import checked
 from mr360uw.sphere import basis, direction_from_frame, frame_from_direction, unit
 from mr360uw.types import CausticStack, Floats, Lamp, Sun, View
 

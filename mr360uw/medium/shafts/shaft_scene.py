@@ -38,7 +38,7 @@ from mr360uw.medium.models import CLOSED_FORMS
 from mr360uw.medium.phase import Phase, phase_function, wide_angle_function
 from mr360uw.medium.shafts.occluders import Bodies, bodies_of
 from mr360uw.medium.shafts.single_scattering import BeamPattern, camera_depth_m, lamp_segments, segment_points
-from mr360uw.shapes import checked, exactly
+from mr360uw.parameters import checked, exactly
 from mr360uw.sphere import unit
 from mr360uw.types import CausticStack, Floats, Lamp, Sun, View
 

@@ -56,7 +56,7 @@ from mr360uw.errors import ParameterError
 from mr360uw.medium.closed_form import exponential_integral, ray_in_water
 from mr360uw.medium.phase import Phase, check_phase, phase_function
 from mr360uw.medium.shafts.occluders import Bodies, bodies_of
-from mr360uw.shapes import checked, common_shape, exactly, number, numbers
+from mr360uw.parameters import checked, common_shape, exactly, number, numbers
 from mr360uw.sphere import disc_directions, effective_half_angle, unit
 from mr360uw.types import CausticStack, Floats, Lamp, Sun, View
 

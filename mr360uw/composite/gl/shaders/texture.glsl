@@ -1,4 +1,4 @@
-// Trilinear lookup of texture maps, averaged along the longer axis of the pixel. Held to composite/mesh/texture.py.
+// Trilinear lookup of texture maps, averaged along the longer axis of the pixel. Held to composite/mesh/material.py.
 // Each function calls the one above it in a single place: compilers write out every call, and would take seconds.
 // All levels of all maps lie in one store, row after row; a map is (address / 64, width, height, wrap).
 const int STORE_COLUMNS = 4096;
