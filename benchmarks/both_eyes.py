@@ -16,8 +16,9 @@ from typing import Any
 
 import numpy as np
 
-from mr360uw.cache import Cache
-from mr360uw.color import encode
+from mr360uw.base.cache import Cache
+from mr360uw.base.color import encode
+from mr360uw.base.sphere import direction_from_angles
 from mr360uw.composite import PlacedObject, Shot
 from mr360uw.composite.mesh.material import Material, Part
 from mr360uw.composite.mesh.mesh import Mesh, make_mesh
@@ -26,7 +27,6 @@ from mr360uw.composite.objects import Receiver
 from mr360uw.composite.settings import DrawSettings
 from mr360uw.composite.tiles import over
 from mr360uw.render.backends import make_backend
-from mr360uw.sphere import direction_from_angles
 from mr360uw.types import Environment, Sun, View
 
 HALF_M, RADIUS_M, DISTANCE_M = 0.032, 0.25, 2.0

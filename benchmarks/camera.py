@@ -26,9 +26,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 import mr360uw as uw
+from mr360uw.base.sphere import directions
 from mr360uw.composite.motion import rotation_matrix
 from mr360uw.sample.dive import record
-from mr360uw.sphere import directions
 
 WIDTH, FRAMES, RATE = 1280, 48, Fraction(24)
 TARGET_DEG, TARGET_SHARE, TARGET_S = 0.1, 0.005, 60.0

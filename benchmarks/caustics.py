@@ -22,7 +22,9 @@ from typing import Any
 
 import numpy as np
 
-from mr360uw.caustic_lookup import caustic_lookup, mip_level, mip_levels, periodic_trilinear
+from mr360uw.base.caustic_lookup import caustic_lookup, mip_level, mip_levels, periodic_trilinear
+from mr360uw.base.constants import REFRACTIVE_INDEX_SEA
+from mr360uw.base.sphere import direction_from_angles
 from mr360uw.caustics import (
     CausticSettings,
     GerstnerSea,
@@ -35,10 +37,8 @@ from mr360uw.caustics.irradiance import cell_flux, lit_corners, refracted_rays
 from mr360uw.caustics.settings import PlaneLadder, grid_of
 from mr360uw.caustics.summed_stack import summed_stack
 from mr360uw.composite.gl.device import upload_stack
-from mr360uw.constants import REFRACTIVE_INDEX_SEA
 from mr360uw.errors import Mr360uwError
-from mr360uw.gl.context import draw_fullscreen, gl_context, gl_device, program_from_text, set_uniforms
-from mr360uw.sphere import direction_from_angles
+from mr360uw.gl import draw_fullscreen, gl_context, gl_device, program_from_text, set_uniforms
 from mr360uw.types import CausticStack
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -189,7 +189,7 @@ def speed() -> None:
 
 
 LOOKUP = """
-#include "caustic_lookup.glsl"
+#include "base/caustic_lookup.glsl"
 uniform CausticStack stack;
 uniform sampler2DArray ratio;
 uniform sampler2D plane_depth;

@@ -39,10 +39,10 @@ from benchmarks.closed.bodies import write_body  # noqa: E402
 from benchmarks.closed.dives import Dive  # noqa: E402
 from benchmarks.closed.gathering import Gathering  # noqa: E402
 from benchmarks.closed.truth import Stage, TruePicture, exposure  # noqa: E402
-from mr360uw.cache import Cache  # noqa: E402
-from mr360uw.color import encode, luminance  # noqa: E402
+from mr360uw.base.cache import Cache  # noqa: E402
+from mr360uw.base.color import encode, luminance  # noqa: E402
+from mr360uw.base.constants import REFRACTIVE_INDEX_SEA  # noqa: E402
 from mr360uw.composite.tiles import over  # noqa: E402
-from mr360uw.constants import REFRACTIVE_INDEX_SEA  # noqa: E402
 from mr360uw.ibl.lighting import assemble  # noqa: E402
 from mr360uw.ibl.lookup import environment_lookup  # noqa: E402
 from mr360uw.ibl.plate import COARSE_COLUMNS  # noqa: E402

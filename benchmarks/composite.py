@@ -20,13 +20,20 @@ import numpy as np
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
-from mr360uw.composite import ObjectSettings, Receiver, SceneObject, Shot, load_object, render_layer  # noqa: E402
+from mr360uw.base.sphere import row_solid_angle, yaw_matrix  # noqa: E402
+from mr360uw.composite import (  # noqa: E402
+    ObjectSettings,
+    Receiver,
+    SceneObject,
+    Shot,
+    light_sources,
+    load_object,
+    render_layer,
+)
 from mr360uw.composite.gl.layer_renderer import LayerRenderer  # noqa: E402
-from mr360uw.composite.lighting import light_sources  # noqa: E402
 from mr360uw.composite.mesh.material import Material  # noqa: E402
 from mr360uw.composite.motion import rigid, rotation_matrix  # noqa: E402
 from mr360uw.composite.tiles import over  # noqa: E402
-from mr360uw.sphere import row_solid_angle, yaw_matrix  # noqa: E402
 from mr360uw.types import View  # noqa: E402
 from tests.composite import scenes  # noqa: E402
 from tests.composite.scenes import changed, codes, environment, medium, placed, plate, shot, sphere  # noqa: E402

@@ -24,9 +24,9 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import mr360uw as uw
+from mr360uw.base.sphere import directions
 from mr360uw.depth import DepthMap, Panorama, distances
 from mr360uw.errors import ParameterError
-from mr360uw.sphere import directions
 from mr360uw.types import Floats
 from tests.depth.hazy_scene import FISH, POLE, WATER, HazyScene, relative_error
 

@@ -26,8 +26,8 @@ import numpy as np
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
+from mr360uw.base.optics import fresnel_from_below  # noqa: E402
 from mr360uw.medium.phase import phase_function  # noqa: E402
-from mr360uw.optics import fresnel_from_below  # noqa: E402
 from tests.lit_dives import DATA, DIVES, PLATE, SIZE, LitDive, compared, regions_of  # noqa: E402
 
 PLATE_PATHS, REGION_PATHS = 1500, 800_000

@@ -17,8 +17,8 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
+from mr360uw.base.sphere import directions
 from mr360uw.depth import eye_distances
-from mr360uw.sphere import directions
 from mr360uw.types import Floats, ray_starts
 from tests.depth.hazy_scene import HazyScene, _trace, relative_error
 

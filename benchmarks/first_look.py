@@ -22,7 +22,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from mr360uw.color import encode
+from mr360uw.base.color import encode
 from mr360uw.errors import Mr360uwError
 from mr360uw.first_look.first_scene import make_first_scene
 from mr360uw.preview.live import LivePreview, Perspective, look

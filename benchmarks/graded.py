@@ -30,8 +30,8 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
 import mr360uw as uw  # noqa: E402
-from mr360uw.cache import Cache  # noqa: E402
-from mr360uw.color import encode, ycbcr_from_rgb  # noqa: E402
+from mr360uw.base.cache import Cache  # noqa: E402
+from mr360uw.base.color import encode, ycbcr_from_rgb  # noqa: E402
 from mr360uw.composite.grading.settings import MatchSettings  # noqa: E402
 from mr360uw.render.backends import Backend, make_backend  # noqa: E402
 from mr360uw.render.first_pass import clip_analysis  # noqa: E402

@@ -20,15 +20,8 @@ import cv2
 import numpy as np
 
 import mr360uw.ibl as ibl
-from mr360uw.color import LUMINANCE, ColorSpec, decode, encode, luminance, ycbcr_from_rgb
-from mr360uw.errors import Mr360uwError
-from mr360uw.ibl.filters import ggx_kernel
-from mr360uw.ibl.lookup import reduce_map
-from mr360uw.ibl.plate import COARSE_COLUMNS, COARSE_ROWS, LinearPlate, remap
-from mr360uw.ibl.settings import GLOSSY_ROUGHNESS, LightSettings, Operator
-from mr360uw.ibl.sun.detect import find_disc
-from mr360uw.ibl.sun.split import sky_irradiance
-from mr360uw.sphere import (
+from mr360uw.base.color import LUMINANCE, ColorSpec, decode, encode, luminance, ycbcr_from_rgb
+from mr360uw.base.sphere import (
     direction_from_angles,
     direction_from_frame,
     directions,
@@ -36,7 +29,14 @@ from mr360uw.sphere import (
     row_solid_angle,
     unit,
 )
-from mr360uw.threads import one_blas_thread
+from mr360uw.base.threads import one_blas_thread
+from mr360uw.errors import Mr360uwError
+from mr360uw.ibl.filters import ggx_kernel
+from mr360uw.ibl.lookup import reduce_map
+from mr360uw.ibl.plate import COARSE_COLUMNS, COARSE_ROWS, LinearPlate, remap
+from mr360uw.ibl.settings import GLOSSY_ROUGHNESS, LightSettings, Operator
+from mr360uw.ibl.sun.detect import find_disc
+from mr360uw.ibl.sun.split import sky_irradiance
 from mr360uw.types import Sun, YuvImage
 
 FOOTAGE = Path(__file__).resolve().parents[2] / "shared" / "data" / "footage"

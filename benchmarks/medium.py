@@ -23,7 +23,7 @@ import numpy as np
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
-from mr360uw.color import decode, encode, rgb_from_ycbcr  # noqa: E402
+from mr360uw.base.color import decode, encode, rgb_from_ycbcr  # noqa: E402
 from mr360uw.medium import (  # noqa: E402
     JERLOV_TYPES,
     LightField,
@@ -320,7 +320,7 @@ def _gpu_cost(tables: dict) -> None:
     from mr360uw.errors import GlError
 
     try:
-        from mr360uw.gl.context import (
+        from mr360uw.gl import (
             draw_fullscreen,
             gl_context,
             program_from_text,

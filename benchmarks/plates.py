@@ -33,7 +33,7 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
 import mr360uw as uw  # noqa: E402
-from mr360uw.color import decode, encode, luminance  # noqa: E402
+from mr360uw.base.color import decode, encode, luminance  # noqa: E402
 from mr360uw.errors import Mr360uwError  # noqa: E402
 from mr360uw.first_look.first_scene import make_first_scene  # noqa: E402
 from mr360uw.sample.dive_settings import DiveSettings  # noqa: E402

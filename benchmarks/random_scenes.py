@@ -19,10 +19,11 @@ import numpy as np
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
+from mr360uw.base.color import encode
+from mr360uw.base.parameters import bounds_of
 from mr360uw.caustics.gerstner import GerstnerSea
 from mr360uw.caustics.settings import CausticSettings
 from mr360uw.caustics.spectral import SpectralSea
-from mr360uw.color import encode
 from mr360uw.composite.grading.settings import MatchSettings
 from mr360uw.composite.settings import (
     DrawSettings,
@@ -36,7 +37,6 @@ from mr360uw.ibl import LightSettings
 from mr360uw.medium import WaterSettings
 from mr360uw.medium.settings import ShaftSettings
 from mr360uw.medium.spectra import cameras
-from mr360uw.parameters import bounds_of
 from mr360uw.sample.whale import write_whale
 from mr360uw.scene.model import CameraSettings, Scene, scene_from_dict
 from mr360uw.video.exr import write_exr

@@ -23,7 +23,8 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
 from benchmarks.peers.mitsuba_scene import has_mitsuba, mitsuba  # noqa: E402
-from mr360uw.cache import Cache  # noqa: E402
+from mr360uw.base.cache import Cache  # noqa: E402
+from mr360uw.base.sphere import direction_from_angles, unit  # noqa: E402
 from mr360uw.caustics import (  # noqa: E402
     CausticSettings,
     GerstnerSea,
@@ -45,7 +46,6 @@ from mr360uw.render.loaded import load  # noqa: E402
 from mr360uw.sample import sample_dive  # noqa: E402
 from mr360uw.scene.model import Scene, load_scene  # noqa: E402
 from mr360uw.scene.resolved import open_plate  # noqa: E402
-from mr360uw.sphere import direction_from_angles, unit  # noqa: E402
 from mr360uw.types import CausticStack, Lamp, Sun, View  # noqa: E402
 
 DEPTH_M = 5.0

@@ -18,13 +18,13 @@ import numpy as np
 from light import FOOTAGE, angle, clipped, hdr, middle, picture, table
 
 import mr360uw.ibl as ibl
-from mr360uw.color import luminance
+from mr360uw.base.color import luminance
+from mr360uw.base.optics import refract_to_water
+from mr360uw.base.sphere import direction_from_frame, directions, row_solid_angle, unit, yaw_matrix
 from mr360uw.ibl.plate import LinearPlate
 from mr360uw.ibl.sun.detect import find_disc
 from mr360uw.ibl.sun.judge import taken_share
-from mr360uw.optics import refract_to_water
 from mr360uw.sample import Dive, DiveSettings
-from mr360uw.sphere import direction_from_frame, directions, row_solid_angle, unit, yaw_matrix
 
 RADII_DEG = (0.25, 0.35, 0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0, 5.0)
 EXPOSURES = (1.0, 1e-1, 1e-2, 1e-3, 1e-4)

@@ -22,11 +22,12 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
 from benchmarks.peers.mitsuba_scene import has_mitsuba, mitsuba  # noqa: E402
-from mr360uw import optics, surface  # noqa: E402
+from mr360uw import surface  # noqa: E402
+from mr360uw.base import optics  # noqa: E402
+from mr360uw.base.sphere import direction_from_angles, directions, unit  # noqa: E402
 from mr360uw.caustics import GerstnerSea  # noqa: E402
 from mr360uw.caustics.sea import mean_square_slope  # noqa: E402
 from mr360uw.medium import Water  # noqa: E402
-from mr360uw.sphere import direction_from_angles, directions, unit  # noqa: E402
 from mr360uw.surface.intersection import first_hits  # noqa: E402
 from mr360uw.surface.sampled_sea import SampledSea  # noqa: E402
 from mr360uw.surface.sky import Dome  # noqa: E402

@@ -36,7 +36,7 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
 import mr360uw as uw  # noqa: E402
-from mr360uw.files import matching_files, work_path  # noqa: E402
+from mr360uw.base.files import matching_files, work_path  # noqa: E402
 from mr360uw.sample import SampleDive, sample_dive  # noqa: E402
 from mr360uw.scene.model import load_scene  # noqa: E402
 from mr360uw.video import EncodeSettings, create_video  # noqa: E402

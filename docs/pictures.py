@@ -25,6 +25,7 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
 import mr360uw as uw  # noqa: E402
+from mr360uw.base.sphere import direction_from_angles  # noqa: E402
 from mr360uw.caustics import GerstnerSea, caustic_map  # noqa: E402
 from mr360uw.from_above import AerialScene, aerial_film  # noqa: E402
 from mr360uw.medium import JERLOV_TYPES, Medium, Sensor, Water  # noqa: E402
@@ -37,7 +38,6 @@ from mr360uw.sample import Dive, DiveSettings, sample_dive  # noqa: E402
 from mr360uw.sample.dive import with_noise  # noqa: E402
 from mr360uw.sample.dive_settings import PRESETS  # noqa: E402
 from mr360uw.sample.whale import write_whale  # noqa: E402
-from mr360uw.sphere import direction_from_angles  # noqa: E402
 from mr360uw.types import Floats  # noqa: E402
 from samples.demo.pictures import VIEW, WIPE, first_view, picture, wiped  # noqa: E402
 

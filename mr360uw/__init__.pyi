@@ -1,9 +1,9 @@
 from . import caustics, composite, datasets, depth, from_above, ibl, medium, plot, surface, types, video
-from .compositor import Compositor, FrameResult, analyse_clip, render_frame
 from .depth.clip_depth import DepthReport, depth_of_clip
 from .errors import GlError, MeshError, Mr360uwError, OutputExistsError, ParameterError, SceneError, VideoError
 from .from_above import AerialScene, aerial, load_aerial
 from .render.first_pass import ClipAnalysis
+from .runs.compositor import Compositor, FrameResult, analyse_clip, render_frame
 from .runs.outputs import Report
 from .runs.pipeline import composite_video
 from .sample import sample_dive

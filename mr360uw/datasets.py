@@ -17,14 +17,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import NonNegativeInt, PositiveInt
 
+from mr360uw.base.files import check_outputs, write_whole
+from mr360uw.base.input_files import read_text
+from mr360uw.base.parameters import checked, file_path, instance, numbers
 from mr360uw.errors import ParameterError, install_command, optional
-from mr360uw.files import check_outputs, write_whole
 from mr360uw.medium.medium import Medium
 from mr360uw.medium.transfer import LightField
 from mr360uw.medium.water import Water
 from mr360uw.medium.waterfit import resampled
-from mr360uw.parameters import checked, file_path, instance, numbers
-from mr360uw.reading.input_files import read_text
 from mr360uw.types import CausticStack
 
 if TYPE_CHECKING:

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mr360uw.color import encode
+from mr360uw.base.color import encode
 from mr360uw.errors import ParameterError, install_command, optional
 
 _WIDTH, _HEIGHT, _MARGIN = 360, 180, 34

@@ -7,7 +7,7 @@ name (`time_s`, `depth_m`).
 Axes: right-handed, +y up, camera at the origin of the world at t = 0, forward = -z, right = +x. The mean water
 surface is the plane y = surface_y_m, the depth of the camera at t = 0; the depth of a point is surface_y_m - y,
 positive below the surface.
-Equirectangular pixels: see `mr360uw.sphere`.
+Equirectangular pixels: see `mr360uw.base.sphere`.
 
 Directions are unit vectors. View directions point from the camera outwards, light directions *towards* the light;
 a direction of travel says `_travel`. Phase functions take the cosine between the directions of travel before and
@@ -26,11 +26,11 @@ from typing import Any, Literal, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mr360uw.cache import Parts
-from mr360uw.color import ColorSpec
-from mr360uw.constants import PI, REFRACTIVE_INDEX_SEA
+from mr360uw.base.cache import Parts
+from mr360uw.base.color import ColorSpec
+from mr360uw.base.constants import PI, REFRACTIVE_INDEX_SEA
+from mr360uw.base.sphere import Array, direction_from_frame, frame_from_direction, unit
 from mr360uw.plot import Figure, Shown
-from mr360uw.sphere import Array, direction_from_frame, frame_from_direction, unit
 
 __all__ = [
     "Array", "BeamSpread", "CausticStack", "Environment", "Floats", "Lamp", "Layer", "Light", "MediumTable",
@@ -95,7 +95,7 @@ class View(Parts):
 
     width, height: of the frame in pixels. position: (3,) [m] in the world. world_from_camera: (3, 3) rotation.
     surface_y_m: height of the mean water surface in the world. projection: how pixels become rays: "equirectangular"
-    (`mr360uw.sphere`), "perspective" with the horizontal angle `fov_rad`, or "orthographic", parallel rays over a width
+    (`base.sphere`), "perspective" with the horizontal angle `fov_rad`, or "orthographic", parallel rays over a width
     of `width_m` [m]; square pixels. The composite's views are equirectangular. eye_m: of an eye's panorama, the radius
     [m] of the viewing circle on which its rays start, negative for the left eye; 0 for rays from `position`.
     """

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 import mr360uw as uw
-from mr360uw.color import encode
+from mr360uw.base.color import encode
 
 TYPES, DEPTHS_M = ("I", "II", "III", "1C", "3C", "5C"), (1.0, 2.0, 5.0, 10.0, 20.0)
 

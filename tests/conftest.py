@@ -19,9 +19,9 @@ import pytest
 from filelock import FileLock
 
 from mr360uw import cli
-from mr360uw.cache import drop_shared
-from mr360uw.gl.context import release_unused
-from mr360uw.reading.disk_cache import FOLDER, kernel_folder
+from mr360uw.base.cache import drop_shared
+from mr360uw.base.disk_cache import FOLDER, kernel_folder
+from mr360uw.gl import release_unused
 from mr360uw.sample import SampleDive
 from tests.command import command_line
 from tests.glsl import gl_available
@@ -118,7 +118,7 @@ def rng() -> np.random.Generator:
 def gl() -> None:
     """Skip where OpenGL 3.3 cannot be had."""
     from mr360uw.errors import GlError
-    from mr360uw.gl.context import gl_context
+    from mr360uw.gl import gl_context
 
     try:
         gl_context()

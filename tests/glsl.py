@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from mr360uw.errors import GlError
-from mr360uw.gl.context import (
+from mr360uw.gl import (
     draw_fullscreen,
     gl_context,
     program_from_text,

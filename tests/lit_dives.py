@@ -16,12 +16,12 @@ from typing import Any
 import cv2
 import numpy as np
 
-from mr360uw.compositor import FrameResult, render_frame
+from mr360uw.base.optics import fresnel_from_below, refract_to_water
+from mr360uw.base.sphere import directions, row_solid_angle
 from mr360uw.medium.open_water import DARKEST
 from mr360uw.medium.phase import Phase
-from mr360uw.optics import fresnel_from_below, refract_to_water
+from mr360uw.runs.compositor import FrameResult, render_frame
 from mr360uw.scene import scene_from_dict
-from mr360uw.sphere import directions, row_solid_angle
 
 DATA = Path(__file__).parent / "data" / "lit_dives.npz"
 PLATE, SIZE = (64, 128), (192, 384)

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from mr360uw.base.sphere import directions
 from mr360uw.scene.model import Scene, scene_from_dict
-from mr360uw.sphere import directions
 
 BACKENDS = ("reference", "gl")
 

@@ -15,43 +15,37 @@ import pytest
 import mr360uw
 
 ROOT = Path(mr360uw.__file__).parent
-GROUND = {
-    "files", "reading", "types", "constants", "sphere", "color", "errors", "parameters", "optics",
-    "yuv", "cache", "jit", "tile_blend", "plot",
-}  # fmt: skip
+GROUND = {"base", "types", "errors", "yuv", "jit", "plot"}
 # what a package may import of mr360uw besides the ground floor and itself
 PHYSICS = {"ibl", "caustics", "medium"}
 ALLOWED: dict[str, set[str]] = {
     "published": set(),
     "ibl": {"published"},
-    "caustics": {"caustic_lookup", "published"},
-    "medium": {"rays", "caustic_lookup", "threads"},
-    "surface": {"caustic_lookup", *PHYSICS},
-    "from_above": {"surface", "scene", "sample", "composite", "video", "progress", "rays", "published", *PHYSICS},
-    "composite": {"gl", "threads", "rays", "caustic_lookup", "surface", *PHYSICS},
+    "caustics": {"published"},
+    "medium": set(),
+    "surface": {*PHYSICS},
+    "from_above": {"surface", "scene", "sample", "composite", "video", "published", *PHYSICS},
+    "composite": {"gl", "surface", *PHYSICS},
     "gl": set(),
     "video": set(),
     "scene": {"composite", "video", *PHYSICS},
-    "render": {"depth", "scene", "composite", "video", "gl", "progress", "threads", *PHYSICS},
-    "runs": {"render", "scene", "composite", "video", "threads", "progress", "__version__", *PHYSICS},
-    "preview": {"render", "scene", "video", "composite", "progress", "threads", *PHYSICS},
-    "match": {"render", "scene", "video", "caustic_lookup", "progress", *PHYSICS},
-    "sample": {"scene", "ibl", "caustics", "medium", "surface", "video", "progress", "threads"},
+    "render": {"depth", "scene", "composite", "video", "gl", *PHYSICS},
+    "runs": {"preview", "render", "scene", "composite", "video", "__version__", *PHYSICS},
+    "preview": {"render", "scene", "video", "composite", *PHYSICS},
+    "match": {"render", "scene", "video", *PHYSICS},
+    "sample": {"scene", "ibl", "caustics", "medium", "surface", "video"},
     "bench": {
         "render",
         "scene",
         "composite",
         "sample",
-        "caustic_lookup",
         "video",
         "info",
-        "progress",
-        "threads",
         "__version__",
         *PHYSICS,
     },
-    "depth": {"track", "video", "composite", "medium", "progress", "threads"},
-    "track": {"video", "ibl", "medium", "composite", "progress", "threads"},
+    "depth": {"track", "video", "composite", "medium"},
+    "track": {"video", "ibl", "medium", "composite"},
     "first_look": {"depth", "match", "preview", "render", "scene", "composite", "video", *PHYSICS},
     "tune": {
         "match",
@@ -61,9 +55,6 @@ ALLOWED: dict[str, set[str]] = {
         "scene",
         "composite",
         "video",
-        "rays",
-        "progress",
-        "threads",
         *PHYSICS,
     },
 }
@@ -167,11 +158,14 @@ def test_the_ground_floor_stands_on_numpy_alone() -> None:
             "subprocess",
             "sys",
         },
-        ROOT / "cache.py": {"operator", "types"},
-        ROOT / "color.py": {"colour", "warnings"},
-        ROOT / "parameters.py": {"builtins", "fractions", "inspect", "operator", "re"},
+        ROOT / "base" / "cache.py": {"operator", "types"},
+        ROOT / "base" / "color.py": {"colour", "warnings"},
+        ROOT / "base" / "parameters.py": {"builtins", "fractions", "inspect", "operator", "re"},
+        ROOT / "base" / "rays.py": {"embreex", "trimesh"},
+        ROOT / "base" / "progress.py": {"contextlib", "rich", "signal", "sys"},
+        ROOT / "base" / "threads.py": {"concurrent", "contextlib", "sys", "threadpoolctl"},
         ROOT / "plot.py": {"base64", "cv2", "html"},
-        ROOT / "files.py": {
+        ROOT / "base" / "files.py": {
             "contextlib",
             "filelock",
             "hashlib",
@@ -184,8 +178,8 @@ def test_the_ground_floor_stands_on_numpy_alone() -> None:
             "stat",
         },
         ROOT / "errors.py": {"importlib"},
-        ROOT / "reading" / "disk_cache.py": {"contextlib", "hashlib", "io", "os", "zipfile"},
-        ROOT / "reading" / "input_files.py": {
+        ROOT / "base" / "disk_cache.py": {"contextlib", "hashlib", "io", "os", "zipfile"},
+        ROOT / "base" / "input_files.py": {
             "contextlib",
             "contextvars",
             "csv",

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mr360uw.cache import Cache, PartOf, Parts, by_content, name_of
+from mr360uw.base.cache import Cache, PartOf, Parts, by_content, name_of
 from mr360uw.render.backends import make_backend
 from mr360uw.render.check import StageGraph
 from mr360uw.render.first_pass import ClipAnalysis

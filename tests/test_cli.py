@@ -21,10 +21,10 @@ import av
 import numpy as np
 import pytest
 
+from mr360uw.base.progress import begin_phase, terminal_progress
 from mr360uw.errors import EXTRAS
 from mr360uw.ibl import track_suns
 from mr360uw.ibl.sun.track import save_track
-from mr360uw.progress import begin_phase, terminal_progress
 from mr360uw.sample import SampleDive
 from mr360uw.video import write_exr
 from mr360uw.video.spherical import SphericalMetadata, Stereo, write_spherical

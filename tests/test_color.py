@@ -7,7 +7,7 @@ from typing import get_args
 import numpy as np
 import pytest
 
-from mr360uw.color import (
+from mr360uw.base.color import (
     WIDE_TRANSFERS,
     ColorSpec,
     DisplayTransfer,

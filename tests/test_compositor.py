@@ -16,9 +16,9 @@ import OpenEXR
 import pytest
 
 import mr360uw as uw
-from mr360uw.color import encode
+from mr360uw.base.color import encode
 from mr360uw.composite.mesh.mesh import Mesh
-from mr360uw.gl.context import gl_context
+from mr360uw.gl import gl_context
 from mr360uw.medium.medium import Medium
 from mr360uw.medium.models import FieldModel
 from mr360uw.render.loaded import Loaded

@@ -11,12 +11,8 @@ import numpy as np
 import pytest
 from scipy.sparse import csr_matrix
 
-from mr360uw.composite.ambient.mesh_transfer import make_transfer
-from mr360uw.composite.mesh.mesh import Mesh, load_mesh
-from mr360uw.medium import Medium, Water
-from mr360uw.medium.scattered_light import spread_of
-from mr360uw.reading import disk_cache
-from mr360uw.reading.disk_cache import (
+from mr360uw.base import disk_cache
+from mr360uw.base.disk_cache import (
     FOLDER,
     Arrays,
     cache_file,
@@ -27,6 +23,10 @@ from mr360uw.reading.disk_cache import (
     kernel_folder,
     read_arrays,
 )
+from mr360uw.composite.ambient.mesh_transfer import make_transfer
+from mr360uw.composite.mesh.mesh import Mesh, load_mesh
+from mr360uw.medium import Medium, Water
+from mr360uw.medium.scattered_light import spread_of
 
 COLUMNS = np.asfortranarray(np.arange(12.0).reshape(3, 4))
 

@@ -37,7 +37,7 @@ PUBLIC = public_names()
 
 def test_the_page_has_what_a_notebook_needs() -> None:
     assert len(PUBLIC) > 80
-    assert {PUBLIC["mr360uw.compositor.Compositor.frame"], PUBLIC["mr360uw.ibl.lighting.environment"]}
+    assert {PUBLIC["mr360uw.runs.compositor.Compositor.frame"], PUBLIC["mr360uw.ibl.lighting.environment"]}
     listed = set(PUBLIC.values())
     for room in (uw.datasets, uw.ibl, uw.medium, uw.caustics, uw.surface):
         assert any(getattr(room, name) in listed for name in dir(room) if callable(getattr(room, name)))

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from mr360uw.base.files import WrittenFiles
 from mr360uw.errors import OutputExistsError
-from mr360uw.files import WrittenFiles
 
 CONTENT = bytes(range(1, 201))
 

@@ -77,7 +77,7 @@ def test_kernels_travel(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def read_only(*_: object) -> None:
         raise OSError(errno.EROFS, os.strerror(errno.EROFS))
 
-    monkeypatch.setattr("mr360uw.reading.disk_cache.os.utime", read_only)
+    monkeypatch.setattr("mr360uw.base.disk_cache.os.utime", read_only)
     assert run(copy) == (7.0, 0)
     assert not (folder / "kept").exists()
 

@@ -11,10 +11,9 @@ from typing import Any, get_type_hints
 import pytest
 import typer
 
-from mr360uw import cli, files
-from mr360uw.cli.arguments import Role, roles_of
-from mr360uw.errors import OutputError, OutputExistsError
-from mr360uw.files import (
+from mr360uw import cli
+from mr360uw.base import files
+from mr360uw.base.files import (
     MARKER,
     check_folder,
     check_outputs,
@@ -23,6 +22,8 @@ from mr360uw.files import (
     make_work_folder,
     remove_work_folder,
 )
+from mr360uw.cli.arguments import Role, roles_of
+from mr360uw.errors import OutputError, OutputExistsError
 
 COMMANDS = {info.callback.__name__: inspect.unwrap(info.callback) for info in cli.app.registered_commands}
 

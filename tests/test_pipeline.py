@@ -34,7 +34,7 @@ from tests.video.clips import write_clip, write_trimmed_clip
 
 def codes(linear: np.ndarray) -> np.ndarray:
     """Return 8-bit code values, not rounded."""
-    from mr360uw.color import encode
+    from mr360uw.base.color import encode
 
     return 255.0 * encode(np.clip(linear, 0.0, 1.0).astype(np.float64), "srgb")
 

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import mr360uw as uw
-from mr360uw.color import encode
+from mr360uw.base.color import encode
 from mr360uw.plot import Shown
 from mr360uw.render.first_pass import ClipAnalysis
 from mr360uw.surface import SurfacePicture

@@ -8,7 +8,7 @@ import inspect
 import numpy as np
 import pytest
 
-from mr360uw import color, sphere
+from mr360uw.base import color, sphere
 from tests.shapes import Refused, Returns, called, check_refused, check_returned, filled, towards
 
 RETURNS: Returns = {

@@ -4,8 +4,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mr360uw.errors import ParameterError
-from mr360uw.sphere import (
+from mr360uw.base.sphere import (
     direction_from_angles,
     direction_from_frame,
     directions,
@@ -15,6 +14,7 @@ from mr360uw.sphere import (
     unit,
     yaw_matrix,
 )
+from mr360uw.errors import ParameterError
 from tests.tolerances import FLOAT64
 
 

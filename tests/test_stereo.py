@@ -12,7 +12,7 @@ import OpenEXR
 import pytest
 
 import mr360uw as uw
-from mr360uw.cache import Cache
+from mr360uw.base.cache import Cache
 from mr360uw.errors import Mr360uwError, ParameterError, VideoError
 from mr360uw.render.backends import make_backend
 from mr360uw.render.first_pass import ClipAnalysis

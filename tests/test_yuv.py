@@ -6,10 +6,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mr360uw.color import ColorSpec, Transfer
+from mr360uw.base.color import ColorSpec, Transfer
+from mr360uw.base.sphere import directions
 from mr360uw.ibl.lighting import plate_of_yuv
 from mr360uw.ibl.settings import LightSettings
-from mr360uw.sphere import directions
 from mr360uw.types import YuvImage
 from mr360uw.yuv.decoding import linear_from_planes, linear_in_directions
 from tests.tolerances import YUV_NEAREST, YUV_NEAREST_WIDE, YUV_POLYNOMIAL

@@ -11,11 +11,11 @@ from functools import cached_property
 
 import numpy as np
 
+from mr360uw.base.optics import refract_to_water
+from mr360uw.base.sphere import direction_from_angles, directions, row_solid_angle
 from mr360uw.caustics import GerstnerSea
-from mr360uw.optics import refract_to_water
 from mr360uw.sample.dive_settings import DiveSettings
 from mr360uw.sample.rendered_dive import BED_TILE_M, sea_bed
-from mr360uw.sphere import direction_from_angles, directions, row_solid_angle
 from mr360uw.surface.sea_floor import Floor
 from mr360uw.types import Floats, Sun
 

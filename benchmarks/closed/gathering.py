@@ -17,15 +17,15 @@ import numpy as np
 
 from benchmarks.closed.bodies import Body
 from benchmarks.closed.dives import Dive
-from mr360uw.caustic_lookup import caustic_lookup, mip_levels
+from mr360uw.base.caustic_lookup import caustic_lookup, mip_levels
+from mr360uw.base.constants import PI, REFRACTIVE_INDEX_SEA
+from mr360uw.base.optics import diffuse_reflectance_from_below, fresnel_from_below, fresnel_transmittance
+from mr360uw.base.sphere import basis, directions, disc_directions, row_solid_angle, unit
 from mr360uw.caustics import CausticSettings, caustic_stack
-from mr360uw.constants import PI, REFRACTIVE_INDEX_SEA
 from mr360uw.ibl.lookup import environment_lookup
 from mr360uw.medium import Medium, Water
 from mr360uw.medium.lookup import beam_fraction, transmittance_lookup, veil_lookup
 from mr360uw.medium.scattered_light import spread_of
-from mr360uw.optics import diffuse_reflectance_from_below, fresnel_from_below, fresnel_transmittance
-from mr360uw.sphere import basis, directions, disc_directions, row_solid_angle, unit
 from mr360uw.types import CausticStack, Floats, MediumTable
 
 N = REFRACTIVE_INDEX_SEA

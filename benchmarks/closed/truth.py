@@ -13,10 +13,10 @@ from benchmarks.closed.bodies import Body, body_of
 from benchmarks.closed.dives import Dive
 from benchmarks.closed.gathering import Caustics, Gathering, GroundPatch, WaterTables
 from mr360uw import surface
-from mr360uw.color import luminance
-from mr360uw.constants import PI
+from mr360uw.base.color import luminance
+from mr360uw.base.constants import PI
+from mr360uw.base.sphere import directions, row_solid_angle
 from mr360uw.medium import Water
-from mr360uw.sphere import directions, row_solid_angle
 from mr360uw.types import Floats, View
 
 _SUB = 3

@@ -19,7 +19,7 @@ from typing import Any
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from benchmarks.pipeline import measured_scenes
-from mr360uw.cache import Cache
+from mr360uw.base.cache import Cache
 from mr360uw.render.backends import make_backend
 from mr360uw.render.first_pass import clip_analysis
 from mr360uw.render.frame import composite_frame

@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 
 from benchmarks.peers.scenes import FLOOR_ALBEDO, FLOOR_Y_M, PAVING_CONTRAST, Scene, Sky
+from mr360uw.base.sphere import directions
 from mr360uw.composite import PlacedObject
-from mr360uw.sphere import directions
 from mr360uw.types import Floats
 
 WINDOW = (1800, 1350)

@@ -26,7 +26,7 @@ sys.path.insert(0, str(ROOT))
 
 from benchmarks.peers.mitsuba_scene import WINDOW, build, mitsuba  # noqa: E402
 from benchmarks.peers.scenes import FLOOR_ALBEDO, FLOOR_Y_M, SCENES, SKIES, WIDTH, Scene, Sky  # noqa: E402
-from mr360uw.sphere import direction_from_frame, frame_from_direction  # noqa: E402
+from mr360uw.base.sphere import direction_from_frame, frame_from_direction  # noqa: E402
 from mr360uw.types import Floats  # noqa: E402
 
 FOLDER = Path(__file__).parent / "truth"

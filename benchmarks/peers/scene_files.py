@@ -14,13 +14,13 @@ from typing import Any
 import numpy as np
 
 from benchmarks.peers.scenes import FLOOR_Y_M, Scene, Sky
-from mr360uw.color import encode, luminance
+from mr360uw.base.color import encode, luminance
+from mr360uw.base.sphere import directions, row_solid_angle
 from mr360uw.composite import PlacedObject
 from mr360uw.ibl.lookup import reduce_map
 from mr360uw.runs.pipeline import composite_video
 from mr360uw.scene.model import scene_from_dict
 from mr360uw.scene.resolved import open_plate
-from mr360uw.sphere import directions, row_solid_angle
 from mr360uw.types import Floats
 from mr360uw.video.exr import write_exr
 

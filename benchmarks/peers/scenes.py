@@ -16,15 +16,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from mr360uw import ibl
+from mr360uw.base.constants import SUN_HALF_ANGLE_RAD
+from mr360uw.base.sphere import direction_from_angles, directions, frame_from_direction, row_solid_angle
 from mr360uw.composite import PlacedObject, Receiver, Shot
 from mr360uw.composite.mesh.material import Material, Part
 from mr360uw.composite.mesh.mesh import Mesh, make_mesh
-from mr360uw.constants import SUN_HALF_ANGLE_RAD
 from mr360uw.ibl.lighting import assemble
 from mr360uw.ibl.lookup import reduce_map
 from mr360uw.ibl.plate import COARSE_COLUMNS, COARSE_ROWS
 from mr360uw.ibl.settings import GLOSSY_ROUGHNESS
-from mr360uw.sphere import direction_from_angles, directions, frame_from_direction, row_solid_angle
 from mr360uw.types import Environment, Floats, Sun, View
 from tests.composite.scenes import placed, sphere
 

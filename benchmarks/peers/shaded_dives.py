@@ -15,9 +15,10 @@ from pathlib import Path
 
 import numpy as np
 
-from mr360uw.cache import Cache
+from mr360uw.base.cache import Cache
+from mr360uw.base.color import ColorSpec, encode, luminance
+from mr360uw.base.sphere import directions, disc_directions, effective_half_angle
 from mr360uw.caustics import refract_to_water
-from mr360uw.color import ColorSpec, encode, luminance
 from mr360uw.composite import Shot
 from mr360uw.ibl.lighting import assemble
 from mr360uw.ibl.plate import COARSE_COLUMNS, COARSE_ROWS
@@ -28,7 +29,6 @@ from mr360uw.render.loaded import Loaded, load
 from mr360uw.sample.dive_settings import DiveSettings
 from mr360uw.sample.rendered_dive import SENSOR, Dive
 from mr360uw.scene.model import scene_from_dict
-from mr360uw.sphere import directions, disc_directions, effective_half_angle
 from mr360uw.types import Environment, Floats, Sun
 from mr360uw.video import VideoFrame
 from tests.composite.form_factors import sphere_form_factor

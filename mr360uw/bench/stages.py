@@ -14,21 +14,22 @@ from typing import Any
 
 import numpy as np
 
-from mr360uw.cache import Cache
-from mr360uw.caustic_lookup import caustic_lookup, mip_levels
+from mr360uw.base.cache import Cache
+from mr360uw.base.caustic_lookup import caustic_lookup, mip_levels
+from mr360uw.base.constants import MAXIMUM_SUN_SAMPLES, REFRACTIVE_INDEX_SEA
+from mr360uw.base.disk_cache import nothing_kept
+from mr360uw.base.sphere import unit
 from mr360uw.caustics import CausticSettings, GerstnerSea, caustic_stack, refract_to_air, stack_depths
 from mr360uw.caustics.settings import PlaneLadder
 from mr360uw.composite.objects import load_objects
 from mr360uw.composite.shafts import grid_of
 from mr360uw.composite.tiles import over
-from mr360uw.constants import MAXIMUM_SUN_SAMPLES, REFRACTIVE_INDEX_SEA
 from mr360uw.ibl import environment
 from mr360uw.medium import Medium, ShaftScene, Water, shaft_field
 from mr360uw.medium.lookup import veil_lookup
 from mr360uw.medium.scattered_light import spread_of
 from mr360uw.medium.settings import ShaftSettings
 from mr360uw.medium.shafts.shaft_field import march
-from mr360uw.reading.disk_cache import nothing_kept
 from mr360uw.render.backends import Backend
 from mr360uw.render.first_pass import clip_analysis
 from mr360uw.render.frame import Frame, composite_frame
@@ -36,7 +37,6 @@ from mr360uw.render.loaded import load
 from mr360uw.sample import sample_dive
 from mr360uw.scene.model import Scene, load_scene
 from mr360uw.scene.resolved import open_plate
-from mr360uw.sphere import unit
 from mr360uw.types import CausticStack, Floats, Sun, View
 from mr360uw.video import VideoFrame
 

@@ -11,13 +11,13 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
+from mr360uw.base.constants import REFRACTIVE_INDEX_SEA
+from mr360uw.base.files import check_outputs, made_folder, whole_file, write_whole
+from mr360uw.base.input_files import FRAMES
+from mr360uw.base.parameters import checked
 from mr360uw.caustics.irradiance import caustic_map, check_arguments, pass_indices
 from mr360uw.caustics.settings import CausticSettings, Sea, grid_of
-from mr360uw.constants import REFRACTIVE_INDEX_SEA
 from mr360uw.errors import ParameterError, VideoError
-from mr360uw.files import check_outputs, made_folder, whole_file, write_whole
-from mr360uw.parameters import checked
-from mr360uw.reading.input_files import FRAMES
 from mr360uw.types import Floats
 
 PAGE = "tiles.json"

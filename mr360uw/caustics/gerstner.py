@@ -31,7 +31,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import field_validator, model_validator
 
-from mr360uw.cache import shared
+from mr360uw.base.cache import shared
+from mr360uw.base.parameters import Parameters, advanced, exactly, listed, numbers, parameter
+from mr360uw.base.sphere import smoothstep
 from mr360uw.caustics.sea import (
     WAVES_STAY,
     SeaParameters,
@@ -43,8 +45,6 @@ from mr360uw.caustics.sea import (
     peak_wavelength,
 )
 from mr360uw.errors import ParameterError
-from mr360uw.parameters import Parameters, advanced, exactly, listed, numbers, parameter
-from mr360uw.sphere import smoothstep
 from mr360uw.types import Array
 
 Complex = NDArray[np.complex128]

@@ -39,6 +39,17 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
+from mr360uw.base.constants import REFRACTIVE_INDEX_SEA, SUN_HALF_ANGLE_RAD
+from mr360uw.base.optics import check_refractive_index, refract_clamped
+
+# Refraction at the surface is part of the calls of `mr360uw.caustics`; its formulas stand in `mr360uw.base.optics`
+from mr360uw.base.optics import fresnel_reflectance as fresnel_reflectance
+from mr360uw.base.optics import fresnel_transmittance as fresnel_transmittance
+from mr360uw.base.optics import refract_to_air as refract_to_air
+from mr360uw.base.optics import refract_to_water as refract_to_water
+from mr360uw.base.optics import sea_water_index as sea_water_index
+from mr360uw.base.parameters import checked, instance, numbers, whole
+from mr360uw.base.sphere import unit
 from mr360uw.caustics.sea import SeaParameters
 from mr360uw.caustics.settings import DIVIDED_AREAS, CausticSettings, Method, Sea, grid_of
 from mr360uw.caustics.sun_disc import (
@@ -50,19 +61,8 @@ from mr360uw.caustics.sun_disc import (
     is_soft,
     soft_light,
 )
-from mr360uw.constants import REFRACTIVE_INDEX_SEA, SUN_HALF_ANGLE_RAD
 from mr360uw.errors import ParameterError
 from mr360uw.jit import exact
-from mr360uw.optics import check_refractive_index, refract_clamped
-
-# Refraction at the surface is part of the calls of `mr360uw.caustics`; its formulas stand in `mr360uw.optics`
-from mr360uw.optics import fresnel_reflectance as fresnel_reflectance
-from mr360uw.optics import fresnel_transmittance as fresnel_transmittance
-from mr360uw.optics import refract_to_air as refract_to_air
-from mr360uw.optics import refract_to_water as refract_to_water
-from mr360uw.optics import sea_water_index as sea_water_index
-from mr360uw.parameters import checked, instance, numbers, whole
-from mr360uw.sphere import unit
 from mr360uw.types import BeamSpread, CausticStack, Floats, Surface
 
 _WAVELENGTHS_NM = (610.0, 550.0, 465.0)

@@ -20,12 +20,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import Discriminator, Tag, field_validator
 
-from mr360uw.cache import shared
+from mr360uw.base.cache import shared
+from mr360uw.base.constants import REFRACTIVE_INDEX_SEA, SUN_HALF_ANGLE_RAD
+from mr360uw.base.parameters import Parameters, advanced, listed, number, parameter
 from mr360uw.caustics.gerstner import GerstnerSea
 from mr360uw.caustics.spectral import SpectralSea
-from mr360uw.constants import REFRACTIVE_INDEX_SEA, SUN_HALF_ANGLE_RAD
 from mr360uw.errors import ParameterError
-from mr360uw.parameters import Parameters, advanced, listed, number, parameter
 
 _RATIO = 0.11
 """Greatest r. The error of maps with the sun overhead is 0.3 to 0.7 r of their standard deviation, as measured.

@@ -24,7 +24,9 @@ from typing import Literal
 
 import numpy as np
 
-from mr360uw.cache import shared
+from mr360uw.base.cache import shared
+from mr360uw.base.constants import GRAVITY_M_S2
+from mr360uw.base.parameters import advanced, listed, parameter
 from mr360uw.caustics.gerstner import Complex, Waves
 from mr360uw.caustics.sea import (
     PHILLIPS_ALPHA,
@@ -39,8 +41,6 @@ from mr360uw.caustics.sea import (
     peak_frequency,
     tma_factor,
 )
-from mr360uw.constants import GRAVITY_M_S2
-from mr360uw.parameters import advanced, listed, parameter
 from mr360uw.types import Array
 
 _FADING = 0.5

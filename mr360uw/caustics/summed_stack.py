@@ -24,7 +24,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.cache import shared
+from mr360uw.base.cache import shared
+from mr360uw.base.optics import into_water
 from mr360uw.caustics.irradiance import STEEPEST_RAY, SurfaceLight, caustic_stack, pass_indices
 from mr360uw.caustics.settings import CausticSettings, Sea, cells_across, grid_of
 from mr360uw.caustics.sun_disc import (
@@ -40,7 +41,6 @@ from mr360uw.caustics.sun_disc import (
     transform_of_steps,
 )
 from mr360uw.jit import exact
-from mr360uw.optics import into_water
 from mr360uw.types import BeamSpread, CausticStack, Floats
 
 Floats32 = NDArray[np.float32]

@@ -26,8 +26,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.cache import shared
-from mr360uw.optics import refract_to_water
+from mr360uw.base.cache import shared
+from mr360uw.base.optics import refract_to_water
 from mr360uw.types import BeamSpread, Floats
 
 _LEAST_TURNED = 0.02

@@ -16,9 +16,9 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args, get_type_hi
 
 import typer
 
+from mr360uw.base.files import check_folder, check_outputs
+from mr360uw.base.input_files import unreadable
 from mr360uw.errors import ParameterError
-from mr360uw.files import check_folder, check_outputs
-from mr360uw.reading.input_files import unreadable
 
 if TYPE_CHECKING:
     from mr360uw.preview.live import Perspective

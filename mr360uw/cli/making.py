@@ -150,7 +150,7 @@ def sample(
     overwrite: OverwriteOption = False,
 ) -> None:
     """Make a synthetic 360 dive: plate with sound, whale, truth, and a scene file that puts one into the other."""
-    from mr360uw.progress import terminal_progress
+    from mr360uw.base.progress import terminal_progress
     from mr360uw.sample import DiveSettings, check_recording, sample_dive
     from mr360uw.scene.toml_model import override
 
@@ -215,7 +215,7 @@ def track(
 
     With --from, convert the path that another program has solved.
     """
-    from mr360uw.files import check_work_folder
+    from mr360uw.base.files import check_work_folder
     from mr360uw.track.camera_track import Measure, parse_length, track_files
 
     if solved is not None:
@@ -276,10 +276,10 @@ def depth(
     progress_lines: Annotated[bool, typer.Option("--progress-lines", help="a line for each frame, no bar")] = False,
 ) -> None:
     """Write distances and confidences of all frames of VIDEO, as numbered EXR files; a stopped run goes on."""
+    from mr360uw.base.progress import begin_phase, terminal_progress
     from mr360uw.depth.clip_depth import depth_of_clip
     from mr360uw.depth.clip_eyes import depth_of_eyes
     from mr360uw.depth.clip_water import water_of_clip
-    from mr360uw.progress import begin_phase, terminal_progress
     from mr360uw.video.layout import EYES_APART_M
 
     # Check options that exclude each other
@@ -345,8 +345,8 @@ def _solve(
     overwrite: bool,
 ) -> None:
     """Track the shots of a clip and write a track for each; keep the work beside the output until all is done."""
-    from mr360uw.files import remove_work_folder
-    from mr360uw.progress import terminal_progress
+    from mr360uw.base.files import remove_work_folder
+    from mr360uw.base.progress import terminal_progress
     from mr360uw.track.camera_track import shot_path, track_files
     from mr360uw.track.tracking import report_lines, track_shots
 

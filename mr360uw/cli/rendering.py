@@ -55,7 +55,7 @@ def composite(
     progress_lines: Annotated[bool, typer.Option("--progress-lines", help="a line for each frame, no bar")] = False,
 ) -> None:
     """Put the objects of SCENE into its plate and write OUT; goes on where a run that was stopped ended."""
-    from mr360uw.progress import terminal_progress
+    from mr360uw.base.progress import terminal_progress
     from mr360uw.render.check import explain_costs, explain_plan
     from mr360uw.runs.outputs import report_beside
     from mr360uw.runs.pipeline import composite_video
@@ -122,9 +122,9 @@ def sweep(
     overwrite: OverwriteOption = False,
 ) -> None:
     """Render one frame of SCENE with every combination of values, side by side on a labelled sheet."""
+    from mr360uw.base.progress import terminal_progress
     from mr360uw.preview.pages import still_of
     from mr360uw.preview.pages import sweep as write_sweep
-    from mr360uw.progress import terminal_progress
 
     changes, shown = variants(overrides), partial(still_of, frame=frame, time_s=time_s, view=view_of(view, size))
     with terminal_progress() as progress:
@@ -146,8 +146,8 @@ def aerial(
     progress_lines: Annotated[bool, typer.Option("--progress-lines", help="a line for each frame, no bar")] = False,
 ) -> None:
     """Write what a camera in the air sees of a shallow sea: SCENE has tables of its own, see docs/aerial.md."""
+    from mr360uw.base.progress import terminal_progress
     from mr360uw.from_above import aerial_film, load_aerial
-    from mr360uw.progress import terminal_progress
 
     loaded = load_aerial(scene, overrides or ())
     with terminal_progress(lines=progress_lines) as progress:
@@ -192,9 +192,9 @@ def compile_first() -> None:
 
     Says first why nothing is kept, where that is not what the user asked for.
     """
+    from mr360uw.base.disk_cache import cache_notes
+    from mr360uw.base.progress import terminal_count
     from mr360uw.jit.ahead import compile_ahead
-    from mr360uw.progress import terminal_count
-    from mr360uw.reading.disk_cache import cache_notes
 
     for note in cache_notes():
         typer.echo(f"note      {note}", err=True)

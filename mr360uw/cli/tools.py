@@ -21,7 +21,7 @@ from mr360uw.cli.arguments import (
 from mr360uw.errors import ParameterError
 
 if TYPE_CHECKING:
-    from mr360uw.progress import Progress
+    from mr360uw.base.progress import Progress
     from mr360uw.scene.model import Scene
 
 _DIFFERS = 1
@@ -37,10 +37,10 @@ def analyse(
     overwrite: OverwriteOption = False,
 ) -> None:
     """Write a self-contained page about the light and the water of VIDEO, and the track of its sun."""
+    from mr360uw.base.progress import terminal_progress
     from mr360uw.first_look.observations import look_at_plate
     from mr360uw.first_look.proposal import where_line
     from mr360uw.preview.pages import analyse_video
-    from mr360uw.progress import terminal_progress
     from mr360uw.scene.model import load_scene
 
     in_air = False
@@ -72,7 +72,7 @@ def caustics(
     overwrite: OverwriteOption = False,
 ) -> None:
     """Export SCENE's sea as tileable, looping caustic, height and normal maps for other programs."""
-    from mr360uw.progress import terminal_progress
+    from mr360uw.base.progress import terminal_progress
     from mr360uw.runs.pipeline import export_caustics
     from mr360uw.scene.model import load_scene
 
@@ -96,8 +96,8 @@ def match(
     overwrite: OverwriteOption = False,
 ) -> None:
     """Fit SCENE's sea or water to what its plate shows, and print the changes as --set takes them."""
-    from mr360uw.files import check_outputs
-    from mr360uw.progress import terminal_progress
+    from mr360uw.base.files import check_outputs
+    from mr360uw.base.progress import terminal_progress
     from mr360uw.scene.model import files_of, load_scene
     from mr360uw.scene.resolved import open_plate
 
@@ -140,7 +140,7 @@ def _caustic_lines(scene: Scene, frames: tuple[int, int] | None, picture: Path |
     """Return what a fit of the sea to the plate's caustics found; write them beside the fitted ones to a picture."""
     import numpy as np
 
-    from mr360uw.files import write_whole
+    from mr360uw.base.files import write_whole
     from mr360uw.match import match_caustics
     from mr360uw.preview.live import encoded
 
@@ -180,7 +180,7 @@ def info(
     overwrite: OverwriteOption = False,
 ) -> None:
     """Print the renderer, the graphics device, the video codecs and the versions in use."""
-    from mr360uw.files import write_whole
+    from mr360uw.base.files import write_whole
 
     del overwrite  # the output has been looked at: see `gated`
     lines, wrong = describe(), False
@@ -209,9 +209,9 @@ def describe() -> str:
     import av
 
     from mr360uw import __version__
+    from mr360uw.base.disk_cache import cache_folder, cache_notes, kernel_folder
     from mr360uw.errors import EXTRAS, GlError, extra_versions, package_versions
-    from mr360uw.gl.context import gl_device
-    from mr360uw.reading.disk_cache import cache_folder, cache_notes, kernel_folder
+    from mr360uw.gl import gl_device
     from mr360uw.video.encoder import opening_encoders
 
     lines = [f"mr360uw {__version__}, Python {platform.python_version()}, {platform.platform()}"]
@@ -262,9 +262,9 @@ def bench(
     overwrite: OverwriteOption = False,
 ) -> None:
     """Measure what settings cost (processor time) and bring (error), stage by stage, on a sample dive."""
+    from mr360uw.base.files import write_whole
+    from mr360uw.base.progress import terminal_progress
     from mr360uw.bench.bench_report import bench_page, check_kinds, chosen_stages, compare, read_report, run_bench
-    from mr360uw.files import write_whole
-    from mr360uw.progress import terminal_progress
 
     del overwrite  # the outputs have been looked at: see `gated`
     stages, before = chosen_stages(only or ()), None if against is None else read_report(against)

@@ -20,6 +20,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from mr360uw.base.parameters import LATEST_S, checked
+from mr360uw.base.sphere import yaw_matrix
 from mr360uw.caustics.settings import Sea
 from mr360uw.composite.mesh.material import MeshFile, Rigging
 from mr360uw.composite.mesh.mesh import Mesh, Unit, mesh_of_file, object_from_file, proper_triangles, read_mesh_file
@@ -30,8 +32,6 @@ from mr360uw.composite.settings import Front, Interpolation, LampSettings, Loop,
 from mr360uw.errors import MeshError, ParameterError
 from mr360uw.ibl.tilt import level_matrix, roll_pitch
 from mr360uw.medium.spectra import read_table
-from mr360uw.parameters import LATEST_S, checked
-from mr360uw.sphere import yaw_matrix
 from mr360uw.types import Floats
 
 _TO_NOSE: dict[Front, float] = {"-z": 0.0, "+z": 180.0, "+x": -90.0, "-x": 90.0}

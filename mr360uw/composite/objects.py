@@ -13,9 +13,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.cache import Parts
+from mr360uw.base.cache import Parts
+from mr360uw.base.color import LEAST_CHANGE, luminance
+from mr360uw.base.disk_cache import CachedReads
+from mr360uw.base.input_files import OBJECTS
+from mr360uw.base.parameters import checked
 from mr360uw.caustics.settings import Sea
-from mr360uw.color import LEAST_CHANGE, luminance
 from mr360uw.composite.mesh.material import Material, Texture, read_texture
 from mr360uw.composite.mesh.mesh import Mesh, Unit, opaque_where_sure
 from mr360uw.composite.mesh.polygons import scale_of
@@ -37,9 +40,6 @@ from mr360uw.medium.lookup import DEPTH_SIZE, lengths
 from mr360uw.medium.medium import DEFAULT_BANDS, Medium
 from mr360uw.medium.spectra import DEFAULT_ILLUMINANT, illuminant
 from mr360uw.medium.wavelengths import Bands, bands
-from mr360uw.parameters import checked
-from mr360uw.reading.disk_cache import CachedReads
-from mr360uw.reading.input_files import OBJECTS
 from mr360uw.types import CausticStack, Environment, Floats, Lamp, Light, MediumTable, View
 
 _MOVING = (

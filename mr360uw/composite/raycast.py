@@ -21,13 +21,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.cache import Same
+from mr360uw.base.cache import Same
+from mr360uw.base.constants import LONGEST_FOOTPRINT
+from mr360uw.base.rays import RayScene, barycentric
 from mr360uw.composite.mesh.material import Material, Texture, texture_lookup
 from mr360uw.composite.mesh.mesh import Mesh
 from mr360uw.composite.objects import PlacedObject
 from mr360uw.composite.tiles import nearest_m, rectangles_of_bodies, seen_rectangle
-from mr360uw.constants import LONGEST_FOOTPRINT
-from mr360uw.rays import RayScene, barycentric
 from mr360uw.types import Floats, Rectangle, View
 
 MAXIMUM_HITS = 64

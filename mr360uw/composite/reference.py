@@ -16,11 +16,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.cache import Cache
+from mr360uw.base.cache import Cache
+from mr360uw.base.parameters import checked
 from mr360uw.composite.ambient.solver import AmbientLight, ambient_at, ambient_light, free_of_bodies
 from mr360uw.composite.aovs import AovFrame, Aovs
-from mr360uw.composite.lighting.light_sources import Blockers, LightSource, light_sources
-from mr360uw.composite.lighting.shading import surface_radiance, water_ahead
+from mr360uw.composite.light_sources import Blockers, LightSource, light_sources
 from mr360uw.composite.objects import Shot
 from mr360uw.composite.raycast import (
     MAXIMUM_HITS,
@@ -52,8 +52,8 @@ from mr360uw.composite.sampling import (
     nearest_to_mean,
     pattern,
 )
+from mr360uw.composite.shading import surface_radiance, water_ahead
 from mr360uw.composite.tiles import empty_tile, even_tiles, hold_out, split
-from mr360uw.parameters import checked
 from mr360uw.types import Floats, Layer, Rectangle, Tile
 
 _RAYS_AT_ONCE = 200_000

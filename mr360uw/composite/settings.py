@@ -12,10 +12,10 @@ from typing import Annotated, Literal
 
 from pydantic import Field, field_validator, model_validator
 
+from mr360uw.base.constants import MAXIMUM_SUN_SAMPLES
+from mr360uw.base.parameters import LATEST_S, Parameters, advanced, parameter
 from mr360uw.composite.mesh.ply_stl import Up
-from mr360uw.constants import MAXIMUM_SUN_SAMPLES
 from mr360uw.ibl.settings import EXPOSURE
-from mr360uw.parameters import LATEST_S, Parameters, advanced, parameter
 
 FARTHEST = 1e9
 """Largest number of a position [m] or a rotation [deg]: beyond it the sums of single-precision numbers overflow."""

@@ -27,13 +27,13 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mr360uw.cache import Cache, PartOf, Parts, by_content
-from mr360uw.color import encode
+from mr360uw.base.cache import Cache, PartOf, Parts, by_content
+from mr360uw.base.color import encode
 from mr360uw.composite.aovs import Aovs
-from mr360uw.composite.lighting.light_sources import casting_bodies, spread_rad, sun_of, sun_up
-from mr360uw.composite.lighting.shading import veil_ahead
+from mr360uw.composite.light_sources import casting_bodies, spread_rad, sun_of, sun_up
 from mr360uw.composite.objects import Shot
 from mr360uw.composite.receiver.shape import plate_distance
+from mr360uw.composite.shading import veil_ahead
 from mr360uw.composite.tiles import even_tiles, rectangles_of_mask, tile_of
 from mr360uw.medium.medium import Medium
 from mr360uw.medium.settings import LEAST_NODES, ShaftSettings

@@ -18,11 +18,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mr360uw.base.parameters import checked
+from mr360uw.base.sphere import frame_from_direction
+from mr360uw.base.tile_blend import blended
 from mr360uw.composite.objects import Shot
 from mr360uw.errors import ParameterError
-from mr360uw.parameters import checked
-from mr360uw.sphere import frame_from_direction
-from mr360uw.tile_blend import blended
 from mr360uw.types import Floats, Layer, Rectangle, Tile
 
 _TILE_COST_PX = 4096

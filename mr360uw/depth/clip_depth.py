@@ -17,17 +17,17 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from mr360uw.base.files import WrittenFiles, check_folder, files_named
+from mr360uw.base.input_files import content_of
+from mr360uw.base.parameters import checked
+from mr360uw.base.progress import Progress, Steps
+from mr360uw.base.threads import one_blas_thread
 from mr360uw.composite import read_camera_track
 from mr360uw.composite.motion import Motion
 from mr360uw.depth.depth_files import depth_file, own_maps, write_depth
 from mr360uw.depth.sphere_stereo import SURE, DepthMap, Sweep, refined, sweep
 from mr360uw.depth.warping import Panorama
 from mr360uw.errors import ParameterError
-from mr360uw.files import WrittenFiles, check_folder, files_named
-from mr360uw.parameters import checked
-from mr360uw.progress import Progress, Steps
-from mr360uw.reading.input_files import content_of
-from mr360uw.threads import one_blas_thread
 from mr360uw.track.camera_track import CameraTrack
 from mr360uw.track.key_frames import grey_picture
 from mr360uw.video import VideoReader, open_video

@@ -10,16 +10,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mr360uw.base.files import WrittenFiles, check_folder, files_named
+from mr360uw.base.input_files import content_of
+from mr360uw.base.parameters import checked
+from mr360uw.base.progress import Progress
 from mr360uw.depth.clip_depth import DepthReport, MapRun, map_width
 from mr360uw.depth.depth_files import depth_file, own_maps, write_depth
 from mr360uw.depth.sphere_stereo import SURE, DepthMap, enlarged_map, smoothed
 from mr360uw.depth.warping import Map, resized, window_mean
 from mr360uw.errors import ParameterError
-from mr360uw.files import WrittenFiles, check_folder, files_named
 from mr360uw.jit import fast
-from mr360uw.parameters import checked
-from mr360uw.progress import Progress
-from mr360uw.reading.input_files import content_of
 from mr360uw.track.key_frames import luma_codes
 from mr360uw.video import VideoFrame, VideoReader, open_video
 from mr360uw.video.layout import EYES_APART_M, Layout

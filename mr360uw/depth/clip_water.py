@@ -11,15 +11,15 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from mr360uw.base.parameters import checked
+from mr360uw.base.progress import Progress, Steps
+from mr360uw.base.sphere import directions, frame_from_direction
 from mr360uw.depth.clip_depth import poses_of
 from mr360uw.depth.depth_files import DepthClip
 from mr360uw.depth.sphere_stereo import SURE, DepthMap
 from mr360uw.errors import ParameterError
 from mr360uw.medium.open_water import structure
 from mr360uw.medium.water_by_distance import SeenPlaces, WaterByDistance, water_by_distance
-from mr360uw.parameters import checked
-from mr360uw.progress import Progress, Steps
-from mr360uw.sphere import directions, frame_from_direction
 from mr360uw.track.camera_track import CameraTrack
 from mr360uw.types import Array, Floats
 from mr360uw.video import open_video

@@ -16,10 +16,8 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.depth.sphere_stereo import DepthMap
-from mr360uw.depth.warping import Map
-from mr360uw.errors import OutputExistsError, VideoError
-from mr360uw.files import (
+from mr360uw.base.disk_cache import CachedReads
+from mr360uw.base.files import (
     NewFile,
     WrittenFiles,
     is_pattern,
@@ -30,8 +28,10 @@ from mr360uw.files import (
     work_path,
     write_whole,
 )
-from mr360uw.reading.disk_cache import CachedReads
-from mr360uw.reading.input_files import json_of, note_read, picture_size, read_text
+from mr360uw.base.input_files import json_of, note_read, picture_size, read_text
+from mr360uw.depth.sphere_stereo import DepthMap
+from mr360uw.depth.warping import Map
+from mr360uw.errors import OutputExistsError, VideoError
 from mr360uw.video import read_picture
 from mr360uw.video.exr import check_exr, read_exr, read_rgb, write_exr
 

@@ -15,15 +15,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.cache import Cache
+from mr360uw.base.cache import Cache
+from mr360uw.base.disk_cache import CachedReads
+from mr360uw.base.sphere import directions, frame_from_direction
 from mr360uw.composite.objects import Receiver
 from mr360uw.composite.receiver.shape import ReceiverShape, inverse_distance, running_mean, smoothed, width_px
 from mr360uw.depth.depth_files import DepthClip, Kind
 from mr360uw.depth.sphere_stereo import SURE, DepthMap
 from mr360uw.depth.warping import Map, resized
 from mr360uw.jit import fast, inlined
-from mr360uw.reading.disk_cache import CachedReads
-from mr360uw.sphere import directions, frame_from_direction
 from mr360uw.track.key_frames import grey_picture
 from mr360uw.types import Floats, View
 from mr360uw.video import VideoFrame

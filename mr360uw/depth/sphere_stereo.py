@@ -18,10 +18,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mr360uw.base.parameters import checked
 from mr360uw.depth.warping import Map, Panorama, Warped, carried, resized, window_mean
 from mr360uw.errors import ParameterError
 from mr360uw.jit import fast
-from mr360uw.parameters import checked
 from mr360uw.types import Floats
 
 _TRIALS = 64

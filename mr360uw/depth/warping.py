@@ -21,8 +21,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mr360uw.base.sphere import directions
 from mr360uw.jit import fast, inlined
-from mr360uw.sphere import directions
 from mr360uw.types import Floats
 
 Map = NDArray[np.float32]

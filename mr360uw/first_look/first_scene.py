@@ -13,17 +13,17 @@ from tempfile import TemporaryDirectory
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.color import luminance
+from mr360uw.base.color import luminance
+from mr360uw.base.files import check_outputs, whole_file
+from mr360uw.base.input_files import read_json
 from mr360uw.composite.mesh.ply_stl import Up
 from mr360uw.composite.settings import ObjectSettings
 from mr360uw.errors import ParameterError, SceneError, VideoError
-from mr360uw.files import check_outputs, whole_file
 from mr360uw.first_look.observations import Eye, PlateLook, look_at_mesh, look_at_plate
 from mr360uw.first_look.place_in_plate import ShownDistance, Wish
 from mr360uw.first_look.proposal import brightness_lines, found_lines, propose, scene_lines
 from mr360uw.ibl.sun.detect import SunFound
 from mr360uw.preview.live import COARSE_WIDTH, LivePreview, coarse, screen_picture
-from mr360uw.reading.input_files import read_json
 from mr360uw.render.check import possible_outputs
 from mr360uw.render.loaded import Loaded
 from mr360uw.render.surroundings import CameraPath

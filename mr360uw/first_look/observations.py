@@ -14,7 +14,8 @@ from typing import Literal, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.color import luminance
+from mr360uw.base.color import luminance
+from mr360uw.base.sphere import directions, frame_from_direction, row_solid_angle
 from mr360uw.composite import Mesh
 from mr360uw.composite.mesh.mesh import METRES, Unit, mesh_of_file, object_from_file, read_mesh_file
 from mr360uw.composite.mesh.ply_stl import Habit, Kind, Up, asymmetry, kind_of, surface_points, up_axis
@@ -27,7 +28,6 @@ from mr360uw.medium.open_water import weighted_quantile
 from mr360uw.render.surroundings import is_tilted
 from mr360uw.scene.model import PlateSettings, Scene
 from mr360uw.scene.resolved import eyes_of_plate, pose_of_plate, projection_notes, shape_of_frame
-from mr360uw.sphere import directions, frame_from_direction, row_solid_angle
 from mr360uw.types import Floats
 from mr360uw.video import VideoReader, open_video
 from mr360uw.video.clip import PICTURE_SUFFIXES, Projection, projection_of

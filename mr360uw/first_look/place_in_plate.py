@@ -14,11 +14,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.color import luminance
+from mr360uw.base.color import luminance
+from mr360uw.base.sphere import direction_from_angles, frame_from_direction
 from mr360uw.composite.mesh.ply_stl import Habit
 from mr360uw.errors import ParameterError
 from mr360uw.first_look.observations import MeshLook, PlateLook, red_ratio
-from mr360uw.sphere import direction_from_angles, frame_from_direction
 from mr360uw.types import Array, Floats
 
 _GUESSED_M: dict[bool, float] = {True: 1.3, False: 1.6}

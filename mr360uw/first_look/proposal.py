@@ -10,8 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-from mr360uw.color import encode
-from mr360uw.constants import DEPTH_EYES_S, DEPTH_FRAME_S
+from mr360uw.base.color import encode
+from mr360uw.base.constants import DEPTH_EYES_S, DEPTH_FRAME_S
 from mr360uw.errors import ParameterError
 from mr360uw.first_look.observations import LITTLE_RED, SURE, MeshLook, PlateLook, WaterOrAir
 from mr360uw.first_look.place_in_plate import (

@@ -22,20 +22,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.cache import Cache
-from mr360uw.caustics import CausticSettings, caustic_stack
-from mr360uw.composite.at_surface.surface_layer import cut_at_surface
-from mr360uw.composite.at_surface.surface_rays import WaterSides, balls_around
-from mr360uw.composite.objects import PlacedObject, SceneObject, Shot
-from mr360uw.composite.raycast import gather
-from mr360uw.composite.reference import render_layer
-from mr360uw.composite.settings import SurfaceSettings
-from mr360uw.composite.tiles import empty_tile
-from mr360uw.constants import PI
-from mr360uw.ibl.lighting import assemble
-from mr360uw.ibl.plate import COARSE_COLUMNS, COARSE_ROWS
-from mr360uw.medium.scattered_light import spread_of
-from mr360uw.optics import (
+from mr360uw.base.cache import Cache
+from mr360uw.base.constants import PI
+from mr360uw.base.optics import (
     fresnel,
     fresnel_transmittance,
     radiance_factor,
@@ -44,8 +33,19 @@ from mr360uw.optics import (
     refract_to_air,
     refract_to_water,
 )
-from mr360uw.rays import RayScene
-from mr360uw.sphere import directions, disc_directions
+from mr360uw.base.rays import RayScene
+from mr360uw.base.sphere import directions, disc_directions
+from mr360uw.caustics import CausticSettings, caustic_stack
+from mr360uw.composite.objects import PlacedObject, SceneObject, Shot
+from mr360uw.composite.raycast import gather
+from mr360uw.composite.reference import render_layer
+from mr360uw.composite.settings import SurfaceSettings
+from mr360uw.composite.surface_layer import cut_at_surface
+from mr360uw.composite.surface_rays import WaterSides, balls_around
+from mr360uw.composite.tiles import empty_tile
+from mr360uw.ibl.lighting import assemble
+from mr360uw.ibl.plate import COARSE_COLUMNS, COARSE_ROWS
+from mr360uw.medium.scattered_light import spread_of
 from mr360uw.surface import SeaScene, SurfacePicture
 from mr360uw.surface.facet_draws import glitter
 from mr360uw.surface.intersection import sigma_at

@@ -14,12 +14,16 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.color import ColorSpec
+from mr360uw.base.color import ColorSpec
+from mr360uw.base.constants import CLEAR_SKY_B, CLEAR_SKY_G, CLEAR_SKY_R, LUMINANCE_B, LUMINANCE_G, LUMINANCE_R, PI
+from mr360uw.base.files import check_outputs, is_pattern, matching_files, numbered
+from mr360uw.base.input_files import FRAMES, files_read
+from mr360uw.base.parameters import checked
+from mr360uw.base.progress import Progress
+from mr360uw.base.sphere import direction_from_angles, directions, row_solid_angle, yaw_matrix
 from mr360uw.composite.objects import Receiver, load_objects, on_the_floor, on_the_sea
 from mr360uw.composite.tiles import over
-from mr360uw.constants import CLEAR_SKY_B, CLEAR_SKY_G, CLEAR_SKY_R, LUMINANCE_B, LUMINANCE_G, LUMINANCE_R, PI
 from mr360uw.errors import OutputExistsError, ParameterError
-from mr360uw.files import check_outputs, is_pattern, matching_files, numbered
 from mr360uw.from_above.aerial_bodies import (
     AerialBodies,
     brightened,
@@ -33,14 +37,10 @@ from mr360uw.medium import Medium, Water
 from mr360uw.medium.lookup import FormationModel
 from mr360uw.medium.medium import RGB_NM, Mode
 from mr360uw.medium.spectra import named_sensor
-from mr360uw.parameters import checked
-from mr360uw.progress import Progress
 from mr360uw.published import blended_albedo, thresholded_reflection
-from mr360uw.reading.input_files import FRAMES, files_read
 from mr360uw.sample.dive_settings import DiveSettings
 from mr360uw.sample.rendered_dive import sea_bed
 from mr360uw.scene.model import files_of
-from mr360uw.sphere import direction_from_angles, directions, row_solid_angle, yaw_matrix
 from mr360uw.surface import Floor, SeaScene, SurfacePicture
 from mr360uw.surface.ray_kernel import RayStage
 from mr360uw.surface.sea_picture import rendered

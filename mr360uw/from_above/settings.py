@@ -12,13 +12,13 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, ConfigDict, Field, field_validator, model_validator
 
+from mr360uw.base.color import Transfer
+from mr360uw.base.constants import SUN_HALF_ANGLE_RAD
+from mr360uw.base.parameters import Parameters, checked, parameter
 from mr360uw.caustics import CausticSettings, SpectralSea
 from mr360uw.caustics.settings import Sea
-from mr360uw.color import Transfer
 from mr360uw.composite.settings import ObjectSettings
-from mr360uw.constants import SUN_HALF_ANGLE_RAD
 from mr360uw.medium.settings import WaterKindSettings
-from mr360uw.parameters import Parameters, checked, parameter
 from mr360uw.scene.handbook import parameters_markdown
 from mr360uw.scene.toml_model import load_model
 from mr360uw.video.clip import EncodeSettings

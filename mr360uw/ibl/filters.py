@@ -26,14 +26,14 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mr360uw.constants import ENVIRONMENT_COLUMNS as COLUMNS
-from mr360uw.constants import ENVIRONMENT_ROWS as ROWS
+from mr360uw.base.constants import ENVIRONMENT_COLUMNS as COLUMNS
+from mr360uw.base.constants import ENVIRONMENT_ROWS as ROWS
+from mr360uw.base.disk_cache import kept_arrays
+from mr360uw.base.parameters import checked, common_shape, exactly, number, numbers
+from mr360uw.base.sphere import directions, row_solid_angle
 from mr360uw.errors import ParameterError
 from mr360uw.ibl.settings import MINIMUM_ROUGHNESS
-from mr360uw.parameters import checked, common_shape, exactly, number, numbers
 from mr360uw.published import harmonic_irradiance
-from mr360uw.reading.disk_cache import kept_arrays
-from mr360uw.sphere import directions, row_solid_angle
 from mr360uw.types import Floats
 
 Kernel = Callable[[NDArray[np.float64]], NDArray[np.float64]]

@@ -12,8 +12,10 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mr360uw.color import code_range, decode
-from mr360uw.constants import ENVIRONMENT_COLUMNS, ENVIRONMENT_ROWS, REFRACTIVE_INDEX_SEA
+from mr360uw.base.color import code_range, decode
+from mr360uw.base.constants import ENVIRONMENT_COLUMNS, ENVIRONMENT_ROWS, REFRACTIVE_INDEX_SEA
+from mr360uw.base.parameters import checked, exactly
+from mr360uw.base.sphere import Array, directions, row_solid_angle, unit
 from mr360uw.errors import ParameterError
 from mr360uw.ibl.filters import cosine_beam, cosine_filter, glossy_levels
 from mr360uw.ibl.lookup import environment_lookup, reduce_map, reduce_maximum
@@ -33,8 +35,6 @@ from mr360uw.ibl.sun.judge import taken_share
 from mr360uw.ibl.sun.split import UNKNOWN_RATIO, Split, close, with_sun, without_glare
 from mr360uw.ibl.tilt import LEVEL, level_matrix, roll_pitch, upward
 from mr360uw.jit import fast, inlined
-from mr360uw.parameters import checked, exactly
-from mr360uw.sphere import Array, directions, row_solid_angle, unit
 from mr360uw.types import Environment, Floats, Sun, YuvImage
 from mr360uw.yuv.decoding import decode_polynomial, folded_coefficients, polynomial_light
 

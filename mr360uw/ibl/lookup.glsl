@@ -1,5 +1,5 @@
 // twin: lookup.py
-#include "sphere.glsl"
+#include "base/sphere.glsl"
 
 vec3 environment_texel(sampler2DArray map, int layer, ivec2 p) {
     ivec2 size = textureSize(map, 0).xy;

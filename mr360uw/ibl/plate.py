@@ -15,16 +15,16 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mr360uw.color import DISPLAY_CURVE, LUMINANCE, encode
-from mr360uw.constants import ENVIRONMENT_COLUMNS, ENVIRONMENT_ROWS, REFRACTIVE_INDEX_SEA
+from mr360uw.base.color import DISPLAY_CURVE, LUMINANCE, encode
+from mr360uw.base.constants import ENVIRONMENT_COLUMNS, ENVIRONMENT_ROWS, REFRACTIVE_INDEX_SEA
+from mr360uw.base.optics import snell_elevation
+from mr360uw.base.parameters import checked, is_finite, real
+from mr360uw.base.sphere import Array, directions, frame_from_direction, row_solid_angle, smoothstep, unit
 from mr360uw.errors import ParameterError
 from mr360uw.ibl.lookup import reduce_map, reduce_maximum, resize_map
 from mr360uw.ibl.settings import LightSettings
 from mr360uw.ibl.tilt import LEVEL, elevation_sine, frame_sines, upward
-from mr360uw.optics import snell_elevation
-from mr360uw.parameters import checked, is_finite, real
 from mr360uw.published import enhancement_gain, pointwise_gain
-from mr360uw.sphere import Array, directions, frame_from_direction, row_solid_angle, smoothstep, unit
 from mr360uw.types import Floats
 
 COARSE_SCALE = 4

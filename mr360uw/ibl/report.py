@@ -15,11 +15,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mr360uw.color import encode
+from mr360uw.base.color import encode
+from mr360uw.base.sphere import frame_from_direction
 from mr360uw.ibl.lookup import environment_lookup
 from mr360uw.ibl.sun.track import SunTrack, angles_deg
 from mr360uw.ibl.tilt import HorizonEstimate, clip_horizon, roll_pitch
-from mr360uw.sphere import frame_from_direction
 from mr360uw.types import Environment, Floats, Sun
 
 _WIDTH, _HEIGHT, _MARGIN = 900, 200, 54

@@ -10,9 +10,9 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
+from mr360uw.base.parameters import Parameters, advanced, listed, parameter
+from mr360uw.base.sphere import Array, direction_from_angles
 from mr360uw.errors import ParameterError
-from mr360uw.parameters import Parameters, advanced, listed, parameter
-from mr360uw.sphere import Array, direction_from_angles
 
 Operator = Literal["none", "mr360", "landis", "akyuz", "kovaleski", "piecewise", "closure"]
 Region = Literal["all", "upper", "snell"]

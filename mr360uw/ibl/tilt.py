@@ -22,12 +22,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from mr360uw.color import luminance
-from mr360uw.constants import REFRACTIVE_INDEX_SEA
+from mr360uw.base.color import luminance
+from mr360uw.base.constants import REFRACTIVE_INDEX_SEA
+from mr360uw.base.optics import snell_elevation
+from mr360uw.base.parameters import exactly
+from mr360uw.base.sphere import Array, directions, row_solid_angle, unit
 from mr360uw.errors import ParameterError
-from mr360uw.optics import snell_elevation
-from mr360uw.parameters import exactly
-from mr360uw.sphere import Array, directions, row_solid_angle, unit
 from mr360uw.types import Floats
 
 LEVEL: Array = np.array([0.0, 1.0, 0.0])

@@ -50,7 +50,7 @@ from numba.core.types.containers import BaseNamedTuple, BaseTuple
 from numba.core.types.functions import Dispatcher as DispatcherType
 from numba.extending import _Intrinsic
 
-from mr360uw.reading.disk_cache import keep_bytes, kernel_folder, read_bytes, read_kept
+from mr360uw.base.disk_cache import keep_bytes, kernel_folder, read_bytes, read_kept
 
 F = TypeVar("F", bound=Callable[..., Any])
 

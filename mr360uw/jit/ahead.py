@@ -28,8 +28,8 @@ import numba
 from numba.core.types.containers import BaseNamedTuple, BaseTuple
 from numba.core.types.npytypes import Array
 
+from mr360uw.base.disk_cache import is_writable, keep_bytes, kernel_folder, sources_stamp
 from mr360uw.jit import versions
-from mr360uw.reading.disk_cache import is_writable, keep_bytes, kernel_folder, sources_stamp
 
 LIST = Path(__file__).with_name("kernels.txt")
 _WORKERS = 4

@@ -10,11 +10,14 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.caustic_lookup import mip_level, mip_levels
+from mr360uw.base.caustic_lookup import mip_level, mip_levels
+from mr360uw.base.color import luminance
+from mr360uw.base.constants import REFRACTIVE_INDEX_SEA
+from mr360uw.base.optics import refract_to_water
+from mr360uw.base.parameters import checked
+from mr360uw.base.progress import Progress
 from mr360uw.caustics import CausticSettings, caustic_stack
 from mr360uw.caustics.settings import Sea
-from mr360uw.color import luminance
-from mr360uw.constants import REFRACTIVE_INDEX_SEA
 from mr360uw.ibl.sun.split import CLEAR_SKY, CLEAR_SKY_DIRECT
 from mr360uw.match.floor_series import (
     FloorSeries,
@@ -28,9 +31,6 @@ from mr360uw.match.floor_series import (
 )
 from mr360uw.medium.lookup import ambient_ratio, beam_fraction, unscattered_share
 from mr360uw.medium.scattered_light import spread_of
-from mr360uw.optics import refract_to_water
-from mr360uw.parameters import checked
-from mr360uw.progress import Progress
 from mr360uw.scene.model import Scene
 from mr360uw.types import Array, BeamSpread, Floats
 

@@ -17,19 +17,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.color import encode, luminance
-from mr360uw.constants import GRAVITY_M_S2
+from mr360uw.base.color import encode, luminance
+from mr360uw.base.constants import GRAVITY_M_S2
+from mr360uw.base.optics import refract_to_air
+from mr360uw.base.progress import Progress
+from mr360uw.base.sphere import direction_from_frame, frame_from_direction
 from mr360uw.errors import ParameterError
 from mr360uw.medium import Medium
 from mr360uw.medium.lookup import veil_lookup
 from mr360uw.medium.open_water import fit_level
-from mr360uw.optics import refract_to_air
-from mr360uw.progress import Progress
 from mr360uw.render.lights import level_view
 from mr360uw.render.surroundings import load_surroundings
 from mr360uw.scene.model import Scene, at_scale
 from mr360uw.scene.resolved import open_plate
-from mr360uw.sphere import direction_from_frame, frame_from_direction
 from mr360uw.types import Array, Floats, MediumTable
 
 _FINER = 2

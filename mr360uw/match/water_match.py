@@ -13,19 +13,19 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from mr360uw.color import encode
+from mr360uw.base.color import encode
+from mr360uw.base.parameters import checked
+from mr360uw.base.sphere import direction_from_angles, frame_from_direction
 from mr360uw.errors import ParameterError
 from mr360uw.medium import Medium, WaterSettings
 from mr360uw.medium.medium import Mode
 from mr360uw.medium.open_water import DOUBTFUL, LevelView, fit_level
 from mr360uw.medium.water import JERLOV_TYPES
 from mr360uw.medium.waterfit import CONFIDENT, WaterComparison, compare_waters, resampled
-from mr360uw.parameters import checked
 from mr360uw.render.lights import level_view
 from mr360uw.render.surroundings import CameraPath
 from mr360uw.scene.model import Scene
 from mr360uw.scene.resolved import open_plate
-from mr360uw.sphere import direction_from_angles, frame_from_direction
 from mr360uw.types import Array, Floats
 from mr360uw.video import VideoFrame
 

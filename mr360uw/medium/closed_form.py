@@ -16,13 +16,13 @@ import functools
 import numpy as np
 from numpy.typing import ArrayLike
 
-from mr360uw.cache import shared
-from mr360uw.constants import BRIGHTEST_LOG, INV_4PI, LONGEST_RAY_M
+from mr360uw.base.cache import shared
+from mr360uw.base.constants import BRIGHTEST_LOG, INV_4PI, LONGEST_RAY_M
+from mr360uw.base.parameters import checked, common_shape, exactly, numbers
 from mr360uw.errors import ParameterError
 from mr360uw.medium.phase import Phase, wide_angle_moments
 from mr360uw.medium.spectra import Spectrum
 from mr360uw.medium.water import JerlovType, Water, molecular_part
-from mr360uw.parameters import checked, common_shape, exactly, numbers
 from mr360uw.types import Array
 
 

@@ -19,10 +19,10 @@ from typing import Generic, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mr360uw.color import luminance
+from mr360uw.base.color import luminance
+from mr360uw.base.parameters import checked, exactly, numbers, vectors
 from mr360uw.medium.medium import Medium
 from mr360uw.medium.open_water import LEVEL_RAD, PlateProfile
-from mr360uw.parameters import checked, exactly, numbers, vectors
 from mr360uw.types import Array, Floats, sample_step
 
 _TINY = 1e-300
@@ -173,7 +173,6 @@ def _running_median(values: Array, half: int) -> Array:
     return np.asarray(whole[np.clip(np.arange(len(values)) - half, 0, len(whole) - 1)])
 
 
-Frame = TypeVar("Frame")
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -19,7 +19,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import PositiveInt
 
-from mr360uw.constants import PI, REFRACTIVE_INDEX_SEA
+from mr360uw.base.constants import PI, REFRACTIVE_INDEX_SEA
+from mr360uw.base.optics import critical_cosine, fresnel_from_below
+from mr360uw.base.parameters import checked, exactly, numbers
+from mr360uw.base.threads import one_blas_thread
 from mr360uw.errors import ParameterError
 from mr360uw.medium.closed_form import check_ray, ray_in_water
 from mr360uw.medium.phase import Phase, without_peak
@@ -43,9 +46,6 @@ from mr360uw.medium.ray_field import (
 )
 from mr360uw.medium.spectra import read_columns
 from mr360uw.medium.transfer import STREAMS_PER_HEMISPHERE
-from mr360uw.optics import critical_cosine, fresnel_from_below
-from mr360uw.parameters import checked, exactly, numbers
-from mr360uw.threads import one_blas_thread
 from mr360uw.types import Array
 
 

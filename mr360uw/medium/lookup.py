@@ -13,13 +13,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from mr360uw.color import luminance
-from mr360uw.constants import BRIGHTEST_LOG, GAMUT_POWER, GAMUT_THRESHOLD
+from mr360uw.base.color import luminance
+from mr360uw.base.constants import BRIGHTEST_LOG, GAMUT_POWER, GAMUT_THRESHOLD
+from mr360uw.base.disk_cache import kept_arrays
+from mr360uw.base.parameters import vectors
+from mr360uw.base.sphere import between_four
 from mr360uw.medium.models import FieldModel, OneLight, SpectralModel
 from mr360uw.medium.wavelengths import Bands
-from mr360uw.parameters import vectors
-from mr360uw.reading.disk_cache import kept_arrays
-from mr360uw.sphere import between_four
 from mr360uw.types import Array, Floats, MediumTable
 
 

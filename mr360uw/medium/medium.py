@@ -16,7 +16,9 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from mr360uw.constants import BRIGHTEST_LOG, REFRACTIVE_INDEX_SEA
+from mr360uw.base.constants import BRIGHTEST_LOG, REFRACTIVE_INDEX_SEA
+from mr360uw.base.parameters import checked, common_shape, exactly, instance, number
+from mr360uw.base.threads import one_blas_thread
 from mr360uw.errors import ParameterError
 from mr360uw.medium.closed_form import CONTRAST_LENGTHS, check_ray, ray_in_water, visibility_m
 from mr360uw.medium.lookup import BandLight, FormationModel, fitted_formation, lengths, medium_table
@@ -25,8 +27,6 @@ from mr360uw.medium.ray_field import LambertFloor, Sky, SurfaceKind
 from mr360uw.medium.spectra import DEFAULT_ILLUMINANT, Sensor, checked_sensor
 from mr360uw.medium.water import Water
 from mr360uw.medium.wavelengths import Bands, Rule, bands
-from mr360uw.parameters import checked, common_shape, exactly, instance, number
-from mr360uw.threads import one_blas_thread
 from mr360uw.types import Array, Floats, MediumTable
 
 Mode = Literal["kd", "kd+", "table", "plate", "rgb", "koschmieder", "akkaynak-treibitz"]

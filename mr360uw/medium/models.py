@@ -14,15 +14,15 @@ from typing import Literal, Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from mr360uw.cache import shared
-from mr360uw.constants import INV_4PI, REFRACTIVE_INDEX_SEA
+from mr360uw.base.cache import shared
+from mr360uw.base.constants import INV_4PI, REFRACTIVE_INDEX_SEA
+from mr360uw.base.optics import critical_cosine
+from mr360uw.base.parameters import checked
 from mr360uw.medium.closed_form import path_integral, ray_in_water
 from mr360uw.medium.phase import Mixture
 from mr360uw.medium.ray_field import LambertFloor, Sky, SurfaceKind
 from mr360uw.medium.transfer import STREAMS_PER_HEMISPHERE, LightField
 from mr360uw.medium.water import Water
-from mr360uw.optics import critical_cosine
-from mr360uw.parameters import checked
 from mr360uw.types import Array
 
 

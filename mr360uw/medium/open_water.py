@@ -20,13 +20,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mr360uw.cache import shared
-from mr360uw.color import luminance
-from mr360uw.constants import PI
+from mr360uw.base.cache import shared
+from mr360uw.base.color import luminance
+from mr360uw.base.constants import PI
+from mr360uw.base.parameters import exactly, numbers, real, vectors
+from mr360uw.base.sphere import smoothstep
 from mr360uw.errors import ParameterError
 from mr360uw.medium.medium import Medium
-from mr360uw.parameters import exactly, numbers, real, vectors
-from mr360uw.sphere import smoothstep
 from mr360uw.types import Array, Floats
 
 _BLACK = 1e-30

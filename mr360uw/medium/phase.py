@@ -17,12 +17,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
-from mr360uw.cache import shared
-from mr360uw.constants import INV_4PI, PI
+from mr360uw.base.cache import shared
+from mr360uw.base.constants import INV_4PI, PI
+from mr360uw.base.parameters import checked, exactly, numbers
+from mr360uw.base.sphere import gauss_legendre
 from mr360uw.errors import ParameterError
 from mr360uw.medium.spectra import builtin_table, read_columns
-from mr360uw.parameters import checked, exactly, numbers
-from mr360uw.sphere import gauss_legendre
 from mr360uw.types import Array
 
 

@@ -19,14 +19,14 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mr360uw.constants import PI
+from mr360uw.base.constants import PI
+from mr360uw.base.optics import fresnel_from_below
+from mr360uw.base.parameters import checked
+from mr360uw.base.sphere import gauss_legendre
 from mr360uw.errors import ParameterError
 from mr360uw.jit import exact, fast
 from mr360uw.medium.closed_form import check_ray, ray_in_water
 from mr360uw.medium.phase import legendre_polynomials
-from mr360uw.optics import fresnel_from_below
-from mr360uw.parameters import checked
-from mr360uw.sphere import gauss_legendre
 from mr360uw.types import Array
 
 SurfaceKind = Literal["snell", "none"]

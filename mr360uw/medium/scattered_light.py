@@ -20,8 +20,11 @@ import functools
 
 import numpy as np
 
-from mr360uw.cache import shared
-from mr360uw.constants import PI
+from mr360uw.base.cache import shared
+from mr360uw.base.constants import PI
+from mr360uw.base.disk_cache import kept_arrays
+from mr360uw.base.sphere import directions, gauss_legendre, row_solid_angle
+from mr360uw.base.threads import one_blas_thread
 from mr360uw.medium.lookup import NORMALS, depth_nodes, diffuse_table, normal_nodes
 from mr360uw.medium.medium import Medium
 from mr360uw.medium.models import FieldModel, SpectralModel
@@ -30,9 +33,6 @@ from mr360uw.medium.phase import Phase, forward_peak
 from mr360uw.medium.ray_field import Sky, SurfaceKind, cosine_kernel
 from mr360uw.medium.spectra import Sensor
 from mr360uw.medium.water import Water
-from mr360uw.reading.disk_cache import kept_arrays
-from mr360uw.sphere import directions, gauss_legendre, row_solid_angle
-from mr360uw.threads import one_blas_thread
 from mr360uw.types import Array, BeamSpread, Floats
 
 _STEP = 0.01

@@ -14,11 +14,11 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import ArrayLike
 
-from mr360uw.color import colour_science
+from mr360uw.base.color import colour_science
+from mr360uw.base.input_files import read_text
+from mr360uw.base.parameters import checked, file_path, instance, numbers, real, vectors
 from mr360uw.errors import ParameterError
-from mr360uw.parameters import checked, file_path, instance, numbers, real, vectors
 from mr360uw.plot import Figure, Shown
-from mr360uw.reading.input_files import read_text
 from mr360uw.types import Array
 
 

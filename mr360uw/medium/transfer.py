@@ -29,7 +29,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import PositiveInt
 
-from mr360uw.constants import PI, REFRACTIVE_INDEX_SEA
+from mr360uw.base.constants import PI, REFRACTIVE_INDEX_SEA
+from mr360uw.base.optics import critical_cosine, fresnel_from_below
+from mr360uw.base.parameters import checked, common_shape, numbers
+from mr360uw.base.threads import one_blas_thread
 from mr360uw.errors import ParameterError
 from mr360uw.medium.closed_form import check_ray, ray_in_water
 from mr360uw.medium.phase import Mixture, Phase, PhaseSeries, legendre_polynomials, without_peak
@@ -49,9 +52,6 @@ from mr360uw.medium.ray_field import (
     nodes,
     sky_parts,
 )
-from mr360uw.optics import critical_cosine, fresnel_from_below
-from mr360uw.parameters import checked, common_shape, numbers
-from mr360uw.threads import one_blas_thread
 from mr360uw.types import Array
 
 STREAMS_PER_HEMISPHERE = 32

@@ -19,12 +19,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import PositiveInt
 
-from mr360uw.cache import shared
-from mr360uw.constants import MEAN_COSINE_SEA
+from mr360uw.base.cache import shared
+from mr360uw.base.constants import MEAN_COSINE_SEA
+from mr360uw.base.parameters import checked, exactly, number, numbers
 from mr360uw.errors import ParameterError
 from mr360uw.medium.phase import Mixture, Phase, backscatter_ratio, check_phase, particles_of_backscatter
 from mr360uw.medium.spectra import Spectrum, builtin_spectrum, builtin_table, read_columns
-from mr360uw.parameters import checked, exactly, number, numbers
 from mr360uw.plot import Figure, Shown
 from mr360uw.types import Array
 

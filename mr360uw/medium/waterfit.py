@@ -18,14 +18,14 @@ from typing import Generic, TypeVar
 
 import numpy as np
 
-from mr360uw.color import encode
-from mr360uw.constants import REFRACTIVE_INDEX_SEA
+from mr360uw.base.color import encode
+from mr360uw.base.constants import REFRACTIVE_INDEX_SEA
+from mr360uw.base.parameters import checked, number, whole
 from mr360uw.errors import ParameterError
 from mr360uw.medium.medium import Medium
 from mr360uw.medium.open_water import PlateProfile
 from mr360uw.medium.spectra import Sensor
 from mr360uw.medium.water import JERLOV_TYPES, JerlovType, Water
-from mr360uw.parameters import checked, number, whole
 from mr360uw.types import Array, Floats
 
 Name = TypeVar("Name", bound=str)

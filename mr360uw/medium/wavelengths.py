@@ -23,12 +23,12 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 
+from mr360uw.base.disk_cache import kept_arrays
+from mr360uw.base.parameters import checked, vectors, whole
 from mr360uw.errors import ParameterError
 from mr360uw.medium.closed_form import closed_form
 from mr360uw.medium.spectra import DEFAULT_ILLUMINANT, VISIBLE_NM, Sensor, checked_sensor, illuminant
 from mr360uw.medium.water import JERLOV_TYPES, Water
-from mr360uw.parameters import checked, vectors, whole
-from mr360uw.reading.disk_cache import kept_arrays
 from mr360uw.types import Array
 
 Rule = Literal["rectangle", "integrated", "fitted"]

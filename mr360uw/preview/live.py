@@ -17,13 +17,15 @@ from typing import Any, Literal, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mr360uw.cache import Cache, Same
-from mr360uw.color import encode
+from mr360uw.base.cache import Cache, Same
+from mr360uw.base.color import encode
+from mr360uw.base.disk_cache import CachedReads, Stamp, stamp
+from mr360uw.base.parameters import Parameters
+from mr360uw.base.progress import Progress
+from mr360uw.base.sphere import frame_from_direction, yaw_matrix
+from mr360uw.base.threads import one_blas_thread
 from mr360uw.errors import ParameterError
 from mr360uw.jit import exact
-from mr360uw.parameters import Parameters
-from mr360uw.progress import Progress
-from mr360uw.reading.disk_cache import CachedReads, Stamp, stamp
 from mr360uw.render.backends import close_backend, make_backend
 from mr360uw.render.first_pass import Background, ClipAnalysis, clip_analysis, waves_of
 from mr360uw.render.frame import Frame, composite_frame
@@ -31,8 +33,6 @@ from mr360uw.render.loaded import Loaded, Loader
 from mr360uw.render.match_stage import grade_in_frame, patch_frames
 from mr360uw.scene.model import Scene, at_scale
 from mr360uw.scene.resolved import open_plate
-from mr360uw.sphere import frame_from_direction, yaw_matrix
-from mr360uw.threads import one_blas_thread
 from mr360uw.types import Floats
 from mr360uw.video import VideoFrame, VideoReader
 from mr360uw.video.reader import Seeker, scaled, scaled_size, smaller
@@ -115,7 +115,7 @@ class LivePreview:
 
     @property
     def made(self) -> Counter[str]:
-        """Runs of each stage, by the name of its function (`mr360uw.cache.name_of`)."""
+        """Runs of each stage, by the name of its function (`mr360uw.base.cache.name_of`)."""
         return self._reads.cache.made
 
     def frame(self, scene: Scene, index: int, width: int | None = None) -> Frame:

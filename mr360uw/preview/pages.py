@@ -13,14 +13,14 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.color import in_plate_primaries
+from mr360uw.base.color import in_plate_primaries
+from mr360uw.base.files import check_outputs, write_whole
+from mr360uw.base.input_files import files_read
+from mr360uw.base.progress import Progress
 from mr360uw.errors import ParameterError, VideoError
-from mr360uw.files import check_outputs, write_whole
 from mr360uw.ibl import SunTrack
 from mr360uw.medium.settings import WaterSettings
 from mr360uw.preview.live import LivePreview, Perspective, encoded, look, narrowed
-from mr360uw.progress import Progress
-from mr360uw.reading.input_files import files_read
 from mr360uw.render.check import sun_lines
 from mr360uw.render.first_pass import first_pass
 from mr360uw.render.lights import plate_map
@@ -30,7 +30,7 @@ from mr360uw.scene.resolved import open_plate
 from mr360uw.types import Floats
 from mr360uw.video import VideoFrame
 from mr360uw.video.clip import PICTURE_SUFFIXES
-from mr360uw.video.pixels.planes import codes_from_linear
+from mr360uw.video.planes import codes_from_linear
 from mr360uw.video.reader import whole_frame
 from mr360uw.video.writer import picture_codes, write_picture
 

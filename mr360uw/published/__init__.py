@@ -14,11 +14,11 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mr360uw.color import DISPLAY_CURVE, LUMINANCE, decode, encode
-from mr360uw.constants import ENVIRONMENT_COLUMNS, ENVIRONMENT_ROWS
+from mr360uw.base.color import DISPLAY_CURVE, LUMINANCE, decode, encode
+from mr360uw.base.constants import ENVIRONMENT_COLUMNS, ENVIRONMENT_ROWS
+from mr360uw.base.optics import reflect
+from mr360uw.base.sphere import directions, row_solid_angle
 from mr360uw.jit import exact
-from mr360uw.optics import reflect
-from mr360uw.sphere import directions, row_solid_angle
 from mr360uw.types import Array, Floats, Sun
 
 # Published ways of taking light from a plate: inverse tone mapping, and irradiance by nine spherical harmonics.

@@ -11,7 +11,7 @@ import threading
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Literal, Protocol, get_args
 
-from mr360uw.cache import Cache, drop_shared
+from mr360uw.base.cache import Cache, drop_shared
 from mr360uw.caustics.settings import CausticSettings, Sea
 from mr360uw.composite.aovs import Aovs
 from mr360uw.composite.objects import Shot
@@ -100,7 +100,7 @@ class Gl:
 
     def __init__(self, cache: Cache | None = None) -> None:
         from mr360uw.composite.gl.layer_renderer import LayerRenderer
-        from mr360uw.gl.context import gl_device
+        from mr360uw.gl import gl_device
 
         self.device = gl_device().renderer
         self.cache = Cache() if cache is None else cache
@@ -135,7 +135,7 @@ class Gl:
 
         Asked for on another thread, it is the next frame on the renderer's thread that releases what is on the device.
         """
-        from mr360uw.gl.context import release_unused
+        from mr360uw.gl import release_unused
 
         self.cache.clear()
         self._layers = None

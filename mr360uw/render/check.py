@@ -15,13 +15,13 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, TypeVar, TypeVarTuple
 
-from mr360uw.cache import Cache, PartOf, name_of
+from mr360uw.base.cache import Cache, PartOf, name_of
+from mr360uw.base.disk_cache import CachedReads
+from mr360uw.base.files import check_outputs
 from mr360uw.composite import load_object
 from mr360uw.errors import DamagedFrameError, Mr360uwError, SceneError, VideoError
-from mr360uw.files import check_outputs
 from mr360uw.ibl import SunTrack
 from mr360uw.ibl.sun.detect import tracked_in_words
-from mr360uw.reading.disk_cache import CachedReads
 from mr360uw.render.backends import Backend, make_backend
 from mr360uw.render.first_pass import ClipAnalysis, first_pass
 from mr360uw.render.frame import composite_frame

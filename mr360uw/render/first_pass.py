@@ -15,10 +15,12 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.cache import Cache, Parts
+from mr360uw.base.cache import Cache, Parts
+from mr360uw.base.color import LUMINANCE, luminance
+from mr360uw.base.progress import Progress
+from mr360uw.base.threads import one_blas_thread, prefetch
 from mr360uw.caustics import CausticSettings, caustic_stack
 from mr360uw.caustics.settings import Sea
-from mr360uw.color import LUMINANCE, luminance
 from mr360uw.composite.grading.settings import PlateGrade
 from mr360uw.composite.objects import Receiver
 from mr360uw.composite.receiver.pattern import PlatePattern
@@ -31,7 +33,6 @@ from mr360uw.medium.lookup import ambient_ratio, beam_ratio, unscattered_share
 from mr360uw.medium.open_water import DOUBTFUL, OpenWater, OpenWaterLooks, OpenWaterTrack, fit_level
 from mr360uw.medium.scattered_light import spread_of
 from mr360uw.plot import Figure, Shown
-from mr360uw.progress import Progress
 from mr360uw.render.lights import direct_to_diffuse, level_view, may_be_clipped, plate_map, restored, small_picture
 from mr360uw.render.loaded import Loaded
 from mr360uw.render.match_stage import clip_colour, clip_grade
@@ -39,7 +40,6 @@ from mr360uw.render.mattes import ReceiverClip
 from mr360uw.render.surroundings import Surroundings
 from mr360uw.scene.model import Scene
 from mr360uw.scene.resolved import without_gain
-from mr360uw.threads import one_blas_thread, prefetch
 from mr360uw.types import BeamSpread, Environment, Floats, MediumTable, Rectangle, Sun
 from mr360uw.video import VideoFrame, VideoReader
 from mr360uw.video.reader import Grade

@@ -19,20 +19,20 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
-from mr360uw.cache import Cache
+from mr360uw.base.cache import Cache
+from mr360uw.base.color import unseen_change
+from mr360uw.base.constants import JUST_BELOW_M
+from mr360uw.base.optics import into_air
 from mr360uw.caustics.settings import CausticSettings
-from mr360uw.color import unseen_change
 from mr360uw.composite.aovs import Aovs
-from mr360uw.composite.lighting.light_sources import lamps_of, sun_of
+from mr360uw.composite.light_sources import lamps_of, sun_of
 from mr360uw.composite.objects import Shot, object_presence
 from mr360uw.composite.settings import DrawSettings
 from mr360uw.composite.tiles import mean_layer
-from mr360uw.constants import JUST_BELOW_M
 from mr360uw.errors import ParameterError, RenderError
 from mr360uw.ibl.lighting import turned
 from mr360uw.medium import Medium
 from mr360uw.medium.scattered_light import spread_of
-from mr360uw.optics import into_air
 from mr360uw.render.backends import Backend
 from mr360uw.render.first_pass import Background, ClipAnalysis, plate_pattern
 from mr360uw.render.loaded import Loaded
@@ -356,8 +356,8 @@ def with_snow(
 
     cache: holds layers of the same backend; a layer stands for all that its shot depends on.
     """
-    from mr360uw.composite.snow.draw import Snow, with_particles
-    from mr360uw.composite.snow.particles import particle_scattering
+    from mr360uw.composite.snow import Snow, with_particles
+    from mr360uw.composite.snow_particles import particle_scattering
 
     medium, scene, half = at.now.surroundings.medium, at.now.scene, 0.5 * at.exposure_s
     assert medium is not None, "the plan has no snow without water"
@@ -378,8 +378,8 @@ def with_surface(
     below = shot.view.position[1] < shot.view.surface_y_m
     if shot.medium is None or not below or not np.any(object_presence(shot, settings) > 0.0):
         return layer, variables
-    from mr360uw.composite.at_surface.surface_layer import with_bodies
-    from mr360uw.composite.at_surface.surface_rays import table_at_surface
+    from mr360uw.composite.surface_layer import with_bodies
+    from mr360uw.composite.surface_rays import table_at_surface
 
     # The frame's water, for rays that start at the surface
     medium, still = around.medium_at(at.time_s), around.medium

@@ -28,10 +28,11 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mr360uw.cache import shared
+from mr360uw.base.cache import shared
+from mr360uw.base.color import luminance
+from mr360uw.base.constants import ENVIRONMENT_COLUMNS, ENVIRONMENT_ROWS, MINIMUM_SUN_UP
+from mr360uw.base.sphere import direction_from_frame, directions, frame_from_direction
 from mr360uw.caustics import refract_to_water
-from mr360uw.color import luminance
-from mr360uw.constants import ENVIRONMENT_COLUMNS, ENVIRONMENT_ROWS, MINIMUM_SUN_UP
 from mr360uw.ibl import LightSettings, environment, environment_from_yuv
 from mr360uw.ibl.filters import cosine_filter, glossy_levels
 from mr360uw.ibl.lighting import plate_of_yuv, sunlit
@@ -53,7 +54,6 @@ from mr360uw.medium.lookup import ambient_ratio, beam_fraction, beam_ratio
 from mr360uw.medium.open_water import BAND_RAD, SECTORS, LevelView
 from mr360uw.medium.scattered_light import irradiance_from_level, light_below_horizon
 from mr360uw.scene.model import Scene
-from mr360uw.sphere import direction_from_frame, directions, frame_from_direction
 from mr360uw.types import Environment, Floats, MediumTable, Sun, YuvImage
 
 # A plate without expansion, small and levelled, to which the colour of its water is fitted: a map, and its horizon.

@@ -18,14 +18,14 @@ from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
+from mr360uw.base.constants import PI
+from mr360uw.base.disk_cache import CachedReads
+from mr360uw.base.input_files import files_read
 from mr360uw.composite import PlacedObject, SceneObject, load_objects
 from mr360uw.composite.objects import Receiver, SceneLamp, load_lamps, on_the_floor, on_the_sea
 from mr360uw.composite.settings import ReceiverSettings
-from mr360uw.constants import PI
 from mr360uw.errors import ParameterError, SceneError
 from mr360uw.medium import Medium
-from mr360uw.reading.disk_cache import CachedReads
-from mr360uw.reading.input_files import files_read
 from mr360uw.render.mattes import Mattes, ReceiverClip
 from mr360uw.render.plan import CausticDepths, ObjectFacts, Plan, joined_plan, make_plan
 from mr360uw.render.surroundings import (
@@ -395,7 +395,7 @@ def _snow_notes(scene: Scene, height: int) -> tuple[str, ...]:
     water = scene.water.water() if scene.snow.amount > 0.0 else None
     if water is None:
         return ()
-    from mr360uw.composite.snow.particles import note_on
+    from mr360uw.composite.snow_particles import note_on
 
     return tuple(filter(None, [note_on(scene.snow, water, height)]))
 

@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.cache import Cache
-from mr360uw.color import decode_signal, encode, ycbcr_from_rgb
+from mr360uw.base.cache import Cache
+from mr360uw.base.color import decode_signal, encode, ycbcr_from_rgb
 from mr360uw.composite.grading.colour_grade import ColourGrade, Three, code_of, graded_spec, luma_weights_of
 from mr360uw.composite.grading.patch_solve import PatchWater
 from mr360uw.composite.grading.settings import MatchSettings, PatchSettings, PlateGrade

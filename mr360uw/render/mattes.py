@@ -10,12 +10,12 @@ from pathlib import Path
 
 import numpy as np
 
-from mr360uw.cache import Cache
+from mr360uw.base.cache import Cache
+from mr360uw.base.disk_cache import Stamp, stamp
 from mr360uw.composite.objects import Receiver
 from mr360uw.composite.receiver.shape import load_receiver, map_range, without_steps
 from mr360uw.composite.settings import HoldoutSettings, ReceiverSettings
 from mr360uw.errors import VideoError
-from mr360uw.reading.disk_cache import Stamp, stamp
 from mr360uw.types import Floats
 from mr360uw.video import VideoFrame, VideoReader, open_video
 from mr360uw.video.layout import Eye

@@ -140,7 +140,7 @@ def snow_stage(scene: Scene, medium: MediumTable | None) -> Stage:
     water = scene.water.water() if drawn and medium is not None else None
     if water is None:
         return Stage(False, 'water is "none"' if drawn else "snow.amount is 0")
-    from mr360uw.composite.snow.particles import in_words
+    from mr360uw.composite.snow_particles import in_words
 
     return Stage(*in_words(scene.snow, water))
 

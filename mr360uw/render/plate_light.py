@@ -19,10 +19,11 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from mr360uw.cache import Cache
-from mr360uw.color import code_range, decode_signal
+from mr360uw.base.cache import Cache
+from mr360uw.base.color import code_range, decode_signal
+from mr360uw.base.constants import ENVIRONMENT_COLUMNS, ENVIRONMENT_ROWS, MINIMUM_SUN_UP
+from mr360uw.base.sphere import directions, row_solid_angle
 from mr360uw.composite.objects import BetweenSamples, LightSample
-from mr360uw.constants import ENVIRONMENT_COLUMNS, ENVIRONMENT_ROWS, MINIMUM_SUN_UP
 from mr360uw.errors import DamagedFrameError
 from mr360uw.ibl import SunTrack
 from mr360uw.ibl.lighting import light_between, sun_between, turned
@@ -37,7 +38,6 @@ from mr360uw.render.loaded import Loaded
 from mr360uw.render.match_stage import ungraded
 from mr360uw.render.surroundings import Surroundings
 from mr360uw.scene.resolved import scene_at
-from mr360uw.sphere import directions, row_solid_angle
 from mr360uw.types import Environment, Floats, MediumTable, Sun, sample_step
 from mr360uw.video import VideoFrame, VideoReader
 

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from mr360uw.base.disk_cache import CachedReads
 from mr360uw.composite import read_camera_track
 from mr360uw.composite.motion import Motion, curve_through
 from mr360uw.errors import ParameterError
@@ -22,7 +23,6 @@ from mr360uw.medium.medium import MediumAtDepths, MixedMedium, TableAt
 from mr360uw.medium.open_water import OpenWater, open_water
 from mr360uw.medium.scattered_light import around_sun, placed, typical_level
 from mr360uw.medium.settings import WaterSettings
-from mr360uw.reading.disk_cache import CachedReads
 from mr360uw.render.lights import LightReader, world_view
 from mr360uw.scene.model import Scene
 from mr360uw.scene.resolved import WaterBetween, open_plate, pose_of_plate, scene_at, water_between, without_gain

@@ -23,11 +23,12 @@ from pathlib import Path
 from typing import Any, Literal
 
 from mr360uw import __version__
-from mr360uw.cache import Cache
+from mr360uw.base.cache import Cache
+from mr360uw.base.files import WrittenFiles, numbered
+from mr360uw.base.threads import Behind, one_blas_thread, prefetch
 from mr360uw.composite.aovs import RECIPE, exr_parts, stereo_parts
 from mr360uw.composite.aovs import Part as LayerPart
 from mr360uw.errors import GlError, ParameterError, VideoError, install_command
-from mr360uw.files import WrittenFiles, numbered
 from mr360uw.render.backends import Backend, make_backend
 from mr360uw.render.first_pass import ClipAnalysis
 from mr360uw.render.frame import DrawnFrame, Frame, FrameShots, blend_frame, draw_frame, frame_shots, measure_plate
@@ -36,7 +37,6 @@ from mr360uw.render.plate_light import LightSamples
 from mr360uw.runs.work_folder import Part, SegmentSink, WorkFolder
 from mr360uw.scene.model import Scene
 from mr360uw.scene.resolved import open_plate
-from mr360uw.threads import Behind, one_blas_thread, prefetch
 from mr360uw.video import VideoFrame, VideoReader, write_exr
 from mr360uw.video.clip import PICTURE_SUFFIXES
 from mr360uw.video.other_tracks import exr_attributes

@@ -12,8 +12,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from mr360uw.errors import OutputError, OutputExistsError, ParameterError, VideoError
-from mr360uw.files import (
+from mr360uw.base.files import (
     check_outputs,
     check_work_folder,
     is_pattern,
@@ -23,7 +22,8 @@ from mr360uw.files import (
     work_path,
     write_whole,
 )
-from mr360uw.reading.input_files import InputFile, read_json
+from mr360uw.base.input_files import InputFile, read_json
+from mr360uw.errors import OutputError, OutputExistsError, ParameterError, VideoError
 from mr360uw.render.plan import Plan
 from mr360uw.runs.work_folder import Part, WorkFolder, segment_bounds
 from mr360uw.scene.model import Scene, files_of

@@ -14,12 +14,12 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
-from mr360uw.cache import Cache
+from mr360uw.base.cache import Cache
+from mr360uw.base.disk_cache import CachedReads
+from mr360uw.base.parameters import checked, instance
+from mr360uw.base.progress import Progress, begin_phase
 from mr360uw.caustics import export_tiles, refract_to_air
 from mr360uw.errors import SceneError, package_versions
-from mr360uw.parameters import checked, instance
-from mr360uw.progress import Progress, begin_phase
-from mr360uw.reading.disk_cache import CachedReads
 from mr360uw.render.backends import close_backend, make_backend
 from mr360uw.render.check import scene_sun_lines
 from mr360uw.render.first_pass import ClipAnalysis, first_pass, measured_range

@@ -21,8 +21,16 @@ import numpy as np
 from filelock import Timeout
 from numpy.typing import NDArray
 
-from mr360uw.errors import OutputError, VideoError
-from mr360uw.files import (
+from mr360uw.base.disk_cache import (
+    Arrays,
+    cache_file,
+    keep_arrays,
+    read_arrays,
+    sources_stamp,
+    stamp,
+    write_arrays,
+)
+from mr360uw.base.files import (
     LOCK,
     MARKER,
     SUFFIX,
@@ -35,17 +43,9 @@ from mr360uw.files import (
     work_path,
     write_whole,
 )
-from mr360uw.progress import Progress
-from mr360uw.reading.disk_cache import (
-    Arrays,
-    cache_file,
-    keep_arrays,
-    read_arrays,
-    sources_stamp,
-    stamp,
-    write_arrays,
-)
-from mr360uw.reading.input_files import InputFile, input_file, read_json
+from mr360uw.base.input_files import InputFile, input_file, read_json
+from mr360uw.base.progress import Progress
+from mr360uw.errors import OutputError, VideoError
 from mr360uw.render.first_pass import ClipAnalysis, clip_analysis
 from mr360uw.render.loaded import Loaded
 from mr360uw.scene.model import Scene, files_of

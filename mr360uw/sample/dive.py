@@ -12,18 +12,18 @@ from typing import Any, Literal
 
 import numpy as np
 
-from mr360uw.color import Transfer, encode, luminance, ycbcr_from_rgb
+from mr360uw.base.color import Transfer, encode, luminance, ycbcr_from_rgb
+from mr360uw.base.files import check_folder, check_outputs, made_folder, whole_file, write_whole
+from mr360uw.base.input_files import FRAMES, PICTURE
+from mr360uw.base.parameters import checked, file_path, instance
+from mr360uw.base.progress import Progress
+from mr360uw.base.threads import one_blas_thread, prefetch
 from mr360uw.errors import ParameterError
-from mr360uw.files import check_folder, check_outputs, made_folder, whole_file, write_whole
 from mr360uw.medium import Water
-from mr360uw.parameters import checked, file_path, instance
-from mr360uw.progress import Progress
-from mr360uw.reading.input_files import FRAMES, PICTURE
 from mr360uw.sample.dive_settings import DiveSettings
 from mr360uw.sample.rendered_dive import BED_TILE_M, SENSOR, Dive
 from mr360uw.sample.whale import write_whale
 from mr360uw.surface.sea_picture import SurfacePicture
-from mr360uw.threads import one_blas_thread, prefetch
 from mr360uw.types import Floats
 
 TRACK = "camera.csv"
@@ -378,7 +378,7 @@ def write_frame_truth(path: Path, dive: Dive, seen: SurfacePicture) -> None:
     distance_m: (H, W) to surface or floor. in_water_m: (H, W). surface, floor: (H, W) masks. normal: (H, W, 3) of the
     surface. radiance: (H, W, 3), exposed, not clipped, float16.
     """
-    from mr360uw.files import whole_file
+    from mr360uw.base.files import whole_file
 
     with whole_file(path) as partial, partial.open("wb") as file:
         np.savez_compressed(

@@ -14,12 +14,12 @@ from typing import Any, Literal, Self
 import numpy as np
 from pydantic import ValidationError, model_validator
 
+from mr360uw.base.constants import PI
+from mr360uw.base.parameters import Parameters, checked, parameter
+from mr360uw.base.sphere import direction_from_angles, yaw_matrix
 from mr360uw.caustics import GerstnerSea
-from mr360uw.constants import PI
 from mr360uw.errors import ParameterError
 from mr360uw.medium.water import JerlovType
-from mr360uw.parameters import Parameters, checked, parameter
-from mr360uw.sphere import direction_from_angles, yaw_matrix
 from mr360uw.types import Floats, View
 
 PRESETS: Mapping[str, Mapping[str, Any]] = tomllib.loads(

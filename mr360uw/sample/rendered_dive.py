@@ -21,18 +21,18 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from mr360uw.base.color import luminance
+from mr360uw.base.constants import PI, REFRACTIVE_INDEX_SEA, SUN_HALF_ANGLE_RAD
+from mr360uw.base.optics import fresnel_from_below, fresnel_transmittance, refract_to_water
+from mr360uw.base.parameters import checked
+from mr360uw.base.sphere import directions, row_solid_angle, smoothstep, unit
 from mr360uw.caustics.settings import CausticSettings
-from mr360uw.color import luminance
-from mr360uw.constants import PI, REFRACTIVE_INDEX_SEA, SUN_HALF_ANGLE_RAD
 from mr360uw.ibl import environment
 from mr360uw.ibl.sun.split import CLEAR_SKY, air_mass, beam_below, clear_air_depth, direct_share
 from mr360uw.medium import Medium, Water
 from mr360uw.medium.lookup import beam_fraction
 from mr360uw.medium.spectra import DEFAULT_SENSOR, named_sensor
-from mr360uw.optics import fresnel_from_below, fresnel_transmittance, refract_to_water
-from mr360uw.parameters import checked
 from mr360uw.sample.dive_settings import DiveSettings
-from mr360uw.sphere import directions, row_solid_angle, smoothstep, unit
 from mr360uw.surface.sea_floor import Floor
 from mr360uw.surface.sea_picture import SeaScene, SurfacePicture
 from mr360uw.surface.sky import CLEAR, LOWEST_SINE, OVERCAST, SKY_ROWS, Dome, standard_sky, sun_below

@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.files import write_whole
+from mr360uw.base.files import write_whole
+from mr360uw.base.sphere import smoothstep
 from mr360uw.sample.whale_shape import Chart, Detail, WhaleSkin, humpback, neighbour_means, triangles
 from mr360uw.sample.whale_skin import map_coordinates, painted
-from mr360uw.sphere import smoothstep
 from mr360uw.types import Floats
 
 _TEXTURE = {"high": 2048, "low": 256}

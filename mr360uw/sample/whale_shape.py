@@ -18,8 +18,8 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from mr360uw.base.sphere import smoothstep
 from mr360uw.medium.spectra import parse_table
-from mr360uw.sphere import smoothstep
 from mr360uw.types import Floats
 
 if TYPE_CHECKING:

@@ -14,9 +14,11 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, ValidationError, model_validator
 
+from mr360uw.base.color import DisplayTransfer, Levels, Primaries, Transfer
+from mr360uw.base.constants import MAXIMUM_SUN_SAMPLES
+from mr360uw.base.parameters import Parameters, advanced, checked, file_path, listed, parameter
 from mr360uw.caustics.gerstner import GerstnerSea
 from mr360uw.caustics.settings import CausticSettings, Sea
-from mr360uw.color import DisplayTransfer, Levels, Primaries, Transfer
 from mr360uw.composite.grading.settings import MatchSettings
 from mr360uw.composite.settings import (
     DrawSettings,
@@ -27,11 +29,9 @@ from mr360uw.composite.settings import (
     SnowSettings,
     SurfaceSettings,
 )
-from mr360uw.constants import MAXIMUM_SUN_SAMPLES
 from mr360uw.errors import SceneError
 from mr360uw.ibl.settings import LightSettings
 from mr360uw.medium.settings import ShaftSettings, WaterSettings
-from mr360uw.parameters import Parameters, advanced, checked, file_path, listed, parameter
 from mr360uw.scene.key_targets import KeyedParameter, check_keys
 from mr360uw.scene.problems import Lines, problems
 from mr360uw.scene.toml_model import (

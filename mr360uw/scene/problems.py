@@ -15,7 +15,7 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
 
-from mr360uw.parameters import bounds_of, stated
+from mr360uw.base.parameters import bounds_of, stated
 
 Location = tuple[str | int, ...]
 Lines = dict[Location, int]

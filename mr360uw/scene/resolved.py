@@ -10,13 +10,13 @@ from typing import Any
 
 from pydantic.fields import FieldInfo
 
-from mr360uw.color import PlateMapping
+from mr360uw.base.color import PlateMapping
+from mr360uw.base.files import files_named
+from mr360uw.base.input_files import read_data
+from mr360uw.base.parameters import bounds_of, stated
 from mr360uw.errors import VideoError
-from mr360uw.files import files_named
 from mr360uw.medium.models import CLOSED_FORMS
 from mr360uw.medium.settings import WaterSettings
-from mr360uw.parameters import bounds_of, stated
-from mr360uw.reading.input_files import read_data
 from mr360uw.scene.key_targets import KeyedParameter, Target, key_times, target_of, with_values
 from mr360uw.scene.model import PlateSettings, Scene
 from mr360uw.video import VideoReader, open_video

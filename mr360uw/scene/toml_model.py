@@ -14,8 +14,8 @@ from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
+from mr360uw.base.input_files import read_text, unreadable
 from mr360uw.errors import SceneError, VideoError
-from mr360uw.reading.input_files import read_text, unreadable
 from mr360uw.scene.problems import SET, Lines, Location, key_lines, place, problems
 
 _DIGITS = 9

@@ -15,12 +15,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from mr360uw.caustic_lookup import mip_level, mip_levels, periodic_trilinear
-from mr360uw.constants import PI
+from mr360uw.base.caustic_lookup import mip_level, mip_levels, periodic_trilinear
+from mr360uw.base.constants import PI
+from mr360uw.base.parameters import number, numbers
+from mr360uw.base.sphere import Vector, add, between, level_for, periodic, times
 from mr360uw.errors import ParameterError
 from mr360uw.jit import borrowing
-from mr360uw.parameters import number, numbers
-from mr360uw.sphere import Vector, add, between, level_for, periodic, times
 from mr360uw.types import Array, Floats
 
 _CELL = 16

@@ -16,17 +16,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mr360uw.cache import Cache
+from mr360uw.base.cache import Cache
+from mr360uw.base.constants import REFRACTIVE_INDEX_SEA
+from mr360uw.base.optics import check_refractive_index
+from mr360uw.base.parameters import checked, exactly, number
+from mr360uw.base.sphere import Vector, add, unit
 from mr360uw.caustics import CausticSettings
 from mr360uw.caustics.settings import Sea
-from mr360uw.constants import REFRACTIVE_INDEX_SEA
 from mr360uw.errors import ParameterError
 from mr360uw.jit import borrowing
 from mr360uw.medium import Medium, Water
-from mr360uw.optics import check_refractive_index
-from mr360uw.parameters import checked, exactly, number
 from mr360uw.plot import Figure, Shown
-from mr360uw.sphere import Vector, add, unit
 from mr360uw.surface.facet_draws import next_key
 from mr360uw.surface.intersection import NOWHERE, Hit, Ray, bent
 from mr360uw.surface.ray_kernel import OFF_M, STACK, RayStage, RayWorld, followed, met, put, ray_world

@@ -17,14 +17,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mr360uw.constants import PI
+from mr360uw.base.constants import PI
+from mr360uw.base.optics import fresnel_transmittance
+from mr360uw.base.parameters import numbers
+from mr360uw.base.sphere import Vector, between, directions, four, row_solid_angle
 from mr360uw.errors import ParameterError
 from mr360uw.ibl.lookup import environment_lookup
 from mr360uw.jit import borrowing
 from mr360uw.medium.ray_field import SkyShape
-from mr360uw.optics import fresnel_transmittance
-from mr360uw.parameters import numbers
-from mr360uw.sphere import Vector, between, directions, four, row_solid_angle
 from mr360uw.types import Array, Floats, Sun
 
 Shape = tuple[float, float, float, float, float]

@@ -22,11 +22,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import irfft2, rfft2
 
-from mr360uw.cache import shared
+from mr360uw.base.cache import shared
+from mr360uw.base.constants import JUST_BELOW_M, PI
+from mr360uw.base.optics import diffuse_reflectance_from_below, refract_to_water
+from mr360uw.base.sphere import Vector, add, between_four, four, packed, periodic_four
 from mr360uw.caustics import CausticSettings, caustic_map, caustic_stack
 from mr360uw.caustics.settings import Sea
 from mr360uw.caustics.sun_disc import gaussian_transform
-from mr360uw.constants import JUST_BELOW_M, PI
 from mr360uw.ibl.lookup import environment_lookup
 from mr360uw.jit import borrowing, inlined
 from mr360uw.medium import Medium, Water
@@ -34,8 +36,6 @@ from mr360uw.medium.lookup import beam_fraction, linear, transmittance_lookup, v
 from mr360uw.medium.medium import MediumAtDepths
 from mr360uw.medium.open_water import row_up
 from mr360uw.medium.scattered_light import around_sun, placed, spread_of
-from mr360uw.optics import diffuse_reflectance_from_below, refract_to_water
-from mr360uw.sphere import Vector, add, between_four, four, packed, periodic_four
 from mr360uw.surface.facet_draws import normal_quantile
 from mr360uw.surface.intersection import bent, reflectance
 from mr360uw.surface.sampled_sea import SampledSea

@@ -12,12 +12,12 @@ from typing import Literal
 
 import numpy as np
 
+from mr360uw.base.files import check_outputs, write_whole
+from mr360uw.base.parameters import checked
+from mr360uw.base.sphere import unit
 from mr360uw.errors import ParameterError
-from mr360uw.files import check_outputs, write_whole
 from mr360uw.ibl.tilt import estimate_horizon, level_matrix
 from mr360uw.medium.spectra import read_table
-from mr360uw.parameters import checked
-from mr360uw.sphere import unit
 from mr360uw.types import Floats
 
 Kind = Literal["still", "turning", "moving"]
@@ -481,7 +481,7 @@ def _agreement(depth: Floats, height: Floats) -> float:
 
 def looks_of(length: Length, width: int, rotation: Floats) -> Floats:
     """Return the directions (2, 3) in the scene of a length's pixels of a frame of `width` columns."""
-    from mr360uw.sphere import direction_from_frame
+    from mr360uw.base.sphere import direction_from_frame
 
     first, second, _ = length
     x, y = np.array([first, second]).T

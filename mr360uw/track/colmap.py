@@ -2,7 +2,7 @@
 """Features of key frames and their matches, by COLMAP (Schoenberger & Frahm 2016).
 
 Its panoramic camera model is the mapping of
-`mr360uw.sphere`. Seeds are fixed and everything runs on one thread, so that a solve can be repeated.
+`mr360uw.base.sphere`. Seeds are fixed and everything runs on one thread, so that a solve can be repeated.
 
 Features of a rig, a housing, a diver or the inside of a car stay at the same pixels while the others move. Where most
 features of a picture are on the rig, the geometry of two views would be fitted to the rig, as if the camera stood
@@ -20,9 +20,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mr360uw.base.progress import Steps
+from mr360uw.base.sphere import direction_from_frame
 from mr360uw.errors import Mr360uwError, install_command
-from mr360uw.progress import Steps
-from mr360uw.sphere import direction_from_frame
 from mr360uw.track.camera_track import Kind
 from mr360uw.types import Floats
 

@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mr360uw.base.files import check_outputs, write_whole
+from mr360uw.base.input_files import json_of, read_text
+from mr360uw.base.parameters import checked
+from mr360uw.base.threads import one_blas_thread
 from mr360uw.errors import ParameterError
-from mr360uw.files import check_outputs, write_whole
-from mr360uw.parameters import checked
-from mr360uw.reading.input_files import json_of, read_text
-from mr360uw.threads import one_blas_thread
 from mr360uw.track.camera_track import CameraTrack, fit_floor
 from mr360uw.types import Floats
 

@@ -17,11 +17,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from mr360uw.base.files import write_whole
+from mr360uw.base.input_files import read_json
+from mr360uw.base.progress import Steps
+from mr360uw.base.sphere import direction_from_frame
 from mr360uw.errors import ParameterError
-from mr360uw.files import write_whole
-from mr360uw.progress import Steps
-from mr360uw.reading.input_files import read_json
-from mr360uw.sphere import direction_from_frame
 from mr360uw.types import Floats
 from mr360uw.video import VideoFrame, VideoReader
 

@@ -16,9 +16,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mr360uw.base.progress import Steps
+from mr360uw.base.sphere import direction_from_frame, frame_from_direction
 from mr360uw.errors import ParameterError
-from mr360uw.progress import Steps
-from mr360uw.sphere import direction_from_frame, frame_from_direction
 from mr360uw.track.camera_track import Kind
 from mr360uw.track.colmap import DATABASE, SEED, Matches, average_rotations, classify, match_features, quiet_colmap
 from mr360uw.track.key_frames import KeyFrames, grey_picture

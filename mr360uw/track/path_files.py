@@ -18,13 +18,13 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 
+from mr360uw.base.files import check_outputs, write_whole
+from mr360uw.base.input_files import json_of, read_text
+from mr360uw.base.sphere import unit
 from mr360uw.composite import read_camera_track
 from mr360uw.composite.motion import check_unit_quaternions
 from mr360uw.errors import ParameterError
-from mr360uw.files import check_outputs, write_whole
 from mr360uw.medium.spectra import parse_table
-from mr360uw.reading.input_files import json_of, read_text
-from mr360uw.sphere import unit
 from mr360uw.track.camera_track import CameraTrack, rotation_to_world, smooth_quaternions
 from mr360uw.types import Floats
 

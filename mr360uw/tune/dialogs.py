@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from nicegui import background_tasks, ui
 
-from mr360uw.constants import DEPTH_EYES_S, DEPTH_FRAME_S
+from mr360uw.base.constants import DEPTH_EYES_S, DEPTH_FRAME_S
+from mr360uw.base.files import write_whole
 from mr360uw.errors import Mr360uwError, ParameterError
-from mr360uw.files import write_whole
 from mr360uw.preview.live import encoded
 from mr360uw.scene.model import Scene
 from mr360uw.tune.controls import Button, Choice, Text, text_input

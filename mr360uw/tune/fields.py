@@ -14,9 +14,9 @@ import numpy as np
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
+from mr360uw.base.parameters import bounds_of, stated
 from mr360uw.composite.settings import POLAR
 from mr360uw.errors import ParameterError
-from mr360uw.parameters import bounds_of, stated
 from mr360uw.scene.key_targets import KeyedParameter, target_of
 from mr360uw.scene.model import Scene
 from mr360uw.scene.problems import bounds_text, models_of

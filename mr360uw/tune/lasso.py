@@ -21,9 +21,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from mr360uw.base.files import matching_files, write_whole
+from mr360uw.base.sphere import basis, direction_from_frame, frame_from_direction, row_solid_angle, unit
 from mr360uw.errors import OutputError, ParameterError
-from mr360uw.files import matching_files, write_whole
-from mr360uw.sphere import basis, direction_from_frame, frame_from_direction, row_solid_angle, unit
 from mr360uw.tune.placing import Point, pixel_of_point
 from mr360uw.types import Floats
 

@@ -10,8 +10,8 @@ from typing import Any
 
 from nicegui import background_tasks, ui
 
+from mr360uw.base.parameters import bounds_of, stated
 from mr360uw.errors import Mr360uwError, OutputExistsError
-from mr360uw.parameters import bounds_of, stated
 from mr360uw.scene.key_targets import target_of
 from mr360uw.tune import fields
 from mr360uw.tune.controls import Button, Choice, ControlPanel, Interpolation, Text, Timeline, alert, menu, told

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 from nicegui import background_tasks, ui
 
+from mr360uw.base.parameters import bounds_of
 from mr360uw.composite.settings import POLAR, ObjectSettings
 from mr360uw.errors import ParameterError
-from mr360uw.parameters import bounds_of
 from mr360uw.tune import fields, placing
 from mr360uw.tune.click_tools import PATCH_TOOLS, FloorTool, LassoTool, LevelTool, PatchTool
 from mr360uw.tune.controls import Button, Choice, Text, alert, told

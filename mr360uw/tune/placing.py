@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Placement by clicks and drags in a picture: positions, angles and sizes of objects.
 
-A point of a picture is a direction in the camera's axes, given by longitude and latitude [rad] as `mr360uw.sphere`
+A point of a picture is a direction in the camera's axes, given by longitude and latitude [rad] as `mr360uw.base.sphere`
 defines them: right of the centre and up are positive. Positions are in the world [m]; an object that is attached to the
 camera has its own in the camera's axes (`in_camera`).
 """
@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from mr360uw.base.sphere import direction_from_angles, frame_from_direction, unit
 from mr360uw.errors import ParameterError
-from mr360uw.sphere import direction_from_angles, frame_from_direction, unit
 from mr360uw.types import Floats, View
 
 if TYPE_CHECKING:
@@ -144,7 +144,7 @@ def _sunk(body: Floats, ground: Floats) -> float:
 
 def _first_height(triangles: Floats, points: Floats, start_y: float) -> Floats:
     """Return the height (n,) at which vertical lines through points first meet triangles from `start_y`, or NaN."""
-    from mr360uw.rays import RayScene, barycentric
+    from mr360uw.base.rays import RayScene, barycentric
 
     origins = points.copy()
     origins[:, 1] = start_y

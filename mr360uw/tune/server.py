@@ -27,11 +27,11 @@ from starlette.datastructures import MutableHeaders, QueryParams
 from starlette.requests import HTTPConnection
 from starlette.websockets import WebSocketClose
 
+from mr360uw.base.files import write_whole
+from mr360uw.base.threads import one_blas_thread
 from mr360uw.errors import ParameterError
-from mr360uw.files import write_whole
 from mr360uw.render.backends import check_backend
 from mr360uw.scene.resolved import open_plate
-from mr360uw.threads import one_blas_thread
 from mr360uw.tune.document import Document
 from mr360uw.tune.page import build_page
 from mr360uw.tune.pictures import MadePicture, PageRenderer, Pictures

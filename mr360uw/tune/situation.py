@@ -14,11 +14,11 @@ import numpy as np
 from nicegui.element import Element
 from nicegui.events import GenericEventArguments
 
+from mr360uw.base.sphere import direction_from_frame
 from mr360uw.composite.motion import yaw_pitch_roll_deg
 from mr360uw.errors import ParameterError
 from mr360uw.preview.live import COARSE_WIDTH, coarse
 from mr360uw.scene.model import Scene
-from mr360uw.sphere import direction_from_frame
 from mr360uw.tune import placing
 from mr360uw.tune.placing import Point, shown_at
 from mr360uw.types import Floats, View
@@ -272,7 +272,7 @@ def situation(preview: LivePreview, scene: Scene, index: int, time_s: float) -> 
 
 # The viewer: an element of the tuning page that shows a picture, flat or around the viewer, and takes clicks on it.
 #
-# Angles are longitude and latitude [rad] in the camera's axes (`mr360uw.sphere`), but for the look-around view, which
+# Angles are longitude and latitude [rad] in the camera's axes (`base.sphere`), but for the look-around view, which
 # is given as `preview.live.Perspective` has it, in degrees. The browser's side is viewer.js.
 
 Phase = Literal["start", "move", "end", "cancel"]

@@ -13,11 +13,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from mr360uw.base.color import encode
 from mr360uw.caustics import refract_to_air
-from mr360uw.color import encode
-from mr360uw.composite.lighting.shading import veil_ahead
 from mr360uw.composite.objects import PlacedObject, Receiver
 from mr360uw.composite.receiver.shape import ReceiverShape
+from mr360uw.composite.shading import veil_ahead
 from mr360uw.ibl.lighting import turned
 from mr360uw.ibl.report import marked
 from mr360uw.medium.scattered_light import spread_of

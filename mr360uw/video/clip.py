@@ -18,10 +18,10 @@ from av.sidedata.sidedata import Type
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from mr360uw.color import HDR_CURVES, ColorSpec, Matrix, Primaries, Transfer
+from mr360uw.base.color import HDR_CURVES, ColorSpec, Matrix, Primaries, Transfer
+from mr360uw.base.input_files import not_read
+from mr360uw.base.parameters import Parameters, advanced, parameter
 from mr360uw.errors import VideoError
-from mr360uw.parameters import Parameters, advanced, parameter
-from mr360uw.reading.input_files import not_read
 from mr360uw.video.picture_tags import PictureTags
 from mr360uw.video.spherical import SphericalMetadata, Stereo
 

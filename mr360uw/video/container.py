@@ -22,7 +22,7 @@ import numpy as np
 from av.codec.hwaccel import hwdevices_available
 from av.sidedata.sidedata import Type
 
-from mr360uw.color import Primaries, Transfer
+from mr360uw.base.color import Primaries, Transfer
 from mr360uw.errors import DamagedFrameError, VideoError
 from mr360uw.types import YuvImage
 from mr360uw.video.clip import ColorTags, color_notes, color_spec, hdr_from_side_data, not_copied
@@ -39,7 +39,7 @@ from mr360uw.video.demux import (
 )
 from mr360uw.video.layout import Crop, Eye, Layout, output_layout, panorama_crops
 from mr360uw.video.picture_shape import shape_of_codes
-from mr360uw.video.pixels.planes import plane_views
+from mr360uw.video.planes import plane_views
 from mr360uw.video.reader import Damaged, Decoder, Seeker, VideoFrame, VideoReader, check_range
 from mr360uw.video.spherical import SphericalMetadata, from_side_data, from_tag, read_spherical
 

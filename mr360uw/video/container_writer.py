@@ -17,11 +17,11 @@ from av.stream import Disposition
 from av.video.reformatter import ColorRange, Colorspace
 from numpy.typing import NDArray
 
-from mr360uw.color import encode
+from mr360uw.base.color import encode
+from mr360uw.base.files import check_outputs, is_pattern, matching_files, new_file, publish
+from mr360uw.base.input_files import FRAMES
+from mr360uw.base.parameters import checked
 from mr360uw.errors import VideoError
-from mr360uw.files import check_outputs, is_pattern, matching_files, new_file, publish
-from mr360uw.parameters import checked
-from mr360uw.reading.input_files import FRAMES
 from mr360uw.types import Floats
 from mr360uw.video.clip import BT709_TAGS, Clip, EncodeSettings, checked_rate
 from mr360uw.video.demux import create_local

@@ -28,8 +28,8 @@ import numpy as np
 from av.codec.hwaccel import HWAccel
 from numpy.typing import NDArray
 
+from mr360uw.base.input_files import PICTURE, not_read, note_read, read_data, wrapped
 from mr360uw.errors import VideoError
-from mr360uw.reading.input_files import PICTURE, not_read, note_read, read_data, wrapped
 from mr360uw.video.spherical import cut_short
 
 _LOCAL_VIDEO = {

@@ -19,7 +19,7 @@ from av.video.reformatter import ColorRange, Interpolation
 
 from mr360uw.errors import VideoError
 from mr360uw.video.clip import BT709_TAGS, ENCODERS, HARDWARE, Clip, Codec, EncodeSettings, color_spec
-from mr360uw.video.pixels.planes import has_stereo_mark, native_frame, plane_views, planes_from_linear
+from mr360uw.video.planes import has_stereo_mark, native_frame, plane_views, planes_from_linear
 from mr360uw.video.reader import VideoFrame, whole_frame
 
 _TRIAL_SIZE = (512, 256)

@@ -19,11 +19,11 @@ from typing import Any, BinaryIO, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.color import LUMINANCE, REC709_XY, XY_BY_NAME
+from mr360uw.base.color import LUMINANCE, REC709_XY, XY_BY_NAME
+from mr360uw.base.files import NewFile, whole_file
+from mr360uw.base.input_files import DATA, PICTURE, unreadable, wrapped
+from mr360uw.base.parameters import checked
 from mr360uw.errors import VideoError
-from mr360uw.files import NewFile, whole_file
-from mr360uw.parameters import checked
-from mr360uw.reading.input_files import DATA, PICTURE, unreadable, wrapped
 from mr360uw.types import Floats
 
 _MAGIC = 20000630

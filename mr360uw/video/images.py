@@ -15,12 +15,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.color import ColorSpec, Primaries, Transfer
-from mr360uw.constants import MOST_LIGHT
+from mr360uw.base.color import ColorSpec, Primaries, Transfer
+from mr360uw.base.constants import MOST_LIGHT
+from mr360uw.base.files import is_pattern, matcher, matching_files
+from mr360uw.base.input_files import FRAMES, PICTURE
+from mr360uw.base.parameters import is_light
 from mr360uw.errors import VideoError
-from mr360uw.files import is_pattern, matcher, matching_files
-from mr360uw.parameters import is_light
-from mr360uw.reading.input_files import FRAMES, PICTURE
 from mr360uw.video.clip import PICTURE_SUFFIXES
 from mr360uw.video.exr import Wanted
 from mr360uw.video.layout import Eye, Layout, output_layout, panorama_crops

@@ -11,7 +11,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.color import luminance
+from mr360uw.base.color import luminance
 from mr360uw.errors import VideoError
 from mr360uw.types import Array, Floats, YuvImage
 from mr360uw.video.picture_shape import ONE_PICTURE, Shape, padded, way_out

@@ -14,10 +14,10 @@ import av.filter
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.color import Primaries, Transfer
+from mr360uw.base.color import Primaries, Transfer
+from mr360uw.base.files import check_outputs
+from mr360uw.base.parameters import checked, file_path
 from mr360uw.errors import VideoError
-from mr360uw.files import check_outputs
-from mr360uw.parameters import checked, file_path
 from mr360uw.types import YuvImage
 from mr360uw.video.clip import (
     FFMPEG_NAMES,
@@ -37,7 +37,7 @@ from mr360uw.video.demux import track_sizes
 from mr360uw.video.exr import Wanted
 from mr360uw.video.images import ImageReader, picture_files
 from mr360uw.video.layout import Eye, Layout
-from mr360uw.video.pixels.planes import native_frame, plane_views
+from mr360uw.video.planes import native_frame, plane_views
 from mr360uw.video.reader import Damaged, Decoder, ReaderOver, Seeker, VideoFrame, VideoReader
 from mr360uw.video.writer import ImageWriter, VideoWriter
 

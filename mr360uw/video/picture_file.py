@@ -18,10 +18,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.color import HDR_CURVES, REC709_XY, XY_BY_NAME, PlateMapping, Primaries, Transfer, rec709_from_xyz
+from mr360uw.base.color import HDR_CURVES, REC709_XY, XY_BY_NAME, PlateMapping, Primaries, Transfer, rec709_from_xyz
+from mr360uw.base.input_files import HDR_SIZE, PICTURE, TIFF_STARTS, not_read, picture_size, read_data
+from mr360uw.base.parameters import checked
 from mr360uw.errors import VideoError
-from mr360uw.parameters import checked
-from mr360uw.reading.input_files import HDR_SIZE, PICTURE, TIFF_STARTS, not_read, picture_size, read_data
 from mr360uw.video.exr import Wanted, read_frame
 from mr360uw.video.picture_tags import (
     PictureTags,

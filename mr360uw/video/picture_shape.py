@@ -26,7 +26,7 @@ Shape = Literal[
 ]  # fmt: skip
 """What a picture looks like; "panorama" where nothing speaks against it."""
 
-_ROWS, _COLUMNS = 128, 256
+_SMALL_ROWS, _SMALL_COLUMNS = 128, 256
 """Size to which pictures are reduced: edges and poles are judged by what is larger than grain and codec blocks."""
 _SEAM, _SEAM_CODES = 2.5, 6.0
 """Step from the right to the left edge, over the mean step between neighbouring columns and in codes of 8 bits, above
@@ -41,7 +41,7 @@ _BLACK_CODES, _EVEN_CODES, _BRIGHTER_CODES = 32.0, 8.0, 16.0
 _RING_SHARE, _POLE_SHARE = 0.55, 0.8
 """Least share of the ring that is brighter, and of its upper or its lower quarter. A panorama whose corners are black
 is black all along its top and bottom rows, in both of these quarters."""
-_ALIKE = 0.55
+_OF_ONE_PLACE = 0.55
 """Correlation of two halves, about the mean of each row, from which they show the same: of 29 panoramas up to 0.2 (side
 by side) and 0.1 (above each other), of the same ones as two eyes 0.59 and more, mostly 0.9."""
 _SHIFT, _SMOOTH, _NOISE = 6, 6.0, 1.0
@@ -49,7 +49,7 @@ _SHIFT, _SMOOTH, _NOISE = 6, 6.0, 1.0
 _OPEN, _FADED = 1.8, 0.35
 """Step across the edges of a half, over that between columns, above which it is no whole turn (1.8 and less in full
 panoramas), and light of its edges over its own below which they are faded to black."""
-_INSIDE = slice(round(0.2 * _ROWS), round(0.8 * _ROWS))
+_INSIDE = slice(round(0.2 * _SMALL_ROWS), round(0.8 * _SMALL_ROWS))
 """Rows and columns of the square in a circle that is compared: its corners are 0.85 of the radius out."""
 _HALVES = 3.6
 """Step between the two middle rows, over the mean step between rows, of two rows of cube faces that lie one above the
@@ -103,10 +103,10 @@ def picture_shape(luma: NDArray[Any], white: float = 255.0) -> Shape:
     # Circles on black, which nothing else has
     if 1.9 < aspect < 2.1 and _are_circles(small):
         insides = [half[_INSIDE, _INSIDE] for half in np.split(small, 2, axis=1)]
-        return "alike circles" if _alike(*insides) > _ALIKE else "dual fisheye"
+        return "alike circles" if _correlation(*insides) > _OF_ONE_PLACE else "dual fisheye"
     if 1.7 < aspect <= 1.9 and _are_circles(_reduced(luma[: columns // 2], white)):
         return "circles"
-    if 0.95 < aspect < 1.05 and _is_circle(cv2.resize(small, (_ROWS, _ROWS), interpolation=cv2.INTER_AREA)):
+    if 0.95 < aspect < 1.05 and _is_circle(cv2.resize(small, (_SMALL_ROWS, _SMALL_ROWS), interpolation=cv2.INTER_AREA)):
         return "fisheye"
     # Two pictures that show the same
     if 1.4 < aspect < 2.1 and (twice := _twice(small)) is not None:
@@ -114,7 +114,7 @@ def picture_shape(luma: NDArray[Any], white: float = 255.0) -> Shape:
     # One picture: whether it closes around, and has poles
     ends_differ, no_pole = _seam_step(small) > [_SEAM, _SEAM_CODES], _pole_spread(small) > [_POLE, _POLE_CODES]
     if not (np.all(ends_differ) and np.all(no_pole)):
-        alone = 0.9 < aspect < 1.1 and _alike(*np.split(small, 2, axis=0)) < _ALIKE  # no eye above another one
+        alone = 0.9 < aspect < 1.1 and _correlation(*np.split(small, 2, axis=0)) < _OF_ONE_PLACE  # no eye above another one
         return "half" if np.all(ends_differ) and alone else "panorama"
     if (columns, rows) in DOUBLED_STRIP:
         return "EAC track"
@@ -180,24 +180,24 @@ def _reduced(luma: NDArray[Any], white: float) -> Floats:
     """Return a picture of luma codes as (128, 256), in codes of 8 bits."""
     import cv2
 
-    small = cv2.resize(np.ascontiguousarray(luma), (_COLUMNS, _ROWS), interpolation=cv2.INTER_AREA)
+    small = cv2.resize(np.ascontiguousarray(luma), (_SMALL_COLUMNS, _SMALL_ROWS), interpolation=cv2.INTER_AREA)
     return np.asarray(small, np.float64) * 255.0 / white
 
 
 def _twice(small: Floats) -> Shape | None:
     """Return how a picture holds two that show the same, None where it does not."""
     left, right = np.split(small, 2, axis=1)
-    beside = _alike(left, right)
-    if max(beside, _alike(*np.split(small, 2, axis=0))) < _ALIKE:
+    beside = _correlation(left, right)
+    if max(beside, _correlation(*np.split(small, 2, axis=0))) < _OF_ONE_PLACE:
         return None
-    if beside < _ALIKE:
+    if beside < _OF_ONE_PLACE:
         return "one above the other"
     steps = np.mean([_seam_step(half) for half in (left, right)], axis=0)
     edges = np.mean([half[:, [0, -1]].mean() / max(half.mean(), 1.0) for half in (left, right)])
     return "halves" if steps[0] > _OPEN or edges < _FADED else "side by side"
 
 
-def _alike(one: Floats, other: Floats) -> float:
+def _correlation(one: Floats, other: Floats) -> float:
     """Return how much two pictures show the same: the lesser correlation of them and of their fine structure.
 
     It is the largest of all disparities, without the means of rows, which all panoramas of a place share.
@@ -237,7 +237,7 @@ def _are_circles(small: Floats) -> bool:
 
 def _is_circle(half: Floats) -> bool:
     """Whether a square picture is a bright circle on black."""
-    at = (np.arange(_ROWS) + 0.5) * 2.0 / _ROWS - 1.0
+    at = (np.arange(_SMALL_ROWS) + 0.5) * 2.0 / _SMALL_ROWS - 1.0
     radius = np.hypot(at[:, None], at[None, :])
     around = half[radius > _CORNER]
     black = float(np.median(around))

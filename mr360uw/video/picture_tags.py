@@ -19,7 +19,7 @@ from dataclasses import dataclass, field
 from numbers import Real
 from typing import Any
 
-from mr360uw.reading.input_files import (
+from mr360uw.base.input_files import (
     JPEG_FRAMES,
     JPEG_START,
     PNG_START,

@@ -17,16 +17,16 @@ from typing import TYPE_CHECKING, Any, Literal, Protocol, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.color import ColorSpec, brightest_light, in_plate_primaries, in_rec709
+from mr360uw.base.color import ColorSpec, brightest_light, in_plate_primaries, in_rec709
+from mr360uw.base.tile_blend import blended, changed_pixels, light_sum
 from mr360uw.errors import ParameterError, VideoError
-from mr360uw.tile_blend import blended, changed_pixels, light_sum
 from mr360uw.types import Floats, Layer, Rectangle, Tile, YuvImage
 from mr360uw.video.clip import Clip
 from mr360uw.video.spherical import Stereo
 
 if TYPE_CHECKING:
+    from mr360uw.video.grain import Grain
     from mr360uw.video.picture_tags import PictureTags
-    from mr360uw.video.pixels.grain import Grain
 
 Check = Callable[[Tile], object]
 """Raises an error where a number of a tile is not finite."""
@@ -141,7 +141,7 @@ class VideoFrame:
             from mr360uw.yuv.decoding import linear_from_planes
 
             return self._ungraded(linear_from_planes(self.yuv, rectangle, self.wrap))
-        from mr360uw.video.pixels.planes import linear_from_codes
+        from mr360uw.video.planes import linear_from_codes
 
         assert self.rgb is not None
         column, row, width, height = rectangle
@@ -173,7 +173,7 @@ class VideoFrame:
     @cached_property
     def grain(self) -> Grain:
         """The grain of the picture."""
-        from mr360uw.video.pixels.grain import grain_of_planes, grain_of_rgb
+        from mr360uw.video.grain import grain_of_planes, grain_of_rgb
 
         if self.yuv is not None:
             return grain_of_planes(self.yuv, self.wrap)
@@ -209,8 +209,8 @@ class VideoFrame:
         return write(layer, grain, check)
 
     def _over_planes(self, layer: Layer, amount: float, check: Check | None) -> VideoFrame:
-        from mr360uw.video.pixels.grain import NO_GRAIN
-        from mr360uw.video.pixels.planes import lay_over_planes, native_frame, plane_views
+        from mr360uw.video.grain import NO_GRAIN
+        from mr360uw.video.planes import lay_over_planes, native_frame, plane_views
 
         assert self.yuv is not None
         native = native_frame(self.yuv, self.native.format.name if self.native is not None else None)
@@ -237,8 +237,8 @@ class VideoFrame:
         return replace(self, yuv=planes, native=native, clipped=tuple(clipped), plate=self.graded_by(None), grade=None)
 
     def _over_codes(self, layer: Layer, amount: float, check: Check | None) -> VideoFrame:
-        from mr360uw.video.pixels.grain import add_grain
-        from mr360uw.video.pixels.planes import lay_over_codes
+        from mr360uw.video.grain import add_grain
+        from mr360uw.video.planes import lay_over_codes
 
         assert self.rgb is not None
         codes = self.rgb.copy()

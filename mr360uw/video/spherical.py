@@ -20,8 +20,8 @@ from uuid import UUID
 
 import numpy as np
 
+from mr360uw.base.parameters import checked
 from mr360uw.errors import VideoError
-from mr360uw.parameters import checked
 
 _RDF = "http://www.w3.org/1999/02/22-rdf-syntax-ns#"
 Stereo = Literal["mono", "top-bottom", "bottom-top", "left-right", "right-left", "custom"]

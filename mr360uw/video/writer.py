@@ -23,18 +23,18 @@ import av.error
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.color import HDR_CURVES, ColorSpec, in_plate_primaries
+from mr360uw.base.color import HDR_CURVES, ColorSpec, in_plate_primaries
+from mr360uw.base.disk_cache import read_arrays, write_arrays
+from mr360uw.base.files import NewFile, is_pattern, matching_files, numbered, whole_file
+from mr360uw.base.input_files import HDR_SIZE
 from mr360uw.errors import OutputExistsError, VideoError
-from mr360uw.files import NewFile, is_pattern, matching_files, numbered, whole_file
-from mr360uw.reading.disk_cache import read_arrays, write_arrays
-from mr360uw.reading.input_files import HDR_SIZE
 from mr360uw.types import Floats
 from mr360uw.video.clip import FLOAT_SUFFIXES, WRITTEN_SUFFIXES, Clip, EncodeSettings
 from mr360uw.video.encoder import Encoder, resolved
 from mr360uw.video.exr import write_exr
 from mr360uw.video.other_tracks import exr_attributes
 from mr360uw.video.picture_tags import HOLDING, exr_entries, with_tags, xmp_of
-from mr360uw.video.pixels.planes import codes_from_linear
+from mr360uw.video.planes import codes_from_linear
 from mr360uw.video.reader import VideoFrame, whole_frame
 from mr360uw.yuv.file_profile import FileProfile
 

@@ -22,9 +22,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.color import DisplayTransfer, Levels, decode, encode
+from mr360uw.base.color import DisplayTransfer, Levels, decode, encode
+from mr360uw.base.input_files import read_text
 from mr360uw.errors import VideoError
-from mr360uw.reading.input_files import read_text
 
 Array = NDArray[np.float64]
 

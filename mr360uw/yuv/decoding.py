@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.color import (
+from mr360uw.base.color import (
     ColorSpec,
     Transfer,
     code_range,
@@ -27,8 +27,8 @@ from mr360uw.color import (
     rgb_from_ycbcr,
     ycbcr_from_rgb,
 )
+from mr360uw.base.sphere import between_four
 from mr360uw.jit import fast, inlined
-from mr360uw.sphere import between_four
 from mr360uw.types import Floats, Rectangle, YuvImage
 
 _between_four = inlined(between_four)

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.color import REC709_XY, PlateMapping, encode, rec709_from_chromaticities, rec709_from_xyz
+from mr360uw.base.color import REC709_XY, PlateMapping, encode, rec709_from_chromaticities, rec709_from_xyz
 from mr360uw.yuv.cube_lut import LutTable
 
 Array = NDArray[np.float64]

@@ -16,10 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import field_validator
 
-from mr360uw.color import Levels
+from mr360uw.base.color import Levels
+from mr360uw.base.input_files import DATA, unreadable
+from mr360uw.base.parameters import Parameters, advanced
 from mr360uw.errors import ParameterError, VideoError, install_command
-from mr360uw.parameters import Parameters, advanced
-from mr360uw.reading.input_files import DATA, unreadable
 
 _BUILT_IN = "ocio://"
 _GRID = 17

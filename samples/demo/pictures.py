@@ -13,7 +13,7 @@ import numpy as np
 from PIL import Image
 
 import mr360uw as uw
-from mr360uw.color import encode
+from mr360uw.base.color import encode
 from mr360uw.preview.live import Perspective, look
 from mr360uw.types import Floats
 

@@ -6,10 +6,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mr360uw.caustic_lookup import caustic_lookup, mip_levels
+from mr360uw.base.caustic_lookup import caustic_lookup, mip_levels
+from mr360uw.base.sphere import unit
 from mr360uw.composite.gl.device import AtlasScratch, mip_atlas, upload_stack
-from mr360uw.gl.context import gl_device
-from mr360uw.sphere import unit
+from mr360uw.gl import gl_device
 from mr360uw.types import CausticStack
 from tests.agreement.tolerances import FILTER_WEIGHTS, FLOAT32_LOOKUP
 from tests.glsl import glsl_call
@@ -35,7 +35,7 @@ def test_caustics(rng: np.random.Generator, planes: int, colours: int) -> None:
     )
     on_device = upload_stack(stack)
     got = glsl_call(
-        "caustic_lookup.glsl",
+        "base/caustic_lookup.glsl",
         "caustic_lookup(stack, ratio, plane_depth, v.xyz, v.w)",
         3,
         "uniform CausticStack stack; uniform sampler2DArray ratio; uniform sampler2D plane_depth;",

@@ -18,13 +18,13 @@ import numpy as np
 import pytest
 
 import mr360uw
-from mr360uw import sphere
-from mr360uw.caustic_lookup import caustic_lookup, mip_levels, soft_caustic_lookup
-from mr360uw.composite.lighting import shading
+from mr360uw.base import sphere
+from mr360uw.base.caustic_lookup import caustic_lookup, mip_levels, soft_caustic_lookup
+from mr360uw.base.sphere import unit
+from mr360uw.composite import shading
 from mr360uw.ibl import lookup as ibl_lookup
 from mr360uw.ibl.filters import split_sum
 from mr360uw.medium import lookup as medium
-from mr360uw.sphere import unit
 from mr360uw.types import CausticStack, MediumTable
 from tests.agreement import tolerances as tol
 from tests.glsl import glsl_call
@@ -170,7 +170,7 @@ def environment_case(name: str, rng: np.random.Generator) -> Case:
     expression, expected = cases[name]
 
     def textures() -> dict[str, Any]:
-        from mr360uw.gl.context import texture_array_from_array
+        from mr360uw.gl import texture_array_from_array
 
         return {"levels": texture_array_from_array(levels)}
 
@@ -208,9 +208,9 @@ def shading_case(name: str, rng: np.random.Generator) -> Case:
 
 
 CASES: dict[str, Callable[[str, np.random.Generator], Case]] = {
-    "sphere.glsl": sphere_case,
-    "caustic_lookup.glsl": caustic_case,
-    "composite/lighting/shading.glsl": shading_case,
+    "base/sphere.glsl": sphere_case,
+    "base/caustic_lookup.glsl": caustic_case,
+    "composite/shading.glsl": shading_case,
     "ibl/lookup.glsl": environment_case,
     "ibl/filters.glsl": split_sum_case,
     "medium/lookup.glsl": medium_case,
@@ -218,7 +218,7 @@ CASES: dict[str, Callable[[str, np.random.Generator], Case]] = {
 
 
 def texture(image: np.ndarray) -> Any:
-    from mr360uw.gl.context import texture_from_array
+    from mr360uw.gl import texture_from_array
 
     return texture_from_array(image)
 

@@ -7,7 +7,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.ndimage import uniform_filter
 
-from mr360uw.caustic_lookup import caustic_lookup, mip_levels
+from mr360uw.base.caustic_lookup import caustic_lookup, mip_levels
+from mr360uw.base.sphere import direction_from_angles
 from mr360uw.caustics import (
     CausticSettings,
     GerstnerSea,
@@ -22,7 +23,6 @@ from mr360uw.caustics.irradiance import pass_indices
 from mr360uw.caustics.settings import grid_of
 from mr360uw.caustics.sun_disc import blur, disc_kernel, footprint
 from mr360uw.errors import ParameterError
-from mr360uw.sphere import direction_from_angles
 from tests.caustics import tolerances as tol
 from tests.caustics.pixel_coverage import cell_light, edge_coverage
 from tests.caustics.seas import SEAS, lattice_sea, photon_sea

@@ -6,10 +6,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from mr360uw.base.sphere import direction_from_angles
 from mr360uw.caustics import GerstnerSea, caustic_map
 from mr360uw.caustics.irradiance import ray_slope
 from mr360uw.caustics.sun_disc import blur, detail_footprint, gaussian_transform
-from mr360uw.sphere import direction_from_angles
 from tests.caustics import tolerances as tol
 
 FLAT = GerstnerSea(wind_speed=0.0, detail_slope=0.05)

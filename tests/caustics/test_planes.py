@@ -10,12 +10,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mr360uw.caustic_lookup import caustic_lookup, mip_levels
+from mr360uw.base.caustic_lookup import caustic_lookup, mip_levels
+from mr360uw.base.constants import REFRACTIVE_INDEX_SEA, SUN_HALF_ANGLE_RAD
+from mr360uw.base.sphere import direction_from_angles
 from mr360uw.caustics import CausticSettings, caustic_stack
 from mr360uw.caustics.settings import PlaneLadder, map_size
 from mr360uw.caustics.sun_disc import detail_footprint
-from mr360uw.constants import REFRACTIVE_INDEX_SEA, SUN_HALF_ANGLE_RAD
-from mr360uw.sphere import direction_from_angles
 from tests.caustics import tolerances as tol
 from tests.caustics.seas import SEAS
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from mr360uw.base.optics import refract_clamped
+from mr360uw.base.sphere import unit
 from mr360uw.caustics import (
     fresnel_reflectance,
     fresnel_transmittance,
@@ -12,8 +14,6 @@ from mr360uw.caustics import (
     sea_water_index,
 )
 from mr360uw.errors import ParameterError
-from mr360uw.optics import refract_clamped
-from mr360uw.sphere import unit
 from tests.caustics import tolerances as tol
 
 

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from pydantic import TypeAdapter
 
+from mr360uw.base.constants import GRAVITY_M_S2, SURFACE_TENSION_OVER_DENSITY
 from mr360uw.caustics import GerstnerSea, SpectralSea, caustic_map
 from mr360uw.caustics.gerstner import GerstnerWave
 from mr360uw.caustics.sea import (
@@ -22,7 +23,6 @@ from mr360uw.caustics.sea import (
     tma_factor,
 )
 from mr360uw.caustics.settings import Sea
-from mr360uw.constants import GRAVITY_M_S2, SURFACE_TENSION_OVER_DENSITY
 from mr360uw.errors import ParameterError
 from tests.caustics import tolerances as tol
 from tests.caustics.seas import SEAS, lattice_sea

@@ -6,10 +6,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from mr360uw.base.optics import fresnel_transmittance
+from mr360uw.base.sphere import direction_from_angles
 from mr360uw.caustics import GerstnerSea, SpectralSea
 from mr360uw.caustics.irradiance import cell_flux, lit_corners, refracted_rays, shadow_steps
-from mr360uw.optics import fresnel_transmittance
-from mr360uw.sphere import direction_from_angles
 from tests.caustics import tolerances as tol
 
 SEAS = {"gerstner 5": GerstnerSea(wind_speed=5.0), "gerstner 10": GerstnerSea(wind_speed=10.0),

@@ -6,11 +6,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mr360uw.caustic_lookup import mip_levels, soft_caustic_lookup
+from mr360uw.base.caustic_lookup import mip_levels, soft_caustic_lookup
+from mr360uw.base.optics import refract_to_water
+from mr360uw.base.sphere import direction_from_angles
 from mr360uw.caustics import CausticSettings, caustic_stack
 from mr360uw.caustics.sun_disc import gaussians, soft_light
-from mr360uw.optics import refract_to_water
-from mr360uw.sphere import direction_from_angles
 from mr360uw.types import BeamSpread
 from tests.caustics import tolerances as tol
 from tests.caustics.seas import SEAS

@@ -6,14 +6,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mr360uw.caustic_lookup import mip_levels
+from mr360uw.base.caustic_lookup import mip_levels
+from mr360uw.base.optics import refract_to_water
+from mr360uw.base.sphere import direction_from_angles
 from mr360uw.caustics import CausticSettings, GerstnerSea, caustic_stack, irradiance
 from mr360uw.caustics.irradiance import refracted_rays
 from mr360uw.caustics.settings import grid_of
 from mr360uw.caustics.summed_stack import cell_corners, cell_flux, sum_cells, summed_stack, vertex_rays
 from mr360uw.composite.gl.device import AtlasScratch, mip_atlas, upload_stack
-from mr360uw.optics import refract_to_water
-from mr360uw.sphere import direction_from_angles
 from mr360uw.types import BeamSpread
 from tests.caustics import tolerances as tol
 from tests.caustics.seas import SEAS

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from mr360uw.cache import Cache
+from mr360uw.base.cache import Cache
 from mr360uw.composite.gl.layer_renderer import LayerRenderer
 
 

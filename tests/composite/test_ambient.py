@@ -9,7 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mr360uw.cache import Cache
+from mr360uw.base.cache import Cache
+from mr360uw.base.rays import RayScene
+from mr360uw.base.sphere import directions as pixel_directions
+from mr360uw.base.sphere import unit, yaw_matrix
 from mr360uw.composite.ambient.form_factors import Layout
 from mr360uw.composite.ambient.mesh_transfer import (
     COUNT,
@@ -21,19 +24,16 @@ from mr360uw.composite.ambient.mesh_transfer import (
 )
 from mr360uw.composite.ambient.solver import AmbientLight, ambient_light, free_of_bodies
 from mr360uw.composite.gl.layer_renderer import LayerRenderer
-from mr360uw.composite.lighting.shading import ggx_distribution, lobe_axis, smith_visibility
 from mr360uw.composite.mesh.material import Material, Part
 from mr360uw.composite.mesh.mesh import Mesh, make_mesh
 from mr360uw.composite.objects import PlacedObject, Receiver, Shot
 from mr360uw.composite.reference import render_layer
+from mr360uw.composite.shading import ggx_distribution, lobe_axis, smith_visibility
 from mr360uw.ibl.filters import irradiance
 from mr360uw.ibl.lighting import assemble
 from mr360uw.ibl.lookup import environment_lookup, glossy_lookup, reduce_map
 from mr360uw.ibl.plate import COARSE_COLUMNS, COARSE_ROWS
 from mr360uw.ibl.settings import GLOSSY_ROUGHNESS
-from mr360uw.rays import RayScene
-from mr360uw.sphere import directions as pixel_directions
-from mr360uw.sphere import unit, yaw_matrix
 from mr360uw.types import Environment, Floats, Layer
 from tests.composite import tolerances as tol
 from tests.composite.form_factors import box_form_factor, polygon_form_factor

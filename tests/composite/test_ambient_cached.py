@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import scipy.sparse
 
-from mr360uw.cache import Cache
+from mr360uw.base.cache import Cache
 from mr360uw.composite.ambient.mesh_transfer import make_transfer, product
 from mr360uw.composite.ambient.solver import ambient_light, free_of_bodies
 from mr360uw.composite.mesh.material import Material

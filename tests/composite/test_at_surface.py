@@ -10,20 +10,20 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mr360uw.cache import Cache
+from mr360uw.base.cache import Cache
+from mr360uw.base.optics import fresnel
+from mr360uw.base.sphere import direction_from_frame
 from mr360uw.caustics.gerstner import GerstnerSea
-from mr360uw.composite.at_surface import surface_layer
-from mr360uw.composite.at_surface.surface_layer import cut_at_surface, with_bodies
-from mr360uw.composite.at_surface.surface_rays import WaterSides, in_air
+from mr360uw.composite import surface_layer
 from mr360uw.composite.mesh.material import Material
 from mr360uw.composite.motion import floating, plane_of_waves
 from mr360uw.composite.objects import PlacedObject, Shot
 from mr360uw.composite.reference import render_aovs, render_layer
 from mr360uw.composite.settings import SurfaceSettings
+from mr360uw.composite.surface_layer import cut_at_surface, with_bodies
+from mr360uw.composite.surface_rays import WaterSides, in_air
 from mr360uw.composite.tiles import over
 from mr360uw.medium.lookup import transmittance_lookup, veil_lookup
-from mr360uw.optics import fresnel
-from mr360uw.sphere import direction_from_frame
 from mr360uw.surface.sampled_sea import SampledSea
 from mr360uw.types import Layer, MediumTable
 from tests.composite import scenes

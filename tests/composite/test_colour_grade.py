@@ -10,7 +10,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from mr360uw.color import ColorSpec, decode, decode_signal, encode, in_plate_primaries, in_rec709
+from mr360uw.base.color import ColorSpec, decode, decode_signal, encode, in_plate_primaries, in_rec709
 from mr360uw.composite.grading.colour_grade import MOST_LIGHT, NO_GRADE, ColourGrade, graded_spec
 from mr360uw.composite.grading.patch_solve import ORDER, Patch, solve_patches, solved_in_words
 from mr360uw.composite.grading.settings import COLOUR, LEAST_STEP, MatchSettings, PatchSettings

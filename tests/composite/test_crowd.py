@@ -8,11 +8,12 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
-from mr360uw.cache import Cache
-from mr360uw.color import encode
+from mr360uw.base.cache import Cache
+from mr360uw.base.color import encode
+from mr360uw.base.sphere import unit
 from mr360uw.composite.ambient import form_factors
 from mr360uw.composite.ambient.form_factors import Body
-from mr360uw.composite.lighting.light_sources import casting_bodies
+from mr360uw.composite.light_sources import casting_bodies
 from mr360uw.composite.mesh.material import Material
 from mr360uw.composite.objects import PlacedObject, Receiver, Shot
 from mr360uw.composite.reference import render_layer
@@ -21,7 +22,6 @@ from mr360uw.medium.shafts import occluders
 from mr360uw.medium.shafts.occluders import HALO_TAPS, Bodies, visible_parts
 from mr360uw.medium.shafts.single_scattering import BeamPattern
 from mr360uw.medium.shafts.sun_beam import shadows_of
-from mr360uw.sphere import unit
 from mr360uw.types import Floats, Sun
 from tests.composite import tolerances as tol
 from tests.composite.scenes import box, environment, placed, shot, sphere

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mr360uw.cache import Cache
+from mr360uw.base.cache import Cache
 from mr360uw.composite.objects import Receiver, Shot
 from mr360uw.composite.reference import render_layer
 from mr360uw.composite.tiles import nearest_m, over, rectangles_of_bodies, seen_rectangle

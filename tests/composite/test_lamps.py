@@ -11,19 +11,19 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mr360uw.color import luminance
+from mr360uw.base.color import luminance
+from mr360uw.base.constants import BRIGHTEST
+from mr360uw.base.sphere import directions, unit
 from mr360uw.composite import render_layer
-from mr360uw.composite.lighting.light_sources import Blockers, light_sources
+from mr360uw.composite.light_sources import Blockers, light_sources
 from mr360uw.composite.mesh.material import Material
 from mr360uw.composite.objects import Receiver, Shot, black_body, lamp_attenuation, lamp_color, load_lamps
 from mr360uw.composite.settings import LampSettings
 from mr360uw.composite.tiles import over
-from mr360uw.constants import BRIGHTEST
 from mr360uw.errors import SceneError
 from mr360uw.medium import Medium, Water
 from mr360uw.medium.lookup import linear, table_coordinate
 from mr360uw.medium.spectra import illuminant
-from mr360uw.sphere import directions, unit
 from mr360uw.types import Floats, Lamp, Layer, View
 from tests.composite import tolerances as tol
 from tests.composite.scenes import box, codes, environment, medium, placed, plate, quad, shot, sphere

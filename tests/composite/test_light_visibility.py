@@ -6,9 +6,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mr360uw.cache import Cache, Scratch
+from mr360uw.base.cache import Cache, Scratch
 from mr360uw.composite.gl.light_visibility import DISC, HALO, footprints_of, visibility_of
-from mr360uw.composite.lighting.light_sources import Blockers, light_sources
+from mr360uw.composite.light_sources import Blockers, light_sources
 from mr360uw.composite.mesh.material import Material, make_texture
 from mr360uw.composite.objects import Shot
 from mr360uw.composite.sampling import WHOLE_PIXEL

@@ -9,16 +9,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mr360uw.cache import Cache
+from mr360uw.base.cache import Cache
+from mr360uw.base.sphere import directions, unit
 from mr360uw.composite.ambient.mesh_transfer import make_lattice, points_at
 from mr360uw.composite.ambient.solver import _weigh, ambient_light
 from mr360uw.composite.gl.device import list_texture
-from mr360uw.composite.lighting.shading import ggx_distribution, resolved_alpha, smith_visibility
 from mr360uw.composite.mesh.material import Material
 from mr360uw.composite.objects import Shot
 from mr360uw.composite.reference import render_aovs
+from mr360uw.composite.shading import ggx_distribution, resolved_alpha, smith_visibility
 from mr360uw.ibl.lighting import environment as sky_light
-from mr360uw.sphere import directions, unit
 from mr360uw.types import Environment, Floats
 from tests.composite import tolerances as tol
 from tests.composite.scenes import SUN, box, placed, shot, sphere

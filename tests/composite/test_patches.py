@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mr360uw.cache import Cache
+from mr360uw.base.cache import Cache
 from mr360uw.composite.ambient.blocked_light import most_blocked
 from mr360uw.composite.ambient.ground_light import SMOOTH_PATCH, camera_place, ground_field, make_quadtree
 from mr360uw.composite.ambient.solver import ambient_light, free_of_bodies

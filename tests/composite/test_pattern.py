@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from mr360uw.composite import render_layer
-from mr360uw.composite.lighting.light_sources import light_sources
+from mr360uw.composite.light_sources import light_sources
 from mr360uw.composite.objects import Receiver, Shot
 from mr360uw.composite.receiver.pattern import PlatePattern
 from mr360uw.composite.receiver.ratio import ambient_share

@@ -10,11 +10,13 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from mr360uw.cache import Cache
-from mr360uw.color import ColorSpec
+from mr360uw.base.cache import Cache
+from mr360uw.base.color import ColorSpec
+from mr360uw.base.sphere import directions
+from mr360uw.base.tile_blend import BLOCK
 from mr360uw.composite.ambient.solver import ambient_light, free_of_bodies
 from mr360uw.composite.gl.layer_renderer import LayerRenderer
-from mr360uw.composite.lighting.light_sources import Blockers, light_sources
+from mr360uw.composite.light_sources import Blockers, light_sources
 from mr360uw.composite.mesh.material import Material, make_texture
 from mr360uw.composite.motion import rotation_matrix
 from mr360uw.composite.objects import Receiver, Shot
@@ -25,8 +27,6 @@ from mr360uw.composite.receiver.ratio import receiver_ratio
 from mr360uw.composite.receiver.shape import ReceiverShape
 from mr360uw.composite.reference import render_layer
 from mr360uw.composite.tiles import over, tile_of
-from mr360uw.sphere import directions
-from mr360uw.tile_blend import BLOCK
 from mr360uw.types import Environment, Floats, Layer, Rectangle, YuvImage
 from mr360uw.video import VideoFrame
 from tests.composite import tolerances as tol

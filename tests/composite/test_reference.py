@@ -8,14 +8,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from mr360uw.base.rays import RayScene
+from mr360uw.base.sphere import directions, disc_directions, row_solid_angle, unit, yaw_matrix
 from mr360uw.composite.aovs import exr_parts, receiver_difference
-from mr360uw.composite.lighting.light_sources import light_sources
+from mr360uw.composite.light_sources import light_sources
 from mr360uw.composite.mesh.material import Material
 from mr360uw.composite.objects import Receiver, Shot
 from mr360uw.composite.reference import render_aovs, render_layer
 from mr360uw.composite.tiles import over
-from mr360uw.rays import RayScene
-from mr360uw.sphere import directions, disc_directions, row_solid_angle, unit, yaw_matrix
 from mr360uw.types import View
 from tests.composite import tolerances as tol
 from tests.composite.scenes import SUN, box, changed, codes, environment, medium, placed, plate, quad, shot, sphere

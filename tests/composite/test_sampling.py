@@ -4,7 +4,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mr360uw.cache import Cache, PartOf
+from mr360uw.base.cache import Cache, PartOf
+from mr360uw.base.rays import barycentric
+from mr360uw.base.sphere import directions, unit
 from mr360uw.composite.gl.visible_surfaces import find_surfaces
 from mr360uw.composite.mesh.material import Material, Part
 from mr360uw.composite.mesh.mesh import make_mesh
@@ -12,8 +14,6 @@ from mr360uw.composite.objects import PlacedObject
 from mr360uw.composite.sampling import pattern
 from mr360uw.composite.tiles import even_tiles, rectangle_of_mask, rectangles_of_bodies
 from mr360uw.errors import ParameterError
-from mr360uw.rays import barycentric
-from mr360uw.sphere import directions, unit
 from tests.composite import tolerances as tol
 from tests.composite.scenes import shot
 from tests.glsl import glsl_call

@@ -4,15 +4,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from mr360uw.base.constants import REFRACTIVE_INDEX_SEA
+from mr360uw.base.sphere import basis, directions, disc_directions, disc_offsets, effective_half_angle, unit
 from mr360uw.composite.gl.device import list_texture, upload_mesh
-from mr360uw.composite.lighting.shading import (
-    dielectric_f0,
-    ggx_distribution,
-    highlight,
-    lobe_axis,
-    reflectance,
-    smith_visibility,
-)
 from mr360uw.composite.mesh.material import (
     WRAPS,
     Material,
@@ -24,9 +18,15 @@ from mr360uw.composite.mesh.material import (
     trilinear,
 )
 from mr360uw.composite.reference import render_aovs
-from mr360uw.constants import REFRACTIVE_INDEX_SEA
+from mr360uw.composite.shading import (
+    dielectric_f0,
+    ggx_distribution,
+    highlight,
+    lobe_axis,
+    reflectance,
+    smith_visibility,
+)
 from mr360uw.ibl.lighting import environment as sky_light
-from mr360uw.sphere import basis, directions, disc_directions, disc_offsets, effective_half_angle, unit
 from tests.composite import tolerances as tol
 from tests.composite.scenes import placed, quad, shot, sphere
 from tests.glsl import glsl_call

@@ -9,13 +9,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mr360uw.cache import Cache
+from mr360uw.base.cache import Cache
+from mr360uw.base.sphere import direction_from_frame, directions, row_solid_angle, unit, yaw_matrix
 from mr360uw.caustics.gerstner import GerstnerSea
 from mr360uw.caustics.spectral import SpectralSea
 from mr360uw.composite.objects import Receiver, Shot
 from mr360uw.composite.reference import render_aovs
 from mr360uw.composite.settings import NEAREST_M, SnowSettings
-from mr360uw.composite.snow.draw import (
+from mr360uw.composite.snow import (
     LEAST_RADIUS,
     Snow,
     draw_particles,
@@ -27,10 +28,9 @@ from mr360uw.composite.snow.draw import (
     rest_of,
     with_particles,
 )
-from mr360uw.composite.snow.particles import Reach, SizeClass, number_between, orbits_of, particles_near, size_classes
+from mr360uw.composite.snow_particles import Reach, SizeClass, number_between, orbits_of, particles_near, size_classes
 from mr360uw.composite.tiles import empty_tile, over
 from mr360uw.medium.lookup import ambient_ratio, transmittance_lookup, veil_lookup
-from mr360uw.sphere import direction_from_frame, directions, row_solid_angle, unit, yaw_matrix
 from mr360uw.types import Floats, Lamp, Layer, Rectangle, Sun, View
 from tests.composite import scenes
 from tests.composite.tolerances import (

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from mr360uw.cache import Cache, PartOf
+from mr360uw.base.cache import Cache, PartOf
 from mr360uw.composite.gl.object_pass import SunGroups, sun_groups
 from mr360uw.composite.gl.visible_surfaces import find_surfaces
 from mr360uw.composite.sampling import frame_areas, pattern

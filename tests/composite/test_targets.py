@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from mr360uw.composite.gl.device import Targets
-from mr360uw.gl.context import program_from_text
+from mr360uw.gl import program_from_text
 
 pytestmark = pytest.mark.usefixtures("gl")
 

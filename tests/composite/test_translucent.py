@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mr360uw.cache import Cache, shared
+from mr360uw.base.cache import Cache, shared
 from mr360uw.composite import load_mesh
 from mr360uw.composite.gl.layer_renderer import LayerRenderer
-from mr360uw.composite.lighting.light_sources import casting_bodies
+from mr360uw.composite.light_sources import casting_bodies
 from mr360uw.composite.mesh.material import Material, Part, make_texture
 from mr360uw.composite.mesh.mesh import Mesh, make_mesh
 from mr360uw.composite.objects import PlacedObject, Receiver, Shot

@@ -12,9 +12,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from mr360uw.base.sphere import directions, frame_from_direction, yaw_matrix
 from mr360uw.caustics import GerstnerSea, caustic_map
 from mr360uw.jit import fast
-from mr360uw.sphere import directions, frame_from_direction, yaw_matrix
 from mr360uw.types import Floats
 
 FISHES, MEETING_S = 4, 3.0

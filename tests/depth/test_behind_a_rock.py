@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 import mr360uw as uw
+from mr360uw.base.sphere import directions
 from mr360uw.depth.sphere_stereo import DepthMap
-from mr360uw.sphere import directions
 from mr360uw.types import Floats
 from tests.depth import tolerances
 from tests.depth.own_maps import write_own_maps

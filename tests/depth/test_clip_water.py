@@ -11,14 +11,14 @@ import pytest
 from typer.testing import CliRunner
 
 import mr360uw as uw
+from mr360uw.base.color import encode
+from mr360uw.base.sphere import directions
 from mr360uw.cli import app
-from mr360uw.color import encode
 from mr360uw.depth.clip_water import LitFrame, seen_places
 from mr360uw.depth.sphere_stereo import DepthMap
 from mr360uw.errors import ParameterError
 from mr360uw.medium import water_by_distance as by_distance
 from mr360uw.medium.water_by_distance import SeenPlaces, water_by_distance
-from mr360uw.sphere import directions
 from tests.depth import tolerances
 from tests.depth.hazy_scene import HazyScene
 from tests.depth.own_maps import write_own_maps

@@ -11,13 +11,13 @@ import pytest
 from typer.testing import CliRunner
 
 import mr360uw as uw
+from mr360uw.base.sphere import directions
 from mr360uw.cli import app
 from mr360uw.depth import clip_eyes
 from mr360uw.depth.clip_eyes import eye_distances
 from mr360uw.depth.depth_files import DepthClip
 from mr360uw.depth.sphere_stereo import DepthMap
 from mr360uw.errors import ParameterError
-from mr360uw.sphere import directions
 from mr360uw.types import ray_starts
 from tests.depth import tolerances
 from tests.depth.own_maps import write_own_maps

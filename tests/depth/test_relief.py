@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 
 import mr360uw as uw
+from mr360uw.base.sphere import directions, unit
 from mr360uw.composite.objects import Receiver
 from mr360uw.composite.receiver.shape import touching_planes
 from mr360uw.depth.occlusion import MOST_COLUMNS, OFF, on_relief
 from mr360uw.depth.sphere_stereo import DepthMap
 from mr360uw.render.loaded import load
-from mr360uw.sphere import directions, unit
 from mr360uw.types import Floats, View
 from tests.depth import tolerances
 from tests.depth.own_maps import write_own_maps

@@ -5,11 +5,11 @@ import cv2
 import numpy as np
 import pytest
 
+from mr360uw.base.sphere import directions
 from mr360uw.depth import Panorama, distances
 from mr360uw.depth.sphere_stereo import smoothed
 from mr360uw.depth.warping import Warped, carried, normalised
 from mr360uw.errors import ParameterError
-from mr360uw.sphere import directions
 from mr360uw.types import Floats
 from tests.depth import tolerances
 from tests.depth.hazy_scene import FISH, WATER, HazyScene, relative_error

@@ -9,13 +9,13 @@ import cv2
 import numpy as np
 from scipy.interpolate import RegularGridInterpolator
 
-from mr360uw.color import decode, encode
+from mr360uw.base.color import decode, encode
+from mr360uw.base.sphere import directions
 from mr360uw.depth import DepthMap, Panorama, distances
 from mr360uw.depth.clip_water import LitFrame
 from mr360uw.medium import Medium, Water
 from mr360uw.medium.water import JerlovType
 from mr360uw.medium.water_by_distance import SeenPlaces
-from mr360uw.sphere import directions
 from mr360uw.types import Floats
 from tests.depth.hazy_scene import WATER, HazyScene
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mr360uw.sphere import directions
+from mr360uw.base.sphere import directions
 from mr360uw.types import Floats
 
 SIZE = (128, 256)

@@ -13,13 +13,13 @@ import pytest
 import trimesh
 
 from mr360uw import load_scene
-from mr360uw.color import encode
+from mr360uw.base.color import encode
+from mr360uw.base.sphere import directions
 from mr360uw.composite import load_object
 from mr360uw.depth.sphere_stereo import DepthMap
 from mr360uw.render.loaded import load
 from mr360uw.sample import SampleDive
 from mr360uw.scene.model import Scene
-from mr360uw.sphere import directions
 from mr360uw.types import Floats
 from tests.depth.own_maps import write_own_maps
 from tests.first_look.plates import air, water

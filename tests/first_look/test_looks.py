@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 import trimesh
 
-from mr360uw.color import encode
+from mr360uw.base.color import encode
+from mr360uw.base.sphere import directions
 from mr360uw.composite.mesh.ply_stl import kind_of
 from mr360uw.composite.settings import Front
 from mr360uw.first_look.observations import look_at_mesh, look_at_plate, water_or_air
@@ -20,7 +21,6 @@ from mr360uw.first_look.proposal import Sight, guess_sight
 from mr360uw.medium import Medium, Water
 from mr360uw.medium.closed_form import water_seen_as_far
 from mr360uw.medium.water import JerlovType
-from mr360uw.sphere import directions
 from mr360uw.types import Floats
 from tests.first_look.plates import SIZE, air, water
 

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from mr360uw import load_scene
+from mr360uw.base.sphere import directions
 from mr360uw.first_look.observations import kind_of, water_or_air
 from mr360uw.first_look.place_in_plate import ground_place, shows_ground
-from mr360uw.sphere import directions
 from mr360uw.types import Floats
 from tests.first_look.plates import SIZE, air, water
 from tests.first_look.test_first_scene import mesh, picture

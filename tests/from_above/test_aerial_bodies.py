@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
+from mr360uw.base.optics import refract_to_water
+from mr360uw.base.sphere import direction_from_angles, directions, row_solid_angle
 from mr360uw.errors import VideoError
 from mr360uw.from_above import AerialScene, LoadedAerial, aerial_film
 from mr360uw.from_above.aerial_bodies import light_below
 from mr360uw.from_above.aerial_picture import plate_gain
-from mr360uw.optics import refract_to_water
-from mr360uw.sphere import direction_from_angles, directions, row_solid_angle
 from mr360uw.surface.sky import sun_below
 from mr360uw.video import open_video, read_spherical
 from tests.from_above import tolerances as tol

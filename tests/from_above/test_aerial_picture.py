@@ -12,13 +12,13 @@ import pytest
 from pydantic import ValidationError
 
 import mr360uw as uw
+from mr360uw.base.optics import fresnel, reflect, refract_to_water
+from mr360uw.base.sphere import direction_from_angles, directions, unit
 from mr360uw.caustics import caustic_map
 from mr360uw.errors import ParameterError
 from mr360uw.from_above import AerialScene, LoadedAerial
 from mr360uw.from_above.aerial_picture import blend_of
-from mr360uw.optics import fresnel, reflect, refract_to_water
 from mr360uw.published import blended_albedo, thresholded_reflection
-from mr360uw.sphere import direction_from_angles, directions, unit
 from mr360uw.surface.sky import CLEAR, OVERCAST, standard_sky, sun_below
 from tests.from_above import tolerances as tol
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mr360uw.gl.context import gl_context, per_thread, texture_from_array
+from mr360uw.gl import gl_context, per_thread, texture_from_array
 from tests.glsl import gl_available
 
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mr360uw import constants
+from mr360uw.base import constants
 from mr360uw.errors import GlError
-from mr360uw.gl.context import constants_source, expand_source, glsl_number, program_from_text
+from mr360uw.gl import constants_source, expand_source, glsl_number, program_from_text
 from tests.glsl import glsl_call
 
 
@@ -43,11 +43,12 @@ def test_a_missing_include_is_named() -> None:
 def test_a_compile_error_names_file_and_line() -> None:
     with pytest.raises(GlError, match=r"broken\.frag:4"):
         program_from_text(
-            name="broken.frag", fragment='#include "sphere.glsl"\nout vec4 c;\nvoid main() {\n    c = nonsense;\n}\n'
+            name="broken.frag",
+            fragment='#include "base/sphere.glsl"\nout vec4 c;\nvoid main() {\n    c = nonsense;\n}\n',
         )
 
 
 @pytest.mark.usefixtures("gl")
 def test_a_constant_has_its_float32_value_on_the_device() -> None:
-    got = glsl_call("sphere.glsl", "SUN_HALF_ANGLE_RAD + 0.0 * x", x=np.zeros(3))
+    got = glsl_call("base/sphere.glsl", "SUN_HALF_ANGLE_RAD + 0.0 * x", x=np.zeros(3))
     assert np.all(got == np.float32(constants.SUN_HALF_ANGLE_RAD))

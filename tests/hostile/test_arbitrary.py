@@ -14,10 +14,10 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from mr360uw.base.input_files import picture_size
 from mr360uw.composite import load_mesh
 from mr360uw.errors import Mr360uwError
 from mr360uw.ibl.tilt import level_from_gpmf
-from mr360uw.reading.input_files import picture_size
 from mr360uw.scene.model import Scene, load_scene
 from mr360uw.video import read_exr, read_spherical
 from mr360uw.video.spherical import parse_boxes, read_moov, sample_entries, video_track

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 import pytest
 
-from mr360uw.reading.input_files import LIMITS
+from mr360uw.base.input_files import LIMITS
 from tests.hostile.bench import SCENE, Bench
 from tests.video.clips import write_clip
 

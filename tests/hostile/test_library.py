@@ -13,7 +13,8 @@ import numpy as np
 import pytest
 
 import mr360uw as uw
-from mr360uw import caustics, color, ibl, medium, optics, sphere, surface
+from mr360uw import caustics, ibl, medium, surface
+from mr360uw.base import color, optics, sphere
 from mr360uw.caustics import CausticSettings, GerstnerSea, SpectralSea
 from mr360uw.errors import Mr360uwError
 from mr360uw.medium import LightField, Medium, PlateProfile, Sensor, Water

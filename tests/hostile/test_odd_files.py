@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
-from mr360uw.files import make_work_folder
+from mr360uw.base.files import make_work_folder
 from mr360uw.runs.work_folder import work_path
 from mr360uw.video import write_exr
 from tests.composite.gltf_files import one_square

@@ -139,7 +139,7 @@ def test_textures_that_only_a_mesh_names_are_inputs_too(bench: Bench) -> None:
 
 
 def test_inputs_do_not_lie_in_the_folder_that_a_run_removes(bench: Bench) -> None:
-    from mr360uw.files import make_work_folder
+    from mr360uw.base.files import make_work_folder
 
     make_work_folder(bench.folder / "out.png.mr360uw")
     bench.put("out.png.mr360uw/plate.png", bench.material.files["plate.png"])

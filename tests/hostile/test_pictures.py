@@ -13,8 +13,8 @@ import cv2
 import numpy as np
 import pytest
 
+from mr360uw.base.input_files import picture_size
 from mr360uw.errors import VideoError
-from mr360uw.reading.input_files import picture_size
 from mr360uw.video import read_picture, write_exr
 from tests.hostile.bench import Bench
 from tests.video.clips import write_clip

@@ -10,8 +10,8 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
 import pytest
 
+from mr360uw.base.parameters import Parameters
 from mr360uw.errors import SceneError
-from mr360uw.parameters import Parameters
 from mr360uw.scene.model import Scene, load_scene
 from mr360uw.scene.problems import models_of
 from tests.hostile.bench import SCENE, Bench

@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from mr360uw.base.disk_cache import read_arrays
 from mr360uw.cli.arguments import frame_range
 from mr360uw.errors import ParameterError
-from mr360uw.reading.disk_cache import read_arrays
 from tests.composite.gltf_files import one_square
 from tests.hostile.bench import Bench
 

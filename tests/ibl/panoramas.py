@@ -8,8 +8,8 @@ import functools
 import cv2
 import numpy as np
 
-from mr360uw.color import decode, encode
-from mr360uw.sphere import direction_from_angles, directions
+from mr360uw.base.color import decode, encode
+from mr360uw.base.sphere import direction_from_angles, directions
 
 WIDTH = 1024
 SUN = direction_from_angles(-0.74, np.radians(5.2))

@@ -5,8 +5,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from mr360uw.color import ColorSpec, Matrix, decode, encode, rec709_from_plate, ycbcr_from_rgb
-from mr360uw.sphere import directions, unit
+from mr360uw.base.color import ColorSpec, Matrix, decode, encode, rec709_from_plate, ycbcr_from_rgb
+from mr360uw.base.sphere import directions, unit
 from mr360uw.types import YuvImage
 
 

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 import mr360uw.ibl as ibl
-from mr360uw.color import luminance
+from mr360uw.base.color import luminance
+from mr360uw.base.sphere import direction_from_angles, directions, row_solid_angle
 from mr360uw.ibl.lookup import environment_lookup
 from mr360uw.ibl.plate import LinearPlate
 from mr360uw.ibl.settings import LightSettings
@@ -17,7 +18,6 @@ from mr360uw.ibl.sun.detect import find_disc
 from mr360uw.ibl.sun.judge import PlateSurvey, SunCandidate, taken_share
 from mr360uw.ibl.sun.split import clear_ratio, shown_ratio, sky_irradiance, sunlight
 from mr360uw.medium import Sensor
-from mr360uw.sphere import direction_from_angles, directions, row_solid_angle
 from tests.ibl.plates import clipped
 from tests.ibl.tolerances import ENERGY_FLOAT32, FLOAT32_TWIN, RATIO_EXPOSURE, RATIO_OF_DISC, SUN_COLOR
 

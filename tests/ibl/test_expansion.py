@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 import mr360uw.ibl as ibl
-from mr360uw.color import DisplayTransfer, decode, encode
+from mr360uw.base.color import DisplayTransfer, decode, encode
+from mr360uw.base.sphere import directions, unit
 from mr360uw.ibl.lighting import block_size, lit_frame, plate_of_yuv
 from mr360uw.ibl.plate import LinearPlate
 from mr360uw.ibl.settings import LightSettings
-from mr360uw.sphere import directions, unit
 from mr360uw.types import YuvImage
 from mr360uw.yuv.decoding import decode_polynomial
 from tests.ibl.plates import angle_deg, clipped, planes, sky

@@ -6,9 +6,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from mr360uw.base.sphere import unit
 from mr360uw.ibl.plate import LinearPlate, coarse_directions, coarse_solid_angle
 from mr360uw.ibl.sun.split import Split, sky_irradiance, without_glare
-from mr360uw.sphere import unit
 from mr360uw.types import Floats, Sun
 from tests.ibl.tolerances import FLOAT32_TWIN
 

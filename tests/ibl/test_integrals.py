@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 import mr360uw.ibl as ibl
+from mr360uw.base.sphere import directions, row_solid_angle, unit
 from mr360uw.errors import ParameterError
 from mr360uw.ibl.filters import cosine_beam, ggx_kernel, split_sum
 from mr360uw.ibl.lookup import environment_lookup, lookup_matrix, reduce_map
-from mr360uw.sphere import directions, row_solid_angle, unit
 from tests.ibl.plates import sky
 from tests.ibl.split_sum import split_sum_integral
 from tests.ibl.tolerances import (

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 import mr360uw.ibl as ibl
-from mr360uw.color import Matrix, encode, rec709_from_plate, ycbcr_from_rgb
+from mr360uw.base.color import Matrix, encode, rec709_from_plate, ycbcr_from_rgb
+from mr360uw.base.sphere import directions, unit
 from mr360uw.ibl.settings import LightSettings
-from mr360uw.sphere import directions, unit
 from mr360uw.types import Layer, Tile, YuvImage
 from mr360uw.video.reader import VideoFrame
 from tests.ibl.plates import angle_deg, clipped, planes, sky

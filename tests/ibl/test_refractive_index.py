@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 import mr360uw.ibl as ibl
-from mr360uw.constants import REFRACTIVE_INDEX_SEA, SUN_HALF_ANGLE_RAD
+from mr360uw.base.constants import REFRACTIVE_INDEX_SEA, SUN_HALF_ANGLE_RAD
+from mr360uw.base.optics import snell_elevation
+from mr360uw.base.sphere import direction_from_angles, directions, row_solid_angle
 from mr360uw.ibl.plate import region_weight
 from mr360uw.ibl.settings import LightSettings
 from mr360uw.ibl.tilt import estimate_horizon
-from mr360uw.optics import snell_elevation
-from mr360uw.sphere import direction_from_angles, directions, row_solid_angle
 from tests.ibl.plates import clipped, planes, sky
 from tests.ibl.tolerances import FLOAT64, WINDOW_EDGE, YUV_MEAN
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from mr360uw import ibl
-from mr360uw.color import ColorSpec
+from mr360uw.base.color import ColorSpec
 from mr360uw.types import Environment, Sun, YuvImage
 from tests.ibl.plates import sky
 from tests.shapes import Refused, Returns, called, check_refused, check_returned, filled, functions_of, towards

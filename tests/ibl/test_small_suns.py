@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import mr360uw.ibl as ibl
-from mr360uw.sphere import directions, unit
+from mr360uw.base.sphere import directions, unit
 from tests.ibl.plates import angle_deg, clipped
 from tests.ibl.tolerances import SUN_HDR_DEG
 

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 import mr360uw.ibl as ibl
-from mr360uw.constants import REFRACTIVE_INDEX_SEA
+from mr360uw.base.constants import REFRACTIVE_INDEX_SEA
+from mr360uw.base.optics import critical_cosine, refract_to_water
+from mr360uw.base.sphere import direction_from_angles, directions, unit
 from mr360uw.ibl.plate import LinearPlate
 from mr360uw.ibl.sun.detect import glitter_middle
-from mr360uw.optics import critical_cosine, refract_to_water
-from mr360uw.sphere import direction_from_angles, directions, unit
 from mr360uw.surface.facet_draws import glitter
 from mr360uw.surface.ray_kernel import disc_of
 from mr360uw.types import Sun

@@ -11,9 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import mr360uw.ibl as ibl
+from mr360uw.base.sphere import direction_from_angles, directions, row_solid_angle, unit
 from mr360uw.errors import ParameterError
 from mr360uw.ibl.settings import LightSettings, Operator
-from mr360uw.sphere import direction_from_angles, directions, row_solid_angle, unit
 from mr360uw.types import Sun
 from tests.ibl import panoramas
 from tests.ibl.panoramas import panorama

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 import mr360uw.ibl as ibl
-from mr360uw.constants import REFRACTIVE_INDEX_SEA, SUN_HALF_ANGLE_RAD
+from mr360uw.base.constants import REFRACTIVE_INDEX_SEA, SUN_HALF_ANGLE_RAD
+from mr360uw.base.sphere import direction_from_angles, directions, row_solid_angle, unit
 from mr360uw.ibl.settings import LightSettings
-from mr360uw.sphere import direction_from_angles, directions, row_solid_angle, unit
 from mr360uw.types import Sun
 from tests.ibl.plates import clipped, planes, sky
 from tests.ibl.tolerances import ENERGY_FLOAT32, SUN_LEFT, SUN_POLE_ENERGY, SUN_RADIUS, TILT_LIGHT

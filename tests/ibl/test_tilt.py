@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import mr360uw.ibl as ibl
+from mr360uw.base.sphere import direction_from_angles, directions, frame_from_direction
 from mr360uw.errors import ParameterError
 from mr360uw.ibl.lighting import assemble, light_between, turned
 from mr360uw.ibl.lookup import reduce_map
@@ -18,7 +19,6 @@ from mr360uw.ibl.tilt import frame_sines, level_matrix, upward
 from mr360uw.render.lights import plate_map
 from mr360uw.render.surroundings import load_surroundings
 from mr360uw.sample import Dive, DiveSettings
-from mr360uw.sphere import direction_from_angles, directions, frame_from_direction
 from mr360uw.types import Environment, Sun
 from tests.ibl.plates import angle_deg, planes, sky
 from tests.ibl.tolerances import FLOAT64, SUN_CLIPPED_DEG, SUN_HDR_DEG, TILT_LIGHT, TILT_MAP

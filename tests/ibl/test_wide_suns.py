@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 import mr360uw.ibl as ibl
+from mr360uw.base.sphere import direction_from_angles, directions, row_solid_angle, unit
 from mr360uw.ibl.plate import LinearPlate
 from mr360uw.ibl.settings import LightSettings
 from mr360uw.ibl.sun.detect import find_disc, sun_found
 from mr360uw.ibl.sun.judge import find_glow
-from mr360uw.sphere import direction_from_angles, directions, row_solid_angle, unit
 from tests.ibl.panoramas import texture
 from tests.ibl.plates import angle_deg, clipped
 from tests.ibl.tolerances import GLOW_DEG, WIDE_SUN_DEG, WIDE_SUN_ENERGY, WIDE_SUN_RADIUS

@@ -11,16 +11,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from mr360uw.base.constants import GRAVITY_M_S2
+from mr360uw.base.sphere import direction_from_angles, directions, yaw_matrix
 from mr360uw.caustics import GerstnerSea, SpectralSea
 from mr360uw.cli.tools import match
-from mr360uw.constants import GRAVITY_M_S2
 from mr360uw.errors import ParameterError
 from mr360uw.match import CausticMatch, caustic_match, match_caustics, spectral_distance
 from mr360uw.match.caustic_match import ModelledFloor
 from mr360uw.match.floor_series import FloorGrid, FloorView, bands, pattern_measures, relative_light
 from mr360uw.preview.live import encoded
 from mr360uw.scene import load_scene
-from mr360uw.sphere import direction_from_angles, directions, yaw_matrix
 from mr360uw.video import VideoFrame
 
 PIXEL_M, STEP_S = 0.06, 0.15

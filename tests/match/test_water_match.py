@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from mr360uw.base.sphere import directions
 from mr360uw.errors import ParameterError
 from mr360uw.match import WaterPatch, match_water
 from mr360uw.medium import WaterSettings
 from mr360uw.scene import Scene
 from mr360uw.scene.model import PlateSettings
-from mr360uw.sphere import directions
 from mr360uw.video import write_exr
 
 PATCH = WaterPatch(40.0, 4.0, 16.0)

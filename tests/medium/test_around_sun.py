@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
 
+from mr360uw.base.sphere import directions
 from mr360uw.medium import Medium, Water
 from mr360uw.medium.open_water import COLUMNS, ROWS, OpenWater, row_up
 from mr360uw.medium.scattered_light import AZIMUTHS, _over_mean, around_sun, placed, typical_level
-from mr360uw.sphere import directions
 from tests.medium.tolerances import AROUND_ALL_BANDS, GROWTH_AROUND_SUN, HARMONIC
 
 DEPTH = 4.0

@@ -9,12 +9,12 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from mr360uw.color import luminance
+from mr360uw.base.color import luminance
+from mr360uw.base.disk_cache import FOLDER
 from mr360uw.errors import ParameterError
 from mr360uw.medium import Sensor, Water, bands, cameras, compress_gamut, multiple_scattering, reflectance
 from mr360uw.medium.spectra import illuminant, named_sensor
 from mr360uw.medium.wavelengths import search
-from mr360uw.reading.disk_cache import FOLDER
 from tests.medium.tolerances import FITTED_MEAN_6, FITTED_P95_12, FLOAT64, UPSAMPLED_COLOUR, UPSAMPLING, WHITE
 
 SENSORS = [Sensor.cie1931(), Sensor.camera("Insta360 X5")]

@@ -11,7 +11,7 @@ import functools
 import numpy as np
 import pytest
 
-from mr360uw.gl.context import texture_from_array
+from mr360uw.gl import texture_from_array
 from mr360uw.medium import Medium, Sensor, Water
 from mr360uw.medium.lookup import ambient_ratio, beam_ratio, transmittance_lookup, unscattered_share
 from mr360uw.types import MediumTable

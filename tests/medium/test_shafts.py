@@ -8,13 +8,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from mr360uw.base.sphere import direction_from_angles, unit
 from mr360uw.caustics import CausticSettings, GerstnerSea, caustic_stack, refract_to_air, stack_depths
 from mr360uw.errors import ParameterError
 from mr360uw.medium import FroxelGrid, Medium, ShaftScene, Water, shaft_deviation, shaft_field, single_scattering
 from mr360uw.medium.phase import phase_moments, wide_angle_function, wide_angle_moments
 from mr360uw.medium.shafts.shaft_field import march
 from mr360uw.medium.shafts.single_scattering import fraction_at, radius_at
-from mr360uw.sphere import direction_from_angles, unit
 from mr360uw.types import CausticStack, Lamp, Sun, View
 from tests.medium import tolerances as tol
 from tests.medium.test_single_scattering import BALL, Ball, sun

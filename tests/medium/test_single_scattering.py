@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
+from mr360uw.base.sphere import unit
 from mr360uw.errors import ParameterError
 from mr360uw.medium import single_scattering
 from mr360uw.medium.phase import phase_function
-from mr360uw.sphere import unit
 from mr360uw.types import CausticStack, Lamp, Sun, View
 from tests.medium import tolerances as tol
 

@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 from scipy.special import expn
 
+from mr360uw.base.optics import fresnel_from_below
 from mr360uw.errors import ParameterError
 from mr360uw.medium import LightField, Water
 from mr360uw.medium.closed_form import ray_in_water
 from mr360uw.medium.models import spectral_model
 from mr360uw.medium.phase import henyey_greenstein
 from mr360uw.medium.ray_field import LambertFloor, SkyShape, cosine_kernel
-from mr360uw.optics import fresnel_from_below
 from tests.medium.tolerances import (
     ANALYTIC_FIELD,
     AROUND_SUN,

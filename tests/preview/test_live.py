@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 import pytest
 
-from mr360uw.cache import name_of
+from mr360uw.base.cache import name_of
 from mr360uw.errors import MeshError, Mr360uwError, VideoError
 from mr360uw.preview.live import LivePreview, coarse, screen_codes, screen_picture
 from mr360uw.render.backends import make_backend

@@ -12,6 +12,7 @@ import pytest
 from typer.testing import CliRunner
 
 import mr360uw as uw
+from mr360uw.base.sphere import direction_from_angles, directions
 from mr360uw.cli import app
 from mr360uw.cli.arguments import variants, view_of
 from mr360uw.preview.live import LivePreview, Perspective, look
@@ -19,7 +20,6 @@ from mr360uw.preview.pages import LARGEST_SHEET, still_of
 from mr360uw.sample import SampleDive
 from mr360uw.scene.model import Scene, at_scale, load_scene
 from mr360uw.scene.resolved import open_plate
-from mr360uw.sphere import direction_from_angles, directions
 from mr360uw.video import VideoFrame
 from mr360uw.video.writer import picture_codes
 

@@ -18,8 +18,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.color import decode, encode, rgb_from_ycbcr
-from mr360uw.optics import refract_to_water
+from mr360uw.base.color import decode, encode, rgb_from_ycbcr
+from mr360uw.base.optics import refract_to_water
+from mr360uw.base.sphere import directions, row_solid_angle
 from mr360uw.render.backends import make_backend
 from mr360uw.render.first_pass import first_pass
 from mr360uw.render.frame import composite_frame
@@ -28,7 +29,6 @@ from mr360uw.sample.dive import dive_scene, record
 from mr360uw.sample.dive_settings import DiveSettings
 from mr360uw.sample.rendered_dive import Dive
 from mr360uw.scene import scene_from_dict
-from mr360uw.sphere import directions, row_solid_angle
 from mr360uw.types import Floats
 from mr360uw.video import open_video
 

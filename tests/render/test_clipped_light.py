@@ -6,14 +6,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from mr360uw.base.optics import critical_cosine
+from mr360uw.base.sphere import directions
 from mr360uw.ibl.lighting import assemble
 from mr360uw.ibl.lookup import environment_lookup
 from mr360uw.ibl.settings import LightSettings
 from mr360uw.medium import Medium, Water
 from mr360uw.medium.scattered_light import around_sun, irradiance_from_level, placed, typical_level
-from mr360uw.optics import critical_cosine
 from mr360uw.render.lights import lit_as_its_ground, may_be_clipped, restored
-from mr360uw.sphere import directions
 from mr360uw.types import Environment, Sun
 
 UP = np.array([0.0, 1.0, 0.0])

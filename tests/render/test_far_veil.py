@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 import mr360uw as uw
-from mr360uw.color import encode
-from mr360uw.sphere import directions
+from mr360uw.base.color import encode
+from mr360uw.base.sphere import directions
 from tests.medium.tolerances import OPEN_WATER_CODES
 from tests.scenes import BACKENDS, scene_with
 from tests.tolerances import RENDERERS_CODES

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from mr360uw.base.sphere import direction_from_angles
 from mr360uw.composite.grading.settings import PlateGrade
 from mr360uw.errors import DamagedFrameError
 from mr360uw.render.first_pass import ClipAnalysis, first_pass, measured_range
@@ -16,7 +17,6 @@ from mr360uw.render.surroundings import CameraPath, load_surroundings
 from mr360uw.runs.work_folder import load_analysis, save_analysis
 from mr360uw.scene.model import Scene
 from mr360uw.scene.resolved import open_plate
-from mr360uw.sphere import direction_from_angles
 from mr360uw.types import Sun
 from mr360uw.video import VideoFrame, write_exr
 from tests.ibl import tolerances as tol

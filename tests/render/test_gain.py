@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 
 import mr360uw as uw
-from mr360uw.color import decode, encode, luminance
+from mr360uw.base.color import decode, encode, luminance
+from mr360uw.base.sphere import directions
 from mr360uw.medium import Medium, Water, exposure_change, picture_change, steady_gain
 from mr360uw.medium.exposure import GainSeries, MeasuredGain
 from mr360uw.medium.open_water import ROWS, SECTORS, fit_level, row_up
@@ -26,7 +27,6 @@ from mr360uw.sample.dive import record
 from mr360uw.sample.rendered_dive import SENSOR, Dive
 from mr360uw.scene.model import Scene
 from mr360uw.scene.resolved import open_plate
-from mr360uw.sphere import directions
 from mr360uw.video import write_exr
 from mr360uw.video.exr import read_rgb
 from tests.dives import over_sand

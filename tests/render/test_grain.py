@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from mr360uw import composite_video, render_frame
-from mr360uw.color import decode, encode
+from mr360uw.base.color import decode, encode
 from mr360uw.render.check import explain_plan
 from mr360uw.scene.model import Scene
 from mr360uw.types import Floats

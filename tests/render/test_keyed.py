@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mr360uw.color import encode
+from mr360uw.base.color import encode
 from mr360uw.errors import SceneError
 from mr360uw.render.backends import Backend, make_backend
 from mr360uw.render.first_pass import ClipAnalysis

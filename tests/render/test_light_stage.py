@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import mr360uw as uw
-from mr360uw.cache import Cache
+from mr360uw.base.cache import Cache
 from mr360uw.errors import DamagedFrameError
 from mr360uw.render.first_pass import ClipAnalysis
 from mr360uw.render.loaded import load

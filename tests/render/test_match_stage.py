@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from mr360uw import open_video, render_frame
-from mr360uw.cache import Cache
-from mr360uw.color import ColorSpec, decode, encode
+from mr360uw.base.cache import Cache
+from mr360uw.base.color import ColorSpec, decode, encode
 from mr360uw.composite.grading.colour_grade import NO_GRADE, ColourGrade, code_of
 from mr360uw.composite.grading.settings import MatchSettings, PlateGrade
 from mr360uw.errors import VideoError

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 from mr360uw import composite_video
+from mr360uw.base.sphere import directions
 from mr360uw.composite.settings import ReceiverSettings
 from mr360uw.errors import VideoError
 from mr360uw.render.backends import make_backend
@@ -22,7 +23,6 @@ from mr360uw.render.frame import composite_frame
 from mr360uw.render.loaded import load
 from mr360uw.render.mattes import GreyClip, Mattes, ReceiverClip
 from mr360uw.scene.model import Scene
-from mr360uw.sphere import directions
 from mr360uw.types import Floats
 from mr360uw.video import VideoFrame, write_exr
 from tests import tolerances as tol

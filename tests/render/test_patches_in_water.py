@@ -12,8 +12,9 @@ import numpy as np
 import pytest
 
 from mr360uw import open_video
+from mr360uw.base.color import encode
+from mr360uw.base.sphere import direction_from_angles, directions
 from mr360uw.cli import main
-from mr360uw.color import encode
 from mr360uw.composite.grading.colour_grade import ColourGrade
 from mr360uw.composite.grading.settings import PlateGrade
 from mr360uw.errors import ParameterError
@@ -22,7 +23,6 @@ from mr360uw.preview.live import LivePreview
 from mr360uw.render.first_pass import clip_analysis
 from mr360uw.render.loaded import load
 from mr360uw.scene.model import Scene
-from mr360uw.sphere import direction_from_angles, directions
 from mr360uw.types import Floats
 from tests.composite import tolerances as tol
 from tests.scenes import scene_with

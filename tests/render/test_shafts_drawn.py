@@ -13,18 +13,18 @@ import numpy as np
 import pytest
 
 import mr360uw as uw
-from mr360uw.cache import Cache
+from mr360uw.base.cache import Cache
+from mr360uw.base.constants import SUN_HALF_ANGLE_RAD
+from mr360uw.base.sphere import directions, unit
 from mr360uw.composite.objects import Shot
 from mr360uw.composite.shafts import ShaftLight, code_change, grid_of, shaft_pixels, with_shafts
 from mr360uw.composite.tiles import over
-from mr360uw.constants import SUN_HALF_ANGLE_RAD
 from mr360uw.medium import Medium, Water
 from mr360uw.medium.closed_form import ray_in_water
 from mr360uw.medium.settings import ShaftSettings
 from mr360uw.medium.shafts.shaft_field import DEFAULT_GRID, shaft_field
 from mr360uw.medium.shafts.shaft_scene import beam_share, unoccluded
 from mr360uw.render.loaded import load
-from mr360uw.sphere import directions, unit
 from mr360uw.types import CausticStack, Floats, Lamp, Layer, Sun
 from tests.composite.scenes import placed, shot, sphere
 from tests.scenes import gradient_plate, scene_with

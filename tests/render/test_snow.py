@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mr360uw.cache import Cache
+from mr360uw.base.cache import Cache
 from mr360uw.render.backends import Backend, make_backend
 from mr360uw.render.first_pass import ClipAnalysis
 from mr360uw.render.frame import Frame, composite_frame
@@ -120,7 +120,7 @@ def test_scenes_without_snow_say_why_and_pay_nothing(
     loaded = load(scene_with(tmp_path, whale, **tables), WIDTH, WIDTH // 2, clip=False)
     assert not loaded.plan.snow.runs
     assert why in loaded.plan.snow.why
-    monkeypatch.setitem(sys.modules, "mr360uw.composite.snow.draw", None)  # importing it would fail
+    monkeypatch.setitem(sys.modules, "mr360uw.composite.snow", None)  # importing it would fail
     assert frame(loaded, make_backend("reference")[0], 0).layer.tiles
 
 

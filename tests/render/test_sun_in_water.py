@@ -9,13 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mr360uw.color import luminance
+from mr360uw.base.color import luminance
+from mr360uw.base.sphere import direction_from_angles
 from mr360uw.ibl.lookup import environment_lookup
 from mr360uw.render.surroundings import load_surroundings
 from mr360uw.sample.dive import record
 from mr360uw.sample.dive_settings import DiveSettings
 from mr360uw.sample.rendered_dive import Dive
-from mr360uw.sphere import direction_from_angles
 from mr360uw.types import Environment, Floats
 from mr360uw.video import open_video
 from tests.ibl.plates import clipped, sky

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 import pytest
 
-from mr360uw.reading.input_files import input_file
+from mr360uw.base.input_files import input_file
 from mr360uw.render.loaded import load
 from mr360uw.runs.work_folder import WorkKeys, input_fingerprints, work_keys
 from tests.composite.gltf_files import one_square

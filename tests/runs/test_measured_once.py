@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import mr360uw as uw
-from mr360uw.reading.disk_cache import FOLDER
+from mr360uw.base.disk_cache import FOLDER
 from mr360uw.runs import work_folder
 from mr360uw.sample import SampleDive
 from mr360uw.scene import Scene

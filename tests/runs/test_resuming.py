@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 
 import mr360uw as uw
+from mr360uw.base.files import work_path
 from mr360uw.errors import OutputExistsError
-from mr360uw.files import work_path
 from mr360uw.runs import work_folder
 from mr360uw.runs.work_folder import joined_bounds, segment_bounds, stale_work
 from mr360uw.sample import SampleDive

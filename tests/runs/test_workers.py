@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import mr360uw as uw
-from mr360uw.files import work_path
+from mr360uw.base.files import work_path
 from mr360uw.runs import job as workers
 from mr360uw.runs.job import Job
 from mr360uw.sample import SampleDive

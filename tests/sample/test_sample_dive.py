@@ -10,23 +10,23 @@ from typing import Any
 import numpy as np
 import pytest
 
+from mr360uw.base.color import luminance
+from mr360uw.base.constants import REFRACTIVE_INDEX_SEA
+from mr360uw.base.optics import fresnel_from_below, refract_to_water
+from mr360uw.base.sphere import direction_from_angles, directions, row_solid_angle
 from mr360uw.caustics import GerstnerSea
 from mr360uw.caustics.gerstner import GerstnerWave
-from mr360uw.color import luminance
 from mr360uw.composite import read_camera_track
-from mr360uw.constants import REFRACTIVE_INDEX_SEA
 from mr360uw.errors import ParameterError
 from mr360uw.medium import LightField, Water, bands
 from mr360uw.medium.ray_field import LambertFloor
 from mr360uw.medium.spectra import named_sensor
 from mr360uw.medium.water import JerlovType
-from mr360uw.optics import fresnel_from_below, refract_to_water
 from mr360uw.sample import sample_dive
 from mr360uw.sample.dive import with_noise
 from mr360uw.sample.dive_settings import PRESETS, DiveSettings
 from mr360uw.sample.rendered_dive import SENSOR, Dive, dive_sky, relief_shade, sea_bed
 from mr360uw.scene.model import load_scene
-from mr360uw.sphere import direction_from_angles, directions, row_solid_angle
 from mr360uw.video import open_video, write_exr
 from tests.dives import LEVEL_SAND, over_sand
 from tests.tolerances import DIVE_FLOOR, DIVE_SAND, DIVE_SUN_SHARE, DIVE_WHITE, FLOAT64

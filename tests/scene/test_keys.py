@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from mr360uw.base.parameters import Parameters, is_direction, parameter
 from mr360uw.errors import SceneError
-from mr360uw.parameters import Parameters, is_direction, parameter
 from mr360uw.scene.key_targets import KeyedParameter
 from mr360uw.scene.model import Scene, load_scene, scene_from_dict
 from mr360uw.scene.problems import key_lines

@@ -10,8 +10,8 @@ from typing import Annotated, Literal
 import pytest
 from pydantic import Field, ValidationError
 
+from mr360uw.base.parameters import Parameters, parameter
 from mr360uw.errors import SceneError
-from mr360uw.parameters import Parameters, parameter
 from mr360uw.scene.model import load_scene
 from mr360uw.scene.problems import key_lines, problems
 

@@ -6,12 +6,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mr360uw import optics
-from mr360uw.caustic_lookup import mip_level, mip_levels, periodic_trilinear
+from mr360uw.base import optics
+from mr360uw.base.caustic_lookup import mip_level, mip_levels, periodic_trilinear
+from mr360uw.base.sphere import level_for, packed, periodic, unit
 from mr360uw.ibl.lookup import environment_lookup
 from mr360uw.medium import Medium, Water
 from mr360uw.medium.lookup import transmittance_lookup, veil_lookup
-from mr360uw.sphere import level_for, packed, periodic, unit
 from mr360uw.surface import intersection
 from mr360uw.surface.facet_draws import drawn, facets_of, next_key, sunlight
 from mr360uw.surface.ray_kernel import disc_of

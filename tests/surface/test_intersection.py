@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from scipy.special import ndtri
 
+from mr360uw.base.sphere import unit
 from mr360uw.caustics import GerstnerSea, SpectralSea
-from mr360uw.sphere import unit
 from mr360uw.surface import SampledSea
 from mr360uw.surface.facet_draws import Facets, drawn, facets_of, facing, next_key, normal_quantile
 from mr360uw.surface.intersection import first_hits

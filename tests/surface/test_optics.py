@@ -6,9 +6,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mr360uw import optics
+from mr360uw.base import optics
+from mr360uw.base.sphere import unit
 from mr360uw.errors import ParameterError
-from mr360uw.sphere import unit
 from tests.surface import tolerances as tol
 
 N = 1.34

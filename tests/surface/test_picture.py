@@ -10,12 +10,13 @@ import numpy as np
 import pytest
 
 import mr360uw as uw
-from mr360uw import optics, surface
-from mr360uw.cache import version
+from mr360uw import surface
+from mr360uw.base import optics
+from mr360uw.base.cache import version
+from mr360uw.base.sphere import direction_from_angles, directions, row_solid_angle, unit
 from mr360uw.caustics import CausticSettings, GerstnerSea, caustic_map
 from mr360uw.errors import ParameterError
 from mr360uw.medium import Medium, Water
-from mr360uw.sphere import direction_from_angles, directions, row_solid_angle, unit
 from mr360uw.surface.facet_draws import next_key
 from mr360uw.surface.intersection import first_hits
 from mr360uw.surface.sampled_sea import SampledSea

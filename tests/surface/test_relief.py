@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from mr360uw import surface
+from mr360uw.base.sphere import direction_from_angles, unit
 from mr360uw.caustics import CausticSettings, GerstnerSea
 from mr360uw.errors import ParameterError
 from mr360uw.medium import Water
-from mr360uw.sphere import direction_from_angles, unit
 from mr360uw.surface.sea_floor import Floor, Relief, in_shadow, relief_distance
 from mr360uw.types import Sun, View
 from tests.surface import tolerances as tol

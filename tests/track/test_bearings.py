@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from mr360uw.sphere import unit
+from mr360uw.base.sphere import unit
 from mr360uw.track.colmap import average_rotations, classify, robust_rotation, wahba
 
 PIXEL = 2.0 * np.pi / 1280

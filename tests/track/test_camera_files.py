@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from mr360uw.base.sphere import yaw_matrix
 from mr360uw.composite import read_camera_track
 from mr360uw.errors import ParameterError
-from mr360uw.sphere import yaw_matrix
 from mr360uw.track.camera_track import CameraTrack
 from mr360uw.track.path_files import blender_script, nuke_chan, read_solved_path, track_of
 

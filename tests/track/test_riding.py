@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from mr360uw.sphere import unit
+from mr360uw.base.sphere import unit
 from mr360uw.track.colmap import without_riding
 from mr360uw.track.key_frames import find_picture_cuts, thumbnail
 from mr360uw.track.key_poses import WIDTH, Solution, held_out_errors, triangulate

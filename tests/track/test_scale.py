@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from mr360uw.base.sphere import unit
 from mr360uw.errors import ParameterError
-from mr360uw.sphere import unit
 from mr360uw.track.camera_track import Measure, looks_of, parse_length, scale_from_depths, scale_from_length, world_of
 
 TIME = np.arange(0.0, 20.0, 0.04)

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 import mr360uw as uw
+from mr360uw.base.sphere import directions, yaw_matrix
 from mr360uw.errors import OutputError, ParameterError
 from mr360uw.sample.dive import record
-from mr360uw.sphere import directions, yaw_matrix
 from mr360uw.track.camera_track import Measure
 from mr360uw.track.tracking import track_shots
 

@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from mr360uw.optics import snell_elevation
-from mr360uw.sphere import directions, unit
+from mr360uw.base.optics import snell_elevation
+from mr360uw.base.sphere import directions, unit
 from mr360uw.track.camera_track import window_up, world_of
 
 TILTED = Rotation.from_euler("zx", [12.0, -8.0], degrees=True).as_matrix()

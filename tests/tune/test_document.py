@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 
+from mr360uw.base.files import rewrite
 from mr360uw.errors import OutputError, OutputExistsError, ParameterError, SceneError
-from mr360uw.files import rewrite
 from mr360uw.scene.handbook import scene_text
 from mr360uw.scene.model import load_scene
 from mr360uw.tune.document import Document, key_of, with_entry, with_value, without

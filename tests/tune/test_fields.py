@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import pytest
 
-from mr360uw.parameters import stated
+from mr360uw.base.parameters import stated
 from mr360uw.scene.handbook import choices
 from mr360uw.scene.model import Scene
 from mr360uw.scene.problems import models_of

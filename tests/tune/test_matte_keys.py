@@ -9,10 +9,10 @@ import cv2
 import numpy as np
 import pytest
 
+from mr360uw.base.sphere import direction_from_angles, directions
 from mr360uw.composite.settings import HoldoutSettings
 from mr360uw.errors import OutputError, ParameterError
 from mr360uw.render.mattes import Mattes
-from mr360uw.sphere import direction_from_angles, directions
 from mr360uw.tune.lasso import CarriedMatte, Matte, check_own, key_file, named_path, png, write_frames
 from mr360uw.types import Floats
 

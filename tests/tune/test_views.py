@@ -10,8 +10,8 @@ import cv2
 import numpy as np
 import pytest
 
+from mr360uw.base.color import encode
 from mr360uw.caustics import caustic_stack, refract_to_air
-from mr360uw.color import encode
 from mr360uw.depth.occlusion import PlateDepth
 from mr360uw.depth.sphere_stereo import DepthMap
 from mr360uw.medium.lookup import veil_lookup
@@ -189,7 +189,7 @@ def test_charts_suit_light_and_dark_pages(shown: ShownFrame) -> None:
 
 
 def contrast(one: tuple[int, int, int], other: tuple[int, int, int]) -> float:
-    from mr360uw.color import decode, luminance
+    from mr360uw.base.color import decode, luminance
 
     light, dark = sorted((float(luminance(decode(np.array(c) / 255.0, "srgb"))) for c in (one, other)), reverse=True)
     return (light + 0.05) / (dark + 0.05)

@@ -11,7 +11,7 @@ from typing import Any
 import av
 import numpy as np
 
-from mr360uw.color import ColorSpec
+from mr360uw.base.color import ColorSpec
 from mr360uw.types import YuvImage
 from tests.video.boxes import shift_edit_list
 

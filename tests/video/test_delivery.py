@@ -12,7 +12,7 @@ from typing import Any
 import av
 import pytest
 
-from mr360uw.color import ColorSpec
+from mr360uw.base.color import ColorSpec
 from mr360uw.errors import ParameterError, VideoError
 from mr360uw.video import encoder, open_video, transcode
 from mr360uw.video.clip import ENCODERS, HARDWARE, Clip, EncodeSettings

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter, map_coordinates
 
-from mr360uw.color import encode
-from mr360uw.sphere import directions
+from mr360uw.base.color import encode
+from mr360uw.base.sphere import directions
 from mr360uw.types import Floats, ray_starts
 from mr360uw.video.layout import EYES_APART_M, eyes_seen
 

@@ -21,7 +21,7 @@ from PIL import Image
 from PIL.TiffImagePlugin import ImageFileDirectory_v2
 
 import mr360uw as uw
-from mr360uw.color import decode
+from mr360uw.base.color import decode
 from mr360uw.errors import VideoError
 from mr360uw.from_above.aerial_picture import floor_of
 from mr360uw.from_above.settings import AerialFloorSettings, AerialWaterSettings

@@ -12,7 +12,7 @@ import trimesh
 from trimesh.visual.material import PBRMaterial
 
 import mr360uw as uw
-from mr360uw.color import decode, encode
+from mr360uw.base.color import decode, encode
 from mr360uw.scene.model import Scene, scene_from_dict
 from mr360uw.video import open_video, read_picture
 from mr360uw.video.clip import EncodeSettings

@@ -11,7 +11,7 @@ import av
 import numpy as np
 import pytest
 
-from mr360uw.color import encode
+from mr360uw.base.color import encode
 from mr360uw.video import read_spherical, write_exr
 from tests.video.tolerances import VIDEO_PRORES_CODES
 

@@ -17,13 +17,13 @@ import pytest
 from colour.algebra import table_interpolation_tetrahedral
 
 import mr360uw as uw
-from mr360uw.color import ColorSpec, decode, in_plate_primaries, in_rec709
+from mr360uw.base.color import ColorSpec, decode, in_plate_primaries, in_rec709
 from mr360uw.errors import ParameterError, VideoError
 from mr360uw.scene.model import Scene, scene_from_dict
 from mr360uw.scene.resolved import open_plate
 from mr360uw.types import Tile
 from mr360uw.video import open_video, read_picture
-from mr360uw.video.pixels.planes import lay_over_planes
+from mr360uw.video.planes import lay_over_planes
 from mr360uw.yuv.cube_lut import clipped_greys, read_cube
 from mr360uw.yuv.decoding import linear_from_planes, linear_in_directions
 from mr360uw.yuv.ocio_transform import OcioSettings, ocio_mapping

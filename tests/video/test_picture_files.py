@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 import mr360uw as uw
-from mr360uw.color import LUMINANCE, decode, encode, rec709_from_chromaticities
+from mr360uw.base.color import LUMINANCE, decode, encode, rec709_from_chromaticities
 from mr360uw.errors import VideoError
 from mr360uw.scene.model import PlateSettings
 from mr360uw.scene.resolved import pose_of_plate

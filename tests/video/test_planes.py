@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from av.video.reformatter import Interpolation
 
-from mr360uw.color import ColorSpec, code_range, decode, encode, rgb_from_ycbcr
+from mr360uw.base.color import ColorSpec, code_range, decode, encode, rgb_from_ycbcr
 from mr360uw.composite.tiles import empty_tile
 from mr360uw.types import Layer, Rectangle, Tile, YuvImage
-from mr360uw.video.pixels.planes import noise, planes_from_linear
+from mr360uw.video.planes import noise, planes_from_linear
 from mr360uw.video.reader import VideoFrame
 from mr360uw.yuv.decoding import linear_from_planes
 from tests.video.clips import SIZE, SPECS, fill, yuv_image

@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 import pytest
 
-from mr360uw.color import ColorSpec
+from mr360uw.base.color import ColorSpec
 from mr360uw.errors import VideoError
 from mr360uw.video import open_video, write_exr
 from mr360uw.video.reader import DecodedOnce

@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 import pytest
 
-from mr360uw.color import encode
+from mr360uw.base.color import encode
 from mr360uw.errors import OutputExistsError, ParameterError, VideoError
 from mr360uw.types import Layer, Tile
 from mr360uw.video import EncodeSettings, create_video, open_video, read_rgb, read_spherical, transcode

@@ -27,13 +27,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.cache import Parts
+from mr360uw.base.cache import Parts
+from mr360uw.base.constants import BRIGHTEST, DARK
+from mr360uw.base.rays import raise_to_triangles
+from mr360uw.base.sphere import smoothstep
 from mr360uw.composite.ambient.mesh_transfer import Transfer
-from mr360uw.constants import BRIGHTEST, DARK
 from mr360uw.ibl.lookup import lookup_matrix
 from mr360uw.jit import exact, fast, inlined
-from mr360uw.rays import raise_to_triangles
-from mr360uw.sphere import smoothstep
 from mr360uw.types import Environment, Floats
 
 CELLS = 32

@@ -29,7 +29,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.cache import Cache, PartOf
+from mr360uw.base.cache import Cache, PartOf
+from mr360uw.base.sphere import smoothstep
 from mr360uw.composite.ambient.blocked_light import BlockedLight, HeightField, Occluders, make_height_field
 from mr360uw.composite.ambient.mesh_transfer import (
     COUNT,
@@ -44,7 +45,6 @@ from mr360uw.composite.ambient.mesh_transfer import (
 from mr360uw.composite.mesh.polygons import scale_of
 from mr360uw.composite.objects import PlacedObject
 from mr360uw.jit import exact
-from mr360uw.sphere import smoothstep
 from mr360uw.types import Floats
 
 BITS = 20

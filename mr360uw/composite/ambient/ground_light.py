@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.cache import Cache
+from mr360uw.base.cache import Cache
 from mr360uw.composite.ambient.blocked_light import (
     UNNOTICED,
     BlockedLight,

@@ -23,18 +23,18 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.cache import PartOf, Same
-from mr360uw.composite.lighting.shading import dielectric_f0, reflectance
+from mr360uw.base.cache import PartOf, Same
+from mr360uw.base.disk_cache import Arrays, kept_arrays
+from mr360uw.base.rays import triple
+from mr360uw.base.sphere import unit
 from mr360uw.composite.mesh.material import Material
 from mr360uw.composite.mesh.mesh import Mesh
 from mr360uw.composite.mesh.polygons import welded
 from mr360uw.composite.objects import PlacedObject
 from mr360uw.composite.raycast import Geometry, base_color, gather, opacity_key, surfaces_along
+from mr360uw.composite.shading import dielectric_f0, reflectance
 from mr360uw.ibl.filters import split_sum
 from mr360uw.jit import exact, inlined
-from mr360uw.rays import triple
-from mr360uw.reading.disk_cache import Arrays, kept_arrays
-from mr360uw.sphere import unit
 from mr360uw.types import Environment, Floats
 
 _STEPS_ACROSS = 24.0

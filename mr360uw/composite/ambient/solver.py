@@ -43,7 +43,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.cache import Cache, PartOf
+from mr360uw.base.cache import Cache, PartOf
+from mr360uw.base.rays import RayScene, barycentric
 from mr360uw.composite.ambient.blocked_light import BlockedLight, fraction_left, sky_table
 from mr360uw.composite.ambient.form_factors import (
     COARSE_NODES,
@@ -67,14 +68,13 @@ from mr360uw.composite.ambient.mesh_transfer import (
     product,
     seen_by_camera,
 )
-from mr360uw.composite.lighting.light_sources import sun_of, sun_up
+from mr360uw.composite.light_sources import sun_of, sun_up
 from mr360uw.composite.objects import BetweenSamples, LightSample, PlacedObject, Shot
 from mr360uw.composite.raycast import Hits
 from mr360uw.composite.receiver.shape import ReceiverShape
 from mr360uw.ibl.lookup import environment_lookup
 from mr360uw.jit import fast
 from mr360uw.medium.lookup import ambient_ratio, beam_ratio, transmittance_lookup
-from mr360uw.rays import RayScene, barycentric
 from mr360uw.types import Floats
 
 BOUNCES = 8

@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.cache import PartOf, Scratch
+from mr360uw.base.cache import PartOf, Scratch
 from mr360uw.composite.mesh.material import MAPS, WRAPS, Material, Texture
 from mr360uw.composite.mesh.mesh import Mesh
 from mr360uw.errors import MeshError
-from mr360uw.gl.context import gl_context, largest_texture, program, set_uniforms, texture_from_array
+from mr360uw.gl import gl_context, largest_texture, program, set_uniforms, texture_from_array
 from mr360uw.jit import exact
 from mr360uw.types import Floats
 
@@ -27,13 +27,13 @@ import weakref
 
 import moderngl
 
-from mr360uw.cache import Cache
-from mr360uw.caustic_lookup import mip_levels
+from mr360uw.base.cache import Cache
+from mr360uw.base.caustic_lookup import mip_levels
+from mr360uw.base.constants import MAXIMUM_GLOSSY_LEVELS
 from mr360uw.composite.gl.light_visibility import Visibility, visibility_of
-from mr360uw.composite.lighting.light_sources import lamps_of, sun_of, sun_up, widest_half_angle
+from mr360uw.composite.light_sources import lamps_of, sun_of, sun_up, widest_half_angle
 from mr360uw.composite.objects import Shot
-from mr360uw.constants import MAXIMUM_GLOSSY_LEVELS
-from mr360uw.gl.context import texture_array_from_array
+from mr360uw.gl import texture_array_from_array
 from mr360uw.medium.shafts.single_scattering import nearest_m
 from mr360uw.types import CausticStack, Environment, MediumTable
 

@@ -14,7 +14,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.cache import Cache, PartOf, Same
+from mr360uw.base.cache import Cache, PartOf, Same
+from mr360uw.base.threads import one_blas_thread
+from mr360uw.base.tile_blend import BLOCK
 from mr360uw.composite.ambient.solver import AmbientLight
 from mr360uw.composite.aovs import AovFrame, Aovs
 from mr360uw.composite.gl.device import (
@@ -29,7 +31,7 @@ from mr360uw.composite.gl.device import (
 )
 from mr360uw.composite.gl.light_visibility import DISC, HALO, footprints_of
 from mr360uw.composite.gl.object_pass import ObjectPass
-from mr360uw.composite.lighting.light_sources import scattered_share, sun_of, widest_half_angle
+from mr360uw.composite.light_sources import scattered_share, sun_of, widest_half_angle
 from mr360uw.composite.mesh.mesh import Mesh
 from mr360uw.composite.objects import Shot
 from mr360uw.composite.raycast import object_rectangles
@@ -60,9 +62,7 @@ from mr360uw.composite.receiver.ratio import (
 )
 from mr360uw.composite.sampling import NO_GAPS, WHOLE_PIXEL, Gaps
 from mr360uw.composite.tiles import empty_tile, even_tiles, hold_out, places_in_mask
-from mr360uw.gl.context import gl_context
-from mr360uw.threads import one_blas_thread
-from mr360uw.tile_blend import BLOCK
+from mr360uw.gl import gl_context
 from mr360uw.types import Floats, Layer
 
 _KEPT_MESHES = 64

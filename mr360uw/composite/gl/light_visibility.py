@@ -18,7 +18,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.cache import Cache, Scratch
+from mr360uw.base.cache import Cache, Scratch
+from mr360uw.base.constants import LONGEST_FOOTPRINT, MAXIMUM_SUN_SAMPLES
+from mr360uw.base.sphere import disc_offsets
 from mr360uw.composite.gl.shadow_columns import (
     SMALLEST,
     axes_and_slope,
@@ -27,12 +29,10 @@ from mr360uw.composite.gl.shadow_columns import (
     slot_size,
     sun_frames,
 )
-from mr360uw.composite.lighting.light_sources import lamps_of, sun_of, wide_pixel_offsets, widest_half_angle
+from mr360uw.composite.light_sources import lamps_of, sun_of, wide_pixel_offsets, widest_half_angle
 from mr360uw.composite.objects import Shot
-from mr360uw.constants import LONGEST_FOOTPRINT, MAXIMUM_SUN_SAMPLES
 from mr360uw.jit import borrowing, fast, inlined
 from mr360uw.medium.shafts.single_scattering import nearest_m
-from mr360uw.sphere import disc_offsets
 from mr360uw.types import Floats, View
 
 _MOST_RAYS = 128

@@ -21,14 +21,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.cache import Cache, PartOf, Same, Scratch
+from mr360uw.base.cache import Cache, PartOf, Same, Scratch
 from mr360uw.composite.ambient.mesh_transfer import FEW_CHANNELS, UNTOUCHED, Lattice
 from mr360uw.composite.ambient.solver import AmbientLight
 from mr360uw.composite.aovs import SUMS, AovFrame
 from mr360uw.composite.gl.device import MeshBuffers, ShotLight, Targets, list_texture
 from mr360uw.composite.gl.light_visibility import DISC, HALF_OF_RAYS, HALO, Visibility, footprints_of
 from mr360uw.composite.gl.visible_surfaces import Fragments, Surfaces, find_surfaces
-from mr360uw.composite.lighting.light_sources import sun_of
+from mr360uw.composite.light_sources import sun_of
 from mr360uw.composite.mesh.mesh import Mesh
 from mr360uw.composite.objects import PlacedObject, Shot
 from mr360uw.composite.sampling import filter_width, root_of_moments

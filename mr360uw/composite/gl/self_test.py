@@ -12,8 +12,10 @@ from typing import Any
 
 import numpy as np
 
-from mr360uw.cache import Cache
-from mr360uw.color import encode
+from mr360uw.base.cache import Cache
+from mr360uw.base.color import encode
+from mr360uw.base.disk_cache import kept_arrays
+from mr360uw.base.sphere import directions, row_solid_angle, unit
 from mr360uw.composite.gl.layer_renderer import LayerRenderer
 from mr360uw.composite.mesh.material import Material, Part, make_texture
 from mr360uw.composite.mesh.mesh import Mesh, make_mesh
@@ -23,9 +25,7 @@ from mr360uw.composite.reference import render_layer
 from mr360uw.composite.settings import DrawSettings
 from mr360uw.composite.tiles import over
 from mr360uw.errors import GlError
-from mr360uw.gl.context import gl_context, gl_device
-from mr360uw.reading.disk_cache import kept_arrays
-from mr360uw.sphere import directions, row_solid_angle, unit
+from mr360uw.gl import gl_context, gl_device
 from mr360uw.types import CausticStack, Environment, Floats, Layer, MediumTable, Sun, View
 
 PSNR_DB = 45.0

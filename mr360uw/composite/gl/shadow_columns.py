@@ -25,15 +25,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.cache import Cache, PartOf, Scratch
+from mr360uw.base.cache import Cache, PartOf, Scratch
+from mr360uw.base.sphere import basis
 from mr360uw.composite.ambient.form_factors import rounded
 from mr360uw.composite.gl.triangles import BLENDED, MASKED, OPAQUE, mesh_looks
 from mr360uw.composite.gl.visible_surfaces import alpha_of, cutouts
-from mr360uw.composite.lighting.light_sources import sun_of
+from mr360uw.composite.light_sources import sun_of
 from mr360uw.composite.objects import PlacedObject, Shot
 from mr360uw.jit import exact, fast
 from mr360uw.medium.shafts.single_scattering import nearest_m
-from mr360uw.sphere import basis
 from mr360uw.types import Floats, Lamp, Sun
 
 SLOTS = (64, 128, 256, 512)

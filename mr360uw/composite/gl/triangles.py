@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.cache import PartOf
+from mr360uw.base.cache import PartOf
 from mr360uw.composite.mesh.material import Texture
 from mr360uw.composite.mesh.mesh import Mesh
 from mr360uw.composite.objects import PlacedObject

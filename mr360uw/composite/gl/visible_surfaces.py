@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.cache import Cache, PartOf
+from mr360uw.base.cache import Cache, PartOf
 from mr360uw.composite.gl.triangles import (
     BLENDED,
     BLOCK,

@@ -26,8 +26,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.cache import shared
-from mr360uw.color import ColorSpec, decode_signal, encode_signal, in_plate_primaries, in_rec709, ycbcr_from_rgb
+from mr360uw.base.cache import shared
+from mr360uw.base.color import ColorSpec, decode_signal, encode_signal, in_plate_primaries, in_rec709, ycbcr_from_rgb
 from mr360uw.jit import exact, inlined
 from mr360uw.types import Floats
 

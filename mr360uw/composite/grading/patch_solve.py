@@ -25,7 +25,8 @@ from typing import Protocol
 
 import numpy as np
 
-from mr360uw.color import ColorSpec, decode_signal, encode_signal
+from mr360uw.base.color import ColorSpec, decode_signal, encode_signal
+from mr360uw.base.sphere import disc_directions, frame_from_direction
 from mr360uw.composite.grading.colour_grade import (
     LEAST_CONTRAST,
     MOST_CONTRAST,
@@ -38,7 +39,6 @@ from mr360uw.composite.grading.colour_grade import (
 )
 from mr360uw.composite.grading.settings import MatchSettings, PatchSettings, number_words
 from mr360uw.errors import ParameterError
-from mr360uw.sphere import disc_directions, frame_from_direction
 from mr360uw.types import Floats, Rectangle
 
 CODE_ERROR = 1.0 / 255.0

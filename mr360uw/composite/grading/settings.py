@@ -11,7 +11,9 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import ConfigDict, Field, model_validator
 
-from mr360uw.color import decode
+from mr360uw.base.color import decode
+from mr360uw.base.parameters import LATEST_S, Parameters, advanced, parameter
+from mr360uw.base.sphere import direction_from_angles
 from mr360uw.composite.grading.colour_grade import (
     LEAST_CONTRAST,
     MOST_CONTRAST,
@@ -20,8 +22,6 @@ from mr360uw.composite.grading.colour_grade import (
     ColourGrade,
     Three,
 )
-from mr360uw.parameters import LATEST_S, Parameters, advanced, parameter
-from mr360uw.sphere import direction_from_angles
 from mr360uw.types import Floats
 
 

@@ -20,11 +20,11 @@ from urllib.parse import unquote
 import numpy as np
 from numpy.typing import NDArray
 
+from mr360uw.base.input_files import DATA, json_of, neighbour, own_table, read_data
 from mr360uw.composite.mesh.material import MapCoordinates
 from mr360uw.composite.mesh.polygons import composed
 from mr360uw.composite.mesh.skin import MorphTarget, Skeleton, Skin
 from mr360uw.errors import MeshError, install_command, installed, optional
-from mr360uw.reading.input_files import DATA, json_of, neighbour, own_table, read_data
 from mr360uw.types import Floats
 
 _COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}

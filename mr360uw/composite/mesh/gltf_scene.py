@@ -15,6 +15,7 @@ from typing import Any, cast
 
 import numpy as np
 
+from mr360uw.base.input_files import TRIANGLES
 from mr360uw.composite.mesh.gltf import (
     BROKEN,
     Gltf,
@@ -43,7 +44,6 @@ from mr360uw.composite.mesh.material import (
 from mr360uw.composite.mesh.skin import Animation, Channel, Curve, Interpolation, Target, UnplacedSurface
 from mr360uw.composite.settings import FARTHEST
 from mr360uw.errors import MeshError
-from mr360uw.reading.input_files import TRIANGLES
 from mr360uw.types import Floats
 
 _WIDTHS: dict[str, int] = {"translation": 3, "rotation": 4, "scale": 3}

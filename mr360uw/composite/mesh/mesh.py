@@ -15,7 +15,10 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.color import luminance
+from mr360uw.base.color import luminance
+from mr360uw.base.disk_cache import kept_arrays
+from mr360uw.base.input_files import DATA, not_read, unreadable
+from mr360uw.base.parameters import checked
 from mr360uw.composite.mesh.gltf_scene import read_gltf
 from mr360uw.composite.mesh.material import Material, MeshFile, Part
 from mr360uw.composite.mesh.obj_file import read_obj
@@ -24,9 +27,6 @@ from mr360uw.composite.mesh.polygons import corner_normals, crease_normals, plac
 from mr360uw.composite.mesh.skin import smoothed_body
 from mr360uw.composite.mesh.usd_scene import read_usd
 from mr360uw.errors import MeshError
-from mr360uw.parameters import checked
-from mr360uw.reading.disk_cache import kept_arrays
-from mr360uw.reading.input_files import DATA, not_read, unreadable
 from mr360uw.types import Floats
 
 Unit = Literal["auto", "m", "cm", "mm"]

@@ -16,7 +16,8 @@ from urllib.parse import unquote
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.color import decode
+from mr360uw.base.color import decode
+from mr360uw.base.input_files import LOOKED_FOR, TEXT, TRIANGLES, beside, neighbour, read_data, text_of
 from mr360uw.composite.mesh.material import (
     MapCoordinates,
     MappedMaterial,
@@ -31,7 +32,6 @@ from mr360uw.composite.mesh.material import (
 )
 from mr360uw.composite.mesh.polygons import check_corners, polygons_of
 from mr360uw.errors import MeshError
-from mr360uw.reading.input_files import LOOKED_FOR, TEXT, TRIANGLES, beside, neighbour, read_data, text_of
 from mr360uw.types import Floats
 
 _CURVES, _LOOKS = "curves or free-form surfaces", "textures by name (usemap) instead of materials"

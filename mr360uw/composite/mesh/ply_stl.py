@@ -19,11 +19,11 @@ from typing import Any, Literal, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.color import decode
+from mr360uw.base.color import decode
+from mr360uw.base.input_files import TRIANGLES, neighbour, own_table, read_data, text_of
 from mr360uw.composite.mesh.material import Material, MeshFile, Part, Texture, decode_image, make_texture
 from mr360uw.composite.mesh.polygons import Polygons, check_corners, polygons_of
 from mr360uw.errors import MeshError
-from mr360uw.reading.input_files import TRIANGLES, neighbour, own_table, read_data, text_of
 from mr360uw.types import Floats
 
 _TYPES = {

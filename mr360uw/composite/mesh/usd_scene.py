@@ -15,13 +15,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mr360uw.base.input_files import DATA, PRIMS, TRIANGLES, neighbour, note_read, read_data
 from mr360uw.composite.mesh.gltf import BROKEN
 from mr360uw.composite.mesh.material import MappedMaterial, MeshFile, Part, decode_image
 from mr360uw.composite.mesh.ply_stl import UPRIGHT
 from mr360uw.composite.mesh.polygons import Polygons, placed, polygons_of
 from mr360uw.composite.mesh.usd_material import PLAIN, UNBOUND, UsdMaterialReader
 from mr360uw.errors import MeshError, install_command, installed
-from mr360uw.reading.input_files import DATA, PRIMS, TRIANGLES, neighbour, note_read, read_data
 from mr360uw.types import Floats
 
 

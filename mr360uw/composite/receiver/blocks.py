@@ -18,12 +18,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mr360uw.cache import Cache, Neutral, PartOf, Same
+from mr360uw.base.cache import Cache, Neutral, PartOf, Same
+from mr360uw.base.sphere import basis
+from mr360uw.base.threads import one_blas_thread
+from mr360uw.base.tile_blend import BLOCK, CORNER_CHANNELS, PixelImages
 from mr360uw.composite.ambient.blocked_light import UNNOTICED
 from mr360uw.composite.ambient.ground_light import GroundField, ground_field
 from mr360uw.composite.ambient.solver import AmbientLight, ambient_light
-from mr360uw.composite.lighting.light_sources import lamps_of, light_sources, sun_of, widest_half_angle
-from mr360uw.composite.lighting.shading import veil_ahead
+from mr360uw.composite.light_sources import lamps_of, light_sources, sun_of, widest_half_angle
 from mr360uw.composite.objects import PlacedObject, Shot
 from mr360uw.composite.receiver.ratio import (
     FADE_FROM,
@@ -39,12 +41,10 @@ from mr360uw.composite.receiver.ratio import (
 )
 from mr360uw.composite.receiver.shape import ReceiverShape
 from mr360uw.composite.sampling import Gaps
+from mr360uw.composite.shading import veil_ahead
 from mr360uw.composite.tiles import places_in_mask, rectangles_of_mask
 from mr360uw.jit import exact, fast
 from mr360uw.medium.lookup import transmittance_lookup
-from mr360uw.sphere import basis
-from mr360uw.threads import one_blas_thread
-from mr360uw.tile_blend import BLOCK, CORNER_CHANNELS, PixelImages
 from mr360uw.types import Floats, Rectangle, View
 
 RECTANGLE_COST_PX = 16384

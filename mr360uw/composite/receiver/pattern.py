@@ -20,8 +20,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mr360uw.base.tile_blend import LEAST_DIRECT, LEAST_LIGHT, NO_BLURS, Blurs, Picture, calm_line, drawn_towards
 from mr360uw.jit import fast
-from mr360uw.tile_blend import LEAST_DIRECT, LEAST_LIGHT, NO_BLURS, Blurs, Picture, calm_line, drawn_towards
 from mr360uw.types import Floats, Rectangle
 
 _FINE_SIGMA = 2.0

@@ -23,16 +23,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.cache import Cache
+from mr360uw.base.cache import Cache
+from mr360uw.base.input_files import PICTURE, picture_size, read_data
+from mr360uw.base.parameters import checked
+from mr360uw.base.rays import RayScene, barycentric
 from mr360uw.composite.mesh.mesh import load_mesh
 from mr360uw.composite.motion import rigid, rotation_matrix
 from mr360uw.composite.objects import PlacedObject, Receiver, Shot
 from mr360uw.composite.settings import ReceiverSettings
 from mr360uw.errors import MeshError
 from mr360uw.jit import exact
-from mr360uw.parameters import checked
-from mr360uw.rays import RayScene, barycentric
-from mr360uw.reading.input_files import PICTURE, picture_size, read_data
 from mr360uw.types import Floats, View
 
 EDGE_ON = 0.003

@@ -29,7 +29,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from mr360uw.constants import REFRACTIVE_INDEX_SEA, SUN_HALF_ANGLE_RAD
+from mr360uw.base.constants import REFRACTIVE_INDEX_SEA, SUN_HALF_ANGLE_RAD
+from mr360uw.base.optics import refract_clamped, refract_to_air, snell_elevation
+from mr360uw.base.parameters import checked
+from mr360uw.base.sphere import unit
 from mr360uw.ibl.plate import (
     LinearPlate,
     Plate,
@@ -42,9 +45,6 @@ from mr360uw.ibl.plate import (
 from mr360uw.ibl.sun.judge import CLIPPED, Blob, PlateSurvey, SunCandidate, brightness, examine, find_glow, taken_share
 from mr360uw.ibl.sun.split import Split, ground_ratio, sky_irradiance, split_sun
 from mr360uw.ibl.tilt import level_matrix, roll_pitch, upward
-from mr360uw.optics import refract_clamped, refract_to_air, snell_elevation
-from mr360uw.parameters import checked
-from mr360uw.sphere import unit
 from mr360uw.types import Floats, Sun
 
 DISPLAY_WHITE = 1.5

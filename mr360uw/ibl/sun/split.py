@@ -26,9 +26,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.cache import shared
-from mr360uw.color import luminance
-from mr360uw.constants import CLEAR_SKY_B, CLEAR_SKY_G, CLEAR_SKY_R, REFRACTIVE_INDEX_SEA
+from mr360uw.base.cache import shared
+from mr360uw.base.color import luminance
+from mr360uw.base.constants import CLEAR_SKY_B, CLEAR_SKY_G, CLEAR_SKY_R, REFRACTIVE_INDEX_SEA
+from mr360uw.base.optics import fresnel_transmittance
+from mr360uw.base.sphere import Array, frame_from_direction, row_solid_angle, unit
 from mr360uw.ibl.plate import (
     COARSE_COLUMNS,
     COARSE_ROWS,
@@ -40,8 +42,6 @@ from mr360uw.ibl.plate import (
     plate_sines,
 )
 from mr360uw.ibl.tilt import LEVEL, elevation_sine
-from mr360uw.optics import fresnel_transmittance
-from mr360uw.sphere import Array, frame_from_direction, row_solid_angle, unit
 from mr360uw.types import Floats, Sun
 
 _PATCH = 81

@@ -27,7 +27,6 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
 
 _ORDER = 3
 """Order of the differences that are penalised. With 2 curved paths would be pulled straight."""
@@ -138,7 +137,7 @@ def steady_directions(times_s: Array, direction: Array, weight: Array, camera: C
     seen = weight > 0.0
     if not seen.any():
         return np.full_like(direction, np.nan)
-    middle = _middle(direction[seen], weight[seen])
+    middle = _mean_direction(direction[seen], weight[seen])
     still = np.broadcast_to(middle, direction.shape).copy()
     if camera == "tracked" or len(times_s) < 2:
         return still
@@ -149,7 +148,7 @@ def steady_directions(times_s: Array, direction: Array, weight: Array, camera: C
     return path if camera == "unknown" else _at_elevation(path, direction[seen], weight[seen])
 
 
-def _middle(direction: Array, weight: Array) -> Array:
+def _mean_direction(direction: Array, weight: Array) -> Array:
     """Return the unit vector in the middle of directions (n, 3), outliers weighed down."""
     trust = weight
     middle = np.zeros(3)

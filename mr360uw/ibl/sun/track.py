@@ -31,14 +31,14 @@ from typing import Generic, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.color import luminance
+from mr360uw.base.color import luminance
+from mr360uw.base.files import check_outputs, write_whole
+from mr360uw.base.input_files import json_of, read_text
+from mr360uw.base.parameters import checked, exactly, numbers
+from mr360uw.base.sphere import direction_from_angles
 from mr360uw.errors import ParameterError
-from mr360uw.files import check_outputs, write_whole
 from mr360uw.ibl.sun.judge import taken_share
 from mr360uw.ibl.sun.steady import WAVE_PERIOD_S, Camera, smooth, steady_directions, strength_of_period
-from mr360uw.parameters import checked, exactly, numbers
-from mr360uw.reading.input_files import json_of, read_text
-from mr360uw.sphere import direction_from_angles
 from mr360uw.types import Environment, Floats, Sun, sample_step
 
 Array = NDArray[np.float64]

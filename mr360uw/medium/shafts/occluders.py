@@ -23,12 +23,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.cache import Cache, PartOf, Same
+from mr360uw.base.cache import Cache, PartOf, Same
+from mr360uw.base.parameters import numbers
+from mr360uw.base.rays import PlacedScene, RayScene, raise_to_triangles
+from mr360uw.base.sphere import basis
 from mr360uw.errors import ParameterError
 from mr360uw.jit import exact
-from mr360uw.parameters import numbers
-from mr360uw.rays import PlacedScene, RayScene, raise_to_triangles
-from mr360uw.sphere import basis
 from mr360uw.types import Floats
 
 Array = NDArray[np.float64]

@@ -53,7 +53,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mr360uw.cache import Cache
+from mr360uw.base.cache import Cache
+from mr360uw.base.parameters import checked
+from mr360uw.base.sphere import basis, direction_from_frame, frame_from_direction, unit
 from mr360uw.errors import ParameterError
 from mr360uw.jit import exact, inlined
 from mr360uw.medium.medium import Medium
@@ -68,8 +70,6 @@ from mr360uw.medium.shafts.single_scattering import (
     view_directions,
 )
 from mr360uw.medium.shafts.sun_beam import SunBeam
-from mr360uw.parameters import checked
-from mr360uw.sphere import basis, direction_from_frame, frame_from_direction, unit
 from mr360uw.types import CausticStack, Floats, Lamp, Sun, View
 
 Array = NDArray[np.float64]

@@ -27,9 +27,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.cache import Parts, shared
-from mr360uw.color import luminance
-from mr360uw.constants import LONGEST_RAY_M, MINIMUM_SUN_UP
+from mr360uw.base.cache import Parts, shared
+from mr360uw.base.color import luminance
+from mr360uw.base.constants import LONGEST_RAY_M, MINIMUM_SUN_UP
+from mr360uw.base.parameters import checked, exactly
+from mr360uw.base.sphere import unit
 from mr360uw.errors import ParameterError
 from mr360uw.medium.closed_form import exponential_integral
 from mr360uw.medium.lookup import beam_fraction, linear, table_coordinate
@@ -38,8 +40,6 @@ from mr360uw.medium.models import CLOSED_FORMS
 from mr360uw.medium.phase import Phase, phase_function, wide_angle_function
 from mr360uw.medium.shafts.occluders import Bodies, bodies_of
 from mr360uw.medium.shafts.single_scattering import BeamPattern, camera_depth_m, lamp_segments, segment_points
-from mr360uw.parameters import checked, exactly
-from mr360uw.sphere import unit
 from mr360uw.types import CausticStack, Floats, Lamp, Sun, View
 
 Array = NDArray[np.float64]

@@ -49,15 +49,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mr360uw.cache import Parts
-from mr360uw.caustic_lookup import caustic_lookup, levels_of
-from mr360uw.constants import LONGEST_RAY_M, MINIMUM_SUN_UP, NEAREST_LAMP_M
+from mr360uw.base.cache import Parts
+from mr360uw.base.caustic_lookup import caustic_lookup, levels_of
+from mr360uw.base.constants import LONGEST_RAY_M, MINIMUM_SUN_UP, NEAREST_LAMP_M
+from mr360uw.base.parameters import checked, common_shape, exactly, number, numbers
+from mr360uw.base.sphere import disc_directions, effective_half_angle, unit
 from mr360uw.errors import ParameterError
 from mr360uw.medium.closed_form import exponential_integral, ray_in_water
 from mr360uw.medium.phase import Phase, check_phase, phase_function
 from mr360uw.medium.shafts.occluders import Bodies, bodies_of
-from mr360uw.parameters import checked, common_shape, exactly, number, numbers
-from mr360uw.sphere import disc_directions, effective_half_angle, unit
 from mr360uw.types import CausticStack, Floats, Lamp, Sun, View
 
 Array = NDArray[np.float64]

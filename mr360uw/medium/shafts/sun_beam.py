@@ -24,12 +24,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.cache import Cache, PartOf
+from mr360uw.base.cache import Cache, PartOf
+from mr360uw.base.sphere import unit
 from mr360uw.jit import fast, inlined
 from mr360uw.medium.shafts.occluders import DISC_TAPS, HALO_TAPS, Shadows, shadows_in, visible_parts
 from mr360uw.medium.shafts.shaft_scene import ShaftScene
 from mr360uw.medium.shafts.single_scattering import BeamPattern, radius_at
-from mr360uw.sphere import unit
 from mr360uw.types import CausticStack
 
 Array = NDArray[np.float64]

@@ -1,5 +1,5 @@
 // Surface at the intersection of a ray and a triangle: point, normals, material. Held to composite/raycast.py
-// and rays.py.
+// and base/rays.py.
 // A triangle is eleven texels of `triangles`: for each corner (position, u), (normal, v), colour; then (material, patch,
 // two halves of the address of its further sets of texture coordinates);
 // then its points of ambient light (ambient/mesh_transfer.py). Those sets follow all triangles.

@@ -1,5 +1,5 @@
 // Light of lamps at a place: inverse square, cone, water on the way there and back. Their visibility behind bodies is found
-// on the processor (light_visibility.py). Held to composite/lighting/light_sources.py.
+// on the processor (light_visibility.py). Held to composite/light_sources.py.
 #include "composite/gl/shaders/light.glsl"
 
 struct Lamp {

@@ -1,5 +1,5 @@
 // Radiance of fragments at the camera: each is a place on a triangle of a body, seen through the water.
-// Held to composite/lighting/shading.py.
+// Held to composite/shading.py.
 #include "composite/gl/shaders/lamps.glsl"
 #include "composite/gl/shaders/sun.glsl"
 #if defined(EYE)

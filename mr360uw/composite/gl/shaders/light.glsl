@@ -1,9 +1,9 @@
-// Light reflected by a surface: ambient light, and light from one direction. Held to composite/lighting/shading.py.
+// Light reflected by a surface: ambient light, and light from one direction. Held to composite/shading.py.
 // Features of a shot (MEDIUM, SUN, CAUSTICS, LAMPS, GLOSSY) are switched at compile time, because software drivers
 // execute both sides of every branch.
 #include "composite/gl/shaders/geometry.glsl"
 #include "composite/gl/shaders/ambient.glsl"
-#include "composite/lighting/shading.glsl"
+#include "composite/shading.glsl"
 #include "ibl/lookup.glsl"
 #include "ibl/filters.glsl"
 #include "medium/lookup.glsl"

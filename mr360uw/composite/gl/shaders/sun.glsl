@@ -1,7 +1,7 @@
 // Light of the sun at a place: attenuated beam and caustic factor. Its visibility behind bodies is found on the processor
-// (light_visibility.py). Held to composite/lighting/light_sources.py.
+// (light_visibility.py). Held to composite/light_sources.py.
 #include "composite/gl/shaders/light.glsl"
-#include "caustic_lookup.glsl"
+#include "base/caustic_lookup.glsl"
 
 // up: sine of the sun's elevation. half_angle, halo_angle: radii of disc, halo [rad]
 struct Sun {

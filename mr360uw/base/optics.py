@@ -20,10 +20,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mr360uw.constants import REFRACTIVE_INDEX_SEA
+from mr360uw.base.constants import REFRACTIVE_INDEX_SEA
+from mr360uw.base.parameters import checked, number, numbers
+from mr360uw.base.sphere import gauss_legendre, unit
 from mr360uw.errors import ParameterError
-from mr360uw.parameters import checked, number, numbers
-from mr360uw.sphere import gauss_legendre, unit
 from mr360uw.types import Array
 
 

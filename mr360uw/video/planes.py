@@ -28,11 +28,11 @@ import numpy as np
 from av.sidedata.sidedata import Type
 from numpy.typing import NDArray
 
-from mr360uw.color import ColorSpec, Transfer, code_range, decode, encode, in_plate_primaries
-from mr360uw.tile_blend import NO_GROUND, blended, light_sum
+from mr360uw.base.color import ColorSpec, Transfer, code_range, decode, encode, in_plate_primaries
+from mr360uw.base.tile_blend import NO_GROUND, blended, light_sum
 from mr360uw.types import Floats, Rectangle, Tile, UnlaidGround, YuvImage
-from mr360uw.video.pixels.grain import NO_GRAIN, Grain, covered_box
-from mr360uw.video.pixels.kernels import write_planes
+from mr360uw.video.grain import NO_GRAIN, Grain, covered_box
+from mr360uw.video.plane_kernels import write_planes
 from mr360uw.yuv.decoding import coefficients, decode_table, encode_table, linear_from_planes, subsampling
 
 
@@ -137,7 +137,7 @@ def linear_from_codes(codes: NDArray[Any], transfer: Transfer) -> NDArray[np.flo
 
 def noise(rows: int, columns: int, row: int, column: int, frame_index: int) -> NDArray[np.float32]:
     """Return the dither of a rectangle (rows, columns), in (0, 1); see `planes`."""
-    from mr360uw.video.pixels.kernels import write_noise
+    from mr360uw.video.plane_kernels import write_noise
 
     dither = np.empty((rows, columns), np.float32)
     write_noise(row, column, frame_index, dither)

@@ -18,9 +18,9 @@ from typing import Any, Literal, Protocol, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mr360uw.constants import LUMINANCE_B, LUMINANCE_G, LUMINANCE_R
+from mr360uw.base.constants import LUMINANCE_B, LUMINANCE_G, LUMINANCE_R
+from mr360uw.base.parameters import numbers, real, vectors
 from mr360uw.errors import ParameterError
-from mr360uw.parameters import numbers, real, vectors
 
 # Transfer curves that hold light far above white: HDR television, and the log recordings of cameras.
 #

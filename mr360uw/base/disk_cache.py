@@ -26,9 +26,9 @@ from typing import Any, TypeVar, TypeVarTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.cache import Cache, Neutral
-from mr360uw.files import unsafe, whole_file, write_whole
-from mr360uw.reading.input_files import files_read, note_read
+from mr360uw.base.cache import Cache, Neutral
+from mr360uw.base.files import unsafe, whole_file, write_whole
+from mr360uw.base.input_files import files_read, note_read
 
 Arrays = Mapping[str, NDArray[Any]]
 

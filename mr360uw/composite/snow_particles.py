@@ -51,14 +51,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mr360uw.base.constants import PI
+from mr360uw.base.input_files import PARTICLES
 from mr360uw.caustics.gerstner import GerstnerSea, Waves
 from mr360uw.caustics.settings import Sea
 from mr360uw.composite.settings import NEAREST_M, SnowSettings
-from mr360uw.constants import PI
 from mr360uw.errors import ParameterError
 from mr360uw.jit import exact
 from mr360uw.medium.water import Water
-from mr360uw.reading.input_files import PARTICLES
 from mr360uw.types import Floats
 
 _CELL_M = 0.25

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from mr360uw.constants import (
+from mr360uw.base.constants import (
     DITHER_ALONG,
     DITHER_CONTRAST,
     DITHER_DOWN,
@@ -20,8 +20,8 @@ from mr360uw.constants import (
     DITHER_LEAST,
     DITHER_STEP,
 )
+from mr360uw.base.tile_blend import BLOCK, blend_row, find_changes, ground_line, ground_room
 from mr360uw.jit import fast, inlined
-from mr360uw.tile_blend import BLOCK, blend_row, find_changes, ground_line, ground_room
 from mr360uw.yuv.decoding import (
     ENCODE_LOW,
     ENCODE_STEP_BITS,

@@ -20,9 +20,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from mr360uw.base.parameters import common_shape, vectors
 from mr360uw.errors import ParameterError
 from mr360uw.jit import borrowing, exact, inlined
-from mr360uw.parameters import common_shape, vectors
 
 Array = NDArray[np.float64]
 

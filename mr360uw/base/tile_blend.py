@@ -22,7 +22,7 @@ Light on the ground varies slowly, and is known at the corners of blocks of pixe
 with the symbols of composite/receiver/ratio.py, and r the plate's own pattern (composite/receiver/pattern.py), 1
 without one. Each quantity is interpolated between the corners, or taken from an image of a block's pixels if there is
 one. A line is worked out where it is laid over the plate, from the plate's light that is decoded there, so that nothing
-of the ground's size is written in between (video/pixels/kernels.py); `BlockGround.lay` writes a whole tile, for what
+of the ground's size is written in between (video/plane_kernels.py); `BlockGround.lay` writes a whole tile, for what
 needs one.
 """
 

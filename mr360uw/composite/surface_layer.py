@@ -31,9 +31,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.cache import Cache, PartOf
+from mr360uw.base.cache import Cache, PartOf
+from mr360uw.base.optics import fresnel
+from mr360uw.base.sphere import smoothstep
 from mr360uw.composite.ambient.solver import AmbientLight, ambient_at, ambient_light
-from mr360uw.composite.at_surface.surface_rays import (
+from mr360uw.composite.light_sources import Blockers, LightSource, light_sources
+from mr360uw.composite.objects import FAINTEST, PlacedObject, Shot, object_presence, tops
+from mr360uw.composite.raycast import Geometry, Hits, gather
+from mr360uw.composite.sampling import pattern
+from mr360uw.composite.settings import SurfaceSettings
+from mr360uw.composite.shading import surface_radiance
+from mr360uw.composite.snow import rest_of
+from mr360uw.composite.surface_rays import (
     TURNS,
     SeenSurface,
     SurfaceSamples,
@@ -48,17 +57,8 @@ from mr360uw.composite.at_surface.surface_rays import (
     see_surface,
     surfaces_met,
 )
-from mr360uw.composite.lighting.light_sources import Blockers, LightSource, light_sources
-from mr360uw.composite.lighting.shading import surface_radiance
-from mr360uw.composite.objects import FAINTEST, PlacedObject, Shot, object_presence, tops
-from mr360uw.composite.raycast import Geometry, Hits, gather
-from mr360uw.composite.sampling import pattern
-from mr360uw.composite.settings import SurfaceSettings
-from mr360uw.composite.snow.draw import rest_of
 from mr360uw.composite.tiles import empty_tile, even_tiles, hold_out, rectangles_of_mask
 from mr360uw.ibl.lookup import environment_lookup
-from mr360uw.optics import fresnel
-from mr360uw.sphere import smoothstep
 from mr360uw.surface.ray_kernel import OFF_M
 from mr360uw.surface.sampled_sea import MovingSea, SampledSea
 from mr360uw.types import Floats, Layer, MediumTable, Rectangle, Tile

@@ -29,17 +29,17 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.cache import Cache, PartOf, Same
-from mr360uw.caustic_lookup import caustic_lookup, levels_of, soft_caustic_lookup
+from mr360uw.base.cache import Cache, PartOf, Same
+from mr360uw.base.caustic_lookup import caustic_lookup, levels_of, soft_caustic_lookup
+from mr360uw.base.constants import MINIMUM_SUN_UP
+from mr360uw.base.rays import PlacedScene, RayScene
+from mr360uw.base.sphere import basis, disc_directions, disc_offsets, effective_half_angle
 from mr360uw.composite.mesh.mesh import Mesh
 from mr360uw.composite.objects import LightSample, PlacedObject, Shot
 from mr360uw.composite.raycast import Geometry, gather, opacity_key, surfaces_along
-from mr360uw.constants import MINIMUM_SUN_UP
 from mr360uw.medium.lookup import beam_ratio, linear, optical_length, table_coordinate, unscattered_share
 from mr360uw.medium.shafts.occluders import Bodies
 from mr360uw.medium.shafts.single_scattering import nearest_m, spot_factor
-from mr360uw.rays import PlacedScene, RayScene
-from mr360uw.sphere import basis, disc_directions, disc_offsets, effective_half_angle
 from mr360uw.types import Floats, Lamp, Sun
 
 Arrival = tuple[Floats, Floats, Floats | float]

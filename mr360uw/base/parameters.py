@@ -35,7 +35,7 @@ from typing import Annotated, Union, get_origin, get_type_hints
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mr360uw.constants import MOST_LIGHT
+from mr360uw.base.constants import MOST_LIGHT
 
 FULL_TURN_DEG = 360.0
 LATEST_S = 1e6

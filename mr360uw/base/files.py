@@ -23,8 +23,8 @@ from pathlib import Path
 
 from filelock import FileLock, Timeout
 
+from mr360uw.base.input_files import json_of
 from mr360uw.errors import OutputError, OutputExistsError
-from mr360uw.reading.input_files import json_of
 
 NewFile = Callable[[Path], AbstractContextManager[Path]]
 """Opens a context with the name of an empty new file, which is renamed to the given path at its end: `whole_file`."""

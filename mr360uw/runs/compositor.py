@@ -13,11 +13,12 @@ from typing import Literal, Self
 import numpy as np
 from pydantic import NonNegativeFloat, NonNegativeInt
 
-from mr360uw.cache import Cache
-from mr360uw.constants import MOST_LIGHT
+from mr360uw.base.cache import Cache
+from mr360uw.base.constants import MOST_LIGHT
+from mr360uw.base.parameters import checked, file_path, instance, is_light, real
+from mr360uw.base.progress import Progress
+from mr360uw.base.threads import one_blas_thread, prefetch
 from mr360uw.errors import ParameterError
-from mr360uw.parameters import checked, file_path, instance, is_light, real
-from mr360uw.progress import Progress
 from mr360uw.render.backends import close_backend, make_backend
 from mr360uw.render.first_pass import ClipAnalysis, clip_analysis
 from mr360uw.render.frame import Frame, FrameShots, blend_frame, composite_frame, draw_frame, frame_shots, measure_plate
@@ -25,7 +26,6 @@ from mr360uw.render.loaded import Loaded, load
 from mr360uw.render.plate_light import LightSamples
 from mr360uw.scene.model import Scene
 from mr360uw.scene.resolved import open_plate
-from mr360uw.threads import one_blas_thread, prefetch
 from mr360uw.types import CausticStack, Environment, Floats, Layer, MediumTable, Sun
 from mr360uw.video import VideoFrame, VideoReader
 

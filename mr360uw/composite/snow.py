@@ -30,23 +30,23 @@ from typing import Any
 
 import numpy as np
 
-from mr360uw.cache import Cache, Parts, shared
+from mr360uw.base.cache import Cache, Parts, shared
+from mr360uw.base.constants import PI
+from mr360uw.base.sphere import directions, disc_directions, row_solid_angle, smoothstep
 from mr360uw.caustics.settings import Sea
 from mr360uw.composite.aovs import Aovs
-from mr360uw.composite.lighting.light_sources import LampSource, SunSource, casting_bodies, lamps_of, sun_of
-from mr360uw.composite.lighting.shading import water_ahead
+from mr360uw.composite.light_sources import LampSource, SunSource, casting_bodies, lamps_of, sun_of
 from mr360uw.composite.objects import Shot
 from mr360uw.composite.receiver.shape import plate_distance
 from mr360uw.composite.settings import NEAREST_M, SnowPhase, SnowSettings
-from mr360uw.composite.snow.particles import LEAST_COVER, Reach, orbits_of, particles_near, seen_up_to, size_classes
+from mr360uw.composite.shading import water_ahead
+from mr360uw.composite.snow_particles import LEAST_COVER, Reach, orbits_of, particles_near, seen_up_to, size_classes
 from mr360uw.composite.tiles import empty_tile
-from mr360uw.constants import PI
 from mr360uw.ibl.lookup import environment_lookup
 from mr360uw.jit import exact
 from mr360uw.medium.lookup import ambient_ratio, linear, transmittance_lookup
 from mr360uw.medium.phase import phase_function
 from mr360uw.medium.shafts.single_scattering import nearest_m
-from mr360uw.sphere import directions, disc_directions, row_solid_angle, smoothstep
 from mr360uw.types import Floats, Layer, Rectangle, Tile, View
 
 _LEAST_CONTRAST = 0.005

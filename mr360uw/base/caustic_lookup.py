@@ -19,8 +19,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from mr360uw.base.sphere import between_four
 from mr360uw.jit import exact, inlined
-from mr360uw.sphere import between_four
 from mr360uw.types import CausticStack, Floats
 
 _between_four = inlined(between_four)

@@ -269,11 +269,11 @@ def own_table(name: str) -> list[dict[str, str]]:
 
 @functools.cache
 def not_read(taken_for: str) -> dict[str, str]:
-    """Return the endings of files that are not read, with what `reading/data/unread.csv` says of them.
+    """Return the endings of files that are not read, with what `base/data/unread.csv` says of them.
 
     taken_for: "mesh", "mesh by Blender", "picture", "raw picture" or "raw video".
     """
-    rows = [row for row in own_table("reading/data/unread.csv") if row["taken_for"] == taken_for]
+    rows = [row for row in own_table("base/data/unread.csv") if row["taken_for"] == taken_for]
     return {ending: row["said"] for row in rows for ending in row["endings"].split()}
 
 

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Physical and colorimetric constants, each defined once.
 
-`gl/context.py` writes the upper-case numbers of this module into the shaders as `constants.glsl`.
+`gl/__init__.py` writes the upper-case numbers of this module into the shaders as `constants.glsl`.
 """
 
 from __future__ import annotations

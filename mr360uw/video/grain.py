@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.color import Transfer, code_range, decode, encode, rgb_from_ycbcr, ycbcr_from_rgb
+from mr360uw.base.color import Transfer, code_range, decode, encode, rgb_from_ycbcr, ycbcr_from_rgb
 from mr360uw.jit import fast, inlined
 from mr360uw.types import Floats, Rectangle, Tile, YuvImage
 
