@@ -31,8 +31,7 @@ from mr360uw.scene.resolved import eyes_of_plate, pose_of_plate, projection_note
 from mr360uw.types import Floats
 from mr360uw.video import VideoReader, open_video
 from mr360uw.video.clip import PICTURE_SUFFIXES, Projection, projection_of
-from mr360uw.video.layout import EyesSeen
-from mr360uw.video.picture_shape import ONE_PICTURE, SHOWN_PROJECTIONS, shown_projection, way_out
+from mr360uw.video.layout import ONE_PICTURE, SHOWN_PROJECTIONS, EyesSeen, shown_projection, way_out
 
 Eye = Literal["left", "right"]
 

@@ -1,5 +1,4 @@
 from .closed_form import multiple_scattering
-from .exposure import exposure_change, fit_gain, picture_change, steady_gain
 from .layers import LayeredField
 from .lookup import compress_gamut
 from .medium import MODES, Medium
@@ -15,7 +14,7 @@ from .spectra import Sensor, cameras, illuminant, reflectance
 from .transfer import LightField
 from .water import JERLOV_TYPES, Water
 from .water_by_distance import WaterByDistance
-from .waterfit import WaterFit, fit_water
+from .waterfit import WaterFit, exposure_change, fit_gain, fit_water, picture_change, steady_gain
 from .wavelengths import Bands, bands
 
 __all__ = [

@@ -13,11 +13,11 @@ from mr360uw.base.constants import REFRACTIVE_INDEX_SEA
 from mr360uw.base.parameters import Parameters, advanced, parameter
 from mr360uw.errors import ParameterError
 from mr360uw.medium.closed_form import LEAST_M, MOST_M, water_of_visibility, water_seen_as_far
-from mr360uw.medium.exposure import fit_gain
 from mr360uw.medium.medium import DEFAULT_BANDS, Medium, Mode
 from mr360uw.medium.phase import Phase, PhaseTable
 from mr360uw.medium.spectra import DEFAULT_ILLUMINANT, DEFAULT_SENSOR, named_sensor
 from mr360uw.medium.water import JerlovType, Water
+from mr360uw.medium.waterfit import fit_gain
 from mr360uw.types import Floats
 
 Place = Literal["tropical", "temperate", "harbour"]

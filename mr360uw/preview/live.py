@@ -21,9 +21,8 @@ from mr360uw.base.cache import Cache, Same
 from mr360uw.base.color import encode
 from mr360uw.base.disk_cache import CachedReads, Stamp, stamp
 from mr360uw.base.parameters import Parameters
-from mr360uw.base.progress import Progress
+from mr360uw.base.progress import Progress, one_blas_thread
 from mr360uw.base.sphere import frame_from_direction, yaw_matrix
-from mr360uw.base.threads import one_blas_thread
 from mr360uw.errors import ParameterError
 from mr360uw.jit import exact
 from mr360uw.render.backends import close_backend, make_backend

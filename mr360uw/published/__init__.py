@@ -126,7 +126,7 @@ def harmonic_irradiance(radiance: ArrayLike) -> Floats:
 #     jacobian   flux density over the Jacobian of the refraction, divided in each pixel
 #
 # They lose light where a triangle covers no pixel centre and add light where areas shrink to nothing, so their mean is
-# not 1 beyond the first fold. `hit`, `flux` and maps: as in `caustics/deposit.py`.
+# not 1 beyond the first fold. `hit`, `flux` and maps: as in `caustics/irradiance.py`.
 #
 # By scrolling two copies of one still map, the darker of which shows (Stam 1996; Monzon et al. 2022).
 

@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 
 from mr360uw.base.cache import Cache, Parts
 from mr360uw.base.color import LUMINANCE, luminance
-from mr360uw.base.progress import Progress
-from mr360uw.base.threads import one_blas_thread, prefetch
+from mr360uw.base.progress import Progress, one_blas_thread, prefetch
 from mr360uw.caustics import CausticSettings, caustic_stack
 from mr360uw.caustics.settings import Sea
 from mr360uw.composite.grading.settings import PlateGrade
@@ -28,10 +27,10 @@ from mr360uw.errors import DamagedFrameError, SceneError
 from mr360uw.ibl import SunMeasurement, SunTrack, load_track, measure_sun, track_suns
 from mr360uw.ibl.sun.track import SunSeries
 from mr360uw.medium import Medium
-from mr360uw.medium.exposure import GainSeries, MeasuredGain
 from mr360uw.medium.lookup import ambient_ratio, beam_ratio, unscattered_share
 from mr360uw.medium.open_water import DOUBTFUL, OpenWater, OpenWaterLooks, OpenWaterTrack, fit_level
 from mr360uw.medium.scattered_light import spread_of
+from mr360uw.medium.waterfit import GainSeries, MeasuredGain
 from mr360uw.plot import Figure, Shown
 from mr360uw.render.lights import direct_to_diffuse, level_view, may_be_clipped, plate_map, restored, small_picture
 from mr360uw.render.loaded import Loaded

@@ -16,7 +16,7 @@ from mr360uw.composite.motion import Motion, curve_through
 from mr360uw.errors import ParameterError
 from mr360uw.ibl import LightSettings
 from mr360uw.ibl.sun.split import CLEAR_SKY_DIRECT
-from mr360uw.ibl.sun.steady import Camera
+from mr360uw.ibl.sun.track import Camera
 from mr360uw.ibl.tilt import LevelTrack, keyed_level, level_from_gpmf
 from mr360uw.medium import Medium
 from mr360uw.medium.medium import MediumAtDepths, MixedMedium, TableAt

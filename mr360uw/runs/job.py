@@ -25,7 +25,7 @@ from typing import Any, Literal
 from mr360uw import __version__
 from mr360uw.base.cache import Cache
 from mr360uw.base.files import WrittenFiles, numbered
-from mr360uw.base.threads import Behind, one_blas_thread, prefetch
+from mr360uw.base.progress import Behind, one_blas_thread, prefetch
 from mr360uw.composite.aovs import RECIPE, exr_parts, stereo_parts
 from mr360uw.composite.aovs import Part as LayerPart
 from mr360uw.errors import GlError, ParameterError, VideoError, install_command

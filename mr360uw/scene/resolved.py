@@ -21,8 +21,7 @@ from mr360uw.scene.key_targets import KeyedParameter, Target, key_times, target_
 from mr360uw.scene.model import PlateSettings, Scene
 from mr360uw.video import VideoReader, open_video
 from mr360uw.video.clip import PICTURE_SUFFIXES, projection_of
-from mr360uw.video.layout import EyesSeen, eyes_seen
-from mr360uw.video.picture_shape import Shape, shape_of_codes, way_out
+from mr360uw.video.layout import EyesSeen, Shape, eyes_seen, shape_of_codes, way_out
 from mr360uw.video.picture_tags import read_tags
 from mr360uw.video.reader import scaled
 from mr360uw.yuv.cube_lut import CubeLut, clipped_greys

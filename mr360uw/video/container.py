@@ -37,8 +37,7 @@ from mr360uw.video.demux import (
     pictures,
     scanned_index,
 )
-from mr360uw.video.layout import Crop, Eye, Layout, output_layout, panorama_crops
-from mr360uw.video.picture_shape import shape_of_codes
+from mr360uw.video.layout import Crop, Eye, Layout, output_layout, panorama_crops, shape_of_codes
 from mr360uw.video.planes import plane_views
 from mr360uw.video.reader import Damaged, Decoder, Seeker, VideoFrame, VideoReader, check_range
 from mr360uw.video.spherical import SphericalMetadata, from_side_data, from_tag, read_spherical

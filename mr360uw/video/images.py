@@ -23,9 +23,8 @@ from mr360uw.base.parameters import is_light
 from mr360uw.errors import VideoError
 from mr360uw.video.clip import PICTURE_SUFFIXES
 from mr360uw.video.exr import Wanted
-from mr360uw.video.layout import Eye, Layout, output_layout, panorama_crops
+from mr360uw.video.layout import Eye, Layout, output_layout, panorama_crops, shape_of_codes
 from mr360uw.video.picture_file import PictureFile, picture_file
-from mr360uw.video.picture_shape import shape_of_codes
 from mr360uw.video.picture_tags import PictureTags
 from mr360uw.video.reader import VideoFrame, VideoReader, check_range
 from mr360uw.video.spherical import SphericalMetadata

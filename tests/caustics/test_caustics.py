@@ -18,8 +18,7 @@ from mr360uw.caustics import (
     refract_to_water,
     stack_depths,
 )
-from mr360uw.caustics.deposit import add_edge, deposit_exact, intensities, opened
-from mr360uw.caustics.irradiance import pass_indices
+from mr360uw.caustics.irradiance import add_edge, deposit_exact, intensities, opened, pass_indices
 from mr360uw.caustics.settings import grid_of
 from mr360uw.caustics.sun_disc import blur, disc_kernel, footprint
 from mr360uw.errors import ParameterError

@@ -15,7 +15,7 @@ from mr360uw.base.sphere import direction_from_angles, directions, unit
 from mr360uw.errors import ParameterError
 from mr360uw.ibl.report import ReportFrame, light_report
 from mr360uw.ibl.settings import parse_time, refraction, sun_angles
-from mr360uw.ibl.sun.steady import smooth
+from mr360uw.ibl.sun.track import smooth
 from mr360uw.ibl.tilt import keyed_level, level_from_gpmf, level_matrix, roll_pitch, streams
 from mr360uw.types import Sun
 from tests.gpmf import payloads, tilted_up

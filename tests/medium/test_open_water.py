@@ -9,8 +9,8 @@ import pytest
 from mr360uw.base.color import encode
 from mr360uw.base.sphere import directions
 from mr360uw.medium import Medium, Water
-from mr360uw.medium.exposure import fit_gain
 from mr360uw.medium.open_water import COLUMNS, FINER, ROWS, OpenWater, OpenWaterLooks, filled, open_water, row_up
+from mr360uw.medium.waterfit import fit_gain
 from tests.medium.tolerances import FILLED, OPEN_WATER_CODES
 
 DEPTH = 8.0

@@ -15,11 +15,11 @@ import mr360uw as uw
 from mr360uw.base.color import decode, encode, luminance
 from mr360uw.base.sphere import directions
 from mr360uw.medium import Medium, Water, exposure_change, picture_change, steady_gain
-from mr360uw.medium.exposure import GainSeries, MeasuredGain
 from mr360uw.medium.open_water import ROWS, SECTORS, fit_level, row_up
 from mr360uw.medium.scattered_light import typical_level
 from mr360uw.medium.spectra import named_sensor
 from mr360uw.medium.water import JerlovType
+from mr360uw.medium.waterfit import GainSeries, MeasuredGain
 from mr360uw.render.first_pass import ClipAnalysis, first_pass
 from mr360uw.render.lights import level_view
 from mr360uw.render.surroundings import load_surroundings

@@ -11,7 +11,7 @@ import trimesh
 
 from mr360uw.errors import VideoError
 from mr360uw.video import open_video
-from mr360uw.video.picture_shape import Shape, picture_shape, way_out
+from mr360uw.video.layout import Shape, picture_shape, way_out
 from tests.video.other_projections import dual_fisheye, eac_row, equirectangular, fisheye, world, write_tracks
 
 SIZE = 128
