@@ -71,7 +71,6 @@ EXTRAS = {
     "farm": ("distributed",),
     "gltf": ("DracoPy", "meshopt"),
     "notebook": ("ipywidgets", "tomlkit"),
-    "ocio": ("opencolorio",),
     "plot": ("matplotlib",),
     "track": ("pycolmap",),
     "tune": ("nicegui", "tomlkit"),

@@ -193,9 +193,8 @@ def test_the_ground_floor_stands_on_numpy_alone() -> None:
         },
     }
     yuv = {
-        ROOT / "yuv" / "cube_lut.py": {"hashlib", "itertools"},
         ROOT / "yuv" / "file_profile.py": {"hashlib", "struct"},
-        ROOT / "yuv" / "ocio_transform.py": {"PyOpenColorIO"},
+        ROOT / "yuv" / "ocio_transform.py": {"PyOpenColorIO", "re", "tempfile"},
     }
     for name in GROUND:
         for path in (ROOT / name).rglob("*.py") if (ROOT / name).is_dir() else [ROOT / f"{name}.py"]:

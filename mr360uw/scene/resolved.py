@@ -24,8 +24,7 @@ from mr360uw.video.clip import PICTURE_SUFFIXES, projection_of
 from mr360uw.video.layout import EyesSeen, Shape, eyes_seen, shape_of_codes, way_out
 from mr360uw.video.picture_tags import read_tags
 from mr360uw.video.reader import scaled
-from mr360uw.yuv.cube_lut import CubeLut, clipped_greys
-from mr360uw.yuv.ocio_transform import ocio_mapping
+from mr360uw.yuv.ocio_transform import CubeMapping, cube_mapping, ocio_mapping
 
 
 def open_plate(scene: Scene) -> VideoReader:
@@ -58,7 +57,7 @@ def pose_of_plate(plate: PlateSettings) -> tuple[float, float, float]:
 
 def _clipping(plate: PlateSettings, mapping: PlateMapping) -> tuple[str, ...]:
     """Return a note where the table of a plate shows many values as one light."""
-    found = clipped_greys(mapping) if isinstance(mapping, CubeLut) else ""
+    found = mapping.clipped_greys if isinstance(mapping, CubeMapping) else ""
     note = f"{plate.lut} - clips greys {found}: what is drawn as bright or as dark gets the nearest value"
     return (note,) if found else ()
 
@@ -66,9 +65,7 @@ def _clipping(plate: PlateSettings, mapping: PlateMapping) -> tuple[str, ...]:
 def _mapping(plate: PlateSettings) -> PlateMapping | None:
     """Return the table or the colour spaces that a plate is read through, None where it has a curve."""
     if plate.lut is not None:
-        from mr360uw.yuv.cube_lut import read_cube
-
-        return read_cube(plate.lut, plate.lut_to, plate.levels)
+        return cube_mapping(plate.lut, plate.lut_to, plate.levels)
     return None if plate.ocio is None else ocio_mapping(plate.ocio, plate.levels)
 
 

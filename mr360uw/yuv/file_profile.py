@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.base.color import REC709_XY, PlateMapping, encode, rec709_from_chromaticities, rec709_from_xyz
-from mr360uw.yuv.cube_lut import LutTable
+from mr360uw.yuv.ocio_transform import Lattice
 
 Array = NDArray[np.float64]
 
@@ -238,20 +238,20 @@ _CURVE_NODES = 4096
 class TableProfile:
     """The map of a profile's tables; see `color.PlateMapping`.
 
-    digest: of the profile. first: curves of the values. steps: what follows, to linear Rec.709. light: (33, 33, 33, 3)
-    the light of a grid behind the first curves, as sRGB, by which values are looked for.
+    digest: of the profile. first: curves (n, 3) of the values. steps: what follows, to linear Rec.709. light: that of a
+    grid of 33 x 33 x 33 behind the first curves, as sRGB, by which values are looked for.
     """
 
     digest: str
-    first: LutTable = field(compare=False)
+    first: Array = field(compare=False)
     steps: tuple[Curve, ...] = field(compare=False)
-    light: LutTable = field(compare=False)
+    light: Lattice = field(compare=False)
     on_file_codes: bool = False
     is_wide: bool = False
 
     def to_light(self, values: NDArray[Any]) -> Array:
         """Return the linear Rec.709 light (..., 3) of values (..., 3)."""
-        found = self.first.forward(np.asarray(values, np.float64).reshape(-1, 3))
+        found = _table(self.first)(np.asarray(values, np.float64).reshape(-1, 3))
         return _followed(self.steps, found).reshape(values.shape)
 
     def to_values(self, light: NDArray[Any]) -> Array:
@@ -261,7 +261,10 @@ class TableProfile:
         for _ in range(_CORRECTIONS):
             found = self.light.inverse(about)
             about = about + wanted - encode(_followed(self.steps, found), "srgb")
-        return self.first.inverse(self.light.inverse(about)).reshape(light.shape)
+        found = self.light.inverse(about)
+        axis, rising = np.linspace(0.0, 1.0, len(self.first)), np.maximum.accumulate(self.first)
+        values = np.stack([np.interp(found[:, c], rising[:, c], axis) for c in range(3)], axis=-1)
+        return values.reshape(light.shape)
 
 
 def _followed(steps: Sequence[Curve], values: Array) -> Array:
@@ -292,13 +295,7 @@ def table_profile(data: bytes, tags: Mapping[bytes, bytes], curve: Callable[[byt
     light = np.asarray(encode(_followed(steps, grid.reshape(-1, 3)).reshape(grid.shape), "srgb"), np.float64)
     if not np.all(np.isfinite(light)):
         raise ValueError("a broken profile")
-    unit = np.zeros(3), np.ones(3)
-    return TableProfile(
-        hashlib.sha256(data).hexdigest(),
-        LutTable(first, *unit),
-        tuple(steps),
-        LutTable(np.ascontiguousarray(light), *unit),
-    )
+    return TableProfile(hashlib.sha256(data).hexdigest(), first, tuple(steps), Lattice(light))
 
 
 def _plain(tag: bytes) -> tuple[Array, list[Curve]]:
@@ -347,7 +344,10 @@ def _curves(tag: bytes, place: int, curve: Callable[[bytes], Curve]) -> Curve:
 
 def _table(values: Array) -> Curve:
     """Return the function of a table (n, 3) or (n, n, n, 3) over [0, 1]."""
-    return LutTable(np.ascontiguousarray(values, np.float64), np.zeros(3), np.ones(3)).forward
+    if values.ndim == 4:
+        return Lattice(values).forward
+    axis = np.linspace(0.0, 1.0, len(values))
+    return lambda x: np.stack([np.interp(x[:, c], axis, values[:, c]) for c in range(3)], axis=-1)
 
 
 def _xyz_of_lab(values: Array, *, old: bool) -> Array:

@@ -1,25 +1,29 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Plates read through OpenColorIO: from a colour space of a config to the toolkit's linear Rec.709, and back.
+"""Plates read through OpenColorIO: by a colour space of a config or a table (.cube), to linear Rec.709 and back.
 
-Both ways are OpenColorIO's own processors, on the CPU, without the approximations that it offers for speed.
+Both ways are OpenColorIO's own processors, on the CPU, without the approximations that it offers for speed. They
+compute in single precision. Cubes are interpolated by tetrahedra, and the inverse is that of the interpolated table.
+Values outside of a table's domain are held at its edge.
 """
 
 from __future__ import annotations
 
 import functools
+import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import field_validator
 
-from mr360uw.base.color import Levels
-from mr360uw.base.input_files import DATA, unreadable
+from mr360uw.base.color import DisplayTransfer, Levels, decode, encode
+from mr360uw.base.input_files import DATA, read_text, unreadable
 from mr360uw.base.parameters import Parameters, advanced
-from mr360uw.errors import ParameterError, VideoError, install_command
+from mr360uw.errors import ParameterError, VideoError
 
 _BUILT_IN = "ocio://"
 _GRID = 17
@@ -70,16 +74,13 @@ class OcioMapping:
         return self._through(light, self.working, self.source)
 
     def _through(self, values: NDArray[Any], source: str, target: str) -> NDArray[Any]:
-        pixels = np.array(values, np.float32, order="C").reshape(-1, 3)
-        _processor(self.config, self.identity, source, target).applyRGB(pixels)
-        return pixels.reshape(values.shape)
+        return _applied(_processor(self.config, self.identity, source, target), values)
 
 
 def ocio_mapping(settings: OcioSettings, levels: Levels) -> OcioMapping:
     """Return the mapping of some settings, tried both ways.
 
-    ParameterError where OpenColorIO is not installed or the config has no such colour space; VideoError where the
-    config cannot be read.
+    ParameterError where the config has no such colour space; VideoError where it cannot be read.
     """
     name = str(settings.config)
     config = _config(name)
@@ -171,11 +172,137 @@ def _config(name: str) -> Any:
         ) from error
 
 
+def _applied(processor: Any, values: NDArray[Any]) -> NDArray[np.float32]:
+    """Return what a processor makes of values (..., 3)."""
+    pixels = np.array(values, np.float32, order="C").reshape(-1, 3)
+    processor.applyRGB(pixels)
+    return pixels.reshape(values.shape)
+
+
 def _library() -> Any:
-    try:
-        import PyOpenColorIO
-    except ImportError as error:
-        raise ParameterError(
-            f"plate.ocio - needs OpenColorIO, which is not installed - {install_command('ocio')}"
-        ) from error
+    import PyOpenColorIO  # not before a plate asks for it
+
     return PyOpenColorIO
+
+
+# --- Tables ---------------------------------------------------------------------------------------------------------
+
+_CELLS = 64
+"""Steps of each channel, from 0 to 1, at which a table is turned around: each of a table of 65 or 33 vertices."""
+_CLIPPED = 1e-6
+"""Distance from the largest and the smallest value of a table, of its range, at which it clips; files have 6 digits."""
+_MOST_LOST = 1e-3
+"""Most values, of those that are not clipped, that may come back as others of the same light: beside clipped ones a few
+do in tables of cameras (7e-5 of them), in one that folds back at a single one of 5 x 5 x 5 vertices 0.026."""
+
+
+@dataclass(frozen=True)
+class CubeMapping:
+    """The mapping of a .cube table; made by `cube_mapping`; see `color.PlateMapping`.
+
+    text: of the file. to: encoding of what comes out, Rec.709. on_file_codes: whether values are codes over full scale.
+    """
+
+    text: str = field(repr=False)
+    to: DisplayTransfer
+    on_file_codes: bool
+    is_wide: bool = True
+
+    def to_light(self, values: NDArray[Any]) -> NDArray[Any]:
+        """Return the linear Rec.709 light (..., 3) of values (..., 3)."""
+        return np.asarray(decode(_applied(_cube_processor(self.text, inverse=False), values), self.to))
+
+    def to_values(self, light: NDArray[Any]) -> NDArray[Any]:
+        """Return the values (..., 3) of linear Rec.709 light (..., 3), the closest of light that no value has."""
+        return _applied(_cube_processor(self.text, inverse=True), np.asarray(encode(light, self.to)))
+
+    @property
+    def clipped_greys(self) -> str:
+        """The ranges of grey from 0 to 1 that the table clips to black or white, in words; "" where it clips none."""
+        grey = np.linspace(0.0, 1.0, 1001)  # for a note of three digits
+        shown = _applied(_cube_processor(self.text, inverse=False), np.repeat(grey[:, None], 3, axis=1))
+        black, white = np.all(shown <= shown[0], axis=1), np.all(shown >= shown[-1], axis=1)
+        below, above = grey[black][-1], grey[white][0]
+        return " and ".join([f"below {below:.3g}"] * int(below > 0.0) + [f"above {above:.3g}"] * int(above < 1.0))
+
+
+def cube_mapping(path: Path, to: DisplayTransfer, levels: Levels) -> CubeMapping:
+    """Return the mapping of a .cube file, tried both ways; VideoError where it is damaged or cannot be turned around.
+
+    to: encoding of its output. levels: "video": its input is 0 at black and 1 at white; "data": 1 is full scale.
+    """
+    mapping = CubeMapping(read_text(path, VideoError), to, levels == "data")
+    try:
+        forward, inverse = (_cube_processor(mapping.text, inverse=turned) for turned in (False, True))
+    except _library().Exception as error:
+        reason = "; ".join(dict.fromkeys(_reasons(str(error))))
+        raise VideoError(f"{path} - is no .cube table that can be read (got {reason}) - export it again") from error
+    # Find where values come back as others, though the table does not clip them
+    steps = np.linspace(0.0, 1.0, _CELLS + 1)
+    values = np.stack(np.meshgrid(steps, steps, steps, indexing="ij"), axis=-1).reshape(-1, 3)
+    shown = _applied(forward, values)
+    low, high = shown.min(axis=0), shown.max(axis=0)
+    if not np.all(np.isfinite(shown)):
+        raise VideoError(f"{path} - holds values that are no numbers (got NaN or infinity) - export it again")
+    margin = _CLIPPED * (high - low)
+    inside = np.all((shown > low + margin) & (shown < high - margin), axis=1)
+    lost = inside & (np.max(np.abs(_applied(inverse, shown) - values), axis=1) > _LARGEST_LOSS)
+    rises = np.all(shown[-1] > shown[0])
+    if np.any(inside) and rises and lost.sum() <= _MOST_LOST * inside.sum():
+        return mapping
+    wrong = values[lost] if np.any(lost) and rises else values
+    ends = zip("RGB", wrong.min(axis=0), wrong.max(axis=0), strict=True)
+    region = ", ".join(f"{name} {low:.3g} to {high:.3g}" for name, low, high in ends)
+    raise VideoError(
+        f"{path} - cannot be turned around: different values become one, or white is not above black (got it at input "
+        f"{region}) - light could not be written as the plate's codes; take a table that is technical rather than a "
+        "creative look, or name plate.transfer"
+    )
+
+
+def _reasons(told: str) -> list[str]:
+    """Return why OpenColorIO's readers of .cube files refuse one."""
+    found = re.findall(r"failed with: .*?\(.*?\)\.\s*(.+?)(?=\s*'\w+' failed with|\s*$)", " ".join(told.split()))
+    return [reason.rstrip(". ") for reason in found] or [told[:120]]
+
+
+@functools.lru_cache(maxsize=8)
+def _cube_processor(text: str, *, inverse: bool) -> Any:
+    """Return OpenColorIO's processor of a table, from its input to its output or back."""
+    ocio = _library()
+    with TemporaryDirectory() as folder:  # it reads files, and remembers them by their names
+        file = Path(folder, "table.cube")
+        file.write_text(text, "utf-8")
+        transform = ocio.FileTransform(str(file), interpolation=ocio.INTERP_BEST)
+        return _processor_of(transform, inverse=inverse)
+
+
+@functools.lru_cache(maxsize=1)
+def _no_config() -> Any:
+    return _library().Config.CreateRaw()
+
+
+def _processor_of(transform: Any, *, inverse: bool) -> Any:
+    ocio = _library()
+    direction = ocio.TRANSFORM_DIR_INVERSE if inverse else ocio.TRANSFORM_DIR_FORWARD
+    made = _no_config().getProcessor(transform, direction)
+    return made.getOptimizedCPUProcessor(ocio.OPTIMIZATION_LOSSLESS)
+
+
+class Lattice:
+    """A table (n, n, n, 3) of a function of three channels from 0 to 1, read by tetrahedra, and its inverse."""
+
+    def __init__(self, table: NDArray[Any]) -> None:
+        ocio = _library()
+        transform = ocio.Lut3DTransform(len(table))
+        transform.setInterpolation(ocio.INTERP_TETRAHEDRAL)
+        transform.setData(np.ascontiguousarray(table, np.float32).ravel())
+        self._forward, self._inverse = (_processor_of(transform, inverse=turned) for turned in (False, True))
+
+    def forward(self, values: NDArray[Any]) -> NDArray[Any]:
+        """Return the function's values (m, 3) at (m, 3)."""
+        return _applied(self._forward, values)
+
+    def inverse(self, wanted: NDArray[Any]) -> NDArray[Any]:
+        """Return where (m, 3) the function has the values wanted (m, 3), or the closest that it has."""
+        return _applied(self._inverse, wanted)

@@ -152,7 +152,6 @@ colorspaces:
 
 
 def test_colour_spaces_come_back(bench: Bench) -> None:
-    pytest.importorskip("PyOpenColorIO", reason="needs the extra ocio")
     bench.put("a.ocio", CONFIG)
     if os.name == "posix":
         (bench.folder / "endless.cube").symlink_to("/dev/zero")

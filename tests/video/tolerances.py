@@ -50,6 +50,8 @@ VIDEO_SHARED_EXPONENT = 1 / 128
 VIDEO_LUT = 1e-4
 """Values through a lookup table and back, and light of a table against the formula that it samples: planes are decoded
 in single precision, and colour-science's text has seven digits."""
+VIDEO_LUT_LINE = 2.5e-7
+"""Values of 0 to 1 through a table that is a line: OpenColorIO computes in single precision, 2 steps of 1.2e-7."""
 VIDEO_LUT_CODES = 1
 """Codes of a body by a table and by the curve that it samples: the dither meets values that differ by VIDEO_LUT."""
 VIDEO_OCIO = 5e-3
