@@ -409,8 +409,8 @@ def _write(change: Any, haze: Any, least: Any, ratio: Any, veil: Any) -> None:
 def _take_images(rows: Any, b: int, j: int, n: int, images: Any) -> None:
     """Set a row of block b, the n-th of all, to row j of those images that it has.
 
-    rows: channels of `BlockLight.corner`, weight of the change, waves and added light. images: `PixelImages` of free,
-    seen, waves, shape and added.
+    rows: channels of `BlockIrradiance.corner`, weight of the change, waves and added light. images: `PixelImages` of
+    free, seen, waves, shape and added.
     """
     (line, weight, waves_row, added_row), (free_, seen_, waves_, shape_, added_) = rows, images
     # Find the numbers of its images, then take those that there are

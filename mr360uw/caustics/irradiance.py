@@ -141,7 +141,7 @@ def caustic_map(
     instance("sea", sea, SeaParameters, "make a GerstnerSea or a SpectralSea")
     sun = check_arguments(sun_direction_in_air, [depth_m], size, grid, refractive_index, sun_half_angle_rad)
     surface = sea.grid_surface(grid, 0.0 if method == "scrolling" else time_s)
-    light = SurfaceLight(sea, surface, sun, refractive_index)
+    light = RefractedBeam(sea, surface, sun, refractive_index)
     ratio = light.on_plane(depth_m, size, sun_half_angle_rad, method, np.zeros(2))
     return _scrolled(ratio, sea, time_s) if method == "scrolling" else ratio
 
@@ -210,7 +210,7 @@ def caustic_stack(
     indices = pass_indices(s.chromatic, refractive_index)
     maps = np.zeros((len(depths), s.size, s.size, len(indices)))
     soft = np.zeros((len(depths), s.size, s.size, 1)) if is_soft(spread, depths[-1], sun_in_water) else None
-    lights = [SurfaceLight(sea, surface, sun, index) for index in indices]
+    lights = [RefractedBeam(sea, surface, sun, index) for index in indices]
 
     def draw(number: int) -> None:
         plane, channel = divmod(number, len(lights))
@@ -294,7 +294,7 @@ def wrapped(values: Floats, period: float, columns: tuple[int, int]) -> Floats:
     return out
 
 
-class SurfaceLight:
+class RefractedBeam:
     """Light of one sun (3,) in air below a surface of the whole tile, (N, N): origin and slope (N, N, 2) of its
     `refracted_rays`, and the flux (N, N, 2) of its cells.
     """

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from mr360uw.base.cache import shared
 from mr360uw.base.optics import into_water
-from mr360uw.caustics.irradiance import STEEPEST_RAY, SurfaceLight, caustic_stack, pass_indices
+from mr360uw.caustics.irradiance import STEEPEST_RAY, RefractedBeam, caustic_stack, pass_indices
 from mr360uw.caustics.settings import CausticSettings, Sea, cells_across, grid_of
 from mr360uw.caustics.sun_disc import (
     GAUSSIAN_STEP,
@@ -163,9 +163,9 @@ class _Cells:
         return spectrum
 
     @functools.cached_property
-    def _covered(self) -> SurfaceLight:
+    def _covered(self) -> RefractedBeam:
         surface = self.sea.grid_surface(grid_of(self.settings, self.sea), self.time_s)
-        return SurfaceLight(self.sea, surface, self.sun, self.refractive_index)
+        return RefractedBeam(self.sea, surface, self.sun, self.refractive_index)
 
 
 def _inverse(spectrum: NDArray[np.complex64], out: Floats32) -> None:

@@ -46,7 +46,7 @@ Mask = NDArray[np.bool_]
 
 
 def with_shafts(
-    shot: Shot, light: ShaftLight, layer: Layer, variables: Aovs | None, cache: Cache
+    shot: Shot, light: ShaftInput, layer: Layer, variables: Aovs | None, cache: Cache
 ) -> tuple[Layer, Aovs | None]:
     """Return a shot's layer and output variables with the light in the water. cache: holds what does not change."""
     before, behind = light.scenes(shot, cache)
@@ -60,7 +60,7 @@ def with_shafts(
 
 
 def _before_objects(
-    shot: Shot, light: ShaftLight, scene: ShaftScene, tiles: tuple[Tile, ...], cache: Cache
+    shot: Shot, light: ShaftInput, scene: ShaftScene, tiles: tuple[Tile, ...], cache: Cache
 ) -> tuple[Tile, ...]:
     covered = [tile.alpha > 0.0 for tile in tiles]
     pixels = [np.nonzero(where) for where in covered]
@@ -78,7 +78,7 @@ def _before_objects(
 
 
 def _added(
-    shot: Shot, light: ShaftLight, scene: ShaftScene, ends: NDArray[np.float32], cache: Cache
+    shot: Shot, light: ShaftInput, scene: ShaftScene, ends: NDArray[np.float32], cache: Cache
 ) -> NDArray[np.float32]:
     """Return what lies before objects (n, 3), times strength. ends: (3, n) column, row and distance [m] of each."""
     settings = light.settings
@@ -109,7 +109,7 @@ _BLOCKS = 512
 """Blocks around the horizon in wide frames, as many as the columns of the default grid before the plate."""
 
 
-def before_plate(shot: Shot, light: ShaftLight, scene: ShaftScene, layer: Layer, cache: Cache) -> Layer:
+def before_plate(shot: Shot, light: ShaftInput, scene: ShaftScene, layer: Layer, cache: Cache) -> Layer:
     """Return a layer with `Tile.shafts` of a scene of the water before the plate, and tiles where it has none yet.
 
     cache: holds what does not change from frame to frame.
@@ -148,7 +148,7 @@ def before_plate(shot: Shot, light: ShaftLight, scene: ShaftScene, layer: Layer,
 
 
 def _in_blocks(
-    shot: Shot, light: ShaftLight, part: ShaftScene, marked: Mask, cache: Cache
+    shot: Shot, light: ShaftInput, part: ShaftScene, marked: Mask, cache: Cache
 ) -> tuple[NDArray[np.float32], int]:
     """Return what one kind of light changes in blocks of side x side pixels (rows, columns, 3), and the side.
 
@@ -206,7 +206,7 @@ def _change_in_blocks(
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ShaftLight(Parts):
+class ShaftInput(Parts):
     """Water, waves and settings of shafts.
 
     medium: of the shot's depth. caustics: of its sun, from the camera's depth to the objects'; None without waves.

@@ -18,7 +18,7 @@ from mr360uw.base.constants import BRIGHTEST_LOG, GAMUT_POWER, GAMUT_THRESHOLD
 from mr360uw.base.disk_cache import kept_arrays
 from mr360uw.base.parameters import vectors
 from mr360uw.base.sphere import between_four
-from mr360uw.medium.models import FieldModel, OneLight, SpectralModel
+from mr360uw.medium.models import FieldModel, SpectralModel, UndirectedModel
 from mr360uw.medium.wavelengths import Bands
 from mr360uw.types import Array, Floats, MediumTable
 
@@ -116,7 +116,7 @@ def unscattered_share(table: MediumTable, depth_m: ArrayLike, sun_up: float) -> 
     return np.exp(np.minimum(path_attenuation(table, table.beam, depth_m, sun_up) - lost, 0.0))
 
 
-# `BandLight` is the light of a spectral model in the linear RGB of a sensor. Ratios of light (transmittance, daylight
+# `BandModel` is the light of a spectral model in the linear RGB of a sensor. Ratios of light (transmittance, daylight
 # over depth, the sun's beam) are computed as logarithms of sums over wavelength with the non-negative weights
 # `Bands.lobes`, so that they stay finite and positive however dark the water is.
 #
@@ -163,7 +163,7 @@ def normal_nodes() -> Array:
 
 
 def medium_table(
-    light: BandLight,
+    light: BandModel,
     camera_depth_m: float,
     length_m: float,
     unit_veil: UnitVeil,
@@ -214,13 +214,13 @@ def _veil(unit_veil: UnitVeil, camera_depth_m: float, length_m: float) -> Array:
     return smooth(inside) + beyond[..., None] * np.where((beyond > 0.0)[..., None], slope, 0.0)
 
 
-def _attenuation(light: BandLight, length_m: float) -> Array:
+def _attenuation(light: BandModel, length_m: float) -> Array:
     depth = np.minimum(lengths(ATTENUATION_SIZE[0], length_m), light.deepest_m)[:, None]
     s = np.maximum(lengths(ATTENUATION_SIZE[1], length_m), STEP * length_m)[None, :]
     return -light.transmittance_log(s, depth) / s[..., None]
 
 
-def _diffuse(light: BandLight, camera: float, length_m: float) -> Array:
+def _diffuse(light: BandModel, camera: float, length_m: float) -> Array:
     depth, normal = depth_nodes(length_m, light.deepest_m), normal_nodes()[:, None]
     lobes = light.bands.lobes
     here = light.model.irradiance(camera, normal[:, 0]) @ lobes
@@ -242,7 +242,7 @@ def diffuse_table(light: Array, here: Array, depth_m: Array, camera_m: float) ->
     return np.asarray(table)
 
 
-def _along_beam(light: BandLight, extinction: Array, length_m: float) -> Array:
+def _along_beam(light: BandModel, extinction: Array, length_m: float) -> Array:
     path = np.maximum(lengths(DEPTH_SIZE, length_m), STEP * length_m)
     return -light.beam_log(path, extinction) / path[:, None]
 
@@ -265,7 +265,7 @@ _LEAST_LIGHT = 1e-250
 """Irradiance at `deepest_m`, far enough above `_LEAST` that products of it with a transmittance do not reach that."""
 
 
-class BandLight:
+class BandModel:
     """A model at the wavelengths of a sensor's bands."""
 
     def __init__(self, model: SpectralModel, bands: Bands) -> None:
@@ -321,7 +321,7 @@ _WHOLE = 1.0 - 1e-4
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class FormationModel(OneLight):
+class FormationModel(UndirectedModel):
     """The image formation model I = J exp(-beta_D z) + B (1 - exp(-beta_B z)), one constant per channel.
 
     extinction: beta_D, backscatter: beta_B [1/m], veil: B, all (3,). Koschmieder 1924 has beta_D = beta_B; Akkaynak &
@@ -342,7 +342,7 @@ class FormationModel(OneLight):
         return np.broadcast_to(self.veil, (*shape, 3))
 
 
-def fitted_formation(solved: BandLight, camera_depth_m: float, *, one_attenuation: bool) -> FormationModel:
+def fitted_formation(solved: BandModel, camera_depth_m: float, *, one_attenuation: bool) -> FormationModel:
     """Return the constants that agree with a solved field on a level ray of one fading length at the camera's depth.
 
     one_attenuation: beta_B = beta_D (Koschmieder), else beta_B is fitted to the veil.

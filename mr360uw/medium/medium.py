@@ -21,7 +21,7 @@ from mr360uw.base.parameters import checked, common_shape, exactly, instance, nu
 from mr360uw.base.progress import one_blas_thread
 from mr360uw.errors import ParameterError
 from mr360uw.medium.closed_form import CONTRAST_LENGTHS, check_ray, ray_in_water, visibility_m
-from mr360uw.medium.lookup import BandLight, FormationModel, fitted_formation, lengths, medium_table
+from mr360uw.medium.lookup import BandModel, FormationModel, fitted_formation, lengths, medium_table
 from mr360uw.medium.models import CLOSED_FORMS, SpectralMode, SpectralModel, spectral_model
 from mr360uw.medium.ray_field import LambertFloor, Sky, SurfaceKind
 from mr360uw.medium.spectra import DEFAULT_ILLUMINANT, Sensor, checked_sensor
@@ -139,7 +139,7 @@ class Medium:
             return self.formation
         if self.mode in _FORMATIONS:
             bands = self._spectral_bands()
-            solved = BandLight(self.model_at(bands.wavelength_nm, "table"), bands)
+            solved = BandModel(self.model_at(bands.wavelength_nm, "table"), bands)
             return fitted_formation(solved, self.camera_depth_m, one_attenuation=self.mode == "koschmieder")
         return self.model_at(self.bands.wavelength_nm, _SPECTRAL[self.mode])
 
@@ -152,9 +152,9 @@ class Medium:
         )  # fmt: skip
 
     @functools.cached_property
-    def light(self) -> BandLight:
+    def light(self) -> BandModel:
         """The model's light in the sensor's RGB, without gain."""
-        return BandLight(self.model, self.bands)
+        return BandModel(self.model, self.bands)
 
     @functools.cached_property
     def length_m(self) -> float:

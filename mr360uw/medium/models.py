@@ -54,7 +54,7 @@ class SpectralModel(Protocol):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class OneLight:
+class UndirectedModel:
     """Light of one kind, which has no direction: what closed forms and fitted formations have in common.
 
     extinction: (n,) [1/m] of objects and beams; nothing that has been scattered is in it. diffuse: (n,) [1/m] by which
@@ -81,7 +81,7 @@ class OneLight:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class KdModel(OneLight):
+class KdModel(UndirectedModel):
     """Isotropic scattering b (n,) of an irradiance that falls off as exp(-Kd y).
 
     factor: 1 as published (Monzon et al. 2022); Gershun's for `kd+`, see `gershun_factor`.

@@ -25,7 +25,7 @@ from mr360uw.ibl.sun.detect import tracked_in_words
 from mr360uw.render.backends import Backend, make_backend
 from mr360uw.render.first_pass import ClipAnalysis, first_pass
 from mr360uw.render.frame import composite_frame
-from mr360uw.render.lights import LightReader
+from mr360uw.render.lights import EnvironmentReader
 from mr360uw.render.loaded import Loaded, load, load_plate_depth
 from mr360uw.render.match_stage import clip_colour, clip_grade
 from mr360uw.render.mattes import Mattes, ReceiverClip
@@ -187,7 +187,7 @@ def scene_sun_lines(loaded: Loaded, video: VideoReader, analysis: ClipAnalysis, 
     return sun_lines(light, frame.graded_by(clip_colour(loaded, analysis.grade)), analysis)
 
 
-def sun_lines(light: LightReader, frame: VideoFrame, analysis: ClipAnalysis) -> list[str]:
+def sun_lines(light: EnvironmentReader, frame: VideoFrame, analysis: ClipAnalysis) -> list[str]:
     """Return a line on the sun in a frame, and one on that of the clip's track there, if the clip was measured."""
     place = f"frame {frame.index}" if frame.index else "first frame"
     lines = [f"light     {place}: {light.sun_found(frame.pixels, frame.time_s).words}"]

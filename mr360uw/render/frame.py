@@ -43,7 +43,7 @@ from mr360uw.video import VideoFrame
 
 if TYPE_CHECKING:
     from mr360uw.composite.receiver.blocks import Prepared
-    from mr360uw.composite.shafts import ShaftLight
+    from mr360uw.composite.shafts import ShaftInput
     from mr360uw.depth.occlusion import PlateSurfaces
 
 T = TypeVar("T")
@@ -111,7 +111,7 @@ class Instant:
     time_s: float
     now: Loaded
     shot: Shot
-    shafts: ShaftLight | None
+    shafts: ShaftInput | None
     exposure_s: float
     prepared: Prepared | None
 
@@ -299,7 +299,7 @@ def shot_at(
     return replace(shot, caustics=_caustics(loaded, backend, shot, depths.settings, depths.planes(shot), time_s, cache))
 
 
-def shafts_of(loaded: Loaded, backend: Backend, shot: Shot, time_s: float, cache: Cache) -> ShaftLight | None:
+def shafts_of(loaded: Loaded, backend: Backend, shot: Shot, time_s: float, cache: Cache) -> ShaftInput | None:
     """Return what the shafts of a shot depend on beside it; None where none show, or the camera is not below.
 
     cache: holds caustics of the same backend.
@@ -308,15 +308,15 @@ def shafts_of(loaded: Loaded, backend: Backend, shot: Shot, time_s: float, cache
     camera_m = shot.view.surface_y_m - float(shot.view.position[1])
     if not loaded.plan.shafts.runs or medium is None or camera_m < 0.0:
         return None
-    from mr360uw.composite.shafts import ShaftLight, shafts_show
+    from mr360uw.composite.shafts import ShaftInput, shafts_show
 
     waves, bodies = shafts_show(shot, settings, medium)
     if shot.caustics is None or not waves:
-        return ShaftLight(settings, medium) if bodies or lamps_of(shot) else None
+        return ShaftInput(settings, medium) if bodies or lamps_of(shot) else None
     depths = loaded.caustic_depths
     deepest_m = camera_m + min(settings.range_m, _DEEPER * medium.length_m) if settings.on_plate else 0.0
     planes = depths.water_planes(shot, deepest_m)
-    return ShaftLight(settings, medium, _caustics(loaded, backend, shot, depths.of_water, planes, time_s, cache))
+    return ShaftInput(settings, medium, _caustics(loaded, backend, shot, depths.of_water, planes, time_s, cache))
 
 
 def _caustics(
@@ -338,7 +338,7 @@ def _caustics(
 
 
 def draw_layer(
-    backend: Backend, shot: Shot, prepared: Prepared | None, shafts: ShaftLight | None, variables: bool, cache: Cache
+    backend: Backend, shot: Shot, prepared: Prepared | None, shafts: ShaftInput | None, variables: bool, cache: Cache
 ) -> tuple[Layer, Aovs | None]:
     """Return the layer of a shot, with its shafts, and its output variables if asked for."""
     layer, found = backend.layer(shot, prepared, variables=variables)

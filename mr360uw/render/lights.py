@@ -191,7 +191,7 @@ def _clearness(table: MediumTable) -> float:
     return float(np.clip(luminance(1.0 / ambient_ratio(table, 0.0)), 0.0, 1.0)) ** _THIN_POWER
 
 
-class LightReader:
+class EnvironmentReader:
     """Measures the light of frames by a scene's `[light]` settings. table: of its water, or None. camera_at: position
     and rotation of the camera at a time.
 

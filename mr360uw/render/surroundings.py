@@ -23,7 +23,7 @@ from mr360uw.medium.medium import MediumAtDepths, MixedMedium, TableAt
 from mr360uw.medium.open_water import OpenWater, open_water
 from mr360uw.medium.scattered_light import around_sun, placed, typical_level
 from mr360uw.medium.settings import WaterSettings
-from mr360uw.render.lights import LightReader, world_view
+from mr360uw.render.lights import EnvironmentReader, world_view
 from mr360uw.scene.model import Scene
 from mr360uw.scene.resolved import WaterBetween, open_plate, pose_of_plate, scene_at, water_between, without_gain
 from mr360uw.types import Floats, MediumTable, Sun
@@ -49,7 +49,7 @@ class Surroundings:
     water: WaterSettings
     camera: CameraPath
     medium: Medium | None
-    light: LightReader
+    light: EnvironmentReader
     ground_y: float | None
     _depths: MediumAtDepths | MixedMedium | None
 
@@ -107,7 +107,7 @@ def _surroundings(
         _medium(plain, camera, floor_m, reads) if between is None else _mixed(plain, between, camera, floor_m, reads)
     )
     medium = medium if medium is None or gain == "auto" else medium.scaled(gain)
-    light = LightReader(scene, medium.unit_table if medium is not None else None, camera.at)
+    light = EnvironmentReader(scene, medium.unit_table if medium is not None else None, camera.at)
     ground_y = None if floor_m is None else scene.camera.depth_m - floor_m
     return Surroundings(scene.light, scene.water, camera, medium, light, ground_y, depths)
 

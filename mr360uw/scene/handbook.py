@@ -123,12 +123,13 @@ _TASKS = {
 def parameters_markdown(
     scene: type[BaseModel] = Scene, title: str = "Parameters of a scene", command: str = "mr360uw schema --markdown"
 ) -> str:
-    """Return the page docs/parameters.md, or that of another kind of scene: one table for each table of its file."""
-    fields = {field.alias or name: field for name, field in scene.model_fields.items()}
-    of_tasks = {
-        task: [t for n in names if n in fields for t in _tables(n, fields[n])] for task, names in _TASKS.items()
-    }
+    """Return the page docs/parameters.md, or that of another kind of scene: one table for each table of its file.
+
+    Tables that another kind of scene has as `Scene` has them are named, and stand on the page of that.
+    """
+    of_tasks = _tables_of(scene)
     tables = [table for of_task in of_tasks.values() for table in of_task]
+    known = () if scene is Scene else [table for of_task in _tables_of(Scene).values() for table in of_task]
     headers: dict[_Row, list[str]] = {}
     for table in tables:
         for row in table.rows:
@@ -136,7 +137,11 @@ def parameters_markdown(
     lines = [f"# {title}", "", f"Written by `{command}`. A key without a default must be given."]
     for task, of_task in of_tasks.items():
         lines += ["", f"## {task}"] if of_task else []
+        if same := [f"{table.header} {table.name}" for table in of_task if table in known]:
+            lines += ["", f"As in [a scene over a plate](parameters.md): {', '.join(same)}."]
         for table in of_task:
+            if table in known:
+                continue
             own = replace(table, rows=tuple(row for row in table.rows if len(headers[row]) == 1))
             lines += own.lines(level="###")
     several = [((", ".join(of), *cells), few) for (cells, few), of in headers.items() if len(of) > 1]
@@ -144,6 +149,12 @@ def parameters_markdown(
         text = "With the same meaning in each."
         lines += _Table("Keys of several tables", "", text, tuple(several)).lines(("tables", *_COLUMNS))
     return "\n".join(lines) + "\n"
+
+
+def _tables_of(scene: type[BaseModel]) -> dict[str, list[_Table]]:
+    """Return the tables of a kind of scene by what they are for."""
+    fields = {field.alias or name: field for name, field in scene.model_fields.items()}
+    return {task: [t for n in names if n in fields for t in _tables(n, fields[n])] for task, names in _TASKS.items()}
 
 
 def table_of(header: str, model: type[BaseModel]) -> list[str]:

@@ -22,7 +22,7 @@ from mr360uw.jit import borrowing, inlined
 from mr360uw.surface.facet_draws import Disc, drawn, facets_of, next_key, sun_seen, sunlight
 from mr360uw.surface.intersection import NOWHERE, Hit, Ray, SeaWaves, bent, first_hit, mirrored, reflectance, waves_of
 from mr360uw.surface.sampled_sea import SampledSea
-from mr360uw.surface.sea_floor import Floor, FloorLight, LitFloor, Relief, floor_radiance, relief_distance
+from mr360uw.surface.sea_floor import Floor, FloorIrradiance, LitFloor, Relief, floor_radiance, relief_distance
 from mr360uw.surface.sky import Dome, panorama, sky_radiance
 from mr360uw.surface.water_light import WaterLight, WaterTable, transmittance, veil
 from mr360uw.types import Sun
@@ -280,13 +280,13 @@ class RayStage:
     dome: Dome
     floor: Floor
     floor_y_m: float
-    floor_light: FloorLight
+    floor_light: FloorIrradiance
     water: WaterLight
     sun: Sun | None
     refractive_index: float
     samples: int
     camera_in_water: bool
-    planes: tuple[tuple[float, FloorLight], ...] = ()
+    planes: tuple[tuple[float, FloorIrradiance], ...] = ()
 
 
 def ray_world(stage: RayStage) -> RayWorld:
@@ -339,7 +339,7 @@ def _ground(stage: RayStage) -> LitFloor:
     return LitFloor(relief, floor.image.tile_m, sea.tile_m, sky, sun, wet, air, texels, table, rows, even)
 
 
-def _merged(light: FloorLight) -> list[tuple[tuple[float, float, float], list[NDArray[Any]]]]:
+def _merged(light: FloorIrradiance) -> list[tuple[tuple[float, float, float], list[NDArray[Any]]]]:
     """Return origin, whether it is the sun's, and levels of the patterns times their factors; those of one place, kind
     and size are one."""
     sums: dict[tuple[float, float, float, int], list[NDArray[Any]]] = {}

@@ -151,7 +151,7 @@ def _metres(name: str, length: float | None) -> float:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class FloorLight:
+class FloorIrradiance:
     """Irradiance of the floor: an even part (3,) and patterns that repeat with the sea, each times a factor (3,).
 
     dry: (3,) irradiance of what stands out of the water; dry_sun: the sun's part of it. skies: how many of the

@@ -31,7 +31,7 @@ from mr360uw.surface.facet_draws import next_key
 from mr360uw.surface.intersection import NOWHERE, Hit, Ray, bent
 from mr360uw.surface.ray_kernel import OFF_M, STACK, RayStage, RayWorld, followed, met, put, ray_world
 from mr360uw.surface.sampled_sea import SampledSea, points_across
-from mr360uw.surface.sea_floor import Floor, FloorLight
+from mr360uw.surface.sea_floor import Floor, FloorIrradiance
 from mr360uw.surface.sky import Dome
 from mr360uw.surface.water_light import WaterLight
 from mr360uw.types import Array, Sun, View
@@ -183,7 +183,7 @@ class SeaScene:
             sampled, self.dome, floor, -depth, lights[0], water, self.sun, index, samples, in_water, planes
         )  # fmt: skip
 
-    def _floor_light(self, water: WaterLight, sampled: SampledSea, time_s: float, depth_m: float) -> FloorLight:
+    def _floor_light(self, water: WaterLight, sampled: SampledSea, time_s: float, depth_m: float) -> FloorIrradiance:
         return water.on_floor(self.sea, sampled, self.dome, self.sun, depth_m, time_s, self.caustics)
 
     def light_in_water(self, floor_m: float) -> WaterLight:

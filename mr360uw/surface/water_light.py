@@ -39,14 +39,14 @@ from mr360uw.medium.scattered_light import around_sun, placed, spread_of
 from mr360uw.surface.facet_draws import normal_quantile
 from mr360uw.surface.intersection import bent, reflectance
 from mr360uw.surface.sampled_sea import SampledSea
-from mr360uw.surface.sea_floor import FloorLight, Tiled
+from mr360uw.surface.sea_floor import FloorIrradiance, Tiled
 from mr360uw.surface.sky import Dome, sky_radiance, sun_below
 from mr360uw.types import Array, CausticStack, Floats, MediumTable, Sun
 
 _LEAST = 1e-300
 
 
-class LightInWater:
+class SolvedWater:
     """Light of one origin. below: (3,) irradiance just below the surface. medium: solved for it, seen from there.
     depths: the same for cameras at any depth.
     """
@@ -76,8 +76,8 @@ class WaterLight:
     """
 
     below: Array
-    sky: LightInWater | None
-    sun: LightInWater | None
+    sky: SolvedWater | None
+    sun: SolvedWater | None
     sun_up: float
     index: float
     floor_m: float = 0.0
@@ -106,9 +106,9 @@ class WaterLight:
                 sky=dome.shape,
             )  # fmt: skip
             _ = medium.length_m  # that of all tables, so that their nodes are the same
-            of_sky = LightInWater(by_sky, medium)
+            of_sky = SolvedWater(by_sky, medium)
             beam = medium.under(("sun", sun_up, 1.0)) if risen else None
-            light = replace(light, sky=of_sky, sun=None if beam is None else LightInWater(by_sun, beam))
+            light = replace(light, sky=of_sky, sun=None if beam is None else SolvedWater(by_sun, beam))
         if floor_m > 0.0:
             lit, back = light.down(floor_m), light._returned(floor_m, floor_m)
             light = replace(light, floor_m=floor_m, floor=albedo * lit / (PI - albedo * back))
@@ -190,13 +190,13 @@ class WaterLight:
     def on_floor(
         self, sea: Sea, sampled: SampledSea, dome: Dome, sun: Sun | None, depth_m: float, time_s: float,
         settings: CausticSettings,
-    ) -> FloorLight:  # fmt: skip
+    ) -> FloorIrradiance:  # fmt: skip
         """Return the light on the floor at a depth below the mean surface. sampled: the sea at the time."""
         # Above the water the sky and the sun arrive as they are
         dry_sun: Array = np.zeros(3) if sun is None else np.asarray(sun.irradiance * max(float(sun.direction[1]), 0.0))
         dry = dome.irradiance + dry_sun
         if depth_m <= 0.0:
-            return FloorLight(dry, (), dry, dry_sun)
+            return FloorIrradiance(dry, (), dry, dry_sun)
         # Without water light is patterned by refraction alone
         medium = None if self.sun is None else self.sun.medium
         pattern = sun_pattern(sea, sun, depth_m, time_s, self.index, settings, medium)
@@ -205,7 +205,7 @@ class WaterLight:
             patterns = [(sky_pattern(sea, sampled, dome, depth_m, time_s, self.index), np.ones(3))]
             if pattern is not None:
                 patterns.append((pattern[0], sun_below(sun, self.index)))
-            return FloorLight(even, tuple(patterns), dry, dry_sun, skies=1)
+            return FloorIrradiance(even, tuple(patterns), dry, dry_sun, skies=1)
         # In water the beam's pattern stands on even light: sharp as far as it has not turned
         even, patterns = even + self.sky.down(depth_m), []
         if pattern is not None and self.sun is not None:
@@ -216,7 +216,7 @@ class WaterLight:
                 patterns.append((pattern[1], beam - sharp))
             else:
                 even = even + beam - sharp
-        return FloorLight(np.maximum(even, 0.0), tuple(patterns), dry, dry_sun)
+        return FloorIrradiance(np.maximum(even, 0.0), tuple(patterns), dry, dry_sun)
 
     def _beam(self, depth_m: float) -> tuple[Array, Array]:
         """Return the irradiance (3,) of a level plane by the sun's beam, and its part that has not turned at all."""

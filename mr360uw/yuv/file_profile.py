@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.base.color import REC709_XY, PlateMapping, encode, rec709_from_chromaticities, rec709_from_xyz
-from mr360uw.yuv.ocio_transform import Lattice
+from mr360uw.yuv.ocio_transform import CubeTable
 
 Array = NDArray[np.float64]
 
@@ -245,7 +245,7 @@ class TableProfile:
     digest: str
     first: Array = field(compare=False)
     steps: tuple[Curve, ...] = field(compare=False)
-    light: Lattice = field(compare=False)
+    light: CubeTable = field(compare=False)
     on_file_codes: bool = False
     is_wide: bool = False
 
@@ -295,7 +295,7 @@ def table_profile(data: bytes, tags: Mapping[bytes, bytes], curve: Callable[[byt
     light = np.asarray(encode(_followed(steps, grid.reshape(-1, 3)).reshape(grid.shape), "srgb"), np.float64)
     if not np.all(np.isfinite(light)):
         raise ValueError("a broken profile")
-    return TableProfile(hashlib.sha256(data).hexdigest(), first, tuple(steps), Lattice(light))
+    return TableProfile(hashlib.sha256(data).hexdigest(), first, tuple(steps), CubeTable(light))
 
 
 def _plain(tag: bytes) -> tuple[Array, list[Curve]]:
@@ -345,7 +345,7 @@ def _curves(tag: bytes, place: int, curve: Callable[[bytes], Curve]) -> Curve:
 def _table(values: Array) -> Curve:
     """Return the function of a table (n, 3) or (n, n, n, 3) over [0, 1]."""
     if values.ndim == 4:
-        return Lattice(values).forward
+        return CubeTable(values).forward
     axis = np.linspace(0.0, 1.0, len(values))
     return lambda x: np.stack([np.interp(x[:, c], axis, values[:, c]) for c in range(3)], axis=-1)
 

@@ -289,7 +289,7 @@ def _processor_of(transform: Any, *, inverse: bool) -> Any:
     return made.getOptimizedCPUProcessor(ocio.OPTIMIZATION_LOSSLESS)
 
 
-class Lattice:
+class CubeTable:
     """A table (n, n, n, 3) of a function of three channels from 0 to 1, read by tetrahedra, and its inverse."""
 
     def __init__(self, table: NDArray[Any]) -> None:

@@ -12,7 +12,7 @@ from mr360uw.base.cache import version
 from mr360uw.base.rays import RayScene, barycentric
 from mr360uw.base.sphere import basis
 from mr360uw.composite.ambient.mesh_transfer import find_nearest_points, make_lattice, points_at
-from mr360uw.composite.gl.shadow_columns import LightFrame
+from mr360uw.composite.gl.shadow_columns import ShadowFrame
 from mr360uw.composite.motion import object_motion
 from mr360uw.composite.objects import PlacedObject
 from mr360uw.composite.settings import KeySettings, ObjectSettings
@@ -31,21 +31,21 @@ def test_bodies_that_move_without_turning_keep_their_slot_of_the_sun() -> None:
     axes = basis(np.array([0.3, 0.9, -0.2]))
     ball, card = placed(sphere(8), (0.4, -0.6, -4.2), (-60, 4, 0)), placed(box(), (-1.6, -1.6, -3.2), (70, -5, 0))
     for bodies in ((ball,), (ball, card)):
-        frame, way = LightFrame(bodies, axes), (0.7, 0.1, -0.3)
-        after = LightFrame(tuple(moved(body, way) for body in bodies), axes)
+        frame, way = ShadowFrame(bodies, axes), (0.7, 0.1, -0.3)
+        after = ShadowFrame(tuple(moved(body, way) for body in bodies), axes)
         assert version(after.drawn) == version(frame.drawn)
         shift = after.placed(after.extents()) - frame.placed(frame.extents())
         x, y, z = axes @ np.array(way)
         np.testing.assert_allclose(shift, [x, y, 0.0, 0.0, z, z], atol=tol.FLOAT64)
     corners = card.triangles.reshape(-1, 3) @ axes.T
-    alone = LightFrame((card,), axes)
+    alone = ShadowFrame((card,), axes)
     np.testing.assert_allclose(
         alone.placed(alone.extents())[4:], [corners[:, 2].min(), corners[:, 2].max()], atol=tol.FLOAT64
     )
     turned = placed(box(), (-1.6, -1.6, -3.2), (71, -5, 0))
-    assert version(LightFrame((turned,), axes).drawn) != version(alone.drawn)
-    apart = LightFrame((ball, moved(card, (0.1, 0, 0))), axes)
-    assert version(apart.drawn) != version(LightFrame((ball, card), axes).drawn)
+    assert version(ShadowFrame((turned,), axes).drawn) != version(alone.drawn)
+    apart = ShadowFrame((ball, moved(card, (0.1, 0, 0))), axes)
+    assert version(apart.drawn) != version(ShadowFrame((ball, card), axes).drawn)
 
 
 def test_between_equal_keys_turn_and_scale_are_theirs_to_the_last_bit() -> None:

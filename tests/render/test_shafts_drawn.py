@@ -17,7 +17,7 @@ from mr360uw.base.cache import Cache
 from mr360uw.base.constants import SUN_HALF_ANGLE_RAD
 from mr360uw.base.sphere import directions, unit
 from mr360uw.composite.objects import Shot
-from mr360uw.composite.shafts import ShaftLight, code_change, grid_of, shaft_pixels, with_shafts
+from mr360uw.composite.shafts import ShaftInput, code_change, grid_of, shaft_pixels, with_shafts
 from mr360uw.composite.tiles import over
 from mr360uw.medium import Medium, Water
 from mr360uw.medium.closed_form import ray_in_water
@@ -55,7 +55,7 @@ def taken(medium: Medium, *bodies: Any, lights: tuple[Any, ...] = (HIGH,), width
 def drawn(shot: Shot, settings: ShaftSettings, medium: Medium, caustics: CausticStack | None = None) -> Layer:
     """Return the layer of light in the water alone, over a layer of nothing."""
     empty = Layer(shot.view.height, shot.view.width, ())
-    return with_shafts(shot, ShaftLight(settings, medium, caustics), empty, None, Cache())[0]
+    return with_shafts(shot, ShaftInput(settings, medium, caustics), empty, None, Cache())[0]
 
 
 def test_a_body_darkens_the_water_below_it_and_nothing_turns_negative() -> None:
@@ -93,7 +93,7 @@ def test_pixels_that_may_change_hold_all_that_do() -> None:
     medium, codes = water("IB", 8.0), 0.5
     for place, sun in ((BALL, HIGH), ((0.0, -2.0, 0.5), HIGH), (BALL, replace(HIGH, direction=unit([0.9, 0.44, 0.1])))):
         taken_shot = taken(medium, placed(sphere(rows=8), place), lights=(sun,), width=size)
-        light = ShaftLight(ShaftSettings(), medium)
+        light = ShaftInput(ShaftSettings(), medium)
         _, scene = light.scenes(taken_shot, Cache())
         marked = shaft_pixels(taken_shot, scene, 100.0, codes, Cache())
         rays = directions(size, size // 2).reshape(-1, 3)
@@ -106,7 +106,7 @@ def test_pixels_that_may_change_hold_all_that_do() -> None:
 
 def test_light_before_an_object_ends_at_it(rng: np.random.Generator) -> None:
     """With a wall at a distance, what is added to it is the deviation up to there, times its alpha."""
-    medium, light = water(), ShaftLight(ShaftSettings(), water(), waves(rng))
+    medium, light = water(), ShaftInput(ShaftSettings(), water(), waves(rng))
     taken_shot = taken(medium)
     wall = drawn_wall(2.5)
     layer, _ = with_shafts(taken_shot, light, wall, None, Cache())
@@ -146,7 +146,7 @@ def test_over_the_places_of_a_wave_nothing_is_added() -> None:
     for phase in range(6):
         x = 2.0 * np.pi * (np.arange(48) / 48.0 + phase / 6.0)
         ratio = np.broadcast_to((1.0 + 0.6 * np.cos(x))[None, None, :, None], (3, 48, 48, 3))
-        light = ShaftLight(
+        light = ShaftInput(
             ShaftSettings(on_plate=True), medium, CausticStack(ratio, np.array([0.2, 4.0, 20.0]), 6.0, HIGH.direction)
         )
         scene, _ = light.scenes(taken(medium), Cache())
@@ -167,7 +167,7 @@ def test_over_the_places_of_a_wave_nothing_is_added() -> None:
 def test_without_waves_bodies_and_lamps_nothing_is_touched() -> None:
     medium = water()
     wall = drawn_wall(3.0)
-    layer, _ = with_shafts(taken(medium), ShaftLight(ShaftSettings(), medium), wall, None, Cache())
+    layer, _ = with_shafts(taken(medium), ShaftInput(ShaftSettings(), medium), wall, None, Cache())
     np.testing.assert_array_equal(layer.tiles[0].radiance, wall.tiles[0].radiance)
     assert not np.any(layer.shafts)
     assert len(layer.tiles) == 1
@@ -197,7 +197,7 @@ def test_stress(name: str, range_m: float, rng: np.random.Generator) -> None:
     surface = replace(taken(medium).view, surface_y_m=depth)
     taken_shot = replace(taken(medium, placed(sphere(rows=6), place), lights=(sun, *lamps)), view=surface)
     settings = ShaftSettings(range_m=range_m, on_plate=True, resolution=16, slices=16)
-    light = ShaftLight(settings, medium, waves(rng))
+    light = ShaftInput(settings, medium, waves(rng))
     layer, _ = with_shafts(taken_shot, light, drawn_wall(1.0), None, Cache())
     assert np.all(np.isfinite(layer.shafts))
     assert layer.radiance.min() >= 0.0
@@ -209,7 +209,7 @@ def test_water_that_does_not_scatter_has_none() -> None:
     nm = np.linspace(380.0, 740.0, 8)
     clear = Medium(Water.from_arrays(nm, np.full(8, 0.1), np.zeros(8)), camera_depth_m=5.0, band_count=8)
     assert beam_share(clear, 5.0) == 0.0
-    light = ShaftLight(ShaftSettings(), clear)
+    light = ShaftInput(ShaftSettings(), clear)
     assert all(scene.dark for scene in light.scenes(taken(clear, placed(sphere(rows=6), BALL)), Cache()))
 
 

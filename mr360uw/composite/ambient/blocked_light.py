@@ -516,7 +516,7 @@ def fraction_left(blocked: Floats, lost: Floats, whole: Floats) -> Floats:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class BlockedLight:
+class Occlusion:
     """What bodies block at n places. normal: (n, 3). weights: (n, NODES) float32 on the nodes of a sky table, all
     bodies together. share: (bodies, n) float32, fraction of uniform light that each blocks.
     """
@@ -533,10 +533,10 @@ class BlockedLight:
         return np.einsum("nck,nc->nk", found.reshape(len(found), *table.shape[1:]), self.normal)
 
 
-def joined(parts: Sequence[BlockedLight]) -> BlockedLight:
+def joined(parts: Sequence[Occlusion]) -> Occlusion:
     """Return what is blocked at the places of several parts, one after the other."""
     normal, weights = (np.concatenate([getattr(part, name) for part in parts]) for name in ("normal", "weights"))
-    return BlockedLight(normal, weights, np.concatenate([part.share for part in parts], axis=1))
+    return Occlusion(normal, weights, np.concatenate([part.share for part in parts], axis=1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -546,14 +546,14 @@ class Occluders(Parts):
     fields: tuple[HeightField, ...]
     origin: Floats
 
-    def blocked(self, points: Floats, normal: Floats) -> BlockedLight:
+    def blocked(self, points: Floats, normal: Floats) -> Occlusion:
         """Return what the bodies block at places (n, 3) with normals (n, 3)."""
         points, normal = (np.ascontiguousarray(a, np.float64) for a in (points, normal))
         weights = np.zeros((len(points), NODES), np.float32)
         share = np.zeros((len(self.fields), len(points)), np.float32)
         if self.fields:
             _block(points, normal, self.origin, self._packed, weights, share)
-        return BlockedLight(normal, weights, share)
+        return Occlusion(normal, weights, share)
 
     def plans(self) -> Floats:
         """Return what `ground_light.survey` takes of the bodies, (m, 8)."""

@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 
 from mr360uw.base.cache import Cache, PartOf
 from mr360uw.base.sphere import smoothstep
-from mr360uw.composite.ambient.blocked_light import BlockedLight, HeightField, Occluders, make_height_field
+from mr360uw.composite.ambient.blocked_light import HeightField, Occluders, Occlusion, make_height_field
 from mr360uw.composite.ambient.mesh_transfer import (
     COUNT,
     SOLID_ANGLE,
@@ -252,7 +252,7 @@ class Layout:
         first = self.bodies[self.ground_bodies[0]].origin if self.ground_bodies else np.zeros(3)
         return np.array([first[0], ground_y, first[2]])
 
-    def bounced(self, blocked: BlockedLight, points: Floats, sent: Sequence[Floats]) -> Floats:
+    def bounced(self, blocked: Occlusion, points: Floats, sent: Sequence[Floats]) -> Floats:
         """Return the irradiance (n, 3) that bodies send to places (n, 3) of the ground, where they block `blocked`.
 
         sent: mean radiance (NODES, NODES, 3) of each body that the ground sees, at its nodes.
@@ -807,7 +807,7 @@ class Exchange:
     first: NDArray[np.int64]
     samples: Any
     coarse: Floats
-    blocked: BlockedLight
+    blocked: Occlusion
 
     def untouched(self, number: int) -> bool:
         """Return whether nothing is in the way of a body's light."""

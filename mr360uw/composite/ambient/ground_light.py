@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 from mr360uw.base.cache import Cache
 from mr360uw.composite.ambient.blocked_light import (
     UNNOTICED,
-    BlockedLight,
     Occluders,
+    Occlusion,
     glow_table,
     joined,
     most_blocked,
@@ -84,7 +84,7 @@ class Quadtree:
     kind: NDArray[np.int8]
     sample: NDArray[np.int32]
     place: Floats
-    blocked: BlockedLight
+    blocked: Occlusion
     hanging: NDArray[np.int64]
     leaf: NDArray[np.int64]
     at: Floats

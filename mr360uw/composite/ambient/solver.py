@@ -45,7 +45,7 @@ from numpy.typing import NDArray
 
 from mr360uw.base.cache import Cache, PartOf
 from mr360uw.base.rays import RayScene, barycentric
-from mr360uw.composite.ambient.blocked_light import BlockedLight, fraction_left, sky_table
+from mr360uw.composite.ambient.blocked_light import Occlusion, fraction_left, sky_table
 from mr360uw.composite.ambient.form_factors import (
     COARSE_NODES,
     Body,
@@ -118,7 +118,7 @@ class AmbientLight:
     ambient: Floats
     samples: tuple[tuple[AmbientLight, float], ...] = ()
 
-    def free(self, blocked: BlockedLight, points: Floats) -> Floats:
+    def free(self, blocked: Occlusion, points: Floats) -> Floats:
         """Return the fraction (n, 3) of the ambient light that is left on the ground at places (n, 3) of the world,
         with what bodies send there.
         """
@@ -191,7 +191,7 @@ class Solver:
         bodies, views = self._bodies, exchange.views
         irradiance = np.concatenate(_products([body.own.plain for body in bodies], open_)) * self._first_guess()
         sent = self._sent(irradiance)
-        ground = GroundLight(self._shot, exchange, self._table, self._sunlight)
+        ground = NodeRadiance(self._shot, exchange, self._table, self._sunlight)
         # Let light go back and forth between bodies and ground until it settles
         steps = BOUNCES if exchange.samples.nnz or any(b.on_ground for b in bodies) or len(exchange.far.lit) else 0
         for step in range(steps):
@@ -388,7 +388,7 @@ def _lit(layout: Layout, towards: Floats) -> list[Floats]:
     return layout.lit([*_coarse(layout), *layout.nodes], towards)
 
 
-class GroundLight:
+class NodeRadiance:
     """Light of one shot at the nodes of bodies; what does not depend on what bodies send is found once.
 
     table: of the shot's environment (`sky_table`).

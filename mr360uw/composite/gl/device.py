@@ -264,7 +264,7 @@ _ROWS_OF_BEAM = 2
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ShotLight:
+class ShadingInputs:
     """The light of one shot on the device. textures, uniforms: by their names in shaders. defines: of these.
     visibility: of its sun and lamps. caustics: of the shot, held as long as their textures are in use.
     """
@@ -276,13 +276,13 @@ class ShotLight:
     caustics: StackTextures | None = None
 
 
-class LightTextures:
+class ShadingTextures:
     """Makes textures and uniforms of the light of shots; unchanged textures come from the cache."""
 
     def __init__(self, cache: Cache) -> None:
         self._cache, self._caustic_scratch, self._scratch = cache, AtlasScratch(), Scratch()
 
-    def of(self, shot: Shot) -> ShotLight:
+    def of(self, shot: Shot) -> ShadingInputs:
         """Return the light of a shot."""
         environment, medium, stack, cache = shot.environment, shot.medium, shot.caustics, self._cache
         sun, lamps, widest = sun_of(shot), lamps_of(shot), widest_half_angle(shot)
@@ -337,7 +337,7 @@ class LightTextures:
         else:
             uniforms |= {"stack__tile_m": stack.tile_m, "stack__sun_direction": stack.sun_direction}
             textures |= {"caustic_ratio": held.ratio, "plane_depth": held.plane_depth}
-        return ShotLight(defines, textures, uniforms, visibility_of(shot, cache, self._scratch), held)
+        return ShadingInputs(defines, textures, uniforms, visibility_of(shot, cache, self._scratch), held)
 
 
 def _ambient_texture(environment: Environment) -> moderngl.TextureArray:

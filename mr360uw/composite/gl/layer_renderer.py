@@ -20,10 +20,10 @@ from mr360uw.base.tile_blend import BLOCK
 from mr360uw.composite.ambient.solver import AmbientLight
 from mr360uw.composite.aovs import AovFrame, Aovs
 from mr360uw.composite.gl.device import (
-    LightTextures,
     MeshBuffers,
     Places,
-    ShotLight,
+    ShadingInputs,
+    ShadingTextures,
     Targets,
     list_texture,
     upload_mesh,
@@ -54,7 +54,7 @@ from mr360uw.composite.receiver.blocks import (
 from mr360uw.composite.receiver.ratio import (
     FADE_FROM,
     SEEN,
-    BlockLight,
+    BlockIrradiance,
     Gathered,
     four_corners,
     gather_images,
@@ -75,7 +75,7 @@ class LayerRenderer:
     def __init__(self, cache: Cache | None = None) -> None:
         self._cache = Cache() if cache is None else cache
         self._meshes, self._targets = _DeviceMeshes(self._cache), Targets()
-        self._light = LightTextures(self._cache)
+        self._light = ShadingTextures(self._cache)
         self._objects = ObjectPass(self._targets, self._meshes.buffers, self._cache)
         self._receiver = ReceiverPass(self._targets, self._cache)
 
@@ -163,7 +163,7 @@ class _DeviceMeshes:
 # caustics or an uneven shape are drawn pixel by pixel; only those are read back.
 
 
-_Lit = tuple[Shot, ShotLight]
+_Lit = tuple[Shot, ShadingInputs]
 
 _NO_EDGE, _SOFT, _SHARP = 0, 1, 2
 """Kinds of shadow edges in a block: none, one for samples at every second pixel, one for pixels where these differ."""
@@ -203,7 +203,7 @@ class ReceiverPass:
     def __init__(self, targets: Targets, cache: Cache) -> None:
         self._targets, self._cache = targets, cache
 
-    def light(self, shot: Shot, light: ShotLight, reach: GroundReach | None, gaps: Gaps) -> BlockLight | None:
+    def light(self, shot: Shot, light: ShadingInputs, reach: GroundReach | None, gaps: Gaps) -> BlockIrradiance | None:
         """Return the light on the blocks that change; None where none do. gaps: of pixels that bodies cover partly."""
         if reach is None or shot.receiver is None:
             return None
@@ -252,7 +252,7 @@ class ReceiverPass:
         free, count = free_images(shot, reach, j, i, gaps), len(j)
         seen, waves = gather_images(count, 1, parts["seen"]), gather_images(count, 3, parts["waves"])
         shape, added = gather_images(count, 7, parts["shape"]), gather_images(count, 3, parts["added"])
-        return BlockLight(blocks, reach.corner, (free, seen, waves, shape, added))
+        return BlockIrradiance(blocks, reach.corner, (free, seen, waves, shape, added))
 
     def _sight(
         self, alike: PartOf[_Lit], of_blocks: PartOf[Touched], shaded: Blocks, waves: bool, gaps: Gaps
@@ -315,7 +315,7 @@ class ReceiverPass:
     def _pixels(
         self, lit: _Lit, ground: Ground, gaps: Gaps, j: Indices, i: Indices, halo: Floats, wanted: frozenset[str]
     ) -> dict[str, NDArray[np.float32]]:
-        """Return images (n, B, B, k) of blocks by their names in `BlockLight`: at the pixels, or in their gaps.
+        """Return images (n, B, B, k) of blocks by their names in `BlockIrradiance`: at the pixels, or in their gaps.
 
         wanted: features to compute, of SHADOW, CAUSTICS, ROUGH (all light, for rough blocks) and, with ROUGH, LAMPS.
         """
@@ -340,7 +340,7 @@ class ReceiverPass:
         self, lit: _Lit, origin: Floats, halo: Floats, wanted: frozenset[str], grid: tuple[int, int],
         shape: Floats | None = None, area: Floats | None = None,
     ) -> dict[str, NDArray[np.float32]]:  # fmt: skip
-        """Return images (n, side, side, k) of samples of blocks, by their names in `BlockLight`.
+        """Return images (n, side, side, k) of samples of blocks, by their names in `BlockIrradiance`.
 
         grid: side, and pixels from one sample to the next. origin: (n, 2) frame coordinates of the blocks' corners.
         halo: (n, 4) visible fraction of the halo there, negative where it is found for each sample. shape: (n, side,

@@ -25,7 +25,7 @@ from mr360uw.base.cache import Cache, PartOf, Same, Scratch
 from mr360uw.composite.ambient.mesh_transfer import FEW_CHANNELS, UNTOUCHED, Lattice
 from mr360uw.composite.ambient.solver import AmbientLight
 from mr360uw.composite.aovs import SUMS, AovFrame
-from mr360uw.composite.gl.device import MeshBuffers, ShotLight, Targets, list_texture
+from mr360uw.composite.gl.device import MeshBuffers, ShadingInputs, Targets, list_texture
 from mr360uw.composite.gl.light_visibility import DISC, HALF_OF_RAYS, HALO, Visibility, footprints_of
 from mr360uw.composite.gl.visible_surfaces import Fragments, Surfaces, find_surfaces
 from mr360uw.composite.light_sources import sun_of
@@ -50,7 +50,7 @@ _KEPT = 1 << 21
 Bodies = tuple["moderngl.Texture", frozenset[Mesh]]
 """Texture of bodies, four texels each as layer.frag says, then values of ambient light at points; and the meshes that
 have any."""
-_Lit = tuple[Shot, ShotLight, Surfaces]
+_Lit = tuple[Shot, ShadingInputs, Surfaces]
 """A shot, its light on the device, and the visible surfaces of its objects."""
 
 

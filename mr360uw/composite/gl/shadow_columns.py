@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Columns of bodies along directed light: a square slot for each body, traced by light_visibility.py.
 
-Each slot is drawn from a `LightFrame`: bodies, and axes in which the light's rays are parallel. For the sun these are
+Each slot is drawn from a `ShadowFrame`: bodies, and axes in which the light's rays are parallel. For the sun these are
 orthogonal axes along its direction. For a lamp they follow the projective map
 
     (x, y, z) -> (x m/z, y m/z, m^2/z)
@@ -60,7 +60,7 @@ _NARROWEST = 1.0 / 16.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class LightFrame:
+class ShadowFrame:
     """Projection of one slot. bodies: drawn over each other. axes: (3, 3) rows across, across and along, in the world.
 
     For the sun `along` points to it. For a lamp: origin (3,) [m] in the world, `along` pointing away from it, and
@@ -124,7 +124,7 @@ _STEPS = 64.0
 of bodies at rest stay valid while the sun's track moves a little. Twice as large: redrawn twice as often."""
 
 
-def sun_frames(shot: Shot) -> list[LightFrame]:
+def sun_frames(shot: Shot) -> list[ShadowFrame]:
     """Return the light frames of the sun, one for each body."""
     sun, casters = sun_of(shot), shot.casters
     if sun is None or not casters:
@@ -133,7 +133,7 @@ def sun_frames(shot: Shot) -> list[LightFrame]:
     groups: list[tuple[PlacedObject, ...]] = [(placed,) for placed in casters[: MAXIMUM_SLOTS - 1]]
     if len(casters) >= MAXIMUM_SLOTS:
         groups.append(casters[MAXIMUM_SLOTS - 1 :])
-    return [LightFrame(group, axes) for group in groups]
+    return [ShadowFrame(group, axes) for group in groups]
 
 
 def axes_and_slope(sun: Sun) -> tuple[Floats, Floats]:
@@ -152,9 +152,9 @@ _CORNER_RAD = float(np.arccos(3.0**-0.5))
 """Angle between the axis of a cube's face and its corners."""
 
 
-def lamp_frames(lamp: Lamp, casters: tuple[PlacedObject, ...]) -> list[LightFrame]:
+def lamp_frames(lamp: Lamp, casters: tuple[PlacedObject, ...]) -> list[ShadowFrame]:
     """Return the light frames of a lamp: one for each body in its cone, or faces of a cube for bodies around it."""
-    alone: list[LightFrame] = []
+    alone: list[ShadowFrame] = []
     around: list[PlacedObject] = []
     for placed in casters if lamp.casts_shadow else ():
         center = placed.to_world(placed.mesh.center_m) - lamp.position
@@ -163,13 +163,13 @@ def lamp_frames(lamp: Lamp, casters: tuple[PlacedObject, ...]) -> list[LightFram
             around.append(placed)
         elif _in_cone(lamp, center / distance, float(np.arcsin(radius / distance))):
             axes = basis(center)
-            alone.append(LightFrame((placed,), axes, lamp.position, distance, nearest_m(lamp)))
+            alone.append(ShadowFrame((placed,), axes, lamp.position, distance, nearest_m(lamp)))
     if len(alone) > _MOST_BODIES - len(_FACES) * bool(around):
         alone, around = [], list(casters)
     return alone + _faces(lamp, tuple(around))
 
 
-def _faces(lamp: Lamp, bodies: tuple[PlacedObject, ...]) -> list[LightFrame]:
+def _faces(lamp: Lamp, bodies: tuple[PlacedObject, ...]) -> list[ShadowFrame]:
     """Return the faces of a cube around a lamp that its cone reaches."""
     if not bodies:
         return []
@@ -177,7 +177,7 @@ def _faces(lamp: Lamp, bodies: tuple[PlacedObject, ...]) -> list[LightFrame]:
     reach = np.linalg.norm(centers, axis=-1) + [placed.mesh.radius_m * placed.scale for placed in bodies]
     middle = 0.5 * max(float(reach.max()), 2.0 * nearest_m(lamp))
     return [
-        LightFrame(bodies, basis(axis), lamp.position, middle, nearest_m(lamp), face=True)
+        ShadowFrame(bodies, basis(axis), lamp.position, middle, nearest_m(lamp), face=True)
         for axis in _FACES
         if _in_cone(lamp, axis, _CORNER_RAD)
     ]
@@ -205,7 +205,7 @@ def slot_size(slots: int, pixels_across: float, half_angle_rad: float) -> int:
 
 
 def columns_of(
-    frames: Sequence[LightFrame], size: int, cache: Cache, scratch: Scratch
+    frames: Sequence[ShadowFrame], size: int, cache: Cache, scratch: Scratch
 ) -> tuple[NDArray[np.float32], Floats, bool]:
     """Return the columns of bodies in slots of `size` x `size`, (slots, 4 n), row by row, then their levels.
 
@@ -220,7 +220,7 @@ def columns_of(
 
 
 def _draw_slots(
-    drawn_of: PartOf[tuple[Sequence[LightFrame], Cache, Scratch]], size: int, clear: bool
+    drawn_of: PartOf[tuple[Sequence[ShadowFrame], Cache, Scratch]], size: int, clear: bool
 ) -> tuple[NDArray[np.float32], Floats]:
     """Return the columns of all slots, and the extents (slots, 6) of each about the start of its frame."""
     frames, cache, scratch = drawn_of.whole
@@ -254,7 +254,7 @@ def _draw(positions: Any, projection: Any, kinds: Any, spans: Any, heights: Any,
     n), and the product of what its surfaces let through, passed (n, n), empty where all bodies are opaque.
 
     projection: matrix (3, 4) from the mesh to the axes of the frame, extents, middle and nearest distance of
-    `LightFrame`, the middle one 0 for the sun. kinds: of triangles, and tables of `cutouts`. spans: (2, n / 2) first
+    `ShadowFrame`, the middle one 0 for the sun. kinds: of triangles, and tables of `cutouts`. spans: (2, n / 2) first
     and last texel that is drawn of each two rows; what lies beyond has any value.
     """
     (matrix, extents, middle, nearest), (kind, (cut, cuts, alphas, places)) = projection, kinds

@@ -132,7 +132,7 @@ def four_corners(corner: Floats, j: NDArray[np.int64], i: NDArray[np.int64]) -> 
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class BlockLight:
+class BlockIrradiance:
     """Light on blocks of the receiver.
 
     blocks: (R, C) which they are, n of them, row by row. corner: (R + 1, C + 1, 10) float32, channels SHARE, VEIL,
@@ -144,7 +144,9 @@ class BlockLight:
     images: tuple[PixelImages, ...]
 
 
-def ground_of(light: BlockLight, width: int, height: int, pattern: PlatePattern | None, unseen: float) -> BlockGround:
+def ground_of(
+    light: BlockIrradiance, width: int, height: int, pattern: PlatePattern | None, unseen: float
+) -> BlockGround:
     """Return the light of blocks for a width x height frame, where it changes the plate by a fraction above `unseen`.
 
     pattern: the plate's own caustics, which go with the sun's light (see pattern.py).
