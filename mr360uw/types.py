@@ -375,6 +375,11 @@ class Lamp(Parts):
     attenuation: Floats | None = None
     casts_shadow: bool = True
 
+    @property
+    def beam(self) -> NDArray[np.float64]:
+        """How its light varies over directions, (2, 4), as `single_scattering.spot_of` and lamps.glsl read it."""
+        return np.array([(self.cos_core, self.cos_edge, 0.0, 0.0), (*self.axis, 0.0)])
+
 
 Light = Sun | Lamp
 """A source with a direction of its own; what comes from all around is the `Environment`."""

@@ -72,20 +72,24 @@ class AovFrame:
         self.sums: dict[str, Floats] = {name: np.zeros((*size, 3), np.float32) for name in SUMS}
         self.share = np.zeros(size, np.float32)
         self.object_id = np.zeros(size, np.uint32)
+        self._ends = np.cumsum([len(placed.mesh.positions) for placed in shot.visible])
 
     def add(
         self, pixels: tuple[NDArray[np.int64], NDArray[np.int64]], share: Floats, values: Mapping[str, Floats],
-        number: NDArray[np.int64],
+        triangle: NDArray[np.int64],
     ) -> None:  # fmt: skip
-        """Add the variables (n, 3) of surfaces of objects (n,), weighted by their share (n,) of pixels.
+        """Add the variables (n, 3) of surfaces, weighted by their share (n,) of pixels.
 
-        pixels: rows and columns (n,).
+        pixels: rows and columns (n,); some may stand there several times. triangle: (n,) that the surfaces are on,
+        numbered through all visible objects.
         """
         for name in SUMS:
-            self.sums[name][pixels] += (share[:, None] * values[name]).astype(np.float32)
-        largest = share > self.share[pixels]
-        at = pixels[0][largest], pixels[1][largest]
-        self.share[at], self.object_id[at] = share[largest], number[largest] + 1
+            np.add.at(self.sums[name], pixels, (share[:, None] * values[name]).astype(np.float32))
+        order = np.lexsort((-np.arange(len(share)), share))  # of several in a pixel, the largest is written last
+        order = order[share[order] > self.share[pixels][order]]
+        at = pixels[0][order], pixels[1][order]
+        number = np.searchsorted(self._ends, triangle[order], side="right")
+        self.share[at], self.object_id[at] = share[order], number + 1
 
     def finish(self, shot: Shot, layer: Layer) -> Aovs:
         """Return the variables, with the shot's mattes applied as to the layer. Shafts and snow come later."""

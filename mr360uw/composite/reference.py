@@ -171,7 +171,7 @@ def draw_objects(lit: _Lit, geometry: Geometry, tile: Tile, where: NDArray[np.bo
                     values: dict[str, Any] = {name: passed * part for name, part in parts.items()}
                     values |= {"veil": veil, "transmittance": passed, "normal": hits.normal}
                     values["position"] = hits.point + shot.view.position
-                    frame.add((y[p], x[p]), share, values, hits.object)
+                    frame.add((y[p], x[p]), share, values, hits.triangle)
                 alpha[p] += share
                 np.minimum.at(distance, p, hits.distance_m)
         tile.radiance[j, i], tile.alpha[j, i], tile.distance_m[j, i] = radiance, alpha, distance

@@ -95,7 +95,7 @@ class Water(Shown):
     kd : Spectrum, optional
         Diffuse attenuation [1/m], not below a; None derives it from a and b.
     phase : Phase
-        Phase function of the particles: a name, ("hg", g), ("fournier-forand", index, slope), or a `PhaseTable`.
+        Phase function of the particles; `phase.Phase` lists them.
     molecular : Spectrum, optional
         The part [1/m] of b due to the water itself; None if `phase` holds for all of b.
     source : str
@@ -556,7 +556,7 @@ class Water(Shown):
         diffuse_attenuation : array_like, optional
             Kd (w,) [1/m]; without it Lee et al. 2005.
         phase : Phase
-            Phase function of all scattering: a name, ("hg", g), ("fournier-forand", index, slope), or a `PhaseTable`.
+            Phase function of all scattering; `phase.Phase` lists them.
         name : str
             Used in messages.
 

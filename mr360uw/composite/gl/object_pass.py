@@ -79,20 +79,23 @@ class ObjectPass:
         # List the bodies on the device, then shade layer by layer, the nearest first
         shot, _, surfaces = lit
         objects, layers = shot.visible, surfaces.layers
-        values, changed = self._body_list(shot, objects, ambient)
-        bodies = list_texture(*values, scratch=self._scratch), changed
+        listed, changed = self._body_list(shot, objects, ambient)
+        bodies = list_texture(*listed, scratch=self._scratch), changed
         for number, fragments in enumerate(layers):
             if len(fragments) == 0:
                 continue
             layer = PartOf((objects, surfaces.first, fragments), Same(fragments))
-            body, parts = surfaces.cache.of(mesh_fragments, layer, keep=len(layers))
+            parts = surfaces.cache.of(mesh_fragments, layer, keep=len(layers))
             blended = number < len(layers) - 1
             values_of = self._light_up(lit, parts, len(fragments), bodies, blended, 0)
             # The output variables count by what shows through the layers before
             if frame is not None:
                 halves = [self._light_up(lit, parts, len(fragments), bodies, blended, k) for k in (1, 2)]
                 seen = through(tiles, fragments)[fragments.pixel()] * fragments.weight * values_of[:, 3]
-                _add_variables(frame, fragments, seen, np.concatenate(halves, axis=1), body)
+                of_names = np.concatenate(halves, axis=1)
+                values = {name: of_names[:, 4 * k : 4 * k + 3] for k, name in enumerate(SUMS)}
+                pixel = fragments.pixel()
+                frame.add((fragments.row[pixel], fragments.column[pixel]), seen, values, fragments.triangle)
             pieces = fragments.row, fragments.column, fragments.first, fragments.weight
             for tile in tiles:
                 sum_behind(pieces, values_of, (tile.row, tile.column), (tile.radiance, tile.alpha, tile.distance_m))
@@ -195,22 +198,6 @@ def _footprints(shot: Shot, visibility: Visibility, listed: Floats, surface: Flo
     return footprints_of(shot.view, places, areas, 1, 1.0, surface=in_world, bias=bias, step=width)
 
 
-def _add_variables(
-    frame: AovFrame, fragments: Fragments, share: Floats, values: Floats, body: NDArray[np.int64]
-) -> None:
-    """Add the output variables (n, 40) of fragments that have a share (n,) in their pixels."""
-    at = fragments.row, fragments.column
-    for k, name in enumerate(SUMS):
-        frame.sums[name][at] += fragments.sums(share[:, None] * values[:, 4 * k : 4 * k + 3])
-    pixel = fragments.pixel()
-    order = np.lexsort((-np.arange(len(pixel)), share))  # of several in a pixel, the largest is written last
-    largest = np.full(len(fragments.row), -1, np.int64)
-    largest[pixel[order]] = order
-    larger = share[largest] > frame.share[at]
-    rows, columns, chosen = fragments.row[larger], fragments.column[larger], largest[larger]
-    frame.share[rows, columns], frame.object_id[rows, columns] = share[chosen], body[chosen] + 1
-
-
 @exact
 def sum_behind(pieces: Any, values: Any, corner: Any, tile: Any) -> None:
     """Composite the fragments (n,) of pixels (p,) behind a tile.
@@ -273,8 +260,8 @@ class MeshFragments:
     weight: Floats
 
 
-def mesh_fragments(layer: PartOf[LayerOf]) -> tuple[NDArray[np.int64], list[MeshFragments]]:
-    """Return the body (n,) of each fragment of a layer, and the fragments by mesh."""
+def mesh_fragments(layer: PartOf[LayerOf]) -> list[MeshFragments]:
+    """Return the fragments of a layer by mesh."""
     objects, first, fragments = layer.whole
     body = np.searchsorted(first, fragments.triangle, side="right") - 1
     pixel = fragments.pixel()
@@ -292,7 +279,7 @@ def mesh_fragments(layer: PartOf[LayerOf]) -> tuple[NDArray[np.int64], list[Mesh
             part = stretch if len(chosen) == len(fragments) else chosen[stretch]  # of one mesh alone, no copies
             numbers = fragments.triangle[part]
             parts.append(MeshFragments(mesh, part, listed[part], numbers, pixel[part], fragments.weight[part]))
-    return body, parts
+    return parts
 
 
 _APART = 0.4

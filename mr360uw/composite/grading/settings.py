@@ -51,6 +51,10 @@ class PlateGrade:
         """Distance [px] within which a pixel changes others."""
         return ceil_px(self.softness_px) + (ceil_px(self.sharpening_px) if self.sharpening > 0.0 else 0)
 
+    def softened(self, image: Floats) -> Floats:
+        """Return a picture (h, w, 4) with the softness; pixels change within `reach_px`."""
+        return gaussian(image, self.softness_px)
+
     def of_scene(self, settings: MatchSettings, columns: int, scale: float = 1.0) -> PlateGrade:
         """Return the look that a scene asks for in frames of `columns`, `scale` times as large as its plate.
 
@@ -65,6 +69,17 @@ class PlateGrade:
 def ceil_px(deviation_px: float) -> int:
     """Return the radius [px] of a Gaussian kernel, cut off at three standard deviations; 0 for none."""
     return int(3.0 * deviation_px + 1.0) if deviation_px > 0.0 else 0
+
+
+def gaussian(image: Floats, deviation_px: float) -> Floats:
+    """Return a picture (h, w, 4) blurred by a Gaussian cut off at three standard deviations."""
+    if deviation_px <= 0.0:
+        return image
+    import cv2
+
+    size = 2 * ceil_px(deviation_px) + 1
+    found: Floats = cv2.GaussianBlur(image, (size, size), deviation_px, borderType=cv2.BORDER_REPLICATE)
+    return found
 
 
 _ONE_LOOK = "a clip has one look"

@@ -34,7 +34,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.composite.grading.settings import PlateGrade, ceil_px
+from mr360uw.composite.grading.settings import PlateGrade, gaussian
 from mr360uw.composite.tiles import even_tiles, over_tile, tile_of
 from mr360uw.types import Floats, Layer, Rectangle, Tile
 
@@ -64,13 +64,13 @@ def _matched(layer: Layer, part: Rectangle, grade: PlateGrade, plate: Plate) -> 
     around = _around(layer, part, reach)
     if not np.any(around[..., 3] > 0.0):
         return tile
-    soft = _blurred(around, grade.softness_px)
+    soft = grade.softened(around)
     inside = slice(reach, reach + part.height), slice(reach, reach + part.width)
     inner = soft[inside]
     alpha = np.where(inner[..., 3] < _FAINTEST, 0.0, np.minimum(inner[..., 3], 1.0)).astype(np.float32)
     radiance = np.where(alpha[..., None] > 0.0, inner[..., :3], 0.0)
     if grade.sharpening > 0.0:
-        masked = (soft + grade.sharpening * (soft - _blurred(soft, grade.sharpening_px)))[inside]
+        masked = (soft + grade.sharpening * (soft - gaussian(soft, grade.sharpening_px)))[inside]
         clear = replace(tile, radiance=np.zeros_like(tile.radiance), alpha=np.zeros_like(tile.alpha))
         background = np.maximum(over_tile(plate(part), clear), 0.0)
         shown = masked[..., :3] + (1.0 - masked[..., 3])[..., None] * background
@@ -104,17 +104,6 @@ def _around(layer: Layer, part: Rectangle, reach: int) -> Floats:
     found = np.concatenate(pieces, axis=1)
     lacks = first - (part.row - reach), part.row + part.height + reach - last
     return np.pad(found, (lacks, (0, 0), (0, 0)), mode="edge")
-
-
-def _blurred(image: Floats, deviation_px: float) -> Floats:
-    """Return a picture (h, w, 4) blurred by a Gaussian cut off at three standard deviations."""
-    if deviation_px <= 0.0:
-        return image
-    import cv2
-
-    size = 2 * ceil_px(deviation_px) + 1
-    found: Floats = cv2.GaussianBlur(image, (size, size), deviation_px, borderType=cv2.BORDER_REPLICATE)
-    return found
 
 
 BLOCK = 32

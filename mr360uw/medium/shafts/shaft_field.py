@@ -67,6 +67,7 @@ from mr360uw.medium.shafts.single_scattering import (
     nearest_m,
     radius_at,
     ray_ends_m,
+    spot_of,
     view_directions,
 )
 from mr360uw.medium.shafts.sun_beam import SunBeam
@@ -300,7 +301,7 @@ STEP_RAD = 0.02
 class LampField(NamedTuple):
     """What rays need of one lamp.
 
-    position: (3,). frame: (3, 3) rows (u, v, axis). cos_core, cos_edge: of its cone. nearest_m: of `nearest_m`. hit:
+    position: (3,). frame: (3, 3) rows (u, v, axis). beam: of `types.Lamp`. nearest_m: of `nearest_m`. hit:
     (size, size) distance [m] of the nearest opaque body, (0, 0) without bodies. clear: (size, size, 2) distance [m] of
     the nearest one that lets light through, and the fraction that all of them do; (0, 0, 2) without such bodies.
     over_path: (paths, 2, 3) of `ShaftScene.path_light`. turned: `table` of `ShaftWater`. length_m: of the scene's
@@ -309,8 +310,7 @@ class LampField(NamedTuple):
 
     position: Array
     frame: Array
-    cos_core: float
-    cos_edge: float
+    beam: Array
     nearest_m: float
     hit: NDArray[np.float32]
     clear: NDArray[np.float32]
@@ -327,7 +327,7 @@ def lamp_field(scene: ShaftScene, lamp: Lamp) -> LampField:
     if shaded:
         hit, clear = _hits(lamp, frame, scene.bodies)
     return LampField(
-        np.asarray(lamp.position, np.float64), frame, float(lamp.cos_core), float(lamp.cos_edge), nearest_m(lamp), hit,
+        np.asarray(lamp.position, np.float64), frame, lamp.beam, nearest_m(lamp), hit,
         clear, np.exp(scene.path_light(lamp)), scene.water.table, scene.length_m,
     )  # fmt: skip
 
@@ -379,14 +379,17 @@ def _pixel(size: Any, frame: Any, widest: Any, axial: Any, x: Any, y: Any, z: An
     return j, i
 
 
+_spot = inlined(spot_of)
+
+
 @exact
 def _add_lamp(lamp: LampField, origin: Any, rays: Any, edge: Any, within: Any, light: Any) -> None:
     """See `single_scattering.lamp_segments` for the segments, one point each, and `spot_factor` for the cone."""
     # Take the lamp's parts apart, seen from the camera
-    place, frame, cos_core, cos_edge, least, hit, clear, over_path, turned, length_m = lamp
+    place, frame, beam, least, hit, clear, over_path, turned, length_m = lamp
     x0, y0, z0 = place[0] - origin[0], place[1] - origin[1], place[2] - origin[2]
     distance2 = x0 * x0 + y0 * y0 + z0 * z0
-    widest = math.acos(max(cos_edge, -1.0))
+    widest = math.acos(max(beam[0, 1], -1.0))
     paths, angles = len(over_path) - 1, len(turned) - 1
     for n in range(len(rays)):
         dx, dy, dz = rays[n, 0], rays[n, 1], rays[n, 2]
@@ -406,12 +409,9 @@ def _add_lamp(lamp: LampField, origin: Any, rays: Any, edge: Any, within: Any, l
                 r = max(math.sqrt(x * x + y * y + z * z), least)
                 # Leave out what is outside of the cone, or behind what the lamp meets
                 axial = -(x * frame[2, 0] + y * frame[2, 1] + z * frame[2, 2]) / r
-                spot = 1.0
-                if cos_edge > -1.0:
-                    t = min((axial - cos_edge) / max(cos_core - cos_edge, 1e-6), 1.0)
-                    if t <= 0.0:
-                        continue
-                    spot = t * t * (3.0 - 2.0 * t)
+                spot = _spot(beam, -x / r, -y / r, -z / r)
+                if spot <= 0.0:
+                    continue
                 if len(hit) and r > least:
                     row, column = _pixel(len(hit), frame, widest, axial, x, y, z)
                     if hit[row, column] < r:

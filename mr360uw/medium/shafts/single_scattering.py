@@ -432,11 +432,15 @@ def spot_factor(lamp: Lamp, towards: Floats) -> Array:
 
     1 within the core of the cone, 0 beyond its edge, a smooth step of the cosine between.
     """
-    if lamp.cos_edge <= -1.0:
-        return np.ones(towards.shape[:-1])
-    cosine = -(towards @ lamp.axis)
-    t = np.clip((cosine - lamp.cos_edge) / max(lamp.cos_core - lamp.cos_edge, 1e-6), 0.0, 1.0)
-    return np.asarray(t * t * (3.0 - 2.0 * t))
+    return np.asarray(spot_of(lamp.beam, *np.moveaxis(-towards, -1, 0)))
+
+
+def spot_of(beam: Any, x: Any, y: Any, z: Any) -> Any:
+    """Return `spot_factor` of numbers or arrays, in directions (x, y, z) of travel. beam: of `types.Lamp`."""
+    axial = x * beam[1, 0] + y * beam[1, 1] + z * beam[1, 2]
+    t = np.minimum((axial - beam[0, 1]) / max(beam[0, 0] - beam[0, 1], 1e-6), 1.0)
+    t = np.maximum(t, 1.0 if beam[0, 1] <= -1.0 else 0.0)
+    return t * t * (3.0 - 2.0 * t)
 
 
 def lamp_segments(
