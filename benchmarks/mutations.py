@@ -4,8 +4,8 @@
     python benchmarks/mutations.py               # all faults, about twenty minutes
     python benchmarks/mutations.py snow optics   # those of files whose path has one of these words
 
-Each fault runs in a copy of the tree of its own, with the test files that name its module or are given beside it. A
-fault that no test finds is printed as MISSED; the exit code is their number.
+Each fault is put into a copy of the tree, where the test files run that are given beside it, then those that name its
+module, up to the first that fails. A fault that no test finds is printed as MISSED; the exit code is their number.
 """
 
 from __future__ import annotations
@@ -99,29 +99,39 @@ def tests_of(path: str, beside: str) -> list[str]:
     return list(dict.fromkeys(found))[:MOST_FILES]
 
 
+def first_failure(tests: list[str], folder: Path) -> str:
+    """Return the first test that fails in a copy of the tree, "" if none does."""
+    for file in tests:
+        command = [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", file]
+        done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+        failed = [line for line in done.stdout.splitlines() if line.startswith(("FAILED", "ERROR"))]
+        if done.returncode == 1 and failed:
+            return failed[0].split(" - ")[0].removeprefix("FAILED ")
+    return ""
+
+
 def main(words: list[str]) -> int:
     """Try the faults; return how many were missed."""
     missed = 0
-    for path, before, after, beside in FAULTS:
-        if words and not any(word in path for word in words):
-            continue
-        text = (ROOT / "mr360uw" / path).read_text("utf-8")
-        if before not in text:
-            sys.exit(f"{path}: {before!r} does not stand there")
-        start, tests = time.perf_counter(), tests_of(path, beside)
-        with tempfile.TemporaryDirectory() as folder:
-            for name in ("mr360uw", "tests", "samples", "docs", "benchmarks"):
-                shutil.copytree(ROOT / name, Path(folder, name), ignore=shutil.ignore_patterns("__pycache__"))
-            for file in ("pyproject.toml", "README.md"):
-                shutil.copy(ROOT / file, folder)
-            Path(folder, "mr360uw", path).write_text(text.replace(before, after, 1), "utf-8")
-            command = [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", *tests]
-            done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
-        failed = [line for line in done.stdout.splitlines() if line.startswith(("FAILED", "ERROR"))]
-        verdict = "found" if done.returncode == 1 and failed else f"MISSED ({len(tests)} files, exit {done.returncode})"
-        missed += done.returncode != 1 or not failed
-        by = failed[0].split(" - ")[0].removeprefix("FAILED ") if failed else ""
-        print(f"{time.perf_counter() - start:6.1f} s  {verdict:8s} {path}: {after[:60]!r}  {by}", flush=True)
+    with tempfile.TemporaryDirectory() as folder:
+        for name in ("mr360uw", "tests", "samples", "docs", "benchmarks"):
+            shutil.copytree(ROOT / name, Path(folder, name), ignore=shutil.ignore_patterns("__pycache__"))
+        for file in ("pyproject.toml", "README.md"):
+            shutil.copy(ROOT / file, folder)
+        for path, before, after, beside in FAULTS:
+            if words and not any(word in path for word in words):
+                continue
+            changed = Path(folder, "mr360uw", path)
+            text = changed.read_text("utf-8")
+            if before not in text:
+                sys.exit(f"{path}: {before!r} does not stand there")
+            start, tests = time.perf_counter(), tests_of(path, beside)
+            changed.write_text(text.replace(before, after, 1), "utf-8")
+            by = first_failure(tests, Path(folder))
+            changed.write_text(text, "utf-8")
+            verdict = "found" if by else f"MISSED ({len(tests)} files)"
+            missed += not by
+            print(f"{time.perf_counter() - start:6.1f} s  {verdict:8s} {path}: {after[:60]!r}  {by}", flush=True)
     return missed
 
 
