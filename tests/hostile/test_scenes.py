@@ -118,6 +118,7 @@ TEXTS = {
     "key at no time": (SCENE + "[[object.key]]\ntime_s = true\n", "object[0].key[0].time_s"),
     "key without time": (SCENE + "[[object.key]]\nscale = 2.0\n", "object[0].key[0].time_s"),
     "depths that descend": (SCENE + "[camera]\ndepth_keys = [[1, 5], [0, 5]]\n", "ascend"),
+    "two depths at one time": (SCENE + "[camera]\ndepth_keys = [[1, 5], [1, 6]]\n", "ascend"),
     "lamp on nothing": (SCENE + "[[lamp]]\nattach = 7\n", "no such object"),
     "lamp of darkness": (SCENE + "[[lamp]]\ncolor = [-1, 0, 0]\n", "lamp[0].color"),
     "negative base colour": (SCENE + "base_color = [0.5, -0.1, 0.5]\n", "object[0].base_color"),
