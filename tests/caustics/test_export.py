@@ -52,6 +52,14 @@ def test_the_world_grid_undoes_the_shift():
     np.testing.assert_allclose(normal[at], surface.normal[near], atol=tol.WORLD_GRID)
 
 
+def test_frames_divide_the_loop_and_normals_have_up_last(tmp_path):
+    export_tiles(SEAS["gerstner"], SUN, 2.0, tmp_path, 4, 4.0, SMALL, "exr")
+    height, normal = world_grid(SEAS["gerstner"].model_copy(update={"loop_s": 4.0}), SMALL.size, 1.0)
+    for name, channels, wanted in (("height", "Y", height), ("normal", "RGB", normal[..., [0, 2, 1]])):
+        with OpenEXR.File(str(tmp_path / f"{name}_0001.exr")) as file:
+            np.testing.assert_allclose(file.channels()[channels].pixels, wanted, atol=tol.FLOAT32)
+
+
 def test_nothing_is_overwritten_without_being_asked(tmp_path):
     export_tiles(SEAS["gerstner"], SUN, 2.0, tmp_path, 1, 4.0, SMALL)
     with pytest.raises(OutputExistsError):

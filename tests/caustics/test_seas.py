@@ -206,6 +206,9 @@ def test_a_spectral_sea_says_what_waves_it_has():
     assert SpectralSea(wind_speed=0.0).spectrum_height_m == 0.0
     phillips = SpectralSea(spectrum="phillips", wind_speed=2.0, tile_m=30.0, resolution=512, shortest_wavelength_m=0.12)
     assert phillips.held_variance == pytest.approx(1.0, abs=tol.PHILLIPS_HELD)
+    w = np.arange(1.0, 20.0, 1e-3)
+    density = w**-5 * np.exp(-((GRAVITY_M_S2 / (2.0 * w)) ** 4))
+    assert 2.0 * np.pi / phillips.peak_period_s == pytest.approx(w[np.argmax(density)], rel=tol.SPECTRUM_PEAK)
     assert "inf" in repr(SpectralSea(wind_speed=0.0))
 
 

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from tests.tolerances import FLOAT32_LOOKUP, FLOAT32_TWIN, FLOAT64, PLANE_SLACK_M
+from tests.tolerances import FLOAT32, FLOAT32_LOOKUP, FLOAT32_TWIN, FLOAT64, PLANE_SLACK_M
 
 SNELL_ROUND_TRIP = 1e-7
 """Into water and back at grazing angles: the cosine is the root of a difference, which keeps half of the digits."""

@@ -247,6 +247,16 @@ def test_a_floating_body_heaves_with_the_mean_of_the_surface_under_it() -> None:
     assert abs(height - mean) < tol.FLOATING * crest
 
 
+def test_a_small_body_leans_as_the_surface_under_it() -> None:
+    swell = GerstnerSea.from_waves([[0.4, 0.3]], 0.3, 0.0, 0.0, tile_m=20.0, detail_slope=0.0)
+    mesh = scenes.box((0.1, 0.1, 0.1))
+    for time_s in (0.0, 0.7):
+        pose = floating(swell, 2.0, scenes.placed(mesh, (1.0, 2.0, -4.0)).world_from_object, mesh, time_s)
+        normal = swell.surface([1.0], [-4.0], time_s).normal[0]
+        assert np.hypot(normal[0], normal[2]) > 100.0 * tol.LEANING
+        np.testing.assert_allclose(pose[:3, 1], normal, atol=tol.LEANING)
+
+
 def test_floating_is_level_on_a_level_sea_and_smooth_on_waves() -> None:
     mesh = scenes.box((0.6, 0.3, 2.0))
     calm = scenes.placed(mesh, (1.0, 2.1, -4.0), (30, 0, 0)).world_from_object

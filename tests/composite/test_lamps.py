@@ -231,7 +231,7 @@ def test_lamps_follow_what_they_are_fixed_to() -> None:
 @pytest.mark.parametrize(
     ("lamp", "says"),
     [
-        ({"attach": 3}, "no such object (got 3)"),
+        ({"attach": 1}, "no such object (got 1)"),
         ({"key": [{"time_s": 1.0}, {"time_s": 1.0}]}, "must be later"),
         ({"color": [1.0, -0.1, 0.0]}, "must be three numbers >= 0"),
         ({"cone_deg": 0.0}, "cone_deg"),

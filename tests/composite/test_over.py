@@ -62,6 +62,9 @@ def test_the_mean_of_sub_frames_moves_energy_and_keeps_it(rng: np.random.Generat
     np.testing.assert_allclose(blurred.alpha.sum(), first.alpha.sum(), rtol=tol.FLOAT32)
     np.testing.assert_allclose(blurred.radiance.sum(), first.radiance.sum(), rtol=tol.FLOAT32)
     assert np.array_equal(mean_layer([Layer(16, 32, (first,))] * 2).alpha, Layer(16, 32, (first,)).alpha)
+    far, near = (replace(first, distance_m=np.full_like(first.alpha, metres)) for metres in (3.0, 2.0))
+    nearest = mean_layer([Layer(16, 32, (far,)), Layer(16, 32, (near,))])
+    assert np.array_equal(nearest.distance_m, Layer(16, 32, (near,)).distance_m)
 
 
 def test_shafts_are_added_to_the_plate_and_never_make_it_negative(rng: np.random.Generator) -> None:

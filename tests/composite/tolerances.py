@@ -158,6 +158,9 @@ SURFACE_FURNACE = 0.03
 """Radiance of 1: the split sum's albedo and the environment's 8-bit-like maps."""
 FLOATING = 0.02
 """Height of the plane through 13 x 13 points against that of 201 x 201, over the waves' height under the body."""
+LEANING = 2e-4
+"""Slope of a plane through a tenth of a metre of a swell of 0.3 m against that in its middle: k^3 a d^2/10 = 4e-5, and more
+where the wave is steep."""
 
 BLUR_FOUND = 0.1
 """Relative, of a blur found in a power spectrum: the share of a pixel's own blur is not known better."""

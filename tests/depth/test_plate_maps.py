@@ -78,7 +78,7 @@ _WRONG: dict[str, tuple[Callable[[Path], object], str]] = {
     ),
     "more": (lambda f: write_map(f / "d_0003.exr"), "more maps than the plate has frames .got 4 for 3"),
     "fewer": (lambda f: (f / "d_0002.exr").unlink(), "no map for frame 2"),
-    "gap": (lambda f: (f / "d_0002.exr").rename(f / "d_0005.exr"), "lacks map 2 .got d_0001.exr before d_0005.exr"),
+    "gap": (lambda f: (f / "d_0002.exr").rename(f / "d_0003.exr"), "lacks map 2 .got d_0001.exr before d_0003.exr"),
     "twice": (lambda f: (f / "d_0002.exr").rename(f / "d_1.exr"), "number of another map"),
     "series": (lambda f: write_map(f / "e_0000.exr"), "several series of pictures .got 3 of d_%d.exr, 1 of e_%d.exr"),
     "cut": (lambda f: cut(f / "d_0001.exr"), "d_0001.exr - is cut short"),

@@ -10,7 +10,7 @@ from mr360uw.errors import ParameterError
 from mr360uw.medium import JERLOV_TYPES, Medium, PlateProfile, Sensor, Water, fit_gain, fit_water
 from mr360uw.medium.lookup import veil_lookup
 from mr360uw.medium.open_water import row_up
-from tests.medium.tolerances import FLOAT64, GAIN, GAIN_STEP
+from tests.medium.tolerances import BALANCE, FEWER_BANDS, FLOAT64, GAIN, GAIN_STEP
 
 DEPTH = 6.0
 EXPOSURE = np.array([0.5, 0.4, 0.3])
@@ -92,6 +92,9 @@ def test_the_water_is_found_again(name: str, rng: np.random.Generator) -> None:
     assert fit.water_type == name
     assert 0.0 <= fit.confidence <= 1.0
     np.testing.assert_allclose(fit.gain, NEARLY_NEUTRAL, rtol=10 * GAIN)
+    assert fit.gain[0] / fit.gain[2] == pytest.approx(NEARLY_NEUTRAL[0] / NEARLY_NEUTRAL[2], rel=BALANCE)
+    light = Medium(Water.jerlov(name), camera_depth_m=3.0).irradiance([2.9, 3.1])
+    np.testing.assert_allclose(fit.kd, np.log(light[0] / light[1]) / 0.2, rtol=FEWER_BANDS)
     assert fit.residual[name] < 4 * GAIN
     other = JERLOV_TYPES[-1] if name in JERLOV_TYPES[:5] else JERLOV_TYPES[0]
     assert fit.residual[other] > 2 * fit.residual[name]

@@ -15,7 +15,7 @@ import pytest
 
 from mr360uw import composite_video
 from mr360uw.base.sphere import directions
-from mr360uw.composite.settings import ReceiverSettings
+from mr360uw.composite.settings import HoldoutSettings, ReceiverSettings
 from mr360uw.errors import VideoError
 from mr360uw.render.backends import make_backend
 from mr360uw.render.first_pass import ClipAnalysis
@@ -207,3 +207,21 @@ def test_holdouts_by_distance_have_holes_too(tmp_path: Path) -> None:
     expected = np.repeat(np.repeat(np.where(metres > 0.0, metres, np.inf), 2, axis=0), 2, axis=1)
     assert np.array_equal(distance, expected)
     assert mattes.at(5)[1] is not None
+
+
+def test_several_holdouts_hide_what_any_of_them_hides(tmp_path: Path) -> None:
+    left, but_right = np.zeros(SIZE[::-1], np.uint8), np.full(SIZE[::-1], 255, np.uint8)
+    left[:, :32], but_right[:, 96:] = 255, 0
+    masks = {"left.png": left, "but_right.png": but_right}
+    assert all(cv2.imwrite(str(tmp_path / name), codes) for name, codes in masks.items())
+    maps = {"low.png": floor(-1.5), "high.png": floor(-1.0)}
+    given = [HoldoutSettings(path=tmp_path / name, invert=name == "but_right.png") for name in masks]
+    given += [
+        HoldoutSettings(path=save(tmp_path / name, one), kind="distance", range_m=(0.0, FAR_M))
+        for name, one in maps.items()
+    ]
+    mask, metres = Mattes(given, *SIZE).at(0)
+    np.testing.assert_array_equal(mask, (left > 0) | (but_right == 0))
+    near = maps["high.png"] < FAR_M
+    assert metres is not None
+    np.testing.assert_allclose(metres[near], maps["high.png"][near], atol=FAR_M / 65535.0)

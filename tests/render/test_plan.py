@@ -87,6 +87,15 @@ def test_the_plan_tells_of_the_first_pass(tmp_path: Path, whale: Path) -> None:
         assert gain in plan.track_gain.why
 
 
+def test_the_sun_shines_for_the_shallowest_object(tmp_path: Path, whale: Path) -> None:
+    loaded = load(scene_with(tmp_path, whale, water={"type": "5C"}), 128, 64)
+    assert loaded.surroundings.medium is not None
+    table = loaded.surroundings.medium.unit_table
+    shallow, deep = (ObjectFacts(depth_m, False, False) for depth_m in (2.0, 150.0))
+    assert make_plan(loaded.scene, (shallow, deep), table).sun.runs
+    assert not make_plan(loaded.scene, (deep,), table).sun.runs
+
+
 def test_the_plan_reads_as_a_table(tmp_path: Path, whale: Path) -> None:
     scene = scene_with(tmp_path, whale)
     text = str(make_plan(scene, (ObjectFacts(4.0, True, False),), None))

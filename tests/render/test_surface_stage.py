@@ -78,6 +78,14 @@ def test_a_scene_without_bodies_at_the_surface_skips_it_and_says_why(
     assert why in stage.why
 
 
+def test_mirror_images_of_what_is_wholly_under_water_are_not_drawn_for_both_eyes(tmp_path: Path, whale: Path) -> None:
+    under, plate = {**BELOW, "position_m": [-1.0, 0.5, -3.5]}, str(tmp_path / "plate.png")
+    assert loaded_with(tmp_path, whale, under).plan.surface.runs
+    stage = loaded_with(tmp_path, whale, under, plate={"path": plate, "eye": "both"}).plan.surface
+    assert not stage.runs
+    assert "both eyes" in stage.why
+
+
 def test_a_body_that_is_not_near_leaves_the_frame_as_it_is(tmp_path: Path, whale: Path) -> None:
     rising = {**BELOW, "key": [{"time_s": 0.0, "position_m": [0.0, -4.0, -3.0]}, {"time_s": 9.0}]}
     backend = make_backend("reference")[0]

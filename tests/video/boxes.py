@@ -67,11 +67,15 @@ def changed(data: bytes, trail: list[bytes], change, track: bytes = b"vide") -> 
     return data[:start] + rebuilt(data, start, end, trail) + data[end:]
 
 
-def mark_v1(path: Path, stereo: str = "", first_view: tuple[int, int] | None = None) -> Path:
-    """Add XML as the last box of the video track; stereo: "top-bottom", ... or nothing. first_view: heading, pitch."""
+def mark_v1(path: Path, stereo: str = "", first_view: tuple[int, int] | None = None, **more: int) -> Path:
+    """Add XML as the last box of the video track; stereo: "top-bottom", ... or nothing. first_view: heading, pitch.
+
+    more: other elements.
+    """
     said = {"StereoMode": stereo} if stereo else {}
     if first_view is not None:
         said |= {"InitialViewHeadingDegrees": str(first_view[0]), "InitialViewPitchDegrees": str(first_view[1])}
+    said |= {name: str(number) for name, number in more.items()}
     xml = XML.format(stereo="".join(f"<GSpherical:{name}>{text}</GSpherical:{name}>" for name, text in said.items()))
     uuid = box(b"uuid", UUID("ffcc8263-f855-4a93-8814-587a02521fdd").bytes, xml.encode())
     path.write_bytes(changed(path.read_bytes(), [b"trak"], lambda content: content + uuid))

@@ -11,6 +11,7 @@ import pytest
 from mr360uw.errors import VideoError
 from mr360uw.video import SphericalMetadata, open_video, read_spherical, transcode, write_spherical
 from mr360uw.video.spherical import Box, edit_moov, from_side_data, parse_boxes, read_moov, sample_entries, video_track
+from tests import tolerances as tol
 from tests.video.boxes import mark_v1, mark_v2
 from tests.video.clips import decoded, packets, write_clip
 
@@ -117,6 +118,14 @@ def test_projections_that_are_no_full_sphere_are_refused(tmp_path) -> None:
     path.write_bytes(data.replace(b"equi", b"cbmp"))
     with pytest.raises(VideoError, match=r"projection not supported .got cubemap"):
         open_video(path)
+
+
+def test_a_cropped_panorama_says_what_lacks_at_each_side(tmp_path) -> None:
+    whole = {"FullPanoWidthPixels": 200, "FullPanoHeightPixels": 100}
+    part = {"CroppedAreaImageWidthPixels": 100, "CroppedAreaImageHeightPixels": 50}
+    place = {"CroppedAreaLeftPixels": 30, "CroppedAreaTopPixels": 20}
+    path = mark_v1(write_clip(tmp_path / "in.mp4", 2), **whole, **part, **place)
+    np.testing.assert_allclose(read_spherical(path).bounds, (0.2, 0.3, 0.15, 0.35), atol=tol.FLOAT64)
 
 
 def test_broken_xml_and_entities_are_not_followed(tmp_path) -> None:
