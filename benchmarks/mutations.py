@@ -43,7 +43,7 @@ FAULTS: tuple[tuple[str, str, str, str], ...] = (
     ("base/sphere.py", "edge[:-1] - edge[1:]", "edge[1:] - edge[:-1]", "test_sphere.py"),
     ("base/sphere.py", "+ 4.0 * np.square(spread_rad)", "+ 2.0 * np.square(spread_rad)",
      "composite/test_shading.py test_sphere.py composite/test_gl.py"),
-    ("base/sphere.py", "t * t * (3.0 - 2.0 * t)", "t * t * (2.0 - t)", "composite/test_receiver.py"),
+    ("base/texels.py", "t * t * (3.0 - 2.0 * t)", "t * t * (2.0 - t)", "composite/test_receiver.py"),
     ("base/tile_blend.py", "haze = min(veil, below)", "haze = veil", "composite/test_over.py"),
     ("base/tile_blend.py", "below = max(_background(", "below = min(_background(", "composite/test_over.py"),
     ("bench/bench_report.py", "SLOWER * was.cpu_ms and m.cpu_ms - was.cpu_ms > _LEAST_MS", "SLOWER * was.cpu_ms",

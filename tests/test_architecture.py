@@ -35,6 +35,7 @@ ALLOWED: dict[str, set[str]] = {
     "match": {"render", "scene", "video", *PHYSICS},
     "sample": {"scene", "ibl", "caustics", "medium", "surface", "video"},
     "bench": {
+        "preview",
         "render",
         "scene",
         "composite",

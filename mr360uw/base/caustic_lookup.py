@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mr360uw.base.sphere import between_four
+from mr360uw.base.texels import between_four
 from mr360uw.jit import exact, inlined
 from mr360uw.types import CausticStack, Floats
 

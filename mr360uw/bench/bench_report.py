@@ -18,7 +18,7 @@ from mr360uw.base.input_files import read_text, unreadable
 from mr360uw.base.progress import Progress, one_blas_thread
 from mr360uw.bench.stages import Knobs, MeasuredStage, Measurement, Workbench, measure
 from mr360uw.errors import ParameterError, package_versions
-from mr360uw.ibl.report import html_page
+from mr360uw.preview.pages import html_page
 from mr360uw.render.backends import make_backend
 
 

@@ -33,7 +33,7 @@ from pydantic import field_validator, model_validator
 
 from mr360uw.base.cache import shared
 from mr360uw.base.parameters import Parameters, advanced, exactly, listed, numbers, parameter
-from mr360uw.base.sphere import smoothstep
+from mr360uw.base.texels import smoothstep
 from mr360uw.caustics.sea import (
     WAVES_STAY,
     SeaParameters,

@@ -28,7 +28,7 @@ from pydantic import model_validator
 from mr360uw.base.cache import shared
 from mr360uw.base.constants import GRAVITY_M_S2, SURFACE_TENSION_OVER_DENSITY
 from mr360uw.base.parameters import FULL_TURN_DEG, Parameters, advanced, common_shape, number, parameter
-from mr360uw.base.sphere import between_four, texels_around
+from mr360uw.base.texels import between_four, texels_around
 from mr360uw.types import Array, Floats, Surface
 
 _POINTS_AT_ONCE = 1 << 13

@@ -32,7 +32,8 @@ import numpy as np
 
 from mr360uw.base.cache import Cache, Parts, shared
 from mr360uw.base.constants import PI
-from mr360uw.base.sphere import directions, disc_directions, row_solid_angle, smoothstep
+from mr360uw.base.sphere import directions, disc_directions, row_solid_angle
+from mr360uw.base.texels import smoothstep
 from mr360uw.caustics.settings import Sea
 from mr360uw.composite.aovs import Aovs
 from mr360uw.composite.light_sources import LampSource, SunSource, casting_bodies, lamps_of, sun_of

@@ -33,7 +33,7 @@ from numpy.typing import NDArray
 
 from mr360uw.base.cache import Cache, PartOf
 from mr360uw.base.optics import fresnel
-from mr360uw.base.sphere import smoothstep
+from mr360uw.base.texels import smoothstep
 from mr360uw.composite.ambient.solver import AmbientLight, ambient_at, ambient_light
 from mr360uw.composite.light_sources import Blockers, LightSource, light_sources
 from mr360uw.composite.objects import FAINTEST, PlacedObject, Shot, object_presence, tops

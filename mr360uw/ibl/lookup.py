@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mr360uw.base.sphere import between_four, frame_from_direction, texels_around
+from mr360uw.base.sphere import frame_from_direction
+from mr360uw.base.texels import between_four, texels_around
 from mr360uw.types import Floats
 
 Indices = NDArray[np.int64]

@@ -19,7 +19,8 @@ from mr360uw.base.color import DISPLAY_CURVE, LUMINANCE, encode
 from mr360uw.base.constants import ENVIRONMENT_COLUMNS, ENVIRONMENT_ROWS, REFRACTIVE_INDEX_SEA
 from mr360uw.base.optics import snell_elevation
 from mr360uw.base.parameters import checked, is_finite, real
-from mr360uw.base.sphere import Array, directions, frame_from_direction, row_solid_angle, smoothstep, unit
+from mr360uw.base.sphere import Array, directions, frame_from_direction, row_solid_angle, unit
+from mr360uw.base.texels import smoothstep
 from mr360uw.errors import ParameterError
 from mr360uw.ibl.lookup import reduce_map, reduce_maximum, resize_map
 from mr360uw.ibl.settings import LightSettings

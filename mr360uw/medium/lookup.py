@@ -17,7 +17,7 @@ from mr360uw.base.color import luminance
 from mr360uw.base.constants import BRIGHTEST_LOG, GAMUT_POWER, GAMUT_THRESHOLD
 from mr360uw.base.disk_cache import kept_arrays
 from mr360uw.base.parameters import vectors
-from mr360uw.base.sphere import between_four
+from mr360uw.base.texels import between_four
 from mr360uw.medium.models import FieldModel, SpectralModel, UndirectedModel
 from mr360uw.medium.wavelengths import Bands
 from mr360uw.types import Array, Floats, MediumTable

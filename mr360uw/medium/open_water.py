@@ -24,7 +24,7 @@ from mr360uw.base.cache import shared
 from mr360uw.base.color import luminance
 from mr360uw.base.constants import PI
 from mr360uw.base.parameters import exactly, numbers, real, vectors
-from mr360uw.base.sphere import smoothstep
+from mr360uw.base.texels import smoothstep
 from mr360uw.errors import ParameterError
 from mr360uw.medium.medium import Medium
 from mr360uw.types import Array, Floats

@@ -25,7 +25,8 @@ from mr360uw.base.color import luminance
 from mr360uw.base.constants import PI, REFRACTIVE_INDEX_SEA, SUN_HALF_ANGLE_RAD
 from mr360uw.base.optics import fresnel_from_below, fresnel_transmittance, refract_to_water
 from mr360uw.base.parameters import checked
-from mr360uw.base.sphere import directions, row_solid_angle, smoothstep, unit
+from mr360uw.base.sphere import directions, row_solid_angle, unit
+from mr360uw.base.texels import smoothstep
 from mr360uw.caustics.settings import CausticSettings
 from mr360uw.ibl import environment
 from mr360uw.ibl.sun.split import CLEAR_SKY, air_mass, beam_below, clear_air_depth, direct_share

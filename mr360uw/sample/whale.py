@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.base.files import write_whole
-from mr360uw.base.sphere import smoothstep
+from mr360uw.base.texels import smoothstep
 from mr360uw.sample.whale_shape import Chart, Detail, WhaleSkin, humpback, neighbour_means, triangles
 from mr360uw.sample.whale_skin import map_coordinates, painted
 from mr360uw.types import Floats

@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from mr360uw.base.sphere import Vector
+from mr360uw.base.texels import Vector
 from mr360uw.jit import exact
 from mr360uw.surface.intersection import bent, mirrored, reflectance
 from mr360uw.types import Array

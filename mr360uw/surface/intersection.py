@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from mr360uw.base.sphere import Vector
+from mr360uw.base.texels import Vector
 from mr360uw.jit import borrowing, exact
 from mr360uw.surface.sampled_sea import Displacement, SampledSea, displacement, read_height, read_shift, rest_position
 from mr360uw.types import Array

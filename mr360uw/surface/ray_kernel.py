@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.base.optics import refract_to_water
-from mr360uw.base.sphere import Vector, add, four, packed, periodic_four, times
+from mr360uw.base.texels import Vector, add, four, packed, periodic_four, times
 from mr360uw.jit import borrowing, inlined
 from mr360uw.surface.facet_draws import Disc, drawn, facets_of, next_key, sun_seen, sunlight
 from mr360uw.surface.intersection import NOWHERE, Hit, Ray, SeaWaves, bent, first_hit, mirrored, reflectance, waves_of

@@ -22,7 +22,7 @@ import scipy.fft
 from numpy.typing import ArrayLike, NDArray
 
 from mr360uw.base.parameters import checked
-from mr360uw.base.sphere import between_four, periodic_four
+from mr360uw.base.texels import between_four, periodic_four
 from mr360uw.caustics.sea import Detail, detail_slope
 from mr360uw.jit import borrowing, exact, inlined
 from mr360uw.types import Array, Floats, Surface

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 from mr360uw.base.caustic_lookup import mip_level, mip_levels, periodic_trilinear
 from mr360uw.base.constants import PI
 from mr360uw.base.parameters import number, numbers
-from mr360uw.base.sphere import Vector, add, between, level_for, periodic, times
+from mr360uw.base.texels import Vector, add, between, level_for, periodic, times
 from mr360uw.errors import ParameterError
 from mr360uw.jit import borrowing
 from mr360uw.types import Array, Floats

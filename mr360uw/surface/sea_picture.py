@@ -20,7 +20,8 @@ from mr360uw.base.cache import Cache
 from mr360uw.base.constants import REFRACTIVE_INDEX_SEA
 from mr360uw.base.optics import check_refractive_index
 from mr360uw.base.parameters import checked, exactly, number
-from mr360uw.base.sphere import Vector, add, unit
+from mr360uw.base.sphere import unit
+from mr360uw.base.texels import Vector, add
 from mr360uw.caustics import CausticSettings
 from mr360uw.caustics.settings import Sea
 from mr360uw.errors import ParameterError

@@ -20,7 +20,8 @@ from numpy.typing import ArrayLike, NDArray
 from mr360uw.base.constants import PI
 from mr360uw.base.optics import fresnel_transmittance
 from mr360uw.base.parameters import numbers
-from mr360uw.base.sphere import Vector, between, directions, four, row_solid_angle
+from mr360uw.base.sphere import directions, row_solid_angle
+from mr360uw.base.texels import Vector, between, four
 from mr360uw.errors import ParameterError
 from mr360uw.ibl.lookup import environment_lookup
 from mr360uw.jit import borrowing

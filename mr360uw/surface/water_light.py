@@ -25,7 +25,7 @@ from scipy.fft import irfft2, rfft2
 from mr360uw.base.cache import shared
 from mr360uw.base.constants import JUST_BELOW_M, PI
 from mr360uw.base.optics import diffuse_reflectance_from_below, refract_to_water
-from mr360uw.base.sphere import Vector, add, between_four, four, packed, periodic_four
+from mr360uw.base.texels import Vector, add, between_four, four, packed, periodic_four
 from mr360uw.caustics import CausticSettings, caustic_map, caustic_stack
 from mr360uw.caustics.settings import Sea
 from mr360uw.caustics.sun_disc import gaussian_transform

@@ -19,9 +19,9 @@ from mr360uw.composite.objects import PlacedObject, Receiver
 from mr360uw.composite.receiver.shape import ReceiverShape
 from mr360uw.composite.shading import veil_ahead
 from mr360uw.ibl.lighting import turned
-from mr360uw.ibl.report import marked
 from mr360uw.medium.scattered_light import spread_of
 from mr360uw.preview.live import narrowed
+from mr360uw.preview.pages import marked
 from mr360uw.render.backends import Backend
 from mr360uw.render.frame import Frame
 from mr360uw.render.loaded import Loaded

@@ -27,7 +27,7 @@ from mr360uw.base.color import (
     rgb_from_ycbcr,
     ycbcr_from_rgb,
 )
-from mr360uw.base.sphere import between_four
+from mr360uw.base.texels import between_four
 from mr360uw.jit import fast, inlined
 from mr360uw.types import Floats, Rectangle, YuvImage
 

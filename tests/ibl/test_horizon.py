@@ -10,8 +10,8 @@ import mr360uw.ibl as ibl
 from mr360uw.base.sphere import directions
 from mr360uw.errors import ParameterError
 from mr360uw.ibl.lookup import reduce_map
-from mr360uw.ibl.report import level_section
 from mr360uw.ibl.tilt import ClipHorizon, HorizonEstimate, clip_horizon, estimate_horizon, level_matrix
+from mr360uw.preview.pages import level_section
 from tests.ibl.panoramas import SKIES, panorama
 from tests.ibl.plates import angle_deg, clipped, sky
 from tests.ibl.tolerances import FLOAT64, HORIZON_DEG

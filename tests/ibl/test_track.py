@@ -13,10 +13,10 @@ import pytest
 import mr360uw.ibl as ibl
 from mr360uw.base.sphere import direction_from_angles, directions, unit
 from mr360uw.errors import ParameterError
-from mr360uw.ibl.report import ReportFrame, light_report
 from mr360uw.ibl.settings import parse_time, refraction, sun_angles
 from mr360uw.ibl.sun.track import smooth
 from mr360uw.ibl.tilt import keyed_level, level_from_gpmf, level_matrix, roll_pitch, streams
+from mr360uw.preview.pages import ReportFrame, light_report
 from mr360uw.types import Sun
 from tests.gpmf import payloads, tilted_up
 from tests.ibl.plates import angle_deg, clipped, sky

@@ -8,7 +8,8 @@ import pytest
 
 from mr360uw.base import optics
 from mr360uw.base.caustic_lookup import mip_level, mip_levels, periodic_trilinear
-from mr360uw.base.sphere import level_for, packed, periodic, unit
+from mr360uw.base.sphere import unit
+from mr360uw.base.texels import level_for, packed, periodic
 from mr360uw.ibl.lookup import environment_lookup
 from mr360uw.medium import Medium, Water
 from mr360uw.medium.lookup import transmittance_lookup, veil_lookup

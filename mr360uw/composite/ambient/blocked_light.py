@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 from mr360uw.base.cache import Parts
 from mr360uw.base.constants import BRIGHTEST, DARK
 from mr360uw.base.rays import raise_to_triangles
-from mr360uw.base.sphere import smoothstep
+from mr360uw.base.texels import smoothstep
 from mr360uw.composite.ambient.mesh_transfer import Transfer
 from mr360uw.ibl.lookup import lookup_matrix
 from mr360uw.jit import exact, fast, inlined

@@ -30,7 +30,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.base.cache import Cache, PartOf
-from mr360uw.base.sphere import smoothstep
+from mr360uw.base.texels import smoothstep
 from mr360uw.composite.ambient.blocked_light import HeightField, Occluders, Occlusion, make_height_field
 from mr360uw.composite.ambient.mesh_transfer import (
     COUNT,

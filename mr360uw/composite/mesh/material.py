@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from mr360uw.base.color import decode
 from mr360uw.base.input_files import PNG_START, TEXTURE, picture_size, read_data
-from mr360uw.base.sphere import between_four, texels_around
+from mr360uw.base.texels import between_four, texels_around
 from mr360uw.composite.mesh.skin import Animation, Skeleton, UnplacedSurface
 from mr360uw.errors import MeshError
 from mr360uw.jit import exact

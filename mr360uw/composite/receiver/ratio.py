@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.base.constants import BRIGHTEST, DARK
-from mr360uw.base.sphere import smoothstep
+from mr360uw.base.texels import smoothstep
 from mr360uw.base.tile_blend import BLOCK, NO_BLURS, NO_MEAN, BlockGround, GroundLines, PixelImages
 from mr360uw.composite.light_sources import LightSource
 from mr360uw.composite.objects import Shot

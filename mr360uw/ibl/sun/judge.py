@@ -39,7 +39,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.base.constants import ENVIRONMENT_COLUMNS, ENVIRONMENT_ROWS
-from mr360uw.base.sphere import directions, row_solid_angle, smoothstep, unit
+from mr360uw.base.sphere import directions, row_solid_angle, unit
+from mr360uw.base.texels import smoothstep
 from mr360uw.ibl.lookup import reduce_map, reduce_maximum
 from mr360uw.ibl.plate import Plate, coarse_directions, coarse_solid_angle, patch_directions, patch_step, plate_sines
 from mr360uw.ibl.tilt import elevation_sine
