@@ -19,7 +19,6 @@ from mr360uw.base.input_files import files_read
 from mr360uw.base.progress import Progress
 from mr360uw.base.sphere import frame_from_direction
 from mr360uw.errors import ParameterError, VideoError
-from mr360uw.ibl import SunTrack
 from mr360uw.ibl.lookup import environment_lookup
 from mr360uw.ibl.sun.track import SunTrack, angles_deg
 from mr360uw.ibl.tilt import HorizonEstimate, clip_horizon, roll_pitch
