@@ -35,12 +35,11 @@ LONGEST = (
     "first_look/test_first_scene.py", "hostile/test_command_line.py",
 )  # fmt: skip
 """Files that take longest, in this order."""
-_M_MMAP_THRESHOLD, _M_ARENA_MAX = -3, -8
+_M_ARENA_MAX = -8
 _C = ctypes.CDLL(None) if sys.platform == "linux" else None
 if hasattr(_C, "mallopt"):
-    # Arrays go back to the system when they are freed. The C library would keep them, for each thread its own, and a
-    # worker would come to hold twice what it uses.
-    _C.mallopt(_M_MMAP_THRESHOLD, 1 << 20)
+    # The C library keeps what is freed, for each thread its own: a worker would come to hold twice what it uses. At the
+    # end of a file it is given back (`_nothing_shared_by_files`); at once, pages would be cleared for every array.
     _C.mallopt(_M_ARENA_MAX, 2)
 
 

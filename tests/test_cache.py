@@ -187,7 +187,7 @@ def test_a_cache_that_is_dropped_at_random_changes_no_code(rich: Loaded, rng: np
     for drops in (False, True):
         backend.cache.clear()
         run = []
-        for plate in plates(8):
+        for plate in plates(4):
             if drops and rng.random() < 0.5:
                 backend.cache.clear()
             run.append(composite_frame(rich, ClipAnalysis(), backend, plate, 0.02).picture.image_linear)
