@@ -37,6 +37,9 @@ LONGEST = (
 """Files that take longest, in this order."""
 _M_ARENA_MAX = -8
 _C = ctypes.CDLL(None) if sys.platform == "linux" else None
+if "PYTEST_XDIST_WORKER" in os.environ:
+    # Each worker has a core to itself: OpenGL in software, which takes all of them, draws with one thread
+    os.environ.setdefault("LP_NUM_THREADS", "1")
 if hasattr(_C, "mallopt"):
     # The C library keeps what is freed, for each thread its own: a worker would come to hold twice what it uses. At the
     # end of a file it is given back (`_nothing_shared_by_files`); at once, pages would be cleared for every array.
