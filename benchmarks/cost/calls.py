@@ -18,6 +18,7 @@ from typing import Any
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
+import mr360uw
 from benchmarks.pipeline import measured_scenes
 from mr360uw.base.cache import Cache
 from mr360uw.render.backends import make_backend
@@ -30,7 +31,7 @@ from mr360uw.scene.resolved import open_plate
 
 _FIRST = 3
 """Frames before the one that is counted."""
-_PACKAGE = str(Path(sys.modules[Cache.__module__].__file__ or "").parent)
+_PACKAGE = str(Path(mr360uw.__file__).parent)
 
 
 def count_calls(scene: Scene) -> tuple[Counter[CodeType], Counter[str]]:
