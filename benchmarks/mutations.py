@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Whether the tests find faults: single lines are changed, one at a time, and the tests around them must fail.
 
-    python benchmarks/mutations.py               # all faults, about twenty minutes
+    python benchmarks/mutations.py               # all faults, about half an hour
     python benchmarks/mutations.py snow optics   # those of files whose path has one of these words
 
 Each fault is put into a copy of the tree, where the test files run that are given beside it, then those that name its
