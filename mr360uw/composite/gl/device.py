@@ -316,10 +316,10 @@ class ShadingTextures:
             }  # fmt: skip
         # One texture of the ambient irradiance and the glossy levels after it, one of lamps (lamps.glsl)
         textures: dict[str, Any] = {"ambient": cache.of(_ambient_texture, environment)}
-        rows = np.zeros((max(len(lamps), 1), 4 + max((len(lamp.beam) for lamp in lamps), default=1), 4))
+        rows = np.zeros((max(len(lamps), 1), 6, 4))
         for number, (row, lamp) in enumerate(zip(rows, lamps, strict=False)):
             row[:3, :3] = lamp.position - shot.view.position, lamp.axis, lamp.intensity
-            row[0, 3], row[4 : 4 + len(lamp.beam)] = lamp.radius_m, lamp.beam
+            row[0, 3], row[4:] = lamp.radius_m, lamp.beam
             row[3, :2] = _ROWS_OF_BEAM + number, nearest_m(lamp)
         textures["lamps"] = cache.of(texture_from_array, rows, keep=2)
         # The water, with the attenuation of lamps' own light

@@ -77,10 +77,6 @@ class Fragments:
         """Return the pixel (n,) of each piece."""
         return np.repeat(np.arange(len(self.row)), np.diff(np.append(self.first, len(self))))
 
-    def sums(self, values: Floats) -> Floats:
-        """Return the sums (p, c) of values (n, c) over the pieces of each pixel."""
-        return np.add.reduceat(values, self.first, axis=0) if len(self) else values[:0]
-
 
 _NONE = np.zeros(0, np.int64)
 _NOTHING = Fragments(_NONE, _NONE, _NONE, _NONE, np.zeros((0, 2)), np.zeros((0, 5)), np.zeros(0))

@@ -22,7 +22,7 @@ struct LampLight {
 Lamp fetch_lamp(sampler2D lamps, int row) {
     vec4 a = texelFetch(lamps, ivec2(0, row), 0), b = texelFetch(lamps, ivec2(1, row), 0);
     vec4 c = texelFetch(lamps, ivec2(2, row), 0), d = texelFetch(lamps, ivec2(3, row), 0);
-    vec4 cone = texelFetch(lamps, ivec2(4, row), 0);  // its beam, whose further rows follow
+    vec4 cone = texelFetch(lamps, ivec2(4, row), 0);  // of `Lamp.beam`, whose axis follows
     return Lamp(a.xyz, a.w, b.xyz, cone.x, c.xyz, cone.y, d.x, d.y);
 }
 
