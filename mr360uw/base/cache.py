@@ -6,7 +6,8 @@ are all that it can depend on, and the cache may be emptied at any moment withou
 
 The version of an input is what it is equal to: settings and numbers count by value, arrays of up to a megabyte by their
 content, what is assembled anew in every frame (`Parts`) by the versions of its fields, and all else, which is loaded or
-computed once, by identity, as long as it is kept itself. Caches change no result, so they count for nothing.
+computed once, by identity, as long as it is kept itself. Caches change no result, so they count for nothing. Files that
+a function read (`input_files.files_read`) are watched: where one has changed, the function is called again.
 
 Functions far below, which have no cache at hand, are `shared`: all scenes of the process find their results, until one
 of the scenes is closed (`drop_shared`).
@@ -22,16 +23,20 @@ import weakref
 from collections import Counter
 from collections.abc import Callable, Hashable, Iterable
 from dataclasses import fields, is_dataclass
+from pathlib import Path
 from types import MethodType
 from typing import Any, Generic, TypeVar, TypeVarTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mr360uw.base.input_files import Stamp, files_read, note_read, stamp
+
 T = TypeVar("T")
 Inputs = TypeVarTuple("Inputs")
 
-_MISSING = object()
+_MISSING: tuple[Any, dict[Path, Stamp]] = object(), {}
+"""Stands for a result that is not there, and the files that it was read from."""
 _BY_CONTENT = 1 << 20
 """Bytes of an array up to which it counts by its content: to read a megabyte takes a third of a millisecond."""
 
@@ -111,14 +116,15 @@ def _fields_of(kind: Any) -> Callable[[Any], Iterable[Any]]:
 class Cache(Neutral):
     """The most recently used results of every function, for any number of threads.
 
-    Threads that ask for the same at the same time may each call the function. room: factor on how many are kept, for
-    frames of that many kinds which take turns.
+    A result is made anew where a file that it was read from has changed; the files of one that is found are noted as if
+    they had been read again. Threads that ask for the same at the same time may each call the function. room: factor on
+    how many are kept, for frames of that many kinds which take turns.
     """
 
     def __init__(self, room: int = 1) -> None:
         self._room = room
         self._lock = threading.RLock()
-        self._kept: dict[Any, dict[Hashable, Any]] = {}
+        self._kept: dict[Any, dict[Hashable, tuple[Any, dict[Path, Stamp]]]] = {}
         self.made: Counter[str] = Counter()
         """How often each function was called, by its name (`name_of`)."""
 
@@ -130,20 +136,24 @@ class Cache(Neutral):
         """
         plain, key = _with_own(function, inputs)
         with self._lock:
-            result: Any = self._kept.get(plain, {}).get(key, _MISSING)
-        if result is _MISSING:
+            result, files = kept = self._kept.get(plain, {}).get(key, _MISSING)
+        if kept is _MISSING or any(stamp(path) != before for path, before in files.items()):
             name = name_of(plain)
-            result = function(*inputs)
+            with files_read() as read:
+                result = function(*inputs)
+            files = {path: stamp(path) for path in read}
             with self._lock:
                 self.made[name] += 1
+        for path in files:
+            note_read(path)
         with self._lock:
             results = self._kept.setdefault(plain, {})  # only now: the call may have dropped it
             results.pop(key, None)
-            results[key] = result
+            results[key] = result, files
             while len(results) > keep * self._room:
                 results.pop(next(iter(results)))
-        kept: T = result
-        return kept
+        found: T = result
+        return found
 
     def holds(self, function: Callable[..., Any], *inputs: object) -> bool:
         """Return whether the result of a function is there."""
@@ -181,7 +191,7 @@ def _with_own(function: Callable[..., Any], inputs: tuple[Any, ...]) -> tuple[Ca
 
 def name_of(function: Callable[..., Any]) -> str:
     """Return the name of a function that sees nothing but its inputs; raise `TypeError` for one within another."""
-    name: str = getattr(function, "function", function).__qualname__
+    name = function.__qualname__
     if "<" in name:
         raise TypeError(f"{name} - may depend on more than its inputs - write it at the top of a module")
     return name.lstrip("_")

@@ -119,6 +119,19 @@ def note_read(path: Path) -> None:
         found[path] = None
 
 
+Stamp = tuple[int, int] | None
+"""Time of the last change [ns] and length [bytes] of a file; None where it cannot be read."""
+
+
+def stamp(path: Path) -> Stamp:
+    """Return what changes when a file does."""
+    try:
+        found = path.stat()
+    except OSError:
+        return None
+    return found.st_mtime_ns, found.st_size
+
+
 _FOLDERS = ("textures", "texture", "tex", "maps", "images", "materials")
 """Folders beside a mesh, in any case, in which files that it names elsewhere are looked for."""
 

@@ -15,7 +15,8 @@ from typing import Literal
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from mr360uw.base.input_files import read_text, unreadable
-from mr360uw.base.progress import Progress, one_blas_thread
+from mr360uw.base.progress import Progress
+from mr360uw.base.threads import one_blas_thread
 from mr360uw.bench.stages import Knobs, MeasuredStage, Measurement, Workbench, measure
 from mr360uw.errors import ParameterError, package_versions
 from mr360uw.preview.pages import html_page

@@ -13,9 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.base.cache import Parts
+from mr360uw.base.cache import Cache, Parts
 from mr360uw.base.color import LEAST_CHANGE, luminance
-from mr360uw.base.disk_cache import CachedReads
 from mr360uw.base.input_files import OBJECTS
 from mr360uw.base.parameters import checked
 from mr360uw.caustics.settings import Sea
@@ -116,14 +115,14 @@ def load_object(settings: ObjectSettings) -> SceneObject:
 
 
 @checked
-def load_objects(all_settings: Sequence[ObjectSettings], reads: CachedReads | None = None) -> tuple[SceneObject, ...]:
+def load_objects(all_settings: Sequence[ObjectSettings], reads: Cache | None = None) -> tuple[SceneObject, ...]:
     """Return objects with their meshes, textures and overrides; raise `MeshError`.
 
     Every file is read once, and objects that differ only in where they are share their meshes. reads: what was read
     before, for an object that changes.
     """
     OBJECTS.check("scene - its number of objects", len(all_settings), ParameterError)
-    reads = CachedReads() if reads is None else reads
+    reads = Cache() if reads is None else reads
     several = 4 * len(all_settings)
 
     return tuple(reads.of(_scene_object, one, several, reads, keep=several) for one in all_settings)
@@ -137,7 +136,7 @@ def on_the_sea(placed: SceneObject, sea: Sea, surface_y_m: float) -> SceneObject
     return replace(placed, motion=motion, afloat=(sea, surface_y_m))
 
 
-def _scene_object(settings: ObjectSettings, several: int, reads: CachedReads) -> SceneObject:
+def _scene_object(settings: ObjectSettings, several: int, reads: Cache) -> SceneObject:
     """Return an object. several: textures and looks that are kept."""
     sized = {} if settings.size_m is None else {"size_m": 1.0}
     rigs = reads.of(_rigs, settings.model_copy(update=_AT_REST | sized), several, reads, keep=several)
@@ -149,7 +148,7 @@ def _scene_object(settings: ObjectSettings, several: int, reads: CachedReads) ->
     return SceneObject(settings, meshes, object_motion(settings, rigs[0].mesh), played)
 
 
-def _rigs(look: ObjectSettings, several: int, reads: CachedReads) -> tuple[Rig, ...]:
+def _rigs(look: ObjectSettings, several: int, reads: Cache) -> tuple[Rig, ...]:
     """Return the meshes of an object, one a file, with the materials that its settings ask for."""
     unit: Unit = "auto" if look.size_m is None else "m"  # of any unit: no note on an odd size
     first, *others = _paths(look.mesh)

@@ -16,7 +16,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.base.disk_cache import CachedReads
+from mr360uw.base.cache import Cache
 from mr360uw.base.files import (
     NewFile,
     WrittenFiles,
@@ -124,7 +124,7 @@ class DepthClip:
 
     def __init__(self, path: Path, kind: Kind = "metric", scale_m: float = 1.0, size: tuple[int, int] = (2, 1)) -> None:
         self._path, self._kind, self._scale = path, kind, scale_m
-        self._read, self._records = CachedReads(), CachedReads()
+        self._kept = Cache()
         self._ours = path.is_dir() and _inputs_of(path) is not None
         series = MapSeries() if self._ours else _map_series(path)
         coloured: list[Path] = []
@@ -203,10 +203,10 @@ class DepthClip:
 
     def _map(self, path: Path, *, right: bool = False) -> DepthMap:
         """Return the map in a file; raise `VideoError` where one of ours is not as it was written."""
-        if self._ours and not self._records.of(_record, self._path).has(path):
+        if self._ours and not self._kept.of(_record, self._path).has(path):
             what = "is not as mr360uw depth wrote it" if path.is_file() else "is missing"
             raise VideoError(f"{path} - {what} - run the same mr360uw depth again, which makes it anew")
-        return self._read.of(_read_map, path, self._kind, self._scale, self._ours, right, keep=_APART)
+        return self._kept.of(_read_map, path, self._kind, self._scale, self._ours, right, keep=_APART)
 
 
 def _record(folder: Path) -> WrittenFiles:

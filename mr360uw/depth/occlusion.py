@@ -15,8 +15,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.base.cache import Cache
-from mr360uw.base.disk_cache import CachedReads
 from mr360uw.base.sphere import directions, frame_from_direction
 from mr360uw.composite.objects import Receiver
 from mr360uw.composite.receiver.shape import ReceiverShape, inverse_distance, running_mean, smoothed, width_px
@@ -51,8 +49,7 @@ class PlateDepth(DepthClip):
         size: tuple[int, int] = (2, 1),
     ) -> None:  # fmt: skip
         super().__init__(path, kind, scale_m, size)
-        self._right, self._kept = right, Cache()
-        self._ground, self._one_thread = CachedReads(), threading.RLock()
+        self._right, self._one_thread = right, threading.RLock()
 
     def check_all(self, stop: int, count: int | None) -> None:
         """Raise `VideoError` with all that `DepthClip.check_all` finds. count: frames of the plate."""
@@ -75,7 +72,7 @@ class PlateDepth(DepthClip):
     def ground_below(self, index: int, view: View) -> float | None:
         """Return how far [m] the ground is below the camera in a frame, None where the map does not tell (`relief`)."""
         with self._one_thread:
-            return self._ground.of(_ground_below, self, index, np.array(view.world_from_camera[1]))
+            return self._kept.of(_ground_below, self, index, np.array(view.world_from_camera[1]))
 
     def toward(self, index: int, direction: Floats) -> float:
         """Return the distance [m] of what a frame shows in a direction (3,) in the camera's axes.

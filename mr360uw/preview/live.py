@@ -19,10 +19,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from mr360uw.base.cache import Cache, Same
 from mr360uw.base.color import encode
-from mr360uw.base.disk_cache import CachedReads, Stamp, stamp
+from mr360uw.base.input_files import Stamp, stamp
 from mr360uw.base.parameters import Parameters
-from mr360uw.base.progress import Progress, one_blas_thread
+from mr360uw.base.progress import Progress
 from mr360uw.base.sphere import frame_from_direction, yaw_matrix
+from mr360uw.base.threads import one_blas_thread
 from mr360uw.errors import ParameterError
 from mr360uw.jit import exact
 from mr360uw.render.backends import close_backend, make_backend
@@ -105,8 +106,8 @@ class LivePreview:
 
     def __init__(self, backend: str = "auto") -> None:
         self.backend, self.note = make_backend(backend, Cache(_KINDS))
-        self._reads = CachedReads(_KINDS)
-        self.plates = KeptFrames(self._reads)
+        self._cache = Cache(_KINDS)
+        self.plates = KeptFrames(self._cache)
         self._last = ClipAnalysis()  # that was measured
         # what it depends on, of the scene and of its draft, and what its background depends on besides
         self._clip_keys: tuple[Hashable, ...] = ()
@@ -115,7 +116,7 @@ class LivePreview:
     @property
     def made(self) -> Counter[str]:
         """Runs of each stage, by the name of its function (`mr360uw.base.cache.name_of`)."""
-        return self._reads.cache.made
+        return self._cache.made
 
     def frame(self, scene: Scene, index: int, width: int | None = None) -> Frame:
         """Return a composited frame of a scene, `width` pixels wide; None takes the scene's own width.
@@ -132,8 +133,8 @@ class LivePreview:
             if analysis.grade is None and loaded.plan.match.runs and loaded.scene.match.open_keys:
                 places = patch_frames(scene.match, self.plates.reader(scene))
                 shown = [self.plates.at(scene, place, width) for place in places]
-                analysis = replace(analysis, grade=grade_in_frame(loaded, plate, shown, self._reads.cache))
-            return composite_frame(loaded, analysis, self.backend, plate, 0.0, cache=self._reads.cache)
+                analysis = replace(analysis, grade=grade_in_frame(loaded, plate, shown, self._cache))
+            return composite_frame(loaded, analysis, self.backend, plate, 0.0, cache=self._cache)
 
     def measure(self, scene: Scene, progress: Progress | None = None) -> ClipAnalysis:
         """Measure a scene's clip as a composite does before its first frame; frames use what was found from now on.
@@ -166,19 +167,19 @@ class LivePreview:
         background = self._last.background
         if background is None or _of_ground(loaded) not in self._ground_keys:
             return replace(self._last, background=None)
-        reduced = self._reads.cache.of(_reduced, background, loaded.width)
+        reduced = self._cache.of(_reduced, background, loaded.width)
         return replace(self._last, background=reduced)
 
     def loaded(self, scene: Scene, width: int | None = None) -> Loaded:
         """Return a scene resolved for frames of a width, as `frame` draws it; raises what loading raises."""
         reader, size = self.plates.reader(scene), self.plates.size(scene, width)
         at_size = at_scale(scene, size[0] / reader.width)
-        return Loader(*size, clip=not reader.is_still, reads=self._reads).load(at_size)
+        return Loader(*size, clip=not reader.is_still, reads=self._cache).load(at_size)
 
     def close(self) -> None:
         """Let go of everything that is kept, and of open files."""
         self.plates.close()
-        self._reads.cache.clear()
+        self._cache.clear()
         close_backend(self.backend)
 
     def __enter__(self) -> Self:
@@ -199,10 +200,10 @@ _KEPT_FRAMES = 8
 
 
 class KeptFrames:
-    """Reads frames of scenes' plates. reads: keeps readers and frames, and counts the frames decoded."""
+    """Reads frames of scenes' plates. cache: keeps readers and frames, and counts the frames decoded."""
 
-    def __init__(self, reads: CachedReads) -> None:
-        self._reads = reads
+    def __init__(self, cache: Cache) -> None:
+        self._cache = cache
         self._open: VideoReader | None = None  # the plate whose file is open
         self._closing = ExitStack()
         self._seek: Seeker = lambda _: iter(())
@@ -212,7 +213,7 @@ class KeptFrames:
     def reader(self, scene: Scene) -> VideoReader:
         """Return the reader of a scene's plate at its full size; opened again where the file has changed."""
         whole = at_scale(scene, 1.0)
-        return self._reads.of(open_plate, whole.only())
+        return self._cache.of(open_plate, whole.only())
 
     def size(self, scene: Scene, width: int | None) -> tuple[int, int]:
         """Return the width and height of a scene's frames that are `width` pixels wide, rounded to even numbers.
@@ -226,18 +227,18 @@ class KeptFrames:
         """Return a frame of a scene's plate, `width` pixels wide, see `size`; raise `VideoError`."""
         reader, size = self.reader(scene), self.size(scene, width)
         reader.check_range(index, index + 1)
-        return self._reads.cache.of(self._reduced, reader, index, stamp(reader.file_of(index)), size, keep=_KEPT_FRAMES)
+        return self._cache.of(self._reduced, reader, index, stamp(reader.file_of(index)), size, keep=_KEPT_FRAMES)
 
     def _reduced(self, reader: VideoReader, index: int, at: Stamp, size: tuple[int, int]) -> VideoFrame:
         """Return a frame at a size. at: the stamp of its file."""
-        return smaller(self._reads.cache.of(self._decoded, reader, index, at), *size)
+        return smaller(self._cache.of(self._decoded, reader, index, at), *size)
 
     def soonest(self, scene: Scene, index: int, width: int | None) -> int:
         """Return the frame that stands in for another while that is decoded: its keyframe, or itself where it is near.
 
         Raises `VideoError`.
         """
-        reader, size, cache = self.reader(scene), self.size(scene, width), self._reads.cache
+        reader, size, cache = self.reader(scene), self.size(scene, width), self._cache
         entry, which = reader.entry_before(index), (reader, index, stamp(reader.file_of(index)))
         kept = cache.holds(self._decoded, *which) or cache.holds(self._reduced, *which, size)
         start = max(entry, self._next) if self._open is reader else entry

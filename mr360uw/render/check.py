@@ -16,7 +16,6 @@ from tempfile import TemporaryDirectory
 from typing import Any, TypeVar, TypeVarTuple
 
 from mr360uw.base.cache import Cache, PartOf, name_of
-from mr360uw.base.disk_cache import CachedReads
 from mr360uw.base.files import check_outputs
 from mr360uw.composite import load_object
 from mr360uw.errors import DamagedFrameError, Mr360uwError, SceneError, VideoError
@@ -112,7 +111,7 @@ def _check_other_clips(scene: Scene, video: VideoReader, frames: tuple[int, int 
     for holdout in scene.holdouts:
         found.of(partial(lambda one: Mattes([one], *size, scene.plate.eye).check(stop), holdout))
     if scene.plate.depth is not None:
-        found.of(lambda: load_plate_depth(scene, size, CachedReads(), (stop, video.frame_count)))
+        found.of(lambda: load_plate_depth(scene, size, Cache(), (stop, video.frame_count)))
     if (receiver := scene.receiver) is not None:
         found.of(lambda: ReceiverClip(receiver, *size, scene.plate.eye).check(stop))
     if scene.light.track is not None:

@@ -18,8 +18,8 @@ from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
+from mr360uw.base.cache import Cache
 from mr360uw.base.constants import PI
-from mr360uw.base.disk_cache import CachedReads
 from mr360uw.base.input_files import files_read
 from mr360uw.composite import PlacedObject, SceneObject, load_objects
 from mr360uw.composite.objects import Receiver, SceneLamp, load_lamps, on_the_floor, on_the_sea
@@ -127,7 +127,7 @@ class Loaded:
 
 
 def load_plate_depth(
-    scene: Scene, size: tuple[int, int], reads: CachedReads, frames: tuple[int, int | None] | None = None
+    scene: Scene, size: tuple[int, int], reads: Cache, frames: tuple[int, int | None] | None = None
 ) -> PlateDepth | None:
     """Return the distances of a scene's plate of width x height; None where it names none.
 
@@ -162,9 +162,9 @@ class Loader:
     one thread. A loader of its own may be used by any thread, one at a time.
     """
 
-    def __init__(self, width: int, height: int, *, clip: bool = True, reads: CachedReads | None = None) -> None:
+    def __init__(self, width: int, height: int, *, clip: bool = True, reads: Cache | None = None) -> None:
         self._size, self._clip = (width, height), clip
-        self.reads = CachedReads() if reads is None else reads
+        self.reads = Cache() if reads is None else reads
         self._one_thread = threading.Lock()
 
     def load(self, scene: Scene) -> Loaded:
@@ -267,7 +267,7 @@ class Loader:
         return make_plan(scene, facts, medium.unit_table, share, clip=self._clip)
 
 
-def check_above_floor(scene: Scene, reads: CachedReads) -> None:
+def check_above_floor(scene: Scene, reads: Cache) -> None:
     """Raise `ParameterError` where the camera is below a level floor at a key of either."""
     receiver = scene.receiver
     if receiver is None or receiver.kind != "plane":

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from mr360uw.base.cache import Cache
-from mr360uw.base.disk_cache import Stamp, stamp
+from mr360uw.base.input_files import Stamp, stamp
 from mr360uw.composite.objects import Receiver
 from mr360uw.composite.receiver.shape import load_receiver, map_range, without_steps
 from mr360uw.composite.settings import HoldoutSettings, ReceiverSettings

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from mr360uw.base.disk_cache import CachedReads
+from mr360uw.base.cache import Cache
 from mr360uw.composite import read_camera_track
 from mr360uw.composite.motion import Motion, curve_through
 from mr360uw.errors import ParameterError
@@ -86,21 +86,17 @@ class Surroundings:
         return (around / typical_level(around) if fitted else around).astype(np.float32)
 
 
-def load_surroundings(
-    scene: Scene, reads: CachedReads | None = None, between: WaterBetween | None = None
-) -> Surroundings:
+def load_surroundings(scene: Scene, reads: Cache | None = None, between: WaterBetween | None = None) -> Surroundings:
     """Return the surroundings of a scene. reads: what was made before. Raises `ParameterError` or `VideoError`.
 
     between: waters whose tables those of the scene's water are interpolated from, where it is keyed.
     """
-    reads = CachedReads() if reads is None else reads
+    reads = Cache() if reads is None else reads
     light = scene.light.model_copy(update={"exposure": 0.0})  # which is the objects' alone
     return reads.of(_surroundings, scene.only("camera", "water", light=light), between, floor_depth_m(scene), reads)
 
 
-def _surroundings(
-    scene: Scene, between: WaterBetween | None, floor_m: float | None, reads: CachedReads
-) -> Surroundings:
+def _surroundings(scene: Scene, between: WaterBetween | None, floor_m: float | None, reads: Cache) -> Surroundings:
     camera = camera_path(scene, reads)
     plain, gain = without_gain(scene.water), scene.water.gain
     medium, depths = (
@@ -112,7 +108,7 @@ def _surroundings(
     return Surroundings(scene.light, scene.water, camera, medium, light, ground_y, depths)
 
 
-def camera_path(scene: Scene, reads: CachedReads) -> CameraPath:
+def camera_path(scene: Scene, reads: Cache) -> CameraPath:
     """Return the path of a scene's camera. Raises `ParameterError` or `VideoError`."""
     dry = WaterSettings(type="none")
     return reads.of(CameraPath.of, scene.only("camera", water=dry if scene.water.type == "none" else WaterSettings()))
@@ -128,12 +124,12 @@ def floor_depth_m(scene: Scene) -> float | None:
 
 def surroundings_over_time(scene: Scene) -> Callable[[float], Surroundings]:
     """Return the function of time [s] that gives a scene's surroundings."""
-    reads = CachedReads()
+    reads = Cache()
     return lambda time_s: load_surroundings(scene_at(scene, time_s), reads, water_between(scene, time_s))
 
 
 def _medium(
-    water: WaterSettings, camera: CameraPath, floor_m: float | None, reads: CachedReads
+    water: WaterSettings, camera: CameraPath, floor_m: float | None, reads: Cache
 ) -> tuple[Medium | None, MediumAtDepths | None]:
     """Return the medium of a water at the scene's depth, and at all depths where the camera rises or sinks."""
     return reads.of(_solved, water, camera.depth_m, camera.sinks, floor_m, keep=_WATERS)
@@ -155,7 +151,7 @@ def _table(water: WaterSettings, depth_m: float, floor_m: float | None) -> Mediu
 
 
 def _mixed(
-    water: WaterSettings, between: WaterBetween, camera: CameraPath, floor_m: float | None, reads: CachedReads
+    water: WaterSettings, between: WaterBetween, camera: CameraPath, floor_m: float | None, reads: Cache
 ) -> tuple[Medium | None, MixedMedium | None]:
     """Return the same of a water between two others."""
     exact = water.medium(camera.depth_m, floor_m=floor_m)

@@ -16,7 +16,8 @@ from pydantic import NonNegativeFloat, NonNegativeInt
 from mr360uw.base.cache import Cache
 from mr360uw.base.constants import MOST_LIGHT
 from mr360uw.base.parameters import checked, file_path, instance, is_light, real
-from mr360uw.base.progress import Progress, one_blas_thread, prefetch
+from mr360uw.base.progress import Progress
+from mr360uw.base.threads import one_blas_thread, prefetch
 from mr360uw.errors import ParameterError
 from mr360uw.render.backends import close_backend, make_backend
 from mr360uw.render.first_pass import ClipAnalysis, clip_analysis

@@ -15,7 +15,7 @@ import time
 from collections import Counter, deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import CancelledError
-from contextlib import closing, contextmanager
+from contextlib import closing
 from dataclasses import dataclass, field
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
@@ -25,7 +25,7 @@ from typing import Any, Literal
 from mr360uw import __version__
 from mr360uw.base.cache import Cache
 from mr360uw.base.files import WrittenFiles, numbered
-from mr360uw.base.progress import Behind, one_blas_thread, prefetch
+from mr360uw.base.threads import Behind, one_blas_thread, prefetch, share_of_cores
 from mr360uw.composite.aovs import RECIPE, exr_parts, stereo_parts
 from mr360uw.composite.aovs import Part as LayerPart
 from mr360uw.errors import GlError, ParameterError, VideoError, install_command
@@ -362,7 +362,7 @@ class _Worker:
         context = multiprocessing.get_context("spawn")
         here, there = context.Pipe()
         process = context.Process(target=_work, args=(there, job), name=f"worker {number}", daemon=True)
-        with _share_of_cores(number, count):
+        with share_of_cores(number, count):
             process.start()
         there.close()
         return cls(process, here)
@@ -404,21 +404,3 @@ def _work(connection: Any, job: Job) -> None:
         return
     except Exception as error:  # noqa: BLE001 - raised again by the process that waits
         connection.send(error)
-
-
-@contextmanager
-def _share_of_cores(number: int, count: int) -> Iterator[None]:
-    """A context in which started processes get one of `count` shares of this process's cores.
-
-    Every library then opens as many threads as it has cores. Only Linux can do it; elsewhere they share all.
-    """
-    if not hasattr(os, "sched_setaffinity"):
-        yield
-        return
-    cores = sorted(os.sched_getaffinity(0))
-    share = cores[number % len(cores) :: count] if count <= len(cores) else [cores[number % len(cores)]]
-    os.sched_setaffinity(0, share)
-    try:
-        yield
-    finally:
-        os.sched_setaffinity(0, cores)

@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import Literal
 
 from mr360uw.base.cache import Cache
-from mr360uw.base.disk_cache import CachedReads
 from mr360uw.base.parameters import checked, instance
 from mr360uw.base.progress import Progress, begin_phase
 from mr360uw.caustics import export_tiles, refract_to_air
@@ -126,7 +125,7 @@ def composite_video(
         scene, taken = with_encoder(scene, video, Path(out))
         output = Output.of(scene, video, out, layers, span, overwrite=overwrite, report=report)
         parts, total = output.parts(), span[1] - span[0]
-        reads, size = CachedReads(), (video.width, video.height)
+        reads, size = Cache(), (video.width, video.height)
         load_plate_depth(scene, size, reads, (span[1], video.frame_count))
         loaded = Loader(*size, clip=not video.is_still, reads=reads).load(scene)
         output.check([*loaded.object_files, *loaded.other_files])  # textures and the like, which only meshes name

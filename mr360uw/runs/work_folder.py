@@ -27,7 +27,6 @@ from mr360uw.base.disk_cache import (
     keep_arrays,
     read_arrays,
     sources_stamp,
-    stamp,
     write_arrays,
 )
 from mr360uw.base.files import (
@@ -43,7 +42,7 @@ from mr360uw.base.files import (
     work_path,
     write_whole,
 )
-from mr360uw.base.input_files import InputFile, input_file, read_json
+from mr360uw.base.input_files import InputFile, input_file, read_json, stamp
 from mr360uw.base.progress import Progress
 from mr360uw.errors import OutputError, VideoError
 from mr360uw.render.first_pass import ClipAnalysis, clip_analysis

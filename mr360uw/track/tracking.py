@@ -14,9 +14,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.base.disk_cache import stamp
 from mr360uw.base.files import check_work_folder, make_work_folder, remove_work_folder, write_whole
-from mr360uw.base.input_files import holds_text
+from mr360uw.base.input_files import holds_text, stamp
 from mr360uw.base.parameters import checked
 from mr360uw.base.progress import Progress, Steps
 from mr360uw.errors import ParameterError, VideoError

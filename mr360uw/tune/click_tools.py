@@ -20,8 +20,8 @@ import numpy as np
 from nicegui import background_tasks, ui
 from numpy.typing import NDArray
 
-from mr360uw.base.disk_cache import stamp
 from mr360uw.base.files import is_pattern, numbered, write_whole
+from mr360uw.base.input_files import stamp
 from mr360uw.errors import Mr360uwError, ParameterError
 from mr360uw.ibl.tilt import roll_pitch
 from mr360uw.tune.controls import Button, Choice, Text, text_input, told

@@ -16,8 +16,8 @@ from typing import Any, TypeVar
 import tomlkit
 from tomlkit.items import AoT, Array, InlineTable, Item
 
-from mr360uw.base.disk_cache import stamp
 from mr360uw.base.files import rewrite
+from mr360uw.base.input_files import stamp
 from mr360uw.errors import OutputExistsError, ParameterError, SceneError
 from mr360uw.scene.model import Scene, scene_from_dict
 from mr360uw.scene.problems import key_lines

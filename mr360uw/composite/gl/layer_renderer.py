@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mr360uw.base.cache import Cache, PartOf, Same
-from mr360uw.base.progress import one_blas_thread
+from mr360uw.base.threads import one_blas_thread
 from mr360uw.base.tile_blend import BLOCK
 from mr360uw.composite.ambient.solver import AmbientLight
 from mr360uw.composite.aovs import AovFrame, Aovs
