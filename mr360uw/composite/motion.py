@@ -22,6 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from mr360uw.base.parameters import LATEST_S, checked
 from mr360uw.base.sphere import yaw_matrix
+from mr360uw.base.texels import ValuesOverTime
 from mr360uw.caustics.settings import Sea
 from mr360uw.composite.mesh.material import MeshFile, Rigging
 from mr360uw.composite.mesh.mesh import Mesh, Unit, mesh_of_file, object_from_file, proper_triangles, read_mesh_file
@@ -80,20 +81,21 @@ class Motion:
         if len(self.time_s) == 1:
             return rigid(self.position[0], self.rotation[0], float(self.scale[0]))
         t = float(np.clip(time_s, self.time_s[0], self.time_s[-1]))
-        position, log_scale, turn = self._curves
+        position, log_scale, turn = self._over_time
         k = max(int(np.searchsorted(self.time_s, t)), 1)
         turns, grows = np.any(self.rotation[k] != self.rotation[k - 1]), self.scale[k] != self.scale[k - 1]
         rotation = turn(t).as_matrix() if turns else self.rotation[k]
-        return rigid(position(t), rotation, float(np.exp(log_scale(t)) if grows else self.scale[k]))
+        return rigid(position.at(t), rotation, float(np.exp(log_scale.at(t)) if grows else self.scale[k]))
 
     @cached_property
-    def _curves(self) -> tuple[Any, Any, Any]:
-        """Interpolators over time of position, logarithm of the scale, and rotation."""
+    def _over_time(self) -> tuple[ValuesOverTime, ValuesOverTime, Any]:
+        """Position, logarithm of the scale, and the function of a time that gives the rotation."""
         from scipy.spatial.transform import Rotation, Slerp
 
-        smooth, turn = self.interpolation == "smooth", Slerp(self.time_s, Rotation.from_matrix(self.rotation))
-        position, scale = (curve_through(self.time_s, a, smooth=smooth) for a in (self.position, np.log(self.scale)))
-        return position, scale, turn
+        position, scale = (
+            ValuesOverTime(self.time_s, a, self.interpolation) for a in (self.position, np.log(self.scale))
+        )
+        return position, scale, Slerp(self.time_s, Rotation.from_matrix(self.rotation))
 
 
 def lamp_motion(settings: LampSettings) -> Motion:
@@ -225,16 +227,6 @@ def _upright_to(normal: Floats) -> Floats:
     x, y, z = normal
     k = 1.0 / (1.0 + y)
     return np.array([[1.0 - k * x * x, x, -k * x * z], [-x, y, -z], [-k * x * z, z, 1.0 - k * z * z]])
-
-
-def curve_through(places: ArrayLike, values: Floats, *, smooth: bool) -> Callable[[float], Floats]:
-    """Return the function of a place that has values (n, ...) at ascending places (n,), two or more, and is straight
-    between them or, if it is to be smooth, a monotone cubic (Fritsch & Carlson 1980).
-    """
-    from scipy.interpolate import PchipInterpolator, make_interp_spline
-
-    x = np.asarray(places, np.float64)
-    return PchipInterpolator(x, values, axis=0) if smooth else make_interp_spline(x, values, k=1)
 
 
 # --- Meshes that move -----------------------------------------------------------------------------------------------

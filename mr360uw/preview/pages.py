@@ -6,7 +6,7 @@ from __future__ import annotations
 import base64
 import html
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
@@ -110,9 +110,9 @@ _COLUMNS = 4
 _CELL_WIDTH = 640
 _LABEL_ROWS, _GAP = 26, 4
 _SHEET_STYLE = """
-body { font: 15px/1.5 system-ui, sans-serif; background: #181818; color: #ebebeb; margin: 1.5em; }
+body { background: #181818; color: #ebebeb; margin: 1.5em; max-width: none; padding: 0; }
 h1 { font-size: 1.3em; } main { display: flex; flex-wrap: wrap; gap: 1em; } figure { margin: 0; flex: 1 1 400px; }
-img { width: 100%; display: block; } figcaption { padding: .3em 0; font-family: ui-monospace, monospace; }
+img { width: 100%; } figcaption { padding: .3em 0; font-family: ui-monospace, monospace; color: inherit; }
 """
 
 
@@ -160,7 +160,9 @@ def sweep(
                 progress(number, len(scenes))
     check_outputs([out, page], inputs=read, overwrite=overwrite)
     write_whole(out, encoded(contact_sheet(found), out.suffix))
-    write_whole(page, _contact_page(scene.name, found))
+    figures = "\n".join(_figure(codes, words) for words, codes in found)
+    parts = [f"<h1>{html.escape(scene.name)}</h1>", f"<main>\n{figures}\n</main>"]
+    write_whole(page, html_page(scene.name, parts, _SHEET_STYLE))
     return [out, page]
 
 
@@ -181,22 +183,6 @@ def contact_sheet(variants: Sequence[Variant]) -> NDArray[np.uint8]:
         place = int(column + _GAP), int(row + height + _LABEL_ROWS - 8)
         cv2.putText(sheet, label, place, cv2.FONT_HERSHEY_SIMPLEX, size, (235, 235, 235), 1, cv2.LINE_AA)
     return sheet
-
-
-def _contact_page(title: str, variants: Sequence[Variant]) -> str:
-    """Return a page (HTML, complete in itself) of variants with their labels."""
-    figures = "\n".join(
-        f'<figure><img alt="{html.escape(label)}" src="data:image/png;base64,'
-        f'{base64.b64encode(encoded(codes, ".png")).decode()}"><figcaption>{html.escape(label)}</figcaption></figure>'
-        for label, codes in variants
-    )
-    return f"""<!DOCTYPE html>
-<html lang="en"><head><meta charset="utf-8"><title>{html.escape(title)}</title><style>{_SHEET_STYLE}</style></head>
-<body><h1>{html.escape(title)}</h1>
-<main>
-{figures}
-</main></body></html>
-"""
 
 
 # Report on a plate's light and water (HTML), and the track of its sun (JSON, CSV).
@@ -241,22 +227,24 @@ def analyse_video(
         analysis = first_pass(over_time(0.0), video, progress, ["sun"] if smooth else [], keyed=over_time)
         track = analysis.sun if isinstance(analysis.sun, SunTrack) else None
         shown = np.unique(np.linspace(0, (video.frame_count or 1) - 1, _PICTURES).astype(int))
-        snapshots, maps = [], []
+        sections, lights, maps = list[tuple[str, str]](), [], []
         for index in shown:
             frame = next(iter(video.frames(int(index), int(index) + 1)))
             reader = over_time(frame.time_s).light
-            light = reader.of(frame.pixels, time_s=frame.time_s)
+            if index == 0:
+                up = reader.world_from_camera(frame.time_s)[1]
+            lights.append(reader.of(frame.pixels, time_s=frame.time_s))
             words = reader.sun_found(frame.pixels, frame.time_s).words
-            snapshots.append(ReportFrame(frame.time_s, _thumbnail(frame), light, words))
+            sections.append(frame_section(frame.time_s, _thumbnail(frame), lights[-1], words))
             if tell is not None and index == 0:
                 for line in sun_lines(reader, frame, analysis):
                     tell(line)
             maps.append(plate_map(frame.pixels, reader.world_from_camera(frame.time_s)[1]))
     # Write the page, then the sun's track
-    up = reader.world_from_camera(snapshots[0].time_s)[1]
-    sections = [] if scene.water.type == "none" else _sections_of_water(scene, snapshots, maps, up)
+    if scene.water.type != "none":
+        sections += _sections_of_water(scene, lights, maps, up)
     written = [page]
-    write_whole(page, light_report(source.name, snapshots, track, sections))
+    write_whole(page, light_report(source.name, track, sections))
     if track is not None:
         for path in tracks:
             save_track(track, path)
@@ -265,18 +253,18 @@ def analyse_video(
 
 
 def _sections_of_water(
-    scene: Scene, snapshots: Sequence[ReportFrame], maps: Sequence[Floats], declared_up: Floats
+    scene: Scene, lights: Sequence[Environment], maps: Sequence[Floats], declared_up: Floats
 ) -> list[tuple[str, str]]:
     """Return the report's sections on how level a plate is, and on the water that its maps (h, w, 3) show.
 
-    declared_up: (3,) the world's up in the camera's axes, from the scene.
+    lights: of the frames of the maps. declared_up: (3,) the world's up in the camera's axes, from the scene.
     """
     from mr360uw.ibl.tilt import estimate_horizon
     from mr360uw.medium.spectra import named_sensor
     from mr360uw.medium.waterfit import fit_water
 
     refraction, depth_m = scene.water.refractive_index, scene.camera.depth_m
-    tilts = [estimate_horizon(snapshot.environment.residual, refraction) for snapshot in snapshots]
+    tilts = [estimate_horizon(light.residual, refraction) for light in lights]
     fit = fit_water(np.median(maps, axis=0), depth_m, named_sensor(str(scene.water.sensor)), refraction)
     return [("Level", level_section(tilts, declared_up)), (f"Water, for a camera {depth_m:g} m deep", fit.html())]
 
@@ -318,28 +306,11 @@ table { border-collapse: collapse; } td, th { padding: .2em .9em .2em 0; text-al
 """
 
 
-@dataclass(frozen=True, slots=True)
-class ReportFrame:
-    """One frame to show. plate_linear: (H, W, 3), made small beforehand. sun_in_words: on its sun, or ""."""
-
-    time_s: float
-    plate_linear: Floats
-    environment: Environment
-    sun_in_words: str = ""
-
-
-def light_report(
-    title: str,
-    snapshots: Sequence[ReportFrame],
-    track: SunTrack | None = None,
-    sections: Sequence[tuple[str, str]] = (),
-) -> str:
-    """Return the page as one HTML string. `sections`: more (title, HTML fragment) pairs, put at the end as they are."""
+def light_report(title: str, track: SunTrack | None, sections: Sequence[tuple[str, str]]) -> str:
+    """Return the page as one HTML string. sections: (title, HTML fragment) of frames and more, put in as they are."""
     parts = [f"<h1>{html.escape(title)}</h1>"]
     if track is not None:
         parts += ["<h2>Sun</h2>", _summary(track), *_plots(track)]
-    for snapshot in snapshots:
-        parts += [f"<h2>Frame at {snapshot.time_s:.2f} s</h2>", _frame(snapshot)]
     parts += [f"<h2>{html.escape(name)}</h2>\n{fragment}" for name, fragment in sections]
     return html_page(title, parts)
 
@@ -384,11 +355,12 @@ def level_section(estimates: Sequence[HorizonEstimate], declared_up: Floats) -> 
 
 def picture(image_encoded: ArrayLike, caption: str, width: int | None = None) -> str:
     """Return an HTML figure of code values (H, W, 3) in [0, 1], as an embedded PNG."""
-    import cv2
+    return _figure(np.round(255.0 * np.clip(image_encoded, 0.0, 1.0)).astype(np.uint8), caption, width)
 
-    pixels = np.round(255.0 * np.clip(image_encoded, 0.0, 1.0)).astype(np.uint8)
-    _, data = cv2.imencode(".png", np.ascontiguousarray(pixels[..., ::-1]))
-    text = base64.b64encode(data.tobytes()).decode("ascii")
+
+def _figure(codes: NDArray[np.uint8], caption: str, width: int | None = None) -> str:
+    """Return an HTML figure of codes (h, w, 3), as an embedded PNG."""
+    text = base64.b64encode(encoded(codes, ".png")).decode("ascii")
     size = f' width="{width}"' if width else ""
     caption = html.escape(caption)
     return (
@@ -470,22 +442,24 @@ def marked(image_encoded: Floats, sun: Sun | None) -> Floats:
     return out
 
 
-def _frame(snapshot: ReportFrame) -> str:
-    light = snapshot.environment
+def frame_section(time_s: float, plate_linear: Floats, light: Environment, sun_in_words: str = "") -> tuple[str, str]:
+    """Return title and HTML fragment of a frame (H, W, 3), made small beforehand, and its light.
+
+    sun_in_words: on its sun; "" says what the light has.
+    """
     reach = max(float(np.percentile(light.radiance, 99.0)), 1e-6)
     radiance = np.repeat(np.repeat(light.radiance, 8, axis=0), 8, axis=1)
     sun = light.sun
-    words = snapshot.sun_in_words or ("no sun" if sun is None else f"sun marked, confidence {sun.confidence:.2f}")
-    return "".join(
-        [
-            picture(marked(encode(np.clip(snapshot.plate_linear, 0, 1), "srgb"), sun), f"Plate ({words})"),
-            '<div class="row">',
-            picture(marked(encode(radiance / reach, "srgb"), sun), "Expanded radiance, 64 x 32, 99th percentile white"),
-            picture(irradiance_ball(light.irradiance), "White ball in this light", 192),
-            picture(irradiance_ball(light.ambient), "The same without the sun's beam", 192),
-            "</div>",
-        ]
+    words = sun_in_words or ("no sun" if sun is None else f"sun marked, confidence {sun.confidence:.2f}")
+    parts = (
+        picture(marked(encode(np.clip(plate_linear, 0, 1), "srgb"), sun), f"Plate ({words})"),
+        '<div class="row">',
+        picture(marked(encode(radiance / reach, "srgb"), sun), "Expanded radiance, 64 x 32, 99th percentile white"),
+        picture(irradiance_ball(light.irradiance), "White ball in this light", 192),
+        picture(irradiance_ball(light.ambient), "The same without the sun's beam", 192),
+        "</div>",
     )
+    return f"Frame at {time_s:.2f} s", "".join(parts)
 
 
 def _summary(track: SunTrack) -> str:

@@ -432,8 +432,7 @@ def _positions(camera: CameraPath) -> Floats:
     """Return positions (n, 3) whose bounding box contains the camera at all times."""
     if camera.track is not None:
         return camera.track.position
-    depths = np.array([camera.depth_m]) if camera.depth_keys is None else camera.depth_keys[:, 1]
-    return np.stack([0.0 * depths, camera.depth_m - depths, 0.0 * depths], axis=-1)
+    return np.stack([0.0 * camera.depths, camera.depth_m - camera.depths, 0.0 * camera.depths], axis=-1)
 
 
 def _levels(placed: SceneObject, cameras: Floats) -> Floats:

@@ -6,13 +6,13 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from mr360uw.base.cache import Cache
+from mr360uw.base.texels import ValuesOverTime
 from mr360uw.composite import read_camera_track
-from mr360uw.composite.motion import Motion, curve_through
+from mr360uw.composite.motion import Motion
 from mr360uw.errors import ParameterError
 from mr360uw.ibl import LightSettings
 from mr360uw.ibl.sun.split import CLEAR_SKY_DIRECT
@@ -166,7 +166,8 @@ def _mixed(
         table = reads.of(_table, water, camera.depth_m, floor_m, keep=_TABLES)
         return lambda _: table
 
-    mixed = MixedMedium(exact, tables(between.first), tables(between.second), between.share)
+    first, second, share = between
+    mixed = MixedMedium(exact, tables(first), tables(second), share)
     return mixed.at(camera.depth_m), mixed if camera.sinks else None
 
 
@@ -227,14 +228,14 @@ def pose_notes(scene: Scene) -> tuple[str, ...]:
 class CameraPath:
     """Camera over time in the world, whose origin is `depth_m` below the mean surface.
 
-    track: position and orientation. Without one, `tilt` rotates the camera and `depth_keys` (n, 2), time [s] and depth
-    [m], move it vertically; without any of them it stands level at the origin.
+    track: position and orientation. Without one, `tilt` rotates the camera and `sinking`, its depth [m], moves it
+    vertically; without any of them it stands level at the origin.
     """
 
     depth_m: float
     track: Motion | None = None
     tilt: LevelTrack | None = None
-    depth_keys: Floats | None = None
+    sinking: ValuesOverTime | None = None
 
     @classmethod
     def of(cls, scene: Scene) -> CameraPath:
@@ -246,8 +247,8 @@ class CameraPath:
         if camera.track is not None:
             path = cls(camera.depth_m, track=read_camera_track(camera.track))
         else:
-            keys = np.array(camera.depth_keys) if camera.depth_keys else None
-            path = cls(camera.depth_m, tilt=level_track(scene), depth_keys=keys)
+            sinking = ValuesOverTime(*np.array(camera.depth_keys).T) if camera.depth_keys else None
+            path = cls(camera.depth_m, tilt=level_track(scene), sinking=sinking)
         depths = path.depths
         if scene.water.type != "none" and depths.min() < _SHALLOWEST_M:
             raise ParameterError(
@@ -284,10 +285,8 @@ class CameraPath:
         if self.track is not None:
             pose = self.track.at(time_s)
             return pose[:3, 3], pose[:3, :3]
-        depth_m = self.depths[0]
-        if self._depth_over_time is not None:  # constant before the first key and after the last
-            depth_m = self._depth_over_time(np.clip(time_s, self.instants[0], self.instants[-1]))
-        position = np.array([0.0, self.depth_m - float(depth_m), 0.0])
+        depth_m = self.depth_m if self.sinking is None else float(self.sinking.at(time_s))
+        position = np.array([0.0, self.depth_m - depth_m, 0.0])
         return position, np.eye(3) if self.tilt is None else self.tilt.at(time_s)
 
     def check_times(self, first_s: float, last_s: float, frame_rate: float) -> None:
@@ -314,18 +313,11 @@ class CameraPath:
         """Times [s] of the keys of its height; time 0 without."""
         if self.track is not None:
             return self.track.time_s
-        return np.zeros(1) if self.depth_keys is None else self.depth_keys[:, 0]
+        return np.zeros(1) if self.sinking is None else self.sinking.time_s
 
     @functools.cached_property
     def depths(self) -> Floats:
         """Return the depths [m] of all keys. Interpolation is monotone between them, so they bound all depths."""
         if self.track is not None:
             return self.depth_m - self.track.position[:, 1]
-        return np.array([self.depth_m]) if self.depth_keys is None else self.depth_keys[:, 1]
-
-    @functools.cached_property
-    def _depth_over_time(self) -> Callable[[float], Any] | None:
-        """Depth [m] between keys; None where there is only one."""
-        if self.depth_keys is None or len(self.depth_keys) == 1:
-            return None
-        return curve_through(*self.depth_keys.T, smooth=True)
+        return np.array([self.depth_m]) if self.sinking is None else self.sinking.value

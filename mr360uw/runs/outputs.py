@@ -32,42 +32,24 @@ from mr360uw.video.clip import PICTURE_SUFFIXES
 from mr360uw.video.writer import Segment
 
 
-@dataclass(frozen=True)
 class Output:
     """The output of frames [a, b) = `span` of a plate: a video, a still or numbered pictures, and layers beside it.
 
     path: of the video or the still, or the pattern; absolute. layers: pattern of layered EXR files, or None. report:
-    file of the run's report, or None; one of an earlier run beside the output is replaced.
+    file of the run's report, or None; one of an earlier run beside the output is replaced. Raises `OutputError` or
+    `ParameterError` where it may not be written.
     """
 
-    path: Path
-    layers: Path | None
-    report: Path | None
-    video: VideoReader
-    scene: Scene
-    span: Part
-    overwrite: bool
-
-    @classmethod
-    def of(
-        cls,
-        scene: Scene,
-        video: VideoReader,
-        path: str | Path,
-        layers: str | Path | None,
-        span: Part,
-        *,
-        overwrite: bool,
-        report: str | Path | None = None,
-    ) -> Output:
-        """Return an output; raise `OutputError` or `ParameterError` where it may not be written."""
-        pattern = None if layers is None else Path(layers).absolute()
-        told = None if report is None else Path(report).absolute()
-        output = cls(Path(path).absolute(), pattern, told, video, scene, span, overwrite)
-        if pattern is not None and (not is_pattern(pattern) or pattern.suffix.lower() != ".exr"):
+    def __init__(
+        self, scene: Scene, video: VideoReader, path: str | Path, layers: str | Path | None, span: Part, *,
+        overwrite: bool, report: str | Path | None = None,
+    ) -> None:  # fmt: skip
+        self.scene, self.video, self.span, self.overwrite = scene, video, span, overwrite
+        self.path = Path(path).absolute()
+        self.layers, self.report = (None if one is None else Path(one).absolute() for one in (layers, report))
+        if self.layers is not None and (not is_pattern(self.layers) or self.layers.suffix.lower() != ".exr"):
             raise ParameterError(f"{layers} - is no pattern of numbered EXR files - write for example layers_%04d.exr")
-        output.check(files_of(scene))
-        return output
+        self.check(files_of(scene))
 
     def check(self, inputs: Sequence[Path]) -> None:
         """Raise `OutputError` where the output may not be written. inputs: files that the run reads."""

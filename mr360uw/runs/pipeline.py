@@ -10,7 +10,6 @@ import itertools
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
-from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
@@ -123,14 +122,16 @@ def composite_video(
     with open_plate(scene) as video, ExitStack() as last:
         span = video.numbered_range(*frames)
         scene, taken = with_encoder(scene, video, Path(out))
-        output = Output.of(scene, video, out, layers, span, overwrite=overwrite, report=report)
+        output = Output(scene, video, out, layers, span, overwrite=overwrite, report=report)
         parts, total = output.parts(), span[1] - span[0]
         reads, size = Cache(), (video.width, video.height)
         load_plate_depth(scene, size, reads, (span[1], video.frame_count))
         loaded = Loader(*size, clip=not video.is_still, reads=reads).load(scene)
         output.check([*loaded.object_files, *loaded.other_files])  # textures and the like, which only meshes name
         _check_lengths(loaded, video, span)
-        output, undrawn = _with_drawn_layers(output, loaded)
+        undrawn = ""
+        if output.layers is not None and not loaded.plan.layer.runs:
+            undrawn, output.layers = f"{output.layers} - is not written, as nothing is drawn over the plate", None
         renderer, fallback = make_backend(backend, Cache(scene.plate.eyes))
         last.callback(close_backend, renderer)
         (count, crew), inputs = make_crew(workers, cluster, len(parts)), input_fingerprints(loaded)
@@ -163,13 +164,6 @@ def composite_video(
     if output.report is not None:
         made.save(output.report, overwrite=True)  # what is there was looked at before the run
     return made
-
-
-def _with_drawn_layers(output: Output, loaded: Loaded) -> tuple[Output, str]:
-    """Return an output without layers where nothing is drawn that they could hold, and a note that says so."""
-    if output.layers is None or loaded.plan.layer.runs:
-        return output, ""
-    return replace(output, layers=None), f"{output.layers} - is not written, as nothing is drawn over the plate"
 
 
 def _check_lengths(loaded: Loaded, video: VideoReader, span: Part) -> None:

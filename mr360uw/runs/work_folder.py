@@ -22,7 +22,6 @@ from filelock import Timeout
 from numpy.typing import NDArray
 
 from mr360uw.base.disk_cache import (
-    Arrays,
     cache_file,
     keep_arrays,
     read_arrays,
@@ -70,7 +69,7 @@ def measured_analysis(
     fresh: measure them anyway. Raises as `clip_analysis`.
     """
     path = _file_of(loaded, video, keys)
-    stored = None if path is None or fresh else _analysis_if_whole(read_arrays(path, kept=True))
+    stored = None if path is None or fresh else load_analysis(path, kept=True)
     if stored is not None:
         return stored
     analysis = clip_analysis(loaded, video, progress, frames=frames)
@@ -127,12 +126,12 @@ def save_analysis(analysis: ClipAnalysis, path: Path) -> None:
     write_arrays(path, arrays_of_analysis(analysis))
 
 
-def load_analysis(path: Path) -> ClipAnalysis | None:
-    """Return the analysis of a file, or None where there is none, or it is damaged or lacks some."""
-    return _analysis_if_whole(read_arrays(path))
+def load_analysis(path: Path, *, kept: bool = False) -> ClipAnalysis | None:
+    """Return the analysis of a file, or None where there is none, or it is damaged or lacks some.
 
-
-def _analysis_if_whole(arrays: Arrays | None) -> ClipAnalysis | None:
+    kept: it is one of the cache.
+    """
+    arrays = read_arrays(path, kept=kept)
     try:
         return None if arrays is None else analysis_of_arrays(arrays)
     except TypeError:  # a field is missing

@@ -22,7 +22,7 @@ from pydantic_core import InitErrorDetails, PydanticCustomError
 from mr360uw.base.cache import shared
 from mr360uw.base.parameters import FULL_TURN_DEG, LATEST_S, Parameters, bounds_of, is_direction, stated
 from mr360uw.base.parameters import parameter as declared  # a field has its name
-from mr360uw.composite.motion import curve_through
+from mr360uw.base.texels import ValuesOverTime
 from mr360uw.errors import ParameterError
 from mr360uw.scene.problems import Location, allowed_text, place, problems
 from mr360uw.scene.toml_model import dotted, entry
@@ -72,24 +72,19 @@ class KeyedParameter(Parameters):
 
     def at(self, time_s: float, *, turns: bool = False) -> Value:
         """Return the value at a time [s]. turns: it is an angle [deg] that goes the shorter way round."""
-        times, values = self.time_s, self.value
-        if time_s <= times[0] or len(times) == 1:
-            return values[0]
-        if time_s >= times[-1]:
-            return values[-1]
-        if self.interpolation == "hold":
-            return values[int(np.searchsorted(times, time_s, side="right")) - 1]
-        found = _curve(self, turns)(time_s)
+        if not self.time_s[0] < time_s < self.time_s[-1]:
+            return self.value[0 if time_s <= self.time_s[0] else -1]
+        found = _over_time(self, turns and self.interpolation != "hold").at(time_s)
         return tuple(found.tolist()) if np.ndim(found) else float(found)
 
 
 @shared(keep=256)
-def _curve(key: KeyedParameter, turns: bool) -> Any:
-    """Return the interpolator of a parameter over time: straight, or a monotone cubic."""
+def _over_time(key: KeyedParameter, turns: bool) -> ValuesOverTime:
+    """Return the values of a parameter; those that turn go the shorter way."""
     values: Floats = np.asarray(key.value, np.float64)
     if turns:
         values = np.unwrap(values, period=FULL_TURN_DEG, axis=0)
-    return curve_through(key.time_s, values, smooth=key.interpolation == "smooth")
+    return ValuesOverTime(key.time_s, values, key.interpolation)
 
 
 M = TypeVar("M", bound=BaseModel)

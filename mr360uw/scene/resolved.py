@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import itertools
 import math
-from dataclasses import dataclass
 from typing import Any
 
 from pydantic.fields import FieldInfo
@@ -148,13 +147,8 @@ _HALVINGS = 60
 """Bisections for the time of a step: to the last digit of a clip's time."""
 
 
-@dataclass(frozen=True, slots=True)
-class WaterBetween:
-    """Two waters that the water of a time lies between, a fraction `share` of the way from the first to the second."""
-
-    first: WaterSettings
-    second: WaterSettings
-    share: float
+WaterBetween = tuple[WaterSettings, WaterSettings, float]
+"""Two waters that the water of a time lies between, and the fraction of the way from the first to the second."""
 
 
 def water_between(scene: Scene, time_s: float) -> WaterBetween | None:
@@ -196,7 +190,7 @@ class _Way:
         along = self._gone(time_s) / self._length * self.steps
         step = min(math.floor(along), self.steps - 1)
         first, second = (self._water(end * self._length / self.steps) for end in (step, step + 1))
-        return WaterBetween(first, second, along - step)
+        return first, second, along - step
 
     def _gone(self, time_s: float) -> float:
         """Return the length of the way that is behind at a time, in steps; between keys all values are monotone."""

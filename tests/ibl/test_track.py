@@ -16,7 +16,7 @@ from mr360uw.errors import ParameterError
 from mr360uw.ibl.settings import parse_time, refraction, sun_angles
 from mr360uw.ibl.sun.track import smooth
 from mr360uw.ibl.tilt import keyed_level, level_from_gpmf, level_matrix, roll_pitch, streams
-from mr360uw.preview.pages import ReportFrame, light_report
+from mr360uw.preview.pages import frame_section, light_report
 from mr360uw.types import Sun
 from tests.gpmf import payloads, tilted_up
 from tests.ibl.plates import angle_deg, clipped, sky
@@ -116,8 +116,8 @@ def test_files_hold_the_track(tmp_path: Path, rng: np.random.Generator, name: st
 def test_the_page_is_one_file(rng: np.random.Generator) -> None:
     _, suns = clip(rng)
     plate = clipped(sky(unit([0.2, 0.8, 0.1]), width=128))
-    shots = [ReportFrame(0.5, plate, ibl.environment(plate))]
-    page = light_report("a <dive>", shots, ibl.track_suns(suns), [("Water", "<p>clear</p>")])
+    frame = frame_section(0.5, plate, ibl.environment(plate))
+    page = light_report("a <dive>", ibl.track_suns(suns), [frame, ("Water", "<p>clear</p>")])
     assert page.startswith("<!doctype html>")
     assert "a &lt;dive&gt;" in page
     assert page.count("data:image/png;base64,") == 4

@@ -83,10 +83,11 @@ def test_values_that_are_held_take_no_tables_on_the_way(tmp_path: Path) -> None:
     moving = scene_of(tmp_path, held, VISIBILITY, visibility_m=8.0)
     between = water_between(moving, 1.0)
     assert between is not None
-    assert between.first.sun_share == between.second.sun_share == 0.2
-    assert between.first.visibility_m is not None
-    assert between.second.visibility_m is not None
-    assert between.first.visibility_m < scene_at(moving, 1.0).water.visibility_m < between.second.visibility_m  # type: ignore[operator]
+    first, second, _ = between
+    assert first.sun_share == second.sun_share == 0.2
+    assert first.visibility_m is not None
+    assert second.visibility_m is not None
+    assert first.visibility_m < scene_at(moving, 1.0).water.visibility_m < second.visibility_m  # type: ignore[operator]
 
 
 def test_a_keyed_gain_takes_no_table(tmp_path: Path) -> None:
