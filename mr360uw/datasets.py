@@ -125,7 +125,6 @@ def of_medium(medium: Medium, distance_m: ArrayLike, depth_m: ArrayLike, up: Arr
     >>> dict(seen.veil.sizes)
     {'distance_m': 2, 'depth_m': 1, 'up': 1, 'channel': 3}
     """
-    instance("medium", medium, Medium, "make one, as by Medium(water)")
     grid: dict[str, Any] = {"distance_m": distance_m, "depth_m": depth_m, "up": up}
     rays = np.meshgrid(*(_axis(name, one) for name, one in grid.items()), indexing="ij")
     axes = (*grid, "channel")
@@ -180,7 +179,6 @@ def of_light_field(field: LightField, depth_m: ArrayLike, up: ArrayLike) -> Data
     >>> uw.datasets.of_light_field(field, [1.0, 5.0], [-1.0, 1.0]).E_d.shape
     (2, 2)
     """
-    instance("field", field, LightField, "make one, as by LightField([0.1], [0.2])")
     grid = {"depth_m": depth_m, "up": up}
     depth, level = (_axis(name, one) for name, one in grid.items())
     axes = ("depth_m", "wavelength")

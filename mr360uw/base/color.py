@@ -49,17 +49,6 @@ Array = NDArray[np.float64]
 
 
 @functools.cache
-def wide_primaries(name: str) -> Array:
-    """Return the chromaticities (3, 2) of a camera's red, green and blue, by colour-science's name of its gamut."""
-    return np.asarray(colour_science().RGB_COLOURSPACES[name].primaries, np.float64)
-
-
-@functools.cache
-def _hlg_white() -> float:
-    return float(colour_science().models.oetf_inverse_BT2100_HLG(_HLG_WHITE))
-
-
-@functools.cache
 def colour_science() -> Any:
     """Return the package colour-science, imported at the first call: it takes about a second."""
     with warnings.catch_warnings(), np.printoptions():  # it changes how NumPy prints arrays, for the whole process
@@ -241,17 +230,16 @@ def _wide(values: Array, transfer: WideTransfer, way: Literal[0, 1]) -> Array:
         if transfer in _LOG_NAMES:
             of_log = (models.log_decoding, models.log_encoding)[way]
             return np.asarray(of_log(values, _LOG_NAMES[transfer]), np.float64)
-        curves: dict[str, tuple[_Curve, _Curve]] = {
-            "pq": (
-                lambda v: models.eotf_ST2084(np.minimum(v, 1.0)) / _WHITE_CD_M2,
-                lambda x: models.eotf_inverse_ST2084(x * _WHITE_CD_M2),
-            ),
-            "hlg": (
-                lambda v: models.oetf_inverse_BT2100_HLG(v) / _hlg_white(),
-                lambda x: models.oetf_BT2100_HLG(x * _hlg_white()),
-            ),
-        }
-        return np.copysign(np.asarray(curves[transfer][way](size), np.float64), values)
+        if transfer == "pq":
+            light = models.eotf_ST2084
+            found = (
+                models.eotf_inverse_ST2084(size * _WHITE_CD_M2) if way else light(np.minimum(size, 1.0)) / _WHITE_CD_M2
+            )
+        else:
+            light = models.oetf_inverse_BT2100_HLG
+            white = float(light(_HLG_WHITE))
+            found = models.oetf_BT2100_HLG(size * white) if way else light(size) / white
+        return np.copysign(np.asarray(found, np.float64), values)
 
 
 def decode_signal(signal: ArrayLike, spec: ColorSpec) -> NDArray[np.floating]:
@@ -341,8 +329,10 @@ def rec709_from_plate(primaries: Primaries) -> NDArray[np.float64]:
     """
     if primaries == "bt709":
         return np.eye(3)
-    named = XY_BY_NAME["rec2020"]
-    own = named if primaries == "bt2020" else (*wide_primaries(_CAMERA_GAMUTS[primaries]).ravel(), *named[6:])
+    own = XY_BY_NAME["rec2020"]
+    if primaries != "bt2020":
+        camera = colour_science().RGB_COLOURSPACES[_CAMERA_GAMUTS[primaries]].primaries
+        own = (*np.asarray(camera, np.float64).ravel(), *own[6:])
     return np.linalg.solve(_xyz_from_rgb(REC709_XY), _xyz_from_rgb(own)).astype(np.float64)
 
 

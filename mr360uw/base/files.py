@@ -42,11 +42,6 @@ def real_path(path: Path) -> Path:
     return Path(os.path.realpath(path))
 
 
-def is_ours(folder: Path) -> bool:
-    """Return whether a folder belongs to the user who runs this process; on Windows, whose rights differ, always."""
-    return not hasattr(os, "geteuid") or folder.stat().st_uid == os.geteuid()
-
-
 def unsafe(path: Path) -> str:
     """Return why another user could have put or changed what is at a path, as "/x belongs to user 1001"; "" if none.
 
@@ -422,11 +417,15 @@ def check_work_folder(folder: Path, keeps: Iterable[Path] = ()) -> None:
 
 
 def is_work_folder(folder: Path) -> bool:
-    """Return whether a folder, and no link to one, was made by `make_work_folder` for the same user."""
+    """Return whether a folder, and no link to one, was made by `make_work_folder` for the same user.
+
+    On Windows, whose rights differ, all users count as the same.
+    """
     try:
         marker = folder / MARKER
         real = folder.is_dir() and not folder.is_symlink() and marker.is_file() and not marker.is_symlink()
-        return real and is_ours(folder) and marker.read_text("utf-8") == _SIGNATURE
+        ours = not hasattr(os, "geteuid") or folder.stat().st_uid == os.geteuid()
+        return real and ours and marker.read_text("utf-8") == _SIGNATURE
     except (OSError, ValueError):
         return False
 

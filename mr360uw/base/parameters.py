@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
-from functools import partial
 from typing import TYPE_CHECKING, Any, Literal, TypeVar, get_args
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
@@ -130,21 +129,23 @@ def parameter(
     above: float | None = None,
     fixed: str = "",
     internal: str = "",
-    audience: str = "",
     **extra: Any,
 ) -> Any:
     """Return a pydantic field with a default, an inclusive range [low, high] (or > above), a unit and a help line.
 
     fixed: advice to who wants the number to change within a clip, which it cannot; "" where it can. internal: what sets
-    it, where users need no control for it. audience: who needs it, where that is not every user.
+    it, where users need no control for it.
     """
-    notes = {"unit": unit, "fixed": fixed, "internal": internal, "audience": audience}
-    shown: dict[str, Any] = {name: text for name, text in notes.items() if text or name == "unit"}
+    notes = {"fixed": fixed, "internal": internal}
+    shown: dict[str, Any] = {"unit": unit} | {name: text for name, text in notes.items() if text}
     return Field(default, description=help_text, ge=low, le=high, gt=above, json_schema_extra=shown, **extra)
 
 
-advanced = partial(parameter, audience="few")
-"""As `parameter`, for a field that few users need: the documentation lists it apart."""
+def advanced(*given: Any, **named: Any) -> Any:
+    """Return a field as `parameter` does that few users need: the documentation lists it apart."""
+    field = parameter(*given, **named)
+    field.json_schema_extra["audience"] = "few"
+    return field
 
 
 Model = TypeVar("Model", bound=BaseModel)

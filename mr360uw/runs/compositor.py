@@ -15,7 +15,7 @@ from pydantic import NonNegativeFloat, NonNegativeInt
 
 from mr360uw.base.cache import Cache
 from mr360uw.base.constants import MOST_LIGHT
-from mr360uw.base.parameters import checked, file_path, instance, is_light, real
+from mr360uw.base.parameters import checked, file_path, is_light, real
 from mr360uw.base.progress import Progress
 from mr360uw.base.threads import one_blas_thread, prefetch
 from mr360uw.errors import ParameterError
@@ -120,7 +120,7 @@ class Compositor:
 
     @checked
     def __init__(self, scene: Scene, *, backend: str = "auto", analysis: ClipAnalysis | None = None) -> None:
-        self._scene = instance("scene", scene, Scene, "load_scene reads one")
+        self._scene = scene
         self._analysis = analysis
         self._renderer, self.note = make_backend(backend)
         self._loaded: Loaded | None = None
@@ -233,8 +233,6 @@ class Compositor:
             with open_plate(self._scene) as own:
                 yield from self.frames(start, stop, video=own)
             return
-        if not isinstance(video, VideoReader):
-            raise ParameterError(f"video - must be an open clip (got {type(video).__name__}) - open_video opens one")
         start, stop, _ = slice(start, stop).indices(video.frame_count or 1)
         with self._one_thread:
             loaded = self._loaded_for(video.height, video.width, clip=not video.is_still)

@@ -17,8 +17,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import CancelledError
 from contextlib import closing
 from dataclasses import dataclass, field
-from multiprocessing.connection import Connection, wait
-from multiprocessing.process import BaseProcess
+from multiprocessing.connection import wait
 from pathlib import Path
 from typing import Any, Literal
 
@@ -323,7 +322,7 @@ def render_in_workers(count: int, job: Job, done: Callable[[], None]) -> RunTime
         while waiting or any(worker.part for worker in workers):
             # Start workers while there is work for them, and hand out parts
             while waiting and len(workers) < count:
-                workers.append(_Worker.start(job, len(workers), count))
+                workers.append(_Worker(job, len(workers), count))
             for worker in workers:
                 if worker.part is None and waiting:
                     worker.take(waiting.popleft())
@@ -349,23 +348,17 @@ def render_in_workers(count: int, job: Job, done: Callable[[], None]) -> RunTime
     return times
 
 
-@dataclass(slots=True)
 class _Worker:
-    """A process, the way to it, and the part that it renders, if any."""
+    """A process that is started, the way to it, and the part that it renders, if any."""
 
-    process: BaseProcess
-    connection: Connection
-    part: Part | None = None
-
-    @classmethod
-    def start(cls, job: Job, number: int, count: int) -> _Worker:
+    def __init__(self, job: Job, number: int, count: int) -> None:
         context = multiprocessing.get_context("spawn")
-        here, there = context.Pipe()
-        process = context.Process(target=_work, args=(there, job), name=f"worker {number}", daemon=True)
+        self.part: Part | None = None
+        self.connection, there = context.Pipe()
+        self.process = context.Process(target=_work, args=(there, job), name=f"worker {number}", daemon=True)
         with share_of_cores(number, count):
-            process.start()
+            self.process.start()
         there.close()
-        return cls(process, here)
 
     def take(self, part: Part) -> None:
         self.part = part

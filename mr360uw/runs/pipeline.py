@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Literal
 
 from mr360uw.base.cache import Cache
-from mr360uw.base.parameters import checked, instance
+from mr360uw.base.parameters import checked
 from mr360uw.base.progress import Progress, begin_phase
 from mr360uw.caustics import export_tiles, refract_to_air
 from mr360uw.errors import SceneError, package_versions
@@ -118,7 +118,6 @@ def composite_video(
     1
     """
     began = time.perf_counter()
-    instance("scene", scene, Scene, "load_scene reads one")
     with open_plate(scene) as video, ExitStack() as last:
         span = video.numbered_range(*frames)
         scene, taken = with_encoder(scene, video, Path(out))

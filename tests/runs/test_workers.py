@@ -84,12 +84,11 @@ def test_a_part_that_kills_every_worker_is_given_up_after_two(monkeypatch: pytes
     started: list[int] = []
 
     class Dying(workers._Worker):
-        @classmethod
-        def start(cls, _job: Job, number: int, _count: int) -> Dying:
-            here, there = multiprocessing.Pipe()
+        def __init__(self, _job: Job, number: int, _count: int) -> None:
+            self.connection, there = multiprocessing.Pipe()
             there.close()
             started.append(number)
-            return cls(SimpleNamespace(join=bool, terminate=bool, exitcode=-9), here)
+            self.process, self.part = SimpleNamespace(join=bool, terminate=bool, exitcode=-9), None
 
         def take(self, part: tuple[int, int]) -> None:
             self.part = part
