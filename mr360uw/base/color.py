@@ -231,14 +231,12 @@ def _wide(values: Array, transfer: WideTransfer, way: Literal[0, 1]) -> Array:
             of_log = (models.log_decoding, models.log_encoding)[way]
             return np.asarray(of_log(values, _LOG_NAMES[transfer]), np.float64)
         if transfer == "pq":
-            light = models.eotf_ST2084
-            found = (
-                models.eotf_inverse_ST2084(size * _WHITE_CD_M2) if way else light(np.minimum(size, 1.0)) / _WHITE_CD_M2
-            )
+            to_light, to_code, white = models.eotf_ST2084, models.eotf_inverse_ST2084, _WHITE_CD_M2
+            size = size if way else np.minimum(size, 1.0)
         else:
-            light = models.oetf_inverse_BT2100_HLG
-            white = float(light(_HLG_WHITE))
-            found = models.oetf_BT2100_HLG(size * white) if way else light(size) / white
+            to_light, to_code = models.oetf_inverse_BT2100_HLG, models.oetf_BT2100_HLG
+            white = float(to_light(_HLG_WHITE))
+        found = to_code(size * white) if way else to_light(size) / white
         return np.copysign(np.asarray(found, np.float64), values)
 
 
