@@ -10,7 +10,8 @@ computed once, by identity, as long as it is kept itself. Caches change no resul
 a function read (`input_files.files_read`) are watched: where one has changed, the function is called again.
 
 Functions far below, which have no cache at hand, are `shared`: all scenes of the process find their results, until one
-of the scenes is closed (`drop_shared`).
+of the scenes is closed (`drop_shared`). What does not depend on a scene or a plate has `functools.cache`, and what an
+object works out of itself `cached_property`.
 """
 
 from __future__ import annotations
@@ -202,9 +203,8 @@ _SHARED: list[functools._lru_cache_wrapper[Any]] = []
 
 
 def shared(keep: int) -> Callable[[Callable[..., T]], functools._lru_cache_wrapper[T]]:
-    """Return a decorator for a plain function of a scene's settings, whose last `keep` results all scenes share.
-
-    Its inputs are hashable. `functools.cache` is for what does not depend on a scene.
+    """Return a decorator for a plain function of a scene's settings or a plate's kind, whose last `keep` results all
+    scenes share. Its inputs are hashable.
     """
 
     def decorated(function: Callable[..., T]) -> functools._lru_cache_wrapper[T]:

@@ -18,6 +18,7 @@ from typing import Any, Literal, Protocol, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from mr360uw.base.cache import shared
 from mr360uw.base.constants import LUMINANCE_B, LUMINANCE_G, LUMINANCE_R
 from mr360uw.base.parameters import numbers, real, vectors
 from mr360uw.errors import ParameterError
@@ -354,7 +355,7 @@ def in_plate_primaries(linear: NDArray[np.floating], spec: ColorSpec) -> NDArray
     return np.asarray(linear @ np.linalg.inv(rec709_from_plate(spec.gamut)).T, linear.dtype)
 
 
-@functools.lru_cache(maxsize=16)
+@shared(keep=16)
 def brightest_light(spec: ColorSpec) -> float:
     """Return the linear light of the brightest code that is written."""
     if spec.mapping is not None:

@@ -26,6 +26,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from mr360uw.base.cache import shared
 from mr360uw.base.constants import ENVIRONMENT_COLUMNS as COLUMNS
 from mr360uw.base.constants import ENVIRONMENT_ROWS as ROWS
 from mr360uw.base.disk_cache import kept_arrays
@@ -194,7 +195,7 @@ def ggx_kernel(cosine: ArrayLike, roughness: float) -> NDArray[np.float64]:
     return ggx_distribution(np.sqrt(0.5 + 0.5 * np.maximum(cosine, -1.0)), roughness) * lit
 
 
-@functools.lru_cache(maxsize=16)
+@shared(keep=16)
 def glossy_filter(roughness: float, scale: int = 1) -> ZonalFilter:
     """Return the constant prefilter of one roughness for maps of (32 scale, 64 scale, 3)."""
     return ZonalFilter(lambda cosine: ggx_kernel(cosine, roughness), ("ggx", roughness), scale, normalised=True)

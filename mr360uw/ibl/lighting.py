@@ -5,13 +5,13 @@ decoded frames.
 
 from __future__ import annotations
 
-import functools
 from dataclasses import replace
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from mr360uw.base.cache import shared
 from mr360uw.base.color import code_range, decode
 from mr360uw.base.constants import ENVIRONMENT_COLUMNS, ENVIRONMENT_ROWS, REFRACTIVE_INDEX_SEA
 from mr360uw.base.parameters import checked, exactly
@@ -407,7 +407,7 @@ def lit_frame(yuv: YuvImage) -> NDArray[np.float32]:
     return np.maximum(linear_from_planes(yuv), 0.0)
 
 
-@functools.lru_cache(maxsize=8)
+@shared(keep=8)
 def _row_weights(width: int, height: int, block: int) -> Floats:
     weight = row_solid_angle(width, height).reshape(-1, block)
     weight /= weight.sum(axis=1, keepdims=True) * block

@@ -6,12 +6,12 @@ Twin: lookup.glsl, whose maps are textures of the same 32 rows.
 
 from __future__ import annotations
 
-import functools
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from mr360uw.base.cache import shared
 from mr360uw.base.sphere import frame_from_direction
 from mr360uw.base.texels import between_four, texels_around
 from mr360uw.types import Floats
@@ -84,7 +84,7 @@ def glossy_lookup(levels: Floats, level_roughness: Floats, direction: ArrayLike,
 # Resizes equirectangular maps: means over exact solid angles, maxima, bilinear enlargement.
 
 
-@functools.lru_cache(maxsize=32)
+@shared(keep=32)
 def _shares(count: int, source: int, latitude: bool) -> tuple[tuple[int, NDArray[np.float32]], ...]:
     """Return for each of `count` cells the first of `source` samples it covers and their weights, of sum 1."""
     edges = np.arange(source + 1) / source
@@ -125,7 +125,7 @@ def reduce_map(radiance: ArrayLike, width: int, height: int) -> Floats:
     return np.ascontiguousarray(out.reshape(width, height, channels).swapaxes(0, 1))
 
 
-@functools.lru_cache(maxsize=8)
+@shared(keep=8)
 def _across(width: int, source_width: int) -> NDArray[np.float32]:
     """Return the shares (width, source_width) that the columns of a map have in those of a narrower one."""
     shares = np.zeros((width, source_width), np.float32)

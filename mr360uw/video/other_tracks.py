@@ -14,7 +14,6 @@ loudspeakers without them; FFmpeg does not copy them.
 
 from __future__ import annotations
 
-import functools
 import io
 import itertools
 import re
@@ -29,6 +28,7 @@ import av
 import av.error
 import av.stream
 
+from mr360uw.base.cache import shared
 from mr360uw.errors import VideoError
 from mr360uw.video.clip import PICTURE_SUFFIXES, Clip, not_copied
 from mr360uw.video.demux import fraction, open_packets
@@ -210,7 +210,7 @@ def timecode_of(path: Path) -> str:
     return _timecode(path, path.stat().st_mtime_ns)
 
 
-@functools.lru_cache(maxsize=8)
+@shared(keep=8)
 def _timecode(path: Path, written_ns: int) -> str:  # noqa: ARG001 - another file under the same name has another
     with open_packets(path) as container:
         return next(filter(None, map(_timecode_of, container.streams)), "")

@@ -20,7 +20,6 @@ banding, no random state.
 
 from __future__ import annotations
 
-from functools import lru_cache
 from typing import Any
 
 import av
@@ -28,6 +27,7 @@ import numpy as np
 from av.sidedata.sidedata import Type
 from numpy.typing import NDArray
 
+from mr360uw.base.cache import shared
 from mr360uw.base.color import ColorSpec, Transfer, code_range, decode, encode, in_plate_primaries
 from mr360uw.base.tile_blend import NO_GROUND, blended, light_sum
 from mr360uw.types import Floats, Rectangle, Tile, UnlaidGround, YuvImage
@@ -123,7 +123,7 @@ def peak_code(codes: NDArray[Any]) -> float:
     return float(np.iinfo(codes.dtype).max) if codes.dtype.kind == "u" else 1.0
 
 
-@lru_cache(maxsize=8)
+@shared(keep=8)
 def _decode_table(peak: int, transfer: Transfer) -> NDArray[np.float32]:
     return np.asarray(decode(np.arange(peak + 1) / peak, transfer), np.float32)
 

@@ -9,13 +9,14 @@ interpolated linearly.
 
 from __future__ import annotations
 
+import functools
 import math
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mr360uw.base.cache import shared
 from mr360uw.base.color import (
     ColorSpec,
     Transfer,
@@ -234,7 +235,7 @@ ENCODE_STEPS = 38 << (23 - ENCODE_STEP_BITS)
 _DEGREE = 6  # of the polynomial: mean error 0.1 %; 5 makes it 1.7 times as large, 7 saves a third
 
 
-@lru_cache(maxsize=16)
+@shared(keep=16)
 def coefficients(spec: ColorSpec) -> NDArray[np.float32]:
     """Return the 19 numbers (y0, dy, c0, dc, m01, m02, m11, m12, m21, m22, then the inverse of m row by row)."""
     y_offset, y_span, c_offset, c_span = code_range(spec)
@@ -243,7 +244,7 @@ def coefficients(spec: ColorSpec) -> NDArray[np.float32]:
     return np.array(values, np.float32)
 
 
-@lru_cache(maxsize=16)
+@shared(keep=16)
 def folded_coefficients(spec: ColorSpec) -> NDArray[np.float32]:
     """Return the same decoder with spans multiplied in: (1/dy, -y0/dy, c0, m02/dc, m11/dc, m12/dc, m21/dc).
 
@@ -260,13 +261,13 @@ def subsampling(image: YuvImage) -> tuple[int, int]:
     return int(columns < width), int(rows < height)
 
 
-@lru_cache(maxsize=8)
+@shared(keep=8)
 def decode_table(spec: ColorSpec) -> NDArray[np.float32]:
     """Return linear light at DECODE_STEPS values of R'G'B' from DECODE_LOW to DECODE_HIGH."""
     return np.asarray(decode_signal(np.linspace(DECODE_LOW, DECODE_HIGH, DECODE_STEPS), spec), np.float32)
 
 
-@lru_cache(maxsize=8)
+@shared(keep=8)
 def encode_table(spec: ColorSpec) -> NDArray[np.float32]:
     """Return R'G'B' (2, ENCODE_STEPS + 1) of linear light, and of negative light, at the samples that `ENCODE_LOW` and
     `ENCODE_STEP_BITS` number.
@@ -276,13 +277,13 @@ def encode_table(spec: ColorSpec) -> NDArray[np.float32]:
     return np.asarray([encode_signal(light, spec), encode_signal(-light, spec)], np.float32)
 
 
-@lru_cache(maxsize=8)
+@shared(keep=8)
 def nearest_table(spec: ColorSpec) -> NDArray[np.float32]:
     """Return linear light at R'G'B' = k/NEAREST_STEPS, from 0 to 1.2."""
     return decode_signal(np.arange(int(_NEAREST_TOP * NEAREST_STEPS)) / NEAREST_STEPS, spec).astype(np.float32)
 
 
-@lru_cache(maxsize=8)
+@functools.cache
 def decode_polynomial(transfer: Transfer) -> NDArray[np.float32]:
     """Return (slope, c1 .. c6): linear light is x max(slope, c1 + .. + c6 x^5) for x in [0, POLYNOMIAL_TOP].
 

@@ -7,7 +7,6 @@ Those of tables: `profile_tables`. Tags: ICC.1:2022, sections 9 and 10.
 
 from __future__ import annotations
 
-import functools
 import hashlib
 import math
 import struct
@@ -18,6 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mr360uw.base.cache import shared
 from mr360uw.base.color import REC709_XY, PlateMapping, encode, rec709_from_chromaticities, rec709_from_xyz
 from mr360uw.yuv.ocio_transform import CubeTable
 
@@ -135,7 +135,7 @@ def chromatic_profile(
     return _profile(matrix, [curve or ToneCurve()] * 3, tuple(known.tolist()) if curve is None else ())
 
 
-@functools.lru_cache(maxsize=4)
+@shared(keep=4)
 def icc_profile(data: bytes) -> PlateMapping | None:
     """Return the map of an ICC profile of RGB or grey pictures; None for that of sRGB, to a quarter of an 8-bit code.
 

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import field_validator
 
+from mr360uw.base.cache import shared
 from mr360uw.base.color import DisplayTransfer, Levels, decode, encode
 from mr360uw.base.input_files import DATA, read_text, unreadable
 from mr360uw.base.parameters import Parameters, advanced
@@ -146,7 +147,7 @@ def _check_files(config: Any, spaces: Sequence[str], where: str) -> None:
         DATA.check(str(file), file.stat().st_size, VideoError)
 
 
-@functools.lru_cache(maxsize=8)
+@shared(keep=8)
 def _processor(config: str, identity: str, source: str, target: str) -> Any:
     """Return OpenColorIO's conversion; identity is what makes the entry of this cache one of the config's content."""
     ocio = _library()
@@ -266,7 +267,7 @@ def _reasons(told: str) -> list[str]:
     return [reason.rstrip(". ") for reason in found] or [told[:120]]
 
 
-@functools.lru_cache(maxsize=8)
+@shared(keep=8)
 def _cube_processor(text: str, *, inverse: bool) -> Any:
     """Return OpenColorIO's processor of a table, from its input to its output or back."""
     ocio = _library()
@@ -277,7 +278,7 @@ def _cube_processor(text: str, *, inverse: bool) -> Any:
         return _processor_of(transform, inverse=inverse)
 
 
-@functools.lru_cache(maxsize=1)
+@functools.cache
 def _no_config() -> Any:
     return _library().Config.CreateRaw()
 

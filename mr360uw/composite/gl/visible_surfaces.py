@@ -10,7 +10,6 @@ the processor in any case.
 
 from __future__ import annotations
 
-import functools
 import operator
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -19,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.base.cache import Cache, PartOf
+from mr360uw.base.cache import Cache, PartOf, shared
 from mr360uw.composite.gl.triangles import (
     BLENDED,
     BLOCK,
@@ -168,7 +167,7 @@ def cutouts(looks: Sequence[MeshLooks], first: NDArray[np.int64]) -> tuple[Any, 
     return cut, np.concatenate(cuts if row else [np.zeros((1, 11))]), np.concatenate(alphas), rows
 
 
-@functools.lru_cache(maxsize=4)
+@shared(keep=4)
 def _ray_tables(width: int, height: int) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Return (cosine, sine) of the longitudes of the left sides of columns, then of their middles, (2, 2, W + 8), and
     of the latitudes of rows (2, 2, H + 8).
@@ -214,7 +213,7 @@ def _traced(view: View, count: int, at: NDArray[np.int64], inputs: Any, layer: i
     return found
 
 
-@functools.lru_cache(maxsize=4)
+@shared(keep=4)
 def _sample_tables(width: int, height: int, count: int) -> tuple[Pattern, tuple[NDArray[Any], ...]]:
     """Return the pattern of `count` samples, and its tables for `_trace`: rotations, cells and their products,
     positions, which of them are real, and the step.
