@@ -380,24 +380,18 @@ def _encode(linear: Any, table: Any, codes: Any) -> None:
 
 
 LARGEST_WIDTH = 1024
+"""Most pixels across a frame in a notebook."""
 _QUALITY = 90
 """Quality of JPEG: twice the compression of 95, without visible blocks."""
 
 
-def thumbnail(linear: ArrayLike) -> bytes:
-    """Return linear light (H, W, 3) as a PNG in 8-bit sRGB, at most 1024 pixels wide; light above 1 is white."""
-    return screen_picture(linear, ".png", width=LARGEST_WIDTH)
-
-
-def screen_picture(
-    linear: ArrayLike, suffix: Literal[".jpg", ".png"] = ".jpg", *, width: int | None = None, quality: int = _QUALITY
-) -> bytes:
+def screen_picture(linear: ArrayLike, suffix: Literal[".jpg", ".png"] = ".jpg", *, width: int | None = None) -> bytes:
     """Return linear light (H, W, 3) as a picture file in 8-bit sRGB; light above 1 is white.
 
-    width: the most pixels across; None leaves them all. quality: 0 to 100, of JPEG.
+    width: the most pixels across; None leaves them all.
     """
     image = np.asarray(linear, np.float32)
-    return encoded(screen_codes(image if width is None else narrowed(image, width)), suffix, quality)
+    return encoded(screen_codes(image if width is None else narrowed(image, width)), suffix)
 
 
 def narrowed(image: NDArray[Any], most: int) -> NDArray[Any]:
@@ -411,11 +405,11 @@ def narrowed(image: NDArray[Any], most: int) -> NDArray[Any]:
     return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), image.dtype)
 
 
-def encoded(codes: NDArray[np.uint8], suffix: str, quality: int = _QUALITY) -> bytes:
-    """Return codes (h, w, 3) as a picture file of the kind that a suffix names. quality: 0 to 100, of JPEG."""
+def encoded(codes: NDArray[np.uint8], suffix: str) -> bytes:
+    """Return codes (h, w, 3) as a picture file of the kind that a suffix names."""
     import cv2
 
-    options = [cv2.IMWRITE_JPEG_QUALITY, quality] if suffix in (".jpg", ".jpeg") else [cv2.IMWRITE_PNG_COMPRESSION, 1]
+    options = [cv2.IMWRITE_JPEG_QUALITY, _QUALITY] if suffix in (".jpg", ".jpeg") else [cv2.IMWRITE_PNG_COMPRESSION, 1]
     done, data = cv2.imencode(suffix, cv2.cvtColor(np.ascontiguousarray(codes), cv2.COLOR_RGB2BGR), options)
     assert done
     return bytes(data)

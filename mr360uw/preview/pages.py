@@ -235,7 +235,8 @@ def analyse_video(
                 up = reader.world_from_camera(frame.time_s)[1]
             lights.append(reader.of(frame.pixels, time_s=frame.time_s))
             words = reader.sun_found(frame.pixels, frame.time_s).words
-            sections.append(frame_section(frame.time_s, _thumbnail(frame), lights[-1], words))
+            small = narrowed(frame.image_linear, _PICTURE_WIDTH)
+            sections.append(frame_section(frame.time_s, small, lights[-1], words))
             if tell is not None and index == 0:
                 for line in sun_lines(reader, frame, analysis):
                     tell(line)
@@ -277,13 +278,6 @@ def _page(source: Path, out: str | Path | None) -> Path:
     if page.suffix.lower() != ".html":
         raise ParameterError(f"{page} - is no name of a page (got {page.suffix!r}) - end it in .html")
     return page
-
-
-def _thumbnail(frame: VideoFrame) -> np.ndarray:
-    import cv2
-
-    size = (_PICTURE_WIDTH, _PICTURE_WIDTH // 2)
-    return np.asarray(cv2.resize(frame.image_linear, size, interpolation=cv2.INTER_AREA))
 
 
 # --- The report on the light of a clip ------------------------------------------------------------------------------

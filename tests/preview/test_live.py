@@ -222,5 +222,4 @@ def test_pictures_for_a_screen(rng: np.random.Generator) -> None:
     smooth = cv2.GaussianBlur(light, (0, 0), 4.0)
     jpeg = cv2.imdecode(np.frombuffer(screen_picture(smooth), np.uint8), cv2.IMREAD_COLOR)[..., ::-1]
     assert np.abs(jpeg.astype(int) - screen_codes(smooth)).mean() < 3.0  # chroma of JPEG is halved
-    assert len(screen_picture(light, quality=50)) < len(screen_picture(light, quality=95))
     assert screen_picture(light, width=16)[:2] == b"\xff\xd8"
