@@ -273,16 +273,13 @@ class Report:
             lines.append(f"  {self.kept_frames} of them were there already, from the run that was stopped")
         lines.append(f"  renderer {self.backend} ({self.device})" + f", {self.workers} workers" * (self.workers > 1))
         lines.append("  " + ", ".join(f"{name} {1e3 * s / max(made, 1):.0f} ms" for name, s in self.stage_s.items()))
-        if self.empty_frames:
-            lines.append(f"  in {counted(self.empty_frames)} nothing was visible: they went through untouched")
-        if self.sunless_frames:
-            lines.append(f"  in {counted(self.sunless_frames)} no sun was found: no caustics, no shadows there")
-        if self.held_frames:
-            lines.append(
-                f"  {counted(self.held_frames)} of the plate could not be decoded: the last good one is repeated"
-            )
-        if self.concealed_frames:
-            lines.append(f"  in {counted(self.concealed_frames)} of the plate the decoder guessed what is damaged")
+        kinds = (
+            (self.empty_frames, "in {} nothing was visible: they went through untouched"),
+            (self.sunless_frames, "in {} no sun was found: no caustics, no shadows there"),
+            (self.held_frames, "{} of the plate could not be decoded: the last good one is repeated"),
+            (self.concealed_frames, "in {} of the plate the decoder guessed what is damaged"),
+        )
+        lines += ["  " + words.format(counted(count)) for count, words in kinds if count]
         if len(self.renderers) > 1:
             lines += [f"  {counted(frames)} by {name}" for name, frames in sorted(self.renderers.items())]
         lines += [f"  note: {note}" for note in self.notes]

@@ -204,20 +204,21 @@ def problems(error: ValidationError, root: type[BaseModel], where: str, lines: L
             kind = _tag_key(field) or context["discriminator"].strip("'")
             location = (*location, kind)
             value = value.get(kind) if isinstance(value, dict) else value
-        got = "" if item["type"] == "missing" and isinstance(item["loc"][-1], str) else f" (got {_short(value)})"
+        missing = item["type"] == "missing" and isinstance(item["loc"][-1], str)
+        got = "" if missing else f" (got {_short(value)})"
         bounds = bounds_text(field)
+        advice = f"{help_text} [{bounds}]" if bounds else help_text
         shape = None if field is None else _misshapen(item["type"], value, location, field.annotation)
-        if item["type"] == "missing" and isinstance(item["loc"][-1], str):
+        if missing:
             siblings = [str(u[-1]) for u in unknown if u[:-1] == location[:-1]]
             if difflib.get_close_matches(str(location[-1]), siblings, 1):
                 continue  # the near miss is reported as the unknown key
-            what, todo = "is missing", f"give {help_text}" + (f" [{bounds}]" if bounds else "")
+            what, todo = "is missing", f"give {advice}"
         elif item["type"] == "extra_forbidden":
-            what = "unknown key"
-            todo = _near_key(str(location[-1]), owners)
+            what, todo = "unknown key", _near_key(str(location[-1]), owners)
         elif shape is not None:
             what = shape[0]
-            todo = shape[1] or _near(value, what) or (f"{help_text} [{bounds}]" if bounds else help_text)
+            todo = shape[1] or _near(value, what) or advice
         elif item["type"] in ("literal_error", "union_tag_invalid"):
             what = f"must be {context.get('expected') or context['expected_tags']}"
             todo = _near(value, what) or help_text
@@ -229,8 +230,7 @@ def problems(error: ValidationError, root: type[BaseModel], where: str, lines: L
             what = str(context["error"])
             got, todo = ("", "") if "(got" in what else (got, help_text)
         else:
-            what = item["msg"][0].lower() + item["msg"][1:]
-            todo = f"{help_text} [{bounds}]" if bounds else help_text
+            what, todo = item["msg"][0].lower() + item["msg"][1:], advice
         line = _line_of(lines, location) or 0
         text = f"{place(where, lines, location)} - {what}{got}" + (f" - {todo}" if todo else "")
         if item["type"] in _BOUNDS:
