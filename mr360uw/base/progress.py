@@ -6,8 +6,12 @@ from __future__ import annotations
 import signal
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, nullcontext
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from types import FrameType
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from rich.progress import Progress as Bar
 
 _ENDING = (signal.SIGINT, signal.SIGTERM, *([signal.SIGHUP] if hasattr(signal, "SIGHUP") else []))
 Progress = Callable[[int, int | None], None]
@@ -21,23 +25,34 @@ def terminal_progress(*, lines: bool = False) -> Iterator[Progress]:
     lines: prints a line "frame 3 of 48" for each frame instead, and "phase rendering" where one begins, for programs
     that read them. SIGINT, SIGTERM and SIGHUP end the run at the next frame at the latest. For the main thread.
     """
-    with _pending_signals() as raise_pending, nullcontext(_Lines()) if lines else _bar() as draw:
-        yield _Terminal(raise_pending, draw)
+    with _pending_signals() as raise_pending, _bar(hidden=lines) as bar:
+        yield _Terminal(raise_pending, bar, lines=lines)
 
 
 class _Terminal:
-    """A `Progress` that a run may tell the name of its phase."""
+    """A `Progress` that a run may tell the name of its phase. bar: of rich; None for lines, or nothing at all."""
 
-    def __init__(self, raise_pending: Callable[[], None], draw: Progress) -> None:
-        self._raise_pending, self._draw = raise_pending, draw
+    def __init__(self, raise_pending: Callable[[], None], bar: Bar | None, *, lines: bool) -> None:
+        self._raise_pending, self._bar, self._lines = raise_pending, bar, lines
+        self._task = None if bar is None else bar.add_task("frames", total=None)
 
     def __call__(self, done: int, total: int | None) -> None:
         self._raise_pending()
-        self._draw(done, total)
+        self._print(f"frame {done} of {total or 'unknown'}")
+        if self._bar is not None and self._task is not None:
+            self._bar.update(self._task, completed=done, total=total)
 
     def phase(self, name: str) -> None:
-        """Begin a phase of the run, with a bar of its own."""
-        begin_phase(self._draw, name)
+        """Begin a phase of the run, with a bar of its own; those of earlier phases are gone."""
+        self._print(f"phase {name}")
+        if self._bar is not None and self._task is not None:
+            self._bar.remove_task(self._task)
+            self._task = self._bar.add_task(name, total=None)
+
+    def _print(self, line: str) -> None:
+        if self._lines:
+            sys.stderr.write(f"{line}\n")
+            sys.stderr.flush()
 
 
 def begin_phase(progress: Progress | None, name: str) -> None:
@@ -92,24 +107,10 @@ def _pending_signals() -> Iterator[Callable[[], None]]:
             signal.signal(number, handler)
 
 
-class _Lines:
-    """A `Progress` that prints a line for each frame and phase."""
-
-    def __call__(self, done: int, total: int | None) -> None:
-        sys.stderr.write(f"frame {done} of {total or 'unknown'}\n")
-        sys.stderr.flush()
-
-    def phase(self, name: str) -> None:
-        """Begin a phase of the run."""
-        sys.stderr.write(f"phase {name}\n")
-        sys.stderr.flush()
-
-
-@contextmanager
-def _bar() -> Iterator[Progress]:
-    if sys.stderr is None or not sys.stderr.isatty():
-        yield lambda done, total: None  # noqa: ARG005 - the signature of Progress
-        return
+def _bar(*, hidden: bool) -> AbstractContextManager[Bar | None]:
+    """Return a bar on standard error: phase, frames, rate and time left; None where it is no terminal, or hidden."""
+    if hidden or sys.stderr is None or not sys.stderr.isatty():
+        return nullcontext()
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, ProgressColumn, Task, TextColumn, TimeRemainingColumn
     from rich.progress import Progress as Bar
@@ -119,23 +120,9 @@ def _bar() -> Iterator[Progress]:
         def render(self, task: Task) -> Text:
             return Text(f"{task.speed:.1f} frames/s" if task.speed else "- frames/s")
 
-    class Labelled:
-        """The bar of the phase that runs; those of earlier phases are gone."""
-
-        def __init__(self, bar: Bar) -> None:
-            self._bar, self._task = bar, bar.add_task("frames", total=None)
-
-        def __call__(self, done: int, total: int | None) -> None:
-            self._bar.update(self._task, completed=done, total=total)
-
-        def phase(self, name: str) -> None:
-            self._bar.remove_task(self._task)
-            self._task = self._bar.add_task(name, total=None)
-
     named = TextColumn("{task.description}")
     columns = (named, BarColumn(), MofNCompleteColumn(), Rate(), TimeRemainingColumn())
-    with Bar(*columns, console=Console(stderr=True), transient=True) as bar:
-        yield Labelled(bar)
+    return Bar(*columns, console=Console(stderr=True), transient=True)
 
 
 class Steps:
