@@ -316,7 +316,7 @@ FAULTS: tuple[tuple[str, str, str, str], ...] = (
     ("sample/whale_shape.py", "np.concatenate([faces[:, [k, (k + 1) % 3]] for k in range(3)])", "faces[:, [0, 1]]",
      "sample/test_whale.py"),
     ("sample/whale_shape.py", "a, b, c, a, c, d], axis=-1", "a, c, b, a, d, c], axis=-1", "sample/test_whale.py"),
-    ("base/texels.py", "t, side=\"right\") - 1", "t, side=\"left\") - 1", "scene/test_keys.py"),
+    ("composite/motion.py", "t, side=\"right\") - 1", "t, side=\"left\") - 1", "scene/test_keys.py"),
     ("scene/key_targets.py", "if turns:\n        values = np.unwrap", "if not turns:\n        values = np.unwrap",
      "scene/test_keys.py"),
     ("scene/key_targets.py", "if after <= one:", "if after < one:", "scene/test_keys.py"),

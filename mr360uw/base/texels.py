@@ -1,14 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Interpolation of numbers and arrays: between the four texels around a place (`jit.inlined` makes these part of
-kernels), the cubic step, and between the values of keys over time.
+kernels), and the cubic step.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from functools import cached_property
-from typing import Any, Literal
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -45,34 +44,6 @@ def smoothstep(value: ArrayLike, zero: float, one: float) -> NDArray[Any]:
     """Return the cubic step (...,) from 0 for values on the side of `zero` to 1 on that of `one`."""
     t = np.clip((np.asarray(value) - zero) / (one - zero), 0.0, 1.0)
     return np.asarray(t * t * (3.0 - 2.0 * t))
-
-
-class ValuesOverTime:
-    """Values (n, ...) at ascending times (n,) [s], one or more; before the first and after the last they stay.
-
-    between: "linear"; "smooth", a monotone cubic (Fritsch & Carlson 1980); or "hold", the value before.
-    """
-
-    def __init__(
-        self, time_s: ArrayLike, value: ArrayLike, between: Literal["linear", "smooth", "hold"] = "smooth"
-    ) -> None:
-        self.time_s, self.value = np.asarray(time_s, np.float64), np.asarray(value, np.float64)
-        self._between = between
-
-    def at(self, time_s: float) -> NDArray[np.float64]:
-        """Return the value (...) at a time [s]."""
-        t = min(max(time_s, self.time_s[0]), self.time_s[-1])
-        if len(self.time_s) == 1 or self._between == "hold":
-            return np.asarray(self.value[np.searchsorted(self.time_s, t, side="right") - 1])
-        return self._curve(t)
-
-    @cached_property
-    def _curve(self) -> Callable[[float], NDArray[np.float64]]:
-        from scipy.interpolate import PchipInterpolator, make_interp_spline
-
-        if self._between == "smooth":
-            return PchipInterpolator(self.time_s, self.value, axis=0)
-        return make_interp_spline(self.time_s, self.value, k=1)
 
 
 _periodic_four = inlined(periodic_four)

@@ -15,14 +15,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mr360uw.base.parameters import LATEST_S, checked
 from mr360uw.base.sphere import yaw_matrix
-from mr360uw.base.texels import ValuesOverTime
 from mr360uw.caustics.settings import Sea
 from mr360uw.composite.mesh.material import MeshFile, Rigging
 from mr360uw.composite.mesh.mesh import Mesh, Unit, mesh_of_file, object_from_file, proper_triangles, read_mesh_file
@@ -59,6 +58,34 @@ def rigid(position: ArrayLike, rotation: Floats, scale: float = 1.0) -> Floats:
     matrix = np.eye(4)
     matrix[:3, :3], matrix[:3, 3] = scale * rotation, position
     return matrix
+
+
+class ValuesOverTime:
+    """Values (n, ...) at ascending times (n,) [s], one or more; before the first and after the last they stay.
+
+    between: "linear"; "smooth", a monotone cubic (Fritsch & Carlson 1980); or "hold", the value before.
+    """
+
+    def __init__(
+        self, time_s: ArrayLike, value: ArrayLike, between: Literal["linear", "smooth", "hold"] = "smooth"
+    ) -> None:
+        self.time_s, self.value = np.asarray(time_s, np.float64), np.asarray(value, np.float64)
+        self._between = between
+
+    def at(self, time_s: float) -> NDArray[np.float64]:
+        """Return the value (...) at a time [s]."""
+        t = min(max(time_s, self.time_s[0]), self.time_s[-1])
+        if len(self.time_s) == 1 or self._between == "hold":
+            return np.asarray(self.value[np.searchsorted(self.time_s, t, side="right") - 1])
+        return self._curve(t)
+
+    @cached_property
+    def _curve(self) -> Callable[[float], NDArray[np.float64]]:
+        from scipy.interpolate import PchipInterpolator, make_interp_spline
+
+        if self._between == "smooth":
+            return PchipInterpolator(self.time_s, self.value, axis=0)
+        return make_interp_spline(self.time_s, self.value, k=1)
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,9 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from mr360uw.base.cache import Cache
-from mr360uw.base.texels import ValuesOverTime
 from mr360uw.composite import read_camera_track
-from mr360uw.composite.motion import Motion
+from mr360uw.composite.motion import Motion, ValuesOverTime
 from mr360uw.errors import ParameterError
 from mr360uw.ibl import LightSettings
 from mr360uw.ibl.sun.split import CLEAR_SKY_DIRECT

@@ -22,7 +22,7 @@ from pydantic_core import InitErrorDetails, PydanticCustomError
 from mr360uw.base.cache import shared
 from mr360uw.base.parameters import FULL_TURN_DEG, LATEST_S, Parameters, bounds_of, is_direction, stated
 from mr360uw.base.parameters import parameter as declared  # a field has its name
-from mr360uw.base.texels import ValuesOverTime
+from mr360uw.composite.motion import ValuesOverTime
 from mr360uw.errors import ParameterError
 from mr360uw.scene.problems import Location, allowed_text, place, problems
 from mr360uw.scene.toml_model import dotted, entry
