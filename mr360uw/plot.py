@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import base64
 import html
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -19,12 +20,12 @@ from numpy.typing import ArrayLike, NDArray
 from mr360uw.base.color import encode
 from mr360uw.errors import ParameterError, install_command, optional
 
-_WIDTH, _HEIGHT, _MARGIN = 360, 180, 34
-"""Pixels of a plot in a notebook, and of the margin for its axes' figures."""
+_WIDTH, _HEIGHT, _MARGIN = 360, 180, 54
+"""Pixels of a plot in a notebook, and of the margin for the figures of an axis."""
 _MOST_ACROSS = 512
 """Most pixels across a picture in a notebook: every n-th is shown of larger ones."""
 _COLOURS = {"red": "#d62728", "green": "#2ca02c", "blue": "#1f77b4"}
-_OTHERS = ("#1f77b4", "#ff7f0e", "#9467bd", "#8c564b", "#17becf")
+_OTHERS = ("#0b6e99", "#c2410c", "#4d7c0f", "#9467bd", "#8c564b")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -132,34 +133,62 @@ def _svg(figure: Figure) -> str:
         step = -(-codes.shape[1] // _MOST_ACROSS)
         data = base64.b64encode(bytes(cv2.imencode(".png", codes[::step, ::step, ::-1])[1])).decode("ascii")
         return f'<img alt="{html.escape(figure.title)}" width="{_WIDTH}" src="data:image/png;base64,{data}"/>'
-    # Find the range of the axes
-    x = np.asarray(figure.x, np.float64)
-    finite = [y[np.isfinite(y)] for y in (np.asarray(y, np.float64) for y in figure.curves.values())]
-    values = np.concatenate([*finite, np.zeros(1)])
-    low, high, left, right = values.min(), values.max(), x.min(initial=np.inf), x.max(initial=-np.inf)
-    across, up = _WIDTH - 2 * _MARGIN, _HEIGHT - 2 * _MARGIN
-    parts = [f'<rect x="{_MARGIN}" y="{_MARGIN}" width="{across}" height="{up}" fill="none" stroke="#999"/>']
+    curves = [(name, y, False) for name, y in figure.curves.items()]
+    return svg_plot(figure.x, curves, f"{figure.y_label} over {figure.x_label}", size=(_WIDTH, _HEIGHT))
 
-    def text(at_x: float, at_y: float, words: str, colour: str = "#666", anchor: str = "middle") -> None:
-        parts.append(f'<text x="{at_x:g}" y="{at_y:g}" fill="{colour}" text-anchor="{anchor}">{words}</text>')
 
-    # Draw each curve with its name, then the axes' figures
-    for number, (name, curve) in enumerate(figure.curves.items()):
-        colour = _COLOURS.get(name, _OTHERS[number % len(_OTHERS)])
-        y = np.asarray(curve, np.float64)
-        there = np.isfinite(y)
-        px = _MARGIN + across * (x[there] - left) / max(right - left, 1e-300)
-        py = _MARGIN + up * (high - y[there]) / max(high - low, 1e-300)
-        points = " ".join(f"{a:.1f},{b:.1f}" for a, b in zip(px, py, strict=True))
-        parts.append(f'<polyline points="{points}" fill="none" stroke="{colour}" stroke-width="1.5"/>')
-        text(_MARGIN + 4 + 60 * number, _MARGIN - 4, html.escape(name), colour, "start")
-    text(_MARGIN, _HEIGHT - 20, f"{left:.4g}")
-    text(_WIDTH - _MARGIN, _HEIGHT - 20, f"{right:.4g}")
-    text(_WIDTH / 2, _HEIGHT - 6, html.escape(figure.x_label))
-    text(_MARGIN - 3, _MARGIN + 8, f"{high:.3g}", anchor="end")
-    text(_MARGIN - 3, _HEIGHT - _MARGIN, f"{low:.3g}", anchor="end")
-    text(_WIDTH - _MARGIN, _MARGIN - 4, html.escape(figure.y_label), anchor="end")
-    return (
-        f'<svg xmlns="http://www.w3.org/2000/svg" width="{_WIDTH}" height="{_HEIGHT}" font-size="10" '
-        f'font-family="sans-serif">{"".join(parts)}</svg>'
+def svg_plot(
+    x: ArrayLike,
+    curves: Sequence[tuple[str, ArrayLike, bool]],
+    label: str,
+    cuts: Sequence[float] = (),
+    unit: str = "",
+    size: tuple[int, int] = (900, 200),
+) -> str:
+    """Return curves (name, y, as dots) over x as an HTML figure of an inline SVG; gaps where y is not finite.
+
+    cuts: places of lines upright. unit: of x, after its figures. size: width and height in pixels.
+    """
+    # Find the range of the axes, with a rim above and below the curves
+    x, (width, height) = np.asarray(x, np.float64), size
+    columns = [np.asarray(y, np.float64) for _, y, _ in curves]
+    finite = np.concatenate([c[np.isfinite(c)] for c in columns] + [np.zeros(0)])
+    low, high = (float(finite.min()), float(finite.max())) if finite.size else (0.0, 1.0)
+    pad = 0.06 * (high - low) or 0.5
+    low, high = low - pad, high + pad
+    left, right = (float(x[0]), float(x[-1])) if len(x) > 1 else (0.0, 1.0)
+
+    def place(px: NDArray[np.float64], py: NDArray[np.float64]) -> NDArray[np.float64]:
+        across = _MARGIN + (px - left) / (right - left) * (width - _MARGIN - 10)
+        return np.stack([across, 10 + (high - py) / (high - low) * (height - 40)], axis=-1)
+
+    # Draw the grid with its numbers, and lines at cuts
+    out = [f'<svg viewBox="0 0 {width} {height}" width="{width}" role="img" aria-label="{html.escape(label)}">']
+    for value in np.linspace(low + pad, high - pad, 3):
+        y = place(np.array([left]), np.array([value]))[0, 1]
+        out.append(f'<path d="M{_MARGIN} {y:.1f}H{width - 10}" stroke="#e3e9ee"/>')
+        out.append(f'<text x="{_MARGIN - 6}" y="{y + 4:.1f}" font-size="11" text-anchor="end">{value:.4g}</text>')
+    for value in np.linspace(left, right, 5):
+        px, words = place(np.array([value]), np.array([low]))[0, 0], f"{value:.4g} {unit}".strip()
+        out.append(f'<text x="{px:.1f}" y="{height - 12}" font-size="11" text-anchor="middle">{words}</text>')
+    for cut in cuts:
+        px = place(np.array([cut]), np.array([low]))[0, 0]
+        out.append(f'<path d="M{px:.1f} 10V{height - 30}" stroke="#9aa7b2" stroke-dasharray="4 3"/>')
+    # Draw each curve as dots, or as lines between its gaps
+    colours = [_COLOURS.get(name, _OTHERS[k % len(_OTHERS)]) for k, (name, _, _) in enumerate(curves)]
+    for (_, _, dots), column, colour in zip(curves, columns, colours, strict=True):
+        points, good = place(x, column), np.isfinite(column)
+        if dots:
+            marks = "".join(f"M{px:.1f} {py:.1f}h.01" for px, py in points[good])
+            out.append(f'<path d="{marks}" stroke="{colour}" stroke-width="3" stroke-linecap="round" opacity=".45"/>')
+        else:
+            runs = np.split(np.flatnonzero(good), np.flatnonzero(np.diff(np.flatnonzero(good)) > 1) + 1)
+            lines = "".join("M" + "L".join(f"{px:.1f} {py:.1f}" for px, py in points[run]) for run in runs if len(run))
+            out.append(f'<path d="{lines}" fill="none" stroke="{colour}" stroke-width="1.6"/>')
+    out.append("</svg>")
+    # Name the curves below the plot
+    signs = [("\u2022" if dots else "\u2014") + " " + html.escape(name) for name, _, dots in curves]
+    key = "\u2002".join(
+        f'<span style="color:{colour}">{sign}</span>' for colour, sign in zip(colours, signs, strict=True)
     )
+    return f"<figure>{''.join(out)}<figcaption>{html.escape(label)}: {key}</figcaption></figure>"

@@ -23,6 +23,7 @@ from mr360uw.ibl.lookup import environment_lookup
 from mr360uw.ibl.sun.track import SunTrack, angles_deg
 from mr360uw.ibl.tilt import HorizonEstimate, clip_horizon, roll_pitch
 from mr360uw.medium.settings import WaterSettings
+from mr360uw.plot import svg_plot
 from mr360uw.preview.live import LivePreview, Perspective, encoded, look, narrowed
 from mr360uw.render.check import sun_lines
 from mr360uw.render.first_pass import first_pass
@@ -288,9 +289,7 @@ def _page(source: Path, out: str | Path | None) -> Path:
 # and confidence, measured and smoothed, with the exposure. Other stages add sections of their own.
 
 
-_WIDTH, _HEIGHT, _MARGIN = 900, 200, 54
 _STEADY_DEG, _LEVEL_DEG = 3.0, 2.0
-_COLOURS = ("#0b6e99", "#c2410c", "#4d7c0f")
 _STYLE = """
 body { font: 15px/1.5 system-ui, sans-serif; color: #16202a; max-width: 960px; margin: 2em auto; padding: 0 1em; }
 h1 { font-size: 1.5em; } h2 { font-size: 1.15em; margin-top: 2em; border-bottom: 1px solid #d5dde3; }
@@ -363,56 +362,6 @@ def _figure(codes: NDArray[np.uint8], caption: str, width: int | None = None) ->
     )
 
 
-def plot(
-    x: ArrayLike,
-    curves: Sequence[tuple[str, ArrayLike, bool]],
-    label: str,
-    cuts: Sequence[float] = (),
-) -> str:
-    """Return an inline SVG plot of curves (name, y, as dots) over x; gaps where y is not finite, lines at `cuts`."""
-    # Find the range of the axes, with a rim above and below the curves
-    x = np.asarray(x, np.float64)
-    columns = [np.asarray(y, np.float64) for _, y, _ in curves]
-    finite = np.concatenate([c[np.isfinite(c)] for c in columns] + [np.zeros(0)])
-    low, high = (float(finite.min()), float(finite.max())) if finite.size else (0.0, 1.0)
-    pad = 0.06 * (high - low) or 0.5
-    low, high = low - pad, high + pad
-    left, right = (float(x[0]), float(x[-1])) if len(x) > 1 else (0.0, 1.0)
-
-    def place(px: NDArray[np.float64], py: NDArray[np.float64]) -> NDArray[np.float64]:
-        across = _MARGIN + (px - left) / (right - left) * (_WIDTH - _MARGIN - 10)
-        return np.stack([across, 10 + (high - py) / (high - low) * (_HEIGHT - 40)], axis=-1)
-
-    # Draw the grid with its numbers, and lines at cuts
-    out = [f'<svg viewBox="0 0 {_WIDTH} {_HEIGHT}" role="img" aria-label="{html.escape(label)}">']
-    for value in np.linspace(low + pad, high - pad, 3):
-        y = place(np.array([left]), np.array([value]))[0, 1]
-        out.append(f'<path d="M{_MARGIN} {y:.1f}H{_WIDTH - 10}" stroke="#e3e9ee"/>')
-        out.append(f'<text x="{_MARGIN - 6}" y="{y + 4:.1f}" font-size="11" text-anchor="end">{value:.4g}</text>')
-    for value in np.linspace(left, right, 5):
-        px = place(np.array([value]), np.array([low]))[0, 0]
-        out.append(f'<text x="{px:.1f}" y="{_HEIGHT - 12}" font-size="11" text-anchor="middle">{value:.4g} s</text>')
-    for cut in cuts:
-        px = place(np.array([cut]), np.array([low]))[0, 0]
-        out.append(f'<path d="M{px:.1f} 10V{_HEIGHT - 30}" stroke="#9aa7b2" stroke-dasharray="4 3"/>')
-    # Draw each curve as dots, or as lines between its gaps
-    for k, ((_, _, dots), column) in enumerate(zip(curves, columns, strict=True)):
-        points, good = place(x, column), np.isfinite(column)
-        colour = _COLOURS[k % len(_COLOURS)]
-        if dots:
-            marks = "".join(f"M{px:.1f} {py:.1f}h.01" for px, py in points[good])
-            out.append(f'<path d="{marks}" stroke="{colour}" stroke-width="3" stroke-linecap="round" opacity=".45"/>')
-        else:
-            runs = np.split(np.flatnonzero(good), np.flatnonzero(np.diff(np.flatnonzero(good)) > 1) + 1)
-            lines = "".join("M" + "L".join(f"{px:.1f} {py:.1f}" for px, py in points[run]) for run in runs if len(run))
-            out.append(f'<path d="{lines}" fill="none" stroke="{colour}" stroke-width="1.6"/>')
-    out.append("</svg>")
-    # Name the curves below the plot
-    signs = [("&bull;" if dots else "&mdash;") + " " + html.escape(name) for name, _, dots in curves]
-    key = " &nbsp; ".join(f'<span style="color:{_COLOURS[k % 3]}">{sign}</span>' for k, sign in enumerate(signs))
-    return f"<figure>{''.join(out)}<figcaption>{html.escape(label)}: {key}</figcaption></figure>"
-
-
 def irradiance_ball(irradiance: Floats) -> Floats:
     """Return a white ball lit by an irradiance map, seen along -z, as code values (192, 192, 3)."""
     x = (np.arange(192) + 0.5) / 96.0 - 1.0
@@ -479,9 +428,11 @@ def _plots(track: SunTrack) -> list[str]:
         ("irradiance of the sun, log10", strength(track.raw_irradiance), strength(track.irradiance)),
         ("confidence", track.raw_confidence, track.confidence),
     ]
-    plots = [plot(track.times_s, [("raw", a, True), ("smoothed", b, False)], name, cuts) for name, a, b in pairs]
+    plots = [
+        svg_plot(track.times_s, [("raw", a, True), ("smoothed", b, False)], name, cuts, "s") for name, a, b in pairs
+    ]
     stops = np.log2(np.maximum(track.exposure, 1e-6) / max(float(np.median(track.exposure)), 1e-6))
     return [
         *plots,
-        plot(track.times_s, [("log-mean luminance", stops, False)], "exposure, stops about its median", cuts),
+        svg_plot(track.times_s, [("log-mean luminance", stops, False)], "exposure, stops about its median", cuts, "s"),
     ]
