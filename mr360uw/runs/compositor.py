@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,7 +19,7 @@ from mr360uw.base.parameters import checked, file_path, is_light, real
 from mr360uw.base.progress import Progress
 from mr360uw.base.threads import one_blas_thread, prefetch
 from mr360uw.errors import ParameterError
-from mr360uw.render.backends import close_backend, make_backend
+from mr360uw.render.backends import Backend, close_backend, make_backend
 from mr360uw.render.first_pass import ClipAnalysis, clip_analysis
 from mr360uw.render.frame import Frame, FrameShots, blend_frame, composite_frame, draw_frame, frame_shots, measure_plate
 from mr360uw.render.loaded import Loaded, load
@@ -237,21 +237,13 @@ class Compositor:
         with self._one_thread:
             loaded = self._loaded_for(video.height, video.width, clip=not video.is_still)
             analysis = clip_analysis(loaded, video) if self._analysis is None else self._analysis
-        with closing(prefetch(self._measured(loaded, analysis, video, start, stop))) as frames:
+        shots_of_all = shots_of_clip(loaded, analysis, self._renderer, video, video.frames, start, stop)
+        with closing(prefetch(shots_of_all)) as frames:
             for shots in frames:
                 with self._one_thread, one_blas_thread():
                     drawn = draw_frame(self._renderer, shots, self._cache())
                     result = _result(blend_frame(loaded, analysis, drawn, self._cache()))
                 yield result
-
-    def _measured(
-        self, loaded: Loaded, analysis: ClipAnalysis, video: VideoReader, start: int, stop: int
-    ) -> Iterator[FrameShots]:
-        """Yield what is to be drawn for the frames of a clip, decoded and with their light measured, on any thread."""
-        cache, exposure_s = Cache(self._scene.plate.eyes), self._scene.draw.exposure_s(video.frame_rate)
-        for plate, light in LightSamples(loaded, analysis, video, video.frames).frames(start, stop):
-            measured = measure_plate(loaded, analysis, plate, cache, light)
-            yield frame_shots(loaded, self._renderer, measured, exposure_s, cache)
 
     def _cache(self) -> Cache:
         """Return what is kept from frame to frame."""
@@ -289,6 +281,20 @@ class Compositor:
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+
+Decode = Callable[[int, int], Iterator[VideoFrame]]
+"""Yields the frames [a, b) of a clip, as `VideoReader.frames` does."""
+
+
+def shots_of_clip(
+    loaded: Loaded, analysis: ClipAnalysis, backend: Backend, video: VideoReader, decode: Decode, start: int, stop: int
+) -> Iterator[FrameShots]:
+    """Yield what is to be drawn for frames [start, stop) of a clip, with their light measured, on any thread."""
+    cache, exposure_s = Cache(loaded.scene.plate.eyes), loaded.scene.draw.exposure_s(video.frame_rate)
+    for plate, light in LightSamples(loaded, analysis, video, decode).frames(start, stop):
+        measured = measure_plate(loaded, analysis, plate, cache, light)
+        yield frame_shots(loaded, backend, measured, exposure_s, cache)
 
 
 def _result(frame: Frame) -> FrameResult:

@@ -30,9 +30,9 @@ from mr360uw.composite.aovs import Part as LayerPart
 from mr360uw.errors import GlError, ParameterError, VideoError, install_command
 from mr360uw.render.backends import Backend, make_backend
 from mr360uw.render.first_pass import ClipAnalysis
-from mr360uw.render.frame import DrawnFrame, Frame, FrameShots, blend_frame, draw_frame, frame_shots, measure_plate
+from mr360uw.render.frame import DrawnFrame, Frame, FrameShots, blend_frame, draw_frame
 from mr360uw.render.loaded import Loaded, load
-from mr360uw.render.plate_light import LightSamples
+from mr360uw.runs.compositor import shots_of_clip
 from mr360uw.runs.work_folder import Part, SegmentSink, WorkFolder
 from mr360uw.scene.model import Scene
 from mr360uw.scene.resolved import open_plate
@@ -150,13 +150,10 @@ class OpenJob:
 
     def _read(self, start: int, stop: int) -> Iterator[FrameShots]:
         """Yield frames, decoded, with their light measured, and what is to be drawn for them."""
-        times, measuring = self._times, self._cache()
-        exposure_s = self.loaded.scene.draw.exposure_s(self.video.frame_rate)
-        samples = LightSamples(self.loaded, self._analysis, self.video, self._decoded)
+        times = self._times
+        found = shots_of_clip(self.loaded, self._analysis, self.backend, self.video, self._decoded, start, stop)
         since, decoding_s = time.perf_counter(), times.seconds.get("decode", 0.0)
-        for plate, light in samples.frames(start, stop):
-            measured = measure_plate(self.loaded, self._analysis, plate, measuring, light)
-            shots = frame_shots(self.loaded, self.backend, measured, exposure_s, measuring)
+        for shots in found:
             times.add("light", since + times.seconds["decode"] - decoding_s)
             yield shots
             since, decoding_s = time.perf_counter(), times.seconds["decode"]
