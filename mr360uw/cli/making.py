@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import gc
-import importlib.util
 import threading
 import webbrowser
 from pathlib import Path
@@ -13,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, cast, get_args
 import typer
 
 from mr360uw.cli.arguments import BackendOption, EyeOption, OverwriteOption, Role
-from mr360uw.errors import Mr360uwError, ParameterError, install_command
+from mr360uw.errors import Mr360uwError, ParameterError, install_command, installed
 
 if TYPE_CHECKING:
     from mr360uw.track.camera_track import Measure
@@ -97,7 +96,7 @@ def tune(
     backend: BackendOption = "auto",
 ) -> None:
     """Tune a scene by eye in a browser: every parameter, frame by frame."""
-    if any(importlib.util.find_spec(name) is None for name in _NEEDED):
+    if not all(map(installed, _NEEDED)):
         raise Mr360uwError(f"tune - needs packages that are not installed - {install_command('tune')}")
     gc.disable()  # modules are no garbage: looking for some takes a tenth of the time to load them
     from mr360uw.tune.document import Document

@@ -5,7 +5,6 @@ processes that do it."""
 from __future__ import annotations
 
 import functools
-import importlib
 import logging
 import multiprocessing
 import os
@@ -27,7 +26,7 @@ from mr360uw.base.files import WrittenFiles, numbered
 from mr360uw.base.threads import Behind, one_blas_thread, prefetch, share_of_cores
 from mr360uw.composite.aovs import RECIPE, exr_parts, stereo_parts
 from mr360uw.composite.aovs import Part as LayerPart
-from mr360uw.errors import GlError, ParameterError, VideoError, install_command
+from mr360uw.errors import GlError, ParameterError, VideoError, install_command, optional
 from mr360uw.render.backends import Backend, make_backend
 from mr360uw.render.first_pass import ClipAnalysis
 from mr360uw.render.frame import DrawnFrame, Frame, FrameShots, blend_frame, draw_frame
@@ -276,7 +275,7 @@ def _client(address: str) -> Any:
 
 def _distributed() -> Any:
     try:
-        distributed = importlib.import_module("distributed")
+        distributed = optional("distributed")
     except ImportError as error:
         raise ParameterError(f"--dask - Dask is not installed - {install_command('farm')}") from error
     for name in ("distributed", "distributed.client"):  # what they log is raised too, and told as an error
