@@ -241,7 +241,7 @@ def sun(count: int = 200) -> None:
     for name, entry in truths.items():
         disc = find_disc(LinearPlate(picture(name)))
         place = direction_from_frame(entry["x"], entry["y"], entry["width"], entry["height"])
-        pixels = angle(disc.blob.direction, place) / 360.0 * entry["width"] if disc else np.nan
+        pixels = angle(disc.direction, place) / 360.0 * entry["width"] if disc else np.nan
         rows.append((name, pixels, entry["tol_px"], disc.confidence if disc else 0.0))
     table(("picture", "error px", "tolerance", "confidence"), rows)
 

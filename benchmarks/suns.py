@@ -23,7 +23,7 @@ from mr360uw.base.optics import refract_to_water
 from mr360uw.base.sphere import direction_from_frame, directions, row_solid_angle, unit, yaw_matrix
 from mr360uw.ibl.plate import LinearPlate
 from mr360uw.ibl.sun.detect import find_disc
-from mr360uw.ibl.sun.judge import taken_share
+from mr360uw.ibl.sun.spots import taken_share
 from mr360uw.sample import Dive, DiveSettings
 
 RADII_DEG = (0.25, 0.35, 0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0, 5.0)
@@ -120,7 +120,7 @@ def photographs() -> None:
             continue
         entry = truths.get(name, CASTLE)
         place = direction_from_frame(entry["x"], entry["y"], entry["width"], entry["height"])
-        off = angle(found.blob.direction, place) / 360.0 * entry["width"]
+        off = angle(found.direction, place) / 360.0 * entry["width"]
         rows.append((name, off, entry["tol_px"], found.confidence, found.reason))
     table(("picture", "error px", "tolerance", "confidence", "what speaks against it"), rows)
 
@@ -268,7 +268,7 @@ def verdict(count: int = 60) -> None:
     for name, plate, place, underwater in cases(count):
         found = find_disc(LinearPlate(plate), underwater=underwater)
         share = 0.0 if found is None else taken_share(found.confidence)
-        near = found is not None and place is not None and angle(found.blob.direction, place) < _NEAR_DEG
+        near = found is not None and place is not None and angle(found.direction, place) < _NEAR_DEG
         right = share >= 0.5 and near if place is not None else share < 0.5
         if not right:
             spot = "nothing" if found is None else f"confidence {found.confidence:.2f}; {found.reason}"

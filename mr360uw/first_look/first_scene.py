@@ -22,7 +22,6 @@ from mr360uw.errors import ParameterError, SceneError, VideoError
 from mr360uw.first_look.observations import Eye, PlateLook, look_at_mesh, look_at_plate
 from mr360uw.first_look.place_in_plate import ShownDistance, Wish
 from mr360uw.first_look.proposal import brightness_lines, found_lines, propose, scene_lines
-from mr360uw.ibl.sun.detect import SunFound
 from mr360uw.preview.live import COARSE_WIDTH, LivePreview, coarse, screen_picture
 from mr360uw.render.check import possible_outputs
 from mr360uw.render.loaded import Loaded
@@ -124,15 +123,15 @@ def make_first_scene(
     with LivePreview(backend) as live:
         draft, width = coarse(scene), min(_PREVIEW_COLUMNS, plate.size[0])
         loaded = live.loaded(draft, width)
-        sun = _sun(loaded, live)
+        sun, to_uncomment = _sun(loaded, live)
         picture = live.frame(draft, 0, width).picture
         stops = _grey_card_stops(live, draft)
     with whole_file(preview) as shown, whole_file(path) as written:  # on a full disk neither is there
         shown.write_bytes(screen_picture(picture.image_linear, ".png"))
-        written.write_text(text + sun.to_uncomment, "utf-8")
+        written.write_text(text + to_uncomment, "utf-8")
     suffix = (".exr" if plate.path.suffix.lower() in _RADIANCE else ".png") if plate.still else ".mp4"
     lines = [
-        *found_lines(plate, seen, chosen, sun.words),
+        *found_lines(plate, seen, chosen, sun),
         *brightness_lines(stops),
         *(f"note      {note}" for note in (*_of_file(scene, path), *plate.notes, *loaded.notes)),
     ]
@@ -202,8 +201,8 @@ def _of_file(scene: Scene, path: Path) -> tuple[str, ...]:
             return video.notes
 
 
-def _sun(loaded: Loaded, live: LivePreview) -> SunFound:
-    """Return what is found of a sun in the whole first frame."""
+def _sun(loaded: Loaded, live: LivePreview) -> tuple[str, str]:
+    """Return what is found of a sun in the whole first frame; see `detect.sun_found`."""
     scene = loaded.scene
     frame = live.plates.at(scene.model_copy(update={"plate": scene.plate.model_copy(update={"scale": 1.0})}), 0)
     return loaded.surroundings.light.sun_found(frame.pixels, frame.time_s)

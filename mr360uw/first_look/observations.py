@@ -175,9 +175,9 @@ def _tilt(frames: list[Floats]) -> Tilt | None:
     """Return the tilt of a camera under water that most frames agree on; None where it is small or cannot be told."""
     found = [estimate_horizon(environment(image, underwater=True).residual) for image in frames]
     clip = clip_horizon(found)
-    if clip is None or np.hypot(clip.roll_rad, clip.pitch_rad) < _LEAST_TILT_RAD:
+    if clip is None or np.hypot(*clip[:2]) < _LEAST_TILT_RAD:
         return None
-    roll, pitch = np.degrees([clip.roll_rad, clip.pitch_rad]).tolist()
+    roll, pitch = np.degrees(clip[:2]).tolist()
     return Tilt(roll, pitch, "its window to the sky (Snell's)")
 
 

@@ -28,11 +28,10 @@ from mr360uw.ibl.sun.detect import (
     shows_disc,
     split_disc,
     split_given,
-    split_known,
     spot_towards,
 )
-from mr360uw.ibl.sun.judge import taken_share
-from mr360uw.ibl.sun.split import UNKNOWN_RATIO, Split, close, with_sun, without_glare
+from mr360uw.ibl.sun.split import UNKNOWN_RATIO, close, taken_in_part, with_sun, without_glare
+from mr360uw.ibl.sun.spots import taken_share
 from mr360uw.ibl.tilt import LEVEL, level_matrix, roll_pitch, upward
 from mr360uw.jit import fast, inlined
 from mr360uw.types import Environment, Floats, Sun, YuvImage
@@ -123,14 +122,14 @@ def light_of(
     clearness: float | None = None,
 ) -> Environment:
     """Return the light of a plate of any storage; see `environment`."""
-    split = _split(plate, settings, sun, underwater, clearness)
-    roughness = GLOSSY_ROUGHNESS if glossy else ()
-    return assemble(plate.coarse, None, roughness) if split is None else assemble(split.residual, split.sun, roughness)
+    residual, found = _split(plate, settings, sun, underwater, clearness)
+    return assemble(residual, found, GLOSSY_ROUGHNESS if glossy else ())
 
 
 def _split(
     plate: Plate, settings: LightSettings, sun: SunChoice, underwater: bool, clearness: float | None
-) -> Split | None:
+) -> tuple[Floats, Sun | None]:
+    """Return the coarse map without the sun, and the sun; the whole map, and None, where there is none."""
     ratio = settings.direct_to_diffuse
     if ratio is None and underwater and clearness is None:
         ratio = UNKNOWN_RATIO
@@ -139,7 +138,7 @@ def _split(
         if sun != "detect":
             raise ParameterError(f"sun - unknown (got {sun!r:.40}) - take 'detect', a direction, a Sun or None")
         if settings.sun == "none":
-            return None
+            return plate.coarse, None
         if settings.sun == "date" and underwater:
             raise ParameterError(
                 'sun - "date" is a place in the air (got a plate under water) - refract it, pass it as sun'
@@ -149,32 +148,34 @@ def _split(
             return _detected(plate, settings, underwater, ratio, glare)
         sun = direction @ level_matrix(*map(float, roll_pitch(plate.up)))  # given in level axes of the same heading
     if sun is None:
-        return None
+        return plate.coarse, None
     if isinstance(sun, Sun):
         lost = settings.operator == "closure" and lost_light(plate, sun.direction)
-        known = replace(sun, shown=0.0) if lost else sun
-        split = without_glare(split_known(plate, sun), plate, glare).shared(sun.share, plate.coarse)
-        return replace(split, sun=known)
-    split = split_given(plate, unit(exactly("sun", sun, (3,))), underwater=underwater)
-    split = without_glare(split, plate, glare)
-    lost = settings.operator == "closure" and lost_light(plate, split.sun.direction)
-    return close(split, plate, ratio, disc=shows_disc(spot_towards(plate, split.sun.direction))) if lost else split
+        residual, _ = split_given(plate, sun.direction, sun.half_angle_rad)
+        residual, _ = without_glare(residual, sun, plate, glare)
+        residual, _ = taken_in_part(residual, sun, sun.share, plate.coarse)
+        return residual, replace(sun, shown=0.0) if lost else sun
+    residual, found = split_given(plate, unit(exactly("sun", sun, (3,))), underwater=underwater)
+    residual, found = without_glare(residual, found, plate, glare)
+    if settings.operator == "closure" and lost_light(plate, found.direction):
+        found = close(residual, found, plate, ratio, disc=shows_disc(spot_towards(plate, found.direction)))
+    return residual, found
 
 
 def _detected(
     plate: Plate, settings: LightSettings, underwater: bool, ratio: float | None, glare: float
-) -> Split | None:
+) -> tuple[Floats, Sun | None]:
     disc = find_disc(plate, underwater=underwater)
     share = 0.0 if disc is None else taken_share(disc.confidence)
     if disc is None or share == 0.0:
-        return None
-    split = without_glare(split_disc(plate, disc, underwater=underwater), plate, glare)
+        return plate.coarse, None
+    residual, sun = without_glare(*split_disc(plate, disc, underwater=underwater), plate, glare)
     if settings.operator == "closure":
-        if lost_light(plate, disc.blob.direction, disc.blob):
-            split = close(split, plate, ratio, disc=shows_disc(disc.blob))
+        if lost_light(plate, disc.direction, disc):
+            sun = close(residual, sun, plate, ratio, disc=shows_disc(disc))
         else:  # what is no sharp disc has light of the sky in it, and of the glitter only a part
-            split = replace(split, sun=replace(split.sun, shown=float(is_disc(disc.blob))))
-    return split.shared(share, plate.coarse)
+            sun = replace(sun, shown=float(is_disc(disc)))
+    return taken_in_part(residual, sun, share, plate.coarse)
 
 
 def assemble(coarse: Floats, sun: Sun | None, roughness: tuple[float, ...] = ()) -> Environment:
@@ -259,48 +260,41 @@ _ZERO = np.float32(0.0)
 
 
 @inlined
-def _chroma_parts(u: Any, v: Any, folded: Any, dr: Any, dg: Any, db: Any) -> None:
-    """Write the terms of R', G', B' (W,) that two rows of pixels share: their row of chroma, and the luma offset."""
+def _chroma_parts(u: Any, v: Any, folded: Any, parts: Any) -> None:
+    """Write the terms of R', G', B' (3, W) that two rows of pixels share: their row of chroma, and the luma offset."""
     shift, neutral = folded[1], folded[2]
     r_v, g_u, g_v, b_u = folded[3], folded[4], folded[5], folded[6]
     for k in range(len(u)):
         du = np.float32(u[k]) - neutral
         dv = np.float32(v[k]) - neutral
-        dr[2 * k] = dr[2 * k + 1] = shift + dv * r_v
-        dg[2 * k] = dg[2 * k + 1] = shift + du * g_u + dv * g_v
-        db[2 * k] = db[2 * k + 1] = shift + du * b_u
+        parts[0, 2 * k] = parts[0, 2 * k + 1] = shift + dv * r_v
+        parts[1, 2 * k] = parts[1, 2 * k + 1] = shift + du * g_u + dv * g_v
+        parts[2, 2 * k] = parts[2, 2 * k + 1] = shift + du * b_u
 
 
 @inlined
-def _add_light(
-    ya: Any, yb: Any, scale: Any, curve: Any, dr: Any, dg: Any, db: Any, weight_a: Any, weight_b: Any,
-    red: Any, green: Any, blue: Any,
-) -> None:  # fmt: skip
-    """Add the weighted light of two rows of pixels to the sums of their columns."""
+def _add_light(rows: Any, weights: Any, scale: Any, curve: Any, parts: Any, light: Any) -> None:
+    """Add the weighted light of two rows of pixels to the sums (3, W) of their columns."""
     slope, c1, c2, c3, c4, c5, c6 = curve[0], curve[1], curve[2], curve[3], curve[4], curve[5], curve[6]
-    for i in range(len(ya)):
-        a, b = np.float32(ya[i]) * scale, np.float32(yb[i]) * scale
-        p = polynomial_light(a + dr[i], slope, c1, c2, c3, c4, c5, c6)
-        q = polynomial_light(b + dr[i], slope, c1, c2, c3, c4, c5, c6)
-        red[i] += weight_a * p + weight_b * q
-        p = polynomial_light(a + dg[i], slope, c1, c2, c3, c4, c5, c6)
-        q = polynomial_light(b + dg[i], slope, c1, c2, c3, c4, c5, c6)
-        green[i] += weight_a * p + weight_b * q
-        p = polynomial_light(a + db[i], slope, c1, c2, c3, c4, c5, c6)
-        q = polynomial_light(b + db[i], slope, c1, c2, c3, c4, c5, c6)
-        blue[i] += weight_a * p + weight_b * q
+    (upper, lower), (weight_a, weight_b) = rows, weights
+    for n in range(3):
+        part, total = parts[n], light[n]
+        for i in range(len(upper)):
+            p = polynomial_light(np.float32(upper[i]) * scale + part[i], slope, c1, c2, c3, c4, c5, c6)
+            q = polynomial_light(np.float32(lower[i]) * scale + part[i], slope, c1, c2, c3, c4, c5, c6)
+            total[i] += weight_a * p + weight_b * q
 
 
 @inlined
-def _store_blocks(red: Any, green: Any, blue: Any, peak: Any, block: Any, total: Any, brightest: Any) -> None:
+def _store_blocks(light: Any, peak: Any, block: Any, total: Any, brightest: Any) -> None:
     """Write the sums of the columns of each block (W/block, 3), and the largest luma code (W/block,)."""
     for k in range(len(total)):
         r, g, b = _ZERO, _ZERO, _ZERO
         high = peak[k * block]
         for i in range(k * block, (k + 1) * block):
-            r += red[i]
-            g += green[i]
-            b += blue[i]
+            r += light[0, i]
+            g += light[1, i]
+            b += light[2, i]
             high = max(high, peak[i])
         total[k, 0], total[k, 1], total[k, 2] = r, g, b
         brightest[k] = high
@@ -308,34 +302,27 @@ def _store_blocks(red: Any, green: Any, blue: Any, peak: Any, block: Any, total:
 
 @fast
 def reduce_planes(
-    y: NDArray[Any],
-    u: NDArray[Any],
-    v: NDArray[Any],
-    folded: NDArray[np.float32],  # yuv.coefficients.folded_coefficients
-    curve: NDArray[np.float32],  # yuv.coefficients.decode_polynomial
-    row_weight: NDArray[np.float32],  # (H,) solid angle over that of the block
-    block: int,
-    total: NDArray[np.float32],  # (H/block, W/block, 3) out: mean linear radiance
-    brightest: NDArray[Any],  # (H/block, W/block) out: largest luma code
+    planes: Any, folded: Any, curve: Any, row_weight: Any, block: int, total: Any, brightest: Any
 ) -> None:
-    """Fill `total` and `brightest` from the planes of a 4:2:0 frame whose sides are multiples of an even `block`."""
+    """Reduce the planes (y, u, v) of a 4:2:0 frame whose sides are multiples of an even `block`.
+
+    folded, curve: `folded_coefficients` and `decode_polynomial`. row_weight: (H,) solid angle over that of the block.
+    total: (H/block, W/block, 3), gets the mean linear radiance; brightest: (H/block, W/block), the largest luma code.
+    """
+    y, u, v = planes
     height, width = y.shape
-    dr, dg, db = np.empty(width, np.float32), np.empty(width, np.float32), np.empty(width, np.float32)
-    red, green, blue = np.empty(width, np.float32), np.empty(width, np.float32), np.empty(width, np.float32)
-    peak = np.empty(width, y.dtype)
+    parts, light, peak = np.empty((3, width), np.float32), np.empty((3, width), np.float32), np.empty(width, y.dtype)
     for band in range(height // block):
-        red[:] = _ZERO
-        green[:] = _ZERO
-        blue[:] = _ZERO
+        light[:] = _ZERO
         peak[:] = 0
         for row in range(band * block, (band + 1) * block, 2):
-            ya, yb, chroma_u, chroma_v = y[row], y[row + 1], u[row // 2], v[row // 2]
-            _chroma_parts(chroma_u, chroma_v, folded, dr, dg, db)
+            upper, lower = y[row], y[row + 1]
+            _chroma_parts(u[row // 2], v[row // 2], folded, parts)
             for i in range(width):
-                peak[i] = max(peak[i], ya[i], yb[i])
-            weight_a, weight_b = row_weight[row], row_weight[row + 1]
-            _add_light(ya, yb, folded[0], curve, dr, dg, db, weight_a, weight_b, red, green, blue)
-        _store_blocks(red, green, blue, peak, block, total[band], brightest[band])
+                peak[i] = max(peak[i], upper[i], lower[i])
+            weights = row_weight[row], row_weight[row + 1]
+            _add_light((upper, lower), weights, folded[0], curve, parts, light)
+        _store_blocks(light, peak, block, total[band], brightest[band])
 
 
 class YuvPlate:
@@ -423,10 +410,9 @@ def _reduce(yuv: YuvImage, block: int) -> tuple[Floats, Floats]:
         raise ParameterError(f"planes - must be uint8 or uint16 (got {yuv.y.dtype}) - decode to one of them")
     total = np.empty((height // block, width // block, 3), np.float32)
     peak = np.empty(total.shape[:2], yuv.y.dtype)
-    reduce_planes(
-        yuv.y, yuv.u, yuv.v, folded_coefficients(yuv.spec), decode_polynomial(yuv.spec.transfer),
-        _row_weights(width, height, block), block, total, peak,
-    )  # fmt: skip
+    folded, curve = folded_coefficients(yuv.spec), decode_polynomial(yuv.spec.transfer)
+    weights = _row_weights(width, height, block)
+    reduce_planes((yuv.y, yuv.u, yuv.v), folded, curve, weights, block, total, peak)
     low, span, _, _ = code_range(yuv.spec)
     total = lit_rec709(total, yuv.spec)
     coarse = (

@@ -293,18 +293,10 @@ def estimate_horizon(radiance: ArrayLike, refractive_index: float = REFRACTIVE_I
     return HorizonEstimate(float(tilt[0]), float(tilt[1]), 1.0 - left, float(np.exp(2.0 * step)))
 
 
-@dataclass(frozen=True, slots=True)
-class ClipHorizon:
-    """Roll and pitch [rad] of a clip, the median of its reliable frames; spread_rad: rms angle of these about it."""
-
-    roll_rad: float
-    pitch_rad: float
-    spread_rad: float
-    frames: int
-
-
-def clip_horizon(estimates: Sequence[HorizonEstimate]) -> ClipHorizon | None:
-    """Return the tilt that most frames of a clip agree on; None where fewer than half of them are reliable."""
+def clip_horizon(estimates: Sequence[HorizonEstimate]) -> tuple[float, float, float] | None:
+    """Return the roll and pitch [rad] that most frames of a clip agree on, the median of its reliable ones, and the rms
+    angle [rad] of these about it; None where fewer than half of all are reliable.
+    """
     seen = [e for e in estimates if e.reliable]
     if not seen or 2 * len(seen) < len(estimates):
         return None
@@ -312,4 +304,4 @@ def clip_horizon(estimates: Sequence[HorizonEstimate]) -> ClipHorizon | None:
     up = unit(np.median(ups, axis=0))
     angle = np.arccos(np.clip(ups @ up, -1.0, 1.0))
     roll, pitch = roll_pitch(up)
-    return ClipHorizon(float(roll), float(pitch), float(np.sqrt(np.mean(angle**2))), len(seen))
+    return float(roll), float(pitch), float(np.sqrt(np.mean(angle**2)))

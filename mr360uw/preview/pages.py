@@ -235,7 +235,7 @@ def analyse_video(
             if index == 0:
                 up = reader.world_from_camera(frame.time_s)[1]
             lights.append(reader.of(frame.pixels, time_s=frame.time_s))
-            words = reader.sun_found(frame.pixels, frame.time_s).words
+            words, _ = reader.sun_found(frame.pixels, frame.time_s)
             small = narrowed(frame.image_linear, _PICTURE_WIDTH)
             sections.append(frame_section(frame.time_s, small, lights[-1], words))
             if tell is not None and index == 0:
@@ -333,9 +333,10 @@ def level_section(estimates: Sequence[HorizonEstimate], declared_up: Floats) -> 
             f"explains {100.0 * best.explained:.0f} % of the brightness about it, {best.contrast:.1f} : 1). Take a "
             f"GoPro's gravity track, or level it by eye. {said}</p>"
         )
-    roll, pitch, spread = np.degrees([found.roll_rad, found.pitch_rad, found.spread_rad])
+    roll, pitch, spread = np.degrees(found)
+    count = sum(e.reliable for e in estimates)
     text = (
-        f"<p>Snell's window suggests roll {roll:z.1f}, pitch {pitch:z.1f} degrees, in {found.frames} of "
+        f"<p>Snell's window suggests roll {roll:z.1f}, pitch {pitch:z.1f} degrees, in {count} of "
         f"{len(estimates)} frames, which differ by {spread:.1f} degrees (rms). Waves alone move the window by one or "
         f"two. {said}</p>"
     )

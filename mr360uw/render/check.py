@@ -189,7 +189,7 @@ def scene_sun_lines(loaded: Loaded, video: VideoReader, analysis: ClipAnalysis, 
 def sun_lines(light: EnvironmentReader, frame: VideoFrame, analysis: ClipAnalysis) -> list[str]:
     """Return a line on the sun in a frame, and one on that of the clip's track there, if the clip was measured."""
     place = f"frame {frame.index}" if frame.index else "first frame"
-    lines = [f"light     {place}: {light.sun_found(frame.pixels, frame.time_s).words}"]
+    lines = [f"light     {place}: {light.sun_found(frame.pixels, frame.time_s)[0]}"]
     if isinstance(analysis.sun, SunTrack):
         lines.append(f"light     clip: {tracked_in_words(analysis.sun.at(frame.index - analysis.first))}")
     return lines

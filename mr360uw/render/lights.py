@@ -46,7 +46,7 @@ from mr360uw.ibl.plate import (
     coarse_directions,
     remap,
 )
-from mr360uw.ibl.sun.detect import DISPLAY_WHITE, SunFound, sun_found
+from mr360uw.ibl.sun.detect import DISPLAY_WHITE, sun_found
 from mr360uw.ibl.sun.split import CLEAR_SKY, CLEAR_SKY_DIRECT, beam_below, direct_share
 from mr360uw.ibl.tilt import is_level, level_matrix, roll_pitch, upward
 from mr360uw.medium import Medium
@@ -279,8 +279,8 @@ class EnvironmentReader:
             mixed *= luminance(sun.irradiance) / luminance(mixed)
         return replace(sun, irradiance=mixed.astype(np.float32))
 
-    def sun_found(self, plate: Floats | YuvImage, time_s: float) -> SunFound:
-        """Return what is found of a sun in a plate's frame."""
+    def sun_found(self, plate: Floats | YuvImage, time_s: float) -> tuple[str, str]:
+        """Return what is found of a sun in a plate's frame; see `detect.sun_found`."""
         world_from_camera, settings = self.world_from_camera(time_s), self._settings
         options: Any = {"up": world_from_camera[1], "refractive_index": self._refractive_index}
         if isinstance(plate, YuvImage):

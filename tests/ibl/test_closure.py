@@ -15,8 +15,8 @@ from mr360uw.ibl.lookup import environment_lookup
 from mr360uw.ibl.plate import LinearPlate
 from mr360uw.ibl.settings import LightSettings
 from mr360uw.ibl.sun.detect import find_disc
-from mr360uw.ibl.sun.judge import PlateSurvey, SunCandidate, taken_share
 from mr360uw.ibl.sun.split import clear_ratio, shown_ratio, sky_irradiance, sunlight
+from mr360uw.ibl.sun.spots import Blob, PlateSurvey, taken_share
 from mr360uw.medium import Sensor
 from tests.ibl.plates import clipped
 from tests.ibl.tolerances import ENERGY_FLOAT32, FLOAT32_TWIN, RATIO_EXPOSURE, RATIO_OF_DISC, SUN_COLOR
@@ -118,7 +118,7 @@ def test_a_sun_somewhere_in_a_clipped_sky_needs_the_ground_to_tell() -> None:
     assert sunlit is not None
     assert shaded is not None
     assert sunlit.confidence >= 0.5 > shaded.confidence
-    assert np.degrees(np.arccos(sunlit.blob.direction @ PLACE)) < 10.0
+    assert np.degrees(np.arccos(sunlit.direction @ PLACE)) < 10.0
 
 
 def test_ground_that_no_sun_makes_so_bright_speaks_for_none() -> None:
@@ -142,7 +142,7 @@ def test_a_sun_in_doubt_gives_a_share_of_its_light() -> None:
     np.testing.assert_allclose(whole, (total * area).sum(axis=(0, 1)), rtol=ENERGY_FLOAT32)
 
 
-def dusk(gap: np.ndarray, ground: float) -> SunCandidate:
+def dusk(gap: np.ndarray, ground: float) -> Blob:
     """Return a gap of white sky between the clouds of a dusk, taken for the sun; the sky glows 6 degrees high."""
     d = directions(512, 256)
     away = np.degrees(np.arccos(np.clip(d @ GLOW, -1.0, 1.0)))

@@ -13,7 +13,7 @@ from mr360uw.base.sphere import direction_from_angles, directions, row_solid_ang
 from mr360uw.ibl.plate import LinearPlate
 from mr360uw.ibl.settings import LightSettings
 from mr360uw.ibl.sun.detect import find_disc, sun_found
-from mr360uw.ibl.sun.judge import find_glow
+from mr360uw.ibl.sun.spots import find_glow
 from tests.ibl.panoramas import texture
 from tests.ibl.plates import angle_deg, clipped
 from tests.ibl.tolerances import GLOW_DEG, WIDE_SUN_DEG, WIDE_SUN_ENERGY, WIDE_SUN_RADIUS
@@ -113,7 +113,7 @@ def test_the_glow_of_the_sky_tells_which_cloud_hides_the_sun() -> None:
     plate, place = cloudy(0.9)
     seen = find_glow(LinearPlate(plate))
     assert seen is not None
-    assert angle_deg(seen.direction, place) < GLOW_DEG
+    assert angle_deg(seen[0], place) < GLOW_DEG
     sun = ibl.detect_sun(plate)
     assert sun is not None
     assert sun.confidence > 0.5
@@ -126,15 +126,15 @@ def test_clouds_without_a_glow_are_none_and_the_candidate_is_named() -> None:
     assert found is not None
     assert found.confidence < 0.5
     assert found.reason
-    candidate = sun_found(plate, np.eye(3))
-    assert candidate.words.startswith("no sun; best candidate at azimuth")
-    assert candidate.words.endswith(found.reason)
-    lines = candidate.to_uncomment.strip().splitlines()
+    words, to_uncomment = sun_found(plate, np.eye(3))
+    assert words.startswith("no sun; best candidate at azimuth")
+    assert words.endswith(found.reason)
+    lines = to_uncomment.strip().splitlines()
     assert all(line.startswith("# ") for line in lines)
     made = tomllib.loads("\n".join(line.removeprefix("# ") for line in lines[1:]))
     assert LightSettings(**made["light"]).sun == "given"
-    sure = sun_found(LinearPlate(disc(1.0, 512)[0]), np.eye(3))
-    assert sure.words.startswith("sun at azimuth 123.7, elevation 65")
-    assert sure.to_uncomment == ""
+    words, to_uncomment = sun_found(LinearPlate(disc(1.0, 512)[0]), np.eye(3))
+    assert words.startswith("sun at azimuth 123.7, elevation 65")
+    assert to_uncomment == ""
     grey = LinearPlate(np.full((64, 128, 3), 0.2, np.float32))
-    assert sun_found(grey, np.eye(3)).words == "no sun: nothing stands out"
+    assert sun_found(grey, np.eye(3)) == ("no sun: nothing stands out", "")

@@ -2,7 +2,7 @@
 """Detects the sun in a plate, clipped or not.
 
 The sun is light that stands out of the map (Iorns 2016). Candidates come from the coarse map; each is measured closely
-(`blob`) and judged by evidence that clouds, sand, caustics and lamps lack (`judge`): strength, size, being alone, an
+and judged by evidence that clouds, sand, caustics and lamps lack (`spots`): strength, size, being alone, an
 edge, a glow, a lit ground. It stands over the horizon, or inside Snell's window for a camera under water. Where clipped
 clouds hide which of them the sun is, the glow of the clear sky tells (`glow`).
 
@@ -24,7 +24,7 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -42,8 +42,8 @@ from mr360uw.ibl.plate import (
     patch_directions,
     plate_sines,
 )
-from mr360uw.ibl.sun.judge import CLIPPED, Blob, PlateSurvey, SunCandidate, brightness, examine, find_glow, taken_share
-from mr360uw.ibl.sun.split import Split, ground_ratio, sky_irradiance, split_sun
+from mr360uw.ibl.sun.split import ground_ratio, sky_irradiance, split_sun
+from mr360uw.ibl.sun.spots import CLIPPED, Blob, PlateSurvey, brightness, examine, find_glow, taken_share
 from mr360uw.ibl.tilt import level_matrix, roll_pitch, upward
 from mr360uw.types import Floats, Sun
 
@@ -69,15 +69,10 @@ _WIDE_RAD = np.radians(0.8)
 """Radius [rad] up to which a clipped disc may be the sun itself, widened by lens and pixels: three times its own."""
 
 
-def lowest_sine(underwater: bool, refractive_index: float = REFRACTIVE_INDEX_SEA) -> float:
-    """Return the sine of the lowest elevation of a sun: that of the horizon, or of the edge of Snell's window."""
-    return float(np.sin(snell_elevation(refractive_index))) if underwater else 0.0
-
-
-def find_disc(plate: Plate, *, underwater: bool = False) -> SunCandidate | None:
+def find_disc(plate: Plate, *, underwater: bool = False) -> Blob | None:
     """Return the most sun-like spot of a plate, None where nothing stands out at all."""
-    # Look where a sun may stand; nowhere may be brighter than all else
-    floor = lowest_sine(underwater, plate.refractive_index)
+    # Look over the horizon, or inside Snell's window; nowhere there may be brighter than all else
+    floor = float(np.sin(snell_elevation(plate.refractive_index))) if underwater else 0.0
     allowed = plate_sines(plate) > floor
     bright = np.where(allowed, plate.brightest, 0.0)
     value = brightness(plate.coarse)
@@ -94,7 +89,7 @@ def find_disc(plate: Plate, *, underwater: bool = False) -> SunCandidate | None:
     scene = PlateSurvey(plate, weight, middle if known else -1.0, floor, underwater, white, ground or 0.0)
     # Examine and judge bright spots, until one is sure
     spots: list[Blob] = []
-    best: SunCandidate | None = None
+    best: Blob | None = None
     for seed in _seeds(weight):
         blob = examine(plate, seed, floor, white=1.0 if white else math.inf)
         if blob is None:
@@ -104,13 +99,13 @@ def find_disc(plate: Plate, *, underwater: bool = False) -> SunCandidate | None:
         if best.confidence > _SURE:
             break
     # Take the middle of a glitter; let the sky's gradient speak where spots do not settle it
-    if underwater and best is not None and best.blob.clipped:
-        best = replace(best, blob=replace(best.blob, direction=glitter_middle(plate, best.blob.direction)))
+    if underwater and best is not None and best.clipped:
+        best = replace(best, direction=glitter_middle(plate, best.direction))
     settled = best is not None and best.confidence > _SURE and scene.lit == 1.0
     return best if settled or not air else _by_glow(scene, spots, best)
 
 
-def _by_glow(scene: PlateSurvey, spots: list[Blob], best: SunCandidate | None) -> SunCandidate | None:
+def _by_glow(scene: PlateSurvey, spots: list[Blob], best: Blob | None) -> Blob | None:
     """Return the most sun-like of spots and of the place the sky's gradient points to, judged by that gradient too."""
     glow = find_glow(scene.plate)
     if glow is None:
@@ -120,15 +115,16 @@ def _by_glow(scene: PlateSurvey, spots: list[Blob], best: SunCandidate | None) -
         best = _surer(best, scene.judge(blob))
     if best is not None and best.confidence > _LIKELY:
         return best
-    near = brightness(scene.plate.look(patch_directions(glow.direction, _GLOW_RAD, 9)))
-    there = examine(scene.plate, glow.direction, scene.lowest_sine, white=min(float(near.max()), 1.0))
+    direction = glow[0]
+    near = brightness(scene.plate.look(patch_directions(direction, _GLOW_RAD, 9)))
+    there = examine(scene.plate, direction, scene.lowest_sine, white=min(float(near.max()), 1.0))
     if there is None:
         return best
-    pointed = replace(there, direction=glow.direction, clipped=True, sharp=False)
+    pointed = replace(there, direction=direction, clipped=True, sharp=False)
     return _surer(best, scene.judge(pointed, by_glow=True))
 
 
-def _surer(best: SunCandidate | None, other: SunCandidate) -> SunCandidate:
+def _surer(best: Blob | None, other: Blob) -> Blob:
     return other if best is None or other.confidence > best.confidence else best
 
 
@@ -147,15 +143,6 @@ def _seeds(weight: Floats) -> Iterator[Floats]:
         gathered = np.where(d @ d[k] > np.cos(np.radians(15.0)), 0.0, gathered)
 
 
-def half_angle(underwater: bool, refractive_index: float = REFRACTIVE_INDEX_SEA) -> float:
-    """Return the angular radius [rad] of the sun's disc, in air or as seen from the water through the surface.
-
-    Refraction divides the angles across its plane by the index of the water. Along it the disc is narrower still, but
-    waves tilt by far more: the round disc is the sharpest that shadows get (`draw.sun_spread_deg` widens them).
-    """
-    return SUN_HALF_ANGLE_RAD / refractive_index if underwater else SUN_HALF_ANGLE_RAD
-
-
 def ends_at_white(plate: Plate) -> bool:
     """Return whether a plate ends at display white, so that a sun in it is clipped; a darker plate lost nothing."""
     return CLIPPED - 0.1 <= float(plate.brightest.max()) <= DISPLAY_WHITE
@@ -170,10 +157,14 @@ def spot_towards(plate: Plate, direction: Floats) -> Blob | None:
 
 
 def shown_half_angle(plate: Plate, blob: Blob | None, underwater: bool) -> float:
-    """Return the angular radius [rad] of a sun: that of its spot where the plate shows its disc, else the sun's own."""
+    """Return the angular radius [rad] of a sun: that of its spot where the plate shows its disc, else the sun's own.
+
+    Refraction divides the angles across its plane by the index of the water. Along it the disc is narrower still, but
+    waves tilt by far more: the round disc is the sharpest that shadows get (`draw.sun_spread_deg` widens them).
+    """
     if blob is not None and blob.sharp and (blob.radius_rad > _WIDE_RAD or not blob.clipped):
         return blob.radius_rad
-    return half_angle(underwater, plate.refractive_index)
+    return SUN_HALF_ANGLE_RAD / plate.refractive_index if underwater else SUN_HALF_ANGLE_RAD
 
 
 def shows_disc(blob: Blob | None) -> bool:
@@ -181,28 +172,24 @@ def shows_disc(blob: Blob | None) -> bool:
     return blob is not None and blob.radius_rad <= _WIDE_RAD
 
 
-def split_known(plate: Plate, sun: Sun) -> Split:
-    """Return the plate's expanded map split into this sun and the rest without the light of its spot."""
-    blob = spot_towards(plate, sun.direction)
-    radius = max(sun.half_angle_rad, 0.0 if blob is None else blob.radius_rad)
-    rest = split_sun(plate, sun.direction, radius, sun.half_angle_rad, sun.confidence, local=is_disc(blob))
-    return replace(rest, sun=sun)
+def split_given(
+    plate: Plate, direction: Floats, half_angle_rad: float | None = None, *, underwater: bool = False
+) -> tuple[Floats, Sun]:
+    """Return the plate's expanded map without the light of the sun towards `direction` (3,), and this sun.
 
-
-def split_given(plate: Plate, direction: Floats, *, underwater: bool = False) -> Split:
-    """Return the plate's expanded map split into the sun towards `direction` (3,) and the rest."""
+    half_angle_rad: of its disc, None where it is not known.
+    """
     blob = spot_towards(plate, direction)
-    size = shown_half_angle(plate, blob, underwater)
+    size = shown_half_angle(plate, blob, underwater) if half_angle_rad is None else half_angle_rad
     radius = max(size, 0.0 if blob is None else blob.radius_rad)
     return split_sun(plate, direction, radius, size, 1.0, local=is_disc(blob))
 
 
-def split_disc(plate: Plate, disc: SunCandidate, *, underwater: bool = False) -> Split:
-    """Return the plate's expanded map split into this sun and the rest; one that is not clipped is centred."""
-    blob = disc.blob
-    size = shown_half_angle(plate, blob, underwater)
-    centred, local = not blob.clipped, is_disc(blob)
-    return split_sun(plate, blob.direction, blob.radius_rad, size, disc.confidence, centred=centred, local=local)
+def split_disc(plate: Plate, disc: Blob, *, underwater: bool = False) -> tuple[Floats, Sun]:
+    """Return the plate's expanded map without this sun, and the sun; one that is not clipped is centred."""
+    size = shown_half_angle(plate, disc, underwater)
+    centred, local = not disc.clipped, is_disc(disc)
+    return split_sun(plate, disc.direction, disc.radius_rad, size, disc.confidence, centred=centred, local=local)
 
 
 def lost_light(plate: Plate, direction: Floats, blob: Blob | None = None) -> bool:
@@ -270,7 +257,7 @@ def detect_sun(
     """
     seen = LinearPlate(checked_plate(plate), up=upward(up), refractive_index=refractive_index)
     disc = find_disc(seen, underwater=underwater)
-    return None if disc is None or disc.confidence <= 0.0 else split_disc(seen, disc, underwater=underwater).sun
+    return None if disc is None or disc.confidence <= 0.0 else split_disc(seen, disc, underwater=underwater)[1]
 
 
 _WINDOW = 0.35
@@ -339,36 +326,16 @@ _WHOLE = 0.995
 """Share of a sun's light from which it is all of it in words."""
 
 
-@dataclass(frozen=True, slots=True)
-class SunFound:
-    """The most sun-like spot of a plate. words: one line on it. share: of its light that is taken for a beam, 0 to 1.
-
-    angles_deg: azimuth and elevation in the world; None where nothing stands out.
-    """
-
-    words: str
-    share: float = 0.0
-    angles_deg: tuple[float, float] | None = None
-
-    @property
-    def to_uncomment(self) -> str:
-        """The text at the end of a scene file, all comment, that makes a spot in doubt its sun; "" without a doubt."""
-        if self.angles_deg is None or self.share == 1.0 or self.angles_deg[1] < 0.0:
-            return ""
-        azimuth, elevation = self.angles_deg
-        rows = ("[light]", 'sun = "given"', f"sun_azimuth_deg = {azimuth:.1f}", f"sun_elevation_deg = {elevation:.1f}")
-        return "\n".join(["", f"# {self.words}; to make it the sun, uncomment:", *(f"# {row}" for row in rows), ""])
-
-
-def sun_found(plate: Plate, world_from_camera: Floats, *, underwater: bool = False) -> SunFound:
-    """Return what is found of a sun in a plate.
+def sun_found(plate: Plate, world_from_camera: Floats, *, underwater: bool = False) -> tuple[str, str]:
+    """Return a line on the most sun-like spot of a plate, and text for the end of a scene file, all comment, that makes
+    a spot in doubt its sun; "" without a doubt.
 
     world_from_camera: rotation (3, 3).
     """
     disc = find_disc(plate, underwater=underwater)
     if disc is None:
-        return SunFound("no sun: nothing stands out")
-    azimuth, elevation = _angles_deg(world_from_camera @ disc.blob.direction)
+        return "no sun: nothing stands out", ""
+    azimuth, elevation = _angles_deg(world_from_camera @ disc.direction)
     share = taken_share(disc.confidence)
     place = f"{_place(azimuth, elevation)}, confidence {disc.confidence:.2f}"
     against = f"; {disc.reason}" if disc.reason else ""
@@ -377,7 +344,10 @@ def sun_found(plate: Plate, world_from_camera: Floats, *, underwater: bool = Fal
     else:
         where = " inside Snell's window" if underwater else ""
         words = f"no sun{where}; best candidate at {place}{against}"
-    return SunFound(words, share, (azimuth, elevation))
+    if share == 1.0 or elevation < 0.0:
+        return words, ""
+    rows = ("[light]", 'sun = "given"', f"sun_azimuth_deg = {azimuth:.1f}", f"sun_elevation_deg = {elevation:.1f}")
+    return words, "\n".join(["", f"# {words}; to make it the sun, uncomment:", *(f"# {row}" for row in rows), ""])
 
 
 def tracked_in_words(sun: Sun | None) -> str:

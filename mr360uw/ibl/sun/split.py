@@ -20,7 +20,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -58,19 +58,12 @@ _RING_QUANTILE = 0.9
 """Quantile of the sky right outside the reach that is still the sky's within it."""
 
 
-@dataclass(frozen=True, slots=True)
-class Split:
-    """A coarse map in two: (128, 256, 3) without the sun, and the sun."""
-
-    residual: Floats
-    sun: Sun
-
-    def shared(self, share: float, coarse: Floats) -> Split:
-        """Return the split of a map that leaves all but a share of the sun's light in it."""
-        if share == 1.0:
-            return self
-        sun = replace(self.sun, irradiance=np.float32(share) * self.sun.irradiance, share=share)
-        return Split(coarse + np.float32(share) * (self.residual - coarse), sun)
+def taken_in_part(residual: Floats, sun: Sun, share: float, coarse: Floats) -> tuple[Floats, Sun]:
+    """Return the parts of a coarse map that leave all but a share of the sun's light in the first of them."""
+    if share == 1.0:
+        return residual, sun
+    sun = replace(sun, irradiance=np.float32(share) * sun.irradiance, share=share)
+    return coarse + np.float32(share) * (residual - coarse), sun
 
 
 def threshold(coarse: Floats) -> float:
@@ -90,8 +83,8 @@ def split_sun(
     *,
     centred: bool = False,
     local: bool = False,
-) -> Split:
-    """Return the expanded map of a plate split into the light near `direction` that stands out, and the rest.
+) -> tuple[Floats, Sun]:
+    """Return the coarse map (128, 256, 3) of a plate without the light near `direction` that stands out, and this sun.
 
     radius_rad: of the bright spot in the plate, about which light is gathered. half_angle_rad: of the sun itself, which
     is far smaller where the plate is clipped. centred: its direction becomes the centroid of that light. local: the
@@ -117,7 +110,7 @@ def split_sun(
     if centred:
         direction = unit((value * share).ravel() @ look.reshape(-1, 3))
     sun = Sun(np.asarray(direction, np.float64), energy.astype(np.float32), half_angle_rad, confidence)
-    return Split(residual, sun)
+    return residual, sun
 
 
 def _spans(step: float) -> NDArray[np.int64]:
@@ -209,16 +202,16 @@ _BODY, _SKY = 0.4, 0.7
 """Luminance over that of the sky up to which a pixel is a body, and from which it is sky."""
 
 
-def without_glare(split: Split, plate: Plate, amount: float = 1.0) -> Split:
-    """Return a split whose residual near the sun is the sky's; what is taken out of it is added to the sun.
+def without_glare(residual: Floats, sun: Sun, plate: Plate, amount: float = 1.0) -> tuple[Floats, Sun]:
+    """Return a residual that is the sky's near the sun; what is taken out of it is added to the sun.
 
     amount: of the glare that is taken out, 0 to 1.
     """
     # Sort what is above the horizon into near the sun, where there is glare, and far from it
     if amount <= 0.0:
-        return split
+        return residual, sun
     above, elevation, rings = _rings(tuple(plate.up.tolist()))
-    angle = np.arccos(np.clip(coarse_directions() @ split.sun.direction.astype(np.float32), -1.0, 1.0))
+    angle = np.arccos(np.clip(coarse_directions() @ sun.direction.astype(np.float32), -1.0, 1.0))
     near = above & (angle < _REACH_RAD)
     far = above & ~near
     # Take the sky of each elevation from far away
@@ -226,9 +219,9 @@ def without_glare(split: Split, plate: Plate, amount: float = 1.0) -> Split:
     count = np.bincount(ring, minlength=_RINGS)
     told = count >= _FEWEST
     if not np.any(near) or not np.any(told):
-        return split
+        return residual, sun
     place = np.bincount(ring, elevation[far], _RINGS)[told] / count[told]
-    shown = split.residual[far]
+    shown = residual[far]
     sky = np.stack(
         [
             np.interp(elevation[near], place, np.bincount(ring, shown[:, k], _RINGS)[told] / count[told])
@@ -237,16 +230,16 @@ def without_glare(split: Split, plate: Plate, amount: float = 1.0) -> Split:
         axis=-1,
     )
     # Bend what is near to that sky, but not where something dark stands before it
-    seen = split.residual[near]
+    seen = residual[near]
     clear = np.clip((luminance(seen) / np.maximum(luminance(sky), 1e-12) - _BODY) / (_SKY - _BODY), 0.0, 1.0)
     weight = amount * clear * np.clip((_REACH_RAD - angle[near]) / (_FADE * _REACH_RAD), 0.0, 1.0)
     change = weight[:, None] * (sky - seen)
     # Give to the sun what that took
-    residual = split.residual.copy()
+    residual = residual.copy()
     residual[near] = seen + change
     area = np.broadcast_to(coarse_solid_angle(), near.shape)[near]
-    taken: Floats = np.maximum(split.sun.irradiance - area @ change, 0.0).astype(np.float32)
-    return Split(residual, replace(split.sun, irradiance=taken))
+    taken: Floats = np.maximum(sun.irradiance - area @ change, 0.0).astype(np.float32)
+    return residual, replace(sun, irradiance=taken)
 
 
 @shared(keep=4)
@@ -364,20 +357,20 @@ BALANCED_SINE = math.sin(math.radians(45.0))
 """Sine of the elevation of the sun that a camera's white balance makes white."""
 
 
-def close(split: Split, plate: Plate, ratio: float | None, *, disc: bool) -> Split:
-    """Return the split of a clipped plate with the light of its sun solved.
+def close(residual: Floats, sun: Sun, plate: Plate, ratio: float | None, *, disc: bool) -> Sun:
+    """Return the sun of a clipped plate with its light solved. residual: the coarse map without it.
 
     ratio: direct over diffuse horizontal irradiance at the camera; None: as the plate speaks for it. disc: whether
     hardly more than the sun's own disc is clipped.
     """
-    sky = np.asarray(sky_irradiance(split.residual, plate.up), np.float64)
+    sky = np.asarray(sky_irradiance(residual, plate.up), np.float64)
     grey = float(luminance(sky))
-    sine = max(float(elevation_sine(split.sun.direction, plate.up)), _LOWEST_SINE)
+    sine = max(float(elevation_sine(sun.direction, plate.up)), _LOWEST_SINE)
     clear = clear_ratio(sine) if disc else None
-    here = shown_ratio(plate, split.sun.direction, sky, clear) if ratio is None else ratio
+    here = shown_ratio(plate, sun.direction, sky, clear) if ratio is None else ratio
     wanted = here * grey / sine
     irradiance = np.asarray(sunlight(sine) * wanted, np.float32)
-    return Split(split.residual, replace(split.sun, irradiance=irradiance, shown=0.0))
+    return replace(sun, irradiance=irradiance, shown=0.0)
 
 
 def sunlight(sine: float) -> Floats:

@@ -37,7 +37,7 @@ from mr360uw.base.input_files import json_of, read_text
 from mr360uw.base.parameters import checked, exactly, numbers
 from mr360uw.base.sphere import direction_from_angles
 from mr360uw.errors import ParameterError
-from mr360uw.ibl.sun.judge import taken_share
+from mr360uw.ibl.sun.spots import taken_share
 from mr360uw.types import Environment, Floats, Sun, sample_step
 
 Array = NDArray[np.float64]

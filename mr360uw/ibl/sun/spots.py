@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Judges whether a bright spot of a plate is a sun, says what speaks against it, and measures such spots.
+"""Bright spots of a plate: measures them, judges whether one is a sun, and says what speaks against it.
 
 Each kind of evidence is a number from 0 to 1. What is lacking of them adds up, and the sum gives the confidence:
 
@@ -77,21 +77,12 @@ _SIDE_RAD = np.radians(20.0)
 
 
 @dataclass(frozen=True, slots=True)
-class SunCandidate:
-    """A candidate for the sun, the confidence in it, 0 to 1, and what speaks against it most ("" for nothing)."""
-
-    blob: Blob
-    confidence: float
-    reason: str = ""
-
-
-@dataclass(frozen=True, slots=True)
 class PlateSurvey:
     """What is known of a plate beside its spots.
 
     weight: (128, 256) light of what is as bright as a sun may be. middle: brightness in the middle of the map, 0 where
     it says nothing. lowest_sine: of the elevation of a sun. clipped: whether it ends at display white. ground: ratio of
-    direct to diffuse light that it speaks for. glow: where the sky's gradient points, if it was looked for.
+    direct to diffuse light that it speaks for. glow: of `find_glow`, if it was looked for.
     """
 
     plate: Plate
@@ -108,7 +99,7 @@ class PlateSurvey:
         """Whether the ground speaks for a sun, 0 to 1."""
         return _falling(self.ground, *_LIT_RATIO) * _falling(self.ground, *_LAMPLIT_RATIO)
 
-    def judge(self, blob: Blob, *, by_glow: bool = False) -> SunCandidate:
+    def judge(self, blob: Blob, *, by_glow: bool = False) -> Blob:
         """Return a spot with the verdict on it. by_glow: whether it is where the sky's gradient points."""
         if not self.clipped:
             evidence = self._unclipped(blob)
@@ -119,7 +110,7 @@ class PlateSurvey:
             evidence = [*self._white(blob, grey=by_glow), told, _edged(blob), self._glowing(blob), self._agreed(blob)]
         doubt = sum(1.0 - value for value, _ in evidence)
         value, reason = min(evidence)
-        return SunCandidate(blob, _falling(doubt, *_DOUBT), reason if value < 1.0 else "")
+        return replace(blob, confidence=_falling(doubt, *_DOUBT), reason=reason if value < 1.0 else "")
 
     def _unclipped(self, blob: Blob) -> list[tuple[float, str]]:
         contrast = blob.peak / max(self.middle, 1e-6 * blob.peak) if self.middle >= 0.0 else 0.0
@@ -158,7 +149,7 @@ class PlateSurvey:
 
     def _pointed(self, blob: Blob) -> tuple[float, str]:
         """Return evidence that the sky's gradient, or its brighter side over a lit ground, tells a spot from others."""
-        explained = 0.0 if self.glow is None else self.glow.explained
+        explained = 0.0 if self.glow is None else self.glow[1]
         up = self.plate.up
         across = 2.0 * float(blob.direction @ up) * up - blob.direction
         value = np.minimum(brightness(self.plate.coarse), 1.0) * coarse_solid_angle()
@@ -185,9 +176,10 @@ class PlateSurvey:
         """Return evidence that ground and sky do not contradict: a dark ground under a gradient that points away."""
         if self.glow is None:
             return 1.0, ""
-        angle = math.acos(min(max(float(self.glow.direction @ blob.direction), -1.0), 1.0))
+        direction, explained = self.glow
+        angle = math.acos(min(max(float(direction @ blob.direction), -1.0), 1.0))
         there = _falling(math.degrees(angle - blob.radius_rad), *_BESIDE_DEG)
-        away = (1.0 - there) * _falling(self.glow.explained, 0.45, 0.2) * (1.0 - _falling(self.ground, *_LIT_RATIO))
+        away = (1.0 - there) * _falling(explained, 0.45, 0.2) * (1.0 - _falling(self.ground, *_LIT_RATIO))
         reason = (
             f"a gap in clouds: the ground is not lit, and the glow points {math.degrees(angle):.0f} degrees beside it"
         )
@@ -239,25 +231,16 @@ _SEARCHES = ((np.radians(9.0), np.radians(1.8)), (np.radians(3.0), np.radians(0.
 """Radius and step [rad] of the second search and of the third."""
 
 
-@dataclass(frozen=True, slots=True)
-class Glow:
-    """Where the sky's gradient points. direction: (3,) unit. explained: share of its variation so explained, 0 to 1."""
-
-    direction: Floats
-    explained: float
+Glow = tuple[Floats, float]
+"""Unit direction (3,) to which the sky's gradient points, and the share of its variation so explained, 0 to 1."""
 
 
 def find_glow(plate: Plate) -> Glow | None:
-    """Return the direction that best explains the gradient of a clipped plate's sky; None where no sky is to be seen.
+    """Return where the gradient of a clipped plate's sky points; None where no sky is to be seen.
 
     Only directions in which the plate is nearly white are tried.
     """
-    glow = rough_glow(plate)
-    return None if glow is None else replace(glow, direction=_refined(plate, glow.direction))
-
-
-def rough_glow(plate: Plate) -> Glow | None:
-    """Return the same to within some 5 degrees, in a fraction of the time."""
+    # Search them on a small map, to within some 5 degrees
     size = ENVIRONMENT_COLUMNS, ENVIRONMENT_ROWS
     look, brightest = directions(*size), reduce_maximum(plate.brightest, *size)
     sine, peak = elevation_sine(look, plate.up), float(plate.brightest.max())
@@ -273,7 +256,7 @@ def rough_glow(plate: Plate) -> Glow | None:
     loss, place = _best(places, look[sky], haze, value, weight, _WIDTHS_RAD)
     if place is None or without <= 0.0:
         return None
-    return Glow(place, float(1.0 - loss / without))
+    return _refined(plate, place), float(1.0 - loss / without)
 
 
 def _refined(plate: Plate, place: Floats) -> Floats:
@@ -384,7 +367,8 @@ class Blob:
     direction: (3,) unit. radius_rad: of the disc of the same solid angle. peak: its largest value. level: the value
     that bounds it. extent_rad: the same of everything nearly as bright. halo: median value about two extents out,
     over the peak. clipped: a plateau. sharp: a disc, not the maximum of a sky nor the glare about a smaller disc. flat:
-    its top is cut off, as by clipping.
+    its top is cut off, as by clipping. Of a spot that was judged, confidence: that it is the sun, 0 to 1; reason: what
+    speaks against it most ("" for nothing).
     """
 
     direction: Floats
@@ -396,6 +380,8 @@ class Blob:
     clipped: bool
     sharp: bool
     flat: bool
+    confidence: float = 0.0
+    reason: str = ""
 
 
 def brightness(linear: Floats) -> Floats:
