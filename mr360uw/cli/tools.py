@@ -211,7 +211,7 @@ def describe() -> str:
     from mr360uw.base.disk_cache import cache_folder, cache_notes, kernel_folder
     from mr360uw.errors import EXTRAS, GlError, extra_versions, package_versions
     from mr360uw.gl import gl_device
-    from mr360uw.video.clip import ENCODERS
+    from mr360uw.video.clip import CODECS
     from mr360uw.video.encoder import opening_encoders
 
     lines = [f"mr360uw {__version__}, Python {platform.python_version()}, {platform.platform()}"]
@@ -223,7 +223,8 @@ def describe() -> str:
     except GlError as error:
         lines.append(f"renderer  reference: {error}")
     ffmpeg = ".".join(str(part) for part in av.library_versions["libavcodec"])
-    found = [name for name in (*ENCODERS.values(), "prores_ks") if name in av.codecs_available]
+    known = (*(form.software for form in CODECS.values()), "prores_ks")
+    found = [name for name in known if name in av.codecs_available]
     lines.append(f"video     FFmpeg libavcodec {ffmpeg}; encoders {' '.join(found)}")
     lines.append(f"encoders  of graphics cards that open here: {' '.join(opening_encoders()) or _NO_CARD}")
     # Folders, packages and extras

@@ -157,21 +157,14 @@ _FULL_RANGE = 2
 _HD_ROWS = 720
 """Untagged clips with at least this many rows are BT.709."""
 
+NamedColors = tuple[Transfer | None, Primaries | None]
+"""Curve and primaries of a plate that the user names; None where they follow the file."""
 _PIXEL_FORMAT = re.compile(r"yuv(j?)(420|422|444)p(\d+)?(le)?$")
 
 
-def color_spec(
-    path: Path,
-    pixel_format: str,
-    tags: ColorTags,
-    rows: int,
-    transfer: Transfer | None,
-    primaries: Primaries | None = None,
-) -> ColorSpec:
-    """Return matrix, range, curve, depth and primaries of a clip's codes; VideoError for unsupported formats.
-
-    transfer, primaries: named by the user; without, they follow the tags.
-    """
+def color_spec(path: Path, pixel_format: str, tags: ColorTags, rows: int, named: NamedColors) -> ColorSpec:
+    """Return matrix, range, curve, depth and primaries of a clip's codes; VideoError for unsupported formats."""
+    transfer, primaries = named
     found = _PIXEL_FORMAT.match(pixel_format)
     if not found:
         raise VideoError(
@@ -199,8 +192,9 @@ _OTHER_PRIMARIES = {10: "XYZ", 11: "DCI P3", 12: "Display P3", 22: "EBU 3213"}
 """Primaries by their numbers there that no matrix implies. Those of standard definition nearly are Rec.709's."""
 
 
-def color_notes(path: Path, tags: ColorTags, transfer: Transfer | None, primaries: Primaries | None) -> Iterator[str]:
-    """Yield lines on colour tags of a clip that are not followed. transfer, primaries: named by the user."""
+def color_notes(path: Path, tags: ColorTags, named: NamedColors) -> Iterator[str]:
+    """Yield lines on colour tags of a clip that are not followed."""
+    transfer, primaries = named
     if transfer is None and tags.color_trc not in _SILENT_CURVES:
         what = {8: "linear", 9: "logarithmic", 10: "logarithmic"}.get(tags.color_trc, f"number {tags.color_trc}")
         yield f"{path} - is tagged with a curve that is not used (got {what}), read as sRGB - set plate.transfer"
@@ -226,36 +220,18 @@ MasteringDisplay = tuple[tuple[float, float], ...]
 """The display of ST 2086: chromaticities (x, y) of red, green, blue and white, (least, most) luminance [cd/m^2]."""
 
 
-@dataclass(frozen=True, slots=True)
-class HdrMetadata:
-    """display: that the clip was graded on. content: brightest pixel and brightest mean of a frame [cd/m^2]."""
-
-    display: MasteringDisplay | None = None
-    content: tuple[int, int] | None = None
-
-    def encoder_options(self, codec: Codec) -> dict[str, str]:
-        """Return what carries the metadata: names and values of the parameters of x264, x265 or SVT-AV1; else none."""
-        names = {"h264": ("mastering-display", "cll"), "h265": ("master-display", "max-cll"),
-                 "av1": ("mastering-display", "content-light")}.get(codec)  # fmt: skip
-        if names is None:
-            return {}
-        found = {}
-        if self.display is not None:
-            found[names[0]] = _written(self.display, whole=codec != "av1")
-        if self.content is not None:
-            found[names[1]] = f"{self.content[0]},{self.content[1]}"
-        return found
+HdrMetadata = tuple[MasteringDisplay | None, tuple[int, int] | None]
+"""Display that a clip was graded on; brightest pixel and brightest mean of a frame [cd/m^2]. None of what is not said.
+"""
 
 
 def hdr_from_side_data(side_data: Mapping[Type, Any]) -> HdrMetadata | None:
     """Return the HDR metadata in the side data of a decoded frame; None where there is none."""
     display = bytes(side_data.get(Type.MASTERING_DISPLAY_METADATA) or b"")
     light = bytes(side_data.get(Type.CONTENT_LIGHT_LEVEL) or b"")
-    found = HdrMetadata(
-        display=_display(display) if len(display) >= _RATIONALS.size else None,
-        content=_CONTENT.unpack_from(light) if len(light) >= _CONTENT.size else None,
-    )
-    return None if found == HdrMetadata() else found
+    graded_on = _display(display) if len(display) >= _RATIONALS.size else None
+    content = _CONTENT.unpack_from(light) if len(light) >= _CONTENT.size else None
+    return None if graded_on is None and content is None else (graded_on, content)
 
 
 def _display(data: bytes) -> MasteringDisplay | None:
@@ -286,23 +262,42 @@ def _written(display: MasteringDisplay, *, whole: bool) -> str:
 Codec = Literal["auto", "h264", "h265", "av1", "ffv1", "prores"]
 Preset = Literal["ultrafast", "superfast", "veryfast", "faster", "fast", "medium", "slow", "slower", "veryslow"]
 
-ENCODERS: dict[Codec, str] = {
-    "h264": "libx264", "h265": "libx265", "av1": "libsvtav1", "ffv1": "ffv1", "prores": "prores"
-}  # fmt: skip
+
+class CodecForm(NamedTuple):
+    """How FFmpeg encodes a codec. software: its encoder, cards: how the names of those of graphics cards begin.
+
+    options: of the encoder in software. parameters: the option that takes more of them, of encoders with a rate factor
+    and presets; hdr: the names there of the display that a clip was graded on, and of its brightest light.
+    """
+
+    software: str
+    options: Mapping[str, str]
+    cards: str = ""
+    parameters: str = ""
+    hdr: tuple[str, ...] = ()
+
+
+CODECS: dict[Codec, CodecForm] = {
+    "h264": CodecForm("libx264", {}, "h264", "x264-params", ("mastering-display", "cll")),
+    "h265": CodecForm(
+        "libx265", {"x265-params": "log-level=error"}, "hevc", "x265-params", ("master-display", "max-cll")
+    ),
+    "av1": CodecForm("libsvtav1", {}, "av1", "svtav1-params", ("mastering-display", "content-light")),
+    "ffv1": CodecForm("ffv1", {"level": "3", "slices": "16", "slicecrc": "1", "g": "1"}),
+    "prores": CodecForm("prores", {"profile": "3"}),
+}
+CONTAINERS = {".mp4": "mp4", ".m4v": "mp4", ".mov": "mov", ".mkv": "matroska", ".webm": "webm"}
+"""FFmpeg's names of the kinds of output, by suffix."""
 Encoder = Literal[
     "software", "auto", "h264_nvenc", "hevc_nvenc", "av1_nvenc", "h264_qsv", "hevc_qsv", "av1_qsv", "h264_amf",
     "hevc_amf", "av1_amf", "h264_vaapi", "hevc_vaapi", "av1_vaapi", "h264_videotoolbox", "hevc_videotoolbox",
 ]  # fmt: skip
-_FAMILIES: dict[str, Codec] = {"h264": "h264", "hevc": "h265", "av1": "av1"}
 HARDWARE: dict[Encoder, Codec] = {
-    name: _FAMILIES[name.partition("_")[0]] for name in get_args(Encoder) if name not in ("software", "auto")
+    name: codec for name in get_args(Encoder) for codec, form in CODECS.items() if name.partition("_")[0] == form.cards
 }
 """FFmpeg's encoders of graphics cards, and what they encode."""
 # SVT-AV1 counts its presets the other way; above 10 it is made for tests of tools.
 _AV1_PRESETS: dict[Preset, int] = {preset: 10 - place for place, preset in enumerate(get_args(Preset))}
-
-
-_PARAMETERS: dict[Codec, str] = {"h264": "x264-params", "h265": "x265-params", "av1": "svtav1-params"}
 
 
 class EncodeSettings(Parameters):
@@ -360,28 +355,33 @@ class EncodeSettings(Parameters):
     @property
     def encoder_name(self) -> str:
         """FFmpeg's name of the encoder, of a codec that is resolved."""
-        return ENCODERS[self.codec] if self.encoder == "software" else self.encoder
+        return CODECS[self.codec].software if self.encoder == "software" else self.encoder
 
     def encoder_options(
-        self, hdr: Mapping[str, str] | None = None, delivery: Mapping[str, str] | None = None
+        self, hdr: HdrMetadata | None = None, delivery: Mapping[str, str] | None = None
     ) -> dict[str, str]:
         """Return the options of FFmpeg's encoder.
 
-        hdr: the clip's metadata as parameters of the codec, of software encoders. delivery: options of a target, which
-        take the place of the quality.
+        hdr: of the clip, which encoders in software write. delivery: options of a target, which take the place of the
+        quality.
         """
         if self.encoder != "software":
             return dict(delivery) if delivery else self._hardware_options()
-        options = self._plain_options()
+        form, options = CODECS[self.codec], self._plain_options()
         if delivery:
             options.pop("crf", None)
             options |= delivery
             if self.codec == "h265":
                 options["x265-params"] += ":open-gop=0"
-        name = _PARAMETERS.get(self.codec)
-        if hdr and name:
-            written = ":".join(f"{key}={value}" for key, value in hdr.items())
-            options[name] = f"{options[name]}:{written}" if name in options else written
+        # Append the display and the brightest light to the parameters
+        display, content = hdr or (None, None)
+        values = (
+            "" if display is None else _written(display, whole=self.codec != "av1"),
+            "" if content is None else f"{content[0]},{content[1]}",
+        )
+        said = [f"{name}={value}" for name, value in zip(form.hdr, values, strict=False) if value]
+        if said:
+            options[form.parameters] = ":".join(filter(None, [options.get(form.parameters, ""), *said]))
         return options
 
     def _hardware_options(self) -> dict[str, str]:
@@ -398,20 +398,18 @@ class EncodeSettings(Parameters):
         }[self.encoder.partition("_")[2]]
 
     def _plain_options(self) -> dict[str, str]:
-        lossless, crf = self.quality == "lossless", {"crf": str(self.quality)}
-        if self.codec == "h264":
-            return {"preset": self.preset, **({"qp": "0"} if lossless else crf)}
-        if self.codec == "h265":
-            quiet = "log-level=error"
-            return {
-                "preset": self.preset,
-                **({"x265-params": f"{quiet}:lossless=1"} if lossless else {"x265-params": quiet, **crf}),
-            }
-        if self.codec == "av1":
-            return {"preset": str(_AV1_PRESETS[self.preset]), **crf}
-        if self.codec == "ffv1":
-            return {"level": "3", "slices": "16", "slicecrc": "1", "g": "1"}
-        return {"profile": "3"}
+        form = CODECS[self.codec]
+        options = dict(form.options)
+        if not form.parameters:
+            return options
+        options["preset"] = str(_AV1_PRESETS[self.preset]) if self.codec == "av1" else self.preset
+        if self.quality != "lossless":
+            options["crf"] = str(self.quality)
+        elif self.codec == "h264":
+            options["qp"] = "0"
+        else:
+            options["x265-params"] += ":lossless=1"
+        return options
 
 
 def _default(name: str) -> object:

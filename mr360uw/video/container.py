@@ -22,22 +22,20 @@ import numpy as np
 from av.codec.hwaccel import hwdevices_available
 from av.sidedata.sidedata import Type
 
-from mr360uw.base.color import Primaries, Transfer
 from mr360uw.errors import DamagedFrameError, VideoError
-from mr360uw.types import YuvImage
-from mr360uw.video.clip import ColorTags, color_notes, color_spec, hdr_from_side_data, not_copied
+from mr360uw.types import Rectangle, YuvImage
+from mr360uw.video.clip import ColorTags, NamedColors, color_notes, color_spec, hdr_from_side_data, not_copied
 from mr360uw.video.demux import (
     FrameIndex,
     StoredPicture,
     container_index,
     first_picture,
     fraction,
-    has_full_index,
     open_container,
     pictures,
     scanned_index,
 )
-from mr360uw.video.layout import Crop, Eye, Layout, output_layout, panorama_crops, shape_of_codes
+from mr360uw.video.layout import EyeChoice, output_layout, panorama_crops, planes_of, shape_of_codes
 from mr360uw.video.planes import plane_views
 from mr360uw.video.reader import Damaged, Decoder, Seeker, VideoFrame, VideoReader, check_range
 from mr360uw.video.spherical import SphericalMetadata, from_side_data, from_tag, read_spherical
@@ -58,7 +56,7 @@ def _turn_of(path: Path, first: Any) -> int:
     return int(first.rotation) % 360
 
 
-def _unused(path: Path, stream: Any, first: Any, crop: Crop) -> Iterator[str]:
+def _unused(path: Path, stream: Any, first: Any, crop: Rectangle) -> Iterator[str]:
     """Yield lines on what a track of pictures says and is not used."""
     aspect = float(stream.sample_aspect_ratio or 1)
     if abs(aspect - 1.0) > _SQUARE and crop.width == 2 * crop.height:
@@ -87,19 +85,17 @@ class ContainerReader(VideoReader):
     def __init__(
         self,
         path: Path,
-        transfer: Transfer | None = None,
-        primaries: Primaries | None = None,
-        eye: Eye | None = None,
+        named: NamedColors,
+        eyes: EyeChoice = (None, None),
         equirectangular: bool = True,
         damaged: Damaged = "stop",
-        layout: Layout | None = None,
         track: int | None = None,
         decoder: Decoder = "software",
     ) -> None:
         self._damaged, self._track = damaged, track
         self._card, taken = "", ""
         with open_container(path, track) as (container, stream):
-            listed = container_index(stream) if has_full_index(container, stream) else None
+            listed = container_index(container, stream)
             first = first_picture(path, container, stream)
             if decoder == "auto":
                 self._card, taken = _decoding_card(path, track, first)
@@ -108,9 +104,16 @@ class ContainerReader(VideoReader):
             tags = ColorTags.of(context)
             spherical = read_spherical(path) or _spherical_of(stream, first)
             self._rotation = _turn_of(path, first)
-            spec = color_spec(path, first.format.name, tags, first.height, transfer, primaries)
+            spec = color_spec(path, first.format.name, tags, first.height, named)
+            if self._rotation not in (0, 180) or (self._rotation and eyes[0] == "both"):
+                raise VideoError(
+                    f"{path} - asks to be turned by {self._rotation} degrees - turn the pictures upright before "
+                    "(only 180 is done here, and not for both eyes)"
+                )
+            # Find the panoramas in the first picture
+            self._size = first.width, first.height
             self._crop, self._beside, stereo = panorama_crops(
-                path, (first.width, first.height), spherical, eye, self._rotation, equirectangular, layout,
+                path, self._size, spherical, eyes, equirectangular,
                 lambda: shape_of_codes(plane_views(first, spec), spec.bits), float(stream.sample_aspect_ratio or 1),
             )  # fmt: skip
             self._announced_s = None if container.duration is None else float(container.duration / av.time_base)
@@ -138,7 +141,7 @@ class ContainerReader(VideoReader):
                     *lost,
                     *odd,
                     *_unused(path, stream, first, self._crop),
-                    *color_notes(path, tags, transfer, primaries),
+                    *color_notes(path, tags, named),
                     *filter(None, [taken]),
                 ),
                 words=_words(container.metadata),
@@ -220,13 +223,13 @@ class ContainerReader(VideoReader):
     ) -> Iterator[VideoFrame]:
         """Yield frames; `DamagedFrameError` at the first that is lost."""
         reached, reason = start, ""
-        for picture in pictures(container, stream, self.index, start, self._reorder, rewound=rewound):
-            if picture.index < start:
+        for index, pts, native, why in pictures(container, stream, self.index, start, self._reorder, rewound=rewound):
+            if index < start:
                 continue
-            reached, reason = picture.index, picture.reason
-            if picture.native is None:
+            reached, reason = index, why
+            if native is None:
                 break
-            yield self._frame(picture.index, picture.pts, picture.native)
+            yield self._frame(index, pts, native)
             reached += 1
             if reached == stop:
                 return
@@ -242,15 +245,15 @@ class ContainerReader(VideoReader):
         entry, held = min(start, max(self.intact_frames - 1, 0)), None
         while held is None:
             first = entry
-            for picture in self._every_picture(entry):
-                first = min(first, picture.index)
-                held = picture if picture.native is not None else held
-                if picture.index < start:
+            for index, pts, native, _ in self._every_picture(entry):
+                first = min(first, index)
+                held = native if native is not None else held
+                if index < start:
                     continue
                 if held is None:
                     break
-                yield self._frame(picture.index, picture.pts, held.native, lost=picture.native is None)
-                if picture.index + 1 == stop:
+                yield self._frame(index, pts, held, lost=native is None)
+                if index + 1 == stop:
                     return
             if first == 0:
                 raise DamagedFrameError(f"{self.path} - no picture can be decoded - get an intact copy", 0)
@@ -266,30 +269,31 @@ class ContainerReader(VideoReader):
             stream.thread_type = "NONE"
             for picture in pictures(container, stream, self.index, start):
                 # pictures after a cut are decoded before those that are shown ahead of them, which are missing
-                if picture.index >= self.intact_frames:
+                if picture[0] >= self.intact_frames:
                     break
                 last = picture
                 yield picture
         if last is not None:
             step = max(1, round(1 / (self.frame_rate * self.time_base)))
-            for beyond in range(1, self.frame_count - last.index):
-                yield StoredPicture(last.index + beyond, last.pts + step * beyond, None)
+            index, pts, _, _ = last
+            for beyond in range(1, self.frame_count - index):
+                yield index + beyond, pts + step * beyond, None, ""
 
     def _frame(self, index: int, pts: int, native: Any, *, lost: bool = False) -> VideoFrame:
         # Check that the format is that of the first frame
         if self._card:
             native = _in_format(native, self.pixel_format)
-        if (native.width, native.height, native.format.name) != (*self._crop.frame_size, self.pixel_format):
+        if (native.width, native.height, native.format.name) != (*self._size, self.pixel_format):
             raise VideoError(
                 f"{self.path} - the picture format changes at frame {index} (got {native.width}x{native.height} "
                 f"{native.format.name}) - cut the clip there"
             )
         # Cut out the panorama, and the right eye's, upright
         planes = plane_views(native, self.spec, locked=True)
-        beside = None if self._beside is None else self._beside.apply(planes)
-        untouched = self._crop.is_whole and not self._rotation
+        beside = None if self._beside is None else planes_of(planes, self._beside)
+        untouched = self._crop[2:] == self._size and not self._rotation
         if not untouched:
-            planes = _turned(self._crop.apply(planes), self._rotation)
+            planes = _turned(planes_of(planes, self._crop), self._rotation)
         # Keep the decoder's own frame where nothing was cut or turned
         frame = VideoFrame(
             index=index,

@@ -23,11 +23,11 @@ from mr360uw.base.input_files import FRAMES
 from mr360uw.base.parameters import checked
 from mr360uw.errors import VideoError
 from mr360uw.types import Floats
-from mr360uw.video.clip import BT709_TAGS, Clip, EncodeSettings, checked_rate
+from mr360uw.video.clip import BT709_TAGS, CONTAINERS, Clip, EncodeSettings, checked_rate
 from mr360uw.video.demux import create_local
 from mr360uw.video.encoder import Encoder, check_encoder, chosen_encoder, codec_note, resolved
 from mr360uw.video.exr import read_exr
-from mr360uw.video.other_tracks import CONTAINERS, TrackCopy, check_sound, embed_spatial, other_tracks
+from mr360uw.video.other_tracks import TrackCopy, check_sound, embed_spatial, other_tracks
 from mr360uw.video.reader import VideoFrame
 from mr360uw.video.spherical import (
     V1_TAG,

@@ -66,15 +66,12 @@ def open_packets(path: Path) -> Any:
 @functools.cache
 def _decoders_without_pictures() -> str:
     """Return FFmpeg's names of all decoders but those of pictures, separated by commas."""
-    return ",".join(name for name in sorted(av.codecs_available) if _decodes(name) not in ("video", ""))
-
-
-def _decodes(name: str) -> str:
-    """Return what a codec decodes, such as "audio"; "" where it encodes alone."""
-    try:
-        return str(av.Codec(name, "r").type)
-    except av.codec.codec.UnknownCodecError:
-        return ""
+    names = []
+    for name in sorted(av.codecs_available):
+        with suppress(av.codec.codec.UnknownCodecError):  # it encodes alone
+            if av.Codec(name, "r").type != "video":
+                names.append(name)
+    return ",".join(names)
 
 
 def create_local(path: Path, kind: str, options: dict[str, str] | None = None) -> Any:
@@ -284,13 +281,10 @@ class FrameIndex:
         return self.shown_before(int(missing[0])) if missing.size else self.frame_count
 
 
-def has_full_index(container: Any, stream: Any) -> bool:
-    """Whether the container lists every packet (an MP4 or MOV that is not fragmented)."""
-    return "mp4" in container.format.name and stream.frames > 0 and len(stream.index_entries) > 0
-
-
-def container_index(stream: Any) -> FrameIndex:
-    """Return the index that an MP4 or MOV holds."""
+def container_index(container: Any, stream: Any) -> FrameIndex | None:
+    """Return the index that an MP4 or MOV holds; None where a container does not list every packet."""
+    if "mp4" not in container.format.name or stream.frames <= 0 or len(stream.index_entries) == 0:
+        return None
     entries = [(e.timestamp, e.is_keyframe, not e.is_discard, e.pos + e.size) for e in stream.index_entries]
     stamp, keyframe, shown, end = zip(*entries, strict=True)
     return FrameIndex(np.array(stamp), np.array(keyframe, bool), np.array(shown, bool), np.array(end), by_dts=True)
@@ -308,17 +302,9 @@ _ANY_TIME = -(1 << 62)
 """A time stamp before all others."""
 
 
-@dataclass(frozen=True, slots=True)
-class StoredPicture:
-    """One picture of a file. index: in order of presentation. pts: its time stamp.
-
-    native: the decoder's frame, None where it is lost. reason: of the decoder, where it gave one.
-    """
-
-    index: int
-    pts: int
-    native: Any
-    reason: str = ""
+StoredPicture = tuple[int, int, Any, str]
+"""One picture of a file: its number in order of presentation; its time stamp; the decoder's frame, None where it is
+lost; and the decoder's reason for that, "" where it gave none."""
 
 
 def pictures(
@@ -351,14 +337,14 @@ def pictures(
             if frame.pts is None or frame.pts < first:
                 continue
             while announced and announced[0] < frame.pts:
-                yield StoredPicture(number, heapq.heappop(announced), None, reason)
+                yield number, heapq.heappop(announced), None, reason
                 number += 1
             if announced and announced[0] == frame.pts:
                 heapq.heappop(announced)
-            yield StoredPicture(number, frame.pts, frame)
+            yield number, frame.pts, frame, ""
             number += 1
     while announced:
-        yield StoredPicture(number, heapq.heappop(announced), None, reason)
+        yield number, heapq.heappop(announced), None, reason
         number += 1
 
 

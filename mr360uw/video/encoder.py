@@ -18,7 +18,7 @@ import numpy as np
 from av.video.reformatter import ColorRange, Interpolation
 
 from mr360uw.errors import VideoError
-from mr360uw.video.clip import BT709_TAGS, ENCODERS, HARDWARE, Clip, Codec, EncodeSettings, color_spec
+from mr360uw.video.clip import BT709_TAGS, CODECS, CONTAINERS, HARDWARE, Clip, Codec, EncodeSettings, color_spec
 from mr360uw.video.planes import has_stereo_mark, native_frame, plane_views, planes_from_linear
 from mr360uw.video.reader import VideoFrame, whole_frame
 
@@ -60,9 +60,10 @@ def check_encoder(settings: EncodeSettings) -> None:
         return
     if reason := refusal(settings.encoder):
         codec = HARDWARE[settings.encoder]
+        software = CODECS[codec].software
         raise VideoError(
             f"output.encoder - {settings.encoder} does not open on this machine (got: {reason}) - check the card and "
-            f'its driver, or set output.encoder = "software" and output.codec = "{codec}", which is {ENCODERS[codec]}'
+            f'its driver, or set output.encoder = "software" and output.codec = "{codec}", which is {software}'
         )
 
 
@@ -82,7 +83,7 @@ def chosen_encoder(settings: EncodeSettings, like: Clip, path: Path) -> tuple[En
             return settings.model_copy(update={"encoder": name}), said
         refusals.setdefault(reason, []).append(name)
     why = "; ".join(f"{', '.join(names)}: {reason}" for reason, names in refusals.items())
-    said = f'output.encoder = "auto" took {ENCODERS[codec]}: no card encodes {codec} here{why and f" ({why})"}'
+    said = f'output.encoder = "auto" took {CODECS[codec].software}: no card encodes {codec} here{why and f" ({why})"}'
     return settings.model_copy(update={"encoder": "software"}), said
 
 
@@ -137,9 +138,8 @@ class Encoder:
         context.framerate = like.frame_rate
         context.thread_type = "AUTO"
         context.thread_count = 0
-        hdr = {} if like.hdr is None else like.hdr.encoder_options(settings.codec)
         delivery = delivery_of(settings, like)
-        context.options = settings.encoder_options(hdr, None if delivery is None else delivery[2])
+        context.options = settings.encoder_options(like.hdr, None if delivery is None else delivery[2])
         like.tags.write_to(context)
         # ProRes has no mark for full range: it is limited by definition.
         full_range = bool(like.pixel_format) and like.spec.full_range and settings.codec != "prores"
@@ -231,7 +231,7 @@ def _native_of_picture(frame: VideoFrame, pixel_format: str) -> Any:
     """An RGB frame in BT.709, limited range; linear light, and that of a picture's profile, by the sRGB curve."""
     height, width = frame.shape
     native = av.VideoFrame(width, height, pixel_format)
-    spec = color_spec(Path(), pixel_format, BT709_TAGS, height, frame.spec.picture_transfer)
+    spec = color_spec(Path(), pixel_format, BT709_TAGS, height, (frame.spec.picture_transfer, None))
     mapping = frame.spec.mapping
     spec = spec.mapped(mapping) if mapping is not None and mapping.is_wide else spec
     planes_from_linear(frame.image_linear, plane_views(native, spec), frame.wrap)
@@ -251,7 +251,6 @@ _PIXELS = np.array([1280 * 720, 1920 * 1080, 2560 * 1440, 3840 * 2160, 7680 * 43
 _SDR = np.array([(5.0, 7.5), (8.0, 12.0), (16.0, 24.0), (45.0, 68.0), (160.0, 240.0)])
 _HDR = np.array([(6.5, 9.5), (10.0, 15.0), (20.0, 30.0), (56.0, 85.0), (200.0, 300.0)])
 _FAST = 40.0  # frames a second from which the rates are those of 48 to 60
-_SUFFIXES = (".mp4", ".m4v")
 _PEAK, _BUFFER_S = 1.5, 2.0  # of the mean bit rate; a buffer shorter than a group makes key frames poor
 
 
@@ -322,7 +321,7 @@ def resolved(settings: EncodeSettings, like: Clip, path: Path | None = None) -> 
         own = ("h265" if deep else "h264") if settings.codec == "auto" else settings.codec
         return settings.model_copy(update={"codec": HARDWARE.get(settings.encoder, own)})
     codec, pixel_format, _ = delivery
-    if path is not None and path.suffix.lower() not in _SUFFIXES:
+    if path is not None and CONTAINERS.get(path.suffix.lower()) != "mp4":
         raise VideoError(
             f'{path} - output.target = "{settings.target}" is an mp4 (got {path.suffix}) - name it '
             f"{path.stem}.mp4, or leave the target out"

@@ -221,29 +221,23 @@ def read_rgb(path: str | Path, *, depth: bool = False) -> NDArray[np.float32]:
 
     depth: rather the channel Z of any part, three times, where there is one.
     """
-    return np.ascontiguousarray(read_frame(Path(path), "depth" if depth else "colour").channels[..., :3])
+    return np.ascontiguousarray(read_frame(Path(path), "depth" if depth else "colour")[0][..., :3])
 
 
 Wanted = Literal["colour", "depth", "matte"]
 """What of a picture is read: its colours, its distances where it has some (channel Z), or colours and alpha alike."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class ExrFrame:
-    """The frame of an EXR file: its display window, black where there is no pixel.
-
-    channels: (H, W, 3) or, of mattes with alpha, (H, W, 4) float32 as stored. xy: chromaticities, empty where the file
-    states none. header: entries that outputs keep. notes: what is there and is not used, one line each.
-    """
-
-    channels: NDArray[np.float32]
-    xy: tuple[float, ...]
-    header: Mapping[str, Any]
-    notes: tuple[str, ...]
+ExrFrame = tuple[NDArray[np.float32], tuple[float, ...], Mapping[str, Any], tuple[str, ...]]
 
 
 def read_frame(path: Path, wanted: Wanted = "colour") -> ExrFrame:
-    """Return an EXR's frame; raise `VideoError` where it has no such channels."""
+    """Return an EXR's frame; raise `VideoError` where it has no such channels.
+
+    These are its display window, (H, W, 3) or, of mattes with alpha, (H, W, 4) float32 as stored, black where there is
+    no pixel; chromaticities, empty where the file states none; header entries that outputs keep; and what is there and
+    is not used, one line each.
+    """
     parts = check_exr(path)
     with _opened(path) as file:
         # Take Z or the best layer of colours, of the first part that has it
@@ -263,7 +257,7 @@ def read_frame(path: Path, wanted: Wanted = "colour") -> ExrFrame:
         alphas = [a for name, a in _alphas(file.parts[taken.part]) if name.rpartition(".")[0] in (taken.name, "")]
         clear = any(bool((alpha < _OPAQUE).any()) for alpha in alphas)
         notes = tuple(_frame_notes(path, part, header, taken.name, others, clear=clear)) if wanted == "colour" else ()
-    return ExrFrame(array, xy if len(xy) == 8 else (), kept, notes)
+    return array, xy if len(xy) == 8 else (), kept, notes
 
 
 _OPAQUE = 0.999

@@ -15,15 +15,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mr360uw.base.color import ColorSpec, Primaries, Transfer
+from mr360uw.base.color import ColorSpec
 from mr360uw.base.constants import MOST_LIGHT
 from mr360uw.base.files import is_pattern, matcher, matching_files
 from mr360uw.base.input_files import FRAMES, PICTURE
 from mr360uw.base.parameters import is_light
 from mr360uw.errors import VideoError
-from mr360uw.video.clip import PICTURE_SUFFIXES
+from mr360uw.video.clip import PICTURE_SUFFIXES, NamedColors
 from mr360uw.video.exr import Wanted
-from mr360uw.video.layout import Eye, Layout, output_layout, panorama_crops, shape_of_codes
+from mr360uw.video.layout import EyeChoice, output_layout, panorama_crops, part_of, shape_of_codes
 from mr360uw.video.picture_file import PictureFile, picture_file
 from mr360uw.video.picture_tags import PictureTags
 from mr360uw.video.reader import VideoFrame, VideoReader, check_range
@@ -107,28 +107,26 @@ class ImageReader(VideoReader):
         path: Path,
         named: PictureFiles,
         frame_rate: Fraction,
-        transfer: Transfer | None,
-        primaries: Primaries | None,
-        eye: Eye | None,
+        colors: NamedColors,
+        eyes: EyeChoice,
         equirectangular: bool,
-        wanted: Wanted = "colour",
-        layout: Layout | None = None,
+        wanted: Wanted,
     ) -> None:
         files, first_number, said = named
         picture = picture_file(files[0], wanted, notes=wanted == "colour")
         self._files, self._wrap, self._wanted, self._mapping = files, equirectangular, wanted, picture.mapping
         notes = [*said, *picture.notes, *(_one_of_many(path) if path == files[0] else ())]
         # A part of a panorama is placed in the whole, by the mark of the first picture
-        pano = picture.tags.pano if equirectangular and layout is None else {}
+        pano = picture.tags.pano if equirectangular and eyes[1] is None else {}
         self._placed, projection = _placed(path, picture.tags, pano), pano.get("ProjectionType", "equirectangular")
         notes += _pano_notes(path, picture.tags, self._placed) if pano else ()
         marked = None if projection == "equirectangular" else SphericalMetadata(projection, source="XMP")
         whole = _in_panorama(picture.codes, self._placed)
+        self._size = whole.shape[1], whole.shape[0]
         self._crop, self._beside, stereo = panorama_crops(
-            path, (whole.shape[1], whole.shape[0]), marked, eye, equirectangular=equirectangular, layout=layout,
-            look=lambda: shape_of_codes(whole, 8 * whole.dtype.itemsize),
-        )  # fmt: skip
-        spec, unused = _spec_of(path, picture, transfer, primaries, wanted)
+            path, self._size, marked, eyes, equirectangular, lambda: shape_of_codes(whole, 8 * whole.dtype.itemsize)
+        )
+        spec, unused = _spec_of(path, picture, colors, wanted)
         self._matte_alpha = wanted == "matte" and _alpha_counts(files, picture)
         if wanted == "matte":
             notes += _matte_notes(path, picture, self._matte_alpha)
@@ -190,7 +188,7 @@ class ImageReader(VideoReader):
         if self._wanted == "matte":
             codes = _grey_codes(codes, alpha=self._matte_alpha)
         # Refuse what differs from the first picture, or holds no light
-        if (codes.shape[1], codes.shape[0]) != self._crop.frame_size or 8 * codes.dtype.itemsize != self.spec.bits:
+        if (codes.shape[1], codes.shape[0]) != self._size or 8 * codes.dtype.itemsize != self.spec.bits:
             raise VideoError(
                 f"{path} - differs from the first picture of the sequence (got {codes.shape[1]}x{codes.shape[0]} "
                 f"{codes.dtype}) - use pictures of one size and depth"
@@ -208,13 +206,12 @@ class ImageReader(VideoReader):
         tags = picture.tags
         if self._placed is not None:
             tags = replace(tags, full_size=self._placed[0], origin=self._placed[1])
-        return [crop.window(codes) for crop in (self._crop, self._beside) if crop is not None], tags
+        return [part_of(codes, crop) for crop in (self._crop, self._beside) if crop is not None], tags
 
 
-def _spec_of(
-    path: Path, picture: PictureFile, transfer: Transfer | None, primaries: Primaries | None, wanted: Wanted
-) -> tuple[ColorSpec, tuple[str, ...]]:
+def _spec_of(path: Path, picture: PictureFile, named: NamedColors, wanted: Wanted) -> tuple[ColorSpec, tuple[str, ...]]:
     """Return how a picture's codes are read, and a line where that is not as its file says."""
+    transfer, primaries = named
     bits, linear = 8 * picture.codes.dtype.itemsize, picture.codes.dtype.kind == "f"
     own = picture.transfer or ("linear" if linear else "srgb")
     spec = ColorSpec("bt709", True, transfer or own, bits, primaries or picture.primaries)

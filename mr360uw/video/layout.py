@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from mr360uw.base.color import luminance
 from mr360uw.errors import VideoError
-from mr360uw.types import Array, Floats, YuvImage
+from mr360uw.types import Array, Floats, Rectangle, YuvImage
 from mr360uw.video.clip import DOUBLED_STRIP, PICTURE_SUFFIXES, Projection, second_lens, turned_by_ffmpeg
 from mr360uw.video.demux import track_sizes
 from mr360uw.video.spherical import SphericalMetadata, Stereo
@@ -32,61 +32,44 @@ _CUBES = {"c3x2": (3, 2), "c6x1": (6, 1), "c1x6": (1, 6)}
 _CUBE = "; if it is the six faces of a cube, turn it by ffmpeg -i {} -vf v360={}:e OUT"
 
 
-@dataclass(frozen=True, slots=True)
-class Crop:
-    """A rectangle of a frame of `frame_size` (width, height)."""
+EyeChoice = tuple[Eye | None, Layout | None]
+"""The eye of a stereo frame that is taken, None of one that is not, and the arrangement of the eyes, None to find it.
+"""
 
-    column: int
-    row: int
-    width: int
-    height: int
-    frame_size: tuple[int, int]
 
-    @property
-    def is_whole(self) -> bool:
-        """Whether nothing is cut away."""
-        return (self.width, self.height) == self.frame_size
+def part_of(image: NDArray[Any], crop: Rectangle, scale_x: int = 1, scale_y: int = 1) -> NDArray[Any]:
+    """Return the part of an image that is subsampled by the scales."""
+    rows = slice(crop.row // scale_y, (crop.row + crop.height) // scale_y)
+    return image[rows, crop.column // scale_x : (crop.column + crop.width) // scale_x]
 
-    def window(self, image: NDArray[Any], scale_x: int = 1, scale_y: int = 1) -> NDArray[Any]:
-        """Return the part of an image that is subsampled by the scales."""
-        rows = slice(self.row // scale_y, (self.row + self.height) // scale_y)
-        return image[rows, self.column // scale_x : (self.column + self.width) // scale_x]
 
-    def apply(self, image: YuvImage) -> YuvImage:
-        """Return the part of the planes, as views."""
-        scale_x, scale_y = image.y.shape[1] // image.u.shape[1], image.y.shape[0] // image.u.shape[0]
-        u, v = (self.window(plane, scale_x, scale_y) for plane in (image.u, image.v))
-        return YuvImage(self.window(image.y), u, v, image.spec)
+def planes_of(image: YuvImage, crop: Rectangle) -> YuvImage:
+    """Return the part of the planes, as views."""
+    scales = image.y.shape[1] // image.u.shape[1], image.y.shape[0] // image.u.shape[0]
+    u, v = (part_of(plane, crop, *scales) for plane in (image.u, image.v))
+    return YuvImage(part_of(image.y, crop), u, v, image.spec)
 
 
 def panorama_crops(
     path: Path,
     size: tuple[int, int],
     spherical: SphericalMetadata | None,
-    eye: Eye | None,
-    rotation: int = 0,
-    equirectangular: bool = True,
-    layout: Layout | None = None,
-    look: Callable[[], Shape] = lambda: "panorama",
+    eyes: EyeChoice,
+    equirectangular: bool,
+    look: Callable[[], Shape],
     pixel_aspect: float = 1.0,
-) -> tuple[Crop, Crop | None, Stereo]:
+) -> tuple[Rectangle, Rectangle | None, Stereo]:
     """Return the part of a frame that is one full equirectangular panorama, that of the right eye beside it where
-    `eye` is "both", and the arrangement of the eyes. Raises `VideoError`.
+    both eyes are chosen, and the arrangement of the eyes. Raises `VideoError`.
 
-    size: (width, height) of the frame. layout: arrangement of the eyes; None takes it from the metadata or, without
-    any, from the frame's shape: 1:1 is top-bottom, 4:1 is left-right. Panoramas are 2:1 unless the layout or the
-    metadata say that the frame is one: then their pixels may be wider or higher. equirectangular False accepts a mono
-    frame of any shape. look: says what the picture shows, where its size does not fit. pixel_aspect: width of a pixel
-    over its height; frames that players show as 2:1 by it are one panorama, whatever their size.
+    size: (width, height) of the frame. Without a layout it is taken from the metadata or, without any, from the frame's
+    shape: 1:1 is top-bottom, 4:1 is left-right. Panoramas are 2:1 unless the layout or the metadata say that the frame
+    is one: then their pixels may be wider or higher. equirectangular False accepts a mono frame of any shape. look:
+    says what the picture shows, where its size does not fit. pixel_aspect: width of a pixel over its height; frames
+    that players show as 2:1 by it are one panorama, whatever their size.
     """
-    # Refuse turns that are not done here; take other projections whole
-    if rotation not in (0, 180) or (rotation and eye == "both"):
-        raise VideoError(
-            f"{path} - asks to be turned by {rotation} degrees - turn the pictures upright before "
-            "(only 180 is done here, and not for both eyes)"
-        )
-    width, height = size
-    whole = Crop(0, 0, width, height, size)
+    (eye, layout), (width, height) = eyes, size
+    whole = Rectangle(0, 0, width, height)
     if not equirectangular and eye is None:
         return whole, None, "mono"
     if spherical is not None and equirectangular:
@@ -131,7 +114,7 @@ def output_layout(stereo: Stereo) -> Stereo:
     return LEFT_FIRST.get(stereo, stereo)
 
 
-def _may_be_squeezed(crop: Crop) -> bool:
+def _may_be_squeezed(crop: Rectangle) -> bool:
     """Return whether a picture of a shape other than 2:1 can be a whole panorama, squeezed or stretched."""
     return crop.width <= _WIDEST * crop.height and crop.height <= crop.width and crop.width % 2 == crop.height % 2 == 0
 
@@ -153,7 +136,7 @@ def _stereo(width: int, height: int, spherical: SphericalMetadata | None) -> Ste
     return "left-right" if width == 4 * height else "mono"
 
 
-def _eye_crop(path: Path, width: int, height: int, stereo: Stereo, eye: Literal["left", "right"]) -> Crop:
+def _eye_crop(path: Path, width: int, height: int, stereo: Stereo, eye: Literal["left", "right"]) -> Rectangle:
     across, down = (1, 2) if LEFT_FIRST.get(stereo, stereo) == "top-bottom" else (2, 1)
     if width % (2 * across) or height % (2 * down):
         raise VideoError(
@@ -162,7 +145,7 @@ def _eye_crop(path: Path, width: int, height: int, stereo: Stereo, eye: Literal[
         )
     first = (eye == "left") == (stereo not in LEFT_FIRST)
     column, row = (0, height // 2) if down == 2 else (width // 2, 0)
-    return Crop(0 if first else column, 0 if first else row, width // across, height // down, (width, height))
+    return Rectangle(0 if first else column, 0 if first else row, width // across, height // down)
 
 
 def _check_projection(path: Path, spherical: SphericalMetadata) -> None:

@@ -25,6 +25,7 @@ from mr360uw.video.clip import (
     PICTURE_SUFFIXES,
     Clip,
     EncodeSettings,
+    NamedColors,
     Projection,
     checked_rate,
     joined_row,
@@ -123,15 +124,13 @@ def open_video(
     if kind != "equirectangular":
         if eye is not None:
             raise VideoError(f"{path} - {kind} has no {eye} eye - leave out the eye")
-        return _open_unwrapped(Path(path), kind, fisheye_fov_deg, transfer, primaries, damaged, decoder)
+        return _open_unwrapped(Path(path), kind, fisheye_fov_deg, (transfer, primaries), damaged, decoder)
     files = picture_files(Path(path))
     if files is not None:
         rate = checked_rate(frame_rate, Path(path))
         wanted: Wanted = "depth" if depth else "matte" if matte else "colour"
-        return ImageReader(Path(path), files, rate, transfer, primaries, eye, equirectangular, wanted, layout)
-    from mr360uw.video.container import ContainerReader
-
-    return ContainerReader(Path(path), transfer, primaries, eye, equirectangular, damaged, layout, decoder=decoder)
+        return ImageReader(Path(path), files, rate, (transfer, primaries), (eye, layout), equirectangular, wanted)
+    return ContainerReader(Path(path), (transfer, primaries), (eye, layout), equirectangular, damaged, decoder=decoder)
 
 
 @checked
@@ -262,10 +261,9 @@ def _open_unwrapped(
     path: Path,
     projection: Projection,
     fov_deg: float,
-    transfer: Transfer | None,
-    primaries: Primaries | None,
+    named: NamedColors,
     damaged: Damaged,
-    decoder: Decoder = "software",
+    decoder: Decoder,
 ) -> VideoReader:
     """Open a video in a projection other than equirectangular; raise `VideoError`.
 
@@ -295,8 +293,7 @@ def _open_unwrapped(
             "(_00_ and _10_) their names again, or export it as equirectangular 2:1"
         )
     tracks = [
-        ContainerReader(p, transfer, primaries, equirectangular=False, damaged=damaged, track=k, decoder=decoder)
-        for p, k in paths
+        ContainerReader(p, named, equirectangular=False, damaged=damaged, track=k, decoder=decoder) for p, k in paths
     ]
     return _UnwrappedReader(tracks, projection, fov_deg)
 

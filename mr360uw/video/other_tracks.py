@@ -30,12 +30,10 @@ import av.stream
 
 from mr360uw.base.cache import shared
 from mr360uw.errors import VideoError
-from mr360uw.video.clip import PICTURE_SUFFIXES, Clip, not_copied
+from mr360uw.video.clip import CONTAINERS, PICTURE_SUFFIXES, Clip, not_copied
 from mr360uw.video.demux import fraction, open_packets
 from mr360uw.video.spherical import Box, parse_boxes, read_moov
 
-CONTAINERS = {".mp4": "mp4", ".m4v": "mp4", ".mov": "mov", ".mkv": "matroska", ".webm": "webm"}
-"""FFmpeg's names of the kinds of output, by suffix."""
 _ADVISED = (".mp4", ".mov", ".mkv")
 _TRIAL_PACKETS = 16
 

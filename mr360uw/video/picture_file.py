@@ -138,14 +138,13 @@ _TIFF_COMPRESSIONS = frozenset({1, 2, 3, 4, 5, 6, 7, 8, 32773, 32946})
 
 
 def _exr(path: Path, wanted: Wanted) -> PictureFile:
-    frame = read_frame(path, wanted)
-    size = (frame.channels.shape[1], frame.channels.shape[0])
-    tags, notes = PictureTags(".exr", size, size, header=frame.header), frame.notes
+    channels, xy, header, notes = read_frame(path, wanted)
+    size = (channels.shape[1], channels.shape[0])
     try:
-        mapping = chromatic_profile(frame.xy) if frame.xy else None
+        mapping = chromatic_profile(xy) if xy else None
     except ValueError as error:
         mapping, notes = None, (*notes, f"{path} - has {error}, read as Rec.709 - write its chromaticities again")
-    return PictureFile(frame.channels, tags, "linear", None, mapping, notes)
+    return PictureFile(channels, PictureTags(".exr", size, size, header=header), "linear", None, mapping, notes)
 
 
 def _plain(path: Path, data: bytes, wanted: Wanted, *, notes: bool) -> PictureFile:

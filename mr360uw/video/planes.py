@@ -43,7 +43,6 @@ def lay_over_planes(
     frame_index: int,
     wrap: bool = True,
     grain: Grain = NO_GRAIN,
-    amount: float = 0.0,
     composite: Floats | None = None,
     ground: UnlaidGround | None = None,
 ) -> tuple[float, float]:
@@ -51,10 +50,10 @@ def lay_over_planes(
 
     Only pixels that it covers, lights or darkens get a new luma code, and only chroma samples of 2x2 (or 2x1, 1x1)
     blocks with such a pixel a new chroma code. Light is clipped to code values between 0 and full scale (a plate that
-    is itself brighter or darker keeps its excursion where it is not covered). amount: of the grain that covered pixels
-    get, 1 for as much as the plate has. composite: linear Rec.709 light (h, w, 3) to write; None for that of
-    `tile_blend`. ground: has the tile's ratio and veil, over a plate of Rec.709; None where the tile has them. Returns
-    the brightest linear light that was written, and a sum of it that is not finite where any is not.
+    is itself brighter or darker keeps its excursion where it is not covered). grain: that covered pixels get.
+    composite: linear Rec.709 light (h, w, 3) to write; None for that of `tile_blend`. ground: has the tile's ratio and
+    veil, over a plate of Rec.709; None where the tile has them. Returns the brightest linear light that was written,
+    and a sum of it that is not finite where any is not.
     """
     sx, sy = subsampling(old)
     none, found = np.empty((0, 0, 3), np.float32), None
@@ -67,9 +66,9 @@ def lay_over_planes(
     ratio, veil = (tile.ratio, tile.veil) if ground is None else (None, None)
     parts = (tile.radiance, tile.alpha, ratio, veil, tile.shafts, composite)
     *arrays, whole = [none if part is None else np.ascontiguousarray(part, np.float32) for part in parts]
-    strength = np.float32(amount) * grain.deviation
+    strength = grain.deviation
     noise, blotches = np.empty((0, 0), np.float32), np.empty((2, 0, 0), np.float32)
-    if amount > 0.0 and strength.any() and arrays[1].any():
+    if strength.any() and arrays[1].any():
         noise, blotches = _noise(grain, tile, old, frame_index)
     # Decode, blend and encode
     spec = old.spec

@@ -215,12 +215,14 @@ class VideoFrame:
         assert self.yuv is not None
         native = native_frame(self.yuv, self.native.format.name if self.native is not None else None)
         planes = plane_views(native, self.yuv.spec)
-        grain = self.grain if amount > 0.0 else NO_GRAIN
+        grain = NO_GRAIN
+        if amount > 0.0:
+            grain = replace(self.grain, deviation=np.float32(amount) * self.grain.deviation)
         top, clipped = brightest_light(self.spec), []
         for tile in layer.tiles:
             graded = None if self.grade is None else self._graded(blended(self.linear(tile.rectangle), tile), tile)
             brightest, total = lay_over_planes(
-                self.yuv, planes, tile, self.index, self.wrap, grain, amount, graded, layer.ground
+                self.yuv, planes, tile, self.index, self.wrap, grain, graded, layer.ground
             )
             finite = bool(np.isfinite(total))
             if finite and brightest <= top:

@@ -15,7 +15,7 @@ import pytest
 from mr360uw.base.color import ColorSpec
 from mr360uw.errors import ParameterError, VideoError
 from mr360uw.video import encoder, open_video, transcode
-from mr360uw.video.clip import ENCODERS, HARDWARE, Clip, EncodeSettings
+from mr360uw.video.clip import CODECS, HARDWARE, Clip, EncodeSettings
 from mr360uw.video.encoder import delivery_of
 from tests.video.boxes import children
 from tests.video.clips import write_clip
@@ -169,7 +169,7 @@ def test_auto_without_a_card_is_software_and_the_report_says_so(
     code, said, _ = run("composite", tmp_path / "scene.toml", out, "--backend", "reference")
     assert code == 0
     why = " (hevc_nvenc, hevc_qsv, hevc_amf, hevc_vaapi, hevc_videotoolbox: no card)" if codec == "h265" else ""
-    assert f'note: output.encoder = "auto" took {ENCODERS[codec]}: no card encodes {codec} here{why}\n' in said
+    assert f'note: output.encoder = "auto" took {CODECS[codec].software}: no card encodes {codec} here{why}\n' in said
     assert transcode(tmp_path / "plate.mp4", tmp_path / "same.mkv", EncodeSettings(codec=codec, encoder="auto")) == 2
 
 
