@@ -31,7 +31,7 @@ from mr360uw.scene.resolved import eyes_of_plate, pose_of_plate, projection_note
 from mr360uw.types import Floats
 from mr360uw.video import VideoReader, open_video
 from mr360uw.video.clip import PICTURE_SUFFIXES, Projection, projection_of
-from mr360uw.video.layout import ONE_PICTURE, SHOWN_PROJECTIONS, EyesSeen, shown_projection, way_out
+from mr360uw.video.layout import ONE_PICTURE, SHOWN_PROJECTIONS, shown_projection, way_out
 
 Eye = Literal["left", "right"]
 
@@ -108,8 +108,8 @@ class PlateLook:
 
     still: one picture. size: (width, height) [pixels]. eye: that was looked at, None of mono. projection: "auto" unless
     the plate shows another one. tilt: of the camera, None where it cannot be told or is level. floor: whether something
-    is seen below. eyes: what the two of a stereo plate show, None of mono; notes: doubts about their arrangement and
-    about the plate's projection, one line each.
+    is seen below. floor_m: height of the camera over the ground by the two eyes of a stereo plate, None where they do
+    not tell it; notes: doubts about their arrangement and about the plate's projection, one line each.
     """
 
     path: Path
@@ -123,7 +123,7 @@ class PlateLook:
     dark: bool
     tilt: Tilt | None
     floor: bool
-    eyes: EyesSeen | None = None
+    floor_m: float | None = None
     notes: tuple[str, ...] = ()
 
 
@@ -150,10 +150,10 @@ def look_at_plate(path: Path, eye: Eye | None = None, *, underwater: bool | None
         image, frames[0] = _levelled(image, tilt), _levelled(frames[0], tilt)
     upper = luminance(image[: ROWS // 2])
     dark = float(np.quantile(upper, 0.9)) < _DARK
-    eyes, doubt = eyes_of_plate(scene)
+    doubt, floor_m = eyes_of_plate(scene)
     notes += (doubt,) if doubt else ()
     floor = _has_floor(image, medium.underwater)
-    return PlateLook(path, image, frames[0], still, size, eye, projection, medium, dark, tilt, floor, eyes, notes)
+    return PlateLook(path, image, frames[0], still, size, eye, projection, medium, dark, tilt, floor, floor_m, notes)
 
 
 def _small(video: VideoReader, index: int) -> Floats:

@@ -108,8 +108,8 @@ def propose(
 
 def _ground_below(plate: PlateLook, wish: Wish) -> tuple[float | None, str]:
     """Return the height of the camera over the ground, None where there is none, and what told it, "" if guessed."""
-    if plate.eyes is not None and plate.eyes.floor_m is not None:
-        return plate.eyes.floor_m, f"by the disparity of its eyes, if they are {EYES_APART_M:g} m apart"
+    if plate.floor_m is not None:
+        return plate.floor_m, f"by the disparity of its eyes, if they are {EYES_APART_M:g} m apart"
     return guessed_drop_m(plate, wish), ""
 
 
@@ -355,10 +355,10 @@ def _floor_line(chosen: Proposal) -> str:
 
 def _depth_lines(plate: PlateLook, chosen: Proposal) -> list[str]:
     """Return what could tell how far away everything is, where that is not given."""
-    if chosen.depth is not None or (chosen.track is None and plate.eyes is None):
+    if chosen.depth is not None or (chosen.track is None and plate.eye is None):
         return []
-    how = f"--track {chosen.track}" if plate.eyes is None else "--eye both"
-    frame_s = DEPTH_FRAME_S if plate.eyes is None else DEPTH_EYES_S
+    how = f"--track {chosen.track}" if plate.eye is None else "--eye both"
+    frame_s = DEPTH_FRAME_S if plate.eye is None else DEPTH_EYES_S
     return [
         f"behind    no body goes behind what is nearer: mr360uw depth {plate.path.name} -o depth {how} finds how far "
         f"away everything is, in about {frame_s:g} s a frame; then --depth depth"

@@ -73,15 +73,12 @@ _DEEPEST = 16
 """Most records within each other; cameras write three."""
 
 
-def streams(data: bytes, key: str) -> list[Array]:
-    """Return the scaled samples (n, k) of stream `key` in GPMF payloads, one array for each payload that has it.
+def streams(data: bytes, key: str, where: str = "GPMF", depth: int = 0) -> Iterator[Array]:
+    """Yield the scaled samples (n, k) of stream `key` in GPMF payloads, one array for each payload that has it.
 
-    Raises `ParameterError` where a record runs past the end, or holds no numbers that its scale fits.
+    where, depth: of the payloads, records within others. Raises `ParameterError` where a record runs past the end, or
+    holds no numbers that its scale fits.
     """
-    return list(_samples(data, key, "GPMF"))
-
-
-def _samples(data: bytes, key: str, where: str, depth: int = 0) -> Iterator[Array]:
     if depth > _DEEPEST:
         raise ParameterError(f"GPMF - has records within records (got more than {_DEEPEST}) - copy it again")
     scale, offset = np.ones(1), 0
@@ -97,7 +94,7 @@ def _samples(data: bytes, key: str, where: str, depth: int = 0) -> Iterator[Arra
                 f"{where} - record {name!r} is cut off (got {len(body)} of {length} bytes) - copy it again"
             )
         if kind == b"\0":
-            yield from _samples(body, key, f"{where}/{name}", depth + 1)
+            yield from streams(body, key, f"{where}/{name}", depth + 1)
         elif name == "SCAL":
             scale = _numbers(name, kind.decode("latin-1"), size, body).ravel()
         elif name == key:
@@ -161,7 +158,7 @@ def level_from_gpmf(data: bytes, frame_rate: float) -> LevelTrack:
     The stored vector points down, in axes right, down, forward of the lens that the frame is centred on: at rest
     (0, 1, 0). It agrees with the accelerometer of the same clips, whose reading points up, in axes left, back, up.
     """
-    found = streams(data, "GRAV")
+    found = list(streams(data, "GRAV"))
     if not found:
         raise ParameterError("GPMF - has no gravity track (GRAV) - use a HERO8, MAX or later, or give roll and pitch")
     if any(samples.shape[1] != 3 for samples in found):

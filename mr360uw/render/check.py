@@ -151,7 +151,7 @@ def possible_outputs(scene: Scene, video: VideoReader, out: Path | None, where: 
 def _explained(video: VideoReader, loaded: Loaded, notes: tuple[str, ...], backend: Backend, fallback: str) -> str:
     size = f"{video.width}x{video.height}"
     length = "a still" if video.is_still else f"{video.frame_count} frames"
-    doubts = (*video.doubts, *projection_notes(loaded.scene, video), *filter(None, [eyes_of_plate(loaded.scene)[1]]))
+    doubts = (*video.doubts, *projection_notes(loaded.scene, video), *filter(None, [eyes_of_plate(loaded.scene)[0]]))
     lines = [
         f"plate     {video.path.name}: {size}, {length}, {video.codec_name}",
         f"renderer  {backend.name} ({backend.device})",

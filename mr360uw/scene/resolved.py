@@ -20,7 +20,7 @@ from mr360uw.scene.key_targets import KeyedParameter, Target, key_times, target_
 from mr360uw.scene.model import PlateSettings, Scene
 from mr360uw.video import VideoReader, open_video
 from mr360uw.video.clip import PICTURE_SUFFIXES, projection_of
-from mr360uw.video.layout import EyesSeen, Shape, eyes_seen, shape_of_codes, way_out
+from mr360uw.video.layout import Shape, eyes_seen, shape_of_codes, way_out
 from mr360uw.video.picture_tags import read_tags
 from mr360uw.video.reader import scaled
 from mr360uw.yuv.ocio_transform import CubeMapping, cube_mapping, ocio_mapping
@@ -80,17 +80,19 @@ def projection_notes(scene: Scene, video: VideoReader, index: int = 0) -> tuple[
     return (f"{video.path} - {found}; {leave}",) if found else ()
 
 
-def eyes_of_plate(scene: Scene) -> tuple[EyesSeen | None, str]:
-    """Return what the two eyes of a scene's plate show in its first frame, None of mono; and a doubt, or ""."""
+def eyes_of_plate(scene: Scene) -> tuple[str, float | None]:
+    """Return what the two eyes of a scene's plate show in its first frame: a doubt, or ""; and the height [m] of the
+    camera over the ground, None where it is not told.
+    """
     if scene.plate.eye is None:
-        return None, ""
+        return "", None
     with open_plate(scene.model_copy(update={"plate": scene.plate.model_copy(update={"eye": "both"})})) as video:
         frame = next(iter(video.frames(0, 1)))
         assert frame.right is not None
-        seen = eyes_seen(frame.image_linear, frame.right.image_linear)
         tagged = video.spherical.stereo if video.spherical is not None else "mono"
-        doubt = seen.doubt(scene.plate.layout or (video.stereo if tagged == "mono" else tagged))
-    return seen, f"{scene.plate.path} - {doubt}" if doubt else ""
+        layout = scene.plate.layout or (video.stereo if tagged == "mono" else tagged)
+        doubt, floor_m = eyes_seen(frame.image_linear, frame.right.image_linear, layout)
+    return f"{scene.plate.path} - {doubt}" if doubt else "", floor_m
 
 
 def shape_of_frame(video: VideoReader, index: int = 0) -> Shape:

@@ -293,7 +293,9 @@ class ContainerReader(VideoReader):
         beside = None if self._beside is None else planes_of(planes, self._beside)
         untouched = self._crop[2:] == self._size and not self._rotation
         if not untouched:
-            planes = _turned(planes_of(planes, self._crop), self._rotation)
+            planes = planes_of(planes, self._crop)
+        if self._rotation:
+            planes = YuvImage(planes.y[::-1, ::-1], planes.u[::-1, ::-1], planes.v[::-1, ::-1], planes.spec)
         # Keep the decoder's own frame where nothing was cut or turned
         frame = VideoFrame(
             index=index,
@@ -328,12 +330,6 @@ def stated_pose(path: Path) -> tuple[float, float, float]:
         with open_container(path) as (container, stream):
             found = _spherical_of(stream, first_picture(path, container, stream))
     return SphericalMetadata().pose_deg if found is None else found.pose_deg
-
-
-def _turned(image: YuvImage, rotation: int) -> YuvImage:
-    if not rotation:
-        return image
-    return YuvImage(image.y[::-1, ::-1], image.u[::-1, ::-1], image.v[::-1, ::-1], image.spec)
 
 
 # Decoders of graphics cards, which are taken where their first picture is that of FFmpeg in software, bit for bit.

@@ -242,21 +242,22 @@ def read_frame(path: Path, wanted: Wanted = "colour") -> ExrFrame:
     with _opened(path) as file:
         # Take Z or the best layer of colours, of the first part that has it
         layers = [one for number, part in enumerate(file.parts) for one in _layers(number, part, wanted)]
-        layers = [one for one in layers if one.distances] or layers
         if not layers:
             names = sorted({name for part in parts for name in part.channels})
             raise VideoError(f"{path} - has no colour channels R, G, B (got {', '.join(names)}) - write them")
-        taken = min(layers, key=lambda one: one.rank)
-        part, header = parts[taken.part], file.parts[taken.part].header
+        _, number, taken, channels = min(layers, key=lambda one: one[0])
+        part, header = parts[number], file.parts[number].header
         # Place the data window in the display window
-        array = _in_frame(taken.array(), part)
+        planes = [np.asarray(one, np.float32) for one in channels]
+        joined = planes[0] if planes[0].ndim == 3 else np.stack(planes, axis=-1)
+        array = _in_frame(joined if joined.shape[-1] > 2 else np.repeat(joined[..., :1], 3, axis=-1), part)
         xy = tuple(map(float, header.get("chromaticities", XY_BY_NAME.get(_named_colours(header), ()))))
         kept = {name: value for name, value in header.items() if _is_carried(name, value)}
-        others = [name for name in _names(file.parts) if name != taken.name]
+        others = [name for name in _names(file.parts) if name != taken]
         # A closed file has no header any more
-        alphas = [a for name, a in _alphas(file.parts[taken.part]) if name.rpartition(".")[0] in (taken.name, "")]
+        alphas = [a for name, a in _alphas(file.parts[number]) if name.rpartition(".")[0] in (taken, "")]
         clear = any(bool((alpha < _OPAQUE).any()) for alpha in alphas)
-        notes = tuple(_frame_notes(path, part, header, taken.name, others, clear=clear)) if wanted == "colour" else ()
+        notes = tuple(_frame_notes(path, part, header, taken, others, clear=clear)) if wanted == "colour" else ()
     return array, xy if len(xy) == 8 else (), kept, notes
 
 
@@ -287,28 +288,16 @@ Arnold and others."""
 _RGBA_NAMES = (("R", "G", "B", "A"), ("r", "g", "b", "a"), ("red", "green", "blue", "alpha"))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Layer:
-    """A layer of a part by its full name. channels: arrays, which `array` joins. distances: whether it is channel Z."""
+_Layer = tuple[tuple[bool, int], int, str, tuple[NDArray[Any], ...]]
+"""A layer: its rank, the least of the most wanted one; number of its part; full name; and channels, (h, w, 3 or 4) or
+several (h, w)."""
 
-    part: int
-    name: str
-    channels: tuple[NDArray[Any], ...]
-    distances: bool = False
-    luma_chroma: bool = False
 
-    @property
-    def rank(self) -> int:
-        last = self.name.lower().rpartition(".")[2]
-        return _BEST.index(last) if last in _BEST else len(_BEST)
-
-    def array(self) -> NDArray[np.float32]:
-        """Return the channels as (h, w, 3 or 4)."""
-        if self.luma_chroma:
-            return _rgb_of_luma_chroma(*self.channels)
-        planes = [np.asarray(one, np.float32) for one in self.channels]
-        joined = planes[0] if planes[0].ndim == 3 else np.stack(planes, axis=-1)
-        return joined if joined.shape[-1] > 2 else np.repeat(joined[..., :1], 3, axis=-1)
+def _layer(number: int, names: tuple[str, ...], *channels: NDArray[Any], distances: bool = False) -> _Layer:
+    """Return a layer of a part. names: of parts and layers around it. distances: whether it is channel Z."""
+    name = ".".join(filter(None, names))
+    last = name.lower().rpartition(".")[2]
+    return (not distances, _BEST.index(last) if last in _BEST else len(_BEST)), number, name, channels
 
 
 def _layers(number: int, part: Any, wanted: Wanted) -> Iterator[_Layer]:
@@ -316,30 +305,30 @@ def _layers(number: int, part: Any, wanted: Wanted) -> Iterator[_Layer]:
     pixels = {name: channel.pixels for name, channel in part.channels.items()}
     for base in [name[:-1] for name in pixels if name.rpartition(".")[2] == "Z" and wanted == "depth"]:
         if base + "X" not in pixels:  # else it is one of a vector, such as a normal
-            yield _Layer(number, base.rstrip("."), (pixels[base + "Z"],), distances=True)
+            yield _layer(number, (base.rstrip("."),), pixels[base + "Z"], distances=True)
     # A part's name counts where the file has several: Nuke and Blender write a part for each layer
     prefix = part.name() if number else ""
     joined = {name: array for name, array in pixels.items() if array.ndim == 3 and array.shape[-1] > 2}
     for name, array in joined.items():
         own = "" if name in ("RGB", "RGBA") else name
         has_alpha = wanted == "matte" or array.shape[-1] == 3
-        yield _Layer(number, ".".join(filter(None, [prefix, own])), (array if has_alpha else array[..., :3],))
+        yield _layer(number, (prefix, own), array if has_alpha else array[..., :3])
     for base in dict.fromkeys(name.rpartition(".")[0] for name in pixels if name not in joined):
         dot = f"{base}." if base else ""
         for names in _RGBA_NAMES:
             found = tuple(pixels[dot + one] for one in names if dot + one in pixels)
             if len(found) > 2:
                 kept = found if wanted == "matte" else found[:3]
-                yield _Layer(number, ".".join(filter(None, [prefix, base])), kept)
+                yield _layer(number, (prefix, base), *kept)
     vector = "X" in pixels  # X, Y, Z are no luminance
     if "Y" in pixels and {"RY", "BY"} <= set(pixels):
-        yield _Layer(number, prefix, (pixels["Y"], pixels["RY"], pixels["BY"]), luma_chroma=True)
+        yield _layer(number, (prefix,), _rgb_of_luma_chroma(pixels["Y"], pixels["RY"], pixels["BY"]))
     elif "Y" in pixels and not vector:
-        yield _Layer(number, prefix, (pixels["Y"],))
+        yield _layer(number, (prefix,), pixels["Y"])
     elif wanted == "matte" and not joined:
         alphas = [name for name in pixels if name.rpartition(".")[2] in ("A", "a", "alpha")]
         for name in alphas or list(pixels)[: len(pixels) == 1]:
-            yield _Layer(number, ".".join(filter(None, [prefix, name.rpartition(".")[0]])), (pixels[name],))
+            yield _layer(number, (prefix, name.rpartition(".")[0]), pixels[name])
 
 
 def _names(parts: list[Any]) -> list[str]:

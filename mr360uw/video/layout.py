@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
@@ -207,40 +206,29 @@ _HEIGHTS_M, _SCATTER, _PARTS = (0.3, 8.0), 0.12, 40
 _OPPOSITE = LEFT_FIRST | {first: other for other, first in LEFT_FIRST.items()}
 
 
-@dataclass(frozen=True, slots=True)
-class EyesSeen:
-    """What two pictures show. order: of the eyes. disparity_deg: of the ground less that of the distance, median.
+def eyes_seen(left: Floats, right: Floats, layout: str) -> tuple[str, float | None]:
+    """Return what the panoramas (h, w, 3) of two eyes, in linear light, show.
 
-    alike: correlation of the two. floor_m: height of the camera over the ground, None where none is told.
+    These are what is wrong with the layout in which they were read, and what to do, "" if nothing; and the height [m]
+    of the camera over the ground, None where it is not told.
     """
-
-    order: Order
-    disparity_deg: float
-    alike: float
-    floor_m: float | None
-
-    def doubt(self, layout: str) -> str:
-        """Return what is wrong with the arrangement in which the pictures were read, and what to do; "" if nothing."""
-        if self.alike < _ALIKE:
-            return (
-                f"the two pictures of {layout} stereo are not alike (got a correlation of {self.alike:.2f}) - if they "
-                'are one panorama, set plate.layout = "mono"'
-            )
-        if self.order == "swapped":
-            return (
-                f"its eyes look swapped: the ground's disparity is {self.disparity_deg:.1f} degrees less than that of "
-                f'what is farther - set plate.layout = "{_OPPOSITE[layout]}"'
-            )
-        return ""
-
-
-def eyes_seen(left: Floats, right: Floats) -> EyesSeen:
-    """Return what the panoramas (h, w, 3) of two eyes, in linear light, show."""
     one, other = _structure(left), _structure(right)
     near, far = (_median(_shifts(one, other, elevations)) for elevations in (_NEAR_DEG, _FAR_DEG))
     order, difference = _order(near - far)
-    floor = _floor(_shifts(one, other, _GROUND_DEG)) if order == "right" else None
-    return EyesSeen(order, difference, _alike(one, other), floor)
+    floor, alike, doubt = None, _alike(one, other), ""
+    if order == "right":
+        floor = _floor(_shifts(one, other, _GROUND_DEG))
+    if alike < _ALIKE:
+        doubt = (
+            f"the two pictures of {layout} stereo are not alike (got a correlation of {alike:.2f}) - if they "
+            'are one panorama, set plate.layout = "mono"'
+        )
+    elif order == "swapped":
+        doubt = (
+            f"its eyes look swapped: the ground's disparity is {difference:.1f} degrees less than that of "
+            f'what is farther - set plate.layout = "{_OPPOSITE[layout]}"'
+        )
+    return doubt, floor
 
 
 def _structure(image: Floats) -> NDArray[np.float32]:

@@ -284,9 +284,13 @@ def _open_unwrapped(
     elif projection == "dual_fisheye" and width == height and (other := second_lens(path)) is not None:
         paths.append((other, 0))
     # Check that the pictures have the shape of their projection
-    if projection == "eac":
-        _check_eac(path, width, height, len(paths))
-    elif len(paths) * width != 2 * height:
+    if projection == "eac" and len(paths) < 2 and not 1.4 < width / height < 1.8:
+        raise VideoError(
+            f"{path} - EAC is two tracks of three cube faces, or one frame of 3:2 to 16:9 (got one of "
+            f"{width}x{height}) - give the camera's .360 file with both tracks, or export it as equirectangular 2:1 in "
+            "GoPro Player"
+        )
+    if projection != "eac" and len(paths) * width != 2 * height:
         raise VideoError(
             f"{path} - two fisheye circles side by side make a frame of 2:1 (got {width}x{height}"
             f"{'' if len(paths) == 1 else ', twice'}) - crop it to the circles, give both of the camera's files "
@@ -296,15 +300,6 @@ def _open_unwrapped(
         ContainerReader(p, named, equirectangular=False, damaged=damaged, track=k, decoder=decoder) for p, k in paths
     ]
     return _UnwrappedReader(tracks, projection, fov_deg)
-
-
-def _check_eac(path: Path, width: int, height: int, tracks: int) -> None:
-    if tracks == 2 or 1.4 < width / height < 1.8:
-        return
-    raise VideoError(
-        f"{path} - EAC is two tracks of three cube faces, or one frame of 3:2 to 16:9 (got one of {width}x{height}) - "
-        "give the camera's .360 file with both tracks, or export it as equirectangular 2:1 in GoPro Player"
-    )
 
 
 class _UnwrappedReader(ReaderOver):

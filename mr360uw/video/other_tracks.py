@@ -32,7 +32,7 @@ from mr360uw.base.cache import shared
 from mr360uw.errors import VideoError
 from mr360uw.video.clip import CONTAINERS, PICTURE_SUFFIXES, Clip, not_copied
 from mr360uw.video.demux import fraction, open_packets
-from mr360uw.video.spherical import Box, parse_boxes, read_moov
+from mr360uw.video.spherical import Box, parse_boxes, read_moov, sample_table, tracks_of
 
 _ADVISED = (".mp4", ".mov", ".mkv")
 _TRIAL_PACKETS = 16
@@ -148,7 +148,8 @@ def other_tracks(like: Clip, kind: str, *, wanted: bool, sound: Path | None, fra
     frames: (start, stop) of the frames that are written.
     """
     boxes = kind in ("mp4", "mov")
-    spatial = _read_spatial(sound) if sound is not None and sound.is_file() else ()
+    moov = read_moov(sound) if sound is not None and sound.is_file() else None
+    spatial = () if moov is None else tuple(_marks(entry) for entry in _audio_entries(moov))
     notes = list(like.notes)
     if any(spatial) and not boxes:
         notes.append(f"{sound} - its mark of spatial audio (SA3D) is kept in .mp4 and .mov alone")
@@ -179,7 +180,7 @@ def _kinds(path: Path) -> dict[int, bytes]:
     moov = read_moov(path)
     found: dict[int, bytes] = {}
     for track in moov.children if moov is not None else ():
-        header, table = track.find(b"tkhd"), track.find(b"mdia", b"minf", b"stbl", b"stsd")
+        header, table = track.find(b"tkhd"), sample_table(track)
         if header is not None and table is not None:
             at = 20 if header.payload[:1] == b"\1" else 12  # after times of 8 or 4 bytes each
             number = int.from_bytes(header.payload[at : at + 4], "big")
@@ -279,12 +280,6 @@ _ENTRY_HEADS = {0: 28, 1: 44, 2: 64}
 _VERSION_AT = 8
 
 
-def _read_spatial(path: Path) -> tuple[bytes, ...]:
-    """Return the marks of each audio track of a file, as the bytes of their boxes; b"" for a track without."""
-    moov = read_moov(path)
-    return () if moov is None else tuple(_marks(entry) for entry in _audio_entries(moov))
-
-
 def embed_spatial(moov: Box, marks: tuple[bytes, ...]) -> None:
     """Put the marks of each audio track into a parsed 'moov' box that has the same tracks, where it has none."""
     for entry, mark in zip(_audio_entries(moov), marks, strict=False):
@@ -294,17 +289,12 @@ def embed_spatial(moov: Box, marks: tuple[bytes, ...]) -> None:
 
 def _audio_entries(moov: Box) -> list[Box]:
     """Return the first sample entry of each audio track."""
-    found = []
-    for track in moov.children:
-        handler, table = track.find(b"mdia", b"hdlr"), track.find(b"mdia", b"minf", b"stbl", b"stsd")
-        sounds = track.kind == b"trak" and handler is not None and handler.payload[8:12] == b"soun"
-        if sounds and table is not None and table.children:
-            found.append(table.children[0])
-    return found
+    tables = map(sample_table, tracks_of(moov, b"soun"))
+    return [table.children[0] for table in tables if table is not None and table.children]
 
 
 def _marks(entry: Box) -> bytes:
-    """Return the marks in an audio sample entry."""
+    """Return the marks in an audio sample entry, as the bytes of their boxes; b"" for one without."""
     if len(entry.payload) < _ENTRY_HEADS[0]:
         return b""
     head = _ENTRY_HEADS.get(struct.unpack_from(">H", entry.payload, _VERSION_AT)[0], len(entry.payload))

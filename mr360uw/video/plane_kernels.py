@@ -33,15 +33,15 @@ from mr360uw.yuv.decoding import (
 
 
 @fast
-def _encode_row(
-    codes: Any, cb: Any, cr: Any, light_bits: Any, alpha: Any, k: Any, channel: int, table: Any, out: Any
-) -> None:
+def _encode_row(plate: Any, light_bits: Any, alpha: Any, k: Any, channel: int, table: Any, out: Any) -> None:
     """Write the step from the old R' (or G', B') of a row to that of its new light into `out`.
 
-    light_bits: float32 read as uint32. table: (2, ENCODE_STEPS + 1), of light and of negative light. The new value is
-    clipped to [0, 1], or as far outside as the old one was, where it is not covered.
+    plate: the old codes of luma, and chroma. light_bits: float32 read as uint32. table: (2, ENCODE_STEPS + 1), of light
+    and of negative light. The new value is clipped to [0, 1], or as far outside as the old one was, where it is not
+    covered.
     """
-    offset, scale, from_cb, from_cr = k[0], np.float32(1.0) / k[1], k[4 + 2 * channel], k[5 + 2 * channel]
+    (codes, cb, cr), offset, scale = plate, k[0], np.float32(1.0) / k[1]
+    from_cb, from_cr = k[4 + 2 * channel], k[5 + 2 * channel]
     fraction_mask, sign_bit = np.uint32((1 << ENCODE_STEP_BITS) - 1), np.uint32(1 << 31)
     fraction_scale = np.float32(1.0 / (1 << ENCODE_STEP_BITS))
     first, last = np.int32(ENCODE_LOW), np.int32(ENCODE_STEPS - 1)
@@ -186,8 +186,8 @@ def write_planes(
             codes, codes_out = y[row + r, column : column + width], y_out[row + r, column : column + width]
             decoded = bare and ground.patterned and ground.first[q] < ground.first[q + 1]
             if decoded:
-                chroma_row(u, row + r, column, sx, sy, wrap, k[2], k[3], cb)
-                chroma_row(v, row + r, column, sx, sy, wrap, k[2], k[3], cr)
+                chroma_row(u, (row + r, column, sx, sy, wrap), k[2], k[3], cb)
+                chroma_row(v, (row + r, column, sx, sy, wrap), k[2], k[3], cr)
                 light_row(codes, cb, cr, k, decoding, steps, plate)
             if bare:
                 own_ratio[:], own_veil[:] = one, np.float32(0.0)
@@ -200,8 +200,8 @@ def write_planes(
                 any_, part = True, slice(first, after)
                 # Decode the plate and lay the tile over it
                 if not decoded:
-                    chroma_row(u, row + r, column + first, sx, sy, wrap, k[2], k[3], cb[part])
-                    chroma_row(v, row + r, column + first, sx, sy, wrap, k[2], k[3], cr[part])
+                    chroma_row(u, (row + r, column + first, sx, sy, wrap), k[2], k[3], cb[part])
+                    chroma_row(v, (row + r, column + first, sx, sy, wrap), k[2], k[3], cr[part])
                 if len(composite):
                     for c in range(first, after):
                         for n in range(3):
@@ -216,8 +216,8 @@ def write_planes(
                     total += light[c, 0] + light[c, 1] + light[c, 2]
                 # Encode the difference, with the grain
                 for n in range(3):
-                    _encode_row(codes[part], cb[part], cr[part], bits[part, n], alpha[r, part], k, n, encoding,
-                                steps[n, part])  # fmt: skip
+                    old_row = codes[part], cb[part], cr[part]
+                    _encode_row(old_row, bits[part, n], alpha[r, part], k, n, encoding, steps[n, part])
                 if grainy:
                     own = noise[r, part]
                     _grain_row(codes[part], cb[part], cr[part], alpha[r, part], own, strength[0], k, steps[:, part])

@@ -327,18 +327,27 @@ def _box(kind: bytes, body: bytes, depth: int) -> Box:
     return Box(kind, body)
 
 
-def video_track(moov: Box) -> Box | None:
-    """Return the first track whose handler is video."""
+def tracks_of(moov: Box, kind: bytes) -> Iterator[Box]:
+    """Yield the tracks whose handler is of a kind: b"vide" for pictures, b"soun" for sound."""
     for track in moov.children:
         handler = track.find(b"mdia", b"hdlr")
-        if track.kind == b"trak" and handler is not None and handler.payload[8:12] == b"vide":
-            return track
-    return None
+        if track.kind == b"trak" and handler is not None and handler.payload[8:12] == kind:
+            yield track
+
+
+def video_track(moov: Box) -> Box | None:
+    """Return the first track of pictures."""
+    return next(tracks_of(moov, b"vide"), None)
+
+
+def sample_table(track: Box) -> Box | None:
+    """Return the box whose children are a track's sample entries."""
+    return track.find(b"mdia", b"minf", b"stbl", b"stsd")
 
 
 def sample_entries(track: Box) -> list[Box]:
     """Return a video track's sample entries with their child boxes parsed, in place."""
-    table = track.find(b"mdia", b"minf", b"stbl", b"stsd")
+    table = sample_table(track)
     entries = table.children if table is not None else []
     for entry in entries:
         if not entry.children:

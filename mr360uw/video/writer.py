@@ -321,20 +321,20 @@ def _encoded(path: Path, frame: VideoFrame) -> bytes:
     mark = xmp_of(tags, size, panorama=whole) if "xmp" in held else b""
     if suffix == ".webp":
         return _webp(pixels, icc, exif, mark)
-    done, data = _by_opencv(path, pixels)
-    if not done:
+    data = _by_opencv(path, pixels)
+    if not data:
         raise VideoError(f"{path} - this kind of picture cannot be written - take .png, .jpg or .exr")
     if suffix == ".hdr":
         return _radiance(data, tags.lines if tags is not None and tags.kind == suffix else (), size)
     return with_tags(data, suffix, icc, exif, mark, chunks, () if tags is None else tags.own)
 
 
-def _by_opencv(path: Path, pixels: NDArray[Any]) -> tuple[bool, bytes]:
-    """Return whether OpenCV encodes RGB pixels as a path's kind of picture, and the bytes."""
+def _by_opencv(path: Path, pixels: NDArray[Any]) -> bytes:
+    """Return the bytes of RGB pixels as a path's kind of picture; none where OpenCV does not encode it."""
     import cv2
 
     done, data = cv2.imencode(path.suffix, np.ascontiguousarray(pixels[..., ::-1]))
-    return bool(done), data.tobytes() if done else b""
+    return data.tobytes() if done else b""
 
 
 def _webp(pixels: NDArray[Any], icc: bytes, exif: bytes, mark: bytes) -> bytes:

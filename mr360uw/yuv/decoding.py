@@ -74,10 +74,12 @@ def _nearest_light(table: Any, x: Any, steps: Any, last: Any) -> Any:
 
 
 @fast
-def chroma_row(
-    plane: Any, row: int, column: int, sx: int, sy: int, wrap: bool, offset: Any, span: Any, out: Any
-) -> None:
-    """Write the chroma at the pixels (row, column...) into `out`, linearly interpolated, as C in [-.5, .5]."""
+def chroma_row(plane: Any, place: Any, offset: Any, span: Any, out: Any) -> None:
+    """Write the chroma at the pixels (row, column...) into `out`, linearly interpolated, as C in [-.5, .5].
+
+    place: row, column, sx, sy and wrap.
+    """
+    row, column, sx, sy, wrap = place
     rows, columns = plane.shape
     j = row >> sy
     far = j
@@ -118,15 +120,17 @@ def light_row(codes: Any, cb: Any, cr: Any, k: Any, table: Any, places: Any, lig
 
 
 @fast
-def read_rectangle(
-    y: Any, u: Any, v: Any, row: int, column: int, sx: int, sy: int, wrap: bool, k: Any, table: Any, out: Any
-) -> None:
-    """Write the linear light of a rectangle of the planes into `out` (h, w, 3); table: `decode_table`."""
+def read_rectangle(planes: Any, place: Any, k: Any, table: Any, out: Any) -> None:
+    """Write the linear light of a rectangle of the planes (y, u, v) into `out` (h, w, 3).
+
+    place: of its first pixel, see `chroma_row`. table: `decode_table`.
+    """
+    (y, u, v), (row, column, sx, sy, wrap) = planes, place
     height, width = out.shape[:2]
     cb, cr, places = np.empty(width, np.float32), np.empty(width, np.float32), np.empty((3, width), np.float32)
     for r in range(height):
-        chroma_row(u, row + r, column, sx, sy, wrap, k[2], k[3], cb)
-        chroma_row(v, row + r, column, sx, sy, wrap, k[2], k[3], cr)
+        chroma_row(u, (row + r, column, sx, sy, wrap), k[2], k[3], cb)
+        chroma_row(v, (row + r, column, sx, sy, wrap), k[2], k[3], cr)
         light_row(y[row + r, column : column + width], cb, cr, k, table, places, out[r])
 
 
@@ -170,10 +174,9 @@ def linear_from_planes(image: YuvImage, rectangle: Rectangle | None = None, wrap
     """
     column, row, width, height = rectangle or (0, 0, *image.y.shape[::-1])
     out = np.empty((height, width, 3), np.float32)
-    sx, sy = subsampling(image)
-    table = decode_table(image.spec)
-    y, u, v = map(_read_only, (image.y, image.u, image.v))  # all of one type: a kernel is compiled for each
-    read_rectangle(y, u, v, row, column, sx, sy, wrap, coefficients(image.spec), table, out)
+    planes = tuple(map(_read_only, (image.y, image.u, image.v)))  # all of one type: a kernel is compiled for each
+    place = (row, column, *subsampling(image), wrap)
+    read_rectangle(planes, place, coefficients(image.spec), decode_table(image.spec), out)
     return in_rec709(out, image.spec)
 
 

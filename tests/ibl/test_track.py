@@ -150,7 +150,7 @@ def test_gravity_of_a_gopro() -> None:
     data = b"".join(payloads(up, (30, 30, 15)))
     assert [part.shape for part in streams(data, "GRAV")] == [(30, 3), (30, 3), (15, 3)]
     # two sensors of one body: the accelerometer's reading is stored as left, back, up
-    reading = unit(np.concatenate(streams(data, "ACCL"))[::7])
+    reading = unit(np.concatenate(list(streams(data, "ACCL")))[::7])
     np.testing.assert_allclose(reading @ [[-1, 0, 0], [0, 0, 1], [0, 1, 0]], up, atol=ACCELEROMETER)
     track = level_from_gpmf(data, 29.97)
     np.testing.assert_allclose(track.time_s, np.arange(75) / 29.97, atol=FLOAT64)
@@ -159,7 +159,7 @@ def test_gravity_of_a_gopro() -> None:
     level = level_matrix(track.roll_rad[20], track.pitch_rad[20])
     assert angle_deg(level @ up[20], np.array([0.0, 1.0, 0.0])) < np.degrees(2.0 * GRAVITY_RAD)
     with pytest.raises(ParameterError, match="cut off"):
-        streams(data[:200], "GRAV")
+        list(streams(data[:200], "GRAV"))
     with pytest.raises(ParameterError, match="no gravity"):
         level_from_gpmf(b"", 30.0)
 

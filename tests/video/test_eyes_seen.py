@@ -50,20 +50,23 @@ def eye(side: float, floor_m: float, *, circle: bool, seed: int = 0) -> Floats:
 @pytest.mark.parametrize(("floor_m", "circle"), [(1.2, False), (1.6, True)])
 def test_the_order_of_the_eyes_and_the_floor(floor_m: float, *, circle: bool) -> None:
     left, right = (eye(side, floor_m, circle=circle) for side in (-1.0, 1.0))
-    seen, swapped = eyes_seen(left, right), eyes_seen(right, left)
-    assert (seen.order, swapped.order) == ("right", "swapped")
-    assert seen.doubt("top-bottom") == ""
-    assert seen.floor_m == pytest.approx(floor_m, rel=0.1)  # a tenth of a pixel of 6 to 11, and the law's choice
-    assert 'plate.layout = "right-left"' in swapped.doubt("left-right")
-    turned = eyes_seen(left, np.roll(right, 9, axis=1))  # an offset everywhere is no order
-    assert turned.order == "right"
+    doubt, seen_m = eyes_seen(left, right, "top-bottom")
+    assert doubt == ""
+    assert seen_m == pytest.approx(floor_m, rel=0.1)  # a tenth of a pixel of 6 to 11, and the law's choice
+    swapped, none = eyes_seen(right, left, "left-right")
+    assert "its eyes look swapped" in swapped
+    assert 'plate.layout = "right-left"' in swapped
+    assert none is None
+    doubt, turned_m = eyes_seen(left, np.roll(right, 9, axis=1), "top-bottom")  # an offset everywhere is no order
+    assert doubt == ""
+    assert turned_m is not None  # told where the order is right
 
 
 def test_pictures_that_are_no_two_eyes() -> None:
     one, other = (eye(1.0, 1.5, circle=False, seed=seed) for seed in (1, 2))
-    assert 'plate.layout = "mono"' in eyes_seen(one, other).doubt("top-bottom")
+    assert 'plate.layout = "mono"' in eyes_seen(one, other, "top-bottom")[0]
     even = np.full((64, 128, 3), 0.2)
-    assert (eyes_seen(even, even).order, eyes_seen(even, even).doubt("top-bottom")) == ("unclear", "")
+    assert eyes_seen(even, even, "top-bottom") == ("", None)
 
 
 def test_check_and_new_say_that_eyes_are_swapped(tmp_path: Path, run: Run) -> None:
