@@ -213,21 +213,16 @@ class ContainerWriter(VideoWriter):
             self._container.close()
             self._container = None
             if self._boxes:
-                self._mark()
+                edit_moov(self._part, self._mark, front=True)
             publish(self._part, self.path, overwrite=self._overwrite)
 
-    def _mark(self) -> None:
-        """Mark a panorama and spatial audio, copy the tags of the plate's file, and put the index in front."""
-        sphere, spatial, tagged = self._metadata, self._spatial, self._tagged
-
-        def edit(moov: Box) -> None:
-            if tagged is not None:
-                carry_tags(moov, tagged)
-            embed_spatial(moov, spatial)
-            if sphere is not None:
-                embed(moov, sphere)
-
-        edit_moov(self._part, edit, front=True)
+    def _mark(self, moov: Box) -> None:
+        """Mark a panorama and spatial audio in a file's index, and copy the tags of the plate's file."""
+        if self._tagged is not None:
+            carry_tags(moov, self._tagged)
+        embed_spatial(moov, self._spatial)
+        if self._metadata is not None:
+            embed(moov, self._metadata)
 
     def abort(self) -> None:
         """Close and remove the temporary file, if it is still there."""

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from mr360uw.base.cache import shared
 from mr360uw.base.color import REC709_XY, PlateMapping, encode, rec709_from_chromaticities, rec709_from_xyz
-from mr360uw.yuv.ocio_transform import CubeTable
+from mr360uw.yuv.ocio_transform import CubeTable, unit_grid
 
 Array = NDArray[np.float64]
 
@@ -147,8 +147,7 @@ def icc_profile(data: bytes) -> PlateMapping | None:
         raise ValueError("a broken profile") from error
     if isinstance(found, TableProfile):
         return found
-    steps = np.linspace(0.0, 1.0, 5)
-    values = np.stack(np.meshgrid(steps, steps, steps), axis=-1)
+    values = unit_grid(5)
     greys = np.repeat(np.linspace(0.0, 1.0, 256)[:, None], 3, axis=1)
     shown = [np.abs(encode(found.to_light(some), "srgb") - some).max() for some in (values, greys)]
     if not np.all(np.isfinite(found.to_values(found.to_light(values)))):
@@ -290,9 +289,8 @@ def table_profile(data: bytes, tags: Mapping[bytes, bytes], curve: Callable[[byt
     else:
         steps.append(lambda codes: _xyz_of_lab(codes, old=old) @ matrix)
     # Sample it, for the way back
-    axis = np.linspace(0.0, 1.0, _NODES)
-    grid = np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), axis=-1)
-    light = np.asarray(encode(_followed(steps, grid.reshape(-1, 3)).reshape(grid.shape), "srgb"), np.float64)
+    sampled = _followed(steps, unit_grid(_NODES)).reshape(_NODES, _NODES, _NODES, 3)
+    light = np.asarray(encode(sampled, "srgb"), np.float64)
     if not np.all(np.isfinite(light)):
         raise ValueError("a broken profile")
     return TableProfile(hashlib.sha256(data).hexdigest(), first, tuple(steps), CubeTable(light))

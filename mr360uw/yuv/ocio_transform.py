@@ -109,8 +109,7 @@ def ocio_mapping(settings: OcioSettings, levels: Levels) -> OcioMapping:
 
 def _check_inverse(mapping: OcioMapping) -> None:
     """Raise `ParameterError` where values do not come back from light: what is drawn could not be written then."""
-    steps = np.linspace(0.0, 1.0, _GRID)
-    values = np.stack(np.meshgrid(steps, steps, steps, indexing="ij"), axis=-1).reshape(-1, 3)
+    values = unit_grid(_GRID)
     back = np.asarray(mapping.to_values(mapping.to_light(values)), np.float64)
     wrong = float(np.max(np.abs(np.where(np.isfinite(back), back, np.inf) - values)))
     if not wrong <= _LARGEST_LOSS:
@@ -118,6 +117,12 @@ def _check_inverse(mapping: OcioMapping) -> None:
             f"plate.ocio - {mapping.source} does not come back from {mapping.working} (got values that are off by "
             f"{wrong:.3g} of 1) - take a colour space that can be converted both ways without loss"
         )
+
+
+def unit_grid(count: int) -> NDArray[np.float64]:
+    """Return the values (count^3, 3) of three channels at equal steps from 0 to 1, the last one running fastest."""
+    steps = np.linspace(0.0, 1.0, count)
+    return np.stack(np.meshgrid(steps, steps, steps, indexing="ij"), axis=-1).reshape(-1, 3)
 
 
 def _check_files(config: Any, spaces: Sequence[str], where: str) -> None:
@@ -239,8 +244,7 @@ def cube_mapping(path: Path, to: DisplayTransfer, levels: Levels) -> CubeMapping
         reason = "; ".join(dict.fromkeys(_reasons(str(error))))
         raise VideoError(f"{path} - is no .cube table that can be read (got {reason}) - export it again") from error
     # Find where values come back as others, though the table does not clip them
-    steps = np.linspace(0.0, 1.0, _CELLS + 1)
-    values = np.stack(np.meshgrid(steps, steps, steps, indexing="ij"), axis=-1).reshape(-1, 3)
+    values = unit_grid(_CELLS + 1)
     shown = _applied(forward, values)
     low, high = shown.min(axis=0), shown.max(axis=0)
     if not np.all(np.isfinite(shown)):
@@ -278,15 +282,10 @@ def _cube_processor(text: str, *, inverse: bool) -> Any:
         return _processor_of(transform, inverse=inverse)
 
 
-@functools.cache
-def _no_config() -> Any:
-    return _library().Config.CreateRaw()
-
-
 def _processor_of(transform: Any, *, inverse: bool) -> Any:
     ocio = _library()
     direction = ocio.TRANSFORM_DIR_INVERSE if inverse else ocio.TRANSFORM_DIR_FORWARD
-    made = _no_config().getProcessor(transform, direction)
+    made = ocio.Config.CreateRaw().getProcessor(transform, direction)
     return made.getOptimizedCPUProcessor(ocio.OPTIMIZATION_LOSSLESS)
 
 

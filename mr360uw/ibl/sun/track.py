@@ -170,24 +170,10 @@ def track_suns(
         _steady_shot(times[a:b], direction[a:b], irradiance[a:b], half_angle[a:b], share[a:b], weight[a:b], camera)
         for a, b in zip((0, *cuts), (*cuts, count), strict=True)
     ]
-    smooth_direction, smooth_irradiance, smooth_angle, smooth_share, trust = (
-        np.concatenate([np.asarray(part[k]) for part in smoothed]) for k in range(5)
-    )
+    steady, light, angle, taken, trust = (np.concatenate([part[k] for part in smoothed]) for k in range(5))
     # Return what was measured beside what was made of it
     exposure = np.array([f.exposure for f in frames])
-    return SunTrack(
-        times,
-        direction,
-        smooth_direction,
-        irradiance,
-        smooth_irradiance,
-        smooth_angle,
-        confidence,
-        trust,
-        exposure,
-        smooth_share,
-        cuts,
-    )
+    return SunTrack(times, direction, steady, irradiance, light, angle, confidence, trust, exposure, taken, cuts)
 
 
 def _steady_shot(
