@@ -231,7 +231,7 @@ FAULTS: tuple[tuple[str, str, str, str], ...] = (
      "0.2126 * red + 0.7152 * green + 0.0722 * blue", "ibl/test_sun.py"),
     ("ibl/sun/spots.py", "_falling(confidence, 1.5 * _HALF_TAKEN, 0.5 * _HALF_TAKEN)",
      "_falling(confidence, 0.5 * _HALF_TAKEN, 1.5 * _HALF_TAKEN)", "ibl/test_sun.py"),
-    ("ibl/sun/split.py", "residual - coarse), sun)", "residual), sun)", "ibl/test_sun.py"),
+    ("ibl/sun/split.py", "residual - coarse), sun", "residual), sun", "ibl/test_sun.py"),
     ("ibl/sun/split.py", "irradiance - area @ change", "irradiance + area @ change", "ibl/test_glare.py"),
     ("ibl/sun/split.py", "weight = amount * clear *", "weight = amount *", "ibl/test_glare.py"),
     ("ibl/sun/split.py", "(elevation_sine(coarse_directions(), up), 0.0)",

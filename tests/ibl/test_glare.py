@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The glare about a sun under water is taken out of the sky; see `ibl.sun.glare`."""
+"""The glare about a sun under water is taken out of the sky; see `ibl.sun.split`."""
 
 from __future__ import annotations
 
