@@ -260,41 +260,46 @@ _ZERO = np.float32(0.0)
 
 
 @inlined
-def _chroma_parts(u: Any, v: Any, folded: Any, parts: Any) -> None:
-    """Write the terms of R', G', B' (3, W) that two rows of pixels share: their row of chroma, and the luma offset."""
+def _chroma_parts(u: Any, v: Any, folded: Any, dr: Any, dg: Any, db: Any) -> None:
+    """Write the terms of R', G', B' (W,) that two rows of pixels share: their row of chroma, and the luma offset."""
     shift, neutral = folded[1], folded[2]
     r_v, g_u, g_v, b_u = folded[3], folded[4], folded[5], folded[6]
     for k in range(len(u)):
         du = np.float32(u[k]) - neutral
         dv = np.float32(v[k]) - neutral
-        parts[0, 2 * k] = parts[0, 2 * k + 1] = shift + dv * r_v
-        parts[1, 2 * k] = parts[1, 2 * k + 1] = shift + du * g_u + dv * g_v
-        parts[2, 2 * k] = parts[2, 2 * k + 1] = shift + du * b_u
+        dr[2 * k] = dr[2 * k + 1] = shift + dv * r_v
+        dg[2 * k] = dg[2 * k + 1] = shift + du * g_u + dv * g_v
+        db[2 * k] = db[2 * k + 1] = shift + du * b_u
 
 
 @inlined
-def _add_light(rows: Any, weights: Any, scale: Any, curve: Any, parts: Any, light: Any) -> None:
-    """Add the weighted light of two rows of pixels to the sums (3, W) of their columns."""
+def _add_light(rows: Any, weights: Any, scale: Any, curve: Any, parts: Any, sums: Any) -> None:
+    """Add the weighted light of two rows of pixels to the sums of their columns. parts: of `_chroma_parts`."""
     slope, c1, c2, c3, c4, c5, c6 = curve[0], curve[1], curve[2], curve[3], curve[4], curve[5], curve[6]
-    (upper, lower), (weight_a, weight_b) = rows, weights
-    for n in range(3):
-        part, total = parts[n], light[n]
-        for i in range(len(upper)):
-            p = polynomial_light(np.float32(upper[i]) * scale + part[i], slope, c1, c2, c3, c4, c5, c6)
-            q = polynomial_light(np.float32(lower[i]) * scale + part[i], slope, c1, c2, c3, c4, c5, c6)
-            total[i] += weight_a * p + weight_b * q
+    (ya, yb), (weight_a, weight_b), (dr, dg, db), (red, green, blue) = rows, weights, parts, sums
+    for i in range(len(ya)):
+        a, b = np.float32(ya[i]) * scale, np.float32(yb[i]) * scale
+        p = polynomial_light(a + dr[i], slope, c1, c2, c3, c4, c5, c6)
+        q = polynomial_light(b + dr[i], slope, c1, c2, c3, c4, c5, c6)
+        red[i] += weight_a * p + weight_b * q
+        p = polynomial_light(a + dg[i], slope, c1, c2, c3, c4, c5, c6)
+        q = polynomial_light(b + dg[i], slope, c1, c2, c3, c4, c5, c6)
+        green[i] += weight_a * p + weight_b * q
+        p = polynomial_light(a + db[i], slope, c1, c2, c3, c4, c5, c6)
+        q = polynomial_light(b + db[i], slope, c1, c2, c3, c4, c5, c6)
+        blue[i] += weight_a * p + weight_b * q
 
 
 @inlined
-def _store_blocks(light: Any, peak: Any, block: Any, total: Any, brightest: Any) -> None:
+def _store_blocks(red: Any, green: Any, blue: Any, peak: Any, block: Any, total: Any, brightest: Any) -> None:
     """Write the sums of the columns of each block (W/block, 3), and the largest luma code (W/block,)."""
     for k in range(len(total)):
         r, g, b = _ZERO, _ZERO, _ZERO
         high = peak[k * block]
         for i in range(k * block, (k + 1) * block):
-            r += light[0, i]
-            g += light[1, i]
-            b += light[2, i]
+            r += red[i]
+            g += green[i]
+            b += blue[i]
             high = max(high, peak[i])
         total[k, 0], total[k, 1], total[k, 2] = r, g, b
         brightest[k] = high
@@ -311,18 +316,22 @@ def reduce_planes(
     """
     y, u, v = planes
     height, width = y.shape
-    parts, light, peak = np.empty((3, width), np.float32), np.empty((3, width), np.float32), np.empty(width, y.dtype)
+    dr, dg, db = np.empty(width, np.float32), np.empty(width, np.float32), np.empty(width, np.float32)
+    red, green, blue = np.empty(width, np.float32), np.empty(width, np.float32), np.empty(width, np.float32)
+    peak = np.empty(width, y.dtype)
     for band in range(height // block):
-        light[:] = _ZERO
+        red[:] = _ZERO
+        green[:] = _ZERO
+        blue[:] = _ZERO
         peak[:] = 0
         for row in range(band * block, (band + 1) * block, 2):
-            upper, lower = y[row], y[row + 1]
-            _chroma_parts(u[row // 2], v[row // 2], folded, parts)
+            ya, yb, chroma_u, chroma_v = y[row], y[row + 1], u[row // 2], v[row // 2]
+            _chroma_parts(chroma_u, chroma_v, folded, dr, dg, db)
             for i in range(width):
-                peak[i] = max(peak[i], upper[i], lower[i])
+                peak[i] = max(peak[i], ya[i], yb[i])
             weights = row_weight[row], row_weight[row + 1]
-            _add_light((upper, lower), weights, folded[0], curve, parts, light)
-        _store_blocks(light, peak, block, total[band], brightest[band])
+            _add_light((ya, yb), weights, folded[0], curve, (dr, dg, db), (red, green, blue))
+        _store_blocks(red, green, blue, peak, block, total[band], brightest[band])
 
 
 class YuvPlate:

@@ -44,8 +44,11 @@ _SOUND_LONGER_S = 1.0
 """Time [s] by which the sound of a complete file may be longer than its pictures; twice as large, shorter cuts pass."""
 
 
-def _turn_of(path: Path, first: Any) -> int:
-    """Return the degrees by which a file asks its pictures to be turned; `VideoError` where it mirrors them."""
+def _turn_of(path: Path, first: Any, *, both: bool) -> int:
+    """Return the degrees by which a file asks its pictures to be turned; `VideoError` where that is not done here.
+
+    both: whether both eyes are read.
+    """
     matrix = first.side_data.get(Type.DISPLAYMATRIX)
     a, b, _, c, d = struct.unpack_from("=5i", bytes(matrix)) if matrix is not None else (1, 0, 0, 0, 1)
     if a * d < b * c:
@@ -53,7 +56,13 @@ def _turn_of(path: Path, first: Any) -> int:
             f"{path} - asks to be shown as in a mirror (its display matrix) - turn its pictures before, as by ffmpeg "
             f"-i {path.name} -c:a copy {path.stem}_turned{path.suffix}"
         )
-    return int(first.rotation) % 360
+    turn = int(first.rotation) % 360
+    if turn not in (0, 180) or (turn and both):
+        raise VideoError(
+            f"{path} - asks to be turned by {turn} degrees - turn the pictures upright before "
+            "(only 180 is done here, and not for both eyes)"
+        )
+    return turn
 
 
 def _unused(path: Path, stream: Any, first: Any, crop: Rectangle) -> Iterator[str]:
@@ -103,13 +112,8 @@ class ContainerReader(VideoReader):
             context = stream.codec_context
             tags = ColorTags.of(context)
             spherical = read_spherical(path) or _spherical_of(stream, first)
-            self._rotation = _turn_of(path, first)
             spec = color_spec(path, first.format.name, tags, first.height, named)
-            if self._rotation not in (0, 180) or (self._rotation and eyes[0] == "both"):
-                raise VideoError(
-                    f"{path} - asks to be turned by {self._rotation} degrees - turn the pictures upright before "
-                    "(only 180 is done here, and not for both eyes)"
-                )
+            self._rotation = _turn_of(path, first, both=eyes[0] == "both")
             # Find the panoramas in the first picture
             self._size = first.width, first.height
             self._crop, self._beside, stereo = panorama_crops(
