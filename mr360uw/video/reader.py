@@ -310,8 +310,8 @@ def whole_frame(frame: VideoFrame, stereo: Stereo) -> VideoFrame:
 
 
 Damaged = Literal["stop", "hold"]
-Decoder = Literal["software", "auto"]
 """What happens at a frame that cannot be decoded: an error, or the last good frame once more."""
+Decoder = Literal["software", "auto"]
 
 Seeker = Callable[[int], Iterator[VideoFrame]]
 """Frames from a start on, to the end of the clip; of a still its one."""
