@@ -8,7 +8,6 @@ Values outside of a table's domain are held at its edge.
 
 from __future__ import annotations
 
-import functools
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
