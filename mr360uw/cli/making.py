@@ -48,7 +48,7 @@ def new(
     outside_files: Annotated[bool, typer.Option("--outside-files", help="MESH may name files elsewhere")] = False,
 ) -> None:
     """Look at VIDEO and MESH, and write a scene that puts one into the other, with a preview; say what was guessed."""
-    from mr360uw.composite.mesh.ply_stl import Up
+    from mr360uw.composite.mesh.up_axis import Up
     from mr360uw.first_look.first_scene import make_first_scene
     from mr360uw.first_look.place_in_plate import Wish
 

@@ -25,9 +25,9 @@ from mr360uw.base.sphere import yaw_matrix
 from mr360uw.caustics.settings import Sea
 from mr360uw.composite.mesh.material import MeshFile, Rigging
 from mr360uw.composite.mesh.mesh import Mesh, Unit, mesh_of_file, object_from_file, proper_triangles, read_mesh_file
-from mr360uw.composite.mesh.ply_stl import Up
 from mr360uw.composite.mesh.polygons import corner_normals, placed
 from mr360uw.composite.mesh.skin import Animation
+from mr360uw.composite.mesh.up_axis import Up
 from mr360uw.composite.settings import Front, Interpolation, LampSettings, Loop, ObjectSettings
 from mr360uw.errors import MeshError, ParameterError
 from mr360uw.ibl.tilt import level_matrix, roll_pitch

@@ -14,7 +14,7 @@ from pydantic import Field, field_validator, model_validator
 
 from mr360uw.base.constants import MAXIMUM_SUN_SAMPLES
 from mr360uw.base.parameters import LATEST_S, Parameters, advanced, parameter
-from mr360uw.composite.mesh.ply_stl import Up
+from mr360uw.composite.mesh.up_axis import Up
 from mr360uw.ibl.settings import EXPOSURE
 
 FARTHEST = 1e9

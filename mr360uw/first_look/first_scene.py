@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from mr360uw.base.color import luminance
 from mr360uw.base.files import check_outputs, whole_file
 from mr360uw.base.input_files import read_json
-from mr360uw.composite.mesh.ply_stl import Up
+from mr360uw.composite.mesh.up_axis import Up
 from mr360uw.composite.settings import ObjectSettings
 from mr360uw.errors import ParameterError, SceneError, VideoError
 from mr360uw.first_look.observations import Eye, PlateLook, look_at_mesh, look_at_plate

@@ -18,7 +18,7 @@ from mr360uw.base.color import luminance
 from mr360uw.base.sphere import directions, frame_from_direction, row_solid_angle
 from mr360uw.composite import Mesh
 from mr360uw.composite.mesh.mesh import METRES, Unit, mesh_of_file, object_from_file, read_mesh_file
-from mr360uw.composite.mesh.ply_stl import Habit, Kind, Up, asymmetry, kind_of, surface_points, up_axis
+from mr360uw.composite.mesh.up_axis import Habit, Kind, Up, asymmetry, kind_of, surface_points, up_axis
 from mr360uw.composite.settings import Front
 from mr360uw.errors import VideoError
 from mr360uw.ibl import environment

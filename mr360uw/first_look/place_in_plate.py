@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from mr360uw.base.color import luminance
 from mr360uw.base.sphere import direction_from_angles, frame_from_direction
-from mr360uw.composite.mesh.ply_stl import Habit
+from mr360uw.composite.mesh.up_axis import Habit
 from mr360uw.errors import ParameterError
 from mr360uw.first_look.observations import MeshLook, PlateLook, red_ratio
 from mr360uw.types import Array, Floats

@@ -12,7 +12,7 @@ import trimesh
 from PIL import Image
 
 from mr360uw.composite import Mesh, load_mesh, load_object
-from mr360uw.composite.mesh.ply_stl import UPRIGHT, Up
+from mr360uw.composite.mesh.up_axis import UPRIGHT, Up
 from mr360uw.composite.settings import ObjectSettings
 from mr360uw.errors import MeshError
 from tests.composite import tolerances as tol

@@ -13,7 +13,7 @@ import trimesh
 
 from mr360uw.base.color import encode
 from mr360uw.base.sphere import directions
-from mr360uw.composite.mesh.ply_stl import kind_of
+from mr360uw.composite.mesh.up_axis import kind_of
 from mr360uw.composite.settings import Front
 from mr360uw.first_look.observations import look_at_mesh, look_at_plate, water_or_air
 from mr360uw.first_look.place_in_plate import free_view

@@ -31,7 +31,6 @@ from mr360uw.composite.mesh.gltf import (
 from mr360uw.composite.mesh.material import (
     MAPS,
     MapCoordinates,
-    MappedMaterial,
     Material,
     MeshFile,
     Part,
@@ -158,7 +157,7 @@ class _SceneReader:
         self.rest = self.skeleton.at_rest()
         self.reader = MaterialReader(gltf)
         self.numbers: dict[int | None, int] = {}
-        self.materials: list[MappedMaterial] = []
+        self.materials: list[tuple[Material, tuple[MapCoordinates, ...]]] = []
         # several nodes may show a primitive
         self.primitive = functools.cache(
             lambda mesh, k: read_primitive(gltf, gltf.entry("meshes", mesh)["primitives"][k])
@@ -175,7 +174,7 @@ class _SceneReader:
         clips = enumerate(self.gltf.listed("animations"))
         names = tuple(str(entry.get("name") or number) for number, entry in clips)
         rigging = Rigging(self.skeleton, bodies, names, ClipReader(self.gltf, self.place, names)) if names else None
-        return MeshFile(parts, tuple(m.material for m in self.materials), notes, rigging)
+        return MeshFile(parts, tuple(material for material, _ in self.materials), notes, rigging)
 
     def _note_what_is_left(self) -> None:
         """Note other scenes of the file, and cameras."""
@@ -207,7 +206,7 @@ class _SceneReader:
             if "material" not in entry and primitive.colors is None:
                 self._note("has parts without material and colours - they are white, matt and drawn on both sides")
             material = self._material(entry.get("material"))
-            uv, *more_uv = [primitive.coordinates(of) for of in self.materials[material].coordinates]
+            uv, *more_uv = [primitive.coordinates(of) for of in self.materials[material][1]]
             title, more = name or f"mesh {node['mesh']}", tuple(more_uv)
             yield Part(title, positions, faces, normals, uv, primitive.colors, material, True, more), body
 
@@ -225,7 +224,7 @@ class _SceneReader:
     def _material(self, source: int | None) -> int:
         if source not in self.numbers:
             self.numbers[source] = len(self.materials)
-            self.materials.append(BARE if source is None else self.reader.read(source))
+            self.materials.append((BARE, (_PLAIN,)) if source is None else self.reader.read(source))
         return self.numbers[source]
 
     def _note(self, text: str) -> None:
@@ -238,7 +237,7 @@ _WRAPS: dict[int, Wrap] = {10497: "repeat", 33071: "clamp", 33648: "mirror"}
 
 
 _PLAIN = MapCoordinates("TEXCOORD_0")
-BARE = MappedMaterial(Material(base_color=(1.0, 1.0, 1.0, 1.0), roughness=1.0, double_sided=True), (_PLAIN,))
+BARE = Material(base_color=(1.0, 1.0, 1.0, 1.0), roughness=1.0, double_sided=True)
 """Default material: glTF's white, but not metallic, and drawn on both sides."""
 
 
@@ -251,8 +250,8 @@ class MaterialReader:
         pixels = functools.cache(lambda image: decode_image(gltf.image(image), f"{gltf.path} image {image}"))
         self._made = functools.cache(lambda image, srgb, wrap: make_texture(pixels(image), srgb=srgb, wrap=wrap))
 
-    def read(self, number: int) -> MappedMaterial:
-        """Return a material of the file's list."""
+    def read(self, number: int) -> tuple[Material, tuple[MapCoordinates, ...]]:
+        """Return a material of the file's list, and the coordinates of each of its `sets`."""
         # Find the factors, also those of the older workflow and of unlit materials
         entry = self.gltf.entry("materials", number)
         extensions = entry.get("extensions", {})
@@ -299,7 +298,7 @@ class MaterialReader:
             **maps,
         )
         self._check(material, coordinates)
-        return MappedMaterial(material, coordinates)
+        return material, coordinates
 
     def _check(self, material: Material, coordinates: tuple[MapCoordinates, ...]) -> None:
         """Raise `MeshError` where a factor is not finite, or one of light or reflection is negative."""

@@ -42,15 +42,6 @@ class MapCoordinates:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class MappedMaterial:
-    """A material of a file, the coordinates of each of its `sets`, and the name of its vertex colours or ""."""
-
-    material: Material
-    coordinates: tuple[MapCoordinates, ...]
-    colors: str = ""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class Part:
     """Triangles `faces` (T, 3) over vertices (V, 3), in the world of the file.
 

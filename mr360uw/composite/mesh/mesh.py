@@ -22,9 +22,10 @@ from mr360uw.base.parameters import checked
 from mr360uw.composite.mesh.gltf_scene import read_gltf
 from mr360uw.composite.mesh.material import Material, MeshFile, Part
 from mr360uw.composite.mesh.obj_file import read_obj
-from mr360uw.composite.mesh.ply_stl import UPRIGHT, Up, read_ply, read_stl, up_axis
+from mr360uw.composite.mesh.ply_stl import read_ply, read_stl
 from mr360uw.composite.mesh.polygons import corner_normals, crease_normals, placed, smooth_patches, welded
 from mr360uw.composite.mesh.skin import smoothed_body
+from mr360uw.composite.mesh.up_axis import UPRIGHT, Up, up_axis
 from mr360uw.composite.mesh.usd_scene import read_usd
 from mr360uw.errors import MeshError
 from mr360uw.types import Floats

@@ -7,9 +7,8 @@ import functools
 import math
 import os
 import re
-from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from urllib.parse import unquote
 
@@ -20,7 +19,6 @@ from mr360uw.base.color import decode
 from mr360uw.base.input_files import LOOKED_FOR, TEXT, TRIANGLES, beside, neighbour, read_data, text_of
 from mr360uw.composite.mesh.material import (
     MapCoordinates,
-    MappedMaterial,
     Material,
     MeshFile,
     Part,
@@ -37,111 +35,89 @@ from mr360uw.types import Floats
 _CURVES, _LOOKS = "curves or free-form surfaces", "textures by name (usemap) instead of materials"
 _NOT_DRAWN = {"p": "points or lines", "l": "points or lines", "curv": _CURVES, "curv2": _CURVES, "surf": _CURVES,
               "usemap": _LOOKS, "maplib": _LOOKS, "call": "other files in it (call)"}  # fmt: skip
-_PAINT = "#MRGB"
+_NAMES = {"mtllib": "library", "o": "object", "g": "object"}
+_PAINT = "#mrgb"
 """Comments in which ZBrush keeps the colours of vertices."""
 _HEAD = 60
 """Lines at the top in whose comments exporters name themselves and their axes."""
-
-
-@dataclass(slots=True)
-class _Lines:
-    """The lines of a file, by their first words. vertices, uvs, normals: numbers as they are written.
-
-    corners, counts, looks: of polygons: v/vt/vn as absolute numbers, how many, and the name of its material. words: how
-    often others come.
-    """
-
-    vertices: list[list[str]] = field(default_factory=list)
-    uvs: list[list[str]] = field(default_factory=list)
-    normals: list[list[str]] = field(default_factory=list)
-    corners: list[str] = field(default_factory=list)
-    counts: list[int] = field(default_factory=list)
-    looks: list[str] = field(default_factory=list)
-    libraries: list[str] = field(default_factory=list)
-    objects: list[str] = field(default_factory=list)
-    words: Counter[str] = field(default_factory=Counter)
 
 
 def read_obj(path: Path, *, outside: bool = False) -> MeshFile:
     """Return the contents of an OBJ; raise `MeshError`. outside: it may name files outside of its folder."""
     text = text_of(read_data(path, MeshError)).replace("\\\r\n", " ").replace("\\\n", " ")
     try:
-        return _contents(path, text, _sorted(text), outside=outside)
+        return _contents(path, text, outside=outside)
     except (ValueError, IndexError, OverflowError) as error:
         raise MeshError(f"{path} - cannot be read as a mesh (got: {error!s:.200}) - export it again") from error
 
 
-def _sorted(text: str) -> _Lines:
-    """Return the lines of a text by what they give."""
-    found, look = _Lines(), ""
+def _sorted(text: str) -> tuple[dict[str, list[list[str]]], list[tuple[list[str], str]], dict[str, list[str]]]:
+    """Return the lines of a text by what they give.
+
+    Numbers of v, vt and vn as they are written; the corners v/vt/vn of each polygon, in absolute numbers, with the name
+    of its material; what follows each of the other words that are read or said.
+    """
+    rows: dict[str, list[list[str]]] = {"v": [], "vt": [], "vn": []}
+    polygons: list[tuple[list[str], str]] = []
+    others: dict[str, list[str]] = {}
+    look = ""
     # Compare the frequent words first; comments end lines of numbers, but may be part of a name
-    rows = {"v": found.vertices, "vt": found.uvs, "vn": found.normals}
     for line in text.splitlines():
         word, *values = line.split(None, 1) or [""]
         word, rest = word.lower(), values[0] if values else ""
-        if word in ("v", "vt", "vn", "f", "fo") and "#" in rest:
-            rest = rest.partition("#")[0]
         if word in rows:
-            rows[word].append(rest.split())
+            rows[word].append(rest.partition("#")[0].split())
         elif word in ("f", "fo"):
-            corners = rest.split()
+            corners = rest.partition("#")[0].split()
             if "-" in rest:  # counted back from the last before this line
-                sizes = (len(found.vertices), len(found.uvs), len(found.normals))
-                corners = [_absolute(corner, sizes) for corner in corners]
-            found.corners += corners
-            found.counts.append(len(corners))
-            found.looks.append(look)
+                corners = [_absolute(corner, [len(of_word) for of_word in rows.values()]) for corner in corners]
+            polygons.append((corners, look))
         elif word == "usemtl":
             look = rest
-        elif word == "mtllib":
-            found.libraries.append(rest)
-        elif word in ("o", "g") and rest:
-            found.objects.append(rest.strip())
-        elif word in _NOT_DRAWN or word == _PAINT.lower():
-            found.words[word] += 1
-    return found
+        elif word in _NAMES:
+            others.setdefault(_NAMES[word], []).append(rest.strip())
+        elif word in _NOT_DRAWN or word == _PAINT:
+            others.setdefault(word, []).append(rest)
+    return rows, polygons, others
 
 
-def _absolute(corner: str, sizes: tuple[int, int, int]) -> str:
+def _absolute(corner: str, sizes: list[int]) -> str:
     """Return a corner v/vt/vn whose numbers below 0 are counted from the end."""
     numbers = [int(number) if number else 0 for number in corner.split("/")]
     return "/".join(str(n + size + 1 if n < 0 else n) for n, size in zip(numbers, sizes, strict=False))
 
 
-def _contents(path: Path, text: str, lines: _Lines, *, outside: bool) -> MeshFile:
-    """Return the parts of the lines, one for each material."""
+def _contents(path: Path, text: str, *, outside: bool) -> MeshFile:
+    """Return the parts of a text, one for each material."""
     # Make tables of the numbers, each corner with its own
-    TRIANGLES.check(str(path), len(lines.corners) - 2 * len(lines.counts), MeshError)
-    vertices, colors = _vertices(lines.vertices)
-    uvs, normals = _table(lines.uvs, 2), _table(lines.normals, 3)
-    corners = _corners(lines.corners)
+    rows, polygons, others = _sorted(text)
+    counts = np.array([len(polygon) for polygon, _ in polygons], np.int64)
+    TRIANGLES.check(str(path), int(counts.sum()) - 2 * len(counts), MeshError)
+    vertices, colors = _vertices(rows["v"])
+    uvs, normals = _table(rows["vt"], 2), _table(rows["vn"], 3)
+    corners = _corners([corner for polygon, _ in polygons for corner in polygon])
     # Make a part of the polygons of each material, in the order of their first use
-    libraries = Libraries(path, lines.libraries, outside=outside)
-    names = list(dict.fromkeys(lines.looks))
-    look = np.array([names.index(name) for name in lines.looks] if len(names) > 1 else [0] * len(lines.looks), np.int64)
-    counts = np.array(lines.counts, np.int64)
+    libraries = Libraries(path, others.get("library", []), outside=outside)
+    numbers = {name: number for number, name in enumerate(dict.fromkeys(name for _, name in polygons))}
+    look = np.array([numbers[name] for _, name in polygons], np.int64)
     owner = np.repeat(look, counts)
     parts: list[Part] = []
     materials: list[Material] = []
-    title = lines.objects[0] if lines.objects else path.name
-    for number, name in enumerate(names):
+    title = next(filter(None, others.get("object", [])), path.name)
+    for name, number in numbers.items():
         place, image, normal = corners[owner == number].T
         check_corners(path, place, len(vertices))
         tint = None if colors is None else colors[place]
-        mapped = libraries.material(name, tinted=tint is not None)
+        material, coordinates = libraries.material(name, tinted=tint is not None)
         uv = _values(uvs, image)
-        uv = None if uv is None else mapped.coordinates[0].of(uv) * [1.0, -1.0] + [0.0, 1.0]
-        polygons = polygons_of(vertices, counts[look == number], place, left_handed=False)
-        called = title if len(names) == 1 else bare_name(name) or title
-        parts.append(Part(called, vertices[place], polygons.faces, _values(normals, normal), uv, tint, number))
-        materials.append(mapped.material)
-    notes = [
-        f"{path} - has {what} - they are not drawn" for what in dict.fromkeys(map(_NOT_DRAWN.get, lines.words)) if what
-    ]
-    if _PAINT.lower() in lines.words:
-        notes.append(
-            f"{path} - has painted vertices of ZBrush ({_PAINT}) - they are not drawn; export a texture or PLY"
-        )
+        uv = None if uv is None else coordinates.of(uv) * [1.0, -1.0] + [0.0, 1.0]
+        faces = polygons_of(vertices, counts[look == number], place, left_handed=False).faces
+        called = title if len(numbers) == 1 else bare_name(name) or title
+        parts.append(Part(called, vertices[place], faces, _values(normals, normal), uv, tint, number))
+        materials.append(material)
+    notes = [f"{path} - has {what} - they are not drawn" for what in dict.fromkeys(map(_NOT_DRAWN.get, others)) if what]
+    if _PAINT in others:
+        notes.append(f"{path} - has painted vertices of ZBrush (#MRGB) - they are not drawn; export a texture or PLY")
     head = "\n".join(line for line in text.splitlines()[:_HEAD] if line.lstrip().startswith("#"))
     return MeshFile(tuple(parts), tuple(materials), (*libraries.notes, *notes), head=head)
 
@@ -160,9 +136,7 @@ def _vertices(rows: list[list[str]]) -> tuple[Floats, Floats | None]:
 
 def _table(rows: list[list[str]], width: int) -> Floats:
     """Return the first numbers (n, width) of rows; what is not written is 0."""
-    if all(len(row) >= width for row in rows):
-        return np.array([row[:width] for row in rows], np.float64).reshape(-1, width)
-    return np.array([(row + ["0"] * width)[:width] for row in rows], np.float64)
+    return np.array([(row + ["0"] * width)[:width] for row in rows], np.float64).reshape(-1, width)
 
 
 def _corners(written: list[str]) -> NDArray[np.int64]:
@@ -316,13 +290,16 @@ class Libraries:
             elif values and not word.startswith("#"):
                 entry[word.lower()] = values[0].strip()
 
-    def material(self, name: str, *, tinted: bool) -> MappedMaterial:
-        """Return the material of a name; tinted: its vertices have colours, which stand instead of its own."""
+    def material(self, name: str, *, tinted: bool) -> tuple[Material, MapCoordinates]:
+        """Return the material of a name, and how its maps move the texture coordinates.
+
+        tinted: its vertices have colours, which stand instead of its own.
+        """
         found = next((self._entries[key] for key in map(_key, _names(name)) if key in self._entries), None)
         if found is None:
             if self._entries and bare_name(name):
                 self._notes[f"{self.path} - its material {bare_name(name)!r:.80} is in no library - it is grey"] = None
-            return MappedMaterial(Material(base_color=_WHITE if tinted else _GREY, double_sided=True), (_PLAIN,))
+            return Material(base_color=_WHITE if tinted else _GREY, double_sided=True), _PLAIN
         library, entry = found
         for word in entry:
             if word not in _DRAWN and not _changes_nothing(word, entry):
@@ -343,15 +320,13 @@ class Libraries:
             emission_map=self._texture(glow, srgb=True),
         )
         material = self._metallic(self._covering(material, found, base), found)
-        return MappedMaterial(material, (_PLAIN if base is None else base.coordinates,))
+        return material, _PLAIN if base is None else base.coordinates
 
     def _covering(self, material: Material, found: _Entry, base: _Map | None) -> Material:
         """Return a material with the opacity of its entry: `d`, else 1 - `Tr`, cut out by `map_d`."""
         # Read the opacity of the whole material
         library, entry = found
-        word = "d" if "d" in entry else "tr"
-        value = entry.get(word, "1" if word == "d" else "0").split()[-1]
-        opacity = _number({word: value}, word, 1.0) if word == "d" else 1.0 - _number({word: value}, word, 0.0)
+        opacity = _number(entry, "d", 1.0, -1) if "d" in entry else 1.0 - _number(entry, "tr", 0.0, -1)
         if opacity <= 0.0 or (opacity >= 1.0 and "d" in entry and _number(entry, "tr", 0.0) > 0.0):
             # Old exporters write what is opaque as Tr 1
             what = " and ".join(f"{one} {entry[one]}" for one in ("d", "tr") if one in entry)
@@ -461,10 +436,10 @@ def _key(name: str) -> str:
     return bare_name(name).casefold()
 
 
-def _number(entry: dict[str, str], word: str, default: float) -> float:
-    """Return the number of a word; the default where it has none that is finite."""
+def _number(entry: dict[str, str], word: str, default: float, place: int = 0) -> float:
+    """Return the number of a word, the first or that at a place; the default where it has none that is finite."""
     try:
-        value = float(entry[word].split()[0])
+        value = float(entry[word].split()[place])
     except (KeyError, ValueError, IndexError):
         return default
     return value if math.isfinite(value) else default

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from mr360uw.composite.mesh.material import (
     MapCoordinates,
-    MappedMaterial,
     Material,
     Pixels,
     Texture,
@@ -23,6 +22,8 @@ from mr360uw.composite.mesh.material import (
     make_texture,
 )
 
+Look = tuple[Material, MapCoordinates, str]
+"""A material, the texture coordinates of all its maps, and the primvar that its colours are taken from or ""."""
 UNBOUND = Material("", (0.18, 0.18, 0.18, 1.0), roughness=0.5)
 """The defaults of UsdPreviewSurface: what a mesh without a material looks like."""
 _CHANNELS = "rgba"
@@ -39,13 +40,13 @@ class UsdMaterialReader:
         self._pixels: dict[str, Pixels] = {}
         self._textures: dict[Any, Texture] = {}
 
-    def read(self, bound: Any) -> MappedMaterial:
+    def read(self, bound: Any) -> Look:
         """Return a UsdShadeMaterial as a material."""
         name = str(bound.GetPrim().GetName())
         shader = bound.ComputeSurfaceSource()[0]
         if not shader or str(shader.GetIdAttr().Get()) != "UsdPreviewSurface":
             self.note(f"material {name!r} has no UsdPreviewSurface - it is grey - export one beside it")
-            return MappedMaterial(replace(UNBOUND, name=name), (PLAIN,))
+            return replace(UNBOUND, name=name), PLAIN, ""
         return _Surface(self, shader, name).read()
 
     def pixels(self, source: Sampled) -> Pixels:
@@ -71,7 +72,7 @@ class _Surface:
         self.name = name
         self.coordinates: MapCoordinates | None = None
 
-    def read(self) -> MappedMaterial:
+    def read(self) -> Look:
         # Follow each input to its number, map or primvar
         color, emission = self._fed("diffuseColor", 0.18, 0.18, 0.18), self._fed("emissiveColor", 0.0, 0.0, 0.0)
         opacity, normal = self._fed("opacity", 1.0), self._fed("normal", 0.0, 0.0, 1.0)
@@ -107,7 +108,7 @@ class _Surface:
         )
         if bad := material.wrong_factors:
             raise ValueError(f"a factor of material {self.name!r} that is negative or not finite: {bad[0]:g}")
-        return MappedMaterial(material, (self.coordinates or PLAIN,), color if isinstance(color, str) else "")
+        return material, self.coordinates or PLAIN, color if isinstance(color, str) else ""
 
     def _fed(self, name: str, *default: float) -> Fed:
         """Return what an input is fed from; a texture with coordinates of its own is left out, with a note."""

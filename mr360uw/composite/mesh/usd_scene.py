@@ -7,7 +7,7 @@ What varies with time is drawn as it is first; skeletons are not followed.
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -17,10 +17,10 @@ from numpy.typing import NDArray
 
 from mr360uw.base.input_files import DATA, PRIMS, TRIANGLES, neighbour, note_read, read_data
 from mr360uw.composite.mesh.gltf import BROKEN
-from mr360uw.composite.mesh.material import MappedMaterial, MeshFile, Part, decode_image
-from mr360uw.composite.mesh.ply_stl import UPRIGHT
+from mr360uw.composite.mesh.material import MeshFile, Part, decode_image
 from mr360uw.composite.mesh.polygons import Polygons, placed, polygons_of
-from mr360uw.composite.mesh.usd_material import PLAIN, UNBOUND, UsdMaterialReader
+from mr360uw.composite.mesh.up_axis import UPRIGHT
+from mr360uw.composite.mesh.usd_material import PLAIN, UNBOUND, Look, UsdMaterialReader
 from mr360uw.errors import MeshError, install_command, installed
 from mr360uw.types import Floats
 
@@ -41,14 +41,16 @@ class _StageReader:
     """Walks the prims of a stage."""
 
     def __init__(self, path: Path, stage: Any, *, outside: bool) -> None:
-        from pxr import Usd
+        from pxr import Usd, UsdGeom
 
         self.path = path
         self.stage = stage
         self.time = Usd.TimeCode.EarliestTime()
+        self.cache = UsdGeom.XformCache(self.time)
+        self.within: list[Any] = []  # paths of the instancers about a prim
         self.notes: dict[str, None] = {}  # in order, once each
         self._note = functools.partial(_note, path, self.notes)  # no reference to the reader: stages end with it
-        self.materials: list[MappedMaterial] = []
+        self.looks: list[Look] = []
         self.numbers: dict[tuple[str, bool], int] = {}
         self.triangles = 0
 
@@ -63,8 +65,7 @@ class _StageReader:
         upright = np.eye(4)
         upright[:3, :3] = UPRIGHT["z" if UsdGeom.GetStageUpAxis(self.stage) == UsdGeom.Tokens.z else "y"]
         root, every = self.stage.GetPseudoRoot(), Usd.TraverseInstanceProxies()
-        shown = UsdWalk(self.stage, self.time, self._note).meshes(root, [upright], every)
-        parts = [part for prim, places in shown for part in self._parts(prim, places)]
+        parts = [part for prim, places in self._meshes(root, [upright], every) for part in self._parts(prim, places)]
         kinds = {str(prim.GetTypeName()) for prim in self.stage.Traverse()}
         if any(kind.endswith("Light") for kind in kinds):
             self._note("has lights - the scene's light is drawn; add [[lamp]] tables to it")
@@ -73,7 +74,7 @@ class _StageReader:
         metres = float(UsdGeom.GetStageMetersPerUnit(self.stage))
         if not 0.0 < metres < np.inf:
             raise ValueError(f"a unit of {metres:g} m")
-        return MeshFile(tuple(parts), tuple(m.material for m in self.materials), tuple(self.notes), unit_m=metres)
+        return MeshFile(tuple(parts), tuple(material for material, *_ in self.looks), tuple(self.notes), unit_m=metres)
 
     def _parts(self, prim: Any, places: list[Floats]) -> Iterator[Part]:
         """Yield the parts of a mesh, by material and place."""
@@ -82,12 +83,11 @@ class _StageReader:
         TRIANGLES.check(str(self.path), self.triangles, MeshError)
         name = str(prim.GetPath()).lstrip("/")
         for number, chosen in self._materials(prim, polygons):
-            look = self.materials[number]
-            coordinates = look.coordinates[0]
+            _, coordinates, primvar = self.looks[number]
             uv = self._primvar(prim, polygons, coordinates.name, 2)
             # from right and up from the bottom left to right and down from the top left
             uv = None if uv is None else coordinates.of(uv) * [1.0, -1.0] + [0.0, 1.0]
-            colors = self._colors(prim, polygons, look)
+            colors = self._colors(prim, polygons, primvar) if primvar else None
             for place in places:
                 positions, normals, turned = placed(place, corners, own, polygons.faces[chosen])
                 yield Part(name, positions, turned, normals, uv, colors, number, flat)
@@ -124,8 +124,8 @@ class _StageReader:
         array = np.asarray(values, np.float64).reshape(-1, width)
         return polygons.at_corners(array, str(primvar.GetInterpolation()), name)
 
-    def _colors(self, prim: Any, polygons: Polygons, look: MappedMaterial) -> Floats | None:
-        rgb = self._primvar(prim, polygons, look.colors, 3) if look.colors else None
+    def _colors(self, prim: Any, polygons: Polygons, name: str) -> Floats | None:
+        rgb = self._primvar(prim, polygons, name, 3)
         if rgb is not None and np.any(rgb < 0.0):
             raise ValueError(f"a colour is negative: {rgb.min():g}")
         return None if rgb is None else np.concatenate([rgb, np.ones((len(rgb), 1))], axis=1)
@@ -152,9 +152,9 @@ class _StageReader:
         both_sides = bool(UsdGeom.Mesh(prim).GetDoubleSidedAttr().Get(self.time))
         key = (str(material.GetPath()) if material else self._color_name(prim), both_sides)
         if key not in self.numbers:
-            look = self.reader.read(material) if material else self._unbound(key[0])
-            self.numbers[key] = len(self.materials)
-            self.materials.append(replace(look, material=replace(look.material, double_sided=both_sides)))
+            look, coordinates, primvar = self.reader.read(material) if material else self._unbound(key[0])
+            self.numbers[key] = len(self.looks)
+            self.looks.append((replace(look, double_sided=both_sides), coordinates, primvar))
         return self.numbers[key]
 
     def _color_name(self, prim: Any) -> str:
@@ -163,38 +163,12 @@ class _StageReader:
         primvar = UsdGeom.PrimvarsAPI(prim).FindPrimvarWithInheritance("displayColor")
         return "displayColor" if primvar and primvar.HasValue() else ""
 
-    def _unbound(self, color: str) -> MappedMaterial:
+    def _unbound(self, color: str) -> Look:
         if not color:
             self._note("has parts without material and colours - they are grey")
-            return MappedMaterial(UNBOUND, (PLAIN,))
-        return MappedMaterial(replace(UNBOUND, base_color=(1.0, 1.0, 1.0, 1.0)), (PLAIN,), color)
+        return (replace(UNBOUND, base_color=(1.0, 1.0, 1.0, 1.0)) if color else UNBOUND), PLAIN, color
 
-
-def _note(path: Path, notes: dict[str, None], text: str) -> None:
-    notes[f"{path} - {text}"] = None
-
-
-def _or_empty(values: Any) -> Any:
-    """Return an attribute's values, or none where it has none."""
-    return () if values is None else values
-
-
-# Meshes of a USD stage, at every place where they are shown.
-
-
-class UsdWalk:
-    """Walks the prims of a stage at a UsdTimeCode. note: takes what is not drawn as in the file."""
-
-    def __init__(self, stage: Any, time: Any, note: Callable[[str], None]) -> None:
-        from pxr import UsdGeom
-
-        self.stage = stage
-        self.time = time
-        self.cache = UsdGeom.XformCache(time)
-        self._note = note
-        self._within: list[Any] = []
-
-    def meshes(self, root: Any, places: list[Floats], which: Any) -> Iterator[tuple[Any, list[Floats]]]:
+    def _meshes(self, root: Any, places: list[Floats], which: Any) -> Iterator[tuple[Any, list[Floats]]]:
         """Yield every mesh below a prim and where it is shown: transforms (4, 4) from its own axes.
 
         places: transforms from the axes of the stage's world, one for each repetition. which: predicate of the prims.
@@ -236,7 +210,7 @@ class UsdWalk:
         """Yield the meshes of a UsdGeomPointInstancer's prototypes, each with all its places."""
         from pxr import Usd, UsdGeom
 
-        if instancer.GetPath() in self._within:
+        if instancer.GetPath() in self.within:
             raise ValueError(f"{instancer.GetPath()} repeats itself")
         ignored = UsdGeom.PointInstancer.IgnoreMask
         found = instancer.ComputeInstanceTransformsAtTime(
@@ -257,9 +231,18 @@ class UsdWalk:
             shown = np.flatnonzero((which == number) & mask)
             moved = [place @ own @ transforms[k] @ back for k in shown for place in places]
             if moved:
-                self._within.append(instancer.GetPath())
-                yield from self.meshes(root, moved, any_prim)
-                self._within.pop()
+                self.within.append(instancer.GetPath())
+                yield from self._meshes(root, moved, any_prim)
+                self.within.pop()
+
+
+def _note(path: Path, notes: dict[str, None], text: str) -> None:
+    notes[f"{path} - {text}"] = None
+
+
+def _or_empty(values: Any) -> Any:
+    """Return an attribute's values, or none where it has none."""
+    return () if values is None else values
 
 
 # Stages of USD (Universal Scene Description): opened with the files that they name, which are checked first.
