@@ -265,10 +265,14 @@ def floor_through_waves(
     return FloorSeen(mask, place, footprint, through[:, None] * veil)
 
 
-def floor_radiance(stage: RayStage, view: View, seen: SurfacePicture, directions: Array, origins: Array) -> Array:
-    """Return the radiance (H, W, 3) that leaves the floor towards the camera, before the water; zero without floor."""
+def floor_radiance(
+    stage: RayStage, view: View, seen: SurfacePicture, wet: FloorSeen, directions: Array, origins: Array
+) -> Array:
+    """Return the radiance (H, W, 3) that leaves the floor towards the camera, before the water; zero without floor.
+
+    wet: the floor under the waves; the dry one is on the rays themselves.
+    """
     out = np.zeros(directions.shape)
-    wet = floor_through_waves(stage, view, seen, directions, origins)
     x, z = wet.place[:, 0], wet.place[:, 2]
     out[wet.mask] = stage.floor_light.radiance(stage.floor, x, z, wet.footprint_m, False)
     dry, distance = seen.floor, seen.distance_m[seen.floor]

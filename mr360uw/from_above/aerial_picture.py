@@ -42,7 +42,6 @@ from mr360uw.sample.dive_settings import DiveSettings
 from mr360uw.sample.rendered_dive import sea_bed
 from mr360uw.scene.model import files_of
 from mr360uw.surface import Floor, SeaScene, SurfacePicture
-from mr360uw.surface.ray_kernel import RayStage
 from mr360uw.surface.sea_picture import rendered
 from mr360uw.surface.sky import CLEAR, OVERCAST, standard_sky
 from mr360uw.types import Array, Floats, Layer, Sun, View
@@ -123,16 +122,9 @@ class LoadedAerial:
 
     def picture(self, time_s: float = 0.0, size: tuple[int, int] | None = None) -> AerialPicture:
         """Return the picture at a time [s], the same alone and within a film; see `view`."""
-        view = self.view(time_s, size)
-        samples = self.scene.film.samples
-        stage = self.sea.stage(view, time_s, samples * samples)
-        seen = self._seen(stage, view, time_s, samples)
-        directions, origins = _middle_rays(view)
-        below = floor_radiance(stage, view, seen, directions, origins)
-        mirrored = self._mirrored(stage, view, seen, directions)
-        layer = self._layer(stage, view, seen, mirrored, time_s)
-        sharp = self._sharp(seen, directions)
-        image = np.asarray(over(seen.radiance + sharp, layer), np.float64)
+        view, samples = self.view(time_s, size), self.scene.film.samples
+        seen, below, mirrored, layer = self._seen(view, time_s, samples)
+        image = np.asarray(over(seen.radiance, layer), np.float64)
         e = self.exposure
         return AerialPicture(
             (e * image).astype(np.float32), seen.normal, e * below, e * mirrored, seen.distance_m, seen.in_water_m,
@@ -141,43 +133,34 @@ class LoadedAerial:
 
     def layer(self, time_s: float = 0.0, size: tuple[int, int] | None = None) -> Layer:
         """Return the bodies alone at a time [s], exposed, as a layer over a picture of the same view."""
-        view = self.view(time_s, size)
-        stage = self.sea.stage(view, time_s, 1)
-        seen = self._seen(stage, view, time_s, 1)
-        mirrored = self._mirrored(stage, view, seen, _middle_rays(view)[0])
-        return brightened(self._layer(stage, view, seen, mirrored, time_s), self.exposure)
+        *_, layer = self._seen(self.view(time_s, size), time_s, 1)
+        return brightened(layer, self.exposure)
 
-    @property
-    def _thresholded(self) -> bool:
-        return self.scene.reflection.sun == "thresholded"
-
-    def _seen(self, stage: RayStage, view: View, time_s: float, samples: int) -> SurfacePicture:
-        """Return the sea without bodies, and without the sun's reflection where that is drawn apart."""
-        if self._thresholded:
-            return rendered(replace(stage, sun=None), view, samples)
-        return self.sea.picture(view, time_s, samples=samples)
-
-    def _mirrored(self, stage: RayStage, view: View, seen: SurfacePicture, directions: Array) -> Array:
-        """Return the radiance (H, W, 3) that the first surface reflects."""
-        if not self._thresholded:
-            return reflected_radiance(stage, view, seen, directions)
-        sky = reflected_radiance(replace(stage, sun=None), view, seen, directions)
-        return sky + self._sharp(seen, directions)
-
-    def _layer(self, stage: RayStage, view: View, seen: SurfacePicture, mirrored: Array, time_s: float) -> Layer:
-        if self.bodies is None:
-            return Layer(view.height, view.width, ())
-        frame = round(time_s * self.scene.film.frame_rate)  # of meshes that change from frame to frame
-        floor = floor_through_waves(stage, view, seen, *_middle_rays(view))
-        return self.bodies.layer(stage, view, floor, mirrored, time_s, frame, self.scene.caustics)
-
-    def _sharp(self, seen: SurfacePicture, directions: Array) -> Array:
-        """Return the radiance (H, W, 3) of the thresholded reflection of the sun, zero for other reflections."""
-        sun, reflection = self.sea.sun, self.scene.reflection
-        if not self._thresholded or sun is None or seen.camera_in_water:
-            return np.zeros(seen.radiance.shape)
-        part = thresholded_reflection(directions, seen.normal, sun, math.radians(reflection.threshold_deg))
-        return part[..., None] * (reflection.gain * sun.irradiance)
+    def _seen(self, view: View, time_s: float, samples: int) -> tuple[SurfacePicture, Array, Array, Layer]:
+        """Return the sea without bodies, the radiances (H, W, 3) that leave the floor and that the surface mirrors, and
+        the bodies over them.
+        """
+        # A thresholded reflection of the sun is laid over a sea that does not mirror it
+        stage, reflection = self.sea.stage(view, time_s, samples * samples), self.scene.reflection
+        apart = reflection.sun == "thresholded"
+        mirroring = replace(stage, sun=None) if apart else stage
+        seen = rendered(mirroring, view, samples)
+        # Follow the rays through the pixels' centres to the floor, and by the surface to the sky
+        x, y = np.arange(view.width) + 0.5, np.arange(view.height)[:, None] + 0.5
+        directions, origins = (np.asarray(rays(x, y), np.float64) for rays in (view.directions, view.origins))
+        floor = floor_through_waves(stage, view, seen, directions, origins)
+        below = floor_radiance(stage, view, seen, floor, directions, origins)
+        mirrored = reflected_radiance(mirroring, view, seen, directions)
+        if apart and self.sea.sun is not None and not seen.camera_in_water:
+            part = thresholded_reflection(directions, seen.normal, self.sea.sun, math.radians(reflection.threshold_deg))
+            sharp = part[..., None] * (reflection.gain * self.sea.sun.irradiance)
+            seen, mirrored = replace(seen, radiance=seen.radiance + sharp), mirrored + sharp
+        # Light the bodies; meshes may change from frame to frame
+        layer = Layer(view.height, view.width, ())
+        if self.bodies is not None:
+            frame = round(time_s * self.scene.film.frame_rate)
+            layer = self.bodies.layer(stage, view, floor, mirrored, time_s, frame, self.scene.caustics)
+        return seen, below, mirrored, layer
 
 
 @checked
@@ -221,12 +204,6 @@ def aerial(scene: AerialScene, *, time_s: float = 0.0, size: tuple[int, int] | N
     (8, 16, 3)
     """
     return LoadedAerial.of(scene).picture(time_s, size)
-
-
-def _middle_rays(view: View) -> tuple[Array, Array]:
-    """Return the directions and origins (H, W, 3) of the rays through the pixels' centres."""
-    x, y = np.arange(view.width) + 0.5, np.arange(view.height)[:, None] + 0.5
-    return np.asarray(view.directions(x, y), np.float64), np.asarray(view.origins(x, y), np.float64)
 
 
 # Floor, water, sea and sky of a scene's settings, as pictures through the surface take them.
@@ -341,14 +318,11 @@ def water_of(settings: AerialWaterSettings) -> Medium | None:
     if water is None or settings.mode == "blended":
         return None
     if settings.mode != "koschmieder":
-        return _medium(settings, water)
+        return _medium(settings, water, settings.mode)
     beta = np.array(settings.attenuation_per_m or water.attenuation(np.array(RGB_NM)))
     far = _deep_radiance(settings, water) if settings.far_radiance is None else np.array(settings.far_radiance)
     formation = FormationModel(beta, np.asarray(water.diffuse_attenuation(np.array(RGB_NM))), beta, far)
-    return Medium(
-        water, named_sensor(str(settings.sensor)), "koschmieder", _SEEN_FROM_M, illuminant=settings.illuminant,
-        refractive_index=settings.refractive_index, formation=formation,
-    )  # fmt: skip
+    return _medium(settings, water, "koschmieder", formation)
 
 
 def blend_of(settings: AerialWaterSettings) -> tuple[Array, Array]:
@@ -362,18 +336,16 @@ def blend_of(settings: AerialWaterSettings) -> tuple[Array, Array]:
     return np.asarray(k), own
 
 
-def _medium(settings: AerialWaterSettings, water: Water) -> Medium:
-    mode: Mode = "kd" if settings.mode == "kd" else "table"
+def _medium(settings: AerialWaterSettings, water: Water, mode: Mode, formation: FormationModel | None = None) -> Medium:
     return Medium(
         water, named_sensor(str(settings.sensor)), mode, _SEEN_FROM_M, illuminant=settings.illuminant,
-        refractive_index=settings.refractive_index,
+        refractive_index=settings.refractive_index, formation=formation,
     )  # fmt: skip
 
 
 def _deep_radiance(settings: AerialWaterSettings, water: Water) -> Array:
     """Return the radiance (3,) [1/sr] that comes up from deep water per unit irradiance just below the surface."""
-    solved = settings.model_copy(update={"mode": "table"})
-    return np.asarray(_medium(solved, water).level_radiance(np.array([-1.0]))[0])
+    return np.asarray(_medium(settings, water, "table").level_radiance(np.array([-1.0]))[0])
 
 
 def _square(image: Array) -> Array:
