@@ -32,6 +32,7 @@ from mr360uw.scene.model import scene_from_dict
 from mr360uw.types import Environment, Floats, Sun
 from mr360uw.video import VideoFrame
 from tests.composite.form_factors import sphere_form_factor
+from tests.render.holding import on_level_floor
 
 WIDTH = 1024
 ABOVE_M = 2.0
@@ -67,7 +68,7 @@ def _floor_parts(plate: Dive, time_s: float) -> list[Floats]:
     """Return the light of the level floor below the horizon, each (H/2, W, 3), exposed and as the camera sees it: that
     without the waves' pattern, and of the beam those of light that has been turned by small angles, and that has not.
     """
-    x, z, footprint, distance, up = plate.on_level_floor(time_s)
+    x, z, footprint, distance, up = on_level_floor(plate, WIDTH, time_s)
     stage = plate.scene.stage(plate.settings.view(WIDTH, WIDTH // 2, time_s), time_s, 1)
     seen = plate.scene.floor.albedo(x, z, footprint) / np.pi * stage.water.along(distance, up, True)[0] * plate.exposure
     patterns = [seen * factor * tiled.at(x, z, footprint) for tiled, factor in stage.floor_light.patterns]
@@ -230,7 +231,8 @@ def remains(dive: ShadedDive, frame: VideoFrame, composite: Floats) -> Remains:
     contrasts = [_detail(a, umbra).std() / a[umbra].mean() for a in (wrong, pattern, noise)]
     left = np.sqrt(max(contrasts[0] ** 2 - contrasts[2] ** 2, 0.0)) / contrasts[1]
     albedo = np.ones(composite.shape[:2])
-    albedo[WIDTH // 4 :] = luminance(dive.plate.albedo)
+    x, z, footprint, *_ = on_level_floor(dive.plate, WIDTH, 0.0)
+    albedo[WIDTH // 4 :] = luminance(dive.plate.scene.floor.albedo(x, z, footprint)).reshape(-1, WIDTH)
     texture = float("nan")
     if dive.settings.sand_contrast:
         texture = float(np.corrcoef(_detail(wrong * albedo, umbra), _detail(albedo, umbra))[0, 1])

@@ -15,7 +15,7 @@ cast shadow, e_a: elevation of the horizon in the azimuth a, for uniform diffuse
 from __future__ import annotations
 
 import functools
-from dataclasses import dataclass
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -84,8 +84,6 @@ def _horizon(height: Heights, towards: tuple[float, float], step_m: float) -> He
     return highest
 
 
-Array = NDArray[np.float64]
-
 SENSOR = DEFAULT_SENSOR
 """Sensor of the clip. A camera's responses are nowhere negative, so light adds up in each channel."""
 _LEVEL_BRIGHTNESS, _SKY_BRIGHTNESS, _FLOOR_BRIGHTNESS = 0.035, 0.7, 0.18
@@ -100,15 +98,17 @@ _FAR_M = 1e6
 class Dive:
     """Renders a dive's frames; what does not move is made once.
 
-    sky: sun and dome. scene: of all of it, for other cameras. exposure: factor of
-    a frame on radiance. level_radiance: (3,) of the water at the horizon at the start, after exposure.
+    sun: as seen in the air, or None. sky_below, sun_below: irradiance (3,) just below a level surface that sky and sun
+    bring. scene: of all of it, for other cameras. exposure: factor of a frame on radiance. level_radiance: (3,) of the
+    water at the horizon at the start, after exposure.
     """
 
     @checked
     def __init__(self, settings: DiveSettings, width: int, height: int, *, samples: int = 1) -> None:
         """Take the size of frames and the number of rays for each pixel and axis."""
         self.settings, self._size, self._samples = settings, (width, height), samples
-        self.sky: DiveSky = dive_sky(settings)
+        self._dome, self.sun = dive_sky(settings)
+        self.sky_below, self.sun_below = _below(self._dome, self.sun)
         medium = Medium(Water.jerlov(settings.water), named_sensor(SENSOR))
         height_m, albedo = sea_bed(settings)
         if np.ptp(height_m) > 0.0 and not settings.solid:
@@ -127,14 +127,15 @@ class Dive:
         self.level_radiance: Floats = self.exposure * level_light
 
     @property
-    def sun_in_air(self) -> Floats | None:
-        """Direction (3,) to the sun above the surface, or None."""
-        return None if self.sky.sun is None else self.sky.sun.direction
-
-    @property
     def sun_in_water(self) -> Floats | None:
         """Direction (3,) to the sun below a level surface, or None."""
-        return None if self.sun_in_air is None else refract_to_water(self.sun_in_air, REFRACTIVE_INDEX_SEA)
+        return None if self.sun is None else refract_to_water(self.sun.direction, REFRACTIVE_INDEX_SEA)
+
+    @property
+    def sun_share(self) -> float:
+        """Fraction of the luminance just below the surface that is the sun's."""
+        sun = float(luminance(self.sun_below))
+        return sun / (sun + float(luminance(self.sky_below)))
 
     def picture(self, time_s: float) -> SurfacePicture:
         """Return a frame's radiance, not exposed, with distances and masks."""
@@ -162,27 +163,11 @@ class Dive:
         """Light between the surface and the floor."""
         return self.scene.light_in_water(self.settings.floor_depth_m)
 
-    @functools.cached_property
-    def albedo(self) -> Floats:
-        """Albedo (H/2, W, 3) of the floor in the lower half of the first frame, as if it was level."""
-        x, z, footprint, _, _ = self.on_level_floor(0.0)
-        return self.scene.floor.albedo(x, z, footprint).reshape(-1, self._size[0], 3)
-
-    def on_level_floor(self, time_s: float) -> tuple[Array, Array, Array, Array, Array]:
-        """Return x, z, footprint, distance [m] and y of the direction (n,) of the pixels below the horizon."""
-        width, height = self._size
-        view = self.settings.view(width, height, time_s)
-        direction: Array = directions(width, height)[height // 2 :].reshape(-1, 3) @ view.world_from_camera.T
-        distance = (self.scene.floor.height_m - float(view.position[1])) / direction[:, 1]
-        place = view.position.astype(np.float64) + distance[:, None] * direction
-        footprint = distance * view.pixel_rad / np.sqrt(-direction[:, 1])
-        return place[:, 0], place[:, 2], footprint, distance, direction[:, 1]
-
     def _scene(self, albedo: Floats, medium: Medium, relief_m: ArrayLike = 0.0) -> SeaScene:
         """Return the sea over a floor of an albedo (size, size, 3) and heights (size, size) [m]; 0: level."""
         height_m = self.settings.depth_m - self.settings.floor_depth_m
         floor = Floor(height_m, albedo, BED_TILE_M, relief=relief_m)
-        return SeaScene(self.settings.sea, self.sky.dome, floor, medium, sun=self.sky.sun, caustics=_CAUSTICS)
+        return SeaScene(self.settings.sea, self._dome, floor, medium, sun=self.sun, caustics=_CAUSTICS)
 
     def _overhead(self, water: WaterLight) -> Floats:
         """Return the radiance (3,) of the sky straight overhead through a level surface."""
@@ -219,36 +204,20 @@ _GLARE_RAD = 0.05
 """Radius [rad] about the sun of a map within which light above the ring around it counts as the sun's."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class DiveSky:
-    """dome: (h, w, 3) radiance of the sky without the sun. sun: as seen in the air, or None."""
-
-    dome: Floats
-    sun: Sun | None
-
-    @property
-    def sky_below(self) -> Floats:
-        """Irradiance (3,) just below a level surface that the dome brings."""
-        return Dome(self.dome).irradiance_below(REFRACTIVE_INDEX_SEA)
-
-    @property
-    def sun_below(self) -> Floats:
-        """The same that the sun brings."""
-        return sun_below(self.sun, REFRACTIVE_INDEX_SEA)
-
-    @property
-    def sun_share(self) -> float:
-        """Fraction of the luminance just below the surface that is the sun's."""
-        sun = float(luminance(self.sun_below))
-        return sun / (sun + float(luminance(self.sky_below)))
+def _below(dome: Floats, sun: Sun | None) -> tuple[Floats, Floats]:
+    """Return the irradiance (3,) just below a level surface that the sky brings, and that the sun brings."""
+    return Dome(dome).irradiance_below(REFRACTIVE_INDEX_SEA), sun_below(sun, REFRACTIVE_INDEX_SEA)
 
 
-def dive_sky(settings: DiveSettings) -> DiveSky:
-    """Return the sky of a dive; raise `VideoError` or `ParameterError` for a picture that is none of the sky."""
+def dive_sky(settings: DiveSettings) -> tuple[Floats, Sun | None]:
+    """Return the radiance (h, w, 3) of the sky of a dive without the sun, and the sun as seen in the air, or None.
+
+    Raises `VideoError` or `ParameterError` for a picture that is none of the sky.
+    """
     if settings.sky_map is not None:
-        return sky_of_map(settings.sky_map)
+        return _sky_of_map(settings.sky_map)
     if settings.sky == "overcast":
-        return DiveSky(_scaled(standard_sky(OVERCAST, np.array([0.0, 1.0, 0.0]))[..., None], np.ones(3)), None)
+        return _scaled(standard_sky(OVERCAST, np.array([0.0, 1.0, 0.0]))[..., None], np.ones(3)), None
     toward = settings.sun_in_air
     sine = float(toward[1])
     share = direct_share(sine) if settings.sun_share is None else settings.sun_share
@@ -260,27 +229,26 @@ def dive_sky(settings: DiveSettings) -> DiveSky:
         if settings.sky == "even"
         else standard_sky(CLEAR, toward)[..., None] * _scattered()
     )
-    return DiveSky(_scaled(shape, (1.0 - share) * CLEAR_SKY), sun)
+    return _scaled(shape, (1.0 - share) * CLEAR_SKY), sun
 
 
-def sky_of_map(path: Path) -> DiveSky:
+def _sky_of_map(path: Path) -> tuple[Floats, Sun | None]:
     """Return the sky of an equirectangular HDR picture, its sun apart, in units of its light just below the surface."""
     from mr360uw.video import open_video
 
     with open_video(path) as video:
         radiance = np.maximum(next(iter(video.frames())).image_linear, 0.0).astype(np.float64)
     found = environment(radiance.astype(np.float32), underwater=False).sun
-    sky = DiveSky(radiance, None)
+    dome: Floats = radiance
+    sun: Sun | None = None
     if found is not None and found.direction[1] > LOWEST_SINE:
-        sky = _without_sun(radiance, unit(found.direction))
-    light = float(luminance(sky.sky_below + sky.sun_below))
-    sun = sky.sun
-    if sun is not None:
-        sun = Sun(sun.direction, sun.irradiance / light, sun.half_angle_rad, 1.0)
-    return DiveSky(sky.dome / light, sun)
+        dome, sun = _without_sun(radiance, unit(found.direction))
+    sky_below, lit_below = _below(dome, sun)
+    light = float(luminance(sky_below + lit_below))
+    return dome / light, None if sun is None else replace(sun, irradiance=sun.irradiance / light)
 
 
-def _without_sun(radiance: Floats, toward: Floats) -> DiveSky:
+def _without_sun(radiance: Floats, toward: Floats) -> tuple[Floats, Sun]:
     """Return a map with what is brighter about the sun than the ring around it as a sun of true size."""
     height, width = radiance.shape[:2]
     apart = np.arccos(np.clip(directions(width, height) @ toward, -1.0, 1.0))
@@ -291,7 +259,7 @@ def _without_sun(radiance: Floats, toward: Floats) -> DiveSky:
     excess = np.maximum(radiance[near] - even, 0.0)
     dome = radiance.copy()
     dome[near] -= excess
-    return DiveSky(dome, Sun(toward, weight @ excess, SUN_HALF_ANGLE_RAD, 1.0))
+    return dome, Sun(toward, weight @ excess, SUN_HALF_ANGLE_RAD, 1.0)
 
 
 def _scattered() -> Floats:

@@ -50,13 +50,23 @@ def write_whale(
     # Vertices of the charts, and the joints that they follow
     skin = humpback(detail)
     file = _Glb()
-    columns, faces = _vertices(skin, length_m)
+    numbers, faces, uv, tangents = _grids(skin)
+    columns: dict[str, NDArray[Any]] = {
+        "POSITION": (length_m * skin.positions[numbers]).astype(np.float32),
+        "NORMAL": _unit(skin.normals[numbers]).astype(np.float32),
+        "TANGENT": tangents.astype(np.float32),
+        "TEXCOORD_0": uv.astype(np.float32),
+    }
     if detail == "low":
         del columns["TANGENT"]  # are of use to a map of normals alone
     if swims:
-        columns |= _joints_and_weights(skin)
+        columns |= _joints_and_weights(skin, numbers)
     attributes = {name: file.accessor(values, _VERTICES) for name, values in columns.items()}
-    primitive = {"attributes": attributes, "indices": file.accessor(faces.ravel(), _INDICES), "material": 0}
+    primitive = {
+        "attributes": attributes,
+        "indices": file.accessor(faces.ravel().astype(np.uint16), _INDICES),
+        "material": 0,
+    }
     # Maps and material
     maps = painted(skin, _TEXTURE[detail], seed)
     images = [file.image(name, data) for name, data in maps.items() if detail == "high" or name == "colour"]
@@ -93,18 +103,6 @@ def _extras(length_m: float) -> dict[str, Any]:
 # --------------------------------------------------------------------------------------------------------- the vertices
 
 
-def _vertices(skin: WhaleSkin, length_m: float) -> tuple[dict[str, NDArray[Any]], NDArray[np.uint16]]:
-    """Return the attributes of the charts' vertices and the triangles (T, 3) of their numbers."""
-    numbers, faces, uv, tangents = _grids(skin)
-    columns = {
-        "POSITION": (length_m * skin.positions[numbers]).astype(np.float32),
-        "NORMAL": _unit(skin.normals[numbers]).astype(np.float32),
-        "TANGENT": tangents.astype(np.float32),
-        "TEXCOORD_0": uv.astype(np.float32),
-    }
-    return columns, faces.astype(np.uint16)
-
-
 def _grids(skin: WhaleSkin) -> tuple[NDArray[np.int64], NDArray[np.int64], Floats, Floats]:
     """Return, of all charts' used vertices, the numbers in the skin, triangles, texture coordinates and tangents."""
     numbers, faces, uv, tangents, count = [], [], [], [], 0
@@ -134,9 +132,11 @@ def _unit(vectors: Floats) -> Floats:
     return vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-12)
 
 
-def _joints_and_weights(skin: WhaleSkin) -> dict[str, NDArray[Any]]:
-    """Return the four joints and weights of each vertex; weights are 16-bit codes that sum to 1 exactly."""
-    numbers = _grids(skin)[0]
+def _joints_and_weights(skin: WhaleSkin, numbers: NDArray[np.int64]) -> dict[str, NDArray[Any]]:
+    """Return the four joints and weights of each of the numbered vertices of a skin.
+
+    Weights are 16-bit codes that sum to 1 exactly.
+    """
     weights = influences(skin)
     order = np.argsort(-weights, axis=1, kind="stable")[:, :4]
     codes = np.round(65535.0 * np.take_along_axis(weights, order, axis=1)).astype(np.int64)

@@ -84,7 +84,10 @@ class WhaleSkin:
     @cached_property
     def normals(self) -> Floats:
         """Outward unit normals (V, 3), means over the triangles around each vertex by area."""
-        return vertex_normals(self.positions, self.faces)
+        corners, faces = self.positions[self.faces], self.faces.ravel()
+        area = np.repeat(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), 3, axis=0)
+        total = np.stack([np.bincount(faces, along, len(self.positions)) for along in area.T], axis=-1)
+        return total / np.maximum(np.linalg.norm(total, axis=-1, keepdims=True), 1e-30)
 
 
 def triangles(drawn: NDArray[np.bool_]) -> NDArray[np.int64]:
@@ -94,14 +97,6 @@ def triangles(drawn: NDArray[np.bool_]) -> NDArray[np.int64]:
     a = j * columns + i
     b, c, d = a + 1, a + columns + 1, a + columns
     return np.stack([a, b, c, a, c, d], axis=-1).reshape(-1, 3)
-
-
-def vertex_normals(positions: Floats, faces: NDArray[np.int64]) -> Floats:
-    """Return unit normals (V, 3) of a smooth surface."""
-    a, b, c = (positions[faces[:, k]] for k in range(3))
-    area = np.cross(b - a, c - a)
-    total = np.stack([np.bincount(faces.ravel(), np.repeat(area[:, k], 3), len(positions)) for k in range(3)], axis=-1)
-    return total / np.maximum(np.linalg.norm(total, axis=-1, keepdims=True), 1e-30)
 
 
 def humpback(detail: Detail) -> WhaleSkin:
@@ -204,27 +199,16 @@ def _turned(angle: float, side: float) -> float:
     return angle if side > 0.0 else np.pi - angle
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Blade:
-    """A fin, at k fractions of its length. leading, trailing: edges (k, 3); up: unit vectors (k, 3) across it, towards
-    higher rows of the body's grid; thickness: (k,) of the sections.
-    """
-
-    leading: Floats
-    trailing: Floats
-    up: Floats
-    thickness: Floats
-
-
-Fin = Callable[[Floats], Blade]
-"""Gives a fin at fractions (k,) of its length."""
+Fin = Callable[[Floats], tuple[Floats, Floats, Floats, Floats]]
+"""Gives a fin at fractions (k,) of its length: the leading and the trailing edge (k, 3), unit vectors (k, 3) across it,
+towards higher rows of the body's grid, and the thickness (k,) of its sections."""
 _TUBERCLES = np.array([(0.10, 0.0095), (0.19, 0.0060), (0.28, 0.0060), (0.37, 0.0090), (0.46, 0.0062), (0.55, 0.0058),
                        (0.635, 0.0052), (0.715, 0.0048), (0.79, 0.0042), (0.86, 0.0038)])  # fmt: skip
 """Place along a pectoral and height of the ten tubercles of its leading edge, of which the first and fourth are the
 largest. Sections are 0.2 to 0.28 of their chord thick (Fish & Battle 1995)."""
 
 
-def _pectoral(side: float, t: Floats) -> Blade:
+def _pectoral(side: float, t: Floats) -> tuple[Floats, Floats, Floats, Floats]:
     """Return the left (side 1) or right (-1) pectoral: swept back, drooping, its leading edge scalloped."""
     # Follow the span outwards, ever more swept back
     fine = np.linspace(0.0, 1.0, 101)
@@ -243,7 +227,7 @@ def _pectoral(side: float, t: Floats) -> Blade:
     # Tubercles on the leading edge, slight waves on the trailing one
     knobs = sum(height * _bump(t, place, 0.026) for place, height in _TUBERCLES)
     waves = 0.0012 * np.sin(40.0 * t) * smoothstep(t, 0.15, 0.4) * smoothstep(t, 1.0, 0.9)
-    return Blade(
+    return (
         span - back * (0.40 * chord + knobs)[:, None],
         span + back * (0.60 * chord + waves)[:, None],
         side * up,
@@ -251,7 +235,7 @@ def _pectoral(side: float, t: Floats) -> Blade:
     )
 
 
-def _fluke(side: float, t: Floats) -> Blade:
+def _fluke(side: float, t: Floats) -> tuple[Floats, Floats, Floats, Floats]:
     """Return the left (side 1) or right (-1) half of the flukes: swept, S-shaped and serrated behind."""
     knots = [0.0, 0.1, 0.3, 0.5, 0.7, 0.9, 1.0]
     leading = _curve(t, knots, [0.893, 0.899, 0.916, 0.943, 0.977, 1.017, 1.043])
@@ -259,7 +243,7 @@ def _fluke(side: float, t: Floats) -> Blade:
     teeth = 0.0020 * np.sin(56.0 * t) + 0.0014 * np.sin(87.0 * t + 1.0 + side)
     trailing = trailing + teeth * smoothstep(t, 0.05, 0.2) * smoothstep(t, 1.0, 0.9)
     x, y = side * (0.008 + 0.158 * t), 0.010 + 0.004 * t * t
-    return Blade(
+    return (
         np.stack([x, y, 0.5 - leading], axis=-1),
         np.stack([x, y, 0.5 - trailing], axis=-1),
         np.broadcast_to([0.0, side, 0.0], (len(t), 3)),
@@ -267,12 +251,12 @@ def _fluke(side: float, t: Floats) -> Blade:
     )
 
 
-def _dorsal(t: Floats) -> Blade:
+def _dorsal(t: Floats) -> tuple[Floats, Floats, Floats, Floats]:
     """Return the dorsal fin: low, hooked, on a hump."""
     (_, front, _), (_, rear, _) = (body_surface(np.array(s), np.array(0.5 * np.pi)) for s in (0.606, 0.684))
     leading, trailing = (_curve(t, [0.0, 0.5, 1.0], s) for s in ([0.598, 0.640, 0.678], [0.684, 0.677, 0.685]))
     tip, zero = rear + 0.038, np.zeros_like(t)
-    return Blade(
+    return (
         np.stack([zero, front + (tip - front) * t, 0.5 - leading], axis=-1),
         np.stack([zero, rear + (tip - rear) * t, 0.5 - trailing], axis=-1),
         np.broadcast_to([-1.0, 0.0, 0.0], (len(t), 3)),
@@ -321,7 +305,7 @@ class _Builder:
         ])  # fmt: skip
         # Further rings are sections of the fin, which near the root keep the rim's offset from the section there
         t = np.arange(rings + 1) / rings
-        sections = _sections(fin(t), len(rim))
+        sections = _sections(*fin(t), len(rim))
         grid = np.concatenate(self.positions)
         fade = 1.0 - smoothstep(t, 0.0, _FILLET.get(name, 0.16))[1:, None, None]
         new = sections[1:] + fade * (grid[rim] - sections[0])
@@ -350,15 +334,18 @@ class _Builder:
         return replace(skin, positions=_relaxed(skin, np.concatenate(self.rims)))
 
 
-def _sections(blade: Blade, count: int) -> Floats:
-    """Return rings (k, count, 3) of a fin, from the trailing edge by the lower side to the leading edge and back."""
+def _sections(leading: Floats, trailing: Floats, up: Floats, thickness: Floats, count: int) -> Floats:
+    """Return rings (k, count, 3) of a fin, from the trailing edge by the lower side to the leading edge and back.
+
+    The edges and sections are those of a `Fin`.
+    """
     angle = 2.0 * np.pi * np.arange(count) / count
     chord = 0.5 * (1.0 + np.cos(angle))
     # Half thickness of the NACA four-digit sections, closed behind
     half = 5.0 * (0.2969 * np.sqrt(chord) - 0.1260 * chord - 0.3516 * chord**2 + 0.2843 * chord**3 - 0.1036 * chord**4)
-    across = blade.thickness[:, None] * -np.sign(np.sin(angle)) * half
-    line = blade.leading[:, None] + (blade.trailing - blade.leading)[:, None] * chord[:, None]
-    return np.asarray(line + across[..., None] * blade.up[:, None])
+    across = thickness[:, None] * -np.sign(np.sin(angle)) * half
+    line = leading[:, None] + (trailing - leading)[:, None] * chord[:, None]
+    return np.asarray(line + across[..., None] * up[:, None])
 
 
 def neighbour_means(faces: NDArray[np.int64], count: int) -> csr_matrix:

@@ -81,9 +81,11 @@ def held(folder: Path, settings: DiveSettings, *, width: int = 512, frames: int 
     below = directions(width, width // 2)[width // 4 :]
     place = np.abs(below * (height_m / np.maximum(-below[..., 1:2], 1e-6)))
     under = (place[..., 0] < HALF_SIDE_M) & (place[..., 2] < HALF_SIDE_M)
+    x, z, footprint, *_ = on_level_floor(plate, width, 0.0)
+    albedo = plate.scene.floor.albedo(x, z, footprint).reshape(-1, width, 3)
     card = {
         "mesh": "card.obj", "position_m": [0.0, LIFTED_M - height_m, 0.0],
-        "base_color": plate.albedo[under].mean(axis=0).tolist(), "metallic": 0.0, "roughness": 1.0,
+        "base_color": albedo[under].mean(axis=0).tolist(), "metallic": 0.0, "roughness": 1.0,
         "casts_shadow": False,
     }  # fmt: skip
     keys = dive_scene(plate) | {"object": [card], "draw": {"samples": 5}}
@@ -102,6 +104,18 @@ def held(folder: Path, settings: DiveSettings, *, width: int = 512, frames: int 
                 pixels += int(np.count_nonzero(inside))
     code = 255.0 * encode(covered / pixels, "srgb")
     return Held(shown / covered, _rounding(images[0], settings, under), code)
+
+
+def on_level_floor(plate: Dive, width: int, time_s: float) -> tuple[Floats, ...]:
+    """Return x, z, footprint, distance [m] and y of the direction (n,) of a dive's pixels below the horizon, as if its
+    floor was level.
+    """
+    view = plate.settings.view(width, width // 2, time_s)
+    direction = directions(width, width // 2)[width // 4 :].reshape(-1, 3) @ view.world_from_camera.T
+    distance = (plate.scene.floor.height_m - float(view.position[1])) / direction[:, 1]
+    place = view.position.astype(np.float64) + distance[:, None] * direction
+    footprint = distance * view.pixel_rad / np.sqrt(-direction[:, 1])
+    return place[:, 0], place[:, 2], footprint, distance, direction[:, 1]
 
 
 @lru_cache(maxsize=1)

@@ -27,6 +27,7 @@ from mr360uw.sample.dive import with_noise
 from mr360uw.sample.dive_settings import PRESETS, DiveSettings
 from mr360uw.sample.rendered_dive import SENSOR, Dive, dive_sky, relief_shade, sea_bed
 from mr360uw.scene.model import load_scene
+from mr360uw.surface.sky import Dome, sun_below
 from mr360uw.video import open_video, write_exr
 from tests.dives import LEVEL_SAND, over_sand
 from tests.tolerances import DIVE_FLOOR, DIVE_SAND, DIVE_SUN_SHARE, DIVE_WHITE, FLOAT64
@@ -65,7 +66,7 @@ def test_the_picture_holds_the_suns_share(calm: Dive, flux: np.ndarray) -> None:
     disc, ring = (cosine > np.cos(GLOW_RAD)), (cosine <= np.cos(GLOW_RAD)) & (cosine > np.cos(2.0 * GLOW_RAD))
     sun = luminance(flux[disc].sum(axis=0)) - luminance(flux[ring].mean(axis=0)) * np.count_nonzero(disc)
     share = sun / luminance(flux.sum(axis=(0, 1)))
-    assert share == pytest.approx(calm.sky.sun_share, abs=DIVE_SUN_SHARE)
+    assert share == pytest.approx(calm.sun_share, abs=DIVE_SUN_SHARE)
 
 
 def test_sun_and_sky_together_are_white(flux: np.ndarray) -> None:
@@ -93,7 +94,7 @@ def test_the_floor_gets_all_of_the_solved_light(water: JerlovType) -> None:
     plate, expected = Dive(settings, 128, 64), np.zeros(3)
     albedo, camera = plate.scene.floor.mean_albedo, plate.water.seen_from(4.0)
     for channel, of_channel in enumerate(albedo):
-        for kind, below in (("uniform", plate.sky.sky_below), (("sun", sun_up, 1.0), plate.sky.sun_below)):
+        for kind, below in (("uniform", plate.sky_below), (("sun", sun_up, 1.0), plate.sun_below)):
             black, grey = (
                 LightField(of.absorption(nm), of.scattering(nm), of.moments(nm, 65), sky=kind,
                            floor=LambertFloor(9.0, (float(a),)))
@@ -171,10 +172,11 @@ def test_a_turning_camera_swims_where_it_looks() -> None:
 
 @pytest.mark.parametrize("elevation_deg", [5.0, 30.0, 70.0])
 def test_a_clear_sky_and_its_sun_bring_daylight(elevation_deg: float) -> None:
-    sky = dive_sky(DiveSettings(sun_elevation_deg=elevation_deg))
-    assert luminance(sky.sky_below + sky.sun_below) == pytest.approx(1.0, abs=DIVE_WHITE)
-    assert sky.sun is not None
-    assert np.all(np.diff(sky.sun.irradiance / sky.sky_below) < 0.0)  # the sun is redder than its sky
+    dome, sun = dive_sky(DiveSettings(sun_elevation_deg=elevation_deg))
+    below = Dome(dome).irradiance_below(REFRACTIVE_INDEX_SEA)
+    assert luminance(below + sun_below(sun, REFRACTIVE_INDEX_SEA)) == pytest.approx(1.0, abs=DIVE_WHITE)
+    assert sun is not None
+    assert np.all(np.diff(sun.irradiance / below) < 0.0)  # the sun is redder than its sky
 
 
 def test_the_sun_of_a_picture_of_the_sky_is_found(tmp_path: Path) -> None:
@@ -183,11 +185,12 @@ def test_the_sun_of_a_picture_of_the_sky_is_found(tmp_path: Path) -> None:
     image = np.full((128, 256, 3), 0.2, np.float32) * [0.7, 1.0, 1.4]
     image[np.arccos(np.clip(view @ toward, -1.0, 1.0)) < 0.025] += 3000.0
     write_exr(tmp_path / "sky.exr", image.astype(np.float32))
-    sky = dive_sky(DiveSettings(sky_map=tmp_path / "sky.exr"))
-    assert sky.sun is not None
-    assert sky.sun.direction @ toward > np.cos(0.01)
-    np.testing.assert_allclose(luminance(sky.sky_below + sky.sun_below), 1.0, atol=FLOAT64)
-    np.testing.assert_allclose(sky.dome / sky.dome[0, 0], 1.0, rtol=1e-5)  # float32; the sun has left it
+    dome, sun = dive_sky(DiveSettings(sky_map=tmp_path / "sky.exr"))
+    assert sun is not None
+    assert sun.direction @ toward > np.cos(0.01)
+    below = Dome(dome).irradiance_below(REFRACTIVE_INDEX_SEA) + sun_below(sun, REFRACTIVE_INDEX_SEA)
+    np.testing.assert_allclose(luminance(below), 1.0, atol=FLOAT64)
+    np.testing.assert_allclose(dome / dome[0, 0], 1.0, rtol=1e-5)  # float32; the sun has left it
 
 
 def test_relief_shades_and_keeps_level_ground() -> None:
