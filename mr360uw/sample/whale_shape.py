@@ -28,25 +28,9 @@ if TYPE_CHECKING:
 Detail = Literal["high", "low"]
 
 
-@dataclass(frozen=True, slots=True)
-class Resolution:
-    """Vertices of a level of detail. rings: sections of the body; sides: vertices around each, a multiple of 4.
-
-    thick: cells of the body across the root of a fin, even; pectoral, fluke, dorsal: rings along each fin.
-    """
-
-    rings: int
-    sides: int
-    thick: int
-    pectoral: int
-    fluke: int
-    dorsal: int
-
-
-RESOLUTIONS: dict[Detail, Resolution] = {
-    "high": Resolution(rings=122, sides=64, thick=4, pectoral=46, fluke=30, dorsal=9),
-    "low": Resolution(rings=36, sides=20, thick=2, pectoral=9, fluke=8, dorsal=3),
-}
+_VERTICES: dict[Detail, tuple[int, ...]] = {"high": (122, 64, 4, 46, 30, 9), "low": (36, 20, 2, 9, 8, 3)}
+"""By level of detail: sections of the body; vertices around each, a multiple of 4; cells of the body across the root of
+a fin, even; rings along a pectoral, a fluke and the dorsal fin."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -101,20 +85,20 @@ def triangles(drawn: NDArray[np.bool_]) -> NDArray[np.int64]:
 
 def humpback(detail: Detail) -> WhaleSkin:
     """Return the skin of a humpback whale at rest, one body length long."""
-    size = RESOLUTIONS[detail]
-    s = _stations(size.rings)
-    angle = 2.0 * np.pi * np.arange(size.sides) / size.sides - 0.5 * np.pi
+    rings, sides, thick, pectoral, fluke, dorsal = _VERTICES[detail]
+    s = _stations(rings)
+    angle = 2.0 * np.pi * np.arange(sides) / sides - 0.5 * np.pi
     grid = body_surface(*np.meshgrid(s, angle))
     builder = _Builder(s, angle, grid)
     # Roots of fins: (first s, last s, angle of the middle), and what grows there
-    half = size.thick // 2
+    half = thick // 2
     for side, name in ((1.0, "left"), (-1.0, "right")):
         builder.extrude(
-            f"{name} pectoral", (0.285, 0.365), _turned(-0.45, side), half, partial(_pectoral, side), size.pectoral
+            f"{name} pectoral", (0.285, 0.365), _turned(-0.45, side), half, partial(_pectoral, side), pectoral
         )
     for side, name in ((1.0, "left"), (-1.0, "right")):
-        builder.extrude(f"{name} fluke", (0.905, 0.988), _turned(0.0, side), half, partial(_fluke, side), size.fluke)
-    builder.extrude("dorsal fin", (0.605, 0.685), 0.5 * np.pi, half, _dorsal, size.dorsal)
+        builder.extrude(f"{name} fluke", (0.905, 0.988), _turned(0.0, side), half, partial(_fluke, side), fluke)
+    builder.extrude("dorsal fin", (0.605, 0.685), 0.5 * np.pi, half, _dorsal, dorsal)
     return builder.skin()
 
 

@@ -8,8 +8,7 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, cast
 
@@ -51,85 +50,88 @@ _POINTER = "pointer"
 _INTERPOLATIONS = ("LINEAR", "STEP", "CUBICSPLINE")
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class ClipReader:
-    """Reads clips of a file. place: number in the skeleton of each node; names: of the clips."""
+Broken = Callable[[str, str], MeshError]
+"""Makes the error of a clip, of what is wrong and what was got."""
 
-    gltf: Gltf
-    place: Mapping[int, int]
-    names: tuple[str, ...]
 
-    def __call__(self, number: int) -> Animation:
-        """Return a clip; raise `MeshError` where it is broken."""
-        try:
-            entry = self.gltf.entry("animations", number)
-            channels = (self._channel(channel, entry["samplers"], number) for channel in entry["channels"])
-            return Animation(self.names[number], tuple(channel for channel in channels if channel is not None))
-        except BROKEN as error:
-            raise self._broken(number, "is not valid glTF", f"{type(error).__name__}: {error!s:.120}") from error
+def read_clip(gltf: Gltf, place: Mapping[int, int], names: tuple[str, ...], number: int) -> Animation:
+    """Return a clip of a file; raise `MeshError` where it is broken.
 
-    def _channel(self, entry: dict[str, Any], samplers: list[dict[str, Any]], number: int) -> Channel | None:
-        """Return a channel; None where what it moves is not drawn."""
-        target = entry["target"]
-        path, node = target["path"], target.get("node")
-        if path not in (*_WIDTHS, "weights", _POINTER):
-            raise self._broken(number, "moves something unknown", f"path {path!r}")
-        if path == _POINTER or node is None:
-            return None
-        details = self.gltf.entry("nodes", node)
-        if node not in self.place:
-            return None
-        if path == "weights":
-            mesh = self.gltf.entry("meshes", details["mesh"]) if "mesh" in details else {"primitives": [{}]}
-            width = len(mesh["primitives"][0].get("targets", []))
-            if width == 0:
-                raise self._broken(number, "moves morph targets of a node that has none", f"node {node}")
-        else:
-            width = _WIDTHS[path]
-            if "matrix" in details:
-                raise self._broken(number, "moves a node that is placed by a matrix", f"node {node}")
-        curve = self._curve(samplers[entry["sampler"]], width, number, path)
-        return self.place[node], cast("Target", path), curve
+    place: number in the skeleton of each node; names: of the clips.
+    """
+    broken = functools.partial(_broken, gltf, names[number])
+    try:
+        entry = gltf.entry("animations", number)
+        channels = (_channel(gltf, place, channel, entry["samplers"], broken) for channel in entry["channels"])
+        return Animation(names[number], tuple(channel for channel in channels if channel is not None))
+    except BROKEN as error:
+        raise broken("is not valid glTF", f"{type(error).__name__}: {error!s:.120}") from error
 
-    def _curve(self, sampler: dict[str, Any], width: int, number: int, path: str) -> Curve:
-        # Read the times of the keys, which must ascend
-        times = self.gltf.accessor(sampler["input"]).astype(np.float64).ravel()
-        kind = sampler.get("interpolation", "LINEAR")
-        if kind not in _INTERPOLATIONS:
-            raise self._broken(number, "has an interpolation that is unknown", repr(kind))
-        if len(times) == 0 or not np.all(np.abs(times) <= FARTHEST) or times[0] < 0.0:
-            got = "no keys" if len(times) == 0 else f"{_worst(times) if times[0] >= 0.0 else times[0]:g} s"
-            raise self._broken(number, f"has keys of {path} at no time or before 0", got)
-        if np.any(np.diff(times) < 0.0):
-            at = int(np.argmax(np.diff(times) < 0.0))
-            got = f"{times[at]:g} s, then {times[at + 1]:g} s"
-            raise self._broken(number, f"has keys of {path} that do not ascend in time", got)
-        # Read the values, of splines with a tangent on either side
-        stored = self.gltf.accessor(sampler["output"]).astype(np.float64)
-        parts = 3 if kind == "CUBICSPLINE" else 1
-        if stored.size != len(times) * parts * width:
-            got = f"{stored.size} numbers for {len(times)} keys of {parts * width}"
-            raise self._broken(number, f"has values of {path} that do not fit its keys", got)
-        if not np.all(np.abs(stored) <= FARTHEST):
-            raise self._broken(number, f"has values of {path} that are not finite or too large", f"{_worst(stored):g}")
-        # Take values and tangents apart; rotations are unit quaternions
-        rows = stored.reshape(len(times), parts, width)
-        tangents = rows[:, [0, 2]] if parts == 3 else None
-        values = rows[:, parts // 2]
-        turns = path == "rotation"
-        return Curve(
-            times, self._unit(values, number) if turns else values, cast("Interpolation", kind), tangents, turns
-        )
 
-    def _unit(self, values: Floats, number: int) -> Floats:
-        length = np.linalg.norm(values, axis=-1, keepdims=True)
-        if not np.all(length > 0.0):
-            raise self._broken(number, "has a rotation that is none", "the quaternion 0, 0, 0, 0")
-        return values / length
+def _channel(
+    gltf: Gltf, place: Mapping[int, int], entry: dict[str, Any], samplers: list[dict[str, Any]], broken: Broken
+) -> Channel | None:
+    """Return a channel; None where what it moves is not drawn."""
+    target = entry["target"]
+    path, node = target["path"], target.get("node")
+    if path not in (*_WIDTHS, "weights", _POINTER):
+        raise broken("moves something unknown", f"path {path!r}")
+    if path == _POINTER or node is None:
+        return None
+    details = gltf.entry("nodes", node)
+    if node not in place:
+        return None
+    if path == "weights":
+        mesh = gltf.entry("meshes", details["mesh"]) if "mesh" in details else {"primitives": [{}]}
+        width = len(mesh["primitives"][0].get("targets", []))
+        if width == 0:
+            raise broken("moves morph targets of a node that has none", f"node {node}")
+    else:
+        width = _WIDTHS[path]
+        if "matrix" in details:
+            raise broken("moves a node that is placed by a matrix", f"node {node}")
+    curve = _curve(gltf, samplers[entry["sampler"]], width, path, broken)
+    return place[node], cast("Target", path), curve
 
-    def _broken(self, number: int, what: str, got: str) -> MeshError:
-        instead = 'export it again, or play none (animation = "")'
-        return self.gltf.broken(f"animation {self.names[number]!r} {what}", got, instead)
+
+def _curve(gltf: Gltf, sampler: dict[str, Any], width: int, path: str, broken: Broken) -> Curve:
+    # Read the times of the keys, which must ascend
+    times = gltf.accessor(sampler["input"]).astype(np.float64).ravel()
+    kind = sampler.get("interpolation", "LINEAR")
+    if kind not in _INTERPOLATIONS:
+        raise broken("has an interpolation that is unknown", repr(kind))
+    if len(times) == 0 or not np.all(np.abs(times) <= FARTHEST) or times[0] < 0.0:
+        got = "no keys" if len(times) == 0 else f"{_worst(times) if times[0] >= 0.0 else times[0]:g} s"
+        raise broken(f"has keys of {path} at no time or before 0", got)
+    if np.any(np.diff(times) < 0.0):
+        at = int(np.argmax(np.diff(times) < 0.0))
+        got = f"{times[at]:g} s, then {times[at + 1]:g} s"
+        raise broken(f"has keys of {path} that do not ascend in time", got)
+    # Read the values, of splines with a tangent on either side
+    stored = gltf.accessor(sampler["output"]).astype(np.float64)
+    parts = 3 if kind == "CUBICSPLINE" else 1
+    if stored.size != len(times) * parts * width:
+        got = f"{stored.size} numbers for {len(times)} keys of {parts * width}"
+        raise broken(f"has values of {path} that do not fit its keys", got)
+    if not np.all(np.abs(stored) <= FARTHEST):
+        raise broken(f"has values of {path} that are not finite or too large", f"{_worst(stored):g}")
+    # Take values and tangents apart; rotations are unit quaternions
+    rows = stored.reshape(len(times), parts, width)
+    tangents = rows[:, [0, 2]] if parts == 3 else None
+    values = rows[:, parts // 2]
+    turns = path == "rotation"
+    return Curve(times, _unit(values, broken) if turns else values, cast("Interpolation", kind), tangents, turns)
+
+
+def _unit(values: Floats, broken: Broken) -> Floats:
+    length = np.linalg.norm(values, axis=-1, keepdims=True)
+    if not np.all(length > 0.0):
+        raise broken("has a rotation that is none", "the quaternion 0, 0, 0, 0")
+    return values / length
+
+
+def _broken(gltf: Gltf, name: str, what: str, got: str) -> MeshError:
+    return gltf.broken(f"animation {name!r} {what}", got, 'export it again, or play none (animation = "")')
 
 
 def _worst(values: Floats) -> float:
@@ -173,7 +175,8 @@ class _SceneReader:
         # a clip without a name has its number
         clips = enumerate(self.gltf.listed("animations"))
         names = tuple(str(entry.get("name") or number) for number, entry in clips)
-        rigging = Rigging(self.skeleton, bodies, names, ClipReader(self.gltf, self.place, names)) if names else None
+        clip = functools.partial(read_clip, self.gltf, self.place, names)
+        rigging = Rigging(self.skeleton, bodies, names, clip) if names else None
         return MeshFile(parts, tuple(material for material, _ in self.materials), notes, rigging)
 
     def _note_what_is_left(self) -> None:
